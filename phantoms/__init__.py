@@ -1,0 +1,1 @@
+"""Synthetic CT of phantom spheres with known centres. Imports nothing of ronnaplan."""

@@ -1,0 +1,164 @@
+"""Voxels and where each of them is in the patient.
+
+A scan is a stack of parallel slices. Each slice has its own origin, so gantry tilt (origins that drift within
+the slice plane) and uneven spacing are kept exactly as acquired; nothing is resampled.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from enum import StrEnum
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ronnaplan.geometry import FloatArray, Frame, unit
+
+UNIFORM_SPACING_TOLERANCE_MM = 1e-3
+"""Slice gaps that differ by less than this are called equal (DICOM writes positions with 3 to 6 decimals)."""
+
+
+class VolumeFlag(StrEnum):
+    """Reasons to doubt a volume; each value is the sentence shown to the user."""
+
+    LOSSY = "the images were compressed with loss"
+    UNEVEN_SPACING = "the slices are not evenly spaced"
+    MISSING_SLICE = "one or more slices are missing"
+    DUPLICATES_DROPPED = "identical copies of a slice were dropped"
+    OVERLAPPING = "the slices overlap"
+    TILT_CONTRADICTS = "the gantry tilt tag contradicts the slice positions"
+    NO_FRAME_OF_REFERENCE = "the file names no frame of reference"
+
+
+@dataclass(frozen=True)
+class SliceGrid:
+    """The places of the voxels of parallel slices, in LPS mm.
+
+    ``origins_mm`` (K, 3) is the centre of the voxel (row 0, column 0) of each slice, in ascending order along
+    ``normal``. ``row_step_mm`` (3,) leads from one row to the next, ``column_step_mm`` (3,) from one column to
+    the next. ``thickness_mm`` is the nominal slice thickness: physics for a model, never geometry.
+    """
+
+    origins_mm: FloatArray
+    row_step_mm: FloatArray
+    column_step_mm: FloatArray
+    thickness_mm: float | None = None
+
+    @cached_property
+    def normal(self) -> FloatArray:
+        """Unit normal (3,) of the slice planes, pointing along increasing slice index."""
+        return unit(np.cross(self.column_step_mm, self.row_step_mm)) * self._handedness
+
+    @cached_property
+    def _handedness(self) -> float:
+        normal = np.cross(self.column_step_mm, self.row_step_mm)
+        span = self.origins_mm[-1] - self.origins_mm[0]
+        return -1.0 if float(normal @ span) < 0 else 1.0
+
+    @cached_property
+    def slice_positions_mm(self) -> FloatArray:
+        """Place (K,) of each slice along ``normal``."""
+        return self.origins_mm @ self.normal
+
+    @cached_property
+    def spacings_mm(self) -> FloatArray:
+        """Gaps (K - 1,) between neighbouring slices along ``normal``."""
+        return np.diff(self.slice_positions_mm)
+
+    @property
+    def row_spacing_mm(self) -> float:
+        """Distance between neighbouring rows."""
+        return float(np.linalg.norm(self.row_step_mm))
+
+    @property
+    def column_spacing_mm(self) -> float:
+        """Distance between neighbouring columns."""
+        return float(np.linalg.norm(self.column_step_mm))
+
+    @property
+    def is_evenly_spaced(self) -> bool:
+        """Whether all gaps agree within `UNIFORM_SPACING_TOLERANCE_MM`."""
+        gaps = self.spacings_mm
+        return bool(gaps.size == 0 or np.ptp(gaps) < UNIFORM_SPACING_TOLERANCE_MM)
+
+    @property
+    def tilt_deg(self) -> float:
+        """Angle between the slice normal and the line through the slice origins, from the positions alone."""
+        if len(self.origins_mm) < 2:
+            return 0.0
+        direction = unit(self.origins_mm[-1] - self.origins_mm[0])
+        return float(np.degrees(np.arccos(np.clip(direction @ self.normal, -1.0, 1.0))))
+
+    def positions_mm(self, kji: FloatArray) -> FloatArray:
+        """Map voxel indices (..., 3) = (slice, row, column) to LPS mm (..., 3).
+
+        Fractional slice indices are interpolated between the two slices' own origins; beyond the first and the
+        last slice the nearest gap is continued.
+        """
+        k, j, i = np.moveaxis(np.asarray(kji, dtype=np.float64), -1, 0)
+        return (
+            self._origin_at(k)
+            + j[..., np.newaxis] * self.row_step_mm
+            + i[..., np.newaxis] * self.column_step_mm
+        )
+
+    def indices(self, positions_mm: FloatArray) -> FloatArray:
+        """Map LPS mm (..., 3) to fractional voxel indices (..., 3) = (slice, row, column)."""
+        positions = np.asarray(positions_mm, dtype=np.float64)
+        k = _interpolate(positions @ self.normal, self.slice_positions_mm, np.arange(len(self.origins_mm)))
+        in_plane = positions - self._origin_at(k)
+        j = in_plane @ self.row_step_mm / self.row_spacing_mm**2
+        i = in_plane @ self.column_step_mm / self.column_spacing_mm**2
+        return np.stack([k, j, i], axis=-1)
+
+    def _origin_at(self, k: FloatArray) -> FloatArray:
+        slices = np.arange(len(self.origins_mm), dtype=np.float64)
+        return np.stack([_interpolate(k, slices, self.origins_mm[:, axis]) for axis in range(3)], axis=-1)
+
+
+def _interpolate(x: FloatArray, xp: FloatArray, fp: FloatArray) -> FloatArray:
+    """Piecewise linear interpolation that continues the first and last segment (`numpy.interp` would clamp)."""
+    if len(xp) < 2:
+        return np.broadcast_to(np.asarray(fp[0], dtype=np.float64), x.shape)
+    left = np.clip(np.searchsorted(xp, x, side="right") - 1, 0, len(xp) - 2)
+    fraction = (x - xp[left]) / (xp[left + 1] - xp[left])
+    return fp[left] + fraction * (fp[left + 1] - fp[left])
+
+
+@dataclass(frozen=True)
+class SeriesSource:
+    """Where a volume comes from. Nothing here identifies the patient."""
+
+    study_instance_uid: str | None = None
+    series_instance_uid: str | None = None
+    frame_of_reference_uid: str | None = None
+    modality: str = "CT"
+    description: str = ""
+    kernel: str = ""
+
+
+@dataclass(frozen=True)
+class CTVolume:
+    """A CT scan: ``voxels_hu`` (K, J, I) in Hounsfield units, and the `SliceGrid` that places them.
+
+    ``voxels_hu`` is int16 wherever the rescaled values are whole and fit, else float32. Voxels that the scanner
+    did not measure (padding, outside the circle of reconstruction) hold ``padding_hu``.
+    """
+
+    voxels_hu: NDArray[np.int16] | NDArray[np.float32]
+    grid: SliceGrid
+    source: SeriesSource = field(default_factory=SeriesSource)
+    padding_hu: float | None = None
+    flags: tuple[VolumeFlag, ...] = ()
+
+    @property
+    def frame(self) -> Frame:
+        """The patient frame this scan lives in."""
+        return Frame("CT", self.source.frame_of_reference_uid)
+
+    @cached_property
+    def voxel_sha256(self) -> str:
+        """SHA-256 of the voxel values in (slice, row, column) order: ties a result to its scan."""
+        return hashlib.sha256(np.ascontiguousarray(self.voxels_hu).data).hexdigest()

@@ -1,0 +1,31 @@
+"""The project's own errors: each is one sentence that says what was found, what was expected, what to do."""
+
+from __future__ import annotations
+
+
+class RonnaplanError(Exception):
+    """Base of every error that a user can cause; ``exit_status`` is what the command line returns for it."""
+
+    exit_status = 1
+
+
+class InputError(RonnaplanError):
+    """The input cannot be used: missing, damaged, not what it should be, or geometrically unsafe."""
+
+    exit_status = 1
+
+
+class UsageError(RonnaplanError):
+    """The call itself is wrong: an impossible argument or option."""
+
+    exit_status = 2
+
+
+class RefusedError(RonnaplanError):
+    """The input is sound but the answer is not unique or not what was expected, so none is given."""
+
+    exit_status = 3
+
+
+class FrameMismatchError(InputError):
+    """Two things that live in different frames of reference were about to be combined."""

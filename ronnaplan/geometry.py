@@ -1,0 +1,92 @@
+"""Frames, point sets and named tolerances shared by every room.
+
+World coordinates are DICOM patient coordinates (LPS) in millimetres, float64; point arrays are (N, 3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ronnaplan.errors import FrameMismatchError, InputError
+
+FloatArray = NDArray[np.float64]
+
+ROTATION_TOLERANCE = 1e-6
+"""Largest entry of ``R @ R.T - 1`` that still counts as a rotation (float64 round-off of a written matrix)."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A coordinate system: its role (``CT``, ``OTS``, ``M``, ``TCP``, ``R``) and, for CT, the DICOM UID.
+
+    Two frames are the same only when both name and UID agree; a missing UID agrees with nothing but itself.
+    """
+
+    name: str
+    uid: str | None = None
+
+    def require(self, other: Frame) -> None:
+        """Raise `FrameMismatchError` unless ``other`` is this very frame."""
+        if self != other:
+            raise FrameMismatchError(
+                f"coordinates in frame {other} were offered where frame {self} is needed; "
+                "register the two frames first or use data of one examination"
+            )
+
+    def __str__(self) -> str:
+        return f"{self.name} [{self.uid}]" if self.uid else self.name
+
+
+@dataclass(frozen=True)
+class Points:
+    """Labelled points of one frame: ``positions_mm`` (N, 3) with ``covariances_mm2`` (N, 3, 3)."""
+
+    positions_mm: FloatArray
+    covariances_mm2: FloatArray
+    labels: tuple[str, ...]
+    frame: Frame = field(default_factory=lambda: Frame("CT"))
+
+    def __post_init__(self) -> None:
+        count = len(self.positions_mm)
+        if self.covariances_mm2.shape != (count, 3, 3) or len(self.labels) != count:
+            raise InputError(
+                f"{count} points came with covariances of shape {self.covariances_mm2.shape} and "
+                f"{len(self.labels)} labels; expected ({count}, 3, 3) and {count}"
+            )
+
+    def __len__(self) -> int:
+        return len(self.positions_mm)
+
+
+def as_points(values: ArrayLike, name: str = "points") -> FloatArray:
+    """Return ``values`` as a finite float64 array of shape (N, 3), in mm.
+
+    Raises `InputError` naming the shape or the first row that is not finite.
+    """
+    try:
+        points = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} are not numbers; expected an array of shape (N, 3) in mm") from error
+    if points.size == 0:
+        points = points.reshape(0, 3)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"{name} have shape {points.shape}; expected (N, 3) coordinates in mm")
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if bad.size:
+        raise InputError(
+            f"{name} row {bad[0]} is {points[bad[0]].tolist()}; expected finite coordinates in mm"
+        )
+    return points
+
+
+def unit(vector: Sequence[float] | FloatArray) -> FloatArray:
+    """Return ``vector`` (3,) scaled to length one; raises `InputError` for a zero vector."""
+    array = np.asarray(vector, dtype=np.float64)
+    length = float(np.linalg.norm(array))
+    if not np.isfinite(length) or length == 0.0:
+        raise InputError(f"vector {array.tolist()} has no direction; expected a non-zero finite vector")
+    return array / length
