@@ -77,9 +77,7 @@ def as_points(values: ArrayLike, name: str = "points") -> FloatArray:
         raise InputError(f"{name} have shape {points.shape}; expected (N, 3) coordinates in mm")
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if bad.size:
-        raise InputError(
-            f"{name} row {bad[0]} is {points[bad[0]].tolist()}; expected finite coordinates in mm"
-        )
+        raise InputError(f"{name} row {bad[0]} is {points[bad[0]].tolist()}; expected finite coordinates in mm")
     return points
 
 

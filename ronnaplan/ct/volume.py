@@ -48,14 +48,8 @@ class SliceGrid:
 
     @cached_property
     def normal(self) -> FloatArray:
-        """Unit normal (3,) of the slice planes, pointing along increasing slice index."""
-        return unit(np.cross(self.column_step_mm, self.row_step_mm)) * self._handedness
-
-    @cached_property
-    def _handedness(self) -> float:
-        normal = np.cross(self.column_step_mm, self.row_step_mm)
-        span = self.origins_mm[-1] - self.origins_mm[0]
-        return -1.0 if float(normal @ span) < 0 else 1.0
+        """Unit normal (3,) of the slice planes, by DICOM's rule: column direction x row direction."""
+        return unit(np.cross(self.column_step_mm, self.row_step_mm))
 
     @cached_property
     def slice_positions_mm(self) -> FloatArray:
@@ -98,24 +92,26 @@ class SliceGrid:
         last slice the nearest gap is continued.
         """
         k, j, i = np.moveaxis(np.asarray(kji, dtype=np.float64), -1, 0)
-        return (
-            self._origin_at(k)
-            + j[..., np.newaxis] * self.row_step_mm
-            + i[..., np.newaxis] * self.column_step_mm
-        )
+        in_plane = j[..., np.newaxis] * self.row_step_mm + i[..., np.newaxis] * self.column_step_mm
+        places: FloatArray = self._origin_at(k) + in_plane
+        return places
 
     def indices(self, positions_mm: FloatArray) -> FloatArray:
         """Map LPS mm (..., 3) to fractional voxel indices (..., 3) = (slice, row, column)."""
         positions = np.asarray(positions_mm, dtype=np.float64)
-        k = _interpolate(positions @ self.normal, self.slice_positions_mm, np.arange(len(self.origins_mm)))
+        k = _interpolate(positions @ self.normal, self.slice_positions_mm, self._slice_numbers)
         in_plane = positions - self._origin_at(k)
         j = in_plane @ self.row_step_mm / self.row_spacing_mm**2
         i = in_plane @ self.column_step_mm / self.column_spacing_mm**2
         return np.stack([k, j, i], axis=-1)
 
     def _origin_at(self, k: FloatArray) -> FloatArray:
-        slices = np.arange(len(self.origins_mm), dtype=np.float64)
-        return np.stack([_interpolate(k, slices, self.origins_mm[:, axis]) for axis in range(3)], axis=-1)
+        columns = [_interpolate(k, self._slice_numbers, self.origins_mm[:, axis]) for axis in range(3)]
+        return np.stack(columns, axis=-1)
+
+    @property
+    def _slice_numbers(self) -> FloatArray:
+        return np.arange(len(self.origins_mm), dtype=np.float64)
 
 
 def _interpolate(x: FloatArray, xp: FloatArray, fp: FloatArray) -> FloatArray:
@@ -124,7 +120,8 @@ def _interpolate(x: FloatArray, xp: FloatArray, fp: FloatArray) -> FloatArray:
         return np.broadcast_to(np.asarray(fp[0], dtype=np.float64), x.shape)
     left = np.clip(np.searchsorted(xp, x, side="right") - 1, 0, len(xp) - 2)
     fraction = (x - xp[left]) / (xp[left + 1] - xp[left])
-    return fp[left] + fraction * (fp[left + 1] - fp[left])
+    continued: FloatArray = fp[left] + fraction * (fp[left + 1] - fp[left])
+    return continued
 
 
 @dataclass(frozen=True)
