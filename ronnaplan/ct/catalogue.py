@@ -11,17 +11,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from ronnaplan.ct.files import Blob, DiskFile, Skipped, blobs_below
+from ronnaplan.ct.files import Blob, DamagedError, DiskFile, NotDicomError, Skipped, blobs_below
 from ronnaplan.ct.frames import images_of, why_not_ct
-from ronnaplan.ct.header import DamagedError, NotDicomError, read_header
+from ronnaplan.ct.header import read_header
+from ronnaplan.ct.images import is_image_file
 from ronnaplan.ct.limits import DEFAULT_LIMITS, Limits
+from ronnaplan.ct.progress import advancing
 from ronnaplan.ct.slices import Instance, SliceImage, instance_from_header
 from ronnaplan.ct.stack import Stack, stacks_of
 from ronnaplan.ct.text import printable
 from ronnaplan.errors import InputError
 
 DICOMDIR_CLASS: Final = "1.2.840.10008.1.3.10"
-IMAGE_FILE_SUFFIXES: Final = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd")
 
 
 @dataclass(frozen=True)
@@ -78,8 +79,7 @@ class Catalogue:
     def choose(self, series_uid: str | None = None) -> Series:
         """Return the wanted series, or the only usable one; raises `InputError` that lists the choice."""
         shown = printable(self.path)
-        if not self.series:
-            raise InputError(f"{shown} holds no DICOM series{self._why_empty()}; name a folder of CT images")
+        self.require_series()
         if series_uid is not None:
             return self._named(series_uid)
         if not self.usable:
@@ -106,6 +106,13 @@ class Catalogue:
             )
         return usable[0]
 
+    def require_series(self) -> None:
+        """Raise `InputError` if there is no series of any kind."""
+        if not self.series:
+            raise InputError(
+                f"{printable(self.path)} holds no DICOM series{self._why_empty()}; name a folder of CT images"
+            )
+
     def _why_empty(self) -> str:
         if not self.skipped:
             return ""
@@ -118,7 +125,7 @@ def _listed(series: Iterable[Series], most: int = 10) -> str:
     return ", ".join(shown[:most]) + (f" and {len(shown) - most} more" if len(shown) > most else "")
 
 
-def catalogue(path: str | Path, limits: Limits = DEFAULT_LIMITS) -> Catalogue:
+def catalogue(path: str | Path, limits: Limits = DEFAULT_LIMITS, *, progress: bool = False) -> Catalogue:
     """List the series in a folder (with all folders below), a zip archive, a DICOMDIR's folder or a single file.
 
     Raises `InputError` if there is no such path or it is beyond the limits.
@@ -126,24 +133,19 @@ def catalogue(path: str | Path, limits: Limits = DEFAULT_LIMITS) -> Catalogue:
     path = Path(path)
     skipped: list[Skipped] = []
     members: dict[tuple[str | None, str | None], list[Instance]] = defaultdict(list)
-    try:
-        for blob in blobs_below(_folder_of_index(path), limits, skipped):
-            instance = _instance(blob, limits, skipped)
-            if instance is not None:
-                members[instance.study_uid, instance.series_uid].append(instance)
-    except FileNotFoundError as error:
-        raise InputError(f"there is no file or folder {printable(path)}") from error
-    except (OSError, ValueError) as error:
-        raise InputError(f"{printable(path)} cannot be opened ({printable(error)})") from error
+    blobs = list(blobs_below(_folder_of_index(path), limits, skipped))
+    for blob in advancing(blobs, len(blobs), progress, "headers"):
+        instance = _instance(blob, limits, skipped)
+        if instance is not None:
+            members[instance.study_uid, instance.series_uid].append(instance)
     series = [part for instances in members.values() for part in _parts(instances)]
     return Catalogue(path, tuple(series), tuple(skipped))
 
 
 def _folder_of_index(path: Path) -> Path:
     """Return the folder that a DICOMDIR file indexes: the files are found by walking, not by the index."""
-    if path.name.upper() in ("DICOMDIR", "DIRFILE") and path.is_file():
-        return path.parent
-    return path
+    is_index = path.name.upper() in ("DICOMDIR", "DIRFILE")
+    return path.parent if is_index and path.is_file() else path
 
 
 def _instance(blob: Blob, limits: Limits, skipped: list[Skipped]) -> Instance | None:
@@ -151,13 +153,13 @@ def _instance(blob: Blob, limits: Limits, skipped: list[Skipped]) -> Instance | 
     try:
         instance = instance_from_header(blob, read_header(blob, limits))
     except NotDicomError as error:
-        is_image = isinstance(blob, DiskFile) and blob.path.lower().endswith(IMAGE_FILE_SUFFIXES)
-        reason = "it is an image file; name it by itself" if is_image else str(error)
+        is_other = isinstance(blob, DiskFile) and (
+            is_image_file(Path(blob.path)) or blob.path.lower().endswith(".zip")
+        )
+        reason = "it is an image file or archive; name it by itself" if is_other else str(error)
         skipped.append(Skipped(blob.name, reason, False))
     except DamagedError as error:
         skipped.append(Skipped(blob.name, str(error), True))
-    except OSError as error:
-        skipped.append(Skipped(blob.name, f"it cannot be opened ({error.strerror})", True))
     else:
         if instance.series_uid is not None and instance.sop_class != DICOMDIR_CLASS:
             return instance

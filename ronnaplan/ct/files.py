@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import lzma
 import os
+import shutil
 import stat
 import struct
+import tempfile
 import zipfile
 import zlib
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import IO, Protocol
 
 from ronnaplan.ct.limits import Limits
 from ronnaplan.ct.text import printable
@@ -20,10 +24,21 @@ _END_OF_DIRECTORY = struct.Struct("<4s4H2LH")
 _ZIP64_LOCATOR = struct.Struct("<4sLQL")
 _ZIP64_END = struct.Struct("<4sQ2H2L4Q")
 _LONGEST_ZIP_COMMENT = 0xFFFF
+_ENCRYPTED = 0x1
+_UNPACKED_IN_MEMORY_BYTES = 4 << 20
+"""A single slice fits; larger members hold many frames, each of which would unpack all of them before it."""
+
+
+class NotDicomError(InputError):
+    """The file is of another kind altogether."""
+
+
+class DamagedError(InputError):
+    """The file is of the right kind but broken."""
 
 
 class Blob(Protocol):
-    """A named run of bytes that can be read in part; reading raises `OSError` or `InputError`."""
+    """A named run of bytes; reading raises `DamagedError` where it cannot be opened or unpacked."""
 
     @property
     def name(self) -> str:
@@ -58,30 +73,29 @@ class DiskFile:
 
     def read(self, offset: int, count: int) -> bytes:
         """Return ``count`` bytes from ``offset``, fewer at the end."""
-        descriptor = os.open(self.path, os.O_RDONLY)
-        try:
+        with self._opened() as descriptor:
             return os.pread(descriptor, count, offset)
-        finally:
-            os.close(descriptor)
 
     def read_into(self, offset: int, target: memoryview) -> int:
         """Fill ``target`` from ``offset``; return how many bytes there were."""
-        descriptor = os.open(self.path, os.O_RDONLY)
-        done = 0
+        with self._opened() as descriptor:
+            return _fill(descriptor, offset, target)
+
+    @contextmanager
+    def _opened(self) -> Iterator[int]:
         try:
-            while done < len(target):
-                count = os.preadv(descriptor, [target[done:]], offset + done)
-                if count == 0:
-                    break
-                done += count
-        finally:
-            os.close(descriptor)
-        return done
+            descriptor = os.open(self.path, os.O_RDONLY)
+            try:
+                yield descriptor
+            finally:
+                os.close(descriptor)
+        except OSError as error:
+            raise DamagedError(f"it cannot be opened ({error.strerror})") from error
 
 
 @dataclass(frozen=True, slots=True)
 class ZipMember:
-    """A file inside a zip archive, unpacked on the fly (nothing is written to disk)."""
+    """A small file inside a zip archive, unpacked in memory at each read."""
 
     archive: zipfile.ZipFile
     info: zipfile.ZipInfo
@@ -98,20 +112,51 @@ class ZipMember:
 
     def read(self, offset: int, count: int) -> bytes:
         """Return ``count`` bytes from ``offset``, fewer at the end."""
-        try:
-            with self.archive.open(self.info) as stream:
-                stream.seek(offset)
-                return stream.read(count)
-        except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError) as error:
-            raise InputError(
-                f"{self.name} cannot be unpacked ({printable(error)}); zip the study again"
-            ) from error
+        with _unpacking(), self.archive.open(self.info) as stream:
+            stream.seek(offset)
+            return stream.read(count)
 
     def read_into(self, offset: int, target: memoryview) -> int:
         """Fill ``target`` from ``offset``; return how many bytes there were."""
         content = self.read(offset, len(target))
         target[: len(content)] = content
         return len(content)
+
+
+@dataclass(frozen=True, slots=True)
+class UnpackedMember:
+    """A large file of a zip archive, unpacked once into a file without a name, which vanishes when closed."""
+
+    name: str
+    file: IO[bytes]
+    size: int
+
+    def read(self, offset: int, count: int) -> bytes:
+        """Return ``count`` bytes from ``offset``, fewer at the end."""
+        return os.pread(self.file.fileno(), count, offset)
+
+    def read_into(self, offset: int, target: memoryview) -> int:
+        """Fill ``target`` from ``offset``; return how many bytes there were."""
+        return _fill(self.file.fileno(), offset, target)
+
+
+def _fill(descriptor: int, offset: int, target: memoryview) -> int:
+    done = 0
+    while done < len(target):
+        count = os.preadv(descriptor, [target[done:]], offset + done)
+        if count == 0:
+            break
+        done += count
+    return done
+
+
+@contextmanager
+def _unpacking() -> Iterator[None]:
+    """Turn what `zipfile` raises for a damaged member into one sentence."""
+    try:
+        yield
+    except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, RuntimeError, ValueError) as error:
+        raise DamagedError(f"it cannot be unpacked ({printable(error)})") from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,12 +173,26 @@ def blobs_below(path: Path, limits: Limits, skipped: list[Skipped]) -> Iterator[
 
     What cannot be opened is appended to ``skipped``. Raises `InputError` beyond the limits.
     """
-    if path.is_dir():
+    try:
+        status = path.stat()
+        is_archive = stat.S_ISREG(status.st_mode) and _is_archive(path)
+    except FileNotFoundError as error:
+        raise InputError(f"there is no file or folder {printable(path)}") from error
+    except (OSError, ValueError) as error:
+        raise InputError(f"{printable(path)} cannot be opened ({printable(error)})") from error
+    if stat.S_ISDIR(status.st_mode):
         yield from _files_below(str(path), limits, skipped)
-    elif zipfile.is_zipfile(path):
+    elif is_archive:
         yield from _zip_members(path, limits, skipped)
+    elif stat.S_ISREG(status.st_mode):
+        yield DiskFile(str(path), status.st_size)
     else:
-        yield DiskFile(str(path), path.stat().st_size)
+        raise InputError(f"{printable(path)} is neither a file nor a folder")
+
+
+def _is_archive(path: Path) -> bool:
+    with path.open("rb") as stream:
+        return stream.read(2) == b"PK"
 
 
 def _files_below(root: str, limits: Limits, skipped: list[Skipped]) -> Iterator[Blob]:
@@ -186,10 +245,24 @@ def _zip_members(path: Path, limits: Limits, skipped: list[Skipped]) -> Iterator
         member = ZipMember(archive, info)
         if info.is_dir():
             continue
-        if info.flag_bits & 1:
+        if info.flag_bits & _ENCRYPTED:
             skipped.append(Skipped(member.name, "it is encrypted", True))
-        else:
+        elif info.file_size > limits.file_bytes:
+            skipped.append(Skipped(member.name, f"it declares {info.file_size} bytes, above the limit", True))
+        elif info.file_size <= _UNPACKED_IN_MEMORY_BYTES:
             yield member
+        else:
+            try:
+                yield _unpacked(member)
+            except DamagedError as error:
+                skipped.append(Skipped(member.name, str(error), True))
+
+
+def _unpacked(member: ZipMember) -> UnpackedMember:
+    file = tempfile.TemporaryFile()  # noqa: SIM115 - it lives as long as its blob and has no name to leave behind
+    with _unpacking(), member.archive.open(member.info) as stream:
+        shutil.copyfileobj(stream, file, 1 << 20)
+    return UnpackedMember(member.name, file, member.size)
 
 
 def _member_count(path: Path) -> int:

@@ -8,7 +8,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
-from ronnaplan.ct.header import DamagedError, Elements
+from ronnaplan.ct.codecs import why_not_decoded
+from ronnaplan.ct.files import DamagedError
+from ronnaplan.ct.fragments import frame_fragments
+from ronnaplan.ct.header import DEFLATED_LITTLE, EXPLICIT_BIG, EXPLICIT_LITTLE, IMPLICIT_LITTLE, Elements
 from ronnaplan.ct.slices import (
     CT_IMAGE,
     MULTI_FRAME_CLASSES,
@@ -16,6 +19,7 @@ from ronnaplan.ct.slices import (
     PixelFormat,
     SliceImage,
     Vector,
+    number_or_none,
     numbers,
     text,
 )
@@ -38,6 +42,9 @@ _KINDS: Final = {
 _STRUCTURED_REPORT_PREFIX: Final = "1.2.840.10008.5.1.4.1.1.88."
 _PRESENTATION_STATE_PREFIX: Final = "1.2.840.10008.5.1.4.1.1.11."
 _LOCALIZER_WORDS: Final = frozenset({"LOCALIZER", "SCOUT", "SURVIEW", "REF_SURVIEW", "TOPOGRAM"})
+PLAIN_SYNTAXES: Final = frozenset({IMPLICIT_LITTLE, EXPLICIT_LITTLE, EXPLICIT_BIG, DEFLATED_LITTLE})
+LARGEST_RESCALE: Final = 1e6
+"""Slopes and intercepts beyond are a damaged header."""
 _HU_NAMES: Final = frozenset({"", "HU", "US"})
 """Rescale types taken for Hounsfield units. ``US`` (unspecified) is the standard's default for a CT."""
 
@@ -52,29 +59,32 @@ def why_not_ct(instance: Instance) -> str | None:
         return "a presentation state, not a scan"
     if instance.modality != "CT":
         return f"the modality is {instance.modality or 'not given'}, not CT"
-    if instance.sop_class and instance.sop_class not in MULTI_FRAME_CLASSES | {CT_IMAGE}:
+    if instance.sop_class not in MULTI_FRAME_CLASSES | {CT_IMAGE, ""}:
         return f"the SOP class {instance.sop_class} is not a CT image"
     if _LOCALIZER_WORDS.intersection(word.upper() for word in instance.image_type):
         return "a localizer (projection image), not a stack of slices"
-    return _why_not_pixels(instance.pixels)
+    return None
 
 
-def _why_not_pixels(pixels: PixelFormat | None) -> str | None:
-    if pixels is None:
-        return "it holds no pixels"
+def _why_not_pixels(pixels: PixelFormat) -> str | None:
     if pixels.samples != 1:
         return "a colour picture, not a scan"
     if pixels.photometric not in ("MONOCHROME2", ""):
         return f"its photometric interpretation is {pixels.photometric}, expected MONOCHROME2"
-    if pixels.tag != 0x7FE00010:
-        return None
-    if pixels.bits_allocated not in (8, 16, 32):
-        return f"its pixels take {pixels.bits_allocated} bits, expected 8, 16 or 32"
-    if not 1 <= pixels.bits_stored <= pixels.bits_allocated or pixels.high_bit != pixels.bits_stored - 1:
-        return (
-            f"its pixels store {pixels.bits_stored} bits up to bit {pixels.high_bit} of {pixels.bits_allocated}, "
-            "expected the low bits"
-        )
+    if pixels.tag == 0x7FE00010:
+        if pixels.bits_allocated not in (8, 16, 32):
+            return f"its pixels take {pixels.bits_allocated} bits, expected 8, 16 or 32"
+        if not 1 <= pixels.bits_stored <= pixels.bits_allocated or pixels.high_bit != pixels.bits_stored - 1:
+            return (
+                f"its pixels store {pixels.bits_stored} bits up to bit {pixels.high_bit} "
+                f"of {pixels.bits_allocated}, expected the low bits"
+            )
+    if pixels.length is None:
+        return why_not_decoded(pixels.transfer_syntax)
+    if pixels.transfer_syntax not in PLAIN_SYNTAXES:
+        return f"its transfer syntax {pixels.transfer_syntax} should be encapsulated but is not"
+    if pixels.frame_bytes * pixels.frames > pixels.length:
+        return f"it declares {pixels.frame_bytes * pixels.frames} bytes of pixels but holds {pixels.length}"
     return None
 
 
@@ -83,22 +93,33 @@ def images_of(instance: Instance) -> list[SliceImage]:
     pixels = instance.pixels
     if pixels is None:
         raise DamagedError("it holds no pixels")
-    if instance.sop_class not in MULTI_FRAME_CLASSES and 0x52009230 not in instance.elements:
+    reason = _why_not_pixels(pixels)
+    if reason is not None:
+        raise DamagedError(reason)
+    if 0x00283000 in instance.elements:
+        raise DamagedError("its values need a modality LUT, not a rescale slope and intercept")
+    facts = _facts_of_frames(instance, pixels)
+    images = [_image(instance, pixels, frame, each) for frame, each in enumerate(facts)]
+    if pixels.length is None:
+        places = frame_fragments(instance.blob, pixels)
+        images = [replace(image, fragments=place) for image, place in zip(images, places, strict=True)]
+    return images
+
+
+def _facts_of_frames(instance: Instance, pixels: PixelFormat) -> list[Elements]:
+    """Return, for each frame, the elements that describe it at one level."""
+    frames = instance.elements.get(0x52009230, [])
+    if instance.sop_class not in MULTI_FRAME_CLASSES and not frames:
         if pixels.frames != 1:
             raise DamagedError(f"it holds {pixels.frames} frames without saying where each one is")
-        return [_image(instance, pixels, 0, instance.elements)]
-    shared = _flatten(instance.elements.get(0x52009229, [])[:1])
-    frames = instance.elements.get(0x52009230, [])
-    if len(frames) != pixels.frames or not frames:
+        return [instance.elements]
+    if len(frames) != pixels.frames:
         raise DamagedError(f"it declares {pixels.frames} frames but describes {len(frames)}")
-    images = []
-    for number, groups in enumerate(frames):
-        facts = shared | _flatten([groups])
-        if "LOCALIZER" in text(facts, 0x00089007).upper().split("\\"):
-            raise DamagedError("it holds localizer frames (projection images)")
-        image = _image(instance, pixels, number, facts)
-        images.append(replace(image, stack_id=text(facts, 0x00209056)))
-    return images
+    shared = _flatten(instance.elements.get(0x52009229, [])[:1])
+    facts = [shared | _flatten([groups]) for groups in frames]
+    if any("LOCALIZER" in text(each, 0x00089007).upper().split("\\") for each in facts):
+        raise DamagedError("it holds localizer frames (projection images)")
+    return facts
 
 
 def _flatten(groups: list[Elements]) -> Elements:
@@ -116,7 +137,7 @@ def _flatten(groups: list[Elements]) -> Elements:
 
 def _image(instance: Instance, pixels: PixelFormat, frame: int, facts: Elements) -> SliceImage:
     slope, intercept = _rescale(facts)
-    thickness = numbers(facts, 0x00180050)
+    thickness = number_or_none(facts, 0x00180050)
     return SliceImage(
         instance=instance,
         pixels=pixels,
@@ -126,10 +147,17 @@ def _image(instance: Instance, pixels: PixelFormat, frame: int, facts: Elements)
         spacing_mm=_required(facts, 0x00280030, 2, "pixel spacing"),
         slope=slope,
         intercept=intercept,
-        thickness_mm=thickness[0] if thickness else None,
+        thickness_mm=thickness,
         kernel=text(facts, 0x00181210) or text(facts, 0x00189315),
-        acquisition=text(facts, 0x00200012),
+        acquisition=_acquisition(facts),
+        stack_id=text(facts, 0x00209056),
     )
+
+
+def _acquisition(facts: Elements) -> str:
+    """Return what tells acquisitions apart: their number, and in a multi-frame file also the time index."""
+    frame_numbers = [facts[tag].hex() for tag in (0x00209128, 0x00209156) if tag in facts]
+    return " ".join([text(facts, 0x00200012), *frame_numbers])
 
 
 def _required(facts: Elements, tag: int, count: int, name: str) -> Vector:
@@ -149,6 +177,6 @@ def _rescale(facts: Elements) -> tuple[float, float]:
     slope, intercept = numbers(facts, 0x00281053), numbers(facts, 0x00281052)
     if slope is None or intercept is None:
         raise DamagedError("it has no rescale slope and intercept, so its values are not Hounsfield units")
-    if slope[0] == 0.0:
-        raise DamagedError("its rescale slope is zero")
+    if slope[0] == 0.0 or max(abs(slope[0]), abs(intercept[0])) > LARGEST_RESCALE:
+        raise DamagedError(f"its rescale slope {slope[0]} and intercept {intercept[0]} cannot be right")
     return slope[0], intercept[0]

@@ -12,9 +12,8 @@ import zlib
 from dataclasses import dataclass
 from typing import Any, Final
 
-from ronnaplan.ct.files import Blob
+from ronnaplan.ct.files import Blob, DamagedError, NotDicomError
 from ronnaplan.ct.limits import Limits
-from ronnaplan.errors import InputError
 
 IMPLICIT_LITTLE: Final = "1.2.840.10008.1.2"
 EXPLICIT_LITTLE: Final = "1.2.840.10008.1.2.1"
@@ -45,10 +44,20 @@ WANTED: Final = frozenset(
         *(0x00100010,),
         *(0x00180050, 0x00181120, 0x00181210, 0x00189315),
         *(0x0020000D, 0x0020000E, 0x00200011, 0x00200012, 0x00200013, 0x00200032, 0x00200037, 0x00200052),
-        *(0x00209056, 0x00209057, 0x00209128),
+        *(0x00209056, 0x00209128, 0x00209156),
         *(0x00280002, 0x00280004, 0x00280008, 0x00280010, 0x00280011, 0x00280030, 0x00280100, 0x00280101),
-        *(0x00280102, 0x00280103, 0x00280120, 0x00280121, 0x00281052, 0x00281053, 0x00281054, 0x00282110),
-        *(0x7FE00001, 0x7FE00002),
+        *(
+            0x00280102,
+            0x00280103,
+            0x00280120,
+            0x00280121,
+            0x00280122,
+            0x00280123,
+            0x00281052,
+            0x00281053,
+            0x00281054,
+            0x00282110,
+        ),
     }
 )
 PIXEL_TAGS: Final = frozenset({0x7FE00008, 0x7FE00009, 0x7FE00010})
@@ -62,14 +71,6 @@ _ITEM_END: Final = 0xFFFEE00D
 _SEQUENCE_END: Final = 0xFFFEE0DD
 _FIRST_READ_BYTES: Final = 1 << 15
 _PREAMBLE_BYTES: Final = 128
-
-
-class NotDicomError(InputError):
-    """The file is of another kind altogether."""
-
-
-class DamagedError(InputError):
-    """The file is DICOM but broken."""
 
 
 class _MoreNeededError(Exception):
@@ -101,26 +102,23 @@ def read_header(blob: Blob, limits: Limits) -> Header:
         except _MoreNeededError:
             if count >= min(blob.size, limits.header_bytes):
                 reason = "it ends too early" if count >= blob.size else "its header is too long"
-                raise DamagedError(f"{reason}") from None
+                raise DamagedError(reason) from None
             count = min(count * 8, blob.size, limits.header_bytes)
 
 
-def inflate(content: bytes, limits: Limits) -> bytes:
-    """Return the inflated bytes of a deflated data set; raises `DamagedError`."""
-    unpacker = zlib.decompressobj(-zlib.MAX_WBITS)
+def inflate(content: bytes, most: int) -> bytes:
+    """Return up to ``most`` inflated bytes of a deflated data set; raises `DamagedError`."""
     try:
-        inflated = unpacker.decompress(content, min(limits.file_bytes, limits.volume_bytes))
+        return zlib.decompressobj(-zlib.MAX_WBITS).decompress(content, most)
     except zlib.error as error:
         raise DamagedError("its deflated data cannot be unpacked") from error
-    if unpacker.unconsumed_tail:
-        raise DamagedError("it unpacks to more than the limit")
-    return inflated
 
 
-def deflated_start(buffer: bytes, size: int, limits: Limits) -> int:
-    """Return where the data set begins, after the file's meta information."""
-    scanner = _Scanner(buffer, size, limits, big=False)
-    return scanner.meta(_PREAMBLE_BYTES + 4)[1]
+def deflated_part(blob: Blob, limits: Limits) -> bytes:
+    """Return what follows the meta information of a deflated file."""
+    content = blob.read(0, blob.size)
+    scanner = _Scanner(content, blob.size, limits, big=False)
+    return content[scanner.meta(_PREAMBLE_BYTES + 4)[1] :]
 
 
 def _parse(buffer: bytes, size: int, limits: Limits) -> Header:
@@ -135,7 +133,7 @@ def _parse(buffer: bytes, size: int, limits: Limits) -> Header:
     if syntax == DEFLATED_LITTLE:
         if len(buffer) < size:
             raise _MoreNeededError
-        buffer = inflate(buffer[start:], limits)
+        buffer = inflate(buffer[start:], limits.header_bytes)
         start, size = 0, len(buffer)
     big = syntax == EXPLICIT_BIG
     explicit = buffer[start + 4 : start + 6].isalpha() and buffer[start + 4 : start + 6].isupper()

@@ -7,14 +7,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.ct.header import DEFLATED_LITTLE, deflated_start, inflate
+from ronnaplan.ct.codecs import decode
+from ronnaplan.ct.header import DEFLATED_LITTLE, deflated_part, inflate
 from ronnaplan.ct.limits import Limits
-from ronnaplan.ct.slices import PixelFormat, SliceImage, Stored
+from ronnaplan.ct.slices import FLOAT_BYTES, PixelFormat, SliceImage, Stored
 from ronnaplan.errors import InputError
 
 INT16: Final = np.iinfo(np.int16)
-FLOAT_TAGS: Final = {0x7FE00008: "f4", 0x7FE00009: "f8"}
-
 Voxels = NDArray[np.int16] | NDArray[np.float32]
 
 
@@ -32,7 +31,7 @@ def stored_range(pixels: PixelFormat) -> tuple[int, int]:
 def may_be_int16(image: SliceImage) -> bool:
     """Whether the rescaled values are whole numbers, so that int16 is worth trying."""
     whole = image.slope.is_integer() and image.intercept.is_integer()
-    return whole and image.pixels.tag not in FLOAT_TAGS and max(abs(image.slope), abs(image.intercept)) <= 1e6
+    return whole and image.pixels.tag not in FLOAT_BYTES and max(abs(image.slope), abs(image.intercept)) <= 1e6
 
 
 def read_slice(image: SliceImage, target: Voxels, padding_hu: float | None, limits: Limits) -> None:
@@ -46,7 +45,7 @@ def read_slice(image: SliceImage, target: Voxels, padding_hu: float | None, limi
     else:
         stored = _stored(image, limits)
     padded = _padded(stored, image.pixels)
-    if image.pixels.tag not in FLOAT_TAGS:
+    if image.pixels.tag not in FLOAT_BYTES:
         stored = _significant_bits(stored, image.pixels, padded)
     _rescale(stored, image, target, padded)
     if padded is not None and padding_hu is not None:
@@ -73,38 +72,28 @@ def _fill(image: SliceImage, target: Stored) -> None:
 
 
 def _dtype(pixels: PixelFormat) -> np.dtype[np.generic]:
-    kind = FLOAT_TAGS.get(pixels.tag) or f"{'i' if pixels.is_signed else 'u'}{pixels.bits_allocated // 8}"
-    return np.dtype((">" if pixels.is_big_endian else "<") + kind)
+    kind = "f" if pixels.tag in FLOAT_BYTES else "i" if pixels.is_signed else "u"
+    return np.dtype(f"{'>' if pixels.is_big_endian else '<'}{kind}{pixels.item_bytes}")
 
 
 def _stored(image: SliceImage, limits: Limits) -> Stored:
     """Return the stored values (J, I) of a slice in their own type."""
     pixels = image.pixels
-    shape = (pixels.rows, pixels.columns)
     if pixels.length is None:
-        from ronnaplan.ct.codecs import decode
-
-        return decode(image, limits)
-    dtype = _dtype(pixels)
-    stored = np.empty(shape, dtype)
-    if pixels.transfer_syntax == DEFLATED_LITTLE:
-        content = _inflated(image, limits)
-        start = pixels.offset + image.frame * stored.nbytes
-        if start + stored.nbytes > len(content):
-            raise InputError(f"{image.name} ends within its pixels; copy it again")
-        return np.frombuffer(content, dtype, count=stored.size, offset=start).reshape(shape)
-    _fill(image, stored)
-    return stored
-
-
-def _inflated(image: SliceImage, limits: Limits) -> bytes:
-    blob = image.instance.blob
-    content = blob.read(0, blob.size)
-    return inflate(content[deflated_start(content, blob.size, limits) :], limits)
+        return decode(image)
+    stored = np.empty((pixels.rows, pixels.columns), _dtype(pixels))
+    if pixels.transfer_syntax != DEFLATED_LITTLE:
+        _fill(image, stored)
+        return stored
+    start = pixels.offset + image.frame * pixels.frame_bytes
+    content = inflate(deflated_part(image.instance.blob, limits), start + pixels.frame_bytes)
+    if len(content) < start + pixels.frame_bytes:
+        raise InputError(f"{image.name} ends within its pixels; copy it again")
+    return np.frombuffer(content, stored.dtype, count=stored.size, offset=start).reshape(stored.shape)
 
 
 def _padded(stored: Stored, pixels: PixelFormat) -> NDArray[np.bool_] | None:
-    if pixels.padding is None or pixels.tag in FLOAT_TAGS:
+    if pixels.padding is None:
         return None
     low, high = pixels.padding
     if stored.dtype == np.int16 and not pixels.is_signed:
@@ -131,6 +120,8 @@ def _rescale(stored: Stored, image: SliceImage, target: Voxels, padded: NDArray[
     if target.dtype != np.int16:
         with np.errstate(over="ignore", invalid="ignore"):
             target[...] = stored.astype(np.float64) * slope + intercept
+        if not np.isfinite(target).all():
+            raise InputError(f"{image.name} holds values that are not finite numbers; convert it again")
         return
     seen = stored if padded is None else stored[~padded]
     if seen.size:

@@ -12,8 +12,11 @@ from typing import Final
 import numpy as np
 
 from ronnaplan.ct.catalogue import Series, catalogue
+from ronnaplan.ct.files import DamagedError
+from ronnaplan.ct.images import is_image_file, read_image
 from ronnaplan.ct.limits import DEFAULT_LIMITS, GIB, Limits
 from ronnaplan.ct.pixels import INT16, DoesNotFitError, Voxels, may_be_int16, read_slice
+from ronnaplan.ct.progress import advancing
 from ronnaplan.ct.slices import SliceImage
 from ronnaplan.ct.volume import CTVolume, SeriesSource, VolumeFlag
 from ronnaplan.errors import InputError
@@ -22,8 +25,6 @@ AIR_LIMIT_HU: Final = -1024.0
 """No tissue, and no air but for noise, measures less; a constant corner below it was never measured."""
 UNREPRESENTABLE_PADDING_HU: Final = -32768.0
 """Stands for padding whose own rescaled value is beyond int16."""
-PROGRESS_DELAY_S: Final = 1.0
-"""A read shorter than this shows no progress bar."""
 MOST_THREADS: Final = 8
 
 
@@ -41,12 +42,18 @@ def read_ct(
     where its file puts it. Raises `InputError`, which names the series to choose from or the reason.
     """
     path = Path(path)
-    found = catalogue(path, limits)
+    if is_image_file(path) and path.is_file():
+        return _without_unmeasured(read_image(path, limits))
+    found = catalogue(path, limits, progress=progress)
     series = found.choose(series_uid)
     volume = _read(series, limits, progress)
     if any(one.is_trouble for one in found.skipped):
         volume = replace(volume, flags=(*volume.flags, VolumeFlag.UNREADABLE_FILES))
     return volume
+
+
+def _without_unmeasured(volume: CTVolume) -> CTVolume:
+    return replace(volume, padding_hu=_mark_unmeasured_corners(volume.voxels_hu, None))
 
 
 def _read(series: Series, limits: Limits, progress: bool) -> CTVolume:
@@ -89,7 +96,10 @@ def _filled(
     voxels = _allocated((len(slices), pixels.rows, pixels.columns), dtype, limits)
 
     def fill(k: int) -> None:
-        read_slice(slices[k], voxels[k], padding_hu, limits)
+        try:
+            read_slice(slices[k], voxels[k], padding_hu, limits)
+        except DamagedError as error:
+            raise InputError(f"{slices[k].name} cannot be read: {error}") from error
 
     in_parallel(fill, len(slices), progress)
     return voxels
@@ -114,14 +124,7 @@ def in_parallel(work: Callable[[int], None], count: int, progress: bool) -> None
     """Call ``work`` for 0..count-1 in threads; the first error, or Ctrl-C, drops what has not begun."""
     pool = ThreadPoolExecutor(min(MOST_THREADS, os.cpu_count() or 1))
     try:
-        results = pool.map(work, range(count))
-        if progress:
-            from tqdm import tqdm
-
-            results = iter(
-                tqdm(results, total=count, desc="reading", unit="slice", delay=PROGRESS_DELAY_S, leave=False)
-            )
-        for _ in results:
+        for _ in advancing(pool.map(work, range(count)), count, progress, "slices"):
             pass
     finally:
         pool.shutdown(wait=True, cancel_futures=True)

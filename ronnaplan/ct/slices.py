@@ -10,8 +10,8 @@ from typing import Any, Final
 
 from numpy.typing import NDArray
 
-from ronnaplan.ct.files import Blob
-from ronnaplan.ct.header import DamagedError, Elements, Header
+from ronnaplan.ct.files import Blob, DamagedError
+from ronnaplan.ct.header import Elements, Header
 from ronnaplan.ct.text import printable
 
 CT_IMAGE: Final = "1.2.840.10008.5.1.4.1.1.2"
@@ -32,7 +32,12 @@ _PLAIN_CHARSETS: Final = {
     "ISO_IR 13": "shift_jis",
 }
 
+FLOAT_BYTES: Final = {0x7FE00008: 4, 0x7FE00009: 8}
+"""Tags of float pixels -> bytes of one pixel."""
+
 Vector = tuple[float, ...]
+Fragment = tuple[int, int]
+"""Offset and length of a run of bytes in a file."""
 Stored = NDArray[Any]
 """Pixels (J, I) as they are stored, of any number type."""
 
@@ -52,7 +57,7 @@ class PixelFormat:
     bits_allocated: int
     bits_stored: int
     is_signed: bool
-    padding: tuple[int, int] | None
+    padding: tuple[float, float] | None
     samples: int
     photometric: str
     high_bit: int
@@ -60,7 +65,12 @@ class PixelFormat:
     @property
     def frame_bytes(self) -> int:
         """Bytes of one uncompressed frame."""
-        return self.rows * self.columns * (self.bits_allocated // 8)
+        return self.rows * self.columns * self.samples * self.item_bytes
+
+    @property
+    def item_bytes(self) -> int:
+        """Bytes of one pixel."""
+        return FLOAT_BYTES.get(self.tag, self.bits_allocated // 8)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +103,8 @@ class SliceImage:
     """One image of an `Instance`: its place (LPS mm), its rescale to HU, and what may set it apart from others.
 
     ``orientation`` holds the direction along a row (increasing column) and along a column (increasing row);
-    ``spacing_mm`` the distances between rows and between columns.
+    ``spacing_mm`` the distances between rows and between columns. ``fragments`` are the runs of bytes that hold
+    a compressed image.
     """
 
     instance: Instance
@@ -108,6 +119,7 @@ class SliceImage:
     kernel: str
     acquisition: str
     stack_id: str = ""
+    fragments: tuple[Fragment, ...] = ()
 
     @property
     def name(self) -> str:
@@ -133,17 +145,9 @@ def instance_from_header(blob: Blob, header: Header) -> Instance:
         description=text(elements, 0x0008103E),
         image_type=image_type,
         is_lossy=header.transfer_syntax in LOSSY_SYNTAXES or text(elements, 0x00282110) == "01",
-        tilt_tag_deg=_tilt(elements),
+        tilt_tag_deg=number_or_none(elements, 0x00181120),
         pixels=_pixel_format(header),
     )
-
-
-def _tilt(elements: Elements) -> float | None:
-    try:
-        values = numbers(elements, 0x00181120)
-    except DamagedError:
-        return None  # never used for geometry, so a broken tag costs nothing
-    return values[0] if values else None
 
 
 def _pixel_format(header: Header) -> PixelFormat | None:
@@ -169,7 +173,7 @@ def _pixel_format(header: Header) -> PixelFormat | None:
         bits_allocated=allocated,
         bits_stored=stored,
         is_signed=signed,
-        padding=_padding(elements, big, signed),
+        padding=_padding(elements, big, signed) if header.pixel_tag == 0x7FE00010 else _float_padding(header),
         samples=integer(elements, 0x00280002, big) or 1,
         photometric=text(elements, 0x00280004),
         high_bit=stored - 1 if high_bit is None else high_bit,
@@ -197,6 +201,15 @@ def _padding(elements: Elements, big: bool, signed: bool) -> tuple[int, int] | N
     last = integer(elements, 0x00280121, big, signed)
     other = first if last is None else last
     return min(first, other), max(first, other)
+
+
+def _float_padding(header: Header) -> tuple[float, float] | None:
+    tag, form = (0x00280122, "f") if header.pixel_tag == 0x7FE00008 else (0x00280123, "d")
+    raw = header.elements.get(tag, b"")
+    if len(raw) != struct.calcsize(form):
+        return None
+    value: float = struct.unpack((">" if header.is_big_endian else "<") + form, raw)[0]
+    return value, value
 
 
 def text(elements: Elements, tag: int) -> str:
@@ -246,19 +259,24 @@ def numbers(elements: Elements, tag: int) -> Vector | None:
     return values
 
 
+def number_or_none(elements: Elements, tag: int) -> float | None:
+    """Return the first decimal string of an element that is not needed for geometry: broken counts as absent."""
+    try:
+        values = numbers(elements, tag)
+    except DamagedError:
+        return None
+    return values[0] if values else None
+
+
 _SHORT: Final = {(False, False): "<H", (False, True): "<h", (True, False): ">H", (True, True): ">h"}
-_LONG: Final = {(False, False): "<L", (False, True): "<l", (True, False): ">L", (True, True): ">l"}
 
 
 def integer(elements: Elements, tag: int, big: bool, signed: bool = False) -> int | None:
-    """Return a 2- or 4-byte integer element, None if absent or empty."""
+    """Return a 2-byte integer element, None if absent or empty; raises `DamagedError` at another length."""
     raw = elements.get(tag)
     if not raw:
         return None
-    if len(raw) == 2:
-        value: int = struct.unpack(_SHORT[big, signed], raw)[0]
-    elif len(raw) == 4:
-        value = struct.unpack(_LONG[big, signed], raw)[0]
-    else:
-        raise DamagedError(f"element ({tag >> 16:04X},{tag & 0xFFFF:04X}) has {len(raw)} bytes, expected 2 or 4")
+    if len(raw) != 2:
+        raise DamagedError(f"element ({tag >> 16:04X},{tag & 0xFFFF:04X}) has {len(raw)} bytes, expected 2")
+    value: int = struct.unpack(_SHORT[big, signed], raw)[0]
     return value

@@ -140,6 +140,8 @@ def _image_type(image: SliceImage) -> tuple[object, ...]:
 
 def _steps(image: SliceImage) -> tuple[FloatArray, FloatArray]:
     """Return the steps (3,) from row to row and from column to column, in mm."""
+    if max(map(abs, image.orientation)) > 1.0 + PERPENDICULAR_TOLERANCE:
+        raise InputError("its orientation is not two perpendicular unit vectors")
     along_row, along_column = np.array(image.orientation[:3]), np.array(image.orientation[3:])
     lengths = np.linalg.norm(along_row), np.linalg.norm(along_column)
     if max(*(abs(length - 1.0) for length in lengths), abs(along_row @ along_column)) > PERPENDICULAR_TOLERANCE:
