@@ -1,0 +1,55 @@
+"""The ``ronnaplan`` command: one module a verb, imported only when that verb (or its help) is asked for."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+from ronnaplan import __version__
+from ronnaplan.errors import RonnaplanError, UsageError
+
+VERBS = ("series", "localize", "export", "phantom", "demo")
+
+DESCRIPTION = "From a head CT with spherical markers to coordinates a robot can trust."
+NOTICE = "Research software, not a medical device."
+
+
+class _Parser(argparse.ArgumentParser):
+    """Reports wrong usage as one sentence and exit status 2, like every other error."""
+
+    def error(self, message: str) -> None:  # type: ignore[override]
+        raise UsageError(f"{message} (see '{self.prog} --help')")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one verb; returns the exit status: 0 done, 1 unusable input, 2 wrong usage, 3 refused."""
+    try:
+        parsed = _parser().parse_args(arguments)
+        status: int = parsed.run(parsed)
+        sys.stdout.flush()
+    except RonnaplanError as error:
+        print(f"ronnaplan: {error}", file=sys.stderr)
+        return error.exit_status
+    except BrokenPipeError:
+        # The reader of our output (head, less) went away: not an error, and nothing more can be written.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except KeyboardInterrupt:
+        print("ronnaplan: stopped; nothing was written", file=sys.stderr)
+        return 130
+    return status
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(prog="ronnaplan", description=DESCRIPTION, epilog=NOTICE)
+    parser.add_argument("--version", action="version", version=f"ronnaplan {__version__}")
+    verbs = parser.add_subparsers(metavar="VERB", required=True, parser_class=_Parser)
+    for name in VERBS:
+        module = import_module(f"ronnaplan.cli.{name}")
+        verb = verbs.add_parser(name, help=module.HELP, description=module.HELP, epilog=NOTICE)
+        module.configure(verb)
+        verb.set_defaults(run=module.run)
+    return parser
