@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
@@ -52,7 +53,18 @@ def head_view(volume: CTVolume, centers_mm: FloatArray, diameter_mm: float) -> H
         marker = distance < diameter_mm / 2 + PIXEL_MM
         image = np.where(marker[..., np.newaxis], _shade(surface)[..., np.newaxis] * MARKER_COLOUR, image)
     image = np.where(hit[..., np.newaxis], image, 0.0)
-    return HeadView(image, axes, (across[0], across[-1], up[0], up[-1]))
+    rows, columns = _span(hit.any(axis=1)), _span(hit.any(axis=0))
+    extent = (across[columns][0], across[columns][-1], up[rows][0], up[rows][-1])
+    return HeadView(image[rows, columns], axes, extent)
+
+
+def _span(filled: NDArray[np.bool_]) -> slice:
+    """Range of places that holds every filled one, with a little room about it."""
+    places = np.flatnonzero(filled)
+    if places.size == 0:
+        return slice(None)
+    room = int(MARGIN_MM / PIXEL_MM)
+    return slice(max(0, int(places[0]) - room), int(places[-1]) + room + 1)
 
 
 def _view_axes() -> FloatArray:
@@ -69,7 +81,7 @@ def _corners(volume: CTVolume) -> FloatArray:
 
 def _first_surface(
     volume: CTVolume, axes: FloatArray, across: FloatArray, up: FloatArray, depths: FloatArray
-) -> tuple[FloatArray, np.ndarray[tuple[int, ...], np.dtype[np.bool_]]]:
+) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Depth (up, across) at which each ray first meets something denser than skin, and whether it does."""
     from scipy.ndimage import map_coordinates
 
