@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.registration.pose import transform_points
+from ronnaplan.pose import transform_points
 from ronnaplan.registration.registration import combined_covariances
 from ronnaplan.registration.rigid import fit_closed_form, fit_likelihood, pose_covariance, require_spread
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.registration.pose import point_jacobian, transform_points
+from ronnaplan.pose import point_jacobian, transform_points
 from ronnaplan.registration.registration import MISFIT_PROBABILITY, Registration
 from ronnaplan.registration.rigid import fit_closed_form, fit_likelihood, pose_covariance, require_spread
 

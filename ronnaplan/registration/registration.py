@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame, as_points
+from ronnaplan.pose import Pose, transform_points
 from ronnaplan.registration.covariances import Covariances, as_pair
-from ronnaplan.registration.pose import Pose, transform_points
 from ronnaplan.registration.rigid import fit_closed_form, fit_likelihood, pose_covariance, require_spread
 
 MISFIT_PROBABILITY = 0.001

@@ -9,7 +9,7 @@ import numpy as np
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.registration.pose import exponential, point_jacobian, rigid, transform_points
+from ronnaplan.pose import exponential, point_jacobian, rigid, transform_points
 
 COLLINEARITY_TOLERANCE = 1e-3
 """Second singular value of the centred points over the first below which they count as one line (0.1 mm in 10
@@ -100,7 +100,7 @@ def _newton_step(
 
 
 def pose_covariance(mapped_mm: FloatArray, combined_mm2: FloatArray) -> FloatArray:
-    """Return the covariance (..., 6, 6) of a fitted pose, in the convention of `ronnaplan.registration.pose`.
+    """Return the covariance (..., 6, 6) of a fitted pose, in the convention of `ronnaplan.pose`.
 
     ``mapped_mm`` (..., N, 3) are the moving points in the fixed frame and ``combined_mm2`` (..., N, 3, 3) the
     covariance of their residuals. This is the Cramer-Rao bound of the likelihood, so it holds for anisotropic and

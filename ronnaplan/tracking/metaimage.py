@@ -13,7 +13,7 @@ import numpy as np
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.registration.pose import as_pose
+from ronnaplan.pose import as_pose
 from ronnaplan.tracking.recording import OK, Recording, ToolReading
 
 END_OF_HEADER = b"ElementDataFile"

@@ -17,7 +17,7 @@ from pyigtl.messages import CRC64, MessageBase, PointMessage, TransformMessage
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.registration.pose import as_pose
+from ronnaplan.pose import as_pose
 from ronnaplan.tracking.recording import OK, PointReading, Recording, ToolReading, quaternion_pose
 
 DEFAULT_PORT = 18944

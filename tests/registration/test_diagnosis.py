@@ -5,9 +5,9 @@ import pytest
 
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import Frame, Points
+from ronnaplan.pose import exponential
 from ronnaplan.registration import DriftStatus, check_drift, doubted_marker, leave_one_out, register_points
 from ronnaplan.registration.drift import drift_over_time
-from ronnaplan.registration.pose import exponential
 
 HEAD = np.array([[-60.0, 20, 40], [55, 30, 50], [5, -85, 60], [-20, 60, 75], [30, -10, 95], [-70, -30, 10]])
 LABELS = ("F1", "F2", "F3", "F4", "F5", "F6")

@@ -8,7 +8,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import Frame
-from ronnaplan.registration.pose import Pose, as_pose, exponential
+from ronnaplan.pose import Pose, as_pose, exponential
 
 A, B, C = Frame("A"), Frame("B"), Frame("C")
 
