@@ -1,5 +1,18 @@
 """From DICOM (or NIfTI, NRRD, MetaImage) files to a `CTVolume` that knows where each voxel is in the patient."""
 
+from ronnaplan.ct.catalogue import Catalogue, Series, catalogue
+from ronnaplan.ct.limits import Limits
+from ronnaplan.ct.reader import read_ct
 from ronnaplan.ct.volume import CTVolume, SeriesSource, SliceGrid, VolumeFlag
 
-__all__ = ["CTVolume", "SeriesSource", "SliceGrid", "VolumeFlag"]
+__all__ = [
+    "CTVolume",
+    "Catalogue",
+    "Limits",
+    "Series",
+    "SeriesSource",
+    "SliceGrid",
+    "VolumeFlag",
+    "catalogue",
+    "read_ct",
+]

@@ -29,6 +29,8 @@ class VolumeFlag(StrEnum):
     DUPLICATES_DROPPED = "identical copies of a slice were dropped"
     OVERLAPPING = "the slices overlap"
     TILT_CONTRADICTS = "the gantry tilt tag contradicts the slice positions"
+    SHIFTED_SIDEWAYS = "slices are shifted sideways against each other"
+    UNREADABLE_FILES = "some files beside the slices could not be read"
     NO_FRAME_OF_REFERENCE = "the file names no frame of reference"
 
 

@@ -1,0 +1,150 @@
+"""Closed-form intersections of rays with scenes: the compiled heart of both renderers.
+
+A ray is ``origin + t * direction``. Every solid is convex, so it covers one interval of ``t``; where parts
+overlap, the later part replaces the earlier one (an inner part is listed after the outer one).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phantoms.compiled import compiled
+from phantoms.solids import FloatArray, Shape, Solid
+
+FAR = 1e9
+"""A ray parameter (mm) beyond every scene; bounds the interval of a half-space."""
+
+_BALL, _CYLINDER, _BOX, _CONE = (int(s) for s in (Shape.BALL, Shape.CYLINDER, Shape.BOX, Shape.CONE))
+
+
+class PackedSolids(NamedTuple):
+    """Solids as arrays, in ascending priority, for the compiled code."""
+
+    shapes: NDArray[np.int64]
+    unit_from_world: FloatArray
+    """(N, 3, 4)"""
+    top_ratios: FloatArray
+    centers_mm: FloatArray
+    radii_mm: FloatArray
+
+
+def pack(solids: Sequence[Solid]) -> PackedSolids:
+    """Lay ``solids`` out for the compiled code; later ones replace earlier ones."""
+    return PackedSolids(
+        np.array([int(s.shape) for s in solids], dtype=np.int64),
+        np.array([s.unit_from_world for s in solids]).reshape(-1, 3, 4),
+        np.array([s.top_ratio for s in solids], dtype=np.float64),
+        np.array([s.center_mm for s in solids], dtype=np.float64).reshape(-1, 3),
+        np.array([s.radius_mm for s in solids], dtype=np.float64),
+    )
+
+
+@compiled()
+def quadratic_interval(a: float, b: float, c: float) -> tuple[float, float]:
+    """Where ``a t^2 + 2 b t + c <= 0`` with ``a >= 0``; (1, 0) where nowhere."""
+    if a < 1e-18:
+        return (-FAR, FAR) if c <= 0 else (1.0, 0.0)
+    root = b * b - a * c
+    if root <= 0:
+        return 1.0, 0.0
+    root = np.sqrt(root)
+    return (-b - root) / a, (-b + root) / a
+
+
+@compiled()
+def slab_interval(origin: float, direction: float) -> tuple[float, float]:
+    """Where ``|origin + t direction| <= 1``."""
+    if abs(direction) < 1e-12:
+        return (-FAR, FAR) if abs(origin) <= 1 else (1.0, 0.0)
+    t0, t1 = (-1 - origin) / direction, (1 - origin) / direction
+    return (t0, t1) if t0 < t1 else (t1, t0)
+
+
+@compiled()
+def cone_interval(o: FloatArray, d: FloatArray, ratio: float) -> tuple[float, float]:
+    """Where the ray is inside the lateral surface of the unit cone (between its ends the body is convex)."""
+    z0, z1 = slab_interval(o[2], d[2])
+    slope, radius = (ratio - 1) / 2, (ratio + 1) / 2
+    ro, rd = radius + slope * o[2], slope * d[2]
+    a = d[0] * d[0] + d[1] * d[1] - rd * rd
+    b = o[0] * d[0] + o[1] * d[1] - ro * rd
+    c = o[0] * o[0] + o[1] * o[1] - ro * ro
+    if a > 1e-15:
+        t0, t1 = quadratic_interval(a, b, c)
+        return max(t0, z0), min(t1, z1)
+    if abs(a) <= 1e-15:
+        if abs(b) < 1e-15:
+            return (z0, z1) if c <= 0 else (1.0, 0.0)
+        edge = -c / (2 * b)
+        return (z0, min(z1, edge)) if b > 0 else (max(z0, edge), z1)
+    # Steeper than the cone: inside before the first or after the second crossing, one per nappe; ours has ro > 0.
+    root = np.sqrt(max(b * b - a * c, 0.0))
+    t0, t1 = (-b + root) / a, (-b - root) / a
+    return (max(z0, t1), z1) if rd > 0 else (z0, min(z1, t0))
+
+
+@compiled()
+def unit_interval(shape: int, o: FloatArray, d: FloatArray, ratio: float) -> tuple[float, float]:
+    """Return the interval of a ray, given in unit coordinates, inside the unit shape; empty when t1 <= t0."""
+    if shape == _BALL:
+        a = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+        b = o[0] * d[0] + o[1] * d[1] + o[2] * d[2]
+        return quadratic_interval(a, b, o[0] * o[0] + o[1] * o[1] + o[2] * o[2] - 1)
+    if shape == _CYLINDER:
+        z0, z1 = slab_interval(o[2], d[2])
+        a = d[0] * d[0] + d[1] * d[1]
+        t0, t1 = quadratic_interval(a, o[0] * d[0] + o[1] * d[1], o[0] * o[0] + o[1] * o[1] - 1)
+        return max(t0, z0), min(t1, z1)
+    if shape == _BOX:
+        t0, t1 = slab_interval(o[0], d[0])
+        for axis in range(1, 3):
+            s0, s1 = slab_interval(o[axis], d[axis])
+            t0, t1 = max(t0, s0), min(t1, s1)
+        return t0, t1
+    if shape == _CONE:
+        return cone_interval(o, d, ratio)
+    if abs(d[2]) < 1e-12:
+        return (-FAR, FAR) if o[2] <= 0 else (1.0, 0.0)
+    edge = -o[2] / d[2]
+    return (-FAR, edge) if d[2] > 0 else (edge, FAR)
+
+
+@compiled()
+def to_unit(affine: FloatArray, point: FloatArray, is_point: float, out: FloatArray) -> None:
+    """Apply an affine map (3, 4) to a point (``is_point`` 1) or to a direction (0)."""
+    for r in range(3):
+        out[r] = (
+            affine[r, 0] * point[0] + affine[r, 1] * point[1] + affine[r, 2] * point[2] + is_point * affine[r, 3]
+        )
+
+
+@compiled()
+def visible_segments(
+    starts: FloatArray, stops: FloatArray, count: int, edges: FloatArray, owners: NDArray[np.int64]
+) -> int:
+    """Cut overlapping intervals into segments that belong to the last interval covering them.
+
+    ``starts``/``stops`` hold ``count`` intervals in ascending priority. On return segment ``s`` reaches from
+    ``edges[s]`` to ``edges[s + 1]`` and belongs to interval ``owners[s]`` (-1: none). Returns how many there are.
+    """
+    filled = 0
+    for n in range(count):
+        for value in (starts[n], stops[n]):
+            place = filled
+            while place > 0 and edges[place - 1] > value:
+                edges[place] = edges[place - 1]
+                place -= 1
+            edges[place] = value
+            filled += 1
+    for s in range(filled - 1):
+        middle = 0.5 * (edges[s] + edges[s + 1])
+        owners[s] = -1
+        for n in range(count - 1, -1, -1):
+            if starts[n] < middle < stops[n]:
+                owners[s] = n
+                break
+    return max(filled - 1, 0)

@@ -1,0 +1,154 @@
+"""Writing images as a DICOM series of classic CT images, in every variety that readers must cope with."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydicom.dataset import Dataset, FileMetaDataset
+from pydicom.uid import UID, CTImageStorage, ExplicitVRLittleEndian, generate_uid
+
+from phantoms.errors import PhantomError
+from phantoms.stack import SliceStack
+
+Order = Literal["ascending", "descending", "shuffled"]
+COMPRESSED = ("1.2.840.10008.1.2.4.80", "1.2.840.10008.1.2.4.90", "1.2.840.10008.1.2.5")
+"""Lossless transfer syntaxes that can be written besides the uncompressed ones: JPEG-LS, JPEG 2000, RLE."""
+
+
+@dataclass(frozen=True)
+class SeriesOptions:
+    """How the series is written; everything that does not change what the scan shows."""
+
+    order: Order = "ascending"
+    """Order of file names and instance numbers relative to the acquisition."""
+    slope: float = 1.0
+    intercept: float = -1024.0
+    padding_hu: float | None = None
+    """Value outside the circle of reconstruction; None leaves what was reconstructed."""
+    transfer_syntax: str = ExplicitVRLittleEndian
+    write_tilt: bool = True
+    """Whether the GantryDetectorTilt tag is present."""
+    kernel: str = "FAST"
+    kilovolts: float = 120.0
+    description: str = "Phantom"
+    seed: int = 0
+    """Fixes the UIDs and the shuffle."""
+
+
+def write_series(
+    folder: Path, images: NDArray[np.int16], stack: SliceStack, options: SeriesOptions | None = None
+) -> None:
+    """Write ``images`` (K, rows, columns) in HU to ``folder``, one file a slice."""
+    options = options or SeriesOptions()
+    count = len(stack)
+    numbers = np.arange(count)
+    if options.order == "descending":
+        numbers = numbers[::-1]
+    elif options.order == "shuffled":
+        numbers = np.random.default_rng(options.seed).permutation(count)
+    origins = stack.origins_mm
+    for k, number in enumerate(numbers):
+        dataset = _dataset(stack, options, int(number) + 1)
+        dataset.ImagePositionPatient = [_decimal(v) for v in origins[k]]
+        dataset.SliceLocation = _decimal(float(stack.centers_mm[k] @ stack.normal))
+        _set_pixels(dataset, _padded(images[k], options.padding_hu), options)
+        dataset.save_as(folder / f"CT{number + 1:04d}.dcm", enforce_file_format=True)
+
+
+def _dataset(stack: SliceStack, options: SeriesOptions, number: int) -> Dataset:
+    """Return everything of one image but its position and pixels."""
+    dataset = Dataset()
+    dataset.file_meta = FileMetaDataset()
+    dataset.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian
+    dataset.file_meta.MediaStorageSOPClassUID = CTImageStorage
+    dataset.file_meta.MediaStorageSOPInstanceUID = _uid(options, f"image {number}")
+    dataset.SpecificCharacterSet = "ISO_IR 192"
+    dataset.ImageType = ["ORIGINAL", "PRIMARY", "AXIAL"]
+    dataset.SOPClassUID = CTImageStorage
+    dataset.SOPInstanceUID = dataset.file_meta.MediaStorageSOPInstanceUID
+    dataset.StudyDate = dataset.SeriesDate = dataset.AcquisitionDate = dataset.ContentDate = "20260101"
+    dataset.StudyTime = dataset.SeriesTime = dataset.AcquisitionTime = dataset.ContentTime = "120000"
+    dataset.AccessionNumber = dataset.ReferringPhysicianName = ""
+    dataset.StudyID = "1"
+    dataset.BodyPartExamined = "HEAD"
+    dataset.Modality = "CT"
+    dataset.Manufacturer = "ronnaplan phantoms"
+    dataset.ManufacturerModelName = "simulated scanner"
+    dataset.StudyDescription = "Synthetic CT"
+    dataset.SeriesDescription = options.description
+    dataset.PatientName = "PHANTOM^SYNTHETIC"
+    dataset.PatientID = "PHANTOM"
+    dataset.PatientBirthDate = dataset.PatientSex = dataset.PositionReferenceIndicator = ""
+    dataset.PatientIdentityRemoved = "YES"
+    dataset.DeidentificationMethod = "never a patient"
+    dataset.StudyInstanceUID = _uid(options, "study")
+    dataset.SeriesInstanceUID = _uid(options, "series")
+    dataset.FrameOfReferenceUID = _uid(options, "frame")
+    dataset.SeriesNumber = dataset.AcquisitionNumber = 1
+    dataset.InstanceNumber = number
+    dataset.PatientPosition = "HFS"
+    dataset.KVP = options.kilovolts
+    dataset.ConvolutionKernel = options.kernel
+    if options.write_tilt:
+        dataset.GantryDetectorTilt = stack.tilt_deg
+    dataset.SliceThickness = stack.thickness_mm
+    dataset.PixelSpacing = [_decimal(stack.pixel_mm)] * 2
+    directions = np.concatenate([stack.column_direction, stack.row_direction])
+    dataset.ImageOrientationPatient = [_decimal(v) for v in directions]
+    return dataset
+
+
+def _set_pixels(dataset: Dataset, image: NDArray[np.float64], options: SeriesOptions) -> None:
+    stored = np.round((image - options.intercept) / options.slope)
+    if stored.min() < -32768 or stored.max() > 32767:
+        raise PhantomError(
+            f"values from {image.min():g} to {image.max():g} HU do not fit 16 bits with slope {options.slope:g} "
+            f"and intercept {options.intercept:g}; choose another rescale"
+        )
+    dataset.SamplesPerPixel = 1
+    dataset.PhotometricInterpretation = "MONOCHROME2"
+    dataset.Rows, dataset.Columns = image.shape
+    dataset.BitsAllocated = dataset.BitsStored = 16
+    dataset.HighBit, dataset.PixelRepresentation = 15, 1
+    dataset.RescaleSlope, dataset.RescaleIntercept = _decimal(options.slope), _decimal(options.intercept)
+    dataset.RescaleType = "HU"
+    dataset.WindowCenter, dataset.WindowWidth = 40, 400
+    if options.padding_hu is not None:
+        dataset.PixelPaddingValue = round((options.padding_hu - options.intercept) / options.slope)
+    dataset.PixelData = stored.astype("<i2").tobytes()
+    dataset["PixelData"].VR = "OW"
+    if options.transfer_syntax in COMPRESSED:
+        dataset.compress(options.transfer_syntax, generate_instance_uid=False)
+    else:
+        dataset.file_meta.TransferSyntaxUID = UID(options.transfer_syntax)
+
+
+def _padded(image: NDArray[np.int16], padding_hu: float | None) -> NDArray[np.float64]:
+    """Return the image with everything outside its inscribed circle replaced by ``padding_hu``."""
+    values = image.astype(np.float64)
+    if padding_hu is not None:
+        v, u = np.indices(image.shape)
+        middle = (np.array(image.shape) - 1) / 2
+        values[np.hypot(v - middle[0], u - middle[1]) > min(image.shape) / 2] = padding_hu
+    return values
+
+
+def _decimal(value: float) -> str:
+    """Format for a decimal string (DS): at most 16 characters, as many digits as fit."""
+    value = float(value)
+    for digits in range(12, 0, -1):
+        text = f"{value:.{digits}f}".rstrip("0").rstrip(".")
+        if len(text) <= 16:
+            return "0" if text == "-0" else text
+    raise PhantomError(f"{value} does not fit a DICOM decimal string of 16 characters")
+
+
+def _uid(options: SeriesOptions, role: str) -> UID:
+    """Return a UID that depends on the options alone: the same scan is written with the same UIDs."""
+    key = zlib.crc32(repr(options).encode())
+    return generate_uid(entropy_srcs=["ronnaplan phantoms", str(key), role])

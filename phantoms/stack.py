@@ -1,0 +1,116 @@
+"""Where the slices of a scan lie: any orientation, tilt and spacing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from phantoms.errors import PhantomError
+from phantoms.solids import FloatArray, Vector
+
+TABLE = np.array([0.0, 0.0, 1.0])
+"""Direction of table travel before ``orientation`` is applied: feet to head."""
+
+
+@dataclass(frozen=True)
+class SliceStack:
+    """Parallel slices in LPS mm, in acquisition order.
+
+    ``centers_mm`` (K, 3) are the centres of the images; ``column_direction`` and ``row_direction`` (3,) are the
+    unit vectors of increasing column and row index.
+    """
+
+    centers_mm: FloatArray
+    column_direction: FloatArray
+    row_direction: FloatArray
+    pixel_mm: float
+    rows: int
+    columns: int
+    thickness_mm: float
+    tilt_deg: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.centers_mm)
+
+    @property
+    def normal(self) -> FloatArray:
+        """Unit normal (3,) of the slices: column direction x row direction."""
+        return np.cross(self.column_direction, self.row_direction)
+
+    @property
+    def origins_mm(self) -> FloatArray:
+        """Centres (K, 3) of the voxels (row 0, column 0)."""
+        corner = (self.columns - 1) / 2 * self.column_direction + (self.rows - 1) / 2 * self.row_direction
+        return self.centers_mm - self.pixel_mm * corner
+
+    @property
+    def positions_mm(self) -> FloatArray:
+        """Places (K,) of the slices along ``normal``."""
+        return self.centers_mm @ self.normal
+
+    def holds_whole(self, center_mm: FloatArray, diameter_mm: float) -> bool:
+        """Whether a ball lies wholly within the scanned slab and every slice's field of view near it."""
+        radius = diameter_mm / 2
+        position = float(center_mm @ self.normal)
+        lowest, highest = self.positions_mm.min(), self.positions_mm.max()
+        half = self.thickness_mm / 2
+        if position - radius < lowest - half or position + radius > highest + half:
+            return False
+        near = np.abs(self.positions_mm - position) <= radius + half
+        offsets = center_mm - self.centers_mm[near]
+        x, y = np.abs(offsets @ self.column_direction), np.abs(offsets @ self.row_direction)
+        field = self.pixel_mm / 2
+        return bool((x.max() + radius <= self.columns * field) and (y.max() + radius <= self.rows * field))
+
+
+def axial_stack(
+    *,
+    start_mm: float,
+    stop_mm: float,
+    spacing_mm: float = 1.0,
+    thickness_mm: float | None = None,
+    matrix: int = 512,
+    field_of_view_mm: float = 250.0,
+    center_mm: Vector = (0.0, 0.0, 0.0),
+    tilt_deg: float = 0.0,
+    orientation: FloatArray | None = None,
+    positions_mm: Vector | None = None,
+) -> SliceStack:
+    """Return slices from ``start_mm`` to ``stop_mm`` along the table, through the field of view's centre.
+
+    ``tilt_deg`` turns the gantry about the patient's x axis while the table still travels along z, so the images
+    drift as on a real scanner. ``positions_mm`` (K,) replaces the even spacing; ``orientation`` (3, 3) finally
+    turns the whole scanner about the origin of the patient's coordinates.
+    """
+    thickness = spacing_mm if thickness_mm is None else thickness_mm
+    _check(spacing_mm, thickness, matrix, field_of_view_mm, tilt_deg)
+    if positions_mm is None:
+        count = int(np.floor((stop_mm - start_mm) / spacing_mm + 1e-9)) + 1
+        travel = start_mm + spacing_mm * np.arange(max(count, 0))
+    else:
+        travel = np.asarray(positions_mm, dtype=np.float64)
+    if travel.size == 0:
+        raise PhantomError(f"no slice lies between {start_mm} and {stop_mm} mm; expected start below stop")
+    turn = np.eye(3) if orientation is None else np.asarray(orientation, dtype=np.float64)
+    tilt = np.radians(tilt_deg)
+    return SliceStack(
+        (np.asarray(center_mm, dtype=np.float64) + travel[:, np.newaxis] * TABLE) @ turn.T,
+        turn @ np.array([1.0, 0.0, 0.0]),
+        turn @ np.array([0.0, np.cos(tilt), -np.sin(tilt)]),
+        field_of_view_mm / matrix,
+        matrix,
+        matrix,
+        thickness,
+        tilt_deg,
+    )
+
+
+def _check(spacing: float, thickness: float, matrix: int, field: float, tilt: float) -> None:
+    for name, value in (("spacing", spacing), ("slice thickness", thickness), ("field of view", field)):
+        if not (np.isfinite(value) and value > 0):
+            raise PhantomError(f"the {name} is {value} mm; expected a positive length")
+    if not 16 <= matrix <= 4096:
+        raise PhantomError(f"the matrix is {matrix}; expected 16 to 4096 pixels")
+    if not abs(tilt) <= 45:
+        raise PhantomError(f"the gantry tilt is {tilt} degrees; expected -45 to 45")

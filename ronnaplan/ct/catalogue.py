@@ -1,0 +1,200 @@
+"""From a folder, a file or a zip archive to the series in it: what each is, and whether it is a usable CT.
+
+Reads headers only, each file once.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from ronnaplan.ct.files import Blob, DamagedError, DiskFile, NotDicomError, Skipped, blobs_below
+from ronnaplan.ct.frames import images_of, why_not_ct
+from ronnaplan.ct.header import read_header
+from ronnaplan.ct.images import is_image_file
+from ronnaplan.ct.limits import DEFAULT_LIMITS, Limits
+from ronnaplan.ct.progress import advancing
+from ronnaplan.ct.slices import Instance, SliceImage, instance_from_header
+from ronnaplan.ct.stack import Stack, stacks_of
+from ronnaplan.ct.text import printable
+from ronnaplan.errors import InputError
+
+DICOMDIR_CLASS: Final = "1.2.840.10008.1.3.10"
+
+
+@dataclass(frozen=True)
+class Series:
+    """One series, or one part of a series that holds several stacks.
+
+    ``key`` chooses it: the SeriesInstanceUID, with ``#2`` and so on where a series falls into parts.
+    ``problems`` say why it cannot be read; empty for a usable CT.
+    """
+
+    key: str
+    first: Instance
+    file_count: int
+    stack: Stack | None
+    problems: tuple[str, ...]
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether it can be read as a CT volume."""
+        return not self.problems
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Reasons to doubt a usable series."""
+        return self.stack.flags if self.stack is not None else ()
+
+    @property
+    def image_count(self) -> int:
+        """Number of slices, or of files where they are not slices of a CT."""
+        return len(self.stack.slices) if self.stack is not None else self.file_count
+
+    @property
+    def kernel(self) -> str:
+        """The convolution kernel of the first slice."""
+        return self.stack.slices[0].kernel if self.stack is not None else ""
+
+    def __str__(self) -> str:
+        return f"{self.key} ({self.image_count} slices, '{self.first.description}')"
+
+
+@dataclass(frozen=True)
+class Catalogue:
+    """The series below ``path`` and the files that belong to none."""
+
+    path: Path
+    series: tuple[Series, ...]
+    skipped: tuple[Skipped, ...]
+
+    @property
+    def usable(self) -> tuple[Series, ...]:
+        """The series that can be read as a CT volume."""
+        return tuple(series for series in self.series if series.is_usable)
+
+    def choose(self, series_uid: str | None = None) -> Series:
+        """Return the wanted series, or the only usable one; raises `InputError` that lists the choice."""
+        shown = printable(self.path)
+        self.require_series()
+        if series_uid is not None:
+            return self._named(series_uid)
+        if not self.usable:
+            reasons = "; ".join(f"{one.key}: {', '.join(one.problems)}" for one in self.series[:5])
+            raise InputError(f"{shown} holds no usable CT series ({reasons}); see `ronnaplan series`")
+        if len(self.usable) > 1:
+            raise InputError(
+                f"{shown} holds {len(self.usable)} usable series; choose one by its UID: {_listed(self.usable)}"
+            )
+        return self.usable[0]
+
+    def _named(self, series_uid: str) -> Series:
+        named = [one for one in self.series if series_uid in (one.key, one.first.series_uid)]
+        usable = [one for one in named if one.is_usable]
+        if not named:
+            raise InputError(
+                f"{printable(self.path)} holds no series {printable(series_uid)}; there is {_listed(self.series)}"
+            )
+        if not usable:
+            raise InputError(f"series {named[0]} is not a usable CT: {', '.join(named[0].problems)}")
+        if len(usable) > 1:
+            raise InputError(
+                f"series {printable(series_uid)} holds {len(usable)} stacks; choose one: {_listed(usable)}"
+            )
+        return usable[0]
+
+    def require_series(self) -> None:
+        """Raise `InputError` if there is no series of any kind."""
+        if not self.series:
+            raise InputError(
+                f"{printable(self.path)} holds no DICOM series{self._why_empty()}; name a folder of CT images"
+            )
+
+    def _why_empty(self) -> str:
+        if not self.skipped:
+            return ""
+        first = self.skipped[0]
+        return f" ({len(self.skipped)} other files, such as {first.name}: {first.reason})"
+
+
+def _listed(series: Iterable[Series], most: int = 10) -> str:
+    shown = [str(one) for one in series]
+    return ", ".join(shown[:most]) + (f" and {len(shown) - most} more" if len(shown) > most else "")
+
+
+def catalogue(path: str | Path, limits: Limits = DEFAULT_LIMITS, *, progress: bool = False) -> Catalogue:
+    """List the series in a folder (with all folders below), a zip archive, a DICOMDIR's folder or a single file.
+
+    Raises `InputError` if there is no such path or it is beyond the limits.
+    """
+    path = Path(path)
+    skipped: list[Skipped] = []
+    members: dict[tuple[str | None, str | None], list[Instance]] = defaultdict(list)
+    blobs = list(blobs_below(_folder_of_index(path), limits, skipped))
+    for blob in advancing(blobs, len(blobs), progress, "headers"):
+        instance = _instance(blob, limits, skipped)
+        if instance is not None:
+            members[instance.study_uid, instance.series_uid].append(instance)
+    series = [part for instances in members.values() for part in _parts(instances)]
+    return Catalogue(path, tuple(series), tuple(skipped))
+
+
+def _folder_of_index(path: Path) -> Path:
+    """Return the folder that a DICOMDIR file indexes: the files are found by walking, not by the index."""
+    is_index = path.name.upper() in ("DICOMDIR", "DIRFILE")
+    return path.parent if is_index and path.is_file() else path
+
+
+def _instance(blob: Blob, limits: Limits, skipped: list[Skipped]) -> Instance | None:
+    """Return the facts of one file, or note why it was left out."""
+    try:
+        instance = instance_from_header(blob, read_header(blob, limits))
+    except NotDicomError as error:
+        is_other = isinstance(blob, DiskFile) and (
+            is_image_file(Path(blob.path)) or blob.path.lower().endswith(".zip")
+        )
+        reason = "it is an image file or archive; name it by itself" if is_other else str(error)
+        skipped.append(Skipped(blob.name, reason, False))
+    except DamagedError as error:
+        skipped.append(Skipped(blob.name, str(error), True))
+    else:
+        if instance.series_uid is not None and instance.sop_class != DICOMDIR_CLASS:
+            return instance
+        skipped.append(Skipped(blob.name, "it is an index or belongs to no series", False))
+    return None
+
+
+def _parts(instances: list[Instance]) -> list[Series]:
+    """Return one series, or one for each stack in it; files that cannot be part of a stack form an entry too."""
+    uid = instances[0].series_uid or ""
+    images: list[SliceImage] = []
+    outside: dict[str, list[Instance]] = defaultdict(list)
+    damaged: dict[str, list[Instance]] = defaultdict(list)
+    for instance in instances:
+        reason = why_not_ct(instance)
+        if reason is not None:
+            outside[reason].append(instance)
+            continue
+        try:
+            images.extend(images_of(instance))
+        except DamagedError as error:
+            damaged[str(error)].append(instance)
+    broken = tuple(f"{len(files)} of {len(instances)} files: {reason}" for reason, files in damaged.items())
+    found: list[tuple[Instance, int, Stack | None, tuple[str, ...]]] = [
+        (stack.slices[0].instance, len(stack.slices), stack, (*_problem(stack), *broken))
+        for stack in stacks_of(images)
+    ]
+    if broken and not found:
+        found.append((next(iter(damaged.values()))[0], len(instances), None, broken))
+    found += [(files[0], len(files), None, (reason,)) for reason, files in outside.items()]
+    return [
+        Series(uid if len(found) == 1 else f"{uid}#{number}", first, count, stack, problems)
+        for number, (first, count, stack, problems) in enumerate(found, start=1)
+    ]
+
+
+def _problem(stack: Stack) -> tuple[str, ...]:
+    return () if stack.problem is None else (stack.problem,)

@@ -1,0 +1,124 @@
+"""Decoding of compressed pixels by pydicom's decoders."""
+
+from __future__ import annotations
+
+import struct
+import warnings
+from typing import Any, Final
+
+from ronnaplan.ct.slices import PixelFormat, SliceImage, Stored
+from ronnaplan.ct.text import printable
+from ronnaplan.errors import InputError
+
+PLUGINS: Final = {
+    "1.2.840.10008.1.2.5": "pydicom",  # RLE
+    "1.2.840.10008.1.2.4.50": "gdcm",  # JPEG baseline
+    "1.2.840.10008.1.2.4.51": "gdcm",  # JPEG extended, 12 bits
+    "1.2.840.10008.1.2.4.57": "gdcm",  # JPEG lossless
+    "1.2.840.10008.1.2.4.70": "gdcm",  # JPEG lossless, first-order prediction
+    "1.2.840.10008.1.2.4.80": "pyjpegls",  # JPEG-LS lossless
+    "1.2.840.10008.1.2.4.81": "pyjpegls",  # JPEG-LS near-lossless
+    "1.2.840.10008.1.2.4.90": "pylibjpeg",  # JPEG 2000 lossless
+    "1.2.840.10008.1.2.4.91": "pylibjpeg",  # JPEG 2000
+    "1.2.840.10008.1.2.4.201": "pylibjpeg",  # HTJ2K lossless
+    "1.2.840.10008.1.2.4.202": "pylibjpeg",  # HTJ2K lossless, RPCL
+    "1.2.840.10008.1.2.4.203": "pylibjpeg",  # HTJ2K
+}
+"""Transfer syntax -> the pydicom plugin that decodes it: one each, so that no result depends on the machine."""
+
+
+_START_OF_FRAME: Final = frozenset({*range(0xC0, 0xD0), 0xF7} - {0xC4, 0xC8, 0xCC})
+PACKAGES: Final = {
+    "1.2.840.10008.1.2.4.92": "JPEG 2000 multi-component, for which no maintained decoder is known",
+    "1.2.840.10008.1.2.4.93": "JPEG 2000 multi-component, for which no maintained decoder is known",
+    "1.2.840.10008.1.2.4.110": "JPEG XL lossless, which imagecodecs decodes",
+    "1.2.840.10008.1.2.4.111": "JPEG XL recompression, which imagecodecs decodes",
+    "1.2.840.10008.1.2.4.112": "JPEG XL, which imagecodecs decodes",
+    "1.2.840.10008.1.2.4.100": "MPEG-2 video, which ffmpeg decodes",
+    "1.2.840.10008.1.2.4.102": "MPEG-4 video, which ffmpeg decodes",
+}
+"""Transfer syntaxes that are not read -> what they are and what would decode them."""
+
+
+def why_not_decoded(transfer_syntax: str) -> str | None:
+    """Return why a compressed transfer syntax cannot be read, by its name, or None if it can."""
+    if transfer_syntax in PLUGINS:
+        return None
+    known = PACKAGES.get(transfer_syntax)
+    named = f"{transfer_syntax} ({known})" if known else f"{transfer_syntax} (unknown; gdcmconv may know it)"
+    return f"its transfer syntax {named} is not supported"
+
+
+def decode(image: SliceImage) -> Stored:
+    """Return the stored values (J, I) of one compressed image; raises `InputError` if it cannot be decoded."""
+    blob = image.instance.blob
+    frame = b"".join([blob.read(offset, length) for offset, length in image.fragments])
+    try:
+        return decode_frame(frame, image.pixels)
+    except InputError as error:
+        raise InputError(f"{image.name} cannot be decoded: {error}") from error
+
+
+def decode_frame(frame: bytes, pixels: PixelFormat) -> Stored:
+    """Decode one compressed frame to (J, I), or (J, I, samples); raises `InputError`."""
+    from pydicom.encaps import encapsulate
+    from pydicom.pixels.decoders.base import get_decoder
+    from pydicom.uid import UID
+
+    declared = codestream_size(frame)
+    expected = (pixels.rows, pixels.columns, pixels.samples)
+    if declared is not None and declared != expected:
+        raise InputError(f"its compressed image has rows, columns and samples {declared}, its header {expected}")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            decoded, _ = get_decoder(UID(pixels.transfer_syntax)).as_array(
+                encapsulate([frame], has_bot=False),
+                index=0,
+                raw=True,
+                decoding_plugin=PLUGINS[pixels.transfer_syntax],
+                **_options(pixels),
+            )
+    except Exception as error:  # each decoder raises its own kinds
+        raise InputError(f"{printable(error)}; export it uncompressed") from error
+    shaped: Stored = decoded.reshape(expected[: 3 if pixels.samples > 1 else 2])
+    return shaped
+
+
+def codestream_size(frame: bytes) -> tuple[int, int, int] | None:
+    """Return rows, columns and samples that a JPEG, JPEG-LS or JPEG 2000 stream declares, None if it is another.
+
+    Checked before decoding, so that a decoder never makes room for more than the DICOM header says.
+    """
+    if frame[:2] == b"\xff\xd8":
+        return _jpeg_size(frame)
+    start = frame.find(b"\xff\x4f\xff\x51", 0, 1024)
+    if start < 0 or len(frame) < start + 42:
+        return None
+    right, bottom, left, top = struct.unpack_from(">4L", frame, start + 8)
+    return bottom - top, right - left, struct.unpack_from(">H", frame, start + 40)[0]
+
+
+def _jpeg_size(frame: bytes) -> tuple[int, int, int] | None:
+    position = 2
+    while position + 10 <= len(frame) and frame[position] == 0xFF:
+        marker = frame[position + 1]
+        if marker in _START_OF_FRAME:
+            return struct.unpack_from(">HHB", frame, position + 5)
+        position += 1 if marker == 0xFF else 2 + struct.unpack_from(">H", frame, position + 2)[0]
+    return None
+
+
+def _options(pixels: PixelFormat) -> dict[str, Any]:
+    return {
+        "rows": pixels.rows,
+        "columns": pixels.columns,
+        "samples_per_pixel": pixels.samples,
+        "photometric_interpretation": pixels.photometric,
+        "pixel_representation": int(pixels.is_signed),
+        "bits_allocated": pixels.bits_allocated,
+        "bits_stored": pixels.bits_stored,
+        "number_of_frames": 1,
+        "pixel_keyword": "PixelData",
+        "planar_configuration": 0,
+    }

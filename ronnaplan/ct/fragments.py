@@ -1,0 +1,76 @@
+"""Where in a file the compressed frames are (DICOM PS3.5, annex A.4: encapsulated pixel data)."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Final
+
+from ronnaplan.ct.files import Blob, DamagedError
+from ronnaplan.ct.slices import Fragment, PixelFormat
+
+_ITEM: Final = 0xE000FFFE
+_SEQUENCE_END: Final = 0xE0DDFFFE
+_ITEM_HEADER: Final = struct.Struct("<LL")
+_READ_AT_ONCE_BYTES: Final = 4 << 20
+MOST_FRAGMENTS: Final = 1 << 16
+"""More compressed fragments than this in one file are taken for damage."""
+
+Read = Callable[[int, int], bytes]
+
+
+def frame_fragments(blob: Blob, pixels: PixelFormat) -> list[tuple[Fragment, ...]]:
+    """Return, for each frame, the runs of bytes that hold it; raises `DamagedError`."""
+    read = blob.read
+    if blob.size <= _READ_AT_ONCE_BYTES:
+        content = blob.read(0, blob.size)
+
+        def read(offset: int, count: int) -> bytes:
+            return content[offset : offset + count]
+
+    table, fragments = _items(read, pixels.offset, blob.size)
+    if pixels.frames == 1:
+        return [tuple(fragments)]
+    if len(fragments) == pixels.frames:
+        return [(fragment,) for fragment in fragments]
+    return _by_table(table, fragments, pixels.frames)
+
+
+def _by_table(table: tuple[int, ...], fragments: list[Fragment], count: int) -> list[tuple[Fragment, ...]]:
+    """Group the fragments of each frame by the offset table, which counts from the first fragment's item."""
+    places = [offset - fragments[0][0] for offset, _ in fragments]
+    index = {place: number for number, place in enumerate(places)}
+    starts = [index.get(place, -1) for place in table]
+    if len(starts) != count or starts[0] != 0 or any(b <= a for a, b in pairwise(starts)):
+        raise DamagedError(f"its {count} compressed frames cannot be told apart")
+    return [tuple(fragments[a:b]) for a, b in pairwise([*starts, len(fragments)])]
+
+
+def _items(read: Read, position: int, size: int) -> tuple[tuple[int, ...], list[Fragment]]:
+    """Return the offset table and all fragments of the encapsulated value at ``position``."""
+    fragments: list[Fragment] = []
+    while (length := _item_length(read, position)) is not None:
+        start = position + _ITEM_HEADER.size
+        position = start + length
+        if position > size or len(fragments) > MOST_FRAGMENTS:
+            raise DamagedError("it ends within its compressed pixels")
+        fragments.append((start, length))
+    if len(fragments) < 2:
+        raise DamagedError("its compressed pixels are empty")
+    start, length = fragments.pop(0)
+    content = read(start, min(length, 4 * MOST_FRAGMENTS))
+    return struct.unpack(f"<{len(content) // 4}L", content[: len(content) // 4 * 4]), fragments
+
+
+def _item_length(read: Read, position: int) -> int | None:
+    """Return the length of the item at ``position``, None at the end (which some writers leave out)."""
+    header = read(position, _ITEM_HEADER.size)
+    if not header:
+        return None
+    tag, length = _ITEM_HEADER.unpack(header) if len(header) == _ITEM_HEADER.size else (0, 0)
+    if tag == _SEQUENCE_END:
+        return None
+    if tag != _ITEM:
+        raise DamagedError("its compressed pixels are broken")
+    return int(length)

@@ -1,0 +1,182 @@
+"""From a file's header to its images: one of a classic CT, many of an Enhanced (multi-frame) CT.
+
+`why_not_ct` says what keeps a file from being part of a CT volume.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+from ronnaplan.ct.codecs import why_not_decoded
+from ronnaplan.ct.files import DamagedError
+from ronnaplan.ct.fragments import frame_fragments
+from ronnaplan.ct.header import DEFLATED_LITTLE, EXPLICIT_BIG, EXPLICIT_LITTLE, IMPLICIT_LITTLE, Elements
+from ronnaplan.ct.slices import (
+    CT_IMAGE,
+    MULTI_FRAME_CLASSES,
+    Instance,
+    PixelFormat,
+    SliceImage,
+    Vector,
+    number_or_none,
+    numbers,
+    text,
+)
+
+_KINDS: Final = {
+    "1.2.840.10008.1.3.10": "a DICOMDIR index",
+    "1.2.840.10008.5.1.4.1.1.7": "a secondary capture, not a scan",
+    "1.2.840.10008.5.1.4.1.1.7.1": "a secondary capture, not a scan",
+    "1.2.840.10008.5.1.4.1.1.7.2": "a secondary capture, not a scan",
+    "1.2.840.10008.5.1.4.1.1.7.3": "a secondary capture, not a scan",
+    "1.2.840.10008.5.1.4.1.1.7.4": "a secondary capture, not a scan",
+    "1.2.840.10008.5.1.4.1.1.481.2": "a radiotherapy dose (RTDOSE), not a scan",
+    "1.2.840.10008.5.1.4.1.1.481.3": "a structure set (RTSTRUCT), not a scan",
+    "1.2.840.10008.5.1.4.1.1.481.5": "a radiotherapy plan (RTPLAN), not a scan",
+    "1.2.840.10008.5.1.4.1.1.66": "raw data, not a scan",
+    "1.2.840.10008.5.1.4.1.1.66.4": "a segmentation (SEG), not a scan",
+    "1.2.840.10008.5.1.4.1.1.88.67": "a radiation dose report (SR), not a scan",
+    "1.2.840.10008.5.1.4.1.1.104.1": "an encapsulated PDF, not a scan",
+}
+_STRUCTURED_REPORT_PREFIX: Final = "1.2.840.10008.5.1.4.1.1.88."
+_PRESENTATION_STATE_PREFIX: Final = "1.2.840.10008.5.1.4.1.1.11."
+_LOCALIZER_WORDS: Final = frozenset({"LOCALIZER", "SCOUT", "SURVIEW", "REF_SURVIEW", "TOPOGRAM"})
+PLAIN_SYNTAXES: Final = frozenset({IMPLICIT_LITTLE, EXPLICIT_LITTLE, EXPLICIT_BIG, DEFLATED_LITTLE})
+LARGEST_RESCALE: Final = 1e6
+"""Slopes and intercepts beyond are a damaged header."""
+_HU_NAMES: Final = frozenset({"", "HU", "US"})
+"""Rescale types taken for Hounsfield units. ``US`` (unspecified) is the standard's default for a CT."""
+
+
+def why_not_ct(instance: Instance) -> str | None:
+    """Return why a file cannot be a part of a CT volume, or None."""
+    if instance.sop_class in _KINDS:
+        return _KINDS[instance.sop_class]
+    if instance.sop_class.startswith(_STRUCTURED_REPORT_PREFIX):
+        return "a structured report (SR), not a scan"
+    if instance.sop_class.startswith(_PRESENTATION_STATE_PREFIX):
+        return "a presentation state, not a scan"
+    if instance.modality != "CT":
+        return f"the modality is {instance.modality or 'not given'}, not CT"
+    if instance.sop_class not in MULTI_FRAME_CLASSES | {CT_IMAGE, ""}:
+        return f"the SOP class {instance.sop_class} is not a CT image"
+    if _LOCALIZER_WORDS.intersection(word.upper() for word in instance.image_type):
+        return "a localizer (projection image), not a stack of slices"
+    return None
+
+
+def _why_not_pixels(pixels: PixelFormat) -> str | None:
+    if pixels.samples != 1:
+        return "a colour picture, not a scan"
+    if pixels.photometric not in ("MONOCHROME2", ""):
+        return f"its photometric interpretation is {pixels.photometric}, expected MONOCHROME2"
+    if pixels.tag == 0x7FE00010:
+        if pixels.bits_allocated not in (8, 16, 32):
+            return f"its pixels take {pixels.bits_allocated} bits, expected 8, 16 or 32"
+        if not 1 <= pixels.bits_stored <= pixels.bits_allocated or pixels.high_bit != pixels.bits_stored - 1:
+            return (
+                f"its pixels store {pixels.bits_stored} bits up to bit {pixels.high_bit} "
+                f"of {pixels.bits_allocated}, expected the low bits"
+            )
+    if pixels.length is None:
+        return why_not_decoded(pixels.transfer_syntax)
+    if pixels.transfer_syntax not in PLAIN_SYNTAXES:
+        return f"its transfer syntax {pixels.transfer_syntax} should be encapsulated but is not"
+    if pixels.frame_bytes * pixels.frames > pixels.length:
+        return f"it declares {pixels.frame_bytes * pixels.frames} bytes of pixels but holds {pixels.length}"
+    return None
+
+
+def images_of(instance: Instance) -> list[SliceImage]:
+    """Return the images of a CT file that passed `why_not_ct`; raises `DamagedError` naming what is missing."""
+    pixels = instance.pixels
+    if pixels is None:
+        raise DamagedError("it holds no pixels")
+    reason = _why_not_pixels(pixels)
+    if reason is not None:
+        raise DamagedError(reason)
+    if 0x00283000 in instance.elements:
+        raise DamagedError("its values need a modality LUT, not a rescale slope and intercept")
+    facts = _facts_of_frames(instance, pixels)
+    images = [_image(instance, pixels, frame, each) for frame, each in enumerate(facts)]
+    if pixels.length is None:
+        places = frame_fragments(instance.blob, pixels)
+        images = [replace(image, fragments=place) for image, place in zip(images, places, strict=True)]
+    return images
+
+
+def _facts_of_frames(instance: Instance, pixels: PixelFormat) -> list[Elements]:
+    """Return, for each frame, the elements that describe it at one level."""
+    frames = instance.elements.get(0x52009230, [])
+    if instance.sop_class not in MULTI_FRAME_CLASSES and not frames:
+        if pixels.frames != 1:
+            raise DamagedError(f"it holds {pixels.frames} frames without saying where each one is")
+        return [instance.elements]
+    if len(frames) != pixels.frames:
+        raise DamagedError(f"it declares {pixels.frames} frames but describes {len(frames)}")
+    shared = _flatten(instance.elements.get(0x52009229, [])[:1])
+    facts = [shared | _flatten([groups]) for groups in frames]
+    if any("LOCALIZER" in text(each, 0x00089007).upper().split("\\") for each in facts):
+        raise DamagedError("it holds localizer frames (projection images)")
+    return facts
+
+
+def _flatten(groups: list[Elements]) -> Elements:
+    """Bring the functional groups of one frame to one level (each tag occurs in one group only)."""
+    flat: Elements = {}
+    for group in groups:
+        for tag, value in group.items():
+            if isinstance(value, list):
+                for item in value[:1]:
+                    flat.update({inner: raw for inner, raw in item.items() if not isinstance(raw, list)})
+            else:
+                flat[tag] = value
+    return flat
+
+
+def _image(instance: Instance, pixels: PixelFormat, frame: int, facts: Elements) -> SliceImage:
+    slope, intercept = _rescale(facts)
+    thickness = number_or_none(facts, 0x00180050)
+    return SliceImage(
+        instance=instance,
+        pixels=pixels,
+        frame=frame,
+        origin_mm=_required(facts, 0x00200032, 3, "position"),
+        orientation=_required(facts, 0x00200037, 6, "orientation"),
+        spacing_mm=_required(facts, 0x00280030, 2, "pixel spacing"),
+        slope=slope,
+        intercept=intercept,
+        thickness_mm=thickness,
+        kernel=text(facts, 0x00181210) or text(facts, 0x00189315),
+        acquisition=_acquisition(facts),
+        stack_id=text(facts, 0x00209056),
+    )
+
+
+def _acquisition(facts: Elements) -> str:
+    """Return what tells acquisitions apart: their number, and in a multi-frame file also the time index."""
+    frame_numbers = [facts[tag].hex() for tag in (0x00209128, 0x00209156) if tag in facts]
+    return " ".join([text(facts, 0x00200012), *frame_numbers])
+
+
+def _required(facts: Elements, tag: int, count: int, name: str) -> Vector:
+    values = numbers(facts, tag)
+    if values is None:
+        raise DamagedError(f"its image has no {name}")
+    if len(values) != count:
+        raise DamagedError(f"its {name} has {len(values)} numbers, expected {count}")
+    return values
+
+
+def _rescale(facts: Elements) -> tuple[float, float]:
+    """Return slope and intercept to HU; refuses values whose unit is another, or unknown."""
+    unit = text(facts, 0x00281054).upper()
+    if unit not in _HU_NAMES:
+        raise DamagedError(f"its values are in {unit}, not in Hounsfield units (HU)")
+    slope, intercept = numbers(facts, 0x00281053), numbers(facts, 0x00281052)
+    if slope is None or intercept is None:
+        raise DamagedError("it has no rescale slope and intercept, so its values are not Hounsfield units")
+    if slope[0] == 0.0 or max(abs(slope[0]), abs(intercept[0])) > LARGEST_RESCALE:
+        raise DamagedError(f"its rescale slope {slope[0]} and intercept {intercept[0]} cannot be right")
+    return slope[0], intercept[0]

@@ -1,0 +1,219 @@
+"""NIfTI, NRRD and MetaImage files, read by SimpleITK, which brings them to LPS.
+
+These formats keep one affine map for the whole volume and no frame of reference. A file that gives no
+orientation, or two that disagree, is refused: SimpleITK would choose silently.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from ronnaplan.ct.limits import GIB, Limits
+from ronnaplan.ct.pixels import INT16, Voxels
+from ronnaplan.ct.text import printable
+from ronnaplan.ct.volume import CTVolume, SeriesSource, SliceGrid, VolumeFlag
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray
+
+NIFTI_SUFFIXES: Final = (".nii", ".nii.gz")
+NRRD_SUFFIXES: Final = (".nrrd", ".nhdr")
+META_SUFFIXES: Final = (".mha", ".mhd")
+AFFINE_TOLERANCE_MM: Final = 0.01
+"""Two ways to place the same voxel may differ by this much (NIfTI keeps float32)."""
+PERPENDICULAR_TOLERANCE: Final = 1e-4
+"""Largest cosine between rows and columns that still counts as perpendicular."""
+_KNOWN_SPACES: Final = frozenset({"left-posterior-superior", "right-anterior-superior", "left-anterior-superior"})
+_NIFTI_MILLIMETRES: Final = frozenset({0, 2})
+_META_HEADER_BYTES: Final = 8192
+
+
+def is_image_file(path: Path) -> bool:
+    """Whether the name is that of a NIfTI, NRRD or MetaImage file."""
+    return path.name.lower().endswith(NIFTI_SUFFIXES + NRRD_SUFFIXES + META_SUFFIXES)
+
+
+@dataclass(frozen=True)
+class ImageFile:
+    """An image file's header: ``shape`` (K, J, I) and the grid of its voxels; ``k_flips`` if it runs downwards."""
+
+    path: Path
+    shape: tuple[int, int, int]
+    grid: SliceGrid
+    k_flips: bool
+
+
+def open_image(path: Path) -> ImageFile:
+    """Read the header of an image file; raises `InputError` if it does not place its voxels unmistakably."""
+    reader = _reader(path)
+    try:
+        reader.ReadImageInformation()
+    except RuntimeError as error:
+        raise InputError(f"{printable(path)} is not a readable image file ({_reason(error)})") from error
+    if reader.GetDimension() != 3 or reader.GetNumberOfComponents() != 1:
+        raise InputError(
+            f"{printable(path)} has {reader.GetDimension()} dimensions and {reader.GetNumberOfComponents()} "
+            "values a voxel; expected 3 and 1"
+        )
+    columns, rows, count = reader.GetSize()
+    if min(columns, rows, count) < 2:
+        raise InputError(
+            f"{printable(path)} has {columns} x {rows} x {count} voxels; expected two or more each way"
+        )
+    steps = np.array(reader.GetDirection()).reshape(3, 3) * np.array(reader.GetSpacing())
+    affine = np.eye(4)
+    affine[:3, :3], affine[:3, 3] = steps, reader.GetOrigin()
+    _check_orientation(path, reader, affine)
+    grid, k_flips = _grid(path, affine, count)
+    return ImageFile(path, (count, rows, columns), grid, k_flips)
+
+
+def read_image(path: Path, limits: Limits) -> CTVolume:
+    """Read an image file whose values are HU; raises `InputError`."""
+    header = open_image(path)
+    needed = int(np.prod(header.shape, dtype=object)) * np.dtype(np.float32).itemsize
+    if needed > limits.volume_bytes:
+        raise InputError(
+            f"{printable(path)} declares {needed / GIB:.1f} GiB of voxels but the limit is "
+            f"{limits.volume_bytes / GIB:.1f} GiB; raise the limit if you trust it"
+        )
+    return CTVolume(
+        voxels_hu=_voxels(header),
+        grid=header.grid,
+        source=SeriesSource(description=printable(path.name)),
+        flags=(VolumeFlag.NO_FRAME_OF_REFERENCE,),
+    )
+
+
+def _simple_itk() -> Any:
+    import SimpleITK
+
+    return SimpleITK
+
+
+def _reader(path: Path) -> Any:
+    itk = _simple_itk()
+    itk.ProcessObject.SetGlobalWarningDisplay(False)
+    reader = itk.ImageFileReader()
+    reader.SetFileName(str(path))
+    return reader
+
+
+def _reason(error: RuntimeError) -> str:
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return printable(lines[-1]) if lines else "no reason given"
+
+
+def _voxels(header: ImageFile) -> Voxels:
+    try:
+        image = _reader(header.path).Execute()
+    except (RuntimeError, MemoryError) as error:
+        raise InputError(f"{printable(header.path)} cannot be read to its end; copy it again") from error
+    stored = _simple_itk().GetArrayViewFromImage(image)
+    dtype: Any = np.int16 if all(_fits_int16(plane) for plane in stored) else np.float32
+    voxels: Voxels = np.empty(header.shape, dtype)
+    for k, plane in enumerate(stored[::-1] if header.k_flips else stored):
+        if not np.isfinite(plane).all():
+            raise InputError(
+                f"{printable(header.path)} holds values that are not finite numbers; convert it again"
+            )
+        voxels[k] = plane
+    return voxels
+
+
+def _fits_int16(plane: Any) -> bool:
+    if plane.dtype == np.int16:
+        return True
+    if not (INT16.min <= plane.min() and plane.max() <= INT16.max):
+        return False
+    return bool(plane.dtype.kind in "iu" or (plane == np.rint(plane)).all())
+
+
+def _grid(path: Path, affine: FloatArray, count: int) -> tuple[SliceGrid, bool]:
+    column_step, row_step, slice_step = affine[:3, 0], affine[:3, 1], affine[:3, 2]
+    lengths = [float(np.linalg.norm(step)) for step in (column_step, row_step, slice_step)]
+    if not np.isfinite(affine).all() or min(lengths) <= 0.0:
+        raise InputError(f"{printable(path)} has no usable spacing {lengths}; convert it again")
+    if abs(column_step @ row_step) > PERPENDICULAR_TOLERANCE * lengths[0] * lengths[1]:
+        raise InputError(
+            f"{printable(path)} has rows and columns that are not perpendicular; convert it without shear"
+        )
+    along = float(slice_step @ np.cross(column_step, row_step)) / (lengths[0] * lengths[1])
+    if abs(along) < 0.1 * lengths[2]:
+        raise InputError(f"{printable(path)} has slices that do not stack; convert it again")
+    numbers = np.arange(count, dtype=np.float64)
+    origins = affine[:3, 3] + numbers[:: -1 if along < 0 else 1, np.newaxis] * slice_step
+    return SliceGrid(origins, row_step, column_step), along < 0
+
+
+def _check_orientation(path: Path, reader: Any, affine: FloatArray) -> None:
+    name = path.name.lower()
+    tags = {key: reader.GetMetaData(key) for key in reader.GetMetaDataKeys()}
+    if name.endswith(NRRD_SUFFIXES) and tags.get("NRRD_space") not in _KNOWN_SPACES:
+        shown = printable(tags.get("NRRD_space", "none"))
+        raise InputError(f"{printable(path)} gives the space '{shown}'; expected one of {sorted(_KNOWN_SPACES)}")
+    if name.endswith(META_SUFFIXES):
+        _check_meta(path)
+    if name.endswith(NIFTI_SUFFIXES):
+        _check_nifti(path, tags, affine, np.array(reader.GetSize(), dtype=np.float64))
+
+
+def _check_meta(path: Path) -> None:
+    with path.open("rb") as stream:
+        header = stream.read(_META_HEADER_BYTES)
+    keys = {line.split(b"=")[0].strip() for line in header.split(b"\n") if b"=" in line}
+    if not keys & {b"TransformMatrix", b"Rotation", b"Orientation"} or not keys & {
+        b"Offset",
+        b"Position",
+        b"Origin",
+    }:
+        raise InputError(f"{printable(path)} gives no TransformMatrix or Offset; write it with an orientation")
+
+
+def _check_nifti(path: Path, tags: dict[str, str], affine: FloatArray, size: FloatArray) -> None:
+    if int(tags.get("xyzt_units", "0")) & 7 not in _NIFTI_MILLIMETRES:
+        raise InputError(f"{printable(path)} is not in millimetres; convert it")
+    corners = np.array([[i, j, k, 1.0] for i in (0, size[0]) for j in (0, size[1]) for k in (0, size[2])])
+    forms = list(_nifti_forms(tags))
+    if not forms:
+        raise InputError(f"{printable(path)} gives no orientation (qform and sform codes are 0); convert it again")
+    for ras_from_index in forms:
+        lps_from_index = np.diag([-1.0, -1.0, 1.0, 1.0]) @ ras_from_index
+        apart = np.abs(corners @ (lps_from_index - affine).T).max()
+        if not apart <= AFFINE_TOLERANCE_MM:
+            raise InputError(
+                f"{printable(path)} has a sheared orientation, or a qform and an sform {apart:.3g} mm apart; "
+                "convert it with one orientation"
+            )
+
+
+def _nifti_forms(tags: dict[str, str]) -> Iterator[FloatArray]:
+    """Yield each index-to-RAS map that the header declares (NIfTI-1 standard, methods 2 and 3)."""
+
+    def number(key: str) -> float:
+        return float(tags[key])
+
+    if int(tags.get("sform_code", "0")) > 0:
+        rows = [[float(value) for value in tags[key].split()] for key in ("srow_x", "srow_y", "srow_z")]
+        yield np.array([*rows, [0.0, 0.0, 0.0, 1.0]])
+    if int(tags.get("qform_code", "0")) > 0:
+        yield _from_quaternion(
+            np.array([number("quatern_b"), number("quatern_c"), number("quatern_d")]),
+            np.array([number("qoffset_x"), number("qoffset_y"), number("qoffset_z")]),
+            np.array([number("pixdim[1]"), number("pixdim[2]"), number("pixdim[3]")]),
+            -1.0 if tags.get("pixdim[0]", "1").startswith("-") else 1.0,
+        )
+
+
+def _from_quaternion(vector: FloatArray, offset: FloatArray, spacing: FloatArray, qfac: float) -> FloatArray:
+    from scipy.spatial.transform import Rotation
+
+    real = np.sqrt(max(0.0, 1.0 - float(vector @ vector)))
+    affine = np.eye(4)
+    affine[:3, :3] = Rotation.from_quat([*vector, real]).as_matrix() * spacing * [1.0, 1.0, qfac]
+    affine[:3, 3] = offset
+    return affine

@@ -1,0 +1,155 @@
+"""From a path to a `CTVolume`: choose the series, check that it can be held, read its slices in parallel."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from ronnaplan.ct.catalogue import Series, catalogue
+from ronnaplan.ct.files import DamagedError
+from ronnaplan.ct.images import is_image_file, read_image
+from ronnaplan.ct.limits import DEFAULT_LIMITS, GIB, Limits
+from ronnaplan.ct.pixels import INT16, DoesNotFitError, Voxels, may_be_int16, read_slice
+from ronnaplan.ct.progress import advancing
+from ronnaplan.ct.slices import SliceImage
+from ronnaplan.ct.volume import CTVolume, SeriesSource, VolumeFlag
+from ronnaplan.errors import InputError
+
+AIR_LIMIT_HU: Final = -1024.0
+"""No tissue, and no air but for noise, measures less; a constant corner below it was never measured."""
+UNREPRESENTABLE_PADDING_HU: Final = -32768.0
+"""Stands for padding whose own rescaled value is beyond int16."""
+MOST_THREADS: Final = 8
+
+
+def read_ct(
+    path: str | os.PathLike[str],
+    series_uid: str | None = None,
+    *,
+    limits: Limits = DEFAULT_LIMITS,
+    progress: bool = False,
+) -> CTVolume:
+    """Read the CT series at ``path``: a DICOM folder, file or zip archive, or a NIfTI, NRRD or MetaImage file.
+
+    ``series_uid`` chooses among several usable series (a key as listed by `ronnaplan.ct.catalogue`); with
+    ``progress`` a long read shows a bar on standard error. Voxels are HU, places LPS mm, each slice exactly
+    where its file puts it. Raises `InputError`, which names the series to choose from or the reason.
+    """
+    path = Path(path)
+    if is_image_file(path) and path.is_file():
+        return _without_unmeasured(read_image(path, limits))
+    found = catalogue(path, limits, progress=progress)
+    series = found.choose(series_uid)
+    volume = _read(series, limits, progress)
+    if any(one.is_trouble for one in found.skipped):
+        volume = replace(volume, flags=(*volume.flags, VolumeFlag.UNREADABLE_FILES))
+    return volume
+
+
+def _without_unmeasured(volume: CTVolume) -> CTVolume:
+    return replace(volume, padding_hu=_mark_unmeasured_corners(volume.voxels_hu, None))
+
+
+def _read(series: Series, limits: Limits, progress: bool) -> CTVolume:
+    stack = series.stack
+    if stack is None or stack.grid is None:  # `choose` lets none pass
+        raise InputError(f"series {series} is not a usable CT")
+    slices = stack.slices
+    padding_hu = _padding_hu(slices)
+    voxels = _voxels(slices, padding_hu, limits, progress)
+    padding_hu = _mark_unmeasured_corners(voxels, padding_hu)
+    first = slices[0].instance
+    source = SeriesSource(
+        study_instance_uid=first.study_uid,
+        series_instance_uid=first.series_uid,
+        frame_of_reference_uid=first.frame_of_reference_uid,
+        modality=first.modality,
+        description=first.description,
+        kernel=slices[0].kernel,
+    )
+    return CTVolume(voxels, stack.grid, source, padding_hu, stack.flags)
+
+
+def _voxels(slices: Sequence[SliceImage], padding_hu: float | None, limits: Limits, progress: bool) -> Voxels:
+    if all(may_be_int16(image) for image in slices):
+        try:
+            return _filled(slices, np.dtype(np.int16), padding_hu, limits, progress)
+        except DoesNotFitError:
+            pass  # an extended scale: read again, the first array is free by now
+    return _filled(slices, np.dtype(np.float32), padding_hu, limits, progress)
+
+
+def _filled(
+    slices: Sequence[SliceImage],
+    dtype: np.dtype[np.int16] | np.dtype[np.float32],
+    padding_hu: float | None,
+    limits: Limits,
+    progress: bool,
+) -> Voxels:
+    pixels = slices[0].pixels
+    voxels = _allocated((len(slices), pixels.rows, pixels.columns), dtype, limits)
+
+    def fill(k: int) -> None:
+        try:
+            read_slice(slices[k], voxels[k], padding_hu, limits)
+        except DamagedError as error:
+            raise InputError(f"{slices[k].name} cannot be read: {error}") from error
+
+    in_parallel(fill, len(slices), progress)
+    return voxels
+
+
+def _allocated(
+    shape: tuple[int, int, int], dtype: np.dtype[np.int16] | np.dtype[np.float32], limits: Limits
+) -> Voxels:
+    needed = int(np.prod(shape, dtype=object)) * dtype.itemsize
+    if needed > limits.volume_bytes:
+        raise InputError(
+            f"the volume needs {needed / GIB:.1f} GiB but the limit is {limits.volume_bytes / GIB:.1f} GiB; "
+            "choose a smaller series or raise the limit"
+        )
+    try:
+        return np.empty(shape, dtype)
+    except MemoryError as error:
+        raise InputError(f"the volume needs {needed / GIB:.1f} GiB of memory, more than there is") from error
+
+
+def in_parallel(work: Callable[[int], None], count: int, progress: bool) -> None:
+    """Call ``work`` for 0..count-1 in threads; the first error, or Ctrl-C, drops what has not begun."""
+    pool = ThreadPoolExecutor(min(MOST_THREADS, os.cpu_count() or 1))
+    try:
+        for _ in advancing(pool.map(work, range(count)), count, progress, "slices"):
+            pass
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _padding_hu(slices: Sequence[SliceImage]) -> float | None:
+    """Return the one value that padding takes: the first declared padding in HU, if int16 holds it."""
+    for image in slices:
+        if image.pixels.padding is not None:
+            value = image.pixels.padding[0] * image.slope + image.intercept
+            return value if INT16.min <= value <= INT16.max and value.is_integer() else UNREPRESENTABLE_PADDING_HU
+    return None
+
+
+def _mark_unmeasured_corners(voxels: Voxels, padding_hu: float | None) -> float | None:
+    """Find the value outside the circle of reconstruction, where the file does not declare it.
+
+    It is the one value, below any that air can take, that stands in all corners of all slices.
+    """
+    corners = voxels[:, [0, 0, -1, -1], [0, -1, 0, -1]]
+    value = float(corners.min())
+    if value >= AIR_LIMIT_HU or value == padding_hu or not (corners == value).all():
+        return padding_hu
+    if padding_hu is None:
+        return value
+    for plane in voxels:
+        plane[plane == value] = padding_hu
+    return padding_hu

@@ -1,0 +1,244 @@
+"""From the images of a series to stacks of parallel slices, by positions and orientations alone.
+
+Slice thickness, spacing and tilt tags never place a voxel; they are compared at most, and a contradiction is
+flagged. What cannot be one stack is divided where the files say how, and refused where they do not.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from ronnaplan.ct.header import DEFLATED_LITTLE
+from ronnaplan.ct.slices import SliceImage, Vector
+from ronnaplan.ct.volume import SliceGrid, VolumeFlag
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray
+
+ORIENTATION_TOLERANCE: Final = 2e-5
+"""Largest difference of direction cosines within one stack: 0.01 mm at 500 mm."""
+PERPENDICULAR_TOLERANCE: Final = 2e-4
+"""Largest departure of written directions from perpendicular unit vectors (cosines rounded to 4 decimals)."""
+PIXEL_SPACING_TOLERANCE_MM: Final = 1e-5
+"""Largest difference of pixel spacing within one stack: 0.01 mm over 1,000 pixels."""
+SAME_PLACE_TOLERANCE_MM: Final = 0.01
+"""Slices nearer than this along the normal are at the same place (positions are often rounded to 0.01 mm)."""
+MULTIPLE_TOLERANCE: Final = 0.02
+"""A gap within 2 % of a whole multiple of the usual gap tells of missing slices."""
+TILT_TOLERANCE_DEG: Final = 0.5
+"""The tilt tag is rounded to 0.5 degree by several makers."""
+SIDEWAYS_TOLERANCE_MM: Final = 0.05
+"""Slice origins farther than this from the straight line through the others are shifted sideways."""
+THICKNESS_TOLERANCE: Final = 0.01
+"""Slices thicker than 1.01 times their spacing overlap."""
+PIXEL_SIZE_RANGE_MM: Final = (1e-3, 100.0)
+"""Pixel spacings outside are a damaged header or another unit."""
+FARTHEST_MM: Final = 1e5
+"""Positions beyond 100 m from the origin are a damaged header."""
+MOST_PARTS: Final = 32
+"""A series that falls into more parts than this is refused as a whole."""
+
+
+@dataclass(frozen=True)
+class Stack:
+    """Parallel slices in ascending order along the normal, ready to be read.
+
+    ``grid`` is None and ``problem`` says why where they cannot be placed.
+    """
+
+    slices: tuple[SliceImage, ...]
+    grid: SliceGrid | None = None
+    flags: tuple[VolumeFlag, ...] = ()
+    problem: str | None = None
+
+
+def stacks_of(images: Sequence[SliceImage]) -> list[Stack]:
+    """Divide the images of one series into stacks; a refused one says why in ``problem``."""
+    parts = _by_plane(images)
+    if len(parts) > MOST_PARTS:
+        return [Stack(tuple(images), problem="it mixes too many orientations, sizes or frames of reference")]
+    return [stack for part in parts for stack in _stacks_of_plane(part)]
+
+
+def _by_plane(images: Sequence[SliceImage]) -> list[list[SliceImage]]:
+    """Group images that share size, orientation, pixel spacing, frame of reference and stack."""
+    groups: list[list[SliceImage]] = []
+    for image in images:
+        for group in groups:
+            if _share_plane(group[0], image):
+                group.append(image)
+                break
+        else:
+            groups.append([image])
+            if len(groups) > MOST_PARTS:
+                break
+    return groups
+
+
+def _share_plane(one: SliceImage, other: SliceImage) -> bool:
+    return (
+        one.pixels.rows == other.pixels.rows
+        and one.pixels.columns == other.pixels.columns
+        and one.instance.frame_of_reference_uid == other.instance.frame_of_reference_uid
+        and one.stack_id == other.stack_id
+        and _near(one.orientation, other.orientation, ORIENTATION_TOLERANCE)
+        and _near(one.spacing_mm, other.spacing_mm, PIXEL_SPACING_TOLERANCE_MM)
+    )
+
+
+def _near(one: Vector, other: Vector, tolerance: float) -> bool:
+    return one == other or all(abs(a - b) <= tolerance for a, b in zip(one, other, strict=True))
+
+
+def _grouped(
+    images: Sequence[SliceImage], key: Callable[[SliceImage], tuple[object, ...] | str]
+) -> list[list[SliceImage]]:
+    groups: dict[object, list[SliceImage]] = defaultdict(list)
+    for image in images:
+        groups[key(image)].append(image)
+    return list(groups.values())
+
+
+def _stacks_of_plane(images: list[SliceImage]) -> list[Stack]:
+    """Build the stack of images that share one orientation, dividing interleaved acquisitions."""
+    try:
+        row_step, column_step = _steps(images[0])
+        origins = np.array([image.origin_mm for image in images])
+        if float(np.abs(origins).max()) > FARTHEST_MM:
+            raise InputError("a slice lies more than 100 m from the origin")
+    except InputError as error:
+        return [Stack(tuple(images), problem=str(error))]
+    normal = np.cross(column_step, row_step)
+    normal /= np.linalg.norm(normal)
+    kept, positions, dropped = _without_copies(images, origins @ normal)
+    for key in (_acquisition, _kernel, _image_type):
+        parts = _grouped(kept, key)
+        if 1 < len(parts) <= MOST_PARTS and _interleave(parts, normal):
+            return [stack for part in parts for stack in _stacks_of_plane(part)]
+    stack = _one_stack(kept, positions, row_step, column_step)
+    if dropped and stack.grid is not None:
+        stack = replace(stack, flags=(VolumeFlag.DUPLICATES_DROPPED, *stack.flags))
+    return [stack]
+
+
+def _acquisition(image: SliceImage) -> str:
+    return image.acquisition
+
+
+def _kernel(image: SliceImage) -> str:
+    return image.kernel
+
+
+def _image_type(image: SliceImage) -> tuple[object, ...]:
+    return image.instance.image_type
+
+
+def _steps(image: SliceImage) -> tuple[FloatArray, FloatArray]:
+    """Return the steps (3,) from row to row and from column to column, in mm."""
+    if max(map(abs, image.orientation)) > 1.0 + PERPENDICULAR_TOLERANCE:
+        raise InputError("its orientation is not two perpendicular unit vectors")
+    along_row, along_column = np.array(image.orientation[:3]), np.array(image.orientation[3:])
+    lengths = np.linalg.norm(along_row), np.linalg.norm(along_column)
+    if max(*(abs(length - 1.0) for length in lengths), abs(along_row @ along_column)) > PERPENDICULAR_TOLERANCE:
+        raise InputError("its orientation is not two perpendicular unit vectors")
+    low, high = PIXEL_SIZE_RANGE_MM
+    if not all(low <= value <= high for value in image.spacing_mm):
+        raise InputError(f"its pixel spacing {list(image.spacing_mm)} is not between {low} and {high} mm")
+    row_spacing, column_spacing = image.spacing_mm
+    return along_column / lengths[1] * row_spacing, along_row / lengths[0] * column_spacing
+
+
+def _interleave(parts: list[list[SliceImage]], normal: FloatArray) -> bool:
+    """Whether the parts' slices lie among each other, so that they are scans of the same place."""
+    ranges = []
+    for part in parts:
+        along = np.array([image.origin_mm for image in part]) @ normal
+        ranges.append((float(along.min()), float(along.max())))
+    ranges.sort()
+    ends = np.maximum.accumulate([high for _, high in ranges])
+    return any(low < end + SAME_PLACE_TOLERANCE_MM for (low, _), end in zip(ranges[1:], ends[:-1], strict=True))
+
+
+def _without_copies(images: list[SliceImage], along: FloatArray) -> tuple[list[SliceImage], FloatArray, bool]:
+    """Sort by position and drop exact copies (same place, same rescale, same stored bytes)."""
+    order = np.argsort(along, kind="stable")
+    starts = np.flatnonzero(np.diff(along[order]) > SAME_PLACE_TOLERANCE_MM) + 1
+    kept: list[int] = []
+    for group in np.split(order, starts):
+        if len(group) == 1:
+            kept.append(int(group[0]))
+        else:
+            kept.extend({_fingerprint(images[index]): int(index) for index in group[::-1]}.values())
+    return [images[index] for index in kept], along[kept], len(kept) < len(images)
+
+
+def _fingerprint(image: SliceImage) -> tuple[object, ...]:
+    """Return what two images must share to be the same one twice."""
+    pixels, blob = image.pixels, image.instance.blob
+    start, count, frame = pixels.offset, pixels.length, 0
+    if pixels.transfer_syntax == DEFLATED_LITTLE:
+        start, count, frame = 0, blob.size, image.frame
+    elif count is None:
+        count, frame = blob.size - start, image.frame
+    elif pixels.frames > 1:
+        start, count = start + image.frame * pixels.frame_bytes, pixels.frame_bytes
+    digest = hashlib.sha256(blob.read(start, count)).digest()
+    place = tuple(round(value, 3) for value in image.origin_mm)
+    return place, image.slope, image.intercept, pixels.transfer_syntax, frame, digest
+
+
+def _one_stack(
+    images: list[SliceImage], along: FloatArray, row_step: FloatArray, column_step: FloatArray
+) -> Stack:
+    slices = tuple(images)
+    if len(slices) < 2:
+        return Stack(slices, problem="it has one slice only; a volume needs two or more")
+    gaps = np.diff(along)
+    nearest = int(np.argmin(gaps))
+    if gaps[nearest] <= SAME_PLACE_TOLERANCE_MM:
+        pair = f"{slices[nearest].name} and {slices[nearest + 1].name}"
+        return Stack(slices, problem=f"different images lie at the same place ({pair})")
+    thickness = {image.thickness_mm for image in slices}
+    grid = SliceGrid(
+        origins_mm=np.array([image.origin_mm for image in slices]),
+        row_step_mm=row_step,
+        column_step_mm=column_step,
+        thickness_mm=thickness.pop() if len(thickness) == 1 else None,
+    )
+    return Stack(slices, grid, tuple(_flags(slices, grid)))
+
+
+def _flags(slices: tuple[SliceImage, ...], grid: SliceGrid) -> list[VolumeFlag]:
+    gaps = grid.spacings_mm
+    usual = float(np.median(gaps))
+    multiples = gaps / usual
+    whole = np.round(multiples)
+    missing = (whole >= 2) & (np.abs(multiples - whole) <= MULTIPLE_TOLERANCE * whole)
+    tags = {image.instance.tilt_tag_deg for image in slices} - {None}
+    along_line = _fraction(grid.slice_positions_mm)
+    line = grid.origins_mm[0] + along_line[:, np.newaxis] * (grid.origins_mm[-1] - grid.origins_mm[0])
+    thickest = max((image.thickness_mm or 0.0) for image in slices)
+    doubts = {
+        VolumeFlag.LOSSY: any(image.instance.is_lossy for image in slices),
+        VolumeFlag.UNEVEN_SPACING: not grid.is_evenly_spaced,
+        VolumeFlag.MISSING_SLICE: bool(missing.any()),
+        VolumeFlag.OVERLAPPING: thickest > (1.0 + THICKNESS_TOLERANCE) * float(gaps.min()),
+        VolumeFlag.TILT_CONTRADICTS: any(
+            abs(abs(tag) - grid.tilt_deg) > TILT_TOLERANCE_DEG for tag in tags if tag is not None
+        ),
+        VolumeFlag.SHIFTED_SIDEWAYS: bool(
+            np.linalg.norm(grid.origins_mm - line, axis=1).max() > SIDEWAYS_TOLERANCE_MM
+        ),
+        VolumeFlag.NO_FRAME_OF_REFERENCE: slices[0].instance.frame_of_reference_uid is None,
+    }
+    return [flag for flag, holds in doubts.items() if holds]
+
+
+def _fraction(positions: FloatArray) -> FloatArray:
+    fraction: FloatArray = (positions - positions[0]) / (positions[-1] - positions[0])
+    return fraction

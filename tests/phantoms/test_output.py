@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pydicom
+import pytest
+
+from phantoms.errors import PhantomError
+from phantoms.fast import render
+from phantoms.output import write_phantom
+from phantoms.parts import ball_on_skin, scalp_foot
+from phantoms.scene import Part, Scene
+from phantoms.series import COMPRESSED, SeriesOptions
+from phantoms.solids import sphere
+from phantoms.stack import SliceStack, axial_stack
+
+
+@pytest.fixture
+def scene() -> Scene:
+    return Scene((Part(sphere((0, 0, 0), 40), "water"),), name="ball") + ball_on_skin(
+        "M1", scalp_foot((0, 0, 1), 0.2), diameter_mm=5, material="ceramic"
+    )
+
+
+@pytest.fixture
+def stack() -> SliceStack:
+    return axial_stack(
+        start_mm=-3, stop_mm=30, spacing_mm=3, thickness_mm=4, matrix=64, field_of_view_mm=64, tilt_deg=12
+    )
+
+
+@pytest.mark.parametrize("syntax", [*COMPRESSED, "1.2.840.10008.1.2", "1.2.840.10008.1.2.1"])
+def test_written_values_and_places_are_read_back(
+    tmp_path: Path, scene: Scene, stack: SliceStack, syntax: str
+) -> None:
+    images = render(scene, stack, seed=3)
+    options = SeriesOptions(order="shuffled", slope=0.5, intercept=-500, transfer_syntax=syntax)
+    write_phantom(tmp_path / "ct", scene, stack, images, options)
+    datasets = sorted(
+        (pydicom.dcmread(path) for path in (tmp_path / "ct").glob("*.dcm")),
+        key=lambda dataset: float(dataset.ImagePositionPatient[2]),
+    )
+    stored = np.stack([d.pixel_array * float(d.RescaleSlope) + float(d.RescaleIntercept) for d in datasets])
+    assert (stored == images).all()
+    assert np.array([d.ImagePositionPatient for d in datasets], dtype=float) == pytest.approx(stack.origins_mm)
+    orientation = np.array(datasets[0].ImageOrientationPatient, dtype=float)
+    assert orientation == pytest.approx(np.concatenate([stack.column_direction, stack.row_direction]))
+    assert [d.InstanceNumber for d in datasets] != sorted(d.InstanceNumber for d in datasets)
+    truth = json.loads((tmp_path / "ct" / "truth.json").read_text())
+    assert truth["markers"][0]["center"] == pytest.approx(scene.markers[0].center_mm)
+    assert truth["markers"][0]["whole_in_scan"] is True
+
+
+def test_a_marker_cut_by_the_scans_edge_is_flagged(tmp_path: Path, scene: Scene) -> None:
+    stack = axial_stack(start_mm=0, stop_mm=20, matrix=32, field_of_view_mm=64)
+    write_phantom(tmp_path / "ct", scene, stack, render(scene, stack))
+    assert json.loads((tmp_path / "ct" / "truth.json").read_text())["markers"][0]["whole_in_scan"] is False
+
+
+def test_only_an_earlier_phantom_is_replaced(tmp_path: Path, scene: Scene, stack: SliceStack) -> None:
+    images = render(scene, stack)
+    write_phantom(tmp_path / "ct", scene, stack, images)
+    write_phantom(tmp_path / "ct", scene, stack, images)
+    assert [path.name for path in tmp_path.iterdir()] == ["ct"]
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("irreplaceable")
+    with pytest.raises(PhantomError, match="choose a new folder"):
+        write_phantom(tmp_path / "mine", scene, stack, images)
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["thesis.txt"]
+
+
+def test_a_failure_leaves_nothing_behind(tmp_path: Path, scene: Scene, stack: SliceStack) -> None:
+    with pytest.raises(PhantomError, match="do not fit 16 bits"):
+        write_phantom(tmp_path / "ct", scene, stack, render(scene, stack), SeriesOptions(slope=0.01))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(shutil.which("dciodvfy") is None, reason="dciodvfy of Debian's dicom3tools is not installed")
+@pytest.mark.parametrize(
+    "options", [SeriesOptions(), SeriesOptions(padding_hu=-2000, transfer_syntax=COMPRESSED[0])]
+)
+def test_an_independent_validator_finds_no_fault(
+    tmp_path: Path, scene: Scene, stack: SliceStack, options: SeriesOptions
+) -> None:
+    write_phantom(tmp_path / "ct", scene, stack, render(scene, stack), options)
+    for path in (tmp_path / "ct").glob("*.dcm"):
+        answer = subprocess.run(["dciodvfy", str(path)], capture_output=True, text=True, check=False)
+        assert "Error" not in answer.stderr
+        assert "Warning" not in answer.stderr
