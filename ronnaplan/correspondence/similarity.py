@@ -61,6 +61,15 @@ def similarity_match(ct, ots, expected, e_start, e_stop, e_step):  # type: ignor
 
 
 @njit(cache=True, nogil=True)
+def similarity_match_many(ct, ots, expected, e_start, e_stop, e_step):  # type: ignore[no-untyped-def]
+    """Match T sets (T, n, 3) and (T, m, 3); return the partners (T, n)."""
+    partner = np.empty(ct.shape[:2], np.int64)
+    for t in range(len(ct)):
+        partner[t] = similarity_match(ct[t], ots[t], expected, e_start, e_stop, e_step)
+    return partner
+
+
+@njit(cache=True, nogil=True)
 def match_within(ct, ots, expected, e):  # type: ignore[no-untyped-def]
     """Run steps 1 to 4 with one tolerance e; return the partner of each CT point."""
     rows, columns = np.arange(len(ct)), np.arange(len(ots))
