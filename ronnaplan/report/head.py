@@ -53,7 +53,7 @@ def head_view(volume: CTVolume, centers_mm: FloatArray, diameter_mm: float) -> H
         marker = distance < diameter_mm / 2 + PIXEL_MM
         image = np.where(marker[..., np.newaxis], _shade(surface)[..., np.newaxis] * MARKER_COLOUR, image)
     image = np.where(hit[..., np.newaxis], image, 0.0)
-    rows, columns = _span(hit.any(axis=1)), _span(hit.any(axis=0))
+    rows, columns = (_span(np.asarray(hit.any(axis=axis))) for axis in (1, 0))
     extent = (across[columns][0], across[columns][-1], up[rows][0], up[rows][-1])
     return HeadView(image[rows, columns], axes, extent)
 
