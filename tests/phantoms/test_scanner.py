@@ -83,6 +83,19 @@ def test_a_slab_of_a_scan_equals_that_part_of_the_whole() -> None:
     )
 
 
+@pytest.mark.parametrize("tilt_deg", [0.0, 12.0])
+def test_a_cropped_scan_shows_the_same_voxels(tilt_deg: float) -> None:
+    scene = Scene((*WATER_DISC.parts, Part(sphere((30, -20, 3), 11.5), "acrylic")))
+    whole = axial_stack(start_mm=-6, stop_mm=12, spacing_mm=3, matrix=100, field_of_view_mm=150, tilt_deg=tilt_deg)
+    crop = whole.around((30, -20, 3), 9.5, crop=True)
+    assert max(crop.rows, crop.columns) <= 15
+    assert crop.holds_whole(np.array([30.0, -20, 3]), 11.5)
+    everywhere, wanted = places(whole).reshape(-1, 3), places(crop).reshape(-1, 3)
+    nearest = [int(np.argmin(np.linalg.norm(everywhere - place, axis=1))) for place in wanted]
+    assert everywhere[nearest] == pytest.approx(wanted, abs=1e-9)
+    assert images(scene, crop).ravel() == pytest.approx(images(scene, whole).ravel()[nearest], abs=0.5)
+
+
 def test_overlapping_slices_share_detector_rows() -> None:
     stack = axial_stack(start_mm=0, stop_mm=9, spacing_mm=1.0, thickness_mm=2.0)
     assert rows_per_slice(stack) == 4
