@@ -1,28 +1,28 @@
 """Physically simulated scans of random patients: the material of the localization benchmark.
 
-Each marker is scanned with everything that is in the room, but only the voxels about it are reconstructed (whole
-pixels of the full picture), which gives the very voxels of a whole scan in a twentieth of the time. A scan can be
-kept in a folder and used again.
+Each marker is scanned with everything that is in the room, but only the voxels about it are reconstructed, which
+takes a twentieth of the time of whole scans. Scans can be kept in a folder and used again.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from phantoms.library import Examination, laboratory_phantom, random_patient
-from phantoms.scanner import Scanner, scan
+from phantoms.examination import Examination
+from phantoms.library import laboratory_phantom
+from phantoms.patients import random_patient
 from phantoms.stack import SliceStack, axial_stack
 from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.geometry import FloatArray
 
-WINDOW_PIXELS = 96
 REACH_MM = 10.0
-"""Slices are reconstructed this far beyond a marker's surface."""
+"""Images are reconstructed this far beyond a marker's surface."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ CONDITIONS = (
 
 @dataclass(frozen=True)
 class Case:
-    """One marker's surroundings with its true centre (3,) in LPS mm."""
+    """One marker's surroundings, and the true centres (M, 3) in LPS mm of all the patient's markers, its own first."""
 
     volume: CTVolume
     truth_mm: FloatArray
@@ -81,42 +81,30 @@ def _laboratory(seed: int, thickness_mm: float) -> Examination:
         spacing_mm=thickness_mm,
         field_of_view_mm=260.0,
     )
-    return Examination(scene, stack, Scanner(), seed)
+    return Examination(scene, stack, seed=seed)
 
 
 def cases(condition: Condition, seed: int, cache: Path | None = None) -> Iterator[Case]:
     """Scan the surroundings of every marker of the patient of ``seed``."""
     patient = examination(condition, seed)
-    for number, marker in enumerate(patient.scene.markers):
-        stack = _window(patient.stack, marker.center_mm, marker.diameter_mm / 2 + REACH_MM)
-        if not stack.holds_whole(marker.center_mm, marker.diameter_mm):
+    markers = patient.scene.markers
+    for number, marker in enumerate(markers):
+        near = patient.around(marker.center_mm, marker.diameter_mm / 2 + REACH_MM, crop=True)
+        if not near.stack.holds_whole(marker.center_mm, marker.diameter_mm):
             continue
         kept = cache / f"{condition.name}-{seed}-{number}.npy" if cache else None
         if kept is not None and kept.exists():
             voxels = np.load(kept)
         else:
-            voxels = scan(patient.scene, stack, patient.scanner, seed=seed)
+            voxels = near.images()
             if kept is not None:
                 np.save(kept, voxels)
-        yield Case(_volume(stack, voxels), marker.center_mm, marker.diameter_mm)
+        others = [other.center_mm for other in markers if other is not marker]
+        yield Case(volume(near.stack, voxels), np.array([marker.center_mm, *others]), marker.diameter_mm)
 
 
-def _window(stack: SliceStack, center_mm: FloatArray, reach_mm: float) -> SliceStack:
-    """The slices and pixels of ``stack`` about a place: a crop, on the same grid."""
-    near = np.abs(stack.positions_mm - center_mm @ stack.normal) <= reach_mm
-    axes = np.stack([stack.column_direction, stack.row_direction])
-    offset = (center_mm - stack.origins_mm[near].mean(axis=0)) @ axes.T / stack.pixel_mm
-    first = np.rint(offset - WINDOW_PIXELS / 2)
-    middle = (first + (WINDOW_PIXELS - 1) / 2) * stack.pixel_mm
-    return replace(
-        stack,
-        centers_mm=stack.origins_mm[near] + middle @ axes,
-        rows=WINDOW_PIXELS,
-        columns=WINDOW_PIXELS,
-    )
-
-
-def _volume(stack: SliceStack, voxels: np.ndarray) -> CTVolume:
+def volume(stack: SliceStack, voxels: NDArray[np.int16]) -> CTVolume:
+    """Lay scanned voxels on the grid that a reader would give them."""
     order = np.argsort(stack.positions_mm)
     grid = SliceGrid(
         stack.origins_mm[order],
