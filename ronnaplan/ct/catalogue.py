@@ -133,7 +133,7 @@ def catalogue(path: str | Path, limits: Limits = DEFAULT_LIMITS, *, progress: bo
     path = Path(path)
     skipped: list[Skipped] = []
     members: dict[tuple[str | None, str | None], list[Instance]] = defaultdict(list)
-    blobs = list(blobs_below(_folder_of_index(path), limits, skipped))
+    blobs = sorted(blobs_below(_folder_of_index(path), limits, skipped), key=lambda blob: blob.name)
     for blob in advancing(blobs, len(blobs), progress, "headers"):
         instance = _instance(blob, limits, skipped)
         if instance is not None:

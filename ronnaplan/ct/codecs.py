@@ -66,6 +66,10 @@ def decode(image: SliceImage) -> Stored:
 
 def decode_frame(frame: bytes, pixels: PixelFormat) -> Stored:
     """Decode one compressed frame to (J, I), or (J, I, samples); raises `InputError`."""
+    declared = codestream_size(frame)
+    expected = (pixels.rows, pixels.columns, pixels.samples)
+    if declared is not None and declared != expected:
+        raise InputError(f"its compressed image has rows, columns and samples {declared}, its header {expected}")
     if pixels.transfer_syntax in JPEG_LOSSLESS:
         return decode_jpeg_lossless(frame, pixels.rows, pixels.columns).view(
             f"{'i' if pixels.is_signed else 'u'}2"
@@ -74,10 +78,6 @@ def decode_frame(frame: bytes, pixels: PixelFormat) -> Stored:
     from pydicom.pixels.decoders.base import get_decoder
     from pydicom.uid import UID
 
-    declared = codestream_size(frame)
-    expected = (pixels.rows, pixels.columns, pixels.samples)
-    if declared is not None and declared != expected:
-        raise InputError(f"its compressed image has rows, columns and samples {declared}, its header {expected}")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

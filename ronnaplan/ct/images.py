@@ -29,6 +29,16 @@ PERPENDICULAR_TOLERANCE: Final = 1e-4
 """Largest cosine between rows and columns that still counts as perpendicular."""
 _KNOWN_SPACES: Final = frozenset({"left-posterior-superior", "right-anterior-superior", "left-anterior-superior"})
 _NIFTI_MILLIMETRES: Final = frozenset({0, 2})
+_TAGS: Final = (
+    *("NRRD_space", "xyzt_units", "qform_code", "sform_code", "srow_x", "srow_y", "srow_z"),
+    *("quatern_b", "quatern_c", "quatern_d", "qoffset_x", "qoffset_y", "qoffset_z"),
+    *("pixdim[0]", "pixdim[1]", "pixdim[2]", "pixdim[3]"),
+)
+_META_KEYS: Final = (
+    ("TransformMatrix", "Rotation", "Orientation"),
+    ("Offset", "Position", "Origin"),
+    ("ElementSpacing",),
+)
 _META_HEADER_BYTES: Final = 8192
 
 
@@ -152,26 +162,34 @@ def _grid(path: Path, affine: FloatArray, count: int) -> tuple[SliceGrid, bool]:
 
 def _check_orientation(path: Path, reader: Any, affine: FloatArray) -> None:
     name = path.name.lower()
-    tags = {key: reader.GetMetaData(key) for key in reader.GetMetaDataKeys()}
+    tags = {key: reader.GetMetaData(key) for key in _TAGS if reader.HasMetaDataKey(key)}
     if name.endswith(NRRD_SUFFIXES) and tags.get("NRRD_space") not in _KNOWN_SPACES:
         shown = printable(tags.get("NRRD_space", "none"))
         raise InputError(f"{printable(path)} gives the space '{shown}'; expected one of {sorted(_KNOWN_SPACES)}")
     if name.endswith(META_SUFFIXES):
-        _check_meta(path)
+        _check_meta(path, affine)
     if name.endswith(NIFTI_SUFFIXES):
         _check_nifti(path, tags, affine, np.array(reader.GetSize(), dtype=np.float64))
 
 
-def _check_meta(path: Path) -> None:
+def _check_meta(path: Path, affine: FloatArray) -> None:
+    """Compare with the header's own lines: SimpleITK skips some that it cannot read, without a word."""
     with path.open("rb") as stream:
-        header = stream.read(_META_HEADER_BYTES)
-    keys = {line.split(b"=")[0].strip() for line in header.split(b"\n") if b"=" in line}
-    if not keys & {b"TransformMatrix", b"Rotation", b"Orientation"} or not keys & {
-        b"Offset",
-        b"Position",
-        b"Origin",
-    }:
-        raise InputError(f"{printable(path)} gives no TransformMatrix or Offset; write it with an orientation")
+        lines = stream.read(_META_HEADER_BYTES).decode("latin-1").split("\n")
+    fields = {key.strip(): value.split() for key, _, value in (line.partition("=") for line in lines)}
+    try:
+        matrix, offset, spacing = (
+            np.array(next(fields[key] for key in keys if key in fields), dtype=np.float64) for keys in _META_KEYS
+        )
+        declared = np.column_stack([matrix.reshape(3, 3).T * spacing, offset])
+    except (StopIteration, ValueError, RuntimeError) as error:
+        raise InputError(
+            f"{printable(path)} gives no readable {', '.join(keys[0] for keys in _META_KEYS)}; convert it again"
+        ) from error
+    if not np.abs(declared - affine[:3]).max() <= AFFINE_TOLERANCE_MM:
+        raise InputError(
+            f"{printable(path)} has a damaged header: its orientation reads in two ways; convert it again"
+        )
 
 
 def _check_nifti(path: Path, tags: dict[str, str], affine: FloatArray, size: FloatArray) -> None:

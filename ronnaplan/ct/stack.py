@@ -173,7 +173,10 @@ def _without_copies(images: list[SliceImage], along: FloatArray) -> tuple[list[S
         if len(group) == 1:
             kept.append(int(group[0]))
         else:
-            kept.extend({_fingerprint(images[index]): int(index) for index in group[::-1]}.values())
+            unlike: dict[tuple[object, ...], int] = {}
+            for index in group:
+                unlike.setdefault(_fingerprint(images[index]), int(index))
+            kept.extend(unlike.values())
     return [images[index] for index in kept], along[kept], len(kept) < len(images)
 
 
