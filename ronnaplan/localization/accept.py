@@ -1,0 +1,160 @@
+"""Is it a marker? Small named tests; the first one that fails is the reason for a rejection."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ronnaplan.ct.volume import CTVolume
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.detect import MIN_CONTRAST_HU
+from ronnaplan.localization.neighbourhood import cell_directions
+from ronnaplan.localization.refine import BLUR_BOUNDS_MM, MAX_WANDER, BallFit, margin_mm
+from ronnaplan.localization.uncertainty import center_covariance
+
+DIAMETER_TOLERANCE = 0.06
+"""A marker's fitted diameter lies within this share of the stated one ..."""
+
+DIAMETER_TOLERANCE_MM = 0.25
+"""... or within this, where that is more (small balls, whose blur and size look alike)."""
+
+MIN_COVERAGE = 0.6
+"""A marker shows at least this share of its surface: a capsule's end shows half a sphere, a post hides a fifth."""
+
+MAX_MISFIT = 0.06
+"""Largest RMS residual on the surface, as a share of the contrast, beyond what noise explains."""
+
+MAX_NOISE = 0.2
+"""Noise, as a share of the contrast, that is allowed for in the misfit; a noisier scan is not fit for use."""
+
+MAX_THICKNESS_RATIO = 1.8
+"""The fitted slice thickness stays within this factor of the nominal one: no ball explains more."""
+
+MAX_STANDARD_ERROR = 0.03
+"""Largest standard error of the centre, as a share of the diameter, that is still called a localization."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """All that the tests look at."""
+
+    fit: BallFit
+    diameter_mm: float
+    thickness_mm: float
+    noise_hu: float
+
+
+Test = Callable[[Evidence], str | None]
+"""Returns None when the candidate passes, else the reason in words."""
+
+
+def profile_share(volume: CTVolume, center_mm: FloatArray, diameter_mm: float, thickness_mm: float) -> float:
+    """Share of directions in which the image falls from the ball's level to the surroundings' at its surface.
+
+    A quick look at nearest voxels that spares most candidates the fit: the fit cannot cover more of the surface.
+    """
+    radius = diameter_mm / 2.0
+    directions = cell_directions()
+    axial = np.abs(directions @ volume.grid.normal)[:, np.newaxis]
+    margin = margin_mm(0.0) + (margin_mm(thickness_mm) - margin_mm(0.0)) * axial
+    inner = _samples(volume, center_mm + 0.5 * radius * directions)
+    outer = _samples(volume, center_mm + (radius + 0.7 * margin) * directions)
+    if not (np.isfinite(inner).any() and np.isfinite(outer).any()):
+        return 0.0
+    high, low = float(np.nanmedian(inner)), float(np.nanquantile(outer, 0.3))
+    if high - low < MIN_CONTRAST_HU:
+        return 0.0
+    middle = (high + low) / 2.0
+    return float(np.mean((inner > middle) & (outer < middle)))
+
+
+def _samples(volume: CTVolume, places_mm: FloatArray) -> FloatArray:
+    """Nearest voxel's value at each place (N, 3), NaN outside the scan."""
+    indices = np.rint(volume.grid.indices(places_mm)).astype(np.intp)
+    inside = np.all((indices >= 0) & (indices < volume.voxels_hu.shape), axis=1)
+    values = np.full(len(indices), np.nan)
+    values[inside] = volume.voxels_hu[tuple(indices[inside].T)]
+    return values
+
+
+def _converged(evidence: Evidence) -> str | None:
+    return None if evidence.fit.converged else "the fit did not come to rest"
+
+
+def _stayed(evidence: Evidence) -> str | None:
+    moved = float(np.linalg.norm(evidence.fit.theta[:3]))
+    if moved <= MAX_WANDER * evidence.diameter_mm / 2.0:
+        return None
+    return f"the fit wandered {moved:.1f} mm away"
+
+
+def _contrast(evidence: Evidence) -> str | None:
+    if evidence.fit.contrast_hu >= MIN_CONTRAST_HU:
+        return None
+    return f"contrast {evidence.fit.contrast_hu:.0f} HU, at least {MIN_CONTRAST_HU:.0f} expected"
+
+
+def _blur(evidence: Evidence) -> str | None:
+    sigma, largest = evidence.fit.sigma_mm, min(BLUR_BOUNDS_MM[1], 0.3 * evidence.diameter_mm)
+    if BLUR_BOUNDS_MM[0] < sigma < largest:
+        return None
+    return f"its edge is blurred by {sigma:.2f} mm, {BLUR_BOUNDS_MM[0]} to {largest:.2f} mm expected"
+
+
+def _thickness(evidence: Evidence) -> str | None:
+    thickness = float(evidence.fit.theta[5])
+    if thickness <= MAX_THICKNESS_RATIO * evidence.thickness_mm + 0.5:
+        return None
+    return f"its ends are blurred over {thickness:.1f} mm, slices of {evidence.thickness_mm:.1f} mm expected"
+
+
+def _diameter(evidence: Evidence) -> str | None:
+    found, stated = evidence.fit.diameter_mm, evidence.diameter_mm
+    tolerance = max(DIAMETER_TOLERANCE * stated, DIAMETER_TOLERANCE_MM)
+    if abs(found - stated) <= tolerance:
+        return None
+    return f"diameter {found:.2f} mm, {stated:.2f} +- {tolerance:.2f} mm expected"
+
+
+def _coverage(evidence: Evidence) -> str | None:
+    if evidence.fit.coverage >= MIN_COVERAGE:
+        return None
+    unseen = f", {evidence.fit.unseen:.0%} is outside the scan" if evidence.fit.unseen > 0 else ""
+    return f"only {evidence.fit.coverage:.0%} of its surface is a sphere's{unseen}, {MIN_COVERAGE:.0%} expected"
+
+
+def _roundness(evidence: Evidence) -> str | None:
+    contrast = evidence.fit.contrast_hu
+    limit = float(np.hypot(MAX_MISFIT, min(evidence.noise_hu / contrast, MAX_NOISE)))
+    if evidence.fit.misfit <= limit:
+        return None
+    return f"its surface departs from a sphere's by {evidence.fit.misfit:.1%} of its contrast, {limit:.1%} allowed"
+
+
+def _certainty(evidence: Evidence) -> str | None:
+    error = float(np.sqrt(np.trace(center_covariance(evidence.fit))))
+    limit = MAX_STANDARD_ERROR * evidence.diameter_mm
+    return None if error <= limit else f"its centre is uncertain by {error:.2f} mm, {limit:.2f} mm allowed"
+
+
+TESTS: dict[str, Test] = {
+    "stayed": _stayed,
+    "contrast": _contrast,
+    "blur": _blur,
+    "thickness": _thickness,
+    "diameter": _diameter,
+    "coverage": _coverage,
+    "roundness": _roundness,
+    "converged": _converged,
+    "certainty": _certainty,
+}
+
+
+def failures(evidence: Evidence) -> Iterator[tuple[str, str]]:
+    """Yield (name, reason) of each test that the candidate fails, in order."""
+    for name, test in TESTS.items():
+        reason = test(evidence)
+        if reason is not None:
+            yield name, reason

@@ -1,0 +1,156 @@
+"""Where a ball of the given size may be: edges of a coarse copy of the scan vote for centres.
+
+A voxel on the surface of a bright ball has a gradient that points at the ball's centre, one radius away. Every
+edge voxel therefore votes for the point one radius up its gradient (the spherical Hough transform by gradient
+direction, after Kimme, Ballard & Sklansky, Comm. ACM 18:120, 1975); a ball collects the votes of its whole
+surface in one place, whatever its contrast and whatever touches it. Gradients are taken between the voxels' true
+places, so tilted and uneven slices vote as straight as any.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from ronnaplan.ct.volume import CTVolume, SliceGrid
+from ronnaplan.geometry import FloatArray
+
+COARSE_VOXELS_PER_DIAMETER = 6
+"""The coarse copy keeps at least this many voxels across a marker, enough to see its surface turn."""
+
+MIN_CONTRAST_HU = 300.0
+"""Faintest ball that is looked for, against its surroundings (plastic in air shows about 1,100 HU)."""
+
+MIN_VOTE_SHARE = 0.3
+"""A candidate has at least this share of the votes of a complete, isolated ball of its size."""
+
+MAX_CANDIDATES = 400
+"""At most this many candidates, strongest first, go on to be looked at in full resolution."""
+
+AIR_HU = -1024
+"""Values below air are not physical (padding, the corners of the picture) and are raised to it."""
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Places worth a fit: ``centers_mm`` (N, 3) in LPS, strongest first, with their share of a ball's votes."""
+
+    centers_mm: FloatArray
+    vote_shares: FloatArray
+
+
+def slice_axes(grid: SliceGrid) -> FloatArray:
+    """Rows are the unit vectors u (along a row), v (down a column) and w (the normal) in LPS: (3, 3)."""
+    return np.stack(
+        [grid.column_step_mm / grid.column_spacing_mm, grid.row_step_mm / grid.row_spacing_mm, grid.normal]
+    )
+
+
+def detect(volume: CTVolume, diameter_mm: float) -> Candidates:
+    """Find the places where the scan's edges agree on a ball of ``diameter_mm``."""
+    coarse = coarsen(volume, diameter_mm / COARSE_VOXELS_PER_DIAMETER)
+    grid = coarse.grid
+    axes = slice_axes(grid)
+    origins = grid.origins_mm @ axes.T
+    steps = np.array([grid.column_spacing_mm, grid.row_spacing_mm])
+    cell_mm = max(diameter_mm / COARSE_VOXELS_PER_DIAMETER, float(steps.min()))
+    rows, columns = coarse.voxels_hu.shape[1:]
+    extent = np.array([steps[0] * (columns - 1), steps[1] * (rows - 1), 0.0])
+    corner = origins.min(axis=0) - cell_mm
+    shape = np.ceil((origins.max(axis=0) + extent - corner) / cell_mm).astype(int) + 2
+    edge_mm = float(np.mean([*steps, _typical_gap(grid)]))
+    votes = np.zeros(shape[::-1], dtype=np.uint16)
+    threshold = MIN_CONTRAST_HU / (4.0 * edge_mm)
+    voxels = coarse.voxels_hu.astype(np.float32, copy=False)
+    _vote(voxels, origins, steps, diameter_mm / 2.0, threshold, corner, cell_mm, votes)
+
+    surface_voxels = np.pi * diameter_mm**2 * 2.0 * edge_mm / (steps.prod() * _typical_gap(grid))
+    centers, shares = _peaks(votes, float(surface_voxels))
+    return Candidates((corner + centers * cell_mm) @ axes, shares)
+
+
+def coarsen(volume: CTVolume, voxel_mm: float) -> CTVolume:
+    """Average whole blocks of voxels so that none grows beyond ``voxel_mm`` where it was smaller before."""
+    import cv2
+
+    grid = volume.grid
+    by_k = max(1, int(voxel_mm / _typical_gap(grid)))
+    by_j = max(1, int(voxel_mm / grid.row_spacing_mm))
+    by_i = max(1, int(voxel_mm / grid.column_spacing_mm))
+    slices, rows, columns = (n // b for n, b in zip(volume.voxels_hu.shape, (by_k, by_j, by_i), strict=True))
+    voxels = np.empty((slices, rows, columns), dtype=np.float32)
+    for k in range(slices):
+        mean = np.zeros((rows, columns), dtype=np.float32)
+        for picture in volume.voxels_hu[k * by_k : (k + 1) * by_k]:
+            whole = np.maximum(picture[: rows * by_j, : columns * by_i], AIR_HU)
+            mean += cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
+        voxels[k] = mean / by_k
+    origins = grid.origins_mm[: slices * by_k].reshape(slices, by_k, 3).mean(axis=1)
+    origins = origins + (by_j - 1) / 2 * grid.row_step_mm + (by_i - 1) / 2 * grid.column_step_mm
+    coarse_grid = replace(
+        grid,
+        origins_mm=origins,
+        row_step_mm=grid.row_step_mm * by_j,
+        column_step_mm=grid.column_step_mm * by_i,
+    )
+    return replace(volume, voxels_hu=voxels, grid=coarse_grid)
+
+
+def _typical_gap(grid: SliceGrid) -> float:
+    return float(np.median(grid.spacings_mm)) if len(grid.origins_mm) > 1 else grid.row_spacing_mm
+
+
+@njit(cache=True, nogil=True)
+def _vote(
+    voxels: NDArray[np.float32],
+    origins: FloatArray,
+    steps: FloatArray,
+    radius: float,
+    threshold: float,
+    corner: FloatArray,
+    cell: float,
+    votes: NDArray[np.uint16],
+) -> None:
+    """Let each voxel whose gradient exceeds ``threshold`` (HU/mm) vote one radius up its gradient."""
+    slices, rows, columns = voxels.shape
+    for k in range(1, slices - 1):
+        axis = origins[k + 1] - origins[k - 1]
+        for j in range(1, rows - 1):
+            for i in range(1, columns - 1):
+                gu = (voxels[k, j, i + 1] - voxels[k, j, i - 1]) / (2.0 * steps[0])
+                gv = (voxels[k, j + 1, i] - voxels[k, j - 1, i]) / (2.0 * steps[1])
+                gw = (voxels[k + 1, j, i] - voxels[k - 1, j, i] - gu * axis[0] - gv * axis[1]) / axis[2]
+                size = np.sqrt(gu * gu + gv * gv + gw * gw)
+                if size < threshold:
+                    continue
+                reach = radius / size
+                x = int((origins[k, 0] + i * steps[0] + reach * gu - corner[0]) / cell + 0.5)
+                y = int((origins[k, 1] + j * steps[1] + reach * gv - corner[1]) / cell + 0.5)
+                z = int((origins[k, 2] + reach * gw - corner[2]) / cell + 0.5)
+                if 0 <= z < votes.shape[0] and 0 <= y < votes.shape[1] and 0 <= x < votes.shape[2]:
+                    votes[z, y, x] += 1
+
+
+def _peaks(votes: NDArray[np.uint16], full_count: float) -> tuple[FloatArray, FloatArray]:
+    """Local maxima of the votes gathered over 3 x 3 x 3 cells: cell coordinates (N, 3) = (x, y, z), and shares."""
+    from scipy.ndimage import maximum_filter, uniform_filter
+
+    gathered = uniform_filter(votes.astype(np.float32), size=3, mode="constant") * 27.0
+    at_peak = (gathered >= MIN_VOTE_SHARE * full_count) & (gathered == maximum_filter(gathered, size=3))
+    places = np.argwhere(at_peak)
+    strength = gathered[at_peak]
+    best = np.argsort(-strength, kind="stable")[:MAX_CANDIDATES]
+    centers = np.array([_centroid(votes, place) for place in places[best]], dtype=np.float64).reshape(-1, 3)
+    return centers[:, ::-1], strength[best].astype(np.float64) / full_count
+
+
+def _centroid(votes: NDArray[np.uint16], place: NDArray[np.intp]) -> FloatArray:
+    """Mean place (z, y, x) of the votes in the 3 x 3 x 3 cells about ``place``."""
+    low = np.maximum(place - 1, 0)
+    block = votes[tuple(slice(a, b + 2) for a, b in zip(low, place, strict=True))].astype(np.float64)
+    cells = np.indices(block.shape).reshape(3, -1)
+    mean: FloatArray = low + cells @ block.ravel() / block.sum()
+    return mean

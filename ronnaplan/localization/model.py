@@ -1,0 +1,222 @@
+"""What a ball looks like in CT: a solid sphere seen through the scanner's blur.
+
+The scanner blurs within the slice plane by a point-spread function that is nearly Gaussian (standard deviation
+``sigma``), and across the slices by averaging over the slice thickness. A slice through a ball is a pile of
+discs; each disc blurred by a circular Gaussian is a non-central chi-square probability with two degrees of
+freedom (Marcum's Q function, J. Marcum, IRE Trans. IT-6, 1960), and the average over the thickness is a
+Gauss-Legendre sum over the discs. No voxel is resampled: the model is evaluated at each voxel's true place.
+
+Coordinates here are those of the slices: u along the rows, v down the columns, w along the normal, in mm.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+from numba import njit
+
+from ronnaplan.geometry import FloatArray
+
+PARAMETERS = ("u", "v", "w", "radius", "sigma", "thickness", "contrast", "background", "du", "dv", "dw")
+"""Order of the model's parameters: centre, radius, in-plane blur and slice thickness (mm), contrast and
+background (HU), and the background's slope (HU/mm)."""
+
+DISC_NODES = 6
+"""Discs that stand for one slice's thickness; six keep the error below 0.1 % of the contrast up to T = R."""
+
+EDGE_REACH = 5.0
+"""Distance from the edge, in units of sigma, beyond which a blurred disc is 0 or 1 to within 1e-6."""
+
+_EDGE_STEPS = 200
+_CURVATURE_STEPS = 128
+
+
+@cache
+def disc_table() -> FloatArray:
+    """Tabulate the blurred unit disc over (curvature, signed edge distance), both in units of sigma.
+
+    Row m holds radius position r = 2 / t - 2 with t = m / steps (so that row 0 is the straight edge), column n
+    the distance a - r of the disc's edge from -`EDGE_REACH` to `EDGE_REACH`.
+    """
+    from scipy.special import ndtr
+    from scipy.stats import ncx2
+
+    t = np.arange(1, _CURVATURE_STEPS + 1)[:, np.newaxis] / _CURVATURE_STEPS
+    distance = np.linspace(-EDGE_REACH, EDGE_REACH, _EDGE_STEPS + 1)[np.newaxis, :]
+    position = 2.0 / t - 2.0
+    disc_radius = np.maximum(position + distance, 0.0)
+    curved = ncx2.cdf(disc_radius**2, 2, position**2)
+    return np.ascontiguousarray(np.vstack([ndtr(distance), curved]))
+
+
+@cache
+def disc_nodes() -> tuple[FloatArray, FloatArray]:
+    """Positions (as a share of the latitudes within the slice, 0 to 1) and weights of a slice's discs."""
+    nodes, weights = np.polynomial.legendre.leggauss(DISC_NODES)
+    return (nodes + 1.0) / 2.0, weights / 2.0
+
+
+@njit(cache=True, inline="always")
+def _blurred_disc(r: float, a: float, table: FloatArray) -> float:
+    """Blurred disc of radius ``a`` at distance ``r`` from its axis, both in units of sigma."""
+    distance = a - r
+    if distance >= EDGE_REACH:
+        return 1.0
+    if distance <= -EDGE_REACH:
+        return 0.0
+    x = (distance + EDGE_REACH) * (_EDGE_STEPS / (2.0 * EDGE_REACH))
+    y = 2.0 / (r + 2.0) * _CURVATURE_STEPS
+    n = min(int(x), _EDGE_STEPS - 1)
+    m = min(int(y), _CURVATURE_STEPS - 1)
+    x -= n
+    y -= m
+    low = table[m, n] * (1.0 - x) + table[m, n + 1] * x
+    high = table[m + 1, n] * (1.0 - x) + table[m + 1, n + 1] * x
+    return low * (1.0 - y) + high * y
+
+
+# Abramowitz & Stegun, Handbook of Mathematical Functions, 9.8.1 to 9.8.4 (errors below 2e-7), highest power first.
+_I0_NEAR = (0.0045813, 0.0360768, 0.2659732, 1.2067492, 3.0899424, 3.5156229, 1.0)
+_I1_NEAR = (0.00032411, 0.00301532, 0.02658733, 0.15084934, 0.51498869, 0.87890594, 0.5)
+_I0_FAR = (
+    *(0.00392377, -0.01647633, 0.02635537, -0.02057706, 0.00916281),
+    *(-0.00157565, 0.00225319, 0.01328592, 0.39894228),
+)
+_I1_FAR = (
+    *(-0.00420059, 0.01787654, -0.02895312, 0.02282967, -0.01031555),
+    *(0.00163801, -0.00362018, -0.03988024, 0.39894228),
+)
+
+
+@njit(cache=True, inline="always")
+def _polynomial(coefficients: tuple[float, ...], x: float) -> float:
+    total = 0.0
+    for coefficient in coefficients:
+        total = total * x + coefficient
+    return total
+
+
+@njit(cache=True, inline="always")
+def _bessel_scaled(x: float) -> tuple[float, float]:
+    """exp(-x) I0(x) and exp(-x) I1(x) for x >= 0."""
+    if x < 3.75:
+        t = (x / 3.75) ** 2
+        decay = math.exp(-x)
+        return _polynomial(_I0_NEAR, t) * decay, x * _polynomial(_I1_NEAR, t) * decay
+    t = 3.75 / x
+    root = math.sqrt(x)
+    return _polynomial(_I0_FAR, t) / root, _polynomial(_I1_FAR, t) / root
+
+
+@njit(cache=True, inline="always")
+def _disc_slopes(r: float, a: float, inverse: float) -> tuple[float, float]:
+    """Derivatives of the blurred disc by its own radius ``a`` and by the distance ``r`` from its axis, in 1/mm."""
+    edge = (a - r) * inverse
+    if abs(edge) >= EDGE_REACH:
+        return 0.0, 0.0
+    i0, i1 = _bessel_scaled(r * a * inverse * inverse)
+    density = a * inverse * inverse * math.exp(-0.5 * edge * edge)
+    return density * i0, -density * i1
+
+
+@njit(cache=True, inline="always")
+def ball(
+    du: float,
+    dv: float,
+    dw: float,
+    radius: float,
+    sigma: float,
+    thickness: float,
+    table: FloatArray,
+    nodes: FloatArray,
+    weights: FloatArray,
+    slope: FloatArray,
+) -> float:
+    """Blurred ball (0 outside, 1 inside) at offset (du, dv, dw) from its centre.
+
+    ``slope`` (6,) receives the derivatives by centre u, v, w, by radius, by sigma and by thickness.
+    The discs are summed over the latitude phi (w = R sin phi), in which even the polar cap is smooth.
+    """
+    slope[:6] = 0.0
+    low = max(dw - thickness / 2.0, -radius)
+    high = min(dw + thickness / 2.0, radius)
+    if low >= high:
+        return 0.0
+    r = math.sqrt(du * du + dv * dv)
+    inverse = 1.0 / sigma
+    south = math.asin(low / radius)
+    span = math.asin(high / radius) - south
+    total = 0.0
+    by_r = 0.0
+    by_radius = 0.0
+    by_sigma = 0.0
+    for q in range(len(nodes)):
+        a = radius * math.cos(south + span * nodes[q])
+        total += weights[q] * a * _blurred_disc(r * inverse, a * inverse, table)
+        disc_by_a, disc_by_r = _disc_slopes(r, a, inverse)
+        by_r += weights[q] * a * disc_by_r
+        by_radius += weights[q] * radius * disc_by_a
+        by_sigma -= weights[q] * a * (r * disc_by_r + a * disc_by_a) * inverse
+    scale = span / thickness
+    top = _blurred_disc(r * inverse, math.sqrt(max(radius**2 - high**2, 0.0)) * inverse, table)
+    bottom = _blurred_disc(r * inverse, math.sqrt(max(radius**2 - low**2, 0.0)) * inverse, table)
+    # A cap that ends inside the slice has a rim disc of radius zero, so its limit does not move with the slice.
+    value = scale * total
+    if r > 0.0:
+        slope[0] = -scale * by_r * du / r
+        slope[1] = -scale * by_r * dv / r
+    slope[2] = (bottom - top) / thickness
+    slope[3] = scale * by_radius
+    slope[4] = scale * by_sigma
+    slope[5] = ((top + bottom) / 2.0 - value) / thickness
+    return value
+
+
+@njit(cache=True, inline="always")
+def voxel_model(
+    du: float,
+    dv: float,
+    dw: float,
+    theta: FloatArray,
+    table: FloatArray,
+    nodes: FloatArray,
+    weights: FloatArray,
+    gradient: FloatArray,
+) -> float:
+    """Expected HU at an offset from the ball's centre; ``gradient`` (11,) receives d(HU)/d(`PARAMETERS`)."""
+    share = ball(du, dv, dw, theta[3], theta[4], theta[5], table, nodes, weights, gradient)
+    for p in range(6):
+        gradient[p] *= theta[6]
+    gradient[0] -= theta[8]
+    gradient[1] -= theta[9]
+    gradient[2] -= theta[10]
+    gradient[6] = share
+    gradient[7] = 1.0
+    gradient[8] = du
+    gradient[9] = dv
+    gradient[10] = dw
+    return theta[7] + theta[6] * share + theta[8] * du + theta[9] * dv + theta[10] * dw
+
+
+@njit(cache=True, nogil=True)
+def evaluate(
+    offsets: FloatArray, theta: FloatArray, table: FloatArray, nodes: FloatArray, weights: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Model (N,) and its Jacobian (N, 11) for voxels at ``offsets`` (N, 3) from an origin near the centre."""
+    count = len(offsets)
+    values = np.empty(count)
+    jacobian = np.empty((count, 11))
+    for n in range(count):
+        values[n] = voxel_model(
+            offsets[n, 0] - theta[0],
+            offsets[n, 1] - theta[1],
+            offsets[n, 2] - theta[2],
+            theta,
+            table,
+            nodes,
+            weights,
+            jacobian[n],
+        )
+    return values, jacobian
