@@ -125,7 +125,7 @@ def _listed(series: Iterable[Series], most: int = 10) -> str:
     return ", ".join(shown[:most]) + (f" and {len(shown) - most} more" if len(shown) > most else "")
 
 
-def catalogue(path: str | Path, limits: Limits = DEFAULT_LIMITS, *, progress: bool = False) -> Catalogue:
+def find_series(path: str | Path, limits: Limits = DEFAULT_LIMITS, *, progress: bool = False) -> Catalogue:
     """List the series in a folder (with all folders below), a zip archive, a DICOMDIR's folder or a single file.
 
     Raises `InputError` if there is no such path or it is beyond the limits.

@@ -80,9 +80,10 @@ class _MoreNeededError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """What `read_header` found: raw elements, and the place of the pixels (``pixel_length`` None: encapsulated).
+    """What `read_header` found: raw elements, and the place of the pixels.
 
-    In a deflated file ``pixel_offset`` counts from the start of the inflated bytes.
+    ``pixel_length`` is what the file holds of the declared length, None for encapsulated pixels. In a deflated
+    file ``pixel_offset`` counts from the start of the inflated bytes.
     """
 
     transfer_syntax: str
@@ -142,7 +143,10 @@ def _parse(buffer: bytes, size: int, limits: Limits) -> Header:
     elements, _ = scanner.dataset(start, size, explicit, depth=0)
     if not syntax:
         syntax = EXPLICIT_LITTLE if explicit else IMPLICIT_LITTLE
-    return Header(syntax, elements, big, scanner.pixel_tag, scanner.pixel_offset, scanner.pixel_length)
+    length = scanner.pixel_length
+    if length is not None and syntax != DEFLATED_LITTLE:
+        length = min(length, size - scanner.pixel_offset)
+    return Header(syntax, elements, big, scanner.pixel_tag, scanner.pixel_offset, length)
 
 
 def _looks_like_bare_dataset(buffer: bytes) -> bool:

@@ -6,6 +6,8 @@ orientation, or two that disagree, is refused: SimpleITK would choose silently.
 
 from __future__ import annotations
 
+import gzip
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,12 +51,16 @@ def is_image_file(path: Path) -> bool:
 
 @dataclass(frozen=True)
 class ImageFile:
-    """An image file's header: ``shape`` (K, J, I) and the grid of its voxels; ``k_flips`` if it runs downwards."""
+    """An image file's header: ``shape`` (K, J, I) and the grid of its voxels; ``k_flips`` if it runs downwards.
+
+    ``least_bytes`` is what the file must hold, unpacked, as far as its header tells.
+    """
 
     path: Path
     shape: tuple[int, int, int]
     grid: SliceGrid
     k_flips: bool
+    least_bytes: int
 
 
 def open_image(path: Path) -> ImageFile:
@@ -79,7 +85,7 @@ def open_image(path: Path) -> ImageFile:
     affine[:3, :3], affine[:3, 3] = steps, reader.GetOrigin()
     _check_orientation(path, reader, affine)
     grid, k_flips = _grid(path, affine, count)
-    return ImageFile(path, (count, rows, columns), grid, k_flips)
+    return ImageFile(path, (count, rows, columns), grid, k_flips, _least_bytes(reader, count * rows * columns))
 
 
 def read_image(path: Path, limits: Limits) -> CTVolume:
@@ -91,6 +97,7 @@ def read_image(path: Path, limits: Limits) -> CTVolume:
             f"{printable(path)} declares {needed / GIB:.1f} GiB of voxels but the limit is "
             f"{limits.volume_bytes / GIB:.1f} GiB; raise the limit if you trust it"
         )
+    _check_length(header)
     return CTVolume(
         voxels_hu=_voxels(header),
         grid=header.grid,
@@ -111,6 +118,13 @@ def _reader(path: Path) -> Any:
     reader = itk.ImageFileReader()
     reader.SetFileName(str(path))
     return reader
+
+
+def _least_bytes(reader: Any, voxels: int) -> int:
+    if not reader.HasMetaDataKey("vox_offset"):
+        return 0  # NRRD and MetaImage: SimpleITK itself notices
+    offset = float(reader.GetMetaData("vox_offset"))
+    return int(min(max(offset, 0.0), 1e15)) + voxels * int(reader.GetMetaData("bitpix")) // 8
 
 
 def _reason(error: RuntimeError) -> str:
@@ -190,6 +204,22 @@ def _check_meta(path: Path, affine: FloatArray) -> None:
         raise InputError(
             f"{printable(path)} has a damaged header: its orientation reads in two ways; convert it again"
         )
+
+
+def _check_length(header: ImageFile) -> None:
+    """Refuse a NIfTI that holds fewer voxels than it declares: SimpleITK would read zeros in their place."""
+    path, needed = header.path, header.least_bytes
+    try:
+        if path.name.lower().endswith(".gz"):
+            with gzip.open(path) as stream:
+                stream.seek(max(0, needed - 1))
+                is_whole = len(stream.read(1)) == 1
+        else:
+            is_whole = path.stat().st_size >= needed
+    except (OSError, EOFError, zlib.error):
+        is_whole = False
+    if not is_whole:
+        raise InputError(f"{printable(path)} cannot be read to its end; copy it again")
 
 
 def _check_nifti(path: Path, tags: dict[str, str], affine: FloatArray, size: FloatArray) -> None:

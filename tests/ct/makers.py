@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 
@@ -146,14 +146,14 @@ def _frame_groups(k: int, stack: int) -> Dataset:
     return groups
 
 
-def slice_image(made: FileDataset, orientation: list[float]) -> SliceImage:
-    """Return the reader's own record of ``made``, turned to ``orientation``."""
+def slice_image(made: FileDataset) -> SliceImage:
+    """Return the reader's own record of ``made``."""
     stream = BytesIO()
     save(made, stream)
     content = stream.getvalue()
     blob = MemoryBlob(content)
     (image,) = images_of(instance_from_header(blob, read_header(blob, Limits())))
-    return replace(image, orientation=tuple(orientation))
+    return image
 
 
 @dataclass(frozen=True)

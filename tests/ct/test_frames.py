@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydicom.dataset import Dataset
 
-from ronnaplan.ct import catalogue, read_ct
+from ronnaplan.ct import find_series, read_ct
 from ronnaplan.errors import InputError
 from tests.ct.makers import compress, enhanced, pattern, save, write_series
 
@@ -34,7 +34,7 @@ def test_what_is_no_ct_is_listed_with_the_reason(tmp_path: Path, sop_class: str)
 
     write_series(tmp_path, 1, change, prefix="other")
     write_series(tmp_path)
-    found = catalogue(tmp_path)
+    found = find_series(tmp_path)
     (other,) = [series for series in found.series if series.key == "1.2.3.8"]
     assert reason in other.problems[0]
     assert found.choose().key == "1.2.3.2"

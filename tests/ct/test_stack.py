@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 from random import Random
 
@@ -8,8 +9,7 @@ from hypothesis import strategies as st
 from pydicom.dataset import Dataset
 from scipy.spatial.transform import Rotation
 
-from ronnaplan.ct import VolumeFlag, catalogue, read_ct
-from ronnaplan.ct.slices import SliceImage
+from ronnaplan.ct import VolumeFlag, find_series, read_ct
 from ronnaplan.ct.stack import stacks_of
 from ronnaplan.errors import InputError
 from tests.ct.makers import Change, dataset, pattern, slice_image, write_series
@@ -196,7 +196,7 @@ def test_orientations_frames_and_pixel_sizes_are_never_mixed(tmp_path: Path, key
         setattr(made, keyword, value)
 
     write_series(tmp_path, 3, other, prefix="other")
-    found = catalogue(tmp_path)
+    found = find_series(tmp_path)
     assert [series.key for series in found.series] == ["1.2.3.2#1", "1.2.3.2#2"]
     assert sorted(series.image_count for series in found.series) == [3, 4]
     with pytest.raises(InputError, match=r"choose one"):
@@ -208,20 +208,20 @@ def test_a_slice_of_another_size_is_set_apart(tmp_path: Path) -> None:
         if k == 3:
             made.Rows = 4
 
-    found = catalogue(write_series(tmp_path, change=change))
+    found = find_series(write_series(tmp_path, change=change))
     assert [(series.image_count, series.is_usable) for series in found.series] == [(3, True), (1, False)]
 
 
 def test_more_parts_than_a_series_can_sensibly_have_are_refused_in_bounded_time() -> None:
     assert stacks_of([]) == []
-    images = [_image(dataset(0), angle) for angle in np.linspace(0, 1, 3000)]
+    first = slice_image(dataset(0))
+    images = [
+        replace(first, orientation=(np.cos(angle), np.sin(angle), 0, -np.sin(angle), np.cos(angle), 0))
+        for angle in np.linspace(0, 1, 3000)
+    ]
     (stack,) = stacks_of(images)
     assert stack.problem is not None
     assert "too many orientations" in stack.problem
-
-
-def _image(made: Dataset, angle: float) -> SliceImage:
-    return slice_image(made, [np.cos(angle), np.sin(angle), 0, -np.sin(angle), np.cos(angle), 0])
 
 
 @pytest.mark.parametrize(
