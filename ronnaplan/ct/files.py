@@ -252,7 +252,7 @@ def _zip_members(path: Path, limits: Limits, skipped: list[Skipped]) -> Iterator
         )
     for info in archive.infolist():
         member = ZipMember(archive, info)
-        if info.is_dir():
+        if info.filename.endswith("/"):
             continue
         if info.flag_bits & _ENCRYPTED:
             skipped.append(Skipped(member.name, "it is encrypted", True))

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import gzip
 import zlib
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -16,32 +15,15 @@ from typing import Any, Final
 import numpy as np
 
 from ronnaplan.ct.limits import GIB, Limits
+from ronnaplan.ct.orientation import META_SUFFIXES, NIFTI_SUFFIXES, NRRD_SUFFIXES, check_orientation
 from ronnaplan.ct.pixels import INT16, Voxels
 from ronnaplan.ct.text import printable
 from ronnaplan.ct.volume import CTVolume, SeriesSource, SliceGrid, VolumeFlag
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 
-NIFTI_SUFFIXES: Final = (".nii", ".nii.gz")
-NRRD_SUFFIXES: Final = (".nrrd", ".nhdr")
-META_SUFFIXES: Final = (".mha", ".mhd")
-AFFINE_TOLERANCE_MM: Final = 0.01
-"""Two ways to place the same voxel may differ by this much (NIfTI keeps float32)."""
 PERPENDICULAR_TOLERANCE: Final = 1e-4
 """Largest cosine between rows and columns that still counts as perpendicular."""
-_KNOWN_SPACES: Final = frozenset({"left-posterior-superior", "right-anterior-superior", "left-anterior-superior"})
-_NIFTI_MILLIMETRES: Final = frozenset({0, 2})
-_TAGS: Final = (
-    *("NRRD_space", "xyzt_units", "qform_code", "sform_code", "srow_x", "srow_y", "srow_z"),
-    *("quatern_b", "quatern_c", "quatern_d", "qoffset_x", "qoffset_y", "qoffset_z"),
-    *("pixdim[0]", "pixdim[1]", "pixdim[2]", "pixdim[3]"),
-)
-_META_KEYS: Final = (
-    ("TransformMatrix", "Rotation", "Orientation"),
-    ("Offset", "Position", "Origin"),
-    ("ElementSpacing",),
-)
-_META_HEADER_BYTES: Final = 8192
 
 
 def is_image_file(path: Path) -> bool:
@@ -83,7 +65,7 @@ def open_image(path: Path) -> ImageFile:
     steps = np.array(reader.GetDirection()).reshape(3, 3) * np.array(reader.GetSpacing())
     affine = np.eye(4)
     affine[:3, :3], affine[:3, 3] = steps, reader.GetOrigin()
-    _check_orientation(path, reader, affine)
+    check_orientation(path, reader, affine)
     grid, k_flips = _grid(path, affine, count)
     return ImageFile(path, (count, rows, columns), grid, k_flips, _least_bytes(reader, count * rows * columns))
 
@@ -174,38 +156,6 @@ def _grid(path: Path, affine: FloatArray, count: int) -> tuple[SliceGrid, bool]:
     return SliceGrid(origins, row_step, column_step), along < 0
 
 
-def _check_orientation(path: Path, reader: Any, affine: FloatArray) -> None:
-    name = path.name.lower()
-    tags = {key: reader.GetMetaData(key) for key in _TAGS if reader.HasMetaDataKey(key)}
-    if name.endswith(NRRD_SUFFIXES) and tags.get("NRRD_space") not in _KNOWN_SPACES:
-        shown = printable(tags.get("NRRD_space", "none"))
-        raise InputError(f"{printable(path)} gives the space '{shown}'; expected one of {sorted(_KNOWN_SPACES)}")
-    if name.endswith(META_SUFFIXES):
-        _check_meta(path, affine)
-    if name.endswith(NIFTI_SUFFIXES):
-        _check_nifti(path, tags, affine, np.array(reader.GetSize(), dtype=np.float64))
-
-
-def _check_meta(path: Path, affine: FloatArray) -> None:
-    """Compare with the header's own lines: SimpleITK skips some that it cannot read, without a word."""
-    with path.open("rb") as stream:
-        lines = stream.read(_META_HEADER_BYTES).decode("latin-1").split("\n")
-    fields = {key.strip(): value.split() for key, _, value in (line.partition("=") for line in lines)}
-    try:
-        matrix, offset, spacing = (
-            np.array(next(fields[key] for key in keys if key in fields), dtype=np.float64) for keys in _META_KEYS
-        )
-        declared = np.column_stack([matrix.reshape(3, 3).T * spacing, offset])
-    except (StopIteration, ValueError, RuntimeError) as error:
-        raise InputError(
-            f"{printable(path)} gives no readable {', '.join(keys[0] for keys in _META_KEYS)}; convert it again"
-        ) from error
-    if not np.abs(declared - affine[:3]).max() <= AFFINE_TOLERANCE_MM:
-        raise InputError(
-            f"{printable(path)} has a damaged header: its orientation reads in two ways; convert it again"
-        )
-
-
 def _check_length(header: ImageFile) -> None:
     """Refuse a NIfTI that holds fewer voxels than it declares: SimpleITK would read zeros in their place."""
     path, needed = header.path, header.least_bytes
@@ -220,48 +170,3 @@ def _check_length(header: ImageFile) -> None:
         is_whole = False
     if not is_whole:
         raise InputError(f"{printable(path)} cannot be read to its end; copy it again")
-
-
-def _check_nifti(path: Path, tags: dict[str, str], affine: FloatArray, size: FloatArray) -> None:
-    if int(tags.get("xyzt_units", "0")) & 7 not in _NIFTI_MILLIMETRES:
-        raise InputError(f"{printable(path)} is not in millimetres; convert it")
-    corners = np.array([[i, j, k, 1.0] for i in (0, size[0]) for j in (0, size[1]) for k in (0, size[2])])
-    forms = list(_nifti_forms(tags))
-    if not forms:
-        raise InputError(f"{printable(path)} gives no orientation (qform and sform codes are 0); convert it again")
-    for ras_from_index in forms:
-        lps_from_index = np.diag([-1.0, -1.0, 1.0, 1.0]) @ ras_from_index
-        apart = np.abs(corners @ (lps_from_index - affine).T).max()
-        if not apart <= AFFINE_TOLERANCE_MM:
-            raise InputError(
-                f"{printable(path)} has a sheared orientation, or a qform and an sform {apart:.3g} mm apart; "
-                "convert it with one orientation"
-            )
-
-
-def _nifti_forms(tags: dict[str, str]) -> Iterator[FloatArray]:
-    """Yield each index-to-RAS map that the header declares (NIfTI-1 standard, methods 2 and 3)."""
-
-    def number(key: str) -> float:
-        return float(tags[key])
-
-    if int(tags.get("sform_code", "0")) > 0:
-        rows = [[float(value) for value in tags[key].split()] for key in ("srow_x", "srow_y", "srow_z")]
-        yield np.array([*rows, [0.0, 0.0, 0.0, 1.0]])
-    if int(tags.get("qform_code", "0")) > 0:
-        yield _from_quaternion(
-            np.array([number("quatern_b"), number("quatern_c"), number("quatern_d")]),
-            np.array([number("qoffset_x"), number("qoffset_y"), number("qoffset_z")]),
-            np.array([number("pixdim[1]"), number("pixdim[2]"), number("pixdim[3]")]),
-            -1.0 if tags.get("pixdim[0]", "1").startswith("-") else 1.0,
-        )
-
-
-def _from_quaternion(vector: FloatArray, offset: FloatArray, spacing: FloatArray, qfac: float) -> FloatArray:
-    from scipy.spatial.transform import Rotation
-
-    real = np.sqrt(max(0.0, 1.0 - float(vector @ vector)))
-    affine = np.eye(4)
-    affine[:3, :3] = Rotation.from_quat([*vector, real]).as_matrix() * spacing * [1.0, 1.0, qfac]
-    affine[:3, 3] = offset
-    return affine
