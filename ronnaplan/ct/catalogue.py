@@ -132,12 +132,12 @@ def find_series(path: str | Path, limits: Limits = DEFAULT_LIMITS, *, progress: 
     """
     path = Path(path)
     skipped: list[Skipped] = []
-    members: dict[tuple[str | None, str | None], list[Instance]] = defaultdict(list)
+    members: dict[str | None, list[Instance]] = defaultdict(list)
     blobs = sorted(blobs_below(_folder_of_index(path), limits, skipped), key=lambda blob: blob.name)
     for blob in advancing(blobs, len(blobs), progress, "headers"):
         instance = _instance(blob, limits, skipped)
         if instance is not None:
-            members[instance.study_uid, instance.series_uid].append(instance)
+            members[instance.series_uid].append(instance)
     series = [part for instances in members.values() for part in _parts(instances)]
     return Catalogue(path, tuple(series), tuple(skipped))
 

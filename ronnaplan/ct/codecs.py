@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import warnings
 from typing import Any, Final
 
 from ronnaplan.ct.jpeg_lossless import decode_jpeg_lossless
@@ -79,15 +78,13 @@ def decode_frame(frame: bytes, pixels: PixelFormat) -> Stored:
     from pydicom.uid import UID
 
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            decoded, _ = get_decoder(UID(pixels.transfer_syntax)).as_array(
-                encapsulate([frame], has_bot=False),
-                index=0,
-                raw=True,
-                decoding_plugin=PLUGINS[pixels.transfer_syntax],
-                **_options(pixels),
-            )
+        decoded, _ = get_decoder(UID(pixels.transfer_syntax)).as_array(
+            encapsulate([frame], has_bot=False),
+            index=0,
+            raw=True,
+            decoding_plugin=PLUGINS[pixels.transfer_syntax],
+            **_options(pixels),
+        )
     except Exception as error:  # each decoder raises its own kinds
         raise InputError(f"{printable(error)}; export it uncompressed") from error
     shaped: Stored = decoded.reshape(expected[: 3 if pixels.samples > 1 else 2])

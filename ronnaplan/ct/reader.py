@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -101,7 +102,9 @@ def _filled(
         except DamagedError as error:
             raise InputError(f"{slices[k].name} cannot be read: {error}") from error
 
-    in_parallel(fill, len(slices), progress)
+    with warnings.catch_warnings():  # here, because filters belong to the process, not to a thread
+        warnings.simplefilter("ignore")  # what pydicom's decoders find odd in a stream that they can read
+        in_parallel(fill, len(slices), progress)
     return voxels
 
 

@@ -175,6 +175,17 @@ def test_two_acquisitions_of_one_place_are_offered_apart(tmp_path: Path) -> None
     assert {volume.source.series_instance_uid for volume in volumes} == {"1.2.3.2"}
 
 
+def test_two_kernels_of_one_place_are_offered_apart(tmp_path: Path) -> None:
+    write_series(tmp_path)
+
+    def sharp(made: Dataset, k: int) -> None:
+        made.ConvolutionKernel, made.RescaleIntercept = "H60", -1023
+
+    write_series(tmp_path, 4, sharp, prefix="sharp")
+    assert [series.kernel for series in find_series(tmp_path).usable] == ["H30", "H60"]
+    assert read_ct(tmp_path, "1.2.3.2#2").source.kernel == "H60"
+
+
 def test_acquisitions_that_follow_each_other_are_one_volume(tmp_path: Path) -> None:
     volume = read_ct(write_series(tmp_path, change=lambda made, k: setattr(made, "AcquisitionNumber", k // 2)))
     assert volume.voxels_hu.shape[0] == 4
@@ -185,6 +196,7 @@ def test_acquisitions_that_follow_each_other_are_one_volume(tmp_path: Path) -> N
     [
         ("ImageOrientationPatient", [0, 1, 0, 0, 0, -1]),
         ("FrameOfReferenceUID", "1.2.3.99"),
+        ("StudyInstanceUID", "1.2.3.98"),
         ("PixelSpacing", [0.5, 0.5]),
     ],
 )
