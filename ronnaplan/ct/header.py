@@ -141,6 +141,8 @@ def _parse(buffer: bytes, size: int, limits: Limits) -> Header:
     explicit = buffer[start + 4 : start + 6].isalpha() and buffer[start + 4 : start + 6].isupper()
     scanner = _Scanner(buffer, size, limits, big=big)
     elements, _ = scanner.dataset(start, size, explicit, depth=0)
+    if syntax == DEFLATED_LITTLE and scanner.pixel_tag is None and size == limits.header_bytes:
+        raise DamagedError("its header is too long")
     if not syntax:
         syntax = EXPLICIT_LITTLE if explicit else IMPLICIT_LITTLE
     length = scanner.pixel_length
@@ -164,6 +166,7 @@ class _Scanner:
         self.buffer = buffer
         self.size = size
         self.limits = limits
+        self.seen = 0
         order = ">" if big else "<"
         self.short_form = struct.Struct(order + "HH2sH").unpack_from
         self.plain_form = struct.Struct(order + "HHL").unpack_from
@@ -216,6 +219,9 @@ class _Scanner:
     def _element(self, position: int, explicit: bool) -> tuple[int, bytes, int, int]:
         """Return tag, value representation, length and where the value starts."""
         self._require(position + 8)
+        self.seen += 1
+        if self.seen > self.limits.header_elements:
+            raise DamagedError(f"its header has more than {self.limits.header_elements} elements")
         if not explicit:
             group, element, length = self.plain_form(self.buffer, position)
             return group << 16 | element, b"", length, position + 8

@@ -120,6 +120,14 @@ def test_a_multi_frame_ct_that_describes_fewer_frames_than_it_holds_is_refused(t
         read_ct(enhanced_file(tmp_path, made))
 
 
+def test_more_frames_than_any_scan_has_are_refused(tmp_path: Path) -> None:
+    made = enhanced(4)
+    made.NumberOfFrames, made.Rows, made.Columns = 300_000, 1, 1
+    made.PixelData = bytes(600_000)
+    with pytest.raises(InputError, match="declares 300000 frames, more than 20000"):
+        read_ct(enhanced_file(tmp_path, made))
+
+
 @pytest.mark.parametrize("syntax", ["1.2.840.10008.1.2.5", "1.2.840.10008.1.2.4.80"])
 def test_compressed_frames_are_told_apart(tmp_path: Path, syntax: str) -> None:
     volume = read_ct(enhanced_file(tmp_path, compress(enhanced(5), syntax, tmp_path)))

@@ -1,4 +1,5 @@
 import struct
+import zlib
 from pathlib import Path
 
 import pydicom
@@ -7,7 +8,7 @@ import pytest
 from pydicom.dataset import Dataset
 
 from ronnaplan.ct.files import DamagedError, DiskFile, NotDicomError
-from ronnaplan.ct.header import WANTED, read_header
+from ronnaplan.ct.header import WANTED, deflated_part, read_header
 from ronnaplan.ct.limits import Limits
 from ronnaplan.ct.slices import instance_from_header, numbers
 from ronnaplan.errors import InputError
@@ -107,6 +108,26 @@ def test_a_header_beyond_the_limit_is_refused_and_read_when_the_limit_is_raised(
     with pytest.raises(DamagedError, match="its header is too long"):
         read_header(file, Limits(header_bytes=100_000))
     assert 0x00280010 in read_header(file, Limits()).elements
+
+
+@pytest.mark.parametrize("filling", [b"\x09\x00\x01\x10LO\0\0", OPENING[:12] + b"\xfe\xff\x00\xe0\0\0\0\0" * 9])
+def test_a_header_of_countless_small_elements_is_refused(tmp_path: Path, plain: bytes, filling: bytes) -> None:
+    at = plain.find(b"\x10\x00\x10\x00PN")
+    ending = b"\xfe\xff\xdd\xe0\0\0\0\0" if b"SQ" in filling else b""
+    file = written(tmp_path / "many", plain[:at] + (filling + ending) * 1000 + plain[at:])
+    with pytest.raises(DamagedError, match="its header has more than 900 elements"):
+        read_header(file, Limits(header_elements=900))
+    assert 0x00280010 in read_header(file, Limits()).elements
+
+
+def test_a_deflated_file_that_unpacks_without_end_is_refused(tmp_path: Path) -> None:
+    save(dataset(0), tmp_path / "a", "1.2.840.10008.1.2.1.99")
+    start = len((tmp_path / "a").read_bytes()) - len(deflated_part(blob(tmp_path / "a"), Limits()))
+    packer = zlib.compressobj(9, zlib.DEFLATED, -zlib.MAX_WBITS)
+    endless = packer.compress(b"\x09\x00\x01\x10LO\0\0" * 4_000_000) + packer.flush()
+    file = written(tmp_path / "bomb", (tmp_path / "a").read_bytes()[:start] + endless)
+    with pytest.raises(DamagedError, match="its header is too long"):
+        read_header(file, Limits(header_bytes=1 << 17))
 
 
 def test_what_is_not_dicom_is_told_from_what_is_damaged(tmp_path: Path) -> None:
