@@ -3,12 +3,16 @@ from typing import Any
 
 import numpy as np
 import pydicom
+import pydicom.data
 import pytest
 from pydicom.encaps import generate_frames
 
-from ronnaplan.ct import VolumeFlag, read_ct
+from ronnaplan.ct import Limits, VolumeFlag, read_ct
 from ronnaplan.ct.codecs import codestream_size, decode_frame
-from ronnaplan.ct.slices import PixelFormat
+from ronnaplan.ct.files import DiskFile
+from ronnaplan.ct.fragments import frame_fragments
+from ronnaplan.ct.header import read_header
+from ronnaplan.ct.slices import PixelFormat, instance_from_header
 from ronnaplan.errors import InputError
 from tests.ct.makers import compress, dataset, save
 
@@ -134,3 +138,25 @@ def test_a_stream_that_declares_another_size_is_refused_before_it_is_decoded(tmp
     assert codestream_size(frame) == (64, 64, 1)
     with pytest.raises(InputError, match=r"has rows, columns and samples \(64, 64, 1\), its header \(64, 65, 1\)"):
         decode_frame(frame, pixel_format(64, 65, syntax))
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "693_J2KI.dcm",
+        "J2K_pixelrep_mismatch.dcm",
+        "JPEG2000.dcm",
+        "JPEGLSNearLossless_16.dcm",
+        "MR_small_RLE.dcm",
+        "MR_small_jp2klossless.dcm",
+        "MR_small_jpeg_ls_lossless.dcm",
+    ],
+)
+@pytest.mark.filterwarnings("ignore::UserWarning:pydicom")
+def test_pydicoms_own_compressed_images_decode_to_what_pydicom_reads(name: str) -> None:
+    path = Path(pydicom.data.__file__).parent / "test_files" / name
+    blob = DiskFile(str(path), path.stat().st_size)
+    pixels = instance_from_header(blob, read_header(blob, Limits())).pixels
+    assert pixels is not None
+    ((fragment,),) = frame_fragments(blob, pixels)
+    assert np.array_equal(decode_frame(blob.read(*fragment), pixels), pydicom.dcmread(path).pixel_array)
