@@ -153,11 +153,10 @@ def _instance(blob: Blob, limits: Limits, skipped: list[Skipped]) -> Instance | 
     try:
         instance = instance_from_header(blob, read_header(blob, limits))
     except NotDicomError as error:
-        is_other = isinstance(blob, DiskFile) and (
-            is_image_file(Path(blob.path)) or blob.path.lower().endswith(".zip")
-        )
+        suffix = blob.name.lower()
+        is_other = isinstance(blob, DiskFile) and (is_image_file(Path(blob.path)) or suffix.endswith(".zip"))
         reason = "it is an image file or archive; name it by itself" if is_other else str(error)
-        skipped.append(Skipped(blob.name, reason, False))
+        skipped.append(Skipped(blob.name, reason, is_trouble=suffix.endswith(".dcm")))
     except DamagedError as error:
         skipped.append(Skipped(blob.name, str(error), True))
     else:

@@ -4,7 +4,7 @@ import pydicom.data
 import pytest
 from pydicom.dataset import Dataset
 
-from ronnaplan.ct import find_series, read_ct
+from ronnaplan.ct import VolumeFlag, find_series, read_ct
 from ronnaplan.ct.summary import summarize
 from ronnaplan.errors import InputError
 from tests.ct.makers import SERIES, write_series
@@ -27,6 +27,14 @@ def test_a_damaged_file_beside_a_series_is_named_and_flagged(tmp_path: Path) -> 
     assert [(one.name.endswith("003"), one.is_trouble) for one in found.skipped] == [(True, True)]
     assert read_ct(tmp_path).voxels_hu.shape[0] == 3
     assert "could not be read" in read_ct(tmp_path).flags[-1]
+
+
+def test_an_empty_file_with_the_name_of_an_image_is_flagged(tmp_path: Path) -> None:
+    write_series(tmp_path)
+    (tmp_path / "notes.txt").touch()
+    assert read_ct(tmp_path).flags == ()
+    (tmp_path / "004.dcm").touch()
+    assert read_ct(tmp_path).flags == (VolumeFlag.UNREADABLE_FILES,)
 
 
 def test_a_slice_cut_off_within_its_pixels_makes_the_series_unusable(tmp_path: Path) -> None:
