@@ -427,6 +427,7 @@ def run(count: int, seed: int) -> int:
             outcomes[kind, "FAILED" if failed else outcome] += 1
             if failed:
                 failures.append(f"input {at} ({kind}): {outcome}")
+                print(failures[-1], file=sys.stderr)
             if number % 5000 == 0:
                 print(f"{number} tried, {len(failures)} failures", file=sys.stderr)
         child.join(timeout=10)

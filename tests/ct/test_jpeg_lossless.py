@@ -55,6 +55,12 @@ def test_a_stream_cut_short_is_refused(frame: bytes) -> None:
             decode_jpeg_lossless(frame[:keep], 40, 24)
 
 
+def test_a_scan_with_more_in_it_than_the_pixels_is_refused(frame: bytes) -> None:
+    end = frame.rfind(b"\xff\xd9")
+    with pytest.raises(DamagedError, match="corrupt"):
+        decode_jpeg_lossless(frame[:end] + bytes(20) + frame[end:], 40, 24)
+
+
 def encoded(image: "np.typing.NDArray[np.int64]", predictor: int, restart_lines: int) -> bytes:
     """Encode 12-bit pixels by the letter of T.81: every category has a 5-bit code, so the table is trivial."""
     rows, columns = image.shape
