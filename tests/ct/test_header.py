@@ -79,6 +79,17 @@ def test_elements_inside_other_sequences_are_not_mistaken_for_the_images_own(tmp
         assert numbers(elements, 0x00200032) == (-10, -20, 30)
 
 
+def test_a_sequence_of_unknown_representation_is_implicit_inside_and_stepped_over(
+    tmp_path: Path, plain: bytes
+) -> None:
+    inside = b"\x09\x00\x02\x10" + struct.pack("<L", 4) + b"abcd"
+    item = b"\xfe\xff\x00\xe0\xff\xff\xff\xff" + inside + b"\xfe\xff\x0d\xe0\0\0\0\0"
+    unknown = b"\x09\x00\x01\x10UN\0\0\xff\xff\xff\xff" + item + b"\xfe\xff\xdd\xe0\0\0\0\0"
+    at = plain.find(b"\x10\x00\x10\x00PN")
+    elements = read_header(written(tmp_path / "a", plain[:at] + unknown + plain[at:]), Limits()).elements
+    assert numbers(elements, 0x00200032) == (-10, -20, 30)
+
+
 @pytest.mark.parametrize("keep", [0, 1, 131, 140, 200, 400, 700])
 def test_a_file_cut_off_anywhere_in_its_header_is_refused(tmp_path: Path, plain: bytes, keep: int) -> None:
     with pytest.raises((NotDicomError, DamagedError)):
