@@ -268,6 +268,8 @@ def check_image(volume: CTVolume, path: Path) -> str:
 
 def _nifti(content: bytes) -> Any:
     order = "<" if 1 <= struct.unpack_from("<h", content, 40)[0] <= 7 else ">"
+    if struct.unpack_from(order + "h", content, 254)[0] <= 0:
+        raise ValueError("the matrix read here is not in force")
     rows = np.array(struct.unpack_from(order + "12f", content, 280), dtype=float).reshape(3, 4)
     return rows * [[-1.0], [-1.0], [1.0]]
 
