@@ -355,14 +355,25 @@ def _too_slow(*_: object) -> None:
     raise SlowError
 
 
-def try_one(series: dict[str, Files], number: int, seed: int, folder: Path) -> tuple[str, str]:
-    """Read one input; return its kind and what became of it, a failure starting with ``FAILED``."""
-    kind, files = mutated(series, number, seed)
+def _written(kind: str, files: Files, folder: Path) -> Path:
+    """Write the files of one input into the emptied ``folder``; return what to read."""
     for old in folder.iterdir():
         old.unlink()
     for k, content in enumerate(files):
         (folder / f"{k}{kind if kind in IMAGES else ''}").write_bytes(content)
-    path = folder if len(files) > 1 or kind not in (*IMAGES, "zip") else next(folder.iterdir())
+    return folder if len(files) > 1 or kind not in (*IMAGES, "zip") else next(folder.iterdir())
+
+
+def read_all(series: dict[str, Files], folder: Path) -> None:
+    """Read every seed as it is: they must all be sound, and whatever is compiled or imported at first use is then."""
+    for kind, files in series.items():
+        read_ct(_written(kind, files, folder), limits=LIMITS)
+
+
+def try_one(series: dict[str, Files], number: int, seed: int, folder: Path) -> tuple[str, str]:
+    """Read one input; return its kind and what became of it, a failure starting with ``FAILED``."""
+    kind, files = mutated(series, number, seed)
+    path = _written(kind, files, folder)
     started = time.monotonic()
     try:
         volume = read_ct(path, limits=LIMITS)
@@ -387,6 +398,7 @@ def _work(series: dict[str, Files], first: int, count: int, seed: int, results: 
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
     signal.signal(signal.SIGALRM, _too_slow)
     with tempfile.TemporaryDirectory() as folder:
+        read_all(series, Path(folder))
         for number in range(first, first + count):
             results.put((number, "begun", ""))
             signal.setitimer(signal.ITIMER_REAL, 2 * SLOWEST_S)
