@@ -365,7 +365,7 @@ def _written(kind: str, files: Files, folder: Path) -> Path:
 
 
 def read_all(series: dict[str, Files], folder: Path) -> None:
-    """Read every seed as it is: they must all be sound, and whatever is compiled or imported at first use is then."""
+    """Read every seed as it is: all must be sound, and what is compiled at first use is compiled by then."""
     for kind, files in series.items():
         read_ct(_written(kind, files, folder), limits=LIMITS)
 
