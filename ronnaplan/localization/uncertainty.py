@@ -16,6 +16,9 @@ from ronnaplan.localization.refine import BallFit
 MAX_LAG = (1, 3, 3)
 """Farthest noise correlation that is measured, in slices, rows and columns."""
 
+MIN_PAIRS = 30
+"""A correlation measured on fewer pairs of voxels is chance and is left at zero."""
+
 QUANTIZATION_VARIANCE_HU2 = 1.0 / 12.0
 """Variance of rounding to whole HU: no scan has less noise than this."""
 
@@ -25,39 +28,49 @@ MODEL_ERROR_MM = 0.002
 
 def center_covariance(fit: BallFit) -> FloatArray:
     """Covariance (3, 3) of the fitted centre in LPS, mm^2."""
-    covariances = noise_autocovariance(fit)
-    weights = _on_grid(fit, fit.influence_mm_per_hu)
+    noise_hu = _local_noise(fit)
+    weights = _on_grid(fit, fit.influence_mm_per_hu * noise_hu[:, np.newaxis])
     total = np.zeros((3, 3))
-    for lag, covariance in covariances.items():
+    for lag, correlation in noise_autocorrelation(fit, noise_hu).items():
         first, second = _shifted(weights, lag)
         pairs = first.reshape(-1, 3).T @ second.reshape(-1, 3)
-        total += covariance * (pairs if lag == (0, 0, 0) else pairs + pairs.T)
+        total += correlation * (pairs if lag == (0, 0, 0) else pairs + pairs.T)
     total = _positive(total) + MODEL_ERROR_MM**2 * np.eye(3)
     axes = fit.neighbourhood.axes
     rotated: FloatArray = axes.T @ total @ axes
     return (rotated + rotated.T) / 2.0
 
 
-def noise_autocovariance(fit: BallFit) -> dict[tuple[int, int, int], float]:
-    """Autocovariance of the residuals (HU^2) by lag in slices, rows and columns; one of each +- pair of lags."""
-    residuals = _on_grid(fit, np.where(fit.used, fit.residuals_hu, 0.0)[:, np.newaxis])[..., 0]
+def _local_noise(fit: BallFit) -> FloatArray:
+    """Noise (N,) in HU at each voxel: one level inside the ball and one outside, where air may clip it."""
+    inside = np.linalg.norm(fit.neighbourhood.offsets_mm - fit.theta[:3], axis=1) < fit.theta[3]
+    freedom = max(1.0 - len(fit.theta) / max(int(fit.used.sum()), 1), 0.1)
+    noise = np.empty(len(inside))
+    for zone in (inside, ~inside):
+        squares = fit.residuals_hu[zone & fit.used] ** 2
+        variance = float(squares.mean()) / freedom if squares.size else 0.0
+        noise[zone] = np.sqrt(max(variance, QUANTIZATION_VARIANCE_HU2))
+    return noise
+
+
+def noise_autocorrelation(fit: BallFit, noise_hu: FloatArray) -> dict[tuple[int, int, int], float]:
+    """Correlation of the noise by lag in slices, rows and columns; one of each +- pair of lags."""
+    relative = np.where(fit.used, fit.residuals_hu / noise_hu, 0.0)
+    residuals = _on_grid(fit, relative[:, np.newaxis])[..., 0]
     present = _on_grid(fit, fit.used.astype(np.float64)[:, np.newaxis])[..., 0]
-    freedom = max(float(fit.used.sum()) - len(fit.theta), 1.0) / max(float(fit.used.sum()), 1.0)
     result = {}
     for lag in _half_lags():
         first, second = _shifted(residuals, lag)
         count = float(np.vdot(*_shifted(present, lag)))
-        if count >= 1.0:
-            result[lag] = float(np.vdot(first, second)) / count / freedom
-    result[(0, 0, 0)] = max(result.get((0, 0, 0), 0.0), QUANTIZATION_VARIANCE_HU2)
+        if count >= MIN_PAIRS:
+            result[lag] = float(np.vdot(first, second)) / count
+    result[(0, 0, 0)] = 1.0
     return result
 
 
 def _half_lags() -> list[tuple[int, int, int]]:
     dk, dj, di = MAX_LAG
-    every = [
-        (k, j, i) for k in range(-dk, dk + 1) for j in range(-dj, dj + 1) for i in range(-di, di + 1)
-    ]
+    every = [(k, j, i) for k in range(-dk, dk + 1) for j in range(-dj, dj + 1) for i in range(-di, di + 1)]
     return [lag for lag in every if lag >= (0, 0, 0)]
 
 

@@ -1,0 +1,254 @@
+"""The exact search: every pairing that is consistent in distance, each weighed by its evidence.
+
+Nodes are possible pairs (i, j); two nodes are joined when their distances agree within the gate.  A pairing is a
+clique of this graph.  The depth-first search visits each clique once and leaves a branch only when no clique in
+it can come within `LISTED_NATS` of the best: chi^2 never falls and the transform's volume never grows when pairs
+are added.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from ronnaplan.correspondence.evidence import GATE_CHI2, LEAST_PAIRS, fit, is_collinear, log_misfit
+
+LISTED_NATS = 18.0
+"""Pairings further than this below the best in log evidence (1 in 6e7) are neither listed nor summed."""
+
+MOST_LISTED = 2048
+"""More pairings than this near the best: the search gives up (the layout is far from unique)."""
+
+MOST_VISITED = 3_000_000
+"""More cliques than this: the search gives up."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def distances(points):  # type: ignore[no-untyped-def]
+    """Return all mutual distances (Eq. 10) of points (n, 3) as (n, n)."""
+    n = len(points)
+    d = np.zeros((n, n))
+    for a in range(n):
+        for b in range(a):
+            x, y, z = points[a, 0] - points[b, 0], points[a, 1] - points[b, 1], points[a, 2] - points[b, 2]
+            d[a, b] = d[b, a] = math.sqrt(x * x + y * y + z * z)
+    return d
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def consistent_nodes(ct, ots, weight):  # type: ignore[no-untyped-def]
+    """Return the edges of the consistency graph, (E, 2) nodes i * len(ots) + j."""
+    n, m = len(ct), len(ots)
+    dx, dy, gate = distances(ct), distances(ots), GATE_CHI2 / weight
+    widest = math.sqrt(2.0 * gate.max())
+    edges = np.empty((n * (n - 1) * m * (m - 1) // 2, 2), np.int32)
+    count = 0
+    for a in range(n):
+        for b in range(a + 1, n):
+            low, high = dx[a, b] - widest, dx[a, b] + widest
+            for c in range(m):
+                row = dy[c]
+                for d in range(m):
+                    near = low <= row[d] <= high and c != d
+                    if near and (dx[a, b] - row[d]) ** 2 <= gate[a, c] + gate[b, d]:
+                        edges[count, 0], edges[count, 1] = a * m + c, b * m + d
+                        count += 1
+    return edges[:count]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def consistency_graph(ct, ots, weight):  # type: ignore[no-untyped-def]
+    """Return i and j of each node, the best connected first, and the adjacency as rows of bits."""
+    n, m = len(ct), len(ots)
+    edges = consistent_nodes(ct, ots, weight)
+    degree, rank = np.zeros(n * m, np.int64), np.empty(n * m, np.int64)
+    for e in range(len(edges)):
+        degree[edges[e, 0]] += 1
+        degree[edges[e, 1]] += 1
+    order = np.argsort(-degree, kind="mergesort")
+    rank[order] = np.arange(n * m)
+    adjacent = np.zeros((n * m, (n * m + 63) // 64), np.uint64)
+    for e in range(len(edges)):
+        a, b = rank[edges[e, 0]], rank[edges[e, 1]]
+        adjacent[a, b >> 6] |= np.uint64(1) << np.uint64(b & 63)
+        adjacent[b, a >> 6] |= np.uint64(1) << np.uint64(a & 63)
+    return order // m, order % m, adjacent
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def lowest_bit(word):  # type: ignore[no-untyped-def]
+    """Return the index of the lowest set bit of a non-zero word."""
+    bit, shift = 0, 32
+    while shift:
+        if word & ((np.uint64(1) << np.uint64(shift)) - np.uint64(1)) == np.uint64(0):
+            word >>= np.uint64(shift)
+            bit += shift
+        shift >>= 1
+    return bit
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def pop_first(bits):  # type: ignore[no-untyped-def]
+    """Remove and return the first node of a set of bits, -1 when it is empty."""
+    for w in range(len(bits)):
+        if bits[w]:
+            first = 64 * w + lowest_bit(bits[w])
+            bits[w] &= bits[w] - np.uint64(1)
+            return first
+    return -1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def count_rows(bits, node_i, seen):  # type: ignore[no-untyped-def]
+    """Return how many different CT points a set's nodes have: a clique holds at most one node of each."""
+    seen[:] = False
+    rows = 0
+    for w in range(len(bits)):
+        rest = bits[w]
+        while rest:
+            i = node_i[64 * w + lowest_bit(rest)]
+            rest &= rest - np.uint64(1)
+            if not seen[i]:
+                seen[i] = True
+                rows += 1
+    return rows
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def keep_listed(log_evidence, partners, floor):  # type: ignore[no-untyped-def]
+    """Move the entries above ``floor`` to the front; return their number."""
+    kept = 0
+    for a in range(len(log_evidence)):
+        if log_evidence[a] >= floor:
+            log_evidence[kept] = log_evidence[a]
+            partners[kept] = partners[a]
+            kept += 1
+    return kept
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def enter(log_evidence, partners, found, here, floor, i, j, size):  # type: ignore[no-untyped-def]
+    """Add a pairing above ``floor`` to the list; return the new length, -1 when the list is full."""
+    if here < floor:
+        return found
+    if found == MOST_LISTED:
+        found = keep_listed(log_evidence, partners, floor)
+        if found == MOST_LISTED:
+            return -1
+    log_evidence[found], partners[found] = here, -1
+    for a in range(size):
+        partners[found, i[a]] = j[a]
+    return found + 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def start_from_known(known, node_i, node_j, adjacent, i, j):  # type: ignore[no-untyped-def]
+    """Enter the known pairs as the first of the clique; return the nodes that can join them."""
+    nodes = len(node_i)
+    candidates = np.zeros(adjacent.shape[1], np.uint64)
+    for a in range(nodes):
+        candidates[a >> 6] |= np.uint64(1) << np.uint64(a & 63)
+    for q in range(len(known)):
+        i[q], j[q] = known[q, 0], known[q, 1]
+        for a in range(nodes):
+            if node_i[a] == i[q] and node_j[a] == j[q]:
+                candidates &= adjacent[a]
+    return candidates
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def weigh(points, weight, node_value, constants, i, j, size, reach, spread):  # type: ignore[no-untyped-def]
+    """Return a clique's log evidence, and the most that a clique of up to ``reach`` pairs around it can have."""
+    chi2, volume = fit(points[0], points[1], weight, i, j, size, spread)
+    here = volume
+    for a in range(size):
+        here += node_value[i[a], j[a]]
+    bound = -np.inf
+    top = node_value.max()
+    for k in range(size, reach + 1):
+        bound = max(bound, constants[k] + (k - size) * top + log_misfit(chi2, k))
+    return here + constants[size] + log_misfit(chi2, size), here + bound
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def search(ct, ots, weight, node_value, constants, known, spread, nats):  # type: ignore[no-untyped-def]
+    """List every pairing within ``nats`` of the most probable one.
+
+    ``weight`` and ``node_value`` (n, m): 1/variance of a pair, and the pair's own share -3/2 ln c of the log
+    evidence; ``constants``: see `size_priors`; ``known`` (K, 2): pairs that every pairing must hold. Returns the
+    log evidences (L,), the partner of each CT point in each pairing (L, n), -1 for none, and whether the list is
+    complete.
+    """
+    n, most, given = len(ct), min(len(ct), len(ots)), len(known)
+    node_i, node_j, adjacent = consistency_graph(ct, ots, weight)
+    i, j = np.zeros(most + 1, np.int64), np.zeros(most + 1, np.int64)
+    candidates = np.zeros((most + 2, adjacent.shape[1]), np.uint64)
+    candidates[given] = start_from_known(known, node_i, node_j, adjacent, i, j)
+    log_evidence, partners = np.empty(MOST_LISTED), np.empty((MOST_LISTED, n), np.int16)
+    seen = np.zeros(n, np.bool_)
+    found, visited, best = 0, 0, -np.inf
+    if given >= LEAST_PAIRS:
+        best = weigh((ct, ots), weight, node_value, constants, i, j, given, given, spread)[0]
+        found = enter(log_evidence, partners, 0, best, best - nats, i, j, given)
+    depth = given
+    while depth >= given:
+        node = pop_first(candidates[depth])
+        if node < 0:
+            depth -= 1
+            continue
+        i[depth], j[depth] = node_i[node], node_j[node]
+        size = depth + 1
+        candidates[size] = candidates[depth] & adjacent[node]
+        reach = min(size + count_rows(candidates[size], node_i, seen), most)
+        if reach < LEAST_PAIRS:
+            continue
+        if size >= LEAST_PAIRS:
+            visited += 1
+            here, bound = weigh((ct, ots), weight, node_value, constants, i, j, size, reach, spread)
+            best = max(best, here)
+            if bound < best - nats:
+                continue
+            found = enter(log_evidence, partners, found, here, best - nats, i, j, size)
+            if found < 0 or visited > MOST_VISITED:
+                listed = MOST_LISTED if found < 0 else found
+                return log_evidence[:listed], partners[:listed], False
+        depth = size
+    found = keep_listed(log_evidence[:found], partners[:found], best - nats)
+    return log_evidence[:found], partners[:found], True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def best_of(log_evidence, background):  # type: ignore[no-untyped-def]
+    """Return the index and posterior probability of the most probable pairing, (-1, 0) without any."""
+    if len(log_evidence) == 0:
+        return -1, 0.0
+    best = np.argmax(log_evidence)
+    total = math.exp(min(background - log_evidence[best], 700.0))
+    for a in range(len(log_evidence)):
+        total += math.exp(log_evidence[a] - log_evidence[best])
+    return best, 1.0 / total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def match_many(ct, ots, variance, constants, background, spread):  # type: ignore[no-untyped-def]
+    """Match T sets (T, n, 3), (T, m, 3) of one variance: partners (T, n) and probability (T,) of the best.
+
+    A probability of 0 marks a search that gave up and a pairing on a line: both are refused, as `match_points`
+    does.
+    """
+    tests, n, m = len(ct), ct.shape[1], ots.shape[1]
+    weight, node_value = np.full((n, m), 1.0 / variance), np.full((n, m), -1.5 * math.log(variance))
+    known = np.zeros((0, 2), np.int64)
+    partners, probability = np.full((tests, n), -1, np.int16), np.zeros(tests)
+    for t in range(tests):
+        log_evidence, listed, complete = search(
+            ct[t], ots[t], weight, node_value, constants, known, spread, LISTED_NATS
+        )
+        best, p = best_of(log_evidence, background)
+        if best >= 0:
+            partners[t] = listed[best]
+        if complete and best >= 0 and not is_collinear(ct[t][listed[best] >= 0], math.sqrt(variance)):
+            probability[t] = p
+    return partners, probability

@@ -1,0 +1,104 @@
+"""Checks of what a matcher is given: points in mm, their errors, the expected number, pairs that are known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ronnaplan.correspondence.pairing import IntArray
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray, as_points
+
+LEAST_POINTS = 3
+"""A rigid transform needs three pairs."""
+
+SMALLEST_SPREAD_MM = 1.0
+LARGEST_SPREAD_MM = 20_000.0
+"""Sets whose extent lies outside these cannot be a head or a tracker's field in mm (metres? micrometres?)."""
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorModel:
+    """The errors of one set: variances (N,) per axis in mm^2; covariances (N, 3, 3) if they are anisotropic."""
+
+    variances: FloatArray
+    covariances: FloatArray | None
+
+
+def checked_points(values: ArrayLike, name: str) -> FloatArray:
+    """Return points (N, 3) in mm; raises `InputError` for fewer than three or for a spread that cannot be mm."""
+    points = as_points(values, name)
+    if len(points) < LEAST_POINTS:
+        raise InputError(f"{name} are {len(points)}; a rigid registration needs at least {LEAST_POINTS}")
+    extent = float(np.linalg.norm(np.ptp(points, axis=0)))
+    if not SMALLEST_SPREAD_MM <= extent <= LARGEST_SPREAD_MM:
+        raise InputError(
+            f"{name} spread over {extent:.6g}, expected {SMALLEST_SPREAD_MM:g} to {LARGEST_SPREAD_MM:g} mm; "
+            "convert the coordinates to millimetres"
+        )
+    return points
+
+
+def checked_errors(sigma_mm: ArrayLike, covariances_mm2: ArrayLike | None, count: int, name: str) -> ErrorModel:
+    """Return the errors of ``count`` points from sigmas per axis (one, or one a point) or from covariances."""
+    if covariances_mm2 is not None:
+        return errors_from_covariances(covariances_mm2, count, name)
+    try:
+        sigma = np.asarray(sigma_mm, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"sigma of {name} is not a number; expected standard deviations per axis in mm"
+        ) from error
+    if sigma.shape not in ((), (count,)):
+        raise InputError(
+            f"sigma of {name} has shape {sigma.shape}; expected one number or one for each of {count}"
+        )
+    if not (np.isfinite(sigma).all() and (sigma > 0).all()):
+        raise InputError(
+            f"sigma of {name} is {np.min(sigma):g}; expected positive standard deviations per axis in mm"
+        )
+    return ErrorModel(np.broadcast_to(sigma**2, (count,)).copy(), None)
+
+
+def errors_from_covariances(covariances_mm2: ArrayLike, count: int, name: str) -> ErrorModel:
+    """Return the errors that covariances (N, 3, 3) state; raises `InputError` unless positive definite."""
+    covariances = np.asarray(covariances_mm2, dtype=np.float64)
+    if covariances.shape != (count, 3, 3):
+        raise InputError(f"covariances of {name} have shape {covariances.shape}; expected ({count}, 3, 3) in mm^2")
+    symmetric = np.isfinite(covariances).all() and np.allclose(covariances, covariances.transpose(0, 2, 1))
+    if not symmetric or np.linalg.eigvalsh(covariances).min() <= 0:
+        raise InputError(
+            f"a covariance of {name} is not symmetric positive definite; expected mm^2, no zero error"
+        )
+    return ErrorModel(np.trace(covariances, axis1=1, axis2=2) / 3.0, covariances)
+
+
+def checked_expected(expected: int | None, counts: tuple[int, int]) -> int | None:
+    """Return the expected number of pairs; raises `InputError` when the sets cannot hold it."""
+    if expected is None:
+        return None
+    if expected != int(expected) or expected < LEAST_POINTS:
+        raise InputError(
+            f"{expected} pairs are expected; a registration needs a whole number of at least {LEAST_POINTS}"
+        )
+    if expected > min(counts):
+        raise InputError(
+            f"{expected} pairs are expected but the sets hold {counts[0]} CT and {counts[1]} OTS points; "
+            "find the missing markers or lower the expected number"
+        )
+    return int(expected)
+
+
+def checked_known(known_pairs: Iterable[tuple[int, int]], counts: tuple[int, int]) -> IntArray:
+    """Return pointed-at pairs as (K, 2); raises `InputError` for an index outside its set or used twice."""
+    known = np.array([tuple(pair) for pair in known_pairs], dtype=np.int64).reshape(-1, 2)
+    for column, (name, count) in enumerate(zip(("CT", "OTS"), counts, strict=True)):
+        indices = known[:, column]
+        if ((indices < 0) | (indices >= count)).any() or len(set(indices.tolist())) < len(indices):
+            raise InputError(
+                f"known pairs name {name} points {indices.tolist()}; expected different ones of 0 to {count - 1}"
+            )
+    return known

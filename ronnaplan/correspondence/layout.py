@@ -1,0 +1,144 @@
+"""How distinguishable a marker layout is, told from its CT points alone, before any tracker reading."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from ronnaplan.correspondence.evidence import COLLINEAR_SIGMAS, fit
+from ronnaplan.correspondence.exact import distances
+from ronnaplan.correspondence.inputs import checked_points
+from ronnaplan.correspondence.matching import LEAST_PROBABILITY
+from ronnaplan.correspondence.pairing import IntArray
+from ronnaplan.errors import InputError
+
+MOST_LAYOUT_POINTS = 32
+"""Larger sets are point clouds, not marker layouts."""
+
+MOST_LAYOUT_VISITS = 1_000_000
+"""Orders tried before the search stops with the nearest rival found so far."""
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """How distinguishable a marker layout is.
+
+    Attributes
+    ----------
+    rival_distance_mm
+        How far the markers are from fitting onto themselves in another order: the root sum of squared residuals of
+        the best such fit.  Zero for a symmetric layout (equilateral triangle, square, two points at one place).
+    rival
+        (n,) that other order: marker i would be taken for marker ``rival[i]``.
+    line_distance_mm
+        Root-mean-square distance of the markers from their best line; zero when collinear.
+
+    """
+
+    rival_distance_mm: float
+    rival: IntArray
+    line_distance_mm: float
+
+    def refusal_probability(
+        self, sigma_ct_mm: float = 0.56, sigma_ots_mm: float = 0.17, least_probability: float = LEAST_PROBABILITY
+    ) -> float:
+        """Return how often `match_points` refuses this layout for its nearest rival (all seen, no outliers).
+
+        With d the rival distance over the standard deviation of a pair's difference, the rival's log evidence lies
+        d^2/2 below the truth's on average, with standard deviation d.
+        """
+        sigma = math.hypot(sigma_ct_mm, sigma_ots_mm)
+        if self.line_distance_mm < COLLINEAR_SIGMAS * sigma:
+            return 1.0
+        d = max(self.rival_distance_mm / sigma, 1e-9)
+        needed = math.log(least_probability / (1.0 - least_probability))
+        not_beaten = 0.5 * math.erfc((0.5 * d * d - needed) / d / math.sqrt(2.0))
+        wrongly_accepted = 0.5 * math.erfc((0.5 * d * d + needed) / d / math.sqrt(2.0))
+        return not_beaten - wrongly_accepted
+
+
+def describe_layout(points: ArrayLike) -> Layout:
+    """Describe the layout of markers at ``points`` (n, 3), in mm, n from 3 to 32; under 1 ms for eight markers.
+
+    Mirror images do not count as rivals, for no head turns into its mirror image; a flat layout that equals its
+    mirror image does, for it can be turned over.  Raises `InputError` for unusable points.
+    """
+    checked = checked_points(points, "marker positions")
+    if len(checked) > MOST_LAYOUT_POINTS:
+        raise InputError(f"{len(checked)} markers were given; a layout has at most {MOST_LAYOUT_POINTS}")
+    square, rival = nearest_rival(checked)
+    values = np.linalg.eigvalsh(np.cov(checked.T, bias=True))
+    return Layout(math.sqrt(square), rival, math.sqrt(max(float(values[0] + values[1]), 0.0)))
+
+
+def rival_distance(points: ArrayLike) -> float:
+    """Return `Layout.rival_distance_mm` of markers at ``points`` (n, 3), in mm."""
+    return describe_layout(points).rival_distance_mm
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def swapped_pairs(points, weight, index):  # type: ignore[no-untyped-def]
+    """Return the least chi^2 among the orders that exchange two points, and that order."""
+    n = len(points)
+    best, rival = np.inf, index.copy()
+    for a in range(n):
+        for b in range(a):
+            order = index.copy()
+            order[a], order[b] = b, a
+            chi2 = fit(points, points, weight, index, order, n, 1.0)[0]
+            if chi2 < best:
+                best, rival = chi2, order
+    return best, rival
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def nearest_rival(points):  # type: ignore[no-untyped-def]
+    """Return the least sum of squared residuals over every order but the given one, and that order.
+
+    Branch and bound: the residuals of a partial order never exceed those of its completions, and those of any two
+    points are at least half their squared difference in distance.
+    """
+    n = len(points)
+    d, weight, index = distances(points), np.ones((n, n)), np.arange(n)
+    best, rival = swapped_pairs(points, weight, index)
+    order, used = np.full(n, -1), np.zeros(n, np.bool_)
+    depth = visits = 0
+    while depth >= 0 and visits < MOST_LAYOUT_VISITS:
+        if order[depth] >= 0:
+            used[order[depth]] = False
+        order[depth] = next_choice(d, order, used, depth, best)
+        if order[depth] < 0:
+            depth -= 1
+            continue
+        visits += 1
+        if depth >= 2:
+            chi2 = fit(points, points, weight, index, order, depth + 1, 1.0)[0]
+            if chi2 >= best:
+                continue
+            if depth == n - 1:
+                if not (order == index).all():
+                    best, rival = chi2, order.copy()
+                continue
+        used[order[depth]] = True
+        depth += 1
+    return best, rival
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def next_choice(d, order, used, depth, best):  # type: ignore[no-untyped-def]
+    """Return the next unused partner of point ``depth`` whose distances alone do not exceed the bound, or -1."""
+    for choice in range(order[depth] + 1, len(d)):
+        if used[choice]:
+            continue
+        fits = True
+        for a in range(depth):
+            if 0.5 * (d[a, depth] - d[order[a], choice]) ** 2 >= best:
+                fits = False
+                break
+        if fits:
+            return choice
+    return -1

@@ -1,0 +1,173 @@
+"""The published correspondence algorithm: Šuligoj et al. 2018, section 4.1, Fig. 5, step by step.
+
+It is the baseline of every study.  It states no probability and lists no rivals; use `match_points` for patients.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from ronnaplan.correspondence.exact import distances
+from ronnaplan.correspondence.inputs import checked_expected, checked_points
+from ronnaplan.correspondence.pairing import Pairing, no_pairs
+from ronnaplan.errors import InputError
+
+TOLERANCE_ROUNDING = 1e-9
+"""Added to the last tolerance so that 1.0, 1.1 ... 6.0 mm includes 6.0 despite rounding."""
+
+
+def match_by_similarity(
+    ct_points: ArrayLike,
+    ots_points: ArrayLike,
+    expected: int,
+    e_start_mm: float = 1.0,
+    e_stop_mm: float = 6.0,
+    e_step_mm: float = 0.1,
+) -> Pairing:
+    """Pair ``expected`` points of (n, 3) and (m, 3), in mm, by their shared distances (Eq. 10-13, steps 1-5).
+
+    The tolerance e rises from ``e_start_mm`` to ``e_stop_mm`` until one pairing is found; otherwise the answer is
+    ``unmatched``.  Raises `InputError` for unusable points, an impossible expected number or range of e.
+    """
+    ct, ots = checked_points(ct_points, "CT points"), checked_points(ots_points, "OTS points")
+    count = checked_expected(expected, (len(ct), len(ots)))
+    if not (0 < e_start_mm <= e_stop_mm and e_step_mm > 0):
+        raise InputError(
+            f"the tolerance runs from {e_start_mm} to {e_stop_mm} mm by {e_step_mm}; "
+            "expected 0 < start <= stop and a positive step"
+        )
+    partner = similarity_match(ct, ots, count, e_start_mm, e_stop_mm, e_step_mm)
+    i = np.flatnonzero(partner >= 0)
+    if len(i) == 0:
+        reason = f"no tolerance from {e_start_mm:g} to {e_stop_mm:g} mm leaves one pairing of {count} points"
+        return Pairing("unmatched", no_pairs(), math.nan, reason=reason)
+    return Pairing("unique", np.column_stack((i, partner[i])), math.nan)
+
+
+@njit(cache=True, nogil=True)
+def similarity_match(ct, ots, expected, e_start, e_stop, e_step):  # type: ignore[no-untyped-def]
+    """Return the partner of each CT point, -1 for none; all -1 when the correspondence is unsuccessful."""
+    e = e_start
+    while e <= e_stop + TOLERANCE_ROUNDING:
+        partner = match_within(ct, ots, expected, e)
+        if (partner >= 0).any():
+            return partner
+        e += e_step  # step 5A
+    return np.full(len(ct), -1)
+
+
+@njit(cache=True, nogil=True)
+def similarity_match_many(ct, ots, expected, e_start, e_stop, e_step):  # type: ignore[no-untyped-def]
+    """Match T sets (T, n, 3) and (T, m, 3); return the partners (T, n)."""
+    partner = np.empty(ct.shape[:2], np.int64)
+    for t in range(len(ct)):
+        partner[t] = similarity_match(ct[t], ots[t], expected, e_start, e_stop, e_step)
+    return partner
+
+
+@njit(cache=True, nogil=True)
+def match_within(ct, ots, expected, e):  # type: ignore[no-untyped-def]
+    """Run steps 1 to 4 with one tolerance e; return the partner of each CT point."""
+    rows, columns = np.arange(len(ct)), np.arange(len(ots))
+    nothing = np.full(len(ct), -1)
+    while len(rows) >= expected and len(columns) >= expected:
+        candidates = similarity_matrix(ct[rows], ots[columns], e) >= expected - 1  # steps 1 to 3
+        keep_rows, keep_columns = any_per_row(candidates), any_per_row(candidates.T)
+        if keep_rows.all() and keep_columns.all():
+            if len(rows) != expected or len(columns) != expected:
+                return nothing
+            found = unique_partners(candidates)  # step 4C
+            if (found < 0).any():
+                found = complete_by_coordinates(ct[rows], ots[columns], found, e)  # step 4B
+            if (found < 0).any():
+                return nothing
+            nothing[rows] = columns[found]
+            return nothing  # step 5B
+        rows, columns = rows[keep_rows], columns[keep_columns]  # step 4A
+    return nothing
+
+
+@njit(cache=True, nogil=True)
+def any_per_row(matrix):  # type: ignore[no-untyped-def]
+    """Tell of each row whether any value in it meets the condition."""
+    return np.array([matrix[a].any() for a in range(len(matrix))])
+
+
+@njit(cache=True, nogil=True)
+def similarity_matrix(ct, ots, e):  # type: ignore[no-untyped-def]
+    """Return sim_ij (Eq. 11, 12): how many distances of CT point i have a partner within e at OTS point j."""
+    d_ct, d_ots = distances(ct), distances(ots)  # Eq. 10
+    for a in range(len(ct)):
+        d_ct[a].sort()
+    for b in range(len(ots)):
+        d_ots[b].sort()
+    sim = np.zeros((len(ct), len(ots)), np.int64)
+    for a in range(len(ct)):
+        for b in range(len(ots)):
+            sim[a, b] = shared_distances(d_ct[a, 1:], d_ots[b, 1:], e)
+    return sim
+
+
+@njit(cache=True, nogil=True)
+def shared_distances(first, second, e):  # type: ignore[no-untyped-def]
+    """Count the one-to-one partners of two rising lists that differ by less than e: at most the shorter one."""
+    a = b = shared = 0
+    while a < len(first) and b < len(second):
+        if abs(first[a] - second[b]) < e:
+            shared += 1
+            a += 1
+            b += 1
+        elif first[a] < second[b]:
+            a += 1
+        else:
+            b += 1
+    return shared
+
+
+@njit(cache=True, nogil=True)
+def unique_partners(candidates):  # type: ignore[no-untyped-def]
+    """Return the partner of each row whose only candidate has no other candidate; -1 for the others."""
+    found = np.full(len(candidates), -1)
+    for a in range(len(candidates)):
+        options = np.flatnonzero(candidates[a])
+        if len(options) == 1 and candidates[:, options[0]].sum() == 1:
+            found[a] = options[0]
+    return found
+
+
+@njit(cache=True, nogil=True)
+def complete_by_coordinates(ct, ots, found, e):  # type: ignore[no-untyped-def]
+    """Pair the rest by their coordinates in the frame of the first three uniquely paired points, closer than e."""
+    anchors = np.flatnonzero(found >= 0)[:3]
+    if len(anchors) < 3:
+        return found
+    ct_local = (ct - ct[anchors[0]]) @ frame_of(ct[anchors])
+    ots_local = (ots - ots[found[anchors[0]]]) @ frame_of(ots[found[anchors]])
+    completed = found.copy()
+    for a in np.flatnonzero(found < 0):
+        options = [
+            b
+            for b in range(len(ots))
+            if not (found == b).any() and np.sqrt(((ct_local[a] - ots_local[b]) ** 2).sum()) < e
+        ]
+        if len(options) == 1 and not (completed == options[0]).any():
+            completed[a] = options[0]
+    return completed
+
+
+@njit(cache=True, nogil=True)
+def frame_of(points):  # type: ignore[no-untyped-def]
+    """Return the axes (columns) of the coordinate system built on three points (3, 3)."""
+    axes = np.zeros((3, 3))
+    x, w = points[1] - points[0], points[2] - points[0]
+    z = np.cross(x, w)
+    y = np.cross(z, x)
+    for column, axis in enumerate((x, y, z)):
+        length = np.sqrt((axis**2).sum())
+        if length > 0:
+            axes[:, column] = axis / length
+    return axes

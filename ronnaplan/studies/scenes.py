@@ -1,0 +1,81 @@
+"""Simulated point sets: markers displaced, read with noise by two instruments, moved and shuffled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ronnaplan.geometry import FloatArray
+
+SIGMA_CT_MM = 0.56
+SIGMA_OTS_MM = 0.17
+DISPLACEMENT_RADIUS_MM = 10.0
+OUTLIER_RADIUS_MM = 300.0
+
+
+@dataclass(frozen=True, eq=False)
+class Scenes:
+    """T tests: ``ct`` (T, n, 3), ``ots`` (T, m, 3), and the true OTS partner of each CT point (T, n) or -1."""
+
+    ct: FloatArray
+    ots: FloatArray
+    partner: NDArray[np.int64]
+
+
+def simulate_scenes(
+    rng: np.random.Generator,
+    layout_mm: FloatArray,
+    tests: int,
+    markers: int,
+    outliers: int,
+    *,
+    hidden: int = 0,
+    noise: float = 1.0,
+) -> Scenes:
+    """Simulate the protocol of the paper's section 4.2.
+
+    Each point of ``layout_mm`` (8, 3) is displaced uniformly inside a 10 mm sphere; ``markers`` of them are
+    kept; normal
+    noise of 0.56 and 0.17 mm per axis (times ``noise``) is added; ``outliers`` points uniform in a 300 mm sphere
+    about
+    the markers' centroid join each set; the first ``hidden`` markers are missing from the OTS set, which is
+    turned,
+    shifted and shuffled.
+    """
+    points = layout_mm + uniform_in_ball(rng, (tests, len(layout_mm)), DISPLACEMENT_RADIUS_MM)
+    kept = np.argsort(rng.random(points.shape[:2]), axis=1)[:, :markers]
+    points = np.take_along_axis(points, kept[:, :, None], axis=1)
+    centre = points.mean(axis=1, keepdims=True)
+    sets = []
+    for sigma, seen in ((SIGMA_CT_MM, points), (SIGMA_OTS_MM, points[:, hidden:])):
+        read = seen + noise * sigma * rng.standard_normal(seen.shape)
+        strays = centre + uniform_in_ball(rng, (tests, outliers), OUTLIER_RADIUS_MM)
+        sets.append(np.concatenate((read, strays), axis=1))
+    ct, ots = sets
+    order = np.argsort(rng.random(ots.shape[:2]), axis=1)
+    ots = np.take_along_axis(ots, order[:, :, None], axis=1)
+    ots = np.einsum("tab,tnb->tna", random_rotations(rng, tests), ots) + rng.uniform(-1000, 1000, (tests, 1, 3))
+    partner = np.full(ct.shape[:2], -1)
+    partner[:, hidden:markers] = np.argsort(order, axis=1)[:, : markers - hidden]
+    return Scenes(ct, ots, partner)
+
+
+def uniform_in_ball(rng: np.random.Generator, shape: tuple[int, ...], radius_mm: float) -> FloatArray:
+    """Return points (*shape, 3) uniform inside a ball about the origin."""
+    direction = rng.standard_normal((*shape, 3))
+    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+    return np.asarray(direction * radius_mm * np.cbrt(rng.random((*shape, 1))))
+
+
+def random_rotations(rng: np.random.Generator, count: int) -> FloatArray:
+    """Return ``count`` rotation matrices (count, 3, 3), uniform over all rotations (normal quaternions)."""
+    q = rng.standard_normal((count, 4))
+    w, x, y, z = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.array(rows).transpose(2, 0, 1)
