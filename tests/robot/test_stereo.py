@@ -5,7 +5,6 @@ from functools import cache
 import cv2
 import numpy as np
 import pytest
-import rendering
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.errors import FrameMismatchError, InputError, RefusedError
@@ -15,6 +14,7 @@ from ronnaplan.robot.chain import TCP, R
 from ronnaplan.robot.outline import find_outlines
 from ronnaplan.robot.stereo import StereoSphere, locate_sphere
 from ronnaplan.robot.stereo_calibration import calibrate_on_board, calibrate_tcp
+from tests.robot import rendering
 
 DIAMETER = 11.5
 K = [
