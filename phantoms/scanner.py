@@ -48,6 +48,11 @@ class Scanner:
     extended_scale: bool = False
     """Whether values above 3071 HU are kept."""
 
+    @property
+    def range_hu(self) -> tuple[float, float]:
+        """Lowest and highest value that is stored."""
+        return -1024.0, EXTENDED_LIMIT_HU if self.extended_scale else 3071.0
+
     def __post_init__(self) -> None:
         kernel(self.kernel)
         checks = (
@@ -67,11 +72,10 @@ def scan(
 ) -> NDArray[np.int16]:
     """Return the images (K, rows, columns) of ``scene`` in HU, clipped as the scanner clips."""
     scanner = scanner or Scanner()
-    top = EXTENDED_LIMIT_HU if scanner.extended_scale else 3071.0
     result = np.empty((len(stack), stack.rows, stack.columns), dtype=np.int16)
     slices = enumerate(scan_hu(scene, stack, scanner, seed=seed))
     for k, image in tqdm(slices, total=len(stack), desc="scanning", unit="slice", disable=not progress):
-        result[k] = np.round(np.clip(image, -1024.0, top))
+        result[k] = np.round(np.clip(image, *scanner.range_hu))
     return result
 
 
@@ -163,7 +167,8 @@ class _Measurement:
             counts = generator.poisson(quanta * signal) + scanner.electronic_noise * generator.standard_normal(
                 signal.shape
             )
-            signal = np.maximum(counts, 1.0) / quanta
+            # As on real scanners, readings are raised to the electronic noise, or their logarithms would run away.
+            signal = np.maximum(counts, max(1.0, scanner.electronic_noise)) / quanta
         return self._water(-np.log(np.maximum(signal, 1e-12)))
 
 

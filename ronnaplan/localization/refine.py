@@ -357,5 +357,5 @@ def _influence(jacobian: FloatArray, used: NDArray[np.bool_], prior_weight: Floa
     """How far one HU at each voxel moves the centre: (N, 3) in mm/HU, zero for voxels that were left out."""
     informed = np.where(used[:, np.newaxis], jacobian, 0.0)
     matrix = informed.T @ informed + np.diag(prior_weight)
-    influence: FloatArray = np.linalg.lstsq(matrix, informed.T, rcond=None)[0][:3].T
+    influence: FloatArray = informed @ np.linalg.pinv(matrix, hermitian=True)[:, :3]
     return influence
