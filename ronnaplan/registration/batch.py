@@ -13,6 +13,9 @@ from ronnaplan.pose import transform_points
 from ronnaplan.registration.registration import combined_covariances
 from ronnaplan.registration.rigid import fit_closed_form, fit_likelihood, pose_covariance, require_spread
 
+CHUNK = 2000
+"""Likelihood fits done at a time, so that their arrays stay in the processor's cache."""
+
 
 @dataclass(frozen=True)
 class RegistrationBatch:
@@ -32,7 +35,7 @@ def register_batch(
     Raises `InputError` as `register_points` does.
     """
     moving_mm, fixed_mm = np.asarray(moving, dtype=np.float64), np.asarray(fixed, dtype=np.float64)
-    if moving_mm.ndim != 3 or moving_mm.shape[-1] != 3 or moving_mm.shape != fixed_mm.shape:
+    if moving_mm.ndim != 3 or len(moving_mm) == 0 or moving_mm.shape[-1] != 3 or moving_mm.shape != fixed_mm.shape:
         raise InputError(f"batches have shapes {moving_mm.shape} and {fixed_mm.shape}; expected (B, N, 3) twice")
     if not (np.isfinite(moving_mm).all() and np.isfinite(fixed_mm).all()):
         raise InputError("a batch holds coordinates that are not finite; leave those registrations out")
@@ -47,8 +50,16 @@ def register_batch(
         ]
         if not np.isfinite(sides[0]).all() or np.linalg.eigvalsh(sides[0] + sides[1]).min() <= 0:
             raise InputError("a batch's covariances are not positive definite; expected (N, 3, 3) in mm^2 a side")
-        matrices = fit_likelihood(moving_mm, fixed_mm, *sides)
-        mapped = transform_points(matrices, moving_mm)
-        spread = pose_covariance(mapped, combined_covariances(matrices, *sides))
+        parts = [slice(start, start + CHUNK) for start in range(0, len(moving_mm), CHUNK)]
+        fitted = [_fit(moving_mm[p], fixed_mm[p], sides[0][p], sides[1][p]) for p in parts]
+        matrices, spread = (np.concatenate(values) for values in zip(*fitted, strict=True))
     residual = fixed_mm - transform_points(matrices, moving_mm)
     return RegistrationBatch(matrices, spread, np.sqrt((residual**2).sum(axis=-1).mean(axis=-1)))
+
+
+def _fit(
+    moving_mm: FloatArray, fixed_mm: FloatArray, moving_mm2: FloatArray, fixed_mm2: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    matrices = fit_likelihood(moving_mm, fixed_mm, moving_mm2, fixed_mm2)
+    combined = combined_covariances(matrices, moving_mm2, fixed_mm2)
+    return matrices, pose_covariance(transform_points(matrices, moving_mm), combined)
