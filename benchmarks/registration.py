@@ -2,9 +2,9 @@
 
     python -m benchmarks.registration [--layouts N] [--trials N] [--pivot POSES.csv]
 
-The peer's `compute_tre_from_fle` knows no anisotropic errors; release 0.8.3 takes the rows of the matrix of principal
-axes where the axes are its columns, hence its errors. POSES.csv holds one 4 x 4 pose a row in its last 16 columns (row
-by row, tracker from tool, mm) below a header; plain least squares is the peer there.
+The peer's `compute_tre_from_fle` knows no anisotropic errors; release 0.8.3 takes the rows of the matrix of
+principal axes where the axes are its columns, hence its errors. POSES.csv holds one 4 x 4 pose a row in its last
+16 columns (row by row, tracker from tool, mm) below a header; plain least squares is the peer there.
 """
 
 from __future__ import annotations
