@@ -22,7 +22,7 @@ POSE_TOLERANCE = 1e-4
 digits); within it the nearest rotation is taken."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Pose:
     """``to_frame`` from ``from_frame``: ``matrix`` (4, 4) in mm and ``covariance`` (6, 6) in rad and mm."""
 

@@ -18,6 +18,7 @@ from ronnaplan.pose import Pose, as_pose
 from ronnaplan.registration.diagnosis import doubted_marker, leave_one_out
 from ronnaplan.registration.markers import MarkerRegistration
 from ronnaplan.registration.registration import Registration
+from ronnaplan.tracking.markers import ONE_READING_SD_MM
 
 FORMAT = "ronnaplan.registration"
 Row4 = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
@@ -119,6 +120,17 @@ class RegistrationDocument(_Model):
             raise InputError(f"this registration was refused ({self.status}: {self.reason}); register again")
         matrix = as_pose(self.ots_from_ct, "ots_from_ct")
         return Pose(matrix, np.array(self.covariance), Frame(self.frames.ots), self.ct_frame)
+
+    @property
+    def readings(self) -> Points:
+        """The paired readings as the registration used them, labelled like their CT markers; 0.17 mm an axis."""
+        count = len(self.pairs)
+        return Points(
+            np.array([pair.reading for pair in self.pairs], dtype=np.float64).reshape(count, 3),
+            np.tile(ONE_READING_SD_MM**2 * np.eye(3), (count, 1, 1)),
+            tuple(pair.ct for pair in self.pairs),
+            Frame(self.frames.ots),
+        )
 
     def require_frame(self, frame: Frame) -> None:
         """Raise `FrameMismatchError` unless this registration is of the scan ``frame``."""

@@ -17,7 +17,7 @@ CHUNK = 2000
 """Likelihood fits done at a time, so that their arrays stay in the processor's cache."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RegistrationBatch:
     """B registrations: ``transforms`` (B, 4, 4) and, if errors were stated, ``covariances`` (B, 6, 6)."""
 

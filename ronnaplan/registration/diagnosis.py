@@ -13,7 +13,7 @@ from ronnaplan.registration.registration import MISFIT_PROBABILITY, Registration
 from ronnaplan.registration.rigid import fit_closed_form, fit_likelihood, pose_covariance, require_spread
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LeaveOneOut:
     """Each marker against the registration of the *others*: N rows, NaN where those cannot be registered."""
 

@@ -36,7 +36,7 @@ class RegistrationFlag(StrEnum):
     MIRRORED = "the points fit a mirror image far better; one set may be left-handed"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Registration:
     """A rigid registration ``fixed_from_moving`` of N pairs and what it is worth.
 

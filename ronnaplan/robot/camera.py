@@ -18,7 +18,7 @@ UNDISTORTED = 1e-10
 """Undistortion stops when no point moves by more on the plane at unit distance."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Camera:
     """One camera: ``matrix`` (3, 3) in pixels, ``distortion`` (k1, k2, p1, p2, k3) and its place in the rig."""
 

@@ -36,7 +36,7 @@ ITERATIONS = 20
 Image = NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Outline:
     """One sphere-like outline."""
 

@@ -20,7 +20,7 @@ SIZE_TOLERANCE = 0.05
 ITERATIONS = 10
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StereoSphere:
     """The sphere found in both images."""
 

@@ -31,7 +31,7 @@ class StereoCalibration:
     boards_used: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TcpCalibration:
     """Where the rig is on the robot, from one resting sphere."""
 

@@ -45,7 +45,7 @@ class MarkerFlag(StrEnum):
     SINGLE_READING = "read once only"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Marker:
     """One marker: its mean, the covariance of that mean, and how it was seen."""
 
@@ -57,7 +57,7 @@ class Marker:
     flags: tuple[MarkerFlag, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RejectedTrack:
     """Readings that are no marker, and why."""
 
@@ -94,6 +94,8 @@ def find_markers(recording: Recording, *, sigma_mm: float = ONE_READING_SD_MM) -
     are one marker; a recording of tool poses alone gives each tool's origin. Raises `InputError` if nothing
     usable was read.
     """
+    if not (np.isfinite(sigma_mm) and sigma_mm >= 0):
+        raise InputError(f"the tracker error is {sigma_mm} mm; expected a standard deviation of zero or more")
     readings = [r for r in recording.points if r.usable] or _tool_origins(recording)
     if not readings:
         raise InputError(f"{recording.source} holds no usable reading ({_reasons(recording)}); record it again")
@@ -110,8 +112,14 @@ def find_markers(recording: Recording, *, sigma_mm: float = ONE_READING_SD_MM) -
             seen = f"seen in {len({r.frame for r in track})} of {len(frames)} frames"
             rejected.append(RejectedTrack(middle, len(track), seen))
         else:
-            markers.append(_summarize(track, track[0].label or str(len(markers) + 1), frames, sigma_mm))
+            label = track[0].label or _unused_number(markers)
+            markers.append(_summarize(track, label, frames, sigma_mm))
     return MarkerReadings(tuple(markers), tuple(rejected), len(frames), recording.frame)
+
+
+def _unused_number(markers: list[Marker]) -> str:
+    used = {marker.label for marker in markers}
+    return next(str(n) for n in range(1, len(markers) + 2) if str(n) not in used)
 
 
 def _follow(readings: Sequence[PointReading]) -> list[list[PointReading]]:

@@ -47,7 +47,7 @@ def record(
         raise InputError(f"{seconds} seconds were asked for; expected a time above zero")
     try:
         connection = socket.create_connection((host, port), timeout=SILENCE_S)
-    except OSError as error:
+    except (OSError, OverflowError, UnicodeError) as error:
         raise InputError(
             f"no OpenIGTLink server answers at {host}:{port} ({error}); start it, check host and port"
         ) from error
@@ -136,7 +136,7 @@ class _Stream:
             return
         try:
             unpack[kind](header, body, device, float(str(header["timestamp"])))
-        except (ValueError, struct.error, UnicodeDecodeError, IndexError) as error:
+        except (ValueError, TypeError, struct.error, IndexError) as error:
             self.notes.append(f"a {kind} message of {device} cannot be read ({error}) and was left out")
             return
         self.messages += 1

@@ -14,7 +14,7 @@ OK = "ok"
 OTS = Frame("OTS")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PointReading:
     """One sphere in one tracker frame. ``label`` is empty for a stray (unidentified) marker."""
 
@@ -33,7 +33,7 @@ class PointReading:
         return self.status == OK and bool(np.isfinite(self.position_mm).all())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ToolReading:
     """The pose of one tracked tool in one tracker frame."""
 

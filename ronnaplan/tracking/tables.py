@@ -28,7 +28,10 @@ def read_rows(path: Path) -> tuple[list[str], list[list[str]], str]:
     if not lines:
         raise InputError(f"{path} is empty; expected a header and tracker readings")
     delimiter = max(DELIMITERS, key=lines[0].count)
-    rows = list(csv.reader(lines, delimiter=delimiter))
+    try:
+        rows = list(csv.reader(lines, delimiter=delimiter))
+    except csv.Error as error:
+        raise InputError(f"{path} is not a readable table ({error}); expected CSV with a header") from error
     header = [column_name(cell) for cell in rows[0]]
     if any(number(cell, delimiter) is not None for cell in rows[0]):
         raise InputError(f"{path} has no header; its first line must name the columns, such as label,x,y,z")

@@ -128,6 +128,34 @@ def test_track_records_a_live_server(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "closed the stream" in printed.err
 
 
+def test_track_tells_that_the_patient_has_moved(
+    markers: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    registration = tmp_path / "registration.json"
+    assert main(["register", str(markers), str(readings(tmp_path)), "-o", str(registration)]) == 0
+    listener = socket.create_server(("127.0.0.1", 0))
+    still = scene.HEAD / 3 @ scene.TURN.T + scene.SHIFT
+
+    def serve() -> None:
+        connection, _ = listener.accept()
+        with connection:
+            for k in range(30):
+                seen = still + (k >= 20) * np.array([3.0, 0, 0])
+                connection.sendall(pyigtl.PointMessage(positions=seen[::-1], device_name="Polaris").pack())
+
+    thread = threading.Thread(target=serve, daemon=True)
+    thread.start()
+    port = str(listener.getsockname()[1])
+    capsys.readouterr()
+    assert main(["track", "--port", port, "--registration", str(registration)]) == 0
+    thread.join(10)
+    listener.close()
+    told = capsys.readouterr().err
+    assert "20 of 30 frames: nothing moved" in told
+    assert "10 of 30 frames: all markers moved together" in told
+    assert "lastly moved by 3.0" in told
+
+
 def test_track_without_a_server_says_so(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
