@@ -12,6 +12,8 @@ from ronnaplan.geometry import FloatArray, Frame
 OK = "ok"
 """Status of a reading that its source calls good."""
 OTS = Frame("OTS")
+FARTHEST_MM = 1e6
+"""No tracker sees a kilometre far: such a position is damage."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +32,7 @@ class PointReading:
     @property
     def usable(self) -> bool:
         """Whether the source calls the reading good and it has a position."""
-        return self.status == OK and bool(np.isfinite(self.position_mm).all())
+        return self.status == OK and _near(self.position_mm)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,12 +86,18 @@ class Recording:
         return counts
 
 
+def _near(values: FloatArray) -> bool:
+    return bool((np.abs(values) < FARTHEST_MM).all())
+
+
 def quaternion_pose(quaternion: FloatArray, translation_mm: FloatArray) -> FloatArray | None:
     """Return the (4, 4) of a scalar-first ``quaternion`` (4,) and translation (3,); None if they are no pose."""
     from scipy.spatial.transform import Rotation
 
+    if not (_near(translation_mm) and _near(quaternion)):
+        return None
     length = float(np.linalg.norm(quaternion))
-    if not np.isfinite(translation_mm).all() or not abs(length - 1.0) < QUATERNION_TOLERANCE:
+    if not abs(length - 1.0) < QUATERNION_TOLERANCE:
         return None
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()

@@ -9,6 +9,8 @@ from pathlib import Path
 from ronnaplan.errors import InputError
 
 DELIMITERS = (",", ";", "\t")
+LARGEST_NUMBER = 1e19
+"""Nanoseconds since 1970 fit; what is larger, or infinite, is damage."""
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "missing", "-"})
 
 
@@ -49,7 +51,7 @@ def column_name(cell: str) -> str:
 
 
 def number(cell: str, delimiter: str = ",") -> float | None:
-    """Return the number in ``cell``, or None for a missing or non-numeric one.
+    """Return the number in ``cell``, or None for one that is missing, not numeric or beyond `LARGEST_NUMBER`.
 
     A decimal comma is understood where the comma is not the delimiter.
     """
@@ -59,6 +61,7 @@ def number(cell: str, delimiter: str = ",") -> float | None:
     if delimiter != ",":
         text = text.replace(",", ".")
     try:
-        return float(text)
+        value = float(text)
     except ValueError:
         return None
+    return value if abs(value) <= LARGEST_NUMBER else None
