@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
@@ -24,6 +24,8 @@ class RegistrationBatch:
     transforms: FloatArray
     covariances: FloatArray | None
     fre_rms_mm: FloatArray
+    settled: NDArray[np.bool_]
+    """Which fits (B,) converged; contradictory pairs may not."""
 
 
 def register_batch(
@@ -43,7 +45,7 @@ def register_batch(
     require_spread(fixed_mm, "fixed points")
     if covariances is None:
         matrices = fit_closed_form(moving_mm, fixed_mm)
-        spread = None
+        spread, settled = None, np.ones(len(matrices), dtype=bool)
     else:
         sides = [
             np.broadcast_to(np.asarray(side, dtype=np.float64), (*moving_mm.shape, 3)) for side in covariances
@@ -52,14 +54,16 @@ def register_batch(
             raise InputError("a batch's covariances are not positive definite; expected (N, 3, 3) in mm^2 a side")
         parts = [slice(start, start + CHUNK) for start in range(0, len(moving_mm), CHUNK)]
         fitted = [_fit(moving_mm[p], fixed_mm[p], sides[0][p], sides[1][p]) for p in parts]
-        matrices, spread = (np.concatenate(values) for values in zip(*fitted, strict=True))
+        matrices, spread = (np.concatenate([part[k] for part in fitted]) for k in (0, 1))
+        settled = np.concatenate([part[2] for part in fitted])
     residual = fixed_mm - transform_points(matrices, moving_mm)
-    return RegistrationBatch(matrices, spread, np.sqrt((residual**2).sum(axis=-1).mean(axis=-1)))
+    fre = np.sqrt((residual**2).sum(axis=-1).mean(axis=-1))
+    return RegistrationBatch(matrices, spread, fre, settled)
 
 
 def _fit(
     moving_mm: FloatArray, fixed_mm: FloatArray, moving_mm2: FloatArray, fixed_mm2: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    matrices = fit_likelihood(moving_mm, fixed_mm, moving_mm2, fixed_mm2)
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    matrices, settled = fit_likelihood(moving_mm, fixed_mm, moving_mm2, fixed_mm2)
     combined = combined_covariances(matrices, moving_mm2, fixed_mm2)
-    return matrices, pose_covariance(transform_points(matrices, moving_mm), combined)
+    return matrices, pose_covariance(transform_points(matrices, moving_mm), combined), settled

@@ -14,6 +14,8 @@ OK = "ok"
 OTS = Frame("OTS")
 FARTHEST_MM = 1e6
 """No tracker sees a kilometre far: such a position is damage."""
+QUATERNION_TOLERANCE = 1e-2
+"""Largest departure from length one of a quaternion that still is a rotation (printed with few digits)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +105,3 @@ def quaternion_pose(quaternion: FloatArray, translation_mm: FloatArray) -> Float
     matrix[:3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
     matrix[:3, 3] = translation_mm
     return matrix
-
-
-QUATERNION_TOLERANCE = 1e-2
-"""Largest departure from length one of a quaternion that still is a rotation (printed with few digits)."""
