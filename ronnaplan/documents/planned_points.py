@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from typing import Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -26,6 +27,9 @@ class _Trajectory(_Model):
 
 
 class _Plan(_Model):
+    version: Literal[1]
+    coordinate_system: Literal["LPS"]
+    unit: Literal["mm"]
     source: Source
     trajectories: tuple[_Trajectory, ...] = ()
 

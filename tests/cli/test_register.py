@@ -34,13 +34,17 @@ def readings(folder: Path, frames: int = 20) -> Path:
     return path
 
 
-def plan(folder: Path, uid: str | None) -> Path:
+def plan(folder: Path, uid: str | None, version: int = 1) -> Path:
     path = folder / "plan.json"
-    trajectory = {"name": "left", "entry": [10.0, 5, 40], "target": [5.0, 0, 0]}
-    source = {"frame_of_reference_uid": uid}
-    path.write_text(
-        json.dumps({"format": "ronnaplan.plan", "version": 1, "source": source, "trajectories": [trajectory]})
-    )
+    content = {
+        "format": "ronnaplan.plan",
+        "version": version,
+        "coordinate_system": "LPS",
+        "unit": "mm",
+        "source": {"frame_of_reference_uid": uid},
+        "trajectories": [{"name": "left", "entry": [10.0, 5, 40], "target": [5.0, 0, 0]}],
+    }
+    path.write_text(json.dumps(content))
     return path
 
 
@@ -73,6 +77,14 @@ def test_a_plan_of_another_scan_is_refused(
     assert main(["register", *arguments]) == 1
     assert "9.9" in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_a_plan_of_a_newer_version_is_not_half_read(
+    markers: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    newer = plan(tmp_path, scene.CT.uid, version=2)
+    assert main(["register", str(markers), str(readings(tmp_path)), "--plan", str(newer)]) == 1
+    assert "version" in capsys.readouterr().err
 
 
 def test_readings_that_do_not_fit_are_refused_with_a_document(
