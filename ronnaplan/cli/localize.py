@@ -43,5 +43,5 @@ def run(arguments: argparse.Namespace) -> int:
 def _summary(found: Fiducials) -> str:
     from ronnaplan.report.tables import fiducials_table
 
-    count = f"{len(found)} markers of {found.diameter_mm:g} mm; {len(found.rejected)} candidates rejected"
+    count = f"{len(found)} markers of {found.diameters_mm[0]:g} mm; {len(found.rejected)} candidates rejected"
     return f"{fiducials_table(found)}\n{count}" if len(found) else count

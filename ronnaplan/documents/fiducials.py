@@ -114,7 +114,7 @@ def fiducials_document(found: Fiducials) -> FiducialsDocument:
                 "voxel_sha256": found.voxel_sha256,
                 "flags": [flag.name.lower() for flag in found.volume_flags],
             },
-            "marker": {"diameter_mm": found.diameter_mm},
+            "marker": {"diameter_mm": found.diameters_mm[0]},
             "fiducials": [
                 {
                     "label": one.label,

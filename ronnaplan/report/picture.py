@@ -75,7 +75,7 @@ def _draw_cut(axes: Axes, volume: CTVolume, one: Fiducial, cut: str) -> None:
 
 
 def _draw_head(axes: Axes, volume: CTVolume, found: Fiducials) -> None:
-    view = head_view(volume, found.centers, found.diameter_mm)
+    view = head_view(volume, found.centers, found.diameters_mm[0])
     axes.imshow(view.image, extent=view.extent_mm, origin="lower")
     for one, (across, upward) in zip(found.fiducials, view.project(found.centers), strict=True):
         axes.annotate(
