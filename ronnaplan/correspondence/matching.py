@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.correspondence.anisotropic import anisotropic_log_evidence
 from ronnaplan.correspondence.evidence import is_collinear, size_priors
-from ronnaplan.correspondence.exact import LISTED_NATS, search
+from ronnaplan.correspondence.exact import LISTED_NATS, mirror_is_better, search
 from ronnaplan.correspondence.inputs import (
     ErrorModel,
     checked_errors,
@@ -29,8 +29,10 @@ LEAST_PROBABILITY = 0.99
 Most accepted pairings are far more probable: over the paper's protocol fewer than 1 in 10,000 accepted answers are
 wrong, in the worst cell too (three markers, four outliers); see docs/correspondence.md."""
 
-MOST_EXACT_NODES = 1024
-"""Above this many possible pairs (32 x 32) the seeded search for large sets takes over."""
+MOST_EXACT_POINTS = 32
+FEW_POINTS = 12
+MOST_EXACT_NODES = 6_000
+"""Two sets of up to 32 points, or up to 12 against more, are searched exactly; larger ones by seeds."""
 
 MOST_RIVALS = 10
 """Rivals listed in an answer."""
@@ -57,10 +59,11 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """Pairings by falling log evidence (L,), as OTS partner of each CT point (L, n); the background's weight."""
+    """Pairings by falling log evidence (L,), as OTS partner of each CT point (L, n), and what weighed them."""
 
     log_evidence: FloatArray
     partners: IntArray
+    constants: FloatArray
     background: float
     complete: bool
 
@@ -136,9 +139,18 @@ def match_points(
         field_volume_mm3(ct, ots, field_radius_mm),
         spread_mm,
     )
-    if len(ct) * len(ots) > MOST_EXACT_NODES:
-        raise InputError(f"{len(ct)} CT and {len(ots)} OTS points are more than {MOST_EXACT_NODES} possible pairs")
+    if is_large(counts):
+        from ronnaplan.correspondence.large import match_large
+
+        return match_large(problem, least_probability)
     return decide(problem, weigh_all(problem), least_probability)
+
+
+def is_large(counts: tuple[int, int]) -> bool:
+    """Tell whether sets of these sizes are too large for the exact search."""
+    if max(counts) <= MOST_EXACT_POINTS:
+        return False
+    return min(counts) > FEW_POINTS or counts[0] * counts[1] > MOST_EXACT_NODES
 
 
 def field_volume_mm3(ct: FloatArray, ots: FloatArray, radius_mm: float) -> float:
@@ -159,13 +171,21 @@ def weigh_all(problem: Problem) -> Weighed:
     )
     weight, node_value = pair_weights(problem)
     log_evidence, partners, complete = search(
-        problem.ct, problem.ots, weight, node_value, constants, problem.known, problem.spread_mm, LISTED_NATS
+        problem.ct,
+        problem.ots,
+        weight,
+        node_value,
+        constants,
+        problem.known,
+        problem.spread_mm,
+        LISTED_NATS,
+        -math.inf,
     )
     partners = partners.astype(np.int64)
     if problem.ct_errors.covariances is not None or problem.ots_errors.covariances is not None:
         log_evidence = anisotropic_log_evidence(problem, partners, constants)
     order = np.argsort(-log_evidence, kind="stable")
-    return Weighed(log_evidence[order], partners[order], background, bool(complete))
+    return Weighed(log_evidence[order], partners[order], constants, background, bool(complete))
 
 
 def pair_weights(problem: Problem) -> tuple[FloatArray, FloatArray]:
@@ -198,7 +218,7 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
         for a in range(min(len(posterior), MOST_RIVALS + 1))
     )
     if not weighed.complete:
-        reason = "the layout is so symmetric that too many pairings fit equally well to list them"
+        reason = "too many pairings fit almost equally well to list them all"
         return Pairing("ambiguous", no_pairs(), 0.0, rivals, reason, best_touch(weighed, posterior))
     if weighed.background >= weighed.log_evidence[0]:
         reason = "the best pairing explains the points no better than chance does"
@@ -211,12 +231,33 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
             "the paired points lie on one line, so the rotation about it is unknown; add a marker off the line"
         )
         return Pairing("ambiguous", no_pairs(), probability, rivals, reason)
+    if is_mirrored(problem, weighed):
+        reason = "the mirror image fits more points: the coordinates of one set are left-handed; check its axes"
+        return Pairing("unmatched", no_pairs(), probability, rivals, reason)
     if problem.expected is not None and len(top) != problem.expected:
         reason = (
             f"{len(top)} pairs fit but {problem.expected} are expected; check the markers or the expected number"
         )
         return Pairing("unmatched", no_pairs(), probability, rivals, reason)
     return Pairing("unique", top, probability, rivals[1:])
+
+
+def is_mirrored(problem: Problem, weighed: Weighed) -> bool:
+    """Tell whether a reflection, which no patient undergoes, would pair more points than the best pairing does."""
+    weight, node_value = pair_weights(problem)
+    return bool(
+        mirror_is_better(
+            problem.ct,
+            problem.ots,
+            weight,
+            node_value,
+            weighed.constants,
+            problem.known,
+            problem.spread_mm,
+            len(weighed.pairs(0)),
+            float(weighed.log_evidence[0]),
+        )
+    )
 
 
 def best_touch(weighed: Weighed, posterior: FloatArray) -> int | None:
