@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numba import njit
 
-from ronnaplan.correspondence.evidence import GATE_CHI2, LEAST_PAIRS, fit, is_collinear, log_misfit
+from ronnaplan.correspondence.evidence import GATE_CHI2, LEAST_PAIRS, filled_volume, fit, is_collinear, log_misfit
 
 LISTED_NATS = 18.0
 """Pairings further than this below the best in log evidence (1 in 6e7) are neither listed nor summed."""
@@ -263,12 +263,12 @@ def mirror_is_better(ct, ots, weight, node_value, constants, known, spread, size
     mirrored, larger = ct.copy(), constants.copy()
     mirrored[:, 0] = -mirrored[:, 0]
     larger[: size + 1] = -np.inf
-    found = search(mirrored, ots, weight, node_value, larger, known, spread, 0.0, log_evidence)[0]
+    found = search(mirrored, ots, weight, node_value, larger, known, spread, 1.0, log_evidence)[0]
     return len(found) > 0 and found.max() > log_evidence
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def match_many(ct, ots, variance, constants, background, spread):  # type: ignore[no-untyped-def]
+def match_many(ct, ots, variance, size_constants, background, spread):  # type: ignore[no-untyped-def]
     """Match T sets (T, n, 3), (T, m, 3) of one variance: partners (T, n) and probability (T,) of the best.
 
     A probability of 0 marks what `match_points` refuses too: a search that gave up, points on a line, and a set
@@ -278,7 +278,9 @@ def match_many(ct, ots, variance, constants, background, spread):  # type: ignor
     weight, node_value = np.full((n, m), 1.0 / variance), np.full((n, m), -1.5 * math.log(variance))
     known = np.zeros((0, 2), np.int64)
     partners, probability = np.full((tests, n), -1, np.int16), np.zeros(tests)
+    sizes = np.arange(len(size_constants)) - 1.0
     for t in range(tests):
+        constants = size_constants + sizes * math.log(filled_volume(ct[t], ots[t]))
         log_evidence, listed, complete = search(
             ct[t], ots[t], weight, node_value, constants, known, spread, LISTED_NATS, -np.inf
         )

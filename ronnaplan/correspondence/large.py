@@ -18,7 +18,7 @@ from ronnaplan.geometry import FloatArray
 if TYPE_CHECKING:
     from ronnaplan.correspondence.matching import Problem
 
-SEED_SIGMAS = 3.5
+SEED_SIGMAS = 3.0
 """Sides of a seed triangle may differ by this many standard deviations of a difference of distances."""
 
 PAIR_SIGMAS = 5.5
@@ -27,10 +27,13 @@ PAIR_SIGMAS = 5.5
 MISSED_RIVAL = 1e-4
 """Seeds are tried until a rival with as many pairs as the best is missed with at most this probability."""
 
+SEED_SUCCESS = 0.95
+"""Probability that a seed of three true markers leads to their pose, measurement errors considered."""
+
 TRIAL_POINTS = 32
 """CT points on which the pose of a seed is tried before all are counted."""
 
-TRIAL_REACH_SIGMAS = 8.0
+TRIAL_REACH_SIGMAS = 6.0
 """A trial point meets an OTS point within this many standard deviations: a seed's pose is not refined yet."""
 
 CHANCE_PASSES = 1e-4
@@ -68,12 +71,9 @@ def match_large(problem: Problem, least_probability: float) -> Pairing:
     """Match sets too large to enumerate.
 
     The probability is that of the pose against its rivals; a pair is given when its own probability reaches the
-    level too, and is listed as doubtful otherwise (an outlier of each set may meet by chance).  Outliers are as
-    dense as the points themselves say.  Anisotropic errors enter by their mean variance.  The search is seeded, so
-    it repeats itself exactly.
+    level too, and is listed as doubtful otherwise (an outlier of each set may meet by chance).  Anisotropic errors
+    enter by their mean variance.  The search is seeded, so it repeats itself exactly.
     """
-    filled = min(filled_volume_mm3(problem.ct), filled_volume_mm3(problem.ots))
-    problem = replace(problem, volume_mm3=min(problem.volume_mm3, filled))
     poses, missed, complete = find_poses(problem)
     if not poses:
         reason = "no pose brings more points together than chance would"
@@ -124,7 +124,7 @@ def find_poses(problem: Problem) -> tuple[list[Pose], float, bool]:
             add_pose(poses, refine(problem, grid, matrix))
         if poses:
             share = max(len(pose.pairs) for pose in poses) / len(problem.ct)
-            missed *= 1.0 - 0.97 * share**3 * float(binom.sf(needed - 1, len(trial), share))
+            missed *= 1.0 - SEED_SUCCESS * share**3 * float(binom.sf(needed - 1, len(trial), share))
         if missed < MISSED_RIVAL or len(poses) >= MOST_RIVAL_POSES:
             break
     poses.sort(key=lambda pose: -pose.log_evidence)
@@ -141,12 +141,6 @@ def needed_hits(count: int, sigma_mm: float, volume_mm3: float) -> int:
     """Return how many trial points must meet one of ``count`` OTS points before chance is unlikely."""
     chance = count * 4.0 / 3.0 * math.pi * (TRIAL_REACH_SIGMAS * sigma_mm) ** 3 / volume_mm3
     return max(LEAST_PAIRS, int(binom.isf(CHANCE_PASSES, TRIAL_POINTS, min(chance, 0.5))) + 1)
-
-
-def filled_volume_mm3(points: FloatArray) -> float:
-    """Return the volume of the ball whose uniform filling has the points' spread."""
-    square = float(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean())
-    return float(4.0 / 3.0 * math.pi * (5.0 / 3.0 * square) ** 1.5)
 
 
 def draw_seed(rng: np.random.Generator, ct: FloatArray) -> IntArray:

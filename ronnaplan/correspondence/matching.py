@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.correspondence.anisotropic import anisotropic_log_evidence
-from ronnaplan.correspondence.evidence import is_collinear, size_priors
+from ronnaplan.correspondence.evidence import filled_volume, is_collinear, size_priors
 from ronnaplan.correspondence.exact import LISTED_NATS, mirror_is_better, search
 from ronnaplan.correspondence.inputs import (
     ErrorModel,
@@ -90,7 +90,7 @@ def match_points(
     covariances_ots_mm2: ArrayLike | None = None,
     known_pairs: Iterable[tuple[int, int]] = (),
     least_probability: float = LEAST_PROBABILITY,
-    field_radius_mm: float = 300.0,
+    field_radius_mm: float | None = None,
     spread_mm: float = 60.0,
 ) -> Pairing:
     """Pair CT points with tracker points, unordered, with outliers in both sets; be right or refuse.
@@ -111,7 +111,7 @@ def match_points(
         The posterior at which a pairing is accepted, see `LEAST_PROBABILITY`; 0.9999 for a guarantee on each
         answer.
     field_radius_mm
-        Outliers are taken to be uniform in a ball of this radius (their density); wider sets widen it.
+        Outliers are uniform in a ball of this radius (their density); None: in one as wide as the sets themselves.
     spread_mm
         Standard deviation per axis of the markers about their centre: 60 mm for a head.
 
@@ -124,7 +124,7 @@ def match_points(
     """
     ct, ots = checked_points(ct_points, "CT points"), checked_points(ots_points, "OTS points")
     counts = (len(ct), len(ots))
-    if not (0.5 < least_probability < 1 and field_radius_mm > 0 and spread_mm > 0):
+    if not (0.5 < least_probability < 1 and (field_radius_mm is None or field_radius_mm > 0) and spread_mm > 0):
         raise InputError(
             f"least_probability {least_probability}, field_radius_mm {field_radius_mm}, spread_mm {spread_mm}: "
             "expected a probability between 0.5 and 1 and positive lengths"
@@ -136,7 +136,7 @@ def match_points(
         checked_errors(sigma_ots_mm, covariances_ots_mm2, len(ots), "OTS points"),
         checked_expected(expected, counts),
         checked_known(known_pairs, counts),
-        field_volume_mm3(ct, ots, field_radius_mm),
+        filled_volume(ct, ots) if field_radius_mm is None else 4.0 / 3.0 * math.pi * field_radius_mm**3,
         spread_mm,
     )
     if is_large(counts):
@@ -153,22 +153,10 @@ def is_large(counts: tuple[int, int]) -> bool:
     return min(counts) > FEW_POINTS or counts[0] * counts[1] > MOST_EXACT_NODES
 
 
-def field_volume_mm3(ct: FloatArray, ots: FloatArray, radius_mm: float) -> float:
-    """Return the volume of the ball that outliers fill, widened to hold both sets."""
-    for points in (ct, ots):
-        radius_mm = max(radius_mm, 0.5 * float(np.linalg.norm(np.ptp(points, axis=0))))
-    return 4.0 / 3.0 * math.pi * radius_mm**3
-
-
 def weigh_all(problem: Problem) -> Weighed:
     """Enumerate and weigh every pairing of a small problem."""
-    constants, background = size_priors(
-        (len(problem.ct), len(problem.ots)),
-        problem.expected,
-        problem.volume_mm3,
-        problem.spread_mm,
-        len(problem.known),
-    )
+    constants, background = size_priors((len(problem.ct), len(problem.ots)), problem.expected, len(problem.known))
+    constants = constants + (np.arange(len(constants)) - 1.0) * math.log(problem.volume_mm3)
     weight, node_value = pair_weights(problem)
     log_evidence, partners, complete = search(
         problem.ct,
@@ -223,6 +211,11 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
     if weighed.background >= weighed.log_evidence[0]:
         reason = "the best pairing explains the points no better than chance does"
         return Pairing("unmatched", no_pairs(), probability, rivals, reason)
+    if problem.expected is not None and len(top) != problem.expected:
+        reason = (
+            f"{len(top)} pairs fit but {problem.expected} are expected; check the markers or the expected number"
+        )
+        return Pairing("unmatched", no_pairs(), probability, rivals, reason)
     if probability < least_probability:
         reason = f"the best pairing has probability {probability:.4g}, at least {least_probability:g} is required"
         return Pairing("ambiguous", no_pairs(), probability, rivals, reason, best_touch(weighed, posterior))
@@ -233,11 +226,6 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
         return Pairing("ambiguous", no_pairs(), probability, rivals, reason)
     if is_mirrored(problem, weighed):
         reason = "the mirror image fits more points: the coordinates of one set are left-handed; check its axes"
-        return Pairing("unmatched", no_pairs(), probability, rivals, reason)
-    if problem.expected is not None and len(top) != problem.expected:
-        reason = (
-            f"{len(top)} pairs fit but {problem.expected} are expected; check the markers or the expected number"
-        )
         return Pairing("unmatched", no_pairs(), probability, rivals, reason)
     return Pairing("unique", top, probability, rivals[1:])
 

@@ -64,9 +64,7 @@ def gather(volume: CTVolume, center_mm: FloatArray, reach_mm: float) -> Neighbou
         near &= values != volume.padding_hu
     offsets = np.stack([u[near], v[near], w[near]], axis=-1)
     indices = np.stack([k[near], j[near], i[near]], axis=-1)
-    return Neighbourhood(
-        center_mm, axes, indices, offsets, np.maximum(values[near], AIR_HU).astype(np.float64)
-    )
+    return Neighbourhood(center_mm, axes, indices, offsets, np.maximum(values[near], AIR_HU).astype(np.float64))
 
 
 def _windows(centers: FloatArray, reach: FloatArray, shape: tuple[int, ...]) -> NDArray[np.intp]:

@@ -213,9 +213,7 @@ def _descend(
     kernel = (disc_table(), *disc_nodes())
 
     def equations(at: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        cost, slope, matrix = _normal_equations(
-            around.offsets_mm, around.values_hu, used, at, ceiling_hu, *kernel
-        )
+        cost, slope, matrix = _normal_equations(around.offsets_mm, around.values_hu, used, at, ceiling_hu, *kernel)
         pull = prior_mean - at
         cost += 0.5 * float(prior_weight @ pull**2)
         return cost, slope + prior_weight * pull, matrix + np.diag(prior_weight)

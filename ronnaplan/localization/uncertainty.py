@@ -55,9 +55,7 @@ def noise_autocovariance(fit: BallFit) -> dict[tuple[int, int, int], float]:
 
 def _half_lags() -> list[tuple[int, int, int]]:
     dk, dj, di = MAX_LAG
-    every = [
-        (k, j, i) for k in range(-dk, dk + 1) for j in range(-dj, dj + 1) for i in range(-di, di + 1)
-    ]
+    every = [(k, j, i) for k in range(-dk, dk + 1) for j in range(-dj, dj + 1) for i in range(-di, di + 1)]
     return [lag for lag in every if lag >= (0, 0, 0)]
 
 
