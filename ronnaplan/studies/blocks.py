@@ -14,6 +14,8 @@ from ronnaplan.errors import InputError
 
 Record = dict[str, Any]
 
+SCHEDULER_TIMEOUT = "10s"
+
 
 def run_blocks(
     work: Callable[..., Record],
@@ -63,7 +65,7 @@ def executor(workers: int | None, scheduler: str | None) -> Iterator[Executor]:
     except ImportError as error:
         raise InputError("Dask is not installed; install ronnaplan[cluster] or leave --scheduler out") from error
     try:
-        client = Client(scheduler, timeout="10s")  # type: ignore[no-untyped-call]
+        client = Client(scheduler, timeout=SCHEDULER_TIMEOUT)  # type: ignore[no-untyped-call]
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError(f"no Dask scheduler answers at {scheduler}; check the address") from error
     with client:
