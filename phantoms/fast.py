@@ -89,33 +89,60 @@ def _average(
     cube: FloatArray,
 ) -> None:
     """Add the average contrast of every voxel to ``cube`` (rows, columns, K); positions ascend from ``corner``."""
+    for row in parallel_range(len(cube)):
+        _average_row(
+            packed,
+            contrasts,
+            corner + row * row_step,
+            column_step,
+            row_step,
+            normal,
+            positions,
+            thickness,
+            raster,
+            cube[row],
+        )
+
+
+@compiled()
+def _average_row(
+    packed: PackedSolids,
+    contrasts: FloatArray,
+    corner: FloatArray,
+    column_step: FloatArray,
+    row_step: FloatArray,
+    normal: FloatArray,
+    positions: FloatArray,
+    thickness: float,
+    raster: int,
+    voxels: FloatArray,
+) -> None:
+    """Add to the voxels (columns, K) of one image row of every slice."""
     count = len(packed.shapes)
-    rows, columns, _ = cube.shape
-    for row in parallel_range(rows):
-        origin, o, d = np.empty(3), np.empty(3), np.empty(3)
-        starts, stops = np.empty(count), np.empty(count)
-        parts = np.empty(count, dtype=np.int64)
-        edges, owners = np.empty(2 * count), np.empty(2 * count, dtype=np.int64)
-        for column in range(columns):
-            for sample in range(raster * raster):
-                v = row + (sample // raster + 0.5) / raster - 0.5
-                u = column + (sample % raster + 0.5) / raster - 0.5
-                for axis in range(3):
-                    origin[axis] = corner[axis] + v * row_step[axis] + u * column_step[axis]
-                hits = 0
-                for n in range(count):
-                    if not _passes_near(packed.centers_mm[n], packed.radii_mm[n], origin, normal):
-                        continue
-                    to_unit(packed.unit_from_world[n], origin, 1.0, o)
-                    to_unit(packed.unit_from_world[n], normal, 0.0, d)
-                    t0, t1 = unit_interval(packed.shapes[n], o, d, packed.top_ratios[n])
-                    if t1 > t0:
-                        starts[hits], stops[hits], parts[hits] = t0, t1, n
-                        hits += 1
-                for s in range(visible_segments(starts, stops, hits, edges, owners)):
-                    if owners[s] >= 0:
-                        weight = contrasts[parts[owners[s]]] / (thickness * raster * raster)
-                        _deposit(cube[row, column], positions, thickness, edges[s], edges[s + 1], weight)
+    starts, stops, parts = np.empty(count), np.empty(count), np.empty(count, dtype=np.int64)
+    edges, owners = np.empty(2 * count), np.empty(2 * count, dtype=np.int64)
+    for place in range(len(voxels) * raster * raster):
+        column, sample = place // (raster * raster), place % (raster * raster)
+        v, u = (sample // raster + 0.5) / raster - 0.5, column + (sample % raster + 0.5) / raster - 0.5
+        origin = corner + v * row_step + u * column_step
+        hits = 0
+        for n in range(count):
+            if _passes_near(packed.centers_mm[n], packed.radii_mm[n], origin, normal):
+                t0, t1 = _interval(packed, n, origin, normal)
+                if t1 > t0:
+                    starts[hits], stops[hits], parts[hits] = t0, t1, n
+                    hits += 1
+        for s in range(visible_segments(starts, stops, hits, edges, owners)):
+            if owners[s] >= 0:
+                weight = contrasts[parts[owners[s]]] / (thickness * raster * raster)
+                _deposit(voxels[column], positions, thickness, edges[s], edges[s + 1], weight)
+
+
+@compiled()
+def _interval(packed: PackedSolids, n: int, origin: FloatArray, normal: FloatArray) -> tuple[float, float]:
+    affine = packed.unit_from_world[n]
+    o, d = to_unit(affine, origin) + affine[:, 3], to_unit(affine, normal)
+    return unit_interval(packed.shapes[n], o[0], o[1], o[2], d[0], d[1], d[2], packed.top_ratios[n])
 
 
 @compiled()

@@ -65,14 +65,16 @@ def slab_interval(origin: float, direction: float) -> tuple[float, float]:
 
 
 @compiled()
-def cone_interval(o: FloatArray, d: FloatArray, ratio: float) -> tuple[float, float]:
-    """Where the ray is inside the lateral surface of the unit cone (between its ends the body is convex)."""
-    z0, z1 = slab_interval(o[2], d[2])
+def cone_interval(
+    ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, ratio: float
+) -> tuple[float, float]:
+    """Where the ray is inside the unit cone, whose radius goes from 1 at z = -1 to ``ratio`` at z = 1."""
+    z0, z1 = slab_interval(oz, dz)
     slope, radius = (ratio - 1) / 2, (ratio + 1) / 2
-    ro, rd = radius + slope * o[2], slope * d[2]
-    a = d[0] * d[0] + d[1] * d[1] - rd * rd
-    b = o[0] * d[0] + o[1] * d[1] - ro * rd
-    c = o[0] * o[0] + o[1] * o[1] - ro * ro
+    ro, rd = radius + slope * oz, slope * dz
+    a = dx * dx + dy * dy - rd * rd
+    b = ox * dx + oy * dy - ro * rd
+    c = ox * ox + oy * oy - ro * ro
     if a > 1e-15:
         t0, t1 = quadratic_interval(a, b, c)
         return max(t0, z0), min(t1, z1)
@@ -81,45 +83,44 @@ def cone_interval(o: FloatArray, d: FloatArray, ratio: float) -> tuple[float, fl
             return (z0, z1) if c <= 0 else (1.0, 0.0)
         edge = -c / (2 * b)
         return (z0, min(z1, edge)) if b > 0 else (max(z0, edge), z1)
-    # Steeper than the cone: inside before the first or after the second crossing, one per nappe; ours has ro > 0.
+    # Steeper than the cone: inside before the first and after the second crossing, one in each nappe; ours is
+    # the one whose radius is positive.
     root = np.sqrt(max(b * b - a * c, 0.0))
     t0, t1 = (-b + root) / a, (-b - root) / a
     return (max(z0, t1), z1) if rd > 0 else (z0, min(z1, t0))
 
 
 @compiled()
-def unit_interval(shape: int, o: FloatArray, d: FloatArray, ratio: float) -> tuple[float, float]:
+def unit_interval(
+    shape: int, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, ratio: float
+) -> tuple[float, float]:
     """Return the interval of a ray, given in unit coordinates, inside the unit shape; empty when t1 <= t0."""
     if shape == _BALL:
-        a = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
-        b = o[0] * d[0] + o[1] * d[1] + o[2] * d[2]
-        return quadratic_interval(a, b, o[0] * o[0] + o[1] * o[1] + o[2] * o[2] - 1)
+        return quadratic_interval(
+            dx * dx + dy * dy + dz * dz, ox * dx + oy * dy + oz * dz, ox * ox + oy * oy + oz * oz - 1
+        )
     if shape == _CYLINDER:
-        z0, z1 = slab_interval(o[2], d[2])
-        a = d[0] * d[0] + d[1] * d[1]
-        t0, t1 = quadratic_interval(a, o[0] * d[0] + o[1] * d[1], o[0] * o[0] + o[1] * o[1] - 1)
+        z0, z1 = slab_interval(oz, dz)
+        t0, t1 = quadratic_interval(dx * dx + dy * dy, ox * dx + oy * dy, ox * ox + oy * oy - 1)
         return max(t0, z0), min(t1, z1)
     if shape == _BOX:
-        t0, t1 = slab_interval(o[0], d[0])
-        for axis in range(1, 3):
-            s0, s1 = slab_interval(o[axis], d[axis])
-            t0, t1 = max(t0, s0), min(t1, s1)
-        return t0, t1
+        x0, x1 = slab_interval(ox, dx)
+        y0, y1 = slab_interval(oy, dy)
+        z0, z1 = slab_interval(oz, dz)
+        return max(x0, y0, z0), min(x1, y1, z1)
     if shape == _CONE:
-        return cone_interval(o, d, ratio)
-    if abs(d[2]) < 1e-12:
-        return (-FAR, FAR) if o[2] <= 0 else (1.0, 0.0)
-    edge = -o[2] / d[2]
-    return (-FAR, edge) if d[2] > 0 else (edge, FAR)
+        return cone_interval(ox, oy, oz, dx, dy, dz, ratio)
+    if abs(dz) < 1e-12:
+        return (-FAR, FAR) if oz <= 0 else (1.0, 0.0)
+    edge = -oz / dz
+    return (-FAR, edge) if dz > 0 else (edge, FAR)
 
 
 @compiled()
-def to_unit(affine: FloatArray, point: FloatArray, is_point: float, out: FloatArray) -> None:
-    """Apply an affine map (3, 4) to a point (``is_point`` 1) or to a direction (0)."""
-    for r in range(3):
-        out[r] = (
-            affine[r, 0] * point[0] + affine[r, 1] * point[1] + affine[r, 2] * point[2] + is_point * affine[r, 3]
-        )
+def to_unit(affine: FloatArray, direction: FloatArray) -> FloatArray:
+    """Return the unit coordinates of a direction under an affine map (3, 4); a place adds ``affine[:, 3]``."""
+    turned: FloatArray = affine[:, 0] * direction[0] + affine[:, 1] * direction[1] + affine[:, 2] * direction[2]
+    return turned
 
 
 @compiled()

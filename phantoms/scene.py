@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 
@@ -79,16 +81,32 @@ class Scene:
             raise PhantomError("the scene is empty; expected at least one part")
         for part in self.parts:
             material(part.material)
-        labels = [marker.label for marker in self.markers]
-        for label in labels:
-            if labels.count(label) > 1:
-                raise PhantomError(f"two markers are called {label!r}; give each marker its own label")
+        _check_markers_apart(self.markers)
         surfaces = [_surface(part.solid) for part in self.parts]
         for late, inner in enumerate(self.parts):
             for early, outer in enumerate(self.parts[:late]):
-                if not (inner.embedded or outer.embedded or inner.material == outer.material):
+                if not (inner.embedded or inner.material == outer.material):
                     _check_pair(outer, surfaces[early], inner, surfaces[late])
         return self
+
+
+def join(scenes: Iterable[Scene], name: str) -> Scene:
+    """Return one scene of many, in ascending priority."""
+    return replace(reduce(Scene.__add__, scenes, Scene()), name=name)
+
+
+def _check_markers_apart(markers: tuple[Marker, ...]) -> None:
+    """Raise `PhantomError` when two markers share a label or space."""
+    for n, one in enumerate(markers):
+        for other in markers[:n]:
+            if one.label == other.label:
+                raise PhantomError(f"two markers are called {one.label!r}; give each marker its own label")
+            gap = float(np.linalg.norm(one.center_mm - other.center_mm))
+            if gap < (one.diameter_mm + other.diameter_mm) / 2:
+                raise PhantomError(
+                    f"markers {other.label} and {one.label} overlap: their centres are {gap:.2f} mm apart; "
+                    "move them apart"
+                )
 
 
 def _check_pair(outer: Part, outer_surface: FloatArray, inner: Part, inner_surface: FloatArray) -> None:
@@ -96,7 +114,7 @@ def _check_pair(outer: Part, outer_surface: FloatArray, inner: Part, inner_surfa
     gap = float(np.linalg.norm(outer.solid.center_mm - inner.solid.center_mm))
     if gap >= outer.solid.radius_mm + inner.solid.radius_mm:
         return
-    if outer.solid.contains(inner_surface, margin=TOUCHING).all():
+    if len(inner_surface) and outer.solid.contains(inner_surface, margin=TOUCHING).all():
         return
     if not (
         outer.solid.contains(inner_surface, margin=-TOUCHING).any()

@@ -16,8 +16,16 @@ from phantoms.errors import PhantomError
 from phantoms.stack import SliceStack
 
 Order = Literal["ascending", "descending", "shuffled"]
-COMPRESSED = ("1.2.840.10008.1.2.4.80", "1.2.840.10008.1.2.4.90", "1.2.840.10008.1.2.5")
-"""Lossless transfer syntaxes that can be written besides the uncompressed ones: JPEG-LS, JPEG 2000, RLE."""
+TRANSFER_SYNTAXES = {
+    "explicit": "1.2.840.10008.1.2.1",
+    "implicit": "1.2.840.10008.1.2",
+    "deflated": "1.2.840.10008.1.2.1.99",
+    "jpeg-ls": "1.2.840.10008.1.2.4.80",
+    "jpeg-2000": "1.2.840.10008.1.2.4.90",
+    "rle": "1.2.840.10008.1.2.5",
+}
+"""The (lossless) transfer syntaxes that can be written, by a short name."""
+COMPRESSED = ("jpeg-ls", "jpeg-2000", "rle")
 
 
 @dataclass(frozen=True)
@@ -30,7 +38,8 @@ class SeriesOptions:
     intercept: float = -1024.0
     padding_hu: float | None = None
     """Value outside the circle of reconstruction; None leaves what was reconstructed."""
-    transfer_syntax: str = ExplicitVRLittleEndian
+    transfer_syntax: str = "explicit"
+    """A key of `TRANSFER_SYNTAXES`."""
     write_tilt: bool = True
     """Whether the GantryDetectorTilt tag is present."""
     kernel: str = "FAST"
@@ -38,6 +47,14 @@ class SeriesOptions:
     description: str = "Phantom"
     seed: int = 0
     """Fixes the UIDs and the shuffle."""
+
+    def __post_init__(self) -> None:
+        if self.transfer_syntax not in TRANSFER_SYNTAXES:
+            raise PhantomError(
+                f"unknown transfer syntax {self.transfer_syntax!r}; expected one of {', '.join(TRANSFER_SYNTAXES)}"
+            )
+        if self.slope == 0:
+            raise PhantomError("the rescale slope is 0; expected another number")
 
 
 def write_series(
@@ -123,9 +140,9 @@ def _set_pixels(dataset: Dataset, image: NDArray[np.float64], options: SeriesOpt
     dataset.PixelData = stored.astype("<i2").tobytes()
     dataset["PixelData"].VR = "OW"
     if options.transfer_syntax in COMPRESSED:
-        dataset.compress(options.transfer_syntax, generate_instance_uid=False)
+        dataset.compress(TRANSFER_SYNTAXES[options.transfer_syntax], generate_instance_uid=False)
     else:
-        dataset.file_meta.TransferSyntaxUID = UID(options.transfer_syntax)
+        dataset.file_meta.TransferSyntaxUID = UID(TRANSFER_SYNTAXES[options.transfer_syntax])
 
 
 def _padded(image: NDArray[np.int16], padding_hu: float | None) -> NDArray[np.float64]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -48,6 +48,37 @@ class SliceStack:
     def positions_mm(self) -> FloatArray:
         """Places (K,) of the slices along ``normal``."""
         return self.centers_mm @ self.normal
+
+    def changed(
+        self,
+        *,
+        start_mm: float | None = None,
+        stop_mm: float | None = None,
+        spacing_mm: float | None = None,
+        thickness_mm: float | None = None,
+        matrix: int | None = None,
+        field_of_view_mm: float | None = None,
+        tilt_deg: float | None = None,
+    ) -> SliceStack:
+        """Return an evenly spaced axial stack like this one but for what is given."""
+        heights = np.sort(self.centers_mm @ TABLE)
+        gap = float(np.diff(heights).mean()) if len(heights) > 1 else self.thickness_mm
+        thickness = self.thickness_mm if spacing_mm is None else spacing_mm
+        return axial_stack(
+            start_mm=float(heights[0]) if start_mm is None else start_mm,
+            stop_mm=float(heights[-1]) if stop_mm is None else stop_mm,
+            spacing_mm=gap if spacing_mm is None else spacing_mm,
+            thickness_mm=thickness if thickness_mm is None else thickness_mm,
+            matrix=self.rows if matrix is None else matrix,
+            field_of_view_mm=self.rows * self.pixel_mm if field_of_view_mm is None else field_of_view_mm,
+            center_mm=self.centers_mm[0] * (1 - TABLE),
+            tilt_deg=self.tilt_deg if tilt_deg is None else tilt_deg,
+        )
+
+    def around(self, center_mm: Vector, reach_mm: float) -> SliceStack:
+        """Return only the slices within ``reach_mm`` of a place, measured along the normal."""
+        distance = np.abs(self.positions_mm - np.asarray(center_mm) @ self.normal)
+        return replace(self, centers_mm=self.centers_mm[distance <= reach_mm])
 
     def holds_whole(self, center_mm: FloatArray, diameter_mm: float) -> bool:
         """Whether a ball lies wholly within the scanned slab and every slice's field of view near it."""

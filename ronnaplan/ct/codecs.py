@@ -1,4 +1,4 @@
-"""Decoding of compressed pixels by pydicom's decoders."""
+"""Decoding of compressed pixels: lossless JPEG here, all else by pydicom's decoders."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ import struct
 import warnings
 from typing import Any, Final
 
+from ronnaplan.ct.jpeg_lossless import decode_jpeg_lossless
 from ronnaplan.ct.slices import PixelFormat, SliceImage, Stored
 from ronnaplan.ct.text import printable
 from ronnaplan.errors import InputError
 
+JPEG_LOSSLESS: Final = frozenset({"1.2.840.10008.1.2.4.57", "1.2.840.10008.1.2.4.70"})
+JPEG_EXTENDED: Final = "1.2.840.10008.1.2.4.51"
 PLUGINS: Final = {
     "1.2.840.10008.1.2.5": "pydicom",  # RLE
-    "1.2.840.10008.1.2.4.50": "gdcm",  # JPEG baseline
-    "1.2.840.10008.1.2.4.51": "gdcm",  # JPEG extended, 12 bits
-    "1.2.840.10008.1.2.4.57": "gdcm",  # JPEG lossless
-    "1.2.840.10008.1.2.4.70": "gdcm",  # JPEG lossless, first-order prediction
+    "1.2.840.10008.1.2.4.50": "pillow",  # JPEG baseline
+    JPEG_EXTENDED: "pillow",  # JPEG extended, 8 bits
     "1.2.840.10008.1.2.4.80": "pyjpegls",  # JPEG-LS lossless
     "1.2.840.10008.1.2.4.81": "pyjpegls",  # JPEG-LS near-lossless
     "1.2.840.10008.1.2.4.90": "pylibjpeg",  # JPEG 2000 lossless
@@ -27,6 +28,7 @@ PLUGINS: Final = {
 """Transfer syntax -> the pydicom plugin that decodes it: one each, so that no result depends on the machine."""
 
 
+_JPEG_12_BITS: Final = "JPEG extended, 12 bits, which pylibjpeg-libjpeg decodes"
 _START_OF_FRAME: Final = frozenset({*range(0xC0, 0xD0), 0xF7} - {0xC4, 0xC8, 0xCC})
 PACKAGES: Final = {
     "1.2.840.10008.1.2.4.92": "JPEG 2000 multi-component, for which no maintained decoder is known",
@@ -40,9 +42,12 @@ PACKAGES: Final = {
 """Transfer syntaxes that are not read -> what they are and what would decode them."""
 
 
-def why_not_decoded(transfer_syntax: str) -> str | None:
-    """Return why a compressed transfer syntax cannot be read, by its name, or None if it can."""
-    if transfer_syntax in PLUGINS:
+def why_not_decoded(pixels: PixelFormat) -> str | None:
+    """Return why compressed pixels cannot be read, naming their transfer syntax, or None if they can."""
+    transfer_syntax = pixels.transfer_syntax
+    if transfer_syntax == JPEG_EXTENDED and pixels.bits_stored > 8:
+        return f"its transfer syntax {JPEG_EXTENDED} ({_JPEG_12_BITS}) is not supported"
+    if transfer_syntax in PLUGINS or transfer_syntax in JPEG_LOSSLESS:
         return None
     known = PACKAGES.get(transfer_syntax)
     named = f"{transfer_syntax} ({known})" if known else f"{transfer_syntax} (unknown; gdcmconv may know it)"
@@ -61,6 +66,10 @@ def decode(image: SliceImage) -> Stored:
 
 def decode_frame(frame: bytes, pixels: PixelFormat) -> Stored:
     """Decode one compressed frame to (J, I), or (J, I, samples); raises `InputError`."""
+    if pixels.transfer_syntax in JPEG_LOSSLESS:
+        return decode_jpeg_lossless(frame, pixels.rows, pixels.columns).view(
+            f"{'i' if pixels.is_signed else 'u'}2"
+        )
     from pydicom.encaps import encapsulate
     from pydicom.pixels.decoders.base import get_decoder
     from pydicom.uid import UID

@@ -80,7 +80,7 @@ def _why_not_pixels(pixels: PixelFormat) -> str | None:
                 f"of {pixels.bits_allocated}, expected the low bits"
             )
     if pixels.length is None:
-        return why_not_decoded(pixels.transfer_syntax)
+        return why_not_decoded(pixels)
     if pixels.transfer_syntax not in PLAIN_SYNTAXES:
         return f"its transfer syntax {pixels.transfer_syntax} should be encapsulated but is not"
     if pixels.frame_bytes * pixels.frames > pixels.length:

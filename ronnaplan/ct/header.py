@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from ronnaplan.ct.files import Blob, DamagedError, NotDicomError
 from ronnaplan.ct.limits import Limits
+from ronnaplan.ct.text import printable
 
 IMPLICIT_LITTLE: Final = "1.2.840.10008.1.2"
 EXPLICIT_LITTLE: Final = "1.2.840.10008.1.2.1"
@@ -129,7 +130,7 @@ def _parse(buffer: bytes, size: int, limits: Limits) -> Header:
     else:
         raise NotDicomError("it is not a DICOM file")
     meta, start = _Scanner(buffer, size, limits, big=False).meta(start)
-    syntax = meta.get(0x00020010, b"").rstrip(b"\0 ").decode("ascii", "replace")
+    syntax = printable(meta.get(0x00020010, b"").rstrip(b"\0 ").decode("ascii", "replace"))
     if syntax == DEFLATED_LITTLE:
         if len(buffer) < size:
             raise _MoreNeededError

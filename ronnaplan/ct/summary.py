@@ -18,8 +18,8 @@ class SeriesSummary:
     """One series at a glance; every text is safe to print.
 
     ``series`` is what `read_ct` takes as its ``series_uid``. ``spacing_mm`` is the smallest and largest gap
-    between slices, ``pixel_mm`` the distance between rows and between columns. A series with ``problems`` cannot be read;
-    ``notes`` are reasons to doubt one that can.
+    between slices, ``pixel_mm`` the distance between rows and between columns. A series with ``problems``
+    cannot be read; ``notes`` are reasons to doubt one that can.
     """
 
     series: str

@@ -11,10 +11,8 @@ from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.detect import MIN_CONTRAST_HU
 from ronnaplan.localization.neighbourhood import cell_directions
-from ronnaplan.localization.refine import BLUR_BOUNDS_MM, BallFit, margin_mm
-
-LOOK_SHARE = 0.45
-"""A candidate's profile must fall from bright to dark in this share of the directions to be worth a fit."""
+from ronnaplan.localization.refine import BLUR_BOUNDS_MM, MAX_WANDER, BallFit, margin_mm
+from ronnaplan.localization.uncertainty import center_covariance
 
 DIAMETER_TOLERANCE = 0.06
 """A marker's fitted diameter lies within this share of the stated one ..."""
@@ -28,11 +26,14 @@ MIN_COVERAGE = 0.6
 MAX_MISFIT = 0.06
 """Largest RMS residual on the surface, as a share of the contrast, beyond what noise explains."""
 
+MAX_NOISE = 0.2
+"""Noise, as a share of the contrast, that is allowed for in the misfit; a noisier scan is not fit for use."""
+
 MAX_THICKNESS_RATIO = 1.8
 """The fitted slice thickness stays within this factor of the nominal one: no ball explains more."""
 
-MAX_WANDER = 0.5
-"""The fit may move from the candidate by this share of the radius; farther away it is another candidate's."""
+MAX_STANDARD_ERROR = 0.03
+"""Largest standard error of the centre, as a share of the diameter, that is still called a localization."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ Test = Callable[[Evidence], str | None]
 def profile_share(volume: CTVolume, center_mm: FloatArray, diameter_mm: float, thickness_mm: float) -> float:
     """Share of directions in which the image falls from the ball's level to the surroundings' at its surface.
 
-    A quick look at nearest voxels that spares most candidates the fit.
+    A quick look at nearest voxels that spares most candidates the fit: the fit cannot cover more of the surface.
     """
     radius = diameter_mm / 2.0
     directions = cell_directions()
@@ -106,7 +107,7 @@ def _thickness(evidence: Evidence) -> str | None:
     thickness = float(evidence.fit.theta[5])
     if thickness <= MAX_THICKNESS_RATIO * evidence.thickness_mm + 0.5:
         return None
-    return f"its ends are blurred over {thickness:.1f} mm, slices are {evidence.thickness_mm:.1f} mm thick"
+    return f"its ends are blurred over {thickness:.1f} mm, slices of {evidence.thickness_mm:.1f} mm expected"
 
 
 def _diameter(evidence: Evidence) -> str | None:
@@ -126,14 +127,19 @@ def _coverage(evidence: Evidence) -> str | None:
 
 def _roundness(evidence: Evidence) -> str | None:
     contrast = evidence.fit.contrast_hu
-    limit = float(np.hypot(MAX_MISFIT, evidence.noise_hu / contrast))
+    limit = float(np.hypot(MAX_MISFIT, min(evidence.noise_hu / contrast, MAX_NOISE)))
     if evidence.fit.misfit <= limit:
         return None
     return f"its surface departs from a sphere's by {evidence.fit.misfit:.1%} of its contrast, {limit:.1%} allowed"
 
 
+def _certainty(evidence: Evidence) -> str | None:
+    error = float(np.sqrt(np.trace(center_covariance(evidence.fit))))
+    limit = MAX_STANDARD_ERROR * evidence.diameter_mm
+    return None if error <= limit else f"its centre is uncertain by {error:.2f} mm, {limit:.2f} mm allowed"
+
+
 TESTS: dict[str, Test] = {
-    "converged": _converged,
     "stayed": _stayed,
     "contrast": _contrast,
     "blur": _blur,
@@ -141,6 +147,8 @@ TESTS: dict[str, Test] = {
     "diameter": _diameter,
     "coverage": _coverage,
     "roundness": _roundness,
+    "converged": _converged,
+    "certainty": _certainty,
 }
 
 

@@ -24,7 +24,7 @@ COARSE_VOXELS_PER_DIAMETER = 6
 MIN_CONTRAST_HU = 300.0
 """Faintest ball that is looked for, against its surroundings (plastic in air shows about 1,100 HU)."""
 
-MIN_VOTE_SHARE = 0.12
+MIN_VOTE_SHARE = 0.3
 """A candidate has at least this share of the votes of a complete, isolated ball of its size."""
 
 MAX_CANDIDATES = 400
@@ -64,7 +64,8 @@ def detect(volume: CTVolume, diameter_mm: float) -> Candidates:
     edge_mm = float(np.mean([*steps, _typical_gap(grid)]))
     votes = np.zeros(shape[::-1], dtype=np.uint16)
     threshold = MIN_CONTRAST_HU / (4.0 * edge_mm)
-    _vote(coarse.voxels_hu, origins, steps, diameter_mm / 2.0, threshold, corner, cell_mm, votes)
+    voxels = coarse.voxels_hu.astype(np.float32, copy=False)
+    _vote(voxels, origins, steps, diameter_mm / 2.0, threshold, corner, cell_mm, votes)
 
     surface_voxels = np.pi * diameter_mm**2 * 2.0 * edge_mm / (steps.prod() * _typical_gap(grid))
     centers, shares = _peaks(votes, float(surface_voxels))

@@ -7,7 +7,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from ronnaplan.ct.volume import SeriesSource
+from ronnaplan.ct.volume import SeriesSource, VolumeFlag
 from ronnaplan.geometry import FloatArray, Frame, Points
 
 
@@ -62,6 +62,7 @@ class Fiducials:
     diameter_mm: float
     source: SeriesSource
     voxel_sha256: str
+    volume_flags: tuple[VolumeFlag, ...] = ()
 
     def __len__(self) -> int:
         return len(self.fiducials)

@@ -9,7 +9,7 @@ import numpy as np
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import InputError, RefusedError, UsageError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.accept import LOOK_SHARE, Evidence, failures, profile_share
+from ronnaplan.localization.accept import MIN_COVERAGE, Evidence, failures, profile_share
 from ronnaplan.localization.detect import detect
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
 from ronnaplan.localization.neighbourhood import gather
@@ -19,8 +19,11 @@ from ronnaplan.localization.uncertainty import center_covariance
 MIN_VOXELS_PER_DIAMETER = 2.0
 """A ball smaller than this many pixels has no shape to recognize it by."""
 
-MIN_CLIPPED_VOXELS = 4
-"""This many voxels at the scan's very largest value mean that the scale ends there."""
+MIN_CEILING_HU = 2000.0
+"""No scanner's scale ends below this."""
+
+CLIP_SHOULDER_HU = 10
+"""A scale ends where its largest value is commoner than all the values this far below it taken together."""
 
 NEIGHBOUR_COVERAGE = 0.75
 """Below this share of surface seen, a marker is flagged as touched by something large."""
@@ -33,7 +36,8 @@ def localize(volume: CTVolume, *, diameter_mm: float, expected: int | None = Non
     `MIN_VOXELS_PER_DIAMETER` pixels, and `RefusedError` when ``expected`` markers were promised and another
     number was found.
     """
-    _check(volume, diameter_mm, expected)
+    check_request(diameter_mm, expected)
+    _check_resolution(volume, diameter_mm)
     thickness_mm = _thickness(volume)
     ceiling_hu = _ceiling(volume)
     found: list[tuple[BallFit, float]] = []
@@ -41,7 +45,7 @@ def localize(volume: CTVolume, *, diameter_mm: float, expected: int | None = Non
     for center_mm in detect(volume, diameter_mm).centers_mm:
         if _is_known(center_mm, [fit.center_mm for fit, _ in found], diameter_mm / 2.0):
             continue
-        if profile_share(volume, center_mm, diameter_mm, thickness_mm) < LOOK_SHARE:
+        if profile_share(volume, center_mm, diameter_mm, thickness_mm) < MIN_COVERAGE:
             continue
         around = gather(volume, center_mm, diameter_mm / 2.0 + margin_mm(thickness_mm) + diameter_mm / 8.0)
         fit = fit_ball(around, diameter_mm, thickness_mm, ceiling_hu)
@@ -55,17 +59,21 @@ def localize(volume: CTVolume, *, diameter_mm: float, expected: int | None = Non
     fiducials = tuple(
         _fiducial(f"F{number}", fit, ceiling_hu, thickness_mm) for number, (fit, _) in enumerate(found, start=1)
     )
-    result = Fiducials(fiducials, tuple(rejected), diameter_mm, volume.source, volume.voxel_sha256)
+    result = Fiducials(fiducials, tuple(rejected), diameter_mm, volume.source, volume.voxel_sha256, volume.flags)
     if expected is not None and len(result) != expected:
         raise RefusedError(_explain_count(result, expected))
     return result
 
 
-def _check(volume: CTVolume, diameter_mm: float, expected: int | None) -> None:
+def check_request(diameter_mm: float, expected: int | None) -> None:
+    """Raise `UsageError` for a diameter or a number of markers that no scan can have."""
     if not (math.isfinite(diameter_mm) and diameter_mm > 0):
         raise UsageError(f"the marker diameter is {diameter_mm}; a positive number of mm is needed")
     if expected is not None and expected < 0:
         raise UsageError(f"{expected} markers were expected; a number from 0 upwards is needed")
+
+
+def _check_resolution(volume: CTVolume, diameter_mm: float) -> None:
     pixel_mm = max(volume.grid.row_spacing_mm, volume.grid.column_spacing_mm)
     if diameter_mm < MIN_VOXELS_PER_DIAMETER * pixel_mm:
         raise InputError(
@@ -83,8 +91,12 @@ def _thickness(volume: CTVolume) -> float:
 
 def _ceiling(volume: CTVolume) -> float:
     """Value at which the scan clips, or infinity where its brightest voxels are not clipped."""
-    top = volume.voxels_hu.max()
-    return float(top) if np.count_nonzero(volume.voxels_hu == top) >= MIN_CLIPPED_VOXELS else math.inf
+    top = float(volume.voxels_hu.max())
+    if top < MIN_CEILING_HU:
+        return math.inf
+    bright = volume.voxels_hu[volume.voxels_hu >= top - CLIP_SHOULDER_HU]
+    at_top = int(np.count_nonzero(bright == top))
+    return top if at_top > 1 and at_top > len(bright) - at_top else math.inf
 
 
 def _is_known(center_mm: FloatArray, known_mm: list[FloatArray], radius_mm: float) -> bool:

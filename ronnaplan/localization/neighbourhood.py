@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.detect import AIR_HU, slice_axes
+from ronnaplan.localization.detect import slice_axes
 
 CELLS_PER_EDGE = 4
 """The directions about a centre are sorted into the 6 x 4 x 4 cells of a cube, each about 22 degrees wide."""
@@ -30,16 +30,6 @@ class Neighbourhood:
     indices: NDArray[np.intp]
     offsets_mm: FloatArray
     values_hu: FloatArray
-
-    def select(self, chosen: NDArray[np.bool_]) -> Neighbourhood:
-        """Keep only the chosen (N,) voxels."""
-        return Neighbourhood(
-            self.origin_mm,
-            self.axes,
-            self.indices[chosen],
-            self.offsets_mm[chosen],
-            self.values_hu[chosen],
-        )
 
 
 def gather(volume: CTVolume, center_mm: FloatArray, reach_mm: float) -> Neighbourhood:
@@ -64,7 +54,7 @@ def gather(volume: CTVolume, center_mm: FloatArray, reach_mm: float) -> Neighbou
         near &= values != volume.padding_hu
     offsets = np.stack([u[near], v[near], w[near]], axis=-1)
     indices = np.stack([k[near], j[near], i[near]], axis=-1)
-    return Neighbourhood(center_mm, axes, indices, offsets, np.maximum(values[near], AIR_HU).astype(np.float64))
+    return Neighbourhood(center_mm, axes, indices, offsets, values[near].astype(np.float64))
 
 
 def _windows(centers: FloatArray, reach: FloatArray, shape: tuple[int, ...]) -> NDArray[np.intp]:

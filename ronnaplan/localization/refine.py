@@ -36,9 +36,23 @@ SLOPE_PRIOR_HU_PER_MM = 10.0
 PRIOR_NOISE_HU = 10.0
 """Noise at which the priors above are meant; it only sets their weight against the voxels."""
 
-MAX_STEPS = 60
+MAX_STEPS = 40
+"""Steps of one descent; a ball needs five to ten, clipped metal up to thirty."""
+
+CLIPPED_START = 2.0
+"""Where the inside is clipped, the search for the true contrast begins at this many times the visible one."""
+
 STEP_TOLERANCE_MM = 1e-5
 """The fit ends when a step moves the centre by less: a hundredth of a micrometre matters to nobody."""
+
+FIRST_LOOK_VOXELS = 3000
+"""The first descent uses about this many of the voxels: enough to see that most candidates are no balls."""
+
+HOPELESS_MISFIT = 0.15
+"""A first fit whose median direction disagrees by more than this share of the contrast is not pursued."""
+
+MAX_WANDER = 0.5
+"""A fit that moves by more than this share of the radius has left its candidate, and is not pursued."""
 
 OUTLIER_RATIO = 2.5
 """A direction disagrees when its residual exceeds the median direction's by this factor."""
@@ -46,7 +60,13 @@ OUTLIER_RATIO = 2.5
 MODEL_ERROR_SHARE = 0.02
 """Share of the contrast by which a clean direction may always disagree: real blur is not quite Gaussian."""
 
-MAX_ROUNDS = 8
+NEIGHBOUR_SHARE = 0.03
+"""Something just outside that exceeds the background by this share of the contrast is a neighbour."""
+
+BACKGROUND_QUANTILE = 0.3
+"""The background is what this share of the directions reach at most: a ball may lie on skin, not in it."""
+
+MAX_ROUNDS = 6
 """Rounds of leaving directions out and fitting again; real markers settle in two to four."""
 
 NEIGHBOUR_ANGLE_DEG = 26.0
@@ -122,34 +142,48 @@ def fit_ball(around: Neighbourhood, diameter_mm: float, thickness_mm: float, cei
     ``thickness_mm`` is the nominal slice thickness, ``ceiling_hu`` the value at which the scan clips (infinite
     where it does not).
     """
-    theta = _start(around, diameter_mm, thickness_mm)
+    theta = _start(around, diameter_mm, thickness_mm, ceiling_hu)
     prior_mean, prior_weight = _prior(diameter_mm, thickness_mm)
     state = np.ones(CELL_COUNT, dtype=np.int8)
-    used = np.ones(len(around.values_hu), dtype=np.bool_)
+    used = _thinned(len(around.values_hu))
     converged = False
     for _ in range(MAX_ROUNDS):
         theta, converged = _descend(around, used, theta, prior_mean, prior_weight, ceiling_hu)
         cells = direction_cells(around.offsets_mm - theta[:3])
         residuals = _residuals(around, theta, ceiling_hu)[0]
-        new_state = _judge_directions(around.offsets_mm, residuals, cells, theta)
-        settled = np.array_equal(new_state, state)
-        state = new_state
+        previous, (state, usual_rms) = state, _judge_directions(around, residuals, cells, theta)
         used = _within_reach(around.offsets_mm, theta) & (state[cells] == 1)
-        if settled or used.sum() < 3 * len(PARAMETERS):
+        if _is_hopeless(theta, usual_rms, diameter_mm) or used.sum() < 3 * len(PARAMETERS):
+            converged = False
+            break
+        if np.array_equal(state, previous):
             break
     residuals, jacobian = _residuals(around, theta, ceiling_hu)
     influence = _influence(jacobian, used, prior_weight)
     return BallFit(around, theta, used, residuals, influence, state, converged)
 
 
-def _start(around: Neighbourhood, diameter_mm: float, thickness_mm: float) -> FloatArray:
+def _thinned(count: int) -> NDArray[np.bool_]:
+    """Mark about `FIRST_LOOK_VOXELS` of ``count`` voxels, spread evenly without a pattern (golden ratio)."""
+    spread = np.arange(count) * 0.6180339887498949 % 1.0
+    marked: NDArray[np.bool_] = spread < FIRST_LOOK_VOXELS / max(count, 1)
+    return marked
+
+
+def _is_hopeless(theta: FloatArray, usual_rms_hu: float, diameter_mm: float) -> bool:
+    wandered = float(np.linalg.norm(theta[:3])) > MAX_WANDER * diameter_mm / 2.0
+    return wandered or usual_rms_hu > HOPELESS_MISFIT * theta[6]
+
+
+def _start(around: Neighbourhood, diameter_mm: float, thickness_mm: float, ceiling_hu: float) -> FloatArray:
     """First guess: the stated size, the candidate's centre, and levels read off the inside and the outside."""
     distance = np.linalg.norm(around.offsets_mm, axis=1)
     inside = around.values_hu[distance < 0.3 * diameter_mm]
     outside = around.values_hu[distance > 0.5 * diameter_mm + TYPICAL_BLUR_MM]
     high = float(np.median(inside)) if inside.size else float(around.values_hu.max())
-    low = float(np.quantile(outside, 0.3)) if outside.size else float(around.values_hu.min())
-    levels = [max(high - low, 1.0), low]
+    low = float(np.quantile(outside, BACKGROUND_QUANTILE)) if outside.size else float(around.values_hu.min())
+    contrast = max(high - low, 1.0) * (CLIPPED_START if high >= ceiling_hu else 1.0)
+    levels = [contrast, low]
     return np.array([0.0, 0.0, 0.0, diameter_mm / 2, TYPICAL_BLUR_MM, thickness_mm, *levels, 0.0, 0.0, 0.0])
 
 
@@ -271,6 +305,13 @@ def on_surface(offsets_mm: FloatArray, theta: FloatArray) -> NDArray[np.bool_]:
     return near
 
 
+def _just_outside(offsets_mm: FloatArray, theta: FloatArray) -> NDArray[np.bool_]:
+    """Voxels (N,) beyond the ball's blur but within the fit's reach: they show what touches the ball."""
+    depth, blur = _edge_width(offsets_mm, theta)
+    near: NDArray[np.bool_] = (depth > 2.0 * blur) & (depth < 3.0 * blur + 0.5)
+    return near
+
+
 def _within_reach(offsets_mm: FloatArray, theta: FloatArray) -> NDArray[np.bool_]:
     """Voxels (N,) inside the ball or within its blur; farther ones tell nothing but what else is there."""
     depth, blur = _edge_width(offsets_mm, theta)
@@ -279,25 +320,42 @@ def _within_reach(offsets_mm: FloatArray, theta: FloatArray) -> NDArray[np.bool_
 
 
 def _judge_directions(
-    offsets_mm: FloatArray, residuals: FloatArray, cells: NDArray[np.intp], theta: FloatArray
-) -> NDArray[np.int8]:
-    """Say of each direction whether it agrees with the ball (1), disagrees (0) or was not scanned (-1)."""
-    edge = on_surface(offsets_mm, theta)
-    counts = np.bincount(cells[edge], minlength=CELL_COUNT)
-    squares = np.bincount(cells[edge], weights=residuals[edge] ** 2, minlength=CELL_COUNT)
-    seen = counts > 0
-    rms = np.sqrt(squares / np.maximum(counts, 1))
-    limit = OUTLIER_RATIO * max(float(np.median(rms[seen])) if seen.any() else 0.0, MODEL_ERROR_SHARE * theta[6])
-    foreign = seen & (rms > limit)
+    around: Neighbourhood, residuals: FloatArray, cells: NDArray[np.intp], theta: FloatArray
+) -> tuple[NDArray[np.int8], float]:
+    """Say of each direction whether it agrees with the ball (1), disagrees (0) or was not scanned (-1).
+
+    A direction disagrees when its edge is not the ball's, or when something brighter than the background lies
+    just outside. Beside it, the median direction's root mean square residual on the surface, in HU.
+    """
+    edge = on_surface(around.offsets_mm, theta)
+    squares, seen = _cell_means(residuals**2, cells, edge)
+    rms = np.sqrt(squares)
+    usual = float(np.median(rms[seen])) if seen.any() else 0.0
+    foreign = seen & (rms > OUTLIER_RATIO * max(usual, MODEL_ERROR_SHARE * theta[6]))
+
+    outside, has_outside = _cell_means(around.values_hu, cells, _just_outside(around.offsets_mm, theta))
+    if has_outside.any():
+        background = float(np.quantile(outside[has_outside], BACKGROUND_QUANTILE))
+        foreign |= has_outside & (outside > background + NEIGHBOUR_SHARE * theta[6])
+
     directions = cell_directions()
     close = directions @ directions[foreign].T > np.cos(np.radians(NEIGHBOUR_ANGLE_DEG))
     state = np.where(close.any(axis=1), 0, 1)
-    return np.where(seen, state, -1).astype(np.int8)
+    return np.where(seen, state, -1).astype(np.int8), usual
+
+
+def _cell_means(
+    values: FloatArray, cells: NDArray[np.intp], chosen: NDArray[np.bool_]
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Mean of the chosen values in each cell (cells,), and which cells have any."""
+    counts = np.bincount(cells[chosen], minlength=CELL_COUNT)
+    sums = np.bincount(cells[chosen], weights=values[chosen], minlength=CELL_COUNT)
+    return sums / np.maximum(counts, 1), counts > 0
 
 
 def _influence(jacobian: FloatArray, used: NDArray[np.bool_], prior_weight: FloatArray) -> FloatArray:
     """How far one HU at each voxel moves the centre: (N, 3) in mm/HU, zero for voxels that were left out."""
     informed = np.where(used[:, np.newaxis], jacobian, 0.0)
     matrix = informed.T @ informed + np.diag(prior_weight)
-    influence: FloatArray = np.linalg.lstsq(matrix, informed.T, rcond=None)[0][:3].T
+    influence: FloatArray = informed @ np.linalg.pinv(matrix, hermitian=True)[:, :3]
     return influence

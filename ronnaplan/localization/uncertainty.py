@@ -8,13 +8,15 @@ applied on both sides of the noise's autocovariance, which is measured from the 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.refine import BallFit
 
 MAX_LAG = (1, 3, 3)
 """Farthest noise correlation that is measured, in slices, rows and columns."""
+
+MIN_PAIRS = 30
+"""A correlation measured on fewer pairs of voxels is chance and is left at zero."""
 
 QUANTIZATION_VARIANCE_HU2 = 1.0 / 12.0
 """Variance of rounding to whole HU: no scan has less noise than this."""
@@ -25,38 +27,55 @@ MODEL_ERROR_MM = 0.002
 
 def center_covariance(fit: BallFit) -> FloatArray:
     """Covariance (3, 3) of the fitted centre in LPS, mm^2."""
-    covariances = noise_autocovariance(fit)
-    weights = _on_grid(fit, fit.influence_mm_per_hu)
-    total = np.zeros((3, 3))
-    for lag, covariance in covariances.items():
-        first, second = _shifted(weights, lag)
-        pairs = first.reshape(-1, 3).T @ second.reshape(-1, 3)
-        total += covariance * (pairs if lag == (0, 0, 0) else pairs + pairs.T)
+    noise_hu = _local_noise(fit)
+    weights = _on_grid(fit, fit.influence_mm_per_hu * noise_hu[:, np.newaxis])
+    correlation = noise_autocorrelation(fit, noise_hu)
+    correlated = _correlate(weights, correlation)
+    total = weights.reshape(-1, 3).T @ correlated.reshape(-1, 3)
     total = _positive(total) + MODEL_ERROR_MM**2 * np.eye(3)
     axes = fit.neighbourhood.axes
     rotated: FloatArray = axes.T @ total @ axes
     return (rotated + rotated.T) / 2.0
 
 
-def noise_autocovariance(fit: BallFit) -> dict[tuple[int, int, int], float]:
-    """Autocovariance of the residuals (HU^2) by lag in slices, rows and columns; one of each +- pair of lags."""
-    residuals = _on_grid(fit, np.where(fit.used, fit.residuals_hu, 0.0)[:, np.newaxis])[..., 0]
+def _local_noise(fit: BallFit) -> FloatArray:
+    """Noise (N,) in HU at each voxel: one level inside the ball and one outside, where air may clip it."""
+    inside = np.linalg.norm(fit.neighbourhood.offsets_mm - fit.theta[:3], axis=1) < fit.theta[3]
+    freedom = max(1.0 - len(fit.theta) / max(int(fit.used.sum()), 1), 0.1)
+    noise = np.empty(len(inside))
+    for zone in (inside, ~inside):
+        squares = fit.residuals_hu[zone & fit.used] ** 2
+        variance = float(squares.mean()) / freedom if squares.size else 0.0
+        noise[zone] = np.sqrt(max(variance, QUANTIZATION_VARIANCE_HU2))
+    return noise
+
+
+def noise_autocorrelation(fit: BallFit, noise_hu: FloatArray) -> FloatArray:
+    """Correlation of the noise by lag in slices, rows and columns, zero lag in the middle.
+
+    The shape is twice `MAX_LAG` plus one along each axis; lags with fewer than `MIN_PAIRS` pairs are zero.
+    """
+    from scipy.signal import correlate
+
+    relative = np.where(fit.used, fit.residuals_hu / noise_hu, 0.0)
+    residuals = _on_grid(fit, relative[:, np.newaxis])[..., 0]
     present = _on_grid(fit, fit.used.astype(np.float64)[:, np.newaxis])[..., 0]
-    freedom = max(float(fit.used.sum()) - len(fit.theta), 1.0) / max(float(fit.used.sum()), 1.0)
-    result = {}
-    for lag in _half_lags():
-        first, second = _shifted(residuals, lag)
-        count = float(np.vdot(*_shifted(present, lag)))
-        if count >= 1.0:
-            result[lag] = float(np.vdot(first, second)) / count / freedom
-    result[(0, 0, 0)] = max(result.get((0, 0, 0), 0.0), QUANTIZATION_VARIANCE_HU2)
-    return result
+    padded = [np.pad(box, [(lag, lag) for lag in MAX_LAG]) for box in (residuals, present)]
+    sums, counts = (
+        correlate(big, box, mode="valid", method="fft")
+        for big, box in zip(padded, (residuals, present), strict=True)
+    )
+    correlation: FloatArray = np.where(counts > MIN_PAIRS, sums / np.maximum(counts, 1.0), 0.0)
+    correlation[MAX_LAG] = 1.0
+    return correlation
 
 
-def _half_lags() -> list[tuple[int, int, int]]:
-    dk, dj, di = MAX_LAG
-    every = [(k, j, i) for k in range(-dk, dk + 1) for j in range(-dj, dj + 1) for i in range(-di, di + 1)]
-    return [lag for lag in every if lag >= (0, 0, 0)]
+def _correlate(weights: FloatArray, correlation: FloatArray) -> FloatArray:
+    """Spread each channel of ``weights`` (K, J, I, C) over its neighbours by the correlation of the noise."""
+    from scipy.signal import fftconvolve
+
+    spread: FloatArray = fftconvolve(weights, correlation[..., np.newaxis], mode="same", axes=(0, 1, 2))
+    return spread
 
 
 def _on_grid(fit: BallFit, values: FloatArray) -> FloatArray:
@@ -66,13 +85,6 @@ def _on_grid(fit: BallFit, values: FloatArray) -> FloatArray:
     box = np.zeros((*(indices.max(axis=0) - low + 1), values.shape[1]))
     box[tuple((indices - low).T)] = values
     return box
-
-
-def _shifted(box: NDArray[np.float64], lag: tuple[int, int, int]) -> tuple[FloatArray, FloatArray]:
-    """The two views of ``box`` whose equal places are ``lag`` apart."""
-    first = tuple(slice(max(0, -step), min(n, n - step)) for n, step in zip(box.shape, lag, strict=False))
-    second = tuple(slice(max(0, step), min(n, n + step)) for n, step in zip(box.shape, lag, strict=False))
-    return box[first], box[second]
 
 
 def _positive(matrix: FloatArray) -> FloatArray:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import deepcopy
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from pydicom import dcmread, dcmwrite
 from pydicom.dataset import Dataset, FileDataset, FileMetaDataset
-from pydicom.uid import UID, CTImageStorage, ExplicitVRLittleEndian, generate_uid
+from pydicom.uid import UID, CTImageStorage, EnhancedCTImageStorage, ExplicitVRLittleEndian, generate_uid
 
 ROWS, COLUMNS = 8, 10
 STUDY, SERIES, FRAME = "1.2.3.1", "1.2.3.2", "1.2.3.3"
@@ -56,5 +59,82 @@ def write_series(folder: Path, count: int = 4, change: Change | None = None, pre
         made = dataset(k)
         if change is not None:
             change(made, k)
-        made.save_as(folder / f"{prefix}{k:03d}", enforce_file_format=True)
+        save(made, folder / f"{prefix}{k:03d}")
     return folder
+
+
+def save(made: FileDataset, target: Path | BytesIO, syntax: str | None = None) -> None:
+    """Write ``made`` in ``syntax`` (its own if None), swapping the pixels' bytes for big endian."""
+    if syntax is not None:
+        made.file_meta.TransferSyntaxUID = UID(syntax)
+    written = made.file_meta.TransferSyntaxUID
+    if not written.is_little_endian:
+        made = deepcopy(made)
+        made.PixelData = np.frombuffer(made.PixelData, "<i2").astype(">i2").tobytes()
+    dcmwrite(
+        target,
+        made,
+        implicit_vr=written.is_implicit_VR,
+        little_endian=written.is_little_endian,
+        enforce_file_format=True,
+    )
+
+
+def compress(made: FileDataset, syntax: str, folder: Path) -> FileDataset:
+    """Return ``made`` with its pixels compressed by pydicom, or by GDCM for JPEG."""
+    if not UID(syntax).startswith("1.2.840.10008.1.2.4.5") and syntax != "1.2.840.10008.1.2.4.70":
+        options = {"1.2.840.10008.1.2.4.81": {"jls_error": 2}, "1.2.840.10008.1.2.4.91": {"j2k_cr": [4]}}
+        made.compress(syntax, generate_instance_uid=False, **options.get(syntax, {}))
+        return made
+    import gdcm
+
+    before, after = folder / "before.tmp", folder / "after.tmp"
+    made.save_as(before)
+    reader, writer = gdcm.ImageReader(), gdcm.ImageWriter()
+    reader.SetFileName(str(before))
+    change = gdcm.ImageChangeTransferSyntax()
+    change.SetTransferSyntax(gdcm.TransferSyntax(gdcm.TransferSyntax.GetTSType(syntax)))
+    assert reader.Read()
+    change.SetInput(reader.GetImage())
+    assert change.Change()
+    writer.SetFileName(str(after))
+    writer.SetFile(reader.GetFile())
+    writer.SetImage(change.GetOutput())
+    assert writer.Write()
+    content = after.read_bytes()
+    before.unlink()
+    after.unlink()
+    return dcmread(BytesIO(content))
+
+
+def enhanced(count: int = 4, change: Change | None = None, stacks: int = 1) -> FileDataset:
+    """Return one multi-frame file of the same scan; ``change(frame's functional groups, k)`` may alter a frame."""
+    made = dataset(0, stored=np.concatenate([pattern(k) for k in range(count)]))
+    made.Rows = ROWS
+    made.SOPClassUID = made.file_meta.MediaStorageSOPClassUID = EnhancedCTImageStorage
+    made.NumberOfFrames = count
+    values = Dataset()
+    values.RescaleSlope, values.RescaleIntercept, values.RescaleType = 1, -1024, "HU"
+    measures = Dataset()
+    measures.PixelSpacing, measures.SliceThickness = [0.5, 0.75], 2
+    shared = Dataset()
+    shared.PixelValueTransformationSequence, shared.PixelMeasuresSequence = [values], [measures]
+    made.SharedFunctionalGroupsSequence = [shared]
+    made.PerFrameFunctionalGroupsSequence = [_frame_groups(k, k * stacks // count + 1) for k in range(count)]
+    for keyword in ("ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing", "SliceThickness"):
+        delattr(made, keyword)
+    del made.RescaleSlope, made.RescaleIntercept
+    if change is not None:
+        for k, groups in enumerate(made.PerFrameFunctionalGroupsSequence):
+            change(groups, k)
+    return made
+
+
+def _frame_groups(k: int, stack: int) -> Dataset:
+    position, orientation, content, groups = Dataset(), Dataset(), Dataset(), Dataset()
+    position.ImagePositionPatient = [-10, -20, 30 + 2 * k]
+    orientation.ImageOrientationPatient = [1, 0, 0, 0, 1, 0]
+    content.StackID, content.InStackPositionNumber = str(stack), k + 1
+    groups.PlanePositionSequence, groups.PlaneOrientationSequence = [position], [orientation]
+    groups.FrameContentSequence = [content]
+    return groups

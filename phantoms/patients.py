@@ -1,0 +1,126 @@
+"""Random patients from a seed, for benchmarks."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from phantoms.anatomy import (
+    TEETH,
+    dental_metal,
+    ear_rings,
+    electrode,
+    head,
+    infusion_tube,
+    scalp_foot,
+    surroundings,
+)
+from phantoms.errors import PhantomError
+from phantoms.examination import Examination
+from phantoms.markers import DECOYS, decoy, marker
+from phantoms.scanner import Scanner
+from phantoms.scene import Scene, join
+from phantoms.solids import FloatArray, Vector
+from phantoms.stack import axial_stack
+
+CLOSEST_FEET_MM = 30.0
+"""Markers and decoys stand at least this far apart on the scalp."""
+
+
+def random_patient(
+    seed: int,
+    *,
+    kind: str = "post",
+    count: int | None = None,
+    decoys: int | None = None,
+    dental: bool | None = None,
+    furniture: bool = True,
+    dose: float = 1.0,
+    kernel: str | None = None,
+    thickness_mm: float | None = None,
+    spacing_mm: float | None = None,
+    tilt_deg: float = 0.0,
+    uneven: bool = False,
+    matrix: int = 512,
+) -> Examination:
+    """Return a patient drawn from ``seed``; what is None is drawn too.
+
+    Drawn are head size (0.88 to 1.05), how the head lies (up to 8 degrees about each axis), 3 to 8 markers and 2
+    to 5 decoys at random places of the scalp outside the headrest, dental metal, kernel, field of view and slice
+    thickness (0.5 to 1.25 mm). ``uneven`` varies the gaps between slices by a tenth.
+    """
+    generator = np.random.default_rng([seed, 20260101])
+    size = generator.uniform(0.88, 1.05)
+    count = int(generator.integers(3, 9)) if count is None else count
+    decoys = int(generator.integers(2, 6)) if decoys is None else decoys
+    feet = [scalp_foot(at, size) for at in _places(generator, count + decoys, size)]
+    markers = [marker(f"M{n + 1}", foot, kind) for n, foot in enumerate(feet[:count])]
+    names = generator.permutation(list(DECOYS))
+    others = [decoy(str(names[n % len(names)]), foot, kind) for n, foot in enumerate(feet[count:])]
+    around = _everyday_things(generator, size, dental) if furniture else Scene()
+    base = surroundings(size) if furniture else Scene()
+    scene = join([base, head(size), around, *markers, *others], f"random patient {seed}")
+    scene = scene.moved(_lie(generator), generator.uniform(-12, 12, 3))
+    thickness = float(generator.choice([0.5, 0.6, 0.75, 1.0, 1.25])) if thickness_mm is None else thickness_mm
+    chosen = str(generator.choice(["soft", "standard", "bone"], p=[0.25, 0.6, 0.15])) if kernel is None else kernel
+    positions = _slice_positions(generator, scene, spacing_mm or thickness, 0.1 if uneven else 0.0)
+    stack = axial_stack(
+        start_mm=0.0,
+        stop_mm=0.0,
+        positions_mm=positions,
+        thickness_mm=thickness,
+        matrix=matrix,
+        field_of_view_mm=float(generator.uniform(255, 290)),
+        center_mm=(*generator.uniform(-6, 6, 2), 0.0),
+        tilt_deg=tilt_deg,
+    )
+    return Examination(scene, stack, Scanner(kernel=chosen, dose=dose), seed)
+
+
+def _places(generator: np.random.Generator, count: int, size: float) -> list[FloatArray]:
+    """Draw directions to places on the upper scalp, apart from each other and clear of headrest and ears."""
+    chosen: list[FloatArray] = []
+    for _ in range(20000):
+        if len(chosen) == count:
+            return chosen
+        at = generator.standard_normal(3)
+        at /= np.linalg.norm(at)
+        if at[2] < 0.2 or (at[1] > 0.35 and at[2] < 0.72):
+            continue
+        foot = scalp_foot(at, size).place_mm
+        gaps = [np.linalg.norm(foot - scalp_foot(other, size).place_mm) for other in chosen]
+        if min(gaps, default=np.inf) >= CLOSEST_FEET_MM:
+            chosen.append(at)
+    raise PhantomError(
+        f"{count} markers and decoys do not fit on the scalp {CLOSEST_FEET_MM:g} mm apart; ask for fewer"
+    )
+
+
+def _everyday_things(generator: np.random.Generator, size: float, dental: bool | None) -> Scene:
+    """Draw dental metal, an infusion tube, ear-rings and electrodes."""
+    scene = Scene()
+    if generator.random() < 0.7 if dental is None else dental:
+        teeth = tuple(int(n) for n in generator.choice(TEETH, int(generator.integers(1, 5)), replace=False))
+        scene += dental_metal(teeth, str(generator.choice(["amalgam", "gold"])), size)
+    for chance, part in ((0.5, infusion_tube), (0.3, ear_rings)):
+        if generator.random() < chance:
+            scene += part(size)
+    if generator.random() < 0.4:
+        scene += electrode(scalp_foot((-0.95, generator.uniform(-0.3, 0.3), 0.05), size))
+    return scene
+
+
+def _lie(generator: np.random.Generator) -> FloatArray:
+    """Draw how the head is turned on the table."""
+    turn: FloatArray = Rotation.from_euler("xyz", generator.uniform(-8, 8, 3), degrees=True).as_matrix()
+    return turn
+
+
+def _slice_positions(generator: np.random.Generator, scene: Scene, spacing_mm: float, jitter: float) -> Vector:
+    """Return table positions that hold every marker and decoy whole, with a margin of 8 mm."""
+    heights = [float(m.center_mm[2]) for m in scene.markers] + [float(d.center_mm[2]) for d in scene.decoys]
+    low, high = min([*heights, -20.0]) - 15, max([*heights, 80.0]) + 15
+    start = low + generator.uniform(0, spacing_mm)
+    gaps = spacing_mm * (1 + generator.uniform(-jitter, jitter, int((high - low) / spacing_mm)))
+    positions: FloatArray = np.round(start + np.cumsum(gaps), 3)
+    return positions

@@ -1,0 +1,40 @@
+"""``ronnaplan demo``: the whole way on the synthetic CT that comes with the source."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+HELP = "Localize the markers of data/synthetic_ct, compare with the known truth, and draw them."
+DATA = Path(__file__).resolve().parents[2] / "data" / "synthetic_ct"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    parser.add_argument(
+        "--output-dir", metavar="DIR", default="out/demo", help="where to write (default: %(default)s)"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Localize, compare, draw, and say where everything is."""
+    from ronnaplan.ct import read_ct
+    from ronnaplan.documents.fiducials import fiducials_document, to_json
+    from ronnaplan.documents.files import make_folder, read_json, write_atomically
+    from ronnaplan.errors import InputError
+    from ronnaplan.localization import localize
+    from ronnaplan.report.picture import marker_sheet
+    from ronnaplan.report.tables import fiducials_table
+
+    if not DATA.is_dir():
+        raise InputError(f"{DATA} does not exist; run the demo from a clone of the project's source")
+    truth = read_json(DATA / "truth.json")["markers"]
+    volume = read_ct(DATA)
+    found = localize(volume, diameter_mm=truth[0]["diameter_mm"], expected=len(truth))
+    print(fiducials_table(found, truth_mm=[marker["center"] for marker in truth]))
+    folder = make_folder(arguments.output_dir)
+    write_atomically(folder / "fiducials.json", to_json(fiducials_document(found)))
+    write_atomically(folder / "markers.png", marker_sheet(volume, found))
+    print(f"\nFiducials: {folder / 'fiducials.json'}\nPicture:   {folder / 'markers.png'}")
+    print("Research software, not a medical device.")
+    return 0

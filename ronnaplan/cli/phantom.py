@@ -1,0 +1,134 @@
+"""``ronnaplan phantom``: make a synthetic CT whose markers' true places are known."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from phantoms.examination import Examination
+
+HELP = "Scan a synthetic head and write the DICOM series with the true marker places beside it."
+STACK_OPTIONS = {
+    "start_mm": ("--from", "lowest slice along the table (mm)"),
+    "stop_mm": ("--to", "highest slice along the table (mm)"),
+    "spacing_mm": ("--spacing", "distance between slices (mm)"),
+    "thickness_mm": ("--thickness", "slice thickness (mm; default: the spacing)"),
+    "field_of_view_mm": ("--field-of-view", "width of the image (mm)"),
+    "tilt_deg": ("--tilt", "gantry tilt (degrees)"),
+}
+SCANNER_OPTIONS = {
+    "dose": ("--dose", "dose relative to a usual head scan; 0 leaves noise out"),
+    "kilovolts": ("--kilovolts", "tube voltage (kV)"),
+    "scatter": ("--scatter", "strength of scattered radiation, such as 0.02"),
+}
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    parser.add_argument("scene", metavar="SCENE", nargs="?", help="a ready-made scene (see --list) or a TOML file")
+    parser.add_argument("-o", "--output", metavar="DIR", help="folder to write; an earlier phantom is replaced")
+    parser.add_argument("--list", action="store_true", help="show the ready-made scenes and stop")
+    parser.add_argument(
+        "--scanner",
+        choices=("projection", "fast"),
+        default="projection",
+        help="full physics (default), or the quick renderer without streaks",
+    )
+    parser.add_argument("--seed", type=int, metavar="N", help="seed of the noise, and of random-patient")
+    parser.add_argument("--kernel", metavar="NAME", help="reconstruction kernel: soft, standard or bone")
+    parser.add_argument("--matrix", type=int, metavar="N", help="pixels along each edge of the image")
+    for name, (option, text) in {**STACK_OPTIONS, **SCANNER_OPTIONS}.items():
+        parser.add_argument(option, dest=name, type=float, metavar="X", help=text)
+    parser.add_argument("--extended-scale", action="store_true", help="keep values above 3071 HU")
+    parser.add_argument("--padding", type=float, metavar="HU", help="value outside the circle of reconstruction")
+    parser.add_argument("--order", choices=("ascending", "descending", "shuffled"), default="ascending")
+    parser.add_argument(
+        "--transfer-syntax", metavar="NAME", default="explicit", help="explicit, implicit, rle ..."
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Scan ``arguments.scene`` and write it to ``arguments.output``."""
+    from phantoms.errors import PhantomError
+    from ronnaplan.errors import InputError, UsageError
+
+    if not arguments.list and not (arguments.scene and arguments.output):
+        raise UsageError("a scene and -o DIR are needed (see 'ronnaplan phantom --list' for ready-made scenes)")
+    if arguments.seed is not None and arguments.seed < 0:
+        raise UsageError(f"the seed is {arguments.seed}; expected zero or more")
+    try:
+        return _list() if arguments.list else _make(arguments)
+    except PhantomError as error:
+        raise InputError(str(error)) from error
+
+
+def _make(arguments: argparse.Namespace) -> int:
+    from phantoms.series import SeriesOptions
+
+    examination = _examination(arguments)
+    options = SeriesOptions(
+        order=arguments.order,
+        padding_hu=arguments.padding,
+        transfer_syntax=arguments.transfer_syntax,
+        description=examination.scene.name,
+        kernel=examination.scanner.kernel.upper(),
+        kilovolts=examination.scanner.kilovolts,
+        seed=examination.seed,
+    )
+    _warn(examination)
+    fast = arguments.scanner == "fast"
+    examination.write(arguments.output, options, fast=fast, progress=sys.stderr.isatty())
+    print(
+        f"wrote {len(examination.stack)} slices and truth.json with {len(examination.scene.markers)} markers "
+        f"to {arguments.output}",
+        file=sys.stderr,
+    )
+    return 0
+
+
+def _examination(arguments: argparse.Namespace) -> Examination:
+    """Return the scene with the options of the command line applied to it."""
+    from dataclasses import replace
+
+    from phantoms.library import READY, ready
+    from phantoms.patients import random_patient
+    from phantoms.scene_file import read_scene
+
+    if arguments.scene == "random-patient" and arguments.seed is not None:
+        examination = random_patient(arguments.seed)
+    elif arguments.scene in READY or not arguments.scene.lower().endswith(".toml"):
+        examination = ready(arguments.scene)
+    else:
+        examination = read_scene(arguments.scene)
+    names = [*STACK_OPTIONS, "matrix"]
+    geometry = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
+    if geometry:
+        examination = replace(examination, stack=examination.stack.changed(**geometry))
+    names = [*SCANNER_OPTIONS, "kernel"]
+    changes = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
+    if arguments.extended_scale:
+        changes["extended_scale"] = True
+    seed = examination.seed if arguments.seed is None else arguments.seed
+    return replace(examination, scanner=replace(examination.scanner, **changes), seed=seed)
+
+
+def _warn(examination: Examination) -> None:
+    """Name the markers that the scan cuts or misses."""
+    stack, markers = examination.stack, examination.scene.markers
+    cut = [marker.label for marker in markers if not stack.holds_whole(marker.center_mm, marker.diameter_mm)]
+    if cut:
+        print(f"ronnaplan: not whole in the scan (flagged in truth.json): {', '.join(cut)}", file=sys.stderr)
+
+
+def _list() -> int:
+    """Print every ready-made scene with its picture."""
+    from phantoms.library import READY, ready
+    from phantoms.picture import draw
+
+    for name, (text, _) in READY.items():
+        examination = ready(name)
+        print(f"{name}: {text}\n\n{draw(examination.scene, examination.stack)}\n")
+    print("● marker   █ metal   ▒ bone, tooth   ░ plastic   · tissue      larger pictures: docs/phantoms.md")
+    return 0

@@ -1,0 +1,38 @@
+"""Fiducials as CSV, one row each, for spreadsheets and scripts."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+from ronnaplan.documents.fiducials import FiducialsDocument
+
+HEADER = (
+    *("label", "x", "y", "z", "sigma_x", "sigma_y", "sigma_z"),
+    *("diameter_mm", "contrast_hu", "flags", "frame_of_reference_uid"),
+)
+
+
+def csv_table(document: FiducialsDocument) -> str:
+    """Write the fiducials as CSV: LPS mm, and the standard error of each coordinate in mm."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(HEADER)
+    for entry in document.fiducials:
+        sigmas = [entry.covariance[axis][axis] ** 0.5 for axis in range(3)]
+        numbers = [*entry.center, *sigmas, entry.diameter_mm]
+        writer.writerow(
+            [
+                _safe(entry.label),
+                *(f"{number:.6f}" for number in numbers),
+                f"{entry.contrast_hu:.1f}",
+                " ".join(entry.flags),
+                document.source.frame_of_reference_uid or "",
+            ]
+        )
+    return stream.getvalue()
+
+
+def _safe(text: str) -> str:
+    """Keep a spreadsheet from taking a label for a formula."""
+    return f"'{text}" if text[:1] in "=+-@\t\r" else text

@@ -1,0 +1,165 @@
+"""Rigid poses between named frames, each with the covariance of its six degrees of freedom.
+
+Convention throughout: a pose ``a_from_b`` maps coordinates of frame B into frame A. Its true value is
+``exp(xi) @ matrix`` with ``xi = (rotation vector in rad, translation in mm)`` written in the axes of A about A's
+origin, and ``xi`` is normal with mean zero and covariance ``covariance`` (Barfoot & Furgale 2014, IEEE Trans.
+Robot. 30:679, there with translation first). First order in ``xi``: good while rotations are known to a few
+degrees.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray, Frame, as_points
+
+POSE_TOLERANCE = 1e-4
+"""Largest entry of ``R @ R.T - 1`` accepted in a pose that is offered (trackers print rotations with 4 to 6
+digits); within it the nearest rotation is taken."""
+
+
+@dataclass(frozen=True)
+class Pose:
+    """``to_frame`` from ``from_frame``: ``matrix`` (4, 4) in mm and ``covariance`` (6, 6) in rad and mm."""
+
+    matrix: FloatArray
+    covariance: FloatArray
+    to_frame: Frame
+    from_frame: Frame
+
+    @classmethod
+    def exact(cls, matrix: ArrayLike, to_frame: Frame, from_frame: Frame) -> Pose:
+        """Return a pose that is taken as known without error, such as a robot's own nominal kinematics."""
+        return cls(as_pose(matrix, f"pose {to_frame} from {from_frame}"), np.zeros((6, 6)), to_frame, from_frame)
+
+    @property
+    def rotation(self) -> FloatArray:
+        """The rotation (3, 3)."""
+        return self.matrix[:3, :3]
+
+    @property
+    def translation_mm(self) -> FloatArray:
+        """The translation (3,): where ``from_frame``'s origin lies in ``to_frame``."""
+        return self.matrix[:3, 3]
+
+    def __matmul__(self, other: Pose) -> Pose:
+        """Return ``a_from_b @ b_from_c = a_from_c``; their errors are independent. Raises `FrameMismatchError`."""
+        self.from_frame.require(other.to_frame)
+        carry = adjoint(self.matrix)
+        covariance = self.covariance + carry @ other.covariance @ carry.T
+        return Pose(self.matrix @ other.matrix, covariance, self.to_frame, other.from_frame)
+
+    def inverse(self) -> Pose:
+        """Return ``from_frame`` from ``to_frame``."""
+        matrix = invert(self.matrix)
+        carry = adjoint(matrix)
+        return Pose(matrix, carry @ self.covariance @ carry.T, self.from_frame, self.to_frame)
+
+    def apply(self, points_mm: ArrayLike, frame: Frame | None = None) -> FloatArray:
+        """Return ``points_mm`` (N, 3) of ``from_frame`` in ``to_frame``.
+
+        ``frame`` is the frame the points say they are in; another than ``from_frame`` raises `FrameMismatchError`.
+        """
+        if frame is not None:
+            self.from_frame.require(frame)
+        return transform_points(self.matrix, as_points(points_mm))
+
+    def point_covariances(self, points_mm: ArrayLike, covariances_mm2: ArrayLike | None = None) -> FloatArray:
+        """Return the covariance (N, 3, 3), in ``to_frame``, of ``points_mm`` (N, 3) mapped by this pose.
+
+        ``covariances_mm2`` (N, 3, 3), in ``from_frame``, is the points' own error; without it they are exact.
+        """
+        jacobian = point_jacobian(self.apply(points_mm))
+        mapped = jacobian @ self.covariance @ jacobian.swapaxes(-1, -2)
+        if covariances_mm2 is not None:
+            mapped = mapped + self.rotation @ np.asarray(covariances_mm2, dtype=np.float64) @ self.rotation.T
+        return mapped
+
+
+def as_pose(matrix: ArrayLike, name: str = "pose") -> FloatArray:
+    """Return ``matrix`` as a proper rigid (4, 4) transform, its rotation made exactly orthonormal.
+
+    Raises `InputError` for another shape, non-finite entries, a left-handed matrix, a scaled or sheared one, or a
+    bottom row other than (0, 0, 0, 1).
+    """
+    try:
+        pose = np.array(matrix, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} is not a matrix of numbers; expected 4 x 4 entries in mm") from error
+    if pose.shape != (4, 4):
+        raise InputError(f"{name} has shape {pose.shape}; expected a 4 x 4 rigid transform")
+    if not np.isfinite(pose).all():
+        raise InputError(f"{name} has entries that are not finite; leave out poses the tracker marks as missing")
+    if np.abs(pose[3] - (0, 0, 0, 1)).max() > POSE_TOLERANCE:
+        raise InputError(f"{name} has the bottom row {pose[3].tolist()}; expected 0 0 0 1 (is it transposed?)")
+    rotation = pose[:3, :3]
+    if np.linalg.det(rotation) < 0:
+        raise InputError(f"{name} is left-handed (a mirror image); expected a right-handed rotation")
+    excess = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    if excess > POSE_TOLERANCE:
+        raise InputError(
+            f"{name} is not rigid: its axes miss orthonormality by {excess:.2g}; expected a pure rotation"
+        )
+    u, _, vt = np.linalg.svd(rotation)
+    pose[:3, :3] = u @ vt
+    pose[3] = (0, 0, 0, 1)
+    return pose
+
+
+def rigid(rotation: FloatArray, translation_mm: FloatArray) -> FloatArray:
+    """Return the homogeneous (..., 4, 4) of ``rotation`` (..., 3, 3) and ``translation_mm`` (..., 3)."""
+    matrix = np.zeros((*rotation.shape[:-2], 4, 4))
+    matrix[..., :3, :3] = rotation
+    matrix[..., :3, 3] = translation_mm
+    matrix[..., 3, 3] = 1.0
+    return matrix
+
+
+def invert(matrix: FloatArray) -> FloatArray:
+    """Return the inverse of rigid ``matrix`` (..., 4, 4)."""
+    back = matrix[..., :3, :3].swapaxes(-1, -2)
+    return rigid(back, -(back @ matrix[..., :3, 3, None])[..., 0])
+
+
+def transform_points(matrix: FloatArray, points_mm: FloatArray) -> FloatArray:
+    """Return ``points_mm`` (..., N, 3) mapped by rigid ``matrix`` (..., 4, 4)."""
+    mapped: FloatArray = points_mm @ matrix[..., :3, :3].swapaxes(-1, -2) + matrix[..., None, :3, 3]
+    return mapped
+
+
+def cross_matrix(vectors: FloatArray) -> FloatArray:
+    """Return ``[v]x`` (..., 3, 3), so that ``[v]x @ w = v x w``, for ``vectors`` (..., 3)."""
+    matrix = np.zeros((*vectors.shape, 3))
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    matrix[..., 0, 1], matrix[..., 0, 2], matrix[..., 1, 2] = -z, y, -x
+    matrix[..., 1, 0], matrix[..., 2, 0], matrix[..., 2, 1] = z, -y, x
+    return matrix
+
+
+def point_jacobian(points_mm: FloatArray) -> FloatArray:
+    """Return d(point)/d(xi) (..., 3, 6) at mapped ``points_mm`` (..., 3)."""
+    identity = np.broadcast_to(np.eye(3), (*points_mm.shape, 3))
+    return np.concatenate([-cross_matrix(points_mm), identity], axis=-1)
+
+
+def adjoint(matrix: FloatArray) -> FloatArray:
+    """Return the (..., 6, 6) that carries ``xi`` of frame B's axes and origin into frame A by ``a_from_b``."""
+    rotation = matrix[..., :3, :3]
+    carried = np.zeros((*matrix.shape[:-2], 6, 6))
+    carried[..., :3, :3] = rotation
+    carried[..., 3:, 3:] = rotation
+    carried[..., 3:, :3] = cross_matrix(matrix[..., :3, 3]) @ rotation
+    return carried
+
+
+def exponential(rotation_vectors: FloatArray) -> FloatArray:
+    """Return the rotations (..., 3, 3) by ``rotation_vectors`` (..., 3) in rad (Rodrigues' formula)."""
+    angle = np.linalg.norm(rotation_vectors, axis=-1)[..., None, None]
+    K = cross_matrix(rotation_vectors)
+    half = np.sinc(angle / (2 * np.pi))
+    turned: FloatArray = np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * half**2 * (K @ K)
+    return turned

@@ -1,0 +1,25 @@
+"""Rigid registration of paired points, its residuals, and the error to expect at targets."""
+
+from ronnaplan.pose import Pose
+from ronnaplan.registration.batch import RegistrationBatch, register_batch
+from ronnaplan.registration.diagnosis import Doubt, LeaveOneOut, doubted_marker, leave_one_out
+from ronnaplan.registration.drift import Drift, DriftStatus, check_drift, drift_over_time
+from ronnaplan.registration.registration import Registration, RegistrationFlag, predict_tre, register_points
+
+__all__ = [
+    "Doubt",
+    "Drift",
+    "DriftStatus",
+    "LeaveOneOut",
+    "Pose",
+    "Registration",
+    "RegistrationBatch",
+    "RegistrationFlag",
+    "check_drift",
+    "doubted_marker",
+    "drift_over_time",
+    "leave_one_out",
+    "predict_tre",
+    "register_batch",
+    "register_points",
+]

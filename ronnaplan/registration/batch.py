@@ -1,0 +1,54 @@
+"""Many registrations at once, for studies, bootstraps and tracking."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray
+from ronnaplan.pose import transform_points
+from ronnaplan.registration.registration import combined_covariances
+from ronnaplan.registration.rigid import fit_closed_form, fit_likelihood, pose_covariance, require_spread
+
+
+@dataclass(frozen=True)
+class RegistrationBatch:
+    """B registrations: ``transforms`` (B, 4, 4) and, if errors were stated, ``covariances`` (B, 6, 6)."""
+
+    transforms: FloatArray
+    covariances: FloatArray | None
+    fre_rms_mm: FloatArray
+
+
+def register_batch(
+    moving: ArrayLike, fixed: ArrayLike, covariances: tuple[ArrayLike, ArrayLike] | None = None
+) -> RegistrationBatch:
+    """Register each of B point sets ``moving`` (B, N, 3) onto its ``fixed`` (B, N, 3), as `register_points` does.
+
+    ``covariances``: those of moving and fixed points, each (N, 3, 3) or (B, N, 3, 3), in mm^2.
+    Raises `InputError` as `register_points` does.
+    """
+    moving_mm, fixed_mm = np.asarray(moving, dtype=np.float64), np.asarray(fixed, dtype=np.float64)
+    if moving_mm.ndim != 3 or moving_mm.shape[-1] != 3 or moving_mm.shape != fixed_mm.shape:
+        raise InputError(f"batches have shapes {moving_mm.shape} and {fixed_mm.shape}; expected (B, N, 3) twice")
+    if not (np.isfinite(moving_mm).all() and np.isfinite(fixed_mm).all()):
+        raise InputError("a batch holds coordinates that are not finite; leave those registrations out")
+    require_spread(moving_mm, "moving points")
+    require_spread(fixed_mm, "fixed points")
+    if covariances is None:
+        matrices = fit_closed_form(moving_mm, fixed_mm)
+        spread = None
+    else:
+        sides = [
+            np.broadcast_to(np.asarray(side, dtype=np.float64), (*moving_mm.shape, 3)) for side in covariances
+        ]
+        if not np.isfinite(sides[0]).all() or np.linalg.eigvalsh(sides[0] + sides[1]).min() <= 0:
+            raise InputError("a batch's covariances are not positive definite; expected (N, 3, 3) in mm^2 a side")
+        matrices = fit_likelihood(moving_mm, fixed_mm, *sides)
+        mapped = transform_points(matrices, moving_mm)
+        spread = pose_covariance(mapped, combined_covariances(matrices, *sides))
+    residual = fixed_mm - transform_points(matrices, moving_mm)
+    return RegistrationBatch(matrices, spread, np.sqrt((residual**2).sum(axis=-1).mean(axis=-1)))

@@ -1,0 +1,127 @@
+"""Which marker to doubt: leave-one-out residuals, and a proposal (never an act) to exclude one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray
+from ronnaplan.pose import point_jacobian, transform_points
+from ronnaplan.registration.registration import MISFIT_PROBABILITY, Registration
+from ronnaplan.registration.rigid import fit_closed_form, fit_likelihood, pose_covariance, require_spread
+
+
+@dataclass(frozen=True)
+class LeaveOneOut:
+    """Each marker against the registration of the *others*: N rows, NaN where those cannot be registered."""
+
+    vectors_mm: FloatArray
+    """Fixed point minus the point that the others' registration predicts (N, 3)."""
+    covariances_mm2: FloatArray
+    """Expected covariance of `vectors_mm` (N, 3, 3): the others' registration error plus the marker's own."""
+    probabilities: FloatArray
+    """Chance of a vector this long or longer (N,), from the stated errors, or from the others' scatter if none
+    were."""
+    rest_probabilities: FloatArray
+    """Chance of the others' residuals among themselves (N,); NaN when no errors were stated."""
+
+    @property
+    def residuals_mm(self) -> FloatArray:
+        """Length of each leave-one-out residual (N,)."""
+        lengths: FloatArray = np.linalg.norm(self.vectors_mm, axis=1)
+        return lengths
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A proposal about one marker. ``certain`` is whether it alone explains the misfit; ``rivals`` would too."""
+
+    label: str
+    probability: float
+    certain: bool
+    rivals: tuple[str, ...]
+
+    def __str__(self) -> str:
+        proposal = f"marker {self.label} disagrees with the others (chance {self.probability:.1g})"
+        if self.certain:
+            return f"{proposal}; check it, and exclude it if its reading is bad"
+        return f"{proposal}, but so could {', '.join(self.rivals) or 'more than one marker'}: measure again"
+
+
+def leave_one_out(registration: Registration) -> LeaveOneOut:
+    """Return every marker's leave-one-out residual. Needs four pairs or more (`InputError`)."""
+    count = len(registration)
+    if count < 4:
+        raise InputError(f"{count} pairs leave too few when one is left out; leave-one-out needs at least four")
+    solvable = np.array([_spread(np.delete(registration.moving_mm, i, axis=0)) for i in range(count)])
+    vectors = np.full((count, 3), np.nan)
+    covariances = np.full((count, 3, 3), np.nan)
+    chance, rest = np.full(count, np.nan), np.full(count, np.nan)
+    for i in np.flatnonzero(solvable):
+        vectors[i], covariances[i], chance[i], rest[i] = _leave_out(registration, int(i))
+    return LeaveOneOut(vectors, covariances, chance, rest)
+
+
+def doubted_marker(registration: Registration) -> Doubt | None:
+    """Return the marker to doubt, or None when all agree (or there are too few to tell).
+
+    A marker is doubted when its leave-one-out residual has a chance below `MISFIT_PROBABILITY` / N. It is
+    `certain` when the rest fit without it and would not fit without any other one instead.
+    """
+    if len(registration) < 4:
+        return None
+    left_out = leave_one_out(registration)
+    if not np.isfinite(left_out.probabilities).any():
+        return None
+    suspect = int(np.nanargmin(left_out.probabilities))
+    if left_out.probabilities[suspect] >= MISFIT_PROBABILITY / len(registration):
+        return None
+    if registration.errors_stated:
+        explains = left_out.rest_probabilities >= MISFIT_PROBABILITY
+    else:
+        explains = left_out.probabilities < MISFIT_PROBABILITY / len(registration)
+    others = [i for i in np.flatnonzero(explains) if i != suspect]
+    return Doubt(
+        registration.labels[suspect],
+        float(left_out.probabilities[suspect]),
+        bool(explains[suspect]) and not others,
+        tuple(registration.labels[i] for i in others),
+    )
+
+
+def _spread(points_mm: FloatArray) -> bool:
+    try:
+        require_spread(points_mm, "points")
+    except InputError:
+        return False
+    return True
+
+
+def _leave_out(registration: Registration, index: int) -> tuple[FloatArray, FloatArray, float, float]:
+    """Return marker ``index``'s vector, its covariance and chance, and the chance of the others' own residuals."""
+    from scipy.special import fdtrc, gammaincc
+
+    keep = np.arange(len(registration)) != index
+    moving, fixed = registration.moving_mm[keep], registration.fixed_mm[keep]
+    combined = registration.covariances_mm2
+    stated = registration.stated_mm2
+    if stated is not None:
+        matrix = fit_likelihood(moving, fixed, stated[0][keep], stated[1][keep])
+    else:
+        matrix = fit_closed_form(moving, fixed)
+    residual = fixed - transform_points(matrix, moving)
+    chi_square = float((residual * np.linalg.solve(combined[keep], residual[..., None])[..., 0]).sum())
+    freedom = 3 * len(moving) - 6
+    if stated is None:  # scale by what the others scatter, so that the suspect does not hide itself
+        combined = combined * max(chi_square / freedom, np.finfo(float).tiny)
+    predicted = transform_points(matrix, registration.moving_mm[index : index + 1])[0]
+    jacobian = point_jacobian(predicted)
+    vector = registration.fixed_mm[index] - predicted
+    others = pose_covariance(transform_points(matrix, moving), combined[keep])
+    covariance = jacobian @ others @ jacobian.T + combined[index]
+    distance = float(vector @ np.linalg.solve(covariance, vector))
+    if stated is None:
+        return vector, covariance, float(fdtrc(3, freedom, distance / 3)), np.nan
+    return vector, covariance, float(gammaincc(1.5, distance / 2)), float(gammaincc(freedom / 2, chi_square / 2))

@@ -1,0 +1,214 @@
+"""Registration of paired points: the transform, how well the pairs fit, and the error to expect anywhere else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray, Frame, as_points
+from ronnaplan.pose import Pose, transform_points
+from ronnaplan.registration.covariances import Covariances, as_pair
+from ronnaplan.registration.rigid import fit_closed_form, fit_likelihood, pose_covariance, require_spread
+
+MISFIT_PROBABILITY = 0.001
+"""Residuals that errors as stated would produce more rarely than this are called a misfit."""
+LOOSE_ROTATION_DEG = 1.0
+"""Standard deviation of a rotation above which the layout is flagged: 1.7 mm at 100 mm, and first order ends."""
+MIRROR_GAIN = 5.0
+"""A mirrored fit with an FRE this many times smaller than the rigid one tells that one point set is left-
+handed."""
+
+
+class RegistrationFlag(StrEnum):
+    """Reasons to doubt a registration."""
+
+    THREE_MARKERS = "only three pairs: one bad marker cannot be told from the others"
+    ERRORS_FROM_RESIDUALS = "no marker errors were stated, so they are estimated from few residuals"
+    LOOSE_ROTATION = "the markers' layout leaves a rotation uncertain by more than a degree"
+    MISFIT = "the residuals are larger than the stated marker errors explain"
+    TOO_GOOD = "the residuals are far smaller than the stated marker errors; the stated errors may be too large"
+    MIRRORED = "the points fit a mirror image far better; one set may be left-handed"
+
+
+@dataclass(frozen=True)
+class Registration:
+    """A rigid registration ``fixed_from_moving`` of N pairs and what it is worth.
+
+    Residuals and FRE tell how well the *markers* agree; they do not measure the error at a target: `tre` does.
+    """
+
+    moving_mm: FloatArray
+    """Moving points (N, 3)."""
+    fixed_mm: FloatArray
+    """Fixed points (N, 3), row by row the partners of the moving ones."""
+    covariances_mm2: FloatArray
+    """Covariance (N, 3, 3) of fixed minus mapped moving point, in the fixed frame."""
+    pose: Pose
+    """The fitted ``fixed_from_moving`` with its covariance (6, 6)."""
+    labels: tuple[str, ...]
+    errors_stated: bool
+    """Whether the marker errors were stated by the caller; if not, they were estimated from the residuals."""
+    stated_mm2: tuple[FloatArray, FloatArray] | None = field(repr=False, default=None)
+    """The stated covariances (N, 3, 3) of the moving and of the fixed points, each in its own frame."""
+
+    def __len__(self) -> int:
+        return len(self.moving_mm)
+
+    @property
+    def transform(self) -> FloatArray:
+        """``fixed_from_moving`` (4, 4), mm."""
+        return self.pose.matrix
+
+    @cached_property
+    def residual_vectors_mm(self) -> FloatArray:
+        """Fixed minus mapped moving point (N, 3), in the fixed frame."""
+        return self.fixed_mm - transform_points(self.transform, self.moving_mm)
+
+    @property
+    def residuals_mm(self) -> FloatArray:
+        """Length of each marker's residual (N,)."""
+        lengths: FloatArray = np.linalg.norm(self.residual_vectors_mm, axis=1)
+        return lengths
+
+    @property
+    def fre_rms_mm(self) -> float:
+        """Fiducial registration error: root of Eq. 1's mean squared residual."""
+        return float(np.sqrt(np.mean(self.residuals_mm**2)))
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Independent residual components, 3 N - 6."""
+        return 3 * len(self) - 6
+
+    @cached_property
+    def chi_square(self) -> float:
+        """Sum of squared residuals in units of their errors; near `degrees_of_freedom` if those are right."""
+        whitened = np.linalg.solve(self.covariances_mm2, self.residual_vectors_mm[..., None])[..., 0]
+        return float((whitened * self.residual_vectors_mm).sum())
+
+    @property
+    def fit_probability(self) -> float | None:
+        """Chance that errors as stated give residuals this large or larger; None when no errors were stated."""
+        if not self.errors_stated:
+            return None
+        from scipy.special import gammaincc
+
+        return float(gammaincc(self.degrees_of_freedom / 2, self.chi_square / 2))
+
+    def tre(self, points_mm: ArrayLike, frame: Frame | None = None) -> FloatArray:
+        """Return the covariance (N, 3, 3), in the fixed frame, of the error at moving ``points_mm``.
+
+        Its trace is the expected squared target registration error. ``frame``, if given, must be the moving
+        frame (`FrameMismatchError`).
+        """
+        if frame is not None:
+            self.pose.from_frame.require(frame)
+        return self.pose.point_covariances(points_mm)
+
+    def tre_rms_mm(self, points_mm: ArrayLike, frame: Frame | None = None) -> FloatArray:
+        """Return the expected root-mean-square target registration error (N,) at moving ``points_mm`` (N, 3)."""
+        rms: FloatArray = np.sqrt(np.trace(self.tre(points_mm, frame), axis1=-2, axis2=-1))
+        return rms
+
+    @property
+    def rotation_sd_deg(self) -> float:
+        """Standard deviation of the rotation about its most uncertain axis."""
+        return float(np.degrees(np.sqrt(max(np.linalg.eigvalsh(self.pose.covariance[:3, :3])[-1], 0.0))))
+
+    @cached_property
+    def flags(self) -> tuple[RegistrationFlag, ...]:
+        """Reasons to doubt the result; empty when there is none."""
+        probability = self.fit_probability
+        checks = {
+            RegistrationFlag.THREE_MARKERS: len(self) == 3,
+            RegistrationFlag.ERRORS_FROM_RESIDUALS: not self.errors_stated,
+            RegistrationFlag.LOOSE_ROTATION: self.rotation_sd_deg > LOOSE_ROTATION_DEG,
+            RegistrationFlag.MISFIT: probability is not None and probability < MISFIT_PROBABILITY,
+            RegistrationFlag.TOO_GOOD: probability is not None and probability > 1 - MISFIT_PROBABILITY,
+            RegistrationFlag.MIRRORED: self._fits_a_mirror(),
+        }
+        return tuple(flag for flag, raised in checks.items() if raised)
+
+    def _fits_a_mirror(self) -> bool:
+        mirrored = -self.moving_mm
+        residual = self.fixed_mm - transform_points(fit_closed_form(mirrored, self.fixed_mm), mirrored)
+        return self.fre_rms_mm > MIRROR_GAIN * float(np.sqrt((residual**2).sum(axis=1).mean())) and len(self) > 3
+
+
+def register_points(
+    moving: ArrayLike,
+    fixed: ArrayLike,
+    covariances: Covariances = None,
+    *,
+    labels: Sequence[str] | None = None,
+    moving_frame: Frame = Frame("moving"),  # noqa: B008  # frozen
+    fixed_frame: Frame = Frame("fixed"),  # noqa: B008
+) -> Registration:
+    """Return the rigid registration of ``moving`` (N, 3) onto ``fixed`` (N, 3), paired row by row, in mm.
+
+    Without ``covariances`` the errors are taken as equal and isotropic: the closed form of Eq. 1, with the error
+    estimated from the residuals. With them (see `Covariances`) the fit is of maximum likelihood, for anisotropic
+    errors that differ from point to point on both sides. The result is a rotation and a translation, never a
+    reflection. ``labels`` name the pairs in reports.
+
+    Raises `InputError` for fewer than three pairs, sets of unequal length, collinear points, numbers that are not
+    finite and covariances that are not positive definite.
+    """
+    moving_mm, fixed_mm = as_points(moving, "moving points"), as_points(fixed, "fixed points")
+    if len(moving_mm) != len(fixed_mm):
+        raise InputError(f"{len(moving_mm)} moving and {len(fixed_mm)} fixed points were given; expected pairs")
+    require_spread(moving_mm, "moving points")
+    require_spread(fixed_mm, "fixed points")
+    names = tuple(labels) if labels is not None else tuple(str(i + 1) for i in range(len(moving_mm)))
+    if len(names) != len(moving_mm):
+        raise InputError(f"{len(names)} labels were given for {len(moving_mm)} pairs")
+    stated = as_pair(covariances, len(moving_mm))
+    if stated is None:
+        matrix = fit_closed_form(moving_mm, fixed_mm)
+        combined = np.broadcast_to(
+            _estimated_variance(matrix, moving_mm, fixed_mm) * np.eye(3), (len(names), 3, 3)
+        )
+    else:
+        matrix = fit_likelihood(moving_mm, fixed_mm, *stated)
+        combined = combined_covariances(matrix, *stated)
+    covariance = pose_covariance(transform_points(matrix, moving_mm), combined)
+    pose = Pose(matrix, covariance, fixed_frame, moving_frame)
+    return Registration(moving_mm, fixed_mm, combined, pose, names, stated is not None, stated)
+
+
+def combined_covariances(matrix: FloatArray, moving_mm2: FloatArray, fixed_mm2: FloatArray) -> FloatArray:
+    """Return the covariance (..., N, 3, 3) of the residuals' errors: both sides', in the fixed frame."""
+    rotation = matrix[..., None, :3, :3]
+    combined: FloatArray = rotation @ moving_mm2 @ rotation.swapaxes(-1, -2) + fixed_mm2
+    return combined
+
+
+SMALLEST_VARIANCE_MM2 = 1e-18
+"""Keeps a perfect (synthetic) fit's covariance invertible; a nanometre is no marker's error."""
+
+
+def _estimated_variance(matrix: FloatArray, moving_mm: FloatArray, fixed_mm: FloatArray) -> float:
+    """Return the unbiased per-axis variance of the pairs' errors, from 3 N - 6 degrees of freedom."""
+    residual = fixed_mm - transform_points(matrix, moving_mm)
+    return max(float((residual**2).sum()) / (3 * len(moving_mm) - 6), SMALLEST_VARIANCE_MM2)
+
+
+def predict_tre(markers_mm: ArrayLike, covariances_mm2: ArrayLike, targets_mm: ArrayLike) -> FloatArray:
+    """Return the TRE covariance (T, 3, 3) to expect at ``targets_mm`` (T, 3) before anything is measured.
+
+    ``markers_mm`` (N, 3) are planned markers in the targets' frame; ``covariances_mm2``, (N, 3, 3) or (3, 3), the
+    sum of both sides' errors in that frame.
+    """
+    markers = as_points(markers_mm, "markers")
+    require_spread(markers, "markers")
+    stated = as_pair(covariances_mm2, len(markers))
+    assert stated is not None
+    frame = Frame("planned")
+    pose = Pose(np.eye(4), pose_covariance(markers, stated[1]), frame, frame)
+    return pose.point_covariances(targets_mm)

@@ -1,0 +1,117 @@
+"""Least-squares rigid fits of paired points: closed form, and maximum likelihood for stated covariances.
+
+All functions work on stacks: leading axes ``...`` are independent registrations, fitted together.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray
+from ronnaplan.pose import exponential, point_jacobian, rigid, transform_points
+
+COLLINEARITY_TOLERANCE = 1e-3
+"""Second singular value of the centred points over the first below which they count as one line (0.1 mm in 10
+cm)."""
+CONVERGED_STEP = 1e-10
+"""Gauss-Newton stops when no update (rad about the centroid; mm) is larger; far below any marker's error."""
+MAXIMUM_ITERATIONS = 50
+
+
+def require_spread(points_mm: FloatArray, name: str) -> None:
+    """Raise `InputError` unless ``points_mm`` (..., N, 3) are three or more points off one line."""
+    count = points_mm.shape[-2]
+    if count < 3:
+        raise InputError(
+            f"{count} paired {name} were given; a rigid registration needs at least three off one line"
+        )
+    spread = np.linalg.svd(points_mm - points_mm.mean(axis=-2, keepdims=True), compute_uv=False)
+    if bool((spread[..., 1] <= COLLINEARITY_TOLERANCE * spread[..., 0]).any()):
+        raise InputError(
+            f"the {name} lie on one line (or coincide), so the rotation about it is undetermined; "
+            "use at least three markers that form a triangle"
+        )
+
+
+def fit_closed_form(
+    moving_mm: FloatArray, fixed_mm: FloatArray, *, weights: FloatArray | None = None
+) -> FloatArray:
+    """Return the rotation and translation (..., 4, 4) that minimize Eq. 1, never a reflection.
+
+    ``moving_mm``, ``fixed_mm``: (..., N, 3), paired row by row; ``weights``: (..., N), equal when left out.
+    Solved by the singular value decomposition of the cross-covariance with the sign correction of Kabsch
+    (1978, Acta Cryst. A34:827) and Umeyama (1991, IEEE PAMI 13:376), without scale.
+    """
+    share = np.ones(moving_mm.shape[:-1]) if weights is None else np.asarray(weights)
+    share = (share / share.sum(axis=-1, keepdims=True))[..., None]
+    from_centre = (share * moving_mm).sum(axis=-2, keepdims=True)
+    to_centre = (share * fixed_mm).sum(axis=-2, keepdims=True)
+    cross = (share * (fixed_mm - to_centre)).swapaxes(-1, -2) @ (moving_mm - from_centre)
+    u, _, vt = np.linalg.svd(cross)
+    u[..., :, 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
+    rotation = u @ vt
+    return rigid(rotation, to_centre[..., 0, :] - (rotation @ from_centre[..., 0, :, None])[..., 0])
+
+
+def fit_likelihood(
+    moving_mm: FloatArray, fixed_mm: FloatArray, moving_mm2: FloatArray, fixed_mm2: FloatArray
+) -> FloatArray:
+    """Return the maximum-likelihood (..., 4, 4) for points of both sides with covariances (..., N, 3, 3).
+
+    Minimizes ``sum r' (R Cm R' + Cf)^-1 r`` over rotations and translations by Gauss-Newton on SE(3) from the
+    closed form. The Jacobian is taken at the moving points corrected by their share of the residual, which
+    makes the gradient that of the full errors-in-variables likelihood (Balachandran & Fitzpatrick 2009, Proc.
+    SPIE 7261:726103, and Danilchenko & Fitzpatrick 2011, IEEE TMI 30:679, iterate with the weights alone).
+    """
+    size = np.trace(moving_mm2, axis1=-2, axis2=-1) + np.trace(fixed_mm2, axis1=-2, axis2=-1)
+    matrix = fit_closed_form(moving_mm, fixed_mm, weights=1.0 / size)
+    centre = fixed_mm.mean(axis=-2)
+    for _ in range(MAXIMUM_ITERATIONS):
+        step, _ = _newton_step(matrix, centre, moving_mm, fixed_mm, moving_mm2, fixed_mm2)
+        turn = exponential(step[..., :3])
+        shift = centre + step[..., 3:] - (turn @ centre[..., None])[..., 0]
+        matrix = rigid(turn, shift) @ matrix
+        if np.abs(step).max(initial=0.0) < CONVERGED_STEP:
+            break
+    return matrix
+
+
+def _newton_step(
+    matrix: FloatArray,
+    centre: FloatArray,
+    moving_mm: FloatArray,
+    fixed_mm: FloatArray,
+    moving_mm2: FloatArray,
+    fixed_mm2: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the update ``xi`` (..., 6) about ``centre`` (..., 3) and the information matrix (..., 6, 6)."""
+    rotation = matrix[..., None, :3, :3]
+    carried = rotation @ moving_mm2 @ rotation.swapaxes(-1, -2)
+    residual = fixed_mm - transform_points(matrix, moving_mm)
+    weight = np.linalg.inv(carried + fixed_mm2)
+    pull = (weight @ residual[..., None])[..., 0]
+    corrected = fixed_mm - residual + (carried @ pull[..., None])[..., 0]
+    jacobian = point_jacobian(corrected - centre[..., None, :])
+    transposed = jacobian.swapaxes(-1, -2)
+    information = (transposed @ weight @ jacobian).sum(axis=-3)
+    gradient = (transposed @ pull[..., None]).sum(axis=-3)
+    return np.linalg.solve(information, gradient)[..., 0], information
+
+
+def pose_covariance(mapped_mm: FloatArray, combined_mm2: FloatArray) -> FloatArray:
+    """Return the covariance (..., 6, 6) of a fitted pose, in the convention of `ronnaplan.pose`.
+
+    ``mapped_mm`` (..., N, 3) are the moving points in the fixed frame and ``combined_mm2`` (..., N, 3, 3) the
+    covariance of their residuals. This is the Cramer-Rao bound of the likelihood, so it holds for anisotropic and
+    unequal errors; for equal isotropic ones it is Eq. 46 of Fitzpatrick, West & Maurer (1998, IEEE TMI 17:694).
+    """
+    centre = mapped_mm.mean(axis=-2)
+    jacobian = point_jacobian(mapped_mm - centre[..., None, :])
+    information = (jacobian.swapaxes(-1, -2) @ np.linalg.inv(combined_mm2) @ jacobian).sum(axis=-3)
+    from_centre = point_jacobian(-centre)  # the origin, as seen from the centroid
+    move = np.zeros_like(information)
+    move[..., :3, :3] = np.eye(3)
+    move[..., 3:, :] = from_centre
+    covariance: FloatArray = move @ np.linalg.inv(information) @ move.swapaxes(-1, -2)
+    return covariance

@@ -1,0 +1,1 @@
+"""From the tracker to the robot: coordinate chain, tool calibration, trajectories, stereo re-localization."""

@@ -1,0 +1,73 @@
+"""The coordinate chain from the tracker to the robot: Eq. 4, 6 and 7, with frames checked and errors carried.
+
+Frames: ``OTS`` the tracker, ``M`` the reference frame on the robot's tool, ``TCP`` the tool centre point,
+``R`` the robot base. ``a_from_b`` maps coordinates of B into A; the papers' T_A_B.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import Frame, Points
+from ronnaplan.pose import Pose
+
+OTS, M, TCP, R = Frame("OTS"), Frame("M"), Frame("TCP"), Frame("R")
+
+
+@dataclass(frozen=True)
+class Capture:
+    """One moment: the tracker's view of M, the calibrated tool, and the robot's own TCP pose at that moment.
+
+    Raises `FrameMismatchError` when a pose joins other frames than its place in the chain needs.
+    """
+
+    ots_from_m: Pose
+    m_from_tcp: Pose
+    robot_from_tcp: Pose
+
+    def __post_init__(self) -> None:
+        for pose, to_frame, from_frame in (
+            (self.ots_from_m, OTS, M),
+            (self.m_from_tcp, M, TCP),
+            (self.robot_from_tcp, R, TCP),
+        ):
+            to_frame.require(pose.to_frame)
+            from_frame.require(pose.from_frame)
+
+    @property
+    def ots_from_tcp(self) -> Pose:
+        """Eq. 4: ``ots_from_m @ m_from_tcp``."""
+        return self.ots_from_m @ self.m_from_tcp
+
+    @property
+    def tcp_from_ots(self) -> Pose:
+        """The inverse used in Eq. 6."""
+        return self.ots_from_tcp.inverse()
+
+    @property
+    def robot_from_ots(self) -> Pose:
+        """Eq. 7 after Eq. 6: ``robot_from_tcp @ ots_from_tcp^-1``."""
+        return self.robot_from_tcp @ self.tcp_from_ots
+
+
+def to_frame(pose: Pose, points: Points) -> Points:
+    """Return ``points`` mapped by ``pose``, with the pose's error added to their own.
+
+    The pose's error is common to all points, so their covariances are each right but not independent of each
+    other. Raises `FrameMismatchError` for points of another frame.
+    """
+    positions = pose.apply(points.positions_mm, points.frame)
+    covariances = pose.point_covariances(points.positions_mm, points.covariances_mm2)
+    return Points(positions, covariances, points.labels, pose.to_frame)
+
+
+def robot_from_ct(ots_from_ct: Pose, capture: Capture) -> Pose:
+    """Return Eq. 3's transform by way of the tracker: ``robot_from_ots @ ots_from_ct``, with all errors carried.
+
+    Raises `InputError` when ``ots_from_ct`` does not start in a CT frame, `FrameMismatchError` when it does
+    not end in the tracker's.
+    """
+    if ots_from_ct.from_frame.name != "CT":
+        raise InputError(f"a registration from {ots_from_ct.from_frame} was offered; expected one from CT")
+    return capture.robot_from_ots @ ots_from_ct

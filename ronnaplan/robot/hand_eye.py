@@ -1,0 +1,135 @@
+"""Hand-eye calibration over many poses: M from TCP and robot from tracker together.
+
+At every pose ``robot_from_tcp = robot_from_ots @ ots_from_m @ m_from_tcp``. The start is Shah's closed form (2013,
+J. Mech. Robot. 5:031007); then all twelve unknowns are fitted together, rotations and translations weighted by the
+scatter they turn out to have.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray
+from ronnaplan.pose import Pose, adjoint, as_pose, exponential, invert, rigid
+from ronnaplan.robot.chain import OTS, TCP, M, R
+
+SMALLEST_TURN_DEG = 5.0
+"""RMS turn about the second axis that the poses need; below it the translation along the first is undetermined."""
+REWEIGHTINGS = 3
+
+
+@dataclass(frozen=True)
+class HandEye:
+    """The two constant poses, their covariance, and how well the recorded poses agree."""
+
+    m_from_tcp: Pose
+    robot_from_ots: Pose
+    rotation_rms_deg: float
+    """RMS over the poses of the angle left."""
+    translation_rms_mm: float
+
+
+def calibrate_hand_eye(ots_from_m: ArrayLike, robot_from_tcp: ArrayLike) -> HandEye:
+    """Return M from TCP and R from OTS from simultaneous poses of both.
+
+    ``ots_from_m`` and ``robot_from_tcp`` are (N, 4, 4) in mm. Raises `InputError` for fewer than four poses, unequal
+    numbers, matrices that are no poses, and motions that turn about one axis only.
+    """
+    seen = _poses(ots_from_m, "ots_from_m")
+    driven = _poses(robot_from_tcp, "robot_from_tcp")
+    if len(seen) != len(driven) or len(seen) < 4:
+        raise InputError(
+            f"{len(seen)} tracker and {len(driven)} robot poses were given; expected four or more of each"
+        )
+    _require_two_axes(driven[:, :3, :3])
+    left, right = _closed_form(seen, driven)
+    return _refine(seen, driven, left, right)
+
+
+def _poses(values: ArrayLike, name: str) -> FloatArray:
+    try:
+        offered = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} are not numbers; expected (N, 4, 4)") from error
+    if offered.ndim != 3:
+        raise InputError(f"{name} have shape {offered.shape}; expected (N, 4, 4)")
+    return np.array([as_pose(matrix, f"{name} {i}") for i, matrix in enumerate(offered)]).reshape(-1, 4, 4)
+
+
+def _require_two_axes(rotations: FloatArray) -> None:
+    from scipy.spatial.transform import Rotation
+
+    turns = Rotation.from_matrix(rotations[0].T @ rotations).as_rotvec()
+    spread = np.degrees(np.linalg.svd(turns - turns.mean(axis=0), compute_uv=False)[1] / np.sqrt(len(turns)))
+    if spread < SMALLEST_TURN_DEG:
+        raise InputError(
+            f"the robot turned by {spread:.2g} degrees RMS about its second axis; turn it about two axes"
+        )
+
+
+def _closed_form(seen: FloatArray, driven: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return ``robot_from_ots`` and ``m_from_tcp`` (4, 4): rotations from a Kronecker sum, then translations."""
+    kronecker = sum(np.kron(d, s) for d, s in zip(driven[:, :3, :3], seen[:, :3, :3], strict=True))
+    u, _, vt = np.linalg.svd(np.asarray(kronecker))
+    rotations = [_nearest_rotation(vector.reshape(3, 3)) for vector in (u[:, 0], vt[0])]
+    left, right = rotations[0], rotations[1].T
+    design = np.concatenate([np.broadcast_to(np.eye(3), (len(seen), 3, 3)), left @ seen[:, :3, :3]], axis=2)
+    goal = driven[:, :3, 3] - seen[:, :3, 3] @ left.T
+    shifts = np.linalg.lstsq(design.reshape(-1, 6), goal.ravel(), rcond=None)[0]
+    return rigid(left, shifts[:3]), rigid(right, shifts[3:])
+
+
+def _nearest_rotation(matrix: FloatArray) -> FloatArray:
+    u, _, vt = np.linalg.svd(matrix * np.sign(np.linalg.det(matrix)))
+    rotation: FloatArray = u @ vt
+    return rotation
+
+
+def _refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> HandEye:
+    from scipy.optimize import least_squares
+
+    def moved(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        first, second = rigid(exponential(x[:3]), x[3:6]), rigid(exponential(x[6:9]), x[9:])
+        return left @ first, right @ second
+
+    def misfit(x: FloatArray, weights: FloatArray) -> FloatArray:
+        first, second = moved(x)
+        return (_discrepancy(first @ seen @ second, driven) * weights).ravel()
+
+    weights = np.array([1e3, 1e3, 1e3, 1.0, 1.0, 1.0])
+    solution = np.zeros(12)
+    for _ in range(REWEIGHTINGS):
+        fit = least_squares(misfit, solution, args=(weights,), x_scale=np.repeat([1e-3, 1, 1e-3, 1], 3))
+        solution = fit.x
+        error = misfit(solution, np.ones(6)).reshape(-1, 6)
+        freedom = 1 - 12 / error.size
+        spread = np.sqrt((error**2).mean(axis=0).reshape(2, 3).mean(axis=1) / freedom)
+        weights = np.repeat(1 / np.maximum(spread, 1e-12), 3)
+    jacobian = np.asarray(fit.jac)
+    covariance = np.linalg.inv(jacobian.T @ jacobian)
+    robot_from_ots, m_from_tcp = moved(solution)
+    return HandEye(
+        Pose(m_from_tcp, _in_target_axes(m_from_tcp, covariance[6:, 6:]), M, TCP),
+        Pose(robot_from_ots, _in_target_axes(robot_from_ots, covariance[:6, :6]), R, OTS),
+        float(np.degrees(np.sqrt((error[:, :3] ** 2).sum(axis=1).mean()))),
+        float(np.sqrt((error[:, 3:] ** 2).sum(axis=1).mean())),
+    )
+
+
+def _discrepancy(predicted: FloatArray, observed: FloatArray) -> FloatArray:
+    """Return (N, 6): rotation vector and translation of ``observed^-1 @ predicted``."""
+    from scipy.spatial.transform import Rotation
+
+    off = invert(observed) @ predicted
+    return np.concatenate([Rotation.from_matrix(off[:, :3, :3]).as_rotvec(), off[:, :3, 3]], axis=1)
+
+
+def _in_target_axes(matrix: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Carry a covariance of right-hand increments ``matrix @ exp(x)`` to the convention of `ronnaplan.pose`."""
+    carry = adjoint(matrix)
+    carried: FloatArray = carry @ covariance @ carry.T
+    return carried

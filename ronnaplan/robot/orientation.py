@@ -1,0 +1,92 @@
+"""Orientation of the robot's TCP in the tool's reference frame M by Eq. 5, from three points known to both."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray, as_points, unit
+from ronnaplan.pose import Pose, cross_matrix
+from ronnaplan.registration.rigid import require_spread
+from ronnaplan.robot.chain import OTS, TCP, M, R
+from ronnaplan.robot.pivot import PivotCalibration
+
+
+def frame_of_three(points_mm: ArrayLike) -> FloatArray:
+    """Return the rotation (3, 3) of the frame TEMP built on three points (3, 3).
+
+    Its x axis points from the first to the second point, its z axis off their plane.
+    Raises `InputError` for another number of points or collinear ones.
+    """
+    points = as_points(points_mm, "the three points of TEMP")
+    if len(points) != 3:
+        raise InputError(f"{len(points)} points were given; the frame TEMP is built on three")
+    require_spread(points, "points of TEMP")
+    x = unit(points[1] - points[0])
+    z = unit(np.cross(x, points[2] - points[0]))
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def tool_orientation(ots_mm: ArrayLike, robot_mm: ArrayLike, ots_from_m: Pose, robot_from_tcp: Pose) -> FloatArray:
+    """Return the rotation (3, 3) of M from TCP by Eq. 5.
+
+    ``ots_mm`` and ``robot_mm`` (3, 3) are the same three points that the TCP visited, in the tracker's and in the
+    robot's coordinates; the two poses belong to one moment. Raises `FrameMismatchError` for poses of other frames.
+    """
+    OTS.require(ots_from_m.to_frame)
+    M.require(ots_from_m.from_frame)
+    R.require(robot_from_tcp.to_frame)
+    TCP.require(robot_from_tcp.from_frame)
+    temp_from_m = frame_of_three(ots_mm).T @ ots_from_m.rotation
+    temp_from_tcp = frame_of_three(robot_mm).T @ robot_from_tcp.rotation
+    return temp_from_m.T @ temp_from_tcp
+
+
+def orientation_covariance(
+    ots_mm: ArrayLike,
+    robot_mm: ArrayLike,
+    ots_mm2: ArrayLike,
+    robot_mm2: ArrayLike,
+    ots_from_m: Pose,
+    robot_from_tcp: Pose,
+) -> FloatArray:
+    """Return the covariance (3, 3), in rad^2 and M's axes, of `tool_orientation`'s rotation, to first order.
+
+    ``ots_mm2`` and ``robot_mm2`` (3, 3, 3) are the points' covariances; the two poses add their own.
+    """
+    ots, robot = as_points(ots_mm), as_points(robot_mm)
+    to_m = ots_from_m.rotation.T
+    ots_from_robot = frame_of_three(ots) @ frame_of_three(robot).T
+    seen = _frame_covariance(ots, np.asarray(ots_mm2)) + ots_from_m.covariance[:3, :3]
+    driven = _frame_covariance(robot, np.asarray(robot_mm2)) + robot_from_tcp.covariance[:3, :3]
+    return to_m @ (seen + ots_from_robot @ driven @ ots_from_robot.T) @ to_m.T
+
+
+def tool_pose(pivot: PivotCalibration, rotation: FloatArray, rotation_rad2: FloatArray) -> Pose:
+    """Return M from TCP: a pivot calibration's tip and a rotation (3, 3) with its covariance (3, 3) in M."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation, pivot.tip_mm
+    # The rotation turns about the tip, so about M's origin it also moves the tip back.
+    lever = np.zeros((6, 6))
+    lever[:3, :3] = rotation_rad2
+    carry = np.eye(6)
+    carry[3:, :3] = cross_matrix(pivot.tip_mm)
+    lever = carry @ lever @ carry.T
+    lever[3:, 3:] += pivot.tip_covariance_mm2
+    return Pose(matrix, lever, M, TCP)
+
+
+def _frame_covariance(points_mm: FloatArray, covariances_mm2: FloatArray) -> FloatArray:
+    """Return the covariance (3, 3) of TEMP's rotation vector, by central differences over the points."""
+    frame = frame_of_three(points_mm)
+    step = 1e-4 * float(np.linalg.norm(points_mm[1] - points_mm[0]))
+    jacobian = np.zeros((3, 3, 3))
+    for i in range(3):
+        for axis in range(3):
+            moved = np.zeros((3, 3))
+            moved[i, axis] = step
+            turn = (frame_of_three(points_mm + moved) - frame_of_three(points_mm - moved)) @ frame.T / (2 * step)
+            jacobian[i, :, axis] = turn[2, 1], turn[0, 2], turn[1, 0]
+    spread: FloatArray = np.einsum("iab,ibc,idc->ad", jacobian, covariances_mm2, jacobian)
+    return spread

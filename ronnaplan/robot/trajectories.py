@@ -1,0 +1,93 @@
+"""Planned trajectories in the robot's coordinates, as poses for a tool that advances along its own +z axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray, Frame, Points, as_points, unit
+from ronnaplan.pose import Pose, rigid
+from ronnaplan.robot.chain import R, to_frame
+
+SHORTEST_PATH_MM = 1.0
+"""An entry and a target closer than this give no direction to advance along."""
+
+
+@dataclass(frozen=True)
+class RobotTrajectory:
+    """One trajectory in R. The tool frame has its origin at the tip and its +z axis from entry to target."""
+
+    name: str
+    entry_mm: FloatArray
+    target_mm: FloatArray
+    covariances_mm2: FloatArray
+    """Covariances (2, 3, 3) in R of entry and target: what the chain's errors make of exact planned points."""
+    at_entry: FloatArray
+    """R from tool (4, 4) with the tip at the entry."""
+    at_target: FloatArray
+    """R from tool (4, 4) with the tip at the target."""
+
+    @property
+    def depth_mm(self) -> float:
+        """Distance from entry to target."""
+        return float(np.linalg.norm(self.target_mm - self.entry_mm))
+
+    @property
+    def direction(self) -> FloatArray:
+        """Unit vector (3,) from entry to target, in R."""
+        return self.at_target[:3, 2]
+
+    @property
+    def lateral_sd_mm(self) -> float:
+        """Standard deviation at the target across the trajectory, in the worst direction."""
+        across = self.at_target[:3, :2]
+        return float(np.sqrt(np.linalg.eigvalsh(across.T @ self.covariances_mm2[1] @ across)[-1]))
+
+    def before_entry(self, distance_mm: float) -> FloatArray:
+        """Return R from tool (4, 4) with the tip ``distance_mm`` outside the entry, on the trajectory's line."""
+        pose = self.at_entry.copy()
+        pose[:3, 3] -= distance_mm * self.direction
+        return pose
+
+
+def robot_trajectory(
+    name: str,
+    entry_mm: ArrayLike,
+    target_mm: ArrayLike,
+    robot_from_ct: Pose,
+    *,
+    frame: Frame,
+    x_axis: ArrayLike = (1.0, 0.0, 0.0),
+) -> RobotTrajectory:
+    """Return the trajectory from ``entry_mm`` to ``target_mm`` (3,), given in the CT ``frame``, in the robot's R.
+
+    ``x_axis`` is the direction in R that the tool's x axis keeps as close to as the trajectory allows; it settles
+    the roll about the tool's own axis. Raises `FrameMismatchError` for a plan of another scan than
+    ``robot_from_ct`` and `InputError` for an entry on its target or an ``x_axis`` along the trajectory.
+    """
+    R.require(robot_from_ct.to_frame)
+    ends = as_points([np.asarray(entry_mm, dtype=np.float64), np.asarray(target_mm, dtype=np.float64)], name)
+    length = float(np.linalg.norm(ends[1] - ends[0]))
+    if length < SHORTEST_PATH_MM:
+        raise InputError(f"entry and target of {name} are {length:.2f} mm apart; expected a trajectory")
+    planned = Points(ends, np.zeros((2, 3, 3)), ("entry", "target"), frame)
+    mapped = to_frame(robot_from_ct, planned)
+    rotation = _tool_axes(
+        mapped.positions_mm[1] - mapped.positions_mm[0], np.asarray(x_axis, dtype=np.float64), name
+    )
+    entry, target = mapped.positions_mm
+    return RobotTrajectory(
+        name, entry, target, mapped.covariances_mm2, rigid(rotation, entry), rigid(rotation, target)
+    )
+
+
+def _tool_axes(advance: FloatArray, x_axis: FloatArray, name: str) -> FloatArray:
+    z = unit(advance)
+    side = unit(x_axis) - z * (unit(x_axis) @ z)
+    if np.linalg.norm(side) < 1e-3:
+        raise InputError(f"the tool's x axis was asked along the trajectory {name}; choose another direction")
+    x = unit(side)
+    return np.column_stack([x, np.cross(z, x), z])

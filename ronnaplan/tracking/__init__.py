@@ -1,0 +1,16 @@
+"""Optical tracker readings: from files and live streams to markers with covariance."""
+
+from ronnaplan.tracking.markers import Marker, MarkerFlag, MarkerReadings, find_markers
+from ronnaplan.tracking.readers import read_recording
+from ronnaplan.tracking.recording import PointReading, Recording, ToolReading
+
+__all__ = [
+    "Marker",
+    "MarkerFlag",
+    "MarkerReadings",
+    "PointReading",
+    "Recording",
+    "ToolReading",
+    "find_markers",
+    "read_recording",
+]

@@ -1,0 +1,152 @@
+"""CSV recordings of NDI trackers (Tool Tracker and the Combined API samples), parsed by header name.
+
+A line holds one or more tools; each has a pose (Q0 Qx Qy Qz Tx Ty Tz, with a status before and an error
+behind) and its markers (State Tx Ty Tz, repeated). A header that names the marker columns once stands for as
+many as the lines hold. Markers of a tool without a pose are stray markers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ronnaplan.errors import InputError
+from ronnaplan.tracking.recording import OK, PointReading, Recording, ToolReading, quaternion_pose
+from ronnaplan.tracking.tables import number, read_rows
+
+POSE = ("q0", "qx", "qy", "qz", "tx", "ty", "tz")
+POSITION = ("tx", "ty", "tz")
+FACE_STATES = frozenset({"ok", "enabled", "valid", "partially_out_of_volume"})
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Column numbers: of each tool's pose and descriptions, and of each marker with the tool it belongs to."""
+
+    poses: tuple[int, ...]
+    markers: tuple[tuple[int, int], ...]
+    """(column of Tx, index of its tool)."""
+
+
+def is_ndi(header: list[str]) -> bool:
+    """Return whether normalized column names are those of an NDI recording."""
+    return _runs(header, POSE) != [] or ("tx" in header and ("state" in header or "status" in header))
+
+
+def read_ndi(path: Path) -> Recording:
+    """Read an NDI ``path``: tool poses, and every marker with its status.
+
+    Markers that belong to a tool are labelled ``<tool>:<n>``; stray markers have no label. Raises `InputError`
+    without poses or markers.
+    """
+    header, rows, delimiter = read_rows(path)
+    if not is_ndi(header):
+        raise InputError(f"{path} has columns {', '.join(header[:8])}; expected NDI's Q0..Tz or State, Tx, Ty, Tz")
+    layout = _layout(header)
+    points: list[PointReading] = []
+    tools: list[ToolReading] = []
+    for index, row in enumerate(rows):
+        cells = _Row(header, row, delimiter, index)
+        seen = [cells.tool(column, i) for i, column in enumerate(layout.poses)]
+        tools += seen
+        for number_in_line, (column, owner) in enumerate(_markers(layout, header, row)):
+            tool = seen[owner] if owner >= 0 else None
+            points.append(cells.marker(column, tool, number_in_line))
+    return Recording(str(path), tuple(points), tuple(tools))
+
+
+@dataclass(frozen=True)
+class _Row:
+    header: list[str]
+    cells: list[str]
+    delimiter: str
+    index: int
+
+    def text(self, column: int) -> str:
+        return self.cells[column].strip() if 0 <= column < len(self.cells) else ""
+
+    def value(self, column: int) -> float:
+        found = number(self.text(column), self.delimiter)
+        return np.nan if found is None else found
+
+    def before(self, column: int, *names: str) -> int:
+        """Return the nearest column of one of ``names`` left of ``column``, or -1."""
+        return next((k for k in range(column - 1, -1, -1) if self.header[k] in names), -1)
+
+    @property
+    def frame(self) -> int:
+        named = self.value(
+            next((k for k, name in enumerate(self.header) if name in ("frame", "frame_number")), -1)
+        )
+        return int(named) if np.isfinite(named) else self.index
+
+    @property
+    def time_s(self) -> float:
+        seconds = self.value(
+            next((k for k, n in enumerate(self.header) if n in ("timespec", "timestamp", "time")), -1)
+        )
+        nanoseconds = self.value(self.header.index("timespec_ns")) if "timespec_ns" in self.header else 0.0
+        return seconds + 1e-9 * nanoseconds
+
+    def tool(self, column: int, order: int) -> ToolReading:
+        name = self.text(self.before(column, "tool", "toolinfo", "tool_id", "port", "porthandle", "toolhandle"))
+        status = _status(self.text(self.before(column, "transformstatus", "state", "status")))
+        matrix = quaternion_pose(
+            np.array([self.value(column + k) for k in range(4)]),
+            np.array([self.value(column + k) for k in range(4, 7)]),
+        )
+        error = self.value(column + 7) if self.header[column + 7 : column + 8] == ["error"] else np.nan
+        if matrix is None and status == OK:
+            status = "no pose"
+        return ToolReading(
+            self.frame,
+            name or f"tool {order + 1}",
+            matrix,
+            self.time_s,
+            float(error) if np.isfinite(error) else None,
+            status,
+        )
+
+    def marker(self, column: int, tool: ToolReading | None, order: int) -> PointReading:
+        position = np.array([self.value(column + k) for k in range(3)])
+        status = _status(self.text(column - 1))
+        if status == OK and not np.isfinite(position).all():
+            status = "no position"
+        stray = tool is None or "stray" in tool.tool.lower()
+        label = "" if stray or tool is None else f"{tool.tool}:{order + 1}"
+        return PointReading(self.frame, position, label, self.time_s, None, status)
+
+
+def _layout(header: list[str]) -> _Layout:
+    poses = _runs(header, POSE)
+    of_pose = {start + 4 for start in poses}
+    markers = [start for start in _runs(header, POSITION) if start not in of_pose]
+    owners = [_owner(header, poses, start) for start in markers]
+    return _Layout(tuple(poses), tuple(zip(markers, owners, strict=True)))
+
+
+def _owner(header: list[str], poses: list[int], start: int) -> int:
+    """Return the index of the tool whose pose stands before the marker at ``start``; -1 for a stray marker."""
+    owner = max((i for i, pose in enumerate(poses) if pose < start), default=-1)
+    after = poses[owner] if owner >= 0 else 0
+    return -1 if any("stray" in name for name in header[after:start]) else owner
+
+
+def _markers(layout: _Layout, header: list[str], row: list[str]) -> list[tuple[int, int]]:
+    """Return the marker columns of ``row``, those beyond the header included while a line holds them."""
+    found = list(layout.markers)
+    if found:
+        last, owner = found[-1]
+        found += [(start, owner) for start in range(last + 4, len(row) - 2, 4) if start >= len(header)]
+    return [(start, owner) for start, owner in found if any(cell.strip() for cell in row[start - 1 : start + 3])]
+
+
+def _runs(header: list[str], names: tuple[str, ...]) -> list[int]:
+    return [k for k in range(len(header)) if tuple(header[k : k + len(names)]) == names]
+
+
+def _status(text: str) -> str:
+    name = text.strip().lower().replace(" ", "_")
+    return OK if name in FACE_STATES or name == "" else name

@@ -1,0 +1,101 @@
+"""What an optical tracker reported, reading by reading. Nothing is dropped: a doubtful reading says why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ronnaplan.geometry import FloatArray, Frame
+
+OK = "ok"
+"""Status of a reading that its source calls good."""
+OTS = Frame("OTS")
+
+
+@dataclass(frozen=True)
+class PointReading:
+    """One sphere in one tracker frame. ``label`` is empty for a stray (unidentified) marker."""
+
+    frame: int
+    position_mm: FloatArray
+    """Position (3,) in the tracker's coordinates; NaN when the source gave none."""
+    label: str = ""
+    time_s: float = float("nan")
+    sigma_mm: float | None = None
+    """Standard deviation per axis, where the source states one."""
+    status: str = OK
+
+    @property
+    def usable(self) -> bool:
+        """Whether the source calls the reading good and it has a position."""
+        return self.status == OK and bool(np.isfinite(self.position_mm).all())
+
+
+@dataclass(frozen=True)
+class ToolReading:
+    """The pose of one tracked tool in one tracker frame."""
+
+    frame: int
+    tool: str
+    matrix: FloatArray | None
+    """Tracker from tool (4, 4), mm; None when the tool was not seen."""
+    time_s: float = float("nan")
+    error_mm: float | None = None
+    """The tracker's own RMS misfit of the tool's markers."""
+    status: str = OK
+
+    @property
+    def usable(self) -> bool:
+        """Whether the source calls the pose good and there is one."""
+        return self.status == OK and self.matrix is not None
+
+
+@dataclass(frozen=True)
+class Recording:
+    """All readings of a file or a live stream, in the order they came, in one coordinate frame."""
+
+    source: str
+    points: tuple[PointReading, ...] = ()
+    tools: tuple[ToolReading, ...] = ()
+    frame: Frame = field(default=OTS)
+    notes: tuple[str, ...] = ()
+    """What the reader met and a person should know, one sentence each."""
+
+    @property
+    def tool_names(self) -> tuple[str, ...]:
+        """The tools, in order of their first reading."""
+        return tuple(dict.fromkeys(reading.tool for reading in self.tools))
+
+    def poses(self, tool: str) -> FloatArray:
+        """Return the usable poses (P, 4, 4), tracker from ``tool``."""
+        matrices = [r.matrix for r in self.tools if r.tool == tool and r.usable and r.matrix is not None]
+        return np.array(matrices, dtype=np.float64).reshape(-1, 4, 4)
+
+    def flagged(self) -> dict[str, int]:
+        """Return how many readings were flagged, by reason."""
+        counts: dict[str, int] = {}
+        readings: Iterable[PointReading | ToolReading] = (*self.points, *self.tools)
+        for reading in readings:
+            if not reading.usable:
+                reason = reading.status if reading.status != OK else "no position"
+                counts[reason] = counts.get(reason, 0) + 1
+        return counts
+
+
+def quaternion_pose(quaternion: FloatArray, translation_mm: FloatArray) -> FloatArray | None:
+    """Return the (4, 4) of a scalar-first ``quaternion`` (4,) and translation (3,); None if they are no pose."""
+    from scipy.spatial.transform import Rotation
+
+    length = float(np.linalg.norm(quaternion))
+    if not np.isfinite(translation_mm).all() or not abs(length - 1.0) < QUATERNION_TOLERANCE:
+        return None
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
+    matrix[:3, 3] = translation_mm
+    return matrix
+
+
+QUATERNION_TOLERANCE = 1e-2
+"""Largest departure from length one of a quaternion that still is a rotation (printed with few digits)."""

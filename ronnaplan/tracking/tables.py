@@ -1,0 +1,61 @@
+"""Text tables with a header: delimiter found, column names normalized, numbers parsed, nothing guessed."""
+
+from __future__ import annotations
+
+import csv
+import re
+from pathlib import Path
+
+from ronnaplan.errors import InputError
+
+DELIMITERS = (",", ";", "\t")
+MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "missing", "-"})
+
+
+def read_text(path: Path) -> str:
+    """Return the text of ``path``; raises `InputError` for a file that is missing, unreadable or not text."""
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path} is not a text file; expected tracker readings") from error
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}); check the path") from error
+
+
+def read_rows(path: Path) -> tuple[list[str], list[list[str]], str]:
+    """Return the header's normalized names, the rows below it and the delimiter. Blank lines are left out."""
+    lines = [line for line in read_text(path).splitlines() if line.strip()]
+    if not lines:
+        raise InputError(f"{path} is empty; expected a header and tracker readings")
+    delimiter = max(DELIMITERS, key=lines[0].count)
+    rows = list(csv.reader(lines, delimiter=delimiter))
+    header = [column_name(cell) for cell in rows[0]]
+    if any(number(cell, delimiter) is not None for cell in rows[0]):
+        raise InputError(f"{path} has no header; its first line must name the columns, such as label,x,y,z")
+    return header, rows[1:], delimiter
+
+
+def column_name(cell: str) -> str:
+    """Return ``cell`` lower-case, without ``#``, unit or brackets: ``"#Tx [mm]"`` becomes ``"tx"``.
+
+    >>> column_name(" X (mm)"), column_name("Frame#"), column_name("sigma_mm"), column_name("time_s")
+    ('x', 'frame', 'sigma', 'time')
+    """
+    bare = re.sub(r"[\[(].*?[\])]", "", cell).replace("#", "").strip().lower()
+    return re.sub(r"_(mm|s)$", "", bare.replace(" ", "_")).strip("_")
+
+
+def number(cell: str, delimiter: str = ",") -> float | None:
+    """Return the number in ``cell``, or None for a missing or non-numeric one.
+
+    A decimal comma is understood where the comma is not the delimiter.
+    """
+    text = cell.strip()
+    if text.lower() in MISSING:
+        return None
+    if delimiter != ",":
+        text = text.replace(",", ".")
+    try:
+        return float(text)
+    except ValueError:
+        return None

@@ -1,0 +1,120 @@
+"""The command keeps its contract: exit status, one sentence for an error, nothing half-written."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from phantoms.fast import render
+from phantoms.output import write_phantom
+from ronnaplan.cli import main
+from tests.scans import balls, small_stack
+
+ROOT = Path(__file__).resolve().parents[2]
+HEAVY = ("numpy", "scipy", "pydicom", "SimpleITK", "numba", "matplotlib", "pydantic", "cv2", "skimage")
+
+
+@pytest.fixture(scope="module")
+def ct_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("scan") / "ct"
+    scene, stack = balls([(5.0, -4.0, 2.0)]), small_stack(spacing_mm=2.0, matrix=64)
+    write_phantom(folder, scene, stack, render(scene, stack, seed=1))
+    return folder
+
+
+def run(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
+    status = main(arguments)
+    printed = capsys.readouterr()
+    return status, printed.out, printed.err
+
+
+def test_help_loads_nothing_heavy() -> None:
+    code = "import sys\nfrom ronnaplan.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
+    code += f"print(*[name for name in {HEAVY} if name in sys.modules], file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stderr.strip() == ""
+    assert "not a medical device" in done.stdout
+
+
+def test_localize_prints_the_document_and_nothing_else(
+    ct_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, out, err = run(["localize", str(ct_folder), "--diameter", "11.5"], capsys)
+    assert status == 0
+    (found,) = json.loads(out)["fiducials"]
+    assert np.linalg.norm(np.array(found["center"]) - [5.0, -4.0, 2.0]) < 0.05
+    assert "1 markers of 11.5 mm" in err
+
+
+def test_localize_then_export(ct_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    fiducials, markups = tmp_path / "f.json", tmp_path / "f.mrk.json"
+    assert main(["localize", str(ct_folder), "--diameter", "11.5", "--expected", "1", "-o", str(fiducials)]) == 0
+    assert main(["export", str(fiducials), "--to", "markups", "-o", str(markups)]) == 0
+    assert json.loads(markups.read_text())["markups"][0]["controlPoints"][0]["label"] == "F1"
+    assert capsys.readouterr().out == ""
+
+
+def test_an_empty_scan_is_an_answer(ct_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, _ = run(["localize", str(ct_folder), "--diameter", "5"], capsys)
+    assert status == 0
+    assert json.loads(out)["fiducials"] == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "sentence"),
+    [
+        (["localize", "{ct}", "--diameter", "11.5", "--expected", "2"], 3, "1 markers of 11.5 mm were found"),
+        (["localize", "{ct}/nowhere", "--diameter", "11.5"], 1, "nowhere"),
+        (["localize", "{empty}", "--diameter", "11.5"], 1, ""),
+        (["localize", "{ct}", "--diameter", "11.5", "--series", "1.2.3"], 1, "1.2.3"),
+        (["localize", "{ct}", "--diameter", "0"], 2, "positive number of mm"),
+        (["localize", "{ct}", "--diameter", "-2"], 2, "positive number of mm"),
+        (["localize", "{ct}", "--diameter", "nan"], 2, "positive number of mm"),
+        (["localize", "{ct}", "--diameter", "large"], 2, "invalid float"),
+        (["localize", "{ct}", "--diameter", "1.5"], 1, "smaller than 2 pixels"),
+        (["localize", "{ct}"], 2, "--diameter"),
+        (["export", "{ct}/truth.json", "--to", "csv"], 1, "not a fiducials document"),
+        (["export", "{ct}/truth.json", "--to", "stl"], 2, "invalid choice"),
+        (["fly"], 2, "invalid choice"),
+        ([], 2, "VERB"),
+    ],
+)
+def test_a_bad_call_ends_in_one_sentence_and_writes_nothing(
+    arguments: list[str],
+    status: int,
+    sentence: str,
+    ct_folder: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    output = tmp_path / "out.json"
+    output.write_text("as before")
+    filled = [argument.format(ct=ct_folder, empty=empty) for argument in arguments]
+    got, out, err = run([*filled, "-o", str(output)] if filled[:1] == ["localize"] else filled, capsys)
+    assert got == status
+    assert out == ""
+    assert err.count("\n") == 1
+    assert err.startswith("ronnaplan: ")
+    assert sentence in err
+    assert output.read_text() == "as before"
+
+
+def test_the_demo_finds_every_marker_within_0_03_mm(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, _ = run(["demo", "--output-dir", str(tmp_path / "demo")], capsys)
+    assert status == 0
+    truth = json.loads((ROOT / "data" / "synthetic_ct" / "truth.json").read_text())["markers"]
+    found = json.loads((tmp_path / "demo" / "fiducials.json").read_text())["fiducials"]
+    assert len(found) == len(truth)
+    centers = np.array([marker["center"] for marker in truth])
+    for one in found:
+        assert np.linalg.norm(centers - one["center"], axis=1).min() < 0.03
+    assert (tmp_path / "demo" / "markers.png").read_bytes().startswith(b"\x89PNG")
+    assert "markers.png" in out
+    assert "not a medical device" in out

@@ -1,0 +1,100 @@
+"""fiducials.json says what the contract says, and a damaged one is refused in one sentence."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ronnaplan.ct import SeriesSource
+from ronnaplan.documents.fiducials import fiducials_document, read_fiducials, to_json
+from ronnaplan.errors import InputError
+from ronnaplan.localization import Fiducial, FiducialFlag, Fiducials, Rejected
+
+
+@pytest.fixture
+def found() -> Fiducials:
+    covariance = np.array([[4e-6, 1e-6, 0], [1e-6, 9e-6, 0], [0, 0, 2.5e-5]])
+    one = Fiducial(
+        "F1", np.array([1.0, -2.0, 3.5]), covariance, 11.52, 1100.0, 0.5, 0.8, 0.01, (FiducialFlag.CUT,)
+    )
+    other = Fiducial("F2", np.array([0.1, 0.2, 1.0 / 3.0]), covariance, 11.5, 1090.0, 0.5, 0.9, 0.01)
+    rejected = Rejected(np.array([9.0, 9.0, 9.0]), "roundness", "its surface is not a sphere's")
+    return Fiducials((one, other), (rejected,), 11.5, SeriesSource("1.2", "1.2.3", "1.2.3.4"), "ab" * 32)
+
+
+@pytest.fixture
+def document(found: Fiducials, tmp_path: Path) -> Path:
+    path = tmp_path / "fiducials.json"
+    path.write_text(to_json(fiducials_document(found)))
+    return path
+
+
+def test_the_document_keeps_its_contract(document: Path) -> None:
+    content = json.loads(document.read_text())
+    assert content["format"] == "ronnaplan.fiducials"
+    assert content["version"] == 1
+    assert content["coordinate_system"] == "LPS"
+    assert content["unit"] == "mm"
+    assert content["source"]["frame_of_reference_uid"] == "1.2.3.4"
+    assert content["source"]["voxel_sha256"] == "ab" * 32
+    assert content["marker"] == {"diameter_mm": 11.5}
+    first = content["fiducials"][0]
+    assert first["center"] == [1.0, -2.0, 3.5]
+    assert {"label", "center", "covariance", "diameter_mm", "contrast_hu", "flags"} <= set(first)
+    assert first["flags"] == ["cut"]
+    assert content["rejected"][0]["reason"] == "its surface is not a sphere's"
+    assert content["software"]["name"] == "ronnaplan"
+
+
+def test_points_survive_the_file_to_the_last_bit(document: Path, found: Fiducials) -> None:
+    points = read_fiducials(document).points
+    assert (points.positions_mm == found.centers).all()
+    assert (points.covariances_mm2 == found.covariances).all()
+    assert points.labels == found.labels
+    assert points.frame == found.points.frame
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"format": "something.else"}, "not a fiducials document"),
+        ({"version": 2}, "reads version 1"),
+        ({"coordinate_system": "RAS"}, "coordinate_system"),
+        ({"fiducials": [{"label": "F1"}]}, r"fiducials\.0\.center"),
+        ({"marker": {"diameter_mm": -1}}, "marker.diameter_mm"),
+    ],
+)
+def test_a_wrong_document_is_refused_by_the_field(document: Path, change: dict[str, Any], complaint: str) -> None:
+    document.write_text(json.dumps(json.loads(document.read_text()) | change))
+    with pytest.raises(InputError, match=complaint):
+        read_fiducials(document)
+
+
+@pytest.mark.parametrize(
+    ("entry", "value", "complaint"),
+    [
+        ("covariance", [[1, 0, 0], [0, -1, 0], [0, 0, 1]], "covariance of F1"),
+        ("covariance", [[1, 2, 0], [0, 1, 0], [0, 0, 1]], "covariance of F1"),
+        ("label", "F2", "same label"),
+        ("center", [1, 2, float("nan")], "center"),
+    ],
+)
+def test_a_marker_that_cannot_be_is_refused(document: Path, entry: str, value: object, complaint: str) -> None:
+    content = json.loads(document.read_text())
+    content["fiducials"][0][entry] = value
+    document.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=complaint):
+        read_fiducials(document)
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[1, 2]", b"\xff\xfe\x00", b"null", b"[" * 100_000])
+def test_what_is_no_document_is_refused(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "bad.json").write_bytes(content)
+    with pytest.raises(InputError):
+        read_fiducials(tmp_path / "bad.json")
+    with pytest.raises(InputError, match="cannot read"):
+        read_fiducials(tmp_path / "missing.json")

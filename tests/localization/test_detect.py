@@ -1,0 +1,48 @@
+"""Balls draw the votes of their edges to their centres, in any geometry of slices."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ronnaplan.localization.detect import coarsen, detect
+from tests.scans import balls, scan, small_stack
+
+TURN = Rotation.from_euler("xyz", [20, -30, 50], degrees=True).as_matrix()
+
+
+@pytest.mark.parametrize(
+    "geometry",
+    [
+        {},
+        {"tilt_deg": 20.0},
+        {"orientation": TURN},
+        {"positions_mm": tuple(np.cumsum([-20, *[1.0] * 12, *[2.5] * 6, *[1.2] * 10]))},
+        {"spacing_mm": 3.0, "thickness_mm": 3.0},
+    ],
+    ids=["plain", "tilted", "oblique", "uneven", "thick"],
+)
+def test_the_strongest_candidate_is_the_ball(geometry: dict[str, object]) -> None:
+    center = (3.2, -4.1, 1.7)
+    found = detect(scan(balls([center]), small_stack(**geometry)), 11.5)
+    assert np.linalg.norm(found.centers_mm[0] - center) < 1.0
+    assert found.vote_shares[0] > 0.6
+
+
+def test_an_empty_scan_has_no_candidates() -> None:
+    empty = scan(balls([(200.0, 0.0, 0.0)]), small_stack())
+    assert len(detect(empty, 11.5).centers_mm) == 0
+
+
+def test_the_coarse_copy_keeps_every_voxel_at_its_place() -> None:
+    volume = scan(balls([(3.2, -4.1, 1.7)]), small_stack(tilt_deg=15.0), noise_hu=0.0)
+    coarse = coarsen(volume, 2.1)
+    assert coarse.voxels_hu.shape == (22, 32, 32)
+
+    def center_of_mass(which: object) -> np.ndarray:
+        weights = np.asarray(which.voxels_hu, dtype=float) + 1000  # type: ignore[attr-defined]
+        places = which.grid.positions_mm(np.stack(np.indices(weights.shape), axis=-1))  # type: ignore[attr-defined]
+        return np.tensordot(weights, places, 3) / weights.sum()
+
+    assert center_of_mass(coarse) == pytest.approx(center_of_mass(volume), abs=0.02)

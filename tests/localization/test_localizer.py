@@ -1,0 +1,137 @@
+"""Every marker is found where it is, nothing else is, and the stated error is the real one."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from phantoms.parts import decoy, marker_on_post, scalp_foot
+from phantoms.scene import Part, Scene
+from phantoms.solids import ellipsoid, half_space
+from ronnaplan.errors import InputError, RefusedError, UsageError
+from ronnaplan.localization import FiducialFlag, localize
+from tests.scans import balls, scan, small_stack
+
+PLACES = [(-14.3, -12.2, -3.1), (13.6, 11.7, 2.4), (15.1, -13.8, 5.3)]
+
+
+@pytest.mark.parametrize(
+    ("geometry", "tolerance_mm"),
+    [
+        ({}, 0.015),
+        ({"tilt_deg": 20.0}, 0.015),
+        ({"orientation": Rotation.from_euler("xyz", [20, -30, 50], degrees=True).as_matrix()}, 0.015),
+        ({"positions_mm": tuple(np.cumsum([-20, *[1.0] * 12, *[2.5] * 6, *[1.2] * 10]))}, 0.02),
+        ({"spacing_mm": 2.5, "thickness_mm": 2.5}, 0.03),
+        ({"spacing_mm": 0.6, "thickness_mm": 1.2}, 0.015),
+    ],
+    ids=["plain", "tilted", "oblique", "uneven", "thick", "overlapping"],
+)
+def test_balls_are_found_where_they_are(geometry: dict[str, object], tolerance_mm: float) -> None:
+    found = localize(scan(balls(PLACES), small_stack(**geometry)), diameter_mm=11.5, expected=3)
+    distances = np.linalg.norm(found.centers[:, np.newaxis] - np.array(PLACES), axis=2)
+    assert distances.min(axis=1).max() < tolerance_mm
+    assert sorted(distances.argmin(axis=1)) == [0, 1, 2]
+    assert [one.diameter_mm for one in found.fiducials] == pytest.approx([11.5] * 3, abs=0.03)
+
+
+def test_moving_the_frame_moves_the_centres_and_their_covariances() -> None:
+    volume = scan(balls(PLACES[:1]), small_stack(), seed=4)
+    turn = Rotation.from_euler("zxy", [70, 10, -40], degrees=True).as_matrix()
+    shift = np.array([120.0, -40.0, 900.0])
+    grid = volume.grid
+    moved_grid = dataclasses.replace(
+        grid,
+        origins_mm=grid.origins_mm @ turn.T + shift,
+        row_step_mm=turn @ grid.row_step_mm,
+        column_step_mm=turn @ grid.column_step_mm,
+    )
+    still = localize(volume, diameter_mm=11.5)
+    moved = localize(dataclasses.replace(volume, grid=moved_grid), diameter_mm=11.5)
+    assert moved.centers == pytest.approx(still.centers @ turn.T + shift, abs=1e-4)
+    assert moved.covariances[0] == pytest.approx(turn @ still.covariances[0] @ turn.T, rel=0.02, abs=1e-8)
+
+
+def test_the_stated_error_is_the_real_one() -> None:
+    squared = []
+    for seed in range(12):
+        found = localize(
+            scan(balls(PLACES), small_stack(), noise_hu=40.0, seed=seed), diameter_mm=11.5, expected=3
+        )
+        for center, covariance in zip(found.centers, found.covariances, strict=True):
+            error = center - min(PLACES, key=lambda place: float(np.linalg.norm(center - place)))
+            squared.append(error @ np.linalg.solve(covariance, error) / 3)
+    assert 0.6 < np.mean(squared) < 1.6  # 108 degrees of freedom: +- 0.27 at two standard errors
+
+
+def test_a_marker_on_its_post_is_found_and_decoys_are_not() -> None:
+    foot = scalp_foot((0.2, 0.1, 1.0), 0.3)
+    kinds = ["larger sphere", "smaller sphere", "cylinder", "ellipsoid", "capsule", "bare screw", "cone", "box"]
+    scene = marker_on_post("M1", foot)
+    center = scene.markers[0].center_mm
+    stack = small_stack(center_mm=tuple(center))
+    found = localize(scan(scene, stack), diameter_mm=11.5)
+    assert found.centers == pytest.approx(center[np.newaxis], abs=0.015)
+    assert found.fiducials[0].coverage < 0.95
+    for kind in kinds:
+        other = decoy(kind, foot)
+        at = tuple(other.decoys[0].center_mm)
+        assert len(localize(scan(other, small_stack(center_mm=at)), diameter_mm=11.5)) == 0, kind
+
+
+def test_a_rejected_candidate_keeps_its_reason() -> None:
+    egg = Scene((Part(ellipsoid((0, 0, 0), (5.75, 5.75, 7.5)), "acrylic"),))
+    found = localize(scan(egg, small_stack()), diameter_mm=11.5)
+    assert len(found) == 0
+    assert found.rejected
+    assert found.rejected[0].test in {"coverage", "roundness", "diameter", "blur", "thickness"}
+    assert "expected" in found.rejected[0].reason or "allowed" in found.rejected[0].reason
+
+
+def test_a_marker_cut_by_the_scans_edge_is_flagged_or_rejected() -> None:
+    center = (0.0, 0.0, 18.5)
+    stack = small_stack(stop_mm=20.0)
+    found = localize(scan(balls([center]), stack), diameter_mm=11.5)
+    for one in found.fiducials:
+        error = one.center_mm - center
+        assert FiducialFlag.CUT in one.flags
+        assert error @ np.linalg.solve(one.covariance_mm2, error) < 16.3  # 99.9 % of chi-square, 3 degrees
+    assert found.fiducials or any("outside the scan" in one.reason for one in found.rejected)
+
+
+def test_clipped_metal_is_found_and_flagged() -> None:
+    volume = scan(balls([(1.3, 0.4, -0.7)], 5.0, "titanium"), small_stack(spacing_mm=0.6, thickness_mm=0.6))
+    clipped = dataclasses.replace(volume, voxels_hu=np.minimum(volume.voxels_hu, np.int16(3071)))
+    found = localize(clipped, diameter_mm=5.0, expected=1)
+    assert found.centers[0] == pytest.approx([1.3, 0.4, -0.7], abs=0.02)
+    assert FiducialFlag.CLIPPED in found.fiducials[0].flags
+
+
+def test_a_ball_on_a_half_space_of_skin_is_found() -> None:
+    scene = Scene((Part(half_space((0, 0, -5.1), (0, 0, 1)), "skin"),)) + balls(
+        [(0.6, -0.3, 0.0)], 10.0, "ceramic"
+    )
+    found = localize(scan(scene, small_stack()), diameter_mm=10.0, expected=1)
+    assert found.centers[0] == pytest.approx([0.6, -0.3, 0.0], abs=0.03)
+
+
+def test_an_unexpected_number_is_refused_with_what_was_nearest() -> None:
+    egg = Scene((Part(ellipsoid((0, 0, 0), (5.75, 5.75, 7.5)), "acrylic"),))
+    with pytest.raises(RefusedError, match=r"0 markers of 11.5 mm were found, 1 expected; nearest .* were \("):
+        localize(scan(egg, small_stack()), diameter_mm=11.5, expected=1)
+    with pytest.raises(RefusedError, match=r"1 markers of 11.5 mm were found, 0 expected"):
+        localize(scan(balls(PLACES[:1]), small_stack()), diameter_mm=11.5, expected=0)
+
+
+@pytest.mark.parametrize("diameter", [0.0, -3.0, float("nan"), float("inf")])
+def test_a_diameter_that_is_no_positive_number_is_wrong_usage(diameter: float) -> None:
+    with pytest.raises(UsageError, match="positive number of mm"):
+        localize(scan(balls([]) + balls([(0, 0, 0)]), small_stack()), diameter_mm=diameter)
+
+
+def test_a_diameter_below_two_pixels_is_refused() -> None:
+    with pytest.raises(InputError, match="smaller than 2 pixels"):
+        localize(scan(balls([(0, 0, 0)]), small_stack()), diameter_mm=0.9)

@@ -1,0 +1,50 @@
+"""The blurred ball equals what an independent numerical integration says of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ronnaplan.localization.model import PARAMETERS, disc_nodes, disc_table, evaluate
+
+THETA = np.array([0.1, -0.2, 0.3, 5.75, 0.5, 1.25, 1100.0, -1000.0, 1.0, 2.0, 3.0])
+
+
+def model(offsets: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return evaluate(offsets, theta, disc_table(), *disc_nodes())
+
+
+@pytest.mark.parametrize(
+    ("diameter", "sigma", "thickness"), [(11.5, 0.5, 1.25), (11.5, 0.7, 5.0), (3.0, 0.4, 0.6)]
+)
+def test_a_voxel_is_the_share_of_its_blurred_volume_that_lies_in_the_ball(
+    diameter: float, sigma: float, thickness: float
+) -> None:
+    rng = np.random.default_rng(5)
+    radius = diameter / 2
+    offsets = rng.uniform(-radius - 1, radius + 1, (60, 3))
+    theta = np.array([0, 0, 0, radius, sigma, thickness, 1.0, 0.0, 0, 0, 0])
+    values, _ = model(offsets, theta)
+    cloud = np.column_stack(
+        [rng.normal(0, sigma, (200_000, 2)), rng.uniform(-thickness / 2, thickness / 2, 200_000)]
+    )
+    shares = [(np.linalg.norm(offset + cloud, axis=1) < radius).mean() for offset in offsets]
+    assert values == pytest.approx(np.array(shares), abs=0.006)  # 4 standard errors of the cloud
+
+
+@pytest.mark.parametrize("parameter", range(len(PARAMETERS)), ids=PARAMETERS)
+def test_derivatives_are_those_of_the_model(parameter: int) -> None:
+    offsets = np.random.default_rng(6).uniform(-7.5, 7.5, (4000, 3))
+    step = np.zeros(len(PARAMETERS))
+    step[parameter] = 0.02
+    by_difference = (model(offsets, THETA + step)[0] - model(offsets, THETA - step)[0]) / 0.04
+    by_formula = model(offsets, THETA)[1][:, parameter]
+    scale = np.abs(by_formula).max()
+    assert np.sqrt(np.mean((by_difference - by_formula) ** 2)) < 0.01 * scale
+
+
+def test_far_inside_is_full_and_far_outside_is_empty() -> None:
+    offsets = np.array([[0.1, -0.2, 0.3], [12.0, 0, 0], [0, 0, -12.0]])
+    flat = THETA.copy()
+    flat[8:] = 0
+    assert model(offsets, flat)[0] == pytest.approx([100.0, -1000.0, -1000.0])

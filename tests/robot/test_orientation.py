@@ -1,0 +1,129 @@
+"""Orientation of the TCP in M: Eq. 5 and the hand-eye solution over many poses."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ronnaplan.errors import FrameMismatchError, InputError
+from ronnaplan.pose import Pose, invert
+from ronnaplan.robot.chain import OTS, TCP, M, R
+from ronnaplan.robot.hand_eye import calibrate_hand_eye
+from ronnaplan.robot.orientation import frame_of_three, orientation_covariance, tool_orientation, tool_pose
+from ronnaplan.robot.pivot import calibrate_pivot
+
+TRIANGLE = np.array([[600.0, 100, 300], [900, 150, 280], [700, 400, 350]])
+
+
+def matrix(rng: np.random.Generator, reach_mm: float = 300) -> np.ndarray:
+    full = np.eye(4)
+    full[:3, :3] = Rotation.random(rng=rng).as_matrix()
+    full[:3, 3] = rng.normal(size=3) * reach_mm
+    return full
+
+
+def scene(seed: int) -> tuple[np.ndarray, np.ndarray, Pose, Pose]:
+    """M from TCP, OTS from R, and one moment's poses of M and TCP."""
+    rng = np.random.default_rng(seed)
+    m_from_tcp, ots_from_r, robot_from_tcp = matrix(rng), matrix(rng, 2000), matrix(rng)
+    ots_from_m = ots_from_r @ robot_from_tcp @ invert(m_from_tcp)
+    return m_from_tcp, ots_from_r, Pose.exact(ots_from_m, OTS, M), Pose.exact(robot_from_tcp, R, TCP)
+
+
+def test_equation_5_gives_the_orientation() -> None:
+    for seed in range(10):
+        m_from_tcp, ots_from_r, ots_from_m, robot_from_tcp = scene(seed)
+        seen = TRIANGLE @ ots_from_r[:3, :3].T + ots_from_r[:3, 3]
+        found = tool_orientation(seen, TRIANGLE, ots_from_m, robot_from_tcp)
+        np.testing.assert_allclose(found, m_from_tcp[:3, :3], atol=1e-9)
+
+
+def test_its_covariance_is_the_scatter_of_noisy_points() -> None:
+    rng = np.random.default_rng(3)
+    m_from_tcp, ots_from_r, ots_from_m, robot_from_tcp = scene(3)
+    seen = TRIANGLE @ ots_from_r[:3, :3].T + ots_from_r[:3, 3]
+    spread = np.diag([0.2, 0.1, 0.4]) ** 2
+    both = np.tile(spread, (3, 1, 1))
+    turns = []
+    for _ in range(3000):
+        noisy = [points + rng.normal(size=(3, 3)) * np.sqrt(np.diag(spread)) for points in (seen, TRIANGLE)]
+        off = tool_orientation(noisy[0], noisy[1], ots_from_m, robot_from_tcp) @ m_from_tcp[:3, :3].T
+        turns.append(Rotation.from_matrix(off).as_rotvec())
+    scatter = np.cov(np.array(turns).T)
+    stated = orientation_covariance(seen, TRIANGLE, both, both, ots_from_m, robot_from_tcp)
+    assert np.abs(stated - scatter).max() < 0.08 * np.trace(scatter)
+
+
+def test_pivot_and_orientation_make_a_pose_whose_tip_has_the_pivots_error() -> None:
+    poses = np.tile(np.eye(4), (60, 1, 1))
+    rng = np.random.default_rng(0)
+    poses[:, :3, :3] = Rotation.from_rotvec(rng.normal(size=(60, 3)) * 0.5).as_matrix()
+    poses[:, :3, 3] = -poses[:, :3, :3] @ (10.0, 20, 150) + rng.normal(size=(60, 3)) * 0.1
+    pivot = calibrate_pivot(poses)
+    pose = tool_pose(pivot, np.eye(3), np.diag([1e-6, 2e-6, 3e-6]))
+    np.testing.assert_allclose(pose.point_covariances([[0, 0, 0]])[0], pivot.tip_covariance_mm2, atol=1e-12)
+    far = pose.point_covariances([[0, 0, 100]])[0] - pivot.tip_covariance_mm2
+    np.testing.assert_allclose(np.diag(far), [2e-6 * 1e4, 1e-6 * 1e4, 0], atol=1e-12)
+    np.testing.assert_allclose(pose.apply([[0, 0, 0]])[0], pivot.tip_mm)
+
+
+def hand_eye_poses(seed: int, count: int, sd_rad: float, sd_mm: float) -> tuple[np.ndarray, ...]:
+    rng = np.random.default_rng(seed)
+    truth = np.random.default_rng(99)
+    m_from_tcp, robot_from_ots = matrix(truth), matrix(truth, 2000)
+    driven = np.array([matrix(truth) for _ in range(count)])
+    seen = invert(robot_from_ots) @ driven @ invert(m_from_tcp)
+    noise = np.tile(np.eye(4), (count, 1, 1))
+    noise[:, :3, :3] = Rotation.from_rotvec(rng.normal(size=(count, 3)) * sd_rad).as_matrix()
+    noise[:, :3, 3] = rng.normal(size=(count, 3)) * sd_mm
+    return seen @ noise, driven, m_from_tcp, robot_from_ots
+
+
+def test_hand_eye_of_exact_poses_is_exact() -> None:
+    seen, driven, m_from_tcp, robot_from_ots = hand_eye_poses(1, 8, 0.0, 0.0)
+    found = calibrate_hand_eye(seen, driven)
+    np.testing.assert_allclose(found.m_from_tcp.matrix, m_from_tcp, atol=1e-6)
+    np.testing.assert_allclose(found.robot_from_ots.matrix, robot_from_ots, atol=1e-6)
+
+
+def test_hand_eye_states_its_own_scatter() -> None:
+    points = np.array([[0.0, 0, 0], [50, 0, 100]])
+    images, stated = [], []
+    for seed in range(120):
+        seen, driven, m_from_tcp, _ = hand_eye_poses(seed, 20, 1e-3, 0.2)
+        found = calibrate_hand_eye(seen, driven)
+        images.append(found.m_from_tcp.apply(points))
+        stated.append(np.trace(found.m_from_tcp.point_covariances(points), axis1=1, axis2=2))
+    error = np.array(images) - (points @ m_from_tcp[:3, :3].T + m_from_tcp[:3, 3])
+    np.testing.assert_allclose(np.sqrt(np.mean(stated, axis=0)), np.sqrt((error**2).sum(-1).mean(0)), rtol=0.15)
+    assert found.rotation_rms_deg == pytest.approx(np.degrees(1e-3 * np.sqrt(3)), rel=0.3)
+
+
+def test_many_poses_beat_one() -> None:
+    """The point of the modern solution: Eq. 5 keeps the error of the one moment it uses."""
+    seen, driven, m_from_tcp, robot_from_ots = hand_eye_poses(5, 30, 1e-3, 0.2)
+    triangle_ots = (TRIANGLE - robot_from_ots[:3, 3]) @ robot_from_ots[:3, :3]
+    one = tool_orientation(triangle_ots, TRIANGLE, Pose.exact(seen[0], OTS, M), Pose.exact(driven[0], R, TCP))
+
+    def off(rotation: np.ndarray) -> float:
+        return float(Rotation.from_matrix(rotation @ m_from_tcp[:3, :3].T).magnitude())
+
+    assert off(calibrate_hand_eye(seen, driven).m_from_tcp.rotation) < 0.5 * off(one)
+
+
+def test_unusable_calibrations_are_named() -> None:
+    seen, driven, *_ = hand_eye_poses(1, 8, 0.0, 0.0)
+    with pytest.raises(InputError, match="3 tracker and 8 robot"):
+        calibrate_hand_eye(seen[:3], driven)
+    with pytest.raises(InputError, match="robot_from_tcp 0 is left-handed"):
+        calibrate_hand_eye(seen, driven * np.array([1, 1, -1, 1]))
+    turning = np.tile(np.eye(4), (8, 1, 1))
+    turning[:, :3, :3] = Rotation.from_rotvec(np.outer(np.arange(8), [0, 0, 0.2])).as_matrix()
+    with pytest.raises(InputError, match="about two axes"):
+        calibrate_hand_eye(seen, turning)
+    with pytest.raises(InputError, match="built on three"):
+        frame_of_three(np.eye(3)[:2])
+    with pytest.raises(InputError, match="one line"):
+        frame_of_three(np.outer([0, 1, 2], [1.0, 1, 1]))
+    *_, ots_from_m, robot_from_tcp = scene(0)
+    with pytest.raises(FrameMismatchError):
+        tool_orientation(TRIANGLE, TRIANGLE, robot_from_tcp, ots_from_m)

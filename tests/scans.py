@@ -1,0 +1,39 @@
+"""Scans for the tests, straight from the phantom renderer (which shares no code with what is tested)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from phantoms.fast import render
+from phantoms.scene import Part, Scene
+from phantoms.solids import sphere
+from phantoms.stack import SliceStack, axial_stack
+from ronnaplan.ct import CTVolume, SeriesSource, SliceGrid
+
+
+def scan(
+    scene: Scene, stack: SliceStack, *, blur_mm: float = 0.5, noise_hu: float = 10.0, seed: int = 1
+) -> CTVolume:
+    """Render ``scene`` and lay the voxels on the grid that a reader would give them."""
+    images = render(scene, stack, blur_mm=blur_mm, noise_hu=noise_hu, seed=seed)
+    order = np.argsort(stack.positions_mm)
+    grid = SliceGrid(
+        stack.origins_mm[order],
+        stack.row_direction * stack.pixel_mm,
+        stack.column_direction * stack.pixel_mm,
+        stack.thickness_mm,
+    )
+    return CTVolume(np.asarray(images, dtype=np.int16)[order], grid, SeriesSource(frame_of_reference_uid="1.2.3"))
+
+
+def balls(
+    centers_mm: list[tuple[float, float, float]], diameter_mm: float = 11.5, material: str = "acrylic"
+) -> Scene:
+    """Balls in air."""
+    return Scene(tuple(Part(sphere(center, diameter_mm), material) for center in centers_mm))
+
+
+def small_stack(**options: object) -> SliceStack:
+    """A slab that holds a few balls: 64 mm wide, 44 mm high, 0.5 mm pixels, 1 mm slices."""
+    settings: dict[str, object] = {"start_mm": -22, "stop_mm": 22, "matrix": 128, "field_of_view_mm": 64}
+    return axial_stack(**{**settings, **options})  # type: ignore[arg-type]

@@ -1,0 +1,93 @@
+"""Poses: the frames they join and the covariance they carry."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from ronnaplan.errors import FrameMismatchError, InputError
+from ronnaplan.geometry import Frame
+from ronnaplan.pose import Pose, as_pose, exponential
+
+A, B, C = Frame("A"), Frame("B"), Frame("C")
+
+
+def random_pose(rng: np.random.Generator, to: Frame, origin: Frame, scale: float = 1e-3) -> Pose:
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.random(rng=rng).as_matrix()
+    matrix[:3, 3] = rng.normal(size=3) * 200
+    factor = rng.normal(size=(6, 6)) * np.repeat([scale, scale * 100], 3)[:, None]
+    return Pose(matrix, factor @ factor.T, to, origin)
+
+
+def samples(rng: np.random.Generator, pose: Pose, count: int) -> np.ndarray:
+    xi = rng.multivariate_normal(np.zeros(6), pose.covariance, count)
+    return RigidTransform.from_exp_coords(xi).as_matrix() @ pose.matrix
+
+
+def test_composition_and_inversion_carry_covariance_as_sampling_does() -> None:
+    rng = np.random.default_rng(3)
+    a_from_b, b_from_c = random_pose(rng, A, B), random_pose(rng, B, C)
+    point = np.array([[30.0, -50, 80]])
+    sampled = samples(rng, a_from_b, 20000) @ samples(rng, b_from_c, 20000)
+    image = (sampled @ np.append(point[0], 1.0))[:, :3]
+    scatter = np.cov(image.T)
+    predicted = (a_from_b @ b_from_c).point_covariances(point)[0]
+    assert np.abs(predicted - scatter).max() < 0.05 * np.trace(scatter)
+    back = (np.linalg.inv(samples(rng, a_from_b, 20000)) @ np.append(point[0], 1.0))[:, :3]
+    scatter = np.cov(back.T)
+    assert np.abs(a_from_b.inverse().point_covariances(point)[0] - scatter).max() < 0.05 * np.trace(scatter)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_there_and_back_is_the_same_pose(seed: int) -> None:
+    pose = random_pose(np.random.default_rng(seed), A, B)
+    again = pose.inverse().inverse()
+    np.testing.assert_allclose(again.matrix, pose.matrix, atol=1e-9)
+    np.testing.assert_allclose(again.covariance, pose.covariance, atol=1e-9)
+    assert (again.to_frame, again.from_frame) == (A, B)
+
+
+def test_points_keep_their_own_error() -> None:
+    pose = Pose.exact(np.eye(4), A, B)
+    own = np.diag([0.1, 0.2, 0.3])[None]
+    np.testing.assert_allclose(pose.point_covariances([[1, 2, 3]], own), own)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-6, 0.3, np.pi, 5.0])
+def test_exponential_is_the_rotation_by_the_vector(angle: float) -> None:
+    vector = angle * np.array([0.36, -0.48, 0.8])
+    np.testing.assert_allclose(exponential(vector), Rotation.from_rotvec(vector).as_matrix(), atol=1e-14)
+
+
+def test_frames_must_meet() -> None:
+    rng = np.random.default_rng(0)
+    with pytest.raises(FrameMismatchError):
+        random_pose(rng, A, B) @ random_pose(rng, C, A)
+    with pytest.raises(FrameMismatchError):
+        random_pose(rng, A, B).apply([[0, 0, 0]], A)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "says"),
+    [
+        (np.diag([-1.0, 1, 1, 1]), "left-handed"),
+        (np.full((4, 4), np.nan), "not finite"),
+        (np.diag([1.1, 1, 1, 1]), "not rigid"),
+        (np.eye(3), "shape"),
+        ([["a"] * 4] * 4, "numbers"),
+        (np.eye(4) + np.eye(4, k=-3) * 50, "bottom row"),
+    ],
+)
+def test_what_is_no_pose_is_named(matrix: object, says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        as_pose(matrix, "pose 7")  # type: ignore[arg-type]
+
+
+def test_a_pose_printed_with_five_digits_is_made_a_rotation() -> None:
+    printed = np.eye(4)
+    printed[:3, :3] = np.round(Rotation.from_rotvec([0.3, 0.4, -0.7]).as_matrix(), 5)
+    rotation = as_pose(printed)[:3, :3]
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)

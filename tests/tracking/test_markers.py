@@ -1,0 +1,100 @@
+"""Stray markers of a recording become markers with a mean, a covariance and their flags."""
+
+import numpy as np
+import pytest
+
+from ronnaplan.errors import InputError
+from ronnaplan.tracking import MarkerFlag, PointReading, Recording, ToolReading, find_markers
+
+TRUTH = np.array([[-60.0, 20, -1040], [55, 30, -1050], [5, -85, -1060], [-20, 60, -1075], [30, -10, -1095]])
+JITTER = 0.1
+
+
+def recording(seed: int, frames: int = 300, drop: float = 0.05) -> list[PointReading]:
+    """Frames of shuffled strays with dropouts, a reflection now and then, and gross outliers."""
+    rng = np.random.default_rng(seed)
+    readings = []
+    for frame in range(frames):
+        points = [p + rng.normal(size=3) * JITTER for p in TRUTH if rng.random() > drop]
+        if rng.random() < 0.1:
+            points.append(np.array([120.0, 40, -900]) + rng.normal(size=3))  # a reflection in one place
+        if rng.random() < 0.05:
+            points.append(rng.uniform(-200, 200, 3) - (0, 0, 1000))
+        readings += [PointReading(frame, points[k]) for k in rng.permutation(len(points))]
+    return readings
+
+
+def nearest(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(found[:, None] - truth[None], axis=-1).min(axis=0)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_shuffled_strays_with_dropouts_and_reflections_become_the_markers(seed: int) -> None:
+    found = find_markers(Recording("test", tuple(recording(seed))))
+    assert len(found.markers) == len(TRUTH)
+    assert nearest(found.points.positions_mm, TRUTH).max() < 5 * JITTER / np.sqrt(250)
+    assert any("of 300 frames" in track.reason for track in found.rejected)
+    seen = sum(m.readings + m.outliers for m in found.markers) + sum(t.readings for t in found.rejected)
+    assert seen == len(recording(seed))  # nothing lost
+
+
+def test_means_scatter_as_the_jitter_part_of_their_covariance_says() -> None:
+    squared = []
+    for seed in range(60):
+        found = find_markers(Recording("test", tuple(recording(seed, frames=150))), sigma_mm=0.0)
+        order = [int(np.linalg.norm(found.points.positions_mm - t, axis=1).argmin()) for t in TRUTH]
+        error = found.points.positions_mm[order] - TRUTH
+        squared.append(np.einsum("ni,nij,nj->n", error, np.linalg.inv(found.points.covariances_mm2[order]), error))
+    assert np.mean(squared) == pytest.approx(3.0, rel=0.2)
+
+
+def test_averaging_does_not_remove_the_trackers_own_error() -> None:
+    found = find_markers(Recording("test", tuple(recording(0, frames=300))), sigma_mm=0.2)
+    assert np.all(np.linalg.eigvalsh(found.points.covariances_mm2) >= 0.2**2)
+
+
+def test_outliers_of_a_marker_are_counted_and_do_not_pull_its_mean() -> None:
+    rng = np.random.default_rng(1)
+    readings = [PointReading(k, TRUTH[0] + rng.normal(size=3) * JITTER + (k % 20 == 3) * 1.5) for k in range(200)]
+    marker = find_markers(Recording("test", tuple(readings))).markers[0]
+    assert marker.outliers == 10
+    assert np.linalg.norm(marker.position_mm - TRUTH[0]) < 0.05
+
+
+def test_a_marker_that_moves_or_vanishes_is_flagged() -> None:
+    rng = np.random.default_rng(2)
+    readings = []
+    for frame in range(200):
+        for k, place in enumerate(TRUTH):
+            drift = (k == 1) * frame * np.array([0.01, 0, 0])
+            if not (k == 2 and frame > 150):
+                readings.append(PointReading(frame, place + drift + rng.normal(size=3) * JITTER))
+    flags = [marker.flags for marker in find_markers(Recording("test", tuple(readings))).markers]
+    assert flags[1] == (MarkerFlag.MOVED,)
+    assert flags[2] == (MarkerFlag.LOST, MarkerFlag.DROPOUTS)
+    assert flags[0] == flags[3] == flags[4] == ()
+
+
+def test_labels_and_stated_errors_of_the_source_are_kept() -> None:
+    readings = [PointReading(0, p, label, sigma_mm=0.3) for p, label in zip(TRUTH, "ABCDE", strict=True)]
+    found = find_markers(Recording("test", tuple(readings)))
+    assert found.points.labels == tuple("ABCDE")
+    np.testing.assert_allclose(found.points.covariances_mm2, np.tile(0.09 * np.eye(3), (5, 1, 1)))
+    assert found.markers[0].flags == (MarkerFlag.SINGLE_READING,)
+
+
+def test_tool_poses_alone_give_their_origins() -> None:
+    pose = np.eye(4)
+    pose[:3, 3] = TRUTH[0]
+    found = find_markers(
+        Recording("test", tools=(ToolReading(0, "A", pose), ToolReading(1, "A", None, status="missing")))
+    )
+    np.testing.assert_array_equal(found.points.positions_mm, TRUTH[:1])
+
+
+def test_a_recording_without_a_usable_reading_says_why() -> None:
+    bad = PointReading(0, np.full(3, np.nan), status="missing")
+    with pytest.raises(InputError, match="1 missing"):
+        find_markers(Recording("test", (bad,)))
+    with pytest.raises(InputError, match="empty"):
+        find_markers(Recording("test"))

@@ -1,0 +1,170 @@
+"""Live OpenIGTLink readings from real servers on the loopback interface."""
+
+import socket
+import struct
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pyigtl
+import pytest
+from pyigtl.messages import CRC64
+
+from ronnaplan.errors import InputError
+from ronnaplan.tracking import openigtlink
+from ronnaplan.tracking.openigtlink import record
+
+POINTS = [[1.0, 2.0, -1000.0], [4.0, 5.0, -1001.0]]
+
+
+@contextmanager
+def server(chunks: list[bytes], hold: bool = True) -> Iterator[int]:
+    """A plain TCP server that sends ``chunks`` to its first client, then holds or closes the connection."""
+    listener = socket.create_server(("127.0.0.1", 0))
+    done = threading.Event()
+
+    def serve() -> None:
+        connection, _ = listener.accept()
+        with connection:
+            for chunk in chunks:
+                connection.sendall(chunk)
+                time.sleep(0.002)
+            if hold:
+                done.wait(10)
+
+    thread = threading.Thread(target=serve, daemon=True)
+    thread.start()
+    try:
+        yield listener.getsockname()[1]
+    finally:
+        done.set()
+        thread.join(10)
+        listener.close()
+
+
+def points(positions: object = POINTS, device: str = "Polaris") -> bytes:
+    packed: bytes = pyigtl.PointMessage(
+        positions=positions, names=["", "A"], device_name=device, timestamp=12.5
+    ).pack()
+    return packed
+
+
+def pose(matrix: np.ndarray) -> bytes:
+    packed: bytes = pyigtl.TransformMessage(matrix=matrix, device_name="ProbeToTracker").pack()
+    return packed
+
+
+def position(body: bytes) -> bytes:
+    header = struct.pack(">H12s20sIIQQ", 1, b"POSITION", b"Pointer", 3, 0, len(body), CRC64(body))
+    return header + body
+
+
+def test_pyigtls_own_server_is_recorded() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    source = pyigtl.OpenIGTLinkServer(port=port, local_server=True)
+    stop = threading.Event()
+
+    def send() -> None:
+        while not stop.wait(0.02):
+            if source.is_connected():
+                source.send_message(pyigtl.PointMessage(positions=POINTS, device_name="Polaris"), wait=False)
+                source.send_message(pyigtl.TransformMessage(matrix=np.eye(4), device_name="Probe"), wait=False)
+
+    sender = threading.Thread(target=send, daemon=True)
+    sender.start()
+    try:
+        recording = record("127.0.0.1", port, seconds=1.0)
+    finally:
+        stop.set()
+        sender.join(10)
+        source.stop()
+    assert {tuple(p.position_mm) for p in recording.points} == {tuple(p) for p in POINTS}
+    assert recording.tool_names == ("Probe",)
+    np.testing.assert_array_equal(recording.poses("Probe")[0], np.eye(4))
+
+
+def test_every_message_of_a_burst_is_kept_however_the_bytes_are_cut() -> None:
+    stream = b"".join(points([[k, 0, 0], [0, k, 0]]) for k in range(200))
+    cuts = [stream[k : k + 777] for k in range(0, len(stream), 777)]
+    with server(cuts, hold=False) as port:
+        recording = record("127.0.0.1", port, seconds=5)
+    assert [p.position_mm[0] for p in recording.points[::2]] == list(range(200))
+    assert [p.frame for p in recording.points[::2]] == list(range(200))
+    assert [p.label for p in recording.points[:2]] == ["", "A"]
+    assert recording.points[0].time_s == pytest.approx(12.5)
+
+
+def test_a_pose_that_is_none_is_kept_flagged() -> None:
+    with server(
+        [pose(np.diag([-1.0, 1, 1, 1])), pose(np.full((4, 4), np.nan)), pose(np.eye(4))], hold=False
+    ) as port:
+        recording = record("127.0.0.1", port, seconds=5)
+    assert [tool.usable for tool in recording.tools] == [False, False, True]
+    assert "left-handed" in recording.tools[0].status
+
+
+def test_position_messages_in_the_protocols_layouts_and_in_pyigtls() -> None:
+    half = np.sqrt(0.5)
+    bodies = [
+        struct.pack(">7f", 1, 2, 3, 0, 0, half, half),
+        struct.pack(">6f", 1, 2, 3, 0, 0, half),
+        struct.pack(">3f", 1, 2, 3),
+    ]
+    own = pyigtl.PositionMessage(
+        positions=[[1, 2, 3]], quaternions=[[0, 0, half, half]], names=["P"], device_name="D"
+    )
+    with server([*map(position, bodies), own.pack()], hold=False) as port:
+        recording = record("127.0.0.1", port, seconds=5)
+    quarter_turn = np.array([[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1.0]])
+    np.testing.assert_allclose(recording.poses("Pointer")[:2], [quarter_turn, quarter_turn], atol=1e-6)
+    np.testing.assert_allclose(recording.poses("Pointer")[2, :, 3], [1, 2, 3, 1])
+    np.testing.assert_allclose(recording.poses("P")[0], quarter_turn, atol=1e-6)
+
+
+def test_a_stream_that_closes_midway_keeps_what_came_and_says_so() -> None:
+    with server([points(), points()[:70]], hold=False) as port:
+        recording = record("127.0.0.1", port, seconds=5)
+    assert len(recording.points) == 2
+    assert recording.notes == ("the server closed the stream after 1 messages in the middle of a message",)
+
+
+def test_a_stream_that_falls_silent_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(openigtlink, "SILENCE_S", 0.3)
+    with server([points()]) as port:
+        recording = record("127.0.0.1", port, seconds=10)
+    assert "the stream stopped" in recording.notes[0]
+
+
+def test_a_damaged_message_is_left_out_with_a_note() -> None:
+    damaged = bytearray(points())
+    damaged[-30] ^= 0xFF
+    with server([bytes(damaged), points()], hold=False) as port:
+        recording = record("127.0.0.1", port, seconds=5)
+    assert len(recording.points) == 2
+    assert "checksum" in recording.notes[0]
+
+
+def test_other_messages_are_passed_over() -> None:
+    with server([pyigtl.StringMessage("hello", device_name="S").pack(), points()], hold=False) as port:
+        assert len(record("127.0.0.1", port, seconds=5).points) == 2
+
+
+@pytest.mark.parametrize(
+    ("chunks", "says"),
+    [([b"HTTP/1.1 400 Bad Request\r\n" * 10], "not OpenIGTLink"), ([], "no readable message")],
+)
+def test_a_server_that_speaks_something_else_is_named(chunks: list[bytes], says: str) -> None:
+    with server(chunks, hold=False) as port, pytest.raises(InputError, match=says):
+        record("127.0.0.1", port, seconds=1)
+
+
+def test_no_server_is_named() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    with pytest.raises(InputError, match="no OpenIGTLink server"):
+        record("127.0.0.1", port, seconds=1)
+    with pytest.raises(InputError, match="above zero"):
+        record("127.0.0.1", port, seconds=0)
