@@ -92,7 +92,10 @@ def open_journal(
     journal: Path, settings: Record, done: dict[tuple[Any, ...], Record]
 ) -> Iterator[Callable[[tuple[Any, ...], Record], None]]:
     """Rewrite the journal without torn lines and give the function that adds a finished block."""
-    journal.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        journal.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{journal.parent} cannot be a folder ({error.strerror}); name another one") from error
     whole = [settings, *({"block": block, "record": record} for block, record in done.items())]
     write_whole(journal, "".join(json.dumps(line) + "\n" for line in whole))
     with journal.open("a", encoding="utf-8") as file:
