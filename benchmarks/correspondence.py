@@ -24,7 +24,7 @@ from ronnaplan.studies.heads import HEADS_MM
 from ronnaplan.studies.scenes import random_rotations, simulate_scenes, uniform_in_ball
 
 ACCEPT_MM = 3.0
-CASES = ((3, 0), (4, 0), (4, 4), (8, 0), (8, 4))
+CASES = ((3, 0), (3, 4), (4, 0), (4, 4), (8, 0), (8, 4))
 LARGE_CASES = ((200, 300.0), (200, 100.0), (1000, 300.0))
 
 Pairs = FloatArray

@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -61,15 +62,15 @@ def executor(workers: int | None, scheduler: str | None) -> Iterator[Executor]:
             pool.shutdown(wait=True, cancel_futures=True)
         return
     try:
-        from distributed import Client
+        distributed = import_module("distributed")
     except ImportError as error:
         raise InputError("Dask is not installed; install ronnaplan[cluster] or leave --scheduler out") from error
     try:
-        client = Client(scheduler, timeout=SCHEDULER_TIMEOUT)  # type: ignore[no-untyped-call]
+        client = distributed.Client(scheduler, timeout=SCHEDULER_TIMEOUT)
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError(f"no Dask scheduler answers at {scheduler}; check the address") from error
     with client:
-        yield client.get_executor()  # type: ignore[no-untyped-call]
+        yield client.get_executor()
 
 
 def read_journal(journal: Path, settings: Record) -> dict[tuple[Any, ...], Record]:

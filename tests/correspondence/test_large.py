@@ -42,10 +42,13 @@ def test_clouds_that_share_nothing_are_unmatched():
         assert match_points(ball(rng, 80, 200.0), ball(rng, 80, 200.0)).status == "unmatched"
 
 
-def test_a_mirror_image_is_refused():
+def test_a_mirror_image_is_refused_even_where_a_flat_part_of_it_fits():
     for seed in range(5):
         points = ball(np.random.default_rng(seed), 60, 150.0)
-        assert match_points(points * [1, 1, -1], points).status != "unique"
+        points[:15, 2] = 0.0
+        pairing = match_points(points * [1, 1, -1], points)
+        assert pairing.status != "unique", seed
+        assert "left-handed" in pairing.reason or pairing.status == "ambiguous"
 
 
 def test_a_lattice_is_ambiguous():
