@@ -183,6 +183,8 @@ def large_table() -> str:
         "| points | field radius mm | status | pairs given | wrong | doubtful | CPU s |",
         "|---|---|---|---|---|---|---|",
     ]
+    ct, ots, _ = cloud(np.random.default_rng(9), 60, 300.0)
+    match_points(ct, ots)
     for count, radius in LARGE_CASES:
         for seed in range(3):
             ct, ots, partner = cloud(np.random.default_rng(seed), count, radius)

@@ -18,8 +18,8 @@ statement degrades the answer slowly.
 The expected E of a false pairing is 1 at most.  So the pairings that a search leaves out because of their chi^2
 weigh, as an expectation, at most their prior times the chi^2 tail beyond the gate: the remainder in `size_priors`.
 
-Numba's cache does not see a change of what another module's kernel calls: after editing a kernel or a constant here,
-delete this folder's ``__pycache__``.
+Numba's cache does not see a change in what another module's kernel calls: after editing a kernel or a constant
+here, delete this folder's ``__pycache__``.
 """
 
 from __future__ import annotations
