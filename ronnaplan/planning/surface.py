@@ -1,6 +1,6 @@
 """Where a ray crosses a surface of the head, and the surface's normal there, from the voxels about the crossing.
 
-A small patch z(a, b) of second order is fitted with the blurred step it causes in every voxel at that voxel's true
+A small patch z(a, b) of third order is fitted with the blurred step it causes in every voxel at that voxel's true
 place (nothing is interpolated): two levels, one on each side, joined by the integral of a Gaussian, averaged over
 the slice's thickness. The surface is the half level between the two local media; the noise is averaged over all
 voxels of the patch, some hundreds to thousands.
@@ -8,16 +8,18 @@ voxels of the patch, some hundreds to thousands.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray, unit
 from ronnaplan.localization.neighbourhood import gather
 
-PATCH_RADIUS_MM = 8.0
-"""The patch reaches this far to all sides; bone is smooth over a centimetre or so."""
+PATCH_RADIUS_MM = 10.0
+"""The patch reaches this far to all sides; bone is smooth over two centimetres."""
 
 HALF_DEPTH_MM = 2.5
 """Voxels within this of the surface are fitted; it holds the blur of any head protocol."""
@@ -26,7 +28,7 @@ LEAST_HALF_DEPTH_MM = 1.0
 """Never fewer than this, however thin the layer."""
 
 LEAST_VOXELS = 30
-"""A patch has nine parameters."""
+"""A patch has thirteen parameters."""
 
 LEAST_CONTRAST_HU = 80.0
 """A step smaller than this is no surface."""
@@ -40,11 +42,23 @@ BLUR_PRIOR_MM = 0.6
 NOISE_SHARE = 0.03
 """Expected misfit of a voxel as a share of the step: sets how much the priors weigh (little)."""
 
-EXPECTED = np.array([*(8 * [0.0]), np.log(BLUR_PRIOR_MM)])
-PRIOR = np.array([0, 0, 0, *(3 * [CURVATURE_PRIOR_PER_MM**-2]), 1e-9, 1e-9, np.log(2.0) ** -2])
+HEIGHTS, INNER, OUTER, BLUR = 10, 10, 11, 12
+"""How many parameters describe the height, and which of them are the levels and the blur."""
+
+EXPECTED = np.array([*(12 * [0.0]), np.log(BLUR_PRIOR_MM)])
+PRIOR = np.array(
+    [
+        *(3 * [0.0]),
+        *(3 * [CURVATURE_PRIOR_PER_MM**-2]),
+        *(4 * [CURVATURE_PRIOR_PER_MM**-4]),
+        *(2 * [1e-9]),
+        np.log(2.0) ** -2,
+    ]
+)
 """Expected parameters of a patch and the inverse of their variance; heights, slopes and levels are free."""
 
 MOST_STEPS = 40
+ROOT, HALF = 1.0 / math.sqrt(2.0 * math.pi), 1.0 / math.sqrt(2.0)
 ROUNDS = 3
 """Times the voxels are chosen anew about the fitted patch."""
 
@@ -66,7 +80,7 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class _Patch:
-    """Parameters (9,): height, two slopes, three curvatures, inner and outer level, log of the blur."""
+    """Parameters (13,): ten of the height (see `height`), inner and outer level, log of the blur."""
 
     origin_mm: FloatArray
     axes: FloatArray
@@ -121,10 +135,10 @@ def _fit(
     across = abs(float(axes[2] @ volume.grid.normal))
     needed = max(depth, 0.8 * gap * across)
     box = (volume.grid.thickness_mm or gap) * across
-    parameters, covariance = np.zeros(9), np.empty((9, 9))
+    parameters, covariance = np.zeros(13), np.empty((13, 13))
     before = np.zeros(len(local), dtype=np.bool_)
     for _ in range(ROUNDS):
-        chosen = np.abs(local[:, 2] - _basis(local) @ parameters[:6]) <= needed
+        chosen = np.abs(local[:, 2] - heights(local, parameters)) <= needed
         if chosen.sum() < LEAST_VOXELS:
             return None
         if (chosen == before).all():
@@ -135,7 +149,7 @@ def _fit(
             return None
         parameters, covariance = fitted
     # Between slices that leave a gap nothing was measured: a surface may lie anywhere in it.
-    unseen = max(gap * across - box - 2.0 * float(np.exp(parameters[8])), 0.0)
+    unseen = max(gap * across - box - 2.0 * float(np.exp(parameters[BLUR])), 0.0)
     covariance[0, 0] += unseen**2 / 12.0
     return _Patch(place, axes, parameters, covariance)
 
@@ -163,88 +177,107 @@ def _axes(normal: FloatArray) -> FloatArray:
     return np.stack([a, np.cross(normal, a), normal])
 
 
-def _basis(local: FloatArray) -> FloatArray:
-    """Terms (N, 6) of the height z(a, b)."""
-    a, b = local[:, 0], local[:, 1]
-    return np.column_stack([np.ones_like(a), a, b, a * a / 2, a * b, b * b / 2])
-
-
 def _solve(
     local: FloatArray, values: FloatArray, start: FloatArray, box: float
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Return the parameters (9,) and their covariance (9, 9), or None when there is no step.
+    """Return the parameters (13,) and their covariance (13, 13), or None when there is no step.
 
     Damped Gauss-Newton (Levenberg and Marquardt) on the squared misfit with the priors.
     """
-    basis = _basis(local)
-    above = local[:, 2] > basis @ start[:6]
+    above = local[:, 2] > heights(local, start)
     if above.all() or not above.any():
         return None
     inner, outer = np.median(values[~above]), np.median(values[above])
     if abs(outer - inner) < LEAST_CONTRAST_HU:
         return None
-    guess = np.array([*start[:6], inner, outer, start[8] or EXPECTED[8]])
-    variance = (NOISE_SHARE * (outer - inner)) ** 2
+    guess = np.array([*start[:HEIGHTS], inner, outer, start[BLUR] or EXPECTED[BLUR]])
+    variance = (NOISE_SHARE * float(outer - inner)) ** 2
     damping, cost = 1e-3, np.inf
-    information = gradient = np.empty(0)
-    best = guess
+    information, gradient, best = np.empty((13, 13)), np.empty(13), guess
     for _ in range(MOST_STEPS):
-        model, slopes = _step(local, basis, guess, box)
-        misfit = values - model
-        cost_now = float(misfit @ misfit) / variance + float((PRIOR * (guess - EXPECTED) ** 2).sum())
+        square, normal, right = normal_equations(local, values, guess, box)
+        cost_now = square / variance + float((PRIOR * (guess - EXPECTED) ** 2).sum())
         if cost_now < cost:
             better, best, cost, damping = cost - cost_now, guess, cost_now, damping / 10
-            information = slopes.T @ slopes / variance + np.diag(PRIOR)
-            gradient = slopes.T @ misfit / variance - PRIOR * (guess - EXPECTED)
-            if better < 1e-4:
+            information = normal / variance + np.diag(PRIOR)
+            gradient = right / variance - PRIOR * (guess - EXPECTED)
+            if better < 1e-4 * cost:
                 break
         else:
             damping *= 10
         guess = best + np.linalg.solve(information + damping * np.diag(np.diag(information)), gradient)
-    if not (np.isfinite(best).all() and abs(best[7] - best[6]) >= LEAST_CONTRAST_HU):
+    if not (np.isfinite(best).all() and abs(best[OUTER] - best[INNER]) >= LEAST_CONTRAST_HU):
         return None
-    spread = max(cost / max(len(values) - 9, 1), 1e-6)
+    spread = max(cost / max(len(values) - 13, 1), 1e-6)
     covariance = spread * np.asarray(np.linalg.inv(information), dtype=np.float64)
     return best, covariance
 
 
-def _step(
-    local: FloatArray, basis: FloatArray, parameters: FloatArray, box: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return the modelled values (N,) and their derivatives (N, 9)."""
-    from scipy.special import ndtr
+@njit(cache=True, nogil=True, error_model="numpy")
+def height(h, a, b):  # type: ignore[no-untyped-def]
+    """Return the height z(a, b) of a patch with parameters ``h``, and its slopes."""
+    z = h[0] + a * (h[1] + a * (h[3] / 2 + a * h[6] / 6 + b * h[7] / 2))
+    z += b * (h[2] + a * h[4] + b * (h[5] / 2 + a * h[8] / 2 + b * h[9] / 6))
+    by_a = h[1] + a * h[3] + b * h[4] + a * a * h[6] / 2 + a * b * h[7] + b * b * h[8] / 2
+    by_b = h[2] + a * h[4] + b * h[5] + a * a * h[7] / 2 + a * b * h[8] + b * b * h[9] / 2
+    return z, by_a, by_b
 
-    a, b = local[:, 0], local[:, 1]
-    inner, outer, blur = parameters[6], parameters[7], np.exp(np.clip(parameters[8], -3.0, 1.5))
-    slope_a = parameters[1] + parameters[3] * a + parameters[4] * b
-    slope_b = parameters[2] + parameters[4] * a + parameters[5] * b
-    shrink = 1.0 / np.sqrt(1.0 + slope_a**2 + slope_b**2)
-    distance = (local[:, 2] - basis @ parameters[:6]) * shrink
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def heights(local, h):  # type: ignore[no-untyped-def]
+    """Return the heights (N,) of the patch below or above the places ``local`` (N, 3)."""
+    result = np.empty(len(local))
+    for n in range(len(local)):
+        result[n] = height(h, local[n, 0], local[n, 1])[0]
+    return result
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def normal_equations(local, values, h, box):  # type: ignore[no-untyped-def]
+    """Return the squared misfit of ``values`` (N,), and the normal equations' matrix (13, 13) and right side."""
+    matrix, right, square = np.zeros((13, 13)), np.zeros(13), 0.0
+    slope = np.empty(13)
+    inner, outer, blur = h[INNER], h[OUTER], math.exp(min(max(h[BLUR], -3.0), 1.5))
     width = max(box, 0.1 * blur)
-    high, low = (distance + width / 2) / blur, (distance - width / 2) / blur
-    bell_high, bell_low = (np.exp(-(y**2) / 2) / np.sqrt(2 * np.pi) for y in (high, low))
-    share = blur / width * (high * ndtr(high) + bell_high - low * ndtr(low) - bell_low)
-    rate = (ndtr(high) - ndtr(low)) / width
-    by_blur = (bell_high - bell_low) / width * blur
-    step = outer - inner
-    slopes = np.column_stack([-step * (rate * shrink)[:, None] * basis, 1.0 - share, share, step * by_blur])
-    return inner + step * share, slopes
+    for n in range(len(local)):
+        a, b = local[n, 0], local[n, 1]
+        z, by_a, by_b = height(h, a, b)
+        shrink = 1.0 / math.sqrt(1.0 + by_a * by_a + by_b * by_b)
+        distance = (local[n, 2] - z) * shrink
+        high, low = (distance + width / 2) / blur, (distance - width / 2) / blur
+        bell_high, bell_low = math.exp(-high * high / 2) * ROOT, math.exp(-low * low / 2) * ROOT
+        area_high, area_low = 0.5 * math.erfc(-high * HALF), 0.5 * math.erfc(-low * HALF)
+        share = blur / width * (high * area_high + bell_high - low * area_low - bell_low)
+        rate = -(outer - inner) * (area_high - area_low) / width * shrink
+        slope[0], slope[1], slope[2] = rate, rate * a, rate * b
+        slope[3], slope[4], slope[5] = rate * a * a / 2, rate * a * b, rate * b * b / 2
+        slope[6], slope[7] = rate * a * a * a / 6, rate * a * a * b / 2
+        slope[8], slope[9] = rate * a * b * b / 2, rate * b * b * b / 6
+        slope[10], slope[11] = 1.0 - share, share
+        slope[12] = (outer - inner) * (bell_high - bell_low) / width * blur
+        misfit = values[n] - inner - (outer - inner) * share
+        square += misfit * misfit
+        for p in range(13):
+            right[p] += slope[p] * misfit
+            for q in range(p + 1):
+                matrix[p, q] += slope[p] * slope[q]
+    for p in range(13):
+        for q in range(p):
+            matrix[q, p] = matrix[p, q]
+    return square, matrix, right
 
 
 def _meet(patch: _Patch, place: FloatArray, outward: FloatArray) -> tuple[float, FloatArray]:
     """Return where the ray through ``place`` crosses the patch (mm from ``place``), and the normal (3,) there."""
     direction = patch.axes @ outward
-    h = patch.parameters
-    reach = 0.0
-    slope_a = slope_b = 0.0
+    reach = by_a = by_b = 0.0
     for _ in range(20):
         a, b, c = reach * direction
-        slope_a, slope_b = h[1] + h[3] * a + h[4] * b, h[2] + h[4] * a + h[5] * b
-        height = float((_basis(np.array([[a, b, c]])) @ h[:6])[0])
-        rate = direction[2] - slope_a * direction[0] - slope_b * direction[1]
-        change = (height - c) / rate if abs(rate) > 1e-6 else 0.0
+        z, by_a, by_b = height(patch.parameters, a, b)
+        rate = direction[2] - by_a * direction[0] - by_b * direction[1]
+        change = (z - c) / rate if abs(rate) > 1e-6 else 0.0
         reach += change
         if abs(change) < 1e-6:
             break
-    normal = unit(patch.axes[2] - slope_a * patch.axes[0] - slope_b * patch.axes[1])
+    normal = unit(patch.axes[2] - by_a * patch.axes[0] - by_b * patch.axes[1])
     return reach, normal
