@@ -12,7 +12,10 @@ from phantoms.errors import PhantomError
 
 @dataclass(frozen=True)
 class Material:
-    """``mass_fractions`` by element symbol; ``nominal_hu`` is the value drawn by the fast renderer."""
+    """``mass_fractions`` by element symbol; ``nominal_hu`` is what the fast renderer draws.
+
+    That is the full scanner's value at 120 kV (60 mm rods, 12 mm for bone and metal), capped at 31000.
+    """
 
     name: str
     density_g_cm3: float
@@ -43,7 +46,7 @@ MATERIALS: dict[str, Material] = {
             "fat",
             0.95,
             {"H": 0.114, "C": 0.598, "N": 0.007, "O": 0.278, "Na": 0.001, "S": 0.001, "Cl": 0.001},
-            -90.0,
+            -86.0,
         ),
         Material("soft tissue", 1.05, _SOFT, 45.0),
         Material(
@@ -57,30 +60,30 @@ MATERIALS: dict[str, Material] = {
             "skull",
             1.61,
             {"H": 0.050, "C": 0.212, "N": 0.040, "O": 0.435, "Mg": 0.002, "P": 0.081, "S": 0.003, "Ca": 0.176},
-            900.0,
+            990.0,
         ),
         Material(
             "cortical bone",
             1.92,
             {"H": 0.034, "C": 0.155, "N": 0.042, "O": 0.435, "Mg": 0.002, "P": 0.103, "S": 0.003, "Ca": 0.225},
-            1500.0,
+            1780.0,
         ),
-        Material("tooth", 2.3, _ENAMEL, 2100.0),
+        Material("tooth", 2.3, _ENAMEL, 2880.0),
         Material("foam", 0.05, {"C": 0.85, "H": 0.15}, -950.0),
-        Material("polyethylene", 0.95, {"C": 0.8563, "H": 0.1437}, -80.0),
-        Material("plastic", 1.08, {"C": 0.8563, "H": 0.0774, "N": 0.0663}, 20.0),
-        Material("nylon", 1.14, {"C": 0.6369, "H": 0.0980, "N": 0.1238, "O": 0.1414}, 95.0),
-        Material("acrylic", 1.18, {"C": 0.5998, "H": 0.0805, "O": 0.3196}, 125.0),
-        Material("polyoxymethylene", 1.41, {"C": 0.400, "H": 0.0671, "O": 0.5329}, 340.0),
-        Material("PEEK", 1.31, {"C": 0.7908, "H": 0.0419, "O": 0.1665}, 200.0),
-        Material("carbon fibre", 1.55, {"C": 0.90, "H": 0.03, "O": 0.07}, 350.0),
-        Material("PVC", 1.30, {"C": 0.45, "H": 0.065, "O": 0.085, "Cl": 0.400}, 500.0),
-        Material("ceramic", 3.9, {"Al": 0.5293, "O": 0.4707}, 4500.0),
-        Material("titanium", 4.43, {"Ti": 0.90, "Al": 0.06, "V": 0.04}, 9000.0),
-        Material("steel", 7.9, {"Fe": 0.70, "Cr": 0.18, "Ni": 0.12}, 20000.0),
-        Material("amalgam", 11.0, {"Hg": 0.50, "Ag": 0.35, "Sn": 0.12, "Cu": 0.03}, 25000.0),
-        Material("gold", 19.3, {"Au": 1.0}, 30000.0),
-        Material("silver", 10.5, {"Ag": 1.0}, 25000.0),
+        Material("polyethylene", 0.95, {"C": 0.8563, "H": 0.1437}, -87.0),
+        Material("plastic", 1.08, {"C": 0.8563, "H": 0.0774, "N": 0.0663}, -12.0),
+        Material("nylon", 1.14, {"C": 0.6369, "H": 0.0980, "N": 0.1238, "O": 0.1414}, 74.0),
+        Material("acrylic", 1.18, {"C": 0.5998, "H": 0.0805, "O": 0.3196}, 107.0),
+        Material("polyoxymethylene", 1.41, {"C": 0.400, "H": 0.0671, "O": 0.5329}, 330.0),
+        Material("PEEK", 1.31, {"C": 0.7908, "H": 0.0419, "O": 0.1665}, 178.0),
+        Material("carbon fibre", 1.55, {"C": 0.90, "H": 0.03, "O": 0.07}, 372.0),
+        Material("PVC", 1.30, {"C": 0.45, "H": 0.065, "O": 0.085, "Cl": 0.400}, 640.0),
+        Material("ceramic", 3.9, {"Al": 0.5293, "O": 0.4707}, 3320.0),
+        Material("titanium", 4.43, {"Ti": 0.90, "Al": 0.06, "V": 0.04}, 8800.0),
+        Material("steel", 7.9, {"Fe": 0.70, "Cr": 0.18, "Ni": 0.12}, 19000.0),
+        Material("amalgam", 11.0, {"Hg": 0.50, "Ag": 0.35, "Sn": 0.12, "Cu": 0.03}, 31000.0),
+        Material("gold", 19.3, {"Au": 1.0}, 31000.0),
+        Material("silver", 10.5, {"Ag": 1.0}, 31000.0),
     )
 }
 """Every material a scene may name."""

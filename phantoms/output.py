@@ -74,13 +74,23 @@ def write_phantom(
             write_series(fresh, images, stack, options)
             text = json.dumps(truth(scene, stack, **scan), indent=2)
             (fresh / TRUTH_NAME).write_text(text + "\n", encoding="utf-8")
-            if target.exists():
-                target.rename(Path(beside) / "old")
-            fresh.rename(target)
+            _exchange(target, fresh, Path(beside) / "old")
     except OSError as error:
         raise PhantomError(
             f"cannot write to {target}: {error.strerror}; choose a folder you may write to"
         ) from error
+
+
+def _exchange(target: Path, fresh: Path, old: Path) -> None:
+    """Put ``fresh`` in the place of ``target``; if that fails, what was there is put back."""
+    if target.exists():
+        target.rename(old)
+    try:
+        fresh.rename(target)
+    except OSError:
+        if old.exists():
+            old.rename(target)
+        raise
 
 
 def check_target(target: Path) -> None:

@@ -91,19 +91,24 @@ def back_project(
     angles: FloatArray,
     first_mm: float,
     step_mm: float,
+    aside_mm: tuple[float, float],
     pixel_mm: float,
     image: NDArray[np.float32],
 ) -> None:
-    """Add the views (V, U) to ``image`` (rows, columns) about its centre; samples lie at ``first + n step``."""
+    """Add the views (V, U) to ``image`` (rows, columns), whose centre lies ``aside_mm`` (x, y) of the axis.
+
+    The samples of a view lie at ``first + n step``.
+    """
     rows, columns = image.shape
     views, bins = filtered.shape
     scale = pixel_mm / step_mm
     for row in parallel_range(rows):
-        y = (row - (rows - 1) / 2) * scale
+        y = (row - (rows - 1) / 2) * scale + aside_mm[1] / step_mm
+        x = aside_mm[0] / step_mm - (columns - 1) / 2 * scale
         line = np.zeros(columns, np.float32)
         for view in range(views):
             cosine = np.cos(angles[view])
-            start = y * np.sin(angles[view]) - first_mm / step_mm - (columns - 1) / 2 * scale * cosine
+            start = y * np.sin(angles[view]) + x * cosine - first_mm / step_mm
             step = np.float32(scale * cosine)
             values = filtered[view]
             place = np.float32(start)

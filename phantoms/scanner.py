@@ -37,7 +37,7 @@ class Scanner:
 
     kernel: str = "standard"
     dose: float = 1.0
-    """1 is a usual head scan, 8 HU in 1 mm standard slices of a 200 mm water disc; 0 leaves all noise out."""
+    """1 is a usual head scan, 7.5 HU in 1 mm standard slices of a 200 mm water disc; 0 leaves all noise out."""
     kilovolts: float = 120.0
     views: int = 720
     bin_mm: float = 0.5
@@ -84,12 +84,12 @@ def scan_hu(scene: Scene, stack: SliceStack, scanner: Scanner, *, seed: int = 0)
     scene.check()
     measurement = _Measurement(scene, stack, scanner, seed)
     shape = kernel(scanner.kernel)
-    first_mm = -(measurement.bins - 1) / 2 * scanner.bin_mm
+    first_mm, step_mm = -(measurement.bins - 1) / 2 * scanner.bin_mm, scanner.bin_mm / UPSAMPLING
     for plan in _plan_rows(stack):
         water_mm = measurement.combined(plan)
         image = np.zeros((stack.rows, stack.columns), dtype=np.float32)
         filtered = filter_projections(water_mm, scanner.bin_mm, shape)
-        back_project(filtered, measurement.angles, first_mm, scanner.bin_mm / UPSAMPLING, stack.pixel_mm, image)
+        back_project(filtered, measurement.angles, first_mm, step_mm, stack.aside_mm, stack.pixel_mm, image)
         yield 1000 * (image - 1)
 
 
@@ -183,7 +183,8 @@ def _matter(scene: Scene, beam: Beam) -> Matter:
 
 def _half_width(scene: Scene, stack: SliceStack) -> float:
     """Return how far the detector must reach so that the scene is never truncated and the image is covered."""
-    corner = np.hypot(stack.rows, stack.columns) / 2 * stack.pixel_mm
+    edges = np.abs(stack.aside_mm) + stack.pixel_mm / 2 * np.array([stack.columns, stack.rows])
+    corner = float(np.linalg.norm(edges))
     farthest = corner
     for center in (stack.centers_mm[0], stack.centers_mm[-1]):
         for part in scene.parts:

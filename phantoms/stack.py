@@ -17,8 +17,8 @@ TABLE = np.array([0.0, 0.0, 1.0])
 class SliceStack:
     """Parallel slices in LPS mm, in acquisition order.
 
-    ``centers_mm`` (K, 3) are the centres of the images; ``column_direction`` and ``row_direction`` (3,) are the
-    unit vectors of increasing column and row index.
+    ``centers_mm`` (K, 3) is where the axis of rotation meets each slice; ``column_direction`` and
+    ``row_direction`` (3,) are the unit vectors of increasing column and row index.
     """
 
     centers_mm: FloatArray
@@ -29,6 +29,8 @@ class SliceStack:
     columns: int
     thickness_mm: float
     tilt_deg: float = 0.0
+    aside_mm: tuple[float, float] = (0.0, 0.0)
+    """Place of the images' centres beside ``centers_mm``, along the columns' and the rows' direction."""
 
     def __len__(self) -> int:
         return len(self.centers_mm)
@@ -41,8 +43,9 @@ class SliceStack:
     @property
     def origins_mm(self) -> FloatArray:
         """Centres (K, 3) of the voxels (row 0, column 0)."""
-        corner = (self.columns - 1) / 2 * self.column_direction + (self.rows - 1) / 2 * self.row_direction
-        return self.centers_mm - self.pixel_mm * corner
+        x = self.aside_mm[0] - (self.columns - 1) / 2 * self.pixel_mm
+        y = self.aside_mm[1] - (self.rows - 1) / 2 * self.pixel_mm
+        return self.centers_mm + x * self.column_direction + y * self.row_direction
 
     @property
     def positions_mm(self) -> FloatArray:
@@ -75,10 +78,32 @@ class SliceStack:
             tilt_deg=self.tilt_deg if tilt_deg is None else tilt_deg,
         )
 
-    def around(self, center_mm: Vector, reach_mm: float) -> SliceStack:
-        """Return only the slices within ``reach_mm`` of a place, measured along the normal."""
-        distance = np.abs(self.positions_mm - np.asarray(center_mm) @ self.normal)
-        return replace(self, centers_mm=self.centers_mm[distance <= reach_mm])
+    def around(self, center_mm: Vector, reach_mm: float, *, crop: bool = False) -> SliceStack:
+        """Return only the slices within ``reach_mm`` of a place; with ``crop``, only such pixels, too."""
+        place = np.asarray(center_mm, dtype=np.float64)
+        distance = np.abs(self.positions_mm - place @ self.normal)
+        if distance.min() > reach_mm:
+            raise PhantomError(
+                f"no slice lies within {reach_mm:g} mm of {place.tolist()}; choose a place in the scan"
+            )
+        kept = replace(self, centers_mm=self.centers_mm[distance <= reach_mm])
+        return kept._cropped(place - self.origins_mm[np.argmin(distance)], reach_mm) if crop else kept
+
+    def _cropped(self, offset_mm: FloatArray, reach_mm: float) -> SliceStack:
+        """Return the pixels about a place that lies ``offset_mm`` from the first pixel of its slice."""
+        sizes, aside = [], []
+        for direction, whole, old in (
+            (self.column_direction, self.columns, self.aside_mm[0]),
+            (self.row_direction, self.rows, self.aside_mm[1]),
+        ):
+            middle = float(offset_mm @ direction) / self.pixel_mm
+            first = max(0, int(np.floor(middle - reach_mm / self.pixel_mm)))
+            last = min(whole - 1, int(np.ceil(middle + reach_mm / self.pixel_mm)))
+            if last < first:
+                raise PhantomError("the place to crop to lies outside the field of view; choose one inside it")
+            sizes.append(last - first + 1)
+            aside.append(old + ((first + last) / 2 - (whole - 1) / 2) * self.pixel_mm)
+        return replace(self, columns=sizes[0], rows=sizes[1], aside_mm=(aside[0], aside[1]))
 
     def holds_whole(self, center_mm: FloatArray, diameter_mm: float) -> bool:
         """Whether a ball lies wholly within the scanned slab and every slice's field of view near it."""
@@ -90,7 +115,8 @@ class SliceStack:
             return False
         near = np.abs(self.positions_mm - position) <= radius + half
         offsets = center_mm - self.centers_mm[near]
-        x, y = np.abs(offsets @ self.column_direction), np.abs(offsets @ self.row_direction)
+        x = np.abs(offsets @ self.column_direction - self.aside_mm[0])
+        y = np.abs(offsets @ self.row_direction - self.aside_mm[1])
         field = self.pixel_mm / 2
         return bool((x.max() + radius <= self.columns * field) and (y.max() + radius <= self.rows * field))
 

@@ -7,8 +7,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ronnaplan.correspondence import Pairing, match_points
     from ronnaplan.ct import CTVolume, read_ct
     from ronnaplan.localization import Fiducials, localize
+    from ronnaplan.registration import Registration, register_points
 
 __version__ = "0.1.0"
 
@@ -17,10 +19,24 @@ _ROOMS = {
     "read_ct": "ronnaplan.ct",
     "Fiducials": "ronnaplan.localization",
     "localize": "ronnaplan.localization",
+    "Pairing": "ronnaplan.correspondence",
+    "match_points": "ronnaplan.correspondence",
+    "Registration": "ronnaplan.registration",
+    "register_points": "ronnaplan.registration",
 }
 """Where each public name lives; a room is entered only when one of its names is used."""
 
-__all__ = ["CTVolume", "Fiducials", "__version__", "localize", "read_ct"]
+__all__ = [
+    "CTVolume",
+    "Fiducials",
+    "Pairing",
+    "Registration",
+    "__version__",
+    "localize",
+    "match_points",
+    "read_ct",
+    "register_points",
+]
 
 
 def __getattr__(name: str) -> Any:

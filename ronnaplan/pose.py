@@ -20,9 +20,11 @@ from ronnaplan.geometry import FloatArray, Frame, as_points
 POSE_TOLERANCE = 1e-4
 """Largest entry of ``R @ R.T - 1`` accepted in a pose that is offered (trackers print rotations with 4 to 6
 digits); within it the nearest rotation is taken."""
+FARTHEST_MM = 1e9
+"""A pose with larger entries (1000 km) is damaged, like one with entries that are not finite."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Pose:
     """``to_frame`` from ``from_frame``: ``matrix`` (4, 4) in mm and ``covariance`` (6, 6) in rad and mm."""
 
@@ -92,7 +94,7 @@ def as_pose(matrix: ArrayLike, name: str = "pose") -> FloatArray:
         raise InputError(f"{name} is not a matrix of numbers; expected 4 x 4 entries in mm") from error
     if pose.shape != (4, 4):
         raise InputError(f"{name} has shape {pose.shape}; expected a 4 x 4 rigid transform")
-    if not np.isfinite(pose).all():
+    if not (np.abs(pose) < FARTHEST_MM).all():
         raise InputError(f"{name} has entries that are not finite; leave out poses the tracker marks as missing")
     if np.abs(pose[3] - (0, 0, 0, 1)).max() > POSE_TOLERANCE:
         raise InputError(f"{name} has the bottom row {pose[3].tolist()}; expected 0 0 0 1 (is it transposed?)")

@@ -1,47 +1,137 @@
-"""``ronnaplan localize``: the markers of a scan, as fiducials.json."""
+"""``ronnaplan localize``: the markers of one scan or of many, as fiducials.json."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ronnaplan.localization import Fiducials
+    from ronnaplan.localization import Fiducials, Template
 
 HELP = "Find the spherical markers of a CT and write their centres with covariances."
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument("path", metavar="PATH", help="a DICOM folder, file or zip archive, or an image file")
-    parser.add_argument("--diameter", type=float, required=True, metavar="MM", help="diameter of the markers")
+    parser.add_argument(
+        "paths", nargs="+", metavar="PATH", help="a DICOM folder, file or zip archive, or an image"
+    )
+    parser.add_argument(
+        "--diameter", required=True, metavar="MM", help="diameter of the markers, several as 11.5,5, or 'auto'"
+    )
     parser.add_argument("--expected", type=int, metavar="N", help="refuse (exit 3) unless N markers are found")
     parser.add_argument("--series", metavar="UID", help="the series to use, where PATH holds several")
+    parser.add_argument("--template", metavar="FILE", help="a frame's distances: keep and label its markers only")
     parser.add_argument(
-        "-o", "--output", metavar="FILE", help="fiducials.json to write (default: standard output)"
+        "--report", metavar="PNG", help="draw accepted and nearly accepted markers to this picture"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="where to write (default: standard output); a folder for several PATHs",
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Localize the markers below ``arguments.path``."""
+    """Localize the markers below each path; with several, go on after a bad one and sum up."""
+    from ronnaplan.localization import check_request
+
+    diameters = _diameters(arguments.diameter)
+    if diameters is not None:
+        check_request(diameters, arguments.expected)
+    template = _template(arguments.template)
+    if len(arguments.paths) == 1:
+        _localize_one(arguments, arguments.paths[0], diameters, template, arguments.output, arguments.report)
+        return 0
+    return _localize_many(arguments, diameters, template)
+
+
+def _diameters(text: str) -> tuple[float, ...] | None:
+    """Parse ``--diameter``; None stands for 'auto'."""
+    from ronnaplan.errors import UsageError
+
+    if text == "auto":
+        return None
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError as error:
+        raise UsageError(
+            f"--diameter is '{text}'; a positive number of mm, several as 11.5,5, or 'auto'"
+        ) from error
+
+
+def _template(path: str | None) -> Template | None:
+    if path is None:
+        return None
+    from ronnaplan.documents.template import read_template
+
+    return read_template(path)
+
+
+def _localize_one(
+    arguments: argparse.Namespace,
+    path: str,
+    diameters: tuple[float, ...] | None,
+    template: Template | None,
+    output: str | None,
+    report: str | None,
+) -> Fiducials:
     from ronnaplan.ct import read_ct
     from ronnaplan.documents.fiducials import fiducials_document, to_json
-    from ronnaplan.documents.files import write_result
-    from ronnaplan.localization import check_request, localize
+    from ronnaplan.documents.files import write_atomically, write_result
+    from ronnaplan.localization import common_diameter, localize
 
-    check_request(arguments.diameter, arguments.expected)
-    volume = read_ct(arguments.path, arguments.series, progress=True)
-    found = localize(volume, diameter_mm=arguments.diameter, expected=arguments.expected)
+    volume = read_ct(path, arguments.series, progress=True)
     for flag in volume.flags:
         print(f"ronnaplan: warning: {flag}", file=sys.stderr)
+    found = localize(
+        volume,
+        diameter_mm=diameters or common_diameter(volume),
+        expected=arguments.expected,
+        template=template,
+    )
     print(_summary(found), file=sys.stderr)
-    write_result(arguments.output, to_json(fiducials_document(found)))
-    return 0
+    if report is not None:
+        from ronnaplan.report.contact import contact_sheet
+
+        write_atomically(report, contact_sheet(volume, found))
+    write_result(output, to_json(fiducials_document(found)))
+    return found
+
+
+def _localize_many(
+    arguments: argparse.Namespace, diameters: tuple[float, ...] | None, template: Template | None
+) -> int:
+    from ronnaplan.documents.files import make_folder
+    from ronnaplan.errors import RonnaplanError, UsageError
+
+    if arguments.output is None:
+        raise UsageError("several PATHs were given; name a folder for their results with -o")
+    folder = make_folder(arguments.output)
+    status = 0
+    lines = []
+    for number, path in enumerate(arguments.paths, start=1):
+        name = f"{number:03d}-{Path(path).resolve().name}"
+        report = str(folder / f"{name}.png") if arguments.report else None
+        try:
+            found = _localize_one(
+                arguments, path, diameters, template, str(folder / f"{name}.fiducials.json"), report
+            )
+        except RonnaplanError as error:
+            status = max(status, error.exit_status)
+            lines.append(f"{name}: {error}")
+        else:
+            lines.append(f"{name}: {len(found)} markers")
+    print("\n".join(lines), file=sys.stderr)
+    return status
 
 
 def _summary(found: Fiducials) -> str:
     from ronnaplan.report.tables import fiducials_table
 
-    count = f"{len(found)} markers of {found.diameter_mm:g} mm; {len(found.rejected)} candidates rejected"
+    sizes = " or ".join(f"{diameter:g}" for diameter in found.diameters_mm)
+    count = f"{len(found)} markers of {sizes} mm; {len(found.rejected)} candidates rejected"
     return f"{fiducials_table(found)}\n{count}" if len(found) else count

@@ -32,6 +32,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the chosen study."""
+    from ronnaplan.errors import UsageError
+
+    if arguments.workers is not None and arguments.workers < 1:
+        raise UsageError(f"--workers is {arguments.workers}; expected at least 1")
     return STUDIES[arguments.study].run(arguments)
 
 
@@ -70,6 +74,27 @@ def _run_tracking(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _configure_chain(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--sessions", type=int, default=400, help="sessions a scan (default %(default)s)")
+
+
+def _run_chain(arguments: argparse.Namespace) -> int:
+    from ronnaplan.errors import UsageError
+    from ronnaplan.studies.chain import chain_table, run_chain
+
+    if arguments.sessions < 1:
+        raise UsageError(f"--sessions is {arguments.sessions}; expected at least 1")
+    rows = run_chain(
+        arguments.output,
+        arguments.sessions,
+        arguments.seed,
+        workers=arguments.workers,
+        scheduler=arguments.scheduler,
+    )
+    print(chain_table(rows))
+    return 0
+
+
 def _no_arguments(_: argparse.ArgumentParser) -> None:
     """Add nothing to the shared arguments."""
 
@@ -84,5 +109,10 @@ STUDIES = {
         "Correspondence of 17 CT scans with 1,415 tracker readings of the x-shaped frame (Figs. 8 and 9).",
         _no_arguments,
         _run_tracking,
+    ),
+    "chain": Study(
+        "From the CT of a phantom to a target in the robot's frame: predicted and observed error by source.",
+        _configure_chain,
+        _run_chain,
     ),
 }

@@ -1,6 +1,6 @@
 """From DICOM (or NIfTI, NRRD, MetaImage) files to a `CTVolume` that knows where each voxel is in the patient."""
 
-from ronnaplan.ct.catalogue import Catalogue, Series, catalogue
+from ronnaplan.ct.catalogue import Catalogue, Series, find_series
 from ronnaplan.ct.limits import Limits
 from ronnaplan.ct.reader import read_ct
 from ronnaplan.ct.volume import CTVolume, SeriesSource, SliceGrid, VolumeFlag
@@ -13,6 +13,6 @@ __all__ = [
     "SeriesSource",
     "SliceGrid",
     "VolumeFlag",
-    "catalogue",
+    "find_series",
     "read_ct",
 ]

@@ -125,19 +125,19 @@ def _listed(series: Iterable[Series], most: int = 10) -> str:
     return ", ".join(shown[:most]) + (f" and {len(shown) - most} more" if len(shown) > most else "")
 
 
-def catalogue(path: str | Path, limits: Limits = DEFAULT_LIMITS, *, progress: bool = False) -> Catalogue:
+def find_series(path: str | Path, limits: Limits = DEFAULT_LIMITS, *, progress: bool = False) -> Catalogue:
     """List the series in a folder (with all folders below), a zip archive, a DICOMDIR's folder or a single file.
 
     Raises `InputError` if there is no such path or it is beyond the limits.
     """
     path = Path(path)
     skipped: list[Skipped] = []
-    members: dict[tuple[str | None, str | None], list[Instance]] = defaultdict(list)
-    blobs = list(blobs_below(_folder_of_index(path), limits, skipped))
+    members: dict[str | None, list[Instance]] = defaultdict(list)
+    blobs = sorted(blobs_below(_folder_of_index(path), limits, skipped), key=lambda blob: blob.name)
     for blob in advancing(blobs, len(blobs), progress, "headers"):
         instance = _instance(blob, limits, skipped)
         if instance is not None:
-            members[instance.study_uid, instance.series_uid].append(instance)
+            members[instance.series_uid].append(instance)
     series = [part for instances in members.values() for part in _parts(instances)]
     return Catalogue(path, tuple(series), tuple(skipped))
 
@@ -153,11 +153,10 @@ def _instance(blob: Blob, limits: Limits, skipped: list[Skipped]) -> Instance | 
     try:
         instance = instance_from_header(blob, read_header(blob, limits))
     except NotDicomError as error:
-        is_other = isinstance(blob, DiskFile) and (
-            is_image_file(Path(blob.path)) or blob.path.lower().endswith(".zip")
-        )
+        suffix = blob.name.lower()
+        is_other = isinstance(blob, DiskFile) and (is_image_file(Path(blob.path)) or suffix.endswith(".zip"))
         reason = "it is an image file or archive; name it by itself" if is_other else str(error)
-        skipped.append(Skipped(blob.name, reason, False))
+        skipped.append(Skipped(blob.name, reason, is_trouble=suffix.endswith(".dcm")))
     except DamagedError as error:
         skipped.append(Skipped(blob.name, str(error), True))
     else:

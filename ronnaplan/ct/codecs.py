@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import warnings
 from typing import Any, Final
 
 from ronnaplan.ct.jpeg_lossless import decode_jpeg_lossless
@@ -66,6 +65,10 @@ def decode(image: SliceImage) -> Stored:
 
 def decode_frame(frame: bytes, pixels: PixelFormat) -> Stored:
     """Decode one compressed frame to (J, I), or (J, I, samples); raises `InputError`."""
+    declared = codestream_size(frame)
+    expected = (pixels.rows, pixels.columns, pixels.samples)
+    if declared is not None and declared != expected:
+        raise InputError(f"its compressed image has rows, columns and samples {declared}, its header {expected}")
     if pixels.transfer_syntax in JPEG_LOSSLESS:
         return decode_jpeg_lossless(frame, pixels.rows, pixels.columns).view(
             f"{'i' if pixels.is_signed else 'u'}2"
@@ -74,20 +77,14 @@ def decode_frame(frame: bytes, pixels: PixelFormat) -> Stored:
     from pydicom.pixels.decoders.base import get_decoder
     from pydicom.uid import UID
 
-    declared = codestream_size(frame)
-    expected = (pixels.rows, pixels.columns, pixels.samples)
-    if declared is not None and declared != expected:
-        raise InputError(f"its compressed image has rows, columns and samples {declared}, its header {expected}")
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            decoded, _ = get_decoder(UID(pixels.transfer_syntax)).as_array(
-                encapsulate([frame], has_bot=False),
-                index=0,
-                raw=True,
-                decoding_plugin=PLUGINS[pixels.transfer_syntax],
-                **_options(pixels),
-            )
+        decoded, _ = get_decoder(UID(pixels.transfer_syntax)).as_array(
+            encapsulate([frame], has_bot=False),
+            index=0,
+            raw=True,
+            decoding_plugin=PLUGINS[pixels.transfer_syntax],
+            **_options(pixels),
+        )
     except Exception as error:  # each decoder raises its own kinds
         raise InputError(f"{printable(error)}; export it uncompressed") from error
     shaped: Stored = decoded.reshape(expected[: 3 if pixels.samples > 1 else 2])

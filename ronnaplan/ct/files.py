@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Protocol
+from typing import Protocol
 
 from ronnaplan.ct.limits import Limits
 from ronnaplan.ct.text import printable
@@ -128,16 +128,19 @@ class UnpackedMember:
     """A large file of a zip archive, unpacked once into a file without a name, which vanishes when closed."""
 
     name: str
-    file: IO[bytes]
+    descriptor: int
     size: int
+
+    def __del__(self) -> None:
+        os.close(self.descriptor)
 
     def read(self, offset: int, count: int) -> bytes:
         """Return ``count`` bytes from ``offset``, fewer at the end."""
-        return os.pread(self.file.fileno(), count, offset)
+        return os.pread(self.descriptor, count, offset)
 
     def read_into(self, offset: int, target: memoryview) -> int:
         """Fill ``target`` from ``offset``; return how many bytes there were."""
-        return _fill(self.file.fileno(), offset, target)
+        return _fill(self.descriptor, offset, target)
 
 
 def _fill(descriptor: int, offset: int, target: memoryview) -> int:
@@ -241,9 +244,15 @@ def _zip_members(path: Path, limits: Limits, skipped: list[Skipped]) -> Iterator
         raise InputError(
             f"{printable(path)} is a damaged zip archive ({printable(error)}); copy it again"
         ) from error
+    total = sum(info.file_size for info in archive.infolist())
+    if total > limits.archive_bytes:
+        raise InputError(
+            f"{printable(path)} unpacks to {total} bytes, more than the limit of {limits.archive_bytes}; "
+            "raise the limit if you trust it"
+        )
     for info in archive.infolist():
         member = ZipMember(archive, info)
-        if info.is_dir():
+        if info.filename.endswith("/"):
             continue
         if info.flag_bits & _ENCRYPTED:
             skipped.append(Skipped(member.name, "it is encrypted", True))
@@ -259,10 +268,10 @@ def _zip_members(path: Path, limits: Limits, skipped: list[Skipped]) -> Iterator
 
 
 def _unpacked(member: ZipMember) -> UnpackedMember:
-    file = tempfile.TemporaryFile()  # noqa: SIM115 - it lives as long as its blob and has no name to leave behind
-    with _unpacking(), member.archive.open(member.info) as stream:
+    with _unpacking(), tempfile.TemporaryFile() as file, member.archive.open(member.info) as stream:
         shutil.copyfileobj(stream, file, 1 << 20)
-    return UnpackedMember(member.name, file, member.size)
+        file.flush()
+        return UnpackedMember(member.name, os.dup(file.fileno()), member.size)
 
 
 def _member_count(path: Path) -> int:

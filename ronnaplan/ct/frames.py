@@ -43,6 +43,8 @@ _STRUCTURED_REPORT_PREFIX: Final = "1.2.840.10008.5.1.4.1.1.88."
 _PRESENTATION_STATE_PREFIX: Final = "1.2.840.10008.5.1.4.1.1.11."
 _LOCALIZER_WORDS: Final = frozenset({"LOCALIZER", "SCOUT", "SURVIEW", "REF_SURVIEW", "TOPOGRAM"})
 PLAIN_SYNTAXES: Final = frozenset({IMPLICIT_LITTLE, EXPLICIT_LITTLE, EXPLICIT_BIG, DEFLATED_LITTLE})
+MOST_FRAMES: Final = 20_000
+"""A file of more frames than this (20 m of body at 1 mm) is taken for damage."""
 LARGEST_RESCALE: Final = 1e6
 """Slopes and intercepts beyond are a damaged header."""
 _HU_NAMES: Final = frozenset({"", "HU", "US"})
@@ -113,6 +115,8 @@ def _facts_of_frames(instance: Instance, pixels: PixelFormat) -> list[Elements]:
         if pixels.frames != 1:
             raise DamagedError(f"it holds {pixels.frames} frames without saying where each one is")
         return [instance.elements]
+    if pixels.frames > MOST_FRAMES:
+        raise DamagedError(f"it declares {pixels.frames} frames, more than {MOST_FRAMES}")
     if len(frames) != pixels.frames:
         raise DamagedError(f"it declares {pixels.frames} frames but describes {len(frames)}")
     shared = _flatten(instance.elements.get(0x52009229, [])[:1])

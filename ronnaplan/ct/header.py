@@ -80,9 +80,10 @@ class _MoreNeededError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """What `read_header` found: raw elements, and the place of the pixels (``pixel_length`` None: encapsulated).
+    """What `read_header` found: raw elements, and the place of the pixels.
 
-    In a deflated file ``pixel_offset`` counts from the start of the inflated bytes.
+    ``pixel_length`` is what the file holds of the declared length, None for encapsulated pixels. In a deflated
+    file ``pixel_offset`` counts from the start of the inflated bytes.
     """
 
     transfer_syntax: str
@@ -140,9 +141,14 @@ def _parse(buffer: bytes, size: int, limits: Limits) -> Header:
     explicit = buffer[start + 4 : start + 6].isalpha() and buffer[start + 4 : start + 6].isupper()
     scanner = _Scanner(buffer, size, limits, big=big)
     elements, _ = scanner.dataset(start, size, explicit, depth=0)
+    if syntax == DEFLATED_LITTLE and scanner.pixel_tag is None and size == limits.header_bytes:
+        raise DamagedError("its header is too long")
     if not syntax:
         syntax = EXPLICIT_LITTLE if explicit else IMPLICIT_LITTLE
-    return Header(syntax, elements, big, scanner.pixel_tag, scanner.pixel_offset, scanner.pixel_length)
+    length = scanner.pixel_length
+    if length is not None and syntax != DEFLATED_LITTLE:
+        length = min(length, size - scanner.pixel_offset)
+    return Header(syntax, elements, big, scanner.pixel_tag, scanner.pixel_offset, length)
 
 
 def _looks_like_bare_dataset(buffer: bytes) -> bool:
@@ -160,6 +166,7 @@ class _Scanner:
         self.buffer = buffer
         self.size = size
         self.limits = limits
+        self.seen = 0
         order = ">" if big else "<"
         self.short_form = struct.Struct(order + "HH2sH").unpack_from
         self.plain_form = struct.Struct(order + "HHL").unpack_from
@@ -212,6 +219,9 @@ class _Scanner:
     def _element(self, position: int, explicit: bool) -> tuple[int, bytes, int, int]:
         """Return tag, value representation, length and where the value starts."""
         self._require(position + 8)
+        self.seen += 1
+        if self.seen > self.limits.header_elements:
+            raise DamagedError(f"its header has more than {self.limits.header_elements} elements")
         if not explicit:
             group, element, length = self.plain_form(self.buffer, position)
             return group << 16 | element, b"", length, position + 8

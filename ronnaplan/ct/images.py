@@ -6,7 +6,8 @@ orientation, or two that disagree, is refused: SimpleITK would choose silently.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import gzip
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -14,22 +15,15 @@ from typing import Any, Final
 import numpy as np
 
 from ronnaplan.ct.limits import GIB, Limits
+from ronnaplan.ct.orientation import META_SUFFIXES, NIFTI_SUFFIXES, NRRD_SUFFIXES, check_orientation
 from ronnaplan.ct.pixels import INT16, Voxels
 from ronnaplan.ct.text import printable
 from ronnaplan.ct.volume import CTVolume, SeriesSource, SliceGrid, VolumeFlag
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 
-NIFTI_SUFFIXES: Final = (".nii", ".nii.gz")
-NRRD_SUFFIXES: Final = (".nrrd", ".nhdr")
-META_SUFFIXES: Final = (".mha", ".mhd")
-AFFINE_TOLERANCE_MM: Final = 0.01
-"""Two ways to place the same voxel may differ by this much (NIfTI keeps float32)."""
 PERPENDICULAR_TOLERANCE: Final = 1e-4
 """Largest cosine between rows and columns that still counts as perpendicular."""
-_KNOWN_SPACES: Final = frozenset({"left-posterior-superior", "right-anterior-superior", "left-anterior-superior"})
-_NIFTI_MILLIMETRES: Final = frozenset({0, 2})
-_META_HEADER_BYTES: Final = 8192
 
 
 def is_image_file(path: Path) -> bool:
@@ -39,12 +33,16 @@ def is_image_file(path: Path) -> bool:
 
 @dataclass(frozen=True)
 class ImageFile:
-    """An image file's header: ``shape`` (K, J, I) and the grid of its voxels; ``k_flips`` if it runs downwards."""
+    """An image file's header: ``shape`` (K, J, I) and the grid of its voxels; ``k_flips`` if it runs downwards.
+
+    ``least_bytes`` is what the file must hold, unpacked, as far as its header tells.
+    """
 
     path: Path
     shape: tuple[int, int, int]
     grid: SliceGrid
     k_flips: bool
+    least_bytes: int
 
 
 def open_image(path: Path) -> ImageFile:
@@ -67,9 +65,9 @@ def open_image(path: Path) -> ImageFile:
     steps = np.array(reader.GetDirection()).reshape(3, 3) * np.array(reader.GetSpacing())
     affine = np.eye(4)
     affine[:3, :3], affine[:3, 3] = steps, reader.GetOrigin()
-    _check_orientation(path, reader, affine)
+    check_orientation(path, reader, affine)
     grid, k_flips = _grid(path, affine, count)
-    return ImageFile(path, (count, rows, columns), grid, k_flips)
+    return ImageFile(path, (count, rows, columns), grid, k_flips, _least_bytes(reader, count * rows * columns))
 
 
 def read_image(path: Path, limits: Limits) -> CTVolume:
@@ -81,6 +79,7 @@ def read_image(path: Path, limits: Limits) -> CTVolume:
             f"{printable(path)} declares {needed / GIB:.1f} GiB of voxels but the limit is "
             f"{limits.volume_bytes / GIB:.1f} GiB; raise the limit if you trust it"
         )
+    _check_length(header)
     return CTVolume(
         voxels_hu=_voxels(header),
         grid=header.grid,
@@ -101,6 +100,13 @@ def _reader(path: Path) -> Any:
     reader = itk.ImageFileReader()
     reader.SetFileName(str(path))
     return reader
+
+
+def _least_bytes(reader: Any, voxels: int) -> int:
+    if not reader.HasMetaDataKey("vox_offset"):
+        return 0  # NRRD and MetaImage: SimpleITK itself notices
+    offset = float(reader.GetMetaData("vox_offset"))
+    return int(min(max(offset, 0.0), 1e15)) + voxels * int(reader.GetMetaData("bitpix")) // 8
 
 
 def _reason(error: RuntimeError) -> str:
@@ -150,70 +156,17 @@ def _grid(path: Path, affine: FloatArray, count: int) -> tuple[SliceGrid, bool]:
     return SliceGrid(origins, row_step, column_step), along < 0
 
 
-def _check_orientation(path: Path, reader: Any, affine: FloatArray) -> None:
-    name = path.name.lower()
-    tags = {key: reader.GetMetaData(key) for key in reader.GetMetaDataKeys()}
-    if name.endswith(NRRD_SUFFIXES) and tags.get("NRRD_space") not in _KNOWN_SPACES:
-        shown = printable(tags.get("NRRD_space", "none"))
-        raise InputError(f"{printable(path)} gives the space '{shown}'; expected one of {sorted(_KNOWN_SPACES)}")
-    if name.endswith(META_SUFFIXES):
-        _check_meta(path)
-    if name.endswith(NIFTI_SUFFIXES):
-        _check_nifti(path, tags, affine, np.array(reader.GetSize(), dtype=np.float64))
-
-
-def _check_meta(path: Path) -> None:
-    with path.open("rb") as stream:
-        header = stream.read(_META_HEADER_BYTES)
-    keys = {line.split(b"=")[0].strip() for line in header.split(b"\n") if b"=" in line}
-    if not keys & {b"TransformMatrix", b"Rotation", b"Orientation"} or not keys & {
-        b"Offset",
-        b"Position",
-        b"Origin",
-    }:
-        raise InputError(f"{printable(path)} gives no TransformMatrix or Offset; write it with an orientation")
-
-
-def _check_nifti(path: Path, tags: dict[str, str], affine: FloatArray, size: FloatArray) -> None:
-    if int(tags.get("xyzt_units", "0")) & 7 not in _NIFTI_MILLIMETRES:
-        raise InputError(f"{printable(path)} is not in millimetres; convert it")
-    corners = np.array([[i, j, k, 1.0] for i in (0, size[0]) for j in (0, size[1]) for k in (0, size[2])])
-    forms = list(_nifti_forms(tags))
-    if not forms:
-        raise InputError(f"{printable(path)} gives no orientation (qform and sform codes are 0); convert it again")
-    for ras_from_index in forms:
-        lps_from_index = np.diag([-1.0, -1.0, 1.0, 1.0]) @ ras_from_index
-        apart = np.abs(corners @ (lps_from_index - affine).T).max()
-        if not apart <= AFFINE_TOLERANCE_MM:
-            raise InputError(
-                f"{printable(path)} has a sheared orientation, or a qform and an sform {apart:.3g} mm apart; "
-                "convert it with one orientation"
-            )
-
-
-def _nifti_forms(tags: dict[str, str]) -> Iterator[FloatArray]:
-    """Yield each index-to-RAS map that the header declares (NIfTI-1 standard, methods 2 and 3)."""
-
-    def number(key: str) -> float:
-        return float(tags[key])
-
-    if int(tags.get("sform_code", "0")) > 0:
-        rows = [[float(value) for value in tags[key].split()] for key in ("srow_x", "srow_y", "srow_z")]
-        yield np.array([*rows, [0.0, 0.0, 0.0, 1.0]])
-    if int(tags.get("qform_code", "0")) > 0:
-        yield _from_quaternion(
-            np.array([number("quatern_b"), number("quatern_c"), number("quatern_d")]),
-            np.array([number("qoffset_x"), number("qoffset_y"), number("qoffset_z")]),
-            np.array([number("pixdim[1]"), number("pixdim[2]"), number("pixdim[3]")]),
-            -1.0 if tags.get("pixdim[0]", "1").startswith("-") else 1.0,
-        )
-
-
-def _from_quaternion(vector: FloatArray, offset: FloatArray, spacing: FloatArray, qfac: float) -> FloatArray:
-    from scipy.spatial.transform import Rotation
-
-    real = np.sqrt(max(0.0, 1.0 - float(vector @ vector)))
-    affine = np.eye(4)
-    affine[:3, :3] = Rotation.from_quat([*vector, real]).as_matrix() * spacing * [1.0, 1.0, qfac]
-    affine[:3, 3] = offset
-    return affine
+def _check_length(header: ImageFile) -> None:
+    """Refuse a NIfTI that holds fewer voxels than it declares: SimpleITK would read zeros in their place."""
+    path, needed = header.path, header.least_bytes
+    try:
+        if path.name.lower().endswith(".gz"):
+            with gzip.open(path) as stream:
+                stream.seek(max(0, needed - 1))
+                is_whole = len(stream.read(1)) == 1
+        else:
+            is_whole = path.stat().st_size >= needed
+    except (OSError, EOFError, zlib.error):
+        is_whole = False
+    if not is_whole:
+        raise InputError(f"{printable(path)} cannot be read to its end; copy it again")

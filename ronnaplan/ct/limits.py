@@ -13,15 +13,17 @@ class Limits:
     """Upper bounds of one read; raise one knowingly, for data you trust.
 
     ``files`` counts what lies below the given folder or inside the archive; ``folder_depth`` and
-    ``sequence_depth`` say how deep folders and DICOM sequences may nest. ``header_bytes`` is what may stand
-    before the pixels of one file, ``file_bytes`` the size of one file once unpacked, ``volume_bytes`` the
-    voxels of the finished volume, ``archive_bytes`` all of a zip archive once unpacked.
+    ``sequence_depth`` say how deep folders and DICOM sequences may nest. ``header_bytes`` and
+    ``header_elements`` are what may stand before the pixels of one file, ``file_bytes`` the size of one file
+    once unpacked, ``volume_bytes`` the voxels of the finished volume, ``archive_bytes`` all of a zip archive
+    once unpacked.
     """
 
     files: int = 50_000
     folder_depth: int = 32
     sequence_depth: int = 32
     header_bytes: int = 16 * MIB
+    header_elements: int = 500_000
     file_bytes: int = 4 * GIB
     volume_bytes: int = 4 * GIB
     archive_bytes: int = 32 * GIB

@@ -105,11 +105,11 @@ def _padded(stored: Stored, pixels: PixelFormat) -> NDArray[np.bool_] | None:
 def _significant_bits(stored: Stored, pixels: PixelFormat, padded: NDArray[np.bool_] | None) -> Stored:
     """Clear what some scanners keep above the stored bits (overlays), extending the sign."""
     low, high = stored_range(pixels)
-    if pixels.bits_stored == pixels.bits_allocated:
+    unused = 8 * stored.dtype.itemsize - pixels.bits_stored
+    if unused == 0:
         return stored
     if low <= int(stored.min()) and int(stored.max()) <= high:
         return stored
-    unused = pixels.bits_allocated - pixels.bits_stored
     if pixels.is_signed:
         return (stored << unused) >> unused
     return stored & high

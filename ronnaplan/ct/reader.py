@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -11,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from ronnaplan.ct.catalogue import Series, catalogue
+from ronnaplan.ct.catalogue import Series, find_series
 from ronnaplan.ct.files import DamagedError
 from ronnaplan.ct.images import is_image_file, read_image
 from ronnaplan.ct.limits import DEFAULT_LIMITS, GIB, Limits
@@ -37,14 +38,14 @@ def read_ct(
 ) -> CTVolume:
     """Read the CT series at ``path``: a DICOM folder, file or zip archive, or a NIfTI, NRRD or MetaImage file.
 
-    ``series_uid`` chooses among several usable series (a key as listed by `ronnaplan.ct.catalogue`); with
+    ``series_uid`` chooses among several usable series (a key as listed by `find_series`); with
     ``progress`` a long read shows a bar on standard error. Voxels are HU, places LPS mm, each slice exactly
     where its file puts it. Raises `InputError`, which names the series to choose from or the reason.
     """
     path = Path(path)
     if is_image_file(path) and path.is_file():
         return _without_unmeasured(read_image(path, limits))
-    found = catalogue(path, limits, progress=progress)
+    found = find_series(path, limits, progress=progress)
     series = found.choose(series_uid)
     volume = _read(series, limits, progress)
     if any(one.is_trouble for one in found.skipped):
@@ -101,7 +102,9 @@ def _filled(
         except DamagedError as error:
             raise InputError(f"{slices[k].name} cannot be read: {error}") from error
 
-    in_parallel(fill, len(slices), progress)
+    with warnings.catch_warnings():  # here, because filters belong to the process, not to a thread
+        warnings.simplefilter("ignore")  # what pydicom's decoders find odd in a stream that they can read
+        in_parallel(fill, len(slices), progress)
     return voxels
 
 

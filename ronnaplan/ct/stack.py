@@ -66,7 +66,7 @@ def stacks_of(images: Sequence[SliceImage]) -> list[Stack]:
 
 
 def _by_plane(images: Sequence[SliceImage]) -> list[list[SliceImage]]:
-    """Group images that share size, orientation, pixel spacing, frame of reference and stack."""
+    """Group images that share study, size, orientation, pixel spacing, frame of reference and stack."""
     groups: list[list[SliceImage]] = []
     for image in images:
         for group in groups:
@@ -84,6 +84,7 @@ def _share_plane(one: SliceImage, other: SliceImage) -> bool:
     return (
         one.pixels.rows == other.pixels.rows
         and one.pixels.columns == other.pixels.columns
+        and one.instance.study_uid == other.instance.study_uid
         and one.instance.frame_of_reference_uid == other.instance.frame_of_reference_uid
         and one.stack_id == other.stack_id
         and _near(one.orientation, other.orientation, ORIENTATION_TOLERANCE)
@@ -173,7 +174,10 @@ def _without_copies(images: list[SliceImage], along: FloatArray) -> tuple[list[S
         if len(group) == 1:
             kept.append(int(group[0]))
         else:
-            kept.extend({_fingerprint(images[index]): int(index) for index in group[::-1]}.values())
+            unlike: dict[tuple[object, ...], int] = {}
+            for index in group:
+                unlike.setdefault(_fingerprint(images[index]), int(index))
+            kept.extend(unlike.values())
     return [images[index] for index in kept], along[kept], len(kept) < len(images)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from ronnaplan.ct.catalogue import Series, catalogue
+from ronnaplan.ct.catalogue import Series, find_series
 from ronnaplan.ct.files import Skipped
 from ronnaplan.ct.images import is_image_file, open_image
 from ronnaplan.ct.limits import DEFAULT_LIMITS, Limits
@@ -51,7 +51,7 @@ def summarize(
     path = Path(path)
     if is_image_file(path) and path.is_file():
         return [_of_image(path)], ()
-    found = catalogue(path, limits, progress=progress)
+    found = find_series(path, limits, progress=progress)
     found.require_series()
     return [_of_series(series) for series in found.series], found.skipped
 

@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-import unicodedata
-
-_UNSAFE = {"Cc", "Cf", "Cs", "Co", "Zl", "Zp"}
-LONGEST_TEXT = 200
-"""Characters kept of a text from a file (DICOM's own limit for descriptions is 64)."""
+LONGEST_TEXT = 500
+"""Characters kept of a text from a file (DICOM's own limit for descriptions is 64, a path may be longer)."""
 
 
 def printable(text: object) -> str:
-    r"""Return ``text`` on one line, with control and direction-changing characters escaped.
+    r"""Return ``text`` on one line, with control, invisible and direction-changing characters escaped.
 
-    >>> printable("a\x1b[31mb")
-    'a\\x1b[31mb'
+    >>> printable("a\x1b[31mb\u202ec")
+    'a\\x1b[31mb\\u202ec'
     """
     kept = str(text)[:LONGEST_TEXT]
-    if kept.isascii() and kept.isprintable():
+    if kept.isprintable():
         return kept
-    return "".join(_escaped(character) if _is_unsafe(character) else character for character in kept)
-
-
-def _is_unsafe(character: str) -> bool:
-    return unicodedata.category(character) in _UNSAFE
+    return "".join(character if character.isprintable() else _escaped(character) for character in kept)
 
 
 def _escaped(character: str) -> str:

@@ -114,7 +114,7 @@ def fiducials_document(found: Fiducials) -> FiducialsDocument:
                 "voxel_sha256": found.voxel_sha256,
                 "flags": [flag.name.lower() for flag in found.volume_flags],
             },
-            "marker": {"diameter_mm": found.diameter_mm},
+            "marker": {"diameter_mm": found.diameters_mm[0], "diameters_mm": found.diameters_mm},
             "fiducials": [
                 {
                     "label": one.label,
@@ -123,6 +123,7 @@ def fiducials_document(found: Fiducials) -> FiducialsDocument:
                     "diameter_mm": one.diameter_mm,
                     "contrast_hu": one.contrast_hu,
                     "flags": [flag.name.lower() for flag in one.flags],
+                    "bound": one.bound_mm2.tolist(),
                     "coverage": one.coverage,
                     "misfit": one.misfit,
                 }

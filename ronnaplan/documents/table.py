@@ -23,7 +23,7 @@ def csv_table(document: FiducialsDocument) -> str:
         numbers = [*entry.center, *sigmas, entry.diameter_mm]
         writer.writerow(
             [
-                _safe(entry.label),
+                plain_text(entry.label),
                 *(f"{number:.6f}" for number in numbers),
                 f"{entry.contrast_hu:.1f}",
                 " ".join(entry.flags),
@@ -33,6 +33,6 @@ def csv_table(document: FiducialsDocument) -> str:
     return stream.getvalue()
 
 
-def _safe(text: str) -> str:
+def plain_text(text: str) -> str:
     """Keep a spreadsheet from taking a label for a formula."""
     return f"'{text}" if text[:1] in "=+-@\t\r" else text

@@ -23,6 +23,12 @@ DIAMETER_TOLERANCE_MM = 0.25
 MIN_COVERAGE = 0.6
 """A marker shows at least this share of its surface: a capsule's end shows half a sphere, a post hides a fifth."""
 
+MAX_ATTACHED = 0.3
+"""A post is attached to at most a sixth of a marker's surface; a capsule or a rod goes on in half of it."""
+
+MIN_INFORMED = 0.3
+"""With less of the surface free of neighbours the centre is not told in all directions."""
+
 MAX_MISFIT = 0.06
 """Largest RMS residual on the surface, as a share of the contrast, beyond what noise explains."""
 
@@ -119,10 +125,24 @@ def _diameter(evidence: Evidence) -> str | None:
 
 
 def _coverage(evidence: Evidence) -> str | None:
-    if evidence.fit.coverage >= MIN_COVERAGE:
+    fit = evidence.fit
+    if fit.verdict.round_share >= MIN_COVERAGE:
         return None
-    unseen = f", {evidence.fit.unseen:.0%} is outside the scan" if evidence.fit.unseen > 0 else ""
-    return f"only {evidence.fit.coverage:.0%} of its surface is a sphere's{unseen}, {MIN_COVERAGE:.0%} expected"
+    unseen = f", {fit.unseen:.0%} is outside the scan" if fit.unseen > 0 else ""
+    return f"only {fit.verdict.round_share:.0%} of its surface is a sphere's{unseen}, {MIN_COVERAGE:.0%} expected"
+
+
+def _free(evidence: Evidence) -> str | None:
+    attached = evidence.fit.verdict.attached_share
+    if attached <= MAX_ATTACHED:
+        return None
+    return f"{attached:.0%} of its surface is attached to something as bright, {MAX_ATTACHED:.0%} allowed"
+
+
+def _informed(evidence: Evidence) -> str | None:
+    if evidence.fit.coverage >= MIN_INFORMED:
+        return None
+    return f"only {evidence.fit.coverage:.0%} of its surface can be used, {MIN_INFORMED:.0%} expected"
 
 
 def _roundness(evidence: Evidence) -> str | None:
@@ -146,6 +166,8 @@ TESTS: dict[str, Test] = {
     "thickness": _thickness,
     "diameter": _diameter,
     "coverage": _coverage,
+    "free": _free,
+    "informed": _informed,
     "roundness": _roundness,
     "converged": _converged,
     "certainty": _certainty,

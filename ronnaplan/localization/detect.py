@@ -18,8 +18,14 @@ from numpy.typing import NDArray
 from ronnaplan.ct.volume import CTVolume, SliceGrid
 from ronnaplan.geometry import FloatArray
 
-COARSE_VOXELS_PER_DIAMETER = 6
-"""The coarse copy keeps at least this many voxels across a marker, enough to see its surface turn."""
+COARSE_SHARE = 1.0 / 5.0
+"""The coarse copy's voxels are at most this share of the diameter, enough to see the marker's surface turn ..."""
+
+COARSE_FLOOR_MM = 1.0
+"""... but need not be smaller than this, unless the marker is smaller than three of them."""
+
+VOTE_CELLS_PER_DIAMETER = 6
+"""Votes are counted in cells of this share of the diameter, but never smaller than a pixel."""
 
 MIN_CONTRAST_HU = 300.0
 """Faintest ball that is looked for, against its surroundings (plastic in air shows about 1,100 HU)."""
@@ -29,6 +35,9 @@ MIN_VOTE_SHARE = 0.3
 
 MAX_CANDIDATES = 400
 """At most this many candidates, strongest first, go on to be looked at in full resolution."""
+
+HIGHEST_HU = 32767
+"""Values above are metal at its brightest; the coarse copy holds 16 bits."""
 
 AIR_HU = -1024
 """Values below air are not physical (padding, the corners of the picture) and are raised to it."""
@@ -51,12 +60,13 @@ def slice_axes(grid: SliceGrid) -> FloatArray:
 
 def detect(volume: CTVolume, diameter_mm: float) -> Candidates:
     """Find the places where the scan's edges agree on a ball of ``diameter_mm``."""
-    coarse = coarsen(volume, diameter_mm / COARSE_VOXELS_PER_DIAMETER)
+    voxel_mm = max(diameter_mm * COARSE_SHARE, min(diameter_mm / 3.0, COARSE_FLOOR_MM))
+    coarse = coarsen(volume, voxel_mm)
     grid = coarse.grid
     axes = slice_axes(grid)
     origins = grid.origins_mm @ axes.T
     steps = np.array([grid.column_spacing_mm, grid.row_spacing_mm])
-    cell_mm = max(diameter_mm / COARSE_VOXELS_PER_DIAMETER, float(steps.min()))
+    cell_mm = max(diameter_mm / VOTE_CELLS_PER_DIAMETER, float(steps.min()))
     rows, columns = coarse.voxels_hu.shape[1:]
     extent = np.array([steps[0] * (columns - 1), steps[1] * (rows - 1), 0.0])
     corner = origins.min(axis=0) - cell_mm
@@ -64,8 +74,7 @@ def detect(volume: CTVolume, diameter_mm: float) -> Candidates:
     edge_mm = float(np.mean([*steps, _typical_gap(grid)]))
     votes = np.zeros(shape[::-1], dtype=np.uint16)
     threshold = MIN_CONTRAST_HU / (4.0 * edge_mm)
-    voxels = coarse.voxels_hu.astype(np.float32, copy=False)
-    _vote(voxels, origins, steps, diameter_mm / 2.0, threshold, corner, cell_mm, votes)
+    _vote(coarse.voxels_hu, origins, steps, diameter_mm / 2.0, threshold, corner, cell_mm, votes)
 
     surface_voxels = np.pi * diameter_mm**2 * 2.0 * edge_mm / (steps.prod() * _typical_gap(grid))
     centers, shares = _peaks(votes, float(surface_voxels))
@@ -81,13 +90,13 @@ def coarsen(volume: CTVolume, voxel_mm: float) -> CTVolume:
     by_j = max(1, int(voxel_mm / grid.row_spacing_mm))
     by_i = max(1, int(voxel_mm / grid.column_spacing_mm))
     slices, rows, columns = (n // b for n, b in zip(volume.voxels_hu.shape, (by_k, by_j, by_i), strict=True))
-    voxels = np.empty((slices, rows, columns), dtype=np.float32)
+    voxels = np.empty((slices, rows, columns), dtype=np.int16)
     for k in range(slices):
         mean = np.zeros((rows, columns), dtype=np.float32)
         for picture in volume.voxels_hu[k * by_k : (k + 1) * by_k]:
             whole = np.maximum(picture[: rows * by_j, : columns * by_i], AIR_HU)
             mean += cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
-        voxels[k] = mean / by_k
+        voxels[k] = np.clip(mean / by_k, AIR_HU, HIGHEST_HU)
     origins = grid.origins_mm[: slices * by_k].reshape(slices, by_k, 3).mean(axis=1)
     origins = origins + (by_j - 1) / 2 * grid.row_step_mm + (by_i - 1) / 2 * grid.column_step_mm
     coarse_grid = replace(
@@ -105,7 +114,7 @@ def _typical_gap(grid: SliceGrid) -> float:
 
 @njit(cache=True, nogil=True)
 def _vote(
-    voxels: NDArray[np.float32],
+    voxels: NDArray[np.int16] | NDArray[np.float32],
     origins: FloatArray,
     steps: FloatArray,
     radius: float,
@@ -120,9 +129,9 @@ def _vote(
         axis = origins[k + 1] - origins[k - 1]
         for j in range(1, rows - 1):
             for i in range(1, columns - 1):
-                gu = (voxels[k, j, i + 1] - voxels[k, j, i - 1]) / (2.0 * steps[0])
-                gv = (voxels[k, j + 1, i] - voxels[k, j - 1, i]) / (2.0 * steps[1])
-                gw = (voxels[k + 1, j, i] - voxels[k - 1, j, i] - gu * axis[0] - gv * axis[1]) / axis[2]
+                gu = (float(voxels[k, j, i + 1]) - voxels[k, j, i - 1]) / (2.0 * steps[0])
+                gv = (float(voxels[k, j + 1, i]) - voxels[k, j - 1, i]) / (2.0 * steps[1])
+                gw = (float(voxels[k + 1, j, i]) - voxels[k - 1, j, i] - gu * axis[0] - gv * axis[1]) / axis[2]
                 size = np.sqrt(gu * gu + gv * gv + gw * gw)
                 if size < threshold:
                     continue
@@ -136,21 +145,70 @@ def _vote(
 
 def _peaks(votes: NDArray[np.uint16], full_count: float) -> tuple[FloatArray, FloatArray]:
     """Local maxima of the votes gathered over 3 x 3 x 3 cells: cell coordinates (N, 3) = (x, y, z), and shares."""
-    from scipy.ndimage import maximum_filter, uniform_filter
-
-    gathered = uniform_filter(votes.astype(np.float32), size=3, mode="constant") * 27.0
-    at_peak = (gathered >= MIN_VOTE_SHARE * full_count) & (gathered == maximum_filter(gathered, size=3))
-    places = np.argwhere(at_peak)
-    strength = gathered[at_peak]
-    best = np.argsort(-strength, kind="stable")[:MAX_CANDIDATES]
-    centers = np.array([_centroid(votes, place) for place in places[best]], dtype=np.float64).reshape(-1, 3)
-    return centers[:, ::-1], strength[best].astype(np.float64) / full_count
+    places, strength, centers = _gather_peaks(votes, MIN_VOTE_SHARE * full_count)
+    best = np.lexsort((*places.T, -strength))[:MAX_CANDIDATES]
+    return centers[best], strength[best] / full_count
 
 
-def _centroid(votes: NDArray[np.uint16], place: NDArray[np.intp]) -> FloatArray:
-    """Mean place (z, y, x) of the votes in the 3 x 3 x 3 cells about ``place``."""
-    low = np.maximum(place - 1, 0)
-    block = votes[tuple(slice(a, b + 2) for a, b in zip(low, place, strict=True))].astype(np.float64)
-    cells = np.indices(block.shape).reshape(3, -1)
-    mean: FloatArray = low + cells @ block.ravel() / block.sum()
-    return mean
+@njit(cache=True, nogil=True)
+def _gather_peaks(votes: NDArray[np.uint16], threshold: float) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+    """Cells (N, 3) = (z, y, x) whose 3 x 3 x 3 sum is a local maximum, that sum (N,), and its centroid (x, y, z)."""
+    places = []
+    strengths = []
+    centers = []
+    depth, height, width = votes.shape
+    for z in range(1, depth - 1):
+        for y in range(1, height - 1):
+            for x in range(1, width - 1):
+                if votes[z, y, x] == 0:
+                    continue
+                total = _sum_about(votes, z, y, x)
+                if total < threshold or not _is_peak(votes, z, y, x, total):
+                    continue
+                places.append((z, y, x))
+                strengths.append(total)
+                centers.append(_centroid(votes, z, y, x, total))
+    count = len(places)
+    place_array = np.empty((count, 3), dtype=np.int64)
+    center_array = np.empty((count, 3))
+    strength_array = np.empty(count)
+    for n in range(count):
+        strength_array[n] = strengths[n]
+        for axis in range(3):
+            place_array[n, axis] = places[n][axis]
+            center_array[n, axis] = centers[n][axis]
+    return place_array, strength_array, center_array
+
+
+@njit(cache=True, inline="always")
+def _sum_about(votes: NDArray[np.uint16], z: int, y: int, x: int) -> float:
+    total = 0.0
+    for c in range(max(z - 1, 0), min(z + 2, votes.shape[0])):
+        for b in range(max(y - 1, 0), min(y + 2, votes.shape[1])):
+            for a in range(max(x - 1, 0), min(x + 2, votes.shape[2])):
+                total += votes[c, b, a]
+    return total
+
+
+@njit(cache=True)
+def _is_peak(votes: NDArray[np.uint16], z: int, y: int, x: int, total: float) -> bool:
+    """Whether no neighbouring cell gathers more (of equal ones, the first counts)."""
+    for c in range(z - 1, z + 2):
+        for b in range(y - 1, y + 2):
+            for a in range(x - 1, x + 2):
+                other = _sum_about(votes, c, b, a)
+                if other > total or (other == total and (c, b, a) < (z, y, x)):
+                    return False
+    return True
+
+
+@njit(cache=True)
+def _centroid(votes: NDArray[np.uint16], z: int, y: int, x: int, total: float) -> tuple[float, float, float]:
+    sums = np.zeros(3)
+    for c in range(z - 1, z + 2):
+        for b in range(y - 1, y + 2):
+            for a in range(x - 1, x + 2):
+                sums[0] += a * float(votes[c, b, a])
+                sums[1] += b * float(votes[c, b, a])
+                sums[2] += c * float(votes[c, b, a])
+    return sums[0] / total, sums[1] / total, sums[2] / total

@@ -24,16 +24,17 @@ class FiducialFlag(StrEnum):
 class Fiducial:
     """A marker: centre (3,) in LPS mm with covariance (3, 3) in mm^2, and what the fit found beside it.
 
-    ``coverage`` is the share of its surface that informed the fit, ``misfit`` the RMS residual there as a share
-    of the contrast, ``sigma_mm`` the scanner's in-plane blur.
+    ``bound_mm2`` (3, 3) is the Cramer-Rao bound: the covariance that a perfect fit of the whole, untouched ball
+    would have under uncorrelated noise of the same strength. ``parameters`` are the model's, in the order of
+    `ronnaplan.localization.model.PARAMETERS`. ``coverage`` is the share of the surface that informed the fit,
+    ``misfit`` the RMS residual there as a share of the contrast.
     """
 
     label: str
     center_mm: FloatArray
     covariance_mm2: FloatArray
-    diameter_mm: float
-    contrast_hu: float
-    sigma_mm: float
+    bound_mm2: FloatArray
+    parameters: FloatArray
     coverage: float
     misfit: float
     flags: tuple[FiducialFlag, ...] = ()
@@ -43,14 +44,39 @@ class Fiducial:
         """Root mean square distance between found and true centre that the covariance stands for."""
         return float(np.sqrt(np.trace(self.covariance_mm2)))
 
+    @property
+    def efficiency(self) -> float:
+        """Variance of the bound as a share of the stated one: 1 is a perfect fit, less is what neighbours cost."""
+        return float(np.trace(self.bound_mm2) / np.trace(self.covariance_mm2))
+
+    @property
+    def diameter_mm(self) -> float:
+        """Fitted diameter."""
+        return float(2.0 * self.parameters[3])
+
+    @property
+    def sigma_mm(self) -> float:
+        """Fitted in-plane blur of the scanner (standard deviation)."""
+        return float(self.parameters[4])
+
+    @property
+    def contrast_hu(self) -> float:
+        """Fitted contrast of the ball to its surroundings."""
+        return float(self.parameters[6])
+
 
 @dataclass(frozen=True)
 class Rejected:
-    """A place that was looked at closely and is no marker: ``center_mm`` (3,), and the test that it failed."""
+    """A place that was looked at closely and is no marker: ``center_mm`` (3,), and the test that it failed.
+
+    ``parameters`` and ``fitted_mm`` (3,) are the fit that was turned down.
+    """
 
     center_mm: FloatArray
     test: str
     reason: str
+    parameters: FloatArray
+    fitted_mm: FloatArray
 
 
 @dataclass(frozen=True)
@@ -59,7 +85,7 @@ class Fiducials:
 
     fiducials: tuple[Fiducial, ...]
     rejected: tuple[Rejected, ...]
-    diameter_mm: float
+    diameters_mm: tuple[float, ...]
     source: SeriesSource
     voxel_sha256: str
     volume_flags: tuple[VolumeFlag, ...] = ()

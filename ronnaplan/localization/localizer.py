@@ -3,74 +3,67 @@
 from __future__ import annotations
 
 import math
-
-import numpy as np
+from collections.abc import Iterable, Sequence
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import InputError, RefusedError, UsageError
-from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.accept import MIN_COVERAGE, Evidence, failures, profile_share
-from ronnaplan.localization.detect import detect
+from ronnaplan.localization.accept import TESTS
+from ronnaplan.localization.examine import Examined, Scan, examine
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
-from ronnaplan.localization.neighbourhood import gather
-from ronnaplan.localization.refine import BallFit, fit_ball, margin_mm, on_surface
-from ronnaplan.localization.uncertainty import center_covariance
+from ronnaplan.localization.template import Template, match_template
+from ronnaplan.localization.uncertainty import center_covariance, cramer_rao_bound
 
 MIN_VOXELS_PER_DIAMETER = 2.0
 """A ball smaller than this many pixels has no shape to recognize it by."""
 
-MIN_CEILING_HU = 2000.0
-"""No scanner's scale ends below this."""
-
-CLIP_SHOULDER_HU = 10
-"""A scale ends where its largest value is commoner than all the values this far below it taken together."""
-
 NEIGHBOUR_COVERAGE = 0.75
 """Below this share of surface seen, a marker is flagged as touched by something large."""
 
+NEAREST_SHOWN = 3
+"""A refusal names this many of the candidates that came nearest to acceptance."""
 
-def localize(volume: CTVolume, *, diameter_mm: float, expected: int | None = None) -> Fiducials:
+
+def localize(
+    volume: CTVolume,
+    *,
+    diameter_mm: float | Sequence[float],
+    expected: int | None = None,
+    template: Template | None = None,
+) -> Fiducials:
     """Find every ball of ``diameter_mm`` in a scan, its centre (LPS mm) and the centre's covariance (mm^2).
 
-    Raises `UsageError` for a diameter that is not a positive number, `InputError` for one below
-    `MIN_VOXELS_PER_DIAMETER` pixels, and `RefusedError` when ``expected`` markers were promised and another
-    number was found.
+    Several diameters may be given for several kinds of marker. With a ``template`` only the markers that stand
+    at its distances are kept, under its labels. Raises `UsageError` for a diameter that is not a positive number,
+    `InputError` for one below `MIN_VOXELS_PER_DIAMETER` pixels, and `RefusedError` when ``expected`` markers were
+    promised and another number was found, or when the template is not found exactly once.
     """
-    check_request(diameter_mm, expected)
-    _check_resolution(volume, diameter_mm)
-    thickness_mm = _thickness(volume)
-    ceiling_hu = _ceiling(volume)
-    found: list[tuple[BallFit, float]] = []
-    rejected: list[Rejected] = []
-    for center_mm in detect(volume, diameter_mm).centers_mm:
-        if _is_known(center_mm, [fit.center_mm for fit, _ in found], diameter_mm / 2.0):
-            continue
-        if profile_share(volume, center_mm, diameter_mm, thickness_mm) < MIN_COVERAGE:
-            continue
-        around = gather(volume, center_mm, diameter_mm / 2.0 + margin_mm(thickness_mm) + diameter_mm / 8.0)
-        fit = fit_ball(around, diameter_mm, thickness_mm, ceiling_hu)
-        noise_hu = _noise(fit)
-        failure = next(failures(Evidence(fit, diameter_mm, thickness_mm, noise_hu)), None)
-        if failure is not None:
-            rejected.append(Rejected(center_mm, *failure))
-        elif not _is_known(fit.center_mm, [other.center_mm for other, _ in found], diameter_mm / 2.0):
-            found.append((fit, noise_hu))
-    found.sort(key=lambda item: tuple(-item[0].center_mm[::-1]))
-    fiducials = tuple(
-        _fiducial(f"F{number}", fit, ceiling_hu, thickness_mm) for number, (fit, _) in enumerate(found, start=1)
-    )
-    result = Fiducials(fiducials, tuple(rejected), diameter_mm, volume.source, volume.voxel_sha256, volume.flags)
+    diameters = check_request(diameter_mm, expected)
+    _check_resolution(volume, min(diameters))
+    scan = Scan(volume)
+    examined = [one for diameter in diameters for one in examine(scan, diameter)]
+    markers = _distinct(one for one in examined if one.failure is None)
+    fiducials = [_fiducial(f"F{number}", one, scan) for number, one in enumerate(markers, start=1)]
+    rejected = _rejected(examined, markers)
+    if template is not None:
+        fiducials, others = match_template(template, fiducials)
+        rejected = (*others, *rejected)
+    result = Fiducials(tuple(fiducials), rejected, diameters, volume.source, volume.voxel_sha256, volume.flags)
     if expected is not None and len(result) != expected:
         raise RefusedError(_explain_count(result, expected))
     return result
 
 
-def check_request(diameter_mm: float, expected: int | None) -> None:
-    """Raise `UsageError` for a diameter or a number of markers that no scan can have."""
-    if not (math.isfinite(diameter_mm) and diameter_mm > 0):
-        raise UsageError(f"the marker diameter is {diameter_mm}; a positive number of mm is needed")
+def check_request(diameter_mm: float | Sequence[float], expected: int | None) -> tuple[float, ...]:
+    """Return the diameters as a tuple; raise `UsageError` for diameters or a number that no scan can have."""
+    diameters = (diameter_mm,) if isinstance(diameter_mm, int | float) else tuple(diameter_mm)
+    if not diameters:
+        raise UsageError("no marker diameter was given; at least one positive number of mm is needed")
+    for diameter in diameters:
+        if not (math.isfinite(diameter) and diameter > 0):
+            raise UsageError(f"the marker diameter is {diameter}; a positive number of mm is needed")
     if expected is not None and expected < 0:
         raise UsageError(f"{expected} markers were expected; a number from 0 upwards is needed")
+    return diameters
 
 
 def _check_resolution(volume: CTVolume, diameter_mm: float) -> None:
@@ -82,48 +75,40 @@ def _check_resolution(volume: CTVolume, diameter_mm: float) -> None:
         )
 
 
-def _thickness(volume: CTVolume) -> float:
-    """Nominal thickness of the slices; where the file does not say, the usual gap between them."""
-    gaps = volume.grid.spacings_mm
-    usual = float(np.median(gaps)) if gaps.size else volume.grid.row_spacing_mm
-    return volume.grid.thickness_mm or usual
+def _distinct(accepted: Iterable[Examined]) -> list[Examined]:
+    """One marker a place (the better fit of two), from the top of the head down."""
+    kept: list[Examined] = []
+    for one in sorted(accepted, key=lambda one: one.fit.misfit):
+        if not any(one.is_same_place(other) for other in kept):
+            kept.append(one)
+    return sorted(kept, key=lambda one: tuple(-one.fit.center_mm[::-1]))
 
 
-def _ceiling(volume: CTVolume) -> float:
-    """Value at which the scan clips, or infinity where its brightest voxels are not clipped."""
-    top = float(volume.voxels_hu.max())
-    if top < MIN_CEILING_HU:
-        return math.inf
-    bright = volume.voxels_hu[volume.voxels_hu >= top - CLIP_SHOULDER_HU]
-    at_top = int(np.count_nonzero(bright == top))
-    return top if at_top > 1 and at_top > len(bright) - at_top else math.inf
+def _rejected(examined: Iterable[Examined], markers: Sequence[Examined]) -> tuple[Rejected, ...]:
+    """The candidates that failed, nearest to acceptance first; those that turned out to be markers are left out."""
+    order = list(TESTS)
+    failed = [
+        Rejected(one.candidate_mm, *one.failure, one.fit.theta, one.fit.center_mm)
+        for one in examined
+        if one.failure is not None and not any(one.is_same_place(marker) for marker in markers)
+    ]
+    return tuple(sorted(failed, key=lambda one: -order.index(one.test)))
 
 
-def _is_known(center_mm: FloatArray, known_mm: list[FloatArray], radius_mm: float) -> bool:
-    return any(float(np.linalg.norm(center_mm - other)) < radius_mm for other in known_mm)
-
-
-def _noise(fit: BallFit) -> float:
-    """Standard deviation of the noise (HU) away from the ball's edge, robust to what else is there."""
-    flat = fit.used & ~on_surface(fit.neighbourhood.offsets_mm, fit.theta)
-    residuals = fit.residuals_hu[flat]
-    return float(1.4826 * np.median(np.abs(residuals))) if residuals.size else 0.0
-
-
-def _fiducial(label: str, fit: BallFit, ceiling_hu: float, thickness_mm: float) -> Fiducial:
+def _fiducial(label: str, one: Examined, scan: Scan) -> Fiducial:
+    fit = one.fit
     flags = {
         FiducialFlag.CUT: fit.unseen > 0,
         FiducialFlag.NEIGHBOUR: fit.coverage < NEIGHBOUR_COVERAGE,
-        FiducialFlag.CLIPPED: bool((fit.neighbourhood.values_hu[fit.used] >= ceiling_hu).any()),
-        FiducialFlag.THICK_SLICES: thickness_mm > fit.diameter_mm / 2.0,
+        FiducialFlag.CLIPPED: bool((fit.neighbourhood.values_hu[fit.used] >= scan.ceiling_hu).any()),
+        FiducialFlag.THICK_SLICES: scan.thickness_mm > fit.diameter_mm / 2.0,
     }
     return Fiducial(
         label=label,
         center_mm=fit.center_mm,
         covariance_mm2=center_covariance(fit),
-        diameter_mm=fit.diameter_mm,
-        contrast_hu=fit.contrast_hu,
-        sigma_mm=fit.sigma_mm,
+        bound_mm2=cramer_rao_bound(fit),
+        parameters=fit.theta,
         coverage=fit.coverage,
         misfit=fit.misfit,
         flags=tuple(flag for flag, raised in flags.items() if raised),
@@ -131,11 +116,12 @@ def _fiducial(label: str, fit: BallFit, ceiling_hu: float, thickness_mm: float) 
 
 
 def _explain_count(result: Fiducials, expected: int) -> str:
-    found = f"{len(result)} markers of {result.diameter_mm:g} mm were found, {expected} expected"
+    sizes = " or ".join(f"{diameter:g}" for diameter in result.diameters_mm)
+    found = f"{len(result)} markers of {sizes} mm were found, {expected} expected"
     if len(result) > expected or not result.rejected:
         return f"{found}; check the diameter and the number"
     near = ", ".join(
         f"({', '.join(f'{x:.1f}' for x in candidate.center_mm)}): {candidate.reason}"
-        for candidate in result.rejected[:3]
+        for candidate in result.rejected[:NEAREST_SHOWN]
     )
     return f"{found}; nearest to acceptance were {near}"

@@ -23,6 +23,10 @@ PARAMETERS = ("u", "v", "w", "radius", "sigma", "thickness", "contrast", "backgr
 """Order of the model's parameters: centre, radius, in-plane blur and slice thickness (mm), contrast and
 background (HU), and the background's slope (HU/mm)."""
 
+SKIN_PARAMETERS = ("skin", "skin_u", "skin_v", "skin_w")
+"""Four more where the ball lies on something flat: its level over the background (HU), and the vector g (1/mm)
+that puts its surface at g . x = 1, x from the ball's centre; it fills the far side."""
+
 DISC_NODES = 6
 """Discs that stand for one slice's thickness; six keep the error below 0.1 % of the contrast up to T = R."""
 
@@ -175,6 +179,31 @@ def ball(
 
 
 @njit(cache=True, inline="always")
+def half_space(du: float, dv: float, dw: float, theta: FloatArray, gradient: FloatArray) -> float:
+    """HU of the blurred half-space at an offset from the ball's centre; fills ``gradient`` for `SKIN_PARAMETERS`.
+
+    Adds the derivatives by the ball's centre, which carries the half-space along.
+    """
+    gu, gv, gw = theta[12], theta[13], theta[14]
+    length = math.sqrt(gu * gu + gv * gv + gw * gw)
+    across = 1.0 - (gw / length) ** 2
+    blur = math.sqrt(theta[4] ** 2 * across + (theta[5] ** 2 / 12.0 + 0.01) * (1.0 - across))
+    height = gu * du + gv * dv + gw * dw - 1.0
+    t = height / (length * blur)
+    share = 0.5 * math.erfc(-t * math.sqrt(0.5))
+    density = theta[11] * math.exp(-0.5 * t * t) / (math.sqrt(2.0 * math.pi) * length * blur)
+    shrink = height / (length * length)
+    gradient[11] = share
+    gradient[12] = density * (du - shrink * gu)
+    gradient[13] = density * (dv - shrink * gv)
+    gradient[14] = density * (dw - shrink * gw)
+    gradient[0] -= density * gu
+    gradient[1] -= density * gv
+    gradient[2] -= density * gw
+    return theta[11] * share
+
+
+@njit(cache=True, inline="always")
 def voxel_model(
     du: float,
     dv: float,
@@ -185,7 +214,7 @@ def voxel_model(
     weights: FloatArray,
     gradient: FloatArray,
 ) -> float:
-    """Expected HU at an offset from the ball's centre; ``gradient`` (11,) receives d(HU)/d(`PARAMETERS`)."""
+    """Expected HU at an offset from the ball's centre; ``gradient`` (P,) receives d(HU)/d(``theta``)."""
     share = ball(du, dv, dw, theta[3], theta[4], theta[5], table, nodes, weights, gradient)
     for p in range(6):
         gradient[p] *= theta[6]
@@ -197,17 +226,20 @@ def voxel_model(
     gradient[8] = du
     gradient[9] = dv
     gradient[10] = dw
-    return theta[7] + theta[6] * share + theta[8] * du + theta[9] * dv + theta[10] * dw
+    value = theta[7] + theta[6] * share + theta[8] * du + theta[9] * dv + theta[10] * dw
+    if len(theta) > len(PARAMETERS):
+        value += half_space(du, dv, dw, theta, gradient)
+    return value
 
 
 @njit(cache=True, nogil=True)
 def evaluate(
     offsets: FloatArray, theta: FloatArray, table: FloatArray, nodes: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Model (N,) and its Jacobian (N, 11) for voxels at ``offsets`` (N, 3) from an origin near the centre."""
+    """Model (N,) and its Jacobian (N, P) for voxels at ``offsets`` (N, 3) from an origin near the centre."""
     count = len(offsets)
     values = np.empty(count)
-    jacobian = np.empty((count, 11))
+    jacobian = np.empty((count, len(theta)))
     for n in range(count):
         values[n] = voxel_model(
             offsets[n, 0] - theta[0],

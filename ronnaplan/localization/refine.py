@@ -1,22 +1,23 @@
 """The fit of a blurred ball to the voxels about a candidate.
 
 Least squares (Levenberg-Marquardt) over centre, radius, blur, slice thickness, contrast, background and the
-background's slope. What touches the marker (post, screw, skin, another marker) covers some directions only: the
-directions whose voxels disagree with the ball are left out, and the fit is repeated, until the choice is stable.
-Clipped voxels inform only as far as the model stays below the top of the scale.
+background's slope; where the ball lies on something flat, that half-space is fitted with it. Directions in which
+anything else touches the marker are left out, and the fit is repeated until the choice is stable. Clipped voxels
+inform only as far as the model stays below the top of the scale.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.directions import BACKGROUND_QUANTILE, Verdict, judge, on_surface, within_reach
 from ronnaplan.localization.model import PARAMETERS, disc_nodes, disc_table, evaluate, voxel_model
-from ronnaplan.localization.neighbourhood import CELL_COUNT, Neighbourhood, cell_directions, direction_cells
+from ronnaplan.localization.neighbourhood import Neighbourhood, cell_directions, direction_cells
 
 TYPICAL_BLUR_MM = 0.5
 """Where the search for the in-plane blur begins; CT kernels lie between 0.25 and 0.9 mm."""
@@ -30,11 +31,18 @@ RADIUS_PRIOR = 0.1
 THICKNESS_PRIOR = 0.3
 """Standard deviation of the effective slice thickness about the nominal one, as a share of it."""
 
-SLOPE_PRIOR_HU_PER_MM = 10.0
-"""Standard deviation of the background's slope (streaks and cupping reach about 5 HU/mm)."""
+SLOPE_PRIOR_PER_MM = 0.01
+"""Standard deviation of the background's slope, as a share of the contrast: streaks and cupping reach half of it."""
+
+SKIN_PRIOR_HU = 2000.0
+SKIN_PRIOR_PLACE = 0.3
+"""Standard deviations of the skin's level, and of its distance and direction as a share of the distance."""
 
 PRIOR_NOISE_HU = 10.0
 """Noise at which the priors above are meant; it only sets their weight against the voxels."""
+
+FROZEN_WEIGHT = 1e15
+"""Weight (HU^2 per mm^2) against which no data move a parameter."""
 
 MAX_STEPS = 40
 """Steps of one descent; a ball needs five to ten, clipped metal up to thirty."""
@@ -42,8 +50,11 @@ MAX_STEPS = 40
 CLIPPED_START = 2.0
 """Where the inside is clipped, the search for the true contrast begins at this many times the visible one."""
 
-STEP_TOLERANCE_MM = 1e-5
-"""The fit ends when a step moves the centre by less: a hundredth of a micrometre matters to nobody."""
+STEP_TOLERANCE_MM = 2e-5
+"""A descent ends when the next step would move the centre by less than this."""
+
+FIRST_DAMPING = 1e-5
+"""Levenberg-Marquardt damping at the start of a descent, as a share of the matrix's diagonal."""
 
 FIRST_LOOK_VOXELS = 3000
 """The first descent uses about this many of the voxels: enough to see that most candidates are no balls."""
@@ -54,41 +65,37 @@ HOPELESS_MISFIT = 0.15
 MAX_WANDER = 0.5
 """A fit that moves by more than this share of the radius has left its candidate, and is not pursued."""
 
-OUTLIER_RATIO = 2.5
-"""A direction disagrees when its residual exceeds the median direction's by this factor."""
-
-MODEL_ERROR_SHARE = 0.02
-"""Share of the contrast by which a clean direction may always disagree: real blur is not quite Gaussian."""
-
-NEIGHBOUR_SHARE = 0.03
-"""Something just outside that exceeds the background by this share of the contrast is a neighbour."""
-
-BACKGROUND_QUANTILE = 0.3
-"""The background is what this share of the directions reach at most: a ball may lie on skin, not in it."""
-
-MAX_ROUNDS = 6
+MAX_ROUNDS = 8
 """Rounds of leaving directions out and fitting again; real markers settle in two to four."""
 
-NEIGHBOUR_ANGLE_DEG = 26.0
-"""Directions this close to a disagreeing one are left out with it: blur carries the neighbour's light there."""
+SKIN_SHARES = (0.2, 0.65)
+"""A ball that lies on something flat has neighbours in a share of its directions between these."""
+
+SKIN_LEVEL = 0.35
+"""What a ball lies on is no brighter than this share of the ball's own contrast."""
+
+
+SKIN_QUANTILE = 0.8
+"""The skin's level is read off the brighter of the neighbouring directions."""
 
 
 @dataclass(frozen=True)
 class BallFit:
     """A fitted ball.
 
-    ``theta`` holds the model's `PARAMETERS` with the centre relative to the neighbourhood's origin along u, v, w.
-    ``used`` (N,) marks the voxels that informed the fit, ``residuals_hu`` (N,) is data minus model, and
-    ``influence_mm_per_hu`` (N, 3) is how far one HU at a voxel moves the centre. ``cell_state`` (cells,) is
-    1 where a direction informed the fit, 0 where it disagreed, -1 where the scan has no voxels.
+    ``theta`` (P,) holds the model's `PARAMETERS` (and `SKIN_PARAMETERS` where it lies on something), with the
+    centre relative to the neighbourhood's origin along u, v, w. ``used`` (N,) marks the voxels that informed the
+    fit, ``residuals_hu`` (N,) is data minus model, ``jacobian`` (N, P) the model's derivatives, and
+    ``influence_mm_per_hu`` (N, 3) how far one HU at a voxel moves the centre.
     """
 
     neighbourhood: Neighbourhood
     theta: FloatArray
     used: NDArray[np.bool_]
     residuals_hu: FloatArray
+    jacobian: FloatArray
     influence_mm_per_hu: FloatArray
-    cell_state: NDArray[np.int8]
+    verdict: Verdict
     converged: bool
 
     @property
@@ -114,13 +121,13 @@ class BallFit:
 
     @property
     def coverage(self) -> float:
-        """Share of the ball's surface that agreed with the model and informed the fit."""
-        return float(np.mean(self.cell_state == 1))
+        """Share of the ball's directions that informed the fit."""
+        return float(np.mean(self.verdict.state == 1))
 
     @property
     def unseen(self) -> float:
-        """Share of the ball's surface for which the scan has no voxels."""
-        return float(np.mean(self.cell_state == -1))
+        """Share of the ball's directions for which the scan has no voxels."""
+        return float(np.mean(self.verdict.state == -1))
 
     @property
     def misfit(self) -> float:
@@ -129,6 +136,18 @@ class BallFit:
         if not near.any():
             return float("inf")
         return float(np.sqrt(np.mean(self.residuals_hu[near] ** 2)) / abs(self.contrast_hu))
+
+
+@dataclass(frozen=True)
+class _Prior:
+    """Mean (P,) and weight (P,), in HU^2 per parameter^2, of what is known before the voxels are read."""
+
+    mean: FloatArray
+    weight: FloatArray
+
+    @classmethod
+    def of(cls, mean: FloatArray, spread: FloatArray) -> _Prior:
+        return cls(mean, (PRIOR_NOISE_HU / spread) ** 2)
 
 
 def margin_mm(thickness_mm: float, sigma_mm: float = TYPICAL_BLUR_MM) -> float:
@@ -143,24 +162,54 @@ def fit_ball(around: Neighbourhood, diameter_mm: float, thickness_mm: float, cei
     where it does not).
     """
     theta = _start(around, diameter_mm, thickness_mm, ceiling_hu)
-    prior_mean, prior_weight = _prior(diameter_mm, thickness_mm)
-    state = np.ones(CELL_COUNT, dtype=np.int8)
-    used = _thinned(len(around.values_hu))
-    converged = False
+    prior = _ball_prior(theta)
+    # What is brighter than the ball (an insert, a screw) must not draw the first fit to itself.
+    dimmed = replace(around, values_hu=np.minimum(around.values_hu, theta[6] + theta[7]))
+    few = _thinned(len(around.values_hu))
+    theta, _ = _descend(dimmed, few, theta, _frozen(prior, theta), ceiling_hu)
+    theta, converged = _descend(dimmed, few, theta, prior, ceiling_hu)
+    verdict, _ = _judged(around, theta, ceiling_hu)
+    if not converged or _is_hopeless(theta, verdict, diameter_mm):
+        return _ball_fit(around, theta, prior, verdict, few, ceiling_hu, converged=False)
+    fits = [_settle(around, theta, prior, ceiling_hu, diameter_mm)]
+    if _lies_on_something(theta, verdict):
+        fits.append(_settle(around, *_with_skin(theta, prior, verdict, around), ceiling_hu, diameter_mm))
+    return max(fits, key=lambda fit: (fit.converged, fit.coverage))
+
+
+def _settle(
+    around: Neighbourhood, theta: FloatArray, prior: _Prior, ceiling_hu: float, diameter_mm: float
+) -> BallFit:
+    """Leave out the directions that disagree and fit again, until the choice is stable."""
+    if len(theta) > len(PARAMETERS):  # the skin's level and place are a guess: fit them before judging by them
+        theta, _ = _descend(around, within_reach(around.offsets_mm, theta), theta, prior, ceiling_hu)
+    previous = np.empty(0, dtype=np.int8)
+    converged = True
     for _ in range(MAX_ROUNDS):
-        theta, converged = _descend(around, used, theta, prior_mean, prior_weight, ceiling_hu)
-        cells = direction_cells(around.offsets_mm - theta[:3])
-        residuals = _residuals(around, theta, ceiling_hu)[0]
-        previous, (state, usual_rms) = state, _judge_directions(around, residuals, cells, theta)
-        used = _within_reach(around.offsets_mm, theta) & (state[cells] == 1)
-        if _is_hopeless(theta, usual_rms, diameter_mm) or used.sum() < 3 * len(PARAMETERS):
+        verdict, cells = _judged(around, theta, ceiling_hu)
+        used = within_reach(around.offsets_mm, theta) & (verdict.state[cells] == 1)
+        if _is_hopeless(theta, verdict, diameter_mm) or used.sum() < 3 * len(theta):
             converged = False
+        if not converged or np.array_equal(verdict.state, previous):
             break
-        if np.array_equal(state, previous):
-            break
+        previous = verdict.state
+        theta, converged = _descend(around, used, theta, prior, ceiling_hu)
+    return _ball_fit(around, theta, prior, verdict, used, ceiling_hu, converged=converged)
+
+
+def _ball_fit(
+    around: Neighbourhood,
+    theta: FloatArray,
+    prior: _Prior,
+    verdict: Verdict,
+    used: NDArray[np.bool_],
+    ceiling_hu: float,
+    *,
+    converged: bool,
+) -> BallFit:
     residuals, jacobian = _residuals(around, theta, ceiling_hu)
-    influence = _influence(jacobian, used, prior_weight)
-    return BallFit(around, theta, used, residuals, influence, state, converged)
+    influence = _influence(jacobian, used, prior.weight)
+    return BallFit(around, theta, used, residuals, jacobian, influence, verdict, converged)
 
 
 def _thinned(count: int) -> NDArray[np.bool_]:
@@ -168,11 +217,6 @@ def _thinned(count: int) -> NDArray[np.bool_]:
     spread = np.arange(count) * 0.6180339887498949 % 1.0
     marked: NDArray[np.bool_] = spread < FIRST_LOOK_VOXELS / max(count, 1)
     return marked
-
-
-def _is_hopeless(theta: FloatArray, usual_rms_hu: float, diameter_mm: float) -> bool:
-    wandered = float(np.linalg.norm(theta[:3])) > MAX_WANDER * diameter_mm / 2.0
-    return wandered or usual_rms_hu > HOPELESS_MISFIT * theta[6]
 
 
 def _start(around: Neighbourhood, diameter_mm: float, thickness_mm: float, ceiling_hu: float) -> FloatArray:
@@ -183,18 +227,58 @@ def _start(around: Neighbourhood, diameter_mm: float, thickness_mm: float, ceili
     high = float(np.median(inside)) if inside.size else float(around.values_hu.max())
     low = float(np.quantile(outside, BACKGROUND_QUANTILE)) if outside.size else float(around.values_hu.min())
     contrast = max(high - low, 1.0) * (CLIPPED_START if high >= ceiling_hu else 1.0)
-    levels = [contrast, low]
-    return np.array([0.0, 0.0, 0.0, diameter_mm / 2, TYPICAL_BLUR_MM, thickness_mm, *levels, 0.0, 0.0, 0.0])
+    return np.array([0, 0, 0, diameter_mm / 2, TYPICAL_BLUR_MM, thickness_mm, contrast, low, 0, 0, 0], np.float64)
 
 
-def _prior(diameter_mm: float, thickness_mm: float) -> tuple[FloatArray, FloatArray]:
-    """Mean (P,) and weight (P,), in HU^2 per parameter^2, of what is known before the voxels are read."""
-    mean = np.zeros(len(PARAMETERS))
-    mean[3], mean[5] = diameter_mm / 2, thickness_mm
+def _ball_prior(start: FloatArray) -> _Prior:
     spread = np.full(len(PARAMETERS), np.inf)
-    spread[3], spread[5] = RADIUS_PRIOR * diameter_mm / 2, THICKNESS_PRIOR * thickness_mm
-    spread[8:11] = SLOPE_PRIOR_HU_PER_MM
-    return mean, (PRIOR_NOISE_HU / spread) ** 2
+    spread[3], spread[5] = RADIUS_PRIOR * start[3], THICKNESS_PRIOR * start[5]
+    spread[8:11] = SLOPE_PRIOR_PER_MM * start[6]
+    return _Prior.of(np.where(np.isfinite(spread), start, 0.0), spread)
+
+
+def _frozen(prior: _Prior, start: FloatArray) -> _Prior:
+    """Hold radius, blur and thickness at their first guesses, so that the centre finds its place first."""
+    weight = prior.weight.copy()
+    weight[3:6] = FROZEN_WEIGHT
+    return _Prior(np.where(weight == FROZEN_WEIGHT, start, prior.mean), weight)
+
+
+def _lies_on_something(theta: FloatArray, verdict: Verdict) -> bool:
+    share = float(verdict.beside.mean())
+    return SKIN_SHARES[0] <= share <= SKIN_SHARES[1] and _level_beside(verdict) < SKIN_LEVEL * theta[6]
+
+
+def _level_beside(verdict: Verdict) -> float:
+    """How bright the neighbours are, in HU over the background; partial voxels make some look fainter."""
+    return float(np.quantile(verdict.excess_hu[verdict.beside], SKIN_QUANTILE))
+
+
+def _with_skin(
+    theta: FloatArray, prior: _Prior, verdict: Verdict, around: Neighbourhood
+) -> tuple[FloatArray, _Prior]:
+    """Add a half-space that the ball touches, on the side where the neighbours are."""
+    toward = cell_directions()[verdict.beside].mean(axis=0)
+    place = toward / np.linalg.norm(toward) / theta[3]
+    spread = np.array([SKIN_PRIOR_HU, *[SKIN_PRIOR_PLACE / theta[3]] * 3])
+    skin = np.array([_level_beside(verdict), *place])
+    added = _Prior.of(skin, spread)
+    lowest = float(np.quantile(around.values_hu, 0.05))
+    return np.concatenate([[*theta[:7], lowest, 0.0, 0.0, 0.0], skin]), _Prior(
+        np.concatenate([prior.mean, added.mean]), np.concatenate([prior.weight, added.weight])
+    )
+
+
+def _is_hopeless(theta: FloatArray, verdict: Verdict, diameter_mm: float) -> bool:
+    wandered = float(np.linalg.norm(theta[:3])) > MAX_WANDER * diameter_mm / 2.0
+    return wandered or verdict.usual_rms_hu > HOPELESS_MISFIT * theta[6]
+
+
+def _judged(around: Neighbourhood, theta: FloatArray, ceiling_hu: float) -> tuple[Verdict, NDArray[np.intp]]:
+    cells = direction_cells(around.offsets_mm - theta[:3])
+    residuals, jacobian = _residuals(around, theta, ceiling_hu)
+    skin = theta[11] * jacobian[:, 11] if len(theta) > len(PARAMETERS) else np.zeros(len(residuals))
+    return judge(around, cells, theta, residuals, jacobian, skin), cells
 
 
 @njit(cache=True, nogil=True)
@@ -236,39 +320,32 @@ def _normal_equations(
 
 
 def _descend(
-    around: Neighbourhood,
-    used: NDArray[np.bool_],
-    theta: FloatArray,
-    prior_mean: FloatArray,
-    prior_weight: FloatArray,
-    ceiling_hu: float,
+    around: Neighbourhood, used: NDArray[np.bool_], theta: FloatArray, prior: _Prior, ceiling_hu: float
 ) -> tuple[FloatArray, bool]:
     """Levenberg-Marquardt from ``theta``; returns the best parameters and whether the steps came to rest."""
     kernel = (disc_table(), *disc_nodes())
 
     def equations(at: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         cost, slope, matrix = _normal_equations(around.offsets_mm, around.values_hu, used, at, ceiling_hu, *kernel)
-        pull = prior_mean - at
-        cost += 0.5 * float(prior_weight @ pull**2)
-        return cost, slope + prior_weight * pull, matrix + np.diag(prior_weight)
+        pull = prior.mean - at
+        cost += 0.5 * float(prior.weight @ pull**2)
+        return cost, slope + prior.weight * pull, matrix + np.diag(prior.weight)
 
-    damping = 1e-3
+    damping = FIRST_DAMPING
     cost, slope, matrix = equations(theta)
     for _ in range(MAX_STEPS):
-        scaled = matrix + damping * np.diag(np.diag(matrix) + 1e-9)
-        step = np.linalg.solve(scaled, slope)
+        step = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix) + 1e-9), slope)
         trial = _bounded(theta + step)
+        if float(np.abs(trial[:3] - theta[:3]).max()) < STEP_TOLERANCE_MM:
+            return trial, True
+        if float(np.linalg.norm(trial[:3])) > 2.0 * MAX_WANDER * theta[3]:
+            return trial, False
         new_cost, new_slope, new_matrix = equations(trial)
-        if not new_cost <= cost:
-            damping *= 5.0
-            if damping > 1e8:
-                return theta, True
-            continue
-        moved = float(np.abs(trial[:5] - theta[:5]).max())
-        theta, cost, slope, matrix = trial, new_cost, new_slope, new_matrix
-        damping = max(damping / 10.0, 1e-9)
-        if moved < STEP_TOLERANCE_MM:
-            return theta, True
+        if new_cost < cost:
+            theta, cost, slope, matrix = trial, new_cost, new_slope, new_matrix
+            damping = max(damping / 10.0, 1e-9)
+        else:
+            damping *= 10.0
     return theta, False
 
 
@@ -287,70 +364,6 @@ def _residuals(around: Neighbourhood, theta: FloatArray, ceiling_hu: float) -> t
     residuals[clipped] = 0.0
     jacobian[clipped] = 0.0
     return residuals, jacobian
-
-
-def _edge_width(offsets_mm: FloatArray, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Signed distance from the surface (N,) and the blur across the surface there (N,), both in mm."""
-    offsets = offsets_mm - theta[:3]
-    distance = np.linalg.norm(offsets, axis=1)
-    along = offsets[:, 2] / np.maximum(distance, 1e-9)
-    blur = np.sqrt(theta[4] ** 2 * (1.0 - along**2) + theta[5] ** 2 / 12.0 * along**2 + 0.01)
-    return distance - theta[3], blur
-
-
-def on_surface(offsets_mm: FloatArray, theta: FloatArray) -> NDArray[np.bool_]:
-    """Voxels (N,) in the blurred edge of the ball, where the centre is told."""
-    depth, blur = _edge_width(offsets_mm, theta)
-    near: NDArray[np.bool_] = np.abs(depth) < 2.0 * blur
-    return near
-
-
-def _just_outside(offsets_mm: FloatArray, theta: FloatArray) -> NDArray[np.bool_]:
-    """Voxels (N,) beyond the ball's blur but within the fit's reach: they show what touches the ball."""
-    depth, blur = _edge_width(offsets_mm, theta)
-    near: NDArray[np.bool_] = (depth > 2.0 * blur) & (depth < 3.0 * blur + 0.5)
-    return near
-
-
-def _within_reach(offsets_mm: FloatArray, theta: FloatArray) -> NDArray[np.bool_]:
-    """Voxels (N,) inside the ball or within its blur; farther ones tell nothing but what else is there."""
-    depth, blur = _edge_width(offsets_mm, theta)
-    near: NDArray[np.bool_] = depth < 3.0 * blur + 0.5
-    return near
-
-
-def _judge_directions(
-    around: Neighbourhood, residuals: FloatArray, cells: NDArray[np.intp], theta: FloatArray
-) -> tuple[NDArray[np.int8], float]:
-    """Say of each direction whether it agrees with the ball (1), disagrees (0) or was not scanned (-1).
-
-    A direction disagrees when its edge is not the ball's, or when something brighter than the background lies
-    just outside. Beside it, the median direction's root mean square residual on the surface, in HU.
-    """
-    edge = on_surface(around.offsets_mm, theta)
-    squares, seen = _cell_means(residuals**2, cells, edge)
-    rms = np.sqrt(squares)
-    usual = float(np.median(rms[seen])) if seen.any() else 0.0
-    foreign = seen & (rms > OUTLIER_RATIO * max(usual, MODEL_ERROR_SHARE * theta[6]))
-
-    outside, has_outside = _cell_means(around.values_hu, cells, _just_outside(around.offsets_mm, theta))
-    if has_outside.any():
-        background = float(np.quantile(outside[has_outside], BACKGROUND_QUANTILE))
-        foreign |= has_outside & (outside > background + NEIGHBOUR_SHARE * theta[6])
-
-    directions = cell_directions()
-    close = directions @ directions[foreign].T > np.cos(np.radians(NEIGHBOUR_ANGLE_DEG))
-    state = np.where(close.any(axis=1), 0, 1)
-    return np.where(seen, state, -1).astype(np.int8), usual
-
-
-def _cell_means(
-    values: FloatArray, cells: NDArray[np.intp], chosen: NDArray[np.bool_]
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Mean of the chosen values in each cell (cells,), and which cells have any."""
-    counts = np.bincount(cells[chosen], minlength=CELL_COUNT)
-    sums = np.bincount(cells[chosen], weights=values[chosen], minlength=CELL_COUNT)
-    return sums / np.maximum(counts, 1), counts > 0
 
 
 def _influence(jacobian: FloatArray, used: NDArray[np.bool_], prior_weight: FloatArray) -> FloatArray:

@@ -38,6 +38,20 @@ def center_covariance(fit: BallFit) -> FloatArray:
     return (rotated + rotated.T) / 2.0
 
 
+def cramer_rao_bound(fit: BallFit) -> FloatArray:
+    """Least covariance (3, 3) in LPS, mm^2, of any unbiased fit of this model to the whole ball's voxels.
+
+    For uncorrelated noise of the measured strength, and as if nothing touched the ball (S. Kay, Fundamentals of
+    Statistical Signal Processing: Estimation Theory, 1993, section 3.9).
+    """
+    weighted = fit.jacobian / _local_noise(fit)[:, np.newaxis]
+    information = weighted.T @ weighted
+    bound = np.linalg.pinv(information, hermitian=True)[:3, :3]
+    axes = fit.neighbourhood.axes
+    rotated: FloatArray = axes.T @ bound @ axes
+    return rotated
+
+
 def _local_noise(fit: BallFit) -> FloatArray:
     """Noise (N,) in HU at each voxel: one level inside the ball and one outside, where air may clip it."""
     inside = np.linalg.norm(fit.neighbourhood.offsets_mm - fit.theta[:3], axis=1) < fit.theta[3]

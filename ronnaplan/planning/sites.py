@@ -126,7 +126,7 @@ def even_layout(sites: Sites, count: int, generator: np.random.Generator) -> NDA
     directions = sites.scalp_mm - sites.inside_mm
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     tree = cKDTree(directions)
-    near = 2.0 * float(np.median(np.asarray(tree.query(directions, k=2)[0])[:, 1]))
+    near = 0.75 * float(np.median(np.asarray(tree.query(directions, k=2)[0])[:, 1]))
     for _ in range(MOST_TURNS):
         turn = Rotation.random(rng=generator).as_matrix()
         for total in range(count, 60 * count):

@@ -18,7 +18,7 @@ from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray, unit
 from ronnaplan.localization.neighbourhood import gather
 
-PATCH_RADIUS_MM = 10.0
+PATCH_RADIUS_MM = 12.0
 """The patch reaches this far to all sides; bone is smooth over two centimetres."""
 
 HALF_DEPTH_MM = 2.5

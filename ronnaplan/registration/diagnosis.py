@@ -13,7 +13,7 @@ from ronnaplan.registration.registration import MISFIT_PROBABILITY, Registration
 from ronnaplan.registration.rigid import fit_closed_form, fit_likelihood, pose_covariance, require_spread
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LeaveOneOut:
     """Each marker against the registration of the *others*: N rows, NaN where those cannot be registered."""
 
@@ -108,7 +108,7 @@ def _leave_out(registration: Registration, index: int) -> tuple[FloatArray, Floa
     combined = registration.covariances_mm2
     stated = registration.stated_mm2
     if stated is not None:
-        matrix = fit_likelihood(moving, fixed, stated[0][keep], stated[1][keep])
+        matrix, _ = fit_likelihood(moving, fixed, stated[0][keep], stated[1][keep])
     else:
         matrix = fit_closed_form(moving, fixed)
     residual = fixed - transform_points(matrix, moving)

@@ -34,9 +34,10 @@ class RegistrationFlag(StrEnum):
     MISFIT = "the residuals are larger than the stated marker errors explain"
     TOO_GOOD = "the residuals are far smaller than the stated marker errors; the stated errors may be too large"
     MIRRORED = "the points fit a mirror image far better; one set may be left-handed"
+    UNSETTLED = "the fit did not settle, as the pairs contradict each other far beyond their stated errors"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Registration:
     """A rigid registration ``fixed_from_moving`` of N pairs and what it is worth.
 
@@ -56,6 +57,8 @@ class Registration:
     """Whether the marker errors were stated by the caller; if not, they were estimated from the residuals."""
     stated_mm2: tuple[FloatArray, FloatArray] | None = field(repr=False, default=None)
     """The stated covariances (N, 3, 3) of the moving and of the fixed points, each in its own frame."""
+    settled: bool = True
+    """Whether the fit converged."""
 
     def __len__(self) -> int:
         return len(self.moving_mm)
@@ -132,6 +135,7 @@ class Registration:
             RegistrationFlag.MISFIT: probability is not None and probability < MISFIT_PROBABILITY,
             RegistrationFlag.TOO_GOOD: probability is not None and probability > 1 - MISFIT_PROBABILITY,
             RegistrationFlag.MIRRORED: self._fits_a_mirror(),
+            RegistrationFlag.UNSETTLED: not self.settled,
         }
         return tuple(flag for flag, raised in checks.items() if raised)
 
@@ -170,16 +174,17 @@ def register_points(
         raise InputError(f"{len(names)} labels were given for {len(moving_mm)} pairs")
     stated = as_pair(covariances, len(moving_mm))
     if stated is None:
-        matrix = fit_closed_form(moving_mm, fixed_mm)
+        matrix, settled = fit_closed_form(moving_mm, fixed_mm), True
         combined = np.broadcast_to(
             _estimated_variance(matrix, moving_mm, fixed_mm) * np.eye(3), (len(names), 3, 3)
         )
     else:
-        matrix = fit_likelihood(moving_mm, fixed_mm, *stated)
+        matrix, converged = fit_likelihood(moving_mm, fixed_mm, *stated)
+        settled = bool(converged)
         combined = combined_covariances(matrix, *stated)
     covariance = pose_covariance(transform_points(matrix, moving_mm), combined)
     pose = Pose(matrix, covariance, fixed_frame, moving_frame)
-    return Registration(moving_mm, fixed_mm, combined, pose, names, stated is not None, stated)
+    return Registration(moving_mm, fixed_mm, combined, pose, names, stated is not None, stated, settled)
 
 
 def combined_covariances(matrix: FloatArray, moving_mm2: FloatArray, fixed_mm2: FloatArray) -> FloatArray:

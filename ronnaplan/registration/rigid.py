@@ -6,6 +6,7 @@ All functions work on stacks: leading axes ``...`` are independent registrations
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
@@ -15,8 +16,11 @@ COLLINEARITY_TOLERANCE = 1e-3
 """Second singular value of the centred points over the first below which they count as one line (0.1 mm in 10
 cm)."""
 CONVERGED_STEP = 1e-10
-"""Gauss-Newton stops when no update (rad about the centroid; mm) is larger; far below any marker's error."""
-MAXIMUM_ITERATIONS = 50
+"""A fit has settled when no update (rad about the centroid; mm) is larger; far below any marker's error."""
+MAXIMUM_ITERATIONS = 100
+FIRST_DAMPING = 1e-2
+"""Levenberg-Marquardt damping, relative to the information, after a step that would raise the misfit."""
+ROUND_OFF = 1e-12
 
 
 def require_spread(points_mm: FloatArray, name: str) -> None:
@@ -56,36 +60,50 @@ def fit_closed_form(
 
 def fit_likelihood(
     moving_mm: FloatArray, fixed_mm: FloatArray, moving_mm2: FloatArray, fixed_mm2: FloatArray
-) -> FloatArray:
+) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return the maximum-likelihood (..., 4, 4) for points of both sides with covariances (..., N, 3, 3).
 
-    Minimizes ``sum r' (R Cm R' + Cf)^-1 r`` over rotations and translations by Gauss-Newton on SE(3) from the
-    closed form. The Jacobian is taken at the moving points corrected by their share of the residual, which
-    makes the gradient that of the full errors-in-variables likelihood (Balachandran & Fitzpatrick 2009, Proc.
-    SPIE 7261:726103, and Danilchenko & Fitzpatrick 2011, IEEE TMI 30:679, iterate with the weights alone).
+    Minimizes ``sum r' (R Cm R' + Cf)^-1 r`` over rotations and translations from the closed form, by damped
+    Gauss-Newton steps on SE(3). The Jacobian is taken at the moving points corrected by their share of the
+    residual, which makes the gradient that of the full errors-in-variables likelihood (Balachandran &
+    Fitzpatrick 2009, Proc. SPIE 7261:726103, and Danilchenko & Fitzpatrick 2011, IEEE TMI 30:679, iterate
+    with the weights alone). Also returns which fits (...) settled; pairs that contradict each other far
+    beyond their errors may not.
     """
+    points = (moving_mm, fixed_mm, moving_mm2, fixed_mm2)
     size = np.trace(moving_mm2, axis1=-2, axis2=-1) + np.trace(fixed_mm2, axis1=-2, axis2=-1)
     matrix = fit_closed_form(moving_mm, fixed_mm, weights=1.0 / size)
     centre = fixed_mm.mean(axis=-2)
+    misfit, information, gradient = _linearize(matrix, centre, *points)
+    damping = np.zeros(misfit.shape)
+    settled = np.zeros(misfit.shape, dtype=bool)
     for _ in range(MAXIMUM_ITERATIONS):
-        step, _ = _newton_step(matrix, centre, moving_mm, fixed_mm, moving_mm2, fixed_mm2)
+        damped = information + damping[..., None, None] * information * np.eye(6)
+        step = np.asarray(np.linalg.solve(damped, gradient[..., None])[..., 0], dtype=np.float64)
         turn = exponential(step[..., :3])
-        shift = centre + step[..., 3:] - (turn @ centre[..., None])[..., 0]
-        matrix = rigid(turn, shift) @ matrix
-        if np.abs(step).max(initial=0.0) < CONVERGED_STEP:
+        trial = rigid(turn, centre + step[..., 3:] - (turn @ centre[..., None])[..., 0]) @ matrix
+        there, ahead, slope = _linearize(trial, centre, *points)
+        better = there <= misfit * (1 + ROUND_OFF) + ROUND_OFF
+        matrix = np.where(better[..., None, None], trial, matrix)
+        misfit = np.where(better, there, misfit)
+        information = np.where(better[..., None, None], ahead, information)
+        gradient = np.where(better[..., None], slope, gradient)
+        damping = np.where(better, damping / 10, np.maximum(10 * damping, FIRST_DAMPING))
+        settled |= np.abs(step).max(axis=-1) < CONVERGED_STEP
+        if settled.all():
             break
-    return matrix
+    return matrix, settled
 
 
-def _newton_step(
+def _linearize(
     matrix: FloatArray,
     centre: FloatArray,
     moving_mm: FloatArray,
     fixed_mm: FloatArray,
     moving_mm2: FloatArray,
     fixed_mm2: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Return the update ``xi`` (..., 6) about ``centre`` (..., 3) and the information matrix (..., 6, 6)."""
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return misfit (...), information (..., 6, 6) and descent direction (..., 6) about ``centre`` (..., 3)."""
     rotation = matrix[..., None, :3, :3]
     carried = rotation @ moving_mm2 @ rotation.swapaxes(-1, -2)
     residual = fixed_mm - transform_points(matrix, moving_mm)
@@ -95,8 +113,8 @@ def _newton_step(
     jacobian = point_jacobian(corrected - centre[..., None, :])
     transposed = jacobian.swapaxes(-1, -2)
     information = (transposed @ weight @ jacobian).sum(axis=-3)
-    gradient = (transposed @ pull[..., None]).sum(axis=-3)
-    return np.linalg.solve(information, gradient)[..., 0], information
+    gradient = (transposed @ pull[..., None]).sum(axis=-3)[..., 0]
+    return np.asarray((residual * pull).sum(axis=(-2, -1))), information, gradient
 
 
 def pose_covariance(mapped_mm: FloatArray, combined_mm2: FloatArray) -> FloatArray:

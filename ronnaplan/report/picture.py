@@ -43,20 +43,25 @@ def marker_sheet(volume: CTVolume, found: Fiducials) -> bytes:
         for column, cut in enumerate(CUTS):
             _draw_cut(figure.add_subplot(grid[row, column]), volume, one, cut)
     _draw_head(figure.add_subplot(grid[:, 3:]), volume, found)
-    return _png(figure)
+    return png(figure)
 
 
 def cut_image(volume: CTVolume, center_mm: FloatArray, axes: tuple[int, int], reach_mm: float) -> FloatArray:
     """Sample a square cut of half width ``reach_mm`` through ``center_mm``, in HU (linear interpolation)."""
     from scipy.ndimage import map_coordinates
 
+    indices = np.moveaxis(volume.grid.indices(cut_places(center_mm, axes, reach_mm)), -1, 0)
+    image: FloatArray = map_coordinates(volume.voxels_hu, indices, output=np.float64, order=1, cval=WINDOW_HU[0])
+    return image
+
+
+def cut_places(center_mm: FloatArray, axes: tuple[int, int], reach_mm: float) -> FloatArray:
+    """Places (H, W, 3) in LPS of the pixels of a cut."""
     steps = np.arange(-reach_mm, reach_mm + CUT_PIXEL_MM / 2, CUT_PIXEL_MM)
     places = np.tile(center_mm, (len(steps), len(steps), 1))
     places[..., axes[0]] += steps[np.newaxis, :]
     places[..., axes[1]] += steps[:, np.newaxis]
-    indices = np.moveaxis(volume.grid.indices(places), -1, 0)
-    image: FloatArray = map_coordinates(volume.voxels_hu, indices, output=np.float64, order=1, cval=WINDOW_HU[0])
-    return image
+    return places
 
 
 def _draw_cut(axes: Axes, volume: CTVolume, one: Fiducial, cut: str) -> None:
@@ -75,7 +80,7 @@ def _draw_cut(axes: Axes, volume: CTVolume, one: Fiducial, cut: str) -> None:
 
 
 def _draw_head(axes: Axes, volume: CTVolume, found: Fiducials) -> None:
-    view = head_view(volume, found.centers, found.diameter_mm)
+    view = head_view(volume, found.centers, max(found.diameters_mm))
     axes.imshow(view.image, extent=view.extent_mm, origin="lower")
     for one, (across, upward) in zip(found.fiducials, view.project(found.centers), strict=True):
         axes.annotate(
@@ -94,7 +99,8 @@ def _draw_head(axes: Axes, volume: CTVolume, found: Fiducials) -> None:
         axes.text(0.02, -0.02 - 0.045 * row, text, color="white", fontsize=8, transform=axes.transAxes, va="top")
 
 
-def _png(figure: Figure) -> bytes:
+def png(figure: Figure) -> bytes:
+    """Render a figure as a PNG."""
     stream = io.BytesIO()
     figure.savefig(stream, format="png", facecolor=figure.get_facecolor())
     return stream.getvalue()

@@ -36,8 +36,8 @@ class HandEye:
 def calibrate_hand_eye(ots_from_m: ArrayLike, robot_from_tcp: ArrayLike) -> HandEye:
     """Return M from TCP and R from OTS from simultaneous poses of both.
 
-    ``ots_from_m`` and ``robot_from_tcp`` are (N, 4, 4) in mm. Raises `InputError` for fewer than four poses, unequal
-    numbers, matrices that are no poses, and motions that turn about one axis only.
+    ``ots_from_m`` and ``robot_from_tcp`` are (N, 4, 4) in mm. Raises `InputError` for fewer than four poses,
+    unequal numbers, matrices that are no poses, and motions that turn about one axis only.
     """
     seen = _poses(ots_from_m, "ots_from_m")
     driven = _poses(robot_from_tcp, "robot_from_tcp")

@@ -31,7 +31,7 @@ MAXIMUM_ITERATIONS = 300
 CONVERGED_MM = 1e-7
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PivotCalibration:
     """The tip found by pivoting, what it is worth, and which poses were left out."""
 

@@ -16,7 +16,7 @@ SHORTEST_PATH_MM = 1.0
 """An entry and a target closer than this give no direction to advance along."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RobotTrajectory:
     """One trajectory in R. The tool frame has its origin at the tip and its +z axis from entry to target."""
 

@@ -1,5 +1,6 @@
 """Optical tracker readings: from files and live streams to markers with covariance."""
 
+from ronnaplan.tracking.frames import labelled_frames
 from ronnaplan.tracking.markers import Marker, MarkerFlag, MarkerReadings, find_markers
 from ronnaplan.tracking.readers import read_recording
 from ronnaplan.tracking.recording import PointReading, Recording, ToolReading
@@ -12,5 +13,6 @@ __all__ = [
     "Recording",
     "ToolReading",
     "find_markers",
+    "labelled_frames",
     "read_recording",
 ]

@@ -11,7 +11,15 @@ import numpy as np
 
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import FloatArray, Frame
-from ronnaplan.tracking.recording import OK, OTS, PointReading, Recording, ToolReading, quaternion_pose
+from ronnaplan.tracking.recording import (
+    FARTHEST_MM,
+    OK,
+    OTS,
+    PointReading,
+    Recording,
+    ToolReading,
+    quaternion_pose,
+)
 from ronnaplan.tracking.tables import MISSING, number, read_rows
 
 LABEL_NAMES = ("label", "name", "marker", "id")
@@ -77,6 +85,8 @@ def _reading(row: Mapping[str, str], delimiter: str) -> PointReading | ToolReadi
             index, label, matrix, value("time"), None, "no pose" if matrix is None and status == OK else status
         )
     sigma = number(row.get("sigma", ""), delimiter)
+    if status == OK and sigma is not None and not 0 < sigma < FARTHEST_MM:
+        status = f"sigma is {sigma:g} mm"
     return PointReading(index, position, label, value("time"), sigma, status)
 
 

@@ -22,7 +22,7 @@ GATE_MM = 4.0
 RECENT = 5
 """How many of a marker's last readings make that median."""
 SEEN_SHARE = 0.5
-"""A track seen in a smaller share of the frames is a reflection or an outlier, not a marker."""
+"""A track of stray readings seen in a smaller share of the frames is a reflection or an outlier, not a marker."""
 OUTLIER_SDS = 6.0
 """Readings further from the median than this many robust standard deviations are left out of the mean."""
 SMALLEST_SD_MM = 0.02
@@ -45,7 +45,7 @@ class MarkerFlag(StrEnum):
     SINGLE_READING = "read once only"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Marker:
     """One marker: its mean, the covariance of that mean, and how it was seen."""
 
@@ -57,7 +57,7 @@ class Marker:
     flags: tuple[MarkerFlag, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RejectedTrack:
     """Readings that are no marker, and why."""
 
@@ -94,10 +94,13 @@ def find_markers(recording: Recording, *, sigma_mm: float = ONE_READING_SD_MM) -
     are one marker; a recording of tool poses alone gives each tool's origin. Raises `InputError` if nothing
     usable was read.
     """
+    if not (np.isfinite(sigma_mm) and sigma_mm >= 0):
+        raise InputError(f"the tracker error is {sigma_mm} mm; expected a standard deviation of zero or more")
     readings = [r for r in recording.points if r.usable] or _tool_origins(recording)
     if not readings:
         raise InputError(f"{recording.source} holds no usable reading ({_reasons(recording)}); record it again")
-    frames = sorted({r.frame for r in recording.points} | {r.frame for r in recording.tools})
+    source = recording.points or recording.tools  # a stream numbers the frames of points and of each tool apart
+    frames = sorted({r.frame for r in source})
     strays = [r for r in readings if not r.label]
     named = [
         [r for r in readings if r.label == name] for name in dict.fromkeys(r.label for r in readings if r.label)
@@ -105,13 +108,19 @@ def find_markers(recording: Recording, *, sigma_mm: float = ONE_READING_SD_MM) -
     markers: list[Marker] = []
     rejected: list[RejectedTrack] = []
     for track in named + _follow(strays):
-        if len({r.frame for r in track}) < SEEN_SHARE * len(frames):
+        if not track[0].label and len({r.frame for r in track}) < SEEN_SHARE * len(frames):
             middle = np.median([r.position_mm for r in track], axis=0)
             seen = f"seen in {len({r.frame for r in track})} of {len(frames)} frames"
             rejected.append(RejectedTrack(middle, len(track), seen))
         else:
-            markers.append(_summarize(track, track[0].label or str(len(markers) + 1), frames, sigma_mm))
+            label = track[0].label or _unused_number(markers)
+            markers.append(_summarize(track, label, frames, sigma_mm))
     return MarkerReadings(tuple(markers), tuple(rejected), len(frames), recording.frame)
+
+
+def _unused_number(markers: list[Marker]) -> str:
+    used = {marker.label for marker in markers}
+    return next(str(n) for n in range(1, len(markers) + 2) if str(n) not in used)
 
 
 def _follow(readings: Sequence[PointReading]) -> list[list[PointReading]]:
@@ -147,7 +156,7 @@ def _summarize(track: list[PointReading], label: str, frames: list[int], sigma_m
     stated = [r.sigma_mm for r in track if r.sigma_mm is not None]
     floor = float(np.sqrt(np.mean(np.square(stated)))) if stated else sigma_mm
     covariance = floor**2 * np.eye(3)
-    if len(kept) > 3:
+    if len(kept) > 1:
         covariance = covariance + np.cov(kept.T) / len(kept)
     flags = _flags(track, kept, frames)
     return Marker(label, kept.mean(axis=0), covariance, len(kept), int((~keep).sum()), flags)

@@ -10,7 +10,6 @@ import math
 import socket
 import struct
 import time
-from collections.abc import Callable
 
 import numpy as np
 from pyigtl.messages import CRC64, MessageBase, PointMessage, TransformMessage
@@ -29,41 +28,32 @@ POLL_S = 0.1
 POSITION_ITEM = struct.Struct(">64s32s4B8f20s")
 
 
-def record(
-    host: str,
-    port: int = DEFAULT_PORT,
-    *,
-    seconds: float = 5.0,
-    progress: Callable[[int], None] | None = None,
-) -> Recording:
+def record(host: str, port: int = DEFAULT_PORT, *, seconds: float = 5.0) -> Recording:
     """Record all POINT, TRANSFORM and POSITION messages a server at ``host`` sends within ``seconds``.
 
     A POINT message is one tracker frame of (labelled or stray) markers; TRANSFORM and POSITION are a tool's pose,
     named by its device. If the stream stops or breaks, what came until then is returned, with a note that says so.
-    ``progress`` is called with the number of messages so far. Raises `InputError` if no server answers or if no
-    message arrives at all.
+    Raises `InputError` if no server answers or no message arrives at all.
     """
     if not math.isfinite(seconds) or seconds <= 0:
         raise InputError(f"{seconds} seconds were asked for; expected a time above zero")
     try:
         connection = socket.create_connection((host, port), timeout=SILENCE_S)
-    except OSError as error:
+    except (OSError, OverflowError, UnicodeError) as error:
         raise InputError(
             f"no OpenIGTLink server answers at {host}:{port} ({error}); start it, check host and port"
         ) from error
     stream = _Stream()
     with connection:
         connection.settimeout(POLL_S)
-        note = _receive(connection, stream, time.monotonic() + seconds, progress)
+        note = _receive(connection, stream, time.monotonic() + seconds)
     if not stream.messages:
         raise InputError(f"{host}:{port} sent no readable message in {seconds:g} s{f' ({note})' if note else ''}")
     notes = stream.notes + ([note] if note else [])
     return Recording(f"openigtlink://{host}:{port}", tuple(stream.points), tuple(stream.tools), notes=tuple(notes))
 
 
-def _receive(
-    connection: socket.socket, stream: _Stream, until: float, progress: Callable[[int], None] | None
-) -> str | None:
+def _receive(connection: socket.socket, stream: _Stream, until: float) -> str | None:
     """Feed ``stream`` until the time is up; return why it ended early, if it did."""
     last = time.monotonic()
     while time.monotonic() < until:
@@ -82,8 +72,6 @@ def _receive(
         stream.feed(data)
         if stream.broken:
             return stream.broken
-        if progress is not None:
-            progress(stream.messages)
     return None
 
 
@@ -136,7 +124,7 @@ class _Stream:
             return
         try:
             unpack[kind](header, body, device, float(str(header["timestamp"])))
-        except (ValueError, struct.error, UnicodeDecodeError, IndexError) as error:
+        except (ValueError, TypeError, struct.error, IndexError) as error:
             self.notes.append(f"a {kind} message of {device} cannot be read ({error}) and was left out")
             return
         self.messages += 1

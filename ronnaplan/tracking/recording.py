@@ -12,9 +12,13 @@ from ronnaplan.geometry import FloatArray, Frame
 OK = "ok"
 """Status of a reading that its source calls good."""
 OTS = Frame("OTS")
+FARTHEST_MM = 1e6
+"""No tracker sees a kilometre far: such a position is damage."""
+QUATERNION_TOLERANCE = 1e-2
+"""Largest departure from length one of a quaternion that still is a rotation (printed with few digits)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PointReading:
     """One sphere in one tracker frame. ``label`` is empty for a stray (unidentified) marker."""
 
@@ -30,10 +34,10 @@ class PointReading:
     @property
     def usable(self) -> bool:
         """Whether the source calls the reading good and it has a position."""
-        return self.status == OK and bool(np.isfinite(self.position_mm).all())
+        return self.status == OK and _near(self.position_mm)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ToolReading:
     """The pose of one tracked tool in one tracker frame."""
 
@@ -84,18 +88,20 @@ class Recording:
         return counts
 
 
+def _near(values: FloatArray) -> bool:
+    return bool((np.abs(values) < FARTHEST_MM).all())
+
+
 def quaternion_pose(quaternion: FloatArray, translation_mm: FloatArray) -> FloatArray | None:
     """Return the (4, 4) of a scalar-first ``quaternion`` (4,) and translation (3,); None if they are no pose."""
     from scipy.spatial.transform import Rotation
 
+    if not (_near(translation_mm) and _near(quaternion)):
+        return None
     length = float(np.linalg.norm(quaternion))
-    if not np.isfinite(translation_mm).all() or not abs(length - 1.0) < QUATERNION_TOLERANCE:
+    if not abs(length - 1.0) < QUATERNION_TOLERANCE:
         return None
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
     matrix[:3, 3] = translation_mm
     return matrix
-
-
-QUATERNION_TOLERANCE = 1e-2
-"""Largest departure from length one of a quaternion that still is a rotation (printed with few digits)."""

@@ -23,7 +23,7 @@ def read_markups(path: Path) -> Recording:
         document = json.loads(read_text(path))
         markups = document["markups"]
         points = [point for markup in markups for point in _control_points(markup)]
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(
             f"{path} is not a Slicer markups file ({error!r}); expected markups with controlPoints"
         ) from error

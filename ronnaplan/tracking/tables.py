@@ -9,6 +9,8 @@ from pathlib import Path
 from ronnaplan.errors import InputError
 
 DELIMITERS = (",", ";", "\t")
+LARGEST_NUMBER = 1e19
+"""Nanoseconds since 1970 fit; what is larger, or infinite, is damage."""
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "missing", "-"})
 
 
@@ -28,7 +30,10 @@ def read_rows(path: Path) -> tuple[list[str], list[list[str]], str]:
     if not lines:
         raise InputError(f"{path} is empty; expected a header and tracker readings")
     delimiter = max(DELIMITERS, key=lines[0].count)
-    rows = list(csv.reader(lines, delimiter=delimiter))
+    try:
+        rows = list(csv.reader(lines, delimiter=delimiter))
+    except csv.Error as error:
+        raise InputError(f"{path} is not a readable table ({error}); expected CSV with a header") from error
     header = [column_name(cell) for cell in rows[0]]
     if any(number(cell, delimiter) is not None for cell in rows[0]):
         raise InputError(f"{path} has no header; its first line must name the columns, such as label,x,y,z")
@@ -46,7 +51,7 @@ def column_name(cell: str) -> str:
 
 
 def number(cell: str, delimiter: str = ",") -> float | None:
-    """Return the number in ``cell``, or None for a missing or non-numeric one.
+    """Return the number in ``cell``, or None for one that is missing, not numeric or beyond `LARGEST_NUMBER`.
 
     A decimal comma is understood where the comma is not the delimiter.
     """
@@ -56,6 +61,7 @@ def number(cell: str, delimiter: str = ",") -> float | None:
     if delimiter != ",":
         text = text.replace(",", ".")
     try:
-        return float(text)
+        value = float(text)
     except ValueError:
         return None
+    return value if abs(value) <= LARGEST_NUMBER else None

@@ -14,6 +14,7 @@ import argparse
 import io
 import multiprocessing
 import random
+import re
 import resource
 import signal
 import struct
@@ -22,6 +23,7 @@ import tempfile
 import time
 import traceback
 import warnings
+import zipfile
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -52,6 +54,7 @@ SYNTAXES = {
     "JPEG-LS": "1.2.840.10008.1.2.4.80",
     "JPEG 2000": "1.2.840.10008.1.2.4.90",
 }
+IMAGES = (".nii", ".nrrd", ".mha")
 UNCOMPRESSED = ("explicit", "implicit", "big endian", "deflated")
 Files = list[bytes]
 
@@ -60,7 +63,30 @@ def seeds() -> dict[str, Files]:
     """Return the valid series that are mutated, each as the bytes of its files."""
     made = {name: [_slice(k, syntax) for k in range(SLICES)] for name, syntax in SYNTAXES.items()}
     made["enhanced"] = [_bytes(enhanced(SLICES))]
+    made["zip"] = [_zipped(made["explicit"])]
+    made |= {suffix: [_image(suffix)] for suffix in IMAGES}
     return made
+
+
+def _zipped(files: Files) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        for k, content in enumerate(files):
+            archive.writestr(f"study/{k}", content)
+    return stream.getvalue()
+
+
+def _image(suffix: str) -> bytes:
+    import SimpleITK
+
+    image = SimpleITK.GetImageFromArray(np.stack([pattern(k) for k in range(SLICES)]))
+    image.SetSpacing((0.75, 0.5, 2.0))
+    image.SetOrigin((-10.0, -20.0, 30.0))
+    image.SetDirection((0.8, -0.6, 0.0, 0.6, 0.8, 0.0, 0.0, 0.0, 1.0))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"image{suffix}"
+        SimpleITK.WriteImage(image, str(path))
+        return path.read_bytes()
 
 
 def _slice(k: int, syntax: str) -> bytes:
@@ -202,12 +228,12 @@ class WrongGeometryError(AssertionError):
     """A volume was returned that disagrees with pydicom."""
 
 
-def check(volume: CTVolume, folder: Path) -> str:
+def check(volume: CTVolume, path: Path) -> str:
     """Compare a volume with what pydicom reads from the same files; raises `WrongGeometryError`."""
     places, unreadable = [], 0
-    for path in sorted(folder.iterdir()):
+    for content in _contents(path):
         try:
-            places += _places(path, volume)
+            places += _places(content)
         except Exception:
             unreadable += 1
     shape = volume.voxels_hu.shape[1:]
@@ -225,9 +251,67 @@ def check(volume: CTVolume, folder: Path) -> str:
     return "read"
 
 
-def _places(path: Path, volume: CTVolume) -> list[tuple[tuple[int, int], Any, Any]]:
+def check_image(volume: CTVolume, path: Path) -> str:
+    """Compare a volume with the affine map in the file's own header, read here by the letter of its format."""
+    try:
+        lps_from_index = OWN_HEADERS[path.suffix](path.read_bytes())
+    except (ValueError, KeyError, IndexError, struct.error):
+        return "read, unverified"
+    count, rows, columns = volume.voxels_hu.shape
+    for k, j, i in [(0, 0, 0), (count - 1, rows - 1, 0), (count - 1, 0, columns - 1)]:
+        ours = volume.grid.positions_mm(np.array([k, j, i], dtype=float))
+        either = [lps_from_index @ [i, j, number, 1.0] for number in (k, count - 1 - k)]
+        if min(np.abs(ours - place).max() for place in either) > TOLERANCE_MM:
+            raise WrongGeometryError(f"voxel {(k, j, i)} at {ours.tolist()}, its header says {either}")
+    return "read"
+
+
+def _nifti(content: bytes) -> Any:
+    order = "<" if 1 <= struct.unpack_from("<h", content, 40)[0] <= 7 else ">"
+    if struct.unpack_from(order + "h", content, 254)[0] <= 0:
+        raise ValueError("the matrix read here is not in force")
+    rows = np.array(struct.unpack_from(order + "12f", content, 280), dtype=float).reshape(3, 4)
+    return rows * [[-1.0], [-1.0], [1.0]]
+
+
+def _nrrd(content: bytes) -> Any:
+    header = content.split(b"\n\n")[0].decode("latin-1")
+    vectors = [[float(x) for x in each.split(",")] for each in re.findall(r"\(([^)]*)\)", header)]
+    signs = {"left-posterior-superior": (1, 1, 1), "right-anterior-superior": (-1, -1, 1)}
+    found = re.search(r"^space: *(.*)$", header, re.MULTILINE)
+    return np.array(vectors).T * np.array(signs[found.group(1).strip() if found else ""])[:, np.newaxis]
+
+
+def _meta(content: bytes) -> Any:
+    lines = [line.split("=", 1) for line in content[:2000].decode("latin-1").split("\n") if "=" in line]
+    fields = {key.strip(): value.split() for key, value in lines}
+    matrix = np.array(fields["TransformMatrix"], dtype=float).reshape(3, 3).T
+    steps = matrix * np.array(fields["ElementSpacing"], dtype=float)
+    return np.column_stack([steps, np.array(fields["Offset"], dtype=float)])
+
+
+OWN_HEADERS: dict[str, Callable[[bytes], Any]] = {".nii": _nifti, ".nrrd": _nrrd, ".mha": _meta}
+
+
+def _contents(path: Path) -> list[bytes]:
+    if path.is_dir():
+        return [each.read_bytes() for each in sorted(path.iterdir())]
+    if zipfile.is_zipfile(path):
+        with zipfile.ZipFile(path) as archive:
+            return [content for name in archive.namelist() if (content := _member(archive, name)) is not None]
+    return [path.read_bytes()]
+
+
+def _member(archive: zipfile.ZipFile, name: str) -> bytes | None:
+    try:
+        return archive.read(name)
+    except Exception:
+        return None
+
+
+def _places(content: bytes) -> list[tuple[tuple[int, int], Any, Any]]:
     """Return size, first and last voxel (LPS mm) of each image in a file, by pydicom."""
-    made = pydicom.dcmread(path, force=True, stop_before_pixels=True)
+    made = pydicom.dcmread(io.BytesIO(content), force=True, stop_before_pixels=True)
     if "PerFrameFunctionalGroupsSequence" not in made:
         return [_place(made, made, made, made)]
     shared = made.SharedFunctionalGroupsSequence[0]
@@ -271,16 +355,28 @@ def _too_slow(*_: object) -> None:
     raise SlowError
 
 
-def try_one(series: dict[str, Files], number: int, seed: int, folder: Path) -> tuple[str, str]:
-    """Read one input; return its kind and what became of it, a failure starting with ``FAILED``."""
-    kind, files = mutated(series, number, seed)
+def _written(kind: str, files: Files, folder: Path) -> Path:
+    """Write the files of one input into the emptied ``folder``; return what to read."""
     for old in folder.iterdir():
         old.unlink()
     for k, content in enumerate(files):
-        (folder / str(k)).write_bytes(content)
+        (folder / f"{k}{kind if kind in IMAGES else ''}").write_bytes(content)
+    return folder if len(files) > 1 or kind not in (*IMAGES, "zip") else next(folder.iterdir())
+
+
+def read_all(series: dict[str, Files], folder: Path) -> None:
+    """Read every seed as it is: all must be sound, and what is compiled at first use is compiled by then."""
+    for kind, files in series.items():
+        read_ct(_written(kind, files, folder), limits=LIMITS)
+
+
+def try_one(series: dict[str, Files], number: int, seed: int, folder: Path) -> tuple[str, str]:
+    """Read one input; return its kind and what became of it, a failure starting with ``FAILED``."""
+    kind, files = mutated(series, number, seed)
+    path = _written(kind, files, folder)
     started = time.monotonic()
     try:
-        volume = read_ct(folder, limits=LIMITS)
+        volume = read_ct(path, limits=LIMITS)
     except RonnaplanError as error:
         if "\n" in str(error) or not str(error).isprintable():
             return kind, f"FAILED: a message that is not one printable line: {error!r}"
@@ -291,7 +387,7 @@ def try_one(series: dict[str, Files], number: int, seed: int, folder: Path) -> t
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                outcome = check(volume, folder)
+                outcome = check_image(volume, path) if kind in IMAGES else check(volume, path)
         except WrongGeometryError as error:
             return kind, f"FAILED: {error}"
     took = time.monotonic() - started
@@ -302,6 +398,7 @@ def _work(series: dict[str, Files], first: int, count: int, seed: int, results: 
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
     signal.signal(signal.SIGALRM, _too_slow)
     with tempfile.TemporaryDirectory() as folder:
+        read_all(series, Path(folder))
         for number in range(first, first + count):
             results.put((number, "begun", ""))
             signal.setitimer(signal.ITIMER_REAL, 2 * SLOWEST_S)
@@ -344,6 +441,7 @@ def run(count: int, seed: int) -> int:
             outcomes[kind, "FAILED" if failed else outcome] += 1
             if failed:
                 failures.append(f"input {at} ({kind}): {outcome}")
+                print(failures[-1], file=sys.stderr)
             if number % 5000 == 0:
                 print(f"{number} tried, {len(failures)} failures", file=sys.stderr)
         child.join(timeout=10)

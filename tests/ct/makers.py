@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import deepcopy
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 
@@ -12,6 +13,11 @@ from numpy.typing import NDArray
 from pydicom import dcmread, dcmwrite
 from pydicom.dataset import Dataset, FileDataset, FileMetaDataset
 from pydicom.uid import UID, CTImageStorage, EnhancedCTImageStorage, ExplicitVRLittleEndian, generate_uid
+
+from ronnaplan.ct.frames import images_of
+from ronnaplan.ct.header import read_header
+from ronnaplan.ct.limits import Limits
+from ronnaplan.ct.slices import SliceImage, instance_from_header
 
 ROWS, COLUMNS = 8, 10
 STUDY, SERIES, FRAME = "1.2.3.1", "1.2.3.2", "1.2.3.3"
@@ -138,3 +144,36 @@ def _frame_groups(k: int, stack: int) -> Dataset:
     groups.PlanePositionSequence, groups.PlaneOrientationSequence = [position], [orientation]
     groups.FrameContentSequence = [content]
     return groups
+
+
+def slice_image(made: FileDataset) -> SliceImage:
+    """Return the reader's own record of ``made``."""
+    stream = BytesIO()
+    save(made, stream)
+    content = stream.getvalue()
+    blob = MemoryBlob(content)
+    (image,) = images_of(instance_from_header(blob, read_header(blob, Limits())))
+    return image
+
+
+@dataclass(frozen=True)
+class MemoryBlob:
+    """A file in memory."""
+
+    content: bytes
+    name: str = "memory"
+
+    @property
+    def size(self) -> int:
+        """Number of bytes."""
+        return len(self.content)
+
+    def read(self, offset: int, count: int) -> bytes:
+        """Return ``count`` bytes from ``offset``."""
+        return self.content[offset : offset + count]
+
+    def read_into(self, offset: int, target: memoryview) -> int:
+        """Fill ``target`` from ``offset``."""
+        content = self.read(offset, len(target))
+        target[: len(content)] = content
+        return len(content)

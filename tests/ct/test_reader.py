@@ -1,11 +1,14 @@
+import threading
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ronnaplan.ct import VolumeFlag, catalogue, read_ct
+from ronnaplan.ct import Limits, VolumeFlag, find_series, read_ct
+from ronnaplan.ct.slices import SliceImage
 from ronnaplan.errors import InputError
-from tests.ct.makers import FRAME, SERIES, STUDY, pattern, write_series
+from tests.ct.makers import FRAME, SERIES, STUDY, dataset, pattern, save, write_series
 
 
 def test_a_folder_becomes_a_volume_in_hu_with_every_voxel_in_its_place(tmp_path: Path) -> None:
@@ -65,7 +68,57 @@ def test_a_mixed_folder_is_sorted_out(tmp_path: Path) -> None:
 
     write_series(tmp_path / "scout", 1, localizer)
     (tmp_path / "notes.txt").write_text("not an image")
-    found = catalogue(tmp_path)
+    found = find_series(tmp_path)
     assert [series.key for series in found.usable] == [SERIES]
     assert any("localizer" in series.problems[0] for series in found.series if not series.is_usable)
     assert read_ct(tmp_path).voxels_hu.shape == (4, 8, 10)
+
+
+def test_a_series_beyond_the_memory_limit_is_refused_before_memory_is_taken(tmp_path: Path) -> None:
+    write_series(tmp_path)
+    with pytest.raises(InputError, match=r"the volume needs .* GiB but the limit is"):
+        read_ct(tmp_path, limits=Limits(volume_bytes=600))
+
+
+def test_ctrl_c_stops_the_read_at_once_and_leaves_no_thread_and_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun: list[int] = []
+
+    def interrupted(image: SliceImage, *_: object) -> None:
+        begun.append(image.frame)
+        raise KeyboardInterrupt
+
+    write_series(tmp_path, 60)
+    before = sorted(tmp_path.rglob("*"))
+    monkeypatch.setattr("ronnaplan.ct.reader.read_slice", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        read_ct(tmp_path)
+    assert len(begun) < 60
+    assert sorted(tmp_path.rglob("*")) == before
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("ThreadPool")]
+
+
+def test_peak_memory_stays_below_1_3_times_the_voxels(tmp_path: Path) -> None:
+    for k in range(40):
+        save(dataset(k, stored=np.full((256, 256), k, np.int16)), tmp_path / f"{k:02d}")
+    read_ct(tmp_path)  # whatever is imported on first use
+    tracemalloc.start()
+    volume = read_ct(tmp_path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1.3 * volume.voxels_hu.nbytes
+
+
+def test_progress_is_shown_on_standard_error_only_on_a_terminal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    read_ct(write_series(tmp_path), progress=True)
+    captured = capsys.readouterr()
+    assert (captured.out, captured.err) == ("", "")
+
+
+def test_a_localizer_named_by_its_uid_is_refused_with_the_reason(tmp_path: Path) -> None:
+    write_series(tmp_path, 1, lambda made, k: setattr(made, "ImageType", ["ORIGINAL", "PRIMARY", "LOCALIZER"]))
+    with pytest.raises(InputError, match="is not a usable CT: a localizer"):
+        read_ct(tmp_path, SERIES)

@@ -15,6 +15,7 @@ from ronnaplan.documents.export import export
 from ronnaplan.documents.fiducials import fiducials_document, to_json
 from ronnaplan.localization import Fiducial, Fiducials
 
+FIT = np.array([0, 0, 0, 5.75, 0.5, 1.0, 1000.0, -1000.0, 0, 0, 0])
 CENTERS = [[-23.55, 82.21, 775.14], [1.25, -2.5, 0.125]]
 
 
@@ -22,11 +23,11 @@ CENTERS = [[-23.55, 82.21, 775.14], [1.25, -2.5, 0.125]]
 def document(tmp_path: Path) -> Path:
     covariance = np.diag([1e-4, 4e-4, 9e-4])
     found = tuple(
-        Fiducial(label, np.array(center), covariance, 11.5, 1000.0, 0.5, 0.9, 0.01)
+        Fiducial(label, np.array(center), covariance, covariance, FIT, 0.9, 0.01)
         for label, center in zip(["F1", "=1+1"], CENTERS, strict=True)
     )
     path = tmp_path / "fiducials.json"
-    path.write_text(to_json(fiducials_document(Fiducials(found, (), 11.5, SeriesSource(), "00"))))
+    path.write_text(to_json(fiducials_document(Fiducials(found, (), (11.5,), SeriesSource(), "00"))))
     return path
 
 

@@ -14,16 +14,19 @@ from ronnaplan.documents.fiducials import fiducials_document, read_fiducials, to
 from ronnaplan.errors import InputError
 from ronnaplan.localization import Fiducial, FiducialFlag, Fiducials, Rejected
 
+FIT = np.array([0, 0, 0, 5.76, 0.5, 1.0, 1100.0, -1000.0, 0, 0, 0])
+
 
 @pytest.fixture
 def found() -> Fiducials:
     covariance = np.array([[4e-6, 1e-6, 0], [1e-6, 9e-6, 0], [0, 0, 2.5e-5]])
     one = Fiducial(
-        "F1", np.array([1.0, -2.0, 3.5]), covariance, 11.52, 1100.0, 0.5, 0.8, 0.01, (FiducialFlag.CUT,)
+        "F1", np.array([1.0, -2.0, 3.5]), covariance, covariance / 2, FIT, 0.8, 0.01, (FiducialFlag.CUT,)
     )
-    other = Fiducial("F2", np.array([0.1, 0.2, 1.0 / 3.0]), covariance, 11.5, 1090.0, 0.5, 0.9, 0.01)
-    rejected = Rejected(np.array([9.0, 9.0, 9.0]), "roundness", "its surface is not a sphere's")
-    return Fiducials((one, other), (rejected,), 11.5, SeriesSource("1.2", "1.2.3", "1.2.3.4"), "ab" * 32)
+    other = Fiducial("F2", np.array([0.1, 0.2, 1.0 / 3.0]), covariance, covariance / 2, FIT, 0.9, 0.01)
+    place = np.array([9.0, 9.0, 9.0])
+    rejected = Rejected(place, "roundness", "its surface is not a sphere's", FIT, place)
+    return Fiducials((one, other), (rejected,), (11.5,), SeriesSource("1.2", "1.2.3", "1.2.3.4"), "ab" * 32)
 
 
 @pytest.fixture
@@ -41,7 +44,7 @@ def test_the_document_keeps_its_contract(document: Path) -> None:
     assert content["unit"] == "mm"
     assert content["source"]["frame_of_reference_uid"] == "1.2.3.4"
     assert content["source"]["voxel_sha256"] == "ab" * 32
-    assert content["marker"] == {"diameter_mm": 11.5}
+    assert content["marker"]["diameter_mm"] == 11.5
     first = content["fiducials"][0]
     assert first["center"] == [1.0, -2.0, 3.5]
     assert {"label", "center", "covariance", "diameter_mm", "contrast_hu", "flags"} <= set(first)

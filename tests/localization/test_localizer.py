@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from phantoms.parts import decoy, marker_on_post, scalp_foot
+from phantoms.anatomy import scalp_foot
+from phantoms.markers import DECOYS, decoy, marker
 from phantoms.scene import Part, Scene
 from phantoms.solids import ellipsoid, half_space
 from ronnaplan.errors import InputError, RefusedError, UsageError
@@ -69,8 +70,8 @@ def test_the_stated_error_is_the_real_one() -> None:
 
 def test_a_marker_on_its_post_is_found_and_decoys_are_not() -> None:
     foot = scalp_foot((0.2, 0.1, 1.0), 0.3)
-    kinds = ["larger sphere", "smaller sphere", "cylinder", "ellipsoid", "capsule", "bare screw", "cone", "box"]
-    scene = marker_on_post("M1", foot)
+    kinds = [kind for kind in DECOYS if kind != "gas bubble"]
+    scene = marker("M1", foot, "post")
     center = scene.markers[0].center_mm
     stack = small_stack(center_mm=tuple(center))
     found = localize(scan(scene, stack), diameter_mm=11.5)

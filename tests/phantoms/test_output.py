@@ -90,3 +90,23 @@ def test_an_independent_validator_finds_no_fault(
         answer = subprocess.run(["dciodvfy", str(path)], capture_output=True, text=True, check=False)
         assert "Error" not in answer.stderr
         assert "Warning" not in answer.stderr
+
+
+def test_when_the_exchange_fails_the_earlier_phantom_stays(
+    tmp_path: Path, scene: Scene, stack: SliceStack, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    images = render(scene, stack)
+    write_phantom(tmp_path / "ct", scene, stack, images)
+    before = {path.name: path.read_bytes() for path in (tmp_path / "ct").iterdir()}
+    rename = Path.rename
+
+    def fail_for_the_new(self: Path, target: Path) -> Path:
+        if self.name == "new":
+            raise PermissionError(13, "Permission denied")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", fail_for_the_new)
+    with pytest.raises(PhantomError, match="Permission denied"):
+        write_phantom(tmp_path / "ct", scene, stack, images)
+    assert {path.name: path.read_bytes() for path in (tmp_path / "ct").iterdir()} == before
+    assert [path.name for path in tmp_path.iterdir()] == ["ct"]

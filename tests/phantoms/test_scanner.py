@@ -11,6 +11,7 @@ from phantoms.solids import FloatArray, box, cylinder, half_space, sphere
 from phantoms.stack import SliceStack, axial_stack
 
 QUIET = Scanner(dose=0.0)
+FEW_VIEWS = Scanner(dose=0.0, views=60)
 WATER_DISC = Scene((Part(cylinder((0, 0, -50), (0, 0, 1), 100, 200), "water"),))
 TURN = np.linalg.qr(np.array([[0.3, -0.5, 0.8], [0.9, 0.2, -0.4], [0.1, 0.7, 0.6]]))[0]
 TURN *= np.sign(np.linalg.det(TURN))
@@ -77,9 +78,24 @@ def test_mass_is_kept_across_kernels_and_slice_thickness() -> None:
 def test_a_slab_of_a_scan_equals_that_part_of_the_whole() -> None:
     whole = axial_stack(start_mm=-4, stop_mm=4, spacing_mm=1, thickness_mm=2, matrix=48, field_of_view_mm=60)
     slab = axial_stack(start_mm=1, stop_mm=3, spacing_mm=1, thickness_mm=2, matrix=48, field_of_view_mm=60)
-    scanner = Scanner(dose=0.5)
+    scanner = Scanner(dose=0.5, views=90)
     assert images(WATER_DISC, slab, scanner, 7) == pytest.approx(
         images(WATER_DISC, whole, scanner, 7)[5:8], abs=0.01
+    )
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 12.0])
+def test_a_cropped_scan_shows_the_same_voxels(tilt_deg: float) -> None:
+    scene = Scene((*WATER_DISC.parts, Part(sphere((30, -20, 3), 11.5), "acrylic")))
+    whole = axial_stack(start_mm=-6, stop_mm=12, spacing_mm=3, matrix=100, field_of_view_mm=150, tilt_deg=tilt_deg)
+    crop = whole.around((30, -20, 3), 9.5, crop=True)
+    assert max(crop.rows, crop.columns) <= 15
+    assert crop.holds_whole(np.array([30.0, -20, 3]), 11.5)
+    everywhere, wanted = places(whole).reshape(-1, 3), places(crop).reshape(-1, 3)
+    nearest = [int(np.argmin(np.linalg.norm(everywhere - place, axis=1))) for place in wanted]
+    assert everywhere[nearest] == pytest.approx(wanted, abs=1e-9)
+    assert images(scene, crop, FEW_VIEWS).ravel() == pytest.approx(
+        images(scene, whole, FEW_VIEWS).ravel()[nearest], abs=0.5
     )
 
 

@@ -37,7 +37,7 @@ STACKS: dict[str, dict[str, object]] = {
 
 
 def layered_head(*, post: bool = False, wire: bool = False) -> Scene:
-    """A head of three ellipsoids about the origin; with a plastic post on the forehead, with a metal wire inside."""
+    """A head of three ellipsoids about the origin; with a plastic post on the forehead, a metal wire inside."""
     parts = [
         Part(ellipsoid((0, 0, 0), SCALP), "skin"),
         Part(ellipsoid((0, 0, 0), SKULL), "skull"),

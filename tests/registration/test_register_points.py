@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import Frame
 from ronnaplan.registration import RegistrationFlag, predict_tre, register_batch, register_points
+from ronnaplan.registration.rigid import fit_closed_form
 
 HEAD = np.array([[-60.0, 20, 40], [55, 30, 50], [5, -85, 60], [-20, 60, 75], [30, -10, 95], [-70, -30, 10]])
 
@@ -179,6 +180,30 @@ def test_misfit_and_too_small_residuals_are_flagged() -> None:
 def test_a_nearly_straight_row_of_markers_is_flagged_loose() -> None:
     row = np.array([[0.0, 0, 0], [50, 2, 0], [100, 0, 1], [150, 1, 2]])
     assert RegistrationFlag.LOOSE_ROTATION in register_points(row, row, 0.3**2 * np.eye(3)).flags
+
+
+def chi_square(matrix: np.ndarray, moving: np.ndarray, fixed: np.ndarray, errors: np.ndarray) -> float:
+    off = fixed - mapped(matrix, moving)
+    turned = matrix[:3, :3] @ errors @ matrix[:3, :3].T
+    return float(np.einsum("ni,nij,nj", off, np.linalg.inv(turned + errors), off))
+
+
+def test_contradictory_pairs_settle_or_are_flagged() -> None:
+    """Wrong pairs with long thin errors: the misfit must not rise from the start, and no fit passes for sound."""
+    rng = np.random.default_rng(12)
+    moving = rng.uniform(-80, 80, (300, 6, 3))
+    fixed = rng.uniform(-80, 80, (300, 6, 3))
+    thin = Rotation.random(6, rng=rng).as_matrix()
+    errors = thin @ np.diag([0.01, 0.01, 9.0]) @ thin.transpose(0, 2, 1)
+    batch = register_batch(moving, fixed, (errors, errors))
+    size = np.trace(errors, axis1=1, axis2=2)
+    for k in range(0, 300, 30):
+        one = register_points(moving[k], fixed[k], (errors, errors))
+        assert one.settled == batch.settled[k]
+        start = fit_closed_form(moving[k], fixed[k], weights=1 / size)
+        assert one.chi_square <= chi_square(start, moving[k], fixed[k], errors)
+        assert RegistrationFlag.MISFIT in one.flags
+        assert (RegistrationFlag.UNSETTLED in one.flags) == (not one.settled)
 
 
 def test_batch_and_single_agree() -> None:

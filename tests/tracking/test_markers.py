@@ -83,6 +83,23 @@ def test_labels_and_stated_errors_of_the_source_are_kept() -> None:
     assert found.markers[0].flags == (MarkerFlag.SINGLE_READING,)
 
 
+def test_markers_touched_one_after_the_other_are_all_kept_by_their_labels() -> None:
+    readings = [PointReading(100 * k, p, label) for k, (p, label) in enumerate(zip(TRUTH, "ABCDE", strict=True))]
+    assert find_markers(Recording("test", tuple(readings))).points.labels == tuple("ABCDE")
+
+
+def test_a_label_given_to_two_places_has_no_certain_position() -> None:
+    readings = [PointReading(0, TRUTH[0], "A"), PointReading(0, TRUTH[1], "A"), PointReading(0, TRUTH[2], "B")]
+    marker = find_markers(Recording("test", tuple(readings))).markers[0]
+    assert MarkerFlag.MOVED in marker.flags
+    assert np.sqrt(np.trace(marker.covariance_mm2)) > 30
+
+
+def test_a_faster_stream_of_tools_does_not_make_markers_rare() -> None:
+    tools = tuple(ToolReading(k, "probe", np.eye(4)) for k in range(1000))
+    assert len(find_markers(Recording("test", tuple(recording(0, frames=100)), tools)).markers) == len(TRUTH)
+
+
 def test_tool_poses_alone_give_their_origins() -> None:
     pose = np.eye(4)
     pose[:3, 3] = TRUTH[0]

@@ -76,7 +76,7 @@ def test_pyigtls_own_server_is_recorded() -> None:
     sender = threading.Thread(target=send, daemon=True)
     sender.start()
     try:
-        recording = record("127.0.0.1", port, seconds=1.0)
+        recording = record("127.0.0.1", port, seconds=2.0)
     finally:
         stop.set()
         sender.join(10)
@@ -132,7 +132,7 @@ def test_a_stream_that_closes_midway_keeps_what_came_and_says_so() -> None:
 
 
 def test_a_stream_that_falls_silent_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(openigtlink, "SILENCE_S", 0.3)
+    monkeypatch.setattr(openigtlink, "SILENCE_S", 1.0)
     with server([points()]) as port:
         recording = record("127.0.0.1", port, seconds=10)
     assert "the stream stopped" in recording.notes[0]

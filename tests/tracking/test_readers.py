@@ -32,6 +32,13 @@ def test_csv_columns_are_found_by_name_and_bad_rows_are_kept_with_a_reason(tmp_p
     assert recording.flagged() == {"no position": 1, "missing": 1}
 
 
+def test_damaged_numbers_are_flagged_not_used(tmp_path: Path) -> None:
+    text = "x,y,z,sigma\n1,2,3,-1\n1e300,2,3,0.1\n1,inf,3,0.1\n1e12,2,3,0.1\n1,2,3,0.1\n"
+    recording = read_recording(written(tmp_path, "r.csv", text))
+    assert [point.usable for point in recording.points] == [False, False, False, False, True]
+    assert "sigma is -1 mm" in recording.flagged()
+
+
 def test_semicolons_with_decimal_commas_and_a_byte_order_mark(tmp_path: Path) -> None:
     recording = read_recording(written(tmp_path, "r.csv", "\ufefflabel;x;y;z\nA;1,5;-2,25;3\n"))
     np.testing.assert_array_equal(recording.points[0].position_mm, [1.5, -2.25, 3])

@@ -1,0 +1,88 @@
+"""``ronnaplan register``: markers of a scan and tracker readings, to the registration and its expected error."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+HELP = "Pair a scan's markers with tracker readings, register them and predict the error at planned points."
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    parser.add_argument("fiducials", metavar="FIDUCIALS", help="fiducials.json of the scan")
+    parser.add_argument("readings", metavar="READINGS", help="CSV, NDI CSV, Slicer markups or .mha readings")
+    parser.add_argument("--expected", type=int, metavar="N", help="the number of markers seen in both")
+    parser.add_argument("--plan", metavar="PLAN", help="predict the error at this plan's entries and targets")
+    parser.add_argument(
+        "--sigma-ct",
+        type=float,
+        metavar="MM",
+        help="marker error per axis beyond CT noise (default 0.56: skin markers)",
+    )
+    parser.add_argument("--sigma-ots", type=float, metavar="MM", help="tracker error per axis (default 0.17)")
+    parser.add_argument(
+        "--pair",
+        action="append",
+        default=[],
+        metavar="CT=READING",
+        help="a pair known by pointing at it; repeatable",
+    )
+    parser.add_argument("-o", "--output", metavar="FILE", help="registration.json (default: standard output)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Register; a refused pairing is written with its rivals and returns 3."""
+    from ronnaplan.documents.fiducials import read_fiducials, to_json
+    from ronnaplan.documents.files import write_result
+    from ronnaplan.documents.registration import registration_document
+    from ronnaplan.documents.registration_text import registration_text
+    from ronnaplan.errors import RefusedError
+    from ronnaplan.registration.markers import SIGMA_CT_MM, register_markers
+    from ronnaplan.tracking import find_markers, read_recording
+    from ronnaplan.tracking.markers import ONE_READING_SD_MM
+
+    fiducials = read_fiducials(arguments.fiducials)
+    known = tuple(_pair(text) for text in arguments.pair)
+    targets = None
+    if arguments.plan is not None:
+        from ronnaplan.documents.planned_points import planned_points
+
+        targets = planned_points(arguments.plan)
+        fiducials.points.frame.require(targets.frame)
+    sigma_ots = ONE_READING_SD_MM if arguments.sigma_ots is None else arguments.sigma_ots
+    found = find_markers(read_recording(arguments.readings), sigma_mm=sigma_ots)
+    for marker in found.markers:
+        for flag in marker.flags:
+            print(f"ronnaplan: warning: reading {marker.label}: {flag}", file=sys.stderr)
+    for track in found.rejected:
+        print(f"ronnaplan: {track.readings} readings near {_place(track.position_mm)} left out: {track.reason}",
+              file=sys.stderr)  # fmt: skip
+    registered = register_markers(
+        fiducials.points,
+        found.points,
+        expected=arguments.expected,
+        sigma_ct_mm=SIGMA_CT_MM if arguments.sigma_ct is None else arguments.sigma_ct,
+        known_pairs=known,
+    )
+    document = registration_document(registered, fiducials.source, targets)
+    print(registration_text(document), file=sys.stderr)
+    write_result(arguments.output, to_json(document))
+    if document.status != "unique":
+        raise RefusedError(document.reason)
+    return 0
+
+
+def _pair(text: str) -> tuple[str, str]:
+    from ronnaplan.errors import UsageError
+
+    ct, equals, reading = text.partition("=")
+    if not (ct and equals and reading):
+        raise UsageError(f"--pair {text} is not of the form CT=READING, such as F1=3")
+    return ct, reading
+
+
+def _place(position: object) -> str:
+    import numpy as np
+
+    return ", ".join(f"{value:.1f}" for value in np.asarray(position, dtype=float))

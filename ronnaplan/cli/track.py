@@ -1,0 +1,74 @@
+"""``ronnaplan track``: record a tracker's live stream over OpenIGTLink, and tell whether the patient has moved."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ronnaplan.documents.registration import RegistrationDocument
+    from ronnaplan.tracking import Recording
+
+HELP = "Record marker and tool readings from an OpenIGTLink server into a readings CSV."
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    parser.add_argument("--host", default="127.0.0.1", help="where the server runs (default %(default)s)")
+    parser.add_argument("--port", type=int, default=18944, help="its port (default %(default)s)")
+    parser.add_argument("--seconds", type=float, default=5.0, help="how long to record (default %(default)s)")
+    parser.add_argument(
+        "--registration", metavar="FILE", help="warn when markers have moved since this registration.json"
+    )
+    parser.add_argument("-o", "--output", metavar="FILE", help="readings CSV (default: standard output)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Record, write every reading, and say on standard error what was seen."""
+    from ronnaplan.documents.files import write_result
+    from ronnaplan.documents.registration import read_registration
+    from ronnaplan.errors import InputError
+    from ronnaplan.tracking import find_markers
+    from ronnaplan.tracking.csv_file import write_csv
+    from ronnaplan.tracking.openigtlink import record
+
+    registered = read_registration(arguments.registration) if arguments.registration else None
+    recording = record(arguments.host, arguments.port, seconds=arguments.seconds)
+    write_result(arguments.output, write_csv(recording))
+    for note in recording.notes:
+        print(f"ronnaplan: warning: {note}", file=sys.stderr)
+    for reason, count in recording.flagged().items():
+        print(f"ronnaplan: {count} readings flagged: {reason}", file=sys.stderr)
+    if registered is not None:
+        print(movement(recording, registered), file=sys.stderr)
+    try:
+        found = find_markers(recording)
+    except InputError as error:
+        print(f"ronnaplan: warning: {error}", file=sys.stderr)
+        return 0
+    print(f"{len(found.markers)} markers in {found.frames} frames", file=sys.stderr)
+    for marker in found.markers:
+        x, y, z = marker.position_mm
+        doubts = "".join(f"; {flag}" for flag in marker.flags)
+        print(
+            f"{marker.label:<12} {x:9.2f} {y:9.2f} {z:9.2f}  {marker.readings} readings{doubts}", file=sys.stderr
+        )
+    return 0
+
+
+def movement(recording: Recording, registered: RegistrationDocument) -> str:
+    """Say in how many frames the registered markers rested or moved, and how they moved lastly."""
+    from ronnaplan.registration import DriftStatus, drift_over_time
+    from ronnaplan.tracking.frames import labelled_frames
+
+    frames = labelled_frames(recording, registered.readings)
+    drifts = drift_over_time(registered.readings, [points for _, points in frames])
+    counts = {status: sum(drift.status is status for drift in drifts) for status in DriftStatus}
+    lines = [f"{count} of {len(drifts)} frames: {status}" for status, count in counts.items() if count]
+    moved = [drift for drift in drifts if drift.status in (DriftStatus.PATIENT_MOVED, DriftStatus.MARKER_MOVED)]
+    if moved:
+        last = moved[-1]
+        who = f"; {last.doubt}" if last.doubt else ""
+        lines.append(f"warning: lastly moved by {last.shift_mm:.2f} mm and {last.rotation_deg:.2f} degrees{who}")
+    return "\n".join(lines) or "no frame shows the registered markers"

@@ -1,0 +1,126 @@
+"""DICOM Spatial Fiducials and Spatial Registration objects (PS3.3, A.40 and A.39), bound to the scan's frame.
+
+A Spatial Registration maps its items' frames of reference into the object's own, here the tracker's. Patient names
+and identifiers are left empty, as ronnaplan's documents do not carry them.
+"""
+
+from __future__ import annotations
+
+import datetime
+import io
+
+from pydicom.dataset import Dataset, FileDataset, FileMetaDataset
+from pydicom.uid import UID, ExplicitVRLittleEndian, generate_uid
+from pydicom.valuerep import DSfloat
+
+from ronnaplan import __version__
+from ronnaplan.documents.fiducials import FiducialEntry, FiducialsDocument, Source
+from ronnaplan.documents.registration import RegistrationDocument
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray
+
+SPATIAL_REGISTRATION = UID("1.2.840.10008.5.1.4.1.1.66.1")
+SPATIAL_FIDUCIALS = UID("1.2.840.10008.5.1.4.1.1.66.2")
+IDENTITY = (1.0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 1.0)
+LONGEST_IDENTIFIER = 16
+"""Fiducial Identifier is a Short String (SH)."""
+
+
+def spatial_fiducials(document: FiducialsDocument) -> FileDataset:
+    """Return the markers as a Spatial Fiducials object: points with their standard error as uncertainty radius.
+
+    Raises `InputError` when the document has no frame of reference or no marker.
+    """
+    frame = _frame(document.source)
+    if not document.fiducials:
+        raise InputError("the document holds no fiducials; a Spatial Fiducials object needs at least one")
+    dataset = _start(SPATIAL_FIDUCIALS, "FID", document.source, document.model_dump_json())
+    dataset.ContentLabel = "MARKERS"
+    dataset.ContentDescription = f"Spheres of {document.marker.diameter_mm:g} mm found by ronnaplan"
+    markers = Dataset()
+    markers.FrameOfReferenceUID = frame
+    markers.FiducialSequence = [_fiducial(entry) for entry in document.fiducials]
+    dataset.FiducialSetSequence = [markers]
+    return dataset
+
+
+def spatial_registration(document: RegistrationDocument) -> FileDataset:
+    """Return the registration as a Spatial Registration object from the scan's frame into the tracker's.
+
+    The tracker's frame of reference has no UID of its own: one is made from the document's content, the same at
+    every export. Raises `InputError` for a refused registration or one without the scan's frame of reference.
+    """
+    transform = document.pose.matrix
+    content = document.model_dump_json()
+    dataset = _start(SPATIAL_REGISTRATION, "REG", document.source, content)
+    dataset.FrameOfReferenceUID = generate_uid(entropy_srcs=["tracker frame", content])
+    dataset.PositionReferenceIndicator = None
+    dataset.ContentLabel = "CT_TO_TRACKER"
+    dataset.ContentDescription = f"{len(document.pairs)} marker pairs, FRE {document.fre_rms:.3f} mm RMS"
+    to_itself = _matrix(dataset.FrameOfReferenceUID, IDENTITY)
+    dataset.RegistrationSequence = [_matrix(_frame(document.source), transform.ravel()), to_itself]
+    return dataset
+
+
+def dicom_bytes(dataset: FileDataset) -> bytes:
+    """Return ``dataset`` as the bytes of a DICOM file."""
+    file = io.BytesIO()
+    dataset.save_as(file, enforce_file_format=True)
+    return file.getvalue()
+
+
+def _frame(source: Source) -> str:
+    if not source.frame_of_reference_uid:
+        raise InputError("the scan has no Frame of Reference UID, so nothing in DICOM can be tied to it")
+    return source.frame_of_reference_uid
+
+
+def _start(sop_class: UID, modality: str, source: Source, content: str) -> FileDataset:
+    """Return an object with everything but its own module: patient, study, series, equipment, SOP."""
+    uid = generate_uid(entropy_srcs=[sop_class, content])
+    meta = FileMetaDataset()
+    meta.MediaStorageSOPClassUID = sop_class
+    meta.MediaStorageSOPInstanceUID = uid
+    meta.TransferSyntaxUID = ExplicitVRLittleEndian
+    dataset = FileDataset("", {}, file_meta=meta, preamble=b"\0" * 128)
+    dataset.SOPClassUID, dataset.SOPInstanceUID = sop_class, uid
+    dataset.SpecificCharacterSet = "ISO_IR 192"
+    for keyword in ("PatientName", "PatientID", "PatientBirthDate", "PatientSex", "StudyDate", "StudyTime"):
+        setattr(dataset, keyword, None)
+    for keyword in ("ReferringPhysicianName", "StudyID", "AccessionNumber", "ContentCreatorName"):
+        setattr(dataset, keyword, None)
+    dataset.StudyInstanceUID = source.study_instance_uid or generate_uid(entropy_srcs=["study", content])
+    dataset.SeriesInstanceUID = generate_uid(entropy_srcs=["series", content])
+    dataset.BodyPartExamined = "HEAD"
+    dataset.Modality, dataset.SeriesNumber, dataset.InstanceNumber = modality, 1, 1
+    dataset.Manufacturer, dataset.ManufacturerModelName = "ronnaplan", "ronnaplan"
+    dataset.SoftwareVersions, dataset.DeviceSerialNumber = __version__, "none"
+    now = datetime.datetime.now()
+    dataset.SeriesDate = dataset.ContentDate = now.strftime("%Y%m%d")
+    dataset.SeriesTime = dataset.ContentTime = now.strftime("%H%M%S")
+    return dataset
+
+
+def _fiducial(entry: FiducialEntry) -> Dataset:
+    fiducial = Dataset()
+    fiducial.ShapeType = "POINT"
+    fiducial.FiducialIdentifier = entry.label[:LONGEST_IDENTIFIER]
+    fiducial.FiducialDescription = f"sphere {entry.diameter_mm:.2f} mm"
+    fiducial.ContourUncertaintyRadius = sum(entry.covariance[axis][axis] for axis in range(3)) ** 0.5
+    fiducial.NumberOfContourPoints = 1
+    fiducial.ContourData = [DSfloat(value, auto_format=True) for value in entry.center]
+    return fiducial
+
+
+def _matrix(frame_uid: str, numbers: FloatArray | tuple[float, ...]) -> Dataset:
+    """Return a Registration Sequence item that maps ``frame_uid`` by the 16 ``numbers``, row by row."""
+    step = Dataset()
+    step.FrameOfReferenceTransformationMatrixType = "RIGID"
+    step.FrameOfReferenceTransformationMatrix = [DSfloat(float(value), auto_format=True) for value in numbers]
+    registration = Dataset()
+    registration.RegistrationTypeCodeSequence = []
+    registration.MatrixSequence = [step]
+    item = Dataset()
+    item.FrameOfReferenceUID = frame_uid
+    item.MatrixRegistrationSequence = [registration]
+    return item

@@ -1,0 +1,235 @@
+"""registration.json: which CT marker is which reading, the transform, and the error to expect at the targets."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+
+from ronnaplan import __version__
+from ronnaplan.documents.fiducials import Matrix, Software, Source, Vector
+from ronnaplan.documents.files import read_json
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray, Frame, Points
+from ronnaplan.pose import Pose, as_pose
+from ronnaplan.registration.diagnosis import doubted_marker, leave_one_out
+from ronnaplan.registration.markers import MarkerRegistration
+from ronnaplan.registration.registration import Registration
+from ronnaplan.tracking.markers import ONE_READING_SD_MM
+
+FORMAT = "ronnaplan.registration"
+Row4 = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
+Matrix4 = tuple[Row4, Row4, Row4, Row4]
+Row6 = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
+Matrix6 = tuple[Row6, Row6, Row6, Row6, Row6, Row6]
+Length = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="allow")
+
+
+class LabelPair(_Model):
+    """One CT marker and the reading it was taken for."""
+
+    ct: str
+    ots: str
+
+
+class PairEntry(LabelPair):
+    """One pair of the registration, mm: its residual, and its distance from what all other pairs predict."""
+
+    residual: Length
+    leave_one_out: Length | None = None
+    center: Vector
+    reading: Vector
+
+
+class RivalEntry(_Model):
+    """Another pairing, and how far behind it lies."""
+
+    pairs: tuple[LabelPair, ...]
+    log_evidence_below: float
+
+
+class TargetEntry(_Model):
+    """A place in the scan and the registration's expected error there (mm; covariance in the tracker's axes)."""
+
+    name: str
+    center: Vector
+    predicted_tre_rms: Length
+    covariance: Matrix
+
+
+class Frames(_Model):
+    """The frames that the transform joins."""
+
+    ct: str = "CT"
+    ots: str = "OTS"
+
+
+class RegistrationDocument(_Model):
+    """The whole of registration.json, version 1. Without a unique pairing there is no transform."""
+
+    format: Literal["ronnaplan.registration"]
+    version: Literal[1]
+    unit: Literal["mm"]
+    status: Literal["unique", "ambiguous", "unmatched"]
+    reason: str = ""
+    source: Source = Source()
+    frames: Frames = Frames()
+    pairs: tuple[PairEntry, ...] = ()
+    unpaired_ct: tuple[str, ...] = ()
+    unpaired_ots: tuple[str, ...] = ()
+    probability: float | None = None
+    rivals: tuple[RivalEntry, ...] = ()
+    ots_from_ct: Matrix4 | None = None
+    covariance: Matrix6 | None = None
+    fre_rms: Length | None = None
+    fit_probability: float | None = None
+    flags: tuple[str, ...] = ()
+    doubt: str | None = None
+    targets: tuple[TargetEntry, ...] = ()
+    software: Software
+
+    @model_validator(mode="after")
+    def _check(self) -> RegistrationDocument:
+        if self.status == "unique" and (self.ots_from_ct is None or self.covariance is None):
+            raise ValueError("a unique registration lacks ots_from_ct or its covariance")
+        if self.ots_from_ct is not None:
+            try:
+                as_pose(self.ots_from_ct, "ots_from_ct")
+            except InputError as error:
+                raise ValueError(str(error)) from error
+        if self.covariance is not None:
+            _check_covariance(np.array(self.covariance))
+        return self
+
+    @property
+    def ct_frame(self) -> Frame:
+        """The scan's frame of reference."""
+        return Frame(self.frames.ct, self.source.frame_of_reference_uid)
+
+    @property
+    def pose(self) -> Pose:
+        """``ots_from_ct`` with its covariance; raises `InputError` for a registration that was refused."""
+        if self.ots_from_ct is None or self.covariance is None:
+            raise InputError(f"this registration was refused ({self.status}: {self.reason}); register again")
+        matrix = as_pose(self.ots_from_ct, "ots_from_ct")
+        return Pose(matrix, np.array(self.covariance), Frame(self.frames.ots), self.ct_frame)
+
+    @property
+    def readings(self) -> Points:
+        """The paired readings as the registration used them, labelled like their CT markers; 0.17 mm an axis."""
+        count = len(self.pairs)
+        return Points(
+            np.array([pair.reading for pair in self.pairs], dtype=np.float64).reshape(count, 3),
+            np.tile(ONE_READING_SD_MM**2 * np.eye(3), (count, 1, 1)),
+            tuple(pair.ct for pair in self.pairs),
+            Frame(self.frames.ots),
+        )
+
+    def require_frame(self, frame: Frame) -> None:
+        """Raise `FrameMismatchError` unless this registration is of the scan ``frame``."""
+        self.ct_frame.require(frame)
+
+
+def registration_document(
+    found: MarkerRegistration, source: Source, targets: Points | None = None
+) -> RegistrationDocument:
+    """Turn a registration into its document; ``targets`` are places of the same scan (`FrameMismatchError`)."""
+    content: dict[str, Any] = {
+        "format": FORMAT,
+        "version": 1,
+        "unit": "mm",
+        "status": found.pairing.status,
+        "reason": found.pairing.reason,
+        "source": source.model_dump(),
+        "frames": {"ct": found.ct.frame.name, "ots": found.ots.frame.name},
+        "unpaired_ct": found.unpaired_ct,
+        "unpaired_ots": found.unpaired_ots,
+        "probability": _finite(found.pairing.probability),
+        "rivals": [
+            {"pairs": _labels(found, rival.pairs), "log_evidence_below": rival.log_evidence_below}
+            for rival in found.pairing.rivals
+        ],
+        "software": {"name": "ronnaplan", "version": __version__},
+    }
+    if found.registration is not None:
+        content |= _fitted(found, found.registration, targets)
+    return RegistrationDocument.model_validate(content)
+
+
+def read_registration(path: str | os.PathLike[str]) -> RegistrationDocument:
+    """Read and check registration.json; raises `InputError` naming the first field that is wrong."""
+    content = read_json(path)
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise InputError(f"{os.fspath(path)} is not a registration document; expected the format '{FORMAT}'")
+    if content.get("version") != 1:
+        raise InputError(f"{os.fspath(path)} has version {content.get('version')}; this ronnaplan reads version 1")
+    try:
+        return RegistrationDocument.model_validate(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or "the document"
+        raise InputError(f"{os.fspath(path)}: {where}: {first['msg']}; write it anew with register") from error
+
+
+def _check_covariance(matrix: FloatArray) -> None:
+    # rad^2 stand beside mm^2: compare correlations, not entries of different size
+    sds = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
+    correlation = matrix / sds[:, None] / sds[None, :]
+    symmetric = np.allclose(correlation, correlation.T)
+    if np.diag(matrix).min() < 0 or not symmetric or np.linalg.eigvalsh(correlation)[0] < -1e-6:
+        raise ValueError("the covariance is not symmetric and positive")
+
+
+def _fitted(found: MarkerRegistration, registration: Registration, targets: Points | None) -> dict[str, Any]:
+    left_out: Sequence[float] = np.full(len(registration), np.nan).tolist()
+    if len(registration) > 3:
+        left_out = leave_one_out(registration).residuals_mm.tolist()
+    residuals = registration.residuals_mm
+    doubt = doubted_marker(registration)
+    return {
+        "pairs": [
+            {
+                **names,
+                "residual": float(residuals[k]),
+                "leave_one_out": _finite(left_out[k]),
+                "center": registration.moving_mm[k].tolist(),
+                "reading": registration.fixed_mm[k].tolist(),
+            }
+            for k, names in enumerate(_labels(found, found.pairing.pairs))
+        ],
+        "ots_from_ct": registration.transform.tolist(),
+        "covariance": registration.pose.covariance.tolist(),
+        "fre_rms": registration.fre_rms_mm,
+        "fit_probability": registration.fit_probability,
+        "flags": [flag.name.lower() for flag in registration.flags],
+        "doubt": None if doubt is None else str(doubt),
+        "targets": [] if targets is None else _targets(registration, targets),
+    }
+
+
+def _targets(registration: Registration, targets: Points) -> list[dict[str, Any]]:
+    covariances = registration.tre(targets.positions_mm, targets.frame)
+    return [
+        {
+            "name": name,
+            "center": place.tolist(),
+            "predicted_tre_rms": float(np.sqrt(np.trace(covariance))),
+            "covariance": covariance.tolist(),
+        }
+        for name, place, covariance in zip(targets.labels, targets.positions_mm, covariances, strict=True)
+    ]
+
+
+def _labels(found: MarkerRegistration, pairs: FloatArray | Any) -> list[dict[str, str]]:
+    return [{"ct": found.ct.labels[int(i)], "ots": found.ots.labels[int(j)]} for i, j in pairs]
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,143 @@
+"""Which directions about a fitted ball show a ball, and what stands in the others.
+
+What touches a marker (post, screw, skin, another marker) covers some directions only. They are recognized by the
+residuals on the ball's surface and by what lies just outside it, and the fit does without them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.neighbourhood import CELL_COUNT, Neighbourhood, cell_directions
+
+OUTLIER_RATIO = 2.5
+"""A direction disagrees when its residual exceeds the usual direction's by this factor."""
+
+MODEL_ERROR_SHARE = 0.03
+"""Share of the contrast by which a clean direction may always disagree: real blur is not quite Gaussian."""
+
+NEIGHBOUR_SHARE = 0.03
+"""Something just outside that exceeds the background by this share of the contrast is a neighbour."""
+
+ATTACHED_SHARE = 0.5
+"""Something just outside that exceeds the background by this share of the contrast is part of the same body."""
+
+BACKGROUND_QUANTILE = 0.3
+"""The background is what this share of the directions reach at most: a ball may lie on skin, not in it."""
+
+USUAL_QUANTILE = 0.3
+"""The usual direction is a good one: with an insert and a post, more than half of them may be disturbed."""
+
+SPREAD_SHARE = 0.15
+NEIGHBOUR_ANGLE_DEG = 26.0
+"""A neighbour brighter than this share of the contrast also spoils the directions this close to its own, for
+blur carries its light there; one that is faint beside the ball does not."""
+
+ROUND_SHARE = 0.015
+ROUND_MM = 0.06
+"""An edge that is off by no more than this share of the radius plus this is where the ball's edge should be."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the directions say.
+
+    ``state`` (cells,) is 1 where a direction informs the fit, 0 where it is left out, -1 where the scan has no
+    voxels. ``round_share`` is the share of directions whose edge is where the ball's should be, ``attached_share``
+    the share in which a body as bright as the ball goes on outward. ``usual_rms_hu`` is a good direction's
+    residual. ``beside`` (cells,) marks those with something just outside, ``excess_hu`` (cells,) how bright it is.
+    """
+
+    state: NDArray[np.int8]
+    round_share: float
+    attached_share: float
+    usual_rms_hu: float
+    beside: NDArray[np.bool_]
+    excess_hu: FloatArray
+
+
+def judge(
+    around: Neighbourhood,
+    cells: NDArray[np.intp],
+    theta: FloatArray,
+    residuals_hu: FloatArray,
+    jacobian: FloatArray,
+    skin_hu: FloatArray,
+) -> Verdict:
+    """Judge every direction; ``cells`` (N,) says in which each voxel lies, ``skin_hu`` (N,) the modelled skin."""
+    contrast = theta[6]
+    edge = on_surface(around.offsets_mm, theta)
+    squares, seen = cell_means(residuals_hu**2, cells, edge)
+    rms = np.sqrt(squares)
+    usual = float(np.quantile(rms[seen], USUAL_QUANTILE)) if seen.any() else 0.0
+    foreign = seen & (rms > OUTLIER_RATIO * max(usual, MODEL_ERROR_SHARE * contrast))
+
+    excess = _excess_outside(around, cells, theta, skin_hu)
+    beside = excess > NEIGHBOUR_SHARE * contrast
+    directions = cell_directions()
+    bright = (foreign | beside) & (excess > SPREAD_SHARE * contrast)
+    close = directions @ directions[bright].T > np.cos(np.radians(NEIGHBOUR_ANGLE_DEG))
+    left_out = foreign | beside | close.any(axis=1)
+    state = np.where(seen, np.where(left_out, 0, 1), -1).astype(np.int8)
+
+    slope = jacobian[:, 3]
+    shifts, _ = cell_means(residuals_hu * slope, cells, edge)
+    weights, _ = cell_means(slope**2, cells, edge)
+    off_mm = np.abs(shifts) / np.maximum(weights, 1e-12)
+    is_round = seen & (off_mm <= ROUND_SHARE * theta[3] + ROUND_MM)
+    attached = excess > ATTACHED_SHARE * contrast
+    return Verdict(state, float(is_round.mean()), float(attached.mean()), usual, beside, excess)
+
+
+def _excess_outside(
+    around: Neighbourhood, cells: NDArray[np.intp], theta: FloatArray, skin_hu: FloatArray
+) -> FloatArray:
+    """How much brighter than the background each direction (cells,) is just outside the ball; 0 where unseen."""
+    outside, seen = cell_means(around.values_hu - skin_hu, cells, just_outside(around.offsets_mm, theta))
+    if not seen.any():
+        return np.zeros(CELL_COUNT)
+    background = float(np.quantile(outside[seen], BACKGROUND_QUANTILE))
+    return np.where(seen, outside - background, 0.0)
+
+
+def cell_means(
+    values: FloatArray, cells: NDArray[np.intp], chosen: NDArray[np.bool_]
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Mean of the chosen values in each cell (cells,), and which cells have any."""
+    counts = np.bincount(cells[chosen], minlength=CELL_COUNT)
+    sums = np.bincount(cells[chosen], weights=values[chosen], minlength=CELL_COUNT)
+    return sums / np.maximum(counts, 1), counts > 0
+
+
+def edge_depth(offsets_mm: FloatArray, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Signed distance outward from the surface (N,) and the blur across the surface there (N,), both in mm."""
+    offsets = offsets_mm - theta[:3]
+    distance = np.sqrt(np.einsum("nc,nc->n", offsets, offsets))
+    along = (offsets[:, 2] / np.maximum(distance, 1e-9)) ** 2
+    blur = np.sqrt(theta[4] ** 2 * (1.0 - along) + (theta[5] ** 2 / 12.0) * along + 0.01)
+    return distance - theta[3], blur
+
+
+def on_surface(offsets_mm: FloatArray, theta: FloatArray) -> NDArray[np.bool_]:
+    """Voxels (N,) in the blurred edge of the ball, where the centre is told."""
+    depth, blur = edge_depth(offsets_mm, theta)
+    near: NDArray[np.bool_] = np.abs(depth) < 2.0 * blur
+    return near
+
+
+def just_outside(offsets_mm: FloatArray, theta: FloatArray) -> NDArray[np.bool_]:
+    """Voxels (N,) beyond the ball's blur but within the fit's reach: they show what touches the ball."""
+    depth, blur = edge_depth(offsets_mm, theta)
+    near: NDArray[np.bool_] = (depth > 2.0 * blur) & (depth < 3.0 * blur + 0.5)
+    return near
+
+
+def within_reach(offsets_mm: FloatArray, theta: FloatArray) -> NDArray[np.bool_]:
+    """Voxels (N,) near the surface: farther out is what else is there, deep inside may be a metal insert."""
+    depth, blur = edge_depth(offsets_mm, theta)
+    near: NDArray[np.bool_] = np.abs(depth) < 3.0 * blur + 0.5
+    return near

@@ -1,0 +1,107 @@
+"""From candidates to judged fits: the middle of the pipeline, for one diameter."""
+
+from __future__ import annotations
+
+import math
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ronnaplan.ct.volume import CTVolume
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.accept import MIN_COVERAGE, Evidence, failures, profile_share
+from ronnaplan.localization.detect import detect
+from ronnaplan.localization.directions import on_surface
+from ronnaplan.localization.neighbourhood import gather
+from ronnaplan.localization.refine import BallFit, fit_ball, margin_mm
+
+MIN_CEILING_HU = 2000.0
+"""No scanner's scale ends below this."""
+
+CLIP_SHOULDER_HU = 10
+"""A scale ends where its largest value is commoner than all the values this far below it taken together."""
+
+SAME_PLACE = 0.5
+"""Candidates nearer to each other than this share of the diameter are the same thing."""
+
+
+class Scan:
+    """A volume with the facts about it that every fit needs."""
+
+    def __init__(self, volume: CTVolume) -> None:
+        self.volume = volume
+
+    @cached_property
+    def thickness_mm(self) -> float:
+        """Nominal thickness of the slices; where the file does not say, the usual gap between them."""
+        gaps = self.volume.grid.spacings_mm
+        usual = float(np.median(gaps)) if gaps.size else self.volume.grid.row_spacing_mm
+        return self.volume.grid.thickness_mm or usual
+
+    @cached_property
+    def ceiling_hu(self) -> float:
+        """Value at which the scan clips, or infinity where its brightest voxels are not clipped."""
+        tops = np.array([picture.max() for picture in self.volume.voxels_hu], dtype=np.float64)
+        top = float(tops.max())
+        if top < MIN_CEILING_HU:
+            return math.inf
+        at_top = near_top = 0
+        for k in np.flatnonzero(tops >= top - CLIP_SHOULDER_HU):
+            bright = self.volume.voxels_hu[k][self.volume.voxels_hu[k] >= top - CLIP_SHOULDER_HU]
+            at_top += int(np.count_nonzero(bright == top))
+            near_top += len(bright)
+        return top if at_top > 1 and 2 * at_top > near_top else math.inf
+
+
+@dataclass(frozen=True)
+class Examined:
+    """A candidate that was fitted: where it was seen, the fit, and (test, reason) where it failed."""
+
+    candidate_mm: FloatArray
+    diameter_mm: float
+    fit: BallFit
+    failure: tuple[str, str] | None
+
+    def is_same_place(self, other: Examined) -> bool:
+        """Whether both are about the same ball."""
+        apart = float(np.linalg.norm(self.fit.center_mm - other.fit.center_mm))
+        return apart < SAME_PLACE * min(self.diameter_mm, other.diameter_mm)
+
+
+def examine(scan: Scan, diameter_mm: float) -> list[Examined]:
+    """Fit and judge every place of ``scan`` that may be a ball of ``diameter_mm``, strongest candidates first."""
+    places = [
+        center_mm
+        for center_mm in _apart(detect(scan.volume, diameter_mm).centers_mm, SAME_PLACE * diameter_mm)
+        if profile_share(scan.volume, center_mm, diameter_mm, scan.thickness_mm) >= MIN_COVERAGE
+    ]
+    # The fits release the interpreter's lock, and each is independent of the others: any order, same result.
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(lambda place: _examine_place(scan, place, diameter_mm), places))
+
+
+def _examine_place(scan: Scan, center_mm: FloatArray, diameter_mm: float) -> Examined:
+    reach_mm = 0.5 * diameter_mm + margin_mm(scan.thickness_mm) + 0.125 * diameter_mm
+    around = gather(scan.volume, center_mm, reach_mm)
+    fit = fit_ball(around, diameter_mm, scan.thickness_mm, scan.ceiling_hu)
+    evidence = Evidence(fit, diameter_mm, scan.thickness_mm, _noise(fit))
+    return Examined(center_mm, diameter_mm, fit, next(failures(evidence), None))
+
+
+def _apart(places_mm: FloatArray, least_mm: float) -> list[FloatArray]:
+    """The places (N, 3), strongest first, without those that lie close to a stronger one."""
+    kept: list[FloatArray] = []
+    for place in places_mm:
+        if all(float(np.linalg.norm(place - other)) >= least_mm for other in kept):
+            kept.append(place)
+    return kept
+
+
+def _noise(fit: BallFit) -> float:
+    """Standard deviation of the noise (HU) away from the ball's edge, robust to what else is there."""
+    flat = fit.used & ~on_surface(fit.neighbourhood.offsets_mm, fit.theta)
+    residuals = fit.residuals_hu[flat]
+    return float(1.4826 * np.median(np.abs(residuals))) if residuals.size else 0.0

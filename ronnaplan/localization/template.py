@@ -1,0 +1,76 @@
+"""A frame of markers at known distances: finds it among the markers of a scan, labels it, checks it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ronnaplan.errors import RefusedError
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.fiducials import Fiducial, Rejected
+
+DISTANCE_TOLERANCE_MM = 0.5
+"""Distances in CT and on the drawing agree within this, unless the template says otherwise. (Šuligoj et al. 2018
+measured 0.11 +- 0.10 mm on their phantom.)"""
+
+
+@dataclass(frozen=True)
+class Template:
+    """``distances_mm`` (N, N) between the markers called ``labels``, right within ``tolerance_mm``.
+
+    Distances do not tell a frame from its mirror image; a frame whose mirror image has the same distances in
+    another order is refused as ambiguous, like any other that fits in two ways.
+    """
+
+    name: str
+    labels: tuple[str, ...]
+    distances_mm: FloatArray
+    tolerance_mm: float = DISTANCE_TOLERANCE_MM
+
+
+def match_template(
+    template: Template, fiducials: Sequence[Fiducial]
+) -> tuple[list[Fiducial], tuple[Rejected, ...]]:
+    """Return the markers of ``template``, in its order and under its labels, and all others as rejected.
+
+    Raises `RefusedError` when no choice of markers has the template's distances, or more than one has.
+    """
+    centers = np.array([one.center_mm for one in fiducials], dtype=np.float64).reshape(-1, 3)
+    distances = np.linalg.norm(centers[:, np.newaxis] - centers, axis=-1)
+    matches = list(_assignments(template, distances, ()))
+    if len(matches) != 1:
+        count = "none" if not matches else f"{len(matches)} choices"
+        raise RefusedError(
+            f"of {len(fiducials)} markers {count} have the distances of template '{template.name}' within "
+            f"{template.tolerance_mm:g} mm, exactly one choice is needed; check the template and the scan"
+        )
+    (chosen,) = matches
+    labelled = [replace(fiducials[n], label=label) for n, label in zip(chosen, template.labels, strict=True)]
+    others = tuple(
+        Rejected(
+            one.center_mm,
+            "template",
+            f"it is no marker of template '{template.name}'",
+            one.parameters,
+            one.center_mm,
+        )
+        for n, one in enumerate(fiducials)
+        if n not in chosen
+    )
+    return labelled, others
+
+
+def _assignments(template: Template, distances: FloatArray, chosen: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+    """Every way to give the template's markers, in order, to points at matching ``distances`` (M, M)."""
+    row = len(chosen)
+    if row == len(template.labels):
+        yield chosen
+        return
+    for point in range(len(distances)):
+        if point in chosen:
+            continue
+        errors = distances[point, list(chosen)] - template.distances_mm[row, :row]
+        if np.all(np.abs(errors) <= template.tolerance_mm):
+            yield from _assignments(template, distances, (*chosen, point))

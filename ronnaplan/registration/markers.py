@@ -1,0 +1,86 @@
+"""From the markers of a scan and a tracker's readings to the registration: pair and fit, or refuse."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ronnaplan.correspondence import Pairing
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import Points
+from ronnaplan.registration.registration import Registration, register_points
+
+SIGMA_CT_MM = 0.56
+"""Error per axis of a marker's place in the scan beyond the localizer's own noise: the scanner's geometry, and
+skin markers that shift between scan and surgery. The paper's patients; bone screws do far better (0.1 mm)."""
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerRegistration:
+    """The pairing of CT markers with readings and, where it is unique, the registration ``ots_from_ct``."""
+
+    ct: Points
+    ots: Points
+    pairing: Pairing
+    registration: Registration | None
+    """None when the pairing was refused."""
+
+    @property
+    def unpaired_ct(self) -> tuple[str, ...]:
+        """Labels of the CT markers that no reading belongs to."""
+        paired = {int(i) for i, _ in self.pairing.pairs}
+        return tuple(label for i, label in enumerate(self.ct.labels) if i not in paired)
+
+    @property
+    def unpaired_ots(self) -> tuple[str, ...]:
+        """Labels of the readings that belong to no CT marker."""
+        paired = {int(j) for _, j in self.pairing.pairs}
+        return tuple(label for j, label in enumerate(self.ots.labels) if j not in paired)
+
+
+def register_markers(
+    ct: Points,
+    ots: Points,
+    *,
+    expected: int | None = None,
+    sigma_ct_mm: float = SIGMA_CT_MM,
+    known_pairs: tuple[tuple[str, str], ...] = (),
+) -> MarkerRegistration:
+    """Pair the markers of a scan ``ct`` with the tracker's ``ots``, in any order, and register ``ots_from_ct``.
+
+    ``sigma_ct_mm`` (see `SIGMA_CT_MM`) is added to every CT marker's own covariance. ``known_pairs`` are labels
+    (CT, OTS) that a person pointed at. Raises `InputError` for what `match_points` or `register_points` cannot
+    use.
+    """
+    from ronnaplan.correspondence import match_points
+
+    if not (np.isfinite(sigma_ct_mm) and sigma_ct_mm >= 0):
+        raise InputError(f"the CT error is {sigma_ct_mm} mm; expected a standard deviation of zero or more")
+    ct = Points(ct.positions_mm, ct.covariances_mm2 + sigma_ct_mm**2 * np.eye(3), ct.labels, ct.frame)
+    pairing = match_points(
+        ct.positions_mm,
+        ots.positions_mm,
+        expected,
+        covariances_ct_mm2=ct.covariances_mm2,
+        covariances_ots_mm2=ots.covariances_mm2,
+        known_pairs=[(_index(ct, a, "CT"), _index(ots, b, "tracker")) for a, b in known_pairs],
+    )
+    if pairing.status != "unique":
+        return MarkerRegistration(ct, ots, pairing, None)
+    i, j = pairing.pairs.T
+    registration = register_points(
+        ct.positions_mm[i],
+        ots.positions_mm[j],
+        (ct.covariances_mm2[i], ots.covariances_mm2[j]),
+        labels=[ct.labels[k] for k in i],
+        moving_frame=ct.frame,
+        fixed_frame=ots.frame,
+    )
+    return MarkerRegistration(ct, ots, pairing, registration)
+
+
+def _index(points: Points, label: str, kind: str) -> int:
+    if label not in points.labels:
+        raise InputError(f"there is no {kind} marker {label}; there are {', '.join(points.labels)}")
+    return points.labels.index(label)

@@ -1,0 +1,102 @@
+"""A contact sheet: every accepted and nearly accepted candidate, three cuts each, and what the model leaves over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ronnaplan.ct import CTVolume
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization import Fiducials
+from ronnaplan.report.picture import CUTS, OUTLINE_COLOUR, cut_image, cut_places, png
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+NEARLY_SHOWN = 8
+"""Rejected candidates on the sheet, nearest to acceptance first."""
+
+RESIDUAL_SHARE = 0.1
+"""Residuals are drawn from minus to plus this share of the contrast."""
+
+
+@dataclass(frozen=True)
+class _Row:
+    title: str
+    center_mm: FloatArray
+    parameters: FloatArray
+    accepted: bool
+
+
+def contact_sheet(volume: CTVolume, found: Fiducials) -> bytes:
+    """Draw cuts and residuals of each candidate in a row; returns a PNG."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    rows = _rows(found)
+    figure = Figure(figsize=(12.0, 1.9 * max(len(rows), 1) + 0.4), dpi=90, layout="constrained")
+    FigureCanvasAgg(figure)
+    grid = figure.add_gridspec(max(len(rows), 1), 2 * len(CUTS))
+    for number, row in enumerate(rows):
+        for column, cut in enumerate(CUTS):
+            picture = figure.add_subplot(grid[number, 2 * column])
+            residual = figure.add_subplot(grid[number, 2 * column + 1])
+            _draw(picture, residual, volume, row, cut)
+            if column == 0:
+                colour = "black" if row.accepted else "firebrick"
+                picture.set_title(row.title, fontsize=7, loc="left", color=colour)
+    if not rows:
+        figure.text(0.5, 0.5, "no candidate was looked at closely", ha="center")
+    return png(figure)
+
+
+def _rows(found: Fiducials) -> list[_Row]:
+    accepted = [
+        _Row(
+            f"{one.label}: s.e. {1e3 * one.standard_error_mm:.1f} um, misfit {one.misfit:.1%}, "
+            f"{one.coverage:.0%} of the surface used",
+            one.center_mm,
+            one.parameters,
+            accepted=True,
+        )
+        for one in found.fiducials
+    ]
+    nearly = [
+        _Row(f"rejected: {one.reason}", one.fitted_mm, one.parameters, accepted=False)
+        for one in found.rejected[:NEARLY_SHOWN]
+    ]
+    return accepted + nearly
+
+
+def _draw(picture: Axes, residual: Axes, volume: CTVolume, row: _Row, cut: str) -> None:
+    from matplotlib.patches import Circle
+
+    radius_mm, contrast_hu, background_hu = row.parameters[3], row.parameters[6], row.parameters[7]
+    reach_mm = 1.6 * radius_mm + 1.0
+    image = cut_image(volume, row.center_mm, CUTS[cut], reach_mm)
+    left_over = image - _model_image(volume, row, cut, reach_mm)
+    extent = (-reach_mm, reach_mm, -reach_mm, reach_mm)
+    window = {"vmin": background_hu - 0.1 * contrast_hu, "vmax": background_hu + 1.3 * contrast_hu}
+    picture.imshow(image, cmap="gray", extent=extent, origin="lower", **window)
+    limit = RESIDUAL_SHARE * abs(contrast_hu)
+    residual.imshow(left_over, cmap="RdBu_r", extent=extent, origin="lower", vmin=-limit, vmax=limit)
+    for axes in (picture, residual):
+        axes.add_patch(Circle((0, 0), radius_mm, fill=False, color=OUTLINE_COLOUR, linewidth=0.8))
+        axes.set_axis_off()
+        if cut == "axial":
+            axes.invert_yaxis()
+
+
+def _model_image(volume: CTVolume, row: _Row, cut: str, reach_mm: float) -> FloatArray:
+    """What the fitted model shows on a cut, in HU."""
+    from ronnaplan.localization.detect import slice_axes
+    from ronnaplan.localization.model import disc_nodes, disc_table, evaluate
+
+    places = cut_places(row.center_mm, CUTS[cut], reach_mm)
+    offsets = (places - row.center_mm).reshape(-1, 3) @ slice_axes(volume.grid).T
+    centred = row.parameters.copy()
+    centred[:3] = 0.0
+    values, _ = evaluate(np.ascontiguousarray(offsets), centred, disc_table(), *disc_nodes())
+    return values.reshape(places.shape[:2])

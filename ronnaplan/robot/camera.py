@@ -1,0 +1,75 @@
+"""Calibrated cameras: OpenCV's pinhole and distortion model, with pixel centres at whole numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray, Frame
+from ronnaplan.pose import Pose, as_pose
+
+RIG = Frame("RIG")
+"""The stereo pair's own frame: that of its left camera (x right, y down, z forward), mm."""
+UNDISTORTION_STEPS = 100
+UNDISTORTED = 1e-10
+"""Undistortion stops when no point moves by more on the plane at unit distance."""
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """One camera: ``matrix`` (3, 3) in pixels, ``distortion`` (k1, k2, p1, p2, k3) and its place in the rig."""
+
+    matrix: FloatArray
+    distortion: FloatArray
+    rig_from_camera: FloatArray
+    """(4, 4), mm."""
+
+    def __post_init__(self) -> None:
+        if self.matrix.shape != (3, 3) or not np.isfinite(self.matrix).all() or self.focal_px <= 0:
+            raise InputError(
+                f"a camera matrix is {self.matrix.tolist()}; expected 3 x 3 with positive focal lengths"
+            )
+        as_pose(self.rig_from_camera, "rig_from_camera")
+
+    @property
+    def focal_px(self) -> float:
+        """Mean focal length in pixels."""
+        return float((self.matrix[0, 0] + self.matrix[1, 1]) / 2)
+
+    @property
+    def centre_mm(self) -> FloatArray:
+        """The camera's projection centre (3,) in the rig."""
+        return self.rig_from_camera[:3, 3]
+
+    def rays(self, pixels: ArrayLike) -> FloatArray:
+        """Return the unit directions (N, 3), in the camera's own frame, that ``pixels`` (N, 2) look along."""
+        import cv2
+
+        points = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+        plane = (points - self.matrix[:2, 2]) / np.diag(self.matrix)[:2]
+        for _ in range(UNDISTORTION_STEPS):
+            rays = np.column_stack([plane, np.ones(len(plane))])
+            seen = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), self.matrix, self.distortion)[0][:, 0]
+            step = (points - seen) / np.diag(self.matrix)[:2]
+            plane = plane + step
+            if np.abs(step).max(initial=0.0) < UNDISTORTED:
+                break
+        else:
+            raise InputError(
+                "a pixel has no ray: the distortion is not invertible there; calibrate the camera again"
+            )
+        rays = np.column_stack([plane, np.ones(len(plane))])
+        directions: FloatArray = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+        return directions
+
+
+@dataclass(frozen=True)
+class StereoRig:
+    """Two cameras on the robot's flange and where its TCP is in their frame."""
+
+    left: Camera
+    right: Camera
+    tcp_from_rig: Pose

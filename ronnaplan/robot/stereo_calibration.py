@@ -1,0 +1,162 @@
+"""Calibration of the stereo pair: the cameras from images of a board, the TCP from one sphere seen often."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray, as_points
+from ronnaplan.pose import Pose, adjoint, as_pose, exponential, invert, rigid
+from ronnaplan.robot.camera import RIG, Camera
+from ronnaplan.robot.chain import TCP
+from ronnaplan.robot.outline import Image
+
+FEWEST_BOARDS = 6
+FEWEST_SPHERES = 6
+SMALLEST_INFORMATION = 1e-6
+"""Smallest over largest eigenvalue of the scaled normal matrix for poses that determine ``tcp_from_rig``."""
+
+
+@dataclass(frozen=True)
+class StereoCalibration:
+    """Two calibrated cameras and the RMS distance of the board's corners from their modelled places."""
+
+    left: Camera
+    right: Camera
+    rms_px: float
+    boards_used: int
+
+
+@dataclass(frozen=True, eq=False)
+class TcpCalibration:
+    """Where the rig is on the robot, from one resting sphere."""
+
+    tcp_from_rig: Pose
+    sphere_robot_mm: FloatArray
+    """The sphere (3,) in R."""
+    rms_mm: float
+    """RMS distance between the sphere's places found from the poses."""
+
+
+def calibrate_on_board(
+    left: Sequence[Image], right: Sequence[Image], *, corners: tuple[int, int], square_mm: float
+) -> StereoCalibration:
+    """Return both cameras from simultaneous images of a chessboard with ``corners`` inner corners (columns, rows).
+
+    Images in which either camera does not see the whole board are left out. Raises `InputError` if fewer than
+    `FEWEST_BOARDS` remain, or the images' sizes differ.
+    """
+    import cv2
+
+    if len(left) != len(right) or len({np.asarray(image).shape for image in (*left, *right)}) != 1:
+        raise InputError("the board images are not pairs of one size; expected as many left as right ones")
+    pairs = [(_corners(a, corners), _corners(b, corners)) for a, b in zip(left, right, strict=True)]
+    seen = [(a, b) for a, b in pairs if a is not None and b is not None]
+    if len(seen) < FEWEST_BOARDS:
+        raise InputError(f"the whole board is seen in {len(seen)} image pairs; expected {FEWEST_BOARDS} or more")
+    grid = np.zeros((corners[0] * corners[1], 3), np.float32)
+    grid[:, :2] = np.mgrid[: corners[0], : corners[1]].T.reshape(-1, 2) * square_mm
+    boards = [grid] * len(seen)
+    size = np.asarray(left[0]).shape[::-1]
+    firsts, seconds = [a for a, _ in seen], [b for _, b in seen]
+    _, k_left, d_left, _, _ = cv2.calibrateCamera(boards, firsts, size, None, None)
+    _, k_right, d_right, _, _ = cv2.calibrateCamera(boards, seconds, size, None, None)
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 200, 1e-9)
+    found = cv2.stereoCalibrate(
+        boards, firsts, seconds, k_left, d_left, k_right, d_right, size,
+        flags=cv2.CALIB_USE_INTRINSIC_GUESS, criteria=criteria,
+    )  # fmt: skip
+    rms, k_left, d_left, k_right, d_right, rotation, shift = found[:7]
+    right_from_left = rigid(_floats(rotation), _floats(shift).ravel())
+    return StereoCalibration(
+        Camera(_floats(k_left), _floats(d_left).ravel(), np.eye(4)),
+        Camera(_floats(k_right), _floats(d_right).ravel(), invert(right_from_left)),
+        float(rms),
+        len(seen),
+    )
+
+
+def calibrate_tcp(robot_from_tcp: ArrayLike, spheres_mm: ArrayLike) -> TcpCalibration:
+    """Return the rig's place on the robot from one resting sphere seen at many robot poses.
+
+    ``robot_from_tcp`` (N, 4, 4) are the robot's poses and ``spheres_mm`` (N, 3) the sphere's centre in the rig at
+    each. Every pose gives ``robot_from_tcp @ tcp_from_rig @ sphere = constant``. Raises `InputError` for
+    fewer than `FEWEST_SPHERES` poses or poses that turn or move too little.
+    """
+    spheres = as_points(spheres_mm, "spheres")
+    offered = np.asarray(robot_from_tcp, dtype=np.float64)
+    if offered.ndim != 3 or len(offered) != len(spheres) or len(spheres) < FEWEST_SPHERES:
+        raise InputError(
+            f"{len(offered)} robot poses came with {len(spheres)} spheres; expected {FEWEST_SPHERES} or more each"
+        )
+    poses = np.array([as_pose(matrix, f"robot_from_tcp {i}") for i, matrix in enumerate(offered)])
+    return _refine(poses, spheres, _start(poses, spheres))
+
+
+def _floats(values: object) -> FloatArray:
+    return np.asarray(values, dtype=np.float64)
+
+
+def _corners(image: Image, corners: tuple[int, int]) -> FloatArray | None:
+    import cv2
+
+    grey = np.asarray(image, dtype=np.float64)
+    scaled = np.clip(grey * (255 / max(float(grey.max()), 1e-9)), 0, 255).astype(np.uint8)
+    found, places = cv2.findChessboardCornersSB(scaled, corners, flags=cv2.CALIB_CB_ACCURACY)
+    return np.asarray(places) if found else None
+
+
+def _start(poses: FloatArray, spheres: FloatArray) -> FloatArray:
+    """Return ``tcp_from_rig`` (4, 4) from the equation made linear in the rotation's nine entries."""
+    count = len(poses)
+    rotation = poses[:, :3, :3]
+    middle = spheres.mean(axis=0)
+    # rows: rotation @ (B @ sphere + b) - s = -translation, with B's entries row by row
+    entries = np.einsum("nij,nk->nijk", rotation, spheres - middle).reshape(count, 3, 9)
+    design = np.concatenate([entries, rotation, np.broadcast_to(-np.eye(3), (count, 3, 3))], axis=2).reshape(
+        -1, 15
+    )
+    scale = np.linalg.norm(design, axis=0)
+    solution, _, rank, _ = np.linalg.lstsq(design / scale, -poses[:, :3, 3].ravel(), rcond=1e-9)
+    if rank < 15:
+        raise InputError(
+            "the robot poses do not determine where the rig is; turn and move the robot about all axes"
+        )
+    full = solution / scale
+    u, _, vt = np.linalg.svd(full[:9].reshape(3, 3))
+    turn = u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt
+    return rigid(turn, full[9:12] - turn @ middle)
+
+
+def _refine(poses: FloatArray, spheres: FloatArray, start: FloatArray) -> TcpCalibration:
+    from scipy.optimize import least_squares
+
+    def places(x: FloatArray) -> FloatArray:
+        inner = start @ rigid(exponential(x[:3]), x[3:6])
+        in_tcp = spheres @ inner[:3, :3].T + inner[:3, 3]
+        mapped: FloatArray = np.einsum("nij,nj->ni", poses[:, :3, :3], in_tcp) + poses[:, :3, 3]
+        return mapped
+
+    def misfit(x: FloatArray) -> FloatArray:
+        return (places(x) - x[6:]).ravel()
+
+    guess = np.concatenate([np.zeros(6), places(np.zeros(6)).mean(axis=0)])
+    fit = least_squares(misfit, guess, x_scale=np.repeat([1e-3, 1, 1], 3))
+    jacobian = np.asarray(fit.jac)
+    information = jacobian.T @ jacobian
+    scaled = information / np.sqrt(np.outer(np.diag(information), np.diag(information)))
+    spectrum = np.linalg.eigvalsh(scaled)
+    if spectrum[0] < SMALLEST_INFORMATION * spectrum[-1]:
+        raise InputError(
+            "the robot poses do not determine where the rig is; turn and move the robot about all axes"
+        )
+    variance = 2 * float(fit.cost) / (spheres.size - 9)
+    matrix = start @ rigid(exponential(fit.x[:3]), fit.x[3:6])
+    carry = adjoint(matrix)
+    covariance = carry @ (np.linalg.inv(information)[:6, :6] * variance) @ carry.T
+    rms = float(np.sqrt(2 * fit.cost / len(spheres)))
+    return TcpCalibration(Pose(matrix, covariance, TCP, RIG), fit.x[6:], rms)

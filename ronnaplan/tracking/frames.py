@@ -1,0 +1,66 @@
+"""Each tracker frame as labelled points, told by where known markers were: the input of the check for movement."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray, Points
+from ronnaplan.tracking.markers import ONE_READING_SD_MM
+from ronnaplan.tracking.recording import PointReading, Recording
+
+LARGEST_STEP_MM = 20.0
+"""A marker is not followed further than this between frames, nor than half the way to its nearest neighbour."""
+
+
+def labelled_frames(
+    recording: Recording, reference: Points, *, sigma_mm: float = ONE_READING_SD_MM
+) -> list[tuple[int, Points]]:
+    """Return (frame number, markers seen) of each frame of ``recording``, with the labels of ``reference``.
+
+    Each marker is followed from its reference position on. ``sigma_mm`` is the error per axis of a reading
+    that does not state its own. Raises `FrameMismatchError` for a recording in another frame, `InputError`
+    for a reference of fewer than two markers.
+    """
+    from scipy.spatial.distance import pdist
+
+    reference.frame.require(recording.frame)
+    if len(reference) < 2:
+        raise InputError(f"{len(reference)} reference markers were given; expected the markers of a registration")
+    gate = min(LARGEST_STEP_MM, 0.5 * float(pdist(reference.positions_mm).min()))
+    last = reference.positions_mm.copy()
+    by_frame: dict[int, list[PointReading]] = {r.frame: [] for r in recording.points}
+    for reading in recording.points:
+        if reading.usable:
+            by_frame[reading.frame].append(reading)
+    frames = []
+    for number in sorted(by_frame):
+        current = by_frame[number]
+        pairs = _assign(np.array([r.position_mm for r in current]).reshape(-1, 3), last, gate)
+        for i, j in pairs:
+            last[j] = current[i].position_mm
+        frames.append((number, _points(current, pairs, reference, sigma_mm)))
+    return frames
+
+
+def _assign(current_mm: FloatArray, last_mm: FloatArray, gate_mm: float) -> list[tuple[int, int]]:
+    from scipy.optimize import linear_sum_assignment
+    from scipy.spatial.distance import cdist
+
+    if not len(current_mm):
+        return []
+    distance = cdist(current_mm, last_mm)
+    rows, columns = linear_sum_assignment(np.where(distance > gate_mm, 1e6, distance))
+    return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if distance[i, j] <= gate_mm]
+
+
+def _points(
+    current: list[PointReading], pairs: list[tuple[int, int]], reference: Points, sigma_mm: float
+) -> Points:
+    sds = [sigma_mm if current[i].sigma_mm is None else float(current[i].sigma_mm or 0.0) for i, _ in pairs]
+    return Points(
+        np.array([current[i].position_mm for i, _ in pairs]).reshape(-1, 3),
+        np.array([sd**2 * np.eye(3) for sd in sds]).reshape(-1, 3, 3),
+        tuple(reference.labels[j] for _, j in pairs),
+        reference.frame,
+    )

@@ -1,0 +1,175 @@
+"""``ronnaplan register`` and ``ronnaplan track`` keep their contracts."""
+
+import json
+import socket
+import threading
+from pathlib import Path
+
+import numpy as np
+import pyigtl
+import pytest
+
+from ronnaplan.cli import main
+from ronnaplan.documents.fiducials import to_json
+from ronnaplan.tracking import read_recording
+from tests.documents.test_registration import fiducials
+from tests.registration import scene
+
+
+@pytest.fixture
+def markers(tmp_path: Path) -> Path:
+    path = tmp_path / "fiducials.json"
+    path.write_text(to_json(fiducials()))
+    return path
+
+
+def readings(folder: Path, frames: int = 20) -> Path:
+    rng = np.random.default_rng(0)
+    lines = ["frame,x,y,z"]
+    for frame in range(frames):
+        seen = scene.HEAD / 3 @ scene.TURN.T + scene.SHIFT + rng.normal(size=scene.HEAD.shape) * 0.05
+        lines += [f"{frame},{x:.4f},{y:.4f},{z:.4f}" for x, y, z in seen[rng.permutation(5)]]
+    path = folder / "readings.csv"
+    path.write_text("\n".join(lines))
+    return path
+
+
+def plan(folder: Path, uid: str | None, version: int = 1) -> Path:
+    path = folder / "plan.json"
+    content = {
+        "format": "ronnaplan.plan",
+        "version": version,
+        "coordinate_system": "LPS",
+        "unit": "mm",
+        "source": {"frame_of_reference_uid": uid},
+        "trajectories": [{"name": "left", "entry": [10.0, 5, 40], "target": [5.0, 0, 0]}],
+    }
+    path.write_text(json.dumps(content))
+    return path
+
+
+def test_markers_and_stray_readings_become_a_registration_with_expected_errors(
+    markers: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "registration.json"
+    arguments = [
+        str(markers),
+        str(readings(tmp_path)),
+        "--plan",
+        str(plan(tmp_path, scene.CT.uid)),
+        "-o",
+        str(out),
+    ]
+    assert main(["register", *arguments, "--sigma-ct", "0.1", "--expected", "5"]) == 0
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert "do not measure the error at a target" in printed.err
+    content = json.loads(out.read_text())
+    np.testing.assert_allclose(np.array(content["ots_from_ct"])[:3, :3], scene.TURN, atol=0.01)
+    assert [target["name"] for target in content["targets"]] == ["left entry", "left target"]
+
+
+def test_a_plan_of_another_scan_is_refused(
+    markers: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "registration.json"
+    arguments = [str(markers), str(readings(tmp_path)), "--plan", str(plan(tmp_path, "9.9")), "-o", str(out)]
+    assert main(["register", *arguments]) == 1
+    assert "9.9" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_a_plan_of_a_newer_version_is_not_half_read(
+    markers: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    newer = plan(tmp_path, scene.CT.uid, version=2)
+    assert main(["register", str(markers), str(readings(tmp_path)), "--plan", str(newer)]) == 1
+    assert "version" in capsys.readouterr().err
+
+
+def test_readings_that_do_not_fit_are_refused_with_a_document(
+    markers: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "other.csv"
+    rng = np.random.default_rng(1)
+    other.write_text("x,y,z\n" + "\n".join(",".join(map(str, row)) for row in rng.uniform(-300, 300, (5, 3))))
+    assert main(["register", str(markers), str(other), "--expected", "5"]) == 3
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["status"] == "unmatched"
+    assert json.loads(printed.out)["ots_from_ct"] is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "says"),
+    [
+        (["absent.json", "absent.csv"], 1, "absent.json"),
+        (["{markers}", "absent.csv"], 1, "absent.csv"),
+        (["{markers}", "{readings}", "--pair", "F1"], 2, "CT=READING"),
+        (["{markers}", "{readings}", "--pair", "F9=1"], 1, "no CT marker F9"),
+        (["{markers}", "{readings}", "--sigma-ct", "-1"], 1, "zero or more"),
+        (["{markers}", "{readings}", "--plan", "{markers}"], 1, "not a plan"),
+    ],
+)
+def test_unusable_requests_are_one_sentence(
+    markers: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], status: int, says: str
+) -> None:
+    named = [text.format(markers=markers, readings=readings(tmp_path)) for text in arguments]
+    assert main(["register", *named]) == status
+    assert says in capsys.readouterr().err
+
+
+def test_track_records_a_live_server(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    listener = socket.create_server(("127.0.0.1", 0))
+
+    def serve() -> None:
+        connection, _ = listener.accept()
+        with connection:
+            for _ in range(30):
+                connection.sendall(pyigtl.PointMessage(positions=scene.HEAD, device_name="Polaris").pack())
+
+    thread = threading.Thread(target=serve, daemon=True)
+    thread.start()
+    out = tmp_path / "readings.csv"
+    port = str(listener.getsockname()[1])
+    assert main(["track", "--host", "127.0.0.1", "--port", port, "--seconds", "5", "-o", str(out)]) == 0
+    thread.join(10)
+    listener.close()
+    assert len(read_recording(out).points) == 150
+    printed = capsys.readouterr()
+    assert "5 markers in 30 frames" in printed.err
+    assert "closed the stream" in printed.err
+
+
+def test_track_tells_that_the_patient_has_moved(
+    markers: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    registration = tmp_path / "registration.json"
+    assert main(["register", str(markers), str(readings(tmp_path)), "-o", str(registration)]) == 0
+    listener = socket.create_server(("127.0.0.1", 0))
+    still = scene.HEAD / 3 @ scene.TURN.T + scene.SHIFT
+
+    def serve() -> None:
+        connection, _ = listener.accept()
+        with connection:
+            for k in range(30):
+                seen = still + (k >= 20) * np.array([3.0, 0, 0])
+                connection.sendall(pyigtl.PointMessage(positions=seen[::-1], device_name="Polaris").pack())
+
+    thread = threading.Thread(target=serve, daemon=True)
+    thread.start()
+    port = str(listener.getsockname()[1])
+    capsys.readouterr()
+    assert main(["track", "--port", port, "--registration", str(registration)]) == 0
+    thread.join(10)
+    listener.close()
+    told = capsys.readouterr().err
+    assert "20 of 30 frames: nothing moved" in told
+    assert "10 of 30 frames: all markers moved together" in told
+    assert "lastly moved by 3.0" in told
+
+
+def test_track_without_a_server_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    assert main(["track", "--port", str(port), "--seconds", "1"]) == 1
+    assert "no OpenIGTLink server" in capsys.readouterr().err

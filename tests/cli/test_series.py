@@ -1,0 +1,64 @@
+import json
+from pathlib import Path
+
+import pytest
+from pydicom.dataset import Dataset
+
+from ronnaplan.cli import main
+from tests.ct.makers import SERIES, write_series
+
+
+def mixed(folder: Path) -> Path:
+    write_series(folder / "ct")
+
+    def scout(made: Dataset, k: int) -> None:
+        made.ImageType, made.SeriesInstanceUID = ["ORIGINAL", "PRIMARY", "LOCALIZER"], "1.2.3.7"
+        made.SeriesDescription = "Scout\x1b[31m"
+
+    write_series(folder / "scout", 1, scout)
+    (folder / "readme.txt").write_text("no image")
+    return folder
+
+
+def test_the_table_shows_each_series_and_why_one_cannot_be_used(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["series", str(mixed(tmp_path))]) == 0
+    shown = capsys.readouterr().out
+    assert "yes  CT        4       8 x 10  0.500 x 0.750  2.000   0.0       H30     Head 2 mm" in shown
+    assert SERIES in shown
+    assert "cannot be used: a localizer (projection image)" in shown
+    assert "readme.txt: it is not a DICOM file" in shown
+    assert "\x1b" not in shown
+
+
+def test_json_says_the_same_for_a_program(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["series", str(mixed(tmp_path)), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["format"] == "ronnaplan.series"
+    usable = {entry["series"]: entry["usable"] for entry in document["series"]}
+    assert usable == {SERIES: True, "1.2.3.7": False}
+    assert document["series"][0]["spacing_mm"] == [2, 2]
+
+
+@pytest.mark.parametrize("also", [[], ["--json"]])
+def test_the_patients_name_is_shown_only_when_asked_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], also: list[str]
+) -> None:
+    write_series(tmp_path)
+    assert main(["series", str(tmp_path), *also]) == 0
+    assert "Doe" not in capsys.readouterr().out
+    assert main(["series", str(tmp_path), "--patient", *also]) == 0
+    assert "Doe^Jane" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["nowhere", "empty", "text"])
+def test_what_holds_no_series_is_one_sentence_and_exit_status_1(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "text").write_text("hello")
+    assert main(["series", str(tmp_path / name)]) == 1
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1

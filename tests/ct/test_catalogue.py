@@ -1,0 +1,93 @@
+from pathlib import Path
+
+import pydicom.data
+import pytest
+from pydicom.dataset import Dataset
+
+from ronnaplan.ct import VolumeFlag, find_series, read_ct
+from ronnaplan.ct.summary import summarize
+from ronnaplan.errors import InputError
+from tests.ct.makers import SERIES, write_series
+
+DICOMDIR = Path(pydicom.data.__file__).parent / "test_files" / "dicomdirtests" / "DICOMDIR"
+
+
+def test_a_dicomdir_stands_for_the_tree_it_indexes() -> None:
+    by_index, by_folder = find_series(DICOMDIR), find_series(DICOMDIR.parent)
+    assert [one.key for one in by_index.series] == [one.key for one in by_folder.series]
+    assert {one.first.modality for one in by_index.series} >= {"CT", "MR", "CR"}
+    assert any("an index" in one.reason for one in by_index.skipped)
+
+
+def test_a_damaged_file_beside_a_series_is_named_and_flagged(tmp_path: Path) -> None:
+    write_series(tmp_path)
+    content = (tmp_path / "003").read_bytes()
+    (tmp_path / "003").write_bytes(content[:300])
+    found = find_series(tmp_path)
+    assert [(one.name.endswith("003"), one.is_trouble) for one in found.skipped] == [(True, True)]
+    assert read_ct(tmp_path).voxels_hu.shape[0] == 3
+    assert "could not be read" in read_ct(tmp_path).flags[-1]
+
+
+def test_an_empty_file_with_the_name_of_an_image_is_flagged(tmp_path: Path) -> None:
+    write_series(tmp_path)
+    (tmp_path / "notes.txt").touch()
+    assert read_ct(tmp_path).flags == ()
+    (tmp_path / "004.dcm").touch()
+    assert read_ct(tmp_path).flags == (VolumeFlag.UNREADABLE_FILES,)
+
+
+def test_a_slice_cut_off_within_its_pixels_makes_the_series_unusable(tmp_path: Path) -> None:
+    write_series(tmp_path)
+    content = (tmp_path / "002").read_bytes()
+    (tmp_path / "002").write_bytes(content[:-10])
+    with pytest.raises(InputError, match="1 of 4 files: it declares 160 bytes of pixels but holds 150"):
+        read_ct(tmp_path)
+
+
+def test_a_deflated_slice_cut_short_is_refused(tmp_path: Path) -> None:
+    write_series(
+        tmp_path, change=lambda made, k: setattr(made.file_meta, "TransferSyntaxUID", "1.2.840.10008.1.2.1.99")
+    )
+    content = (tmp_path / "002").read_bytes()
+    (tmp_path / "002").write_bytes(content[:-40])
+    with pytest.raises(InputError, match="002 ends within its pixels"):
+        read_ct(tmp_path)
+
+
+def test_the_order_of_series_does_not_depend_on_the_file_system(tmp_path: Path) -> None:
+    for name in "cab":
+        write_series(
+            tmp_path / name, 2, lambda made, k, name=name: setattr(made, "SeriesInstanceUID", f"1.{ord(name)}")
+        )
+    assert [one.key for one in find_series(tmp_path).series] == ["1.97", "1.98", "1.99"]
+
+
+def test_a_summary_tells_what_a_user_chooses_by(tmp_path: Path) -> None:
+    heights = [0, 2, 4, 5]
+    write_series(tmp_path, change=lambda made, k: setattr(made, "ImagePositionPatient", [0, 0, heights[k]]))
+    (one,), skipped = summarize(tmp_path)
+    assert (one.series, one.modality, one.description, one.kernel) == (SERIES, "CT", "Head 2 mm", "H30")
+    assert (one.images, one.matrix, one.pixel_mm, one.spacing_mm) == (4, (8, 10), (0.5, 0.75), (1, 2))
+    assert one.tilt_deg == 0
+    assert one.is_usable
+    assert one.notes == ("the slices are not evenly spaced", "the slices overlap")
+    assert skipped == ()
+
+
+def test_texts_of_other_alphabets_are_read_and_hostile_ones_escaped(tmp_path: Path) -> None:
+    def change(made: Dataset, k: int) -> None:
+        made.SpecificCharacterSet = "ISO_IR 192"
+        made.SeriesDescription = "Schädel \u202egnp\x1b[2J"
+
+    (one,) = find_series(write_series(tmp_path, change=change)).series
+    assert one.first.description == "Schädel \\u202egnp\\x1b[2J"
+
+
+def test_multi_byte_character_sets_are_read(tmp_path: Path) -> None:
+    def change(made: Dataset, k: int) -> None:
+        made.SpecificCharacterSet = ["", "ISO 2022 IR 87"]
+        made.SeriesDescription = "頭部"
+
+    (one,) = find_series(write_series(tmp_path, change=change)).series
+    assert one.first.description == "頭部"

@@ -1,0 +1,135 @@
+import io
+import os
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ronnaplan.ct import Limits, VolumeFlag, find_series, read_ct
+from ronnaplan.errors import InputError
+from tests.ct.makers import enhanced, pattern, save, write_series
+
+EXPECTED = np.stack([pattern(k) for k in range(4)]) - 1024
+
+
+def zipped(folder: Path, target: Path) -> Path:
+    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in sorted(folder.rglob("*")):
+            archive.write(path, f"study/{path.relative_to(folder)}")
+    return target
+
+
+def test_a_zip_of_a_study_is_read_without_unpacking_it_to_a_folder(tmp_path: Path) -> None:
+    archive = zipped(write_series(tmp_path / "study"), tmp_path / "study.zip")
+    before = sorted(tmp_path.rglob("*"))
+    assert np.array_equal(read_ct(archive).voxels_hu, EXPECTED)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_large_multi_frame_file_in_a_zip_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ronnaplan.ct.files._UNPACKED_IN_MEMORY_BYTES", 100)
+    (tmp_path / "study").mkdir()
+    save(enhanced(4), tmp_path / "study" / "multi")
+    assert np.array_equal(read_ct(zipped(tmp_path / "study", tmp_path / "a.zip")).voxels_hu, EXPECTED)
+
+
+def test_a_zip_that_unpacks_to_more_than_the_limit_is_refused(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "bomb.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        for k in range(4):
+            archive.writestr(str(k), bytes(1 << 20))
+    with pytest.raises(InputError, match="unpacks to 4194304 bytes, more than the limit"):
+        find_series(tmp_path / "bomb.zip", Limits(archive_bytes=3 << 20))
+    with pytest.raises(InputError, match="declares 4 members; at most 3"):
+        find_series(tmp_path / "bomb.zip", Limits(files=3))
+    found = find_series(tmp_path / "bomb.zip", Limits(file_bytes=1 << 19))
+    assert "above the limit" in found.skipped[0].reason
+
+
+def test_a_zip_that_lies_about_sizes_or_is_damaged_is_refused(tmp_path: Path) -> None:
+    content = zipped(write_series(tmp_path / "study"), tmp_path / "a.zip").read_bytes()
+    (tmp_path / "a.zip").write_bytes(content[: len(content) // 2])
+    with pytest.raises(InputError, match="damaged zip archive"):
+        read_ct(tmp_path / "a.zip")
+    broken = bytearray(content)
+    for at in range(100, len(content) // 2, 7):
+        broken[at] ^= 0xFF
+    (tmp_path / "b.zip").write_bytes(broken)
+    with pytest.raises(InputError):
+        read_ct(tmp_path / "b.zip")
+
+
+def test_an_encrypted_member_is_named(tmp_path: Path) -> None:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        archive.writestr("secret", b"x" * 10)
+    content = bytearray(stream.getvalue())
+    content[content.find(b"PK\1\2") + 8] |= 1
+    (tmp_path / "a.zip").write_bytes(content)
+    assert find_series(tmp_path / "a.zip").skipped[0].reason == "it is encrypted"
+
+
+def test_links_in_circles_end_and_linked_files_count_once(tmp_path: Path) -> None:
+    write_series(tmp_path / "a")
+    (tmp_path / "a" / "loop").symlink_to(tmp_path)
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    (tmp_path / "a" / "again").symlink_to(tmp_path / "a" / "000")
+    (tmp_path / "dangling").symlink_to(tmp_path / "nowhere")
+    volume = read_ct(tmp_path)
+    assert np.array_equal(volume.voxels_hu, EXPECTED)
+    assert volume.flags == (VolumeFlag.UNREADABLE_FILES,)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_a_file_without_permission_is_named_and_flagged(tmp_path: Path) -> None:
+    write_series(tmp_path)
+    (tmp_path / "003").chmod(0)
+    found = find_series(tmp_path)
+    assert "Permission denied" in found.skipped[0].reason
+    assert VolumeFlag.UNREADABLE_FILES in read_ct(tmp_path).flags
+
+
+def test_a_file_that_cannot_be_opened_is_named_and_flagged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_series(tmp_path)
+    opened = os.open
+
+    def refusing(path: str, *rest: int) -> int:
+        if str(path).endswith("003"):
+            raise PermissionError(13, "Permission denied")
+        return opened(path, *rest)
+
+    monkeypatch.setattr(os, "open", refusing)
+    found = find_series(tmp_path)
+    assert found.skipped[0].reason == "it cannot be opened (Permission denied)"
+    assert read_ct(tmp_path).flags == (VolumeFlag.UNREADABLE_FILES,)
+
+
+def test_more_files_than_the_limit_are_refused_before_any_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_series(tmp_path)
+    monkeypatch.setattr(os, "pread", lambda *_: pytest.fail("a file was read"))
+    with pytest.raises(InputError, match="holds more than 3 files; name a narrower folder"):
+        find_series(tmp_path, Limits(files=3))
+
+
+def test_folders_nested_beyond_the_limit_are_left_out_and_named(tmp_path: Path) -> None:
+    write_series(tmp_path / "a" / "b" / "c")
+    found = find_series(tmp_path, Limits(folder_depth=2))
+    assert found.series == ()
+    assert found.skipped[0].reason == "the folders nest too deeply"
+
+
+def test_pipes_and_devices_are_never_opened(tmp_path: Path) -> None:
+    write_series(tmp_path)
+    os.mkfifo(tmp_path / "pipe")
+    assert read_ct(tmp_path).voxels_hu.shape[0] == 4
+    with pytest.raises(InputError, match="neither a file nor a folder"):
+        read_ct(tmp_path / "pipe")
+
+
+def test_a_path_that_cannot_be_is_refused() -> None:
+    with pytest.raises(InputError, match="cannot be opened"):
+        read_ct("a\0b")

@@ -1,0 +1,147 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydicom.dataset import Dataset
+
+from ronnaplan.ct import find_series, read_ct
+from ronnaplan.errors import InputError
+from tests.ct.makers import compress, enhanced, pattern, save, write_series
+
+KINDS = {
+    "1.2.840.10008.5.1.4.1.1.7": ("OT", "a secondary capture"),
+    "1.2.840.10008.5.1.4.1.1.88.67": ("SR", "a radiation dose report (SR)"),
+    "1.2.840.10008.5.1.4.1.1.88.22": ("SR", "a structured report (SR)"),
+    "1.2.840.10008.5.1.4.1.1.481.3": ("RTSTRUCT", "a structure set (RTSTRUCT)"),
+    "1.2.840.10008.5.1.4.1.1.481.2": ("RTDOSE", "a radiotherapy dose (RTDOSE)"),
+    "1.2.840.10008.5.1.4.1.1.4": ("MR", "the modality is MR, not CT"),
+    "1.2.840.10008.5.1.4.1.1.128": ("PT", "the modality is PT, not CT"),
+    "1.2.840.10008.5.1.4.1.1.11.1": ("PR", "a presentation state"),
+}
+
+
+def enhanced_file(folder: Path, made: object, name: str = "multi") -> Path:
+    save(made, folder / name)  # type: ignore[arg-type]
+    return folder / name
+
+
+@pytest.mark.parametrize("sop_class", list(KINDS))
+def test_what_is_no_ct_is_listed_with_the_reason(tmp_path: Path, sop_class: str) -> None:
+    modality, reason = KINDS[sop_class]
+
+    def change(made: Dataset, k: int) -> None:
+        made.SOPClassUID, made.Modality, made.SeriesInstanceUID = sop_class, modality, "1.2.3.8"
+
+    write_series(tmp_path, 1, change, prefix="other")
+    write_series(tmp_path)
+    found = find_series(tmp_path)
+    (other,) = [series for series in found.series if series.key == "1.2.3.8"]
+    assert reason in other.problems[0]
+    assert found.choose().key == "1.2.3.2"
+
+
+def test_a_localizer_within_the_series_is_set_apart(tmp_path: Path) -> None:
+    def change(made: Dataset, k: int) -> None:
+        if k == 0:
+            made.ImageType = ["ORIGINAL", "PRIMARY", "LOCALIZER"]
+
+    volume = read_ct(write_series(tmp_path, change=change))
+    assert volume.voxels_hu.shape[0] == 3
+
+
+@pytest.mark.parametrize(
+    ("keyword", "value", "reason"),
+    [
+        ("RescaleType", "HU_MOD", "its values are in HU_MOD"),
+        ("RescaleSlope", None, "no rescale slope and intercept"),
+        ("RescaleSlope", 0, "cannot be right"),
+        ("RescaleIntercept", 1e9, "cannot be right"),
+        ("SamplesPerPixel", 3, "a colour picture"),
+        ("PhotometricInterpretation", "PALETTE COLOR", "photometric interpretation is PALETTE COLOR"),
+        ("BitsAllocated", 12, "its pixels take 12 bits"),
+        ("HighBit", 14, "expected the low bits"),
+        ("Rows", 4000, "it declares 80000 bytes of pixels but holds 160"),
+        ("NumberOfFrames", 4, "4 frames without saying where each one is|declares 640 bytes"),
+        ("PixelData", None, "it holds no pixels"),
+    ],
+)
+def test_images_that_are_not_plain_hu_slices_are_refused_by_name(
+    tmp_path: Path, keyword: str, value: object, reason: str
+) -> None:
+    def change(made: Dataset, k: int) -> None:
+        if value is None:
+            delattr(made, keyword)
+        else:
+            setattr(made, keyword, value)
+
+    with pytest.raises(InputError, match=reason):
+        read_ct(write_series(tmp_path, change=change))
+
+
+def test_one_damaged_slice_makes_its_series_unusable_rather_than_shorter(tmp_path: Path) -> None:
+    write_series(tmp_path, change=lambda made, k: delattr(made, "RescaleSlope") if k == 3 else None)
+    with pytest.raises(InputError, match="1 of 4 files: it has no rescale slope"):
+        read_ct(tmp_path)
+
+
+def test_a_multi_frame_ct_is_read_from_its_functional_groups(tmp_path: Path) -> None:
+    heights = [36, 30, 34, 32]
+
+    def change(groups: Dataset, k: int) -> None:
+        groups.PlanePositionSequence[0].ImagePositionPatient = [-10, -20, heights[k]]
+
+    volume = read_ct(enhanced_file(tmp_path, enhanced(4, change)))
+    assert volume.grid.slice_positions_mm.tolist() == [30, 32, 34, 36]
+    assert np.array_equal(volume.voxels_hu, np.stack([pattern(k) for k in (1, 3, 2, 0)]) - 1024)
+    assert np.allclose(volume.grid.positions_mm(np.array([0, 1, 1.0])), [-10 + 0.75, -20 + 0.5, 30])
+
+
+def test_each_frames_own_rescale_and_orientation_override_the_shared_ones(tmp_path: Path) -> None:
+    def change(groups: Dataset, k: int) -> None:
+        values = Dataset()
+        values.RescaleSlope, values.RescaleIntercept, values.RescaleType = 1, -1000 - k, "HU"
+        groups.PixelValueTransformationSequence = [values]
+
+    volume = read_ct(enhanced_file(tmp_path, enhanced(4, change)))
+    assert volume.voxels_hu[:, 0, 0].tolist() == [100 * k - 1000 - k for k in range(4)]
+
+
+def test_several_stacks_of_a_multi_frame_ct_are_offered_apart(tmp_path: Path) -> None:
+    path = enhanced_file(tmp_path, enhanced(6, stacks=2))
+    with pytest.raises(InputError, match="2 usable series"):
+        read_ct(path)
+    assert read_ct(path, "1.2.3.2#2").grid.slice_positions_mm.tolist() == [36, 38, 40]
+
+
+def test_a_multi_frame_ct_that_describes_fewer_frames_than_it_holds_is_refused(tmp_path: Path) -> None:
+    made = enhanced(4)
+    del made.PerFrameFunctionalGroupsSequence[3]
+    with pytest.raises(InputError, match="declares 4 frames but describes 3"):
+        read_ct(enhanced_file(tmp_path, made))
+
+
+def test_more_frames_than_any_scan_has_are_refused(tmp_path: Path) -> None:
+    made = enhanced(4)
+    made.NumberOfFrames, made.Rows, made.Columns = 300_000, 1, 1
+    made.PixelData = bytes(600_000)
+    with pytest.raises(InputError, match="declares 300000 frames, more than 20000"):
+        read_ct(enhanced_file(tmp_path, made))
+
+
+@pytest.mark.parametrize("syntax", ["1.2.840.10008.1.2.5", "1.2.840.10008.1.2.4.80"])
+def test_compressed_frames_are_told_apart(tmp_path: Path, syntax: str) -> None:
+    volume = read_ct(enhanced_file(tmp_path, compress(enhanced(5), syntax, tmp_path)))
+    assert np.array_equal(volume.voxels_hu, np.stack([pattern(k) for k in range(5)]) - 1024)
+
+
+def test_frames_of_several_fragments_are_found_by_the_offset_table_or_refused(tmp_path: Path) -> None:
+    from pydicom.encaps import encapsulate, generate_frames
+
+    made = compress(enhanced(3), "1.2.840.10008.1.2.5", tmp_path)
+    frames = list(generate_frames(made.PixelData, number_of_frames=3))
+    made.PixelData = encapsulate(frames, fragments_per_frame=2, has_bot=True)
+    volume = read_ct(enhanced_file(tmp_path, made, "with table"))
+    assert np.array_equal(volume.voxels_hu, np.stack([pattern(k) for k in range(3)]) - 1024)
+    made.PixelData = encapsulate(frames, fragments_per_frame=2, has_bot=False)
+    with pytest.raises(InputError, match="cannot be told apart"):
+        read_ct(enhanced_file(tmp_path, made, "without"))

@@ -1,0 +1,261 @@
+from dataclasses import replace
+from pathlib import Path
+from random import Random
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydicom.dataset import Dataset
+from scipy.spatial.transform import Rotation
+
+from ronnaplan.ct import VolumeFlag, find_series, read_ct
+from ronnaplan.ct.stack import stacks_of
+from ronnaplan.errors import InputError
+from tests.ct.makers import Change, dataset, pattern, slice_image, write_series
+
+POSITIONS = {
+    "head first prone": [-1, 0, 0, 0, -1, 0],
+    "head first decubitus left": [0, 1, 0, -1, 0, 0],
+    "head first decubitus right": [0, -1, 0, 1, 0, 0],
+    "feet first supine": [-1, 0, 0, 0, 1, 0],
+    "feet first prone": [1, 0, 0, 0, -1, 0],
+    "sagittal": [0, 1, 0, 0, 0, -1],
+    "coronal": [1, 0, 0, 0, 0, -1],
+}
+
+
+def placed(origins: list[list[float]], **also: object) -> Change:
+    def change(made: Dataset, k: int) -> None:
+        made.ImagePositionPatient = origins[k]
+        for keyword, value in also.items():
+            setattr(made, keyword, value)
+
+    return change
+
+
+def tilted(tilt_deg: float, tag: float | None) -> Change:
+    """Slices every 2 mm along the table, in planes tilted about x: origins drift within the slice plane."""
+    angle = np.radians(tilt_deg)
+
+    def change(made: Dataset, k: int) -> None:
+        made.ImageOrientationPatient = [1, 0, 0, 0, round(np.cos(angle), 9), round(-np.sin(angle), 9)]
+        made.ImagePositionPatient, made.SliceThickness = [0, 0, 2 * k], 1
+        if tag is not None:
+            made.GantryDetectorTilt = tag
+
+    return change
+
+
+@pytest.mark.parametrize("tag", [18.5, -18.5, None])
+def test_gantry_tilt_comes_from_the_positions_with_or_without_its_tag(tmp_path: Path, tag: float | None) -> None:
+    volume = read_ct(write_series(tmp_path, change=tilted(18.5, tag)))
+    assert volume.grid.tilt_deg == pytest.approx(18.5, abs=1e-4)
+    assert volume.grid.positions_mm(np.array([3.0, 0, 0])) == pytest.approx([0, 0, 6])
+    assert np.allclose(volume.grid.spacings_mm, 2 * np.cos(np.radians(18.5)))
+    assert volume.flags == ()
+
+
+@pytest.mark.parametrize(("actual", "tag"), [(18.5, 0.0), (0.0, 20.0), (18.5, 12.0)])
+def test_a_contradicting_tilt_tag_is_flagged_and_the_positions_win(
+    tmp_path: Path, actual: float, tag: float
+) -> None:
+    volume = read_ct(write_series(tmp_path, change=tilted(actual, tag)))
+    assert volume.grid.tilt_deg == pytest.approx(actual, abs=1e-4)
+    assert VolumeFlag.TILT_CONTRADICTS in volume.flags
+
+
+@pytest.mark.parametrize("name", list(POSITIONS))
+def test_every_patient_position_keeps_each_voxel_where_its_slice_says(tmp_path: Path, name: str) -> None:
+    directions = np.array(POSITIONS[name], dtype=float)
+    normal = np.cross(directions[:3], directions[3:])
+    for sign in (1, -1):
+        folder = tmp_path / str(sign)
+        origins = [(sign * 3.0 * k * normal + [5, 6, 7]).tolist() for k in range(4)]
+        write_series(folder, change=placed(origins, ImageOrientationPatient=POSITIONS[name]))
+        volume = read_ct(folder)
+        for k in range(4):
+            at = np.flatnonzero(volume.voxels_hu[:, 0, 0] == pattern(k)[0, 0] - 1024)[0]
+            expected = np.array(origins[k]) + 2 * 0.5 * directions[3:] + 3 * 0.75 * directions[:3]
+            assert np.allclose(volume.grid.positions_mm(np.array([at, 2.0, 3.0])), expected)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    angles=st.tuples(*[st.floats(-180, 180)] * 3),
+    gaps=st.lists(st.floats(0.1, 9.0), min_size=2, max_size=6),
+    drift=st.tuples(st.floats(-2, 2), st.floats(-2, 2)),
+    order=st.randoms(use_true_random=False),
+)
+def test_turning_the_patient_turns_every_voxel_with_him(
+    tmp_path_factory: pytest.TempPathFactory,
+    angles: tuple[float, float, float],
+    gaps: list[float],
+    drift: tuple[float, float],
+    order: Random,
+) -> None:
+    turn = Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
+    heights = np.concatenate([[0.0], np.cumsum(gaps)])
+    origins = np.outer(heights, [*drift, 1.0]) + np.array([10.0, -20.0, 30.0])
+    numbers = list(range(len(heights)))
+    order.shuffle(numbers)
+
+    def change(made: Dataset, k: int) -> None:
+        made.ImagePositionPatient = [f"{value:.9f}"[:16] for value in turn @ origins[numbers[k]]]
+        made.ImageOrientationPatient = [f"{value:.12f}"[:16] for value in (*turn[:, 0], *turn[:, 1])]
+
+    folder = tmp_path_factory.mktemp("turned")
+    volume = read_ct(write_series(folder, len(heights), change))
+    kji = np.array([[k, j, i] for k in range(len(heights)) for j in (0.0, 7.0) for i in (0.0, 9.0)])
+    still = origins[kji[:, 0].astype(int)] + kji[:, 1:2] * [0, 0.5, 0] + kji[:, 2:3] * [0.75, 0, 0]
+    assert np.allclose(volume.grid.positions_mm(kji), still @ turn.T, atol=1e-5)
+    expected = [pattern(numbers.index(k))[0, 0] - 1024 for k in range(len(heights))]
+    assert volume.voxels_hu[:, 0, 0].tolist() == expected
+
+
+def test_thickness_and_spacing_tags_never_place_a_slice(tmp_path: Path) -> None:
+    change = placed(
+        [[0, 0, 2 * k] for k in range(4)], SliceThickness=1.5, SpacingBetweenSlices=7, SliceLocation=99
+    )
+    volume = read_ct(write_series(tmp_path, change=change))
+    assert volume.grid.spacings_mm.tolist() == [2, 2, 2]
+    assert volume.grid.thickness_mm == 1.5
+
+
+def test_uneven_spacing_is_kept_exactly_and_flagged(tmp_path: Path) -> None:
+    heights = [0, 4.002, 5.083, 12.082]
+    volume = read_ct(write_series(tmp_path, change=placed([[0, 0, z] for z in heights], SliceThickness=1)))
+    assert volume.grid.slice_positions_mm.tolist() == heights
+    assert volume.flags == (VolumeFlag.UNEVEN_SPACING,)
+
+
+def test_one_gap_a_multiple_of_the_rest_is_a_missing_slice(tmp_path: Path) -> None:
+    volume = read_ct(write_series(tmp_path, 5, placed([[0, 0, z] for z in (0, 5, 10, 20, 25)])))
+    assert volume.grid.slice_positions_mm.tolist() == [0, 5, 10, 20, 25]
+    assert volume.flags == (VolumeFlag.UNEVEN_SPACING, VolumeFlag.MISSING_SLICE)
+
+
+def test_overlapping_reconstructions_are_read_and_flagged(tmp_path: Path) -> None:
+    volume = read_ct(write_series(tmp_path, change=placed([[0, 0, 0.5 * k] for k in range(4)], SliceThickness=1)))
+    assert volume.grid.spacings_mm.tolist() == [0.5, 0.5, 0.5]
+    assert volume.flags == (VolumeFlag.OVERLAPPING,)
+
+
+def test_a_slice_shifted_sideways_is_read_where_it_is_and_flagged(tmp_path: Path) -> None:
+    volume = read_ct(write_series(tmp_path, change=placed([[0, 0, 0], [0, 0, 2], [1, 0, 4], [0, 0, 6]])))
+    assert volume.grid.origins_mm[2].tolist() == [1, 0, 4]
+    assert VolumeFlag.SHIFTED_SIDEWAYS in volume.flags
+
+
+def test_identical_copies_are_dropped_with_a_flag(tmp_path: Path) -> None:
+    write_series(tmp_path)
+    write_series(tmp_path, prefix="copy")
+    volume = read_ct(tmp_path)
+    assert volume.voxels_hu.shape[0] == 4
+    assert volume.flags == (VolumeFlag.DUPLICATES_DROPPED,)
+
+
+def test_different_images_at_one_place_are_refused(tmp_path: Path) -> None:
+    write_series(tmp_path, change=placed([[0, 0, 0], [0, 0, 2], [0, 0, 2], [0, 0, 4]]))
+    with pytest.raises(InputError, match=r"different images lie at the same place \(.*001 and .*002\)"):
+        read_ct(tmp_path)
+
+
+def test_two_acquisitions_of_one_place_are_offered_apart(tmp_path: Path) -> None:
+    write_series(tmp_path)
+
+    def second(made: Dataset, k: int) -> None:
+        made.AcquisitionNumber, made.RescaleIntercept = 2, -1000
+
+    write_series(tmp_path, 4, second, prefix="second")
+    with pytest.raises(InputError, match=r"2 usable series.*1\.2\.3\.2#1.*1\.2\.3\.2#2"):
+        read_ct(tmp_path)
+    volumes = [read_ct(tmp_path, f"1.2.3.2#{number}") for number in (1, 2)]
+    assert {int(volume.voxels_hu[0, 0, 0]) for volume in volumes} == {-1024, -1000}
+    assert {volume.source.series_instance_uid for volume in volumes} == {"1.2.3.2"}
+
+
+def test_two_kernels_of_one_place_are_offered_apart(tmp_path: Path) -> None:
+    write_series(tmp_path)
+
+    def sharp(made: Dataset, k: int) -> None:
+        made.ConvolutionKernel, made.RescaleIntercept = "H60", -1023
+
+    write_series(tmp_path, 4, sharp, prefix="sharp")
+    assert [series.kernel for series in find_series(tmp_path).usable] == ["H30", "H60"]
+    assert read_ct(tmp_path, "1.2.3.2#2").source.kernel == "H60"
+
+
+def test_acquisitions_that_follow_each_other_are_one_volume(tmp_path: Path) -> None:
+    volume = read_ct(write_series(tmp_path, change=lambda made, k: setattr(made, "AcquisitionNumber", k // 2)))
+    assert volume.voxels_hu.shape[0] == 4
+
+
+@pytest.mark.parametrize(
+    ("keyword", "value"),
+    [
+        ("ImageOrientationPatient", [0, 1, 0, 0, 0, -1]),
+        ("FrameOfReferenceUID", "1.2.3.99"),
+        ("StudyInstanceUID", "1.2.3.98"),
+        ("PixelSpacing", [0.5, 0.5]),
+    ],
+)
+def test_orientations_frames_and_pixel_sizes_are_never_mixed(tmp_path: Path, keyword: str, value: object) -> None:
+    write_series(tmp_path)
+
+    def other(made: Dataset, k: int) -> None:
+        made.ImagePositionPatient = [3 * k, 0, 2 * k]
+        setattr(made, keyword, value)
+
+    write_series(tmp_path, 3, other, prefix="other")
+    found = find_series(tmp_path)
+    assert [series.key for series in found.series] == ["1.2.3.2#1", "1.2.3.2#2"]
+    assert sorted(series.image_count for series in found.series) == [3, 4]
+    with pytest.raises(InputError, match=r"choose one"):
+        read_ct(tmp_path, "1.2.3.2")
+
+
+def test_a_slice_of_another_size_is_set_apart(tmp_path: Path) -> None:
+    def change(made: Dataset, k: int) -> None:
+        if k == 3:
+            made.Rows = 4
+
+    found = find_series(write_series(tmp_path, change=change))
+    assert [(series.image_count, series.is_usable) for series in found.series] == [(3, True), (1, False)]
+
+
+def test_more_parts_than_a_series_can_sensibly_have_are_refused_in_bounded_time() -> None:
+    assert stacks_of([]) == []
+    first = slice_image(dataset(0))
+    images = [
+        replace(first, orientation=(np.cos(angle), np.sin(angle), 0, -np.sin(angle), np.cos(angle), 0))
+        for angle in np.linspace(0, 1, 3000)
+    ]
+    (stack,) = stacks_of(images)
+    assert stack.problem is not None
+    assert "too many orientations" in stack.problem
+
+
+@pytest.mark.parametrize(
+    ("keyword", "value", "reason"),
+    [
+        ("ImageOrientationPatient", [1, 0, 0, 0.5, 1, 0], "not two perpendicular unit vectors"),
+        ("ImageOrientationPatient", [0, 0, 0, 0, 0, 0], "not two perpendicular unit vectors"),
+        ("ImageOrientationPatient", [1, 0, 0], "its orientation has 3 numbers, expected 6"),
+        ("ImageOrientationPatient", None, "its image has no orientation"),
+        ("ImagePositionPatient", None, "its image has no position"),
+        ("ImagePositionPatient", [0, 0, 1e9], "more than 100 m"),
+        ("PixelSpacing", [0, 0.5], "is not between 0.001 and 100"),
+        ("PixelSpacing", [-0.5, 0.5], "is not between 0.001 and 100"),
+        ("PixelSpacing", None, "its image has no pixel spacing"),
+    ],
+)
+def test_unusable_geometry_is_refused_by_name(tmp_path: Path, keyword: str, value: object, reason: str) -> None:
+    write_series(tmp_path, change=lambda made, k: setattr(made, keyword, value))
+    with pytest.raises(InputError, match=reason):
+        read_ct(tmp_path)
+
+
+def test_a_single_slice_is_no_volume(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="one slice only"):
+        read_ct(write_series(tmp_path, 1))

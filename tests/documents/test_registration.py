@@ -1,0 +1,238 @@
+"""registration.json and what is made of it for other tools."""
+
+import csv
+import io
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import SimpleITK
+from pydicom import dcmread
+
+from ronnaplan.documents.dicom_spatial import dicom_bytes, spatial_fiducials, spatial_registration
+from ronnaplan.documents.export import export
+from ronnaplan.documents.fiducials import FiducialsDocument, Source, to_json
+from ronnaplan.documents.registration import RegistrationDocument, read_registration, registration_document
+from ronnaplan.documents.registration_text import registration_text
+from ronnaplan.errors import FrameMismatchError, InputError
+from ronnaplan.geometry import Frame, Points
+from ronnaplan.registration.markers import register_markers
+from tests.registration import scene
+
+SOURCE = Source(study_instance_uid="1.2.3", frame_of_reference_uid=scene.CT.uid)
+TARGETS = Points(np.array([[10.0, -5, -20], [0, 0, 0]]), np.zeros((2, 3, 3)), ("left target", "centre"), scene.CT)
+
+
+def registered() -> RegistrationDocument:
+    found = register_markers(scene.ct_points(), scene.readings(), sigma_ct_mm=0.1)
+    return registration_document(found, SOURCE, TARGETS)
+
+
+def refused() -> RegistrationDocument:
+    square = np.array([[60.0, 0, 0], [0, 60, 0], [-60, 0, 0], [0, -60, 0]])
+    small = np.tile(0.01 * np.eye(3), (4, 1, 1))
+    ct = Points(square, small, ("A", "B", "C", "D"), scene.CT)
+    ots = Points(square @ scene.TURN.T + scene.SHIFT, small, ("1", "2", "3", "4"), scene.OTS)
+    return registration_document(register_markers(ct, ots, sigma_ct_mm=0.1), SOURCE)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    file = tmp_path / "registration.json"
+    file.write_text(to_json(registered()))
+    return file
+
+
+def test_the_document_keeps_the_contract(path: Path) -> None:
+    content = json.loads(path.read_text())
+    assert (content["format"], content["version"], content["unit"]) == ("ronnaplan.registration", 1, "mm")
+    assert content["status"] == "unique"
+    assert content["pairs"][0].items() >= {"ct": "F1", "ots": "2"}.items()
+    assert content["pairs"][0]["residual"] < 1
+    assert (content["unpaired_ct"], content["unpaired_ots"]) == ([], [])
+    np.testing.assert_allclose(np.array(content["ots_from_ct"])[:3, 3], scene.SHIFT, atol=1)
+    assert content["targets"][0]["name"] == "left target"
+    covariance = np.array(content["targets"][0]["covariance"])
+    assert content["targets"][0]["predicted_tre_rms"] == pytest.approx(np.sqrt(np.trace(covariance)))
+    assert content["source"]["frame_of_reference_uid"] == scene.CT.uid
+
+
+def test_what_is_written_is_read_back_and_keeps_its_frame(path: Path) -> None:
+    document = read_registration(path)
+    assert document == registered()
+    np.testing.assert_allclose(document.pose.matrix, np.array(registered().ots_from_ct), atol=1e-12)
+    document.require_frame(scene.CT)
+    with pytest.raises(FrameMismatchError):
+        document.require_frame(Frame("CT", "9.9"))
+    with pytest.raises(FrameMismatchError):
+        document.pose.apply([[0, 0, 0]], Frame("CT", "9.9"))
+
+
+def test_targets_of_another_scan_are_refused() -> None:
+    found = register_markers(scene.ct_points(), scene.readings())
+    other = Points(np.zeros((1, 3)), np.zeros((1, 3, 3)), ("t",), Frame("CT", "9.9"))
+    with pytest.raises(FrameMismatchError):
+        registration_document(found, SOURCE, other)
+
+
+def test_a_refused_pairing_is_a_document_with_rivals_and_no_transform(tmp_path: Path) -> None:
+    file = tmp_path / "refused.json"
+    file.write_text(to_json(refused()))
+    document = read_registration(file)
+    assert document.status == "ambiguous"
+    assert len(document.rivals) >= 2
+    assert document.ots_from_ct is None
+    with pytest.raises(InputError, match="refused"):
+        _ = document.pose
+    for to in ("itk", "dicom"):
+        with pytest.raises(InputError, match="refused"):
+            export(file, to)
+    assert "rival 2" in registration_text(document)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"format": "ronnaplan.fiducials"}, "not a registration"),
+        ({"version": 2}, "version 2"),
+        ({"ots_from_ct": None}, "lacks ots_from_ct"),
+        ({"ots_from_ct": np.diag([-1.0, 1, 1, 1]).tolist()}, "left-handed"),
+        ({"covariance": (-np.eye(6)).tolist()}, "not symmetric and positive"),
+        ({"fre_rms": -1}, "fre_rms"),
+        ({"status": "fine"}, "status"),
+    ],
+)
+def test_a_spoilt_document_is_named(path: Path, change: dict[str, object], says: str) -> None:
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    with pytest.raises(InputError, match=says):
+        read_registration(path)
+
+
+def test_the_text_tells_residuals_targets_and_that_fre_is_not_the_target_error() -> None:
+    text = registration_text(registered())
+    assert "do not measure the error at a target" in text
+    assert "left target" in text
+    assert "F5" in text
+
+
+def test_the_itk_transform_maps_tracker_points_to_ct_points(path: Path, tmp_path: Path) -> None:
+    """Slicer's convention: a .tfm holds "from parent", so points move by its inverse when it is put on the CT."""
+    file = tmp_path / "registration.tfm"
+    text = export(path, "itk")
+    assert isinstance(text, str)
+    file.write_text(text)
+    transform = SimpleITK.ReadTransform(str(file))
+    document = read_registration(path)
+    for place in scene.HEAD:
+        tracker = document.pose.apply([place])[0]
+        np.testing.assert_allclose(transform.TransformPoint(tracker.tolist()), place, atol=1e-9)
+        np.testing.assert_allclose(transform.GetInverse().TransformPoint(place.tolist()), tracker, atol=1e-9)
+
+
+def test_the_table_holds_residuals_and_places(path: Path) -> None:
+    text = export(path, "csv")
+    assert isinstance(text, str)
+    rows = list(csv.DictReader(io.StringIO(text)))
+    document = registered()
+    assert [row["ct"] for row in rows] == ["F1", "F2", "F3", "F4", "F5"]
+    for row, pair in zip(rows, document.pairs, strict=True):
+        assert float(row["residual"]) == pytest.approx(pair.residual, abs=1e-6)
+        place = [float(row[f"ct_{axis}"]) for axis in "xyz"]
+        tracker = np.array([float(row[f"ots_{axis}"]) for axis in "xyz"])
+        off = np.linalg.norm(tracker - document.pose.apply([place])[0])
+        assert off == pytest.approx(pair.residual, abs=1e-5)
+
+
+def test_markups_are_coloured_by_residual(tmp_path: Path) -> None:
+    seen = scene.readings(sd_mm=0.02)
+    seen.positions_mm[0] += (1.2, 0, 0)  # F4
+    document = registration_document(register_markers(scene.ct_points(), seen), SOURCE)
+    file = tmp_path / "registration.json"
+    file.write_text(to_json(document))
+    text = export(file, "markups")
+    colours = {}
+    for markup in json.loads(text)["markups"]:
+        assert markup["coordinateSystem"] == "LPS"
+        for point in markup["controlPoints"]:
+            colours[point["label"]] = markup["display"]["selectedColor"]
+            assert "residual" in point["description"]
+            assert point["position"] == scene.HEAD[int(point["label"][1]) - 1].tolist()
+    assert len(colours) == 5
+    assert colours["F4"] != colours["F3"]
+
+
+def fiducials() -> FiducialsDocument:
+    entries = [
+        {
+            "label": f"F{k + 1}",
+            "center": place.tolist(),
+            "covariance": (1e-4 * np.eye(3)).tolist(),
+            "diameter_mm": 11.5,
+            "contrast_hu": 900.0,
+        }
+        for k, place in enumerate(scene.HEAD / 3)
+    ]
+    return FiducialsDocument.model_validate(
+        {
+            "format": "ronnaplan.fiducials",
+            "version": 1,
+            "coordinate_system": "LPS",
+            "unit": "mm",
+            "source": SOURCE.model_dump(),
+            "marker": {"diameter_mm": 11.5},
+            "fiducials": entries,
+            "software": {"name": "ronnaplan", "version": "0"},
+        }
+    )
+
+
+def test_the_spatial_registration_maps_the_scan_into_its_own_frame(tmp_path: Path) -> None:
+    file = tmp_path / "registration.dcm"
+    document = registered()
+    file.write_bytes(dicom_bytes(spatial_registration(document)))
+    dataset = dcmread(file)
+    assert dataset.SOPClassUID.name == "Spatial Registration Storage"
+    scan, itself = dataset.RegistrationSequence
+    assert scan.FrameOfReferenceUID == scene.CT.uid
+    assert itself.FrameOfReferenceUID == dataset.FrameOfReferenceUID != scene.CT.uid
+    step = scan.MatrixRegistrationSequence[0].MatrixSequence[0]
+    matrix = np.array(step.FrameOfReferenceTransformationMatrix, dtype=float).reshape(4, 4)
+    np.testing.assert_allclose(matrix, document.pose.matrix, atol=1e-8)
+    again = spatial_registration(document)
+    assert (again.SOPInstanceUID, again.FrameOfReferenceUID) == (
+        dataset.SOPInstanceUID,
+        dataset.FrameOfReferenceUID,
+    )
+
+
+def test_the_spatial_fiducials_are_the_markers(tmp_path: Path) -> None:
+    file = tmp_path / "fiducials.dcm"
+    file.write_bytes(dicom_bytes(spatial_fiducials(fiducials())))
+    (markers,) = dcmread(file).FiducialSetSequence
+    assert markers.FrameOfReferenceUID == scene.CT.uid
+    places = np.array([item.ContourData for item in markers.FiducialSequence], dtype=float)
+    np.testing.assert_allclose(places, scene.HEAD / 3, atol=1e-9)
+    assert [item.FiducialIdentifier for item in markers.FiducialSequence] == ["F1", "F2", "F3", "F4", "F5"]
+    assert markers.FiducialSequence[0].ContourUncertaintyRadius == pytest.approx(np.sqrt(3e-4))
+
+
+@pytest.mark.skipif(shutil.which("dciodvfy") is None, reason="dciodvfy (dicom3tools) is not installed")
+def test_both_objects_satisfy_an_independent_validator(tmp_path: Path) -> None:
+    for dataset in (spatial_registration(registered()), spatial_fiducials(fiducials())):
+        file = tmp_path / "object.dcm"
+        file.write_bytes(dicom_bytes(dataset))
+        told = subprocess.run(["dciodvfy", "-new", str(file)], capture_output=True, text=True, check=False).stderr
+        assert "Error" not in told, told
+
+
+def test_without_a_frame_of_reference_there_is_no_dicom_object() -> None:
+    nowhere = registered().model_copy(update={"source": Source()})
+    with pytest.raises(InputError, match="no Frame of Reference UID"):
+        spatial_registration(nowhere)
+    with pytest.raises(InputError, match="no Frame of Reference UID"):
+        spatial_fiducials(fiducials().model_copy(update={"source": Source()}))
+    with pytest.raises(InputError, match="no fiducials"):
+        spatial_fiducials(fiducials().model_copy(update={"fiducials": ()}))

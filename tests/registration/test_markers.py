@@ -1,0 +1,55 @@
+"""Markers of a scan and readings in any order become a registration, or a refusal."""
+
+import numpy as np
+import pytest
+
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import Points
+from ronnaplan.registration.markers import register_markers
+from tests.registration import scene
+
+
+def test_readings_in_any_order_with_one_hidden_and_one_stray_register_the_head() -> None:
+    seen = scene.readings(order=(3, 0, 4, 1))
+    stray = Points(
+        np.vstack([seen.positions_mm, [[300.0, 100, -1200]]]),
+        np.concatenate([seen.covariances_mm2, seen.covariances_mm2[:1]]),
+        (*seen.labels, "stray"),
+        seen.frame,
+    )
+    found = register_markers(scene.ct_points(), stray)
+    assert found.pairing.status == "unique"
+    assert found.registration is not None
+    assert found.registration.labels == ("F1", "F2", "F4", "F5")
+    assert found.unpaired_ct == ("F3",)
+    assert found.unpaired_ots == ("stray",)
+    np.testing.assert_allclose(found.registration.transform[:3, 3], scene.SHIFT, atol=1.0)
+    assert found.registration.pose.from_frame == scene.CT
+
+
+def test_the_stated_ct_error_widens_the_expected_error() -> None:
+    tight, loose = (register_markers(scene.ct_points(), scene.readings(), sigma_ct_mm=s) for s in (0.05, 0.5))
+    assert tight.registration is not None
+    assert loose.registration is not None
+    assert loose.registration.tre_rms_mm([[0, 0, 0]])[0] > 2 * tight.registration.tre_rms_mm([[0, 0, 0]])[0]
+
+
+def test_a_symmetric_layout_is_refused_until_a_marker_is_pointed_at() -> None:
+    square = np.array([[60.0, 0, 0], [0, 60, 0], [-60, 0, 0], [0, -60, 0]])
+    small = np.tile(0.01 * np.eye(3), (4, 1, 1))
+    ct = Points(square, small, ("A", "B", "C", "D"), scene.CT)
+    ots = Points(square @ scene.TURN.T + scene.SHIFT, small, ("1", "2", "3", "4"), scene.OTS)
+    refused = register_markers(ct, ots, sigma_ct_mm=0.1)
+    assert refused.pairing.status == "ambiguous"
+    assert refused.registration is None
+    assert refused.unpaired_ct == ct.labels
+    pointed = register_markers(ct, ots, sigma_ct_mm=0.1, known_pairs=(("A", "1"), ("B", "2")))
+    assert pointed.registration is not None
+    np.testing.assert_allclose(pointed.registration.transform, scene.OTS_FROM_CT, atol=1e-6)
+
+
+def test_unusable_requests_are_named() -> None:
+    with pytest.raises(InputError, match="no CT marker F9"):
+        register_markers(scene.ct_points(), scene.readings(), known_pairs=(("F9", "1"),))
+    with pytest.raises(InputError, match="zero or more"):
+        register_markers(scene.ct_points(), scene.readings(), sigma_ct_mm=float("nan"))

@@ -1,0 +1,234 @@
+"""Stereo re-localization of a sphere, on images rendered by independent code."""
+
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ronnaplan.errors import FrameMismatchError, InputError, RefusedError
+from ronnaplan.pose import Pose, invert
+from ronnaplan.robot.camera import RIG, Camera, StereoRig
+from ronnaplan.robot.chain import TCP, R
+from ronnaplan.robot.outline import find_outlines
+from ronnaplan.robot.stereo import StereoSphere, locate_sphere
+from ronnaplan.robot.stereo_calibration import calibrate_on_board, calibrate_tcp
+from tests.robot import rendering
+
+DIAMETER = 11.5
+K = [
+    np.array([[4200.0, 0, 650], [0, 4195, 500], [0, 0, 1]]),
+    np.array([[4230.0, 0, 630], [0, 4240, 520], [0, 0, 1]]),
+]
+D = [np.array([-0.12, 0.2, 8e-4, -5e-4, 0.05]), np.array([-0.15, 0.1, -6e-4, 7e-4, 0])]
+
+
+def placed(x_mm: float, turn_deg: float) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_rotvec([0, np.radians(turn_deg), 0]).as_matrix()
+    matrix[:3, 3] = (x_mm, 0, 0)
+    return matrix
+
+
+RIGHT = placed(155.0, -29.0)
+RIG_EXACT = StereoRig(Camera(K[0], D[0], np.eye(4)), Camera(K[1], D[1], RIGHT), Pose.exact(np.eye(4), TCP, RIG))
+
+
+def moved(matrix: np.ndarray, point: np.ndarray) -> np.ndarray:
+    return matrix[:3, :3] @ point + matrix[:3, 3]
+
+
+def seen(centres: list[np.ndarray], rng: np.random.Generator, **how: float) -> list[np.ndarray]:
+    return [
+        rendering.sphere_image([moved(invert(place), c) for c in centres], DIAMETER, K[i], D[i], rng, **how)
+        for i, place in enumerate((np.eye(4), RIGHT))
+    ]
+
+
+@cache
+def trials() -> list[tuple[np.ndarray, StereoSphere]]:
+    rng = np.random.default_rng(0)
+    found = []
+    for _ in range(12):
+        centre = np.array([rng.uniform(-12, 12), rng.uniform(-10, 10), 300 + rng.uniform(-8, 8)])
+        images = seen([centre], rng, blur_px=rng.uniform(0.8, 2.5), noise=rng.uniform(1, 4), strays=6)
+        found.append((centre, locate_sphere(*images, RIG_EXACT, diameter_mm=DIAMETER)))
+    return found
+
+
+def test_the_error_at_300_mm_is_at_most_a_fiftieth_of_a_millimetre() -> None:
+    """With lens distortion, blur, noise and stray reflections."""
+    errors = [np.linalg.norm(sphere.position_mm - centre) for centre, sphere in trials()]
+    assert max(errors) <= 0.02
+
+
+def test_the_errors_are_as_large_as_their_covariance_says() -> None:
+    distances = []
+    for centre, sphere in trials():
+        error = sphere.position_mm - centre
+        distances.append(error @ np.linalg.solve(sphere.covariance_mm2, error))
+    assert 1.0 < np.mean(distances) < 6.0  # 3 expected; 12 trials
+
+
+def test_the_direction_has_no_ellipse_centre_bias() -> None:
+    """A near sphere far off a wide camera's axis: the ellipse's centre is not its centre's image."""
+    matrix, none = np.array([[900.0, 0, 640], [0, 900, 512], [0, 0, 1]]), np.zeros(5)
+    centre = np.array([38.0, 20, 70])
+    camera = Camera(matrix, none, np.eye(4))
+    image = rendering.sphere_image([centre], DIAMETER, matrix, none, np.random.default_rng(1), samples=6)
+    outline = find_outlines(image, camera)[0]
+    angle = np.arccos(np.clip(outline.direction @ centre / np.linalg.norm(centre), -1, 1))
+    ellipse = np.array(cv2.fitEllipse(outline.points_px.astype(np.float32))[0])
+    bias_px = np.linalg.norm(ellipse - rendering.project(centre, matrix, none))
+    assert bias_px > 0.3
+    assert angle * camera.focal_px < 0.03
+    assert outline.distance_mm(DIAMETER) == pytest.approx(np.linalg.norm(centre), rel=0.01)
+
+
+def test_a_reflection_over_part_of_the_outline_does_not_pull_the_centre() -> None:
+    rng = np.random.default_rng(2)
+    centre = np.array([3.0, -2, 300])
+    images = seen([centre], rng)
+    at = rendering.project(centre, K[0], D[0]).astype(int)
+    images[0][at[1] - 10 : at[1] + 12, at[0] + 60 : at[0] + 130] = 200
+    found = locate_sphere(*images, RIG_EXACT, diameter_mm=DIAMETER)
+    assert np.linalg.norm(found.position_mm - centre) < 0.02
+
+
+def test_a_sphere_that_one_camera_does_not_see_is_not_guessed() -> None:
+    rng = np.random.default_rng(3)
+    left, right = seen([np.array([3.0, -2, 300])], rng)
+    dark = np.full_like(right, 10)
+    with pytest.raises(InputError, match="1 outlines left, 0 right"):
+        locate_sphere(left, dark, RIG_EXACT, diameter_mm=DIAMETER)
+    with pytest.raises(InputError, match="no sphere of 8 mm"):
+        locate_sphere(left, right, RIG_EXACT, diameter_mm=8.0)
+    with pytest.raises(InputError, match="above zero"):
+        locate_sphere(left, right, RIG_EXACT, diameter_mm=0.0)
+
+
+def test_two_spheres_are_refused() -> None:
+    images = seen([np.array([-14.0, -8, 300]), np.array([14.0, 9, 300])], np.random.default_rng(4))
+    with pytest.raises(RefusedError, match="2 spheres"):
+        locate_sphere(*images, RIG_EXACT, diameter_mm=DIAMETER)
+
+
+def test_what_is_no_grey_image_or_camera_is_named() -> None:
+    with pytest.raises(InputError, match="grey values"):
+        find_outlines(np.zeros((100, 100, 3)), RIG_EXACT.left)
+    assert find_outlines(np.zeros((100, 100)), RIG_EXACT.left) == []
+    with pytest.raises(InputError, match="camera matrix"):
+        Camera(np.zeros((3, 3)), np.zeros(5), np.eye(4))
+
+
+def test_the_sphere_is_expressed_in_the_robots_frame_with_all_errors() -> None:
+    centre, sphere = trials()[0]
+    rng = np.random.default_rng(5)
+    tcp_from_rig, robot_from_tcp = placed(40.0, 15.0), placed(900.0, -70.0)
+    covariance = np.diag(np.repeat([1e-4**2, 0.01**2], 3))
+    rig = StereoRig(RIG_EXACT.left, RIG_EXACT.right, Pose(tcp_from_rig, covariance, TCP, RIG))
+    found = sphere.in_robot(rig, Pose(robot_from_tcp, covariance, R, TCP))
+    assert found.frame == R
+    np.testing.assert_allclose(
+        found.positions_mm[0], moved(robot_from_tcp @ tcp_from_rig, sphere.position_mm), atol=1e-9
+    )
+    simulated = []
+    for _ in range(5000):
+        noise = [np.eye(4), np.eye(4)]
+        for one in noise:
+            one[:3, :3] = Rotation.from_rotvec(rng.normal(size=3) * 1e-4).as_matrix()
+            one[:3, 3] = rng.normal(size=3) * 0.01
+        start = rng.multivariate_normal(sphere.position_mm, sphere.covariance_mm2)
+        simulated.append(moved(noise[0] @ robot_from_tcp @ noise[1] @ tcp_from_rig, start))
+    scatter = np.cov(np.array(simulated).T)
+    assert np.abs(found.covariances_mm2[0] - scatter).max() < 0.06 * np.trace(scatter)
+    with pytest.raises(FrameMismatchError):
+        sphere.in_robot(rig, Pose.exact(np.eye(4), TCP, R))
+    assert np.linalg.norm(sphere.position_mm - centre) < 0.02
+
+
+CORNERS, SQUARE = (9, 7), 6.0
+
+
+@cache
+def boards() -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Both cameras' views of a board at eight tilts about the working place."""
+    rng = np.random.default_rng(6)
+    left, right = [], []
+    middle = np.array([(CORNERS[0] - 1) / 2, (CORNERS[1] - 1) / 2, 0]) * SQUARE
+    for _ in range(8):
+        tilt = Rotation.from_euler("xyz", rng.uniform(-28, 28, 3), degrees=True).as_matrix()
+        pose = np.eye(4)
+        pose[:3, :3] = Rotation.from_rotvec([0, np.radians(-14.5), 0]).as_matrix() @ tilt
+        pose[:3, 3] = np.array([*rng.uniform(-6, 6, 2), 300 + rng.uniform(-15, 15)]) - pose[:3, :3] @ middle
+        for images, place, k, d in ((left, np.eye(4), K[0], D[0]), (right, RIGHT, K[1], D[1])):
+            images.append(rendering.board_image(invert(place) @ pose, CORNERS, SQUARE, k, d, rng))
+    return left, right
+
+
+def test_cameras_calibrated_on_a_board_measure_the_sphere_to_a_fiftieth_of_a_millimetre() -> None:
+    """Positions against each other: a board calibration has no other origin than the camera it finds."""
+    calibration = calibrate_on_board(*boards(), corners=CORNERS, square_mm=SQUARE)
+    rig = StereoRig(calibration.left, calibration.right, RIG_EXACT.tcp_from_rig)
+    assert calibration.rms_px < 0.15
+    rng = np.random.default_rng(7)
+    truth = [
+        np.array([x, y, z]) for x, y, z in ((-8.0, -6, 296), (9, -5, 300), (-7, 8, 304), (8, 7, 298), (0, 0, 301))
+    ]
+    found = [locate_sphere(*seen([c], rng), rig, diameter_mm=DIAMETER).position_mm for c in truth]
+    a, b = np.array(truth) - np.mean(truth, axis=0), np.array(found) - np.mean(found, axis=0)
+    turn = Rotation.align_vectors(a, b)[0].as_matrix()
+    assert np.linalg.norm(b @ turn.T - a, axis=1).max() < 0.02
+
+
+def test_board_images_that_do_not_show_the_board_are_refused() -> None:
+    left, right = boards()
+    blank = [np.full_like(left[0], 100)] * 8
+    with pytest.raises(InputError, match="in 3 image pairs"):
+        calibrate_on_board(left[:3] + blank[:5], right[:3] + blank[:5], corners=CORNERS, square_mm=SQUARE)
+    with pytest.raises(InputError, match="pairs of one size"):
+        calibrate_on_board(left, right[:5], corners=CORNERS, square_mm=SQUARE)
+
+
+def looks(seed: int, count: int, noise_mm: float, turn: float = 0.5) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Robot poses about a resting sphere, what the rig measures at each, and the true TCP from rig."""
+    rng, world = np.random.default_rng(seed), np.random.default_rng(77)
+    tcp_from_rig = placed(30.0, 12.0)
+    tcp_from_rig[:3, 3] += (0, -20, -280)
+    sphere = np.array([700.0, 200, 300])
+    poses, spheres = [], []
+    for _ in range(count):
+        pose = np.eye(4)
+        pose[:3, :3] = Rotation.from_rotvec(world.normal(size=3) * turn).as_matrix()
+        pose[:3, 3] = sphere - pose[:3, :3] @ world.uniform(-8, 8, 3)
+        poses.append(pose)
+        spheres.append(moved(invert(pose @ tcp_from_rig), sphere) + rng.normal(size=3) * noise_mm)
+    return np.array(poses), np.array(spheres), tcp_from_rig
+
+
+def test_one_resting_sphere_seen_from_many_poses_places_the_rig_on_the_robot() -> None:
+    poses, spheres, truth = looks(0, 12, 0.0)
+    found = calibrate_tcp(poses, spheres)
+    np.testing.assert_allclose(found.tcp_from_rig.matrix, truth, atol=1e-6)
+    np.testing.assert_allclose(found.sphere_robot_mm, [700, 200, 300], atol=1e-6)
+
+
+def test_the_rigs_place_has_the_stated_error() -> None:
+    at = np.array([[0.0, 0, 300]])
+    images, stated = [], []
+    for seed in range(150):
+        poses, spheres, truth = looks(seed, 15, 0.05)
+        found = calibrate_tcp(poses, spheres).tcp_from_rig
+        images.append(found.apply(at)[0])
+        stated.append(np.trace(found.point_covariances(at)[0]))
+    error = np.array(images) - moved(truth, at[0])
+    assert np.sqrt(np.mean(stated)) == pytest.approx(np.sqrt((error**2).sum(1).mean()), rel=0.15)
+
+
+def test_poses_that_cannot_place_the_rig_are_refused() -> None:
+    poses, spheres, _ = looks(0, 12, 0.05, turn=0.0)
+    with pytest.raises(InputError, match="do not determine"):
+        calibrate_tcp(poses, spheres)
+    with pytest.raises(InputError, match="5 robot poses came with 12 spheres"):
+        calibrate_tcp(poses[:5], spheres)

@@ -1,0 +1,44 @@
+"""Markers are followed by label through a recording, however the tracker lists them."""
+
+import numpy as np
+import pytest
+
+from ronnaplan.errors import FrameMismatchError, InputError
+from ronnaplan.geometry import Frame, Points
+from ronnaplan.tracking import PointReading, Recording
+from ronnaplan.tracking.frames import labelled_frames
+
+PLACES = np.array([[-60.0, 20, -1040], [55, 30, -1050], [5, -85, -1060]])
+REFERENCE = Points(PLACES, np.tile(0.03 * np.eye(3), (3, 1, 1)), ("F1", "F2", "F3"), Frame("OTS"))
+
+
+def test_a_slowly_moving_head_keeps_its_labels_in_any_order_and_with_dropouts() -> None:
+    rng = np.random.default_rng(0)
+    readings = []
+    for k in range(100):
+        seen = PLACES + np.array([0.5 * k, 0, 0])
+        readings += [PointReading(k, seen[i]) for i in rng.permutation(3) if not (k == 50 and i == 1)]
+        readings.append(PointReading(k, np.array([300.0, 300, -900])))
+    frames = labelled_frames(Recording("test", tuple(readings)), REFERENCE)
+    assert [number for number, _ in frames] == list(range(100))
+    for k, points in frames:
+        expected = {
+            label: place + np.array([0.5 * k, 0, 0]) for label, place in zip(REFERENCE.labels, PLACES, strict=True)
+        }
+        assert len(points) == (2 if k == 50 else 3)
+        for label, place in zip(points.labels, points.positions_mm, strict=True):
+            np.testing.assert_allclose(place, expected[label])
+
+
+def test_a_frame_without_usable_readings_is_kept_empty() -> None:
+    recording = Recording("test", (PointReading(4, np.full(3, np.nan), status="missing"),))
+    ((number, points),) = labelled_frames(recording, REFERENCE)
+    assert number == 4
+    assert len(points) == 0
+
+
+def test_another_frame_or_no_reference_is_refused() -> None:
+    with pytest.raises(FrameMismatchError):
+        labelled_frames(Recording("test", frame=Frame("R")), REFERENCE)
+    with pytest.raises(InputError, match="0 reference markers"):
+        labelled_frames(Recording("test"), Points(np.zeros((0, 3)), np.zeros((0, 3, 3)), (), Frame("OTS")))
