@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from phantoms.materials import material
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.planning import Instrument, Landmarks, Trajectory, measure
@@ -42,10 +43,11 @@ def test_the_profile_shows_each_tissue_at_its_depth() -> None:
     measured = measure(path(target, outward), scanned("plain"))
     to_scalp, to_skull, to_brain = (reach(target, outward, axes) for axes in (SCALP, SKULL, BRAIN))
     depths = to_scalp - measured.profile_mm  # from the target outwards
-    for level, low, high in ((35, 0, to_brain), (900, to_brain, to_skull), (70, to_skull, to_scalp)):
+    spans = {"brain": (0, to_brain), "skull": (to_brain, to_skull), "skin": (to_skull, to_scalp)}
+    for tissue, (low, high) in spans.items():
         middle = (measured.profile_mm < to_scalp - low - 1.5) & (measured.profile_mm > to_scalp - high + 1.5)
         assert middle.any()
-        assert measured.profile_hu[middle].mean() == pytest.approx(level, abs=8)
+        assert measured.profile_hu[middle].mean() == pytest.approx(material(tissue).nominal_hu, abs=8)
     assert depths[0] == pytest.approx(to_scalp)
     assert measured.profile_mm[-1] == pytest.approx(measured.length_mm)
 
@@ -113,7 +115,7 @@ def test_distance_to_a_marker_counts_the_whole_instrument() -> None:
     target, outward = np.zeros(3), np.array([0.0, -1.0, 0.0])
     trajectory = path(target, outward)
     far = target + 130.0 * outward + np.array([12.0, 0.0, 0.0])
-    marker = Marker("F1", far, [*far, 3.0, 0.0, 0.0], 11.5)
+    marker = Marker("F1", far, far + np.array([3.0, 0.0, 0.0]), 11.5)
     assert marker.clearance(trajectory, head).distance_mm == pytest.approx(12.0 - 5.75, abs=1e-9)
     post = Marker("F2", np.array([60.0, -100.0, 0.0]), np.array([8.0, -84.0, 0.0]), 11.5)
     assert post.clearance(trajectory, head).distance_mm == pytest.approx(8.0 - POST_RADIUS_MM, abs=1e-9)

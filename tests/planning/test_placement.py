@@ -31,13 +31,13 @@ def sites() -> Sites:
 
 
 def test_the_scalp_of_a_scan_gives_the_same_sites() -> None:
-    sites = scalp_sites(scanned("tilted"), 600)
-    assert len(sites) > 250
+    sites = scalp_sites(scanned("tilted"), 1500)
+    assert len(sites) > 600
     on_ellipsoid = np.linalg.norm(sites.scalp_mm / SCALP, axis=1)
     assert np.abs(on_ellipsoid - 1.0).max() < 0.01
-    away = sites.scalp_mm[:, 2] > 15.0  # at the cut edge of the scan the slope is one-sided
+    away = sites.scalp_mm[:, 2] > 30.0  # at the cut edge of the scan the slope is one-sided
     cosines = [n @ normal(p, SCALP) for n, p in zip(sites.normals[away], sites.scalp_mm[away], strict=True)]
-    assert np.degrees(np.arccos(np.clip(cosines, -1, 1))).max() < 8.0
+    assert np.degrees(np.arccos(np.clip(cosines, -1, 1))).max() < 3.0
 
 
 def test_the_rules_are_kept(sites: Sites) -> None:
@@ -85,11 +85,11 @@ def test_no_single_move_helps_any_more(sites: Sites) -> None:
 def test_it_beats_even_and_random_spreads(sites: Sites) -> None:
     generator = np.random.default_rng(4)
     even, random = [], []
-    for _ in range(8):
-        targets = generator.uniform([-30, -40, -5], [30, 40, 40], (generator.integers(1, 4), 3))
-        side = generator.normal(size=3) * [1, 1, 0.3] + [0, 0, 0.4]
-        rules = replace(RULES, tracker=tuple(side))
-        count = int(generator.integers(4, 8))
+    for _ in range(12):
+        targets = generator.uniform([-35, -44, -13], [35, 44, 44], (generator.integers(1, 5), 3))
+        around = generator.uniform(0.0, 2.0 * np.pi)
+        rules = replace(RULES, tracker=(float(np.cos(around)), float(np.sin(around)), 0.5))
+        count = int(generator.integers(4, 9))
         placed = place_markers(sites, targets, count, rules)
         even.append(1.0 - placed.largest_tre_mm / placed.even_tre_mm)
         centres = allowed_sites(sites, rules).centres_mm(rules.height_mm)

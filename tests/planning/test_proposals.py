@@ -61,7 +61,7 @@ def test_candidates_agree_with_the_full_measure() -> None:
         assert np.linalg.norm(found.entries_mm[m] - entry) < 0.3
         assert exact.skull_angle_deg == pytest.approx(found.angle_deg[m], abs=3.0)
         assert exact.skull_thickness_mm == pytest.approx(found.outer_mm[m] - found.inner_mm[m], abs=1.2)
-        assert exact.clearances[0].distance_mm == pytest.approx(max(found.distance_mm[m], 0.0), abs=0.8)
+        assert exact.clearances[0].distance_mm == pytest.approx(max(found.distance_mm[m], 0.0), abs=1.2)
 
 
 def test_a_wall_in_the_way_leaves_only_the_ways_round_it() -> None:

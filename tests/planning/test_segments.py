@@ -44,8 +44,8 @@ def test_moving_both_segments_changes_nothing(seed: int) -> None:
 
 def test_parallel_touching_and_crossing_segments() -> None:
     a, b = np.array([0.0, 0, 0]), np.array([10.0, 0, 0])
-    assert segment_distances(a, b, [*a, 2, 3, 0], [*b, 2, 3, 0])[0] == 3.0
-    assert segment_distances(a, b, b, [*b, 0, 5, 0])[0] == 0.0
+    assert segment_distances(a, b, a + np.array([2, 3, 0]), b + np.array([2, 3, 0]))[0] == 3.0
+    assert segment_distances(a, b, b, b + np.array([0, 5, 0]))[0] == 0.0
     assert segment_distances(a, b, np.array([5.0, -5, 0]), np.array([5.0, 5, 0]))[0] == 0.0
 
 
