@@ -31,8 +31,8 @@ SLACK_DEG, SLACK_MM, SLACK_BONE_MM = 3.0, 0.5, 1.5
 MOST_CHECKED = 200
 """Candidates measured in full before the search for proposals ends."""
 
-USUAL_ANGLE_DEG, USUAL_PATH_MM, AMPLE_DISTANCE_MM = 45.0, 120.0, 10.0
-"""What counts as the worst (angle, length) and as enough (distance) where no limit says so."""
+USUAL_ANGLE_DEG, USUAL_PATH_MM, USUAL_BONE_MM, AMPLE_DISTANCE_MM = 45.0, 120.0, 15.0, 10.0
+"""What counts as the worst (angle, length, bone) where no limit says so, and as distance enough."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +142,8 @@ def _scores(
     parts = [
         1.0 - np.clip(found.angle_deg / (limits.greatest_skull_angle_deg or USUAL_ANGLE_DEG), 0.0, 1.0),
         1.0 - np.clip(found.scalp_mm / (limits.longest_path_mm or USUAL_PATH_MM), 0.0, 1.0),
-        np.clip(clearance / AMPLE_DISTANCE_MM, 0.0, 1.0),
+        1.0 - np.clip(thickness / (limits.greatest_skull_thickness_mm or USUAL_BONE_MM), 0.0, 1.0),
+        np.clip(np.minimum(clearance, apart) / AMPLE_DISTANCE_MM, 0.0, 1.0),
     ]
     scores: FloatArray = np.where(open_ways, np.mean(parts, axis=0), np.nan)
     return scores, {reason: number for reason, number in excluded.items() if number}
