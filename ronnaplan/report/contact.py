@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import Fiducials
-from ronnaplan.report.picture import CUTS, OUTLINE_COLOUR, cut_image, cut_places, png
+from ronnaplan.report.picture import CUTS, OUTLINE_COLOUR, cut_image, png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -76,7 +76,7 @@ def _draw(picture: Axes, residual: Axes, volume: CTVolume, row: _Row, cut: str) 
     radius_mm, contrast_hu, background_hu = row.parameters[3], row.parameters[6], row.parameters[7]
     reach_mm = 1.6 * radius_mm + 1.0
     image = cut_image(volume, row.center_mm, CUTS[cut], reach_mm)
-    left_over = image - _model_image(volume, row, cut, reach_mm)
+    left_over = cut_image(_left_over(volume, row, reach_mm), row.center_mm, CUTS[cut], reach_mm, outside_hu=0.0)
     extent = (-reach_mm, reach_mm, -reach_mm, reach_mm)
     window = {"vmin": background_hu - 0.1 * contrast_hu, "vmax": background_hu + 1.3 * contrast_hu}
     picture.imshow(image, cmap="gray", extent=extent, origin="lower", **window)
@@ -89,14 +89,23 @@ def _draw(picture: Axes, residual: Axes, volume: CTVolume, row: _Row, cut: str) 
             axes.invert_yaxis()
 
 
-def _model_image(volume: CTVolume, row: _Row, cut: str, reach_mm: float) -> FloatArray:
-    """What the fitted model shows on a cut, in HU."""
+def _left_over(volume: CTVolume, row: _Row, reach_mm: float) -> CTVolume:
+    """The voxels about a candidate less the fitted model, in HU: compared voxel by voxel, as the fit does."""
     from ronnaplan.localization.detect import slice_axes
     from ronnaplan.localization.model import disc_nodes, disc_table, evaluate
 
-    places = cut_places(row.center_mm, CUTS[cut], reach_mm)
-    offsets = (places - row.center_mm).reshape(-1, 3) @ slice_axes(volume.grid).T
+    grid = volume.grid
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * reach_mm * np.sqrt(2)
+    indices = grid.indices(row.center_mm + corners)
+    low = np.clip(np.floor(indices.min(axis=0)), 0, volume.voxels_hu.shape).astype(int)
+    high = np.clip(np.ceil(indices.max(axis=0)) + 1, low + 1, volume.voxels_hu.shape).astype(int)
+    low = np.minimum(low, high - 1)
+    box = volume.voxels_hu[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
+    places = grid.positions_mm(np.moveaxis(np.indices(box.shape), 0, -1) + low.astype(np.float64))
     centred = row.parameters.copy()
     centred[:3] = 0.0
-    values, _ = evaluate(np.ascontiguousarray(offsets), centred, disc_table(), *disc_nodes())
-    return values.reshape(places.shape[:2])
+    offsets = np.ascontiguousarray((places - row.center_mm).reshape(-1, 3) @ slice_axes(grid).T)
+    model, _ = evaluate(offsets, centred, disc_table(), *disc_nodes())
+    origins = grid.origins_mm[low[0] : high[0]] + low[1] * grid.row_step_mm + low[2] * grid.column_step_mm
+    left_over = (box - model.reshape(box.shape)).astype(np.float32)
+    return replace(volume, voxels_hu=left_over, grid=replace(grid, origins_mm=origins))
