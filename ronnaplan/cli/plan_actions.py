@@ -146,6 +146,9 @@ def run_check(arguments: argparse.Namespace) -> int:
         from ronnaplan.documents.files import write_atomically
 
         write_atomically(arguments.output, measures_document(plan, measured, verdicts))
+    for one in measured:
+        for doubt in one.doubts:
+            print(f"ronnaplan: warning: {one.trajectory.name}: {doubt}", file=sys.stderr)
     print(f"{measures_table(measured)}\n\n{verdict_table(verdicts)}")
     if all_pass(verdicts):
         return 0

@@ -15,6 +15,7 @@ from ronnaplan.planning.head import SKIN_HU, Head
 from ronnaplan.planning.obstacles import Clearance, Obstacle
 from ronnaplan.planning.plan import Landmarks
 from ronnaplan.planning.segments import segment_distances
+from ronnaplan.planning.surface import Surface
 from ronnaplan.planning.trajectory import Trajectory
 from ronnaplan.planning.uncertainty import PathError, path_error
 
@@ -81,12 +82,23 @@ class Measures:
     @property
     def skull_angle_deg(self) -> float | None:
         """Angle between the path and the normal of the outer table."""
-        return _angle_deg(self.crossings.outer.normal, self.trajectory.inward) if self.crossings.outer else None
+        return _angle_deg(self.crossings.outer, self.trajectory.inward)
 
     @property
     def scalp_angle_deg(self) -> float | None:
         """Angle between the path and the normal of the scalp."""
-        return _angle_deg(self.crossings.scalp.normal, self.trajectory.inward) if self.crossings.scalp else None
+        return _angle_deg(self.crossings.scalp, self.trajectory.inward)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Reasons to doubt the measures, one sentence each."""
+        surfaces = {"scalp": self.crossings.scalp, "outer table": self.crossings.outer}
+        surfaces["inner table"] = self.crossings.inner
+        return tuple(
+            f"the {name} is not clear here (thick slices, rough or thin bone); its place is that of a threshold"
+            for name, surface in surfaces.items()
+            if surface is not None and not surface.clear
+        )
 
 
 def measure(
@@ -162,9 +174,11 @@ def _spacing(trajectory: Trajectory, other: Trajectory) -> Spacing:
     return Spacing(other.name, float(distance), clearance, float(share) * trajectory.length_mm)
 
 
-def _angle_deg(normal: FloatArray, inward: FloatArray) -> float:
-    across = float(np.linalg.norm(np.cross(normal, inward)))
-    return float(np.degrees(np.arctan2(across, abs(float(normal @ inward)))))
+def _angle_deg(surface: Surface | None, inward: FloatArray) -> float | None:
+    if surface is None or not surface.clear:
+        return None
+    across = float(np.linalg.norm(np.cross(surface.normal, inward)))
+    return float(np.degrees(np.arctan2(across, abs(float(surface.normal @ inward)))))
 
 
 def _shown(place_mm: FloatArray) -> str:
