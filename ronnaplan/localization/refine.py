@@ -15,7 +15,14 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.directions import BACKGROUND_QUANTILE, Verdict, judge, on_surface, within_reach
+from ronnaplan.localization.directions import (
+    BACKGROUND_QUANTILE,
+    Verdict,
+    edge_depth,
+    judge,
+    on_surface,
+    within_reach,
+)
 from ronnaplan.localization.model import PARAMETERS, disc_nodes, disc_table, evaluate, voxel_model
 from ronnaplan.localization.neighbourhood import Neighbourhood, cell_directions, direction_cells
 
@@ -56,8 +63,16 @@ STEP_TOLERANCE_MM = 2e-5
 FIRST_DAMPING = 1e-5
 """Levenberg-Marquardt damping at the start of a descent, as a share of the matrix's diagonal."""
 
-FIRST_LOOK_VOXELS = 3000
-"""The first descent uses about this many of the voxels: enough to see that most candidates are no balls."""
+FIRST_LOOK_VOXELS = 1500
+"""The first descents use about this many of the voxels: enough to see that most candidates are no balls."""
+
+FIRST_LOOK_MISFIT = 0.25
+"""With size and blur held at their first guesses, a good direction disagrees by no more than this share of the
+contrast."""
+
+MAX_THICKNESS_RATIO = 1.8
+"""The fitted slice thickness stays within this factor of the nominal one (and half a millimetre): no ball
+explains more."""
 
 HOPELESS_MISFIT = 0.15
 """A first fit whose median direction disagrees by more than this share of the contrast is not pursued."""
@@ -166,19 +181,23 @@ def fit_ball(around: Neighbourhood, diameter_mm: float, thickness_mm: float, cei
     # What is brighter than the ball (an insert, a screw) must not draw the first fit to itself.
     dimmed = replace(around, values_hu=np.minimum(around.values_hu, theta[6] + theta[7]))
     few = _thinned(len(around.values_hu))
+    start = theta
     theta, _ = _descend(dimmed, few, theta, _frozen(prior, theta), ceiling_hu)
-    theta, converged = _descend(dimmed, few, theta, prior, ceiling_hu)
     verdict, _ = _judged(around, theta, ceiling_hu)
-    if not converged or _is_hopeless(theta, verdict, diameter_mm):
+    if verdict.usual_rms_hu <= FIRST_LOOK_MISFIT * theta[6]:
+        theta, _ = _descend(dimmed, few, theta, prior, ceiling_hu)
+        verdict, _ = _judged(around, theta, ceiling_hu)
+    if _is_hopeless(theta, verdict, start):
         return _ball_fit(around, theta, prior, verdict, few, ceiling_hu, converged=False)
-    fits = [_settle(around, theta, prior, ceiling_hu, diameter_mm)]
+    around = around.select(np.abs(edge_depth(around.offsets_mm, theta)[0]) < margin_mm(theta[5], theta[4]) + 1.0)
+    fits = [_settle(around, theta, prior, ceiling_hu, start)]
     if _lies_on_something(theta, verdict):
-        fits.append(_settle(around, *_with_skin(theta, prior, verdict, around), ceiling_hu, diameter_mm))
+        fits.append(_settle(around, *_with_skin(theta, prior, verdict, around), ceiling_hu, start))
     return max(fits, key=lambda fit: (fit.converged, fit.coverage))
 
 
 def _settle(
-    around: Neighbourhood, theta: FloatArray, prior: _Prior, ceiling_hu: float, diameter_mm: float
+    around: Neighbourhood, theta: FloatArray, prior: _Prior, ceiling_hu: float, start: FloatArray
 ) -> BallFit:
     """Leave out the directions that disagree and fit again, until the choice is stable."""
     if len(theta) > len(PARAMETERS):  # the skin's level and place are a guess: fit them before judging by them
@@ -188,7 +207,7 @@ def _settle(
     for _ in range(MAX_ROUNDS):
         verdict, cells = _judged(around, theta, ceiling_hu)
         used = within_reach(around.offsets_mm, theta) & (verdict.state[cells] == 1)
-        if _is_hopeless(theta, verdict, diameter_mm) or used.sum() < 3 * len(theta):
+        if _is_hopeless(theta, verdict, start) or used.sum() < 3 * len(theta):
             converged = False
         if not converged or np.array_equal(verdict.state, previous):
             break
@@ -269,9 +288,10 @@ def _with_skin(
     )
 
 
-def _is_hopeless(theta: FloatArray, verdict: Verdict, diameter_mm: float) -> bool:
-    wandered = float(np.linalg.norm(theta[:3])) > MAX_WANDER * diameter_mm / 2.0
-    return wandered or verdict.usual_rms_hu > HOPELESS_MISFIT * theta[6]
+def _is_hopeless(theta: FloatArray, verdict: Verdict, start: FloatArray) -> bool:
+    wandered = float(np.linalg.norm(theta[:3])) > MAX_WANDER * start[3]
+    smeared = bool(theta[5] > MAX_THICKNESS_RATIO * start[5] + 0.5)
+    return wandered or smeared or bool(verdict.usual_rms_hu > HOPELESS_MISFIT * theta[6])
 
 
 def _judged(around: Neighbourhood, theta: FloatArray, ceiling_hu: float) -> tuple[Verdict, NDArray[np.intp]]:

@@ -118,3 +118,19 @@ def test_the_demo_finds_every_marker_within_0_03_mm(tmp_path: Path, capsys: pyte
     assert (tmp_path / "demo" / "markers.png").read_bytes().startswith(b"\x89PNG")
     assert "markers.png" in out
     assert "not a medical device" in out
+
+
+def test_a_batch_goes_on_after_a_bad_scan(
+    ct_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad, results = tmp_path / "bad", tmp_path / "results"
+    bad.mkdir()
+    call = ["localize", str(bad), str(ct_folder), "--diameter", "11.5", "-o", str(results), "--report", "yes"]
+    status, _, err = run(call, capsys)
+    assert status == 1
+    assert "001-bad: " in err
+    assert "002-ct: 1 markers" in err
+    assert sorted(path.name for path in results.iterdir()) == ["002-ct.fiducials.json", "002-ct.png"]
+    status, _, err = run(call[:5], capsys)
+    assert status == 2
+    assert "name a folder" in err
