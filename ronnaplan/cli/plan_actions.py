@@ -138,6 +138,7 @@ def run_check(arguments: argparse.Namespace) -> int:
             landmarks=plan.landmarks,
             pose_mm2=pose_mm2,
             tolerance_mm=limits.tolerance_mm,
+            frame_axes=_frame_axes(arguments.frame_axes),
         )
         for trajectory in plan.trajectories
     ]
@@ -285,6 +286,18 @@ def _instrument(arguments: argparse.Namespace) -> Instrument | None:
     if arguments.diameter is not None:
         return Instrument(arguments.instrument or "instrument", arguments.diameter, arguments.length)
     return instrument_named(arguments.instrument) if arguments.instrument else None
+
+
+def _frame_axes(numbers: list[float] | None) -> FloatArray:
+    """Return the stereotactic frame's right, anterior, superior in LPS as rows (3, 3)."""
+    import numpy as np
+
+    from ronnaplan.planning.angles import RAS_IN_LPS
+    from ronnaplan.pose import as_pose, rigid
+
+    if numbers is None:
+        return RAS_IN_LPS
+    return as_pose(rigid(np.array(numbers).reshape(3, 3), np.zeros(3)), "--frame-axes")[:3, :3]
 
 
 def _surroundings(arguments: argparse.Namespace, head: Head) -> tuple[list[Obstacle], FloatArray | None]:

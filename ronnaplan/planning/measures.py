@@ -9,7 +9,7 @@ import numpy as np
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.planning.angles import AcPcAngles, ArcAngles, acpc_angles, arc_angles
+from ronnaplan.planning.angles import RAS_IN_LPS, AcPcAngles, ArcAngles, acpc_angles, arc_angles
 from ronnaplan.planning.crossings import Crossings, find_crossings
 from ronnaplan.planning.head import SKIN_HU, Head
 from ronnaplan.planning.obstacles import Clearance, Obstacle
@@ -110,12 +110,14 @@ def measure(
     landmarks: Landmarks | None = None,
     pose_mm2: FloatArray | None = None,
     tolerance_mm: float = 2.0,
+    frame_axes: FloatArray = RAS_IN_LPS,
 ) -> Measures:
     """Measure ``trajectory`` in ``head``.
 
     ``others`` are the plan's trajectories (itself is left out by name); ``pose_mm2`` (6, 6) is the covariance of
-    the expected registration in LPS (see `planned_pose_covariance`). Raises `FrameMismatchError` for another frame
-    and `InputError` for ends outside the scan or in air.
+    the expected registration in LPS (see `planned_pose_covariance`); rows of ``frame_axes`` (3, 3) are right,
+    anterior, superior of the stereotactic frame in LPS (default: square to the scanner). Raises
+    `FrameMismatchError` for another frame and `InputError` for ends outside the scan or in air.
     """
     crossings = check_ends(trajectory, head)
     start = trajectory.entry_mm
@@ -128,7 +130,7 @@ def measure(
         head.scan.values_hu(trajectory.at_depth(depth)),
         tuple(one for one in clearances if one is not None),
         tuple(_spacing(trajectory, other) for other in others if other.name != trajectory.name),
-        arc_angles(start, trajectory.target_mm),
+        arc_angles(start, trajectory.target_mm, frame_axes),
         acpc_angles(landmarks, start, trajectory.target_mm) if landmarks else None,
         None if pose_mm2 is None else path_error(trajectory, pose_mm2, tolerance_mm),
     )
