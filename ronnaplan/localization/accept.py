@@ -9,9 +9,10 @@ import numpy as np
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.descent import BLUR_BOUNDS_MM, MAX_WANDER
 from ronnaplan.localization.detect import MIN_CONTRAST_HU
 from ronnaplan.localization.neighbourhood import cell_directions
-from ronnaplan.localization.refine import BLUR_BOUNDS_MM, MAX_THICKNESS_RATIO, MAX_WANDER, BallFit, margin_mm
+from ronnaplan.localization.refine import MAX_THICKNESS_RATIO, BallFit, margin_mm
 from ronnaplan.localization.uncertainty import center_covariance
 
 DIAMETER_TOLERANCE = 0.06

@@ -29,6 +29,9 @@ MIN_PAIRS = 30
 MIN_FLAT_VOXELS = 30
 """A zone with fewer voxels says nothing of the noise."""
 
+MIN_FREEDOM = 0.3
+"""Share of a zone's voxels that is left at least after each direction has used one for its mean."""
+
 QUANTIZATION_NOISE_HU = 12.0**-0.5
 """Standard deviation of rounding to whole HU: no scan has less noise than this."""
 
@@ -78,10 +81,12 @@ def noise_level(fit: BallFit) -> float:
     for zone in (flat & (depth < 0), flat & (depth > 0)):
         if np.count_nonzero(zone) < MIN_FLAT_VOXELS:
             continue
-        means, _ = cell_means(fit.residuals_hu, cells, zone)
+        means, seen = cell_means(fit.residuals_hu, cells, zone)
         left_over = (fit.residuals_hu - means[cells])[zone]
         middle = np.median(left_over)
-        levels.append(1.4826 * float(np.median(left_over[left_over >= middle] - middle)))
+        spread = 1.4826 * float(np.median(left_over[left_over >= middle] - middle))
+        freedom = max(1.0 - np.count_nonzero(seen) / len(left_over), MIN_FREEDOM)
+        levels.append(spread / float(np.sqrt(freedom)))
     return max(min(levels, default=_rms(fit.residuals_hu[fit.used])), QUANTIZATION_NOISE_HU)
 
 

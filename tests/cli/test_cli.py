@@ -134,3 +134,13 @@ def test_a_batch_goes_on_after_a_bad_scan(
     status, _, err = run(call[:5], capsys)
     assert status == 2
     assert "name a folder" in err
+
+
+def test_a_symmetric_layout_is_warned_of_before_the_operation(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    square = [(-15.0, -15.0, 0.0), (15.0, -15.0, 0.0), (15.0, 15.0, 0.0), (-15.0, 15.0, 0.0)]
+    scene, stack = balls(square), small_stack(spacing_mm=2.0, matrix=64)
+    write_phantom(tmp_path / "ct", scene, stack, render(scene, stack, seed=1))
+    assert main(["localize", str(tmp_path / "ct"), "--diameter", "11.5", "--expected", "4"]) == 0
+    assert "would be refused" in capsys.readouterr().err
