@@ -13,8 +13,6 @@ LARGEST_NUMBER = 1e19
 """Nanoseconds since 1970 fit; what is larger, or infinite, is damage."""
 LENGTHS = frozenset({"x", "y", "z", "tx", "ty", "tz", "sigma"})
 """Columns that are lengths in mm."""
-TIMES = frozenset({"time", "timestamp", "timespec"})
-"""Columns that are times in s."""
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "missing", "-"})
 
 
@@ -52,7 +50,7 @@ def read_rows(path: Path) -> tuple[list[str], list[list[str]], str]:
 def _require_unit(path: Path, cell: str, name: str) -> None:
     """Raise `InputError` for a length that is not in mm or a time that is not in s."""
     quantity = name.split("_")[0]
-    expected = "mm" if quantity in LENGTHS else "s" if quantity in TIMES else None
+    expected = "mm" if quantity in LENGTHS else "s" if quantity == "time" else None
     stated = re.search(r"[\[(](.*?)[\])]", cell) or re.search(
         r"[_ ]([munµμcd]?m|in|inch|inches)$", cell.strip().lower()
     )

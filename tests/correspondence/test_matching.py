@@ -213,7 +213,7 @@ BAD = {
     "known pair of three": ({"known_pairs": [(0, 1, 2)]}, "known pairs are"),
     "known pairs no list": ({"known_pairs": 5}, "known pairs are"),
     "known pair of fractions": ({"known_pairs": [(0.5, 1)]}, "known pairs are"),
-    "kilometres": ({"ct_points": np.full((8, 3), 1e300)}, "millimetres"),
+    "light years": ({"ct_points": 1e298 * HEAD}, "beyond"),
     "complex": ({"ots_points": HEAD + 1j}, "complex"),
     "sigma without end": ({"sigma_ct_mm": 1e300}, "positive"),
     "level above one": ({"least_probability": 1.5}, "probability"),
