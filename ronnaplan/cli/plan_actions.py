@@ -1,0 +1,308 @@
+"""What each action of ``ronnaplan plan`` does: read, call one library function, print or write."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import TYPE_CHECKING, Any
+
+from ronnaplan.cli.plan_options import SIDES
+
+if TYPE_CHECKING:
+    from ronnaplan.geometry import FloatArray
+    from ronnaplan.planning import Head, Instrument, Plan
+    from ronnaplan.planning.obstacles import Obstacle
+
+
+def run_new(arguments: argparse.Namespace) -> int:
+    """Start a plan."""
+    from ronnaplan.documents.plan import write_plan
+    from ronnaplan.planning import Plan
+
+    write_plan(arguments.output, Plan.of_scan(_volume(arguments)))
+    return 0
+
+
+def run_add(arguments: argparse.Namespace) -> int:
+    """Add a trajectory."""
+    from ronnaplan.planning import Trajectory
+
+    plan = _plan(arguments)
+    options: dict[str, Any] = {"colour": arguments.colour} if arguments.colour else {}
+    trajectory = Trajectory(
+        arguments.name,
+        _lps(arguments.entry, arguments.coordinates),
+        _lps(arguments.target, arguments.coordinates),
+        plan.frame,
+        _instrument(arguments) or Trajectory.instrument,
+        notes=arguments.notes or "",
+        **options,
+    )
+    return _checked_and_written(arguments, plan.add(trajectory), [arguments.name])
+
+
+def run_edit(arguments: argparse.Namespace) -> int:
+    """Change a trajectory."""
+    changes: dict[str, Any] = {
+        "name": arguments.rename,
+        "entry_mm": arguments.entry and _lps(arguments.entry, arguments.coordinates),
+        "target_mm": arguments.target and _lps(arguments.target, arguments.coordinates),
+        "instrument": _instrument(arguments),
+        "colour": arguments.colour,
+        "notes": arguments.notes,
+    }
+    plan = _plan(arguments).edit(
+        arguments.name, **{key: value for key, value in changes.items() if value is not None}
+    )
+    return _checked_and_written(arguments, plan, [arguments.rename or arguments.name])
+
+
+def run_remove(arguments: argparse.Namespace) -> int:
+    """Remove a trajectory."""
+    return _written(arguments, _plan(arguments).remove(arguments.name))
+
+
+def run_lock(arguments: argparse.Namespace) -> int:
+    """Lock or unlock a trajectory."""
+    return _written(arguments, _plan(arguments).lock(arguments.name, arguments.action == "lock"))
+
+
+def run_undo(arguments: argparse.Namespace) -> int:
+    """Take a change back, or make it again."""
+    plan = _plan(arguments)
+    return _written(arguments, plan.undo() if arguments.action == "undo" else plan.redo())
+
+
+def run_landmarks(arguments: argparse.Namespace) -> int:
+    """State AC, PC and midline."""
+    from ronnaplan.planning import Landmarks
+
+    points = [_lps(place, arguments.coordinates) for place in (arguments.ac, arguments.pc, arguments.midline)]
+    return _written(arguments, _plan(arguments).with_landmarks(Landmarks(*points)))
+
+
+def run_list(arguments: argparse.Namespace) -> int:
+    """List trajectories or changes."""
+    from ronnaplan.planning.tables import history_list, plan_list
+
+    plan = _plan(arguments)
+    print(history_list(plan) if arguments.history else plan_list(plan))
+    return 0
+
+
+def run_import(arguments: argparse.Namespace) -> int:
+    """Add trajectories from a file."""
+    from ronnaplan.documents.plan_exchange import read_line_markups, read_plan_table
+    from ronnaplan.planning import Trajectory
+
+    plan = _plan(arguments)
+    instrument = _instrument(arguments) or Trajectory.instrument
+    if arguments.file.lower().endswith(".json"):
+        read = read_line_markups(
+            arguments.file, plan.frame, instrument, system=arguments.coordinates, first=arguments.first
+        )
+    else:
+        read = read_plan_table(arguments.file, plan.frame, instrument, system=arguments.coordinates)
+    for trajectory in read:
+        plan = plan.add(trajectory)
+    return _checked_and_written(arguments, plan, [one.name for one in read])
+
+
+def run_export(arguments: argparse.Namespace) -> int:
+    """Write trajectories for other tools."""
+    from ronnaplan.documents.files import write_result
+    from ronnaplan.documents.plan_exchange import line_markups, plan_table
+
+    writer = {"markups": line_markups, "csv": plan_table}[arguments.to]
+    write_result(arguments.output, writer(_plan(arguments)))
+    return 0
+
+
+def run_check(arguments: argparse.Namespace) -> int:
+    """Measure every trajectory and hold it against the limits."""
+    from ronnaplan.documents.limits import read_limits
+    from ronnaplan.documents.plan_measures import measures_document
+    from ronnaplan.planning import Limits, judge, measure
+    from ronnaplan.planning.limits import all_pass
+    from ronnaplan.planning.tables import measures_table, verdict_table
+
+    plan, head = _plan(arguments), _head(arguments)
+    limits = read_limits(arguments.limits) if arguments.limits else Limits()
+    obstacles, pose_mm2 = _surroundings(arguments, head)
+    measured = [
+        measure(
+            trajectory,
+            head,
+            obstacles=obstacles,
+            others=plan.trajectories,
+            landmarks=plan.landmarks,
+            pose_mm2=pose_mm2,
+            tolerance_mm=limits.tolerance_mm,
+        )
+        for trajectory in plan.trajectories
+    ]
+    verdicts = [verdict for one in measured for verdict in judge(one, limits)]
+    if arguments.output:
+        from ronnaplan.documents.files import write_atomically
+
+        write_atomically(arguments.output, measures_document(plan, measured, verdicts))
+    print(f"{measures_table(measured)}\n\n{verdict_table(verdicts)}")
+    if all_pass(verdicts):
+        return 0
+    broken = sum(not verdict.passes for verdict in verdicts)
+    print(f"ronnaplan: {broken} of {len(verdicts)} limits are broken", file=sys.stderr)
+    return 3
+
+
+def run_propose(arguments: argparse.Namespace) -> int:
+    """Propose entries for a target."""
+    from ronnaplan.documents.limits import read_limits
+    from ronnaplan.errors import RefusedError
+    from ronnaplan.planning import Limits, Trajectory, propose
+    from ronnaplan.planning.tables import proposals_table
+
+    plan, head = _plan(arguments), _head(arguments)
+    limits = read_limits(arguments.limits) if arguments.limits else Limits()
+    obstacles, pose_mm2 = _surroundings(arguments, head)
+    found = propose(
+        _lps(arguments.target, arguments.coordinates),
+        head,
+        limits,
+        name=arguments.name,
+        instrument=_instrument(arguments) or Trajectory.instrument,
+        obstacles=obstacles,
+        others=plan.trajectories,
+        pose_mm2=pose_mm2,
+        count=arguments.count,
+    )
+    print(proposals_table(found))
+    if not found.best:
+        raise RefusedError("no entry keeps every limit; loosen a limit or choose another target")
+    if arguments.add:
+        from dataclasses import replace
+
+        from ronnaplan.documents.plan import write_plan
+
+        write_plan(arguments.plan, plan.add(replace(found.best[0].trajectory, name=arguments.name)))
+    return 0
+
+
+def run_markers(arguments: argparse.Namespace) -> int:
+    """Propose places for the markers."""
+    from ronnaplan.documents.files import write_atomically
+    from ronnaplan.documents.plan_measures import placement_markups
+    from ronnaplan.planning import place_markers
+    from ronnaplan.planning.sites import PlacementRules, scalp_sites
+    from ronnaplan.planning.tables import placement_table
+
+    head = _head(arguments)
+    trajectories = _plan(arguments).trajectories if arguments.plan else ()
+    targets = [one.target_mm for one in trajectories]
+    targets += [_lps(target, arguments.coordinates) for target in arguments.target or ()]
+    names = [one.name for one in trajectories] + [f"target {n + 1}" for n in range(len(arguments.target or ()))]
+    rules = PlacementRules(
+        sigma_ct_mm=arguments.sigma_ct,
+        sigma_ots_mm=arguments.sigma_ots,
+        height_mm=arguments.height,
+        least_apart_mm=arguments.apart,
+        least_from_entries_mm=arguments.from_entries,
+        tracker=SIDES[arguments.tracker] if arguments.tracker else None,
+        visible_deg=arguments.visible,
+        lowest_mm=arguments.lowest,
+    )
+    entries = [one.entry_mm for one in trajectories]
+    placed = place_markers(scalp_sites(head), targets, arguments.count, rules, entries)
+    print(placement_table(placed, names))
+    print(
+        f"largest expected TRE {placed.largest_tre_mm:.3f} mm, {placed.even_tre_mm:.3f} mm for an even spread; "
+        f"rival distance {placed.rival_distance_mm:.1f} mm"
+    )
+    if arguments.output:
+        write_atomically(arguments.output, placement_markups(placed))
+    return 0
+
+
+def _volume(arguments: argparse.Namespace) -> Any:
+    from ronnaplan.ct import read_ct
+
+    return read_ct(arguments.ct, arguments.series, progress=True)
+
+
+def _head(arguments: argparse.Namespace) -> Head:
+    """Read the scan and require that it is the plan's, if there is a plan."""
+    from ronnaplan.planning import Head
+
+    volume = _volume(arguments)
+    if arguments.plan:
+        _plan(arguments).require_scan(volume)
+    return Head.of(volume)
+
+
+def _plan(arguments: argparse.Namespace) -> Plan:
+    from ronnaplan.documents.plan import read_plan
+
+    return read_plan(arguments.plan)
+
+
+def _written(arguments: argparse.Namespace, plan: Plan) -> int:
+    from ronnaplan.documents.plan import write_plan
+
+    write_plan(arguments.plan, plan)
+    return 0
+
+
+def _checked_and_written(arguments: argparse.Namespace, plan: Plan, names: list[str]) -> int:
+    """Write the plan if the ends of the named trajectories lie in the head."""
+    from ronnaplan.planning.measures import check_ends
+
+    head = _head(arguments)
+    for name in names:
+        check_ends(plan.trajectory(name), head)
+    return _written(arguments, plan)
+
+
+def _lps(place: list[float], system: str | None) -> FloatArray:
+    import numpy as np
+
+    from ronnaplan.documents.plan_exchange import to_lps
+    from ronnaplan.errors import UsageError
+
+    if system is None:
+        raise UsageError("coordinates need --coordinates LPS or --coordinates RAS")
+    return to_lps(np.array(place, dtype=np.float64), system)
+
+
+def _instrument(arguments: argparse.Namespace) -> Instrument | None:
+    from ronnaplan.errors import UsageError
+    from ronnaplan.planning import Instrument
+    from ronnaplan.planning.trajectory import instrument_named
+
+    if (arguments.diameter is None) != (arguments.length is None):
+        raise UsageError("an instrument of your own needs both --diameter and --length")
+    if arguments.diameter is not None:
+        return Instrument(arguments.instrument or "instrument", arguments.diameter, arguments.length)
+    return instrument_named(arguments.instrument) if arguments.instrument else None
+
+
+def _surroundings(arguments: argparse.Namespace, head: Head) -> tuple[list[Obstacle], FloatArray | None]:
+    """Return what to keep away from, and the covariance (6, 6) of the registration that the markers will give."""
+    import numpy as np
+
+    from ronnaplan.planning.labels import read_label_map
+    from ronnaplan.planning.obstacles import Kind, Voxels, markers_on, metal
+    from ronnaplan.planning.uncertainty import planned_pose_covariance
+
+    obstacles: list[Obstacle] = [metal(head)]
+    for path in arguments.no_go or ():
+        masks = read_label_map(path, head.volume)
+        obstacles += [Voxels.of(Kind.NO_GO, name, mask, head) for name, mask in masks.items()]
+    if not arguments.fiducials:
+        return obstacles, None
+    from ronnaplan.documents.fiducials import read_fiducials
+
+    document = read_fiducials(arguments.fiducials)
+    points = document.points
+    head.volume.frame.require(points.frame)
+    obstacles += markers_on(head, points.labels, points.positions_mm, document.marker.diameter_mm)
+    combined = points.covariances_mm2 + arguments.sigma_ots**2 * np.eye(3)
+    return obstacles, planned_pose_covariance(points.positions_mm, combined)

@@ -1,0 +1,155 @@
+"""The arguments of each action of ``ronnaplan plan``."""
+
+from __future__ import annotations
+
+import argparse
+
+SIDES = {
+    "left": (1.0, 0.0, 0.0),
+    "right": (-1.0, 0.0, 0.0),
+    "posterior": (0.0, 1.0, 0.0),
+    "anterior": (0.0, -1.0, 0.0),
+    "superior": (0.0, 0.0, 1.0),
+}
+"""Directions from the head to the tracker, LPS."""
+
+
+def with_plan(parser: argparse.ArgumentParser) -> None:
+    """Declare what every action on a plan needs."""
+    parser.add_argument("plan", metavar="PLAN", help="the plan file")
+
+
+def with_name(parser: argparse.ArgumentParser) -> None:
+    """Declare what every action on a trajectory needs."""
+    with_plan(parser)
+    parser.add_argument("name", metavar="NAME", help="the trajectory's name")
+
+
+def _with_scan(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--ct", required=True, metavar="PATH", help="the scan that the plan is tied to")
+    parser.add_argument("--series", metavar="UID", help="the series to use, where PATH holds several")
+
+
+def _with_coordinates(parser: argparse.ArgumentParser, *names: str, required: bool) -> None:
+    for name in names:
+        parser.add_argument(
+            f"--{name}", nargs=3, type=float, metavar=("X", "Y", "Z"), required=required, help=f"{name}, in mm"
+        )
+    parser.add_argument(
+        "--coordinates", choices=("LPS", "RAS"), required=required, help="the system of the coordinates given"
+    )
+
+
+def _with_instrument(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--instrument", metavar="NAME", help="one of the catalogue, or a name of your own")
+    parser.add_argument("--diameter", type=float, metavar="MM", help="diameter of an instrument of your own")
+    parser.add_argument("--length", type=float, metavar="MM", help="usable length of an instrument of your own")
+
+
+def _with_looks(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--colour", metavar="#RRGGBB", help="colour in views")
+    parser.add_argument("--notes", metavar="TEXT", help="free text")
+
+
+def _with_surroundings(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--limits", metavar="FILE", help="limits.json")
+    parser.add_argument("--no-go", action="append", metavar="FILE", help="a label map (NIfTI, DICOM SEG); repeat")
+    parser.add_argument("--fiducials", metavar="FILE", help="fiducials.json: markers to avoid and to register by")
+    parser.add_argument("--sigma-ots", type=float, default=0.17, metavar="MM", help="tracker's error per axis")
+
+
+def configure_new(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``plan new``."""
+    parser.add_argument("ct", metavar="CT", help="the scan to plan on")
+    parser.add_argument("--series", metavar="UID", help="the series to use, where CT holds several")
+    parser.add_argument("-o", "--output", required=True, metavar="PLAN", help="the plan file to write")
+
+
+def configure_add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``plan add``."""
+    with_name(parser)
+    _with_scan(parser)
+    _with_coordinates(parser, "entry", "target", required=True)
+    _with_instrument(parser)
+    _with_looks(parser)
+
+
+def configure_edit(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``plan edit``."""
+    with_name(parser)
+    _with_scan(parser)
+    _with_coordinates(parser, "entry", "target", required=False)
+    _with_instrument(parser)
+    _with_looks(parser)
+    parser.add_argument("--rename", metavar="NAME", help="a new name")
+
+
+def configure_landmarks(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``plan landmarks``."""
+    with_plan(parser)
+    _with_coordinates(parser, "ac", "pc", "midline", required=True)
+
+
+def configure_list(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``plan list``."""
+    with_plan(parser)
+    parser.add_argument("--history", action="store_true", help="list the changes instead")
+
+
+def configure_import(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``plan import``."""
+    with_plan(parser)
+    parser.add_argument("file", metavar="FILE", help="Slicer line markups (.mrk.json) or CSV")
+    _with_scan(parser)
+    _with_coordinates(parser, required=False)
+    _with_instrument(parser)
+    parser.add_argument("--first", choices=("entry", "target"), help="what an unlabelled line's first point is")
+
+
+def configure_export(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``plan export``."""
+    with_plan(parser)
+    parser.add_argument("--to", choices=("markups", "csv"), required=True, help="Slicer line markups or CSV")
+    parser.add_argument("-o", "--output", metavar="FILE", help="file to write (default: standard output)")
+
+
+def configure_check(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``plan check``."""
+    with_plan(parser)
+    _with_scan(parser)
+    _with_surroundings(parser)
+    parser.add_argument("-o", "--output", metavar="FILE", help="also write all measures and verdicts as JSON")
+
+
+def configure_propose(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``plan propose``."""
+    with_name(parser)
+    _with_scan(parser)
+    _with_coordinates(parser, "target", required=True)
+    _with_instrument(parser)
+    _with_surroundings(parser)
+    parser.add_argument("--count", type=int, default=5, metavar="N", help="proposals (default %(default)s)")
+    parser.add_argument("--add", action="store_true", help="add the best one to the plan")
+
+
+def configure_markers(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``plan markers``."""
+    parser.add_argument("--plan", metavar="PLAN", help="a plan whose targets count and whose entries stay free")
+    _with_scan(parser)
+    parser.add_argument("--count", type=int, required=True, metavar="N", help="markers to place")
+    parser.add_argument(
+        "--target", nargs=3, type=float, action="append", metavar=("X", "Y", "Z"), help="another target; repeat"
+    )
+    parser.add_argument("--coordinates", choices=("LPS", "RAS"), help="the system of the targets given")
+    parser.add_argument("--tracker", choices=tuple(SIDES), help="side of the head on which the tracker stands")
+    for name, default, text in (
+        ("visible", 80.0, "how far (degrees) a marker may lean away from the tracker"),
+        ("apart", 30.0, "least distance between markers, mm"),
+        ("from-entries", 25.0, "least distance from entries, mm"),
+        ("height", 13.75, "height of a marker's centre above the scalp, mm"),
+        ("sigma-ct", 0.56, "localization error in CT per axis, mm"),
+        ("sigma-ots", 0.17, "localization error of the tracker per axis, mm"),
+    ):
+        parser.add_argument(f"--{name}", type=float, default=default, help=f"{text} (default %(default)s)")
+    parser.add_argument("--lowest", type=float, metavar="Z", help="no marker below this z (LPS mm)")
+    parser.add_argument("-o", "--output", metavar="FILE", help="also write the markers as Slicer markups")

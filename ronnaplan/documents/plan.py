@@ -1,0 +1,216 @@
+"""plan.json: trajectories in one scan's frame of reference, with every change that led to them."""
+
+from __future__ import annotations
+
+import os
+from datetime import datetime
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+
+from ronnaplan import __version__
+from ronnaplan.ct.volume import SeriesSource
+from ronnaplan.documents.files import read_json, write_atomically
+from ronnaplan.errors import InputError, RonnaplanError
+from ronnaplan.geometry import FloatArray, Frame
+from ronnaplan.planning.plan import Change, Landmarks, Plan
+from ronnaplan.planning.trajectory import Instrument, Trajectory
+
+FORMAT = "ronnaplan.plan"
+VERSION = 1
+Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+PositiveMm = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class InstrumentEntry(_Model):
+    """What goes along a path."""
+
+    name: str
+    diameter_mm: PositiveMm
+    length_mm: PositiveMm
+
+
+class TrajectoryEntry(_Model):
+    """One trajectory; points in LPS mm."""
+
+    name: str
+    entry: Vector
+    target: Vector
+    instrument: InstrumentEntry
+    colour: Annotated[str, Field(pattern=r"^#[0-9a-f]{6}$")]
+    locked: bool = False
+    notes: str = ""
+
+
+class LandmarksEntry(_Model):
+    """AC, PC and a point of the midline, LPS mm."""
+
+    ac: Vector
+    pc: Vector
+    midline: Vector
+
+
+class ChangeEntry(_Model):
+    """One step of the history."""
+
+    time: datetime
+    action: str
+    index: Annotated[int, Field(ge=0)]
+    before: TrajectoryEntry | LandmarksEntry | None
+    after: TrajectoryEntry | LandmarksEntry | None
+
+
+class PlanSource(BaseModel):
+    """The scan that the plan is tied to; nothing here names the patient."""
+
+    model_config = ConfigDict(frozen=True, extra="allow")
+    study_instance_uid: str | None = None
+    series_instance_uid: str | None = None
+    frame_of_reference_uid: str | None = None
+    voxel_sha256: str | None = None
+
+
+class PlanDocument(_Model):
+    """The whole of plan.json, version 1."""
+
+    format: Literal["ronnaplan.plan"]
+    version: Literal[1]
+    coordinate_system: Literal["LPS"]
+    unit: Literal["mm"]
+    source: PlanSource
+    landmarks: LandmarksEntry | None = None
+    trajectories: tuple[TrajectoryEntry, ...]
+    history: tuple[ChangeEntry, ...] = ()
+    undone: tuple[ChangeEntry, ...] = ()
+    software: dict[str, str]
+
+
+def plan_document(plan: Plan) -> PlanDocument:
+    """Turn a plan into its document."""
+    return PlanDocument.model_validate(
+        {
+            "format": FORMAT,
+            "version": VERSION,
+            "coordinate_system": "LPS",
+            "unit": "mm",
+            "source": {
+                "study_instance_uid": plan.source.study_instance_uid,
+                "series_instance_uid": plan.source.series_instance_uid,
+                "frame_of_reference_uid": plan.source.frame_of_reference_uid,
+                "voxel_sha256": plan.voxel_sha256,
+            },
+            "landmarks": _entry(plan.landmarks),
+            "trajectories": [_entry(one) for one in plan.trajectories],
+            "history": [_change_entry(change) for change in plan.history],
+            "undone": [_change_entry(change) for change in plan.undone],
+            "software": {"name": "ronnaplan", "version": __version__},
+        }
+    )
+
+
+def write_plan(path: str | os.PathLike[str], plan: Plan) -> None:
+    """Write plan.json, whole or not at all."""
+    write_atomically(path, plan_document(plan).model_dump_json(indent=2) + "\n")
+
+
+def read_plan(path: str | os.PathLike[str]) -> Plan:
+    """Read and check plan.json; raises `InputError` naming the first field that is wrong, or a newer version."""
+    content = read_json(path)
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise InputError(f"{os.fspath(path)} is not a plan; expected the format '{FORMAT}'")
+    if content.get("version") != VERSION:
+        raise InputError(
+            f"{os.fspath(path)} has version {content.get('version')}; this ronnaplan reads version {VERSION}, "
+            "use the release that wrote it"
+        )
+    try:
+        return _plan(PlanDocument.model_validate(content))
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or "the document"
+        raise InputError(f"{os.fspath(path)}: {where}: {first['msg']}; correct it or start a new plan") from error
+    except RonnaplanError as error:
+        raise InputError(f"{os.fspath(path)}: {error}") from error
+
+
+def _plan(document: PlanDocument) -> Plan:
+    source = document.source
+    frame = Frame("CT", source.frame_of_reference_uid)
+    trajectories = tuple(_trajectory(entry, frame) for entry in document.trajectories)
+    names = [one.name for one in trajectories]
+    if len(set(names)) != len(names):
+        raise InputError("two trajectories have the same name; rename one")
+    return Plan(
+        SeriesSource(source.study_instance_uid, source.series_instance_uid, source.frame_of_reference_uid),
+        source.voxel_sha256,
+        trajectories,
+        _landmarks(document.landmarks) if document.landmarks else None,
+        tuple(_change(entry, frame) for entry in document.history),
+        tuple(_change(entry, frame) for entry in document.undone),
+    )
+
+
+def _entry(item: Trajectory | Landmarks | None) -> dict[str, Any] | None:
+    if item is None:
+        return None
+    if isinstance(item, Landmarks):
+        return {"ac": _list(item.ac_mm), "pc": _list(item.pc_mm), "midline": _list(item.midline_mm)}
+    return {
+        "name": item.name,
+        "entry": _list(item.entry_mm),
+        "target": _list(item.target_mm),
+        "instrument": {
+            "name": item.instrument.name,
+            "diameter_mm": item.instrument.diameter_mm,
+            "length_mm": item.instrument.length_mm,
+        },
+        "colour": item.colour,
+        "locked": item.locked,
+        "notes": item.notes,
+    }
+
+
+def _list(place_mm: FloatArray) -> list[float]:
+    return [float(value) for value in place_mm]
+
+
+def _change_entry(change: Change) -> dict[str, Any]:
+    return {
+        "time": change.time,
+        "action": change.action,
+        "index": change.index,
+        "before": _entry(change.before),
+        "after": _entry(change.after),
+    }
+
+
+def _trajectory(entry: TrajectoryEntry, frame: Frame) -> Trajectory:
+    instrument = entry.instrument
+    return Trajectory(
+        entry.name,
+        np.array(entry.entry),
+        np.array(entry.target),
+        frame,
+        Instrument(instrument.name, instrument.diameter_mm, instrument.length_mm),
+        entry.colour,
+        entry.locked,
+        entry.notes,
+    )
+
+
+def _landmarks(entry: LandmarksEntry) -> Landmarks:
+    return Landmarks(np.array(entry.ac), np.array(entry.pc), np.array(entry.midline))
+
+
+def _change(entry: ChangeEntry, frame: Frame) -> Change:
+    def item(one: TrajectoryEntry | LandmarksEntry | None) -> Trajectory | Landmarks | None:
+        if one is None:
+            return None
+        return _landmarks(one) if isinstance(one, LandmarksEntry) else _trajectory(one, frame)
+
+    return Change(entry.time, entry.action, entry.index, item(entry.before), item(entry.after))

@@ -1,0 +1,204 @@
+"""All straight ways from a target to the scalp, measured coarsely: tens of thousands in a second.
+
+What is found here ranks candidates; those that are proposed are measured anew with `ronnaplan.planning.measure`.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.planning.head import Head
+from ronnaplan.planning.layers import BONE_HU, LONGEST_WAY_MM, STEP_MM, way_out
+from ronnaplan.planning.obstacles import Voxels
+from ronnaplan.planning.sampling import sample
+
+FIELD_MM = 2.0
+"""Spacing of the nodes of the distance field."""
+
+GRADIENT_MM = 2.0
+"""Reach of the differences that give the skull's normal; evens out noise and the bone's fine structure."""
+
+AIR_IN_HEAD_HU = -300.0
+"""Below this a path inside the head runs through an air space."""
+
+CHUNK = 512
+"""Candidates a thread takes at a time."""
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """Distance (mm) to the nearest obstacle voxel at nodes ``corner_mm`` + `FIELD_MM` * (x, y, z), slice axes."""
+
+    corner_mm: FloatArray
+    distances_mm: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, obstacles: Sequence[Voxels], head: Head) -> Field:
+        """Compute the field over the head; far away everywhere when there is no obstacle."""
+        from scipy.ndimage import distance_transform_edt
+
+        boundary = head.boundary_mm @ head.scan.axes.T
+        corner = boundary.min(axis=0) - 2 * FIELD_MM
+        shape = np.ceil((boundary.max(axis=0) - corner) / FIELD_MM).astype(int) + 4
+        points = np.concatenate([(o.low_mm + o.high_mm) / 2 for o in obstacles] or [np.empty((0, 3))])
+        cells = np.rint((points - corner) / FIELD_MM).astype(int)
+        near = ((cells >= 0) & (cells < shape)).all(axis=1)
+        points, cells = points[near], cells[near]
+        if len(points) == 0:
+            return cls(corner, np.full(shape, np.inf, dtype=np.float32))
+        owner = np.full(shape, -1)
+        owner[tuple(cells.T)] = np.arange(len(points))
+        nearest = distance_transform_edt(owner < 0, return_distances=False, return_indices=True)
+        nodes = corner + FIELD_MM * np.moveaxis(np.indices(shape), 0, -1)
+        distances = np.linalg.norm(nodes - points[owner[tuple(nearest)]], axis=-1)
+        return cls(corner, distances.astype(np.float32))
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """Rays from one target: ``outward`` (M, 3) in LPS and, for each, what was met on the way.
+
+    ``way`` (M,) holds `Way` numbers; lengths in mm along the ray, NaN where not met. ``clean`` tells that no bone
+    and no air lie between inner table and target; ``angle_deg`` is to the skull's normal, ``distance_mm`` from the
+    axis to the nearest obstacle voxel's centre.
+    """
+
+    target_mm: FloatArray
+    outward: FloatArray
+    way: NDArray[np.int64]
+    scalp_mm: FloatArray
+    outer_mm: FloatArray
+    inner_mm: FloatArray
+    angle_deg: FloatArray
+    distance_mm: FloatArray
+    clean: NDArray[np.bool_]
+
+    @property
+    def entries_mm(self) -> FloatArray:
+        """Scalp points (M, 3) in LPS; NaN where the scalp is not reached."""
+        entries: FloatArray = self.target_mm + self.scalp_mm[:, np.newaxis] * self.outward
+        return entries
+
+
+def spread_directions(count: int) -> FloatArray:
+    """Return ``count`` unit vectors (count, 3) spread evenly over the sphere (Fibonacci lattice)."""
+    z = 1.0 - (2.0 * np.arange(count) + 1.0) / count
+    angle = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(count)
+    ring = np.sqrt(1.0 - z**2)
+    return np.column_stack([ring * np.cos(angle), ring * np.sin(angle), z])
+
+
+def cast(head: Head, target_mm: FloatArray, outward: FloatArray, field: Field) -> Candidates:
+    """Follow each of the rays ``outward`` (M, 3) from ``target_mm`` (3,), on all cores."""
+    count = len(outward)
+    numbers = np.full((count, 5), np.nan)
+    states = np.zeros((count, 2), dtype=np.int64)
+    scan = head.scan
+    local = np.ascontiguousarray(outward @ scan.axes.T)
+
+    def run(start: int) -> None:
+        part = slice(start, start + CHUNK)
+        _cast(
+            scan.voxels,
+            scan.origins_uv_mm,
+            scan.w_mm,
+            scan.steps_mm,
+            head.inside,
+            head.cell,
+            scan.axes @ target_mm,
+            local[part],
+            field.corner_mm,
+            field.distances_mm,
+            numbers[part],
+            states[part],
+        )
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        list(pool.map(run, range(0, count, CHUNK)))
+    scalp, outer, inner, angle, distance = numbers.T
+    clean = states[:, 1] > 0
+    return Candidates(target_mm, outward, states[:, 0], scalp, outer, inner, angle, distance, clean)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _cast(  # type: ignore[no-untyped-def]
+    voxels, origins, w_mm, steps, inside, cell, target, outward, corner, distances, numbers, states
+):
+    """Fill ``numbers`` (M, 5) and ``states`` (M, 2) for rays ``outward`` (M, 3) along the slice axes."""
+    values = np.empty(int(LONGEST_WAY_MM / STEP_MM))
+    for m in range(len(outward)):
+        direction = outward[m]
+        how, scalp, outer, inner = way_out(voxels, origins, w_mm, steps, inside, cell, target, direction, values)
+        states[m, 0] = how
+        if how != 0:
+            continue
+        numbers[m, 0], numbers[m, 1], numbers[m, 2] = scalp, outer, inner
+        if np.isnan(inner):
+            continue
+        numbers[m, 3] = _angle(voxels, origins, w_mm, steps, target + outer * direction, direction)
+        numbers[m, 4] = _least(corner, distances, target, direction, scalp)
+        states[m, 1] = 1
+        for n in range(int(inner / STEP_MM)):
+            if values[n] >= BONE_HU or values[n] < AIR_IN_HEAD_HU:
+                states[m, 1] = 0
+                break
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _angle(voxels, origins, w_mm, steps, place, direction):  # type: ignore[no-untyped-def]
+    """Return the angle in degrees between ``direction`` and the gradient at ``place``."""
+    along = square = 0.0
+    for axis in range(3):
+        slope = 0.0
+        for side in (-1.0, 1.0):
+            u, v, w = place
+            if axis == 0:
+                u += side * GRADIENT_MM
+            elif axis == 1:
+                v += side * GRADIENT_MM
+            else:
+                w += side * GRADIENT_MM
+            value, _ = sample(voxels, origins, w_mm, steps, u, v, w, 0)
+            slope += side * max(value, 0.0)
+        along += slope * direction[axis]
+        square += slope * slope
+    return np.degrees(np.arccos(min(abs(along) / np.sqrt(square), 1.0)))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _least(corner, distances, target, direction, length):  # type: ignore[no-untyped-def]
+    """Return the least of the field along the ray; a distance cannot fall faster than the ray advances."""
+    least, reach = np.inf, 0.0
+    while reach <= length:
+        x = (target[0] + reach * direction[0] - corner[0]) / FIELD_MM
+        y = (target[1] + reach * direction[1] - corner[1]) / FIELD_MM
+        z = (target[2] + reach * direction[2] - corner[2]) / FIELD_MM
+        here = _field_at(distances, x, y, z)
+        least = min(least, here)
+        reach += max(here - least, FIELD_MM / 2)
+    return least
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _field_at(distances, x, y, z):  # type: ignore[no-untyped-def]
+    """Return the distance at node coordinates, interpolated between the nodes; infinite outside."""
+    i, j, k = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
+    sx, sy, sz = distances.shape
+    if not (0 <= i < sx - 1 and 0 <= j < sy - 1 and 0 <= k < sz - 1):
+        return np.inf
+    total = 0.0
+    for a in range(2):
+        for b in range(2):
+            for c in range(2):
+                weight = abs(1 - a - (x - i)) * abs(1 - b - (y - j)) * abs(1 - c - (z - k))
+                if weight > 0.0:
+                    total += weight * distances[i + a, j + b, k + c]
+    return total

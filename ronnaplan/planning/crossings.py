@@ -1,0 +1,66 @@
+"""The surfaces of the head along one path, measured: scalp, outer and inner table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.planning.head import Head
+from ronnaplan.planning.layers import LONGEST_WAY_MM, STEP_MM, Way, way_out
+from ronnaplan.planning.surface import Surface, fit_crossing
+
+SCALP_LIMITS_HU = (-1024.0, 120.0)
+"""Bone below thin skin counts as skin."""
+
+BONE_LIMITS_HU = (-150.0, 2500.0)
+"""Air above thin skin counts as fat; metal as dense bone."""
+
+
+@dataclass(frozen=True, eq=False)
+class Crossings:
+    """What a ray from inside the head meets on its way out; a surface that is not there is None.
+
+    ``way`` tells how the search ended; only an `Way.OPEN` one has surfaces to rely on.
+    """
+
+    way: Way
+    scalp: Surface | None = None
+    outer: Surface | None = None
+    inner: Surface | None = None
+
+
+def find_crossings(head: Head, start_mm: FloatArray, outward: FloatArray) -> Crossings:
+    """Measure the surfaces along the ray from ``start_mm`` (3,), in the head, along unit ``outward`` (3,)."""
+    scan = head.scan
+    values = np.empty(int(LONGEST_WAY_MM / STEP_MM))
+    how, scalp, outer, inner = way_out(
+        scan.voxels,
+        scan.origins_uv_mm,
+        scan.w_mm,
+        scan.steps_mm,
+        head.inside,
+        head.cell,
+        scan.axes @ start_mm,
+        scan.axes @ outward,
+        values,
+    )
+    way = Way(how)
+    if way is not Way.OPEN:
+        return Crossings(way)
+
+    def fitted(reach: float, limits: tuple[float, float], *neighbours: float) -> Surface | None:
+        if not np.isfinite(reach):
+            return None
+        gaps = [abs(reach - other) / 2 for other in neighbours if np.isfinite(other)]
+        return fit_crossing(
+            head.volume, start_mm, outward, reach, limits_hu=limits, half_depth_mm=min(gaps, default=np.inf)
+        )
+
+    return Crossings(
+        way,
+        fitted(scalp, SCALP_LIMITS_HU, outer),
+        fitted(outer, BONE_LIMITS_HU, scalp, inner),
+        fitted(inner, BONE_LIMITS_HU, outer),
+    )

@@ -1,0 +1,106 @@
+"""Where a head ends and the air about it begins, coarsely: tells a sinus from the outside, skin from a post."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ronnaplan.ct.volume import CTVolume
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray
+from ronnaplan.planning.sampling import AIR_HU, Scan
+
+SKIN_HU = -450.0
+"""About half way between air and skin; crossings are found at it and then fitted to the local levels."""
+
+CELL_MM = 2.0
+"""Size of the coarse cells in a slice."""
+
+OPENING_MM = 8.0
+"""Things on the head narrower than twice this (markers, posts, tubes, a frame's pins) are not head."""
+
+LEAST_HEAD_MM2 = 4000.0
+"""A head fills more than this in its largest slice; a scan without that holds no head."""
+
+
+@dataclass(frozen=True, eq=False)
+class Head:
+    """A scanned head, ready to be measured along paths.
+
+    ``inside`` (K, J', I') tells which coarse cells (``cell`` voxels wide and high) belong to the head, its air
+    spaces included.
+    """
+
+    volume: CTVolume
+    scan: Scan
+    inside: NDArray[np.bool_]
+    cell: int
+
+    @classmethod
+    def of(cls, volume: CTVolume) -> Head:
+        """Find the head in ``volume``; raises `InputError` when there is none."""
+        scan = Scan.of(volume)
+        cell = max(1, round(CELL_MM / float(scan.steps_mm.max())))
+        inside = _largest_part(np.stack([_tissue(plane, cell, scan) for plane in scan.voxels]))
+        filled = np.stack([_fill(plane) for plane in inside])
+        area = float(filled.sum(axis=(1, 2)).max(initial=0)) * cell**2 * float(scan.steps_mm.prod())
+        if area < LEAST_HEAD_MM2:
+            raise InputError(
+                f"the largest slice shows {area:.0f} mm^2 of tissue; expected a head (over {LEAST_HEAD_MM2:.0f})"
+            )
+        return cls(volume, scan, filled, cell)
+
+    @cached_property
+    def centre_mm(self) -> FloatArray:
+        """Centroid (3,) of the head in LPS mm."""
+        centre: FloatArray = self._places_mm(self.inside).mean(axis=0)
+        return centre
+
+    @cached_property
+    def boundary_mm(self) -> FloatArray:
+        """Coarse cells (N, 3) at the surface of the head, in LPS mm."""
+        from scipy.ndimage import binary_erosion
+
+        return self._places_mm(self.inside & ~binary_erosion(self.inside))
+
+    def _places_mm(self, cells: NDArray[np.bool_]) -> FloatArray:
+        k, j, i = (places.astype(np.float64) for places in np.nonzero(cells))
+        half = (self.cell - 1) / 2
+        return self.volume.grid.positions_mm(np.stack([k, j * self.cell + half, i * self.cell + half], axis=-1))
+
+
+def _tissue(plane: NDArray[np.int16] | NDArray[np.float32], cell: int, scan: Scan) -> NDArray[np.bool_]:
+    """Whether each coarse cell (J', I') of a slice is tissue, narrow things left out."""
+    import cv2
+
+    rows, columns = (n // cell for n in plane.shape)
+    whole = np.maximum(plane[: rows * cell, : columns * cell], AIR_HU).astype(np.float32)
+    mean = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
+    wide, high = (2 * int(OPENING_MM / (cell * step)) + 1 for step in scan.steps_mm)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (wide, high))
+    # Air inside (sinuses, ear canals) must not cut thin walls away, so it is filled before the opening.
+    solid = _fill(mean > SKIN_HU).astype(np.uint8)
+    opened: NDArray[np.bool_] = cv2.morphologyEx(solid, cv2.MORPH_OPEN, disc).astype(np.bool_)
+    return opened
+
+
+def _fill(plane: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    from scipy.ndimage import binary_fill_holes
+
+    filled: NDArray[np.bool_] = binary_fill_holes(plane)
+    return filled
+
+
+def _largest_part(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    from scipy.ndimage import label
+
+    parts, count = label(mask)
+    if count == 0:
+        return mask
+    sizes = np.bincount(parts.ravel())
+    sizes[0] = 0
+    largest: NDArray[np.bool_] = parts == sizes.argmax()
+    return largest

@@ -1,0 +1,154 @@
+"""No-go regions from label maps: NIfTI (NRRD, MetaImage) or DICOM SEG, on the scan's own grid.
+
+A label map is never resampled: one drawn on another grid, or in another frame of reference, is refused.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ronnaplan.ct import read_ct
+from ronnaplan.ct.images import is_image_file
+from ronnaplan.ct.volume import CTVolume, SliceGrid
+from ronnaplan.errors import FrameMismatchError, InputError
+from ronnaplan.geometry import FloatArray
+
+GRID_TOLERANCE_MM = 0.05
+"""Voxel centres of scan and label map agree within this (NIfTI keeps float32, DICOM often three decimals)."""
+
+SEGMENTATION_STORAGE = "1.2.840.10008.5.1.4.1.1.66.4"
+
+Masks = dict[str, NDArray[np.bool_]]
+
+
+def read_label_map(path: str | os.PathLike[str], volume: CTVolume) -> Masks:
+    """Return the regions of a label map by name, each a mask (K, J, I) of ``volume``'s voxels.
+
+    Every value but 0 is a region. Raises `FrameMismatchError` for another frame of reference and `InputError` for
+    another grid, an empty map, or a file that is neither an image file nor a DICOM SEG.
+    """
+    source = Path(path)
+    masks = _from_image(source, volume) if is_image_file(source) else _from_seg(source, volume)
+    masks = {name: mask for name, mask in masks.items() if mask.any()}
+    if not masks:
+        raise InputError(f"{source} marks no voxel; expected a label map with values above 0")
+    return masks
+
+
+def _from_image(path: Path, volume: CTVolume) -> Masks:
+    labels = read_ct(path)
+    values = np.zeros(volume.voxels_hu.shape, dtype=labels.voxels_hu.dtype)
+    _put(values, labels.voxels_hu, _fitted(labels.grid, labels.voxels_hu.shape, volume, path))
+    stem = path.name.split(".")[0]
+    numbers = [number for number in np.unique(values) if number != 0]
+    if len(numbers) > 1000:
+        raise InputError(f"{path} has {len(numbers)} different values; expected a label map, not an image")
+    return {f"{stem} {number:g}" if len(numbers) > 1 else stem: values == number for number in numbers}
+
+
+def _fitted(grid: SliceGrid, shape: tuple[int, ...], volume: CTVolume, path: Path) -> Any:
+    """Return how the label map's axes run in the scan's, as whole (offset, matrix); else `InputError`."""
+    last = np.array(shape, dtype=np.float64) - 1
+    ends = np.array([[0, 0, 0], *np.diag(last)])
+    places = volume.grid.indices(grid.positions_mm(ends))
+    offset = np.rint(places[0]).astype(int)
+    matrix = np.rint((places[1:] - places[0]) / np.maximum(last, 1)[:, None]).astype(int).T
+    index = np.stack(np.meshgrid(*(np.unique(np.linspace(0, n, 9).round()) for n in last), indexing="ij"), -1)
+    index = index.reshape(-1, 3)
+    mapped = index @ matrix.T + offset
+    apart = np.linalg.norm(volume.grid.positions_mm(mapped) - grid.positions_mm(index), axis=-1)
+    inside = ((mapped >= 0) & (mapped < volume.voxels_hu.shape)).all()
+    permuted = (np.abs(matrix).sum(axis=0) == 1).all() and (np.abs(matrix).sum(axis=1) == 1).all()
+    same_size = permuted and tuple(np.abs(matrix) @ shape) == volume.voxels_hu.shape
+    if not (permuted and inside and same_size and apart.max() <= GRID_TOLERANCE_MM):
+        raise InputError(
+            f"{path} is drawn on another grid ({' x '.join(map(str, shape))} voxels) than the scan "
+            f"({' x '.join(map(str, volume.voxels_hu.shape))}); export the label map on the scan's own grid"
+        )
+    return offset, matrix
+
+
+def _put(target: NDArray[Any], values: NDArray[Any], fitted: Any) -> None:
+    """Copy ``values`` into ``target`` with its axes permuted and turned as ``fitted`` says."""
+    _, matrix = fitted
+    order = np.abs(matrix).argmax(axis=1)
+    turned = values.transpose(order)
+    signs = matrix[np.arange(3), order]
+    target[...] = turned[tuple(slice(None, None, int(sign)) for sign in signs)]
+
+
+def _from_seg(path: Path, volume: CTVolume) -> Masks:
+    from pydicom import dcmread
+    from pydicom.errors import InvalidDicomError
+
+    try:
+        dataset = dcmread(path)
+    except (OSError, InvalidDicomError, ValueError) as error:
+        raise InputError(f"{path} is neither a NIfTI, NRRD or MetaImage file nor a readable DICOM SEG") from error
+    if dataset.get("SOPClassUID") != SEGMENTATION_STORAGE:
+        raise InputError(f"{path} is a DICOM {dataset.get('Modality', 'object')}; expected a segmentation (SEG)")
+    frame_uid = dataset.get("FrameOfReferenceUID")
+    if frame_uid is None or str(frame_uid) != volume.frame.uid:
+        raise FrameMismatchError(
+            f"{path} is in frame of reference {frame_uid}, the scan in {volume.frame.uid}; "
+            "use a segmentation of this scan"
+        )
+    try:
+        return _segments(dataset, volume, path)
+    except (AttributeError, KeyError, IndexError, TypeError, ValueError, NotImplementedError) as error:
+        raise InputError(f"{path} is not a complete DICOM SEG ({error}); export it again") from error
+
+
+def _segments(dataset: Any, volume: CTVolume, path: Path) -> Masks:
+    frames = np.asarray(dataset.pixel_array)
+    frames = frames.reshape(-1, *frames.shape[-2:])
+    names = {
+        int(item.SegmentNumber): str(item.get("SegmentLabel", "") or f"segment {item.SegmentNumber}")
+        for item in dataset.SegmentSequence
+    }
+    masks: Masks = {}
+    shared = dataset.SharedFunctionalGroupsSequence[0]
+    for pixels, groups in zip(frames, dataset.PerFrameFunctionalGroupsSequence, strict=True):
+        number = int(groups.SegmentIdentificationSequence[0].ReferencedSegmentNumber)
+        mask = masks.setdefault(names[number], np.zeros(volume.voxels_hu.shape, dtype=np.bool_))
+        k, matrix = _slice_of(groups, shared, pixels.shape, volume, path)
+        _put(mask[k : k + 1], pixels[np.newaxis] > 0, (None, matrix))
+    return masks
+
+
+def _slice_of(groups: Any, shared: Any, shape: tuple[int, int], volume: CTVolume, path: Path) -> Any:
+    """Return the scan's slice that a frame is drawn on and how the frame's axes run in it; else `InputError`."""
+    position = groups.PlanePositionSequence[0].ImagePositionPatient
+    orientation = _group(groups, shared, "PlaneOrientationSequence").ImageOrientationPatient
+    spacing = _group(groups, shared, "PixelMeasuresSequence").PixelSpacing
+    origin = np.array(position, dtype=np.float64)
+    along_row, down_column = np.array(orientation, dtype=np.float64).reshape(2, 3)
+    column_step, row_step = along_row * float(spacing[1]), down_column * float(spacing[0])
+    k = int(np.abs(volume.grid.slice_positions_mm - origin @ volume.grid.normal).argmin())
+    corners = [[0, 0], [shape[0] - 1, 0], [0, shape[1] - 1], [shape[0] - 1, shape[1] - 1]]
+    places = np.array([origin + j * row_step + i * column_step for j, i in corners])
+    index = volume.grid.indices(places)
+    index[:, 0] = k
+    whole: FloatArray = np.rint(index)
+    apart = np.linalg.norm(volume.grid.positions_mm(whole) - places, axis=-1).max()
+    matrix = np.eye(3, dtype=int)
+    steps = np.maximum(np.array(shape) - 1, 1)
+    matrix[1:, 1] = np.rint((whole[1] - whole[0])[1:] / steps[0]).astype(int)
+    matrix[1:, 2] = np.rint((whole[2] - whole[0])[1:] / steps[1]).astype(int)
+    size = np.abs(matrix) @ [1, *shape]
+    if apart > GRID_TOLERANCE_MM or tuple(size[1:]) != volume.voxels_hu.shape[1:]:
+        raise InputError(
+            f"{path} has a frame that lies {apart:.2g} mm off the scan's slices, or of another size; "
+            "export the segmentation on the scan's own grid"
+        )
+    return k, matrix
+
+
+def _group(groups: Any, shared: Any, name: str) -> Any:
+    """Return a functional group of the frame itself, or the one shared by all frames."""
+    return (getattr(groups, name, None) or getattr(shared, name))[0]

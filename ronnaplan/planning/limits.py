@@ -1,0 +1,125 @@
+"""Limits that a plan must keep, and the verdict on each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from ronnaplan.errors import InputError
+from ronnaplan.planning.layers import Way
+from ronnaplan.planning.measures import Measures
+from ronnaplan.planning.obstacles import Kind
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """What a trajectory must keep; None: not limited. Distances count from the instrument's surface."""
+
+    longest_path_mm: float | None = None
+    greatest_skull_angle_deg: float | None = None
+    greatest_skull_thickness_mm: float | None = None
+    least_no_go_distance_mm: float | None = None
+    least_metal_distance_mm: float | None = None
+    least_marker_distance_mm: float | None = None
+    least_trajectory_distance_mm: float | None = None
+    greatest_target_error_mm: float | None = None
+    greatest_angular_error_deg: float | None = None
+    least_probability: float | None = None
+    tolerance_mm: float = 2.0
+
+    def least_distance_mm(self, kind: Kind) -> float:
+        """Return the distance to keep from an obstacle; it must never be met, limit or not."""
+        least = {
+            Kind.NO_GO: self.least_no_go_distance_mm,
+            Kind.METAL: self.least_metal_distance_mm,
+            Kind.MARKER: self.least_marker_distance_mm,
+        }[kind]
+        return least or 0.0
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One limit on one trajectory: ``value`` against ``limit``. A value that cannot be told does not pass."""
+
+    trajectory: str
+    measure: str
+    value: float | None
+    unit: str
+    limit: float | None
+    passes: bool
+    remark: str = ""
+
+
+def judge(measured: Measures, limits: Limits) -> tuple[Verdict, ...]:
+    """Return the verdict on every limit for one trajectory.
+
+    Beside the limits asked for: the way out of the head must be open, the instrument long enough, and nothing may
+    be met. Raises `InputError` when a limit asks for something that was not measured (no markers, no label map).
+    """
+    return (*_shape(measured, limits), *_distances(measured, limits), *_errors(measured, limits))
+
+
+def _shape(measured: Measures, limits: Limits) -> Iterator[Verdict]:
+    name = measured.trajectory.name
+    way = measured.crossings.way
+    remark = {
+        Way.OPEN: "",
+        Way.CUT: "the path leaves the scan before the head ends",
+        Way.COVERED: "something is attached to the head at the entry",
+    }[way]
+    yield Verdict(name, "way out of the head", None, "", None, way is Way.OPEN, remark)
+    length = measured.trajectory.instrument.length_mm
+    yield _at_most(name, "path within the instrument", measured.length_mm, "mm", length)
+    bounds = (
+        ("path length", measured.length_mm, "mm", limits.longest_path_mm),
+        ("angle to skull normal", measured.skull_angle_deg, "deg", limits.greatest_skull_angle_deg),
+        ("skull along the path", measured.skull_thickness_mm, "mm", limits.greatest_skull_thickness_mm),
+    )
+    for what, value, unit, limit in bounds:
+        if limit is not None:
+            yield _at_most(name, what, value, unit, limit)
+
+
+def _distances(measured: Measures, limits: Limits) -> Iterator[Verdict]:
+    name = measured.trajectory.name
+    kinds = {one.kind for one in measured.clearances}
+    if limits.least_no_go_distance_mm is not None and Kind.NO_GO not in kinds:
+        raise InputError("the limits keep a distance from no-go regions but no label map is given; give one")
+    if limits.least_marker_distance_mm is not None and Kind.MARKER not in kinds:
+        raise InputError("the limits keep a distance from markers but no fiducials are given; give fiducials.json")
+    for one in measured.clearances:
+        least = limits.least_distance_mm(one.kind)
+        remark = "met" if one.crosses else f"at depth {one.depth_mm:.1f} mm"
+        passes = one.clearance_mm >= least and not one.crosses
+        yield Verdict(name, f"distance to {one.name}", one.clearance_mm, "mm", least, passes, remark)
+    least_apart = limits.least_trajectory_distance_mm or 0.0
+    for other in measured.spacings:
+        passes = other.clearance_mm >= least_apart and other.clearance_mm > 0
+        remark = f"at depth {other.depth_mm:.1f} mm"
+        yield Verdict(name, f"distance to {other.other}", other.clearance_mm, "mm", least_apart, passes, remark)
+
+
+def _errors(measured: Measures, limits: Limits) -> Iterator[Verdict]:
+    bounds = (limits.greatest_target_error_mm, limits.greatest_angular_error_deg, limits.least_probability)
+    if all(bound is None for bound in bounds):
+        return
+    if measured.error is None:
+        raise InputError("the limits bound the expected error but no fiducials are given; give fiducials.json")
+    name, error = measured.trajectory.name, measured.error
+    if bounds[0] is not None:
+        yield _at_most(name, "expected error at target", error.target_rms_mm, "mm", bounds[0])
+    if bounds[1] is not None:
+        yield _at_most(name, "expected angular error", error.angular_rms_deg, "deg", bounds[1])
+    if bounds[2] is not None:
+        what = f"chance to stay within {error.tolerance_mm:g} mm"
+        yield Verdict(name, what, error.probability, "", bounds[2], error.probability >= bounds[2])
+
+
+def _at_most(name: str, what: str, value: float | None, unit: str, limit: float) -> Verdict:
+    remark = "could not be measured" if value is None else ""
+    return Verdict(name, what, value, unit, limit, value is not None and value <= limit, remark)
+
+
+def all_pass(verdicts: Sequence[Verdict]) -> bool:
+    """Whether every verdict passes."""
+    return all(verdict.passes for verdict in verdicts)

@@ -1,0 +1,171 @@
+"""Everything that can be told of a trajectory before it is followed, measured in the scan itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray
+from ronnaplan.planning.angles import AcPcAngles, ArcAngles, acpc_angles, arc_angles
+from ronnaplan.planning.crossings import Crossings, find_crossings
+from ronnaplan.planning.head import SKIN_HU, Head
+from ronnaplan.planning.obstacles import Clearance, Obstacle
+from ronnaplan.planning.plan import Landmarks
+from ronnaplan.planning.segments import segment_distances
+from ronnaplan.planning.trajectory import Trajectory
+from ronnaplan.planning.uncertainty import PathError, path_error
+
+ENTRY_TOLERANCE_MM = 5.0
+"""An entry point may lie this far outside the scalp (a click on a surface view); further out it is in air."""
+
+PROFILE_STEP_MM = 0.5
+
+
+@dataclass(frozen=True)
+class Spacing:
+    """Least distance of a trajectory to another one: between axes, and between the instruments' surfaces."""
+
+    other: str
+    distance_mm: float
+    clearance_mm: float
+    depth_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class Measures:
+    """What was measured of ``trajectory``. Values that need a surface which is not there are None.
+
+    Depths run along the path. ``profile_mm`` (P,) and ``profile_hu`` (P,) sample it from the entry to the target.
+    """
+
+    trajectory: Trajectory
+    crossings: Crossings
+    profile_mm: FloatArray
+    profile_hu: FloatArray
+    clearances: tuple[Clearance, ...]
+    spacings: tuple[Spacing, ...]
+    arc: ArcAngles
+    acpc: AcPcAngles | None
+    error: PathError | None
+
+    @property
+    def length_mm(self) -> float:
+        """Distance from entry to target."""
+        return self.trajectory.length_mm
+
+    @property
+    def depth_below_scalp_mm(self) -> float | None:
+        """Way from the scalp to the target."""
+        return None if self.crossings.scalp is None else self.crossings.scalp.reach_mm
+
+    @property
+    def depth_below_skull_mm(self) -> float | None:
+        """Way from the outer table to the target."""
+        return None if self.crossings.outer is None else self.crossings.outer.reach_mm
+
+    @property
+    def entry_below_scalp_mm(self) -> float | None:
+        """How far the planned entry lies inside the scalp (negative: outside)."""
+        depth = self.depth_below_scalp_mm
+        return None if depth is None else depth - self.length_mm
+
+    @property
+    def skull_thickness_mm(self) -> float | None:
+        """Bone along the path, from the outer to the inner table."""
+        outer, inner = self.crossings.outer, self.crossings.inner
+        return None if outer is None or inner is None else outer.reach_mm - inner.reach_mm
+
+    @property
+    def skull_angle_deg(self) -> float | None:
+        """Angle between the path and the normal of the outer table."""
+        return _angle_deg(self.crossings.outer.normal, self.trajectory.inward) if self.crossings.outer else None
+
+    @property
+    def scalp_angle_deg(self) -> float | None:
+        """Angle between the path and the normal of the scalp."""
+        return _angle_deg(self.crossings.scalp.normal, self.trajectory.inward) if self.crossings.scalp else None
+
+
+def measure(
+    trajectory: Trajectory,
+    head: Head,
+    *,
+    obstacles: Sequence[Obstacle] = (),
+    others: Sequence[Trajectory] = (),
+    landmarks: Landmarks | None = None,
+    pose_mm2: FloatArray | None = None,
+    tolerance_mm: float = 2.0,
+) -> Measures:
+    """Measure ``trajectory`` in ``head``.
+
+    ``others`` are the plan's trajectories (itself is left out by name); ``pose_mm2`` (6, 6) is the covariance of
+    the expected registration in LPS (see `planned_pose_covariance`). Raises `FrameMismatchError` for another frame
+    and `InputError` for ends outside the scan or in air.
+    """
+    crossings = check_ends(trajectory, head)
+    start = trajectory.entry_mm
+    depth = np.linspace(0.0, trajectory.length_mm, int(np.ceil(trajectory.length_mm / PROFILE_STEP_MM)) + 1)
+    clearances = [obstacle.clearance(trajectory, head) for obstacle in obstacles]
+    return Measures(
+        trajectory,
+        crossings,
+        depth,
+        head.scan.values_hu(trajectory.at_depth(depth)),
+        tuple(one for one in clearances if one is not None),
+        tuple(_spacing(trajectory, other) for other in others if other.name != trajectory.name),
+        arc_angles(start, trajectory.target_mm),
+        acpc_angles(landmarks, start, trajectory.target_mm) if landmarks else None,
+        None if pose_mm2 is None else path_error(trajectory, pose_mm2, tolerance_mm),
+    )
+
+
+def check_ends(trajectory: Trajectory, head: Head) -> Crossings:
+    """Return what lies along the path; raises `InputError` for ends outside the scan or in air."""
+    head.volume.frame.require(trajectory.frame)
+    values = head.scan.values_hu(np.stack([trajectory.entry_mm, trajectory.target_mm]))
+    for end, place, value in zip(
+        ("entry", "target"), (trajectory.entry_mm, trajectory.target_mm), values, strict=True
+    ):
+        if np.isnan(value):
+            raise InputError(
+                f"the {end} of {trajectory.name} at {_shown(place)} lies outside the scan; check the coordinates "
+                "(LPS or RAS?)"
+            )
+    if values[1] < SKIN_HU:
+        raise InputError(
+            f"the target of {trajectory.name} at {_shown(trajectory.target_mm)} lies in air ({values[1]:.0f} HU); "
+            "choose a place in the head"
+        )
+    crossings = find_crossings(head, trajectory.target_mm, -trajectory.inward)
+    if crossings.scalp is not None:
+        outside = trajectory.length_mm - crossings.scalp.reach_mm
+        if outside > ENTRY_TOLERANCE_MM:
+            raise InputError(
+                f"the entry of {trajectory.name} at {_shown(trajectory.entry_mm)} lies in air, {outside:.1f} mm "
+                "outside the scalp; choose a place on the scalp"
+            )
+    elif values[0] < SKIN_HU:
+        raise InputError(
+            f"the entry of {trajectory.name} at {_shown(trajectory.entry_mm)} lies in air; "
+            "choose a place on the scalp"
+        )
+    return crossings
+
+
+def _spacing(trajectory: Trajectory, other: Trajectory) -> Spacing:
+    trajectory.frame.require(other.frame)
+    distance, share = segment_distances(trajectory.entry_mm, trajectory.target_mm, other.entry_mm, other.target_mm)
+    clearance = float(distance) - trajectory.instrument.radius_mm - other.instrument.radius_mm
+    return Spacing(other.name, float(distance), clearance, float(share) * trajectory.length_mm)
+
+
+def _angle_deg(normal: FloatArray, inward: FloatArray) -> float:
+    across = float(np.linalg.norm(np.cross(normal, inward)))
+    return float(np.degrees(np.arctan2(across, abs(float(normal @ inward)))))
+
+
+def _shown(place_mm: FloatArray) -> str:
+    return "LPS (" + ", ".join(f"{value:.1f}" for value in place_mm) + ")"

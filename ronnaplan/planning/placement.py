@@ -1,0 +1,208 @@
+"""Where to put the markers, before the scan that counts: so that the error at the targets is least.
+
+For equal, isotropic errors the expected squared error at a place r from the markers' centroid is, after
+Fitzpatrick, West and Maurer (1998, IEEE TMI 17:694), sigma^2 (3 / N + trace([r]x K^-1 [r]x')), K the markers'
+inertia about their centroid. So more markers help, and a centroid near the target, and a spread to all sides. The
+largest of it over the targets is made small by exchange: every marker in turn is moved to the allowed place where
+it helps most, from several starts, until no move helps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from ronnaplan.correspondence.layout import describe_layout
+from ronnaplan.errors import InputError, RefusedError
+from ronnaplan.geometry import FloatArray, as_points
+from ronnaplan.planning.sites import PlacementRules, Sites, allowed_sites, even_layout
+from ronnaplan.registration import predict_tre
+
+STARTS = 12
+"""Starting layouts of the exchange; the best end is taken."""
+
+SPREADS = 5
+"""Even spreads, differently turned, that a proposal is compared with."""
+
+GREATEST_REFUSAL = 0.01
+"""A layout is unambiguous when correspondence would refuse it less often than this."""
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Proposed markers: on the scalp (N, 3), their centres (N, 3) and normals (N, 3), LPS mm.
+
+    ``tre_rms_mm`` (T,) is the expected error at each target, ``rival_distance_mm`` how far the layout is from
+    being taken for itself in another order, ``allowed`` the number of sites that were open, ``even_tre_mm`` the
+    largest expected error of as many markers spread evenly over them (mean of some spreads).
+    """
+
+    scalp_mm: FloatArray
+    normals: FloatArray
+    centres_mm: FloatArray
+    tre_rms_mm: FloatArray
+    rival_distance_mm: float
+    refusal_probability: float
+    allowed: int
+    even_tre_mm: float
+
+    @property
+    def largest_tre_mm(self) -> float:
+        """The error that was minimized: the largest over the targets."""
+        return float(self.tre_rms_mm.max())
+
+
+def place_markers(
+    sites: Sites,
+    targets_mm: ArrayLike,
+    count: int,
+    rules: PlacementRules,
+    entries_mm: ArrayLike = (),
+    seed: int = 0,
+) -> Placement:
+    """Propose ``count`` markers among ``sites`` that make the largest expected error at ``targets_mm`` least.
+
+    Raises `InputError` for fewer than three markers or no target, and `RefusedError` when the rules leave no
+    layout.
+    """
+    targets = as_points(targets_mm, "targets")
+    if count < 3 or len(targets) == 0:
+        raise InputError(
+            f"{count} markers for {len(targets)} targets were asked for; expected three or more for at least one"
+        )
+    allowed = allowed_sites(sites, rules, entries_mm)
+    centres = allowed.centres_mm(rules.height_mm)
+    generator = np.random.default_rng(seed)
+    best: tuple[float, NDArray[np.int64]] | None = None
+    for _ in range(STARTS):
+        start = scattered_layout(centres, count, rules.least_apart_mm, generator)
+        if start is None:
+            continue
+        score, chosen = _improve(centres, targets, start, rules)
+        if (best is None or score < best[0]) and _refusal(centres[chosen], rules) <= GREATEST_REFUSAL:
+            best = (score, chosen)
+    if best is None:
+        raise RefusedError(
+            f"no unambiguous layout of {count} markers keeps the rules on {len(allowed)} allowed places; allow "
+            "more of the scalp, a smaller distance, or another number of markers"
+        )
+    chosen = best[1][np.argsort(-centres[best[1], 2], kind="stable")]
+    layout = describe_layout(centres[chosen])
+    return Placement(
+        allowed.scalp_mm[chosen],
+        allowed.normals[chosen],
+        centres[chosen],
+        expected_tre_mm(centres[chosen], targets, rules.sigma_mm),
+        layout.rival_distance_mm,
+        layout.refusal_probability(rules.sigma_ct_mm, rules.sigma_ots_mm),
+        len(allowed),
+        even_tre_mm(allowed, targets, count, rules, generator),
+    )
+
+
+def even_tre_mm(
+    allowed: Sites, targets_mm: FloatArray, count: int, rules: PlacementRules, generator: np.random.Generator
+) -> float:
+    """Return the largest expected error over the targets (T, 3) of markers spread evenly, mean of `SPREADS`."""
+    centres = allowed.centres_mm(rules.height_mm)
+    layouts = (centres[even_layout(allowed, count, generator)] for _ in range(SPREADS))
+    return float(np.mean([expected_tre_mm(layout, targets_mm, rules.sigma_mm).max() for layout in layouts]))
+
+
+def expected_tre_mm(markers_mm: FloatArray, targets_mm: FloatArray, sigma_mm: float) -> FloatArray:
+    """Return the expected root-mean-square error (T,) at ``targets_mm`` (T, 3), mm."""
+    covariances = predict_tre(markers_mm, sigma_mm**2 * np.eye(3), targets_mm)
+    rms: FloatArray = np.sqrt(np.trace(covariances, axis1=-2, axis2=-1))
+    return rms
+
+
+def scattered_layout(
+    centres: FloatArray, count: int, apart_mm: float, generator: np.random.Generator
+) -> NDArray[np.int64] | None:
+    """Return a random layout that keeps its distances, or None when the places ran out."""
+    open_places = np.ones(len(centres), dtype=np.bool_)
+    chosen: list[int] = []
+    while len(chosen) < count:
+        if not open_places.any():
+            return None
+        chosen.append(int(generator.choice(np.flatnonzero(open_places))))
+        open_places &= np.linalg.norm(centres - centres[chosen[-1]], axis=1) >= apart_mm
+    return np.array(chosen, dtype=np.int64)
+
+
+def _improve(
+    centres: FloatArray, targets: FloatArray, start: NDArray[np.int64], rules: PlacementRules
+) -> tuple[float, NDArray[np.int64]]:
+    """Exchange markers until no move helps; a move that makes the layout ambiguous is not taken."""
+    chosen = start.copy()
+    best = float(_largest(np.ascontiguousarray(centres[chosen]), targets))
+    moved = True
+    while moved:
+        moved = False
+        for place in range(len(chosen)):
+            scores = np.full(len(centres), np.inf)
+            _exchange(centres, targets, chosen, place, rules.least_apart_mm, scores)
+            for site in np.argsort(scores, kind="stable")[:_MOST_TRIED]:
+                if not scores[site] < best * (1.0 - 1e-9):
+                    break
+                trial = chosen.copy()
+                trial[place] = site
+                if _refusal(centres[trial], rules) <= max(GREATEST_REFUSAL, _refusal(centres[chosen], rules)):
+                    chosen, best, moved = trial, float(scores[site]), True
+                    break
+    return best, chosen
+
+
+_MOST_TRIED = 20
+"""Places tried for a marker before it is left where it is, should the best ones be ambiguous."""
+
+
+def _refusal(markers: FloatArray, rules: PlacementRules) -> float:
+    return describe_layout(markers).refusal_probability(rules.sigma_ct_mm, rules.sigma_ots_mm)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _exchange(centres, targets, chosen, place, apart, scores):  # type: ignore[no-untyped-def]
+    """Fill ``scores`` (S,) with the largest error were marker ``place`` at each site that keeps its distance."""
+    markers = np.empty((len(chosen), 3))
+    for n in range(len(chosen)):
+        markers[n] = centres[chosen[n]]
+    for site in range(len(centres)):
+        near = False
+        for n in range(len(chosen)):
+            if n != place and ((centres[chosen[n]] - centres[site]) ** 2).sum() < apart**2:
+                near = True
+                break
+        if not near:
+            markers[place] = centres[site]
+            scores[site] = _largest(markers, targets)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _largest(markers, targets):  # type: ignore[no-untyped-def]
+    """Return the largest squared error over the targets, in units of sigma^2; infinite for a line."""
+    count = len(markers)
+    centroid = np.zeros(3)
+    for n in range(count):
+        centroid += markers[n] / count
+    inertia = np.zeros((3, 3))
+    for n in range(count):
+        p = markers[n] - centroid
+        square = (p * p).sum()
+        for a in range(3):
+            inertia[a, a] += square
+            for b in range(3):
+                inertia[a, b] -= p[a] * p[b]
+    if np.linalg.det(inertia) <= 1e-9 * np.trace(inertia) ** 3:
+        return np.inf
+    inverse = np.linalg.inv(inertia)
+    worst = 0.0
+    for t in range(len(targets)):
+        r = targets[t] - centroid
+        # trace([r]x K^-1 [r]x') = r' (trace(K^-1) 1 - K^-1) r
+        spread = np.trace(inverse) * (r * r).sum() - (r * (inverse @ r)).sum()
+        worst = max(worst, 3.0 / count + spread)
+    return worst

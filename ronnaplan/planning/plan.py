@@ -1,0 +1,170 @@
+"""A plan: trajectories in one scan's frame of reference, and every change that led to it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from ronnaplan.ct.volume import CTVolume, SeriesSource
+from ronnaplan.errors import FrameMismatchError, InputError
+from ronnaplan.geometry import FloatArray, Frame, as_points
+from ronnaplan.planning.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Landmarks:
+    """The commissures and any third point of the midsagittal plane (3,), LPS mm."""
+
+    ac_mm: FloatArray
+    pc_mm: FloatArray
+    midline_mm: FloatArray
+
+    def __post_init__(self) -> None:
+        points = as_points([self.ac_mm, self.pc_mm, self.midline_mm], "AC, PC and midline point")
+        area = np.linalg.norm(np.cross(points[0] - points[1], points[2] - points[1]))
+        if area < 1.0 * np.linalg.norm(points[0] - points[1]) or np.linalg.norm(points[0] - points[1]) < 1.0:
+            raise InputError(
+                "AC, PC and the midline point lie on one line; choose a midline point well off the AC-PC line"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """One step of a history: the trajectory or landmarks at ``index`` before and after it (None: absent)."""
+
+    time: datetime
+    action: str
+    index: int
+    before: Trajectory | Landmarks | None
+    after: Trajectory | Landmarks | None
+
+    @property
+    def reverse(self) -> Change:
+        """The change that takes this one back."""
+        return replace(self, before=self.after, after=self.before)
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Trajectories of one scan. Every method returns a new plan; nothing is changed in place.
+
+    ``history`` holds the changes in order; ``undone`` those taken back, the latest last.
+    """
+
+    source: SeriesSource
+    voxel_sha256: str | None = None
+    trajectories: tuple[Trajectory, ...] = ()
+    landmarks: Landmarks | None = None
+    history: tuple[Change, ...] = ()
+    undone: tuple[Change, ...] = field(default=())
+
+    @classmethod
+    def of_scan(cls, volume: CTVolume) -> Plan:
+        """Return an empty plan tied to ``volume``."""
+        return cls(volume.source, volume.voxel_sha256)
+
+    @property
+    def frame(self) -> Frame:
+        """The frame all points of the plan are in."""
+        return Frame("CT", self.source.frame_of_reference_uid)
+
+    def require_scan(self, volume: CTVolume) -> None:
+        """Raise `FrameMismatchError` unless ``volume`` is in the plan's frame (without UID: is its scan)."""
+        self.frame.require(volume.frame)
+        if self.frame.uid is None and self.voxel_sha256 != volume.voxel_sha256:
+            raise FrameMismatchError(
+                "neither the plan nor the scan names a frame of reference and their voxels differ; "
+                "use the scan that the plan was made on"
+            )
+
+    def trajectory(self, name: str) -> Trajectory:
+        """Return the trajectory called ``name``; raises `InputError` with the known names."""
+        return self.trajectories[self._index(name)]
+
+    def add(self, trajectory: Trajectory) -> Plan:
+        """Return the plan with one more trajectory; `InputError` for a name in use, else `FrameMismatchError`."""
+        self._check_new(trajectory, ())
+        return self._changed("add", len(self.trajectories), None, trajectory)
+
+    def edit(self, name: str, **changes: Any) -> Plan:
+        """Return the plan with fields of a trajectory replaced; a locked one is refused (`InputError`)."""
+        index = self._unlocked(name)
+        edited = replace(self.trajectories[index], **changes)
+        self._check_new(edited, (name,))
+        return self._changed("edit", index, self.trajectories[index], edited)
+
+    def remove(self, name: str) -> Plan:
+        """Return the plan without a trajectory; a locked one is refused (`InputError`)."""
+        index = self._unlocked(name)
+        return self._changed("remove", index, self.trajectories[index], None)
+
+    def lock(self, name: str, locked: bool = True) -> Plan:
+        """Return the plan with a trajectory locked against change, or unlocked."""
+        index = self._index(name)
+        before = self.trajectories[index]
+        return self._changed("lock" if locked else "unlock", index, before, replace(before, locked=locked))
+
+    def with_landmarks(self, landmarks: Landmarks) -> Plan:
+        """Return the plan with other AC-PC landmarks."""
+        return self._changed("landmarks", 0, self.landmarks, landmarks)
+
+    def undo(self) -> Plan:
+        """Return the plan before its last change; raises `InputError` when there is none."""
+        if not self.history:
+            raise InputError("the plan has no change to take back")
+        last = self.history[-1]
+        return replace(self._with(last.reverse), history=self.history[:-1], undone=(*self.undone, last))
+
+    def redo(self) -> Plan:
+        """Return the plan with the change made again that was taken back last; `InputError` when there is none."""
+        if not self.undone:
+            raise InputError("the plan has no change to make again")
+        last = self.undone[-1]
+        return replace(self._with(last), history=(*self.history, last), undone=self.undone[:-1])
+
+    def _index(self, name: str) -> int:
+        names = [one.name for one in self.trajectories]
+        if name not in names:
+            raise InputError(f"the plan has no trajectory {name!r}; it has {_listed(names)}")
+        return names.index(name)
+
+    def _unlocked(self, name: str) -> int:
+        index = self._index(name)
+        if self.trajectories[index].locked:
+            raise InputError(f"trajectory {name!r} is locked; unlock it before changing it")
+        return index
+
+    def _check_new(self, trajectory: Trajectory, replaced: tuple[str, ...]) -> None:
+        self.frame.require(trajectory.frame)
+        if trajectory.name in {one.name for one in self.trajectories} - set(replaced):
+            raise InputError(f"the plan already has a trajectory {trajectory.name!r}; choose another name")
+
+    def _changed(
+        self,
+        action: str,
+        index: int,
+        before: Trajectory | Landmarks | None,
+        after: Trajectory | Landmarks | None,
+    ) -> Plan:
+        change = Change(datetime.now(UTC), action, index, before, after)
+        return replace(self._with(change), history=(*self.history, change), undone=())
+
+    def _with(self, change: Change) -> Plan:
+        if isinstance(change.before or change.after, Landmarks):
+            assert not isinstance(change.after, Trajectory)
+            return replace(self, landmarks=change.after)
+        assert not isinstance(change.after, Landmarks)
+        kept = list(self.trajectories)
+        if change.before is not None:
+            del kept[change.index]
+        if change.after is not None:
+            kept.insert(change.index, change.after)
+        return replace(self, trajectories=tuple(kept))
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(names) or "none"

@@ -1,0 +1,136 @@
+"""Places on the scalp where a marker may stand, and which of them the rules leave open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ronnaplan.errors import RefusedError
+from ronnaplan.geometry import FloatArray, as_points, unit
+from ronnaplan.planning.candidates import Field, cast, spread_directions
+from ronnaplan.planning.head import Head
+from ronnaplan.planning.layers import Way
+
+SITES = 4_000
+"""Directions from the head's centre that are looked at; those that reach the scalp become sites, 6 mm apart."""
+
+HEIGHT_MM = 13.75
+"""Default height of a marker's centre above the scalp: an 11.5 mm sphere on an 8 mm base and post."""
+
+NEIGHBOURS_MM = 12.0
+"""The slope of the scalp at a site comes from the sites within this distance."""
+
+MOST_TURNS = 100
+"""Times the lattice of `even_layout` is turned before it is given up."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sites:
+    """Places where a marker may stand: on the scalp (S, 3), with the outward normals (S, 3), LPS mm.
+
+    ``inside_mm`` (3,) is a place about the middle of the head.
+    """
+
+    scalp_mm: FloatArray
+    normals: FloatArray
+    inside_mm: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.scalp_mm)
+
+    def centres_mm(self, height_mm: float) -> FloatArray:
+        """Return where the markers' centres would be (S, 3)."""
+        return self.scalp_mm + height_mm * self.normals
+
+    def chosen(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> Sites:
+        """Return some of the sites."""
+        return Sites(self.scalp_mm[keep], self.normals[keep], self.inside_mm)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlacementRules:
+    """What a layout must keep.
+
+    ``sigma_mm`` is the standard deviation per axis of a pair's difference (CT and tracker together). The tracker
+    stands in direction ``tracker`` (3,), LPS, seen from the head; a marker is visible when its normal leans away
+    from that by at most ``visible_deg``. None: seen from anywhere.
+    """
+
+    sigma_ct_mm: float = 0.56
+    sigma_ots_mm: float = 0.17
+    height_mm: float = HEIGHT_MM
+    least_apart_mm: float = 30.0
+    least_from_entries_mm: float = 25.0
+    tracker: tuple[float, float, float] | None = None
+    visible_deg: float = 80.0
+    lowest_mm: float | None = None
+
+    @property
+    def sigma_mm(self) -> float:
+        """Standard deviation per axis of a pair's difference."""
+        return float(np.hypot(self.sigma_ct_mm, self.sigma_ots_mm))
+
+
+def scalp_sites(head: Head, count: int = SITES) -> Sites:
+    """Return places spread over the scalp of ``head``, with normals; those on attached things are left out."""
+    centre = head.centre_mm
+    found = cast(head, centre, spread_directions(count), Field.of([], head))
+    return surface_sites(found.entries_mm[found.way == Way.OPEN], centre)
+
+
+def surface_sites(points_mm: ArrayLike, inside_mm: ArrayLike) -> Sites:
+    """Return the points (S, 3) of any surface of a head about ``inside_mm`` (3,) as sites."""
+    points, inside = as_points(points_mm, "surface points"), np.asarray(inside_mm, dtype=np.float64)
+    return Sites(points, surface_normals(points, inside), inside)
+
+
+def surface_normals(points_mm: FloatArray, inside_mm: FloatArray) -> FloatArray:
+    """Return outward unit normals (S, 3) of a surface given by points (S, 3) about ``inside_mm`` (3,)."""
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(points_mm)
+    normals = np.empty_like(points_mm)
+    for n, near in enumerate(np.asarray(tree.query_ball_point(points_mm, NEIGHBOURS_MM), dtype=object)):
+        outward = unit(points_mm[n] - inside_mm)
+        if len(near) < 4:
+            normals[n] = outward
+            continue
+        offsets = points_mm[near] - points_mm[near].mean(axis=0)
+        normal = np.linalg.svd(offsets, full_matrices=False)[2][2]
+        normals[n] = normal if normal @ outward > 0 else -normal
+    return normals
+
+
+def allowed_sites(sites: Sites, rules: PlacementRules, entries_mm: ArrayLike = ()) -> Sites:
+    """Return the sites that are far enough from the entries (E, 3), visible to the tracker, and high enough."""
+    keep = np.ones(len(sites), dtype=np.bool_)
+    for entry in as_points(entries_mm, "entries"):
+        keep &= np.linalg.norm(sites.scalp_mm - entry, axis=1) >= rules.least_from_entries_mm
+    if rules.tracker is not None:
+        keep &= sites.normals @ unit(rules.tracker) >= np.cos(np.radians(rules.visible_deg))
+    if rules.lowest_mm is not None:
+        keep &= sites.scalp_mm[:, 2] >= rules.lowest_mm
+    return sites.chosen(keep)
+
+
+def even_layout(sites: Sites, count: int, generator: np.random.Generator) -> NDArray[np.int64]:
+    """Return ``count`` sites spread evenly: a Fibonacci lattice, randomly turned, so dense that so many fit.
+
+    What a careful person does who does not think of the target; the measure for `place_markers`.
+    """
+    from scipy.spatial import cKDTree
+    from scipy.spatial.transform import Rotation
+
+    directions = sites.scalp_mm - sites.inside_mm
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    tree = cKDTree(directions)
+    near = 2.0 * float(np.median(np.asarray(tree.query(directions, k=2)[0])[:, 1]))
+    for _ in range(MOST_TURNS):
+        turn = Rotation.random(rng=generator).as_matrix()
+        for total in range(count, 60 * count):
+            distance, site = (np.asarray(found) for found in tree.query(spread_directions(total) @ turn.T))
+            if (distance < near).sum() == count:
+                return site[distance < near].astype(np.int64)
+    raise RefusedError(f"{count} markers cannot be spread over {len(sites)} places; allow more of the scalp")

@@ -1,0 +1,283 @@
+"""Where a ray crosses a surface of the head, and the surface's normal there, from the voxels about the crossing.
+
+A small patch z(a, b) of third order is fitted with the blurred step it causes in every voxel at that voxel's true
+place (nothing is interpolated): two levels, one on each side, joined by the integral of a Gaussian, averaged over
+the slice's thickness. The surface is the half level between the two local media; the noise is averaged over all
+voxels of the patch, some hundreds to thousands.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from ronnaplan.ct.volume import CTVolume
+from ronnaplan.geometry import FloatArray, unit
+from ronnaplan.localization.neighbourhood import gather
+
+PATCH_RADIUS_MM = 10.0
+"""The patch reaches this far to all sides; bone is smooth over two centimetres."""
+
+HALF_DEPTH_MM = 2.5
+"""Voxels within this of the surface are fitted; it holds the blur of any head protocol."""
+
+LEAST_HALF_DEPTH_MM = 1.0
+"""Never fewer than this, however thin the layer."""
+
+LEAST_VOXELS = 30
+"""A patch has thirteen parameters."""
+
+LEAST_CONTRAST_HU = 80.0
+"""A step smaller than this is no surface."""
+
+CURVATURE_PRIOR_PER_MM = 1 / 20
+"""Standard deviation of the curvature expected of scalp and skull: settles it where slices are too few to tell."""
+
+BLUR_PRIOR_MM = 0.6
+"""Typical blur (standard deviation) of a head CT; known within a factor of two."""
+
+NOISE_SHARE = 0.03
+"""Expected misfit of a voxel as a share of the step: sets how much the priors weigh (little)."""
+
+HEIGHTS, INNER, OUTER, BLUR = 10, 10, 11, 12
+"""How many parameters describe the height, and which of them are the levels and the blur."""
+
+EXPECTED = np.array([*(12 * [0.0]), np.log(BLUR_PRIOR_MM)])
+PRIOR = np.array(
+    [
+        *(3 * [0.0]),
+        *(3 * [CURVATURE_PRIOR_PER_MM**-2]),
+        *(4 * [CURVATURE_PRIOR_PER_MM**-4]),
+        *(2 * [1e-9]),
+        np.log(2.0) ** -2,
+    ]
+)
+"""Expected parameters of a patch and the inverse of their variance; heights, slopes and levels are free."""
+
+MOST_STEPS = 40
+ROOT, HALF = 1.0 / math.sqrt(2.0 * math.pi), 1.0 / math.sqrt(2.0)
+ROUNDS = 3
+"""Times the voxels are chosen anew about the fitted patch."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A crossing: ``position_mm`` (3,) in LPS, its ``reach_mm`` along the ray, and the outward unit ``normal``.
+
+    ``sd_mm`` is the standard error along the ray; ``clear`` is False where no patch could be fitted and the values
+    are those of the plain threshold.
+    """
+
+    position_mm: FloatArray
+    reach_mm: float
+    normal: FloatArray
+    sd_mm: float
+    clear: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class _Patch:
+    """Parameters (13,): ten of the height (see `height`), inner and outer level, log of the blur."""
+
+    origin_mm: FloatArray
+    axes: FloatArray
+    parameters: FloatArray
+    covariance: FloatArray
+
+    @property
+    def normal(self) -> FloatArray:
+        a, b, c = self.axes
+        normal: FloatArray = unit(c - self.parameters[1] * a - self.parameters[2] * b)
+        return normal
+
+
+def fit_crossing(
+    volume: CTVolume,
+    start_mm: FloatArray,
+    outward: FloatArray,
+    reach_mm: float,
+    *,
+    limits_hu: tuple[float, float],
+    half_depth_mm: float = HALF_DEPTH_MM,
+) -> Surface:
+    """Refine the crossing near ``reach_mm`` along the ray from ``start_mm`` (3,) along unit ``outward`` (3,).
+
+    ``limits_hu`` bound the values, so that a third medium nearby (air above thin skin over bone) does not count.
+    """
+    place = start_mm + reach_mm * outward
+    depth = max(min(half_depth_mm, HALF_DEPTH_MM), LEAST_HALF_DEPTH_MM)
+    patch = _fit(volume, place, outward, depth, limits_hu)
+    if patch is None:
+        return Surface(place, reach_mm, outward, depth, clear=False)
+    shift, normal = _meet(patch, place, outward)
+    obliquity = abs(float(patch.normal @ outward))
+    if abs(shift) > 2 * depth or obliquity < 0.1:
+        return Surface(place, reach_mm, patch.normal, depth, clear=False)
+    sd = float(np.sqrt(patch.covariance[0, 0])) / obliquity
+    return Surface(place + shift * outward, reach_mm + shift, normal, sd)
+
+
+def _fit(
+    volume: CTVolume, place: FloatArray, outward: FloatArray, depth: float, limits_hu: tuple[float, float]
+) -> _Patch | None:
+    gap = _gap(volume, place)
+    reach = float(np.hypot(max(PATCH_RADIUS_MM, 1.2 * gap), depth))
+    near = gather(volume, place, reach)
+    offsets = near.offsets_mm @ near.axes
+    values = np.clip(near.values_hu, *limits_hu)
+    if len(values) < LEAST_VOXELS:
+        return None
+    axes = _axes(_steepest(offsets, values, outward))
+    local = offsets @ axes.T
+    across = abs(float(axes[2] @ volume.grid.normal))
+    needed = max(depth, 0.8 * gap * across)
+    box = (volume.grid.thickness_mm or gap) * across
+    parameters, covariance = np.zeros(13), np.empty((13, 13))
+    before = np.zeros(len(local), dtype=np.bool_)
+    for _ in range(ROUNDS):
+        chosen = np.abs(local[:, 2] - heights(local, parameters)) <= needed
+        if chosen.sum() < LEAST_VOXELS:
+            return None
+        if (chosen == before).all():
+            break
+        before = chosen
+        fitted = _solve(local[chosen], values[chosen], parameters, box)
+        if fitted is None:
+            return None
+        parameters, covariance = fitted
+    # Between slices that leave a gap nothing was measured: a surface may lie anywhere in it.
+    unseen = max(gap * across - box - 2.0 * float(np.exp(parameters[BLUR])), 0.0)
+    covariance[0, 0] += unseen**2 / 12.0
+    return _Patch(place, axes, parameters, covariance)
+
+
+def _gap(volume: CTVolume, place: FloatArray) -> float:
+    """Distance between the slices about ``place``."""
+    positions = volume.grid.slice_positions_mm
+    k = int(np.clip(np.searchsorted(positions, place @ volume.grid.normal), 1, len(positions) - 1))
+    return float(positions[k] - positions[k - 1])
+
+
+def _steepest(offsets: FloatArray, values: FloatArray, outward: FloatArray) -> FloatArray:
+    """Direction of the mean gradient, turned to the side of ``outward``: the first guess of the normal."""
+    design = np.column_stack([np.ones(len(offsets)), offsets])
+    gradient = np.linalg.lstsq(design, values, rcond=None)[0][1:]
+    if not np.linalg.norm(gradient) > 0:
+        return outward
+    normal = unit(gradient.tolist())
+    return normal if normal @ outward >= 0 else -normal
+
+
+def _axes(normal: FloatArray) -> FloatArray:
+    """Rows a, b, c with c the normal (3, 3)."""
+    a = unit(np.cross(normal, np.eye(3)[np.abs(normal).argmin()]))
+    return np.stack([a, np.cross(normal, a), normal])
+
+
+def _solve(
+    local: FloatArray, values: FloatArray, start: FloatArray, box: float
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return the parameters (13,) and their covariance (13, 13), or None when there is no step.
+
+    Damped Gauss-Newton (Levenberg and Marquardt) on the squared misfit with the priors.
+    """
+    above = local[:, 2] > heights(local, start)
+    if above.all() or not above.any():
+        return None
+    inner, outer = np.median(values[~above]), np.median(values[above])
+    if abs(outer - inner) < LEAST_CONTRAST_HU:
+        return None
+    guess = np.array([*start[:HEIGHTS], inner, outer, start[BLUR] or EXPECTED[BLUR]])
+    variance = (NOISE_SHARE * float(outer - inner)) ** 2
+    damping, cost = 1e-3, np.inf
+    information, gradient, best = np.empty((13, 13)), np.empty(13), guess
+    for _ in range(MOST_STEPS):
+        square, normal, right = normal_equations(local, values, guess, box)
+        cost_now = square / variance + float((PRIOR * (guess - EXPECTED) ** 2).sum())
+        if cost_now < cost:
+            better, best, cost, damping = cost - cost_now, guess, cost_now, damping / 10
+            information = normal / variance + np.diag(PRIOR)
+            gradient = right / variance - PRIOR * (guess - EXPECTED)
+            if better < 1e-4 * cost:
+                break
+        else:
+            damping *= 10
+        guess = best + np.linalg.solve(information + damping * np.diag(np.diag(information)), gradient)
+    if not (np.isfinite(best).all() and abs(best[OUTER] - best[INNER]) >= LEAST_CONTRAST_HU):
+        return None
+    spread = max(cost / max(len(values) - 13, 1), 1e-6)
+    covariance = spread * np.asarray(np.linalg.inv(information), dtype=np.float64)
+    return best, covariance
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def height(h, a, b):  # type: ignore[no-untyped-def]
+    """Return the height z(a, b) of a patch with parameters ``h``, and its slopes."""
+    z = h[0] + a * (h[1] + a * (h[3] / 2 + a * h[6] / 6 + b * h[7] / 2))
+    z += b * (h[2] + a * h[4] + b * (h[5] / 2 + a * h[8] / 2 + b * h[9] / 6))
+    by_a = h[1] + a * h[3] + b * h[4] + a * a * h[6] / 2 + a * b * h[7] + b * b * h[8] / 2
+    by_b = h[2] + a * h[4] + b * h[5] + a * a * h[7] / 2 + a * b * h[8] + b * b * h[9] / 2
+    return z, by_a, by_b
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def heights(local, h):  # type: ignore[no-untyped-def]
+    """Return the heights (N,) of the patch below or above the places ``local`` (N, 3)."""
+    result = np.empty(len(local))
+    for n in range(len(local)):
+        result[n] = height(h, local[n, 0], local[n, 1])[0]
+    return result
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def normal_equations(local, values, h, box):  # type: ignore[no-untyped-def]
+    """Return the squared misfit of ``values`` (N,), and the normal equations' matrix (13, 13) and right side."""
+    matrix, right, square = np.zeros((13, 13)), np.zeros(13), 0.0
+    slope = np.empty(13)
+    inner, outer, blur = h[INNER], h[OUTER], math.exp(min(max(h[BLUR], -3.0), 1.5))
+    width = max(box, 0.1 * blur)
+    for n in range(len(local)):
+        a, b = local[n, 0], local[n, 1]
+        z, by_a, by_b = height(h, a, b)
+        shrink = 1.0 / math.sqrt(1.0 + by_a * by_a + by_b * by_b)
+        distance = (local[n, 2] - z) * shrink
+        high, low = (distance + width / 2) / blur, (distance - width / 2) / blur
+        bell_high, bell_low = math.exp(-high * high / 2) * ROOT, math.exp(-low * low / 2) * ROOT
+        area_high, area_low = 0.5 * math.erfc(-high * HALF), 0.5 * math.erfc(-low * HALF)
+        share = blur / width * (high * area_high + bell_high - low * area_low - bell_low)
+        rate = -(outer - inner) * (area_high - area_low) / width * shrink
+        slope[0], slope[1], slope[2] = rate, rate * a, rate * b
+        slope[3], slope[4], slope[5] = rate * a * a / 2, rate * a * b, rate * b * b / 2
+        slope[6], slope[7] = rate * a * a * a / 6, rate * a * a * b / 2
+        slope[8], slope[9] = rate * a * b * b / 2, rate * b * b * b / 6
+        slope[10], slope[11] = 1.0 - share, share
+        slope[12] = (outer - inner) * (bell_high - bell_low) / width * blur
+        misfit = values[n] - inner - (outer - inner) * share
+        square += misfit * misfit
+        for p in range(13):
+            right[p] += slope[p] * misfit
+            for q in range(p + 1):
+                matrix[p, q] += slope[p] * slope[q]
+    for p in range(13):
+        for q in range(p):
+            matrix[q, p] = matrix[p, q]
+    return square, matrix, right
+
+
+def _meet(patch: _Patch, place: FloatArray, outward: FloatArray) -> tuple[float, FloatArray]:
+    """Return where the ray through ``place`` crosses the patch (mm from ``place``), and the normal (3,) there."""
+    direction = patch.axes @ outward
+    reach = by_a = by_b = 0.0
+    for _ in range(20):
+        a, b, c = reach * direction
+        z, by_a, by_b = height(patch.parameters, a, b)
+        rate = direction[2] - by_a * direction[0] - by_b * direction[1]
+        change = (z - c) / rate if abs(rate) > 1e-6 else 0.0
+        reach += change
+        if abs(change) < 1e-6:
+            break
+    normal = unit(patch.axes[2] - by_a * patch.axes[0] - by_b * patch.axes[1])
+    return reach, normal

@@ -1,0 +1,126 @@
+"""Plans, measures and verdicts as tables for a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.planning.limits import Verdict
+from ronnaplan.planning.measures import Measures
+from ronnaplan.planning.placement import Placement
+from ronnaplan.planning.plan import Plan
+from ronnaplan.planning.proposals import Proposals
+
+
+def plan_list(plan: Plan) -> str:
+    """Return one row a trajectory: ends in LPS mm, length, instrument, lock."""
+    rows = [
+        [
+            one.name,
+            _place(one.entry_mm),
+            _place(one.target_mm),
+            f"{one.length_mm:.1f}",
+            f"{one.instrument.name} ({one.instrument.diameter_mm:g} x {one.instrument.length_mm:g})",
+            "locked" if one.locked else "",
+            one.notes,
+        ]
+        for one in plan.trajectories
+    ]
+    header = ["name", "entry LPS mm", "target LPS mm", "length mm", "instrument mm", "", "notes"]
+    return _table(header, rows)
+
+
+def history_list(plan: Plan) -> str:
+    """Return one row a change."""
+    rows = []
+    for change in plan.history:
+        name = getattr(change.after or change.before, "name", "AC-PC")
+        rows.append([change.time.strftime("%Y-%m-%d %H:%M:%S"), change.action, name])
+    return _table(["time (UTC)", "change", "of"], rows)
+
+
+def measures_table(measured: Sequence[Measures]) -> str:
+    """Return what was measured, one row a trajectory."""
+    header = ["name", "length", "below scalp", "below skull", "skull", "angle", "arc", "ring", "sagittal"]
+    header += ["coronal", "nearest", "TRE entry", "TRE target", "tilt", "chance"]
+    units = ["", "mm", "mm", "mm", "mm", "deg", "deg", "deg", "deg", "deg", "mm", "mm", "mm", "deg", ""]
+    return _table(header, [units, *([*_values(one)] for one in measured)])
+
+
+def _values(one: Measures) -> list[str]:
+    nearest = min((clearance.clearance_mm for clearance in one.clearances), default=None)
+    acpc, error = one.acpc, one.error
+    return [
+        one.trajectory.name,
+        _number(one.length_mm),
+        _number(one.depth_below_scalp_mm),
+        _number(one.depth_below_skull_mm),
+        _number(one.skull_thickness_mm),
+        _number(one.skull_angle_deg),
+        _number(one.arc.arc_deg),
+        _number(one.arc.ring_deg),
+        _number(acpc.sagittal_deg if acpc else None),
+        _number(acpc.coronal_deg if acpc else None),
+        _number(nearest),
+        _number(error.entry_rms_mm if error else None, 2),
+        _number(error.target_rms_mm if error else None, 2),
+        _number(error.angular_rms_deg if error else None, 2),
+        _number(error.probability if error else None, 3),
+    ]
+
+
+def verdict_table(verdicts: Iterable[Verdict]) -> str:
+    """Return one row a verdict, with its value, limit and whether it passes."""
+    rows = [
+        [
+            one.trajectory,
+            one.measure,
+            _number(one.value, 2),
+            _number(one.limit, 2),
+            one.unit,
+            "pass" if one.passes else "FAIL",
+            one.remark,
+        ]
+        for one in verdicts
+    ]
+    return _table(["trajectory", "measure", "value", "limit", "", "", ""], rows)
+
+
+def proposals_table(found: Proposals) -> str:
+    """Return the proposed entries with score and reasons, and what kept the other ways out."""
+    rows = [
+        [one.trajectory.name, f"{one.score:.3f}", _place(one.trajectory.entry_mm), "; ".join(one.reasons)]
+        for one in found.best
+    ]
+    table = _table(["name", "score", "entry LPS mm", "reasons"], rows)
+    excluded = ", ".join(f"{number} {reason}" for reason, number in found.excluded.items()) or "none"
+    return f"{table}\n{len(found.scores)} ways tried; excluded: {excluded}"
+
+
+def placement_table(placed: Placement, targets: Sequence[str]) -> str:
+    """Return the proposed markers, and the error to expect at each target."""
+    rows = [
+        [f"M{n + 1}", _place(scalp), _place(centre)]
+        for n, (scalp, centre) in enumerate(zip(placed.scalp_mm, placed.centres_mm, strict=True))
+    ]
+    markers = _table(["marker", "on the scalp LPS mm", "centre LPS mm"], rows)
+    errors = [[name, f"{error:.3f}"] for name, error in zip(targets, placed.tre_rms_mm, strict=True)]
+    return f"{markers}\n\n{_table(['target', 'expected TRE mm'], errors)}"
+
+
+def _place(place_mm: FloatArray) -> str:
+    return " ".join(f"{value:.2f}" for value in place_mm)
+
+
+def _number(value: float | None, digits: int = 1) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    widths = [max(len(str(row[n])) for row in [header, *rows]) for n in range(len(header))]
+    lines = [
+        "  ".join(str(cell).ljust(width) for cell, width in zip(row, widths, strict=True))
+        for row in [header, *rows]
+    ]
+    return "\n".join(line.rstrip() for line in lines)

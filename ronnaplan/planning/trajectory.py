@@ -1,0 +1,108 @@
+"""A planned straight path and the instrument that follows it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray, Frame, as_points
+
+SHORTEST_PATH_MM = 1.0
+"""Entry and target nearer than this are the same point, or a slip."""
+
+COLOUR = re.compile(r"#[0-9a-f]{6}")
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """What goes along a path: outer diameter and usable length, in mm."""
+
+    name: str
+    diameter_mm: float
+    length_mm: float
+
+    def __post_init__(self) -> None:
+        for what, value in (("diameter", self.diameter_mm), ("length", self.length_mm)):
+            if not (np.isfinite(value) and value > 0):
+                raise InputError(f"instrument {self.name} has a {what} of {value} mm; expected a positive length")
+
+    @property
+    def radius_mm(self) -> float:
+        """Half the diameter."""
+        return self.diameter_mm / 2
+
+
+INSTRUMENTS = {
+    instrument.name: instrument
+    for instrument in (
+        Instrument("pointer", 1.0, 200.0),
+        Instrument("biopsy needle", 1.8, 250.0),
+        Instrument("SEEG electrode", 0.8, 150.0),
+        Instrument("DBS lead", 1.27, 280.0),
+        Instrument("guide cannula", 2.1, 220.0),
+        Instrument("twist drill", 2.4, 180.0),
+        Instrument("endoscope", 6.0, 180.0),
+    )
+}
+"""Typical sizes, by name. Any other instrument is stated with its diameter and length."""
+
+
+def instrument_named(name: str) -> Instrument:
+    """Return the catalogue's instrument; raises `InputError` with the known names."""
+    try:
+        return INSTRUMENTS[name]
+    except KeyError:
+        raise InputError(
+            f"unknown instrument {name!r}; expected one of {', '.join(INSTRUMENTS)}, or state diameter and length"
+        ) from None
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A straight path from ``entry_mm`` (3,), at the scalp, to ``target_mm`` (3,), LPS mm in ``frame``.
+
+    Raises `InputError` for points that are not finite or nearer than `SHORTEST_PATH_MM`, an empty name, or a
+    colour that is not ``#rrggbb``.
+    """
+
+    name: str
+    entry_mm: FloatArray
+    target_mm: FloatArray
+    frame: Frame = field(default_factory=lambda: Frame("CT"))
+    instrument: Instrument = INSTRUMENTS["pointer"]
+    colour: str = "#e8a33d"
+    locked: bool = False
+    notes: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.name.strip():
+            raise InputError("a trajectory has no name; give it one")
+        ends = as_points([self.entry_mm, self.target_mm], f"entry and target of {self.name}")
+        ends.setflags(write=False)
+        object.__setattr__(self, "entry_mm", ends[0])
+        object.__setattr__(self, "target_mm", ends[1])
+        if self.length_mm < SHORTEST_PATH_MM:
+            raise InputError(
+                f"entry and target of {self.name} are {self.length_mm:.2f} mm apart; expected two different points"
+            )
+        if not COLOUR.fullmatch(self.colour):
+            raise InputError(f"colour {self.colour!r} of {self.name} is not of the form #rrggbb (lower case)")
+
+    @property
+    def length_mm(self) -> float:
+        """Distance from entry to target."""
+        return float(np.linalg.norm(self.target_mm - self.entry_mm))
+
+    @property
+    def inward(self) -> FloatArray:
+        """Unit vector (3,) from entry to target."""
+        direction: FloatArray = (self.target_mm - self.entry_mm) / self.length_mm
+        return direction
+
+    def at_depth(self, depths_mm: FloatArray) -> FloatArray:
+        """Return the points (..., 3) at ``depths_mm`` (...) from the entry towards the target."""
+        places: FloatArray = self.entry_mm + np.asarray(depths_mm)[..., np.newaxis] * self.inward
+        return places
