@@ -32,6 +32,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the chosen study."""
+    from ronnaplan.errors import UsageError
+
+    if arguments.workers is not None and arguments.workers < 1:
+        raise UsageError(f"--workers is {arguments.workers}; expected at least 1")
     return STUDIES[arguments.study].run(arguments)
 
 

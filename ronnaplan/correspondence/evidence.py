@@ -1,20 +1,25 @@
 """How probable a pairing is: the evidence of its pairs against chance, in numba kernels.
 
 Model.  A hypothesis pairs k CT points with k OTS points.  Paired points are two readings of one marker with
-normal errors; the markers lie about an unknown centre with a standard deviation of ``spread`` per axis (a head);
-every other point is uniform in a field of volume V.  The rigid transform is uniform over the proper rotations
-(volume 8 pi^2) and over the field.  Integrated over the markers' true places and over the transform (Laplace's
-approximation about the maximum-likelihood fit), the evidence relative to "nothing pairs" is
+normal errors; every other point is uniform in a field of volume V, which is what the two sets themselves fill
+unless it is stated.  The rigid transform is uniform over the proper rotations (volume 8 pi^2) and over the field.
+Integrated over the markers' true places and over the transform (Laplace's approximation about the
+maximum-likelihood fit), the evidence relative to "nothing pairs" is
 
-    log E = 2 (k-1) ln V - 3/2 (k-1) ln(2 pi spread^2) - 3/2 ln k - ln 8 pi^2 + (3 - 3k/2) ln 2 pi
-            - S / (2 spread^2) - 3/2 sum ln c - 3/2 ln W - 1/2 ln det J + ln misfit(chi^2)
+    log E = (k-1) ln V - ln 8 pi^2 + (3 - 3k/2) ln 2 pi
+            - 3/2 sum ln c - 3/2 ln W - 1/2 ln det J + ln misfit(chi^2) + 3/2 (k-1) - S / (2 spread^2)
 
-with S the scatter of the paired CT points about their centroid, c the variance per axis of a pair's difference,
-W = sum 1/c, and J the information on the rotation.  ``misfit`` is exp(-chi^2/2), mixed with a little of the same
-for errors half and twice as large as stated, so that a wrong statement degrades the answer slowly.
+with c the variance per axis of a pair's difference, W = sum 1/c, J the information on the rotation, and S the
+scatter of the paired CT points about their centroid: among pairings of one size, those whose markers lie
+together as on a head (normal about a centre, ``spread`` per axis) are more probable beforehand.  ``misfit`` is
+exp(-chi^2/2), mixed with a little of the same for errors half and twice as large as stated, so that a wrong
+statement degrades the answer slowly.
 
-The expected E of a false pairing is 1.  So the pairings that a search leaves out because of their chi^2 weigh,
-as an expectation, their prior times the chi^2 tail beyond the gate: the remainder in `size_priors`.
+The expected E of a false pairing is 1 at most.  So the pairings that a search leaves out because of their chi^2
+weigh, as an expectation, at most their prior times the chi^2 tail beyond the gate: the remainder in `size_priors`.
+
+Numba's cache does not see a change in what another module's kernel calls: after editing a kernel or a constant
+here, delete this folder's ``__pycache__``.
 """
 
 from __future__ import annotations
@@ -57,37 +62,29 @@ def log_pairings(ct_count: int, ots_count: int, size: int, known: int = 0) -> fl
     )
 
 
-def size_constant(size: int, volume_mm3: float, spread_mm: float) -> float:
-    """Return the terms of log E that depend on the number of pairs only."""
-    return (
-        (size - 1) * (2.0 * math.log(volume_mm3) - 1.5 * math.log(2.0 * math.pi * spread_mm**2))
-        - 1.5 * math.log(size)
-        - math.log(8.0 * math.pi**2)
-        + (3.0 - 1.5 * size) * math.log(2.0 * math.pi)
-    )
+def size_constant(size: int) -> float:
+    """Return the terms of log E that depend on the number of pairs only, but for (k-1) ln V."""
+    return 1.5 * (size - 1) - math.log(8.0 * math.pi**2) + (3.0 - 1.5 * size) * math.log(2.0 * math.pi)
 
 
-def size_priors(
-    counts: tuple[int, int], expected: int | None, volume_mm3: float, spread_mm: float, known: int = 0
-) -> tuple[FloatArray, float]:
-    """Return the log prior and constant of each number of pairs, and the log weight of the background.
+def size_priors(counts: tuple[int, int], expected: int | None, known: int = 0) -> tuple[FloatArray, float]:
+    """Return the log prior and `size_constant` of each number of pairs, and the log weight of the background.
 
     ``counts``: number of CT and of OTS points.  The first result is indexed by the number of pairs, -inf where a
     pairing of that size is impossible.  The background is "nothing pairs" and the pairings outside the gate.
-    Every number of pairs is equally probable unless one is ``expected``, and so is every pairing of one size.
+    Unless a number of pairs is ``expected``, that nothing pairs (another patient) is as probable as that anything
+    does, and every number is equally probable.  Every pairing of one size is, always.
     """
     most = min(counts)
     sizes = range(max(LEAST_PAIRS, known), most + 1)
-    prior = dict.fromkeys([0, *sizes], 1.0 / (len(sizes) + 1))
+    prior = {0: 0.5} | dict.fromkeys(sizes, 0.5 / max(len(sizes), 1))
     if expected is not None:
         prior = dict.fromkeys(prior, UNEXPECTED_PRIOR / len(sizes))
         prior[expected] = 1.0 - UNEXPECTED_PRIOR
     constants = np.full(most + 1, -np.inf)
     background = prior[0]
     for size in sizes:
-        constants[size] = (
-            math.log(prior[size]) - log_pairings(*counts, size, known) + size_constant(size, volume_mm3, spread_mm)
-        )
+        constants[size] = math.log(prior[size]) - log_pairings(*counts, size, known) + size_constant(size)
         background += prior[size] * tail_beyond_gate(size)
     return constants, math.log(background)
 
@@ -99,6 +96,18 @@ def tail_beyond_gate(size: int) -> float:
     half_freedom = 1.5 * size - 3.0
     as_stated, twice = gammaincc(half_freedom, GATE_CHI2 / 2.0), gammaincc(half_freedom, GATE_CHI2 / 8.0)
     return float((1.0 - MISSTATED_PRIOR) * as_stated + MISSTATED_PRIOR * twice)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def filled_volume(ct, ots):  # type: ignore[no-untyped-def]
+    """Return the volume of a uniformly filled ball with the spread of the points, the two sets' geometric mean."""
+    log_volume = 0.0
+    for points in (ct, ots):
+        square = 0.0
+        for c in range(3):
+            square += points[:, c].var() * len(points) / (len(points) - 1.0)
+        log_volume += 0.5 * math.log(4.0 / 3.0 * math.pi * (5.0 / 3.0 * square) ** 1.5)
+    return math.exp(log_volume)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -13,15 +13,15 @@ import math
 import numpy as np
 from numba import njit
 
-from ronnaplan.correspondence.evidence import GATE_CHI2, LEAST_PAIRS, fit, is_collinear, log_misfit
+from ronnaplan.correspondence.evidence import GATE_CHI2, LEAST_PAIRS, filled_volume, fit, is_collinear, log_misfit
 
 LISTED_NATS = 18.0
 """Pairings further than this below the best in log evidence (1 in 6e7) are neither listed nor summed."""
 
 MOST_LISTED = 2048
-"""More pairings than this near the best: the search gives up (the layout is far from unique)."""
+"""More pairings than this near the best are not listed (the layout is far from unique)."""
 
-MOST_VISITED = 3_000_000
+MOST_VISITED = 1_000_000
 """More cliques than this: the search gives up."""
 
 
@@ -38,12 +38,10 @@ def distances(points):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def consistent_nodes(ct, ots, weight):  # type: ignore[no-untyped-def]
-    """Return the edges of the consistency graph, (E, 2) nodes i * len(ots) + j."""
-    n, m = len(ct), len(ots)
-    dx, dy, gate = distances(ct), distances(ots), GATE_CHI2 / weight
+def list_edges(dx, dy, gate, edges):  # type: ignore[no-untyped-def]
+    """Enter the graph's edges, nodes i * m + j, as far as ``edges`` (E, 2) holds; return their number."""
+    n, m = len(dx), len(dy)
     widest = math.sqrt(2.0 * gate.max())
-    edges = np.empty((n * (n - 1) * m * (m - 1) // 2, 2), np.int32)
     count = 0
     for a in range(n):
         for b in range(a + 1, n):
@@ -53,16 +51,29 @@ def consistent_nodes(ct, ots, weight):  # type: ignore[no-untyped-def]
                 for d in range(m):
                     near = low <= row[d] <= high and c != d
                     if near and (dx[a, b] - row[d]) ** 2 <= gate[a, c] + gate[b, d]:
-                        edges[count, 0], edges[count, 1] = a * m + c, b * m + d
+                        if count < len(edges):
+                            edges[count, 0], edges[count, 1] = a * m + c, b * m + d
                         count += 1
-    return edges[:count]
+    return count
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def consistency_graph(ct, ots, weight):  # type: ignore[no-untyped-def]
     """Return i and j of each node, the best connected first, and the adjacency as rows of bits."""
     n, m = len(ct), len(ots)
-    edges = consistent_nodes(ct, ots, weight)
+    dx, dy, gate = distances(ct), distances(ots), GATE_CHI2 / weight
+    edges = np.empty((16 * n * m, 2), np.int32)
+    count = list_edges(dx, dy, gate, edges)
+    if count > len(edges):
+        more = np.empty((count, 2), np.int32)
+        list_edges(dx, dy, gate, more)
+        return graph_of_edges(more, n, m)
+    return graph_of_edges(edges[:count], n, m)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def graph_of_edges(edges, n, m):  # type: ignore[no-untyped-def]
+    """Return what `consistency_graph` does, from its edges (E, 2)."""
     degree, rank = np.zeros(n * m, np.int64), np.empty(n * m, np.int64)
     for e in range(len(edges)):
         degree[edges[e, 0]] += 1
@@ -129,14 +140,22 @@ def keep_listed(log_evidence, partners, floor):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def enter(log_evidence, partners, found, here, floor, i, j, size):  # type: ignore[no-untyped-def]
-    """Add a pairing above ``floor`` to the list; return the new length, -1 when the list is full."""
-    if here < floor:
+def enter(log_evidence, partners, found, here, floor, lost, i, j, size):  # type: ignore[no-untyped-def]
+    """Add a pairing above ``floor`` to the list; return the new length.
+
+    A full list gives up its lower half; ``lost[0]`` remembers the highest log evidence given up.
+    """
+    if here < floor or here <= lost[0]:
         return found
     if found == MOST_LISTED:
-        found = keep_listed(log_evidence, partners, floor)
-        if found == MOST_LISTED:
-            return -1
+        middle = max(floor, np.median(log_evidence))
+        for value in log_evidence:
+            if floor <= value < middle:
+                lost[0] = max(lost[0], value)
+        found = keep_listed(log_evidence, partners, middle)
+    if found == MOST_LISTED:
+        lost[0] = max(lost[0], here)
+        return found
     log_evidence[found], partners[found] = here, -1
     for a in range(size):
         partners[found, i[a]] = j[a]
@@ -173,13 +192,13 @@ def weigh(points, weight, node_value, constants, i, j, size, reach, spread):  # 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def search(ct, ots, weight, node_value, constants, known, spread, nats):  # type: ignore[no-untyped-def]
+def search(ct, ots, weight, node_value, constants, known, spread, nats, best):  # type: ignore[no-untyped-def]
     """List every pairing within ``nats`` of the most probable one.
 
     ``weight`` and ``node_value`` (n, m): 1/variance of a pair, and the pair's own share -3/2 ln c of the log
-    evidence; ``constants``: see `size_priors`; ``known`` (K, 2): pairs that every pairing must hold. Returns the
-    log evidences (L,), the partner of each CT point in each pairing (L, n), -1 for none, and whether the list is
-    complete.
+    evidence; ``constants``: see `size_priors`; ``known`` (K, 2): pairs that every pairing must hold; ``best``: a
+    log evidence to start from.  Returns the log evidences (L,), the partner of each CT point in each pairing
+    (L, n), -1 for none, and whether the list is complete.
     """
     n, most, given = len(ct), min(len(ct), len(ots)), len(known)
     node_i, node_j, adjacent = consistency_graph(ct, ots, weight)
@@ -188,10 +207,12 @@ def search(ct, ots, weight, node_value, constants, known, spread, nats):  # type
     candidates[given] = start_from_known(known, node_i, node_j, adjacent, i, j)
     log_evidence, partners = np.empty(MOST_LISTED), np.empty((MOST_LISTED, n), np.int16)
     seen = np.zeros(n, np.bool_)
-    found, visited, best = 0, 0, -np.inf
+    found, visited, lost = 0, 0, np.full(1, -np.inf)
+    least = np.argmax(np.isfinite(constants))
     if given >= LEAST_PAIRS:
-        best = weigh((ct, ots), weight, node_value, constants, i, j, given, given, spread)[0]
-        found = enter(log_evidence, partners, 0, best, best - nats, i, j, given)
+        here = weigh((ct, ots), weight, node_value, constants, i, j, given, given, spread)[0]
+        best = max(best, here)
+        found = enter(log_evidence, partners, 0, here, best - nats, lost, i, j, given)
     depth = given
     while depth >= given:
         node = pop_first(candidates[depth])
@@ -202,7 +223,7 @@ def search(ct, ots, weight, node_value, constants, known, spread, nats):  # type
         size = depth + 1
         candidates[size] = candidates[depth] & adjacent[node]
         reach = min(size + count_rows(candidates[size], node_i, seen), most)
-        if reach < LEAST_PAIRS:
+        if reach < least:
             continue
         if size >= LEAST_PAIRS:
             visited += 1
@@ -210,13 +231,13 @@ def search(ct, ots, weight, node_value, constants, known, spread, nats):  # type
             best = max(best, here)
             if bound < best - nats:
                 continue
-            found = enter(log_evidence, partners, found, here, best - nats, i, j, size)
-            if found < 0 or visited > MOST_VISITED:
-                listed = MOST_LISTED if found < 0 else found
-                return log_evidence[:listed], partners[:listed], False
+            found = enter(log_evidence, partners, found, here, best - nats, lost, i, j, size)
+            if visited > MOST_VISITED:
+                break
         depth = size
     found = keep_listed(log_evidence[:found], partners[:found], best - nats)
-    return log_evidence[:found], partners[:found], True
+    complete = visited <= MOST_VISITED and lost[0] < best - nats
+    return log_evidence[:found], partners[:found], complete
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -232,23 +253,45 @@ def best_of(log_evidence, background):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def match_many(ct, ots, variance, constants, background, spread):  # type: ignore[no-untyped-def]
+def mirror_is_better(ct, ots, weight, node_value, constants, known, spread, size, log_evidence):  # type: ignore[no-untyped-def]
+    """Tell whether the mirror image of the CT points pairs more than ``size`` points, and with more evidence.
+
+    Then one of the sets is left-handed, and what fits without a reflection is only a flat part of it.
+    """
+    if size >= min(len(ct), len(ots)):
+        return False
+    mirrored, larger = ct.copy(), constants.copy()
+    mirrored[:, 0] = -mirrored[:, 0]
+    larger[: size + 1] = -np.inf
+    found = search(mirrored, ots, weight, node_value, larger, known, spread, 1.0, log_evidence)[0]
+    return len(found) > 0 and found.max() > log_evidence
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def match_many(ct, ots, variance, size_constants, background, spread):  # type: ignore[no-untyped-def]
     """Match T sets (T, n, 3), (T, m, 3) of one variance: partners (T, n) and probability (T,) of the best.
 
-    A probability of 0 marks a search that gave up and a pairing on a line: both are refused, as `match_points`
-    does.
+    A probability of 0 marks what `match_points` refuses too: a search that gave up, points on a line, and a set
+    whose mirror image fits better.
     """
     tests, n, m = len(ct), ct.shape[1], ots.shape[1]
     weight, node_value = np.full((n, m), 1.0 / variance), np.full((n, m), -1.5 * math.log(variance))
     known = np.zeros((0, 2), np.int64)
     partners, probability = np.full((tests, n), -1, np.int16), np.zeros(tests)
+    sizes = np.arange(len(size_constants)) - 1.0
     for t in range(tests):
+        constants = size_constants + sizes * math.log(filled_volume(ct[t], ots[t]))
         log_evidence, listed, complete = search(
-            ct[t], ots[t], weight, node_value, constants, known, spread, LISTED_NATS
+            ct[t], ots[t], weight, node_value, constants, known, spread, LISTED_NATS, -np.inf
         )
         best, p = best_of(log_evidence, background)
-        if best >= 0:
-            partners[t] = listed[best]
-        if complete and best >= 0 and not is_collinear(ct[t][listed[best] >= 0], math.sqrt(variance)):
+        if best < 0:
+            continue
+        partners[t] = listed[best]
+        paired, top = listed[best] >= 0, log_evidence[best]
+        if not complete or is_collinear(ct[t][paired], math.sqrt(variance)):
+            continue
+        size = paired.sum()
+        if not mirror_is_better(ct[t], ots[t], weight, node_value, constants, known, spread, size, top):
             probability[t] = p
     return partners, probability

@@ -30,7 +30,7 @@ class ErrorModel:
 
 def checked_points(values: ArrayLike, name: str) -> FloatArray:
     """Return points (N, 3) in mm; raises `InputError` for fewer than three or for a spread that cannot be mm."""
-    points = as_points(values, name)
+    points = np.ascontiguousarray(as_points(values, name))
     if len(points) < LEAST_POINTS:
         raise InputError(f"{name} are {len(points)}; a rigid registration needs at least {LEAST_POINTS}")
     extent = float(np.linalg.norm(np.ptp(points, axis=0)))

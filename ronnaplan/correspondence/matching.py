@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.correspondence.anisotropic import anisotropic_log_evidence
-from ronnaplan.correspondence.evidence import is_collinear, size_priors
-from ronnaplan.correspondence.exact import LISTED_NATS, search
+from ronnaplan.correspondence.evidence import filled_volume, is_collinear, size_priors
+from ronnaplan.correspondence.exact import LISTED_NATS, mirror_is_better, search
 from ronnaplan.correspondence.inputs import (
     ErrorModel,
     checked_errors,
@@ -29,8 +29,10 @@ LEAST_PROBABILITY = 0.99
 Most accepted pairings are far more probable: over the paper's protocol fewer than 1 in 10,000 accepted answers are
 wrong, in the worst cell too (three markers, four outliers); see docs/correspondence.md."""
 
-MOST_EXACT_NODES = 1024
-"""Above this many possible pairs (32 x 32) the seeded search for large sets takes over."""
+MOST_EXACT_POINTS = 32
+FEW_POINTS = 12
+MOST_EXACT_NODES = 6_000
+"""Two sets of up to 32 points, or up to 12 against more, are searched exactly; larger ones by seeds."""
 
 MOST_RIVALS = 10
 """Rivals listed in an answer."""
@@ -57,10 +59,11 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """Pairings by falling log evidence (L,), as OTS partner of each CT point (L, n); the background's weight."""
+    """Pairings by falling log evidence (L,), as OTS partner of each CT point (L, n), and what weighed them."""
 
     log_evidence: FloatArray
     partners: IntArray
+    constants: FloatArray
     background: float
     complete: bool
 
@@ -87,7 +90,7 @@ def match_points(
     covariances_ots_mm2: ArrayLike | None = None,
     known_pairs: Iterable[tuple[int, int]] = (),
     least_probability: float = LEAST_PROBABILITY,
-    field_radius_mm: float = 300.0,
+    field_radius_mm: float | None = None,
     spread_mm: float = 60.0,
 ) -> Pairing:
     """Pair CT points with tracker points, unordered, with outliers in both sets; be right or refuse.
@@ -108,7 +111,7 @@ def match_points(
         The posterior at which a pairing is accepted, see `LEAST_PROBABILITY`; 0.9999 for a guarantee on each
         answer.
     field_radius_mm
-        Outliers are taken to be uniform in a ball of this radius (their density); wider sets widen it.
+        Outliers are uniform in a ball of this radius (their density); None: in one as wide as the sets themselves.
     spread_mm
         Standard deviation per axis of the markers about their centre: 60 mm for a head.
 
@@ -121,7 +124,7 @@ def match_points(
     """
     ct, ots = checked_points(ct_points, "CT points"), checked_points(ots_points, "OTS points")
     counts = (len(ct), len(ots))
-    if not (0.5 < least_probability < 1 and field_radius_mm > 0 and spread_mm > 0):
+    if not (0.5 < least_probability < 1 and (field_radius_mm is None or field_radius_mm > 0) and spread_mm > 0):
         raise InputError(
             f"least_probability {least_probability}, field_radius_mm {field_radius_mm}, spread_mm {spread_mm}: "
             "expected a probability between 0.5 and 1 and positive lengths"
@@ -133,39 +136,44 @@ def match_points(
         checked_errors(sigma_ots_mm, covariances_ots_mm2, len(ots), "OTS points"),
         checked_expected(expected, counts),
         checked_known(known_pairs, counts),
-        field_volume_mm3(ct, ots, field_radius_mm),
+        filled_volume(ct, ots) if field_radius_mm is None else 4.0 / 3.0 * math.pi * field_radius_mm**3,
         spread_mm,
     )
-    if len(ct) * len(ots) > MOST_EXACT_NODES:
-        raise InputError(f"{len(ct)} CT and {len(ots)} OTS points are more than {MOST_EXACT_NODES} possible pairs")
+    if is_large(counts):
+        from ronnaplan.correspondence.large import match_large
+
+        return match_large(problem, least_probability)
     return decide(problem, weigh_all(problem), least_probability)
 
 
-def field_volume_mm3(ct: FloatArray, ots: FloatArray, radius_mm: float) -> float:
-    """Return the volume of the ball that outliers fill, widened to hold both sets."""
-    for points in (ct, ots):
-        radius_mm = max(radius_mm, 0.5 * float(np.linalg.norm(np.ptp(points, axis=0))))
-    return 4.0 / 3.0 * math.pi * radius_mm**3
+def is_large(counts: tuple[int, int]) -> bool:
+    """Tell whether sets of these sizes are too large for the exact search."""
+    if max(counts) <= MOST_EXACT_POINTS:
+        return False
+    return min(counts) > FEW_POINTS or counts[0] * counts[1] > MOST_EXACT_NODES
 
 
 def weigh_all(problem: Problem) -> Weighed:
     """Enumerate and weigh every pairing of a small problem."""
-    constants, background = size_priors(
-        (len(problem.ct), len(problem.ots)),
-        problem.expected,
-        problem.volume_mm3,
-        problem.spread_mm,
-        len(problem.known),
-    )
+    constants, background = size_priors((len(problem.ct), len(problem.ots)), problem.expected, len(problem.known))
+    constants = constants + (np.arange(len(constants)) - 1.0) * math.log(problem.volume_mm3)
     weight, node_value = pair_weights(problem)
     log_evidence, partners, complete = search(
-        problem.ct, problem.ots, weight, node_value, constants, problem.known, problem.spread_mm, LISTED_NATS
+        problem.ct,
+        problem.ots,
+        weight,
+        node_value,
+        constants,
+        problem.known,
+        problem.spread_mm,
+        LISTED_NATS,
+        -math.inf,
     )
     partners = partners.astype(np.int64)
     if problem.ct_errors.covariances is not None or problem.ots_errors.covariances is not None:
         log_evidence = anisotropic_log_evidence(problem, partners, constants)
     order = np.argsort(-log_evidence, kind="stable")
-    return Weighed(log_evidence[order], partners[order], background, bool(complete))
+    return Weighed(log_evidence[order], partners[order], constants, background, bool(complete))
 
 
 def pair_weights(problem: Problem) -> tuple[FloatArray, FloatArray]:
@@ -198,10 +206,15 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
         for a in range(min(len(posterior), MOST_RIVALS + 1))
     )
     if not weighed.complete:
-        reason = "the layout is so symmetric that too many pairings fit equally well to list them"
+        reason = "too many pairings fit almost equally well to list them all"
         return Pairing("ambiguous", no_pairs(), 0.0, rivals, reason, best_touch(weighed, posterior))
     if weighed.background >= weighed.log_evidence[0]:
         reason = "the best pairing explains the points no better than chance does"
+        return Pairing("unmatched", no_pairs(), probability, rivals, reason)
+    if problem.expected is not None and len(top) != problem.expected:
+        reason = (
+            f"{len(top)} pairs fit but {problem.expected} are expected; check the markers or the expected number"
+        )
         return Pairing("unmatched", no_pairs(), probability, rivals, reason)
     if probability < least_probability:
         reason = f"the best pairing has probability {probability:.4g}, at least {least_probability:g} is required"
@@ -211,12 +224,28 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
             "the paired points lie on one line, so the rotation about it is unknown; add a marker off the line"
         )
         return Pairing("ambiguous", no_pairs(), probability, rivals, reason)
-    if problem.expected is not None and len(top) != problem.expected:
-        reason = (
-            f"{len(top)} pairs fit but {problem.expected} are expected; check the markers or the expected number"
-        )
+    if is_mirrored(problem, weighed):
+        reason = "the mirror image fits more points: the coordinates of one set are left-handed; check its axes"
         return Pairing("unmatched", no_pairs(), probability, rivals, reason)
     return Pairing("unique", top, probability, rivals[1:])
+
+
+def is_mirrored(problem: Problem, weighed: Weighed) -> bool:
+    """Tell whether a reflection, which no patient undergoes, would pair more points than the best pairing does."""
+    weight, node_value = pair_weights(problem)
+    return bool(
+        mirror_is_better(
+            problem.ct,
+            problem.ots,
+            weight,
+            node_value,
+            weighed.constants,
+            problem.known,
+            problem.spread_mm,
+            len(weighed.pairs(0)),
+            float(weighed.log_evidence[0]),
+        )
+    )
 
 
 def best_touch(weighed: Weighed, posterior: FloatArray) -> int | None:

@@ -15,9 +15,9 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.neighbourhood import CELL_COUNT, Neighbourhood, cell_directions
 
 OUTLIER_RATIO = 2.5
-"""A direction disagrees when its residual exceeds the median direction's by this factor."""
+"""A direction disagrees when its residual exceeds the usual direction's by this factor."""
 
-MODEL_ERROR_SHARE = 0.02
+MODEL_ERROR_SHARE = 0.03
 """Share of the contrast by which a clean direction may always disagree: real blur is not quite Gaussian."""
 
 NEIGHBOUR_SHARE = 0.03
@@ -29,8 +29,13 @@ ATTACHED_SHARE = 0.5
 BACKGROUND_QUANTILE = 0.3
 """The background is what this share of the directions reach at most: a ball may lie on skin, not in it."""
 
+USUAL_QUANTILE = 0.3
+"""The usual direction is a good one: with an insert and a post, more than half of them may be disturbed."""
+
+SPREAD_SHARE = 0.15
 NEIGHBOUR_ANGLE_DEG = 26.0
-"""Directions this close to a disagreeing one are left out with it: blur carries the neighbour's light there."""
+"""A neighbour brighter than this share of the contrast also spoils the directions this close to its own, for
+blur carries its light there; one that is faint beside the ball does not."""
 
 ROUND_SHARE = 0.015
 ROUND_MM = 0.06
@@ -43,7 +48,7 @@ class Verdict:
 
     ``state`` (cells,) is 1 where a direction informs the fit, 0 where it is left out, -1 where the scan has no
     voxels. ``round_share`` is the share of directions whose edge is where the ball's should be, ``attached_share``
-    the share in which a body as bright as the ball goes on outward. ``usual_rms_hu`` is the median direction's
+    the share in which a body as bright as the ball goes on outward. ``usual_rms_hu`` is a good direction's
     residual. ``beside`` (cells,) marks those with something just outside, ``excess_hu`` (cells,) how bright it is.
     """
 
@@ -68,14 +73,16 @@ def judge(
     edge = on_surface(around.offsets_mm, theta)
     squares, seen = cell_means(residuals_hu**2, cells, edge)
     rms = np.sqrt(squares)
-    usual = float(np.median(rms[seen])) if seen.any() else 0.0
+    usual = float(np.quantile(rms[seen], USUAL_QUANTILE)) if seen.any() else 0.0
     foreign = seen & (rms > OUTLIER_RATIO * max(usual, MODEL_ERROR_SHARE * contrast))
 
     excess = _excess_outside(around, cells, theta, skin_hu)
     beside = excess > NEIGHBOUR_SHARE * contrast
     directions = cell_directions()
-    close = directions @ directions[foreign | beside].T > np.cos(np.radians(NEIGHBOUR_ANGLE_DEG))
-    state = np.where(seen, np.where(close.any(axis=1), 0, 1), -1).astype(np.int8)
+    bright = (foreign | beside) & (excess > SPREAD_SHARE * contrast)
+    close = directions @ directions[bright].T > np.cos(np.radians(NEIGHBOUR_ANGLE_DEG))
+    left_out = foreign | beside | close.any(axis=1)
+    state = np.where(seen, np.where(left_out, 0, 1), -1).astype(np.int8)
 
     slope = jacobian[:, 3]
     shifts, _ = cell_means(residuals_hu * slope, cells, edge)

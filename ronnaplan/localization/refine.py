@@ -71,8 +71,12 @@ MAX_ROUNDS = 8
 SKIN_SHARES = (0.2, 0.65)
 """A ball that lies on something flat has neighbours in a share of its directions between these."""
 
-SKIN_LEVEL = 0.6
+SKIN_LEVEL = 0.35
 """What a ball lies on is no brighter than this share of the ball's own contrast."""
+
+
+SKIN_QUANTILE = 0.8
+"""The skin's level is read off the brighter of the neighbouring directions."""
 
 
 @dataclass(frozen=True)
@@ -164,22 +168,45 @@ def fit_ball(around: Neighbourhood, diameter_mm: float, thickness_mm: float, cei
     few = _thinned(len(around.values_hu))
     theta, _ = _descend(dimmed, few, theta, _frozen(prior, theta), ceiling_hu)
     theta, converged = _descend(dimmed, few, theta, prior, ceiling_hu)
+    verdict, _ = _judged(around, theta, ceiling_hu)
+    if not converged or _is_hopeless(theta, verdict, diameter_mm):
+        return _ball_fit(around, theta, prior, verdict, few, ceiling_hu, converged=False)
+    fits = [_settle(around, theta, prior, ceiling_hu, diameter_mm)]
+    if _lies_on_something(theta, verdict):
+        fits.append(_settle(around, *_with_skin(theta, prior, verdict, around), ceiling_hu, diameter_mm))
+    return max(fits, key=lambda fit: (fit.converged, fit.coverage))
+
+
+def _settle(
+    around: Neighbourhood, theta: FloatArray, prior: _Prior, ceiling_hu: float, diameter_mm: float
+) -> BallFit:
+    """Leave out the directions that disagree and fit again, until the choice is stable."""
+    if len(theta) > len(PARAMETERS):  # the skin's level and place are a guess: fit them before judging by them
+        theta, _ = _descend(around, within_reach(around.offsets_mm, theta), theta, prior, ceiling_hu)
     previous = np.empty(0, dtype=np.int8)
+    converged = True
     for _ in range(MAX_ROUNDS):
         verdict, cells = _judged(around, theta, ceiling_hu)
         used = within_reach(around.offsets_mm, theta) & (verdict.state[cells] == 1)
-        if _is_hopeless(theta, verdict, diameter_mm):
+        if _is_hopeless(theta, verdict, diameter_mm) or used.sum() < 3 * len(theta):
             converged = False
         if not converged or np.array_equal(verdict.state, previous):
             break
-        if len(theta) == len(PARAMETERS) and _lies_on_something(theta, verdict):
-            theta, prior = _with_skin(theta, prior, verdict, around)
-            used = within_reach(around.offsets_mm, theta)
-        if used.sum() < 3 * len(theta):
-            converged = False
-            break
         previous = verdict.state
         theta, converged = _descend(around, used, theta, prior, ceiling_hu)
+    return _ball_fit(around, theta, prior, verdict, used, ceiling_hu, converged=converged)
+
+
+def _ball_fit(
+    around: Neighbourhood,
+    theta: FloatArray,
+    prior: _Prior,
+    verdict: Verdict,
+    used: NDArray[np.bool_],
+    ceiling_hu: float,
+    *,
+    converged: bool,
+) -> BallFit:
     residuals, jacobian = _residuals(around, theta, ceiling_hu)
     influence = _influence(jacobian, used, prior.weight)
     return BallFit(around, theta, used, residuals, jacobian, influence, verdict, converged)
@@ -219,8 +246,12 @@ def _frozen(prior: _Prior, start: FloatArray) -> _Prior:
 
 def _lies_on_something(theta: FloatArray, verdict: Verdict) -> bool:
     share = float(verdict.beside.mean())
-    level = float(np.median(verdict.excess_hu[verdict.beside])) if share > 0 else 0.0
-    return SKIN_SHARES[0] <= share <= SKIN_SHARES[1] and level < SKIN_LEVEL * theta[6]
+    return SKIN_SHARES[0] <= share <= SKIN_SHARES[1] and _level_beside(verdict) < SKIN_LEVEL * theta[6]
+
+
+def _level_beside(verdict: Verdict) -> float:
+    """How bright the neighbours are, in HU over the background; partial voxels make some look fainter."""
+    return float(np.quantile(verdict.excess_hu[verdict.beside], SKIN_QUANTILE))
 
 
 def _with_skin(
@@ -229,9 +260,8 @@ def _with_skin(
     """Add a half-space that the ball touches, on the side where the neighbours are."""
     toward = cell_directions()[verdict.beside].mean(axis=0)
     place = toward / np.linalg.norm(toward) / theta[3]
-    level = float(np.quantile(verdict.excess_hu[verdict.beside], 0.8))
     spread = np.array([SKIN_PRIOR_HU, *[SKIN_PRIOR_PLACE / theta[3]] * 3])
-    skin = np.array([level, *place])
+    skin = np.array([_level_beside(verdict), *place])
     added = _Prior.of(skin, spread)
     lowest = float(np.quantile(around.values_hu, 0.05))
     return np.concatenate([[*theta[:7], lowest, 0.0, 0.0, 0.0], skin]), _Prior(

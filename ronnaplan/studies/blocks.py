@@ -7,12 +7,15 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from ronnaplan.errors import InputError
 
 Record = dict[str, Any]
+
+SCHEDULER_TIMEOUT = "10s"
 
 
 def run_blocks(
@@ -59,15 +62,15 @@ def executor(workers: int | None, scheduler: str | None) -> Iterator[Executor]:
             pool.shutdown(wait=True, cancel_futures=True)
         return
     try:
-        from distributed import Client
+        distributed = import_module("distributed")
     except ImportError as error:
         raise InputError("Dask is not installed; install ronnaplan[cluster] or leave --scheduler out") from error
     try:
-        client = Client(scheduler, timeout="10s")  # type: ignore[no-untyped-call]
+        client = distributed.Client(scheduler, timeout=SCHEDULER_TIMEOUT)
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError(f"no Dask scheduler answers at {scheduler}; check the address") from error
     with client:
-        yield client.get_executor()  # type: ignore[no-untyped-call]
+        yield client.get_executor()
 
 
 def read_journal(journal: Path, settings: Record) -> dict[tuple[Any, ...], Record]:
@@ -90,7 +93,10 @@ def open_journal(
     journal: Path, settings: Record, done: dict[tuple[Any, ...], Record]
 ) -> Iterator[Callable[[tuple[Any, ...], Record], None]]:
     """Rewrite the journal without torn lines and give the function that adds a finished block."""
-    journal.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        journal.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{journal.parent} cannot be a folder ({error.strerror}); name another one") from error
     whole = [settings, *({"block": block, "record": record} for block, record in done.items())]
     write_whole(journal, "".join(json.dumps(line) + "\n" for line in whole))
     with journal.open("a", encoding="utf-8") as file:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 from ronnaplan.studies.blocks import Record, run_blocks, write_whole
 from ronnaplan.studies.heads import HEADS_MM
-from ronnaplan.studies.scenes import OUTLIER_RADIUS_MM, SIGMA_CT_MM, SIGMA_OTS_MM, Scenes, simulate_scenes
+from ronnaplan.studies.scenes import SIGMA_CT_MM, SIGMA_OTS_MM, Scenes, simulate_scenes
 
 BLOCK_TESTS = 1000
 STRICT_PROBABILITY = 0.9999
@@ -84,9 +83,9 @@ def judge_exact(scenes: Scenes, expected: int | None) -> Record:
     from ronnaplan.correspondence.exact import match_many
     from ronnaplan.correspondence.matching import LEAST_PROBABILITY
 
-    spread_mm, volume_mm3 = 60.0, 4.0 / 3.0 * math.pi * OUTLIER_RADIUS_MM**3
+    spread_mm = 60.0
     counts = (scenes.ct.shape[1], scenes.ots.shape[1])
-    constants, background = size_priors(counts, expected, volume_mm3, spread_mm)
+    constants, background = size_priors(counts, expected)
     variance = SIGMA_CT_MM**2 + SIGMA_OTS_MM**2
     partner, probability = match_many(scenes.ct, scenes.ots, variance, constants, background, spread_mm)
     right = (partner == scenes.partner).all(axis=1)

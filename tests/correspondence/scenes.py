@@ -1,0 +1,45 @@
+"""Point sets for the tests, made without the code under test."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+SIGMA_CT, SIGMA_OTS = 0.56, 0.17
+
+HEAD = np.array(
+    [
+        [21.5, -90.8, 40.3],
+        [48.2, -56.1, 58.9],
+        [-41.7, -52.4, 68.3],
+        [68.5, -46.9, 30.3],
+        [-63.7, 8.3, 61.1],
+        [16.9, 59.1, 78.1],
+        [66.1, 60.5, 9.5],
+        [-28.9, 92.5, 28.3],
+    ]
+)
+
+
+def scene(seed, markers=8, outliers=4, hidden=0, noise=1.0, layout=HEAD, radius=300.0):
+    """CT points, OTS points, and the true OTS partner of each CT point (-1: none)."""
+    rng = np.random.default_rng(seed)
+    points = layout[:markers]
+    ct_out, ots_out = (ball(rng, outliers, radius) for _ in range(2))
+    ct = np.vstack((points + noise * SIGMA_CT * rng.normal(size=points.shape), ct_out))
+    seen = points[hidden:]
+    ots = np.vstack((seen + noise * SIGMA_OTS * rng.normal(size=seen.shape), ots_out))
+    order = rng.permutation(len(ots))
+    turn = Rotation.from_quat(rng.normal(size=4))
+    partner = np.full(len(ct), -1)
+    partner[hidden:markers] = np.argsort(order)[: markers - hidden]
+    return ct, turn.apply(ots[order]) + rng.uniform(-1000, 1000, 3), partner
+
+
+def ball(rng, count, radius):
+    direction = rng.normal(size=(count, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True) + 1e-300
+    return direction * radius * np.cbrt(rng.random((count, 1)))
+
+
+def is_right(pairing, partner):
+    i = np.flatnonzero(partner >= 0)
+    return np.array_equal(pairing.pairs, np.column_stack((i, partner[i])))

@@ -1,0 +1,142 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2 as chi2_distribution
+
+from ronnaplan.correspondence.anisotropic import fit_anisotropic
+from ronnaplan.correspondence.evidence import (
+    GATE_CHI2,
+    filled_volume,
+    fit,
+    is_collinear,
+    largest_overlap,
+    log_misfit,
+    log_pairings,
+    tail_beyond_gate,
+)
+from tests.correspondence.scenes import HEAD, ball
+
+
+@settings(max_examples=100, deadline=None)
+@given(seed=st.integers(0, 10**6), count=st.integers(3, 12), flat=st.booleans())
+def test_chi2_is_that_of_the_best_proper_rotation(seed, count, flat):
+    rng = np.random.default_rng(seed)
+    x, y = (60 * rng.normal(size=(count, 3)) for _ in range(2))
+    if flat:
+        x[:, 2] = 0.0
+    weight = rng.uniform(0.5, 3.0, (count, count))
+    index = np.arange(count)
+    w = weight[index, index]
+    x0, y0 = (np.average(points, axis=0, weights=w) for points in (x, y))
+    rssd = Rotation.align_vectors(y - y0, x - x0, weights=w)[1]
+    assert fit(x, y, weight, index, index, count, 60.0)[0] == pytest.approx(rssd**2, rel=1e-6, abs=1e-6)
+
+
+def test_a_mirror_image_is_not_fitted():
+    weight, index = np.ones((8, 8)), np.arange(8)
+    assert fit(HEAD, HEAD, weight, index, index, 8, 60.0)[0] == pytest.approx(0.0, abs=1e-7)
+    assert fit(HEAD, HEAD * [1, 1, -1], weight, index, index, 8, 60.0)[0] > 1000.0
+
+
+def test_the_largest_overlap_of_a_reflection_is_that_of_a_rotation():
+    assert largest_overlap(np.diag([3.0, 2.0, -1.0]), 6.0) == pytest.approx(4.0)
+
+
+def test_adding_a_pair_never_lowers_chi2_nor_raises_the_volume():
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        x = 60 * rng.normal(size=(8, 3))
+        y = x + rng.normal(size=(8, 3))
+        weight, index = rng.uniform(0.5, 3, (8, 8)), np.arange(8)
+        values = np.array([fit(x, y, weight, index, index, k, 60.0) for k in range(3, 9)])
+        assert (np.diff(values[:, 0]) > -1e-9).all()
+        assert (np.diff(values[:, 1]) < 1e-9).all()
+
+
+def test_evidence_is_the_integral_over_all_poses():
+    """Laplace's approximation against Monte Carlo integration over rotations and shifts near the best pose."""
+    rng = np.random.default_rng(2)
+    x = HEAD[:4]
+    c = 0.34
+    y = x + np.sqrt(c) * rng.normal(size=x.shape)
+    weight, index = np.full((4, 4), 1 / c), np.arange(4)
+    chi2, volume = fit(x, y, weight, index, index, 4, 1e9)
+    laplace = 3 * np.log(2 * np.pi) + volume - 0.5 * chi2
+    best = Rotation.align_vectors(y - y.mean(axis=0), x - x.mean(axis=0))[0]
+    widths = np.repeat([0.008, 0.4], 3)
+    drawn = widths * rng.normal(size=(400_000, 6))
+    density = np.exp(-0.5 * ((drawn / widths) ** 2).sum(axis=1)) / np.prod(widths) / (2 * np.pi) ** 3
+    turns, shifts = drawn[:, :3], drawn[:, 3:]
+    moved = Rotation.from_rotvec(turns).as_matrix() @ best.apply(x - x.mean(axis=0)).T
+    residual = (y - y.mean(axis=0)).T[None] - moved - shifts[:, :, None]
+    angle = np.linalg.norm(turns, axis=1)
+    haar = (2 * np.sin(angle / 2) / angle) ** 2
+    inside = haar * np.exp(-0.5 * (residual**2).sum(axis=(1, 2)) / c)
+    assert np.log((inside / density).mean()) == pytest.approx(laplace, abs=0.05)
+
+
+def test_a_false_pairing_has_evidence_of_at_most_one_on_average():
+    """The remainder rests on it; it is below 1, as poses that move points out of the field are counted."""
+    rng = np.random.default_rng(3)
+    radius, sigma, tests = 20.0, 3.0, 60_000
+    volume = 4 / 3 * np.pi * radius**3
+    weight, index = np.full((3, 3), 1 / sigma**2), np.arange(3)
+    x, y = ball(rng, 3 * tests, radius).reshape(-1, 3, 3), ball(rng, 3 * tests, radius).reshape(-1, 3, 3)
+    total = 0.0
+    for one, two in zip(x, y, strict=True):
+        chi2, log_volume = fit(one, two, weight, index, index, 3, 1e9)
+        total += np.exp(log_volume - 0.5 * chi2)
+    constant = volume**2 / (8 * np.pi**2) * (2 * np.pi) ** -1.5 * sigma**-9
+    assert 0.05 < total / tests * constant < 1.0
+
+
+def test_misstated_errors_are_a_mixture():
+    for size, chi2 in ((3, 4.0), (8, 60.0)):
+        scales = [(0.96, 1.0), (0.02, 2.0), (0.02, 0.5)]
+        expected = sum(w * s ** (6 - 3 * size) * np.exp(-chi2 / 2 / s**2) for w, s in scales)
+        assert log_misfit(chi2, size) == pytest.approx(np.log(expected))
+
+
+def test_the_tail_beyond_the_gate_is_the_chi2_tail():
+    expected = 0.98 * chi2_distribution.sf(GATE_CHI2, 18) + 0.02 * chi2_distribution.sf(GATE_CHI2 / 4, 18)
+    assert tail_beyond_gate(8) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("n", "m", "size", "known", "count"), [(3, 3, 3, 0, 6), (4, 5, 3, 0, 240), (4, 4, 4, 2, 2)]
+)
+def test_pairings_are_counted(n, m, size, known, count):
+    assert np.exp(log_pairings(n, m, size, known)) == pytest.approx(count)
+
+
+def test_a_uniform_ball_fills_its_own_volume():
+    points = ball(np.random.default_rng(4), 20_000, 300.0)
+    assert filled_volume(points, points) == pytest.approx(4 / 3 * np.pi * 300.0**3, rel=0.02)
+
+
+def test_points_are_collinear_within_their_error_only():
+    line = np.outer([0.0, 40.0, 90.0, 150.0], [0.6, 0.8, 0.0])
+    bent = line + np.outer([0, 4.0, 0, 0], [0.0, 0.0, 1.0])
+    assert is_collinear(line, 0.1)
+    assert is_collinear(bent, 1.0)
+    assert not is_collinear(bent, 0.1)
+
+
+def test_the_anisotropic_fit_is_the_maximum_of_the_likelihood():
+    from scipy.optimize import minimize
+
+    rng = np.random.default_rng(5)
+    covariances = np.array([np.diag(rng.uniform(0.05, 4.0, 3)) for _ in range(10)])
+    x, turn = HEAD[:5], Rotation.from_rotvec([0.4, -1.0, 0.3])
+    y = turn.apply(x) + rng.normal(size=x.shape)
+
+    def chi2(pose):
+        rotation = Rotation.from_rotvec(pose[:3]) * turn
+        residual = y - rotation.apply(x) - pose[3:]
+        c = rotation.as_matrix() @ covariances[:5] @ rotation.as_matrix().T + covariances[5:]
+        return np.einsum("ka,kab,kb->", residual, np.linalg.inv(c), residual)
+
+    found = minimize(chi2, np.zeros(6), method="BFGS").fun
+    assert fit_anisotropic(x, y, covariances[:5], covariances[5:])[0] == pytest.approx(found, rel=0.02)

@@ -1,0 +1,264 @@
+import itertools
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from ronnaplan.correspondence import match_points
+from ronnaplan.correspondence.matching import is_large
+from ronnaplan.errors import InputError
+from tests.correspondence.scenes import HEAD, SIGMA_CT, SIGMA_OTS, ball, is_right, scene
+
+
+@pytest.mark.parametrize(("markers", "outliers"), [(4, 0), (4, 4), (5, 2), (8, 0), (8, 4)])
+def test_markers_are_paired_among_outliers(markers, outliers):
+    for seed in range(20):
+        ct, ots, partner = scene(seed, markers, outliers)
+        pairing = match_points(ct, ots, expected=markers)
+        assert pairing.status == "unique", (seed, pairing.reason)
+        assert is_right(pairing, partner)
+        assert pairing.probability > 0.99
+
+
+def test_the_number_of_markers_is_inferred_when_some_are_hidden():
+    for seed in range(20):
+        for hidden in (1, 2):
+            ct, ots, partner = scene(seed, outliers=2, hidden=hidden)
+            assert is_right(match_points(ct, ots), partner), (seed, hidden)
+
+
+@pytest.mark.parametrize("wrong", [5, 7])
+def test_a_sound_pairing_of_another_number_than_expected_is_refused_and_shown(wrong):
+    ct, ots, partner = scene(1, markers=6, outliers=2)
+    pairing = match_points(ct, ots, expected=wrong)
+    assert pairing.status == "unmatched"
+    assert len(pairing.pairs) == 0
+    assert f"6 pairs fit but {wrong} are expected" in pairing.reason
+    assert np.array_equal(pairing.rivals[0].pairs[:, 1], partner[partner >= 0])
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10**6), shift=st.floats(-2000, 2000), swap=st.booleans())
+def test_the_answer_follows_rotation_translation_and_permutation(seed, shift, swap):
+    ct, ots, _partner = scene(seed, markers=6, outliers=2)
+    rng = np.random.default_rng(seed)
+    before = match_points(ct, ots, expected=6)
+    order = rng.permutation(len(ct))
+    moved = Rotation.from_quat(rng.normal(size=4)).apply(ct[order]) + shift
+    after = match_points(moved, ots, expected=6)
+    assert after.status == before.status
+    assert after.probability == pytest.approx(before.probability, abs=1e-6)
+    assert {(int(order[i]), int(j)) for i, j in after.pairs} == {(int(i), int(j)) for i, j in before.pairs}
+
+
+def test_swapping_the_sets_swaps_the_pairs():
+    ct, ots, _ = scene(3, markers=6, outliers=0)
+    forth, back = match_points(ct, ots), match_points(ots, ct, sigma_ct_mm=SIGMA_OTS, sigma_ots_mm=SIGMA_CT)
+    assert {(i, j) for i, j in forth.pairs.tolist()} == {(i, j) for j, i in back.pairs.tolist()}
+
+
+def test_scaling_points_and_errors_alike_changes_no_pair():
+    ct, ots, _ = scene(4, markers=6, outliers=2)
+    once = match_points(ct, ots)
+    twice = match_points(2 * ct, 2 * ots, sigma_ct_mm=1.12, sigma_ots_mm=0.34, spread_mm=120.0)
+    assert np.array_equal(once.pairs, twice.pairs)
+    assert twice.probability == pytest.approx(once.probability, abs=1e-9)
+
+
+SYMMETRIC = {
+    "equilateral triangle": (np.array([[0, 0, 0], [100, 0, 0], [50, 50 * 3**0.5, 0]]), 6),
+    "square": (np.array([[0, 0, 0], [80, 0, 0], [80, 80, 0], [0, 80, 0.0]]), 8),
+    "flat and mirror-symmetric": (np.array([[0, 0, 0], [90, 40, 0], [90, -40, 0], [130, 0, 0.0]]), 2),
+    "two points at one place": (np.vstack((HEAD[:5], HEAD[:1])), 2),
+}
+
+
+@pytest.mark.parametrize("name", SYMMETRIC)
+def test_symmetric_layouts_are_ambiguous_and_one_touch_tells_which(name):
+    layout, orders = SYMMETRIC[name]
+    pairing = match_points(layout, layout + 7.0, expected=len(layout))
+    assert pairing.status == "ambiguous"
+    assert len(pairing.pairs) == 0
+    assert pairing.probability == pytest.approx(1 / orders, rel=1e-3)
+    assert sum(rival.log_evidence_below < 1e-6 for rival in pairing.rivals) == orders
+    assert pairing.touch is not None
+    partners = {int(rival.pairs[pairing.touch, 1]) for rival in pairing.rivals}
+    assert len(partners) > 1
+
+
+def test_a_mirror_symmetric_layout_out_of_plane_is_not_confused_with_its_mirror_image():
+    layout = np.array([[0, 0, 0], [90, 40, 0], [90, -40, 0], [130, 0, 60.0], [60, 0, 90.0]])
+    pairing = match_points(layout, layout, expected=5)
+    assert pairing.status == "unique"
+    assert np.array_equal(pairing.pairs[:, 0], pairing.pairs[:, 1])
+
+
+def test_pointed_at_pairs_are_honoured_and_settle_a_square():
+    square = SYMMETRIC["square"][0]
+    pairing = match_points(square, square, expected=4, known_pairs=[(0, 1), (1, 2)])
+    assert pairing.status == "unique"
+    assert pairing.pairs.tolist() == [[0, 1], [1, 2], [2, 3], [3, 0]]
+    one = match_points(square, square, expected=4, known_pairs=[(0, 1)])
+    assert one.status == "ambiguous"
+    assert all([0, 1] in rival.pairs.tolist() for rival in one.rivals)
+
+
+def test_a_pair_pointed_at_wrongly_is_not_believed():
+    ct, ots, partner = scene(5, markers=6, outliers=0)
+    pairing = match_points(ct, ots, known_pairs=[(0, int(partner[1])), (1, int(partner[2])), (2, int(partner[0]))])
+    assert pairing.status != "unique"
+
+
+def test_touching_the_named_point_resolves_what_was_ambiguous():
+    triangle = np.array([[0, 0, 0], [100, 0, 0], [50.5, 86.6, 0.0]])
+    ambiguous = match_points(triangle, triangle, expected=3)
+    assert ambiguous.status == "ambiguous"
+    touched = ambiguous.touch
+    settled = match_points(triangle, triangle, expected=3, known_pairs=[(touched, touched)])
+    assert settled.probability > ambiguous.probability
+
+
+@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("expected", [None, 8])
+def test_a_mirror_image_never_passes(seed, expected):
+    layout = np.random.default_rng(seed).normal(size=(8, 3)) * 60
+    assert match_points(layout * [1, 1, -1], layout, expected).status != "unique"
+
+
+def test_collinear_markers_are_refused():
+    line = np.array([[0, 0, 0], [50, 0.2, 0], [80, 0, 0.3], [170, 0, 0.0]])
+    pairing = match_points(line, line, expected=4)
+    assert pairing.status == "ambiguous"
+    assert "one line" in pairing.reason
+
+
+@pytest.mark.parametrize("count", [3, 4, 8, 12])
+def test_the_markers_of_another_patient_are_refused(count):
+    rng = np.random.default_rng(count)
+    statuses = [match_points(ball(rng, count, 100.0), ball(rng, count, 100.0)).status for _ in range(300)]
+    assert statuses.count("unique") <= 1
+
+
+def test_a_layout_of_countless_orders_is_refused_not_listed():
+    crowd = np.zeros((12, 3))
+    crowd[:, 0] = 0.2 * np.arange(12)
+    pairing = match_points(crowd, crowd)
+    assert pairing.status == "ambiguous"
+    assert pairing.probability == 0.0
+
+
+def test_anisotropic_errors_equal_in_all_directions_change_nothing():
+    ct, ots, _ = scene(6, markers=5, outliers=2)
+    plain = match_points(ct, ots, expected=5)
+    covariances = [np.tile(s**2 * np.eye(3), (7, 1, 1)) for s in (SIGMA_CT, SIGMA_OTS)]
+    full = match_points(ct, ots, expected=5, covariances_ct_mm2=covariances[0], covariances_ots_mm2=covariances[1])
+    assert np.array_equal(plain.pairs, full.pairs)
+    assert full.probability == pytest.approx(plain.probability, abs=1e-9)
+
+
+def test_stating_that_one_axis_is_poor_finds_markers_that_a_round_error_would_lose():
+    rng = np.random.default_rng(7)
+    covariance = np.diag([0.2, 0.2, 2.5]) ** 2
+    ots = HEAD + rng.multivariate_normal(np.zeros(3), covariance, len(HEAD))
+    stated = match_points(
+        HEAD, ots, expected=8, sigma_ct_mm=0.1, covariances_ots_mm2=np.tile(covariance, (8, 1, 1))
+    )
+    believed_round = match_points(HEAD, ots, expected=8, sigma_ct_mm=0.1, sigma_ots_mm=0.2)
+    assert stated.status == "unique"
+    assert believed_round.status != "unique"
+
+
+def test_one_badly_read_marker_needs_its_own_sigma():
+    ct, ots, partner = scene(8, markers=6, outliers=0)
+    ct[2] += [9.0, -8.0, 8.0]
+    sigma = np.full(6, SIGMA_CT)
+    sigma[2] = 9.0
+    assert is_right(match_points(ct, ots, expected=6, sigma_ct_mm=sigma), partner)
+    assert match_points(ct, ots, expected=6).status != "unique"
+
+
+def test_four_markers_are_found_among_two_hundred_reflections():
+    rng = np.random.default_rng(9)
+    reflections = np.vstack((HEAD[:4] + SIGMA_OTS * rng.normal(size=(4, 3)), ball(rng, 196, 300.0)))
+    pairing = match_points(HEAD[:4], reflections, expected=4)
+    assert pairing.status == "unique"
+    assert pairing.pairs.tolist() == [[0, 0], [1, 1], [2, 2], [3, 3]]
+
+
+def test_which_sets_are_searched_exactly():
+    assert not is_large((32, 32))
+    assert not is_large((12, 500))
+    assert is_large((33, 33))
+
+
+BAD = {
+    "fewer than three": ({"ct_points": HEAD[:2]}, "at least 3"),
+    "not (N, 3)": ({"ct_points": HEAD[:, :2]}, r"expected \(N, 3\)"),
+    "NaN": ({"ots_points": np.where(HEAD > 90, np.nan, HEAD)}, "finite"),
+    "metres": ({"ct_points": HEAD / 1000}, "millimetres"),
+    "micrometres": ({"ots_points": HEAD * 1000}, "millimetres"),
+    "sigma zero": ({"sigma_ct_mm": 0.0}, "positive"),
+    "sigma NaN": ({"sigma_ots_mm": np.nan}, "positive"),
+    "sigmas of another set": ({"sigma_ct_mm": np.ones(3)}, "shape"),
+    "covariance not positive": ({"covariances_ct_mm2": np.zeros((8, 3, 3))}, "positive definite"),
+    "covariance shape": ({"covariances_ct_mm2": np.eye(3)}, "shape"),
+    "expected too many": ({"expected": 9}, "9 pairs are expected"),
+    "expected too few": ({"expected": 2}, "at least 3"),
+    "unknown known pair": ({"known_pairs": [(0, 8)]}, "known pairs"),
+    "known pair twice": ({"known_pairs": [(0, 1), (0, 2)]}, "known pairs"),
+    "level above one": ({"least_probability": 1.5}, "probability"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input_is_told_in_one_sentence(name):
+    arguments, message = BAD[name]
+    with pytest.raises(InputError, match=message):
+        match_points(**{"ct_points": HEAD, "ots_points": HEAD, **arguments})
+
+
+def test_importing_the_room_does_not_load_numba():
+    code = "import sys, ronnaplan.correspondence; sys.exit('numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_every_pairing_of_a_small_case_is_weighed_as_brute_force_does():
+    """An independent enumeration: all injective pairings, each by the documented formula with SciPy's rotation."""
+    ct, ots, _ = scene(11, markers=4, outliers=1)
+    c, spread = SIGMA_CT**2 + SIGMA_OTS**2, 60.0
+    squares = [5 / 3 * np.trace(np.cov(points.T)) for points in (ct, ots)]
+    volume = 4 / 3 * np.pi * (squares[0] * squares[1]) ** 0.75
+    weights = {}
+    for k in (3, 4, 5):
+        count = sum(1 for _ in itertools.permutations(range(5), k)) * len(
+            list(itertools.combinations(range(5), k))
+        )
+        for i in itertools.combinations(range(5), k):
+            for j in itertools.permutations(range(5), k):
+                x, y = ct[list(i)], ots[list(j)]
+                x, y = x - x.mean(axis=0), y - y.mean(axis=0)
+                chi2 = Rotation.align_vectors(y, x)[1] ** 2 / c
+                information = (np.sum(x**2) * np.eye(3) - x.T @ x) / c + np.eye(3) / (2 * np.pi)
+                scales = [(0.96, 1.0), (0.02, 2.0), (0.02, 0.5)]
+                misfit = sum(w * s ** (6 - 3 * k) * np.exp(-chi2 / 2 / s**2) for w, s in scales)
+                log_e = (
+                    (k - 1) * (np.log(volume) + 1.5)
+                    - np.log(8 * np.pi**2)
+                    + (3 - 1.5 * k) * np.log(2 * np.pi)
+                    - np.sum(x**2) / 2 / spread**2
+                    - 1.5 * k * np.log(c)
+                    - 1.5 * np.log(k / c)
+                    - 0.5 * np.linalg.slogdet(information)[1]
+                )
+                weights[i, j] = 0.5 / 3 / count * np.exp(log_e) * misfit
+    best = max(weights, key=weights.get)
+    pairing = match_points(ct, ots)
+    assert [(int(a), int(b)) for a, b in pairing.pairs] == list(zip(*best, strict=True))
+    assert pairing.probability == pytest.approx(weights[best] / (sum(weights.values()) + 0.5), abs=1e-7)
+    for rival in pairing.rivals:
+        key = tuple(rival.pairs[:, 0].tolist()), tuple(rival.pairs[:, 1].tolist())
+        assert rival.log_evidence_below == pytest.approx(np.log(weights[best] / weights[key]), abs=1e-4)
