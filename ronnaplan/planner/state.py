@@ -17,8 +17,9 @@ from ronnaplan.planner import markers
 from ronnaplan.planner.cuts import PATH_VIEWS, STANDARD, WINDOWS_HU, Cut, path_axes
 from ronnaplan.planner.judgement import Judgement, Surroundings
 from ronnaplan.planner.storage import Look, Storage
-from ronnaplan.planning import Limits, Plan, Trajectory
+from ronnaplan.planning import Limits, Placement, Plan, Proposals, Trajectory, place_markers, propose
 from ronnaplan.planning.sampling import Scan
+from ronnaplan.planning.sites import PlacementRules, scalp_sites
 from ronnaplan.tracking import find_markers, read_recording
 
 LEAST_FIELD_MM, GREATEST_FIELD_MM = 10.0, 1000.0
@@ -116,11 +117,15 @@ class PlannerState:
 
     # --- markers ---------------------------------------------------------------------------------------------
 
-    def localize(self, diameter_mm: float) -> None:
-        """Look for markers of another diameter; takes the place of the markers there were."""
+    def find_markers(self, diameter_mm: float) -> FiducialsDocument:
+        """Look for markers of another diameter; changes nothing yet."""
         from ronnaplan.localization import localize
 
-        self._change_fiducials(fiducials_document(localize(self.volume, diameter_mm=diameter_mm)))
+        return fiducials_document(localize(self.volume, diameter_mm=diameter_mm))
+
+    def replace_markers(self, found: FiducialsDocument) -> None:
+        """Put other markers in the place of those there were."""
+        self._change_fiducials(found)
 
     def reject_marker(self, label: str) -> None:
         """Turn a marker down."""
@@ -179,6 +184,11 @@ class PlannerState:
             self._before_drag = None
             self._change_plan(self.plan)
 
+    @property
+    def dragging(self) -> bool:
+        """Whether an end is being dragged just now."""
+        return self._before_drag is not None
+
     def remove(self, name: str) -> None:
         """Remove a trajectory; a locked one is refused."""
         self._change_plan(self.plan.remove(name))
@@ -208,6 +218,32 @@ class PlannerState:
     def judge(self, trajectory: Trajectory) -> Judgement:
         """Return measures, verdicts and expected error of a trajectory as it is now, or why there are none."""
         return self.surroundings.judge(trajectory, self.plan, self.limits)
+
+    def propose(self, name: str) -> Proposals:
+        """Score every way to the target of a trajectory; changes nothing."""
+        path, around = self.plan.trajectory(name), self.surroundings
+        others = [one for one in self.plan.trajectories if one.name != name]
+        return propose(
+            path.target_mm,
+            around.head,
+            self.limits,
+            name=name,
+            instrument=path.instrument,
+            obstacles=around.obstacles,
+            others=others,
+            pose_mm2=around.pose_mm2,
+        )
+
+    def propose_markers(self, count: int) -> Placement:
+        """Propose places for ``count`` markers that make the expected error at all targets least."""
+        paths = self.plan.trajectories
+        return place_markers(
+            scalp_sites(self.surroundings.head),
+            [one.target_mm for one in paths],
+            count,
+            PlacementRules(),
+            [one.entry_mm for one in paths],
+        )
 
     # --- registration ----------------------------------------------------------------------------------------
 
@@ -271,7 +307,7 @@ class PlannerState:
     def _change_plan(self, plan: Plan) -> None:
         self.plan = plan
         if self.chosen is None:
-            self.selected = None
+            self.selected = plan.trajectories[-1].name if plan.trajectories else None
         self.storage.write_plan(plan)
 
     def _change_fiducials(self, found: FiducialsDocument) -> None:
@@ -297,21 +333,20 @@ class PlannerState:
         self.field_mm = look.field_mm
         self.window = look.window if look.window in WINDOWS_HU else "bone"
         self.selected = look.selected
-        if self.chosen is None:
-            self.selected = None
+        if self.chosen is None and self.plan.trajectories:
+            self.selected = self.plan.trajectories[0].name
 
     def _path_cut(self, view: str) -> Cut:
         if self.chosen is None:
             raise UsageError("no trajectory is selected; select one")
-        right, down = path_axes(view, self.chosen)
-        middle = (self.chosen.entry_mm + self.chosen.target_mm) / 2
-        field = max(PATH_FIELD_MM, self.chosen.length_mm + 30.0)
+        # While an end is dragged the view stays where it was, or it would slip from under the pointer.
+        path = (self._before_drag or self.plan).trajectory(self.chosen.name)
+        right, down = path_axes(view, path)
+        field = max(PATH_FIELD_MM, path.length_mm + 30.0)
         if view == "inline":
-            return Cut(right, down, middle, field)
-        along = float(
-            np.clip((self.crosshair_mm - self.chosen.entry_mm) @ self.chosen.inward, 0.0, self.chosen.length_mm)
-        )
-        return Cut(right, down, self.chosen.at_depth(np.array(along)), field / 2)
+            return Cut(right, down, path.at_depth(np.array(path.length_mm / 2)), field)
+        depth = np.clip((self.crosshair_mm - path.entry_mm) @ path.inward, 0.0, path.length_mm)
+        return Cut(right, down, path.at_depth(depth), field / 2)
 
     @staticmethod
     def _require_view(view: str, known: Sequence[str]) -> None:

@@ -201,7 +201,6 @@ def test_what_cannot_be_done_is_told_in_a_sentence(state: PlannerState) -> None:
         lambda: state.select("nobody"),
         lambda: state.drag("left", "middle", T),
         lambda: state.choose_window("rainbow"),
-        lambda: state.cut("inline"),
         lambda: state.scroll("front", 1),
         lambda: state.point_at("F1", "1"),
         lambda: state.edit("left", target_mm=E),
@@ -211,8 +210,18 @@ def test_what_cannot_be_done_is_told_in_a_sentence(state: PlannerState) -> None:
     assert read_plan(state.storage.plan).trajectory("left").target_mm == pytest.approx(T, abs=0)
 
 
+def test_without_a_trajectory_there_is_nothing_to_look_along(state: PlannerState) -> None:
+    state.remove("left")
+    assert state.selected is None
+    with pytest.raises(UsageError, match="select one"):
+        state.cut("inline")
+    state.undo()
+    assert state.selected == "left"
+    assert state.cut("probe").away == pytest.approx(state.plan.trajectory("left").inward)
+
+
 def test_another_diameter_takes_the_place_of_the_markers(state: PlannerState) -> None:
-    state.localize(11.5)
+    state.replace_markers(state.find_markers(11.5))
     truth = cases.fiducials().points.positions_mm
     found = state.fiducials
     assert found is not None
