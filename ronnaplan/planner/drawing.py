@@ -58,7 +58,7 @@ def _markers(state: PlannerState, cut: Cut, show_rejected: bool) -> list[dict[st
     drawn = []
     for label, center, radius, colour in balls:
         x, y, away = cut.on_screen_mm(np.array(center))
-        if abs(away) < radius:
+        if abs(away) < radius and max(abs(x), abs(y)) < cut.field_mm / 2:
             r = float(np.sqrt(radius**2 - away**2))
             drawn.append({"label": label, "x": float(x), "y": float(y), "r": r, "colour": colour})
     return drawn
