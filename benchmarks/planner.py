@@ -33,7 +33,7 @@ FLAGS = (
 )
 
 DRAWN = """async ([name, key, args]) => {
-  const read = () => JSON.stringify(key === 'axial' ? window.trame.state.get('pictures').axial
+  const read = () => JSON.stringify(key === 'axial' ? window.trame.state.get('picture_axial')
                                                     : window.trame.state.get('chosen').target);
   const before = read(), start = performance.now();
   window.trame.trigger(name, args);
@@ -97,6 +97,7 @@ def run(ct: Path, scratch: Path, steps: int) -> Figures:
             page.goto(server.stdout.readline().strip())
             page.wait_for_selector("svg[data-view=axial] image", timeout=120_000)
             first = time.perf_counter() - started
+            page.wait_for_function("window.trame.state.get('picture_head')", timeout=120_000)
             scroll, drag = scrolled(page, steps), dragged(page, steps)
             return Figures(first, scroll, drag, peak_bytes(server.pid))
         finally:

@@ -13,6 +13,7 @@ from typing import Any
 from ronnaplan.errors import RonnaplanError
 from ronnaplan.planner import drawing
 from ronnaplan.planner.cuts import PATH_VIEWS, STANDARD, WINDOWS_HU, jpeg
+from ronnaplan.planner.judgement import Judgement
 from ronnaplan.planner.pointer import ZOOM_STEP, Pixel, Pointer
 from ronnaplan.planner.scene import Scene
 from ronnaplan.planner.state import PlannerState
@@ -24,6 +25,16 @@ CUTS = (*STANDARD, *PATH_VIEWS)
 PAGE = files("ronnaplan.planner") / "page"
 READY = "research software, not a medical device"
 
+FIRST_LOOK_S = 0.5
+"""The browser has this long to draw the cuts before the rest is loaded."""
+
+
+def _template() -> str:
+    """Return the page, with one view for every cut."""
+    page = (PAGE / "planner.html").read_text(encoding="utf-8")
+    view = (PAGE / "view.html").read_text(encoding="utf-8")
+    return page.replace("<!-- views -->", "".join(view.replace("VIEW", name) for name in CUTS))
+
 
 class PlannerApp:
     """Binds one `PlannerState` to one trame server."""
@@ -31,10 +42,11 @@ class PlannerApp:
     def __init__(self, state: PlannerState, server: Any, tracker: tuple[str, int] | None = None) -> None:
         self.state, self.server, self.tracker = state, server, tracker
         self.pointer = Pointer(state)
-        self.scene = Scene(state)
+        self.scene: Scene | None = None
         self.proposals: Proposals | None = None
         self.surface = "skin"
         self._turning: tuple[float, float] | None = None
+        self._waking = False
         self._drawn: dict[str, Any] = {}
         self._keys: dict[str, Callable[[], None]] = {
             "a": self.pointer.add,
@@ -50,9 +62,9 @@ class PlannerApp:
             "pagedown": lambda: state.scroll("axial", 1),
             "delete": lambda: state.remove(state.selected) if state.selected else None,
         }
-        self._show_surface()
         self._set_up_page()
         self._listen_to_page()
+        server.controller.on_client_connected.add_task(self._wake)
 
     # --- the page --------------------------------------------------------------------------------------------
 
@@ -73,7 +85,6 @@ class PlannerApp:
         values.update(
             {
                 "windows": list(WINDOWS_HU),
-                "cuts": list(CUTS),
                 "keys": list(self._keys),
                 "instruments": list(INSTRUMENTS),
                 "tracker": "" if self.tracker is None else f"{self.tracker[0]}:{self.tracker[1]}",
@@ -85,20 +96,45 @@ class PlannerApp:
                 "message": READY,
                 "placement": "",
                 "proposals": [],
-                "pictures": {},
+                "picture_head": "",
             }
         )
         values.change("show_rejected")(lambda **_: self.refresh())
         config = {"theme": {"defaultTheme": "dark"}}
         with VAppLayout(self.server, vuetify_config=config):
-            html.Div((PAGE / "planner.html").read_text(encoding="utf-8"), style="height: 100vh")
+            html.Div(_template(), style="height: 100vh")
         self.refresh()
+
+    async def _wake(self, **_: Any) -> None:
+        """Once the first picture is seen: load what measures and what draws in 3-D, which takes seconds."""
+        if self.scene is not None or self._waking:
+            return
+        self._waking = True
+        await asyncio.sleep(FIRST_LOOK_S)
+        await asyncio.get_running_loop().run_in_executor(None, self._warm_up)
+        self.scene = Scene(self.state)
+        self._show_surface()
+        with self.server.state:
+            self.refresh()
+
+    def _warm_up(self) -> None:
+        import pyvista  # noqa: F401
+
+        for one in self.state.plan.trajectories:
+            self.state.judge(one)
+
+    def close(self) -> None:
+        """Give the graphics memory back."""
+        if self.scene is not None:
+            self.scene.close()
 
     def refresh(self) -> None:
         """Draw whatever is not as the page has it; pictures only where their plane or window changed."""
         values, state = self.server.state, self.state
-        judged = state.judge(state.chosen) if state.chosen else None
-        values.drawn = {view: drawing.over_cut(state, view, values.show_rejected) for view in CUTS}
+        judged = state.judge(state.chosen) if state.chosen and self.scene else Judgement(problem="measuring ...")
+        for view in CUTS:
+            values[f"drawn_{view}"] = drawing.over_cut(state, view, values.show_rejected)
+            values[f"picture_{view}"] = self._picture(view)
         values.markers, values.rejected = drawing.marker_rows(state), drawing.rejected_rows(state)
         values.paths, values.chosen = drawing.path_rows(state), drawing.chosen_path(state, judged)
         values.registration = drawing.registration_panel(state)
@@ -111,8 +147,8 @@ class PlannerApp:
             "can_redo": bool(state.plan.undone),
             "surface": self.surface,
         }
-        pictures = {view: self._picture(view) for view in CUTS}
-        values.pictures = {**pictures, "head": self._head_picture()}
+        if self.scene is not None:
+            values.picture_head = self._head_picture(self.scene)
 
     def _asks(self) -> str:
         if not self.pointer.adding:
@@ -138,31 +174,32 @@ class PlannerApp:
 
     # --- the head in 3-D ---------------------------------------------------------------------------------------
 
-    def _head_key(self) -> Any:
-        camera = self.scene.plotter.camera
+    def _head_key(self, scene: Scene) -> Any:
+        camera = scene.plotter.camera
         paths = tuple(
             (one.name, *one.entry_mm, *one.target_mm, one.colour) for one in self.state.plan.trajectories
         )
         view = (*camera.position, *camera.focal_point, camera.distance)
         return view, self.surface, paths, id(self.state.fiducials), id(self.proposals), self.server.state.placement
 
-    def _head_picture(self) -> str:
+    def _head_picture(self, scene: Scene) -> str:
         """Return the 3-D picture; while an end is dragged the last one stays, for it takes longest."""
         last = self._drawn.get("head")
         if last is not None and self.state.dragging:
             return str(last[1])
-        return self._kept("head", self._head_key(), self._draw_head)
+        return self._kept("head", self._head_key(scene), lambda: self._draw_head(scene))
 
-    def _draw_head(self) -> bytes:
-        self.scene.hide_paths()
+    def _draw_head(self, scene: Scene) -> bytes:
+        scene.hide_paths()
         for one in self.state.plan.trajectories:
-            self.scene.show_path(one, self.state.judge(one).measures)
-        self.scene.show_markers()
-        self.scene.show_proposals(self.proposals)
-        return self.scene.draw()
+            scene.show_path(one, self.state.judge(one).measures)
+        scene.show_markers()
+        scene.show_proposals(self.proposals)
+        return scene.draw()
 
     def _show_surface(self) -> None:
-        self.scene.show_surface(self.surface, *surface(self.state.volume, SURFACES_HU[self.surface]))
+        if self.scene is not None:
+            self.scene.show_surface(self.surface, *surface(self.state.volume, SURFACES_HU[self.surface]))
 
     def _other_surface(self) -> None:
         self.surface = "skull" if self.surface == "skin" else "skin"
@@ -249,7 +286,7 @@ class PlannerApp:
     def _move(self, view: str, x: float, y: float, width: float, height: float) -> None:
         if view != "head":
             self.pointer.move(view, Pixel(x, y, width, height))
-        elif self._turning is not None:
+        elif self._turning is not None and self.scene is not None:
             self.scene.turn(x - self._turning[0], y - self._turning[1])
             self._turning = (x, y)
 
@@ -259,10 +296,10 @@ class PlannerApp:
             self.pointer.release()
 
     def _wheel(self, view: str, steps: float, zoom: bool, x: float, y: float, width: float, height: float) -> None:
-        if view == "head":
-            self.scene.zoom(ZOOM_STEP**-steps)
-        else:
+        if view != "head":
             self.pointer.wheel(view, steps, Pixel(x, y, width, height), zoom=zoom)
+        elif self.scene is not None:
+            self.scene.zoom(ZOOM_STEP**-steps)
 
     def _place(self, name: str, end: str, axis: int, value: str) -> None:
         """Take a coordinate from its field."""
@@ -305,7 +342,8 @@ class PlannerApp:
         placed = self.state.propose_markers(int(count))
 
         def show() -> None:
-            self.scene.show_placement(placed.centres_mm)
+            if self.scene is not None:
+                self.scene.show_placement(placed.centres_mm)
             self.server.state.placement = (
                 f"{len(placed.centres_mm)} places, largest expected error {placed.largest_tre_mm:.2f} mm "
                 f"({placed.even_tre_mm:.2f} mm when spread evenly)"

@@ -56,7 +56,7 @@ def serve(
     except OSError as error:
         raise InputError(f"cannot listen on {host}:{port} ({error.strerror}); choose another --port") from error
     finally:
-        app.scene.close()
+        app.close()
 
 
 def _print(address: str) -> None:
