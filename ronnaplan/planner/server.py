@@ -24,10 +24,13 @@ def serve(
 ) -> None:
     """Serve ``state`` until stopped; ``announce`` is given the address, which holds the token.
 
-    Raises `InputError` where the port is taken.
+    Raises `InputError` where the port is taken or trame is not installed.
     """
-    from trame.app import get_server
-
+    try:
+        import trame.ui.vuetify3  # noqa: F401
+        from trame.app import get_server
+    except ModuleNotFoundError as error:
+        raise InputError(f"the planner needs {error.name}; install ronnaplan[planner]") from error
     from ronnaplan.planner.app import PlannerApp
     from ronnaplan.planner.gate import gate
 

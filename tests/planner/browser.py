@@ -49,7 +49,7 @@ class Planner:
         command = [sys.executable, "-m", "ronnaplan", "view", str(cases.CT), "--plan", str(folder / "plan.json")]
         self.process = subprocess.Popen(
             [*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder,
-            env=_environment(),
+            env=environment(),
         )  # fmt: skip
         assert self.process.stdout is not None
         self.url = self.process.stdout.readline().strip()
@@ -61,7 +61,8 @@ class Planner:
         self.process.communicate()
 
 
-def _environment() -> dict[str, str]:
+def environment() -> dict[str, str]:
+    """This process's environment with the project on its path."""
     return {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])}
 
 
