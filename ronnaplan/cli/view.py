@@ -17,6 +17,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fiducials", metavar="FILE", help="fiducials.json (default: beside the plan)")
     parser.add_argument("--registration", metavar="FILE", help="registration.json (default: beside the plan)")
     parser.add_argument("--limits", metavar="FILE", help="limits.json that trajectories are held against")
+    parser.add_argument(
+        "--no-go", action="append", default=[], metavar="LABELS", help="a label map to keep away from; repeatable"
+    )
     parser.add_argument("--tracker", metavar="HOST:PORT", help="an OpenIGTLink server to listen to when asked")
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this machine only)")
     parser.add_argument("--port", type=int, default=0, help="port to listen on (default: any that is free)")
@@ -29,12 +32,15 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.planner.server import serve
     from ronnaplan.planner.state import PlannerState
     from ronnaplan.planner.storage import Storage
+    from ronnaplan.planning.labels import read_label_map
 
     storage = Storage.of(arguments.plan, arguments.fiducials, arguments.registration)
     limits = read_limits(arguments.limits) if arguments.limits else None
     tracker = _address(arguments.tracker) if arguments.tracker else None
     volume = read_ct(arguments.ct, arguments.series, progress=True)
-    serve(PlannerState(volume, storage, limits), host=arguments.host, port=arguments.port, tracker=tracker)
+    no_go = {name: mask for path in arguments.no_go for name, mask in read_label_map(path, volume).items()}
+    state = PlannerState(volume, storage, limits, no_go)
+    serve(state, host=arguments.host, port=arguments.port, tracker=tracker)
     return 0
 
 

@@ -17,7 +17,7 @@ from ronnaplan.planner.judgement import Judgement
 from ronnaplan.planner.pointer import ZOOM_STEP, Pixel, Pointer
 from ronnaplan.planner.scene import Scene
 from ronnaplan.planner.state import PlannerState
-from ronnaplan.planner.surfaces import SURFACES_HU, surface
+from ronnaplan.planner.surfaces import SURFACES_HU, region, surface
 from ronnaplan.planning import INSTRUMENTS, Proposals
 from ronnaplan.planning.trajectory import instrument_named
 
@@ -114,6 +114,8 @@ class PlannerApp:
         await asyncio.get_running_loop().run_in_executor(None, self._warm_up)
         self.scene = Scene(self.state)
         self._show_surface()
+        for name, mask in self.state.no_go.items():
+            self.scene.show_region(name, *region(self.state.volume, mask))
         with self.server.state:
             self.refresh()
 

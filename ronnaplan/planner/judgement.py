@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ronnaplan.ct import CTVolume
 from ronnaplan.documents.fiducials import FiducialsDocument
 from ronnaplan.errors import RonnaplanError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import Head, Limits, Measures, Plan, Trajectory, Verdict, judge, measure
-from ronnaplan.planning.obstacles import Obstacle, markers_on, metal
+from ronnaplan.planning.obstacles import Kind, Obstacle, Voxels, markers_on, metal
 from ronnaplan.planning.uncertainty import planned_pose_covariance
 from ronnaplan.registration.markers import SIGMA_CT_MM
 from ronnaplan.tracking.markers import ONE_READING_SD_MM
+
+Labels = Mapping[str, NDArray[np.bool_]]
+"""Named masks (K, J, I) of the scan."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +40,8 @@ class Judgement:
 class Surroundings:
     """The head, what to keep away from, and the error that the markers will give: found once, when first needed."""
 
-    def __init__(self, volume: CTVolume, fiducials: FiducialsDocument | None) -> None:
-        self.volume, self.fiducials = volume, fiducials
+    def __init__(self, volume: CTVolume, fiducials: FiducialsDocument | None, no_go: Labels) -> None:
+        self.volume, self.fiducials, self.no_go = volume, fiducials, no_go
 
     @cached_property
     def head(self) -> Head:
@@ -45,8 +50,9 @@ class Surroundings:
 
     @cached_property
     def obstacles(self) -> list[Obstacle]:
-        """Metal and markers."""
+        """Metal, no-go regions and markers."""
         found: list[Obstacle] = [metal(self.head)]
+        found += [Voxels.of(Kind.NO_GO, name, mask, self.head) for name, mask in self.no_go.items()]
         if self.fiducials is not None and self.fiducials.fiducials:
             points = self.fiducials.points
             found += markers_on(self.head, points.labels, points.positions_mm, self.fiducials.marker.diameter_mm)

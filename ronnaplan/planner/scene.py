@@ -19,6 +19,7 @@ from ronnaplan.planning.trajectory import Trajectory
 SIZE = (640, 640)
 TURN_DEG_PER_PIXEL = 0.4
 COLOURS = {"skin": "#d9b8a0", "skull": "#e8e0cf"}
+NO_GO_COLOUR = "#e53935"
 OPACITY = {"skin": 0.55, "skull": 0.8}
 
 
@@ -54,6 +55,12 @@ class Scene:
         faces = np.hstack([np.full((len(triangles), 1), 3), triangles]).ravel()
         mesh = self._pv.PolyData(vertices_mm, faces)
         self._add(mesh, "surface", color=COLOURS[kind], opacity=OPACITY[kind], smooth_shading=True, culling="back")
+
+    def show_region(self, name: str, vertices_mm: FloatArray, triangles: NDArray[np.int64]) -> None:
+        """Show a no-go region."""
+        if len(triangles):
+            faces = np.hstack([np.full((len(triangles), 1), 3), triangles]).ravel()
+            self._add(self._pv.PolyData(vertices_mm, faces), f"no-go {name}", color=NO_GO_COLOUR, opacity=0.7)
 
     def show_markers(self) -> None:
         """Show the markers as spheres of their size."""

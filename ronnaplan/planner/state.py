@@ -15,7 +15,7 @@ from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray, Points, as_points
 from ronnaplan.planner import markers
 from ronnaplan.planner.cuts import PATH_VIEWS, STANDARD, WINDOWS_HU, Cut, path_axes
-from ronnaplan.planner.judgement import Judgement, Surroundings
+from ronnaplan.planner.judgement import Judgement, Labels, Surroundings
 from ronnaplan.planner.storage import Look, Storage
 from ronnaplan.planning import Limits, Placement, Plan, Proposals, Trajectory, place_markers, propose
 from ronnaplan.planning.sampling import Scan
@@ -37,9 +37,15 @@ ENDS = ("entry", "target")
 class PlannerState:
     """One opened case. Every change that matters is written to its files before the method returns."""
 
-    def __init__(self, volume: CTVolume, storage: Storage, limits: Limits | None = None) -> None:
-        """Open a case; raises `FrameMismatchError` where a document is of another scan."""
+    def __init__(
+        self, volume: CTVolume, storage: Storage, limits: Limits | None = None, no_go: Labels | None = None
+    ) -> None:
+        """Open a case; ``no_go`` are masks (K, J, I) of the scan, by name.
+
+        Raises `FrameMismatchError` where a document is of another scan.
+        """
         self.volume, self.storage, self.limits = volume, storage, limits or Limits()
+        self.no_go = no_go or {}
         self.scan = Scan.of(volume)
         self.plan = storage.read_plan() or Plan.of_scan(volume)
         self.plan.require_scan(volume)
@@ -213,7 +219,7 @@ class PlannerState:
     @cached_property
     def surroundings(self) -> Surroundings:
         """The head with all that a trajectory is measured against; renewed when the markers change."""
-        return Surroundings(self.volume, self.fiducials)
+        return Surroundings(self.volume, self.fiducials, self.no_go)
 
     def judge(self, trajectory: Trajectory) -> Judgement:
         """Return measures, verdicts and expected error of a trajectory as it is now, or why there are none."""

@@ -133,6 +133,15 @@ def test_the_measures_follow_the_trajectory_and_limits_are_held_against_it(stora
     assert "lies in air" in state.judge(state.plan.trajectory("left")).problem
 
 
+def test_a_no_go_region_on_the_path_is_a_broken_limit(storage: Storage) -> None:
+    volume = cases.volume()
+    mask = np.zeros(volume.voxels_hu.shape, dtype=np.bool_)
+    k, j, i = np.rint(volume.grid.indices((E + T) / 2)).astype(int)
+    mask[k - 2 : k + 3, j - 2 : j + 3, i - 2 : i + 3] = True
+    state = PlannerState(volume, storage, no_go={"vessel": mask})
+    assert [one.measure for one in state.judge(state.plan.trajectory("left")).broken] == ["distance to vessel"]
+
+
 def test_rejecting_markers_changes_the_expected_error(state: PlannerState) -> None:
     def error_mm() -> float:
         measures = state.judge(state.plan.trajectory("left")).measures
