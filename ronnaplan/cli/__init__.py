@@ -11,7 +11,7 @@ from importlib import import_module
 from ronnaplan import __version__
 from ronnaplan.errors import RonnaplanError, UsageError
 
-VERBS = ("series", "localize", "track", "plan", "register", "export", "report", "view", "phantom", "study", "demo")
+VERBS = ("series", "localize", "plan", "track", "register", "view", "report", "export", "phantom", "study", "demo")
 
 DESCRIPTION = "From a head CT with spherical markers to coordinates a robot can trust."
 NOTICE = "Research software, not a medical device."

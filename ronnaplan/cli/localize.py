@@ -11,6 +11,11 @@ if TYPE_CHECKING:
     from ronnaplan.localization import Fiducials, Template
 
 HELP = "Find the spherical markers of a CT and write their centres with covariances."
+LAYOUT_MARKERS = (3, 32)
+"""Numbers of markers whose layout can be described."""
+
+WORTH_A_WARNING = 0.01
+"""A layout that a tracker's pairing would refuse more often than this is worth a warning."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -134,4 +139,18 @@ def _summary(found: Fiducials) -> str:
 
     sizes = " or ".join(f"{diameter:g}" for diameter in found.diameters_mm)
     count = f"{len(found)} markers of {sizes} mm; {len(found.rejected)} candidates rejected"
-    return f"{fiducials_table(found)}\n{count}" if len(found) else count
+    return "\n".join([*([fiducials_table(found)] if len(found) else []), count, *_layout(found)])
+
+
+def _layout(found: Fiducials) -> list[str]:
+    """Say how well this layout can be told from its rivals once a tracker sees the markers."""
+    from ronnaplan.correspondence import describe_layout
+
+    if not LAYOUT_MARKERS[0] <= len(found) <= LAYOUT_MARKERS[1]:
+        return []
+    layout = describe_layout(found.centers)
+    refused = layout.refusal_probability()
+    line = f"layout: nearest rival order is {layout.rival_distance_mm:.1f} mm away"
+    if refused < WORTH_A_WARNING:
+        return [line]
+    return [f"{line}; pairing with a tracker would be refused in {refused:.0%} of cases, move a marker"]

@@ -9,9 +9,10 @@ import numpy as np
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.descent import BLUR_BOUNDS_MM, MAX_WANDER
 from ronnaplan.localization.detect import MIN_CONTRAST_HU
 from ronnaplan.localization.neighbourhood import cell_directions
-from ronnaplan.localization.refine import BLUR_BOUNDS_MM, MAX_WANDER, BallFit, margin_mm
+from ronnaplan.localization.refine import MAX_THICKNESS_RATIO, BallFit, margin_mm
 from ronnaplan.localization.uncertainty import center_covariance
 
 DIAMETER_TOLERANCE = 0.06
@@ -34,9 +35,6 @@ MAX_MISFIT = 0.06
 
 MAX_NOISE = 0.2
 """Noise, as a share of the contrast, that is allowed for in the misfit; a noisier scan is not fit for use."""
-
-MAX_THICKNESS_RATIO = 1.8
-"""The fitted slice thickness stays within this factor of the nominal one: no ball explains more."""
 
 MAX_STANDARD_ERROR = 0.03
 """Largest standard error of the centre, as a share of the diameter, that is still called a localization."""

@@ -14,9 +14,9 @@ from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.accept import MIN_COVERAGE, Evidence, failures, profile_share
 from ronnaplan.localization.detect import detect
-from ronnaplan.localization.directions import on_surface
 from ronnaplan.localization.neighbourhood import gather
 from ronnaplan.localization.refine import BallFit, fit_ball, margin_mm
+from ronnaplan.localization.uncertainty import noise_level
 
 MIN_CEILING_HU = 2000.0
 """No scanner's scale ends below this."""
@@ -87,7 +87,7 @@ def _examine_place(scan: Scan, center_mm: FloatArray, diameter_mm: float) -> Exa
     reach_mm = 0.5 * diameter_mm + margin_mm(scan.thickness_mm) + 0.125 * diameter_mm
     around = gather(scan.volume, center_mm, reach_mm)
     fit = fit_ball(around, diameter_mm, scan.thickness_mm, scan.ceiling_hu)
-    evidence = Evidence(fit, diameter_mm, scan.thickness_mm, _noise(fit))
+    evidence = Evidence(fit, diameter_mm, scan.thickness_mm, noise_level(fit))
     return Examined(center_mm, diameter_mm, fit, next(failures(evidence), None))
 
 
@@ -98,10 +98,3 @@ def _apart(places_mm: FloatArray, least_mm: float) -> list[FloatArray]:
         if all(float(np.linalg.norm(place - other)) >= least_mm for other in kept):
             kept.append(place)
     return kept
-
-
-def _noise(fit: BallFit) -> float:
-    """Standard deviation of the noise (HU) away from the ball's edge, robust to what else is there."""
-    flat = fit.used & ~on_surface(fit.neighbourhood.offsets_mm, fit.theta)
-    residuals = fit.residuals_hu[flat]
-    return float(1.4826 * np.median(np.abs(residuals))) if residuals.size else 0.0

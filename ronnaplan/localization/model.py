@@ -7,6 +7,9 @@ freedom (Marcum's Q function, J. Marcum, IRE Trans. IT-6, 1960), and the average
 Gauss-Legendre sum over the discs. No voxel is resampled: the model is evaluated at each voxel's true place.
 
 Coordinates here are those of the slices: u along the rows, v down the columns, w along the normal, in mm.
+
+(After a change in this file delete ``__pycache__``: numba's cache of the functions that call these in
+``descent.py`` does not notice it.)
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,15 @@ class Neighbourhood:
     indices: NDArray[np.intp]
     offsets_mm: FloatArray
     values_hu: FloatArray
+
+    def select(self, chosen: NDArray[np.bool_]) -> Neighbourhood:
+        """Keep only the ``chosen`` (N,) voxels."""
+        return replace(
+            self,
+            indices=self.indices[chosen],
+            offsets_mm=self.offsets_mm[chosen],
+            values_hu=self.values_hu[chosen],
+        )
 
 
 def gather(volume: CTVolume, center_mm: FloatArray, reach_mm: float) -> Neighbourhood:

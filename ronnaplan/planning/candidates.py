@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning.head import Head
 from ronnaplan.planning.layers import BONE_HU, LONGEST_WAY_MM, STEP_MM, way_out
-from ronnaplan.planning.obstacles import Voxels
+from ronnaplan.planning.obstacles import Voxels, holds
 from ronnaplan.planning.sampling import sample
 
 FIELD_MM = 2.0
 """Spacing of the nodes of the distance field."""
 
-GRADIENT_MM = 2.0
-"""Reach of the differences that give the skull's normal; evens out noise and the bone's fine structure."""
+BALL_MM, BALL_POINTS = 3.0, 48
+"""Radius of the ball over which the skull's normal is taken, and the places read on its surface."""
 
 AIR_IN_HEAD_HU = -300.0
 """Below this a path inside the head runs through an air space."""
@@ -35,7 +35,11 @@ CHUNK = 512
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """Distance (mm) to the nearest obstacle voxel at nodes ``corner_mm`` + `FIELD_MM` * (x, y, z), slice axes."""
+    """Distance (mm) to the nearest obstacle voxel at nodes ``corner_mm`` + `FIELD_MM` * (x, y, z), slice axes.
+
+    Negative inside an obstacle. Right to about half a millimetre: a voxel counts as a ball as wide as its mean
+    size; at an obstacle thinner than the nodes' spacing too large, by a millimetre at most.
+    """
 
     corner_mm: FloatArray
     distances_mm: NDArray[np.float32]
@@ -58,7 +62,12 @@ class Field:
         owner[tuple(cells.T)] = np.arange(len(points))
         nearest = distance_transform_edt(owner < 0, return_distances=False, return_indices=True)
         nodes = corner + FIELD_MM * np.moveaxis(np.indices(shape), 0, -1)
-        distances = np.linalg.norm(nodes - points[owner[tuple(nearest)]], axis=-1)
+        sizes = np.concatenate([(o.high_mm - o.low_mm).mean(axis=1) for o in obstacles])[near]
+        at = owner[tuple(nearest)]
+        distances = np.linalg.norm(nodes - points[at], axis=-1) - sizes[at] / 2
+        for one in obstacles:
+            within = holds(one.mask, head, nodes @ head.scan.axes)
+            distances[within] = -np.abs(distances[within])
         return cls(corner, distances.astype(np.float32))
 
 
@@ -68,7 +77,7 @@ class Candidates:
 
     ``way`` (M,) holds `Way` numbers; lengths in mm along the ray, NaN where not met. ``clean`` tells that no bone
     and no air lie between inner table and target; ``angle_deg`` is to the skull's normal, ``distance_mm`` from the
-    axis to the nearest obstacle voxel's centre.
+    axis to the nearest obstacle voxel.
     """
 
     target_mm: FloatArray
@@ -117,6 +126,7 @@ def cast(head: Head, target_mm: FloatArray, outward: FloatArray, field: Field) -
             local[part],
             field.corner_mm,
             field.distances_mm,
+            BALL_MM * spread_directions(BALL_POINTS),
             numbers[part],
             states[part],
         )
@@ -130,7 +140,7 @@ def cast(head: Head, target_mm: FloatArray, outward: FloatArray, field: Field) -
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _cast(  # type: ignore[no-untyped-def]
-    voxels, origins, w_mm, steps, inside, cell, target, outward, corner, distances, numbers, states
+    voxels, origins, w_mm, steps, inside, cell, target, outward, corner, distances, ball, numbers, states
 ):
     """Fill ``numbers`` (M, 5) and ``states`` (M, 2) for rays ``outward`` (M, 3) along the slice axes."""
     values = np.empty(int(LONGEST_WAY_MM / STEP_MM))
@@ -143,7 +153,7 @@ def _cast(  # type: ignore[no-untyped-def]
         numbers[m, 0], numbers[m, 1], numbers[m, 2] = scalp, outer, inner
         if np.isnan(inner):
             continue
-        numbers[m, 3] = _angle(voxels, origins, w_mm, steps, target + outer * direction, direction)
+        numbers[m, 3] = _angle(voxels, origins, w_mm, steps, target + outer * direction, direction, ball)
         numbers[m, 4] = _least(corner, distances, target, direction, scalp)
         states[m, 1] = 1
         for n in range(int(inner / STEP_MM)):
@@ -153,24 +163,20 @@ def _cast(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _angle(voxels, origins, w_mm, steps, place, direction):  # type: ignore[no-untyped-def]
-    """Return the angle in degrees between ``direction`` and the gradient at ``place``."""
-    along = square = 0.0
-    for axis in range(3):
-        slope = 0.0
-        for side in (-1.0, 1.0):
-            u, v, w = place
-            if axis == 0:
-                u += side * GRADIENT_MM
-            elif axis == 1:
-                v += side * GRADIENT_MM
-            else:
-                w += side * GRADIENT_MM
-            value, _ = sample(voxels, origins, w_mm, steps, u, v, w, 0)
-            slope += side * max(value, 0.0)
-        along += slope * direction[axis]
-        square += slope * slope
-    return np.degrees(np.arccos(min(abs(along) / np.sqrt(square), 1.0)))
+def _angle(voxels, origins, w_mm, steps, place, direction, ball):  # type: ignore[no-untyped-def]
+    """Return the angle in degrees between ``direction`` and the mean gradient in a ball about ``place``.
+
+    The first moment of the values over a ball points along the normal of a plane step, however sharp it is.
+    """
+    x = y = z = 0.0
+    guess = 0
+    for n in range(len(ball)):
+        u, v, w = ball[n, 0], ball[n, 1], ball[n, 2]
+        value, guess = sample(voxels, origins, w_mm, steps, place[0] + u, place[1] + v, place[2] + w, guess)
+        if value > 0.0:
+            x, y, z = x + value * u, y + value * v, z + value * w
+    along = abs(x * direction[0] + y * direction[1] + z * direction[2])
+    return np.degrees(np.arccos(min(along / np.sqrt(x * x + y * y + z * z), 1.0)))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

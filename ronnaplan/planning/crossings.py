@@ -17,6 +17,9 @@ SCALP_LIMITS_HU = (-1024.0, 120.0)
 BONE_LIMITS_HU = (-150.0, 2500.0)
 """Air above thin skin counts as fat; metal as dense bone."""
 
+LAYER_SHARE = 0.5
+"""Share of the layers beside a surface that is fitted with it: the rest belongs to their far sides."""
+
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
@@ -53,7 +56,7 @@ def find_crossings(head: Head, start_mm: FloatArray, outward: FloatArray) -> Cro
     def fitted(reach: float, limits: tuple[float, float], *neighbours: float) -> Surface | None:
         if not np.isfinite(reach):
             return None
-        gaps = [abs(reach - other) / 2 for other in neighbours if np.isfinite(other)]
+        gaps = [abs(reach - other) * LAYER_SHARE for other in neighbours if np.isfinite(other)]
         return fit_crossing(
             head.volume, start_mm, outward, reach, limits_hu=limits, half_depth_mm=min(gaps, default=np.inf)
         )

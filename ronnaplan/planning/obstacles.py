@@ -86,7 +86,7 @@ class Voxels:
             self.axes @ trajectory.entry_mm, self.axes @ trajectory.target_mm, self.low_mm, self.high_mm
         )
         for end, place in ((0.0, trajectory.entry_mm), (1.0, trajectory.target_mm)):
-            if _holds(self.mask, head, place):
+            if holds(self.mask, head, place):
                 distance, share = 0.0, end
         return Clearance(
             self.kind,
@@ -147,8 +147,10 @@ def _boundary(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return mask & ~surrounded
 
 
-def _holds(mask: NDArray[np.bool_], head: Head, place_mm: FloatArray) -> bool:
-    index = np.rint(head.volume.grid.indices(place_mm)).astype(int)
-    if (index < 0).any() or (index >= mask.shape).any():
-        return False
-    return bool(mask[tuple(index)])
+def holds(mask: NDArray[np.bool_], head: Head, places_mm: FloatArray) -> NDArray[np.bool_]:
+    """Return whether each LPS place (..., 3) lies in a voxel of ``mask`` (K, J, I)."""
+    index = np.rint(head.volume.grid.indices(places_mm)).astype(int)
+    inside = np.asarray(((index >= 0) & (index < mask.shape)).all(axis=-1))
+    k, j, i = np.moveaxis(np.where(inside[..., np.newaxis], index, 0), -1, 0)
+    held: NDArray[np.bool_] = inside & mask[k, j, i]
+    return held

@@ -90,7 +90,7 @@ class Plan:
         self._check_new(trajectory, ())
         return self._changed("add", len(self.trajectories), None, trajectory)
 
-    def edit(self, name: str, **changes: Any) -> Plan:
+    def edit(self, name: str, /, **changes: Any) -> Plan:
         """Return the plan with fields of a trajectory replaced; a locked one is refused (`InputError`)."""
         index = self._unlocked(name)
         edited = replace(self.trajectories[index], **changes)

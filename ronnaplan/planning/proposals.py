@@ -25,14 +25,14 @@ DIRECTIONS = 20_000
 APART_MM = 10.0
 """Entries that are proposed lie at least this far from each other."""
 
-SLACK = {"angle": 4.0, "distance": 2.0}
-"""What the coarse search may be off (degrees, mm); candidates beyond a limit by more are not looked at."""
+SLACK_DEG, SLACK_MM, SLACK_BONE_MM = 3.0, 0.5, 1.5
+"""What the coarse search may be off; candidates beyond a limit by more are not looked at."""
 
 MOST_CHECKED = 200
 """Candidates measured in full before the search for proposals ends."""
 
-USUAL_ANGLE_DEG, USUAL_PATH_MM, AMPLE_DISTANCE_MM = 45.0, 120.0, 10.0
-"""What counts as the worst (angle, length) and as enough (distance) where no limit says so."""
+USUAL_ANGLE_DEG, USUAL_PATH_MM, USUAL_BONE_MM, AMPLE_DISTANCE_MM = 45.0, 120.0, 15.0, 10.0
+"""What counts as the worst (angle, length, bone) where no limit says so, and as distance enough."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +88,9 @@ def propose(
     found = cast(head, target, spread_directions(directions), field)
     scores, excluded = _scores(found, limits, instrument, obstacles, others)
     best: list[Proposal] = []
-    for m in np.argsort(-np.nan_to_num(scores, nan=-1.0), kind="stable")[: MOST_CHECKED * 10]:
-        if len(best) == count or np.isnan(scores[m]):
+    checked = 0
+    for m in np.argsort(-np.nan_to_num(scores, nan=-1.0), kind="stable"):
+        if len(best) == count or checked == MOST_CHECKED or np.isnan(scores[m]):
             break
         entry = found.entries_mm[m]
         if any(np.linalg.norm(entry - one.trajectory.entry_mm) < APART_MM for one in best):
@@ -99,6 +100,7 @@ def propose(
             path, head, obstacles=obstacles, others=others, pose_mm2=pose_mm2, tolerance_mm=limits.tolerance_mm
         )
         verdicts = judge(measured, limits)
+        checked += 1
         if all_pass(verdicts):
             best.append(Proposal(path, float(scores[m]), measured, verdicts, _reasons(measured)))
     return Proposals(tuple(best), found, scores, excluded)
@@ -127,9 +129,9 @@ def _scores(
         "meets no skull": np.isnan(found.inner_mm),
         "bone or air below the skull": ~found.clean,
         "path too long": ~(found.scalp_mm <= longest),
-        "too oblique to the skull": ~(found.angle_deg <= steepest + SLACK["angle"]),
-        "skull too thick": ~(thickness <= (limits.greatest_skull_thickness_mm or np.inf) + SLACK["distance"]),
-        "too near a no-go region or metal": ~(clearance >= needed - SLACK["distance"]),
+        "too oblique to the skull": ~(found.angle_deg <= steepest + SLACK_DEG),
+        "skull too thick": ~(thickness <= (limits.greatest_skull_thickness_mm or np.inf) + SLACK_BONE_MM),
+        "too near a no-go region or metal": ~(clearance >= needed - SLACK_MM),
         "too near a marker or trajectory": ~(apart >= 0.0),
     }
     open_ways = np.ones(len(found.way), dtype=np.bool_)
@@ -140,7 +142,8 @@ def _scores(
     parts = [
         1.0 - np.clip(found.angle_deg / (limits.greatest_skull_angle_deg or USUAL_ANGLE_DEG), 0.0, 1.0),
         1.0 - np.clip(found.scalp_mm / (limits.longest_path_mm or USUAL_PATH_MM), 0.0, 1.0),
-        np.clip(clearance / AMPLE_DISTANCE_MM, 0.0, 1.0),
+        1.0 - np.clip(thickness / (limits.greatest_skull_thickness_mm or USUAL_BONE_MM), 0.0, 1.0),
+        np.clip(np.minimum(clearance, apart) / AMPLE_DISTANCE_MM, 0.0, 1.0),
     ]
     scores: FloatArray = np.where(open_ways, np.mean(parts, axis=0), np.nan)
     return scores, {reason: number for reason, number in excluded.items() if number}

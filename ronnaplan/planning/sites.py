@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ronnaplan.errors import RefusedError
+from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, as_points, unit
 from ronnaplan.planning.candidates import Field, cast, spread_directions
 from ronnaplan.planning.head import Head
@@ -19,8 +19,8 @@ SITES = 4_000
 HEIGHT_MM = 13.75
 """Default height of a marker's centre above the scalp: an 11.5 mm sphere on an 8 mm base and post."""
 
-NEIGHBOURS_MM = 12.0
-"""The slope of the scalp at a site comes from the sites within this distance."""
+NEIGHBOURS = 12
+"""The slope of the scalp at a site is that of the plane through so many sites about it."""
 
 MOST_TURNS = 100
 """Times the lattice of `even_layout` is turned before it is given up."""
@@ -90,17 +90,13 @@ def surface_normals(points_mm: FloatArray, inside_mm: FloatArray) -> FloatArray:
     """Return outward unit normals (S, 3) of a surface given by points (S, 3) about ``inside_mm`` (3,)."""
     from scipy.spatial import cKDTree
 
-    tree = cKDTree(points_mm)
-    normals = np.empty_like(points_mm)
-    for n, near in enumerate(np.asarray(tree.query_ball_point(points_mm, NEIGHBOURS_MM), dtype=object)):
-        outward = unit(points_mm[n] - inside_mm)
-        if len(near) < 4:
-            normals[n] = outward
-            continue
-        offsets = points_mm[near] - points_mm[near].mean(axis=0)
-        normal = np.linalg.svd(offsets, full_matrices=False)[2][2]
-        normals[n] = normal if normal @ outward > 0 else -normal
-    return normals
+    if len(points_mm) < NEIGHBOURS:
+        raise InputError(f"a surface of {len(points_mm)} points was given; expected {NEIGHBOURS} or more")
+    near = points_mm[np.asarray(cKDTree(points_mm).query(points_mm, k=NEIGHBOURS)[1])]
+    offsets = near - near.mean(axis=1, keepdims=True)
+    normals: FloatArray = np.linalg.eigh(offsets.swapaxes(1, 2) @ offsets)[1][:, :, 0]
+    outward = ((points_mm - inside_mm) * normals).sum(axis=1, keepdims=True)
+    return np.where(outward < 0, -normals, normals)
 
 
 def allowed_sites(sites: Sites, rules: PlacementRules, entries_mm: ArrayLike = ()) -> Sites:
@@ -126,7 +122,7 @@ def even_layout(sites: Sites, count: int, generator: np.random.Generator) -> NDA
     directions = sites.scalp_mm - sites.inside_mm
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     tree = cKDTree(directions)
-    near = 2.0 * float(np.median(np.asarray(tree.query(directions, k=2)[0])[:, 1]))
+    near = 0.75 * float(np.median(np.asarray(tree.query(directions, k=2)[0])[:, 1]))
     for _ in range(MOST_TURNS):
         turn = Rotation.random(rng=generator).as_matrix()
         for total in range(count, 60 * count):

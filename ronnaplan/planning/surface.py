@@ -18,8 +18,11 @@ from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray, unit
 from ronnaplan.localization.neighbourhood import gather
 
-PATCH_RADIUS_MM = 10.0
-"""The patch reaches this far to all sides; bone is smooth over two centimetres."""
+PATCH_RADIUS_MM = 12.0
+"""The patch reaches this far to all sides for its slope and curvature; bone is smooth over two centimetres."""
+
+NEAR_RADIUS_MM = 4.0
+"""Its height, levels and blur come from the voxels this near to the ray, for bone is rough and uneven."""
 
 HALF_DEPTH_MM = 2.5
 """Voxels within this of the surface are fitted; it holds the blur of any head protocol."""
@@ -56,6 +59,12 @@ PRIOR = np.array(
     ]
 )
 """Expected parameters of a patch and the inverse of their variance; heights, slopes and levels are free."""
+
+FIXED_SHAPE = np.array([1e-9, *(9 * [1e12]), 1e-9, 1e-9, np.log(2.0) ** -2])
+"""The same when slopes and curvatures are known and height, levels and blur are to be found."""
+
+ALIKE_VOXELS = 9
+"""Noise and misfit of 3 x 3 neighbours in a slice go together: they count as one voxel in the standard error."""
 
 MOST_STEPS = 40
 ROOT, HALF = 1.0 / math.sqrt(2.0 * math.pi), 1.0 / math.sqrt(2.0)
@@ -148,6 +157,12 @@ def _fit(
         if fitted is None:
             return None
         parameters, covariance = fitted
+    local_only = np.hypot(local[:, 0], local[:, 1]) <= max(NEAR_RADIUS_MM, 0.75 * gap)
+    chosen = local_only & (np.abs(local[:, 2] - heights(local, parameters)) <= needed)
+    if chosen.sum() >= LEAST_VOXELS:
+        fitted = _solve(local[chosen], values[chosen], parameters, box, shape=parameters)
+        if fitted is not None:
+            parameters, covariance = fitted
     # Between slices that leave a gap nothing was measured: a surface may lie anywhere in it.
     unseen = max(gap * across - box - 2.0 * float(np.exp(parameters[BLUR])), 0.0)
     covariance[0, 0] += unseen**2 / 12.0
@@ -178,12 +193,14 @@ def _axes(normal: FloatArray) -> FloatArray:
 
 
 def _solve(
-    local: FloatArray, values: FloatArray, start: FloatArray, box: float
+    local: FloatArray, values: FloatArray, start: FloatArray, box: float, shape: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return the parameters (13,) and their covariance (13, 13), or None when there is no step.
 
-    Damped Gauss-Newton (Levenberg and Marquardt) on the squared misfit with the priors.
+    Damped Gauss-Newton (Levenberg and Marquardt) on the squared misfit with the priors. With ``shape`` (13,) only
+    height, levels and blur are free, the rest stays.
     """
+    expected, prior = (EXPECTED, PRIOR) if shape is None else (shape, FIXED_SHAPE)
     above = local[:, 2] > heights(local, start)
     if above.all() or not above.any():
         return None
@@ -196,11 +213,11 @@ def _solve(
     information, gradient, best = np.empty((13, 13)), np.empty(13), guess
     for _ in range(MOST_STEPS):
         square, normal, right = normal_equations(local, values, guess, box)
-        cost_now = square / variance + float((PRIOR * (guess - EXPECTED) ** 2).sum())
+        cost_now = square / variance + float((prior * (guess - expected) ** 2).sum())
         if cost_now < cost:
             better, best, cost, damping = cost - cost_now, guess, cost_now, damping / 10
-            information = normal / variance + np.diag(PRIOR)
-            gradient = right / variance - PRIOR * (guess - EXPECTED)
+            information = normal / variance + np.diag(prior)
+            gradient = right / variance - prior * (guess - expected)
             if better < 1e-4 * cost:
                 break
         else:
@@ -208,7 +225,7 @@ def _solve(
         guess = best + np.linalg.solve(information + damping * np.diag(np.diag(information)), gradient)
     if not (np.isfinite(best).all() and abs(best[OUTER] - best[INNER]) >= LEAST_CONTRAST_HU):
         return None
-    spread = max(cost / max(len(values) - 13, 1), 1e-6)
+    spread = ALIKE_VOXELS * max(cost / max(len(values) - 13, 1), 1e-6)
     covariance = spread * np.asarray(np.linalg.inv(information), dtype=np.float64)
     return best, covariance
 

@@ -118,3 +118,29 @@ def test_the_demo_finds_every_marker_within_0_03_mm(tmp_path: Path, capsys: pyte
     assert (tmp_path / "demo" / "markers.png").read_bytes().startswith(b"\x89PNG")
     assert "markers.png" in out
     assert "not a medical device" in out
+
+
+def test_a_batch_goes_on_after_a_bad_scan(
+    ct_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad, results = tmp_path / "bad", tmp_path / "results"
+    bad.mkdir()
+    call = ["localize", str(bad), str(ct_folder), "--diameter", "11.5", "-o", str(results), "--report", "yes"]
+    status, _, err = run(call, capsys)
+    assert status == 1
+    assert "001-bad: " in err
+    assert "002-ct: 1 markers" in err
+    assert sorted(path.name for path in results.iterdir()) == ["002-ct.fiducials.json", "002-ct.png"]
+    status, _, err = run(call[:5], capsys)
+    assert status == 2
+    assert "name a folder" in err
+
+
+def test_a_symmetric_layout_is_warned_of_before_the_operation(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    square = [(-15.0, -15.0, 0.0), (15.0, -15.0, 0.0), (15.0, 15.0, 0.0), (-15.0, 15.0, 0.0)]
+    scene, stack = balls(square), small_stack(spacing_mm=2.0, matrix=64)
+    write_phantom(tmp_path / "ct", scene, stack, render(scene, stack, seed=1))
+    assert main(["localize", str(tmp_path / "ct"), "--diameter", "11.5", "--expected", "4"]) == 0
+    assert "would be refused" in capsys.readouterr().err

@@ -56,7 +56,7 @@ def test_moving_the_frame_moves_the_centres_and_their_covariances() -> None:
     assert moved.covariances[0] == pytest.approx(turn @ still.covariances[0] @ turn.T, rel=0.02, abs=1e-8)
 
 
-def test_the_stated_error_is_the_real_one() -> None:
+def test_the_stated_error_is_no_smaller_than_the_real_one_nor_much_larger() -> None:
     squared = []
     for seed in range(12):
         found = localize(
@@ -65,7 +65,34 @@ def test_the_stated_error_is_the_real_one() -> None:
         for center, covariance in zip(found.centers, found.covariances, strict=True):
             error = center - min(PLACES, key=lambda place: float(np.linalg.norm(center - place)))
             squared.append(error @ np.linalg.solve(covariance, error) / 3)
-    assert 0.6 < np.mean(squared) < 1.6  # 108 degrees of freedom: +- 0.27 at two standard errors
+    assert 0.2 < np.mean(squared) < 1.3
+
+
+def test_no_fit_is_better_than_its_bound_and_noise_moves_both() -> None:
+    quiet, loud = (
+        localize(scan(balls(PLACES[:1]), small_stack(), noise_hu=noise, seed=3), diameter_mm=11.5).fiducials[0]
+        for noise in (10.0, 40.0)
+    )
+    assert 0 < quiet.efficiency < 1
+    assert 0 < loud.efficiency < 1
+    ratio = np.sqrt(np.trace(loud.bound_mm2) / np.trace(quiet.bound_mm2))
+    assert ratio == pytest.approx(4.0, rel=0.25)  # the bound follows the noise
+
+
+def test_two_kinds_of_markers_are_found_together() -> None:
+    scene = balls(PLACES[:2]) + balls([PLACES[2]], 5.0)
+    found = localize(
+        scan(scene, small_stack(spacing_mm=0.6, thickness_mm=0.6)), diameter_mm=(11.5, 5.0), expected=3
+    )
+    sizes = sorted(round(one.diameter_mm, 1) for one in found.fiducials)
+    assert sizes == [5.0, 11.5, 11.5]
+
+
+def test_two_markers_a_millimetre_apart_do_not_pull_at_each_other() -> None:
+    places = [(-6.25, 1.0, 0.5), (6.25, 1.0, 0.5)]
+    found = localize(scan(balls(places), small_stack()), diameter_mm=11.5, expected=2)
+    errors = np.linalg.norm(found.centers[:, np.newaxis] - np.array(places), axis=-1).min(axis=1)
+    assert errors.max() < 0.015
 
 
 def test_a_marker_on_its_post_is_found_and_decoys_are_not() -> None:
@@ -117,6 +144,22 @@ def test_a_ball_on_a_half_space_of_skin_is_found() -> None:
     )
     found = localize(scan(scene, small_stack()), diameter_mm=10.0, expected=1)
     assert found.centers[0] == pytest.approx([0.6, -0.3, 0.0], abs=0.03)
+
+
+def test_a_metal_insert_does_not_pull_at_the_centre() -> None:
+    scene = marker("M1", scalp_foot((0.2, 0.1, 1.0), 0.3), "post with insert")
+    center = scene.markers[0].center_mm
+    found = localize(scan(scene, small_stack(center_mm=tuple(center))), diameter_mm=11.5, expected=1)
+    assert found.centers[0] == pytest.approx(center, abs=0.02)
+
+
+def test_results_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    volume = scan(balls(PLACES), small_stack())
+    several = localize(volume, diameter_mm=11.5)
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
+    one = localize(volume, diameter_mm=11.5)
+    assert (several.centers == one.centers).all()
+    assert (several.covariances == one.covariances).all()
 
 
 def test_an_unexpected_number_is_refused_with_what_was_nearest() -> None:

@@ -37,7 +37,7 @@ STACKS: dict[str, dict[str, object]] = {
 
 
 def layered_head(*, post: bool = False, wire: bool = False) -> Scene:
-    """A head of three ellipsoids about the origin; with a plastic post on the forehead, with a metal wire inside."""
+    """A head of three ellipsoids about the origin; with a plastic post on the forehead, a metal wire inside."""
     parts = [
         Part(ellipsoid((0, 0, 0), SCALP), "skin"),
         Part(ellipsoid((0, 0, 0), SKULL), "skull"),
@@ -56,7 +56,8 @@ def scanned(stack: str, *, post: bool = False, wire: bool = False) -> Head:
     settings = {"matrix": 256, "field_of_view_mm": 190.0, **STACKS[stack]}
     # A coarser raster does for surfaces as large as these, and tilted slices take a quarter of the time.
     with patch("phantoms.fast.RASTER_MM", 0.3):
-        return Head.of(scan(layered_head(post=post, wire=wire), axial_stack(**settings)))  # type: ignore[arg-type]
+        volume = scan(layered_head(post=post, wire=wire), axial_stack(**settings))  # type: ignore[arg-type]
+    return Head.of(volume)
 
 
 def reach(start_mm: FloatArray, outward: FloatArray, half_axes_mm: FloatArray) -> float:

@@ -1,0 +1,139 @@
+"""The descent of least squares: from a first guess of the model's parameters to the best ones near it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.model import disc_nodes, disc_table, evaluate, voxel_model
+from ronnaplan.localization.neighbourhood import Neighbourhood
+
+BLUR_BOUNDS_MM = (0.12, 2.5)
+"""In-plane blur of any CT at all; a fit that ends here is no ball seen by a scanner."""
+
+PRIOR_NOISE_HU = 10.0
+"""Noise at which the priors above are meant; it only sets their weight against the voxels."""
+
+MAX_STEPS = 40
+"""Steps of one descent; a ball needs five to ten, clipped metal up to thirty."""
+
+STEP_TOLERANCE_MM = 2e-5
+"""A descent ends when the next step would move the centre by less than this."""
+
+FIRST_DAMPING = 1e-5
+"""Levenberg-Marquardt damping at the start of a descent, as a share of the matrix's diagonal."""
+
+MAX_WANDER = 0.5
+"""A fit that moves by more than this share of the radius has left its candidate, and is not pursued."""
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Mean (P,) and weight (P,), in HU^2 per parameter^2, of what is known before the voxels are read."""
+
+    mean: FloatArray
+    weight: FloatArray
+
+    @classmethod
+    def of(cls, mean: FloatArray, spread: FloatArray) -> Prior:
+        """Prior with standard deviations ``spread`` (P,); infinite ones know nothing."""
+        return cls(mean, (PRIOR_NOISE_HU / spread) ** 2)
+
+
+@njit(cache=True, nogil=True)
+def _normal_equations(
+    offsets: FloatArray,
+    values: FloatArray,
+    used: NDArray[np.bool_],
+    theta: FloatArray,
+    ceiling: float,
+    table: FloatArray,
+    nodes: FloatArray,
+    weights: FloatArray,
+) -> tuple[float, FloatArray, FloatArray]:
+    """Half the squared residuals, their gradient (P,) and Gauss-Newton matrix (P, P) over the used voxels."""
+    size = len(theta)
+    cost = 0.0
+    slope = np.zeros(size)
+    matrix = np.zeros((size, size))
+    gradient = np.empty(size)
+    for n in range(len(values)):
+        if not used[n]:
+            continue
+        du = offsets[n, 0] - theta[0]
+        dv = offsets[n, 1] - theta[1]
+        dw = offsets[n, 2] - theta[2]
+        model = voxel_model(du, dv, dw, theta, table, nodes, weights, gradient)
+        if values[n] >= ceiling and model >= ceiling:
+            continue
+        residual = values[n] - model
+        cost += 0.5 * residual * residual
+        for p in range(size):
+            slope[p] += gradient[p] * residual
+            for q in range(p + 1):
+                matrix[p, q] += gradient[p] * gradient[q]
+    for p in range(size):
+        for q in range(p):
+            matrix[q, p] = matrix[p, q]
+    return cost, slope, matrix
+
+
+def descend(
+    around: Neighbourhood, used: NDArray[np.bool_], theta: FloatArray, prior: Prior, ceiling_hu: float
+) -> tuple[FloatArray, bool]:
+    """Levenberg-Marquardt from ``theta``; returns the best parameters and whether the steps came to rest."""
+    kernel = (disc_table(), *disc_nodes())
+
+    def equations(at: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        cost, slope, matrix = _normal_equations(around.offsets_mm, around.values_hu, used, at, ceiling_hu, *kernel)
+        pull = prior.mean - at
+        cost += 0.5 * float(prior.weight @ pull**2)
+        return cost, slope + prior.weight * pull, matrix + np.diag(prior.weight)
+
+    damping = FIRST_DAMPING
+    cost, slope, matrix = equations(theta)
+    for _ in range(MAX_STEPS):
+        step = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix) + 1e-9), slope)
+        trial = _bounded(theta + step)
+        if float(np.abs(trial[:3] - theta[:3]).max()) < STEP_TOLERANCE_MM:
+            return trial, True
+        if float(np.linalg.norm(trial[:3])) > 2.0 * MAX_WANDER * theta[3]:
+            return trial, False
+        new_cost, new_slope, new_matrix = equations(trial)
+        if new_cost < cost:
+            theta, cost, slope, matrix = trial, new_cost, new_slope, new_matrix
+            damping = max(damping / 10.0, 1e-9)
+        else:
+            damping *= 10.0
+    return theta, False
+
+
+def _bounded(theta: FloatArray) -> FloatArray:
+    theta[3] = max(theta[3], 0.2)
+    theta[4] = np.clip(theta[4], *BLUR_BOUNDS_MM)
+    theta[5] = max(theta[5], 0.02)
+    return theta
+
+
+def residuals_and_jacobian(
+    around: Neighbourhood, theta: FloatArray, ceiling_hu: float
+) -> tuple[FloatArray, FloatArray]:
+    """Data minus model (N,) and the Jacobian (N, P); both zero where clipped data agree with a higher model."""
+    model, jacobian = evaluate(around.offsets_mm, theta, disc_table(), *disc_nodes())
+    residuals = around.values_hu - model
+    clipped = (around.values_hu >= ceiling_hu) & (model >= ceiling_hu)
+    residuals[clipped] = 0.0
+    jacobian[clipped] = 0.0
+    return residuals, jacobian
+
+
+def influence(jacobian: FloatArray, used: NDArray[np.bool_], prior_weight: FloatArray) -> FloatArray:
+    """How far one HU at each voxel moves the centre: (N, 3) in mm/HU, zero for voxels that were left out."""
+    informed = np.where(used[:, np.newaxis], jacobian, 0.0)
+    matrix = informed.T @ informed + np.diag(prior_weight)
+    moves: FloatArray = informed @ np.linalg.pinv(matrix, hermitian=True)[:, :3]
+    return moves

@@ -1,0 +1,175 @@
+"""``ronnaplan plan`` from an empty plan to a checked one; a bad call leaves the plan file as it was."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from phantoms.fast import render
+from phantoms.output import write_phantom
+from phantoms.stack import axial_stack
+from ronnaplan.cli import main
+from ronnaplan.documents.plan import read_plan
+from tests.planning.heads import layered_head
+
+POINTS = ["--entry", "-20", "10", "77", "--target", "-10", "5", "20", "--coordinates", "LPS"]
+
+
+@pytest.fixture(scope="module")
+def ct(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("scan") / "ct"
+    stack = axial_stack(start_mm=-20, stop_mm=90, spacing_mm=2.0, matrix=128, field_of_view_mm=190.0)
+    write_phantom(folder, layered_head(), stack, render(layered_head(), stack, seed=1))
+    return folder
+
+
+@pytest.fixture
+def plan(ct: Path, tmp_path: Path) -> Path:
+    path = tmp_path / "plan.json"
+    assert main(["plan", "new", str(ct), "-o", str(path)]) == 0
+    assert main(["plan", "add", str(path), "A", "--ct", str(ct), *POINTS]) == 0
+    return path
+
+
+def limits(tmp_path: Path, **values: float) -> str:
+    path = tmp_path / "limits.json"
+    path.write_text(json.dumps({"format": "ronnaplan.limits", "version": 1, **values}))
+    return str(path)
+
+
+def test_a_plan_is_tied_to_its_scan_and_ras_is_turned_to_lps(plan: Path, ct: Path) -> None:
+    ras = ["--entry", "20", "-10", "77", "--target", "10", "-5", "20", "--coordinates", "RAS"]
+    assert main(["plan", "add", str(plan), "B", "--ct", str(ct), *ras, "--instrument", "DBS lead"]) == 0
+    read = read_plan(plan)
+    assert read.frame.uid is not None
+    np.testing.assert_allclose(read.trajectory("A").entry_mm, [-20, 10, 77])
+    np.testing.assert_array_equal(read.trajectory("A").entry_mm, read.trajectory("B").entry_mm)
+    assert read.trajectory("B").instrument.diameter_mm == 1.27
+
+
+def test_edit_lock_undo_redo_and_remove(plan: Path, ct: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    moved = ["--target", "-8", "4", "18", "--coordinates", "LPS", "--rename", "A2", "--notes", "deeper"]
+    assert main(["plan", "edit", str(plan), "A", "--ct", str(ct), *moved]) == 0
+    assert main(["plan", "lock", str(plan), "A2"]) == 0
+    assert main(["plan", "remove", str(plan), "A2"]) == 1
+    assert "locked" in capsys.readouterr().err
+    assert main(["plan", "undo", str(plan)]) == 0
+    assert main(["plan", "remove", str(plan), "A2"]) == 0
+    assert read_plan(plan).trajectories == ()
+    assert main(["plan", "undo", str(plan)]) == 0
+    assert main(["plan", "undo", str(plan)]) == 0
+    assert main(["plan", "redo", str(plan)]) == 0
+    assert main(["plan", "list", str(plan)]) == 0
+    assert "A2" in capsys.readouterr().out
+    assert main(["plan", "list", str(plan), "--history"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1].split()[2:] == ["edit", "A2"]
+
+
+def test_check_passes_then_refuses_with_a_table(
+    plan: Path, ct: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    check = ["plan", "check", str(plan), "--ct", str(ct), "--limits"]
+    output = tmp_path / "measures.json"
+    assert (
+        main([*check, limits(tmp_path, longest_path_mm=80, greatest_skull_angle_deg=30), "-o", str(output)]) == 0
+    )
+    measured = json.loads(output.read_text())
+    (one,) = measured["trajectories"]
+    assert one["length_mm"] == pytest.approx(np.linalg.norm([-10, 5, 57]))
+    assert 6.0 < one["skull_thickness_mm"] < 7.0
+    assert all(verdict["passes"] for verdict in measured["verdicts"])
+    capsys.readouterr()
+    assert main([*check, limits(tmp_path, longest_path_mm=50)]) == 3
+    printed = capsys.readouterr()
+    assert "FAIL" in printed.out
+    assert "1 of 3 limits are broken" in printed.err
+
+
+def test_proposals_are_printed_with_reasons_and_the_best_is_added(
+    plan: Path, ct: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = ["--target", "15", "0", "30", "--coordinates", "LPS"]
+    propose = ["plan", "propose", str(plan), "C", "--ct", str(ct), *target, "--limits"]
+    assert main([*propose, limits(tmp_path, longest_path_mm=60), "--add", "--count", "2"]) == 0
+    out = capsys.readouterr().out
+    assert "mm long" in out
+    assert read_plan(plan).trajectory("C").length_mm < 60
+    assert main([*propose, limits(tmp_path, longest_path_mm=10)]) == 3
+    assert "no entry keeps every limit" in capsys.readouterr().err
+
+
+def test_markers_are_proposed_and_written_for_slicer(
+    plan: Path, ct: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "markers.mrk.json"
+    ask = ["plan", "markers", "--ct", str(ct), "--plan", str(plan), "--count", "5", "--tracker", "left"]
+    assert main([*ask, "-o", str(output)]) == 0
+    assert "largest expected TRE" in capsys.readouterr().out
+    points = json.loads(output.read_text())["markups"][0]["controlPoints"]
+    assert [point["label"] for point in points] == ["M1", "M2", "M3", "M4", "M5"]
+    assert main(["plan", "markers", "--ct", str(ct), "--count", "5"]) == 1
+
+
+def test_export_and_import_round_trip(plan: Path, ct: Path, tmp_path: Path) -> None:
+    for to, name in (("markups", "lines.mrk.json"), ("csv", "lines.csv")):
+        assert main(["plan", "export", str(plan), "--to", to, "-o", str(tmp_path / name)]) == 0
+        other = tmp_path / "other.json"
+        assert main(["plan", "new", str(ct), "-o", str(other)]) == 0
+        assert main(["plan", "import", str(other), str(tmp_path / name), "--ct", str(ct)]) == 0
+        np.testing.assert_allclose(read_plan(other).trajectory("A").entry_mm, [-20, 10, 77])
+
+
+def test_landmarks_are_kept(plan: Path) -> None:
+    points = ["--ac", "0", "-12", "10", "--pc", "0", "12", "10", "--midline", "0", "0", "50"]
+    assert main(["plan", "landmarks", str(plan), *points, "--coordinates", "LPS"]) == 0
+    kept = read_plan(plan).landmarks
+    assert kept is not None
+    np.testing.assert_array_equal(kept.ac_mm, [0, -12, 10])
+
+
+BAD = [
+    (["add", "{plan}", "B", "--entry", "-10", "5", "20", *POINTS[4:]], 1, "0.00 mm apart"),
+    (["add", "{plan}", "B", "--entry", "0", "0", "300", *POINTS[4:]], 1, "outside the scan"),
+    (["add", "{plan}", "B", "--entry", "-20", "10", "88", *POINTS[4:]], 1, "in air"),
+    (["add", "{plan}", "B", *POINTS[:4], "--target", "90", "0", "20", *POINTS[8:]], 1, "in air"),
+    (["add", "{plan}", "B", *POINTS, "--instrument", "laser"], 1, "unknown instrument 'laser'"),
+    (["add", "{plan}", "B", *POINTS, "--diameter", "2"], 2, "--length"),
+    (["add", "{plan}", "B", *POINTS[:-2]], 2, "--coordinates"),
+    (["add", "{plan}", "A", *POINTS], 1, "already has"),
+    (["edit", "{plan}", "A", "--target", "0", "0", "20"], 2, "--coordinates"),
+    (["edit", "{plan}", "Z", "--notes", "none"], 1, "no trajectory 'Z'"),
+    (["check", "{plan}", "--no-go", "{plan}"], 1, "neither a NIfTI"),
+    (["check", "{plan}", "--limits", "{plan}"], 1, "does not hold limits"),
+    (["check", "{plan}", "--fiducials", "{plan}"], 1, "not a fiducials document"),
+    (["add", "{newer}", "B", *POINTS], 1, "version 2"),
+    (["check", "{foreign}"], 1, "frame"),
+    (["add", "{foreign}", "B", *POINTS], 1, "frame"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "status", "words"), BAD)
+def test_a_bad_call_ends_in_one_sentence_and_leaves_the_plan_untouched(
+    arguments: list[str],
+    status: int,
+    words: str,
+    plan: Path,
+    ct: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    content = json.loads(plan.read_text())
+    newer, foreign = tmp_path / "newer.json", tmp_path / "foreign.json"
+    newer.write_text(json.dumps({**content, "version": 2}))
+    foreign.write_text(json.dumps({**content, "source": {"frame_of_reference_uid": "9.9"}}))
+    before = {path: path.read_bytes() for path in (plan, newer, foreign)}
+    capsys.readouterr()
+    filled = [argument.format(plan=plan, newer=newer, foreign=foreign) for argument in arguments]
+    assert main(["plan", *filled, "--ct", str(ct)]) == status
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.count("\n") == 1
+    assert words in printed.err
+    assert {path: path.read_bytes() for path in before} == before

@@ -1,0 +1,69 @@
+"""A frame is found among other markers by its distances, or refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ronnaplan.documents.template import read_template
+from ronnaplan.errors import InputError, RefusedError
+from ronnaplan.localization import Fiducial, Template
+from ronnaplan.localization.template import match_template
+
+SHIFT = np.array([5.0, 6.0, 7.0])
+FRAME = np.array([[0.0, 0, 0], [40, 0, 0], [0, 55, 0], [-30, -20, 5]])
+DISTANCES = np.linalg.norm(FRAME[:, np.newaxis] - FRAME, axis=-1)
+TEMPLATE = Template("frame", ("A", "B", "C", "D"), DISTANCES)
+
+
+def markers(points: np.ndarray) -> list[Fiducial]:
+    fit = np.array([0, 0, 0, 5.75, 0.5, 1.0, 1100.0, -1000.0, 0, 0, 0])
+    covariance = np.eye(3) * 1e-5
+    return [Fiducial(f"F{n}", point, covariance, covariance, fit, 0.9, 0.01) for n, point in enumerate(points, 1)]
+
+
+def test_the_frame_is_labelled_and_the_rest_rejected() -> None:
+    order = [2, 0, 3, 1]
+    points = np.vstack([[[90.0, 80, 10]], FRAME[order] + SHIFT, [[-70.0, 10, 30]]])
+    found, others = match_template(TEMPLATE, markers(points))
+    assert [one.label for one in found] == ["A", "B", "C", "D"]
+    assert np.array([one.center_mm for one in found]) == pytest.approx(FRAME + SHIFT)
+    assert [one.center_mm.tolist() for one in others] == [[90.0, 80, 10], [-70.0, 10, 30]]
+    assert others[0].test == "template"
+
+
+def test_a_frame_that_is_not_there_or_there_twice_is_refused() -> None:
+    with pytest.raises(RefusedError, match="of 3 markers none have the distances"):
+        match_template(TEMPLATE, markers(FRAME[:3]))
+    bent = FRAME.copy()
+    bent[3, 0] -= 2.0
+    with pytest.raises(RefusedError, match="none have"):
+        match_template(TEMPLATE, markers(bent))
+    with pytest.raises(RefusedError, match="2 choices"):
+        match_template(TEMPLATE, markers(np.vstack([FRAME, FRAME + 200.0])))
+
+
+def test_a_template_file_is_checked(tmp_path: Path) -> None:
+    good = {
+        "format": "ronnaplan.template",
+        "version": 1,
+        "unit": "mm",
+        "name": "frame",
+        "labels": ["A", "B", "C", "D"],
+        "distances": DISTANCES.tolist(),
+    }
+    path = tmp_path / "frame.json"
+    path.write_text(json.dumps(good))
+    assert read_template(path).distances_mm == pytest.approx(DISTANCES)
+    for change, complaint in (
+        ({"labels": ["A", "B", "C", "C"]}, "same label"),
+        ({"labels": ["A", "B", "C"]}, "3 x 3 matrix"),
+        ({"distances": (DISTANCES + np.triu(DISTANCES)).tolist()}, "symmetric"),
+        ({"unit": "cm"}, "unit"),
+    ):
+        path.write_text(json.dumps(good | change))
+        with pytest.raises(InputError, match=complaint):
+            read_template(path)

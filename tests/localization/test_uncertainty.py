@@ -1,0 +1,66 @@
+"""Noise is measured as it is in the image, and moves the centre as stated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from phantoms.scene import Part, Scene
+from phantoms.solids import cylinder
+from ronnaplan.ct import CTVolume
+from ronnaplan.localization.examine import Scan, examine
+from ronnaplan.localization.refine import BallFit
+from ronnaplan.localization.uncertainty import (
+    center_covariance,
+    cramer_rao_bound,
+    noise_autocorrelation,
+    noise_level,
+)
+from tests.scans import balls, scan, small_stack
+
+
+def fit_of(volume: CTVolume) -> BallFit:
+    found = [one for one in examine(Scan(volume), 11.5) if one.failure is None]
+    assert len(found) == 1
+    return found[0].fit
+
+
+def with_white_noise(volume: CTVolume, noise_hu: float, seed: int) -> CTVolume:
+    noise = np.random.default_rng(seed).normal(0, noise_hu, volume.voxels_hu.shape)
+    return replace(volume, voxels_hu=(volume.voxels_hu + noise).astype(np.float32))
+
+
+@pytest.fixture(scope="module")
+def quiet() -> CTVolume:
+    return scan(balls([(1.0, 2.0, 3.0)]), small_stack(), noise_hu=0.0)
+
+
+@pytest.mark.parametrize("noise_hu", [5.0, 20.0, 80.0])
+def test_the_level_of_white_noise_is_measured_to_a_fifth(quiet: CTVolume, noise_hu: float) -> None:
+    fit = fit_of(with_white_noise(quiet, noise_hu, 1))
+    assert noise_level(fit) == pytest.approx(noise_hu, rel=0.2)
+    correlation = noise_autocorrelation(fit)
+    assert correlation[1, 3, 3] == 1.0
+    correlation[1, 3, 3] = 0.0
+    assert np.abs(correlation).max() < 0.1
+
+
+def test_the_scatter_over_noise_is_at_the_bound_and_within_the_stated_error(quiet: CTVolume) -> None:
+    fits = [fit_of(with_white_noise(quiet, 80.0, seed)) for seed in range(12)]
+    scatter = np.std([fit.center_mm for fit in fits], axis=0, ddof=1)
+    bound = np.sqrt(np.diag(np.mean([cramer_rao_bound(fit) for fit in fits], axis=0)))
+    stated = np.sqrt(np.diag(np.mean([center_covariance(fit) for fit in fits], axis=0)))
+    # Twelve draws know a standard deviation to a fifth; three axes are judged together.
+    assert np.sqrt(np.mean((scatter / bound) ** 2)) == pytest.approx(1.0, abs=0.45)
+    assert np.sqrt(np.mean((scatter / stated) ** 2)) < 1.2
+
+
+def test_what_touches_the_ball_makes_it_less_certain() -> None:
+    post = Scene((Part(cylinder((1.0, 2.0, 3.0), (0, 0, -1), 14.0, 6.0), "acrylic"),))
+    free, held = (
+        fit_of(scan(scene, small_stack(), seed=2)) for scene in (balls([(1, 2, 3)]), post + balls([(1, 2, 3)]))
+    )
+    assert held.coverage < free.coverage
+    assert np.trace(center_covariance(held)) > np.trace(center_covariance(free))

@@ -1,0 +1,85 @@
+"""A limit that is broken is told; one that cannot be judged is never taken as kept."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import Frame
+from ronnaplan.planning import Instrument, Limits, Measures, Trajectory, judge, measure
+from ronnaplan.planning.obstacles import Clearance, Kind
+from ronnaplan.planning.uncertainty import path_error
+from tests.planning.heads import SCALP, scanned
+
+LIMITS = Limits(longest_path_mm=60.0, greatest_skull_angle_deg=30.0, greatest_skull_thickness_mm=10.0)
+
+
+@pytest.fixture(scope="module")
+def measured() -> Measures:
+    target = np.array([0.0, 0, 30])
+    entry = np.array([0.0, 0, SCALP[2]])
+    return measure(Trajectory("A", entry, target, Frame("CT", "1.2.3")), scanned("plain"))
+
+
+def broken(measured: Measures, limits: Limits) -> list[str]:
+    return [verdict.measure for verdict in judge(measured, limits) if not verdict.passes]
+
+
+def test_a_good_path_keeps_all(measured: Measures) -> None:
+    assert broken(measured, LIMITS) == []
+
+
+@pytest.mark.parametrize(
+    ("limits", "what"),
+    [
+        (Limits(longest_path_mm=49.9), "path length"),
+        (Limits(greatest_skull_angle_deg=0.001), "angle to skull normal"),
+        (Limits(greatest_skull_thickness_mm=5.8), "skull along the path"),
+    ],
+)
+def test_each_limit_can_be_broken(measured: Measures, limits: Limits, what: str) -> None:
+    assert broken(measured, limits) == [what]
+
+
+def test_an_instrument_that_is_too_short(measured: Measures) -> None:
+    short = replace(measured.trajectory, instrument=Instrument("short", 1.0, 49.0))
+    assert broken(replace(measured, trajectory=short), LIMITS) == ["path within the instrument"]
+
+
+def test_nothing_may_be_met_even_without_a_limit(measured: Measures) -> None:
+    vessel = Clearance(Kind.NO_GO, "vessel", 0.3, -0.2, 12.0)
+    assert broken(replace(measured, clearances=(vessel,)), Limits()) == ["distance to vessel"]
+    clear = Clearance(Kind.NO_GO, "vessel", 3.0, 2.5, 12.0)
+    assert broken(replace(measured, clearances=(clear,)), Limits()) == []
+    assert broken(replace(measured, clearances=(clear,)), Limits(least_no_go_distance_mm=2.6)) != []
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [
+        Limits(least_no_go_distance_mm=1.0),
+        Limits(least_marker_distance_mm=1.0),
+        Limits(greatest_target_error_mm=1.0),
+        Limits(least_probability=0.9),
+    ],
+)
+def test_a_limit_on_what_was_not_given_is_an_error(measured: Measures, limits: Limits) -> None:
+    with pytest.raises(InputError, match="give"):
+        judge(measured, limits)
+
+
+def test_a_missing_skull_does_not_pass(measured: Measures) -> None:
+    boneless = replace(measured, crossings=replace(measured.crossings, outer=None, inner=None))
+    assert broken(boneless, LIMITS) == ["angle to skull normal", "skull along the path"]
+
+
+def test_limits_on_the_expected_error(measured: Measures) -> None:
+    covariance = np.diag([1e-6, 1e-6, 1e-6, 0.1, 0.1, 0.1])
+    known = replace(measured, error=path_error(measured.trajectory, covariance, 1.0))
+    assert broken(known, Limits(greatest_target_error_mm=0.6, greatest_angular_error_deg=0.1)) == []
+    assert broken(known, Limits(greatest_target_error_mm=0.5)) == ["expected error at target"]
+    assert broken(known, Limits(greatest_angular_error_deg=0.05)) == ["expected angular error"]
+    assert broken(known, Limits(least_probability=0.999)) == ["chance to stay within 1 mm"]
