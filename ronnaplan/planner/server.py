@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import secrets
 import sys
 from collections.abc import Callable
@@ -34,6 +35,7 @@ def serve(
     from ronnaplan.planner.app import PlannerApp
     from ronnaplan.planner.gate import gate
 
+    os.environ["WSLINK_READY_MSG"] = ""  # wslink would write it to standard output, behind the address
     known = token or secrets.token_urlsafe(24)
     server = get_server("ronnaplan", client_type="vue3")
     server.cli.prog = "ronnaplan view"
