@@ -79,7 +79,7 @@ def draw_cut(picture: Axes, residual: Axes, volume: CTVolume, row: Candidate, cu
     radius_mm, contrast_hu, background_hu = row.parameters[3], row.parameters[6], row.parameters[7]
     reach_mm = 1.6 * radius_mm + 1.0
     image = cut_image(volume, row.center_mm, CUTS[cut], reach_mm)
-    left_over = image - _model_image(volume, row, cut, reach_mm)
+    left_over = residual_image(volume, row, cut, reach_mm)
     extent = (-reach_mm, reach_mm, -reach_mm, reach_mm)
     window = {"vmin": background_hu - 0.1 * contrast_hu, "vmax": background_hu + 1.3 * contrast_hu}
     picture.imshow(image, cmap="gray", extent=extent, origin="lower", **window)
@@ -92,14 +92,31 @@ def draw_cut(picture: Axes, residual: Axes, volume: CTVolume, row: Candidate, cu
             axes.invert_yaxis()
 
 
-def _model_image(volume: CTVolume, row: Candidate, cut: str, reach_mm: float) -> FloatArray:
-    """What the fitted model shows on a cut, in HU."""
+def residual_image(volume: CTVolume, row: Candidate, cut: str, reach_mm: float) -> FloatArray:
+    """Data less model on a cut, in HU: taken at the voxels themselves, and only then interpolated for the eye.
+
+    The other way round, interpolation alone would leave rings at every sharp edge.
+    """
+    from scipy.ndimage import map_coordinates
+
+    wanted = volume.grid.indices(cut_places(row.center_mm, CUTS[cut], reach_mm))
+    last = np.array(volume.voxels_hu.shape) - 1
+    first = np.clip(np.floor(wanted.min(axis=(0, 1))).astype(int), 0, last)
+    end = np.clip(np.ceil(wanted.max(axis=(0, 1))).astype(int), 0, last) + 1
+    block = tuple(slice(low, high) for low, high in zip(first, end, strict=True))
+    kji = np.stack(np.meshgrid(*(np.arange(part.start, part.stop) for part in block), indexing="ij"), axis=-1)
+    left_over = volume.voxels_hu[block] - _model_hu(volume, row, volume.grid.positions_mm(kji.astype(np.float64)))
+    image: FloatArray = map_coordinates(left_over, np.moveaxis(wanted - first, -1, 0), order=1, mode="nearest")
+    return image
+
+
+def _model_hu(volume: CTVolume, row: Candidate, places_mm: FloatArray) -> FloatArray:
+    """What the fitted model shows at places (..., 3), in HU."""
     from ronnaplan.localization.detect import slice_axes
     from ronnaplan.localization.model import disc_nodes, disc_table, evaluate
 
-    places = cut_places(row.center_mm, CUTS[cut], reach_mm)
-    offsets = (places - row.center_mm).reshape(-1, 3) @ slice_axes(volume.grid).T
+    offsets = (places_mm - row.center_mm).reshape(-1, 3) @ slice_axes(volume.grid).T
     centred = row.parameters.copy()
     centred[:3] = 0.0
     values, _ = evaluate(np.ascontiguousarray(offsets), centred, disc_table(), *disc_nodes())
-    return values.reshape(places.shape[:2])
+    return values.reshape(places_mm.shape[:-1])
