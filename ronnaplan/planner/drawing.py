@@ -150,6 +150,8 @@ def registration_panel(state: PlannerState) -> dict[str, Any]:
     found = state.registration
     if found is None:
         return {"status": ""}
+    if state.outdated:
+        return {"status": "outdated", "summary": f"outdated: {state.outdated}"}
     fre = "" if found.fre_rms is None else f"FRE {found.fre_rms:.3f} mm RMS, probability {found.probability:.6f}"
     return {
         "status": found.status,

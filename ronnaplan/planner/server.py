@@ -8,8 +8,10 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, UsageError
 from ronnaplan.planner.state import PlannerState
+
+EVERYWHERE = ("", "0.0.0.0", "::")
 
 LOOPBACK = frozenset({"127.0.0.1", "localhost"})
 
@@ -25,8 +27,10 @@ def serve(
 ) -> None:
     """Serve ``state`` until stopped; ``announce`` is given the address, which holds the token.
 
-    Raises `InputError` where the port is taken or trame is not installed.
+    Raises `InputError` where the port is taken or trame is not installed, `UsageError` for no single address.
     """
+    if host in EVERYWHERE:
+        raise UsageError(f"--host {host} would listen everywhere; name the one address to be reached by")
     try:
         import trame.ui.vuetify3  # noqa: F401
         from trame.app import get_server

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ronnaplan.ct import CTVolume
+from ronnaplan.documents.agreement import disagreement
 from ronnaplan.documents.fiducials import FiducialsDocument, Source, fiducials_document
 from ronnaplan.documents.registration import registration_document
 from ronnaplan.errors import UsageError
@@ -271,12 +272,19 @@ class PlannerState:
     def expected_errors_mm(self) -> dict[str, float]:
         """Return the expected error (RMS) of the registration at every end of every trajectory."""
         found = self.registration
-        if found is None or found.ots_from_ct is None or not self.plan.trajectories:
+        if found is None or found.ots_from_ct is None or self.outdated or not self.plan.trajectories:
             return {}
         places = self._planned
         covariances = found.pose.point_covariances(places.positions_mm)
         rms = np.sqrt(np.trace(covariances, axis1=-2, axis2=-1))
         return dict(zip(places.labels, rms.tolist(), strict=True))
+
+    @property
+    def outdated(self) -> str | None:
+        """Why the registration no longer holds for the markers as they are now, None where it does."""
+        if self.registration is None or self.fiducials is None:
+            return None
+        return disagreement(self.fiducials, self.registration)
 
     def _register(self) -> None:
         from ronnaplan.registration.markers import register_markers

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ronnaplan.documents.agreement import disagreement
 from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.documents.registration_text import FRE_WARNING
 from ronnaplan.planning import Plan
@@ -31,7 +32,7 @@ def registration_part(case: Case) -> Part:
     errors = _expected_errors(found, case.plan)
     if errors:
         body += [element("h3", "Expected error"), table(("place", "expected error, mm RMS"), errors)]
-    return Part(TITLE, body, _warnings(found))
+    return Part(TITLE, body, _warnings(case, found))
 
 
 def _expected_errors(found: RegistrationDocument, plan: Plan | None) -> list[tuple[str, str]]:
@@ -44,9 +45,11 @@ def _expected_errors(found: RegistrationDocument, plan: Plan | None) -> list[tup
     return [(name, f"{error:.3f}") for name, error in errors.items()]
 
 
-def _warnings(found: RegistrationDocument) -> list[str]:
+def _warnings(case: Case, found: RegistrationDocument) -> list[str]:
     known = RegistrationFlag.__members__
-    warnings = [f"registration: {known.get(flag.upper(), flag)}" for flag in found.flags]
+    outdated = disagreement(case.fiducials, found) if case.fiducials else None
+    warnings = [outdated] if outdated else []
+    warnings += [f"registration: {known.get(flag.upper(), flag)}" for flag in found.flags]
     if found.doubt:
         warnings.append(f"registration: {found.doubt}")
     for what, labels in (("CT markers", found.unpaired_ct), ("readings", found.unpaired_ots)):

@@ -16,9 +16,10 @@ def test_what_cannot_be_opened_is_told_in_a_sentence(tmp_path: Path, capsys: pyt
     assert main(["view", str(tmp_path / "nowhere"), "--plan", str(tmp_path / "plan.json")]) == 1
     assert main(["view", str(cases.CT), "--plan", str(tmp_path / "no" / "plan.json")]) == 1
     assert main(["view", str(cases.CT), "--tracker", "here"]) == 2
+    assert main(["view", str(cases.CT), "--plan", str(tmp_path / "plan.json"), "--host", "0.0.0.0"]) == 2
     (tmp_path / "plan.json").write_text("{}")
     assert main(["view", str(cases.CT), "--plan", str(tmp_path / "plan.json")]) == 1
-    assert len(capsys.readouterr().err.splitlines()) == 4
+    assert len(capsys.readouterr().err.splitlines()) == 5
     assert (tmp_path / "plan.json").read_text() == "{}"
 
 

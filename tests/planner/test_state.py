@@ -169,6 +169,18 @@ def test_readings_are_registered_and_the_error_at_the_target_follows_the_plan(
     assert state.expected_errors_mm()["left entry"] == before["left entry"]
 
 
+def test_a_registration_of_markers_since_rejected_predicts_nothing(state: PlannerState, tmp_path: Path) -> None:
+    cases.write_readings(tmp_path / "readings.csv")
+    state.load_readings("readings.csv")
+    assert state.outdated is None
+    state.reject_marker("F2")
+    assert "F2" in (state.outdated or "")
+    assert reopened(state).expected_errors_mm() == state.expected_errors_mm() == {}
+    state.load_readings("readings.csv")
+    assert state.outdated is None
+    assert set(state.expected_errors_mm()) == {"left entry", "left target"}
+
+
 def test_an_ambiguous_reading_is_settled_by_pointing_at_one_marker(state: PlannerState) -> None:
     found = state.fiducials
     assert found is not None

@@ -75,6 +75,7 @@ def test_a_marker_that_is_not_where_the_document_says_is_the_first_thing_on_the_
     assert page.index("marker F1 was found again 0.40 mm from its stated centre") < page.index("<h2>")
     assert "marker F1: part of the marker lies outside the scan" in page
     assert "marker F2 was found" not in page
+    assert "the registration has marker F1 at another place; register again" in page
 
 
 def test_a_refused_registration_is_a_warning_and_not_a_transform(case: Case) -> None:
