@@ -138,6 +138,7 @@ def run_check(arguments: argparse.Namespace) -> int:
             landmarks=plan.landmarks,
             pose_mm2=pose_mm2,
             tolerance_mm=limits.tolerance_mm,
+            frame_axes=_frame_axes(arguments.frame_axes),
         )
         for trajectory in plan.trajectories
     ]
@@ -146,6 +147,9 @@ def run_check(arguments: argparse.Namespace) -> int:
         from ronnaplan.documents.files import write_atomically
 
         write_atomically(arguments.output, measures_document(plan, measured, verdicts))
+    for one in measured:
+        for doubt in one.doubts:
+            print(f"ronnaplan: warning: {one.trajectory.name}: {doubt}", file=sys.stderr)
     print(f"{measures_table(measured)}\n\n{verdict_table(verdicts)}")
     if all_pass(verdicts):
         return 0
@@ -282,6 +286,18 @@ def _instrument(arguments: argparse.Namespace) -> Instrument | None:
     if arguments.diameter is not None:
         return Instrument(arguments.instrument or "instrument", arguments.diameter, arguments.length)
     return instrument_named(arguments.instrument) if arguments.instrument else None
+
+
+def _frame_axes(numbers: list[float] | None) -> FloatArray:
+    """Return the stereotactic frame's right, anterior, superior in LPS as rows (3, 3)."""
+    import numpy as np
+
+    from ronnaplan.planning.angles import RAS_IN_LPS
+    from ronnaplan.pose import as_pose, rigid
+
+    if numbers is None:
+        return RAS_IN_LPS
+    return as_pose(rigid(np.array(numbers).reshape(3, 3), np.zeros(3)), "--frame-axes")[:3, :3]
 
 
 def _surroundings(arguments: argparse.Namespace, head: Head) -> tuple[list[Obstacle], FloatArray | None]:

@@ -118,6 +118,13 @@ def configure_check(parser: argparse.ArgumentParser) -> None:
     with_plan(parser)
     _with_scan(parser)
     _with_surroundings(parser)
+    parser.add_argument(
+        "--frame-axes",
+        nargs=9,
+        type=float,
+        metavar="N",
+        help="right, anterior, superior of the stereotactic frame in LPS, three numbers each (default: the scanner's)",
+    )
     parser.add_argument("-o", "--output", metavar="FILE", help="also write all measures and verdicts as JSON")
 
 

@@ -6,7 +6,10 @@ the identity where a line is damaged; so what it made of a header is compared wi
 
 from __future__ import annotations
 
+import gzip
 import re
+import struct
+import zlib
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,6 +25,9 @@ META_SUFFIXES: Final = (".mha", ".mhd")
 AFFINE_TOLERANCE_MM: Final = 0.01
 """Two ways to place the same voxel may differ by this much (NIfTI keeps float32)."""
 _TEXT_HEADER_BYTES: Final = 8192
+_NIFTI1_PIXDIM: Final = 76
+_NIFTI2_PIXDIM: Final = 104
+_NIFTI2_HEADER_SIZE: Final = 540
 _NIFTI_MILLIMETRES: Final = frozenset({0, 2})
 _LPS_FROM_RAS: Final = np.diag([-1.0, -1.0, 1.0, 1.0])
 _NRRD_SPACES: Final = {
@@ -79,10 +85,29 @@ def _of_nifti(path: Path, reader: Any) -> list[FloatArray]:
             np.array(numbers("quatern_b", "quatern_c", "quatern_d")),
             np.array(numbers("qoffset_x", "qoffset_y", "qoffset_z")),
             np.array(numbers("pixdim[1]", "pixdim[2]", "pixdim[3]")),
-            -1.0 if numbers("pixdim[0]")[0] < 0 else 1.0,
+            _qfac(path),
         )
         declared.append(_LPS_FROM_RAS @ ras_from_index)
     return declared
+
+
+def _qfac(path: Path) -> float:
+    """Return pixdim[0], the handedness of the quaternion's frame, from the file: SimpleITK prints a wrong one.
+
+    -1 is usual (dcm2niix writes it); anything but a negative number counts as 1, by the standard.
+    """
+    opener = gzip.open if path.name.lower().endswith(".gz") else open
+    try:
+        with opener(path, "rb") as stream:
+            header = stream.read(_NIFTI2_PIXDIM + 8)
+        order = "<" if header[:4] in (b"\x5c\x01\x00\x00", b"\x1c\x02\x00\x00") else ">"
+        if struct.unpack_from(f"{order}i", header)[0] == _NIFTI2_HEADER_SIZE:
+            (value,) = struct.unpack_from(f"{order}d", header, _NIFTI2_PIXDIM)
+        else:
+            (value,) = struct.unpack_from(f"{order}f", header, _NIFTI1_PIXDIM)
+    except (OSError, EOFError, zlib.error, struct.error) as error:
+        raise InputError(f"{printable(path)} has no readable NIfTI header; convert it again") from error
+    return -1.0 if value < 0 else 1.0
 
 
 def _from_quaternion(vector: FloatArray, offset: FloatArray, spacing: FloatArray, qfac: float) -> FloatArray:

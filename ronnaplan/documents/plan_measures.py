@@ -44,6 +44,7 @@ def _measures(one: Measures) -> dict[str, Any]:
         "skull_thickness_mm": one.skull_thickness_mm,
         "skull_angle_deg": one.skull_angle_deg,
         "scalp_angle_deg": one.scalp_angle_deg,
+        "doubts": list(one.doubts),
         "way_out": one.crossings.way.name.lower(),
         "scalp": _surface(one.crossings.scalp),
         "outer_table": _surface(one.crossings.outer),

@@ -58,12 +58,17 @@ class Scan:
 
 @dataclass(frozen=True)
 class Examined:
-    """A candidate that was fitted: where it was seen, the fit, and (test, reason) where it failed."""
+    """A candidate that was fitted: where it was seen, the fit, and (test, reason) of each test it failed."""
 
     candidate_mm: FloatArray
     diameter_mm: float
     fit: BallFit
-    failure: tuple[str, str] | None
+    failures: tuple[tuple[str, str], ...]
+
+    @property
+    def is_marker(self) -> bool:
+        """Whether every test was passed."""
+        return not self.failures
 
     def is_same_place(self, other: Examined) -> bool:
         """Whether both are about the same ball."""
@@ -88,7 +93,7 @@ def _examine_place(scan: Scan, center_mm: FloatArray, diameter_mm: float) -> Exa
     around = gather(scan.volume, center_mm, reach_mm)
     fit = fit_ball(around, diameter_mm, scan.thickness_mm, scan.ceiling_hu)
     evidence = Evidence(fit, diameter_mm, scan.thickness_mm, noise_level(fit))
-    return Examined(center_mm, diameter_mm, fit, next(failures(evidence), None))
+    return Examined(center_mm, diameter_mm, fit, tuple(failures(evidence)))
 
 
 def _apart(places_mm: FloatArray, least_mm: float) -> list[FloatArray]:

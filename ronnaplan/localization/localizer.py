@@ -7,7 +7,6 @@ from collections.abc import Iterable, Sequence
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import InputError, RefusedError, UsageError
-from ronnaplan.localization.accept import TESTS
 from ronnaplan.localization.examine import Examined, Scan, examine
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
 from ronnaplan.localization.template import Template, match_template
@@ -41,7 +40,7 @@ def localize(
     _check_resolution(volume, min(diameters))
     scan = Scan(volume)
     examined = [one for diameter in diameters for one in examine(scan, diameter)]
-    markers = _distinct(one for one in examined if one.failure is None)
+    markers = _distinct(one for one in examined if one.is_marker)
     fiducials = [_fiducial(f"F{number}", one, scan) for number, one in enumerate(markers, start=1)]
     rejected = _rejected(examined, markers)
     if template is not None:
@@ -85,14 +84,14 @@ def _distinct(accepted: Iterable[Examined]) -> list[Examined]:
 
 
 def _rejected(examined: Iterable[Examined], markers: Sequence[Examined]) -> tuple[Rejected, ...]:
-    """The candidates that failed, nearest to acceptance first; those that turned out to be markers are left out."""
-    order = list(TESTS)
+    """The candidates that failed, fewest tests first; those that turned out to be markers are left out."""
     failed = [
-        Rejected(one.candidate_mm, *one.failure, one.fit.theta, one.fit.center_mm)
-        for one in examined
-        if one.failure is not None and not any(one.is_same_place(marker) for marker in markers)
+        one for one in examined if not one.is_marker and not any(one.is_same_place(marker) for marker in markers)
     ]
-    return tuple(sorted(failed, key=lambda one: -order.index(one.test)))
+    return tuple(
+        Rejected(one.candidate_mm, *one.failures[0], one.fit.theta, one.fit.center_mm)
+        for one in sorted(failed, key=lambda one: (len(one.failures), one.fit.misfit))
+    )
 
 
 def _fiducial(label: str, one: Examined, scan: Scan) -> Fiducial:

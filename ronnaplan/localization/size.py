@@ -34,7 +34,7 @@ def common_diameter(volume: CTVolume) -> float:
     balls: list[Examined] = []
     for diameter_mm in np.exp(steps):
         for one in examine(scan, float(diameter_mm)):
-            if one.failure is None and not any(one.is_same_place(other) for other in balls):
+            if one.is_marker and not any(one.is_same_place(other) for other in balls):
                 balls.append(one)
     kinds = sorted(_kinds([one.fit.diameter_mm for one in balls]), key=len, reverse=True)
     seen = ", ".join(f"{len(kind)} of {np.median(kind):.1f} mm" for kind in kinds) or "none"

@@ -53,17 +53,25 @@ def find_crossings(head: Head, start_mm: FloatArray, outward: FloatArray) -> Cro
     if way is not Way.OPEN:
         return Crossings(way)
 
-    def fitted(reach: float, limits: tuple[float, float], *neighbours: float) -> Surface | None:
+    def fitted(
+        reach: float, limits: tuple[float, float], *neighbours: float, last: bool = False
+    ) -> Surface | None:
         if not np.isfinite(reach):
             return None
         gaps = [abs(reach - other) * LAYER_SHARE for other in neighbours if np.isfinite(other)]
         return fit_crossing(
-            head.volume, start_mm, outward, reach, limits_hu=limits, half_depth_mm=min(gaps, default=np.inf)
+            head.volume,
+            start_mm,
+            outward,
+            reach,
+            limits_hu=limits,
+            brighter_outside=last,
+            half_depth_mm=min(gaps, default=np.inf),
         )
 
     return Crossings(
         way,
         fitted(scalp, SCALP_LIMITS_HU, outer),
         fitted(outer, BONE_LIMITS_HU, scalp, inner),
-        fitted(inner, BONE_LIMITS_HU, outer),
+        fitted(inner, BONE_LIMITS_HU, outer, last=True),
     )

@@ -9,12 +9,13 @@ import numpy as np
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.planning.angles import AcPcAngles, ArcAngles, acpc_angles, arc_angles
+from ronnaplan.planning.angles import RAS_IN_LPS, AcPcAngles, ArcAngles, acpc_angles, arc_angles
 from ronnaplan.planning.crossings import Crossings, find_crossings
 from ronnaplan.planning.head import SKIN_HU, Head
 from ronnaplan.planning.obstacles import Clearance, Obstacle
 from ronnaplan.planning.plan import Landmarks
 from ronnaplan.planning.segments import segment_distances
+from ronnaplan.planning.surface import Surface
 from ronnaplan.planning.trajectory import Trajectory
 from ronnaplan.planning.uncertainty import PathError, path_error
 
@@ -81,12 +82,23 @@ class Measures:
     @property
     def skull_angle_deg(self) -> float | None:
         """Angle between the path and the normal of the outer table."""
-        return _angle_deg(self.crossings.outer.normal, self.trajectory.inward) if self.crossings.outer else None
+        return _angle_deg(self.crossings.outer, self.trajectory.inward)
 
     @property
     def scalp_angle_deg(self) -> float | None:
         """Angle between the path and the normal of the scalp."""
-        return _angle_deg(self.crossings.scalp.normal, self.trajectory.inward) if self.crossings.scalp else None
+        return _angle_deg(self.crossings.scalp, self.trajectory.inward)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Reasons to doubt the measures, one sentence each."""
+        surfaces = {"scalp": self.crossings.scalp, "outer table": self.crossings.outer}
+        surfaces["inner table"] = self.crossings.inner
+        return tuple(
+            f"the {name} is not clear here (thick slices, rough or thin bone); its place is that of a threshold"
+            for name, surface in surfaces.items()
+            if surface is not None and not surface.clear
+        )
 
 
 def measure(
@@ -98,12 +110,14 @@ def measure(
     landmarks: Landmarks | None = None,
     pose_mm2: FloatArray | None = None,
     tolerance_mm: float = 2.0,
+    frame_axes: FloatArray = RAS_IN_LPS,
 ) -> Measures:
     """Measure ``trajectory`` in ``head``.
 
     ``others`` are the plan's trajectories (itself is left out by name); ``pose_mm2`` (6, 6) is the covariance of
-    the expected registration in LPS (see `planned_pose_covariance`). Raises `FrameMismatchError` for another frame
-    and `InputError` for ends outside the scan or in air.
+    the expected registration in LPS (see `planned_pose_covariance`); rows of ``frame_axes`` (3, 3) are right,
+    anterior, superior of the stereotactic frame in LPS (default: square to the scanner). Raises
+    `FrameMismatchError` for another frame and `InputError` for ends outside the scan or in air.
     """
     crossings = check_ends(trajectory, head)
     start = trajectory.entry_mm
@@ -116,7 +130,7 @@ def measure(
         head.scan.values_hu(trajectory.at_depth(depth)),
         tuple(one for one in clearances if one is not None),
         tuple(_spacing(trajectory, other) for other in others if other.name != trajectory.name),
-        arc_angles(start, trajectory.target_mm),
+        arc_angles(start, trajectory.target_mm, frame_axes),
         acpc_angles(landmarks, start, trajectory.target_mm) if landmarks else None,
         None if pose_mm2 is None else path_error(trajectory, pose_mm2, tolerance_mm),
     )
@@ -162,9 +176,11 @@ def _spacing(trajectory: Trajectory, other: Trajectory) -> Spacing:
     return Spacing(other.name, float(distance), clearance, float(share) * trajectory.length_mm)
 
 
-def _angle_deg(normal: FloatArray, inward: FloatArray) -> float:
-    across = float(np.linalg.norm(np.cross(normal, inward)))
-    return float(np.degrees(np.arctan2(across, abs(float(normal @ inward)))))
+def _angle_deg(surface: Surface | None, inward: FloatArray) -> float | None:
+    if surface is None or not surface.clear:
+        return None
+    across = float(np.linalg.norm(np.cross(surface.normal, inward)))
+    return float(np.degrees(np.arctan2(across, abs(float(surface.normal @ inward)))))
 
 
 def _shown(place_mm: FloatArray) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, as_points, unit
 from ronnaplan.planning.candidates import Field, cast, spread_directions
-from ronnaplan.planning.head import Head
+from ronnaplan.planning.head import SKIN_HU, Head
 from ronnaplan.planning.layers import Way
 
 SITES = 4_000
@@ -18,6 +18,9 @@ SITES = 4_000
 
 HEIGHT_MM = 13.75
 """Default height of a marker's centre above the scalp: an 11.5 mm sphere on an 8 mm base and post."""
+
+FREE_ABOVE_MM = (4.0, 22.0, 2.0)
+"""Heights over the scalp (from, to, step) at which there must be air: there the marker will be."""
 
 NEIGHBOURS = 12
 """The slope of the scalp at a site is that of the plane through so many sites about it."""
@@ -74,10 +77,16 @@ class PlacementRules:
 
 
 def scalp_sites(head: Head, count: int = SITES) -> Sites:
-    """Return places spread over the scalp of ``head``, with normals; those on attached things are left out."""
+    """Return places spread over the scalp of ``head``, with normals.
+
+    Those on attached things, or with something over them (a headrest, a tube), are left out.
+    """
     centre = head.centre_mm
     found = cast(head, centre, spread_directions(count), Field.of([], head))
-    return surface_sites(found.entries_mm[found.way == Way.OPEN], centre)
+    sites = surface_sites(found.entries_mm[found.way == Way.OPEN], centre)
+    over = sites.scalp_mm[:, np.newaxis] + np.arange(*FREE_ABOVE_MM)[:, np.newaxis] * sites.normals[:, np.newaxis]
+    values = head.scan.values_hu(over.reshape(-1, 3)).reshape(over.shape[:2])
+    return sites.chosen(np.asarray((~(values >= SKIN_HU)).all(axis=1)))
 
 
 def surface_sites(points_mm: ArrayLike, inside_mm: ArrayLike) -> Sites:

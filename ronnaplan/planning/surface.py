@@ -42,6 +42,12 @@ CURVATURE_PRIOR_PER_MM = 1 / 20
 BLUR_PRIOR_MM = 0.6
 """Typical blur (standard deviation) of a head CT; known within a factor of two."""
 
+ODD_BLUR = math.log(3.5)
+"""Logarithm of a blur in mm that no head protocol has: a fit with a larger one went astray."""
+
+LEAST_OBLIQUITY = 0.1
+"""Cosine between ray and normal below which the ray grazes the surface and crosses it nowhere in particular."""
+
 NOISE_SHARE = 0.03
 """Expected misfit of a voxel as a share of the step: sets how much the priors weigh (little)."""
 
@@ -76,8 +82,8 @@ ROUNDS = 3
 class Surface:
     """A crossing: ``position_mm`` (3,) in LPS, its ``reach_mm`` along the ray, and the outward unit ``normal``.
 
-    ``sd_mm`` is the standard error along the ray; ``clear`` is False where no patch could be fitted and the values
-    are those of the plain threshold.
+    ``sd_mm`` is the standard error along the ray; ``clear`` is False where no patch could be fitted: the place is
+    then that of the plain threshold, and the normal is not known (the ray's direction stands for it).
     """
 
     position_mm: FloatArray
@@ -110,11 +116,13 @@ def fit_crossing(
     reach_mm: float,
     *,
     limits_hu: tuple[float, float],
+    brighter_outside: bool = False,
     half_depth_mm: float = HALF_DEPTH_MM,
 ) -> Surface:
     """Refine the crossing near ``reach_mm`` along the ray from ``start_mm`` (3,) along unit ``outward`` (3,).
 
-    ``limits_hu`` bound the values, so that a third medium nearby (air above thin skin over bone) does not count.
+    ``limits_hu`` bound the values, so that a third medium nearby (air above thin skin over bone) does not count;
+    ``brighter_outside`` tells which way the step goes. A fit that finds something else is not believed.
     """
     place = start_mm + reach_mm * outward
     depth = max(min(half_depth_mm, HALF_DEPTH_MM), LEAST_HALF_DEPTH_MM)
@@ -123,8 +131,10 @@ def fit_crossing(
         return Surface(place, reach_mm, outward, depth, clear=False)
     shift, normal = _meet(patch, place, outward)
     obliquity = abs(float(patch.normal @ outward))
-    if abs(shift) > 2 * depth or obliquity < 0.1:
-        return Surface(place, reach_mm, patch.normal, depth, clear=False)
+    step = float(patch.parameters[OUTER] - patch.parameters[INNER])
+    odd = (step > 0) != brighter_outside or patch.parameters[BLUR] > ODD_BLUR
+    if odd or abs(shift) > 2 * depth or obliquity < LEAST_OBLIQUITY:
+        return Surface(place, reach_mm, outward, depth, clear=False)
     sd = float(np.sqrt(patch.covariance[0, 0])) / obliquity
     return Surface(place + shift * outward, reach_mm + shift, normal, sd)
 
@@ -164,7 +174,8 @@ def _fit(
         if fitted is not None:
             parameters, covariance = fitted
     # Between slices that leave a gap nothing was measured: a surface may lie anywhere in it.
-    unseen = max(gap * across - box - 2.0 * float(np.exp(parameters[BLUR])), 0.0)
+    in_plane = BLUR_PRIOR_MM * float(np.sqrt(max(1.0 - across**2, 0.0)))
+    unseen = max(gap * across - box - 2.0 * in_plane, 0.0)
     covariance[0, 0] += unseen**2 / 12.0
     return _Patch(place, axes, parameters, covariance)
 

@@ -43,7 +43,7 @@ def history_list(plan: Plan) -> str:
 def measures_table(measured: Sequence[Measures]) -> str:
     """Return what was measured, one row a trajectory."""
     header = ["name", "length", "below scalp", "below skull", "skull", "angle", "arc", "ring", "sagittal"]
-    header += ["coronal", "nearest", "TRE entry", "TRE target", "tilt", "chance"]
+    header += ["coronal", "nearest", "TRE entry", "TRE target", "turn", "chance"]
     units = ["", "mm", "mm", "mm", "mm", "deg", "deg", "deg", "deg", "deg", "mm", "mm", "mm", "deg", ""]
     return _table(header, [units, *([*_values(one)] for one in measured)])
 
@@ -84,7 +84,7 @@ def verdict_table(verdicts: Iterable[Verdict]) -> str:
         ]
         for one in verdicts
     ]
-    return _table(["trajectory", "measure", "value", "limit", "", "", ""], rows)
+    return _table(["trajectory", "measure", "value", "limit", "unit", "verdict", "remark"], rows)
 
 
 def proposals_table(found: Proposals) -> str:

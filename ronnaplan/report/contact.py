@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import Fiducials
-from ronnaplan.report.picture import CUTS, OUTLINE_COLOUR, cut_image, cut_places, png
+from ronnaplan.report.picture import CUTS, OUTLINE_COLOUR, cut_image, png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -79,7 +79,7 @@ def draw_cut(picture: Axes, residual: Axes, volume: CTVolume, row: Candidate, cu
     radius_mm, contrast_hu, background_hu = row.parameters[3], row.parameters[6], row.parameters[7]
     reach_mm = 1.6 * radius_mm + 1.0
     image = cut_image(volume, row.center_mm, CUTS[cut], reach_mm)
-    left_over = residual_image(volume, row, cut, reach_mm)
+    left_over = cut_image(_left_over(volume, row, reach_mm), row.center_mm, CUTS[cut], reach_mm, outside_hu=0.0)
     extent = (-reach_mm, reach_mm, -reach_mm, reach_mm)
     window = {"vmin": background_hu - 0.1 * contrast_hu, "vmax": background_hu + 1.3 * contrast_hu}
     picture.imshow(image, cmap="gray", extent=extent, origin="lower", **window)
@@ -92,31 +92,23 @@ def draw_cut(picture: Axes, residual: Axes, volume: CTVolume, row: Candidate, cu
             axes.invert_yaxis()
 
 
-def residual_image(volume: CTVolume, row: Candidate, cut: str, reach_mm: float) -> FloatArray:
-    """Data less model on a cut, in HU: taken at the voxels themselves, and only then interpolated for the eye.
-
-    The other way round, interpolation alone would leave rings at every sharp edge.
-    """
-    from scipy.ndimage import map_coordinates
-
-    wanted = volume.grid.indices(cut_places(row.center_mm, CUTS[cut], reach_mm))
-    last = np.array(volume.voxels_hu.shape) - 1
-    first = np.clip(np.floor(wanted.min(axis=(0, 1))).astype(int), 0, last)
-    end = np.clip(np.ceil(wanted.max(axis=(0, 1))).astype(int), 0, last) + 1
-    block = tuple(slice(low, high) for low, high in zip(first, end, strict=True))
-    kji = np.stack(np.meshgrid(*(np.arange(part.start, part.stop) for part in block), indexing="ij"), axis=-1)
-    left_over = volume.voxels_hu[block] - _model_hu(volume, row, volume.grid.positions_mm(kji.astype(np.float64)))
-    image: FloatArray = map_coordinates(left_over, np.moveaxis(wanted - first, -1, 0), order=1, mode="nearest")
-    return image
-
-
-def _model_hu(volume: CTVolume, row: Candidate, places_mm: FloatArray) -> FloatArray:
-    """What the fitted model shows at places (..., 3), in HU."""
+def _left_over(volume: CTVolume, row: Candidate, reach_mm: float) -> CTVolume:
+    """The voxels about a candidate less the fitted model, in HU: compared voxel by voxel, as the fit does."""
     from ronnaplan.localization.detect import slice_axes
     from ronnaplan.localization.model import disc_nodes, disc_table, evaluate
 
-    offsets = (places_mm - row.center_mm).reshape(-1, 3) @ slice_axes(volume.grid).T
+    grid = volume.grid
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * reach_mm * np.sqrt(2)
+    indices = grid.indices(row.center_mm + corners)
+    low = np.clip(np.floor(indices.min(axis=0)), 0, volume.voxels_hu.shape).astype(int)
+    high = np.clip(np.ceil(indices.max(axis=0)) + 1, low + 1, volume.voxels_hu.shape).astype(int)
+    low = np.minimum(low, high - 1)
+    box = volume.voxels_hu[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
+    places = grid.positions_mm(np.moveaxis(np.indices(box.shape), 0, -1) + low.astype(np.float64))
     centred = row.parameters.copy()
     centred[:3] = 0.0
-    values, _ = evaluate(np.ascontiguousarray(offsets), centred, disc_table(), *disc_nodes())
-    return values.reshape(places_mm.shape[:-1])
+    offsets = np.ascontiguousarray((places - row.center_mm).reshape(-1, 3) @ slice_axes(grid).T)
+    model, _ = evaluate(offsets, centred, disc_table(), *disc_nodes())
+    origins = grid.origins_mm[low[0] : high[0]] + low[1] * grid.row_step_mm + low[2] * grid.column_step_mm
+    left_over = (box - model.reshape(box.shape)).astype(np.float32)
+    return replace(volume, voxels_hu=left_over, grid=replace(grid, origins_mm=origins))

@@ -46,12 +46,19 @@ def marker_sheet(volume: CTVolume, found: Fiducials) -> bytes:
     return png(figure)
 
 
-def cut_image(volume: CTVolume, center_mm: FloatArray, axes: tuple[int, int], reach_mm: float) -> FloatArray:
+def cut_image(
+    volume: CTVolume,
+    center_mm: FloatArray,
+    axes: tuple[int, int],
+    reach_mm: float,
+    *,
+    outside_hu: float = WINDOW_HU[0],
+) -> FloatArray:
     """Sample a square cut of half width ``reach_mm`` through ``center_mm``, in HU (linear interpolation)."""
     from scipy.ndimage import map_coordinates
 
     indices = np.moveaxis(volume.grid.indices(cut_places(center_mm, axes, reach_mm)), -1, 0)
-    image: FloatArray = map_coordinates(volume.voxels_hu, indices, output=np.float64, order=1, cval=WINDOW_HU[0])
+    image: FloatArray = map_coordinates(volume.voxels_hu, indices, output=np.float64, order=1, cval=outside_hu)
     return image
 
 

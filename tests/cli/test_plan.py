@@ -88,6 +88,17 @@ def test_check_passes_then_refuses_with_a_table(
     assert "1 of 3 limits are broken" in printed.err
 
 
+def test_arc_and_ring_follow_the_frame_s_own_axes(plan: Path, ct: Path, tmp_path: Path) -> None:
+    output, check = tmp_path / "measures.json", ["plan", "check", str(plan), "--ct", str(ct)]
+    found = []
+    for axes in ([], ["-0.96", "-0.28", "0", "0.28", "-0.96", "0", "0", "0", "1"]):
+        assert main([*check, "-o", str(output), *(["--frame-axes", *axes] if axes else [])]) == 0
+        found.append(json.loads(output.read_text())["trajectories"][0]["arc_and_ring"]["arc_deg"])
+    outward = np.array([-10, 5, 57]) / np.linalg.norm([-10, 5, 57])
+    assert found[0] == pytest.approx(np.degrees(np.arccos(outward @ [-1, 0, 0])))
+    assert found[1] == pytest.approx(np.degrees(np.arccos(outward @ [-0.96, -0.28, 0])))
+
+
 def test_proposals_are_printed_with_reasons_and_the_best_is_added(
     plan: Path, ct: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -141,6 +152,7 @@ BAD = [
     (["add", "{plan}", "A", *POINTS], 1, "already has"),
     (["edit", "{plan}", "A", "--target", "0", "0", "20"], 2, "--coordinates"),
     (["edit", "{plan}", "Z", "--notes", "none"], 1, "no trajectory 'Z'"),
+    (["check", "{plan}", "--frame-axes", *["1", "0", "0", "0", "1", "0", "0", "0", "2"]], 1, "not rigid"),
     (["check", "{plan}", "--no-go", "{plan}"], 1, "neither a NIfTI"),
     (["check", "{plan}", "--limits", "{plan}"], 1, "does not hold limits"),
     (["check", "{plan}", "--fiducials", "{plan}"], 1, "not a fiducials document"),

@@ -150,3 +150,22 @@ def test_a_declared_size_beyond_the_limit_is_refused_before_it_is_read(tmp_path:
 def test_values_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="not finite numbers"):
         read_ct(write(tmp_path / "nan.nrrd", np.full((3, 4, 5), np.nan, np.float32)))
+
+
+@pytest.mark.parametrize("suffix", [".nii", ".nii.gz"])
+def test_a_left_handed_nifti_keeps_every_voxel_at_its_place(tmp_path: Path, suffix: str) -> None:
+    values = np.random.default_rng(3).integers(-1000, 1000, (5, 6, 7)).astype(np.int16)
+    image = SimpleITK.GetImageFromArray(values)
+    image.SetSpacing((0.5, 0.75, 2.0))
+    image.SetDirection((-1, 0, 0, 0, 1, 0, 0, 0, 1))
+    image.SetOrigin((5.0, 6.0, 7.0))
+    path = tmp_path / f"left{suffix}"
+    SimpleITK.WriteImage(image, str(path))
+    volume = read_ct(path)
+    assert (np.diff(volume.grid.slice_positions_mm) > 0).all()
+    places = volume.grid.positions_mm(np.moveaxis(np.indices(volume.voxels_hu.shape), 0, -1).astype(float))
+    for k, j, i in ((0, 0, 0), (4, 5, 6), (2, 1, 3)):
+        place = np.array(image.TransformIndexToPhysicalPoint((i, j, k)))
+        nearest = np.unravel_index(np.linalg.norm(places - place, axis=-1).argmin(), values.shape)
+        assert places[nearest] == pytest.approx(place, abs=1e-5)
+        assert volume.voxels_hu[nearest] == values[k, j, i]

@@ -16,7 +16,7 @@ from tests.scans import balls, scan, small_stack
 @pytest.fixture(scope="module")
 def fit() -> BallFit:
     (found,) = examine(Scan(scan(balls([(1.0, 2.0, 3.0)]), small_stack())), 11.5)
-    assert found.failure is None
+    assert found.is_marker
     return found.fit
 
 

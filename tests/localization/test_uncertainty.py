@@ -22,7 +22,7 @@ from tests.scans import balls, scan, small_stack
 
 
 def fit_of(volume: CTVolume) -> BallFit:
-    found = [one for one in examine(Scan(volume), 11.5) if one.failure is None]
+    found = [one for one in examine(Scan(volume), 11.5) if one.is_marker]
     assert len(found) == 1
     return found[0].fit
 

@@ -38,6 +38,17 @@ def test_depths_thickness_and_angle(stack: str) -> None:
         assert measured.error is None
 
 
+def test_a_surface_that_is_not_clear_gives_no_angle_and_says_so() -> None:
+    target, outward = np.array([5.0, 3.0, 10.0]), np.array([0.0, 0.6, 0.8])
+    measured = measure(path(target, outward), scanned("plain"))
+    assert measured.doubts == ()
+    assert measured.crossings.outer is not None
+    unclear = replace(measured.crossings, outer=replace(measured.crossings.outer, clear=False))
+    doubted = replace(measured, crossings=unclear)
+    assert doubted.skull_angle_deg is None
+    assert "outer table is not clear" in doubted.doubts[0]
+
+
 def test_the_profile_shows_each_tissue_at_its_depth() -> None:
     target, outward = np.array([5.0, 3.0, 10.0]), np.array([0.0, 0.6, 0.8])
     measured = measure(path(target, outward), scanned("plain"))

@@ -7,15 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from phantoms.scene import Part, Scene
+from phantoms.solids import box
+from phantoms.stack import axial_stack
 from ronnaplan.correspondence import describe_layout, match_points
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.planning import place_markers
+from ronnaplan.planning import Head, place_markers
 from ronnaplan.planning.candidates import spread_directions
 from ronnaplan.planning.placement import expected_tre_mm, scattered_layout
 from ronnaplan.planning.sites import PlacementRules, Sites, allowed_sites, even_layout, scalp_sites, surface_sites
 from ronnaplan.registration import register_points
-from tests.planning.heads import SCALP, normal, scanned
+from tests.planning.heads import SCALP, layered_head, normal, scanned
+from tests.scans import scan
 
 TARGETS = np.array([[12.0, -8.0, 18.0], [-6.0, 10.0, 5.0]])
 ENTRIES = np.array([[30.0, -40.0, 62.0]])
@@ -38,6 +42,18 @@ def test_the_scalp_of_a_scan_gives_the_same_sites() -> None:
     away = sites.scalp_mm[:, 2] > 30.0  # at the cut edge of the scan the slope is one-sided
     cosines = [n @ normal(p, SCALP) for n, p in zip(sites.normals[away], sites.scalp_mm[away], strict=True)]
     assert np.degrees(np.arccos(np.clip(cosines, -1, 1))).max() < 3.0
+
+
+def test_nothing_is_placed_under_a_headrest() -> None:
+    plate = Part(box((0.0, 98.0, 8.0), (70.0, 5.0, 50.0)), "acrylic", "headrest", embedded=True)
+    stack = axial_stack(start_mm=-22, stop_mm=90, spacing_mm=2.0, matrix=128, field_of_view_mm=220.0)
+    under = []
+    for scene in (layered_head(), layered_head() + Scene((plate,))):
+        places = scalp_sites(Head.of(scan(scene, stack)), 1500).scalp_mm
+        near = (np.abs(places[:, 0]) < 20) & (places[:, 1] > 0) & (np.abs(places[:, 2] - 8) < 12)
+        under.append(int(near.sum()))
+    assert under[0] > 10
+    assert under[1] == 0
 
 
 def test_the_rules_are_kept(sites: Sites) -> None:

@@ -82,6 +82,14 @@ def test_impossible_limits_leave_no_proposal_and_the_reasons_why() -> None:
     assert np.isnan(found.scores).all()
 
 
+def test_a_limit_that_only_the_full_measure_knows_counts_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ronnaplan.planning.proposals.MOST_CHECKED", 10)
+    limits = Limits(greatest_target_error_mm=1.0)
+    for variance, found in ((0.1, 2), (1.0, 0)):
+        pose = np.diag([1e-8, 1e-8, 1e-8, variance, variance, variance])
+        assert len(propose(TARGET, scanned("plain"), limits, pose_mm2=pose, count=2, directions=800).best) == found
+
+
 def test_the_instrument_must_reach() -> None:
     found = propose(
         TARGET, scanned("plain"), Limits(), instrument=INSTRUMENTS["endoscope"], count=2, directions=3000
