@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import base64
 import json
+import socket
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -11,6 +13,7 @@ from urllib.parse import urlsplit
 
 import cv2
 import numpy as np
+import pyigtl
 import pytest
 
 from ronnaplan.documents.plan import read_plan
@@ -174,6 +177,34 @@ def test_readings_are_registered_from_the_page(browser: Any, shared: Planner) ->
     eventually(page, file.exists)
     page.wait_for_function("window.trame.state.get('registration').pairs.length === 6")
     assert json.loads(file.read_text())["status"] == "unique"
+
+
+def test_a_live_tracker_is_listened_to_and_entries_are_proposed(browser: Any, folder: Path) -> None:
+    listener = socket.create_server(("127.0.0.1", 0))
+
+    def serve() -> None:
+        connection, _ = listener.accept()
+        with connection:
+            for _ in range(10):
+                connection.sendall(pyigtl.PointMessage(positions=cases.seen_mm(), device_name="Polaris").pack())
+
+    thread = threading.Thread(target=serve, daemon=True)
+    thread.start()
+    (folder / "registration.json").unlink()
+    with planner(folder, "--tracker", f"127.0.0.1:{listener.getsockname()[1]}") as one:
+        page = opened(browser, one.url)
+        page.click(".v-tab >> text=Registration")
+        page.click("text=listen to")
+        page.wait_for_function("window.trame.state.get('registration').status === 'unique'")
+        assert len(json.loads((folder / "registration.json").read_text())["pairs"]) == 6
+        page.click(".v-tab >> text=Trajectories")
+        page.click("text=propose entries")
+        page.wait_for_function("window.trame.state.get('proposals').length > 0", timeout=90_000)
+        before = fields(page, "entry")
+        page.click("tr[title='Use this entry'] >> nth=0")
+        settled(page, folder, "left", "entry", before)
+    thread.join(10)
+    listener.close()
 
 
 def test_the_wheel_scrolls_and_the_cuts_stay_linked(browser: Any, shared: Planner) -> None:
