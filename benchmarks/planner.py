@@ -3,7 +3,8 @@
     python -m benchmarks.planner [FOLDER] [--steps 40]
 
 Without a folder a head is rendered: 190 uncompressed slices of 512 x 512. Needs Chromium and the package playwright.
-A step is timed in the page, from the event until a new picture (scroll) or a new coordinate (drag) has been drawn.
+A step is timed in the page, from the event until a new picture (scroll) or the end at its new place (drag) has been
+drawn; of a drag also until the measures have followed, when the page sends the next step.
 Memory is the server's peak, as it is and less that of a server that shows the small scan of the demo.
 """
 
@@ -34,12 +35,14 @@ FLAGS = (
 
 DRAWN = """async ([name, key, args]) => {
   const read = () => JSON.stringify(key === 'axial' ? window.trame.state.get('picture_axial')
-                                                    : window.trame.state.get('chosen').target);
+                                                    : window.trame.state.get('drawn_axial').paths);
   const before = read(), start = performance.now();
-  window.trame.trigger(name, args);
+  const reply = window.trame.trigger(name, args);
   while (read() === before && performance.now() - start < 5000) await new Promise(requestAnimationFrame);
   await new Promise(requestAnimationFrame);
-  return performance.now() - start;
+  const shown = performance.now() - start;
+  await reply;
+  return [shown, performance.now() - start];
 }"""
 
 
@@ -50,6 +53,7 @@ class Figures:
     first_picture_s: float
     scroll_ms: float
     drag_ms: float
+    measured_ms: float
     peak_bytes: int
 
 
@@ -73,6 +77,7 @@ def main() -> int:
         ("first picture, reading included, s", figures.first_picture_s, FIRST_PICTURE_S),
         ("scroll step, median ms", figures.scroll_ms, STEP_MS),
         ("drag step, median ms", figures.drag_ms, STEP_MS),
+        ("drag step with measures, median ms", figures.measured_ms, STEP_MS),
         ("memory, all of the server, x voxels", total, MEMORY),
         ("memory, less that of a small scan, x voxels", added, MEMORY),
     ]
@@ -98,8 +103,7 @@ def run(ct: Path, scratch: Path, steps: int) -> Figures:
             page.wait_for_selector("svg[data-view=axial] image", timeout=120_000)
             first = time.perf_counter() - started
             page.wait_for_function("window.trame.state.get('picture_head')", timeout=120_000)
-            scroll, drag = scrolled(page, steps), dragged(page, steps)
-            return Figures(first, scroll, drag, peak_bytes(server.pid))
+            return Figures(first, scrolled(page, steps), *dragged(page, steps), peak_bytes(server.pid))
         finally:
             server.kill()
             server.communicate()
@@ -109,11 +113,11 @@ def run(ct: Path, scratch: Path, steps: int) -> Figures:
 def scrolled(page: Any, steps: int) -> float:
     """Median time of a scroll in the axial view."""
     one = ["wheel", "axial", ["axial", 1, False, 150, 150, 300, 300]]
-    return median(page.evaluate(DRAWN, one) for _ in range(steps))
+    return float(median(page.evaluate(DRAWN, one)[0] for _ in range(steps)))
 
 
-def dragged(page: Any, steps: int) -> float:
-    """Median time of one move of a trajectory's target."""
+def dragged(page: Any, steps: int) -> tuple[float, float]:
+    """Median time of one move of a trajectory's target: until it is drawn, and until it is measured."""
     tell = "([name, args]) => window.trame.trigger(name, args)"
     size = [300, 300]
     page.evaluate(tell, ["key", ["a"]])
@@ -123,7 +127,7 @@ def dragged(page: Any, steps: int) -> float:
     moves = [["move", "target", ["axial", 150 + n % 40, 160, *size]] for n in range(1, steps + 1)]
     taken = [page.evaluate(DRAWN, move) for move in moves]
     page.evaluate(tell, ["release", ["axial"]])
-    return median(taken)
+    return median(shown for shown, _ in taken), median(answered for _, answered in taken)
 
 
 def peak_bytes(pid: int) -> int:

@@ -29,6 +29,10 @@ FIRST_LOOK_S = 0.5
 """The browser has this long to draw the cuts before the rest is loaded."""
 
 
+SENDING_S = 0.002
+"""The web socket sends what was flushed while a handler pauses this long."""
+
+
 def _template() -> str:
     """Return the page, with one view for every cut."""
     page = (PAGE / "planner.html").read_text(encoding="utf-8")
@@ -132,11 +136,9 @@ class PlannerApp:
 
     def refresh(self) -> None:
         """Draw whatever is not as the page has it; pictures only where their plane or window changed."""
+        self._refresh_cuts()
         values, state = self.server.state, self.state
         judged = state.judge(state.chosen) if state.chosen and self.scene else Judgement(problem="measuring ...")
-        for view in CUTS:
-            values[f"drawn_{view}"] = drawing.over_cut(state, view, values.show_rejected)
-            values[f"picture_{view}"] = self._picture(view)
         values.markers, values.rejected = drawing.marker_rows(state), drawing.rejected_rows(state)
         values.paths, values.chosen = drawing.path_rows(state), drawing.chosen_path(state, judged)
         values.registration = drawing.registration_panel(state)
@@ -151,6 +153,12 @@ class PlannerApp:
         }
         if self.scene is not None:
             values.picture_head = self._head_picture(self.scene)
+
+    def _refresh_cuts(self) -> None:
+        values = self.server.state
+        for view in CUTS:
+            values[f"drawn_{view}"] = drawing.over_cut(self.state, view, values.show_rejected)
+            values[f"picture_{view}"] = self._picture(view)
 
     def _asks(self) -> str:
         if not self.pointer.adding:
@@ -217,7 +225,6 @@ class PlannerApp:
         state = self.state
         actions: dict[str, Callable[..., Any]] = {
             "press": self._press,
-            "move": self._move,
             "release": self._release,
             "wheel": self._wheel,
             "key": lambda key: self._keys[key](),
@@ -239,6 +246,7 @@ class PlannerApp:
         }
         for name, action in actions.items():
             self.server.trigger(name)(self._answering(action))
+        self.server.trigger("move")(self._answer_move)
         slow: dict[str, Callable[..., Callable[[], None]]] = {
             "localize": self._localize,
             "propose": self._propose,
@@ -255,6 +263,15 @@ class PlannerApp:
             self.refresh()
 
         return answer
+
+    async def _answer_move(self, *arguments: Any) -> None:
+        """Show where things are now before the measures are taken, so that the hand is followed at once."""
+        with self._told():
+            self._move(*arguments)
+        self._refresh_cuts()
+        self.server.state.flush()
+        await asyncio.sleep(SENDING_S)
+        self.refresh()
 
     def _answering_later(self, action: Callable[..., Any]) -> Callable[..., Any]:
         """Let ``action`` work in a thread; what it returns is called here, where the state may be changed."""
