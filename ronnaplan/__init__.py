@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from ronnaplan.correspondence import Pairing, match_points
     from ronnaplan.ct import CTVolume, read_ct
     from ronnaplan.localization import Fiducials, localize
+    from ronnaplan.planning import Trajectory
     from ronnaplan.registration import Registration, register_points
 
 __version__ = "0.1.0"
@@ -23,6 +24,7 @@ _ROOMS = {
     "match_points": "ronnaplan.correspondence",
     "Registration": "ronnaplan.registration",
     "register_points": "ronnaplan.registration",
+    "Trajectory": "ronnaplan.planning",
 }
 """Where each public name lives; a room is entered only when one of its names is used."""
 
@@ -31,6 +33,7 @@ __all__ = [
     "Fiducials",
     "Pairing",
     "Registration",
+    "Trajectory",
     "__version__",
     "localize",
     "match_points",

@@ -46,10 +46,11 @@ def run(arguments: argparse.Namespace) -> int:
     known = tuple(_pair(text) for text in arguments.pair)
     targets = None
     if arguments.plan is not None:
-        from ronnaplan.documents.planned_points import planned_points
+        from ronnaplan.documents.plan import read_plan
 
-        targets = planned_points(arguments.plan)
-        fiducials.points.frame.require(targets.frame)
+        plan = read_plan(arguments.plan)
+        plan.require_source(fiducials.points.frame, fiducials.source.voxel_sha256)
+        targets = plan.points
     sigma_ots = ONE_READING_SD_MM if arguments.sigma_ots is None else arguments.sigma_ots
     found = find_markers(read_recording(arguments.readings), sigma_mm=sigma_ots)
     for marker in found.markers:

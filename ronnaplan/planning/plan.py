@@ -11,7 +11,7 @@ import numpy as np
 
 from ronnaplan.ct.volume import CTVolume, SeriesSource
 from ronnaplan.errors import FrameMismatchError, InputError
-from ronnaplan.geometry import FloatArray, Frame, as_points
+from ronnaplan.geometry import FloatArray, Frame, Points, as_points
 from ronnaplan.planning.trajectory import Trajectory
 
 
@@ -72,10 +72,29 @@ class Plan:
         """The frame all points of the plan are in."""
         return Frame("CT", self.source.frame_of_reference_uid)
 
+    @property
+    def points(self) -> Points:
+        """``<name> entry`` and ``<name> target`` of every trajectory, as exact points."""
+        places = [place for one in self.trajectories for place in (one.entry_mm, one.target_mm)]
+        labels = tuple(f"{one.name} {end}" for one in self.trajectories for end in ("entry", "target"))
+        count = len(places)
+        positions = np.array(places, dtype=np.float64).reshape(count, 3)
+        return Points(positions, np.zeros((count, 3, 3)), labels, self.frame)
+
     def require_scan(self, volume: CTVolume) -> None:
         """Raise `FrameMismatchError` unless ``volume`` is in the plan's frame (without UID: is its scan)."""
         self.frame.require(volume.frame)
-        if self.frame.uid is None and self.voxel_sha256 != volume.voxel_sha256:
+        if self.frame.uid is None:
+            self._require_voxels(volume.voxel_sha256)
+
+    def require_source(self, frame: Frame, voxel_sha256: str | None) -> None:
+        """Raise `FrameMismatchError` unless a result of this frame (without UID: of these voxels) fits the plan."""
+        self.frame.require(frame)
+        if self.frame.uid is None:
+            self._require_voxels(voxel_sha256)
+
+    def _require_voxels(self, voxel_sha256: str | None) -> None:
+        if self.voxel_sha256 is None or self.voxel_sha256 != voxel_sha256:
             raise FrameMismatchError(
                 "neither the plan nor the scan names a frame of reference and their voxels differ; "
                 "use the scan that the plan was made on"

@@ -10,7 +10,11 @@ import pyigtl
 import pytest
 
 from ronnaplan.cli import main
+from ronnaplan.ct import SeriesSource
 from ronnaplan.documents.fiducials import to_json
+from ronnaplan.documents.plan import write_plan
+from ronnaplan.geometry import Frame
+from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.tracking import read_recording
 from tests.documents.test_registration import fiducials
 from tests.registration import scene
@@ -36,15 +40,10 @@ def readings(folder: Path, frames: int = 20) -> Path:
 
 def plan(folder: Path, uid: str | None, version: int = 1) -> Path:
     path = folder / "plan.json"
-    content = {
-        "format": "ronnaplan.plan",
-        "version": version,
-        "coordinate_system": "LPS",
-        "unit": "mm",
-        "source": {"frame_of_reference_uid": uid},
-        "trajectories": [{"name": "left", "entry": [10.0, 5, 40], "target": [5.0, 0, 0]}],
-    }
-    path.write_text(json.dumps(content))
+    frame = Frame("CT", uid)
+    one = Trajectory("left", np.array([10.0, 5.0, 40.0]), np.array([5.0, 0.0, 0.0]), frame)
+    write_plan(path, Plan(SeriesSource(frame_of_reference_uid=uid)).add(one))
+    path.write_text(path.read_text().replace('"version": 1,', f'"version": {version},', 1))
     return path
 
 

@@ -15,7 +15,6 @@ from ronnaplan.ct import CTVolume, SeriesSource, SliceGrid
 from ronnaplan.documents.limits import read_limits
 from ronnaplan.documents.plan import plan_document, read_plan, write_plan
 from ronnaplan.documents.plan_exchange import line_markups, plan_table, read_line_markups, read_plan_table
-from ronnaplan.documents.planned_points import planned_points
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import Frame
 from ronnaplan.planning import INSTRUMENTS, Instrument, Landmarks, Limits, Plan, Trajectory
@@ -132,9 +131,9 @@ def test_a_document_that_is_wrong_is_refused_by_name(
         read_plan(path)
 
 
-def test_register_reads_the_same_points(plan: Plan, tmp_path: Path) -> None:
+def test_the_points_to_register_are_the_trajectories_ends(plan: Plan, tmp_path: Path) -> None:
     write_plan(tmp_path / "plan.json", plan)
-    points = planned_points(tmp_path / "plan.json")
+    points = read_plan(tmp_path / "plan.json").points
     assert points.labels == ("left, deep entry", "left, deep target", "=B entry", "=B target")
     np.testing.assert_array_equal(points.positions_mm[3], [-5.0, 0, 10])
     assert points.frame == CT
