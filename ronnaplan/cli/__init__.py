@@ -13,7 +13,7 @@ from ronnaplan import __version__
 from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.text import LONGEST_SENTENCE, printable
 
-VERBS = ("series", "localize", "plan", "track", "register", "export", "phantom", "study", "demo")
+VERBS = ("series", "localize", "plan", "track", "register", "view", "report", "export", "phantom", "study", "demo")
 
 DESCRIPTION = "From a head CT with spherical markers to coordinates a robot can trust."
 NOTICE = "Research software, not a medical device."
