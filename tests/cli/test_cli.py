@@ -125,7 +125,17 @@ def test_a_batch_goes_on_after_a_bad_scan(
 ) -> None:
     bad, results = tmp_path / "bad", tmp_path / "results"
     bad.mkdir()
-    call = ["localize", str(bad), str(ct_folder), "--diameter", "11.5", "-o", str(results), "--report", "sheet.png"]
+    call = [
+        "localize",
+        str(bad),
+        str(ct_folder),
+        "--diameter",
+        "11.5",
+        "-o",
+        str(results),
+        "--report",
+        "sheet.png",
+    ]
     status, _, err = run(call, capsys)
     assert status == 1
     assert "001-bad: " in err
