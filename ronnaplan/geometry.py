@@ -18,6 +18,12 @@ FloatArray = NDArray[np.float64]
 ROTATION_TOLERANCE = 1e-6
 """Largest entry of ``R @ R.T - 1`` that still counts as a rotation (float64 round-off of a written matrix)."""
 
+SMALLEST_SIGMA_MM = 1e-6
+LARGEST_SIGMA_MM = 1000.0
+"""A localization error (standard deviation per axis) beyond these is no error of a tracker or a scanner."""
+FARTHEST_POINT_MM = 1e5
+"""No scanner or tracker sees a hundred metres far: such a coordinate is damage, or not in mm."""
+
 
 @dataclass(frozen=True)
 class Frame:
@@ -65,11 +71,14 @@ class Points:
 def as_points(values: ArrayLike, name: str = "points") -> FloatArray:
     """Return ``values`` as a finite float64 array of shape (N, 3), in mm.
 
-    Raises `InputError` naming the shape or the first row that is not finite.
+    Raises `InputError` naming the shape or the first row that is not finite or beyond `FARTHEST_POINT_MM`.
     """
     try:
-        points = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+        given = np.asarray(values)
+        if np.iscomplexobj(given):
+            raise InputError(f"{name} are complex numbers; expected real coordinates in mm")
+        points = given.astype(np.float64, copy=False)
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name} are not numbers; expected an array of shape (N, 3) in mm") from error
     if points.size == 0:
         points = points.reshape(0, 3)
@@ -78,6 +87,12 @@ def as_points(values: ArrayLike, name: str = "points") -> FloatArray:
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if bad.size:
         raise InputError(f"{name} row {bad[0]} is {points[bad[0]].tolist()}; expected finite coordinates in mm")
+    far = np.flatnonzero((np.abs(points) > FARTHEST_POINT_MM).any(axis=1))
+    if far.size:
+        raise InputError(
+            f"{name} row {far[0]} is {points[far[0]].tolist()}, beyond {FARTHEST_POINT_MM:g} mm; "
+            "convert the coordinates to millimetres"
+        )
     return points
 
 

@@ -151,6 +151,8 @@ def run_check(arguments: argparse.Namespace) -> int:
         for doubt in one.doubts:
             print(f"ronnaplan: warning: {one.trajectory.name}: {doubt}", file=sys.stderr)
     print(f"{measures_table(measured)}\n\n{verdict_table(verdicts)}")
+    if not measured:
+        print("ronnaplan: warning: the plan holds no trajectories; nothing was checked", file=sys.stderr)
     if all_pass(verdicts):
         return 0
     broken = sum(not verdict.passes for verdict in verdicts)

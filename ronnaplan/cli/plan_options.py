@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 
+from ronnaplan.cli.values import sigma_mm, whole
+
 SIDES = {
     "left": (1.0, 0.0, 0.0),
     "right": (-1.0, 0.0, 0.0),
@@ -55,7 +57,7 @@ def _with_surroundings(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--limits", metavar="FILE", help="limits.json")
     parser.add_argument("--no-go", action="append", metavar="FILE", help="a label map (NIfTI, DICOM SEG); repeat")
     parser.add_argument("--fiducials", metavar="FILE", help="fiducials.json: markers to avoid and to register by")
-    parser.add_argument("--sigma-ots", type=float, default=0.17, metavar="MM", help="tracker's error per axis")
+    parser.add_argument("--sigma-ots", type=sigma_mm, default=0.17, metavar="MM", help="tracker's error per axis")
 
 
 def configure_new(parser: argparse.ArgumentParser) -> None:
@@ -135,7 +137,7 @@ def configure_propose(parser: argparse.ArgumentParser) -> None:
     _with_coordinates(parser, "target", required=True)
     _with_instrument(parser)
     _with_surroundings(parser)
-    parser.add_argument("--count", type=int, default=5, metavar="N", help="proposals (default %(default)s)")
+    parser.add_argument("--count", type=whole(1), default=5, metavar="N", help="proposals (default %(default)s)")
     parser.add_argument("--add", action="store_true", help="add the best one to the plan")
 
 
@@ -143,7 +145,7 @@ def configure_markers(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of ``plan markers``."""
     parser.add_argument("--plan", metavar="PLAN", help="a plan whose targets count and whose entries stay free")
     _with_scan(parser)
-    parser.add_argument("--count", type=int, required=True, metavar="N", help="markers to place")
+    parser.add_argument("--count", type=whole(3), required=True, metavar="N", help="markers to place")
     parser.add_argument(
         "--target", nargs=3, type=float, action="append", metavar=("X", "Y", "Z"), help="another target; repeat"
     )
@@ -154,9 +156,12 @@ def configure_markers(parser: argparse.ArgumentParser) -> None:
         ("apart", 30.0, "least distance between markers, mm"),
         ("from-entries", 25.0, "least distance from entries, mm"),
         ("height", 13.75, "height of a marker's centre above the scalp, mm"),
+    ):
+        parser.add_argument(f"--{name}", type=float, default=default, help=f"{text} (default %(default)s)")
+    for name, default, text in (
         ("sigma-ct", 0.56, "localization error in CT per axis, mm"),
         ("sigma-ots", 0.17, "localization error of the tracker per axis, mm"),
     ):
-        parser.add_argument(f"--{name}", type=float, default=default, help=f"{text} (default %(default)s)")
+        parser.add_argument(f"--{name}", type=sigma_mm, default=default, help=f"{text} (default %(default)s)")
     parser.add_argument("--lowest", type=float, metavar="Z", help="no marker below this z (LPS mm)")
     parser.add_argument("-o", "--output", metavar="FILE", help="also write the markers as Slicer markups")

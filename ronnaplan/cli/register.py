@@ -4,6 +4,16 @@ from __future__ import annotations
 
 import argparse
 import sys
+from typing import TYPE_CHECKING
+
+from ronnaplan.cli.values import sigma_mm, whole
+
+if TYPE_CHECKING:
+    from ronnaplan.tracking import Recording
+    from ronnaplan.tracking.markers import MarkerReadings
+
+MOST_WARNINGS = 5
+"""Kinds of flagged readings that are told one by one; more are summed up."""
 
 HELP = "Pair a scan's markers with tracker readings, register them and predict the error at planned points."
 
@@ -12,15 +22,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("fiducials", metavar="FIDUCIALS", help="fiducials.json of the scan")
     parser.add_argument("readings", metavar="READINGS", help="CSV, NDI CSV, Slicer markups or .mha readings")
-    parser.add_argument("--expected", type=int, metavar="N", help="the number of markers seen in both")
+    parser.add_argument("--expected", type=whole(3), metavar="N", help="the number of markers seen in both")
     parser.add_argument("--plan", metavar="PLAN", help="predict the error at this plan's entries and targets")
     parser.add_argument(
         "--sigma-ct",
-        type=float,
+        type=sigma_mm,
         metavar="MM",
         help="marker error per axis beyond CT noise (default 0.56: skin markers)",
     )
-    parser.add_argument("--sigma-ots", type=float, metavar="MM", help="tracker error per axis (default 0.17)")
+    parser.add_argument("--sigma-ots", type=sigma_mm, metavar="MM", help="tracker error per axis (default 0.17)")
     parser.add_argument(
         "--pair",
         action="append",
@@ -52,13 +62,10 @@ def run(arguments: argparse.Namespace) -> int:
         plan.require_source(fiducials.points.frame, fiducials.source.voxel_sha256)
         targets = plan.points
     sigma_ots = ONE_READING_SD_MM if arguments.sigma_ots is None else arguments.sigma_ots
-    found = find_markers(read_recording(arguments.readings), sigma_mm=sigma_ots)
-    for marker in found.markers:
-        for flag in marker.flags:
-            print(f"ronnaplan: warning: reading {marker.label}: {flag}", file=sys.stderr)
-    for track in found.rejected:
-        print(f"ronnaplan: {track.readings} readings near {_place(track.position_mm)} left out: {track.reason}",
-              file=sys.stderr)  # fmt: skip
+    recording = read_recording(arguments.readings)
+    found = find_markers(recording, sigma_mm=sigma_ots)
+    for warning in (*_left_out(recording), *_doubts(found)):
+        print(f"ronnaplan: warning: {warning}", file=sys.stderr)
     registered = register_markers(
         fiducials.points,
         found.points,
@@ -72,6 +79,33 @@ def run(arguments: argparse.Namespace) -> int:
     if document.status != "unique":
         raise RefusedError(document.reason)
     return 0
+
+
+def _left_out(recording: Recording) -> list[str]:
+    """Say which readings of the file were not used, and why."""
+    flagged = recording.flagged()
+    if len(flagged) > MOST_WARNINGS:
+        return [f"{sum(flagged.values())} readings left out for {len(flagged)} reasons; see their status"]
+    return [f"{count} reading{'s' * (count > 1)} left out: {reason}" for reason, count in sorted(flagged.items())]
+
+
+def _doubts(found: MarkerReadings) -> list[str]:
+    """Say what is doubtful about the markers, and which tracks of readings are no marker."""
+    from ronnaplan.tracking.markers import MarkerFlag
+
+    once = MarkerFlag.SINGLE_READING
+    all_once = len(found.markers) > 1 and all(once in marker.flags for marker in found.markers)
+    told = [f"all {len(found.markers)} markers were {once}"] if all_once else []
+    told += [
+        f"reading {marker.label}: {flag}"
+        for marker in found.markers
+        for flag in marker.flags
+        if not (all_once and flag is once)
+    ]
+    return told + [
+        f"{track.readings} readings near {_place(track.position_mm)} left out: {track.reason}"
+        for track in found.rejected
+    ]
 
 
 def _pair(text: str) -> tuple[str, str]:

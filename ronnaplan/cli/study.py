@@ -36,6 +36,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     if arguments.workers is not None and arguments.workers < 1:
         raise UsageError(f"--workers is {arguments.workers}; expected at least 1")
+    if arguments.seed < 0:
+        raise UsageError(f"--seed is {arguments.seed}; expected zero or more")
     return STUDIES[arguments.study].run(arguments)
 
 

@@ -6,6 +6,8 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
+from ronnaplan.cli.values import seconds, whole
+
 if TYPE_CHECKING:
     from ronnaplan.documents.registration import RegistrationDocument
     from ronnaplan.tracking import Recording
@@ -16,8 +18,8 @@ HELP = "Record marker and tool readings from an OpenIGTLink server into a readin
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("--host", default="127.0.0.1", help="where the server runs (default %(default)s)")
-    parser.add_argument("--port", type=int, default=18944, help="its port (default %(default)s)")
-    parser.add_argument("--seconds", type=float, default=5.0, help="how long to record (default %(default)s)")
+    parser.add_argument("--port", type=whole(1, 65_535), default=18944, help="its port (default %(default)s)")
+    parser.add_argument("--seconds", type=seconds, default=5.0, help="how long to record (default %(default)s)")
     parser.add_argument(
         "--registration", metavar="FILE", help="warn when markers have moved since this registration.json"
     )

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from operator import index
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, as_points
+from ronnaplan.geometry import LARGEST_SIGMA_MM, SMALLEST_SIGMA_MM, FloatArray, as_points
 
 LEAST_POINTS = 3
 """A rigid transform needs three pairs."""
@@ -56,9 +57,11 @@ def checked_errors(sigma_mm: ArrayLike, covariances_mm2: ArrayLike | None, count
         raise InputError(
             f"sigma of {name} has shape {sigma.shape}; expected one number or one for each of {count}"
         )
-    if not (np.isfinite(sigma).all() and (sigma > 0).all()):
+    bad = ~((sigma >= SMALLEST_SIGMA_MM) & (sigma < LARGEST_SIGMA_MM))
+    if bad.any():
         raise InputError(
-            f"sigma of {name} is {np.min(sigma):g}; expected positive standard deviations per axis in mm"
+            f"sigma of {name} is {sigma[bad][0]:g}; expected positive standard deviations per axis, "
+            f"{SMALLEST_SIGMA_MM:g} to {LARGEST_SIGMA_MM:g} mm"
         )
     return ErrorModel(np.broadcast_to(sigma**2, (count,)).copy(), None)
 
@@ -94,7 +97,11 @@ def checked_expected(expected: int | None, counts: tuple[int, int]) -> int | Non
 
 def checked_known(known_pairs: Iterable[tuple[int, int]], counts: tuple[int, int]) -> IntArray:
     """Return pointed-at pairs as (K, 2); raises `InputError` for an index outside its set or used twice."""
-    known = np.array([tuple(pair) for pair in known_pairs], dtype=np.int64).reshape(-1, 2)
+    try:
+        pairs = [(index(i), index(j)) for i, j in known_pairs]
+        known = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"known pairs are {known_pairs!r}; expected pairs of (CT index, OTS index)") from error
     for column, (name, count) in enumerate(zip(("CT", "OTS"), counts, strict=True)):
         indices = known[:, column]
         if ((indices < 0) | (indices >= count)).any() or len(set(indices.tolist())) < len(indices):

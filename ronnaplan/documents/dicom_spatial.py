@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import datetime
 import io
+import re
 
 from pydicom.dataset import Dataset, FileDataset, FileMetaDataset
 from pydicom.uid import UID, ExplicitVRLittleEndian, generate_uid
@@ -22,6 +23,7 @@ from ronnaplan.geometry import FloatArray
 SPATIAL_REGISTRATION = UID("1.2.840.10008.5.1.4.1.1.66.1")
 SPATIAL_FIDUCIALS = UID("1.2.840.10008.5.1.4.1.1.66.2")
 IDENTITY = (1.0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 1.0)
+UID_PATTERN = r"[0-9.]{1,64}"
 LONGEST_IDENTIFIER = 16
 """Fiducial Identifier is a Short String (SH)."""
 
@@ -72,7 +74,13 @@ def dicom_bytes(dataset: FileDataset) -> bytes:
 def _frame(source: Source) -> str:
     if not source.frame_of_reference_uid:
         raise InputError("the scan has no Frame of Reference UID, so nothing in DICOM can be tied to it")
-    return source.frame_of_reference_uid
+    return _checked_uid(source.frame_of_reference_uid)
+
+
+def _checked_uid(text: str) -> str:
+    if re.fullmatch(UID_PATTERN, text) is None:
+        raise InputError(f"{text[:80]!r} is not a DICOM UID (digits and dots, at most 64); correct the document")
+    return text
 
 
 def _start(sop_class: UID, modality: str, source: Source, content: str) -> FileDataset:
@@ -89,7 +97,8 @@ def _start(sop_class: UID, modality: str, source: Source, content: str) -> FileD
         setattr(dataset, keyword, None)
     for keyword in ("ReferringPhysicianName", "StudyID", "AccessionNumber", "ContentCreatorName"):
         setattr(dataset, keyword, None)
-    dataset.StudyInstanceUID = source.study_instance_uid or generate_uid(entropy_srcs=["study", content])
+    study = source.study_instance_uid
+    dataset.StudyInstanceUID = _checked_uid(study) if study else generate_uid(entropy_srcs=["study", content])
     dataset.SeriesInstanceUID = generate_uid(entropy_srcs=["series", content])
     dataset.BodyPartExamined = "HEAD"
     dataset.Modality, dataset.SeriesNumber, dataset.InstanceNumber = modality, 1, 1

@@ -13,6 +13,7 @@ import numpy as np
 
 from ronnaplan.documents.files import read_json
 from ronnaplan.documents.markups import LPS_AXES, SCHEMA
+from ronnaplan.documents.table import plain_text
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.planning.plan import Plan
@@ -79,16 +80,16 @@ def plan_table(plan: Plan) -> str:
         instrument = one.instrument
         writer.writerow(
             [
-                _safe(one.name),
+                plain_text(one.name),
                 *places,
-                _safe(instrument.name),
+                plain_text(instrument.name),
                 f"{instrument.diameter_mm:g}",
                 f"{instrument.length_mm:g}",
                 one.colour,
                 "yes" if one.locked else "no",
-                _safe(one.notes),
+                plain_text(one.notes),
                 "LPS",
-                plan.frame.uid or "",
+                plain_text(plan.frame.uid or ""),
             ]
         )
     return stream.getvalue()
@@ -187,7 +188,7 @@ def _from_row(
     if not stated or system not in (None, stated):
         said = f"says {stated} but {system} was asked for" if stated else "does not say whether it is LPS or RAS"
         raise InputError(f"{os.fspath(path)} line {number} {said}; state the coordinate system")
-    uid = (row.get("frame_of_reference_uid") or "").strip()
+    uid = (row.get("frame_of_reference_uid") or "").strip().lstrip("'")
     if uid:
         frame.require(Frame("CT", uid))
     try:
@@ -211,8 +212,3 @@ def _from_row(
         notes=(row.get("notes") or "").lstrip("'"),
         **options,
     )
-
-
-def _safe(text: str) -> str:
-    """Keep a spreadsheet from taking a text for a formula."""
-    return f"'{text}" if text[:1] in tuple("=+-@\t\r") else text

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
 from ronnaplan import __version__
+from ronnaplan.correspondence.inputs import LEAST_POINTS
 from ronnaplan.documents.fiducials import Matrix, Software, Source, Vector
 from ronnaplan.documents.files import read_json
 from ronnaplan.errors import InputError
@@ -99,6 +100,10 @@ class RegistrationDocument(_Model):
     def _check(self) -> RegistrationDocument:
         if self.status == "unique" and (self.ots_from_ct is None or self.covariance is None):
             raise ValueError("a unique registration lacks ots_from_ct or its covariance")
+        if self.status == "unique":
+            _check_pairs(self.pairs)
+        elif self.ots_from_ct is not None or self.covariance is not None:
+            raise ValueError(f"the registration is {self.status}, yet holds ots_from_ct or a covariance")
         if self.ots_from_ct is not None:
             try:
                 as_pose(self.ots_from_ct, "ots_from_ct")
@@ -116,7 +121,7 @@ class RegistrationDocument(_Model):
     @property
     def pose(self) -> Pose:
         """``ots_from_ct`` with its covariance; raises `InputError` for a registration that was refused."""
-        if self.ots_from_ct is None or self.covariance is None:
+        if self.status != "unique" or self.ots_from_ct is None or self.covariance is None:
             raise InputError(f"this registration was refused ({self.status}: {self.reason}); register again")
         matrix = as_pose(self.ots_from_ct, "ots_from_ct")
         return Pose(matrix, np.array(self.covariance), Frame(self.frames.ots), self.ct_frame)
@@ -178,12 +183,20 @@ def read_registration(path: str | os.PathLike[str]) -> RegistrationDocument:
         raise InputError(f"{os.fspath(path)}: {where}: {first['msg']}; write it anew with register") from error
 
 
+def _check_pairs(pairs: Sequence[LabelPair]) -> None:
+    if len(pairs) < LEAST_POINTS:
+        raise ValueError(f"a unique registration holds {len(pairs)} pairs; expected {LEAST_POINTS} or more")
+    for labels in ([pair.ct for pair in pairs], [pair.ots for pair in pairs]):
+        if len(set(labels)) < len(labels):
+            raise ValueError(f"the pairs name the markers {', '.join(labels)}; expected each once")
+
+
 def _check_covariance(matrix: FloatArray) -> None:
     # rad^2 stand beside mm^2: compare correlations, not entries of different size
     sds = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
     correlation = matrix / sds[:, None] / sds[None, :]
     symmetric = np.allclose(correlation, correlation.T)
-    if np.diag(matrix).min() < 0 or not symmetric or np.linalg.eigvalsh(correlation)[0] < -1e-6:
+    if np.diag(matrix).min() <= 0 or not symmetric or np.linalg.eigvalsh(correlation)[0] < -1e-6:
         raise ValueError("the covariance is not symmetric and positive")
 
 

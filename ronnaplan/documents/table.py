@@ -26,13 +26,13 @@ def csv_table(document: FiducialsDocument) -> str:
                 plain_text(entry.label),
                 *(f"{number:.6f}" for number in numbers),
                 f"{entry.contrast_hu:.1f}",
-                " ".join(entry.flags),
-                document.source.frame_of_reference_uid or "",
+                plain_text(" ".join(entry.flags)),
+                plain_text(document.source.frame_of_reference_uid or ""),
             ]
         )
     return stream.getvalue()
 
 
 def plain_text(text: str) -> str:
-    """Keep a spreadsheet from taking a label for a formula."""
+    """Keep a spreadsheet from taking a text for a formula."""
     return f"'{text}" if text[:1] in "=+-@\t\r" else text

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ronnaplan.correspondence import Pairing
-from ronnaplan.errors import InputError
-from ronnaplan.geometry import Points
+from ronnaplan.errors import InputError, UsageError
+from ronnaplan.geometry import LARGEST_SIGMA_MM, Points
 from ronnaplan.registration.registration import Registration, register_points
 
 SIGMA_CT_MM = 0.56
@@ -50,13 +50,20 @@ def register_markers(
     """Pair the markers of a scan ``ct`` with the tracker's ``ots``, in any order, and register ``ots_from_ct``.
 
     ``sigma_ct_mm`` (see `SIGMA_CT_MM`) is added to every CT marker's own covariance. ``known_pairs`` are labels
-    (CT, OTS) that a person pointed at. Raises `InputError` for what `match_points` or `register_points` cannot
+    (CT, OTS) that a person pointed at. Raises `UsageError` for labels that are not there or named twice, and
+    `InputError` for what `match_points` or `register_points` cannot
     use.
     """
     from ronnaplan.correspondence import match_points
 
-    if not (np.isfinite(sigma_ct_mm) and sigma_ct_mm >= 0):
-        raise InputError(f"the CT error is {sigma_ct_mm} mm; expected a standard deviation of zero or more")
+    if not 0 <= sigma_ct_mm < LARGEST_SIGMA_MM:
+        raise InputError(
+            f"the CT error is {sigma_ct_mm} mm; expected a standard deviation of zero or more, "
+            f"below {LARGEST_SIGMA_MM:g} mm"
+        )
+    for side in zip(*known_pairs, strict=True):
+        if len(set(side)) < len(side):
+            raise UsageError(f"known pairs name the markers {', '.join(side)}; expected each once")
     ct = Points(ct.positions_mm, ct.covariances_mm2 + sigma_ct_mm**2 * np.eye(3), ct.labels, ct.frame)
     pairing = match_points(
         ct.positions_mm,
@@ -82,5 +89,5 @@ def register_markers(
 
 def _index(points: Points, label: str, kind: str) -> int:
     if label not in points.labels:
-        raise InputError(f"there is no {kind} marker {label}; there are {', '.join(points.labels)}")
+        raise UsageError(f"there is no {kind} marker {label}; there are {', '.join(points.labels)}")
     return points.labels.index(label)

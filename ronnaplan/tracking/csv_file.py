@@ -32,7 +32,8 @@ def read_csv(path: Path) -> Recording:
 
     ``frame`` is the tracker's frame number; words there name the coordinate frame, which must be one for all rows
     (`FrameMismatchError`). A row with q0, qx, qy, qz is a tool's pose. Rows without a position are kept, flagged.
-    Raises `InputError` for a file without a header or without x, y, z.
+    Raises `InputError` for a file without a header or without x, y, z, with two columns of one name, or with a
+    row longer than the header.
     """
     header, rows, delimiter = read_rows(path)
     missing = [axis for axis in "xyz" if axis not in header]
@@ -40,6 +41,7 @@ def read_csv(path: Path) -> Recording:
         raise InputError(
             f"{path} has columns {', '.join(header)} but no {', '.join(missing)}; expected x, y, z in mm"
         )
+    _require_table(path, header, rows)
     cells = [dict(zip(header, row, strict=False)) for row in rows]
     frame = _coordinate_frame(path, cells)
     points: list[PointReading] = []
@@ -64,6 +66,19 @@ def write_csv(recording: Recording) -> str:
     for tool in recording.tools:
         table.writerow([tool.frame, _cell(tool.time_s), tool.tool, *_pose_cells(tool.matrix), "", tool.status])
     return text.getvalue()
+
+
+def _require_table(path: Path, header: list[str], rows: list[list[str]]) -> None:
+    """Raise `InputError` unless every cell belongs to one column, found by its name."""
+    twice = sorted({name for name in header if name and header.count(name) > 1})
+    if twice:
+        raise InputError(f"{path} has more than one column named {', '.join(twice)}; expected each name once")
+    for place, row in enumerate(rows, start=1):
+        if any(cell.strip() for cell in row[len(header) :]):
+            raise InputError(
+                f"{path} row {place} below the header has {len(row)} cells under {len(header)} columns; "
+                "numbers with a decimal comma need ';' between the columns"
+            )
 
 
 def _reading(row: Mapping[str, str], delimiter: str) -> PointReading | ToolReading:

@@ -14,7 +14,7 @@ from enum import StrEnum
 import numpy as np
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, Frame, Points
+from ronnaplan.geometry import LARGEST_SIGMA_MM, FloatArray, Frame, Points
 from ronnaplan.tracking.recording import PointReading, Recording
 
 GATE_MM = 4.0
@@ -94,8 +94,11 @@ def find_markers(recording: Recording, *, sigma_mm: float = ONE_READING_SD_MM) -
     are one marker; a recording of tool poses alone gives each tool's origin. Raises `InputError` if nothing
     usable was read.
     """
-    if not (np.isfinite(sigma_mm) and sigma_mm >= 0):
-        raise InputError(f"the tracker error is {sigma_mm} mm; expected a standard deviation of zero or more")
+    if not 0 <= sigma_mm < LARGEST_SIGMA_MM:
+        raise InputError(
+            f"the tracker error is {sigma_mm} mm; expected a standard deviation of zero or more, "
+            f"below {LARGEST_SIGMA_MM:g} mm"
+        )
     readings = [r for r in recording.points if r.usable] or _tool_origins(recording)
     if not readings:
         raise InputError(f"{recording.source} holds no usable reading ({_reasons(recording)}); record it again")

@@ -11,6 +11,10 @@ from ronnaplan.errors import InputError
 DELIMITERS = (",", ";", "\t")
 LARGEST_NUMBER = 1e19
 """Nanoseconds since 1970 fit; what is larger, or infinite, is damage."""
+LENGTHS = frozenset({"x", "y", "z", "tx", "ty", "tz", "sigma"})
+"""Columns that are lengths in mm."""
+TIMES = frozenset({"time", "timestamp", "timespec"})
+"""Columns that are times in s."""
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "missing", "-"})
 
 
@@ -25,7 +29,10 @@ def read_text(path: Path) -> str:
 
 
 def read_rows(path: Path) -> tuple[list[str], list[list[str]], str]:
-    """Return the header's normalized names, the rows below it and the delimiter. Blank lines are left out."""
+    """Return the header's normalized names, the rows below it and the delimiter. Blank lines are left out.
+
+    Raises `InputError` for a file without a header, and for lengths not in mm or times not in s.
+    """
     lines = [line for line in read_text(path).splitlines() if line.strip()]
     if not lines:
         raise InputError(f"{path} is empty; expected a header and tracker readings")
@@ -37,7 +44,22 @@ def read_rows(path: Path) -> tuple[list[str], list[list[str]], str]:
     header = [column_name(cell) for cell in rows[0]]
     if any(number(cell, delimiter) is not None for cell in rows[0]):
         raise InputError(f"{path} has no header; its first line must name the columns, such as label,x,y,z")
+    for cell, name in zip(rows[0], header, strict=True):
+        _require_unit(path, cell, name)
     return header, rows[1:], delimiter
+
+
+def _require_unit(path: Path, cell: str, name: str) -> None:
+    """Raise `InputError` for a length that is not in mm or a time that is not in s."""
+    quantity = name.split("_")[0]
+    expected = "mm" if quantity in LENGTHS else "s" if quantity in TIMES else None
+    stated = re.search(r"[\[(](.*?)[\])]", cell) or re.search(
+        r"[_ ]([munµμcd]?m|in|inch|inches)$", cell.strip().lower()
+    )
+    if expected and stated and stated[1].strip().lower() != expected:
+        raise InputError(
+            f"{path} has the column '{cell.strip()}'; expected it in {expected}, so convert the numbers and rename it"
+        )
 
 
 def column_name(cell: str) -> str:

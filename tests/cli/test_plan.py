@@ -141,6 +141,15 @@ def test_landmarks_are_kept(plan: Path) -> None:
     np.testing.assert_array_equal(kept.ac_mm, [0, -12, 10])
 
 
+def test_checking_an_empty_plan_says_that_nothing_was_checked(
+    ct: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    empty = tmp_path / "empty.json"
+    assert main(["plan", "new", str(ct), "-o", str(empty)]) == 0
+    assert main(["plan", "check", str(empty), "--ct", str(ct)]) == 0
+    assert "no trajectories" in capsys.readouterr().err
+
+
 BAD = [
     (["add", "{plan}", "B", "--entry", "-10", "5", "20", *POINTS[4:]], 1, "0.00 mm apart"),
     (["add", "{plan}", "B", "--entry", "0", "0", "300", *POINTS[4:]], 1, "outside the scan"),
@@ -156,6 +165,10 @@ BAD = [
     (["check", "{plan}", "--no-go", "{plan}"], 1, "neither a NIfTI"),
     (["check", "{plan}", "--limits", "{plan}"], 1, "does not hold limits"),
     (["check", "{plan}", "--fiducials", "{plan}"], 1, "not a fiducials document"),
+    (["check", "{plan}", "--sigma-ots", "1e300"], 2, "--sigma-ots: 1e300"),
+    (["propose", "{plan}", "B", *POINTS[4:], "--count", "0"], 2, "--count: 0"),
+    (["markers", "--plan", "{plan}", "--count", "-1"], 2, "--count: -1"),
+    (["markers", "--count", "5", "--sigma-ct", "0"], 2, "--sigma-ct: 0"),
     (["add", "{newer}", "B", *POINTS], 1, "version 2"),
     (["check", "{foreign}"], 1, "frame"),
     (["add", "{foreign}", "B", *POINTS], 1, "frame"),

@@ -104,8 +104,16 @@ def test_readings_that_do_not_fit_are_refused_with_a_document(
         (["absent.json", "absent.csv"], 1, "absent.json"),
         (["{markers}", "absent.csv"], 1, "absent.csv"),
         (["{markers}", "{readings}", "--pair", "F1"], 2, "CT=READING"),
-        (["{markers}", "{readings}", "--pair", "F9=1"], 1, "no CT marker F9"),
-        (["{markers}", "{readings}", "--sigma-ct", "-1"], 1, "zero or more"),
+        (["{markers}", "{readings}", "--pair", "F9=1"], 2, "no CT marker F9"),
+        (["{markers}", "{readings}", "--pair", "F1=1", "--pair", "F1=2"], 2, "F1, F1"),
+        (["{markers}", "{readings}", "--sigma-ct", "-1"], 2, "--sigma-ct: -1"),
+        (["{markers}", "{readings}", "--sigma-ct", "nan"], 2, "--sigma-ct: nan"),
+        (["{markers}", "{readings}", "--sigma-ct", "0"], 2, "--sigma-ct: 0"),
+        (["{markers}", "{readings}", "--sigma-ct", "1e300"], 2, "--sigma-ct: 1e300"),
+        (["{markers}", "{readings}", "--sigma-ots", "0"], 2, "--sigma-ots: 0"),
+        (["{markers}", "{readings}", "--sigma-ots", "1e300"], 2, "--sigma-ots: 1e300"),
+        (["{markers}", "{readings}", "--expected", "2"], 2, "--expected: 2"),
+        (["{markers}", "{readings}", "--expected", "-1"], 2, "--expected: -1"),
         (["{markers}", "{readings}", "--plan", "{markers}"], 1, "not a plan"),
     ],
 )
@@ -115,6 +123,41 @@ def test_unusable_requests_are_one_sentence(
     named = [text.format(markers=markers, readings=readings(tmp_path)) for text in arguments]
     assert main(["register", *named]) == status
     assert says in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("option", "value"), [("--port", "99999999"), ("--port", "0"), ("--seconds", "-1"), ("--seconds", "nan")]
+)
+def test_impossible_options_of_track_are_wrong_usage(
+    capsys: pytest.CaptureFixture[str], option: str, value: str
+) -> None:
+    assert main(["track", option, value]) == 2
+    assert f"{option}: {value}" in capsys.readouterr().err
+
+
+def test_left_out_readings_are_told_and_single_readings_in_one_line(
+    markers: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    once = readings(tmp_path, frames=1)
+    once.write_text(once.read_text() + "\n0,foo,1,2\n0,nan,1,2\n0,1e300,1,2\n0,1,2\n")
+    assert main(["register", str(markers), str(once), "-o", str(tmp_path / "registration.json")]) == 0
+    told = capsys.readouterr().err
+    assert "4 readings left out: no position" in told
+    assert "all 5 markers were read once only" in told
+    assert told.count("read once only") == 1
+
+
+def test_many_kinds_of_flagged_readings_are_summed_up(
+    markers: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = readings(tmp_path)
+    lines = path.read_text().splitlines()
+    flagged = [f"0,1,2,3,damage {k}" for k in range(40)]
+    path.write_text("\n".join([lines[0] + ",status", *lines[1:], *flagged]))
+    assert main(["register", str(markers), str(path), "-o", str(tmp_path / "registration.json")]) == 0
+    told = capsys.readouterr().err
+    assert "40 readings left out for 40 reasons" in told
+    assert "damage" not in told
 
 
 def test_track_records_a_live_server(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

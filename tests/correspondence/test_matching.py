@@ -210,6 +210,12 @@ BAD = {
     "expected too few": ({"expected": 2}, "at least 3"),
     "unknown known pair": ({"known_pairs": [(0, 8)]}, "known pairs"),
     "known pair twice": ({"known_pairs": [(0, 1), (0, 2)]}, "known pairs"),
+    "known pair of three": ({"known_pairs": [(0, 1, 2)]}, "known pairs are"),
+    "known pairs no list": ({"known_pairs": 5}, "known pairs are"),
+    "known pair of fractions": ({"known_pairs": [(0.5, 1)]}, "known pairs are"),
+    "kilometres": ({"ct_points": np.full((8, 3), 1e300)}, "millimetres"),
+    "complex": ({"ots_points": HEAD + 1j}, "complex"),
+    "sigma without end": ({"sigma_ct_mm": 1e300}, "positive"),
     "level above one": ({"least_probability": 1.5}, "probability"),
 }
 

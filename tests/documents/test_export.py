@@ -55,3 +55,11 @@ def test_the_table_holds_places_and_errors(document: Path) -> None:
     assert [[float(row[axis]) for axis in "xyz"] for row in rows] == CENTERS
     assert [float(rows[0][f"sigma_{axis}"]) for axis in "xyz"] == [0.01, 0.02, 0.03]
     assert rows[1]["label"] == "'=1+1"
+
+
+def test_no_cell_is_taken_for_a_formula(document: Path) -> None:
+    content = json.loads(document.read_text())
+    content["fiducials"][0]["flags"] = ["=1+1", "cut"]
+    document.write_text(json.dumps(content))
+    rows = list(csv.DictReader(io.StringIO(export(document, "csv"))))
+    assert rows[0]["flags"] == "'=1+1 cut"

@@ -101,6 +101,9 @@ def test_a_refused_pairing_is_a_document_with_rivals_and_no_transform(tmp_path: 
         ({"ots_from_ct": None}, "lacks ots_from_ct"),
         ({"ots_from_ct": np.diag([-1.0, 1, 1, 1]).tolist()}, "left-handed"),
         ({"covariance": (-np.eye(6)).tolist()}, "not symmetric and positive"),
+        ({"covariance": np.zeros((6, 6)).tolist()}, "not symmetric and positive"),
+        ({"status": "ambiguous"}, "is ambiguous, yet holds"),
+        ({"pairs": []}, "0 pairs"),
         ({"fre_rms": -1}, "fre_rms"),
         ({"status": "fine"}, "status"),
     ],
@@ -109,6 +112,29 @@ def test_a_spoilt_document_is_named(path: Path, change: dict[str, object], says:
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
     with pytest.raises(InputError, match=says):
         read_registration(path)
+
+
+@pytest.mark.parametrize("side", ["ct", "ots"])
+def test_a_marker_paired_twice_is_refused(path: Path, side: str) -> None:
+    content = json.loads(path.read_text())
+    content["pairs"][1][side] = content["pairs"][0][side]
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError, match="each once"):
+        read_registration(path)
+
+
+def test_only_a_unique_registration_gives_a_pose() -> None:
+    with pytest.raises(InputError, match="refused"):
+        _ = registered().model_copy(update={"status": "ambiguous"}).pose
+
+
+@pytest.mark.parametrize("uid", ["bad\\x", "1" * 65, "1.2 3"])
+@pytest.mark.parametrize("field", ["frame_of_reference_uid", "study_instance_uid"])
+def test_no_dicom_object_is_written_with_an_invalid_uid(uid: str, field: str) -> None:
+    source = SOURCE.model_copy(update={field: uid})
+    for make, document in ((spatial_registration, registered()), (spatial_fiducials, fiducials())):
+        with pytest.raises(InputError, match="not a DICOM UID"):
+            make(document.model_copy(update={"source": source}))
 
 
 def test_the_text_tells_residuals_targets_and_that_fre_is_not_the_target_error() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, UsageError
 from ronnaplan.geometry import Points
 from ronnaplan.registration.markers import register_markers
 from tests.registration import scene
@@ -49,7 +49,10 @@ def test_a_symmetric_layout_is_refused_until_a_marker_is_pointed_at() -> None:
 
 
 def test_unusable_requests_are_named() -> None:
-    with pytest.raises(InputError, match="no CT marker F9"):
+    with pytest.raises(UsageError, match="no CT marker F9"):
         register_markers(scene.ct_points(), scene.readings(), known_pairs=(("F9", "1"),))
-    with pytest.raises(InputError, match="zero or more"):
-        register_markers(scene.ct_points(), scene.readings(), sigma_ct_mm=float("nan"))
+    with pytest.raises(UsageError, match="F1, F1"):
+        register_markers(scene.ct_points(), scene.readings(), known_pairs=(("F1", "1"), ("F1", "2")))
+    for sigma in (float("nan"), -1.0, 1e300):
+        with pytest.raises(InputError, match="zero or more"):
+            register_markers(scene.ct_points(), scene.readings(), sigma_ct_mm=sigma)

@@ -1,4 +1,5 @@
 import argparse
+from pathlib import Path
 
 import pytest
 
@@ -41,3 +42,10 @@ def test_a_folder_that_is_a_file_is_told(tmp_path):
 
 def test_every_study_has_its_own_folder():
     assert {str(parse(name).output) for name in study.STUDIES} == {f"study-{name}" for name in study.STUDIES}
+
+
+@pytest.mark.parametrize("name", ["simulation", "tracking"])
+def test_a_negative_seed_is_wrong_usage_and_leaves_no_folder(tmp_path: Path, name: str) -> None:
+    with pytest.raises(UsageError, match="--seed is -1"):
+        study.run(parse(name, "--seed", "-1", "-o", str(tmp_path / "out")))
+    assert not (tmp_path / "out").exists()

@@ -115,3 +115,9 @@ def test_a_recording_without_a_usable_reading_says_why() -> None:
         find_markers(Recording("test", (bad,)))
     with pytest.raises(InputError, match="empty"):
         find_markers(Recording("test"))
+
+
+@pytest.mark.parametrize("sigma", [-1.0, float("nan"), 1e300])
+def test_an_impossible_tracker_error_is_refused(sigma: float) -> None:
+    with pytest.raises(InputError, match="tracker error"):
+        find_markers(Recording("test", tuple(recording(0, frames=3))), sigma_mm=sigma)

@@ -44,6 +44,28 @@ def test_semicolons_with_decimal_commas_and_a_byte_order_mark(tmp_path: Path) ->
     np.testing.assert_array_equal(recording.points[0].position_mm, [1.5, -2.25, 3])
 
 
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("x,y,z\n11,5,22,0,30,1\n", "decimal comma"),
+        ("x,y,z,X [mm]\n1,2,3,4\n", "more than one column named x"),
+        ("x (cm),y (cm),z (cm)\n1,2,3\n", r"x \(cm\)"),
+        ("x [m],y,z\n1,2,3\n", r"x \[m\]"),
+        ("x,y,z,sigma_um\n1,2,3,100\n", "sigma_um"),
+        ("x cm,y,z\n1,2,3\n", "x cm"),
+        ("x,y,z,time (ms)\n1,2,3,4\n", r"time \(ms\)"),
+    ],
+)
+def test_columns_that_could_be_taken_for_others_are_refused(tmp_path: Path, text: str, says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        read_recording(written(tmp_path, "r.csv", text))
+
+
+def test_empty_cells_behind_the_last_column_are_nothing(tmp_path: Path) -> None:
+    recording = read_recording(written(tmp_path, "r.csv", "x,y,z\n1,2,3,, \n"))
+    np.testing.assert_array_equal(recording.points[0].position_mm, [1, 2, 3])
+
+
 def test_csv_of_two_coordinate_frames_is_refused(tmp_path: Path) -> None:
     with pytest.raises(FrameMismatchError, match="OTS, R"):
         read_recording(written(tmp_path, "r.csv", "frame,x,y,z\nOTS,1,2,3\nR,4,5,6\n"))
