@@ -12,6 +12,9 @@ from phantoms.solids import FloatArray, Vector
 TABLE = np.array([0.0, 0.0, 1.0])
 """Direction of table travel before ``orientation`` is applied: feet to head."""
 
+MOST_SLICES = 20_000
+"""More slices than any scan has: a slip in the spacing."""
+
 
 @dataclass(frozen=True)
 class SliceStack:
@@ -143,7 +146,11 @@ def axial_stack(
     thickness = spacing_mm if thickness_mm is None else thickness_mm
     _check(spacing_mm, thickness, matrix, field_of_view_mm, tilt_deg)
     if positions_mm is None:
+        if not np.isfinite([start_mm, stop_mm]).all():
+            raise PhantomError(f"the slices go from {start_mm} to {stop_mm} mm; expected two finite places")
         count = int(np.floor((stop_mm - start_mm) / spacing_mm + 1e-9)) + 1
+        if count > MOST_SLICES:
+            raise PhantomError(f"{count} slices were asked for; expected at most {MOST_SLICES}")
         travel = start_mm + spacing_mm * np.arange(max(count, 0))
     else:
         travel = np.asarray(positions_mm, dtype=np.float64)

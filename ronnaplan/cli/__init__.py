@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import sys
 from collections.abc import Sequence
@@ -10,8 +11,9 @@ from importlib import import_module
 
 from ronnaplan import __version__
 from ronnaplan.errors import RonnaplanError, UsageError
+from ronnaplan.text import LONGEST_SENTENCE, printable
 
-VERBS = ("series", "localize", "plan", "track", "register", "export", "phantom", "study", "demo")
+VERBS = ("series", "localize", "plan", "track", "register", "view", "report", "export", "phantom", "study", "demo")
 
 DESCRIPTION = "From a head CT with spherical markers to coordinates a robot can trust."
 NOTICE = "Research software, not a medical device."
@@ -26,21 +28,30 @@ class _Parser(argparse.ArgumentParser):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; returns the exit status: 0 done, 1 unusable input, 2 wrong usage, 3 refused."""
+    _let_any_text_out()
     try:
         parsed = _parser().parse_args(arguments)
         status: int = parsed.run(parsed)
-        sys.stdout.flush()
+        if sys.stdout is not None:
+            sys.stdout.flush()
     except RonnaplanError as error:
-        print(f"ronnaplan: {error}", file=sys.stderr)
+        print(f"ronnaplan: {printable(error, LONGEST_SENTENCE)}", file=sys.stderr)
         return error.exit_status
     except BrokenPipeError:
         # The reader of our output (head, less) went away: not an error, and nothing more can be written.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except KeyboardInterrupt:
-        print("ronnaplan: stopped; nothing was written", file=sys.stderr)
+        print("ronnaplan: stopped; no file was left half-written", file=sys.stderr)
         return 130
     return status
+
+
+def _let_any_text_out() -> None:
+    """Replace what the terminal's encoding lacks (a table's symbols, say) instead of failing."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -11,8 +11,14 @@ if TYPE_CHECKING:
     from ronnaplan.localization import Fiducials, Template
 
 HELP = "Find the spherical markers of a CT and write their centres with covariances."
+LONGEST_NAME = 100
+"""Characters of a scan's name that go into its results' names."""
+
 LAYOUT_MARKERS = (3, 32)
 """Numbers of markers whose layout can be described."""
+
+PLAIN_NUMBER = frozenset("0123456789.,eE+-naif")
+"""Characters of a number as people write one (with nan and inf, which are refused by their value)."""
 
 WORTH_A_WARNING = 0.01
 """A layout that a tracker's pairing would refuse more often than this is worth a warning."""
@@ -30,7 +36,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--series", metavar="UID", help="the series to use, where PATH holds several")
     parser.add_argument("--template", metavar="FILE", help="a frame's distances: keep and label its markers only")
     parser.add_argument(
-        "--report", metavar="PNG", help="draw accepted and nearly accepted markers to this picture"
+        "--report",
+        metavar="PNG",
+        help="draw accepted and nearly accepted markers to this picture; of several PATHs one each, beside the results",
     )
     parser.add_argument(
         "-o",
@@ -48,10 +56,24 @@ def run(arguments: argparse.Namespace) -> int:
     if diameters is not None:
         check_request(diameters, arguments.expected)
     template = _template(arguments.template)
+    _check_outputs(arguments)
     if len(arguments.paths) == 1:
         _localize_one(arguments, arguments.paths[0], diameters, template, arguments.output, arguments.report)
         return 0
     return _localize_many(arguments, diameters, template)
+
+
+def _check_outputs(arguments: argparse.Namespace) -> None:
+    """Notice before the work that its result could not be written."""
+    from ronnaplan.documents.files import check_target
+    from ronnaplan.errors import UsageError
+
+    if arguments.report is not None and not arguments.report.lower().endswith(".png"):
+        raise UsageError(f"--report is '{arguments.report}'; the contact sheet is a .png")
+    if len(arguments.paths) == 1:
+        for path in (arguments.output, arguments.report):
+            if path is not None:
+                check_target(path)
 
 
 def _diameters(text: str) -> tuple[float, ...] | None:
@@ -61,6 +83,8 @@ def _diameters(text: str) -> tuple[float, ...] | None:
     if text == "auto":
         return None
     try:
+        if not set(text) <= PLAIN_NUMBER:
+            raise ValueError(text)
         return tuple(float(part) for part in text.split(","))
     except ValueError as error:
         raise UsageError(
@@ -99,11 +123,11 @@ def _localize_one(
         template=template,
     )
     print(_summary(found), file=sys.stderr)
+    write_result(output, to_json(fiducials_document(found)))
     if report is not None:
         from ronnaplan.report.contact import contact_sheet
 
         write_atomically(report, contact_sheet(volume, found))
-    write_result(output, to_json(fiducials_document(found)))
     return found
 
 
@@ -112,6 +136,7 @@ def _localize_many(
 ) -> int:
     from ronnaplan.documents.files import make_folder
     from ronnaplan.errors import RonnaplanError, UsageError
+    from ronnaplan.text import LONGEST_SENTENCE, printable
 
     if arguments.output is None:
         raise UsageError("several PATHs were given; name a folder for their results with -o")
@@ -119,7 +144,7 @@ def _localize_many(
     status = 0
     lines = []
     for number, path in enumerate(arguments.paths, start=1):
-        name = f"{number:03d}-{Path(path).resolve().name}"
+        name = f"{number:03d}-{printable(Path(path).resolve().name, LONGEST_NAME)}"
         report = str(folder / f"{name}.png") if arguments.report else None
         try:
             found = _localize_one(
@@ -127,7 +152,7 @@ def _localize_many(
             )
         except RonnaplanError as error:
             status = max(status, error.exit_status)
-            lines.append(f"{name}: {error}")
+            lines.append(f"{name}: {printable(error, LONGEST_SENTENCE)}")
         else:
             lines.append(f"{name}: {len(found)} markers")
     print("\n".join(lines), file=sys.stderr)

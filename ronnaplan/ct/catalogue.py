@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from ronnaplan.ct.files import Blob, DamagedError, DiskFile, NotDicomError, Skipped, blobs_below
+from ronnaplan.ct.files import Blob, DamagedError, DiskFile, NotDicomError, Skipped, blobs_below, given_path
 from ronnaplan.ct.frames import images_of, why_not_ct
 from ronnaplan.ct.header import read_header
 from ronnaplan.ct.images import is_image_file
@@ -19,8 +19,8 @@ from ronnaplan.ct.limits import DEFAULT_LIMITS, Limits
 from ronnaplan.ct.progress import advancing
 from ronnaplan.ct.slices import Instance, SliceImage, instance_from_header
 from ronnaplan.ct.stack import Stack, stacks_of
-from ronnaplan.ct.text import printable
 from ronnaplan.errors import InputError
+from ronnaplan.text import printable
 
 DICOMDIR_CLASS: Final = "1.2.840.10008.1.3.10"
 
@@ -130,7 +130,7 @@ def find_series(path: str | Path, limits: Limits = DEFAULT_LIMITS, *, progress: 
 
     Raises `InputError` if there is no such path or it is beyond the limits.
     """
-    path = Path(path)
+    path = given_path(path)
     skipped: list[Skipped] = []
     members: dict[str | None, list[Instance]] = defaultdict(list)
     blobs = sorted(blobs_below(_folder_of_index(path), limits, skipped), key=lambda blob: blob.name)

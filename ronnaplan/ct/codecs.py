@@ -7,8 +7,8 @@ from typing import Any, Final
 
 from ronnaplan.ct.jpeg_lossless import decode_jpeg_lossless
 from ronnaplan.ct.slices import PixelFormat, SliceImage, Stored
-from ronnaplan.ct.text import printable
 from ronnaplan.errors import InputError
+from ronnaplan.text import printable
 
 JPEG_LOSSLESS: Final = frozenset({"1.2.840.10008.1.2.4.57", "1.2.840.10008.1.2.4.70"})
 JPEG_EXTENDED: Final = "1.2.840.10008.1.2.4.51"

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Protocol
 
 from ronnaplan.ct.limits import Limits
-from ronnaplan.ct.text import printable
 from ronnaplan.errors import InputError
+from ronnaplan.text import printable
 
 _END_OF_DIRECTORY = struct.Struct("<4s4H2LH")
 _ZIP64_LOCATOR = struct.Struct("<4sLQL")
@@ -293,3 +293,14 @@ def _member_count(path: Path) -> int:
             if len(record) == _ZIP64_END.size:
                 return int(max(_ZIP64_END.unpack(record)[6:8]))
     return most if fields[4] == 0xFFFF else int(fields[4])
+
+
+def given_path(path: str | os.PathLike[str]) -> Path:
+    """Return ``path`` as a `Path`; raises `InputError` for an empty one (it would mean the current folder)."""
+    try:
+        text = os.fspath(path)
+    except TypeError as error:
+        raise InputError(f"{path!r} is no path; give the path of a CT") from error
+    if not isinstance(text, str) or not text:
+        raise InputError(f"the path {text!r} was given; expected the path of a CT")
+    return Path(text)

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from ronnaplan.ct.files import Blob, DamagedError, NotDicomError
 from ronnaplan.ct.limits import Limits
-from ronnaplan.ct.text import printable
+from ronnaplan.text import printable
 
 IMPLICIT_LITTLE: Final = "1.2.840.10008.1.2"
 EXPLICIT_LITTLE: Final = "1.2.840.10008.1.2.1"

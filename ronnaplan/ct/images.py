@@ -17,10 +17,10 @@ import numpy as np
 from ronnaplan.ct.limits import GIB, Limits
 from ronnaplan.ct.orientation import META_SUFFIXES, NIFTI_SUFFIXES, NRRD_SUFFIXES, check_orientation
 from ronnaplan.ct.pixels import INT16, Voxels
-from ronnaplan.ct.text import printable
 from ronnaplan.ct.volume import CTVolume, SeriesSource, SliceGrid, VolumeFlag
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
+from ronnaplan.text import printable
 
 PERPENDICULAR_TOLERANCE: Final = 1e-4
 """Largest cosine between rows and columns that still counts as perpendicular."""

@@ -15,9 +15,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from ronnaplan.ct.text import printable
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
+from ronnaplan.text import printable
 
 NIFTI_SUFFIXES: Final = (".nii", ".nii.gz")
 NRRD_SUFFIXES: Final = (".nrrd", ".nhdr")

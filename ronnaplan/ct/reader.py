@@ -7,13 +7,12 @@ import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from ronnaplan.ct.catalogue import Series, find_series
-from ronnaplan.ct.files import DamagedError
+from ronnaplan.ct.files import DamagedError, given_path
 from ronnaplan.ct.images import is_image_file, read_image
 from ronnaplan.ct.limits import DEFAULT_LIMITS, GIB, Limits
 from ronnaplan.ct.pixels import INT16, DoesNotFitError, Voxels, may_be_int16, read_slice
@@ -42,7 +41,7 @@ def read_ct(
     ``progress`` a long read shows a bar on standard error. Voxels are HU, places LPS mm, each slice exactly
     where its file puts it. Raises `InputError`, which names the series to choose from or the reason.
     """
-    path = Path(path)
+    path = given_path(path)
     if is_image_file(path) and path.is_file():
         return _without_unmeasured(read_image(path, limits))
     found = find_series(path, limits, progress=progress)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ronnaplan.ct.files import Blob, DamagedError
 from ronnaplan.ct.header import Elements, Header
-from ronnaplan.ct.text import printable
+from ronnaplan.text import printable
 
 CT_IMAGE: Final = "1.2.840.10008.5.1.4.1.1.2"
 ENHANCED_CT: Final = "1.2.840.10008.5.1.4.1.1.2.1"

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ronnaplan.ct.catalogue import Series, find_series
-from ronnaplan.ct.files import Skipped
+from ronnaplan.ct.files import Skipped, given_path
 from ronnaplan.ct.images import is_image_file, open_image
 from ronnaplan.ct.limits import DEFAULT_LIMITS, Limits
-from ronnaplan.ct.text import printable
 from ronnaplan.ct.volume import SliceGrid, VolumeFlag
+from ronnaplan.text import printable
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def summarize(
 
     Raises `InputError` if there is no such path or nothing of use in it.
     """
-    path = Path(path)
+    path = given_path(path)
     if is_image_file(path) and path.is_file():
         return [_of_image(path)], ()
     found = find_series(path, limits, progress=progress)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from numbers import Real
+
+import numpy as np
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import InputError, RefusedError, UsageError
@@ -37,7 +40,8 @@ def localize(
     promised and another number was found, or when the template is not found exactly once.
     """
     diameters = check_request(diameter_mm, expected)
-    _check_resolution(volume, min(diameters))
+    for diameter in diameters:
+        _check_size(volume, diameter)
     scan = Scan(volume)
     examined = [one for diameter in diameters for one in examine(scan, diameter)]
     markers = _distinct(one for one in examined if one.is_marker)
@@ -54,7 +58,12 @@ def localize(
 
 def check_request(diameter_mm: float | Sequence[float], expected: int | None) -> tuple[float, ...]:
     """Return the diameters as a tuple; raise `UsageError` for diameters or a number that no scan can have."""
-    diameters = (diameter_mm,) if isinstance(diameter_mm, int | float) else tuple(diameter_mm)
+    given = (
+        (diameter_mm,) if isinstance(diameter_mm, Real) or not isinstance(diameter_mm, Sequence) else diameter_mm
+    )
+    if any(isinstance(one, bool | str) or not isinstance(one, Real) for one in given):
+        raise UsageError(f"the marker diameter is {diameter_mm!r}; a positive number of mm is needed")
+    diameters = tuple(dict.fromkeys(float(one) for one in given))
     if not diameters:
         raise UsageError("no marker diameter was given; at least one positive number of mm is needed")
     for diameter in diameters:
@@ -65,7 +74,15 @@ def check_request(diameter_mm: float | Sequence[float], expected: int | None) ->
     return diameters
 
 
-def _check_resolution(volume: CTVolume, diameter_mm: float) -> None:
+def _check_size(volume: CTVolume, diameter_mm: float) -> None:
+    extent_mm = max(
+        np.array(volume.voxels_hu.shape[1:]) * [volume.grid.row_spacing_mm, volume.grid.column_spacing_mm]
+    )
+    if diameter_mm > extent_mm / 2:
+        raise InputError(
+            f"a marker of {diameter_mm:g} mm fills more than half of this scan's {extent_mm:.0f} mm; "
+            "check the diameter"
+        )
     pixel_mm = max(volume.grid.row_spacing_mm, volume.grid.column_spacing_mm)
     if diameter_mm < MIN_VOXELS_PER_DIAMETER * pixel_mm:
         raise InputError(

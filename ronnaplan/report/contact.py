@@ -23,7 +23,9 @@ RESIDUAL_SHARE = 0.1
 
 
 @dataclass(frozen=True)
-class _Row:
+class Candidate:
+    """A fitted place: its centre (3,) in LPS mm and the model's parameters."""
+
     title: str
     center_mm: FloatArray
     parameters: FloatArray
@@ -43,7 +45,7 @@ def contact_sheet(volume: CTVolume, found: Fiducials) -> bytes:
         for column, cut in enumerate(CUTS):
             picture = figure.add_subplot(grid[number, 2 * column])
             residual = figure.add_subplot(grid[number, 2 * column + 1])
-            _draw(picture, residual, volume, row, cut)
+            draw_cut(picture, residual, volume, row, cut)
             if column == 0:
                 colour = "black" if row.accepted else "firebrick"
                 picture.set_title(row.title, fontsize=7, loc="left", color=colour)
@@ -52,9 +54,9 @@ def contact_sheet(volume: CTVolume, found: Fiducials) -> bytes:
     return png(figure)
 
 
-def _rows(found: Fiducials) -> list[_Row]:
+def _rows(found: Fiducials) -> list[Candidate]:
     accepted = [
-        _Row(
+        Candidate(
             f"{one.label}: s.e. {1e3 * one.standard_error_mm:.1f} um, misfit {one.misfit:.1%}, "
             f"{one.coverage:.0%} of the surface used",
             one.center_mm,
@@ -64,13 +66,14 @@ def _rows(found: Fiducials) -> list[_Row]:
         for one in found.fiducials
     ]
     nearly = [
-        _Row(f"rejected: {one.reason}", one.fitted_mm, one.parameters, accepted=False)
+        Candidate(f"rejected: {one.reason}", one.fitted_mm, one.parameters, accepted=False)
         for one in found.rejected[:NEARLY_SHOWN]
     ]
     return accepted + nearly
 
 
-def _draw(picture: Axes, residual: Axes, volume: CTVolume, row: _Row, cut: str) -> None:
+def draw_cut(picture: Axes, residual: Axes, volume: CTVolume, row: Candidate, cut: str) -> None:
+    """Draw one cut through a fitted place with its outline, and beside it the data less the model."""
     from matplotlib.patches import Circle
 
     radius_mm, contrast_hu, background_hu = row.parameters[3], row.parameters[6], row.parameters[7]
@@ -89,7 +92,7 @@ def _draw(picture: Axes, residual: Axes, volume: CTVolume, row: _Row, cut: str) 
             axes.invert_yaxis()
 
 
-def _left_over(volume: CTVolume, row: _Row, reach_mm: float) -> CTVolume:
+def _left_over(volume: CTVolume, row: Candidate, reach_mm: float) -> CTVolume:
     """The voxels about a candidate less the fitted model, in HU: compared voxel by voxel, as the fit does."""
     from ronnaplan.localization.detect import slice_axes
     from ronnaplan.localization.model import disc_nodes, disc_table, evaluate

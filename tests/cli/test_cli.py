@@ -125,7 +125,17 @@ def test_a_batch_goes_on_after_a_bad_scan(
 ) -> None:
     bad, results = tmp_path / "bad", tmp_path / "results"
     bad.mkdir()
-    call = ["localize", str(bad), str(ct_folder), "--diameter", "11.5", "-o", str(results), "--report", "yes"]
+    call = [
+        "localize",
+        str(bad),
+        str(ct_folder),
+        "--diameter",
+        "11.5",
+        "-o",
+        str(results),
+        "--report",
+        "sheet.png",
+    ]
     status, _, err = run(call, capsys)
     assert status == 1
     assert "001-bad: " in err
@@ -144,3 +154,36 @@ def test_a_symmetric_layout_is_warned_of_before_the_operation(
     write_phantom(tmp_path / "ct", scene, stack, render(scene, stack, seed=1))
     assert main(["localize", str(tmp_path / "ct"), "--diameter", "11.5", "--expected", "4"]) == 0
     assert "would be refused" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "sentence"),
+    [
+        (["localize", "", "--diameter", "11.5"], 1, "expected the path of a CT"),
+        (["localize", "{ct}", "--diameter", "1e9"], 1, "more than half of this scan"),
+        (["localize", "{ct}", "--diameter", "1_1"], 2, "positive number of mm"),
+        (["localize", "{ct}", "--diameter", "11.5", "--report", "sheet.txt"], 2, "the contact sheet is a .png"),
+        (["localize", "{ct}", "--diameter", "11.5", "-o", "/nowhere/at/all.json"], 1, "does not exist"),
+        (["localize", "{ct}/a\x1b[31mb", "--diameter", "11.5"], 1, r"a\x1b[31mb"),
+    ],
+)
+def test_a_slip_is_answered_in_one_plain_sentence(
+    arguments: list[str], status: int, sentence: str, ct_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    got, out, err = run([argument.format(ct=ct_folder) for argument in arguments], capsys)
+    assert (got, out, err.count("\n")) == (status, "", 1)
+    assert sentence in err
+    assert "\x1b" not in err
+
+
+def test_a_full_disk_or_a_closed_output_is_said_plainly(ct_folder: Path, tmp_path: Path) -> None:
+    fiducials = tmp_path / "f.json"
+    assert main(["localize", str(ct_folder), "--diameter", "11.5", "-o", str(fiducials)]) == 0
+    call = f"{sys.executable} -m ronnaplan export {fiducials} --to csv"
+    for ending in ("> /dev/full", ">&-"):
+        done = subprocess.run(
+            f"{call} {ending}", shell=True, cwd=ROOT, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 1
+        assert "standard output" in done.stderr
+        assert "Traceback" not in done.stderr

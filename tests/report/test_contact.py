@@ -1,24 +1,28 @@
-"""The contact sheet shows accepted and rejected candidates, and an empty scan too."""
+"""What a marker's model leaves over, as the contact sheet and the report draw it."""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from phantoms.scene import Part, Scene
-from phantoms.solids import ellipsoid
-from ronnaplan.localization import localize
-from ronnaplan.report.contact import contact_sheet
+from ronnaplan import localize
+from ronnaplan.report.contact import Candidate, _left_over
+from ronnaplan.report.picture import CUTS, cut_image
 from tests.scans import balls, scan, small_stack
 
+CENTER = (3.0, -4.0, 2.0)
+REACH_MM = 9.0
 
-@pytest.mark.parametrize(
-    "scene",
-    [
-        balls([(-14.3, -12.2, -3.1)]) + Scene((Part(ellipsoid((13, 11, 2), (5.75, 5.75, 7.5)), "acrylic"),)),
-        balls([(300.0, 0.0, 0.0)]),
-    ],
-    ids=["a ball and an egg", "nothing"],
-)
-def test_a_sheet_is_a_picture(scene: Scene) -> None:
-    volume = scan(scene, small_stack())
-    assert contact_sheet(volume, localize(volume, diameter_mm=11.5)).startswith(b"\x89PNG")
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 12.0])
+def test_a_ball_that_the_model_fits_leaves_only_noise_on_every_cut(tilt_deg: float) -> None:
+    volume = scan(balls([CENTER]), small_stack(tilt_deg=tilt_deg), noise_hu=5.0)
+    found = localize(volume, diameter_mm=11.5, expected=1).fiducials[0]
+    fitted = Candidate("F1", found.center_mm, found.parameters, accepted=True)
+    moved = Candidate("F1", found.center_mm + 0.5, found.parameters, accepted=True)
+    for axes in CUTS.values():
+        rest = cut_image(_left_over(volume, fitted, REACH_MM), found.center_mm, axes, REACH_MM, outside_hu=0.0)
+        assert np.std(rest) < 8.0
+        assert np.abs(rest).max() < 0.05 * found.contrast_hu
+        wrong = cut_image(_left_over(volume, moved, REACH_MM), found.center_mm, axes, REACH_MM, outside_hu=0.0)
+        assert np.abs(wrong).max() > 0.1 * found.contrast_hu

@@ -1,0 +1,35 @@
+"""``ronnaplan report``: what was found in a case and how far it can be trusted, on one page."""
+
+from __future__ import annotations
+
+import argparse
+
+HELP = "Write the quality report of a case as one HTML page or a PDF."
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    parser.add_argument(
+        "case", metavar="CASE", help="a folder with fiducials.json, registration.json and plan.json, any of them"
+    )
+    parser.add_argument("--ct", metavar="PATH", help="the scan (default: CASE/ct, or the images in CASE)")
+    parser.add_argument("--series", metavar="UID", help="the series to use, where there are several")
+    parser.add_argument("-o", "--output", required=True, metavar="FILE", help="report.html or report.pdf")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Read the case and write its report."""
+    from pathlib import Path
+
+    from ronnaplan.documents.files import write_atomically
+    from ronnaplan.errors import UsageError
+    from ronnaplan.report.case import read_case
+    from ronnaplan.report.pdf import print_pdf
+    from ronnaplan.report.quality import quality_report
+
+    kind = Path(arguments.output).suffix.lower()
+    if kind not in (".html", ".pdf"):
+        raise UsageError(f"the report was to be written to {arguments.output}; give a name in .html or .pdf")
+    html = quality_report(read_case(arguments.case, arguments.ct, arguments.series, progress=True))
+    write_atomically(arguments.output, html if kind == ".html" else print_pdf(html))
+    return 0

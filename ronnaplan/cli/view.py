@@ -1,0 +1,53 @@
+"""``ronnaplan view``: the planner in a browser on this machine."""
+
+from __future__ import annotations
+
+import argparse
+
+HELP = "Open the planner: a local web page with the scan, its markers, trajectories and registration."
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    parser.add_argument("ct", metavar="CT", help="a DICOM folder, file or zip archive, or an image")
+    parser.add_argument("--series", metavar="UID", help="the series to use, where CT holds several")
+    parser.add_argument(
+        "--plan", metavar="FILE", help="plan.json, made if it is not there (default: in the present folder)"
+    )
+    parser.add_argument("--fiducials", metavar="FILE", help="fiducials.json (default: beside the plan)")
+    parser.add_argument("--registration", metavar="FILE", help="registration.json (default: beside the plan)")
+    parser.add_argument("--limits", metavar="FILE", help="limits.json that trajectories are held against")
+    parser.add_argument(
+        "--no-go", action="append", default=[], metavar="LABELS", help="a label map to keep away from; repeatable"
+    )
+    parser.add_argument("--tracker", metavar="HOST:PORT", help="an OpenIGTLink server to listen to when asked")
+    parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this machine only)")
+    parser.add_argument("--port", type=int, default=0, help="port to listen on (default: any that is free)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Open the case and serve it until stopped."""
+    from ronnaplan.ct import read_ct
+    from ronnaplan.documents.limits import read_limits
+    from ronnaplan.planner.server import serve
+    from ronnaplan.planner.state import PlannerState
+    from ronnaplan.planner.storage import Storage
+    from ronnaplan.planning.labels import read_label_map
+
+    storage = Storage.of(arguments.plan, arguments.fiducials, arguments.registration)
+    limits = read_limits(arguments.limits) if arguments.limits else None
+    tracker = _address(arguments.tracker) if arguments.tracker else None
+    volume = read_ct(arguments.ct, arguments.series, progress=True)
+    no_go = {name: mask for path in arguments.no_go for name, mask in read_label_map(path, volume).items()}
+    state = PlannerState(volume, storage, limits, no_go)
+    serve(state, host=arguments.host, port=arguments.port, tracker=tracker)
+    return 0
+
+
+def _address(text: str) -> tuple[str, int]:
+    from ronnaplan.errors import UsageError
+
+    host, colon, port = text.rpartition(":")
+    if not (host and colon and port.isdigit() and 0 < int(port) < 65536):
+        raise UsageError(f"--tracker {text} is not of the form HOST:PORT, such as localhost:18944")
+    return host, int(port)

@@ -1,0 +1,1 @@
+"""The browser application: a plain state object, views that draw it, no computation of its own."""

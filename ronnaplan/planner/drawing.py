@@ -1,0 +1,173 @@
+"""The planner's state as plain values for the page: what is drawn over each cut, and what stands in each panel."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.fiducials import FiducialFlag
+from ronnaplan.planner.cuts import Cut
+from ronnaplan.planner.judgement import Judgement
+from ronnaplan.planner.state import PlannerState
+from ronnaplan.planning import Measures, Trajectory
+
+MARKER_COLOUR, REJECTED_COLOUR = "#ff9f1c", "#ff5252"
+
+NEAR_MM = 3.0
+"""A trajectory with an end this near to the plane is drawn in full, others faintly."""
+
+TITLES = {"inline": "in line with {}", "probe": "probe's eye, {:.1f} mm deep"}
+LEFT_RIGHT = {"axial": "axial  R | L", "coronal": "coronal  R | L", "sagittal": "sagittal  A | P"}
+
+
+def over_cut(state: PlannerState, view: str, show_rejected: bool) -> dict[str, Any]:
+    """Return what is drawn over a view, in mm from its middle; empty for a path view without a trajectory."""
+    if view not in LEFT_RIGHT and state.chosen is None:
+        return {"box": "-1 -1 2 2", "half": 1, "title": "select a trajectory", "markers": [], "paths": []}
+    cut = state.cut(view)
+    half = cut.field_mm / 2
+    return {
+        "box": f"{-half} {-half} {2 * half} {2 * half}",
+        "half": half,
+        "title": _title(state, view, cut),
+        "cross": _pair(cut, state.crosshair_mm) if view in LEFT_RIGHT else None,
+        "markers": _markers(state, cut, show_rejected),
+        "paths": [_path(one, cut, one.name == state.selected) for one in state.plan.trajectories],
+    }
+
+
+def _title(state: PlannerState, view: str, cut: Cut) -> str:
+    if view in LEFT_RIGHT:
+        return f"{LEFT_RIGHT[view]}   {state.crosshair_mm @ np.abs(cut.away):.1f} mm"
+    assert state.chosen is not None
+    depth = float((cut.centre_mm - state.chosen.entry_mm) @ state.chosen.inward)
+    return TITLES[view].format(state.chosen.name if view == "inline" else depth)
+
+
+def _markers(state: PlannerState, cut: Cut, show_rejected: bool) -> list[dict[str, Any]]:
+    """Return the circles that the plane cuts out of the markers."""
+    found = state.fiducials
+    if found is None:
+        return []
+    balls = [(one.label, one.center, one.diameter_mm / 2, MARKER_COLOUR) for one in found.fiducials]
+    if show_rejected:
+        radius = found.marker.diameter_mm / 2
+        balls += [(f"x{n + 1}", one.center, radius, REJECTED_COLOUR) for n, one in enumerate(found.rejected)]
+    drawn = []
+    for label, center, radius, colour in balls:
+        x, y, away = cut.on_screen_mm(np.array(center))
+        if abs(away) < radius and max(abs(x), abs(y)) < cut.field_mm / 2:
+            r = float(np.sqrt(radius**2 - away**2))
+            drawn.append({"label": label, "x": float(x), "y": float(y), "r": r, "colour": colour})
+    return drawn
+
+
+def _path(one: Trajectory, cut: Cut, selected: bool) -> dict[str, Any]:
+    ends = cut.on_screen_mm(np.stack([one.entry_mm, one.target_mm]))
+    near = bool(np.abs(ends[:, 2]).min() < NEAR_MM or ends[0, 2] * ends[1, 2] < 0)
+    places = {"entry": ends[0, :2].tolist(), "target": ends[1, :2].tolist()}
+    return {"name": one.name, "colour": one.colour, "selected": selected, "near": near, **places}
+
+
+def _pair(cut: Cut, place_mm: FloatArray) -> list[float]:
+    pair: list[float] = cut.on_screen_mm(place_mm)[:2].tolist()
+    return pair
+
+
+def marker_rows(state: PlannerState) -> list[dict[str, str]]:
+    """Return one row a marker."""
+    rows = []
+    for one in state.fiducials.fiducials if state.fiducials else ():
+        error_um = 1e3 * float(np.sqrt(np.trace(np.array(one.covariance))))
+        known = FiducialFlag.__members__
+        flags = "; ".join(str(known.get(flag.upper(), flag)) for flag in one.flags)
+        rows.append({"label": one.label, "centre": _place(one.center), "error": f"{error_um:.0f}", "flags": flags})
+    return rows
+
+
+def rejected_rows(state: PlannerState) -> list[dict[str, str]]:
+    """Return one row a rejected candidate."""
+    found = state.fiducials
+    return [{"centre": _place(one.center), "reason": one.reason} for one in (found.rejected if found else ())]
+
+
+def path_rows(state: PlannerState) -> list[dict[str, Any]]:
+    """Return one row a trajectory."""
+    return [
+        {
+            "name": one.name,
+            "colour": one.colour,
+            "locked": one.locked,
+            "selected": one.name == state.selected,
+            "length": f"{one.length_mm:.1f}",
+        }
+        for one in state.plan.trajectories
+    ]
+
+
+def chosen_path(state: PlannerState, judged: Judgement | None) -> dict[str, Any]:
+    """Return the selected trajectory with its ends to the micrometre, measures and verdicts."""
+    one = state.chosen
+    if one is None or judged is None:
+        return {"name": "", "measures": [], "verdicts": []}
+    return {
+        "name": one.name,
+        "locked": one.locked,
+        "colour": one.colour,
+        "instrument": one.instrument.name,
+        "entry": one.entry_mm.round(3).tolist(),
+        "target": one.target_mm.round(3).tolist(),
+        "problem": judged.problem,
+        "measures": _measures(judged.measures) if judged.measures else [],
+        "verdicts": [
+            (verdict.measure, f"{_number(verdict.value)} {verdict.unit} {verdict.remark}", verdict.passes)
+            for verdict in judged.verdicts
+        ],
+    }
+
+
+def _measures(one: Measures) -> list[tuple[str, str]]:
+    rows = [
+        ("length", f"{one.length_mm:.2f} mm"),
+        ("target below scalp", f"{_number(one.depth_below_scalp_mm)} mm"),
+        ("target below skull", f"{_number(one.depth_below_skull_mm)} mm"),
+        ("bone along the path", f"{_number(one.skull_thickness_mm)} mm"),
+        ("angle to the skull's normal", f"{_number(one.skull_angle_deg)} deg"),
+    ]
+    if one.error is not None:
+        rows += [
+            ("expected error, entry", f"{one.error.entry_rms_mm:.2f} mm RMS"),
+            ("expected error, target", f"{one.error.target_rms_mm:.2f} mm RMS"),
+            (f"chance within {one.error.tolerance_mm:g} mm", f"{one.error.probability:.3f}"),
+        ]
+    return rows
+
+
+def registration_panel(state: PlannerState) -> dict[str, Any]:
+    """Return pairs and residuals, or the refusal with its rivals, and the expected errors."""
+    found = state.registration
+    if found is None:
+        return {"status": ""}
+    if state.outdated:
+        return {"status": "outdated", "summary": f"outdated: {state.outdated}"}
+    fre = "" if found.fre_rms is None else f"FRE {found.fre_rms:.3f} mm RMS, probability {found.probability:.6f}"
+    return {
+        "status": found.status,
+        "summary": f"{found.status}: {found.reason or fre}",
+        "pairs": [(p.ct, p.ots, f"{p.residual:.2f}", _number(p.leave_one_out)) for p in found.pairs],
+        "rivals": [
+            (", ".join(f"{p.ct}={p.ots}" for p in rival.pairs), f"{rival.log_evidence_below:.1f}")
+            for rival in found.rivals
+        ],
+        "errors": [(name, f"{error:.2f}") for name, error in state.expected_errors_mm().items()],
+    }
+
+
+def _place(place_mm: tuple[float, ...]) -> str:
+    return ", ".join(f"{value:.2f}" for value in place_mm)
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"

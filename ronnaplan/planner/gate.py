@@ -1,0 +1,52 @@
+"""Who may talk to the planner: only browsers that know the token, on the host it listens on."""
+
+from __future__ import annotations
+
+import hmac
+from collections.abc import Awaitable, Callable
+from urllib.parse import urlsplit
+
+from aiohttp import web
+
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+POLICY = (
+    "default-src 'self'; img-src 'self' data:; style-src 'self' 'unsafe-inline'; font-src 'self' data:; "
+    "script-src 'self' 'unsafe-eval' 'unsafe-inline'; connect-src 'self'; frame-ancestors 'none'"
+)
+"""Nothing is fetched from any other host. The page's templates are compiled in the browser, hence 'unsafe-eval'."""
+
+
+def gate(token: str, hosts: frozenset[str]) -> Callable[[web.Request, Handler], Awaitable[web.StreamResponse]]:
+    """Return a middleware that lets through what carries ``token`` and is addressed to one of ``hosts``.
+
+    The token comes in the URL the first time and in a cookie from then on, also for the web socket. Names other
+    than ``hosts`` are refused, so that no foreign web page can reach the planner through a name of its own.
+    """
+
+    @web.middleware
+    async def check(request: web.Request, handler: Handler) -> web.StreamResponse:
+        name = f"ronnaplan_{request.url.port}"
+        given = request.query.get("token") or request.cookies.get(name, "")
+        if request.url.host not in hosts or not _own_origin(request):
+            raise web.HTTPForbidden(text="this planner is not reached by that name")
+        if not hmac.compare_digest(given.encode(), token.encode()):
+            raise web.HTTPForbidden(text="open the planner with the address that ronnaplan view printed")
+        try:
+            response = await handler(request)
+        except web.HTTPException as error:
+            error.set_cookie(name, token, httponly=True, samesite="Strict")
+            raise
+        if not response.prepared:
+            response.set_cookie(name, token, httponly=True, samesite="Strict")
+            response.headers["Content-Security-Policy"] = POLICY
+            response.headers["Referrer-Policy"] = "no-referrer"
+            response.headers["Cache-Control"] = "no-store"
+        return response
+
+    return check
+
+
+def _own_origin(request: web.Request) -> bool:
+    origin = request.headers.get("Origin")
+    return origin is None or urlsplit(origin).netloc == request.host

@@ -1,0 +1,73 @@
+"""Starts the planner's web server and says where it is."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import sys
+from collections.abc import Callable
+from typing import Any
+
+from ronnaplan.errors import InputError, UsageError
+from ronnaplan.planner.state import PlannerState
+
+EVERYWHERE = ("", "0.0.0.0", "::")
+
+LOOPBACK = frozenset({"127.0.0.1", "localhost"})
+
+
+def serve(
+    state: PlannerState,
+    *,
+    host: str = "127.0.0.1",
+    port: int = 0,
+    tracker: tuple[str, int] | None = None,
+    token: str | None = None,
+    announce: Callable[[str], None] | None = None,
+) -> None:
+    """Serve ``state`` until stopped; ``announce`` is given the address, which holds the token.
+
+    Raises `InputError` where the port is taken or trame is not installed, `UsageError` for no single address.
+    """
+    if host in EVERYWHERE:
+        raise UsageError(f"--host {host} would listen everywhere; name the one address to be reached by")
+    try:
+        import trame.ui.vuetify3  # noqa: F401
+        from trame.app import get_server
+    except ModuleNotFoundError as error:
+        raise InputError(f"the planner needs {error.name}; install ronnaplan[planner]") from error
+    from ronnaplan.planner.app import PlannerApp
+    from ronnaplan.planner.gate import gate
+
+    os.environ["WSLINK_READY_MSG"] = ""  # wslink would write it to standard output, behind the address
+    known = token or secrets.token_urlsafe(24)
+    server = get_server("ronnaplan", client_type="vue3")
+    server.cli.prog = "ronnaplan view"
+    app = PlannerApp(state, server, tracker)
+
+    def close(web_server: Any) -> None:
+        web_server.app.middlewares.append(gate(known, LOOPBACK | {host}))
+
+    def tell(**_: Any) -> None:
+        (announce or _print)(f"http://{host}:{server.port}/index.html?token={known}")
+
+    server.controller.on_server_bind.add(close)
+    server.controller.on_server_ready.add(tell)
+    try:
+        server.start(
+            host=host,
+            port=port,
+            timeout=0,
+            open_browser=False,
+            show_connection_info=False,
+            disable_logging=True,
+        )
+    except OSError as error:
+        raise InputError(f"cannot listen on {host}:{port} ({error.strerror}); choose another --port") from error
+    finally:
+        app.close()
+
+
+def _print(address: str) -> None:
+    print(address, flush=True)
+    print("ronnaplan: open this address in a browser on this machine; Ctrl-C ends the planner", file=sys.stderr)

@@ -1,0 +1,103 @@
+"""The files of a planner's case: read at the start, written after every change, so that nothing can be lost.
+
+Only these files are ever written, and only readings that lie in the case's folder are read.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from ronnaplan.documents.fiducials import FiducialsDocument, Vector, read_fiducials, to_json
+from ronnaplan.documents.files import read_json, write_atomically
+from ronnaplan.documents.plan import read_plan, write_plan
+from ronnaplan.documents.registration import RegistrationDocument, read_registration
+from ronnaplan.errors import InputError, UsageError
+from ronnaplan.planning import Plan
+
+READINGS = (".csv", ".mha", ".mrk.json")
+"""How the name of a readings file ends."""
+
+
+class Look(BaseModel):
+    """planner.json: where a person was looking, in the scan with these voxels."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    voxel_sha256: str
+    crosshair: Vector
+    centre: Vector
+    field_mm: float
+    window: str
+    selected: str | None = None
+
+
+@dataclass(frozen=True)
+class Storage:
+    """Where the documents of a case lie."""
+
+    plan: Path
+    fiducials: Path
+    registration: Path
+
+    @classmethod
+    def of(cls, plan: str | None, fiducials: str | None, registration: str | None) -> Storage:
+        """Name the files; what is not named lies beside the plan, the plan in the present folder."""
+        path = Path(plan or "plan.json").resolve()
+        if not path.parent.is_dir():
+            raise InputError(f"{path.parent} is not a folder; make it, or give another place for the plan")
+        return cls(
+            path,
+            Path(fiducials).resolve() if fiducials else path.with_name("fiducials.json"),
+            Path(registration).resolve() if registration else path.with_name("registration.json"),
+        )
+
+    @property
+    def look(self) -> Path:
+        """The file that says where a person was looking."""
+        return self.plan.with_name("planner.json")
+
+    def read_plan(self) -> Plan | None:
+        """Return the plan, None where there is no file yet."""
+        return read_plan(self.plan) if self.plan.exists() else None
+
+    def read_fiducials(self) -> FiducialsDocument | None:
+        """Return the markers, None where there is no file yet."""
+        return read_fiducials(self.fiducials) if self.fiducials.exists() else None
+
+    def read_registration(self) -> RegistrationDocument | None:
+        """Return the registration, None where there is no file yet."""
+        return read_registration(self.registration) if self.registration.exists() else None
+
+    def read_look(self, voxel_sha256: str) -> Look | None:
+        """Return where a person was looking in this scan, None where that is not known."""
+        try:
+            look = Look.model_validate(read_json(self.look))
+        except (InputError, ValidationError):
+            return None  # nothing was planned with it: to look at the middle again loses nothing
+        return look if look.voxel_sha256 == voxel_sha256 else None
+
+    def write_plan(self, plan: Plan) -> None:
+        """Write the plan, whole or not at all."""
+        write_plan(self.plan, plan)
+
+    def write_document(self, document: FiducialsDocument | RegistrationDocument) -> None:
+        """Write the markers or the registration, whole or not at all."""
+        path = self.fiducials if isinstance(document, FiducialsDocument) else self.registration
+        write_atomically(path, to_json(document))
+
+    def write_look(self, look: Look) -> None:
+        """Write where a person is looking."""
+        write_atomically(self.look, to_json(look))
+
+    def readings(self) -> list[str]:
+        """Return the names of the files in the case's folder that may be readings."""
+        names = (path.name for path in self.plan.parent.iterdir() if path.is_file() and not path.is_symlink())
+        return sorted(name for name in names if name.lower().endswith(READINGS))
+
+    def readings_path(self, name: str) -> Path:
+        """Return where the readings file ``name`` lies; raises `UsageError` unless it is in the case's folder."""
+        if name not in self.readings():
+            raise UsageError(f"'{name}' is no readings file of this case; put it beside {self.plan.name}")
+        return self.plan.parent / name

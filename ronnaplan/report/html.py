@@ -1,0 +1,74 @@
+"""A page of HTML from texts, tables and pictures. Every text is escaped; nothing is fetched from anywhere."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Sequence
+from html import escape
+
+STYLE = """
+body { font: 14px/1.45 system-ui, sans-serif; color: #1c2733; max-width: 62rem; margin: 2rem auto; padding: 0 1rem }
+h1 { font-size: 1.6rem; margin-bottom: 0 } h2 { margin-top: 2rem; border-bottom: 1px solid #c8d2dc }
+h3 { margin-bottom: .3rem }
+table { border-collapse: collapse; margin: .6rem 0; font-variant-numeric: tabular-nums }
+th, td { text-align: left; padding: .15rem .9rem .15rem 0; border-bottom: 1px solid #e4e9ee; vertical-align: top }
+th { font-weight: 600; color: #4a5a6a } td { overflow-wrap: anywhere }
+figure { margin: .6rem 0 } figure img { max-width: 100% } figcaption { color: #4a5a6a }
+.warnings { background: #fff3e0; border-left: 5px solid #e07b00; padding: .4rem 1rem; margin: 1rem 0 }
+.clear { background: #eaf5ea; border-left: 5px solid #3d8b40; padding: .4rem 1rem; margin: 1rem 0 }
+.fail { color: #b3261e; font-weight: 600 } .note { color: #4a5a6a }
+@media print { body { margin: 0; max-width: none } section, figure, tr { break-inside: avoid } }
+"""
+
+POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+"""Told to the browser: this page loads nothing and runs nothing."""
+
+
+def page(title: str, body: Iterable[str]) -> str:
+    """Return a whole document that needs no other file."""
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
+        f"<title>{escape(title)}</title><style>{STYLE}</style></head>\n<body>\n"
+        + "\n".join(body)
+        + "\n</body></html>\n"
+    )
+
+
+def element(tag: str, text: str, css: str = "") -> str:
+    """Return one element that holds ``text``."""
+    name = f' class="{escape(css)}"' if css else ""
+    return f"<{tag}{name}>{escape(text)}</{tag}>"
+
+
+def section(title: str, body: Iterable[str]) -> str:
+    """Return a section under its heading; ``body`` is HTML."""
+    return f"<section>{element('h2', title)}\n" + "\n".join(body) + "\n</section>"
+
+
+def box(css: str, heading: str, items: Sequence[str]) -> str:
+    """Return a coloured box with a list of texts."""
+    listed = f"<ul>{''.join(element('li', item) for item in items)}</ul>" if items else ""
+    return f'<div class="{escape(css)}"><p>{element("strong", heading)}</p>{listed}</div>'
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table of texts; without a header its first column names the rows."""
+    top = f"<tr>{''.join(element('th', cell) for cell in header)}</tr>" if header else ""
+    first = "td" if header else "th"
+    body = "".join(
+        f"<tr>{element(first, row[0])}{''.join(element('td', cell, _css(cell)) for cell in row[1:])}</tr>"
+        for row in rows
+    )
+    return f"<table>{top}{body}</table>"
+
+
+def picture(png: bytes, caption: str) -> str:
+    """Return a PNG that is part of the page, with its caption."""
+    data = base64.b64encode(png).decode()
+    alt = escape(caption, quote=True)
+    return f'<figure><img src="data:image/png;base64,{data}" alt="{alt}">{element("figcaption", caption)}</figure>'
+
+
+def _css(cell: str) -> str:
+    return "fail" if cell == "FAIL" else ""

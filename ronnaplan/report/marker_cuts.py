@@ -1,0 +1,72 @@
+"""Each marker measured again where the document says it is, and drawn with what the model leaves over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ronnaplan.ct import CTVolume
+from ronnaplan.documents.fiducials import FiducialEntry
+from ronnaplan.geometry import FloatArray
+from ronnaplan.report.contact import Candidate, draw_cut
+from ronnaplan.report.picture import CUTS, png
+
+if TYPE_CHECKING:
+    from ronnaplan.localization.examine import Scan
+
+AGREEMENT_MM = 0.05
+"""A marker that is found again farther than this from where its document says it is raises a warning."""
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerPicture:
+    """A PNG of three cuts with residuals, and how far (mm) the marker was found from its stated centre."""
+
+    label: str
+    png: bytes
+    apart_mm: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the document's centre was found again."""
+        return self.apart_mm <= AGREEMENT_MM
+
+
+def marker_pictures(volume: CTVolume, markers: tuple[FiducialEntry, ...]) -> list[MarkerPicture]:
+    """Fit every marker of a document again in its scan and draw it."""
+    from ronnaplan.localization.examine import Scan
+
+    scan = Scan(volume)
+    return [_picture(scan, marker) for marker in markers]
+
+
+def _picture(scan: Scan, marker: FiducialEntry) -> MarkerPicture:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    stated = np.array(marker.center, dtype=np.float64)
+    parameters, center = _fit(scan, stated, marker.diameter_mm)
+    figure = Figure(figsize=(12.0, 2.1), dpi=80, layout="constrained")
+    FigureCanvasAgg(figure)
+    grid = figure.add_gridspec(1, 2 * len(CUTS))
+    candidate = Candidate(marker.label, center, parameters, accepted=True)
+    for column, cut in enumerate(CUTS):
+        data, residual = (figure.add_subplot(grid[0, 2 * column + n]) for n in (0, 1))
+        draw_cut(data, residual, scan.volume, candidate, cut)
+        data.set_title(cut, fontsize=8)
+        residual.set_title("residual", fontsize=8)
+    return MarkerPicture(marker.label, png(figure), float(np.linalg.norm(center - stated)))
+
+
+def _fit(scan: Scan, stated_mm: FloatArray, diameter_mm: float) -> tuple[FloatArray, FloatArray]:
+    """Return the model's parameters and the centre (3,) in LPS mm."""
+    from ronnaplan.localization.examine import Scan
+    from ronnaplan.localization.neighbourhood import gather
+    from ronnaplan.localization.refine import fit_ball, margin_mm
+
+    assert isinstance(scan, Scan)
+    reach = 0.5 * diameter_mm + margin_mm(scan.thickness_mm) + 0.125 * diameter_mm
+    fit = fit_ball(gather(scan.volume, stated_mm, reach), diameter_mm, scan.thickness_mm, scan.ceiling_hu)
+    return fit.theta, fit.center_mm

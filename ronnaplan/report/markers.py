@@ -1,0 +1,58 @@
+"""The report's markers: centres, standard errors, flags, cuts with outline and residual."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ronnaplan.documents.fiducials import FiducialEntry
+from ronnaplan.errors import RonnaplanError
+from ronnaplan.localization.fiducials import FiducialFlag
+from ronnaplan.report.case import Case
+from ronnaplan.report.html import element, picture, table
+from ronnaplan.report.marker_cuts import marker_pictures
+from ronnaplan.report.part import Part
+
+HEADER = ("", "x", "y", "z (LPS mm)", "s.e. x", "s.e. y", "s.e. z (um)", "diameter mm", "contrast HU", "flags")
+CAPTION = "cuts through the centre with the fitted outline, and data less model at a tenth of the contrast"
+
+
+def markers_part(case: Case) -> Part:
+    """List and draw the markers; a marker that is not found again where it is stated is a warning."""
+    if case.fiducials is None:
+        return Part("Markers", warnings=["there is no fiducials.json: the markers are not reported"])
+    markers = case.fiducials.fiducials
+    body = [table(HEADER, [_row(marker) for marker in markers])] if markers else []
+    body.append(element("p", f"{len(markers)} markers; {len(case.fiducials.rejected)} candidates rejected."))
+    warnings = [
+        f"marker {marker.label}: {sentence}" for marker in markers for sentence in map(_sentence, marker.flags)
+    ]
+    if case.volume is None:
+        return Part("Markers", body, warnings)
+    try:
+        pictures = marker_pictures(case.volume, markers)
+    except RonnaplanError as error:
+        return Part("Markers", body, [*warnings, f"the markers could not be drawn: {error}"])
+    body += [picture(one.png, f"{one.label}: {CAPTION}") for one in pictures]
+    warnings += [
+        f"marker {one.label} was found again {one.apart_mm:.2f} mm from its stated centre; localize again"
+        for one in pictures
+        if not one.agrees
+    ]
+    return Part("Markers", body, warnings)
+
+
+def _row(marker: FiducialEntry) -> list[str]:
+    errors = 1e3 * np.sqrt(np.diag(np.array(marker.covariance)))
+    return [
+        marker.label,
+        *(f"{value:.3f}" for value in marker.center),
+        *(f"{error:.1f}" for error in errors),
+        f"{marker.diameter_mm:.3f}",
+        f"{marker.contrast_hu:.0f}",
+        ", ".join(marker.flags) or "-",
+    ]
+
+
+def _sentence(flag: str) -> str:
+    known = FiducialFlag.__members__.get(flag.upper())
+    return flag if known is None else known.value

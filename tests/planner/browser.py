@@ -1,0 +1,98 @@
+"""A planner in a process of its own and a headless Chromium to use it with; both end with the test."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests import cases
+
+BROWSER = next(
+    (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None
+)
+
+FLAGS = (
+    *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+)
+"""Without these Chromium itself would look for hosts of its maker."""
+
+
+def skip_reason() -> str | None:
+    """Why no browser test can run here, None if they can."""
+    if BROWSER is None:
+        return "no Chromium is installed; the planner was not looked at in a browser"
+    try:
+        import playwright  # noqa: F401
+    except ImportError:
+        return "the package playwright is not installed; the planner was not looked at in a browser"
+    return None
+
+
+needs_browser = pytest.mark.skipif(skip_reason() is not None, reason=skip_reason() or "")
+
+
+class Planner:
+    """A running ``ronnaplan view``: its folder, its address, and how to kill it."""
+
+    def __init__(self, folder: Path, *options: str) -> None:
+        self.folder = folder
+        command = [sys.executable, "-m", "ronnaplan", "view", str(cases.CT), "--plan", str(folder / "plan.json")]
+        self.process = subprocess.Popen(
+            [*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder,
+            env=environment(),
+        )  # fmt: skip
+        assert self.process.stdout is not None
+        self.url = self.process.stdout.readline().strip()
+        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/index\.html\?token=[\w-]{32}", self.url), self.url
+
+    def kill(self) -> None:
+        """End it at once, as a crash would."""
+        self.process.kill()
+        self.process.communicate()
+
+
+def environment() -> dict[str, str]:
+    """This process's environment with the project on its path."""
+    return {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])}
+
+
+@contextmanager
+def planner(folder: Path, *options: str) -> Iterator[Planner]:
+    running = Planner(folder, *options)
+    try:
+        yield running
+    finally:
+        running.kill()
+
+
+@contextmanager
+def chromium() -> Iterator[Any]:
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=BROWSER, args=list(FLAGS))
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+def opened(browser: Any, url: str, width: int = 1280, height: int = 800) -> Any:
+    """A tab that shows the planner; remembers in ``page.requested`` what it asked for."""
+    page = browser.new_page(viewport={"width": width, "height": height})
+    page.requested = []
+    page.on("request", lambda request: page.requested.append(request.url))
+    page.on("websocket", lambda socket: page.requested.append(socket.url))
+    page.goto(url)
+    page.wait_for_selector("svg[data-view=axial] image", timeout=30_000)
+    return page

@@ -1,0 +1,231 @@
+"""The planner used as a person uses it: headless Chromium, the mouse, the keyboard, a second tab, a crash."""
+
+from __future__ import annotations
+
+import base64
+import json
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import cv2
+import numpy as np
+import pyigtl
+import pytest
+
+from ronnaplan.documents.plan import read_plan
+from tests import cases
+from tests.planner.browser import Planner, chromium, needs_browser, opened, planner
+
+pytestmark = needs_browser
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as running:
+        yield running
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return cases.write_case(tmp_path)
+
+
+@pytest.fixture
+def running(folder: Path) -> Iterator[Planner]:
+    """A planner of a test's own."""
+    with planner(folder) as one:
+        yield one
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Planner]:
+    """A planner for the tests that plan nothing."""
+    folder = cases.write_case(tmp_path_factory.mktemp("shared"))
+    cases.write_readings(folder / "readings.csv")
+    with planner(folder) as one:
+        yield one
+
+
+def place(page: Any, view: str, across: float, down: float) -> tuple[float, float]:
+    """Pixels of a place given as shares of the view, from its top left."""
+    box = page.locator(f"[data-view={view}]").bounding_box()
+    return box["x"] + across * box["width"], box["y"] + down * box["height"]
+
+
+def last_target(page: Any, view: str) -> tuple[float, float]:
+    """Pixels of the last trajectory's target."""
+    box = page.locator(f"svg[data-view={view}] > g > circle[fill]").last.bounding_box()
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+def fields(page: Any, which: str) -> list[float]:
+    return [float(page.input_value(f"#{which}-{axis}")) for axis in "xyz"]
+
+
+def eventually(page: Any, holds: Callable[[], bool]) -> None:
+    """Wait until something holds, as a person would, and fail where it never does."""
+    for _ in range(100):
+        if holds():
+            return
+        page.wait_for_timeout(100)
+    raise AssertionError("what was waited for did not come to pass")
+
+
+def settled(page: Any, folder: Path, name: str, which: str, before: list[float]) -> list[float]:
+    """Wait until the fields have changed and the plan file says the same millimetres."""
+
+    def same() -> bool:
+        written = getattr(read_plan(folder / "plan.json").trajectory(name), f"{which}_mm")
+        shown = fields(page, which)
+        return shown != before and np.allclose(shown, written, rtol=0, atol=0.0006)
+
+    eventually(page, same)
+    return fields(page, which)
+
+
+def test_every_view_shows_something(browser: Any, shared: Planner) -> None:
+    page = opened(browser, shared.url)
+    page.wait_for_function("window.trame.state.get('picture_head')")
+    for view in ("axial", "coronal", "sagittal", "inline", "probe", "head"):
+        picture = page.evaluate(f"window.trame.state.get('picture_{view}')")
+        data = np.frombuffer(base64.b64decode(picture.partition(",")[2]), dtype=np.uint8)
+        grey = np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE))
+        assert grey.max() > 40, view
+    for view in ("axial", "coronal", "sagittal", "inline", "probe", "head"):
+        box = page.locator(f"[data-view={view}]").bounding_box()
+        assert box["width"] > 200, view
+        assert box["height"] > 200, view
+
+
+@pytest.mark.parametrize(("width", "height"), [(1280, 800), (2560, 1440)])
+def test_nothing_falls_off_the_screen(browser: Any, shared: Planner, width: int, height: int) -> None:
+    page = opened(browser, shared.url, width, height)
+    over = page.evaluate("[document.body.scrollWidth - innerWidth, document.body.scrollHeight - innerHeight]")
+    assert max(over) <= 0
+    for view in ("axial", "probe", "head"):
+        box = page.locator(f"[data-view={view}]").bounding_box()
+        assert box["x"] + box["width"] <= width
+        assert box["y"] + box["height"] <= height
+    assert page.locator("#undo").bounding_box()["x"] < width
+
+
+def test_a_trajectory_is_added_by_two_clicks_dragged_and_undone(
+    browser: Any, running: Planner, folder: Path
+) -> None:
+    page = opened(browser, running.url)
+    page.click("#add")
+    page.mouse.click(*place(page, "axial", 0.6, 0.4))
+    page.wait_for_function("document.getElementById('add').textContent.includes('target')")
+    page.mouse.click(*place(page, "axial", 0.5, 0.55))
+    page.wait_for_selector("text=T1, LPS mm")
+    added = fields(page, "target")
+    assert added == pytest.approx(read_plan(folder / "plan.json").trajectory("T1").target_mm.tolist(), abs=0.0006)
+
+    x, y = last_target(page, "axial")
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 20, y + 5, steps=4)
+    page.mouse.move(x + 30, y + 10)
+    page.mouse.up()
+    dragged = settled(page, folder, "T1", "target", added)
+    box = page.locator("[data-view=axial]").bounding_box()
+    scale = json.loads((folder / "planner.json").read_text())["field_mm"] / min(box["width"], box["height"])
+    assert np.subtract(dragged, added) == pytest.approx([30 * scale, 10 * scale, 0.0], abs=0.5 * scale)
+
+    page.keyboard.press("Control+z")
+    assert settled(page, folder, "T1", "target", dragged) == pytest.approx(added)
+    page.keyboard.press("Control+y")
+    assert settled(page, folder, "T1", "target", added) == pytest.approx(dragged)
+
+
+def test_what_was_done_is_found_again_after_reload_and_after_a_crash(
+    browser: Any, running: Planner, folder: Path
+) -> None:
+    page = opened(browser, running.url)
+    before = fields(page, "target")
+    page.fill("#target-x", "17.25")
+    page.press("#target-x", "Enter")
+    after = settled(page, folder, "left", "target", before)
+    assert after[0] == 17.25
+    page.reload()
+    page.wait_for_selector("svg[data-view=axial] image")
+    assert fields(page, "target") == after
+    running.kill()
+    with planner(folder) as second:
+        assert fields(opened(browser, second.url), "target") == after
+
+
+def test_two_tabs_show_one_state(browser: Any, shared: Planner) -> None:
+    first, second = opened(browser, shared.url), opened(browser, shared.url)
+    before = first.evaluate("window.trame.state.get('picture_axial')")
+    first.click("text=brain")
+    second.wait_for_function("window.trame.state.get('look').window === 'brain'")
+    shown = "window.trame.state.get('picture_axial')"
+    eventually(second, lambda: first.evaluate(shown) == second.evaluate(shown) != before)
+
+
+def test_readings_are_registered_from_the_page(browser: Any, shared: Planner) -> None:
+    file = shared.folder / "registration.json"
+    file.unlink()
+    page = opened(browser, shared.url)
+    page.click(".v-tab >> text=Registration")
+    page.click("text=readings.csv")
+    eventually(page, file.exists)
+    page.wait_for_function("window.trame.state.get('registration').pairs.length === 6")
+    assert json.loads(file.read_text())["status"] == "unique"
+
+
+def test_a_live_tracker_is_listened_to_and_entries_are_proposed(browser: Any, folder: Path) -> None:
+    listener = socket.create_server(("127.0.0.1", 0))
+
+    def serve() -> None:
+        connection, _ = listener.accept()
+        with connection:
+            for _ in range(10):
+                connection.sendall(pyigtl.PointMessage(positions=cases.seen_mm(), device_name="Polaris").pack())
+
+    thread = threading.Thread(target=serve, daemon=True)
+    thread.start()
+    (folder / "registration.json").unlink()
+    with planner(folder, "--tracker", f"127.0.0.1:{listener.getsockname()[1]}") as one:
+        page = opened(browser, one.url)
+        page.click(".v-tab >> text=Registration")
+        page.click("text=listen to")
+        page.wait_for_function("window.trame.state.get('registration').status === 'unique'")
+        assert len(json.loads((folder / "registration.json").read_text())["pairs"]) == 6
+        page.click(".v-tab >> text=Trajectories")
+        page.click("text=propose entries")
+        page.wait_for_function("window.trame.state.get('proposals').length > 0", timeout=90_000)
+        before = fields(page, "entry")
+        page.click("tr[title='Use this entry'] >> nth=0")
+        settled(page, folder, "left", "entry", before)
+    thread.join(10)
+    listener.close()
+
+
+def test_the_wheel_scrolls_and_the_cuts_stay_linked(browser: Any, shared: Planner) -> None:
+    page = opened(browser, shared.url)
+    before = page.evaluate("window.trame.state.get('picture_axial')")
+    cross = page.evaluate("window.trame.state.get('drawn_coronal').cross")
+    page.mouse.move(*place(page, "axial", 0.5, 0.5))
+    page.mouse.wheel(0, 120)
+    page.wait_for_function("old => window.trame.state.get('picture_axial') !== old", arg=before)
+    moved = page.evaluate("window.trame.state.get('drawn_coronal').cross")
+    assert abs(moved[1] - cross[1]) == pytest.approx(1.5)
+    assert moved[0] == cross[0]
+
+
+def test_no_other_host_is_asked_for_anything_and_no_patient_is_named(browser: Any, shared: Planner) -> None:
+    page = opened(browser, shared.url)
+    page.click(".v-tab >> text=Markers")
+    page.wait_for_timeout(500)
+    own = urlsplit(shared.url).netloc
+    assert len(page.requested) > 3
+    assert {urlsplit(url).netloc for url in page.requested if not url.startswith(("data:", "blob:"))} == {own}
+    name = "SYNTHETIC"
+    assert name not in page.content().upper()
+    assert name not in page.evaluate("JSON.stringify(window.trame.state.state)").upper()

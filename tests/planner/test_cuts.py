@@ -1,0 +1,54 @@
+"""A cut shows what lies where it says, on tilted stacks too."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from ronnaplan.planner.cuts import PIXELS, STANDARD, Cut, jpeg, path_axes
+from ronnaplan.planning import Trajectory
+from ronnaplan.planning.sampling import Scan
+from tests.scans import balls, scan, small_stack
+
+CENTER = np.array([3.0, -4.0, 2.0])
+
+
+def picture(cut: Cut, tilt_deg: float = 0.0) -> np.ndarray:
+    volume = scan(balls([tuple(CENTER)]), small_stack(tilt_deg=tilt_deg))
+    drawn = jpeg(Scan.of(volume), cut, (-1000.0, 200.0))
+    return np.asarray(cv2.imdecode(np.frombuffer(drawn, dtype=np.uint8), cv2.IMREAD_GRAYSCALE))
+
+
+@pytest.mark.parametrize("view", STANDARD)
+@pytest.mark.parametrize("tilt_deg", [0.0, 12.0])
+def test_a_marker_is_a_disc_of_its_size_where_the_screen_coordinates_say(view: str, tilt_deg: float) -> None:
+    right, down = STANDARD[view]
+    cut = Cut(right, down, CENTER - 5.0 * right + 3.0 * down, 40.0)
+    bright = np.argwhere(picture(cut, tilt_deg) > 110)
+    place_mm = (bright.mean(axis=0) + 0.5) * 40.0 / PIXELS - 20.0
+    assert place_mm[::-1] == pytest.approx(cut.on_screen_mm(CENTER)[:2], abs=0.1)
+    assert len(bright) * (40.0 / PIXELS) ** 2 == pytest.approx(np.pi * 5.75**2, rel=0.04)
+
+
+def test_the_patients_left_is_on_the_right_and_the_head_is_up() -> None:
+    left, up, front = np.array([1.0, 0, 0]), np.array([0, 0, 1.0]), np.array([0, -1.0, 0])
+    for view in ("axial", "coronal"):
+        assert Cut(*STANDARD[view], np.zeros(3), 1.0).on_screen_mm(left)[0] == 1.0
+    assert Cut(*STANDARD["axial"], np.zeros(3), 1.0).on_screen_mm(front)[1] == -1.0
+    for view in ("coronal", "sagittal"):
+        assert Cut(*STANDARD[view], np.zeros(3), 1.0).on_screen_mm(up)[1] == -1.0
+
+
+def test_screen_and_scan_coordinates_are_inverse_to_each_other() -> None:
+    cut = Cut(*STANDARD["sagittal"], np.array([1.0, 2.0, 3.0]), 80.0)
+    assert cut.on_screen_mm(cut.place_mm(4.0, -5.0)) == pytest.approx([4.0, -5.0, 0.0])
+
+
+def test_the_path_views_hold_and_cross_the_path() -> None:
+    path = Trajectory("A", np.array([1.0, 2.0, 80.0]), np.array([10.0, -5.0, 20.0]))
+    right, down = path_axes("inline", path)
+    assert down == pytest.approx(path.inward)
+    assert right @ path.inward == pytest.approx(0.0, abs=1e-12)
+    probe = Cut(*path_axes("probe", path), path.target_mm, 60.0)
+    assert probe.away == pytest.approx(path.inward)

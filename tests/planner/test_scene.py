@@ -1,0 +1,66 @@
+"""The 3-D view shows the head where it is, without a screen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from ronnaplan.planner.scene import Scene
+from ronnaplan.planner.state import PlannerState
+from ronnaplan.planner.storage import Storage
+from ronnaplan.planner.surfaces import SURFACES_HU, region, surface
+from tests import cases
+from tests.scans import balls, scan, small_stack
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Iterator[Scene]:
+    cases.write_case(tmp_path)
+    made = Scene(PlannerState(cases.volume(), Storage.of(str(tmp_path / "plan.json"), None, None)))
+    yield made
+    made.close()
+
+
+def drawn(scene: Scene) -> np.ndarray:
+    return np.asarray(cv2.imdecode(np.frombuffer(scene.draw(), dtype=np.uint8), cv2.IMREAD_COLOR), dtype=np.int16)
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 15.0])
+def test_the_surface_of_a_ball_lies_at_its_radius(tilt_deg: float) -> None:
+    center = np.array([2.0, -3.0, 1.0])
+    vertices, triangles = surface(scan(balls([tuple(center)], 20.0), small_stack(tilt_deg=tilt_deg)), -400.0)
+    assert len(triangles) > 100
+    radii = np.linalg.norm(vertices - center, axis=1)
+    assert radii == pytest.approx(10.0, abs=1.25)  # half a coarse cell
+    assert radii.mean() == pytest.approx(10.0, abs=0.35)
+
+
+def test_an_empty_scan_has_no_surface() -> None:
+    volume = scan(balls([(300.0, 0.0, 0.0)]), small_stack())
+    assert all(len(part) == 0 for part in surface(volume, SURFACES_HU["skull"]))
+    assert len(region(volume, np.zeros(volume.voxels_hu.shape, dtype=np.bool_))[1]) == 0
+
+
+def test_each_thing_shown_changes_the_picture_and_can_be_taken_away(scene: Scene) -> None:
+    empty = drawn(scene)
+    scene.show_surface("skull", *surface(scene.state.volume, SURFACES_HU["skull"]))
+    skull = drawn(scene)
+    assert np.abs(skull - empty).max() > 50
+    path = scene.state.plan.trajectory("left")
+    scene.show_path(path, scene.state.judge(path).measures)
+    assert np.abs(drawn(scene) - skull).max() > 50
+    scene.hide_paths()
+    assert np.abs(drawn(scene) - skull).max() < 10
+    scene.show_markers()
+    marked = drawn(scene)
+    assert np.abs(marked - skull).max() > 50
+    scene.turn(60, 10)
+    assert np.abs(drawn(scene) - marked).max() > 50
+    mask = scene.state.volume.voxels_hu > 2000
+    scene.show_region("metal", *region(scene.state.volume, mask))
+    scene.zoom(1.2)
+    scene.draw()

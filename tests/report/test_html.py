@@ -1,0 +1,58 @@
+"""The page's pieces: what a user typed cannot become markup, and the page needs no other file."""
+
+from __future__ import annotations
+
+from html.parser import HTMLParser
+
+import hypothesis.strategies as st
+from hypothesis import given
+
+from ronnaplan.report.html import box, element, page, picture, section, table
+
+HOSTILE = '<script>alert("x")</script>&amp;'
+
+
+class Reader(HTMLParser):
+    """Collects tags and text as a browser would."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.text = ""
+
+    def handle_starttag(self, tag: str, attrs: object) -> None:
+        self.tags.append(tag)
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def read(html: str) -> Reader:
+    reader = Reader()
+    reader.feed(html)
+    reader.close()
+    return reader
+
+
+@given(st.text(st.characters(exclude_categories=["Cs", "Cc"])))
+def test_any_text_arrives_as_that_text(text: str) -> None:
+    reader = read(element("p", text))
+    assert reader.tags == ["p"]
+    assert reader.text == text
+
+
+def test_hostile_text_is_text_wherever_it_stands() -> None:
+    body = [
+        table([HOSTILE, HOSTILE], [[HOSTILE, HOSTILE]]),
+        table([], [[HOSTILE, HOSTILE]]),
+        box("warnings", HOSTILE, [HOSTILE]),
+        section(HOSTILE, []),
+        picture(b"png", HOSTILE),
+    ]
+    reader = read(page(HOSTILE, body))
+    assert "script" not in reader.tags
+    assert reader.text.count(HOSTILE) == 11
+
+
+def test_a_failed_limit_stands_out() -> None:
+    assert '<td class="fail">FAIL</td>' in table(["limit", ""], [["length", "FAIL"]])
