@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import io
-import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -39,7 +38,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return error.exit_status
     except BrokenPipeError:
         # The reader of our output (head, less) went away: not an error, and nothing more can be written.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        from ronnaplan.documents.files import discard_output
+
+        discard_output()
         return 0
     except KeyboardInterrupt:
         print("ronnaplan: stopped; no file was left half-written", file=sys.stderr)

@@ -72,7 +72,13 @@ def write_result(path: str | None, text: str) -> None:
     except BrokenPipeError:
         raise
     except OSError as error:
+        discard_output()
         raise InputError(f"cannot write to standard output: {error.strerror}; name a file with -o") from error
+
+
+def discard_output() -> None:
+    """Send what is still to be written to standard output nowhere, so that leaving does not fail once more."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def read_json(path: str | os.PathLike[str]) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import re
 import shutil
@@ -31,14 +32,17 @@ def skip_reason() -> str | None:
     """Why no browser test can run here, None if they can."""
     if BROWSER is None:
         return "no Chromium is installed; the planner was not looked at in a browser"
-    try:
-        import playwright  # noqa: F401
-    except ImportError:
+    if importlib.util.find_spec("playwright") is None:
         return "the package playwright is not installed; the planner was not looked at in a browser"
+    command = [sys.executable, "-m", "playwright", "--version"]
+    driver = subprocess.run(command, capture_output=True, text=True, check=False)
+    if driver.returncode:
+        return f"playwright's driver does not start here ({driver.stderr.strip()}); no browser was looked at"
     return None
 
 
-needs_browser = pytest.mark.skipif(skip_reason() is not None, reason=skip_reason() or "")
+_REASON = skip_reason()
+needs_browser = pytest.mark.skipif(_REASON is not None, reason=_REASON or "")
 
 
 class Planner:

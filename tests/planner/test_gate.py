@@ -52,7 +52,10 @@ def test_without_the_token_or_by_another_name_nothing_is_served(running: Planner
 def test_the_planner_listens_on_this_machine_only(running: Planner) -> None:
     address = urlsplit(running.url)
     assert address.hostname == "127.0.0.1"
-    others = {info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)}
+    try:
+        others = {info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)}
+    except socket.gaierror:
+        pytest.skip("this machine does not know its own name, so its other addresses are not known either")
     for other in others - {"127.0.0.1"}:
         with pytest.raises(OSError):  # noqa: PT011  (refused, unreachable or timed out: any will do)
             socket.create_connection((other, address.port), timeout=2).close()
