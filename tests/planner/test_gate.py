@@ -68,5 +68,6 @@ def test_a_port_in_use_is_told_in_a_sentence(running: Planner, tmp_path: Path) -
         [*command, "--port", port], capture_output=True, text=True, env=environment(), timeout=60
     )
     assert ended.returncode == 1
-    assert ended.stderr.splitlines()[-1].startswith(f"ronnaplan: cannot listen on 127.0.0.1:{port}")
+    sentence = f"ronnaplan: cannot listen on 127.0.0.1:{port}"
+    assert [line.startswith(sentence) for line in ended.stderr.splitlines()].count(True) == 1, ended.stderr
     assert "Traceback" not in ended.stderr
