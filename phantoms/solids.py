@@ -18,8 +18,6 @@ FloatArray = NDArray[np.float64]
 Vector = Sequence[float] | FloatArray
 """Three numbers: a place in mm or a direction."""
 
-Z_AXIS = (0.0, 0.0, 1.0)
-
 
 class Shape(IntEnum):
     """The unit shapes; the numbers are shared with the compiled code in `phantoms.rays`."""

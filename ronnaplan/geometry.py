@@ -15,9 +15,6 @@ from ronnaplan.errors import FrameMismatchError, InputError
 
 FloatArray = NDArray[np.float64]
 
-ROTATION_TOLERANCE = 1e-6
-"""Largest entry of ``R @ R.T - 1`` that still counts as a rotation (float64 round-off of a written matrix)."""
-
 SMALLEST_SIGMA_MM = 1e-6
 LARGEST_SIGMA_MM = 1000.0
 """A localization error (standard deviation per axis) beyond these is no error of a tracker or a scanner."""

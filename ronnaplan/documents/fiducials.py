@@ -6,11 +6,10 @@ import os
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 from ronnaplan import __version__
-from ronnaplan.documents.files import read_json
-from ronnaplan.errors import InputError
+from ronnaplan.documents.reading import read_document
 from ronnaplan.geometry import Frame, Points
 from ronnaplan.localization.fiducials import Fiducials
 
@@ -145,14 +144,10 @@ def to_json(document: BaseModel) -> str:
 
 def read_fiducials(path: str | os.PathLike[str]) -> FiducialsDocument:
     """Read and check fiducials.json; raises `InputError` naming the first field that is wrong."""
-    content = read_json(path)
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise InputError(f"{os.fspath(path)} is not a fiducials document; expected the format '{FORMAT}'")
-    if content.get("version") != 1:
-        raise InputError(f"{os.fspath(path)} has version {content.get('version')}; this ronnaplan reads version 1")
-    try:
-        return FiducialsDocument.model_validate(content)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "the document"
-        raise InputError(f"{os.fspath(path)}: {where}: {first['msg']}; write it anew with localize") from error
+    return read_document(
+        path,
+        FiducialsDocument,
+        format_name=FORMAT,
+        kind="fiducials document",
+        remedy="write it anew with localize",
+    )

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ronnaplan.documents.files import read_json
+from ronnaplan.documents.reading import first_fault
 from ronnaplan.errors import InputError
 from ronnaplan.planning.limits import Limits
 
@@ -46,7 +47,5 @@ def read_limits(path: str | os.PathLike[str]) -> Limits:
     try:
         document = LimitsDocument.model_validate(content)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "the document"
-        raise InputError(f"{os.fspath(path)}: {where}: {first['msg']}") from error
+        raise InputError(f"{os.fspath(path)}: {first_fault(error)}") from error
     return Limits(**document.model_dump(exclude={"format", "version"}))

@@ -7,11 +7,12 @@ from datetime import datetime
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from ronnaplan import __version__
 from ronnaplan.ct.volume import SeriesSource
-from ronnaplan.documents.files import read_json, write_atomically
+from ronnaplan.documents.files import write_atomically
+from ronnaplan.documents.reading import read_document
 from ronnaplan.errors import InputError, RonnaplanError
 from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.planning.plan import Change, Landmarks, Plan
@@ -120,20 +121,11 @@ def write_plan(path: str | os.PathLike[str], plan: Plan) -> None:
 
 def read_plan(path: str | os.PathLike[str]) -> Plan:
     """Read and check plan.json; raises `InputError` naming the first field that is wrong, or a newer version."""
-    content = read_json(path)
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise InputError(f"{os.fspath(path)} is not a plan; expected the format '{FORMAT}'")
-    if content.get("version") != VERSION:
-        raise InputError(
-            f"{os.fspath(path)} has version {content.get('version')}; this ronnaplan reads version {VERSION}, "
-            "use the release that wrote it"
-        )
+    document = read_document(
+        path, PlanDocument, format_name=FORMAT, kind="plan", remedy="correct it or start a new plan"
+    )
     try:
-        return _plan(PlanDocument.model_validate(content))
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "the document"
-        raise InputError(f"{os.fspath(path)}: {where}: {first['msg']}; correct it or start a new plan") from error
+        return _plan(document)
     except RonnaplanError as error:
         raise InputError(f"{os.fspath(path)}: {error}") from error
 

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 from ronnaplan import __version__
 from ronnaplan.correspondence.inputs import LEAST_POINTS
 from ronnaplan.documents.fiducials import Matrix, Software, Source, Vector
-from ronnaplan.documents.files import read_json
+from ronnaplan.documents.reading import read_document
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame, Points
 from ronnaplan.pose import Pose, as_pose
@@ -170,17 +170,13 @@ def registration_document(
 
 def read_registration(path: str | os.PathLike[str]) -> RegistrationDocument:
     """Read and check registration.json; raises `InputError` naming the first field that is wrong."""
-    content = read_json(path)
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise InputError(f"{os.fspath(path)} is not a registration document; expected the format '{FORMAT}'")
-    if content.get("version") != 1:
-        raise InputError(f"{os.fspath(path)} has version {content.get('version')}; this ronnaplan reads version 1")
-    try:
-        return RegistrationDocument.model_validate(content)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "the document"
-        raise InputError(f"{os.fspath(path)}: {where}: {first['msg']}; write it anew with register") from error
+    return read_document(
+        path,
+        RegistrationDocument,
+        format_name=FORMAT,
+        kind="registration document",
+        remedy="write it anew with register",
+    )
 
 
 def _check_pairs(pairs: Sequence[LabelPair]) -> None:

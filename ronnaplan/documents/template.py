@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from ronnaplan.documents.files import read_json
+from ronnaplan.documents.reading import first_fault
 from ronnaplan.errors import InputError
 from ronnaplan.localization import Template
 from ronnaplan.localization.template import DISTANCE_TOLERANCE_MM
@@ -47,7 +48,5 @@ def read_template(path: str | os.PathLike[str]) -> Template:
     try:
         document = TemplateDocument.model_validate(read_json(path))
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "the document"
-        raise InputError(f"{os.fspath(path)}: {where}: {first['msg']}; see docs/localization.md") from error
+        raise InputError(f"{os.fspath(path)}: {first_fault(error)}; see docs/localization.md") from error
     return Template(document.name, document.labels, np.array(document.distances), document.tolerance)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -48,6 +49,11 @@ class Evidence:
     diameter_mm: float
     thickness_mm: float
     noise_hu: float
+
+    @cached_property
+    def covariance_mm2(self) -> FloatArray:
+        """Covariance (3, 3) of the centre in LPS."""
+        return center_covariance(self.fit)
 
 
 Test = Callable[[Evidence], str | None]
@@ -152,7 +158,7 @@ def _roundness(evidence: Evidence) -> str | None:
 
 
 def _certainty(evidence: Evidence) -> str | None:
-    error = float(np.sqrt(np.trace(center_covariance(evidence.fit))))
+    error = float(np.sqrt(np.trace(evidence.covariance_mm2)))
     limit = MAX_STANDARD_ERROR * evidence.diameter_mm
     return None if error <= limit else f"its centre is uncertain by {error:.2f} mm, {limit:.2f} mm allowed"
 

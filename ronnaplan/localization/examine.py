@@ -63,6 +63,7 @@ class Examined:
     candidate_mm: FloatArray
     diameter_mm: float
     fit: BallFit
+    covariance_mm2: FloatArray
     failures: tuple[tuple[str, str], ...]
 
     @property
@@ -93,7 +94,7 @@ def _examine_place(scan: Scan, center_mm: FloatArray, diameter_mm: float) -> Exa
     around = gather(scan.volume, center_mm, reach_mm)
     fit = fit_ball(around, diameter_mm, scan.thickness_mm, scan.ceiling_hu)
     evidence = Evidence(fit, diameter_mm, scan.thickness_mm, noise_level(fit))
-    return Examined(center_mm, diameter_mm, fit, tuple(failures(evidence)))
+    return Examined(center_mm, diameter_mm, fit, evidence.covariance_mm2, tuple(failures(evidence)))
 
 
 def _apart(places_mm: FloatArray, least_mm: float) -> list[FloatArray]:

@@ -13,7 +13,7 @@ from ronnaplan.errors import InputError, RefusedError, UsageError
 from ronnaplan.localization.examine import Examined, Scan, examine
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
 from ronnaplan.localization.template import Template, match_template
-from ronnaplan.localization.uncertainty import center_covariance, cramer_rao_bound
+from ronnaplan.localization.uncertainty import cramer_rao_bound
 
 MIN_VOXELS_PER_DIAMETER = 2.0
 """A ball smaller than this many pixels has no shape to recognize it by."""
@@ -122,7 +122,7 @@ def _fiducial(label: str, one: Examined, scan: Scan) -> Fiducial:
     return Fiducial(
         label=label,
         center_mm=fit.center_mm,
-        covariance_mm2=center_covariance(fit),
+        covariance_mm2=one.covariance_mm2,
         bound_mm2=cramer_rao_bound(fit),
         parameters=fit.theta,
         coverage=fit.coverage,
