@@ -29,22 +29,25 @@ MIN_FREEDOM = 0.3
 QUANTIZATION_NOISE_HU = 12.0**-0.5
 """Standard deviation of rounding to whole HU: no scan has less noise than this."""
 
-SEEN_SHARE = 0.82
+SEEN_SHARE = 0.93
 """How much of what the slices show is error: the rest is stated below."""
 
-SLOPE_ALONG = 8.4
-SLOPE_ASIDE = 1.4
-"""Standard errors that a sloping background stands for, as shares of slope x blur / contrast: along the slope, and
-along each axis of the slice plane."""
+SLOPE_IN_PLANE = 4.7
+SLOPE_IN_PLANE_CLIPPED = 9.6
+SLOPE_ASIDE = 0.6
+SLOPE_ACROSS = 33.0
+"""Standard errors that a sloping background stands for, as shares of slope x blur / contrast: in the slice plane along
+the slope (and where clipping hides the ball's own contrast), there in any direction, and across the slices, where
+their thickness is the blur."""
 
-THICKNESS_ERROR = 0.0019
+THICKNESS_ERROR = 0.0007
 """Standard error across the slices, as a share of their thickness: their profile is not quite a box."""
 
-NEIGHBOUR_ERROR = 0.036
+NEIGHBOUR_ERROR = 0.04
 """Standard error toward what stands beside the ball, as a share of its part of the surface x its brightness over the
 ball's x blur: it was left out of the fit, but its blur was not."""
 
-LEAST_ERROR_MM = 0.0001
+LEAST_ERROR_MM = 0.00005
 """Standard error per axis that stays in any scan: finite tables."""
 
 
@@ -106,16 +109,21 @@ def _seen_covariance(fit: BallFit) -> FloatArray:
 
 def _unseen_covariance(fit: BallFit) -> FloatArray:
     """Covariance (3, 3) along u, v, w from what all slices share."""
-    sigma_mm, thickness_mm = fit.sigma_mm, float(fit.theta[5])
     slope = fit.theta[8:11] / fit.contrast_hu
-    along = SLOPE_ALONG * slope * np.array([sigma_mm, sigma_mm, thickness_mm])
-    aside = SLOPE_ASIDE * float(np.linalg.norm(slope)) * sigma_mm
-    left_out = fit.verdict.state == 0
-    brightness = np.clip(fit.verdict.excess_hu / fit.contrast_hu, 0.0, 1.0) * left_out
-    beside = NEIGHBOUR_ERROR * sigma_mm * (brightness @ cell_directions()) / CELL_COUNT
-    axes = np.diag(np.square([aside, aside, THICKNESS_ERROR * thickness_mm]) + LEAST_ERROR_MM**2)
-    covariance: FloatArray = np.outer(along, along) + np.outer(beside, beside) + axes
-    return covariance
+    aside_mm = SLOPE_ASIDE * float(np.linalg.norm(slope)) * fit.sigma_mm
+    across_mm = np.hypot(SLOPE_ACROSS * slope[2], THICKNESS_ERROR) * fit.theta[5]
+    along = SLOPE_IN_PLANE if fit.shows_plateau else SLOPE_IN_PLANE_CLIPPED
+    along_mm = along * fit.sigma_mm * slope * [1.0, 1.0, 0.0]
+    beside_mm = NEIGHBOUR_ERROR * fit.sigma_mm * _beside(fit)
+    covariance: FloatArray = np.outer(along_mm, along_mm) + np.outer(beside_mm, beside_mm)
+    return covariance + np.diag(np.square([aside_mm, aside_mm, across_mm]) + LEAST_ERROR_MM**2)
+
+
+def _beside(fit: BallFit) -> FloatArray:
+    """Where the directions that were left out point (3,): their mean over all, weighted by their brightness."""
+    brightness = np.clip(fit.verdict.excess_hu / fit.contrast_hu, 0.0, 1.0) * (fit.verdict.state == 0)
+    toward: FloatArray = brightness @ cell_directions() / CELL_COUNT
+    return toward
 
 
 def _rms(values: FloatArray) -> float:
