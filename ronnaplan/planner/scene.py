@@ -90,6 +90,11 @@ class Scene:
             if name.startswith(("path ", "tube ")):
                 self.plotter.remove_actor(name)
 
+    def hide_path(self, name: str) -> None:
+        """Take one trajectory and its tube away."""
+        self.plotter.remove_actor(f"path {name}")
+        self.plotter.remove_actor(f"tube {name}")
+
     def show_proposals(self, found: Proposals | None) -> None:
         """Colour the scalp by the score of each entry."""
         if found is None:

@@ -22,11 +22,13 @@ def serve(
     host: str = "127.0.0.1",
     port: int = 0,
     tracker: tuple[str, int] | None = None,
+    patient: str | None = None,
     token: str | None = None,
     announce: Callable[[str], None] | None = None,
 ) -> None:
     """Serve ``state`` until stopped; ``announce`` is given the address, which holds the token.
 
+    ``patient`` is the name to show, None to show none.
     Raises `InputError` where the port is taken or trame is not installed, `UsageError` for no single address.
     """
     if host in EVERYWHERE:
@@ -43,7 +45,7 @@ def serve(
     known = token or secrets.token_urlsafe(24)
     server = get_server("ronnaplan", client_type="vue3")
     server.cli.prog = "ronnaplan view"
-    app = PlannerApp(state, server, tracker)
+    app = PlannerApp(state, server, tracker, patient)
 
     def close(web_server: Any) -> None:
         web_server.app.middlewares.append(gate(known, LOOPBACK | {host}))

@@ -201,7 +201,7 @@ def test_a_live_tracker_is_listened_to_and_entries_are_proposed(browser: Any, fo
         page.click("text=propose entries")
         page.wait_for_function("window.trame.state.get('proposals').length > 0", timeout=90_000)
         before = fields(page, "entry")
-        page.click("tr[title='Use this entry'] >> nth=0")
+        page.click("#proposals tr >> nth=0")
         settled(page, folder, "left", "entry", before)
     thread.join(10)
     listener.close()

@@ -1,0 +1,79 @@
+"""What is drawn over the 3-D picture at once, while the picture itself follows: names, ends and points."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.planner.drawing import MARKER_COLOUR, POINT_COLOUR, REJECTED_COLOUR
+from ronnaplan.planner.perspective import Eye
+from ronnaplan.planner.state import PlannerState
+from ronnaplan.planning import Trajectory
+
+CROSS_COLOUR, REGION_COLOUR = "#4fc3f7", "#ff8a80"
+
+LEAST_DEPTH_MM = 1.0
+"""What is nearer to the eye than this, or behind it, is not drawn."""
+
+
+def over_head(
+    state: PlannerState, eye: Eye | None, show_rejected: bool, region_places_mm: dict[str, FloatArray]
+) -> dict[str, Any]:
+    """Return what is drawn over the 3-D view, in halves of its picture; ``eye`` is None until it is ready."""
+    drawn: dict[str, Any] = {
+        "box": "-1 -1 2 2",
+        "half": 1,
+        "cross": None,
+        "markers": [],
+        "points": [],
+        "paths": [],
+    }
+    if eye is None:
+        return {**drawn, "title": "3-D is being made ready ..."}
+    points = [_point(eye, name, place, POINT_COLOUR) for name, place in state.landmarks_mm.items()]
+    points += [_point(eye, name, place, REGION_COLOUR) for name, place in region_places_mm.items()]
+    points.append(_point(eye, "", state.crosshair_mm, CROSS_COLOUR))
+    return {
+        **drawn,
+        "title": f"3-D {state.surface}",
+        "markers": _markers(state, eye, show_rejected),
+        "points": [one for one in points if one is not None],
+        "paths": [_path(eye, one, one.name == state.selected) for one in state.plan.trajectories],
+    }
+
+
+def _markers(state: PlannerState, eye: Eye, show_rejected: bool) -> list[dict[str, Any]]:
+    found = state.fiducials
+    if found is None:
+        return []
+    balls = [(one.label, one.center, one.diameter_mm / 2, MARKER_COLOUR) for one in found.fiducials]
+    if show_rejected:
+        radius = found.marker.diameter_mm / 2
+        balls += [(f"x{n + 1}", one.center, radius, REJECTED_COLOUR) for n, one in enumerate(found.rejected)]
+    drawn = []
+    for label, center, radius, colour in balls:
+        x, y, depth = eye.on_screen(np.array(center)).tolist()
+        if depth < LEAST_DEPTH_MM:
+            continue
+        selected = label == state.marker
+        ring = selected or colour == REJECTED_COLOUR
+        r = radius / (depth * eye.half_tangent)
+        drawn.append(
+            {"label": label, "x": x, "y": y, "r": r, "colour": colour, "selected": selected, "ring": ring}
+        )
+    return drawn
+
+
+def _point(eye: Eye, name: str, place_mm: FloatArray, colour: str) -> dict[str, Any] | None:
+    x, y, depth = eye.on_screen(place_mm).tolist()
+    return {"label": name, "x": x, "y": y, "colour": colour} if depth >= LEAST_DEPTH_MM else None
+
+
+def _path(eye: Eye, one: Trajectory, selected: bool) -> dict[str, Any]:
+    ends = eye.on_screen(np.stack([one.entry_mm, one.target_mm]))
+    places = {"entry": ends[0, :2].tolist(), "target": ends[1, :2].tolist()}
+    shown = bool((ends[:, 2] >= LEAST_DEPTH_MM).all())
+    look = {"selected": selected, "near": shown, "width": 1.5 if selected else 1.0}
+    return {"name": one.name, "colour": one.colour, **look, **places}
