@@ -70,10 +70,10 @@ def _scan_beside(plan: Path) -> Path:
 
 def _patient(ct: str | Path, series_uid: str | None) -> str:
     """Return the patient's name in the scan, empty where it holds none."""
-    from ronnaplan.ct.summary import summarize
+    from ronnaplan.ct import find_series
+    from ronnaplan.ct.images import is_image_file
 
-    usable = [one for one in summarize(ct)[0] if one.is_usable]
-    return next((one.patient_name for one in usable if series_uid in (None, one.series)), "")
+    return "" if is_image_file(Path(ct)) else find_series(ct).choose(series_uid).first.patient_name
 
 
 def _address(text: str) -> tuple[str, int]:

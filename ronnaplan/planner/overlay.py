@@ -37,10 +37,10 @@ def over_head(
     points.append(_point(eye, "", state.crosshair_mm, CROSS_COLOUR))
     return {
         **drawn,
-        "title": f"3-D {state.surface}",
+        "title": f"3-D {state.surface}; tubes hold the path with 95 %",
         "markers": _markers(state, eye, show_rejected),
         "points": [one for one in points if one is not None],
-        "paths": [_path(eye, one, one.name == state.selected) for one in state.plan.trajectories],
+        "paths": [_path(eye, one, state) for one in state.plan.trajectories],
     }
 
 
@@ -71,9 +71,11 @@ def _point(eye: Eye, name: str, place_mm: FloatArray, colour: str) -> dict[str, 
     return {"label": name, "x": x, "y": y, "colour": colour} if depth >= LEAST_DEPTH_MM else None
 
 
-def _path(eye: Eye, one: Trajectory, selected: bool) -> dict[str, Any]:
+def _path(eye: Eye, one: Trajectory, state: PlannerState) -> dict[str, Any]:
+    """Return the ends of a trajectory, with a thin line: it and its tube are in the picture, unless it is dragged."""
     ends = eye.on_screen(np.stack([one.entry_mm, one.target_mm]))
     places = {"entry": ends[0, :2].tolist(), "target": ends[1, :2].tolist()}
+    selected = one.name == state.selected
     shown = bool((ends[:, 2] >= LEAST_DEPTH_MM).all())
-    look = {"selected": selected, "near": shown, "width": 1.5 if selected else 1.0}
+    look = {"selected": selected, "near": shown, "width": 2 if selected and state.dragging else 1}
     return {"name": one.name, "colour": one.colour, **look, **places}

@@ -11,6 +11,9 @@ from ronnaplan.planner.state import LANDMARKS, PlannerState
 MOST_RIVALS = 4
 """Pairings shown beside each other."""
 
+SAME_NATS = 0.05
+"""Pairings whose log evidence differs by less are shown as equally probable."""
+
 
 def pointing_panel(state: PlannerState) -> dict[str, Any]:
     """Return the readings, what was pointed at so far, and the rivals beside each other."""
@@ -37,8 +40,7 @@ def _rivals(found: RegistrationDocument) -> dict[str, Any]:
     if found.status == "unique":
         answers.append(("taken", _by_marker(found.pairs)))
     for rival in found.rivals:
-        below = "most probable" if rival.log_evidence_below == 0 else f"{rival.log_evidence_below:.1f} nats below"
-        answers.append((below, _by_marker(rival.pairs)))
+        answers.append((_behind(rival.log_evidence_below, not answers), _by_marker(rival.pairs)))
     shown = answers[: MOST_RIVALS + 1]
     if len(shown) < 2:
         return {"heads": [], "rivals": []}
@@ -49,6 +51,12 @@ def _rivals(found: RegistrationDocument) -> dict[str, Any]:
         "rivals": [(label, cells, len(set(cells)) > 1) for label, cells in rows],
         "more": len(answers) - len(shown),
     }
+
+
+def _behind(nats: float, first: bool) -> str:
+    if first:
+        return "most probable"
+    return f"{nats:.1f} nats below" if nats >= SAME_NATS else "as probable"
 
 
 def _by_marker(pairs: Sequence[LabelPair]) -> dict[str, str]:

@@ -19,6 +19,9 @@ from ronnaplan.planning.trajectory import Trajectory
 SIZE = (640, 640)
 TURN_DEG_PER_PIXEL = 0.4
 COLOURS = {"skin": "#d9b8a0", "skull": "#e8e0cf"}
+LEAST_RADIUS_MM = 0.4
+"""Thinner instruments would not be seen; thicker ones would hide the tube about them."""
+
 NO_GO_COLOUR = "#e53935"
 OPACITY = {"skin": 0.55, "skull": 0.8}
 
@@ -73,7 +76,9 @@ class Scene:
 
     def show_path(self, one: Trajectory, measured: Measures | None) -> None:
         """Show a trajectory, and the tube that it keeps within with a chance of 95 %."""
-        line = self._pv.Line(one.entry_mm, one.target_mm).tube(radius=max(one.instrument.radius_mm, 0.7))
+        line = self._pv.Line(one.entry_mm, one.target_mm).tube(
+            radius=max(one.instrument.radius_mm, LEAST_RADIUS_MM)
+        )
         ball = self._pv.Sphere(radius=2.0, center=one.target_mm)
         self._add(line + ball, f"path {one.name}", color=one.colour)
         if measured is None or measured.error is None:

@@ -26,9 +26,10 @@ LANDMARKS = ("AC", "PC", "midline")
 
 @dataclass(frozen=True, eq=False)
 class Proposed:
-    """Entries proposed for the trajectory that was ``path`` when they were asked for, in ``surroundings``."""
+    """Entries proposed for the trajectory that was ``path`` when they were asked for, among ``others``."""
 
     path: Trajectory
+    others: tuple[Trajectory, ...]
     surroundings: Any
     found: Proposals
 
@@ -193,7 +194,7 @@ class PlannerState(Registering):
     def propose(self, name: str) -> Proposed:
         """Score every way to the target of a trajectory; changes nothing."""
         path, around = self.plan.trajectory(name), self.surroundings
-        others = [one for one in self.plan.trajectories if one.name != name]
+        others = tuple(one for one in self.plan.trajectories if one.name != name)
         found = propose(
             path.target_mm,
             around.head,
@@ -204,7 +205,7 @@ class PlannerState(Registering):
             others=others,
             pose_mm2=around.pose_mm2,
         )
-        return Proposed(path, around, found)
+        return Proposed(path, others, around, found)
 
     def show_proposals(self, proposed: Proposed | None) -> None:
         """Show proposed entries until their target, instrument or surroundings change."""
@@ -220,6 +221,7 @@ class PlannerState(Registering):
             path.name == asked.path.name
             and path.instrument == asked.path.instrument
             and np.array_equal(path.target_mm, asked.path.target_mm)
+            and tuple(one for one in self.plan.trajectories if one.name != path.name) == asked.others
             and asked.surroundings is self.surroundings
         )
         return asked.found if holds else None
@@ -229,8 +231,8 @@ class PlannerState(Registering):
         found = self.proposals
         if found is None or not 0 <= index < len(found.best):
             raise InputError("these entries were proposed for another target; propose them again")
-        proposed = found.best[index].trajectory
-        self.edit(proposed.name, entry_mm=proposed.entry_mm)
+        assert self.selected is not None
+        self.edit(self.selected, entry_mm=found.best[index].trajectory.entry_mm)
 
     def propose_markers(self, count: int) -> Placed:
         """Propose places for ``count`` markers that make the expected error at all targets least."""
