@@ -124,15 +124,8 @@ class PlannerApp:
             self.refresh()
 
     def _warm_up(self) -> None:
-        import pyvista  # noqa: F401
-
         for one in self.state.plan.trajectories:
             self.state.judge(one)
-
-    def close(self) -> None:
-        """Give the graphics memory back."""
-        if self.scene is not None:
-            self.scene.close()
 
     def refresh(self) -> None:
         """Draw whatever is not as the page has it; pictures only where their plane or window changed."""
@@ -185,18 +178,19 @@ class PlannerApp:
     # --- the head in 3-D ---------------------------------------------------------------------------------------
 
     def _head_key(self, scene: Scene) -> Any:
-        camera = scene.plotter.camera
         paths = tuple(
             (one.name, *one.entry_mm, *one.target_mm, one.colour) for one in self.state.plan.trajectories
         )
-        view = (*camera.position, *camera.focal_point, camera.distance)
-        return view, self.surface, paths, id(self.state.fiducials), id(self.proposals), self.server.state.placement
+        return (
+            tuple(scene.camera.position_mm),
+            self.surface,
+            paths,
+            id(self.state.fiducials),
+            id(self.proposals),
+            self.server.state.placement,
+        )
 
     def _head_picture(self, scene: Scene) -> str:
-        """Return the 3-D picture; while an end is dragged the last one stays, for it takes longest."""
-        last = self._drawn.get("head")
-        if last is not None and self.state.dragging:
-            return str(last[1])
         return self._kept("head", self._head_key(scene), lambda: self._draw_head(scene))
 
     def _draw_head(self, scene: Scene) -> bytes:

@@ -43,7 +43,7 @@ def serve(
     known = token or secrets.token_urlsafe(24)
     server = get_server("ronnaplan", client_type="vue3")
     server.cli.prog = "ronnaplan view"
-    app = PlannerApp(state, server, tracker)
+    PlannerApp(state, server, tracker)
 
     def close(web_server: Any) -> None:
         web_server.app.middlewares.append(gate(known, LOOPBACK | {host}))
@@ -64,8 +64,6 @@ def serve(
         )
     except OSError as error:
         raise InputError(f"cannot listen on {host}:{port} ({error.strerror}); choose another --port") from error
-    finally:
-        app.close()
 
 
 def _print(address: str) -> None:

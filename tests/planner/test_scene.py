@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -18,11 +17,9 @@ from tests.scans import balls, scan, small_stack
 
 
 @pytest.fixture
-def scene(tmp_path: Path) -> Iterator[Scene]:
+def scene(tmp_path: Path) -> Scene:
     cases.write_case(tmp_path)
-    made = Scene(PlannerState(cases.volume(), Storage.of(str(tmp_path / "plan.json"), None, None)))
-    yield made
-    made.close()
+    return Scene(PlannerState(cases.volume(), Storage.of(str(tmp_path / "plan.json"), None, None)))
 
 
 def drawn(scene: Scene) -> np.ndarray:
