@@ -190,7 +190,7 @@ def _gap(volume: CTVolume, place: FloatArray) -> float:
 def _steepest(offsets: FloatArray, values: FloatArray, outward: FloatArray) -> FloatArray:
     """Direction of the mean gradient, turned to the side of ``outward``: the first guess of the normal."""
     design = np.column_stack([np.ones(len(offsets)), offsets])
-    gradient = np.linalg.lstsq(design, values, rcond=None)[0][1:]
+    gradient = np.linalg.lstsq(design.T @ design, design.T @ values, rcond=None)[0][1:]
     if not np.linalg.norm(gradient) > 0:
         return outward
     normal = unit(gradient.tolist())
