@@ -72,6 +72,9 @@ ALIKE_VOXELS = 9
 """Noise and misfit of 3 x 3 neighbours in a slice go together: they count as one voxel in the standard error."""
 
 MOST_STEPS = 40
+LEAST_PROGRESS, LEAST_PROMISE = 1e-4, 1e-6
+"""A fit ends when a step lessened the misfit by less than the first share, or the next promises less than the second."""
+
 ROOT = 1.0 / math.sqrt(2.0 * math.pi)
 ROUNDS = 3
 """Times the voxels are chosen anew about the fitted patch."""
@@ -234,11 +237,14 @@ def _solve(
             better, best, cost, damping = cost - cost_now, guess, cost_now, damping / 10
             information = normal / variance + np.diag(prior)
             gradient = right / variance - prior * (guess - expected)
-            if better < 1e-4 * cost:
+            if better < LEAST_PROGRESS * cost:
                 break
         else:
             damping *= 10
-        guess = best + np.linalg.solve(information + damping * np.diag(np.diag(information)), gradient)
+        step = np.linalg.solve(information + damping * np.diag(np.diag(information)), gradient)
+        if step @ gradient < LEAST_PROMISE * cost:
+            break
+        guess = best + step
     if not (np.isfinite(best).all() and abs(best[OUTER] - best[INNER]) >= LEAST_CONTRAST_HU):
         return None
     spread = ALIKE_VOXELS * max(cost / max(len(values) - 13, 1), 1e-6)
