@@ -119,19 +119,13 @@ class PlannerApp:
         await asyncio.sleep(FIRST_LOOK_S)
         await asyncio.get_running_loop().run_in_executor(None, self._warm_up)
         self.head.open()
-        self.pointer.camera = self.head
+        self.pointer.head = self.head.scene
         with self.server.state:
             self.refresh()
 
     def _warm_up(self) -> None:
-        import pyvista  # noqa: F401
-
         for one in self.state.plan.trajectories:
             self.state.judge(one)
-
-    def close(self) -> None:
-        """Give the graphics memory back."""
-        self.head.close()
 
     # --- drawing ---------------------------------------------------------------------------------------------
 
@@ -160,11 +154,13 @@ class PlannerApp:
 
     def _refresh_views(self) -> None:
         """Draw the cuts, and what lies over the 3-D picture."""
-        values, eye = self.server.state, self.head.eye if self.head.scene is not None else None
+        values = self.server.state
         for view in CUTS:
             values[f"drawn_{view}"] = drawing.over_cut(self.state, view, values.show_rejected)
             values[f"picture_{view}"] = self._picture(view)
-        values.drawn_head = over_head(self.state, eye, values.show_rejected, self.head.region_places_mm)
+        values.drawn_head = over_head(
+            self.state, self.head.camera, values.show_rejected, self.head.region_places_mm
+        )
 
     def _asks(self) -> str:
         if not self.pointer.adding:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.planner.perspective import Eye
+from ronnaplan.planner.camera import Camera
 from ronnaplan.planner.scene import Scene
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.surfaces import SURFACES_HU, region, surface
@@ -15,7 +15,7 @@ from ronnaplan.planning import Trajectory
 
 
 class HeadView:
-    """Keeps a `Scene` as the state has it. It is opened late, for what draws in 3-D takes seconds to load."""
+    """Keeps a `Scene` as the state has it. It is opened late, when the cuts are seen."""
 
     def __init__(self, state: PlannerState) -> None:
         self.state = state
@@ -23,7 +23,7 @@ class HeadView:
         self.region_places_mm: dict[str, FloatArray] = {}
         self._shown: dict[str, Any] = {}
         self._paths: dict[str, Any] = {}
-        self._camera: Any = None
+        self._seen_by: Camera | None = None
         self._picture = ""
 
     def open(self) -> None:
@@ -35,38 +35,19 @@ class HeadView:
             if len(vertices):
                 self.region_places_mm[name] = vertices.mean(axis=0)
 
-    def close(self) -> None:
-        """Give the graphics memory back."""
-        if self.scene is not None:
-            self.scene.close()
-
     @property
-    def eye(self) -> Eye:
-        """Where the head is seen from."""
-        assert self.scene is not None
-        camera = self.scene.plotter.camera
-        return Eye.looking_at(camera.position, camera.focal_point, camera.up, camera.view_angle)
-
-    def turn(self, across_pixels: float, down_pixels: float) -> None:
-        """Turn about the head."""
-        if self.scene is not None:
-            self.scene.turn(across_pixels, down_pixels)
-
-    def zoom(self, factor: float) -> None:
-        """Come nearer (factor above 1)."""
-        if self.scene is not None:
-            self.scene.zoom(factor)
+    def camera(self) -> Camera | None:
+        """What the head is seen with, None until the scene is there."""
+        return None if self.scene is None else self.scene.camera
 
     def picture(self) -> str:
         """Return the picture as the page takes it, empty until the scene is there."""
         scene = self.scene
         if scene is None:
             return ""
-        camera = scene.plotter.camera
-        seen = (*camera.position, *camera.focal_point, *camera.up)
-        changed = (self._update(scene), self._update_paths(scene), seen != self._camera)
+        changed = (self._update(scene), self._update_paths(scene), scene.camera is not self._seen_by)
         if any(changed):
-            self._camera = seen
+            self._seen_by = scene.camera
             self._picture = f"data:image/jpeg;base64,{base64.b64encode(scene.draw()).decode()}"
         return self._picture
 
@@ -77,7 +58,7 @@ class HeadView:
             "surface": (state.surface, lambda: self._show_surface(scene)),
             "markers": (state.fiducials, scene.show_markers),
             "proposals": (state.proposals, lambda: scene.show_proposals(state.proposals)),
-            "placement": (state.placement, lambda: self._show_placement(scene)),
+            "placement": (state.placement, lambda: scene.show_placement(state.placement)),
         }
         changed = [name for name, (now, _) in layers.items() if self._shown.get(name, self) is not now]
         for name in changed:
@@ -86,20 +67,16 @@ class HeadView:
         return bool(changed)
 
     def _update_paths(self, scene: Scene) -> bool:
-        """Show the trajectories as they are now, but for one that is being dragged: the page draws that."""
-        state = self.state
-        held = state.selected if state.dragging else None
-        wanted = {one.name: one for one in state.plan.trajectories if one.name != held}
-        keys = {name: self._path_key(one) for name, one in wanted.items()}
-        if keys == self._paths:
-            return False
+        """Show the trajectories as they are now; tells whether any of them changed."""
+        keys = {one.name: self._path_key(one) for one in self.state.plan.trajectories}
+        changed = keys != self._paths
         for name in self._paths.keys() - keys.keys():
             scene.hide_path(name)
-        for name, one in wanted.items():
-            if keys[name] != self._paths.get(name):
-                scene.show_path(one, state.judge(one).measures)
+        for one in self.state.plan.trajectories:
+            if keys[one.name] != self._paths.get(one.name):
+                scene.show_path(one, self.state.judge(one).measures)
         self._paths = keys
-        return True
+        return changed
 
     def _path_key(self, one: Trajectory) -> Any:
         ends = (*one.entry_mm, *one.target_mm)
@@ -108,10 +85,3 @@ class HeadView:
     def _show_surface(self, scene: Scene) -> None:
         kind = self.state.surface
         scene.show_surface(kind, *surface(self.state.volume, SURFACES_HU[kind]))
-
-    def _show_placement(self, scene: Scene) -> None:
-        placed = self.state.placement
-        if placed is None:
-            scene.plotter.remove_actor("placement")
-        else:
-            scene.show_placement(placed.centres_mm)

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.planner.camera import Camera
 from ronnaplan.planner.drawing import MARKER_COLOUR, POINT_COLOUR, REJECTED_COLOUR
-from ronnaplan.planner.perspective import Eye
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
 
@@ -19,9 +19,9 @@ LEAST_DEPTH_MM = 1.0
 
 
 def over_head(
-    state: PlannerState, eye: Eye | None, show_rejected: bool, region_places_mm: dict[str, FloatArray]
+    state: PlannerState, camera: Camera | None, show_rejected: bool, region_places_mm: dict[str, FloatArray]
 ) -> dict[str, Any]:
-    """Return what is drawn over the 3-D view, in halves of its picture; ``eye`` is None until it is ready."""
+    """Return what is drawn over the 3-D view, in halves of its picture; ``camera`` is None until it is ready."""
     drawn: dict[str, Any] = {
         "box": "-1 -1 2 2",
         "half": 1,
@@ -30,21 +30,21 @@ def over_head(
         "points": [],
         "paths": [],
     }
-    if eye is None:
+    if camera is None:
         return {**drawn, "title": "3-D is being made ready ..."}
-    points = [_point(eye, name, place, POINT_COLOUR) for name, place in state.landmarks_mm.items()]
-    points += [_point(eye, name, place, REGION_COLOUR) for name, place in region_places_mm.items()]
-    points.append(_point(eye, "", state.crosshair_mm, CROSS_COLOUR))
+    points = [_point(camera, name, place, POINT_COLOUR) for name, place in state.landmarks_mm.items()]
+    points += [_point(camera, name, place, REGION_COLOUR) for name, place in region_places_mm.items()]
+    points.append(_point(camera, "", state.crosshair_mm, CROSS_COLOUR))
     return {
         **drawn,
         "title": f"3-D {state.surface}; tubes hold the path with 95 %",
-        "markers": _markers(state, eye, show_rejected),
+        "markers": _markers(state, camera, show_rejected),
         "points": [one for one in points if one is not None],
-        "paths": [_path(eye, one, state) for one in state.plan.trajectories],
+        "paths": [_path(camera, one, state) for one in state.plan.trajectories],
     }
 
 
-def _markers(state: PlannerState, eye: Eye, show_rejected: bool) -> list[dict[str, Any]]:
+def _markers(state: PlannerState, camera: Camera, show_rejected: bool) -> list[dict[str, Any]]:
     found = state.fiducials
     if found is None:
         return []
@@ -54,28 +54,26 @@ def _markers(state: PlannerState, eye: Eye, show_rejected: bool) -> list[dict[st
         balls += [(f"x{n + 1}", one.center, radius, REJECTED_COLOUR) for n, one in enumerate(found.rejected)]
     drawn = []
     for label, center, radius, colour in balls:
-        x, y, depth = eye.on_screen(np.array(center)).tolist()
+        x, y, depth = camera.on_screen(np.array(center)).tolist()
         if depth < LEAST_DEPTH_MM:
             continue
         selected = label == state.marker
         ring = selected or colour == REJECTED_COLOUR
-        r = radius / (depth * eye.half_tangent)
+        r = 2 * radius / camera.plane_at(np.array(center)).field_mm
         drawn.append(
             {"label": label, "x": x, "y": y, "r": r, "colour": colour, "selected": selected, "ring": ring}
         )
     return drawn
 
 
-def _point(eye: Eye, name: str, place_mm: FloatArray, colour: str) -> dict[str, Any] | None:
-    x, y, depth = eye.on_screen(place_mm).tolist()
+def _point(camera: Camera, name: str, place_mm: FloatArray, colour: str) -> dict[str, Any] | None:
+    x, y, depth = camera.on_screen(place_mm).tolist()
     return {"label": name, "x": x, "y": y, "colour": colour} if depth >= LEAST_DEPTH_MM else None
 
 
-def _path(eye: Eye, one: Trajectory, state: PlannerState) -> dict[str, Any]:
-    """Return the ends of a trajectory, with a thin line: it and its tube are in the picture, unless it is dragged."""
-    ends = eye.on_screen(np.stack([one.entry_mm, one.target_mm]))
+def _path(camera: Camera, one: Trajectory, state: PlannerState) -> dict[str, Any]:
+    """Return the ends of a trajectory, with a thin line: it and its tube are in the picture."""
+    ends = camera.on_screen(np.stack([one.entry_mm, one.target_mm]))
     places = {"entry": ends[0, :2].tolist(), "target": ends[1, :2].tolist()}
-    selected = one.name == state.selected
-    shown = bool((ends[:, 2] >= LEAST_DEPTH_MM).all())
-    look = {"selected": selected, "near": shown, "width": 2 if selected and state.dragging else 1}
+    look = {"near": bool((ends[:, 2] >= LEAST_DEPTH_MM).all()), "selected": one.name == state.selected, "width": 1}
     return {"name": one.name, "colour": one.colour, **look, **places}

@@ -9,8 +9,8 @@ import numpy as np
 
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray
+from ronnaplan.planner.camera import Camera
 from ronnaplan.planner.cuts import PATH_VIEWS, Cut
-from ronnaplan.planner.perspective import Eye
 from ronnaplan.planner.state import ENDS, PlannerState
 
 GRAB_PIXELS = 9.0
@@ -55,12 +55,10 @@ class Pixel:
         return distances
 
 
-class Camera(Protocol):
+class Head(Protocol):
     """What shows the head in 3-D."""
 
-    @property
-    def eye(self) -> Eye:
-        """Where it is now."""
+    camera: Camera
 
     def turn(self, across_pixels: float, down_pixels: float) -> None:
         """Turn about the head."""
@@ -70,10 +68,10 @@ class Camera(Protocol):
 
 
 class Pointer:
-    """Follows one pointer from press to release, in the cuts and, where there is a ``camera``, in the 3-D view."""
+    """Follows one pointer from press to release, in the cuts and, once there is a ``head``, in the 3-D view."""
 
-    def __init__(self, state: PlannerState, camera: Camera | None = None) -> None:
-        self.state, self.camera = state, camera
+    def __init__(self, state: PlannerState, head: Head | None = None) -> None:
+        self.state, self.head = state, head
         self.adding = False
         self.entry_mm: FloatArray | None = None
         self._held: tuple[str, str] | None = None
@@ -90,7 +88,7 @@ class Pointer:
         """Take hold of what is under the pointer: an end of a trajectory, the picture, the crosshair or the head."""
         self._plane = self._held = self._panned_from = None
         self._turned = [at] if view == HEAD and not self.adding else []
-        if view == HEAD and self.camera is None:
+        if view == HEAD and self.head is None:
             return
         if self.adding:
             self._add(view, at)
@@ -111,8 +109,8 @@ class Pointer:
             self._turned.append(at)
             if self._clicked:
                 return
-            if self._held is None and self.camera is not None:
-                self.camera.turn(at.x - last.x, at.y - last.y)
+            if self._held is None and self.head is not None:
+                self.head.turn(at.x - last.x, at.y - last.y)
         if self._plane is None or self.adding:
             return
         place = at.place_mm(self._plane)
@@ -132,14 +130,14 @@ class Pointer:
         self._turned = []
         if at is not None and held is not None:
             self.state.jump(getattr(self.state.plan.trajectory(held[0]), f"{held[1]}_mm"))
-        elif at is not None and self.camera is not None:
-            self._pick_in_head(self.camera.eye, at)
+        elif at is not None and self.head is not None:
+            self._pick_in_head(self.head.camera, at)
         self.state.save_look()
 
     def wheel(self, view: str, steps: float, at: Pixel, *, zoom: bool = False) -> None:
         """Scroll through the slices, zoom about the pointer, or come nearer to the head."""
-        if view == HEAD and self.camera is not None:
-            self.camera.zoom(ZOOM_STEP**-steps)
+        if view == HEAD and self.head is not None:
+            self.head.zoom(ZOOM_STEP**-steps)
         if view in (*PATH_VIEWS, HEAD):
             return
         if zoom:
@@ -179,14 +177,14 @@ class Pointer:
     def _plane_of(self, view: str, place_mm: FloatArray) -> Cut:
         if view != HEAD:
             return self.state.cut(view)
-        assert self.camera is not None
-        return self.camera.eye.plane_at(place_mm)
+        assert self.head is not None
+        return self.head.camera.plane_at(place_mm)
 
     def _on_screen(self, view: str, places_mm: FloatArray) -> FloatArray:
         """Return places (..., 3) as (..., 2) on the screen of a view, in halves of its picture."""
         if view == HEAD:
-            assert self.camera is not None
-            return self.camera.eye.on_screen(places_mm)[..., :2]
+            assert self.head is not None
+            return self.head.camera.on_screen(places_mm)[..., :2]
         cut = self.state.cut(view)
         halves: FloatArray = cut.on_screen_mm(places_mm)[..., :2] / (cut.field_mm / 2)
         return halves
@@ -210,42 +208,39 @@ class Pointer:
                 self.state.pick_marker(one.label)
                 return
 
-    def _pick_in_head(self, eye: Eye, at: Pixel) -> None:
+    def _pick_in_head(self, camera: Camera, at: Pixel) -> None:
         """Go to what is under the pointer: a marker, a trajectory, or else the surface that is shown."""
-        if (label := self._marker_under(eye, at)) is not None:
+        if (label := self._marker_under(camera, at)) is not None:
             self.state.jump_to_marker(label)
-        elif (path := self._path_under(eye, at)) is not None:
+        elif (path := self._path_under(camera, at)) is not None:
             self.state.select(path[0])
             self.state.jump(path[1])
         elif (place := self._surface_under(at)) is not None:
             self.state.jump(place)
 
-    def _marker_under(self, eye: Eye, at: Pixel) -> str | None:
+    def _marker_under(self, camera: Camera, at: Pixel) -> str | None:
         """Return the nearest marker whose ball, or a few pixels about its middle, is under the pointer."""
         under: list[tuple[float, str]] = []
         for one in self.state.fiducials.fiducials if self.state.fiducials else ():
-            across, down, depth = eye.on_screen(np.array(one.center))
-            radius = one.diameter_mm / 2 / (depth * eye.half_tangent) * at.side / 2
+            across, down, depth = camera.on_screen(np.array(one.center))
+            radius = one.diameter_mm / camera.plane_at(np.array(one.center)).field_mm * at.side / 2
             if depth > 0 and at.pixels_to(np.array([across, down])) <= max(radius, GRAB_PIXELS / 2):
                 under.append((float(depth), one.label))
         return min(under)[1] if under else None
 
-    def _path_under(self, eye: Eye, at: Pixel) -> tuple[str, FloatArray] | None:
+    def _path_under(self, camera: Camera, at: Pixel) -> tuple[str, FloatArray] | None:
         """Return the trajectory drawn under the pointer, and the place on it."""
-        ray, found = eye.ray(*at.halves), []
+        (eye_mm, ray), found = camera.ray(*at.halves), []
         for one in self.state.plan.trajectories:
-            place = one.at_depth(
-                np.array(_depth_beside(eye.position_mm, ray, one.entry_mm, one.inward, one.length_mm))
-            )
-            distance = float(at.pixels_to(eye.on_screen(place)[:2]))
+            place = one.at_depth(np.array(_depth_beside(eye_mm, ray, one.entry_mm, one.inward, one.length_mm)))
+            distance = float(at.pixels_to(camera.on_screen(place)[:2]))
             found.append((distance, one.name, place))
         nearest = min(found, key=lambda one: one[0], default=None)
         return None if nearest is None or nearest[0] > GRAB_PIXELS else (nearest[1], nearest[2])
 
     def _surface_under(self, at: Pixel) -> FloatArray | None:
-        assert self.camera is not None
-        eye = self.camera.eye
-        return self.state.surface_along(eye.position_mm, eye.ray(*at.halves))
+        assert self.head is not None
+        return self.state.surface_along(*self.head.camera.ray(*at.halves))
 
 
 def _depth_beside(

@@ -28,8 +28,8 @@ def serve(
 ) -> None:
     """Serve ``state`` until stopped; ``announce`` is given the address, which holds the token.
 
-    ``patient`` is the name to show, None to show none.
-    Raises `InputError` where the port is taken or trame is not installed, `UsageError` for no single address.
+    ``patient`` is the name to show, None to show none. Raises `InputError` where the port is taken or trame is not
+    installed, `UsageError` for no single address.
     """
     if host in EVERYWHERE:
         raise UsageError(f"--host {host} would listen everywhere; name the one address to be reached by")
@@ -45,7 +45,7 @@ def serve(
     known = token or secrets.token_urlsafe(24)
     server = get_server("ronnaplan", client_type="vue3")
     server.cli.prog = "ronnaplan view"
-    app = PlannerApp(state, server, tracker, patient)
+    PlannerApp(state, server, tracker, patient)
 
     def close(web_server: Any) -> None:
         web_server.app.middlewares.append(gate(known, LOOPBACK | {host}))
@@ -66,8 +66,6 @@ def serve(
         )
     except OSError as error:
         raise InputError(f"cannot listen on {host}:{port} ({error.strerror}); choose another --port") from error
-    finally:
-        app.close()
 
 
 def _print(address: str) -> None:

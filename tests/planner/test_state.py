@@ -299,3 +299,12 @@ def test_marker_places_hold_for_the_trajectories_they_were_asked_for(state: Plan
     assert "4 places" in placement_line(state)
     state.edit("left", target_mm=T + np.array([0, 0, 1]))
     assert placement_line(state) == ""
+
+
+def test_a_limit_on_what_is_not_known_is_told_beside_the_measures(storage: Storage) -> None:
+    judged = PlannerState(cases.volume(), storage, Limits(least_no_go_distance_mm=3.0)).judge(
+        cases.plan().trajectory("left")
+    )
+    assert "no label map is given" in judged.problem
+    assert judged.measures is not None
+    assert judged.verdicts == ()
