@@ -13,7 +13,6 @@ from ronnaplan.planner.overlay import over_head
 from ronnaplan.planner.state import PlannerState
 from tests import cases
 
-
 SAME = 1e-4
 """Share of the picture that may differ where things seen through lie on each other."""
 
