@@ -149,6 +149,7 @@ class PlannerApp:
             "can_redo": state.can_redo,
             "surface": state.surface,
             "marker": state.marker or "",
+            "sought": state.fiducials.marker.diameter_mm if state.fiducials else 0,
         }
         values.picture_head = self.head.picture()
 
