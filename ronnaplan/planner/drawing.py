@@ -148,6 +148,7 @@ def chosen_path(state: PlannerState, judged: Judgement | None) -> dict[str, Any]
         "entry": one.entry_mm.round(3).tolist(),
         "target": one.target_mm.round(3).tolist(),
         "problem": judged.problem,
+        "doubts": list(judged.measures.doubts) if judged.measures else [],
         "measures": _measures(judged.measures) if judged.measures else [],
         "verdicts": [
             (verdict.measure, f"{_number(verdict.value)} {verdict.unit} {verdict.remark}", verdict.passes)

@@ -133,6 +133,7 @@ def test_a_click_on_the_head_goes_to_its_surface(
     assert state.crosshair_mm == pytest.approx(place, abs=1e-6)
     values = state.scan.values_hu(np.stack([place - 1.0 * ray, place + 1.0 * ray]))
     assert values[0] < SURFACES_HU[surface] < values[1]
+    assert state.scan.values_hu(place[np.newaxis])[0] == pytest.approx(SURFACES_HU[surface], abs=60.0)
     before = state.scan.values_hu(place - np.arange(1.0, 80.0)[:, np.newaxis] * ray)
     assert np.nanmax(before) < SURFACES_HU[surface]
 

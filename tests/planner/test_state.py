@@ -12,6 +12,7 @@ from ronnaplan.documents.fiducials import to_json
 from ronnaplan.documents.plan import read_plan, write_plan
 from ronnaplan.errors import FrameMismatchError, InputError, RefusedError, UsageError
 from ronnaplan.planner.drawing import chosen_path
+from ronnaplan.planner.judgement import Judgement
 from ronnaplan.planner.panels import landmark_rows, placement_line, proposal_rows
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
@@ -180,6 +181,8 @@ def test_another_diameter_takes_the_place_of_the_markers(state: PlannerState) ->
 
 
 def test_a_trajectory_is_renamed_sized_and_noted(state: PlannerState) -> None:
+    state.add_trajectory(E + np.array([0, 40, 0]), T + np.array([0, 40, 0]))
+    state.select("left")
     state.rename("left", " lead A ")
     assert state.selected == "lead A"
     state.choose_instrument("lead A", "DBS lead")
@@ -308,3 +311,13 @@ def test_a_limit_on_what_is_not_known_is_told_beside_the_measures(storage: Stora
     assert "no label map is given" in judged.problem
     assert judged.measures is not None
     assert judged.verdicts == ()
+
+
+def test_doubts_about_the_measures_are_told(state: PlannerState) -> None:
+    judged = state.judge(state.plan.trajectory("left"))
+    assert judged.measures is not None
+    scalp = judged.measures.crossings.scalp
+    assert scalp is not None
+    blurred = replace(judged.measures.crossings, scalp=replace(scalp, clear=False))
+    doubtful = Judgement(replace(judged.measures, crossings=blurred))
+    assert any("scalp is not clear here" in doubt for doubt in chosen_path(state, doubtful)["doubts"])
