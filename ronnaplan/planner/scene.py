@@ -143,4 +143,5 @@ def _viridis(scores: FloatArray) -> FloatArray:
     import cv2
 
     share = (scores - scores.min()) / max(float(np.ptp(scores)), 1e-9)
-    return np.asarray(cv2.applyColorMap((255 * share).astype(np.uint8), cv2.COLORMAP_VIRIDIS)[:, 0] / 255.0)
+    levels = (255 * share).astype(np.uint8)[:, np.newaxis]
+    return np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS)[:, 0] / 255.0)
