@@ -103,6 +103,7 @@ class PlannerApp:
                 "marker_count": 6,
                 "ready": READY,
                 "message": READY,
+                "refusals": 0,
             }
         )
         values.change("show_rejected")(lambda **_: self.refresh())
@@ -149,6 +150,7 @@ class PlannerApp:
             "can_redo": state.can_redo,
             "surface": state.surface,
             "marker": state.marker or "",
+            "sought": state.fiducials.marker.diameter_mm if state.fiducials else 0,
         }
         values.picture_head = self.head.picture()
 
@@ -233,6 +235,7 @@ class PlannerApp:
                 self.server.state.message = READY
         except RonnaplanError as error:
             self.server.state.message = str(error)
+            self.server.state.refusals += 1
 
     def _hear(self) -> Callable[[], None]:
         """Listen to the tracker."""

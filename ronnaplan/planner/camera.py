@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +37,7 @@ class Camera:
     position_mm: FloatArray
     focus_mm: FloatArray
 
-    @property
+    @cached_property
     def axes(self) -> FloatArray:
         """Rows (3, 3) in LPS: right and up on the picture, and towards the eye."""
         back = unit(self.position_mm - self.focus_mm)

@@ -110,10 +110,12 @@ def marker_rows(state: PlannerState) -> list[dict[str, str]]:
     return rows
 
 
-def rejected_rows(state: PlannerState) -> list[dict[str, str]]:
-    """Return one row a rejected candidate."""
-    found = state.fiducials
-    return [{"centre": _place(one.center), "reason": one.reason} for one in (found.rejected if found else ())]
+def rejected_rows(state: PlannerState) -> list[dict[str, Any]]:
+    """Return one row a rejected candidate; those that a person turned down can be accepted."""
+    return [
+        {"centre": _place(one.center), "reason": one.reason, "acceptable": "marker" in (one.model_extra or {})}
+        for one in (state.fiducials.rejected if state.fiducials else ())
+    ]
 
 
 def path_rows(state: PlannerState) -> list[dict[str, Any]]:

@@ -92,9 +92,14 @@ def test_a_trajectory_is_named_sized_and_noted_in_the_page(browser: Any, kept: P
     page.fill("#path-name", "lead")
     page.press("#path-name", "Tab")
     page.wait_for_selector("text=lead, LPS mm")
-    for field, text in (("#diameter", "1.5"), ("#length", "60"), ("#notes", "by hand")):
-        page.fill(field, text)
-        page.press(field, "Tab")
+    page.fill("#diameter", "1.5")
+    page.press("#diameter", "Tab")
+    page.fill("#length", "60")  # while the answer to the one before is under way
+    page.press("#length", "Tab")
+    page.fill("#notes", "by hand")
+    page.wait_for_function("window.trame.state.get('chosen').length === 60")
+    assert page.input_value("#notes") == "by hand"
+    page.press("#notes", "Tab")
 
     def written() -> bool:
         one = read_plan(folder / "plan.json").trajectories[0]
@@ -106,6 +111,7 @@ def test_a_trajectory_is_named_sized_and_noted_in_the_page(browser: Any, kept: P
     page.press("#diameter", "Enter")
     page.wait_for_function("window.trame.state.get('message').includes('expected a positive length')")
     assert written()
+    page.wait_for_function("document.getElementById('diameter').value === '1.5'")
     page.click("text=lock")
     page.wait_for_function("document.getElementById('path-name').disabled")
     assert read_plan(folder / "plan.json").trajectories[0].locked
