@@ -23,7 +23,7 @@ class HeadView:
         self.region_places_mm: dict[str, FloatArray] = {}
         self._shown: dict[str, Any] = {}
         self._paths: dict[str, Any] = {}
-        self._seen_by: Camera | None = None
+        self._seen: tuple[Camera, bool] | None = None
         self._picture = ""
 
     def open(self) -> None:
@@ -45,9 +45,10 @@ class HeadView:
         scene = self.scene
         if scene is None:
             return ""
-        changed = (self._update(scene), self._update_paths(scene), scene.camera is not self._seen_by)
+        seen = scene.camera, self.state.dragging
+        changed = (self._update(scene), self._update_paths(scene), seen != self._seen)
         if any(changed):
-            self._seen_by = scene.camera
+            self._seen = seen
             self._picture = f"data:image/jpeg;base64,{base64.b64encode(scene.draw()).decode()}"
         return self._picture
 

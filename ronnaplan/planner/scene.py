@@ -16,8 +16,8 @@ from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Measures, Placement, Proposals
 from ronnaplan.planning.trajectory import Trajectory
 
-PIXELS = 640
-"""Width and height of the picture; the browser shrinks it, which smoothes its edges."""
+PIXELS, DRAGGED_PIXELS = 640, 320
+"""Width and height of the picture, which the browser shrinks; and while an end is dragged, to keep up with the hand."""
 
 TURN_DEG_PER_PIXEL = 0.4
 COLOURS = {"skin": "#d9b8a0", "skull": "#e8e0cf"}
@@ -113,8 +113,9 @@ class Scene:
         """Return the picture as JPEG: what is opaque, then what is seen through, the skin or skull last."""
         import cv2
 
-        picture = np.broadcast_to(_colour(BACKGROUND).astype(np.float32), (PIXELS, PIXELS, 3)).copy()
-        depths = self.camera.depths(PIXELS)
+        pixels = DRAGGED_PIXELS if self.state.dragging else PIXELS
+        picture = np.broadcast_to(_colour(BACKGROUND).astype(np.float32), (pixels, pixels, 3)).copy()
+        depths = self.camera.depths(pixels)
         veils = sorted(
             (one for one in self._shown.items() if one[1].opacity < 1.0), key=lambda one: one[0] == "surface"
         )

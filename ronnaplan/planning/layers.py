@@ -52,8 +52,8 @@ def way_out(
     reach = STEP_MM * np.arange(int(LONGEST_WAY_MM / STEP_MM))
     values = scan.values_hu(start_mm + reach[:, np.newaxis] * outward)
     start, direction = scan.axes @ start_mm, scan.axes @ outward
-    end = int(np.isnan(values).argmax()) if np.isnan(values).any() else len(values)
-    leaves = (values[: end - 1] >= SKIN_HU) & (values[1:end] < SKIN_HU)
+    seen = values[: int(np.isnan(values).argmax())] if np.isnan(values).any() else values
+    leaves = (seen[:-1] >= SKIN_HU) & (seen[1:] < SKIN_HU)
     for n in (np.flatnonzero(leaves) + 1).tolist():
         beyond, before = (start + (n * STEP_MM + cover) * direction for cover in (COVER_MM, -COVER_MM))
         if is_inside(inside, cell, scan.origins_uv_mm, scan.w_mm, scan.steps_mm, beyond):

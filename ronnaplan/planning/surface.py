@@ -73,7 +73,7 @@ ALIKE_VOXELS = 9
 
 MOST_STEPS = 40
 LEAST_PROGRESS, LEAST_PROMISE = 1e-4, 1e-6
-"""A fit ends when a step lessened the misfit by less than the first share, or the next promises less than the second."""
+"""A fit ends when a step lessened the misfit by less than the first share, or the next promises less than the other."""
 
 ROOT = 1.0 / math.sqrt(2.0 * math.pi)
 ROUNDS = 3

@@ -61,3 +61,18 @@ def test_each_thing_shown_changes_the_picture_and_can_be_taken_away(scene: Scene
     scene.show_region("metal", *region(scene.state.volume, mask))
     scene.zoom(1.2)
     scene.draw()
+
+
+def test_while_an_end_is_dragged_the_picture_follows_in_fewer_pixels(scene: Scene) -> None:
+    state = scene.state
+    scene.show_path(state.plan.trajectory("left"), None)
+    still = drawn(scene)
+    state.begin_drag("left")
+    first = drawn(scene)
+    state.drag("left", "target", state.plan.trajectory("left").target_mm + 20.0)
+    scene.show_path(state.plan.trajectory("left"), None)
+    second = drawn(scene)
+    assert first.size < still.size / 3
+    assert np.abs(second - first).max() > 50
+    state.end_drag()
+    assert drawn(scene).shape == still.shape
