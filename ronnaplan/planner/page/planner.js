@@ -98,7 +98,7 @@
     }
     const control = event.ctrlKey || event.metaKey;
     const key = (control ? "ctrl+" : "") + (control && event.shiftKey ? "shift+" : "") + event.key.toLowerCase();
-    if (!(window.trame && window.trame.state.get("keys").includes(key))) return;
+    if (!window.trame?.state?.get("keys").includes(key)) return;
     event.preventDefault();
     tell("key", [key]);
   });
