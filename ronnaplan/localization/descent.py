@@ -48,7 +48,7 @@ class Prior:
         return cls(mean, (PRIOR_NOISE_HU / spread) ** 2)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "arcp", "nsz"})
 def _normal_equations(
     offsets: FloatArray,
     values: FloatArray,

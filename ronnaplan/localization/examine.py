@@ -16,7 +16,7 @@ from ronnaplan.localization.accept import MIN_COVERAGE, Evidence, failures, prof
 from ronnaplan.localization.detect import detect
 from ronnaplan.localization.neighbourhood import gather
 from ronnaplan.localization.refine import BallFit, fit_ball, margin_mm
-from ronnaplan.localization.uncertainty import noise_level
+from ronnaplan.localization.uncertainty import cramer_rao_bound, noise_level
 
 MIN_CEILING_HU = 2000.0
 """No scanner's scale ends below this."""
@@ -58,12 +58,21 @@ class Scan:
 
 @dataclass(frozen=True)
 class Examined:
-    """A candidate that was fitted: where it was seen, the fit, and (test, reason) of each test it failed."""
+    """A candidate that was fitted: where it was seen, the fit's result, and (test, reason) of each test it failed.
+
+    The voxels and derivatives of the fit are not kept: hundreds of them would outweigh the scan.
+    """
 
     candidate_mm: FloatArray
-    diameter_mm: float
-    fit: BallFit
+    stated_mm: float
+    center_mm: FloatArray
     covariance_mm2: FloatArray
+    bound_mm2: FloatArray
+    parameters: FloatArray
+    coverage: float
+    unseen: float
+    misfit: float
+    is_clipped: bool
     failures: tuple[tuple[str, str], ...]
 
     @property
@@ -71,10 +80,15 @@ class Examined:
         """Whether every test was passed."""
         return not self.failures
 
+    @property
+    def diameter_mm(self) -> float:
+        """Fitted diameter."""
+        return float(2.0 * self.parameters[3])
+
     def is_same_place(self, other: Examined) -> bool:
         """Whether both are about the same ball."""
-        apart = float(np.linalg.norm(self.fit.center_mm - other.fit.center_mm))
-        return apart < SAME_PLACE * min(self.diameter_mm, other.diameter_mm)
+        apart = float(np.linalg.norm(self.center_mm - other.center_mm))
+        return apart < SAME_PLACE * min(self.stated_mm, other.stated_mm)
 
 
 def examine(scan: Scan, diameter_mm: float) -> list[Examined]:
@@ -89,12 +103,29 @@ def examine(scan: Scan, diameter_mm: float) -> list[Examined]:
         return list(pool.map(lambda place: _examine_place(scan, place, diameter_mm), places))
 
 
-def _examine_place(scan: Scan, center_mm: FloatArray, diameter_mm: float) -> Examined:
+def fit_place(scan: Scan, center_mm: FloatArray, diameter_mm: float) -> BallFit:
+    """Fit a ball of about ``diameter_mm`` at a place (3,) of the scan."""
     reach_mm = 0.5 * diameter_mm + margin_mm(scan.thickness_mm) + 0.125 * diameter_mm
     around = gather(scan.volume, center_mm, reach_mm)
-    fit = fit_ball(around, diameter_mm, scan.thickness_mm, scan.ceiling_hu)
+    return fit_ball(around, diameter_mm, scan.thickness_mm, scan.ceiling_hu)
+
+
+def _examine_place(scan: Scan, center_mm: FloatArray, diameter_mm: float) -> Examined:
+    fit = fit_place(scan, center_mm, diameter_mm)
     evidence = Evidence(fit, diameter_mm, scan.thickness_mm, noise_level(fit))
-    return Examined(center_mm, diameter_mm, fit, evidence.covariance_mm2, tuple(failures(evidence)))
+    return Examined(
+        center_mm,
+        diameter_mm,
+        fit.center_mm,
+        evidence.covariance_mm2,
+        cramer_rao_bound(fit, evidence.noise_hu),
+        fit.theta,
+        fit.coverage,
+        fit.unseen,
+        fit.misfit,
+        bool((fit.neighbourhood.values_hu[fit.used] >= scan.ceiling_hu).any()),
+        tuple(failures(evidence)),
+    )
 
 
 def _apart(places_mm: FloatArray, least_mm: float) -> list[FloatArray]:

@@ -13,7 +13,6 @@ from ronnaplan.errors import InputError, RefusedError, UsageError
 from ronnaplan.localization.examine import Examined, Scan, examine
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
 from ronnaplan.localization.template import Template, match_template
-from ronnaplan.localization.uncertainty import cramer_rao_bound
 
 MIN_VOXELS_PER_DIAMETER = 2.0
 """A ball smaller than this many pixels has no shape to recognize it by."""
@@ -94,10 +93,10 @@ def _check_size(volume: CTVolume, diameter_mm: float) -> None:
 def _distinct(accepted: Iterable[Examined]) -> list[Examined]:
     """One marker a place (the better fit of two), from the top of the head down."""
     kept: list[Examined] = []
-    for one in sorted(accepted, key=lambda one: one.fit.misfit):
+    for one in sorted(accepted, key=lambda one: one.misfit):
         if not any(one.is_same_place(other) for other in kept):
             kept.append(one)
-    return sorted(kept, key=lambda one: tuple(-one.fit.center_mm[::-1]))
+    return sorted(kept, key=lambda one: tuple(-one.center_mm[::-1]))
 
 
 def _rejected(examined: Iterable[Examined], markers: Sequence[Examined]) -> tuple[Rejected, ...]:
@@ -106,27 +105,26 @@ def _rejected(examined: Iterable[Examined], markers: Sequence[Examined]) -> tupl
         one for one in examined if not one.is_marker and not any(one.is_same_place(marker) for marker in markers)
     ]
     return tuple(
-        Rejected(one.candidate_mm, *one.failures[0], one.fit.theta, one.fit.center_mm)
-        for one in sorted(failed, key=lambda one: (len(one.failures), one.fit.misfit))
+        Rejected(one.candidate_mm, *one.failures[0], one.parameters, one.center_mm)
+        for one in sorted(failed, key=lambda one: (len(one.failures), one.misfit))
     )
 
 
 def _fiducial(label: str, one: Examined, scan: Scan) -> Fiducial:
-    fit = one.fit
     flags = {
-        FiducialFlag.CUT: fit.unseen > 0,
-        FiducialFlag.NEIGHBOUR: fit.coverage < NEIGHBOUR_COVERAGE,
-        FiducialFlag.CLIPPED: bool((fit.neighbourhood.values_hu[fit.used] >= scan.ceiling_hu).any()),
-        FiducialFlag.THICK_SLICES: scan.thickness_mm > fit.diameter_mm / 2.0,
+        FiducialFlag.CUT: one.unseen > 0,
+        FiducialFlag.NEIGHBOUR: one.coverage < NEIGHBOUR_COVERAGE,
+        FiducialFlag.CLIPPED: one.is_clipped,
+        FiducialFlag.THICK_SLICES: scan.thickness_mm > one.diameter_mm / 2.0,
     }
     return Fiducial(
         label=label,
-        center_mm=fit.center_mm,
+        center_mm=one.center_mm,
         covariance_mm2=one.covariance_mm2,
-        bound_mm2=cramer_rao_bound(fit),
-        parameters=fit.theta,
-        coverage=fit.coverage,
-        misfit=fit.misfit,
+        bound_mm2=one.bound_mm2,
+        parameters=one.parameters,
+        coverage=one.coverage,
+        misfit=one.misfit,
         flags=tuple(flag for flag, raised in flags.items() if raised),
     )
 

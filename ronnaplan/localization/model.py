@@ -235,7 +235,7 @@ def voxel_model(
     return value
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "arcp", "nsz"})
 def evaluate(
     offsets: FloatArray, theta: FloatArray, table: FloatArray, nodes: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:

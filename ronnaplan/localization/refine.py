@@ -213,7 +213,7 @@ def _ball_fit(
     residuals, jacobian = residuals_and_jacobian(around, theta, ceiling_hu)
     moves = influence(jacobian, used, prior.weight)
     shows_plateau = bool(ceiling_hu - theta[7] >= PLATEAU_SHARE * theta[6])
-    if shows_plateau:
+    if shows_plateau and converged:
         shift_mm, tilted_moves = _tilt(around, theta, residuals, jacobian, used, prior)
         theta = np.append(theta[:3] + TILT_BELIEF * shift_mm, theta[3:])
         moves = (1.0 - TILT_BELIEF) * moves + TILT_BELIEF * tilted_moves
@@ -229,12 +229,15 @@ def _tilt(
     prior: Prior,
 ) -> tuple[FloatArray, FloatArray]:
     """How far the centre (3,) would move if the contrast had a slope, and each voxel's influence (N, 3) then."""
-    tilt = jacobian[:, 6:7] * (around.offsets_mm - theta[:3])
-    informed = np.where(used[:, np.newaxis], np.hstack([jacobian, tilt]), 0.0)
+    own = jacobian[used]
+    tilt = own[:, 6:7] * (around.offsets_mm[used] - theta[:3])
+    informed = np.hstack([own, tilt])
     inverse = np.linalg.pinv(informed.T @ informed + np.diag(np.append(prior.weight, np.zeros(3))), hermitian=True)
     # The fit without a slope is at rest, so only the slope's own columns still pull.
-    shift_mm: FloatArray = inverse[:3, -3:] @ (informed[:, -3:].T @ residuals_hu)
-    return shift_mm, informed @ inverse[:, :3]
+    shift_mm: FloatArray = inverse[:3, -3:] @ (tilt.T @ residuals_hu[used])
+    moves = np.zeros((len(used), 3))
+    moves[used] = informed @ inverse[:, :3]
+    return shift_mm, moves
 
 
 def _thinned(count: int) -> NDArray[np.bool_]:

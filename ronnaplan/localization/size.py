@@ -31,12 +31,12 @@ def common_diameter(volume: CTVolume) -> float:
     scan = Scan(volume)
     smallest_mm = max(SEARCHED_MM[0], 3.0 * volume.grid.row_spacing_mm)
     steps = np.arange(np.log(smallest_mm), np.log(SEARCHED_MM[1]), np.log(STEP))
+    accepted = [one for step in steps for one in examine(scan, float(np.exp(step))) if one.is_marker]
     balls: list[Examined] = []
-    for diameter_mm in np.exp(steps):
-        for one in examine(scan, float(diameter_mm)):
-            if one.is_marker and not any(one.is_same_place(other) for other in balls):
-                balls.append(one)
-    kinds = sorted(_kinds([one.fit.diameter_mm for one in balls]), key=len, reverse=True)
+    for one in sorted(accepted, key=lambda one: one.misfit):
+        if not any(one.is_same_place(other) for other in balls):
+            balls.append(one)
+    kinds = sorted(_kinds([one.diameter_mm for one in balls]), key=len, reverse=True)
     seen = ", ".join(f"{len(kind)} of {np.median(kind):.1f} mm" for kind in kinds) or "none"
     if not kinds or len(kinds[0]) < MIN_MARKERS:
         raise RefusedError(f"no {MIN_MARKERS} balls of one size were found (found: {seen}); state the diameter")

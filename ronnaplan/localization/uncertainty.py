@@ -59,13 +59,13 @@ def center_covariance(fit: BallFit) -> FloatArray:
     return (rotated + rotated.T) / 2.0
 
 
-def cramer_rao_bound(fit: BallFit) -> FloatArray:
+def cramer_rao_bound(fit: BallFit, noise_hu: float) -> FloatArray:
     """Least covariance (3, 3) in LPS, mm^2, of any unbiased fit of this model to the whole ball's voxels.
 
-    For uncorrelated noise of the measured strength, and as if nothing touched the ball (S. Kay, Fundamentals of
+    For uncorrelated noise of ``noise_hu``, and as if nothing touched the ball (S. Kay, Fundamentals of
     Statistical Signal Processing: Estimation Theory, 1993, section 3.9).
     """
-    information = fit.jacobian.T @ fit.jacobian / noise_level(fit) ** 2
+    information = fit.jacobian.T @ fit.jacobian / noise_hu**2
     bound = np.linalg.pinv(information, hermitian=True)[:3, :3]
     axes = fit.neighbourhood.axes
     rotated: FloatArray = axes.T @ bound @ axes

@@ -8,16 +8,14 @@ import numpy as np
 import pytest
 
 from ronnaplan.localization.accept import TESTS, Evidence, failures, profile_share
-from ronnaplan.localization.examine import Scan, examine
+from ronnaplan.localization.examine import Scan, fit_place
 from ronnaplan.localization.refine import BallFit
 from tests.scans import balls, scan, small_stack
 
 
 @pytest.fixture(scope="module")
 def fit() -> BallFit:
-    (found,) = examine(Scan(scan(balls([(1.0, 2.0, 3.0)]), small_stack())), 11.5)
-    assert found.is_marker
-    return found.fit
+    return fit_place(Scan(scan(balls([(1.0, 2.0, 3.0)]), small_stack())), np.array([1.0, 2.0, 3.0]), 11.5)
 
 
 def changed(fit: BallFit, parameter: int, value: float) -> BallFit:

@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 from phantoms.scene import Part, Scene
 from phantoms.solids import cylinder
 from ronnaplan.ct import CTVolume
-from ronnaplan.localization.examine import Scan, examine
+from ronnaplan.localization.examine import Scan, fit_place
 from ronnaplan.localization.refine import BallFit
 from ronnaplan.localization.uncertainty import (
     center_covariance,
@@ -22,9 +22,7 @@ from tests.scans import balls, scan, small_stack
 
 
 def fit_of(volume: CTVolume) -> BallFit:
-    found = [one for one in examine(Scan(volume), 11.5) if one.is_marker]
-    assert len(found) == 1
-    return found[0].fit
+    return fit_place(Scan(volume), np.array([1.2, 1.9, 2.8]), 11.5)
 
 
 def with_white_noise(volume: CTVolume, noise_hu: float, seed: int) -> CTVolume:
@@ -46,7 +44,7 @@ def test_the_level_of_white_noise_is_measured_to_a_fifth(quiet: CTVolume, noise_
 def test_the_scatter_over_noise_is_at_the_bound_and_within_the_stated_error(quiet: CTVolume) -> None:
     fits = [fit_of(with_white_noise(quiet, 80.0, seed)) for seed in range(12)]
     scatter = np.std([fit.center_mm for fit in fits], axis=0, ddof=1)
-    bound = np.sqrt(np.diag(np.mean([cramer_rao_bound(fit) for fit in fits], axis=0)))
+    bound = np.sqrt(np.diag(np.mean([cramer_rao_bound(fit, noise_level(fit)) for fit in fits], axis=0)))
     stated = np.sqrt(np.diag(np.mean([center_covariance(fit) for fit in fits], axis=0)))
     # Twelve draws know a standard deviation to a fifth; three axes are judged together.
     assert np.sqrt(np.mean((scatter / bound) ** 2)) == pytest.approx(1.0, abs=0.45)
