@@ -12,8 +12,9 @@ from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.descent import BLUR_BOUNDS_MM, MAX_WANDER
 from ronnaplan.localization.detect import MIN_CONTRAST_HU
+from ronnaplan.localization.guess import margin_mm
 from ronnaplan.localization.neighbourhood import cell_directions
-from ronnaplan.localization.refine import BallFit, margin_mm
+from ronnaplan.localization.refine import BallFit
 from ronnaplan.localization.uncertainty import center_covariance
 
 DIAMETER_TOLERANCE = 0.06

@@ -14,8 +14,9 @@ from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.accept import MIN_COVERAGE, Evidence, failures, profile_share
 from ronnaplan.localization.detect import detect
+from ronnaplan.localization.guess import margin_mm
 from ronnaplan.localization.neighbourhood import gather
-from ronnaplan.localization.refine import BallFit, fit_ball, margin_mm
+from ronnaplan.localization.refine import BallFit, fit_ball
 from ronnaplan.localization.uncertainty import cramer_rao_bound, noise_level
 
 MIN_CEILING_HU = 2000.0

@@ -16,49 +16,20 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.descent import MAX_WANDER, Prior, descend, influence, residuals_and_jacobian
 from ronnaplan.localization.directions import (
-    BACKGROUND_QUANTILE,
     Verdict,
     edge_depth,
     judge,
     on_surface,
     within_reach,
 )
+from ronnaplan.localization.guess import ball_prior, first_guess, frozen, margin_mm
 from ronnaplan.localization.model import PARAMETERS
 from ronnaplan.localization.neighbourhood import Neighbourhood, cell_directions, direction_cells
-
-TYPICAL_BLUR_MM = 0.5
-"""Where the search for the in-plane blur begins; CT kernels lie between 0.25 and 0.9 mm."""
-
-RADIUS_PRIOR = 0.1
-"""Standard deviation of the radius about the stated one, as a share of it: the data decide unless they cannot."""
-
-THICKNESS_PRIOR = 0.3
-"""Standard deviation of the effective slice thickness about the nominal one, as a share of it."""
-
-SLOPE_PRIOR_PER_MM = 0.01
-"""Standard deviation of the background's slope, as a share of the contrast: streaks and cupping reach half of it."""
+from ronnaplan.localization.tilt import PLATEAU_SHARE, TILT_BELIEF, tilted
 
 SKIN_PRIOR_HU = 2000.0
 SKIN_PRIOR_PLACE = 0.3
 """Standard deviations of the skin's level, and of its distance and direction as a share of the distance."""
-
-FROZEN_WEIGHT = 1e15
-"""Weight (HU^2 per mm^2) against which no data move a parameter."""
-
-CLIPPED_RADIUS_HOLD = 15.0
-"""Where the inside is clipped, size and contrast look alike and only the stated size can tell them apart: a radius
-that is off by this part of itself weighs as much as one voxel that is off by the contrast."""
-
-TILT_BELIEF = 0.5
-"""How much of the contrast's slope that a fit would find is believed. The side of a ball that faces the head is seen by
-a harder beam, so its contrast slopes; a fit without that slope and one with it err to opposite sides and equally far
-(physically simulated patients), so the centre is put between the two."""
-
-PLATEAU_SHARE = 0.9
-"""The contrast's slope is only asked for where the scale reaches this share of the contrast: clipped metal hides it."""
-
-CLIPPED_START = 2.0
-"""Where the inside is clipped, the search for the true contrast begins at this many times the visible one."""
 
 FIRST_LOOK_VOXELS = 1500
 """The first descents use about this many of the voxels: enough to see that most candidates are no balls."""
@@ -149,24 +120,19 @@ class BallFit:
         return float(np.sqrt(np.mean(self.residuals_hu[near] ** 2)) / abs(self.contrast_hu))
 
 
-def margin_mm(thickness_mm: float, sigma_mm: float = TYPICAL_BLUR_MM) -> float:
-    """How far beyond the ball's surface its blur can be seen."""
-    return 3.0 * sigma_mm + 0.6 * thickness_mm
-
-
 def fit_ball(around: Neighbourhood, diameter_mm: float, thickness_mm: float, ceiling_hu: float) -> BallFit:
     """Fit a ball of about ``diameter_mm`` to the voxels ``around`` a candidate.
 
     ``thickness_mm`` is the nominal slice thickness, ``ceiling_hu`` the value at which the scan clips (infinite
     where it does not).
     """
-    theta = _start(around, diameter_mm, thickness_mm, ceiling_hu)
-    prior = _ball_prior(theta, is_clipped=theta[6] + theta[7] > ceiling_hu)
+    theta = first_guess(around, diameter_mm, thickness_mm, ceiling_hu)
+    prior = ball_prior(theta, is_clipped=theta[6] + theta[7] > ceiling_hu)
     # What is brighter than the ball (an insert, a screw) must not draw the first fit to itself.
     dimmed = replace(around, values_hu=np.minimum(around.values_hu, theta[6] + theta[7]))
     few = _thinned(len(around.values_hu))
     start = theta
-    theta, _ = descend(dimmed, few, theta, _frozen(prior, theta), ceiling_hu)
+    theta, _ = descend(dimmed, few, theta, frozen(prior, theta), ceiling_hu)
     verdict, _ = _judged(around, theta, ceiling_hu)
     if verdict.usual_rms_hu <= FIRST_LOOK_MISFIT * theta[6]:
         theta, _ = descend(dimmed, few, theta, prior, ceiling_hu)
@@ -214,30 +180,10 @@ def _ball_fit(
     moves = influence(jacobian, used, prior.weight)
     shows_plateau = bool(ceiling_hu - theta[7] >= PLATEAU_SHARE * theta[6])
     if shows_plateau and converged:
-        shift_mm, tilted_moves = _tilt(around, theta, residuals, jacobian, used, prior)
+        shift_mm, tilted_moves = tilted(around, theta, residuals, jacobian, used, prior)
         theta = np.append(theta[:3] + TILT_BELIEF * shift_mm, theta[3:])
         moves = (1.0 - TILT_BELIEF) * moves + TILT_BELIEF * tilted_moves
     return BallFit(around, theta, used, residuals, jacobian, moves, verdict, converged, shows_plateau)
-
-
-def _tilt(
-    around: Neighbourhood,
-    theta: FloatArray,
-    residuals_hu: FloatArray,
-    jacobian: FloatArray,
-    used: NDArray[np.bool_],
-    prior: Prior,
-) -> tuple[FloatArray, FloatArray]:
-    """How far the centre (3,) would move if the contrast had a slope, and each voxel's influence (N, 3) then."""
-    own = jacobian[used]
-    tilt = own[:, 6:7] * (around.offsets_mm[used] - theta[:3])
-    informed = np.hstack([own, tilt])
-    inverse = np.linalg.pinv(informed.T @ informed + np.diag(np.append(prior.weight, np.zeros(3))), hermitian=True)
-    # The fit without a slope is at rest, so only the slope's own columns still pull.
-    shift_mm: FloatArray = inverse[:3, -3:] @ (tilt.T @ residuals_hu[used])
-    moves = np.zeros((len(used), 3))
-    moves[used] = informed @ inverse[:, :3]
-    return shift_mm, moves
 
 
 def _thinned(count: int) -> NDArray[np.bool_]:
@@ -245,34 +191,6 @@ def _thinned(count: int) -> NDArray[np.bool_]:
     spread = np.arange(count) * 0.6180339887498949 % 1.0
     marked: NDArray[np.bool_] = spread < FIRST_LOOK_VOXELS / max(count, 1)
     return marked
-
-
-def _start(around: Neighbourhood, diameter_mm: float, thickness_mm: float, ceiling_hu: float) -> FloatArray:
-    """First guess: the stated size, the candidate's centre, and levels read off the inside and the outside."""
-    distance = np.linalg.norm(around.offsets_mm, axis=1)
-    inside = around.values_hu[distance < 0.3 * diameter_mm]
-    outside = around.values_hu[distance > 0.5 * diameter_mm + TYPICAL_BLUR_MM]
-    high = float(np.median(inside)) if inside.size else float(around.values_hu.max())
-    low = float(np.quantile(outside, BACKGROUND_QUANTILE)) if outside.size else float(around.values_hu.min())
-    contrast = max(high - low, 1.0) * (CLIPPED_START if high >= ceiling_hu else 1.0)
-    return np.array([0, 0, 0, diameter_mm / 2, TYPICAL_BLUR_MM, thickness_mm, contrast, low, 0, 0, 0], np.float64)
-
-
-def _ball_prior(start: FloatArray, *, is_clipped: bool) -> Prior:
-    spread = np.full(len(PARAMETERS), np.inf)
-    spread[3], spread[5] = RADIUS_PRIOR * start[3], THICKNESS_PRIOR * start[5]
-    spread[8:11] = SLOPE_PRIOR_PER_MM * start[6]
-    prior = Prior.of(np.where(np.isfinite(spread), start, 0.0), spread)
-    if is_clipped:
-        prior.weight[3] = (CLIPPED_RADIUS_HOLD * start[6] / start[3]) ** 2
-    return prior
-
-
-def _frozen(prior: Prior, start: FloatArray) -> Prior:
-    """Hold radius, blur and thickness at their first guesses, so that the centre finds its place first."""
-    weight = prior.weight.copy()
-    weight[3:6] = FROZEN_WEIGHT
-    return Prior(np.where(weight == FROZEN_WEIGHT, start, prior.mean), weight)
 
 
 def _lies_on_something(theta: FloatArray, verdict: Verdict) -> bool:

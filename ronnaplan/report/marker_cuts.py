@@ -9,7 +9,6 @@ import numpy as np
 
 from ronnaplan.ct import CTVolume
 from ronnaplan.documents.fiducials import FiducialEntry
-from ronnaplan.geometry import FloatArray
 from ronnaplan.report.contact import Candidate, draw_cut
 from ronnaplan.report.picture import CUTS, png
 
@@ -46,27 +45,17 @@ def _picture(scan: Scan, marker: FiducialEntry) -> MarkerPicture:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
+    from ronnaplan.localization.examine import fit_place
+
     stated = np.array(marker.center, dtype=np.float64)
-    parameters, center = _fit(scan, stated, marker.diameter_mm)
+    fit = fit_place(scan, stated, marker.diameter_mm)
     figure = Figure(figsize=(12.0, 2.1), dpi=80, layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(1, 2 * len(CUTS))
-    candidate = Candidate(marker.label, center, parameters, accepted=True)
+    candidate = Candidate(marker.label, fit.center_mm, fit.theta, accepted=True)
     for column, cut in enumerate(CUTS):
         data, residual = (figure.add_subplot(grid[0, 2 * column + n]) for n in (0, 1))
         draw_cut(data, residual, scan.volume, candidate, cut)
         data.set_title(cut, fontsize=8)
         residual.set_title("residual", fontsize=8)
-    return MarkerPicture(marker.label, png(figure), float(np.linalg.norm(center - stated)))
-
-
-def _fit(scan: Scan, stated_mm: FloatArray, diameter_mm: float) -> tuple[FloatArray, FloatArray]:
-    """Return the model's parameters and the centre (3,) in LPS mm."""
-    from ronnaplan.localization.examine import Scan
-    from ronnaplan.localization.neighbourhood import gather
-    from ronnaplan.localization.refine import fit_ball, margin_mm
-
-    assert isinstance(scan, Scan)
-    reach = 0.5 * diameter_mm + margin_mm(scan.thickness_mm) + 0.125 * diameter_mm
-    fit = fit_ball(gather(scan.volume, stated_mm, reach), diameter_mm, scan.thickness_mm, scan.ceiling_hu)
-    return fit.theta, fit.center_mm
+    return MarkerPicture(marker.label, png(figure), float(np.linalg.norm(fit.center_mm - stated)))
