@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from phantoms.anatomy import scalp_foot
 from phantoms.markers import DECOYS, decoy, marker
 from phantoms.scene import Part, Scene
-from phantoms.solids import ellipsoid, half_space
+from phantoms.solids import cylinder, ellipsoid, half_space
 from ronnaplan.errors import InputError, RefusedError, UsageError
 from ronnaplan.localization import FiducialFlag, localize
 from tests.scans import balls, scan, small_stack
@@ -136,6 +136,27 @@ def test_clipped_metal_is_found_and_flagged() -> None:
     found = localize(clipped, diameter_mm=5.0, expected=1)
     assert found.centers[0] == pytest.approx([1.3, 0.4, -0.7], abs=0.02)
     assert FiducialFlag.CLIPPED in found.fiducials[0].flags
+
+
+@pytest.mark.parametrize(("diameter_mm", "material"), [(3.0, "titanium"), (4.0, "titanium"), (5.0, "steel")])
+def test_clipped_metal_under_a_sharp_kernel_keeps_its_size(diameter_mm: float, material: str) -> None:
+    places = [(0.1, 0.2, 0.3), (9.3, -8.2, 7.4), (-8.6, 7.1, -6.2)]
+    stack = small_stack(spacing_mm=0.6)
+    found = localize(
+        scan(balls(places, diameter_mm, material), stack, blur_mm=0.3, noise_hu=25.0), diameter_mm=diameter_mm
+    )
+    assert len(found) == 3
+    distances = np.linalg.norm(found.centers[:, np.newaxis] - np.array(places), axis=-1).min(axis=1)
+    assert distances.max() < 0.03
+    for one in found.fiducials:
+        assert one.diameter_mm == pytest.approx(diameter_mm, abs=0.1)
+        assert FiducialFlag.CLIPPED in one.flags
+
+
+def test_a_screws_head_is_no_ball() -> None:
+    head = Scene((Part(cylinder((0.0, 0.0, 0.0), (-0.7, -0.25, 0.65), 3.0, 5.0), "titanium"),))
+    for spacing_mm in (0.5, 0.6, 1.0):
+        assert len(localize(scan(head, small_stack(spacing_mm=spacing_mm)), diameter_mm=5.0)) == 0
 
 
 def test_a_ball_on_a_half_space_of_skin_is_found() -> None:
