@@ -92,7 +92,7 @@ class Score:
             f"{1e3 * condition.worst_mm:.0f}",
             f"{normalized.mean() / 3:.2f}",
             f"{np.mean(normalized <= CHI2_95):.0%}",
-            f"{np.median(self.efficiencies):.2f}",
+            f"{np.median(self.efficiencies):.1g}",
         ]
 
 
