@@ -31,8 +31,8 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import localize
 from ronnaplan.report.tables import align
 
-FIRST_UNSEEN = 7000
-"""Patients with lower seeds were looked at while tuning."""
+FIRST_UNSEEN = {"accuracy": 7000, "rendered": 8000}
+"""Patients with lower seeds were looked at while tuning, scanned or rendered."""
 
 BARE_SCANS = 5
 """Heads without markers that are searched, one for each kind of marker."""
@@ -163,7 +163,7 @@ def main() -> None:
     for name, markers in (("accuracy", 40), ("rendered", 500)):
         study = verbs.add_parser(name)
         study.add_argument("--markers", type=int, default=markers)
-        study.add_argument("--first", type=int, default=FIRST_UNSEEN, metavar="SEED")
+        study.add_argument("--first", type=int, default=FIRST_UNSEEN[name], metavar="SEED")
         study.add_argument("--condition", action="append", default=[])
         if name == "accuracy":
             study.add_argument("--cache", type=Path)
@@ -171,8 +171,8 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.verb == "peers":
         peers(arguments.slices_mm)
-    elif arguments.first < FIRST_UNSEEN:
-        parser.error(f"the seeds below {FIRST_UNSEEN} were used for tuning; choose others")
+    elif arguments.first < FIRST_UNSEEN[arguments.verb]:
+        parser.error(f"the seeds below {FIRST_UNSEEN[arguments.verb]} were used for tuning; choose others")
     else:
         accuracy(_scans(arguments), arguments.markers, arguments.condition)
 

@@ -26,6 +26,9 @@ DIAMETER_TOLERANCE_MM = 0.25
 MIN_COVERAGE = 0.6
 """A marker shows at least this share of its surface: a capsule's end shows half a sphere, a post hides a fifth."""
 
+MIN_ROUND = 0.65
+"""A marker's edge is a sphere's in at least this share of the directions; heads of screws and cones come near 0.6."""
+
 MAX_ATTACHED = 0.3
 """A post is attached to at most a sixth of a marker's surface; a capsule or a rod goes on in half of it."""
 
@@ -35,8 +38,14 @@ MIN_INFORMED = 0.3
 MAX_MISFIT = 0.06
 """Largest RMS residual on the surface, as a share of the contrast, beyond what noise explains."""
 
-THICKNESS_RATIO = 1.4
-THICKNESS_MARGIN_MM = 0.3
+MAX_BLUR_MM = 1.1
+MAX_BLUR_PIXELS = 1.5
+MAX_BLUR_SHARE = 0.3
+"""In-plane blur is no more than the softest kernels give, or this many pixels where these are large; and with more
+than this share of the diameter there is no shape to recognize."""
+
+THICKNESS_RATIO = 1.2
+THICKNESS_MARGIN_MM = 0.35
 """The effective slice thickness exceeds the nominal one by no more: what looks longer along the slices is no ball."""
 
 MAX_NOISE = 0.2
@@ -53,6 +62,7 @@ class Evidence:
     fit: BallFit
     diameter_mm: float
     thickness_mm: float
+    pixel_mm: float
     noise_hu: float
 
     @cached_property
@@ -112,7 +122,8 @@ def _contrast(evidence: Evidence) -> str | None:
 
 
 def _blur(evidence: Evidence) -> str | None:
-    sigma, largest = evidence.fit.sigma_mm, min(BLUR_BOUNDS_MM[1], 0.3 * evidence.diameter_mm)
+    sigma = evidence.fit.sigma_mm
+    largest = min(max(MAX_BLUR_MM, MAX_BLUR_PIXELS * evidence.pixel_mm), MAX_BLUR_SHARE * evidence.diameter_mm)
     if BLUR_BOUNDS_MM[0] < sigma < largest:
         return None
     return f"its edge is blurred by {sigma:.2f} mm, {BLUR_BOUNDS_MM[0]} to {largest:.2f} mm expected"
@@ -135,10 +146,10 @@ def _diameter(evidence: Evidence) -> str | None:
 
 def _coverage(evidence: Evidence) -> str | None:
     fit = evidence.fit
-    if fit.verdict.round_share >= MIN_COVERAGE:
+    if fit.verdict.round_share >= MIN_ROUND:
         return None
     unseen = f", {fit.unseen:.0%} is outside the scan" if fit.unseen > 0 else ""
-    return f"only {fit.verdict.round_share:.0%} of its surface is a sphere's{unseen}, {MIN_COVERAGE:.0%} expected"
+    return f"only {fit.verdict.round_share:.0%} of its surface is a sphere's{unseen}, {MIN_ROUND:.0%} expected"
 
 
 def _free(evidence: Evidence) -> str | None:

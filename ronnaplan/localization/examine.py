@@ -42,6 +42,11 @@ class Scan:
         usual = float(np.median(gaps)) if gaps.size else self.volume.grid.row_spacing_mm
         return self.volume.grid.thickness_mm or usual
 
+    @property
+    def pixel_mm(self) -> float:
+        """The larger of the distances between rows and between columns."""
+        return max(self.volume.grid.row_spacing_mm, self.volume.grid.column_spacing_mm)
+
     @cached_property
     def ceiling_hu(self) -> float:
         """Value at which the scan clips, or infinity where its brightest voxels are not clipped."""
@@ -113,7 +118,7 @@ def fit_place(scan: Scan, center_mm: FloatArray, diameter_mm: float) -> BallFit:
 
 def _examine_place(scan: Scan, center_mm: FloatArray, diameter_mm: float) -> Examined:
     fit = fit_place(scan, center_mm, diameter_mm)
-    evidence = Evidence(fit, diameter_mm, scan.thickness_mm, noise_level(fit))
+    evidence = Evidence(fit, diameter_mm, scan.thickness_mm, scan.pixel_mm, noise_level(fit))
     return Examined(
         center_mm,
         diameter_mm,

@@ -29,11 +29,15 @@ MIN_FREEDOM = 0.3
 QUANTIZATION_NOISE_HU = 12.0**-0.5
 """Standard deviation of rounding to whole HU: no scan has less noise than this."""
 
-SEEN_SHARE = 0.93
+SEEN_SHARE = 0.9
 """How much of what the slices show is error: the rest is stated below."""
 
+SHARED_SLICES = 1.5
+"""Within the slice plane the error is shared between the axes as evenly strong noise would share it, with the weight
+of so many slices: by chance a few slices show too little along one of them."""
+
 SLOPE_IN_PLANE = 4.7
-SLOPE_IN_PLANE_CLIPPED = 9.6
+SLOPE_IN_PLANE_CLIPPED = 7.5
 SLOPE_ASIDE = 0.6
 SLOPE_ACROSS = 33.0
 """Standard errors that a sloping background stands for, as shares of slope x blur / contrast: in the slice plane along
@@ -103,8 +107,16 @@ def _seen_covariance(fit: BallFit) -> FloatArray:
     np.add.at(sums, slices, moves)
     count = len(np.unique(slices))
     freedom = count / max(count - 2, 1)  # centre and background have adapted to a few slices more than to many
-    covariance: FloatArray = SEEN_SHARE * freedom * (sums.T @ sums)
-    return covariance
+    return SEEN_SHARE * freedom * _shared_in_plane(sums.T @ sums, fit, SHARED_SLICES / (count + SHARED_SLICES))
+
+
+def _shared_in_plane(covariance: FloatArray, fit: BallFit, share: float) -> FloatArray:
+    """Draw u and v of ``covariance`` (3, 3) by ``share`` towards what evenly strong noise would do to them."""
+    even = fit.influence_mm_per_hu[:, :2].T @ fit.influence_mm_per_hu[:, :2]
+    drawn = (1.0 - share) * covariance
+    drawn[:2, :2] += share * even * np.trace(covariance[:2, :2]) / max(float(np.trace(even)), 1e-30)
+    drawn[2, 2] = covariance[2, 2]
+    return drawn
 
 
 def _unseen_covariance(fit: BallFit) -> FloatArray:

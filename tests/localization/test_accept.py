@@ -43,13 +43,13 @@ def spoiled(name: str, fit: BallFit) -> BallFit:
 
 @pytest.mark.parametrize("name", list(TESTS))
 def test_every_test_can_fail_and_gives_its_reason(name: str, fit: BallFit) -> None:
-    reason = TESTS[name](Evidence(spoiled(name, fit), 11.5, 1.0, 10.0))
+    reason = TESTS[name](Evidence(spoiled(name, fit), 11.5, 1.0, 0.5, 10.0))
     assert reason is not None
     assert len(reason) > 15
 
 
 def test_a_ball_passes_them_all(fit: BallFit) -> None:
-    assert list(failures(Evidence(fit, 11.5, 1.0, 10.0))) == []
+    assert list(failures(Evidence(fit, 11.5, 1.0, 0.5, 10.0))) == []
 
 
 def test_the_quick_look_sees_a_ball_and_not_its_flank() -> None:
