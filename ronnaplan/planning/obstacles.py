@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning.head import Head
 from ronnaplan.planning.segments import box_distance, point_distances, segment_distances
+from ronnaplan.planning.smooth import COVERED, Patch, fit_patch
 from ronnaplan.planning.trajectory import Trajectory
 
 METAL_HU = 2500.0
@@ -33,7 +34,9 @@ class Clearance:
     """The least distance of a path to one obstacle.
 
     ``distance_mm`` is from the path's axis to the obstacle's surface, ``clearance_mm`` from the instrument's
-    surface (negative: they meet). ``depth_mm`` is where, from the entry towards the target.
+    surface (negative: they meet). ``depth_mm`` is where, from the entry towards the target. ``at_least_mm`` is the
+    clearance that is sure: the surface behind a label's voxels is known so far and no further. Limits count it.
+    ``smooth`` tells that the distance is to that surface, not to the voxels.
     """
 
     kind: Kind
@@ -41,18 +44,21 @@ class Clearance:
     distance_mm: float
     clearance_mm: float
     depth_mm: float
+    at_least_mm: float
+    smooth: bool = False
 
     @property
     def crosses(self) -> bool:
-        """Whether the instrument meets the obstacle."""
-        return self.clearance_mm <= 0.0
+        """Whether the instrument meets the obstacle, or may meet it."""
+        return self.at_least_mm <= 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Voxels:
     """An obstacle made of whole voxels of the scan: boxes ``low_mm``..``high_mm`` (N, 3) along the slice axes.
 
-    Only voxels at its surface are listed; ``mask`` (K, J, I) holds all.
+    Only voxels at its surface are listed, ``kji`` (N, 3); ``mask`` (K, J, I) holds all. ``patches`` keeps the
+    pieces of smooth surface that were fitted so far, by voxel.
     """
 
     kind: Kind
@@ -62,6 +68,8 @@ class Voxels:
     high_mm: FloatArray
     mask: NDArray[np.bool_]
     centres_mm: FloatArray
+    kji: NDArray[np.int64]
+    patches: dict[tuple[int, ...], Patch | None] = field(default_factory=dict)
 
     @classmethod
     def of(cls, kind: Kind, name: str, mask: NDArray[np.bool_], head: Head) -> Voxels:
@@ -76,25 +84,78 @@ class Voxels:
         half = scan.steps_mm / 2
         low = np.stack([u - half[0], v - half[1], edges[k]], axis=-1)
         high = np.stack([u + half[0], v + half[1], edges[k + 1]], axis=-1)
-        return cls(kind, name, scan.axes, low, high, mask, ((low + high) / 2) @ scan.axes)
+        return cls(kind, name, scan.axes, low, high, mask, ((low + high) / 2) @ scan.axes, np.stack([k, j, i], 1))
 
     def clearance(self, trajectory: Trajectory, head: Head) -> Clearance | None:
         """Return the least distance of the path to the obstacle; None when the obstacle is empty."""
         if len(self.low_mm) == 0:
             return None
-        distance, share = box_distance(
-            self.axes @ trajectory.entry_mm, self.axes @ trajectory.target_mm, self.low_mm, self.high_mm
-        )
+        near = self._to_boxes(trajectory, slice(None), 1.0)
         for end, place in ((0.0, trajectory.entry_mm), (1.0, trajectory.target_mm)):
             if holds(self.mask, head, place):
-                distance, share = 0.0, end
+                near = _Near(0.0, 0.0, end)
+        if self.kind is Kind.NO_GO and near.distance_mm > 0.0:
+            near = self._to_surface(trajectory, head)
+        radius = trajectory.instrument.radius_mm
         return Clearance(
             self.kind,
             self.name,
-            float(distance),
-            float(distance) - trajectory.instrument.radius_mm,
-            float(share) * trajectory.length_mm,
+            near.distance_mm,
+            near.distance_mm - radius,
+            near.share * trajectory.length_mm,
+            near.at_least_mm - radius,
+            near.smooth,
         )
+
+    def _to_boxes(self, trajectory: Trajectory, which: slice | NDArray[np.intp], size: float) -> _Near:
+        """Return how near some of the voxels come, each made larger by ``size``."""
+        low, high = self.low_mm[which], self.high_mm[which]
+        grown = (size - 1.0) / 2 * (high - low)
+        distance, share = box_distance(
+            self.axes @ trajectory.entry_mm, self.axes @ trajectory.target_mm, low - grown, high + grown
+        )
+        return _Near(float(distance), float(distance), float(share))
+
+    def _to_surface(self, trajectory: Trajectory, head: Head) -> _Near:
+        """Return how near the smooth surface comes, piece by piece; where there is none, the voxels.
+
+        A voxel only says that the next centre is outside, so the surface may reach to there, at twice its size.
+        """
+        apart = point_distances(self.centres_mm, trajectory.entry_mm, trajectory.target_mm)
+        sizes = (self.high_mm - self.low_mm).max(axis=1)
+        left = np.flatnonzero(apart <= (apart + sizes).min())
+        left = left[np.argsort(apart[left], kind="stable")]
+        found = []
+        while len(left):
+            patch = self._patch(left[0], head)
+            radius = 0.6 * COVERED * patch.scale_mm if patch else 2.0 * sizes[left[0]]
+            here = np.linalg.norm(self.centres_mm[left] - self.centres_mm[left[0]], axis=1) <= radius
+            known = patch.nearest(trajectory.entry_mm, trajectory.target_mm) if patch else None
+            if known is None:
+                boxes = self._to_boxes(trajectory, left[here], 1.0)
+                sure = self._to_boxes(trajectory, left[here], 2.0).distance_mm
+                found.append(_Near(boxes.distance_mm, sure, boxes.share))
+            else:
+                found.append(_Near(*known, smooth=True))
+            left = left[~here]
+        nearest = min(found, key=lambda one: one.distance_mm)
+        return replace(nearest, at_least_mm=min(one.at_least_mm for one in found))
+
+    def _patch(self, number: int, head: Head) -> Patch | None:
+        k, j, i = (int(index) for index in self.kji[number])
+        if (k, j, i) not in self.patches:
+            self.patches[k, j, i] = fit_patch(self.mask, head.volume.grid, (k, j, i))
+        return self.patches[k, j, i]
+
+
+@dataclass(frozen=True)
+class _Near:
+    """How near a path comes, and at which share of it."""
+
+    distance_mm: float
+    at_least_mm: float
+    share: float
+    smooth: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +177,8 @@ class Marker:
         distance = max(min(sphere, float(axis) - POST_RADIUS_MM), 0.0)
         _, share = segment_distances(trajectory.entry_mm, trajectory.target_mm, self.centre_mm, self.foot_mm)
         clearance = distance - trajectory.instrument.radius_mm
-        return Clearance(Kind.MARKER, self.name, distance, clearance, float(share) * trajectory.length_mm)
+        depth = float(share) * trajectory.length_mm
+        return Clearance(Kind.MARKER, self.name, distance, clearance, depth, clearance)
 
 
 Obstacle = Voxels | Marker
