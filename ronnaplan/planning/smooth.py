@@ -83,7 +83,7 @@ class Patch:
         from scipy.optimize import linprog
 
         found = linprog(jacobian / self.scale_mm, self.rows, self.room, bounds=(None, None), method="highs")
-        return float(-found.fun * self.scale_mm) if found.status == 0 else np.inf
+        return np.inf if found.fun is None else -float(found.fun) * self.scale_mm
 
     def _nearest_place(self, start: FloatArray, stop: FloatArray) -> FloatArray:
         """Return the place (3,) of the surface that is nearest to a segment: Newton's method from the cloud."""
@@ -151,7 +151,7 @@ def _window(
     low = np.clip(np.floor(index.min(axis=0)).astype(int), 0, None)
     high = np.minimum(np.ceil(index.max(axis=0)).astype(int) + 1, mask.shape)
     part = mask[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
-    cells = np.stack(np.indices(part.shape), axis=-1) + low
+    cells = np.moveaxis(np.indices(part.shape), 0, -1) + low
     places = grid.positions_mm(cells.astype(np.float64))
     ball = np.linalg.norm(places - centre, axis=-1) < radius_mm
     parts, _ = label(part & ball, structure=np.ones((3, 3, 3)))
@@ -179,9 +179,9 @@ def _fit(
     guess = (depth[near] - np.sign(depth[near]) * voxel_mm / 2) / radius_mm
     sides = np.sign(depth[near])
     local = (places_mm[near] - centre_mm) / radius_mm
-    axes = _axes(np.linalg.lstsq(_terms(local), guess, rcond=None)[0])
+    axes = _axes(_quadric(local, guess))
     local = np.ascontiguousarray(local @ axes.T)
-    first = np.concatenate([np.linalg.lstsq(_terms(local), guess, rcond=None)[0], [0.0, 0.0]])
+    first = np.concatenate([_quadric(local, guess), [0.0, 0.0]])
     parameters = _solve(first, local, sides, BLUR * voxel_mm / radius_mm)
     values, jacobian, _ = _evaluate(parameters, local)
     if (sides * values).min() * radius_mm < -WRONG * voxel_mm:
@@ -206,9 +206,12 @@ def _axes(quadric: FloatArray) -> FloatArray:
     return axes
 
 
-def _terms(local: FloatArray) -> FloatArray:
+def _quadric(local: FloatArray, distances: FloatArray) -> FloatArray:
+    """Return the polynomial (10,) that comes nearest to ``distances`` (N,) at ``local`` (N, 3)."""
     x, y, z = local.T
-    return np.column_stack([np.ones(len(local)), local, local**2, x * y, x * z, y * z])
+    terms = np.column_stack([np.ones(len(local)), local, local**2, x * y, x * z, y * z])
+    found = np.linalg.lstsq(terms, distances, rcond=None)[0]
+    return np.asarray(found, dtype=np.float64)
 
 
 def _evaluate(parameters: FloatArray, local: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
