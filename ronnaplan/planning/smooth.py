@@ -7,7 +7,7 @@ be elsewhere is asked of all bent quadrics that leave them there, by linear prog
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ WRONG = 0.2
 """A centre may lie on the wrong side of the fit by this, in voxels; else the surface is no bent quadric."""
 
 KNOWN = 0.4
-"""Where the place is known no better than to this (either way), in voxels, there is no estimate."""
+"""Where the place is known no better than to this, in voxels at their finest, there is no estimate."""
 
 PRIOR = np.array([100.0] * 4 + [5.0] * 6 + [0.25] * 2)
 """Usual size of the parameters; lengths in units of the window's radius."""
@@ -52,6 +52,7 @@ class Patch:
     scale_mm: float
     parameters: FloatArray
     voxel_mm: float
+    finest_mm: float
     cloud_mm: FloatArray
     rows: FloatArray
     room: FloatArray
@@ -73,7 +74,7 @@ class Patch:
         way = start + share * (stop - start) - place
         _, jacobian, normals = self.at(place[np.newaxis])
         doubt_mm = self._doubt_mm(jacobian[0])
-        if doubt_mm > KNOWN * self.voxel_mm:
+        if doubt_mm > KNOWN * self.finest_mm:
             return None
         distance = float(np.linalg.norm(way)) if way @ normals[0] > 0 else 0.0
         return distance, max(distance - doubt_mm, 0.0), share
@@ -123,14 +124,15 @@ def fit_patch(mask: NDArray[np.bool_], grid: SliceGrid, voxel: tuple[int, int, i
     or branching shapes), and where there are too few of them.
     """
     gap = grid.spacings_mm[max(min(voxel[0], len(grid.spacings_mm) - 1), 0)]
-    voxel_mm = float(np.cbrt(gap * grid.row_spacing_mm * grid.column_spacing_mm))
+    sizes = np.array([gap, grid.row_spacing_mm, grid.column_spacing_mm])
+    voxel_mm, finest_mm = float(np.cbrt(sizes.prod())), float(sizes.min())
     for window in WINDOWS:
         found = _window(mask, grid, voxel, window * voxel_mm)
         if found is None:
             continue
         patch = _fit(*found, grid.positions_mm(np.array(voxel, dtype=np.float64)), window * voxel_mm, voxel_mm)
         if patch is not None:
-            return patch
+            return replace(patch, finest_mm=finest_mm)
     return None
 
 
@@ -187,14 +189,14 @@ def _fit(
     if (sides * values).min() * radius_mm < -WRONG * voxel_mm:
         return None
     rows, room = _bounds(parameters, sides, values, jacobian)
-    patch = Patch(centre_mm, axes, radius_mm, parameters, voxel_mm, places_mm[near], rows, room)
+    patch = Patch(centre_mm, axes, radius_mm, parameters, voxel_mm, voxel_mm, places_mm[near], rows, room)
     cloud = patch.project(places_mm[near])
     on = np.abs(patch.at(cloud)[0]) < 0.02 * voxel_mm
     on &= np.linalg.norm(cloud - places_mm[near], axis=1) < 2.0 * voxel_mm
     on &= np.linalg.norm(cloud - centre_mm, axis=1) < COVERED * radius_mm
     if not on.any():
         return None
-    return Patch(centre_mm, axes, radius_mm, parameters, voxel_mm, cloud[on], rows, room)
+    return replace(patch, cloud_mm=cloud[on])
 
 
 def _axes(quadric: FloatArray) -> FloatArray:
