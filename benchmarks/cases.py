@@ -1,28 +1,37 @@
-"""Physically simulated scans of random patients: the material of the localization benchmark.
+"""Scans of random patients with known markers: the material of the localization benchmark.
 
-Each marker is scanned with everything that is in the room, but only the voxels about it are reconstructed, which
-takes a twentieth of the time of whole scans. Scans can be kept in a folder and used again.
+Whole patients come from the projection-domain scanner (about a minute and a half of one core each; they can be kept
+in a folder and used again), the surroundings of single markers and decoys from the fast renderer.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from phantoms.anatomy import scalp_foot
 from phantoms.examination import Examination
 from phantoms.library import laboratory_phantom
+from phantoms.markers import DECOYS, decoy, marker_kind
 from phantoms.patients import random_patient
+from phantoms.scene import join
 from phantoms.stack import SliceStack, axial_stack
 from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.geometry import FloatArray
 
+LABORATORY_DECOYS = ((-0.60, 0.62, 0.50), (0.05, -0.75, 0.66), (0.62, 0.05, 0.78))
+"""Directions to the decoys on the laboratory phantom, clear of its markers."""
+
+SLAB_MARGIN_MM = 15.0
+"""Slices are scanned this far beyond the outermost marker's or decoy's centre."""
+
 REACH_MM = 10.0
-"""Images are reconstructed this far beyond a marker's surface."""
+"""The fast renderer's images reach this far beyond a marker's or decoy's surface."""
 
 
 @dataclass(frozen=True)
@@ -35,11 +44,12 @@ class Condition:
     kinds: tuple[str, ...] = ("post",)
     thicknesses_mm: tuple[float, ...] = (0.5, 0.6, 0.75, 1.0, 1.25)
     options: dict[str, float | bool] = field(default_factory=dict)
+    markers: int = 8
     laboratory: bool = False
 
 
 CONDITIONS = (
-    Condition("lab", 0.004, 0.010, thicknesses_mm=(0.5, 0.6, 0.75, 1.0), laboratory=True),
+    Condition("lab", 0.004, 0.010, ("plastic screw post",), (0.5, 0.6, 0.75, 1.0), markers=6, laboratory=True),
     Condition("patient", 0.010, 0.030),
     Condition("thick", 0.020, 0.050, thicknesses_mm=(2.0, 2.5, 3.0)),
     Condition("insert", 0.020, 0.060, ("post with insert",)),
@@ -49,32 +59,54 @@ CONDITIONS = (
     Condition("low dose", 0.020, 0.060, options={"dose": 0.05}),
     Condition("tilted", 0.020, 0.060, options={"tilt_deg": 20.0}),
     Condition("uneven", 0.020, 0.060, options={"uneven": True}),
+    Condition("no markers", 0.0, 0.0, ("post", "ceramic", "steel", "titanium 4", "titanium 3"), markers=0),
 )
+SEED_STEP = 20
+"""Each condition has patients of its own: the seeds of its patients are so far apart."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """One marker's surroundings, and the true centres (M, 3) in LPS mm of all the patient's markers, its own first."""
+    """A scan, and the true centres in LPS mm of the markers wholly in it (M, 3) and of those cut by its edge."""
 
     volume: CTVolume
     truth_mm: FloatArray
+    cut_mm: FloatArray
     diameter_mm: float
 
 
-def examination(condition: Condition, seed: int) -> Examination:
-    """Draw the patient of ``seed`` under ``condition``."""
-    kind = condition.kinds[seed % len(condition.kinds)]
-    thickness = condition.thicknesses_mm[seed % len(condition.thicknesses_mm)]
+def examination(condition: Condition, first: int, number: int) -> Examination:
+    """Draw the patient ``number`` of ``condition``, counted from the seed ``first``."""
+    seed = first + SEED_STEP * number + CONDITIONS.index(condition)
+    kind, thickness = _kind(condition, number), condition.thicknesses_mm[number % len(condition.thicknesses_mm)]
     if condition.laboratory:
-        return _laboratory(seed, thickness)
-    return random_patient(seed, kind=kind, thickness_mm=thickness, **condition.options)  # type: ignore[arg-type]
+        return _laboratory(seed, kind, thickness)
+    options: dict[str, float | bool] = {"thickness_mm": thickness, **condition.options}
+    patient = random_patient(seed, kind=kind, count=condition.markers, **options)  # type: ignore[arg-type]
+    return replace(patient, stack=_slab(patient))
 
 
-def _laboratory(seed: int, thickness_mm: float) -> Examination:
+def _slab(patient: Examination) -> SliceStack:
+    """Return the slices from the lowest to the highest marker or decoy, and a little beyond."""
+    stack, scene = patient.stack, patient.scene
+    heights = [one.center_mm @ stack.normal for one in (*scene.markers, *scene.decoys)]
+    places = stack.positions_mm
+    kept = (places > min(heights) - SLAB_MARGIN_MM) & (places < max(heights) + SLAB_MARGIN_MM)
+    return replace(stack, centers_mm=stack.centers_mm[kept])
+
+
+def _kind(condition: Condition, number: int) -> str:
+    return condition.kinds[number % len(condition.kinds)]
+
+
+def _laboratory(seed: int, kind: str, thickness_mm: float) -> Examination:
     generator = np.random.default_rng([seed, 7])
+    names = generator.choice(list(DECOYS), len(LABORATORY_DECOYS), replace=False)
+    others = [decoy(str(name), scalp_foot(at), kind) for name, at in zip(names, LABORATORY_DECOYS, strict=True)]
     turn = Rotation.from_rotvec(generator.uniform(-0.3, 0.3, 3)).as_matrix()
-    scene = laboratory_phantom().moved(turn, tuple(generator.uniform(-8, 8, 3)))
-    heights = [marker.center_mm[2] for marker in scene.markers]
+    scene = join([laboratory_phantom(), *others], "laboratory phantom with decoys")
+    scene = scene.moved(turn, tuple(generator.uniform(-8, 8, 3)))
+    heights = [one.center_mm[2] for one in (*scene.markers, *scene.decoys)]
     stack = axial_stack(
         start_mm=min(heights) - 20,
         stop_mm=max(heights) + 20 + generator.uniform(0, 1),
@@ -84,23 +116,37 @@ def _laboratory(seed: int, thickness_mm: float) -> Examination:
     return Examination(scene, stack, seed=seed)
 
 
-def cases(condition: Condition, seed: int, cache: Path | None = None) -> Iterator[Case]:
-    """Scan the surroundings of every marker of the patient of ``seed``."""
-    patient = examination(condition, seed)
-    markers = patient.scene.markers
-    for number, marker in enumerate(markers):
-        near = patient.around(marker.center_mm, marker.diameter_mm / 2 + REACH_MM, crop=True)
-        if not near.stack.holds_whole(marker.center_mm, marker.diameter_mm):
-            continue
-        kept = cache / f"{condition.name}-{seed}-{number}.npy" if cache else None
-        if kept is not None and kept.exists():
-            voxels = np.load(kept)
-        else:
-            voxels = near.images()
-            if kept is not None:
-                np.save(kept, voxels)
-        others = [other.center_mm for other in markers if other is not marker]
-        yield Case(volume(near.stack, voxels), np.array([marker.center_mm, *others]), marker.diameter_mm)
+def whole_scan(condition: Condition, first: int, number: int, cache: Path | None = None) -> Case:
+    """Scan a patient with the projection-domain scanner, or take the scan from ``cache``."""
+    patient = examination(condition, first, number)
+    kept = cache / f"{condition.name}-{patient.seed}.npy" if cache else None
+    if kept is not None and kept.exists():
+        voxels = np.load(kept)
+    else:
+        voxels = patient.images()
+        if kept is not None:
+            np.save(kept, voxels)
+    return _case(patient, voxels, _kind(condition, number))
+
+
+def surroundings(condition: Condition, first: int, number: int) -> Iterator[Case]:
+    """Render the surroundings of each marker and decoy of a patient with the fast renderer."""
+    patient = examination(condition, first, number)
+    kind = _kind(condition, number)
+    reach_mm = marker_kind(kind).diameter_mm / 2 + REACH_MM
+    for thing in (*patient.scene.markers, *patient.scene.decoys):
+        near = patient.around(thing.center_mm, reach_mm, crop=True)
+        yield _case(near, near.images(fast=True), kind)
+
+
+def _case(patient: Examination, voxels: NDArray[np.int16], kind: str) -> Case:
+    whole: list[FloatArray] = []
+    cut: list[FloatArray] = []
+    for one in patient.scene.markers:
+        is_whole = patient.stack.holds_whole(one.center_mm, one.diameter_mm)
+        (whole if is_whole else cut).append(one.center_mm)
+    truth, rest = np.reshape(whole, (-1, 3)), np.reshape(cut, (-1, 3))
+    return Case(volume(patient.stack, voxels), truth, rest, marker_kind(kind).diameter_mm)
 
 
 def volume(stack: SliceStack, voxels: NDArray[np.int16]) -> CTVolume:

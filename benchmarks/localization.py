@@ -1,24 +1,27 @@
 """Localization against its goals and its peers, on physically simulated patients.
 
-    python -m benchmarks.localization accuracy [--patients N] [--first SEED] [--cache FOLDER]
+    python -m benchmarks.localization accuracy [--markers N] [--first SEED] [--cache FOLDER] [--condition NAME]
+    python -m benchmarks.localization rendered [--markers N] [--first SEED] [--condition NAME]
     python -m benchmarks.localization peers [--slices-mm T]
 
-``accuracy`` prints, for each condition, markers, recall, false positives, error, and how honest the stated
-uncertainty is (mean squared normalized error per degree of freedom, share within the 95 % ellipsoid). Seeds 100
-to 102 were used for tuning and are refused. ``peers`` runs other tools' recipes on one rendered head.
+``accuracy`` scans whole patients with the projection-domain scanner until each condition has its markers, and prints
+recall, false positives, error, and how honest the stated uncertainty is (mean squared normalized error per degree of
+freedom, share within the 95 % ellipsoid). ``rendered`` does the same with many markers from the fast renderer. Seeds
+below `FIRST_UNSEEN` were used for tuning and are refused. ``peers`` runs other tools' recipes on one rendered head.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.cases import CONDITIONS, Case, Condition, cases
+from benchmarks.cases import CONDITIONS, Case, Condition, surroundings, volume, whole_scan
 from benchmarks.peers import PEERS
 from phantoms.fast import render
 from phantoms.library import demo_head
@@ -28,46 +31,61 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import localize
 from ronnaplan.report.tables import align
 
-TUNING_SEEDS = range(100, 103)
+FIRST_UNSEEN = 7000
+"""Patients with lower seeds were looked at while tuning."""
+
+BARE_SCANS = 5
+"""Heads without markers that are searched, one for each kind of marker."""
+
 FOUND_WITHIN_MM = 1.0
 CHI2_95 = 7.815
 """95 % quantile of chi-square with three degrees of freedom."""
 
+HEADING = (
+    *("condition", "patients", "markers", "missed", "false", "mean um", "goal", "worst um", "goal"),
+    *("nees", "in 95 %", "eff."),
+)
+
 
 @dataclass
 class Score:
-    """What a condition's markers add up to."""
+    """What a condition's scans add up to."""
 
+    patients: int = 0
+    missed: int = 0
+    false: int = 0
     errors_mm: list[float] = field(default_factory=list)
     normalized: list[float] = field(default_factory=list)
     efficiencies: list[float] = field(default_factory=list)
-    missed: int = 0
-    false: int = 0
+
+    @property
+    def markers(self) -> int:
+        """Markers that should have been found so far."""
+        return len(self.errors_mm) + self.missed
 
     def add(self, case: Case) -> None:
-        """Localize one case and compare with its truth."""
+        """Localize one scan and compare with its truth; a marker cut by the scan's edge may be found or not."""
         found = localize(case.volume, diameter_mm=case.diameter_mm)
-        self.false += sum(_nearest(case.truth_mm, center) > FOUND_WITHIN_MM for center in found.centers)
-        own = [one for one in found.fiducials if _nearest(case.truth_mm[:1], one.center_mm) <= FOUND_WITHIN_MM]
-        if not own:
-            self.missed += 1
-            return
-        error = own[0].center_mm - case.truth_mm[0]
-        self.errors_mm.append(float(np.linalg.norm(error)))
-        self.normalized.append(float(error @ np.linalg.solve(own[0].covariance_mm2, error)))
-        self.efficiencies.append(own[0].efficiency)
+        known = np.concatenate([case.truth_mm, case.cut_mm])
+        self.false += sum(_nearest(known, center) > FOUND_WITHIN_MM for center in found.centers)
+        for center_mm in case.truth_mm:
+            own = [one for one in found.fiducials if np.linalg.norm(one.center_mm - center_mm) <= FOUND_WITHIN_MM]
+            if not own:
+                self.missed += 1
+                continue
+            error = own[0].center_mm - center_mm
+            self.errors_mm.append(float(np.linalg.norm(error)))
+            self.normalized.append(float(error @ np.linalg.solve(own[0].covariance_mm2, error)))
+            self.efficiencies.append(own[0].efficiency)
 
     def row(self, condition: Condition) -> list[str]:
         """One line of the table."""
-        count = len(self.errors_mm) + self.missed
+        counts = [condition.name, *map(str, (self.patients, self.markers, self.missed, self.false))]
         if not self.errors_mm:
-            return [condition.name, str(count), str(self.missed), str(self.false), *["-"] * 7]
+            return [*counts, *["-"] * 7]
         normalized = np.array(self.normalized)
         return [
-            condition.name,
-            str(count),
-            str(self.missed),
-            str(self.false),
+            *counts,
             f"{1e3 * np.mean(self.errors_mm):.1f}",
             f"{1e3 * condition.mean_mm:.0f}",
             f"{1e3 * np.max(self.errors_mm):.1f}",
@@ -78,28 +96,22 @@ class Score:
         ]
 
 
-def accuracy(seeds: Iterable[int], cache: Path | None, names: list[str]) -> None:
-    """Print the table of the goals."""
-    heading = [
-        "condition",
-        "n",
-        "missed",
-        "false",
-        "mean um",
-        "goal",
-        "worst um",
-        "goal",
-        "nees",
-        "in 95 %",
-        "eff.",
-    ]
-    rows = [heading]
+Scans = Callable[[Condition, int], Iterator[Case]]
+"""Yields the scans of a condition's patient, by its number."""
+
+
+def accuracy(scans: Scans, markers: int, names: list[str]) -> None:
+    """Print the table of the goals, each condition with at least so many ``markers``."""
+    rows = [list(HEADING)]
     for condition in CONDITIONS:
         if names and condition.name not in names:
             continue
         score = Score()
-        for seed in seeds:
-            for case in cases(condition, seed, cache):
+        for number in itertools.count():
+            if score.markers >= markers or (condition.markers == 0 and number == BARE_SCANS):
+                break
+            score.patients += 1
+            for case in scans(condition, number):
                 score.add(case)
         rows.append(score.row(condition))
     print(align(rows))
@@ -110,8 +122,6 @@ def peers(slices_mm: float) -> None:
     scene = demo_head()
     stack = axial_stack(start_mm=-62.0, stop_mm=117.0, spacing_mm=slices_mm, matrix=384, field_of_view_mm=250.0)
     images = render(scene, stack, noise_hu=15.0, seed=11)
-    from benchmarks.cases import volume
-
     ct = volume(stack, images)
     truth = np.array([marker.center_mm for marker in scene.markers])
     localize(ct, diameter_mm=11.5)  # compile first
@@ -143,30 +153,36 @@ def _compare(centers: FloatArray, truth: FloatArray) -> list[str]:
 
 
 def _nearest(truth_mm: FloatArray, center_mm: FloatArray) -> float:
-    return float(np.linalg.norm(truth_mm - center_mm, axis=1).min())
+    return float(np.linalg.norm(truth_mm - center_mm, axis=1).min(initial=np.inf))
 
 
 def main() -> None:
-    """Run one of the two."""
+    """Run one of them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     verbs = parser.add_subparsers(dest="verb", required=True)
-    goals = verbs.add_parser("accuracy")
-    goals.add_argument("--patients", type=int, default=5)
-    goals.add_argument("--first", type=int, default=5000, metavar="SEED")
-    goals.add_argument("--cache", type=Path)
-    goals.add_argument("--condition", action="append", default=[])
-    others = verbs.add_parser("peers")
-    others.add_argument("--slices-mm", type=float, default=1.0)
+    for name, markers in (("accuracy", 40), ("rendered", 500)):
+        study = verbs.add_parser(name)
+        study.add_argument("--markers", type=int, default=markers)
+        study.add_argument("--first", type=int, default=FIRST_UNSEEN, metavar="SEED")
+        study.add_argument("--condition", action="append", default=[])
+        if name == "accuracy":
+            study.add_argument("--cache", type=Path)
+    verbs.add_parser("peers").add_argument("--slices-mm", type=float, default=1.0)
     arguments = parser.parse_args()
     if arguments.verb == "peers":
         peers(arguments.slices_mm)
-        return
-    seeds = range(arguments.first, arguments.first + arguments.patients)
-    if set(seeds) & set(TUNING_SEEDS):
-        parser.error("the seeds 100 to 102 were used for tuning; choose others")
+    elif arguments.first < FIRST_UNSEEN:
+        parser.error(f"the seeds below {FIRST_UNSEEN} were used for tuning; choose others")
+    else:
+        accuracy(_scans(arguments), arguments.markers, arguments.condition)
+
+
+def _scans(arguments: argparse.Namespace) -> Scans:
+    if arguments.verb == "rendered":
+        return lambda condition, number: surroundings(condition, arguments.first, number)
     if arguments.cache:
         arguments.cache.mkdir(parents=True, exist_ok=True)
-    accuracy(seeds, arguments.cache, arguments.condition)
+    return lambda condition, number: iter([whole_scan(condition, arguments.first, number, arguments.cache)])
 
 
 if __name__ == "__main__":

@@ -2,25 +2,52 @@
 
     python -m benchmarks.pipeline [FOLDER --diameter MM]
 
-Without a folder a head with 11.5 mm markers is rendered: 190 slices of 512 x 512.
+Without a folder two heads are rendered: 190 slices of 512 x 512 with 11.5 mm markers, and 310 slices of 0.6 mm with
+3 mm balls. Extra memory is what localizing needs beyond the volume that was read, at its peak, in a fresh process.
 """
 
 from __future__ import annotations
 
 import argparse
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 from phantoms.fast import render
-from phantoms.library import demo_head
+from phantoms.library import demo_head, patient
 from phantoms.output import write_phantom
+from phantoms.scene import Scene
 from phantoms.stack import axial_stack
 from ronnaplan import localize, read_ct
 from ronnaplan.report.tables import align
 
 REPEATS = 5
+
+TOP_MM = 117.0
+"""Height of the uppermost slice."""
+
+MEASURE_MEMORY = """
+import re, sys
+from dataclasses import replace
+from pathlib import Path
+from ronnaplan import localize, read_ct
+
+def memory(name):
+    return 1024 * int(re.search(name + r":\\s+(\\d+)", Path("/proc/self/status").read_text())[1])
+
+volume, diameter_mm = read_ct(sys.argv[1]), float(sys.argv[2])
+few = slice(0, 12)
+part = replace(volume.grid, origins_mm=volume.grid.origins_mm[few])
+localize(replace(volume, voxels_hu=volume.voxels_hu[few, :256, :256], grid=part), diameter_mm=diameter_mm)  # loads code
+Path("/proc/self/clear_refs").write_text("5")
+before = memory("VmRSS")
+localize(volume, diameter_mm=diameter_mm)
+print((memory("VmHWM") - before) / volume.voxels_hu.nbytes)
+"""
+"""What the fresh process runs: a small part first, so that code is loaded, then the whole."""
 
 
 def main() -> None:
@@ -33,13 +60,14 @@ def main() -> None:
         measure(arguments.folder, arguments.diameter)
         return
     with tempfile.TemporaryDirectory() as folder:
-        measure(make_series(Path(folder) / "ct"), arguments.diameter)
+        measure(make_series(Path(folder) / "large", demo_head(), slices=190, spacing_mm=1.0), 11.5)
+        measure(make_series(Path(folder) / "small", patient(8, "titanium 3"), slices=310, spacing_mm=0.6), 3.0)
 
 
-def make_series(folder: Path) -> Path:
-    """Render the demo head as 190 slices of 512 x 512 and write it, uncompressed."""
-    scene = demo_head()
-    stack = axial_stack(start_mm=-72.0, stop_mm=117.0, spacing_mm=1.0, field_of_view_mm=250.0)
+def make_series(folder: Path, scene: Scene, *, slices: int, spacing_mm: float) -> Path:
+    """Render ``scene`` in slices of 512 x 512 up to above the head and write them, uncompressed."""
+    start_mm = TOP_MM - (slices - 1) * spacing_mm
+    stack = axial_stack(start_mm=start_mm, stop_mm=TOP_MM, spacing_mm=spacing_mm, field_of_view_mm=250.0)
     write_phantom(folder, scene, stack, render(scene, stack, noise_hu=15.0, seed=1))
     return folder
 
@@ -58,6 +86,13 @@ def measure(folder: Path, diameter_mm: float) -> None:
     reference = times["SimpleITK: list and read"]
     rows = [[name, f"{seconds:.3f}", f"{seconds / reference:.2f}"] for name, seconds in times.items()]
     print(align([["", "s", "ratio"], *rows]))
+    print(f"extra memory: {extra_memory(folder, diameter_mm):.2f} of the voxels\n", flush=True)
+
+
+def extra_memory(folder: Path, diameter_mm: float) -> float:
+    """Peak memory of localizing beyond that of having read, as a share of the voxels', in a fresh process."""
+    command = [sys.executable, "-c", MEASURE_MEMORY, str(folder), str(diameter_mm)]
+    return float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 
 
 def best(action: Callable[[], object]) -> float:

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 HELP = "Open the planner: a local web page with the scan, its markers, trajectories and registration."
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument("ct", metavar="CT", help="a DICOM folder, file or zip archive, or an image")
+    parser.add_argument(
+        "ct",
+        metavar="CT",
+        nargs="?",
+        help="a DICOM folder, file or zip archive, or an image (default: ct beside the plan, or the images there)",
+    )
     parser.add_argument("--series", metavar="UID", help="the series to use, where CT holds several")
     parser.add_argument(
         "--plan", metavar="FILE", help="plan.json, made if it is not there (default: in the present folder)"
@@ -21,6 +27,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--no-go", action="append", default=[], metavar="LABELS", help="a label map to keep away from; repeatable"
     )
     parser.add_argument("--tracker", metavar="HOST:PORT", help="an OpenIGTLink server to listen to when asked")
+    parser.add_argument(
+        "--patient", action="store_true", help="show the patient's name, which is left out otherwise"
+    )
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this machine only)")
     parser.add_argument("--port", type=int, default=0, help="port to listen on (default: any that is free)")
 
@@ -37,11 +46,34 @@ def run(arguments: argparse.Namespace) -> int:
     storage = Storage.of(arguments.plan, arguments.fiducials, arguments.registration)
     limits = read_limits(arguments.limits) if arguments.limits else None
     tracker = _address(arguments.tracker) if arguments.tracker else None
-    volume = read_ct(arguments.ct, arguments.series, progress=True)
+    ct = arguments.ct or _scan_beside(storage.plan)
+    volume = read_ct(ct, arguments.series, progress=True)
+    patient = _patient(ct, arguments.series) if arguments.patient else None
     no_go = {name: mask for path in arguments.no_go for name, mask in read_label_map(path, volume).items()}
     state = PlannerState(volume, storage, limits, no_go)
-    serve(state, host=arguments.host, port=arguments.port, tracker=tracker)
+    serve(state, host=arguments.host, port=arguments.port, tracker=tracker, patient=patient)
     return 0
+
+
+def _scan_beside(plan: Path) -> Path:
+    """Return where the scan of the case lies that ``plan`` belongs to."""
+    from ronnaplan.errors import UsageError
+    from ronnaplan.report.case import CT_FOLDER, scan_in
+
+    found = scan_in(plan.parent)
+    if found is None:
+        raise UsageError(
+            f"no CT lies in {plan.parent / CT_FOLDER} or beside {plan.name}; name one: ronnaplan view CT"
+        )
+    return found
+
+
+def _patient(ct: str | Path, series_uid: str | None) -> str:
+    """Return the patient's name in the scan, empty where it holds none."""
+    from ronnaplan.ct import find_series
+    from ronnaplan.ct.images import is_image_file
+
+    return "" if is_image_file(Path(ct)) else find_series(ct).choose(series_uid).first.patient_name
 
 
 def _address(text: str) -> tuple[str, int]:

@@ -54,6 +54,13 @@ class SliceGrid:
         return unit(np.cross(self.column_step_mm, self.row_step_mm))
 
     @cached_property
+    def axes(self) -> FloatArray:
+        """Unit vectors u (along a row), v (down a column) and w (the normal) in LPS, as rows (3, 3)."""
+        return np.stack(
+            [self.column_step_mm / self.column_spacing_mm, self.row_step_mm / self.row_spacing_mm, self.normal]
+        )
+
+    @cached_property
     def slice_positions_mm(self) -> FloatArray:
         """Place (K,) of each slice along ``normal``."""
         return self.origins_mm @ self.normal

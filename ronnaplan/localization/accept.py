@@ -13,7 +13,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.descent import BLUR_BOUNDS_MM, MAX_WANDER
 from ronnaplan.localization.detect import MIN_CONTRAST_HU
 from ronnaplan.localization.neighbourhood import cell_directions
-from ronnaplan.localization.refine import MAX_THICKNESS_RATIO, BallFit, margin_mm
+from ronnaplan.localization.refine import BallFit, margin_mm
 from ronnaplan.localization.uncertainty import center_covariance
 
 DIAMETER_TOLERANCE = 0.06
@@ -33,6 +33,10 @@ MIN_INFORMED = 0.3
 
 MAX_MISFIT = 0.06
 """Largest RMS residual on the surface, as a share of the contrast, beyond what noise explains."""
+
+THICKNESS_RATIO = 1.4
+THICKNESS_MARGIN_MM = 0.3
+"""The effective slice thickness exceeds the nominal one by no more: what looks longer along the slices is no ball."""
 
 MAX_NOISE = 0.2
 """Noise, as a share of the contrast, that is allowed for in the misfit; a noisier scan is not fit for use."""
@@ -115,7 +119,7 @@ def _blur(evidence: Evidence) -> str | None:
 
 def _thickness(evidence: Evidence) -> str | None:
     thickness = float(evidence.fit.theta[5])
-    if thickness <= MAX_THICKNESS_RATIO * evidence.thickness_mm + 0.5:
+    if thickness <= THICKNESS_RATIO * evidence.thickness_mm + THICKNESS_MARGIN_MM:
         return None
     return f"its ends are blurred over {thickness:.1f} mm, slices of {evidence.thickness_mm:.1f} mm expected"
 

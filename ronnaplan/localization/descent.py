@@ -15,6 +15,10 @@ from ronnaplan.localization.neighbourhood import Neighbourhood
 BLUR_BOUNDS_MM = (0.12, 2.5)
 """In-plane blur of any CT at all; a fit that ends here is no ball seen by a scanner."""
 
+MAX_CONTRAST_HU = 32000.0
+"""No extended scale of a CT goes beyond this (16 bits with an offset): where clipping hides a ball's true contrast,
+it cannot run away."""
+
 PRIOR_NOISE_HU = 10.0
 """Noise at which the priors above are meant; it only sets their weight against the voxels."""
 
@@ -97,8 +101,7 @@ def descend(
     damping = FIRST_DAMPING
     cost, slope, matrix = equations(theta)
     for _ in range(MAX_STEPS):
-        step = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix) + 1e-9), slope)
-        trial = _bounded(theta + step)
+        trial = _bounded(theta + _step(matrix, slope, damping, theta))
         if float(np.abs(trial[:3] - theta[:3]).max()) < STEP_TOLERANCE_MM:
             return trial, True
         if float(np.linalg.norm(trial[:3])) > 2.0 * MAX_WANDER * theta[3]:
@@ -112,10 +115,20 @@ def descend(
     return theta, False
 
 
+def _step(matrix: FloatArray, slope: FloatArray, damping: float, theta: FloatArray) -> FloatArray:
+    free = np.ones(len(slope), dtype=np.bool_)
+    free[6] = theta[6] < MAX_CONTRAST_HU or slope[6] <= 0.0  # at its bound: the others move without it
+    damped = (matrix + damping * np.diag(np.diag(matrix) + 1e-9))[np.ix_(free, free)]
+    step = np.zeros(len(slope))
+    step[free] = np.linalg.solve(damped, slope[free])
+    return step
+
+
 def _bounded(theta: FloatArray) -> FloatArray:
     theta[3] = max(theta[3], 0.2)
     theta[4] = np.clip(theta[4], *BLUR_BOUNDS_MM)
     theta[5] = max(theta[5], 0.02)
+    theta[6] = min(theta[6], MAX_CONTRAST_HU)
     return theta
 
 

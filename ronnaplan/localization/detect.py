@@ -51,19 +51,12 @@ class Candidates:
     vote_shares: FloatArray
 
 
-def slice_axes(grid: SliceGrid) -> FloatArray:
-    """Rows are the unit vectors u (along a row), v (down a column) and w (the normal) in LPS: (3, 3)."""
-    return np.stack(
-        [grid.column_step_mm / grid.column_spacing_mm, grid.row_step_mm / grid.row_spacing_mm, grid.normal]
-    )
-
-
 def detect(volume: CTVolume, diameter_mm: float) -> Candidates:
     """Find the places where the scan's edges agree on a ball of ``diameter_mm``."""
     voxel_mm = max(diameter_mm * COARSE_SHARE, min(diameter_mm / 3.0, COARSE_FLOOR_MM))
     coarse = coarsen(volume, voxel_mm)
     grid = coarse.grid
-    axes = slice_axes(grid)
+    axes = grid.axes
     origins = grid.origins_mm @ axes.T
     steps = np.array([grid.column_spacing_mm, grid.row_spacing_mm])
     cell_mm = max(diameter_mm / VOTE_CELLS_PER_DIAMETER, float(steps.min()))

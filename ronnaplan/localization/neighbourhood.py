@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.detect import slice_axes
 
 CELLS_PER_EDGE = 4
 """The directions about a centre are sorted into the 6 x 4 x 4 cells of a cube, each about 22 degrees wide."""
@@ -44,7 +43,7 @@ class Neighbourhood:
 def gather(volume: CTVolume, center_mm: FloatArray, reach_mm: float) -> Neighbourhood:
     """Collect the measured voxels within ``reach_mm`` of ``center_mm`` (3,) in LPS."""
     grid = volume.grid
-    axes = slice_axes(grid)
+    axes = grid.axes
     places = grid.slice_positions_mm - center_mm @ grid.normal
     first, last = np.searchsorted(places, [-reach_mm, reach_mm])
     center_uv = axes[:2] @ center_mm

@@ -45,6 +45,18 @@ SKIN_PRIOR_PLACE = 0.3
 FROZEN_WEIGHT = 1e15
 """Weight (HU^2 per mm^2) against which no data move a parameter."""
 
+CLIPPED_RADIUS_HOLD = 15.0
+"""Where the inside is clipped, size and contrast look alike and only the stated size can tell them apart: a radius
+that is off by this part of itself weighs as much as one voxel that is off by the contrast."""
+
+TILT_BELIEF = 0.5
+"""How much of the contrast's slope that a fit would find is believed. The side of a ball that faces the head is seen by
+a harder beam, so its contrast slopes; a fit without that slope and one with it err to opposite sides and equally far
+(physically simulated patients), so the centre is put between the two."""
+
+PLATEAU_SHARE = 0.9
+"""The contrast's slope is only asked for where the scale reaches this share of the contrast: clipped metal hides it."""
+
 CLIPPED_START = 2.0
 """Where the inside is clipped, the search for the true contrast begins at this many times the visible one."""
 
@@ -83,7 +95,8 @@ class BallFit:
     ``theta`` (P,) holds the model's `PARAMETERS` (and `SKIN_PARAMETERS` where it lies on something), with the
     centre relative to the neighbourhood's origin along u, v, w. ``used`` (N,) marks the voxels that informed the
     fit, ``residuals_hu`` (N,) is data minus model, ``jacobian`` (N, P) the model's derivatives, and
-    ``influence_mm_per_hu`` (N, 3) how far one HU at a voxel moves the centre.
+    ``influence_mm_per_hu`` (N, 3) how far one HU at a voxel moves the centre. ``shows_plateau`` says whether the scale
+    reaches up to the ball's own level.
     """
 
     neighbourhood: Neighbourhood
@@ -94,6 +107,7 @@ class BallFit:
     influence_mm_per_hu: FloatArray
     verdict: Verdict
     converged: bool
+    shows_plateau: bool
 
     @property
     def center_mm(self) -> FloatArray:
@@ -147,7 +161,7 @@ def fit_ball(around: Neighbourhood, diameter_mm: float, thickness_mm: float, cei
     where it does not).
     """
     theta = _start(around, diameter_mm, thickness_mm, ceiling_hu)
-    prior = _ball_prior(theta)
+    prior = _ball_prior(theta, is_clipped=theta[6] + theta[7] > ceiling_hu)
     # What is brighter than the ball (an insert, a screw) must not draw the first fit to itself.
     dimmed = replace(around, values_hu=np.minimum(around.values_hu, theta[6] + theta[7]))
     few = _thinned(len(around.values_hu))
@@ -198,7 +212,29 @@ def _ball_fit(
 ) -> BallFit:
     residuals, jacobian = residuals_and_jacobian(around, theta, ceiling_hu)
     moves = influence(jacobian, used, prior.weight)
-    return BallFit(around, theta, used, residuals, jacobian, moves, verdict, converged)
+    shows_plateau = bool(ceiling_hu - theta[7] >= PLATEAU_SHARE * theta[6])
+    if shows_plateau:
+        shift_mm, tilted_moves = _tilt(around, theta, residuals, jacobian, used, prior)
+        theta = np.append(theta[:3] + TILT_BELIEF * shift_mm, theta[3:])
+        moves = (1.0 - TILT_BELIEF) * moves + TILT_BELIEF * tilted_moves
+    return BallFit(around, theta, used, residuals, jacobian, moves, verdict, converged, shows_plateau)
+
+
+def _tilt(
+    around: Neighbourhood,
+    theta: FloatArray,
+    residuals_hu: FloatArray,
+    jacobian: FloatArray,
+    used: NDArray[np.bool_],
+    prior: Prior,
+) -> tuple[FloatArray, FloatArray]:
+    """How far the centre (3,) would move if the contrast had a slope, and each voxel's influence (N, 3) then."""
+    tilt = jacobian[:, 6:7] * (around.offsets_mm - theta[:3])
+    informed = np.where(used[:, np.newaxis], np.hstack([jacobian, tilt]), 0.0)
+    inverse = np.linalg.pinv(informed.T @ informed + np.diag(np.append(prior.weight, np.zeros(3))), hermitian=True)
+    # The fit without a slope is at rest, so only the slope's own columns still pull.
+    shift_mm: FloatArray = inverse[:3, -3:] @ (informed[:, -3:].T @ residuals_hu)
+    return shift_mm, informed @ inverse[:, :3]
 
 
 def _thinned(count: int) -> NDArray[np.bool_]:
@@ -219,11 +255,14 @@ def _start(around: Neighbourhood, diameter_mm: float, thickness_mm: float, ceili
     return np.array([0, 0, 0, diameter_mm / 2, TYPICAL_BLUR_MM, thickness_mm, contrast, low, 0, 0, 0], np.float64)
 
 
-def _ball_prior(start: FloatArray) -> Prior:
+def _ball_prior(start: FloatArray, *, is_clipped: bool) -> Prior:
     spread = np.full(len(PARAMETERS), np.inf)
     spread[3], spread[5] = RADIUS_PRIOR * start[3], THICKNESS_PRIOR * start[5]
     spread[8:11] = SLOPE_PRIOR_PER_MM * start[6]
-    return Prior.of(np.where(np.isfinite(spread), start, 0.0), spread)
+    prior = Prior.of(np.where(np.isfinite(spread), start, 0.0), spread)
+    if is_clipped:
+        prior.weight[3] = (CLIPPED_RADIUS_HOLD * start[6] / start[3]) ** 2
+    return prior
 
 
 def _frozen(prior: Prior, start: FloatArray) -> Prior:

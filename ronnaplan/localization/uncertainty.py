@@ -1,14 +1,14 @@
-"""The covariance of a fitted centre: noise as it is in the image, plus what the model cannot know.
+"""The covariance of a fitted centre: what the image itself shows of noise and model error.
 
-CT noise is correlated from voxel to voxel, so counting voxels as independent would misstate the accuracy. The
-centre is a weighted sum of voxel values (`BallFit.influence_mm_per_hu`), so its covariance is that weighting
-applied on both sides of the noise's autocovariance, which is measured from the residuals of the fit itself.
+The centre is a weighted sum of voxel values (`BallFit.influence_mm_per_hu`), so what the residuals of one slice do to
+it is their weighted sum. Slices are measured apart, so these sums are taken as independent, and the sum of their
+squares is the cluster-robust "sandwich" estimate of the covariance (K.-Y. Liang and S. Zeger, Biometrika 73:13, 1986):
+noise enters with its correlation within the slice as it is, and so does whatever else differs from slice to slice,
+such as streaks and a blur that is not quite Gaussian.
 
-At usual doses noise is the smaller part. The larger is what
-the model leaves over: streaks, blur that is not quite Gaussian, neighbours. It shows in two ways: as misfit that
-noise does not explain, which stands for an edge displaced by a share of misfit x blur, and as a background that
-slopes. Both shares were fitted to the errors on physically simulated patients (``benchmarks/localization.py``
-with the seeds 100 to 102).
+What all slices share, no residual shows. It is stated from three signs of it: a background that slopes (streaks and
+shading, which never just slope), the slices' thickness, and what stands beside the ball. How much each stands for was
+fitted to the errors on physically simulated patients, which `docs/localization.md` names.
 """
 
 from __future__ import annotations
@@ -16,15 +16,9 @@ from __future__ import annotations
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.directions import cell_means, edge_depth, on_surface
-from ronnaplan.localization.neighbourhood import direction_cells
+from ronnaplan.localization.directions import cell_means, edge_depth
+from ronnaplan.localization.neighbourhood import CELL_COUNT, cell_directions, direction_cells
 from ronnaplan.localization.refine import BallFit
-
-MAX_LAG = (1, 3, 3)
-"""Farthest noise correlation that is measured, in slices, rows and columns."""
-
-MIN_PAIRS = 30
-"""A correlation measured on fewer pairs of voxels is chance and is left at zero."""
 
 MIN_FLAT_VOXELS = 30
 """A zone with fewer voxels says nothing of the noise."""
@@ -35,20 +29,31 @@ MIN_FREEDOM = 0.3
 QUANTIZATION_NOISE_HU = 12.0**-0.5
 """Standard deviation of rounding to whole HU: no scan has less noise than this."""
 
-MISFIT_BLUR_SHARE = 0.45
-"""Standard error per axis that the unexplained misfit stands for, as a share of misfit x blur."""
+SEEN_SHARE = 0.93
+"""How much of what the slices show is error: the rest is stated below."""
 
-SLOPE_REACH_MM = np.array([1.7, 1.7, 5.6])
-"""Standard errors along u, v, w that a sloping background (a streak, which never just slopes) stands for, as
-slope / contrast x slice thickness x this."""
+SLOPE_IN_PLANE = 4.7
+SLOPE_IN_PLANE_CLIPPED = 9.6
+SLOPE_ASIDE = 0.6
+SLOPE_ACROSS = 33.0
+"""Standard errors that a sloping background stands for, as shares of slope x blur / contrast: in the slice plane along
+the slope (and where clipping hides the ball's own contrast), there in any direction, and across the slices, where
+their thickness is the blur."""
 
-LEAST_ERROR_MM = 0.0007
-"""Standard error per axis that stays in any scan: finite tables, edges that are not quite the model's."""
+THICKNESS_ERROR = 0.0007
+"""Standard error across the slices, as a share of their thickness: their profile is not quite a box."""
+
+NEIGHBOUR_ERROR = 0.04
+"""Standard error toward what stands beside the ball, as a share of its part of the surface x its brightness over the
+ball's x blur: it was left out of the fit, but its blur was not."""
+
+LEAST_ERROR_MM = 0.00005
+"""Standard error per axis that stays in any scan: finite tables."""
 
 
 def center_covariance(fit: BallFit) -> FloatArray:
     """Covariance (3, 3) of the fitted centre in LPS, mm^2: noise and model error."""
-    total = _noise_covariance(fit) + _model_covariance(fit)
+    total = _seen_covariance(fit) + _unseen_covariance(fit)
     axes = fit.neighbourhood.axes
     rotated: FloatArray = axes.T @ total @ axes
     return (rotated + rotated.T) / 2.0
@@ -90,61 +95,36 @@ def noise_level(fit: BallFit) -> float:
     return max(min(levels, default=_rms(fit.residuals_hu[fit.used])), QUANTIZATION_NOISE_HU)
 
 
-def noise_autocorrelation(fit: BallFit) -> FloatArray:
-    """Correlation of the noise by lag in slices, rows and columns, zero lag in the middle.
-
-    The shape is twice `MAX_LAG` plus one along each axis; lags with fewer than `MIN_PAIRS` pairs are zero.
-    """
-    from scipy.signal import correlate
-
-    scale = _rms(fit.residuals_hu[fit.used])
-    residuals = _on_grid(fit, np.where(fit.used, fit.residuals_hu / scale, 0.0)[:, np.newaxis])[..., 0]
-    present = _on_grid(fit, fit.used.astype(np.float64)[:, np.newaxis])[..., 0]
-    boxes = (residuals, present)
-    padded = [np.pad(box, [(lag, lag) for lag in MAX_LAG]) for box in boxes]
-    sums, counts = (
-        correlate(big, box, mode="valid", method="fft") for big, box in zip(padded, boxes, strict=True)
-    )
-    correlation: FloatArray = np.where(counts > MIN_PAIRS, sums / np.maximum(counts, 1.0), 0.0)
-    correlation[MAX_LAG] = 1.0
-    return correlation
+def _seen_covariance(fit: BallFit) -> FloatArray:
+    """Covariance (3, 3) along u, v, w from what the residuals of each slice do to the centre."""
+    slices = fit.neighbourhood.indices[fit.used, 0]
+    moves = (fit.influence_mm_per_hu * fit.residuals_hu[:, np.newaxis])[fit.used]
+    sums = np.zeros((int(slices.max(initial=0)) + 1, 3))
+    np.add.at(sums, slices, moves)
+    count = len(np.unique(slices))
+    freedom = count / max(count - 2, 1)  # centre and background have adapted to a few slices more than to many
+    covariance: FloatArray = SEEN_SHARE * freedom * (sums.T @ sums)
+    return covariance
 
 
-def _noise_covariance(fit: BallFit) -> FloatArray:
-    """Covariance (3, 3) along u, v, w from noise alone."""
-    from scipy.signal import fftconvolve
+def _unseen_covariance(fit: BallFit) -> FloatArray:
+    """Covariance (3, 3) along u, v, w from what all slices share."""
+    slope = fit.theta[8:11] / fit.contrast_hu
+    aside_mm = SLOPE_ASIDE * float(np.linalg.norm(slope)) * fit.sigma_mm
+    across_mm = np.hypot(SLOPE_ACROSS * slope[2], THICKNESS_ERROR) * fit.theta[5]
+    along = SLOPE_IN_PLANE if fit.shows_plateau else SLOPE_IN_PLANE_CLIPPED
+    along_mm = along * fit.sigma_mm * slope * [1.0, 1.0, 0.0]
+    beside_mm = NEIGHBOUR_ERROR * fit.sigma_mm * _beside(fit)
+    covariance: FloatArray = np.outer(along_mm, along_mm) + np.outer(beside_mm, beside_mm)
+    return covariance + np.diag(np.square([aside_mm, aside_mm, across_mm]) + LEAST_ERROR_MM**2)
 
-    weights = _on_grid(fit, fit.influence_mm_per_hu * noise_level(fit))
-    correlation = noise_autocorrelation(fit)[..., np.newaxis]
-    spread = fftconvolve(weights, correlation, mode="same", axes=(0, 1, 2))
-    return _positive(weights.reshape(-1, 3).T @ spread.reshape(-1, 3))
 
-
-def _model_covariance(fit: BallFit) -> FloatArray:
-    """Covariance (3, 3) along u, v, w from what is not noise."""
-    near = fit.used & on_surface(fit.neighbourhood.offsets_mm, fit.theta)
-    unexplained_hu2 = max(_rms(fit.residuals_hu[near]) ** 2 - noise_level(fit) ** 2, 0.0)
-    from_misfit = MISFIT_BLUR_SHARE * np.sqrt(unexplained_hu2) / fit.contrast_hu * fit.sigma_mm
-    slope = float(np.linalg.norm(fit.theta[8:11])) / fit.contrast_hu
-    from_slope = SLOPE_REACH_MM * fit.theta[5] * slope
-    return np.diag(from_misfit**2 + from_slope**2 + LEAST_ERROR_MM**2)
+def _beside(fit: BallFit) -> FloatArray:
+    """Where the directions that were left out point (3,): their mean over all, weighted by their brightness."""
+    brightness = np.clip(fit.verdict.excess_hu / fit.contrast_hu, 0.0, 1.0) * (fit.verdict.state == 0)
+    toward: FloatArray = brightness @ cell_directions() / CELL_COUNT
+    return toward
 
 
 def _rms(values: FloatArray) -> float:
     return max(float(np.sqrt(np.mean(values**2))), QUANTIZATION_NOISE_HU) if values.size else 1.0
-
-
-def _on_grid(fit: BallFit, values: FloatArray) -> FloatArray:
-    """Lay per-voxel values (N, C) out on their box of the scan (K, J, I, C), zero elsewhere."""
-    indices = fit.neighbourhood.indices
-    low = indices.min(axis=0)
-    box = np.zeros((*(indices.max(axis=0) - low + 1), values.shape[1]))
-    box[tuple((indices - low).T)] = values
-    return box
-
-
-def _positive(matrix: FloatArray) -> FloatArray:
-    """Nearest symmetric matrix without negative variances (a measured autocovariance may give a tiny one)."""
-    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2.0)
-    positive: FloatArray = (vectors * np.maximum(values, 0.0)) @ vectors.T
-    return positive

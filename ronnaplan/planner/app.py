@@ -10,62 +10,65 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from ronnaplan.errors import RonnaplanError
-from ronnaplan.planner import drawing
+from ronnaplan.errors import RonnaplanError, UsageError
+from ronnaplan.planner import drawing, panels
+from ronnaplan.planner.actions import Actions, key_actions
 from ronnaplan.planner.cuts import PATH_VIEWS, STANDARD, WINDOWS_HU, jpeg
+from ronnaplan.planner.head import HeadView
 from ronnaplan.planner.judgement import Judgement
-from ronnaplan.planner.pointer import ZOOM_STEP, Pixel, Pointer
-from ronnaplan.planner.scene import Scene
+from ronnaplan.planner.overlay import over_head
+from ronnaplan.planner.pointer import HEAD, Pointer
 from ronnaplan.planner.state import PlannerState
-from ronnaplan.planner.surfaces import SURFACES_HU, region, surface
-from ronnaplan.planning import INSTRUMENTS, Proposals
-from ronnaplan.planning.trajectory import instrument_named
+from ronnaplan.planning import INSTRUMENTS
 
 CUTS = (*STANDARD, *PATH_VIEWS)
 PAGE = files("ronnaplan.planner") / "page"
 READY = "research software, not a medical device"
+WORKING = "working ..."
 
 FIRST_LOOK_S = 0.5
 """The browser has this long to draw the cuts before the rest is loaded."""
 
-
 SENDING_S = 0.002
 """The web socket sends what was flushed while a handler pauses this long."""
 
+USUAL_DIAMETER_MM = 11.5
+"""Offered for localizing while no markers are known."""
+
 
 def _template() -> str:
-    """Return the page, with one view for every cut."""
+    """Return the page, with one view for every cut and one for the head."""
     page = (PAGE / "planner.html").read_text(encoding="utf-8")
     view = (PAGE / "view.html").read_text(encoding="utf-8")
-    return page.replace("<!-- views -->", "".join(view.replace("VIEW", name) for name in CUTS))
+    return page.replace(
+        "<!-- views -->", "".join(view.replace("VIEW", name) for name in (*STANDARD, HEAD, *PATH_VIEWS))
+    )
+
+
+def _in_print(key: str) -> str:
+    """Return a key as it is printed on a keyboard."""
+    names = {"pageup": "Page Up", "pagedown": "Page Down"}
+    return " + ".join(names.get(part, part.title()) for part in key.split("+"))
 
 
 class PlannerApp:
     """Binds one `PlannerState` to one trame server."""
 
-    def __init__(self, state: PlannerState, server: Any, tracker: tuple[str, int] | None = None) -> None:
-        self.state, self.server, self.tracker = state, server, tracker
+    def __init__(
+        self,
+        state: PlannerState,
+        server: Any,
+        tracker: tuple[str, int] | None = None,
+        patient: str | None = None,
+    ) -> None:
+        """Bind ``state``; ``patient`` is the name to show, None to show none."""
+        self.state, self.server, self.tracker, self.patient = state, server, tracker, patient
+        self.head = HeadView(state)
         self.pointer = Pointer(state)
-        self.scene: Scene | None = None
-        self.proposals: Proposals | None = None
-        self.surface = "skin"
-        self._turning: tuple[float, float] | None = None
+        self.actions = Actions(state, self.pointer)
+        self._keys = key_actions(state, self.pointer)
         self._waking = False
         self._drawn: dict[str, Any] = {}
-        self._keys: dict[str, Callable[[], None]] = {
-            "a": self.pointer.add,
-            "escape": self._escape,
-            "f": state.fit,
-            "s": self._other_surface,
-            "ctrl+z": state.undo,
-            "ctrl+y": state.redo,
-            "1": lambda: state.choose_window("bone"),
-            "2": lambda: state.choose_window("brain"),
-            "3": lambda: state.choose_window("wide"),
-            "pageup": lambda: state.scroll("axial", -1),
-            "pagedown": lambda: state.scroll("axial", 1),
-            "delete": lambda: state.remove(state.selected) if state.selected else None,
-        }
         self._set_up_page()
         self._listen_to_page()
         server.controller.on_client_connected.add_task(self._wake)
@@ -84,23 +87,23 @@ class PlannerApp:
                 "styles": ["planner_page/planner.css"],
             }
         )
-        values = self.server.state
+        values, found = self.server.state, self.state.fiducials
         values.trame__title = "ronnaplan"
         values.update(
             {
                 "windows": list(WINDOWS_HU),
                 "keys": list(self._keys),
+                "key_help": [(_in_print(key), words) for key, (words, _) in self._keys.items()],
                 "instruments": list(INSTRUMENTS),
                 "tracker": "" if self.tracker is None else f"{self.tracker[0]}:{self.tracker[1]}",
+                "patient": "" if self.patient is None else self.patient or "(no name)",
                 "tab": "paths",
                 "show_rejected": False,
-                "diameter": 11.5,
-                "pointed": "",
-                "pointed_reading": "",
+                "diameter": found.marker.diameter_mm if found else USUAL_DIAMETER_MM,
+                "marker_count": 6,
+                "ready": READY,
                 "message": READY,
-                "placement": "",
-                "proposals": [],
-                "picture_head": "",
+                "refusals": 0,
             }
         )
         values.change("show_rejected")(lambda **_: self.refresh())
@@ -111,54 +114,55 @@ class PlannerApp:
 
     async def _wake(self, **_: Any) -> None:
         """Once the first picture is seen: load what measures and what draws in 3-D, which takes seconds."""
-        if self.scene is not None or self._waking:
+        if self._waking:
             return
         self._waking = True
         await asyncio.sleep(FIRST_LOOK_S)
         await asyncio.get_running_loop().run_in_executor(None, self._warm_up)
-        self.scene = Scene(self.state)
-        self._show_surface()
-        for name, mask in self.state.no_go.items():
-            self.scene.show_region(name, *region(self.state.volume, mask))
+        self.head.open()
+        self.pointer.head = self.head.scene
         with self.server.state:
             self.refresh()
 
     def _warm_up(self) -> None:
-        import pyvista  # noqa: F401
-
         for one in self.state.plan.trajectories:
             self.state.judge(one)
 
-    def close(self) -> None:
-        """Give the graphics memory back."""
-        if self.scene is not None:
-            self.scene.close()
+    # --- drawing ---------------------------------------------------------------------------------------------
 
     def refresh(self) -> None:
         """Draw whatever is not as the page has it; pictures only where their plane or window changed."""
-        self._refresh_cuts()
+        self._refresh_views()
         values, state = self.server.state, self.state
-        judged = state.judge(state.chosen) if state.chosen and self.scene else Judgement(problem="measuring ...")
+        judged = (
+            state.judge(state.chosen) if state.chosen and self.head.scene else Judgement(problem="measuring ...")
+        )
         values.markers, values.rejected = drawing.marker_rows(state), drawing.rejected_rows(state)
         values.paths, values.chosen = drawing.path_rows(state), drawing.chosen_path(state, judged)
-        values.registration = drawing.registration_panel(state)
+        values.landmarks = panels.landmark_rows(state)
+        values.registration, values.pointing = drawing.registration_panel(state), panels.pointing_panel(state)
+        values.proposals, values.placement = panels.proposal_rows(state), panels.placement_line(state)
         values.readings = state.storage.readings()
-        values.reading_labels = list(state.readings_mm.labels) if state.readings_mm else []
         values.look = {
             "window": state.window,
             "adding": self._asks(),
-            "can_undo": bool(state.plan.history),
-            "can_redo": bool(state.plan.undone),
-            "surface": self.surface,
+            "can_undo": state.can_undo,
+            "can_redo": state.can_redo,
+            "surface": state.surface,
+            "marker": state.marker or "",
+            "sought": state.fiducials.marker.diameter_mm if state.fiducials else 0,
         }
-        if self.scene is not None:
-            values.picture_head = self._head_picture(self.scene)
+        values.picture_head = self.head.picture()
 
-    def _refresh_cuts(self) -> None:
+    def _refresh_views(self) -> None:
+        """Draw the cuts, and what lies over the 3-D picture."""
         values = self.server.state
         for view in CUTS:
             values[f"drawn_{view}"] = drawing.over_cut(self.state, view, values.show_rejected)
             values[f"picture_{view}"] = self._picture(view)
+        values.drawn_head = over_head(
+            self.state, self.head.camera, values.show_rejected, self.head.region_places_mm
+        )
 
     def _asks(self) -> str:
         if not self.pointer.adding:
@@ -171,113 +175,48 @@ class PlannerApp:
             return ""
         cut, window = state.cut(view), WINDOWS_HU[state.window]
         plane = (tuple(cut.centre_mm.round(6)), tuple(cut.right), tuple(cut.down), cut.field_mm, window)
-        return self._kept(view, plane, lambda: jpeg(state.scan, cut, window))
-
-    def _kept(self, view: str, key: Any, draw: Callable[[], bytes]) -> str:
-        """Return the picture of a view, drawn anew only if ``key`` differs from the last time."""
         last = self._drawn.get(view)
-        if last is None or last[0] != key:
-            last = (key, f"data:image/jpeg;base64,{base64.b64encode(draw()).decode()}")
-            self._drawn[view] = last
-        picture: str = last[1]
-        return picture
+        if last is None or last[0] != plane:
+            picture = base64.b64encode(jpeg(state.scan, cut, window)).decode()
+            last = self._drawn[view] = (plane, f"data:image/jpeg;base64,{picture}")
+        return str(last[1])
 
-    # --- the head in 3-D ---------------------------------------------------------------------------------------
-
-    def _head_key(self, scene: Scene) -> Any:
-        camera = scene.plotter.camera
-        paths = tuple(
-            (one.name, *one.entry_mm, *one.target_mm, one.colour) for one in self.state.plan.trajectories
-        )
-        view = (*camera.position, *camera.focal_point, camera.distance)
-        return view, self.surface, paths, id(self.state.fiducials), id(self.proposals), self.server.state.placement
-
-    def _head_picture(self, scene: Scene) -> str:
-        """Return the 3-D picture; while an end is dragged the last one stays, for it takes longest."""
-        last = self._drawn.get("head")
-        if last is not None and self.state.dragging:
-            return str(last[1])
-        return self._kept("head", self._head_key(scene), lambda: self._draw_head(scene))
-
-    def _draw_head(self, scene: Scene) -> bytes:
-        scene.hide_paths()
-        for one in self.state.plan.trajectories:
-            scene.show_path(one, self.state.judge(one).measures)
-        scene.show_markers()
-        scene.show_proposals(self.proposals)
-        return scene.draw()
-
-    def _show_surface(self) -> None:
-        if self.scene is not None:
-            self.scene.show_surface(self.surface, *surface(self.state.volume, SURFACES_HU[self.surface]))
-
-    def _other_surface(self) -> None:
-        self.surface = "skull" if self.surface == "skin" else "skin"
-        self._show_surface()
-
-    def _escape(self) -> None:
-        if self.pointer.adding:
-            self.pointer.add()
-
-    # --- events ------------------------------------------------------------------------------------------------
+    # --- events ----------------------------------------------------------------------------------------------
 
     def _listen_to_page(self) -> None:
-        state = self.state
-        actions: dict[str, Callable[..., Any]] = {
-            "press": self._press,
-            "release": self._release,
-            "wheel": self._wheel,
-            "key": lambda key: self._keys[key](),
-            "window": state.choose_window,
-            "select": state.select,
-            "lock": state.lock,
-            "remove": state.remove,
-            "place": self._place,
-            "colour": lambda name, colour: state.edit(name, colour=colour.lower()),
-            "instrument": lambda name, kind: state.edit(name, instrument=instrument_named(kind)),
-            "jump": state.jump_to_marker,
-            "jump_rejected": self._jump_rejected,
-            "reject": state.reject_marker,
-            "accept": lambda index: state.accept_marker(int(index)),
-            "rename": state.rename_marker,
-            "readings": state.load_readings,
-            "point": state.point_at,
-            "take": self._take,
-        }
+        actions = {**self.actions.by_name(), "key": lambda key: self._keys[key][1]()}
         for name, action in actions.items():
-            self.server.trigger(name)(self._answering(action))
+            self.server.trigger(name)(self._answering(action, keep_message=name == "release"))
         self.server.trigger("move")(self._answer_move)
-        slow: dict[str, Callable[..., Callable[[], None]]] = {
-            "localize": self._localize,
-            "propose": self._propose,
-            "placement": self._placement,
-            "listen": self._hear,
-        }
-        for name, action in slow.items():
-            self.server.trigger(name)(self._answering_later(action))
+        for name, slow in {**self.actions.later_by_name(), "listen": self._hear}.items():
+            self.server.trigger(name)(self._answering_later(slow))
 
-    def _answering(self, action: Callable[..., Any]) -> Callable[..., None]:
+    def _answering(self, action: Callable[..., Any], keep_message: bool) -> Callable[..., None]:
         def answer(*arguments: Any) -> None:
-            with self._told():
+            with self._told(keep_message):
                 action(*arguments)
             self.refresh()
 
         return answer
 
-    async def _answer_move(self, *arguments: Any) -> None:
-        """Show where things are now before the measures are taken, so that the hand is followed at once."""
-        with self._told():
-            self._move(*arguments)
-        self._refresh_cuts()
-        self.server.state.flush()
-        await asyncio.sleep(SENDING_S)
+    async def _answer_move(self, view: str, *place: float) -> None:
+        """Show where things are now before the measures are taken, so that the hand is followed at once.
+
+        A head that is turned is drawn with its names in one go, or they would run ahead of it.
+        """
+        with self._told(keep_message=True):
+            self.actions.move(view, *place)
+        if view != HEAD or self.state.dragging:
+            self._refresh_views()
+            self.server.state.flush()
+            await asyncio.sleep(SENDING_S)
         self.refresh()
 
     def _answering_later(self, action: Callable[..., Any]) -> Callable[..., Any]:
         """Let ``action`` work in a thread; what it returns is called here, where the state may be changed."""
 
         async def answer(*arguments: Any) -> None:
-            self.server.state.message = "working ..."
+            self.server.state.message = WORKING
             self.server.state.flush()
             with self._told():
                 finish = await asyncio.get_running_loop().run_in_executor(None, action, *arguments)
@@ -288,90 +227,18 @@ class PlannerApp:
         return answer
 
     @contextlib.contextmanager
-    def _told(self) -> Iterator[None]:
-        """Show what went wrong as a sentence."""
+    def _told(self, keep_message: bool = False) -> Iterator[None]:
+        """Show what went wrong as a sentence; what goes well takes the last one away, but for a mere release."""
         try:
             yield
-            self.server.state.message = READY
+            if not keep_message:
+                self.server.state.message = READY
         except RonnaplanError as error:
             self.server.state.message = str(error)
-
-    def _press(self, view: str, x: float, y: float, width: float, height: float, button: int, shift: bool) -> None:
-        if view == "head":
-            self._turning = (x, y)
-        else:
-            self.pointer.press(view, Pixel(x, y, width, height), pan=bool(button) or shift)
-
-    def _move(self, view: str, x: float, y: float, width: float, height: float) -> None:
-        if view != "head":
-            self.pointer.move(view, Pixel(x, y, width, height))
-        elif self._turning is not None and self.scene is not None:
-            self.scene.turn(x - self._turning[0], y - self._turning[1])
-            self._turning = (x, y)
-
-    def _release(self, view: str) -> None:
-        self._turning = None
-        if view != "head":
-            self.pointer.release()
-
-    def _wheel(self, view: str, steps: float, zoom: bool, x: float, y: float, width: float, height: float) -> None:
-        if view != "head":
-            self.pointer.wheel(view, steps, Pixel(x, y, width, height), zoom=zoom)
-        elif self.scene is not None:
-            self.scene.zoom(ZOOM_STEP**-steps)
-
-    def _place(self, name: str, end: str, axis: int, value: str) -> None:
-        """Take a coordinate from its field."""
-        from ronnaplan.errors import UsageError
-
-        try:
-            number = float(value)
-        except ValueError as error:
-            raise UsageError(f"'{value}' is no coordinate; give mm in LPS") from error
-        place = getattr(self.state.plan.trajectory(name), f"{end}_mm").copy()
-        place[int(axis)] = number
-        self.state.edit(name, **{f"{end}_mm": place})
-
-    def _jump_rejected(self, index: int) -> None:
-        if self.state.fiducials is not None:
-            self.state.jump(self.state.fiducials.rejected[int(index)].center)
-
-    def _take(self, index: int) -> None:
-        """Use a proposed entry for the selected trajectory."""
-        if self.proposals is not None and self.state.selected is not None:
-            proposed = self.proposals.best[int(index)].trajectory
-            self.state.edit(self.state.selected, entry_mm=proposed.entry_mm)
-
-    # --- what takes longer: a thread computes, the returned function changes the state --------------------------
-
-    def _localize(self, diameter: Any) -> Callable[[], None]:
-        found = self.state.find_markers(float(diameter or 0))
-        return lambda: self.state.replace_markers(found)
-
-    def _propose(self, name: str) -> Callable[[], None]:
-        found = self.state.propose(name)
-
-        def show() -> None:
-            self.proposals = found
-            self.server.state.proposals = [(f"{one.score:.2f}", "; ".join(one.reasons)) for one in found.best]
-
-        return show
-
-    def _placement(self, count: int) -> Callable[[], None]:
-        placed = self.state.propose_markers(int(count))
-
-        def show() -> None:
-            if self.scene is not None:
-                self.scene.show_placement(placed.centres_mm)
-            self.server.state.placement = (
-                f"{len(placed.centres_mm)} places, largest expected error {placed.largest_tre_mm:.2f} mm "
-                f"({placed.even_tre_mm:.2f} mm when spread evenly)"
-            )
-
-        return show
+            self.server.state.refusals += 1
 
     def _hear(self) -> Callable[[], None]:
-        from ronnaplan.errors import UsageError
+        """Listen to the tracker."""
         from ronnaplan.tracking import find_markers
         from ronnaplan.tracking.openigtlink import record
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import Trajectory
@@ -15,6 +15,9 @@ PIXELS = 448
 """Width and height of a picture; the browser stretches it."""
 
 JPEG_QUALITY = 92
+
+LEAST_SLOPE = 1e-9
+"""A plane that rises less than this along its rows is level there."""
 
 WINDOWS_HU = {
     "bone": (-450.0, 1550.0),
@@ -77,53 +80,29 @@ def jpeg(scan: Scan, cut: Cut, window_hu: tuple[float, float]) -> bytes:
     """Draw ``cut`` through ``scan``; black where there is no voxel."""
     import cv2
 
-    step = cut.field_mm / PIXELS
-    first = cut.place_mm(-(cut.field_mm - step) / 2, -(cut.field_mm - step) / 2)
-    picture = np.zeros((PIXELS, PIXELS), dtype=np.uint8)
-    axes = scan.axes
     low, high = window_hu
-    _fill(
-        scan.voxels,
-        scan.origins_uv_mm,
-        scan.w_mm,
-        scan.steps_mm,
-        axes @ first,
-        axes @ (step * cut.right),
-        axes @ (step * cut.down),
-        low,
-        255.0 / (high - low),
-        picture,
+    grey = np.clip((values_hu(scan, cut, low) - low) * (255.0 / (high - low)), 0.0, 255.0)
+    return bytes(cv2.imencode(".jpg", grey.astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1])
+
+
+def values_hu(scan: Scan, cut: Cut, beyond_hu: float) -> NDArray[np.float32]:
+    """Return the values (PIXELS, PIXELS) of the scan in a cut, ``beyond_hu`` where there is no voxel.
+
+    Between two slices a value is interpolated along the way from a voxel to its like in the next slice.
+    """
+    from scipy.ndimage import map_coordinates
+
+    steps = ((np.arange(PIXELS) + 0.5) / PIXELS - 0.5) * cut.field_mm
+    (u0, v0, w0), right, down = (scan.axes @ vector for vector in (cut.centre_mm, cut.right, cut.down))
+    # Where rows of the picture run along the slices, one number stands for a whole row.
+    w = w0 + steps[:, np.newaxis] * down[2] + (steps * right[2] if abs(right[2]) > LEAST_SLOPE else 0.0)
+    k = np.interp(w, scan.w_mm, np.arange(len(scan.w_mm)), left=-1.0, right=-1.0)
+    origins_u, origins_v = (np.interp(w, scan.w_mm, origin) for origin in scan.origins_uv_mm.T)
+    places = np.empty((3, PIXELS, PIXELS))
+    places[0] = k
+    places[1] = (v0 - origins_v + steps[:, np.newaxis] * down[1] + steps * right[1]) / scan.steps_mm[1]
+    places[2] = (u0 - origins_u + steps[:, np.newaxis] * down[0] + steps * right[0]) / scan.steps_mm[0]
+    values: NDArray[np.float32] = map_coordinates(
+        scan.voxels, places, output=np.float32, order=1, mode="constant", cval=beyond_hu
     )
-    return bytes(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1])
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def _fill(voxels, origins, w_mm, steps, first, right, down, low, gain, picture):  # type: ignore[no-untyped-def]
-    slices, rows, columns = voxels.shape
-    k = 0
-    for y in range(picture.shape[0]):
-        for x in range(picture.shape[1]):
-            w = first[2] + y * down[2] + x * right[2]
-            if not w_mm[0] <= w <= w_mm[slices - 1]:
-                continue
-            while k > 0 and w < w_mm[k]:
-                k -= 1
-            while k < slices - 2 and w > w_mm[k + 1]:
-                k += 1
-            share = (w - w_mm[k]) / (w_mm[k + 1] - w_mm[k])
-            u = first[0] + y * down[0] + x * right[0]
-            v = first[1] + y * down[1] + x * right[1]
-            value = 0.0
-            for n in range(2):
-                i = (u - origins[k + n, 0]) / steps[0]
-                j = (v - origins[k + n, 1]) / steps[1]
-                if not (0.0 <= i <= columns - 1 and 0.0 <= j <= rows - 1):
-                    value = low
-                    break
-                a, b = min(int(i), columns - 2), min(int(j), rows - 2)
-                p, q = i - a, j - b
-                upper = (1.0 - p) * voxels[k + n, b, a] + p * voxels[k + n, b, a + 1]
-                lower = (1.0 - p) * voxels[k + n, b + 1, a] + p * voxels[k + n, b + 1, a + 1]
-                value += (share if n else 1.0 - share) * ((1.0 - q) * upper + q * lower)
-            grey = (value - low) * gain
-            picture[y, x] = min(max(grey, 0.0), 255.0)
+    return values

@@ -13,7 +13,7 @@ from ronnaplan.planner.judgement import Judgement
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Measures, Trajectory
 
-MARKER_COLOUR, REJECTED_COLOUR = "#ff9f1c", "#ff5252"
+MARKER_COLOUR, REJECTED_COLOUR, POINT_COLOUR = "#ff9f1c", "#ff5252", "#b2ff59"
 
 NEAR_MM = 3.0
 """A trajectory with an end this near to the plane is drawn in full, others faintly."""
@@ -25,7 +25,14 @@ LEFT_RIGHT = {"axial": "axial  R | L", "coronal": "coronal  R | L", "sagittal": 
 def over_cut(state: PlannerState, view: str, show_rejected: bool) -> dict[str, Any]:
     """Return what is drawn over a view, in mm from its middle; empty for a path view without a trajectory."""
     if view not in LEFT_RIGHT and state.chosen is None:
-        return {"box": "-1 -1 2 2", "half": 1, "title": "select a trajectory", "markers": [], "paths": []}
+        return {
+            "box": "-1 -1 2 2",
+            "half": 1,
+            "title": "select a trajectory",
+            "markers": [],
+            "points": [],
+            "paths": [],
+        }
     cut = state.cut(view)
     half = cut.field_mm / 2
     return {
@@ -34,6 +41,7 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool) -> dict[str, A
         "title": _title(state, view, cut),
         "cross": _pair(cut, state.crosshair_mm) if view in LEFT_RIGHT else None,
         "markers": _markers(state, cut, show_rejected),
+        "points": _points(state, cut),
         "paths": [_path(one, cut, one.name == state.selected) for one in state.plan.trajectories],
     }
 
@@ -60,7 +68,21 @@ def _markers(state: PlannerState, cut: Cut, show_rejected: bool) -> list[dict[st
         x, y, away = cut.on_screen_mm(np.array(center))
         if abs(away) < radius and max(abs(x), abs(y)) < cut.field_mm / 2:
             r = float(np.sqrt(radius**2 - away**2))
-            drawn.append({"label": label, "x": float(x), "y": float(y), "r": r, "colour": colour})
+            selected = label == state.marker
+            drawn.append(
+                {"label": label, "x": float(x), "y": float(y), "r": r, "colour": colour}
+                | {"selected": selected, "ring": True}
+            )
+    return drawn
+
+
+def _points(state: PlannerState, cut: Cut) -> list[dict[str, Any]]:
+    """Return the points of the AC-PC frame that lie in the plane."""
+    drawn = []
+    for name, place in state.landmarks_mm.items():
+        x, y, away = cut.on_screen_mm(place).tolist()
+        if abs(away) < NEAR_MM and max(abs(x), abs(y)) < cut.field_mm / 2:
+            drawn.append({"label": name, "x": x, "y": y, "colour": POINT_COLOUR})
     return drawn
 
 
@@ -68,7 +90,8 @@ def _path(one: Trajectory, cut: Cut, selected: bool) -> dict[str, Any]:
     ends = cut.on_screen_mm(np.stack([one.entry_mm, one.target_mm]))
     near = bool(np.abs(ends[:, 2]).min() < NEAR_MM or ends[0, 2] * ends[1, 2] < 0)
     places = {"entry": ends[0, :2].tolist(), "target": ends[1, :2].tolist()}
-    return {"name": one.name, "colour": one.colour, "selected": selected, "near": near, **places}
+    look = {"selected": selected, "near": near, "width": 2.5 if selected else 1.5}
+    return {"name": one.name, "colour": one.colour, **look, **places}
 
 
 def _pair(cut: Cut, place_mm: FloatArray) -> list[float]:
@@ -87,10 +110,12 @@ def marker_rows(state: PlannerState) -> list[dict[str, str]]:
     return rows
 
 
-def rejected_rows(state: PlannerState) -> list[dict[str, str]]:
-    """Return one row a rejected candidate."""
-    found = state.fiducials
-    return [{"centre": _place(one.center), "reason": one.reason} for one in (found.rejected if found else ())]
+def rejected_rows(state: PlannerState) -> list[dict[str, Any]]:
+    """Return one row a rejected candidate; those that a person turned down can be accepted."""
+    return [
+        {"centre": _place(one.center), "reason": one.reason, "acceptable": "marker" in (one.model_extra or {})}
+        for one in (state.fiducials.rejected if state.fiducials else ())
+    ]
 
 
 def path_rows(state: PlannerState) -> list[dict[str, Any]]:
@@ -117,13 +142,17 @@ def chosen_path(state: PlannerState, judged: Judgement | None) -> dict[str, Any]
         "locked": one.locked,
         "colour": one.colour,
         "instrument": one.instrument.name,
+        "diameter": one.instrument.diameter_mm,
+        "length": one.instrument.length_mm,
+        "notes": one.notes,
         "entry": one.entry_mm.round(3).tolist(),
         "target": one.target_mm.round(3).tolist(),
         "problem": judged.problem,
+        "doubts": list(judged.measures.doubts) if judged.measures else [],
         "measures": _measures(judged.measures) if judged.measures else [],
         "verdicts": [
             (verdict.measure, f"{_number(verdict.value)} {verdict.unit} {verdict.remark}", verdict.passes)
-            for verdict in judged.verdicts
+            for verdict in sorted(judged.verdicts, key=lambda verdict: verdict.passes)
         ],
     }
 
@@ -136,6 +165,15 @@ def _measures(one: Measures) -> list[tuple[str, str]]:
         ("bone along the path", f"{_number(one.skull_thickness_mm)} mm"),
         ("angle to the skull's normal", f"{_number(one.skull_angle_deg)} deg"),
     ]
+    rows.append(("arc, ring of a frame square to the scan", f"{one.arc.arc_deg:.1f}, {one.arc.ring_deg:.1f} deg"))
+    if one.acpc is not None:
+        rows += [
+            ("AC-PC sagittal, coronal angle", f"{one.acpc.sagittal_deg:.1f}, {one.acpc.coronal_deg:.1f} deg"),
+            (
+                "target from mid-commissure, R A S",
+                ", ".join(f"{value:.1f}" for value in one.acpc.target_mm) + " mm",
+            ),
+        ]
     if one.error is not None:
         rows += [
             ("expected error, entry", f"{one.error.entry_rms_mm:.2f} mm RMS"),

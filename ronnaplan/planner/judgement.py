@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from ronnaplan.documents.fiducials import FiducialsDocument
 from ronnaplan.errors import RonnaplanError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import Head, Limits, Measures, Plan, Trajectory, Verdict, judge, measure
+from ronnaplan.planning.measures import spacings
 from ronnaplan.planning.obstacles import Kind, Obstacle, Voxels, markers_on, metal
 from ronnaplan.planning.uncertainty import planned_pose_covariance
 from ronnaplan.registration.markers import SIGMA_CT_MM
@@ -42,6 +44,7 @@ class Surroundings:
 
     def __init__(self, volume: CTVolume, fiducials: FiducialsDocument | None, no_go: Labels) -> None:
         self.volume, self.fiducials, self.no_go = volume, fiducials, no_go
+        self._measured: dict[str, tuple[tuple[Any, ...], Measures | RonnaplanError]] = {}
 
     @cached_property
     def head(self) -> Head:
@@ -72,16 +75,33 @@ class Surroundings:
 
     def judge(self, trajectory: Trajectory, plan: Plan, limits: Limits) -> Judgement:
         """Measure ``trajectory`` and hold it against ``limits``."""
+        measured = self._kept(trajectory, plan, limits)
+        if isinstance(measured, RonnaplanError):
+            return Judgement(problem=str(measured))
+        measured = replace(measured, spacings=spacings(trajectory, plan.trajectories))
         try:
-            measured = measure(
+            return Judgement(measured, judge(measured, limits))
+        except RonnaplanError as error:  # a limit on what is not known here
+            return Judgement(measured, problem=str(error))
+
+    def _kept(self, trajectory: Trajectory, plan: Plan, limits: Limits) -> Measures | RonnaplanError:
+        """Return what does not depend on the other trajectories, measured anew only if something else changed."""
+        known = (trajectory, plan.landmarks, limits.tolerance_mm)
+        before, measured = self._measured.get(trajectory.name, ((), None))
+        if measured is None or any(now is not then for now, then in zip(known, before, strict=True)):
+            measured = self._measure(trajectory, plan, limits)
+            self._measured[trajectory.name] = known, measured
+        return measured
+
+    def _measure(self, trajectory: Trajectory, plan: Plan, limits: Limits) -> Measures | RonnaplanError:
+        try:
+            return measure(
                 trajectory,
                 self.head,
                 obstacles=self.obstacles,
-                others=plan.trajectories,
                 landmarks=plan.landmarks,
                 pose_mm2=self.pose_mm2,
                 tolerance_mm=limits.tolerance_mm,
             )
-            return Judgement(measured, judge(measured, limits))
         except RonnaplanError as error:
-            return Judgement(problem=str(error))
+            return error

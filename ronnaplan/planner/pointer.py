@@ -1,19 +1,28 @@
-"""What a press, a drag and a turn of the wheel mean in a cut. Places come as pixels of the view."""
+"""What a press, a drag, a click and a turn of the wheel mean in a view. Places come as pixels of the view."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
+from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray
+from ronnaplan.planner.camera import Camera
 from ronnaplan.planner.cuts import PATH_VIEWS, Cut
 from ronnaplan.planner.state import ENDS, PlannerState
 
 GRAB_PIXELS = 9.0
-"""A press this near to an end of a trajectory takes hold of it."""
+"""A press this near to an end or line of a trajectory takes hold of it."""
+
+CLICK_PIXELS = 3.0
+"""A pointer that moved less between press and release has clicked."""
 
 ZOOM_STEP = 1.15
+
+HEAD = "head"
+"""The 3-D view."""
 
 
 @dataclass(frozen=True)
@@ -25,94 +34,222 @@ class Pixel:
     width: float
     height: float
 
-    def scale_mm(self, cut: Cut) -> float:
-        """Millimetres a pixel."""
-        return cut.field_mm / max(min(self.width, self.height), 1.0)
+    @property
+    def side(self) -> float:
+        """Pixels along a side of the picture."""
+        return max(min(self.width, self.height), 1.0)
+
+    @property
+    def halves(self) -> FloatArray:
+        """The place (2,) from the middle, across and down, in halves of the picture."""
+        return np.array([self.x - self.width / 2, self.y - self.height / 2]) / (self.side / 2)
 
     def place_mm(self, cut: Cut) -> FloatArray:
         """Return the place (3,) in LPS under the pixel, in the plane of the cut."""
-        scale = self.scale_mm(cut)
-        return cut.place_mm((self.x - self.width / 2) * scale, (self.y - self.height / 2) * scale)
+        across, down = self.halves * cut.field_mm / 2
+        return cut.place_mm(across, down)
+
+    def pixels_to(self, halves: FloatArray) -> FloatArray:
+        """Return how many pixels places (..., 2) on the screen, in halves of the picture, are away."""
+        distances: FloatArray = np.linalg.norm(halves - self.halves, axis=-1) * self.side / 2
+        return distances
+
+
+class Head(Protocol):
+    """What shows the head in 3-D."""
+
+    camera: Camera
+
+    def turn(self, across_pixels: float, down_pixels: float) -> None:
+        """Turn about the head."""
+
+    def zoom(self, factor: float) -> None:
+        """Come nearer (factor above 1)."""
 
 
 class Pointer:
-    """Follows one pointer from press to release."""
+    """Follows one pointer from press to release, in the cuts and, once there is a ``head``, in the 3-D view."""
 
-    def __init__(self, state: PlannerState) -> None:
-        self.state = state
+    def __init__(self, state: PlannerState, head: Head | None = None) -> None:
+        self.state, self.head = state, head
         self.adding = False
         self.entry_mm: FloatArray | None = None
         self._held: tuple[str, str] | None = None
-        self._depth_mm: FloatArray = np.zeros(3)
-        self._cut: Cut | None = None
+        self._offset_mm: FloatArray = np.zeros(3)
+        self._plane: Cut | None = None
         self._panned_from: FloatArray | None = None
+        self._turned: list[Pixel] = []
 
     def add(self) -> None:
         """Begin to add a trajectory by two presses, or leave it."""
         self.adding, self.entry_mm = not self.adding, None
 
     def press(self, view: str, at: Pixel, *, pan: bool = False) -> None:
-        """Take hold of what is under the pointer: an end of a trajectory, the picture, or the crosshair."""
-        cut = self.state.cut(view)
-        place = at.place_mm(cut)
-        self._cut, self._held, self._panned_from = cut, None, None
+        """Take hold of what is under the pointer: an end of a trajectory, the picture, the crosshair or the head."""
+        self._plane = self._held = self._panned_from = None
+        self._turned = [at] if view == HEAD and not self.adding else []
+        if view == HEAD and self.head is None:
+            return
         if self.adding:
-            self._add(place)
-        elif pan and view not in PATH_VIEWS:
-            self._panned_from = place
-        elif (held := self._end_near(cut, at)) is not None:
-            self.state.select(held[0])
-            self.state.begin_drag(held[0])
-            self._held = held
-            end = getattr(self.state.plan.trajectory(held[0]), f"{held[1]}_mm")
-            self._depth_mm = float(cut.on_screen_mm(end)[2]) * cut.away
-        else:
-            self.state.jump(place)
+            self._add(view, at)
+        elif pan and view not in (*PATH_VIEWS, HEAD):
+            self._plane = self.state.cut(view)
+            self._panned_from = at.place_mm(self._plane)
+        elif (held := self._end_near(view, at)) is not None:
+            self._take(view, at, *held)
+        elif view != HEAD:
+            self._plane = self.state.cut(view)
+            self._pick_in_cut(self._plane, at)
+            self.state.jump(at.place_mm(self._plane))
 
     def move(self, view: str, at: Pixel) -> None:
         """Move what is held. The plane stays that of the press, so that the view does not slip from under it."""
-        if self._cut is None or self.adding:
+        if self._turned:
+            last = self._turned[-1]
+            self._turned.append(at)
+            if self._clicked:
+                return
+            if self._held is None and self.head is not None:
+                self.head.turn(at.x - last.x, at.y - last.y)
+        if self._plane is None or self.adding:
             return
-        place = at.place_mm(self._cut)
+        place = at.place_mm(self._plane)
         if self._held is not None:
-            self.state.drag(*self._held, place + self._depth_mm)
+            self.state.drag(*self._held, place + self._offset_mm)
         elif self._panned_from is not None:
-            self.state.centre_mm = self._cut.centre_mm + self._panned_from - place
+            self.state.centre_mm = self._plane.centre_mm + self._panned_from - place
         else:
             self.state.jump(place)
 
     def release(self) -> None:
-        """Let go and keep what was done."""
+        """Let go and keep what was done; a click in the 3-D view picks what is under it."""
+        at = self._turned[0] if self._turned and self._clicked else None
+        held = self._held
         self.state.end_drag()
-        self._cut = self._held = self._panned_from = None
+        self._plane = self._held = self._panned_from = None
+        self._turned = []
+        if at is not None and held is not None:
+            self.state.jump(getattr(self.state.plan.trajectory(held[0]), f"{held[1]}_mm"))
+        elif at is not None and self.head is not None:
+            self._pick_in_head(self.head.camera, at)
         self.state.save_look()
 
     def wheel(self, view: str, steps: float, at: Pixel, *, zoom: bool = False) -> None:
-        """Scroll through the slices, or zoom about the pointer."""
-        if view in PATH_VIEWS:
+        """Scroll through the slices, zoom about the pointer, or come nearer to the head."""
+        if view == HEAD and self.head is not None:
+            self.head.zoom(ZOOM_STEP**-steps)
+        if view in (*PATH_VIEWS, HEAD):
             return
         if zoom:
             self.state.zoom(view, ZOOM_STEP**-steps, at.place_mm(self.state.cut(view)))
         else:
             self.state.scroll(view, steps)
 
-    def _add(self, place_mm: FloatArray) -> None:
+    @property
+    def _clicked(self) -> bool:
+        first = self._turned[0]
+        return all(np.hypot(one.x - first.x, one.y - first.y) <= CLICK_PIXELS for one in self._turned)
+
+    def _add(self, view: str, at: Pixel) -> None:
+        place: FloatArray | None
+        if view != HEAD:
+            place = at.place_mm(self.state.cut(view))
+        elif self.entry_mm is not None:
+            raise UsageError("the target lies inside the head; click it in one of the cuts")
+        else:
+            place = self._surface_under(at)
+        if place is None:
+            raise UsageError(f"there is no {self.state.surface} under the pointer; click on the head")
         if self.entry_mm is None:
-            self.entry_mm = place_mm
+            self.entry_mm = place
             return
         entry, self.entry_mm, self.adding = self.entry_mm, None, False
-        self.state.add_trajectory(entry, place_mm)
+        self.state.add_trajectory(entry, place)
 
-    def _end_near(self, cut: Cut, at: Pixel) -> tuple[str, str] | None:
+    def _take(self, view: str, at: Pixel, name: str, end: str) -> None:
+        """Hold an end: it keeps its depth behind the screen, and its distance from the pointer."""
+        self.state.select(name)
+        self.state.begin_drag(name)
+        place = getattr(self.state.plan.trajectory(name), f"{end}_mm")
+        self._held, self._plane = (name, end), self._plane_of(view, place)
+        self._offset_mm = place - at.place_mm(self._plane)
+
+    def _plane_of(self, view: str, place_mm: FloatArray) -> Cut:
+        if view != HEAD:
+            return self.state.cut(view)
+        assert self.head is not None
+        return self.head.camera.plane_at(place_mm)
+
+    def _on_screen(self, view: str, places_mm: FloatArray) -> FloatArray:
+        """Return places (..., 3) as (..., 2) on the screen of a view, in halves of its picture."""
+        if view == HEAD:
+            assert self.head is not None
+            return self.head.camera.on_screen(places_mm)[..., :2]
+        cut = self.state.cut(view)
+        halves: FloatArray = cut.on_screen_mm(places_mm)[..., :2] / (cut.field_mm / 2)
+        return halves
+
+    def _end_near(self, view: str, at: Pixel) -> tuple[str, str] | None:
         """Return name and end of the trajectory whose end is drawn nearest to the pointer, if it is near."""
-        reach = GRAB_PIXELS * at.scale_mm(cut)
-        pointer = cut.on_screen_mm(at.place_mm(cut))[:2]
         found: list[tuple[float, str, str]] = []
         for one in self.state.plan.trajectories:
-            if one.locked:
-                continue
-            for end in ENDS:
-                drawn = cut.on_screen_mm(getattr(one, f"{end}_mm"))[:2]
-                found.append((float(np.linalg.norm(drawn - pointer)), one.name, end))
+            if one.locked or (view in PATH_VIEWS and one.name != self.state.selected):
+                continue  # to select another would turn these views from under the pointer
+            away = at.pixels_to(self._on_screen(view, np.stack([one.entry_mm, one.target_mm])))
+            found += [(float(distance), one.name, end) for distance, end in zip(away, ENDS, strict=True)]
         nearest = min(found, default=None)
-        return None if nearest is None or nearest[0] > reach else (nearest[1], nearest[2])
+        return None if nearest is None or nearest[0] > GRAB_PIXELS else (nearest[1], nearest[2])
+
+    def _pick_in_cut(self, cut: Cut, at: Pixel) -> None:
+        """Select the marker that the plane cuts under the pointer, if there is one."""
+        place = at.place_mm(cut)
+        for one in self.state.fiducials.fiducials if self.state.fiducials else ():
+            if np.linalg.norm(place - one.center) <= one.diameter_mm / 2:
+                self.state.pick_marker(one.label)
+                return
+
+    def _pick_in_head(self, camera: Camera, at: Pixel) -> None:
+        """Go to what is under the pointer: a marker, a trajectory, or else the surface that is shown."""
+        if (label := self._marker_under(camera, at)) is not None:
+            self.state.jump_to_marker(label)
+        elif (path := self._path_under(camera, at)) is not None:
+            self.state.select(path[0])
+            self.state.jump(path[1])
+        elif (place := self._surface_under(at)) is not None:
+            self.state.jump(place)
+
+    def _marker_under(self, camera: Camera, at: Pixel) -> str | None:
+        """Return the nearest marker whose ball, or a few pixels about its middle, is under the pointer."""
+        under: list[tuple[float, str]] = []
+        for one in self.state.fiducials.fiducials if self.state.fiducials else ():
+            across, down, depth = camera.on_screen(np.array(one.center))
+            radius = one.diameter_mm / camera.plane_at(np.array(one.center)).field_mm * at.side / 2
+            if depth > 0 and at.pixels_to(np.array([across, down])) <= max(radius, GRAB_PIXELS / 2):
+                under.append((float(depth), one.label))
+        return min(under)[1] if under else None
+
+    def _path_under(self, camera: Camera, at: Pixel) -> tuple[str, FloatArray] | None:
+        """Return the trajectory drawn under the pointer, and the place on it."""
+        (eye_mm, ray), found = camera.ray(*at.halves), []
+        for one in self.state.plan.trajectories:
+            place = one.at_depth(np.array(_depth_beside(eye_mm, ray, one.entry_mm, one.inward, one.length_mm)))
+            distance = float(at.pixels_to(camera.on_screen(place)[:2]))
+            found.append((distance, one.name, place))
+        nearest = min(found, key=lambda one: one[0], default=None)
+        return None if nearest is None or nearest[0] > GRAB_PIXELS else (nearest[1], nearest[2])
+
+    def _surface_under(self, at: Pixel) -> FloatArray | None:
+        assert self.head is not None
+        return self.state.surface_along(*self.head.camera.ray(*at.halves))
+
+
+def _depth_beside(
+    eye_mm: FloatArray, ray: FloatArray, start_mm: FloatArray, along: FloatArray, length_mm: float
+) -> float:
+    """Return how far from ``start_mm`` along the unit vector ``along`` a line comes nearest to a ray."""
+    cosine = float(ray @ along)
+    if abs(cosine) > 1.0 - 1e-9:  # seen end on: every depth is under the pointer, the first is nearest to the eye
+        return 0.0
+    between = start_mm - eye_mm
+    depth = (cosine * float(between @ ray) - float(between @ along)) / (1.0 - cosine**2)
+    return float(np.clip(depth, 0.0, length_mm))

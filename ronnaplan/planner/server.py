@@ -22,12 +22,14 @@ def serve(
     host: str = "127.0.0.1",
     port: int = 0,
     tracker: tuple[str, int] | None = None,
+    patient: str | None = None,
     token: str | None = None,
     announce: Callable[[str], None] | None = None,
 ) -> None:
     """Serve ``state`` until stopped; ``announce`` is given the address, which holds the token.
 
-    Raises `InputError` where the port is taken or trame is not installed, `UsageError` for no single address.
+    ``patient`` is the name to show, None to show none. Raises `InputError` where the port is taken or trame is not
+    installed, `UsageError` for no single address.
     """
     if host in EVERYWHERE:
         raise UsageError(f"--host {host} would listen everywhere; name the one address to be reached by")
@@ -43,7 +45,7 @@ def serve(
     known = token or secrets.token_urlsafe(24)
     server = get_server("ronnaplan", client_type="vue3")
     server.cli.prog = "ronnaplan view"
-    app = PlannerApp(state, server, tracker)
+    PlannerApp(state, server, tracker, patient)
 
     def close(web_server: Any) -> None:
         web_server.app.middlewares.append(gate(known, LOOPBACK | {host}))
@@ -64,8 +66,6 @@ def serve(
         )
     except OSError as error:
         raise InputError(f"cannot listen on {host}:{port} ({error.strerror}); choose another --port") from error
-    finally:
-        app.close()
 
 
 def _print(address: str) -> None:

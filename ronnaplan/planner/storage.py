@@ -31,6 +31,8 @@ class Look(BaseModel):
     field_mm: float
     window: str
     selected: str | None = None
+    points: dict[str, Vector] = {}
+    """AC, PC or midline point as far as they are set, until the plan holds all three."""
 
 
 @dataclass(frozen=True)

@@ -11,23 +11,17 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning.head import Head
-from ronnaplan.planning.layers import BONE_HU, LONGEST_WAY_MM, STEP_MM, way_out
-from ronnaplan.planning.obstacles import Voxels, holds
-from ronnaplan.planning.sampling import sample
+from ronnaplan.planning.obstacles import Voxels
 
 FIELD_MM = 2.0
 """Spacing of the nodes of the distance field."""
 
 BALL_MM, BALL_POINTS = 3.0, 48
 """Radius of the ball over which the skull's normal is taken, and the places read on its surface."""
-
-AIR_IN_HEAD_HU = -300.0
-"""Below this a path inside the head runs through an air space."""
 
 CHUNK = 512
 """Candidates a thread takes at a time."""
@@ -66,7 +60,7 @@ class Field:
         at = owner[tuple(nearest)]
         distances = np.linalg.norm(nodes - points[at], axis=-1) - sizes[at] / 2
         for one in obstacles:
-            within = holds(one.mask, head, nodes @ head.scan.axes)
+            within = one.holds(nodes @ head.scan.axes)
             distances[within] = -np.abs(distances[within])
         return cls(corner, distances.astype(np.float32))
 
@@ -107,6 +101,8 @@ def spread_directions(count: int) -> FloatArray:
 
 def cast(head: Head, target_mm: FloatArray, outward: FloatArray, field: Field) -> Candidates:
     """Follow each of the rays ``outward`` (M, 3) from ``target_mm`` (3,), on all cores."""
+    from ronnaplan.planning.compiled import search
+
     count = len(outward)
     numbers = np.full((count, 5), np.nan)
     states = np.zeros((count, 2), dtype=np.int64)
@@ -115,7 +111,7 @@ def cast(head: Head, target_mm: FloatArray, outward: FloatArray, field: Field) -
 
     def run(start: int) -> None:
         part = slice(start, start + CHUNK)
-        _cast(
+        search(
             scan.voxels,
             scan.origins_uv_mm,
             scan.w_mm,
@@ -124,6 +120,7 @@ def cast(head: Head, target_mm: FloatArray, outward: FloatArray, field: Field) -
             head.cell,
             scan.axes @ target_mm,
             local[part],
+            FIELD_MM,
             field.corner_mm,
             field.distances_mm,
             BALL_MM * spread_directions(BALL_POINTS),
@@ -136,75 +133,3 @@ def cast(head: Head, target_mm: FloatArray, outward: FloatArray, field: Field) -
     scalp, outer, inner, angle, distance = numbers.T
     clean = states[:, 1] > 0
     return Candidates(target_mm, outward, states[:, 0], scalp, outer, inner, angle, distance, clean)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _cast(  # type: ignore[no-untyped-def]
-    voxels, origins, w_mm, steps, inside, cell, target, outward, corner, distances, ball, numbers, states
-):
-    """Fill ``numbers`` (M, 5) and ``states`` (M, 2) for rays ``outward`` (M, 3) along the slice axes."""
-    values = np.empty(int(LONGEST_WAY_MM / STEP_MM))
-    for m in range(len(outward)):
-        direction = outward[m]
-        how, scalp, outer, inner = way_out(voxels, origins, w_mm, steps, inside, cell, target, direction, values)
-        states[m, 0] = how
-        if how != 0:
-            continue
-        numbers[m, 0], numbers[m, 1], numbers[m, 2] = scalp, outer, inner
-        if np.isnan(inner):
-            continue
-        numbers[m, 3] = _angle(voxels, origins, w_mm, steps, target + outer * direction, direction, ball)
-        numbers[m, 4] = _least(corner, distances, target, direction, scalp)
-        states[m, 1] = 1
-        for n in range(int(inner / STEP_MM)):
-            if values[n] >= BONE_HU or values[n] < AIR_IN_HEAD_HU:
-                states[m, 1] = 0
-                break
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _angle(voxels, origins, w_mm, steps, place, direction, ball):  # type: ignore[no-untyped-def]
-    """Return the angle in degrees between ``direction`` and the mean gradient in a ball about ``place``.
-
-    The first moment of the values over a ball points along the normal of a plane step, however sharp it is.
-    """
-    x = y = z = 0.0
-    guess = 0
-    for n in range(len(ball)):
-        u, v, w = ball[n, 0], ball[n, 1], ball[n, 2]
-        value, guess = sample(voxels, origins, w_mm, steps, place[0] + u, place[1] + v, place[2] + w, guess)
-        if value > 0.0:
-            x, y, z = x + value * u, y + value * v, z + value * w
-    along = abs(x * direction[0] + y * direction[1] + z * direction[2])
-    return np.degrees(np.arccos(min(along / np.sqrt(x * x + y * y + z * z), 1.0)))
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _least(corner, distances, target, direction, length):  # type: ignore[no-untyped-def]
-    """Return the least of the field along the ray; a distance cannot fall faster than the ray advances."""
-    least, reach = np.inf, 0.0
-    while reach <= length:
-        x = (target[0] + reach * direction[0] - corner[0]) / FIELD_MM
-        y = (target[1] + reach * direction[1] - corner[1]) / FIELD_MM
-        z = (target[2] + reach * direction[2] - corner[2]) / FIELD_MM
-        here = _field_at(distances, x, y, z)
-        least = min(least, here)
-        reach += max(here - least, FIELD_MM / 2)
-    return least
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _field_at(distances, x, y, z):  # type: ignore[no-untyped-def]
-    """Return the distance at node coordinates, interpolated between the nodes; infinite outside."""
-    i, j, k = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
-    sx, sy, sz = distances.shape
-    if not (0 <= i < sx - 1 and 0 <= j < sy - 1 and 0 <= k < sz - 1):
-        return np.inf
-    total = 0.0
-    for a in range(2):
-        for b in range(2):
-            for c in range(2):
-                weight = abs(1 - a - (x - i)) * abs(1 - b - (y - j)) * abs(1 - c - (z - k))
-                if weight > 0.0:
-                    total += weight * distances[i + a, j + b, k + c]
-    return total

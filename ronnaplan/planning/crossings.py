@@ -8,7 +8,7 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning.head import Head
-from ronnaplan.planning.layers import LONGEST_WAY_MM, STEP_MM, Way, way_out
+from ronnaplan.planning.layers import Way, way_out
 from ronnaplan.planning.surface import Surface, fit_crossing
 
 SCALP_LIMITS_HU = (-1024.0, 120.0)
@@ -36,20 +36,7 @@ class Crossings:
 
 def find_crossings(head: Head, start_mm: FloatArray, outward: FloatArray) -> Crossings:
     """Measure the surfaces along the ray from ``start_mm`` (3,), in the head, along unit ``outward`` (3,)."""
-    scan = head.scan
-    values = np.empty(int(LONGEST_WAY_MM / STEP_MM))
-    how, scalp, outer, inner = way_out(
-        scan.voxels,
-        scan.origins_uv_mm,
-        scan.w_mm,
-        scan.steps_mm,
-        head.inside,
-        head.cell,
-        scan.axes @ start_mm,
-        scan.axes @ outward,
-        values,
-    )
-    way = Way(how)
+    way, scalp, outer, inner = way_out(head.scan, head.inside, head.cell, start_mm, outward)
     if way is not Way.OPEN:
         return Crossings(way)
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from enum import IntEnum
 
 import numpy as np
-from numba import njit
+from numpy.typing import NDArray
 
+from ronnaplan.geometry import FloatArray
 from ronnaplan.planning.head import SKIN_HU
-from ronnaplan.planning.sampling import sample
+from ronnaplan.planning.sampling import Scan
 
 STEP_MM = 0.5
 """Sampling step of the search; what it finds is refined by a fit."""
@@ -40,63 +41,67 @@ class Way(IntEnum):
     """It left the head through something attached to it, such as a marker's post."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def is_inside(inside, cell, origins, w_mm, steps, point):  # type: ignore[no-untyped-def]
+def way_out(
+    scan: Scan, inside: NDArray[np.bool_], cell: int, start_mm: FloatArray, outward: FloatArray
+) -> tuple[Way, float, float, float]:
+    """Search from ``start_mm`` (3,) along unit ``outward`` (3,), both LPS, in the coarse head (`Head.inside`).
+
+    Returns how it ended and the reach of scalp, outer and inner table in mm; NaN: not met.
+    `ronnaplan.planning.compiled` holds the same search for many rays.
+    """
+    reach = STEP_MM * np.arange(int(LONGEST_WAY_MM / STEP_MM))
+    values = scan.values_hu(start_mm + reach[:, np.newaxis] * outward)
+    start, direction = scan.axes @ start_mm, scan.axes @ outward
+    seen = values[: int(np.isnan(values).argmax())] if np.isnan(values).any() else values
+    leaves = (seen[:-1] >= SKIN_HU) & (seen[1:] < SKIN_HU)
+    for n in (np.flatnonzero(leaves) + 1).tolist():
+        beyond, before = (start + (n * STEP_MM + cover) * direction for cover in (COVER_MM, -COVER_MM))
+        if is_inside(inside, cell, scan.origins_uv_mm, scan.w_mm, scan.steps_mm, beyond):
+            continue
+        scalp = crossing(values, n, SKIN_HU)
+        if not is_inside(inside, cell, scan.origins_uv_mm, scan.w_mm, scan.steps_mm, before):
+            return Way.COVERED, scalp, np.nan, np.nan
+        outer, inner = (crossing(values, m, BONE_HU) if m > 0 else np.nan for m in bone(values, n))
+        return Way.OPEN, scalp, outer, inner
+    return Way.CUT, np.nan, np.nan, np.nan
+
+
+def is_inside(
+    inside: NDArray[np.bool_],
+    cell: int,
+    origins: FloatArray,
+    w_mm: FloatArray,
+    steps: FloatArray,
+    point: FloatArray,
+) -> bool:
     """Whether (u, v, w) lies in the coarse head, in the slice next to it."""
     k = np.searchsorted(w_mm, point[2])
     if k >= len(w_mm) or (k > 0 and point[2] - w_mm[k - 1] < w_mm[k] - point[2]):
         k -= 1
     j = int((point[1] - origins[k, 1]) / steps[1]) // cell
     i = int((point[0] - origins[k, 0]) / steps[0]) // cell
-    return 0 <= j < inside.shape[1] and 0 <= i < inside.shape[2] and inside[k, j, i]
+    return bool(0 <= j < inside.shape[1] and 0 <= i < inside.shape[2] and inside[k, j, i])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def way_out(voxels, origins, w_mm, steps, inside, cell, start, direction, values):  # type: ignore[no-untyped-def]
-    """Search outwards from ``start`` (u, v, w); ``values`` receives the HU at every `STEP_MM`.
-
-    Returns (how, scalp, outer, inner): a `Way` and the reach of the three surfaces in mm; NaN: not met.
-    """
-    guess = 0
-    for n in range(len(values)):
-        place = start + n * STEP_MM * direction
-        values[n], guess = sample(voxels, origins, w_mm, steps, place[0], place[1], place[2], guess)
-        if np.isnan(values[n]):
-            break
-        if n == 0 or not (values[n - 1] >= SKIN_HU > values[n]):
-            continue
-        if is_inside(inside, cell, origins, w_mm, steps, place + COVER_MM * direction):
-            continue
-        scalp = crossing(values, n, SKIN_HU)
-        if not is_inside(inside, cell, origins, w_mm, steps, place - COVER_MM * direction):
-            return 2, scalp, np.nan, np.nan
-        outer, inner = bone(values, n)
-        return 0, scalp, outer, inner
-    return 1, np.nan, np.nan, np.nan
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def crossing(values, n, level):  # type: ignore[no-untyped-def]
+def crossing(values: FloatArray, n: int, level: float) -> float:
     """Return the reach in mm at which ``values`` passes ``level`` between samples n - 1 and n."""
-    return (n - 1 + (values[n - 1] - level) / (values[n - 1] - values[n])) * STEP_MM
+    reach: float = (n - 1 + (values[n - 1] - level) / (values[n - 1] - values[n])) * STEP_MM
+    return reach
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def bone(values, scalp):  # type: ignore[no-untyped-def]
-    """Return the reach in mm of the outer and inner table below sample ``scalp``; NaN where not met."""
-    outer = -1
+def bone(values: FloatArray, scalp: int) -> tuple[int, int]:
+    """Return the samples just beyond the outer and the inner table below sample ``scalp``; 0 where not met."""
+    outer = 0
     for n in range(scalp, max(scalp - int(DEEPEST_SKULL_MM / STEP_MM), 0), -1):
         if values[n - 1] >= BONE_HU > values[n]:
             outer = n
             break
-    if outer < 0:
-        return np.nan, np.nan
+    if outer == 0:
+        return 0, 0
     last = outer - 1
     for n in range(outer - 1, -1, -1):
         if values[n] >= BONE_HU:
             last = n
         elif last - n >= DIPLOE_MM / STEP_MM:
             break
-    if last == 0:
-        return crossing(values, outer, BONE_HU), np.nan
-    return crossing(values, outer, BONE_HU), crossing(values, last, BONE_HU)
+    return outer, last

@@ -129,7 +129,7 @@ def measure(
         depth,
         head.scan.values_hu(trajectory.at_depth(depth)),
         tuple(one for one in clearances if one is not None),
-        tuple(_spacing(trajectory, other) for other in others if other.name != trajectory.name),
+        spacings(trajectory, others),
         arc_angles(start, trajectory.target_mm, frame_axes),
         acpc_angles(landmarks, start, trajectory.target_mm) if landmarks else None,
         None if pose_mm2 is None else path_error(trajectory, pose_mm2, tolerance_mm),
@@ -167,6 +167,11 @@ def check_ends(trajectory: Trajectory, head: Head) -> Crossings:
             "choose a place on the scalp"
         )
     return crossings
+
+
+def spacings(trajectory: Trajectory, others: Sequence[Trajectory]) -> tuple[Spacing, ...]:
+    """Return how near ``trajectory`` comes to each of ``others``, itself left out by name."""
+    return tuple(_spacing(trajectory, other) for other in others if other.name != trajectory.name)
 
 
 def _spacing(trajectory: Trajectory, other: Trajectory) -> Spacing:

@@ -8,6 +8,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from ronnaplan.ct.volume import SliceGrid
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning.head import Head
 from ronnaplan.planning.segments import box_distance, point_distances, segment_distances
@@ -57,8 +58,8 @@ class Clearance:
 class Voxels:
     """An obstacle made of whole voxels of the scan: boxes ``low_mm``..``high_mm`` (N, 3) along the slice axes.
 
-    Only voxels at its surface are listed, ``kji`` (N, 3); ``mask`` (K, J, I) holds all. ``patches`` keeps the
-    pieces of smooth surface that were fitted so far, by voxel.
+    Only voxels at its surface are listed, ``kji`` (N, 3); ``held`` (H,), ascending, numbers all of them in the scan's
+    order. ``patches`` keeps the pieces of smooth surface that were fitted so far, by number in the list.
     """
 
     kind: Kind
@@ -66,16 +67,22 @@ class Voxels:
     axes: FloatArray
     low_mm: FloatArray
     high_mm: FloatArray
-    mask: NDArray[np.bool_]
-    centres_mm: FloatArray
-    kji: NDArray[np.int64]
-    patches: dict[tuple[int, ...], Patch | None] = field(default_factory=dict)
+    kji: NDArray[np.intp]
+    held: NDArray[np.int64]
+    grid: SliceGrid
+    shape: tuple[int, ...]
+    patches: dict[int, Patch | None] = field(default_factory=dict)
 
     @classmethod
     def of(cls, kind: Kind, name: str, mask: NDArray[np.bool_], head: Head) -> Voxels:
-        """Lay out the voxels of ``mask`` (K, J, I). A voxel reaches half way to its neighbours."""
-        scan = head.scan
-        k, j, i = np.nonzero(_boundary(mask))
+        """Lay out the voxels of ``mask`` (K, J, I)."""
+        return cls.at(kind, name, np.flatnonzero(mask), head)
+
+    @classmethod
+    def at(cls, kind: Kind, name: str, held: NDArray[np.int64], head: Head) -> Voxels:
+        """Lay out voxels by their numbers (H,), ascending. A voxel reaches half way to its neighbours."""
+        scan, shape = head.scan, head.volume.voxels_hu.shape
+        k, j, i = _boundary(held, shape)
         edges = np.concatenate([scan.w_mm[:1], (scan.w_mm[1:] + scan.w_mm[:-1]) / 2, scan.w_mm[-1:]])
         edges[0] -= (scan.w_mm[1] - scan.w_mm[0]) / 2
         edges[-1] += (scan.w_mm[-1] - scan.w_mm[-2]) / 2
@@ -84,7 +91,24 @@ class Voxels:
         half = scan.steps_mm / 2
         low = np.stack([u - half[0], v - half[1], edges[k]], axis=-1)
         high = np.stack([u + half[0], v + half[1], edges[k + 1]], axis=-1)
-        return cls(kind, name, scan.axes, low, high, mask, ((low + high) / 2) @ scan.axes, np.stack([k, j, i], 1))
+        return cls(kind, name, scan.axes, low, high, np.stack([k, j, i], axis=1), held, head.volume.grid, shape)
+
+    @property
+    def centres_mm(self) -> FloatArray:
+        """Middles (N, 3) of the listed voxels in LPS mm."""
+        centres: FloatArray = ((self.low_mm + self.high_mm) / 2) @ self.axes
+        return centres
+
+    def holds(self, places_mm: FloatArray) -> NDArray[np.bool_]:
+        """Return whether each LPS place (..., 3) lies in one of the voxels."""
+        return self.has(np.rint(self.grid.indices(places_mm)).astype(int))
+
+    def has(self, index: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Return whether each voxel (k, j, i) (..., 3), in the scan or not, is one of these."""
+        within = np.asarray(((index >= 0) & (index < self.shape)).all(axis=-1))
+        k, j, i = np.moveaxis(np.where(within[..., np.newaxis], index, 0), -1, 0)
+        held: NDArray[np.bool_] = within & _among((k * self.shape[1] + j) * self.shape[2] + i, self.held)
+        return held
 
     def clearance(self, trajectory: Trajectory, head: Head) -> Clearance | None:
         """Return the least distance of the path to the obstacle; None when the obstacle is empty."""
@@ -92,10 +116,10 @@ class Voxels:
             return None
         near = self._to_boxes(trajectory, slice(None), 1.0)
         for end, place in ((0.0, trajectory.entry_mm), (1.0, trajectory.target_mm)):
-            if holds(self.mask, head, place):
+            if self.holds(place):
                 near = _Near(0.0, 0.0, end)
         if self.kind is Kind.NO_GO and near.distance_mm > 0.0:
-            near = self._to_surface(trajectory, head)
+            near = self._to_surface(trajectory)
         radius = trajectory.instrument.radius_mm
         return Clearance(
             self.kind,
@@ -116,7 +140,7 @@ class Voxels:
         )
         return _Near(float(distance), float(distance), float(share))
 
-    def _to_surface(self, trajectory: Trajectory, head: Head) -> _Near:
+    def _to_surface(self, trajectory: Trajectory) -> _Near:
         """Return how near the smooth surface comes, piece by piece; where there is none, the voxels.
 
         A voxel only says that the next centre is outside, so the surface may reach to there, at twice its size.
@@ -127,7 +151,7 @@ class Voxels:
         left = left[np.argsort(apart[left], kind="stable")]
         found = []
         while len(left):
-            patch = self._patch(left[0], head)
+            patch = self._patch(int(left[0]))
             radius = 0.6 * COVERED * patch.scale_mm if patch else 2.0 * sizes[left[0]]
             here = np.linalg.norm(self.centres_mm[left] - self.centres_mm[left[0]], axis=1) <= radius
             known = patch.nearest(trajectory.entry_mm, trajectory.target_mm) if patch else None
@@ -141,11 +165,10 @@ class Voxels:
         nearest = min(found, key=lambda one: one.distance_mm)
         return replace(nearest, at_least_mm=min(one.at_least_mm for one in found))
 
-    def _patch(self, number: int, head: Head) -> Patch | None:
-        k, j, i = (int(index) for index in self.kji[number])
-        if (k, j, i) not in self.patches:
-            self.patches[k, j, i] = fit_patch(self.mask, head.volume.grid, (k, j, i))
-        return self.patches[k, j, i]
+    def _patch(self, number: int) -> Patch | None:
+        if number not in self.patches:
+            self.patches[number] = fit_patch(self.has, self.grid, self.shape, self.kji[number])
+        return self.patches[number]
 
 
 @dataclass(frozen=True)
@@ -186,7 +209,9 @@ Obstacle = Voxels | Marker
 
 def metal(head: Head) -> Voxels:
     """Return all voxels of the scan at or above `METAL_HU`."""
-    return Voxels.of(Kind.METAL, "metal", head.volume.voxels_hu >= METAL_HU, head)
+    planes = head.volume.voxels_hu  # one at a time: a mask of the whole scan would take half its memory
+    held = [np.flatnonzero(plane >= METAL_HU) + k * plane.size for k, plane in enumerate(planes)]
+    return Voxels.at(Kind.METAL, "metal", np.concatenate(held), head)
 
 
 def markers_on(head: Head, names: tuple[str, ...], centres_mm: FloatArray, diameter_mm: float) -> list[Marker]:
@@ -199,20 +224,18 @@ def markers_on(head: Head, names: tuple[str, ...], centres_mm: FloatArray, diame
     ]
 
 
-def _boundary(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Voxels of ``mask`` with one of their six neighbours outside it."""
-    padded = np.pad(mask, 1)
-    surrounded = mask.copy()
-    for axis in range(3):
-        for shift in (-1, 1):
-            surrounded &= np.roll(padded, shift, axis=axis)[1:-1, 1:-1, 1:-1]
-    return mask & ~surrounded
+def _boundary(held: NDArray[np.int64], shape: tuple[int, ...]) -> tuple[NDArray[np.intp], ...]:
+    """Slices, rows and columns of the voxels ``held`` (H,) with one of their six neighbours not among them."""
+    places = np.unravel_index(held, shape)
+    surrounded = np.ones(len(held), dtype=np.bool_)
+    for place, size, step in zip(places, shape, (shape[1] * shape[2], shape[2], 1), strict=True):
+        surrounded &= (place > 0) & _among(held - step, held) & (place < size - 1) & _among(held + step, held)
+    return tuple(place[~surrounded] for place in places)
 
 
-def holds(mask: NDArray[np.bool_], head: Head, places_mm: FloatArray) -> NDArray[np.bool_]:
-    """Return whether each LPS place (..., 3) lies in a voxel of ``mask`` (K, J, I)."""
-    index = np.rint(head.volume.grid.indices(places_mm)).astype(int)
-    inside = np.asarray(((index >= 0) & (index < mask.shape)).all(axis=-1))
-    k, j, i = np.moveaxis(np.where(inside[..., np.newaxis], index, 0), -1, 0)
-    held: NDArray[np.bool_] = inside & mask[k, j, i]
-    return held
+def _among(numbers: NDArray[np.int64], held: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return whether each of ``numbers`` (...) is one of ``held`` (H,), which ascend."""
+    if len(held) == 0:
+        return np.zeros(numbers.shape, dtype=np.bool_)
+    found: NDArray[np.bool_] = held[np.minimum(np.searchsorted(held, numbers), len(held) - 1)] == numbers
+    return found

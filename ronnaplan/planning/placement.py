@@ -10,16 +10,18 @@ it helps most, from several starts, until no move helps.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from ronnaplan.correspondence.layout import describe_layout
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, as_points
 from ronnaplan.planning.sites import PlacementRules, Sites, allowed_sites, even_layout
 from ronnaplan.registration import predict_tre
+
+if TYPE_CHECKING:
+    from ronnaplan.correspondence import Layout
 
 STARTS = 12
 """Starting layouts of the exchange; the best end is taken."""
@@ -90,7 +92,7 @@ def place_markers(
             "more of the scalp, a smaller distance, or another number of markers"
         )
     chosen = best[1][np.argsort(-centres[best[1], 2], kind="stable")]
-    layout = describe_layout(centres[chosen])
+    layout = _described(centres[chosen])
     return Placement(
         allowed.scalp_mm[chosen],
         allowed.normals[chosen],
@@ -137,14 +139,16 @@ def _improve(
     centres: FloatArray, targets: FloatArray, start: NDArray[np.int64], rules: PlacementRules
 ) -> tuple[float, NDArray[np.int64]]:
     """Exchange markers until no move helps; a move that makes the layout ambiguous is not taken."""
+    from ronnaplan.planning.compiled import exchange, largest
+
     chosen = start.copy()
-    best = float(_largest(np.ascontiguousarray(centres[chosen]), targets))
+    best = float(largest(np.ascontiguousarray(centres[chosen]), targets))
     moved = True
     while moved:
         moved = False
         for place in range(len(chosen)):
             scores = np.full(len(centres), np.inf)
-            _exchange(centres, targets, chosen, place, rules.least_apart_mm, scores)
+            exchange(centres, targets, chosen, place, rules.least_apart_mm, scores)
             for site in np.argsort(scores, kind="stable")[:_MOST_TRIED]:
                 if not scores[site] < best * (1.0 - 1e-9):
                     break
@@ -161,48 +165,10 @@ _MOST_TRIED = 20
 
 
 def _refusal(markers: FloatArray, rules: PlacementRules) -> float:
-    return describe_layout(markers).refusal_probability(rules.sigma_ct_mm, rules.sigma_ots_mm)
+    return _described(markers).refusal_probability(rules.sigma_ct_mm, rules.sigma_ots_mm)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _exchange(centres, targets, chosen, place, apart, scores):  # type: ignore[no-untyped-def]
-    """Fill ``scores`` (S,) with the largest error were marker ``place`` at each site that keeps its distance."""
-    markers = np.empty((len(chosen), 3))
-    for n in range(len(chosen)):
-        markers[n] = centres[chosen[n]]
-    for site in range(len(centres)):
-        near = False
-        for n in range(len(chosen)):
-            if n != place and ((centres[chosen[n]] - centres[site]) ** 2).sum() < apart**2:
-                near = True
-                break
-        if not near:
-            markers[place] = centres[site]
-            scores[site] = _largest(markers, targets)
+def _described(markers: FloatArray) -> Layout:
+    from ronnaplan.correspondence import describe_layout
 
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _largest(markers, targets):  # type: ignore[no-untyped-def]
-    """Return the largest squared error over the targets, in units of sigma^2; infinite for a line."""
-    count = len(markers)
-    centroid = np.zeros(3)
-    for n in range(count):
-        centroid += markers[n] / count
-    inertia = np.zeros((3, 3))
-    for n in range(count):
-        p = markers[n] - centroid
-        square = (p * p).sum()
-        for a in range(3):
-            inertia[a, a] += square
-            for b in range(3):
-                inertia[a, b] -= p[a] * p[b]
-    if np.linalg.det(inertia) <= 1e-9 * np.trace(inertia) ** 3:
-        return np.inf
-    inverse = np.linalg.inv(inertia)
-    worst = 0.0
-    for t in range(len(targets)):
-        r = targets[t] - centroid
-        # trace([r]x K^-1 [r]x') = r' (trace(K^-1) 1 - K^-1) r
-        spread = np.trace(inverse) * (r * r).sum() - (r * (inverse @ r)).sum()
-        worst = max(worst, 3.0 / count + spread)
-    return worst
+    return describe_layout(markers)

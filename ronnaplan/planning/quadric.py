@@ -1,4 +1,4 @@
-"""A bent quadric between voxel centres inside and outside a label: the compiled inner loops of `smooth`.
+"""A bent quadric between voxel centres inside and outside a label.
 
 A quadric is the zero set of a polynomial of second order; planes, spheres, ellipsoids and straight tubes are
 quadrics. Bending it along its axis by a circle makes tori of straight tubes.
@@ -6,81 +6,87 @@ quadrics. Bending it along its axis by a circle makes tori of straight tubes.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
-from numba import njit
+
+from ronnaplan.geometry import FloatArray
 
 PARAMETERS = 12
 """Ten coefficients (1, x, y, z, xx, yy, zz, xy, xz, yz) and the two curvatures of the bend, towards x and y."""
 
+FLAT = 1e-4
+"""Added to the squared gradient, so that a distance stays finite where the polynomial is flat."""
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def evaluate(parameters, points, values, jacobian, gradients):  # type: ignore[no-untyped-def]
-    """Fill for each of ``points`` (N, 3) its signed distance (N,), negative inside, and derivatives.
+
+def evaluate(parameters: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return of ``points`` (N, 3) the signed distances (N,), negative inside, and their derivatives.
 
     The distance is the polynomial over the length of its gradient (Taubin 1991): right to first order, and blind
-    to the polynomial's scale. ``jacobian`` (N, 12) is by the parameters, ``gradients`` (N, 3) by the unbent place.
+    to the polynomial's scale. The derivatives are by the parameters (N, 12) and by the unbent place (N, 3).
     """
-    bend_x, bend_y = parameters[10], parameters[11]
-    terms, slopes = np.empty(10), np.zeros((10, 3))
-    for n in range(len(points)):
-        x, y, z = points[n, 0], points[n, 1], points[n, 2]
-        # Polar angle and radius about the centre of the bend, by the half angle: regular where nothing is bent.
-        a = 1.0 - bend_x * x - bend_y * y
-        g = math.sqrt(a * a + (bend_x**2 + bend_y**2) * z * z) + 1e-12
-        d = a + g
-        sag = z * z / d
-        u, v, w = x - bend_x * sag, y - bend_y * sag, 2.0 * z / d
-        _terms(u, v, w, terms, slopes)
-        value, slope_u, slope_v, slope_w = 0.0, 0.0, 0.0, 0.0
-        for k in range(10):
-            value += parameters[k] * terms[k]
-            slope_u += parameters[k] * slopes[k, 0]
-            slope_v += parameters[k] * slopes[k, 1]
-            slope_w += parameters[k] * slopes[k, 2]
-        square = slope_u**2 + slope_v**2 + slope_w**2 + 1e-4
-        length = math.sqrt(square)
-        values[n] = value / length
-        gradients[n, 0], gradients[n, 1], gradients[n, 2] = slope_u / length, slope_v / length, slope_w / length
-        for k in range(10):
-            turn = slope_u * slopes[k, 0] + slope_v * slopes[k, 1] + slope_w * slopes[k, 2]
-            jacobian[n, k] = (terms[k] - value * turn / square) / length
-        along = slope_u * bend_x * sag + slope_v * bend_y * sag - slope_w * w
-        d_x = -x + (bend_x * z * z - a * x) / g
-        d_y = -y + (bend_y * z * z - a * y) / g
-        jacobian[n, 10] = (-slope_u * sag + along * d_x / d) / length
-        jacobian[n, 11] = (-slope_v * sag + along * d_y / d) / length
+    bend = parameters[10:]
+    x, y, z = points.T
+    # Polar angle and radius about the centre of the bend, by the half angle: regular where nothing is bent.
+    a = 1.0 - bend[0] * x - bend[1] * y
+    g = np.sqrt(a * a + (bend @ bend) * z * z) + 1e-12
+    d = a + g
+    sag = z * z / d
+    u, v, w = x - bend[0] * sag, y - bend[1] * sag, 2.0 * z / d
+    terms = np.stack(monomials(u, v, w))
+    value, slope = parameters[:10] @ terms, _slope(parameters, u, v, w)
+    square = (slope**2).sum(axis=0) + FLAT
+    length = np.sqrt(square)
+    turn = _turn(slope, u, v, w)
+    jacobian = np.empty((PARAMETERS, len(points)))
+    jacobian[:10] = (terms - value / square * turn) / length
+    along = (bend @ slope[:2]) * sag - slope[2] * w
+    for n, place in enumerate((x, y)):
+        jacobian[10 + n] = (along * ((bend[n] * z * z - a * place) / g - place) / d - slope[n] * sag) / length
+    return value / length, jacobian.T, (slope / length).T
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _terms(u, v, w, terms, slopes):  # type: ignore[no-untyped-def]
-    terms[0], terms[1], terms[2], terms[3] = 1.0, u, v, w
-    terms[4], terms[5], terms[6] = u * u, v * v, w * w
-    terms[7], terms[8], terms[9] = u * v, u * w, v * w
-    slopes[1, 0], slopes[2, 1], slopes[3, 2] = 1.0, 1.0, 1.0
-    slopes[4, 0], slopes[5, 1], slopes[6, 2] = 2.0 * u, 2.0 * v, 2.0 * w
-    slopes[7, 0], slopes[7, 1] = v, u
-    slopes[8, 0], slopes[8, 2] = w, u
-    slopes[9, 1], slopes[9, 2] = w, v
+def monomials(x: FloatArray, y: FloatArray, z: FloatArray) -> list[FloatArray]:
+    """Return the ten terms (N,) of a polynomial of second order."""
+    return [np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, x * z, y * z]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def penalty(values, sides, blur, weights, slopes):  # type: ignore[no-untyped-def]
+def _slope(parameters: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
+    """Return the gradient (3, N) of the polynomial."""
+    _, p_x, p_y, p_z, xx, yy, zz, xy, xz, yz, *_ = parameters
+    return np.stack(
+        [
+            p_x + 2.0 * xx * x + xy * y + xz * z,
+            p_y + 2.0 * yy * y + xy * x + yz * z,
+            p_z + 2.0 * zz * z + xz * x + yz * y,
+        ]
+    )
+
+
+def _turn(slope: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
+    """Return the slope (10, N) of each term along the gradient ``slope`` (3, N) of the polynomial."""
+    p, q, r = slope
+    rows = [
+        np.zeros_like(x),
+        p,
+        q,
+        r,
+        2.0 * p * x,
+        2.0 * q * y,
+        2.0 * r * z,
+        p * y + q * x,
+        p * z + r * x,
+        q * z + r * y,
+    ]
+    return np.stack(rows)
+
+
+def unlikelihood(values: FloatArray, sides: FloatArray, blur: float) -> tuple[float, FloatArray, FloatArray]:
     """Return minus the log of the chance of ``sides`` (N,; -1 inside, 1 outside) under a probit of width ``blur``.
 
-    Fills its first (``slopes``) and second (``weights``) derivatives by ``values`` (N,).
+    With it its first and second derivatives (N,) by ``values`` (N,).
     """
-    total = 0.0
-    for n in range(len(values)):
-        z = sides[n] * values[n] / blur
-        if z > -5.0:
-            share = 0.5 * math.erfc(-z / math.sqrt(2.0))
-            mills = math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi) / share
-            total -= math.log(share)
-        else:
-            mills = -z - 1.0 / z
-            total += 0.5 * z * z + math.log(-z * math.sqrt(2.0 * math.pi))
-        slopes[n] = -sides[n] * mills / blur
-        weights[n] = max(mills * (z + mills), 0.0) / blur**2
-    return total
+    from scipy.special import log_ndtr
+
+    z = sides * values / blur
+    logs = log_ndtr(z)
+    mills = np.exp(-0.5 * z * z - logs) / np.sqrt(2.0 * np.pi)
+    return -float(logs.sum()), -sides * mills / blur, np.maximum(mills * (z + mills), 0.0) / blur**2

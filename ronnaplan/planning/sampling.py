@@ -1,8 +1,8 @@
-"""CT values anywhere, each slice taken at its own place: the compiled inner loops of the planning room.
+"""CT values anywhere, each slice taken at its own place.
 
-Points are given along the slice axes (u along a row, v down a column, w along the normal). Within a slice the
-value is interpolated bilinearly, between the two neighbouring slices linearly along their normal, so that tilted
-and unevenly spaced slices are read where they are.
+Within a slice the value is interpolated bilinearly, between the two neighbouring slices linearly along their
+normal, so that tilted and unevenly spaced slices are read where they are. `ronnaplan.planning.compiled` does the
+same for tens of thousands of rays.
 """
 
 from __future__ import annotations
@@ -10,12 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.detect import slice_axes
 
 AIR_HU = -1024.0
 """Values below air are not physical (padding, the corners of the picture) and are raised to it."""
@@ -23,10 +21,11 @@ AIR_HU = -1024.0
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """A scan as the compiled loops want it.
+    """A scan as the loops over its voxels want it.
 
-    ``voxels`` (K, J, I); rows of ``axes`` (3, 3) are u, v, w in LPS; ``origins_uv_mm`` (K, 2) and ``w_mm`` (K,)
-    place the first voxel of each slice; ``steps_mm`` (2,) are the column and row spacing.
+    ``voxels`` (K, J, I); rows of ``axes`` (3, 3) are u (along a row), v (down a column), w (along the normal) in
+    LPS; ``origins_uv_mm`` (K, 2) and ``w_mm`` (K,) place the first voxel of each slice; ``steps_mm`` (2,) are the
+    column and row spacing.
     """
 
     voxels: NDArray[np.int16] | NDArray[np.float32]
@@ -38,7 +37,7 @@ class Scan:
     @classmethod
     def of(cls, volume: CTVolume) -> Scan:
         """Lay out ``volume``; its voxels are shared, not copied."""
-        axes = slice_axes(volume.grid)
+        axes = volume.grid.axes
         steps = np.array([volume.grid.column_spacing_mm, volume.grid.row_spacing_mm])
         origins = volume.grid.origins_mm @ axes.T
         return cls(
@@ -51,54 +50,30 @@ class Scan:
 
     def values_hu(self, points_mm: FloatArray) -> FloatArray:
         """Return the interpolated HU (N,) at LPS ``points_mm`` (N, 3); NaN outside the scan."""
-        values = np.empty(len(points_mm))
-        local = np.ascontiguousarray(points_mm @ self.axes.T)
-        sample_all(self.voxels, self.origins_uv_mm, self.w_mm, self.steps_mm, local, values)
+        u, v, w = (points_mm @ self.axes.T).T
+        slices = len(self.w_mm)
+        if slices < 2:
+            return np.full(len(points_mm), np.nan)
+        k = np.clip(np.searchsorted(self.w_mm, w, side="right") - 1, 0, slices - 2)
+        share = (w - self.w_mm[k]) / (self.w_mm[k + 1] - self.w_mm[k])
+        values = (1.0 - share) * self._bilinear(k, u, v) + share * self._bilinear(k + 1, u, v)
+        return np.where((self.w_mm[0] <= w) & (w <= self.w_mm[-1]), values, np.nan)
+
+    def _bilinear(self, k: NDArray[np.intp], u: FloatArray, v: FloatArray) -> FloatArray:
+        """Return the values (N,) in slices ``k``, at least `AIR_HU`; NaN outside."""
+        rows, columns = self.voxels.shape[1:]
+        row = (v - self.origins_uv_mm[k, 1]) / self.steps_mm[1]
+        column = (u - self.origins_uv_mm[k, 0]) / self.steps_mm[0]
+        outside = ~((row >= 0.0) & (row <= rows - 1) & (column >= 0.0) & (column <= columns - 1))
+        row[outside] = column[outside] = 0.0
+        j, i = np.minimum(row.astype(np.intp), rows - 2), np.minimum(column.astype(np.intp), columns - 2)
+        y, x = row - j, column - i
+
+        def at(below: int, beside: int) -> FloatArray:
+            values: FloatArray = self.voxels[k, j + below, i + beside].astype(np.float64)
+            return np.maximum(values, AIR_HU)
+
+        values: FloatArray = (1.0 - y) * ((1.0 - x) * at(0, 0) + x * at(0, 1))
+        values += y * ((1.0 - x) * at(1, 0) + x * at(1, 1))
+        values[outside] = np.nan
         return values
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def slice_below(w_mm: FloatArray, w: float, guess: int) -> int:
-    """Return k with ``w_mm[k] <= w <= w_mm[k + 1]``, searched from ``guess``; -1 outside."""
-    count = len(w_mm)
-    if count < 2 or not (w_mm[0] <= w <= w_mm[count - 1]):
-        return -1
-    k = min(max(guess, 0), count - 2)
-    while w < w_mm[k]:
-        k -= 1
-    while w > w_mm[k + 1]:
-        k += 1
-    return k
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def bilinear(plane, row, column):  # type: ignore[no-untyped-def]
-    """Return the value of ``plane`` (J, I) at a fractional place, at least `AIR_HU`; NaN outside."""
-    rows, columns = plane.shape
-    if not (0.0 <= row <= rows - 1 and 0.0 <= column <= columns - 1):
-        return np.nan
-    j, i = min(int(row), rows - 2), min(int(column), columns - 2)
-    y, x = row - j, column - i
-    upper = (1.0 - x) * max(plane[j, i], AIR_HU) + x * max(plane[j, i + 1], AIR_HU)
-    lower = (1.0 - x) * max(plane[j + 1, i], AIR_HU) + x * max(plane[j + 1, i + 1], AIR_HU)
-    return (1.0 - y) * upper + y * lower
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def sample(voxels, origins, w_mm, steps, u, v, w, guess):  # type: ignore[no-untyped-def]
-    """Return the value at (u, v, w) in HU, NaN outside, and the slice below it (a guess for the next call)."""
-    k = slice_below(w_mm, w, guess)
-    if k < 0:
-        return np.nan, guess
-    low = bilinear(voxels[k], (v - origins[k, 1]) / steps[1], (u - origins[k, 0]) / steps[0])
-    high = bilinear(voxels[k + 1], (v - origins[k + 1, 1]) / steps[1], (u - origins[k + 1, 0]) / steps[0])
-    share = (w - w_mm[k]) / (w_mm[k + 1] - w_mm[k])
-    return (1.0 - share) * low + share * high, k
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def sample_all(voxels, origins, w_mm, steps, points, values):  # type: ignore[no-untyped-def]
-    """Fill ``values`` (N,) with the HU at ``points`` (N, 3) = (u, v, w)."""
-    guess = 0
-    for n in range(len(points)):
-        values[n], guess = sample(voxels, origins, w_mm, steps, points[n, 0], points[n, 1], points[n, 2], guess)

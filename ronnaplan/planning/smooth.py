@@ -7,6 +7,7 @@ be elsewhere is asked of all bent quadrics that leave them there, by linear prog
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from ronnaplan.ct.volume import SliceGrid
 from ronnaplan.geometry import FloatArray
-from ronnaplan.planning.quadric import PARAMETERS, evaluate, penalty
+from ronnaplan.planning.quadric import PARAMETERS, evaluate, monomials, unlikelihood
 from ronnaplan.planning.segments import along_segments
 
 WINDOWS = (8.0, 6.0)
@@ -59,9 +60,8 @@ class Patch:
 
     def at(self, places_mm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return signed distances (N,), derivatives by the parameters (N, 12) and outward normals (N, 3)."""
-        values, jacobian, normals = _evaluate(
-            self.parameters, (places_mm - self.centre_mm) @ self.axes.T / self.scale_mm
-        )
+        local = (places_mm - self.centre_mm) @ self.axes.T / self.scale_mm
+        values, jacobian, normals = evaluate(self.parameters, local)
         return values * self.scale_mm, jacobian * self.scale_mm, normals @ self.axes
 
     def nearest(self, start: FloatArray, stop: FloatArray) -> tuple[float, float, float] | None:
@@ -117,8 +117,12 @@ class Patch:
         return places_mm
 
 
-def fit_patch(mask: NDArray[np.bool_], grid: SliceGrid, voxel: tuple[int, int, int]) -> Patch | None:
-    """Return the surface of ``mask`` (K, J, I) about ``voxel`` of it; None where none can be told.
+Has = Callable[[NDArray[np.intp]], NDArray[np.bool_]]
+"""Tells of voxels (k, j, i) (..., 3) whether the label has them."""
+
+
+def fit_patch(has: Has, grid: SliceGrid, shape: tuple[int, ...], voxel: tuple[int, ...]) -> Patch | None:
+    """Return the surface of a label on a ``grid`` of ``shape`` about a ``voxel`` of it; None where none can be told.
 
     That is so where the grid cuts the label, where no bent quadric leaves the voxel centres on their sides (sharp
     or branching shapes), and where there are too few of them.
@@ -127,7 +131,7 @@ def fit_patch(mask: NDArray[np.bool_], grid: SliceGrid, voxel: tuple[int, int, i
     sizes = np.array([gap, grid.row_spacing_mm, grid.column_spacing_mm])
     voxel_mm, finest_mm = float(np.cbrt(sizes.prod())), float(sizes.min())
     for window in WINDOWS:
-        found = _window(mask, grid, voxel, window * voxel_mm)
+        found = _window(has, grid, shape, voxel, window * voxel_mm)
         if found is None:
             continue
         patch = _fit(*found, grid.positions_mm(np.array(voxel, dtype=np.float64)), window * voxel_mm, voxel_mm)
@@ -137,7 +141,7 @@ def fit_patch(mask: NDArray[np.bool_], grid: SliceGrid, voxel: tuple[int, int, i
 
 
 def _window(
-    mask: NDArray[np.bool_], grid: SliceGrid, voxel: tuple[int, int, int], radius_mm: float
+    has: Has, grid: SliceGrid, shape: tuple[int, ...], voxel: tuple[int, ...], radius_mm: float
 ) -> tuple[FloatArray, NDArray[np.bool_]] | None:
     """Return the voxel centres (N, 3) in a ball and which of them are inside; None where the grid cuts the label.
 
@@ -151,14 +155,14 @@ def _window(
     )
     index = grid.indices(centre + corners)
     low = np.clip(np.floor(index.min(axis=0)).astype(int), 0, None)
-    high = np.minimum(np.ceil(index.max(axis=0)).astype(int) + 1, mask.shape)
-    part = mask[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
-    cells = np.moveaxis(np.indices(part.shape), 0, -1) + low
+    high = np.minimum(np.ceil(index.max(axis=0)).astype(int) + 1, shape)
+    cells = np.moveaxis(np.indices(tuple(high - low)), 0, -1) + low
+    part = has(cells)
     places = grid.positions_mm(cells.astype(np.float64))
     ball = np.linalg.norm(places - centre, axis=-1) < radius_mm
     parts, _ = label(part & ball, structure=np.ones((3, 3, 3)))
     own = parts == parts[tuple(np.array(voxel) - low)]
-    edge = ((cells == 0) | (cells == np.array(mask.shape) - 1)).any(axis=-1)
+    edge = ((cells == 0) | (cells == np.array(shape) - 1)).any(axis=-1)
     if (own & edge).any():
         return None
     used = ball & (own | ~part)
@@ -182,10 +186,10 @@ def _fit(
     sides = np.sign(depth[near])
     local = (places_mm[near] - centre_mm) / radius_mm
     axes = _axes(_quadric(local, guess))
-    local = np.ascontiguousarray(local @ axes.T)
+    local = local @ axes.T
     first = np.concatenate([_quadric(local, guess), [0.0, 0.0]])
     parameters = _solve(first, local, sides, BLUR * voxel_mm / radius_mm)
-    values, jacobian, _ = _evaluate(parameters, local)
+    values, jacobian, _ = evaluate(parameters, local)
     if (sides * values).min() * radius_mm < -WRONG * voxel_mm:
         return None
     rows, room = _bounds(parameters, sides, values, jacobian)
@@ -210,41 +214,31 @@ def _axes(quadric: FloatArray) -> FloatArray:
 
 def _quadric(local: FloatArray, distances: FloatArray) -> FloatArray:
     """Return the polynomial (10,) that comes nearest to ``distances`` (N,) at ``local`` (N, 3)."""
-    x, y, z = local.T
-    terms = np.column_stack([np.ones(len(local)), local, local**2, x * y, x * z, y * z])
-    found = np.linalg.lstsq(terms, distances, rcond=None)[0]
+    found = np.linalg.lstsq(np.column_stack(monomials(*local.T)), distances, rcond=None)[0]
     return np.asarray(found, dtype=np.float64)
-
-
-def _evaluate(parameters: FloatArray, local: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    values, jacobian, normals = np.empty(len(local)), np.empty((len(local), PARAMETERS)), np.empty((len(local), 3))
-    evaluate(parameters, np.ascontiguousarray(local), values, jacobian, normals)
-    return values, jacobian, normals
 
 
 def _solve(parameters: FloatArray, local: FloatArray, sides: FloatArray, blur: float) -> FloatArray:
     """Return the most probable parameters (12,): Newton's method with Levenberg's damping."""
-    slopes, weights = np.empty(len(local)), np.empty(len(local))
 
-    def cost(tried: FloatArray) -> tuple[float, FloatArray]:
-        values, jacobian, _ = _evaluate(tried, local)
-        unlikely = penalty(values, sides, blur, weights, slopes)
-        return float(unlikely + 0.5 * ((tried / PRIOR) ** 2).sum()), jacobian
+    def cost(tried: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        values, jacobian, _ = evaluate(tried, local)
+        unlikely, slopes, weights = unlikelihood(values, sides, blur)
+        gradient = jacobian.T @ slopes + tried / PRIOR**2
+        hessian = (jacobian * weights[:, np.newaxis]).T @ jacobian + np.diag(PRIOR**-2)
+        return unlikely + 0.5 * float(((tried / PRIOR) ** 2).sum()), gradient, hessian
 
-    least, jacobian = cost(parameters)
+    least, gradient, hessian = cost(parameters)
     damping = 1e-3
     for _ in range(100):
-        gradient = jacobian.T @ slopes + parameters / PRIOR**2
-        hessian = (jacobian * weights[:, np.newaxis]).T @ jacobian + np.diag(PRIOR**-2)
         tried = parameters - np.linalg.solve(hessian + damping * np.diag(np.diag(hessian)), gradient)
-        now, there = cost(tried)
+        now, *there = cost(tried)
         if now >= least:
-            cost(parameters)
             damping *= 5.0
             if damping > 1e6:
                 break
             continue
-        gained, least, parameters, jacobian = least - now, now, tried, there
+        gained, least, parameters, (gradient, hessian) = least - now, now, tried, there
         damping = max(damping / 5.0, 1e-7)
         if gained < 1e-3:
             break

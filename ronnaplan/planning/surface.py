@@ -12,7 +12,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray, unit
@@ -73,7 +72,10 @@ ALIKE_VOXELS = 9
 """Noise and misfit of 3 x 3 neighbours in a slice go together: they count as one voxel in the standard error."""
 
 MOST_STEPS = 40
-ROOT, HALF = 1.0 / math.sqrt(2.0 * math.pi), 1.0 / math.sqrt(2.0)
+LEAST_PROGRESS, LEAST_PROMISE = 1e-4, 1e-6
+"""A fit ends when a step lessened the misfit by less than the first share, or the next promises less than the other."""
+
+ROOT = 1.0 / math.sqrt(2.0 * math.pi)
 ROUNDS = 3
 """Times the voxels are chosen anew about the fitted patch."""
 
@@ -95,7 +97,7 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class _Patch:
-    """Parameters (13,): ten of the height (see `height`), inner and outer level, log of the blur."""
+    """Parameters (13,): ten of the height (see `heights`), inner and outer level, log of the blur."""
 
     origin_mm: FloatArray
     axes: FloatArray
@@ -151,26 +153,27 @@ def _fit(
         return None
     axes = _axes(_steepest(offsets, values, outward))
     local = offsets @ axes.T
+    terms = _terms(local[:, 0], local[:, 1])
     across = abs(float(axes[2] @ volume.grid.normal))
     needed = max(depth, 0.8 * gap * across)
     box = (volume.grid.thickness_mm or gap) * across
     parameters, covariance = np.zeros(13), np.empty((13, 13))
     before = np.zeros(len(local), dtype=np.bool_)
     for _ in range(ROUNDS):
-        chosen = np.abs(local[:, 2] - heights(local, parameters)) <= needed
+        chosen = np.abs(local[:, 2] - heights(terms, parameters)) <= needed
         if chosen.sum() < LEAST_VOXELS:
             return None
         if (chosen == before).all():
             break
         before = chosen
-        fitted = _solve(local[chosen], values[chosen], parameters, box)
+        fitted = _solve(terms[:, chosen], local[chosen, 2], values[chosen], parameters, box)
         if fitted is None:
             return None
         parameters, covariance = fitted
     local_only = np.hypot(local[:, 0], local[:, 1]) <= max(NEAR_RADIUS_MM, 0.75 * gap)
-    chosen = local_only & (np.abs(local[:, 2] - heights(local, parameters)) <= needed)
+    chosen = local_only & (np.abs(local[:, 2] - heights(terms, parameters)) <= needed)
     if chosen.sum() >= LEAST_VOXELS:
-        fitted = _solve(local[chosen], values[chosen], parameters, box, shape=parameters)
+        fitted = _solve(terms[:, chosen], local[chosen, 2], values[chosen], parameters, box, shape=parameters)
         if fitted is not None:
             parameters, covariance = fitted
     # Between slices that leave a gap nothing was measured: a surface may lie anywhere in it.
@@ -190,7 +193,7 @@ def _gap(volume: CTVolume, place: FloatArray) -> float:
 def _steepest(offsets: FloatArray, values: FloatArray, outward: FloatArray) -> FloatArray:
     """Direction of the mean gradient, turned to the side of ``outward``: the first guess of the normal."""
     design = np.column_stack([np.ones(len(offsets)), offsets])
-    gradient = np.linalg.lstsq(design, values, rcond=None)[0][1:]
+    gradient = np.linalg.lstsq(design.T @ design, design.T @ values, rcond=None)[0][1:]
     if not np.linalg.norm(gradient) > 0:
         return outward
     normal = unit(gradient.tolist())
@@ -204,7 +207,12 @@ def _axes(normal: FloatArray) -> FloatArray:
 
 
 def _solve(
-    local: FloatArray, values: FloatArray, start: FloatArray, box: float, shape: FloatArray | None = None
+    terms: FloatArray,
+    c: FloatArray,
+    values: FloatArray,
+    start: FloatArray,
+    box: float,
+    shape: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return the parameters (13,) and their covariance (13, 13), or None when there is no step.
 
@@ -212,7 +220,7 @@ def _solve(
     height, levels and blur are free, the rest stays.
     """
     expected, prior = (EXPECTED, PRIOR) if shape is None else (shape, FIXED_SHAPE)
-    above = local[:, 2] > heights(local, start)
+    above = c > heights(terms, start)
     if above.all() or not above.any():
         return None
     inner, outer = np.median(values[~above]), np.median(values[above])
@@ -223,17 +231,20 @@ def _solve(
     damping, cost = 1e-3, np.inf
     information, gradient, best = np.empty((13, 13)), np.empty(13), guess
     for _ in range(MOST_STEPS):
-        square, normal, right = normal_equations(local, values, guess, box)
+        square, normal, right = normal_equations(terms, c, values, guess, box)
         cost_now = square / variance + float((prior * (guess - expected) ** 2).sum())
         if cost_now < cost:
             better, best, cost, damping = cost - cost_now, guess, cost_now, damping / 10
             information = normal / variance + np.diag(prior)
             gradient = right / variance - prior * (guess - expected)
-            if better < 1e-4 * cost:
+            if better < LEAST_PROGRESS * cost:
                 break
         else:
             damping *= 10
-        guess = best + np.linalg.solve(information + damping * np.diag(np.diag(information)), gradient)
+        step = np.linalg.solve(information + damping * np.diag(np.diag(information)), gradient)
+        if step @ gradient < LEAST_PROMISE * cost:
+            break
+        guess = best + step
     if not (np.isfinite(best).all() and abs(best[OUTER] - best[INNER]) >= LEAST_CONTRAST_HU):
         return None
     spread = ALIKE_VOXELS * max(cost / max(len(values) - 13, 1), 1e-6)
@@ -241,70 +252,61 @@ def _solve(
     return best, covariance
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def height(h, a, b):  # type: ignore[no-untyped-def]
-    """Return the height z(a, b) of a patch with parameters ``h``, and its slopes."""
-    z = h[0] + a * (h[1] + a * (h[3] / 2 + a * h[6] / 6 + b * h[7] / 2))
-    z += b * (h[2] + a * h[4] + b * (h[5] / 2 + a * h[8] / 2 + b * h[9] / 6))
-    by_a = h[1] + a * h[3] + b * h[4] + a * a * h[6] / 2 + a * b * h[7] + b * b * h[8] / 2
-    by_b = h[2] + a * h[4] + b * h[5] + a * a * h[7] / 2 + a * b * h[8] + b * b * h[9] / 2
-    return z, by_a, by_b
+def _terms(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return what each parameter of a patch's height is multiplied by (10, ...) at ``a``, ``b`` (...)."""
+    one, aa, ab, bb = np.ones_like(a), a * a / 2, a * b, b * b / 2
+    return np.stack([one, a, b, aa, ab, bb, a * aa / 3, b * aa, a * bb, b * bb / 3])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def heights(local, h):  # type: ignore[no-untyped-def]
-    """Return the heights (N,) of the patch below or above the places ``local`` (N, 3)."""
-    result = np.empty(len(local))
-    for n in range(len(local)):
-        result[n] = height(h, local[n, 0], local[n, 1])[0]
-    return result
+def heights(terms: FloatArray, h: FloatArray) -> FloatArray:
+    """Return the heights (...) of the patch at the places of ``terms`` (10, ...)."""
+    z: FloatArray = h[:HEIGHTS] @ terms
+    return z
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def normal_equations(local, values, h, box):  # type: ignore[no-untyped-def]
-    """Return the squared misfit of ``values`` (N,), and the normal equations' matrix (13, 13) and right side."""
-    matrix, right, square = np.zeros((13, 13)), np.zeros(13), 0.0
-    slope = np.empty(13)
+def slopes(terms: FloatArray, h: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return how fast the height grows with a and with b (...): polynomials in the first six terms."""
+    return h[[1, 3, 4, 6, 7, 8]] @ terms[:6], h[[2, 4, 5, 7, 8, 9]] @ terms[:6]
+
+
+def normal_equations(
+    terms: FloatArray, c: FloatArray, values: FloatArray, h: FloatArray, box: float
+) -> tuple[float, FloatArray, FloatArray]:
+    """Return the squared misfit of ``values`` (N,), and the normal equations' matrix (13, 13) and right side.
+
+    ``c`` (N,) is each voxel's place along the third axis, ``terms`` (10, N) those of the other two.
+    """
+    from scipy.special import ndtr
+
     inner, outer, blur = h[INNER], h[OUTER], math.exp(min(max(h[BLUR], -3.0), 1.5))
     width = max(box, 0.1 * blur)
-    for n in range(len(local)):
-        a, b = local[n, 0], local[n, 1]
-        z, by_a, by_b = height(h, a, b)
-        shrink = 1.0 / math.sqrt(1.0 + by_a * by_a + by_b * by_b)
-        distance = (local[n, 2] - z) * shrink
-        high, low = (distance + width / 2) / blur, (distance - width / 2) / blur
-        bell_high, bell_low = math.exp(-high * high / 2) * ROOT, math.exp(-low * low / 2) * ROOT
-        area_high, area_low = 0.5 * math.erfc(-high * HALF), 0.5 * math.erfc(-low * HALF)
-        share = blur / width * (high * area_high + bell_high - low * area_low - bell_low)
-        rate = -(outer - inner) * (area_high - area_low) / width * shrink
-        slope[0], slope[1], slope[2] = rate, rate * a, rate * b
-        slope[3], slope[4], slope[5] = rate * a * a / 2, rate * a * b, rate * b * b / 2
-        slope[6], slope[7] = rate * a * a * a / 6, rate * a * a * b / 2
-        slope[8], slope[9] = rate * a * b * b / 2, rate * b * b * b / 6
-        slope[10], slope[11] = 1.0 - share, share
-        slope[12] = (outer - inner) * (bell_high - bell_low) / width * blur
-        misfit = values[n] - inner - (outer - inner) * share
-        square += misfit * misfit
-        for p in range(13):
-            right[p] += slope[p] * misfit
-            for q in range(p + 1):
-                matrix[p, q] += slope[p] * slope[q]
-    for p in range(13):
-        for q in range(p):
-            matrix[q, p] = matrix[p, q]
-    return square, matrix, right
+    by_a, by_b = slopes(terms, h)
+    shrink = 1.0 / np.sqrt(1.0 + by_a**2 + by_b**2)
+    distance = (c - heights(terms, h)) * shrink
+    high, low = (distance + width / 2) / blur, (distance - width / 2) / blur
+    bell_high, bell_low = np.exp(-(high**2) / 2) * ROOT, np.exp(-(low**2) / 2) * ROOT
+    area_high, area_low = ndtr(high), ndtr(low)
+    share = blur / width * (high * area_high + bell_high - low * area_low - bell_low)
+    rate = -(outer - inner) * (area_high - area_low) / width * shrink
+    design = np.empty((13, len(values)))
+    design[:HEIGHTS] = rate * terms
+    design[INNER], design[OUTER] = 1.0 - share, share
+    design[BLUR] = (outer - inner) * (bell_high - bell_low) / width * blur
+    misfit = values - inner - (outer - inner) * share
+    return float(misfit @ misfit), design @ design.T, design @ misfit
 
 
 def _meet(patch: _Patch, place: FloatArray, outward: FloatArray) -> tuple[float, FloatArray]:
     """Return where the ray through ``place`` crosses the patch (mm from ``place``), and the normal (3,) there."""
     direction = patch.axes @ outward
-    reach = by_a = by_b = 0.0
+    reach, by_a, by_b = 0.0, np.zeros(()), np.zeros(())
     for _ in range(20):
         a, b, c = reach * direction
-        z, by_a, by_b = height(patch.parameters, a, b)
+        terms = _terms(a, b)
+        by_a, by_b = slopes(terms, patch.parameters)
         rate = direction[2] - by_a * direction[0] - by_b * direction[1]
-        change = (z - c) / rate if abs(rate) > 1e-6 else 0.0
-        reach += change
+        change = (heights(terms, patch.parameters) - c) / rate if abs(rate) > 1e-6 else 0.0
+        reach += float(change)
         if abs(change) < 1e-6:
             break
     normal = unit(patch.axes[2] - by_a * patch.axes[0] - by_b * patch.axes[1])

@@ -70,17 +70,21 @@ def read_case(
     return case
 
 
+def scan_in(folder: str | os.PathLike[str]) -> Path | None:
+    """Return where the scan of the case in ``folder`` lies: its ``ct``, or among the documents; None without one."""
+    home = Path(folder)
+    beside = home / CT_FOLDER if (home / CT_FOLDER).exists() else home
+    try:
+        return beside if find_series(beside, progress=False).usable else None
+    except InputError:
+        return None
+
+
 def _scan(
     home: Path, ct: str | os.PathLike[str] | None, series_uid: str | None, progress: bool
 ) -> CTVolume | None:
-    if ct is not None:
-        return read_ct(ct, series_uid, progress=progress)
-    beside = home / CT_FOLDER if (home / CT_FOLDER).exists() else home
-    try:
-        usable = find_series(beside, progress=False).usable
-    except InputError:
-        return None
-    return read_ct(beside, series_uid, progress=progress) if usable else None
+    path = ct if ct is not None else scan_in(home)
+    return None if path is None else read_ct(path, series_uid, progress=progress)
 
 
 def _check(case: Case) -> None:

@@ -94,7 +94,6 @@ def draw_cut(picture: Axes, residual: Axes, volume: CTVolume, row: Candidate, cu
 
 def _left_over(volume: CTVolume, row: Candidate, reach_mm: float) -> CTVolume:
     """The voxels about a candidate less the fitted model, in HU: compared voxel by voxel, as the fit does."""
-    from ronnaplan.localization.detect import slice_axes
     from ronnaplan.localization.model import disc_nodes, disc_table, evaluate
 
     grid = volume.grid
@@ -107,7 +106,7 @@ def _left_over(volume: CTVolume, row: Candidate, reach_mm: float) -> CTVolume:
     places = grid.positions_mm(np.moveaxis(np.indices(box.shape), 0, -1) + low.astype(np.float64))
     centred = row.parameters.copy()
     centred[:3] = 0.0
-    offsets = np.ascontiguousarray((places - row.center_mm).reshape(-1, 3) @ slice_axes(grid).T)
+    offsets = np.ascontiguousarray((places - row.center_mm).reshape(-1, 3) @ grid.axes.T)
     model, _ = evaluate(offsets, centred, disc_table(), *disc_nodes())
     origins = grid.origins_mm[low[0] : high[0]] + low[1] * grid.row_step_mm + low[2] * grid.column_step_mm
     left_over = (box - model.reshape(box.shape)).astype(np.float32)

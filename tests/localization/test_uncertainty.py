@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from phantoms.scene import Part, Scene
 from phantoms.solids import cylinder
@@ -15,7 +16,6 @@ from ronnaplan.localization.refine import BallFit
 from ronnaplan.localization.uncertainty import (
     center_covariance,
     cramer_rao_bound,
-    noise_autocorrelation,
     noise_level,
 )
 from tests.scans import balls, scan, small_stack
@@ -41,10 +41,6 @@ def quiet() -> CTVolume:
 def test_the_level_of_white_noise_is_measured_to_a_fifth(quiet: CTVolume, noise_hu: float) -> None:
     fit = fit_of(with_white_noise(quiet, noise_hu, 1))
     assert noise_level(fit) == pytest.approx(noise_hu, rel=0.2)
-    correlation = noise_autocorrelation(fit)
-    assert correlation[1, 3, 3] == 1.0
-    correlation[1, 3, 3] = 0.0
-    assert np.abs(correlation).max() < 0.1
 
 
 def test_the_scatter_over_noise_is_at_the_bound_and_within_the_stated_error(quiet: CTVolume) -> None:
@@ -55,6 +51,19 @@ def test_the_scatter_over_noise_is_at_the_bound_and_within_the_stated_error(quie
     # Twelve draws know a standard deviation to a fifth; three axes are judged together.
     assert np.sqrt(np.mean((scatter / bound) ** 2)) == pytest.approx(1.0, abs=0.45)
     assert np.sqrt(np.mean((scatter / stated) ** 2)) < 1.2
+
+
+def test_noise_that_is_correlated_within_the_slice_counts_for_what_it_is(quiet: CTVolume) -> None:
+    generator = np.random.default_rng(3)
+    fits = []
+    for _ in range(12):
+        noise = gaussian_filter(generator.normal(0, 1, quiet.voxels_hu.shape), (0, 2, 2))
+        noisy = quiet.voxels_hu + 20.0 * noise / noise.std()
+        fits.append(fit_of(replace(quiet, voxels_hu=noisy.astype(np.float32))))
+    scatter = np.std([fit.center_mm for fit in fits], axis=0, ddof=1)
+    stated = np.sqrt(np.diag(np.mean([center_covariance(fit) for fit in fits], axis=0)))
+    # Counted as if it were white, it would be stated too small by a factor of two to six.
+    assert 0.6 < np.sqrt(np.mean((scatter / stated) ** 2)) < 1.4
 
 
 def test_what_touches_the_ball_makes_it_less_certain() -> None:

@@ -8,13 +8,15 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from ronnaplan.documents.plan import read_plan
 from tests import cases
 
 BROWSER = next(
@@ -99,4 +101,60 @@ def opened(browser: Any, url: str, width: int = 1280, height: int = 800) -> Any:
     page.on("websocket", lambda socket: page.requested.append(socket.url))
     page.goto(url)
     page.wait_for_selector("svg[data-view=axial] image", timeout=30_000)
+    return page
+
+
+def place(page: Any, view: str, across: float, down: float) -> tuple[float, float]:
+    """Pixels of a place given as shares of the view, from its top left."""
+    box = page.locator(f"[data-view={view}]").bounding_box()
+    return box["x"] + across * box["width"], box["y"] + down * box["height"]
+
+
+def last_target(page: Any, view: str) -> tuple[float, float]:
+    """Pixels of the last trajectory's target."""
+    box = page.locator(f"svg[data-view={view}] > g > circle[fill]").last.bounding_box()
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+def fields(page: Any, which: str) -> list[float]:
+    return [float(page.input_value(f"#{which}-{axis}")) for axis in "xyz"]
+
+
+def eventually(page: Any, holds: Callable[[], bool]) -> None:
+    """Wait until something holds, as a person would, and fail where it never does."""
+    for _ in range(100):
+        if holds():
+            return
+        page.wait_for_timeout(100)
+    raise AssertionError("what was waited for did not come to pass")
+
+
+def settled(page: Any, folder: Path, name: str, which: str, before: list[float]) -> list[float]:
+    """Wait until the fields have changed and the plan file says the same millimetres."""
+
+    def same() -> bool:
+        written = getattr(read_plan(folder / "plan.json").trajectory(name), f"{which}_mm")
+        shown = fields(page, which)
+        return shown != before and np.allclose(shown, written, rtol=0, atol=0.0006)
+
+    eventually(page, same)
+    return fields(page, which)
+
+
+def value(page: Any, name: str) -> Any:
+    """What the page was told under a name."""
+    return page.evaluate("name => window.trame.state.get(name)", name)
+
+
+def seen_at(page: Any, view: str, halves: tuple[float, float]) -> tuple[float, float]:
+    """Pixels of a place in a view, given in halves of its picture."""
+    box = page.locator(f"[data-view={view}]").bounding_box()
+    half = min(box["width"], box["height"]) / 2
+    return box["x"] + box["width"] / 2 + halves[0] * half, box["y"] + box["height"] / 2 + halves[1] * half
+
+
+def with_head(page: Any) -> Any:
+    """Wait until the 3-D view shows something."""
+    page.wait_for_function("window.trame.state.get('picture_head')", timeout=60_000)
+    page.wait_for_function("window.trame.state.get('drawn_head').paths.length")
     return page

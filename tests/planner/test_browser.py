@@ -6,7 +6,6 @@ import base64
 import json
 import socket
 import threading
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -18,73 +17,19 @@ import pytest
 
 from ronnaplan.documents.plan import read_plan
 from tests import cases
-from tests.planner.browser import Planner, chromium, needs_browser, opened, planner
+from tests.planner.browser import (
+    Planner,
+    eventually,
+    fields,
+    last_target,
+    needs_browser,
+    opened,
+    place,
+    planner,
+    settled,
+)
 
 pytestmark = needs_browser
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as running:
-        yield running
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    return cases.write_case(tmp_path)
-
-
-@pytest.fixture
-def running(folder: Path) -> Iterator[Planner]:
-    """A planner of a test's own."""
-    with planner(folder) as one:
-        yield one
-
-
-@pytest.fixture(scope="module")
-def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Planner]:
-    """A planner for the tests that plan nothing."""
-    folder = cases.write_case(tmp_path_factory.mktemp("shared"))
-    cases.write_readings(folder / "readings.csv")
-    with planner(folder) as one:
-        yield one
-
-
-def place(page: Any, view: str, across: float, down: float) -> tuple[float, float]:
-    """Pixels of a place given as shares of the view, from its top left."""
-    box = page.locator(f"[data-view={view}]").bounding_box()
-    return box["x"] + across * box["width"], box["y"] + down * box["height"]
-
-
-def last_target(page: Any, view: str) -> tuple[float, float]:
-    """Pixels of the last trajectory's target."""
-    box = page.locator(f"svg[data-view={view}] > g > circle[fill]").last.bounding_box()
-    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-
-
-def fields(page: Any, which: str) -> list[float]:
-    return [float(page.input_value(f"#{which}-{axis}")) for axis in "xyz"]
-
-
-def eventually(page: Any, holds: Callable[[], bool]) -> None:
-    """Wait until something holds, as a person would, and fail where it never does."""
-    for _ in range(100):
-        if holds():
-            return
-        page.wait_for_timeout(100)
-    raise AssertionError("what was waited for did not come to pass")
-
-
-def settled(page: Any, folder: Path, name: str, which: str, before: list[float]) -> list[float]:
-    """Wait until the fields have changed and the plan file says the same millimetres."""
-
-    def same() -> bool:
-        written = getattr(read_plan(folder / "plan.json").trajectory(name), f"{which}_mm")
-        shown = fields(page, which)
-        return shown != before and np.allclose(shown, written, rtol=0, atol=0.0006)
-
-    eventually(page, same)
-    return fields(page, which)
 
 
 def test_every_view_shows_something(browser: Any, shared: Planner) -> None:
@@ -201,7 +146,7 @@ def test_a_live_tracker_is_listened_to_and_entries_are_proposed(browser: Any, fo
         page.click("text=propose entries")
         page.wait_for_function("window.trame.state.get('proposals').length > 0", timeout=90_000)
         before = fields(page, "entry")
-        page.click("tr[title='Use this entry'] >> nth=0")
+        page.click("#proposals tr >> nth=0")
         settled(page, folder, "left", "entry", before)
     thread.join(10)
     listener.close()

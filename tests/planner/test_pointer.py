@@ -2,21 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from ronnaplan.planner.pointer import Pixel, Pointer
 from ronnaplan.planner.state import PlannerState
-from ronnaplan.planner.storage import Storage
 from tests import cases
-
-
-@pytest.fixture
-def state(tmp_path: Path) -> PlannerState:
-    cases.write_case(tmp_path)
-    return PlannerState(cases.volume(), Storage.of(str(tmp_path / "plan.json"), None, None))
 
 
 def pixel(state: PlannerState, view: str, place: np.ndarray, width: float = 700.0, height: float = 500.0) -> Pixel:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -18,11 +17,9 @@ from tests.scans import balls, scan, small_stack
 
 
 @pytest.fixture
-def scene(tmp_path: Path) -> Iterator[Scene]:
+def scene(tmp_path: Path) -> Scene:
     cases.write_case(tmp_path)
-    made = Scene(PlannerState(cases.volume(), Storage.of(str(tmp_path / "plan.json"), None, None)))
-    yield made
-    made.close()
+    return Scene(PlannerState(cases.volume(), Storage.of(str(tmp_path / "plan.json"), None, None)))
 
 
 def drawn(scene: Scene) -> np.ndarray:
@@ -53,7 +50,7 @@ def test_each_thing_shown_changes_the_picture_and_can_be_taken_away(scene: Scene
     path = scene.state.plan.trajectory("left")
     scene.show_path(path, scene.state.judge(path).measures)
     assert np.abs(drawn(scene) - skull).max() > 50
-    scene.hide_paths()
+    scene.hide_path("left")
     assert np.abs(drawn(scene) - skull).max() < 10
     scene.show_markers()
     marked = drawn(scene)
@@ -64,3 +61,18 @@ def test_each_thing_shown_changes_the_picture_and_can_be_taken_away(scene: Scene
     scene.show_region("metal", *region(scene.state.volume, mask))
     scene.zoom(1.2)
     scene.draw()
+
+
+def test_while_an_end_is_dragged_the_picture_follows_in_fewer_pixels(scene: Scene) -> None:
+    state = scene.state
+    scene.show_path(state.plan.trajectory("left"), None)
+    still = drawn(scene)
+    state.begin_drag("left")
+    first = drawn(scene)
+    state.drag("left", "target", state.plan.trajectory("left").target_mm + 20.0)
+    scene.show_path(state.plan.trajectory("left"), None)
+    second = drawn(scene)
+    assert first.size < still.size / 3
+    assert np.abs(second - first).max() > 50
+    state.end_drag()
+    assert drawn(scene).shape == still.shape

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,30 +11,16 @@ import pytest
 from ronnaplan.documents.fiducials import to_json
 from ronnaplan.documents.plan import read_plan, write_plan
 from ronnaplan.errors import FrameMismatchError, InputError, RefusedError, UsageError
-from ronnaplan.geometry import Points
+from ronnaplan.planner.drawing import chosen_path
+from ronnaplan.planner.judgement import Judgement
+from ronnaplan.planner.panels import landmark_rows, placement_line, proposal_rows
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
 from ronnaplan.planning import Limits
 from tests import cases
+from tests.planner.conftest import reopened
 
 E, T = cases.ENTRY_MM, cases.TARGET_MM
-
-
-@pytest.fixture
-def storage(tmp_path: Path) -> Storage:
-    cases.write_case(tmp_path)
-    (tmp_path / "registration.json").unlink()
-    return Storage.of(str(tmp_path / "plan.json"), None, None)
-
-
-@pytest.fixture
-def state(storage: Storage) -> PlannerState:
-    return PlannerState(cases.volume(), storage)
-
-
-def reopened(state: PlannerState) -> PlannerState:
-    """The same case as a new process finds it, without any farewell of the old one."""
-    return PlannerState(cases.volume(), state.storage)
 
 
 def test_a_drag_is_one_step_and_is_found_in_the_file_to_the_last_digit(state: PlannerState) -> None:
@@ -154,62 +139,6 @@ def test_rejecting_markers_changes_the_expected_error(state: PlannerState) -> No
     assert error_mm() > before
 
 
-def test_readings_are_registered_and_the_error_at_the_target_follows_the_plan(
-    state: PlannerState, tmp_path: Path
-) -> None:
-    cases.write_readings(tmp_path / "readings.csv")
-    assert state.storage.readings() == ["readings.csv"]
-    state.load_readings("readings.csv")
-    assert state.registration is not None
-    assert state.registration.status == "unique"
-    assert json.loads((tmp_path / "registration.json").read_text())["status"] == "unique"
-    before = state.expected_errors_mm()
-    state.edit("left", target_mm=T - [0, 0, 60])
-    assert state.expected_errors_mm()["left target"] > before["left target"]
-    assert state.expected_errors_mm()["left entry"] == before["left entry"]
-
-
-def test_a_registration_of_markers_since_rejected_predicts_nothing(state: PlannerState, tmp_path: Path) -> None:
-    cases.write_readings(tmp_path / "readings.csv")
-    state.load_readings("readings.csv")
-    assert state.outdated is None
-    state.reject_marker("F2")
-    assert "F2" in (state.outdated or "")
-    assert reopened(state).expected_errors_mm() == state.expected_errors_mm() == {}
-    state.load_readings("readings.csv")
-    assert state.outdated is None
-    assert set(state.expected_errors_mm()) == {"left entry", "left target"}
-
-
-def test_an_ambiguous_reading_is_settled_by_pointing_at_one_marker(state: PlannerState) -> None:
-    found = state.fiducials
-    assert found is not None
-    rectangle = [(60.0, 40.0, 0.0), (-60.0, 40.0, 0.0), (-60.0, -40.0, 0.0), (60.0, -40.0, 0.0)]
-    few = tuple(
-        one.model_copy(update={"center": place}) for one, place in zip(found.fiducials, rectangle, strict=False)
-    )
-    state.fiducials = found.model_copy(update={"fiducials": few})
-    seen = cases.TURN.apply(np.array(rectangle)) + cases.SHIFT_MM
-    state.register(Points(seen, np.tile(0.01 * np.eye(3), (4, 1, 1)), tuple("abcd"), cases.readings().frame))
-    assert state.registration is not None
-    assert state.registration.status == "ambiguous"
-    assert state.registration.rivals
-    assert state.expected_errors_mm() == {}
-    state.point_at("F1", "a")
-    assert state.registration.status == "unique"
-    assert {pair.ct: pair.ots for pair in state.registration.pairs} == {"F1": "a", "F2": "b", "F3": "c", "F4": "d"}
-
-
-def test_no_file_outside_the_case_is_read(state: PlannerState, tmp_path: Path) -> None:
-    outside = tmp_path / "case"
-    outside.mkdir()
-    cases.write_readings(outside / "readings.csv")
-    (tmp_path / "link.csv").symlink_to(outside / "readings.csv")
-    for name in ("case/readings.csv", "../readings.csv", str(outside / "readings.csv"), "link.csv"):
-        with pytest.raises(UsageError, match="no readings file of this case"):
-            state.load_readings(name)
-
-
 def test_a_plan_of_another_scan_is_refused(storage: Storage) -> None:
     plan = cases.plan()
     write_plan(storage.plan, replace(plan, source=replace(plan.source, frame_of_reference_uid="9.9")))
@@ -249,3 +178,146 @@ def test_another_diameter_takes_the_place_of_the_markers(state: PlannerState) ->
     distances = np.linalg.norm(found.points.positions_mm[:, np.newaxis] - truth, axis=-1)
     assert distances.min(axis=1).max() < 0.05
     assert to_json(reopened(state).fiducials) == to_json(found)  # type: ignore[arg-type]
+
+
+def test_a_trajectory_is_renamed_sized_and_noted(state: PlannerState) -> None:
+    state.add_trajectory(E + np.array([0, 40, 0]), T + np.array([0, 40, 0]))
+    state.select("left")
+    state.rename("left", " lead A ")
+    assert state.selected == "lead A"
+    state.choose_instrument("lead A", "DBS lead")
+    state.size_instrument("lead A", "diameter", 1.5)
+    state.size_instrument("lead A", "length", 60.0)
+    state.edit("lead A", notes="avoid the sulcus", colour="#112233")
+    written = read_plan(state.storage.plan).trajectory("lead A")
+    assert (written.instrument.name, written.instrument.diameter_mm, written.instrument.length_mm) == (
+        ("DBS lead", 1.5, 60.0)
+    )
+    assert (written.notes, written.colour) == ("avoid the sulcus", "#112233")
+    broken = [one.measure for one in state.judge(written).broken]
+    assert broken == ["path within the instrument"]
+    for _ in range(5):
+        state.undo()
+    assert state.selected == "left"
+    assert (
+        read_plan(state.storage.plan).trajectory("left").instrument == cases.plan().trajectory("left").instrument
+    )
+
+
+def test_a_wrong_name_or_size_changes_nothing(state: PlannerState) -> None:
+    state.add_trajectory(E + np.array([5, 0, 0]), T, name="right")
+    before = state.storage.plan.read_text()
+    for act in (
+        lambda: state.rename("left", "right"),
+        lambda: state.rename("left", "  "),
+        lambda: state.choose_instrument("left", "spoon"),
+        lambda: state.size_instrument("left", "diameter", 0.0),
+        lambda: state.size_instrument("left", "length", float("nan")),
+        lambda: state.size_instrument("left", "weight", 1.0),
+        lambda: state.edit("left", colour="red"),
+    ):
+        with pytest.raises((InputError, UsageError)):
+            act()
+    state.lock("left", True)
+    with pytest.raises(InputError, match="locked"):
+        state.rename("left", "other")
+    state.undo()
+    assert [one.name for one in read_plan(state.storage.plan).trajectories] == ["left", "right"]
+    assert read_plan(state.storage.plan).trajectories[0].instrument.diameter_mm == 1.0
+    assert json.loads(before)["trajectories"] == json.loads(state.storage.plan.read_text())["trajectories"]
+
+
+def test_three_points_make_the_ac_pc_frame_and_its_angles(state: PlannerState) -> None:
+    state.set_landmark("PC", np.array([0.0, 24.0, 10.0]))
+    state.set_landmark("AC", np.array([0.0, 0.0, 10.0]))
+    assert state.plan.landmarks is None
+    again = reopened(state)
+    assert again.landmarks_mm["AC"] == pytest.approx([0.0, 0.0, 10.0])
+    again.set_landmark("midline", np.array([0.0, 10.0, 60.0]))
+    written = read_plan(state.storage.plan).landmarks
+    assert written is not None
+    assert written.pc_mm == pytest.approx([0.0, 24.0, 10.0])
+    measures = again.judge(again.plan.trajectory("left")).measures
+    assert measures is not None
+    assert measures.acpc is not None
+    out = E - T  # the frame is square to the scan: right is -x, anterior -y, superior z
+    assert measures.acpc.sagittal_deg == pytest.approx(np.degrees(np.arctan2(out[2], -out[1])))
+    assert measures.acpc.coronal_deg == pytest.approx(np.degrees(np.arctan2(-out[0], out[2])))
+    assert measures.acpc.target_mm == pytest.approx((-T[0], -(T[1] - 12.0), T[2] - 10.0))
+    shown = dict(chosen_path(again, again.judge(again.plan.trajectory("left")))["measures"])
+    assert shown["AC-PC sagittal, coronal angle"].startswith(f"{measures.acpc.sagittal_deg:.1f}, ")
+    assert shown["arc, ring of a frame square to the scan"].endswith(" deg")
+
+
+def test_points_of_the_ac_pc_frame_are_undone_and_refused_on_one_line(state: PlannerState) -> None:
+    for name, place in {"AC": [0.0, 0.0, 10.0], "PC": [0.0, 24.0, 10.0]}.items():
+        state.set_landmark(name, np.array(place))
+    with pytest.raises(InputError, match="lie on one line"):
+        state.set_landmark("midline", np.array([0.0, 50.0, 10.0]))
+    assert [row["name"] for row in landmark_rows(state) if row["place"]] == ["AC", "PC"]
+    state.set_landmark("midline", np.array([0.0, 10.0, 60.0]))
+    state.set_landmark("AC", np.array([1.0, 0.0, 10.0]))
+    assert state.landmarks_mm["AC"][0] == 1.0
+    state.jump_to_landmark("AC")
+    assert state.crosshair_mm == pytest.approx([1.0, 0.0, 10.0])
+    state.undo()
+    assert state.landmarks_mm["AC"][0] == 0.0
+    state.undo()
+    assert read_plan(state.storage.plan).landmarks is None
+    assert set(state.landmarks_mm) == {"AC", "PC"}
+    with pytest.raises(UsageError, match="midline is not set"):
+        state.jump_to_landmark("midline")
+    with pytest.raises(UsageError, match="no point XY"):
+        state.set_landmark("XY", T)
+
+
+def test_proposals_hold_only_for_what_they_were_asked_for(state: PlannerState) -> None:
+    with pytest.raises(InputError, match="another target"):
+        state.take_proposal(0)
+    state.show_proposals(state.propose("left"))
+    assert state.proposals is not None
+    best = state.proposals.best[0].trajectory.entry_mm
+    state.add_trajectory(E + np.array([5, 0, 0]), T + np.array([5, 0, 0]))
+    assert state.proposals is None  # another trajectory is selected
+    with pytest.raises(InputError, match="another target"):
+        state.take_proposal(0)
+    state.select("left")
+    assert state.proposals is None  # and there is one more to keep away from
+    state.undo()
+    state.take_proposal(0)
+    assert state.plan.trajectory("left").entry_mm == pytest.approx(best, abs=0)
+    assert state.proposals is not None
+    state.edit("left", target_mm=T + np.array([0, 0, 1]))
+    assert proposal_rows(state) == []
+    state.undo()
+    assert len(proposal_rows(state)) > 0
+    state.reject_marker("F2")
+    assert state.proposals is None
+
+
+def test_marker_places_hold_for_the_trajectories_they_were_asked_for(state: PlannerState) -> None:
+    state.show_placement(state.propose_markers(4))
+    assert state.placement is not None
+    assert len(state.placement.centres_mm) == 4
+    assert "4 places" in placement_line(state)
+    state.edit("left", target_mm=T + np.array([0, 0, 1]))
+    assert placement_line(state) == ""
+
+
+def test_a_limit_on_what_is_not_known_is_told_beside_the_measures(storage: Storage) -> None:
+    judged = PlannerState(cases.volume(), storage, Limits(least_no_go_distance_mm=3.0)).judge(
+        cases.plan().trajectory("left")
+    )
+    assert "no label map is given" in judged.problem
+    assert judged.measures is not None
+    assert judged.verdicts == ()
+
+
+def test_doubts_about_the_measures_are_told(state: PlannerState) -> None:
+    judged = state.judge(state.plan.trajectory("left"))
+    assert judged.measures is not None
+    scalp = judged.measures.crossings.scalp
+    assert scalp is not None
+    blurred = replace(judged.measures.crossings, scalp=replace(scalp, clear=False))
+    doubtful = Judgement(replace(judged.measures, crossings=blurred))
+    assert any("scalp is not clear here" in doubt for doubt in chosen_path(state, doubtful)["doubts"])

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_erosion
 
 from phantoms.materials import material
 from ronnaplan.errors import FrameMismatchError, InputError
@@ -193,3 +194,28 @@ def test_an_impossible_trajectory_is_refused(options: dict[str, object]) -> None
     settings: dict[str, object] = {"name": "A", "entry_mm": [0, 0, 80], "target_mm": [0, 0, 10]}
     with pytest.raises(InputError):
         Trajectory(**{**settings, **options})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("stack", STACKS)
+def test_an_obstacle_holds_exactly_its_voxels_and_lists_those_at_its_surface(stack: str) -> None:
+    head = scanned(stack)
+    generator = np.random.default_rng(5)
+    shape = head.volume.voxels_hu.shape
+    mask = np.zeros(shape, dtype=np.bool_)
+    mask[:9] = generator.random((9, *shape[1:])) < 0.8  # at five faces of the scan
+    mask[0, 0, 0] = True
+    obstacle = Voxels.of(Kind.NO_GO, "speckle", mask, head)
+    index = generator.integers([-2, -2, -2], [12, shape[1] + 2, shape[2] + 2], (3000, 3))
+    inside = ((index >= 0) & (index < shape)).all(axis=1)
+    expected = inside & mask[tuple(np.where(inside[:, None], index, 0).T)]
+    assert (obstacle.holds(head.volume.grid.positions_mm(index.astype(np.float64))) == expected).all()
+    boundary = mask & ~binary_erosion(mask)
+    assert obstacle.centres_mm == pytest.approx(
+        head.volume.grid.positions_mm(np.argwhere(boundary).astype(np.float64)), abs=1.0
+    )
+
+
+def test_nothing_is_held_by_an_empty_obstacle() -> None:
+    head = scanned("plain")
+    empty = Voxels.of(Kind.NO_GO, "none", np.zeros(head.volume.voxels_hu.shape, dtype=np.bool_), head)
+    assert not empty.holds(np.zeros((4, 3))).any()

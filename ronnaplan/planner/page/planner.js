@@ -62,10 +62,43 @@
     },
     { passive: false },
   );
+  // Names over a picture are as large at every size of the view.
+  const resized = new ResizeObserver((entries) => {
+    for (const { target, contentRect } of entries) {
+      const side = Math.max(1, Math.min(contentRect.width, contentRect.height));
+      target.style.setProperty("--halves-a-pixel", 2 / side);
+    }
+  });
+  const watched = new WeakSet();
+  new MutationObserver(() => {
+    for (const view of document.querySelectorAll("svg[data-view]")) {
+      if (!watched.has(view)) resized.observe(view);
+      watched.add(view);
+    }
+  }).observe(document.documentElement, { childList: true, subtree: true });
+
+  // What only this tab shows: the list of keys, and one view enlarged.
+  const help = () => document.getElementById("keys");
+  window.addEventListener("click", (event) => {
+    if (!event.target.closest) return;
+    if (event.target.closest("[data-help]")) help().showModal();
+    const grow = event.target.closest("[data-grow]");
+    if (grow) grow.closest(".rp-view").classList.toggle("grown");
+  });
+
   window.addEventListener("keydown", (event) => {
-    if (event.target.closest && event.target.closest("input, textarea")) return;
-    const key = (event.ctrlKey || event.metaKey ? "ctrl+" : "") + event.key.toLowerCase();
-    if (!(window.trame && window.trame.state.get("keys").includes(key))) return;
+    const field = event.target.closest && event.target.closest("input, textarea, select, dialog");
+    if (field && field.type !== "checkbox") {
+      if (event.key === "Enter" && field.matches("input")) field.blur();
+      return;
+    }
+    if (event.key === "?") {
+      help().showModal();
+      return;
+    }
+    const control = event.ctrlKey || event.metaKey;
+    const key = (control ? "ctrl+" : "") + (control && event.shiftKey ? "shift+" : "") + event.key.toLowerCase();
+    if (!window.trame?.state?.get("keys").includes(key)) return;
     event.preventDefault();
     tell("key", [key]);
   });

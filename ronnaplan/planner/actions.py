@@ -1,0 +1,134 @@
+"""What the page may ask for, by name: each action turns the page's values into one call on the state."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ronnaplan.errors import UsageError
+from ronnaplan.geometry import FloatArray
+from ronnaplan.planner.pointer import Pixel, Pointer
+from ronnaplan.planner.state import PlannerState
+
+
+def key_actions(state: PlannerState, pointer: Pointer) -> dict[str, tuple[str, Callable[[], None]]]:
+    """Return what each key does: in words, and the call."""
+
+    def leave() -> None:
+        state.leave_pointing()
+        if pointer.adding:
+            pointer.add()
+
+    def remove() -> None:
+        if state.selected:
+            state.remove(state.selected)
+
+    return {
+        "a": ("add a trajectory: click entry, then target", pointer.add),
+        "escape": ("leave adding or pointing", leave),
+        "ctrl+z": ("undo", state.undo),
+        "ctrl+y": ("redo", state.redo),
+        "ctrl+shift+z": ("redo", state.redo),
+        "delete": ("remove the selected trajectory", remove),
+        "f": ("show the whole scan", state.fit),
+        "s": ("skin or skull in the 3-D view", state.other_surface),
+        "1": ("bone window", lambda: state.choose_window("bone")),
+        "2": ("brain window", lambda: state.choose_window("brain")),
+        "3": ("wide window", lambda: state.choose_window("wide")),
+        "4": ("markers window", lambda: state.choose_window("markers")),
+        "pageup": ("axial cut up", lambda: state.scroll("axial", -1)),
+        "pagedown": ("axial cut down", lambda: state.scroll("axial", 1)),
+    }
+
+
+class Actions:
+    """The page's actions on one state and one pointer."""
+
+    def __init__(self, state: PlannerState, pointer: Pointer) -> None:
+        self.state, self.pointer = state, pointer
+
+    def by_name(self) -> dict[str, Callable[..., Any]]:
+        """Return the actions that are done at once."""
+        state = self.state
+        return {
+            "press": self._press,
+            "release": lambda _view: self.pointer.release(),
+            "wheel": self._wheel,
+            "window": state.choose_window,
+            "surface": state.other_surface,
+            "select": state.select,
+            "lock": state.lock,
+            "remove": state.remove,
+            "rename_path": state.rename,
+            "place": self._place,
+            "colour": lambda name, colour: state.edit(name, colour=colour.lower()),
+            "notes": lambda name, notes: state.edit(name, notes=notes),
+            "instrument": state.choose_instrument,
+            "size": lambda name, size, value: state.size_instrument(name, size, _number(value)),
+            "take": lambda index: state.take_proposal(int(index)),
+            "landmark": self._landmark,
+            "jump_landmark": state.jump_to_landmark,
+            "jump": state.jump_to_marker,
+            "jump_rejected": lambda index: state.jump_to_rejected(int(index)),
+            "reject": state.reject_marker,
+            "accept": lambda index: state.accept_marker(int(index)),
+            "rename": state.rename_marker,
+            "readings": state.load_readings,
+            "pick_reading": state.pick_reading,
+        }
+
+    def later_by_name(self) -> dict[str, Callable[..., Callable[[], None]]]:
+        """Return those that take longer: they compute in a thread, what they return then changes the state."""
+        return {"localize": self._localize, "propose": self._propose, "placement": self._placement}
+
+    def move(self, view: str, *place: float) -> None:
+        """Follow the pointer; ``place`` is x, y, width and height in pixels."""
+        self.pointer.move(view, Pixel(*place))
+
+    def _press(self, view: str, x: float, y: float, width: float, height: float, button: int, shift: bool) -> None:
+        self.pointer.press(view, Pixel(x, y, width, height), pan=bool(button) or shift)
+
+    def _wheel(self, view: str, steps: float, zoom: bool, x: float, y: float, width: float, height: float) -> None:
+        self.pointer.wheel(view, steps, Pixel(x, y, width, height), zoom=zoom)
+
+    def _place(self, name: str, end: str, axis: int, value: Any) -> None:
+        """Take one coordinate of an end from its field."""
+        place = getattr(self.state.plan.trajectory(name), f"{end}_mm").copy()
+        place[int(axis)] = _number(value)
+        self.state.edit(name, **{f"{end}_mm": place})
+
+    def _landmark(self, which: str, typed: str | None = None) -> None:
+        """Set a point of the AC-PC frame: at the crosshair, or where it is typed."""
+        self.state.set_landmark(which, self.state.crosshair_mm if typed is None else _numbers(typed))
+
+    def _localize(self, diameter: Any) -> Callable[[], None]:
+        found = self.state.find_markers(_number(diameter))
+        return lambda: self.state.replace_markers(found)
+
+    def _propose(self, name: str) -> Callable[[], None]:
+        found = self.state.propose(name)
+        return lambda: self.state.show_proposals(found)
+
+    def _placement(self, count: Any) -> Callable[[], None]:
+        placed = self.state.propose_markers(int(_number(count)))
+        return lambda: self.state.show_placement(placed)
+
+
+def _number(value: Any) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise UsageError(f"'{value}' is not a number; give millimetres such as 12.5")
+    return number
+
+
+def _numbers(typed: str) -> FloatArray:
+    parts = typed.replace(",", " ").split()
+    if len(parts) != 3:
+        raise UsageError(f"'{typed}' is no place; give x, y, z in LPS mm")
+    return np.array([_number(part) for part in parts])

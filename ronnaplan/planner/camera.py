@@ -1,0 +1,112 @@
+"""The eye of the 3-D view, and how it sees bodies: OpenCV fills the triangles, no graphics library is needed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ronnaplan.geometry import FloatArray, unit
+from ronnaplan.planner.cuts import Cut
+from ronnaplan.planner.shapes import Body
+
+VIEW_DEG = 30.0
+"""The angle that the picture spans, both ways."""
+
+NEAREST_MM, FURTHEST_MM = 1.0, 4000.0
+"""Only what lies this far in front of the eye is drawn."""
+
+STEEPEST = 0.98
+"""The eye comes no nearer to straight above or below than this cosine, where it would not know what is up."""
+
+AMBIENT = 0.35
+"""Share of its colour that a surface shows which the light only grazes."""
+
+LIGHT = np.array([-0.3, 0.4, 0.87])
+"""Where the light comes from, in the eye's axes: from behind it, above and to the left."""
+
+Picture = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """An eye at ``position_mm`` (3,) that looks at ``focus_mm`` (3,), LPS; superior is up."""
+
+    position_mm: FloatArray
+    focus_mm: FloatArray
+
+    @cached_property
+    def axes(self) -> FloatArray:
+        """Rows (3, 3) in LPS: right and up on the picture, and towards the eye."""
+        back = unit(self.position_mm - self.focus_mm)
+        right = unit(np.cross([0.0, 0.0, 1.0], back))
+        return np.stack([right, np.cross(back, right), back])
+
+    def turned(self, across_deg: float, up_deg: float) -> Camera:
+        """Return the eye gone about its focus, to the right and up."""
+        offset = self.position_mm - self.focus_mm
+        distance = float(np.linalg.norm(offset))
+        longitude = np.arctan2(offset[1], offset[0]) + np.radians(across_deg)
+        steepest = np.arcsin(STEEPEST)
+        latitude = np.clip(np.arcsin(offset[2] / distance) + np.radians(up_deg), -steepest, steepest)
+        flat = np.cos(latitude) * np.array([np.cos(longitude), np.sin(longitude)])
+        return replace(self, position_mm=self.focus_mm + distance * np.array([*flat, np.sin(latitude)]))
+
+    def nearer(self, factor: float) -> Camera:
+        """Return the eye come nearer to its focus by ``factor`` (above 1)."""
+        return replace(self, position_mm=self.focus_mm + (self.position_mm - self.focus_mm) / factor)
+
+    def ray(self, across: float, down: float) -> tuple[FloatArray, FloatArray]:
+        """Return where the eye is (3,) and the unit vector (3,) to a place of the picture (-1 to 1 each way)."""
+        right, up, back = self.axes
+        reach = np.tan(np.radians(VIEW_DEG / 2))
+        return self.position_mm, unit(reach * (across * right - down * up) - back)
+
+    def plane_at(self, place_mm: FloatArray) -> Cut:
+        """Return the plane parallel to the picture through a place (3,) before the eye, as large as the picture."""
+        right, up, back = self.axes
+        depth = float((self.position_mm - place_mm) @ back)
+        return Cut(right, -up, self.position_mm - depth * back, 2 * depth * np.tan(np.radians(VIEW_DEG / 2)))
+
+    def on_screen(self, places_mm: FloatArray) -> FloatArray:
+        """Return places (..., 3) as (..., 3): across and down (-1 to 1 in the picture), and mm before the eye."""
+        seen = (places_mm - self.position_mm) @ (self.axes * np.array([[1.0], [-1.0], [-1.0]])).T
+        depth = seen[..., 2:]
+        screen: FloatArray = np.concatenate(
+            [seen[..., :2] / (depth * np.tan(np.radians(VIEW_DEG / 2))), depth], axis=-1
+        )
+        return screen
+
+    def depths(self, pixels: int) -> Picture:
+        """Return the depths (pixels, pixels) of an empty picture."""
+        return np.full((pixels, pixels), FURTHEST_MM, dtype=np.float32)
+
+    def draw(self, body: Body, colour: FloatArray, picture: Picture, depths: Picture) -> None:
+        """Draw what of ``body`` lies nearer than ``depths`` (P, P) into ``picture`` (P, P, 3); both are changed.
+
+        ``colour`` is one (3,) or one a vertex (V, 3), 0 to 1.
+        """
+        import cv2
+
+        settings = cv2.TriangleRasterizeSettings()
+        settings.setShadingType(cv2.RASTERIZE_SHADING_SHADED)
+        settings.setCullingMode(cv2.RASTERIZE_CULLING_CW)
+        world_to_eye = np.eye(4)
+        world_to_eye[:3, :3] = self.axes
+        world_to_eye[:3, 3] = -self.axes @ self.position_mm
+        bright = AMBIENT + (1.0 - AMBIENT) * np.clip(body.normals @ (LIGHT @ self.axes), 0.0, 1.0)
+        colours = (bright[:, np.newaxis] * colour).astype(np.float32)
+        cv2.triangleRasterize(
+            body.vertices_mm[np.newaxis],
+            body.triangles[np.newaxis],
+            colours[np.newaxis],
+            picture,
+            depths,
+            world_to_eye,
+            np.radians(VIEW_DEG),
+            NEAREST_MM,
+            FURTHEST_MM,
+            settings,
+        )

@@ -1,0 +1,88 @@
+"""The 3-D view of the page: what is in the scene, and its picture, drawn anew only where something changed."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable
+from typing import Any
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.planner.camera import Camera
+from ronnaplan.planner.scene import Scene
+from ronnaplan.planner.state import PlannerState
+from ronnaplan.planner.surfaces import SURFACES_HU, region, surface
+from ronnaplan.planning import Trajectory
+
+
+class HeadView:
+    """Keeps a `Scene` as the state has it. It is opened late, when the cuts are seen."""
+
+    def __init__(self, state: PlannerState) -> None:
+        self.state = state
+        self.scene: Scene | None = None
+        self.region_places_mm: dict[str, FloatArray] = {}
+        self._shown: dict[str, Any] = {}
+        self._paths: dict[str, Any] = {}
+        self._seen: tuple[Camera, bool] | None = None
+        self._picture = ""
+
+    def open(self) -> None:
+        """Make the scene, with the no-go regions in it."""
+        self.scene = Scene(self.state)
+        for name, mask in self.state.no_go.items():
+            vertices, triangles = region(self.state.volume, mask)
+            self.scene.show_region(name, vertices, triangles)
+            if len(vertices):
+                self.region_places_mm[name] = vertices.mean(axis=0)
+
+    @property
+    def camera(self) -> Camera | None:
+        """What the head is seen with, None until the scene is there."""
+        return None if self.scene is None else self.scene.camera
+
+    def picture(self) -> str:
+        """Return the picture as the page takes it, empty until the scene is there."""
+        scene = self.scene
+        if scene is None:
+            return ""
+        seen = scene.camera, self.state.dragging
+        changed = (self._update(scene), self._update_paths(scene), seen != self._seen)
+        if any(changed):
+            self._seen = seen
+            self._picture = f"data:image/jpeg;base64,{base64.b64encode(scene.draw()).decode()}"
+        return self._picture
+
+    def _update(self, scene: Scene) -> bool:
+        """Show surface, markers and proposals as they are now; tells whether any of them changed."""
+        state = self.state
+        layers: dict[str, tuple[Any, Callable[[], None]]] = {
+            "surface": (state.surface, lambda: self._show_surface(scene)),
+            "markers": (state.fiducials, scene.show_markers),
+            "proposals": (state.proposals, lambda: scene.show_proposals(state.proposals)),
+            "placement": (state.placement, lambda: scene.show_placement(state.placement)),
+        }
+        changed = [name for name, (now, _) in layers.items() if self._shown.get(name, self) is not now]
+        for name in changed:
+            self._shown[name], show = layers[name]
+            show()
+        return bool(changed)
+
+    def _update_paths(self, scene: Scene) -> bool:
+        """Show the trajectories as they are now; tells whether any of them changed."""
+        keys = {one.name: self._path_key(one) for one in self.state.plan.trajectories}
+        changed = keys != self._paths
+        for name in self._paths.keys() - keys.keys():
+            scene.hide_path(name)
+        for one in self.state.plan.trajectories:
+            if keys[one.name] != self._paths.get(one.name):
+                scene.show_path(one, self.state.judge(one).measures)
+        self._paths = keys
+        return changed
+
+    def _path_key(self, one: Trajectory) -> Any:
+        ends = (*one.entry_mm, *one.target_mm)
+        return *ends, one.colour, one.instrument, id(self.state.surroundings)
+
+    def _show_surface(self, scene: Scene) -> None:
+        kind = self.state.surface
+        scene.show_surface(kind, *surface(self.state.volume, SURFACES_HU[kind]))

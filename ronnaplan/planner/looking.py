@@ -1,0 +1,188 @@
+"""Where a person looks in a case: crosshair, cuts, zoom, window and what is selected."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+
+from ronnaplan.ct import CTVolume
+from ronnaplan.errors import UsageError
+from ronnaplan.geometry import FloatArray, as_points
+from ronnaplan.planner.cuts import PATH_VIEWS, STANDARD, WINDOWS_HU, Cut, path_axes
+from ronnaplan.planner.judgement import Labels
+from ronnaplan.planner.opened import OpenedCase
+from ronnaplan.planner.storage import Look, Storage
+from ronnaplan.planner.surfaces import SURFACES_HU
+from ronnaplan.planning import Limits, Plan, Trajectory
+
+LEAST_FIELD_MM, GREATEST_FIELD_MM = 10.0, 1000.0
+"""Bounds of the zoom."""
+
+PATH_FIELD_MM = 130.0
+"""What the views along a trajectory show."""
+
+RAY_STEP_MM = 0.5
+"""A surface is looked for along a ray in steps of this size."""
+
+
+class Looking(OpenedCase):
+    """An opened case as one person looks at it."""
+
+    def __init__(
+        self, volume: CTVolume, storage: Storage, limits: Limits | None = None, no_go: Labels | None = None
+    ) -> None:
+        """Open a case where it was left."""
+        super().__init__(volume, storage, limits, no_go)
+        self.crosshair_mm: FloatArray
+        self.centre_mm: FloatArray
+        self.field_mm: float
+        self.surface = "skin"
+        self.marker: str | None = None
+        self.points_mm: dict[str, FloatArray] = {}
+        self._before_drag: Plan | None = None
+        self._look(storage.read_look(volume.voxel_sha256) or self._first_look())
+
+    def jump(self, place_mm: Sequence[float] | FloatArray) -> None:
+        """Put the crosshair at a place (3,) in LPS, kept within the scan."""
+        place = as_points([list(place_mm)], "the crosshair")[0]
+        low, high = self.bounds_mm
+        self.crosshair_mm = np.clip(place, low, high)
+
+    def scroll(self, view: str, steps: float) -> None:
+        """Move the crosshair through a standard view by slices of the scan."""
+        _require_view(view, tuple(STANDARD))
+        cut = self.cut(view)
+        self.jump(self.crosshair_mm + steps * self.step_mm * cut.away)
+
+    def zoom(self, view: str, factor: float, place_mm: FloatArray) -> None:
+        """Enlarge (factor above 1) about ``place_mm`` (3,), which stays where it is on the screen."""
+        _require_view(view, tuple(STANDARD))
+        field = float(np.clip(self.field_mm / factor, LEAST_FIELD_MM, GREATEST_FIELD_MM))
+        cut = self.cut(view)
+        across, down, _ = cut.on_screen_mm(place_mm)
+        share = 1.0 - field / self.field_mm
+        self.centre_mm = self.centre_mm + share * (across * cut.right + down * cut.down)
+        self.field_mm = field
+
+    def fit(self) -> None:
+        """Show the whole scan."""
+        low, high = self.bounds_mm
+        self.centre_mm, self.field_mm = (low + high) / 2, float((high - low).max())
+
+    def choose_window(self, name: str) -> None:
+        """Choose a window preset."""
+        if name not in WINDOWS_HU:
+            raise UsageError(f"there is no window {name}; there are {', '.join(WINDOWS_HU)}")
+        self.window = name
+
+    def other_surface(self) -> None:
+        """Show the skull in the place of the skin in the 3-D view, or the other way about."""
+        self.surface = "skull" if self.surface == "skin" else "skin"
+
+    def cut(self, view: str) -> Cut:
+        """Return the plane that a view shows; a path view needs a selected trajectory."""
+        _require_view(view, (*STANDARD, *PATH_VIEWS))
+        if view in PATH_VIEWS:
+            return self._path_cut(view)
+        right, down = STANDARD[view]
+        away = np.cross(right, down)
+        centre = self.centre_mm + (self.crosshair_mm - self.centre_mm) @ away * away
+        return Cut(right, down, centre, self.field_mm)
+
+    def surface_along(self, origin_mm: FloatArray, direction: FloatArray) -> FloatArray | None:
+        """Return where a ray from ``origin_mm`` (3,) along the unit vector (3,) first meets the surface shown.
+
+        The surface is taken from the voxels, not from the coarse triangles of the 3-D view; None if it is missed.
+        """
+        reach = float(np.linalg.norm(np.abs(origin_mm - np.array(self.bounds_mm)).max(axis=0)))
+        places = origin_mm + np.arange(0.0, reach, RAY_STEP_MM)[:, np.newaxis] * direction
+        values, level = self.scan.values_hu(places), SURFACES_HU[self.surface]
+        inside = np.flatnonzero(values >= level)
+        if not len(inside):
+            return None
+        first = int(inside[0])
+        before = values[first - 1] if first else np.nan
+        share = (values[first] - level) / (values[first] - before) if np.isfinite(before) else 0.0
+        place: FloatArray = places[first] - share * RAY_STEP_MM * direction
+        return place
+
+    @cached_property
+    def bounds_mm(self) -> tuple[FloatArray, FloatArray]:
+        """Smallest and largest LPS coordinates (3,) of voxel centres."""
+        ends = [[0.0, n - 1.0] for n in self.volume.voxels_hu.shape]
+        corners = self.volume.grid.positions_mm(np.stack(np.meshgrid(*ends), axis=-1).reshape(-1, 3))
+        return corners.min(axis=0), corners.max(axis=0)
+
+    @property
+    def step_mm(self) -> float:
+        """One step of scrolling: the usual gap between slices."""
+        gaps = self.volume.grid.spacings_mm
+        return float(np.median(gaps)) if gaps.size else 1.0
+
+    def select(self, name: str | None) -> None:
+        """Select a trajectory, or none."""
+        self.selected = None if name is None else self.plan.trajectory(name).name
+        self.save_look()
+
+    @property
+    def chosen(self) -> Trajectory | None:
+        """The selected trajectory."""
+        return next((one for one in self.plan.trajectories if one.name == self.selected), None)
+
+    def save_look(self) -> None:
+        """Write where one is looking, to find it again."""
+        self.storage.write_look(
+            Look(
+                voxel_sha256=self.volume.voxel_sha256,
+                crosshair=tuple(self.crosshair_mm),
+                centre=tuple(self.centre_mm),
+                field_mm=self.field_mm,
+                window=self.window,
+                selected=self.selected,
+                points={name: tuple(place) for name, place in self.points_mm.items()},
+            )
+        )
+
+    def _keep_plan(self, plan: Plan) -> None:
+        """Keep what is selected at its place in the list, also where its name has changed."""
+        names = [one.name for one in self.plan.trajectories]
+        place = names.index(self.selected) if self.selected in names else len(names)
+        super()._keep_plan(plan)
+        if self.chosen is None:
+            paths = plan.trajectories
+            self.selected = paths[min(place, len(paths) - 1)].name if paths else None
+
+    def _first_look(self) -> Look:
+        low, high = self.bounds_mm
+        middle = tuple((low + high) / 2)
+        field = float((high - low).max())
+        return Look(voxel_sha256="", crosshair=middle, centre=middle, field_mm=field, window="bone")
+
+    def _look(self, look: Look) -> None:
+        self.crosshair_mm = np.array(look.crosshair)
+        self.centre_mm = np.array(look.centre)
+        self.field_mm = look.field_mm
+        self.window = look.window if look.window in WINDOWS_HU else "bone"
+        self.points_mm = {name: np.array(place) for name, place in look.points.items()}
+        self.selected = look.selected
+        if self.chosen is None and self.plan.trajectories:
+            self.selected = self.plan.trajectories[0].name
+
+    def _path_cut(self, view: str) -> Cut:
+        if self.chosen is None:
+            raise UsageError("no trajectory is selected; select one")
+        # While an end is dragged the view stays where it was, or it would slip from under the pointer.
+        path = (self._before_drag or self.plan).trajectory(self.chosen.name)
+        right, down = path_axes(view, path)
+        field = max(PATH_FIELD_MM, path.length_mm + 30.0)
+        if view == "inline":
+            return Cut(right, down, path.at_depth(np.array(path.length_mm / 2)), field)
+        depth = np.clip((self.crosshair_mm - path.entry_mm) @ path.inward, 0.0, path.length_mm)
+        return Cut(right, down, path.at_depth(depth), field / 2)
+
+
+def _require_view(view: str, known: Sequence[str]) -> None:
+    if view not in known:
+        raise UsageError(f"there is no view {view} here; there are {', '.join(known)}")

@@ -1,0 +1,79 @@
+"""What is drawn over the 3-D picture at once, while the picture itself follows: names, ends and points."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.planner.camera import Camera
+from ronnaplan.planner.drawing import MARKER_COLOUR, POINT_COLOUR, REJECTED_COLOUR
+from ronnaplan.planner.state import PlannerState
+from ronnaplan.planning import Trajectory
+
+CROSS_COLOUR, REGION_COLOUR = "#4fc3f7", "#ff8a80"
+
+LEAST_DEPTH_MM = 1.0
+"""What is nearer to the eye than this, or behind it, is not drawn."""
+
+
+def over_head(
+    state: PlannerState, camera: Camera | None, show_rejected: bool, region_places_mm: dict[str, FloatArray]
+) -> dict[str, Any]:
+    """Return what is drawn over the 3-D view, in halves of its picture; ``camera`` is None until it is ready."""
+    drawn: dict[str, Any] = {
+        "box": "-1 -1 2 2",
+        "half": 1,
+        "cross": None,
+        "markers": [],
+        "points": [],
+        "paths": [],
+    }
+    if camera is None:
+        return {**drawn, "title": "3-D is being made ready ..."}
+    points = [_point(camera, name, place, POINT_COLOUR) for name, place in state.landmarks_mm.items()]
+    points += [_point(camera, name, place, REGION_COLOUR) for name, place in region_places_mm.items()]
+    points.append(_point(camera, "", state.crosshair_mm, CROSS_COLOUR))
+    return {
+        **drawn,
+        "title": f"3-D {state.surface}; tubes hold the path with 95 %",
+        "markers": _markers(state, camera, show_rejected),
+        "points": [one for one in points if one is not None],
+        "paths": [_path(camera, one, state) for one in state.plan.trajectories],
+    }
+
+
+def _markers(state: PlannerState, camera: Camera, show_rejected: bool) -> list[dict[str, Any]]:
+    found = state.fiducials
+    if found is None:
+        return []
+    balls = [(one.label, one.center, one.diameter_mm / 2, MARKER_COLOUR) for one in found.fiducials]
+    if show_rejected:
+        radius = found.marker.diameter_mm / 2
+        balls += [(f"x{n + 1}", one.center, radius, REJECTED_COLOUR) for n, one in enumerate(found.rejected)]
+    drawn = []
+    for label, center, radius, colour in balls:
+        x, y, depth = camera.on_screen(np.array(center)).tolist()
+        if depth < LEAST_DEPTH_MM:
+            continue
+        selected = label == state.marker
+        ring = selected or colour == REJECTED_COLOUR
+        r = 2 * radius / camera.plane_at(np.array(center)).field_mm
+        drawn.append(
+            {"label": label, "x": x, "y": y, "r": r, "colour": colour, "selected": selected, "ring": ring}
+        )
+    return drawn
+
+
+def _point(camera: Camera, name: str, place_mm: FloatArray, colour: str) -> dict[str, Any] | None:
+    x, y, depth = camera.on_screen(place_mm).tolist()
+    return {"label": name, "x": x, "y": y, "colour": colour} if depth >= LEAST_DEPTH_MM else None
+
+
+def _path(camera: Camera, one: Trajectory, state: PlannerState) -> dict[str, Any]:
+    """Return the ends of a trajectory, with a thin line: it and its tube are in the picture."""
+    ends = camera.on_screen(np.stack([one.entry_mm, one.target_mm]))
+    places = {"entry": ends[0, :2].tolist(), "target": ends[1, :2].tolist()}
+    look = {"near": bool((ends[:, 2] >= LEAST_DEPTH_MM).all()), "selected": one.name == state.selected, "width": 1}
+    return {"name": one.name, "colour": one.colour, **look, **places}

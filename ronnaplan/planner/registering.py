@@ -1,0 +1,108 @@
+"""Registration in the planner: readings taken, the pairing, and pointing at one marker where it is ambiguous."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ronnaplan.documents.agreement import disagreement
+from ronnaplan.documents.fiducials import Source
+from ronnaplan.documents.registration import registration_document
+from ronnaplan.errors import UsageError
+from ronnaplan.geometry import Points
+from ronnaplan.planner import markers
+from ronnaplan.planner.looking import Looking
+from ronnaplan.tracking import find_markers, read_recording
+
+
+class Registering(Looking):
+    """A case whose markers are paired with a tracker's readings."""
+
+    def __init__(self, *opened: Any, **options: Any) -> None:
+        """Open a case; no readings are loaded yet."""
+        super().__init__(*opened, **options)
+        self.readings_mm: Points | None = None
+        self.known_pairs: dict[str, str] = {}
+        self.touch: str | None = None
+        self.pointed_marker: str | None = None
+        self.pointed_reading: str | None = None
+
+    def load_readings(self, name: str) -> None:
+        """Register with the readings file ``name`` of the case's folder."""
+        self.register(find_markers(read_recording(self.storage.readings_path(name))).points)
+
+    def register(self, readings_mm: Points) -> None:
+        """Register the markers with a tracker's readings; a refused pairing is kept with its rivals."""
+        self.readings_mm, self.known_pairs = readings_mm, {}
+        self._register()
+
+    def point_at(self, label: str, reading: str) -> None:
+        """Say which reading a marker is, and register again."""
+        markers.named(self.found, label)
+        pairs = {ct: ots for ct, ots in self.known_pairs.items() if ots != reading}
+        self._register({**pairs, label: reading})
+
+    @property
+    def pointing(self) -> bool:
+        """Whether a click on a marker and one on a reading would settle which reading the marker is."""
+        found = self.registration
+        asked = found is not None and found.status == "ambiguous" and not self.outdated
+        return asked and self.readings_mm is not None
+
+    def pick_marker(self, label: str) -> None:
+        """Select a marker; while the pairing is ambiguous this points at it."""
+        self.marker = markers.named(self.found, label).label
+        if self.pointing:
+            self.pointed_marker = label
+            self._settle()
+
+    def pick_reading(self, label: str) -> None:
+        """Point at a reading; raises `UsageError` unless the pairing is ambiguous."""
+        if not self.pointing or self.readings_mm is None:
+            raise UsageError("the pairing is not ambiguous; there is nothing to settle by pointing")
+        if label not in self.readings_mm.labels:
+            raise UsageError(f"there is no reading {label}; there are {', '.join(self.readings_mm.labels)}")
+        self.pointed_reading = label
+        self._settle()
+
+    def leave_pointing(self) -> None:
+        """Forget what was pointed at so far."""
+        self.pointed_marker = self.pointed_reading = None
+
+    def expected_errors_mm(self) -> dict[str, float]:
+        """Return the expected error (RMS) of the registration at every end of every trajectory."""
+        found = self.registration
+        if found is None or found.ots_from_ct is None or self.outdated or not self.plan.trajectories:
+            return {}
+        places = self.plan.points
+        covariances = found.pose.point_covariances(places.positions_mm)
+        rms = np.sqrt(np.trace(covariances, axis1=-2, axis2=-1))
+        return dict(zip(places.labels, rms.tolist(), strict=True))
+
+    @property
+    def outdated(self) -> str | None:
+        """Why the registration no longer holds for the markers as they are now, None where it does."""
+        if self.registration is None or self.fiducials is None:
+            return None
+        return disagreement(self.fiducials, self.registration)
+
+    def _settle(self) -> None:
+        marker, reading = self.pointed_marker, self.pointed_reading
+        if marker is not None and reading is not None:
+            self.leave_pointing()
+            self.point_at(marker, reading)
+
+    def _register(self, known_pairs: dict[str, str] | None = None) -> None:
+        from ronnaplan.registration.markers import register_markers
+
+        if self.readings_mm is None:
+            raise UsageError("no readings are loaded; choose a readings file first")
+        pairs = known_pairs or {}
+        found = register_markers(self.found.points, self.readings_mm, known_pairs=tuple(pairs.items()))
+        source = Source.model_validate(self.found.source.model_dump())
+        self.registration = registration_document(found, source, self.plan.points)
+        self.known_pairs = pairs
+        self.touch = None if found.pairing.touch is None else found.ct.labels[found.pairing.touch]
+        self.leave_pointing()
+        self.storage.write_document(self.registration)

@@ -1,0 +1,85 @@
+"""Bodies of triangles for the 3-D view: for the eye, nothing is measured on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ronnaplan.geometry import FloatArray, unit
+
+SIDES = 16
+"""A tube has so many sides, a ball so many meridians."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Vertices (V, 3) in LPS mm, outward unit normals (V, 3) there, and triangles (F, 3)."""
+
+    vertices_mm: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    triangles: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, vertices_mm: FloatArray, triangles: NDArray[np.int64]) -> Body:
+        """Return a surface whose triangles turn anticlockwise, seen from outside."""
+        a, b, c = (vertices_mm[triangles[:, n]] for n in range(3))
+        normals = np.zeros_like(vertices_mm)
+        for n in range(3):
+            np.add.at(normals, triangles[:, n], np.cross(b - a, c - a))
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        return cls(vertices_mm.astype(np.float32), normals.astype(np.float32), triangles.astype(np.int32))
+
+
+def joined(bodies: list[Body]) -> Body:
+    """Return several bodies as one."""
+    first = np.cumsum([0, *(len(one.vertices_mm) for one in bodies)])
+    return Body(
+        np.concatenate([one.vertices_mm for one in bodies]),
+        np.concatenate([one.normals for one in bodies]),
+        np.concatenate(
+            [one.triangles + start for one, start in zip(bodies, first[:-1].astype(np.int32), strict=True)]
+        ),
+    )
+
+
+def tube(points_mm: FloatArray, radii_mm: ArrayLike) -> Body:
+    """Return a closed tube along a straight row of points (P, 3), each with its own radius."""
+    inward = unit(points_mm[-1] - points_mm[0])
+    radii = np.broadcast_to(np.asarray(radii_mm, dtype=np.float64), len(points_mm))
+    points = np.concatenate([points_mm[:1], points_mm, points_mm[-1:]])
+    return _turned(points, np.concatenate([[0.0], radii, [0.0]]), inward)
+
+
+def ball(center_mm: ArrayLike, radius_mm: float) -> Body:
+    """Return a ball."""
+    polar = np.linspace(0.0, np.pi, SIDES // 2 + 1)
+    axis = np.array([0.0, 0.0, 1.0])
+    points = np.asarray(center_mm) - radius_mm * np.cos(polar)[:, np.newaxis] * axis
+    return _turned(points, radius_mm * np.sin(polar), axis)
+
+
+def specks(centers_mm: FloatArray, radius_mm: float) -> Body:
+    """Return a small octahedron at each of the places (N, 3); six vertices each."""
+    corners = np.concatenate([np.eye(3), -np.eye(3)])
+    faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
+    count = len(centers_mm)
+    return Body(
+        (centers_mm[:, np.newaxis] + radius_mm * corners).reshape(-1, 3).astype(np.float32),
+        np.tile(corners, (count, 1)).astype(np.float32),
+        (6 * np.arange(count)[:, np.newaxis, np.newaxis] + faces).reshape(-1, 3).astype(np.int32),
+    )
+
+
+def _turned(points_mm: FloatArray, radii_mm: FloatArray, axis: FloatArray) -> Body:
+    """Return rings about an axis, one a point, joined to a closed surface."""
+    a = unit(np.cross(axis, np.eye(3)[np.abs(axis).argmin()]))
+    angle = 2 * np.pi * np.arange(SIDES) / SIDES
+    ring = np.cos(angle)[:, np.newaxis] * a + np.sin(angle)[:, np.newaxis] * np.cross(axis, a)
+    vertices = (points_mm[:, np.newaxis] + radii_mm[:, np.newaxis, np.newaxis] * ring).reshape(-1, 3)
+    here = np.arange(SIDES)
+    one = np.stack([here, (here + 1) % SIDES, here + SIDES], axis=-1)
+    other = np.stack([(here + 1) % SIDES, (here + 1) % SIDES + SIDES, here + SIDES], axis=-1)
+    band = np.concatenate([one, other])
+    return Body.of(vertices, np.concatenate([band + SIDES * n for n in range(len(points_mm) - 1)]))

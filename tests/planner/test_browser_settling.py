@@ -1,0 +1,184 @@
+"""What is settled by hand in the page: an ambiguous pairing, names and sizes, AC and PC, markers."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ronnaplan.documents.fiducials import read_fiducials, to_json
+from ronnaplan.documents.plan import read_plan
+from tests import cases
+from tests.planner.browser import (
+    Planner,
+    eventually,
+    needs_browser,
+    opened,
+    planner,
+    seen_at,
+    value,
+    with_head,
+)
+
+pytestmark = needs_browser
+
+RECTANGLE = [(60.0, 40.0, 28.0), (-60.0, 40.0, 28.0), (-60.0, -40.0, 28.0), (60.0, -40.0, 28.0)]
+"""A half turn maps these markers onto each other: the readings alone cannot tell which is which."""
+
+
+@pytest.fixture
+def ambiguous(folder: Path) -> Iterator[Planner]:
+    found = cases.fiducials()
+    few = tuple(
+        one.model_copy(update={"center": place}) for one, place in zip(found.fiducials, RECTANGLE, strict=False)
+    )
+    (folder / "fiducials.json").write_text(to_json(found.model_copy(update={"fiducials": few})))
+    (folder / "registration.json").unlink()
+    seen = cases.TURN.apply(np.array(RECTANGLE)) + cases.SHIFT_MM
+    rows = [f"{name},{x},{y},{z}" for name, (x, y, z) in zip("abcd", seen, strict=True)]
+    (folder / "readings.csv").write_text("\n".join(["label,x,y,z", *rows]) + "\n")
+    with planner(folder) as one:
+        yield one
+
+
+def status(folder: Path) -> str:
+    return str(json.loads((folder / "registration.json").read_text())["status"])
+
+
+def pairs(folder: Path) -> dict[str, str]:
+    return {pair["ct"]: pair["ots"] for pair in json.loads((folder / "registration.json").read_text())["pairs"]}
+
+
+def marker_at(page: Any, view: str, label: str) -> tuple[float, float]:
+    """Pixels of a marker in a view."""
+    drawn = value(page, f"drawn_{view}")
+    one = next(one for one in drawn["markers"] if one["label"] == label)
+    return seen_at(page, view, (one["x"] / drawn["half"], one["y"] / drawn["half"]))
+
+
+def test_an_ambiguity_is_settled_by_clicks_on_a_marker_and_a_reading(
+    browser: Any, ambiguous: Planner, folder: Path
+) -> None:
+    page = with_head(opened(browser, ambiguous.url))
+    page.click(".v-tab >> text=Registration")
+    page.click("text=readings.csv")
+    page.wait_for_selector("#ask")
+    assert status(folder) == "ambiguous"
+    assert page.locator("#rivals tr.rp-differs").count() == 4
+    page.mouse.click(*marker_at(page, "axial", "F3"))
+    page.wait_for_function("window.trame.state.get('pointing').marker === 'F3'")
+    assert status(folder) == "ambiguous"
+    page.click("#pick-readings tr:has-text('a')  >> nth=1")
+    eventually(page, lambda: status(folder) == "unique")
+    assert pairs(folder)["F3"] == "a"
+    page.wait_for_selector("#register >> text=F3 is a")
+
+    page.click("text=readings.csv")
+    page.wait_for_selector("#ask")
+    page.click("#pick-readings tr >> nth=3")
+    page.wait_for_function("window.trame.state.get('pointing').reading === 'c'")
+    page.mouse.click(*marker_at(page, "head", "F3"))
+    eventually(page, lambda: status(folder) == "unique")
+    assert pairs(folder) == {"F1": "a", "F2": "b", "F3": "c", "F4": "d"}
+
+
+def test_a_trajectory_is_named_sized_and_noted_in_the_page(browser: Any, kept: Planner) -> None:
+    folder = kept.folder
+    page = opened(browser, kept.url)
+    page.fill("#path-name", "lead")
+    page.press("#path-name", "Tab")
+    page.wait_for_selector("text=lead, LPS mm")
+    page.fill("#diameter", "1.5")
+    page.press("#diameter", "Tab")
+    page.fill("#length", "60")  # while the answer to the one before is under way
+    page.press("#length", "Tab")
+    page.fill("#notes", "by hand")
+    page.wait_for_function("window.trame.state.get('chosen').length === 60")
+    assert page.input_value("#notes") == "by hand"
+    page.press("#notes", "Tab")
+
+    def written() -> bool:
+        one = read_plan(folder / "plan.json").trajectories[0]
+        sizes = (one.instrument.diameter_mm, one.instrument.length_mm)
+        return (one.name, sizes, one.notes) == ("lead", (1.5, 60.0), "by hand")
+
+    eventually(page, written)
+    page.fill("#diameter", "-1")
+    page.press("#diameter", "Enter")
+    page.wait_for_function("window.trame.state.get('message').includes('expected a positive length')")
+    assert written()
+    page.wait_for_function("document.getElementById('diameter').value === '1.5'")
+    page.click("text=lock")
+    page.wait_for_function("document.getElementById('path-name').disabled")
+    assert read_plan(folder / "plan.json").trajectories[0].locked
+
+
+def test_ac_and_pc_are_set_at_the_crosshair_and_typed(browser: Any, kept: Planner) -> None:
+    folder = kept.folder
+    page = opened(browser, kept.url)
+    page.mouse.click(*seen_at(page, "axial", (0.0, -0.1)))
+    page.click("text=set AC here")
+    page.wait_for_function("window.trame.state.get('landmarks')[0].place")
+    ac = json.loads((folder / "planner.json").read_text())["crosshair"]
+    for name, typed in (("PC", "0, 24, 28"), ("midline", "0 10 60")):
+        page.fill(f"input[aria-label={name}]", typed)
+        page.press(f"input[aria-label={name}]", "Enter")
+        page.wait_for_function(
+            "name => window.trame.state.get('landmarks').find(one => one.name === name).place", arg=name
+        )
+    landmarks = read_plan(folder / "plan.json").landmarks
+    assert landmarks is not None
+    assert landmarks.ac_mm == pytest.approx(ac)
+    assert landmarks.pc_mm == pytest.approx([0, 24, 28])
+    page.wait_for_selector("#measures >> text=AC-PC sagittal, coronal angle")
+    page.fill("input[aria-label=PC]", "here")
+    page.press("input[aria-label=PC]", "Enter")
+    page.wait_for_function("window.trame.state.get('message').includes('is no place')")
+
+
+def test_markers_are_rejected_renamed_and_taken_back(browser: Any, kept: Planner) -> None:
+    def labels() -> list[str]:
+        return [one.label for one in read_fiducials(kept.folder / "fiducials.json").fiducials]
+
+    page = opened(browser, kept.url)
+    page.click(".v-tab >> text=Markers")
+    page.click("#markers tr.rp-row >> nth=1 >> text=reject")
+    eventually(page, lambda: "F2" not in labels())
+    page.fill("#markers tr.rp-row >> nth=0 >> input", "nose")
+    page.press("#markers tr.rp-row >> nth=0 >> input", "Enter")
+    eventually(page, lambda: labels()[0] == "nose")
+    page.keyboard.press("Control+z")
+    eventually(page, lambda: labels()[0] == "F1")
+    page.keyboard.press("Control+z")
+    eventually(page, lambda: "F2" in labels())
+    page.keyboard.press("Control+Shift+z")
+    eventually(page, lambda: "F2" not in labels())
+
+
+def test_the_patient_is_named_only_when_asked_for(browser: Any, folder: Path, shared: Planner) -> None:
+    name = "PHANTOM^SYNTHETIC"
+    with planner(folder, "--patient") as one:
+        assert opened(browser, one.url).inner_text("#patient") == name
+    page = opened(browser, shared.url)
+    assert page.locator("#patient").count() == 0
+    assert name not in page.content()
+    assert name not in page.evaluate("JSON.stringify(window.trame.state.state)")
+
+
+def test_keys_are_listed_and_a_view_is_enlarged_in_this_tab_only(browser: Any, shared: Planner) -> None:
+    page, other = opened(browser, shared.url), opened(browser, shared.url)
+    small = page.locator("[data-view=coronal]").bounding_box()["width"]
+    page.click(".rp-coronal [data-grow]")
+    assert page.locator("[data-view=coronal]").bounding_box()["width"] > 2.5 * small
+    assert other.locator("[data-view=coronal]").bounding_box()["width"] == small
+    page.click(".rp-coronal [data-grow]")
+    page.keyboard.press("?")
+    listed = page.inner_text("#keys")
+    for key in value(page, "keys"):
+        assert key.split("+")[-1].replace("page", "page ").lower() in listed.lower()
+    page.keyboard.press("Escape")
+    assert not page.locator("#keys").is_visible()

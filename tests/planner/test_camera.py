@@ -1,0 +1,40 @@
+"""The eye of the 3-D view: what is nearer hides what is behind it, and turning keeps it about the head."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ronnaplan.planner.camera import Camera
+from ronnaplan.planner.shapes import ball
+
+PIXELS = 100
+EYE = Camera(np.array([0.0, -400.0, 0.0]), np.zeros(3))
+RED, GREEN = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_the_nearer_ball_hides_the_other_whichever_is_drawn_first(turned: bool) -> None:
+    picture, depths = np.zeros((PIXELS, PIXELS, 3), dtype=np.float32), EYE.depths(PIXELS)
+    balls = [(ball([0.0, -50.0, 0.0], 10.0), RED), (ball([0.0, 50.0, 0.0], 30.0), GREEN)]
+    for body, colour in balls[:: -1 if turned else 1]:
+        EYE.draw(body, colour, picture, depths)
+    blue, green, red = picture[PIXELS // 2, PIXELS // 2]
+    assert red > 0.3
+    assert blue == green == 0.0
+    assert picture[PIXELS // 2, PIXELS // 2 + 8, 1] > 0.3  # beside the near one the far one is seen
+    assert depths[PIXELS // 2, PIXELS // 2] == pytest.approx(340.0, abs=0.5)
+
+
+def test_turning_keeps_the_distance_and_never_goes_over_the_top() -> None:
+    for up in (30.0, 200.0, -500.0):
+        eye = EYE.turned(40.0, up)
+        assert np.linalg.norm(eye.position_mm - eye.focus_mm) == pytest.approx(400.0)
+        assert 0 < np.sign(up) * eye.axes[2, 2] < 0.99
+        assert eye.axes[1, 2] > 0  # superior stays up
+        assert eye.axes @ eye.axes.T == pytest.approx(np.eye(3), abs=1e-12)
+    assert EYE.turned(90.0, 0.0).position_mm == pytest.approx([400.0, 0.0, 0.0])
+
+
+def test_coming_nearer_keeps_the_direction() -> None:
+    assert EYE.nearer(2.0).position_mm == pytest.approx([0.0, -200.0, 0.0])

@@ -1,0 +1,99 @@
+"""The 3-D view follows the state: what was changed is drawn, what was not is not drawn again."""
+
+from __future__ import annotations
+
+import base64
+
+import cv2
+import numpy as np
+import pytest
+
+from ronnaplan.planner.head import HeadView
+from ronnaplan.planner.overlay import over_head
+from ronnaplan.planner.state import PlannerState
+from tests import cases
+
+SAME = 1e-4
+"""Share of the picture that may differ where things seen through lie on each other."""
+
+
+@pytest.fixture
+def head(state: PlannerState) -> HeadView:
+    view = HeadView(state)
+    view.open()
+    return view
+
+
+def pixels(head: HeadView) -> np.ndarray:
+    data = np.frombuffer(base64.b64decode(head.picture().partition(",")[2]), dtype=np.uint8)
+    return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), dtype=np.int16)
+
+
+def difference(a: np.ndarray, b: np.ndarray) -> float:
+    """Share of the picture that is not the same."""
+    return float((np.abs(a - b).max(axis=2) > 40).mean())
+
+
+def test_before_it_is_opened_there_is_no_picture(state: PlannerState) -> None:
+    view = HeadView(state)
+    assert view.picture() == ""
+    assert over_head(state, view.camera, False, {})["title"] == "3-D is being made ready ..."
+
+
+def test_the_map_of_entries_is_coloured_on_the_scalp_and_goes_with_its_target(head: HeadView) -> None:
+    state, plain = head.state, pixels(head)
+    state.show_proposals(state.propose("left"))
+    mapped = pixels(head)
+    assert difference(mapped, plain) > 0.1
+    green = mapped[..., 1] - mapped[..., 2]
+    assert (green > 30).mean() > 0.1  # viridis, where there was only skin
+    state.edit("left", target_mm=cases.TARGET_MM + np.array([0.0, 0.0, 2.0]))
+    assert difference(pixels(head), plain) < 0.01
+
+
+def test_proposed_places_and_markers_come_and_go(head: HeadView) -> None:
+    state, plain = head.state, pixels(head)
+    state.show_placement(state.propose_markers(4))
+    assert difference(pixels(head), plain) > 0.001
+    state.show_placement(None)
+    assert difference(pixels(head), plain) < SAME
+    state.reject_marker("F2")
+    assert difference(pixels(head), plain) > 0.001
+    state.undo()
+    assert difference(pixels(head), plain) < SAME
+
+
+def test_trajectories_are_followed_by_name_and_place(head: HeadView) -> None:
+    state, plain = head.state, pixels(head)
+    state.rename("left", "lead")
+    assert difference(pixels(head), plain) < SAME
+    state.remove("lead")
+    without = pixels(head)
+    assert difference(without, plain) > 0.0005
+    state.undo()
+    assert difference(pixels(head), plain) < SAME
+
+
+def test_nothing_is_drawn_twice(head: HeadView, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = head.picture()
+    assert head.scene is not None
+    monkeypatch.setattr(head.scene, "draw", lambda: pytest.fail("drawn again"))
+    head.state.jump(cases.TARGET_MM)
+    assert head.picture() == first
+
+
+def test_names_stand_where_things_are_drawn(head: HeadView) -> None:
+    state = head.state
+    state.pick_marker("F3")
+    state.set_landmark("AC", cases.TARGET_MM)
+    drawn = over_head(state, head.camera, True, {"vessels": cases.ENTRY_MM})
+    assert [one["label"] for one in drawn["markers"] if one["ring"]] == ["F3", "x1"]
+    places = {one["label"]: (one["x"], one["y"]) for one in drawn["points"]}
+    (path,) = drawn["paths"]
+    assert places["AC"] == pytest.approx(path["target"])
+    assert places["vessels"] == pytest.approx(path["entry"])
+    picture = pixels(head)
+    marker = next(one for one in drawn["markers"] if one["label"] == "F2")
+    row, column = (round((marker[axis] + 1) * len(picture) / 2) for axis in ("y", "x"))
+    blue, _, red = picture[row, column]
+    assert red - blue > 80  # the orange of a marker

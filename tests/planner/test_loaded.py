@@ -1,0 +1,44 @@
+"""The planner's memory is the scan's, not its libraries': what is not needed to look and measure is not loaded."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+from tests import cases
+from tests.planner.browser import environment
+
+SCRIPT = """
+import sys
+from trame.app import get_server
+from ronnaplan.ct import read_ct
+from ronnaplan.planner.app import PlannerApp
+from ronnaplan.planner.state import PlannerState
+from ronnaplan.planner.storage import Storage
+
+state = PlannerState(read_ct(sys.argv[1]), Storage.of(sys.argv[2], None, None))
+app = PlannerApp(state, get_server("test", client_type="vue3"))
+app.head.open()
+state.begin_drag("left")
+state.drag("left", "target", state.plan.trajectory("left").target_mm + 1.0)
+app.refresh()
+state.end_drag()
+app.refresh()
+assert state.judge(state.chosen).measures.skull_thickness_mm > 1.0
+assert app.server.state.picture_head and app.server.state.picture_axial
+print(*sorted({name.partition(".")[0] for name in sys.modules}))
+"""
+
+TOO_HEAVY = {"numba", "llvmlite", "vtk", "vtkmodules", "pyvista", "matplotlib", "SimpleITK", "pandas"}
+"""Of pydicom nothing is said: this scan is compressed, and its decoders are pydicom's."""
+
+
+def test_looking_dragging_and_measuring_load_no_compiler_and_no_graphics_library(tmp_path: Path) -> None:
+    cases.write_case(tmp_path)
+    command = [sys.executable, "-c", SCRIPT, str(cases.CT), str(tmp_path / "plan.json")]
+    ran = subprocess.run(command, capture_output=True, text=True, env=environment(), check=False)
+    assert ran.returncode == 0, ran.stderr
+    loaded = set(ran.stdout.split())
+    assert "cv2" in loaded  # so the names are those of modules
+    assert not loaded & TOO_HEAVY
