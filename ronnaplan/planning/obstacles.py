@@ -12,7 +12,7 @@ from ronnaplan.ct.volume import SliceGrid
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning.head import Head
 from ronnaplan.planning.segments import box_distance, point_distances, segment_distances
-from ronnaplan.planning.smooth import COVERED, Patch, fit_patch
+from ronnaplan.planning.smooth import Patch, fit_patch
 from ronnaplan.planning.trajectory import Trajectory
 
 METAL_HU = 2500.0
@@ -110,15 +110,18 @@ class Voxels:
         held: NDArray[np.bool_] = within & _among((k * self.shape[1] + j) * self.shape[2] + i, self.held)
         return held
 
-    def clearance(self, trajectory: Trajectory, head: Head) -> Clearance | None:
-        """Return the least distance of the path to the obstacle; None when the obstacle is empty."""
+    def clearance(self, trajectory: Trajectory, head: Head, *, rough: bool = False) -> Clearance | None:
+        """Return the least distance of the path to the obstacle; None when the obstacle is empty.
+
+        ``rough``: of a label too only to its voxels, which is quicker.
+        """
         if len(self.low_mm) == 0:
             return None
-        near = self._to_boxes(trajectory, slice(None), 1.0)
+        near = self._to_voxels(trajectory, slice(None))
         for end, place in ((0.0, trajectory.entry_mm), (1.0, trajectory.target_mm)):
             if self.holds(place):
                 near = _Near(0.0, 0.0, end)
-        if self.kind is Kind.NO_GO and near.distance_mm > 0.0:
+        if self.kind is Kind.NO_GO and near.distance_mm > 0.0 and not rough:
             near = self._to_surface(trajectory)
         radius = trajectory.instrument.radius_mm
         return Clearance(
@@ -131,39 +134,35 @@ class Voxels:
             near.smooth,
         )
 
-    def _to_boxes(self, trajectory: Trajectory, which: slice | NDArray[np.intp], size: float) -> _Near:
-        """Return how near some of the voxels come, each made larger by ``size``."""
+    def _to_voxels(self, trajectory: Trajectory, which: slice | NDArray[np.intp]) -> _Near:
+        """Return how near some of the voxels come.
+
+        A label's voxel only says that the next centre is outside, so its wall may reach to there: twice its size.
+        """
+        start, stop = self.axes @ trajectory.entry_mm, self.axes @ trajectory.target_mm
         low, high = self.low_mm[which], self.high_mm[which]
-        grown = (size - 1.0) / 2 * (high - low)
-        distance, share = box_distance(
-            self.axes @ trajectory.entry_mm, self.axes @ trajectory.target_mm, low - grown, high + grown
-        )
-        return _Near(float(distance), float(distance), float(share))
+        distance, share = box_distance(start, stop, low, high)
+        if self.kind is not Kind.NO_GO:
+            return _Near(distance, distance, share)
+        half = (high - low) / 2
+        return _Near(distance, box_distance(start, stop, low - half, high + half)[0], share)
 
     def _to_surface(self, trajectory: Trajectory) -> _Near:
-        """Return how near the smooth surface comes, piece by piece; where there is none, the voxels.
-
-        A voxel only says that the next centre is outside, so the surface may reach to there, at twice its size.
-        """
+        """Return how near the smooth surface comes, piece by piece; where there is none, the voxels."""
         apart = point_distances(self.centres_mm, trajectory.entry_mm, trajectory.target_mm)
         sizes = (self.high_mm - self.low_mm).max(axis=1)
-        left = np.flatnonzero(apart <= (apart + sizes).min())
-        left = left[np.argsort(apart[left], kind="stable")]
-        found = []
-        while len(left):
+        nearest, sure = _Near(np.inf, np.inf, 0.0), np.inf
+        left = np.argsort(apart, kind="stable")
+        left = left[apart[left] <= (apart + sizes).min()]
+        while len(left) and apart[left[0]] - sizes[left[0]] < sure:
             patch = self._patch(int(left[0]))
-            radius = 0.6 * COVERED * patch.scale_mm if patch else 2.0 * sizes[left[0]]
+            radius = patch.reach_mm if patch else 2.0 * sizes[left[0]]
             here = np.linalg.norm(self.centres_mm[left] - self.centres_mm[left[0]], axis=1) <= radius
             known = patch.nearest(trajectory.entry_mm, trajectory.target_mm) if patch else None
-            if known is None:
-                boxes = self._to_boxes(trajectory, left[here], 1.0)
-                sure = self._to_boxes(trajectory, left[here], 2.0).distance_mm
-                found.append(_Near(boxes.distance_mm, sure, boxes.share))
-            else:
-                found.append(_Near(*known, smooth=True))
+            one = _Near(*known, smooth=True) if known else self._to_voxels(trajectory, left[here])
+            nearest, sure = min(nearest, one, key=lambda near: near.distance_mm), min(sure, one.at_least_mm)
             left = left[~here]
-        nearest = min(found, key=lambda one: one.distance_mm)
-        return replace(nearest, at_least_mm=min(one.at_least_mm for one in found))
+        return replace(nearest, at_least_mm=sure)
 
     def _patch(self, number: int) -> Patch | None:
         if number not in self.patches:
@@ -190,7 +189,7 @@ class Marker:
     foot_mm: FloatArray
     diameter_mm: float
 
-    def clearance(self, trajectory: Trajectory, head: Head) -> Clearance:
+    def clearance(self, trajectory: Trajectory, head: Head, *, rough: bool = False) -> Clearance:
         """Return the least distance of the whole instrument, outside the head too, to the sphere and its post."""
         tail = (
             trajectory.target_mm - max(trajectory.instrument.length_mm, trajectory.length_mm) * trajectory.inward
