@@ -30,8 +30,11 @@ BAND = 1.7
 BLUR = 0.03
 """Width of the probit in voxels: softens a centre's side where no surface of the family does them all justice."""
 
-WRONG = 0.2
+WRONG = 0.02
 """A centre may lie on the wrong side of the fit by this, in voxels; else the surface is no bent quadric."""
+
+MARGIN = 0.05
+"""Added to the doubt, in voxels: linear programming sees the first order, and a real vessel is bent otherwise too."""
 
 KNOWN = 0.4
 """Where the place is known no better than to this, in voxels at their finest, there is no estimate."""
@@ -81,7 +84,7 @@ class Patch:
         share = float(along_segments(place, start, stop))
         way = start + share * (stop - start) - place
         _, jacobian, normals = self.at(place[np.newaxis])
-        doubt_mm = self._doubt_mm(jacobian[0])
+        doubt_mm = self._doubt_mm(jacobian[0]) + MARGIN * self.voxel_mm
         if doubt_mm > KNOWN * self.finest_mm:
             return None
         distance = float(np.linalg.norm(way)) if way @ normals[0] > 0 else 0.0
