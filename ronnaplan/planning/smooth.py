@@ -168,8 +168,8 @@ def _window(
 
 
 def _fit(window: _Window, radius_mm: float, voxel_mm: float, finest_mm: float) -> Patch | None:
-    depth = _depths(window)
-    near = np.abs(depth) < BAND * voxel_mm
+    depth = _depths(window, BAND * voxel_mm)
+    near = np.isfinite(depth)
     if near.sum() < FEWEST:
         return None
     places, sides = window.places_mm[near], np.sign(depth[near])
@@ -179,7 +179,8 @@ def _fit(window: _Window, radius_mm: float, voxel_mm: float, finest_mm: float) -
     values, jacobian, _ = evaluate(parameters, local @ axes.T)
     if (sides * values).min() * radius_mm < -WRONG * voxel_mm:
         return None
-    bounds = _bounds(parameters, sides, values, jacobian)
+    close = sides * values * radius_mm < KNOWN * voxel_mm  # others would bind a surface not known well enough
+    bounds = _bounds(parameters, sides[close], values[close], jacobian[close])
     patch = Patch(window.centre_mm, axes, radius_mm, parameters, voxel_mm, finest_mm, places, *bounds)
     cloud = patch.project(places)
     on = np.abs(patch.at(cloud)[0]) < 0.02 * voxel_mm
@@ -188,15 +189,19 @@ def _fit(window: _Window, radius_mm: float, voxel_mm: float, finest_mm: float) -
     return replace(patch, cloud_mm=cloud[on]) if on.any() else None
 
 
-def _depths(window: _Window) -> FloatArray:
-    """Return the distance (N,) of each centre to the nearest one on the other side, negative inside."""
+def _depths(window: _Window, most_mm: float) -> FloatArray:
+    """Return the distance (N,) of each centre to the nearest one on the other side, negative inside.
+
+    Infinite beyond ``most_mm``.
+    """
     from scipy.spatial import cKDTree
 
     places, inside = window.places_mm, window.inside
     depth = np.full(len(inside), np.inf)
     if not inside.all():
-        depth[inside] = -cKDTree(places[~inside]).query(places[inside])[0]
-        depth[~inside] = cKDTree(places[inside]).query(places[~inside])[0]
+        inner, outer = cKDTree(places[inside]), cKDTree(places[~inside])
+        depth[inside] = -outer.query(places[inside], distance_upper_bound=most_mm)[0]
+        depth[~inside] = inner.query(places[~inside], distance_upper_bound=most_mm)[0]
     return depth
 
 
