@@ -44,7 +44,7 @@ class Surroundings:
 
     def __init__(self, volume: CTVolume, fiducials: FiducialsDocument | None, no_go: Labels) -> None:
         self.volume, self.fiducials, self.no_go = volume, fiducials, no_go
-        self._measured: dict[str, tuple[tuple[Any, ...], Measures | RonnaplanError]] = {}
+        self._measured: dict[str, tuple[tuple[Any, ...], bool, Measures | RonnaplanError]] = {}
 
     @cached_property
     def head(self) -> Head:
@@ -73,9 +73,9 @@ class Surroundings:
         except RonnaplanError:
             return None
 
-    def judge(self, trajectory: Trajectory, plan: Plan, limits: Limits) -> Judgement:
-        """Measure ``trajectory`` and hold it against ``limits``."""
-        measured = self._kept(trajectory, plan, limits)
+    def judge(self, trajectory: Trajectory, plan: Plan, limits: Limits, *, rough: bool = False) -> Judgement:
+        """Measure ``trajectory`` and hold it against ``limits``; ``rough``: as quickly as it can be done."""
+        measured = self._kept(trajectory, plan, limits, rough)
         if isinstance(measured, RonnaplanError):
             return Judgement(problem=str(measured))
         measured = replace(measured, spacings=spacings(trajectory, plan.trajectories))
@@ -84,16 +84,22 @@ class Surroundings:
         except RonnaplanError as error:  # a limit on what is not known here
             return Judgement(measured, problem=str(error))
 
-    def _kept(self, trajectory: Trajectory, plan: Plan, limits: Limits) -> Measures | RonnaplanError:
+    def _kept(self, trajectory: Trajectory, plan: Plan, limits: Limits, rough: bool) -> Measures | RonnaplanError:
         """Return what does not depend on the other trajectories, measured anew only if something else changed."""
         known = (trajectory, plan.landmarks, limits.tolerance_mm)
-        before, measured = self._measured.get(trajectory.name, ((), None))
-        if measured is None or any(now is not then for now, then in zip(known, before, strict=True)):
-            measured = self._measure(trajectory, plan, limits)
-            self._measured[trajectory.name] = known, measured
+        before, roughly, measured = self._measured.get(trajectory.name, ((), True, None))
+        if (
+            measured is None
+            or (roughly and not rough)
+            or any(now is not then for now, then in zip(known, before, strict=True))
+        ):
+            measured = self._measure(trajectory, plan, limits, rough)
+            self._measured[trajectory.name] = known, rough, measured
         return measured
 
-    def _measure(self, trajectory: Trajectory, plan: Plan, limits: Limits) -> Measures | RonnaplanError:
+    def _measure(
+        self, trajectory: Trajectory, plan: Plan, limits: Limits, rough: bool
+    ) -> Measures | RonnaplanError:
         try:
             return measure(
                 trajectory,
@@ -102,6 +108,7 @@ class Surroundings:
                 landmarks=plan.landmarks,
                 pose_mm2=self.pose_mm2,
                 tolerance_mm=limits.tolerance_mm,
+                rough=rough,
             )
         except RonnaplanError as error:
             return error

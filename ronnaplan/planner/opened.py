@@ -9,9 +9,9 @@ from ronnaplan.ct import CTVolume
 from ronnaplan.documents.fiducials import FiducialsDocument
 from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.errors import UsageError
-from ronnaplan.planner.judgement import Judgement, Labels, Surroundings
+from ronnaplan.planner.judgement import Labels, Surroundings
 from ronnaplan.planner.storage import Storage
-from ronnaplan.planning import Limits, Plan, Trajectory
+from ronnaplan.planning import Limits, Plan
 from ronnaplan.planning.sampling import Scan
 
 
@@ -85,10 +85,6 @@ class OpenedCase:
     def surroundings(self) -> Surroundings:
         """The head with all that a trajectory is measured against; renewed when the markers change."""
         return Surroundings(self.volume, self.fiducials, self.no_go)
-
-    def judge(self, trajectory: Trajectory) -> Judgement:
-        """Return measures, verdicts and expected error of a trajectory as it is now, or why there are none."""
-        return self.surroundings.judge(trajectory, self.plan, self.limits)
 
     @property
     def found(self) -> FiducialsDocument:

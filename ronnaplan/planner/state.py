@@ -11,6 +11,7 @@ from ronnaplan.documents.fiducials import FiducialsDocument, fiducials_document
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.geometry import FloatArray, as_points
 from ronnaplan.planner import markers
+from ronnaplan.planner.judgement import Judgement
 from ronnaplan.planner.registering import Registering
 from ronnaplan.planning import Instrument, Landmarks, Placement, Proposals, Trajectory, place_markers, propose
 from ronnaplan.planning.sites import PlacementRules, scalp_sites
@@ -144,6 +145,13 @@ class PlannerState(Registering):
     def dragging(self) -> bool:
         """Whether an end is being dragged just now."""
         return self._before_drag is not None
+
+    def judge(self, trajectory: Trajectory) -> Judgement:
+        """Return measures, verdicts and expected error of a trajectory as it is now, or why there are none.
+
+        While an end is dragged, distances to no-go regions are to their voxels only.
+        """
+        return self.surroundings.judge(trajectory, self.plan, self.limits, rough=self.dragging)
 
     def remove(self, name: str) -> None:
         """Remove a trajectory; a locked one is refused."""

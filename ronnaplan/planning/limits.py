@@ -8,12 +8,15 @@ from dataclasses import dataclass
 from ronnaplan.errors import InputError
 from ronnaplan.planning.layers import Way
 from ronnaplan.planning.measures import Measures
-from ronnaplan.planning.obstacles import Kind
+from ronnaplan.planning.obstacles import Clearance, Kind
 
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What a trajectory must keep; None: not limited. Distances count from the instrument's surface."""
+    """What a trajectory must keep; None: not limited. Distances count from the instrument's surface.
+
+    Of a distance that is known so far and no further, the least it may be is held against the limit.
+    """
 
     longest_path_mm: float | None = None
     greatest_skull_angle_deg: float | None = None
@@ -89,14 +92,20 @@ def _distances(measured: Measures, limits: Limits) -> Iterator[Verdict]:
         raise InputError("the limits keep a distance from markers but no fiducials are given; give fiducials.json")
     for one in measured.clearances:
         least = limits.least_distance_mm(one.kind)
-        remark = "met" if one.crosses else f"at depth {one.depth_mm:.1f} mm"
-        passes = one.clearance_mm >= least and not one.crosses
-        yield Verdict(name, f"distance to {one.name}", one.clearance_mm, "mm", least, passes, remark)
+        passes = one.at_least_mm >= least and not one.crosses
+        yield Verdict(name, f"distance to {one.name}", one.clearance_mm, "mm", least, passes, _remark(one))
     least_apart = limits.least_trajectory_distance_mm or 0.0
     for other in measured.spacings:
         passes = other.clearance_mm >= least_apart and other.clearance_mm > 0
         remark = f"at depth {other.depth_mm:.1f} mm"
         yield Verdict(name, f"distance to {other.other}", other.clearance_mm, "mm", least_apart, passes, remark)
+
+
+def _remark(one: Clearance) -> str:
+    if one.clearance_mm <= 0.0:
+        return "met"
+    sure = f", at least {one.at_least_mm:.2f}" if one.at_least_mm < one.clearance_mm else ""
+    return f"{'may be met, ' if one.crosses else ''}at depth {one.depth_mm:.1f} mm{sure}"
 
 
 def _errors(measured: Measures, limits: Limits) -> Iterator[Verdict]:

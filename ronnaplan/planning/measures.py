@@ -111,18 +111,20 @@ def measure(
     pose_mm2: FloatArray | None = None,
     tolerance_mm: float = 2.0,
     frame_axes: FloatArray = RAS_IN_LPS,
+    rough: bool = False,
 ) -> Measures:
     """Measure ``trajectory`` in ``head``.
 
     ``others`` are the plan's trajectories (itself is left out by name); ``pose_mm2`` (6, 6) is the covariance of
     the expected registration in LPS (see `planned_pose_covariance`); rows of ``frame_axes`` (3, 3) are right,
-    anterior, superior of the stereotactic frame in LPS (default: square to the scanner). Raises
+    anterior, superior of the stereotactic frame in LPS (default: square to the scanner). ``rough``: distances to labels
+    are to their voxels only, as while an end is dragged. Raises
     `FrameMismatchError` for another frame and `InputError` for ends outside the scan or in air.
     """
     crossings = check_ends(trajectory, head)
     start = trajectory.entry_mm
     depth = np.linspace(0.0, trajectory.length_mm, int(np.ceil(trajectory.length_mm / PROFILE_STEP_MM)) + 1)
-    clearances = [obstacle.clearance(trajectory, head) for obstacle in obstacles]
+    clearances = [obstacle.clearance(trajectory, head, rough=rough) for obstacle in obstacles]
     return Measures(
         trajectory,
         crossings,

@@ -95,7 +95,10 @@ def _measures(one: Measures) -> list[tuple[str, str]]:
         ("angle to the skull's normal", f"{number(one.skull_angle_deg, 1)} deg"),
     ]
     rows += [
-        (f"distance to {near.name}", f"{near.clearance_mm:.2f} mm at depth {near.depth_mm:.1f} mm")
+        (
+            f"distance to {near.name}",
+            f"{near.clearance_mm:.2f} mm (at least {near.at_least_mm:.2f}) at depth {near.depth_mm:.1f} mm",
+        )
         for near in one.clearances
     ]
     rows += [

@@ -11,6 +11,7 @@ import pytest
 from ronnaplan.planner import judgement
 from ronnaplan.planner.judgement import Surroundings
 from ronnaplan.planning import Limits, Trajectory
+from ronnaplan.planning.obstacles import Clearance
 from tests import cases
 
 
@@ -43,3 +44,25 @@ def test_moving_one_trajectory_measures_only_that_one_again(monkeypatch: pytest.
     error = judged()[0].measures.error  # type: ignore[union-attr]
     assert error is not None
     assert error.tolerance_mm == 3.0
+
+
+def test_while_an_end_is_dragged_a_no_go_region_is_its_voxels_and_then_the_surface_behind_them() -> None:
+    volume = cases.volume()
+    index = np.moveaxis(np.indices(volume.voxels_hu.shape), 0, -1).astype(np.float64)
+    axis, middle = np.array([0.36, 0.8, 0.48]), (cases.ENTRY_MM + cases.TARGET_MM) / 2
+    off = volume.grid.positions_mm(index) - middle - 9.0 * np.array([0.8, -0.36, 0.0]) / np.hypot(0.8, 0.36)
+    around = Surroundings(volume, None, {"vessel": np.linalg.norm(np.cross(off, axis), axis=-1) < 5.0})
+    plan = cases.plan()
+    (path,) = plan.trajectories
+
+    def judged(rough: bool) -> Clearance:
+        measures = around.judge(path, plan, Limits(), rough=rough).measures
+        assert measures is not None
+        return next(one for one in measures.clearances if one.name == "vessel")
+
+    dragged = judged(rough=True)
+    assert not dragged.smooth
+    assert dragged.at_least_mm < dragged.clearance_mm
+    let_go = judged(rough=False)
+    assert let_go.smooth
+    assert judged(rough=True) is let_go  # known better already

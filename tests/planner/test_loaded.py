@@ -11,13 +11,17 @@ from tests.planner.browser import environment
 
 SCRIPT = """
 import sys
+import numpy as np
 from trame.app import get_server
 from ronnaplan.ct import read_ct
 from ronnaplan.planner.app import PlannerApp
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
 
-state = PlannerState(read_ct(sys.argv[1]), Storage.of(sys.argv[2], None, None))
+volume = read_ct(sys.argv[1])
+vessel = np.zeros(volume.voxels_hu.shape, dtype=bool)
+vessel[-20:-10, 60:70, 60:70] = True
+state = PlannerState(volume, Storage.of(sys.argv[2], None, None), no_go={"vessel": vessel})
 app = PlannerApp(state, get_server("test", client_type="vue3"))
 app.head.open()
 state.begin_drag("left")
@@ -26,6 +30,7 @@ app.refresh()
 state.end_drag()
 app.refresh()
 assert state.judge(state.chosen).measures.skull_thickness_mm > 1.0
+assert any(one.name == "vessel" for one in state.judge(state.chosen).measures.clearances)
 assert app.server.state.picture_head and app.server.state.picture_axial
 print(*sorted({name.partition(".")[0] for name in sys.modules}))
 """

@@ -50,11 +50,23 @@ def test_an_instrument_that_is_too_short(measured: Measures) -> None:
 
 
 def test_nothing_may_be_met_even_without_a_limit(measured: Measures) -> None:
-    vessel = Clearance(Kind.NO_GO, "vessel", 0.3, -0.2, 12.0)
+    vessel = Clearance(Kind.NO_GO, "vessel", 0.3, -0.2, 12.0, -0.2)
     assert broken(replace(measured, clearances=(vessel,)), Limits()) == ["distance to vessel"]
-    clear = Clearance(Kind.NO_GO, "vessel", 3.0, 2.5, 12.0)
+    clear = Clearance(Kind.NO_GO, "vessel", 3.0, 2.5, 12.0, 2.5)
     assert broken(replace(measured, clearances=(clear,)), Limits()) == []
     assert broken(replace(measured, clearances=(clear,)), Limits(least_no_go_distance_mm=2.6)) != []
+
+
+def test_of_a_distance_that_is_not_known_exactly_the_least_is_held_against_the_limit(measured: Measures) -> None:
+    vessel = Clearance(Kind.NO_GO, "vessel", 3.0, 2.5, 12.0, 2.3, smooth=True)
+    near = replace(measured, clearances=(vessel,))
+    assert broken(near, Limits(least_no_go_distance_mm=2.2)) == []
+    assert broken(near, Limits(least_no_go_distance_mm=2.4)) == ["distance to vessel"]
+    (verdict,) = (one for one in judge(near, Limits()) if one.measure == "distance to vessel")
+    assert verdict.value == 2.5
+    assert verdict.remark == "at depth 12.0 mm, at least 2.30"
+    perhaps = replace(measured, clearances=(replace(vessel, at_least_mm=-0.1),))
+    assert broken(perhaps, Limits()) == ["distance to vessel"]
 
 
 @pytest.mark.parametrize(

@@ -88,17 +88,21 @@ def test_distance_to_a_no_go_box_of_voxels_on_any_stack(stack: str) -> None:
     assert through.crosses
 
 
-def test_distance_to_a_round_vessel_is_right_within_half_a_voxel() -> None:
+def test_distance_to_a_round_vessel_in_the_head_equals_its_closed_form() -> None:
     head = scanned("plain")
     shape = head.volume.voxels_hu.shape
     index = np.stack(np.meshgrid(*(np.arange(n, dtype=np.float64) for n in shape), indexing="ij"), axis=-1)
-    places = head.volume.grid.positions_mm(index)
-    mask = (np.hypot(places[..., 0] - 20.0, places[..., 2] - 20.0) < 3.0) & (np.abs(places[..., 1]) < 25.0)
+    middle, axis = np.array([20.0, 0, 25.0]), np.array([0.36, 0.8, 0.48])
+    mask = np.linalg.norm(np.cross(head.volume.grid.positions_mm(index) - middle, axis), axis=-1) < 4.0
     vessel = Voxels.of(Kind.NO_GO, "vessel", mask, head)
+    across = np.cross(axis, [0, 0, 1.0]) / np.hypot(0.36, 0.8)
     for x in (-5.0, 0.3, 8.7):
         clearance = vessel.clearance(Trajectory("A", np.array([x, 0, 80]), np.array([x, 0, 5]), CT), head)
         assert clearance is not None
-        assert clearance.distance_mm == pytest.approx(20.0 - 3.0 - x, abs=0.75)
+        true = abs(np.array([x - 20.0, 0, 0]) @ across) - 4.0
+        assert clearance.smooth
+        assert clearance.distance_mm == pytest.approx(true, abs=0.05)
+        assert clearance.at_least_mm < true
 
 
 def test_a_path_wholly_inside_a_no_go_region_meets_it() -> None:
