@@ -29,25 +29,26 @@ MIN_FREEDOM = 0.3
 QUANTIZATION_NOISE_HU = 12.0**-0.5
 """Standard deviation of rounding to whole HU: no scan has less noise than this."""
 
-SEEN_SHARE = 0.9
-"""How much of what the slices show is error: the rest is stated below."""
+SEEN_SHARE = 1.25
+SYMMETRIC_MISFIT = 0.031
+"""How much of what the slices show is error, and the misfit beyond noise (as a share of the contrast) at which only half
+of that is: such a misfit is a blur that is not quite Gaussian, alike on opposite sides."""
 
-SHARED_SLICES = 1.5
+SHARED_SLICES = 1.0
 """Within the slice plane the error is shared between the axes as evenly strong noise would share it, with the weight
 of so many slices: by chance a few slices show too little along one of them."""
 
-SLOPE_IN_PLANE = 4.7
-SLOPE_IN_PLANE_CLIPPED = 7.5
-SLOPE_ASIDE = 0.6
-SLOPE_ACROSS = 33.0
+SLOPE_IN_PLANE = 5.2
+SLOPE_IN_PLANE_CLIPPED = 7.4
+SLOPE_ACROSS = 40.0
 """Standard errors that a sloping background stands for, as shares of slope x blur / contrast: in the slice plane along
-the slope (and where clipping hides the ball's own contrast), there in any direction, and across the slices, where
-their thickness is the blur."""
+the slope (and where clipping hides the ball's own contrast), and across the slices, where their thickness is the
+blur."""
 
-THICKNESS_ERROR = 0.0007
+THICKNESS_ERROR = 0.0006
 """Standard error across the slices, as a share of their thickness: their profile is not quite a box."""
 
-NEIGHBOUR_ERROR = 0.04
+NEIGHBOUR_ERROR = 0.01
 """Standard error toward what stands beside the ball, as a share of its part of the surface x its brightness over the
 ball's x blur: it was left out of the fit, but its blur was not."""
 
@@ -107,7 +108,9 @@ def _seen_covariance(fit: BallFit) -> FloatArray:
     np.add.at(sums, slices, moves)
     count = len(np.unique(slices))
     freedom = count / max(count - 2, 1)  # centre and background have adapted to a few slices more than to many
-    return SEEN_SHARE * freedom * _shared_in_plane(sums.T @ sums, fit, SHARED_SLICES / (count + SHARED_SLICES))
+    unexplained = max(fit.misfit**2 - (noise_level(fit) / fit.contrast_hu) ** 2, 0.0)
+    seen = SEEN_SHARE / (1.0 + unexplained / SYMMETRIC_MISFIT**2)
+    return seen * freedom * _shared_in_plane(sums.T @ sums, fit, SHARED_SLICES / (count + SHARED_SLICES))
 
 
 def _shared_in_plane(covariance: FloatArray, fit: BallFit, share: float) -> FloatArray:
@@ -122,13 +125,13 @@ def _shared_in_plane(covariance: FloatArray, fit: BallFit, share: float) -> Floa
 def _unseen_covariance(fit: BallFit) -> FloatArray:
     """Covariance (3, 3) along u, v, w from what all slices share."""
     slope = fit.theta[8:11] / fit.contrast_hu
-    aside_mm = SLOPE_ASIDE * float(np.linalg.norm(slope)) * fit.sigma_mm
     across_mm = np.hypot(SLOPE_ACROSS * slope[2], THICKNESS_ERROR) * fit.theta[5]
     along = SLOPE_IN_PLANE if fit.shows_plateau else SLOPE_IN_PLANE_CLIPPED
     along_mm = along * fit.sigma_mm * slope * [1.0, 1.0, 0.0]
     beside_mm = NEIGHBOUR_ERROR * fit.sigma_mm * _beside(fit)
     covariance: FloatArray = np.outer(along_mm, along_mm) + np.outer(beside_mm, beside_mm)
-    return covariance + np.diag(np.square([aside_mm, aside_mm, across_mm]) + LEAST_ERROR_MM**2)
+    covariance[2, 2] += across_mm**2
+    return covariance + LEAST_ERROR_MM**2 * np.eye(3)
 
 
 def _beside(fit: BallFit) -> FloatArray:
