@@ -66,8 +66,7 @@ class BallFit:
     ``theta`` (P,) holds the model's `PARAMETERS` (and `SKIN_PARAMETERS` where it lies on something), with the
     centre relative to the neighbourhood's origin along u, v, w. ``used`` (N,) marks the voxels that informed the
     fit, ``residuals_hu`` (N,) is data minus model, ``jacobian`` (N, P) the model's derivatives, and
-    ``influence_mm_per_hu`` (N, 3) how far one HU at a voxel moves the centre. ``shows_plateau`` says whether the scale
-    reaches up to the ball's own level.
+    ``influence_mm_per_hu`` (N, 3) how far one HU at a voxel moves the centre.
     """
 
     neighbourhood: Neighbourhood
@@ -78,7 +77,6 @@ class BallFit:
     influence_mm_per_hu: FloatArray
     verdict: Verdict
     converged: bool
-    shows_plateau: bool
 
     @property
     def center_mm(self) -> FloatArray:
@@ -178,12 +176,11 @@ def _ball_fit(
 ) -> BallFit:
     residuals, jacobian = residuals_and_jacobian(around, theta, ceiling_hu)
     moves = influence(jacobian, used, prior.weight)
-    shows_plateau = bool(ceiling_hu - theta[7] >= PLATEAU_SHARE * theta[6])
-    if shows_plateau and converged:
+    if converged and ceiling_hu - theta[7] >= PLATEAU_SHARE * theta[6]:
         shift_mm, tilted_moves = tilted(around, theta, residuals, jacobian, used, prior)
         theta = np.append(theta[:3] + TILT_BELIEF * shift_mm, theta[3:])
         moves = (1.0 - TILT_BELIEF) * moves + TILT_BELIEF * tilted_moves
-    return BallFit(around, theta, used, residuals, jacobian, moves, verdict, converged, shows_plateau)
+    return BallFit(around, theta, used, residuals, jacobian, moves, verdict, converged)
 
 
 def _thinned(count: int) -> NDArray[np.bool_]:

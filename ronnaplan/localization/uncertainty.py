@@ -6,9 +6,9 @@ squares is the cluster-robust "sandwich" estimate of the covariance (K.-Y. Liang
 noise enters with its correlation within the slice as it is, and so does whatever else differs from slice to slice,
 such as streaks and a blur that is not quite Gaussian.
 
-What all slices share, no residual shows. It is stated from three signs of it: a background that slopes (streaks and
-shading, which never just slope), the slices' thickness, and what stands beside the ball. How much each stands for was
-fitted to the errors on physically simulated patients, which `docs/localization.md` names.
+What all slices share, no residual shows. It is stated from two signs of it: a background that slopes (streaks and
+shading, which never just slope), and the slices' thickness. How much each stands for was fitted to the errors on
+physically simulated patients, which `docs/localization.md` names.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.directions import cell_means, edge_depth
-from ronnaplan.localization.neighbourhood import CELL_COUNT, cell_directions, direction_cells
+from ronnaplan.localization.neighbourhood import direction_cells
 from ronnaplan.localization.refine import BallFit
 
 MIN_FLAT_VOXELS = 30
@@ -29,28 +29,21 @@ MIN_FREEDOM = 0.3
 QUANTIZATION_NOISE_HU = 12.0**-0.5
 """Standard deviation of rounding to whole HU: no scan has less noise than this."""
 
-SEEN_SHARE = 1.25
-SYMMETRIC_MISFIT = 0.031
-"""How much of what the slices show is error, and the misfit beyond noise (as a share of the contrast) at which only half
-of that is: such a misfit is a blur that is not quite Gaussian, alike on opposite sides."""
+SEEN_SHARE = 1.55
+SYMMETRIC_MISFIT = 0.038
+"""How much of what the slices show is error, and the misfit beyond noise (as a share of the contrast) at which only
+half of that is: such a misfit is a blur that is not quite Gaussian, alike on opposite sides."""
 
 SHARED_SLICES = 1.0
 """Within the slice plane the error is shared between the axes as evenly strong noise would share it, with the weight
 of so many slices: by chance a few slices show too little along one of them."""
 
-SLOPE_IN_PLANE = 5.2
-SLOPE_IN_PLANE_CLIPPED = 7.4
-SLOPE_ACROSS = 40.0
-"""Standard errors that a sloping background stands for, as shares of slope x blur / contrast: in the slice plane along
-the slope (and where clipping hides the ball's own contrast), and across the slices, where their thickness is the
-blur."""
+SLOPE_ERROR = 5.0
+"""Standard error along a sloping background, as a multiple of slope x blur / contrast (across the slices their
+thickness is the blur): a streak never just slopes."""
 
-THICKNESS_ERROR = 0.0006
+THICKNESS_ERROR = 0.0005
 """Standard error across the slices, as a share of their thickness: their profile is not quite a box."""
-
-NEIGHBOUR_ERROR = 0.01
-"""Standard error toward what stands beside the ball, as a share of its part of the surface x its brightness over the
-ball's x blur: it was left out of the fit, but its blur was not."""
 
 LEAST_ERROR_MM = 0.00005
 """Standard error per axis that stays in any scan: finite tables."""
@@ -124,21 +117,11 @@ def _shared_in_plane(covariance: FloatArray, fit: BallFit, share: float) -> Floa
 
 def _unseen_covariance(fit: BallFit) -> FloatArray:
     """Covariance (3, 3) along u, v, w from what all slices share."""
-    slope = fit.theta[8:11] / fit.contrast_hu
-    across_mm = np.hypot(SLOPE_ACROSS * slope[2], THICKNESS_ERROR) * fit.theta[5]
-    along = SLOPE_IN_PLANE if fit.shows_plateau else SLOPE_IN_PLANE_CLIPPED
-    along_mm = along * fit.sigma_mm * slope * [1.0, 1.0, 0.0]
-    beside_mm = NEIGHBOUR_ERROR * fit.sigma_mm * _beside(fit)
-    covariance: FloatArray = np.outer(along_mm, along_mm) + np.outer(beside_mm, beside_mm)
-    covariance[2, 2] += across_mm**2
-    return covariance + LEAST_ERROR_MM**2 * np.eye(3)
-
-
-def _beside(fit: BallFit) -> FloatArray:
-    """Where the directions that were left out point (3,): their mean over all, weighted by their brightness."""
-    brightness = np.clip(fit.verdict.excess_hu / fit.contrast_hu, 0.0, 1.0) * (fit.verdict.state == 0)
-    toward: FloatArray = brightness @ cell_directions() / CELL_COUNT
-    return toward
+    blur_mm = np.array([fit.sigma_mm, fit.sigma_mm, fit.theta[5]])
+    sloping_mm = SLOPE_ERROR * blur_mm * fit.theta[8:11] / fit.contrast_hu
+    thickness_mm = np.array([0.0, 0.0, THICKNESS_ERROR * fit.theta[5]])
+    covariance: FloatArray = np.outer(sloping_mm, sloping_mm) + np.diag(thickness_mm**2 + LEAST_ERROR_MM**2)
+    return covariance
 
 
 def _rms(values: FloatArray) -> float:
