@@ -23,6 +23,7 @@ import numpy as np
 
 from benchmarks.cases import CONDITIONS, Case, Condition, surroundings, volume, whole_scan
 from benchmarks.peers import PEERS
+from phantoms.errors import PhantomError
 from phantoms.fast import render
 from phantoms.library import demo_head
 from phantoms.stack import axial_stack
@@ -110,9 +111,12 @@ def accuracy(scans: Scans, markers: int, names: list[str]) -> None:
         for number in itertools.count():
             if score.markers >= markers or (condition.markers == 0 and number == BARE_SCANS):
                 break
+            try:
+                for case in scans(condition, number):
+                    score.add(case)
+            except PhantomError:  # drawn with a decoy inside the infusion tube: the next patient takes his place
+                continue
             score.patients += 1
-            for case in scans(condition, number):
-                score.add(case)
         rows.append(score.row(condition))
     print(align(rows))
 
