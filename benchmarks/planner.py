@@ -31,6 +31,7 @@ from statistics import median
 from typing import Any
 
 from benchmarks.pipeline import make_series
+from phantoms.library import demo_head
 from ronnaplan.ct import read_ct
 
 FIRST_PICTURE_S, STEP_MS, MEMORY = 5.0, 100.0, 3.0
@@ -87,7 +88,7 @@ def main() -> int:
     parser.add_argument("--steps", type=int, default=40)
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
-        folder = arguments.folder or make_series(Path(scratch) / "ct")
+        folder = arguments.folder or make_series(Path(scratch) / "ct", demo_head(), slices=190, spacing_mm=1.0)
         voxels, few = read_ct(folder).voxels_hu, read_ct(SMALL).voxels_hu.nbytes
         small = run(SMALL, Path(scratch), 3).memory
         figures = run(folder, Path(scratch), arguments.steps)

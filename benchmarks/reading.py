@@ -20,6 +20,7 @@ from statistics import median
 import SimpleITK
 
 from benchmarks.pipeline import make_series
+from phantoms.library import demo_head
 from ronnaplan.ct import find_series, read_ct
 
 GOAL = 1.2
@@ -39,7 +40,7 @@ def main() -> int:
     if arguments.folder is not None:
         return compare(arguments.folder, arguments.repeat)
     with tempfile.TemporaryDirectory() as folder:
-        return compare(make_series(Path(folder) / "ct"), arguments.repeat)
+        return compare(make_series(Path(folder) / "ct", demo_head(), slices=190, spacing_mm=1.0), arguments.repeat)
 
 
 def compare(folder: Path, repeat: int) -> int:
