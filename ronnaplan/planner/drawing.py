@@ -54,17 +54,22 @@ def _title(state: PlannerState, view: str, cut: Cut) -> str:
     return TITLES[view].format(state.chosen.name if view == "inline" else depth)
 
 
-def _markers(state: PlannerState, cut: Cut, show_rejected: bool) -> list[dict[str, Any]]:
-    """Return the circles that the plane cuts out of the markers."""
+def balls(state: PlannerState, show_rejected: bool) -> list[tuple[str, tuple[float, float, float], float, str]]:
+    """Return label, centre and radius (mm), and colour of each marker, and of what was rejected where it is shown."""
     found = state.fiducials
     if found is None:
         return []
-    balls = [(one.label, one.center, one.diameter_mm / 2, MARKER_COLOUR) for one in found.fiducials]
+    shown = [(one.label, one.center, one.diameter_mm / 2, MARKER_COLOUR) for one in found.fiducials]
     if show_rejected:
         radius = found.marker.diameter_mm / 2
-        balls += [(f"x{n + 1}", one.center, radius, REJECTED_COLOUR) for n, one in enumerate(found.rejected)]
+        shown += [(f"x{n + 1}", one.center, radius, REJECTED_COLOUR) for n, one in enumerate(found.rejected)]
+    return shown
+
+
+def _markers(state: PlannerState, cut: Cut, show_rejected: bool) -> list[dict[str, Any]]:
+    """Return the circles that the plane cuts out of the markers."""
     drawn = []
-    for label, center, radius, colour in balls:
+    for label, center, radius, colour in balls(state, show_rejected):
         x, y, away = cut.on_screen_mm(np.array(center))
         if abs(away) < radius and max(abs(x), abs(y)) < cut.field_mm / 2:
             r = float(np.sqrt(radius**2 - away**2))

@@ -8,7 +8,7 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.camera import Camera
-from ronnaplan.planner.drawing import MARKER_COLOUR, POINT_COLOUR, REJECTED_COLOUR
+from ronnaplan.planner.drawing import POINT_COLOUR, REJECTED_COLOUR, balls
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
 
@@ -45,15 +45,8 @@ def over_head(
 
 
 def _markers(state: PlannerState, camera: Camera, show_rejected: bool) -> list[dict[str, Any]]:
-    found = state.fiducials
-    if found is None:
-        return []
-    balls = [(one.label, one.center, one.diameter_mm / 2, MARKER_COLOUR) for one in found.fiducials]
-    if show_rejected:
-        radius = found.marker.diameter_mm / 2
-        balls += [(f"x{n + 1}", one.center, radius, REJECTED_COLOUR) for n, one in enumerate(found.rejected)]
     drawn = []
-    for label, center, radius, colour in balls:
+    for label, center, radius, colour in balls(state, show_rejected):
         x, y, depth = camera.on_screen(np.array(center)).tolist()
         if depth < LEAST_DEPTH_MM:
             continue
