@@ -71,7 +71,7 @@ class Evidence:
     @cached_property
     def covariance_mm2(self) -> FloatArray:
         """Covariance (3, 3) of the centre in LPS."""
-        return center_covariance(self.fit)
+        return center_covariance(self.fit, self.noise_hu)
 
 
 Test = Callable[[Evidence], str | None]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -107,6 +108,15 @@ def examine(scan: Scan, diameter_mm: float) -> list[Examined]:
     # The fits release the interpreter's lock, and each is independent of the others: any order, same result.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         return list(pool.map(lambda place: _examine_place(scan, place, diameter_mm), places))
+
+
+def distinct(accepted: Iterable[Examined]) -> list[Examined]:
+    """One marker a place, the better fit of two, best fits first."""
+    kept: list[Examined] = []
+    for one in sorted(accepted, key=lambda one: one.misfit):
+        if not any(one.is_same_place(other) for other in kept):
+            kept.append(one)
+    return kept
 
 
 def fit_place(scan: Scan, center_mm: FloatArray, diameter_mm: float) -> BallFit:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import InputError, RefusedError, UsageError
-from ronnaplan.localization.examine import Examined, Scan, examine
+from ronnaplan.localization.examine import Examined, Scan, distinct, examine
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
 from ronnaplan.localization.template import Template, match_template
 
@@ -39,11 +39,11 @@ def localize(
     promised and another number was found, or when the template is not found exactly once.
     """
     diameters = check_request(diameter_mm, expected)
-    for diameter in diameters:
-        _check_size(volume, diameter)
     scan = Scan(volume)
+    for diameter in diameters:
+        _check_size(scan, diameter)
     examined = [one for diameter in diameters for one in examine(scan, diameter)]
-    markers = _distinct(one for one in examined if one.is_marker)
+    markers = _from_the_top(one for one in examined if one.is_marker)
     fiducials = [_fiducial(f"F{number}", one, scan) for number, one in enumerate(markers, start=1)]
     rejected = _rejected(examined, markers)
     if template is not None:
@@ -73,7 +73,8 @@ def check_request(diameter_mm: float | Sequence[float], expected: int | None) ->
     return diameters
 
 
-def _check_size(volume: CTVolume, diameter_mm: float) -> None:
+def _check_size(scan: Scan, diameter_mm: float) -> None:
+    volume = scan.volume
     extent_mm = max(
         np.array(volume.voxels_hu.shape[1:]) * [volume.grid.row_spacing_mm, volume.grid.column_spacing_mm]
     )
@@ -82,21 +83,16 @@ def _check_size(volume: CTVolume, diameter_mm: float) -> None:
             f"a marker of {diameter_mm:g} mm fills more than half of this scan's {extent_mm:.0f} mm; "
             "check the diameter"
         )
-    pixel_mm = max(volume.grid.row_spacing_mm, volume.grid.column_spacing_mm)
-    if diameter_mm < MIN_VOXELS_PER_DIAMETER * pixel_mm:
+    if diameter_mm < MIN_VOXELS_PER_DIAMETER * scan.pixel_mm:
         raise InputError(
             f"a marker of {diameter_mm:g} mm is smaller than {MIN_VOXELS_PER_DIAMETER:g} pixels of this scan "
-            f"({pixel_mm:.3f} mm each); scan with a smaller field of view"
+            f"({scan.pixel_mm:.3f} mm each); scan with a smaller field of view"
         )
 
 
-def _distinct(accepted: Iterable[Examined]) -> list[Examined]:
-    """One marker a place (the better fit of two), from the top of the head down."""
-    kept: list[Examined] = []
-    for one in sorted(accepted, key=lambda one: one.misfit):
-        if not any(one.is_same_place(other) for other in kept):
-            kept.append(one)
-    return sorted(kept, key=lambda one: tuple(-one.center_mm[::-1]))
+def _from_the_top(accepted: Iterable[Examined]) -> list[Examined]:
+    """One marker a place, from the top of the head down."""
+    return sorted(distinct(accepted), key=lambda one: tuple(-one.center_mm[::-1]))
 
 
 def _rejected(examined: Iterable[Examined], markers: Sequence[Examined]) -> tuple[Rejected, ...]:

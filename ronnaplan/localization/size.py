@@ -8,7 +8,7 @@ import numpy as np
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import RefusedError
-from ronnaplan.localization.examine import Examined, Scan, examine
+from ronnaplan.localization.examine import Scan, distinct, examine
 
 SEARCHED_MM = (3.0, 26.0)
 """Markers in use have diameters within this range."""
@@ -32,11 +32,7 @@ def common_diameter(volume: CTVolume) -> float:
     smallest_mm = max(SEARCHED_MM[0], 3.0 * volume.grid.row_spacing_mm)
     steps = np.arange(np.log(smallest_mm), np.log(SEARCHED_MM[1]), np.log(STEP))
     accepted = [one for step in steps for one in examine(scan, float(np.exp(step))) if one.is_marker]
-    balls: list[Examined] = []
-    for one in sorted(accepted, key=lambda one: one.misfit):
-        if not any(one.is_same_place(other) for other in balls):
-            balls.append(one)
-    kinds = sorted(_kinds([one.diameter_mm for one in balls]), key=len, reverse=True)
+    kinds = sorted(_kinds([one.diameter_mm for one in distinct(accepted)]), key=len, reverse=True)
     seen = ", ".join(f"{len(kind)} of {np.median(kind):.1f} mm" for kind in kinds) or "none"
     if not kinds or len(kinds[0]) < MIN_MARKERS:
         raise RefusedError(f"no {MIN_MARKERS} balls of one size were found (found: {seen}); state the diameter")

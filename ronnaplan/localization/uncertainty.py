@@ -49,9 +49,9 @@ LEAST_ERROR_MM = 0.00005
 """Standard error per axis that stays in any scan: finite tables."""
 
 
-def center_covariance(fit: BallFit) -> FloatArray:
-    """Covariance (3, 3) of the fitted centre in LPS, mm^2: noise and model error."""
-    total = _seen_covariance(fit) + _unseen_covariance(fit)
+def center_covariance(fit: BallFit, noise_hu: float) -> FloatArray:
+    """Covariance (3, 3) of the fitted centre in LPS, mm^2: noise (``noise_hu``) and model error."""
+    total = _seen_covariance(fit, noise_hu) + _unseen_covariance(fit)
     axes = fit.neighbourhood.axes
     rotated: FloatArray = axes.T @ total @ axes
     return (rotated + rotated.T) / 2.0
@@ -93,7 +93,7 @@ def noise_level(fit: BallFit) -> float:
     return max(min(levels, default=_rms(fit.residuals_hu[fit.used])), QUANTIZATION_NOISE_HU)
 
 
-def _seen_covariance(fit: BallFit) -> FloatArray:
+def _seen_covariance(fit: BallFit, noise_hu: float) -> FloatArray:
     """Covariance (3, 3) along u, v, w from what the residuals of each slice do to the centre."""
     slices = fit.neighbourhood.indices[fit.used, 0]
     moves = (fit.influence_mm_per_hu * fit.residuals_hu[:, np.newaxis])[fit.used]
@@ -101,7 +101,7 @@ def _seen_covariance(fit: BallFit) -> FloatArray:
     np.add.at(sums, slices, moves)
     count = len(np.unique(slices))
     freedom = count / max(count - 2, 1)  # centre and background have adapted to a few slices more than to many
-    unexplained = max(fit.misfit**2 - (noise_level(fit) / fit.contrast_hu) ** 2, 0.0)
+    unexplained = max(fit.misfit**2 - (noise_hu / fit.contrast_hu) ** 2, 0.0)
     seen = SEEN_SHARE / (1.0 + unexplained / SYMMETRIC_MISFIT**2)
     return seen * freedom * _shared_in_plane(sums.T @ sums, fit, SHARED_SLICES / (count + SHARED_SLICES))
 
