@@ -29,7 +29,11 @@ MIN_COVERAGE = 0.6
 MIN_ROUND = 0.58
 ROUND_MISFIT = 2.0
 """A marker's edge is a sphere's in at least this share of the directions, and in more by this many times its misfit:
-heads of screws and cones come near 0.6, but raggedly; metal in its own streaks does so cleanly."""
+heads of screws and cones come near 0.6, but raggedly; metal in its own streaks does so cleanly ..."""
+
+ROUND_LENGTH = 0.5
+"""... and by this much of what its slices seem too thick by, as a share of the nominal thickness: the head of a screw
+seen in thick slices has soft ends."""
 
 MAX_ATTACHED = 0.14
 """A post is attached to a small part of a marker's surface (a post of 4 mm to 3 % of one of 11.5 mm, skin that it lies
@@ -50,6 +54,9 @@ than this share of the diameter there is no shape to recognize."""
 THICKNESS_RATIO = 1.2
 THICKNESS_MARGIN_MM = 0.35
 """The effective slice thickness exceeds the nominal one by no more: what looks longer along the slices is no ball."""
+
+NOISE_MARGIN = 1.3
+"""Noise differs between places by up to this factor: it was measured where it is least."""
 
 MAX_NOISE = 0.2
 """Noise, as a share of the contrast, that is allowed for in the misfit; a noisier scan is not fit for use."""
@@ -149,7 +156,8 @@ def _diameter(evidence: Evidence) -> str | None:
 
 def _coverage(evidence: Evidence) -> str | None:
     fit = evidence.fit
-    expected = MIN_ROUND + ROUND_MISFIT * fit.misfit
+    too_long = max(float(fit.theta[5]) / evidence.thickness_mm - 1.0, 0.0)
+    expected = MIN_ROUND + ROUND_MISFIT * fit.misfit + ROUND_LENGTH * too_long
     if fit.verdict.round_share >= expected:
         return None
     unseen = f", {fit.unseen:.0%} is outside the scan" if fit.unseen > 0 else ""
@@ -171,7 +179,7 @@ def _informed(evidence: Evidence) -> str | None:
 
 def _roundness(evidence: Evidence) -> str | None:
     contrast = evidence.fit.contrast_hu
-    limit = float(np.hypot(MAX_MISFIT, min(evidence.noise_hu / contrast, MAX_NOISE)))
+    limit = float(np.hypot(MAX_MISFIT, min(NOISE_MARGIN * evidence.noise_hu / contrast, MAX_NOISE)))
     if evidence.fit.misfit <= limit:
         return None
     return f"its surface departs from a sphere's by {evidence.fit.misfit:.1%} of its contrast, {limit:.1%} allowed"

@@ -66,9 +66,13 @@ def judge(
     theta: FloatArray,
     residuals_hu: FloatArray,
     jacobian: FloatArray,
-    skin_hu: FloatArray,
+    explained_hu: FloatArray,
 ) -> Verdict:
-    """Judge every direction; ``cells`` (N,) says in which each voxel lies, ``skin_hu`` (N,) the modelled skin."""
+    """Judge every direction.
+
+    ``cells`` (N,) says in which each voxel lies, ``explained_hu`` (N,) what the model puts there beside the ball: its
+    streaks and the skin.
+    """
     contrast = theta[6]
     edge = on_surface(around.offsets_mm, theta)
     squares, seen = cell_means(residuals_hu**2, cells, edge)
@@ -76,7 +80,7 @@ def judge(
     usual = float(np.quantile(rms[seen], USUAL_QUANTILE)) if seen.any() else 0.0
     foreign = seen & (rms > OUTLIER_RATIO * max(usual, MODEL_ERROR_SHARE * contrast))
 
-    excess = _excess_outside(around, cells, theta, skin_hu)
+    excess = _excess_outside(around, cells, theta, explained_hu)
     beside = excess > NEIGHBOUR_SHARE * contrast
     directions = cell_directions()
     bright = (foreign | beside) & (excess > SPREAD_SHARE * contrast)
@@ -94,10 +98,10 @@ def judge(
 
 
 def _excess_outside(
-    around: Neighbourhood, cells: NDArray[np.intp], theta: FloatArray, skin_hu: FloatArray
+    around: Neighbourhood, cells: NDArray[np.intp], theta: FloatArray, explained_hu: FloatArray
 ) -> FloatArray:
     """How much brighter than the background each direction (cells,) is just outside the ball; 0 where unseen."""
-    outside, seen = cell_means(around.values_hu - skin_hu, cells, just_outside(around.offsets_mm, theta))
+    outside, seen = cell_means(around.values_hu - explained_hu, cells, just_outside(around.offsets_mm, theta))
     if not seen.any():
         return np.zeros(CELL_COUNT)
     background = float(np.quantile(outside[seen], BACKGROUND_QUANTILE))

@@ -7,7 +7,7 @@ import numpy as np
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.descent import Prior
 from ronnaplan.localization.directions import BACKGROUND_QUANTILE
-from ronnaplan.localization.model import PARAMETERS
+from ronnaplan.localization.model import PARAMETERS, STREAK_PARAMETERS
 from ronnaplan.localization.neighbourhood import Neighbourhood
 
 TYPICAL_BLUR_MM = 0.5
@@ -21,6 +21,12 @@ THICKNESS_PRIOR = 0.3
 
 SLOPE_PRIOR_PER_MM = 0.01
 """Standard deviation of the background's slope, as a share of the contrast: streaks and cupping reach half of it."""
+
+METAL_HU = 6000.0
+"""A ball with more contrast is metal and has streaks; the densest ceramics reach some 5000 HU."""
+
+STREAK_PRIOR = 0.1
+"""Standard deviation of the streaks' brightness at the surface, as a share of the contrast."""
 
 FROZEN_WEIGHT = 1e15
 """Weight (HU^2 per mm^2) against which no data move a parameter."""
@@ -46,14 +52,18 @@ def first_guess(around: Neighbourhood, diameter_mm: float, thickness_mm: float, 
     high = float(np.median(inside)) if inside.size else float(around.values_hu.max())
     low = float(np.quantile(outside, BACKGROUND_QUANTILE)) if outside.size else float(around.values_hu.min())
     contrast = max(high - low, 1.0) * (CLIPPED_START if high >= ceiling_hu else 1.0)
-    return np.array([0, 0, 0, diameter_mm / 2, TYPICAL_BLUR_MM, thickness_mm, contrast, low, 0, 0, 0], np.float64)
+    streaks = [0.0] * len(STREAK_PARAMETERS) if contrast > METAL_HU else []
+    return np.array(
+        [0, 0, 0, diameter_mm / 2, TYPICAL_BLUR_MM, thickness_mm, contrast, low, 0, 0, 0, *streaks], np.float64
+    )
 
 
 def ball_prior(start: FloatArray, *, is_clipped: bool) -> Prior:
     """How firmly the first guesses ``start`` hold; where the ball's inside ``is_clipped``, its size does."""
-    spread = np.full(len(PARAMETERS), np.inf)
+    spread = np.full(len(start), np.inf)
     spread[3], spread[5] = RADIUS_PRIOR * start[3], THICKNESS_PRIOR * start[5]
     spread[8:11] = SLOPE_PRIOR_PER_MM * start[6]
+    spread[len(PARAMETERS) :] = STREAK_PRIOR * start[6]
     prior = Prior.of(np.where(np.isfinite(spread), start, 0.0), spread)
     if is_clipped:
         prior.weight[3] = (CLIPPED_RADIUS_HOLD * start[6] / start[3]) ** 2

@@ -26,9 +26,13 @@ PARAMETERS = ("u", "v", "w", "radius", "sigma", "thickness", "contrast", "backgr
 """Order of the model's parameters: centre, radius, in-plane blur and slice thickness (mm), contrast and
 background (HU), and the background's slope (HU/mm)."""
 
+STREAK_PARAMETERS = ("streak", "streak_diagonal")
+"""Two more where the ball is metal: how bright its streaks are at the surface (HU) along the rows, which are as dark
+down the columns, and the same on the diagonals."""
+
 SKIN_PARAMETERS = ("skin", "skin_u", "skin_v", "skin_w")
-"""Four more where the ball lies on something flat: its level over the background (HU), and the vector g (1/mm)
-that puts its surface at g . x = 1, x from the ball's centre; it fills the far side."""
+"""Four more, the last ones, where the ball lies on something flat: its level over the background (HU), and the vector
+g (1/mm) that puts its surface at g . x = 1, x from the ball's centre; it fills the far side."""
 
 DISC_NODES = 6
 """Discs that stand for one slice's thickness; six keep the error below 0.1 % of the contrast up to T = R."""
@@ -182,28 +186,66 @@ def ball(
 
 
 @njit(cache=True, inline="always")
+def has_streaks(theta: FloatArray) -> bool:
+    """Whether ``theta`` (P,) holds `STREAK_PARAMETERS`."""
+    return len(theta) % 4 == 1
+
+
+@njit(cache=True, inline="always")
+def has_skin(theta: FloatArray) -> bool:
+    """Whether ``theta`` (P,) ends with `SKIN_PARAMETERS`."""
+    return len(theta) >= 15
+
+
+@njit(cache=True, inline="always")
+def metal_streaks(du: float, dv: float, dw: float, theta: FloatArray, gradient: FloatArray) -> float:
+    """HU of the ball's own streaks at an offset from its centre; fills ``gradient`` for `STREAK_PARAMETERS`.
+
+    Adds the derivatives by centre and radius. Beside something as large as a head, metal darkens the lines that pass
+    through both and brightens those that pass through it alone (J. Barrett and N. Keat, RadioGraphics 24:1679, 2004):
+    near the ball that is a pattern with two bright and two dark sides, which fades with the distance.
+    """
+    radius = theta[3]
+    spread = du * du + dv * dv + dw * dw + radius * radius
+    envelope = 16.0 * radius**6 / spread**4
+    gradient[11] = (du * du - dv * dv) * envelope
+    gradient[12] = 2.0 * du * dv * envelope
+    value = theta[11] * gradient[11] + theta[12] * gradient[12]
+    fall = 8.0 * value / spread
+    gradient[0] += fall * du - 2.0 * envelope * (theta[11] * du + theta[12] * dv)
+    gradient[1] += fall * dv - 2.0 * envelope * (theta[12] * du - theta[11] * dv)
+    gradient[2] += fall * dw
+    gradient[3] += 6.0 * value / radius - fall * radius
+    return value
+
+
+@njit(cache=True, inline="always")
 def half_space(du: float, dv: float, dw: float, theta: FloatArray, gradient: FloatArray) -> float:
     """HU of the blurred half-space at an offset from the ball's centre; fills ``gradient`` for `SKIN_PARAMETERS`.
 
-    Adds the derivatives by the ball's centre, which carries the half-space along.
+    Adds the derivatives by the ball's centre, which carries the half-space along, and by the blur.
     """
-    gu, gv, gw = theta[12], theta[13], theta[14]
+    at = len(theta) - 4
+    gu, gv, gw = theta[at + 1], theta[at + 2], theta[at + 3]
     length = math.sqrt(gu * gu + gv * gv + gw * gw)
     across = 1.0 - (gw / length) ** 2
     blur = math.sqrt(theta[4] ** 2 * across + (theta[5] ** 2 / 12.0 + 0.01) * (1.0 - across))
     height = gu * du + gv * dv + gw * dw - 1.0
     t = height / (length * blur)
     share = 0.5 * math.erfc(-t * math.sqrt(0.5))
-    density = theta[11] * math.exp(-0.5 * t * t) / (math.sqrt(2.0 * math.pi) * length * blur)
+    density = theta[at] * math.exp(-0.5 * t * t) / (math.sqrt(2.0 * math.pi) * length * blur)
+    by_blur = -density * height / blur
     shrink = height / (length * length)
-    gradient[11] = share
-    gradient[12] = density * (du - shrink * gu)
-    gradient[13] = density * (dv - shrink * gv)
-    gradient[14] = density * (dw - shrink * gw)
+    gradient[at] = share
+    gradient[at + 1] = density * (du - shrink * gu)
+    gradient[at + 2] = density * (dv - shrink * gv)
+    gradient[at + 3] = density * (dw - shrink * gw)
     gradient[0] -= density * gu
     gradient[1] -= density * gv
     gradient[2] -= density * gw
-    return theta[11] * share
+    gradient[4] += by_blur * theta[4] * across / blur
+    gradient[5] += by_blur * theta[5] * (1.0 - across) / (12.0 * blur)
+    return theta[at] * share
 
 
 @njit(cache=True, inline="always")
@@ -230,7 +272,9 @@ def voxel_model(
     gradient[9] = dv
     gradient[10] = dw
     value = theta[7] + theta[6] * share + theta[8] * du + theta[9] * dv + theta[10] * dw
-    if len(theta) > len(PARAMETERS):
+    if has_streaks(theta):
+        value += metal_streaks(du, dv, dw, theta, gradient)
+    if has_skin(theta):
         value += half_space(du, dv, dw, theta, gradient)
     return value
 

@@ -23,7 +23,7 @@ from ronnaplan.localization.directions import (
     within_reach,
 )
 from ronnaplan.localization.guess import ball_prior, first_guess, frozen, margin_mm
-from ronnaplan.localization.model import PARAMETERS
+from ronnaplan.localization.model import PARAMETERS, has_skin
 from ronnaplan.localization.neighbourhood import Neighbourhood, cell_directions, direction_cells
 from ronnaplan.localization.tilt import PLATEAU_SHARE, TILT_BELIEF, tilted
 
@@ -63,10 +63,10 @@ SKIN_QUANTILE = 0.8
 class BallFit:
     """A fitted ball.
 
-    ``theta`` (P,) holds the model's `PARAMETERS` (and `SKIN_PARAMETERS` where it lies on something), with the
-    centre relative to the neighbourhood's origin along u, v, w. ``used`` (N,) marks the voxels that informed the
-    fit, ``residuals_hu`` (N,) is data minus model, ``jacobian`` (N, P) the model's derivatives, and
-    ``influence_mm_per_hu`` (N, 3) how far one HU at a voxel moves the centre.
+    ``theta`` (P,) holds the model's `PARAMETERS` (and `STREAK_PARAMETERS` where the ball is metal, `SKIN_PARAMETERS`
+    where it lies on something), with the centre relative to the neighbourhood's origin along u, v, w. ``used`` (N,)
+    marks the voxels that informed the fit, ``residuals_hu`` (N,) is data minus model, ``jacobian`` (N, P) the model's
+    derivatives, and ``influence_mm_per_hu`` (N, 3) how far one HU at a voxel moves the centre.
     """
 
     neighbourhood: Neighbourhood
@@ -148,7 +148,7 @@ def _settle(
     around: Neighbourhood, theta: FloatArray, prior: Prior, ceiling_hu: float, start: FloatArray
 ) -> BallFit:
     """Leave out the directions that disagree and fit again, until the choice is stable."""
-    if len(theta) > len(PARAMETERS):  # the skin's level and place are a guess: fit them before judging by them
+    if has_skin(theta):  # the skin's level and place are a guess: fit them before judging by them
         theta, _ = descend(around, within_reach(around.offsets_mm, theta), theta, prior, ceiling_hu)
     previous = np.empty(0, dtype=np.int8)
     converged = True
@@ -210,7 +210,7 @@ def _with_skin(
     skin = np.array([_level_beside(verdict), *place])
     added = Prior.of(skin, spread)
     lowest = float(np.quantile(around.values_hu, 0.05))
-    return np.concatenate([[*theta[:7], lowest, 0.0, 0.0, 0.0], skin]), Prior(
+    return np.concatenate([theta[:7], [lowest, 0.0, 0.0, 0.0], theta[11:], skin]), Prior(
         np.concatenate([prior.mean, added.mean]), np.concatenate([prior.weight, added.weight])
     )
 
@@ -224,5 +224,6 @@ def _is_hopeless(theta: FloatArray, verdict: Verdict, start: FloatArray) -> bool
 def _judged(around: Neighbourhood, theta: FloatArray, ceiling_hu: float) -> tuple[Verdict, NDArray[np.intp]]:
     cells = direction_cells(around.offsets_mm - theta[:3])
     residuals, jacobian = residuals_and_jacobian(around, theta, ceiling_hu)
-    skin = theta[11] * jacobian[:, 11] if len(theta) > len(PARAMETERS) else np.zeros(len(residuals))
-    return judge(around, cells, theta, residuals, jacobian, skin), cells
+    levels = slice(len(PARAMETERS), len(theta) - 3 if has_skin(theta) else None)
+    explained_hu = jacobian[:, levels] @ theta[levels]
+    return judge(around, cells, theta, residuals, jacobian, explained_hu), cells

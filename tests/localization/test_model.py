@@ -5,9 +5,24 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ronnaplan.localization.model import PARAMETERS, disc_nodes, disc_table, evaluate
+from ronnaplan.localization.model import (
+    PARAMETERS,
+    SKIN_PARAMETERS,
+    STREAK_PARAMETERS,
+    disc_nodes,
+    disc_table,
+    evaluate,
+)
 
 THETA = np.array([0.1, -0.2, 0.3, 5.75, 0.5, 1.25, 1100.0, -1000.0, 1.0, 2.0, 3.0])
+STREAKS = np.array([300.0, -200.0])
+SKIN = np.array([800.0, 0.1, -0.08, 0.12])
+KINDS = {
+    "plain": (THETA, PARAMETERS),
+    "metal": (np.append(THETA, STREAKS), (*PARAMETERS, *STREAK_PARAMETERS)),
+    "on skin": (np.append(THETA, SKIN), (*PARAMETERS, *SKIN_PARAMETERS)),
+    "metal on skin": (np.concatenate([THETA, STREAKS, SKIN]), (*PARAMETERS, *STREAK_PARAMETERS, *SKIN_PARAMETERS)),
+}
 
 
 def model(offsets: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -32,15 +47,33 @@ def test_a_voxel_is_the_share_of_its_blurred_volume_that_lies_in_the_ball(
     assert values == pytest.approx(np.array(shares), abs=0.006)  # 4 standard errors of the cloud
 
 
-@pytest.mark.parametrize("parameter", range(len(PARAMETERS)), ids=PARAMETERS)
-def test_derivatives_are_those_of_the_model(parameter: int) -> None:
+@pytest.mark.parametrize(
+    ("kind", "parameter"),
+    [(kind, parameter) for kind, (_, names) in KINDS.items() for parameter in range(len(names))],
+    ids=[f"{kind}: {name}" for kind, (_, names) in KINDS.items() for name in names],
+)
+def test_derivatives_are_those_of_the_model(kind: str, parameter: int) -> None:
     offsets = np.random.default_rng(6).uniform(-7.5, 7.5, (4000, 3))
-    step = np.zeros(len(PARAMETERS))
-    step[parameter] = 0.02
-    by_difference = (model(offsets, THETA + step)[0] - model(offsets, THETA - step)[0]) / 0.04
-    by_formula = model(offsets, THETA)[1][:, parameter]
+    theta, names = KINDS[kind]
+    step = np.zeros(len(theta))
+    step[parameter] = 0.02 if names[parameter] not in SKIN_PARAMETERS[1:] else 0.0002
+    by_difference = (model(offsets, theta + step)[0] - model(offsets, theta - step)[0]) / (2 * step[parameter])
+    by_formula = model(offsets, theta)[1][:, parameter]
     scale = np.abs(by_formula).max()
     assert np.sqrt(np.mean((by_difference - by_formula) ** 2)) < 0.01 * scale
+
+
+def test_streaks_are_bright_along_one_line_dark_across_it_and_fade() -> None:
+    theta = np.append(THETA, STREAKS)
+    theta[6], theta[8:11] = 0.0, 0.0
+    line = np.arctan2(STREAKS[1], STREAKS[0]) / 2
+    along = np.array([np.cos(line), np.sin(line), 0.0])
+    across = np.array([-np.sin(line), np.cos(line), 0.0])
+    places = THETA[:3] + np.array([8.0 * along, -8.0 * along, 8.0 * across, 24.0 * along])
+    bright, opposite, dark, far = model(places, theta)[0] - theta[7]
+    assert bright == pytest.approx(opposite)
+    assert bright == pytest.approx(-dark)
+    assert bright > 20 * far > 0
 
 
 def test_far_inside_is_full_and_far_outside_is_empty() -> None:
