@@ -26,6 +26,9 @@ NEIGHBOUR_SHARE = 0.03
 ATTACHED_SHARE = 0.5
 """Something just outside that exceeds the background by this share of the contrast is part of the same body."""
 
+INSERT_SHARE = 0.06
+"""Something deep inside that exceeds the ball by this share of the contrast is an insert, whose blur reaches out."""
+
 BACKGROUND_QUANTILE = 0.3
 """The background is what this share of the directions reach at most: a ball may lie on skin, not in it."""
 
@@ -85,7 +88,7 @@ def judge(
     directions = cell_directions()
     bright = (foreign | beside) & (excess > SPREAD_SHARE * contrast)
     close = directions @ directions[bright].T > np.cos(np.radians(NEIGHBOUR_ANGLE_DEG))
-    left_out = foreign | beside | close.any(axis=1)
+    left_out = foreign | beside | close.any(axis=1) | _show_insert(around, cells, theta, residuals_hu)
     state = np.where(seen, np.where(left_out, 0, 1), -1).astype(np.int8)
 
     slope = jacobian[:, 3]
@@ -106,6 +109,17 @@ def _excess_outside(
         return np.zeros(CELL_COUNT)
     background = float(np.quantile(outside[seen], BACKGROUND_QUANTILE))
     return np.where(seen, outside - background, 0.0)
+
+
+def _show_insert(
+    around: Neighbourhood, cells: NDArray[np.intp], theta: FloatArray, residuals_hu: FloatArray
+) -> NDArray[np.bool_]:
+    """Directions (cells,) whose inside is brighter than the ball's usual one."""
+    inside, seen = cell_means(residuals_hu, cells, deep_inside(around.offsets_mm, theta))
+    if not seen.any():
+        return seen
+    bright: NDArray[np.bool_] = seen & (inside - np.median(inside[seen]) > INSERT_SHARE * theta[6])
+    return bright
 
 
 def cell_means(
@@ -137,6 +151,13 @@ def just_outside(offsets_mm: FloatArray, theta: FloatArray) -> NDArray[np.bool_]
     """Voxels (N,) beyond the ball's blur but within the fit's reach: they show what touches the ball."""
     depth, blur = edge_depth(offsets_mm, theta)
     near: NDArray[np.bool_] = (depth > 2.0 * blur) & (depth < 3.0 * blur + 0.5)
+    return near
+
+
+def deep_inside(offsets_mm: FloatArray, theta: FloatArray) -> NDArray[np.bool_]:
+    """Voxels (N,) within the fit's reach, but inside the ball's blur: they show what is in the ball."""
+    depth, blur = edge_depth(offsets_mm, theta)
+    near: NDArray[np.bool_] = (depth < -2.0 * blur) & (depth > -3.0 * blur - 0.5)
     return near
 
 
