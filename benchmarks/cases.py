@@ -44,7 +44,7 @@ class Condition:
     kinds: tuple[str, ...] = ("post",)
     thicknesses_mm: tuple[float, ...] = (0.5, 0.6, 0.75, 1.0, 1.25)
     options: dict[str, float | bool] = field(default_factory=dict)
-    markers: int = 8
+    markers: int = 12
     laboratory: bool = False
 
 
@@ -62,7 +62,7 @@ CONDITIONS = (
     Condition("no markers", 0.0, 0.0, ("post", "ceramic", "steel", "titanium 4", "titanium 3"), markers=0),
 )
 SEED_STEP = 20
-"""Each condition has patients of its own: the seeds of its patients are so far apart."""
+"""Each condition has patients of its own: the seeds of its patients are so far apart; no scene has as many things."""
 
 
 @dataclass(frozen=True)
@@ -130,12 +130,13 @@ def whole_scan(condition: Condition, first: int, number: int, cache: Path | None
 
 
 def surroundings(condition: Condition, first: int, number: int) -> Iterator[Case]:
-    """Render the surroundings of each marker and decoy of a patient with the fast renderer."""
+    """Render the surroundings of each marker and decoy of a patient with the fast renderer, each with its own noise."""
     patient = examination(condition, first, number)
+    patient.scene.check()
     kind = _kind(condition, number)
     reach_mm = marker_kind(kind).diameter_mm / 2 + REACH_MM
-    for thing in (*patient.scene.markers, *patient.scene.decoys):
-        near = patient.around(thing.center_mm, reach_mm, crop=True)
+    for place, thing in enumerate((*patient.scene.markers, *patient.scene.decoys)):
+        near = replace(patient.around(thing.center_mm, reach_mm, crop=True), seed=patient.seed * SEED_STEP + place)
         yield _case(near, near.images(fast=True), kind)
 
 

@@ -78,7 +78,7 @@ class Evidence:
     @cached_property
     def covariance_mm2(self) -> FloatArray:
         """Covariance (3, 3) of the centre in LPS."""
-        return center_covariance(self.fit, self.noise_hu)
+        return center_covariance(self.fit)
 
 
 Test = Callable[[Evidence], str | None]

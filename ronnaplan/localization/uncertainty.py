@@ -6,14 +6,15 @@ squares is the cluster-robust "sandwich" estimate of the covariance (K.-Y. Liang
 noise enters with its correlation within the slice as it is, and so does whatever else differs from slice to slice,
 such as streaks and a blur that is not quite Gaussian.
 
-What all slices share, no residual shows. It is stated from two signs of it: a background that slopes (streaks and
-shading, which never just slope), and the slices' thickness. How much each stands for was fitted to the errors on
-physically simulated patients, which `docs/localization.md` names.
+What all slices share, no residual shows. It is stated from signs of it: a background that slopes (streaks and
+shading, which never just slope), a blur and slices that are not small beside the ball. How much each stands for was
+fitted to the errors on simulated patients, which `docs/localization.md` names.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.directions import cell_means, edge_depth
@@ -29,29 +30,48 @@ MIN_FREEDOM = 0.3
 QUANTIZATION_NOISE_HU = 12.0**-0.5
 """Standard deviation of rounding to whole HU: no scan has less noise than this."""
 
-SEEN_SHARE = 1.55
-SYMMETRIC_MISFIT = 0.038
-"""How much of what the slices show is error, and the misfit beyond noise (as a share of the contrast) at which only
-half of that is: such a misfit is a blur that is not quite Gaussian, alike on opposite sides."""
+SEEN_SHARE = 0.76
+CORRELATION_POWER = 0.4
+"""How much of what the slices show is error, at no correlation within the slice, and how that grows with it: what is
+correlated over a sector is also so over distances that a ball is too small to show."""
+
+SECTORS = 8
+"""Each slice of the ball is cut into so many sectors to see the correlation within it."""
+
+NEIGHBOUR_WEIGHT = 0.5
+NEIGHBOUR_BOUNDS = (-0.5, 0.3)
+"""Slices that err alike add this much of their correlation, within these bounds: a few slices tell it roughly."""
+
+EVEN_SHARE = 0.4
+"""... and how much of what residuals of the same size without any correlation would do: the ball's few slices may
+show too little by chance."""
 
 SHARED_SLICES = 1.0
 """Within the slice plane the error is shared between the axes as evenly strong noise would share it, with the weight
 of so many slices: by chance a few slices show too little along one of them."""
 
-SLOPE_ERROR = 5.0
+SLOPE_ERROR = 6.0
 """Standard error along a sloping background, as a multiple of slope x blur / contrast (across the slices their
 thickness is the blur): a streak never just slopes."""
 
-THICKNESS_ERROR = 0.0005
-"""Standard error across the slices, as a share of their thickness: their profile is not quite a box."""
+CURVED_BLUR_ERROR = 0.018
+"""Standard error within the slice plane, as a share of blur^3 / radius^2: the blur is not quite Gaussian, which shows
+where it is not small beside the ball."""
+
+POLE_ERROR = 0.002
+"""Standard error across the slices, as a share of thickness^2 / radius, the depth of the ball's pole in a slice: the
+slices' profile is not quite a box."""
 
 LEAST_ERROR_MM = 0.00005
 """Standard error per axis that stays in any scan: finite tables."""
 
+SMALLEST = 1e-30
+"""Keeps ratios of squares finite where a fit leaves nothing over."""
 
-def center_covariance(fit: BallFit, noise_hu: float) -> FloatArray:
-    """Covariance (3, 3) of the fitted centre in LPS, mm^2: noise (``noise_hu``) and model error."""
-    total = _seen_covariance(fit, noise_hu) + _unseen_covariance(fit)
+
+def center_covariance(fit: BallFit) -> FloatArray:
+    """Covariance (3, 3) of the fitted centre in LPS, mm^2: noise and model error."""
+    total = _seen_covariance(fit) + _unseen_covariance(fit)
     axes = fit.neighbourhood.axes
     rotated: FloatArray = axes.T @ total @ axes
     return (rotated + rotated.T) / 2.0
@@ -93,34 +113,58 @@ def noise_level(fit: BallFit) -> float:
     return max(min(levels, default=_rms(fit.residuals_hu[fit.used])), QUANTIZATION_NOISE_HU)
 
 
-def _seen_covariance(fit: BallFit, noise_hu: float) -> FloatArray:
-    """Covariance (3, 3) along u, v, w from what the residuals of each slice do to the centre."""
-    slices = fit.neighbourhood.indices[fit.used, 0]
-    moves = (fit.influence_mm_per_hu * fit.residuals_hu[:, np.newaxis])[fit.used]
-    sums = np.zeros((int(slices.max(initial=0)) + 1, 3))
-    np.add.at(sums, slices, moves)
-    count = len(np.unique(slices))
-    freedom = count / max(count - 2, 1)  # centre and background have adapted to a few slices more than to many
-    unexplained = max(fit.misfit**2 - (noise_hu / fit.contrast_hu) ** 2, 0.0)
-    seen = SEEN_SHARE / (1.0 + unexplained / SYMMETRIC_MISFIT**2)
-    return seen * freedom * _shared_in_plane(sums.T @ sums, fit, SHARED_SLICES / (count + SHARED_SLICES))
+def _seen_covariance(fit: BallFit) -> FloatArray:
+    """Covariance (3, 3) along u, v, w from what the residuals do to the centre, slice by slice."""
+    influence, residuals = fit.influence_mm_per_hu[fit.used], fit.residuals_hu[fit.used]
+    moves = influence * residuals[:, np.newaxis]
+    even = influence.T @ influence * (residuals @ residuals / max(len(residuals), 1))
+    slices = np.unique(fit.neighbourhood.indices[fit.used, 0], return_inverse=True)[1]
+    sums = _sums(moves, slices)
+    sectors = _sums(moves, slices * SECTORS + _sectors(fit))
+    size = max(float(np.sum(sums**2)), SMALLEST)
+    correlation = max(float(np.sum(sectors**2)), SMALLEST) / max(float(np.trace(even)), SMALLEST)
+    alike = np.clip(2.0 * float(np.sum(sums[1:] * sums[:-1])) / size, *NEIGHBOUR_BOUNDS)
+    seen = SEEN_SHARE * correlation**CORRELATION_POWER * (1.0 + NEIGHBOUR_WEIGHT * alike)
+    freedom = len(sums) / max(
+        len(sums) - 2, 1
+    )  # centre and background have adapted to a few slices more than to many
+    shared = _shared_in_plane(sums.T @ sums, even, SHARED_SLICES / (len(sums) + SHARED_SLICES))
+    covariance: FloatArray = seen * freedom * shared + EVEN_SHARE * even
+    return covariance
 
 
-def _shared_in_plane(covariance: FloatArray, fit: BallFit, share: float) -> FloatArray:
-    """Draw u and v of ``covariance`` (3, 3) by ``share`` towards what evenly strong noise would do to them."""
-    even = fit.influence_mm_per_hu[:, :2].T @ fit.influence_mm_per_hu[:, :2]
+def _sectors(fit: BallFit) -> NDArray[np.intp]:
+    """In which sector of its slice each used voxel lies."""
+    offsets = fit.neighbourhood.offsets_mm[fit.used] - fit.theta[:3]
+    turn = np.arctan2(offsets[:, 1], offsets[:, 0]) / (2.0 * np.pi) + 0.5
+    sectors: NDArray[np.intp] = (turn * SECTORS).astype(np.intp) % SECTORS
+    return sectors
+
+
+def _sums(moves: FloatArray, groups: NDArray[np.intp]) -> FloatArray:
+    """Sum of ``moves`` (N, 3) in each of the ``groups`` (N,)."""
+    sums = np.zeros((int(groups.max(initial=0)) + 1, 3))
+    np.add.at(sums, groups, moves)
+    return sums
+
+
+def _shared_in_plane(covariance: FloatArray, even: FloatArray, share: float) -> FloatArray:
+    """Draw u and v of ``covariance`` (3, 3) by ``share`` towards what ``even`` noise would do to them."""
     drawn = (1.0 - share) * covariance
-    drawn[:2, :2] += share * even * np.trace(covariance[:2, :2]) / max(float(np.trace(even)), 1e-30)
+    scale = np.trace(covariance[:2, :2]) / max(float(np.trace(even[:2, :2])), SMALLEST)
+    drawn[:2, :2] += share * scale * even[:2, :2]
     drawn[2, 2] = covariance[2, 2]
     return drawn
 
 
 def _unseen_covariance(fit: BallFit) -> FloatArray:
     """Covariance (3, 3) along u, v, w from what all slices share."""
-    blur_mm = np.array([fit.sigma_mm, fit.sigma_mm, fit.theta[5]])
-    sloping_mm = SLOPE_ERROR * blur_mm * fit.theta[8:11] / fit.contrast_hu
-    thickness_mm = np.array([0.0, 0.0, THICKNESS_ERROR * fit.theta[5]])
-    covariance: FloatArray = np.outer(sloping_mm, sloping_mm) + np.diag(thickness_mm**2 + LEAST_ERROR_MM**2)
+    radius_mm, blur_mm, thickness_mm = fit.theta[3:6]
+    sloping_mm = SLOPE_ERROR * np.array([blur_mm, blur_mm, thickness_mm]) * fit.theta[8:11] / fit.contrast_hu
+    curved_mm = CURVED_BLUR_ERROR * blur_mm**3 / radius_mm**2
+    pole_mm = POLE_ERROR * thickness_mm**2 / radius_mm
+    own_mm = np.array([curved_mm, curved_mm, pole_mm])
+    covariance: FloatArray = np.outer(sloping_mm, sloping_mm) + np.diag(own_mm**2 + LEAST_ERROR_MM**2)
     return covariance
 
 
