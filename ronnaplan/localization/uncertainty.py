@@ -30,8 +30,8 @@ MIN_FREEDOM = 0.3
 QUANTIZATION_NOISE_HU = 12.0**-0.5
 """Standard deviation of rounding to whole HU: no scan has less noise than this."""
 
-SEEN_SHARE = 0.76
-CORRELATION_POWER = 0.4
+SEEN_SHARE = 0.91
+CORRELATION_POWER = 1.0 / 3.0
 """How much of what the slices show is error, at no correlation within the slice, and how that grows with it: what is
 correlated over a sector is also so over distances that a ball is too small to show."""
 
@@ -42,7 +42,7 @@ NEIGHBOUR_WEIGHT = 0.5
 NEIGHBOUR_BOUNDS = (-0.5, 0.3)
 """Slices that err alike add this much of their correlation, within these bounds: a few slices tell it roughly."""
 
-EVEN_SHARE = 0.4
+EVEN_SHARE = 0.3
 """... and how much of what residuals of the same size without any correlation would do: the ball's few slices may
 show too little by chance."""
 
@@ -50,15 +50,15 @@ SHARED_SLICES = 1.0
 """Within the slice plane the error is shared between the axes as evenly strong noise would share it, with the weight
 of so many slices: by chance a few slices show too little along one of them."""
 
-SLOPE_ERROR = 6.0
+SLOPE_ERROR = 5.5
 """Standard error along a sloping background, as a multiple of slope x blur / contrast (across the slices their
 thickness is the blur): a streak never just slopes."""
 
-CURVED_BLUR_ERROR = 0.018
+CURVED_BLUR_ERROR = 0.017
 """Standard error within the slice plane, as a share of blur^3 / radius^2: the blur is not quite Gaussian, which shows
 where it is not small beside the ball."""
 
-POLE_ERROR = 0.002
+POLE_ERROR = 0.0012
 """Standard error across the slices, as a share of thickness^2 / radius, the depth of the ball's pole in a slice: the
 slices' profile is not quite a box."""
 
