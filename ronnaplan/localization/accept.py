@@ -28,12 +28,13 @@ MIN_COVERAGE = 0.6
 
 MIN_ROUND = 0.58
 ROUND_MISFIT = 2.0
-"""A marker's edge is a sphere's in at least this share of the directions, and in more by this many times its misfit:
-heads of screws and cones come near 0.6, but raggedly; metal in its own streaks does so cleanly ..."""
+"""A marker's edge is a sphere's in at least this share of the directions, and of those that the scan shows in more by
+this many times its misfit: heads of screws and cones come near 0.6, but raggedly; metal in its own streaks does so
+cleanly ..."""
 
 ROUND_LENGTH = 0.5
-"""... and by this much of what its slices seem too thick by, as a share of the nominal thickness: the head of a screw
-seen in thick slices has soft ends."""
+"""... and by this much of what its slices seem too thick or too thin by, as a share of the nominal thickness: the head
+of a screw seen in thick slices has soft ends, a cone a sharp one."""
 
 MAX_ATTACHED = 0.14
 """A post is attached to a small part of a marker's surface (a post of 4 mm to 3 % of one of 11.5 mm, skin that it lies
@@ -78,7 +79,7 @@ class Evidence:
     @cached_property
     def covariance_mm2(self) -> FloatArray:
         """Covariance (3, 3) of the centre in LPS."""
-        return center_covariance(self.fit)
+        return center_covariance(self.fit, self.noise_hu)
 
 
 Test = Callable[[Evidence], str | None]
@@ -156,12 +157,16 @@ def _diameter(evidence: Evidence) -> str | None:
 
 def _coverage(evidence: Evidence) -> str | None:
     fit = evidence.fit
-    too_long = max(float(fit.theta[5]) / evidence.thickness_mm - 1.0, 0.0)
-    expected = MIN_ROUND + ROUND_MISFIT * fit.misfit + ROUND_LENGTH * too_long
-    if fit.verdict.round_share >= expected:
+    round_share = fit.verdict.round_share
+    if round_share < MIN_ROUND:
+        unseen = f", {fit.unseen:.0%} is outside the scan" if fit.unseen > 0 else ""
+        return f"only {round_share:.0%} of its surface is a sphere's{unseen}, {MIN_ROUND:.0%} expected"
+    ends_off = abs(float(fit.theta[5]) / evidence.thickness_mm - 1.0)
+    expected = MIN_ROUND + ROUND_MISFIT * fit.misfit + ROUND_LENGTH * ends_off
+    of_seen = round_share / (1.0 - fit.unseen)
+    if of_seen >= expected:
         return None
-    unseen = f", {fit.unseen:.0%} is outside the scan" if fit.unseen > 0 else ""
-    return f"only {fit.verdict.round_share:.0%} of its surface is a sphere's{unseen}, {expected:.0%} expected"
+    return f"only {of_seen:.0%} of what is seen of its surface is a sphere's, {expected:.0%} expected"
 
 
 def _free(evidence: Evidence) -> str | None:

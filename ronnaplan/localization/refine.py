@@ -39,8 +39,9 @@ FIRST_LOOK_MISFIT = 0.25
 contrast."""
 
 MAX_THICKNESS_RATIO = 1.8
-"""The fitted slice thickness stays within this factor of the nominal one (and half a millimetre): no ball
-explains more."""
+MAX_THICKNESS_MARGIN_MM = 1.0
+"""The fitted slice thickness stays within this factor of the nominal one and this margin, which a post along the
+slices' normal needs before it is left out: no ball explains more."""
 
 HOPELESS_MISFIT = 0.15
 """A first fit whose median direction disagrees by more than this share of the contrast is not pursued."""
@@ -217,7 +218,7 @@ def _with_skin(
 
 def _is_hopeless(theta: FloatArray, verdict: Verdict, start: FloatArray) -> bool:
     wandered = float(np.linalg.norm(theta[:3])) > MAX_WANDER * start[3]
-    smeared = bool(theta[5] > MAX_THICKNESS_RATIO * start[5] + 0.5)
+    smeared = bool(theta[5] > MAX_THICKNESS_RATIO * start[5] + MAX_THICKNESS_MARGIN_MM)
     return wandered or smeared or bool(verdict.usual_rms_hu > HOPELESS_MISFIT * theta[6])
 
 

@@ -30,19 +30,22 @@ MIN_FREEDOM = 0.3
 QUANTIZATION_NOISE_HU = 12.0**-0.5
 """Standard deviation of rounding to whole HU: no scan has less noise than this."""
 
-SEEN_SHARE = 0.91
-CORRELATION_POWER = 1.0 / 3.0
-"""How much of what the slices show is error, at no correlation within the slice, and how that grows with it: what is
-correlated over a sector is also so over distances that a ball is too small to show."""
+SEEN_SHARE = 0.87
+CORRELATION_POWER = 0.5
+NOISE_POWER = 0.25
+"""How much of what the slices show is error. It grows with the correlation within the slice: what is correlated over a
+sector is also so over distances that a ball is too small to show. And with the share of noise in the residuals: the
+rest is mostly a blur that is not quite Gaussian, alike on opposite sides."""
+
+LEAST_NOISE_SHARE = 0.01
 
 SECTORS = 8
 """Each slice of the ball is cut into so many sectors to see the correlation within it."""
 
-NEIGHBOUR_WEIGHT = 0.5
 NEIGHBOUR_BOUNDS = (-0.5, 0.3)
-"""Slices that err alike add this much of their correlation, within these bounds: a few slices tell it roughly."""
+"""Neighbouring slices that err alike add their correlation, within these bounds: a few slices tell it roughly."""
 
-EVEN_SHARE = 0.3
+EVEN_SHARE = 0.6
 """... and how much of what residuals of the same size without any correlation would do: the ball's few slices may
 show too little by chance."""
 
@@ -50,15 +53,15 @@ SHARED_SLICES = 1.0
 """Within the slice plane the error is shared between the axes as evenly strong noise would share it, with the weight
 of so many slices: by chance a few slices show too little along one of them."""
 
-SLOPE_ERROR = 5.5
+SLOPE_ERROR = 5.0
 """Standard error along a sloping background, as a multiple of slope x blur / contrast (across the slices their
 thickness is the blur): a streak never just slopes."""
 
-CURVED_BLUR_ERROR = 0.017
+CURVED_BLUR_ERROR = 0.018
 """Standard error within the slice plane, as a share of blur^3 / radius^2: the blur is not quite Gaussian, which shows
 where it is not small beside the ball."""
 
-POLE_ERROR = 0.0012
+POLE_ERROR = 0.0015
 """Standard error across the slices, as a share of thickness^2 / radius, the depth of the ball's pole in a slice: the
 slices' profile is not quite a box."""
 
@@ -69,9 +72,9 @@ SMALLEST = 1e-30
 """Keeps ratios of squares finite where a fit leaves nothing over."""
 
 
-def center_covariance(fit: BallFit) -> FloatArray:
-    """Covariance (3, 3) of the fitted centre in LPS, mm^2: noise and model error."""
-    total = _seen_covariance(fit) + _unseen_covariance(fit)
+def center_covariance(fit: BallFit, noise_hu: float) -> FloatArray:
+    """Covariance (3, 3) of the fitted centre in LPS, mm^2: noise (``noise_hu``) and model error."""
+    total = _seen_covariance(fit, noise_hu) + _unseen_covariance(fit)
     axes = fit.neighbourhood.axes
     rotated: FloatArray = axes.T @ total @ axes
     return (rotated + rotated.T) / 2.0
@@ -113,21 +116,21 @@ def noise_level(fit: BallFit) -> float:
     return max(min(levels, default=_rms(fit.residuals_hu[fit.used])), QUANTIZATION_NOISE_HU)
 
 
-def _seen_covariance(fit: BallFit) -> FloatArray:
+def _seen_covariance(fit: BallFit, noise_hu: float) -> FloatArray:
     """Covariance (3, 3) along u, v, w from what the residuals do to the centre, slice by slice."""
     influence, residuals = fit.influence_mm_per_hu[fit.used], fit.residuals_hu[fit.used]
     moves = influence * residuals[:, np.newaxis]
-    even = influence.T @ influence * (residuals @ residuals / max(len(residuals), 1))
+    mean_square = max(float(residuals @ residuals) / max(len(residuals), 1), SMALLEST)
+    even = influence.T @ influence * mean_square
     slices = np.unique(fit.neighbourhood.indices[fit.used, 0], return_inverse=True)[1]
     sums = _sums(moves, slices)
     sectors = _sums(moves, slices * SECTORS + _sectors(fit))
     size = max(float(np.sum(sums**2)), SMALLEST)
     correlation = max(float(np.sum(sectors**2)), SMALLEST) / max(float(np.trace(even)), SMALLEST)
     alike = np.clip(2.0 * float(np.sum(sums[1:] * sums[:-1])) / size, *NEIGHBOUR_BOUNDS)
-    seen = SEEN_SHARE * correlation**CORRELATION_POWER * (1.0 + NEIGHBOUR_WEIGHT * alike)
-    freedom = len(sums) / max(
-        len(sums) - 2, 1
-    )  # centre and background have adapted to a few slices more than to many
+    noise_share = np.clip(noise_hu**2 / mean_square, LEAST_NOISE_SHARE, 1.0)
+    seen = SEEN_SHARE * correlation**CORRELATION_POWER * noise_share**NOISE_POWER * (1.0 + alike)
+    freedom = len(sums) / max(len(sums) - 2, 1)  # the fit has adapted to a few slices more than to many
     shared = _shared_in_plane(sums.T @ sums, even, SHARED_SLICES / (len(sums) + SHARED_SLICES))
     covariance: FloatArray = seen * freedom * shared + EVEN_SHARE * even
     return covariance

@@ -48,10 +48,12 @@ def test_every_test_can_fail_and_gives_its_reason(name: str, fit: BallFit) -> No
     assert len(reason) > 15
 
 
-def test_what_is_long_along_the_slices_must_be_rounder(fit: BallFit) -> None:
+def test_what_is_too_long_or_too_short_along_the_slices_must_be_rounder(fit: BallFit) -> None:
     three_quarters = replace(fit, verdict=replace(fit.verdict, round_share=0.75))
     assert TESTS["coverage"](Evidence(three_quarters, 11.5, 1.0, 0.5, 10.0)) is None
-    assert TESTS["coverage"](Evidence(changed(three_quarters, 5, 1.5), 11.5, 1.0, 0.5, 10.0)) is not None
+    for thickness_mm in (0.5, 1.5):
+        other = Evidence(changed(three_quarters, 5, thickness_mm), 11.5, 1.0, 0.5, 10.0)
+        assert TESTS["coverage"](other) is not None
 
 
 def test_a_ball_passes_them_all(fit: BallFit) -> None:

@@ -45,7 +45,7 @@ def test_the_scatter_over_noise_is_at_the_bound_and_within_the_stated_error(quie
     fits = [fit_of(with_white_noise(quiet, 80.0, seed)) for seed in range(12)]
     scatter = np.std([fit.center_mm for fit in fits], axis=0, ddof=1)
     bound = np.sqrt(np.diag(np.mean([cramer_rao_bound(fit, noise_level(fit)) for fit in fits], axis=0)))
-    stated = np.sqrt(np.diag(np.mean([center_covariance(fit) for fit in fits], axis=0)))
+    stated = np.sqrt(np.diag(np.mean([center_covariance(fit, noise_level(fit)) for fit in fits], axis=0)))
     # Twelve draws know a standard deviation to a fifth; three axes are judged together.
     assert np.sqrt(np.mean((scatter / bound) ** 2)) == pytest.approx(1.0, abs=0.45)
     assert np.sqrt(np.mean((scatter / stated) ** 2)) < 1.2
@@ -59,7 +59,7 @@ def test_noise_that_is_correlated_within_the_slice_counts_for_what_it_is(quiet: 
         noisy = quiet.voxels_hu + 20.0 * noise / noise.std()
         fits.append(fit_of(replace(quiet, voxels_hu=noisy.astype(np.float32))))
     scatter = np.std([fit.center_mm for fit in fits], axis=0, ddof=1)
-    stated = np.sqrt(np.diag(np.mean([center_covariance(fit) for fit in fits], axis=0)))
+    stated = np.sqrt(np.diag(np.mean([center_covariance(fit, noise_level(fit)) for fit in fits], axis=0)))
     # Counted as if it were white, it would be stated too small by a factor of two to six.
     assert 0.6 < np.sqrt(np.mean((scatter / stated) ** 2)) < 1.4
 
@@ -70,4 +70,6 @@ def test_what_touches_the_ball_makes_it_less_certain() -> None:
         fit_of(scan(scene, small_stack(), seed=2)) for scene in (balls([(1, 2, 3)]), post + balls([(1, 2, 3)]))
     )
     assert held.coverage < free.coverage
-    assert np.trace(center_covariance(held)) > np.trace(center_covariance(free))
+    assert np.trace(center_covariance(held, noise_level(held))) > np.trace(
+        center_covariance(free, noise_level(free))
+    )
