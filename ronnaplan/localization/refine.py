@@ -55,9 +55,11 @@ SKIN_SHARES = (0.2, 0.65)
 SKIN_LEVEL = 0.35
 """What a ball lies on is no brighter than this share of the ball's own contrast."""
 
-
 SKIN_QUANTILE = 0.8
 """The skin's level is read off the brighter of the neighbouring directions."""
+
+MIN_SKIN_DEPTH = 0.7
+"""What a ball lies on is no nearer to its centre than this share of its radius; a cone standing there looks sunk."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +143,8 @@ def fit_ball(around: Neighbourhood, diameter_mm: float, thickness_mm: float, cei
     around = around.select(np.abs(edge_depth(around.offsets_mm, theta)[0]) < margin_mm(theta[5], theta[4]) + 1.0)
     fits = [_settle(around, theta, prior, ceiling_hu, start)]
     if _lies_on_something(theta, verdict):
-        fits.append(_settle(around, *_with_skin(theta, prior, verdict, around), ceiling_hu, start))
+        on_skin = _settle(around, *_with_skin(theta, prior, verdict, around), ceiling_hu, start)
+        fits += [on_skin] if _is_beneath(on_skin.theta) else []
     return max(fits, key=lambda fit: (fit.converged, fit.coverage))
 
 
@@ -194,6 +197,12 @@ def _thinned(count: int) -> NDArray[np.bool_]:
 def _lies_on_something(theta: FloatArray, verdict: Verdict) -> bool:
     share = float(verdict.beside.mean())
     return SKIN_SHARES[0] <= share <= SKIN_SHARES[1] and _level_beside(verdict) < SKIN_LEVEL * theta[6]
+
+
+def _is_beneath(theta: FloatArray) -> bool:
+    """Whether the skin lies beneath the ball, instead of cutting through it."""
+    depth_mm = 1.0 / max(float(np.linalg.norm(theta[-3:])), 1e-9)
+    return depth_mm >= MIN_SKIN_DEPTH * float(theta[3])
 
 
 def _level_beside(verdict: Verdict) -> float:
