@@ -13,6 +13,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.descent import BLUR_BOUNDS_MM, MAX_WANDER
 from ronnaplan.localization.detect import MIN_CONTRAST_HU
 from ronnaplan.localization.guess import margin_mm
+from ronnaplan.localization.model import has_streaks
 from ronnaplan.localization.neighbourhood import cell_directions
 from ronnaplan.localization.refine import BallFit
 from ronnaplan.localization.uncertainty import center_covariance
@@ -31,6 +32,10 @@ ROUND_MISFIT = 2.0
 """A marker's edge is a sphere's in at least this share of the directions, and of those that the scan shows in more by
 this many times its misfit: heads of screws and cones come near 0.6, but raggedly; metal in its own streaks does so
 cleanly ..."""
+
+MIN_METAL_ROUND = 0.66
+"""... a ball of metal in at least this share of those that the scan shows: all that is bright beside it is fitted with
+it, and its scale's end makes the head of a screw look clean ..."""
 
 ROUND_LENGTH = 0.5
 """... and by this much of what its slices seem too thick or too thin by, as a share of the nominal thickness: the head
@@ -162,7 +167,8 @@ def _coverage(evidence: Evidence) -> str | None:
         unseen = f", {fit.unseen:.0%} is outside the scan" if fit.unseen > 0 else ""
         return f"only {round_share:.0%} of its surface is a sphere's{unseen}, {MIN_ROUND:.0%} expected"
     ends_off = abs(float(fit.theta[5]) / evidence.thickness_mm - 1.0)
-    expected = MIN_ROUND + ROUND_MISFIT * fit.misfit + ROUND_LENGTH * ends_off
+    least = MIN_METAL_ROUND if has_streaks(fit.theta) else MIN_ROUND
+    expected = least + ROUND_MISFIT * fit.misfit + ROUND_LENGTH * ends_off
     of_seen = round_share / (1.0 - fit.unseen)
     if of_seen >= expected:
         return None
