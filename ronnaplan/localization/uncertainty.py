@@ -38,6 +38,7 @@ sector is also so over distances that a ball is too small to show. And with the 
 rest is mostly a blur that is not quite Gaussian, alike on opposite sides."""
 
 LEAST_NOISE_SHARE = 0.01
+"""Noise is counted as at least this share of the residuals."""
 
 SECTORS = 8
 """Each slice of the ball is cut into so many sectors to see the correlation within it."""
