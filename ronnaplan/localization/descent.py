@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.model import disc_nodes, disc_table, evaluate, voxel_model
+from ronnaplan.localization.model import disc_nodes, disc_table, evaluate, normal_equations
 from ronnaplan.localization.neighbourhood import Neighbourhood
 
 BLUR_BOUNDS_MM = (0.12, 2.5)
@@ -48,44 +47,6 @@ class Prior:
         return cls(mean, (PRIOR_NOISE_HU / spread) ** 2)
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "arcp", "nsz"})
-def _normal_equations(
-    offsets: FloatArray,
-    values: FloatArray,
-    used: NDArray[np.bool_],
-    theta: FloatArray,
-    ceiling: float,
-    table: FloatArray,
-    nodes: FloatArray,
-    weights: FloatArray,
-) -> tuple[float, FloatArray, FloatArray]:
-    """Half the squared residuals, their gradient (P,) and Gauss-Newton matrix (P, P) over the used voxels."""
-    size = len(theta)
-    cost = 0.0
-    slope = np.zeros(size)
-    matrix = np.zeros((size, size))
-    gradient = np.empty(size)
-    for n in range(len(values)):
-        if not used[n]:
-            continue
-        du = offsets[n, 0] - theta[0]
-        dv = offsets[n, 1] - theta[1]
-        dw = offsets[n, 2] - theta[2]
-        model = voxel_model(du, dv, dw, theta, table, nodes, weights, gradient)
-        if values[n] >= ceiling and model >= ceiling:
-            continue
-        residual = values[n] - model
-        cost += 0.5 * residual * residual
-        for p in range(size):
-            slope[p] += gradient[p] * residual
-            for q in range(p + 1):
-                matrix[p, q] += gradient[p] * gradient[q]
-    for p in range(size):
-        for q in range(p):
-            matrix[q, p] = matrix[p, q]
-    return cost, slope, matrix
-
-
 def descend(
     around: Neighbourhood, used: NDArray[np.bool_], theta: FloatArray, prior: Prior, ceiling_hu: float
 ) -> tuple[FloatArray, bool]:
@@ -93,7 +54,7 @@ def descend(
     kernel = (disc_table(), *disc_nodes())
 
     def equations(at: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        cost, slope, matrix = _normal_equations(around.offsets_mm, around.values_hu, used, at, ceiling_hu, *kernel)
+        cost, slope, matrix = normal_equations(around.offsets_mm, around.values_hu, used, at, ceiling_hu, *kernel)
         pull = prior.mean - at
         cost += 0.5 * float(prior.weight @ pull**2)
         return cost, slope + prior.weight * pull, matrix + np.diag(prior.weight)

@@ -8,8 +8,8 @@ Gauss-Legendre sum over the discs. No voxel is resampled: the model is evaluated
 
 Coordinates here are those of the slices: u along the rows, v down the columns, w along the normal, in mm.
 
-(After a change in this file delete ``__pycache__``: numba's cache of the functions that call these in
-``descent.py`` does not notice it.)
+(What calls these compiled functions stands in this file, too: numba's cache on disk notices a change in the caller's
+own file only.)
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from functools import cache
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 
@@ -299,3 +300,41 @@ def evaluate(
             jacobian[n],
         )
     return values, jacobian
+
+
+@njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "arcp", "nsz"})
+def normal_equations(
+    offsets: FloatArray,
+    values: FloatArray,
+    used: NDArray[np.bool_],
+    theta: FloatArray,
+    ceiling: float,
+    table: FloatArray,
+    nodes: FloatArray,
+    weights: FloatArray,
+) -> tuple[float, FloatArray, FloatArray]:
+    """Half the squared residuals, their gradient (P,) and Gauss-Newton matrix (P, P) over the used voxels."""
+    size = len(theta)
+    cost = 0.0
+    slope = np.zeros(size)
+    matrix = np.zeros((size, size))
+    gradient = np.empty(size)
+    for n in range(len(values)):
+        if not used[n]:
+            continue
+        du = offsets[n, 0] - theta[0]
+        dv = offsets[n, 1] - theta[1]
+        dw = offsets[n, 2] - theta[2]
+        model = voxel_model(du, dv, dw, theta, table, nodes, weights, gradient)
+        if values[n] >= ceiling and model >= ceiling:
+            continue
+        residual = values[n] - model
+        cost += 0.5 * residual * residual
+        for p in range(size):
+            slope[p] += gradient[p] * residual
+            for q in range(p + 1):
+                matrix[p, q] += gradient[p] * gradient[q]
+    for p in range(size):
+        for q in range(p):
+            matrix[q, p] = matrix[p, q]
+    return cost, slope, matrix
