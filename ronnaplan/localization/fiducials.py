@@ -26,8 +26,8 @@ class Fiducial:
 
     ``bound_mm2`` (3, 3) is the Cramer-Rao bound: the covariance that a perfect fit of the whole, untouched ball
     would have under uncorrelated noise of the same strength. ``parameters`` are the model's, in the order of
-    `ronnaplan.localization.model.PARAMETERS` and those that may follow them. ``coverage`` is the share of the surface that informed the fit,
-    ``misfit`` the RMS residual there as a share of the contrast.
+    `ronnaplan.localization.model.PARAMETERS` and those that may follow them. ``coverage`` is the share of the surface
+    that informed the fit, ``misfit`` the RMS residual there as a share of the contrast.
     """
 
     label: str
