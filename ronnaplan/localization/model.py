@@ -35,6 +35,10 @@ SKIN_PARAMETERS = ("skin", "skin_u", "skin_v", "skin_w")
 """Four more, the last ones, where the ball lies on something flat: its level over the background (HU), and the vector
 g (1/mm) that puts its surface at g . x = 1, x from the ball's centre; it fills the far side."""
 
+_STREAKS_AT = len(PARAMETERS)
+_STREAK_COUNT = len(STREAK_PARAMETERS)
+_SKIN_COUNT = len(SKIN_PARAMETERS)
+
 DISC_NODES = 6
 """Discs that stand for one slice's thickness; six keep the error below 0.1 % of the contrast up to T = R."""
 
@@ -189,13 +193,13 @@ def ball(
 @njit(cache=True, inline="always")
 def has_streaks(theta: FloatArray) -> bool:
     """Whether ``theta`` (P,) holds `STREAK_PARAMETERS`."""
-    return len(theta) % 4 == 1
+    return (len(theta) - _STREAKS_AT) % _SKIN_COUNT == _STREAK_COUNT
 
 
 @njit(cache=True, inline="always")
 def has_skin(theta: FloatArray) -> bool:
     """Whether ``theta`` (P,) ends with `SKIN_PARAMETERS`."""
-    return len(theta) >= 15
+    return len(theta) >= _STREAKS_AT + _SKIN_COUNT
 
 
 @njit(cache=True, inline="always")
@@ -206,15 +210,15 @@ def metal_streaks(du: float, dv: float, dw: float, theta: FloatArray, gradient: 
     through both and brightens those that pass through it alone (J. Barrett and N. Keat, RadioGraphics 24:1679, 2004):
     near the ball that is a pattern with two bright and two dark sides, which fades with the distance.
     """
-    radius = theta[3]
+    radius, streak, diagonal = theta[3], theta[_STREAKS_AT], theta[_STREAKS_AT + 1]
     spread = du * du + dv * dv + dw * dw + radius * radius
     envelope = 16.0 * radius**6 / spread**4
-    gradient[11] = (du * du - dv * dv) * envelope
-    gradient[12] = 2.0 * du * dv * envelope
-    value = theta[11] * gradient[11] + theta[12] * gradient[12]
+    gradient[_STREAKS_AT] = (du * du - dv * dv) * envelope
+    gradient[_STREAKS_AT + 1] = 2.0 * du * dv * envelope
+    value = streak * gradient[_STREAKS_AT] + diagonal * gradient[_STREAKS_AT + 1]
     fall = 8.0 * value / spread
-    gradient[0] += fall * du - 2.0 * envelope * (theta[11] * du + theta[12] * dv)
-    gradient[1] += fall * dv - 2.0 * envelope * (theta[12] * du - theta[11] * dv)
+    gradient[0] += fall * du - 2.0 * envelope * (streak * du + diagonal * dv)
+    gradient[1] += fall * dv - 2.0 * envelope * (diagonal * du - streak * dv)
     gradient[2] += fall * dw
     gradient[3] += 6.0 * value / radius - fall * radius
     return value
@@ -226,7 +230,7 @@ def half_space(du: float, dv: float, dw: float, theta: FloatArray, gradient: Flo
 
     Adds the derivatives by the ball's centre, which carries the half-space along, and by the blur.
     """
-    at = len(theta) - 4
+    at = len(theta) - _SKIN_COUNT
     gu, gv, gw = theta[at + 1], theta[at + 2], theta[at + 3]
     length = math.sqrt(gu * gu + gv * gv + gw * gw)
     across = 1.0 - (gw / length) ** 2

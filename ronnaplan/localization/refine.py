@@ -220,7 +220,7 @@ def _with_skin(
     skin = np.array([_level_beside(verdict), *place])
     added = Prior.of(skin, spread)
     lowest = float(np.quantile(around.values_hu, 0.05))
-    return np.concatenate([theta[:7], [lowest, 0.0, 0.0, 0.0], theta[11:], skin]), Prior(
+    return np.concatenate([theta[:7], [lowest, 0.0, 0.0, 0.0], theta[len(PARAMETERS) :], skin]), Prior(
         np.concatenate([prior.mean, added.mean]), np.concatenate([prior.weight, added.weight])
     )
 

@@ -47,7 +47,7 @@ NEIGHBOUR_BOUNDS = (-0.5, 0.3)
 """Neighbouring slices that err alike add their correlation, within these bounds: a few slices tell it roughly."""
 
 EVEN_SHARE = 0.6
-"""... and how much of what residuals of the same size without any correlation would do: the ball's few slices may
+"""How much is added of what residuals of the same size without any correlation would do: the ball's few slices may
 show too little by chance."""
 
 SHARED_SLICES = 1.0
