@@ -21,7 +21,8 @@ MODEL_ERROR_SHARE = 0.03
 """Share of the contrast by which a clean direction may always disagree: real blur is not quite Gaussian."""
 
 NEIGHBOUR_SHARE = 0.03
-"""Something just outside that exceeds the background by this share of the contrast is a neighbour."""
+NEIGHBOUR_HU = 400.0
+"""Something just outside that exceeds the background by this share of the contrast, or by so much, is a neighbour."""
 
 ATTACHED_SHARE = 0.5
 """Something just outside that exceeds the background by this share of the contrast is part of the same body."""
@@ -84,7 +85,7 @@ def judge(
     foreign = seen & (rms > OUTLIER_RATIO * max(usual, MODEL_ERROR_SHARE * contrast))
 
     excess = _excess_outside(around, cells, theta, explained_hu)
-    beside = excess > NEIGHBOUR_SHARE * contrast
+    beside = excess > min(NEIGHBOUR_SHARE * contrast, NEIGHBOUR_HU)
     directions = cell_directions()
     bright = (foreign | beside) & (excess > SPREAD_SHARE * contrast)
     close = directions @ directions[bright].T > np.cos(np.radians(NEIGHBOUR_ANGLE_DEG))

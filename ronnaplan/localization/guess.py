@@ -7,7 +7,7 @@ import numpy as np
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.descent import Prior
 from ronnaplan.localization.directions import BACKGROUND_QUANTILE
-from ronnaplan.localization.model import PARAMETERS, STREAK_PARAMETERS
+from ronnaplan.localization.model import PARAMETERS, STREAK_PARAMETERS, has_streaks
 from ronnaplan.localization.neighbourhood import Neighbourhood
 
 TYPICAL_BLUR_MM = 0.5
@@ -27,6 +27,10 @@ METAL_HU = 6000.0
 
 STREAK_PRIOR = 0.1
 """Standard deviation of the streaks' brightness at the surface, as a share of the contrast."""
+
+METAL_SLOPE_HOLD_MM2 = 1500.0
+"""What slopes beside metal are its streaks, which never just slope, so the slope is held near none, as by one voxel at
+39 mm or by 1500 at 1 mm."""
 
 FROZEN_WEIGHT = 1e15
 """Weight (HU^2 per mm^2) against which no data move a parameter."""
@@ -65,6 +69,8 @@ def ball_prior(start: FloatArray, *, is_clipped: bool) -> Prior:
     spread[8:11] = SLOPE_PRIOR_PER_MM * start[6]
     spread[len(PARAMETERS) :] = STREAK_PRIOR * start[6]
     prior = Prior.of(np.where(np.isfinite(spread), start, 0.0), spread)
+    if has_streaks(start):
+        prior.weight[8:11] = METAL_SLOPE_HOLD_MM2
     if is_clipped:
         prior.weight[3] = (CLIPPED_RADIUS_HOLD * start[6] / start[3]) ** 2
     return prior

@@ -32,8 +32,12 @@ STREAK_PARAMETERS = ("streak", "streak_diagonal")
 down the columns, and the same on the diagonals."""
 
 SKIN_PARAMETERS = ("skin", "skin_u", "skin_v", "skin_w")
-"""Four more, the last ones, where the ball lies on something flat: its level over the background (HU), and the vector
-g (1/mm) that puts its surface at g . x = 1, x from the ball's centre; it fills the far side."""
+"""Four more, the last ones, where the ball lies on skin: its level over the background (HU), and the vector g (1/mm)
+that puts the skin nearest to the ball at g . x = 1, x from the ball's centre; it fills the far side."""
+
+SKIN_CURVATURE_PER_MM = 1.0 / 85.0
+"""The skin falls away beside the ball like a sphere of a head's size. A ball of metal is 2 um off
+where the skin is fitted as if it were flat; a head of 70 instead of 100 mm makes 0.6 um."""
 
 _STREAKS_AT = len(PARAMETERS)
 _STREAK_COUNT = len(STREAK_PARAMETERS)
@@ -225,29 +229,33 @@ def metal_streaks(du: float, dv: float, dw: float, theta: FloatArray, gradient: 
 
 
 @njit(cache=True, inline="always")
-def half_space(du: float, dv: float, dw: float, theta: FloatArray, gradient: FloatArray) -> float:
-    """HU of the blurred half-space at an offset from the ball's centre; fills ``gradient`` for `SKIN_PARAMETERS`.
+def skin(du: float, dv: float, dw: float, theta: FloatArray, gradient: FloatArray) -> float:
+    """HU of the blurred skin at an offset from the ball's centre; fills ``gradient`` for `SKIN_PARAMETERS`.
 
-    Adds the derivatives by the ball's centre, which carries the half-space along, and by the blur.
+    Adds the derivatives by the ball's centre, which carries the skin along, and by the blur.
     """
     at = len(theta) - _SKIN_COUNT
     gu, gv, gw = theta[at + 1], theta[at + 2], theta[at + 3]
     length = math.sqrt(gu * gu + gv * gv + gw * gw)
     across = 1.0 - (gw / length) ** 2
     blur = math.sqrt(theta[4] ** 2 * across + (theta[5] ** 2 / 12.0 + 0.01) * (1.0 - across))
-    height = gu * du + gv * dv + gw * dw - 1.0
+    nu, nv, nw = gu / length, gv / length, gw / length
+    depth = nu * du + nv * dv + nw * dw
+    beside_u, beside_v, beside_w = du - depth * nu, dv - depth * nv, dw - depth * nw
+    sag = 0.5 * SKIN_CURVATURE_PER_MM * (beside_u**2 + beside_v**2 + beside_w**2)
+    height = length * (depth - sag) - 1.0
     t = height / (length * blur)
     share = 0.5 * math.erfc(-t * math.sqrt(0.5))
     density = theta[at] * math.exp(-0.5 * t * t) / (math.sqrt(2.0 * math.pi) * length * blur)
     by_blur = -density * height / blur
-    shrink = height / (length * length)
+    turn = 1.0 + SKIN_CURVATURE_PER_MM * depth
     gradient[at] = share
-    gradient[at + 1] = density * (du - shrink * gu)
-    gradient[at + 2] = density * (dv - shrink * gv)
-    gradient[at + 3] = density * (dw - shrink * gw)
-    gradient[0] -= density * gu
-    gradient[1] -= density * gv
-    gradient[2] -= density * gw
+    gradient[at + 1] = density * (turn * beside_u + nu / length)
+    gradient[at + 2] = density * (turn * beside_v + nv / length)
+    gradient[at + 3] = density * (turn * beside_w + nw / length)
+    gradient[0] -= density * length * (nu - SKIN_CURVATURE_PER_MM * beside_u)
+    gradient[1] -= density * length * (nv - SKIN_CURVATURE_PER_MM * beside_v)
+    gradient[2] -= density * length * (nw - SKIN_CURVATURE_PER_MM * beside_w)
     gradient[4] += by_blur * theta[4] * across / blur
     gradient[5] += by_blur * theta[5] * (1.0 - across) / (12.0 * blur)
     return theta[at] * share
@@ -280,7 +288,7 @@ def voxel_model(
     if has_streaks(theta):
         value += metal_streaks(du, dv, dw, theta, gradient)
     if has_skin(theta):
-        value += half_space(du, dv, dw, theta, gradient)
+        value += skin(du, dv, dw, theta, gradient)
     return value
 
 

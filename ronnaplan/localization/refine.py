@@ -23,13 +23,17 @@ from ronnaplan.localization.directions import (
     within_reach,
 )
 from ronnaplan.localization.guess import ball_prior, first_guess, frozen, margin_mm
-from ronnaplan.localization.model import PARAMETERS, has_skin
+from ronnaplan.localization.model import PARAMETERS, has_skin, has_streaks
 from ronnaplan.localization.neighbourhood import Neighbourhood, cell_directions, direction_cells
-from ronnaplan.localization.tilt import PLATEAU_SHARE, TILT_BELIEF, tilted
+from ronnaplan.localization.shading import PLATEAU_SHARE, shaded
 
 SKIN_PRIOR_HU = 2000.0
 SKIN_PRIOR_PLACE = 0.3
 """Standard deviations of the skin's level, and of its distance and direction as a share of the distance."""
+
+METAL_SKIN_HOLD = 2.0
+"""Between metal and skin the image is dark, so that only touching tells where the skin is: a distance that is off by
+this fraction of itself (a half) weighs as much as one voxel that is off by the contrast."""
 
 FIRST_LOOK_VOXELS = 1500
 """The first descents use about this many of the voxels: enough to see that most candidates are no balls."""
@@ -49,8 +53,8 @@ HOPELESS_MISFIT = 0.15
 MAX_ROUNDS = 8
 """Rounds of leaving directions out and fitting again; real markers settle in two to four."""
 
-SKIN_SHARES = (0.2, 0.65)
-"""A ball that lies on something flat has neighbours in a share of its directions between these."""
+SKIN_SHARES = (0.08, 0.65)
+"""A ball that lies on skin has neighbours in a share of its directions between these."""
 
 SKIN_LEVEL = 0.35
 """What a ball lies on is no brighter than this share of the ball's own contrast."""
@@ -69,7 +73,8 @@ class BallFit:
     ``theta`` (P,) holds the model's `PARAMETERS` (and `STREAK_PARAMETERS` where the ball is metal, `SKIN_PARAMETERS`
     where it lies on something), with the centre relative to the neighbourhood's origin along u, v, w. ``used`` (N,)
     marks the voxels that informed the fit, ``residuals_hu`` (N,) is data minus model, ``jacobian`` (N, P) the model's
-    derivatives, and ``influence_mm_per_hu`` (N, 3) how far one HU at a voxel moves the centre.
+    derivatives, and ``influence_mm_per_hu`` (N, 3) how far one HU at a voxel moves the centre. ``is_shaded``
+    says whether the shading was asked for.
     """
 
     neighbourhood: Neighbourhood
@@ -78,6 +83,7 @@ class BallFit:
     residuals_hu: FloatArray
     jacobian: FloatArray
     influence_mm_per_hu: FloatArray
+    is_shaded: bool
     verdict: Verdict
     converged: bool
 
@@ -180,11 +186,12 @@ def _ball_fit(
 ) -> BallFit:
     residuals, jacobian = residuals_and_jacobian(around, theta, ceiling_hu)
     moves = influence(jacobian, used, prior.weight)
-    if converged and ceiling_hu - theta[7] >= PLATEAU_SHARE * theta[6]:
-        shift_mm, tilted_moves = tilted(around, theta, residuals, jacobian, used, prior)
-        theta = np.append(theta[:3] + TILT_BELIEF * shift_mm, theta[3:])
-        moves = (1.0 - TILT_BELIEF) * moves + TILT_BELIEF * tilted_moves
-    return BallFit(around, theta, used, residuals, jacobian, moves, verdict, converged)
+    is_shaded = converged and ceiling_hu - theta[7] >= PLATEAU_SHARE * theta[6]
+    if is_shaded:
+        shading = shaded(around, theta, residuals, jacobian, used, prior)
+        theta = np.append(theta[:3] + shading.shift_mm, theta[3:])
+        residuals, moves = shading.residuals_hu, shading.influence_mm_per_hu
+    return BallFit(around, theta, used, residuals, jacobian, moves, is_shaded, verdict, converged)
 
 
 def _thinned(count: int) -> NDArray[np.bool_]:
@@ -219,6 +226,8 @@ def _with_skin(
     spread = np.array([SKIN_PRIOR_HU, *[SKIN_PRIOR_PLACE / theta[3]] * 3])
     skin = np.array([_level_beside(verdict), *place])
     added = Prior.of(skin, spread)
+    if has_streaks(theta):
+        added.weight[1:] = (METAL_SKIN_HOLD * theta[6] * theta[3]) ** 2
     lowest = float(np.quantile(around.values_hu, 0.05))
     return np.concatenate([theta[:7], [lowest, 0.0, 0.0, 0.0], theta[len(PARAMETERS) :], skin]), Prior(
         np.concatenate([prior.mean, added.mean]), np.concatenate([prior.weight, added.weight])

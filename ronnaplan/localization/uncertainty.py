@@ -6,9 +6,10 @@ squares is the cluster-robust "sandwich" estimate of the covariance (K.-Y. Liang
 noise enters with its correlation within the slice as it is, and so does whatever else differs from slice to slice,
 such as streaks and a blur that is not quite Gaussian.
 
-What all slices share, no residual shows. It is stated from signs of it: a background that slopes (streaks and
-shading, which never just slope), a blur and slices that are not small beside the ball. How much each stands for was
-fitted to the errors on simulated patients, which `docs/localization.md` names.
+What all slices share, no residual shows. It is stated from signs of it: what touches the ball errs along its axis,
+with the more weight the more the surroundings are streaked; a background that slopes never just slopes; slices that
+are not small beside the ball. How much each stands for was fitted to the errors on simulated patients, which
+`docs/localization.md` names.
 """
 
 from __future__ import annotations
@@ -17,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.directions import cell_means, edge_depth
-from ronnaplan.localization.neighbourhood import direction_cells
+from ronnaplan.localization.directions import cell_means, edge_depth, just_outside
+from ronnaplan.localization.model import has_skin
+from ronnaplan.localization.neighbourhood import cell_directions, direction_cells
 from ronnaplan.localization.refine import BallFit
 
 MIN_FLAT_VOXELS = 30
@@ -30,9 +32,9 @@ MIN_FREEDOM = 0.3
 QUANTIZATION_NOISE_HU = 12.0**-0.5
 """Standard deviation of rounding to whole HU: no scan has less noise than this."""
 
-SEEN_SHARE = 0.87
-CORRELATION_POWER = 0.5
-NOISE_POWER = 0.25
+SEEN_SHARE = 0.5
+CORRELATION_POWER = 0.75
+NOISE_POWER = 0.4
 """How much of what the slices show is error. It grows with the correlation within the slice: what is correlated over a
 sector is also so over distances that a ball is too small to show. And with the share of noise in the residuals: the
 rest is mostly a blur that is not quite Gaussian, alike on opposite sides."""
@@ -46,7 +48,7 @@ SECTORS = 8
 NEIGHBOUR_BOUNDS = (-0.5, 0.3)
 """Neighbouring slices that err alike add their correlation, within these bounds: a few slices tell it roughly."""
 
-EVEN_SHARE = 0.6
+EVEN_SHARE = 0.7
 """How much is added of what residuals of the same size without any correlation would do: the ball's few slices may
 show too little by chance."""
 
@@ -54,15 +56,20 @@ SHARED_SLICES = 1.0
 """Within the slice plane the error is shared between the axes as evenly strong noise would share it, with the weight
 of so many slices: by chance a few slices show too little along one of them."""
 
-SLOPE_ERROR = 5.0
+SLOPE_ERROR = 2.2
 """Standard error along a sloping background, as a multiple of slope x blur / contrast (across the slices their
 thickness is the blur): a streak never just slopes."""
 
-CURVED_BLUR_ERROR = 0.018
-"""Standard error within the slice plane, as a share of blur^3 / radius^2: the blur is not quite Gaussian, which shows
-where it is not small beside the ball."""
+AXIS_SHARE = 0.36
+AXIS_STREAK = 0.9
+"""Variance along the axis of what touches the ball: as a share of all that the slices, or the sectors if they show
+less, do to the centre; and, where that is not fitted as skin is, as the square of so many times streaks x blur /
+contrast: a screw casts its streaks along the post."""
 
-POLE_ERROR = 0.0015
+HIDDEN_SHADING = 1.4
+"""Factor of the covariance where clipping hides how the ball is shaded."""
+
+POLE_ERROR = 0.0013
 """Standard error across the slices, as a share of thickness^2 / radius, the depth of the ball's pole in a slice: the
 slices' profile is not quite a box."""
 
@@ -75,7 +82,11 @@ SMALLEST = 1e-30
 
 def center_covariance(fit: BallFit, noise_hu: float) -> FloatArray:
     """Covariance (3, 3) of the fitted centre in LPS, mm^2: noise (``noise_hu``) and model error."""
-    total = _seen_covariance(fit, noise_hu) + _unseen_covariance(fit)
+    sums, sectors = _slice_sums(fit)
+    total = _seen_covariance(fit, sums, sectors, noise_hu) + _axis_covariance(fit, sums, sectors, noise_hu)
+    total += _unseen_covariance(fit)
+    if not fit.is_shaded:
+        total *= HIDDEN_SHADING
     axes = fit.neighbourhood.axes
     rotated: FloatArray = axes.T @ total @ axes
     return (rotated + rotated.T) / 2.0
@@ -117,15 +128,18 @@ def noise_level(fit: BallFit) -> float:
     return max(min(levels, default=_rms(fit.residuals_hu[fit.used])), QUANTIZATION_NOISE_HU)
 
 
-def _seen_covariance(fit: BallFit, noise_hu: float) -> FloatArray:
+def _slice_sums(fit: BallFit) -> tuple[FloatArray, FloatArray]:
+    """What the residuals of each slice (K, 3) and of each of its `SECTORS` (8 K, 3) do to the centre, in mm."""
+    moves = fit.influence_mm_per_hu[fit.used] * fit.residuals_hu[fit.used, np.newaxis]
+    slices = np.unique(fit.neighbourhood.indices[fit.used, 0], return_inverse=True)[1]
+    return _sums(moves, slices), _sums(moves, slices * SECTORS + _sectors(fit))
+
+
+def _seen_covariance(fit: BallFit, sums: FloatArray, sectors: FloatArray, noise_hu: float) -> FloatArray:
     """Covariance (3, 3) along u, v, w from what the residuals do to the centre, slice by slice."""
     influence, residuals = fit.influence_mm_per_hu[fit.used], fit.residuals_hu[fit.used]
-    moves = influence * residuals[:, np.newaxis]
     mean_square = max(float(residuals @ residuals) / max(len(residuals), 1), SMALLEST)
     even = influence.T @ influence * mean_square
-    slices = np.unique(fit.neighbourhood.indices[fit.used, 0], return_inverse=True)[1]
-    sums = _sums(moves, slices)
-    sectors = _sums(moves, slices * SECTORS + _sectors(fit))
     size = max(float(np.sum(sums**2)), SMALLEST)
     correlation = max(float(np.sum(sectors**2)), SMALLEST) / max(float(np.trace(even)), SMALLEST)
     alike = np.clip(2.0 * float(np.sum(sums[1:] * sums[:-1])) / size, *NEIGHBOUR_BOUNDS)
@@ -135,6 +149,29 @@ def _seen_covariance(fit: BallFit, noise_hu: float) -> FloatArray:
     shared = _shared_in_plane(sums.T @ sums, even, SHARED_SLICES / (len(sums) + SHARED_SLICES))
     covariance: FloatArray = seen * freedom * shared + EVEN_SHARE * even
     return covariance
+
+
+def _axis_covariance(fit: BallFit, sums: FloatArray, sectors: FloatArray, noise_hu: float) -> FloatArray:
+    """Covariance (3, 3) along u, v, w of errors along the axis of what touches the ball."""
+    toward = fit.theta[-3:] if has_skin(fit.theta) else cell_directions()[fit.verdict.state == 0].sum(axis=0)
+    variance = AXIS_SHARE * min(float(np.sum(sums**2)), float(np.sum(sectors**2)))
+    if not has_skin(fit.theta):
+        variance += (AXIS_STREAK * _streaks_hu(fit, noise_hu) * fit.sigma_mm / fit.contrast_hu) ** 2
+    length = float(np.linalg.norm(toward))
+    direction = np.outer(toward, toward) / length**2 if length > 0.0 else np.eye(3) / 3.0  # touched from anywhere
+    covariance: FloatArray = variance * direction
+    return covariance
+
+
+def _streaks_hu(fit: BallFit, noise_hu: float) -> float:
+    """Root mean square (HU) of what the fit leaves over just outside the ball, direction by direction, beyond noise."""
+    zone = fit.used & just_outside(fit.neighbourhood.offsets_mm, fit.theta)
+    cells = direction_cells(fit.neighbourhood.offsets_mm[zone] - fit.theta[:3])
+    if len(cells) == 0:
+        return 0.0
+    counts, sums = np.bincount(cells), np.bincount(cells, weights=fit.residuals_hu[zone])
+    kept = counts > 0
+    return float(np.sqrt(max(np.sum(sums[kept] ** 2 / counts[kept] - noise_hu**2) / len(cells), 0.0)))
 
 
 def _sectors(fit: BallFit) -> NDArray[np.intp]:
@@ -162,12 +199,10 @@ def _shared_in_plane(covariance: FloatArray, even: FloatArray, share: float) -> 
 
 
 def _unseen_covariance(fit: BallFit) -> FloatArray:
-    """Covariance (3, 3) along u, v, w from what all slices share."""
+    """Covariance (3, 3) along u, v, w from a sloping background and from slices that are not small beside the ball."""
     radius_mm, blur_mm, thickness_mm = fit.theta[3:6]
     sloping_mm = SLOPE_ERROR * np.array([blur_mm, blur_mm, thickness_mm]) * fit.theta[8:11] / fit.contrast_hu
-    curved_mm = CURVED_BLUR_ERROR * blur_mm**3 / radius_mm**2
-    pole_mm = POLE_ERROR * thickness_mm**2 / radius_mm
-    own_mm = np.array([curved_mm, curved_mm, pole_mm])
+    own_mm = np.array([0.0, 0.0, POLE_ERROR * thickness_mm**2 / radius_mm])
     covariance: FloatArray = np.outer(sloping_mm, sloping_mm) + np.diag(own_mm**2 + LEAST_ERROR_MM**2)
     return covariance
 
