@@ -36,8 +36,8 @@ SKIN_PARAMETERS = ("skin", "skin_u", "skin_v", "skin_w")
 that puts the skin nearest to the ball at g . x = 1, x from the ball's centre; it fills the far side."""
 
 SKIN_CURVATURE_PER_MM = 1.0 / 85.0
-"""The skin falls away beside the ball like a sphere of a head's size. A ball of metal is 2 um off
-where the skin is fitted as if it were flat; a head of 70 instead of 100 mm makes 0.6 um."""
+"""The skin falls away beside the ball like a sphere of a head's size. A ball of metal is 2 um off where the skin is
+fitted as if it were flat; a head of 70 instead of 100 mm makes 0.6 um."""
 
 _STREAKS_AT = len(PARAMETERS)
 _STREAK_COUNT = len(STREAK_PARAMETERS)

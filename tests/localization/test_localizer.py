@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from phantoms.anatomy import scalp_foot
 from phantoms.markers import DECOYS, decoy, marker
 from phantoms.scene import Part, Scene
-from phantoms.solids import cylinder, ellipsoid, half_space
+from phantoms.solids import cylinder, ellipsoid, half_space, sphere
 from ronnaplan.errors import InputError, RefusedError, UsageError
 from ronnaplan.localization import FiducialFlag, localize
 from tests.scans import balls, scan, small_stack
@@ -165,6 +165,21 @@ def test_a_ball_on_a_half_space_of_skin_is_found() -> None:
     )
     found = localize(scan(scene, small_stack()), diameter_mm=10.0, expected=1)
     assert found.centers[0] == pytest.approx([0.6, -0.3, 0.0], abs=0.03)
+
+
+@pytest.mark.parametrize(("material", "diameter_mm"), [("titanium", 4.0), ("steel", 5.0), ("ceramic", 10.0)])
+def test_a_ball_on_a_round_head_is_not_drawn_to_the_skin(material: str, diameter_mm: float) -> None:
+    generator = np.random.default_rng(8)
+    errors_mm = []
+    for seed in range(6):
+        center, outward = generator.uniform(-0.5, 0.5, 3), np.array([0.5, -0.7, generator.uniform(-0.6, 0.6)])
+        outward /= np.linalg.norm(outward)
+        head = sphere(tuple(center - (85.0 + diameter_mm / 2) * outward), 170.0)
+        scene = Scene((Part(head, "skin"),)) + balls([tuple(center)], diameter_mm, material)
+        stack = small_stack(spacing_mm=0.6, thickness_mm=0.6)
+        found = localize(scan(scene, stack, blur_mm=0.65, seed=seed), diameter_mm=diameter_mm, expected=1)
+        errors_mm.append((found.centers[0] - center) @ outward)
+    assert abs(np.mean(errors_mm)) < 0.001  # 0.0015 to 0.0026 where the skin is fitted as if it were flat
 
 
 @pytest.mark.parametrize("bright_along_deg", [20.0, 140.0])

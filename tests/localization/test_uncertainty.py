@@ -11,6 +11,8 @@ from scipy.ndimage import gaussian_filter
 from phantoms.scene import Part, Scene
 from phantoms.solids import cylinder
 from ronnaplan.ct import CTVolume
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization import uncertainty
 from ronnaplan.localization.examine import Scan, fit_place
 from ronnaplan.localization.refine import BallFit
 from ronnaplan.localization.uncertainty import (
@@ -62,6 +64,46 @@ def test_noise_that_is_correlated_within_the_slice_counts_for_what_it_is(quiet: 
     stated = np.sqrt(np.diag(np.mean([center_covariance(fit, noise_level(fit)) for fit in fits], axis=0)))
     # Counted as if it were white, it would be stated too small by a factor of two to six.
     assert 0.6 < np.sqrt(np.mean((scatter / stated) ** 2)) < 1.4
+
+
+def on_a_post(toward: tuple[float, float, float]) -> CTVolume:
+    post = Scene((Part(cylinder((1.0, 2.0, 3.0), toward, 14.0, 6.0), "acrylic"),))
+    return scan(post + balls([(1.0, 2.0, 3.0)]), small_stack(), seed=2)
+
+
+def without_axis(fit: BallFit, monkeypatch: pytest.MonkeyPatch) -> FloatArray:
+    with monkeypatch.context() as context:
+        context.setattr(uncertainty, "AXIS_SHARE", 0.0)
+        context.setattr(uncertainty, "AXIS_STREAK", 0.0)
+        return center_covariance(fit, noise_level(fit))
+
+
+def test_a_post_adds_error_along_itself_and_nowhere_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    toward = np.array([0.6, 0.0, -0.8])
+    fit = fit_of(on_a_post((0.6, 0.0, -0.8)))
+    sizes, directions = np.linalg.eigh(center_covariance(fit, noise_level(fit)) - without_axis(fit, monkeypatch))
+    assert abs(directions[:, -1] @ toward) > np.cos(np.radians(8.0))
+    assert sizes[-1] > 0
+    assert np.abs(sizes[:-1]).max() < 1e-9 * sizes[-1]
+
+
+def test_streaks_about_a_post_add_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    clean = on_a_post((1.0, 0.0, 0.0))
+    indices = np.moveaxis(np.indices(clean.voxels_hu.shape), 0, -1).reshape(-1, 3)
+    x, y, _ = (clean.grid.positions_mm(indices) - [1.0, 2.0, 3.0]).T.reshape(3, *clean.voxels_hu.shape)
+    bands = 15.0 * np.cos(4.0 * np.arctan2(y, x))
+    fits = [fit_of(one) for one in (clean, replace(clean, voxels_hu=(clean.voxels_hu + bands).astype(np.float32)))]
+    quiet, loud = (
+        np.trace(center_covariance(fit, noise_level(fit)) - without_axis(fit, monkeypatch)) for fit in fits
+    )
+    assert loud > quiet + (0.5 * 15.0 / np.sqrt(2.0) * 0.5 / 1100.0) ** 2
+
+
+def test_a_ball_whose_shading_is_hidden_is_less_certain(quiet: CTVolume) -> None:
+    fit = fit_of(with_white_noise(quiet, 10.0, 1))
+    hidden = replace(fit, is_shaded=False)
+    stated, more = (center_covariance(one, noise_level(one)) for one in (fit, hidden))
+    assert np.all(np.linalg.eigvalsh(more - stated) > 0.2 * np.linalg.eigvalsh(stated).min())
 
 
 def test_what_touches_the_ball_makes_it_less_certain() -> None:
