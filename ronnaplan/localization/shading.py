@@ -25,8 +25,8 @@ SLICE_LEVEL_HU = 3.0
 SLICE_CONTRAST = 0.003
 """Standard deviations of one slice's level, and of its contrast as a share of the ball's."""
 
-LEAST_NOISE_HU2 = 1.0 / 12.0
-"""Variance of rounding to whole HU: no residuals are believed to be less."""
+QUANTIZATION_NOISE_HU = 12.0**-0.5
+"""Standard deviation of rounding to whole HU: no scan has less noise than this."""
 
 PLATEAU_SHARE = 0.9
 """Shading is only asked for where the scale reaches this share of the contrast: clipped metal hides it."""
@@ -58,7 +58,7 @@ def shaded(
     informed = np.hstack([jacobian, ball_hu * (around.offsets_mm - theta[:3])])
     own = np.where(taken, informed, 0.0)
     of_slice = np.where(taken, np.hstack([jacobian[:, 7:8], ball_hu]), 0.0)
-    mean_square = max(float(np.mean(residuals_hu[used] ** 2)), LEAST_NOISE_HU2)
+    mean_square = max(float(np.mean(residuals_hu[used] ** 2)), QUANTIZATION_NOISE_HU**2)
     firmness = mean_square / np.array([SLICE_LEVEL_HU, SLICE_CONTRAST]) ** 2
     # The slices' effects are many and each concerns one slice only: they are eliminated slice by slice.
     freed, rest_hu = own.copy(), np.where(used, residuals_hu, 0.0)

@@ -22,15 +22,13 @@ from ronnaplan.localization.directions import cell_means, edge_depth, just_outsi
 from ronnaplan.localization.model import has_skin
 from ronnaplan.localization.neighbourhood import cell_directions, direction_cells
 from ronnaplan.localization.refine import BallFit
+from ronnaplan.localization.shading import QUANTIZATION_NOISE_HU
 
 MIN_FLAT_VOXELS = 30
 """A zone with fewer voxels says nothing of the noise."""
 
 MIN_FREEDOM = 0.3
 """Share of a zone's voxels that is left at least after each direction has used one for its mean."""
-
-QUANTIZATION_NOISE_HU = 12.0**-0.5
-"""Standard deviation of rounding to whole HU: no scan has less noise than this."""
 
 SEEN_SHARE = 0.5
 CORRELATION_POWER = 0.75
