@@ -21,6 +21,8 @@ ENERGY_BINS = 16
 """Bins of equal detected signal; 16 give the transmission of bone and titanium to a few parts in a thousand."""
 SCINTILLATOR = (("Gd", 0.785, 7.34, 1.4), ("O", 0.086, 7.34, 1.4), ("S", 0.129, 7.34, 1.4))
 """Gadolinium oxysulfide: element, mass fraction, density in g/cm3, thickness in mm."""
+KILOVOLTS = (60.0, 150.0)
+"""Voltages at which CT tubes are run, and somewhat beyond."""
 
 
 @dataclass(frozen=True)
@@ -44,15 +46,21 @@ class Beam:
         return np.array([np.average(fine[b], weights=self.signal[b]) for b in self.bins])
 
 
+def check_kilovolts(kilovolts: float) -> None:
+    """Raise `PhantomError` unless a CT tube is run at such a voltage."""
+    low, high = KILOVOLTS
+    if not low <= kilovolts <= high:
+        raise PhantomError(f"the tube voltage is {kilovolts} kV; expected {low:.0f} to {high:.0f}")
+
+
 @lru_cache(maxsize=8)
 def tube_beam(kilovolts: float) -> Beam:
     """Return the beam of a usual CT tube, filtered, as seen by an energy-integrating scintillator.
 
     Spectrum: spekpy (Poludniowski et al., Med Phys 48, 2021); raises `PhantomError` when it is not installed or
-    ``kilovolts`` is not in 60 to 150.
+    ``kilovolts`` is not in `KILOVOLTS`.
     """
-    if not 60 <= kilovolts <= 150:
-        raise PhantomError(f"the tube voltage is {kilovolts} kV; expected 60 to 150")
+    check_kilovolts(kilovolts)
     spekpy = _require("spekpy")
     tube = spekpy.Spek(kvp=kilovolts, th=ANODE_ANGLE_DEG, dk=1.0)
     for element, thickness in FILTRATION_MM:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from tqdm import tqdm
 
-from phantoms.beam import Beam, tube_beam
+from phantoms.beam import Beam, check_kilovolts, tube_beam
 from phantoms.errors import PhantomError
 from phantoms.projection import Detector, Matter, transmission
 from phantoms.rays import pack
@@ -55,6 +55,7 @@ class Scanner:
 
     def __post_init__(self) -> None:
         kernel(self.kernel)
+        check_kilovolts(self.kilovolts)
         checks = (
             ("dose", self.dose, self.dose >= 0, "zero or more"),
             ("number of views", self.views, self.views >= 16, "16 or more"),
