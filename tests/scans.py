@@ -9,6 +9,7 @@ from phantoms.scene import Part, Scene
 from phantoms.solids import sphere
 from phantoms.stack import SliceStack, axial_stack
 from ronnaplan.ct import CTVolume, SeriesSource, SliceGrid
+from ronnaplan.geometry import FloatArray
 
 
 def scan(
@@ -37,3 +38,10 @@ def small_stack(**options: object) -> SliceStack:
     """A slab that holds a few balls: 64 mm wide, 44 mm high, 0.5 mm pixels, 1 mm slices."""
     settings: dict[str, object] = {"start_mm": -22, "stop_mm": 22, "matrix": 128, "field_of_view_mm": 64}
     return axial_stack(**{**settings, **options})  # type: ignore[arg-type]
+
+
+def offsets_mm(volume: CTVolume, origin_mm: FloatArray) -> FloatArray:
+    """How far each voxel lies from a point, along x, y and z (3, K, rows, columns)."""
+    indices = np.moveaxis(np.indices(volume.voxels_hu.shape), 0, -1).reshape(-1, 3)
+    offsets: FloatArray = (volume.grid.positions_mm(indices) - origin_mm).T.reshape(3, *volume.voxels_hu.shape)
+    return offsets

@@ -1,7 +1,7 @@
 """The fit of a blurred ball to the voxels about a candidate.
 
 Least squares (Levenberg-Marquardt) over centre, radius, blur, slice thickness, contrast, background and the
-background's slope; where the ball lies on something flat, that half-space is fitted with it. Directions in which
+background's slope; where the ball lies on skin, that is fitted with it. Directions in which
 anything else touches the marker are left out, and the fit is repeated until the choice is stable. Clipped voxels
 inform only as far as the model stays below the top of the scale.
 """
@@ -220,7 +220,7 @@ def _level_beside(verdict: Verdict) -> float:
 def _with_skin(
     theta: FloatArray, prior: Prior, verdict: Verdict, around: Neighbourhood
 ) -> tuple[FloatArray, Prior]:
-    """Add a half-space that the ball touches, on the side where the neighbours are."""
+    """Add skin that the ball touches, on the side where the neighbours are."""
     toward = cell_directions()[verdict.beside].mean(axis=0)
     place = toward / np.linalg.norm(toward) / theta[3]
     spread = np.array([SKIN_PRIOR_HU, *[SKIN_PRIOR_PLACE / theta[3]] * 3])

@@ -71,7 +71,7 @@ def shaded(
     tilt_weight = mean_square / (SLOPE_PER_MM_HU * theta[6]) ** 2
     inverse = np.linalg.pinv(own.T @ freed + np.diag([*prior.weight, *[tilt_weight] * 3]), hermitian=True)
     pull = own.T @ rest_hu
-    pull[:-3] -= jacobian[used].T @ residuals_hu[used]  # without shading the fit is at rest
+    pull[:-3] -= own[:, :-3].T @ residuals_hu  # without shading the fit is at rest
     believed = inverse @ pull
     left_over = np.where(used, rest_hu - freed @ believed, residuals_hu - informed @ believed)
     return Shading(believed[:3], freed @ inverse[:, :3], left_over)

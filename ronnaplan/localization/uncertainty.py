@@ -164,12 +164,10 @@ def _axis_covariance(fit: BallFit, sums: FloatArray, sectors: FloatArray, noise_
 def _streaks_hu(fit: BallFit, noise_hu: float) -> float:
     """Root mean square (HU) of what the fit leaves over just outside the ball, direction by direction, beyond noise."""
     zone = fit.used & just_outside(fit.neighbourhood.offsets_mm, fit.theta)
-    cells = direction_cells(fit.neighbourhood.offsets_mm[zone] - fit.theta[:3])
-    if len(cells) == 0:
-        return 0.0
-    counts, sums = np.bincount(cells), np.bincount(cells, weights=fit.residuals_hu[zone])
-    kept = counts > 0
-    return float(np.sqrt(max(np.sum(sums[kept] ** 2 / counts[kept] - noise_hu**2) / len(cells), 0.0)))
+    cells = direction_cells(fit.neighbourhood.offsets_mm - fit.theta[:3])
+    means, seen = cell_means(fit.residuals_hu, cells, zone)
+    excess = float(np.sum(means[cells[zone]] ** 2)) - int(np.count_nonzero(seen)) * noise_hu**2
+    return float(np.sqrt(max(excess, 0.0) / max(int(np.count_nonzero(zone)), 1)))
 
 
 def _sectors(fit: BallFit) -> NDArray[np.intp]:

@@ -14,7 +14,7 @@ from phantoms.scene import Part, Scene
 from phantoms.solids import cylinder, ellipsoid, half_space, sphere
 from ronnaplan.errors import InputError, RefusedError, UsageError
 from ronnaplan.localization import FiducialFlag, localize
-from tests.scans import balls, scan, small_stack
+from tests.scans import balls, offsets_mm, scan, small_stack
 
 PLACES = [(-14.3, -12.2, -3.1), (13.6, 11.7, 2.4), (15.1, -13.8, 5.3)]
 
@@ -188,8 +188,7 @@ def test_a_metal_balls_streaks_do_not_pull_it_towards_the_skin(bright_along_deg:
     skin = Scene((Part(half_space(tuple(center - 2.05 * outward), tuple(outward)), "skin"),))
     stack = small_stack(spacing_mm=0.6, thickness_mm=0.6)
     clean = scan(skin + balls([tuple(center)], 4.0, "titanium"), stack, blur_mm=0.65)
-    indices = np.moveaxis(np.indices(clean.voxels_hu.shape), 0, -1).reshape(-1, 3)
-    u, v, w = (clean.grid.positions_mm(indices) - center).T.reshape(3, *clean.voxels_hu.shape)
+    u, v, w = offsets_mm(clean, center)
     turn = np.arctan2(v, u) - np.radians(bright_along_deg)
     fading = np.clip(4.0 / np.maximum(u**2 + v**2, 1e-6), 0, 1) * np.clip(1 - w**2 / 4.0, 0, 1)
     streaked = np.clip(clean.voxels_hu + 900 * np.cos(2 * turn) * fading, -1024, 3071)

@@ -12,7 +12,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import refine
 from ronnaplan.localization.examine import Scan, fit_place
 from ronnaplan.localization.refine import BallFit
-from tests.scans import balls, scan, small_stack
+from tests.scans import balls, offsets_mm, scan, small_stack
 
 CENTER = np.array([1.0, 2.0, 3.0])
 SLOPE_PER_MM = 0.004
@@ -29,8 +29,7 @@ def even() -> CTVolume:
 @pytest.fixture(scope="module")
 def sloping(even: CTVolume) -> CTVolume:
     """Its contrast grows by 0.4 % a millimetre towards +x."""
-    indices = np.moveaxis(np.indices(even.voxels_hu.shape), 0, -1).reshape(-1, 3)
-    x = (even.grid.positions_mm(indices) - CENTER)[:, 0].reshape(even.voxels_hu.shape)
+    x, _, _ = offsets_mm(even, CENTER)
     ball = even.voxels_hu + 1000.0
     return replace(even, voxels_hu=(ball * (1 + SLOPE_PER_MM * x) - 1000.0).astype(np.float32))
 

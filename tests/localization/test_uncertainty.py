@@ -20,7 +20,7 @@ from ronnaplan.localization.uncertainty import (
     cramer_rao_bound,
     noise_level,
 )
-from tests.scans import balls, scan, small_stack
+from tests.scans import balls, offsets_mm, scan, small_stack
 
 
 def fit_of(volume: CTVolume) -> BallFit:
@@ -89,8 +89,7 @@ def test_a_post_adds_error_along_itself_and_nowhere_else(monkeypatch: pytest.Mon
 
 def test_streaks_about_a_post_add_more(monkeypatch: pytest.MonkeyPatch) -> None:
     clean = on_a_post((1.0, 0.0, 0.0))
-    indices = np.moveaxis(np.indices(clean.voxels_hu.shape), 0, -1).reshape(-1, 3)
-    x, y, _ = (clean.grid.positions_mm(indices) - [1.0, 2.0, 3.0]).T.reshape(3, *clean.voxels_hu.shape)
+    x, y, _ = offsets_mm(clean, np.array([1.0, 2.0, 3.0]))
     bands = 15.0 * np.cos(4.0 * np.arctan2(y, x))
     fits = [fit_of(one) for one in (clean, replace(clean, voxels_hu=(clean.voxels_hu + bands).astype(np.float32)))]
     quiet, loud = (
