@@ -12,7 +12,7 @@ from ronnaplan.geometry import FloatArray, as_points
 from ronnaplan.planning.trajectory import Trajectory
 from ronnaplan.pose import point_jacobian
 from ronnaplan.registration.covariances import as_pair
-from ronnaplan.registration.rigid import pose_covariance, require_spread
+from ronnaplan.rigid import pose_covariance, require_spread
 
 TUBE_SIGMAS = 2.4477
 """Root of the 95 % quantile of chi-square with two degrees of freedom: the radius of the tube."""

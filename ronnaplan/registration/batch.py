@@ -11,7 +11,7 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import transform_points
 from ronnaplan.registration.registration import combined_covariances
-from ronnaplan.registration.rigid import fit_closed_form, fit_likelihood, pose_covariance, require_spread
+from ronnaplan.rigid import fit_closed_form, fit_likelihood, pose_covariance, require_spread
 
 CHUNK = 2000
 """Likelihood fits done at a time, so that their arrays stay in the processor's cache."""

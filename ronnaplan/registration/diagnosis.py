@@ -10,7 +10,7 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import point_jacobian, transform_points
 from ronnaplan.registration.registration import MISFIT_PROBABILITY, Registration
-from ronnaplan.registration.rigid import fit_closed_form, fit_likelihood, pose_covariance, require_spread
+from ronnaplan.rigid import fit_closed_form, fit_likelihood, pose_covariance, require_spread
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame, as_points
 from ronnaplan.pose import Pose, transform_points
 from ronnaplan.registration.covariances import Covariances, as_pair
-from ronnaplan.registration.rigid import fit_closed_form, fit_likelihood, pose_covariance, require_spread
+from ronnaplan.rigid import fit_closed_form, fit_likelihood, pose_covariance, require_spread
 
 MISFIT_PROBABILITY = 0.001
 """Residuals that errors as stated would produce more rarely than this are called a misfit."""

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, as_points, unit
 from ronnaplan.pose import Pose, cross_matrix
-from ronnaplan.registration.rigid import require_spread
+from ronnaplan.rigid import require_spread
 from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.pivot import PivotCalibration
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import Frame
 from ronnaplan.registration import RegistrationFlag, predict_tre, register_batch, register_points
-from ronnaplan.registration.rigid import fit_closed_form
+from ronnaplan.rigid import fit_closed_form
 
 HEAD = np.array([[-60.0, 20, 40], [55, 30, 50], [5, -85, 60], [-20, 60, 75], [30, -10, 95], [-70, -30, 10]])
 
