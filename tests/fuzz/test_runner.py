@@ -1,0 +1,140 @@
+"""The fuzzer sees each kind of failure, goes on after it, and says which input it was."""
+
+import ctypes
+import os
+import random
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ronnaplan.errors import InputError
+from tests.fuzz.border import Border, WrongValueError, try_one
+from tests.fuzz.runner import main, report, run
+
+BROKEN = 2
+"""The number of the input that breaks the border below; those beside it are refused and read."""
+
+
+class BrokenBorder(Border):
+    """Breaks at every third input, in the way of its class."""
+
+    slowest_s = 0.5
+    most_bytes = 400 << 20
+
+    def __init__(self) -> None:
+        self.seen = 0
+
+    def check_seeds(self, folder: Path) -> None:
+        pass
+
+    def hostile(self, chance: random.Random) -> tuple[str, Any]:
+        return "a kind", chance.random()
+
+    def feed(self, given: Any, folder: Path) -> str:
+        number = next(n for n in range(9) if random.Random(f"7/{n}").random() == given)
+        if number == BROKEN:
+            self.fail()
+        elif number % 2:
+            raise InputError("it is odd; expected an even one")
+        return "read"
+
+    def fail(self) -> None:
+        raise NotImplementedError
+
+
+class TracebackBorder(BrokenBorder):
+    def fail(self) -> None:
+        raise KeyError("rows")
+
+
+class WrongBorder(BrokenBorder):
+    def fail(self) -> None:
+        raise WrongValueError("3 mm, its header says 4 mm")
+
+
+class TalkativeBorder(BrokenBorder):
+    def fail(self) -> None:
+        raise InputError("two\nlines")
+
+
+class SlowBorder(BrokenBorder):
+    def fail(self) -> None:
+        time.sleep(0.6)
+
+
+class WaitingBorder(BrokenBorder):
+    def fail(self) -> None:
+        time.sleep(60)
+
+
+class DeafBorder(BrokenBorder):
+    """Waits where no signal reaches it, as a decoder's loop does."""
+
+    slowest_s = 0.1
+
+    def fail(self) -> None:
+        import signal
+
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGALRM})
+        time.sleep(60)
+
+
+class CrashingBorder(BrokenBorder):
+    def fail(self) -> None:
+        ctypes.string_at(0)
+
+
+class LeavingBorder(BrokenBorder):
+    def fail(self) -> None:
+        os._exit(3)
+
+
+class GreedyBorder(BrokenBorder):
+    def fail(self) -> None:
+        np.ones(500 << 20, np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("border", "words"),
+    [
+        (TracebackBorder, "KeyError: 'rows'"),
+        (WrongBorder, "wrong value: 3 mm, its header says 4 mm"),
+        (TalkativeBorder, "not one printable line"),
+        (SlowBorder, "took 0.6 s"),
+        (WaitingBorder, "hung"),
+        (DeafBorder, "hung"),
+        (CrashingBorder, "ended the process (status -11)"),
+        (LeavingBorder, "ended the process (status 3)"),
+        (GreedyBorder, "GiB of memory"),
+    ],
+)
+def test_each_kind_of_failure_is_seen_and_the_inputs_after_it_are_tried(border: type[Border], words: str) -> None:
+    tally = run(f"{__name__}:{border.__name__}", 7, range(5))
+    (failure,) = tally.failures
+    assert failure.startswith(f"input {BROKEN} (")
+    assert words in failure
+    assert sorted(tally.outcomes.values()) == [1, 2, 2]
+    assert tally.outcomes["a kind", "refused"] == tally.outcomes["a kind", "read"] == 2
+    assert failure in report("a border", tally)
+
+
+def test_the_same_number_of_the_same_seed_is_the_same_input() -> None:
+    border = TracebackBorder()
+    given = [border.hostile(random.Random("7/3"))[1] for _ in range(2)]
+    assert given[0] == given[1]
+    assert try_one(border, 3, 7, Path()) == ("a kind", "refused")
+
+
+def test_a_border_that_cannot_start_is_a_failure() -> None:
+    (failure,) = run("tests.fuzz.border:Border", 7, range(5)).failures
+    assert "its start" in failure
+
+
+def test_an_unknown_border_is_wrong_usage(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.argv", ["fuzz", "doors"])
+    with pytest.raises(SystemExit) as refusal:
+        main()
+    assert refusal.value.code == 2
