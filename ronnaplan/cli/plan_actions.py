@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 from ronnaplan.cli.plan_options import SIDES
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ronnaplan.geometry import FloatArray
     from ronnaplan.planning import Head, Instrument, Plan
     from ronnaplan.planning.obstacles import Obstacle
@@ -27,23 +29,21 @@ def run_add(arguments: argparse.Namespace) -> int:
     """Add a trajectory."""
     from ronnaplan.planning import Trajectory
 
-    plan = _plan(arguments)
+    entry_mm, target_mm = (_lps(place, arguments.coordinates) for place in (arguments.entry, arguments.target))
+    instrument = _instrument(arguments) or Trajectory.instrument
     options: dict[str, Any] = {"colour": arguments.colour} if arguments.colour else {}
-    trajectory = Trajectory(
-        arguments.name,
-        _lps(arguments.entry, arguments.coordinates),
-        _lps(arguments.target, arguments.coordinates),
-        plan.frame,
-        _instrument(arguments) or Trajectory.instrument,
-        notes=arguments.notes or "",
-        **options,
-    )
-    return _checked_and_written(arguments, plan.add(trajectory), [arguments.name])
+
+    def add(plan: Plan) -> Plan:
+        notes = arguments.notes or ""
+        added = Trajectory(arguments.name, entry_mm, target_mm, plan.frame, instrument, notes=notes, **options)
+        return plan.add(added)
+
+    return _changed_in_head(arguments, add, [arguments.name])
 
 
 def run_edit(arguments: argparse.Namespace) -> int:
     """Change a trajectory."""
-    changes: dict[str, Any] = {
+    stated: dict[str, Any] = {
         "name": arguments.rename,
         "entry_mm": arguments.entry and _lps(arguments.entry, arguments.coordinates),
         "target_mm": arguments.target and _lps(arguments.target, arguments.coordinates),
@@ -51,26 +51,24 @@ def run_edit(arguments: argparse.Namespace) -> int:
         "colour": arguments.colour,
         "notes": arguments.notes,
     }
-    plan = _plan(arguments).edit(
-        arguments.name, **{key: value for key, value in changes.items() if value is not None}
-    )
-    return _checked_and_written(arguments, plan, [arguments.rename or arguments.name])
+    changes = {key: value for key, value in stated.items() if value is not None}
+    name = arguments.rename or arguments.name
+    return _changed_in_head(arguments, lambda plan: plan.edit(arguments.name, **changes), [name])
 
 
 def run_remove(arguments: argparse.Namespace) -> int:
     """Remove a trajectory."""
-    return _written(arguments, _plan(arguments).remove(arguments.name))
+    return _changed(arguments, lambda plan: plan.remove(arguments.name))
 
 
 def run_lock(arguments: argparse.Namespace) -> int:
     """Lock or unlock a trajectory."""
-    return _written(arguments, _plan(arguments).lock(arguments.name, arguments.action == "lock"))
+    return _changed(arguments, lambda plan: plan.lock(arguments.name, arguments.action == "lock"))
 
 
 def run_undo(arguments: argparse.Namespace) -> int:
     """Take a change back, or make it again."""
-    plan = _plan(arguments)
-    return _written(arguments, plan.undo() if arguments.action == "undo" else plan.redo())
+    return _changed(arguments, lambda plan: plan.undo() if arguments.action == "undo" else plan.redo())
 
 
 def run_landmarks(arguments: argparse.Namespace) -> int:
@@ -78,7 +76,7 @@ def run_landmarks(arguments: argparse.Namespace) -> int:
     from ronnaplan.planning import Landmarks
 
     points = [_lps(place, arguments.coordinates) for place in (arguments.ac, arguments.pc, arguments.midline)]
-    return _written(arguments, _plan(arguments).with_landmarks(Landmarks(*points)))
+    return _changed(arguments, lambda plan: plan.with_landmarks(Landmarks(*points)))
 
 
 def run_list(arguments: argparse.Namespace) -> int:
@@ -103,9 +101,13 @@ def run_import(arguments: argparse.Namespace) -> int:
         )
     else:
         read = read_plan_table(arguments.file, plan.frame, instrument, system=arguments.coordinates)
-    for trajectory in read:
-        plan = plan.add(trajectory)
-    return _checked_and_written(arguments, plan, [one.name for one in read])
+
+    def add_all(plan: Plan) -> Plan:
+        for trajectory in read:
+            plan = plan.add(trajectory)
+        return plan
+
+    return _changed_in_head(arguments, add_all, [one.name for one in read])
 
 
 def run_export(arguments: argparse.Namespace) -> int:
@@ -187,9 +189,14 @@ def run_propose(arguments: argparse.Namespace) -> int:
     if arguments.add:
         from dataclasses import replace
 
-        from ronnaplan.documents.plan import write_plan
+        best = replace(found.best[0].trajectory, name=arguments.name)
 
-        write_plan(arguments.plan, plan.add(replace(found.best[0].trajectory, name=arguments.name)))
+        def add(now: Plan) -> Plan:
+            if now.revision != plan.revision:
+                raise RefusedError("the plan was changed while entries were proposed; propose them again")
+            return now.add(best)
+
+        return _changed(arguments, add)
     return 0
 
 
@@ -250,21 +257,28 @@ def _plan(arguments: argparse.Namespace) -> Plan:
     return read_plan(arguments.plan)
 
 
-def _written(arguments: argparse.Namespace, plan: Plan) -> int:
-    from ronnaplan.documents.plan import write_plan
+def _changed(arguments: argparse.Namespace, change: Callable[[Plan], Plan]) -> int:
+    from ronnaplan.documents.plan import change_plan
 
-    write_plan(arguments.plan, plan)
+    change_plan(arguments.plan, change)
     return 0
 
 
-def _checked_and_written(arguments: argparse.Namespace, plan: Plan, names: list[str]) -> int:
-    """Write the plan if the ends of the named trajectories lie in the head."""
+def _changed_in_head(arguments: argparse.Namespace, change: Callable[[Plan], Plan], names: list[str]) -> int:
+    """Make a change to the plan if the ends of the named trajectories then lie in the head."""
     from ronnaplan.planning.measures import check_ends
 
+    change(_plan(arguments))  # what is wrong without the scan is told before it is read
     head = _head(arguments)
-    for name in names:
-        check_ends(plan.trajectory(name), head)
-    return _written(arguments, plan)
+
+    def checked(plan: Plan) -> Plan:
+        plan.require_scan(head.volume)
+        changed = change(plan)
+        for name in names:
+            check_ends(changed.trajectory(name), head)
+        return changed
+
+    return _changed(arguments, checked)
 
 
 def _lps(place: list[float], system: str | None) -> FloatArray:

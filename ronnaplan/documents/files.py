@@ -1,43 +1,130 @@
-"""Writing and reading of small text files: whole or not at all, and never a traceback for a bad one."""
+"""Writing and reading of small files: whole or not at all, one writer at a time, no traceback for a bad one.
+
+Who writes holds a lock beside the file, writes beside it, syncs, renames, and syncs the folder. A writer that dies at
+any step leaves the old content or the new one; what it left beside is removed by the next write in that folder.
+"""
 
 from __future__ import annotations
 
 import json
 import os
 import sys
-import tempfile
+import unicodedata
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from ronnaplan.errors import InputError
+from ronnaplan.portable import keep_access, replace, sync_folder
+
+Document = TypeVar("Document")
 
 MAX_DOCUMENT_BYTES = 64 * 2**20
 """Documents are a few kilobytes; a larger file is something else."""
 
+LOCK_WAIT_S = 10.0
+"""How long to wait for another writer of the same file: a write takes some milliseconds."""
+
+LOCK_POLL_S = 0.01
+"""How often a waiting writer tries again."""
+
 
 def write_atomically(path: str | os.PathLike[str], data: str | bytes) -> None:
-    """Write ``data`` to ``path``, replacing what was there whole: written beside, then renamed.
+    """Write ``data`` to ``path``, replacing what was there whole; it is on the disk when this returns.
 
-    A link is followed, so that what it points to is replaced and not the link. Raises `InputError` for a place
-    that cannot be written and for anything but a regular file (a device, a pipe).
+    A link is followed, so that what it points to is replaced and not the link. Mode and ownership of a replaced file
+    stay. Raises `InputError` for a place that cannot be written, for anything but a regular file (a device, a pipe),
+    and where another program holds the file for more than `LOCK_WAIT_S`.
     """
-    target = Path(os.path.realpath(path))
-    content = data.encode() if isinstance(data, str) else data
+    with _locked(path) as target:
+        _replace(target, data.encode() if isinstance(data, str) else data)
+
+
+def change_document(
+    path: str | os.PathLike[str],
+    read: Callable[[str | os.PathLike[str]], Document],
+    change: Callable[[Document], Document],
+    text: Callable[[Document], str],
+) -> Document:
+    """Write ``text(change(read(path)))`` to ``path`` and return what was written; nobody else writes meanwhile.
+
+    What ``read`` or ``change`` raises leaves the file as it was. Others wait for both: what takes long (a scan to
+    read) is done before. Raises `InputError` like `write_atomically`.
+    """
+    with _locked(path) as target:
+        changed = change(read(path))
+        _replace(target, text(changed).encode())
+    return changed
+
+
+@contextmanager
+def _locked(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield the file that ``path`` names, which no other program writes within; leave nothing hidden behind."""
+    from filelock import FileLock, Timeout
+
     check_target(path)
+    target = Path(os.path.realpath(path))
+    lock = FileLock(_hidden(target, "lock"), timeout=LOCK_WAIT_S, poll_interval=LOCK_POLL_S, mode=0o666)
     try:
-        handle, name = tempfile.mkstemp(dir=target.parent, prefix=".ronnaplan.")
+        with lock:
+            try:
+                yield target
+            finally:
+                _remove_hidden(Path(lock.lock_file))
+    except Timeout as error:
+        raise InputError(
+            f"cannot write {target}: another program holds it since {LOCK_WAIT_S:.0f} s; "
+            "end that program or let it finish, then try again"
+        ) from error
     except OSError as error:
-        raise InputError(f"cannot write {target}: {error.strerror}; choose another place") from error
-    beside = Path(name)
+        raise InputError(f"cannot write {target}: {error.strerror or error}; choose another place") from error
+    _clear_leftovers(target.parent)
+
+
+def _replace(target: Path, content: bytes) -> None:
+    """Write beside ``target``, sync, rename, sync the folder. Only who holds the lock calls this."""
+    beside = _hidden(target, "part")
+    beside.unlink(missing_ok=True)  # of a writer that died
+    before = target.stat() if target.exists() else None
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
     try:
-        with os.fdopen(handle, "wb") as stream:
+        with os.fdopen(os.open(beside, flags, 0o666 if before is None else 0o600), "wb") as stream:
+            if before is not None:
+                keep_access(stream.fileno(), before)
             stream.write(content)
-        beside.chmod(0o666 & ~_umask())
-        beside.replace(target)
-    except OSError as error:
-        raise InputError(f"cannot write {target}: {error.strerror}; choose another place") from error
+            stream.flush()
+            os.fsync(stream.fileno())
+        replace(beside, target)
+        sync_folder(target.parent)
     finally:
         beside.unlink(missing_ok=True)
+
+
+def _hidden(target: Path, kind: str) -> Path:
+    """Where the lock or the new content of ``target`` lies; the same for all names that may mean one file."""
+    name = unicodedata.normalize("NFKC", target.name).casefold()
+    return target.with_name(f".ronnaplan.{sha256(name.encode(errors='surrogateescape')).hexdigest()[:16]}.{kind}")
+
+
+def _remove_hidden(lock_file: Path) -> None:
+    """Remove a lock, which this program holds, and content that was not finished under it.
+
+    Who waits for the removed lock notices and takes the next one.
+    """
+    with suppress(OSError):  # Windows removes no open file: the lock stays
+        lock_file.with_suffix(".part").unlink(missing_ok=True)
+        lock_file.unlink(missing_ok=True)
+
+
+def _clear_leftovers(folder: Path) -> None:
+    """Remove what writers that died left in ``folder``: the system has let go of their locks."""
+    from filelock import FileLock
+
+    for left in folder.glob(".ronnaplan.*.lock"):
+        with suppress(OSError), FileLock(left, timeout=0):
+            _remove_hidden(left)
 
 
 def check_target(path: str | os.PathLike[str]) -> None:
@@ -51,12 +138,6 @@ def check_target(path: str | os.PathLike[str]) -> None:
         raise InputError(
             f"cannot write {os.fspath(path)}: the folder {target.parent} does not exist; make it first"
         )
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def write_result(path: str | None, text: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from datetime import datetime
 from typing import Annotated, Any, Literal
 
@@ -11,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from ronnaplan import __version__
 from ronnaplan.ct.volume import SeriesSource
-from ronnaplan.documents.files import write_atomically
+from ronnaplan.documents.files import change_document, write_atomically
 from ronnaplan.documents.reading import read_document
 from ronnaplan.errors import InputError, RonnaplanError
 from ronnaplan.geometry import FloatArray, Frame
@@ -83,6 +84,7 @@ class PlanDocument(_Model):
     version: Literal[1]
     coordinate_system: Literal["LPS"]
     unit: Literal["mm"]
+    revision: Annotated[int, Field(ge=0)] = 0
     source: PlanSource
     landmarks: LandmarksEntry | None = None
     trajectories: tuple[TrajectoryEntry, ...]
@@ -99,6 +101,7 @@ def plan_document(plan: Plan) -> PlanDocument:
             "version": VERSION,
             "coordinate_system": "LPS",
             "unit": "mm",
+            "revision": plan.revision,
             "source": {
                 "study_instance_uid": plan.source.study_instance_uid,
                 "series_instance_uid": plan.source.series_instance_uid,
@@ -115,8 +118,16 @@ def plan_document(plan: Plan) -> PlanDocument:
 
 
 def write_plan(path: str | os.PathLike[str], plan: Plan) -> None:
-    """Write plan.json, whole or not at all."""
-    write_atomically(path, plan_document(plan).model_dump_json(indent=2) + "\n")
+    """Write plan.json, whole or not at all, whatever was there."""
+    write_atomically(path, _text(plan))
+
+
+def change_plan(path: str | os.PathLike[str], change: Callable[[Plan], Plan]) -> Plan:
+    """Make a change to plan.json as it is now, while nobody else writes it; returns the plan as written.
+
+    ``change`` is given the plan that is there. What it raises leaves the file as it was.
+    """
+    return change_document(path, read_plan, change, _text)
 
 
 def read_plan(path: str | os.PathLike[str]) -> Plan:
@@ -128,6 +139,10 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
         return _plan(document)
     except RonnaplanError as error:
         raise InputError(f"{os.fspath(path)}: {error}") from error
+
+
+def _text(plan: Plan) -> str:
+    return plan_document(plan).model_dump_json(indent=2) + "\n"
 
 
 def _plan(document: PlanDocument) -> Plan:
@@ -144,6 +159,7 @@ def _plan(document: PlanDocument) -> Plan:
         _landmarks(document.landmarks) if document.landmarks else None,
         tuple(_change(entry, frame) for entry in document.history),
         tuple(_change(entry, frame) for entry in document.undone),
+        document.revision,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -52,7 +52,8 @@ class Change:
 class Plan:
     """Trajectories of one scan. Every method returns a new plan; nothing is changed in place.
 
-    ``history`` holds the changes in order; ``undone`` those taken back, the latest last.
+    ``history`` holds the changes in order; ``undone`` those taken back, the latest last. ``revision`` counts all
+    changes ever made, those that take back or make again among them.
     """
 
     source: SeriesSource
@@ -60,7 +61,8 @@ class Plan:
     trajectories: tuple[Trajectory, ...] = ()
     landmarks: Landmarks | None = None
     history: tuple[Change, ...] = ()
-    undone: tuple[Change, ...] = field(default=())
+    undone: tuple[Change, ...] = ()
+    revision: int = 0
 
     @classmethod
     def of_scan(cls, volume: CTVolume) -> Plan:
@@ -173,16 +175,17 @@ class Plan:
         return replace(self._with(change), history=(*self.history, change), undone=())
 
     def _with(self, change: Change) -> Plan:
+        revision = self.revision + 1
         if isinstance(change.before or change.after, Landmarks):
             assert not isinstance(change.after, Trajectory)
-            return replace(self, landmarks=change.after)
+            return replace(self, landmarks=change.after, revision=revision)
         assert not isinstance(change.after, Landmarks)
         kept = list(self.trajectories)
         if change.before is not None:
             del kept[change.index]
         if change.after is not None:
             kept.insert(change.index, change.after)
-        return replace(self, trajectories=tuple(kept))
+        return replace(self, trajectories=tuple(kept), revision=revision)
 
 
 def _listed(names: Iterable[str]) -> str:

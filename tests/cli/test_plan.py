@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +16,8 @@ from phantoms.fast import render
 from phantoms.output import write_phantom
 from phantoms.stack import axial_stack
 from ronnaplan.cli import main
-from ronnaplan.documents.plan import read_plan
+from ronnaplan.ct import CTVolume, read_ct
+from ronnaplan.documents.plan import change_plan, read_plan
 from tests.planning.heads import layered_head
 
 POINTS = ["--entry", "-20", "10", "77", "--target", "-10", "5", "20", "--coordinates", "LPS"]
@@ -131,6 +136,48 @@ def test_export_and_import_round_trip(plan: Path, ct: Path, tmp_path: Path) -> N
         assert main(["plan", "new", str(ct), "-o", str(other)]) == 0
         assert main(["plan", "import", str(other), str(tmp_path / name), "--ct", str(ct)]) == 0
         np.testing.assert_allclose(read_plan(other).trajectory("A").entry_mm, [-20, 10, 77])
+
+
+def test_additions_made_at_the_same_time_are_all_kept(plan: Path, ct: Path) -> None:
+    names = [f"B{number}" for number in range(4)]
+    adds = [
+        [sys.executable, "-m", "ronnaplan", "plan", "add", str(plan), name, "--ct", str(ct), *POINTS]
+        for name in names
+    ]
+    running = [subprocess.Popen(add, env={**os.environ, "PYTHONWARNINGS": "error"}) for add in adds]
+    assert [one.wait(timeout=120) for one in running] == [0] * len(names)
+    kept = read_plan(plan)
+    assert {one.name for one in kept.trajectories} == {"A", *names}
+    assert kept.revision == 1 + len(names)
+    assert [one.name for one in plan.parent.iterdir()] == ["plan.json"]
+
+
+def test_an_addition_is_made_to_the_plan_as_it_is_when_it_is_written(
+    plan: Path, ct: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def slowly(*given: Any, **options: Any) -> CTVolume:
+        change_plan(plan, lambda now: now.edit("A", notes="by another hand"))
+        return read_ct(*given, **options)
+
+    monkeypatch.setattr("ronnaplan.ct.read_ct", slowly)
+    assert main(["plan", "add", str(plan), "B", "--ct", str(ct), *POINTS]) == 0
+    kept = read_plan(plan)
+    assert kept.trajectory("A").notes == "by another hand"
+    assert kept.trajectory("B").notes == ""
+
+
+def test_a_proposal_for_a_plan_that_was_changed_meanwhile_is_refused(
+    plan: Path, ct: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def slowly(*given: Any, **options: Any) -> CTVolume:
+        change_plan(plan, lambda now: now.edit("A", notes="by another hand"))
+        return read_ct(*given, **options)
+
+    monkeypatch.setattr("ronnaplan.ct.read_ct", slowly)
+    target = ["--target", "15", "0", "30", "--coordinates", "LPS"]
+    assert main(["plan", "propose", str(plan), "C", "--ct", str(ct), *target, "--add", "--count", "1"]) == 3
+    assert "propose them again" in capsys.readouterr().err
+    assert [one.name for one in read_plan(plan).trajectories] == ["A"]
 
 
 def test_landmarks_are_kept(plan: Path) -> None:

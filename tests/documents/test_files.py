@@ -1,14 +1,24 @@
-"""Nothing is ever half a file."""
+"""Nothing is ever half a file, and no writer undoes what another has written."""
 
 from __future__ import annotations
 
+import json
 import os
+import stat
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
-from ronnaplan.documents.files import make_folder, read_json, write_atomically
+from ronnaplan.documents import files
+from ronnaplan.documents.files import change_document, make_folder, read_json, write_atomically
 from ronnaplan.errors import InputError
+from tests import faults
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_an_existing_file_is_replaced_whole(tmp_path: Path) -> None:
@@ -68,3 +78,111 @@ def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(InputError, match="no regular file"):
         read_json(tmp_path / "pipe")
+
+
+def test_writers_that_meet_all_have_their_changes_kept(tmp_path: Path) -> None:
+    path = tmp_path / "number.json"
+    write_atomically(path, "0")
+
+    def count_up(_: int) -> int:
+        return change_document(path, read_json, lambda number: number + 1, json.dumps)
+
+    with ThreadPoolExecutor(4) as writers:
+        assert sorted(writers.map(count_up, range(20))) == list(range(1, 21))
+    assert read_json(path) == 20
+    assert [one.name for one in tmp_path.iterdir()] == ["number.json"]
+
+
+def test_a_change_that_fails_leaves_the_file_and_lets_the_next_writer_in(tmp_path: Path) -> None:
+    path = tmp_path / "number.json"
+    write_atomically(path, "1")
+    with pytest.raises(ZeroDivisionError):
+        change_document(path, read_json, lambda number: number / 0, json.dumps)
+    assert change_document(path, read_json, lambda number: number + 1, json.dumps) == 2
+
+
+def test_a_writer_that_never_ends_is_not_waited_for_forever(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "out.json"
+    monkeypatch.setattr(files, "LOCK_WAIT_S", 0.05)
+
+    def meanwhile(content: str) -> str:
+        with pytest.raises(InputError, match="another program holds it"):
+            write_atomically(path, "other")
+        return content
+
+    path.write_text("1")
+    assert change_document(path, read_json, meanwhile, str) == 1
+    assert path.read_text() == "1"
+
+
+def test_content_is_on_the_disk_before_its_name_and_the_name_before_the_answer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[str] = []
+
+    def sync(handle: int) -> None:
+        done.append("sync folder" if stat.S_ISDIR(os.fstat(handle).st_mode) else "sync file")
+
+    def rename(source: Path, target: Path) -> None:
+        done.append("rename")
+        source.rename(target)
+
+    monkeypatch.setattr(os, "fsync", sync)
+    monkeypatch.setattr(Path, "replace", rename)
+    write_atomically(tmp_path / "out.json", "new")
+    assert done == ["sync file", "rename"] + ["sync folder"] * (sys.platform != "win32")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows keeps access by folder")
+def test_mode_and_group_of_a_replaced_file_stay(tmp_path: Path) -> None:
+    private, others = tmp_path / "private.json", tmp_path / "new.json"
+    private.write_text("old")
+    private.chmod(0o600)
+    if os.geteuid() == 0:
+        os.chown(private, 12345, 23456)
+    before = private.stat()
+    write_atomically(private, "new")
+    after = private.stat()
+    assert (after.st_mode, after.st_uid, after.st_gid) == (before.st_mode, before.st_uid, before.st_gid)
+    write_atomically(others, "new")
+    (tmp_path / "plain").write_text("")
+    assert others.stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+@pytest.mark.parametrize("number", [28, 5])
+def test_a_disk_that_takes_no_more_is_told_and_the_old_file_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    path = tmp_path / "out.json"
+    path.write_text("old")
+
+    def full(handle: int) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(InputError, match=os.strerror(number)):
+        write_atomically(path, "new")
+    assert path.read_text() == "old"
+    assert [one.name for one in tmp_path.iterdir()] == ["out.json"]
+
+
+def test_what_dead_writers_left_goes_with_the_next_write_and_what_live_ones_hold_stays(tmp_path: Path) -> None:
+    dead, live = (tmp_path / f".ronnaplan.{name * 16}.lock" for name in "ab")
+    for lock in (dead, live):
+        lock.write_text("")
+        lock.with_suffix(".part").write_text("half")
+    with FileLock(live):
+        write_atomically(tmp_path / "out.json", "new")
+    assert sorted(tmp_path.iterdir()) == sorted([tmp_path / "out.json", live, live.with_suffix(".part")])
+
+
+@pytest.mark.skipif(not faults.available, reason="system calls can be stopped at on Linux only")
+def test_a_writer_killed_at_any_system_call_loses_no_acknowledged_change(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "tests.documents.killed_writer", str(tmp_path / "number.json"), "4"]
+    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert ended.returncode == 0, ended.stderr
+    result = json.loads(ended.stdout)
+    assert result["wrong"] == []
+    assert result["killed"] > 30

@@ -13,7 +13,7 @@ import pytest
 
 from ronnaplan.ct import CTVolume, SeriesSource, SliceGrid
 from ronnaplan.documents.limits import read_limits
-from ronnaplan.documents.plan import plan_document, read_plan, write_plan
+from ronnaplan.documents.plan import change_plan, plan_document, read_plan, write_plan
 from ronnaplan.documents.plan_exchange import line_markups, plan_table, read_line_markups, read_plan_table
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import Frame
@@ -47,6 +47,21 @@ def test_a_plan_comes_back_as_it_was(plan: Plan, tmp_path: Path) -> None:
     assert back.frame == CT
     assert [change.action for change in back.history] == ["add", "add", "landmarks", "edit", "lock"]
     assert all(change.time.tzinfo is not None for change in back.history)
+
+
+def test_every_change_has_a_revision_of_its_own_also_one_that_is_taken_back(plan: Plan, tmp_path: Path) -> None:
+    path = tmp_path / "plan.json"
+    write_plan(path, plan)
+    walked = [
+        plan,
+        *(change_plan(path, step) for step in (Plan.undo, Plan.redo, lambda now: now.lock("=B", False))),
+    ]
+    assert [one.revision for one in walked] == [7, 8, 9, 10]
+    assert content(read_plan(path)) == content(walked[-1])
+    without = content(plan)
+    del without["revision"]
+    path.write_text(json.dumps(without))
+    assert read_plan(path).revision == 0
 
 
 def test_undo_leads_back_to_the_empty_plan_and_redo_to_the_last(plan: Plan) -> None:

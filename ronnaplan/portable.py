@@ -1,0 +1,60 @@
+"""What only POSIX has, with what other systems have in its place."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+OPENED_ELSEWHERE_S = 2.0
+"""Windows replaces no file that another program has open: how long to wait until it has read it."""
+
+
+def keep_access(handle: int, before: os.stat_result) -> None:
+    """Give the open file ``handle`` the mode and the ownership ``before``, as far as this user may.
+
+    Only an administrator can give a file to another user; the group is then kept by itself, where that is allowed.
+    Windows gives a file the access of its folder.
+    """
+    if sys.platform == "win32":
+        return
+    now = os.fstat(handle)
+    if (now.st_uid, now.st_gid) != (before.st_uid, before.st_gid):
+        try:
+            os.fchown(handle, before.st_uid, before.st_gid)
+        except PermissionError:
+            with suppress(PermissionError):
+                os.fchown(handle, -1, before.st_gid)
+    os.fchmod(handle, stat.S_IMODE(before.st_mode))
+
+
+def replace(source: Path, target: Path) -> None:
+    """Put ``source`` in the place of ``target``, which then holds the old or the new content and never a mixture."""
+    last = time.monotonic() + OPENED_ELSEWHERE_S
+    while True:
+        try:
+            source.replace(target)
+        except PermissionError:
+            if sys.platform != "win32" or time.monotonic() > last:
+                raise
+            time.sleep(0.02)
+        else:
+            return
+
+
+def sync_folder(folder: Path) -> None:
+    """Wait until the names in ``folder`` are on the disk; Windows syncs them with the files."""
+    if sys.platform == "win32":
+        return
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno != errno.EINVAL:  # some network file systems sync no folders
+            raise
+    finally:
+        os.close(handle)
