@@ -117,9 +117,10 @@ def surroundings(size: float = 1.0) -> Scene:
     return table(size) + headrest(size)
 
 
-def infusion_tube(size: float = 1.0) -> Scene:
-    """Return a water-filled PVC tube that runs along the right side of the head."""
+def infusion_tube(size: float = 1.0, farther_mm: float = 0.0) -> Scene:
+    """Return a water-filled PVC tube along the right side of the head; ``farther_mm`` keeps it off tall markers."""
     start, direction = size * np.array([-104, -10, -110]), (0.02, -0.15, 1)
+    start = start - np.array([farther_mm, 0, 0])
     return Scene(
         (
             Part(cylinder(start, direction, 190 * size, 4.1), "PVC", "infusion tube"),

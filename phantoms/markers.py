@@ -3,19 +3,54 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from phantoms.anatomy import Foot
+from phantoms.coverings import COATING_MM, Covered, bubble, covering
 from phantoms.errors import PhantomError
 from phantoms.scene import Decoy, Marker, Part, Scene
-from phantoms.solids import FloatArray, Solid, box, cone, cylinder, ellipsoid, sphere
+from phantoms.solids import FloatArray, Solid, box, cone, cylinder, ellipsoid, frame_along, sphere
 
-POST_MM = 8.0
-"""Distance from the scalp to the lowest point of a sphere on a post."""
+SKIN_GAP_MM = 0.1
+"""Height of the lowest point of a ball that is glued to the skin."""
+DIAMETER_TOLERANCE_MM = 0.2
+OUT_OF_ROUND = 0.02
+"""How far markers as they are made may be off: in diameter, and longest over shortest diameter minus one."""
+TOUCHING_GAP_MM = 1e-6
+"""Left between two markers that touch, so that rounding does not make them overlap."""
 FRAME_ARMS = ((24.0, 33.0), (136.0, 58.0), (205.0, 58.0), (329.0, 57.0))
 """Angle (degrees) and length (mm) of the x-shaped frame's arms; the six distances differ by more than 10 mm."""
+
+
+@dataclass(frozen=True)
+class Post:
+    """What carries a sphere: a bone screw with its head, a base on the scalp, and a neck into the sphere."""
+
+    height_mm: float = 8.0
+    """Distance from the scalp to the lowest point of the sphere."""
+    base_mm: tuple[float, float] = (10.0, 4.0)
+    """Diameter and height."""
+    neck_mm: tuple[float, float] = (4.0, 1.5)
+    """Diameter, and depth in the sphere."""
+    neck: str = ""
+    """Material of the neck; the sphere's when empty."""
+    screw: str = "titanium"
+    screw_mm: tuple[float, float] = (2.0, 8.0)
+    """Diameter, and depth below the scalp, the tip not counted."""
+    head_mm: tuple[float, float] = (4.0, 3.0)
+    """Diameter of the screw's head, and its height over the scalp."""
+
+
+@dataclass(frozen=True)
+class Insert:
+    """A threaded metal sleeve in the lower part of a sphere, from half a millimetre above its lowest point."""
+
+    material: str = "titanium"
+    diameter_mm: float = 3.0
+    length_mm: float = 5.0
 
 
 @dataclass(frozen=True)
@@ -24,23 +59,54 @@ class MarkerKind:
 
     diameter_mm: float
     material: str
-    post: bool = False
-    insert: bool = False
-    """Whether a threaded metal sleeve sits in the lower half of the sphere."""
-    screw: str = "titanium"
-    """Material of the bone screw below the post."""
+    post: Post | None = None
+    insert: Insert | None = None
+    wall_mm: float = 0.0
+    """Thickness of a hollow sphere's shell; 0 is a solid ball."""
+    coated: bool = False
+    """Whether the outermost `COATING_MM` of the diameter are retro-reflective glass beads."""
 
 
+@dataclass(frozen=True)
+class Condition:
+    """How one marker departs from what its kind promises, and what lies on it."""
+
+    oversize_mm: float = 0.0
+    """True minus stated diameter."""
+    out_of_round: float = 0.0
+    """Longest over shortest diameter minus one."""
+    covering: str = ""
+    """A key of `COVERINGS`; empty when nothing lies on the marker."""
+    bubble: bool = False
+    seed: int = 0
+    """Draws the direction of what is not round and of what covers."""
+
+
+AS_STATED = Condition()
+METAL_POST, METAL_THREAD = Post(neck="titanium", neck_mm=(3.0, 1.0)), Insert("titanium", 3.0, 3.5)
 KINDS = {
-    "post": MarkerKind(11.5, "acrylic", post=True),
-    "post with insert": MarkerKind(11.5, "acrylic", post=True, insert=True),
-    "plastic screw post": MarkerKind(11.5, "acrylic", post=True, screw="nylon"),
+    "post": MarkerKind(11.5, "acrylic", Post()),
+    "post with insert": MarkerKind(11.5, "acrylic", Post(), Insert()),
+    "plastic screw post": MarkerKind(11.5, "acrylic", Post(screw="nylon")),
+    "short post": MarkerKind(
+        11.5, "acrylic", Post(5.0, (8.0, 2.0), screw_mm=(1.5, 5.0), head_mm=(3.0, 1.5)), Insert("steel", 2.0, 4.0)
+    ),
+    "tall post": MarkerKind(
+        11.5, "PEEK", Post(15.0, (12.0, 5.0), (5.0, 2.0), screw_mm=(2.7, 10.0), head_mm=(5.0, 4.0))
+    ),
+    "metal post": MarkerKind(11.5, "polyoxymethylene", METAL_POST, METAL_THREAD),
+    "steel insert post": MarkerKind(11.5, "acrylic", Post(screw="steel"), Insert("steel", 4.0, 6.0)),
+    "coated post": MarkerKind(11.5, "acrylic", Post(), coated=True),
+    "hollow plastic post": MarkerKind(11.5, "acrylic", Post(), wall_mm=1.0),
+    "hollow glass post": MarkerKind(11.5, "glass", Post(neck="acrylic"), wall_mm=0.8),
+    "hollow metal post": MarkerKind(11.5, "polyoxymethylene", METAL_POST, METAL_THREAD, wall_mm=1.5, coated=True),
     "ceramic": MarkerKind(10.0, "ceramic"),
+    "hollow ceramic": MarkerKind(10.0, "ceramic", wall_mm=1.0),
     "steel": MarkerKind(5.0, "steel"),
     "titanium 3": MarkerKind(3.0, "titanium"),
     "titanium 4": MarkerKind(4.0, "titanium"),
 }
-"""The marker kinds by name: the retro-reflective sphere on a screw, and balls glued to the skin."""
+"""The marker kinds by name: the retro-reflective sphere on screws of several makes, and balls glued to the skin."""
 
 
 def marker_kind(name: str) -> MarkerKind:
@@ -50,20 +116,85 @@ def marker_kind(name: str) -> MarkerKind:
     return KINDS[name]
 
 
-def marker(label: str, foot: Foot, kind: str | MarkerKind = "post") -> Scene:
-    """Return one marker standing on ``foot``."""
+def marker(label: str, foot: Foot, kind: str | MarkerKind = "post", condition: Condition = AS_STATED) -> Scene:
+    """Return one marker standing on ``foot``; its truth is what it is, not what its kind promises."""
     if isinstance(kind, str):
         kind = marker_kind(kind)
-    center = foot.above(_height(kind) + kind.diameter_mm / 2)
-    ball = Part(sphere(center, kind.diameter_mm), kind.material, f"marker {label}")
-    parts = [*_post(foot, kind), ball]
-    if kind.insert:
-        parts.append(_along(foot, POST_MM + 0.5, 5.0, 3.0, "titanium", "metal insert"))
-    return Scene(tuple(parts), (Marker(label, center, kind.diameter_mm, kind.material),))
+    real = replace(kind, diameter_mm=kind.diameter_mm + condition.oversize_mm)
+    over = covering(condition.covering) if condition.covering else None
+    lift_mm = over.lift_mm if over and not real.post else 0.0
+    center = foot.above(_height(real) + lift_mm + real.diameter_mm / 2)
+    generator = np.random.default_rng([condition.seed, 20260102])
+    under = Covered(foot, center, real.diameter_mm * (1 + condition.out_of_round / 2), generator)
+    parts = over.parts(under) if over else []
+    parts += [*_post(foot, real), *_ball(label, center, real, condition.out_of_round, generator)]
+    if real.insert:
+        size = real.insert
+        start = _height(real) + 0.5
+        parts.append(_along(foot, start, size.length_mm, size.diameter_mm, size.material, "metal insert"))
+    if condition.bubble:
+        parts.append(bubble(under))
+    truth = Marker(
+        label,
+        center,
+        real.diameter_mm,
+        real.material,
+        stated_diameter_mm=kind.diameter_mm,
+        wall_mm=real.wall_mm,
+        out_of_round=condition.out_of_round,
+        covering=", ".join([condition.covering] * bool(over) + ["bubble"] * condition.bubble),
+    )
+    return Scene(tuple(parts), (truth,))
+
+
+def made(generator: np.random.Generator, covering: str = "", bubble: bool = False) -> Condition:
+    """Draw a marker as it is made: its diameter to `DIAMETER_TOLERANCE_MM`, up to `OUT_OF_ROUND` out of round."""
+    return Condition(
+        round(float(generator.uniform(-DIAMETER_TOLERANCE_MM, DIAMETER_TOLERANCE_MM)), 4),
+        round(float(generator.uniform(0.0, OUT_OF_ROUND)), 5),
+        covering,
+        bubble,
+        int(generator.integers(2**31)),
+    )
+
+
+def touching_pair(
+    labels: tuple[str, str], foot: Foot, kind: str | MarkerKind = "post", turn_deg: float = 0
+) -> Scene:
+    """Return two markers whose balls touch, side by side on ``foot``; ``turn_deg`` turns them about its normal."""
+    known = marker_kind(kind) if isinstance(kind, str) else kind
+    frame, turn = frame_along(foot.outward), np.radians(turn_deg)
+    aside = (known.diameter_mm + TOUCHING_GAP_MM) / 2 * (np.cos(turn) * frame[:, 0] + np.sin(turn) * frame[:, 1])
+    feet = [Foot(foot.place_mm + side * aside, foot.outward) for side in (-1, 1)]
+    return marker(labels[0], feet[0], known) + marker(labels[1], feet[1], known)
+
+
+def _ball(
+    label: str, center: FloatArray, kind: MarkerKind, out_of_round: float, generator: np.random.Generator
+) -> list[Part]:
+    """Return the coat, the ball or shell, and its cavity; what is not round is so in a direction that is drawn."""
+    turn = Rotation.random(random_state=generator).as_matrix() if out_of_round else None
+    shape = np.array([1 - out_of_round / 2, 1.0, 1 + out_of_round / 2])
+
+    def layer(depth_mm: float, material: str, name: str) -> Part:
+        solid = ellipsoid(center, (kind.diameter_mm / 2 - depth_mm) * shape, turn)
+        return Part(solid, material, name, embedded=_enters_neck(kind))
+
+    coat_mm = COATING_MM if kind.coated else 0.0
+    layers = [layer(0.0, "glass beads", f"coat {label}")] if kind.coated else []
+    layers.append(layer(coat_mm, kind.material, f"marker {label}"))
+    if kind.wall_mm:
+        layers.append(layer(coat_mm + kind.wall_mm, "air", f"cavity {label}"))
+    return layers
+
+
+def _enters_neck(kind: MarkerKind) -> bool:
+    """Whether the post's neck is of another material than what stands on it and replaces its tip."""
+    return kind.post is not None and (bool(kind.post.neck) or kind.coated or kind.wall_mm > 0)
 
 
 def _height(kind: MarkerKind) -> float:
-    return POST_MM if kind.post else 0.1
+    return kind.post.height_mm if kind.post else SKIN_GAP_MM
 
 
 def _along(foot: Foot, start: float, length: float, diameter: float, material: str, name: str) -> Part:
@@ -75,12 +206,16 @@ def _post(foot: Foot, kind: MarkerKind) -> list[Part]:
     """Return the self-drilling screw, the base and the neck below a sphere; nothing without a post."""
     if not kind.post:
         return []
+    post = kind.post
+    (thickness, depth), (head, rise), (base, base_height) = post.screw_mm, post.head_mm, post.base_mm
+    neck, entry = post.neck_mm
+    neck_mm = post.height_mm + entry - base_height
     return [
-        Part(cone(foot.above(-8), -foot.outward, 4, 2.0), kind.screw, "screw tip", embedded=True),
-        _along(foot, 0, 4, 10.0, kind.material, "base"),
-        _along(foot, 4, POST_MM - 2.5, 4.0, kind.material, "neck"),
-        _along(foot, -8, 10, 2.0, kind.screw, "bone screw"),
-        _along(foot, -1, 4, 4.0, kind.screw, "screw head"),
+        Part(cone(foot.above(-depth), -foot.outward, 4, thickness), post.screw, "screw tip", embedded=True),
+        _along(foot, 0, base_height, base, kind.material, "base"),
+        _along(foot, base_height, neck_mm, neck, post.neck or kind.material, "neck"),
+        _along(foot, -depth, depth + 2, thickness, post.screw, "bone screw"),
+        _along(foot, -1, rise + 1, head, post.screw, "screw head"),
     ]
 
 
@@ -105,7 +240,7 @@ def x_frame(foot: Foot, prefix: str = "X", kind: str = "post") -> Scene:
         label = f"{prefix}{number}"
         parts += [Part(bar, "PEEK", "frame arm", embedded=True), Part(neck, known.material, "neck", embedded=True)]
         parts.append(Part(sphere(center, known.diameter_mm), known.material, f"marker {label}"))
-        markers.append(Marker(label, center, known.diameter_mm, known.material))
+        markers.append(Marker(label, center, known.diameter_mm, known.material, known.diameter_mm))
     return Scene(tuple(parts), tuple(markers))
 
 
@@ -124,7 +259,8 @@ DecoyMaker = Callable[[Foot, FloatArray, MarkerKind], list[Part]]
 
 
 def _on_post(foot: Foot, kind: MarkerKind, name: str, *solids: Solid) -> list[Part]:
-    return [*_post(foot, kind), *(Part(solid, kind.material, name) for solid in solids)]
+    embedded = _enters_neck(kind)
+    return [*_post(foot, kind), *(Part(solid, kind.material, name, embedded) for solid in solids)]
 
 
 def _other_sphere(factor: float) -> DecoyMaker:

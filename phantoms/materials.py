@@ -34,6 +34,7 @@ _SOFT = {
     "Cl": 0.002,
     "K": 0.003,
 }
+_CELLULOSE = {"C": 0.444, "H": 0.062, "O": 0.494}
 _ENAMEL = {"H": 0.010, "C": 0.010, "O": 0.426, "Mg": 0.003, "P": 0.177, "Ca": 0.374}
 
 MATERIALS: dict[str, Material] = {
@@ -78,6 +79,16 @@ MATERIALS: dict[str, Material] = {
         Material("PEEK", 1.31, {"C": 0.7908, "H": 0.0419, "O": 0.1665}, 178.0),
         Material("carbon fibre", 1.55, {"C": 0.90, "H": 0.03, "O": 0.07}, 372.0),
         Material("PVC", 1.30, {"C": 0.45, "H": 0.065, "O": 0.085, "Cl": 0.400}, 640.0),
+        Material("polyester", 1.38, {"C": 0.625, "H": 0.042, "O": 0.333}, 257.0),
+        Material("silicone", 1.30, {"C": 0.308, "H": 0.078, "O": 0.218, "Si": 0.356, "Ba": 0.040}, 1490.0),
+        Material("glass", 2.5, {"Si": 0.337, "O": 0.460, "Na": 0.104, "Ca": 0.074, "Mg": 0.025}, 1850.0),
+        Material(
+            "glass beads", 1.75, {"Si": 0.270, "O": 0.430, "Na": 0.083, "Ca": 0.06, "C": 0.14, "H": 0.017}, 985.0
+        ),
+        Material("gel", 1.02, {"H": 0.108, "C": 0.050, "O": 0.830, "Na": 0.005, "Cl": 0.007}, 22.0),
+        Material("cloth", 0.45, _CELLULOSE, -580.0),
+        Material("gauze", 0.15, _CELLULOSE, -861.0),
+        Material("hair", 0.60, {"H": 0.066, "C": 0.505, "N": 0.164, "O": 0.219, "S": 0.046}, -417.0),
         Material("ceramic", 3.9, {"Al": 0.5293, "O": 0.4707}, 3320.0),
         Material("titanium", 4.43, {"Ti": 0.90, "Al": 0.06, "V": 0.04}, 8800.0),
         Material("steel", 7.9, {"Fe": 0.70, "Cr": 0.18, "Ni": 0.12}, 19000.0),

@@ -32,6 +32,10 @@ def truth(scene: Scene, stack: SliceStack, **scan: object) -> dict[str, Any]:
                 "label": marker.label,
                 "center": [round(float(v), 6) for v in marker.center_mm],
                 "diameter_mm": marker.diameter_mm,
+                "stated_diameter_mm": marker.stated_diameter_mm or marker.diameter_mm,
+                "wall_mm": marker.wall_mm,
+                "out_of_round": marker.out_of_round,
+                "covering": marker.covering,
                 "material": marker.material,
                 "whole_in_scan": stack.holds_whole(marker.center_mm, marker.diameter_mm),
             }

@@ -15,9 +15,10 @@ from phantoms.anatomy import (
     scalp_foot,
     surroundings,
 )
+from phantoms.coverings import COVERINGS
 from phantoms.errors import PhantomError
 from phantoms.examination import Examination
-from phantoms.markers import DECOYS, decoy, marker
+from phantoms.markers import DECOYS, KINDS, Condition, Post, decoy, made, marker, marker_kind, touching_pair
 from phantoms.scanner import Scanner
 from phantoms.scene import Scene, join
 from phantoms.solids import FloatArray, Vector
@@ -31,6 +32,9 @@ def random_patient(
     seed: int,
     *,
     kind: str = "post",
+    as_made: bool = False,
+    covering: str = "",
+    touching: int = 0,
     count: int | None = None,
     decoys: int | None = None,
     dental: bool | None = None,
@@ -48,16 +52,29 @@ def random_patient(
     Drawn are head size (0.88 to 1.05), how the head lies (up to 8 degrees about each axis), 3 to 8 markers and 2
     to 5 decoys at random places of the scalp outside the headrest, dental metal, kernel, field of view and slice
     thickness (0.5 to 1.25 mm). ``uneven`` varies the gaps between slices by a tenth.
+
+    ``kind`` may be ``"any"``: one kind for all markers is drawn. ``as_made`` draws each marker's diameter and
+    roundness; ``covering`` is what lies on all of them, or ``"any"``, which draws for each (nothing, a bubble or
+    one of `COVERINGS`); the first ``touching`` markers have a second one at their side that touches them.
     """
     generator = np.random.default_rng([seed, 20260101])
     size = generator.uniform(0.88, 1.05)
     count = int(generator.integers(3, 9)) if count is None else count
     decoys = int(generator.integers(2, 6)) if decoys is None else decoys
     feet = [scalp_foot(at, size) for at in _places(generator, count + decoys, size)]
-    markers = [marker(f"M{n + 1}", foot, kind) for n, foot in enumerate(feet[:count])]
+    makes = np.random.default_rng([seed, 20260103])
+    kind = str(makes.choice(list(KINDS))) if kind == "any" else kind
+    markers = [
+        touching_pair((f"M{n + 1}", f"M{count + n + 1}"), foot, kind, float(makes.uniform(0, 180)))
+        if n < touching
+        else marker(f"M{n + 1}", foot, kind, _condition(makes, as_made, covering))
+        for n, foot in enumerate(feet[:count])
+    ]
     names = generator.permutation(list(DECOYS))
     others = [decoy(str(names[n % len(names)]), foot, kind) for n, foot in enumerate(feet[count:])]
-    around = _everyday_things(generator, size, dental) if furniture else Scene()
+    post = marker_kind(kind).post
+    taller_mm = max(0.0, post.height_mm - Post().height_mm) if post else 0.0
+    around = _everyday_things(generator, size, dental, taller_mm) if furniture else Scene()
     base = surroundings(size) if furniture else Scene()
     scene = join([base, head(size), around, *markers, *others], f"random patient {seed}")
     scene = scene.moved(_lie(generator), generator.uniform(-12, 12, 3))
@@ -96,15 +113,27 @@ def _places(generator: np.random.Generator, count: int, size: float) -> list[Flo
     )
 
 
-def _everyday_things(generator: np.random.Generator, size: float, dental: bool | None) -> Scene:
+def _condition(generator: np.random.Generator, as_made: bool, name: str) -> Condition:
+    """Draw how one marker is made and what lies on it."""
+    bubble = False
+    if name == "any":
+        name = str(generator.choice(["", "bubble", *COVERINGS]))
+        bubble, name = name == "bubble", "" if name == "bubble" else name
+    if as_made:
+        return made(generator, name, bubble)
+    return Condition(covering=name, bubble=bubble, seed=int(generator.integers(2**31)))
+
+
+def _everyday_things(generator: np.random.Generator, size: float, dental: bool | None, taller_mm: float) -> Scene:
     """Draw dental metal, an infusion tube, ear-rings and electrodes."""
     scene = Scene()
     if generator.random() < 0.7 if dental is None else dental:
         teeth = tuple(int(n) for n in generator.choice(TEETH, int(generator.integers(1, 5)), replace=False))
         scene += dental_metal(teeth, str(generator.choice(["amalgam", "gold"])), size)
-    for chance, part in ((0.5, infusion_tube), (0.3, ear_rings)):
-        if generator.random() < chance:
-            scene += part(size)
+    if generator.random() < 0.5:
+        scene += infusion_tube(size, taller_mm)
+    if generator.random() < 0.3:
+        scene += ear_rings(size)
     if generator.random() < 0.4:
         scene += electrode(scalp_foot((-0.95, generator.uniform(-0.3, 0.3), 0.05), size))
     return scene

@@ -37,7 +37,16 @@ class Marker:
     label: str
     center_mm: FloatArray
     diameter_mm: float
+    """The true one (of an ellipsoid: the mean); a covering does not count."""
     material: str
+    stated_diameter_mm: float | None = None
+    """What its maker promises; None: the true one."""
+    wall_mm: float = 0.0
+    """Thickness of a hollow marker's shell; 0 is a solid ball."""
+    out_of_round: float = 0.0
+    """Longest over shortest diameter minus one."""
+    covering: str = ""
+    """What lies on, around or in it."""
 
 
 @dataclass(frozen=True)

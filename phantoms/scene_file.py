@@ -127,9 +127,15 @@ class _Place(_Table):
 class _Marker(_Place):
     label: str
     kind: str = "post"
+    oversize: float = 0.0
+    out_of_round: Annotated[float, Field(ge=0, le=0.5)] = 0.0
+    covering: str = ""
+    bubble: bool = False
+    seed: Annotated[int, Field(ge=0)] = 0
 
     def scene(self, size: float) -> Scene:
-        return markers.marker(self.label, self.foot(size), self.kind)
+        condition = markers.Condition(self.oversize, self.out_of_round, self.covering, self.bubble, self.seed)
+        return markers.marker(self.label, self.foot(size), self.kind, condition)
 
 
 class _Frame(_Place):

@@ -46,7 +46,8 @@ def test_a_marker_stands_off_its_foot_along_the_normal(kind: str) -> None:
     (one,) = marker("M1", foot, kind).markers
     height = (one.center_mm - foot.place_mm) @ foot.outward
     assert np.linalg.norm(one.center_mm - foot.above(height)) == pytest.approx(0, abs=1e-9)
-    assert height - one.diameter_mm / 2 == pytest.approx(8.0 if KINDS[kind].post else 0.1)
+    post = KINDS[kind].post
+    assert height - one.diameter_mm / 2 == pytest.approx(post.height_mm if post else 0.1)
 
 
 @pytest.mark.parametrize("name", DECOYS)
