@@ -10,8 +10,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.ct import CTVolume, read_ct
-from ronnaplan.documents.fiducials import FORMAT, FiducialsDocument, to_json
+from ronnaplan.documents.fiducials import FORMAT, FiducialsDocument
 from ronnaplan.documents.plan import write_plan
+from ronnaplan.documents.reading import to_json
 from ronnaplan.documents.registration import RegistrationDocument, registration_document
 from ronnaplan.geometry import FloatArray, Frame, Points
 from ronnaplan.planning import Plan, Trajectory

@@ -19,8 +19,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Localize, compare, draw, and say where everything is."""
     from ronnaplan.ct import read_ct
-    from ronnaplan.documents.fiducials import fiducials_document, to_json
+    from ronnaplan.documents.fiducials import fiducials_document
     from ronnaplan.documents.files import make_folder, read_json, write_atomically
+    from ronnaplan.documents.reading import to_json
     from ronnaplan.errors import InputError
     from ronnaplan.localization import localize
     from ronnaplan.report.picture import marker_sheet

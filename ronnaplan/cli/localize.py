@@ -109,8 +109,9 @@ def _localize_one(
     report: str | None,
 ) -> Fiducials:
     from ronnaplan.ct import read_ct
-    from ronnaplan.documents.fiducials import fiducials_document, to_json
+    from ronnaplan.documents.fiducials import fiducials_document
     from ronnaplan.documents.files import write_atomically, write_result
+    from ronnaplan.documents.reading import to_json
     from ronnaplan.localization import common_diameter, localize
 
     volume = read_ct(path, arguments.series, progress=True)

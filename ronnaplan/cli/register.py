@@ -43,8 +43,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Register; a refused pairing is written with its rivals and returns 3."""
-    from ronnaplan.documents.fiducials import read_fiducials, to_json
+    from ronnaplan.documents.fiducials import read_fiducials
     from ronnaplan.documents.files import write_result
+    from ronnaplan.documents.reading import to_json
     from ronnaplan.documents.registration import registration_document
     from ronnaplan.documents.registration_text import registration_text
     from ronnaplan.errors import RefusedError

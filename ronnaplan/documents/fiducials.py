@@ -3,67 +3,86 @@
 from __future__ import annotations
 
 import os
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import model_validator
 
 from ronnaplan import __version__
-from ronnaplan.documents.reading import read_document
+from ronnaplan.documents.fields import (
+    Covariance,
+    DocumentModel,
+    Hounsfield,
+    Label,
+    Line,
+    MarkerCovariance,
+    PositiveMm,
+    Probability,
+    Ratio,
+    Vector,
+)
+from ronnaplan.documents.reading import made, read_document
 from ronnaplan.geometry import Frame, Points
 from ronnaplan.localization.fiducials import Fiducials
 
 FORMAT = "ronnaplan.fiducials"
-Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
-Matrix = tuple[Vector, Vector, Vector]
-PositiveMm = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="allow")
-
-
-class Source(_Model):
+class Source(DocumentModel):
     """Where the scan comes from; nothing here names the patient."""
 
-    study_instance_uid: str | None = None
-    series_instance_uid: str | None = None
-    frame_of_reference_uid: str | None = None
-    voxel_sha256: str | None = None
+    study_instance_uid: Line | None = None
+    series_instance_uid: Line | None = None
+    frame_of_reference_uid: Line | None = None
+    voxel_sha256: Line | None = None
+    flags: tuple[Line, ...] = ()
+    """Reasons to doubt the scan's volume."""
 
 
-class Marker(_Model):
+class Marker(DocumentModel):
     """What was looked for."""
 
     diameter_mm: PositiveMm
+    diameters_mm: tuple[PositiveMm, ...] = ()
+    """All sizes that were looked for, where there are several."""
 
 
-class FiducialEntry(_Model):
+class FiducialEntry(DocumentModel):
     """One marker: centre in LPS mm, covariance in mm^2, and what the fit found beside it."""
 
-    label: str
+    label: Label
     center: Vector
-    covariance: Matrix
+    covariance: MarkerCovariance
     diameter_mm: PositiveMm
-    contrast_hu: FiniteFloat
-    flags: tuple[str, ...] = ()
+    contrast_hu: Hounsfield
+    flags: tuple[Line, ...] = ()
+    bound: Covariance | None = None
+    """Cramer-Rao bound (mm^2) of a whole, untouched ball."""
+    coverage: Probability | None = None
+    """Share of the surface that informed the fit."""
+    misfit: Ratio | None = None
+    """RMS residual as a share of the contrast."""
 
 
-class RejectedEntry(_Model):
+class RejectedEntry(DocumentModel):
     """One candidate that is no marker, and why."""
 
     center: Vector
-    reason: str
+    reason: Line
+    test: Line | None = None
+    """The localizer's test that it failed."""
+    marker: FiducialEntry | None = None
+    """The whole marker, where a person turned it down: it can be taken back."""
 
 
-class Software(_Model):
+class Software(DocumentModel):
     """What wrote the document."""
 
-    name: str
-    version: str
+    name: Line
+    version: Line
 
 
-class FiducialsDocument(_Model):
+class FiducialsDocument(DocumentModel):
     """The whole of fiducials.json, version 1."""
 
     format: Literal["ronnaplan.fiducials"]
@@ -81,10 +100,6 @@ class FiducialsDocument(_Model):
         labels = [entry.label for entry in self.fiducials]
         if len(set(labels)) != len(labels):
             raise ValueError("two fiducials have the same label")
-        for entry in self.fiducials:
-            covariance = np.array(entry.covariance)
-            if not np.allclose(covariance, covariance.T) or np.linalg.eigvalsh(covariance)[0] < 0:
-                raise ValueError(f"the covariance of {entry.label} is not symmetric and positive")
         return self
 
     @property
@@ -100,7 +115,8 @@ class FiducialsDocument(_Model):
 
 def fiducials_document(found: Fiducials) -> FiducialsDocument:
     """Turn the localizer's result into its document."""
-    return FiducialsDocument.model_validate(
+    return made(
+        FiducialsDocument,
         {
             "format": FORMAT,
             "version": 1,
@@ -133,13 +149,8 @@ def fiducials_document(found: Fiducials) -> FiducialsDocument:
                 for one in found.rejected
             ],
             "software": {"name": "ronnaplan", "version": __version__},
-        }
+        },
     )
-
-
-def to_json(document: BaseModel) -> str:
-    """Write a document as indented JSON with a final newline."""
-    return document.model_dump_json(indent=2) + "\n"
 
 
 def read_fiducials(path: str | os.PathLike[str]) -> FiducialsDocument:

@@ -6,7 +6,6 @@ any step leaves the old content or the new one; what it left beside is removed b
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import unicodedata
@@ -18,6 +17,7 @@ from typing import Any, TypeVar
 
 from ronnaplan.errors import InputError
 from ronnaplan.portable import keep_access, replace, sync_folder
+from ronnaplan.untrusted import parse_json, read_whole
 
 Document = TypeVar("Document")
 
@@ -163,23 +163,14 @@ def discard_output() -> None:
 
 
 def read_json(path: str | os.PathLike[str]) -> Any:
-    """Parse the JSON file at ``path``; raises `InputError` when it is missing, too large or not JSON."""
-    source = Path(path)
+    """Parse the JSON file at ``path``; raises `InputError` when it is missing, too large or not JSON by the letter."""
+    content = read_whole(path, MAX_DOCUMENT_BYTES, expected="a JSON document")
     try:
-        if not source.is_file():
-            reason = "it is no regular file" if source.exists() else "there is no such file"
-            raise InputError(f"cannot read {source}: {reason}; give the path of a JSON document")
-        with source.open("rb") as stream:
-            content = stream.read(MAX_DOCUMENT_BYTES + 1)
-        if len(content) > MAX_DOCUMENT_BYTES:
-            raise InputError(f"{source} is larger than {MAX_DOCUMENT_BYTES} bytes; expected a JSON document")
-        document = json.loads(content)
-        json.dumps(document, ensure_ascii=False).encode()
-    except OSError as error:
-        raise InputError(f"cannot read {source}: {error.strerror}; give the path of a JSON document") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{source} is not a JSON document ({error}); give a file that ronnaplan wrote") from error
-    return document
+        return parse_json(content)
+    except ValueError as error:
+        raise InputError(
+            f"{os.fspath(path)} is not a JSON document ({error}); give a file that ronnaplan wrote"
+        ) from error
 
 
 def make_folder(path: str | os.PathLike[str]) -> Path:

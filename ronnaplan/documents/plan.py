@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from datetime import datetime
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic import Field
 
 from ronnaplan import __version__
 from ronnaplan.ct.volume import SeriesSource
+from ronnaplan.documents.fiducials import Software
+from ronnaplan.documents.fields import DocumentModel, Label, Line, Notes, PositiveMm, Time, Vector
 from ronnaplan.documents.files import change_document, write_atomically
-from ronnaplan.documents.reading import read_document
+from ronnaplan.documents.reading import made, read_document, to_json
 from ronnaplan.errors import InputError, RonnaplanError
 from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.planning.plan import Change, Landmarks, Plan
@@ -21,35 +22,29 @@ from ronnaplan.planning.trajectory import Instrument, Trajectory
 
 FORMAT = "ronnaplan.plan"
 VERSION = 1
-Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
-PositiveMm = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class InstrumentEntry(_Model):
+class InstrumentEntry(DocumentModel):
     """What goes along a path."""
 
-    name: str
+    name: Label
     diameter_mm: PositiveMm
     length_mm: PositiveMm
 
 
-class TrajectoryEntry(_Model):
+class TrajectoryEntry(DocumentModel):
     """One trajectory; points in LPS mm."""
 
-    name: str
+    name: Label
     entry: Vector
     target: Vector
     instrument: InstrumentEntry
     colour: Annotated[str, Field(pattern=r"^#[0-9a-f]{6}$")]
     locked: bool = False
-    notes: str = ""
+    notes: Notes = ""
 
 
-class LandmarksEntry(_Model):
+class LandmarksEntry(DocumentModel):
     """AC, PC and a point of the midline, LPS mm."""
 
     ac: Vector
@@ -57,27 +52,26 @@ class LandmarksEntry(_Model):
     midline: Vector
 
 
-class ChangeEntry(_Model):
+class ChangeEntry(DocumentModel):
     """One step of the history."""
 
-    time: datetime
-    action: str
+    time: Time
+    action: Line
     index: Annotated[int, Field(ge=0)]
     before: TrajectoryEntry | LandmarksEntry | None
     after: TrajectoryEntry | LandmarksEntry | None
 
 
-class PlanSource(BaseModel):
+class PlanSource(DocumentModel):
     """The scan that the plan is tied to; nothing here names the patient."""
 
-    model_config = ConfigDict(frozen=True, extra="allow")
-    study_instance_uid: str | None = None
-    series_instance_uid: str | None = None
-    frame_of_reference_uid: str | None = None
-    voxel_sha256: str | None = None
+    study_instance_uid: Line | None = None
+    series_instance_uid: Line | None = None
+    frame_of_reference_uid: Line | None = None
+    voxel_sha256: Line | None = None
 
 
-class PlanDocument(_Model):
+class PlanDocument(DocumentModel):
     """The whole of plan.json, version 1."""
 
     format: Literal["ronnaplan.plan"]
@@ -90,12 +84,13 @@ class PlanDocument(_Model):
     trajectories: tuple[TrajectoryEntry, ...]
     history: tuple[ChangeEntry, ...] = ()
     undone: tuple[ChangeEntry, ...] = ()
-    software: dict[str, str]
+    software: Software
 
 
 def plan_document(plan: Plan) -> PlanDocument:
     """Turn a plan into its document."""
-    return PlanDocument.model_validate(
+    return made(
+        PlanDocument,
         {
             "format": FORMAT,
             "version": VERSION,
@@ -113,7 +108,7 @@ def plan_document(plan: Plan) -> PlanDocument:
             "history": [_change_entry(change) for change in plan.history],
             "undone": [_change_entry(change) for change in plan.undone],
             "software": {"name": "ronnaplan", "version": __version__},
-        }
+        },
     )
 
 
@@ -142,7 +137,7 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
 
 
 def _text(plan: Plan) -> str:
-    return plan_document(plan).model_dump_json(indent=2) + "\n"
+    return to_json(plan_document(plan))
 
 
 def _plan(document: PlanDocument) -> Plan:

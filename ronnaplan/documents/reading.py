@@ -1,14 +1,20 @@
-"""Reading a document of this project: its format, its version, and then every field against its model."""
+"""Reading and writing a document of this project: its format, its version, and then every field, strictly.
+
+Strict means: no text or truth value passes for a number, no number for a text, nothing unknown is passed over, and
+what could not be read back is not written.
+"""
 
 from __future__ import annotations
 
+import json
 import os
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from ronnaplan.documents.files import read_json
 from ronnaplan.errors import InputError
+from ronnaplan.text import printable
 
 Document = TypeVar("Document", bound=BaseModel)
 
@@ -28,19 +34,46 @@ def read_document(
     content = read_json(path)
     if not isinstance(content, dict) or content.get("format") != format_name:
         raise InputError(f"{name} is not a {kind}; expected the format '{format_name}'")
-    if content.get("version") != VERSION:
+    version = content.get("version")
+    if type(version) is not int or version != VERSION:
         raise InputError(
-            f"{name} has version {content.get('version')}; this ronnaplan reads version {VERSION}, "
+            f"{name} has version {printable(version)}; this ronnaplan reads version {VERSION}, "
             "use the release that wrote it"
         )
+    return validated(content, model, name, remedy)
+
+
+def validated(content: Any, model: type[Document], name: str, remedy: str) -> Document:
+    """Return JSON's ``content`` as ``model``; raises `InputError` naming ``name`` and the first field that is wrong."""
     try:
-        return model.model_validate(content)
+        # by way of a text, since pydantic's strict mode knows JSON's types (a list for a tuple) only there
+        return model.model_validate_json(json.dumps(content), strict=True)
     except ValidationError as error:
         raise InputError(f"{name}: {first_fault(error)}; {remedy}") from error
 
 
+def made(model: type[Document], content: dict[str, Any]) -> Document:
+    """Return ``content``, put together by the program, as ``model``; raises `InputError` for what no document holds."""
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        raise InputError(f"the result cannot be written: {first_fault(error)}; change it first") from error
+
+
+def to_json(document: BaseModel) -> str:
+    """Return a document as indented JSON with a final newline; raises `InputError` if it could not be read back."""
+    text = document.model_dump_json(indent=2) + "\n"
+    try:
+        type(document).model_validate_json(text, strict=True)
+    except ValidationError as error:
+        raise InputError(f"the document cannot be written: {first_fault(error)}; change it first") from error
+    return text
+
+
 def first_fault(error: ValidationError) -> str:
     """Name the first field that is wrong, and why."""
-    first = error.errors()[0]
-    where = ".".join(str(part) for part in first["loc"]) or "the document"
-    return f"{where}: {first['msg']}"
+    first = error.errors(include_url=False)[0]
+    where = ".".join(printable(part) for part in first["loc"]) or "the document"
+    if first["type"] == "extra_forbidden":
+        return f"{where}: no field of this document"
+    return f"{where}: {first['msg'].removeprefix('Value error, ')}"

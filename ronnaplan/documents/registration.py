@@ -4,15 +4,27 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import Annotated, Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import model_validator
 
 from ronnaplan import __version__
 from ronnaplan.correspondence.inputs import LEAST_POINTS
-from ronnaplan.documents.fiducials import Matrix, Software, Source, Vector
-from ronnaplan.documents.reading import read_document
+from ronnaplan.documents.fiducials import Software, Source
+from ronnaplan.documents.fields import (
+    Covariance,
+    DocumentModel,
+    Label,
+    LengthMm,
+    Line,
+    Matrix4,
+    Nats,
+    PoseCovariance,
+    Probability,
+    Vector,
+)
+from ronnaplan.documents.reading import made, read_document
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame, Points
 from ronnaplan.pose import Pose, as_pose
@@ -22,77 +34,79 @@ from ronnaplan.registration.registration import Registration
 from ronnaplan.tracking.markers import ONE_READING_SD_MM
 
 FORMAT = "ronnaplan.registration"
-Row4 = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
-Matrix4 = tuple[Row4, Row4, Row4, Row4]
-Row6 = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
-Matrix6 = tuple[Row6, Row6, Row6, Row6, Row6, Row6]
-Length = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+SAME_ERROR = 1e-6
+"""Relative round-off between an expected error and the covariance that it is taken from."""
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="allow")
-
-
-class LabelPair(_Model):
+class LabelPair(DocumentModel):
     """One CT marker and the reading it was taken for."""
 
-    ct: str
-    ots: str
+    ct: Label
+    ots: Label
 
 
 class PairEntry(LabelPair):
     """One pair of the registration, mm: its residual, and its distance from what all other pairs predict."""
 
-    residual: Length
-    leave_one_out: Length | None = None
+    residual: LengthMm
+    leave_one_out: LengthMm | None = None
     center: Vector
     reading: Vector
 
 
-class RivalEntry(_Model):
+class RivalEntry(DocumentModel):
     """Another pairing, and how far behind it lies."""
 
     pairs: tuple[LabelPair, ...]
-    log_evidence_below: float
+    log_evidence_below: Nats
 
 
-class TargetEntry(_Model):
+class TargetEntry(DocumentModel):
     """A place in the scan and the registration's expected error there (mm; covariance in the tracker's axes)."""
 
-    name: str
+    name: Label
     center: Vector
-    predicted_tre_rms: Length
-    covariance: Matrix
+    predicted_tre_rms: LengthMm
+    covariance: Covariance
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        rms = float(np.sqrt(np.trace(np.array(self.covariance))))
+        if not np.isclose(self.predicted_tre_rms, rms, rtol=SAME_ERROR, atol=0.0):
+            raise ValueError(
+                f"predicted_tre_rms is {self.predicted_tre_rms:g} mm, but its covariance says {rms:g} mm"
+            )
+        return self
 
 
-class Frames(_Model):
+class Frames(DocumentModel):
     """The frames that the transform joins."""
 
-    ct: str = "CT"
-    ots: str = "OTS"
+    ct: Label = "CT"
+    ots: Label = "OTS"
 
 
-class RegistrationDocument(_Model):
+class RegistrationDocument(DocumentModel):
     """The whole of registration.json, version 1. Without a unique pairing there is no transform."""
 
     format: Literal["ronnaplan.registration"]
     version: Literal[1]
     unit: Literal["mm"]
     status: Literal["unique", "ambiguous", "unmatched"]
-    reason: str = ""
+    reason: Line = ""
     source: Source = Source()
     frames: Frames = Frames()
     pairs: tuple[PairEntry, ...] = ()
-    unpaired_ct: tuple[str, ...] = ()
-    unpaired_ots: tuple[str, ...] = ()
-    probability: float | None = None
+    unpaired_ct: tuple[Label, ...] = ()
+    unpaired_ots: tuple[Label, ...] = ()
+    probability: Probability | None = None
     rivals: tuple[RivalEntry, ...] = ()
     ots_from_ct: Matrix4 | None = None
-    covariance: Matrix6 | None = None
-    fre_rms: Length | None = None
-    fit_probability: float | None = None
-    flags: tuple[str, ...] = ()
-    doubt: str | None = None
+    covariance: PoseCovariance | None = None
+    fre_rms: LengthMm | None = None
+    fit_probability: Probability | None = None
+    flags: tuple[Line, ...] = ()
+    doubt: Line | None = None
     targets: tuple[TargetEntry, ...] = ()
     software: Software
 
@@ -109,8 +123,6 @@ class RegistrationDocument(_Model):
                 as_pose(self.ots_from_ct, "ots_from_ct")
             except InputError as error:
                 raise ValueError(str(error)) from error
-        if self.covariance is not None:
-            _check_covariance(np.array(self.covariance))
         return self
 
     @property
@@ -165,7 +177,7 @@ def registration_document(
     }
     if found.registration is not None:
         content |= _fitted(found, found.registration, targets)
-    return RegistrationDocument.model_validate(content)
+    return made(RegistrationDocument, content)
 
 
 def read_registration(path: str | os.PathLike[str]) -> RegistrationDocument:
@@ -185,15 +197,6 @@ def _check_pairs(pairs: Sequence[LabelPair]) -> None:
     for labels in ([pair.ct for pair in pairs], [pair.ots for pair in pairs]):
         if len(set(labels)) < len(labels):
             raise ValueError(f"the pairs name the markers {', '.join(labels)}; expected each once")
-
-
-def _check_covariance(matrix: FloatArray) -> None:
-    # rad^2 stand beside mm^2: compare correlations, not entries of different size
-    sds = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
-    correlation = matrix / sds[:, None] / sds[None, :]
-    symmetric = np.allclose(correlation, correlation.T)
-    if np.diag(matrix).min() <= 0 or not symmetric or np.linalg.eigvalsh(correlation)[0] < -1e-6:
-        raise ValueError("the covariance is not symmetric and positive")
 
 
 def _fitted(found: MarkerRegistration, registration: Registration, targets: Points | None) -> dict[str, Any]:

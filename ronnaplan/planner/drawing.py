@@ -118,7 +118,7 @@ def marker_rows(state: PlannerState) -> list[dict[str, str]]:
 def rejected_rows(state: PlannerState) -> list[dict[str, Any]]:
     """Return one row a rejected candidate; those that a person turned down can be accepted."""
     return [
-        {"centre": _place(one.center), "reason": one.reason, "acceptable": "marker" in (one.model_extra or {})}
+        {"centre": _place(one.center), "reason": one.reason, "acceptable": one.marker is not None}
         for one in (state.fiducials.rejected if state.fiducials else ())
     ]
 

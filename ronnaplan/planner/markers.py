@@ -13,9 +13,7 @@ def reject(document: FiducialsDocument, label: str) -> FiducialsDocument:
     """Move a marker to the rejected ones."""
     marker = named(document, label)
     kept = tuple(one for one in document.fiducials if one.label != label)
-    entry = RejectedEntry.model_validate(
-        {"center": marker.center, "reason": BY_HAND, "marker": marker.model_dump()}
-    )
+    entry = RejectedEntry(center=marker.center, reason=BY_HAND, marker=marker)
     return document.model_copy(update={"fiducials": kept, "rejected": (entry, *document.rejected)})
 
 
@@ -28,13 +26,12 @@ def accept(document: FiducialsDocument, index: int) -> FiducialsDocument:
     if not 0 <= index < len(document.rejected):
         raise UsageError(f"there is no rejected candidate {index}; there are {len(document.rejected)}")
     entry = document.rejected[index]
-    content = (entry.model_extra or {}).get("marker")
-    if content is None:
+    marker = entry.marker
+    if marker is None:
         raise RefusedError(
             f"this candidate was rejected because {entry.reason}: it has no covariance and cannot be used; "
             "localize again with another diameter"
         )
-    marker = FiducialEntry.model_validate(content)
     if marker.label in {one.label for one in document.fiducials}:
         raise UsageError(f"there is another marker {marker.label}; rename it first")
     rest = document.rejected[:index] + document.rejected[index + 1 :]

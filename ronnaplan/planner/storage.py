@@ -8,11 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import Field
 
-from ronnaplan.documents.fiducials import FiducialsDocument, Vector, read_fiducials, to_json
+from ronnaplan.documents.fiducials import FiducialsDocument, read_fiducials
+from ronnaplan.documents.fields import DocumentModel, Line, PositiveMm, Vector
 from ronnaplan.documents.files import read_json, write_atomically
 from ronnaplan.documents.plan import read_plan, write_plan
+from ronnaplan.documents.reading import to_json, validated
 from ronnaplan.documents.registration import RegistrationDocument, read_registration
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.planning import Plan
@@ -21,17 +23,16 @@ READINGS = (".csv", ".mha", ".mrk.json")
 """How the name of a readings file ends."""
 
 
-class Look(BaseModel):
+class Look(DocumentModel):
     """planner.json: where a person was looking, in the scan with these voxels."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-    voxel_sha256: str
+    voxel_sha256: Line
     crosshair: Vector
     centre: Vector
-    field_mm: float
-    window: str
-    selected: str | None = None
-    points: dict[str, Vector] = {}
+    field_mm: PositiveMm
+    window: Line
+    selected: Line | None = None
+    points: dict[str, Vector] = Field(default_factory=dict)
     """AC, PC or midline point as far as they are set, until the plan holds all three."""
 
 
@@ -75,8 +76,8 @@ class Storage:
     def read_look(self, voxel_sha256: str) -> Look | None:
         """Return where a person was looking in this scan, None where that is not known."""
         try:
-            look = Look.model_validate(read_json(self.look))
-        except (InputError, ValidationError):
+            look = validated(read_json(self.look), Look, str(self.look), "it is not used")
+        except InputError:
             return None  # nothing was planned with it: to look at the middle again loses nothing
         return look if look.voxel_sha256 == voxel_sha256 else None
 

@@ -210,7 +210,7 @@ BAD = [
     (["edit", "{plan}", "Z", "--notes", "none"], 1, "no trajectory 'Z'"),
     (["check", "{plan}", "--frame-axes", *["1", "0", "0", "0", "1", "0", "0", "0", "2"]], 1, "not rigid"),
     (["check", "{plan}", "--no-go", "{plan}"], 1, "neither a NIfTI"),
-    (["check", "{plan}", "--limits", "{plan}"], 1, "does not hold limits"),
+    (["check", "{plan}", "--limits", "{plan}"], 1, "not a limits document"),
     (["check", "{plan}", "--fiducials", "{plan}"], 1, "not a fiducials document"),
     (["check", "{plan}", "--sigma-ots", "1e300"], 2, "--sigma-ots: 1e300"),
     (["propose", "{plan}", "B", *POINTS[4:], "--count", "0"], 2, "--count: 0"),

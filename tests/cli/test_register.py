@@ -11,8 +11,8 @@ import pytest
 
 from ronnaplan.cli import main
 from ronnaplan.ct import SeriesSource
-from ronnaplan.documents.fiducials import to_json
 from ronnaplan.documents.plan import write_plan
+from ronnaplan.documents.reading import to_json
 from ronnaplan.geometry import Frame
 from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.tracking import read_recording

@@ -12,7 +12,8 @@ import pytest
 
 from ronnaplan.ct import SeriesSource
 from ronnaplan.documents.export import export
-from ronnaplan.documents.fiducials import fiducials_document, to_json
+from ronnaplan.documents.fiducials import fiducials_document
+from ronnaplan.documents.reading import to_json
 from ronnaplan.localization import Fiducial, Fiducials
 
 FIT = np.array([0, 0, 0, 5.75, 0.5, 1.0, 1000.0, -1000.0, 0, 0, 0])

@@ -10,29 +10,34 @@ import numpy as np
 import pytest
 
 from ronnaplan.ct import SeriesSource
-from ronnaplan.documents.fiducials import fiducials_document, read_fiducials, to_json
+from ronnaplan.documents.fiducials import fiducials_document, read_fiducials
+from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import InputError
 from ronnaplan.localization import Fiducial, FiducialFlag, Fiducials, Rejected
 
 FIT = np.array([0, 0, 0, 5.76, 0.5, 1.0, 1100.0, -1000.0, 0, 0, 0])
 
 
-@pytest.fixture
-def found() -> Fiducials:
-    covariance = np.array([[4e-6, 1e-6, 0], [1e-6, 9e-6, 0], [0, 0, 2.5e-5]])
-    one = Fiducial(
-        "F1", np.array([1.0, -2.0, 3.5]), covariance, covariance / 2, FIT, 0.8, 0.01, (FiducialFlag.CUT,)
-    )
-    other = Fiducial("F2", np.array([0.1, 0.2, 1.0 / 3.0]), covariance, covariance / 2, FIT, 0.9, 0.01)
-    place = np.array([9.0, 9.0, 9.0])
-    rejected = Rejected(place, "roundness", "its surface is not a sphere's", FIT, place)
-    return Fiducials((one, other), (rejected,), (11.5,), SeriesSource("1.2", "1.2.3", "1.2.3.4"), "ab" * 32)
+COVARIANCE = np.array([[4e-6, 1e-6, 0], [1e-6, 9e-6, 0], [0, 0, 2.5e-5]])
+PLACE = np.array([9.0, 9.0, 9.0])
+FOUND = Fiducials(
+    (
+        Fiducial(
+            "F1", np.array([1.0, -2.0, 3.5]), COVARIANCE, COVARIANCE / 2, FIT, 0.8, 0.01, (FiducialFlag.CUT,)
+        ),
+        Fiducial("F2", np.array([0.1, 0.2, 1.0 / 3.0]), COVARIANCE, COVARIANCE / 2, FIT, 0.9, 0.01),
+    ),
+    (Rejected(PLACE, "roundness", "its surface is not a sphere's", FIT, PLACE),),
+    (11.5,),
+    SeriesSource("1.2", "1.2.3", "1.2.3.4"),
+    "ab" * 32,
+)
 
 
 @pytest.fixture
-def document(found: Fiducials, tmp_path: Path) -> Path:
+def document(tmp_path: Path) -> Path:
     path = tmp_path / "fiducials.json"
-    path.write_text(to_json(fiducials_document(found)))
+    path.write_text(to_json(fiducials_document(FOUND)))
     return path
 
 
@@ -53,12 +58,12 @@ def test_the_document_keeps_its_contract(document: Path) -> None:
     assert content["software"]["name"] == "ronnaplan"
 
 
-def test_points_survive_the_file_to_the_last_bit(document: Path, found: Fiducials) -> None:
+def test_points_survive_the_file_to_the_last_bit(document: Path) -> None:
     points = read_fiducials(document).points
-    assert (points.positions_mm == found.centers).all()
-    assert (points.covariances_mm2 == found.covariances).all()
-    assert points.labels == found.labels
-    assert points.frame == found.points.frame
+    assert (points.positions_mm == FOUND.centers).all()
+    assert (points.covariances_mm2 == FOUND.covariances).all()
+    assert points.labels == FOUND.labels
+    assert points.frame == FOUND.points.frame
 
 
 @pytest.mark.parametrize(
@@ -80,10 +85,18 @@ def test_a_wrong_document_is_refused_by_the_field(document: Path, change: dict[s
 @pytest.mark.parametrize(
     ("entry", "value", "complaint"),
     [
-        ("covariance", [[1, 0, 0], [0, -1, 0], [0, 0, 1]], "covariance of F1"),
-        ("covariance", [[1, 2, 0], [0, 1, 0], [0, 0, 1]], "covariance of F1"),
+        (
+            "covariance",
+            [[1, 0, 0], [0, -1, 0], [0, 0, 1]],
+            r"0\.covariance: is not symmetric and positive definite",
+        ),
+        (
+            "covariance",
+            [[1, 2, 0], [0, 1, 0], [0, 0, 1]],
+            r"0\.covariance: is not symmetric and positive definite",
+        ),
         ("label", "F2", "same label"),
-        ("center", [1, 2, float("nan")], "center"),
+        ("center", [1, 2, float("nan")], "NaN is no number"),
     ],
 )
 def test_a_marker_that_cannot_be_is_refused(document: Path, entry: str, value: object, complaint: str) -> None:
@@ -99,5 +112,5 @@ def test_what_is_no_document_is_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "bad.json").write_bytes(content)
     with pytest.raises(InputError):
         read_fiducials(tmp_path / "bad.json")
-    with pytest.raises(InputError, match="cannot read"):
+    with pytest.raises(InputError, match="cannot be read"):
         read_fiducials(tmp_path / "missing.json")

@@ -247,7 +247,7 @@ def test_limits_are_read_and_an_unknown_one_is_refused(tmp_path: Path) -> None:
         ({**head, "longest_path": 80}, "longest_path"),
         ({**head, "longest_path_mm": -1}, "longest_path_mm"),
         ({**head, "version": 3}, "version 3"),
-        ({"longest_path_mm": 80}, "does not hold limits"),
+        ({"longest_path_mm": 80}, "not a limits document"),
     ):
         path.write_text(json.dumps(wrong))
         with pytest.raises(InputError, match=words):

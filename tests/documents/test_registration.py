@@ -14,7 +14,8 @@ from pydicom import dcmread
 
 from ronnaplan.documents.dicom_spatial import dicom_bytes, spatial_fiducials, spatial_registration
 from ronnaplan.documents.export import export
-from ronnaplan.documents.fiducials import FiducialsDocument, Source, to_json
+from ronnaplan.documents.fiducials import FiducialsDocument, Source
+from ronnaplan.documents.reading import to_json
 from ronnaplan.documents.registration import RegistrationDocument, read_registration, registration_document
 from ronnaplan.documents.registration_text import registration_text
 from ronnaplan.errors import FrameMismatchError, InputError

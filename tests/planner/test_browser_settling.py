@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ronnaplan.documents.fiducials import read_fiducials, to_json
+from ronnaplan.documents.fiducials import read_fiducials
 from ronnaplan.documents.plan import read_plan
+from ronnaplan.documents.reading import to_json
 from tests import cases
 from tests.planner.browser import (
     Planner,

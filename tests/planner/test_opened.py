@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ronnaplan.documents.fiducials import read_fiducials, to_json
+from ronnaplan.documents.fiducials import read_fiducials
 from ronnaplan.documents.plan import read_plan
+from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import InputError
 from ronnaplan.planner.state import PlannerState
 from tests import cases

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ronnaplan.documents.fiducials import to_json
 from ronnaplan.documents.plan import read_plan, write_plan
+from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import FrameMismatchError, InputError, RefusedError, UsageError
 from ronnaplan.planner.drawing import chosen_path
 from ronnaplan.planner.judgement import Judgement

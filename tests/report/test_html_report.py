@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from ronnaplan import __version__
-from ronnaplan.documents.fiducials import to_json
 from ronnaplan.documents.plan import write_plan
+from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.report.case import Case, read_case
 from ronnaplan.report.pdf import find_browser, print_pdf

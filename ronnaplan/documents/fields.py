@@ -1,0 +1,119 @@
+"""The kinds of field that documents are made of, each with the bounds that a value must keep.
+
+A document is read strictly (`ronnaplan.documents.reading`): no text or truth value passes as a number, no unknown
+field is passed over.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated
+
+import numpy as np
+from pydantic import (
+    AfterValidator,
+    AwareDatetime,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    Strict,
+)
+
+from ronnaplan.geometry import FARTHEST_POINT_MM, LARGEST_SIGMA_MM
+
+SYMMETRY_TOLERANCE = 1e-9
+"""Largest difference of a correlation from its mirror image: round-off of a written matrix."""
+LEAST_CORRELATION_EIGENVALUE = 1e-12
+"""A covariance whose correlations have a smaller eigenvalue is singular: it says that something is known exactly.
+Poses of a tracker 100 m away from its markers still have 1e-7."""
+LONGEST_MM = 1e6
+"""No length in a document reaches a kilometre."""
+LARGEST_HU = 1e6
+"""No scale of a scanner reaches a million."""
+MOST_NATS = 1e30
+"""The log evidence of points a kilometre off, with the smallest errors that can be stated, has 24 digits."""
+LARGEST_RATIO = 1e6
+
+
+class DocumentModel(BaseModel):
+    """A document, or a part of one: nothing is changed in it, and every field is declared."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+def _printable(text: str) -> str:
+    if not text.isprintable():
+        raise ValueError("holds characters that no line of text can show")
+    return text
+
+
+def _plain_notes(text: str) -> str:
+    if any((ord(each) < 32 and each not in "\n\t") or 0x7F <= ord(each) < 0xA0 for each in text):
+        raise ValueError("holds control characters")
+    return text
+
+
+def _time(value: object) -> object:
+    # pydantic's own reading takes numbers, and texts of digits, for seconds since 1970
+    return datetime.fromisoformat(value) if isinstance(value, str) else value
+
+
+Line = Annotated[str, AfterValidator(_printable)]
+"""Text for one line, without control, invisible or direction-changing characters."""
+Label = Annotated[Line, Field(min_length=1)]
+Notes = Annotated[str, AfterValidator(_plain_notes)]
+"""Text of several lines."""
+Time = Annotated[AwareDatetime, Strict(), BeforeValidator(_time)]
+
+Coordinate = Annotated[float, Field(ge=-FARTHEST_POINT_MM, le=FARTHEST_POINT_MM)]
+Vector = tuple[Coordinate, Coordinate, Coordinate]
+PositiveMm = Annotated[float, Field(gt=0, le=LONGEST_MM)]
+LengthMm = Annotated[float, Field(ge=0, le=LONGEST_MM)]
+Hounsfield = Annotated[float, Field(ge=-LARGEST_HU, le=LARGEST_HU)]
+Nats = Annotated[float, Field(ge=-MOST_NATS, le=MOST_NATS)]
+Ratio = Annotated[float, Field(ge=0, le=LARGEST_RATIO)]
+Probability = Annotated[float, Field(ge=0, le=1)]
+
+Row3 = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+Row4 = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
+Row6 = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
+Matrix3 = tuple[Row3, Row3, Row3]
+Matrix4 = tuple[Row4, Row4, Row4, Row4]
+Matrix6 = tuple[Row6, Row6, Row6, Row6, Row6, Row6]
+
+
+def _definite(rows: Matrix3 | Matrix6) -> Matrix3 | Matrix6:
+    matrix = np.array(rows)
+    variances = np.diag(matrix)
+    if variances.min() <= 0 or variances.max() > LONGEST_MM**2:
+        raise ValueError(f"is not symmetric and positive definite: it has the variances {variances.tolist()}")
+    # rad^2 stand beside mm^2: compare correlations, not entries of different size
+    with np.errstate(over="ignore", invalid="ignore"):
+        correlation = matrix / np.sqrt(variances)[:, None] / np.sqrt(variances)[None, :]
+        difference = float(np.abs(correlation - correlation.T).max())
+    if not difference <= SYMMETRY_TOLERANCE:
+        raise ValueError(
+            f"is not symmetric and positive definite: it differs from its mirror image by {difference:g}"
+        )
+    least = float(np.linalg.eigvalsh(correlation)[0])
+    if least < LEAST_CORRELATION_EIGENVALUE:
+        raise ValueError(
+            f"is not symmetric and positive definite: its correlations have the eigenvalue {least:.3g}"
+        )
+    return rows
+
+
+def _near(rows: Matrix3) -> Matrix3:
+    largest_sd = float(np.sqrt(np.diag(np.array(rows)).max()))
+    if largest_sd > LARGEST_SIGMA_MM:
+        raise ValueError(f"states an error of {largest_sd:g} mm, beyond {LARGEST_SIGMA_MM:g} mm")
+    return rows
+
+
+Covariance = Annotated[Matrix3, AfterValidator(_definite)]
+"""Covariance of a place, mm^2."""
+MarkerCovariance = Annotated[Covariance, AfterValidator(_near)]
+PoseCovariance = Annotated[Matrix6, AfterValidator(_definite)]
+"""Covariance of a pose: rotation vector in rad, then translation in mm."""

@@ -1,0 +1,108 @@
+"""Files that others wrote: read whole, within a size, and parsed by the letter, never by what may have been meant."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+from ronnaplan.errors import InputError
+from ronnaplan.text import printable
+
+MOST_DIGITS = 20
+"""A whole number with more digits is damage: nanoseconds since 1970 have 19."""
+PLAIN_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?")
+LONGEST_NUMBER = 64
+"""Characters of a number as programs write one; Python's shortest form needs 24."""
+
+
+def read_whole(path: str | os.PathLike[str], most_bytes: int, *, expected: str) -> bytes:
+    """Return the bytes of the regular file at ``path``.
+
+    Raises `InputError`, naming what was ``expected``, for a file that is missing, unreadable or larger than
+    ``most_bytes``, and for pipes and devices, which would be waited for.
+    """
+    source = Path(path)
+    name = printable(os.fspath(path))
+    try:
+        if not source.is_file():
+            reason = "it is no regular file" if source.exists() else "there is no such file"
+            raise InputError(f"{name} cannot be read: {reason}; expected {expected}")
+        with source.open("rb") as stream:
+            content = stream.read(most_bytes + 1)
+    except (OSError, ValueError) as error:  # a path with a null byte is a ValueError
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"{name} cannot be read: {reason}; expected {expected}") from error
+    if len(content) > most_bytes:
+        raise InputError(f"{name} is larger than {most_bytes} bytes; expected {expected}")
+    return content
+
+
+def parse_json(content: bytes) -> Any:
+    """Return the value of a JSON text.
+
+    Raises ValueError for what is not JSON and for what readers understand differently: two members of one name,
+    numbers that are not finite or have more than `MOST_DIGITS` digits, lone surrogates, and nesting beyond reason.
+    """
+    try:
+        value = json.loads(
+            content,
+            object_pairs_hook=_unique,
+            parse_constant=_no_constant,
+            parse_float=_finite,
+            parse_int=_whole,
+        )
+        json.dumps(value, ensure_ascii=False).encode()
+    except RecursionError as error:
+        raise ValueError("it is nested too deeply") from error
+    return value
+
+
+def plain_number(text: str) -> float | None:
+    """Return the number that ``text`` is, written with ASCII digits and a point; None for anything else.
+
+    Python's own ``float`` takes digit groups (``1_0``), digits of other scripts, ``nan`` and ``infinity``, too.
+
+    >>> plain_number(" -1.5e3 "), plain_number("1_0"), plain_number("1,5"), plain_number("nan")
+    (-1500.0, None, None, None)
+    """
+    bare = text.strip()
+    if len(bare) > LONGEST_NUMBER or not PLAIN_NUMBER.fullmatch(bare):
+        return None
+    value = float(bare)
+    return value if math.isfinite(value) else None
+
+
+def whole_number(text: str) -> int | None:
+    """Return the whole number that ``text`` is, written with ASCII digits; None for anything else."""
+    bare = text.strip()
+    return int(bare) if re.fullmatch(rf"[+-]?[0-9]{{1,{MOST_DIGITS}}}", bare) else None
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    members = dict(pairs)
+    if len(members) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"'{twice}' stands twice in one object")
+    return members
+
+
+def _no_constant(text: str) -> float:
+    raise ValueError(f"{text} is no number of JSON")
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"the number {text[:LONGEST_NUMBER]} is too large")
+    return value
+
+
+def _whole(text: str) -> int:
+    if len(text) > MOST_DIGITS + 1:
+        raise ValueError(f"a number has {len(text)} digits")
+    return int(text)

@@ -1,0 +1,236 @@
+"""Every field of every document is taken at its word: nothing passes for what it is not, nothing is passed over."""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ronnaplan.documents.fiducials import fiducials_document, read_fiducials
+from ronnaplan.documents.limits import read_limits
+from ronnaplan.documents.plan import plan_document, read_plan
+from ronnaplan.documents.reading import to_json
+from ronnaplan.documents.registration import read_registration, registration_document
+from ronnaplan.documents.template import read_template
+from ronnaplan.errors import InputError
+from ronnaplan.planner.storage import Look
+from ronnaplan.registration.markers import register_markers
+from tests import cases
+from tests.documents.test_fiducials import FOUND
+
+Reader = Callable[[Path], object]
+Place = tuple[Any, ...]
+
+
+def square() -> list[list[float]]:
+    corners = np.array([[0, 0, 0], [60, 0, 0], [60, 80, 0], [0, 80, 20]])
+    distances: list[list[float]] = np.linalg.norm(corners[:, None] - corners, axis=-1).tolist()
+    return distances
+
+
+@cache
+def documents() -> dict[str, tuple[Any, Reader]]:
+    """Return each kind of document with every field in use, and its reader."""
+    plan = cases.plan()
+    found = register_markers(cases.fiducials().points, cases.readings())
+    texts = {
+        "fiducials": (to_json(fiducials_document(FOUND)), read_fiducials),
+        "registration": (
+            to_json(registration_document(found, cases.fiducials().source, plan.points)),
+            read_registration,
+        ),
+        "plan": (
+            to_json(plan_document(plan.edit("left", notes="twice\nas far").edit("left", name="right").undo())),
+            read_plan,
+        ),
+        "limits": (
+            json.dumps(
+                {
+                    "format": "ronnaplan.limits",
+                    "version": 1,
+                    "longest_path_mm": 80,
+                    "greatest_skull_angle_deg": 30.0,
+                    "least_no_go_distance_mm": 2.0,
+                    "least_probability": 0.95,
+                    "tolerance_mm": 2,
+                }
+            ),
+            read_limits,
+        ),
+        "template": (
+            json.dumps(
+                {
+                    "format": "ronnaplan.template",
+                    "version": 1,
+                    "unit": "mm",
+                    "name": "frame",
+                    "labels": list("ABCD"),
+                    "distances": square(),
+                    "tolerance": 0.5,
+                }
+            ),
+            read_template,
+        ),
+    }
+    return {name: (json.loads(text), reader) for name, (text, reader) in texts.items()}
+
+
+KINDS = ("fiducials", "registration", "plan", "limits", "template")
+
+
+def refused(reader: Reader, file: Path) -> bool:
+    try:
+        reader(file)
+    except InputError:
+        return True
+    return False
+
+
+def leaves(value: Any, place: Place = ()) -> Iterator[tuple[Place, Any]]:
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, child in items:
+        yield from leaves(child, (*place, key))
+    if not isinstance(value, dict | list):
+        yield place, value
+
+
+def changed(content: Any, place: Place, value: Any) -> str:
+    copied = copy.deepcopy(content)
+    parent = copied
+    for key in place[:-1]:
+        parent = parent[key]
+    parent[place[-1]] = value
+    return json.dumps(copied)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_every_document_with_all_its_fields_is_read(name: str, tmp_path: Path) -> None:
+    content, reader = documents()[name]
+    (tmp_path / "d.json").write_text(json.dumps(content))
+    reader(tmp_path / "d.json")
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_nothing_passes_for_a_number(name: str, tmp_path: Path) -> None:
+    content, reader = documents()[name]
+    file = tmp_path / "d.json"
+    numbers = [(place, value) for place, value in leaves(content) if type(value) in (int, float)]
+    assert numbers
+    for place, value in numbers:
+        for bad in (str(value), True, [value], {"value": value}, 1e308, -1e308, int("9" * 400)):
+            file.write_text(changed(content, place, bad))
+            assert refused(reader, file), f"{place} was taken as {bad!r}"
+    for text in ("NaN", "Infinity", "1e999", "0x10", "1_0", "01"):
+        file.write_text(changed(content, numbers[-1][0], "here").replace('"here"', text))
+        with pytest.raises(InputError, match="not a JSON document"):
+            reader(file)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_nothing_passes_for_a_text(name: str, tmp_path: Path) -> None:
+    content, reader = documents()[name]
+    file = tmp_path / "d.json"
+    for place, value in leaves(content):
+        if isinstance(value, str) and place[-1] != "notes":
+            for bad in (5, True, [value], f"{value}\u2028", f"\x1b[31m{value}", f"{value}\u202e", "\ud800"):
+                file.write_text(changed(content, place, bad))
+                assert refused(reader, file), f"{place} was taken as {bad!r}"
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_no_field_is_unknown_or_stands_twice(name: str, tmp_path: Path) -> None:
+    content, reader = documents()[name]
+    file = tmp_path / "d.json"
+    objects = {place[:-1] for place, _ in leaves(content) if isinstance(place[-1], str)}
+    for place in objects:
+        file.write_text(changed(content, (*place, "centre"), 1))
+        with pytest.raises(InputError, match="centre: no field of this document"):
+            reader(file)
+        twice = changed(content, (*place, "twice"), 1).replace('"twice": 1', '"twice": 1, "twice": 2')
+        file.write_text(twice)
+        with pytest.raises(InputError, match="'twice' stands twice"):
+            reader(file)
+
+
+@pytest.mark.parametrize("time", [5, "5", "1700000000", "2026-01-31", "2026-01-31T12:00:00", "yesterday"])
+def test_a_time_is_written_out_with_its_zone(time: object, tmp_path: Path) -> None:
+    content, reader = documents()["plan"]
+    (tmp_path / "d.json").write_text(changed(content, ("history", 0, "time"), time))
+    with pytest.raises(InputError, match=r"history\.0\.time"):
+        reader(tmp_path / "d.json")
+    (tmp_path / "d.json").write_text(changed(content, ("history", 0, "time"), datetime.now(UTC).isoformat()))
+    reader(tmp_path / "d.json")
+
+
+ASYMMETRIC = [[1e-6, 9e-9, 0.0], [0.0, 1e-6, 0.0], [0.0, 0.0, 1e-6]]
+"""Off by less than numpy's usual absolute tolerance, yet by a hundredth of a correlation."""
+BEYOND = [[1e-4, 2e-4, 0.0], [2e-4, 1e-4, 0.0], [0.0, 0.0, 1e-4]]
+SINGULAR = [[1e-4, 1e-4, 0.0], [1e-4, 1e-4, 0.0], [0.0, 0.0, 1e-4]]
+NEGATIVE = [[-1e-4, 0.0, 0.0], [0.0, 1e-4, 0.0], [0.0, 0.0, 1e-4]]
+
+
+@pytest.mark.parametrize("matrix", [ASYMMETRIC, BEYOND, SINGULAR, NEGATIVE, np.zeros((3, 3)).tolist()])
+@pytest.mark.parametrize(
+    ("name", "place"),
+    [("fiducials", ("fiducials", 0, "covariance")), ("registration", ("targets", 0, "covariance"))],
+)
+def test_a_covariance_that_is_none_is_refused(name: str, place: Place, matrix: object, tmp_path: Path) -> None:
+    content, reader = documents()[name]
+    (tmp_path / "d.json").write_text(changed(content, place, matrix))
+    with pytest.raises(InputError, match="not symmetric and positive definite"):
+        reader(tmp_path / "d.json")
+
+
+def test_an_expected_error_is_that_of_its_covariance(tmp_path: Path) -> None:
+    content, reader = documents()["registration"]
+    stated = content["targets"][0]["predicted_tre_rms"]
+    (tmp_path / "d.json").write_text(changed(content, ("targets", 0, "predicted_tre_rms"), stated / 2))
+    with pytest.raises(InputError, match="its covariance says"):
+        reader(tmp_path / "d.json")
+
+
+def test_what_could_not_be_read_back_is_not_written() -> None:
+    document = cases.fiducials()
+    odd = document.fiducials[0].model_copy(update={"label": "F\u20281"})
+    with pytest.raises(InputError, match=r"fiducials\.0\.label"):
+        to_json(document.model_copy(update={"fiducials": (odd, *document.fiducials[1:])}))
+    with pytest.raises(InputError, match=r"trajectories\.0\.name"):
+        plan_document(cases.plan().edit("left", name="a\x1b[2J"))
+
+
+def test_where_a_person_looked_is_read_as_strictly() -> None:
+    assert not {
+        name for name, field in Look.model_fields.items() if field.annotation is float and not field.metadata
+    }
+
+
+@pytest.mark.parametrize(
+    ("i", "j", "distance", "says"),
+    [(0, 1, 300.0, "no points in space"), (0, 2, 0.0, "same place"), (2, 3, 20.0, "no points in space")],
+)
+def test_distances_of_no_points_are_no_template(
+    i: int, j: int, distance: float, says: str, tmp_path: Path
+) -> None:
+    content, reader = copy.deepcopy(documents()["template"])
+    content["distances"][i][j] = content["distances"][j][i] = distance
+    (tmp_path / "d.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match=says):
+        reader(tmp_path / "d.json")
+
+
+def test_a_template_may_miss_space_by_its_tolerance(tmp_path: Path) -> None:
+    content, reader = copy.deepcopy(documents()["template"])
+    rng = np.random.default_rng(17)
+    for i in range(4):
+        for j in range(i):
+            content["distances"][i][j] += rng.uniform(-0.5, 0.5)
+            content["distances"][j][i] = content["distances"][i][j]
+    (tmp_path / "d.json").write_text(json.dumps(content))
+    reader(tmp_path / "d.json")
