@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import hmac
+import re
 from collections.abc import Awaitable, Callable
-from urllib.parse import urlsplit
 
 from aiohttp import web
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+HOST = re.compile(r"(?P<name>\[[0-9A-Fa-f:.]+\]|[^\s:@/\[\]]+)(?::(?P<port>[0-9]{1,5}))?")
+"""How a browser names the host that it asks, with the port unless it is 80."""
 
 POLICY = (
     "default-src 'self'; img-src 'self' data:; style-src 'self' 'unsafe-inline'; font-src 'self' data:; "
@@ -26,11 +29,12 @@ def gate(token: str, hosts: frozenset[str]) -> Callable[[web.Request, Handler], 
 
     @web.middleware
     async def check(request: web.Request, handler: Handler) -> web.StreamResponse:
-        name = f"ronnaplan_{request.url.port}"
-        given = request.query.get("token") or request.cookies.get(name, "")
-        if request.url.host not in hosts or not _own_origin(request):
+        address = HOST.fullmatch(request.host)
+        if address is None or address["name"].strip("[]").lower() not in hosts or not _own_origin(request):
             raise web.HTTPForbidden(text="this planner is not reached by that name")
-        if not hmac.compare_digest(given.encode(), token.encode()):
+        name = f"ronnaplan_{address['port'] or 80}"
+        given = request.query.get("token") or request.cookies.get(name, "")
+        if not hmac.compare_digest(given.encode(errors="replace"), token.encode()):
             raise web.HTTPForbidden(text="open the planner with the address that ronnaplan view printed")
         try:
             response = await handler(request)
@@ -49,4 +53,4 @@ def gate(token: str, hosts: frozenset[str]) -> Callable[[web.Request, Handler], 
 
 def _own_origin(request: web.Request) -> bool:
     origin = request.headers.get("Origin")
-    return origin is None or urlsplit(origin).netloc == request.host
+    return origin in (None, f"http://{request.host}", f"https://{request.host}")

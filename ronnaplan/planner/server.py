@@ -10,8 +10,11 @@ from typing import Any
 
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.planner.state import PlannerState
+from ronnaplan.text import printable
 
 EVERYWHERE = ("", "0.0.0.0", "::")
+
+GREATEST_PORT = 65535
 
 LOOPBACK = frozenset({"127.0.0.1", "localhost"})
 
@@ -33,16 +36,21 @@ def serve(
     """
     if host in EVERYWHERE:
         raise UsageError(f"--host {host} would listen everywhere; name the one address to be reached by")
+    if not 0 <= port <= GREATEST_PORT:
+        raise UsageError(f"--port {port} is no port; give one up to {GREATEST_PORT}, or 0 for any that is free")
     try:
         import trame.ui.vuetify3  # noqa: F401
+        import wslink.backends.aiohttp
         from trame.app import get_server
     except ModuleNotFoundError as error:
         raise InputError(f"the planner needs {error.name}; install ronnaplan[planner]") from error
     from ronnaplan.planner.app import PlannerApp
     from ronnaplan.planner.gate import gate
+    from ronnaplan.planner.sockets import Sockets
 
     os.environ["WSLINK_READY_MSG"] = ""  # wslink would write it to standard output, behind the address
     known = token or secrets.token_urlsafe(24)
+    wslink.backends.aiohttp.AioHttpWsHandler = Sockets  # wslink offers no other place to set limits
     server = get_server("ronnaplan", client_type="vue3")
     server.cli.prog = "ronnaplan view"
     PlannerApp(state, server, tracker, patient)
@@ -50,11 +58,15 @@ def serve(
     def close(web_server: Any) -> None:
         web_server.app.middlewares.append(gate(known, LOOPBACK | {host}))
 
+    def repeat(message: str) -> None:
+        print(f"ronnaplan: the page says: {printable(message)}", file=sys.stderr)
+
     def tell(**_: Any) -> None:
         (announce or _print)(f"http://{host}:{server.port}/index.html?token={known}")
 
     server.controller.on_server_bind.add(close)
     server.controller.on_server_ready.add(tell)
+    server.controller.on_error = repeat
     try:
         server.start(
             host=host,

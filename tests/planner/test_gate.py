@@ -31,8 +31,13 @@ def test_without_the_token_or_by_another_name_nothing_is_served(running: Planner
         (f"{base}/index.html", {}),
         (f"{base}/index.html?token=wrong", {}),
         (f"{base}/ws", {"Connection": "Upgrade", "Upgrade": "websocket"}),
-        (running.url, {"Host": "evil.example"}),
-        (running.url, {"Origin": "http://evil.example"}),
+        (f"{base}/index.html", {"Cookie": f"ronnaplan_{address.port}=\xff"}),
+        (f"{base}/index.html?token=%ff", {}),
+        *(
+            (running.url, {"Host": host})
+            for host in ("evil.example", "127.0.0.1:99999999", "a@127.0.0.1", "[", "")
+        ),
+        *((running.url, {"Origin": origin}) for origin in ("http://evil.example", "http://[", "null", "\xff")),
     ]
     for url, headers in refused:
         with pytest.raises(urllib.error.HTTPError) as error:
