@@ -30,12 +30,17 @@ def require_spread(points_mm: FloatArray, name: str) -> None:
         raise InputError(
             f"{count} paired {name} were given; a rigid registration needs at least three off one line"
         )
-    spread = np.linalg.svd(points_mm - points_mm.mean(axis=-2, keepdims=True), compute_uv=False)
-    if bool((spread[..., 1] <= COLLINEARITY_TOLERANCE * spread[..., 0]).any()):
+    if not spans_a_plane(points_mm):
         raise InputError(
             f"the {name} lie on one line (or coincide), so the rotation about it is undetermined; "
             "use at least three markers that form a triangle"
         )
+
+
+def spans_a_plane(points_mm: FloatArray) -> bool:
+    """Tell whether every set of ``points_mm`` (..., N, 3) has points off one line."""
+    spread = np.linalg.svd(points_mm - points_mm.mean(axis=-2, keepdims=True), compute_uv=False)
+    return not bool((spread[..., 1] <= COLLINEARITY_TOLERANCE * spread[..., 0]).any())
 
 
 def fit_closed_form(

@@ -71,6 +71,6 @@ def movement(recording: Recording, registered: RegistrationDocument) -> str:
     moved = [drift for drift in drifts if drift.status in (DriftStatus.PATIENT_MOVED, DriftStatus.MARKER_MOVED)]
     if moved:
         last = moved[-1]
-        who = f"; {last.doubt}" if last.doubt else ""
+        who = f"; loose: {' or '.join(last.loose)}" if last.loose else ""
         lines.append(f"warning: lastly moved by {last.shift_mm:.2f} mm and {last.rotation_deg:.2f} degrees{who}")
     return "\n".join(lines) or "no frame shows the registered markers"

@@ -9,8 +9,8 @@ import numpy as np
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import point_jacobian, transform_points
-from ronnaplan.registration.registration import MISFIT_PROBABILITY, Registration
-from ronnaplan.rigid import fit_closed_form, fit_likelihood, pose_covariance, require_spread
+from ronnaplan.registration.registration import MISFIT_PROBABILITY, Registration, combined_covariances
+from ronnaplan.rigid import fit_closed_form, fit_likelihood, pose_covariance, spans_a_plane
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,10 +20,11 @@ class LeaveOneOut:
     vectors_mm: FloatArray
     """Fixed point minus the point that the others' registration predicts (N, 3)."""
     covariances_mm2: FloatArray
-    """Expected covariance of `vectors_mm` (N, 3, 3): the others' registration error plus the marker's own."""
+    """Expected covariance of `vectors_mm` (N, 3, 3): the others' registration error, to first order, plus the
+    marker's own."""
     probabilities: FloatArray
-    """Chance of a vector this long or longer (N,), from the stated errors, or from the others' scatter if none
-    were."""
+    """Chance that the marker disagrees with the others by this much (N,), from the stated errors, or from the
+    others' scatter if none were."""
     rest_probabilities: FloatArray
     """Chance of the others' residuals among themselves (N,); NaN when no errors were stated."""
 
@@ -55,7 +56,7 @@ def leave_one_out(registration: Registration) -> LeaveOneOut:
     count = len(registration)
     if count < 4:
         raise InputError(f"{count} pairs leave too few when one is left out; leave-one-out needs at least four")
-    solvable = np.array([_spread(np.delete(registration.moving_mm, i, axis=0)) for i in range(count)])
+    solvable = np.array([spans_a_plane(np.delete(registration.moving_mm, i, axis=0)) for i in range(count)])
     vectors = np.full((count, 3), np.nan)
     covariances = np.full((count, 3, 3), np.nan)
     chance, rest = np.full(count, np.nan), np.full(count, np.nan)
@@ -91,37 +92,41 @@ def doubted_marker(registration: Registration) -> Doubt | None:
     )
 
 
-def _spread(points_mm: FloatArray) -> bool:
-    try:
-        require_spread(points_mm, "points")
-    except InputError:
-        return False
-    return True
-
-
 def _leave_out(registration: Registration, index: int) -> tuple[FloatArray, FloatArray, float, float]:
-    """Return marker ``index``'s vector, its covariance and chance, and the chance of the others' own residuals."""
+    """Return marker ``index``'s vector, its covariance and chance, and the chance of the others' own residuals.
+
+    The chance is that of the likelihood ratio: by how much the misfit of all exceeds that of the others. To first order
+    that is the vector's own distance; but it stays right where the others leave a rotation so uncertain that the
+    predicted place is spread along an arc.
+    """
     from scipy.special import fdtrc, gammaincc
 
     keep = np.arange(len(registration)) != index
     moving, fixed = registration.moving_mm[keep], registration.fixed_mm[keep]
-    combined = registration.covariances_mm2
     stated = registration.stated_mm2
     if stated is not None:
-        matrix, _ = fit_likelihood(moving, fixed, stated[0][keep], stated[1][keep])
+        errors = stated[0][keep], stated[1][keep]
+        matrix, _ = fit_likelihood(moving, fixed, *errors)
+        combined = combined_covariances(matrix, *stated)
     else:
         matrix = fit_closed_form(moving, fixed)
-    residual = fixed - transform_points(matrix, moving)
-    chi_square = float((residual * np.linalg.solve(combined[keep], residual[..., None])[..., 0]).sum())
+        combined = registration.covariances_mm2
+    mapped = transform_points(matrix, registration.moving_mm)
+    residual = registration.fixed_mm - mapped
+    squares = (residual * np.linalg.solve(combined, residual[..., None])[..., 0]).sum(axis=-1)
+    chi_square = float(squares[keep].sum())
+    excess = max(registration.chi_square - chi_square, 0.0)
     freedom = 3 * len(moving) - 6
     if stated is None:  # scale by what the others scatter, so that the suspect does not hide itself
-        combined = combined * max(chi_square / freedom, np.finfo(float).tiny)
-    predicted = transform_points(matrix, registration.moving_mm[index : index + 1])[0]
-    jacobian = point_jacobian(predicted)
-    vector = registration.fixed_mm[index] - predicted
-    others = pose_covariance(transform_points(matrix, moving), combined[keep])
-    covariance = jacobian @ others @ jacobian.T + combined[index]
-    distance = float(vector @ np.linalg.solve(covariance, vector))
+        scale = max(chi_square / freedom, np.finfo(float).tiny)
+        combined, excess = combined * scale, excess / scale
+    jacobian = point_jacobian(mapped[index])
+    covariance = jacobian @ pose_covariance(mapped[keep], combined[keep]) @ jacobian.T + combined[index]
     if stated is None:
-        return vector, covariance, float(fdtrc(3, freedom, distance / 3)), np.nan
-    return vector, covariance, float(gammaincc(1.5, distance / 2)), float(gammaincc(freedom / 2, chi_square / 2))
+        return residual[index], covariance, float(fdtrc(3, freedom, excess / 3)), np.nan
+    return (
+        residual[index],
+        covariance,
+        float(gammaincc(1.5, excess / 2)),
+        float(gammaincc(freedom / 2, chi_square / 2)),
+    )

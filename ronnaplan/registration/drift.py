@@ -7,14 +7,17 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Points
-from ronnaplan.registration.diagnosis import Doubt, doubted_marker
-from ronnaplan.registration.registration import Registration, register_points
+from ronnaplan.registration.movement import explain_movement
+from ronnaplan.registration.registration import register_points
 
 DRIFT_PROBABILITY = 1e-6
 """A displacement rarer than this by the markers' errors alone is a movement. Small, as every frame is tested."""
+SUSPECT_PROBABILITY = 0.01
+"""Where a marker moved by itself, every one that is this likely to be it is named."""
 
 
 class DriftStatus(StrEnum):
@@ -32,14 +35,16 @@ class Drift:
 
     status: DriftStatus
     probability: float
-    """Chance that resting markers with the stated errors differ by this much or more; NaN if too few are seen."""
+    """At most so likely do resting markers with the stated errors differ by this much; NaN if too few are seen."""
     rotation_deg: float
     shift_mm: float
     """Displacement of the markers' centroid."""
     largest_mm: float
     """Largest displacement of a marker."""
-    doubt: Doubt | None
-    """The marker that moved against the others, where one can be told."""
+    together: float
+    """If anything moved: the probability that all markers moved as one; else NaN."""
+    loose: tuple[str, ...]
+    """If a marker moved by itself: which may be it (or, where several did, them), likeliest first."""
     missing: tuple[str, ...]
     """Markers of the reference that this reading lacks."""
 
@@ -54,24 +59,22 @@ def check_drift(reference: Points, later: Points) -> Drift:
     shared = [(then[label], i) for i, label in enumerate(later.labels) if label in then]
     missing = tuple(label for label in reference.labels if label not in later.labels)
     if len(shared) < 3:
-        return Drift(DriftStatus.TOO_FEW, np.nan, np.nan, np.nan, np.nan, None, missing)
+        return Drift(DriftStatus.TOO_FEW, np.nan, np.nan, np.nan, np.nan, np.nan, (), missing)
     before, after = (np.array(index) for index in zip(*shared, strict=True))
-    moved = later.positions_mm[after] - reference.positions_mm[before]
-    covariance = later.covariances_mm2[after] + reference.covariances_mm2[before]
-    probability = _chance(moved, covariance)
-    motion = register_points(
-        reference.positions_mm[before],
-        later.positions_mm[after],
-        (reference.covariances_mm2[before], later.covariances_mm2[after]),
-        labels=[reference.labels[i] for i in before],
-    )
+    places = (reference.positions_mm[before], later.positions_mm[after])
+    errors = (reference.covariances_mm2[before], later.covariances_mm2[after])
+    moved = places[1] - places[0]
+    probability = _chance(moved, errors[0] + errors[1])
+    motion = register_points(*places, errors)
+    status, together, suspects = _judge(probability, places, errors)
     return Drift(
-        _judge(probability, motion),
+        status,
         probability,
         _angle_deg(motion.pose.rotation),
         float(np.linalg.norm(moved.mean(axis=0))),
         float(np.linalg.norm(moved, axis=1).max()),
-        doubted_marker(motion),
+        together,
+        tuple(reference.labels[before[i]] for i in suspects),
         missing,
     )
 
@@ -82,21 +85,35 @@ def drift_over_time(reference: Points, frames: Iterable[Points]) -> list[Drift]:
 
 
 def _chance(moved_mm: FloatArray, covariances_mm2: FloatArray) -> float:
+    """Bound the chance of displacements (N, 3) like these or rarer, all taken together or the largest by itself.
+
+    Two questions are asked of a reading, the second of every marker, so each gets its share (Bonferroni).
+    """
     from scipy.special import gammaincc
 
     try:
         whitened = np.linalg.solve(covariances_mm2, moved_mm[..., None])[..., 0]
     except np.linalg.LinAlgError as error:
         raise InputError("a marker's covariance is singular; a drift check needs the readings' errors") from error
-    return float(gammaincc(moved_mm.size / 2, float((whitened * moved_mm).sum()) / 2))
+    squares = (whitened * moved_mm).sum(axis=-1)
+    of_all = gammaincc(moved_mm.size / 2, squares.sum() / 2)
+    of_one = gammaincc(3 / 2, squares.max() / 2)
+    return float(min(1.0, 2 * min(of_all, len(moved_mm) * of_one)))
 
 
-def _judge(probability: float, motion: Registration) -> DriftStatus:
+def _judge(
+    probability: float, places_mm: tuple[FloatArray, FloatArray], errors_mm2: tuple[FloatArray, FloatArray]
+) -> tuple[DriftStatus, float, NDArray[np.intp]]:
+    """Return what moved, the probability that all did as one, and the rows that may have moved by themselves."""
+    nobody = np.zeros(0, dtype=np.intp)
     if probability >= DRIFT_PROBABILITY:
-        return DriftStatus.STILL
-    fit = motion.fit_probability
-    rigid = fit is not None and fit >= DRIFT_PROBABILITY
-    return DriftStatus.PATIENT_MOVED if rigid else DriftStatus.MARKER_MOVED
+        return DriftStatus.STILL, np.nan, nobody
+    explained = explain_movement(*places_mm, *errors_mm2)
+    if explained.together > 1 - explained.together:
+        return DriftStatus.PATIENT_MOVED, explained.together, nobody
+    likeliest = np.argsort(-explained.loose)
+    suspects = likeliest[explained.loose[likeliest] >= SUSPECT_PROBABILITY]
+    return DriftStatus.MARKER_MOVED, explained.together, suspects
 
 
 def _angle_deg(rotation: FloatArray) -> float:
