@@ -24,8 +24,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from phantoms import library
 from phantoms.fast import average_hu
-from phantoms.reconstruction import KERNELS
-from phantoms.scanner import Scanner, scan_hu
+from phantoms.kernels import KERNELS
+from phantoms.machine import Machine
+from phantoms.scanner import Scanner
 from phantoms.scene import Part, Scene
 from phantoms.solids import FloatArray, sphere
 from phantoms.stack import SliceStack, axial_stack
@@ -51,9 +52,9 @@ TURN = np.linalg.qr(np.array([[0.3, -0.5, 0.8], [0.9, 0.2, -0.4], [0.1, 0.7, 0.6
 TURN *= np.sign(np.linalg.det(TURN))
 
 
-def hu(scene: Scene, stack: SliceStack, scanner: Scanner, seed: int = 0) -> FloatArray:
+def hu(scene: Scene, stack: SliceStack, scanner: Machine, seed: int = 0) -> FloatArray:
     """Return the images in HU, neither rounded nor clipped."""
-    return np.stack(list(scan_hu(scene, stack, scanner, seed=seed))).astype(np.float64)
+    return scanner.reconstruct(scene, [stack], seed=seed)[0].astype(np.float64)
 
 
 def places(stack: SliceStack) -> FloatArray:

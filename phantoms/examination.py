@@ -2,34 +2,46 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phantoms.fast import render
+from phantoms.fast import Renderer, like
+from phantoms.finish import Finish
+from phantoms.machine import Machine
 from phantoms.output import check_target, write_phantom
-from phantoms.scanner import Scanner, scan
+from phantoms.scanner import Scanner
 from phantoms.scene import Scene
-from phantoms.series import SeriesOptions
+from phantoms.series import SeriesOptions, tagged_thickness_mm
 from phantoms.solids import Vector
 from phantoms.stack import SliceStack
-
-FAST_BLUR_MM = {"soft": 0.64, "standard": 0.47, "bone": 0.30}
-"""Gaussian blur that resembles each kernel in the fast renderer."""
-FAST_NOISE_HU = {"soft": 4.6, "standard": 7.5, "bone": 21.0}
-"""Noise of each kernel at dose 1 in 1 mm slices, as measured in a 200 mm water disc on the full scanner."""
 
 
 @dataclass(frozen=True)
 class Examination:
-    """A scene, its slices, the scanner's settings and the seed of its noise."""
+    """A scene, its slices, the scanner's settings, what becomes of its images, and the seed of its noise."""
 
     scene: Scene
     stack: SliceStack
-    scanner: Scanner = field(default_factory=Scanner)
+    scanner: Machine = field(default_factory=Scanner)
     seed: int = 0
+    finish: Finish = field(default_factory=Finish)
+    protocol: str = ""
+    """Name of the protocol by which the scan is made, for the record."""
+
+    @property
+    def tagged_thickness_mm(self) -> float | None:
+        """What the header says of the slices' thickness; None when it says nothing."""
+        return tagged_thickness_mm(self.stack, self.finish.tag)
+
+    @property
+    def profile_fwhm_mm(self) -> float:
+        """Full width at half maximum of the slices that the scanner reconstructs, as physics makes it."""
+        return self.scanner.profile(self.finish.sources(self.stack)[0]).fwhm_mm
 
     def around(self, center_mm: Vector, reach_mm: float, *, crop: bool = False) -> Examination:
         """Return the same examination with only the slices within ``reach_mm`` of a place.
@@ -39,18 +51,41 @@ class Examination:
         """
         return replace(self, stack=self.stack.around(center_mm, reach_mm, crop=crop))
 
+    def crops(
+        self, places_mm: Sequence[Vector] | NDArray[np.float64], reach_mm: float, *, progress: bool = False
+    ) -> list[Crop]:
+        """Return the surroundings of each place (N, 3), all out of one scan: the scene is measured once."""
+        near = [self.around(place, reach_mm, crop=True) for place in places_mm]
+        images = self._stored(self.scanner, [one.stack for one in near], progress=progress)
+        return [Crop(one, voxels) for one, voxels in zip(near, images, strict=True)]
+
     def images(self, *, fast: bool = False, progress: bool = False) -> NDArray[np.int16]:
         """Return the images (K, rows, columns) in HU, by the full scanner or by the fast renderer."""
-        if not fast:
-            return scan(self.scene, self.stack, self.scanner, seed=self.seed, progress=progress)
-        kernel, dose = self.scanner.kernel, self.scanner.dose
-        return render(
-            self.scene,
-            self.stack,
-            blur_mm=FAST_BLUR_MM[kernel],
-            noise_hu=FAST_NOISE_HU[kernel] / np.sqrt(dose * self.stack.thickness_mm) if dose else 0.0,
+        machine = like(self.scanner, self.finish.sources(self.stack)[0]) if fast else self.scanner
+        return self._stored(machine, [self.stack], progress=progress)[0]
+
+    def _stored(
+        self, machine: Machine, stacks: Sequence[SliceStack], *, progress: bool
+    ) -> list[NDArray[np.int16]]:
+        sources = [self.finish.sources(stack)[0] for stack in stacks]
+        images = machine.reconstruct(self.scene, sources, seed=self.seed, progress=progress)
+        return [
+            self.finish.apply(voxels, stack, extended_scale=machine.extended_scale)
+            for voxels, stack in zip(images, stacks, strict=True)
+        ]
+
+    def options(self, *, fast: bool = False) -> SeriesOptions:
+        """Return how the series is written."""
+        drawn = fast or isinstance(self.scanner, Renderer)
+        kernel = "FAST " + self.scanner.kernel if drawn else self.scanner.kernel
+        return SeriesOptions(
+            slope=self.finish.slope,
+            tag=self.finish.tag,
+            derived=self.finish.derived,
+            description=self.scene.name or "Phantom",
+            kernel=kernel.upper(),
+            kilovolts=self.scanner.kilovolts,
             seed=self.seed,
-            clip_hu=self.scanner.range_hu,
         )
 
     def write(
@@ -63,23 +98,24 @@ class Examination:
     ) -> None:
         """Scan and write the DICOM series and ``truth.json`` to ``folder``, whole or not at all."""
         check_target(Path(folder))
-        kernel = "FAST " + self.scanner.kernel if fast else self.scanner.kernel
-        options = options or SeriesOptions(
-            description=self.scene.name or "Phantom",
-            kernel=kernel.upper(),
-            kilovolts=self.scanner.kilovolts,
-            seed=self.seed,
-        )
         write_phantom(
             folder,
             self.scene,
             self.stack,
             self.images(fast=fast, progress=progress),
-            options,
-            renderer="fast" if fast else "projection",
-            kernel=self.scanner.kernel,
-            dose=self.scanner.dose,
-            kilovolts=self.scanner.kilovolts,
-            scatter=self.scanner.scatter,
+            options or self.options(fast=fast),
+            protocol=self.protocol,
+            renderer="fast" if fast or isinstance(self.scanner, Renderer) else "projection",
+            profile_fwhm_mm=round(self.profile_fwhm_mm, 4),
+            tagged_thickness_mm=self.tagged_thickness_mm,
+            **asdict(self.scanner),
+            finish=repr(self.finish),
             seed=self.seed,
         )
+
+
+class Crop(NamedTuple):
+    """A small part of a scan: how it lies, and its voxels (K, rows, columns) in HU."""
+
+    examination: Examination
+    images: NDArray[np.int16]

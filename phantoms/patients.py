@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -19,6 +21,7 @@ from phantoms.coverings import COVERINGS
 from phantoms.errors import PhantomError
 from phantoms.examination import Examination
 from phantoms.markers import DECOYS, KINDS, Condition, Post, decoy, made, marker, marker_kind, touching_pair
+from phantoms.protocols import draw
 from phantoms.scanner import Scanner
 from phantoms.scene import Scene, join
 from phantoms.solids import FloatArray, Vector
@@ -46,17 +49,24 @@ def random_patient(
     tilt_deg: float = 0.0,
     uneven: bool = False,
     matrix: int = 512,
+    protocol: str | None = None,
 ) -> Examination:
     """Return a patient drawn from ``seed``; what is None is drawn too.
 
     Drawn are head size (0.88 to 1.05), how the head lies (up to 8 degrees about each axis), 3 to 8 markers and 2
     to 5 decoys at random places of the scalp outside the headrest, dental metal, kernel, field of view and slice
-    thickness (0.5 to 1.25 mm). ``uneven`` varies the gaps between slices by a tenth.
+    thickness (0.5 to 1.25 mm). ``uneven`` varies the gaps between slices by a tenth. A ``protocol`` (a key of
+    `PROTOCOLS`) decides how the patient is scanned; its own settings are drawn from ``seed``, too.
 
     ``kind`` may be ``"any"``: one kind for all markers is drawn. ``as_made`` draws each marker's diameter and
     roundness; ``covering`` is what lies on all of them, or ``"any"``, which draws for each (nothing, a bubble or
     one of `COVERINGS`); the first ``touching`` markers have a second one at their side that touches them.
     """
+    plan = None if protocol is None else draw(protocol, seed)
+    if plan is not None:
+        if (kernel, thickness_mm, spacing_mm) != (None, None, None):
+            raise PhantomError("a protocol says kernel, thickness and spacing itself; give a protocol or these")
+        thickness_mm, spacing_mm, kernel = plan.thickness_mm, plan.spacing_mm, plan.scanner.kernel
     generator = np.random.default_rng([seed, 20260101])
     size = generator.uniform(0.88, 1.05)
     count = int(generator.integers(3, 9)) if count is None else count
@@ -80,7 +90,8 @@ def random_patient(
     scene = scene.moved(_lie(generator), generator.uniform(-12, 12, 3))
     thickness = float(generator.choice([0.5, 0.6, 0.75, 1.0, 1.25])) if thickness_mm is None else thickness_mm
     chosen = str(generator.choice(["soft", "standard", "bone"], p=[0.25, 0.6, 0.15])) if kernel is None else kernel
-    positions = _slice_positions(generator, scene, spacing_mm or thickness, 0.1 if uneven else 0.0)
+    turn = np.eye(3) if plan is None else plan.orientation
+    positions = _slice_positions(generator, scene.moved(turn.T), spacing_mm or thickness, 0.1 if uneven else 0.0)
     stack = axial_stack(
         start_mm=0.0,
         stop_mm=0.0,
@@ -90,8 +101,11 @@ def random_patient(
         field_of_view_mm=float(generator.uniform(255, 290)),
         center_mm=(*generator.uniform(-6, 6, 2), 0.0),
         tilt_deg=tilt_deg,
+        orientation=turn,
     )
-    return Examination(scene, stack, Scanner(kernel=chosen, dose=dose), seed)
+    if plan is None:
+        return Examination(scene, stack, Scanner(kernel=chosen, dose=dose), seed)
+    return Examination(scene, stack, replace(plan.scanner, dose=dose), seed, plan.finish, plan.name)
 
 
 def _places(generator: np.random.Generator, count: int, size: float) -> list[FloatArray]:

@@ -2,49 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
 from phantoms.beam import Beam
 from phantoms.compiled import compiled, parallel_range
-from phantoms.errors import PhantomError
+from phantoms.kernels import Kernel
 from phantoms.solids import FloatArray
 
 UPSAMPLING = 2
 """Filtered projections are refined by this factor (band-limited), so that linear interpolation blurs little."""
-
-
-@dataclass(frozen=True)
-class Kernel:
-    """A reconstruction kernel: ramp times ``(1 + boost (f/c)^2) exp(-(f/c)^power)``, f and c in cycles per mm."""
-
-    cutoff_per_mm: float
-    power: float
-    boost: float = 0.0
-
-    def response(self, frequency_per_mm: FloatArray) -> FloatArray:
-        """Return the kernel's modulation, one at frequency zero, so that mass is kept."""
-        x = frequency_per_mm / self.cutoff_per_mm
-        modulation: FloatArray = (1 + self.boost * x**2) * np.exp(-(x**self.power))
-        return modulation
-
-
-KERNELS = {
-    "soft": Kernel(0.36, 2.0),
-    "standard": Kernel(0.50, 2.2),
-    "bone": Kernel(0.80, 4.0, boost=0.6),
-}
-"""The named kernels."""
-
-
-def kernel(name: str) -> Kernel:
-    """Return the kernel called ``name``; raises `PhantomError` with the known names."""
-    if name not in KERNELS:
-        raise PhantomError(f"unknown kernel {name!r}; expected one of {', '.join(KERNELS)}")
-    return KERNELS[name]
 
 
 class WaterCorrection:

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 from tqdm import tqdm
 
-from phantoms.beam import Beam, check_kilovolts, tube_beam
+from phantoms.beam import Beam, tube_beam
 from phantoms.errors import PhantomError
+from phantoms.kernels import kernel
+from phantoms.machine import Images, Machine
 from phantoms.projection import Detector, Matter, transmission
 from phantoms.rays import pack
-from phantoms.reconstruction import UPSAMPLING, WaterCorrection, back_project, filter_projections, kernel
+from phantoms.reconstruction import UPSAMPLING, WaterCorrection, back_project, filter_projections
 from phantoms.scene import Scene
 from phantoms.solids import FloatArray
 from phantoms.stack import SliceStack
@@ -27,71 +28,57 @@ PHOTONS_PER_MM2 = 1.0e6
 """Quanta per mm2 of detector and view at dose 1 and 720 views; see `docs/phantoms.md` for the noise it gives."""
 SCATTER_WIDTH_MM = 60.0
 """Standard deviation of the scatter kernel along the detector."""
-EXTENDED_LIMIT_HU = 31743.0
-"""Top of the extended scale: 16 bits with an intercept of -1024."""
+SAME_PLACE_MM = 1e-6
+"""Slices whose centres differ by less lie in one plane."""
 
 
 @dataclass(frozen=True)
-class Scanner:
-    """How a scene is measured and reconstructed; where the slices lie is a `SliceStack`."""
+class Scanner(Machine):
+    """An axial scanner: detector rows in the slices' own planes, parallel rays."""
 
-    kernel: str = "standard"
-    dose: float = 1.0
-    """1 is a usual head scan, 7.5 HU in 1 mm standard slices of a 200 mm water disc; 0 leaves all noise out."""
-    kilovolts: float = 120.0
     views: int = 720
     bin_mm: float = 0.5
-    electronic_noise: float = 8.0
-    """Standard deviation added to each reading, in quanta."""
-    scatter: float = 0.0
-    """Strength of scattered radiation; 0.02 is a usual clinical residue."""
-    extended_scale: bool = False
-    """Whether values above 3071 HU are kept."""
-
-    @property
-    def range_hu(self) -> tuple[float, float]:
-        """Lowest and highest value that is stored."""
-        return -1024.0, EXTENDED_LIMIT_HU if self.extended_scale else 3071.0
 
     def __post_init__(self) -> None:
-        kernel(self.kernel)
-        check_kilovolts(self.kilovolts)
-        checks = (
-            ("dose", self.dose, self.dose >= 0, "zero or more"),
+        super().__post_init__()
+        self._check(
             ("number of views", self.views, self.views >= 16, "16 or more"),
             ("detector element in mm", self.bin_mm, 0.05 <= self.bin_mm <= 5, "0.05 to 5"),
-            ("electronic noise", self.electronic_noise, self.electronic_noise >= 0, "zero or more"),
-            ("scatter", self.scatter, 0 <= self.scatter < 1, "0 to 1"),
         )
-        for name, value, good, expected in checks:
-            if not good:
-                raise PhantomError(f"the scanner's {name} is {value}; expected {expected}")
+
+    def reconstruct(
+        self, scene: Scene, stacks: Sequence[SliceStack], *, seed: int = 0, progress: bool = False
+    ) -> list[Images]:
+        """Return the images of each stack; those of one plane come from one measurement."""
+        scene.check()
+        if len({(s.thickness_mm, s.tilt_deg, *s.normal) for s in stacks}) != 1:
+            raise PhantomError(
+                "the slices to be scanned together differ in thickness or direction; scan them apart"
+            )
+        results = [np.zeros((len(s), s.rows, s.columns), dtype=np.float32) for s in stacks]
+        longest = max(stacks, key=len)
+        count = rows_per_slice(longest)
+        whole = replace(longest, centers_mm=_planes(stacks))
+        measurement = _Measurement(scene, stacks, longest.thickness_mm / count, self, seed)
+        shape = kernel(self.kernel)
+        first_mm, step_mm = -(measurement.bins - 1) / 2 * self.bin_mm, self.bin_mm / UPSAMPLING
+        planned = zip(whole.centers_mm, _plan_rows(whole, count), strict=True)
+        for center, plan in tqdm(planned, "scanning", len(whole), unit="slice", disable=not progress):
+            filtered = filter_projections(measurement.combined(plan), self.bin_mm, shape)
+            for stack, images in zip(stacks, results, strict=True):
+                for k in np.flatnonzero(np.abs(stack.centers_mm - center).max(axis=1) < SAME_PLACE_MM):
+                    back_project(
+                        filtered, measurement.angles, first_mm, step_mm, stack.aside_mm, stack.pixel_mm, images[k]
+                    )
+        return [1000 * (images - 1) for images in results]
 
 
-def scan(
-    scene: Scene, stack: SliceStack, scanner: Scanner | None = None, *, seed: int = 0, progress: bool = False
-) -> NDArray[np.int16]:
-    """Return the images (K, rows, columns) of ``scene`` in HU, clipped as the scanner clips."""
-    scanner = scanner or Scanner()
-    result = np.empty((len(stack), stack.rows, stack.columns), dtype=np.int16)
-    slices = enumerate(scan_hu(scene, stack, scanner, seed=seed))
-    for k, image in tqdm(slices, total=len(stack), desc="scanning", unit="slice", disable=not progress):
-        result[k] = np.round(np.clip(image, *scanner.range_hu))
-    return result
-
-
-def scan_hu(scene: Scene, stack: SliceStack, scanner: Scanner, *, seed: int = 0) -> Iterator[NDArray[np.float32]]:
-    """Yield the images (rows, columns) one by one, in HU, neither rounded nor clipped."""
-    scene.check()
-    measurement = _Measurement(scene, stack, scanner, seed)
-    shape = kernel(scanner.kernel)
-    first_mm, step_mm = -(measurement.bins - 1) / 2 * scanner.bin_mm, scanner.bin_mm / UPSAMPLING
-    for plan in _plan_rows(stack):
-        water_mm = measurement.combined(plan)
-        image = np.zeros((stack.rows, stack.columns), dtype=np.float32)
-        filtered = filter_projections(water_mm, scanner.bin_mm, shape)
-        back_project(filtered, measurement.angles, first_mm, step_mm, stack.aside_mm, stack.pixel_mm, image)
-        yield 1000 * (image - 1)
+def _planes(stacks: Sequence[SliceStack]) -> FloatArray:
+    """Return the centres (K, 3) of all slices, each plane once, in ascending order along the normal."""
+    centers = np.concatenate([stack.centers_mm for stack in stacks])
+    _, kept = np.unique(np.round(centers / SAME_PLACE_MM).astype(np.int64), axis=0, return_index=True)
+    centers = centers[kept]
+    return centers[np.argsort(centers @ stacks[0].normal)]
 
 
 @dataclass(frozen=True)
@@ -102,9 +89,8 @@ class _Row:
     number: int
 
 
-def _plan_rows(stack: SliceStack) -> list[list[_Row]]:
-    """Return the rows that each slice combines; rows at the same place are shared between slices."""
-    count = rows_per_slice(stack)
+def _plan_rows(stack: SliceStack, count: int) -> list[list[_Row]]:
+    """Return the ``count`` rows that each slice combines; rows at the same place are shared between slices."""
     offsets = ((np.arange(count) + 0.5) / count - 0.5) * stack.thickness_mm
     plans = []
     for center in stack.centers_mm:
@@ -128,17 +114,20 @@ def rows_per_slice(stack: SliceStack) -> int:
 class _Measurement:
     """Measures detector rows when a slice needs them and keeps each for the slices that share it."""
 
-    def __init__(self, scene: Scene, stack: SliceStack, scanner: Scanner, seed: int) -> None:
-        self._stack, self._scanner, self._seed = stack, scanner, seed
+    def __init__(
+        self, scene: Scene, stacks: Sequence[SliceStack], row_mm: float, scanner: Scanner, seed: int
+    ) -> None:
+        self._scanner, self._seed = scanner, seed
         beam = tube_beam(scanner.kilovolts)
         self._solids = pack([part.solid for part in scene.parts])
         self._matter = _matter(scene, beam)
         self._water = WaterCorrection(beam)
         self._kept: dict[_Row, FloatArray] = {}
-        self._row_mm = stack.thickness_mm / rows_per_slice(stack)
-        self._axes = np.array([stack.column_direction, stack.row_direction, stack.normal])
+        self._row_mm = row_mm
+        self._axes = np.array([stacks[0].column_direction, stacks[0].row_direction, stacks[0].normal])
         self.angles = np.pi * np.arange(scanner.views) / scanner.views
-        self.bins = 2 * int(np.ceil(_half_width(scene, stack) / scanner.bin_mm)) + 1
+        half_width = max(_half_width(scene, stack) for stack in stacks)
+        self.bins = 2 * int(np.ceil(half_width / scanner.bin_mm)) + 1
 
     def combined(self, plan: list[_Row]) -> FloatArray:
         """Return the projections (V, U) of one slice in mm of water."""

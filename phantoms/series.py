@@ -16,6 +16,8 @@ from phantoms.errors import PhantomError
 from phantoms.stack import SliceStack
 
 Order = Literal["ascending", "descending", "shuffled"]
+Tag = Literal["nominal", "spacing", "pixel", "doubled", "absent"]
+"""What the SliceThickness tag says: the nominal thickness, a side of the voxel, something wrong, or nothing."""
 TRANSFER_SYNTAXES = {
     "explicit": "1.2.840.10008.1.2.1",
     "implicit": "1.2.840.10008.1.2",
@@ -40,6 +42,9 @@ class SeriesOptions:
     """Value outside the circle of reconstruction; None leaves what was reconstructed."""
     transfer_syntax: str = "explicit"
     """A key of `TRANSFER_SYNTAXES`."""
+    tag: Tag = "nominal"
+    derived: bool = False
+    """Whether the images were made from other images (interpolated, reformatted)."""
     write_tilt: bool = True
     """Whether the GantryDetectorTilt tag is present."""
     kernel: str = "FAST"
@@ -55,6 +60,15 @@ class SeriesOptions:
             )
         if self.slope == 0:
             raise PhantomError("the rescale slope is 0; expected another number")
+
+
+def tagged_thickness_mm(stack: SliceStack, tag: Tag) -> float | None:
+    """Return what a header says of the slices' thickness; None when it says nothing."""
+    if tag == "absent":
+        return None
+    if tag == "spacing":
+        return float(np.abs(np.diff(stack.positions_mm)).mean()) if len(stack) > 1 else stack.thickness_mm
+    return {"pixel": stack.pixel_mm, "doubled": 2 * stack.thickness_mm}.get(tag, stack.thickness_mm)
 
 
 def write_series(
@@ -85,7 +99,7 @@ def _dataset(stack: SliceStack, options: SeriesOptions, number: int) -> Dataset:
     dataset.file_meta.MediaStorageSOPClassUID = CTImageStorage
     dataset.file_meta.MediaStorageSOPInstanceUID = _uid(options, f"image {number}")
     dataset.SpecificCharacterSet = "ISO_IR 192"
-    dataset.ImageType = ["ORIGINAL", "PRIMARY", "AXIAL"]
+    dataset.ImageType = ["DERIVED", "SECONDARY", "MPR"] if options.derived else ["ORIGINAL", "PRIMARY", "AXIAL"]
     dataset.SOPClassUID = CTImageStorage
     dataset.SOPInstanceUID = dataset.file_meta.MediaStorageSOPInstanceUID
     dataset.StudyDate = dataset.SeriesDate = dataset.AcquisitionDate = dataset.ContentDate = "20260101"
@@ -113,7 +127,8 @@ def _dataset(stack: SliceStack, options: SeriesOptions, number: int) -> Dataset:
     dataset.ConvolutionKernel = options.kernel
     if options.write_tilt:
         dataset.GantryDetectorTilt = stack.tilt_deg
-    dataset.SliceThickness = stack.thickness_mm
+    tagged = tagged_thickness_mm(stack, options.tag)
+    dataset.SliceThickness = None if tagged is None else _decimal(tagged)
     dataset.PixelSpacing = [_decimal(stack.pixel_mm)] * 2
     directions = np.concatenate([stack.column_direction, stack.row_direction])
     dataset.ImageOrientationPatient = [_decimal(v) for v in directions]

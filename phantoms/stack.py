@@ -55,6 +55,17 @@ class SliceStack:
         """Places (K,) of the slices along ``normal``."""
         return self.centers_mm @ self.normal
 
+    @property
+    def travel(self) -> FloatArray:
+        """Unit vector (3,) along which the table moved from slice to slice; the normal when there is one slice."""
+        way = self.centers_mm[-1] - self.centers_mm[0]
+        length = float(np.linalg.norm(way))
+        return way / length if length > 0 else self.normal
+
+    def wider(self, pixels: int) -> SliceStack:
+        """Return the same slices with so many more pixels on every side."""
+        return replace(self, rows=self.rows + 2 * pixels, columns=self.columns + 2 * pixels)
+
     def changed(
         self,
         *,

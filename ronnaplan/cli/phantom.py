@@ -29,7 +29,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("scene", metavar="SCENE", nargs="?", help="a ready-made scene (see --list) or a TOML file")
     parser.add_argument("-o", "--output", metavar="DIR", help="folder to write; an earlier phantom is replaced")
-    parser.add_argument("--list", action="store_true", help="show the ready-made scenes and stop")
+    parser.add_argument(
+        "--list", action="store_true", help="show the ready-made scenes and the protocols and stop"
+    )
+    parser.add_argument(
+        "--protocol", metavar="NAME", help="scan a random patient as hospitals do (see --list); drawn with --seed"
+    )
     parser.add_argument(
         "--scanner",
         choices=("projection", "fast"),
@@ -37,7 +42,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="full physics (default), or the quick renderer without streaks",
     )
     parser.add_argument("--seed", type=int, metavar="N", help="seed of the noise, and of random-patient")
-    parser.add_argument("--kernel", metavar="NAME", help="reconstruction kernel: soft, standard or bone")
+    parser.add_argument("--kernel", metavar="NAME", help="reconstruction kernel, from very soft to strong edge")
     parser.add_argument("--matrix", type=int, metavar="N", help="pixels along each edge of the image")
     for name, (option, text) in {**STACK_OPTIONS, **SCANNER_OPTIONS}.items():
         parser.add_argument(option, dest=name, type=float, metavar="X", help=text)
@@ -65,20 +70,17 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _make(arguments: argparse.Namespace) -> int:
-    from phantoms.series import SeriesOptions
+    from dataclasses import replace
 
     examination = _examination(arguments)
-    options = SeriesOptions(
+    fast = arguments.scanner == "fast"
+    options = replace(
+        examination.options(fast=fast),
         order=arguments.order,
         padding_hu=arguments.padding,
         transfer_syntax=arguments.transfer_syntax,
-        description=examination.scene.name,
-        kernel=examination.scanner.kernel.upper(),
-        kilovolts=examination.scanner.kilovolts,
-        seed=examination.seed,
     )
     _warn(examination)
-    fast = arguments.scanner == "fast"
     examination.write(arguments.output, options, fast=fast, progress=sys.stderr.isatty())
     print(
         f"wrote {len(examination.stack)} slices and truth.json with {len(examination.scene.markers)} markers "
@@ -92,12 +94,15 @@ def _examination(arguments: argparse.Namespace) -> Examination:
     """Return the scene with the options of the command line applied to it."""
     from dataclasses import replace
 
+    from phantoms.errors import PhantomError
     from phantoms.library import READY, ready
     from phantoms.patients import random_patient
     from phantoms.scene_file import read_scene
 
-    if arguments.scene == "random-patient" and arguments.seed is not None:
-        examination = random_patient(arguments.seed)
+    if arguments.scene == "random-patient" and (arguments.seed is not None or arguments.protocol):
+        examination = random_patient(arguments.seed or 0, protocol=arguments.protocol)
+    elif arguments.protocol:
+        raise PhantomError(f"a protocol scans random-patient only, not {arguments.scene}; leave one of them out")
     elif arguments.scene in READY or not arguments.scene.lower().endswith(".toml"):
         examination = ready(arguments.scene)
     else:
@@ -123,12 +128,16 @@ def _warn(examination: Examination) -> None:
 
 
 def _list() -> int:
-    """Print every ready-made scene with its picture."""
+    """Print every ready-made scene with its picture, and every protocol."""
     from phantoms.library import READY, ready
     from phantoms.picture import draw
+    from phantoms.protocols import PROTOCOLS
 
     for name, (text, _) in READY.items():
         examination = ready(name)
         print(f"{name}: {text}\n\n{draw(examination.scene, examination.stack)}\n")
     print("● marker   █ metal   ▒ bone, tooth   ░ plastic   · tissue      larger pictures: docs/phantoms.md")
+    print("\nprotocols, for random-patient:")
+    for name, (text, _) in PROTOCOLS.items():
+        print(f"  {name}: {text}")
     return 0

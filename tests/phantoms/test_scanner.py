@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from phantoms.errors import PhantomError
-from phantoms.reconstruction import KERNELS
-from phantoms.scanner import Scanner, rows_per_slice, scan, scan_hu
+from phantoms.examination import Examination
+from phantoms.kernels import KERNELS
+from phantoms.scanner import Scanner, rows_per_slice
 from phantoms.scene import Part, Scene
 from phantoms.solids import FloatArray, box, cylinder, half_space, sphere
 from phantoms.stack import SliceStack, axial_stack
@@ -24,7 +25,7 @@ def places(stack: SliceStack) -> FloatArray:
 
 
 def images(scene: Scene, stack: SliceStack, scanner: Scanner = QUIET, seed: int = 0) -> FloatArray:
-    return np.stack(list(scan_hu(scene, stack, scanner, seed=seed))).astype(np.float64)
+    return scanner.reconstruct(scene, [stack], seed=seed)[0].astype(np.float64)
 
 
 def ball_mass(center: FloatArray, stack: SliceStack, scanner: Scanner) -> tuple[FloatArray, float]:
@@ -116,8 +117,8 @@ def test_a_half_space_fills_the_bore_up_to_its_face() -> None:
 def test_metal_is_clipped_unless_the_scale_is_extended() -> None:
     scene = Scene((Part(sphere((0, 0, 0), 6), "titanium"),))
     stack = axial_stack(start_mm=0, stop_mm=0, matrix=64, field_of_view_mm=30)
-    assert scan(scene, stack, QUIET).max() == 3071
-    assert scan(scene, stack, Scanner(dose=0, extended_scale=True)).max() > 8000
+    assert Examination(scene, stack, QUIET).images().max() == 3071
+    assert Examination(scene, stack, Scanner(dose=0, extended_scale=True)).images().max() > 8000
 
 
 def test_metal_gives_streaks_and_scatter_gives_cupping() -> None:

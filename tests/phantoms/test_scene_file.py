@@ -137,7 +137,7 @@ def test_a_whole_scene_is_read(write) -> None:  # type: ignore[no-untyped-def]
         (MINIMAL.replace("30", "-3"), "diameter: input should be greater than 0"),
         (MINIMAL.replace("stop = 5", ""), "no marker to scan around; give 'start' and 'stop'"),
         (MINIMAL.replace("stop = 5", "stop = -9"), "no slice lies between"),
-        (MINIMAL + '[scanner]\nkernel = "sharp"\n', "unknown kernel 'sharp'; expected one of soft"),
+        (MINIMAL + '[scanner]\nkernel = "sharp"\n', "unknown kernel 'sharp'; expected one of very soft"),
         (MINIMAL + '[[marker]]\nlabel = "M1"\n', "needs either 'direction', or both 'place' and 'outward'"),
         (MINIMAL + '[[marker]]\nlabel = "M1"\nkind = "wax"\ndirection = [0, 0, 1]\n', "unknown marker kind 'wax'"),
         (MINIMAL + '[[decoy]]\nkind = "egg"\ndirection = [0, 0, 1]\n', "unknown decoy 'egg'"),

@@ -1,0 +1,136 @@
+"""Scans as hospitals make them: named protocols whose settings vary with a seed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from phantoms.errors import PhantomError
+from phantoms.fast import Renderer
+from phantoms.finish import Finish, Interpolated, NonLocalMeans, Reformatted, Step, TotalVariation
+from phantoms.machine import Machine
+from phantoms.profiles import Shape
+from phantoms.scanner import Scanner
+from phantoms.series import Tag
+from phantoms.solids import FloatArray
+
+TAGS: tuple[Tag, ...] = ("nominal", "nominal", "spacing", "pixel", "doubled", "absent")
+"""What is drawn from where a protocol does not say what the header says of the thickness."""
+THIN_MM = (0.6, 0.75, 1.0, 1.25)
+"""Nominal thicknesses of thin slices."""
+BROADENING = (1.05, 1.5)
+"""Full widths at half maximum over the nominal thickness, as published for helical scanners."""
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """How a scan is acquired, reconstructed, spaced, finished and tagged."""
+
+    name: str
+    scanner: Machine
+    thickness_mm: float
+    spacing_mm: float
+    finish: Finish = field(default_factory=Finish)
+    orientation: FloatArray = field(default_factory=lambda: np.eye(3))
+    """Turns the slices (3, 3) against the patient's axes."""
+
+
+Generator = np.random.Generator
+Maker = Callable[[str, Generator], Protocol]
+
+
+def _tag(generator: Generator) -> Tag:
+    return TAGS[generator.integers(len(TAGS))]
+
+
+def _axial(
+    kernels: tuple[str, ...] = ("soft", "smooth", "standard", "detail"),
+    thicknesses_mm: tuple[float, ...] = THIN_MM,
+    spacing: float = 1.0,
+    slope: float = 1.0,
+    step: Callable[[Generator], Step] | None = None,
+) -> Maker:
+    """Make axial scans; ``spacing`` is a multiple of the thickness."""
+
+    def make(name: str, generator: Generator) -> Protocol:
+        thickness = float(generator.choice(thicknesses_mm))
+        scanner = Scanner(kernel=str(generator.choice(kernels)))
+        finish = Finish(() if step is None else (step(generator),), slope, _tag(generator))
+        return Protocol(name, scanner, thickness, spacing * thickness, finish)
+
+    return make
+
+
+def _interpolated(thickness_mm: float, spacing_mm: float) -> Maker:
+    """Make slices of ``thickness_mm``, reconstructed touching, then interpolated every ``spacing_mm``."""
+
+    def make(name: str, generator: Generator) -> Protocol:
+        scanner = Scanner(kernel=str(generator.choice(["soft", "standard", "detail"])))
+        finish = Finish((Interpolated(thickness_mm),), tag=_tag(generator))
+        return Protocol(name, scanner, thickness_mm, spacing_mm, finish)
+
+    return make
+
+
+def _oblique(name: str, generator: Generator) -> Protocol:
+    native = float(generator.choice([0.6, 0.75, 1.0]))
+    angles = generator.uniform(8, 25, 2) * generator.choice([-1, 1], 2)
+    turn = Rotation.from_euler("xy", angles, degrees=True).as_matrix()
+    scanner = Scanner(kernel=str(generator.choice(["soft", "standard", "detail"])))
+    thickness = float(generator.choice([0.8, 1.0, 1.5]))
+    finish = Finish((Reformatted(native, native),), tag=_tag(generator))
+    return Protocol(name, scanner, thickness, thickness, finish, turn)
+
+
+def _rendered(shape: Shape) -> Maker:
+    def make(name: str, generator: Generator) -> Protocol:
+        thickness = float(generator.choice([0.5, *THIN_MM, 2.0, 3.0]))
+        renderer = Renderer(
+            kernel=str(generator.choice(["very soft", "soft", "standard", "bone"])),
+            shape=shape,
+            broadening=float(generator.uniform(*BROADENING)),
+        )
+        return Protocol(name, renderer, thickness, thickness, Finish(tag=_tag(generator)))
+
+    return make
+
+
+PROTOCOLS: dict[str, tuple[str, Maker]] = {
+    "axial": ("axial, thin touching slices, usual kernels", _axial()),
+    "axial very soft": ("the same with a very soft kernel", _axial(("very soft",))),
+    "axial bone": ("the same with a sharp kernel", _axial(("bone",))),
+    "axial edge": ("the same with a kernel that overshoots at edges", _axial(("edge", "strong edge"))),
+    "axial total variation": (
+        "the same, denoised by total variation",
+        _axial(step=lambda generator: TotalVariation(float(generator.uniform(8, 30)))),
+    ),
+    "axial non-local means": (
+        "the same, denoised by non-local means",
+        _axial(step=lambda generator: NonLocalMeans(float(generator.uniform(6, 15)))),
+    ),
+    "axial slope 2": ("the same, stored in steps of 2 HU", _axial(slope=2.0)),
+    "axial overlapping": ("thin slices every half thickness", _axial(spacing=0.5)),
+    "axial gapped": (
+        "2 to 3 mm slices with gaps of a third",
+        _axial(thicknesses_mm=(2.0, 2.5, 3.0), spacing=4 / 3),
+    ),
+    "1.5 mm every 0.5 mm": ("1.5 mm slices, interpolated every 0.5 mm", _interpolated(1.5, 0.5)),
+    "3 mm": ("touching 3 mm slices", _axial(thicknesses_mm=(3.0,))),
+    "5 mm every 2.5 mm": ("overlapping 5 mm slices", _axial(thicknesses_mm=(5.0,), spacing=0.5)),
+    "5 mm": ("touching 5 mm slices", _axial(thicknesses_mm=(5.0,))),
+    "oblique": ("reformatted to slices 8 to 25 degrees off the axial ones", _oblique),
+    "rendered gaussian": ("fast renderer, Gaussian profile broader than nominal", _rendered("gaussian")),
+    "rendered trapezoid": ("fast renderer, trapezoidal profile broader than nominal", _rendered("trapezoid")),
+    "rendered triangle": ("fast renderer, triangular profile broader than nominal", _rendered("triangle")),
+}
+"""Protocols by name: what they are, and their maker from a random generator."""
+
+
+def draw(name: str, seed: int) -> Protocol:
+    """Return the protocol called ``name`` with settings drawn from ``seed``; raises `PhantomError` with the names."""
+    if name not in PROTOCOLS:
+        raise PhantomError(f"no protocol is called {name!r}; expected one of {', '.join(PROTOCOLS)}")
+    return PROTOCOLS[name][1](name, np.random.default_rng([seed, 20260202]))

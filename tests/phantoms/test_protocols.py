@@ -1,0 +1,137 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pydicom
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from phantoms.errors import PhantomError
+from phantoms.examination import Examination
+from phantoms.finish import Finish, Interpolated, NonLocalMeans, Reformatted, Step, TotalVariation
+from phantoms.patients import random_patient
+from phantoms.protocols import PROTOCOLS, draw
+from phantoms.scanner import Scanner
+from phantoms.scene import Part, Scene
+from phantoms.series import Tag
+from phantoms.solids import FloatArray, cylinder, sphere
+from phantoms.stack import SliceStack, axial_stack
+
+CENTER = np.array([5.21, -3.87, 2.13])
+BALL = Scene((Part(sphere(CENTER, 11.5), "acrylic"),))
+TURN = np.array([[0.96, 0.0, 0.28], [0.0, 1.0, 0.0], [-0.28, 0.0, 0.96]])
+QUIET = Scanner(dose=0.0, views=180)
+
+
+def places(stack: SliceStack) -> FloatArray:
+    v, u = np.mgrid[: stack.rows, : stack.columns] * stack.pixel_mm
+    in_plane = v[..., np.newaxis] * stack.row_direction + u[..., np.newaxis] * stack.column_direction
+    return stack.origins_mm[:, np.newaxis, np.newaxis] + in_plane
+
+
+def centroid(examination: Examination) -> FloatArray:
+    points = places(examination.stack)
+    weights = examination.images().astype(float) + 1000
+    weights[np.linalg.norm(points - CENTER, axis=-1) > 11] = 0
+    return np.average(points.reshape(-1, 3), axis=0, weights=weights.ravel())
+
+
+@pytest.mark.parametrize("name", PROTOCOLS)
+def test_a_protocol_is_drawn_again_by_its_seed_and_varies_with_it(name: str) -> None:
+    def settings(seed: int) -> str:
+        return repr(draw(name, seed))
+
+    assert settings(3) == settings(3)
+    assert len({settings(seed) for seed in range(12)}) > 2
+    patient = random_patient(4, protocol=name)
+    assert patient.protocol == name
+    assert patient.profile_fwhm_mm > 0
+    assert all(patient.stack.holds_whole(one.center_mm, one.diameter_mm) for one in patient.scene.markers)
+
+
+def test_an_unknown_protocol_and_a_contradiction_are_refused() -> None:
+    with pytest.raises(PhantomError, match="no protocol is called 'x-ray'; expected one of axial"):
+        draw("x-ray", 0)
+    with pytest.raises(PhantomError, match="give a protocol or these"):
+        random_patient(0, protocol="3 mm", thickness_mm=1.0)
+
+
+@pytest.mark.parametrize(
+    ("step", "orientation"),
+    [(Interpolated(1.5), np.eye(3)), (Reformatted(0.75, 0.75), TURN)],
+    ids=["interpolated", "oblique"],
+)
+def test_a_ball_keeps_its_place_in_slices_drawn_between_others(step: Step, orientation: FloatArray) -> None:
+    stack = axial_stack(
+        start_mm=-14,
+        stop_mm=18,
+        spacing_mm=0.5,
+        thickness_mm=1.5,
+        matrix=72,
+        field_of_view_mm=45,
+        orientation=orientation,
+    )
+    found = centroid(Examination(BALL, stack, QUIET, finish=Finish((step,))))
+    assert found == pytest.approx(CENTER, abs=0.004)
+
+
+@pytest.mark.parametrize("step", [TotalVariation(20.0), NonLocalMeans(10.0)], ids=["variation", "means"])
+def test_denoising_leaves_less_noise_and_the_ball_in_its_place(step: Step) -> None:
+    water = Scene((Part(cylinder((0, 0, -50), (0, 0, 1), 100, 120), "water"),))
+    stack = axial_stack(start_mm=0, stop_mm=1, matrix=64, field_of_view_mm=32)
+    noisy = Examination(water, stack, Scanner(views=180))
+    assert replace(noisy, finish=Finish((step,))).images().std() < 0.7 * noisy.images().std()
+    stack = axial_stack(start_mm=-8, stop_mm=12, matrix=72, field_of_view_mm=45)
+    assert centroid(Examination(BALL, stack, QUIET, finish=Finish((step,)))) == pytest.approx(CENTER, abs=0.004)
+
+
+def values_at(points_mm: FloatArray, stack: SliceStack, voxels: NDArray[np.int16]) -> NDArray[np.int16]:
+    distance, nearest = KDTree(places(stack).reshape(-1, 3)).query(points_mm)
+    assert distance.max() < 1e-6
+    return voxels.ravel()[nearest]
+
+
+@pytest.mark.parametrize(
+    "step", [(), (Interpolated(1.5),), (Reformatted(1.0, 1.0),)], ids=["", "lines", "oblique"]
+)
+def test_crops_of_one_scan_equal_the_whole(step: tuple[Step, ...]) -> None:
+    stack = axial_stack(start_mm=-10, stop_mm=14, spacing_mm=2.0, matrix=40, field_of_view_mm=28)
+    examination = Examination(BALL, stack, Scanner(dose=0.0, views=60), finish=Finish(step))
+    whole = examination.images()
+    for near, voxels in examination.crops([CENTER, CENTER + 4], 5.0):
+        expected = values_at(places(near.stack).reshape(-1, 3), stack, whole)
+        assert voxels.ravel() == pytest.approx(expected, abs=1)
+
+
+def test_crops_of_one_scan_share_its_noise() -> None:
+    stack = axial_stack(start_mm=0, stop_mm=4, spacing_mm=2.0, matrix=40, field_of_view_mm=28)
+    (one, first), (other, second) = Examination(BALL, stack, Scanner(views=60)).crops([CENTER, CENTER + 2], 4.0)
+    points = places(one.stack).reshape(-1, 3)
+    shared = points[np.abs(points - (CENTER + 2)).max(axis=1) < 4]
+    assert len(shared) > 50
+    assert (values_at(shared, one.stack, first) == values_at(shared, other.stack, second)).all()
+
+
+@pytest.mark.parametrize(
+    ("tag", "text"), [("nominal", "3"), ("spacing", "1.5"), ("pixel", "0.5"), ("doubled", "6"), ("absent", "")]
+)
+def test_the_header_says_of_the_thickness_what_the_protocol_wants(tmp_path: Path, tag: Tag, text: str) -> None:
+    stack = axial_stack(start_mm=0, stop_mm=3, spacing_mm=1.5, thickness_mm=3.0, matrix=32, field_of_view_mm=16)
+    examination = Examination(BALL, stack, finish=Finish(slope=2.0, tag=tag))
+    examination.write(tmp_path / "ct", fast=True)
+    dataset = pydicom.dcmread(tmp_path / "ct" / "CT0001.dcm")
+    assert str(dataset["SliceThickness"].value or "") == text
+    assert float(dataset.RescaleSlope) == 2.0
+    tagged = examination.tagged_thickness_mm
+    assert ("" if tagged is None else f"{tagged:g}") == text
+
+
+def test_slope_two_keeps_even_values_and_a_longer_scale() -> None:
+    scene = Scene((Part(sphere(CENTER, 8), "titanium"),))
+    stack = axial_stack(start_mm=0, stop_mm=2, matrix=64, field_of_view_mm=32)
+    stored = Examination(scene, stack, QUIET, finish=Finish(slope=2.0)).images()
+    assert (stored % 2 == 0).all()
+    assert stored.max() == -1024 + 2 * 4095
