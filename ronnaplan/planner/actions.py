@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray
+from ronnaplan.planner.arguments import Index, Pixels, Steps, Typed
 from ronnaplan.planner.pointer import Pixel, Pointer
 from ronnaplan.planner.state import PlannerState
 
@@ -55,7 +56,7 @@ class Actions:
         state = self.state
         return {
             "press": self._press,
-            "release": lambda _view: self.pointer.release(),
+            "release": self._release,
             "wheel": self._wheel,
             "window": state.choose_window,
             "surface": state.other_surface,
@@ -64,17 +65,17 @@ class Actions:
             "remove": state.remove,
             "rename_path": state.rename,
             "place": self._place,
-            "colour": lambda name, colour: state.edit(name, colour=colour.lower()),
-            "notes": lambda name, notes: state.edit(name, notes=notes),
+            "colour": self._colour,
+            "notes": self._notes,
             "instrument": state.choose_instrument,
-            "size": lambda name, size, value: state.size_instrument(name, size, _number(value)),
-            "take": lambda index: state.take_proposal(int(index)),
+            "size": self._size,
+            "take": self._take,
             "landmark": self._landmark,
             "jump_landmark": state.jump_to_landmark,
             "jump": state.jump_to_marker,
-            "jump_rejected": lambda index: state.jump_to_rejected(int(index)),
+            "jump_rejected": state.jump_to_rejected,
             "reject": state.reject_marker,
-            "accept": lambda index: state.accept_marker(int(index)),
+            "accept": state.accept_marker,
             "rename": state.rename_marker,
             "readings": state.load_readings,
             "pick_reading": state.pick_reading,
@@ -84,27 +85,46 @@ class Actions:
         """Return those that take longer: they compute in a thread, what they return then changes the state."""
         return {"localize": self._localize, "propose": self._propose, "placement": self._placement}
 
-    def move(self, view: str, *place: float) -> None:
-        """Follow the pointer; ``place`` is x, y, width and height in pixels."""
-        self.pointer.move(view, Pixel(*place))
+    def move(self, view: str, x: Pixels, y: Pixels, width: Pixels, height: Pixels) -> None:
+        """Follow the pointer to a pixel of a view."""
+        self.pointer.move(view, Pixel(x, y, width, height))
 
-    def _press(self, view: str, x: float, y: float, width: float, height: float, button: int, shift: bool) -> None:
+    def _press(
+        self, view: str, x: Pixels, y: Pixels, width: Pixels, height: Pixels, button: int, shift: bool
+    ) -> None:
         self.pointer.press(view, Pixel(x, y, width, height), pan=bool(button) or shift)
 
-    def _wheel(self, view: str, steps: float, zoom: bool, x: float, y: float, width: float, height: float) -> None:
+    def _release(self, view: str) -> None:
+        self.pointer.release()
+
+    def _wheel(
+        self, view: str, steps: Steps, zoom: bool, x: Pixels, y: Pixels, width: Pixels, height: Pixels
+    ) -> None:
         self.pointer.wheel(view, steps, Pixel(x, y, width, height), zoom=zoom)
 
-    def _place(self, name: str, end: str, axis: int, value: Any) -> None:
+    def _place(self, name: str, end: Literal["entry", "target"], axis: Literal[0, 1, 2], value: Typed) -> None:
         """Take one coordinate of an end from its field."""
         place = getattr(self.state.plan.trajectory(name), f"{end}_mm").copy()
-        place[int(axis)] = _number(value)
+        place[axis] = _number(value)
         self.state.edit(name, **{f"{end}_mm": place})
+
+    def _colour(self, name: str, colour: str) -> None:
+        self.state.edit(name, colour=colour.lower())
+
+    def _notes(self, name: str, notes: str) -> None:
+        self.state.edit(name, notes=notes)
+
+    def _size(self, name: str, size: str, value: Typed) -> None:
+        self.state.size_instrument(name, size, _number(value))
+
+    def _take(self, index: Index) -> None:
+        self.state.take_proposal(index)
 
     def _landmark(self, which: str, typed: str | None = None) -> None:
         """Set a point of the AC-PC frame: at the crosshair, or where it is typed."""
         self.state.set_landmark(which, self.state.crosshair_mm if typed is None else _numbers(typed))
 
-    def _localize(self, diameter: Any) -> Callable[[], None]:
+    def _localize(self, diameter: Typed) -> Callable[[], None]:
         found = self.state.find_markers(_number(diameter))
         return lambda: self.state.replace_markers(found)
 
@@ -112,15 +132,15 @@ class Actions:
         found = self.state.propose(name)
         return lambda: self.state.show_proposals(found)
 
-    def _placement(self, count: Any) -> Callable[[], None]:
+    def _placement(self, count: Typed) -> Callable[[], None]:
         placed = self.state.propose_markers(int(_number(count)))
         return lambda: self.state.show_placement(placed)
 
 
-def _number(value: Any) -> float:
+def _number(value: Typed) -> float:
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except ValueError:
         number = math.nan
     if not math.isfinite(number):
         raise UsageError(f"'{value}' is not a number; give millimetres such as 12.5")

@@ -13,6 +13,7 @@ from typing import Any
 from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.planner import drawing, panels
 from ronnaplan.planner.actions import Actions, key_actions
+from ronnaplan.planner.arguments import checked
 from ronnaplan.planner.cuts import PATH_VIEWS, STANDARD, WINDOWS_HU, jpeg
 from ronnaplan.planner.head import HeadView
 from ronnaplan.planner.judgement import Judgement
@@ -184,12 +185,17 @@ class PlannerApp:
     # --- events ----------------------------------------------------------------------------------------------
 
     def _listen_to_page(self) -> None:
-        actions = {**self.actions.by_name(), "key": lambda key: self._keys[key][1]()}
-        for name, action in actions.items():
-            self.server.trigger(name)(self._answering(action, keep_message=name == "release"))
+        for name, action in {**self.actions.by_name(), "key": self._press_key}.items():
+            self.server.trigger(name)(self._answering(checked(name, action), keep_message=name == "release"))
+        self._follow = checked("move", self.actions.move)
         self.server.trigger("move")(self._answer_move)
         for name, slow in {**self.actions.later_by_name(), "listen": self._hear}.items():
-            self.server.trigger(name)(self._answering_later(slow))
+            self.server.trigger(name)(self._answering_later(checked(name, slow)))
+
+    def _press_key(self, key: str) -> None:
+        if key not in self._keys:
+            raise UsageError(f"there is no key '{key}' here; press ? for those there are")
+        self._keys[key][1]()
 
     def _answering(self, action: Callable[..., Any], keep_message: bool) -> Callable[..., None]:
         def answer(*arguments: Any) -> None:
@@ -199,14 +205,14 @@ class PlannerApp:
 
         return answer
 
-    async def _answer_move(self, view: str, *place: float) -> None:
+    async def _answer_move(self, *arguments: Any) -> None:
         """Show where things are now before the measures are taken, so that the hand is followed at once.
 
         A head that is turned is drawn with its names in one go, or they would run ahead of it.
         """
         with self._told(keep_message=True):
-            self.actions.move(view, *place)
-        if view != HEAD or self.state.dragging:
+            self._follow(*arguments)
+        if arguments[:1] != (HEAD,) or self.state.dragging:
             self._refresh_views()
             self.server.state.flush()
             await asyncio.sleep(SENDING_S)

@@ -8,6 +8,7 @@ and each page has a limited queue of its own.
 from __future__ import annotations
 
 import asyncio
+import re
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
@@ -30,7 +31,8 @@ MOST_PAGES: Final = 20
 
 
 def _is_trigger(name: Any = None, arguments: Any = None, named: Any = None) -> bool:
-    return isinstance(name, str) and isinstance(arguments, list) and named == {}
+    sound_name = isinstance(name, str) and re.fullmatch(r"\w{1,40}", name, re.ASCII) is not None
+    return sound_name and isinstance(arguments, list) and named == {}
 
 
 def _is_update(changes: Any = None) -> bool:

@@ -36,6 +36,7 @@ HOSTILE = {
     "pushes any value": request("trame.force.push", "picture_axial"),
     "a life of its own": request("trame.lifecycle.update", "server_exited"),
     "a list for a name": request("trame.trigger", ["press"], [], {}),
+    "a name that writes to the terminal": request("trame.trigger", "\x1b[31m", [], {}),
     "a map for arguments": request("trame.trigger", "press", {"view": "axial"}, {}),
     "named arguments": request("trame.trigger", "press", [], {"view": "axial"}),
     "too few": request("trame.trigger"),

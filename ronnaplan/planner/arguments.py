@@ -1,0 +1,47 @@
+"""What a page sends with an action, held against what the action declares before it is called."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Any, Final
+
+from pydantic import ConfigDict, Field, ValidationError, validate_call
+
+from ronnaplan.documents.reading import first_fault
+from ronnaplan.errors import UsageError
+
+LONGEST_TEXT: Final = 10_000
+"""Characters of a name or of notes."""
+
+MOST_PIXELS: Final = 1e5
+"""No screen is larger."""
+
+MOST_STEPS: Final = 1000.0
+"""No wheel turns further at once."""
+
+STRICT: Final = ConfigDict(strict=True, str_max_length=LONGEST_TEXT, allow_inf_nan=False)
+
+Pixels = Annotated[float, Field(ge=-MOST_PIXELS, le=MOST_PIXELS)]
+"""A place or a length in a view."""
+
+Steps = Annotated[float, Field(ge=-MOST_STEPS, le=MOST_STEPS)]
+"""How far a wheel was turned."""
+
+Index = Annotated[int, Field(ge=0)]
+"""A place in a list."""
+
+Typed = float | str
+"""What stands in a field for a number."""
+
+
+def checked(name: str, action: Callable[..., Any]) -> Callable[..., Any]:
+    """Return ``action`` so that it raises `UsageError` for arguments of another number or kind than it declares."""
+    validated = validate_call(config=STRICT)(action)
+
+    def call(*arguments: Any) -> Any:
+        try:
+            return validated(*arguments)
+        except ValidationError as error:
+            raise UsageError(f"the page asked for '{name}' wrongly ({first_fault(error)}); reload it") from error
+
+    return call
