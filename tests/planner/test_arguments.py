@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from typing import Any
 
 import pytest
@@ -13,7 +12,7 @@ from ronnaplan.planner.arguments import LONGEST_TEXT, checked
 from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.state import PlannerState
 from tests.planner.browser import Planner
-from tests.planner.pages import Page
+from tests.planner.pages import Page, run
 
 AT = (100.0, 100.0, 400.0, 400.0)
 BAD: list[tuple[str, list[Any]]] = [
@@ -84,7 +83,7 @@ def test_badly_typed_actions_are_refused_one_by_one_and_change_nothing(kept: Pla
             assert (await page.trigger("notes", "left", "well typed"))["result"] is None
             assert b"well typed" in plan.read_bytes()
 
-    asyncio.run(send())
+    run(send())
 
 
 def test_every_action_declares_what_it_takes(state: PlannerState) -> None:

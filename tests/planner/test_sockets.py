@@ -12,7 +12,7 @@ import pytest
 
 from ronnaplan.planner.sockets import MOST_MESSAGE_BYTES, MOST_PAGES, MOST_WAITING_BYTES, Outbox, read_request
 from tests.planner.browser import Planner
-from tests.planner.pages import HELLO, Page, frame, request
+from tests.planner.pages import HELLO, Page, frame, request, run
 
 GIB = 2**30
 HOSTILE = {
@@ -81,7 +81,7 @@ def test_a_page_that_takes_nothing_is_cut_off_and_nobody_waits_for_it() -> None:
         await outbox.send_bytes(chunk)
         return ended
 
-    assert asyncio.run(send()) == ["cut off"]
+    assert run(send()) == ["cut off"]
 
 
 def test_a_page_that_takes_a_chunk_too_slowly_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -93,7 +93,7 @@ def test_a_page_that_takes_a_chunk_too_slowly_is_cut_off(monkeypatch: pytest.Mon
         await outbox.send_bytes(b"x")
         await asyncio.wait_for(ended.wait(), 10)
 
-    asyncio.run(send())
+    run(send())
 
 
 def resident_bytes(planner: Planner) -> int:
@@ -116,7 +116,7 @@ def test_hostile_pages_are_closed_and_take_no_memory_while_others_are_served(kep
             assert (await watching.state())["trame__title"] == "ronnaplan"
 
     before = resident_bytes(kept)
-    asyncio.run(attack())
+    run(attack())
     assert kept.process.poll() is None
     assert resident_bytes(kept) - before < GIB / 4
 
@@ -129,7 +129,7 @@ def test_a_page_that_stops_reading_holds_up_no_other(kept: Planner) -> None:
             for _ in range(3):
                 assert "result" in await watching.trigger("window", "bone")
 
-    asyncio.run(attack())
+    run(attack())
 
 
 def test_more_pages_than_anyone_opens_are_refused(kept: Planner) -> None:
@@ -143,4 +143,4 @@ def test_more_pages_than_anyone_opens_are_refused(kept: Planner) -> None:
         async with Page(kept.url) as page:
             assert "result" in await page.trigger("window", "bone")
 
-    asyncio.run(attack())
+    run(attack())
