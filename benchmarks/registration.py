@@ -136,8 +136,9 @@ def rate(count: int, work: Callable[[], object]) -> float:
 def pivot_table(path: Path) -> str:
     """Pivot calibration of a recorded tool, slips included, with the scatter of a block bootstrap."""
     from ronnaplan.robot.pivot import calibrate_pivot
+    from ronnaplan.tracking import read_recording
 
-    poses = np.genfromtxt(path, delimiter=",", skip_header=1)[:, -16:].reshape(-1, 4, 4)
+    poses = read_recording(path).poses("tool")
     own = calibrate_pivot(poses)
     design = np.concatenate([poses[:, :3, :3], np.tile(-np.eye(3), (len(poses), 1, 1))], axis=2).reshape(-1, 6)
     plain = np.linalg.lstsq(design, -poses[:, :3, 3].ravel(), rcond=None)[0]

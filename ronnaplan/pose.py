@@ -82,8 +82,10 @@ class Pose:
         return mapped
 
 
-def as_pose(matrix: ArrayLike, name: str = "pose") -> FloatArray:
+def as_pose(matrix: ArrayLike, name: str = "pose", *, tolerance: float = POSE_TOLERANCE) -> FloatArray:
     """Return ``matrix`` as a proper rigid (4, 4) transform, its rotation made exactly orthonormal.
+
+    ``tolerance`` is the largest `orthonormality_excess`; within it the nearest rotation is taken.
 
     Raises `InputError` for another shape, non-finite entries, a left-handed matrix, a scaled or sheared one, or a
     bottom row other than (0, 0, 0, 1).
@@ -101,8 +103,8 @@ def as_pose(matrix: ArrayLike, name: str = "pose") -> FloatArray:
     rotation = pose[:3, :3]
     if np.linalg.det(rotation) < 0:
         raise InputError(f"{name} is left-handed (a mirror image); expected a right-handed rotation")
-    excess = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-    if excess > POSE_TOLERANCE:
+    excess = orthonormality_excess(rotation)
+    if excess > tolerance:
         raise InputError(
             f"{name} is not rigid: its axes miss orthonormality by {excess:.2g}; expected a pure rotation"
         )
@@ -110,6 +112,11 @@ def as_pose(matrix: ArrayLike, name: str = "pose") -> FloatArray:
     pose[:3, :3] = u @ vt
     pose[3] = (0, 0, 0, 1)
     return pose
+
+
+def orthonormality_excess(rotation: FloatArray) -> float:
+    """Return the largest entry of ``R @ R.T - 1`` of ``rotation`` (3, 3): none for a rotation or a mirror image."""
+    return float(np.abs(rotation @ rotation.T - np.eye(3)).max())
 
 
 def rigid(rotation: FloatArray, translation_mm: FloatArray) -> FloatArray:

@@ -7,10 +7,14 @@ import math
 import os
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
 
 from ronnaplan.errors import InputError
 from ronnaplan.text import printable
+
+Model = TypeVar("Model", bound=BaseModel)
 
 MOST_DIGITS = 20
 """A whole number with more digits is damage: nanoseconds since 1970 have 19."""
@@ -25,20 +29,27 @@ def read_whole(path: str | os.PathLike[str], most_bytes: int, *, expected: str) 
     Raises `InputError`, naming what was ``expected``, for a file that is missing, unreadable or larger than
     ``most_bytes``, and for pipes and devices, which would be waited for.
     """
-    source = Path(path)
-    name = printable(os.fspath(path))
+    require_file(path, expected=expected)
     try:
-        if not source.is_file():
-            reason = "it is no regular file" if source.exists() else "there is no such file"
-            raise InputError(f"{name} cannot be read: {reason}; expected {expected}")
-        with source.open("rb") as stream:
+        with Path(path).open("rb") as stream:
             content = stream.read(most_bytes + 1)
+    except OSError as error:
+        raise InputError(f"{os.fspath(path)} cannot be read: {error.strerror}; expected {expected}") from error
+    if len(content) > most_bytes:
+        raise InputError(f"{os.fspath(path)} is larger than {most_bytes} bytes; expected {expected}")
+    return content
+
+
+def require_file(path: str | os.PathLike[str], *, expected: str) -> None:
+    """Raise `InputError`, naming what was ``expected``, unless there is a regular file at ``path``."""
+    source = Path(path)
+    try:
+        if source.is_file():
+            return
+        reason = "it is no regular file" if source.exists() else "there is no such file"
     except (OSError, ValueError) as error:  # a path with a null byte is a ValueError
         reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"{name} cannot be read: {reason}; expected {expected}") from error
-    if len(content) > most_bytes:
-        raise InputError(f"{name} is larger than {most_bytes} bytes; expected {expected}")
-    return content
+    raise InputError(f"{os.fspath(path)} cannot be read: {reason}; expected {expected}")
 
 
 def parse_json(content: bytes) -> Any:
@@ -59,6 +70,27 @@ def parse_json(content: bytes) -> Any:
     except RecursionError as error:
         raise ValueError("it is nested too deeply") from error
     return value
+
+
+def checked(content: Any, model: type[Model]) -> Model:
+    """Return JSON's ``content`` as ``model``, strictly: no text or truth value passes for a number.
+
+    Raises ValueError naming the first field that is wrong.
+    """
+    try:
+        # by way of a text, since pydantic's strict mode knows JSON's types (a list for a tuple) only there
+        return model.model_validate_json(json.dumps(content), strict=True)
+    except ValidationError as error:
+        raise ValueError(first_fault(error)) from error
+
+
+def first_fault(error: ValidationError) -> str:
+    """Name the first field that is wrong, and why."""
+    first = error.errors(include_url=False)[0]
+    where = ".".join(printable(part) for part in first["loc"]) or "the document"
+    if first["type"] == "extra_forbidden":
+        return f"{where}: no field of this document"
+    return f"{where}: {first['msg'].removeprefix('Value error, ')}"
 
 
 def plain_number(text: str) -> float | None:

@@ -21,7 +21,7 @@ HELP = "Pair a scan's markers with tracker readings, register them and predict t
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("fiducials", metavar="FIDUCIALS", help="fiducials.json of the scan")
-    parser.add_argument("readings", metavar="READINGS", help="CSV, NDI CSV, Slicer markups or .mha readings")
+    parser.add_argument("readings", metavar="READINGS", help="CSV, NDI CSV, Slicer markups or PLUS sequence")
     parser.add_argument("--expected", type=whole(3), metavar="N", help="the number of markers seen in both")
     parser.add_argument("--plan", metavar="PLAN", help="predict the error at this plan's entries and targets")
     parser.add_argument(
@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
     sigma_ots = ONE_READING_SD_MM if arguments.sigma_ots is None else arguments.sigma_ots
     recording = read_recording(arguments.readings)
     found = find_markers(recording, sigma_mm=sigma_ots)
-    for warning in (*_left_out(recording), *_doubts(found)):
+    for warning in (*recording.notes, *_left_out(recording), *_doubts(found)):
         print(f"ronnaplan: warning: {warning}", file=sys.stderr)
     registered = register_markers(
         fiducials.points,

@@ -11,16 +11,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ronnaplan.documents.files import read_json
 from ronnaplan.documents.markups import LPS_AXES, SCHEMA
-from ronnaplan.documents.table import plain_text
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.planning.plan import Plan
 from ronnaplan.planning.trajectory import Instrument, Trajectory, instrument_named
-
-LPS_FROM_RAS = np.array([-1.0, -1.0, 1.0])
-"""RAS and LPS differ in the sign of the first two axes, either way."""
+from ronnaplan.tracking.slicer import LPS_FROM_RAS, Markup, read_markups_file
+from ronnaplan.tracking.tables import number, plain_text, read_rows, require_table, unescaped
 
 SYSTEMS = ("LPS", "RAS")
 
@@ -30,6 +27,7 @@ CSV_HEADER = (
     "frame_of_reference_uid",
 )
 NEEDED = CSV_HEADER[:7]
+LOCKED = {"": False, "no": False, "false": False, "0": False, "yes": True, "true": True, "1": True}
 
 
 def to_lps(points_mm: FloatArray, system: str) -> FloatArray:
@@ -59,15 +57,10 @@ def read_line_markups(
     ``target`` are taken as such; for other labels ``first`` must say what the first point is, for tools differ.
     Raises `InputError`.
     """
-    content = read_json(path)
-    try:
-        lines = [markup for markup in content["markups"] if markup["type"] == "Line"]
-        found = [_from_line(line, frame, instrument, system, first) for line in lines]
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-        raise InputError(f"{os.fspath(path)} does not hold Slicer line markups ({error!r})") from error
-    if not found:
+    lines = [markup for markup in read_markups_file(Path(path)) if markup.type == "Line"]
+    if not lines:
         raise InputError(f"{os.fspath(path)} holds no line; export the trajectories as line markups")
-    return found
+    return [_from_line(line, frame, instrument, system, first) for line in lines]
 
 
 def plan_table(plan: Plan) -> str:
@@ -103,17 +96,18 @@ def read_plan_table(
     The column ``coordinate_system`` or ``system`` says whether the numbers are LPS or RAS; neither, both unlike,
     or another frame of reference is refused (`InputError`, `FrameMismatchError`).
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot read {os.fspath(path)} as text ({error}); give a CSV file") from error
-    rows = list(csv.DictReader(io.StringIO(text)))
+    header, rows, delimiter = read_rows(Path(path))
+    require_table(Path(path), header, rows)
     if not rows:
         raise InputError(f"{os.fspath(path)} holds no trajectory; expected a header and rows")
-    missing = [column for column in NEEDED if column not in rows[0]]
+    missing = [column for column in NEEDED if column not in header]
     if missing:
         raise InputError(f"{os.fspath(path)} lacks the columns {', '.join(missing)}; expected {', '.join(NEEDED)}")
-    return [_from_row(row, number, path, frame, instrument, system) for number, row in enumerate(rows, start=2)]
+    found = []
+    for line, cells in enumerate(rows, start=2):
+        row = {name: cell.strip() for name, cell in zip(header, cells, strict=False)}
+        found.append(_from_row(row, delimiter, f"{os.fspath(path)} line {line}", frame, instrument, system))
+    return found
 
 
 def _line(trajectory: Trajectory) -> dict[str, Any]:
@@ -150,15 +144,16 @@ def _line(trajectory: Trajectory) -> dict[str, Any]:
 
 
 def _from_line(
-    line: dict[str, Any], frame: Frame, instrument: Instrument, system: str | None, first: str | None
+    line: Markup, frame: Frame, instrument: Instrument, system: str | None, first: str | None
 ) -> Trajectory:
-    name, points = str(line.get("name") or "line"), line["controlPoints"]
-    if len(points) != 2:
-        raise ValueError(f"the line {name} has {len(points)} points, expected 2")
-    stated = str(line.get("coordinateSystem", "absent")).upper()
-    if system not in (None, stated):
-        raise InputError(f"the line {name} is in {stated} but {system} was asked for; leave it to the file")
-    labels = [str(point.get("label", "")).strip().lower() for point in points]
+    name = line.name or "line"
+    if len(line.controlPoints) != 2 or not all(point.position for point in line.controlPoints):
+        raise InputError(f"the line {name} has not two points that are set; expected its entry and its target")
+    if system not in (None, line.coordinateSystem):
+        raise InputError(
+            f"the line {name} is in {line.coordinateSystem} but {system} was asked for; leave it to the file"
+        )
+    labels = [point.label.strip().lower() for point in line.controlPoints]
     if sorted(labels) == ["entry", "target"]:
         target = labels.index("target")
     elif first is not None:
@@ -167,48 +162,46 @@ def _from_line(
         raise InputError(
             f"the points of line {name} are not labelled entry and target; state which of them comes first"
         )
-    places = to_lps(np.array([point["position"] for point in points], dtype=np.float64), stated)
-    colour = line.get("display", {}).get("selectedColor")
-    options = {"colour": "#" + "".join(f"{round(255 * float(part)):02x}" for part in colour)} if colour else {}
-    return Trajectory(
-        name,
-        places[1 - target],
-        places[target],
-        frame,
-        instrument,
-        locked=bool(line.get("locked", False)),
-        **options,
-    )
+    colour = line.display.selectedColor
+    shown = {"colour": "#" + "".join(f"{round(255 * part):02x}" for part in colour)} if colour else {}
+    entry_mm, target_mm = line.positions_mm[1 - target], line.positions_mm[target]
+    return Trajectory(name, entry_mm, target_mm, frame, instrument, locked=line.locked, **shown)
 
 
 def _from_row(
-    row: dict[str, str], number: int, path: Any, frame: Frame, instrument: Instrument, system: str | None
+    row: dict[str, str], delimiter: str, place: str, frame: Frame, instrument: Instrument, system: str | None
 ) -> Trajectory:
-    stated = (row.get("coordinate_system") or system or "").strip().upper()
+    stated = (row.get("coordinate_system") or system or "").upper()
     if not stated or system not in (None, stated):
         said = f"says {stated} but {system} was asked for" if stated else "does not say whether it is LPS or RAS"
-        raise InputError(f"{os.fspath(path)} line {number} {said}; state the coordinate system")
-    uid = (row.get("frame_of_reference_uid") or "").strip().lstrip("'")
+        raise InputError(f"{place} {said}; state the coordinate system")
+    uid = unescaped(row.get("frame_of_reference_uid", ""))
     if uid:
         frame.require(Frame("CT", uid))
-    try:
-        numbers = np.array([float(row[column]) for column in NEEDED[1:]]).reshape(2, 3)
-        if row.get("diameter_mm") and row.get("length_mm"):
-            name = (row.get("instrument") or "instrument").lstrip("'")
-            instrument = Instrument(name, float(row["diameter_mm"]), float(row["length_mm"]))
-        elif row.get("instrument"):
-            instrument = instrument_named(row["instrument"])
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{os.fspath(path)} line {number} holds something that is no number ({error})") from error
-    entry, target = to_lps(numbers, stated)
-    options = {"colour": row["colour"]} if row.get("colour") else {}
+
+    def value(column: str) -> float:
+        found = number(row.get(column, ""), delimiter)
+        if found is None:
+            raise InputError(f"{place} holds no number under {column}; expected mm")
+        return found
+
+    places = np.array([value(column) for column in NEEDED[1:]]).reshape(2, 3)
+    if row.get("diameter") and row.get("length"):
+        name = unescaped(row.get("instrument", "")) or "instrument"
+        instrument = Instrument(name, value("diameter"), value("length"))
+    elif row.get("instrument"):
+        instrument = instrument_named(unescaped(row["instrument"]))
+    locked = row.get("locked", "").lower()
+    if locked not in LOCKED:
+        raise InputError(f"{place} says '{locked}' under locked; expected yes or no")
+    entry, target = to_lps(places, stated)
     return Trajectory(
-        row["name"].lstrip("'"),
+        unescaped(row["name"]),
         entry,
         target,
         frame,
         instrument,
-        locked=(row.get("locked") or "").strip().lower() in ("yes", "true", "1"),
-        notes=(row.get("notes") or "").lstrip("'"),
-        **options,
+        locked=LOCKED[locked],
+        notes=unescaped(row.get("notes", "")),
+        **({"colour": row["colour"]} if row.get("colour") else {}),
     )

@@ -6,7 +6,6 @@ what could not be read back is not written.
 
 from __future__ import annotations
 
-import json
 import os
 from typing import Any, TypeVar
 
@@ -15,6 +14,7 @@ from pydantic import BaseModel, ValidationError
 from ronnaplan.documents.files import read_json
 from ronnaplan.errors import InputError
 from ronnaplan.text import printable
+from ronnaplan.untrusted import checked, first_fault
 
 Document = TypeVar("Document", bound=BaseModel)
 
@@ -46,10 +46,9 @@ def read_document(
 def validated(content: Any, model: type[Document], name: str, remedy: str) -> Document:
     """Return JSON's ``content`` as ``model``; raises `InputError` naming ``name`` and the first field that is wrong."""
     try:
-        # by way of a text, since pydantic's strict mode knows JSON's types (a list for a tuple) only there
-        return model.model_validate_json(json.dumps(content), strict=True)
-    except ValidationError as error:
-        raise InputError(f"{name}: {first_fault(error)}; {remedy}") from error
+        return checked(content, model)
+    except ValueError as error:
+        raise InputError(f"{name}: {error}; {remedy}") from error
 
 
 def made(model: type[Document], content: dict[str, Any]) -> Document:
@@ -68,12 +67,3 @@ def to_json(document: BaseModel) -> str:
     except ValidationError as error:
         raise InputError(f"the document cannot be written: {first_fault(error)}; change it first") from error
     return text
-
-
-def first_fault(error: ValidationError) -> str:
-    """Name the first field that is wrong, and why."""
-    first = error.errors(include_url=False)[0]
-    where = ".".join(printable(part) for part in first["loc"]) or "the document"
-    if first["type"] == "extra_forbidden":
-        return f"{where}: no field of this document"
-    return f"{where}: {first['msg'].removeprefix('Value error, ')}"

@@ -6,6 +6,7 @@ import csv
 import io
 
 from ronnaplan.documents.fiducials import FiducialsDocument
+from ronnaplan.tracking.tables import plain_text
 
 HEADER = (
     *("label", "x", "y", "z", "sigma_x", "sigma_y", "sigma_z"),
@@ -31,8 +32,3 @@ def csv_table(document: FiducialsDocument) -> str:
             ]
         )
     return stream.getvalue()
-
-
-def plain_text(text: str) -> str:
-    """Keep a spreadsheet from taking a text for a formula."""
-    return f"'{text}" if text[:1] in "=+-@\t\r" else text

@@ -1,18 +1,18 @@
-"""Readings as CSV with a header: x, y, z, and optionally label, frame, time, sigma, status and a quaternion."""
+"""Readings as CSV with a header: x, y, z, and optionally kind, label, frame, time, sigma, status and a quaternion."""
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from pathlib import Path
 
 import numpy as np
 
 from ronnaplan.errors import FrameMismatchError, InputError
-from ronnaplan.geometry import FloatArray, Frame
+from ronnaplan.geometry import LARGEST_SIGMA_MM, SMALLEST_SIGMA_MM, FloatArray, Frame
+from ronnaplan.text import printable
 from ronnaplan.tracking.recording import (
-    FARTHEST_MM,
     OK,
     OTS,
     PointReading,
@@ -20,20 +20,34 @@ from ronnaplan.tracking.recording import (
     ToolReading,
     quaternion_pose,
 )
-from ronnaplan.tracking.tables import MISSING, number, read_rows
+from ronnaplan.tracking.tables import (
+    MISSING,
+    frame_number,
+    number,
+    plain_text,
+    read_rows,
+    require_table,
+    unescaped,
+)
 
 LABEL_NAMES = ("label", "name", "marker", "id")
 QUATERNION_NAMES = ("q0", "qx", "qy", "qz")
-COLUMNS = ("frame", "time_s", "label", "x", "y", "z", "q0", "qx", "qy", "qz", "sigma", "status")
+KINDS = ("point", "tool")
+COLUMNS = (
+    *("kind", "frame", "time_s", "label", "x", "y", "z", "q0", "qx", "qy", "qz"),
+    *("sigma", "error_mm", "status"),
+)
+LONGEST_FRAME_NAME = 64
 
 
 def read_csv(path: Path) -> Recording:
     """Read ``path``; columns are found by name, in any order, with ``,``, ``;`` or tab between them.
 
     ``frame`` is the tracker's frame number; words there name the coordinate frame, which must be one for all rows
-    (`FrameMismatchError`). A row with q0, qx, qy, qz is a tool's pose. Rows without a position are kept, flagged.
-    Raises `InputError` for a file without a header or without x, y, z, with two columns of one name, or with a
-    row longer than the header.
+    (`FrameMismatchError`). ``kind`` says whether a row is a point or a tool's pose; without it, a row with any of q0,
+    qx, qy, qz is a pose, and so is each row with the label of one. Rows without a position are kept, flagged. Raises
+    `InputError` for a file without a header or without x, y, z, with two columns of one name, with a row longer than
+    the header, or with a frame number that is not whole.
     """
     header, rows, delimiter = read_rows(path)
     missing = [axis for axis in "xyz" if axis not in header]
@@ -41,13 +55,14 @@ def read_csv(path: Path) -> Recording:
         raise InputError(
             f"{path} has columns {', '.join(header)} but no {', '.join(missing)}; expected x, y, z in mm"
         )
-    _require_table(path, header, rows)
+    require_table(path, header, rows)
     cells = [dict(zip(header, row, strict=False)) for row in rows]
-    frame = _coordinate_frame(path, cells)
+    frame = _coordinate_frame(path, cells, delimiter)
+    poses = {_label(row) for row in cells if any(row.get(name, "").strip() for name in QUATERNION_NAMES)} - {""}
     points: list[PointReading] = []
     tools: list[ToolReading] = []
     for row in cells:
-        reading = _reading(row, delimiter)
+        reading = _reading(path, row, delimiter, poses)
         if isinstance(reading, ToolReading):
             tools.append(reading)
         else:
@@ -61,57 +76,64 @@ def write_csv(recording: Recording) -> str:
     table = csv.writer(text, lineterminator="\n")
     table.writerow(COLUMNS)
     for point in recording.points:
-        start = [point.frame, _cell(point.time_s), point.label, *map(_cell, point.position_mm)]
-        table.writerow([*start, "", "", "", "", _cell(point.sigma_mm), point.status])
+        start = [
+            "point",
+            point.frame,
+            _cell(point.time_s),
+            plain_text(point.label),
+            *map(_cell, point.position_mm),
+        ]
+        table.writerow([*start, "", "", "", "", _cell(point.sigma_mm), "", plain_text(point.status)])
     for tool in recording.tools:
-        table.writerow([tool.frame, _cell(tool.time_s), tool.tool, *_pose_cells(tool.matrix), "", tool.status])
+        start = ["tool", tool.frame, _cell(tool.time_s), plain_text(tool.tool), *_pose_cells(tool.matrix)]
+        table.writerow([*start, "", _cell(tool.error_mm), plain_text(tool.status)])
     return text.getvalue()
 
 
-def _require_table(path: Path, header: list[str], rows: list[list[str]]) -> None:
-    """Raise `InputError` unless every cell belongs to one column, found by its name."""
-    twice = sorted({name for name in header if name and header.count(name) > 1})
-    if twice:
-        raise InputError(f"{path} has more than one column named {', '.join(twice)}; expected each name once")
-    for place, row in enumerate(rows, start=1):
-        if any(cell.strip() for cell in row[len(header) :]):
-            raise InputError(
-                f"{path} row {place} below the header has {len(row)} cells under {len(header)} columns; "
-                "numbers with a decimal comma need ';' between the columns"
-            )
+def _reading(path: Path, row: Mapping[str, str], delimiter: str, poses: Set[str]) -> PointReading | ToolReading:
+    """Return the reading of a row; ``poses`` are the labels whose rows are a tool's."""
 
-
-def _reading(row: Mapping[str, str], delimiter: str) -> PointReading | ToolReading:
     def value(name: str) -> float:
         found = number(row.get(name, ""), delimiter)
         return np.nan if found is None else found
 
     position = np.array([value(axis) for axis in "xyz"])
-    label = next((row[name].strip() for name in LABEL_NAMES if row.get(name, "").strip()), "")
-    status = row.get("status", "").strip().lower() or OK
+    label = _label(row)
+    status = unescaped(row.get("status", "").strip()).lower() or OK
+    index = frame_number(path, number(row.get("frame", ""), delimiter), 0)
+    kind = row.get("kind", "").strip().lower()
+    if kind not in ("", *KINDS):
+        raise InputError(f"{path} has a row of the kind '{kind}'; expected {' or '.join(KINDS)}")
+    if kind == "tool" or (not kind and (label in poses or any(row.get(k, "").strip() for k in QUATERNION_NAMES))):
+        matrix = quaternion_pose(np.array([value(name) for name in QUATERNION_NAMES]), position)
+        error_mm = number(row.get("error", ""), delimiter)
+        if matrix is None and status == OK:
+            status = "no pose"
+        return ToolReading(index, label, matrix, value("time"), error_mm, status)
     if status == OK and not np.isfinite(position).all():
         status = "no position"
-    frame = value("frame")
-    index = int(frame) if np.isfinite(frame) else 0
-    quaternion = np.array([value(name) for name in QUATERNION_NAMES])
-    if set(QUATERNION_NAMES) <= row.keys() and (np.isfinite(quaternion).any() or status == "no pose"):
-        matrix = quaternion_pose(quaternion, position)
-        return ToolReading(
-            index, label, matrix, value("time"), None, "no pose" if matrix is None and status == OK else status
-        )
     sigma = number(row.get("sigma", ""), delimiter)
-    if status == OK and sigma is not None and not 0 < sigma < FARTHEST_MM:
+    if status == OK and sigma is not None and not SMALLEST_SIGMA_MM <= sigma < LARGEST_SIGMA_MM:
         status = f"sigma is {sigma:g} mm"
     return PointReading(index, position, label, value("time"), sigma, status)
 
 
-def _coordinate_frame(path: Path, cells: list[dict[str, str]]) -> Frame:
-    named = {row["frame"].strip() for row in cells if "frame" in row and number(row["frame"]) is None}
-    named = {name for name in named if name.lower() not in MISSING}
+def _label(row: Mapping[str, str]) -> str:
+    return next((unescaped(row[name].strip()) for name in LABEL_NAMES if row.get(name, "").strip()), "")
+
+
+def _coordinate_frame(path: Path, cells: list[dict[str, str]], delimiter: str) -> Frame:
+    texts = {row["frame"].strip() for row in cells if "frame" in row}
+    named = {text for text in texts if text.lower() not in MISSING and number(text, delimiter) is None}
     if len(named) > 1:
         raise FrameMismatchError(
             f"{path} mixes readings of the frames {', '.join(sorted(named))}; expected one frame"
         )
+    for name in named:
+        if not (name[0].isalpha() and name.isprintable() and len(name) <= LONGEST_FRAME_NAME):
+            raise InputError(
+                f"{path} has the frame '{printable(name, LONGEST_FRAME_NAME)}'; expected a whole number or a name"
+            )
     return Frame(named.pop()) if named else OTS
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ronnaplan.errors import InputError
 from ronnaplan.tracking.recording import OK, PointReading, Recording, ToolReading, quaternion_pose
-from ronnaplan.tracking.tables import number, read_rows
+from ronnaplan.tracking.tables import frame_number, number, read_rows
 
 POSE = ("q0", "qx", "qy", "qz", "tx", "ty", "tz")
 POSITION = ("tx", "ty", "tz")
@@ -48,7 +48,7 @@ def read_ndi(path: Path) -> Recording:
     points: list[PointReading] = []
     tools: list[ToolReading] = []
     for index, row in enumerate(rows):
-        cells = _Row(header, row, delimiter, index)
+        cells = _Row(header, row, delimiter, index, path)
         seen = [cells.tool(column, i) for i, column in enumerate(layout.poses)]
         tools += seen
         for number_in_line, (column, owner) in enumerate(_markers(layout, header, row)):
@@ -63,6 +63,7 @@ class _Row:
     cells: list[str]
     delimiter: str
     index: int
+    path: Path
 
     def text(self, column: int) -> str:
         return self.cells[column].strip() if 0 <= column < len(self.cells) else ""
@@ -80,7 +81,7 @@ class _Row:
         named = self.value(
             next((k for k, name in enumerate(self.header) if name in ("frame", "frame_number")), -1)
         )
-        return int(named) if np.isfinite(named) else self.index
+        return frame_number(self.path, named if np.isfinite(named) else None, self.index)
 
     @property
     def time_s(self) -> float:

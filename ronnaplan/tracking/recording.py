@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame
+from ronnaplan.pose import POSE_TOLERANCE, as_pose, orthonormality_excess
+from ronnaplan.text import printable
 
 OK = "ok"
 """Status of a reading that its source calls good."""
@@ -16,6 +19,10 @@ FARTHEST_MM = 1e6
 """No tracker sees a kilometre far: such a position is damage."""
 QUATERNION_TOLERANCE = 1e-2
 """Largest departure from length one of a quaternion that still is a rotation (printed with few digits)."""
+
+ROTATION_TOLERANCE = 2e-3
+"""Largest entry of ``R @ R.T - 1`` of a tracker's matrix that still stands for a rotation, the nearest one: PLUS
+writes matrices that are off by up to 5e-4 in an entry, a thousandth here. A tool scaled by 0.1 % is at the limit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +37,9 @@ class PointReading:
     sigma_mm: float | None = None
     """Standard deviation per axis, where the source states one."""
     status: str = OK
+
+    def __post_init__(self) -> None:
+        _make_printable(self, "label", "status")
 
     @property
     def usable(self) -> bool:
@@ -50,6 +60,9 @@ class ToolReading:
     """The tracker's own RMS misfit of the tool's markers."""
     status: str = OK
 
+    def __post_init__(self) -> None:
+        _make_printable(self, "tool", "status")
+
     @property
     def usable(self) -> bool:
         """Whether the source calls the pose good and there is one."""
@@ -66,6 +79,9 @@ class Recording:
     frame: Frame = field(default=OTS)
     notes: tuple[str, ...] = ()
     """What the reader met and a person should know, one sentence each."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "notes", tuple(map(printable, self.notes)))
 
     @property
     def tool_names(self) -> tuple[str, ...]:
@@ -88,6 +104,14 @@ class Recording:
         return counts
 
 
+def _make_printable(reading: PointReading | ToolReading, *names: str) -> None:
+    """Escape what no line of text can show: names come from files and from the network, and go to terminals."""
+    for name in names:
+        text: str = getattr(reading, name)
+        if not text.isprintable():
+            object.__setattr__(reading, name, printable(text, len(text)))
+
+
 def _near(values: FloatArray) -> bool:
     return bool((np.abs(values) < FARTHEST_MM).all())
 
@@ -105,3 +129,35 @@ def quaternion_pose(quaternion: FloatArray, translation_mm: FloatArray) -> Float
     matrix[:3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
     matrix[:3, 3] = translation_mm
     return matrix
+
+
+def tool_reading(
+    frame: int, tool: str, matrix: FloatArray, time_s: float, status: str = OK
+) -> tuple[ToolReading, float]:
+    """Return the reading of a tracker's ``matrix`` of 16 numbers, and by how much its rotation missed one.
+
+    The nearest rotation is taken within `ROTATION_TOLERANCE`; what is no pose is flagged with the reason.
+    """
+    pose: FloatArray | None = None
+    excess = 0.0
+    try:
+        if matrix.size != 16:
+            raise InputError(f"it has {matrix.size} numbers; expected 16")
+        square = matrix.reshape(4, 4)
+        pose = as_pose(square, tolerance=ROTATION_TOLERANCE)
+        excess = orthonormality_excess(square[:3, :3])
+    except InputError as error:
+        if status == OK:
+            status = f"no pose: {error}"
+    return ToolReading(frame, tool, pose, time_s, None, status), excess
+
+
+def rounding_notes(excesses: Sequence[float]) -> tuple[str, ...]:
+    """Say in how many readings the nearest rotation was taken, where that is more than the rounding of digits."""
+    rounded = [excess for excess in excesses if excess > POSE_TOLERANCE]
+    if not rounded:
+        return ()
+    return (
+        f"{len(rounded)} of {len(excesses)} poses are rotations to within {max(rounded):.1g} only; "
+        "the nearest rotation was taken",
+    )

@@ -2,80 +2,120 @@
 
 from __future__ import annotations
 
-import json
+import math
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.tracking.recording import OK, PointReading, Recording
-from ronnaplan.tracking.tables import number, read_text
+from ronnaplan.tracking.tables import number, read_text, require_table, split_rows
+from ronnaplan.untrusted import checked, parse_json, read_whole
 
 LPS_FROM_RAS = np.array([-1.0, -1.0, 1.0])
+"""RAS and LPS differ in the sign of the first two axes, either way."""
 FCSV_SYSTEMS = {"0": "RAS", "1": "LPS", "RAS": "RAS", "LPS": "LPS"}
+MOST_MARKUPS_BYTES = 2**26
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class ControlPoint(BaseModel):
+    """A point of a markup, as far as it is used here."""
+
+    model_config = ConfigDict(frozen=True)
+    label: str = ""
+    position: tuple[Finite, Finite, Finite] | tuple[()] | None = None
+    positionStatus: str = "defined"  # noqa: N815 - Slicer's name
+
+
+class Display(BaseModel):
+    """How a markup is shown."""
+
+    model_config = ConfigDict(frozen=True)
+    selectedColor: tuple[Share, Share, Share] | None = None  # noqa: N815
+
+
+class Markup(BaseModel):
+    """A list of points or a line, as far as it is used here; what else Slicer writes is passed over."""
+
+    model_config = ConfigDict(frozen=True)
+    type: str = ""
+    name: str = ""
+    coordinateSystem: Literal["LPS", "RAS"]  # noqa: N815
+    coordinateUnits: Literal["mm"] | tuple[Literal["mm"], Literal["UCUM"], str] = "mm"  # noqa: N815
+    locked: bool = False
+    controlPoints: tuple[ControlPoint, ...]  # noqa: N815
+    display: Display = Display()
+
+    @property
+    def positions_mm(self) -> FloatArray:
+        """The points (N, 3) in LPS; NaN for one that is not set."""
+        given = [point.position or [math.nan] * 3 for point in self.controlPoints]
+        positions: FloatArray = np.array(given, dtype=np.float64).reshape(-1, 3)
+        return positions * LPS_FROM_RAS if self.coordinateSystem == "RAS" else positions
+
+
+class MarkupsFile(BaseModel):
+    """The whole of a ``.mrk.json``."""
+
+    model_config = ConfigDict(frozen=True)
+    markups: tuple[Markup, ...]
+
+
+def read_markups_file(path: Path) -> tuple[Markup, ...]:
+    """Return every markup of ``path`` (``.mrk.json``); raises `InputError` naming what is wrong."""
+    content = read_whole(path, MOST_MARKUPS_BYTES, expected="a Slicer markups file")
+    try:
+        return checked(parse_json(content), MarkupsFile).markups
+    except ValueError as error:
+        raise InputError(
+            f"{path} is not a Slicer markups file ({error}); expected markups with controlPoints, in mm, LPS or RAS"
+        ) from error
 
 
 def read_markups(path: Path) -> Recording:
     """Read the control points of every markup in ``path`` (``.mrk.json``), in LPS; undefined ones are flagged."""
-    try:
-        document = json.loads(read_text(path))
-        markups = document["markups"]
-        points = [point for markup in markups for point in _control_points(markup)]
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise InputError(
-            f"{path} is not a Slicer markups file ({error!r}); expected markups with controlPoints"
-        ) from error
+    points = [
+        _point(position_mm, point.label, OK if point.positionStatus == "defined" else point.positionStatus)
+        for markup in read_markups_file(path)
+        for point, position_mm in zip(markup.controlPoints, markup.positions_mm, strict=True)
+    ]
     return Recording(str(path), tuple(points))
 
 
 def read_fcsv(path: Path) -> Recording:
     """Read a ``.fcsv`` fiducial list, in LPS. Raises `InputError` without its ``# columns`` and system header."""
-    lines = [line.strip() for line in read_text(path).splitlines() if line.strip()]
-    settings = dict(_setting(line) for line in lines if line.startswith("#") and "=" in line)
-    system = FCSV_SYSTEMS.get(settings.get("CoordinateSystem", "").upper())
-    columns = [name.strip() for name in settings.get("columns", "").split(",")]
-    if system is None or not {"x", "y", "z"} <= set(columns):
+    rows = split_rows(path, read_text(path), ",")
+    comments = [",".join(row).lstrip("# ") for row in rows if row[0].startswith("#")]
+    settings = [_setting(text) for text in comments if "=" in text]
+    named = dict(settings)
+    system = FCSV_SYSTEMS.get(named.get("CoordinateSystem", "").upper())
+    columns = [name.strip() for name in named.get("columns", "").split(",")]
+    if system is None or not {"x", "y", "z"} <= set(columns) or len(settings) > len(named):
         raise InputError(
-            f"{path} lacks the header of a Slicer .fcsv; expected '# CoordinateSystem' and '# columns'"
+            f"{path} lacks the header of a Slicer .fcsv; expected '# CoordinateSystem' and '# columns', each once"
         )
+    data = [row for row in rows if not row[0].startswith("#")]
+    require_table(path, columns, data)
+    sign = LPS_FROM_RAS if system == "RAS" else 1.0
     points = []
-    for line in lines:
-        if line.startswith("#"):
-            continue
-        row = dict(zip(columns, line.split(","), strict=False))
-        numbers = [number(row.get(axis, "")) for axis in "xyz"]
-        points.append(_point(numbers, row.get("label", ""), system, OK))
+    for cells in data:
+        row = dict(zip(columns, cells, strict=False))
+        position = np.array([number(row.get(axis, "")) for axis in "xyz"], dtype=np.float64)
+        points.append(_point(sign * position, row.get("label", ""), OK))
     return Recording(str(path), tuple(points))
 
 
-def _control_points(markup: dict[str, Any]) -> list[PointReading]:
-    system = str(markup.get("coordinateSystem", "")).upper()
-    if system not in ("LPS", "RAS"):
-        raise ValueError(f"coordinateSystem is {system or 'absent'}")
-    unit = markup.get("coordinateUnits", "mm")
-    if unit not in ("mm", ["mm", "UCUM", "millimeter"]) and "mm" not in unit:
-        raise ValueError(f"coordinateUnits are {unit}")
-    points = []
-    for point in markup["controlPoints"]:
-        status = str(point.get("positionStatus", "defined"))
-        position = point.get("position") or [None] * 3
-        points.append(_point(position, str(point.get("label", "")), system, OK if status == "defined" else status))
-    return points
-
-
-def _point(numbers: list[float | None], label: str, system: str, status: str) -> PointReading:
-    position: FloatArray = np.array([np.nan if v is None else float(v) for v in numbers], dtype=np.float64)
-    if position.shape != (3,):
-        raise ValueError(f"a position has {position.size} coordinates")
-    if system == "RAS":
-        position = position * LPS_FROM_RAS
-    if status == OK and not np.isfinite(position).all():
+def _point(position_mm: FloatArray, label: str, status: str) -> PointReading:
+    if status == OK and not np.isfinite(position_mm).all():
         status = "no position"
-    return PointReading(0, position, label.strip(), status=status)
+    return PointReading(0, position_mm, label.strip(), status=status)
 
 
-def _setting(line: str) -> tuple[str, str]:
-    key, _, value = line.lstrip("# ").partition("=")
+def _setting(text: str) -> tuple[str, str]:
+    key, _, value = text.partition("=")
     return key.strip(), value.strip()

@@ -2,49 +2,86 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
+import io
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 from ronnaplan.errors import InputError
+from ronnaplan.text import printable
+from ronnaplan.untrusted import plain_number, read_whole
 
 DELIMITERS = (",", ";", "\t")
+MOST_TEXT_BYTES = 2**28
+"""An hour of a tracker's readings takes a tenth of it."""
 LARGEST_NUMBER = 1e19
-"""Nanoseconds since 1970 fit; what is larger, or infinite, is damage."""
-LENGTHS = frozenset({"x", "y", "z", "tx", "ty", "tz", "sigma"})
-"""Columns that are lengths in mm."""
+"""Nanoseconds since 1970 fit; what is larger is damage."""
+LENGTHS = frozenset({"x", "y", "z", "tx", "ty", "tz", "sigma", "error", "entry", "target", "diameter", "length"})
+"""Columns that are lengths in mm, by the first word of their name."""
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "missing", "-"})
+UNIT_COLUMNS = ("unit", "units")
+FORMULA = ("=", "+", "-", "@", "\t", "\r", "'")
+"""A spreadsheet takes a text that begins so for a formula, or swallows its first character."""
 
 
 def read_text(path: Path) -> str:
-    """Return the text of ``path``; raises `InputError` for a file that is missing, unreadable or not text."""
+    """Return the text of ``path`` (UTF-8, or UTF-16 with its byte order mark).
+
+    Raises `InputError` for a file that is missing, unreadable, too large or not text.
+    """
+    content = read_whole(path, MOST_TEXT_BYTES, expected="a text file of tracker readings")
+    marks = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
     try:
-        return path.read_text(encoding="utf-8-sig")
+        text = content.decode("utf-16" if content.startswith(marks) else "utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path} is not a text file; expected tracker readings") from error
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}); check the path") from error
+    if "\0" in text:
+        raise InputError(f"{path} is not a text file, it holds null characters; expected tracker readings")
+    return text
 
 
 def read_rows(path: Path) -> tuple[list[str], list[list[str]], str]:
     """Return the header's normalized names, the rows below it and the delimiter. Blank lines are left out.
 
-    Raises `InputError` for a file without a header, and for lengths not in mm or times not in s.
+    Raises `InputError` for a file without a header, for two columns of one name that hold lengths, and for lengths
+    not in mm or times not in s, stated in the header or in a column ``unit``.
     """
-    lines = [line for line in read_text(path).splitlines() if line.strip()]
-    if not lines:
+    text = read_text(path)
+    if not text.strip():
         raise InputError(f"{path} is empty; expected a header and tracker readings")
-    delimiter = max(DELIMITERS, key=lines[0].count)
-    try:
-        rows = list(csv.reader(lines, delimiter=delimiter))
-    except csv.Error as error:
-        raise InputError(f"{path} is not a readable table ({error}); expected CSV with a header") from error
+    delimiter = max(DELIMITERS, key=text.lstrip().partition("\n")[0].count)
+    rows = split_rows(path, text, delimiter)
     header = [column_name(cell) for cell in rows[0]]
     if any(number(cell, delimiter) is not None for cell in rows[0]):
         raise InputError(f"{path} has no header; its first line must name the columns, such as label,x,y,z")
     for cell, name in zip(rows[0], header, strict=True):
         _require_unit(path, cell, name)
+    _require_mm(path, header, rows[1:])
     return header, rows[1:], delimiter
+
+
+def split_rows(path: Path, text: str, delimiter: str) -> list[list[str]]:
+    """Return the cells of each line that is not blank; raises `InputError` for what no table holds."""
+    try:
+        rows = list(csv.reader(io.StringIO(text, newline=""), delimiter=delimiter))
+    except csv.Error as error:
+        raise InputError(f"{path} is not a readable table ({error}); expected CSV with a header") from error
+    return [row for row in rows if any(cell.strip() for cell in row)]
+
+
+def require_table(path: Path, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Raise `InputError` unless every cell belongs to one column, found by its name."""
+    twice = sorted({name for name in header if name and header.count(name) > 1})
+    if twice:
+        raise InputError(f"{path} has more than one column named {', '.join(twice)}; expected each name once")
+    for place, row in enumerate(rows, start=1):
+        if any(cell.strip() for cell in row[len(header) :]):
+            raise InputError(
+                f"{path} row {place} below the header has {len(row)} cells under {len(header)} columns; "
+                "numbers with a decimal comma need ';' between the columns"
+            )
 
 
 def _require_unit(path: Path, cell: str, name: str) -> None:
@@ -58,6 +95,18 @@ def _require_unit(path: Path, cell: str, name: str) -> None:
         raise InputError(
             f"{path} has the column '{cell.strip()}'; expected it in {expected}, so convert the numbers and rename it"
         )
+
+
+def _require_mm(path: Path, header: list[str], rows: list[list[str]]) -> None:
+    """Raise `InputError` where a column says for its row that lengths are not in mm."""
+    for column in (k for k, name in enumerate(header) if name in UNIT_COLUMNS):
+        for place, row in enumerate(rows, start=1):
+            stated = row[column].strip() if column < len(row) else ""
+            if stated.lower() not in {*MISSING, "mm"}:
+                raise InputError(
+                    f"{path} row {place} below the header says its unit is '{printable(stated)}'; "
+                    "expected mm, so convert the numbers"
+                )
 
 
 def column_name(cell: str) -> str:
@@ -78,10 +127,28 @@ def number(cell: str, delimiter: str = ",") -> float | None:
     text = cell.strip()
     if text.lower() in MISSING:
         return None
-    if delimiter != ",":
-        text = text.replace(",", ".")
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return value if abs(value) <= LARGEST_NUMBER else None
+    value = plain_number(text if delimiter == "," else text.replace(",", "."))
+    return value if value is not None and abs(value) <= LARGEST_NUMBER else None
+
+
+def frame_number(path: Path, value: float | None, otherwise: int) -> int:
+    """Return a frame's number, ``otherwise`` where the row has none; raises `InputError` unless it is whole."""
+    if value is None:
+        return otherwise
+    if value != int(value):
+        raise InputError(f"{path} has the frame number {value:g}; expected whole numbers")
+    return int(value)
+
+
+def plain_text(text: str) -> str:
+    """Keep a spreadsheet from taking a text for a formula; `unescaped` takes it back.
+
+    >>> plain_text("=1+1"), plain_text(""), unescaped(plain_text("'a")), unescaped("'n Haarlem")
+    ("'=1+1", '', "'a", "'n Haarlem")
+    """
+    return f"'{text}" if text.startswith(FORMULA) else text
+
+
+def unescaped(text: str) -> str:
+    """Return what `plain_text` was given."""
+    return text[1:] if text.startswith("'") and text[1:].startswith(FORMULA) else text

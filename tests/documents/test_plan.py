@@ -192,6 +192,28 @@ def test_a_line_of_slicer_s_own_says_its_system_and_needs_its_order(tmp_path: Pa
 
 
 @pytest.mark.parametrize(
+    ("there", "instead"),
+    [
+        ("[1.0, 2.0, 3.0]", '"123"'),
+        ("[1.0, 2.0, 3.0]", '["1", "2", "3"]'),
+        ("[1.0, 2.0, 3.0]", "[true, 2, 3]"),
+        ("[1.0, 2.0, 3.0]", "[1e308, 2, 3]"),
+        ("[1.0, 2.0, 3.0]", "[]"),
+        ('"LPS"', '"LPS", "locked": "no"'),
+        ('"LPS"', '"LPS", "coordinateUnits": "cmm"'),
+        ('"LPS"', '"LPS", "coordinateSystem": "RAS"'),
+        ('"LPS"', '"LPS", "display": {"selectedColor": [255, 0, 0]}'),
+    ],
+)
+def test_a_line_is_taken_at_its_word(there: str, instead: str, tmp_path: Path) -> None:
+    path = line("LPS", ("entry", "target"), tmp_path / "l.mrk.json")
+    read_line_markups(path, CT, POINTER)
+    path.write_text(path.read_text().replace(there, instead))
+    with pytest.raises(InputError):
+        read_line_markups(path, CT, POINTER)
+
+
+@pytest.mark.parametrize(
     "text", ["{}", "[]", '{"markups": [{"type": "Line"}]}', '{"markups": [{"type": "Fiducial"}]}']
 )
 def test_what_holds_no_line_is_refused(text: str, tmp_path: Path) -> None:
@@ -213,6 +235,9 @@ def test_a_table_comes_back(plan: Plan, tmp_path: Path) -> None:
         read_plan_table(path, CT, POINTER, system="RAS")
 
 
+HEADER = "name,entry_x,entry_y,entry_z,target_x,target_y,target_z"
+
+
 def test_a_plain_table_needs_its_system(tmp_path: Path) -> None:
     path = tmp_path / "plan.csv"
     path.write_text("name,entry_x,entry_y,entry_z,target_x,target_y,target_z\nA,1,2,3,4,5,60\n")
@@ -225,11 +250,18 @@ def test_a_plain_table_needs_its_system(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "no trajectory"),
+        ("", "is empty"),
+        (f"{HEADER}\n", "no trajectory"),
+        (f"{HEADER}\nA,1_0,2,3,4,5,6\n", "no number under entry_x"),
+        (f"{HEADER}\nA,nan,2,3,4,5,6\n", "no number under entry_x"),
+        (f"{HEADER},unit\nA,1,2,3,4,5,6,cm\n", "its unit is 'cm'"),
+        (f"{HEADER},entry_x\nA,1,2,3,4,5,6,7\n", "more than one column"),
+        (f"{HEADER},locked\nA,1,2,3,4,5,6,maybe\n", "says 'maybe' under locked"),
+        (f"{HEADER.replace('entry_x', 'entry_x [m]')}\nA,1,2,3,4,5,6\n", "expected it in mm"),
         ("name,entry_x\nA,1\n", "lacks the columns"),
-        ("name,entry_x,entry_y,entry_z,target_x,target_y,target_z\nA,1,2,x,4,5,6\n", "line 2"),
-        ("name,entry_x,entry_y,entry_z,target_x,target_y,target_z\nA,1,2\n", "line 2"),
-        ("name,entry_x,entry_y,entry_z,target_x,target_y,target_z,instrument\nA,1,2,3,4,5,6,laser\n", "laser"),
+        (f"{HEADER}\nA,1,2,x,4,5,6\n", "line 2"),
+        (f"{HEADER}\nA,1,2\n", "line 2"),
+        (f"{HEADER},instrument\nA,1,2,3,4,5,6,laser\n", "laser"),
     ],
 )
 def test_a_table_that_is_wrong_is_refused(text: str, words: str, tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Readings files of every kind: what they say is read, and what is doubtful is kept with its reason."""
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.errors import FrameMismatchError, InputError
-from ronnaplan.tracking import read_recording
+from ronnaplan.tracking import PointReading, Recording, ToolReading, read_recording
 from ronnaplan.tracking.csv_file import write_csv
 
 
@@ -33,9 +34,10 @@ def test_csv_columns_are_found_by_name_and_bad_rows_are_kept_with_a_reason(tmp_p
 
 
 def test_damaged_numbers_are_flagged_not_used(tmp_path: Path) -> None:
-    text = "x,y,z,sigma\n1,2,3,-1\n1e300,2,3,0.1\n1,inf,3,0.1\n1e12,2,3,0.1\n1,2,3,0.1\n"
+    bad = ("1,2,3,-1", "1e300,2,3,0.1", "1,inf,3,0.1", "1e12,2,3,0.1", "1_0,2,3,0.1", "1,\u0664,3,0.1", "9" * 400)
+    text = "\n".join(["x,y,z,sigma", *bad, "1,2,3,0.1"])
     recording = read_recording(written(tmp_path, "r.csv", text))
-    assert [point.usable for point in recording.points] == [False, False, False, False, True]
+    assert [point.usable for point in recording.points] == [False] * len(bad) + [True]
     assert "sigma is -1 mm" in recording.flagged()
 
 
@@ -47,6 +49,11 @@ def test_semicolons_with_decimal_commas_and_a_byte_order_mark(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("text", "says"),
     [
+        ("x,y,z,unit\n1,2,3,mm\n1,2,3,m\n", "row 2 below the header says its unit is 'm'"),
+        ("x,y,z,Units\n1,2,3,inch\n", "unit is 'inch'"),
+        ("x,y,z,frame\n1,2,3,1.5\n", "frame number 1.5"),
+        ("x,y,z,frame\n1,2,3," + "9" * 5000 + "\n", "expected a whole number or a name"),
+        ("x,y,z,kind\n1,2,3,pose\n", "the kind 'pose'"),
         ("x,y,z\n11,5,22,0,30,1\n", "decimal comma"),
         ("x,y,z,X [mm]\n1,2,3,4\n", "more than one column named x"),
         ("x (cm),y (cm),z (cm)\n1,2,3\n", r"x \(cm\)"),
@@ -78,13 +85,13 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
             tmp_path,
             "r.csv",
             "frame,time_s,label,x,y,z,q0,qx,qy,qz,sigma,status\n0,1.25,A,0.1,2,3,,,,,0.17,ok\n1,,,,2,3,,,,,,missing\n"
-            "0,1.5,probe,1,2,3,0.5,0.5,-0.5,0.5,,ok\n1,1.6,probe,,,,,,,,,no pose\n",
+            "0,1.5,probe,1,2,3,0.5,0.5,-0.5,0.5,,ok\n1,1.6,probe,,,,,,,,,no pose\n2,1.7,probe,,,,,,,,,missing\n",
         )
     )
     again = read_recording(written(tmp_path, "again.csv", write_csv(first)))
     assert write_csv(again) == write_csv(first)
     assert len(again.points) == 2
-    assert [tool.usable for tool in again.tools] == [True, False]
+    assert [tool.usable for tool in again.tools] == [True, False, False]
     np.testing.assert_allclose(again.poses("probe")[0][:3, 3], [1, 2, 3])
 
 
@@ -171,7 +178,7 @@ def test_metaimage_sequence_keeps_invalid_transforms_flagged(tmp_path: Path) -> 
         ("r.csv", "", "empty"),
         ("m.mrk.json", "{}", "not a Slicer markups"),
         ("m.mrk.json", "[", "not a Slicer markups"),
-        ("m.mrk.json", '{"markups": [{"controlPoints": []}]}', "coordinateSystem is absent"),
+        ("m.mrk.json", '{"markups": [{"controlPoints": []}]}', r"markups\.0\.coordinateSystem: Field required"),
         ("m.fcsv", "1,2,3,4\n", "header"),
         ("s.mha", "ObjectType = Image\nElementDataFile = LOCAL\n", "no Seq_Frame"),
         ("s.mha", "not a header", "not a MetaImage"),
@@ -182,14 +189,195 @@ def test_a_file_that_is_no_recording_is_named(tmp_path: Path, name: str, text: s
         read_recording(written(tmp_path, name, text))
 
 
-@pytest.mark.parametrize("name", ["absent.csv", "absent.mha", "absent.mrk.json", "absent.fcsv"])
-def test_a_missing_file_is_named(tmp_path: Path, name: str) -> None:
-    with pytest.raises(InputError, match="cannot be read"):
+@pytest.mark.parametrize("name", ["r.csv", "r.mha", "r.nrrd", "r.mrk.json", "r.fcsv"])
+def test_a_missing_file_is_named_and_a_pipe_is_not_waited_for(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match="there is no such file"):
+        read_recording(tmp_path / name)
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(InputError, match="no regular file"):
         read_recording(tmp_path / name)
 
 
 def test_a_binary_file_is_named(tmp_path: Path) -> None:
     path = tmp_path / "r.csv"
-    path.write_bytes(b"\xff\xfe\x00\x81")
+    path.write_bytes(b"\x80\xfe\x00\x81")
     with pytest.raises(InputError, match="not a text file"):
         read_recording(path)
+
+
+def test_readings_of_every_kind_come_back_from_csv_as_they_were(tmp_path: Path) -> None:
+    points = (
+        PointReading(3, np.array([0.1, 1 / 3, -1000.0]), "=A", 1.5, 0.2),
+        PointReading(4, np.full(3, np.nan), "'n", status="missing"),
+    )
+    tools = (
+        ToolReading(0, "probe", None, 0.5, None, "no pose: it has 2 numbers; expected 16"),
+        ToolReading(1, "never seen", None, status="missing"),
+        ToolReading(2, "probe", np.eye(4), 0.75, 0.11),
+    )
+    again = read_recording(written(tmp_path, "r.csv", write_csv(Recording("test", points, tools))))
+    for first, second in zip((*points, *tools), (*again.points, *again.tools), strict=True):
+        for name, value in vars(first).items():
+            np.testing.assert_equal(getattr(second, name), value)
+
+
+def test_names_from_a_file_cannot_steer_a_terminal(tmp_path: Path) -> None:
+    recording = read_recording(
+        written(tmp_path, "r.csv", "label,x,y,z,status\n\x1b]0;owned\x07A\u2028B,1,2,3,\x1b[2J\n")
+    )
+    assert recording.points[0].label == r"\x1b]0;owned\x07A\u2028B"
+    assert recording.flagged() == {r"\x1b[2j": 1}
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_csv_as_a_spreadsheet_saves_it_in_utf_16(tmp_path: Path, encoding: str) -> None:
+    text = "label;x;y;z\r\nÅ;1,5;-2;3\r\n"
+    if encoding != "utf-16":
+        text = "\ufeff" + text
+    path = tmp_path / "r.csv"
+    path.write_bytes(text.encode(encoding))
+    (point,) = read_recording(path).points
+    assert (point.label, point.position_mm.tolist()) == ("Å", [1.5, -2, 3])
+
+
+def turned(k: int) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_rotvec([0.1 * k, 0.5, -0.3]).as_matrix()
+    matrix[:3, 3] = 10 * k, -20, -1500
+    return matrix
+
+
+def matrix_rows(first: int, rows: int) -> str:
+    names = [f"m{r}{c}" for r in range(first, first + rows) for c in range(first, first + 4)]
+    lines = [
+        f"{1378476416922755200 + k * 10**9}," + ",".join(map(repr, turned(k)[:rows].ravel().tolist()))
+        for k in range(3)
+    ]
+    return "\n".join(["timestamp_ns," + ",".join(names), *lines])
+
+
+@pytest.mark.parametrize(("first", "rows"), [(0, 4), (0, 3), (1, 4)])
+def test_rows_of_matrices_are_poses(tmp_path: Path, first: int, rows: int) -> None:
+    recording = read_recording(written(tmp_path, "poses.csv", matrix_rows(first, rows)))
+    np.testing.assert_allclose(recording.poses("tool"), [turned(k) for k in range(3)], atol=1e-12)
+    assert [tool.frame for tool in recording.tools] == [0, 1, 2]
+    assert recording.tools[1].time_s == pytest.approx(1378476417.9227552, abs=1e-6)
+    assert recording.notes == ()
+
+
+def test_matrices_by_columns_are_flagged_not_turned_round(tmp_path: Path) -> None:
+    names = ",".join(f"m{r}{c}" for r in range(4) for c in range(4))
+    numbers = ",".join(map(repr, turned(1).T.ravel().tolist()))
+    (tool,) = read_recording(written(tmp_path, "poses.csv", f"{names}\n{numbers}\n")).tools
+    assert "is it transposed" in tool.status
+
+
+def plus(matrix: np.ndarray) -> str:
+    return " ".join(f"{value:.6g}" for value in matrix.ravel())
+
+
+@pytest.mark.parametrize("suffix", [".mha", ".nrrd"])
+def test_matrices_that_are_nearly_rotations_are_read_as_the_nearest(tmp_path: Path, suffix: str) -> None:
+    rng = np.random.default_rng(3)
+    true = [turned(k) for k in range(20)]
+    rough = [matrix.copy() for matrix in true]
+    for matrix in rough:
+        matrix[:3, :3] += rng.uniform(-5e-4, 5e-4, (3, 3))
+    scaled = true[0].copy()
+    scaled[:3, :3] *= 1.002
+    text = sequence([(plus(matrix), "OK") for matrix in (*rough, scaled)])
+    if suffix == ".nrrd":
+        text = as_nrrd(text)
+    recording = read_recording(written(tmp_path, f"s{suffix}", text))
+    poses = recording.poses("StylusToTracker")
+    assert len(poses) == 20
+    np.testing.assert_allclose(
+        poses[:, :3, :3] @ poses[:, :3, :3].swapaxes(1, 2), np.tile(np.eye(3), (20, 1, 1)), atol=1e-12
+    )
+    np.testing.assert_allclose(poses, true, atol=1e-3)
+    assert "not rigid" in recording.tools[-1].status
+    assert recording.notes[0].startswith("2")
+    assert "the nearest rotation was taken" in recording.notes[0]
+
+
+def as_nrrd(text: str) -> str:
+    fields = [line.replace(" = ", ":=") for line in text.splitlines() if line.startswith("Seq_Frame")]
+    head = [
+        "NRRD0004",
+        "# a comment",
+        "type: uchar",
+        "dimension: 4",
+        "sizes: 1 1 1 2",
+        "kinds: domain domain domain list",
+    ]
+    return "\n".join([*head, "encoding: raw", *fields, "", "\0\0"])
+
+
+def test_an_nrrd_sequence_is_read_as_its_metaimage_twin(tmp_path: Path) -> None:
+    text = sequence([(plus(turned(1)), "OK"), (plus(turned(2)), "INVALID")])
+    first = read_recording(written(tmp_path, "s.mha", text))
+    second = read_recording(written(tmp_path, "s.seq.nrrd", as_nrrd(text)))
+    assert [vars(tool).keys() for tool in first.tools] == [vars(tool).keys() for tool in second.tools]
+    for one, other in zip(first.tools, second.tools, strict=True):
+        np.testing.assert_equal(vars(one), vars(other))
+    assert [tool.status for tool in second.tools] == ["ok", "invalid"]
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        (f"Seq_Frame{'9' * 5000}_AToBTransform = 1", "expected Seq_Frame, a number"),
+        ("Seq_Frame0000 AToBTransform = 1", "expected Seq_Frame, a number"),
+        ("Seq_Frame0000_StylusToTrackerTransform = 1", "twice"),
+    ],
+)
+def test_frame_fields_that_cannot_be_understood_are_refused(tmp_path: Path, line: str, says: str) -> None:
+    text = sequence([(plus(turned(1)), "OK")]).replace("ElementDataFile", f"{line}\nElementDataFile")
+    with pytest.raises(InputError, match=says):
+        read_recording(written(tmp_path, "s.mha", text))
+
+
+def test_a_tool_of_any_name_is_read(tmp_path: Path) -> None:
+    text = sequence([(plus(turned(1)), "OK")]).replace("StylusToTracker", "Stylus-1.aToTracker")
+    assert read_recording(written(tmp_path, "s.mha", text)).tool_names == ("Stylus-1.aToTracker",)
+
+
+POINT = '{"label": "F", "position": [1, 2, 3], "positionStatus": "defined"}'
+MARKUPS = f'{{"markups": [{{"type": "Fiducial", "coordinateSystem": "LPS", "controlPoints": [{POINT}]}}]}}'
+
+
+@pytest.mark.parametrize(
+    ("there", "instead"),
+    [
+        ("[1, 2, 3]", '"123"'),
+        ("[1, 2, 3]", '{"0": 1, "1": 2, "2": 3}'),
+        ("[1, 2, 3]", '["1", 2, 3]'),
+        ("[1, 2, 3]", "[true, 2, 3]"),
+        ("[1, 2, 3]", "[1, 2]"),
+        ("[1, 2, 3]", f"[{'9' * 400}, 2, 3]"),
+        ("[1, 2, 3]", f"[{'9' * 5000}, 2, 3]"),
+        ("[1, 2, 3]", "[1e999, 2, 3]"),
+        ('"F"', "5"),
+        ('"F"', '"\\ud800"'),
+        ('"LPS"', '"LPS", "coordinateSystem": "RAS"'),
+        ('"LPS"', '"LPS", "coordinateUnits": "cmm"'),
+        ('"LPS"', '"LPS", "coordinateUnits": "m"'),
+        ('"LPS"', '"LPS", "coordinateUnits": ["cm", "UCUM", "mm"]'),
+        ('"LPS"', '"lps"'),
+    ],
+)
+def test_markups_are_taken_at_their_word(tmp_path: Path, there: str, instead: str) -> None:
+    read_recording(written(tmp_path, "m.mrk.json", MARKUPS))
+    with pytest.raises(InputError, match="not a Slicer markups file"):
+        read_recording(written(tmp_path, "m.mrk.json", MARKUPS.replace(there, instead)))
+
+
+def test_markups_that_name_millimetres_by_their_code_are_read(tmp_path: Path) -> None:
+    text = MARKUPS.replace('"LPS"', '"LPS", "coordinateUnits": ["mm", "UCUM", "millimeter"]')
+    assert read_recording(written(tmp_path, "m.mrk.json", text)).points[0].position_mm.tolist() == [1, 2, 3]
+
+
+def test_an_fcsv_that_names_two_systems_is_refused(tmp_path: Path) -> None:
+    text = "# CoordinateSystem = LPS\n# CoordinateSystem = RAS\n# columns = id,x,y,z,label\n1,1,2,3,F\n"
+    with pytest.raises(InputError, match="each once"):
+        read_recording(written(tmp_path, "m.fcsv", text))

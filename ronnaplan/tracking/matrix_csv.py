@@ -1,0 +1,50 @@
+"""Tables whose rows hold 4 x 4 matrices, tracker from tool: columns m00 to m33 (or m11 to m44), by row and column."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ronnaplan.tracking.recording import Recording, rounding_notes, tool_reading
+from ronnaplan.tracking.tables import frame_number, number, read_rows, require_table
+
+FIRSTS = (0, 1)
+"""Rows and columns are counted from either; which one is told by the first column's name."""
+TOOL_NAMES = ("tool", "label", "name")
+SECONDS = {"time": 1.0, "time_ns": 1e-9, "timestamp_ns": 1e-9}
+
+
+def has_matrices(header: list[str]) -> bool:
+    """Return whether normalized column names are those of a matrix in each row; its last row may be left out."""
+    return any(set(_names(first)[:12]) <= set(header) for first in FIRSTS)
+
+
+def read_matrices(path: Path) -> Recording:
+    """Read a pose from each row of ``path``; what is no pose is kept, flagged.
+
+    Optional columns are ``tool`` (else all are of one), ``frame`` (else the row's number) and ``time`` (s) or
+    ``timestamp_ns``. Raises `InputError` for two columns of one name or rows longer than the header.
+    """
+    header, rows, delimiter = read_rows(path)
+    require_table(path, header, rows)
+    names = next(_names(first) for first in FIRSTS if set(_names(first)[:12]) <= set(header))
+    tools, excesses = [], []
+    for index, row in enumerate(rows):
+        cells = dict(zip(header, row, strict=False))
+        values = [number(cells.get(name, ""), delimiter) for name in names]
+        last = [0.0, 0.0, 0.0, 1.0] if names[12] not in header else values[12:]
+        matrix = np.array([*values[:12], *last], dtype=np.float64).reshape(4, 4)
+        tool = next((cells[name].strip() for name in TOOL_NAMES if cells.get(name, "").strip()), "tool")
+        times = [number(cells[name], delimiter) for name in SECONDS if name in cells]
+        scale = next((SECONDS[name] for name in SECONDS if name in cells), 1.0)
+        time_s = scale * times[0] if times and times[0] is not None else float("nan")
+        frame = frame_number(path, number(cells.get("frame", ""), delimiter), index)
+        reading, excess = tool_reading(frame, tool, matrix, time_s)
+        tools.append(reading)
+        excesses.append(excess)
+    return Recording(str(path), tools=tuple(tools), notes=rounding_notes(excesses))
+
+
+def _names(first: int) -> list[str]:
+    return [f"m{row}{column}" for row in range(first, first + 4) for column in range(first, first + 4)]
