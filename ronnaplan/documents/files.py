@@ -21,7 +21,7 @@ from ronnaplan.untrusted import parse_json, read_whole
 
 Document = TypeVar("Document")
 
-MAX_DOCUMENT_BYTES = 64 * 2**20
+MAX_DOCUMENT_BYTES = 16 * 2**20
 """Documents are a few kilobytes; a larger file is something else."""
 
 LOCK_WAIT_S = 10.0

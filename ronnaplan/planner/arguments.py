@@ -7,8 +7,8 @@ from typing import Annotated, Any, Final
 
 from pydantic import ConfigDict, Field, ValidationError, validate_call
 
-from ronnaplan.documents.reading import first_fault
 from ronnaplan.errors import UsageError
+from ronnaplan.untrusted import first_fault
 
 LONGEST_TEXT: Final = 10_000
 """Characters of a name or of notes."""

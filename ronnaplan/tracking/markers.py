@@ -31,6 +31,12 @@ MOVED_MM = 0.5
 """A marker whose first and last quarter of readings differ by more than this (and 5 standard errors) has moved."""
 LOST_SHARE = 0.1
 """A marker unseen in this last share of the frames is lost."""
+MOST_MARKERS = 1000
+"""No tracker sees more at once: a recording that names more does not name markers."""
+MOST_TRACKS = 20_000
+"""An hour of frames, each with a reflection elsewhere, has fewer."""
+FAR = 1e6
+"""Cost of a pair beyond the gate: more than any sum of distances within it."""
 ONE_READING_SD_MM = 0.17
 """Error per axis of one reading of a Polaris-class tracker. Averaging removes jitter but not the calibration error
 behind it, so this is also the floor of a mean's standard deviation, unless the file states another."""
@@ -104,20 +110,29 @@ def find_markers(recording: Recording, *, sigma_mm: float = ONE_READING_SD_MM) -
         raise InputError(f"{recording.source} holds no usable reading ({_reasons(recording)}); record it again")
     source = recording.points or recording.tools  # a stream numbers the frames of points and of each tool apart
     frames = sorted({r.frame for r in source})
-    strays = [r for r in readings if not r.label]
-    named = [
-        [r for r in readings if r.label == name] for name in dict.fromkeys(r.label for r in readings if r.label)
-    ]
+    named: dict[str, list[PointReading]] = {}
+    for reading in readings:
+        named.setdefault(reading.label, []).append(reading)
+    strays = named.pop("", [])
+    if len(named) > MOST_MARKERS:
+        raise InputError(
+            f"{recording.source} names {len(named)} markers; expected {MOST_MARKERS} at most, so check its labels"
+        )
     markers: list[Marker] = []
     rejected: list[RejectedTrack] = []
-    for track in named + _follow(strays):
+    for track in [*named.values(), *_follow(strays)]:
         if not track[0].label and len({r.frame for r in track}) < SEEN_SHARE * len(frames):
             middle = np.median([r.position_mm for r in track], axis=0)
             seen = f"seen in {len({r.frame for r in track})} of {len(frames)} frames"
             rejected.append(RejectedTrack(middle, len(track), seen))
-        else:
-            label = track[0].label or _unused_number(markers)
-            markers.append(_summarize(track, label, frames, sigma_mm))
+            continue
+        kept = _agreeing(np.array([r.position_mm for r in track]))
+        if not len(kept):
+            middle = np.median([r.position_mm for r in track], axis=0)
+            rejected.append(RejectedTrack(middle, len(track), "no two of its coordinates agree"))
+            continue
+        label = track[0].label or _unused_number(markers)
+        markers.append(_summarize(track, kept, label, frames, sigma_mm))
     return MarkerReadings(tuple(markers), tuple(rejected), len(frames), recording.frame)
 
 
@@ -127,42 +142,61 @@ def _unused_number(markers: list[Marker]) -> str:
 
 
 def _follow(readings: Sequence[PointReading]) -> list[list[PointReading]]:
-    """Return the tracks of unlabelled ``readings``, frame by frame."""
-    from scipy.optimize import linear_sum_assignment
-    from scipy.spatial.distance import cdist
-
+    """Return the tracks of unlabelled ``readings``, frame by frame; raises `InputError` for too many of either."""
     tracks: list[list[PointReading]] = []
+    last_mm = np.empty((MOST_TRACKS, 3))
     by_frame: dict[int, list[PointReading]] = {}
     for reading in readings:
         by_frame.setdefault(reading.frame, []).append(reading)
     for number in sorted(by_frame):
         current = by_frame[number]
-        taken: set[int] = set()
-        if tracks:
-            last = np.array([np.median([r.position_mm for r in track[-RECENT:]], axis=0) for track in tracks])
-            distance = cdist(np.array([r.position_mm for r in current]), last)
-            gated = np.where(distance > GATE_MM, 1e6, distance)
-            for i, j in zip(*linear_sum_assignment(gated), strict=True):
-                if distance[i, j] <= GATE_MM:
-                    tracks[j].append(current[i])
-                    taken.add(int(i))
-        tracks += [[reading] for i, reading in enumerate(current) if i not in taken]
+        if len(current) > MOST_MARKERS:
+            raise InputError(
+                f"frame {number} holds {len(current)} stray readings; expected {MOST_MARKERS} at most"
+            )
+        taken = _assigned(np.array([r.position_mm for r in current]), last_mm[: len(tracks)])
+        for i, reading in enumerate(current):
+            place = taken.get(i, len(tracks))
+            if place == MOST_TRACKS:
+                raise InputError(f"stray readings appear at more than {MOST_TRACKS} places; check the recording")
+            if place == len(tracks):
+                tracks.append([])
+            tracks[place].append(reading)
+            last_mm[place] = np.median([r.position_mm for r in tracks[place][-RECENT:]], axis=0)
     return tracks
 
 
-def _summarize(track: list[PointReading], label: str, frames: list[int], sigma_mm: float) -> Marker:
-    positions = np.array([r.position_mm for r in track])
-    middle = np.median(positions, axis=0)
-    spread = np.maximum(1.4826 * np.median(np.abs(positions - middle), axis=0), SMALLEST_SD_MM)
-    keep = (np.abs(positions - middle) <= OUTLIER_SDS * spread).all(axis=1)
-    kept = positions[keep]
+def _assigned(current_mm: FloatArray, last_mm: FloatArray) -> dict[int, int]:
+    """Return {reading: track} at the least total distance, within `GATE_MM`."""
+    from scipy.optimize import linear_sum_assignment
+    from scipy.spatial.distance import cdist
+
+    if not len(last_mm):
+        return {}
+    distance = cdist(current_mm, last_mm)
+    within = np.flatnonzero((distance <= GATE_MM).any(axis=0))
+    distance = distance[:, within]
+    pairs = zip(*linear_sum_assignment(np.where(distance > GATE_MM, FAR, distance)), strict=True)
+    return {int(i): int(within[j]) for i, j in pairs if distance[i, j] <= GATE_MM}
+
+
+def _agreeing(positions_mm: FloatArray) -> FloatArray:
+    """Return those of ``positions_mm`` (N, 3) that are no outliers on any axis; none where each is one on some axis."""
+    middle = np.median(positions_mm, axis=0)
+    spread = np.maximum(1.4826 * np.median(np.abs(positions_mm - middle), axis=0), SMALLEST_SD_MM)
+    return positions_mm[(np.abs(positions_mm - middle) <= OUTLIER_SDS * spread).all(axis=1)]
+
+
+def _summarize(
+    track: list[PointReading], kept: FloatArray, label: str, frames: list[int], sigma_mm: float
+) -> Marker:
     stated = [r.sigma_mm for r in track if r.sigma_mm is not None]
     floor = float(np.sqrt(np.mean(np.square(stated)))) if stated else sigma_mm
     covariance = floor**2 * np.eye(3)
     if len(kept) > 1:
         covariance = covariance + np.cov(kept.T) / len(kept)
     flags = _flags(track, kept, frames)
-    return Marker(label, kept.mean(axis=0), covariance, len(kept), int((~keep).sum()), flags)
+    return Marker(label, kept.mean(axis=0), covariance, len(kept), len(track) - len(kept), flags)
 
 
 def _flags(track: list[PointReading], kept: FloatArray, frames: list[int]) -> tuple[MarkerFlag, ...]:

@@ -21,7 +21,8 @@ from ronnaplan.untrusted import plain_number, require_file
 
 LONGEST_LINE = 1 << 16
 MOST_HEADER_BYTES = 1 << 28
-"""An hour of ten tools at 20 Hz takes half of it."""
+MOST_FIELDS = 1_000_000
+"""Half an hour of ten tools at 20 Hz; more fields or bytes would take the memory."""
 PREFIX = "Seq_Frame"
 FIELD = re.compile(PREFIX + r"([0-9]{1,9})_([^\s=:]+)\s*:?=\s*(.*)")
 Fields = dict[tuple[int, str], str]
@@ -40,6 +41,8 @@ def read_sequence(path: Path) -> Recording:
                 f"{path} has the field '{printable(line, 80)}'; expected {PREFIX}, a number, _ and a name"
             )
         key = int(match[1]), match[2]
+        if len(fields) > MOST_FIELDS:
+            raise InputError(f"{path} has more than {MOST_FIELDS} fields; split the recording")
         if fields.setdefault(key, match[3].strip()) != match[3].strip():
             raise InputError(
                 f"{path} gives {printable(match[2])} of frame {key[0]} twice; expected each field once"

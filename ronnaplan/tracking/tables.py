@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import codecs
 import csv
-import io
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ronnaplan.errors import InputError
@@ -14,8 +13,9 @@ from ronnaplan.text import printable
 from ronnaplan.untrusted import plain_number, read_whole
 
 DELIMITERS = (",", ";", "\t")
-MOST_TEXT_BYTES = 2**28
-"""An hour of a tracker's readings takes a tenth of it."""
+MOST_TEXT_BYTES = 2**27
+MOST_ROWS = 500_000
+"""Seven hours of a tracker's frames at 20 Hz; a file with more rows or bytes would take the memory."""
 LARGEST_NUMBER = 1e19
 """Nanoseconds since 1970 fit; what is larger is damage."""
 LENGTHS = frozenset({"x", "y", "z", "tx", "ty", "tz", "sigma", "error", "entry", "target", "diameter", "length"})
@@ -64,11 +64,25 @@ def read_rows(path: Path) -> tuple[list[str], list[list[str]], str]:
 
 def split_rows(path: Path, text: str, delimiter: str) -> list[list[str]]:
     """Return the cells of each line that is not blank; raises `InputError` for what no table holds."""
+    rows = []
     try:
-        rows = list(csv.reader(io.StringIO(text, newline=""), delimiter=delimiter))
+        for row in csv.reader(_lines(text), delimiter=delimiter):
+            if any(cell.strip() for cell in row):
+                rows.append(row)
+            if len(rows) > MOST_ROWS:
+                raise InputError(f"{path} has more than {MOST_ROWS} rows; split the recording")
     except csv.Error as error:
         raise InputError(f"{path} is not a readable table ({error}); expected CSV with a header") from error
-    return [row for row in rows if any(cell.strip() for cell in row)]
+    return rows
+
+
+def _lines(text: str) -> Iterator[str]:
+    # str.splitlines would also split at U+2028 and the like, inside a label
+    start = 0
+    while start < len(text):
+        end = text.find("\n", start) + 1 or len(text)
+        yield text[start:end]
+        start = end
 
 
 def require_table(path: Path, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

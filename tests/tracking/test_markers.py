@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
 
 from ronnaplan.errors import InputError
-from ronnaplan.tracking import MarkerFlag, PointReading, Recording, ToolReading, find_markers
+from ronnaplan.tracking import MarkerFlag, PointReading, Recording, ToolReading, find_markers, markers
+from ronnaplan.tracking.markers import GATE_MM, _assigned
 
 TRUTH = np.array([[-60.0, 20, -1040], [55, 30, -1050], [5, -85, -1060], [-20, 60, -1075], [30, -10, -1095]])
 JITTER = 0.1
@@ -121,3 +124,55 @@ def test_a_recording_without_a_usable_reading_says_why() -> None:
 def test_an_impossible_tracker_error_is_refused(sigma: float) -> None:
     with pytest.raises(InputError, match="tracker error"):
         find_markers(Recording("test", tuple(recording(0, frames=3))), sigma_mm=sigma)
+
+
+class Counted(str):
+    """A label that counts how often it is compared."""
+
+    compared = 0
+    __slots__ = ()
+
+    def __eq__(self, other: object) -> bool:
+        Counted.compared += 1
+        return str.__eq__(self, other)  # type: ignore[arg-type]
+
+    __hash__ = str.__hash__
+
+
+def test_labels_are_compared_as_often_as_there_are_readings() -> None:
+    count = 900
+    readings = [PointReading(0, np.array([50.0 * k, 0, 0]), Counted(f"M{k}")) for k in range(count)]
+    Counted.compared = 0
+    assert len(find_markers(Recording("test", tuple(readings))).markers) == count
+    assert Counted.compared < 10 * count
+
+
+def test_readings_too_many_to_be_followed_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    many = [PointReading(frame, np.array([50.0 * k, 0, 0])) for frame in (0, 1) for k in range(1001)]
+    with pytest.raises(InputError, match="frame 0 holds 1001 stray readings"):
+        find_markers(Recording("test", tuple(many)))
+    monkeypatch.setattr(markers, "MOST_TRACKS", 100)
+    jumping = [PointReading(frame, np.array([50.0 * frame, 0, 0])) for frame in range(101)]
+    with pytest.raises(InputError, match="more than 100 places"):
+        find_markers(Recording("test", tuple(jumping)))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_readings_go_to_tracks_at_the_least_total_distance(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    last = rng.uniform(0, 12, (30, 3))
+    current = last[rng.permutation(30)[:25]] + rng.normal(0, 1.0, (25, 3))
+    current[0] = last[0]
+    distance = cdist(current, last)
+    cost = np.where(distance > GATE_MM, 1e6, distance)
+    whole = {(i, j) for i, j in zip(*linear_sum_assignment(cost), strict=True) if distance[i, j] <= GATE_MM}
+    assert set(_assigned(current, last).items()) == whole
+
+
+def test_a_label_read_in_places_that_do_not_agree_is_no_marker() -> None:
+    places = 100 * np.eye(3)
+    readings = [PointReading(k, place, "A") for k, place in enumerate(places)]
+    readings += [PointReading(k, np.array([0.0, 0, 50]), "B") for k in range(3)]
+    found = find_markers(Recording("test", tuple(readings)))
+    assert [marker.label for marker in found.markers] == ["B"]
+    assert found.rejected[0].reason == "no two of its coordinates agree"

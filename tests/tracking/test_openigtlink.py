@@ -5,7 +5,7 @@ import struct
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import numpy as np
 import pyigtl
@@ -13,7 +13,8 @@ import pytest
 from pyigtl.messages import CRC64
 
 from ronnaplan.errors import InputError
-from ronnaplan.tracking import openigtlink
+from ronnaplan.tracking import find_markers, igtl_messages, openigtlink
+from ronnaplan.tracking.igtl_messages import Stream
 from ronnaplan.tracking.openigtlink import record
 
 POINTS = [[1.0, 2.0, -1000.0], [4.0, 5.0, -1001.0]]
@@ -27,7 +28,7 @@ def server(chunks: list[bytes], hold: bool = True) -> Iterator[int]:
 
     def serve() -> None:
         connection, _ = listener.accept()
-        with connection:
+        with connection, suppress(ConnectionError):  # a client may leave early
             for chunk in chunks:
                 connection.sendall(chunk)
                 time.sleep(0.002)
@@ -136,6 +137,116 @@ def test_a_stream_that_falls_silent_says_so(monkeypatch: pytest.MonkeyPatch) -> 
     with server([points()]) as port:
         recording = record("127.0.0.1", port, seconds=10)
     assert "the stream stopped" in recording.notes[0]
+
+
+def named(kind: str, device: bytes, body: bytes, version: int = 1) -> bytes:
+    return struct.pack(">H12s20sIIQQ", version, kind.encode(), device, 3, 0, len(body), CRC64(body)) + body
+
+
+def point_item(name: bytes, place: tuple[float, float, float]) -> bytes:
+    return struct.pack(">64s32s4B3ff20s", name, b"", 0, 0, 0, 0, *place, 0.0, b"")
+
+
+def test_names_that_are_no_text_end_neither_the_stream_nor_their_message() -> None:
+    items = (
+        point_item(b"A\xff", (1, 2, 3)) + point_item(b"A\xfe", (4, 5, 6)) + point_item(b"B\0left over", (7, 8, 9))
+    )
+    with server([named("POINT", b"Pol\xff", items), points()], hold=False) as port:
+        recording = record("127.0.0.1", port, seconds=5)
+    assert [p.label for p in recording.points] == [r"A\xff", r"A\xfe", "B", "", "A"]
+    np.testing.assert_array_equal(recording.points[2].position_mm, [7, 8, 9])
+    assert recording.notes == ("the server closed the stream after 2 messages",)
+
+
+def test_names_from_the_network_cannot_steer_a_terminal() -> None:
+    escape = b"\x1b]0;owned\x07\x1b[2J"
+    bad = bytearray(named("POINT", escape, b"short"))
+    transform = named("TRANSFORM", escape, pose(np.eye(4))[58:])
+    with server([bytes(bad), named("POINT", b"P", point_item(escape, (1, 2, 3))), transform], hold=False) as port:
+        recording = record("127.0.0.1", port, seconds=5)
+    told = [*recording.notes, recording.points[0].label, recording.tools[0].tool]
+    assert all(text.isprintable() for text in told)
+    assert r"\x1b]0;owned" in recording.notes[0]
+    assert r"\x1b]0;owned" in recording.points[0].label
+
+
+def test_a_message_of_thirty_thousand_points_is_read_whole_and_refused_as_markers() -> None:
+    items = b"".join(point_item(f"M{k}".encode(), (k, 0, 0)) for k in range(30_000))
+    with server([named("POINT", b"P", items)], hold=False) as port:
+        recording = record("127.0.0.1", port, seconds=30)
+    assert [p.label for p in recording.points] == [f"M{k}" for k in range(30_000)]
+    with pytest.raises(InputError, match="names 30000 markers; expected 1000 at most"):
+        find_markers(recording)
+
+
+def test_a_message_with_metadata_is_read_as_pyigtl_packs_it() -> None:
+    message = pyigtl.PointMessage(positions=POINTS, names=["F", "G"], device_name="P", timestamp=7.25)
+    message.header_version, message.metadata = 2, {"unit": "mm", "key": "value"}
+    with server([message.pack()], hold=False) as port:
+        recording = record("127.0.0.1", port, seconds=5)
+    assert [p.label for p in recording.points] == ["F", "G"]
+    np.testing.assert_array_equal([p.position_mm for p in recording.points], POINTS)
+    assert recording.points[0].time_s == pytest.approx(7.25)
+
+
+def test_matrices_that_are_nearly_rotations_are_the_nearest() -> None:
+    rough = np.eye(4)
+    rough[0, 1] = 5e-4
+    with server([pose(rough), pose(1.01 * np.eye(4))], hold=False) as port:
+        recording = record("127.0.0.1", port, seconds=5)
+    (matrix,) = recording.poses("ProbeToTracker")
+    np.testing.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(matrix, rough, atol=3e-4)
+    assert "1 of 2 poses" in recording.notes[0]
+
+
+def test_what_was_recorded_until_ctrl_c_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    feed = Stream.feed
+
+    def interrupted(self: Stream, data: bytes) -> None:
+        feed(self, data)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Stream, "feed", interrupted)
+    with server([points()]) as port:
+        recording = record("127.0.0.1", port, seconds=60)
+    assert len(recording.points) == 2
+    assert recording.notes == ("stopped by hand after 1 messages",)
+    with server([points()[:70]]) as port, pytest.raises(KeyboardInterrupt):
+        record("127.0.0.1", port, seconds=60)
+
+
+def test_a_server_that_never_answers_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    let_go = threading.Event()
+
+    def never(*_: object, **__: object) -> socket.socket:
+        let_go.wait(30)
+        raise OSError
+
+    monkeypatch.setattr(openigtlink, "CONNECT_S", 0.2)
+    monkeypatch.setattr(socket, "create_connection", never)
+    with pytest.raises(InputError, match=r"nothing within 0\.2 s"):
+        record("nowhere", 1, seconds=5)
+    let_go.set()
+
+
+def test_a_recording_does_not_take_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(igtl_messages, "MOST_READINGS", 100)
+    with server([points()] * 60) as port:
+        recording = record("127.0.0.1", port, seconds=10)
+    assert len(recording.points) == 100
+    assert "100 readings came" in recording.notes[0]
+    lost = named("POINT", b"P", b"")[:42] + struct.pack(">QQ", 1 << 40, 0)
+    with server([lost]) as port, pytest.raises(InputError, match="a body of 1099511627776 bytes"):
+        record("127.0.0.1", port, seconds=5)
+
+
+def test_alike_faults_are_told_once() -> None:
+    damaged = bytearray(points())
+    damaged[-30] ^= 0xFF
+    with server([bytes(damaged) * 500 + points()], hold=False) as port:
+        recording = record("127.0.0.1", port, seconds=10)
+    assert recording.notes[0] == "500 POINT messages of Polaris failed their checksum and were left out"
 
 
 def test_a_damaged_message_is_left_out_with_a_note() -> None:

@@ -1,0 +1,198 @@
+"""OpenIGTLink's bytes cut into messages, and the readings in them (http://openigtlink.org/protocols).
+
+pyigtl checks the sums. Its unpacking is not used: one name that is not UTF-8 ends its stream, and its POSITION layout
+is not the protocol's (seven float32), so both layouts are understood here.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pyigtl.messages import CRC64
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.text import printable
+from ronnaplan.tracking.recording import (
+    OK,
+    PointReading,
+    ToolReading,
+    quaternion_pose,
+    rounding_notes,
+    tool_reading,
+)
+
+HEADER = struct.Struct(">H12s20sIIQQ")
+EXTENDED_HEADER = struct.Struct(">HHII")
+VERSIONS = (1, 2, 3)
+LARGEST_BODY = 1 << 26
+"""A longer message body (64 MB) is not tracker data but a lost byte count."""
+MOST_READINGS = 1_000_000
+"""A recording that holds more (0.8 GB of memory) is ended: half a day of one tool at 20 Hz."""
+MOST_NOTES = 20
+POINT_ITEM = np.dtype(
+    [("name", "S64"), ("group", "S32"), ("rgba", "u1", 4), ("place", ">f4", 3), ("size", ">f4"), ("owner", "S20")]
+)
+POSITION_ITEM = struct.Struct(">64s32s4B8f20s")
+POSITION_BYTES = (12, 24, 28)
+
+
+@dataclass(frozen=True)
+class Message:
+    """One message: its kind and device as printable text, its body's bytes."""
+
+    kind: str
+    device: str
+    time_s: float
+    version: int
+    checksum: int
+    length: int
+
+    @classmethod
+    def of_header(cls, header: bytes) -> Message:
+        """Return the message that ``header`` (58 bytes) announces; raises ValueError for what is no such header."""
+        version, kind, device, seconds, fraction, length, checksum = HEADER.unpack(header)
+        bare = kind.split(b"\0")[0]
+        if version not in VERSIONS or not bare.isalnum():
+            raise ValueError(f"a header of version {version} and type {printable(bare)}")
+        if length > LARGEST_BODY:
+            raise ValueError(f"a body of {length} bytes")
+        return cls(bare.decode(), text(device), seconds + fraction / 2**32, version, checksum, length)
+
+    def content(self, body: bytes) -> bytes:
+        """Return ``body`` without the extended header and the metadata of versions 2 and 3."""
+        if self.version == 1:
+            return body
+        size, metadata_header, metadata, _ = EXTENDED_HEADER.unpack_from(body)
+        end = len(body) - metadata_header - metadata
+        if not EXTENDED_HEADER.size <= size <= end:
+            raise ValueError("an extended header beyond the body")
+        return body[size:end]
+
+
+def text(field: bytes) -> str:
+    """Return the name in a field of fixed length; bytes that are no UTF-8 are escaped, so that names stay apart."""
+    return field.split(b"\0")[0].decode(errors="backslashreplace").strip()
+
+
+class Stream:
+    """Cuts the bytes of a connection into messages and collects their readings."""
+
+    def __init__(self) -> None:
+        self.points: list[PointReading] = []
+        self.tools: list[ToolReading] = []
+        self.messages = 0
+        self.broken: str | None = None
+        self._left_out: Counter[str] = Counter()
+        self._excesses: list[float] = []
+        self._buffer = bytearray()
+        self._next: Message | None = None
+        self._point_frames = 0
+        self._tool_frames: Counter[str] = Counter()
+
+    @property
+    def pending(self) -> bool:
+        """Whether a message has begun that is not there in full."""
+        return bool(self._buffer) or self._next is not None
+
+    @property
+    def notes(self) -> list[str]:
+        """What was left out and how far poses were off, one sentence each."""
+        told = [f"{count} {what}" for what, count in self._left_out.most_common(MOST_NOTES)]
+        others = sum(self._left_out.values()) - sum(count for _, count in self._left_out.most_common(MOST_NOTES))
+        if others:
+            told.append(f"{others} more messages were left out for other reasons")
+        return [*told, *rounding_notes(self._excesses)]
+
+    def feed(self, data: bytes) -> None:
+        """Take the readings of every message that ``data`` completes; ``broken`` says why no more can follow."""
+        self._buffer += data
+        while not self.broken:
+            if self._next is None:
+                if len(self._buffer) < HEADER.size:
+                    return
+                try:
+                    self._next = Message.of_header(bytes(self._buffer[: HEADER.size]))
+                except ValueError as error:
+                    self.broken = f"the stream is not OpenIGTLink ({error}) after {self.messages} messages"
+                    return
+                del self._buffer[: HEADER.size]
+            if len(self._buffer) < self._next.length:
+                return
+            body = bytes(self._buffer[: self._next.length])
+            del self._buffer[: self._next.length]
+            message, self._next = self._next, None
+            self._take(message, body)
+            if len(self.points) + len(self.tools) >= MOST_READINGS:
+                self.broken = f"{MOST_READINGS} readings came, the most that are kept; record for a shorter time"
+
+    def _take(self, message: Message, body: bytes) -> None:
+        unpack = {"POINT": self._take_points, "TRANSFORM": self._take_transform, "POSITION": self._take_positions}
+        if message.kind not in unpack:
+            return
+        what = f"{message.kind} messages of {message.device}"
+        if message.checksum not in (0, CRC64(body)):
+            self._left_out[f"{what} failed their checksum and were left out"] += 1
+            return
+        try:
+            unpack[message.kind](message, message.content(body))
+        except (ValueError, struct.error) as error:
+            self._left_out[f"{what} cannot be read ({error}) and were left out"] += 1
+            return
+        self.messages += 1
+
+    def _take_points(self, message: Message, content: bytes) -> None:
+        if len(content) % POINT_ITEM.itemsize:
+            raise ValueError(f"{len(content)} bytes")
+        items: NDArray[np.void] = np.frombuffer(content, dtype=POINT_ITEM)
+        places = items["place"].astype(np.float64)
+        finite = np.asarray(np.isfinite(places).all(axis=1))
+        for name, place, good in zip(items["name"].tolist(), places, finite.tolist(), strict=True):
+            status = OK if good else "no position"
+            self.points.append(PointReading(self._point_frames, place, text(name), message.time_s, None, status))
+        self._point_frames += 1
+
+    def _take_transform(self, message: Message, content: bytes) -> None:
+        if len(content) != 48:
+            raise ValueError(f"{len(content)} bytes")
+        matrix = np.eye(4)
+        matrix[:3] = np.frombuffer(content, dtype=">f4").reshape(4, 3).T
+        tool = message.device
+        reading, excess = tool_reading(self._next_frame(tool), tool, matrix, message.time_s)
+        self.tools.append(reading)
+        self._excesses.append(excess)
+
+    def _take_positions(self, message: Message, content: bytes) -> None:
+        for name, position, quaternion in _positions(content):
+            tool = name or message.device
+            matrix = quaternion_pose(quaternion, position)
+            status = OK if matrix is not None else "no pose"
+            self.tools.append(ToolReading(self._next_frame(tool), tool, matrix, message.time_s, None, status))
+
+    def _next_frame(self, tool: str) -> int:
+        self._tool_frames[tool] += 1
+        return self._tool_frames[tool] - 1
+
+
+def _positions(content: bytes) -> list[tuple[str, FloatArray, FloatArray]]:
+    """Return (name, position, scalar-first quaternion) of a POSITION body, in either layout."""
+    if len(content) in POSITION_BYTES:
+        values = np.frombuffer(content, dtype=">f4").astype(np.float64)
+        if len(values) == 3:
+            quaternion = np.array([1.0, 0, 0, 0])
+        elif len(values) == 6:  # the protocol leaves out the scalar part, which is not negative
+            quaternion = np.array([math.sqrt(max(0.0, 1.0 - float(values[3:] @ values[3:]))), *values[3:]])
+        else:
+            quaternion = values[[6, 3, 4, 5]]
+        return [("", values[:3], quaternion)]
+    if not content or len(content) % POSITION_ITEM.size:
+        raise ValueError(f"{len(content)} bytes")
+    found = []
+    for item in POSITION_ITEM.iter_unpack(content):
+        numbers = np.array(item[6:13], dtype=np.float64)
+        found.append((text(item[0]), numbers[:3], numbers[[6, 3, 4, 5]]))
+    return found
