@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import hmac
+import logging
 import re
 from collections.abc import Awaitable, Callable
 
 from aiohttp import web
+from aiohttp.http_exceptions import HttpProcessingError
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -54,3 +56,9 @@ def gate(token: str, hosts: frozenset[str]) -> Callable[[web.Request, Handler], 
 def _own_origin(request: web.Request) -> bool:
     origin = request.headers.get("Origin")
     return origin in (None, f"http://{request.host}", f"https://{request.host}")
+
+
+def is_worth_telling(record: logging.LogRecord) -> bool:
+    """Whether a record of the web server is of more than a request that was no HTTP, which was refused already."""
+    error = record.exc_info[1] if record.exc_info else None
+    return not isinstance(error, HttpProcessingError)

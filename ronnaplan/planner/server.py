@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import secrets
 import sys
@@ -45,11 +46,12 @@ def serve(
     except ModuleNotFoundError as error:
         raise InputError(f"the planner needs {error.name}; install ronnaplan[planner]") from error
     from ronnaplan.planner.app import PlannerApp
-    from ronnaplan.planner.gate import gate
+    from ronnaplan.planner.gate import gate, is_worth_telling
     from ronnaplan.planner.sockets import Sockets
 
     os.environ["WSLINK_READY_MSG"] = ""  # wslink would write it to standard output, behind the address
     known = token or secrets.token_urlsafe(24)
+    logging.getLogger("aiohttp.server").addFilter(is_worth_telling)
     wslink.backends.aiohttp.AioHttpWsHandler = Sockets  # wslink offers no other place to set limits
     server = get_server("ronnaplan", client_type="vue3")
     server.cli.prog = "ronnaplan view"

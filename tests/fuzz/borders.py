@@ -11,6 +11,7 @@ from tests.fuzz.border import Border
 BORDERS: Final[Mapping[str, str]] = {
     "dicom": "tests.ct.fuzzing:DicomBorder",
     "images": "tests.ct.image_fuzzing:ImageBorder",
+    "planner": "tests.planner.fuzzing:PlannerBorder",
 }
 """Name -> ``module:class``, imported where it is run only."""
 
