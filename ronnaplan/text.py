@@ -1,12 +1,23 @@
-"""Text that came from a file or a caller, made safe for a terminal."""
+"""Text that came from a file or a caller: made safe for a terminal, and taken for a number by the letter only."""
 
 from __future__ import annotations
+
+import math
+import re
 
 LONGEST_TEXT = 500
 """Characters kept of a text from a file (DICOM's own limit for descriptions is 64, a path may be longer)."""
 
 LONGEST_SENTENCE = 4000
 """Characters kept of an error's sentence, which may list several series or candidates."""
+
+MOST_DIGITS = 20
+"""A whole number with more digits is damage: nanoseconds since 1970 have 19."""
+
+LONGEST_NUMBER = 64
+"""Characters of a number as programs write one; Python's shortest form needs 24."""
+
+PLAIN_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?")
 
 
 def printable(text: object, longest: int = LONGEST_TEXT) -> str:
@@ -19,6 +30,27 @@ def printable(text: object, longest: int = LONGEST_TEXT) -> str:
     if kept.isprintable():
         return kept
     return "".join(character if character.isprintable() else _escaped(character) for character in kept)
+
+
+def plain_number(text: str) -> float | None:
+    """Return the number that ``text`` is, written with ASCII digits and a point; None for anything else.
+
+    Python's own ``float`` takes digit groups (``1_0``), digits of other scripts, ``nan`` and ``infinity``, too.
+
+    >>> plain_number(" -1.5e3 "), plain_number("1_0"), plain_number("1,5"), plain_number("nan")
+    (-1500.0, None, None, None)
+    """
+    bare = text.strip()
+    if len(bare) > LONGEST_NUMBER or not PLAIN_NUMBER.fullmatch(bare):
+        return None
+    value = float(bare)
+    return value if math.isfinite(value) else None
+
+
+def whole_number(text: str) -> int | None:
+    """Return the whole number that ``text`` is, written with ASCII digits; None for anything else."""
+    bare = text.strip()
+    return int(bare) if re.fullmatch(rf"[+-]?[0-9]{{1,{MOST_DIGITS}}}", bare) else None
 
 
 def _escaped(character: str) -> str:

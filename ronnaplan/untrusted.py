@@ -5,22 +5,15 @@ from __future__ import annotations
 import json
 import math
 import os
-import re
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from ronnaplan.errors import InputError
-from ronnaplan.text import printable
+from ronnaplan.text import LONGEST_NUMBER, MOST_DIGITS, printable
 
 Model = TypeVar("Model", bound=BaseModel)
-
-MOST_DIGITS = 20
-"""A whole number with more digits is damage: nanoseconds since 1970 have 19."""
-PLAIN_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?")
-LONGEST_NUMBER = 64
-"""Characters of a number as programs write one; Python's shortest form needs 24."""
 
 
 def read_whole(path: str | os.PathLike[str], most_bytes: int, *, expected: str) -> bytes:
@@ -91,27 +84,6 @@ def first_fault(error: ValidationError) -> str:
     if first["type"] == "extra_forbidden":
         return f"{where}: no field of this document"
     return f"{where}: {first['msg'].removeprefix('Value error, ')}"
-
-
-def plain_number(text: str) -> float | None:
-    """Return the number that ``text`` is, written with ASCII digits and a point; None for anything else.
-
-    Python's own ``float`` takes digit groups (``1_0``), digits of other scripts, ``nan`` and ``infinity``, too.
-
-    >>> plain_number(" -1.5e3 "), plain_number("1_0"), plain_number("1,5"), plain_number("nan")
-    (-1500.0, None, None, None)
-    """
-    bare = text.strip()
-    if len(bare) > LONGEST_NUMBER or not PLAIN_NUMBER.fullmatch(bare):
-        return None
-    value = float(bare)
-    return value if math.isfinite(value) else None
-
-
-def whole_number(text: str) -> int | None:
-    """Return the whole number that ``text`` is, written with ASCII digits; None for anything else."""
-    bare = text.strip()
-    return int(bare) if re.fullmatch(rf"[+-]?[0-9]{{1,{MOST_DIGITS}}}", bare) else None
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from ronnaplan import __version__
+from ronnaplan.cli.output import discard_output, guarded_output
 from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.text import LONGEST_SENTENCE, printable
 
@@ -28,23 +29,27 @@ class _Parser(argparse.ArgumentParser):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; returns the exit status: 0 done, 1 unusable input, 2 wrong usage, 3 refused."""
     _let_any_text_out()
+    with guarded_output():
+        try:
+            return _run(arguments)
+        except RonnaplanError as error:
+            print(f"ronnaplan: {printable(error, LONGEST_SENTENCE)}", file=sys.stderr)
+            return error.exit_status
+        except BrokenPipeError:
+            # The reader of our output (head, less) went away: not an error, and nothing more can be written.
+            discard_output()
+            return 0
+        except KeyboardInterrupt:
+            print("ronnaplan: stopped; no file was left half-written", file=sys.stderr)
+            return 130
+
+
+def _run(arguments: Sequence[str] | None) -> int:
     try:
         parsed = _parser().parse_args(arguments)
         status: int = parsed.run(parsed)
-        if sys.stdout is not None:
-            sys.stdout.flush()
-    except RonnaplanError as error:
-        print(f"ronnaplan: {printable(error, LONGEST_SENTENCE)}", file=sys.stderr)
-        return error.exit_status
-    except BrokenPipeError:
-        # The reader of our output (head, less) went away: not an error, and nothing more can be written.
-        from ronnaplan.documents.files import discard_output
-
-        discard_output()
-        return 0
-    except KeyboardInterrupt:
-        print("ronnaplan: stopped; no file was left half-written", file=sys.stderr)
-        return 130
+    finally:  # of --help, too
+        sys.stdout.flush()
     return status
 
 

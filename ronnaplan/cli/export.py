@@ -12,6 +12,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("file", metavar="FILE", help="a fiducials.json or registration.json")
     parser.add_argument("--to", required=True, choices=FORMATS, help="the format to write")
+    parser.add_argument(
+        "--ct", metavar="PATH", help="the scan whose patient and study a DICOM object is to name (default: none)"
+    )
     parser.add_argument("-o", "--output", metavar="OUT", help="file to write (default: standard output)")
 
 
@@ -21,7 +24,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.files import write_atomically, write_result
     from ronnaplan.errors import UsageError
 
-    exported = export(arguments.file, arguments.to)
+    exported = export(arguments.file, arguments.to, arguments.ct)
     if isinstance(exported, str):
         write_result(arguments.output, exported)
     elif arguments.output is None:

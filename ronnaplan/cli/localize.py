@@ -7,6 +7,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ronnaplan.cli.values import whole
+from ronnaplan.text import plain_number
+
 if TYPE_CHECKING:
     from ronnaplan.localization import Fiducials, Template
 
@@ -16,9 +19,6 @@ LONGEST_NAME = 100
 
 LAYOUT_MARKERS = (3, 32)
 """Numbers of markers whose layout can be described."""
-
-PLAIN_NUMBER = frozenset("0123456789.,eE+-naif")
-"""Characters of a number as people write one (with nan and inf, which are refused by their value)."""
 
 WORTH_A_WARNING = 0.01
 """A layout that a tracker's pairing would refuse more often than this is worth a warning."""
@@ -32,7 +32,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--diameter", required=True, metavar="MM", help="diameter of the markers, several as 11.5,5, or 'auto'"
     )
-    parser.add_argument("--expected", type=int, metavar="N", help="refuse (exit 3) unless N markers are found")
+    parser.add_argument("--expected", type=whole(), metavar="N", help="refuse (exit 3) unless N markers are found")
     parser.add_argument("--series", metavar="UID", help="the series to use, where PATH holds several")
     parser.add_argument("--template", metavar="FILE", help="a frame's distances: keep and label its markers only")
     parser.add_argument(
@@ -77,19 +77,23 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
 
 
 def _diameters(text: str) -> tuple[float, ...] | None:
-    """Parse ``--diameter``; None stands for 'auto'."""
+    """Parse ``--diameter``; None stands for 'auto'.
+
+    A comma may be a decimal one: several diameters are told by a point in at least one of them.
+    """
     from ronnaplan.errors import UsageError
 
     if text == "auto":
         return None
-    try:
-        if not set(text) <= PLAIN_NUMBER:
-            raise ValueError(text)
-        return tuple(float(part) for part in text.split(","))
-    except ValueError as error:
+    found = [plain_number(part) for part in text.split(",")]
+    if None in found:
+        raise UsageError(f"--diameter is '{text}'; a positive number of mm, several as 11.5,5, or 'auto'")
+    if len(found) > 1 and "." not in text:
         raise UsageError(
-            f"--diameter is '{text}'; a positive number of mm, several as 11.5,5, or 'auto'"
-        ) from error
+            f"--diameter is '{text}', which may be {text.replace(',', '.', 1)} mm or {len(found)} diameters; "
+            f"write a point, or for several {','.join(f'{part}.0' for part in text.split(','))}"
+        )
+    return tuple(value for value in found if value is not None)
 
 
 def _template(path: str | None) -> Template | None:

@@ -6,6 +6,8 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
+from ronnaplan.cli.values import number, whole
+
 if TYPE_CHECKING:
     from phantoms.examination import Examination
 
@@ -41,13 +43,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default="projection",
         help="full physics (default), or the quick renderer without streaks",
     )
-    parser.add_argument("--seed", type=int, metavar="N", help="seed of the noise, and of random-patient")
+    parser.add_argument("--seed", type=whole(), metavar="N", help="seed of the noise, and of random-patient")
     parser.add_argument("--kernel", metavar="NAME", help="reconstruction kernel, from very soft to strong edge")
-    parser.add_argument("--matrix", type=int, metavar="N", help="pixels along each edge of the image")
+    parser.add_argument("--matrix", type=whole(), metavar="N", help="pixels along each edge of the image")
     for name, (option, text) in {**STACK_OPTIONS, **SCANNER_OPTIONS}.items():
-        parser.add_argument(option, dest=name, type=float, metavar="X", help=text)
+        parser.add_argument(option, dest=name, type=number, metavar="X", help=text)
     parser.add_argument("--extended-scale", action="store_true", help="keep values above 3071 HU")
-    parser.add_argument("--padding", type=float, metavar="HU", help="value outside the circle of reconstruction")
+    parser.add_argument("--padding", type=number, metavar="HU", help="value outside the circle of reconstruction")
     parser.add_argument("--order", choices=("ascending", "descending", "shuffled"), default="ascending")
     parser.add_argument(
         "--transfer-syntax", metavar="NAME", default="explicit", help="explicit, implicit, rle ..."

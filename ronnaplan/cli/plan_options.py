@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from ronnaplan.cli.values import sigma_mm, whole
+from ronnaplan.cli.values import number, sigma_mm, whole
 
 SIDES = {
     "left": (1.0, 0.0, 0.0),
@@ -35,7 +35,7 @@ def _with_scan(parser: argparse.ArgumentParser) -> None:
 def _with_coordinates(parser: argparse.ArgumentParser, *names: str, required: bool) -> None:
     for name in names:
         parser.add_argument(
-            f"--{name}", nargs=3, type=float, metavar=("X", "Y", "Z"), required=required, help=f"{name}, in mm"
+            f"--{name}", nargs=3, type=number, metavar=("X", "Y", "Z"), required=required, help=f"{name}, in mm"
         )
     parser.add_argument(
         "--coordinates", choices=("LPS", "RAS"), required=required, help="the system of the coordinates given"
@@ -44,8 +44,8 @@ def _with_coordinates(parser: argparse.ArgumentParser, *names: str, required: bo
 
 def _with_instrument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--instrument", metavar="NAME", help="one of the catalogue, or a name of your own")
-    parser.add_argument("--diameter", type=float, metavar="MM", help="diameter of an instrument of your own")
-    parser.add_argument("--length", type=float, metavar="MM", help="usable length of an instrument of your own")
+    parser.add_argument("--diameter", type=number, metavar="MM", help="diameter of an instrument of your own")
+    parser.add_argument("--length", type=number, metavar="MM", help="usable length of an instrument of your own")
 
 
 def _with_looks(parser: argparse.ArgumentParser) -> None:
@@ -123,7 +123,7 @@ def configure_check(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--frame-axes",
         nargs=9,
-        type=float,
+        type=number,
         metavar="N",
         help="right, anterior, superior of the stereotactic frame in LPS, three numbers each (default: the scanner's)",
     )
@@ -147,7 +147,7 @@ def configure_markers(parser: argparse.ArgumentParser) -> None:
     _with_scan(parser)
     parser.add_argument("--count", type=whole(3), required=True, metavar="N", help="markers to place")
     parser.add_argument(
-        "--target", nargs=3, type=float, action="append", metavar=("X", "Y", "Z"), help="another target; repeat"
+        "--target", nargs=3, type=number, action="append", metavar=("X", "Y", "Z"), help="another target; repeat"
     )
     parser.add_argument("--coordinates", choices=("LPS", "RAS"), help="the system of the targets given")
     parser.add_argument("--tracker", choices=tuple(SIDES), help="side of the head on which the tracker stands")
@@ -157,11 +157,11 @@ def configure_markers(parser: argparse.ArgumentParser) -> None:
         ("from-entries", 25.0, "least distance from entries, mm"),
         ("height", 13.75, "height of a marker's centre above the scalp, mm"),
     ):
-        parser.add_argument(f"--{name}", type=float, default=default, help=f"{text} (default %(default)s)")
+        parser.add_argument(f"--{name}", type=number, default=default, help=f"{text} (default %(default)s)")
     for name, default, text in (
         ("sigma-ct", 0.56, "localization error in CT per axis, mm"),
         ("sigma-ots", 0.17, "localization error of the tracker per axis, mm"),
     ):
         parser.add_argument(f"--{name}", type=sigma_mm, default=default, help=f"{text} (default %(default)s)")
-    parser.add_argument("--lowest", type=float, metavar="Z", help="no marker below this z (LPS mm)")
+    parser.add_argument("--lowest", type=number, metavar="Z", help="no marker below this z (LPS mm)")
     parser.add_argument("-o", "--output", metavar="FILE", help="also write the markers as Slicer markups")

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from ronnaplan.cli.values import whole
+
 HELP = "Run a Monte Carlo study: its table goes to standard output, plots and results to a folder; resumable."
 
 
@@ -24,8 +26,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     for name, study in STUDIES.items():
         sub = studies.add_parser(name, help=study.help, description=study.help)
         sub.add_argument("-o", "--output", type=Path, default=Path(f"study-{name}"), metavar="FOLDER")
-        sub.add_argument("--seed", type=int, default=2018, help="the results depend on it and on nothing else")
-        sub.add_argument("--workers", type=int, metavar="N", help="threads; default: all cores")
+        sub.add_argument("--seed", type=whole(), default=2018, help="the results depend on it and on nothing else")
+        sub.add_argument("--workers", type=whole(), metavar="N", help="threads; default: all cores")
         sub.add_argument("--scheduler", metavar="ADDRESS", help="run on this Dask cluster (ronnaplan[cluster])")
         study.configure(sub)
 
@@ -42,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _configure_simulation(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--tests", type=int, default=10_000, help="tests a cell (default %(default)s)")
+    parser.add_argument("--tests", type=whole(), default=10_000, help="tests a cell (default %(default)s)")
     parser.add_argument(
         "--protocol-only", action="store_true", help="leave out the cells beyond the paper's protocol"
     )
@@ -77,7 +79,7 @@ def _run_tracking(arguments: argparse.Namespace) -> int:
 
 
 def _configure_chain(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--sessions", type=int, default=400, help="sessions a scan (default %(default)s)")
+    parser.add_argument("--sessions", type=whole(), default=400, help="sessions a scan (default %(default)s)")
 
 
 def _run_chain(arguments: argparse.Namespace) -> int:

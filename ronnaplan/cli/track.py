@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from ronnaplan.documents.registration import RegistrationDocument
     from ronnaplan.tracking import Recording
 
+MOST_TOLD = 40
+"""Markers, and kinds of flagged readings, that are told one by one."""
+
 HELP = "Record marker and tool readings from an OpenIGTLink server into a readings CSV."
 
 
@@ -40,8 +43,11 @@ def run(arguments: argparse.Namespace) -> int:
     write_result(arguments.output, write_csv(recording))
     for note in recording.notes:
         print(f"ronnaplan: warning: {note}", file=sys.stderr)
-    for reason, count in recording.flagged().items():
+    flagged = recording.flagged()
+    for reason, count in list(flagged.items())[:MOST_TOLD]:
         print(f"ronnaplan: {count} readings flagged: {reason}", file=sys.stderr)
+    if len(flagged) > MOST_TOLD:
+        print(f"ronnaplan: readings flagged for {len(flagged) - MOST_TOLD} more reasons", file=sys.stderr)
     if registered is not None:
         print(movement(recording, registered), file=sys.stderr)
     try:
@@ -50,12 +56,14 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"ronnaplan: warning: {error}", file=sys.stderr)
         return 0
     print(f"{len(found.markers)} markers in {found.frames} frames", file=sys.stderr)
-    for marker in found.markers:
+    for marker in found.markers[:MOST_TOLD]:
         x, y, z = marker.position_mm
         doubts = "".join(f"; {flag}" for flag in marker.flags)
         print(
             f"{marker.label:<12} {x:9.2f} {y:9.2f} {z:9.2f}  {marker.readings} readings{doubts}", file=sys.stderr
         )
+    if len(found.markers) > MOST_TOLD:
+        print(f"and {len(found.markers) - MOST_TOLD} more", file=sys.stderr)
     return 0
 
 

@@ -3,48 +3,58 @@
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Callable
+
+from ronnaplan.text import LONGEST_NUMBER, plain_number, printable, whole_number
+
+LONGEST_S = 86_400.0
+"""A day."""
 
 
 def sigma_mm(text: str) -> float:
     """Return a standard deviation in mm."""
     from ronnaplan.geometry import LARGEST_SIGMA_MM, SMALLEST_SIGMA_MM
 
-    value = _number(text)
-    if not SMALLEST_SIGMA_MM <= value < LARGEST_SIGMA_MM:
+    value = plain_number(text)
+    if value is None or not SMALLEST_SIGMA_MM <= value < LARGEST_SIGMA_MM:
         raise argparse.ArgumentTypeError(
-            f"{text} is no standard deviation in mm; expected {SMALLEST_SIGMA_MM:g} to {LARGEST_SIGMA_MM:g}"
+            f"{_short(text)} is no standard deviation in mm; expected {SMALLEST_SIGMA_MM:g} to {LARGEST_SIGMA_MM:g}"
         )
     return value
 
 
 def seconds(text: str) -> float:
-    """Return a duration."""
-    value = _number(text)
-    if not 0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text} is no duration; expected a number of seconds above zero")
+    """Return a duration of up to `LONGEST_S`."""
+    value = plain_number(text)
+    if value is None or not 0 < value <= LONGEST_S:
+        raise argparse.ArgumentTypeError(
+            f"{_short(text)} is no duration; expected a number of seconds above zero, up to {LONGEST_S:g}"
+        )
     return value
 
 
-def whole(least: int, most: int | None = None) -> Callable[[str], int]:
+def number(text: str) -> float:
+    """Return a number, written with digits and a point."""
+    value = plain_number(text)
+    if value is None:
+        raise argparse.ArgumentTypeError(f"'{_short(text)}' is no number; expected digits and a point, no comma")
+    return value
+
+
+def whole(least: int | None = None, most: int | None = None) -> Callable[[str], int]:
     """Return the check of a whole number from ``least`` to ``most``."""
-    wanted = f"{least} or more" if most is None else f"{least} to {most}"
+    bounds = ("" if least is None else f" from {least}") + ("" if most is None else f" to {most}")
 
     def check(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"{text} is no whole number; expected {wanted}") from None
-        if value < least or (most is not None and value > most):
-            raise argparse.ArgumentTypeError(f"{text} is out of range; expected {wanted}")
+        value = whole_number(text)
+        if value is None:
+            raise argparse.ArgumentTypeError(f"'{_short(text)}' is no whole number; expected one{bounds}")
+        if (least is not None and value < least) or (most is not None and value > most):
+            raise argparse.ArgumentTypeError(f"{value} is out of range; expected a whole number{bounds}")
         return value
 
     return check
 
 
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
+def _short(text: str) -> str:
+    return printable(text, LONGEST_NUMBER)

@@ -5,6 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from ronnaplan.cli.values import whole
+from ronnaplan.text import whole_number
+
 HELP = "Open the planner: a local web page with the scan, its markers, trajectories and registration."
 
 
@@ -31,7 +34,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--patient", action="store_true", help="show the patient's name, which is left out otherwise"
     )
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this machine only)")
-    parser.add_argument("--port", type=int, default=0, help="port to listen on (default: any that is free)")
+    parser.add_argument(
+        "--port", type=whole(0, 65_535), default=0, help="port to listen on (default: any that is free)"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -80,6 +85,7 @@ def _address(text: str) -> tuple[str, int]:
     from ronnaplan.errors import UsageError
 
     host, colon, port = text.rpartition(":")
-    if not (host and colon and port.isdigit() and 0 < int(port) < 65536):
+    number = whole_number(port)
+    if not (host and colon and number is not None and 0 < number < 65_536):
         raise UsageError(f"--tracker {text} is not of the form HOST:PORT, such as localhost:18944")
-    return host, int(port)
+    return host, number

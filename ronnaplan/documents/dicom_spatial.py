@@ -1,7 +1,7 @@
 """DICOM Spatial Fiducials and Spatial Registration objects (PS3.3, A.40 and A.39), bound to the scan's frame.
 
-A Spatial Registration maps its items' frames of reference into the object's own, here the tracker's. Patient names
-and identifiers are left empty, as ronnaplan's documents do not carry them.
+A Spatial Registration maps its items' frames of reference into the object's own, here the tracker's. Patient and study
+are left empty, as ronnaplan's documents do not carry them, unless they are given (`ronnaplan.documents.patient`).
 """
 
 from __future__ import annotations
@@ -28,15 +28,17 @@ LONGEST_IDENTIFIER = 16
 """Fiducial Identifier is a Short String (SH)."""
 
 
-def spatial_fiducials(document: FiducialsDocument) -> FileDataset:
+def spatial_fiducials(document: FiducialsDocument, patient: Dataset | None = None) -> FileDataset:
     """Return the markers as a Spatial Fiducials object: points with their standard error as uncertainty radius.
+
+    ``patient`` holds the patient and study modules to copy.
 
     Raises `InputError` when the document has no frame of reference or no marker.
     """
     frame = _frame(document.source)
     if not document.fiducials:
         raise InputError("the document holds no fiducials; a Spatial Fiducials object needs at least one")
-    dataset = _start(SPATIAL_FIDUCIALS, "FID", document.source, document.model_dump_json())
+    dataset = _start(SPATIAL_FIDUCIALS, "FID", document.source, document.model_dump_json(), patient)
     dataset.ContentLabel = "MARKERS"
     dataset.ContentDescription = f"Spheres of {document.marker.diameter_mm:g} mm found by ronnaplan"
     markers = Dataset()
@@ -46,15 +48,16 @@ def spatial_fiducials(document: FiducialsDocument) -> FileDataset:
     return dataset
 
 
-def spatial_registration(document: RegistrationDocument) -> FileDataset:
+def spatial_registration(document: RegistrationDocument, patient: Dataset | None = None) -> FileDataset:
     """Return the registration as a Spatial Registration object from the scan's frame into the tracker's.
 
     The tracker's frame of reference has no UID of its own: one is made from the document's content, the same at
-    every export. Raises `InputError` for a refused registration or one without the scan's frame of reference.
+    every export. ``patient`` holds the patient and study modules to copy. Raises `InputError` for a refused
+    registration or one without the scan's frame of reference.
     """
     transform = document.pose.matrix
     content = document.model_dump_json()
-    dataset = _start(SPATIAL_REGISTRATION, "REG", document.source, content)
+    dataset = _start(SPATIAL_REGISTRATION, "REG", document.source, content, patient)
     dataset.FrameOfReferenceUID = generate_uid(entropy_srcs=["tracker frame", content])
     dataset.PositionReferenceIndicator = None
     dataset.ContentLabel = "CT_TO_TRACKER"
@@ -83,8 +86,9 @@ def _checked_uid(text: str) -> str:
     return text
 
 
-def _start(sop_class: UID, modality: str, source: Source, content: str) -> FileDataset:
+def _start(sop_class: UID, modality: str, source: Source, content: str, patient: Dataset | None) -> FileDataset:
     """Return an object with everything but its own module: patient, study, series, equipment, SOP."""
+    content += "" if patient is None else str(patient)
     uid = generate_uid(entropy_srcs=[sop_class, content])
     meta = FileMetaDataset()
     meta.MediaStorageSOPClassUID = sop_class
@@ -99,6 +103,8 @@ def _start(sop_class: UID, modality: str, source: Source, content: str) -> FileD
         setattr(dataset, keyword, None)
     study = source.study_instance_uid
     dataset.StudyInstanceUID = _checked_uid(study) if study else generate_uid(entropy_srcs=["study", content])
+    if patient is not None:
+        dataset.update(patient)
     dataset.SeriesInstanceUID = generate_uid(entropy_srcs=["series", content])
     dataset.BodyPartExamined = "HEAD"
     dataset.Modality, dataset.SeriesNumber, dataset.InstanceNumber = modality, 1, 1

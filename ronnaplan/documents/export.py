@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
-from ronnaplan.documents.fiducials import FiducialsDocument, read_fiducials
+from ronnaplan.documents.fiducials import FiducialsDocument, Source, read_fiducials
 from ronnaplan.documents.files import read_json
 from ronnaplan.documents.itk_transform import itk_transform
 from ronnaplan.documents.markups import markups
@@ -15,40 +16,57 @@ from ronnaplan.documents.registration_exports import registration_csv, registrat
 from ronnaplan.documents.table import csv_table
 from ronnaplan.errors import UsageError
 
+if TYPE_CHECKING:
+    from pydicom.dataset import Dataset
 
-def export(path: str | os.PathLike[str], to: str) -> str | bytes:
-    """Read the document at ``path`` and return it in the format ``to``; DICOM as bytes, all else as text."""
+DICOM = "dicom"
+
+
+def export(path: str | os.PathLike[str], to: str, ct: str | os.PathLike[str] | None = None) -> str | bytes:
+    """Read the document at ``path`` and return it in the format ``to``; DICOM as bytes, all else as text.
+
+    ``ct`` is the scan whose patient and study a DICOM object is to name; without it they stay empty. Raises
+    `UsageError` for a format that the document cannot become.
+    """
+    if ct is not None and to != DICOM:
+        raise UsageError(f"a file of the kind '{to}' names no patient; give the scan with --to {DICOM} only")
     content = read_json(path)
     if isinstance(content, dict) and content.get("format") == REGISTRATION:
-        return REGISTRATION_EXPORTERS[to](read_registration(path))
-    if to not in FIDUCIAL_EXPORTERS:
-        raise UsageError(f"fiducials cannot become '{to}'; choose one of {', '.join(FIDUCIAL_EXPORTERS)}")
-    return FIDUCIAL_EXPORTERS[to](read_fiducials(path))
+        _require(to, "a registration", [*REGISTRATION_EXPORTERS, DICOM])
+        registration = read_registration(path)
+        if to != DICOM:
+            return REGISTRATION_EXPORTERS[to](registration)
+        from ronnaplan.documents.dicom_spatial import dicom_bytes, spatial_registration
 
-
-def _fiducials_dicom(document: FiducialsDocument) -> bytes:
+        return dicom_bytes(spatial_registration(registration, _patient(ct, registration.source)))
+    _require(to, "fiducials", [*FIDUCIAL_EXPORTERS, DICOM])
+    fiducials = read_fiducials(path)
+    if to != DICOM:
+        return FIDUCIAL_EXPORTERS[to](fiducials)
     from ronnaplan.documents.dicom_spatial import dicom_bytes, spatial_fiducials
 
-    return dicom_bytes(spatial_fiducials(document))
+    return dicom_bytes(spatial_fiducials(fiducials, _patient(ct, fiducials.source)))
 
 
-def _registration_dicom(document: RegistrationDocument) -> bytes:
-    from ronnaplan.documents.dicom_spatial import dicom_bytes, spatial_registration
+def _require(to: str, what: str, known: Sequence[str]) -> None:
+    if to not in known:
+        raise UsageError(f"{what} cannot become '{to}'; choose one of {', '.join(known)}")
 
-    return dicom_bytes(spatial_registration(document))
+
+def _patient(ct: str | os.PathLike[str] | None, source: Source) -> Dataset | None:
+    if ct is None:
+        return None
+    from ronnaplan.documents.patient import patient_of_scan
+
+    return patient_of_scan(ct, source)
 
 
-FIDUCIAL_EXPORTERS: dict[str, Callable[[FiducialsDocument], str | bytes]] = {
-    "markups": markups,
-    "csv": csv_table,
-    "dicom": _fiducials_dicom,
-}
-"""Formats a fiducials document can become, by the name given to ``--to``."""
+FIDUCIAL_EXPORTERS: dict[str, Callable[[FiducialsDocument], str]] = {"markups": markups, "csv": csv_table}
+"""Text formats a fiducials document can become, by the name given to ``--to``."""
 
-REGISTRATION_EXPORTERS: dict[str, Callable[[RegistrationDocument], str | bytes]] = {
+REGISTRATION_EXPORTERS: dict[str, Callable[[RegistrationDocument], str]] = {
     "markups": registration_markups,
     "csv": registration_csv,
-    "dicom": _registration_dicom,
     "itk": itk_transform,
 }
-"""Formats a registration document can become, by the name given to ``--to``."""
+"""Text formats a registration document can become, by the name given to ``--to``."""

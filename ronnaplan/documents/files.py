@@ -142,24 +142,10 @@ def check_target(path: str | os.PathLike[str]) -> None:
 
 def write_result(path: str | None, text: str) -> None:
     """Write ``text`` to the file named by ``-o``, or to standard output when there is none."""
-    if path is not None:
-        write_atomically(path, text)
-        return
-    if sys.stdout is None:
-        raise InputError("standard output is closed; name a file with -o")
-    try:
+    if path is None:
         sys.stdout.write(text)
-        sys.stdout.flush()
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        discard_output()
-        raise InputError(f"cannot write to standard output: {error.strerror}; name a file with -o") from error
-
-
-def discard_output() -> None:
-    """Send what is still to be written to standard output nowhere, so that leaving does not fail once more."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    else:
+        write_atomically(path, text)
 
 
 def read_json(path: str | os.PathLike[str]) -> Any:

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from ronnaplan.errors import InputError
-from ronnaplan.text import printable
+from ronnaplan.text import plain_number, printable
 from ronnaplan.tracking.recording import OK, Recording, ToolReading, rounding_notes, tool_reading
-from ronnaplan.untrusted import plain_number, require_file
+from ronnaplan.untrusted import require_file
 
 LONGEST_LINE = 1 << 16
 MOST_HEADER_BYTES = 1 << 28

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ronnaplan.errors import InputError
-from ronnaplan.text import printable
-from ronnaplan.untrusted import plain_number, read_whole
+from ronnaplan.text import plain_number, printable
+from ronnaplan.untrusted import read_whole
 
 DELIMITERS = (",", ";", "\t")
 MOST_TEXT_BYTES = 2**27

@@ -162,6 +162,19 @@ def test_a_symmetric_layout_is_warned_of_before_the_operation(
         (["localize", "", "--diameter", "11.5"], 1, "expected the path of a CT"),
         (["localize", "{ct}", "--diameter", "1e9"], 1, "more than half of this scan"),
         (["localize", "{ct}", "--diameter", "1_1"], 2, "positive number of mm"),
+        (["localize", "{ct}", "--diameter", "11,5"], 2, "may be 11.5 mm or 2 diameters"),
+        (["localize", "{ct}", "--diameter", "5,8,11"], 2, "for several 5.0,8.0,11.0"),
+        (["localize", "{ct}", "--diameter", "\u0661\u0661.5"], 2, "positive number of mm"),
+        (["localize", "{ct}", "--diameter", "9" * 400], 2, "positive number of mm"),
+        (["localize", "{ct}", "--diameter", "11.5", "--expected", "1_0"], 2, "no whole number"),
+        (["localize", "{ct}", "--diameter", "11.5", "--expected", "9" * 5000], 2, "no whole number"),
+        (["track", "--port", "99999999"], 2, "out of range"),
+        (["track", "--seconds", "1e300"], 2, "no duration"),
+        (["track", "--seconds", "1_0"], 2, "no duration"),
+        (["view", "{ct}", "--port", "99999999"], 2, "out of range"),
+        (["view", "{ct}", "--port", "-1"], 2, "out of range"),
+        (["view", "{ct}", "--tracker", "localhost:\u00b2"], 2, "HOST:PORT"),
+        (["phantom", "x", "--padding", "1_0"], 2, "no number"),
         (["localize", "{ct}", "--diameter", "11.5", "--report", "sheet.txt"], 2, "the contact sheet is a .png"),
         (["localize", "{ct}", "--diameter", "11.5", "-o", "/nowhere/at/all.json"], 1, "does not exist"),
         (["localize", "{ct}/a\x1b[31mb", "--diameter", "11.5"], 1, r"a\x1b[31mb"),
@@ -176,14 +189,41 @@ def test_a_slip_is_answered_in_one_plain_sentence(
     assert "\x1b" not in err
 
 
-def test_a_full_disk_or_a_closed_output_is_said_plainly(ct_folder: Path, tmp_path: Path) -> None:
+VERBS_THAT_PRINT = {
+    "export": ["export", "{fiducials}", "--to", "csv"],
+    "series": ["series", "{ct}"],
+    "series as JSON": ["series", "{ct}", "--json"],
+    "scenes": ["phantom", "--list"],
+    "help": ["series", "--help"],
+    "version": ["--version"],
+}
+
+
+@pytest.mark.parametrize("ending", ["> /dev/full", ">&-"])
+def test_a_full_disk_or_a_closed_output_is_said_plainly(ending: str, ct_folder: Path, tmp_path: Path) -> None:
     fiducials = tmp_path / "f.json"
     assert main(["localize", str(ct_folder), "--diameter", "11.5", "-o", str(fiducials)]) == 0
-    call = f"{sys.executable} -m ronnaplan export {fiducials} --to csv"
-    for ending in ("> /dev/full", ">&-"):
-        done = subprocess.run(
-            f"{call} {ending}", shell=True, cwd=ROOT, capture_output=True, text=True, check=False
-        )
-        assert done.returncode == 1
-        assert "standard output" in done.stderr
-        assert "Traceback" not in done.stderr
+    for name, arguments in VERBS_THAT_PRINT.items():
+        given = " ".join(arguments).format(ct=ct_folder, fiducials=fiducials)
+        call = f"{sys.executable} -m ronnaplan {given} {ending}"
+        done = subprocess.run(call, shell=True, cwd=ROOT, capture_output=True, text=True, check=False)
+        assert done.returncode == 1, name
+        assert "standard output" in done.stderr, name
+        assert done.stderr.count("\n") == 1, done.stderr
+
+
+@pytest.mark.parametrize("ending", ["2> /dev/full", "2>&-"])
+def test_messages_that_nobody_can_read_get_nowhere_else(ending: str, ct_folder: Path) -> None:
+    call = f"{sys.executable} -m ronnaplan localize {ct_folder} --diameter 11.5 {ending}"
+    done = subprocess.run(call, shell=True, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert len(json.loads(done.stdout)["fiducials"]) == 1
+    bad = f"{sys.executable} -m ronnaplan localize {ct_folder}/nowhere --diameter 11.5 {ending}"
+    done = subprocess.run(bad, shell=True, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (1, "")
+
+
+def test_a_reader_that_goes_away_is_no_error(ct_folder: Path) -> None:
+    call = f"{sys.executable} -m ronnaplan series {ct_folder} --json | true; echo ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", call], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.stdout.strip(), done.stderr) == ("0", "")

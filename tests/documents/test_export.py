@@ -64,3 +64,8 @@ def test_no_cell_is_taken_for_a_formula(document: Path) -> None:
     document.write_text(json.dumps(content))
     rows = list(csv.DictReader(io.StringIO(export(document, "csv"))))
     assert rows[0]["flags"] == "'=1+1 cut"
+
+
+def test_an_empty_cell_is_empty_and_a_label_is_as_it_was(document: Path) -> None:
+    rows = list(csv.DictReader(io.StringIO(export(document, "csv"))))
+    assert (rows[0]["label"], rows[0]["flags"], rows[0]["frame_of_reference_uid"]) == ("F1", "", "")

@@ -1,0 +1,101 @@
+"""The patient and the study of a scan, for objects that are to lie beside it in an archive; on request only."""
+
+from __future__ import annotations
+
+import io
+import os
+import warnings
+from collections.abc import Iterator, Sequence
+
+from pydicom import dcmread
+from pydicom.dataset import Dataset
+
+from ronnaplan.ct import Series, find_series
+from ronnaplan.ct.limits import DEFAULT_LIMITS
+from ronnaplan.ct.slices import Instance
+from ronnaplan.documents.fiducials import Source
+from ronnaplan.errors import FrameMismatchError, InputError
+from ronnaplan.text import printable
+
+PATIENT = (
+    *("PatientName", "PatientID", "IssuerOfPatientID", "PatientBirthDate", "PatientBirthTime", "PatientSex"),
+    *("PatientIdentityRemoved", "DeidentificationMethod"),
+)
+"""Of the Patient Module (PS3.3, C.7.1.1), what names the patient."""
+STUDY = (
+    *("StudyInstanceUID", "StudyDate", "StudyTime", "ReferringPhysicianName", "StudyID", "AccessionNumber"),
+    "StudyDescription",
+)
+"""The General Study Module (C.7.2.1) but for its sequences."""
+
+
+def patient_of_scan(path: str | os.PathLike[str], source: Source) -> Dataset:
+    """Return the patient and study modules of the series of ``source``, found below ``path``.
+
+    Raises `InputError` when the series is not there, its files differ in who or which study it is, or a value is none
+    of DICOM; `FrameMismatchError` when it lies in another frame of reference than ``source``.
+    """
+    series = _series(path, source)
+    told = [_modules(instance) for instance in _instances(series)]
+    first = told[0]
+    for other in told[1:]:
+        for keyword in (*PATIENT, *STUDY):
+            if first.get(keyword) != other.get(keyword):
+                raise InputError(
+                    f"the files of series {printable(source.series_instance_uid)} differ in {keyword}; "
+                    "sort them by patient first"
+                )
+    return first
+
+
+def _series(path: str | os.PathLike[str], source: Source) -> Sequence[Series]:
+    if not source.series_instance_uid:
+        raise InputError("the document names no series, so its patient cannot be looked up; leave out --ct")
+    found = [
+        one for one in find_series(os.fspath(path)).series if one.first.series_uid == source.series_instance_uid
+    ]
+    if not found:
+        raise InputError(
+            f"{printable(os.fspath(path))} does not hold series {printable(source.series_instance_uid)}, "
+            "of which the document was made; give the scan that was localized"
+        )
+    for one in found:
+        if one.first.study_uid != source.study_instance_uid:
+            raise InputError(
+                f"series {one.key} is of study {one.first.study_uid} but the document names study "
+                f"{source.study_instance_uid}; give the scan that was localized"
+            )
+        if one.first.frame_of_reference_uid not in (None, source.frame_of_reference_uid):
+            raise FrameMismatchError(
+                f"series {one.key} lies in the frame of reference {one.first.frame_of_reference_uid} but the document "
+                f"in {source.frame_of_reference_uid}; give the scan that was localized"
+            )
+    return found
+
+
+def _instances(series: Sequence[Series]) -> Iterator[Instance]:
+    for one in series:
+        files = {image.instance.blob.name: image.instance for image in one.stack.slices} if one.stack else {}
+        yield from files.values() or (one.first,)
+
+
+def _modules(instance: Instance) -> Dataset:
+    name = printable(instance.blob.name)
+    content = instance.blob.read(0, min(instance.blob.size, DEFAULT_LIMITS.header_bytes))
+    copied = Dataset()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # pydicom warns of values that are none, and keeps them
+        try:
+            given = dcmread(
+                io.BytesIO(content), force=True, stop_before_pixels=True, specific_tags=[*PATIENT, *STUDY]
+            )
+            given.decode()
+            for keyword in (*PATIENT, *STUDY):
+                if keyword in given:
+                    value = given.get(keyword)
+                    setattr(copied, keyword, None if value is None else str(value))
+        except Exception as error:  # pydicom raises many kinds for a damaged header
+            raise InputError(
+                f"{name} has a patient or study that cannot be copied ({printable(error)}); leave out --ct"
+            ) from error
+    return copied

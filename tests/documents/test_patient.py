@@ -1,0 +1,125 @@
+"""A DICOM export names the scan's patient and study where that is asked for, and the right ones or none."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Callable
+from io import BytesIO
+from pathlib import Path
+
+import pytest
+from pydicom import dcmread
+from pydicom.dataset import Dataset, FileDataset
+
+from ronnaplan.documents.export import export
+from ronnaplan.documents.fiducials import Source
+from ronnaplan.documents.reading import to_json
+from ronnaplan.errors import FrameMismatchError, InputError, UsageError
+from tests import cases
+from tests.ct import makers
+
+SOURCE = Source(
+    study_instance_uid=makers.STUDY, series_instance_uid=makers.SERIES, frame_of_reference_uid=makers.FRAME
+)
+
+
+def identify(made: Dataset, k: int) -> None:
+    made.SpecificCharacterSet = "ISO_IR 100"
+    made.PatientName, made.PatientID, made.IssuerOfPatientID = "Müller^Jörg", "4711", "St. Mary"
+    made.PatientBirthDate, made.PatientSex = "19700131", "M"
+    made.StudyDate, made.StudyTime, made.AccessionNumber = "20260102", "101112", "A1"
+    made.StudyDescription, made.StudyID = "Kopf", "7"
+
+
+@pytest.fixture
+def ct(tmp_path: Path) -> Path:
+    return makers.write_series(tmp_path / "ct", change=identify)
+
+
+def document(folder: Path, kind: str, **changes: str) -> Path:
+    made = cases.fiducials() if kind == "fiducials" else cases.registration()
+    file = folder / f"{kind}.json"
+    file.write_text(to_json(made.model_copy(update={"source": SOURCE.model_copy(update=changes)})))
+    return file
+
+
+def exported(file: Path, ct: Path | None) -> FileDataset:
+    made = export(file, "dicom", ct)
+    assert isinstance(made, bytes)
+    return dcmread(BytesIO(made))
+
+
+@pytest.mark.parametrize("kind", ["fiducials", "registration"])
+def test_the_patient_and_the_study_are_those_of_the_scan(kind: str, ct: Path, tmp_path: Path) -> None:
+    made = exported(document(tmp_path, kind), ct)
+    assert (str(made.PatientName), made.PatientID, made.IssuerOfPatientID) == ("Müller^Jörg", "4711", "St. Mary")
+    assert (made.PatientBirthDate, made.PatientSex) == ("19700131", "M")
+    assert (made.StudyInstanceUID, made.StudyDate, made.StudyTime) == (makers.STUDY, "20260102", "101112")
+    assert (made.AccessionNumber, made.StudyID, made.StudyDescription) == ("A1", "7", "Kopf")
+    if shutil.which("dciodvfy"):
+        (tmp_path / "o.dcm").write_bytes(bytes(export(document(tmp_path, kind), "dicom", ct)))  # type: ignore[arg-type]
+        told = subprocess.run(
+            ["dciodvfy", "-new", tmp_path / "o.dcm"], capture_output=True, text=True, check=False
+        )
+        assert "Error" not in told.stderr, told.stderr
+
+
+def test_without_being_asked_for_they_stay_empty_and_the_object_is_another(ct: Path, tmp_path: Path) -> None:
+    file = document(tmp_path, "fiducials")
+    named, nameless = exported(file, ct), exported(file, None)
+    assert (str(nameless.PatientName), nameless.PatientID, nameless.StudyDate) == ("", "", "")
+    assert b"4711" not in export(file, "dicom")  # type: ignore[operator]
+    assert named.SOPInstanceUID != nameless.SOPInstanceUID
+
+
+def one_other(keyword: str, value: str) -> Callable[[Dataset, int], None]:
+    def change(made: Dataset, k: int) -> None:
+        identify(made, k)
+        if k == 2:
+            setattr(made, keyword, value)
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("keyword", "value"), [("PatientID", "4712"), ("PatientName", "Doe^John"), ("StudyDate", "20260103")]
+)
+def test_files_of_two_patients_name_none(keyword: str, value: str, tmp_path: Path) -> None:
+    mixed = makers.write_series(tmp_path / "ct", change=one_other(keyword, value))
+    with pytest.raises(InputError, match=f"differ in {keyword}"):
+        exported(document(tmp_path, "fiducials"), mixed)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says", "error"),
+    [
+        ({"series_instance_uid": "1.9"}, "does not hold series 1.9", InputError),
+        ({"series_instance_uid": None}, "names no series", InputError),
+        ({"study_instance_uid": "1.9"}, "is of study", InputError),
+        ({"frame_of_reference_uid": "1.9"}, "frame of reference", FrameMismatchError),
+    ],
+)
+def test_another_scan_than_the_document_s_is_refused(
+    changes: dict[str, str], says: str, error: type[InputError], ct: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(error, match=says):
+        exported(document(tmp_path, "fiducials", **changes), ct)
+
+
+def test_a_value_that_dicom_does_not_know_is_not_copied(tmp_path: Path) -> None:
+    ct = makers.write_series(tmp_path / "ct", change=identify)
+    for file in ct.iterdir():
+        file.write_bytes(file.read_bytes().replace(b"19700131", b"31011970"))
+    with pytest.raises(InputError, match="cannot be copied"):
+        exported(document(tmp_path, "fiducials"), ct)
+
+
+def test_only_dicom_names_a_patient_and_an_unknown_format_is_wrong_usage(ct: Path, tmp_path: Path) -> None:
+    for kind in ("fiducials", "registration"):
+        with pytest.raises(UsageError, match="names no patient"):
+            export(document(tmp_path, kind), "csv", ct)
+        with pytest.raises(UsageError, match="cannot become 'foo'; choose one of markups, csv"):
+            export(document(tmp_path, kind), "foo")
+    with pytest.raises(UsageError, match="fiducials cannot become 'itk'"):
+        export(document(tmp_path, "fiducials"), "itk")
