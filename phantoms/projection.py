@@ -214,11 +214,11 @@ def _add_arriving(matter: Matter, crossings: _Crossings, arriving: FloatArray) -
                 depths[b] += attenuation[kind, b] * lengths[kind]
             lengths[kind] = 0.0
         for b in range(energies):
-            arriving[ray] += weights[b] * _exp_minus(depths[b])
+            arriving[ray] += weights[b] * exp_minus(depths[b])
 
 
 @compiled()
-def _exp_minus(depth: float) -> float:
+def exp_minus(depth: float) -> float:
     """Return ``exp(-depth)`` to 1e-7 or better, in a form that the compiler turns into vector instructions."""
     x = min(depth, 700.0) / 1024
     y: float = 1 - x * (1 - x * (0.5 - x * (1 / 6 - x / 24)))

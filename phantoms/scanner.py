@@ -120,7 +120,7 @@ class _Measurement:
         self._scanner, self._seed = scanner, seed
         beam = tube_beam(scanner.kilovolts)
         self._solids = pack([part.solid for part in scene.parts])
-        self._matter = _matter(scene, beam)
+        self._matter = matter(scene, beam)
         self._water = WaterCorrection(beam)
         self._kept: dict[_Row, FloatArray] = {}
         self._row_mm = row_mm
@@ -162,7 +162,7 @@ class _Measurement:
         return self._water(-np.log(np.maximum(signal, 1e-12)))
 
 
-def _matter(scene: Scene, beam: Beam) -> Matter:
+def matter(scene: Scene, beam: Beam) -> Matter:
     names = tuple(sorted({part.material for part in scene.parts}))
     return Matter(
         np.array([names.index(part.material) for part in scene.parts], dtype=np.int64),
