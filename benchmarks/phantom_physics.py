@@ -23,12 +23,13 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from phantoms import library
+from phantoms.cone_beam import ConeBeam
 from phantoms.fast import average_hu
 from phantoms.kernels import KERNELS
 from phantoms.machine import Machine
 from phantoms.scanner import Scanner
 from phantoms.scene import Part, Scene
-from phantoms.solids import FloatArray, sphere
+from phantoms.solids import FloatArray, cylinder, sphere
 from phantoms.stack import SliceStack, axial_stack
 
 Row = tuple[str, str, str, bool]
@@ -173,6 +174,65 @@ def fast_renderer(quick: bool) -> Iterator[Row]:
     yield "fast renderer, acrylic 11.5 mm: mass against the solid's", f"{100 * worst:.2f} %", "1 %", worst < 0.01
 
 
+def cone_beam(quick: bool) -> Iterator[Row]:
+    """Check place, water and noise of the cone-beam scanner; half a turn is exact only in its middle plane."""
+    full = ConeBeam(dose=0, views=360)
+    places_mm = ((45.1, -30.2, 0.1), (45.1, -30.2, 40.3), (0.1, 0.2, 60.3), (-80.2, 60.1, 45.2))
+    for name, scanner, limit in (("full turn", full, 4.0), ("short", replace(full, turn="short"), 25.0)):
+        found = [_cone_error(np.array(place), scanner) for place in places_mm[: 2 if quick else 4]]
+        worst = np.abs(found).max(axis=0)
+        text = ", ".join(f"{value:.2f}" for value in worst)
+        yield (
+            f"cone beam, {name}: centroid of 11.5 mm ball: x, y, z",
+            f"{text} um",
+            f"{limit:g} um",
+            worst.max() < limit,
+        )
+    rod = _cone_error(np.array([45.1, -30.2, 0.0]), replace(full, turn="short"), rod=True)
+    worst_rod = float(np.abs(rod).max())
+    yield "cone beam, short: centroid of 11.5 mm rod along the axis", f"{worst_rod:.2f} um", "4 um", worst_rod < 4
+    stack = axial_stack(start_mm=0, stop_mm=0, spacing_mm=0.4, matrix=500, field_of_view_mm=200)
+    disc = Scene((Part(cylinder((0, 0, -60), (0, 0, 1), 120, 160), "water"),))
+    (image,) = full.reconstruct(disc, [stack])
+    inside = np.linalg.norm(places(stack)[..., :2], axis=-1) < 76
+    worst_hu = float(np.abs(image[inside]).max())
+    yield (
+        "cone beam, water over a 160 mm disc: farthest pixel (r < 76 mm)",
+        f"{worst_hu:.2f} HU",
+        "4 HU",
+        worst_hu < 4,
+    )
+    small = stack.around((0, 0, 0), 20, crop=True)
+    levels = [
+        (replace(full, dose=dose, electronic_noise=0.0).reconstruct(disc, [small])[0]).std()
+        for dose in (1.0, 0.25)
+    ]
+    text = f"{levels[0]:.1f}, {levels[1]:.1f} HU"
+    yield (
+        "cone beam, noise at dose 1 and 0.25, 0.4 mm voxels",
+        text,
+        "x 2 +- 5 %",
+        abs(levels[1] / levels[0] - 2) < 0.1,
+    )
+
+
+def _cone_error(center: FloatArray, scanner: ConeBeam, *, rod: bool = False) -> FloatArray:
+    """Return how far the centroid of a plastic ball or rod is off in a cone-beam scan, in micrometres."""
+    reach = 0.0 if rod else 11.0
+    stack = axial_stack(
+        start_mm=center[2] - reach,
+        stop_mm=center[2] + reach,
+        spacing_mm=0.4,
+        matrix=640,
+        field_of_view_mm=256,
+    ).around(center, 11, crop=True)
+    solid = cylinder((*center[:2], -150), (0, 0, 1), 300, 11.5) if rod else sphere(center, 11.5)
+    (images,) = scanner.reconstruct(Scene((Part(solid, "acrylic"),)), [stack])
+    points = places(stack)
+    weights = np.where(np.linalg.norm(points - center, axis=-1) < 8.25, images + 1000.0, 0.0)
+    return (np.average(points.reshape(-1, 3), axis=0, weights=weights.ravel()) - center) * 1000
+
+
 def speed(quick: bool) -> Iterator[Row]:
     """Time a 512 x 512 slice: at most a second on two cores."""
     patient = library.ready("patient-8")
@@ -210,6 +270,7 @@ CHECKS: tuple[Callable[[bool], Iterator[Row]], ...] = (
     centroids,
     masses,
     fast_renderer,
+    cone_beam,
     speed,
     validator,
 )

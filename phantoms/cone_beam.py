@@ -1,10 +1,10 @@
-"""A cone-beam scanner: a tube and a flat panel on an arm that turns once, or somewhat more than half, about the head."""
+"""A cone-beam scanner: a tube and a flat panel on an arm that turns about the head, once or little more than half."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,8 @@ from phantoms.stack import SliceStack
 Turn = Literal["full", "short"]
 FINE_RAYS = 3
 """Rays along each edge of a detector element near a marker."""
+ROW_FWHM = 3 - np.sqrt(3)
+"""Full width at half maximum of a quadratic spline, in its steps."""
 CHUNK = 8
 """Views that are worked on together."""
 SCATTER_WIDTH_MM = 50.0
@@ -64,9 +66,9 @@ class ConeBeam(Machine):
     lag: float = 0.0
     """Image lag of the panel: 1 is usual; see `LAG`."""
     hu_scale: float = 1.0
-    """What 1000 HU between air and water are shown as, in thousands."""
+    """What the 1000 HU between air and water are shown as, in thousands."""
     hu_offset: float = 0.0
-    """What water is shown as."""
+    """By how much air, and so everything, is shown above -1000 HU."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -97,10 +99,10 @@ class ConeBeam(Machine):
         return (np.pi + 2 * self.fan_rad) * (np.arange(self.views) + 0.5) / self.views
 
     def profile(self, stack: SliceStack) -> Profile:
-        """Return the profile of a detector row that is interpolated linearly: a box, smoothed by a triangle."""
-        return Profile("gaussian", 1.51 * self.bin_mm)
+        """Return the profile of a detector row that is interpolated linearly: three boxes, one after the other."""
+        return Profile("gaussian", ROW_FWHM * self.bin_mm)
 
-    def aimed(self, stack: SliceStack) -> ConeBeam:
+    def aimed(self, stack: SliceStack) -> Self:
         """Return the scanner with its source in the middle plane of ``stack``."""
         places = stack.positions_mm
         return replace(self, middle_mm=float(places.min() + places.max()) / 2)
@@ -128,7 +130,7 @@ class ConeBeam(Machine):
         x = grid.first_mm[:, 0, np.newaxis, np.newaxis] + np.arange(columns) * grid.pixel_mm
         y = grid.first_mm[:, 1, np.newaxis, np.newaxis] + np.arange(rows)[:, np.newaxis] * grid.pixel_mm
         shown = np.where(np.hypot(x, y) > self.field_radius_mm, 0.0, image)
-        return np.asarray(1000 * (self.hu_scale * shown - self.hu_scale) + self.hu_offset, dtype=np.float32)
+        return np.asarray(1000 * (self.hu_scale * shown - 1) + self.hu_offset, dtype=np.float32)
 
 
 class _Orbit:

@@ -35,7 +35,7 @@ class Views(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """A flat detector, scaled down to the axis of rotation: elements of ``bin_mm``, and where the first column and row are."""
+    """A flat detector, scaled down to the axis of rotation: its elements, and where the first of them is."""
 
     bin_mm: float
     first_column_mm: float
@@ -82,7 +82,9 @@ def cone_transmission(
     count, rows, _ = signal.shape
     for job in parallel_range(count * rows):
         view, row = job // rows, job % rows
-        _measure_row(solids, matter, panel, views, view, panel.first_row_mm + row * panel.bin_mm, signal[view, row])
+        _measure_row(
+            solids, matter, panel, views, view, panel.first_row_mm + row * panel.bin_mm, signal[view, row]
+        )
 
 
 @compiled()

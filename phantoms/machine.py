@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +50,15 @@ class Machine(ABC):
         for name, value, good, expected in checks:
             if not good:
                 raise PhantomError(f"the scanner's {name} is {value}; expected {expected}")
+
+    @property
+    def field_radius_mm(self) -> float:
+        """Radius about the axis of rotation within which the images show anything."""
+        return float("inf")
+
+    def aimed(self, stack: SliceStack) -> Self:
+        """Return the scanner as it is set up for ``stack``."""
+        return self
 
     @abstractmethod
     def reconstruct(

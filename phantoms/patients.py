@@ -91,21 +91,28 @@ def random_patient(
     thickness = float(generator.choice([0.5, 0.6, 0.75, 1.0, 1.25])) if thickness_mm is None else thickness_mm
     chosen = str(generator.choice(["soft", "standard", "bone"], p=[0.25, 0.6, 0.15])) if kernel is None else kernel
     turn = np.eye(3) if plan is None else plan.orientation
+    machine = Scanner(kernel=chosen, dose=dose) if plan is None else plan.scanner_at(dose)
     positions = _slice_positions(generator, scene.moved(turn.T), spacing_mm or thickness, 0.1 if uneven else 0.0)
+    field_mm = float(generator.uniform(255, 290))
+    if plan is not None and plan.cubic:
+        matrix = int(np.ceil(field_mm / thickness))
+        field_mm = matrix * thickness
     stack = axial_stack(
         start_mm=0.0,
         stop_mm=0.0,
         positions_mm=positions,
         thickness_mm=thickness,
         matrix=matrix,
-        field_of_view_mm=float(generator.uniform(255, 290)),
+        field_of_view_mm=field_mm,
         center_mm=(*generator.uniform(-6, 6, 2), 0.0),
         tilt_deg=tilt_deg,
         orientation=turn,
     )
+    machine = machine.aimed(stack)
+    stack = replace(stack, field_radius_mm=machine.field_radius_mm)
     if plan is None:
-        return Examination(scene, stack, Scanner(kernel=chosen, dose=dose), seed)
-    return Examination(scene, stack, replace(plan.scanner, dose=dose), seed, plan.finish, plan.name)
+        return Examination(scene, stack, machine, seed)
+    return Examination(scene, stack, machine, seed, plan.finish, plan.name)
 
 
 def _places(generator: np.random.Generator, count: int, size: float) -> list[FloatArray]:

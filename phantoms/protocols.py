@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from phantoms.cone_beam import ConeBeam, Turn
 from phantoms.errors import PhantomError
 from phantoms.fast import Renderer
 from phantoms.finish import Finish, Interpolated, NonLocalMeans, Reformatted, Step, TotalVariation
@@ -36,6 +37,12 @@ class Protocol:
     finish: Finish = field(default_factory=Finish)
     orientation: FloatArray = field(default_factory=lambda: np.eye(3))
     """Turns the slices (3, 3) against the patient's axes."""
+    cubic: bool = False
+    """Whether a voxel's edges are all as long as the slices are thick."""
+
+    def scanner_at(self, dose: float) -> Machine:
+        """Return the scanner at ``dose`` times its own dose."""
+        return replace(self.scanner, dose=dose * self.scanner.dose)
 
 
 Generator = np.random.Generator
@@ -98,6 +105,36 @@ def _rendered(shape: Shape) -> Maker:
     return make
 
 
+def _cone(
+    turn: Turn = "full",
+    lag: tuple[float, float] = (0.0, 0.0),
+    width_mm: tuple[float, float] = (300.0, 300.0),
+    hu: bool = True,
+) -> Maker:
+    """Make cone-beam scans; ``hu`` lets the scale and offset of the values depart from Hounsfield's."""
+
+    def make(name: str, generator: Generator) -> Protocol:
+        voxel = float(generator.choice([0.3, 0.4, 0.5]))
+        scanner = ConeBeam(
+            kernel=str(generator.choice(["smooth", "standard", "detail"])),
+            dose=float(generator.uniform(0.3, 0.8)),
+            kilovolts=float(generator.choice([90.0, 100.0, 110.0, 120.0])),
+            views=int(generator.choice([400, 480, 560])),
+            turn=turn,
+            width_mm=float(generator.uniform(*width_mm)),
+            source_mm=float(generator.uniform(580, 780)),
+            start_deg=float(generator.uniform(0, 360)),
+            scatter=float(generator.uniform(0.02, 0.12)),
+            lag=float(generator.uniform(*lag)),
+            hu_scale=float(generator.uniform(0.8, 1.2)) if hu else 1.0,
+            hu_offset=float(generator.uniform(-20, 100)) if hu else 0.0,
+        )
+        tag: Tag = "absent" if generator.random() < 0.3 else "nominal"
+        return Protocol(name, scanner, voxel, voxel, Finish(tag=tag), cubic=True)
+
+    return make
+
+
 PROTOCOLS: dict[str, tuple[str, Maker]] = {
     "axial": ("axial, thin touching slices, usual kernels", _axial()),
     "axial very soft": ("the same with a very soft kernel", _axial(("very soft",))),
@@ -122,6 +159,10 @@ PROTOCOLS: dict[str, tuple[str, Maker]] = {
     "5 mm every 2.5 mm": ("overlapping 5 mm slices", _axial(thicknesses_mm=(5.0,), spacing=0.5)),
     "5 mm": ("touching 5 mm slices", _axial(thicknesses_mm=(5.0,))),
     "oblique": ("reformatted to slices 8 to 25 degrees off the axial ones", _oblique),
+    "cone beam": ("cone beam on a flat panel, full turn, cubic voxels, values of their own scale", _cone()),
+    "cone beam short": ("the same, half a turn and the fan", _cone("short")),
+    "cone beam lag": ("full turn; the panel keeps a part of what it saw before", _cone(lag=(0.5, 1.5))),
+    "cone beam truncated": ("full turn; the panel is narrower than the head", _cone(width_mm=(225.0, 260.0))),
     "rendered gaussian": ("fast renderer, Gaussian profile broader than nominal", _rendered("gaussian")),
     "rendered trapezoid": ("fast renderer, trapezoidal profile broader than nominal", _rendered("trapezoid")),
     "rendered triangle": ("fast renderer, triangular profile broader than nominal", _rendered("triangle")),

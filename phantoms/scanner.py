@@ -163,6 +163,7 @@ class _Measurement:
 
 
 def matter(scene: Scene, beam: Beam) -> Matter:
+    """Return what the parts of ``scene`` do to ``beam``."""
     names = tuple(sorted({part.material for part in scene.parts}))
     return Matter(
         np.array([names.index(part.material) for part in scene.parts], dtype=np.int64),

@@ -34,6 +34,8 @@ class SliceStack:
     tilt_deg: float = 0.0
     aside_mm: tuple[float, float] = (0.0, 0.0)
     """Place of the images' centres beside ``centers_mm``, along the columns' and the rows' direction."""
+    field_radius_mm: float = float("inf")
+    """Distance from the axis of rotation up to which the scanner sees."""
 
     def __len__(self) -> int:
         return len(self.centers_mm)
@@ -131,6 +133,10 @@ class SliceStack:
         offsets = center_mm - self.centers_mm[near]
         x = np.abs(offsets @ self.column_direction - self.aside_mm[0])
         y = np.abs(offsets @ self.row_direction - self.aside_mm[1])
+        if np.linalg.norm(offsets - (offsets @ self.normal)[:, np.newaxis] * self.normal, axis=1).max() > (
+            self.field_radius_mm - radius
+        ):
+            return False
         field = self.pixel_mm / 2
         return bool((x.max() + radius <= self.columns * field) and (y.max() + radius <= self.rows * field))
 
