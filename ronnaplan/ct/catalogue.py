@@ -19,6 +19,7 @@ from ronnaplan.ct.limits import DEFAULT_LIMITS, Limits
 from ronnaplan.ct.progress import advancing
 from ronnaplan.ct.slices import Instance, SliceImage, instance_from_header
 from ronnaplan.ct.stack import Stack, stacks_of
+from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.errors import InputError
 from ronnaplan.text import printable
 
@@ -182,9 +183,11 @@ def _parts(instances: list[Instance]) -> list[Series]:
         except DamagedError as error:
             damaged[str(error)].append(instance)
     broken = tuple(f"{len(files)} of {len(instances)} files: {reason}" for reason, files in damaged.items())
+    stacks = stacks_of(images)
+    if any(instance.pixels is not None for files in outside.values() for instance in files):
+        stacks = [stack.flagged(VolumeFlag.IMAGES_LEFT_OUT) for stack in stacks]
     found: list[tuple[Instance, int, Stack | None, tuple[str, ...]]] = [
-        (stack.slices[0].instance, len(stack.slices), stack, (*_problem(stack), *broken))
-        for stack in stacks_of(images)
+        (stack.slices[0].instance, len(stack.slices), stack, (*_problem(stack), *broken)) for stack in stacks
     ]
     if broken and not found:
         found.append((next(iter(damaged.values()))[0], len(instances), None, broken))

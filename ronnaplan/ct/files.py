@@ -14,12 +14,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import BinaryIO, Protocol
 
 from ronnaplan.ct.limits import Limits
 from ronnaplan.errors import InputError
 from ronnaplan.text import printable
 
+_READ_WITHOUT_WAITING = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+"""A pipe is opened at once, and then refused."""
 _END_OF_DIRECTORY = struct.Struct("<4s4H2LH")
 _ZIP64_LOCATOR = struct.Struct("<4sLQL")
 _ZIP64_END = struct.Struct("<4sQ2H2L4Q")
@@ -83,14 +85,30 @@ class DiskFile:
 
     @contextmanager
     def _opened(self) -> Iterator[int]:
+        descriptor = _open_descriptor(self.path, "it")
         try:
-            descriptor = os.open(self.path, os.O_RDONLY)
-            try:
-                yield descriptor
-            finally:
-                os.close(descriptor)
+            yield descriptor
         except OSError as error:
-            raise DamagedError(f"it cannot be opened ({error.strerror})") from error
+            raise DamagedError(f"it cannot be read ({error.strerror})") from error
+        finally:
+            os.close(descriptor)
+
+
+def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
+    """Open a file that another file names; raises `DamagedError` for what is no regular file and may never end."""
+    return os.fdopen(_open_descriptor(path, printable(path)), "rb")
+
+
+def _open_descriptor(path: str | os.PathLike[str], shown: str) -> int:
+    try:
+        descriptor = os.open(path, _READ_WITHOUT_WAITING)
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise DamagedError(f"{shown} cannot be opened ({printable(reason)})") from error
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise DamagedError(f"{shown} is not a regular file")
+    return descriptor
 
 
 @dataclass(frozen=True, slots=True)

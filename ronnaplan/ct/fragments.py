@@ -7,12 +7,11 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import Final
 
+from ronnaplan.ct import tags
 from ronnaplan.ct.files import Blob, DamagedError
 from ronnaplan.ct.slices import Fragment, PixelFormat
 
-_ITEM: Final = 0xE000FFFE
-_SEQUENCE_END: Final = 0xE0DDFFFE
-_ITEM_HEADER: Final = struct.Struct("<LL")
+_ITEM_HEADER: Final = struct.Struct("<HHL")
 _READ_AT_ONCE_BYTES: Final = 4 << 20
 MOST_FRAGMENTS: Final = 1 << 16
 """More compressed fragments than this in one file are taken for damage."""
@@ -68,9 +67,10 @@ def _item_length(read: Read, position: int) -> int | None:
     header = read(position, _ITEM_HEADER.size)
     if not header:
         return None
-    tag, length = _ITEM_HEADER.unpack(header) if len(header) == _ITEM_HEADER.size else (0, 0)
-    if tag == _SEQUENCE_END:
+    group, element, length = _ITEM_HEADER.unpack(header) if len(header) == _ITEM_HEADER.size else (0, 0, 0)
+    tag = group << 16 | element
+    if tag == tags.SEQUENCE_DELIMITATION_ITEM:
         return None
-    if tag != _ITEM:
+    if tag != tags.ITEM:
         raise DamagedError("its compressed pixels are broken")
     return int(length)

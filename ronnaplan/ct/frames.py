@@ -5,24 +5,25 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Final
 
+from ronnaplan.ct import tags
 from ronnaplan.ct.codecs import why_not_decoded
+from ronnaplan.ct.derived import why_not_slices
 from ronnaplan.ct.files import DamagedError
 from ronnaplan.ct.fragments import frame_fragments
-from ronnaplan.ct.header import DEFLATED_LITTLE, EXPLICIT_BIG, EXPLICIT_LITTLE, IMPLICIT_LITTLE, Elements
-from ronnaplan.ct.slices import (
-    CT_IMAGE,
-    MULTI_FRAME_CLASSES,
-    Instance,
-    PixelFormat,
-    SliceImage,
-    Vector,
-    number_or_none,
-    numbers,
-    text,
+from ronnaplan.ct.header import (
+    DEFLATED_LITTLE,
+    EXPLICIT_BIG,
+    EXPLICIT_LITTLE,
+    IMPLICIT_LITTLE,
+    Elements,
+    element_name,
 )
+from ronnaplan.ct.slices import CT_IMAGE, MULTI_FRAME_CLASSES, Instance, PixelFormat, SliceImage
+from ronnaplan.ct.values import Vector, number_or_none, numbers, text, values
 
 _KINDS: Final = {
     "1.2.840.10008.1.3.10": "a DICOMDIR index",
@@ -41,7 +42,6 @@ _KINDS: Final = {
 }
 _STRUCTURED_REPORT_PREFIX: Final = "1.2.840.10008.5.1.4.1.1.88."
 _PRESENTATION_STATE_PREFIX: Final = "1.2.840.10008.5.1.4.1.1.11."
-_LOCALIZER_WORDS: Final = frozenset({"LOCALIZER", "SCOUT", "SURVIEW", "REF_SURVIEW", "TOPOGRAM"})
 PLAIN_SYNTAXES: Final = frozenset({IMPLICIT_LITTLE, EXPLICIT_LITTLE, EXPLICIT_BIG, DEFLATED_LITTLE})
 MOST_FRAMES: Final = 20_000
 """A file of more frames than this (20 m of body at 1 mm) is taken for damage."""
@@ -63,17 +63,17 @@ def why_not_ct(instance: Instance) -> str | None:
         return f"the modality is {instance.modality or 'not given'}, not CT"
     if instance.sop_class not in MULTI_FRAME_CLASSES | {CT_IMAGE, ""}:
         return f"the SOP class {instance.sop_class} is not a CT image"
-    if _LOCALIZER_WORDS.intersection(word.upper() for word in instance.image_type):
-        return "a localizer (projection image), not a stack of slices"
-    return None
+    return why_not_slices(instance.image_type, instance.technique, instance.description)
 
 
 def _why_not_pixels(pixels: PixelFormat) -> str | None:
+    if pixels.fault is not None:
+        return pixels.fault
     if pixels.samples != 1:
         return "a colour picture, not a scan"
-    if pixels.photometric not in ("MONOCHROME2", ""):
+    if pixels.photometric != "MONOCHROME2":
         return f"its photometric interpretation is {pixels.photometric}, expected MONOCHROME2"
-    if pixels.tag == 0x7FE00010:
+    if pixels.tag == tags.PIXEL_DATA:
         if pixels.bits_allocated not in (8, 16, 32):
             return f"its pixels take {pixels.bits_allocated} bits, expected 8, 16 or 32"
         if not 1 <= pixels.bits_stored <= pixels.bits_allocated or pixels.high_bit != pixels.bits_stored - 1:
@@ -98,7 +98,7 @@ def images_of(instance: Instance) -> list[SliceImage]:
     reason = _why_not_pixels(pixels)
     if reason is not None:
         raise DamagedError(reason)
-    if 0x00283000 in instance.elements:
+    if tags.MODALITY_LUT_SEQUENCE in instance.elements:
         raise DamagedError("its values need a modality LUT, not a rescale slope and intercept")
     facts = _facts_of_frames(instance, pixels)
     images = [_image(instance, pixels, frame, each) for frame, each in enumerate(facts)]
@@ -110,7 +110,7 @@ def images_of(instance: Instance) -> list[SliceImage]:
 
 def _facts_of_frames(instance: Instance, pixels: PixelFormat) -> list[Elements]:
     """Return, for each frame, the elements that describe it at one level."""
-    frames = instance.elements.get(0x52009230, [])
+    frames = instance.elements.get(tags.PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE, [])
     if instance.sop_class not in MULTI_FRAME_CLASSES and not frames:
         if pixels.frames != 1:
             raise DamagedError(f"it holds {pixels.frames} frames without saying where each one is")
@@ -119,49 +119,79 @@ def _facts_of_frames(instance: Instance, pixels: PixelFormat) -> list[Elements]:
         raise DamagedError(f"it declares {pixels.frames} frames, more than {MOST_FRAMES}")
     if len(frames) != pixels.frames:
         raise DamagedError(f"it declares {pixels.frames} frames but describes {len(frames)}")
-    shared = _flatten(instance.elements.get(0x52009229, [])[:1])
-    facts = [shared | _flatten([groups]) for groups in frames]
-    if any("LOCALIZER" in text(each, 0x00089007).upper().split("\\") for each in facts):
-        raise DamagedError("it holds localizer frames (projection images)")
-    return facts
+    shared_groups = instance.elements.get(tags.SHARED_FUNCTIONAL_GROUPS_SEQUENCE, [])
+    if len(shared_groups) > 1:
+        raise DamagedError(f"it holds {len(shared_groups)} sets of shared functional groups, expected one")
+    shared = _flatten(shared_groups)
+    return [_flatten([shared, groups]) for groups in frames]
 
 
 def _flatten(groups: list[Elements]) -> Elements:
-    """Bring the functional groups of one frame to one level (each tag occurs in one group only)."""
+    """Bring functional groups to one level; each holds one item, and says nothing that another says otherwise."""
     flat: Elements = {}
     for group in groups:
         for tag, value in group.items():
-            if isinstance(value, list):
-                for item in value[:1]:
-                    flat.update({inner: raw for inner, raw in item.items() if not isinstance(raw, list)})
-            else:
-                flat[tag] = value
+            items = value if isinstance(value, list) else [{tag: value}]
+            if len(items) > 1:
+                raise DamagedError(
+                    f"its functional group {element_name(tag)} has {len(items)} items, expected one"
+                )
+            for inner, raw in [pair for item in items for pair in item.items()]:
+                if not isinstance(raw, list) and flat.setdefault(inner, raw) != raw:
+                    raise DamagedError(f"a frame gives element {element_name(inner)} twice, with two values")
     return flat
 
 
 def _image(instance: Instance, pixels: PixelFormat, frame: int, facts: Elements) -> SliceImage:
     slope, intercept = _rescale(facts)
-    thickness = number_or_none(facts, 0x00180050)
+    image_type = values(facts, tags.FRAME_TYPE) or instance.image_type
+    technique = text(facts, tags.VOLUME_BASED_CALCULATION_TECHNIQUE) or instance.technique
+    reason = why_not_slices(image_type, technique, instance.description)
+    if reason is not None:
+        raise DamagedError(f"its frame {frame + 1} is {reason}")
     return SliceImage(
         instance=instance,
         pixels=pixels,
         frame=frame,
-        origin_mm=_required(facts, 0x00200032, 3, "position"),
-        orientation=_required(facts, 0x00200037, 6, "orientation"),
-        spacing_mm=_required(facts, 0x00280030, 2, "pixel spacing"),
+        origin_mm=_required(facts, tags.IMAGE_POSITION_PATIENT, 3, "position"),
+        orientation=_required(facts, tags.IMAGE_ORIENTATION_PATIENT, 6, "orientation"),
+        spacing_mm=_required(facts, tags.PIXEL_SPACING, 2, "pixel spacing"),
         slope=slope,
         intercept=intercept,
-        thickness_mm=thickness,
-        kernel=text(facts, 0x00181210) or text(facts, 0x00189315),
+        thickness_mm=number_or_none(facts, tags.SLICE_THICKNESS),
+        kernel=text(facts, tags.CONVOLUTION_KERNEL) or text(facts, tags.RECONSTRUCTION_ALGORITHM),
         acquisition=_acquisition(facts),
-        stack_id=text(facts, 0x00209056),
+        image_type=image_type,
+        technique=technique,
+        tube_voltage_kv=number_or_none(facts, tags.KVP),
+        taken_s=_taken_s(facts),
+        stack_id=text(facts, tags.STACK_ID),
     )
 
 
 def _acquisition(facts: Elements) -> str:
     """Return what tells acquisitions apart: their number, and in a multi-frame file also the time index."""
-    frame_numbers = [facts[tag].hex() for tag in (0x00209128, 0x00209156) if tag in facts]
-    return " ".join([text(facts, 0x00200012), *frame_numbers])
+    frame_numbers = [
+        facts[tag].hex() for tag in (tags.TEMPORAL_POSITION_INDEX, tags.FRAME_ACQUISITION_NUMBER) if tag in facts
+    ]
+    return " ".join([text(facts, tags.ACQUISITION_NUMBER), *frame_numbers])
+
+
+_MOMENT: Final = re.compile(r"(\d{8})?(\d\d)(\d\d)(\d\d(?:\.\d{1,6})?)")
+
+
+def _taken_s(facts: Elements) -> float | None:
+    """Return when an image was acquired, in seconds since any fixed day, None if that is not said."""
+    written = (
+        text(facts, tags.FRAME_ACQUISITION_DATE_TIME)
+        or text(facts, tags.ACQUISITION_DATE_TIME)
+        or text(facts, tags.ACQUISITION_DATE) + text(facts, tags.ACQUISITION_TIME)
+    )
+    found = _MOMENT.match(written)
+    if found is None:
+        return None
+    day = int(found[1] or 0)  # as written: 100 days more each month do no harm to an order
+    return ((day * 24 + int(found[2])) * 60 + int(found[3])) * 60 + float(found[4])
 
 
 def _required(facts: Elements, tag: int, count: int, name: str) -> Vector:
@@ -175,12 +205,16 @@ def _required(facts: Elements, tag: int, count: int, name: str) -> Vector:
 
 def _rescale(facts: Elements) -> tuple[float, float]:
     """Return slope and intercept to HU; refuses values whose unit is another, or unknown."""
-    unit = text(facts, 0x00281054).upper()
+    unit = text(facts, tags.RESCALE_TYPE).upper()
     if unit not in _HU_NAMES:
         raise DamagedError(f"its values are in {unit}, not in Hounsfield units (HU)")
-    slope, intercept = numbers(facts, 0x00281053), numbers(facts, 0x00281052)
+    slope, intercept = numbers(facts, tags.RESCALE_SLOPE), numbers(facts, tags.RESCALE_INTERCEPT)
     if slope is None or intercept is None:
         raise DamagedError("it has no rescale slope and intercept, so its values are not Hounsfield units")
+    if len(slope) != 1 or len(intercept) != 1:
+        raise DamagedError(
+            f"it has {len(slope)} rescale slopes and {len(intercept)} intercepts, expected one each"
+        )
     if slope[0] == 0.0 or max(abs(slope[0]), abs(intercept[0])) > LARGEST_RESCALE:
         raise DamagedError(f"its rescale slope {slope[0]} and intercept {intercept[0]} cannot be right")
     return slope[0], intercept[0]

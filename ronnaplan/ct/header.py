@@ -1,7 +1,7 @@
 """The few elements of a DICOM file that a reader needs, found in one pass that stops at the pixels.
 
 A general parser spends milliseconds on each file; this one walks the element headers (DICOM PS3.5, section 7)
-and keeps only what is `WANTED`. It is bounded: it never looks past the end of the file, reads at most
+and keeps only what `tags` names. It is bounded: it never looks past the end of the file, reads at most
 ``Limits.header_bytes`` and nests at most ``Limits.sequence_depth`` deep.
 """
 
@@ -12,6 +12,7 @@ import zlib
 from dataclasses import dataclass
 from typing import Any, Final
 
+from ronnaplan.ct import tags
 from ronnaplan.ct.files import Blob, DamagedError, NotDicomError
 from ronnaplan.ct.limits import Limits
 from ronnaplan.text import printable
@@ -24,52 +25,10 @@ EXPLICIT_BIG: Final = "1.2.840.10008.1.2.2"
 Elements = dict[int, Any]
 """Tag (group << 16 | element) -> raw value: bytes, or a list of `Elements` for a sequence."""
 
-WANTED_SEQUENCES: Final = frozenset(
-    {
-        0x52009229,  # shared functional groups
-        0x52009230,  # per-frame functional groups
-        0x00189314,  # CT reconstruction
-        0x00189329,  # CT image frame type
-        0x00209111,  # frame content
-        0x00209113,  # plane position
-        0x00209116,  # plane orientation
-        0x00289110,  # pixel measures
-        0x00289145,  # pixel value transformation
-        0x00283000,  # modality LUT
-    }
-)
-WANTED: Final = frozenset(
-    {
-        0x00020010,
-        *(0x00080005, 0x00080008, 0x00080016, 0x00080018, 0x00080060, 0x0008103E, 0x00089007),
-        *(0x00100010,),
-        *(0x00180050, 0x00181120, 0x00181210, 0x00189315),
-        *(0x0020000D, 0x0020000E, 0x00200011, 0x00200012, 0x00200013, 0x00200032, 0x00200037, 0x00200052),
-        *(0x00209056, 0x00209128, 0x00209156),
-        *(0x00280002, 0x00280004, 0x00280008, 0x00280010, 0x00280011, 0x00280030, 0x00280100, 0x00280101),
-        *(
-            0x00280102,
-            0x00280103,
-            0x00280120,
-            0x00280121,
-            0x00280122,
-            0x00280123,
-            0x00281052,
-            0x00281053,
-            0x00281054,
-            0x00282110,
-        ),
-    }
-)
-PIXEL_TAGS: Final = frozenset({0x7FE00008, 0x7FE00009, 0x7FE00010})
-
 _LONG_FORMS: Final = frozenset(
     {b"OB", b"OD", b"OF", b"OL", b"OV", b"OW", b"SQ", b"SV", b"UC", b"UN", b"UR", b"UT", b"UV"}
 )
 _UNDEFINED: Final = 0xFFFFFFFF
-_ITEM: Final = 0xFFFEE000
-_ITEM_END: Final = 0xFFFEE00D
-_SEQUENCE_END: Final = 0xFFFEE0DD
 _FIRST_READ_BYTES: Final = 1 << 15
 _PREAMBLE_BYTES: Final = 128
 
@@ -131,7 +90,7 @@ def _parse(buffer: bytes, size: int, limits: Limits) -> Header:
     else:
         raise NotDicomError("it is not a DICOM file")
     meta, start = _Scanner(buffer, size, limits, big=False).meta(start)
-    syntax = printable(meta.get(0x00020010, b"").rstrip(b"\0 ").decode("ascii", "replace"))
+    syntax = printable(meta.get(tags.TRANSFER_SYNTAX_UID, b"").rstrip(b"\0 ").decode("ascii", "replace"))
     if syntax == DEFLATED_LITTLE:
         if len(buffer) < size:
             raise _MoreNeededError
@@ -183,7 +142,7 @@ class _Scanner:
             if length == _UNDEFINED or value + length > self.size:
                 raise DamagedError("its file meta information is broken")
             self._require(value + length)
-            if tag in WANTED:
+            if tag in tags.VALUES:
                 elements[tag] = self.buffer[value : value + length]
             position = value + length
         self._require(min(position + 8, self.size))
@@ -195,25 +154,25 @@ class _Scanner:
         buffer = self.buffer
         while position + 8 <= end:
             tag, form, length, value = self._element(position, explicit)
-            if tag == _ITEM_END:
+            if tag == tags.ITEM_DELIMITATION_ITEM:
                 return elements, value
-            if depth == 0 and tag in PIXEL_TAGS:
+            if depth == 0 and tag in tags.PIXELS:
                 self._note_pixels(tag, value, length)
                 return elements, value
             if length == _UNDEFINED:
                 items, position = self._undefined(tag, form, value, end, explicit, depth)
-                if tag in WANTED_SEQUENCES:
-                    elements[tag] = items
+                if tag in tags.SEQUENCES:
+                    _keep(elements, tag, items)
                 continue
             position = value + length
             if position > end:
-                raise DamagedError(f"element {_name(tag)} is longer than what is left of the file")
-            if tag in WANTED:
+                raise DamagedError(f"element {element_name(tag)} is longer than what is left of the file")
+            if tag in tags.VALUES:
                 self._require(position)
-                elements[tag] = buffer[value:position]
-            elif tag in WANTED_SEQUENCES:
+                _keep(elements, tag, buffer[value:position])
+            elif tag in tags.SEQUENCES:
                 self._require(position)
-                elements[tag] = self._items(value, position, explicit and form != b"UN", depth + 1)[0]
+                _keep(elements, tag, self._items(value, position, explicit and form != b"UN", depth + 1)[0])
         return elements, position
 
     def _element(self, position: int, explicit: bool) -> tuple[int, bytes, int, int]:
@@ -232,7 +191,7 @@ class _Scanner:
             self._require(position + 12)
             return group << 16 | element, form, self.long_length(self.buffer, position + 8)[0], position + 12
         if not (form.isalpha() and form.isupper()):
-            raise DamagedError(f"element {_name(group << 16 | element)} has no valid value representation")
+            raise DamagedError(f"element {element_name(group << 16 | element)} has no valid value representation")
         return group << 16 | element, form, length, position + 8
 
     def _undefined(
@@ -241,7 +200,7 @@ class _Scanner:
         if form in (b"OB", b"OW"):
             return [], self._skip_fragments(value)
         if form not in (b"SQ", b"UN", b""):
-            raise DamagedError(f"element {_name(tag)} has no defined length")
+            raise DamagedError(f"element {element_name(tag)} has no defined length")
         return self._items(value, end, explicit and form != b"UN", depth + 1)
 
     def _items(self, position: int, end: int, explicit: bool, depth: int) -> tuple[list[Elements], int]:
@@ -250,10 +209,10 @@ class _Scanner:
         items: list[Elements] = []
         while position + 8 <= end:
             tag, _, length, value = self._element(position, explicit=False)
-            if tag == _SEQUENCE_END:
+            if tag == tags.SEQUENCE_DELIMITATION_ITEM:
                 return items, value
-            if tag != _ITEM:
-                raise DamagedError(f"a sequence holds element {_name(tag)} where an item should start")
+            if tag != tags.ITEM:
+                raise DamagedError(f"a sequence holds element {element_name(tag)} where an item should start")
             stop = end if length == _UNDEFINED else value + length
             if stop > end:
                 raise DamagedError("a sequence item is longer than its sequence")
@@ -265,9 +224,9 @@ class _Scanner:
     def _skip_fragments(self, position: int) -> int:
         while True:
             tag, _, length, value = self._element(position, explicit=False)
-            if tag == _SEQUENCE_END:
+            if tag == tags.SEQUENCE_DELIMITATION_ITEM:
                 return value
-            if tag != _ITEM or length == _UNDEFINED:
+            if tag != tags.ITEM or length == _UNDEFINED:
                 raise DamagedError("encapsulated data inside its header is broken")
             position = value + length
 
@@ -283,5 +242,11 @@ class _Scanner:
             raise _MoreNeededError
 
 
-def _name(tag: int) -> str:
+def _keep(elements: Elements, tag: int, value: Any) -> None:
+    if elements.setdefault(tag, value) != value:
+        raise DamagedError(f"it gives element {element_name(tag)} twice, with two values")
+
+
+def element_name(tag: int) -> str:
+    """Return how a message calls an element."""
     return f"({tag >> 16:04X},{tag & 0xFFFF:04X})"

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ronnaplan.ct import tags
 from ronnaplan.ct.codecs import decode
 from ronnaplan.ct.header import DEFLATED_LITTLE, deflated_part, inflate
 from ronnaplan.ct.limits import Limits
@@ -54,7 +55,7 @@ def read_slice(image: SliceImage, target: Voxels, padding_hu: float | None, limi
 
 def _is_plain_int16(image: SliceImage) -> bool:
     pixels = image.pixels
-    is_ordinary = pixels.length is not None and pixels.tag == 0x7FE00010 and pixels.bits_allocated == 16
+    is_ordinary = pixels.length is not None and pixels.tag == tags.PIXEL_DATA and pixels.bits_allocated == 16
     fits = pixels.is_signed or pixels.bits_stored < 16
     return is_ordinary and fits and not pixels.is_big_endian and pixels.transfer_syntax != DEFLATED_LITTLE
 

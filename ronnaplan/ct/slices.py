@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import codecs
-import math
 import struct
 from dataclasses import dataclass
 from typing import Any, Final
 
 from numpy.typing import NDArray
 
+from ronnaplan.ct import tags
 from ronnaplan.ct.files import Blob, DamagedError
 from ronnaplan.ct.header import Elements, Header
-from ronnaplan.text import printable
+from ronnaplan.ct.values import Vector, integer, number_or_none, text, values
 
 CT_IMAGE: Final = "1.2.840.10008.5.1.4.1.1.2"
 ENHANCED_CT: Final = "1.2.840.10008.5.1.4.1.1.2.1"
@@ -21,21 +20,10 @@ MULTI_FRAME_CLASSES: Final = frozenset({ENHANCED_CT, LEGACY_ENHANCED_CT})
 LOSSY_SYNTAXES: Final = frozenset(
     f"1.2.840.10008.1.2.4.{number}" for number in (50, 51, 81, 91, 93, 100, 102, 112, 203)
 )
-_PLAIN_CHARSETS: Final = {
-    "": "latin-1",
-    "ISO_IR 6": "latin-1",
-    "ISO_IR 100": "latin-1",
-    "ISO_IR 192": "utf-8",
-    "GB18030": "gb18030",
-    "GBK": "gbk",
-    "ISO_IR 144": "iso8859_5",
-    "ISO_IR 13": "shift_jis",
-}
 
-FLOAT_BYTES: Final = {0x7FE00008: 4, 0x7FE00009: 8}
+FLOAT_BYTES: Final = {tags.FLOAT_PIXEL_DATA: 4, tags.DOUBLE_FLOAT_PIXEL_DATA: 8}
 """Tags of float pixels -> bytes of one pixel."""
 
-Vector = tuple[float, ...]
 Fragment = tuple[int, int]
 """Offset and length of a run of bytes in a file."""
 Stored = NDArray[Any]
@@ -61,6 +49,8 @@ class PixelFormat:
     samples: int
     photometric: str
     high_bit: int
+    fault: str | None = None
+    """What the header leaves open about them, so that they cannot be read."""
 
     @property
     def frame_bytes(self) -> int:
@@ -88,14 +78,21 @@ class Instance:
     modality: str
     description: str
     image_type: tuple[str, ...]
+    technique: str
     is_lossy: bool
     tilt_tag_deg: float | None
     pixels: PixelFormat | None
 
     @property
+    def patient_id(self) -> bytes:
+        """What tells patients apart, as it is written."""
+        written: bytes = self.elements.get(tags.PATIENT_ID, b"")
+        return written.strip(b"\0 ")
+
+    @property
     def patient_name(self) -> str:
         """The patient's name, decoded only when asked for."""
-        return text(self.elements, 0x00100010)
+        return text(self.elements, tags.PATIENT_NAME)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,8 +100,8 @@ class SliceImage:
     """One image of an `Instance`: its place (LPS mm), its rescale to HU, and what may set it apart from others.
 
     ``orientation`` holds the direction along a row (increasing column) and along a column (increasing row);
-    ``spacing_mm`` the distances between rows and between columns. ``fragments`` are the runs of bytes that hold
-    a compressed image.
+    ``spacing_mm`` the distances between rows and between columns. ``taken_s`` is the time of acquisition in seconds
+    since any fixed day; ``fragments`` are the runs of bytes that hold a compressed image.
     """
 
     instance: Instance
@@ -118,6 +115,10 @@ class SliceImage:
     thickness_mm: float | None
     kernel: str
     acquisition: str
+    image_type: tuple[str, ...] = ()
+    technique: str = ""
+    tube_voltage_kv: float | None = None
+    taken_s: float | None = None
     stack_id: str = ""
     fragments: tuple[Fragment, ...] = ()
 
@@ -131,36 +132,48 @@ class SliceImage:
 def instance_from_header(blob: Blob, header: Header) -> Instance:
     """Interpret ``header``; raises `DamagedError` where an element cannot be read."""
     elements = header.elements
-    image_type = tuple(part.strip() for part in text(elements, 0x00080008).split("\\"))
     return Instance(
         blob=blob,
         elements=elements,
         is_big_endian=header.is_big_endian,
-        sop_class=text(elements, 0x00080016),
-        sop_uid=text(elements, 0x00080018),
-        study_uid=text(elements, 0x0020000D) or None,
-        series_uid=text(elements, 0x0020000E) or None,
-        frame_of_reference_uid=text(elements, 0x00200052) or None,
-        modality=text(elements, 0x00080060),
-        description=text(elements, 0x0008103E),
-        image_type=image_type,
-        is_lossy=header.transfer_syntax in LOSSY_SYNTAXES or text(elements, 0x00282110) == "01",
-        tilt_tag_deg=number_or_none(elements, 0x00181120),
+        sop_class=text(elements, tags.SOP_CLASS_UID),
+        sop_uid=text(elements, tags.SOP_INSTANCE_UID),
+        study_uid=text(elements, tags.STUDY_INSTANCE_UID) or None,
+        series_uid=text(elements, tags.SERIES_INSTANCE_UID) or None,
+        frame_of_reference_uid=text(elements, tags.FRAME_OF_REFERENCE_UID) or None,
+        modality=text(elements, tags.MODALITY),
+        description=text(elements, tags.SERIES_DESCRIPTION),
+        image_type=values(elements, tags.IMAGE_TYPE),
+        technique=text(elements, tags.VOLUME_BASED_CALCULATION_TECHNIQUE),
+        is_lossy=header.transfer_syntax in LOSSY_SYNTAXES or text(elements, tags.LOSSY_IMAGE_COMPRESSION) == "01",
+        tilt_tag_deg=number_or_none(elements, tags.GANTRY_DETECTOR_TILT),
         pixels=_pixel_format(header),
     )
+
+
+_REPRESENTATION: Final = "pixel representation"
+_PIXEL_NUMBERS: Final = {
+    "bits allocated": tags.BITS_ALLOCATED,
+    "bits stored": tags.BITS_STORED,
+    "high bit": tags.HIGH_BIT,
+    _REPRESENTATION: tags.PIXEL_REPRESENTATION,
+    "samples per pixel": tags.SAMPLES_PER_PIXEL,
+}
 
 
 def _pixel_format(header: Header) -> PixelFormat | None:
     if header.pixel_tag is None:
         return None
     elements, big = header.elements, header.is_big_endian
-    rows, columns = integer(elements, 0x00280010, big), integer(elements, 0x00280011, big)
+    rows, columns = integer(elements, tags.ROWS, big), integer(elements, tags.COLUMNS, big)
     if not rows or not columns:
         return None
-    allocated = integer(elements, 0x00280100, big) or 0
-    stored = integer(elements, 0x00280101, big) or allocated
-    signed = bool(integer(elements, 0x00280103, big))
-    high_bit = integer(elements, 0x00280102, big)
+    allocated, stored, high_bit, representation, samples = (
+        integer(elements, tag, big) for tag in _PIXEL_NUMBERS.values()
+    )
+    photometric = text(elements, tags.PHOTOMETRIC_INTERPRETATION)
+    is_float = header.pixel_tag in FLOAT_BYTES
+    needed = dict(zip(_PIXEL_NUMBERS, (allocated, stored, high_bit, representation, samples), strict=True))
     return PixelFormat(
         transfer_syntax=header.transfer_syntax,
         is_big_endian=big,
@@ -170,18 +183,31 @@ def _pixel_format(header: Header) -> PixelFormat | None:
         frames=_frame_count(elements),
         rows=rows,
         columns=columns,
-        bits_allocated=allocated,
-        bits_stored=stored,
-        is_signed=signed,
-        padding=_padding(elements, big, signed) if header.pixel_tag == 0x7FE00010 else _float_padding(header),
-        samples=integer(elements, 0x00280002, big) or 1,
-        photometric=text(elements, 0x00280004),
-        high_bit=stored - 1 if high_bit is None else high_bit,
+        bits_allocated=allocated or 0,
+        bits_stored=stored or 0,
+        is_signed=representation == 1,
+        padding=_float_padding(header) if is_float else _padding(elements, big, representation == 1),
+        samples=samples or 0,
+        photometric=photometric,
+        high_bit=high_bit or 0,
+        fault=_fault({"samples per pixel": samples} if is_float else needed, photometric),
     )
 
 
+def _fault(needed: dict[str, int | None], photometric: str) -> str | None:
+    """Return what of the attributes that the standard requires of pixels (PS3.3 C.7.6.3) is not given."""
+    absent = [name for name, value in needed.items() if value is None]
+    if not photometric:
+        absent.append("photometric interpretation")
+    if absent:
+        return f"its header gives no {' and no '.join(absent)}"
+    if needed.get(_REPRESENTATION, 0) not in (0, 1):
+        return f"its pixel representation is {needed[_REPRESENTATION]}, expected 0 (unsigned) or 1 (signed)"
+    return None
+
+
 def _frame_count(elements: Elements) -> int:
-    written = text(elements, 0x00280008)
+    written = text(elements, tags.NUMBER_OF_FRAMES)
     if not written:
         return 1
     if not (written.isascii() and written.isdigit() and len(written) < 10):
@@ -195,88 +221,26 @@ def _padding(elements: Elements, big: bool, signed: bool) -> tuple[int, int] | N
     The element's own value representation (US or SS) is wrong in many files, so the sign is taken from the
     pixels' representation instead.
     """
-    first = integer(elements, 0x00280120, big, signed)
+    first = integer(elements, tags.PIXEL_PADDING_VALUE, big, signed)
     if first is None:
         return None
-    last = integer(elements, 0x00280121, big, signed)
+    last = integer(elements, tags.PIXEL_PADDING_RANGE_LIMIT, big, signed)
     other = first if last is None else last
     return min(first, other), max(first, other)
 
 
+_FLOAT_PADDING: Final = {
+    tags.FLOAT_PIXEL_DATA: (tags.FLOAT_PIXEL_PADDING_VALUE, "f"),
+    tags.DOUBLE_FLOAT_PIXEL_DATA: (tags.DOUBLE_FLOAT_PIXEL_PADDING_VALUE, "d"),
+}
+
+
 def _float_padding(header: Header) -> tuple[float, float] | None:
-    tag, form = (0x00280122, "f") if header.pixel_tag == 0x7FE00008 else (0x00280123, "d")
+    if header.pixel_tag is None:
+        return None
+    tag, form = _FLOAT_PADDING[header.pixel_tag]
     raw = header.elements.get(tag, b"")
     if len(raw) != struct.calcsize(form):
         return None
     value: float = struct.unpack((">" if header.is_big_endian else "<") + form, raw)[0]
     return value, value
-
-
-def text(elements: Elements, tag: int) -> str:
-    """Return an element as one line of printable text, empty if absent."""
-    raw = elements.get(tag)
-    if not raw:
-        return ""
-    charset = elements.get(0x00080005, b"")
-    return printable(_decode(raw.rstrip(b"\0 "), charset)).strip()
-
-
-def _decode(raw: bytes, charset: bytes) -> str:
-    if raw.isascii() and b"\x1b" not in raw:
-        return raw.decode("ascii")
-    names = [name.strip() for name in charset.decode("ascii", "replace").split("\\")]
-    if len(names) == 1 and names[0] in _PLAIN_CHARSETS:
-        return codecs.decode(raw, _PLAIN_CHARSETS[names[0]], "replace")
-    return _decode_with_pydicom(raw, names)
-
-
-def _decode_with_pydicom(raw: bytes, names: list[str]) -> str:
-    import warnings
-
-    from pydicom.charset import convert_encodings, decode_bytes
-
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return str(decode_bytes(raw[:1024], convert_encodings(names), {0x5C, 0x5E, 0x3D}))
-    except (LookupError, UnicodeError, ValueError):
-        return raw.decode("latin-1")
-
-
-def numbers(elements: Elements, tag: int) -> Vector | None:
-    """Return the decimal strings of an element, None if absent or empty; raises `DamagedError` if not numbers."""
-    raw = elements.get(tag)
-    stripped = raw.rstrip(b"\0 ") if raw else b""
-    if not stripped:
-        return None
-    try:
-        values = tuple([float(part) for part in stripped.split(b"\\")])
-    except ValueError:
-        values = (math.nan,)
-    if not all(map(math.isfinite, values)) or b"_" in stripped:
-        shown = printable(stripped[:60].decode("ascii", "replace"))
-        raise DamagedError(f"element ({tag >> 16:04X},{tag & 0xFFFF:04X}) holds '{shown}', not numbers")
-    return values
-
-
-def number_or_none(elements: Elements, tag: int) -> float | None:
-    """Return the first decimal string of an element that is not needed for geometry: broken counts as absent."""
-    try:
-        values = numbers(elements, tag)
-    except DamagedError:
-        return None
-    return values[0] if values else None
-
-
-_SHORT: Final = {(False, False): "<H", (False, True): "<h", (True, False): ">H", (True, True): ">h"}
-
-
-def integer(elements: Elements, tag: int, big: bool, signed: bool = False) -> int | None:
-    """Return a 2-byte integer element, None if absent or empty; raises `DamagedError` at another length."""
-    raw = elements.get(tag)
-    if not raw:
-        return None
-    if len(raw) != 2:
-        raise DamagedError(f"element ({tag >> 16:04X},{tag & 0xFFFF:04X}) has {len(raw)} bytes, expected 2")
-    value: int = struct.unpack(_SHORT[big, signed], raw)[0]
-    return value

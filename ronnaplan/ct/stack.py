@@ -14,8 +14,10 @@ from typing import Final
 
 import numpy as np
 
+from ronnaplan.ct.derived import flags_of
 from ronnaplan.ct.header import DEFLATED_LITTLE
-from ronnaplan.ct.slices import SliceImage, Vector
+from ronnaplan.ct.slices import SliceImage
+from ronnaplan.ct.values import Vector
 from ronnaplan.ct.volume import SliceGrid, VolumeFlag
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
@@ -40,6 +42,12 @@ PIXEL_SIZE_RANGE_MM: Final = (1e-3, 100.0)
 """Pixel spacings outside are a damaged header or another unit."""
 FARTHEST_MM: Final = 1e5
 """Positions beyond 100 m from the origin are a damaged header."""
+LEAST_SLICES: Final = 3
+"""Two images may be two localizers; and two places tell nothing of an even spacing or a missing slice."""
+LARGEST_GAP_MM: Final = 30.0
+"""Slices farther apart (the usual gap) are no volume: localizers, or single cuts. Gaps of 20 mm are in use."""
+OUT_OF_ORDER_S: Final = 1.0
+"""Neighbouring slices whose times run back by more (against the volume's direction) are of different passes."""
 MOST_PARTS: Final = 32
 """A series that falls into more parts than this is refused as a whole."""
 
@@ -56,17 +64,24 @@ class Stack:
     flags: tuple[VolumeFlag, ...] = ()
     problem: str | None = None
 
+    def flagged(self, flag: VolumeFlag) -> Stack:
+        """Return a stack that can be read with one more reason to doubt it."""
+        return self if self.grid is None or flag in self.flags else replace(self, flags=(flag, *self.flags))
+
 
 def stacks_of(images: Sequence[SliceImage]) -> list[Stack]:
     """Divide the images of one series into stacks; a refused one says why in ``problem``."""
     parts = _by_plane(images)
     if len(parts) > MOST_PARTS:
         return [Stack(tuple(images), problem="it mixes too many orientations, sizes or frames of reference")]
-    return [stack for part in parts for stack in _stacks_of_plane(part)]
+    stacks = [stack for part in parts for stack in _stacks_of_plane(part)]
+    if all(stack.problem is None for stack in stacks):
+        return stacks
+    return [stack.flagged(VolumeFlag.IMAGES_LEFT_OUT) for stack in stacks]
 
 
 def _by_plane(images: Sequence[SliceImage]) -> list[list[SliceImage]]:
-    """Group images that share study, size, orientation, pixel spacing, frame of reference and stack."""
+    """Group images that share patient, study, size, orientation, pixel spacing, frame of reference and stack."""
     groups: list[list[SliceImage]] = []
     for image in images:
         for group in groups:
@@ -84,6 +99,7 @@ def _share_plane(one: SliceImage, other: SliceImage) -> bool:
     return (
         one.pixels.rows == other.pixels.rows
         and one.pixels.columns == other.pixels.columns
+        and one.instance.patient_id == other.instance.patient_id
         and one.instance.study_uid == other.instance.study_uid
         and one.instance.frame_of_reference_uid == other.instance.frame_of_reference_uid
         and one.stack_id == other.stack_id
@@ -96,10 +112,8 @@ def _near(one: Vector, other: Vector, tolerance: float) -> bool:
     return one == other or all(abs(a - b) <= tolerance for a, b in zip(one, other, strict=True))
 
 
-def _grouped(
-    images: Sequence[SliceImage], key: Callable[[SliceImage], tuple[object, ...] | str]
-) -> list[list[SliceImage]]:
-    groups: dict[object, list[SliceImage]] = defaultdict(list)
+def _grouped(images: Sequence[SliceImage], key: Callable[[SliceImage], str]) -> list[list[SliceImage]]:
+    groups: dict[str, list[SliceImage]] = defaultdict(list)
     for image in images:
         groups[key(image)].append(image)
     return list(groups.values())
@@ -117,14 +131,15 @@ def _stacks_of_plane(images: list[SliceImage]) -> list[Stack]:
     normal = np.cross(column_step, row_step)
     normal /= np.linalg.norm(normal)
     kept, positions, dropped = _without_copies(images, origins @ normal)
-    for key in (_acquisition, _kernel, _image_type):
+    keys = [_acquisition, _kernel, _image_type]
+    if all(image.tube_voltage_kv is not None for image in kept):
+        keys.append(_tube_voltage)
+    for key in keys:
         parts = _grouped(kept, key)
         if 1 < len(parts) <= MOST_PARTS and _interleave(parts, normal):
             return [stack for part in parts for stack in _stacks_of_plane(part)]
     stack = _one_stack(kept, positions, row_step, column_step)
-    if dropped and stack.grid is not None:
-        stack = replace(stack, flags=(VolumeFlag.DUPLICATES_DROPPED, *stack.flags))
-    return [stack]
+    return [stack.flagged(VolumeFlag.DUPLICATES_DROPPED) if dropped else stack]
 
 
 def _acquisition(image: SliceImage) -> str:
@@ -135,8 +150,12 @@ def _kernel(image: SliceImage) -> str:
     return image.kernel
 
 
-def _image_type(image: SliceImage) -> tuple[object, ...]:
-    return image.instance.image_type
+def _image_type(image: SliceImage) -> str:
+    return "\\".join(image.image_type)
+
+
+def _tube_voltage(image: SliceImage) -> str:
+    return "" if image.tube_voltage_kv is None else f"{image.tube_voltage_kv:.0f}"
 
 
 def _steps(image: SliceImage) -> tuple[FloatArray, FloatArray]:
@@ -200,13 +219,19 @@ def _one_stack(
     images: list[SliceImage], along: FloatArray, row_step: FloatArray, column_step: FloatArray
 ) -> Stack:
     slices = tuple(images)
-    if len(slices) < 2:
-        return Stack(slices, problem="it has one slice only; a volume needs two or more")
+    if len(slices) < LEAST_SLICES:
+        counted = "one slice only" if len(slices) == 1 else f"{len(slices)} slices only"
+        return Stack(slices, problem=f"it has {counted}; a volume needs {LEAST_SLICES} or more")
     gaps = np.diff(along)
     nearest = int(np.argmin(gaps))
     if gaps[nearest] <= SAME_PLACE_TOLERANCE_MM:
         pair = f"{slices[nearest].name} and {slices[nearest + 1].name}"
         return Stack(slices, problem=f"different images lie at the same place ({pair})")
+    if np.median(gaps) > LARGEST_GAP_MM:
+        return Stack(
+            slices,
+            problem=f"its images lie {np.median(gaps):.0f} mm apart: localizers or single cuts, not a volume",
+        )
     thickness = {image.thickness_mm for image in slices}
     grid = SliceGrid(
         origins_mm=np.array([image.origin_mm for image in slices]),
@@ -219,13 +244,14 @@ def _one_stack(
 
 def _flags(slices: tuple[SliceImage, ...], grid: SliceGrid) -> list[VolumeFlag]:
     gaps = grid.spacings_mm
-    usual = float(np.median(gaps))
-    multiples = gaps / usual
+    multiples = gaps / grid.typical_gap_mm
     whole = np.round(multiples)
     missing = (whole >= 2) & (np.abs(multiples - whole) <= MULTIPLE_TOLERANCE * whole)
     tags = {image.instance.tilt_tag_deg for image in slices} - {None}
     along_line = _fraction(grid.slice_positions_mm)
     line = grid.origins_mm[0] + along_line[:, np.newaxis] * (grid.origins_mm[-1] - grid.origins_mm[0])
+    makings = {(image.image_type, image.technique, image.instance.description) for image in slices}
+    made = [flag for making in sorted(makings) for flag in flags_of(*making)]
     thickest = max((image.thickness_mm or 0.0) for image in slices)
     doubts = {
         VolumeFlag.LOSSY: any(image.instance.is_lossy for image in slices),
@@ -238,9 +264,22 @@ def _flags(slices: tuple[SliceImage, ...], grid: SliceGrid) -> list[VolumeFlag]:
         VolumeFlag.SHIFTED_SIDEWAYS: bool(
             np.linalg.norm(grid.origins_mm - line, axis=1).max() > SIDEWAYS_TOLERANCE_MM
         ),
+        VolumeFlag.MIXED_VOLTAGE: len({*map(_tube_voltage, slices)} - {""}) > 1,
+        VolumeFlag.OUT_OF_ORDER: _run_back_s(slices) > OUT_OF_ORDER_S,
+        **dict.fromkeys(made, True),
         VolumeFlag.NO_FRAME_OF_REFERENCE: slices[0].instance.frame_of_reference_uid is None,
     }
     return [flag for flag, holds in doubts.items() if holds]
+
+
+def _run_back_s(slices: tuple[SliceImage, ...]) -> float:
+    """Return the longest step of time against the direction in which the slices were taken."""
+    times = np.array([image.taken_s for image in slices if image.taken_s is not None])
+    steps = np.diff(times)
+    forth, back = steps[steps > 0], -steps[steps < 0]
+    if not forth.size or not back.size:
+        return 0.0
+    return float(min(forth.max(), back.max()))
 
 
 def _fraction(positions: FloatArray) -> FloatArray:

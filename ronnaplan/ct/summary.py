@@ -50,7 +50,7 @@ def summarize(
     """
     path = given_path(path)
     if is_image_file(path) and path.is_file():
-        return [_of_image(path)], ()
+        return [_of_image(path, limits)], ()
     found = find_series(path, limits, progress=progress)
     found.require_series()
     return [_of_series(series) for series in found.series], found.skipped
@@ -76,8 +76,8 @@ def _of_series(series: Series) -> SeriesSummary:
     )
 
 
-def _of_image(path: Path) -> SeriesSummary:
-    image = open_image(path)
+def _of_image(path: Path, limits: Limits) -> SeriesSummary:
+    image = open_image(path, limits)
     return SeriesSummary(
         series=printable(path.name),
         modality="?",

@@ -32,6 +32,12 @@ class VolumeFlag(StrEnum):
     SHIFTED_SIDEWAYS = "slices are shifted sideways against each other"
     UNREADABLE_FILES = "some files beside the slices could not be read"
     NO_FRAME_OF_REFERENCE = "the file names no frame of reference"
+    IMAGES_LEFT_OUT = "images of the same series that do not fit the others were left out"
+    MIXED_VOLTAGE = "the tube voltage changes within the volume"
+    OUT_OF_ORDER = "neighbouring slices were not taken one after another"
+    DERIVED = "the images were computed from others"
+    REFORMATTED = "the slices were resampled from others"
+    VIRTUAL_VALUES = "the values are those of a material or of a virtual energy"
 
 
 @dataclass(frozen=True)
@@ -69,6 +75,12 @@ class SliceGrid:
     def spacings_mm(self) -> FloatArray:
         """Gaps (K - 1,) between neighbouring slices along ``normal``."""
         return np.diff(self.slice_positions_mm)
+
+    @cached_property
+    def typical_gap_mm(self) -> float:
+        """The median gap between slices; of a single slice, the distance between its rows."""
+        gaps = self.spacings_mm
+        return float(np.median(gaps)) if gaps.size else self.row_spacing_mm
 
     @property
     def row_spacing_mm(self) -> float:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydicom.dataset import Dataset
 
-from ronnaplan.ct import find_series, read_ct
+from ronnaplan.ct import VolumeFlag, find_series, read_ct
 from ronnaplan.errors import InputError
 from tests.ct.makers import compress, enhanced, pattern, save, write_series
 
@@ -47,6 +47,7 @@ def test_a_localizer_within_the_series_is_set_apart(tmp_path: Path) -> None:
 
     volume = read_ct(write_series(tmp_path, change=change))
     assert volume.voxels_hu.shape[0] == 3
+    assert volume.flags == (VolumeFlag.IMAGES_LEFT_OUT,)
 
 
 @pytest.mark.parametrize(
@@ -60,6 +61,16 @@ def test_a_localizer_within_the_series_is_set_apart(tmp_path: Path) -> None:
         ("PhotometricInterpretation", "PALETTE COLOR", "photometric interpretation is PALETTE COLOR"),
         ("BitsAllocated", 12, "its pixels take 12 bits"),
         ("HighBit", 14, "expected the low bits"),
+        ("PixelRepresentation", None, "its header gives no pixel representation"),
+        ("PixelRepresentation", 2, r"pixel representation is 2, expected 0 \(unsigned\) or 1 \(signed\)"),
+        ("PixelRepresentation", 0xFFFF, "pixel representation is 65535"),
+        ("BitsStored", None, "its header gives no bits stored"),
+        ("HighBit", None, "its header gives no high bit"),
+        ("BitsAllocated", None, "its header gives no bits allocated"),
+        ("SamplesPerPixel", None, "its header gives no samples per pixel"),
+        ("PhotometricInterpretation", None, "its header gives no photometric interpretation"),
+        ("RescaleSlope", [1, 2], "it has 2 rescale slopes and 1 intercepts"),
+        ("RescaleIntercept", [-1024, 0], "it has 1 rescale slopes and 2 intercepts"),
         ("Rows", 4000, "it declares 80000 bytes of pixels but holds 160"),
         ("NumberOfFrames", 4, "4 frames without saying where each one is|declares 640 bytes"),
         ("PixelData", None, "it holds no pixels"),
@@ -96,14 +107,36 @@ def test_a_multi_frame_ct_is_read_from_its_functional_groups(tmp_path: Path) -> 
     assert np.allclose(volume.grid.positions_mm(np.array([0, 1, 1.0])), [-10 + 0.75, -20 + 0.5, 30])
 
 
-def test_each_frames_own_rescale_and_orientation_override_the_shared_ones(tmp_path: Path) -> None:
-    def change(groups: Dataset, k: int) -> None:
-        values = Dataset()
-        values.RescaleSlope, values.RescaleIntercept, values.RescaleType = 1, -1000 - k, "HU"
-        groups.PixelValueTransformationSequence = [values]
+def own_rescale(groups: Dataset, k: int) -> None:
+    values = Dataset()
+    values.RescaleSlope, values.RescaleIntercept, values.RescaleType = 1, -1000 - k, "HU"
+    groups.PixelValueTransformationSequence = [values]
 
-    volume = read_ct(enhanced_file(tmp_path, enhanced(4, change)))
+
+def test_each_frame_may_have_a_rescale_of_its_own(tmp_path: Path) -> None:
+    made = enhanced(4, own_rescale)
+    del made.SharedFunctionalGroupsSequence[0].PixelValueTransformationSequence
+    volume = read_ct(enhanced_file(tmp_path, made))
     assert volume.voxels_hu[:, 0, 0].tolist() == [100 * k - 1000 - k for k in range(4)]
+
+
+def test_a_rescale_given_for_all_frames_and_otherwise_for_each_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"element \(0028,1052\) twice, with two values"):
+        read_ct(enhanced_file(tmp_path, enhanced(4, own_rescale)))
+
+
+def test_a_functional_group_of_two_items_is_refused(tmp_path: Path) -> None:
+    def change(groups: Dataset, k: int) -> None:
+        other = Dataset()
+        other.ImagePositionPatient = [0, 0, 0]
+        groups.PlanePositionSequence.append(other)
+
+    with pytest.raises(InputError, match=r"group \(0020,9113\) has 2 items, expected one"):
+        read_ct(enhanced_file(tmp_path, enhanced(4, change)))
+    made = enhanced(4)
+    made.SharedFunctionalGroupsSequence.append(made.SharedFunctionalGroupsSequence[0])
+    with pytest.raises(InputError, match="2 sets of shared functional groups"):
+        read_ct(enhanced_file(tmp_path, made, "shared"))
 
 
 def test_several_stacks_of_a_multi_frame_ct_are_offered_apart(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from tests.ct.makers import Change, dataset, save
 
 def volume_of(folder: Path, stored: Any, change: Change | None = None, **also: object) -> CTVolume:
     """Read a volume whose slices all hold ``stored``, after ``change`` and with the elements ``also``."""
-    for k in range(2):
+    for k in range(3):
         made = dataset(k, stored=np.asarray(stored))
         for keyword, value in also.items():
             setattr(made, keyword, value)
@@ -48,7 +48,7 @@ def test_each_slice_has_its_own_rescale(tmp_path: Path) -> None:
         made.RescaleSlope, made.RescaleIntercept = 1 + k, -100 * k
 
     volume = volume_of(tmp_path, np.full((2, 2), 7, np.int16), change)
-    assert volume.voxels_hu[:, 0, 0].tolist() == [7, -86]
+    assert volume.voxels_hu[:, 0, 0].tolist() == [7, -86, -179]
 
 
 @pytest.mark.parametrize("bits", [12, 13, 14, 15, 16])
@@ -103,7 +103,7 @@ def test_padding_is_one_value_though_the_rescale_changes_by_slice(tmp_path: Path
         made.RescaleIntercept = -1024 - k
 
     volume = volume_of(tmp_path, np.array([[-2000, 5], [0, 1]], np.int16), change)
-    assert volume.voxels_hu[:, 0, 0].tolist() == [-3024, -3024]
+    assert volume.voxels_hu[:, 0, 0].tolist() == [-3024, -3024, -3024]
 
 
 def circle(outside: int) -> Any:
@@ -115,7 +115,7 @@ def circle(outside: int) -> Any:
 def test_what_lies_outside_the_circle_is_padding_even_without_a_tag(tmp_path: Path) -> None:
     volume = volume_of(tmp_path, circle(-2000))
     assert volume.padding_hu == -3024
-    assert np.count_nonzero(volume.voxels_hu == volume.padding_hu) == 2 * (81 - 25)
+    assert np.count_nonzero(volume.voxels_hu == volume.padding_hu) == 3 * (81 - 25)
 
 
 def test_outside_the_circle_and_padding_become_one_value(tmp_path: Path) -> None:

@@ -197,6 +197,7 @@ def test_acquisitions_that_follow_each_other_are_one_volume(tmp_path: Path) -> N
         ("ImageOrientationPatient", [0, 1, 0, 0, 0, -1]),
         ("FrameOfReferenceUID", "1.2.3.99"),
         ("StudyInstanceUID", "1.2.3.98"),
+        ("PatientID", "another patient's"),
         ("PixelSpacing", [0.5, 0.5]),
     ],
 )
@@ -215,13 +216,69 @@ def test_orientations_frames_and_pixel_sizes_are_never_mixed(tmp_path: Path, key
         read_ct(tmp_path, "1.2.3.2")
 
 
-def test_a_slice_of_another_size_is_set_apart(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("keyword", "value"),
+    [
+        ("Rows", 4),
+        ("ImageOrientationPatient", [0, 1, 0, 0, 0, -1]),
+        ("PatientID", "another patient's"),
+        ("FrameOfReferenceUID", "1.2.3.99"),
+    ],
+)
+def test_an_end_slice_that_does_not_fit_is_left_out_with_a_flag(
+    tmp_path: Path, keyword: str, value: object
+) -> None:
     def change(made: Dataset, k: int) -> None:
         if k == 3:
-            made.Rows = 4
+            setattr(made, keyword, value)
 
     found = find_series(write_series(tmp_path, change=change))
     assert [(series.image_count, series.is_usable) for series in found.series] == [(3, True), (1, False)]
+    assert read_ct(tmp_path).flags == (VolumeFlag.IMAGES_LEFT_OUT,)
+
+
+def test_two_tube_voltages_among_each_other_are_offered_apart(tmp_path: Path) -> None:
+    write_series(tmp_path, 8, lambda made, k: setattr(made, "KVP", (80, 140)[k % 2]))
+    with pytest.raises(InputError, match=r"2 usable series.*1\.2\.3\.2#1.*1\.2\.3\.2#2"):
+        read_ct(tmp_path)
+    assert read_ct(tmp_path, "1.2.3.2#2").grid.slice_positions_mm.tolist() == [32, 36, 40, 44]
+
+
+def test_a_tube_voltage_that_changes_along_the_volume_is_flagged(tmp_path: Path) -> None:
+    volume = read_ct(write_series(tmp_path, 6, lambda made, k: setattr(made, "KVP", (120, 140)[k // 3])))
+    assert volume.flags == (VolumeFlag.MIXED_VOLTAGE,)
+
+
+def test_a_slice_that_does_not_state_its_tube_voltage_stays(tmp_path: Path) -> None:
+    volume = read_ct(write_series(tmp_path, 4, lambda made, k: setattr(made, "KVP", None if k == 1 else 120)))
+    assert volume.voxels_hu.shape[0] == 4
+    assert volume.flags == ()
+
+
+@pytest.mark.parametrize(
+    ("times", "is_flagged"),
+    [
+        (["115950", "120000", "120010", "120020.5"], False),
+        (["120020.5", "120010", "120000", "115950"], False),
+        (["120000", "120000", "120000", "120000"], False),
+        (["120000.0", "120000.9", "120000.2", "120001.1"], False),
+        (["120000", "120100", "120002", "120102"], True),
+        (["120000", "120100", "120002", ""], True),
+        (["", "", "", ""], False),
+    ],
+)
+def test_slices_of_two_passes_among_each_other_are_flagged(
+    tmp_path: Path, times: list[str], is_flagged: bool
+) -> None:
+    volume = read_ct(write_series(tmp_path, change=lambda made, k: setattr(made, "AcquisitionTime", times[k])))
+    assert (VolumeFlag.OUT_OF_ORDER in volume.flags) == is_flagged
+
+
+def test_a_scan_over_midnight_is_in_order(tmp_path: Path) -> None:
+    def change(made: Dataset, k: int) -> None:
+        made.AcquisitionDate, made.AcquisitionTime = (("20260131", "235958"), ("20260201", "000002"))[k // 2]
+
+    assert read_ct(write_series(tmp_path, change=change)).flags == ()
 
 
 def test_more_parts_than_a_series_can_sensibly_have_are_refused_in_bounded_time() -> None:
@@ -254,6 +311,15 @@ def test_unusable_geometry_is_refused_by_name(tmp_path: Path, keyword: str, valu
     write_series(tmp_path, change=lambda made, k: setattr(made, keyword, value))
     with pytest.raises(InputError, match=reason):
         read_ct(tmp_path)
+
+
+def test_two_localizers_that_do_not_say_so_are_no_volume(tmp_path: Path) -> None:
+    write_series(tmp_path / "two", 2, placed([[0, 0, 0], [0, 0, 20]], ImageType=["ORIGINAL", "PRIMARY"]))
+    with pytest.raises(InputError, match="2 slices only; a volume needs 3 or more"):
+        read_ct(tmp_path / "two")
+    write_series(tmp_path / "apart", 3, placed([[0, 0, 0], [0, 0, 250], [0, 0, 500]]))
+    with pytest.raises(InputError, match="lie 250 mm apart: localizers or single cuts"):
+        read_ct(tmp_path / "apart")
 
 
 def test_a_single_slice_is_no_volume(tmp_path: Path) -> None:

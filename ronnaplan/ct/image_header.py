@@ -1,0 +1,132 @@
+"""What the header of an image file states, whatever its format, and how its texts and numbers are read: to the letter.
+
+No library's parser sees a header. They take the identity for a broken line, one of two contradicting maps, and end
+the process on a number of 5,000 digits.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, Final, Literal
+
+import numpy as np
+
+from ronnaplan.ct.files import DamagedError
+from ronnaplan.ct.limits import Limits
+from ronnaplan.geometry import FloatArray
+from ronnaplan.text import printable
+
+Encoding = Literal["raw", "gzip", "zlib", "bzip2"]
+
+AFFINE_TOLERANCE_MM: Final = 0.01
+"""Two ways to place the same voxel may differ by this much (NIfTI keeps float32)."""
+LARGEST_NUMBER: Final = 1e9
+"""No place, size or scale of a scan is larger; squares and products of such numbers stay finite."""
+LONGEST_LINE: Final = 1 << 16
+_DECIMAL: Final = re.compile(r"[+-]?(\d{1,40}\.?\d{0,40}|\.\d{1,40})([eE][+-]?\d{1,3})?", re.ASCII)
+_WHOLE: Final = re.compile(r"-?\d{1,10}", re.ASCII)
+
+
+@dataclass(frozen=True)
+class StoredVoxels:
+    """Where the voxels of an image are: from byte ``start`` of ``path``, packed as ``encoding``.
+
+    ``skip`` bytes come before them once unpacked. ``start`` is None where they fill the end of the file.
+    """
+
+    path: Path
+    start: int | None
+    encoding: Encoding = "raw"
+    skip: int = 0
+
+
+@dataclass(frozen=True)
+class ImageHeader:
+    """The header of an image of ``shape`` (K, J, I), in slices, rows and columns.
+
+    ``lps_from_index`` (4, 4) maps (i, j, k, 1) to LPS mm; HU = stored value of type ``dtype`` x ``slope`` +
+    ``intercept``.
+    """
+
+    shape: tuple[int, int, int]
+    dtype: np.dtype[np.generic]
+    lps_from_index: FloatArray
+    stored: StoredVoxels
+    slope: float = 1.0
+    intercept: float = 0.0
+
+
+def header_lines(stream: BinaryIO, limits: Limits) -> list[str]:
+    """Return the lines of a text header up to its blank line or ``ElementDataFile``."""
+    lines: list[str] = []
+    while raw := stream.readline(LONGEST_LINE):
+        if not raw.endswith(b"\n") and len(raw) == LONGEST_LINE:
+            raise DamagedError(f"its header has a line of more than {LONGEST_LINE} bytes")
+        if stream.tell() > limits.header_bytes:
+            raise DamagedError("its header is too long")
+        line = raw.decode("utf-8", "surrogateescape").rstrip("\r\n")
+        if not line.strip():
+            break
+        lines.append(line)
+        if line.startswith("ElementDataFile"):
+            break
+    return lines
+
+
+def decimals(text: str, count: int, name: str) -> FloatArray:
+    """Return the ``count`` decimal numbers of ``text``; raises `DamagedError` for any other text."""
+    words = text.split()
+    if len(words) != count or not all(_DECIMAL.fullmatch(word) for word in words):
+        raise DamagedError(f"it gives '{printable(text, 60)}' as its {name}, expected {_counted(count, 'number')}")
+    return finite(np.array(words, dtype=np.float64), name)
+
+
+def whole(text: str, count: int, name: str) -> tuple[int, ...]:
+    """Return the ``count`` whole numbers of ``text``; raises `DamagedError` for any other text."""
+    words = text.split()
+    if len(words) != count or not all(_WHOLE.fullmatch(word) for word in words):
+        wanted = _counted(count, "whole number")
+        raise DamagedError(f"it gives '{printable(text, 60)}' as its {name}, expected {wanted} of up to 10 digits")
+    return tuple(int(word) for word in words)
+
+
+def finite(numbers: FloatArray, name: str) -> FloatArray:
+    """Return ``numbers``; raises `DamagedError` if one is no number, or beyond `LARGEST_NUMBER`."""
+    if not (np.abs(numbers) <= LARGEST_NUMBER).all():
+        raise DamagedError(
+            f"it gives {_shown(numbers)} as its {name}, expected finite numbers up to {LARGEST_NUMBER:g}"
+        )
+    return numbers
+
+
+def positive(numbers: FloatArray, name: str) -> FloatArray:
+    """Return ``numbers``; raises `DamagedError` if one is not above zero."""
+    if not (finite(numbers, name) > 0).all():
+        raise DamagedError(f"it gives {_shown(numbers)} as its {name}, expected numbers above 0")
+    return numbers
+
+
+def scaled(slope: float, intercept: float) -> tuple[float, float]:
+    """Return the scale of the values; raises `DamagedError` if it is not finite, or zero."""
+    finite(np.array([slope, intercept]), "scale of the values")
+    if slope == 0.0:
+        raise DamagedError("it scales its values by 0")
+    return slope, intercept
+
+
+def beside(header: Path, name: str) -> Path:
+    """Return the path of the data file that a header names, which counts from the header's folder."""
+    if not name or "\0" in name:
+        raise DamagedError("it does not name the file of its voxels")
+    return Path(os.fspath(header.parent)) / name
+
+
+def _shown(numbers: FloatArray) -> str:
+    return f"'{' '.join(f'{number:g}' for number in numbers)}'"
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}{'s' if count > 1 else ''}"
