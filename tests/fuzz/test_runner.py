@@ -21,7 +21,6 @@ BROKEN = 2
 class BrokenBorder(Border):
     """Breaks at every third input, in the way of its class."""
 
-    slowest_s = 0.5
     most_bytes = 400 << 20
 
     def __init__(self) -> None:
@@ -61,11 +60,15 @@ class TalkativeBorder(BrokenBorder):
 
 
 class SlowBorder(BrokenBorder):
+    slowest_s = 1.0
+
     def fail(self) -> None:
-        time.sleep(0.6)
+        time.sleep(1.2)
 
 
 class WaitingBorder(BrokenBorder):
+    slowest_s = 1.0
+
     def fail(self) -> None:
         time.sleep(60)
 
@@ -73,7 +76,7 @@ class WaitingBorder(BrokenBorder):
 class DeafBorder(BrokenBorder):
     """Waits where no signal reaches it, as a decoder's loop does."""
 
-    slowest_s = 0.1
+    slowest_s = 0.5
 
     def fail(self) -> None:
         import signal
@@ -103,7 +106,7 @@ class GreedyBorder(BrokenBorder):
         (TracebackBorder, "KeyError: 'rows'"),
         (WrongBorder, "wrong value: 3 mm, its header says 4 mm"),
         (TalkativeBorder, "not one printable line"),
-        (SlowBorder, "took 0.6 s"),
+        (SlowBorder, "took 1."),
         (WaitingBorder, "hung"),
         (DeafBorder, "hung"),
         (CrashingBorder, "ended the process (status -11)"),
