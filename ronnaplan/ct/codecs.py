@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from threading import Lock
 from typing import Any, Final
 
 from ronnaplan.ct.jpeg_lossless import decode_jpeg_lossless
@@ -41,6 +42,10 @@ PACKAGES: Final = {
 """Transfer syntaxes that are not read -> what they are and what would decode them."""
 
 
+_IMPORTING: Final = Lock()
+"""pydicom's modules import each other in circles: two threads that begin at different ones fail."""
+
+
 def why_not_decoded(pixels: PixelFormat) -> str | None:
     """Return why compressed pixels cannot be read, naming their transfer syntax, or None if they can."""
     transfer_syntax = pixels.transfer_syntax
@@ -73,9 +78,10 @@ def decode_frame(frame: bytes, pixels: PixelFormat) -> Stored:
         return decode_jpeg_lossless(frame, pixels.rows, pixels.columns).view(
             f"{'i' if pixels.is_signed else 'u'}2"
         )
-    from pydicom.encaps import encapsulate
-    from pydicom.pixels.decoders.base import get_decoder
-    from pydicom.uid import UID
+    with _IMPORTING:
+        from pydicom.encaps import encapsulate
+        from pydicom.pixels.decoders.base import get_decoder
+        from pydicom.uid import UID
 
     try:
         decoded, _ = get_decoder(UID(pixels.transfer_syntax)).as_array(

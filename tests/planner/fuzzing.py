@@ -18,11 +18,14 @@ from tests import cases
 from tests.fuzz.border import Border, WrongValueError
 from tests.fuzz.mutations import ANYWHERE, mutate
 from tests.planner.browser import environment
-from tests.planner.pages import HELLO, frame, request
+from tests.planner.pages import frame, request
 from tests.planner.raw import RawSocket, answered, framed
 
 MOST_GROWN_BYTES = 2**28
 """What the planner's memory may grow by, pages and caches included."""
+
+ANSWER_S = 10.0
+"""An answer that takes longer is a hang."""
 
 UNANSWERED_S = 2.0
 """A page whose frame says that it is longer waits for nothing; the planner then has to answer the next page."""
@@ -100,13 +103,23 @@ METHODS = (
     "trame.lifecycle.update",
     "trame.error.client",
 )
-OTHERS = ("application.exit", "application.exit.later", "trame.force.push", "wslink.hello", "", "x", None, 5, [])
+OTHERS: tuple[Any, ...] = (
+    "application.exit",
+    "application.exit.later",
+    "trame.force.push",
+    "wslink.hello",
+    "",
+    "x",
+    None,
+    5,
+    [],
+)
 
 
 class PlannerBorder(Border):
     """A planner of its own on the case of the tests."""
 
-    slowest_s = 10.0
+    slowest_s = 30.0  # another planner may have to be started
     inputs_in_tests = 200
 
     def __init__(self) -> None:
@@ -127,6 +140,8 @@ class PlannerBorder(Border):
         kind, number = given
         chance = random.Random(number)
         if self._served == INPUTS_PER_PLANNER:
+            if self._socket is not None:
+                self._socket.close()
             self._end()
             self._start()
         self._served += 1
@@ -230,7 +245,7 @@ class PlannerBorder(Border):
 
     def _http(self, made: bytes, sound: bool) -> str:
         try:
-            status = answered(self._address, made, self.slowest_s if made.endswith(b"\r\n\r\n") else 0.2)
+            status = answered(self._address, made, ANSWER_S if made.endswith(b"\r\n\r\n") else 0.2)
         except TimeoutError:
             if made.endswith(b"\r\n\r\n"):
                 raise
@@ -247,19 +262,11 @@ class PlannerBorder(Border):
     def _frames(self, sent: bytes, may_be_longer: bool = False) -> str:
         """Send bytes and a sound request behind them: "read" where it is answered, "refused" where it is closed."""
         if self._socket is None:
-            self._socket = RawSocket(self._address, self._token, self.slowest_s)
-            self._socket.send(framed(HELLO))
-        self._socket.wait_s = UNANSWERED_S if may_be_longer else self.slowest_s
-        outcome = "read"
+            self._socket = RawSocket(self._address, self._token, ANSWER_S)
+        self._socket.wait_s = UNANSWERED_S if may_be_longer else ANSWER_S
         try:
             self._socket.send(sent)
-            for number in ("rpc:next", "rpc:last"):  # what an action changed is told after the next answer
-                self._socket.send(framed(request("trame.lifecycle.update", "client_unmounted", number=number)))
-                while (answer := self._socket.message()).get("id") != number:
-                    data = answer.get("error", {}).get("data", {})
-                    assert not isinstance(data, dict) or "trace" not in data, data["trace"]
-                    if "refusals" in (answer.get("result") or {}):
-                        outcome = "refused"
+            return "read" if self._socket.is_done() else "refused"
         except (ConnectionError, TimeoutError) as error:
             self._socket.close()
             self._socket = None
@@ -268,7 +275,6 @@ class PlannerBorder(Border):
             if not may_be_longer:
                 raise
             return "not complete"
-        return outcome
 
 
 def _end(process: subprocess.Popen[bytes], temporary: tempfile.TemporaryDirectory[str]) -> None:

@@ -10,7 +10,9 @@ from typing import Any
 
 import msgpack
 
-BINARY, TEXT, CLOSE, PING, PONG = 2, 1, 8, 9, 10
+from tests.planner.pages import HELLO, request
+
+BINARY, CLOSE = 2, 8
 
 
 def framed(content: bytes, *, opcode: int = BINARY, last: bool = True, claimed: int | None = None) -> bytes:
@@ -41,6 +43,12 @@ def answered(address: tuple[str, int], request: bytes, wait_s: float) -> int:
     return int(start.split()[1]) if start.startswith(b"HTTP/") else 0
 
 
+def _sound(answer: dict[str, Any]) -> dict[str, Any]:
+    data = answer.get("error", {}).get("data", {})
+    assert not isinstance(data, dict) or "trace" not in data, data["trace"]
+    return dict(answer.get("result") or {})
+
+
 class RawSocket:
     """One web socket, open until either side closes it."""
 
@@ -57,6 +65,7 @@ class RawSocket:
             self._fill()
         head, _, self._unread = self._unread.partition(b"\r\n\r\n")
         assert head.startswith(b"HTTP/1.1 101"), head
+        self.send(framed(HELLO))
 
     def send(self, data: bytes) -> None:
         self._connection.sendall(data)
@@ -75,6 +84,25 @@ class RawSocket:
                 content += part[12:]
                 if len(content) >= int.from_bytes(part[8:12], "little"):
                     return dict(msgpack.unpackb(content))
+
+    def act(self, name: str, *arguments: Any) -> bool:
+        """Ask for an action of the planner; return whether it was done, and not refused in a sentence."""
+        self.send(framed(request("trame.trigger", name, list(arguments), {}, number="rpc:act")))
+        return self.is_done("rpc:act")
+
+    def is_done(self, *numbers: str) -> bool:
+        """Read until requests ``numbers`` and one more are answered: what they changed is told before that.
+
+        Raises `AssertionError` for an answer that holds a traceback.
+        """
+        done = True
+        for number in (*numbers, "rpc:next", "rpc:last"):
+            if number not in numbers:
+                self.send(framed(request("trame.lifecycle.update", "client_unmounted", number=number)))
+            while (answer := self.message()).get("id") != number:
+                done &= "refusals" not in _sound(answer)
+            _sound(answer)
+        return done
 
     def _frame(self) -> tuple[int, bytes]:
         first, length = self._take(2)
