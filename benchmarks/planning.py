@@ -143,7 +143,7 @@ def _entry(target: FloatArray, way: FloatArray, axes: FloatArray) -> FloatArray:
 
 
 def _largest(markers: FloatArray, targets: FloatArray, rules: PlacementRules) -> float:
-    return float(expected_tre_mm(markers, targets, rules.sigma_mm).max())
+    return float(expected_tre_mm(markers, targets, rules).max())
 
 
 def _farthest(centres: FloatArray, count: int) -> list[int]:
@@ -159,7 +159,7 @@ def _met(
     markers: FloatArray, targets: FloatArray, rules: PlacementRules, generator: np.random.Generator
 ) -> tuple[float, int]:
     """Return simulated over expected error at the worst target, and how many pairings were refused."""
-    expected = expected_tre_mm(markers, targets, rules.sigma_mm)
+    expected = expected_tre_mm(markers, targets, rules)
     worst = targets[expected.argmax()]
     squares, refused = [], 0
     for _ in range(REGISTRATIONS):

@@ -11,9 +11,9 @@ from ronnaplan.cli.plan_options import SIDES
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from ronnaplan.ct import CTVolume
     from ronnaplan.geometry import FloatArray
     from ronnaplan.planning import Head, Instrument, Plan
-    from ronnaplan.planning.obstacles import Obstacle
 
 
 def run_new(arguments: argparse.Namespace) -> int:
@@ -122,39 +122,29 @@ def run_export(arguments: argparse.Namespace) -> int:
 
 def run_check(arguments: argparse.Namespace) -> int:
     """Measure every trajectory and hold it against the limits."""
-    from ronnaplan.documents.limits import read_limits
+    from ronnaplan.cli.case_options import read_named_case
     from ronnaplan.documents.plan_measures import measures_document
-    from ronnaplan.planning import Limits, judge, measure
+    from ronnaplan.errors import InputError
     from ronnaplan.planning.limits import all_pass
     from ronnaplan.planning.tables import measures_table, verdict_table
 
-    plan, head = _plan(arguments), _head(arguments)
-    limits = read_limits(arguments.limits) if arguments.limits else Limits()
-    obstacles, pose_mm2 = _surroundings(arguments, head)
-    measured = [
-        measure(
-            trajectory,
-            head,
-            obstacles=obstacles,
-            others=plan.trajectories,
-            landmarks=plan.landmarks,
-            pose_mm2=pose_mm2,
-            tolerance_mm=limits.tolerance_mm,
-            frame_axes=_frame_axes(arguments.frame_axes),
-        )
-        for trajectory in plan.trajectories
-    ]
-    verdicts = [verdict for one in measured for verdict in judge(one, limits)]
+    case = read_named_case(arguments)
+    assert case.plan is not None
+    judged = [case.surroundings.judge(one, case.plan) for one in case.plan.trajectories]
+    for one in judged:
+        if one.problem:
+            raise InputError(one.problem)
+    measured = [one.measures for one in judged if one.measures is not None]
+    verdicts = [verdict for one in judged for verdict in one.verdicts]
     if arguments.output:
         from ronnaplan.documents.files import write_atomically
 
-        write_atomically(arguments.output, measures_document(plan, measured, verdicts))
-    for one in measured:
-        for doubt in one.doubts:
-            print(f"ronnaplan: warning: {one.trajectory.name}: {doubt}", file=sys.stderr)
-    print(f"{measures_table(measured)}\n\n{verdict_table(verdicts)}")
+        write_atomically(arguments.output, measures_document(case.plan, measured, verdicts))
+    _warn(*case.surroundings.expected.remarks)
+    _warn(*(f"{one.trajectory.name}: {doubt}" for one in measured for doubt in one.doubts))
+    print(f"{measures_table(measured, case.surroundings.expected)}\n\n{verdict_table(verdicts)}")
     if not measured:
-        print("ronnaplan: warning: the plan holds no trajectories; nothing was checked", file=sys.stderr)
+        _warn("the plan holds no trajectories; nothing was checked")
     if all_pass(verdicts):
         return 0
     broken = sum(not verdict.passes for verdict in verdicts)
@@ -164,26 +154,23 @@ def run_check(arguments: argparse.Namespace) -> int:
 
 def run_propose(arguments: argparse.Namespace) -> int:
     """Propose entries for a target."""
-    from ronnaplan.documents.limits import read_limits
+    from ronnaplan.cli.case_options import read_named_case
     from ronnaplan.errors import RefusedError
-    from ronnaplan.planning import Limits, Trajectory, propose
+    from ronnaplan.planning import Trajectory
     from ronnaplan.planning.tables import proposals_table
 
-    plan, head = _plan(arguments), _head(arguments)
-    limits = read_limits(arguments.limits) if arguments.limits else Limits()
-    obstacles, pose_mm2 = _surroundings(arguments, head)
-    found = propose(
+    case = read_named_case(arguments)
+    plan = case.plan
+    assert plan is not None
+    found = case.surroundings.propose(
         _lps(arguments.target, arguments.coordinates),
-        head,
-        limits,
+        plan,
         name=arguments.name,
         instrument=_instrument(arguments) or Trajectory.instrument,
-        obstacles=obstacles,
-        others=plan.trajectories,
-        pose_mm2=pose_mm2,
         count=arguments.count,
     )
-    print(proposals_table(found))
+    _warn(*case.surroundings.expected.remarks)
+    print(proposals_table(found, case.surroundings.expected))
     if not found.best:
         raise RefusedError("no entry keeps every limit; loosen a limit or choose another target")
     if arguments.add:
@@ -235,7 +222,7 @@ def run_markers(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _volume(arguments: argparse.Namespace) -> Any:
+def _volume(arguments: argparse.Namespace) -> CTVolume:
     from ronnaplan.ct import read_ct
 
     return read_ct(arguments.ct, arguments.series, progress=True)
@@ -304,37 +291,6 @@ def _instrument(arguments: argparse.Namespace) -> Instrument | None:
     return instrument_named(arguments.instrument) if arguments.instrument else None
 
 
-def _frame_axes(numbers: list[float] | None) -> FloatArray:
-    """Return the stereotactic frame's right, anterior, superior in LPS as rows (3, 3)."""
-    import numpy as np
-
-    from ronnaplan.planning.angles import RAS_IN_LPS
-    from ronnaplan.pose import as_pose, rigid
-
-    if numbers is None:
-        return RAS_IN_LPS
-    return as_pose(rigid(np.array(numbers).reshape(3, 3), np.zeros(3)), "--frame-axes")[:3, :3]
-
-
-def _surroundings(arguments: argparse.Namespace, head: Head) -> tuple[list[Obstacle], FloatArray | None]:
-    """Return what to keep away from, and the covariance (6, 6) of the registration that the markers will give."""
-    import numpy as np
-
-    from ronnaplan.planning.labels import read_label_map
-    from ronnaplan.planning.obstacles import Kind, Voxels, markers_on, metal
-    from ronnaplan.planning.uncertainty import planned_pose_covariance
-
-    obstacles: list[Obstacle] = [metal(head)]
-    for path in arguments.no_go or ():
-        masks = read_label_map(path, head.volume)
-        obstacles += [Voxels.of(Kind.NO_GO, name, mask, head) for name, mask in masks.items()]
-    if not arguments.fiducials:
-        return obstacles, None
-    from ronnaplan.documents.fiducials import read_fiducials
-
-    document = read_fiducials(arguments.fiducials)
-    points = document.points
-    head.volume.frame.require(points.frame)
-    obstacles += markers_on(head, points.labels, points.positions_mm, document.marker.diameter_mm)
-    combined = points.covariances_mm2 + arguments.sigma_ots**2 * np.eye(3)
-    return obstacles, planned_pose_covariance(points.positions_mm, combined)
+def _warn(*sentences: str) -> None:
+    for sentence in sentences:
+        print(f"ronnaplan: warning: {sentence}", file=sys.stderr)

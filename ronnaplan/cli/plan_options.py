@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from ronnaplan.cli.values import number, sigma_mm, whole
+from ronnaplan.cli.case_options import with_documents, with_rules, with_sigmas
+from ronnaplan.cli.values import number, whole
 
 SIDES = {
     "left": (1.0, 0.0, 0.0),
@@ -51,13 +52,6 @@ def _with_instrument(parser: argparse.ArgumentParser) -> None:
 def _with_looks(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--colour", metavar="#RRGGBB", help="colour in views")
     parser.add_argument("--notes", metavar="TEXT", help="free text")
-
-
-def _with_surroundings(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--limits", metavar="FILE", help="limits.json")
-    parser.add_argument("--no-go", action="append", metavar="FILE", help="a label map (NIfTI, DICOM SEG); repeat")
-    parser.add_argument("--fiducials", metavar="FILE", help="fiducials.json: markers to avoid and to register by")
-    parser.add_argument("--sigma-ots", type=sigma_mm, default=0.17, metavar="MM", help="tracker's error per axis")
 
 
 def configure_new(parser: argparse.ArgumentParser) -> None:
@@ -119,14 +113,8 @@ def configure_check(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of ``plan check``."""
     with_plan(parser)
     _with_scan(parser)
-    _with_surroundings(parser)
-    parser.add_argument(
-        "--frame-axes",
-        nargs=9,
-        type=number,
-        metavar="N",
-        help="right, anterior, superior of the stereotactic frame in LPS, three numbers each (default: the scanner's)",
-    )
+    with_documents(parser)
+    with_rules(parser)
     parser.add_argument("-o", "--output", metavar="FILE", help="also write all measures and verdicts as JSON")
 
 
@@ -136,7 +124,8 @@ def configure_propose(parser: argparse.ArgumentParser) -> None:
     _with_scan(parser)
     _with_coordinates(parser, "target", required=True)
     _with_instrument(parser)
-    _with_surroundings(parser)
+    with_documents(parser)
+    with_rules(parser)
     parser.add_argument("--count", type=whole(1), default=5, metavar="N", help="proposals (default %(default)s)")
     parser.add_argument("--add", action="store_true", help="add the best one to the plan")
 
@@ -158,10 +147,6 @@ def configure_markers(parser: argparse.ArgumentParser) -> None:
         ("height", 13.75, "height of a marker's centre above the scalp, mm"),
     ):
         parser.add_argument(f"--{name}", type=number, default=default, help=f"{text} (default %(default)s)")
-    for name, default, text in (
-        ("sigma-ct", 0.56, "localization error in CT per axis, mm"),
-        ("sigma-ots", 0.17, "localization error of the tracker per axis, mm"),
-    ):
-        parser.add_argument(f"--{name}", type=sigma_mm, default=default, help=f"{text} (default %(default)s)")
+    with_sigmas(parser)
     parser.add_argument("--lowest", type=number, metavar="Z", help="no marker below this z (LPS mm)")
     parser.add_argument("-o", "--output", metavar="FILE", help="also write the markers as Slicer markups")

@@ -6,7 +6,8 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from ronnaplan.cli.values import sigma_mm, whole
+from ronnaplan.cli.case_options import with_sigmas
+from ronnaplan.cli.values import whole
 
 if TYPE_CHECKING:
     from ronnaplan.tracking import Recording
@@ -24,13 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("readings", metavar="READINGS", help="CSV, NDI CSV, Slicer markups or PLUS sequence")
     parser.add_argument("--expected", type=whole(3), metavar="N", help="the number of markers seen in both")
     parser.add_argument("--plan", metavar="PLAN", help="predict the error at this plan's entries and targets")
-    parser.add_argument(
-        "--sigma-ct",
-        type=sigma_mm,
-        metavar="MM",
-        help="marker error per axis beyond CT noise (default 0.56: skin markers)",
-    )
-    parser.add_argument("--sigma-ots", type=sigma_mm, metavar="MM", help="tracker error per axis (default 0.17)")
+    with_sigmas(parser)
     parser.add_argument(
         "--pair",
         action="append",
@@ -49,9 +44,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.registration import registration_document
     from ronnaplan.documents.registration_text import registration_text
     from ronnaplan.errors import RefusedError
-    from ronnaplan.registration.markers import SIGMA_CT_MM, register_markers
+    from ronnaplan.registration.markers import register_markers
     from ronnaplan.tracking import find_markers, read_recording
-    from ronnaplan.tracking.markers import ONE_READING_SD_MM
 
     fiducials = read_fiducials(arguments.fiducials)
     known = tuple(_pair(text) for text in arguments.pair)
@@ -62,16 +56,15 @@ def run(arguments: argparse.Namespace) -> int:
         plan = read_plan(arguments.plan)
         plan.require_source(fiducials.points.frame, fiducials.source.voxel_sha256)
         targets = plan.points
-    sigma_ots = ONE_READING_SD_MM if arguments.sigma_ots is None else arguments.sigma_ots
     recording = read_recording(arguments.readings)
-    found = find_markers(recording, sigma_mm=sigma_ots)
+    found = find_markers(recording, sigma_mm=arguments.sigma_ots)
     for warning in (*recording.notes, *_left_out(recording), *_doubts(found)):
         print(f"ronnaplan: warning: {warning}", file=sys.stderr)
     registered = register_markers(
         fiducials.points,
         found.points,
         expected=arguments.expected,
-        sigma_ct_mm=SIGMA_CT_MM if arguments.sigma_ct is None else arguments.sigma_ct,
+        sigma_ct_mm=arguments.sigma_ct,
         known_pairs=known,
     )
     document = registration_document(registered, fiducials.source, targets)

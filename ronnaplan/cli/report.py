@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
+from pathlib import Path
+
+from ronnaplan.cli.case_options import rules, with_rules
 
 HELP = "Write the quality report of a case as one HTML page or a PDF."
 
@@ -14,22 +18,30 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--ct", metavar="PATH", help="the scan (default: CASE/ct, or the images in CASE)")
     parser.add_argument("--series", metavar="UID", help="the series to use, where there are several")
+    with_rules(parser)
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="report.html or report.pdf")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Read the case and write its report."""
-    from pathlib import Path
-
+    from ronnaplan.case.folder import CaseFiles, read_case, read_scan
     from ronnaplan.documents.files import write_atomically
     from ronnaplan.errors import UsageError
-    from ronnaplan.report.case import read_case
     from ronnaplan.report.pdf import print_pdf
     from ronnaplan.report.quality import quality_report
 
     kind = Path(arguments.output).suffix.lower()
     if kind not in (".html", ".pdf"):
         raise UsageError(f"the report was to be written to {arguments.output}; give a name in .html or .pdf")
-    html = quality_report(read_case(arguments.case, arguments.ct, arguments.series, progress=True))
+    files = CaseFiles.of_folder(arguments.case)
+    if arguments.limits:
+        files = replace(files, limits=Path(arguments.limits))
+    case = read_case(
+        files,
+        lambda: read_scan(arguments.case, arguments.ct, arguments.series, progress=True),
+        rules(arguments),
+        arguments.no_go,
+    )
+    html = quality_report(case)
     write_atomically(arguments.output, html if kind == ".html" else print_pdf(html))
     return 0

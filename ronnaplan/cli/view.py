@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from ronnaplan.cli.case_options import rules, with_documents, with_rules
 from ronnaplan.cli.values import whole
 from ronnaplan.text import whole_number
 
@@ -23,12 +24,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--plan", metavar="FILE", help="plan.json, made if it is not there (default: in the present folder)"
     )
-    parser.add_argument("--fiducials", metavar="FILE", help="fiducials.json (default: beside the plan)")
-    parser.add_argument("--registration", metavar="FILE", help="registration.json (default: beside the plan)")
-    parser.add_argument("--limits", metavar="FILE", help="limits.json that trajectories are held against")
-    parser.add_argument(
-        "--no-go", action="append", default=[], metavar="LABELS", help="a label map to keep away from; repeatable"
-    )
+    with_documents(parser, otherwise="beside the plan")
+    with_rules(parser)
     parser.add_argument("--tracker", metavar="HOST:PORT", help="an OpenIGTLink server to listen to when asked")
     parser.add_argument(
         "--patient", action="store_true", help="show the patient's name, which is left out otherwise"
@@ -41,29 +38,27 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Open the case and serve it until stopped."""
+    from ronnaplan.case.folder import read_labels, with_limits
     from ronnaplan.ct import read_ct
-    from ronnaplan.documents.limits import read_limits
     from ronnaplan.planner.server import serve
     from ronnaplan.planner.state import PlannerState
     from ronnaplan.planner.storage import Storage
-    from ronnaplan.planning.labels import read_label_map
 
     storage = Storage.of(arguments.plan, arguments.fiducials, arguments.registration)
-    limits = read_limits(arguments.limits) if arguments.limits else None
+    stated = with_limits(rules(arguments), storage.limits if arguments.limits is None else Path(arguments.limits))
     tracker = _address(arguments.tracker) if arguments.tracker else None
     ct = arguments.ct or _scan_beside(storage.plan)
     volume = read_ct(ct, arguments.series, progress=True)
     patient = _patient(ct, arguments.series) if arguments.patient else None
-    no_go = {name: mask for path in arguments.no_go for name, mask in read_label_map(path, volume).items()}
-    state = PlannerState(volume, storage, limits, no_go)
+    state = PlannerState(volume, storage, stated, read_labels(arguments.no_go, volume))
     serve(state, host=arguments.host, port=arguments.port, tracker=tracker, patient=patient)
     return 0
 
 
 def _scan_beside(plan: Path) -> Path:
     """Return where the scan of the case lies that ``plan`` belongs to."""
+    from ronnaplan.case.folder import CT_FOLDER, scan_in
     from ronnaplan.errors import UsageError
-    from ronnaplan.report.case import CT_FOLDER, scan_in
 
     found = scan_in(plan.parent)
     if found is None:

@@ -15,6 +15,7 @@ from ronnaplan.correspondence.inputs import checked_points
 from ronnaplan.correspondence.matching import LEAST_PROBABILITY
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.errors import InputError
+from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 
 MOST_LAYOUT_POINTS = 32
 """Larger sets are point clouds, not marker layouts."""
@@ -44,7 +45,10 @@ class Layout:
     line_distance_mm: float
 
     def refusal_probability(
-        self, sigma_ct_mm: float = 0.56, sigma_ots_mm: float = 0.17, least_probability: float = LEAST_PROBABILITY
+        self,
+        sigma_ct_mm: float = SIGMA_CT_MM,
+        sigma_ots_mm: float = SIGMA_OTS_MM,
+        least_probability: float = LEAST_PROBABILITY,
     ) -> float:
         """Return how often `match_points` refuses this layout for its nearest rival (all seen, no outliers).
 

@@ -22,6 +22,7 @@ from ronnaplan.correspondence.inputs import (
 from ronnaplan.correspondence.pairing import IntArray, Pairing, Rival, no_pairs
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
+from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 
 LEAST_PROBABILITY = 0.99
 """Posterior at which a pairing is accepted.
@@ -83,8 +84,8 @@ def match_points(
     ct_points: ArrayLike,
     ots_points: ArrayLike,
     expected: int | None = None,
-    sigma_ct_mm: ArrayLike = 0.56,
-    sigma_ots_mm: ArrayLike = 0.17,
+    sigma_ct_mm: ArrayLike = SIGMA_CT_MM,
+    sigma_ots_mm: ArrayLike = SIGMA_OTS_MM,
     *,
     covariances_ct_mm2: ArrayLike | None = None,
     covariances_ots_mm2: ArrayLike | None = None,

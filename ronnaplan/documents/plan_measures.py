@@ -14,6 +14,7 @@ from ronnaplan.planning.measures import Measures
 from ronnaplan.planning.placement import Placement
 from ronnaplan.planning.plan import Plan
 from ronnaplan.planning.surface import Surface
+from ronnaplan.planning.uncertainty import PathError
 
 FORMAT = "ronnaplan.measures"
 
@@ -34,7 +35,6 @@ def measures_document(plan: Plan, measured: Sequence[Measures], verdicts: Sequen
 
 
 def _measures(one: Measures) -> dict[str, Any]:
-    error = one.error
     return {
         "name": one.trajectory.name,
         "length_mm": one.length_mm,
@@ -54,16 +54,26 @@ def _measures(one: Measures) -> dict[str, Any]:
         "spacings": [asdict(spacing) for spacing in one.spacings],
         "arc_and_ring": asdict(one.arc),
         "ac_pc": asdict(one.acpc) if one.acpc else None,
-        "expected_error": error
-        and {
-            "depth_mm": error.depths_mm.round(3).tolist(),
-            "tre_rms_mm": error.tre_rms_mm.tolist(),
-            "tube_radius_mm": error.tube_mm.tolist(),
-            "covariances_mm2": error.covariances_mm2.tolist(),
-            "angular_rms_deg": error.angular_rms_deg,
-            "tolerance_mm": error.tolerance_mm,
-            "probability": error.probability,
-        },
+        "expected_error": _error(one.error),
+        "planned_error": _error(one.planned_error),
+    }
+
+
+def _error(error: PathError | None) -> dict[str, Any] | None:
+    if error is None:
+        return None
+    return {
+        "basis": error.expected.basis.value,
+        "markers": list(error.expected.markers),
+        "sigma_ct_mm": error.expected.sigma_ct_mm,
+        "sigma_ots_mm": error.expected.sigma_ots_mm,
+        "depth_mm": error.depths_mm.round(3).tolist(),
+        "tre_rms_mm": error.tre_rms_mm.tolist(),
+        "tube_radius_mm": error.tube_mm.tolist(),
+        "covariances_mm2": error.covariances_mm2.tolist(),
+        "angular_rms_deg": error.angular_rms_deg,
+        "tolerance_mm": error.tolerance_mm,
+        "probability": error.probability,
     }
 
 

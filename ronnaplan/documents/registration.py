@@ -27,11 +27,12 @@ from ronnaplan.documents.fields import (
 from ronnaplan.documents.reading import made, read_document
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame, Points
+from ronnaplan.planning.uncertainty import ExpectedPose
 from ronnaplan.pose import Pose, as_pose
 from ronnaplan.registration.diagnosis import doubted_marker, leave_one_out
 from ronnaplan.registration.markers import MarkerRegistration
 from ronnaplan.registration.registration import Registration
-from ronnaplan.tracking.markers import ONE_READING_SD_MM
+from ronnaplan.sigmas import SIGMA_OTS_MM
 
 FORMAT = "ronnaplan.registration"
 SAME_ERROR = 1e-6
@@ -104,6 +105,8 @@ class RegistrationDocument(DocumentModel):
     ots_from_ct: Matrix4 | None = None
     covariance: PoseCovariance | None = None
     fre_rms: LengthMm | None = None
+    sigma_ct_mm: LengthMm | None = None
+    sigma_ots_mm: LengthMm | None = None
     fit_probability: Probability | None = None
     flags: tuple[Line, ...] = ()
     doubt: Line | None = None
@@ -139,12 +142,18 @@ class RegistrationDocument(DocumentModel):
         return Pose(matrix, np.array(self.covariance), Frame(self.frames.ots), self.ct_frame)
 
     @property
+    def expected(self) -> ExpectedPose:
+        """The error to expect of this registration; raises `InputError` where it was refused."""
+        markers = tuple(pair.ct for pair in self.pairs)
+        return ExpectedPose.registered(self.pose, markers, self.sigma_ct_mm, self.sigma_ots_mm)
+
+    @property
     def readings(self) -> Points:
-        """The paired readings as the registration used them, labelled like their CT markers; 0.17 mm an axis."""
+        """The paired readings as the registration used them, labelled like their CT markers; `SIGMA_OTS_MM` an axis."""
         count = len(self.pairs)
         return Points(
             np.array([pair.reading for pair in self.pairs], dtype=np.float64).reshape(count, 3),
-            np.tile(ONE_READING_SD_MM**2 * np.eye(3), (count, 1, 1)),
+            np.tile(SIGMA_OTS_MM**2 * np.eye(3), (count, 1, 1)),
             tuple(pair.ct for pair in self.pairs),
             Frame(self.frames.ots),
         )
@@ -175,9 +184,10 @@ def registration_document(
         ],
         "software": {"name": "ronnaplan", "version": __version__},
     }
-    if found.registration is not None:
-        content |= _fitted(found, found.registration, targets)
-    return made(RegistrationDocument, content)
+    if found.registration is None:
+        return made(RegistrationDocument, content)
+    document = made(RegistrationDocument, content | _fitted(found, found.registration))
+    return document if targets is None else document.model_copy(update={"targets": _targets(document, targets)})
 
 
 def read_registration(path: str | os.PathLike[str]) -> RegistrationDocument:
@@ -199,7 +209,7 @@ def _check_pairs(pairs: Sequence[LabelPair]) -> None:
             raise ValueError(f"the pairs name the markers {', '.join(labels)}; expected each once")
 
 
-def _fitted(found: MarkerRegistration, registration: Registration, targets: Points | None) -> dict[str, Any]:
+def _fitted(found: MarkerRegistration, registration: Registration) -> dict[str, Any]:
     left_out: Sequence[float] = np.full(len(registration), np.nan).tolist()
     if len(registration) > 3:
         left_out = leave_one_out(registration).residuals_mm.tolist()
@@ -219,24 +229,33 @@ def _fitted(found: MarkerRegistration, registration: Registration, targets: Poin
         "ots_from_ct": registration.transform.tolist(),
         "covariance": registration.pose.covariance.tolist(),
         "fre_rms": registration.fre_rms_mm,
+        "sigma_ct_mm": found.sigma_ct_mm,
+        "sigma_ots_mm": found.sigma_ots_mm,
         "fit_probability": registration.fit_probability,
         "flags": [flag.name.lower() for flag in registration.flags],
         "doubt": None if doubt is None else str(doubt),
-        "targets": [] if targets is None else _targets(registration, targets),
     }
 
 
-def _targets(registration: Registration, targets: Points) -> list[dict[str, Any]]:
-    covariances = registration.tre(targets.positions_mm, targets.frame)
-    return [
-        {
-            "name": name,
-            "center": place.tolist(),
-            "predicted_tre_rms": float(np.sqrt(np.trace(covariance))),
-            "covariance": covariance.tolist(),
-        }
-        for name, place, covariance in zip(targets.labels, targets.positions_mm, covariances, strict=True)
-    ]
+def _targets(document: RegistrationDocument, targets: Points) -> tuple[TargetEntry, ...]:
+    """Return the error at ``targets`` as everyone tells it who reads the document."""
+    document.require_frame(targets.frame)
+    covariances = document.pose.point_covariances(targets.positions_mm)
+    errors = document.expected.tre_rms_mm(targets.positions_mm)
+    return tuple(
+        made(
+            TargetEntry,
+            {
+                "name": name,
+                "center": place.tolist(),
+                "predicted_tre_rms": float(error),
+                "covariance": covariance.tolist(),
+            },
+        )
+        for name, place, error, covariance in zip(
+            targets.labels, targets.positions_mm, errors, covariances, strict=True
+        )
+    )
 
 
 def _labels(found: MarkerRegistration, pairs: FloatArray | Any) -> list[dict[str, str]]:

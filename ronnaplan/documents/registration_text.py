@@ -30,7 +30,8 @@ def registration_text(document: RegistrationDocument) -> str:
     lines += ["", FRE_WARNING]
     if document.targets:
         width = max(8, *(len(target.name) for target in document.targets))
-        lines += ["", f"{'target':<{width}}  expected error, mm RMS"]
+        lines += ["", f"expected error {document.expected}"]
+        lines.append(f"{'target':<{width}}  expected error, mm RMS")
         lines += [f"{target.name:<{width}}  {target.predicted_tre_rms:8.2f}" for target in document.targets]
     return "\n".join(lines)
 

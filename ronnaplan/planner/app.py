@@ -10,13 +10,13 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from ronnaplan.case.surroundings import Judgement
 from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.planner import drawing, panels
 from ronnaplan.planner.actions import Actions, key_actions
 from ronnaplan.planner.arguments import checked
 from ronnaplan.planner.cuts import PATH_VIEWS, STANDARD, WINDOWS_HU, jpeg
 from ronnaplan.planner.head import HeadView
-from ronnaplan.planner.judgement import Judgement
 from ronnaplan.planner.overlay import over_head
 from ronnaplan.planner.pointer import HEAD, Pointer
 from ronnaplan.planner.state import PlannerState
@@ -250,5 +250,5 @@ class PlannerApp:
 
         if self.tracker is None:
             raise UsageError("no tracker was named; start the planner with --tracker HOST:PORT")
-        seen = find_markers(record(*self.tracker)).points
+        seen = find_markers(record(*self.tracker), sigma_mm=self.state.surroundings.rules.sigma_ots_mm).points
         return lambda: self.state.register(seen)

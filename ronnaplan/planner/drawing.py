@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from ronnaplan.case.surroundings import Judgement
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fiducials import FiducialFlag
 from ronnaplan.planner.cuts import Cut
-from ronnaplan.planner.judgement import Judgement
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Measures, Trajectory
+from ronnaplan.planning.uncertainty import PathError
 
 MARKER_COLOUR, REJECTED_COLOUR, POINT_COLOUR = "#ff9f1c", "#ff5252", "#b2ff59"
 
@@ -153,7 +154,7 @@ def chosen_path(state: PlannerState, judged: Judgement | None) -> dict[str, Any]
         "entry": one.entry_mm.round(3).tolist(),
         "target": one.target_mm.round(3).tolist(),
         "problem": judged.problem,
-        "doubts": list(judged.measures.doubts) if judged.measures else [],
+        "doubts": [*state.surroundings.expected.remarks, *(judged.measures.doubts if judged.measures else ())],
         "measures": _measures(judged.measures) if judged.measures else [],
         "verdicts": [
             (verdict.measure, f"{_number(verdict.value)} {verdict.unit} {verdict.remark}", verdict.passes)
@@ -179,13 +180,18 @@ def _measures(one: Measures) -> list[tuple[str, str]]:
                 ", ".join(f"{value:.1f}" for value in one.acpc.target_mm) + " mm",
             ),
         ]
-    if one.error is not None:
-        rows += [
-            ("expected error, entry", f"{one.error.entry_rms_mm:.2f} mm RMS"),
-            ("expected error, target", f"{one.error.target_rms_mm:.2f} mm RMS"),
-            (f"chance within {one.error.tolerance_mm:g} mm", f"{one.error.probability:.3f}"),
-        ]
-    return rows
+    return rows + [row for error in (one.error, one.planned_error) if error is not None for row in _errors(error)]
+
+
+def _errors(error: PathError) -> list[tuple[str, str]]:
+    basis = error.expected.basis
+    return [
+        (f"expected error, as {basis}", str(error.expected)),
+        (f"at the entry, as {basis}", f"{error.entry_rms_mm:.2f} mm RMS"),
+        (f"at the target, as {basis}", f"{error.target_rms_mm:.2f} mm RMS"),
+        (f"of the angle, as {basis}", f"{error.angular_rms_deg:.2f} deg RMS"),
+        (f"chance within {error.tolerance_mm:g} mm, as {basis}", f"{error.probability:.3f}"),
+    ]
 
 
 def registration_panel(state: PlannerState) -> dict[str, Any]:
@@ -204,6 +210,7 @@ def registration_panel(state: PlannerState) -> dict[str, Any]:
             (", ".join(f"{p.ct}={p.ots}" for p in rival.pairs), f"{rival.log_evidence_below:.1f}")
             for rival in found.rivals
         ],
+        "basis": str(state.surroundings.expected.registered or ""),
         "errors": [(name, f"{error:.2f}") for name, error in state.expected_errors_mm().items()],
     }
 

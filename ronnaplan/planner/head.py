@@ -81,7 +81,8 @@ class HeadView:
 
     def _path_key(self, one: Trajectory) -> Any:
         ends = (*one.entry_mm, *one.target_mm)
-        return *ends, one.colour, one.instrument, id(self.state.surroundings)
+        # The surroundings themselves: the id() of some that are gone may be that of others.
+        return *ends, one.colour, one.instrument, self.state.surroundings
 
     def _show_surface(self, scene: Scene) -> None:
         kind = self.state.surface

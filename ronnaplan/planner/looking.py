@@ -7,15 +7,15 @@ from functools import cached_property
 
 import numpy as np
 
+from ronnaplan.case.surroundings import Labels, Rules
 from ronnaplan.ct import CTVolume
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray, as_points
 from ronnaplan.planner.cuts import PATH_VIEWS, STANDARD, WINDOWS_HU, Cut, path_axes
-from ronnaplan.planner.judgement import Labels
 from ronnaplan.planner.opened import OpenedCase
 from ronnaplan.planner.storage import Look, Storage
 from ronnaplan.planner.surfaces import SURFACES_HU
-from ronnaplan.planning import Limits, Plan, Trajectory
+from ronnaplan.planning import Plan, Trajectory
 
 LEAST_FIELD_MM, GREATEST_FIELD_MM = 10.0, 1000.0
 """Bounds of the zoom."""
@@ -31,10 +31,10 @@ class Looking(OpenedCase):
     """An opened case as one person looks at it."""
 
     def __init__(
-        self, volume: CTVolume, storage: Storage, limits: Limits | None = None, no_go: Labels | None = None
+        self, volume: CTVolume, storage: Storage, rules: Rules | None = None, no_go: Labels | None = None
     ) -> None:
         """Open a case where it was left."""
-        super().__init__(volume, storage, limits, no_go)
+        super().__init__(volume, storage, rules, no_go)
         self.crosshair_mm: FloatArray
         self.centre_mm: FloatArray
         self.field_mm: float

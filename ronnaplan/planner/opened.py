@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
+from ronnaplan.case.folder import Case
+from ronnaplan.case.surroundings import Labels, Rules, Surroundings
 from ronnaplan.ct import CTVolume
 from ronnaplan.documents.fiducials import FiducialsDocument
 from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.errors import UsageError
-from ronnaplan.planner.judgement import Labels, Surroundings
 from ronnaplan.planner.storage import Storage
-from ronnaplan.planning import Limits, Plan
+from ronnaplan.planning import Plan
 from ronnaplan.planning.sampling import Scan
 
 
@@ -31,23 +31,27 @@ class OpenedCase:
     """The documents of one scan. Every change is written to its file before the method returns."""
 
     def __init__(
-        self, volume: CTVolume, storage: Storage, limits: Limits | None = None, no_go: Labels | None = None
+        self, volume: CTVolume, storage: Storage, rules: Rules | None = None, no_go: Labels | None = None
     ) -> None:
         """Open a case; ``no_go`` are masks (K, J, I) of the scan, by name.
 
         Raises `FrameMismatchError` where a document is of another scan.
         """
-        self.volume, self.storage, self.limits = volume, storage, limits or Limits()
-        self.no_go = no_go or {}
+        case = Case(
+            volume,
+            storage.read_plan() or Plan.of_scan(volume),
+            storage.read_fiducials(),
+            storage.read_registration(),
+            rules or Rules(),
+            no_go or {},
+        )
+        assert case.plan is not None
+        self.volume, self.storage, self.no_go = volume, storage, case.no_go
         self.scan = Scan.of(volume)
-        self.plan = storage.read_plan() or Plan.of_scan(volume)
-        self.plan.require_scan(volume)
-        self.fiducials: FiducialsDocument | None = storage.read_fiducials()
-        if self.fiducials is not None:
-            volume.frame.require(self.fiducials.points.frame)
-        self.registration: RegistrationDocument | None = storage.read_registration()
-        if self.registration is not None:
-            self.registration.require_frame(volume.frame)
+        self.plan: Plan = case.plan
+        self.fiducials: FiducialsDocument | None = case.fiducials
+        self.registration: RegistrationDocument | None = case.registration
+        self.surroundings: Surroundings = case.surroundings
         self._done: list[Step] = []
         self._undone: list[Step] = []
 
@@ -81,11 +85,6 @@ class OpenedCase:
         self._done.append(step)
         del self._undone[-1:]
 
-    @cached_property
-    def surroundings(self) -> Surroundings:
-        """The head with all that a trajectory is measured against; renewed when the markers change."""
-        return Surroundings(self.volume, self.fiducials, self.no_go)
-
     @property
     def found(self) -> FiducialsDocument:
         """The markers; raises `UsageError` where none are known."""
@@ -112,5 +111,10 @@ class OpenedCase:
 
     def _keep_fiducials(self, found: FiducialsDocument) -> None:
         self.fiducials = found
-        self.__dict__.pop("surroundings", None)
+        self.surroundings = self.surroundings.with_documents(self.fiducials, self.registration)
+        self.storage.write_document(found)
+
+    def _keep_registration(self, found: RegistrationDocument) -> None:
+        self.registration = found
+        self.surroundings = self.surroundings.with_documents(self.fiducials, self.registration)
         self.storage.write_document(found)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from ronnaplan.documents.agreement import disagreement
 from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.registration import registration_document
@@ -30,7 +28,8 @@ class Registering(Looking):
 
     def load_readings(self, name: str) -> None:
         """Register with the readings file ``name`` of the case's folder."""
-        self.register(find_markers(read_recording(self.storage.readings_path(name))).points)
+        recording = read_recording(self.storage.readings_path(name))
+        self.register(find_markers(recording, sigma_mm=self.surroundings.rules.sigma_ots_mm).points)
 
     def register(self, readings_mm: Points) -> None:
         """Register the markers with a tracker's readings; a refused pairing is kept with its rivals."""
@@ -72,13 +71,11 @@ class Registering(Looking):
 
     def expected_errors_mm(self) -> dict[str, float]:
         """Return the expected error (RMS) of the registration at every end of every trajectory."""
-        found = self.registration
-        if found is None or found.ots_from_ct is None or self.outdated or not self.plan.trajectories:
+        expected = self.surroundings.expected.registered
+        if expected is None or not self.plan.trajectories:
             return {}
         places = self.plan.points
-        covariances = found.pose.point_covariances(places.positions_mm)
-        rms = np.sqrt(np.trace(covariances, axis1=-2, axis2=-1))
-        return dict(zip(places.labels, rms.tolist(), strict=True))
+        return dict(zip(places.labels, expected.tre_rms_mm(places.positions_mm).tolist(), strict=True))
 
     @property
     def outdated(self) -> str | None:
@@ -99,10 +96,15 @@ class Registering(Looking):
         if self.readings_mm is None:
             raise UsageError("no readings are loaded; choose a readings file first")
         pairs = known_pairs or {}
-        found = register_markers(self.found.points, self.readings_mm, known_pairs=tuple(pairs.items()))
+        found = register_markers(
+            self.found.points,
+            self.readings_mm,
+            sigma_ct_mm=self.surroundings.rules.sigma_ct_mm,
+            known_pairs=tuple(pairs.items()),
+        )
         source = Source.model_validate(self.found.source.model_dump())
-        self.registration = registration_document(found, source, self.plan.points)
+        document = registration_document(found, source, self.plan.points)
         self.known_pairs = pairs
         self.touch = None if found.pairing.touch is None else found.ct.labels[found.pairing.touch]
         self.leave_pointing()
-        self.storage.write_document(self.registration)
+        self._keep_registration(document)

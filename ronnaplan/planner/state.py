@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from ronnaplan.case.surroundings import Judgement, others
 from ronnaplan.documents.fiducials import FiducialsDocument, fiducials_document
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.geometry import FloatArray, as_points
 from ronnaplan.planner import markers
-from ronnaplan.planner.judgement import Judgement
 from ronnaplan.planner.registering import Registering
-from ronnaplan.planning import Instrument, Landmarks, Placement, Proposals, Trajectory, place_markers, propose
+from ronnaplan.planning import Instrument, Landmarks, Placement, Proposals, Trajectory, place_markers
 from ronnaplan.planning.sites import PlacementRules, scalp_sites
 from ronnaplan.planning.trajectory import instrument_named
 
@@ -151,7 +151,7 @@ class PlannerState(Registering):
 
         While an end is dragged, distances to no-go regions are to their voxels only.
         """
-        return self.surroundings.judge(trajectory, self.plan, self.limits, rough=self.dragging)
+        return self.surroundings.judge(trajectory, self.plan, rough=self.dragging)
 
     def remove(self, name: str) -> None:
         """Remove a trajectory; a locked one is refused."""
@@ -202,18 +202,8 @@ class PlannerState(Registering):
     def propose(self, name: str) -> Proposed:
         """Score every way to the target of a trajectory; changes nothing."""
         path, around = self.plan.trajectory(name), self.surroundings
-        others = tuple(one for one in self.plan.trajectories if one.name != name)
-        found = propose(
-            path.target_mm,
-            around.head,
-            self.limits,
-            name=name,
-            instrument=path.instrument,
-            obstacles=around.obstacles,
-            others=others,
-            pose_mm2=around.pose_mm2,
-        )
-        return Proposed(path, others, around, found)
+        found = around.propose(path.target_mm, self.plan, name=name, instrument=path.instrument)
+        return Proposed(path, others(self.plan, name), around, found)
 
     def show_proposals(self, proposed: Proposed | None) -> None:
         """Show proposed entries until their target, instrument or surroundings change."""
@@ -229,7 +219,7 @@ class PlannerState(Registering):
             path.name == asked.path.name
             and path.instrument == asked.path.instrument
             and np.array_equal(path.target_mm, asked.path.target_mm)
-            and tuple(one for one in self.plan.trajectories if one.name != path.name) == asked.others
+            and others(self.plan, path.name) == asked.others
             and asked.surroundings is self.surroundings
         )
         return asked.found if holds else None
@@ -244,12 +234,12 @@ class PlannerState(Registering):
 
     def propose_markers(self, count: int) -> Placed:
         """Propose places for ``count`` markers that make the expected error at all targets least."""
-        paths, ends = self.plan.trajectories, self._ends_mm
+        paths, ends, rules = self.plan.trajectories, self._ends_mm, self.surroundings.rules
         placement = place_markers(
             scalp_sites(self.surroundings.head),
             [one.target_mm for one in paths],
             count,
-            PlacementRules(),
+            PlacementRules(sigma_ct_mm=rules.sigma_ct_mm, sigma_ots_mm=rules.sigma_ots_mm),
             [one.entry_mm for one in paths],
         )
         return Placed(ends, placement)

@@ -57,6 +57,12 @@ class Storage:
         )
 
     @property
+    def limits(self) -> Path | None:
+        """The limits that lie beside the plan, None where there are none."""
+        path = self.plan.with_name("limits.json")
+        return path if path.is_file() else None
+
+    @property
     def look(self) -> Path:
         """The file that says where a person was looking."""
         return self.plan.with_name("planner.json")

@@ -113,19 +113,23 @@ def _errors(measured: Measures, limits: Limits) -> Iterator[Verdict]:
     if all(bound is None for bound in bounds):
         return
     if measured.error is None:
-        raise InputError("the limits bound the expected error but no fiducials are given; give fiducials.json")
-    name, error = measured.trajectory.name, measured.error
+        raise InputError(
+            "the limits bound the expected error but there is nothing to expect it of; give fiducials.json "
+            "with three markers or more, or a registration"
+        )
+    name, error, basis = measured.trajectory.name, measured.error, f"as {measured.error.expected.basis}"
     if bounds[0] is not None:
-        yield _at_most(name, "expected error at target", error.target_rms_mm, "mm", bounds[0])
+        yield _at_most(name, "expected error at target", error.target_rms_mm, "mm", bounds[0], basis)
     if bounds[1] is not None:
-        yield _at_most(name, "expected angular error", error.angular_rms_deg, "deg", bounds[1])
+        yield _at_most(name, "expected angular error", error.angular_rms_deg, "deg", bounds[1], basis)
     if bounds[2] is not None:
         what = f"chance to stay within {error.tolerance_mm:g} mm"
-        yield Verdict(name, what, error.probability, "", bounds[2], error.probability >= bounds[2])
+        yield Verdict(name, what, error.probability, "", bounds[2], error.probability >= bounds[2], basis)
 
 
-def _at_most(name: str, what: str, value: float | None, unit: str, limit: float) -> Verdict:
-    remark = "could not be measured" if value is None else ""
+def _at_most(name: str, what: str, value: float | None, unit: str, limit: float, remark: str = "") -> Verdict:
+    if value is None:
+        remark = "could not be measured"
     return Verdict(name, what, value, unit, limit, value is not None and value <= limit, remark)
 
 

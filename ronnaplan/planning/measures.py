@@ -17,7 +17,7 @@ from ronnaplan.planning.plan import Landmarks
 from ronnaplan.planning.segments import segment_distances
 from ronnaplan.planning.surface import Surface
 from ronnaplan.planning.trajectory import Trajectory
-from ronnaplan.planning.uncertainty import PathError, path_error
+from ronnaplan.planning.uncertainty import Expectation, PathError, path_error
 
 ENTRY_TOLERANCE_MM = 5.0
 """An entry point may lie this far outside the scalp (a click on a surface view); further out it is in air."""
@@ -40,6 +40,7 @@ class Measures:
     """What was measured of ``trajectory``. Values that need a surface which is not there are None.
 
     Depths run along the path. ``profile_mm`` (P,) and ``profile_hu`` (P,) sample it from the entry to the target.
+    ``error`` is the expected one that limits count, ``planned_error`` the one as planned where a registered one counts.
     """
 
     trajectory: Trajectory
@@ -51,6 +52,7 @@ class Measures:
     arc: ArcAngles
     acpc: AcPcAngles | None
     error: PathError | None
+    planned_error: PathError | None = None
 
     @property
     def length_mm(self) -> float:
@@ -108,18 +110,17 @@ def measure(
     obstacles: Sequence[Obstacle] = (),
     others: Sequence[Trajectory] = (),
     landmarks: Landmarks | None = None,
-    pose_mm2: FloatArray | None = None,
+    expected: Expectation = Expectation(),  # noqa: B008  # frozen
     tolerance_mm: float = 2.0,
     frame_axes: FloatArray = RAS_IN_LPS,
     rough: bool = False,
 ) -> Measures:
     """Measure ``trajectory`` in ``head``.
 
-    ``others`` are the plan's trajectories (itself is left out by name); ``pose_mm2`` (6, 6) is the covariance of
-    the expected registration in LPS (see `planned_pose_covariance`); rows of ``frame_axes`` (3, 3) are right,
-    anterior, superior of the stereotactic frame in LPS (default: square to the scanner). ``rough``: distances to labels
-    are to their voxels only, as while an end is dragged. Raises
-    `FrameMismatchError` for another frame and `InputError` for ends outside the scan or in air.
+    ``others`` are the plan's trajectories (itself is left out by name); ``expected`` is what error is to be
+    expected of the registration; rows of ``frame_axes`` (3, 3) are right, anterior, superior of the stereotactic frame
+    in LPS (default: square to the scanner). ``rough``: distances to labels are to their voxels only, as while an end is
+    dragged. Raises `FrameMismatchError` for another frame and `InputError` for ends outside the scan or in air.
     """
     crossings = check_ends(trajectory, head)
     start = trajectory.entry_mm
@@ -134,7 +135,8 @@ def measure(
         spacings(trajectory, others),
         arc_angles(start, trajectory.target_mm, frame_axes),
         acpc_angles(landmarks, start, trajectory.target_mm) if landmarks else None,
-        None if pose_mm2 is None else path_error(trajectory, pose_mm2, tolerance_mm),
+        path_error(trajectory, expected.counted, tolerance_mm) if expected.counted else None,
+        path_error(trajectory, expected.beside, tolerance_mm) if expected.beside else None,
     )
 
 

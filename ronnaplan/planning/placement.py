@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ronnaplan.errors import InputError, RefusedError
-from ronnaplan.geometry import FloatArray, as_points
+from ronnaplan.geometry import FloatArray, Points, as_points
 from ronnaplan.planning.sites import PlacementRules, Sites, allowed_sites, even_layout
-from ronnaplan.registration import predict_tre
+from ronnaplan.planning.uncertainty import ExpectedPose
 
 if TYPE_CHECKING:
     from ronnaplan.correspondence import Layout
@@ -97,7 +97,7 @@ def place_markers(
         allowed.scalp_mm[chosen],
         allowed.normals[chosen],
         centres[chosen],
-        expected_tre_mm(centres[chosen], targets, rules.sigma_mm),
+        expected_tre_mm(centres[chosen], targets, rules),
         layout.rival_distance_mm,
         layout.refusal_probability(rules.sigma_ct_mm, rules.sigma_ots_mm),
         len(allowed),
@@ -111,14 +111,14 @@ def even_tre_mm(
     """Return the largest expected error over the targets (T, 3) of markers spread evenly, mean of `SPREADS`."""
     centres = allowed.centres_mm(rules.height_mm)
     layouts = (centres[even_layout(allowed, count, generator)] for _ in range(SPREADS))
-    return float(np.mean([expected_tre_mm(layout, targets_mm, rules.sigma_mm).max() for layout in layouts]))
+    return float(np.mean([expected_tre_mm(layout, targets_mm, rules).max() for layout in layouts]))
 
 
-def expected_tre_mm(markers_mm: FloatArray, targets_mm: FloatArray, sigma_mm: float) -> FloatArray:
+def expected_tre_mm(markers_mm: FloatArray, targets_mm: FloatArray, rules: PlacementRules) -> FloatArray:
     """Return the expected root-mean-square error (T,) at ``targets_mm`` (T, 3), mm."""
-    covariances = predict_tre(markers_mm, sigma_mm**2 * np.eye(3), targets_mm)
-    rms: FloatArray = np.sqrt(np.trace(covariances, axis1=-2, axis2=-1))
-    return rms
+    labels = tuple(f"M{number}" for number in range(1, len(markers_mm) + 1))
+    markers = Points(markers_mm, np.zeros((len(markers_mm), 3, 3)), labels)
+    return ExpectedPose.planned(markers, rules.sigma_ct_mm, rules.sigma_ots_mm).tre_rms_mm(targets_mm)
 
 
 def scattered_layout(

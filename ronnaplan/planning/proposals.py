@@ -18,6 +18,7 @@ from ronnaplan.planning.measures import Measures, measure
 from ronnaplan.planning.obstacles import POST_RADIUS_MM, Kind, Marker, Obstacle, Voxels
 from ronnaplan.planning.segments import point_distances, segment_distances
 from ronnaplan.planning.trajectory import INSTRUMENTS, Instrument, Trajectory
+from ronnaplan.planning.uncertainty import Expectation
 
 DIRECTIONS = 20_000
 """Ways that are tried: one a 1.4 degrees, 2 mm apart on the scalp of a deep target."""
@@ -68,7 +69,7 @@ def propose(
     instrument: Instrument = INSTRUMENTS["pointer"],
     obstacles: Sequence[Obstacle] = (),
     others: Sequence[Trajectory] = (),
-    pose_mm2: FloatArray | None = None,
+    expected: Expectation = Expectation(),  # noqa: B008  # frozen
     count: int = 5,
     directions: int = DIRECTIONS,
 ) -> Proposals:
@@ -97,7 +98,7 @@ def propose(
             continue
         path = Trajectory(f"{name} {len(best) + 1}", entry, target, head.volume.frame, instrument)
         measured = measure(
-            path, head, obstacles=obstacles, others=others, pose_mm2=pose_mm2, tolerance_mm=limits.tolerance_mm
+            path, head, obstacles=obstacles, others=others, expected=expected, tolerance_mm=limits.tolerance_mm
         )
         verdicts = judge(measured, limits)
         checked += 1
@@ -176,7 +177,8 @@ def _reasons(measured: Measures) -> tuple[str, ...]:
     reasons += [f"{one.clearance_mm:.1f} mm from {one.name}" for one in measured.clearances]
     reasons += [f"{one.clearance_mm:.1f} mm from {one.other}" for one in measured.spacings]
     if measured.error is not None:
-        reasons.append(f"{measured.error.target_rms_mm:.2f} mm expected error at the target")
+        error = measured.error
+        reasons.append(f"{error.target_rms_mm:.2f} mm expected error at the target, as {error.expected.basis}")
     return tuple(reasons)
 
 

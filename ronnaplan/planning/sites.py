@@ -12,6 +12,7 @@ from ronnaplan.geometry import FloatArray, as_points, unit
 from ronnaplan.planning.candidates import Field, cast, spread_directions
 from ronnaplan.planning.head import SKIN_HU, Head
 from ronnaplan.planning.layers import Way
+from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 
 SITES = 4_000
 """Directions from the head's centre that are looked at; those that reach the scalp become sites, 6 mm apart."""
@@ -61,8 +62,8 @@ class PlacementRules:
     from that by at most ``visible_deg``. None: seen from anywhere.
     """
 
-    sigma_ct_mm: float = 0.56
-    sigma_ots_mm: float = 0.17
+    sigma_ct_mm: float = SIGMA_CT_MM
+    sigma_ots_mm: float = SIGMA_OTS_MM
     height_mm: float = HEIGHT_MM
     least_apart_mm: float = 30.0
     least_from_entries_mm: float = 25.0

@@ -11,6 +11,7 @@ from ronnaplan.planning.measures import Measures
 from ronnaplan.planning.placement import Placement
 from ronnaplan.planning.plan import Plan
 from ronnaplan.planning.proposals import Proposals
+from ronnaplan.planning.uncertainty import Expectation
 
 
 def plan_list(plan: Plan) -> str:
@@ -40,12 +41,26 @@ def history_list(plan: Plan) -> str:
     return _table(["time (UTC)", "change", "of"], rows)
 
 
-def measures_table(measured: Sequence[Measures]) -> str:
-    """Return what was measured, one row a trajectory."""
+def measures_table(measured: Sequence[Measures], expected: Expectation) -> str:
+    """Return what was measured, one row a trajectory, and below it what the expected errors rest on."""
     header = ["name", "length", "below scalp", "below skull", "skull", "angle", "arc", "ring", "sagittal"]
     header += ["coronal", "nearest", "TRE entry", "TRE target", "turn", "chance"]
     units = ["", "mm", "mm", "mm", "mm", "deg", "deg", "deg", "deg", "deg", "mm", "mm", "mm", "deg", ""]
-    return _table(header, [units, *([*_values(one)] for one in measured)])
+    table = _table(header, [units, *([*_values(one)] for one in measured)])
+    return "\n".join([table, *_bases(measured, expected)])
+
+
+def _bases(measured: Sequence[Measures], expected: Expectation) -> list[str]:
+    """Say what the expected error is that counts and, where there are two, what the other one is."""
+    lines = [f"expected error (TRE) {expected.counted}"] if expected.counted else []
+    if expected.beside:
+        errors = ", ".join(
+            f"{one.trajectory.name} {one.planned_error.entry_rms_mm:.2f} and {one.planned_error.target_rms_mm:.2f} mm"
+            for one in measured
+            if one.planned_error is not None
+        )
+        lines.append(f"{expected.beside} it would be, at entry and target: {errors}")
+    return lines
 
 
 def _values(one: Measures) -> list[str]:
@@ -87,7 +102,7 @@ def verdict_table(verdicts: Iterable[Verdict]) -> str:
     return _table(["trajectory", "measure", "value", "limit", "unit", "verdict", "remark"], rows)
 
 
-def proposals_table(found: Proposals) -> str:
+def proposals_table(found: Proposals, expected: Expectation) -> str:
     """Return the proposed entries with score and reasons, and what kept the other ways out."""
     rows = [
         [one.trajectory.name, f"{one.score:.3f}", _place(one.trajectory.entry_mm), "; ".join(one.reasons)]
@@ -95,7 +110,8 @@ def proposals_table(found: Proposals) -> str:
     ]
     table = _table(["name", "score", "entry LPS mm", "reasons"], rows)
     excluded = ", ".join(f"{number} {reason}" for reason, number in found.excluded.items()) or "none"
-    return f"{table}\n{len(found.scores)} ways tried; excluded: {excluded}"
+    tried = f"{len(found.scores)} ways tried; excluded: {excluded}"
+    return "\n".join([table, tried, *([f"expected error {expected.counted}"] if expected.counted else [])])
 
 
 def placement_table(placed: Placement, targets: Sequence[str]) -> str:

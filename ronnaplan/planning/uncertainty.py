@@ -1,18 +1,21 @@
-"""The error to expect along a path once the markers are registered: a tube, an angle, and a chance."""
+"""The error to expect along a path: of the registration there is, or of the one that the markers will give."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, as_points
+from ronnaplan.geometry import FloatArray, Points, as_points
 from ronnaplan.planning.trajectory import Trajectory
-from ronnaplan.pose import point_jacobian
+from ronnaplan.pose import Pose, point_jacobian
 from ronnaplan.registration.covariances import as_pair
 from ronnaplan.rigid import pose_covariance, require_spread
+from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 
 TUBE_SIGMAS = 2.4477
 """Root of the 95 % quantile of chi-square with two degrees of freedom: the radius of the tube."""
@@ -24,6 +27,93 @@ DIRECTIONS = 20_000
 """Directions over which the chance is averaged; leaves less than 0.002."""
 
 
+class Basis(StrEnum):
+    """What an expected error rests on."""
+
+    REGISTERED = "registered"
+    PLANNED = "planned"
+
+
+@dataclass(frozen=True, eq=False)
+class ExpectedPose:
+    """How far the registration may be off, and what says so: every expected error is computed here.
+
+    ``covariance`` (6, 6) is in LPS, in the convention of `ronnaplan.pose` (rotation in rad, then translation in mm,
+    about the origin). It rests on ``markers``, by label, and on standard deviations per axis: ``sigma_ct_mm`` of a
+    marker in the scan beyond the localizer's own error, ``sigma_ots_mm`` of the tracker; None where a registration
+    does not state them.
+    """
+
+    covariance: FloatArray
+    basis: Basis
+    markers: tuple[str, ...]
+    sigma_ct_mm: float | None
+    sigma_ots_mm: float | None
+
+    @classmethod
+    def planned(
+        cls, markers: Points, sigma_ct_mm: float = SIGMA_CT_MM, sigma_ots_mm: float = SIGMA_OTS_MM
+    ) -> ExpectedPose:
+        """Return the error of the registration that ``markers``, in LPS, will give.
+
+        Raises `InputError` for fewer than three markers or markers on one line.
+        """
+        require_spread(markers.positions_mm, "markers")
+        combined = markers.covariances_mm2 + (sigma_ct_mm**2 + sigma_ots_mm**2) * np.eye(3)
+        stated = as_pair(combined, len(markers))
+        assert stated is not None
+        covariance = pose_covariance(markers.positions_mm, stated[1])
+        return cls(covariance, Basis.PLANNED, markers.labels, sigma_ct_mm, sigma_ots_mm)
+
+    @classmethod
+    def registered(
+        cls, ots_from_ct: Pose, markers: tuple[str, ...], sigma_ct_mm: float | None, sigma_ots_mm: float | None
+    ) -> ExpectedPose:
+        """Return the error of a registration that was made of the pairs of ``markers``."""
+        return cls(ots_from_ct.inverse().covariance, Basis.REGISTERED, markers, sigma_ct_mm, sigma_ots_mm)
+
+    def covariances_mm2(self, places_mm: ArrayLike) -> FloatArray:
+        """Return the covariance (N, 3, 3) of the error at ``places_mm`` (N, 3), both in LPS."""
+        jacobian = point_jacobian(as_points(places_mm, "places"))
+        covariances: FloatArray = jacobian @ self.covariance @ jacobian.swapaxes(-1, -2)
+        return covariances
+
+    def tre_rms_mm(self, places_mm: ArrayLike) -> FloatArray:
+        """Return the expected root-mean-square error (N,) at ``places_mm`` (N, 3) in LPS."""
+        return _rms_mm(self.covariances_mm2(places_mm))
+
+    def __str__(self) -> str:
+        sigmas = [
+            f"{sigma:.3g} mm {where}"
+            for sigma, where in ((self.sigma_ct_mm, "in CT"), (self.sigma_ots_mm, "tracked"))
+            if sigma is not None
+        ]
+        stated = f" ({', '.join(sigmas)}, per axis)" if sigmas else ""
+        return f"as {self.basis} with {', '.join(self.markers)}{stated}"
+
+
+@dataclass(frozen=True, eq=False)
+class Expectation:
+    """What error is to be expected in a scan, as registered and as planned; None where there is no such error.
+
+    ``remarks`` say, a sentence each, why one of them is missing.
+    """
+
+    registered: ExpectedPose | None = None
+    planned: ExpectedPose | None = None
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def counted(self) -> ExpectedPose | None:
+        """The one that limits count: as registered, where there is a registration."""
+        return self.registered or self.planned
+
+    @property
+    def beside(self) -> ExpectedPose | None:
+        """The one as planned, where the registered one counts."""
+        return self.planned if self.registered else None
+
+
 @dataclass(frozen=True, eq=False)
 class PathError:
     """Expected error along a path: at ``depths_mm`` (D,) from the entry, ``covariances_mm2`` (D, 3, 3) in LPS.
@@ -32,6 +122,7 @@ class PathError:
     ``probability`` is the chance that target and, sideways, the whole path stay within ``tolerance_mm``.
     """
 
+    expected: ExpectedPose
     depths_mm: FloatArray
     covariances_mm2: FloatArray
     tube_mm: FloatArray
@@ -42,8 +133,7 @@ class PathError:
     @property
     def tre_rms_mm(self) -> FloatArray:
         """Expected root-mean-square error (D,) at each depth."""
-        rms: FloatArray = np.sqrt(np.trace(self.covariances_mm2, axis1=-2, axis2=-1))
-        return rms
+        return _rms_mm(self.covariances_mm2)
 
     @property
     def entry_rms_mm(self) -> float:
@@ -56,32 +146,36 @@ class PathError:
         return float(self.tre_rms_mm[-1])
 
 
-def planned_pose_covariance(markers_mm: ArrayLike, covariances_mm2: ArrayLike) -> FloatArray:
-    """Return the covariance (6, 6) of the registration that ``markers_mm`` (N, 3), LPS, will give.
-
-    ``covariances_mm2``, (3, 3) or (N, 3, 3), is the sum of both sides' localization errors. The convention is that
-    of `ronnaplan.pose` (rotation in rad, then translation in mm, about the origin of LPS).
-    """
-    markers = as_points(markers_mm, "markers")
-    require_spread(markers, "markers")
-    stated = as_pair(covariances_mm2, len(markers))
-    assert stated is not None
-    return pose_covariance(markers, stated[1])
-
-
-def path_error(trajectory: Trajectory, pose_mm2: FloatArray, tolerance_mm: float) -> PathError:
-    """Return the error along ``trajectory`` for a registration with covariance ``pose_mm2`` (6, 6) in LPS."""
+def path_error(trajectory: Trajectory, expected: ExpectedPose, tolerance_mm: float) -> PathError:
+    """Return the error along ``trajectory``, of the scan that ``expected`` is of."""
     if not (np.isfinite(tolerance_mm) and tolerance_mm > 0):
         raise InputError(f"the tolerance is {tolerance_mm} mm; expected a positive length")
     depths = np.linspace(0.0, trajectory.length_mm, TUBE_POINTS)
-    jacobian = point_jacobian(trajectory.at_depth(depths))
-    covariances = jacobian @ pose_mm2 @ jacobian.swapaxes(-1, -2)
+    # The ends themselves, not where rounding leads along the path: the figure there is the same everywhere.
+    places = np.stack([trajectory.entry_mm, *trajectory.at_depth(depths[1:-1]), trajectory.target_mm])
+    covariances = expected.covariances_mm2(places)
     sideways = np.eye(3) - np.outer(trajectory.inward, trajectory.inward)
     across = sideways @ covariances @ sideways
     tube = TUBE_SIGMAS * np.sqrt(np.linalg.eigvalsh(across)[:, -1])
-    angular = np.sqrt(np.trace(sideways @ pose_mm2[:3, :3] @ sideways))
-    chance = _chance(sideways @ jacobian[0], jacobian[-1], pose_mm2, tolerance_mm)
-    return PathError(depths, covariances, tube, float(np.degrees(angular)), tolerance_mm, chance)
+    angular = np.sqrt(np.trace(sideways @ expected.covariance[:3, :3] @ sideways))
+    jacobian = point_jacobian(places)
+    chance = _chance(sideways @ jacobian[0], jacobian[-1], expected.covariance, tolerance_mm)
+    return PathError(expected, depths, covariances, tube, float(np.degrees(angular)), tolerance_mm, chance)
+
+
+def _rms_mm(covariances_mm2: FloatArray) -> FloatArray:
+    """Return the root-mean-square error (...) of covariances (..., 3, 3)."""
+    rms: FloatArray = np.sqrt(np.trace(covariances_mm2, axis1=-2, axis2=-1))
+    return rms
+
+
+@cache
+def _directions() -> FloatArray:
+    """Return unit vectors (DIRECTIONS, 6) spread over the sphere, always the same."""
+    directions = np.random.default_rng(2018).standard_normal((DIRECTIONS, 6))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions.setflags(write=False)
+    return directions
 
 
 def _chance(entry: FloatArray, target: FloatArray, pose_mm2: FloatArray, tolerance_mm: float) -> float:
@@ -94,8 +188,7 @@ def _chance(entry: FloatArray, target: FloatArray, pose_mm2: FloatArray, toleran
 
     values, vectors = np.linalg.eigh(pose_mm2)
     root = vectors * np.sqrt(np.clip(values, 0.0, None))
-    directions = np.random.default_rng(2018).standard_normal((DIRECTIONS, 6))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = _directions()
     growth = np.maximum(
         np.linalg.norm(directions @ (entry @ root).T, axis=1),
         np.linalg.norm(directions @ (target @ root).T, axis=1),

@@ -10,10 +10,7 @@ from ronnaplan.correspondence import Pairing
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.geometry import LARGEST_SIGMA_MM, Points
 from ronnaplan.registration.registration import Registration, register_points
-
-SIGMA_CT_MM = 0.56
-"""Error per axis of a marker's place in the scan beyond the localizer's own noise: the scanner's geometry, and
-skin markers that shift between scan and surgery. The paper's patients; bone screws do far better (0.1 mm)."""
+from ronnaplan.sigmas import SIGMA_CT_MM
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +22,8 @@ class MarkerRegistration:
     pairing: Pairing
     registration: Registration | None
     """None when the pairing was refused."""
+    sigma_ct_mm: float
+    """Standard deviation per axis that was added to every CT marker's own covariance."""
 
     @property
     def unpaired_ct(self) -> tuple[str, ...]:
@@ -37,6 +36,14 @@ class MarkerRegistration:
         """Labels of the readings that belong to no CT marker."""
         paired = {int(j) for _, j in self.pairing.pairs}
         return tuple(label for j, label in enumerate(self.ots.labels) if j not in paired)
+
+    @property
+    def sigma_ots_mm(self) -> float | None:
+        """Standard deviation per axis of the paired readings (root mean square), None where the pairing was refused."""
+        if self.registration is None:
+            return None
+        paired = self.ots.covariances_mm2[[int(j) for _, j in self.pairing.pairs]]
+        return float(np.sqrt(np.trace(paired, axis1=1, axis2=2).mean() / 3))
 
 
 def register_markers(
@@ -74,7 +81,7 @@ def register_markers(
         known_pairs=[(_index(ct, a, "CT"), _index(ots, b, "tracker")) for a, b in known_pairs],
     )
     if pairing.status != "unique":
-        return MarkerRegistration(ct, ots, pairing, None)
+        return MarkerRegistration(ct, ots, pairing, None, sigma_ct_mm)
     i, j = pairing.pairs.T
     registration = register_points(
         ct.positions_mm[i],
@@ -84,7 +91,7 @@ def register_markers(
         moving_frame=ct.frame,
         fixed_frame=ots.frame,
     )
-    return MarkerRegistration(ct, ots, pairing, registration)
+    return MarkerRegistration(ct, ots, pairing, registration, sigma_ct_mm)
 
 
 def _index(points: Points, label: str, kind: str) -> int:

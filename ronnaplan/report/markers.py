@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ronnaplan.case.folder import Case
 from ronnaplan.documents.fiducials import FiducialEntry
 from ronnaplan.errors import RonnaplanError
 from ronnaplan.localization.fiducials import FiducialFlag
-from ronnaplan.report.case import Case
 from ronnaplan.report.html import element, picture, table
 from ronnaplan.report.marker_cuts import marker_pictures
 from ronnaplan.report.part import Part

@@ -2,72 +2,43 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Iterable
 
-from ronnaplan.errors import RonnaplanError
-from ronnaplan.geometry import FloatArray
-from ronnaplan.planning import Head, Limits, Measures, Trajectory, judge, measure
-from ronnaplan.planning.obstacles import Obstacle, markers_on, metal
-from ronnaplan.planning.uncertainty import planned_pose_covariance
-from ronnaplan.registration.markers import SIGMA_CT_MM
-from ronnaplan.report.case import Case
+from ronnaplan.case.folder import Case
+from ronnaplan.planning import Measures, Trajectory, Verdict
+from ronnaplan.planning.uncertainty import PathError
 from ronnaplan.report.html import element, picture, table
 from ronnaplan.report.part import Part, number
 from ronnaplan.report.path_cuts import path_picture
-from ronnaplan.tracking.markers import ONE_READING_SD_MM
 
 TITLE = "Trajectories"
+VERDICTS = ("limit", "value", "limit", "", "verdict", "")
 
 
 def paths_part(case: Case) -> Part:
-    """Measure and draw every trajectory of the plan in the scan."""
+    """Judge and draw every trajectory of the plan in the scan."""
     if case.plan is None or not case.plan.trajectories:
         return Part(TITLE)
     if case.volume is None:
         return Part(
             TITLE, [table(("", "entry LPS mm", "target LPS mm", "length mm"), map(_ends, case.plan.trajectories))]
         )
-    try:
-        head = Head.of(case.volume)
-    except RonnaplanError as error:
-        return Part(TITLE, warnings=[f"the trajectories could not be measured: {error}"])
-    obstacles, pose_mm2, warnings = _surroundings(case, head)
-    part = Part(TITLE, warnings=warnings)
+    around = case.surroundings
+    part = Part(TITLE, warnings=list(around.expected.remarks))
     for trajectory in case.plan.trajectories:
         part.body.append(element("h3", trajectory.name))
-        try:
-            measured = measure(
-                trajectory,
-                head,
-                obstacles=obstacles,
-                others=case.plan.trajectories,
-                landmarks=case.plan.landmarks,
-                pose_mm2=pose_mm2,
-            )
-        except RonnaplanError as error:
-            part.warnings.append(f"trajectory {trajectory.name} could not be measured: {error}")
+        judged = around.judge(trajectory, case.plan)
+        if judged.problem:
+            part.warnings.append(f"trajectory {trajectory.name} could not be judged: {judged.problem}")
+        if judged.measures is None:
             continue
-        part.body.append(
-            picture(path_picture(case.volume, measured), f"{trajectory.name}: two cuts along the path")
-        )
-        part.body.append(table([], _measures(measured)))
-        part.warnings.extend(_faults(measured))
+        drawn = path_picture(case.volume, judged.measures)
+        part.body.append(picture(drawn, f"{trajectory.name}: two cuts along the path"))
+        part.body.append(table([], _measures(judged.measures)))
+        part.body.append(table(VERDICTS, map(_verdict, judged.verdicts)))
+        part.warnings.extend(f"trajectory {trajectory.name}: {doubt}" for doubt in judged.measures.doubts)
+        part.warnings.extend(map(_fault, judged.broken))
     return part
-
-
-def _surroundings(case: Case, head: Head) -> tuple[list[Obstacle], FloatArray | None, list[str]]:
-    """Return what to keep away from, and the covariance of the registration that the markers will give."""
-    obstacles: list[Obstacle] = [metal(head)]
-    if case.fiducials is None or not case.fiducials.fiducials:
-        return obstacles, None, []
-    points = case.fiducials.points
-    obstacles += markers_on(head, points.labels, points.positions_mm, case.fiducials.marker.diameter_mm)
-    sigma_mm = float(np.hypot(SIGMA_CT_MM, ONE_READING_SD_MM))
-    try:
-        pose = planned_pose_covariance(points.positions_mm, points.covariances_mm2 + sigma_mm**2 * np.eye(3))
-    except RonnaplanError as error:
-        return obstacles, None, [f"no error can be expected of these markers: {error}"]
-    return obstacles, pose, []
 
 
 def _ends(trajectory: Trajectory) -> list[str]:
@@ -80,7 +51,7 @@ def _ends(trajectory: Trajectory) -> list[str]:
 
 
 def _measures(one: Measures) -> list[tuple[str, str]]:
-    path, error = one.trajectory, one.error
+    path = one.trajectory
     rows = [
         ("entry, LPS mm", _place(path.entry_mm)),
         ("target, LPS mm", _place(path.target_mm)),
@@ -105,23 +76,35 @@ def _measures(one: Measures) -> list[tuple[str, str]]:
         (f"distance to {near.other}", f"{near.clearance_mm:.2f} mm at depth {near.depth_mm:.1f} mm")
         for near in one.spacings
     ]
-    if error is not None:
+    rows.append(("arc, ring of the frame", f"{one.arc.arc_deg:.1f}, {one.arc.ring_deg:.1f} deg"))
+    if one.acpc is not None:
         rows += [
-            ("error expected of these markers, entry", f"{error.entry_rms_mm:.2f} mm RMS"),
-            ("error expected of these markers, target", f"{error.target_rms_mm:.2f} mm RMS"),
-            ("radius of the 95 % tube", f"at most {error.tube_mm.max():.2f} mm"),
-            (f"chance to stay within {error.tolerance_mm:g} mm", f"{error.probability:.3f}"),
+            ("AC-PC sagittal, coronal angle", f"{one.acpc.sagittal_deg:.1f}, {one.acpc.coronal_deg:.1f} deg"),
+            ("target from mid-commissure, R A S", f"{_place(one.acpc.target_mm)} mm"),
         ]
-    return rows
+    return rows + [row for error in (one.error, one.planned_error) if error is not None for row in _errors(error)]
 
 
-def _faults(measured: Measures) -> list[str]:
+def _errors(error: PathError) -> list[tuple[str, str]]:
+    basis = error.expected.basis
     return [
-        f"trajectory {one.trajectory}: {one.measure} {number(one.value)} {one.unit} {one.remark}".rstrip()
-        for one in judge(measured, Limits())
-        if not one.passes
+        (f"expected error, as {basis}", str(error.expected)),
+        (f"at the entry, as {basis}", f"{error.entry_rms_mm:.2f} mm RMS"),
+        (f"at the target, as {basis}", f"{error.target_rms_mm:.2f} mm RMS"),
+        (f"of the angle, as {basis}", f"{error.angular_rms_deg:.2f} deg RMS"),
+        (f"radius of the 95 % tube, as {basis}", f"at most {error.tube_mm.max():.2f} mm"),
+        (f"chance to stay within {error.tolerance_mm:g} mm, as {basis}", f"{error.probability:.3f}"),
     ]
 
 
-def _place(place_mm: FloatArray) -> str:
+def _verdict(one: Verdict) -> list[str]:
+    limit = "" if one.limit is None else f"{one.limit:g}"
+    return [one.measure, number(one.value), limit, one.unit, "pass" if one.passes else "FAIL", one.remark]
+
+
+def _fault(one: Verdict) -> str:
+    return f"trajectory {one.trajectory}: {one.measure} {number(one.value)} {one.unit} {one.remark}".rstrip()
+
+
+def _place(place_mm: Iterable[float]) -> str:
     return ", ".join(f"{value:.2f}" for value in place_mm)

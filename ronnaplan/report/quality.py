@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime
 
 from ronnaplan import __version__
-from ronnaplan.report.case import Case
+from ronnaplan.case.folder import Case
 from ronnaplan.report.html import box, element, page, section, table
 from ronnaplan.report.markers import markers_part
 from ronnaplan.report.part import Part
@@ -32,7 +32,7 @@ def quality_report(case: Case) -> str:
 
 
 def _warnings(parts: list[Part]) -> str:
-    warnings = [warning for part in parts for warning in part.warnings]
+    warnings = list(dict.fromkeys(warning for part in parts for warning in part.warnings))
     if not warnings:
         return box("clear", "No warnings.", [])
     count = "1 warning" if len(warnings) == 1 else f"{len(warnings)} warnings"

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-
+from ronnaplan.case.folder import Case
 from ronnaplan.documents.agreement import disagreement
 from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.documents.registration_text import FRE_WARNING
 from ronnaplan.planning import Plan
+from ronnaplan.planning.uncertainty import ExpectedPose
 from ronnaplan.registration.registration import RegistrationFlag
-from ronnaplan.report.case import Case
 from ronnaplan.report.html import element, table
 from ronnaplan.report.part import Part, number
 
@@ -29,20 +28,25 @@ def registration_part(case: Case) -> Part:
         element("p", f"FRE {number(found.fre_rms, 3)} mm RMS; pairing probability {number(found.probability, 6)}"),
         element("p", FRE_WARNING, "note"),
     ]
-    errors = _expected_errors(found, case.plan)
-    if errors:
-        body += [element("h3", "Expected error"), table(("place", "expected error, mm RMS"), errors)]
+    if case.expected.registered is not None:
+        body += _expected_errors(found, case.plan, case.expected.registered)
     return Part(TITLE, body, _warnings(case, found))
 
 
-def _expected_errors(found: RegistrationDocument, plan: Plan | None) -> list[tuple[str, str]]:
-    """Return the targets of the document, and the ends of the plan's trajectories as they are now."""
+def _expected_errors(found: RegistrationDocument, plan: Plan | None, expected: ExpectedPose) -> list[str]:
+    """Show the error at the targets of the document, and at the ends of the plan's trajectories as they are now."""
     errors = {target.name: target.predicted_tre_rms for target in found.targets}
-    for path in plan.trajectories if plan else ():
-        covariances = found.pose.point_covariances(np.stack([path.entry_mm, path.target_mm]))
-        for end, covariance in zip(("entry", "target"), covariances, strict=True):
-            errors[f"{path.name} {end}"] = float(np.sqrt(np.trace(covariance)))
-    return [(name, f"{error:.3f}") for name, error in errors.items()]
+    if plan is not None:
+        places = plan.points
+        errors |= dict(zip(places.labels, expected.tre_rms_mm(places.positions_mm).tolist(), strict=True))
+    if not errors:
+        return []
+    rows = [(name, f"{error:.3f}") for name, error in errors.items()]
+    return [
+        element("h3", "Expected error"),
+        element("p", str(expected)),
+        table(("place", "expected error, mm RMS"), rows),
+    ]
 
 
 def _warnings(case: Case, found: RegistrationDocument) -> list[str]:

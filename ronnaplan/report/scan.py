@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ronnaplan.case.folder import Case
 from ronnaplan.ct import CTVolume
-from ronnaplan.report.case import Case
 from ronnaplan.report.html import table
 from ronnaplan.report.part import Part
 

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 
-SIGMA_CT_MM = 0.56
-SIGMA_OTS_MM = 0.17
 DISPLACEMENT_RADIUS_MM = 10.0
 OUTLIER_RADIUS_MM = 300.0
 
@@ -37,12 +36,9 @@ def simulate_scenes(
     """Simulate the protocol of the paper's section 4.2.
 
     Each point of ``layout_mm`` (8, 3) is displaced uniformly inside a 10 mm sphere; ``markers`` of them are
-    kept; normal
-    noise of 0.56 and 0.17 mm per axis (times ``noise``) is added; ``outliers`` points uniform in a 300 mm sphere
-    about
-    the markers' centroid join each set; the first ``hidden`` markers are missing from the OTS set, which is
-    turned,
-    shifted and shuffled.
+    kept; normal noise of `SIGMA_CT_MM` and `SIGMA_OTS_MM` (times ``noise``) is added; ``outliers`` points uniform in
+    a 300 mm sphere about the markers' centroid join each set; the first ``hidden`` markers are missing from the OTS
+    set, which is turned, shifted and shuffled.
     """
     points = layout_mm + uniform_in_ball(rng, (tests, len(layout_mm)), DISPLACEMENT_RADIUS_MM)
     kept = np.argsort(rng.random(points.shape[:2]), axis=1)[:, :markers]

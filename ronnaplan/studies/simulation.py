@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 from ronnaplan.studies.blocks import Record, run_blocks, write_whole
 from ronnaplan.studies.heads import HEADS_MM
-from ronnaplan.studies.scenes import SIGMA_CT_MM, SIGMA_OTS_MM, Scenes, simulate_scenes
+from ronnaplan.studies.scenes import Scenes, simulate_scenes
 
 BLOCK_TESTS = 1000
 STRICT_PROBABILITY = 0.9999

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.sigmas import SIGMA_OTS_MM
 from ronnaplan.studies.blocks import Record, run_blocks, write_whole
 from ronnaplan.studies.heads import X_FRAME_MM
-from ronnaplan.studies.scenes import SIGMA_OTS_MM, random_rotations
+from ronnaplan.studies.scenes import random_rotations
 
 PHANTOM_SCANS, PATIENT_SCANS, READINGS = 5, 12, 1415
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Points
-from ronnaplan.tracking.markers import ONE_READING_SD_MM
+from ronnaplan.sigmas import SIGMA_OTS_MM
 from ronnaplan.tracking.recording import PointReading, Recording
 
 LARGEST_STEP_MM = 20.0
@@ -14,7 +14,7 @@ LARGEST_STEP_MM = 20.0
 
 
 def labelled_frames(
-    recording: Recording, reference: Points, *, sigma_mm: float = ONE_READING_SD_MM
+    recording: Recording, reference: Points, *, sigma_mm: float = SIGMA_OTS_MM
 ) -> list[tuple[int, Points]]:
     """Return (frame number, markers seen) of each frame of ``recording``, with the labels of ``reference``.
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import LARGEST_SIGMA_MM, FloatArray, Frame, Points
+from ronnaplan.sigmas import SIGMA_OTS_MM
 from ronnaplan.tracking.recording import PointReading, Recording
 
 GATE_MM = 4.0
@@ -37,9 +38,6 @@ MOST_TRACKS = 20_000
 """An hour of frames, each with a reflection elsewhere, has fewer."""
 FAR = 1e6
 """Cost of a pair beyond the gate: more than any sum of distances within it."""
-ONE_READING_SD_MM = 0.17
-"""Error per axis of one reading of a Polaris-class tracker. Averaging removes jitter but not the calibration error
-behind it, so this is also the floor of a mean's standard deviation, unless the file states another."""
 
 
 class MarkerFlag(StrEnum):
@@ -93,7 +91,7 @@ class MarkerReadings:
         )
 
 
-def find_markers(recording: Recording, *, sigma_mm: float = ONE_READING_SD_MM) -> MarkerReadings:
+def find_markers(recording: Recording, *, sigma_mm: float = SIGMA_OTS_MM) -> MarkerReadings:
     """Return the markers that ``recording`` saw, labelled as the source does or 1, 2, ... in order of appearance.
 
     ``sigma_mm`` is the tracker's error per axis that averaging does not remove. Readings that share a label

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ronnaplan.case.surroundings import Judgement, Rules
 from ronnaplan.documents.plan import read_plan, write_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import FrameMismatchError, InputError, RefusedError, UsageError
 from ronnaplan.planner.drawing import chosen_path
-from ronnaplan.planner.judgement import Judgement
 from ronnaplan.planner.panels import landmark_rows, placement_line, proposal_rows
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
@@ -105,7 +105,7 @@ def test_the_cuts_are_linked_by_the_crosshair(state: PlannerState) -> None:
 
 
 def test_the_measures_follow_the_trajectory_and_limits_are_held_against_it(storage: Storage) -> None:
-    state = PlannerState(cases.volume(), storage, Limits(longest_path_mm=75.0))
+    state = PlannerState(cases.volume(), storage, Rules(Limits(longest_path_mm=75.0)))
     path = state.plan.trajectory("left")
     judged = state.judge(path)
     assert judged.measures is not None
@@ -305,7 +305,7 @@ def test_marker_places_hold_for_the_trajectories_they_were_asked_for(state: Plan
 
 
 def test_a_limit_on_what_is_not_known_is_told_beside_the_measures(storage: Storage) -> None:
-    judged = PlannerState(cases.volume(), storage, Limits(least_no_go_distance_mm=3.0)).judge(
+    judged = PlannerState(cases.volume(), storage, Rules(Limits(least_no_go_distance_mm=3.0))).judge(
         cases.plan().trajectory("left")
     )
     assert "no label map is given" in judged.problem

@@ -11,7 +11,7 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import Frame
 from ronnaplan.planning import Instrument, Limits, Measures, Trajectory, judge, measure
 from ronnaplan.planning.obstacles import Clearance, Kind
-from ronnaplan.planning.uncertainty import path_error
+from ronnaplan.planning.uncertainty import Basis, ExpectedPose, path_error
 from tests.planning.heads import SCALP, scanned
 
 LIMITS = Limits(longest_path_mm=60.0, greatest_skull_angle_deg=30.0, greatest_skull_thickness_mm=10.0)
@@ -90,8 +90,11 @@ def test_a_missing_skull_does_not_pass(measured: Measures) -> None:
 
 def test_limits_on_the_expected_error(measured: Measures) -> None:
     covariance = np.diag([1e-6, 1e-6, 1e-6, 0.1, 0.1, 0.1])
-    known = replace(measured, error=path_error(measured.trajectory, covariance, 1.0))
+    expected = ExpectedPose(covariance, Basis.REGISTERED, ("F1", "F2", "F3"), 0.56, 0.17)
+    known = replace(measured, error=path_error(measured.trajectory, expected, 1.0))
     assert broken(known, Limits(greatest_target_error_mm=0.6, greatest_angular_error_deg=0.1)) == []
     assert broken(known, Limits(greatest_target_error_mm=0.5)) == ["expected error at target"]
     assert broken(known, Limits(greatest_angular_error_deg=0.05)) == ["expected angular error"]
     assert broken(known, Limits(least_probability=0.999)) == ["chance to stay within 1 mm"]
+    (verdict,) = [one for one in judge(known, Limits(greatest_target_error_mm=0.6)) if "expected" in one.measure]
+    assert verdict.remark == "as registered"

@@ -94,7 +94,7 @@ def test_no_single_move_helps_any_more(sites: Sites) -> None:
         far = np.linalg.norm(centres[:, None] - others, axis=-1).min(axis=1) >= RULES.least_apart_mm
         for site in np.flatnonzero(far)[::7]:
             moved = np.vstack([others, centres[site]])
-            better = expected_tre_mm(moved, TARGETS, RULES.sigma_mm).max() < placed.largest_tre_mm * (1 - 1e-6)
+            better = expected_tre_mm(moved, TARGETS, RULES).max() < placed.largest_tre_mm * (1 - 1e-6)
             assert not better or describe_layout(moved).refusal_probability() > 0.01
 
 
@@ -110,9 +110,7 @@ def test_it_beats_even_and_random_spreads(sites: Sites) -> None:
         even.append(1.0 - placed.largest_tre_mm / placed.even_tre_mm)
         centres = allowed_sites(sites, rules).centres_mm(rules.height_mm)
         layouts = [scattered_layout(centres, count, rules.least_apart_mm, generator) for _ in range(10)]
-        errors = [
-            expected_tre_mm(centres[one], targets, rules.sigma_mm).max() for one in layouts if one is not None
-        ]
+        errors = [expected_tre_mm(centres[one], targets, rules).max() for one in layouts if one is not None]
         random.append(1.0 - placed.largest_tre_mm / np.mean(errors))
     assert min(even) > 0.1
     assert np.mean(even) > 0.25

@@ -11,6 +11,7 @@ from ronnaplan.planning import INSTRUMENTS, Limits, Trajectory, measure, propose
 from ronnaplan.planning.candidates import Field, cast, spread_directions
 from ronnaplan.planning.limits import all_pass, judge
 from ronnaplan.planning.obstacles import Kind, Marker, Obstacle, Voxels
+from ronnaplan.planning.uncertainty import Basis, Expectation, ExpectedPose
 from tests.planning.heads import SCALP, SKULL, normal, reach, scanned
 
 TARGET = np.array([10.0, -6.0, 25.0])
@@ -87,7 +88,9 @@ def test_a_limit_that_only_the_full_measure_knows_counts_too(monkeypatch: pytest
     limits = Limits(greatest_target_error_mm=1.0)
     for variance, found in ((0.1, 2), (1.0, 0)):
         pose = np.diag([1e-8, 1e-8, 1e-8, variance, variance, variance])
-        assert len(propose(TARGET, scanned("plain"), limits, pose_mm2=pose, count=2, directions=800).best) == found
+        expected = Expectation(planned=ExpectedPose(pose, Basis.PLANNED, ("F1", "F2", "F3"), 0.56, 0.17))
+        best = propose(TARGET, scanned("plain"), limits, expected=expected, count=2, directions=800).best
+        assert len(best) == found
 
 
 def test_the_instrument_must_reach() -> None:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import FloatArray, Points
 from ronnaplan.planning import Trajectory
-from ronnaplan.planning.uncertainty import path_error, planned_pose_covariance
+from ronnaplan.planning.uncertainty import ExpectedPose, path_error
 from ronnaplan.pose import transform_points
 from ronnaplan.registration import predict_tre, register_batch
 
@@ -16,6 +16,9 @@ MARKERS = np.array([[-50.0, -60, 60], [60, -40, 55], [70, 30, 50], [-65, 40, 45]
 SIGMA_MM = 0.6
 PATH = Trajectory("A", np.array([30.0, -20, 85]), np.array([5.0, 10, 15]))
 TOLERANCE_MM = 0.9
+EXPECTED = ExpectedPose.planned(
+    Points(MARKERS, np.zeros((5, 3, 3)), tuple("ABCDE")), 0.8 * SIGMA_MM, 0.6 * SIGMA_MM
+)
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +33,7 @@ def errors() -> tuple[FloatArray, FloatArray]:
 
 
 def test_the_error_at_both_ends(errors: tuple[FloatArray, FloatArray]) -> None:
-    expected = path_error(PATH, planned_pose_covariance(MARKERS, SIGMA_MM**2 * np.eye(3)), TOLERANCE_MM)
+    expected = path_error(PATH, EXPECTED, TOLERANCE_MM)
     for error, rms in zip(errors, (expected.entry_rms_mm, expected.target_rms_mm), strict=True):
         assert rms == pytest.approx(np.sqrt((error**2).sum(axis=1).mean()), rel=0.02)
     same = predict_tre(MARKERS, SIGMA_MM**2 * np.eye(3), PATH.at_depth(expected.depths_mm))
@@ -38,7 +41,7 @@ def test_the_error_at_both_ends(errors: tuple[FloatArray, FloatArray]) -> None:
 
 
 def test_angle_tube_and_chance(errors: tuple[FloatArray, FloatArray]) -> None:
-    expected = path_error(PATH, planned_pose_covariance(MARKERS, SIGMA_MM**2 * np.eye(3)), TOLERANCE_MM)
+    expected = path_error(PATH, EXPECTED, TOLERANCE_MM)
     at_entry, at_target = errors
     turned = PATH.target_mm + at_target - PATH.entry_mm - at_entry
     cosines = turned @ PATH.inward / np.linalg.norm(turned, axis=1)
@@ -53,4 +56,4 @@ def test_angle_tube_and_chance(errors: tuple[FloatArray, FloatArray]) -> None:
 
 def test_a_tolerance_that_is_no_length_is_refused() -> None:
     with pytest.raises(InputError, match="tolerance"):
-        path_error(PATH, np.eye(6), 0.0)
+        path_error(PATH, EXPECTED, 0.0)

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from ronnaplan import __version__
+from ronnaplan.case.folder import Case, CaseFiles, read_case
 from ronnaplan.documents.plan import write_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import FrameMismatchError, InputError
-from ronnaplan.report.case import Case, read_case
 from ronnaplan.report.pdf import find_browser, print_pdf
 from ronnaplan.report.quality import quality_report
 from tests import cases
@@ -27,7 +27,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def case(folder: Path) -> Case:
-    return read_case(folder, cases.CT)
+    return read_case(CaseFiles.of_folder(folder), cases.volume)
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +88,7 @@ def test_a_refused_registration_is_a_warning_and_not_a_transform(case: Case) -> 
 
 
 def test_without_its_scan_a_case_is_reported_with_a_warning(folder: Path) -> None:
-    case = read_case(folder)
+    case = read_case(CaseFiles.of_folder(folder), lambda: None)
     page = quality_report(case)
     assert "the scan is not at hand" in page
     assert "data:image/png" not in page
@@ -98,7 +98,7 @@ def test_without_its_scan_a_case_is_reported_with_a_warning(folder: Path) -> Non
 def test_a_path_through_the_air_is_a_warning(case: Case) -> None:
     assert case.plan is not None
     stray = case.plan.edit("left", entry_mm=np.array([0.0, 0.0, 5000.0]))
-    assert "trajectory left could not be measured: the entry of left" in quality_report(replace(case, plan=stray))
+    assert "trajectory left could not be judged: the entry of left" in quality_report(replace(case, plan=stray))
 
 
 def test_documents_of_another_scan_are_refused(tmp_path: Path) -> None:
@@ -106,19 +106,19 @@ def test_documents_of_another_scan_are_refused(tmp_path: Path) -> None:
     plan = cases.plan()
     write_plan(tmp_path / "plan.json", replace(plan, source=replace(plan.source, frame_of_reference_uid="9.9")))
     with pytest.raises(FrameMismatchError, match=r"plan\.json is in frame"):
-        read_case(tmp_path)
+        read_case(CaseFiles.of_folder(tmp_path), lambda: None)
     source = cases.fiducials().source.model_copy(update={"voxel_sha256": "0" * 64})
     write_plan(tmp_path / "plan.json", plan)
     (tmp_path / "fiducials.json").write_text(to_json(cases.fiducials().model_copy(update={"source": source})))
     with pytest.raises(InputError, match="other voxels"):
-        read_case(tmp_path, cases.CT)
+        read_case(CaseFiles.of_folder(tmp_path), cases.volume)
 
 
 def test_a_folder_without_documents_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"holds none of fiducials\.json"):
-        read_case(tmp_path)
+        read_case(CaseFiles.of_folder(tmp_path), lambda: None)
     with pytest.raises(InputError, match="is not a folder"):
-        read_case(tmp_path / "nowhere")
+        CaseFiles.of_folder(tmp_path / "nowhere")
 
 
 @pytest.mark.skipif(find_browser() is None, reason="no Chromium is installed to print a PDF with")

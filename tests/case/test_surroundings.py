@@ -2,36 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from ronnaplan.planner import judgement
-from ronnaplan.planner.judgement import Surroundings
-from ronnaplan.planning import Limits, Trajectory
+from ronnaplan.case import surroundings
+from ronnaplan.case.surroundings import Judgement, Rules, Surroundings, Terrain
+from ronnaplan.planning import Trajectory
 from ronnaplan.planning.obstacles import Clearance
 from tests import cases
 
 
 def test_moving_one_trajectory_measures_only_that_one_again(monkeypatch: pytest.MonkeyPatch) -> None:
     counted: list[str] = []
-    measure = judgement.measure
+    measure = surroundings.measure
 
     def counting(trajectory: Trajectory, *arguments: Any, **options: Any) -> Any:
         counted.append(trajectory.name)
         return measure(trajectory, *arguments, **options)
 
-    monkeypatch.setattr(judgement, "measure", counting)
-    around = Surroundings(cases.volume(), cases.fiducials(), {})
+    monkeypatch.setattr(surroundings, "measure", counting)
+    around = Surroundings(Terrain(cases.volume()), Rules(), cases.fiducials())
     plan = cases.plan()
     shift = np.array([6.0, 0.0, 0.0])
     plan = plan.add(Trajectory("other", cases.ENTRY_MM + shift, cases.TARGET_MM + shift, plan.frame))
-    limits = Limits()
 
-    def judged() -> list[judgement.Judgement]:
-        return [around.judge(one, plan, limits) for one in plan.trajectories]
+    def judged() -> list[Judgement]:
+        return [around.judge(one, plan) for one in plan.trajectories]
 
     first = judged()
     assert counted == ["left", "other"]
@@ -40,10 +38,6 @@ def test_moving_one_trajectory_measures_only_that_one_again(monkeypatch: pytest.
     assert counted == ["left", "other", "other"]
     apart = [one[0].measures.spacings[0].distance_mm for one in (first, second)]  # type: ignore[union-attr]
     assert apart[1] == pytest.approx(2 * apart[0], rel=1e-6)
-    limits = replace(limits, tolerance_mm=3.0)
-    error = judged()[0].measures.error  # type: ignore[union-attr]
-    assert error is not None
-    assert error.tolerance_mm == 3.0
 
 
 def test_while_an_end_is_dragged_a_no_go_region_is_its_voxels_and_then_the_surface_behind_them() -> None:
@@ -51,12 +45,13 @@ def test_while_an_end_is_dragged_a_no_go_region_is_its_voxels_and_then_the_surfa
     index = np.moveaxis(np.indices(volume.voxels_hu.shape), 0, -1).astype(np.float64)
     axis, middle = np.array([0.36, 0.8, 0.48]), (cases.ENTRY_MM + cases.TARGET_MM) / 2
     off = volume.grid.positions_mm(index) - middle - 9.0 * np.array([0.8, -0.36, 0.0]) / np.hypot(0.8, 0.36)
-    around = Surroundings(volume, None, {"vessel": np.linalg.norm(np.cross(off, axis), axis=-1) < 5.0})
+    vessel = np.linalg.norm(np.cross(off, axis), axis=-1) < 5.0
+    around = Surroundings(Terrain(volume, {"vessel": vessel}), Rules())
     plan = cases.plan()
     (path,) = plan.trajectories
 
     def judged(rough: bool) -> Clearance:
-        measures = around.judge(path, plan, Limits(), rough=rough).measures
+        measures = around.judge(path, plan, rough=rough).measures
         assert measures is not None
         return next(one for one in measures.clearances if one.name == "vessel")
 

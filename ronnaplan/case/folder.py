@@ -1,0 +1,213 @@
+"""A case: the documents that were made of one scan, found once and checked to belong together."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ronnaplan.case.expectation import expectation
+from ronnaplan.case.surroundings import Labels, Rules, Surroundings, Terrain
+from ronnaplan.ct import CTVolume, find_series, read_ct
+from ronnaplan.documents.fiducials import FiducialsDocument, read_fiducials
+from ronnaplan.documents.limits import read_limits
+from ronnaplan.documents.plan import read_plan
+from ronnaplan.documents.registration import RegistrationDocument, read_registration
+from ronnaplan.errors import FrameMismatchError, InputError
+from ronnaplan.geometry import Frame
+from ronnaplan.planning import Plan
+from ronnaplan.planning.labels import read_label_map
+from ronnaplan.planning.uncertainty import Expectation
+
+FIDUCIALS, REGISTRATION, PLAN, LIMITS = "fiducials.json", "registration.json", "plan.json", "limits.json"
+"""What the documents are called in a case."""
+
+SCAN = "the scan"
+
+CT_FOLDER = "ct"
+"""A scan that lies in the case is in this folder, or among the documents."""
+
+AnyPath = str | os.PathLike[str]
+
+
+@dataclass(frozen=True)
+class CaseFiles:
+    """Where the documents of a case lie, each None where there is none."""
+
+    plan: Path | None = None
+    fiducials: Path | None = None
+    registration: Path | None = None
+    limits: Path | None = None
+
+    @classmethod
+    def of_folder(cls, folder: AnyPath) -> CaseFiles:
+        """Find the documents in ``folder``; raises `InputError` where there are none."""
+        home = Path(folder)
+        if not home.is_dir():
+            raise InputError(f"{home} is not a folder; give the folder that holds {FIDUCIALS}")
+        found = cls(*(_if_there(home / name) for name in (PLAN, FIDUCIALS, REGISTRATION, LIMITS)))
+        if not (found.plan or found.fiducials or found.registration):
+            raise InputError(
+                f"{home} holds none of {FIDUCIALS}, {REGISTRATION} and {PLAN}; write one of them there"
+            )
+        return found
+
+    @property
+    def present(self) -> tuple[Path, ...]:
+        """The files that there are."""
+        return tuple(
+            path for path in (self.fiducials, self.registration, self.plan, self.limits) if path is not None
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """The documents of a case and its scan, each None where there is none, and what a person stated.
+
+    ``hashes`` holds (name, SHA-256) of every document as read, and of the scan's voxels. Raises
+    `FrameMismatchError` for documents of different frames of reference, `InputError` for markers of other voxels.
+    """
+
+    volume: CTVolume | None = None
+    plan: Plan | None = None
+    fiducials: FiducialsDocument | None = None
+    registration: RegistrationDocument | None = None
+    rules: Rules = field(default_factory=Rules)
+    no_go: Labels = field(default_factory=dict)
+    hashes: tuple[tuple[str, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        _require_one_frame(self)
+        _require_same_voxels(self)
+
+    @cached_property
+    def expected(self) -> Expectation:
+        """What error is to be expected, as registered and as planned."""
+        return expectation(self.fiducials, self.registration, self.rules.sigma_ct_mm, self.rules.sigma_ots_mm)
+
+    @cached_property
+    def surroundings(self) -> Surroundings:
+        """What the case's trajectories are judged against; raises `InputError` without a scan."""
+        if self.volume is None:
+            raise InputError("the scan is not at hand, so no trajectory can be measured in it; give it with --ct")
+        terrain = Terrain(self.volume, self.no_go)
+        return Surroundings(terrain, self.rules, self.fiducials, self.registration)
+
+
+def read_case(
+    files: CaseFiles,
+    read_volume: Callable[[], CTVolume | None],
+    rules: Rules | None = None,
+    no_go: Sequence[AnyPath] = (),
+) -> Case:
+    """Read the documents of a case, then its scan with ``read_volume``: what is wrong with them is told before that.
+
+    ``no_go`` are label maps of the scan (`InputError` without one); limits that lie in the case are added to
+    ``rules``. Raises what the documents' readers and `Case` raise.
+    """
+    stated = with_limits(rules or Rules(), files.limits)
+    plan = read_plan(files.plan) if files.plan else None
+    fiducials = read_fiducials(files.fiducials) if files.fiducials else None
+    registration = read_registration(files.registration) if files.registration else None
+    hashes = [(path.name, hashlib.sha256(path.read_bytes()).hexdigest()) for path in files.present]
+    volume = read_volume()
+    if volume is not None:
+        hashes.append(("voxels of the scan", volume.voxel_sha256))
+    return Case(
+        volume,
+        plan,
+        fiducials,
+        registration,
+        stated,
+        read_labels(no_go, volume),
+        tuple(hashes),
+    )
+
+
+def scan_in(folder: AnyPath) -> Path | None:
+    """Return where the scan of the case in ``folder`` lies: its ``ct``, or among the documents; None without one."""
+    home = Path(folder)
+    beside = home / CT_FOLDER if (home / CT_FOLDER).exists() else home
+    try:
+        return beside if find_series(beside, progress=False).usable else None
+    except InputError:
+        return None
+
+
+def read_scan(
+    folder: AnyPath, ct: AnyPath | None, series_uid: str | None, *, progress: bool = False
+) -> CTVolume | None:
+    """Read the scan at ``ct``, or else that of the case in ``folder``; None where there is none."""
+    path = ct if ct is not None else scan_in(folder)
+    return None if path is None else read_ct(path, series_uid, progress=progress)
+
+
+def with_limits(rules: Rules, path: Path | None) -> Rules:
+    """Return ``rules`` with the limits of a file, where there is one."""
+    return rules if path is None else replace(rules, limits=read_limits(path))
+
+
+def _if_there(path: Path) -> Path | None:
+    return path if path.is_file() else None
+
+
+def read_labels(paths: Sequence[AnyPath], volume: CTVolume | None) -> Labels:
+    """Return the regions of all label maps by name; raises `InputError` without the scan that they are of."""
+    if not paths:
+        return {}
+    if volume is None:
+        raise InputError("a label map was given but not the scan that it belongs to; give the scan with --ct")
+    found: dict[str, NDArray[np.bool_]] = {}
+    for path in paths:
+        for name, mask in read_label_map(path, volume).items():
+            # regions of two files may have one name: both are kept
+            found[name if name not in found else f"{name} ({os.fspath(path)})"] = mask
+    return found
+
+
+def _require_one_frame(case: Case) -> None:
+    """Refuse documents of another scan than the one they are shown on."""
+    known = [(name, frame) for name, frame, _ in _origins(case)]
+    for name, frame in known[1:]:
+        if frame != known[0][1]:
+            raise FrameMismatchError(
+                f"{name} is in frame {frame} but {known[0][0]} in {known[0][1]}; a case holds one examination"
+            )
+
+
+def _require_same_voxels(case: Case) -> None:
+    """Refuse markers of other voxels than the scan's; where no frame has a UID, only the voxels tell one scan."""
+    stated = case.fiducials.source.voxel_sha256 if case.fiducials else None
+    if case.volume is not None and stated not in (None, case.volume.voxel_sha256):
+        raise InputError(
+            f"{FIDUCIALS} was made from other voxels than those of the scan; give the scan it was made from"
+        )
+    origins = _origins(case)
+    if len(origins) > 1 and origins[0][1].uid is None:
+        first, voxels = origins[0][0], {voxels for _, _, voxels in origins}
+        if len(voxels) > 1 or None in voxels:
+            others = ", ".join(name for name, _, _ in origins[1:])
+            raise FrameMismatchError(
+                f"neither {first} nor {others} names a frame of reference and their voxels differ or are not stated; "
+                "use the scan that the documents were made of"
+            )
+
+
+def _origins(case: Case) -> list[tuple[str, Frame, str | None]]:
+    """Return name, frame and SHA-256 of the voxels of the scan and of each document there is."""
+    found: list[tuple[str, Frame, str | None]] = []
+    if case.volume is not None:
+        found.append((SCAN, case.volume.frame, case.volume.voxel_sha256))
+    if case.fiducials is not None:
+        found.append((FIDUCIALS, case.fiducials.points.frame, case.fiducials.source.voxel_sha256))
+    if case.registration is not None:
+        found.append((REGISTRATION, case.registration.ct_frame, case.registration.source.voxel_sha256))
+    if case.plan is not None:
+        found.append((PLAN, case.plan.frame, case.plan.voxel_sha256))
+    return found

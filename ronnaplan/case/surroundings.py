@@ -1,0 +1,198 @@
+"""What the trajectories of a case are judged against: head, obstacles, expected error and limits, each found once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ronnaplan.case.expectation import expectation
+from ronnaplan.ct import CTVolume
+from ronnaplan.documents.fiducials import FiducialsDocument
+from ronnaplan.documents.registration import RegistrationDocument
+from ronnaplan.errors import RonnaplanError
+from ronnaplan.geometry import FloatArray
+from ronnaplan.planning import (
+    Head,
+    Instrument,
+    Landmarks,
+    Limits,
+    Measures,
+    Plan,
+    Proposals,
+    Trajectory,
+    Verdict,
+    judge,
+    measure,
+    propose,
+)
+from ronnaplan.planning.angles import RAS_IN_LPS
+from ronnaplan.planning.measures import spacings
+from ronnaplan.planning.obstacles import Kind, Obstacle, Voxels, markers_on, metal
+from ronnaplan.planning.uncertainty import Expectation
+from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
+
+Labels = Mapping[str, NDArray[np.bool_]]
+"""Named masks (K, J, I) of the scan."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rules:
+    """What a person states before anything is judged.
+
+    ``sigma_ct_mm`` and ``sigma_ots_mm`` are the markers' errors (per axis) that a plan counts on; rows of
+    ``frame_axes`` (3, 3) are right, anterior, superior of the stereotactic frame in LPS.
+    """
+
+    limits: Limits = field(default_factory=Limits)
+    sigma_ct_mm: float = SIGMA_CT_MM
+    sigma_ots_mm: float = SIGMA_OTS_MM
+    frame_axes: FloatArray = field(default_factory=lambda: RAS_IN_LPS)
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """Measures and verdicts of one trajectory; ``problem`` says why they are missing or not whole."""
+
+    measures: Measures | None = None
+    verdicts: tuple[Verdict, ...] = ()
+    problem: str = ""
+
+    @property
+    def broken(self) -> tuple[Verdict, ...]:
+        """The verdicts that do not pass."""
+        return tuple(verdict for verdict in self.verdicts if not verdict.passes)
+
+
+class Terrain:
+    """What does not change while a case is open: the head in its scan, metal and no-go regions."""
+
+    def __init__(self, volume: CTVolume, no_go: Labels | None = None) -> None:
+        self.volume, self.no_go = volume, no_go or {}
+
+    @cached_property
+    def head(self) -> Head:
+        """The head in the scan; raises `InputError` where there is none."""
+        return Head.of(self.volume)
+
+    @cached_property
+    def obstacles(self) -> tuple[Voxels, ...]:
+        """Metal, then the no-go regions."""
+        regions = (Voxels.of(Kind.NO_GO, name, mask, self.head) for name, mask in self.no_go.items())
+        return (metal(self.head), *regions)
+
+
+class Surroundings:
+    """All that a trajectory is judged against; what takes time is found when first needed, and kept.
+
+    It belongs to one state of the markers and the registration: after a change a new one is made (`with_documents`).
+    """
+
+    def __init__(
+        self,
+        terrain: Terrain,
+        rules: Rules,
+        fiducials: FiducialsDocument | None = None,
+        registration: RegistrationDocument | None = None,
+    ) -> None:
+        self.terrain, self.rules, self.fiducials, self.registration = terrain, rules, fiducials, registration
+        self._measured: dict[str, _Measured] = {}
+
+    def with_documents(
+        self, fiducials: FiducialsDocument | None, registration: RegistrationDocument | None
+    ) -> Surroundings:
+        """Return the same head and rules with other markers or another registration."""
+        return Surroundings(self.terrain, self.rules, fiducials, registration)
+
+    @property
+    def head(self) -> Head:
+        """The head in the scan; raises `InputError` where there is none."""
+        return self.terrain.head
+
+    @cached_property
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """Metal, no-go regions and markers."""
+        if self.fiducials is None or not self.fiducials.fiducials:
+            return self.terrain.obstacles
+        points, diameter_mm = self.fiducials.points, self.fiducials.marker.diameter_mm
+        markers = markers_on(self.head, points.labels, points.positions_mm, diameter_mm)
+        return (*self.terrain.obstacles, *markers)
+
+    @cached_property
+    def expected(self) -> Expectation:
+        """What error is to be expected, as registered and as planned."""
+        rules = self.rules
+        return expectation(self.fiducials, self.registration, rules.sigma_ct_mm, rules.sigma_ots_mm)
+
+    def judge(self, trajectory: Trajectory, plan: Plan, *, rough: bool = False) -> Judgement:
+        """Measure ``trajectory`` and hold it against the limits; ``rough``: as quickly as it can be done."""
+        measured = self._kept(trajectory, plan, rough)
+        if isinstance(measured, RonnaplanError):
+            return Judgement(problem=str(measured))
+        measured = replace(measured, spacings=spacings(trajectory, plan.trajectories))
+        try:
+            return Judgement(measured, judge(measured, self.rules.limits))
+        except RonnaplanError as error:  # a limit on what is not known here
+            return Judgement(measured, problem=str(error))
+
+    def propose(
+        self, target_mm: FloatArray, plan: Plan, *, name: str, instrument: Instrument, count: int = 5
+    ) -> Proposals:
+        """Propose entries for ``target_mm`` (3,) that keep all limits, beside the plan's others than ``name``."""
+        return propose(
+            target_mm,
+            self.head,
+            self.rules.limits,
+            name=name,
+            instrument=instrument,
+            obstacles=self.obstacles,
+            others=others(plan, name),
+            expected=self.expected,
+            count=count,
+        )
+
+    def _kept(self, trajectory: Trajectory, plan: Plan, rough: bool) -> Measures | RonnaplanError:
+        """Return what does not depend on the other trajectories, measured anew only if something else changed."""
+        known = self._measured.get(trajectory.name)
+        if known is None or not known.serves(trajectory, plan, rough):
+            known = _Measured(trajectory, plan.landmarks, rough, self._measure(trajectory, plan, rough))
+            self._measured[trajectory.name] = known
+        return known.result
+
+    def _measure(self, trajectory: Trajectory, plan: Plan, rough: bool) -> Measures | RonnaplanError:
+        try:
+            return measure(
+                trajectory,
+                self.head,
+                obstacles=self.obstacles,
+                landmarks=plan.landmarks,
+                expected=self.expected,
+                tolerance_mm=self.rules.limits.tolerance_mm,
+                frame_axes=self.rules.frame_axes,
+                rough=rough,
+            )
+        except RonnaplanError as error:
+            return error
+
+
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """What was measured last of a trajectory, and of what."""
+
+    trajectory: Trajectory
+    landmarks: Landmarks | None
+    rough: bool
+    result: Measures | RonnaplanError
+
+    def serves(self, trajectory: Trajectory, plan: Plan, rough: bool) -> bool:
+        """Whether it still holds, and is fine enough."""
+        same = self.trajectory is trajectory and self.landmarks is plan.landmarks
+        return same and (rough or not self.rough)
+
+
+def others(plan: Plan, name: str) -> tuple[Trajectory, ...]:
+    """Return the trajectories of a plan but for the one called ``name``."""
+    return tuple(one for one in plan.trajectories if one.name != name)

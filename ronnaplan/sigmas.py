@@ -1,0 +1,12 @@
+"""The errors of markers that are assumed where none are stated: standard deviations per axis, in this one place.
+
+Nothing is imported here, so that the command line can name them in its help at once.
+"""
+
+SIGMA_CT_MM = 0.56
+"""Error of a marker's place in the scan beyond the localizer's own noise: the scanner's geometry, and skin markers
+that shift between scan and surgery. The paper's patients; bone screws do far better (0.1 mm)."""
+
+SIGMA_OTS_MM = 0.17
+"""Error of one reading of a Polaris-class tracker. Averaging removes jitter but not the calibration error behind it,
+so this is also the floor of a mean's standard deviation, unless the file states another."""

@@ -1,0 +1,208 @@
+"""Every face of the program states the same figure for the same case: over 200 random cases, to the last digit."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ronnaplan.case.folder import CaseFiles, read_case, with_limits
+from ronnaplan.case.surroundings import Rules
+from ronnaplan.cli import main
+from ronnaplan.documents.fiducials import FiducialsDocument
+from ronnaplan.documents.plan import write_plan
+from ronnaplan.documents.reading import to_json
+from ronnaplan.geometry import FloatArray
+from ronnaplan.planner.state import PlannerState
+from ronnaplan.planner.storage import Storage
+from ronnaplan.planning import Head, Plan, Trajectory, measures
+from ronnaplan.planning.crossings import find_crossings
+from ronnaplan.planning.uncertainty import PathError
+from ronnaplan.report import paths
+from ronnaplan.report.paths import paths_part
+from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
+from tests import cases
+
+CASES = 200
+LIMITS = ("greatest_target_error_mm", "greatest_angular_error_deg", "least_probability")
+
+
+@pytest.fixture(autouse=True)
+def one_scan(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The scan is read once, its surfaces are found once; pictures say nothing of what is tested."""
+    volume = cases.volume()
+    head = Head.of(volume)
+    monkeypatch.setattr("ronnaplan.ct.read_ct", lambda *_, **__: volume)
+    monkeypatch.setattr(Head, "of", lambda _: head)
+    monkeypatch.setattr(paths, "path_picture", lambda *_: b"")
+    fitted = cache(lambda *ends: find_crossings(head, np.array(ends[:3]), np.array(ends[3:])))
+    monkeypatch.setattr(measures, "find_crossings", lambda _, target, outward: fitted(*target, *outward))
+
+
+class RandomCase:
+    """Markers, covariances, trajectories, sigmas, limits and, of most, a registration with some of the markers."""
+
+    def __init__(self, folder: Path, seed: int) -> None:
+        self.folder, self.random = folder, np.random.default_rng(seed)
+        self.write_markers(int(self.random.integers(4, 9)))
+        self.write_plan(int(self.random.integers(1, 3)))
+        self.write_limits()
+        self.sigmas = self.stated()
+
+    def stated(self) -> list[str]:
+        if self.random.random() < 0.5:
+            return []
+        ct, ots = self.random.uniform(0.05, 1.0), self.random.uniform(0.05, 0.4)
+        return ["--sigma-ct", repr(float(ct)), "--sigma-ots", repr(float(ots))]
+
+    def write_markers(self, count: int) -> None:
+        directions = self.random.normal(size=(count, 3)) + np.array([0.0, 0.0, 1.0])
+        self.markers = 90.0 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+        known = cases.fiducials()
+        entries = []
+        for number, center in enumerate(self.markers, start=1):
+            root = self.random.normal(size=(3, 3)) * self.random.uniform(0.005, 0.2)
+            entry = known.fiducials[0].model_dump() | {"label": f"F{number}", "center": center.tolist()}
+            entries.append(entry | {"covariance": (root @ root.T + 1e-6 * np.eye(3)).tolist()})
+        self.document = FiducialsDocument.model_validate(known.model_dump() | {"fiducials": entries})
+        (self.folder / "fiducials.json").write_text(to_json(self.document))
+
+    def write_plan(self, count: int) -> None:
+        self.plan = Plan.of_scan(cases.volume())
+        for number in range(count):
+            entry = cases.ENTRY_MM + self.random.uniform(-1.5, 1.5, 3) + np.array([0.0, 6.0 * number, 0.0])
+            target = cases.TARGET_MM + self.random.uniform(-8.0, 8.0, 3)
+            self.plan = self.plan.add(Trajectory(f"T{number}", entry, target, self.plan.frame))
+        write_plan(self.folder / "plan.json", self.plan)
+
+    def write_limits(self) -> None:
+        bounds = (self.random.uniform(0.2, 1.5), self.random.uniform(0.1, 1.0), self.random.uniform(0.5, 0.99))
+        chosen = {
+            name: float(bound) for name, bound in zip(LIMITS, bounds, strict=True) if self.random.random() < 0.7
+        }
+        limits = {
+            "format": "ronnaplan.limits",
+            "version": 1,
+            "tolerance_mm": self.random.uniform(0.5, 3.0),
+            **chosen,
+        }
+        (self.folder / "limits.json").write_text(json.dumps(limits))
+
+    def register(self) -> bool:
+        """Register with some of the markers, as a tracker sees them; tells whether a registration came of it."""
+        count = int(self.random.integers(3, len(self.markers) + 1))
+        seen: FloatArray = self.random.permutation(self.markers)[:count]
+        seen = (
+            Rotation.random(rng=self.random).apply(seen + self.random.normal(scale=0.1, size=seen.shape)) + 500.0
+        )
+        rows = [f"{number},{x!r},{y!r},{z!r}" for number, (x, y, z) in enumerate(seen.tolist(), start=1)]
+        (self.folder / "readings.csv").write_text("\n".join(["label,x,y,z", *rows]) + "\n")
+        names = [str(self.folder / name) for name in ("fiducials.json", "readings.csv", "plan.json")]
+        out = str(self.folder / "registration.json")
+        return main(["register", *names[:2], "--plan", names[2], *self.stated(), "-o", out]) == 0
+
+    def check(self) -> dict[str, Any]:
+        """What the command line says."""
+        named = []
+        for name in ("fiducials", "registration", "limits"):
+            if (path := self.folder / f"{name}.json").exists():
+                named += [f"--{name}", str(path)]
+        out = self.folder / "measures.json"
+        arguments = [str(self.folder / "plan.json"), "--ct", "ct", *named, *self.sigmas, "-o", str(out)]
+        assert main(["plan", "check", *arguments]) in (0, 3)
+        content: dict[str, Any] = json.loads(out.read_text())
+        return content
+
+
+def as_written(error: PathError | None) -> dict[str, Any] | None:
+    """What of an expected error is a figure that decides something."""
+    if error is None:
+        return None
+    return {
+        "basis": error.expected.basis.value,
+        "markers": list(error.expected.markers),
+        "sigma_ct_mm": error.expected.sigma_ct_mm,
+        "sigma_ots_mm": error.expected.sigma_ots_mm,
+        "tre_rms_mm": error.tre_rms_mm.tolist(),
+        "angular_rms_deg": error.angular_rms_deg,
+        "tolerance_mm": error.tolerance_mm,
+        "probability": error.probability,
+    }
+
+
+def figures(written: dict[str, Any] | None, like: dict[str, Any] | None) -> dict[str, Any] | None:
+    return None if written is None else {name: written[name] for name in like or written}
+
+
+def test_every_face_states_the_same_figures(tmp_path: Path) -> None:
+    bases: list[str] = []
+    for seed in range(CASES):
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+        case = RandomCase(folder, seed)
+        if seed % 4:
+            case.register()
+        if seed % 8 == 7:
+            case.write_markers(len(case.markers))  # found again since: the registration does not count
+        said = case.check()
+        compare_with_planner(case, said)
+        compare_with_report(case, said)
+        compare_with_registration(case, said)
+        bases.append(said["trajectories"][0]["expected_error"]["basis"])
+    assert CASES / 4 < bases.count("registered") < 3 * CASES / 4, "both kinds are to be met often"
+
+
+def rules_of(case: RandomCase) -> Rules:
+    """The rules that the command line was given."""
+    ct, ots = (float(value) for value in case.sigmas[1::2]) if case.sigmas else (SIGMA_CT_MM, SIGMA_OTS_MM)
+    return Rules(sigma_ct_mm=ct, sigma_ots_mm=ots)
+
+
+def compare_with_planner(case: RandomCase, said: dict[str, Any]) -> None:
+    storage = Storage.of(str(case.folder / "plan.json"), None, None)
+    state = PlannerState(cases.volume(), storage, with_limits(rules_of(case), storage.limits))
+    judged = [state.judge(one) for one in state.plan.trajectories]
+    for one, written in zip(judged, said["trajectories"], strict=True):
+        assert one.measures is not None
+        error, planned = as_written(one.measures.error), as_written(one.measures.planned_error)
+        assert figures(written["expected_error"], error) == error
+        assert figures(written["planned_error"], planned) == planned
+    assert [asdict(verdict) for one in judged for verdict in one.verdicts] == said["verdicts"]
+
+
+def compare_with_report(case: RandomCase, said: dict[str, Any]) -> None:
+    read = read_case(CaseFiles.of_folder(case.folder), cases.volume, rules_of(case))
+    page = "\n".join(paths_part(read).body)
+    for written in said["trajectories"]:
+        for error in (written["expected_error"], written["planned_error"]):
+            if error is not None:
+                rms, basis = error["tre_rms_mm"], error["basis"]
+                assert f"<th>at the entry, as {basis}</th><td>{rms[0]:.2f} mm RMS</td>" in page
+                assert f"<th>at the target, as {basis}</th><td>{rms[-1]:.2f} mm RMS</td>" in page
+    for verdict in said["verdicts"]:
+        value = "-" if verdict["value"] is None else f"{verdict['value']:.2f}"
+        assert f"<td>{verdict['measure']}</td><td>{value}</td>" in page
+    assert page.count("FAIL") == sum(not verdict["passes"] for verdict in said["verdicts"])
+
+
+def compare_with_registration(case: RandomCase, said: dict[str, Any]) -> None:
+    for written in said["trajectories"]:
+        error = written["expected_error"]
+        if error["basis"] == "registered":
+            found = json.loads((case.folder / "registration.json").read_text())
+            targets = {target["name"]: target["predicted_tre_rms"] for target in found["targets"]}
+            ends = (error["tre_rms_mm"][0], error["tre_rms_mm"][-1])
+            assert (targets[f"{written['name']} entry"], targets[f"{written['name']} target"]) == ends
+            assert error["markers"] == [pair["ct"] for pair in found["pairs"]]
+            assert (error["sigma_ct_mm"], error["sigma_ots_mm"]) == (found["sigma_ct_mm"], found["sigma_ots_mm"])
+        else:
+            assert (error["sigma_ct_mm"], error["sigma_ots_mm"]) == (
+                rules_of(case).sigma_ct_mm,
+                rules_of(case).sigma_ots_mm,
+            )
