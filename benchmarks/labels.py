@@ -18,7 +18,7 @@ from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import Head, Instrument, Trajectory
 from ronnaplan.planning.obstacles import Kind, Voxels
-from ronnaplan.planning.sampling import Scan
+from ronnaplan.planning.sampling import SliceSampler
 from ronnaplan.planning.segments import box_distance
 
 COUNT = 48
@@ -52,7 +52,7 @@ def measure(shape: str, radius: float, spacing: FloatArray, generator: np.random
     step = np.diag(spacing)
     grid = SliceGrid(corner + np.arange(COUNT)[:, np.newaxis] * step[2], step[1], step[0], float(spacing[2]))
     volume = CTVolume(np.zeros((COUNT, COUNT, COUNT), dtype=np.int16), grid)
-    head = Head(volume, Scan.of(volume), np.zeros((1, 1, 1), dtype=np.bool_), 1)
+    head = Head(volume, SliceSampler.of(volume), np.zeros((1, 1, 1), dtype=np.bool_), 1)
     index = np.moveaxis(np.indices(volume.voxels_hu.shape), 0, -1).astype(np.float64)
     label = Voxels.of(Kind.NO_GO, "vessel", vessel.depth(grid.positions_mm(index)) < 0, head)
     middle = distance * vessel.normal

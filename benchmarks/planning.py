@@ -89,23 +89,23 @@ def placement(cases: int) -> None:
     while len(seconds) < cases:
         sites, targets, entries, rules, count = _case(generator)
         allowed = allowed_sites(sites, rules, entries)
-        centres = allowed.centres_mm(rules.height_mm)
-        scattered = [scattered_layout(centres, count, rules.least_apart_mm, generator) for _ in range(20)]
+        centers = allowed.centers_mm(rules.height_mm)
+        scattered = [scattered_layout(centers, count, rules.least_apart_mm, generator) for _ in range(20)]
         if any(one is None for one in scattered):
             continue
         start = time.perf_counter()
         placed = place_markers(sites, targets, count, rules, entries)
         seconds.append(time.perf_counter() - start)
-        random = np.mean([_largest(centres[one], targets, rules) for one in scattered if one is not None])
-        far = _largest(centres[_farthest(centres, count)], targets, rules)
+        random = np.mean([_largest(centers[one], targets, rules) for one in scattered if one is not None])
+        far = _largest(centers[_farthest(centers, count)], targets, rules)
         for name, other in (
             ("even (Fibonacci)", placed.even_tre_mm),
             ("farthest points", far),
             ("random", random),
         ):
             gains[name].append(100.0 * (1.0 - placed.largest_tre_mm / float(other)))
-        even = centres[even_layout(allowed, count, generator)]
-        for name, markers in (("placed", placed.centres_mm), ("even", even)):
+        even = centers[even_layout(allowed, count, generator)]
+        for name, markers in (("placed", placed.centers_mm), ("even", even)):
             ratio, lost = _met(markers, targets, rules, generator)
             met[name].append(ratio)
             refused[name] += lost
@@ -146,11 +146,11 @@ def _largest(markers: FloatArray, targets: FloatArray, rules: PlacementRules) ->
     return float(expected_tre_mm(markers, targets, rules).max())
 
 
-def _farthest(centres: FloatArray, count: int) -> list[int]:
+def _farthest(centers: FloatArray, count: int) -> list[int]:
     """Each in turn as far from the others as can be: spreads to the rim, harder to beat than an even lattice."""
-    chosen = [int(np.linalg.norm(centres - centres.mean(axis=0), axis=1).argmax())]
+    chosen = [int(np.linalg.norm(centers - centers.mean(axis=0), axis=1).argmax())]
     while len(chosen) < count:
-        nearest = np.linalg.norm(centres[:, np.newaxis] - centres[chosen], axis=-1).min(axis=1)
+        nearest = np.linalg.norm(centers[:, np.newaxis] - centers[chosen], axis=-1).min(axis=1)
         chosen.append(int(nearest.argmax()))
     return chosen
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -21,17 +21,20 @@ from ronnaplan.planning import (
     Landmarks,
     Limits,
     Measures,
+    Placement,
     Plan,
     Proposals,
     Trajectory,
     Verdict,
     judge,
     measure,
+    place_markers,
     propose,
 )
 from ronnaplan.planning.angles import RAS_IN_LPS
 from ronnaplan.planning.measures import spacings
 from ronnaplan.planning.obstacles import Kind, Obstacle, Voxels, markers_on, metal
+from ronnaplan.planning.sites import PlacementRules, scalp_sites
 from ronnaplan.planning.uncertainty import Expectation
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 
@@ -153,6 +156,16 @@ class Surroundings:
             expected=self.expected,
             count=count,
         )
+
+    def place_markers(
+        self, plan: Plan, count: int, rules: PlacementRules | None = None, targets_mm: Sequence[FloatArray] = ()
+    ) -> Placement:
+        """Propose places for ``count`` markers, for the plan's targets and ``targets_mm``, away from its entries."""
+        stated = rules or PlacementRules()
+        stated = replace(stated, sigma_ct_mm=self.rules.sigma_ct_mm, sigma_ots_mm=self.rules.sigma_ots_mm)
+        targets = [*(one.target_mm for one in plan.trajectories), *targets_mm]
+        entries = [one.entry_mm for one in plan.trajectories]
+        return place_markers(scalp_sites(self.head), targets, count, stated, entries)
 
     def _kept(self, trajectory: Trajectory, plan: Plan, rough: bool) -> Measures | RonnaplanError:
         """Return what does not depend on the other trajectories, measured anew only if something else changed."""

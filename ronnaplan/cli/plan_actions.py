@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from ronnaplan.ct import CTVolume
     from ronnaplan.geometry import FloatArray
-    from ronnaplan.planning import Head, Instrument, Plan
+    from ronnaplan.planning import Instrument, Plan
 
 
 def run_new(arguments: argparse.Namespace) -> int:
@@ -38,7 +38,7 @@ def run_add(arguments: argparse.Namespace) -> int:
         added = Trajectory(arguments.name, entry_mm, target_mm, plan.frame, instrument, notes=notes, **options)
         return plan.add(added)
 
-    return _changed_in_head(arguments, add, [arguments.name])
+    return _changed_in_head(arguments, add)
 
 
 def run_edit(arguments: argparse.Namespace) -> int:
@@ -52,8 +52,7 @@ def run_edit(arguments: argparse.Namespace) -> int:
         "notes": arguments.notes,
     }
     changes = {key: value for key, value in stated.items() if value is not None}
-    name = arguments.rename or arguments.name
-    return _changed_in_head(arguments, lambda plan: plan.edit(arguments.name, **changes), [name])
+    return _changed_in_head(arguments, lambda plan: plan.edit(arguments.name, **changes))
 
 
 def run_remove(arguments: argparse.Namespace) -> int:
@@ -107,7 +106,7 @@ def run_import(arguments: argparse.Namespace) -> int:
             plan = plan.add(trajectory)
         return plan
 
-    return _changed_in_head(arguments, add_all, [one.name for one in read])
+    return _changed_in_head(arguments, add_all)
 
 
 def run_export(arguments: argparse.Namespace) -> int:
@@ -189,33 +188,32 @@ def run_propose(arguments: argparse.Namespace) -> int:
 
 def run_markers(arguments: argparse.Namespace) -> int:
     """Propose places for the markers."""
+    from ronnaplan.case.surroundings import Rules, Surroundings, Terrain
     from ronnaplan.documents.files import write_atomically
     from ronnaplan.documents.plan_measures import placement_markups
-    from ronnaplan.planning import place_markers
-    from ronnaplan.planning.sites import PlacementRules, scalp_sites
+    from ronnaplan.planning import Plan
+    from ronnaplan.planning.sites import PlacementRules
     from ronnaplan.planning.tables import placement_table
 
-    head = _head(arguments)
-    trajectories = _plan(arguments).trajectories if arguments.plan else ()
-    targets = [one.target_mm for one in trajectories]
-    targets += [_lps(target, arguments.coordinates) for target in arguments.target or ()]
-    names = [one.name for one in trajectories] + [f"target {n + 1}" for n in range(len(arguments.target or ()))]
+    volume = _scan_of_plan(arguments)
+    plan = _plan(arguments) if arguments.plan else Plan.of_scan(volume)
+    targets = [_lps(target, arguments.coordinates) for target in arguments.target or ()]
+    names = [one.name for one in plan.trajectories] + [f"target {n + 1}" for n in range(len(targets))]
     rules = PlacementRules(
-        sigma_ct_mm=arguments.sigma_ct,
-        sigma_ots_mm=arguments.sigma_ots,
-        height_mm=arguments.height,
+        diameter_mm=arguments.diameter,
+        base_mm=arguments.base,
         least_apart_mm=arguments.apart,
         least_from_entries_mm=arguments.from_entries,
         tracker=SIDES[arguments.tracker] if arguments.tracker else None,
         visible_deg=arguments.visible,
         lowest_mm=arguments.lowest,
     )
-    entries = [one.entry_mm for one in trajectories]
-    placed = place_markers(scalp_sites(head), targets, arguments.count, rules, entries)
+    around = Surroundings(Terrain(volume), Rules(sigma_ct_mm=arguments.sigma_ct, sigma_ots_mm=arguments.sigma_ots))
+    placed = around.place_markers(plan, arguments.count, rules, targets)
     print(placement_table(placed, names))
     print(
         f"largest expected TRE {placed.largest_tre_mm:.3f} mm, {placed.even_tre_mm:.3f} mm for an even spread; "
-        f"rival distance {placed.rival_distance_mm:.1f} mm"
+        f"rival distance {placed.rival_distance_mm:.1f} mm\nexpected error {placed.expected}"
     )
     if arguments.output:
         write_atomically(arguments.output, placement_markups(placed))
@@ -228,14 +226,12 @@ def _volume(arguments: argparse.Namespace) -> CTVolume:
     return read_ct(arguments.ct, arguments.series, progress=True)
 
 
-def _head(arguments: argparse.Namespace) -> Head:
+def _scan_of_plan(arguments: argparse.Namespace) -> CTVolume:
     """Read the scan and require that it is the plan's, if there is a plan."""
-    from ronnaplan.planning import Head
-
     volume = _volume(arguments)
     if arguments.plan:
         _plan(arguments).require_scan(volume)
-    return Head.of(volume)
+    return volume
 
 
 def _plan(arguments: argparse.Namespace) -> Plan:
@@ -251,21 +247,14 @@ def _changed(arguments: argparse.Namespace, change: Callable[[Plan], Plan]) -> i
     return 0
 
 
-def _changed_in_head(arguments: argparse.Namespace, change: Callable[[Plan], Plan], names: list[str]) -> int:
-    """Make a change to the plan if the ends of the named trajectories then lie in the head."""
-    from ronnaplan.planning.measures import check_ends
+def _changed_in_head(arguments: argparse.Namespace, change: Callable[[Plan], Plan]) -> int:
+    """Make a change to the plan if the ends that are new in it lie in the head."""
+    from ronnaplan.case.edits import sound
+    from ronnaplan.planning import Head
 
     change(_plan(arguments))  # what is wrong without the scan is told before it is read
-    head = _head(arguments)
-
-    def checked(plan: Plan) -> Plan:
-        plan.require_scan(head.volume)
-        changed = change(plan)
-        for name in names:
-            check_ends(changed.trajectory(name), head)
-        return changed
-
-    return _changed(arguments, checked)
+    head = Head.of(_scan_of_plan(arguments))
+    return _changed(arguments, lambda plan: sound(plan, change(plan), head))
 
 
 def _lps(place: list[float], system: str | None) -> FloatArray:

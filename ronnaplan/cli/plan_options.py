@@ -144,7 +144,8 @@ def configure_markers(parser: argparse.ArgumentParser) -> None:
         ("visible", 80.0, "how far (degrees) a marker may lean away from the tracker"),
         ("apart", 30.0, "least distance between markers, mm"),
         ("from-entries", 25.0, "least distance from entries, mm"),
-        ("height", 13.75, "height of a marker's centre above the scalp, mm"),
+        ("diameter", 11.5, "diameter of a marker, mm"),
+        ("base", 8.0, "height of its base and post above the scalp, mm"),
     ):
         parser.add_argument(f"--{name}", type=number, default=default, help=f"{text} (default %(default)s)")
     with_sigmas(parser)

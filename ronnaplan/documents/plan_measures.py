@@ -96,14 +96,14 @@ def placement_markups(placed: Placement) -> str:
             "label": f"M{n + 1}",
             "description": "proposed; on the scalp at " + " ".join(f"{value:.2f}" for value in scalp),
             "associatedNodeID": "",
-            "position": centre.tolist(),
+            "position": center.tolist(),
             "orientation": LPS_AXES,
             "selected": True,
             "locked": True,
             "visibility": True,
             "positionStatus": "defined",
         }
-        for n, (scalp, centre) in enumerate(zip(placed.scalp_mm, placed.centres_mm, strict=True))
+        for n, (scalp, center) in enumerate(zip(placed.scalp_mm, placed.centers_mm, strict=True))
     ]
     markup = {
         "type": "Fiducial",

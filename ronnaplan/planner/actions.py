@@ -19,29 +19,29 @@ def key_actions(state: PlannerState, pointer: Pointer) -> dict[str, tuple[str, C
     """Return what each key does: in words, and the call."""
 
     def leave() -> None:
-        state.leave_pointing()
+        state.registering.leave_pointing()
         if pointer.adding:
             pointer.add()
 
     def remove() -> None:
-        if state.selected:
-            state.remove(state.selected)
+        if state.look.selected:
+            state.case.remove(state.look.selected)
 
     return {
         "a": ("add a trajectory: click entry, then target", pointer.add),
         "escape": ("leave adding or pointing", leave),
-        "ctrl+z": ("undo", state.undo),
-        "ctrl+y": ("redo", state.redo),
-        "ctrl+shift+z": ("redo", state.redo),
+        "ctrl+z": ("undo", state.case.undo),
+        "ctrl+y": ("redo", state.case.redo),
+        "ctrl+shift+z": ("redo", state.case.redo),
         "delete": ("remove the selected trajectory", remove),
-        "f": ("show the whole scan", state.fit),
-        "s": ("skin or skull in the 3-D view", state.other_surface),
-        "1": ("bone window", lambda: state.choose_window("bone")),
-        "2": ("brain window", lambda: state.choose_window("brain")),
-        "3": ("wide window", lambda: state.choose_window("wide")),
-        "4": ("markers window", lambda: state.choose_window("markers")),
-        "pageup": ("axial cut up", lambda: state.scroll("axial", -1)),
-        "pagedown": ("axial cut down", lambda: state.scroll("axial", 1)),
+        "f": ("show the whole scan", state.look.fit),
+        "s": ("skin or skull in the 3-D view", state.look.other_surface),
+        "1": ("bone window", lambda: state.look.choose_window("bone")),
+        "2": ("brain window", lambda: state.look.choose_window("brain")),
+        "3": ("wide window", lambda: state.look.choose_window("wide")),
+        "4": ("markers window", lambda: state.look.choose_window("markers")),
+        "pageup": ("axial cut up", lambda: state.look.scroll("axial", -1)),
+        "pagedown": ("axial cut down", lambda: state.look.scroll("axial", 1)),
     }
 
 
@@ -58,27 +58,27 @@ class Actions:
             "press": self._press,
             "release": self._release,
             "wheel": self._wheel,
-            "window": state.choose_window,
-            "surface": state.other_surface,
-            "select": state.select,
-            "lock": state.lock,
-            "remove": state.remove,
-            "rename_path": state.rename,
+            "window": state.look.choose_window,
+            "surface": state.look.other_surface,
+            "select": state.look.select,
+            "lock": state.case.lock,
+            "remove": state.case.remove,
+            "rename_path": state.case.rename,
             "place": self._place,
             "colour": self._colour,
             "notes": self._notes,
-            "instrument": state.choose_instrument,
+            "instrument": state.case.choose_instrument,
             "size": self._size,
             "take": self._take,
             "landmark": self._landmark,
             "jump_landmark": state.jump_to_landmark,
             "jump": state.jump_to_marker,
             "jump_rejected": state.jump_to_rejected,
-            "reject": state.reject_marker,
-            "accept": state.accept_marker,
-            "rename": state.rename_marker,
-            "readings": state.load_readings,
-            "pick_reading": state.pick_reading,
+            "reject": state.case.reject_marker,
+            "accept": state.case.accept_marker,
+            "rename": state.case.rename_marker,
+            "readings": state.registering.load_readings,
+            "pick_reading": state.registering.pick_reading,
         }
 
     def later_by_name(self) -> dict[str, Callable[..., Callable[[], None]]]:
@@ -104,37 +104,37 @@ class Actions:
 
     def _place(self, name: str, end: Literal["entry", "target"], axis: Literal[0, 1, 2], value: Typed) -> None:
         """Take one coordinate of an end from its field."""
-        place = getattr(self.state.plan.trajectory(name), f"{end}_mm").copy()
+        place = getattr(self.state.case.plan.trajectory(name), f"{end}_mm").copy()
         place[axis] = _number(value)
-        self.state.edit(name, **{f"{end}_mm": place})
+        self.state.case.edit(name, **{f"{end}_mm": place})
 
     def _colour(self, name: str, colour: str) -> None:
-        self.state.edit(name, colour=colour.lower())
+        self.state.case.edit(name, colour=colour.lower())
 
     def _notes(self, name: str, notes: str) -> None:
-        self.state.edit(name, notes=notes)
+        self.state.case.edit(name, notes=notes)
 
     def _size(self, name: str, size: str, value: Typed) -> None:
-        self.state.size_instrument(name, size, _number(value))
+        self.state.case.size_instrument(name, size, _number(value))
 
     def _take(self, index: Index) -> None:
-        self.state.take_proposal(index)
+        self.state.offers.take_proposal(index)
 
     def _landmark(self, which: str, typed: str | None = None) -> None:
         """Set a point of the AC-PC frame: at the crosshair, or where it is typed."""
-        self.state.set_landmark(which, self.state.crosshair_mm if typed is None else _numbers(typed))
+        self.state.set_landmark(which, self.state.look.crosshair_mm if typed is None else _numbers(typed))
 
     def _localize(self, diameter: Typed) -> Callable[[], None]:
-        found = self.state.find_markers(_number(diameter))
-        return lambda: self.state.replace_markers(found)
+        found = self.state.case.find_markers(_number(diameter))
+        return lambda: self.state.case.replace_markers(found)
 
     def _propose(self, name: str) -> Callable[[], None]:
-        found = self.state.propose(name)
-        return lambda: self.state.show_proposals(found)
+        found = self.state.offers.propose(name)
+        return lambda: self.state.offers.show_proposals(found)
 
     def _placement(self, count: Typed) -> Callable[[], None]:
-        placed = self.state.propose_markers(int(_number(count)))
-        return lambda: self.state.show_placement(placed)
+        placed = self.state.offers.propose_markers(int(_number(count)))
+        return lambda: self.state.offers.show_placement(placed)
 
 
 def _number(value: Typed) -> float:

@@ -16,11 +16,12 @@ from ronnaplan.planner import drawing, panels
 from ronnaplan.planner.actions import Actions, key_actions
 from ronnaplan.planner.arguments import checked
 from ronnaplan.planner.cuts import PATH_VIEWS, STANDARD, WINDOWS_HU, jpeg
-from ronnaplan.planner.head import HeadView
+from ronnaplan.planner.head_view import HeadView
 from ronnaplan.planner.overlay import over_head
 from ronnaplan.planner.pointer import HEAD, Pointer
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import INSTRUMENTS
+from ronnaplan.planning.sites import USUAL_DIAMETER_MM
 
 CUTS = (*STANDARD, *PATH_VIEWS)
 PAGE = files("ronnaplan.planner") / "page"
@@ -32,9 +33,6 @@ FIRST_LOOK_S = 0.5
 
 SENDING_S = 0.002
 """The web socket sends what was flushed while a handler pauses this long."""
-
-USUAL_DIAMETER_MM = 11.5
-"""Offered for localizing while no markers are known."""
 
 
 def _template() -> str:
@@ -88,7 +86,7 @@ class PlannerApp:
                 "styles": ["planner_page/planner.css"],
             }
         )
-        values, found = self.server.state, self.state.fiducials
+        values, found = self.server.state, self.state.case.fiducials
         values.trame__title = "ronnaplan"
         values.update(
             {
@@ -126,8 +124,8 @@ class PlannerApp:
             self.refresh()
 
     def _warm_up(self) -> None:
-        for one in self.state.plan.trajectories:
-            self.state.judge(one)
+        for one in self.state.case.plan.trajectories:
+            self.state.case.judge(one)
 
     # --- drawing ---------------------------------------------------------------------------------------------
 
@@ -136,22 +134,24 @@ class PlannerApp:
         self._refresh_views()
         values, state = self.server.state, self.state
         judged = (
-            state.judge(state.chosen) if state.chosen and self.head.scene else Judgement(problem="measuring ...")
+            state.case.judge(state.look.chosen)
+            if state.look.chosen and self.head.scene
+            else Judgement(problem="measuring ...")
         )
-        values.markers, values.rejected = drawing.marker_rows(state), drawing.rejected_rows(state)
-        values.paths, values.chosen = drawing.path_rows(state), drawing.chosen_path(state, judged)
+        values.markers, values.rejected = panels.marker_rows(state), panels.rejected_rows(state)
+        values.paths, values.chosen = panels.path_rows(state), panels.chosen_path(state, judged)
         values.landmarks = panels.landmark_rows(state)
-        values.registration, values.pointing = drawing.registration_panel(state), panels.pointing_panel(state)
+        values.registration, values.pointing = panels.registration_panel(state), panels.pointing_panel(state)
         values.proposals, values.placement = panels.proposal_rows(state), panels.placement_line(state)
         values.readings = state.storage.readings()
         values.look = {
-            "window": state.window,
+            "window": state.look.window,
             "adding": self._asks(),
-            "can_undo": state.can_undo,
-            "can_redo": state.can_redo,
-            "surface": state.surface,
-            "marker": state.marker or "",
-            "sought": state.fiducials.marker.diameter_mm if state.fiducials else 0,
+            "can_undo": state.case.can_undo,
+            "can_redo": state.case.can_redo,
+            "surface": state.look.surface,
+            "marker": state.look.marker or "",
+            "sought": state.case.fiducials.marker.diameter_mm if state.case.fiducials else 0,
         }
         values.picture_head = self.head.picture()
 
@@ -172,13 +172,13 @@ class PlannerApp:
 
     def _picture(self, view: str) -> str:
         state = self.state
-        if view in PATH_VIEWS and state.chosen is None:
+        if view in PATH_VIEWS and state.look.chosen is None:
             return ""
-        cut, window = state.cut(view), WINDOWS_HU[state.window]
-        plane = (tuple(cut.centre_mm.round(6)), tuple(cut.right), tuple(cut.down), cut.field_mm, window)
+        cut, window = state.look.cut(view), WINDOWS_HU[state.look.window]
+        plane = (tuple(cut.center_mm.round(6)), tuple(cut.right), tuple(cut.down), cut.field_mm, window)
         last = self._drawn.get(view)
         if last is None or last[0] != plane:
-            picture = base64.b64encode(jpeg(state.scan, cut, window)).decode()
+            picture = base64.b64encode(jpeg(state.look.scan, cut, window)).decode()
             last = self._drawn[view] = (plane, f"data:image/jpeg;base64,{picture}")
         return str(last[1])
 
@@ -212,7 +212,7 @@ class PlannerApp:
         """
         with self._told(keep_message=True):
             self._follow(*arguments)
-        if arguments[:1] != (HEAD,) or self.state.dragging:
+        if arguments[:1] != (HEAD,) or self.state.case.dragging:
             self._refresh_views()
             self.server.state.flush()
             await asyncio.sleep(SENDING_S)
@@ -250,5 +250,5 @@ class PlannerApp:
 
         if self.tracker is None:
             raise UsageError("no tracker was named; start the planner with --tracker HOST:PORT")
-        seen = find_markers(record(*self.tracker), sigma_mm=self.state.surroundings.rules.sigma_ots_mm).points
-        return lambda: self.state.register(seen)
+        seen = find_markers(record(*self.tracker), sigma_mm=self.state.case.surroundings.rules.sigma_ots_mm).points
+        return lambda: self.state.registering.register(seen)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import Trajectory
-from ronnaplan.planning.sampling import Scan
+from ronnaplan.planning.sampling import SliceSampler
+from ronnaplan.scene.cut import Cut
 
 PIXELS = 448
 """Width and height of a picture; the browser stretches it."""
@@ -26,35 +25,6 @@ WINDOWS_HU = {
     "markers": (-1024.0, 600.0),
 }
 """Window presets: the HU shown black and white."""
-
-
-@dataclass(frozen=True, eq=False)
-class Cut:
-    """A plane seen from one side: unit vectors ``right`` and ``down`` (3,) on the screen, in LPS.
-
-    ``centre_mm`` (3,) is in the middle of the picture, which is ``field_mm`` wide and high.
-    """
-
-    right: FloatArray
-    down: FloatArray
-    centre_mm: FloatArray
-    field_mm: float
-
-    @property
-    def away(self) -> FloatArray:
-        """Unit vector (3,) from the eye into the screen."""
-        away: FloatArray = np.cross(self.right, self.down)
-        return away
-
-    def place_mm(self, across_mm: float, down_mm: float) -> FloatArray:
-        """Return the place (3,) in LPS at a distance from the middle of the picture."""
-        place: FloatArray = self.centre_mm + across_mm * self.right + down_mm * self.down
-        return place
-
-    def on_screen_mm(self, places_mm: FloatArray) -> FloatArray:
-        """Return places (..., 3) as (..., 3): across and down from the middle, and away from the eye."""
-        seen: FloatArray = (places_mm - self.centre_mm) @ np.stack([self.right, self.down, self.away]).T
-        return seen
 
 
 STANDARD = {
@@ -76,7 +46,7 @@ def path_axes(view: str, trajectory: Trajectory) -> tuple[FloatArray, FloatArray
     return (side, inward) if view == "inline" else (side, np.cross(inward, side))
 
 
-def jpeg(scan: Scan, cut: Cut, window_hu: tuple[float, float]) -> bytes:
+def jpeg(scan: SliceSampler, cut: Cut, window_hu: tuple[float, float]) -> bytes:
     """Draw ``cut`` through ``scan``; black where there is no voxel."""
     import cv2
 
@@ -85,7 +55,7 @@ def jpeg(scan: Scan, cut: Cut, window_hu: tuple[float, float]) -> bytes:
     return bytes(cv2.imencode(".jpg", grey.astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1])
 
 
-def values_hu(scan: Scan, cut: Cut, beyond_hu: float) -> NDArray[np.float32]:
+def values_hu(scan: SliceSampler, cut: Cut, beyond_hu: float) -> NDArray[np.float32]:
     """Return the values (PIXELS, PIXELS) of the scan in a cut, ``beyond_hu`` where there is no voxel.
 
     Between two slices a value is interpolated along the way from a voxel to its like in the next slice.
@@ -93,7 +63,7 @@ def values_hu(scan: Scan, cut: Cut, beyond_hu: float) -> NDArray[np.float32]:
     from scipy.ndimage import map_coordinates
 
     steps = ((np.arange(PIXELS) + 0.5) / PIXELS - 0.5) * cut.field_mm
-    (u0, v0, w0), right, down = (scan.axes @ vector for vector in (cut.centre_mm, cut.right, cut.down))
+    (u0, v0, w0), right, down = (scan.axes @ vector for vector in (cut.center_mm, cut.right, cut.down))
     # Where rows of the picture run along the slices, one number stands for a whole row.
     w = w0 + steps[:, np.newaxis] * down[2] + (steps * right[2] if abs(right[2]) > LEAST_SLOPE else 0.0)
     k = np.interp(w, scan.w_mm, np.arange(len(scan.w_mm)), left=-1.0, right=-1.0)

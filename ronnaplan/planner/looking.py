@@ -7,15 +7,16 @@ from functools import cached_property
 
 import numpy as np
 
-from ronnaplan.case.surroundings import Labels, Rules
-from ronnaplan.ct import CTVolume
+from ronnaplan.case.edits import OpenCase
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray, as_points
-from ronnaplan.planner.cuts import PATH_VIEWS, STANDARD, WINDOWS_HU, Cut, path_axes
-from ronnaplan.planner.opened import OpenedCase
+from ronnaplan.planner.cuts import PATH_VIEWS, STANDARD, WINDOWS_HU, path_axes
 from ronnaplan.planner.storage import Look, Storage
-from ronnaplan.planner.surfaces import SURFACES_HU
 from ronnaplan.planning import Plan, Trajectory
+from ronnaplan.planning.sampling import SliceSampler
+from ronnaplan.scene.cut import Cut
+from ronnaplan.scene.head import bounds_mm
+from ronnaplan.scene.surfaces import SURFACES_HU
 
 LEAST_FIELD_MM, GREATEST_FIELD_MM = 10.0, 1000.0
 """Bounds of the zoom."""
@@ -27,22 +28,22 @@ RAY_STEP_MM = 0.5
 """A surface is looked for along a ray in steps of this size."""
 
 
-class Looking(OpenedCase):
-    """An opened case as one person looks at it."""
+class Looking:
+    """Where one person looks in an open case."""
 
-    def __init__(
-        self, volume: CTVolume, storage: Storage, rules: Rules | None = None, no_go: Labels | None = None
-    ) -> None:
-        """Open a case where it was left."""
-        super().__init__(volume, storage, rules, no_go)
+    def __init__(self, case: OpenCase, storage: Storage) -> None:
+        """Look where the case was left."""
+        self.case, self.storage = case, storage
+        self.scan = SliceSampler.of(case.volume)
         self.crosshair_mm: FloatArray
-        self.centre_mm: FloatArray
+        self.center_mm: FloatArray
         self.field_mm: float
         self.surface = "skin"
         self.marker: str | None = None
         self.points_mm: dict[str, FloatArray] = {}
-        self._before_drag: Plan | None = None
-        self._look(storage.read_look(volume.voxel_sha256) or self._first_look())
+        """AC, PC or midline point as far as they are set, until the plan holds all three."""
+        self._look(storage.read_look(case.volume.voxel_sha256) or self._first_look())
+        case.followers.append(self._follow)
 
     def jump(self, place_mm: Sequence[float] | FloatArray) -> None:
         """Put the crosshair at a place (3,) in LPS, kept within the scan."""
@@ -63,13 +64,13 @@ class Looking(OpenedCase):
         cut = self.cut(view)
         across, down, _ = cut.on_screen_mm(place_mm)
         share = 1.0 - field / self.field_mm
-        self.centre_mm = self.centre_mm + share * (across * cut.right + down * cut.down)
+        self.center_mm = self.center_mm + share * (across * cut.right + down * cut.down)
         self.field_mm = field
 
     def fit(self) -> None:
         """Show the whole scan."""
         low, high = self.bounds_mm
-        self.centre_mm, self.field_mm = (low + high) / 2, float((high - low).max())
+        self.center_mm, self.field_mm = (low + high) / 2, float((high - low).max())
 
     def choose_window(self, name: str) -> None:
         """Choose a window preset."""
@@ -88,8 +89,8 @@ class Looking(OpenedCase):
             return self._path_cut(view)
         right, down = STANDARD[view]
         away = np.cross(right, down)
-        centre = self.centre_mm + (self.crosshair_mm - self.centre_mm) @ away * away
-        return Cut(right, down, centre, self.field_mm)
+        center = self.center_mm + (self.crosshair_mm - self.center_mm) @ away * away
+        return Cut(right, down, center, self.field_mm)
 
     def surface_along(self, origin_mm: FloatArray, direction: FloatArray) -> FloatArray | None:
         """Return where a ray from ``origin_mm`` (3,) along the unit vector (3,) first meets the surface shown.
@@ -110,34 +111,32 @@ class Looking(OpenedCase):
 
     @cached_property
     def bounds_mm(self) -> tuple[FloatArray, FloatArray]:
-        """Smallest and largest LPS coordinates (3,) of voxel centres."""
-        ends = [[0.0, n - 1.0] for n in self.volume.voxels_hu.shape]
-        corners = self.volume.grid.positions_mm(np.stack(np.meshgrid(*ends), axis=-1).reshape(-1, 3))
-        return corners.min(axis=0), corners.max(axis=0)
+        """Smallest and largest LPS coordinates (3,) of voxel centers."""
+        return bounds_mm(self.case.volume)
 
     @property
     def step_mm(self) -> float:
         """One step of scrolling: the usual gap between slices."""
-        gaps = self.volume.grid.spacings_mm
+        gaps = self.case.volume.grid.spacings_mm
         return float(np.median(gaps)) if gaps.size else 1.0
 
     def select(self, name: str | None) -> None:
         """Select a trajectory, or none."""
-        self.selected = None if name is None else self.plan.trajectory(name).name
-        self.save_look()
+        self.selected = None if name is None else self.case.plan.trajectory(name).name
+        self.save()
 
     @property
     def chosen(self) -> Trajectory | None:
         """The selected trajectory."""
-        return next((one for one in self.plan.trajectories if one.name == self.selected), None)
+        return next((one for one in self.case.plan.trajectories if one.name == self.selected), None)
 
-    def save_look(self) -> None:
+    def save(self) -> None:
         """Write where one is looking, to find it again."""
         self.storage.write_look(
             Look(
-                voxel_sha256=self.volume.voxel_sha256,
+                voxel_sha256=self.case.volume.voxel_sha256,
                 crosshair=tuple(self.crosshair_mm),
-                centre=tuple(self.centre_mm),
+                center=tuple(self.center_mm),
                 field_mm=self.field_mm,
                 window=self.window,
                 selected=self.selected,
@@ -145,36 +144,35 @@ class Looking(OpenedCase):
             )
         )
 
-    def _keep_plan(self, plan: Plan) -> None:
+    def _follow(self, before: Plan, after: Plan) -> None:
         """Keep what is selected at its place in the list, also where its name has changed."""
-        names = [one.name for one in self.plan.trajectories]
+        names = [one.name for one in before.trajectories]
         place = names.index(self.selected) if self.selected in names else len(names)
-        super()._keep_plan(plan)
         if self.chosen is None:
-            paths = plan.trajectories
+            paths = after.trajectories
             self.selected = paths[min(place, len(paths) - 1)].name if paths else None
 
     def _first_look(self) -> Look:
         low, high = self.bounds_mm
         middle = tuple((low + high) / 2)
         field = float((high - low).max())
-        return Look(voxel_sha256="", crosshair=middle, centre=middle, field_mm=field, window="bone")
+        return Look(voxel_sha256="", crosshair=middle, center=middle, field_mm=field, window="bone")
 
     def _look(self, look: Look) -> None:
         self.crosshair_mm = np.array(look.crosshair)
-        self.centre_mm = np.array(look.centre)
+        self.center_mm = np.array(look.center)
         self.field_mm = look.field_mm
         self.window = look.window if look.window in WINDOWS_HU else "bone"
         self.points_mm = {name: np.array(place) for name, place in look.points.items()}
         self.selected = look.selected
-        if self.chosen is None and self.plan.trajectories:
-            self.selected = self.plan.trajectories[0].name
+        if self.chosen is None and self.case.plan.trajectories:
+            self.selected = self.case.plan.trajectories[0].name
 
     def _path_cut(self, view: str) -> Cut:
         if self.chosen is None:
             raise UsageError("no trajectory is selected; select one")
         # While an end is dragged the view stays where it was, or it would slip from under the pointer.
-        path = (self._before_drag or self.plan).trajectory(self.chosen.name)
+        path = (self.case.before_drag or self.case.plan).trajectory(self.chosen.name)
         right, down = path_axes(view, path)
         field = max(PATH_FIELD_MM, path.length_mm + 30.0)
         if view == "inline":

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.planner.camera import Camera
 from ronnaplan.planner.drawing import POINT_COLOUR, REJECTED_COLOUR, balls
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
+from ronnaplan.scene.camera import Camera
 
 CROSS_COLOUR, REGION_COLOUR = "#4fc3f7", "#ff8a80"
 
@@ -34,13 +34,13 @@ def over_head(
         return {**drawn, "title": "3-D is being made ready ..."}
     points = [_point(camera, name, place, POINT_COLOUR) for name, place in state.landmarks_mm.items()]
     points += [_point(camera, name, place, REGION_COLOUR) for name, place in region_places_mm.items()]
-    points.append(_point(camera, "", state.crosshair_mm, CROSS_COLOUR))
+    points.append(_point(camera, "", state.look.crosshair_mm, CROSS_COLOUR))
     return {
         **drawn,
-        "title": f"3-D {state.surface}; tubes hold the path with 95 %",
+        "title": f"3-D {state.look.surface}; tubes hold the path with 95 %",
         "markers": _markers(state, camera, show_rejected),
         "points": [one for one in points if one is not None],
-        "paths": [_path(camera, one, state) for one in state.plan.trajectories],
+        "paths": [_path(camera, one, state) for one in state.case.plan.trajectories],
     }
 
 
@@ -50,7 +50,7 @@ def _markers(state: PlannerState, camera: Camera, show_rejected: bool) -> list[d
         x, y, depth = camera.on_screen(np.array(center)).tolist()
         if depth < LEAST_DEPTH_MM:
             continue
-        selected = label == state.marker
+        selected = label == state.look.marker
         ring = selected or colour == REJECTED_COLOUR
         r = 2 * radius / camera.plane_at(np.array(center)).field_mm
         drawn.append(
@@ -68,5 +68,9 @@ def _path(camera: Camera, one: Trajectory, state: PlannerState) -> dict[str, Any
     """Return the ends of a trajectory, with a thin line: it and its tube are in the picture."""
     ends = camera.on_screen(np.stack([one.entry_mm, one.target_mm]))
     places = {"entry": ends[0, :2].tolist(), "target": ends[1, :2].tolist()}
-    look = {"near": bool((ends[:, 2] >= LEAST_DEPTH_MM).all()), "selected": one.name == state.selected, "width": 1}
+    look = {
+        "near": bool((ends[:, 2] >= LEAST_DEPTH_MM).all()),
+        "selected": one.name == state.look.selected,
+        "width": 1,
+    }
     return {"name": one.name, "colour": one.colour, **look, **places}

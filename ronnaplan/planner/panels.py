@@ -1,12 +1,18 @@
-"""The panels where something is settled by hand, as plain values: rivals of a pairing, readings, AC-PC points."""
+"""What stands in each panel of the page, as plain values: markers, trajectories, registration, AC-PC, proposals."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
+from ronnaplan.case.surroundings import Judgement
 from ronnaplan.documents.registration import LabelPair, RegistrationDocument
+from ronnaplan.localization.fiducials import FiducialFlag
 from ronnaplan.planner.state import LANDMARKS, PlannerState
+from ronnaplan.planning import Measures
+from ronnaplan.planning.uncertainty import PathError
 
 MOST_RIVALS = 4
 """Pairings shown beside each other."""
@@ -15,20 +21,133 @@ SAME_NATS = 0.05
 """Pairings whose log evidence differs by less are shown as equally probable."""
 
 
+def marker_rows(state: PlannerState) -> list[dict[str, str]]:
+    """Return one row a marker."""
+    rows = []
+    for one in state.case.fiducials.fiducials if state.case.fiducials else ():
+        error_um = 1e3 * float(np.sqrt(np.trace(np.array(one.covariance))))
+        known = FiducialFlag.__members__
+        flags = "; ".join(str(known.get(flag.upper(), flag)) for flag in one.flags)
+        rows.append({"label": one.label, "center": _place(one.center), "error": f"{error_um:.0f}", "flags": flags})
+    return rows
+
+
+def rejected_rows(state: PlannerState) -> list[dict[str, Any]]:
+    """Return one row a rejected candidate; those that a person turned down can be accepted."""
+    return [
+        {"center": _place(one.center), "reason": one.reason, "acceptable": one.marker is not None}
+        for one in (state.case.fiducials.rejected if state.case.fiducials else ())
+    ]
+
+
+def path_rows(state: PlannerState) -> list[dict[str, Any]]:
+    """Return one row a trajectory."""
+    return [
+        {
+            "name": one.name,
+            "colour": one.colour,
+            "locked": one.locked,
+            "selected": one.name == state.look.selected,
+            "length": f"{one.length_mm:.1f}",
+        }
+        for one in state.case.plan.trajectories
+    ]
+
+
+def chosen_path(state: PlannerState, judged: Judgement | None) -> dict[str, Any]:
+    """Return the selected trajectory with its ends to the micrometre, measures and verdicts."""
+    one = state.look.chosen
+    if one is None or judged is None:
+        return {"name": "", "measures": [], "verdicts": []}
+    return {
+        "name": one.name,
+        "locked": one.locked,
+        "colour": one.colour,
+        "instrument": one.instrument.name,
+        "diameter": one.instrument.diameter_mm,
+        "length": one.instrument.length_mm,
+        "notes": one.notes,
+        "entry": one.entry_mm.round(3).tolist(),
+        "target": one.target_mm.round(3).tolist(),
+        "problem": judged.problem,
+        "doubts": [
+            *state.case.surroundings.expected.remarks,
+            *(judged.measures.doubts if judged.measures else ()),
+        ],
+        "measures": _measures(judged.measures) if judged.measures else [],
+        "verdicts": [
+            (verdict.measure, f"{_number(verdict.value)} {verdict.unit} {verdict.remark}", verdict.passes)
+            for verdict in sorted(judged.verdicts, key=lambda verdict: verdict.passes)
+        ],
+    }
+
+
+def _measures(one: Measures) -> list[tuple[str, str]]:
+    rows = [
+        ("length", f"{one.length_mm:.2f} mm"),
+        ("target below scalp", f"{_number(one.depth_below_scalp_mm)} mm"),
+        ("target below skull", f"{_number(one.depth_below_skull_mm)} mm"),
+        ("bone along the path", f"{_number(one.skull_thickness_mm)} mm"),
+        ("angle to the skull's normal", f"{_number(one.skull_angle_deg)} deg"),
+    ]
+    rows.append(("arc, ring of a frame square to the scan", f"{one.arc.arc_deg:.1f}, {one.arc.ring_deg:.1f} deg"))
+    if one.acpc is not None:
+        rows += [
+            ("AC-PC sagittal, coronal angle", f"{one.acpc.sagittal_deg:.1f}, {one.acpc.coronal_deg:.1f} deg"),
+            (
+                "target from mid-commissure, R A S",
+                ", ".join(f"{value:.1f}" for value in one.acpc.target_mm) + " mm",
+            ),
+        ]
+    return rows + [row for error in (one.error, one.planned_error) if error is not None for row in _errors(error)]
+
+
+def _errors(error: PathError) -> list[tuple[str, str]]:
+    basis = error.expected.basis
+    return [
+        (f"expected error, as {basis}", str(error.expected)),
+        (f"at the entry, as {basis}", f"{error.entry_rms_mm:.2f} mm RMS"),
+        (f"at the target, as {basis}", f"{error.target_rms_mm:.2f} mm RMS"),
+        (f"of the angle, as {basis}", f"{error.angular_rms_deg:.2f} deg RMS"),
+        (f"chance within {error.tolerance_mm:g} mm, as {basis}", f"{error.probability:.3f}"),
+    ]
+
+
+def registration_panel(state: PlannerState) -> dict[str, Any]:
+    """Return pairs and residuals, or the refusal with its rivals, and the expected errors."""
+    found = state.case.registration
+    if found is None:
+        return {"status": ""}
+    if state.case.outdated:
+        return {"status": "outdated", "summary": f"outdated: {state.case.outdated}"}
+    fre = "" if found.fre_rms is None else f"FRE {found.fre_rms:.3f} mm RMS, probability {found.probability:.6f}"
+    return {
+        "status": found.status,
+        "summary": f"{found.status}: {found.reason or fre}",
+        "pairs": [(p.ct, p.ots, f"{p.residual:.2f}", _number(p.leave_one_out)) for p in found.pairs],
+        "rivals": [
+            (", ".join(f"{p.ct}={p.ots}" for p in rival.pairs), f"{rival.log_evidence_below:.1f}")
+            for rival in found.rivals
+        ],
+        "basis": str(state.case.surroundings.expected.registered or ""),
+        "errors": [(name, f"{error:.2f}") for name, error in state.registering.expected_errors_mm().items()],
+    }
+
+
 def pointing_panel(state: PlannerState) -> dict[str, Any]:
     """Return the readings, what was pointed at so far, and the rivals beside each other."""
-    readings = state.readings_mm
+    readings = state.registering.readings_mm
     rows = zip(readings.labels, readings.positions_mm, strict=True) if readings is not None else ()
     return {
-        "asked": state.pointing,
-        "marker": state.pointed_marker or "",
-        "reading": state.pointed_reading or "",
-        "touch": (state.touch or "") if state.pointing else "",
-        "known": ", ".join(f"{ct} is {ots}" for ct, ots in state.known_pairs.items()),
+        "asked": state.registering.pointing,
+        "marker": state.registering.pointed_marker or "",
+        "reading": state.registering.pointed_reading or "",
+        "touch": (state.registering.touch or "") if state.registering.pointing else "",
+        "known": ", ".join(f"{ct} is {ots}" for ct, ots in state.registering.known_pairs.items()),
         "readings": [(label, ", ".join(f"{value:.1f}" for value in place)) for label, place in rows],
         **(
-            _rivals(state.registration)
-            if state.registration and not state.outdated
+            _rivals(state.case.registration)
+            if state.case.registration and not state.case.outdated
             else {"heads": [], "rivals": []}
         ),
     }
@@ -77,7 +196,7 @@ def landmark_rows(state: PlannerState) -> list[dict[str, Any]]:
 
 def proposal_rows(state: PlannerState) -> list[tuple[str, str]]:
     """Return one row a proposed entry, best first: its score and the reasons."""
-    found = state.proposals
+    found = state.offers.proposals
     if found is None:
         return []
     return [(f"{one.score:.2f}", "; ".join(one.reasons)) for one in found.best] or [
@@ -87,10 +206,19 @@ def proposal_rows(state: PlannerState) -> list[tuple[str, str]]:
 
 def placement_line(state: PlannerState) -> str:
     """Return in words what the proposed places for markers promise, empty where there are none."""
-    placed = state.placement
+    placed = state.offers.placement
     if placed is None:
         return ""
     return (
-        f"{len(placed.centres_mm)} places, shown in blue in the 3-D view: largest expected error "
-        f"{placed.largest_tre_mm:.2f} mm ({placed.even_tre_mm:.2f} mm when spread evenly)"
+        f"{len(placed.centers_mm)} places, shown in blue in the 3-D view: largest expected error "
+        f"{placed.largest_tre_mm:.2f} mm ({placed.even_tre_mm:.2f} mm when spread evenly), "
+        f"as planned ({placed.expected.sigma_ct_mm:g} mm in CT, {placed.expected.sigma_ots_mm:g} mm tracked, per axis)"
     )
+
+
+def _place(place_mm: tuple[float, ...]) -> str:
+    return ", ".join(f"{value:.2f}" for value in place_mm)
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"

@@ -7,11 +7,13 @@ from typing import Protocol
 
 import numpy as np
 
+from ronnaplan.case.edits import ENDS
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.planner.camera import Camera
-from ronnaplan.planner.cuts import PATH_VIEWS, Cut
-from ronnaplan.planner.state import ENDS, PlannerState
+from ronnaplan.planner.cuts import PATH_VIEWS
+from ronnaplan.planner.state import PlannerState
+from ronnaplan.scene.camera import Camera
+from ronnaplan.scene.cut import Cut
 
 GRAB_PIXELS = 9.0
 """A press this near to an end or line of a trajectory takes hold of it."""
@@ -93,14 +95,14 @@ class Pointer:
         if self.adding:
             self._add(view, at)
         elif pan and view not in (*PATH_VIEWS, HEAD):
-            self._plane = self.state.cut(view)
+            self._plane = self.state.look.cut(view)
             self._panned_from = at.place_mm(self._plane)
         elif (held := self._end_near(view, at)) is not None:
             self._take(view, at, *held)
         elif view != HEAD:
-            self._plane = self.state.cut(view)
+            self._plane = self.state.look.cut(view)
             self._pick_in_cut(self._plane, at)
-            self.state.jump(at.place_mm(self._plane))
+            self.state.look.jump(at.place_mm(self._plane))
 
     def move(self, view: str, at: Pixel) -> None:
         """Move what is held. The plane stays that of the press, so that the view does not slip from under it."""
@@ -115,24 +117,24 @@ class Pointer:
             return
         place = at.place_mm(self._plane)
         if self._held is not None:
-            self.state.drag(*self._held, place + self._offset_mm)
+            self.state.case.drag(*self._held, place + self._offset_mm)
         elif self._panned_from is not None:
-            self.state.centre_mm = self._plane.centre_mm + self._panned_from - place
+            self.state.look.center_mm = self._plane.center_mm + self._panned_from - place
         else:
-            self.state.jump(place)
+            self.state.look.jump(place)
 
     def release(self) -> None:
         """Let go and keep what was done; a click in the 3-D view picks what is under it."""
         at = self._turned[0] if self._turned and self._clicked else None
         held = self._held
-        self.state.end_drag()
+        self.state.case.end_drag()
         self._plane = self._held = self._panned_from = None
         self._turned = []
         if at is not None and held is not None:
-            self.state.jump(getattr(self.state.plan.trajectory(held[0]), f"{held[1]}_mm"))
+            self.state.look.jump(getattr(self.state.case.plan.trajectory(held[0]), f"{held[1]}_mm"))
         elif at is not None and self.head is not None:
             self._pick_in_head(self.head.camera, at)
-        self.state.save_look()
+        self.state.look.save()
 
     def wheel(self, view: str, steps: float, at: Pixel, *, zoom: bool = False) -> None:
         """Scroll through the slices, zoom about the pointer, or come nearer to the head."""
@@ -141,9 +143,9 @@ class Pointer:
         if view in (*PATH_VIEWS, HEAD):
             return
         if zoom:
-            self.state.zoom(view, ZOOM_STEP**-steps, at.place_mm(self.state.cut(view)))
+            self.state.look.zoom(view, ZOOM_STEP**-steps, at.place_mm(self.state.look.cut(view)))
         else:
-            self.state.scroll(view, steps)
+            self.state.look.scroll(view, steps)
 
     @property
     def _clicked(self) -> bool:
@@ -153,13 +155,13 @@ class Pointer:
     def _add(self, view: str, at: Pixel) -> None:
         place: FloatArray | None
         if view != HEAD:
-            place = at.place_mm(self.state.cut(view))
+            place = at.place_mm(self.state.look.cut(view))
         elif self.entry_mm is not None:
             raise UsageError("the target lies inside the head; click it in one of the cuts")
         else:
             place = self._surface_under(at)
         if place is None:
-            raise UsageError(f"there is no {self.state.surface} under the pointer; click on the head")
+            raise UsageError(f"there is no {self.state.look.surface} under the pointer; click on the head")
         if self.entry_mm is None:
             self.entry_mm = place
             return
@@ -168,15 +170,15 @@ class Pointer:
 
     def _take(self, view: str, at: Pixel, name: str, end: str) -> None:
         """Hold an end: it keeps its depth behind the screen, and its distance from the pointer."""
-        self.state.select(name)
-        self.state.begin_drag(name)
-        place = getattr(self.state.plan.trajectory(name), f"{end}_mm")
+        self.state.look.select(name)
+        self.state.case.begin_drag(name)
+        place = getattr(self.state.case.plan.trajectory(name), f"{end}_mm")
         self._held, self._plane = (name, end), self._plane_of(view, place)
         self._offset_mm = place - at.place_mm(self._plane)
 
     def _plane_of(self, view: str, place_mm: FloatArray) -> Cut:
         if view != HEAD:
-            return self.state.cut(view)
+            return self.state.look.cut(view)
         assert self.head is not None
         return self.head.camera.plane_at(place_mm)
 
@@ -185,15 +187,15 @@ class Pointer:
         if view == HEAD:
             assert self.head is not None
             return self.head.camera.on_screen(places_mm)[..., :2]
-        cut = self.state.cut(view)
+        cut = self.state.look.cut(view)
         halves: FloatArray = cut.on_screen_mm(places_mm)[..., :2] / (cut.field_mm / 2)
         return halves
 
     def _end_near(self, view: str, at: Pixel) -> tuple[str, str] | None:
         """Return name and end of the trajectory whose end is drawn nearest to the pointer, if it is near."""
         found: list[tuple[float, str, str]] = []
-        for one in self.state.plan.trajectories:
-            if one.locked or (view in PATH_VIEWS and one.name != self.state.selected):
+        for one in self.state.case.plan.trajectories:
+            if one.locked or (view in PATH_VIEWS and one.name != self.state.look.selected):
                 continue  # to select another would turn these views from under the pointer
             away = at.pixels_to(self._on_screen(view, np.stack([one.entry_mm, one.target_mm])))
             found += [(float(distance), one.name, end) for distance, end in zip(away, ENDS, strict=True)]
@@ -203,7 +205,7 @@ class Pointer:
     def _pick_in_cut(self, cut: Cut, at: Pixel) -> None:
         """Select the marker that the plane cuts under the pointer, if there is one."""
         place = at.place_mm(cut)
-        for one in self.state.fiducials.fiducials if self.state.fiducials else ():
+        for one in self.state.case.fiducials.fiducials if self.state.case.fiducials else ():
             if np.linalg.norm(place - one.center) <= one.diameter_mm / 2:
                 self.state.pick_marker(one.label)
                 return
@@ -213,15 +215,15 @@ class Pointer:
         if (label := self._marker_under(camera, at)) is not None:
             self.state.jump_to_marker(label)
         elif (path := self._path_under(camera, at)) is not None:
-            self.state.select(path[0])
-            self.state.jump(path[1])
+            self.state.look.select(path[0])
+            self.state.look.jump(path[1])
         elif (place := self._surface_under(at)) is not None:
-            self.state.jump(place)
+            self.state.look.jump(place)
 
     def _marker_under(self, camera: Camera, at: Pixel) -> str | None:
         """Return the nearest marker whose ball, or a few pixels about its middle, is under the pointer."""
         under: list[tuple[float, str]] = []
-        for one in self.state.fiducials.fiducials if self.state.fiducials else ():
+        for one in self.state.case.fiducials.fiducials if self.state.case.fiducials else ():
             across, down, depth = camera.on_screen(np.array(one.center))
             radius = one.diameter_mm / camera.plane_at(np.array(one.center)).field_mm * at.side / 2
             if depth > 0 and at.pixels_to(np.array([across, down])) <= max(radius, GRAB_PIXELS / 2):
@@ -231,7 +233,7 @@ class Pointer:
     def _path_under(self, camera: Camera, at: Pixel) -> tuple[str, FloatArray] | None:
         """Return the trajectory drawn under the pointer, and the place on it."""
         (eye_mm, ray), found = camera.ray(*at.halves), []
-        for one in self.state.plan.trajectories:
+        for one in self.state.case.plan.trajectories:
             place = one.at_depth(np.array(_depth_beside(eye_mm, ray, one.entry_mm, one.inward, one.length_mm)))
             distance = float(at.pixels_to(camera.on_screen(place)[:2]))
             found.append((distance, one.name, place))
@@ -240,7 +242,7 @@ class Pointer:
 
     def _surface_under(self, at: Pixel) -> FloatArray | None:
         assert self.head is not None
-        return self.state.surface_along(*self.head.camera.ray(*at.halves))
+        return self.state.look.surface_along(*self.head.camera.ray(*at.halves))
 
 
 def _depth_beside(

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from ronnaplan.documents.agreement import disagreement
+from ronnaplan.case import marker_edits
+from ronnaplan.case.edits import OpenCase
 from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.registration import registration_document
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import Points
-from ronnaplan.planner import markers
-from ronnaplan.planner.looking import Looking
+from ronnaplan.planner.storage import Storage
 from ronnaplan.tracking import find_markers, read_recording
 
 
-class Registering(Looking):
-    """A case whose markers are paired with a tracker's readings."""
+class Registering:
+    """The tracker's readings of an open case, and what was pointed at."""
 
-    def __init__(self, *opened: Any, **options: Any) -> None:
-        """Open a case; no readings are loaded yet."""
-        super().__init__(*opened, **options)
+    def __init__(self, case: OpenCase, storage: Storage) -> None:
+        """No readings are loaded yet."""
+        self.case, self.storage = case, storage
         self.readings_mm: Points | None = None
         self.known_pairs: dict[str, str] = {}
         self.touch: str | None = None
@@ -29,7 +27,7 @@ class Registering(Looking):
     def load_readings(self, name: str) -> None:
         """Register with the readings file ``name`` of the case's folder."""
         recording = read_recording(self.storage.readings_path(name))
-        self.register(find_markers(recording, sigma_mm=self.surroundings.rules.sigma_ots_mm).points)
+        self.register(find_markers(recording, sigma_mm=self.case.surroundings.rules.sigma_ots_mm).points)
 
     def register(self, readings_mm: Points) -> None:
         """Register the markers with a tracker's readings; a refused pairing is kept with its rivals."""
@@ -38,20 +36,19 @@ class Registering(Looking):
 
     def point_at(self, label: str, reading: str) -> None:
         """Say which reading a marker is, and register again."""
-        markers.named(self.found, label)
+        marker_edits.named(self.case.found, label)
         pairs = {ct: ots for ct, ots in self.known_pairs.items() if ots != reading}
         self._register({**pairs, label: reading})
 
     @property
     def pointing(self) -> bool:
         """Whether a click on a marker and one on a reading would settle which reading the marker is."""
-        found = self.registration
-        asked = found is not None and found.status == "ambiguous" and not self.outdated
+        found = self.case.registration
+        asked = found is not None and found.status == "ambiguous" and not self.case.outdated
         return asked and self.readings_mm is not None
 
     def pick_marker(self, label: str) -> None:
-        """Select a marker; while the pairing is ambiguous this points at it."""
-        self.marker = markers.named(self.found, label).label
+        """Point at a marker, if the pairing is ambiguous."""
         if self.pointing:
             self.pointed_marker = label
             self._settle()
@@ -71,18 +68,11 @@ class Registering(Looking):
 
     def expected_errors_mm(self) -> dict[str, float]:
         """Return the expected error (RMS) of the registration at every end of every trajectory."""
-        expected = self.surroundings.expected.registered
-        if expected is None or not self.plan.trajectories:
+        expected = self.case.surroundings.expected.registered
+        if expected is None or not self.case.plan.trajectories:
             return {}
-        places = self.plan.points
+        places = self.case.plan.points
         return dict(zip(places.labels, expected.tre_rms_mm(places.positions_mm).tolist(), strict=True))
-
-    @property
-    def outdated(self) -> str | None:
-        """Why the registration no longer holds for the markers as they are now, None where it does."""
-        if self.registration is None or self.fiducials is None:
-            return None
-        return disagreement(self.fiducials, self.registration)
 
     def _settle(self) -> None:
         marker, reading = self.pointed_marker, self.pointed_reading
@@ -97,14 +87,14 @@ class Registering(Looking):
             raise UsageError("no readings are loaded; choose a readings file first")
         pairs = known_pairs or {}
         found = register_markers(
-            self.found.points,
+            self.case.found.points,
             self.readings_mm,
-            sigma_ct_mm=self.surroundings.rules.sigma_ct_mm,
+            sigma_ct_mm=self.case.surroundings.rules.sigma_ct_mm,
             known_pairs=tuple(pairs.items()),
         )
-        source = Source.model_validate(self.found.source.model_dump())
-        document = registration_document(found, source, self.plan.points)
+        source = Source.model_validate(self.case.found.source.model_dump())
+        document = registration_document(found, source, self.case.plan.points)
         self.known_pairs = pairs
         self.touch = None if found.pairing.touch is None else found.ct.labels[found.pairing.touch]
         self.leave_pointing()
-        self._keep_registration(document)
+        self.case.keep_registration(document)

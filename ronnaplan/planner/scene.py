@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.planner.camera import Camera
 from ronnaplan.planner.cuts import JPEG_QUALITY
 from ronnaplan.planner.drawing import MARKER_COLOUR
-from ronnaplan.planner.shapes import Body, ball, joined, specks, tube
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Measures, Placement, Proposals
 from ronnaplan.planning.trajectory import Trajectory
+from ronnaplan.scene.camera import Camera
+from ronnaplan.scene.shapes import Body, ball, joined, specks, tube
 
 PIXELS, DRAGGED_PIXELS = 640, 320
 """Width and height of the picture, which the browser shrinks; and while an end is dragged, to keep up with the hand."""
@@ -43,7 +43,7 @@ class Scene:
 
     def __init__(self, state: PlannerState) -> None:
         self.state = state
-        low, high = state.bounds_mm
+        low, high = state.look.bounds_mm
         middle = (low + high) / 2
         self.camera = Camera(middle + np.array([-0.6, -1.0, 0.5]) * 1.25 * float((high - low).max()), middle)
         self._shown: dict[str, _Shown] = {}
@@ -62,7 +62,7 @@ class Scene:
     def show_markers(self) -> None:
         """Show the markers as balls of their size."""
         self._shown.pop("markers", None)
-        found = self.state.fiducials
+        found = self.state.case.fiducials
         if found is not None and found.fiducials:
             balls = [ball(one.center, one.diameter_mm / 2) for one in found.fiducials]
             self._show("markers", joined(balls), MARKER_COLOUR)
@@ -98,7 +98,7 @@ class Scene:
         """Show proposed places for markers."""
         self._shown.pop("placement", None)
         if placed is not None:
-            balls = [ball(centre, 5.75) for centre in placed.centres_mm]
+            balls = [ball(center, placed.diameter_mm / 2) for center in placed.centers_mm]
             self._show("placement", joined(balls), PLACEMENT_COLOUR, 0.8)
 
     def turn(self, across_pixels: float, down_pixels: float) -> None:
@@ -113,7 +113,7 @@ class Scene:
         """Return the picture as JPEG: what is opaque, then what is seen through, the skin or skull last."""
         import cv2
 
-        pixels = DRAGGED_PIXELS if self.state.dragging else PIXELS
+        pixels = DRAGGED_PIXELS if self.state.case.dragging else PIXELS
         picture = np.broadcast_to(_colour(BACKGROUND).astype(np.float32), (pixels, pixels, 3)).copy()
         depths = self.camera.depths(pixels)
         veils = sorted(

@@ -28,7 +28,7 @@ class Look(DocumentModel):
 
     voxel_sha256: Line
     crosshair: Vector
-    centre: Vector
+    center: Vector
     field_mm: PositiveMm
     window: Line
     selected: Line | None = None

@@ -13,7 +13,7 @@ RAS_IN_LPS = np.diag([-1.0, -1.0, 1.0])
 """Rows right, anterior, superior in LPS: the axes of a frame that sits square to the scanner."""
 
 FRAME_CENTRE_MM = 100.0
-"""Leksell coordinates of the frame's centre, the same for X, Y and Z."""
+"""Leksell coordinates of the frame's center, the same for X, Y and Z."""
 
 
 @dataclass(frozen=True)
@@ -78,13 +78,13 @@ def arc_angles(entry_mm: FloatArray, target_mm: FloatArray, axes: FloatArray = R
 
 
 def frame_coordinates(
-    place_mm: FloatArray, centre_mm: FloatArray, axes: FloatArray = RAS_IN_LPS
+    place_mm: FloatArray, center_mm: FloatArray, axes: FloatArray = RAS_IN_LPS
 ) -> tuple[float, float, float]:
     """Return Leksell X (towards the left), Y (anterior), Z (inferior) of a place, in mm.
 
-    ``centre_mm`` is the frame's centre (100, 100, 100) in LPS.
+    ``center_mm`` is the frame's center (100, 100, 100) in LPS.
     """
-    right, anterior, superior = axes @ (np.asarray(place_mm) - centre_mm)
+    right, anterior, superior = axes @ (np.asarray(place_mm) - center_mm)
     return (
         float(FRAME_CENTRE_MM - right),
         float(FRAME_CENTRE_MM + anterior),

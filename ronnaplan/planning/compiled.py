@@ -160,19 +160,19 @@ def _field_at(distances, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def exchange(centres, targets, chosen, place, apart, scores):  # type: ignore[no-untyped-def]
+def exchange(centers, targets, chosen, place, apart, scores):  # type: ignore[no-untyped-def]
     """Fill ``scores`` (S,) with the largest error were marker ``place`` at each site that keeps its distance."""
     markers = np.empty((len(chosen), 3))
     for n in range(len(chosen)):
-        markers[n] = centres[chosen[n]]
-    for site in range(len(centres)):
+        markers[n] = centers[chosen[n]]
+    for site in range(len(centers)):
         near = False
         for n in range(len(chosen)):
-            if n != place and ((centres[chosen[n]] - centres[site]) ** 2).sum() < apart**2:
+            if n != place and ((centers[chosen[n]] - centers[site]) ** 2).sum() < apart**2:
                 near = True
                 break
         if not near:
-            markers[place] = centres[site]
+            markers[place] = centers[site]
             scores[site] = largest(markers, targets)
 
 

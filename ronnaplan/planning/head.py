@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.planning.sampling import AIR_HU, Scan
+from ronnaplan.planning.sampling import AIR_HU, SliceSampler
 
 SKIN_HU = -450.0
 """About half way between air and skin; crossings are found at it and then fitted to the local levels."""
@@ -35,14 +35,14 @@ class Head:
     """
 
     volume: CTVolume
-    scan: Scan
+    scan: SliceSampler
     inside: NDArray[np.bool_]
     cell: int
 
     @classmethod
     def of(cls, volume: CTVolume) -> Head:
         """Find the head in ``volume``; raises `InputError` when there is none."""
-        scan = Scan.of(volume)
+        scan = SliceSampler.of(volume)
         cell = max(1, round(CELL_MM / float(scan.steps_mm.max())))
         inside = _largest_part(np.stack([_tissue(plane, cell, scan) for plane in scan.voxels]))
         filled = np.stack([_fill(plane) for plane in inside])
@@ -54,10 +54,10 @@ class Head:
         return cls(volume, scan, filled, cell)
 
     @cached_property
-    def centre_mm(self) -> FloatArray:
+    def center_mm(self) -> FloatArray:
         """Centroid (3,) of the head in LPS mm."""
-        centre: FloatArray = self._places_mm(self.inside).mean(axis=0)
-        return centre
+        center: FloatArray = self._places_mm(self.inside).mean(axis=0)
+        return center
 
     @cached_property
     def boundary_mm(self) -> FloatArray:
@@ -72,7 +72,7 @@ class Head:
         return self.volume.grid.positions_mm(np.stack([k, j * self.cell + half, i * self.cell + half], axis=-1))
 
 
-def _tissue(plane: NDArray[np.int16] | NDArray[np.float32], cell: int, scan: Scan) -> NDArray[np.bool_]:
+def _tissue(plane: NDArray[np.int16] | NDArray[np.float32], cell: int, scan: SliceSampler) -> NDArray[np.bool_]:
     """Whether each coarse cell (J', I') of a slice is tissue, narrow things left out."""
     import cv2
 

@@ -19,7 +19,7 @@ from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import FloatArray
 
 GRID_TOLERANCE_MM = 0.05
-"""Voxel centres of scan and label map agree within this (NIfTI keeps float32, DICOM often three decimals)."""
+"""Voxel centers of scan and label map agree within this (NIfTI keeps float32, DICOM often three decimals)."""
 
 SEGMENTATION_STORAGE = "1.2.840.10008.5.1.4.1.1.66.4"
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning.head import SKIN_HU
-from ronnaplan.planning.sampling import Scan
+from ronnaplan.planning.sampling import SliceSampler
 
 STEP_MM = 0.5
 """Sampling step of the search; what it finds is refined by a fit."""
@@ -42,7 +42,7 @@ class Way(IntEnum):
 
 
 def way_out(
-    scan: Scan, inside: NDArray[np.bool_], cell: int, start_mm: FloatArray, outward: FloatArray
+    scan: SliceSampler, inside: NDArray[np.bool_], cell: int, start_mm: FloatArray, outward: FloatArray
 ) -> tuple[Way, float, float, float]:
     """Search from ``start_mm`` (3,) along unit ``outward`` (3,), both LPS, in the coarse head (`Head.inside`).
 

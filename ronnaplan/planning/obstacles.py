@@ -94,10 +94,10 @@ class Voxels:
         return cls(kind, name, scan.axes, low, high, np.stack([k, j, i], axis=1), held, head.volume.grid, shape)
 
     @property
-    def centres_mm(self) -> FloatArray:
+    def centers_mm(self) -> FloatArray:
         """Middles (N, 3) of the listed voxels in LPS mm."""
-        centres: FloatArray = ((self.low_mm + self.high_mm) / 2) @ self.axes
-        return centres
+        centers: FloatArray = ((self.low_mm + self.high_mm) / 2) @ self.axes
+        return centers
 
     def holds(self, places_mm: FloatArray) -> NDArray[np.bool_]:
         """Return whether each LPS place (..., 3) lies in one of the voxels."""
@@ -137,7 +137,7 @@ class Voxels:
     def _to_voxels(self, trajectory: Trajectory, which: slice | NDArray[np.intp]) -> _Near:
         """Return how near some of the voxels come.
 
-        A label's voxel only says that the next centre is outside, so its wall may reach to there: twice its size.
+        A label's voxel only says that the next center is outside, so its wall may reach to there: twice its size.
         """
         start, stop = self.axes @ trajectory.entry_mm, self.axes @ trajectory.target_mm
         low, high = self.low_mm[which], self.high_mm[which]
@@ -149,7 +149,7 @@ class Voxels:
 
     def _to_surface(self, trajectory: Trajectory) -> _Near:
         """Return how near the smooth surface comes, piece by piece; where there is none, the voxels."""
-        apart = point_distances(self.centres_mm, trajectory.entry_mm, trajectory.target_mm)
+        apart = point_distances(self.centers_mm, trajectory.entry_mm, trajectory.target_mm)
         sizes = (self.high_mm - self.low_mm).max(axis=1)
         nearest, sure = _Near(np.inf, np.inf, 0.0), np.inf
         left = np.argsort(apart, kind="stable")
@@ -157,7 +157,7 @@ class Voxels:
         while len(left) and apart[left[0]] - sizes[left[0]] < sure:
             patch = self._patch(int(left[0]))
             radius = patch.reach_mm if patch else 2.0 * sizes[left[0]]
-            here = np.linalg.norm(self.centres_mm[left] - self.centres_mm[left[0]], axis=1) <= radius
+            here = np.linalg.norm(self.centers_mm[left] - self.centers_mm[left[0]], axis=1) <= radius
             known = patch.nearest(trajectory.entry_mm, trajectory.target_mm) if patch else None
             one = _Near(*known, smooth=True) if known else self._to_voxels(trajectory, left[here])
             nearest, sure = min(nearest, one, key=lambda near: near.distance_mm), min(sure, one.at_least_mm)
@@ -181,11 +181,11 @@ class _Near:
 
 
 @dataclass(frozen=True, eq=False)
-class Marker:
-    """A sphere at ``centre_mm`` (3,) on a post that reaches to ``foot_mm`` (3,) on the head."""
+class PostedMarker:
+    """A sphere at ``center_mm`` (3,) on a post that reaches to ``foot_mm`` (3,) on the head."""
 
     name: str
-    centre_mm: FloatArray
+    center_mm: FloatArray
     foot_mm: FloatArray
     diameter_mm: float
 
@@ -194,16 +194,16 @@ class Marker:
         tail = (
             trajectory.target_mm - max(trajectory.instrument.length_mm, trajectory.length_mm) * trajectory.inward
         )
-        sphere = float(point_distances(self.centre_mm, tail, trajectory.target_mm)) - self.diameter_mm / 2
-        axis, _ = segment_distances(tail, trajectory.target_mm, self.centre_mm, self.foot_mm)
+        sphere = float(point_distances(self.center_mm, tail, trajectory.target_mm)) - self.diameter_mm / 2
+        axis, _ = segment_distances(tail, trajectory.target_mm, self.center_mm, self.foot_mm)
         distance = max(min(sphere, float(axis) - POST_RADIUS_MM), 0.0)
-        _, share = segment_distances(trajectory.entry_mm, trajectory.target_mm, self.centre_mm, self.foot_mm)
+        _, share = segment_distances(trajectory.entry_mm, trajectory.target_mm, self.center_mm, self.foot_mm)
         clearance = distance - trajectory.instrument.radius_mm
         depth = float(share) * trajectory.length_mm
         return Clearance(Kind.MARKER, self.name, distance, clearance, depth, clearance)
 
 
-Obstacle = Voxels | Marker
+Obstacle = Voxels | PostedMarker
 
 
 def metal(head: Head) -> Voxels:
@@ -213,13 +213,15 @@ def metal(head: Head) -> Voxels:
     return Voxels.at(Kind.METAL, "metal", np.concatenate(held), head)
 
 
-def markers_on(head: Head, names: tuple[str, ...], centres_mm: FloatArray, diameter_mm: float) -> list[Marker]:
-    """Return markers at ``centres_mm`` (N, 3), each with a post to the nearest place of the head."""
+def markers_on(
+    head: Head, names: tuple[str, ...], centers_mm: FloatArray, diameter_mm: float
+) -> list[PostedMarker]:
+    """Return markers at ``centers_mm`` (N, 3), each with a post to the nearest place of the head."""
     boundary = head.boundary_mm
-    nearest = [boundary[np.linalg.norm(boundary - centre, axis=1).argmin()] for centre in centres_mm]
+    nearest = [boundary[np.linalg.norm(boundary - center, axis=1).argmin()] for center in centers_mm]
     return [
-        Marker(name, centre, foot, diameter_mm)
-        for name, centre, foot in zip(names, centres_mm, nearest, strict=True)
+        PostedMarker(name, center, foot, diameter_mm)
+        for name, center, foot in zip(names, centers_mm, nearest, strict=True)
     ]
 
 

@@ -35,16 +35,19 @@ GREATEST_REFUSAL = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Proposed markers: on the scalp (N, 3), their centres (N, 3) and normals (N, 3), LPS mm.
+    """Proposed markers: on the scalp (N, 3), their centers (N, 3) and normals (N, 3), LPS mm.
 
-    ``tre_rms_mm`` (T,) is the expected error at each target, ``rival_distance_mm`` how far the layout is from
-    being taken for itself in another order, ``allowed`` the number of sites that were open, ``even_tre_mm`` the
-    largest expected error of as many markers spread evenly over them (mean of some spreads).
+    ``diameter_mm`` is theirs, ``expected`` the error of the registration that they will give and ``tre_rms_mm`` (T,)
+    that at each target. ``rival_distance_mm`` tells how far the layout is from being taken for itself in another order,
+    ``allowed`` the number of sites that were open, ``even_tre_mm`` the largest expected error of as many markers spread
+    evenly over them (mean of some spreads).
     """
 
     scalp_mm: FloatArray
     normals: FloatArray
-    centres_mm: FloatArray
+    centers_mm: FloatArray
+    diameter_mm: float
+    expected: ExpectedPose
     tre_rms_mm: FloatArray
     rival_distance_mm: float
     refusal_probability: float
@@ -76,28 +79,30 @@ def place_markers(
             f"{count} markers for {len(targets)} targets were asked for; expected three or more for at least one"
         )
     allowed = allowed_sites(sites, rules, entries_mm)
-    centres = allowed.centres_mm(rules.height_mm)
+    centers = allowed.centers_mm(rules.height_mm)
     generator = np.random.default_rng(seed)
     best: tuple[float, NDArray[np.int64]] | None = None
     for _ in range(STARTS):
-        start = scattered_layout(centres, count, rules.least_apart_mm, generator)
+        start = scattered_layout(centers, count, rules.least_apart_mm, generator)
         if start is None:
             continue
-        score, chosen = _improve(centres, targets, start, rules)
-        if (best is None or score < best[0]) and _refusal(centres[chosen], rules) <= GREATEST_REFUSAL:
+        score, chosen = _improve(centers, targets, start, rules)
+        if (best is None or score < best[0]) and _refusal(centers[chosen], rules) <= GREATEST_REFUSAL:
             best = (score, chosen)
     if best is None:
         raise RefusedError(
             f"no unambiguous layout of {count} markers keeps the rules on {len(allowed)} allowed places; allow "
             "more of the scalp, a smaller distance, or another number of markers"
         )
-    chosen = best[1][np.argsort(-centres[best[1], 2], kind="stable")]
-    layout = _described(centres[chosen])
+    chosen = best[1][np.argsort(-centers[best[1], 2], kind="stable")]
+    layout, expected = _described(centers[chosen]), _expected(centers[chosen], rules)
     return Placement(
         allowed.scalp_mm[chosen],
         allowed.normals[chosen],
-        centres[chosen],
-        expected_tre_mm(centres[chosen], targets, rules),
+        centers[chosen],
+        rules.diameter_mm,
+        expected,
+        expected.tre_rms_mm(targets),
         layout.rival_distance_mm,
         layout.refusal_probability(rules.sigma_ct_mm, rules.sigma_ots_mm),
         len(allowed),
@@ -109,52 +114,56 @@ def even_tre_mm(
     allowed: Sites, targets_mm: FloatArray, count: int, rules: PlacementRules, generator: np.random.Generator
 ) -> float:
     """Return the largest expected error over the targets (T, 3) of markers spread evenly, mean of `SPREADS`."""
-    centres = allowed.centres_mm(rules.height_mm)
-    layouts = (centres[even_layout(allowed, count, generator)] for _ in range(SPREADS))
+    centers = allowed.centers_mm(rules.height_mm)
+    layouts = (centers[even_layout(allowed, count, generator)] for _ in range(SPREADS))
     return float(np.mean([expected_tre_mm(layout, targets_mm, rules).max() for layout in layouts]))
 
 
 def expected_tre_mm(markers_mm: FloatArray, targets_mm: FloatArray, rules: PlacementRules) -> FloatArray:
     """Return the expected root-mean-square error (T,) at ``targets_mm`` (T, 3), mm."""
+    return _expected(markers_mm, rules).tre_rms_mm(targets_mm)
+
+
+def _expected(markers_mm: FloatArray, rules: PlacementRules) -> ExpectedPose:
     labels = tuple(f"M{number}" for number in range(1, len(markers_mm) + 1))
     markers = Points(markers_mm, np.zeros((len(markers_mm), 3, 3)), labels)
-    return ExpectedPose.planned(markers, rules.sigma_ct_mm, rules.sigma_ots_mm).tre_rms_mm(targets_mm)
+    return ExpectedPose.planned(markers, rules.sigma_ct_mm, rules.sigma_ots_mm)
 
 
 def scattered_layout(
-    centres: FloatArray, count: int, apart_mm: float, generator: np.random.Generator
+    centers: FloatArray, count: int, apart_mm: float, generator: np.random.Generator
 ) -> NDArray[np.int64] | None:
     """Return a random layout that keeps its distances, or None when the places ran out."""
-    open_places = np.ones(len(centres), dtype=np.bool_)
+    open_places = np.ones(len(centers), dtype=np.bool_)
     chosen: list[int] = []
     while len(chosen) < count:
         if not open_places.any():
             return None
         chosen.append(int(generator.choice(np.flatnonzero(open_places))))
-        open_places &= np.linalg.norm(centres - centres[chosen[-1]], axis=1) >= apart_mm
+        open_places &= np.linalg.norm(centers - centers[chosen[-1]], axis=1) >= apart_mm
     return np.array(chosen, dtype=np.int64)
 
 
 def _improve(
-    centres: FloatArray, targets: FloatArray, start: NDArray[np.int64], rules: PlacementRules
+    centers: FloatArray, targets: FloatArray, start: NDArray[np.int64], rules: PlacementRules
 ) -> tuple[float, NDArray[np.int64]]:
     """Exchange markers until no move helps; a move that makes the layout ambiguous is not taken."""
     from ronnaplan.planning.compiled import exchange, largest
 
     chosen = start.copy()
-    best = float(largest(np.ascontiguousarray(centres[chosen]), targets))
+    best = float(largest(np.ascontiguousarray(centers[chosen]), targets))
     moved = True
     while moved:
         moved = False
         for place in range(len(chosen)):
-            scores = np.full(len(centres), np.inf)
-            exchange(centres, targets, chosen, place, rules.least_apart_mm, scores)
+            scores = np.full(len(centers), np.inf)
+            exchange(centers, targets, chosen, place, rules.least_apart_mm, scores)
             for site in np.argsort(scores, kind="stable")[:_MOST_TRIED]:
                 if not scores[site] < best * (1.0 - 1e-9):
                     break
                 trial = chosen.copy()
                 trial[place] = site
-                if _refusal(centres[trial], rules) <= max(GREATEST_REFUSAL, _refusal(centres[chosen], rules)):
+                if _refusal(centers[trial], rules) <= max(GREATEST_REFUSAL, _refusal(centers[chosen], rules)):
                     chosen, best, moved = trial, float(scores[site]), True
                     break
     return best, chosen

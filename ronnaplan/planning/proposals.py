@@ -15,7 +15,7 @@ from ronnaplan.planning.head import SKIN_HU, Head
 from ronnaplan.planning.layers import Way
 from ronnaplan.planning.limits import Limits, Verdict, all_pass, judge
 from ronnaplan.planning.measures import Measures, measure
-from ronnaplan.planning.obstacles import POST_RADIUS_MM, Kind, Marker, Obstacle, Voxels
+from ronnaplan.planning.obstacles import POST_RADIUS_MM, Kind, Obstacle, PostedMarker, Voxels
 from ronnaplan.planning.segments import point_distances, segment_distances
 from ronnaplan.planning.trajectory import INSTRUMENTS, Instrument, Trajectory
 from ronnaplan.planning.uncertainty import Expectation
@@ -157,9 +157,9 @@ def _to_segments(
     target = found.target_mm
     least = np.full(len(found.outward), np.inf)
     tails = target + max(instrument.length_mm, 1.0) * found.outward
-    for marker in (one for one in obstacles if isinstance(one, Marker)):
-        axis, _ = segment_distances(tails, target, marker.centre_mm, marker.foot_mm)
-        sphere = point_distances(marker.centre_mm, tails, np.broadcast_to(target, tails.shape))
+    for marker in (one for one in obstacles if isinstance(one, PostedMarker)):
+        axis, _ = segment_distances(tails, target, marker.center_mm, marker.foot_mm)
+        sphere = point_distances(marker.center_mm, tails, np.broadcast_to(target, tails.shape))
         nearest = np.minimum(axis - POST_RADIUS_MM, sphere - marker.diameter_mm / 2)
         least = np.minimum(least, nearest - instrument.radius_mm)
     entries = np.where(np.isnan(found.entries_mm), target + found.outward, found.entries_mm)

@@ -1,4 +1,4 @@
-"""The bent quadric between voxel centres inside and outside a label that leaves them on their sides.
+"""The bent quadric between voxel centers inside and outside a label that leaves them on their sides.
 
 A quadric is the zero set of a polynomial of second order; planes, spheres, ellipsoids and straight tubes are
 quadrics. Bending it along its axis by a circle makes tori of straight tubes.
@@ -28,7 +28,7 @@ def evaluate(parameters: FloatArray, points: FloatArray) -> tuple[FloatArray, Fl
     """
     bend = parameters[10:]
     x, y, z = points.T
-    # Polar angle and radius about the centre of the bend, by the half angle: regular where nothing is bent.
+    # Polar angle and radius about the center of the bend, by the half angle: regular where nothing is bent.
     a = 1.0 - bend[0] * x - bend[1] * y
     g = np.sqrt(a * a + (bend @ bend) * z * z) + 1e-12
     d = a + g
@@ -50,7 +50,7 @@ def evaluate(parameters: FloatArray, points: FloatArray) -> tuple[FloatArray, Fl
 def fit(local: FloatArray, sides: FloatArray, guess: FloatArray, blur: float) -> tuple[FloatArray, FloatArray]:
     """Return axes (3, 3) as rows and, along them, the most probable parameters (12,).
 
-    ``local`` (N, 3) are centres in units of the window's radius, ``sides`` (N,) -1 inside and 1 outside, ``guess``
+    ``local`` (N, 3) are centers in units of the window's radius, ``sides`` (N,) -1 inside and 1 outside, ``guess``
     (N,) rough signed distances, ``blur`` the width of the probit, all in those units.
     """
     axes = _axes(_polynomial(local, guess))

@@ -20,7 +20,7 @@ AIR_HU = -1024.0
 
 
 @dataclass(frozen=True, eq=False)
-class Scan:
+class SliceSampler:
     """A scan as the loops over its voxels want it.
 
     ``voxels`` (K, J, I); rows of ``axes`` (3, 3) are u (along a row), v (down a column), w (along the normal) in
@@ -35,7 +35,7 @@ class Scan:
     steps_mm: FloatArray
 
     @classmethod
-    def of(cls, volume: CTVolume) -> Scan:
+    def of(cls, volume: CTVolume) -> SliceSampler:
         """Lay out ``volume``; its voxels are shared, not copied."""
         axes = volume.grid.axes
         steps = np.array([volume.grid.column_spacing_mm, volume.grid.row_spacing_mm])

@@ -15,10 +15,13 @@ from ronnaplan.planning.layers import Way
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 
 SITES = 4_000
-"""Directions from the head's centre that are looked at; those that reach the scalp become sites, 6 mm apart."""
+"""Directions from the head's center that are looked at; those that reach the scalp become sites, 6 mm apart."""
 
-HEIGHT_MM = 13.75
-"""Default height of a marker's centre above the scalp: an 11.5 mm sphere on an 8 mm base and post."""
+USUAL_DIAMETER_MM = 11.5
+"""The sphere that is meant where no other is named."""
+
+BASE_MM = 8.0
+"""Height of its base and post above the scalp."""
 
 FREE_ABOVE_MM = (4.0, 22.0, 2.0)
 """Heights over the scalp (from, to, step) at which there must be air: there the marker will be."""
@@ -44,8 +47,8 @@ class Sites:
     def __len__(self) -> int:
         return len(self.scalp_mm)
 
-    def centres_mm(self, height_mm: float) -> FloatArray:
-        """Return where the markers' centres would be (S, 3)."""
+    def centers_mm(self, height_mm: float) -> FloatArray:
+        """Return where the markers' centers would be (S, 3)."""
         return self.scalp_mm + height_mm * self.normals
 
     def chosen(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> Sites:
@@ -64,12 +67,18 @@ class PlacementRules:
 
     sigma_ct_mm: float = SIGMA_CT_MM
     sigma_ots_mm: float = SIGMA_OTS_MM
-    height_mm: float = HEIGHT_MM
+    diameter_mm: float = USUAL_DIAMETER_MM
+    base_mm: float = BASE_MM
     least_apart_mm: float = 30.0
     least_from_entries_mm: float = 25.0
     tracker: tuple[float, float, float] | None = None
     visible_deg: float = 80.0
     lowest_mm: float | None = None
+
+    @property
+    def height_mm(self) -> float:
+        """Height of a marker's middle above the scalp."""
+        return self.base_mm + self.diameter_mm / 2
 
     @property
     def sigma_mm(self) -> float:
@@ -82,9 +91,9 @@ def scalp_sites(head: Head, count: int = SITES) -> Sites:
 
     Those on attached things, or with something over them (a headrest, a tube), are left out.
     """
-    centre = head.centre_mm
-    found = cast(head, centre, spread_directions(count), Field.of([], head))
-    sites = surface_sites(found.entries_mm[found.way == Way.OPEN], centre)
+    center = head.center_mm
+    found = cast(head, center, spread_directions(count), Field.of([], head))
+    sites = surface_sites(found.entries_mm[found.way == Way.OPEN], center)
     over = sites.scalp_mm[:, np.newaxis] + np.arange(*FREE_ABOVE_MM)[:, np.newaxis] * sites.normals[:, np.newaxis]
     values = head.scan.values_hu(over.reshape(-1, 3)).reshape(over.shape[:2])
     return sites.chosen(np.asarray((~(values >= SKIN_HU)).all(axis=1)))

@@ -1,7 +1,7 @@
 """The smooth surface behind a label's voxels, near one of them, and how far it is known.
 
-A label tells of each voxel centre only on which side of the surface it lies. In a window about one voxel a bent
-quadric is fitted that leaves the centres on their sides. How far the surface may be elsewhere is asked of all bent
+A label tells of each voxel center only on which side of the surface it lies. In a window about one voxel a bent
+quadric is fitted that leaves the centers on their sides. How far the surface may be elsewhere is asked of all bent
 quadrics that leave them there, by linear programming about the fitted one.
 """
 
@@ -25,13 +25,13 @@ COVERED = 0.6
 """Share of the window's radius within which the fitted surface is used."""
 
 BAND = 1.7
-"""Centres within this many voxels of one on the other side tell where the surface is."""
+"""Centers within this many voxels of one on the other side tell where the surface is."""
 
 BLUR = 0.03
-"""Width of the probit in voxels: softens a centre's side where no surface of the family does them all justice."""
+"""Width of the probit in voxels: softens a center's side where no surface of the family does them all justice."""
 
 WRONG = 0.02
-"""A centre may lie on the wrong side of the fit by this, in voxels; else the surface is no bent quadric."""
+"""A center may lie on the wrong side of the fit by this, in voxels; else the surface is no bent quadric."""
 
 MARGIN = 0.05
 """Added to the doubt, in voxels: linear programming sees the first order, and a real vessel is bent otherwise too."""
@@ -40,7 +40,7 @@ KNOWN = 0.4
 """Where the place is known no better than to this, in voxels at their finest, there is no estimate."""
 
 FEWEST = 30
-"""A window with fewer centres next to the surface tells nothing."""
+"""A window with fewer centers next to the surface tells nothing."""
 
 Has = Callable[[NDArray[np.intp]], NDArray[np.bool_]]
 """Tells of voxels (k, j, i) (..., 3) whether the label has them."""
@@ -48,13 +48,13 @@ Has = Callable[[NDArray[np.intp]], NDArray[np.bool_]]
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A piece of smooth surface: ``parameters`` (12,) along the rows of ``axes`` (3, 3) about ``centre_mm`` (3,).
+    """A piece of smooth surface: ``parameters`` (12,) along the rows of ``axes`` (3, 3) about ``center_mm`` (3,).
 
     ``cloud_mm`` (N, 3) are places on it, in the part of the window where it is used. ``rows`` (M, 12) and ``room``
-    (M,) bound a change of the parameters that still leaves every centre on its side: ``rows @ change <= room``.
+    (M,) bound a change of the parameters that still leaves every center on its side: ``rows @ change <= room``.
     """
 
-    centre_mm: FloatArray
+    center_mm: FloatArray
     axes: FloatArray
     scale_mm: float
     parameters: FloatArray
@@ -66,12 +66,12 @@ class Patch:
 
     @property
     def reach_mm(self) -> float:
-        """Of label voxels within this of ``centre_mm`` the surface next to them is known."""
+        """Of label voxels within this of ``center_mm`` the surface next to them is known."""
         return COVERED * self.scale_mm - 2.0 * self.voxel_mm
 
     def at(self, places_mm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return signed distances (N,), derivatives by the parameters (N, 12) and outward normals (N, 3)."""
-        local = (places_mm - self.centre_mm) @ self.axes.T / self.scale_mm
+        local = (places_mm - self.center_mm) @ self.axes.T / self.scale_mm
         values, jacobian, normals = evaluate(self.parameters, local)
         return values * self.scale_mm, jacobian * self.scale_mm, normals @ self.axes
 
@@ -119,7 +119,7 @@ def fit_patch(has: Has, grid: SliceGrid, shape: tuple[int, ...], voxel: NDArray[
     """Return the surface of a label on a ``grid`` of ``shape`` about one ``voxel`` of it; None where none can be told.
 
     That is so where the grid cuts the label, where the label is thin, where no bent quadric leaves the voxel
-    centres on their sides (sharp or branching shapes), and where there are too few of them.
+    centers on their sides (sharp or branching shapes), and where there are too few of them.
     """
     gap = grid.spacings_mm[min(voxel[0], len(grid.spacings_mm) - 1)]
     sizes = np.array([gap, grid.row_spacing_mm, grid.column_spacing_mm])
@@ -134,9 +134,9 @@ def fit_patch(has: Has, grid: SliceGrid, shape: tuple[int, ...], voxel: NDArray[
 
 @dataclass(frozen=True, eq=False)
 class _Window:
-    """Voxel centres (N, 3) in a ball about one of them, and which of them are inside."""
+    """Voxel centers (N, 3) in a ball about one of them, and which of them are inside."""
 
-    centre_mm: FloatArray
+    center_mm: FloatArray
     places_mm: FloatArray
     inside: NDArray[np.bool_]
 
@@ -144,27 +144,27 @@ class _Window:
 def _window(
     has: Has, grid: SliceGrid, shape: tuple[int, ...], voxel: NDArray[np.intp], radius_mm: float
 ) -> _Window | None:
-    """Return the centres about ``voxel``; None where the grid cuts the label or the label is thin.
+    """Return the centers about ``voxel``; None where the grid cuts the label or the label is thin.
 
     Other parts of the label than the one that holds ``voxel`` are left out: they are neither in nor out.
     """
     from scipy.ndimage import binary_erosion, label
 
-    centre = grid.positions_mm(voxel.astype(np.float64))
+    center = grid.positions_mm(voxel.astype(np.float64))
     signs = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
-    index = grid.indices(centre + radius_mm * signs @ grid.axes)
+    index = grid.indices(center + radius_mm * signs @ grid.axes)
     low = np.maximum(np.floor(index.min(axis=0)).astype(int), 0)
     high = np.minimum(np.ceil(index.max(axis=0)).astype(int) + 1, shape)
     cells = np.moveaxis(np.indices(tuple(high - low)), 0, -1) + low
     places, part = grid.positions_mm(cells.astype(np.float64)), has(cells)
-    ball = np.linalg.norm(places - centre, axis=-1) < radius_mm
+    ball = np.linalg.norm(places - center, axis=-1) < radius_mm
     parts, _ = label(part & ball, structure=np.ones((3, 3, 3)))
     own = parts == parts[tuple(voxel - low)]
     edge = ((cells == 0) | (cells == np.array(shape) - 1)).any(axis=-1)
     if (own & edge).any() or not binary_erosion(own).any():
         return None
     used = ball & (own | ~part)
-    return _Window(centre, places[used], own[used])
+    return _Window(center, places[used], own[used])
 
 
 def _fit(window: _Window, radius_mm: float, voxel_mm: float, finest_mm: float) -> Patch | None:
@@ -173,7 +173,7 @@ def _fit(window: _Window, radius_mm: float, voxel_mm: float, finest_mm: float) -
     if near.sum() < FEWEST:
         return None
     places, sides = window.places_mm[near], np.sign(depth[near])
-    local = (places - window.centre_mm) / radius_mm
+    local = (places - window.center_mm) / radius_mm
     guess = (depth[near] - sides * voxel_mm / 2) / radius_mm
     axes, parameters = fit(local, sides, guess, BLUR * voxel_mm / radius_mm)
     values, jacobian, _ = evaluate(parameters, local @ axes.T)
@@ -181,16 +181,16 @@ def _fit(window: _Window, radius_mm: float, voxel_mm: float, finest_mm: float) -
         return None
     close = sides * values * radius_mm < KNOWN * voxel_mm  # others would bind a surface not known well enough
     bounds = _bounds(parameters, sides[close], values[close], jacobian[close])
-    patch = Patch(window.centre_mm, axes, radius_mm, parameters, voxel_mm, finest_mm, places, *bounds)
+    patch = Patch(window.center_mm, axes, radius_mm, parameters, voxel_mm, finest_mm, places, *bounds)
     cloud = patch.project(places)
     on = np.abs(patch.at(cloud)[0]) < 0.02 * voxel_mm
     on &= np.linalg.norm(cloud - places, axis=1) < 2.0 * voxel_mm
-    on &= np.linalg.norm(cloud - window.centre_mm, axis=1) < COVERED * radius_mm
+    on &= np.linalg.norm(cloud - window.center_mm, axis=1) < COVERED * radius_mm
     return replace(patch, cloud_mm=cloud[on]) if on.any() else None
 
 
 def _depths(window: _Window, most_mm: float) -> FloatArray:
-    """Return the distance (N,) of each centre to the nearest one on the other side, negative inside.
+    """Return the distance (N,) of each center to the nearest one on the other side, negative inside.
 
     Infinite beyond ``most_mm``.
     """
@@ -208,9 +208,9 @@ def _depths(window: _Window, most_mm: float) -> FloatArray:
 def _bounds(
     parameters: FloatArray, sides: FloatArray, values: FloatArray, jacobian: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return ``rows @ change <= room``: all centres stay on their sides, no parameter leaves three usual sizes.
+    """Return ``rows @ change <= room``: all centers stay on their sides, no parameter leaves three usual sizes.
 
-    A centre that is on the wrong side already may stay where it is. The polynomial's scale, which means nothing,
+    A center that is on the wrong side already may stay where it is. The polynomial's scale, which means nothing,
     is kept.
     """
     usual = np.eye(PARAMETERS) / PRIOR[:, np.newaxis]

@@ -117,10 +117,10 @@ def proposals_table(found: Proposals, expected: Expectation) -> str:
 def placement_table(placed: Placement, targets: Sequence[str]) -> str:
     """Return the proposed markers, and the error to expect at each target."""
     rows = [
-        [f"M{n + 1}", _place(scalp), _place(centre)]
-        for n, (scalp, centre) in enumerate(zip(placed.scalp_mm, placed.centres_mm, strict=True))
+        [f"M{n + 1}", _place(scalp), _place(center)]
+        for n, (scalp, center) in enumerate(zip(placed.scalp_mm, placed.centers_mm, strict=True))
     ]
-    markers = _table(["marker", "on the scalp LPS mm", "centre LPS mm"], rows)
+    markers = _table(["marker", "on the scalp LPS mm", "center LPS mm"], rows)
     errors = [[name, f"{error:.3f}"] for name, error in zip(targets, placed.tre_rms_mm, strict=True)]
     return f"{markers}\n\n{_table(['target', 'expected TRE mm'], errors)}"
 

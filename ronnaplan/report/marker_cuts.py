@@ -21,7 +21,7 @@ AGREEMENT_MM = 0.05
 
 @dataclass(frozen=True, eq=False)
 class MarkerPicture:
-    """A PNG of three cuts with residuals, and how far (mm) the marker was found from its stated centre."""
+    """A PNG of three cuts with residuals, and how far (mm) the marker was found from its stated center."""
 
     label: str
     png: bytes
@@ -29,7 +29,7 @@ class MarkerPicture:
 
     @property
     def agrees(self) -> bool:
-        """Whether the document's centre was found again."""
+        """Whether the document's center was found again."""
         return self.apart_mm <= AGREEMENT_MM
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import Fiducial, Fiducials
-from ronnaplan.report.head import head_view
+from ronnaplan.scene.head import head_picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 CUT_PIXEL_MM = 0.25
 CUT_REACH = 1.3
-"""A cut shows this many diameters to each side of the marker's centre."""
+"""A cut shows this many diameters to each side of the marker's center."""
 
 WINDOW_HU = (-1024.0, 600.0)
 OUTLINE_COLOUR = "#ff9f1c"
@@ -87,19 +87,19 @@ def _draw_cut(axes: Axes, volume: CTVolume, one: Fiducial, cut: str) -> None:
 
 
 def _draw_head(axes: Axes, volume: CTVolume, found: Fiducials) -> None:
-    view = head_view(volume, found.centers, max(found.diameters_mm))
-    axes.imshow(view.image, extent=view.extent_mm, origin="lower")
-    for one, (across, upward) in zip(found.fiducials, view.project(found.centers), strict=True):
+    picture, camera = head_picture(volume, found.centers, max(found.diameters_mm))
+    axes.imshow(picture, extent=(-1.0, 1.0, 1.0, -1.0))
+    for one in found.fiducials:
         axes.annotate(
             one.label,
-            (across, upward),
+            tuple(camera.on_screen(one.center_mm)[:2]),
             xytext=(8, 8),
             textcoords="offset points",
             color=OUTLINE_COLOUR,
             fontsize=10,
         )
     axes.set_axis_off()
-    axes.set_title("fitted centres, standard error", color="white", fontsize=9)
+    axes.set_title("fitted centers, standard error", color="white", fontsize=9)
     for row, one in enumerate(found.fiducials):
         center = ", ".join(f"{x:.2f}" for x in one.center_mm)
         text = f"{one.label}  ({center}) mm   {1e3 * one.standard_error_mm:.0f} um"

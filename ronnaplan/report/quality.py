@@ -7,11 +7,11 @@ from datetime import UTC, datetime
 from ronnaplan import __version__
 from ronnaplan.case.folder import Case
 from ronnaplan.report.html import box, element, page, section, table
-from ronnaplan.report.markers import markers_part
+from ronnaplan.report.marker_part import markers_part
 from ronnaplan.report.part import Part
-from ronnaplan.report.paths import paths_part
-from ronnaplan.report.registered import registration_part
-from ronnaplan.report.scan import scan_part
+from ronnaplan.report.path_part import paths_part
+from ronnaplan.report.registration_part import registration_part
+from ronnaplan.report.scan_part import scan_part
 
 NOTICE = "Research software, not a medical device."
 

@@ -11,7 +11,7 @@ from ronnaplan.localization import Fiducial, Fiducials
 
 
 def fiducials_table(found: Fiducials, truth_mm: ArrayLike | None = None) -> str:
-    """List centres (LPS mm), standard errors (micrometres) and, where the truth (M, 3) is known, the distance."""
+    """List centers (LPS mm), standard errors (micrometres) and, where the truth (M, 3) is known, the distance."""
     heading = ["", "x", "y", "z", "s.e. x", "s.e. y", "s.e. z um", "diameter", "contrast HU", "flags"]
     rows = [_row(one) for one in found.fiducials]
     if truth_mm is not None:

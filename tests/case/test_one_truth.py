@@ -24,8 +24,8 @@ from ronnaplan.planner.storage import Storage
 from ronnaplan.planning import Head, Plan, Trajectory, measures
 from ronnaplan.planning.crossings import find_crossings
 from ronnaplan.planning.uncertainty import PathError
-from ronnaplan.report import paths
-from ronnaplan.report.paths import paths_part
+from ronnaplan.report import path_part
+from ronnaplan.report.path_part import paths_part
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 from tests import cases
 
@@ -40,7 +40,7 @@ def one_scan(monkeypatch: pytest.MonkeyPatch) -> None:
     head = Head.of(volume)
     monkeypatch.setattr("ronnaplan.ct.read_ct", lambda *_, **__: volume)
     monkeypatch.setattr(Head, "of", lambda _: head)
-    monkeypatch.setattr(paths, "path_picture", lambda *_: b"")
+    monkeypatch.setattr(path_part, "path_picture", lambda *_: b"")
     fitted = cache(lambda *ends: find_crossings(head, np.array(ends[:3]), np.array(ends[3:])))
     monkeypatch.setattr(measures, "find_crossings", lambda _, target, outward: fitted(*target, *outward))
 
@@ -167,7 +167,7 @@ def rules_of(case: RandomCase) -> Rules:
 def compare_with_planner(case: RandomCase, said: dict[str, Any]) -> None:
     storage = Storage.of(str(case.folder / "plan.json"), None, None)
     state = PlannerState(cases.volume(), storage, with_limits(rules_of(case), storage.limits))
-    judged = [state.judge(one) for one in state.plan.trajectories]
+    judged = [state.case.judge(one) for one in state.case.plan.trajectories]
     for one, written in zip(judged, said["trajectories"], strict=True):
         assert one.measures is not None
         error, planned = as_written(one.measures.error), as_written(one.measures.planned_error)

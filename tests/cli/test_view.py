@@ -54,8 +54,8 @@ def test_the_scan_of_the_case_is_found_beside_the_plan(
     flat = tmp_path / "flat"
     shutil.copytree(cases.CT, flat)
     assert main(["view", "--plan", str(flat / "plan.json")]) == 0
-    assert [state.volume.voxel_sha256 for state, _ in served] == 3 * [cases.volume().voxel_sha256]
-    assert [len(state.plan.trajectories) for state, _ in served] == [1, 1, 0]
+    assert [state.case.volume.voxel_sha256 for state, _ in served] == 3 * [cases.volume().voxel_sha256]
+    assert [len(state.case.plan.trajectories) for state, _ in served] == [1, 1, 0]
 
 
 def test_without_a_scan_one_sentence_says_what_to_give(

@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from ronnaplan.planner.cuts import PIXELS, STANDARD, Cut, jpeg, path_axes
+from ronnaplan.planner.cuts import PIXELS, STANDARD, jpeg, path_axes
 from ronnaplan.planning import Trajectory
-from ronnaplan.planning.sampling import Scan
+from ronnaplan.planning.sampling import SliceSampler
+from ronnaplan.scene.cut import Cut
 from tests.scans import balls, scan, small_stack
 
 CENTER = np.array([3.0, -4.0, 2.0])
@@ -16,7 +17,7 @@ CENTER = np.array([3.0, -4.0, 2.0])
 
 def picture(cut: Cut, tilt_deg: float = 0.0) -> np.ndarray:
     volume = scan(balls([tuple(CENTER)]), small_stack(tilt_deg=tilt_deg))
-    drawn = jpeg(Scan.of(volume), cut, (-1000.0, 200.0))
+    drawn = jpeg(SliceSampler.of(volume), cut, (-1000.0, 200.0))
     return np.asarray(cv2.imdecode(np.frombuffer(drawn, dtype=np.uint8), cv2.IMREAD_GRAYSCALE))
 
 

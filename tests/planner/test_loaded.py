@@ -24,13 +24,13 @@ vessel[-20:-10, 60:70, 60:70] = True
 state = PlannerState(volume, Storage.of(sys.argv[2], None, None), no_go={"vessel": vessel})
 app = PlannerApp(state, get_server("test", client_type="vue3"))
 app.head.open()
-state.begin_drag("left")
-state.drag("left", "target", state.plan.trajectory("left").target_mm + 1.0)
+state.case.begin_drag("left")
+state.case.drag("left", "target", state.case.plan.trajectory("left").target_mm + 1.0)
 app.refresh()
-state.end_drag()
+state.case.end_drag()
 app.refresh()
-assert state.judge(state.chosen).measures.skull_thickness_mm > 1.0
-assert any(one.name == "vessel" for one in state.judge(state.chosen).measures.clearances)
+assert state.case.judge(state.look.chosen).measures.skull_thickness_mm > 1.0
+assert any(one.name == "vessel" for one in state.case.judge(state.look.chosen).measures.clearances)
 assert app.server.state.picture_head and app.server.state.picture_axial
 print(*sorted({name.partition(".")[0] for name in sys.modules}))
 """

@@ -12,7 +12,7 @@ from tests import cases
 
 def pixel(state: PlannerState, view: str, place: np.ndarray, width: float = 700.0, height: float = 500.0) -> Pixel:
     """The pixel that shows a place, worked out the other way round."""
-    cut = state.cut(view)
+    cut = state.look.cut(view)
     across, down, _ = cut.on_screen_mm(place)
     pixels_a_mm = min(width, height) / cut.field_mm
     return Pixel(width / 2 + across * pixels_a_mm, height / 2 + down * pixels_a_mm, width, height)
@@ -23,24 +23,24 @@ def pixel(state: PlannerState, view: str, place: np.ndarray, width: float = 700.
 def test_a_press_puts_the_crosshair_under_the_pointer(
     state: PlannerState, view: str, size: tuple[float, float]
 ) -> None:
-    place = state.crosshair_mm + np.array([11.0, -7.0, 5.0])
+    place = state.look.crosshair_mm + np.array([11.0, -7.0, 5.0])
     Pointer(state).press(view, pixel(state, view, place, *size))
-    away = state.cut(view).away
+    away = state.look.cut(view).away
     expected = place - place @ away * away
-    assert state.crosshair_mm - state.crosshair_mm @ away * away == pytest.approx(expected)
+    assert state.look.crosshair_mm - state.look.crosshair_mm @ away * away == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("view", ["axial", "coronal", "sagittal", "inline", "probe"])
 def test_an_end_is_dragged_within_the_plane_of_the_screen(state: PlannerState, view: str) -> None:
-    path = state.plan.trajectory("left")
-    pointer, cut = Pointer(state), state.cut(view)
+    path = state.case.plan.trajectory("left")
+    pointer, cut = Pointer(state), state.look.cut(view)
     pointer.press(view, pixel(state, view, path.target_mm))
     to = path.target_mm + 6.0 * cut.right + 2.0 * cut.down
     for share in (0.3, 1.0):
         pointer.move(view, pixel(state, view, path.target_mm + share * (to - path.target_mm)))
-        assert state.cut(view).centre_mm == pytest.approx(cut.centre_mm, abs=0)
+        assert state.look.cut(view).center_mm == pytest.approx(cut.center_mm, abs=0)
     pointer.release()
-    moved = state.plan.trajectory("left")
+    moved = state.case.plan.trajectory("left")
     if view != "probe":
         assert moved.target_mm == pytest.approx(to)
         assert moved.entry_mm == pytest.approx(path.entry_mm, abs=0)
@@ -49,19 +49,22 @@ def test_an_end_is_dragged_within_the_plane_of_the_screen(state: PlannerState, v
     assert np.linalg.norm(moved.target_mm - path.target_mm) + np.linalg.norm(
         moved.entry_mm - path.entry_mm
     ) == pytest.approx(np.hypot(6.0, 2.0))
-    assert len(state.plan.history) == 2
+    assert len(state.case.plan.history) == 2
 
 
 def test_two_presses_make_a_trajectory_and_escape_makes_none(state: PlannerState) -> None:
     pointer = Pointer(state)
     pointer.add()
-    entry, target = state.crosshair_mm + np.array([30.0, 0, 0]), state.crosshair_mm - np.array([0, 20.0, 0])
+    entry, target = (
+        state.look.crosshair_mm + np.array([30.0, 0, 0]),
+        state.look.crosshair_mm - np.array([0, 20.0, 0]),
+    )
     pointer.press("axial", pixel(state, "axial", entry))
     pointer.release()
-    state.scroll("axial", 10)
+    state.look.scroll("axial", 10)
     pointer.press("axial", pixel(state, "axial", target))
     pointer.release()
-    made = state.plan.trajectory("T1")
+    made = state.case.plan.trajectory("T1")
     assert made.entry_mm == pytest.approx(entry)
     assert made.target_mm[:2] == pytest.approx(target[:2])
     assert abs(made.target_mm[2] - entry[2]) == pytest.approx(15.0)
@@ -69,36 +72,36 @@ def test_two_presses_make_a_trajectory_and_escape_makes_none(state: PlannerState
     pointer.add()
     pointer.add()
     pointer.press("axial", pixel(state, "axial", entry + 40))
-    assert len(state.plan.trajectories) == 2
+    assert len(state.case.plan.trajectories) == 2
 
 
 def test_a_locked_end_is_not_taken_hold_of(state: PlannerState) -> None:
-    state.lock("left", True)
+    state.case.lock("left", True)
     pointer = Pointer(state)
     pointer.press("axial", pixel(state, "axial", cases.TARGET_MM))
     pointer.move("axial", pixel(state, "axial", cases.TARGET_MM + 5))
     pointer.release()
-    assert state.plan.trajectory("left").target_mm == pytest.approx(cases.TARGET_MM, abs=0)
+    assert state.case.plan.trajectory("left").target_mm == pytest.approx(cases.TARGET_MM, abs=0)
 
 
 def test_what_is_panned_stays_under_the_pointer(state: PlannerState) -> None:
-    pointer, cut = Pointer(state), state.cut("coronal")
+    pointer, cut = Pointer(state), state.look.cut("coronal")
     place = cut.place_mm(10.0, 20.0)
     pointer.press("coronal", pixel(state, "coronal", place), pan=True)
     to = Pixel(333.0, 222.0, 700.0, 500.0)
     pointer.move("coronal", to)
     pointer.move("coronal", to)
-    assert to.place_mm(state.cut("coronal")) == pytest.approx(place)
-    assert state.crosshair_mm == pytest.approx(cut.centre_mm, abs=20.0)
+    assert to.place_mm(state.look.cut("coronal")) == pytest.approx(place)
+    assert state.look.crosshair_mm == pytest.approx(cut.center_mm, abs=20.0)
 
 
 def test_the_wheel_scrolls_or_zooms_about_the_pointer(state: PlannerState) -> None:
     pointer = Pointer(state)
-    at = pixel(state, "sagittal", state.crosshair_mm + 15.0)
-    before = at.place_mm(state.cut("sagittal"))
+    at = pixel(state, "sagittal", state.look.crosshair_mm + 15.0)
+    before = at.place_mm(state.look.cut("sagittal"))
     pointer.wheel("sagittal", -3, at, zoom=True)
-    assert at.place_mm(state.cut("sagittal")) == pytest.approx(before)
-    assert state.field_mm < 250.0
-    x = state.crosshair_mm[0]
+    assert at.place_mm(state.look.cut("sagittal")) == pytest.approx(before)
+    assert state.look.field_mm < 250.0
+    x = state.look.crosshair_mm[0]
     pointer.wheel("sagittal", 2, at)
-    assert abs(state.crosshair_mm[0] - x) == pytest.approx(3.0)
+    assert abs(state.look.crosshair_mm[0] - x) == pytest.approx(3.0)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from ronnaplan.errors import UsageError
-from ronnaplan.planner.camera import Camera
 from ronnaplan.planner.pointer import HEAD, Pixel, Pointer
 from ronnaplan.planner.state import PlannerState
-from ronnaplan.planner.surfaces import SURFACES_HU
+from ronnaplan.scene.camera import Camera
+from ronnaplan.scene.surfaces import SURFACES_HU
 from tests import cases
 
 
@@ -61,19 +61,19 @@ def test_an_end_is_dragged_at_its_own_depth(
     before, other = cases.ENTRY_MM, cases.TARGET_MM
     if end == "target":
         before, other = other, before
-    to = before + head.camera.axes.T @ [12.0, 5.0, 0.0]
+    to = before + head.camera.axes.T @ [12.0, -5.0, 0.0]
     at = pixel(head, before, size)
     pointer.press(HEAD, at)
     for share in (0.5, 1.0):
         pointer.move(HEAD, pixel(head, before + share * (to - before), size))
     pointer.release()
-    moved = state.plan.trajectory("left")
+    moved = state.case.plan.trajectory("left")
     assert getattr(moved, f"{end}_mm") == pytest.approx(to)
     assert getattr(moved, "target_mm" if end == "entry" else "entry_mm") == pytest.approx(other, abs=0)
     assert head.turned == []
-    assert len(state.plan.history) == 2
-    state.undo()
-    assert getattr(state.plan.trajectory("left"), f"{end}_mm") == pytest.approx(before, abs=0)
+    assert len(state.case.plan.history) == 2
+    state.case.undo()
+    assert getattr(state.case.plan.trajectory("left"), f"{end}_mm") == pytest.approx(before, abs=0)
 
 
 def test_an_end_taken_beside_its_middle_does_not_jump(state: PlannerState, head: Head, pointer: Pointer) -> None:
@@ -82,87 +82,87 @@ def test_an_end_taken_beside_its_middle_does_not_jump(state: PlannerState, head:
     pointer.move(HEAD, Pixel(at.x + 14, at.y - 3, at.width, at.height))
     pointer.release()
     plane = head.camera.plane_at(cases.TARGET_MM)
-    moved = state.plan.trajectory("left").target_mm - cases.TARGET_MM
+    moved = state.case.plan.trajectory("left").target_mm - cases.TARGET_MM
     assert moved == pytest.approx(10 * plane.field_mm / 500 * plane.right)
 
 
 def test_a_click_on_a_marker_selects_it_and_goes_there(state: PlannerState, head: Head, pointer: Pointer) -> None:
-    marker = state.found.fiducials[2]
+    marker = state.case.found.fiducials[2]
     at = pixel(head, np.array(marker.center))
     click(pointer, Pixel(at.x + 2, at.y + 2, at.width, at.height))
-    assert state.marker == marker.label
-    assert state.crosshair_mm == pytest.approx(marker.center)
+    assert state.look.marker == marker.label
+    assert state.look.crosshair_mm == pytest.approx(marker.center)
     assert head.turned == []
 
 
 def test_of_two_markers_behind_each_other_the_nearer_is_meant(
     state: PlannerState, head: Head, pointer: Pointer
 ) -> None:
-    first, second = state.found.fiducials[:2]
+    first, second = state.case.found.fiducials[:2]
     behind = tuple(np.array(first.center) + 40.0 * head.camera.ray(*pixel(head, np.array(first.center)).halves)[1])
     hidden = second.model_copy(update={"center": behind})
     for order in ((first, hidden), (hidden, first)):
-        state.fiducials = state.found.model_copy(update={"fiducials": order})
+        state.case.fiducials = state.case.found.model_copy(update={"fiducials": order})
         click(pointer, pixel(head, np.array(first.center)))
-        assert state.marker == first.label
+        assert state.look.marker == first.label
 
 
 def test_a_click_on_a_trajectory_selects_it_and_goes_to_that_place(
     state: PlannerState, head: Head, pointer: Pointer
 ) -> None:
     state.add_trajectory(cases.ENTRY_MM + np.array([-50, 0, 0]), cases.TARGET_MM + np.array([-50, 0, 0]))
-    assert state.selected == "T1"
+    assert state.look.selected == "T1"
     half_way = (cases.ENTRY_MM + cases.TARGET_MM) / 2
     click(pointer, pixel(head, half_way))
-    assert state.selected == "left"
-    assert state.crosshair_mm == pytest.approx(half_way)
+    assert state.look.selected == "left"
+    assert state.look.crosshair_mm == pytest.approx(half_way)
     click(pointer, pixel(head, cases.TARGET_MM))
-    assert state.crosshair_mm == pytest.approx(cases.TARGET_MM)
-    assert len(state.plan.history) == 2
+    assert state.look.crosshair_mm == pytest.approx(cases.TARGET_MM)
+    assert len(state.case.plan.history) == 2
 
 
 @pytest.mark.parametrize("surface", ["skin", "skull"])
 def test_a_click_on_the_head_goes_to_its_surface(
     state: PlannerState, head: Head, pointer: Pointer, surface: str
 ) -> None:
-    state.surface = surface
+    state.look.surface = surface
     eye, ray = head.camera.ray(-0.2, 0.25)
-    place = state.surface_along(eye, ray)
+    place = state.look.surface_along(eye, ray)
     assert place is not None
     click(pointer, pixel(head, place))
-    assert state.crosshair_mm == pytest.approx(place, abs=1e-6)
-    values = state.scan.values_hu(np.stack([place - 1.0 * ray, place + 1.0 * ray]))
+    assert state.look.crosshair_mm == pytest.approx(place, abs=1e-6)
+    values = state.look.scan.values_hu(np.stack([place - 1.0 * ray, place + 1.0 * ray]))
     assert values[0] < SURFACES_HU[surface] < values[1]
-    assert state.scan.values_hu(place[np.newaxis])[0] == pytest.approx(SURFACES_HU[surface], abs=60.0)
-    before = state.scan.values_hu(place - np.arange(1.0, 80.0)[:, np.newaxis] * ray)
+    assert state.look.scan.values_hu(place[np.newaxis])[0] == pytest.approx(SURFACES_HU[surface], abs=60.0)
+    before = state.look.scan.values_hu(place - np.arange(1.0, 80.0)[:, np.newaxis] * ray)
     assert np.nanmax(before) < SURFACES_HU[surface]
 
 
 def test_a_click_beside_the_head_does_nothing(state: PlannerState, head: Head, pointer: Pointer) -> None:
-    before = state.crosshair_mm
+    before = state.look.crosshair_mm
     click(pointer, Pixel(101.0, 1.0, 700.0, 500.0))
-    assert state.crosshair_mm == pytest.approx(before, abs=0)
+    assert state.look.crosshair_mm == pytest.approx(before, abs=0)
     assert head.turned == []
 
 
 def test_a_drag_beside_the_ends_turns_the_head(state: PlannerState, head: Head, pointer: Pointer) -> None:
-    before = state.crosshair_mm
+    before = state.look.crosshair_mm
     pointer.press(HEAD, Pixel(200.0, 300.0, 700.0, 500.0))
     for x in (201.0, 220.0, 240.0):
         pointer.move(HEAD, Pixel(x, 300.0, 700.0, 500.0))
     pointer.release()
     assert sum(across for across, _ in head.turned) == pytest.approx(39.0)
-    assert state.crosshair_mm == pytest.approx(before, abs=0)
+    assert state.look.crosshair_mm == pytest.approx(before, abs=0)
     pointer.wheel(HEAD, -2, Pixel(200.0, 300.0, 700.0, 500.0))
     assert head.zoomed == pytest.approx(1.15**2)
 
 
 def test_a_locked_end_is_not_taken_hold_of(state: PlannerState, head: Head, pointer: Pointer) -> None:
-    state.lock("left", True)
+    state.case.lock("left", True)
     pointer.press(HEAD, pixel(head, cases.TARGET_MM))
     pointer.move(HEAD, pixel(head, cases.TARGET_MM + 20))
     pointer.release()
-    assert state.plan.trajectory("left").target_mm == pytest.approx(cases.TARGET_MM, abs=0)
+    assert state.case.plan.trajectory("left").target_mm == pytest.approx(cases.TARGET_MM, abs=0)
     assert head.turned
 
 
@@ -172,21 +172,21 @@ def test_an_entry_is_set_on_the_skin_and_the_target_in_a_cut(
     pointer.add()
     with pytest.raises(UsageError, match="no skin under the pointer"):
         pointer.press(HEAD, Pixel(101.0, 1.0, 700.0, 500.0))
-    entry = state.surface_along(*head.camera.ray(0.1, 0.1))
+    entry = state.look.surface_along(*head.camera.ray(0.1, 0.1))
     assert entry is not None
     click(pointer, pixel(head, entry))
     with pytest.raises(UsageError, match="inside the head"):
         pointer.press(HEAD, pixel(head, entry))
-    cut = state.cut("axial")
+    cut = state.look.cut("axial")
     pointer.press("axial", Pixel(350.0, 250.0, 700.0, 500.0))
     pointer.release()
-    made = state.plan.trajectory("T1")
+    made = state.case.plan.trajectory("T1")
     assert made.entry_mm == pytest.approx(entry)
     assert made.target_mm == pytest.approx(cut.place_mm(0.0, 0.0))
 
 
 def test_before_the_head_is_there_the_mouse_does_nothing_in_it(state: PlannerState) -> None:
-    pointer, before = Pointer(state), state.crosshair_mm
+    pointer, before = Pointer(state), state.look.crosshair_mm
     click(pointer, Pixel(300.0, 300.0, 700.0, 500.0))
     pointer.wheel(HEAD, 1, Pixel(300.0, 300.0, 700.0, 500.0))
-    assert state.crosshair_mm == pytest.approx(before, abs=0)
+    assert state.look.crosshair_mm == pytest.approx(before, abs=0)

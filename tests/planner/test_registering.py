@@ -10,8 +10,7 @@ import pytest
 
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import Points
-from ronnaplan.planner.drawing import registration_panel
-from ronnaplan.planner.panels import pointing_panel
+from ronnaplan.planner.panels import pointing_panel, registration_panel
 from ronnaplan.planner.pointer import Pixel, Pointer
 from ronnaplan.planner.state import PlannerState
 from tests import cases
@@ -24,19 +23,21 @@ RECTANGLE = [(60.0, 40.0, 0.0), (-60.0, 40.0, 0.0), (-60.0, -40.0, 0.0), (60.0, 
 @pytest.fixture
 def ambiguous(state: PlannerState) -> PlannerState:
     """Four markers in a rectangle, which three half turns map onto itself, read as a, b, c, d."""
-    found = state.found
+    found = state.case.found
     few = tuple(
         one.model_copy(update={"center": place}) for one, place in zip(found.fiducials, RECTANGLE, strict=False)
     )
-    state.fiducials = found.model_copy(update={"fiducials": few})
+    state.case.fiducials = found.model_copy(update={"fiducials": few})
     seen = cases.TURN.apply(np.array(RECTANGLE)) + cases.SHIFT_MM
-    state.register(Points(seen, np.tile(0.01 * np.eye(3), (4, 1, 1)), tuple("abcd"), cases.readings().frame))
+    state.registering.register(
+        Points(seen, np.tile(0.01 * np.eye(3), (4, 1, 1)), tuple("abcd"), cases.readings().frame)
+    )
     return state
 
 
 def pairs(state: PlannerState) -> dict[str, str]:
-    assert state.registration is not None
-    return {pair.ct: pair.ots for pair in state.registration.pairs}
+    assert state.case.registration is not None
+    return {pair.ct: pair.ots for pair in state.case.registration.pairs}
 
 
 def test_readings_are_registered_and_the_error_at_the_target_follows_the_plan(
@@ -44,26 +45,26 @@ def test_readings_are_registered_and_the_error_at_the_target_follows_the_plan(
 ) -> None:
     cases.write_readings(tmp_path / "readings.csv")
     assert state.storage.readings() == ["readings.csv"]
-    state.load_readings("readings.csv")
-    assert state.registration is not None
-    assert state.registration.status == "unique"
+    state.registering.load_readings("readings.csv")
+    assert state.case.registration is not None
+    assert state.case.registration.status == "unique"
     assert json.loads((tmp_path / "registration.json").read_text())["status"] == "unique"
-    before = state.expected_errors_mm()
-    state.edit("left", target_mm=T - [0, 0, 60])
-    assert state.expected_errors_mm()["left target"] > before["left target"]
-    assert state.expected_errors_mm()["left entry"] == before["left entry"]
+    before = state.registering.expected_errors_mm()
+    state.case.edit("left", target_mm=T - [0, 0, 60])
+    assert state.registering.expected_errors_mm()["left target"] > before["left target"]
+    assert state.registering.expected_errors_mm()["left entry"] == before["left entry"]
 
 
 def test_a_registration_of_markers_since_rejected_predicts_nothing(state: PlannerState, tmp_path: Path) -> None:
     cases.write_readings(tmp_path / "readings.csv")
-    state.load_readings("readings.csv")
-    assert state.outdated is None
-    state.reject_marker("F2")
-    assert "F2" in (state.outdated or "")
-    assert reopened(state).expected_errors_mm() == state.expected_errors_mm() == {}
-    state.load_readings("readings.csv")
-    assert state.outdated is None
-    assert set(state.expected_errors_mm()) == {"left entry", "left target"}
+    state.registering.load_readings("readings.csv")
+    assert state.case.outdated is None
+    state.case.reject_marker("F2")
+    assert "F2" in (state.case.outdated or "")
+    assert reopened(state).registering.expected_errors_mm() == state.registering.expected_errors_mm() == {}
+    state.registering.load_readings("readings.csv")
+    assert state.case.outdated is None
+    assert set(state.registering.expected_errors_mm()) == {"left entry", "left target"}
 
 
 def test_no_file_outside_the_case_is_read(state: PlannerState, tmp_path: Path) -> None:
@@ -73,14 +74,14 @@ def test_no_file_outside_the_case_is_read(state: PlannerState, tmp_path: Path) -
     (tmp_path / "link.csv").symlink_to(outside / "readings.csv")
     for name in ("case/readings.csv", "../readings.csv", str(outside / "readings.csv"), "link.csv"):
         with pytest.raises(UsageError, match="no readings file of this case"):
-            state.load_readings(name)
+            state.registering.load_readings(name)
 
 
 def test_an_ambiguous_reading_is_settled_by_pointing_at_one_marker(ambiguous: PlannerState) -> None:
-    assert ambiguous.registration is not None
-    assert ambiguous.registration.status == "ambiguous"
-    assert ambiguous.expected_errors_mm() == {}
-    ambiguous.point_at("F1", "a")
+    assert ambiguous.case.registration is not None
+    assert ambiguous.case.registration.status == "ambiguous"
+    assert ambiguous.registering.expected_errors_mm() == {}
+    ambiguous.registering.point_at("F1", "a")
     assert pairs(ambiguous) == {"F1": "a", "F2": "b", "F3": "c", "F4": "d"}
 
 
@@ -89,59 +90,59 @@ def test_an_ambiguous_reading_is_settled_by_pointing_at_one_marker(ambiguous: Pl
 def test_a_marker_and_a_reading_are_picked_in_any_order(
     ambiguous: PlannerState, marker_first: bool, reading: str, expected: str
 ) -> None:
-    assert ambiguous.pointing
-    picks = [lambda: ambiguous.jump_to_marker("F1"), lambda: ambiguous.pick_reading(reading)]
+    assert ambiguous.registering.pointing
+    picks = [lambda: ambiguous.jump_to_marker("F1"), lambda: ambiguous.registering.pick_reading(reading)]
     for pick in picks if marker_first else picks[::-1]:
         assert not pairs(ambiguous)
         pick()
     assert pairs(ambiguous) == dict(zip(("F1", "F2", "F3", "F4"), expected, strict=True))
-    assert not ambiguous.pointing
+    assert not ambiguous.registering.pointing
     assert pointing_panel(ambiguous)["known"] == f"F1 is {reading}"
 
 
 def test_a_marker_is_picked_by_a_press_in_a_cut(ambiguous: PlannerState) -> None:
-    ambiguous.jump(RECTANGLE[2])
-    cut = ambiguous.cut("axial")
+    ambiguous.look.jump(RECTANGLE[2])
+    cut = ambiguous.look.cut("axial")
     across, down, _ = cut.on_screen_mm(np.array(RECTANGLE[2]) + np.array([2.0, -3.0, 0.0]))
     scale = 500 / cut.field_mm
     pointer = Pointer(ambiguous)
     pointer.press("axial", Pixel(350 + across * scale, 250 + down * scale, 700.0, 500.0))
     pointer.release()
-    assert ambiguous.pointed_marker == ambiguous.marker == "F3"
-    ambiguous.pick_reading("c")
+    assert ambiguous.registering.pointed_marker == ambiguous.look.marker == "F3"
+    ambiguous.registering.pick_reading("c")
     assert pairs(ambiguous)["F1"] == "a"
 
 
 def test_what_was_clicked_before_the_question_is_no_answer_to_it(state: PlannerState, tmp_path: Path) -> None:
     state.pick_marker("F1")
-    assert state.pointed_marker is None
+    assert state.registering.pointed_marker is None
     cases.write_readings(tmp_path / "readings.csv")
-    state.load_readings("readings.csv")
+    state.registering.load_readings("readings.csv")
     with pytest.raises(UsageError, match="not ambiguous"):
-        state.pick_reading("1")
+        state.registering.pick_reading("1")
 
 
 def test_pointing_is_forgotten_when_it_is_left_or_readings_are_loaded(ambiguous: PlannerState) -> None:
     ambiguous.pick_marker("F1")
-    ambiguous.leave_pointing()
-    ambiguous.pick_reading("a")
+    ambiguous.registering.leave_pointing()
+    ambiguous.registering.pick_reading("a")
     assert not pairs(ambiguous)
-    assert ambiguous.readings_mm is not None
-    ambiguous.register(ambiguous.readings_mm)
+    assert ambiguous.registering.readings_mm is not None
+    ambiguous.registering.register(ambiguous.registering.readings_mm)
     ambiguous.pick_marker("F1")
     assert not pairs(ambiguous)
     with pytest.raises(UsageError, match="no reading z"):
-        ambiguous.pick_reading("z")
+        ambiguous.registering.pick_reading("z")
 
 
 def test_without_the_readings_an_ambiguity_is_not_settled(ambiguous: PlannerState) -> None:
-    ambiguous.storage.write_document(ambiguous.found)
+    ambiguous.storage.write_document(ambiguous.case.found)
     again = reopened(ambiguous)
-    assert again.registration is not None
-    assert again.registration.status == "ambiguous"
-    assert not again.pointing
+    assert again.case.registration is not None
+    assert again.case.registration.status == "ambiguous"
+    assert not again.registering.pointing
     again.pick_marker("F1")
-    assert again.pointed_marker is None
+    assert again.registering.pointed_marker is None
 
 
 def test_rivals_stand_beside_each_other_with_what_they_differ_in(ambiguous: PlannerState) -> None:

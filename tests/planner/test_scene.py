@@ -11,9 +11,8 @@ import pytest
 from ronnaplan.planner.scene import Scene
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
-from ronnaplan.planner.surfaces import SURFACES_HU, region, surface
+from ronnaplan.scene.surfaces import SURFACES_HU, region, surface
 from tests import cases
-from tests.scans import balls, scan, small_stack
 
 
 @pytest.fixture
@@ -26,29 +25,13 @@ def drawn(scene: Scene) -> np.ndarray:
     return np.asarray(cv2.imdecode(np.frombuffer(scene.draw(), dtype=np.uint8), cv2.IMREAD_COLOR), dtype=np.int16)
 
 
-@pytest.mark.parametrize("tilt_deg", [0.0, 15.0])
-def test_the_surface_of_a_ball_lies_at_its_radius(tilt_deg: float) -> None:
-    center = np.array([2.0, -3.0, 1.0])
-    vertices, triangles = surface(scan(balls([tuple(center)], 20.0), small_stack(tilt_deg=tilt_deg)), -400.0)
-    assert len(triangles) > 100
-    radii = np.linalg.norm(vertices - center, axis=1)
-    assert radii == pytest.approx(10.0, abs=1.25)  # half a coarse cell
-    assert radii.mean() == pytest.approx(10.0, abs=0.35)
-
-
-def test_an_empty_scan_has_no_surface() -> None:
-    volume = scan(balls([(300.0, 0.0, 0.0)]), small_stack())
-    assert all(len(part) == 0 for part in surface(volume, SURFACES_HU["skull"]))
-    assert len(region(volume, np.zeros(volume.voxels_hu.shape, dtype=np.bool_))[1]) == 0
-
-
 def test_each_thing_shown_changes_the_picture_and_can_be_taken_away(scene: Scene) -> None:
     empty = drawn(scene)
-    scene.show_surface("skull", *surface(scene.state.volume, SURFACES_HU["skull"]))
+    scene.show_surface("skull", *surface(scene.state.case.volume, SURFACES_HU["skull"]))
     skull = drawn(scene)
     assert np.abs(skull - empty).max() > 50
-    path = scene.state.plan.trajectory("left")
-    scene.show_path(path, scene.state.judge(path).measures)
+    path = scene.state.case.plan.trajectory("left")
+    scene.show_path(path, scene.state.case.judge(path).measures)
     assert np.abs(drawn(scene) - skull).max() > 50
     scene.hide_path("left")
     assert np.abs(drawn(scene) - skull).max() < 10
@@ -57,22 +40,22 @@ def test_each_thing_shown_changes_the_picture_and_can_be_taken_away(scene: Scene
     assert np.abs(marked - skull).max() > 50
     scene.turn(60, 10)
     assert np.abs(drawn(scene) - marked).max() > 50
-    mask = scene.state.volume.voxels_hu > 2000
-    scene.show_region("metal", *region(scene.state.volume, mask))
+    mask = scene.state.case.volume.voxels_hu > 2000
+    scene.show_region("metal", *region(scene.state.case.volume, mask))
     scene.zoom(1.2)
     scene.draw()
 
 
 def test_while_an_end_is_dragged_the_picture_follows_in_fewer_pixels(scene: Scene) -> None:
     state = scene.state
-    scene.show_path(state.plan.trajectory("left"), None)
+    scene.show_path(state.case.plan.trajectory("left"), None)
     still = drawn(scene)
-    state.begin_drag("left")
+    state.case.begin_drag("left")
     first = drawn(scene)
-    state.drag("left", "target", state.plan.trajectory("left").target_mm + 20.0)
-    scene.show_path(state.plan.trajectory("left"), None)
+    state.case.drag("left", "target", state.case.plan.trajectory("left").target_mm + 20.0)
+    scene.show_path(state.case.plan.trajectory("left"), None)
     second = drawn(scene)
     assert first.size < still.size / 3
     assert np.abs(second - first).max() > 50
-    state.end_drag()
+    state.case.end_drag()
     assert drawn(scene).shape == still.shape

@@ -12,7 +12,7 @@ from phantoms.materials import material
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.planning import Instrument, Landmarks, Trajectory, measure
-from ronnaplan.planning.obstacles import POST_RADIUS_MM, Kind, Marker, Voxels, markers_on, metal
+from ronnaplan.planning.obstacles import POST_RADIUS_MM, Kind, PostedMarker, Voxels, markers_on, metal
 from tests.planning.heads import BRAIN, FOOT, SCALP, SKULL, STACKS, normal, paths, reach, scanned
 
 CT = Frame("CT", "1.2.3")
@@ -131,9 +131,9 @@ def test_distance_to_a_marker_counts_the_whole_instrument() -> None:
     target, outward = np.zeros(3), np.array([0.0, -1.0, 0.0])
     trajectory = path(target, outward)
     far = target + 130.0 * outward + np.array([12.0, 0.0, 0.0])
-    marker = Marker("F1", far, far + np.array([3.0, 0.0, 0.0]), 11.5)
+    marker = PostedMarker("F1", far, far + np.array([3.0, 0.0, 0.0]), 11.5)
     assert marker.clearance(trajectory, head).distance_mm == pytest.approx(12.0 - 5.75, abs=1e-9)
-    post = Marker("F2", np.array([60.0, -100.0, 0.0]), np.array([8.0, -84.0, 0.0]), 11.5)
+    post = PostedMarker("F2", np.array([60.0, -100.0, 0.0]), np.array([8.0, -84.0, 0.0]), 11.5)
     assert post.clearance(trajectory, head).distance_mm == pytest.approx(8.0 - POST_RADIUS_MM, abs=1e-9)
 
 
@@ -210,7 +210,7 @@ def test_an_obstacle_holds_exactly_its_voxels_and_lists_those_at_its_surface(sta
     expected = inside & mask[tuple(np.where(inside[:, None], index, 0).T)]
     assert (obstacle.holds(head.volume.grid.positions_mm(index.astype(np.float64))) == expected).all()
     boundary = mask & ~binary_erosion(mask)
-    assert obstacle.centres_mm == pytest.approx(
+    assert obstacle.centers_mm == pytest.approx(
         head.volume.grid.positions_mm(np.argwhere(boundary).astype(np.float64)), abs=1.0
     )
 

@@ -58,23 +58,23 @@ def test_nothing_is_placed_under_a_headrest() -> None:
 
 def test_the_rules_are_kept(sites: Sites) -> None:
     placed = place_markers(sites, TARGETS, 6, RULES, ENTRIES)
-    assert len(placed.centres_mm) == 6
-    apart = np.linalg.norm(placed.centres_mm[:, None] - placed.centres_mm, axis=-1)[~np.eye(6, dtype=bool)]
+    assert len(placed.centers_mm) == 6
+    apart = np.linalg.norm(placed.centers_mm[:, None] - placed.centers_mm, axis=-1)[~np.eye(6, dtype=bool)]
     assert apart.min() >= RULES.least_apart_mm
     assert np.linalg.norm(placed.scalp_mm - ENTRIES[0], axis=1).min() >= RULES.least_from_entries_mm
     tracker = np.array(RULES.tracker) / np.linalg.norm(RULES.tracker)
     assert (placed.normals @ tracker).min() >= np.cos(np.radians(RULES.visible_deg)) - 1e-9
     assert placed.scalp_mm[:, 2].min() >= -20.0
-    np.testing.assert_allclose(placed.centres_mm - placed.scalp_mm, RULES.height_mm * placed.normals, atol=1e-9)
+    np.testing.assert_allclose(placed.centers_mm - placed.scalp_mm, RULES.height_mm * placed.normals, atol=1e-9)
     assert placed.refusal_probability <= 0.01
-    assert placed.rival_distance_mm == pytest.approx(describe_layout(placed.centres_mm).rival_distance_mm)
+    assert placed.rival_distance_mm == pytest.approx(describe_layout(placed.centers_mm).rival_distance_mm)
 
 
 def test_more_markers_are_better_and_none_is_on_a_line(sites: Sites) -> None:
     errors = [place_markers(sites, TARGETS, count, RULES).largest_tre_mm for count in (4, 6, 8)]
     assert errors[0] > errors[1] > errors[2]
     placed = place_markers(sites, TARGETS, 3, RULES)
-    assert np.linalg.svd(placed.centres_mm - placed.centres_mm.mean(axis=0), compute_uv=False)[1] > 30.0
+    assert np.linalg.svd(placed.centers_mm - placed.centers_mm.mean(axis=0), compute_uv=False)[1] > 30.0
 
 
 def test_the_centroid_comes_nearer_to_the_target_than_an_even_spread_s(sites: Sites) -> None:
@@ -82,18 +82,18 @@ def test_the_centroid_comes_nearer_to_the_target_than_an_even_spread_s(sites: Si
     placed = place_markers(sites, target, 6, RULES)
     allowed = allowed_sites(sites, RULES)
     even = even_layout(allowed, 6, np.random.default_rng(1))
-    nearer = np.linalg.norm(placed.centres_mm.mean(axis=0) - target)
-    assert nearer < np.linalg.norm(allowed.centres_mm(RULES.height_mm)[even].mean(axis=0) - target)
+    nearer = np.linalg.norm(placed.centers_mm.mean(axis=0) - target)
+    assert nearer < np.linalg.norm(allowed.centers_mm(RULES.height_mm)[even].mean(axis=0) - target)
 
 
 def test_no_single_move_helps_any_more(sites: Sites) -> None:
     placed = place_markers(sites, TARGETS, 5, RULES)
-    centres = allowed_sites(sites, RULES).centres_mm(RULES.height_mm)
+    centers = allowed_sites(sites, RULES).centers_mm(RULES.height_mm)
     for place in range(5):
-        others = np.delete(placed.centres_mm, place, axis=0)
-        far = np.linalg.norm(centres[:, None] - others, axis=-1).min(axis=1) >= RULES.least_apart_mm
+        others = np.delete(placed.centers_mm, place, axis=0)
+        far = np.linalg.norm(centers[:, None] - others, axis=-1).min(axis=1) >= RULES.least_apart_mm
         for site in np.flatnonzero(far)[::7]:
-            moved = np.vstack([others, centres[site]])
+            moved = np.vstack([others, centers[site]])
             better = expected_tre_mm(moved, TARGETS, RULES).max() < placed.largest_tre_mm * (1 - 1e-6)
             assert not better or describe_layout(moved).refusal_probability() > 0.01
 
@@ -108,9 +108,9 @@ def test_it_beats_even_and_random_spreads(sites: Sites) -> None:
         count = int(generator.integers(4, 9))
         placed = place_markers(sites, targets, count, rules)
         even.append(1.0 - placed.largest_tre_mm / placed.even_tre_mm)
-        centres = allowed_sites(sites, rules).centres_mm(rules.height_mm)
-        layouts = [scattered_layout(centres, count, rules.least_apart_mm, generator) for _ in range(10)]
-        errors = [expected_tre_mm(centres[one], targets, rules).max() for one in layouts if one is not None]
+        centers = allowed_sites(sites, rules).centers_mm(rules.height_mm)
+        layouts = [scattered_layout(centers, count, rules.least_apart_mm, generator) for _ in range(10)]
+        errors = [expected_tre_mm(centers[one], targets, rules).max() for one in layouts if one is not None]
         random.append(1.0 - placed.largest_tre_mm / np.mean(errors))
     assert min(even) > 0.1
     assert np.mean(even) > 0.25
@@ -120,7 +120,7 @@ def test_it_beats_even_and_random_spreads(sites: Sites) -> None:
 def test_the_expected_error_is_met_through_correspondence_and_registration(sites: Sites) -> None:
     placed = place_markers(sites, TARGETS, 6, RULES)
     generator = np.random.default_rng(12)
-    errors = np.array([one_case(placed.centres_mm, generator) for _ in range(150)])
+    errors = np.array([one_case(placed.centers_mm, generator) for _ in range(150)])
     measured = np.sqrt((errors**2).sum(axis=-1).mean(axis=0))
     np.testing.assert_allclose(measured, placed.tre_rms_mm, rtol=0.15)
 

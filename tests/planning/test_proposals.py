@@ -10,7 +10,7 @@ from ronnaplan.geometry import Frame
 from ronnaplan.planning import INSTRUMENTS, Limits, Trajectory, measure, propose
 from ronnaplan.planning.candidates import Field, cast, spread_directions
 from ronnaplan.planning.limits import all_pass, judge
-from ronnaplan.planning.obstacles import Kind, Marker, Obstacle, Voxels
+from ronnaplan.planning.obstacles import Kind, Obstacle, PostedMarker, Voxels
 from ronnaplan.planning.uncertainty import Basis, Expectation, ExpectedPose
 from tests.planning.heads import SCALP, SKULL, normal, reach, scanned
 
@@ -31,7 +31,7 @@ def test_no_proposal_breaks_a_limit(stack: str) -> None:
     head = scanned(stack)
     other = Trajectory("other", np.array([20.0, -10, 74]), np.array([15.0, 0, 40]), Frame("CT", "1.2.3"))
     obstacles: list[Obstacle] = [vessel((25.0, -10.0, 45.0), 8.0, stack)]
-    obstacles.append(Marker("F1", np.array([60.0, 0, 60.0]), np.array([50.0, 0, 52.0]), 11.5))
+    obstacles.append(PostedMarker("F1", np.array([60.0, 0, 60.0]), np.array([50.0, 0, 52.0]), 11.5))
     found = propose(TARGET, head, LIMITS, obstacles=obstacles, others=[other], count=6, directions=6000)
     assert len(found.best) == 6
     for proposal in found.best:

@@ -14,7 +14,7 @@ from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import Head, Instrument, Trajectory
 from ronnaplan.planning.obstacles import Clearance, Kind, Voxels
-from ronnaplan.planning.sampling import Scan
+from ronnaplan.planning.sampling import SliceSampler
 
 Solid = Callable[[FloatArray], FloatArray]
 """Below zero inside, at LPS places (..., 3)."""
@@ -36,7 +36,7 @@ def grid_about(place: FloatArray, kind: str, count: int = 48, voxel_mm: float = 
 
 def head_on(grid: SliceGrid, count: int = 48) -> Head:
     volume = CTVolume(np.zeros((count, count, count), dtype=np.int16), grid)
-    return Head(volume, Scan.of(volume), np.zeros((1, 1, 1), dtype=np.bool_), 1)
+    return Head(volume, SliceSampler.of(volume), np.zeros((1, 1, 1), dtype=np.bool_), 1)
 
 
 def measured(mask: NDArray[np.bool_], head: Head, start: FloatArray, stop: FloatArray) -> Clearance:
@@ -122,7 +122,7 @@ def blocks() -> dict[str, tuple[slice, slice, slice]]:
 
 
 @pytest.mark.parametrize("what", blocks())
-def test_where_no_smooth_surface_is_known_the_voxels_count_and_the_next_centre_is_the_bound(what: str) -> None:
+def test_where_no_smooth_surface_is_known_the_voxels_count_and_the_next_center_is_the_bound(what: str) -> None:
     """A path beside a face: exact to the voxels, and half a voxel nearer is what the label does not exclude."""
     mask = np.zeros((48, 48, 48), dtype=np.bool_)
     mask[blocks()[what]] = True

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ronnaplan.planner.shapes import Body, ball, joined, specks, tube
+from ronnaplan.scene.shapes import Body, ball, joined, specks, tube
 
 
 def volume_mm3(body: Body) -> float:

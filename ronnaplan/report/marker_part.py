@@ -1,4 +1,4 @@
-"""The report's markers: centres, standard errors, flags, cuts with outline and residual."""
+"""The report's markers: centers, standard errors, flags, cuts with outline and residual."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ronnaplan.report.marker_cuts import marker_pictures
 from ronnaplan.report.part import Part
 
 HEADER = ("", "x", "y", "z (LPS mm)", "s.e. x", "s.e. y", "s.e. z (um)", "diameter mm", "contrast HU", "flags")
-CAPTION = "cuts through the centre with the fitted outline, and data less model at a tenth of the contrast"
+CAPTION = "cuts through the center with the fitted outline, and data less model at a tenth of the contrast"
 
 
 def markers_part(case: Case) -> Part:
@@ -34,7 +34,7 @@ def markers_part(case: Case) -> Part:
         return Part("Markers", body, [*warnings, f"the markers could not be drawn: {error}"])
     body += [picture(one.png, f"{one.label}: {CAPTION}") for one in pictures]
     warnings += [
-        f"marker {one.label} was found again {one.apart_mm:.2f} mm from its stated centre; localize again"
+        f"marker {one.label} was found again {one.apart_mm:.2f} mm from its stated center; localize again"
         for one in pictures
         if not one.agrees
     ]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ronnaplan.planner.camera import Camera
-from ronnaplan.planner.shapes import ball
+from ronnaplan.scene.camera import Camera
+from ronnaplan.scene.shapes import ball
 
 PIXELS = 100
 EYE = Camera(np.array([0.0, -400.0, 0.0]), np.zeros(3))

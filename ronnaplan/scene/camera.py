@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray, unit
-from ronnaplan.planner.cuts import Cut
-from ronnaplan.planner.shapes import Body
+from ronnaplan.scene.cut import Cut
+from ronnaplan.scene.shapes import Body
 
 VIEW_DEG = 30.0
 """The angle that the picture spans, both ways."""

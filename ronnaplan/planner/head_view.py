@@ -7,11 +7,11 @@ from collections.abc import Callable
 from typing import Any
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.planner.camera import Camera
 from ronnaplan.planner.scene import Scene
 from ronnaplan.planner.state import PlannerState
-from ronnaplan.planner.surfaces import SURFACES_HU, region, surface
 from ronnaplan.planning import Trajectory
+from ronnaplan.scene.camera import Camera
+from ronnaplan.scene.surfaces import SURFACES_HU, region, surface
 
 
 class HeadView:
@@ -29,8 +29,8 @@ class HeadView:
     def open(self) -> None:
         """Make the scene, with the no-go regions in it."""
         self.scene = Scene(self.state)
-        for name, mask in self.state.no_go.items():
-            vertices, triangles = region(self.state.volume, mask)
+        for name, mask in self.state.case.no_go.items():
+            vertices, triangles = region(self.state.case.volume, mask)
             self.scene.show_region(name, vertices, triangles)
             if len(vertices):
                 self.region_places_mm[name] = vertices.mean(axis=0)
@@ -45,7 +45,7 @@ class HeadView:
         scene = self.scene
         if scene is None:
             return ""
-        seen = scene.camera, self.state.dragging
+        seen = scene.camera, self.state.case.dragging
         changed = (self._update(scene), self._update_paths(scene), seen != self._seen)
         if any(changed):
             self._seen = seen
@@ -56,10 +56,10 @@ class HeadView:
         """Show surface, markers and proposals as they are now; tells whether any of them changed."""
         state = self.state
         layers: dict[str, tuple[Any, Callable[[], None]]] = {
-            "surface": (state.surface, lambda: self._show_surface(scene)),
-            "markers": (state.fiducials, scene.show_markers),
-            "proposals": (state.proposals, lambda: scene.show_proposals(state.proposals)),
-            "placement": (state.placement, lambda: scene.show_placement(state.placement)),
+            "surface": (state.look.surface, lambda: self._show_surface(scene)),
+            "markers": (state.case.fiducials, scene.show_markers),
+            "proposals": (state.offers.proposals, lambda: scene.show_proposals(state.offers.proposals)),
+            "placement": (state.offers.placement, lambda: scene.show_placement(state.offers.placement)),
         }
         changed = [name for name, (now, _) in layers.items() if self._shown.get(name, self) is not now]
         for name in changed:
@@ -69,21 +69,21 @@ class HeadView:
 
     def _update_paths(self, scene: Scene) -> bool:
         """Show the trajectories as they are now; tells whether any of them changed."""
-        keys = {one.name: self._path_key(one) for one in self.state.plan.trajectories}
+        keys = {one.name: self._path_key(one) for one in self.state.case.plan.trajectories}
         changed = keys != self._paths
         for name in self._paths.keys() - keys.keys():
             scene.hide_path(name)
-        for one in self.state.plan.trajectories:
+        for one in self.state.case.plan.trajectories:
             if keys[one.name] != self._paths.get(one.name):
-                scene.show_path(one, self.state.judge(one).measures)
+                scene.show_path(one, self.state.case.judge(one).measures)
         self._paths = keys
         return changed
 
     def _path_key(self, one: Trajectory) -> Any:
         ends = (*one.entry_mm, *one.target_mm)
         # The surroundings themselves: the id() of some that are gone may be that of others.
-        return *ends, one.colour, one.instrument, self.state.surroundings
+        return *ends, one.colour, one.instrument, self.state.case.surroundings
 
     def _show_surface(self, scene: Scene) -> None:
-        kind = self.state.surface
-        scene.show_surface(kind, *surface(self.state.volume, SURFACES_HU[kind]))
+        kind = self.state.look.surface
+        scene.show_surface(kind, *surface(self.state.case.volume, SURFACES_HU[kind]))

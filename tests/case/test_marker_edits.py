@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from ronnaplan.case.marker_edits import BY_HAND, accept, named, reject, rename
 from ronnaplan.documents.fiducials import FiducialsDocument
 from ronnaplan.errors import RefusedError, UsageError
-from ronnaplan.planner.markers import BY_HAND, accept, named, reject, rename
 from tests import cases
 
 

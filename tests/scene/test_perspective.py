@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ronnaplan.planner.camera import Camera
-from ronnaplan.planner.shapes import ball
+from ronnaplan.scene.camera import Camera
+from ronnaplan.scene.shapes import ball
 
 EYE = Camera(np.array([-280.0, -217.0, 200.0]), np.array([4.0, -3.0, 28.0]))
 NUMBERS = st.floats(-0.9, 0.9)

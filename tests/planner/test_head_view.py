@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ronnaplan.planner.head import HeadView
+from ronnaplan.planner.head_view import HeadView
 from ronnaplan.planner.overlay import over_head
 from ronnaplan.planner.state import PlannerState
 from tests import cases
@@ -42,35 +42,35 @@ def test_before_it_is_opened_there_is_no_picture(state: PlannerState) -> None:
 
 def test_the_map_of_entries_is_coloured_on_the_scalp_and_goes_with_its_target(head: HeadView) -> None:
     state, plain = head.state, pixels(head)
-    state.show_proposals(state.propose("left"))
+    state.offers.show_proposals(state.offers.propose("left"))
     mapped = pixels(head)
     assert difference(mapped, plain) > 0.1
     green = mapped[..., 1] - mapped[..., 2]
     assert (green > 30).mean() > 0.1  # viridis, where there was only skin
-    state.edit("left", target_mm=cases.TARGET_MM + np.array([0.0, 0.0, 2.0]))
+    state.case.edit("left", target_mm=cases.TARGET_MM + np.array([0.0, 0.0, 2.0]))
     assert difference(pixels(head), plain) < 0.01
 
 
 def test_proposed_places_and_markers_come_and_go(head: HeadView) -> None:
     state, plain = head.state, pixels(head)
-    state.show_placement(state.propose_markers(4))
+    state.offers.show_placement(state.offers.propose_markers(4))
     assert difference(pixels(head), plain) > 0.001
-    state.show_placement(None)
+    state.offers.show_placement(None)
     assert difference(pixels(head), plain) < SAME
-    state.reject_marker("F2")
+    state.case.reject_marker("F2")
     assert difference(pixels(head), plain) > 0.001
-    state.undo()
+    state.case.undo()
     assert difference(pixels(head), plain) < SAME
 
 
 def test_trajectories_are_followed_by_name_and_place(head: HeadView) -> None:
     state, plain = head.state, pixels(head)
-    state.rename("left", "lead")
+    state.case.rename("left", "lead")
     assert difference(pixels(head), plain) < SAME
-    state.remove("lead")
+    state.case.remove("lead")
     without = pixels(head)
     assert difference(without, plain) > 0.0005
-    state.undo()
+    state.case.undo()
     assert difference(pixels(head), plain) < SAME
 
 
@@ -78,7 +78,7 @@ def test_nothing_is_drawn_twice(head: HeadView, monkeypatch: pytest.MonkeyPatch)
     first = head.picture()
     assert head.scene is not None
     monkeypatch.setattr(head.scene, "draw", lambda: pytest.fail("drawn again"))
-    head.state.jump(cases.TARGET_MM)
+    head.state.look.jump(cases.TARGET_MM)
     assert head.picture() == first
 
 

@@ -1,0 +1,95 @@
+"""What was proposed in an open case, entries and places for markers, for as long as it holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ronnaplan.case.edits import OpenCase
+from ronnaplan.case.surroundings import Surroundings, others
+from ronnaplan.errors import InputError
+from ronnaplan.planner.looking import Looking
+from ronnaplan.planning import Placement, Proposals, Trajectory
+from ronnaplan.planning.sites import PlacementRules
+
+
+@dataclass(frozen=True, eq=False)
+class Proposed:
+    """Entries proposed for the trajectory that was ``path`` when they were asked for, among ``others``."""
+
+    path: Trajectory
+    others: tuple[Trajectory, ...]
+    surroundings: Surroundings
+    found: Proposals
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """Places proposed for markers, for the trajectories that had these ``ends_mm``."""
+
+    ends_mm: tuple[tuple[float, ...], ...]
+    placement: Placement
+
+
+class Offers:
+    """Proposed entries and proposed places for markers."""
+
+    def __init__(self, case: OpenCase, look: Looking) -> None:
+        """Nothing is proposed yet."""
+        self.case, self.look = case, look
+        self._proposed: Proposed | None = None
+        self._placed: Placed | None = None
+
+    def propose(self, name: str) -> Proposed:
+        """Score every way to the target of a trajectory; changes nothing."""
+        path, around, plan = self.case.plan.trajectory(name), self.case.surroundings, self.case.plan
+        found = around.propose(path.target_mm, plan, name=name, instrument=path.instrument)
+        return Proposed(path, others(plan, name), around, found)
+
+    def show_proposals(self, proposed: Proposed | None) -> None:
+        """Show proposed entries until their target, instrument or surroundings change."""
+        self._proposed = proposed
+
+    @property
+    def proposals(self) -> Proposals | None:
+        """Entries proposed for the selected trajectory, None where there are none or they no longer hold."""
+        asked, path = self._proposed, self.look.chosen
+        if asked is None or path is None:
+            return None
+        holds = (
+            path.name == asked.path.name
+            and path.instrument == asked.path.instrument
+            and np.array_equal(path.target_mm, asked.path.target_mm)
+            and others(self.case.plan, path.name) == asked.others
+            and asked.surroundings is self.case.surroundings
+        )
+        return asked.found if holds else None
+
+    def take_proposal(self, index: int) -> None:
+        """Use a proposed entry for the trajectory it was proposed for."""
+        found = self.proposals
+        if found is None or not 0 <= index < len(found.best):
+            raise InputError("these entries were proposed for another target; propose them again")
+        assert self.look.selected is not None
+        self.case.edit(self.look.selected, entry_mm=found.best[index].trajectory.entry_mm)
+
+    def propose_markers(self, count: int) -> Placed:
+        """Propose places for ``count`` markers that make the expected error at all targets least."""
+        ends, plan, known = self._ends_mm, self.case.plan, self.case.fiducials
+        rules = PlacementRules(diameter_mm=known.marker.diameter_mm) if known else PlacementRules()
+        return Placed(ends, self.case.surroundings.place_markers(plan, count, rules))
+
+    def show_placement(self, placed: Placed | None) -> None:
+        """Show proposed places for markers until a trajectory changes."""
+        self._placed = placed
+
+    @property
+    def placement(self) -> Placement | None:
+        """Proposed places for markers, None where there are none or they no longer hold."""
+        placed = self._placed
+        return placed.placement if placed is not None and placed.ends_mm == self._ends_mm else None
+
+    @property
+    def _ends_mm(self) -> tuple[tuple[float, ...], ...]:
+        return tuple((*one.entry_mm, *one.target_mm) for one in self.case.plan.trajectories)

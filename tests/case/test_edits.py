@@ -1,0 +1,136 @@
+"""One way back through all changes, of the plan and of the markers, in the order in which they were made."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ronnaplan.documents.fiducials import read_fiducials
+from ronnaplan.documents.plan import read_plan, write_plan
+from ronnaplan.documents.reading import to_json
+from ronnaplan.errors import InputError
+from ronnaplan.planner.state import PlannerState
+from tests import cases
+from tests.planner.conftest import reopened
+
+T = cases.TARGET_MM
+
+
+def labels(state: PlannerState) -> list[str]:
+    """The markers as the file has them."""
+    return [one.label for one in read_fiducials(state.storage.fiducials).fiducials]
+
+
+def x_mm(state: PlannerState) -> float:
+    """The target's first coordinate as the file has it."""
+    return float(read_plan(state.storage.plan).trajectory("left").target_mm[0])
+
+
+def test_changes_of_plan_and_markers_are_taken_back_in_their_order(state: PlannerState) -> None:
+    state.case.edit("left", target_mm=T + np.array([1, 0, 0]))
+    state.case.reject_marker("F2")
+    state.case.edit("left", target_mm=T + np.array([2, 0, 0]))
+    state.case.rename_marker("F1", "nose")
+    seen = []
+    for _ in range(4):
+        seen.append((labels(state)[:2], x_mm(state) - T[0]))
+        state.case.undo()
+    assert seen == [(["nose", "F3"], 2.0), (["F1", "F3"], 2.0), (["F1", "F3"], 1.0), (["F1", "F2"], 1.0)]
+    assert (labels(state)[:2], x_mm(state) - T[0]) == (["F1", "F2"], 0.0)
+    for expected in reversed(seen):
+        state.case.redo()
+        assert (labels(state)[:2], x_mm(state) - T[0]) == expected
+
+
+def test_accepting_and_localizing_again_are_taken_back_too(state: PlannerState) -> None:
+    before = to_json(state.case.found)
+    state.case.reject_marker("F2")
+    state.case.accept_marker(0)
+    state.case.undo()
+    assert "F2" not in labels(state)
+    state.case.undo()
+    state.case.replace_markers(state.case.found.model_copy(update={"fiducials": state.case.found.fiducials[:3]}))
+    assert len(labels(state)) == 3
+    state.case.undo()
+    assert to_json(read_fiducials(state.storage.fiducials)) == before
+
+
+def test_after_a_new_change_nothing_is_made_again(state: PlannerState) -> None:
+    state.case.edit("left", target_mm=T + np.array([1, 0, 0]))
+    state.case.undo()
+    assert state.case.can_redo
+    state.case.reject_marker("F2")
+    assert not state.case.can_redo
+    assert not reopened(state).case.can_redo
+    with pytest.raises(InputError, match="no change to make again"):
+        state.case.redo()
+
+
+def test_the_first_markers_of_a_case_can_be_taken_back_and_made_again(state: PlannerState) -> None:
+    found = state.case.found
+    state.storage.fiducials.unlink()
+    again = reopened(state)
+    assert again.case.fiducials is None
+    again.case.replace_markers(found)
+    again.case.undo()
+    assert labels(again) == []
+    again.case.redo()
+    assert labels(again) == ["F1", "F2", "F3", "F4", "F5", "F6"]
+
+
+def test_the_plans_changes_of_an_earlier_session_are_taken_back_too(state: PlannerState) -> None:
+    state.case.edit("left", target_mm=T + np.array([1, 0, 0]))
+    again = reopened(state)
+    again.case.reject_marker("F2")
+    again.case.undo()
+    again.case.undo()
+    assert x_mm(again) == T[0]
+    assert "F2" in labels(again)
+    again.case.undo()  # the trajectory itself
+    assert not again.case.can_undo
+    with pytest.raises(InputError, match="no change to take back"):
+        again.case.undo()
+    for _ in range(3):
+        again.case.redo()
+    assert (x_mm(again), "F2" in labels(again)) == (T[0] + 1, False)
+
+
+def test_a_drag_that_moved_nothing_is_no_step(state: PlannerState) -> None:
+    steps = len(state.case.plan.history)
+    state.case.begin_drag("left")
+    state.case.end_drag()
+    assert len(state.case.plan.history) == steps
+    state.case.drag("left", "target", T + 5)
+    state.case.undo()  # while the button is still down
+    assert state.case.plan.trajectory("left").target_mm == pytest.approx(T, abs=0)
+    assert not state.case.dragging
+
+
+@pytest.mark.parametrize("place", [[0.0, 0.0, 5000.0], [120.0, 0.0, 60.0]], ids=["outside the scan", "in air"])
+@pytest.mark.parametrize("end", ["entry", "target"])
+def test_an_end_outside_the_head_is_refused_however_it_is_set(
+    state: PlannerState, end: str, place: list[float]
+) -> None:
+    before, written = state.case.plan, state.storage.plan.read_bytes()
+    bad = {f"{end}_mm": np.array(place)}
+    with pytest.raises(InputError, match=f"the {end} of left .* (outside the scan|in air)"):
+        state.case.edit("left", **bad)
+    ends = {"entry_mm": cases.ENTRY_MM, "target_mm": T} | bad
+    with pytest.raises(InputError, match=f"the {end} of T1"):
+        state.add_trajectory(ends["entry_mm"], ends["target_mm"])
+    state.case.drag("left", end, bad[f"{end}_mm"])
+    with pytest.raises(InputError, match=f"the {end} of left"):
+        state.case.end_drag()
+    assert not state.case.dragging
+    assert state.case.plan is before
+    assert state.storage.plan.read_bytes() == written
+
+
+def test_what_lies_badly_from_before_can_be_named_and_removed(state: PlannerState) -> None:
+    stray = state.case.plan.edit("left", entry_mm=np.array([0.0, 0.0, 5000.0]))
+    write_plan(state.storage.plan, stray)
+    again = reopened(state)
+    assert "outside the scan" in again.case.judge(again.case.plan.trajectory("left")).problem
+    again.case.rename("left", "stray")
+    again.case.remove("stray")
+    assert again.case.plan.trajectories == ()
