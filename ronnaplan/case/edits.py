@@ -4,31 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 from ronnaplan.case import marker_edits
-from ronnaplan.case.folder import Case
-from ronnaplan.case.surroundings import Judgement, Surroundings
+from ronnaplan.case.folder import Case, CaseFiles
+from ronnaplan.case.surroundings import Judgement, Labels, Rules, Surroundings
+from ronnaplan.ct import CTVolume
 from ronnaplan.documents.agreement import disagreement
-from ronnaplan.documents.fiducials import FiducialsDocument, fiducials_document
-from ronnaplan.documents.registration import RegistrationDocument
-from ronnaplan.errors import InputError, UsageError
+from ronnaplan.documents.fiducials import FiducialsDocument, fiducials_document, read_fiducials
+from ronnaplan.documents.kept import Kept
+from ronnaplan.documents.plan import plan_text, read_plan
+from ronnaplan.documents.reading import to_json
+from ronnaplan.documents.registration import RegistrationDocument, read_registration
+from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import Head, Instrument, Landmarks, Plan, Trajectory
 from ronnaplan.planning.measures import check_ends
+from ronnaplan.planning.merging import merged
 from ronnaplan.planning.trajectory import instrument_named
 
 ENDS = ("entry", "target")
-
-
-class Keeper(Protocol):
-    """What writes the documents of a case, whole or not at all."""
-
-    def write_plan(self, plan: Plan) -> None:
-        """Write the plan."""
-
-    def write_document(self, document: FiducialsDocument | RegistrationDocument) -> None:
-        """Write the markers or the registration."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,21 +54,50 @@ def sound(before: Plan, after: Plan, head: Head) -> Plan:
 class OpenCase:
     """The documents of one scan while a person works on them."""
 
-    def __init__(self, case: Case, keeper: Keeper) -> None:
-        """Open ``case``, whose documents ``keeper`` writes; raises `InputError` without a scan or a plan."""
-        if case.volume is None or case.plan is None:
-            raise InputError("a case without a scan and a plan cannot be worked on; give both")
-        self.volume, self.no_go, self.rules = case.volume, case.no_go, case.rules
-        self.plan: Plan = case.plan
+    def __init__(
+        self, volume: CTVolume, files: CaseFiles, rules: Rules | None = None, no_go: Labels | None = None
+    ) -> None:
+        """Open the case of ``volume`` whose documents lie at ``files``, or will; raises what `Case` raises."""
+        if files.plan is None or files.fiducials is None or files.registration is None:
+            raise UsageError("a case is worked on in three files; name plan, fiducials and registration")
+        self._kept_plan = Kept(files.plan, read_plan, plan_text, merged)
+        self._kept_fiducials = Kept(files.fiducials, read_fiducials, to_json)
+        self._kept_registration = Kept(files.registration, read_registration, to_json)
+        case = self._read(volume, rules or Rules(), no_go or {})
+        self.volume, self.no_go, self.rules = volume, case.no_go, case.rules
+        self.plan: Plan = case.plan or Plan.of_scan(volume)
         self.fiducials: FiducialsDocument | None = case.fiducials
         self.registration: RegistrationDocument | None = case.registration
         self.surroundings: Surroundings = case.surroundings
         self.before_drag: Plan | None = None
         self.followers: list[Callable[[Plan, Plan], None]] = []
         """Told of every change of the plan: as it was, and as it is."""
-        self._keeper = keeper
         self._done: list[Step] = []
         self._undone: list[Step] = []
+
+    def look_again(self) -> bool:
+        """Take over what another hand has written; return whether there is anything new.
+
+        Raises `InputError` where that cannot be read or is of another scan; nothing is taken over then.
+        """
+        if self.dragging:
+            return False
+        kept = (self._kept_plan, self._kept_fiducials, self._kept_registration)
+        before = self._kept_plan.content, self._kept_fiducials.content, self._kept_registration.content
+        try:
+            if True not in [one.look_again() for one in kept]:
+                return False
+            case = self._read(self.volume, self.rules, self.no_go)
+        except RonnaplanError:
+            # What was not taken over is not what the next change is made to.
+            self._kept_plan.content, self._kept_fiducials.content, self._kept_registration.content = before
+            raise
+        if (case.fiducials, case.registration) != (self.fiducials, self.registration):
+            self.fiducials, self.registration = case.fiducials, case.registration
+            self.surroundings = self.surroundings.with_documents(self.fiducials, self.registration)
+            self._done, self._undone = [step for step in self._done if step is None], []
+        self._show_plan(case.plan or self.plan)
+        return True
 
     def judge(self, trajectory: Trajectory) -> Judgement:
         """Return measures, verdicts and expected error of a trajectory as it is now, or why there are none.
@@ -191,8 +215,7 @@ class OpenCase:
 
     def keep_registration(self, found: RegistrationDocument) -> None:
         """Keep a registration in the place of the one there was; this is no step that can be undone."""
-        self._keeper.write_document(found)
-        self.registration = found
+        self.registration = self._kept_registration.write(found)
         self.surroundings = self.surroundings.with_documents(self.fiducials, found)
 
     @property
@@ -243,15 +266,21 @@ class OpenCase:
         self._undone.clear()
 
     def _keep_plan(self, plan: Plan) -> None:
-        self._keeper.write_plan(plan)
+        self._show_plan(self._kept_plan.write(plan))
+
+    def _show_plan(self, plan: Plan) -> None:
         before, self.plan = self.plan, plan
         for follow in self.followers:
             follow(before, plan)
 
     def _keep_fiducials(self, found: FiducialsDocument) -> None:
-        self._keeper.write_document(found)
-        self.fiducials = found
+        self.fiducials = self._kept_fiducials.write(found)
         self.surroundings = self.surroundings.with_documents(found, self.registration)
+
+    def _read(self, volume: CTVolume, rules: Rules, no_go: Labels) -> Case:
+        """Return the documents as they were last seen, checked to belong together."""
+        plan, fiducials, registration = self._kept_plan, self._kept_fiducials, self._kept_registration
+        return Case(volume, plan.content, fiducials.content, registration.content, rules, no_go)
 
 
 def _ends_mm(one: Trajectory) -> tuple[float, ...]:

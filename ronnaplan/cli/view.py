@@ -45,7 +45,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.planner.storage import Storage
 
     storage = Storage.of(arguments.plan, arguments.fiducials, arguments.registration)
-    stated = with_limits(rules(arguments), storage.limits if arguments.limits is None else Path(arguments.limits))
+    limits = Path(arguments.limits) if arguments.limits else storage.documents.limits
+    stated = with_limits(rules(arguments), limits)
     tracker = _address(arguments.tracker) if arguments.tracker else None
     ct = arguments.ct or _scan_beside(storage.plan)
     volume = read_ct(ct, arguments.series, progress=True)

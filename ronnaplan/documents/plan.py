@@ -114,7 +114,7 @@ def plan_document(plan: Plan) -> PlanDocument:
 
 def write_plan(path: str | os.PathLike[str], plan: Plan) -> None:
     """Write plan.json, whole or not at all, whatever was there."""
-    write_atomically(path, _text(plan))
+    write_atomically(path, plan_text(plan))
 
 
 def change_plan(path: str | os.PathLike[str], change: Callable[[Plan], Plan]) -> Plan:
@@ -122,7 +122,7 @@ def change_plan(path: str | os.PathLike[str], change: Callable[[Plan], Plan]) ->
 
     ``change`` is given the plan that is there. What it raises leaves the file as it was.
     """
-    return change_document(path, read_plan, change, _text)
+    return change_document(path, read_plan, change, plan_text)
 
 
 def read_plan(path: str | os.PathLike[str]) -> Plan:
@@ -136,7 +136,8 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
         raise InputError(f"{os.fspath(path)}: {error}") from error
 
 
-def _text(plan: Plan) -> str:
+def plan_text(plan: Plan) -> str:
+    """Return plan.json's text."""
     return to_json(plan_document(plan))
 
 

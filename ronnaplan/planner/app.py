@@ -27,6 +27,7 @@ CUTS = (*STANDARD, *PATH_VIEWS)
 PAGE = files("ronnaplan.planner") / "page"
 READY = "research software, not a medical device"
 WORKING = "working ..."
+CHANGED = "another hand has changed the case; it is shown as it is now"
 
 FIRST_LOOK_S = 0.5
 """The browser has this long to draw the cuts before the rest is loaded."""
@@ -236,12 +237,21 @@ class PlannerApp:
     def _told(self, keep_message: bool = False) -> Iterator[None]:
         """Show what went wrong as a sentence; what goes well takes the last one away, but for a mere release."""
         try:
-            yield
-            if not keep_message:
-                self.server.state.message = READY
+            news = self.state.case.look_again()
         except RonnaplanError as error:
-            self.server.state.message = str(error)
-            self.server.state.refusals += 1
+            news = False
+            self._refuse(error)
+        try:
+            yield
+        except RonnaplanError as error:
+            self._refuse(error)
+        else:
+            if news or not keep_message:
+                self.server.state.message = CHANGED if news else READY
+
+    def _refuse(self, error: RonnaplanError) -> None:
+        self.server.state.message = str(error)
+        self.server.state.refusals += 1
 
     def _hear(self) -> Callable[[], None]:
         """Listen to the tracker."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from ronnaplan.case import marker_edits
 from ronnaplan.case.edits import OpenCase
-from ronnaplan.case.folder import Case
 from ronnaplan.case.surroundings import Labels, Rules
 from ronnaplan.ct import CTVolume
 from ronnaplan.errors import UsageError
@@ -13,7 +12,7 @@ from ronnaplan.planner.looking import Looking
 from ronnaplan.planner.offers import Offers
 from ronnaplan.planner.registering import Registering
 from ronnaplan.planner.storage import Storage
-from ronnaplan.planning import Landmarks, Plan, Trajectory
+from ronnaplan.planning import Landmarks, Trajectory
 
 COLOURS = ("#e8a33d", "#4fc3f7", "#81c784", "#f06292", "#ba68c8", "#ffd54f")
 """Given to new trajectories in turn."""
@@ -35,10 +34,8 @@ class PlannerState:
 
         Raises `FrameMismatchError` where a document is of another scan.
         """
-        plan = storage.read_plan() or Plan.of_scan(volume)
-        documents = (plan, storage.read_fiducials(), storage.read_registration())
         self.storage = storage
-        self.case = OpenCase(Case(volume, *documents, rules or Rules(), no_go or {}), storage)
+        self.case = OpenCase(volume, storage.documents, rules, no_go)
         self.look = Looking(self.case, storage)
         self.registering = Registering(self.case, storage)
         self.offers = Offers(self.case, self.look)

@@ -10,14 +10,11 @@ from pathlib import Path
 
 from pydantic import Field
 
-from ronnaplan.documents.fiducials import FiducialsDocument, read_fiducials
+from ronnaplan.case.folder import FIDUCIALS, LIMITS, PLAN, REGISTRATION, CaseFiles
 from ronnaplan.documents.fields import DocumentModel, Line, PositiveMm, Vector
 from ronnaplan.documents.files import read_json, write_atomically
-from ronnaplan.documents.plan import read_plan, write_plan
 from ronnaplan.documents.reading import to_json, validated
-from ronnaplan.documents.registration import RegistrationDocument, read_registration
 from ronnaplan.errors import InputError, UsageError
-from ronnaplan.planning import Plan
 
 READINGS = (".csv", ".mha", ".mrk.json")
 """How the name of a readings file ends."""
@@ -47,37 +44,25 @@ class Storage:
     @classmethod
     def of(cls, plan: str | None, fiducials: str | None, registration: str | None) -> Storage:
         """Name the files; what is not named lies beside the plan, the plan in the present folder."""
-        path = Path(plan or "plan.json").resolve()
+        path = Path(plan or PLAN).resolve()
         if not path.parent.is_dir():
             raise InputError(f"{path.parent} is not a folder; make it, or give another place for the plan")
         return cls(
             path,
-            Path(fiducials).resolve() if fiducials else path.with_name("fiducials.json"),
-            Path(registration).resolve() if registration else path.with_name("registration.json"),
+            Path(fiducials).resolve() if fiducials else path.with_name(FIDUCIALS),
+            Path(registration).resolve() if registration else path.with_name(REGISTRATION),
         )
 
     @property
-    def limits(self) -> Path | None:
-        """The limits that lie beside the plan, None where there are none."""
-        path = self.plan.with_name("limits.json")
-        return path if path.is_file() else None
+    def documents(self) -> CaseFiles:
+        """The documents of the case; limits only where they lie beside the plan."""
+        limits = self.plan.with_name(LIMITS)
+        return CaseFiles(self.plan, self.fiducials, self.registration, limits if limits.is_file() else None)
 
     @property
     def look(self) -> Path:
         """The file that says where a person was looking."""
         return self.plan.with_name("planner.json")
-
-    def read_plan(self) -> Plan | None:
-        """Return the plan, None where there is no file yet."""
-        return read_plan(self.plan) if self.plan.exists() else None
-
-    def read_fiducials(self) -> FiducialsDocument | None:
-        """Return the markers, None where there is no file yet."""
-        return read_fiducials(self.fiducials) if self.fiducials.exists() else None
-
-    def read_registration(self) -> RegistrationDocument | None:
-        """Return the registration, None where there is no file yet."""
-        return read_registration(self.registration) if self.registration.exists() else None
 
     def read_look(self, voxel_sha256: str) -> Look | None:
         """Return where a person was looking in this scan, None where that is not known."""
@@ -86,15 +71,6 @@ class Storage:
         except InputError:
             return None  # nothing was planned with it: to look at the middle again loses nothing
         return look if look.voxel_sha256 == voxel_sha256 else None
-
-    def write_plan(self, plan: Plan) -> None:
-        """Write the plan, whole or not at all."""
-        write_plan(self.plan, plan)
-
-    def write_document(self, document: FiducialsDocument | RegistrationDocument) -> None:
-        """Write the markers or the registration, whole or not at all."""
-        path = self.fiducials if isinstance(document, FiducialsDocument) else self.registration
-        write_atomically(path, to_json(document))
 
     def write_look(self, look: Look) -> None:
         """Write where a person is looking."""

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ronnaplan.documents.fiducials import read_fiducials
-from ronnaplan.documents.plan import read_plan, write_plan
+from ronnaplan.documents.plan import change_plan, read_plan, write_plan
 from ronnaplan.documents.reading import to_json
-from ronnaplan.errors import InputError
+from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.planner.state import PlannerState
 from tests import cases
 from tests.planner.conftest import reopened
@@ -134,3 +136,35 @@ def test_what_lies_badly_from_before_can_be_named_and_removed(state: PlannerStat
     again.case.rename("left", "stray")
     again.case.remove("stray")
     assert again.case.plan.trajectories == ()
+
+
+def test_what_another_hand_writes_is_taken_over_and_what_it_changed_is_not_lost(state: PlannerState) -> None:
+    assert not state.case.look_again()
+    change_plan(state.storage.plan, lambda plan: plan.add(replace(cases.plan().trajectory("left"), name="theirs")))
+    state.case.edit("left", notes="mine")  # before anything was noticed
+    assert [one.name for one in read_plan(state.storage.plan).trajectories] == ["left", "theirs"]
+    assert [one.name for one in state.case.plan.trajectories] == ["left", "theirs"]
+    fewer = state.case.found.model_copy(update={"fiducials": state.case.found.fiducials[:5]})
+    state.storage.fiducials.write_text(to_json(fewer))
+    before = state.case.surroundings
+    with pytest.raises(InputError, match=r"fiducials\.json was changed by another hand"):
+        state.case.reject_marker("F1")
+    assert state.case.look_again()
+    assert state.case.fiducials == fewer
+    assert state.case.surroundings is not before
+    state.case.reject_marker("F1")
+    assert labels(state) == ["F2", "F3", "F4", "F5"]
+
+
+def test_documents_of_another_scan_are_not_taken_over(state: PlannerState) -> None:
+    theirs = replace(
+        state.case.plan, source=replace(state.case.plan.source, frame_of_reference_uid="9.9"), history=()
+    )
+    mine, foreign = state.case.plan, replace(theirs, trajectories=())
+    write_plan(state.storage.plan, foreign)
+    with pytest.raises(FrameMismatchError, match=r"plan\.json is in frame CT \[9\.9\]"):
+        state.case.look_again()
+    assert state.case.plan is mine
+    with pytest.raises(FrameMismatchError):
+        state.case.edit("left", notes="mine")
+    assert read_plan(state.storage.plan).frame.uid == "9.9"

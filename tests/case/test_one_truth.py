@@ -166,7 +166,7 @@ def rules_of(case: RandomCase) -> Rules:
 
 def compare_with_planner(case: RandomCase, said: dict[str, Any]) -> None:
     storage = Storage.of(str(case.folder / "plan.json"), None, None)
-    state = PlannerState(cases.volume(), storage, with_limits(rules_of(case), storage.limits))
+    state = PlannerState(cases.volume(), storage, with_limits(rules_of(case), storage.documents.limits))
     judged = [state.case.judge(one) for one in state.case.plan.trajectories]
     for one, written in zip(judged, said["trajectories"], strict=True):
         assert one.measures is not None

@@ -8,9 +8,13 @@ import numpy as np
 import pytest
 
 from ronnaplan.case import surroundings
+from ronnaplan.case.expectation import expectation
 from ronnaplan.case.surroundings import Judgement, Rules, Surroundings, Terrain
-from ronnaplan.planning import Trajectory
+from ronnaplan.documents.registration import RegistrationDocument, registration_document
+from ronnaplan.geometry import Points
+from ronnaplan.planning import Limits, Trajectory
 from ronnaplan.planning.obstacles import Clearance
+from ronnaplan.registration.markers import register_markers
 from tests import cases
 
 
@@ -61,3 +65,65 @@ def test_while_an_end_is_dragged_a_no_go_region_is_its_voxels_and_then_the_surfa
     let_go = judged(rough=False)
     assert let_go.smooth
     assert judged(rough=True) is let_go  # known better already
+
+
+def registered_with(count: int) -> RegistrationDocument:
+    """A registration with the first markers only."""
+    seen = cases.readings()
+    few = Points(seen.positions_mm[:count], seen.covariances_mm2[:count], seen.labels[:count], seen.frame)
+    known = tuple((f"F{number}", str(number)) for number in range(1, count + 1))
+    found = register_markers(cases.fiducials().points, few, known_pairs=known)
+    return registration_document(found, cases.fiducials().source)
+
+
+def test_a_registration_with_few_markers_counts_and_not_what_was_planned_for_all() -> None:
+    plan = cases.plan()
+    (path,) = plan.trajectories
+    terrain, fiducials = Terrain(cases.volume()), cases.fiducials()
+
+    def judged(registration: RegistrationDocument | None, limit_mm: float = 1.0) -> Judgement:
+        rules = Rules(Limits(greatest_target_error_mm=limit_mm))
+        return Surroundings(terrain, rules, fiducials, registration).judge(path, plan)
+
+    before = judged(None).measures
+    assert before is not None
+    assert before.error is not None
+    assert before.planned_error is None
+    assert before.error.expected.markers == ("F1", "F2", "F3", "F4", "F5", "F6")
+    after = judged(registered_with(3)).measures
+    assert after is not None
+    assert after.error is not None
+    assert after.planned_error is not None
+    assert str(after.error.expected) == "as registered with F1, F2, F3 (0.56 mm in CT, 0.17 mm tracked, per axis)"
+    assert after.planned_error.target_rms_mm == before.error.target_rms_mm
+    assert after.error.target_rms_mm > 1.2 * before.error.target_rms_mm
+    between = (after.error.target_rms_mm + before.error.target_rms_mm) / 2
+    assert judged(None, between).broken == ()
+    (broken,) = judged(registered_with(3), between).broken
+    assert (broken.measure, broken.remark) == ("expected error at target", "as registered")
+
+
+def test_a_registration_of_other_markers_or_one_refused_does_not_count() -> None:
+    found, known = cases.fiducials(), registered_with(4)
+    fewer = found.model_copy(update={"fiducials": found.fiducials[1:]})
+    refused = known.model_copy(update={"status": "ambiguous", "reason": "two ways fit"})
+    for fiducials, registration, remark in (
+        (fewer, known, "the registration uses marker F1, which is no longer there; register again"),
+        (found, refused, "the registration is ambiguous: two ways fit"),
+    ):
+        expected = expectation(fiducials, registration, 0.5, 0.2)
+        assert expected.registered is None
+        assert expected.remarks == (remark,)
+        assert expected.counted is not None
+        assert (expected.counted.basis, expected.counted.sigma_ct_mm) == ("planned", 0.5)
+
+
+def test_planned_and_registered_agree_where_they_rest_on_the_same() -> None:
+    expected = expectation(cases.fiducials(), registered_with(6), 0.56, 0.17)
+    assert expected.registered is not None
+    assert expected.planned is not None
+    np.testing.assert_allclose(
+        expected.registered.tre_rms_mm([cases.TARGET_MM]),
+        expected.planned.tre_rms_mm([cases.TARGET_MM]),
+        rtol=1e-6,
+    )

@@ -11,6 +11,7 @@ import pytest
 from ronnaplan.planner.head_view import HeadView
 from ronnaplan.planner.overlay import over_head
 from ronnaplan.planner.state import PlannerState
+from ronnaplan.planning import Measures
 from tests import cases
 
 SAME = 1e-4
@@ -72,6 +73,24 @@ def test_trajectories_are_followed_by_name_and_place(head: HeadView) -> None:
     assert difference(without, plain) > 0.0005
     state.case.undo()
     assert difference(pixels(head), plain) < SAME
+
+
+def test_the_tube_is_that_of_the_markers_as_they_are_now(head: HeadView, monkeypatch: pytest.MonkeyPatch) -> None:
+    head.picture()
+    shown: list[Measures | None] = []
+    assert head.scene is not None
+    monkeypatch.setattr(head.scene, "show_path", lambda _, measured: shown.append(measured))
+    for number in range(10):
+        head.state.case.reject_marker("F2") if number % 2 == 0 else head.state.case.undo()
+        head.picture()
+        (path,) = head.state.case.plan.trajectories
+        now = head.state.case.judge(path).measures
+        assert now is not None
+        assert now.error is not None
+        drawn = shown[number]
+        assert drawn is not None
+        assert drawn.error is not None
+        np.testing.assert_array_equal(drawn.error.tube_mm, now.error.tube_mm)
 
 
 def test_nothing_is_drawn_twice(head: HeadView, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import Points
 from ronnaplan.planner.panels import pointing_panel, registration_panel
@@ -136,7 +137,7 @@ def test_pointing_is_forgotten_when_it_is_left_or_readings_are_loaded(ambiguous:
 
 
 def test_without_the_readings_an_ambiguity_is_not_settled(ambiguous: PlannerState) -> None:
-    ambiguous.storage.write_document(ambiguous.case.found)
+    ambiguous.storage.fiducials.write_text(to_json(ambiguous.case.found))
     again = reopened(ambiguous)
     assert again.case.registration is not None
     assert again.case.registration.status == "ambiguous"
