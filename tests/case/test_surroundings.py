@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ronnaplan.case import surroundings
 from ronnaplan.case.expectation import expectation
 from ronnaplan.case.surroundings import Judgement, Rules, Surroundings, Terrain
 from ronnaplan.documents.registration import RegistrationDocument, registration_document
 from ronnaplan.geometry import Points
-from ronnaplan.planning import Limits, Trajectory
+from ronnaplan.planning import Limits, Trajectory, measure
 from ronnaplan.planning.obstacles import Clearance
 from ronnaplan.registration.markers import register_markers
 from tests import cases
@@ -20,13 +19,12 @@ from tests import cases
 
 def test_moving_one_trajectory_measures_only_that_one_again(monkeypatch: pytest.MonkeyPatch) -> None:
     counted: list[str] = []
-    measure = surroundings.measure
 
     def counting(trajectory: Trajectory, *arguments: Any, **options: Any) -> Any:
         counted.append(trajectory.name)
         return measure(trajectory, *arguments, **options)
 
-    monkeypatch.setattr(surroundings, "measure", counting)
+    monkeypatch.setattr("ronnaplan.case.surroundings.measure", counting)
     around = Surroundings(Terrain(cases.volume()), Rules(), cases.fiducials())
     plan = cases.plan()
     shift = np.array([6.0, 0.0, 0.0])

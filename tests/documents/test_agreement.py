@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from ronnaplan.case.marker_edits import reject, rename
 from ronnaplan.documents.agreement import disagreement
-from ronnaplan.planner.markers import reject, rename
 from tests import cases
 
 
