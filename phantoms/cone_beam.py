@@ -167,13 +167,14 @@ class _Orbit:
         return Grid((stack.origins_mm - self.center_mm) @ self.axes.T, stack.pixel_mm)
 
     def views(self) -> Views:
-        """Return source and panel of every view in LPS mm."""
+        """Return source and panel of every view in LPS mm, as the scene sees them."""
         cosine, sine = np.cos(self.angles)[:, np.newaxis], np.sin(self.angles)[:, np.newaxis]
         towards = cosine * self.axes[0] + sine * self.axes[1]
         across = cosine * self.axes[1] - sine * self.axes[0]
         middles = np.tile(self.center_mm, (len(self.angles), 1))
         up = np.tile(self.axes[2], (len(self.angles), 1))
-        return Views(middles + self.scanner.source_mm * towards, middles, across, up)
+        still = Views(middles + self.scanner.source_mm * towards, middles, across, up)
+        return self.scanner.motion.seen(still, np.linspace(0, 1, len(self.angles)))
 
     def weights(self) -> NDArray[np.float32]:
         """Return what each ray (V, U) counts for, but for its height: redundancy, and the step between views."""

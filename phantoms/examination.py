@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from phantoms.fast import Renderer, like
 from phantoms.finish import Finish
 from phantoms.machine import Machine
+from phantoms.motion import mean_place, timed_path
 from phantoms.output import check_target, write_phantom
 from phantoms.scanner import Scanner
 from phantoms.scene import Scene
@@ -42,6 +43,23 @@ class Examination:
     def profile_fwhm_mm(self) -> float:
         """Full width at half maximum of the slices that the scanner reconstructs, as physics makes it."""
         return self.scanner.profile(self.finish.sources(self.stack)[0]).fwhm_mm
+
+    @property
+    def shown(self) -> Scene:
+        """The scene with markers and decoys where they were, on average, while they were in the beam."""
+        motion = self.scanner.motion
+        if not motion.moves:
+            return self.scene
+        markers = []
+        for one in self.scene.markers:
+            span = self.scanner.seen_during(one.center_mm, one.diameter_mm / 2, self.stack)
+            place, path = mean_place(motion, one.center_mm, span), timed_path(motion, one.center_mm, span)
+            markers.append(replace(one, center_mm=place, path=path))
+        decoys = []
+        for other in self.scene.decoys:
+            span = self.scanner.seen_during(other.center_mm, 0.0, self.stack)
+            decoys.append(replace(other, center_mm=mean_place(motion, other.center_mm, span)))
+        return replace(self.scene, markers=tuple(markers), decoys=tuple(decoys))
 
     def around(self, center_mm: Vector, reach_mm: float, *, crop: bool = False) -> Examination:
         """Return the same examination with only the slices within ``reach_mm`` of a place.
@@ -100,7 +118,7 @@ class Examination:
         check_target(Path(folder))
         write_phantom(
             folder,
-            self.scene,
+            self.shown,
             self.stack,
             self.images(fast=fast, progress=progress),
             options or self.options(fast=fast),

@@ -15,6 +15,7 @@ from scipy import fft, ndimage
 from tqdm import tqdm
 
 from phantoms.compiled import compiled, parallel_range
+from phantoms.errors import PhantomError
 from phantoms.machine import Images, Machine
 from phantoms.materials import material
 from phantoms.profiles import Profile, Shape
@@ -71,6 +72,8 @@ class Renderer(Machine):
         self, scene: Scene, stacks: Sequence[SliceStack], *, seed: int = 0, progress: bool = False
     ) -> list[Images]:
         """Return the images of each stack; their noise is independent."""
+        if self.motion.moves:
+            raise PhantomError("the fast renderer knows no time; scan what moves with another scanner")
         return [
             render_hu(
                 scene,
@@ -94,6 +97,7 @@ def like(machine: Machine, stack: SliceStack) -> Renderer:
         dose=machine.dose,
         kilovolts=machine.kilovolts,
         extended_scale=machine.extended_scale,
+        motion=machine.motion,
         shape=profile.shape,
         broadening=profile.fwhm_mm / stack.thickness_mm,
     )

@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from phantoms.beam import check_kilovolts
 from phantoms.errors import PhantomError
 from phantoms.kernels import kernel
+from phantoms.motion import STILL, Motion, Span
 from phantoms.profiles import Profile
 from phantoms.scene import Scene
+from phantoms.solids import Vector
 from phantoms.stack import SliceStack
 
 Images = NDArray[np.floating[Any]]
@@ -35,6 +37,9 @@ class Machine(ABC):
     """Strength of scattered radiation; 0.02 is a usual clinical residue."""
     extended_scale: bool = False
     """Whether values above 3071 HU are kept."""
+
+    motion: Motion = STILL
+    """How the patient moves during the scan."""
 
     def __post_init__(self) -> None:
         kernel(self.kernel)
@@ -59,6 +64,10 @@ class Machine(ABC):
     def aimed(self, stack: SliceStack) -> Self:
         """Return the scanner as it is set up for ``stack``."""
         return self
+
+    def seen_during(self, place_mm: Vector, radius_mm: float, stack: SliceStack) -> Span:
+        """Return from when to when, in parts of the scan, a ball in the scene is in the beam."""
+        return 0.0, 1.0
 
     @abstractmethod
     def reconstruct(

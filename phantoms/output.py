@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phantoms.errors import PhantomError
-from phantoms.scene import Scene
+from phantoms.scene import Marker, Scene
 from phantoms.series import SeriesOptions, write_series
 from phantoms.stack import SliceStack
 
@@ -38,6 +38,7 @@ def truth(scene: Scene, stack: SliceStack, **scan: object) -> dict[str, Any]:
                 "covering": marker.covering,
                 "material": marker.material,
                 "whole_in_scan": stack.holds_whole(marker.center_mm, marker.diameter_mm),
+                **_path(marker),
             }
             for marker in scene.markers
         ],
@@ -53,6 +54,14 @@ def truth(scene: Scene, stack: SliceStack, **scan: object) -> dict[str, Any]:
             **scan,
         },
     }
+
+
+def _path(marker: Marker) -> dict[str, Any]:
+    """Return the path of a marker that moved: time and place, and the place in the middle of that time."""
+    if marker.path is None:
+        return {}
+    steps = np.round(marker.path, 6)
+    return {"path": steps.tolist(), "center_at_mid_scan": steps[len(steps) // 2, 1:].tolist()}
 
 
 def write_phantom(

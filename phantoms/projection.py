@@ -60,13 +60,16 @@ def transmission(
 ) -> None:
     """Fill ``signal`` (R, V, U) with the fraction of the beam that arrives.
 
-    ``planes`` (R, 3) are the centres of the detector rows' planes; the rows of ``axes`` (3, 3) are the column, row
-    and normal directions. Over one element intensities, not logarithms, are averaged, as in a real detector.
+    ``planes`` (R, V, 3) are the centres of the detector rows' planes in each view; the rows of ``axes`` (R, V, 3, 3)
+    are the column, row and normal directions. Over one element intensities, not logarithms, are averaged, as in a
+    real detector.
     """
     rows, views, _ = signal.shape
     for job in parallel_range(rows * views):
         row, view = job // views, job % views
-        _measure_view(solids, matter, detector, planes[row], axes, angles[view], signal[row, view])
+        _measure_view(
+            solids, matter, detector, planes[row, view], axes[row, view], angles[view], signal[row, view]
+        )
 
 
 @compiled()

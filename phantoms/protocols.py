@@ -13,6 +13,7 @@ from phantoms.errors import PhantomError
 from phantoms.fast import Renderer
 from phantoms.finish import Finish, Interpolated, NonLocalMeans, Reformatted, Step, TotalVariation
 from phantoms.machine import Machine
+from phantoms.motion import random_motion
 from phantoms.profiles import Shape
 from phantoms.scanner import Scanner
 from phantoms.series import Tag
@@ -59,6 +60,7 @@ def _axial(
     spacing: float = 1.0,
     slope: float = 1.0,
     step: Callable[[Generator], Step] | None = None,
+    moves: bool = False,
 ) -> Maker:
     """Make axial scans; ``spacing`` is a multiple of the thickness."""
 
@@ -66,6 +68,7 @@ def _axial(
         thickness = float(generator.choice(thicknesses_mm))
         scanner = Scanner(kernel=str(generator.choice(kernels)))
         finish = Finish(() if step is None else (step(generator),), slope, _tag(generator))
+        scanner = replace(scanner, motion=random_motion(generator)) if moves else scanner
         return Protocol(name, scanner, thickness, spacing * thickness, finish)
 
     return make
@@ -109,9 +112,9 @@ def _cone(
     turn: Turn = "full",
     lag: tuple[float, float] = (0.0, 0.0),
     width_mm: tuple[float, float] = (300.0, 300.0),
-    hu: bool = True,
+    moves: bool = False,
 ) -> Maker:
-    """Make cone-beam scans; ``hu`` lets the scale and offset of the values depart from Hounsfield's."""
+    """Make cone-beam scans; scale and offset of their values depart from Hounsfield's."""
 
     def make(name: str, generator: Generator) -> Protocol:
         voxel = float(generator.choice([0.3, 0.4, 0.5]))
@@ -126,9 +129,10 @@ def _cone(
             start_deg=float(generator.uniform(0, 360)),
             scatter=float(generator.uniform(0.02, 0.12)),
             lag=float(generator.uniform(*lag)),
-            hu_scale=float(generator.uniform(0.8, 1.2)) if hu else 1.0,
-            hu_offset=float(generator.uniform(-20, 100)) if hu else 0.0,
+            hu_scale=float(generator.uniform(0.8, 1.2)),
+            hu_offset=float(generator.uniform(-20, 100)),
         )
+        scanner = replace(scanner, motion=random_motion(generator)) if moves else scanner
         tag: Tag = "absent" if generator.random() < 0.3 else "nominal"
         return Protocol(name, scanner, voxel, voxel, Finish(tag=tag), cubic=True)
 
@@ -150,6 +154,7 @@ PROTOCOLS: dict[str, tuple[str, Maker]] = {
     ),
     "axial slope 2": ("the same, stored in steps of 2 HU", _axial(slope=2.0)),
     "axial overlapping": ("thin slices every half thickness", _axial(spacing=0.5)),
+    "axial motion": ("the patient jumps, drifts, turns or breathes meanwhile", _axial(moves=True)),
     "axial gapped": (
         "2 to 3 mm slices with gaps of a third",
         _axial(thicknesses_mm=(2.0, 2.5, 3.0), spacing=4 / 3),
@@ -163,6 +168,7 @@ PROTOCOLS: dict[str, tuple[str, Maker]] = {
     "cone beam short": ("the same, half a turn and the fan", _cone("short")),
     "cone beam lag": ("full turn; the panel keeps a part of what it saw before", _cone(lag=(0.5, 1.5))),
     "cone beam truncated": ("full turn; the panel is narrower than the head", _cone(width_mm=(225.0, 260.0))),
+    "cone beam motion": ("full turn; the patient jumps, drifts, turns or breathes meanwhile", _cone(moves=True)),
     "rendered gaussian": ("fast renderer, Gaussian profile broader than nominal", _rendered("gaussian")),
     "rendered trapezoid": ("fast renderer, trapezoidal profile broader than nominal", _rendered("trapezoid")),
     "rendered triangle": ("fast renderer, triangular profile broader than nominal", _rendered("triangle")),

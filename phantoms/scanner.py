@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from scipy import ndimage
@@ -13,11 +14,12 @@ from phantoms.beam import Beam, tube_beam
 from phantoms.errors import PhantomError
 from phantoms.kernels import kernel
 from phantoms.machine import Images, Machine
+from phantoms.motion import Span
 from phantoms.projection import Detector, Matter, transmission
 from phantoms.rays import pack
 from phantoms.reconstruction import UPSAMPLING, WaterCorrection, back_project, filter_projections
 from phantoms.scene import Scene
-from phantoms.solids import FloatArray
+from phantoms.solids import FloatArray, Vector
 from phantoms.stack import SliceStack
 
 SCAN_RADIUS_MM = 350.0
@@ -28,6 +30,8 @@ PHOTONS_PER_MM2 = 1.0e6
 """Quanta per mm2 of detector and view at dose 1 and 720 views; see `docs/phantoms.md` for the noise it gives."""
 SCATTER_WIDTH_MM = 60.0
 """Standard deviation of the scatter kernel along the detector."""
+TURN_MM = 20.0
+"""What one turn measures along the table; all rows of it at the same time."""
 SAME_PLACE_MM = 1e-6
 """Slices whose centres differ by less lie in one plane."""
 
@@ -38,6 +42,8 @@ class Scanner(Machine):
 
     views: int = 720
     bin_mm: float = 0.5
+    scanned_mm: tuple[float, float] = (0.0, 0.0)
+    """From where to where along the slices' normal the table goes; matters only when the patient moves."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -45,6 +51,28 @@ class Scanner(Machine):
             ("number of views", self.views, self.views >= 16, "16 or more"),
             ("detector element in mm", self.bin_mm, 0.05 <= self.bin_mm <= 5, "0.05 to 5"),
         )
+
+    def aimed(self, stack: SliceStack) -> Self:
+        """Return the scanner with the table's way along ``stack``."""
+        places = stack.positions_mm
+        return replace(self, scanned_mm=(float(places.min()), float(places.max())))
+
+    def times(self, position_mm: float) -> FloatArray:
+        """Return when each view (V,) of a row at a place along the normal is measured: turn after turn."""
+        turn, turns = self._turn(position_mm)
+        return (turn + np.arange(self.views) / self.views) / turns
+
+    def seen_during(self, place_mm: Vector, radius_mm: float, stack: SliceStack) -> Span:
+        """Return from when to when, in parts of the scan, a ball in the scene is in the beam."""
+        position = float(np.asarray(place_mm) @ stack.normal)
+        (first, turns), (last, _) = self._turn(position - radius_mm), self._turn(position + radius_mm)
+        return first / turns, (last + 1) / turns
+
+    def _turn(self, position_mm: float) -> tuple[int, int]:
+        """Return in which turn a place along the normal is measured, and how many turns there are."""
+        low, high = self.scanned_mm
+        turns = max(1, round((high - low) / TURN_MM))
+        return int(np.clip((position_mm - low) / max(high - low, 1e-9) * turns, 0, turns - 1)), turns
 
     def reconstruct(
         self, scene: Scene, stacks: Sequence[SliceStack], *, seed: int = 0, progress: bool = False
@@ -142,8 +170,10 @@ class _Measurement:
     def _measured(self, rows: list[_Row]) -> list[FloatArray]:
         signal = np.empty((len(rows), len(self.angles), self.bins), dtype=np.float32)
         detector = Detector(self._scanner.bin_mm, self._row_mm, 2, SCAN_RADIUS_MM)
-        planes = np.array([row.center_mm for row in rows])
-        transmission(self._solids, self._matter, detector, planes, self._axes, self.angles, signal)
+        centers = np.repeat(np.array([row.center_mm for row in rows])[:, np.newaxis], len(self.angles), axis=1)
+        times = np.array([self._scanner.times(np.array(row.center_mm) @ self._axes[2]) for row in rows])
+        planes, axes = self._scanner.motion.frames(centers, self._axes, times)
+        transmission(self._solids, self._matter, detector, planes, axes, self.angles, signal)
         return [self._in_water(signal[n].astype(np.float64), row) for n, row in enumerate(rows)]
 
     def _in_water(self, signal: FloatArray, row: _Row) -> FloatArray:

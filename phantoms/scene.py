@@ -47,6 +47,8 @@ class Marker:
     """Longest over shortest diameter minus one."""
     covering: str = ""
     """What lies on, around or in it."""
+    path: FloatArray | None = None
+    """Time (part of the scan) and place (N, 4) while it was in the beam, if it moved; the centre is their mean."""
 
 
 @dataclass(frozen=True)
