@@ -8,13 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
-from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.descent import BLUR_BOUNDS_MM, MAX_WANDER
 from ronnaplan.localization.detect import MIN_CONTRAST_HU
-from ronnaplan.localization.guess import margin_mm
 from ronnaplan.localization.model import has_streaks
-from ronnaplan.localization.neighbourhood import cell_directions
+from ronnaplan.localization.parameters import CENTER, WIDTH
 from ronnaplan.localization.refine import BallFit
 from ronnaplan.localization.uncertainty import center_covariance
 
@@ -35,11 +33,7 @@ cleanly ..."""
 
 MIN_METAL_ROUND = 0.66
 """... a ball of metal in at least this share of those that the scan shows: all that is bright beside it is fitted with
-it, and its scale's end makes the head of a screw look clean ..."""
-
-ROUND_LENGTH = 0.5
-"""... and by this much of what its slices seem too thick or too thin by, as a share of the nominal thickness: the head
-of a screw seen in thick slices has soft ends, a cone a sharp one."""
+it, and its scale's end makes the head of a screw look clean."""
 
 MAX_ATTACHED = 0.14
 """A post is attached to a small part of a marker's surface (a post of 4 mm to 3 % of one of 11.5 mm, skin that it lies
@@ -57,9 +51,10 @@ MAX_BLUR_SHARE = 0.3
 """In-plane blur is no more than the softest kernels give, or this many pixels where these are large; and with more
 than this share of the diameter there is no shape to recognize."""
 
-THICKNESS_RATIO = 1.2
-THICKNESS_MARGIN_MM = 0.35
-"""The effective slice thickness exceeds the nominal one by no more: what looks longer along the slices is no ball."""
+WIDTH_RATIO = 2.0
+WIDTH_MARGIN_MM = 1.0
+"""The slice profile is no wider than the nominal thickness by more: tags hold the width of the voxel or of the detector
+row, and helical and interpolated profiles are broader, but not by any amount."""
 
 NOISE_MARGIN = 1.3
 """Noise differs between places by up to this factor: it was measured where it is least."""
@@ -80,6 +75,8 @@ class Evidence:
     thickness_mm: float
     pixel_mm: float
     noise_hu: float
+    unseen: float
+    """Share of the ball's directions for which the scan has no voxels."""
 
     @cached_property
     def covariance_mm2(self) -> FloatArray:
@@ -91,41 +88,12 @@ Test = Callable[[Evidence], str | None]
 """Returns None when the candidate passes, else the reason in words."""
 
 
-def profile_share(volume: CTVolume, center_mm: FloatArray, diameter_mm: float, thickness_mm: float) -> float:
-    """Share of directions in which the image falls from the ball's level to the surroundings' at its surface.
-
-    A quick look at nearest voxels that spares most candidates the fit: the fit cannot cover more of the surface.
-    """
-    radius = diameter_mm / 2.0
-    directions = cell_directions()
-    axial = np.abs(directions @ volume.grid.normal)[:, np.newaxis]
-    margin = margin_mm(0.0) + (margin_mm(thickness_mm) - margin_mm(0.0)) * axial
-    inner = _samples(volume, center_mm + 0.5 * radius * directions)
-    outer = _samples(volume, center_mm + (radius + 0.7 * margin) * directions)
-    if not (np.isfinite(inner).any() and np.isfinite(outer).any()):
-        return 0.0
-    high, low = float(np.nanmedian(inner)), float(np.nanquantile(outer, 0.3))
-    if high - low < MIN_CONTRAST_HU:
-        return 0.0
-    middle = (high + low) / 2.0
-    return float(np.mean((inner > middle) & (outer < middle)))
-
-
-def _samples(volume: CTVolume, places_mm: FloatArray) -> FloatArray:
-    """Nearest voxel's value at each place (N, 3), NaN outside the scan."""
-    indices = np.rint(volume.grid.indices(places_mm)).astype(np.intp)
-    inside = np.all((indices >= 0) & (indices < volume.voxels_hu.shape), axis=1)
-    values = np.full(len(indices), np.nan)
-    values[inside] = volume.voxels_hu[tuple(indices[inside].T)]
-    return values
-
-
 def _converged(evidence: Evidence) -> str | None:
     return None if evidence.fit.converged else "the fit did not come to rest"
 
 
 def _stayed(evidence: Evidence) -> str | None:
-    moved = float(np.linalg.norm(evidence.fit.theta[:3]))
+    moved = float(np.linalg.norm(evidence.fit.theta[CENTER]))
     if moved <= MAX_WANDER * evidence.diameter_mm / 2.0:
         return None
     return f"the fit wandered {moved:.1f} mm away"
@@ -146,10 +114,11 @@ def _blur(evidence: Evidence) -> str | None:
 
 
 def _thickness(evidence: Evidence) -> str | None:
-    thickness = float(evidence.fit.theta[5])
-    if thickness <= THICKNESS_RATIO * evidence.thickness_mm + THICKNESS_MARGIN_MM:
+    width = float(evidence.fit.theta[WIDTH])
+    widest = WIDTH_RATIO * evidence.thickness_mm + WIDTH_MARGIN_MM
+    if width <= widest:
         return None
-    return f"its ends are blurred over {thickness:.1f} mm, slices of {evidence.thickness_mm:.1f} mm expected"
+    return f"its ends are blurred over {width:.1f} mm, {widest:.1f} mm at most expected"
 
 
 def _diameter(evidence: Evidence) -> str | None:
@@ -162,14 +131,13 @@ def _diameter(evidence: Evidence) -> str | None:
 
 def _coverage(evidence: Evidence) -> str | None:
     fit = evidence.fit
-    round_share = fit.verdict.round_share
-    if round_share < MIN_ROUND:
-        unseen = f", {fit.unseen:.0%} is outside the scan" if fit.unseen > 0 else ""
-        return f"only {round_share:.0%} of its surface is a sphere's{unseen}, {MIN_ROUND:.0%} expected"
-    ends_off = abs(float(fit.theta[5]) / evidence.thickness_mm - 1.0)
+    of_seen = fit.verdict.round_share
+    of_all = of_seen * (1.0 - evidence.unseen)
+    if of_all < MIN_ROUND:
+        unseen = f", {evidence.unseen:.0%} is outside the scan" if evidence.unseen > 0 else ""
+        return f"only {of_all:.0%} of its surface is a sphere's{unseen}, {MIN_ROUND:.0%} expected"
     least = MIN_METAL_ROUND if has_streaks(fit.theta) else MIN_ROUND
-    expected = least + ROUND_MISFIT * fit.misfit + ROUND_LENGTH * ends_off
-    of_seen = round_share / (1.0 - fit.unseen)
+    expected = least + ROUND_MISFIT * fit.misfit
     if of_seen >= expected:
         return None
     return f"only {of_seen:.0%} of what is seen of its surface is a sphere's, {expected:.0%} expected"
@@ -183,9 +151,10 @@ def _free(evidence: Evidence) -> str | None:
 
 
 def _informed(evidence: Evidence) -> str | None:
-    if evidence.fit.coverage >= MIN_INFORMED:
+    informed = evidence.fit.coverage * (1.0 - evidence.unseen)
+    if informed >= MIN_INFORMED:
         return None
-    return f"only {evidence.fit.coverage:.0%} of its surface can be used, {MIN_INFORMED:.0%} expected"
+    return f"only {informed:.0%} of its surface can be used, {MIN_INFORMED:.0%} expected"
 
 
 def _roundness(evidence: Evidence) -> str | None:

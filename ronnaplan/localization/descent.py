@@ -8,11 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.model import disc_nodes, disc_table, evaluate, normal_equations
+from ronnaplan.localization.model import evaluate, kernel, normal_equations
 from ronnaplan.localization.neighbourhood import Neighbourhood
+from ronnaplan.localization.parameters import BLUR, CENTER, CONTRAST, RADIUS, SHAPE, WIDTH
 
 BLUR_BOUNDS_MM = (0.12, 2.5)
 """In-plane blur of any CT at all; a fit that ends here is no ball seen by a scanner."""
+
+SHAPE_BOUNDS = (0.0, 5.0)
+"""A profile's shape: from a box to what no image can tell from a Gaussian."""
 
 MAX_CONTRAST_HU = 32000.0
 """No extended scale of a CT goes beyond this (16 bits with an offset): where clipping hides a ball's true contrast,
@@ -51,10 +55,10 @@ def descend(
     around: Neighbourhood, used: NDArray[np.bool_], theta: FloatArray, prior: Prior, ceiling_hu: float
 ) -> tuple[FloatArray, bool]:
     """Levenberg-Marquardt from ``theta``; returns the best parameters and whether the steps came to rest."""
-    kernel = (disc_table(), *disc_nodes())
+    discs = kernel(theta)
 
     def equations(at: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        cost, slope, matrix = normal_equations(around.offsets_mm, around.values_hu, used, at, ceiling_hu, *kernel)
+        cost, slope, matrix = normal_equations(around.offsets_mm, around.values_hu, used, at, ceiling_hu, *discs)
         pull = prior.mean - at
         cost += 0.5 * float(prior.weight @ pull**2)
         return cost, slope + prior.weight * pull, matrix + np.diag(prior.weight)
@@ -63,9 +67,9 @@ def descend(
     cost, slope, matrix = equations(theta)
     for _ in range(MAX_STEPS):
         trial = _bounded(theta + _step(matrix, slope, damping, theta))
-        if float(np.abs(trial[:3] - theta[:3]).max()) < STEP_TOLERANCE_MM:
+        if float(np.abs(trial[CENTER] - theta[CENTER]).max()) < STEP_TOLERANCE_MM:
             return trial, True
-        if float(np.linalg.norm(trial[:3])) > 2.0 * MAX_WANDER * theta[3]:
+        if float(np.linalg.norm(trial[CENTER])) > 2.0 * MAX_WANDER * theta[RADIUS]:
             return trial, False
         new_cost, new_slope, new_matrix = equations(trial)
         if new_cost < cost:
@@ -78,7 +82,11 @@ def descend(
 
 def _step(matrix: FloatArray, slope: FloatArray, damping: float, theta: FloatArray) -> FloatArray:
     free = np.ones(len(slope), dtype=np.bool_)
-    free[6] = theta[6] < MAX_CONTRAST_HU or slope[6] <= 0.0  # at its bound: the others move without it
+    # What is at its bound and pushes against it stands still; the others move without it.
+    free[CONTRAST] = theta[CONTRAST] < MAX_CONTRAST_HU or slope[CONTRAST] <= 0.0
+    free[SHAPE] = (theta[SHAPE] > SHAPE_BOUNDS[0] or slope[SHAPE] >= 0.0) and (
+        theta[SHAPE] < SHAPE_BOUNDS[1] or slope[SHAPE] <= 0.0
+    )
     damped = (matrix + damping * np.diag(np.diag(matrix) + 1e-9))[np.ix_(free, free)]
     step = np.zeros(len(slope))
     step[free] = np.linalg.solve(damped, slope[free])
@@ -86,10 +94,11 @@ def _step(matrix: FloatArray, slope: FloatArray, damping: float, theta: FloatArr
 
 
 def _bounded(theta: FloatArray) -> FloatArray:
-    theta[3] = max(theta[3], 0.2)
-    theta[4] = np.clip(theta[4], *BLUR_BOUNDS_MM)
-    theta[5] = max(theta[5], 0.02)
-    theta[6] = min(theta[6], MAX_CONTRAST_HU)
+    theta[RADIUS] = max(theta[RADIUS], 0.2)
+    theta[BLUR] = np.clip(theta[BLUR], *BLUR_BOUNDS_MM)
+    theta[WIDTH] = max(theta[WIDTH], 0.02)
+    theta[SHAPE] = np.clip(theta[SHAPE], *SHAPE_BOUNDS)
+    theta[CONTRAST] = min(theta[CONTRAST], MAX_CONTRAST_HU)
     return theta
 
 
@@ -97,7 +106,7 @@ def residuals_and_jacobian(
     around: Neighbourhood, theta: FloatArray, ceiling_hu: float
 ) -> tuple[FloatArray, FloatArray]:
     """Data minus model (N,) and the Jacobian (N, P); both zero where clipped data agree with a higher model."""
-    model, jacobian = evaluate(around.offsets_mm, theta, disc_table(), *disc_nodes())
+    model, jacobian = evaluate(around.offsets_mm, theta, *kernel(theta))
     residuals = around.values_hu - model
     clipped = (around.values_hu >= ceiling_hu) & (model >= ceiling_hu)
     residuals[clipped] = 0.0

@@ -33,9 +33,6 @@ MIN_CONTRAST_HU = 300.0
 MIN_VOTE_SHARE = 0.3
 """A candidate has at least this share of the votes of a complete, isolated ball of its size."""
 
-MAX_CANDIDATES = 400
-"""At most this many candidates, strongest first, go on to be looked at in full resolution."""
-
 HIGHEST_HU = 32767
 """Values above are metal at its brightest; the coarse copy holds 16 bits."""
 
@@ -139,7 +136,7 @@ def _vote(
 def _peaks(votes: NDArray[np.uint16], full_count: float) -> tuple[FloatArray, FloatArray]:
     """Local maxima of the votes gathered over 3 x 3 x 3 cells: cell coordinates (N, 3) = (x, y, z), and shares."""
     places, strength, centers = _gather_peaks(votes, MIN_VOTE_SHARE * full_count)
-    best = np.lexsort((*places.T, -strength))[:MAX_CANDIDATES]
+    best = np.lexsort((*places.T, -strength))
     return centers[best], strength[best] / full_count
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.neighbourhood import CELL_COUNT, Neighbourhood, cell_directions
+from ronnaplan.localization.parameters import BLUR, CENTER, CONTRAST, RADIUS, WIDTH, W
 
 OUTLIER_RATIO = 2.5
 """A direction disagrees when its residual exceeds the usual direction's by this factor."""
@@ -50,9 +51,9 @@ ROUND_MM = 0.06
 class Verdict:
     """What the directions say.
 
-    ``state`` (cells,) is 1 where a direction informs the fit, 0 where it is left out, -1 where the scan has no
-    voxels. ``round_share`` is the share of directions whose edge is where the ball's should be, ``attached_share``
-    the share in which a body as bright as the ball goes on outward. ``usual_rms_hu`` is a good direction's
+    ``state`` (cells,) is 1 where a direction informs the fit, 0 where it is left out, -1 where no voxel lies on the
+    surface. ``round_share`` is the share of the others whose edge is where the ball's should be, ``attached_share``
+    the share of all in which a body as bright as the ball goes on outward. ``usual_rms_hu`` is a good direction's
     residual. ``beside`` (cells,) marks those with something just outside, ``excess_hu`` (cells,) how bright it is.
     """
 
@@ -77,7 +78,7 @@ def judge(
     ``cells`` (N,) says in which each voxel lies, ``explained_hu`` (N,) what the model puts there beside the ball: its
     streaks and the skin.
     """
-    contrast = theta[6]
+    contrast = theta[CONTRAST]
     edge = on_surface(around.offsets_mm, theta)
     squares, seen = cell_means(residuals_hu**2, cells, edge)
     rms = np.sqrt(squares)
@@ -92,13 +93,14 @@ def judge(
     left_out = foreign | beside | close.any(axis=1) | _show_insert(around, cells, theta, residuals_hu)
     state = np.where(seen, np.where(left_out, 0, 1), -1).astype(np.int8)
 
-    slope = jacobian[:, 3]
+    slope = jacobian[:, RADIUS]
     shifts, _ = cell_means(residuals_hu * slope, cells, edge)
     weights, _ = cell_means(slope**2, cells, edge)
     off_mm = np.abs(shifts) / np.maximum(weights, 1e-12)
-    is_round = seen & (off_mm <= ROUND_SHARE * theta[3] + ROUND_MM)
+    is_round = seen & (off_mm <= ROUND_SHARE * theta[RADIUS] + ROUND_MM)
     attached = excess > ATTACHED_SHARE * contrast
-    return Verdict(state, float(is_round.mean()), float(attached.mean()), usual, beside, excess)
+    round_share = float(is_round.sum() / max(int(seen.sum()), 1))
+    return Verdict(state, round_share, float(attached.mean()), usual, beside, excess)
 
 
 def _excess_outside(
@@ -119,7 +121,7 @@ def _show_insert(
     inside, seen = cell_means(residuals_hu, cells, deep_inside(around.offsets_mm, theta))
     if not seen.any():
         return seen
-    bright: NDArray[np.bool_] = seen & (inside - np.median(inside[seen]) > INSERT_SHARE * theta[6])
+    bright: NDArray[np.bool_] = seen & (inside - np.median(inside[seen]) > INSERT_SHARE * theta[CONTRAST])
     return bright
 
 
@@ -134,11 +136,11 @@ def cell_means(
 
 def edge_depth(offsets_mm: FloatArray, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Signed distance outward from the surface (N,) and the blur across the surface there (N,), both in mm."""
-    offsets = offsets_mm - theta[:3]
+    offsets = offsets_mm - theta[CENTER]
     distance = np.sqrt(np.einsum("nc,nc->n", offsets, offsets))
-    along = (offsets[:, 2] / np.maximum(distance, 1e-9)) ** 2
-    blur = np.sqrt(theta[4] ** 2 * (1.0 - along) + (theta[5] ** 2 / 12.0) * along + 0.01)
-    return distance - theta[3], blur
+    along = (offsets[:, W] / np.maximum(distance, 1e-9)) ** 2
+    blur = np.sqrt(theta[BLUR] ** 2 * (1.0 - along) + (theta[WIDTH] ** 2 / 12.0) * along + 0.01)
+    return distance - theta[RADIUS], blur
 
 
 def on_surface(offsets_mm: FloatArray, theta: FloatArray) -> NDArray[np.bool_]:

@@ -13,10 +13,12 @@ import numpy as np
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.accept import MIN_COVERAGE, Evidence, failures, profile_share
+from ronnaplan.localization.accept import MIN_COVERAGE, Evidence, failures
 from ronnaplan.localization.detect import detect
 from ronnaplan.localization.guess import margin_mm
+from ronnaplan.localization.look import surface_shares, unseen_share
 from ronnaplan.localization.neighbourhood import gather
+from ronnaplan.localization.parameters import RADIUS
 from ronnaplan.localization.refine import BallFit, fit_ball
 from ronnaplan.localization.uncertainty import cramer_rao_bound, noise_level
 
@@ -90,7 +92,7 @@ class Examined:
     @property
     def diameter_mm(self) -> float:
         """Fitted diameter."""
-        return float(2.0 * self.parameters[3])
+        return float(2.0 * self.parameters[RADIUS])
 
     def is_same_place(self, other: Examined) -> bool:
         """Whether both are about the same ball."""
@@ -100,11 +102,9 @@ class Examined:
 
 def examine(scan: Scan, diameter_mm: float) -> list[Examined]:
     """Fit and judge every place of ``scan`` that may be a ball of ``diameter_mm``, strongest candidates first."""
-    places = [
-        center_mm
-        for center_mm in _apart(detect(scan.volume, diameter_mm).centers_mm, SAME_PLACE * diameter_mm)
-        if profile_share(scan.volume, center_mm, diameter_mm, scan.thickness_mm) >= MIN_COVERAGE
-    ]
+    seen = detect(scan.volume, diameter_mm).centers_mm
+    shares = surface_shares(scan.volume, seen, diameter_mm, scan.thickness_mm)
+    places = _apart(seen[shares >= MIN_COVERAGE], SAME_PLACE * diameter_mm)
     # The fits release the interpreter's lock, and each is independent of the others: any order, same result.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         return list(pool.map(lambda place: _examine_place(scan, place, diameter_mm), places))
@@ -128,7 +128,8 @@ def fit_place(scan: Scan, center_mm: FloatArray, diameter_mm: float) -> BallFit:
 
 def _examine_place(scan: Scan, center_mm: FloatArray, diameter_mm: float) -> Examined:
     fit = fit_place(scan, center_mm, diameter_mm)
-    evidence = Evidence(fit, diameter_mm, scan.thickness_mm, scan.pixel_mm, noise_level(fit))
+    unseen = unseen_share(scan.volume, fit.center_mm, fit.diameter_mm / 2.0)
+    evidence = Evidence(fit, diameter_mm, scan.thickness_mm, scan.pixel_mm, noise_level(fit), unseen)
     return Examined(
         center_mm,
         diameter_mm,
@@ -137,7 +138,7 @@ def _examine_place(scan: Scan, center_mm: FloatArray, diameter_mm: float) -> Exa
         cramer_rao_bound(fit, evidence.noise_hu),
         fit.theta,
         fit.coverage,
-        fit.unseen,
+        unseen,
         fit.misfit,
         bool((fit.neighbourhood.values_hu[fit.used] >= scan.ceiling_hu).any()),
         tuple(failures(evidence)),

@@ -9,6 +9,7 @@ import numpy as np
 
 from ronnaplan.ct.volume import SeriesSource, VolumeFlag
 from ronnaplan.geometry import FloatArray, Frame, Points
+from ronnaplan.localization.parameters import BLUR, CONTRAST, RADIUS
 
 
 class FiducialFlag(StrEnum):
@@ -26,8 +27,8 @@ class Fiducial:
 
     ``bound_mm2`` (3, 3) is the Cramer-Rao bound: the covariance that a perfect fit of the whole, untouched ball
     would have under uncorrelated noise of the same strength. ``parameters`` are the model's, in the order of
-    `ronnaplan.localization.model.PARAMETERS` and those that may follow them. ``coverage`` is the share of the surface
-    that informed the fit, ``misfit`` the RMS residual there as a share of the contrast.
+    `ronnaplan.localization.parameters.PARAMETERS` and those that may follow them. ``coverage`` is the share of the
+    surface that informed the fit, ``misfit`` the RMS residual there as a share of the contrast.
     """
 
     label: str
@@ -52,17 +53,17 @@ class Fiducial:
     @property
     def diameter_mm(self) -> float:
         """Fitted diameter."""
-        return float(2.0 * self.parameters[3])
+        return float(2.0 * self.parameters[RADIUS])
 
     @property
     def sigma_mm(self) -> float:
         """Fitted in-plane blur of the scanner (standard deviation)."""
-        return float(self.parameters[4])
+        return float(self.parameters[BLUR])
 
     @property
     def contrast_hu(self) -> float:
         """Fitted contrast of the ball to its surroundings."""
-        return float(self.parameters[6])
+        return float(self.parameters[CONTRAST])
 
 
 @dataclass(frozen=True)

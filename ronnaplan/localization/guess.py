@@ -7,8 +7,9 @@ import numpy as np
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.descent import Prior
 from ronnaplan.localization.directions import BACKGROUND_QUANTILE
-from ronnaplan.localization.model import PARAMETERS, STREAK_PARAMETERS, has_streaks
+from ronnaplan.localization.model import has_streaks
 from ronnaplan.localization.neighbourhood import Neighbourhood
+from ronnaplan.localization.parameters import CONTRAST, PARAMETERS, RADIUS, SHAPE, SLOPES, STREAK_PARAMETERS, WIDTH
 
 TYPICAL_BLUR_MM = 0.5
 """Where the search for the in-plane blur begins; CT kernels lie between 0.25 and 0.9 mm."""
@@ -16,8 +17,11 @@ TYPICAL_BLUR_MM = 0.5
 RADIUS_PRIOR = 0.1
 """Standard deviation of the radius about the stated one, as a share of it: the data decide unless they cannot."""
 
-THICKNESS_PRIOR = 0.3
-"""Standard deviation of the effective slice thickness about the nominal one, as a share of it."""
+WIDTH_PRIOR = 0.5
+"""Standard deviation of the slice profile's width about the nominal thickness, as a share of it."""
+
+SHAPE_PRIOR = (1.0, 1.5)
+"""Mean and standard deviation of the profile's shape: between a box and a bell."""
 
 SLOPE_PRIOR_PER_MM = 0.01
 """Standard deviation of the background's slope, as a share of the contrast: streaks and cupping reach half of it."""
@@ -58,26 +62,42 @@ def first_guess(around: Neighbourhood, diameter_mm: float, thickness_mm: float, 
     contrast = max(high - low, 1.0) * (CLIPPED_START if high >= ceiling_hu else 1.0)
     streaks = [0.0] * len(STREAK_PARAMETERS) if contrast > METAL_HU else []
     return np.array(
-        [0, 0, 0, diameter_mm / 2, TYPICAL_BLUR_MM, thickness_mm, contrast, low, 0, 0, 0, *streaks], np.float64
+        [
+            0,
+            0,
+            0,
+            diameter_mm / 2,
+            TYPICAL_BLUR_MM,
+            thickness_mm,
+            SHAPE_PRIOR[0],
+            contrast,
+            low,
+            0,
+            0,
+            0,
+            *streaks,
+        ],
+        np.float64,
     )
 
 
 def ball_prior(start: FloatArray, *, is_clipped: bool) -> Prior:
     """How firmly the first guesses ``start`` hold; where the ball's inside ``is_clipped``, its size does."""
     spread = np.full(len(start), np.inf)
-    spread[3], spread[5] = RADIUS_PRIOR * start[3], THICKNESS_PRIOR * start[5]
-    spread[8:11] = SLOPE_PRIOR_PER_MM * start[6]
-    spread[len(PARAMETERS) :] = STREAK_PRIOR * start[6]
+    spread[RADIUS], spread[WIDTH] = RADIUS_PRIOR * start[RADIUS], WIDTH_PRIOR * start[WIDTH]
+    spread[SHAPE] = SHAPE_PRIOR[1]
+    spread[SLOPES] = SLOPE_PRIOR_PER_MM * start[CONTRAST]
+    spread[len(PARAMETERS) :] = STREAK_PRIOR * start[CONTRAST]
     prior = Prior.of(np.where(np.isfinite(spread), start, 0.0), spread)
     if has_streaks(start):
-        prior.weight[8:11] = METAL_SLOPE_HOLD_MM2
+        prior.weight[SLOPES] = METAL_SLOPE_HOLD_MM2
     if is_clipped:
-        prior.weight[3] = (CLIPPED_RADIUS_HOLD * start[6] / start[3]) ** 2
+        prior.weight[RADIUS] = (CLIPPED_RADIUS_HOLD * start[CONTRAST] / start[RADIUS]) ** 2
     return prior
 
 
 def frozen(prior: Prior, start: FloatArray) -> Prior:
-    """Hold radius, blur and thickness at their first guesses, so that the centre finds its place first."""
+    """Hold radius, blur and the profile at their first guesses, so that the centre finds its place first."""
     weight = prior.weight.copy()
-    weight[3:6] = FROZEN_WEIGHT
+    weight[RADIUS : SHAPE + 1] = FROZEN_WEIGHT
     return Prior(np.where(weight == FROZEN_WEIGHT, start, prior.mean), weight)

@@ -1,10 +1,14 @@
 """What a ball looks like in CT: a solid sphere seen through the scanner's blur.
 
 The scanner blurs within the slice plane by a point-spread function that is nearly Gaussian (standard deviation
-``sigma``), and across the slices by averaging over the slice thickness. A slice through a ball is a pile of
-discs; each disc blurred by a circular Gaussian is a non-central chi-square probability with two degrees of
-freedom (Marcum's Q function, J. Marcum, IRE Trans. IT-6, 1960), and the average over the thickness is a
-Gauss-Legendre sum over the discs. No voxel is resampled: the model is evaluated at each voxel's true place.
+``blur``), and across the slices by its slice profile. A slice through a ball is a pile of discs; each disc blurred by a
+circular Gaussian is a non-central chi-square probability with two degrees of freedom (Marcum's Q function, J. Marcum,
+IRE Trans. IT-6, 1960), and the average over the profile is a Gauss-Legendre sum over the discs. No voxel is resampled:
+the model is evaluated at each voxel's true place.
+
+Slice profiles range from the box of an axial scan to the bells of helical and cone-beam ones (W. Kalender, Computed
+Tomography, 2011, section 3.3), and the header's thickness is not their width. The model takes them as (1 - x^2)^shape
+on |x| < 1, the symmetric beta distribution: a box at shape 0, a parabola at 1, nearly a Gaussian from 4 on.
 
 Coordinates here are those of the slices: u along the rows, v down the columns, w along the normal, in mm.
 
@@ -22,18 +26,23 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-
-PARAMETERS = ("u", "v", "w", "radius", "sigma", "thickness", "contrast", "background", "du", "dv", "dw")
-"""Order of the model's parameters: centre, radius, in-plane blur and slice thickness (mm), contrast and
-background (HU), and the background's slope (HU/mm)."""
-
-STREAK_PARAMETERS = ("streak", "streak_diagonal")
-"""Two more where the ball is metal: how bright its streaks are at the surface (HU) along the rows, which are as dark
-down the columns, and the same on the diagonals."""
-
-SKIN_PARAMETERS = ("skin", "skin_u", "skin_v", "skin_w")
-"""Four more, the last ones, where the ball lies on skin: its level over the background (HU), and the vector g (1/mm)
-that puts the skin nearest to the ball at g . x = 1, x from the ball's centre; it fills the far side."""
+from ronnaplan.localization.parameters import (
+    BACKGROUND,
+    BLUR,
+    CONTRAST,
+    PARAMETERS,
+    RADIUS,
+    SHAPE,
+    SKIN_PARAMETERS,
+    SLOPE_U,
+    SLOPE_V,
+    SLOPE_W,
+    STREAK_PARAMETERS,
+    WIDTH,
+    U,
+    V,
+    W,
+)
 
 SKIN_CURVATURE_PER_MM = 1.0 / 85.0
 """The skin falls away beside the ball like a sphere of a head's size. A ball of metal is 2 um off where the skin is
@@ -43,11 +52,18 @@ _STREAKS_AT = len(PARAMETERS)
 _STREAK_COUNT = len(STREAK_PARAMETERS)
 _SKIN_COUNT = len(SKIN_PARAMETERS)
 
-DISC_NODES = 6
-"""Discs that stand for one slice's thickness; six keep the error below 0.1 % of the contrast up to T = R."""
+DISC_NODES = (8, 16)
+"""Discs that stand for one slice's profile: eight keep the error below 0.1 % of the contrast up to a width of 0.6 R,
+sixteen beyond."""
+
+THIN_SHARE = 0.6
+"""Slices are thin beside the ball up to this share of its radius."""
 
 EDGE_REACH = 5.0
 """Distance from the edge, in units of sigma, beyond which a blurred disc is 0 or 1 to within 1e-6."""
+
+_STEP = 1e-4
+"""Step of the derivatives of log-gamma."""
 
 _EDGE_STEPS = 200
 _CURVATURE_STEPS = 128
@@ -71,11 +87,31 @@ def disc_table() -> FloatArray:
     return np.ascontiguousarray(np.vstack([ndtr(distance), curved]))
 
 
+Kernel = tuple[FloatArray, FloatArray, FloatArray]
+"""What the compiled functions look up: the table of blurred discs, and the places and weights of a slice's discs."""
+
+
+def kernel(theta: FloatArray) -> Kernel:
+    """Return what evaluates a ball of these parameters (P,) accurately."""
+    is_thin = bool(theta[WIDTH] <= THIN_SHARE * theta[RADIUS])
+    return (disc_table(), *_disc_nodes(DISC_NODES[0] if is_thin else DISC_NODES[1]))
+
+
 @cache
-def disc_nodes() -> tuple[FloatArray, FloatArray]:
+def _disc_nodes(count: int) -> tuple[FloatArray, FloatArray]:
     """Positions (as a share of the latitudes within the slice, 0 to 1) and weights of a slice's discs."""
-    nodes, weights = np.polynomial.legendre.leggauss(DISC_NODES)
+    nodes, weights = np.polynomial.legendre.leggauss(count)
     return (nodes + 1.0) / 2.0, weights / 2.0
+
+
+@njit(cache=True)
+def slice_profile(width: float, shape: float) -> tuple[float, float, float]:
+    """Half the profile's support (mm), its height in the middle (1/mm), and its mean of log(1 - x^2)."""
+    half = 0.5 * width * math.sqrt((2.0 * shape + 3.0) / 3.0)
+    mass = math.lgamma(shape + 1.0) - math.lgamma(shape + 1.5)
+    above = math.lgamma(shape + 1.0 + _STEP) - math.lgamma(shape + 1.5 + _STEP)
+    below = math.lgamma(shape + 1.0 - _STEP) - math.lgamma(shape + 1.5 - _STEP)
+    return half, math.exp(-mass) / (math.sqrt(math.pi) * half), (above - below) / (2.0 * _STEP)
 
 
 @njit(cache=True, inline="always")
@@ -146,9 +182,8 @@ def ball(
     du: float,
     dv: float,
     dw: float,
-    radius: float,
-    sigma: float,
-    thickness: float,
+    theta: FloatArray,
+    profile: tuple[float, float, float],
     table: FloatArray,
     nodes: FloatArray,
     weights: FloatArray,
@@ -156,41 +191,46 @@ def ball(
 ) -> float:
     """Blurred ball (0 outside, 1 inside) at offset (du, dv, dw) from its centre.
 
-    ``slope`` (6,) receives the derivatives by centre u, v, w, by radius, by sigma and by thickness.
+    ``profile`` is what `slice_profile` says; ``slope`` (7,) receives the derivatives by the first seven parameters.
     The discs are summed over the latitude phi (w = R sin phi), in which even the polar cap is smooth.
     """
-    slope[:6] = 0.0
-    low = max(dw - thickness / 2.0, -radius)
-    high = min(dw + thickness / 2.0, radius)
+    slope[:7] = 0.0
+    radius, inverse, shape = theta[RADIUS], 1.0 / theta[BLUR], theta[SHAPE]
+    half, height, mean_log = profile
+    low, high = max(dw - half, -radius), min(dw + half, radius)
     if low >= high:
         return 0.0
     r = math.sqrt(du * du + dv * dv)
-    inverse = 1.0 / sigma
     south = math.asin(low / radius)
     span = math.asin(high / radius) - south
-    total = 0.0
-    by_r = 0.0
-    by_radius = 0.0
-    by_sigma = 0.0
+    value = by_r = by_radius = by_blur = by_w = by_width = by_log = 0.0
     for q in range(len(nodes)):
-        a = radius * math.cos(south + span * nodes[q])
-        total += weights[q] * a * _blurred_disc(r * inverse, a * inverse, table)
-        disc_by_a, disc_by_r = _disc_slopes(r, a, inverse)
-        by_r += weights[q] * a * disc_by_r
-        by_radius += weights[q] * radius * disc_by_a
-        by_sigma -= weights[q] * a * (r * disc_by_r + a * disc_by_a) * inverse
-    scale = span / thickness
-    top = _blurred_disc(r * inverse, math.sqrt(max(radius**2 - high**2, 0.0)) * inverse, table)
-    bottom = _blurred_disc(r * inverse, math.sqrt(max(radius**2 - low**2, 0.0)) * inverse, table)
-    # A cap that ends inside the slice has a rim disc of radius zero, so its limit does not move with the slice.
-    value = scale * total
+        latitude = south + span * nodes[q]
+        place = radius * math.sin(latitude)
+        a = radius * math.cos(latitude)
+        x = (place - dw) / half
+        log = math.log(max(1.0 - x * x, 1e-12))
+        weight = weights[q] * math.exp(shape * log)
+        disc = weight * a * _blurred_disc(r * inverse, a * inverse, table)
+        by_a, by_distance = _disc_slopes(r, a, inverse)
+        value += disc
+        by_log += disc * log
+        by_r += weight * a * by_distance
+        by_radius += weight * radius * by_a
+        by_blur -= weight * a * (r * by_distance + a * by_a) * inverse
+        by_w -= weight * place * by_a
+        by_width -= weight * place * by_a * (place - dw)
+    scale = span * height
+    value *= scale
+    by_width *= scale / theta[WIDTH]
     if r > 0.0:
-        slope[0] = -scale * by_r * du / r
-        slope[1] = -scale * by_r * dv / r
-    slope[2] = (bottom - top) / thickness
-    slope[3] = scale * by_radius
-    slope[4] = scale * by_sigma
-    slope[5] = ((top + bottom) / 2.0 - value) / thickness
+        slope[U] = -scale * by_r * du / r
+        slope[V] = -scale * by_r * dv / r
+    slope[W] = -scale * by_w
+    slope[RADIUS] = scale * by_radius
+    slope[BLUR] = scale * by_blur
+    slope[WIDTH] = by_width
+    slope[SHAPE] = scale * by_log - mean_log * value + by_width * theta[WIDTH] / (2.0 * shape + 3.0)
     return value
 
 
@@ -214,17 +254,17 @@ def metal_streaks(du: float, dv: float, dw: float, theta: FloatArray, gradient: 
     through both and brightens those that pass through it alone (J. Barrett and N. Keat, RadioGraphics 24:1679, 2004):
     near the ball that is a pattern with two bright and two dark sides, which fades with the distance.
     """
-    radius, streak, diagonal = theta[3], theta[_STREAKS_AT], theta[_STREAKS_AT + 1]
+    radius, streak, diagonal = theta[RADIUS], theta[_STREAKS_AT], theta[_STREAKS_AT + 1]
     spread = du * du + dv * dv + dw * dw + radius * radius
     envelope = 16.0 * radius**6 / spread**4
     gradient[_STREAKS_AT] = (du * du - dv * dv) * envelope
     gradient[_STREAKS_AT + 1] = 2.0 * du * dv * envelope
     value = streak * gradient[_STREAKS_AT] + diagonal * gradient[_STREAKS_AT + 1]
     fall = 8.0 * value / spread
-    gradient[0] += fall * du - 2.0 * envelope * (streak * du + diagonal * dv)
-    gradient[1] += fall * dv - 2.0 * envelope * (diagonal * du - streak * dv)
-    gradient[2] += fall * dw
-    gradient[3] += 6.0 * value / radius - fall * radius
+    gradient[U] += fall * du - 2.0 * envelope * (streak * du + diagonal * dv)
+    gradient[V] += fall * dv - 2.0 * envelope * (diagonal * du - streak * dv)
+    gradient[W] += fall * dw
+    gradient[RADIUS] += 6.0 * value / radius - fall * radius
     return value
 
 
@@ -238,7 +278,7 @@ def skin(du: float, dv: float, dw: float, theta: FloatArray, gradient: FloatArra
     gu, gv, gw = theta[at + 1], theta[at + 2], theta[at + 3]
     length = math.sqrt(gu * gu + gv * gv + gw * gw)
     across = 1.0 - (gw / length) ** 2
-    blur = math.sqrt(theta[4] ** 2 * across + (theta[5] ** 2 / 12.0 + 0.01) * (1.0 - across))
+    blur = math.sqrt(theta[BLUR] ** 2 * across + (theta[WIDTH] ** 2 / 12.0 + 0.01) * (1.0 - across))
     nu, nv, nw = gu / length, gv / length, gw / length
     depth = nu * du + nv * dv + nw * dw
     beside_u, beside_v, beside_w = du - depth * nu, dv - depth * nv, dw - depth * nw
@@ -253,11 +293,11 @@ def skin(du: float, dv: float, dw: float, theta: FloatArray, gradient: FloatArra
     gradient[at + 1] = density * (turn * beside_u + nu / length)
     gradient[at + 2] = density * (turn * beside_v + nv / length)
     gradient[at + 3] = density * (turn * beside_w + nw / length)
-    gradient[0] -= density * length * (nu - SKIN_CURVATURE_PER_MM * beside_u)
-    gradient[1] -= density * length * (nv - SKIN_CURVATURE_PER_MM * beside_v)
-    gradient[2] -= density * length * (nw - SKIN_CURVATURE_PER_MM * beside_w)
-    gradient[4] += by_blur * theta[4] * across / blur
-    gradient[5] += by_blur * theta[5] * (1.0 - across) / (12.0 * blur)
+    gradient[U] -= density * length * (nu - SKIN_CURVATURE_PER_MM * beside_u)
+    gradient[V] -= density * length * (nv - SKIN_CURVATURE_PER_MM * beside_v)
+    gradient[W] -= density * length * (nw - SKIN_CURVATURE_PER_MM * beside_w)
+    gradient[BLUR] += by_blur * theta[BLUR] * across / blur
+    gradient[WIDTH] += by_blur * theta[WIDTH] * (1.0 - across) / (12.0 * blur)
     return theta[at] * share
 
 
@@ -267,24 +307,31 @@ def voxel_model(
     dv: float,
     dw: float,
     theta: FloatArray,
+    profile: tuple[float, float, float],
     table: FloatArray,
     nodes: FloatArray,
     weights: FloatArray,
     gradient: FloatArray,
 ) -> float:
     """Expected HU at an offset from the ball's centre; ``gradient`` (P,) receives d(HU)/d(``theta``)."""
-    share = ball(du, dv, dw, theta[3], theta[4], theta[5], table, nodes, weights, gradient)
-    for p in range(6):
-        gradient[p] *= theta[6]
-    gradient[0] -= theta[8]
-    gradient[1] -= theta[9]
-    gradient[2] -= theta[10]
-    gradient[6] = share
-    gradient[7] = 1.0
-    gradient[8] = du
-    gradient[9] = dv
-    gradient[10] = dw
-    value = theta[7] + theta[6] * share + theta[8] * du + theta[9] * dv + theta[10] * dw
+    share = ball(du, dv, dw, theta, profile, table, nodes, weights, gradient)
+    for p in range(7):
+        gradient[p] *= theta[CONTRAST]
+    gradient[U] -= theta[SLOPE_U]
+    gradient[V] -= theta[SLOPE_V]
+    gradient[W] -= theta[SLOPE_W]
+    gradient[CONTRAST] = share
+    gradient[BACKGROUND] = 1.0
+    gradient[SLOPE_U] = du
+    gradient[SLOPE_V] = dv
+    gradient[SLOPE_W] = dw
+    value = (
+        theta[BACKGROUND]
+        + theta[CONTRAST] * share
+        + theta[SLOPE_U] * du
+        + theta[SLOPE_V] * dv
+        + theta[SLOPE_W] * dw
+    )
     if has_streaks(theta):
         value += metal_streaks(du, dv, dw, theta, gradient)
     if has_skin(theta):
@@ -297,15 +344,17 @@ def evaluate(
     offsets: FloatArray, theta: FloatArray, table: FloatArray, nodes: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Model (N,) and its Jacobian (N, P) for voxels at ``offsets`` (N, 3) from an origin near the centre."""
+    profile = slice_profile(theta[WIDTH], theta[SHAPE])
     count = len(offsets)
     values = np.empty(count)
     jacobian = np.empty((count, len(theta)))
     for n in range(count):
         values[n] = voxel_model(
-            offsets[n, 0] - theta[0],
-            offsets[n, 1] - theta[1],
-            offsets[n, 2] - theta[2],
+            offsets[n, 0] - theta[U],
+            offsets[n, 1] - theta[V],
+            offsets[n, 2] - theta[W],
             theta,
+            profile,
             table,
             nodes,
             weights,
@@ -326,6 +375,7 @@ def normal_equations(
     weights: FloatArray,
 ) -> tuple[float, FloatArray, FloatArray]:
     """Half the squared residuals, their gradient (P,) and Gauss-Newton matrix (P, P) over the used voxels."""
+    profile = slice_profile(theta[WIDTH], theta[SHAPE])
     size = len(theta)
     cost = 0.0
     slope = np.zeros(size)
@@ -334,10 +384,10 @@ def normal_equations(
     for n in range(len(values)):
         if not used[n]:
             continue
-        du = offsets[n, 0] - theta[0]
-        dv = offsets[n, 1] - theta[1]
-        dw = offsets[n, 2] - theta[2]
-        model = voxel_model(du, dv, dw, theta, table, nodes, weights, gradient)
+        du = offsets[n, 0] - theta[U]
+        dv = offsets[n, 1] - theta[V]
+        dw = offsets[n, 2] - theta[W]
+        model = voxel_model(du, dv, dw, theta, profile, table, nodes, weights, gradient)
         if values[n] >= ceiling and model >= ceiling:
             continue
         residual = values[n] - model

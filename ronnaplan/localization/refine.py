@@ -23,8 +23,9 @@ from ronnaplan.localization.directions import (
     within_reach,
 )
 from ronnaplan.localization.guess import ball_prior, first_guess, frozen, margin_mm
-from ronnaplan.localization.model import PARAMETERS, has_skin, has_streaks
+from ronnaplan.localization.model import has_skin, has_streaks
 from ronnaplan.localization.neighbourhood import Neighbourhood, cell_directions, direction_cells
+from ronnaplan.localization.parameters import BACKGROUND, BLUR, CENTER, CONTRAST, PARAMETERS, RADIUS, WIDTH
 from ronnaplan.localization.shading import PLATEAU_SHARE, shaded
 
 SKIN_PRIOR_HU = 2000.0
@@ -42,9 +43,9 @@ FIRST_LOOK_MISFIT = 0.25
 """With size and blur held at their first guesses, a good direction disagrees by no more than this share of the
 contrast."""
 
-MAX_THICKNESS_RATIO = 1.8
-MAX_THICKNESS_MARGIN_MM = 1.0
-"""The fitted slice thickness stays within this factor of the nominal one and this margin, which a post along the
+MAX_WIDTH_RATIO = 3.0
+MAX_WIDTH_MARGIN_MM = 1.5
+"""The fitted profile stays within this factor of the nominal thickness and this margin, which a post along the
 slices' normal needs before it is left out: no ball explains more."""
 
 HOPELESS_MISFIT = 0.15
@@ -90,33 +91,28 @@ class BallFit:
     @property
     def center_mm(self) -> FloatArray:
         """Centre (3,) in LPS."""
-        center: FloatArray = self.neighbourhood.origin_mm + self.theta[:3] @ self.neighbourhood.axes
+        center: FloatArray = self.neighbourhood.origin_mm + self.theta[CENTER] @ self.neighbourhood.axes
         return center
 
     @property
     def diameter_mm(self) -> float:
         """Fitted diameter."""
-        return float(2.0 * self.theta[3])
+        return float(2.0 * self.theta[RADIUS])
 
     @property
     def sigma_mm(self) -> float:
         """Fitted in-plane blur (standard deviation)."""
-        return float(self.theta[4])
+        return float(self.theta[BLUR])
 
     @property
     def contrast_hu(self) -> float:
         """Ball above background."""
-        return float(self.theta[6])
+        return float(self.theta[CONTRAST])
 
     @property
     def coverage(self) -> float:
-        """Share of the ball's directions that informed the fit."""
-        return float(np.mean(self.verdict.state == 1))
-
-    @property
-    def unseen(self) -> float:
-        """Share of the ball's directions for which the scan has no voxels."""
-        return float(np.mean(self.verdict.state == -1))
+        """Share that informed the fit of the ball's directions that hold voxels."""
+        return float(np.sum(self.verdict.state == 1) / max(int(np.sum(self.verdict.state >= 0)), 1))
 
     @property
     def misfit(self) -> float:
@@ -134,19 +130,21 @@ def fit_ball(around: Neighbourhood, diameter_mm: float, thickness_mm: float, cei
     where it does not).
     """
     theta = first_guess(around, diameter_mm, thickness_mm, ceiling_hu)
-    prior = ball_prior(theta, is_clipped=theta[6] + theta[7] > ceiling_hu)
+    prior = ball_prior(theta, is_clipped=theta[CONTRAST] + theta[BACKGROUND] > ceiling_hu)
     # What is brighter than the ball (an insert, a screw) must not draw the first fit to itself.
-    dimmed = replace(around, values_hu=np.minimum(around.values_hu, theta[6] + theta[7]))
+    dimmed = replace(around, values_hu=np.minimum(around.values_hu, theta[CONTRAST] + theta[BACKGROUND]))
     few = _thinned(len(around.values_hu))
     start = theta
     theta, _ = descend(dimmed, few, theta, frozen(prior, theta), ceiling_hu)
     verdict, _ = _judged(around, theta, ceiling_hu)
-    if verdict.usual_rms_hu <= FIRST_LOOK_MISFIT * theta[6]:
+    if verdict.usual_rms_hu <= FIRST_LOOK_MISFIT * theta[CONTRAST]:
         theta, _ = descend(dimmed, few, theta, prior, ceiling_hu)
         verdict, _ = _judged(around, theta, ceiling_hu)
     if _is_hopeless(theta, verdict, start):
         return _ball_fit(around, theta, prior, verdict, few, ceiling_hu, converged=False)
-    around = around.select(np.abs(edge_depth(around.offsets_mm, theta)[0]) < margin_mm(theta[5], theta[4]) + 1.0)
+    around = around.select(
+        np.abs(edge_depth(around.offsets_mm, theta)[0]) < margin_mm(theta[WIDTH], theta[BLUR]) + 1.0
+    )
     fits = [_settle(around, theta, prior, ceiling_hu, start)]
     if _lies_on_something(theta, verdict):
         on_skin = _settle(around, *_with_skin(theta, prior, verdict, around), ceiling_hu, start)
@@ -186,10 +184,10 @@ def _ball_fit(
 ) -> BallFit:
     residuals, jacobian = residuals_and_jacobian(around, theta, ceiling_hu)
     moves = influence(jacobian, used, prior.weight)
-    is_shaded = converged and ceiling_hu - theta[7] >= PLATEAU_SHARE * theta[6]
+    is_shaded = converged and ceiling_hu - theta[BACKGROUND] >= PLATEAU_SHARE * theta[CONTRAST]
     if is_shaded:
         shading = shaded(around, theta, residuals, jacobian, used, prior)
-        theta = np.append(theta[:3] + shading.shift_mm, theta[3:])
+        theta = np.append(theta[CENTER] + shading.shift_mm, theta[3:])
         residuals, moves = shading.residuals_hu, shading.influence_mm_per_hu
     return BallFit(around, theta, used, residuals, jacobian, moves, is_shaded, verdict, converged)
 
@@ -203,13 +201,13 @@ def _thinned(count: int) -> NDArray[np.bool_]:
 
 def _lies_on_something(theta: FloatArray, verdict: Verdict) -> bool:
     share = float(verdict.beside.mean())
-    return SKIN_SHARES[0] <= share <= SKIN_SHARES[1] and _level_beside(verdict) < SKIN_LEVEL * theta[6]
+    return SKIN_SHARES[0] <= share <= SKIN_SHARES[1] and _level_beside(verdict) < SKIN_LEVEL * theta[CONTRAST]
 
 
 def _is_beneath(theta: FloatArray) -> bool:
     """Whether the skin lies beneath the ball, instead of cutting through it."""
     depth_mm = 1.0 / max(float(np.linalg.norm(theta[-3:])), 1e-9)
-    return depth_mm >= MIN_SKIN_DEPTH * float(theta[3])
+    return depth_mm >= MIN_SKIN_DEPTH * float(theta[RADIUS])
 
 
 def _level_beside(verdict: Verdict) -> float:
@@ -222,26 +220,26 @@ def _with_skin(
 ) -> tuple[FloatArray, Prior]:
     """Add skin that the ball touches, on the side where the neighbours are."""
     toward = cell_directions()[verdict.beside].mean(axis=0)
-    place = toward / np.linalg.norm(toward) / theta[3]
-    spread = np.array([SKIN_PRIOR_HU, *[SKIN_PRIOR_PLACE / theta[3]] * 3])
+    place = toward / np.linalg.norm(toward) / theta[RADIUS]
+    spread = np.array([SKIN_PRIOR_HU, *[SKIN_PRIOR_PLACE / theta[RADIUS]] * 3])
     skin = np.array([_level_beside(verdict), *place])
     added = Prior.of(skin, spread)
     if has_streaks(theta):
-        added.weight[1:] = (METAL_SKIN_HOLD * theta[6] * theta[3]) ** 2
+        added.weight[1:] = (METAL_SKIN_HOLD * theta[CONTRAST] * theta[RADIUS]) ** 2
     lowest = float(np.quantile(around.values_hu, 0.05))
-    return np.concatenate([theta[:7], [lowest, 0.0, 0.0, 0.0], theta[len(PARAMETERS) :], skin]), Prior(
+    return np.concatenate([theta[:BACKGROUND], [lowest, 0.0, 0.0, 0.0], theta[len(PARAMETERS) :], skin]), Prior(
         np.concatenate([prior.mean, added.mean]), np.concatenate([prior.weight, added.weight])
     )
 
 
 def _is_hopeless(theta: FloatArray, verdict: Verdict, start: FloatArray) -> bool:
-    wandered = float(np.linalg.norm(theta[:3])) > MAX_WANDER * start[3]
-    smeared = bool(theta[5] > MAX_THICKNESS_RATIO * start[5] + MAX_THICKNESS_MARGIN_MM)
-    return wandered or smeared or bool(verdict.usual_rms_hu > HOPELESS_MISFIT * theta[6])
+    wandered = float(np.linalg.norm(theta[CENTER])) > MAX_WANDER * start[RADIUS]
+    smeared = bool(theta[WIDTH] > MAX_WIDTH_RATIO * start[WIDTH] + MAX_WIDTH_MARGIN_MM)
+    return wandered or smeared or bool(verdict.usual_rms_hu > HOPELESS_MISFIT * theta[CONTRAST])
 
 
 def _judged(around: Neighbourhood, theta: FloatArray, ceiling_hu: float) -> tuple[Verdict, NDArray[np.intp]]:
-    cells = direction_cells(around.offsets_mm - theta[:3])
+    cells = direction_cells(around.offsets_mm - theta[CENTER])
     residuals, jacobian = residuals_and_jacobian(around, theta, ceiling_hu)
     levels = slice(len(PARAMETERS), len(theta) - 3 if has_skin(theta) else None)
     explained_hu = jacobian[:, levels] @ theta[levels]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.descent import Prior
 from ronnaplan.localization.neighbourhood import Neighbourhood
+from ronnaplan.localization.parameters import BACKGROUND, CENTER, CONTRAST
 
 SLOPE_PER_MM_HU = 1.5e-7
 """Standard deviation of the contrast's slope, as a share of the contrast in each mm and HU of contrast (physically
@@ -54,10 +55,10 @@ def shaded(
 ) -> Shading:
     """Give a fit at rest the shading that its residuals show."""
     taken = used[:, np.newaxis]
-    ball_hu = jacobian[:, 6:7] * theta[6]
-    informed = np.hstack([jacobian, ball_hu * (around.offsets_mm - theta[:3])])
+    ball_hu = jacobian[:, [CONTRAST]] * theta[CONTRAST]
+    informed = np.hstack([jacobian, ball_hu * (around.offsets_mm - theta[CENTER])])
     own = np.where(taken, informed, 0.0)
-    of_slice = np.where(taken, np.hstack([jacobian[:, 7:8], ball_hu]), 0.0)
+    of_slice = np.where(taken, np.hstack([jacobian[:, [BACKGROUND]], ball_hu]), 0.0)
     mean_square = max(float(np.mean(residuals_hu[used] ** 2)), QUANTIZATION_NOISE_HU**2)
     firmness = mean_square / np.array([SLICE_LEVEL_HU, SLICE_CONTRAST]) ** 2
     # The slices' effects are many and each concerns one slice only: they are eliminated slice by slice.
@@ -68,7 +69,7 @@ def shaded(
         explained = effect @ np.linalg.solve(effect.T @ effect + np.diag(firmness), effect.T @ both)
         freed[voxels] -= explained[:, :-1]
         rest_hu[voxels] -= explained[:, -1]
-    tilt_weight = mean_square / (SLOPE_PER_MM_HU * theta[6]) ** 2
+    tilt_weight = mean_square / (SLOPE_PER_MM_HU * theta[CONTRAST]) ** 2
     inverse = np.linalg.pinv(own.T @ freed + np.diag([*prior.weight, *[tilt_weight] * 3]), hermitian=True)
     pull = own.T @ rest_hu
     pull[:-3] -= own[:, :-3].T @ residuals_hu  # without shading the fit is at rest

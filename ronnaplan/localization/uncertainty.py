@@ -14,6 +14,8 @@ are not small beside the ball. How much each stands for was fitted to the errors
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,6 +23,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.directions import cell_means, edge_depth, just_outside
 from ronnaplan.localization.model import has_skin
 from ronnaplan.localization.neighbourhood import cell_directions, direction_cells
+from ronnaplan.localization.parameters import BACKGROUND, BLUR, CENTER, RADIUS, SLOPES, WIDTH, W
 from ronnaplan.localization.refine import BallFit
 from ronnaplan.localization.shading import QUANTIZATION_NOISE_HU
 
@@ -80,8 +83,8 @@ SMALLEST = 1e-30
 
 def center_covariance(fit: BallFit, noise_hu: float) -> FloatArray:
     """Covariance (3, 3) of the fitted centre in LPS, mm^2: noise (``noise_hu``) and model error."""
-    sums, sectors = _slice_sums(fit)
-    total = _seen_covariance(fit, sums, sectors, noise_hu) + _axis_covariance(fit, sums, sectors, noise_hu)
+    moved = _Moved.by(fit)
+    total = _seen_covariance(fit, moved, noise_hu) + _axis_covariance(fit, moved, noise_hu)
     total += _unseen_covariance(fit)
     if not fit.is_shaded:
         total *= HIDDEN_SHADING
@@ -110,8 +113,8 @@ def noise_level(fit: BallFit) -> float:
     half of the values counts); the quieter of inside and outside, for what disturbs only adds.
     """
     depth, blur = edge_depth(fit.neighbourhood.offsets_mm, fit.theta)
-    cells = direction_cells(fit.neighbourhood.offsets_mm - fit.theta[:3])
-    measured = fit.jacobian[:, 7] != 0.0  # clipped voxels have no noise
+    cells = direction_cells(fit.neighbourhood.offsets_mm - fit.theta[CENTER])
+    measured = fit.jacobian[:, BACKGROUND] != 0.0  # clipped voxels have no noise
     flat = fit.used & measured & (np.abs(depth) > 2.0 * blur)
     levels = []
     for zone in (flat & (depth < 0), flat & (depth > 0)):
@@ -126,33 +129,66 @@ def noise_level(fit: BallFit) -> float:
     return max(min(levels, default=_rms(fit.residuals_hu[fit.used])), QUANTIZATION_NOISE_HU)
 
 
-def _slice_sums(fit: BallFit) -> tuple[FloatArray, FloatArray]:
-    """What the residuals of each slice (K, 3) and of each of its `SECTORS` (8 K, 3) do to the centre, in mm."""
-    moves = fit.influence_mm_per_hu[fit.used] * fit.residuals_hu[fit.used, np.newaxis]
-    slices = np.unique(fit.neighbourhood.indices[fit.used, 0], return_inverse=True)[1]
-    return _sums(moves, slices), _sums(moves, slices * SECTORS + _sectors(fit))
+@dataclass(frozen=True)
+class _Moved:
+    """What the residuals do to the centre, in mm: of each slice (K, 3) and of each of its `SECTORS` (8 K, 3).
+
+    Slices that see the same tissue share its noise: ``shared`` (K, K) says which part of their profiles overlaps, and
+    ``overlap`` how many slices see one place.
+    """
+
+    slices: FloatArray
+    sectors: FloatArray
+    shared: FloatArray
+    overlap: float
+
+    @classmethod
+    def by(cls, fit: BallFit) -> _Moved:
+        moves = fit.influence_mm_per_hu[fit.used] * fit.residuals_hu[fit.used, np.newaxis]
+        _, first, slices = np.unique(
+            fit.neighbourhood.indices[fit.used, 0], return_index=True, return_inverse=True
+        )
+        places_mm = fit.neighbourhood.offsets_mm[fit.used][first, W] if first.size else np.zeros(1)
+        apart = np.abs(places_mm[:, np.newaxis] - places_mm) / fit.theta[WIDTH]
+        shared = np.maximum(1.0 - apart, 0.0)
+        sectors = _sums(moves, slices * SECTORS + _sectors(fit))
+        return cls(_sums(moves, slices), sectors, shared, float(shared.sum(axis=1).max(initial=1.0)))
+
+    @property
+    def size_mm2(self) -> float:
+        """All that the slices do, squared and summed with what they share."""
+        return float(np.sum(self.slices * (self.shared @ self.slices)))
+
+    @property
+    def alike(self) -> float:
+        """Correlation between neighbours that share nothing."""
+        step = int(np.ceil(self.overlap))
+        return float(np.sum(self.slices[step:] * self.slices[:-step])) / max(
+            float(np.sum(self.slices**2)), SMALLEST
+        )
 
 
-def _seen_covariance(fit: BallFit, sums: FloatArray, sectors: FloatArray, noise_hu: float) -> FloatArray:
+def _seen_covariance(fit: BallFit, moved: _Moved, noise_hu: float) -> FloatArray:
     """Covariance (3, 3) along u, v, w from what the residuals do to the centre, slice by slice."""
     influence, residuals = fit.influence_mm_per_hu[fit.used], fit.residuals_hu[fit.used]
     mean_square = max(float(residuals @ residuals) / max(len(residuals), 1), SMALLEST)
     even = influence.T @ influence * mean_square
-    size = max(float(np.sum(sums**2)), SMALLEST)
-    correlation = max(float(np.sum(sectors**2)), SMALLEST) / max(float(np.trace(even)), SMALLEST)
-    alike = np.clip(2.0 * float(np.sum(sums[1:] * sums[:-1])) / size, *NEIGHBOUR_BOUNDS)
+    correlation = max(float(np.sum(moved.sectors**2)), SMALLEST) / max(float(np.trace(even)), SMALLEST)
+    alike = np.clip(2.0 * moved.alike, *NEIGHBOUR_BOUNDS)
     noise_share = np.clip(noise_hu**2 / mean_square, LEAST_NOISE_SHARE, 1.0)
     seen = SEEN_SHARE * correlation**CORRELATION_POWER * noise_share**NOISE_POWER * (1.0 + alike)
-    freedom = len(sums) / max(len(sums) - 2, 1)  # the fit has adapted to a few slices more than to many
-    shared = _shared_in_plane(sums.T @ sums, even, SHARED_SLICES / (len(sums) + SHARED_SLICES))
-    covariance: FloatArray = seen * freedom * shared + EVEN_SHARE * even
+    apart = len(moved.slices) / moved.overlap
+    freedom = apart / max(apart - 2.0, 1.0)  # the fit has adapted to a few slices more than to many
+    summed = moved.slices.T @ moved.shared @ moved.slices
+    drawn = _shared_in_plane(summed, even, SHARED_SLICES / (apart + SHARED_SLICES))
+    covariance: FloatArray = seen * freedom * drawn + EVEN_SHARE * moved.overlap * even
     return covariance
 
 
-def _axis_covariance(fit: BallFit, sums: FloatArray, sectors: FloatArray, noise_hu: float) -> FloatArray:
+def _axis_covariance(fit: BallFit, moved: _Moved, noise_hu: float) -> FloatArray:
     """Covariance (3, 3) along u, v, w of errors along the axis of what touches the ball."""
     toward = fit.theta[-3:] if has_skin(fit.theta) else cell_directions()[fit.verdict.state == 0].sum(axis=0)
-    variance = AXIS_SHARE * min(float(np.sum(sums**2)), float(np.sum(sectors**2)))
+    variance = AXIS_SHARE * min(moved.size_mm2, moved.overlap * float(np.sum(moved.sectors**2)))
     if not has_skin(fit.theta):
         variance += (AXIS_STREAK * _streaks_hu(fit, noise_hu) * fit.sigma_mm / fit.contrast_hu) ** 2
     length = float(np.linalg.norm(toward))
@@ -164,7 +200,7 @@ def _axis_covariance(fit: BallFit, sums: FloatArray, sectors: FloatArray, noise_
 def _streaks_hu(fit: BallFit, noise_hu: float) -> float:
     """Root mean square (HU) of what the fit leaves over just outside the ball, direction by direction, beyond noise."""
     zone = fit.used & just_outside(fit.neighbourhood.offsets_mm, fit.theta)
-    cells = direction_cells(fit.neighbourhood.offsets_mm - fit.theta[:3])
+    cells = direction_cells(fit.neighbourhood.offsets_mm - fit.theta[CENTER])
     means, seen = cell_means(fit.residuals_hu, cells, zone)
     excess = float(np.sum(means[cells[zone]] ** 2)) - int(np.count_nonzero(seen)) * noise_hu**2
     return float(np.sqrt(max(excess, 0.0) / max(int(np.count_nonzero(zone)), 1)))
@@ -172,7 +208,7 @@ def _streaks_hu(fit: BallFit, noise_hu: float) -> float:
 
 def _sectors(fit: BallFit) -> NDArray[np.intp]:
     """In which sector of its slice each used voxel lies."""
-    offsets = fit.neighbourhood.offsets_mm[fit.used] - fit.theta[:3]
+    offsets = fit.neighbourhood.offsets_mm[fit.used] - fit.theta[CENTER]
     turn = np.arctan2(offsets[:, 1], offsets[:, 0]) / (2.0 * np.pi) + 0.5
     sectors: NDArray[np.intp] = (turn * SECTORS).astype(np.intp) % SECTORS
     return sectors
@@ -196,8 +232,8 @@ def _shared_in_plane(covariance: FloatArray, even: FloatArray, share: float) -> 
 
 def _unseen_covariance(fit: BallFit) -> FloatArray:
     """Covariance (3, 3) along u, v, w from a sloping background and from slices that are not small beside the ball."""
-    radius_mm, blur_mm, thickness_mm = fit.theta[3:6]
-    sloping_mm = SLOPE_ERROR * np.array([blur_mm, blur_mm, thickness_mm]) * fit.theta[8:11] / fit.contrast_hu
+    radius_mm, blur_mm, thickness_mm = fit.theta[[RADIUS, BLUR, WIDTH]]
+    sloping_mm = SLOPE_ERROR * np.array([blur_mm, blur_mm, thickness_mm]) * fit.theta[SLOPES] / fit.contrast_hu
     own_mm = np.array([0.0, 0.0, POLE_ERROR * thickness_mm**2 / radius_mm])
     covariance: FloatArray = np.outer(sloping_mm, sloping_mm) + np.diag(own_mm**2 + LEAST_ERROR_MM**2)
     return covariance

@@ -10,6 +10,7 @@ import numpy as np
 from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import Fiducials
+from ronnaplan.localization.parameters import BACKGROUND, CONTRAST, RADIUS
 from ronnaplan.report.picture import CUTS, OUTLINE_COLOUR, cut_image, png
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ def draw_cut(picture: Axes, residual: Axes, volume: CTVolume, row: Candidate, cu
     """Draw one cut through a fitted place with its outline, and beside it the data less the model."""
     from matplotlib.patches import Circle
 
-    radius_mm, contrast_hu, background_hu = row.parameters[3], row.parameters[6], row.parameters[7]
+    radius_mm, contrast_hu, background_hu = row.parameters[[RADIUS, CONTRAST, BACKGROUND]]
     reach_mm = 1.6 * radius_mm + 1.0
     image = cut_image(volume, row.center_mm, CUTS[cut], reach_mm)
     left_over = cut_image(_left_over(volume, row, reach_mm), row.center_mm, CUTS[cut], reach_mm, outside_hu=0.0)

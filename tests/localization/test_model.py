@@ -5,16 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ronnaplan.localization.model import (
+from ronnaplan.localization.model import evaluate, kernel
+from ronnaplan.localization.parameters import (
+    BACKGROUND,
+    CENTER,
+    CONTRAST,
     PARAMETERS,
     SKIN_PARAMETERS,
+    SLOPES,
     STREAK_PARAMETERS,
-    disc_nodes,
-    disc_table,
-    evaluate,
 )
 
-THETA = np.array([0.1, -0.2, 0.3, 5.75, 0.5, 1.25, 1100.0, -1000.0, 1.0, 2.0, 3.0])
+THETA = np.array([0.1, -0.2, 0.3, 5.75, 0.5, 1.25, 1.3, 1100.0, -1000.0, 1.0, 2.0, 3.0])
 STREAKS = np.array([300.0, -200.0])
 SKIN = np.array([800.0, 0.1, -0.08, 0.12])
 KINDS = {
@@ -26,23 +28,24 @@ KINDS = {
 
 
 def model(offsets: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return evaluate(offsets, theta, disc_table(), *disc_nodes())
+    return evaluate(offsets, theta, *kernel(theta))
 
 
+@pytest.mark.parametrize("shape", [0.0, 0.4, 1.0, 4.0])
 @pytest.mark.parametrize(
-    ("diameter", "sigma", "thickness"), [(11.5, 0.5, 1.25), (11.5, 0.7, 5.0), (3.0, 0.4, 0.6)]
+    ("diameter", "sigma", "width"), [(11.5, 0.5, 1.25), (11.5, 0.7, 5.0), (3.0, 0.4, 0.6), (11.5, 0.5, 9.0)]
 )
 def test_a_voxel_is_the_share_of_its_blurred_volume_that_lies_in_the_ball(
-    diameter: float, sigma: float, thickness: float
+    diameter: float, sigma: float, width: float, shape: float
 ) -> None:
     rng = np.random.default_rng(5)
     radius = diameter / 2
     offsets = rng.uniform(-radius - 1, radius + 1, (60, 3))
-    theta = np.array([0, 0, 0, radius, sigma, thickness, 1.0, 0.0, 0, 0, 0])
+    theta = np.array([0, 0, 0, radius, sigma, width, shape, 1.0, 0.0, 0, 0, 0])
     values, _ = model(offsets, theta)
-    cloud = np.column_stack(
-        [rng.normal(0, sigma, (200_000, 2)), rng.uniform(-thickness / 2, thickness / 2, 200_000)]
-    )
+    half = width * np.sqrt((2 * shape + 3) / 12)  # a beta distribution has half^2 / (2 shape + 3) as variance
+    along = half * (2 * rng.beta(shape + 1, shape + 1, 200_000) - 1)
+    cloud = np.column_stack([rng.normal(0, sigma, (200_000, 2)), along])
     shares = [(np.linalg.norm(offset + cloud, axis=1) < radius).mean() for offset in offsets]
     assert values == pytest.approx(np.array(shares), abs=0.006)  # 4 standard errors of the cloud
 
@@ -65,12 +68,12 @@ def test_derivatives_are_those_of_the_model(kind: str, parameter: int) -> None:
 
 def test_streaks_are_bright_along_one_line_dark_across_it_and_fade() -> None:
     theta = np.append(THETA, STREAKS)
-    theta[6], theta[8:11] = 0.0, 0.0
+    theta[CONTRAST], theta[SLOPES] = 0.0, 0.0
     line = np.arctan2(STREAKS[1], STREAKS[0]) / 2
     along = np.array([np.cos(line), np.sin(line), 0.0])
     across = np.array([-np.sin(line), np.cos(line), 0.0])
-    places = THETA[:3] + np.array([8.0 * along, -8.0 * along, 8.0 * across, 24.0 * along])
-    bright, opposite, dark, far = model(places, theta)[0] - theta[7]
+    places = THETA[CENTER] + np.array([8.0 * along, -8.0 * along, 8.0 * across, 24.0 * along])
+    bright, opposite, dark, far = model(places, theta)[0] - theta[BACKGROUND]
     assert bright == pytest.approx(opposite)
     assert bright == pytest.approx(-dark)
     assert bright > 20 * far > 0
@@ -79,5 +82,5 @@ def test_streaks_are_bright_along_one_line_dark_across_it_and_fade() -> None:
 def test_far_inside_is_full_and_far_outside_is_empty() -> None:
     offsets = np.array([[0.1, -0.2, 0.3], [12.0, 0, 0], [0, 0, -12.0]])
     flat = THETA.copy()
-    flat[8:] = 0
-    assert model(offsets, flat)[0] == pytest.approx([100.0, -1000.0, -1000.0])
+    flat[SLOPES] = 0
+    assert model(offsets, flat)[0] == pytest.approx([100.0, -1000.0, -1000.0], abs=0.1)  # the sum over eight discs

@@ -1,0 +1,36 @@
+"""The parameters of a fitted ball, by name: their order is that of every parameter vector, Jacobian and prior."""
+
+from __future__ import annotations
+
+import math
+
+PARAMETERS = (
+    *("u", "v", "w", "radius", "blur", "width", "shape", "contrast", "background"),
+    *("slope_u", "slope_v", "slope_w"),
+)
+"""Order of the model's parameters: centre, radius, in-plane blur and profile width (mm), the profile's shape, contrast
+and background (HU), and the background's slope (HU/mm). The width is that of the box with the profile's variance: its
+standard deviation times the root of 12."""
+
+U, V, W, RADIUS, BLUR, WIDTH, SHAPE, CONTRAST, BACKGROUND, SLOPE_U, SLOPE_V, SLOPE_W = range(12)
+CENTER, SLOPES = slice(0, 3), slice(SLOPE_U, SLOPE_W + 1)
+"""Places in the parameters, by name."""
+
+STREAK_PARAMETERS = ("streak", "streak_diagonal")
+"""Two more where the ball is metal: how bright its streaks are at the surface (HU) along the rows, which are as dark
+down the columns, and the same on the diagonals."""
+
+SKIN_PARAMETERS = ("skin", "skin_u", "skin_v", "skin_w")
+"""Four more, the last ones, where the ball lies on skin: its level over the background (HU), and the vector g (1/mm)
+that puts the skin nearest to the ball at g . x = 1, x from the ball's centre; it fills the far side."""
+
+
+def profile_half_mm(width_mm: float, shape: float) -> float:
+    """Half the length over which a slice of this profile sees anything."""
+    return 0.5 * width_mm * math.sqrt((2.0 * shape + 3.0) / 3.0)
+
+
+def full_width_at_half_maximum_mm(width_mm: float, shape: float) -> float:
+    """The profile's width as scanners state their slice thickness."""
+    half_mm = profile_half_mm(width_mm, shape)
+    return 2.0 * half_mm * (math.sqrt(1.0 - 0.5 ** (1.0 / shape)) if shape > 0.0 else 1.0)
