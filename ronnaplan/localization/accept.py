@@ -81,7 +81,12 @@ class Evidence:
     @cached_property
     def covariance_mm2(self) -> FloatArray:
         """Covariance (3, 3) of the centre in LPS."""
-        return center_covariance(self.fit, self.noise_hu)
+        return center_covariance(self.fit, self.noise_hu, self.excess_mm)
+
+    @property
+    def excess_mm(self) -> float:
+        """Fitted minus stated diameter; 0 where clipping hides it, so that the stated one was held."""
+        return 0.0 if self.fit.is_clipped else self.fit.diameter_mm - self.diameter_mm
 
 
 Test = Callable[[Evidence], str | None]

@@ -117,6 +117,17 @@ def residuals_and_jacobian(
 def influence(jacobian: FloatArray, used: NDArray[np.bool_], prior_weight: FloatArray) -> FloatArray:
     """How far one HU at each voxel moves the centre: (N, 3) in mm/HU, zero for voxels that were left out."""
     informed = np.where(used[:, np.newaxis], jacobian, 0.0)
-    matrix = informed.T @ informed + np.diag(prior_weight)
-    moves: FloatArray = informed @ np.linalg.pinv(matrix, hermitian=True)[:, :3]
+    moves: FloatArray = informed @ _inverse(informed, prior_weight)[:, CENTER]
     return moves
+
+
+def center_by_radius(jacobian: FloatArray, used: NDArray[np.bool_], prior_weight: FloatArray) -> FloatArray:
+    """How far the centre (3,) of the fit moves for each mm that the radius is held larger."""
+    inverse = _inverse(np.where(used[:, np.newaxis], jacobian, 0.0), prior_weight)
+    moves: FloatArray = inverse[CENTER, RADIUS] / inverse[RADIUS, RADIUS]
+    return moves
+
+
+def _inverse(informed: FloatArray, prior_weight: FloatArray) -> FloatArray:
+    inverse: FloatArray = np.linalg.pinv(informed.T @ informed + np.diag(prior_weight), hermitian=True)
+    return inverse

@@ -47,6 +47,12 @@ ROUND_MM = 0.06
 """An edge that is off by no more than this share of the radius plus this is where the ball's edge should be."""
 
 
+COVERED_SHARE = 0.15
+COVERED_SPREAD = 0.6
+"""What carries a marker hides one side of it. More than this share of the directions left out, and so much of them to
+all sides that their mean is shorter than this, is something that lies on the marker (a post: 0.8; tape, hair: 0.3)."""
+
+
 @dataclass(frozen=True)
 class Verdict:
     """What the directions say.
@@ -63,6 +69,14 @@ class Verdict:
     usual_rms_hu: float
     beside: NDArray[np.bool_]
     excess_hu: FloatArray
+
+    @property
+    def is_covered(self) -> bool:
+        """Whether the directions that are left out lie to all sides instead of one."""
+        left_out = cell_directions()[self.state == 0]
+        if len(left_out) <= COVERED_SHARE * len(self.state):
+            return False
+        return float(np.linalg.norm(left_out.mean(axis=0))) < COVERED_SPREAD
 
 
 def judge(

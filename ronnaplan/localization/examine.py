@@ -18,9 +18,9 @@ from ronnaplan.localization.detect import detect
 from ronnaplan.localization.guess import margin_mm
 from ronnaplan.localization.look import surface_shares, unseen_share
 from ronnaplan.localization.neighbourhood import gather
-from ronnaplan.localization.parameters import RADIUS
+from ronnaplan.localization.parameters import RADIUS, SHAPE, WIDTH, full_width_at_half_maximum_mm
 from ronnaplan.localization.refine import BallFit, fit_ball
-from ronnaplan.localization.uncertainty import cramer_rao_bound, noise_level
+from ronnaplan.localization.uncertainty import cramer_rao_bound, is_off_size, noise_level
 
 MIN_CEILING_HU = 2000.0
 """No scanner's scale ends below this."""
@@ -44,6 +44,11 @@ class Scan:
         gaps = self.volume.grid.spacings_mm
         usual = float(np.median(gaps)) if gaps.size else self.volume.grid.row_spacing_mm
         return self.volume.grid.thickness_mm or usual
+
+    @cached_property
+    def gap_mm(self) -> float:
+        """Widest distance between neighbouring slices."""
+        return float(self.volume.grid.spacings_mm.max(initial=0.0))
 
     @property
     def pixel_mm(self) -> float:
@@ -82,6 +87,8 @@ class Examined:
     unseen: float
     misfit: float
     is_clipped: bool
+    is_off_size: bool
+    is_covered: bool
     failures: tuple[tuple[str, str], ...]
 
     @property
@@ -93,6 +100,11 @@ class Examined:
     def diameter_mm(self) -> float:
         """Fitted diameter."""
         return float(2.0 * self.parameters[RADIUS])
+
+    @property
+    def profile_mm(self) -> float:
+        """Full width at half maximum of the fitted slice profile."""
+        return full_width_at_half_maximum_mm(float(self.parameters[WIDTH]), float(self.parameters[SHAPE]))
 
     def is_same_place(self, other: Examined) -> bool:
         """Whether both are about the same ball."""
@@ -140,7 +152,9 @@ def _examine_place(scan: Scan, center_mm: FloatArray, diameter_mm: float) -> Exa
         fit.coverage,
         unseen,
         fit.misfit,
-        bool((fit.neighbourhood.values_hu[fit.used] >= scan.ceiling_hu).any()),
+        fit.is_clipped,
+        is_off_size(evidence.excess_mm),
+        fit.verdict.is_covered,
         tuple(failures(evidence)),
     )
 

@@ -17,8 +17,11 @@ class FiducialFlag(StrEnum):
 
     CUT = "part of the marker lies outside the scan"
     NEIGHBOUR = "something touches more than a quarter of the marker"
+    DIAMETER = "the marker's diameter is not the stated one; something may cover it on one side"
+    COVERED = "something lies on the marker"
     CLIPPED = "the marker is brighter than the scan's scale"
     THICK_SLICES = "the slices are thicker than half the marker"
+    GAPPED = "there are gaps between the slices"
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,10 @@ METAL_SLOPE_HOLD_MM2 = 1500.0
 """What slopes beside metal are its streaks, which never just slope, so the slope is held near none, as by one voxel at
 39 mm or by 1500 at 1 mm."""
 
+MIDWAY = (0.2, 0.4)
+"""The ball's own level is read off between these distances from the candidate, as shares of the diameter: nearer to it
+there may be an insert, farther out there is the blurred edge."""
+
 FROZEN_WEIGHT = 1e15
 """Weight (HU^2 per mm^2) against which no data move a parameter."""
 
@@ -55,7 +59,7 @@ def margin_mm(thickness_mm: float, sigma_mm: float = TYPICAL_BLUR_MM) -> float:
 def first_guess(around: Neighbourhood, diameter_mm: float, thickness_mm: float, ceiling_hu: float) -> FloatArray:
     """First guess: the stated size, the candidate's centre, and levels read off the inside and the outside."""
     distance = np.linalg.norm(around.offsets_mm, axis=1)
-    inside = around.values_hu[distance < 0.3 * diameter_mm]
+    inside = around.values_hu[(distance > MIDWAY[0] * diameter_mm) & (distance < MIDWAY[1] * diameter_mm)]
     outside = around.values_hu[distance > 0.5 * diameter_mm + TYPICAL_BLUR_MM]
     high = float(np.median(inside)) if inside.size else float(around.values_hu.max())
     low = float(np.quantile(outside, BACKGROUND_QUANTILE)) if outside.size else float(around.values_hu.min())

@@ -20,6 +20,9 @@ MIN_VOXELS_PER_DIAMETER = 2.0
 NEIGHBOUR_COVERAGE = 0.75
 """Below this share of surface seen, a marker is flagged as touched by something large."""
 
+TOUCHING_SLICES = 1.1
+"""Slices farther apart than this many widths of their profile leave gaps between them."""
+
 NEAREST_SHOWN = 3
 """A refusal names this many of the candidates that came nearest to acceptance."""
 
@@ -111,7 +114,10 @@ def _fiducial(label: str, one: Examined, scan: Scan) -> Fiducial:
         FiducialFlag.CUT: one.unseen > 0,
         FiducialFlag.NEIGHBOUR: one.coverage < NEIGHBOUR_COVERAGE,
         FiducialFlag.CLIPPED: one.is_clipped,
-        FiducialFlag.THICK_SLICES: scan.thickness_mm > one.diameter_mm / 2.0,
+        FiducialFlag.DIAMETER: one.is_off_size,
+        FiducialFlag.COVERED: one.is_covered,
+        FiducialFlag.THICK_SLICES: one.profile_mm > one.diameter_mm / 2.0,
+        FiducialFlag.GAPPED: scan.gap_mm > TOUCHING_SLICES * one.profile_mm,
     }
     return Fiducial(
         label=label,

@@ -14,7 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.descent import MAX_WANDER, Prior, descend, influence, residuals_and_jacobian
+from ronnaplan.localization.descent import (
+    MAX_WANDER,
+    Prior,
+    center_by_radius,
+    descend,
+    influence,
+    residuals_and_jacobian,
+)
 from ronnaplan.localization.directions import (
     Verdict,
     edge_depth,
@@ -74,8 +81,9 @@ class BallFit:
     ``theta`` (P,) holds the model's `PARAMETERS` (and `STREAK_PARAMETERS` where the ball is metal, `SKIN_PARAMETERS`
     where it lies on something), with the centre relative to the neighbourhood's origin along u, v, w. ``used`` (N,)
     marks the voxels that informed the fit, ``residuals_hu`` (N,) is data minus model, ``jacobian`` (N, P) the model's
-    derivatives, and ``influence_mm_per_hu`` (N, 3) how far one HU at a voxel moves the centre. ``is_shaded``
-    says whether the shading was asked for.
+    derivatives, ``influence_mm_per_hu`` (N, 3) how far one HU at a voxel moves the centre, ``center_by_radius`` (3,)
+    how far the fit would move it for each mm that the radius were held larger. ``is_shaded`` says whether the shading
+    was asked for, ``is_clipped`` whether voxels that informed the fit are at the top of the scale.
     """
 
     neighbourhood: Neighbourhood
@@ -84,7 +92,9 @@ class BallFit:
     residuals_hu: FloatArray
     jacobian: FloatArray
     influence_mm_per_hu: FloatArray
+    center_by_radius: FloatArray
     is_shaded: bool
+    is_clipped: bool
     verdict: Verdict
     converged: bool
 
@@ -189,7 +199,19 @@ def _ball_fit(
         shading = shaded(around, theta, residuals, jacobian, used, prior)
         theta = np.append(theta[CENTER] + shading.shift_mm, theta[3:])
         residuals, moves = shading.residuals_hu, shading.influence_mm_per_hu
-    return BallFit(around, theta, used, residuals, jacobian, moves, is_shaded, verdict, converged)
+    return BallFit(
+        neighbourhood=around,
+        theta=theta,
+        used=used,
+        residuals_hu=residuals,
+        jacobian=jacobian,
+        influence_mm_per_hu=moves,
+        center_by_radius=center_by_radius(jacobian, used, prior.weight),
+        is_shaded=is_shaded,
+        is_clipped=bool((around.values_hu[used] >= ceiling_hu).any()),
+        verdict=verdict,
+        converged=converged,
+    )
 
 
 def _thinned(count: int) -> NDArray[np.bool_]:

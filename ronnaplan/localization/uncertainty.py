@@ -74,6 +74,9 @@ POLE_ERROR = 0.0013
 """Standard error across the slices, as a share of thickness^2 / radius, the depth of the ball's pole in a slice: the
 slices' profile is not quite a box."""
 
+SIZE_TOLERANCE_MM = 0.06
+"""A fitted diameter that is off by no more than this is the stated one: kernels that are not Gaussian make 0.04 mm."""
+
 LEAST_ERROR_MM = 0.00005
 """Standard error per axis that stays in any scan: finite tables."""
 
@@ -81,13 +84,18 @@ SMALLEST = 1e-30
 """Keeps ratios of squares finite where a fit leaves nothing over."""
 
 
-def center_covariance(fit: BallFit, noise_hu: float) -> FloatArray:
-    """Covariance (3, 3) of the fitted centre in LPS, mm^2: noise (``noise_hu``) and model error."""
+def center_covariance(fit: BallFit, noise_hu: float, excess_mm: float) -> FloatArray:
+    """Covariance (3, 3) of the fitted centre in LPS, mm^2: noise (``noise_hu``), model error and what may cover it.
+
+    ``excess_mm`` is the fitted minus the stated diameter.
+    """
     moved = _Moved.by(fit)
     total = _seen_covariance(fit, moved, noise_hu) + _axis_covariance(fit, moved, noise_hu)
     total += _unseen_covariance(fit)
     if not fit.is_shaded:
         total *= HIDDEN_SHADING
+    if is_off_size(excess_mm):
+        total += _one_sided_covariance(fit, excess_mm)
     axes = fit.neighbourhood.axes
     rotated: FloatArray = axes.T @ total @ axes
     return (rotated + rotated.T) / 2.0
@@ -237,6 +245,23 @@ def _unseen_covariance(fit: BallFit) -> FloatArray:
     own_mm = np.array([0.0, 0.0, POLE_ERROR * thickness_mm**2 / radius_mm])
     covariance: FloatArray = np.outer(sloping_mm, sloping_mm) + np.diag(own_mm**2 + LEAST_ERROR_MM**2)
     return covariance
+
+
+def is_off_size(excess_mm: float) -> bool:
+    """Whether a diameter that is off by ``excess_mm`` says that something is not as stated."""
+    return abs(excess_mm) > SIZE_TOLERANCE_MM
+
+
+def _one_sided_covariance(fit: BallFit, excess_mm: float) -> FloatArray:
+    """Covariance (3, 3) along u, v, w of what makes a marker look larger on one side, wherever that is.
+
+    A film over one half looks like a larger ball whose centre lies half its thickness aside; and where something hides
+    a side, a wrong size moves the centre along it.
+    """
+    aside: FloatArray = (excess_mm / 2.0) ** 2 * (
+        np.eye(3) / 3.0 + np.outer(fit.center_by_radius, fit.center_by_radius)
+    )
+    return aside
 
 
 def _rms(values: FloatArray) -> float:

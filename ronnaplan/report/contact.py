@@ -10,7 +10,7 @@ import numpy as np
 from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import Fiducials
-from ronnaplan.localization.parameters import BACKGROUND, CONTRAST, RADIUS
+from ronnaplan.localization.parameters import BACKGROUND, CENTER, CONTRAST, RADIUS
 from ronnaplan.report.picture import CUTS, OUTLINE_COLOUR, cut_image, png
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def draw_cut(picture: Axes, residual: Axes, volume: CTVolume, row: Candidate, cu
 
 def _left_over(volume: CTVolume, row: Candidate, reach_mm: float) -> CTVolume:
     """The voxels about a candidate less the fitted model, in HU: compared voxel by voxel, as the fit does."""
-    from ronnaplan.localization.model import disc_nodes, disc_table, evaluate
+    from ronnaplan.localization.model import evaluate, kernel
 
     grid = volume.grid
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * reach_mm * np.sqrt(2)
@@ -105,10 +105,10 @@ def _left_over(volume: CTVolume, row: Candidate, reach_mm: float) -> CTVolume:
     low = np.minimum(low, high - 1)
     box = volume.voxels_hu[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
     places = grid.positions_mm(np.moveaxis(np.indices(box.shape), 0, -1) + low.astype(np.float64))
-    centerd = row.parameters.copy()
-    centerd[:3] = 0.0
+    centred = row.parameters.copy()
+    centred[CENTER] = 0.0
     offsets = np.ascontiguousarray((places - row.center_mm).reshape(-1, 3) @ grid.axes.T)
-    model, _ = evaluate(offsets, centerd, disc_table(), *disc_nodes())
+    model, _ = evaluate(offsets, centred, *kernel(centred))
     origins = grid.origins_mm[low[0] : high[0]] + low[1] * grid.row_step_mm + low[2] * grid.column_step_mm
     left_over = (box - model.reshape(box.shape)).astype(np.float32)
     return replace(volume, voxels_hu=left_over, grid=replace(grid, origins_mm=origins))
