@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,15 +40,24 @@ MAX_WANDER = 0.5
 
 @dataclass(frozen=True)
 class Prior:
-    """Mean (P,) and weight (P,), in HU^2 per parameter^2, of what is known before the voxels are read."""
+    """What is known before the voxels are read: ``mean`` (P,) and ``weight`` (P,) in HU^2 per parameter^2.
+
+    ``layer_mm`` says how the marker is made, as in `ronnaplan.localization.build.Build`.
+    """
 
     mean: FloatArray
     weight: FloatArray
+    layer_mm: float
 
     @classmethod
-    def of(cls, mean: FloatArray, spread: FloatArray) -> Prior:
+    def of(cls, mean: FloatArray, spread: FloatArray, layer_mm: float) -> Prior:
         """Prior with standard deviations ``spread`` (P,); infinite ones know nothing."""
-        return cls(mean, (PRIOR_NOISE_HU / spread) ** 2)
+        return cls(mean, (PRIOR_NOISE_HU / spread) ** 2, layer_mm)
+
+    def extended(self, more: Prior) -> Prior:
+        """Add further parameters."""
+        mean, weight = np.concatenate([self.mean, more.mean]), np.concatenate([self.weight, more.weight])
+        return replace(self, mean=mean, weight=weight)
 
 
 def descend(
@@ -58,7 +67,9 @@ def descend(
     discs = kernel(theta)
 
     def equations(at: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        cost, slope, matrix = normal_equations(around.offsets_mm, around.values_hu, used, at, ceiling_hu, *discs)
+        cost, slope, matrix = normal_equations(
+            around.offsets_mm, around.values_hu, used, at, prior.layer_mm, ceiling_hu, *discs
+        )
         pull = prior.mean - at
         cost += 0.5 * float(prior.weight @ pull**2)
         return cost, slope + prior.weight * pull, matrix + np.diag(prior.weight)
@@ -103,10 +114,10 @@ def _bounded(theta: FloatArray) -> FloatArray:
 
 
 def residuals_and_jacobian(
-    around: Neighbourhood, theta: FloatArray, ceiling_hu: float
+    around: Neighbourhood, theta: FloatArray, layer_mm: float, ceiling_hu: float
 ) -> tuple[FloatArray, FloatArray]:
     """Data minus model (N,) and the Jacobian (N, P); both zero where clipped data agree with a higher model."""
-    model, jacobian = evaluate(around.offsets_mm, theta, *kernel(theta))
+    model, jacobian = evaluate(around.offsets_mm, theta, layer_mm, *kernel(theta))
     residuals = around.values_hu - model
     clipped = (around.values_hu >= ceiling_hu) & (model >= ceiling_hu)
     residuals[clipped] = 0.0
@@ -124,10 +135,10 @@ def influence(jacobian: FloatArray, used: NDArray[np.bool_], prior_weight: Float
 def center_by_radius(jacobian: FloatArray, used: NDArray[np.bool_], prior_weight: FloatArray) -> FloatArray:
     """How far the centre (3,) of the fit moves for each mm that the radius is held larger."""
     inverse = _inverse(np.where(used[:, np.newaxis], jacobian, 0.0), prior_weight)
-    moves: FloatArray = inverse[CENTER, RADIUS] / inverse[RADIUS, RADIUS]
+    moves: FloatArray = np.asarray(inverse[CENTER, RADIUS] / inverse[RADIUS, RADIUS], dtype=np.float64)
     return moves
 
 
 def _inverse(informed: FloatArray, prior_weight: FloatArray) -> FloatArray:
-    inverse: FloatArray = np.linalg.pinv(informed.T @ informed + np.diag(prior_weight), hermitian=True)
-    return inverse
+    inverse = np.linalg.pinv(informed.T @ informed + np.diag(prior_weight), hermitian=True)
+    return np.asarray(inverse, dtype=np.float64)

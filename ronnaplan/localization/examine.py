@@ -14,6 +14,7 @@ import numpy as np
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.accept import MIN_COVERAGE, Evidence, failures
+from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.detect import detect
 from ronnaplan.localization.guess import margin_mm
 from ronnaplan.localization.look import surface_shares, unseen_share
@@ -27,6 +28,9 @@ MIN_CEILING_HU = 2000.0
 
 CLIP_SHOULDER_HU = 10
 """A scale ends where its largest value is commoner than all the values this far below it taken together."""
+
+BROADENING = 1.5
+"""Slice profiles are broader than nominal by up to this factor."""
 
 SAME_PLACE = 0.5
 """Candidates nearer to each other than this share of the diameter are the same thing."""
@@ -44,6 +48,11 @@ class Scan:
         gaps = self.volume.grid.spacings_mm
         usual = float(np.median(gaps)) if gaps.size else self.volume.grid.row_spacing_mm
         return self.volume.grid.thickness_mm or usual
+
+    @property
+    def widest_mm(self) -> float:
+        """Width of the slice profile that a fit must be able to see."""
+        return BROADENING * max(self.thickness_mm, self.gap_mm)
 
     @cached_property
     def gap_mm(self) -> float:
@@ -112,14 +121,14 @@ class Examined:
         return apart < SAME_PLACE * min(self.stated_mm, other.stated_mm)
 
 
-def examine(scan: Scan, diameter_mm: float) -> list[Examined]:
+def examine(scan: Scan, diameter_mm: float, build: Build = SOLID) -> list[Examined]:
     """Fit and judge every place of ``scan`` that may be a ball of ``diameter_mm``, strongest candidates first."""
     seen = detect(scan.volume, diameter_mm).centers_mm
-    shares = surface_shares(scan.volume, seen, diameter_mm, scan.thickness_mm)
+    shares = surface_shares(scan.volume, seen, diameter_mm, build, scan.thickness_mm)
     places = _apart(seen[shares >= MIN_COVERAGE], SAME_PLACE * diameter_mm)
     # The fits release the interpreter's lock, and each is independent of the others: any order, same result.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return list(pool.map(lambda place: _examine_place(scan, place, diameter_mm), places))
+        return list(pool.map(lambda place: _examine_place(scan, place, diameter_mm, build), places))
 
 
 def distinct(accepted: Iterable[Examined]) -> list[Examined]:
@@ -131,15 +140,15 @@ def distinct(accepted: Iterable[Examined]) -> list[Examined]:
     return kept
 
 
-def fit_place(scan: Scan, center_mm: FloatArray, diameter_mm: float) -> BallFit:
+def fit_place(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build = SOLID) -> BallFit:
     """Fit a ball of about ``diameter_mm`` at a place (3,) of the scan."""
-    reach_mm = 0.5 * diameter_mm + margin_mm(scan.thickness_mm) + 0.125 * diameter_mm
+    reach_mm = 0.625 * diameter_mm + max(build.layer_mm, 0.0) + margin_mm(scan.widest_mm)
     around = gather(scan.volume, center_mm, reach_mm)
-    return fit_ball(around, diameter_mm, scan.thickness_mm, scan.ceiling_hu)
+    return fit_ball(around, diameter_mm, build, scan.thickness_mm, scan.ceiling_hu)
 
 
-def _examine_place(scan: Scan, center_mm: FloatArray, diameter_mm: float) -> Examined:
-    fit = fit_place(scan, center_mm, diameter_mm)
+def _examine_place(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build) -> Examined:
+    fit = fit_place(scan, center_mm, diameter_mm, build)
     unseen = unseen_share(scan.volume, fit.center_mm, fit.diameter_mm / 2.0)
     evidence = Evidence(fit, diameter_mm, scan.thickness_mm, scan.pixel_mm, noise_level(fit), unseen)
     return Examined(

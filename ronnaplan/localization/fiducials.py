@@ -9,6 +9,7 @@ import numpy as np
 
 from ronnaplan.ct.volume import SeriesSource, VolumeFlag
 from ronnaplan.geometry import FloatArray, Frame, Points
+from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.parameters import BLUR, CONTRAST, RADIUS
 
 
@@ -93,6 +94,7 @@ class Fiducials:
     source: SeriesSource
     voxel_sha256: str
     volume_flags: tuple[VolumeFlag, ...] = ()
+    marker: Build = SOLID
 
     def __len__(self) -> int:
         return len(self.fiducials)

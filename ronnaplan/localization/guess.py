@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.build import Build
 from ronnaplan.localization.descent import Prior
 from ronnaplan.localization.directions import BACKGROUND_QUANTILE
-from ronnaplan.localization.model import has_streaks
+from ronnaplan.localization.model import has_layer, has_streaks
 from ronnaplan.localization.neighbourhood import Neighbourhood
 from ronnaplan.localization.parameters import CONTRAST, PARAMETERS, RADIUS, SHAPE, SLOPES, STREAK_PARAMETERS, WIDTH
 
@@ -28,6 +31,9 @@ SLOPE_PRIOR_PER_MM = 0.01
 
 METAL_HU = 6000.0
 """A ball with more contrast is metal and has streaks; the densest ceramics reach some 5000 HU."""
+
+LAYER_PRIOR = 0.5
+"""Standard deviation of the level of a cavity or wrapping, as a share of the contrast."""
 
 STREAK_PRIOR = 0.1
 """Standard deviation of the streaks' brightness at the surface, as a share of the contrast."""
@@ -56,43 +62,38 @@ def margin_mm(thickness_mm: float, sigma_mm: float = TYPICAL_BLUR_MM) -> float:
     return 3.0 * sigma_mm + 0.6 * thickness_mm
 
 
-def first_guess(around: Neighbourhood, diameter_mm: float, thickness_mm: float, ceiling_hu: float) -> FloatArray:
+def first_guess(
+    around: Neighbourhood, diameter_mm: float, build: Build, thickness_mm: float, ceiling_hu: float
+) -> FloatArray:
     """First guess: the stated size, the candidate's centre, and levels read off the inside and the outside."""
     distance = np.linalg.norm(around.offsets_mm, axis=1)
-    inside = around.values_hu[(distance > MIDWAY[0] * diameter_mm) & (distance < MIDWAY[1] * diameter_mm)]
-    outside = around.values_hu[distance > 0.5 * diameter_mm + TYPICAL_BLUR_MM]
+    shell_mm = np.array(MIDWAY) * diameter_mm
+    if build.wall_mm:
+        shell_mm = (
+            diameter_mm / 2 - build.wall_mm / 2 + np.array([-0.5, 0.5]) * max(build.wall_mm, TYPICAL_BLUR_MM)
+        )
+    inside = around.values_hu[(distance > shell_mm[0]) & (distance < shell_mm[1])]
+    outside = around.values_hu[distance > diameter_mm / 2 + max(build.layer_mm, 0.0) + TYPICAL_BLUR_MM]
     high = float(np.median(inside)) if inside.size else float(around.values_hu.max())
     low = float(np.quantile(outside, BACKGROUND_QUANTILE)) if outside.size else float(around.values_hu.min())
     contrast = max(high - low, 1.0) * (CLIPPED_START if high >= ceiling_hu else 1.0)
+    layer = [-contrast if build.wall_mm else 0.0] if build.layer_mm else []
     streaks = [0.0] * len(STREAK_PARAMETERS) if contrast > METAL_HU else []
-    return np.array(
-        [
-            0,
-            0,
-            0,
-            diameter_mm / 2,
-            TYPICAL_BLUR_MM,
-            thickness_mm,
-            SHAPE_PRIOR[0],
-            contrast,
-            low,
-            0,
-            0,
-            0,
-            *streaks,
-        ],
-        np.float64,
-    )
+    ball = [0, 0, 0, diameter_mm / 2, TYPICAL_BLUR_MM, thickness_mm, SHAPE_PRIOR[0], contrast, low]
+    return np.array([*ball, 0, 0, 0, *layer, *streaks], np.float64)
 
 
-def ball_prior(start: FloatArray, *, is_clipped: bool) -> Prior:
+def ball_prior(start: FloatArray, build: Build, *, is_clipped: bool) -> Prior:
     """How firmly the first guesses ``start`` hold; where the ball's inside ``is_clipped``, its size does."""
     spread = np.full(len(start), np.inf)
     spread[RADIUS], spread[WIDTH] = RADIUS_PRIOR * start[RADIUS], WIDTH_PRIOR * start[WIDTH]
     spread[SHAPE] = SHAPE_PRIOR[1]
     spread[SLOPES] = SLOPE_PRIOR_PER_MM * start[CONTRAST]
-    spread[len(PARAMETERS) :] = STREAK_PRIOR * start[CONTRAST]
-    prior = Prior.of(np.where(np.isfinite(spread), start, 0.0), spread)
+    if has_layer(start):
+        spread[len(PARAMETERS)] = LAYER_PRIOR * start[CONTRAST]
+    if has_streaks(start):
+        spread[-len(STREAK_PARAMETERS) :] = STREAK_PRIOR * start[CONTRAST]
+    prior = Prior.of(np.where(np.isfinite(spread), start, 0.0), spread, build.layer_mm)
     if has_streaks(start):
         prior.weight[SLOPES] = METAL_SLOPE_HOLD_MM2
     if is_clipped:
@@ -104,4 +105,4 @@ def frozen(prior: Prior, start: FloatArray) -> Prior:
     """Hold radius, blur and the profile at their first guesses, so that the centre finds its place first."""
     weight = prior.weight.copy()
     weight[RADIUS : SHAPE + 1] = FROZEN_WEIGHT
-    return Prior(np.where(weight == FROZEN_WEIGHT, start, prior.mean), weight)
+    return replace(prior, mean=np.where(weight == FROZEN_WEIGHT, start, prior.mean), weight=weight)

@@ -10,6 +10,7 @@ import numpy as np
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import InputError, RefusedError, UsageError
+from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import Examined, Scan, distinct, examine
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
 from ronnaplan.localization.template import Template, match_template
@@ -33,26 +34,30 @@ def localize(
     diameter_mm: float | Sequence[float],
     expected: int | None = None,
     template: Template | None = None,
+    marker: Build = SOLID,
 ) -> Fiducials:
     """Find every ball of ``diameter_mm`` in a scan, its centre (LPS mm) and the centre's covariance (mm^2).
 
     Several diameters may be given for several kinds of marker. With a ``template`` only the markers that stand
-    at its distances are kept, under its labels. Raises `UsageError` for a diameter that is not a positive number,
-    `InputError` for one below `MIN_VOXELS_PER_DIAMETER` pixels, and `RefusedError` when ``expected`` markers were
-    promised and another number was found, or when the template is not found exactly once.
+    at its distances are kept, under its labels. ``marker`` says whether the balls are hollow or wrapped. Raises
+    `UsageError` for a diameter that is not a positive number, `InputError` for one below `MIN_VOXELS_PER_DIAMETER`
+    pixels, and `RefusedError` when ``expected`` markers were promised and another number was found, or when the
+    template is not found exactly once.
     """
     diameters = check_request(diameter_mm, expected)
     scan = Scan(volume)
     for diameter in diameters:
         _check_size(scan, diameter)
-    examined = [one for diameter in diameters for one in examine(scan, diameter)]
+    examined = [one for diameter in diameters for one in examine(scan, diameter, marker)]
     markers = _from_the_top(one for one in examined if one.is_marker)
     fiducials = [_fiducial(f"F{number}", one, scan) for number, one in enumerate(markers, start=1)]
     rejected = _rejected(examined, markers)
     if template is not None:
         fiducials, others = match_template(template, fiducials)
         rejected = (*others, *rejected)
-    result = Fiducials(tuple(fiducials), rejected, diameters, volume.source, volume.voxel_sha256, volume.flags)
+    result = Fiducials(
+        tuple(fiducials), rejected, diameters, volume.source, volume.voxel_sha256, volume.flags, marker
+    )
     if expected is not None and len(result) != expected:
         raise RefusedError(_explain_count(result, expected))
     return result

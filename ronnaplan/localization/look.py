@@ -6,6 +6,7 @@ import numpy as np
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.build import Build
 from ronnaplan.localization.detect import MIN_CONTRAST_HU
 from ronnaplan.localization.guess import margin_mm
 from ronnaplan.localization.neighbourhood import cell_directions
@@ -18,14 +19,14 @@ BACKGROUND_SHARE = 0.3
 
 
 def surface_shares(
-    volume: CTVolume, centers_mm: FloatArray, diameter_mm: float, thickness_mm: float
+    volume: CTVolume, centers_mm: FloatArray, diameter_mm: float, build: Build, thickness_mm: float
 ) -> FloatArray:
     """Share (N,) of directions in which the image falls from a ball's level to its surroundings' at its surface.
 
     A fit at such a place of ``centers_mm`` (N, 3) cannot cover more of the surface.
     """
     chunks = [centers_mm[n : n + AT_ONCE] for n in range(0, len(centers_mm), AT_ONCE)]
-    shares = [_shares(volume, chunk, diameter_mm, thickness_mm) for chunk in chunks]
+    shares = [_shares(volume, chunk, diameter_mm, build, thickness_mm) for chunk in chunks]
     return np.concatenate(shares) if shares else np.empty(0)
 
 
@@ -34,14 +35,17 @@ def unseen_share(volume: CTVolume, center_mm: FloatArray, radius_mm: float) -> f
     return float(np.mean(np.isnan(_samples(volume, center_mm + radius_mm * cell_directions()))))
 
 
-def _shares(volume: CTVolume, centers_mm: FloatArray, diameter_mm: float, thickness_mm: float) -> FloatArray:
+def _shares(
+    volume: CTVolume, centers_mm: FloatArray, diameter_mm: float, build: Build, thickness_mm: float
+) -> FloatArray:
     radius_mm = diameter_mm / 2.0
     directions = cell_directions()
     axial = np.abs(directions @ volume.grid.normal)[:, np.newaxis]
     margin = margin_mm(0.0) + (margin_mm(thickness_mm) - margin_mm(0.0)) * axial
     at = centers_mm[:, np.newaxis]
-    inner = _samples(volume, at + 0.5 * radius_mm * directions)
-    outer = _samples(volume, at + (radius_mm + 0.7 * margin) * directions)
+    depth_mm = build.wall_mm / 2.0 if build.wall_mm else radius_mm / 2.0
+    inner = _samples(volume, at + (radius_mm - depth_mm) * directions)
+    outer = _samples(volume, at + (radius_mm + max(build.layer_mm, 0.0) + 0.7 * margin) * directions)
     known = np.isfinite(inner).any(axis=1) & np.isfinite(outer).any(axis=1)
     shares = np.zeros(len(centers_mm))
     high = np.nanmedian(inner[known], axis=1)

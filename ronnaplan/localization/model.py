@@ -30,6 +30,7 @@ from ronnaplan.localization.parameters import (
     BACKGROUND,
     BLUR,
     CONTRAST,
+    LAYER_PARAMETERS,
     PARAMETERS,
     RADIUS,
     SHAPE,
@@ -48,9 +49,9 @@ SKIN_CURVATURE_PER_MM = 1.0 / 85.0
 """The skin falls away beside the ball like a sphere of a head's size. A ball of metal is 2 um off where the skin is
 fitted as if it were flat; a head of 70 instead of 100 mm makes 0.6 um."""
 
-_STREAKS_AT = len(PARAMETERS)
-_STREAK_COUNT = len(STREAK_PARAMETERS)
-_SKIN_COUNT = len(SKIN_PARAMETERS)
+_LAYER_AT = len(PARAMETERS)
+_LAYER_COUNT, _STREAK_COUNT, _SKIN_COUNT = len(LAYER_PARAMETERS), len(STREAK_PARAMETERS), len(SKIN_PARAMETERS)
+"""One, two and four: how many parameters there are says which."""
 
 DISC_NODES = (8, 16)
 """Discs that stand for one slice's profile: eight keep the error below 0.1 % of the contrast up to a width of 0.6 R,
@@ -182,6 +183,7 @@ def ball(
     du: float,
     dv: float,
     dw: float,
+    radius: float,
     theta: FloatArray,
     profile: tuple[float, float, float],
     table: FloatArray,
@@ -189,13 +191,14 @@ def ball(
     weights: FloatArray,
     slope: FloatArray,
 ) -> float:
-    """Blurred ball (0 outside, 1 inside) at offset (du, dv, dw) from its centre.
+    """Blurred ball (0 outside, 1 inside) of ``radius`` mm at offset (du, dv, dw) from its centre.
 
-    ``profile`` is what `slice_profile` says; ``slope`` (7,) receives the derivatives by the first seven parameters.
+    Blur and profile are those of ``theta``; ``profile`` is what `slice_profile` says of it. ``slope`` (7,) receives the
+    derivatives by the first seven parameters.
     The discs are summed over the latitude phi (w = R sin phi), in which even the polar cap is smooth.
     """
     slope[:7] = 0.0
-    radius, inverse, shape = theta[RADIUS], 1.0 / theta[BLUR], theta[SHAPE]
+    inverse, shape = 1.0 / theta[BLUR], theta[SHAPE]
     half, height, mean_log = profile
     low, high = max(dw - half, -radius), min(dw + half, radius)
     if low >= high:
@@ -235,15 +238,21 @@ def ball(
 
 
 @njit(cache=True, inline="always")
+def has_layer(theta: FloatArray) -> bool:
+    """Whether ``theta`` (P,) holds `LAYER_PARAMETERS`."""
+    return (len(theta) - _LAYER_AT) & _LAYER_COUNT != 0
+
+
+@njit(cache=True, inline="always")
 def has_streaks(theta: FloatArray) -> bool:
     """Whether ``theta`` (P,) holds `STREAK_PARAMETERS`."""
-    return (len(theta) - _STREAKS_AT) % _SKIN_COUNT == _STREAK_COUNT
+    return (len(theta) - _LAYER_AT) & _STREAK_COUNT != 0
 
 
 @njit(cache=True, inline="always")
 def has_skin(theta: FloatArray) -> bool:
     """Whether ``theta`` (P,) ends with `SKIN_PARAMETERS`."""
-    return len(theta) >= _STREAKS_AT + _SKIN_COUNT
+    return (len(theta) - _LAYER_AT) & _SKIN_COUNT != 0
 
 
 @njit(cache=True, inline="always")
@@ -254,12 +263,13 @@ def metal_streaks(du: float, dv: float, dw: float, theta: FloatArray, gradient: 
     through both and brightens those that pass through it alone (J. Barrett and N. Keat, RadioGraphics 24:1679, 2004):
     near the ball that is a pattern with two bright and two dark sides, which fades with the distance.
     """
-    radius, streak, diagonal = theta[RADIUS], theta[_STREAKS_AT], theta[_STREAKS_AT + 1]
+    at = _LAYER_AT + ((len(theta) - _LAYER_AT) & _LAYER_COUNT)
+    radius, streak, diagonal = theta[RADIUS], theta[at], theta[at + 1]
     spread = du * du + dv * dv + dw * dw + radius * radius
     envelope = 16.0 * radius**6 / spread**4
-    gradient[_STREAKS_AT] = (du * du - dv * dv) * envelope
-    gradient[_STREAKS_AT + 1] = 2.0 * du * dv * envelope
-    value = streak * gradient[_STREAKS_AT] + diagonal * gradient[_STREAKS_AT + 1]
+    gradient[at] = (du * du - dv * dv) * envelope
+    gradient[at + 1] = 2.0 * du * dv * envelope
+    value = streak * gradient[at] + diagonal * gradient[at + 1]
     fall = 8.0 * value / spread
     gradient[U] += fall * du - 2.0 * envelope * (streak * du + diagonal * dv)
     gradient[V] += fall * dv - 2.0 * envelope * (diagonal * du - streak * dv)
@@ -307,14 +317,20 @@ def voxel_model(
     dv: float,
     dw: float,
     theta: FloatArray,
+    layer_mm: float,
     profile: tuple[float, float, float],
     table: FloatArray,
     nodes: FloatArray,
     weights: FloatArray,
     gradient: FloatArray,
+    scratch: FloatArray,
 ) -> float:
-    """Expected HU at an offset from the ball's centre; ``gradient`` (P,) receives d(HU)/d(``theta``)."""
-    share = ball(du, dv, dw, theta, profile, table, nodes, weights, gradient)
+    """Expected HU at an offset from the ball's centre; ``gradient`` (P,) receives d(HU)/d(``theta``).
+
+    The second ball of a hollow or wrapped marker is larger by ``layer_mm`` in radius; ``scratch`` (7,) is for its
+    derivatives.
+    """
+    share = ball(du, dv, dw, theta[RADIUS], theta, profile, table, nodes, weights, gradient)
     for p in range(7):
         gradient[p] *= theta[CONTRAST]
     gradient[U] -= theta[SLOPE_U]
@@ -332,6 +348,12 @@ def voxel_model(
         + theta[SLOPE_V] * dv
         + theta[SLOPE_W] * dw
     )
+    if has_layer(theta):
+        level, radius = theta[_LAYER_AT], theta[RADIUS] + layer_mm
+        gradient[_LAYER_AT] = ball(du, dv, dw, radius, theta, profile, table, nodes, weights, scratch)
+        value += level * gradient[_LAYER_AT]
+        for p in range(7):
+            gradient[p] += level * scratch[p]
     if has_streaks(theta):
         value += metal_streaks(du, dv, dw, theta, gradient)
     if has_skin(theta):
@@ -341,10 +363,15 @@ def voxel_model(
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "arcp", "nsz"})
 def evaluate(
-    offsets: FloatArray, theta: FloatArray, table: FloatArray, nodes: FloatArray, weights: FloatArray
+    offsets: FloatArray,
+    theta: FloatArray,
+    layer_mm: float,
+    table: FloatArray,
+    nodes: FloatArray,
+    weights: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Model (N,) and its Jacobian (N, P) for voxels at ``offsets`` (N, 3) from an origin near the centre."""
-    profile = slice_profile(theta[WIDTH], theta[SHAPE])
+    profile, scratch = slice_profile(theta[WIDTH], theta[SHAPE]), np.empty(7)
     count = len(offsets)
     values = np.empty(count)
     jacobian = np.empty((count, len(theta)))
@@ -354,11 +381,13 @@ def evaluate(
             offsets[n, 1] - theta[V],
             offsets[n, 2] - theta[W],
             theta,
+            layer_mm,
             profile,
             table,
             nodes,
             weights,
             jacobian[n],
+            scratch,
         )
     return values, jacobian
 
@@ -369,13 +398,14 @@ def normal_equations(
     values: FloatArray,
     used: NDArray[np.bool_],
     theta: FloatArray,
+    layer_mm: float,
     ceiling: float,
     table: FloatArray,
     nodes: FloatArray,
     weights: FloatArray,
 ) -> tuple[float, FloatArray, FloatArray]:
     """Half the squared residuals, their gradient (P,) and Gauss-Newton matrix (P, P) over the used voxels."""
-    profile = slice_profile(theta[WIDTH], theta[SHAPE])
+    profile, scratch = slice_profile(theta[WIDTH], theta[SHAPE]), np.empty(7)
     size = len(theta)
     cost = 0.0
     slope = np.zeros(size)
@@ -387,7 +417,7 @@ def normal_equations(
         du = offsets[n, 0] - theta[U]
         dv = offsets[n, 1] - theta[V]
         dw = offsets[n, 2] - theta[W]
-        model = voxel_model(du, dv, dw, theta, profile, table, nodes, weights, gradient)
+        model = voxel_model(du, dv, dw, theta, layer_mm, profile, table, nodes, weights, gradient, scratch)
         if values[n] >= ceiling and model >= ceiling:
             continue
         residual = values[n] - model

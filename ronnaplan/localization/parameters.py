@@ -16,9 +16,13 @@ U, V, W, RADIUS, BLUR, WIDTH, SHAPE, CONTRAST, BACKGROUND, SLOPE_U, SLOPE_V, SLO
 CENTER, SLOPES = slice(0, 3), slice(SLOPE_U, SLOPE_W + 1)
 """Places in the parameters, by name."""
 
+LAYER_PARAMETERS = ("layer",)
+"""One more where the marker is hollow or wrapped: the level (HU) of a second ball about the same centre, below zero for
+a cavity, above for what is wrapped around."""
+
 STREAK_PARAMETERS = ("streak", "streak_diagonal")
-"""Two more where the ball is metal: how bright its streaks are at the surface (HU) along the rows, which are as dark
-down the columns, and the same on the diagonals."""
+"""Two more, after it, where the ball is metal: how bright its streaks are at the surface (HU) along the rows, which are
+as dark down the columns, and the same on the diagonals."""
 
 SKIN_PARAMETERS = ("skin", "skin_u", "skin_v", "skin_w")
 """Four more, the last ones, where the ball lies on skin: its level over the background (HU), and the vector g (1/mm)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.build import Build
 from ronnaplan.localization.descent import (
     MAX_WANDER,
     Prior,
@@ -133,23 +134,25 @@ class BallFit:
         return float(np.sqrt(np.mean(self.residuals_hu[near] ** 2)) / abs(self.contrast_hu))
 
 
-def fit_ball(around: Neighbourhood, diameter_mm: float, thickness_mm: float, ceiling_hu: float) -> BallFit:
+def fit_ball(
+    around: Neighbourhood, diameter_mm: float, build: Build, thickness_mm: float, ceiling_hu: float
+) -> BallFit:
     """Fit a ball of about ``diameter_mm`` to the voxels ``around`` a candidate.
 
     ``thickness_mm`` is the nominal slice thickness, ``ceiling_hu`` the value at which the scan clips (infinite
     where it does not).
     """
-    theta = first_guess(around, diameter_mm, thickness_mm, ceiling_hu)
-    prior = ball_prior(theta, is_clipped=theta[CONTRAST] + theta[BACKGROUND] > ceiling_hu)
+    theta = first_guess(around, diameter_mm, build, thickness_mm, ceiling_hu)
+    prior = ball_prior(theta, build, is_clipped=theta[CONTRAST] + theta[BACKGROUND] > ceiling_hu)
     # What is brighter than the ball (an insert, a screw) must not draw the first fit to itself.
     dimmed = replace(around, values_hu=np.minimum(around.values_hu, theta[CONTRAST] + theta[BACKGROUND]))
     few = _thinned(len(around.values_hu))
     start = theta
     theta, _ = descend(dimmed, few, theta, frozen(prior, theta), ceiling_hu)
-    verdict, _ = _judged(around, theta, ceiling_hu)
+    verdict, _ = _judged(around, theta, prior.layer_mm, ceiling_hu)
     if verdict.usual_rms_hu <= FIRST_LOOK_MISFIT * theta[CONTRAST]:
         theta, _ = descend(dimmed, few, theta, prior, ceiling_hu)
-        verdict, _ = _judged(around, theta, ceiling_hu)
+        verdict, _ = _judged(around, theta, prior.layer_mm, ceiling_hu)
     if _is_hopeless(theta, verdict, start):
         return _ball_fit(around, theta, prior, verdict, few, ceiling_hu, converged=False)
     around = around.select(
@@ -171,7 +174,7 @@ def _settle(
     previous = np.empty(0, dtype=np.int8)
     converged = True
     for _ in range(MAX_ROUNDS):
-        verdict, cells = _judged(around, theta, ceiling_hu)
+        verdict, cells = _judged(around, theta, prior.layer_mm, ceiling_hu)
         used = within_reach(around.offsets_mm, theta) & (verdict.state[cells] == 1)
         if _is_hopeless(theta, verdict, start) or used.sum() < 3 * len(theta):
             converged = False
@@ -192,7 +195,7 @@ def _ball_fit(
     *,
     converged: bool,
 ) -> BallFit:
-    residuals, jacobian = residuals_and_jacobian(around, theta, ceiling_hu)
+    residuals, jacobian = residuals_and_jacobian(around, theta, prior.layer_mm, ceiling_hu)
     moves = influence(jacobian, used, prior.weight)
     is_shaded = converged and ceiling_hu - theta[BACKGROUND] >= PLATEAU_SHARE * theta[CONTRAST]
     if is_shaded:
@@ -245,13 +248,12 @@ def _with_skin(
     place = toward / np.linalg.norm(toward) / theta[RADIUS]
     spread = np.array([SKIN_PRIOR_HU, *[SKIN_PRIOR_PLACE / theta[RADIUS]] * 3])
     skin = np.array([_level_beside(verdict), *place])
-    added = Prior.of(skin, spread)
+    added = Prior.of(skin, spread, prior.layer_mm)
     if has_streaks(theta):
         added.weight[1:] = (METAL_SKIN_HOLD * theta[CONTRAST] * theta[RADIUS]) ** 2
     lowest = float(np.quantile(around.values_hu, 0.05))
-    return np.concatenate([theta[:BACKGROUND], [lowest, 0.0, 0.0, 0.0], theta[len(PARAMETERS) :], skin]), Prior(
-        np.concatenate([prior.mean, added.mean]), np.concatenate([prior.weight, added.weight])
-    )
+    start = np.concatenate([theta[:BACKGROUND], [lowest, 0.0, 0.0, 0.0], theta[len(PARAMETERS) :], skin])
+    return start, prior.extended(added)
 
 
 def _is_hopeless(theta: FloatArray, verdict: Verdict, start: FloatArray) -> bool:
@@ -260,9 +262,11 @@ def _is_hopeless(theta: FloatArray, verdict: Verdict, start: FloatArray) -> bool
     return wandered or smeared or bool(verdict.usual_rms_hu > HOPELESS_MISFIT * theta[CONTRAST])
 
 
-def _judged(around: Neighbourhood, theta: FloatArray, ceiling_hu: float) -> tuple[Verdict, NDArray[np.intp]]:
+def _judged(
+    around: Neighbourhood, theta: FloatArray, layer_mm: float, ceiling_hu: float
+) -> tuple[Verdict, NDArray[np.intp]]:
     cells = direction_cells(around.offsets_mm - theta[CENTER])
-    residuals, jacobian = residuals_and_jacobian(around, theta, ceiling_hu)
+    residuals, jacobian = residuals_and_jacobian(around, theta, layer_mm, ceiling_hu)
     levels = slice(len(PARAMETERS), len(theta) - 3 if has_skin(theta) else None)
     explained_hu = jacobian[:, levels] @ theta[levels]
     return judge(around, cells, theta, residuals, jacobian, explained_hu), cells

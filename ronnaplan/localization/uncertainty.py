@@ -84,7 +84,7 @@ SMALLEST = 1e-30
 """Keeps ratios of squares finite where a fit leaves nothing over."""
 
 
-def center_covariance(fit: BallFit, noise_hu: float, excess_mm: float) -> FloatArray:
+def center_covariance(fit: BallFit, noise_hu: float, excess_mm: float = 0.0) -> FloatArray:
     """Covariance (3, 3) of the fitted centre in LPS, mm^2: noise (``noise_hu``), model error and what may cover it.
 
     ``excess_mm`` is the fitted minus the stated diameter.

@@ -30,6 +30,7 @@ class Candidate:
     title: str
     center_mm: FloatArray
     parameters: FloatArray
+    layer_mm: float
     accepted: bool
 
 
@@ -62,12 +63,13 @@ def _rows(found: Fiducials) -> list[Candidate]:
             f"{one.coverage:.0%} of the surface used",
             one.center_mm,
             one.parameters,
+            found.marker.layer_mm,
             accepted=True,
         )
         for one in found.fiducials
     ]
     nearly = [
-        Candidate(f"rejected: {one.reason}", one.fitted_mm, one.parameters, accepted=False)
+        Candidate(f"rejected: {one.reason}", one.fitted_mm, one.parameters, found.marker.layer_mm, accepted=False)
         for one in found.rejected[:NEARLY_SHOWN]
     ]
     return accepted + nearly
@@ -108,7 +110,7 @@ def _left_over(volume: CTVolume, row: Candidate, reach_mm: float) -> CTVolume:
     centred = row.parameters.copy()
     centred[CENTER] = 0.0
     offsets = np.ascontiguousarray((places - row.center_mm).reshape(-1, 3) @ grid.axes.T)
-    model, _ = evaluate(offsets, centred, *kernel(centred))
+    model, _ = evaluate(offsets, centred, row.layer_mm, *kernel(centred))
     origins = grid.origins_mm[low[0] : high[0]] + low[1] * grid.row_step_mm + low[2] * grid.column_step_mm
     left_over = (box - model.reshape(box.shape)).astype(np.float32)
     return replace(volume, voxels_hu=left_over, grid=replace(grid, origins_mm=origins))

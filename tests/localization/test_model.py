@@ -28,7 +28,7 @@ KINDS = {
 
 
 def model(offsets: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return evaluate(offsets, theta, *kernel(theta))
+    return evaluate(offsets, theta, 0.0, *kernel(theta))
 
 
 @pytest.mark.parametrize("shape", [0.0, 0.4, 1.0, 4.0])

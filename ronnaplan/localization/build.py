@@ -1,0 +1,40 @@
+"""How the markers are made: solid balls, hollow shells, or balls wrapped in something."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ronnaplan.errors import UsageError
+
+KINDS = {"shell": -1.0, "wrapped": 1.0}
+"""What may be said beside 'solid', and on which side of the surface its layer lies."""
+
+
+@dataclass(frozen=True)
+class Build:
+    """A second ball about the marker's own centre, larger in radius by ``layer_mm``: below 0 a cavity, 0 none."""
+
+    layer_mm: float = 0.0
+
+    @property
+    def wall_mm(self) -> float:
+        """Thickness of a hollow marker's shell; 0 where it is not hollow."""
+        return max(-self.layer_mm, 0.0)
+
+    @classmethod
+    def parse(cls, text: str) -> Build:
+        """Read 'solid', 'shell:WALL' or 'wrapped:THICKNESS' (mm); raises `UsageError` for anything else."""
+        kind, _, number = text.partition(":")
+        if text == "solid":
+            return cls()
+        try:
+            layer_mm = float(number)
+        except ValueError:
+            layer_mm = math.nan
+        if kind not in KINDS or not (math.isfinite(layer_mm) and layer_mm > 0):
+            raise UsageError(f"the marker is '{text}'; expected solid, shell:WALL or wrapped:THICKNESS in mm")
+        return cls(KINDS[kind] * layer_mm)
+
+
+SOLID = Build()
