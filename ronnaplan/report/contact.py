@@ -107,10 +107,10 @@ def _left_over(volume: CTVolume, row: Candidate, reach_mm: float) -> CTVolume:
     low = np.minimum(low, high - 1)
     box = volume.voxels_hu[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
     places = grid.positions_mm(np.moveaxis(np.indices(box.shape), 0, -1) + low.astype(np.float64))
-    centred = row.parameters.copy()
-    centred[CENTER] = 0.0
+    at_center = row.parameters.copy()
+    at_center[CENTER] = 0.0
     offsets = np.ascontiguousarray((places - row.center_mm).reshape(-1, 3) @ grid.axes.T)
-    model, _ = evaluate(offsets, centred, row.layer_mm, *kernel(centred))
+    model, _ = evaluate(offsets, at_center, row.layer_mm, *kernel(at_center))
     origins = grid.origins_mm[low[0] : high[0]] + low[1] * grid.row_step_mm + low[2] * grid.column_step_mm
     left_over = (box - model.reshape(box.shape)).astype(np.float32)
     return replace(volume, voxels_hu=left_over, grid=replace(grid, origins_mm=origins))
