@@ -30,8 +30,8 @@ class Candidate:
     title: str
     center_mm: FloatArray
     parameters: FloatArray
-    layer_mm: float
     accepted: bool
+    layer_mm: float = 0.0
 
 
 def contact_sheet(volume: CTVolume, found: Fiducials) -> bytes:
@@ -63,13 +63,19 @@ def _rows(found: Fiducials) -> list[Candidate]:
             f"{one.coverage:.0%} of the surface used",
             one.center_mm,
             one.parameters,
-            found.marker.layer_mm,
             accepted=True,
+            layer_mm=found.marker.layer_mm,
         )
         for one in found.fiducials
     ]
     nearly = [
-        Candidate(f"rejected: {one.reason}", one.fitted_mm, one.parameters, found.marker.layer_mm, accepted=False)
+        Candidate(
+            f"rejected: {one.reason}",
+            one.fitted_mm,
+            one.parameters,
+            accepted=False,
+            layer_mm=found.marker.layer_mm,
+        )
         for one in found.rejected[:NEARLY_SHOWN]
     ]
     return accepted + nearly

@@ -52,7 +52,7 @@ def _picture(scan: Scan, marker: FiducialEntry) -> MarkerPicture:
     figure = Figure(figsize=(12.0, 2.1), dpi=80, layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(1, 2 * len(CUTS))
-    candidate = Candidate(marker.label, fit.center_mm, fit.theta, 0.0, accepted=True)
+    candidate = Candidate(marker.label, fit.center_mm, fit.theta, accepted=True)
     for column, cut in enumerate(CUTS):
         data, residual = (figure.add_subplot(grid[0, 2 * column + n]) for n in (0, 1))
         draw_cut(data, residual, scan.volume, candidate, cut)
