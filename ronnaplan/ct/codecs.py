@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
+from contextlib import suppress
 from threading import Lock
 from typing import Any, Final
 
@@ -13,8 +15,10 @@ from ronnaplan.text import printable
 
 JPEG_LOSSLESS: Final = frozenset({"1.2.840.10008.1.2.4.57", "1.2.840.10008.1.2.4.70"})
 JPEG_EXTENDED: Final = "1.2.840.10008.1.2.4.51"
+JPEG_LS: Final = frozenset({"1.2.840.10008.1.2.4.80", "1.2.840.10008.1.2.4.81"})
+RLE: Final = "1.2.840.10008.1.2.5"
 PLUGINS: Final = {
-    "1.2.840.10008.1.2.5": "pydicom",  # RLE
+    RLE: "pydicom",
     "1.2.840.10008.1.2.4.50": "pillow",  # JPEG baseline
     JPEG_EXTENDED: "pillow",  # JPEG extended, 8 bits
     "1.2.840.10008.1.2.4.80": "pyjpegls",  # JPEG-LS lossless
@@ -29,6 +33,9 @@ PLUGINS: Final = {
 
 
 _JPEG_12_BITS: Final = "JPEG extended, 12 bits, which pylibjpeg-libjpeg decodes"
+_END_OF_IMAGE: Final = b"\xff\xd9"
+_MOST_PADDING: Final = 8
+"""Zero bytes that an encoder may leave of its buffer."""
 _START_OF_FRAME: Final = frozenset({*range(0xC0, 0xD0), 0xF7} - {0xC4, 0xC8, 0xCC})
 PACKAGES: Final = {
     "1.2.840.10008.1.2.4.92": "JPEG 2000 multi-component, for which no maintained decoder is known",
@@ -72,16 +79,43 @@ def decode_frame(frame: bytes, pixels: PixelFormat) -> Stored:
     """Decode one compressed frame to (J, I), or (J, I, samples); raises `InputError`."""
     declared = codestream_size(frame)
     expected = (pixels.rows, pixels.columns, pixels.samples)
+    if declared is None and pixels.transfer_syntax != RLE:
+        raise InputError("its compressed image does not declare its size; copy it again")
     if declared is not None and declared != expected:
         raise InputError(f"its compressed image has rows, columns and samples {declared}, its header {expected}")
     if pixels.transfer_syntax in JPEG_LOSSLESS:
         return decode_jpeg_lossless(frame, pixels.rows, pixels.columns).view(
             f"{'i' if pixels.is_signed else 'u'}2"
         )
+    try:
+        return _decode_with_pydicom(frame, pixels)
+    except InputError:
+        for shorter in _with_less_padding(frame) if pixels.transfer_syntax in JPEG_LS else ():
+            with suppress(InputError):
+                return _decode_with_pydicom(shorter, pixels)
+        raise
+
+
+def _with_less_padding(frame: bytes) -> Iterator[bytes]:
+    """Yield the stream with one more zero byte before its end marker left out each time.
+
+    Some encoders write such bytes, and CharLS refuses them. It decodes only what its coded bytes fill exactly, so
+    that no zero that is data can be lost.
+    """
+    end = frame.rfind(_END_OF_IMAGE)
+    for count in range(1, _MOST_PADDING + 1):
+        if end < count or frame[end - count] != 0:
+            return
+        yield frame[: end - count] + frame[end:]
+
+
+def _decode_with_pydicom(frame: bytes, pixels: PixelFormat) -> Stored:
     with _IMPORTING:
         from pydicom.encaps import encapsulate
         from pydicom.pixels.decoders.base import get_decoder
         from pydicom.uid import UID
+
+    expected = (pixels.rows, pixels.columns, pixels.samples)
 
     try:
         decoded, _ = get_decoder(UID(pixels.transfer_syntax)).as_array(

@@ -5,7 +5,7 @@ import numpy as np
 import pydicom
 import pydicom.data
 import pytest
-from pydicom.encaps import generate_frames
+from pydicom.encaps import encapsulate, generate_frames
 
 from ronnaplan.ct import Limits, VolumeFlag, read_ct
 from ronnaplan.ct.codecs import codestream_size, decode_frame
@@ -138,6 +138,49 @@ def test_a_stream_that_declares_another_size_is_refused_before_it_is_decoded(tmp
     assert codestream_size(frame) == (64, 64, 1)
     with pytest.raises(InputError, match=r"has rows, columns and samples \(64, 64, 1\), its header \(64, 65, 1\)"):
         decode_frame(frame, pixel_format(64, 65, syntax))
+
+
+def jpeg_ls_frames(folder: Path) -> list[bytes]:
+    """Return streams whose last coded byte differs, so that one of them ends in a zero that is data."""
+    frames = []
+    for k in range(40):
+        values = np.random.default_rng(k).integers(0, 3000, (6, 7)).astype(np.uint16)
+        made = compress(dataset(k, stored=values), JPEG_LS, folder)
+        frames.append(next(generate_frames(made.PixelData, number_of_frames=1)))
+    return frames
+
+
+def test_jpeg_ls_padded_before_its_end_is_read_as_gdcm_reads_it(tmp_path: Path) -> None:
+    """As the stream MR1_JLSL of DICOM's working group 4 is: one zero byte before the end marker."""
+    for k in range(3):
+        made = compress(dataset(k, stored=stored(k, signed=False)), JPEG_LS, tmp_path)
+        frame = next(generate_frames(made.PixelData, number_of_frames=1)).rstrip(b"\0")
+        made.PixelData = encapsulate([frame[:-2] + b"\0" + frame[-2:]])
+        save(made, tmp_path / str(k))
+    theirs = pydicom.dcmread(tmp_path / "1")
+    theirs.pixel_array_options(decoding_plugin="gdcm")
+    assert np.array_equal(theirs.pixel_array, stored(1, signed=False))
+    assert np.array_equal(read_ct(tmp_path).voxels_hu[1], theirs.pixel_array.astype(np.int64) - 1024)
+
+
+def test_zeros_that_belong_to_jpeg_ls_data_are_not_taken_for_padding(tmp_path: Path) -> None:
+    pixels = pixel_format(6, 7, JPEG_LS)
+    for k, frame in enumerate(jpeg_ls_frames(tmp_path)):
+        expected = np.random.default_rng(k).integers(0, 3000, (6, 7))
+        end = frame.rfind(b"\xff\xd9")
+        for padding in (0, 1, 3, 8):
+            assert np.array_equal(decode_frame(frame[:end] + bytes(padding) + frame[end:], pixels), expected)
+        with pytest.raises(InputError):
+            decode_frame(frame[:end] + bytes(9) + frame[end:], pixels)
+        with pytest.raises(InputError):
+            decode_frame(frame[: end - 1] + frame[end:], pixels)
+
+
+@pytest.mark.parametrize("syntax", [JPEG_57, JPEG_LS, JPEG_2000, "1.2.840.10008.1.2.4.50"])
+@pytest.mark.parametrize("frame", [b"", b"\xff\xd8", b"\xff\xd8\xff\xd9", b"nonsense" * 20])
+def test_a_stream_that_declares_no_size_is_refused_before_it_is_decoded(syntax: str, frame: bytes) -> None:
+    with pytest.raises(InputError, match="does not declare its size"):
+        decode_frame(frame, pixel_format(6, 7, syntax))
 
 
 @pytest.mark.parametrize(

@@ -92,6 +92,16 @@ def test_a_sequence_of_unknown_representation_is_implicit_inside_and_stepped_ove
     assert numbers(elements, 0x00200032) == (-10, -20, 30)
 
 
+def test_an_element_that_stands_twice_with_two_values_is_refused(tmp_path: Path, plain: bytes) -> None:
+    at = plain.find(b"\x28\x00\x30\x00DS")
+    again = plain[at : at + 8] + b"0.8\\0.75"
+    assert len(again) == 16
+    with pytest.raises(DamagedError, match=r"it gives element \(0028,0030\) twice, with two values"):
+        read_header(written(tmp_path / "twice", plain[:at] + again + plain[at:]), Limits())
+    same = plain[:at] + plain[at : at + 8 + plain[at + 6]] + plain[at:]
+    assert read_header(written(tmp_path / "same", same), Limits()).elements
+
+
 @pytest.mark.parametrize("keep", [0, 1, 131, 140, 200, 400, 700])
 def test_a_file_cut_off_anywhere_in_its_header_is_refused(tmp_path: Path, plain: bytes, keep: int) -> None:
     with pytest.raises((NotDicomError, DamagedError)):
