@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import bz2
-import gzip
 import io
 import zlib
 from collections.abc import Iterator
@@ -102,15 +101,18 @@ def _first_byte(header: ImageHeader, size: int) -> int:
 
 def unpacked(file: BinaryIO, stored: StoredVoxels) -> BinaryIO:
     """Return what is packed in ``file`` from its present position."""
-    if stored.encoding == "gzip":
-        return cast("BinaryIO", gzip.GzipFile(fileobj=file))
+    if stored.encoding == "raw":
+        return file
     if stored.encoding == "bzip2":
         return cast("BinaryIO", bz2.BZ2File(file))
-    return io.BufferedReader(_Inflated(file), _READ_AT_ONCE_BYTES) if stored.encoding == "zlib" else file
+    return io.BufferedReader(_Inflated(file), _READ_AT_ONCE_BYTES)
 
 
 class _Inflated(io.RawIOBase):
-    """The inflated bytes of one zlib (or gzip) stream, to its checksum."""
+    """The inflated bytes of all zlib or gzip streams to the end of a file, each to its checksum.
+
+    Python's own `gzip.GzipFile` reads in pieces of 8 KiB, which costs a third of the time.
+    """
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
@@ -122,12 +124,17 @@ class _Inflated(io.RawIOBase):
 
     def readinto(self, target: Any) -> int:
         """Fill ``target``; return how many bytes there were, 0 at the end of a whole stream."""
-        while not self._inflate.eof:
-            packed = self._inflate.unconsumed_tail or self._file.read(_READ_AT_ONCE_BYTES)
+        while True:
+            if self._inflate.eof:
+                packed = (self._inflate.unused_data or self._file.read(_READ_AT_ONCE_BYTES)).lstrip(b"\0")
+                if not packed:
+                    return 0
+                self._inflate = zlib.decompressobj(_ZLIB_OR_GZIP)
+            else:
+                packed = self._inflate.unconsumed_tail or self._file.read(_READ_AT_ONCE_BYTES)
             content = self._inflate.decompress(packed, len(target))
             if content:
                 target[: len(content)] = content
                 return len(content)
             if not packed:
                 raise EOFError
-        return 0

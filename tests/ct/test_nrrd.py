@@ -115,6 +115,15 @@ def test_packed_voxels_are_read_to_their_checksum(tmp_path: Path, name: str, pac
         read_ct(path)
 
 
+@pytest.mark.parametrize("between", [b"", b"\0" * 100])
+def test_gzip_of_several_members_is_read(tmp_path: Path, between: bytes) -> None:
+    header, voxels = header_and_voxels(tmp_path / "head.nrrd")
+    path = tmp_path / "packed.nrrd"
+    packed = between.join(gzip.compress(part) for part in (voxels[:101], voxels[101:102], voxels[102:]))
+    path.write_bytes(header.replace(b"raw", b"gzip") + b"\n\n" + packed + between)
+    assert np.array_equal(read_ct(path).voxels_hu, VOXELS)
+
+
 def test_a_detached_header_finds_its_voxels_beside_it(tmp_path: Path) -> None:
     header, voxels = header_and_voxels(tmp_path / "head.nrrd")
     (tmp_path / "other.raw").write_bytes(b"12345" + voxels)
