@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from ronnaplan.ct.files import Blob, DamagedError, DiskFile, NotDicomError, Skipped, blobs_below, given_path
+from ronnaplan.ct.files import Blob, DamagedError, DiskFile, NotDicomError, Skipped, given_path
+from ronnaplan.ct.folders import blobs_below
 from ronnaplan.ct.frames import images_of, why_not_ct
 from ronnaplan.ct.header import read_header
 from ronnaplan.ct.images import is_image_file

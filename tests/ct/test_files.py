@@ -28,7 +28,7 @@ def test_a_zip_of_a_study_is_read_without_unpacking_it_to_a_folder(tmp_path: Pat
 
 
 def test_a_large_multi_frame_file_in_a_zip_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ronnaplan.ct.files._UNPACKED_IN_MEMORY_BYTES", 100)
+    monkeypatch.setattr("ronnaplan.ct.archives._UNPACKED_IN_MEMORY_BYTES", 100)
     (tmp_path / "study").mkdir()
     save(enhanced(4), tmp_path / "study" / "multi")
     assert np.array_equal(read_ct(zipped(tmp_path / "study", tmp_path / "a.zip")).voxels_hu, EXPECTED)
