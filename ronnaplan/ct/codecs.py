@@ -116,7 +116,6 @@ def _decode_with_pydicom(frame: bytes, pixels: PixelFormat) -> Stored:
         from pydicom.uid import UID
 
     expected = (pixels.rows, pixels.columns, pixels.samples)
-
     try:
         decoded, _ = get_decoder(UID(pixels.transfer_syntax)).as_array(
             encapsulate([frame], has_bot=False),
