@@ -36,11 +36,12 @@ def scalp_foot(direction: Vector, size: float = 1.0) -> Foot:
     return Foot(place, outward / np.linalg.norm(outward))
 
 
-def _embedded(material: str, name: str, *solids: Solid) -> Scene:
+def embedded(material: str, name: str, *solids: Solid) -> Scene:
+    """Return solids of one material that cut through whatever was there before."""
     return Scene(tuple(Part(solid, material, name, embedded=True) for solid in solids))
 
 
-def _pair(center: tuple[float, float, float], semi_axes: tuple[float, float, float], size: float) -> list[Solid]:
+def pair(center: tuple[float, float, float], semi_axes: tuple[float, float, float], size: float) -> list[Solid]:
     """Return an ellipsoid and its mirror image across the midline."""
     x, y, z = center
     return [ellipsoid((side * x * size, y * size, z * size), size * np.array(semi_axes)) for side in (-1, 1)]
@@ -50,41 +51,38 @@ def head(size: float = 1.0) -> Scene:
     """Return a head of skin, skull, brain, ventricles, air sinuses, petrous bones, ears, neck and teeth."""
     scalp = np.asarray(SCALP_SEMI_AXES_MM) * size
     scene = (
-        _embedded("skin", "neck", cylinder(size * np.array([0, 18, -50]), (0, 0.1, -1), 120 * size, 112 * size))
-        + _embedded("skin", "face", ellipsoid(size * np.array([0, -40, -66]), size * np.array([56, 52, 58])))
-        + _embedded("skin", "ear", *_pair((77, 12, -28), (5, 15, 27), size))
-        + _embedded("skin", "scalp", ellipsoid((0, 0, 0), scalp))
-        + _embedded("skull", "skull", ellipsoid((0, 0, 0), scalp - 6 * size))
-        + _embedded("brain", "brain", ellipsoid((0, size, -size), scalp - 13 * size))
-        + _embedded("skull", "spine", cylinder(size * np.array([0, 26, -80]), (0, 0.1, -1), 90 * size, 28 * size))
-        + _embedded("skull", "maxilla", ellipsoid(size * np.array([0, -54, -78]), size * np.array([34, 28, 14])))
-        + _embedded(
-            "air", "nasal cavity", ellipsoid(size * np.array([0, -66, -58]), size * np.array([10, 22, 16]))
-        )
-        + _embedded(
-            "air", "frontal sinus", ellipsoid(size * np.array([0, -85, 12]), size * np.array([13, 2.4, 7]))
-        )
-        + _embedded("cerebrospinal fluid", "ventricle", *_pair((9, 0, 12), (6, 30, 9), size))
-        + _embedded("cortical bone", "petrous bone", *_pair((36, 14, -40), (18, 9, 9), size))
-        + _embedded("air", "maxillary sinus", *_pair((27, -58, -62), (10, 13, 12), size))
-        + _embedded("tooth", "tooth", *(_tooth(n, size) for n in range(TEETH)))
+        embedded("skin", "neck", cylinder(size * np.array([0, 18, -50]), (0, 0.1, -1), 120 * size, 112 * size))
+        + embedded("skin", "face", ellipsoid(size * np.array([0, -40, -66]), size * np.array([56, 52, 58])))
+        + embedded("skin", "ear", *pair((77, 12, -28), (5, 15, 27), size))
+        + embedded("skin", "scalp", ellipsoid((0, 0, 0), scalp))
+        + embedded("skull", "skull", ellipsoid((0, 0, 0), scalp - 6 * size))
+        + embedded("brain", "brain", ellipsoid((0, size, -size), scalp - 13 * size))
+        + embedded("skull", "spine", cylinder(size * np.array([0, 26, -80]), (0, 0.1, -1), 90 * size, 28 * size))
+        + embedded("skull", "maxilla", ellipsoid(size * np.array([0, -54, -78]), size * np.array([34, 28, 14])))
+        + embedded("air", "nasal cavity", ellipsoid(size * np.array([0, -66, -58]), size * np.array([10, 22, 16])))
+        + embedded("air", "frontal sinus", ellipsoid(size * np.array([0, -85, 12]), size * np.array([13, 2.4, 7])))
+        + embedded("cerebrospinal fluid", "ventricle", *pair((9, 0, 12), (6, 30, 9), size))
+        + embedded("cortical bone", "petrous bone", *pair((36, 14, -40), (18, 9, 9), size))
+        + embedded("air", "maxillary sinus", *pair((27, -58, -62), (10, 13, 12), size))
+        + embedded("tooth", "tooth", *(_tooth(n, size) for n in range(TEETH)))
     )
     return Scene(scene.parts, name="head")
 
 
-def _tooth_place(number: int, size: float) -> FloatArray:
+def tooth_place(number: int, size: float) -> FloatArray:
+    """Return the root's end of an upper tooth (0 to 11, from the right to the left)."""
     angle = np.radians(-66 + 132 * number / (TEETH - 1))
     return size * np.array([26 * np.sin(angle), -46 - 30 * np.cos(angle), -94])
 
 
 def _tooth(number: int, size: float) -> Solid:
-    return cylinder(_tooth_place(number, size), (0, 0, 1), 16 * size, 6.5 * size)
+    return cylinder(tooth_place(number, size), (0, 0, 1), 16 * size, 6.5 * size)
 
 
 def dental_metal(teeth: tuple[int, ...], material: str = "amalgam", size: float = 1.0) -> Scene:
     """Return fillings in the biting surfaces of the given ``teeth`` (0 to 11, from the right to the left)."""
-    fillings = [cylinder(_tooth_place(number, size), (0, 0, 1), 4 * size, 4.4 * size) for number in teeth]
-    return _embedded(material, "dental filling", *fillings)
+    fillings = [cylinder(tooth_place(number, size), (0, 0, 1), 4 * size, 4.4 * size) for number in teeth]
+    return embedded(material, "dental filling", *fillings)
 
 
 def headrest(size: float = 1.0) -> Scene:
@@ -132,9 +130,9 @@ def infusion_tube(size: float = 1.0, farther_mm: float = 0.0) -> Scene:
 def electrode(foot: Foot) -> Scene:
     """Return an ECG (or EEG) electrode on the skin: a gel pad, a silver disc and a steel snap."""
     return (
-        _embedded("water", "electrode gel", cylinder(foot.above(0), foot.outward, 1.5, 14))
-        + _embedded("silver", "electrode", cylinder(foot.above(1.5), foot.outward, 0.6, 10))
-        + _embedded("steel", "electrode snap", cylinder(foot.above(2.1), foot.outward, 3, 4))
+        embedded("water", "electrode gel", cylinder(foot.above(0), foot.outward, 1.5, 14))
+        + embedded("silver", "electrode", cylinder(foot.above(1.5), foot.outward, 0.6, 10))
+        + embedded("steel", "electrode snap", cylinder(foot.above(2.1), foot.outward, 3, 4))
     )
 
 
@@ -143,6 +141,6 @@ def ear_rings(size: float = 1.0) -> Scene:
     scene = Scene()
     for side in (-1, 1):
         lobe = size * np.array([side * 79, 10, -48])
-        scene += _embedded("gold", "ear stud", cylinder(lobe, (side, 0, 0), 8, 1.0))
-        scene += _embedded("gold", "ear-ring", cylinder(lobe + np.array([side * 6, 0, 0]), (side, 0, 0), 1.6, 5))
+        scene += embedded("gold", "ear stud", cylinder(lobe, (side, 0, 0), 8, 1.0))
+        scene += embedded("gold", "ear-ring", cylinder(lobe + np.array([side * 6, 0, 0]), (side, 0, 0), 1.6, 5))
     return scene

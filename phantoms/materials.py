@@ -35,6 +35,7 @@ _SOFT = {
     "K": 0.003,
 }
 _CELLULOSE = {"C": 0.444, "H": 0.062, "O": 0.494}
+_KERATIN = {"H": 0.066, "C": 0.505, "N": 0.164, "O": 0.219, "S": 0.046}
 _ENAMEL = {"H": 0.010, "C": 0.010, "O": 0.426, "Mg": 0.003, "P": 0.177, "Ca": 0.374}
 
 MATERIALS: dict[str, Material] = {
@@ -69,6 +70,12 @@ MATERIALS: dict[str, Material] = {
             {"H": 0.034, "C": 0.155, "N": 0.042, "O": 0.435, "Mg": 0.002, "P": 0.103, "S": 0.003, "Ca": 0.225},
             1780.0,
         ),
+        Material(
+            "diploe",
+            1.25,
+            {"H": 0.085, "C": 0.404, "N": 0.028, "O": 0.367, "P": 0.034, "S": 0.002, "Ca": 0.080},
+            450.0,
+        ),
         Material("tooth", 2.3, _ENAMEL, 2880.0),
         Material("foam", 0.05, {"C": 0.85, "H": 0.15}, -950.0),
         Material("polyethylene", 0.95, {"C": 0.8563, "H": 0.1437}, -87.0),
@@ -88,8 +95,11 @@ MATERIALS: dict[str, Material] = {
         Material("gel", 1.02, {"H": 0.108, "C": 0.050, "O": 0.830, "Na": 0.005, "Cl": 0.007}, 22.0),
         Material("cloth", 0.45, _CELLULOSE, -580.0),
         Material("gauze", 0.15, _CELLULOSE, -861.0),
-        Material("hair", 0.60, {"H": 0.066, "C": 0.505, "N": 0.164, "O": 0.219, "S": 0.046}, -417.0),
+        Material("loose hair", 0.05, _KERATIN, -952.0),
+        Material("hair", 0.60, _KERATIN, -417.0),
         Material("ceramic", 3.9, {"Al": 0.5293, "O": 0.4707}, 3320.0),
+        Material("aluminium", 2.70, {"Al": 1.0}, 2440.0),
+        Material("copper", 8.96, {"Cu": 1.0}, 31000.0),
         Material("titanium", 4.43, {"Ti": 0.90, "Al": 0.06, "V": 0.04}, 8800.0),
         Material("steel", 7.9, {"Fe": 0.70, "Cr": 0.18, "Ni": 0.12}, 19000.0),
         Material("amalgam", 11.0, {"Hg": 0.50, "Ag": 0.35, "Sn": 0.12, "Cu": 0.03}, 31000.0),

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from phantoms.anatomy import (
     TEETH,
+    Foot,
     dental_metal,
     ear_rings,
     electrode,
@@ -20,15 +23,21 @@ from phantoms.anatomy import (
 from phantoms.coverings import COVERINGS
 from phantoms.errors import PhantomError
 from phantoms.examination import Examination
+from phantoms.lifelike import lifelike_head
 from phantoms.markers import DECOYS, KINDS, Condition, Post, decoy, made, marker, marker_kind, touching_pair
 from phantoms.protocols import draw
 from phantoms.scanner import Scanner
 from phantoms.scene import Scene, join
 from phantoms.solids import FloatArray, Vector
 from phantoms.stack import axial_stack
+from phantoms.surgery import bone_flap, burr_hole, shunt
+from phantoms.worn import braces, eeg_cap, hair, head_frame
 
 CLOSEST_FEET_MM = 30.0
 """Markers and decoys stand at least this far apart on the scalp."""
+
+CLEAR_OF_SURGERY_MM = 24.0
+"""Burr holes, flaps and valves have their middle at least this far from markers and decoys."""
 
 
 def random_patient(
@@ -38,6 +47,7 @@ def random_patient(
     as_made: bool = False,
     covering: str = "",
     touching: int = 0,
+    lifelike: bool = False,
     count: int | None = None,
     decoys: int | None = None,
     dental: bool | None = None,
@@ -61,6 +71,8 @@ def random_patient(
     ``kind`` may be ``"any"``: one kind for all markers is drawn. ``as_made`` draws each marker's diameter and
     roundness; ``covering`` is what lies on all of them, or ``"any"``, which draws for each (nothing, a bubble or
     one of `COVERINGS`); the first ``touching`` markers have a second one at their side that touches them.
+    ``lifelike`` gives the patient a head of more than ellipsoids, and draws hair, an EEG cap, braces, a head frame,
+    burr holes, a bone flap and a shunt.
     """
     plan = None if protocol is None else draw(protocol, seed)
     if plan is not None:
@@ -86,7 +98,9 @@ def random_patient(
     taller_mm = max(0.0, post.height_mm - Post().height_mm) if post else 0.0
     around = _everyday_things(generator, size, dental, taller_mm) if furniture else Scene()
     base = surroundings(size) if furniture else Scene()
-    scene = join([base, head(size), around, *markers, *others], f"random patient {seed}")
+    person = _person(np.random.default_rng([seed, 20260104]), feet, size, base, taller_mm) if lifelike else None
+    body = [base, head(size), around] if person is None else [person.before, person.head, around, person.after]
+    scene = join([*body, *markers, *others], f"random patient {seed}")
     scene = scene.moved(_lie(generator), generator.uniform(-12, 12, 3))
     thickness = float(generator.choice([0.5, 0.6, 0.75, 1.0, 1.25])) if thickness_mm is None else thickness_mm
     chosen = str(generator.choice(["soft", "standard", "bone"], p=[0.25, 0.6, 0.15])) if kernel is None else kernel
@@ -113,6 +127,42 @@ def random_patient(
     if plan is None:
         return Examination(scene, stack, machine, seed)
     return Examination(scene, stack, machine, seed, plan.finish, plan.name)
+
+
+class _Person(NamedTuple):
+    """What comes before the head (hair, furniture, cap), the head, and what comes after everyday things."""
+
+    before: Scene
+    head: Scene
+    after: Scene
+
+
+def _person(
+    generator: np.random.Generator, feet: list[Foot], size: float, furniture: Scene, taller_mm: float
+) -> _Person:
+    """Draw a lifelike head with what it wears and what surgery left in it, clear of what stands on ``feet``."""
+    chances = {"hair": 0.6, "frame": 0.25, "cap": 0.25, "braces": 0.3, "hole": 0.4, "flap": 0.25, "shunt": 0.25}
+    drawn = {name for name, chance in chances.items() if generator.random() < chance}
+    before = hair(generator, size) if "hair" in drawn else Scene()
+    before += furniture if "frame" not in drawn else Scene()
+    before += eeg_cap(feet, size) if "cap" in drawn and "frame" not in drawn else Scene()
+    body = lifelike_head(generator, size)
+    for name, make in (("flap", bone_flap), ("hole", burr_hole), ("shunt", partial(shunt, size=size))):
+        place = _free_foot(generator, feet, size)
+        body += make(place) if name in drawn and place is not None else Scene()
+    after = braces(size) if "braces" in drawn else Scene()
+    after += head_frame(size, taller_mm) if "frame" in drawn else Scene()
+    return _Person(before, body, after)
+
+
+def _free_foot(generator: np.random.Generator, feet: list[Foot], size: float) -> Foot | None:
+    """Draw a place on the upper scalp that is clear of ``feet``; None when there is none."""
+    for _ in range(200):
+        at = generator.standard_normal(3)
+        foot = scalp_foot((at[0], at[1], abs(at[2]) + 0.2), size)
+        if min(float(np.linalg.norm(foot.place_mm - other.place_mm)) for other in feet) > CLEAR_OF_SURGERY_MM:
+            return foot
+    return None
 
 
 def _places(generator: np.random.Generator, count: int, size: float) -> list[FloatArray]:

@@ -21,13 +21,15 @@ class Part:
     """A solid of one material. Later parts of a scene replace earlier ones where they overlap.
 
     That is allowed when the later part lies wholly inside the earlier one, is made of the same material, or is
-    declared ``embedded`` (a screw through skin and bone); anything else is refused by `Scene.check`.
+    declared ``embedded`` (a screw through skin and bone), or when the earlier one ``yields`` (hair); anything else is
+    refused by `Scene.check`.
     """
 
     solid: Solid
     material: str
     name: str = ""
     embedded: bool = False
+    yields: bool = False
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,7 @@ class Scene:
         surfaces = [_surface(part.solid) for part in self.parts]
         for late, inner in enumerate(self.parts):
             for early, outer in enumerate(self.parts[:late]):
-                if not (inner.embedded or inner.material == outer.material):
+                if not (inner.embedded or outer.yields or inner.material == outer.material):
                     _check_pair(outer, surfaces[early], inner, surfaces[late])
         return self
 

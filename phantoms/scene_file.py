@@ -10,9 +10,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from phantoms import anatomy, markers, solids
+from phantoms import anatomy, markers, solids, worn
 from phantoms.errors import PhantomError
 from phantoms.examination import Examination
+from phantoms.lifelike import lifelike_head
 from phantoms.scanner import Scanner
 from phantoms.scene import Marker, Part, Scene, join
 from phantoms.solids import FloatArray, Solid
@@ -160,10 +161,19 @@ class _Head(_Table):
     ear_rings: bool = False
     dental_metal: tuple[Annotated[int, Field(ge=0, lt=anatomy.TEETH)], ...] = ()
     electrodes: tuple[Triple, ...] = ()
+    lifelike: bool = False
+    hair: bool = False
+    braces: bool = False
+    frame: bool = False
 
-    def scenes(self) -> list[Scene]:
-        found = [anatomy.surroundings(self.size)] if self.surroundings else []
-        found += [anatomy.head(self.size), anatomy.dental_metal(self.dental_metal, size=self.size)]
+    def scenes(self, seed: int) -> list[Scene]:
+        generator = np.random.default_rng([seed, 20260104])
+        found = [worn.hair(generator, self.size)] if self.hair else []
+        found += [anatomy.surroundings(self.size)] if self.surroundings else []
+        found += [lifelike_head(generator, self.size) if self.lifelike else anatomy.head(self.size)]
+        found += [anatomy.dental_metal(self.dental_metal, size=self.size)]
+        found += [worn.braces(self.size)] if self.braces else []
+        found += [worn.head_frame(self.size)] if self.frame else []
         found += [anatomy.infusion_tube(self.size)] if self.infusion_tube else []
         found += [anatomy.ear_rings(self.size)] if self.ear_rings else []
         feet = (anatomy.scalp_foot(_nonzero(at), self.size) for at in self.electrodes)
@@ -224,7 +234,7 @@ class _File(_Table):
 
     def examination(self, name: str) -> Examination:
         size = self.head.size if self.head else 1.0
-        scenes = self.head.scenes() if self.head else []
+        scenes = self.head.scenes(self.seed) if self.head else []
         scenes.append(Scene(tuple(part.part() for part in self.part), self._labelled()))
         standing: tuple[_Place, ...] = (*self.frame, *self.decoy, *self.marker)
         scenes += [thing.scene(size) for thing in standing]

@@ -15,6 +15,9 @@ seed = 4
 size = 0.95
 infusion_tube = true
 ear_rings = true
+lifelike = true
+hair = true
+braces = true
 dental_metal = [2, 9]
 electrodes = [[-0.95, 0.1, 0.1]]
 
@@ -120,7 +123,7 @@ def write(tmp_path: Path):  # type: ignore[no-untyped-def]
 def test_a_whole_scene_is_read(write) -> None:  # type: ignore[no-untyped-def]
     examination = read_scene(write(WHOLE))
     assert [one.label for one in examination.scene.markers] == ["C1", "X1", "X2", "X3", "X4", "M1", "M2"]
-    assert [one.kind for one in examination.scene.decoys] == ["capsule"]
+    assert [one.kind for one in examination.scene.decoys] == ["eye"] * 2 + ["calcification"] * 3 + ["capsule"]
     assert (examination.scene.name, examination.seed) == ("everything", 4)
     assert (examination.stack.thickness_mm, examination.stack.tilt_deg) == (1.0, 5.0)
     assert (examination.scanner.kernel, examination.scanner.dose) == ("bone", 0.5)
