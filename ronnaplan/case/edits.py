@@ -78,26 +78,39 @@ class OpenCase:
     def look_again(self) -> bool:
         """Take over what another hand has written; return whether there is anything new.
 
-        Raises `InputError` where that cannot be read or is of another scan; nothing is taken over then.
+        Raises `InputError` for a document that cannot be read, after the others were taken over, or for one of another
+        scan, when none is.
         """
         if self.dragging:
             return False
-        kept = (self._kept_plan, self._kept_fiducials, self._kept_registration)
-        before = self._kept_plan.content, self._kept_fiducials.content, self._kept_registration.content
-        try:
-            if True not in [one.look_again() for one in kept]:
-                return False
-            case = self._read(self.volume, self.rules, self.no_go)
-        except RonnaplanError:
-            # What was not taken over is not what the next change is made to.
-            self._kept_plan.content, self._kept_fiducials.content, self._kept_registration.content = before
-            raise
+        kept: tuple[Kept[Any], ...] = (self._kept_plan, self._kept_fiducials, self._kept_registration)
+        before = [one.content for one in kept]
+        unread: list[RonnaplanError] = []
+        for one in kept:
+            try:
+                one.look_again()
+            except RonnaplanError as error:
+                unread.append(error)
+        changed = any(one.content is not content for one, content in zip(kept, before, strict=True))
+        if changed:
+            try:
+                self._take_over(self._read(self.volume, self.rules, self.no_go))
+            except RonnaplanError:
+                for one, content in zip(kept, before, strict=True):  # the next change is made to what is shown
+                    one.content = content
+                raise
+        if unread:
+            raise unread[0]
+        return changed
+
+    def _take_over(self, case: Case) -> None:
         if (case.fiducials, case.registration) != (self.fiducials, self.registration):
             self.fiducials, self.registration = case.fiducials, case.registration
             self.surroundings = self.surroundings.with_documents(self.fiducials, self.registration)
             self._done, self._undone = [step for step in self._done if step is None], []
-        self._show_plan(case.plan or self.plan)
-        return True
+        if case.plan is not None and case.plan is not self.plan:
+            self._count_others(len(case.plan.history) - len(self.plan.history))
+            self._show_plan(case.plan)
 
     def judge(self, trajectory: Trajectory) -> Judgement:
         """Return measures, verdicts and expected error of a trajectory as it is now, or why there are none.
@@ -265,8 +278,20 @@ class OpenCase:
         self._done.append(step)
         self._undone.clear()
 
+    def _count_others(self, changes: int) -> None:
+        """Put ``changes`` of the plan by another hand among the steps; a negative number were taken back."""
+        self._undone.clear()
+        self._done += [None] * changes
+        for _ in range(-changes):
+            last = next((at for at in reversed(range(len(self._done))) if self._done[at] is None), None)
+            if last is not None:
+                del self._done[last]
+
     def _keep_plan(self, plan: Plan) -> None:
-        self._show_plan(self._kept_plan.write(plan))
+        written = self._kept_plan.write(plan)
+        if written is not plan:
+            self._count_others(len(written.history) - len(plan.history))
+        self._show_plan(written)
 
     def _show_plan(self, plan: Plan) -> None:
         before, self.plan = self.plan, plan

@@ -32,6 +32,9 @@ CHANGED = "another hand has changed the case; it is shown as it is now"
 FIRST_LOOK_S = 0.5
 """The browser has this long to draw the cuts before the rest is loaded."""
 
+LOOK_AGAIN_S = 0.5
+"""How often the files are looked at for what another hand has written; shown within 2 s, drawing included."""
+
 SENDING_S = 0.002
 """The web socket sends what was flushed while a handler pauses this long."""
 
@@ -71,6 +74,7 @@ class PlannerApp:
         self._drawn: dict[str, Any] = {}
         self._set_up_page()
         self._listen_to_page()
+        server.controller.on_server_ready.add_task(self._watch)
         server.controller.on_client_connected.add_task(self._wake)
 
     # --- the page --------------------------------------------------------------------------------------------
@@ -127,6 +131,21 @@ class PlannerApp:
     def _warm_up(self) -> None:
         for one in self.state.case.plan.trajectories:
             self.state.case.judge(one)
+
+    async def _watch(self, **_: Any) -> None:
+        """Show what another hand has written."""
+        while True:
+            await asyncio.sleep(LOOK_AGAIN_S)
+            with self.server.state:
+                try:
+                    news = self.state.case.look_again()
+                    if news:
+                        self.server.state.message = CHANGED
+                except RonnaplanError as error:
+                    news = True
+                    self._refuse(error)
+                if news:
+                    self.refresh()
 
     # --- drawing ---------------------------------------------------------------------------------------------
 
@@ -237,17 +256,14 @@ class PlannerApp:
     def _told(self, keep_message: bool = False) -> Iterator[None]:
         """Show what went wrong as a sentence; what goes well takes the last one away, but for a mere release."""
         try:
-            news = self.state.case.look_again()
-        except RonnaplanError as error:
-            news = False
-            self._refuse(error)
-        try:
             yield
         except RonnaplanError as error:
             self._refuse(error)
+            with contextlib.suppress(RonnaplanError):  # told by the next look; this was told first
+                self.state.case.look_again()
         else:
-            if news or not keep_message:
-                self.server.state.message = CHANGED if news else READY
+            if not keep_message:
+                self.server.state.message = READY
 
     def _refuse(self, error: RonnaplanError) -> None:
         self.server.state.message = str(error)

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ronnaplan.case.edits import OpenCase
-from ronnaplan.errors import UsageError
+from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.geometry import FloatArray, as_points
 from ronnaplan.planner.cuts import PATH_VIEWS, STANDARD, WINDOWS_HU, path_axes
 from ronnaplan.planner.storage import Look, Storage
@@ -129,6 +129,15 @@ class Looking:
     def chosen(self) -> Trajectory | None:
         """The selected trajectory."""
         return next((one for one in self.case.plan.trajectories if one.name == self.selected), None)
+
+    def set_points(self, points_mm: dict[str, FloatArray]) -> None:
+        """Keep the points (3,) of the AC-PC frame that are set so far; if they cannot be written, none is new."""
+        before, self.points_mm = self.points_mm, points_mm
+        try:
+            self.save()
+        except RonnaplanError:
+            self.points_mm = before
+            raise
 
     def save(self) -> None:
         """Write where one is looking, to find it again."""

@@ -93,8 +93,7 @@ class Registering:
             known_pairs=tuple(pairs.items()),
         )
         source = Source.model_validate(self.case.found.source.model_dump())
-        document = registration_document(found, source, self.case.plan.points)
+        self.leave_pointing()
+        self.case.keep_registration(registration_document(found, source, self.case.plan.points))
         self.known_pairs = pairs
         self.touch = None if found.pairing.touch is None else found.ct.labels[found.pairing.touch]
-        self.leave_pointing()
-        self.case.keep_registration(document)

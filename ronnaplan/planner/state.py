@@ -87,9 +87,9 @@ class PlannerState:
         points = {**self.landmarks_mm, which: place}
         if len(points) == len(LANDMARKS):
             self.case.set_landmarks(Landmarks(*(points[name] for name in LANDMARKS)))
+            self.look.save()
         else:
-            self.look.points_mm = points
-        self.look.save()
+            self.look.set_points(points)
 
     def jump_to_landmark(self, which: str) -> None:
         """Put the crosshair at AC, PC or the midline point."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from ronnaplan.documents.plan import change_plan, read_plan, write_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.planner.state import PlannerState
+from ronnaplan.planning import Plan
 from tests import cases
 from tests.planner.conftest import reopened
 
@@ -168,3 +170,80 @@ def test_documents_of_another_scan_are_not_taken_over(state: PlannerState) -> No
     with pytest.raises(FrameMismatchError):
         state.case.edit("left", notes="mine")
     assert read_plan(state.storage.plan).frame.uid == "9.9"
+
+
+def test_a_way_back_goes_through_the_changes_of_both_hands_in_their_order(state: PlannerState) -> None:
+    state.case.reject_marker("F2")
+    state.case.edit("left", notes="mine")
+    change_plan(state.storage.plan, lambda plan: plan.lock("left"))
+    assert state.case.look_again()
+    change_plan(state.storage.plan, lambda plan: plan.lock("left", False))
+    state.case.add(replace(cases.plan().trajectory("left"), name="mine, too"))  # before it was noticed
+    seen = []
+    while "F2" not in labels(state):
+        left = state.case.plan.trajectory("left")
+        seen.append((len(state.case.plan.trajectories), left.locked, left.notes))
+        state.case.undo()
+    assert seen == [(2, False, "mine"), (1, False, "mine"), (1, True, "mine"), (1, False, "mine"), (1, False, "")]
+    assert read_plan(state.storage.plan).trajectory("left").notes == ""
+
+
+def test_what_another_hand_took_back_is_not_taken_back_twice(state: PlannerState) -> None:
+    state.case.reject_marker("F2")
+    state.case.edit("left", notes="mine")
+    change_plan(state.storage.plan, Plan.undo)
+    assert state.case.look_again()
+    assert not state.case.plan.trajectory("left").notes
+    state.case.undo()
+    assert "F2" in labels(state)
+
+
+def test_a_change_that_was_not_seen_yet_is_not_taken_back(state: PlannerState) -> None:
+    change_plan(state.storage.plan, lambda plan: plan.lock("left"))
+    with pytest.raises(InputError, match="changed by another hand meanwhile"):
+        state.case.undo()
+    assert read_plan(state.storage.plan).trajectory("left").locked
+    assert state.case.look_again()
+    state.case.undo()
+    assert not read_plan(state.storage.plan).trajectory("left").locked
+
+
+def test_a_damaged_document_does_not_hide_what_is_new_in_another(state: PlannerState) -> None:
+    state.storage.fiducials.write_text("{")
+    change_plan(state.storage.plan, lambda plan: plan.lock("left"))
+    with pytest.raises(InputError, match=r"fiducials\.json is not a JSON document"):
+        state.case.look_again()
+    assert state.case.plan.trajectory("left").locked
+    assert not state.case.look_again()
+    with pytest.raises(InputError, match="not a JSON document"):
+        state.case.reject_marker("F1")
+    assert state.storage.fiducials.read_text() == "{"
+
+
+def test_what_cannot_be_written_is_as_it_was_before(state: PlannerState, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan, found, redo = state.case.plan, state.case.found, state.case.can_redo
+
+    def full(handle: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    for act in (
+        lambda: state.case.edit("left", notes="unsaved"),
+        lambda: state.add_trajectory(cases.ENTRY_MM, T),
+        lambda: state.case.remove("left"),
+        lambda: state.case.reject_marker("F2"),
+        lambda: state.set_landmark("AC", T),
+        lambda: state.case.drag("left", "target", T + 1.0) or state.case.end_drag(),
+        state.case.undo,
+        lambda: state.registering.register(cases.readings()),
+    ):
+        with pytest.raises(InputError, match="No space left"):
+            act()
+        assert state.case.plan is plan
+        assert state.case.found is found
+        assert state.landmarks_mm == {}
+        assert state.case.registration is None
+        assert state.case.can_redo == redo
+    monkeypatch.undo()
+    state.case.edit("left", notes="saved")
+    assert read_plan(state.storage.plan).trajectory("left").notes == "saved"

@@ -1,0 +1,88 @@
+"""The planner beside other hands: what they write is shown, kept, and never written over; what fails is taken back."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from ronnaplan.documents.plan import change_plan, read_plan
+from ronnaplan.planner.app import LOOK_AGAIN_S
+from tests import cases
+from tests.planner.browser import Planner
+from tests.planner.pages import Page, run
+
+
+async def shown(page: Page, holds: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    """Wait until the page shows something, and return all that it shows."""
+    for _ in range(200):
+        state = await page.state()
+        if holds(state):
+            return state
+        await asyncio.sleep(0.1)
+    raise AssertionError(f"never shown; the message is {state['message']!r}")
+
+
+def test_another_hand_s_change_is_shown_by_itself_and_the_planner_s_next_one_keeps_it(running: Planner) -> None:
+    path = running.folder / "plan.json"
+    other = cases.plan().trajectory("left")
+
+    async def act() -> None:
+        async with Page(running.url) as page:
+            change_plan(path, lambda plan: plan.edit("left", notes="theirs"))
+            state = await shown(page, lambda state: state["chosen"]["notes"] == "theirs")
+            assert "another hand" in state["message"]
+            change_plan(path, lambda plan: plan.edit("left", name="renamed").add(other))
+            await page.trigger("notes", "left", "mine")  # the page may not show yet that this is another one
+            refused = (await page.state())["refusals"]
+            state = await shown(page, lambda state: len(state["paths"]) == 2)
+            assert read_plan(path).trajectory("renamed").notes == "theirs"
+            assert read_plan(path).trajectory("left").notes == ("" if refused else "mine")
+
+    assert LOOK_AGAIN_S <= 1.0
+    run(act())
+
+
+def test_a_change_of_what_another_hand_changed_is_refused_and_the_page_shows_theirs(running: Planner) -> None:
+    path = running.folder / "plan.json"
+
+    async def act() -> None:
+        async with Page(running.url) as page:
+            for number in range(20):  # until a change comes before the planner has looked
+                change_plan(path, lambda plan, said=f"theirs {number}": plan.edit("left", notes=said))
+                await page.trigger("notes", "left", f"mine {number}")
+                state = await page.state()
+                if state["refusals"]:
+                    break
+            assert "'left' was changed by another hand" in state["message"]
+            assert state["chosen"]["notes"] == read_plan(path).trajectory("left").notes == f"theirs {number}"
+
+    run(act())
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="another process can be forbidden to write on Linux only")
+def test_a_write_that_fails_is_said_and_taken_back_on_the_page(running: Planner) -> None:
+    import resource
+
+    path = running.folder / "plan.json"
+    limits = resource.prlimit(running.process.pid, resource.RLIMIT_FSIZE)
+    written = path.read_bytes()
+
+    async def act() -> None:
+        async with Page(running.url) as page:
+            resource.prlimit(running.process.pid, resource.RLIMIT_FSIZE, (100, limits[1]))
+            await page.trigger("notes", "left", "unsaved")
+            state = await page.state()
+            assert "cannot write" in state["message"]
+            assert state["refusals"] == 1
+            assert state["chosen"]["notes"] == ""
+            assert path.read_bytes() == written
+            assert [one.name for one in running.folder.glob(".*")] == []
+            resource.prlimit(running.process.pid, resource.RLIMIT_FSIZE, limits)
+            await page.trigger("notes", "left", "saved")
+            assert (await page.state())["chosen"]["notes"] == "saved"
+
+    run(act())
