@@ -1,4 +1,4 @@
-"""Time and peak memory of reading a CT series, against SimpleITK's series reader on the same files.
+"""Time and peak memory of reading a CT series, against SimpleITK's series reader on the same files; image files, too.
 
     python -m benchmarks.reading [FOLDER] [--repeat 9]
 
@@ -21,7 +21,7 @@ import SimpleITK
 
 from benchmarks.pipeline import make_series
 from phantoms.library import demo_head
-from ronnaplan.ct import find_series, read_ct
+from ronnaplan.ct import CTVolume, find_series, read_ct
 
 GOAL = 1.2
 MEMORY_GOAL = 1.3
@@ -65,7 +65,35 @@ def compare(folder: Path, repeat: int) -> int:
     print(
         f"time ratio {ratio:.2f} (goal: at most {GOAL}); peak memory {memory:.2f} x voxels (at most {MEMORY_GOAL})"
     )
-    return 0 if ratio <= GOAL and memory <= MEMORY_GOAL else 1
+    print(f"{'image file':26}{'SimpleITK':>10}{'ronnaplan':>10}{'ratio':>8}")
+    missed = compare_images(volume, repeat)
+    return missed if ratio <= GOAL and memory <= MEMORY_GOAL else 1
+
+
+def compare_images(volume: CTVolume, repeat: int) -> int:
+    """Time both readers on the same voxels as image files, plain and packed; return 1 if a goal is missed."""
+    image = SimpleITK.GetImageFromArray(volume.voxels_hu)
+    ratios = []
+    with tempfile.TemporaryDirectory() as folder:
+        for suffix, packed in (
+            (".nii", False),
+            (".nii.gz", True),
+            (".nrrd", False),
+            (".nrrd", True),
+            (".mha", True),
+        ):
+            path = Path(folder) / f"head{suffix}"
+            SimpleITK.WriteImage(image, str(path), useCompression=packed)
+            theirs, ours = [], []
+            for _ in range(repeat):
+                theirs.append(
+                    seconds(lambda path=path: SimpleITK.GetArrayFromImage(SimpleITK.ReadImage(str(path))))
+                )
+                ours.append(seconds(lambda path=path: read_ct(path)))
+            ratios.append(median(ours) / median(theirs))
+            name = f"{suffix}{', packed' if packed else ''}"
+            print(f"{name:26}{median(theirs):10.3f}{median(ours):10.3f}{ratios[-1]:8.2f}")
+    return 0 if max(ratios) <= GOAL else 1
 
 
 def with_simpleitk(folder: Path) -> SimpleITK.Image:

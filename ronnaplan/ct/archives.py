@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import lzma
 import os
 import shutil
-import struct
 import tempfile
 import zipfile
 import zlib
@@ -19,10 +19,6 @@ from ronnaplan.ct.limits import Limits
 from ronnaplan.errors import InputError
 from ronnaplan.text import printable
 
-_END_OF_DIRECTORY = struct.Struct("<4s4H2LH")
-_ZIP64_LOCATOR = struct.Struct("<4sLQL")
-_ZIP64_END = struct.Struct("<4sQ2H2L4Q")
-_LONGEST_ZIP_COMMENT = 0xFFFF
 _ENCRYPTED = 0x1
 _UNPACKED_IN_MEMORY_BYTES = 4 << 20
 """A single slice fits; larger members hold many frames, each of which would unpack all of them before it."""
@@ -87,6 +83,34 @@ def _unpacking() -> Iterator[None]:
         raise DamagedError(f"it cannot be unpacked ({printable(error)})") from error
 
 
+class _BoundedReader(io.BufferedReader):
+    """A file of which at most ``most`` bytes are read at once."""
+
+    def __init__(self, path: Path, most: int) -> None:
+        super().__init__(io.FileIO(path))
+        self._most = most
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Return the next ``size`` bytes, or all that are left."""
+        content = super().read(self._most + 1 if size is None or size < 0 else min(size, self._most + 1))
+        if len(content) > self._most:
+            raise ValueError(f"its directory is longer than {self._most} bytes")
+        return content
+
+
+class _Archive(zipfile.ZipFile):
+    """An archive whose directory is bounded: `zipfile` reads all of it, whatever number of members is declared."""
+
+    def __init__(self, path: Path, most_directory_bytes: int) -> None:
+        self._file = _BoundedReader(path, max(most_directory_bytes, _UNPACKED_IN_MEMORY_BYTES))
+        super().__init__(self._file)
+
+    def close(self) -> None:
+        """Close the file, too."""
+        super().close()
+        self._file.close()
+
+
 def is_archive(path: Path) -> bool:
     """Whether a file starts as zip archives do."""
     with path.open("rb") as stream:
@@ -95,15 +119,15 @@ def is_archive(path: Path) -> bool:
 
 def zip_members(path: Path, limits: Limits, skipped: list[Skipped]) -> Iterator[Blob]:
     """Yield the members of an archive, noting in ``skipped`` what cannot be read; raises `InputError` beyond limits."""
-    count = _member_count(path)
-    if count > limits.files:
-        raise InputError(f"{printable(path)} declares {count} members; at most {limits.files} are read")
     try:
-        archive = zipfile.ZipFile(path)  # stays open as long as one of its members is in use
+        archive = _Archive(path, limits.header_bytes)  # stays open as long as one of its members is in use
     except (zipfile.BadZipFile, OSError, NotImplementedError, ValueError) as error:
         raise InputError(
             f"{printable(path)} is a damaged zip archive ({printable(error)}); copy it again"
         ) from error
+    count = len(archive.infolist())
+    if count > limits.files:
+        raise InputError(f"{printable(path)} declares {count} members; at most {limits.files} are read")
     total = sum(info.file_size for info in archive.infolist())
     if total > limits.archive_bytes:
         raise InputError(
@@ -132,24 +156,3 @@ def _unpacked(member: ZipMember) -> UnpackedMember:
         shutil.copyfileobj(stream, file, 1 << 20)
         file.flush()
         return UnpackedMember(member.name, os.dup(file.fileno()), member.size)
-
-
-def _member_count(path: Path) -> int:
-    """Return the number of members a zip declares, before its directory is read into memory."""
-    size = path.stat().st_size
-    with path.open("rb") as stream:
-        stream.seek(max(0, size - _LONGEST_ZIP_COMMENT - _END_OF_DIRECTORY.size - _ZIP64_LOCATOR.size))
-        tail = stream.read()
-        at = tail.rfind(b"PK\5\6")
-        if at < 0 or at + _END_OF_DIRECTORY.size > len(tail):
-            return 0
-        fields = _END_OF_DIRECTORY.unpack_from(tail, at)
-        bytes_per_entry = 46
-        most = max(fields[4], int(fields[5]) // bytes_per_entry)
-        locator_at = at - _ZIP64_LOCATOR.size
-        if locator_at >= 0 and tail[locator_at : locator_at + 4] == b"PK\6\7":
-            stream.seek(min(int(_ZIP64_LOCATOR.unpack_from(tail, locator_at)[2]), size))
-            record = stream.read(_ZIP64_END.size)
-            if len(record) == _ZIP64_END.size:
-                return int(max(_ZIP64_END.unpack(record)[6:8]))
-    return most if fields[4] == 0xFFFF else int(fields[4])

@@ -33,6 +33,8 @@ PLUGINS: Final = {
 
 
 _JPEG_12_BITS: Final = "JPEG extended, 12 bits, which pylibjpeg-libjpeg decodes"
+_JPEG_2000_START: Final = b"\xff\x4f\xff\x51"
+_JP2_SIGNATURE: Final = b"jP  \r\n\x87\n"
 _END_OF_IMAGE: Final = b"\xff\xd9"
 _MOST_PADDING: Final = 8
 """Zero bytes that an encoder may leave of its buffer."""
@@ -137,11 +139,22 @@ def codestream_size(frame: bytes) -> tuple[int, int, int] | None:
     """
     if frame[:2] == b"\xff\xd8":
         return _jpeg_size(frame)
-    start = frame.find(b"\xff\x4f\xff\x51", 0, 1024)
-    if start < 0 or len(frame) < start + 42:
+    start = _codestream_start(frame)
+    if frame[start : start + 4] != _JPEG_2000_START or len(frame) < start + 42:
         return None
     right, bottom, left, top = struct.unpack_from(">4L", frame, start + 8)
     return bottom - top, right - left, struct.unpack_from(">H", frame, start + 40)[0]
+
+
+def _codestream_start(frame: bytes) -> int:
+    """Return where a JPEG 2000 codestream starts: at once, or in the box of a JP2 file that some writers wrap it in."""
+    position = 0
+    while frame[4:12] == _JP2_SIGNATURE and position + 8 <= len(frame):
+        length, kind = struct.unpack_from(">L4s", frame, position)
+        if kind == b"jp2c":
+            return position + 8
+        position += max(length, 8)
+    return position
 
 
 def _jpeg_size(frame: bytes) -> tuple[int, int, int] | None:

@@ -1,3 +1,4 @@
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -174,6 +175,17 @@ def test_zeros_that_belong_to_jpeg_ls_data_are_not_taken_for_padding(tmp_path: P
             decode_frame(frame[:end] + bytes(9) + frame[end:], pixels)
         with pytest.raises(InputError):
             decode_frame(frame[: end - 1] + frame[end:], pixels)
+
+
+def test_jpeg_2000_in_a_jp2_box_is_judged_by_the_stream_that_is_decoded(tmp_path: Path) -> None:
+    made = compress(dataset(0, stored=stored(0, signed=False)), JPEG_2000, tmp_path)
+    stream = next(generate_frames(made.PixelData, number_of_frames=1))
+    header = b"\0\0\0\x0cjP  \r\n\x87\n" + struct.pack(">L4s", 20, b"ftyp") + b"jp2 \0\0\0\0jp2 "
+    small = struct.pack(">L4s", 50, b"free") + stream[:42]
+    boxed = header + small + struct.pack(">L4s", len(stream) + 8, b"jp2c") + stream
+    assert codestream_size(boxed) == (64, 64, 1)
+    assert codestream_size(header + struct.pack(">L4s", 0xFFFFFFFF, b"free") + stream) is None
+    assert codestream_size(b"nonsense" + stream) is None
 
 
 @pytest.mark.parametrize("syntax", [JPEG_57, JPEG_LS, JPEG_2000, "1.2.840.10008.1.2.4.50"])

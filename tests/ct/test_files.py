@@ -46,6 +46,21 @@ def test_a_zip_that_unpacks_to_more_than_the_limit_is_refused(tmp_path: Path) ->
     assert "above the limit" in found.skipped[0].reason
 
 
+def test_a_zip_with_a_longer_directory_than_it_declares_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    """`zipfile` makes an object of each entry in the directory, however few the archive declares."""
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        for k in range(20_000):
+            archive.writestr(f"{k:0200d}", b"")
+    content = bytearray((tmp_path / "a.zip").read_bytes())
+    end = content.rfind(b"PK\5\6")
+    content[end + 8 : end + 12] = b"\1\0\1\0"
+    (tmp_path / "a.zip").write_bytes(content)
+    with pytest.raises(InputError, match="its directory is longer than 4194304 bytes"):
+        find_series(tmp_path / "a.zip", Limits(header_bytes=1 << 20))
+    with pytest.raises(InputError, match="declares 20000 members; at most 10000"):
+        find_series(tmp_path / "a.zip", Limits(files=10_000))
+
+
 def test_a_zip_that_lies_about_sizes_or_is_damaged_is_refused(tmp_path: Path) -> None:
     content = zipped(write_series(tmp_path / "study"), tmp_path / "a.zip").read_bytes()
     (tmp_path / "a.zip").write_bytes(content[: len(content) // 2])
