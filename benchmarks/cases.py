@@ -19,7 +19,7 @@ from phantoms.examination import Examination
 from phantoms.library import laboratory_phantom
 from phantoms.markers import DECOYS, decoy, marker_kind
 from phantoms.patients import random_patient
-from phantoms.scene import join
+from phantoms.scene import Decoy, Marker, join
 from phantoms.stack import SliceStack, axial_stack
 from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.geometry import FloatArray
@@ -89,7 +89,8 @@ def examination(condition: Condition, first: int, number: int) -> Examination:
 def _slab(patient: Examination) -> SliceStack:
     """Return the slices from the lowest to the highest marker or decoy, and a little beyond."""
     stack, scene = patient.stack, patient.scene
-    heights = [one.center_mm @ stack.normal for one in (*scene.markers, *scene.decoys)]
+    things: tuple[Marker | Decoy, ...] = (*scene.markers, *scene.decoys)
+    heights = [one.center_mm @ stack.normal for one in things]
     places = stack.positions_mm
     kept = (places > min(heights) - SLAB_MARGIN_MM) & (places < max(heights) + SLAB_MARGIN_MM)
     return replace(stack, centers_mm=stack.centers_mm[kept])
@@ -106,7 +107,8 @@ def _laboratory(seed: int, kind: str, thickness_mm: float) -> Examination:
     turn = Rotation.from_rotvec(generator.uniform(-0.3, 0.3, 3)).as_matrix()
     scene = join([laboratory_phantom(), *others], "laboratory phantom with decoys")
     scene = scene.moved(turn, tuple(generator.uniform(-8, 8, 3)))
-    heights = [one.center_mm[2] for one in (*scene.markers, *scene.decoys)]
+    things: tuple[Marker | Decoy, ...] = (*scene.markers, *scene.decoys)
+    heights = [one.center_mm[2] for one in things]
     stack = axial_stack(
         start_mm=min(heights) - 20,
         stop_mm=max(heights) + 20 + generator.uniform(0, 1),
@@ -135,7 +137,8 @@ def surroundings(condition: Condition, first: int, number: int) -> Iterator[Case
     patient.scene.check()
     kind = _kind(condition, number)
     reach_mm = marker_kind(kind).diameter_mm / 2 + REACH_MM
-    for place, thing in enumerate((*patient.scene.markers, *patient.scene.decoys)):
+    things: tuple[Marker | Decoy, ...] = (*patient.scene.markers, *patient.scene.decoys)
+    for place, thing in enumerate(things):
         near = replace(patient.around(thing.center_mm, reach_mm, crop=True), seed=patient.seed * SEED_STEP + place)
         yield _case(near, near.images(fast=True), kind)
 

@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ronnaplan.correspondence import match_by_similarity, match_points
@@ -27,7 +28,7 @@ ACCEPT_MM = 3.0
 CASES = ((3, 0), (3, 4), (4, 0), (4, 4), (8, 0), (8, 4))
 LARGE_CASES = ((200, 300.0), (200, 100.0), (1000, 300.0))
 
-Pairs = FloatArray
+Pairs = NDArray[np.int64]
 Matcher = Callable[[FloatArray, FloatArray, int], Pairs]
 
 
@@ -91,7 +92,7 @@ def pca_icp(ct: FloatArray, ots: FloatArray, expected: int) -> Pairs:
         shift = ots.mean(axis=0) - turn @ ct.mean(axis=0)
         tree = cKDTree(ots)
         for _ in range(30):
-            distance, nearest = tree.query(ct @ turn.T + shift)
+            distance, nearest = map(np.asarray, tree.query(ct @ turn.T + shift))
             used = distance <= np.sort(distance)[expected - 1]
             u, v = ct[used], ots[nearest[used]]
             left, _, right = np.linalg.svd((v - v.mean(axis=0)).T @ (u - u.mean(axis=0)))
@@ -171,8 +172,8 @@ def accept(ct: FloatArray, ots: FloatArray, matrix: FloatArray, expected: int) -
     if not np.isfinite(matrix).all():
         return np.zeros((0, 2), dtype=np.int64)
     moved = ct @ matrix[:3, :3].T + matrix[:3, 3]
-    distance, forth = cKDTree(ots).query(moved)
-    back = cKDTree(moved).query(ots)[1]
+    distance, forth = map(np.asarray, cKDTree(ots).query(moved))
+    back = np.asarray(cKDTree(moved).query(ots)[1])
     i = np.flatnonzero((distance < ACCEPT_MM) & (back[forth] == np.arange(len(ct))))
     return np.column_stack((i, forth[i])) if len(i) == expected else np.zeros((0, 2), dtype=np.int64)
 

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from ronnaplan.documents.plan import change_plan, read_plan, write_plan
@@ -221,11 +222,12 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args(arguments)
     failed = False
-    for what, run in (
-        ("writers", lambda folder: kill_writers(given.kills, folder, random.Random(given.seed))),
-        ("planners", lambda folder: kill_planners(given.kills, folder, random.Random(given.seed))),
-        ("many hands", lambda folder: many_hands(given.seconds, folder)),
-    ):
+    runs: dict[str, Callable[[Path], Any]] = {
+        "writers": lambda folder: kill_writers(given.kills, folder, random.Random(given.seed)),
+        "planners": lambda folder: kill_planners(given.kills, folder, random.Random(given.seed)),
+        "many hands": lambda folder: many_hands(given.seconds, folder),
+    }
+    for what, run in runs.items():
         started = time.monotonic()
         with tempfile.TemporaryDirectory() as name:
             counts = run(Path(name))

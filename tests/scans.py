@@ -42,6 +42,6 @@ def small_stack(**options: object) -> SliceStack:
 
 def offsets_mm(volume: CTVolume, origin_mm: FloatArray) -> FloatArray:
     """How far each voxel lies from a point, along x, y and z (3, K, rows, columns)."""
-    indices = np.moveaxis(np.indices(volume.voxels_hu.shape), 0, -1).reshape(-1, 3)
+    indices = np.moveaxis(np.indices(volume.voxels_hu.shape), 0, -1).reshape(-1, 3).astype(np.float64)
     offsets: FloatArray = (volume.grid.positions_mm(indices) - origin_mm).T.reshape(3, *volume.voxels_hu.shape)
     return offsets

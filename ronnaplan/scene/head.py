@@ -16,8 +16,8 @@ SKIN_COLOUR, MARKER_COLOUR = np.array([0.93, 0.80, 0.70]), np.array([1.0, 0.55, 
 VIEW_DIRECTION = np.array([-0.55, -0.75, 0.4])
 """From the head to the eye, LPS: to the right front, a little above."""
 
-DISTANCE = 2.0
-"""How far the eye is from the middle, in diagonals of the scan: all of it is in the picture."""
+DISTANCE = 1.9
+"""How far the eye is from the middle, in the scan's largest extent: a head fills the picture."""
 
 PIXELS = 640
 VEIL_MM = 1.0
@@ -35,7 +35,7 @@ def head_picture(volume: CTVolume, centers_mm: FloatArray, diameter_mm: float) -
     """Draw skin and markers (N, 3); return the picture (P, P, 3), 0 to 1, and the camera that tells what is where."""
     low, high = bounds_mm(volume)
     middle = (low + high) / 2
-    away = DISTANCE * float(np.linalg.norm(high - low)) / np.linalg.norm(VIEW_DIRECTION)
+    away = DISTANCE * float((high - low).max()) / np.linalg.norm(VIEW_DIRECTION)
     camera = Camera(middle + away * VIEW_DIRECTION, middle)
     picture: Picture = np.zeros((PIXELS, PIXELS, 3), dtype=np.float32)
     depths = camera.depths(PIXELS)

@@ -39,7 +39,7 @@ def _isosurface(volume: CTVolume, values: NDArray[Any], level: float) -> tuple[F
     coarse = _coarse(values, steps)
     if min(coarse.shape) < 2 or not coarse.min() < level < coarse.max():
         return np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)
-    vertices, triangles, _, _ = marching_cubes(coarse, level)  # type: ignore[no-untyped-call]
+    vertices, triangles, _, _ = marching_cubes(coarse, level)
     half = (np.array([1, steps[1], steps[2]]) - 1) / 2
     places = volume.grid.positions_mm(vertices * steps + half)
     return places, triangles.astype(np.int64)

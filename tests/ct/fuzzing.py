@@ -272,7 +272,8 @@ class DicomBorder(Border):
         return kind, (kind, [bytes(content) for content in files])
 
     def feed(self, given: Any, folder: Path) -> str:
-        path = _written(*given, folder)
+        kind, files = given
+        path = _written(kind, files, folder)
         volume = read_ct(path, limits=LIMITS)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of pydicom, which reads what is broken

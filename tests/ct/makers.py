@@ -7,6 +7,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,7 +90,10 @@ def save(made: FileDataset, target: Path | BytesIO, syntax: str | None = None) -
 def compress(made: FileDataset, syntax: str, folder: Path) -> FileDataset:
     """Return ``made`` with its pixels compressed by pydicom, or by GDCM for JPEG."""
     if not UID(syntax).startswith("1.2.840.10008.1.2.4.5") and syntax != "1.2.840.10008.1.2.4.70":
-        options = {"1.2.840.10008.1.2.4.81": {"jls_error": 2}, "1.2.840.10008.1.2.4.91": {"j2k_cr": [4]}}
+        options: dict[str, dict[str, Any]] = {
+            "1.2.840.10008.1.2.4.81": {"jls_error": 2},
+            "1.2.840.10008.1.2.4.91": {"j2k_cr": [4]},
+        }
         made.compress(syntax, generate_instance_uid=False, **options.get(syntax, {}))
         return made
     import gdcm

@@ -57,9 +57,11 @@ def test_a_deflated_slice_cut_short_is_refused(tmp_path: Path) -> None:
 
 def test_the_order_of_series_does_not_depend_on_the_file_system(tmp_path: Path) -> None:
     for name in "cab":
-        write_series(
-            tmp_path / name, 2, lambda made, k, name=name: setattr(made, "SeriesInstanceUID", f"1.{ord(name)}")
-        )
+
+        def named(made: Dataset, k: int, name: str = name) -> None:
+            made.SeriesInstanceUID = f"1.{ord(name)}"
+
+        write_series(tmp_path / name, 2, named)
     assert [one.key for one in find_series(tmp_path).series] == ["1.97", "1.98", "1.99"]
 
 

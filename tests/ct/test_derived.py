@@ -76,7 +76,7 @@ def test_frames_that_are_projections_are_refused_and_reformats_flagged(tmp_path:
             groups.CTImageFrameTypeSequence = [frame_type]
 
         path = tmp_path / f"{value} {technique}"
-        save(enhanced(4, change), path)  # type: ignore[arg-type]
+        save(enhanced(4, change), path)
         return path
 
     for value, technique in (("MAXIMUM", "NONE"), ("NONE", "MAX_IP")):

@@ -1,11 +1,13 @@
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import SimpleITK
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.ct import Limits, VolumeFlag, read_ct
@@ -16,7 +18,7 @@ SUFFIXES = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd")
 VOXELS = np.stack([pattern(k) - 500 for k in range(4)])
 
 
-def write(path: Path, voxels: object = VOXELS, direction: object = None) -> Path:
+def write(path: Path, voxels: NDArray[Any] = VOXELS, direction: Any = None) -> Path:
     image = SimpleITK.GetImageFromArray(voxels)
     image.SetSpacing((0.75, 0.5, 2.0))
     image.SetOrigin((-10.0, -20.0, 30.0))

@@ -51,8 +51,15 @@ def test_markups_hold_what_slicers_schema_1_0_3_asks_for(document: Path) -> None
         assert "standard error 0.037 mm" in point["description"]
 
 
+def text(document: Path, kind: str) -> str:
+    """What is exported as text."""
+    written = export(document, kind)
+    assert isinstance(written, str)
+    return written
+
+
 def test_the_table_holds_places_and_errors(document: Path) -> None:
-    rows = list(csv.DictReader(io.StringIO(export(document, "csv"))))
+    rows = list(csv.DictReader(io.StringIO(text(document, "csv"))))
     assert [[float(row[axis]) for axis in "xyz"] for row in rows] == CENTERS
     assert [float(rows[0][f"sigma_{axis}"]) for axis in "xyz"] == [0.01, 0.02, 0.03]
     assert rows[1]["label"] == "'=1+1"
@@ -62,10 +69,10 @@ def test_no_cell_is_taken_for_a_formula(document: Path) -> None:
     content = json.loads(document.read_text())
     content["fiducials"][0]["flags"] = ["=1+1", "cut"]
     document.write_text(json.dumps(content))
-    rows = list(csv.DictReader(io.StringIO(export(document, "csv"))))
+    rows = list(csv.DictReader(io.StringIO(text(document, "csv"))))
     assert rows[0]["flags"] == "'=1+1 cut"
 
 
 def test_an_empty_cell_is_empty_and_a_label_is_as_it_was(document: Path) -> None:
-    rows = list(csv.DictReader(io.StringIO(export(document, "csv"))))
+    rows = list(csv.DictReader(io.StringIO(text(document, "csv"))))
     assert (rows[0]["label"], rows[0]["flags"], rows[0]["frame_of_reference_uid"]) == ("F1", "", "")

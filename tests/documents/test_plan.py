@@ -87,7 +87,8 @@ def test_a_new_change_forgets_what_was_undone(plan: Plan) -> None:
 
 
 def test_locked_unknown_and_repeated_names_are_refused(plan: Plan) -> None:
-    for act in (lambda: plan.edit("=B", notes=""), lambda: plan.remove("=B")):
+    acts: list[Callable[[], Plan]] = [lambda: plan.edit("=B", notes=""), lambda: plan.remove("=B")]
+    for act in acts:
         with pytest.raises(InputError, match="locked"):
             act()
     assert plan.lock("=B", False).edit("=B", notes="").trajectory("=B").notes == ""

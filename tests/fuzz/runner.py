@@ -82,7 +82,9 @@ def _in_child(target: str, seed: int, numbers: range, deadline: float, tally: Ta
         child.join(timeout=1.0)
         ended = "hung" if child.is_alive() else f"ended the process (status {child.exitcode})"
         tally.add(numbers[tried], kind, f"{FAILED}: {ended}")
-        tried = None if kind == "its start" else tried + 1
+        if kind == "its start":
+            return None
+        tried += 1
     finally:
         child.kill()
         child.join()

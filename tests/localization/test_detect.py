@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from ronnaplan.ct import CTVolume
 from ronnaplan.localization.detect import coarsen, detect
 from tests.scans import balls, scan, small_stack
 
@@ -40,9 +41,9 @@ def test_the_coarse_copy_keeps_every_voxel_at_its_place() -> None:
     coarse = coarsen(volume, 2.1)
     assert coarse.voxels_hu.shape == (22, 32, 32)
 
-    def center_of_mass(which: object) -> np.ndarray:
-        weights = np.asarray(which.voxels_hu, dtype=float) + 1000  # type: ignore[attr-defined]
-        places = which.grid.positions_mm(np.stack(np.indices(weights.shape), axis=-1))  # type: ignore[attr-defined]
+    def center_of_mass(which: CTVolume) -> np.ndarray:
+        weights = which.voxels_hu.astype(np.float64) + 1000
+        places = which.grid.positions_mm(np.moveaxis(np.indices(weights.shape), 0, -1).astype(np.float64))
         return np.tensordot(weights, places, 3) / weights.sum()
 
     assert center_of_mass(coarse) == pytest.approx(center_of_mass(volume), abs=0.02)

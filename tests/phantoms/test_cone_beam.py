@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ BALL = Scene((Part(sphere(CENTER, 11.5), "acrylic"),))
 ROD = Scene((Part(cylinder((*CENTER[:2], -80), (0, 0, 1), 200, 11.5), "acrylic"),))
 
 
-def voxels(start_mm: float, stop_mm: float, **options: float) -> SliceStack:
+def voxels(start_mm: float, stop_mm: float, **options: Any) -> SliceStack:
     return axial_stack(
         start_mm=start_mm, stop_mm=stop_mm, spacing_mm=0.5, matrix=200, field_of_view_mm=100, **options
     )

@@ -44,7 +44,7 @@ def test_the_x_frame_has_unique_distances() -> None:
 def test_a_marker_stands_off_its_foot_along_the_normal(kind: str) -> None:
     foot = scalp_foot((0.4, -0.5, 0.7))
     (one,) = marker("M1", foot, kind).markers
-    height = (one.center_mm - foot.place_mm) @ foot.outward
+    height = float((np.asarray(one.center_mm) - foot.place_mm) @ foot.outward)
     assert np.linalg.norm(one.center_mm - foot.above(height)) == pytest.approx(0, abs=1e-9)
     post = KINDS[kind].post
     assert height - one.diameter_mm / 2 == pytest.approx(post.height_mm if post else 0.1)

@@ -90,7 +90,7 @@ def test_denoising_leaves_less_noise_and_the_ball_in_its_place(step: Step) -> No
 
 def values_at(points_mm: FloatArray, stack: SliceStack, voxels: NDArray[np.int16]) -> NDArray[np.int16]:
     distance, nearest = KDTree(places(stack).reshape(-1, 3)).query(points_mm)
-    assert distance.max() < 1e-6
+    assert np.max(distance) < 1e-6
     return voxels.ravel()[nearest]
 
 

@@ -23,7 +23,7 @@ SOLIDS = {
 def chord(solid: Solid, origin: FloatArray, direction: FloatArray) -> tuple[float, float]:
     affine = solid.unit_from_world
     o, d = to_unit(affine, origin) + affine[:, 3], to_unit(affine, direction)
-    return unit_interval(int(solid.shape), *o, *d, solid.top_ratio)
+    return unit_interval(int(solid.shape), o[0], o[1], o[2], d[0], d[1], d[2], solid.top_ratio)
 
 
 coordinates = st.floats(-6, 6)

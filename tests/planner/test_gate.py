@@ -61,7 +61,7 @@ def test_the_planner_listens_on_this_machine_only(running: Planner) -> None:
         others = {info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)}
     except socket.gaierror:
         pytest.skip("this machine does not know its own name, so its other addresses are not known either")
-    for other in others - {"127.0.0.1"}:
+    for other in map(str, others - {"127.0.0.1"}):
         with pytest.raises(OSError):  # noqa: PT011  (refused, unreachable or timed out: any will do)
             socket.create_connection((other, address.port), timeout=2).close()
 

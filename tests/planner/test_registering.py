@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -92,7 +93,10 @@ def test_a_marker_and_a_reading_are_picked_in_any_order(
     ambiguous: PlannerState, marker_first: bool, reading: str, expected: str
 ) -> None:
     assert ambiguous.registering.pointing
-    picks = [lambda: ambiguous.jump_to_marker("F1"), lambda: ambiguous.registering.pick_reading(reading)]
+    picks: list[Callable[[], None]] = [
+        lambda: ambiguous.jump_to_marker("F1"),
+        lambda: ambiguous.registering.pick_reading(reading),
+    ]
     for pick in picks if marker_first else picks[::-1]:
         assert not pairs(ambiguous)
         pick()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -150,14 +151,15 @@ def test_a_plan_of_another_scan_is_refused(storage: Storage) -> None:
 
 
 def test_what_cannot_be_done_is_told_in_a_sentence(state: PlannerState) -> None:
-    for act in (
+    acts: list[Callable[[], object]] = [
         lambda: state.look.select("nobody"),
         lambda: state.case.drag("left", "middle", T),
         lambda: state.look.choose_window("rainbow"),
         lambda: state.look.scroll("front", 1),
         lambda: state.registering.point_at("F1", "1"),
         lambda: state.case.edit("left", target_mm=E),
-    ):
+    ]
+    for act in acts:
         with pytest.raises((InputError, UsageError, RefusedError), match=";"):
             act()
     assert read_plan(state.storage.plan).trajectory("left").target_mm == pytest.approx(T, abs=0)
@@ -210,7 +212,7 @@ def test_a_trajectory_is_renamed_sized_and_noted(state: PlannerState) -> None:
 def test_a_wrong_name_or_size_changes_nothing(state: PlannerState) -> None:
     state.add_trajectory(E + np.array([5, 0, 0]), T, name="right")
     before = state.storage.plan.read_text()
-    for act in (
+    acts: list[Callable[[], object]] = [
         lambda: state.case.rename("left", "right"),
         lambda: state.case.rename("left", "  "),
         lambda: state.case.choose_instrument("left", "spoon"),
@@ -218,7 +220,8 @@ def test_a_wrong_name_or_size_changes_nothing(state: PlannerState) -> None:
         lambda: state.case.size_instrument("left", "length", float("nan")),
         lambda: state.case.size_instrument("left", "weight", 1.0),
         lambda: state.case.edit("left", colour="red"),
-    ):
+    ]
+    for act in acts:
         with pytest.raises((InputError, UsageError)):
             act()
     state.case.lock("left", True)

@@ -11,9 +11,9 @@ import pytest
 import SimpleITK
 from numpy.typing import NDArray
 from pydicom.dataset import Dataset, FileMetaDataset
-from pydicom.pixels import pack_bits
+from pydicom.pixels.utils import pack_bits
 from pydicom.sequence import Sequence
-from pydicom.uid import ExplicitVRLittleEndian, generate_uid
+from pydicom.uid import UID, ExplicitVRLittleEndian, generate_uid
 
 from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.errors import FrameMismatchError, InputError
@@ -143,7 +143,7 @@ def segmentation(volume: CTVolume, masks: dict[str, NDArray[np.bool_]], frame_ui
     dataset.PixelData = pack_bits(np.stack(pixels).astype(np.uint8).ravel(), pad=True)
     dataset.file_meta = FileMetaDataset()
     dataset.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian
-    dataset.file_meta.MediaStorageSOPClassUID = SEGMENTATION_STORAGE
+    dataset.file_meta.MediaStorageSOPClassUID = UID(SEGMENTATION_STORAGE)
     dataset.file_meta.MediaStorageSOPInstanceUID = dataset.SOPInstanceUID
     return dataset
 

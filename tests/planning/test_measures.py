@@ -206,7 +206,7 @@ def test_an_obstacle_holds_exactly_its_voxels_and_lists_those_at_its_surface(sta
     mask[0, 0, 0] = True
     obstacle = Voxels.of(Kind.NO_GO, "speckle", mask, head)
     index = generator.integers([-2, -2, -2], [12, shape[1] + 2, shape[2] + 2], (3000, 3))
-    inside = ((index >= 0) & (index < shape)).all(axis=1)
+    inside = np.asarray(((index >= 0) & (index < shape)).all(axis=1))
     expected = inside & mask[tuple(np.where(inside[:, None], index, 0).T)]
     assert (obstacle.holds(head.volume.grid.positions_mm(index.astype(np.float64))) == expected).all()
     boundary = mask & ~binary_erosion(mask)

@@ -12,7 +12,7 @@ from phantoms.solids import box
 from phantoms.stack import axial_stack
 from ronnaplan.correspondence import describe_layout, match_points
 from ronnaplan.errors import InputError, RefusedError
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import FloatArray, unit
 from ronnaplan.planning import Head, place_markers
 from ronnaplan.planning.candidates import spread_directions
 from ronnaplan.planning.placement import expected_tre_mm, scattered_layout
@@ -62,7 +62,8 @@ def test_the_rules_are_kept(sites: Sites) -> None:
     apart = np.linalg.norm(placed.centers_mm[:, None] - placed.centers_mm, axis=-1)[~np.eye(6, dtype=bool)]
     assert apart.min() >= RULES.least_apart_mm
     assert np.linalg.norm(placed.scalp_mm - ENTRIES[0], axis=1).min() >= RULES.least_from_entries_mm
-    tracker = np.array(RULES.tracker) / np.linalg.norm(RULES.tracker)
+    assert RULES.tracker is not None
+    tracker = unit(RULES.tracker)
     assert (placed.normals @ tracker).min() >= np.cos(np.radians(RULES.visible_deg)) - 1e-9
     assert placed.scalp_mm[:, 2].min() >= -20.0
     np.testing.assert_allclose(placed.centers_mm - placed.scalp_mm, RULES.height_mm * placed.normals, atol=1e-9)

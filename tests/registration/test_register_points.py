@@ -126,7 +126,7 @@ def test_predicted_tre_agrees_with_monte_carlo(isotropic: bool, tolerance: float
 
 def test_planned_and_fitted_tre_are_one_prediction() -> None:
     errors = covariances(np.random.default_rng(2), 6, 0.3)
-    target = [[0.0, 0, 0], [20, 30, -50]]
+    target = np.array([[0.0, 0, 0], [20, 30, -50]])
     np.testing.assert_allclose(
         predict_tre(HEAD, errors, target), register_points(HEAD, HEAD, errors).tre(target), atol=1e-12
     )

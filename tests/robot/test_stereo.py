@@ -1,6 +1,7 @@
 """Stereo re-localization of a sphere, on images rendered by independent code."""
 
 from functools import cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -39,11 +40,12 @@ def moved(matrix: np.ndarray, point: np.ndarray) -> np.ndarray:
     return matrix[:3, :3] @ point + matrix[:3, 3]
 
 
-def seen(centres: list[np.ndarray], rng: np.random.Generator, **how: float) -> list[np.ndarray]:
-    return [
+def seen(centres: list[np.ndarray], rng: np.random.Generator, **how: Any) -> tuple[np.ndarray, np.ndarray]:
+    left, right = (
         rendering.sphere_image([moved(invert(place), c) for c in centres], DIAMETER, K[i], D[i], rng, **how)
         for i, place in enumerate((np.eye(4), RIGHT))
-    ]
+    )
+    return left, right
 
 
 @cache
@@ -155,7 +157,8 @@ CORNERS, SQUARE = (9, 7), 6.0
 def boards() -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Both cameras' views of a board at eight tilts about the working place."""
     rng = np.random.default_rng(6)
-    left, right = [], []
+    left: list[np.ndarray] = []
+    right: list[np.ndarray] = []
     middle = np.array([(CORNERS[0] - 1) / 2, (CORNERS[1] - 1) / 2, 0]) * SQUARE
     for _ in range(8):
         tilt = Rotation.from_euler("xyz", rng.uniform(-28, 28, 3), degrees=True).as_matrix()

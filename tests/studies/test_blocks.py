@@ -1,4 +1,6 @@
 import json
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -10,20 +12,20 @@ SETTINGS = {"study": "squares", "seed": 1}
 BLOCKS = [(k, "x") for k in range(6)]
 
 
-def square(number, name):
+def square(number: Any, name: Any) -> Any:
     return {"square": number * number, "name": name}
 
 
-def test_records_come_in_the_order_of_the_blocks_for_any_number_of_workers(tmp_path):
+def test_records_come_in_the_order_of_the_blocks_for_any_number_of_workers(tmp_path: Path) -> None:
     for workers in (1, 3):
         records = run_blocks(square, BLOCKS, tmp_path / f"{workers}.jsonl", SETTINGS, workers=workers)
         assert [record["square"] for record in records] == [0, 1, 4, 9, 16, 25]
 
 
-def test_a_stopped_run_goes_on_where_it_was(tmp_path):
+def test_a_stopped_run_goes_on_where_it_was(tmp_path: Path) -> None:
     journal, called = tmp_path / "journal.jsonl", []
 
-    def stops_at_three(number, name):
+    def stops_at_three(number: Any, name: Any) -> Any:
         if number == 3:
             raise KeyboardInterrupt
         called.append(number)
@@ -34,7 +36,7 @@ def test_a_stopped_run_goes_on_where_it_was(tmp_path):
     first = list(called)
     assert first
 
-    def goes_on(number, name):
+    def goes_on(number: Any, name: Any) -> Any:
         called.append(number)
         return square(number, name)
 
@@ -43,14 +45,14 @@ def test_a_stopped_run_goes_on_where_it_was(tmp_path):
     assert len(json_lines(journal)) == 7
 
 
-def test_finished_blocks_are_not_run_again_and_a_torn_line_is_passed_over(tmp_path):
+def test_finished_blocks_are_not_run_again_and_a_torn_line_is_passed_over(tmp_path: Path) -> None:
     journal = tmp_path / "journal.jsonl"
     run_blocks(square, BLOCKS[:3], journal, SETTINGS, workers=1)
     torn, _ = json.loads(journal.read_text().splitlines()[-1])["block"]  # blocks are noted as they finish
     journal.write_text(journal.read_text()[:-9])
     called = []
 
-    def note(number, name):
+    def note(number: Any, name: Any) -> Any:
         called.append(number)
         return square(number, name)
 
@@ -58,19 +60,19 @@ def test_finished_blocks_are_not_run_again_and_a_torn_line_is_passed_over(tmp_pa
     assert sorted(called) == [torn, 3, 4, 5]
 
 
-def test_a_journal_of_another_study_is_refused(tmp_path):
+def test_a_journal_of_another_study_is_refused(tmp_path: Path) -> None:
     journal = tmp_path / "journal.jsonl"
     run_blocks(square, BLOCKS, journal, SETTINGS, workers=1)
     with pytest.raises(InputError, match="other settings"):
         run_blocks(square, BLOCKS, journal, {**SETTINGS, "seed": 2}, workers=1)
 
 
-def test_an_absent_scheduler_is_told(tmp_path, monkeypatch):
+def test_an_absent_scheduler_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(blocks, "SCHEDULER_TIMEOUT", "1s")
     pytest.importorskip("distributed")
     with pytest.raises(InputError, match="no Dask scheduler answers"):
         run_blocks(square, BLOCKS, tmp_path / "j.jsonl", SETTINGS, scheduler="tcp://127.0.0.1:1")
 
 
-def json_lines(path):
+def json_lines(path: Any) -> Any:
     return [json.loads(line) for line in path.read_text().splitlines()]

@@ -1,4 +1,6 @@
 import json
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +21,7 @@ from ronnaplan.studies.simulation import (
 )
 
 
-def test_the_protocol_is_the_papers():
+def test_the_protocol_is_the_papers() -> None:
     cells = protocol_cells()
     assert len(cells) == len(set(cells)) == 90
     assert {cell.markers for cell in cells} == {3, 4, 5, 6, 7, 8}
@@ -27,7 +29,7 @@ def test_the_protocol_is_the_papers():
     assert not set(cells) & set(further_cells())
 
 
-def test_scenes_have_the_stated_errors_and_a_true_partner():
+def test_scenes_have_the_stated_errors_and_a_true_partner() -> None:
     scenes = simulate_scenes(np.random.default_rng(1), HEADS_MM[0], 2000, 6, 3, hidden=1)
     assert scenes.ct.shape == (2000, 9, 3)
     assert scenes.ots.shape == (2000, 8, 3)
@@ -41,7 +43,7 @@ def test_scenes_have_the_stated_errors_and_a_true_partner():
     assert np.std(difference) == pytest.approx(np.sqrt(2 * (0.56**2 + 0.17**2)), rel=0.05)
 
 
-def test_outliers_and_rotations_are_uniform():
+def test_outliers_and_rotations_are_uniform() -> None:
     rng = np.random.default_rng(2)
     radius = np.linalg.norm(uniform_in_ball(rng, (20_000,), 300.0), axis=1)
     assert np.mean(radius < 150) == pytest.approx(1 / 8, abs=0.01)
@@ -51,13 +53,13 @@ def test_outliers_and_rotations_are_uniform():
     assert np.abs(turned.mean(axis=0)).max() < 0.02
 
 
-def test_the_frame_has_distances_that_the_paper_calls_unique():
+def test_the_frame_has_distances_that_the_paper_calls_unique() -> None:
     distances = np.sort(np.linalg.norm(X_FRAME_MM[:, None] - X_FRAME_MM[None], axis=-1)[np.triu_indices(4, 1)])
     assert np.diff(distances).min() > 5.0
 
 
 @pytest.mark.parametrize("expected", [4, None])
-def test_the_study_judges_as_the_public_functions_do(expected):
+def test_the_study_judges_as_the_public_functions_do(expected: Any) -> None:
     scenes = simulate_scenes(np.random.default_rng(3), HEADS_MM[1], 60, 4, 2)
     refused = {"exact": 0, "published": 0}
     for ct, ots in zip(scenes.ct, scenes.ots, strict=True):
@@ -67,13 +69,13 @@ def test_the_study_judges_as_the_public_functions_do(expected):
     assert judge_published(scenes, 4)[1] == refused["published"]
 
 
-def test_a_block_depends_on_its_seed_only():
+def test_a_block_depends_on_its_seed_only() -> None:
     block = (0, 3, 2, 0, 3, 100, 7, 50)
     assert run_block(*block, 1) == run_block(*block, 1)
     assert run_block(*block, 1) != run_block(*block, 2)
 
 
-def test_the_goals_hold_on_a_sample():
+def test_the_goals_hold_on_a_sample() -> None:
     """A thousandth of the study; the whole is in docs/correspondence.md."""
     limits = {(3, 0): 8.0, (3, 4): 10.0, (4, 4): 1.0, (5, 2): 0.2, (8, 4): 0.1}
     for (markers, outliers), percent in limits.items():
@@ -83,7 +85,7 @@ def test_the_goals_hold_on_a_sample():
         assert 100 * refused / (right + refused + wrong) <= percent, (markers, outliers)
 
 
-def test_stated_probabilities_are_calibrated_on_a_sample():
+def test_stated_probabilities_are_calibrated_on_a_sample() -> None:
     blocks = [run_block(head, 3, o, 0, 3, 100, 1, 1000, 2018) for head in range(3) for o in (0, 2)]
     total = blocks[0]
     for block in blocks[1:]:
@@ -93,7 +95,7 @@ def test_stated_probabilities_are_calibrated_on_a_sample():
     assert bins[:, 1].sum() == pytest.approx(expected, abs=4 * np.sqrt(bins[:, 0].sum() - expected))
 
 
-def test_the_study_writes_its_results_and_is_the_same_for_any_number_of_workers(tmp_path):
+def test_the_study_writes_its_results_and_is_the_same_for_any_number_of_workers(tmp_path: Path) -> None:
     for workers in (1, 2):
         run_simulation(tmp_path / str(workers), 3, 5, further=False, workers=workers)
     documents = [json.loads((tmp_path / str(w) / "results.json").read_text()) for w in (1, 2)]
@@ -102,7 +104,7 @@ def test_the_study_writes_its_results_and_is_the_same_for_any_number_of_workers(
     assert names == {"journal.jsonl", "results.json", "table.md", "outcomes.png", "calibration.png"}
 
 
-def test_a_cluster_of_two_workers_gets_the_same_numbers(tmp_path):
+def test_a_cluster_of_two_workers_gets_the_same_numbers(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     here = run_simulation(tmp_path / "here", 2, 6, further=False, workers=1)
     with distributed.LocalCluster(
@@ -117,6 +119,6 @@ def test_a_cluster_of_two_workers_gets_the_same_numbers(tmp_path):
     assert here == there
 
 
-def test_the_tables_name_every_condition(tmp_path):
+def test_the_tables_name_every_condition(tmp_path: Path) -> None:
     by_cell = {Cell(0, 8, 2, hidden=1): run_block(0, 8, 2, 1, 0, 100, 0, 5, 1)}
     assert "| 8 | 2 | 1 | not told | 100 % |" in tables(by_cell)

@@ -134,7 +134,7 @@ class Counted(str):
 
     def __eq__(self, other: object) -> bool:
         Counted.compared += 1
-        return str.__eq__(self, other)  # type: ignore[arg-type]
+        return str.__eq__(self, other)
 
     __hash__ = str.__hash__
 
@@ -165,7 +165,9 @@ def test_readings_go_to_tracks_at_the_least_total_distance(seed: int) -> None:
     current[0] = last[0]
     distance = cdist(current, last)
     cost = np.where(distance > GATE_MM, 1e6, distance)
-    whole = {(i, j) for i, j in zip(*linear_sum_assignment(cost), strict=True) if distance[i, j] <= GATE_MM}
+    whole = {
+        (int(i), int(j)) for i, j in zip(*linear_sum_assignment(cost), strict=True) if distance[i, j] <= GATE_MM
+    }
     assert set(_assigned(current, last).items()) == whole
 
 
