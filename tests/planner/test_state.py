@@ -13,10 +13,12 @@ from ronnaplan.case.surroundings import Judgement, Rules
 from ronnaplan.documents.plan import read_plan, write_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import FrameMismatchError, InputError, RefusedError, UsageError
+from ronnaplan.geometry import Points
 from ronnaplan.planner.panels import chosen_path, landmark_rows, placement_line, proposal_rows
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
 from ronnaplan.planning import Limits
+from ronnaplan.planning.uncertainty import ExpectedPose
 from tests import cases
 from tests.planner.conftest import reopened
 
@@ -293,6 +295,15 @@ def test_proposals_hold_only_for_what_they_were_asked_for(state: PlannerState) -
     state.offers.take_proposal(0)
     assert state.case.plan.trajectory("left").entry_mm == pytest.approx(best, abs=0)
     assert state.offers.proposals is not None
+    promised, kept = (
+        state.offers.proposals.best[0].measures,
+        state.case.judge(state.case.plan.trajectory("left")).measures,
+    )
+    assert kept is not None
+    assert kept.error is not None
+    assert promised.error is not None
+    np.testing.assert_array_equal(promised.error.tre_rms_mm, kept.error.tre_rms_mm)
+    assert promised.error.probability == kept.error.probability
     state.case.edit("left", target_mm=T + np.array([0, 0, 1]))
     assert proposal_rows(state) == []
     state.case.undo()
@@ -305,6 +316,10 @@ def test_marker_places_hold_for_the_trajectories_they_were_asked_for(state: Plan
     state.offers.show_placement(state.offers.propose_markers(4))
     assert state.offers.placement is not None
     assert len(state.offers.placement.centers_mm) == 4
+    placed = state.offers.placement
+    points = Points(placed.centers_mm, np.zeros((4, 3, 3)), tuple("ABCD"))
+    told = ExpectedPose.planned(points).tre_rms_mm([cases.TARGET_MM])
+    assert placed.largest_tre_mm == told[0]  # as `plan check` tells it of markers that stand there
     assert "4 places" in placement_line(state)
     state.case.edit("left", target_mm=T + np.array([0, 0, 1]))
     assert placement_line(state) == ""
