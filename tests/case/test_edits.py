@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -227,16 +228,22 @@ def test_what_cannot_be_written_is_as_it_was_before(state: PlannerState, monkeyp
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
-    for act in (
+
+    def drag() -> None:
+        state.case.drag("left", "target", T + 1.0)
+        state.case.end_drag()
+
+    acts: list[Callable[[], object]] = [
         lambda: state.case.edit("left", notes="unsaved"),
         lambda: state.add_trajectory(cases.ENTRY_MM, T),
         lambda: state.case.remove("left"),
         lambda: state.case.reject_marker("F2"),
         lambda: state.set_landmark("AC", T),
-        lambda: state.case.drag("left", "target", T + 1.0) or state.case.end_drag(),
+        drag,
         state.case.undo,
         lambda: state.registering.register(cases.readings()),
-    ):
+    ]
+    for act in acts:
         with pytest.raises(InputError, match="No space left"):
             act()
         assert state.case.plan is plan

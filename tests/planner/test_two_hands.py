@@ -52,7 +52,8 @@ def test_a_change_of_what_another_hand_changed_is_refused_and_the_page_shows_the
     async def act() -> None:
         async with Page(running.url) as page:
             for number in range(20):  # until a change comes before the planner has looked
-                change_plan(path, lambda plan, said=f"theirs {number}": plan.edit("left", notes=said))
+                theirs = f"theirs {number}"
+                change_plan(path, lambda plan, theirs=theirs: plan.edit("left", notes=theirs))  # type: ignore[misc]
                 await page.trigger("notes", "left", f"mine {number}")
                 state = await page.state()
                 if state["refusals"]:
