@@ -85,8 +85,9 @@ def _why_not_pixels(pixels: PixelFormat) -> str | None:
         return why_not_decoded(pixels)
     if pixels.transfer_syntax not in PLAIN_SYNTAXES:
         return f"its transfer syntax {pixels.transfer_syntax} should be encapsulated but is not"
-    if pixels.frame_bytes * pixels.frames > pixels.length:
-        return f"it declares {pixels.frame_bytes * pixels.frames} bytes of pixels but holds {pixels.length}"
+    declared = pixels.frame_bytes * pixels.frames
+    if not declared <= pixels.length <= declared + declared % 2:  # a value is filled up to an even length
+        return f"it declares {declared} bytes of pixels but holds {pixels.length}"
     return None
 
 

@@ -199,6 +199,8 @@ def _is_at(volume: CTVolume, k: int, image: _Image) -> bool:
 
 
 def _agree(ours: Any, theirs: Any, volume: CTVolume) -> bool:
+    if ours.shape != theirs.shape:
+        return False
     measured = np.ones(ours.shape, bool) if volume.padding_hu is None else ours != volume.padding_hu
     return bool(np.allclose(ours[measured], theirs[measured], rtol=1e-6, atol=1e-3))
 

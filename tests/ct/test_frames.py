@@ -72,6 +72,7 @@ def test_a_localizer_within_the_series_is_set_apart(tmp_path: Path) -> None:
         ("RescaleSlope", [1, 2], "it has 2 rescale slopes and 1 intercepts"),
         ("RescaleIntercept", [-1024, 0], "it has 1 rescale slopes and 2 intercepts"),
         ("Rows", 4000, "it declares 80000 bytes of pixels but holds 160"),
+        ("PixelData", bytes(162), "it declares 160 bytes of pixels but holds 162"),
         ("NumberOfFrames", 4, "4 frames without saying where each one is|declares 640 bytes"),
         ("PixelData", None, "it holds no pixels"),
     ],
