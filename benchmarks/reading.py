@@ -14,6 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from statistics import median
 
@@ -88,14 +89,16 @@ def compare_images(volume: CTVolume, repeat: int) -> int:
             SimpleITK.WriteImage(image, str(path), useCompression=packed)
             theirs, ours = [], []
             for _ in range(repeat):
-                theirs.append(
-                    seconds(lambda path=path: SimpleITK.GetArrayFromImage(SimpleITK.ReadImage(str(path))))
-                )
-                ours.append(seconds(lambda path=path: read_ct(path)))
+                theirs.append(seconds(partial(_read_with_simpleitk, path)))
+                ours.append(seconds(partial(read_ct, path)))
             ratios.append(median(ours) / median(theirs))
             name = f"{suffix}{', packed' if packed else ''}"
             print(f"{name:26}{median(theirs):10.3f}{median(ours):10.3f}{ratios[-1]:8.2f}")
     return 0 if max(ratios) <= IMAGE_GOAL else 1
+
+
+def _read_with_simpleitk(path: Path) -> object:
+    return SimpleITK.GetArrayFromImage(SimpleITK.ReadImage(str(path)))
 
 
 def with_simpleitk(folder: Path) -> SimpleITK.Image:

@@ -115,7 +115,8 @@ def read_case(
     plan = read_plan(files.plan) if files.plan else None
     fiducials = read_fiducials(files.fiducials) if files.fiducials else None
     registration = read_registration(files.registration) if files.registration else None
-    hashes = [(path.name, hashlib.sha256(path.read_bytes()).hexdigest()) for path in files.present]
+    read = [*files.present, *(path for path in map(Path, no_go) if path.is_file())]
+    hashes = [(path.name, hashlib.sha256(path.read_bytes()).hexdigest()) for path in read]
     volume = read_volume()
     if volume is not None:
         hashes.append(("voxels of the scan", volume.voxel_sha256))

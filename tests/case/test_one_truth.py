@@ -23,6 +23,7 @@ from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
 from ronnaplan.planning import Head, Plan, Trajectory, measures
 from ronnaplan.planning.crossings import find_crossings
+from ronnaplan.planning.obstacles import metal
 from ronnaplan.planning.uncertainty import PathError
 from ronnaplan.report import path_part
 from ronnaplan.report.path_part import paths_part
@@ -42,6 +43,7 @@ def one_scan(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Head, "of", lambda _: head)
     monkeypatch.setattr(path_part, "path_picture", lambda *_: b"")
     fitted = cache(lambda *ends: find_crossings(head, np.array(ends[:3]), np.array(ends[3:])))
+    monkeypatch.setattr("ronnaplan.case.surroundings.metal", cache(metal))
     monkeypatch.setattr(measures, "find_crossings", lambda _, target, outward: fitted(*target, *outward))
 
 

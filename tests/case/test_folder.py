@@ -1,0 +1,68 @@
+"""A case is the documents of one scan, and nothing else is taken for one."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import SimpleITK
+
+from ronnaplan.case.folder import Case, CaseFiles, read_case
+from ronnaplan.errors import FrameMismatchError, InputError
+from tests import cases
+
+
+def label_map(path: Path) -> Path:
+    """A region of eight voxels in the middle of the scan, named like its file."""
+    volume = cases.volume()
+    mask = np.zeros(volume.voxels_hu.shape, dtype=np.uint8)
+    mask[60:62, 128:130, 128:130] = 1
+    image = SimpleITK.GetImageFromArray(mask)
+    grid = volume.grid
+    image.SetOrigin(grid.origins_mm[0].tolist())
+    image.SetSpacing((grid.column_spacing_mm, grid.row_spacing_mm, float(grid.spacings_mm[0])))
+    image.SetDirection(grid.axes.T.ravel().tolist())
+    path.parent.mkdir(exist_ok=True)
+    SimpleITK.WriteImage(image, str(path))
+    return path
+
+
+def test_everything_in_the_folder_and_what_was_stated_is_read_and_told(tmp_path: Path) -> None:
+    cases.write_case(tmp_path)
+    (tmp_path / "limits.json").write_text(
+        json.dumps({"format": "ronnaplan.limits", "version": 1, "tolerance_mm": 1.5})
+    )
+    maps = [label_map(tmp_path / hand / "vessel.nii.gz") for hand in ("one", "other")]
+    case = read_case(CaseFiles.of_folder(tmp_path), cases.volume, no_go=maps)
+    assert case.rules.limits.tolerance_mm == 1.5
+    assert [name.partition(" (")[0] for name in case.no_go] == ["vessel", "vessel"], (
+        "one name, two regions: both count"
+    )
+    assert len(case.surroundings.obstacles) == 1 + 2 + len(cases.fiducials().fiducials)
+    assert [name for name, _ in case.hashes] == [
+        *("fiducials.json", "registration.json", "plan.json", "limits.json", "vessel.nii.gz", "vessel.nii.gz"),
+        "voxels of the scan",
+    ]
+
+
+def test_without_the_scan_nothing_is_measured(tmp_path: Path) -> None:
+    files = CaseFiles.of_folder(cases.write_case(tmp_path))
+    case = read_case(files, lambda: None)
+    assert case.expected.registered is not None
+    with pytest.raises(InputError, match="the scan is not at hand"):
+        _ = case.surroundings
+    with pytest.raises(InputError, match="a label map was given but not the scan"):
+        read_case(files, lambda: None, no_go=[tmp_path / "vessel.nii.gz"])
+
+
+def test_where_no_frame_is_named_only_the_voxels_tell_one_scan() -> None:
+    volume, plan = cases.volume(), cases.plan()
+    nameless = replace(volume, source=replace(volume.source, frame_of_reference_uid=None))
+    bare = replace(plan, source=nameless.source, trajectories=(), history=())
+    assert Case(nameless, bare).plan is bare
+    for voxels in (None, "0" * 64):
+        with pytest.raises(FrameMismatchError, match="voxels differ or are not stated"):
+            Case(nameless, replace(bare, voxel_sha256=voxels))
