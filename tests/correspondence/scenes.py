@@ -1,5 +1,7 @@
 """Point sets for the tests, made without the code under test."""
 
+from typing import Any
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -19,7 +21,15 @@ HEAD = np.array(
 )
 
 
-def scene(seed, markers=8, outliers=4, hidden=0, noise=1.0, layout=HEAD, radius=300.0):
+def scene(
+    seed: int,
+    markers: int = 8,
+    outliers: int = 4,
+    hidden: int = 0,
+    noise: float = 1.0,
+    layout: Any = HEAD,
+    radius: float = 300.0,
+) -> Any:
     """CT points, OTS points, and the true OTS partner of each CT point (-1: none)."""
     rng = np.random.default_rng(seed)
     points = layout[:markers]
@@ -34,12 +44,12 @@ def scene(seed, markers=8, outliers=4, hidden=0, noise=1.0, layout=HEAD, radius=
     return ct, turn.apply(ots[order]) + rng.uniform(-1000, 1000, 3), partner
 
 
-def ball(rng, count, radius):
+def ball(rng: np.random.Generator, count: int, radius: float) -> Any:
     direction = rng.normal(size=(count, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True) + 1e-300
     return direction * radius * np.cbrt(rng.random((count, 1)))
 
 
-def is_right(pairing, partner):
+def is_right(pairing: Any, partner: np.ndarray) -> Any:
     i = np.flatnonzero(partner >= 0)
     return np.array_equal(pairing.pairs, np.column_stack((i, partner[i])))

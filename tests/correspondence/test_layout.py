@@ -1,4 +1,5 @@
 import itertools
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from tests.correspondence.scenes import HEAD, SIGMA_CT, SIGMA_OTS
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_the_nearest_rival_is_that_of_trying_every_order(seed):
+def test_the_nearest_rival_is_that_of_trying_every_order(seed: int) -> None:
     points = np.random.default_rng(seed).normal(size=(3 + seed % 4, 3)) * 50
     centred = points - points.mean(axis=0)
     orders = list(itertools.permutations(range(len(points))))[1:]
@@ -32,18 +33,18 @@ def test_the_nearest_rival_is_that_of_trying_every_order(seed):
     ],
     ids=["equilateral triangle", "square", "flat mirror-symmetric", "two at one place"],
 )
-def test_symmetric_layouts_have_a_rival_at_no_distance(points):
+def test_symmetric_layouts_have_a_rival_at_no_distance(points: np.ndarray) -> None:
     layout = describe_layout(points)
     assert layout.rival_distance_mm == pytest.approx(0.0, abs=1e-4)
     assert layout.refusal_probability() > 0.99
 
 
-def test_a_layout_with_a_mirror_plane_but_no_rotation_is_distinguishable():
+def test_a_layout_with_a_mirror_plane_but_no_rotation_is_distinguishable() -> None:
     points = np.array([[0, 0, 0], [90, 40, 0], [90, -40, 0], [130, 0, 60.0], [60, 0, 90.0]])
     assert rival_distance(points) > 20.0
 
 
-def test_a_collinear_layout_is_always_refused():
+def test_a_collinear_layout_is_always_refused() -> None:
     layout = describe_layout(np.outer([0.0, 30.0, 80.0, 170.0], [0, 0, 1]))
     assert layout.line_distance_mm == pytest.approx(0.0, abs=1e-6)
     assert layout.refusal_probability() == 1.0
@@ -51,7 +52,7 @@ def test_a_collinear_layout_is_always_refused():
 
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 10**6), scale=st.floats(0.5, 3.0))
-def test_the_rival_distance_follows_scale_and_ignores_pose_and_order(seed, scale):
+def test_the_rival_distance_follows_scale_and_ignores_pose_and_order(seed: int, scale: Any) -> None:
     rng = np.random.default_rng(seed)
     points = 50 * rng.normal(size=(5, 3))
     moved = scale * Rotation.from_quat(rng.normal(size=4)).apply(points[rng.permutation(5)]) + 40.0
@@ -59,7 +60,7 @@ def test_the_rival_distance_follows_scale_and_ignores_pose_and_order(seed, scale
 
 
 @pytest.mark.parametrize("difference", [2.0, 4.0])
-def test_the_refusal_probability_is_what_simulation_finds(difference):
+def test_the_refusal_probability_is_what_simulation_finds(difference: Any) -> None:
     triangle = np.array([[-40.0, 0, 0], [40, 0, 0], [0.5 * difference, 90, 0]])
     rng = np.random.default_rng(6)
     refused = 0
@@ -69,6 +70,6 @@ def test_the_refusal_probability_is_what_simulation_finds(difference):
     assert refused / 2000 == pytest.approx(describe_layout(triangle).refusal_probability(), abs=0.08)
 
 
-def test_a_point_cloud_is_no_layout():
+def test_a_point_cloud_is_no_layout() -> None:
     with pytest.raises(InputError, match="at most 32"):
         describe_layout(np.random.default_rng(0).normal(size=(33, 3)) * 50)
