@@ -23,10 +23,15 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from phantoms import library
+from phantoms.anatomy import Foot
 from phantoms.cone_beam import ConeBeam
+from phantoms.coverings import FILM_MM
 from phantoms.fast import average_hu
 from phantoms.kernels import KERNELS
 from phantoms.machine import Machine
+from phantoms.markers import Condition, MarkerKind, marker, marker_kind
+from phantoms.materials import MATERIALS
+from phantoms.motion import Form, Motion
 from phantoms.scanner import Scanner
 from phantoms.scene import Part, Scene
 from phantoms.solids import FloatArray, cylinder, sphere
@@ -233,6 +238,72 @@ def _cone_error(center: FloatArray, scanner: ConeBeam, *, rod: bool = False) -> 
     return (np.average(points.reshape(-1, 3), axis=0, weights=weights.ravel()) - center) * 1000
 
 
+def markers_as_they_are(quick: bool) -> Iterator[Row]:
+    """Check the mass of what is hollow, and how far a film of known thickness shifts it."""
+    foot = Foot(HOME, np.array([0.0, 0.6, 0.8]))
+    for name in ("hollow ceramic", "ceramic"):
+        known = marker_kind(name)
+        scene = marker("M1", foot, known, Condition(oversize_mm=-0.15, out_of_round=0.02, seed=3))
+        (truth,) = scene.markers
+        outer = truth.diameter_mm
+        inner = outer - 2 * known.wall_mm if known.wall_mm else 0.0
+        centroid, mass = _mass(scene)
+        expected = (MATERIALS[known.material].nominal_hu + 1000) * np.pi / 6 * (outer**3 - inner**3)
+        off = float(np.abs(centroid - truth.center_mm).max() * 1000)
+        wrong = abs(mass / expected - 1)
+        label = f"{name}, 0.15 mm too small, 2 % out of round: centroid; mass against the solid's"
+        yield label, f"{off:.2f} um; {100 * wrong:.2f} %", "2 um; 1 %", off < 2 and wrong < 0.01
+    scene = marker("M1", foot, MarkerKind(11.5, "acrylic"), Condition(covering="film", seed=2))
+    ball, film = (MATERIALS[name].nominal_hu + 1000 for name in ("acrylic", "polyester"))
+    share = film * (11.5 + FILM_MM) ** 3
+    shift = float(np.linalg.norm(_mass(scene)[0] - scene.markers[0].center_mm)) * 1000
+    wanted = FILM_MM / 2 * share / (share + (ball - film) * 11.5**3) * 1000
+    off = abs(shift - wanted)
+    yield (
+        "one-sided film, 0.5 mm: shift of the centroid; off theory",
+        f"{shift:.1f}; {off:.2f} um",
+        "2 um",
+        off < 2,
+    )
+
+
+def _mass(scene: Scene) -> tuple[FloatArray, float]:
+    """Return centroid and mass of a scene about its marker, drawn by the fast renderer."""
+    center = scene.markers[0].center_mm
+    stack = axial_stack(
+        start_mm=center[2] - 11,
+        stop_mm=center[2] + 11,
+        spacing_mm=0.7,
+        matrix=80,
+        field_of_view_mm=24,
+        center_mm=(*center[:2], 0),
+    )
+    return moments(average_hu(scene, stack) + 1000, stack, center, 12)
+
+
+def motion(quick: bool) -> Iterator[Row]:
+    """Check that who has moved is shown where he is, and who drifts where theory has him."""
+    place, views = np.array([45.1, -30.2, 20.3]), 240
+    cases: tuple[tuple[str, Form], ...] = (("has moved before", "jump"), ("drifts 0.5 mm", "drift"))
+    for name, form in cases:
+        moving = Motion(form, (0.3, -0.2, 0.35), (0.2, 0.1, -0.3) if form == "jump" else (0.0, 0.0, 0.0), 0.0)
+        expected = _seen_in_full_turn(moving.path(place, np.linspace(0, 1, views)) - place)
+        off = _cone_error(place, ConeBeam(dose=0, views=views, motion=moving)) - expected * 1000
+        worst = float(np.abs(off).max())
+        yield f"cone beam, patient who {name}: centroid against theory", f"{worst:.2f} um", "6 um", worst < 6
+
+
+def _seen_in_full_turn(shifts_mm: FloatArray) -> FloatArray:
+    """Return the shift (3,) that the image shows of one that differs from view to view (V, 3).
+
+    Each view tells the shift along the axis, and that across its own direction; together they are least squares.
+    """
+    angles = 2 * np.pi * np.arange(len(shifts_mm)) / len(shifts_mm)
+    across = np.column_stack([-np.sin(angles), np.cos(angles)])
+    told = np.sum(shifts_mm[:, :2] * across, axis=1)
+    return np.array([*(2 * np.mean(told[:, np.newaxis] * across, axis=0)), shifts_mm[:, 2].mean()])
+
+
 def speed(quick: bool) -> Iterator[Row]:
     """Time a 512 x 512 slice: at most a second on two cores."""
     patient = library.ready("patient-8")
@@ -271,6 +342,8 @@ CHECKS: tuple[Callable[[bool], Iterator[Row]], ...] = (
     masses,
     fast_renderer,
     cone_beam,
+    markers_as_they_are,
+    motion,
     speed,
     validator,
 )
