@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from ronnaplan.text import LONGEST_SENTENCE, printable
+
 
 class RonnaplanError(Exception):
-    """Base of every error that a user can cause; ``exit_status`` is what the command line returns for it."""
+    """Base of every error that a user can cause; ``exit_status`` is what the command line returns for it.
+
+    Its text is one printable line, whatever a file or the network put into it.
+    """
 
     exit_status = 1
+
+    def __str__(self) -> str:
+        return printable(super().__str__(), LONGEST_SENTENCE)
 
 
 class InputError(RonnaplanError):

@@ -11,7 +11,6 @@ from importlib import import_module
 from ronnaplan import __version__
 from ronnaplan.cli.output import discard_output, guarded_output
 from ronnaplan.errors import RonnaplanError, UsageError
-from ronnaplan.text import LONGEST_SENTENCE, printable
 
 VERBS = ("series", "localize", "plan", "track", "register", "view", "report", "export", "phantom", "study", "demo")
 
@@ -33,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             return _run(arguments)
         except RonnaplanError as error:
-            print(f"ronnaplan: {printable(error, LONGEST_SENTENCE)}", file=sys.stderr)
+            print(f"ronnaplan: {error}", file=sys.stderr)
             return error.exit_status
         except BrokenPipeError:
             # The reader of our output (head, less) went away: not an error, and nothing more can be written.

@@ -149,7 +149,7 @@ class Stream:
         if len(content) % POINT_ITEM.itemsize:
             raise ValueError(f"{len(content)} bytes")
         items: NDArray[np.void] = np.frombuffer(content, dtype=POINT_ITEM)
-        places = items["place"].astype(np.float64)
+        places = _doubles(items["place"])
         finite = np.asarray(np.isfinite(places).all(axis=1))
         for name, place, good in zip(items["name"].tolist(), places, finite.tolist(), strict=True):
             status = OK if good else "no position"
@@ -160,7 +160,7 @@ class Stream:
         if len(content) != 48:
             raise ValueError(f"{len(content)} bytes")
         matrix = np.eye(4)
-        matrix[:3] = np.frombuffer(content, dtype=">f4").reshape(4, 3).T
+        matrix[:3] = _doubles(np.frombuffer(content, dtype=">f4")).reshape(4, 3).T
         tool = message.device
         reading, excess = tool_reading(self._next_frame(tool), tool, matrix, message.time_s)
         self.tools.append(reading)
@@ -178,10 +178,15 @@ class Stream:
         return self._tool_frames[tool] - 1
 
 
+def _doubles(floats: NDArray[np.void]) -> FloatArray:
+    with np.errstate(invalid="ignore"):  # of a signalling NaN, which becomes a quiet one
+        return floats.astype(np.float64)
+
+
 def _positions(content: bytes) -> list[tuple[str, FloatArray, FloatArray]]:
     """Return (name, position, scalar-first quaternion) of a POSITION body, in either layout."""
     if len(content) in POSITION_BYTES:
-        values = np.frombuffer(content, dtype=">f4").astype(np.float64)
+        values = _doubles(np.frombuffer(content, dtype=">f4"))
         if len(values) == 3:
             quaternion = np.array([1.0, 0, 0, 0])
         elif len(values) == 6:  # the protocol leaves out the scalar part, which is not negative

@@ -16,8 +16,6 @@ DELIMITERS = (",", ";", "\t")
 MOST_TEXT_BYTES = 2**27
 MOST_ROWS = 500_000
 """Seven hours of a tracker's frames at 20 Hz; a file with more rows or bytes would take the memory."""
-LARGEST_NUMBER = 1e19
-"""Nanoseconds since 1970 fit; what is larger is damage."""
 LENGTHS = frozenset({"x", "y", "z", "tx", "ty", "tz", "sigma", "error", "entry", "target", "diameter", "length"})
 """Columns that are lengths in mm, by the first word of their name."""
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "missing", "-"})
@@ -134,15 +132,14 @@ def column_name(cell: str) -> str:
 
 
 def number(cell: str, delimiter: str = ",") -> float | None:
-    """Return the number in ``cell``, or None for one that is missing, not numeric or beyond `LARGEST_NUMBER`.
+    """Return the number in ``cell``, or None for one that is missing or not numeric.
 
     A decimal comma is understood where the comma is not the delimiter.
     """
     text = cell.strip()
     if text.lower() in MISSING:
         return None
-    value = plain_number(text if delimiter == "," else text.replace(",", "."))
-    return value if value is not None and abs(value) <= LARGEST_NUMBER else None
+    return plain_number(text if delimiter == "," else text.replace(",", "."))
 
 
 def frame_number(path: Path, value: float | None, otherwise: int) -> int:

@@ -12,6 +12,9 @@ BORDERS: Final[Mapping[str, str]] = {
     "dicom": "tests.ct.fuzzing:DicomBorder",
     "images": "tests.ct.image_fuzzing:ImageBorder",
     "planner": "tests.planner.fuzzing:PlannerBorder",
+    "documents": "tests.documents.fuzzing:DocumentBorder",
+    "readings": "tests.tracking.fuzzing:ReadingsBorder",
+    "openigtlink": "tests.tracking.fuzzing:StreamBorder",
 }
 """Name -> ``module:class``, imported where it is run only."""
 
