@@ -60,7 +60,7 @@ STRANGE: tuple[Any, ...] = (
 LOOK = {
     "voxel_sha256": "00",
     "crosshair": [1.0, 2.0, 3.0],
-    "centre": [1.0, 2.0, 3.0],
+    "center": [1.0, 2.0, 3.0],
     "field_mm": 200.0,
     "window": "bone",
     "selected": None,
@@ -71,7 +71,7 @@ LOOK = {
 class DocumentBorder(Border):
     """Every kind of document and of plan table, with one to three changes of its values, its structure or its bytes."""
 
-    inputs_in_tests = 1500
+    inputs_in_tests = 600
 
     def __init__(self) -> None:
         self.texts = {name: json.dumps(content, indent=1) for name, (content, _) in documents().items()}
