@@ -93,9 +93,8 @@ class ReadingsBorder(Border):
         with suppress(InputError):
             for marker in find_markers(recording).markers:
                 np.linalg.cholesky(marker.covariance_mm2)
-        return (
-            "read" if any(reading.usable for reading in (*recording.points, *recording.tools)) else "all flagged"
-        )
+        seen = any(point.usable for point in recording.points) or any(tool.usable for tool in recording.tools)
+        return "read" if seen else "all flagged"
 
 
 def _require_same(first: Recording, second: Recording) -> None:
