@@ -1,10 +1,9 @@
-"""Predicted target error against Monte Carlo, registrations a second, and pivot calibration, with a peer.
+"""Predicted target error against Monte Carlo, what is said to have moved, and registrations a second, with a peer.
 
-    python -m benchmarks.registration [--layouts N] [--trials N] [--pivot POSES.csv]
+    python -m benchmarks.registration [--layouts N] [--trials N] [--drifts N]
 
 The peer's `compute_tre_from_fle` knows no anisotropic errors; release 0.8.3 takes the rows of the matrix of
-principal axes where the axes are its columns, hence its errors. POSES.csv holds one 4 x 4 pose a row in its last
-16 columns (row by row, tracker from tool, mm) below a header; plain least squares is the peer there.
+principal axes where the axes are its columns, hence its errors.
 """
 
 from __future__ import annotations
@@ -12,16 +11,17 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ronnaplan.geometry import FloatArray
-from ronnaplan.registration import predict_tre, register_batch, register_points
+from ronnaplan.geometry import FloatArray, Frame, Points, unit
+from ronnaplan.registration import DriftStatus, check_drift, predict_tre, register_batch, register_points
 from ronnaplan.report.tables import align
 
 SIGMA_MM = 0.35
+READING_MM = 0.17
+OTS = Frame("OTS")
 
 
 def main() -> None:
@@ -29,14 +29,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--layouts", type=int, default=10, help="random layouts a number of markers")
     parser.add_argument("--trials", type=int, default=20_000, help="Monte Carlo trials a layout")
-    parser.add_argument("--pivot", type=Path, metavar="POSES.csv")
+    parser.add_argument("--drifts", type=int, default=500, help="movements a number of markers")
     arguments = parser.parse_args()
     print(tre_table(arguments.layouts, arguments.trials))
     print()
     print(speed_table())
-    if arguments.pivot:
-        print()
-        print(pivot_table(arguments.pivot))
+    print()
+    print(drift_table(arguments.drifts))
 
 
 def tre_table(layouts: int, trials: int) -> str:
@@ -99,6 +98,42 @@ def simulated_tre(
     return float(np.sqrt((error**2).sum(axis=-1).mean()))
 
 
+def drift_table(cases: int) -> str:
+    """What `check_drift` says of one marker moved by 2 mm, and of a moved head; readings of 0.17 mm an axis."""
+    rng = np.random.default_rng(3)
+    rows = [
+        [
+            "markers",
+            "one moved: so said",
+            "it is named alone",
+            "in a list",
+            "another alone",
+            "head moved: so said",
+            "",
+        ]
+    ]
+    for count in range(4, 9):
+        said = np.zeros(5)
+        for _ in range(cases):
+            markers = random_layout(rng, count)[0]
+            covariances = np.tile(READING_MM**2 * np.eye(3), (count, 1, 1))
+            first, second = (markers + READING_MM * rng.normal(size=markers.shape) for _ in range(2))
+            reference = Points(first, covariances, tuple(map(str, range(count))), OTS)
+            loose = second.copy()
+            loose[0] += 2 * unit(rng.normal(size=3))
+            found = check_drift(reference, Points(loose, covariances, reference.labels, OTS))
+            said[0] += found.status is DriftStatus.MARKER_MOVED
+            said[1] += found.loose == ("0",)
+            said[2] += "0" in found.loose[1:] or (found.loose[:1] == ("0",) and len(found.loose) > 1)
+            said[3] += len(found.loose) == 1 and "0" not in found.loose
+            turn = Rotation.from_rotvec(np.radians(rng.choice([0.0, 1.0, 5.0])) * unit(rng.normal(size=3)))
+            moved = turn.apply(second) + rng.choice([2.0, 20.0]) * unit(rng.normal(size=3))
+            found = check_drift(reference, Points(moved, covariances, reference.labels, OTS))
+            said[4] += found.status is DriftStatus.PATIENT_MOVED
+        rows.append([str(count), *(f"{100 * part / cases:.1f} %" for part in said), ""])
+    return f"What is said to have moved ({cases} movements of each kind a row)\n{align(rows)}"
+
+
 def speed_table() -> str:
     """Registrations a second of eight markers: one by one, and in a batch."""
     from sksurgerycore.algorithms.procrustes import orthogonal_procrustes
@@ -131,35 +166,6 @@ def rate(count: int, work: Callable[[], object]) -> float:
         work()
         best = min(best, time.process_time() - start)
     return count / best
-
-
-def pivot_table(path: Path) -> str:
-    """Pivot calibration of a recorded tool, slips included, with the scatter of a block bootstrap."""
-    from ronnaplan.robot.pivot import calibrate_pivot
-    from ronnaplan.tracking import read_recording
-
-    poses = read_recording(path).poses("tool")
-    own = calibrate_pivot(poses)
-    design = np.concatenate([poses[:, :3, :3], np.tile(-np.eye(3), (len(poses), 1, 1))], axis=2).reshape(-1, 6)
-    plain = np.linalg.lstsq(design, -poses[:, :3, 3].ravel(), rcond=None)[0]
-    plain_rms = np.sqrt(((design @ plain + poses[:, :3, 3].ravel()) ** 2).sum() / len(poses))
-    rng = np.random.default_rng(3)
-    block, tips = len(poses) // 20, []
-    for _ in range(60):
-        starts = rng.integers(0, len(poses) - block + 1, len(poses) // block + 1)
-        tips.append(calibrate_pivot(poses[(starts[:, None] + np.arange(block)).ravel()[: len(poses)]]).tip_mm)
-    rows = [["", "x", "y", "z", "RMS kept, mm", ""]]
-    rows.append(["least squares, all poses", *numbers(plain[:3]), f"{plain_rms:.2f}", ""])
-    rows.append([f"ronnaplan ({own.slipped.sum()} poses left out)", *numbers(own.tip_mm), f"{own.rms_mm:.2f}", ""])
-    rows.append(["  its standard error", *numbers(np.sqrt(np.diag(own.tip_covariance_mm2))), "", ""])
-    rows.append([f"  block bootstrap ({block} poses)", *numbers(np.std(tips, axis=0)), "", ""])
-    slips = ", ".join(f"{first}-{last}" for first, last in own.slips)
-    return f"{align(rows)}\nslipped poses: {slips}"
-
-
-def numbers(values: FloatArray) -> list[str]:
-    """Format mm."""
-    return [f"{value:.2f}" for value in values]
 
 
 if __name__ == "__main__":

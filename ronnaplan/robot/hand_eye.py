@@ -1,8 +1,9 @@
 """Hand-eye calibration over many poses: M from TCP and robot from tracker together.
 
 At every pose ``robot_from_tcp = robot_from_ots @ ots_from_m @ m_from_tcp``. The start is Shah's closed form (2013,
-J. Mech. Robot. 5:031007); then all twelve unknowns are fitted together, rotations and translations weighted by the
-scatter they turn out to have.
+J. Mech. Robot. 5:031007); then all twelve unknowns are fitted together with a steady drift of the tracker, rotations
+and translations weighted by the scatter they turn out to have. The errors are taken as the tracker's, and the
+covariance counts that those of successive poses may be correlated.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import Pose, adjoint, as_pose, exponential, invert, rigid
 from ronnaplan.robot.chain import OTS, TCP, M, R
+from ronnaplan.robot.memory import least_squares_covariance
 
 SMALLEST_TURN_DEG = 5.0
 """RMS turn about the second axis that the poses need; below it the translation along the first is undetermined."""
@@ -92,31 +94,45 @@ def _nearest_rotation(matrix: FloatArray) -> FloatArray:
 def _refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> HandEye:
     from scipy.optimize import least_squares
 
-    def moved(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        first, second = rigid(exponential(x[:3]), x[3:6]), rigid(exponential(x[6:9]), x[9:])
-        return left @ first, right @ second
+    time = np.linspace(-1, 1, len(seen))[:, None]
+
+    def moved(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return left @ _motion(first), right @ _motion(second)
 
     def misfit(x: FloatArray, weights: FloatArray) -> FloatArray:
-        first, second = moved(x)
-        return (_discrepancy(first @ seen @ second, driven) * weights).ravel()
+        drifting, second = moved(x[:6] + time * x[12:], x[6:12])
+        return (_discrepancy(invert(drifting) @ driven @ invert(second), seen) * weights).ravel()
 
     weights = np.array([1e3, 1e3, 1e3, 1.0, 1.0, 1.0])
-    solution = np.zeros(12)
+    solution = np.zeros(18)
     for _ in range(REWEIGHTINGS):
-        fit = least_squares(misfit, solution, args=(weights,), x_scale=np.repeat([1e-3, 1, 1e-3, 1], 3))
+        fit = least_squares(misfit, solution, args=(weights,), x_scale=np.tile(np.repeat([1e-3, 1], 3), 3))
         solution = fit.x
         error = misfit(solution, np.ones(6)).reshape(-1, 6)
-        freedom = 1 - 12 / error.size
+        freedom = 1 - solution.size / error.size
         spread = np.sqrt((error**2).mean(axis=0).reshape(2, 3).mean(axis=1) / freedom)
         weights = np.repeat(1 / np.maximum(spread, 1e-12), 3)
-    jacobian = np.asarray(fit.jac)
-    covariance = np.linalg.inv(jacobian.T @ jacobian)
-    robot_from_ots, m_from_tcp = moved(solution)
+    covariance = _covariance(np.asarray(fit.jac).reshape(-1, 6, 18), np.asarray(fit.fun).reshape(-1, 6), seen)
+    robot_from_ots, m_from_tcp = moved(solution[:6], solution[6:12])
     return HandEye(
-        Pose(m_from_tcp, _in_target_axes(m_from_tcp, covariance[6:, 6:]), M, TCP),
+        Pose(m_from_tcp, _in_target_axes(m_from_tcp, covariance[6:12, 6:12]), M, TCP),
         Pose(robot_from_ots, _in_target_axes(robot_from_ots, covariance[:6, :6]), R, OTS),
         float(np.degrees(np.sqrt((error[:, :3] ** 2).sum(axis=1).mean()))),
         float(np.sqrt((error[:, 3:] ** 2).sum(axis=1).mean())),
+    )
+
+
+def _motion(twist: FloatArray) -> FloatArray:
+    """Return the motions (..., 4, 4) by rotation vectors in rad and translations in mm (..., 6)."""
+    return rigid(exponential(twist[..., :3]), twist[..., 3:])
+
+
+def _covariance(jacobian: FloatArray, residual: FloatArray, seen: FloatArray) -> FloatArray:
+    """Return the covariance (18, 18) of the fit; the noise's memory is in the tool's axes or in the tracker's."""
+    turned = np.zeros((len(seen), 6, 6))
+    turned[:, :3, :3] = turned[:, 3:, 3:] = seen[:, :3, :3]
+    return least_squares_covariance(
+        [jacobian, turned @ jacobian], [residual, (turned @ residual[..., None])[..., 0]]
     )
 
 

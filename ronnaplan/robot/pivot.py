@@ -1,9 +1,9 @@
 """Pivot calibration: the tip of a tool from poses taken while the tip rests in a divot, slips told and left out.
 
-Every pose gives ``rotation @ tip + translation = pivot``. The sum of the residuals' *lengths* is minimized (the
-spatial median's criterion), which is convex and lets no pose pull harder than another; poses that lie far off
-are then left out. Trackers filter their poses, so residuals are correlated in time and the covariance must
-count that.
+Every pose gives ``rotation @ tip + translation = pivot``. Slips are told from the fit that minimizes the sum of the
+residuals' *lengths* (the spatial median's criterion), which is convex and lets no pose pull harder than another. The
+other poses are fitted by least squares, the pivot drifting steadily. Trackers filter their poses, so residuals are
+correlated in time, and the covariance counts that.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import as_pose
+from ronnaplan.robot.memory import least_squares_covariance
 
 SLIP_SDS = 6.0
 """A pose whose residual is longer than this many robust standard deviations (per axis) has slipped."""
@@ -25,8 +26,6 @@ SMALLEST_TURN_DEG = 10.0
 """The tool's axes must spread by this much over the poses, or the tip is not determined."""
 SOFTENING_MM = 0.01
 """Rounds the length's kink at zero, well below any tracker's noise."""
-MEMORY_TIMES = 5
-"""The covariance counts correlations up to this many decorrelation times."""
 MAXIMUM_ITERATIONS = 300
 CONVERGED_MM = 1e-7
 
@@ -40,7 +39,7 @@ class PivotCalibration:
     tip_covariance_mm2: FloatArray
     """Covariance (3, 3) of the tip, correlations between successive poses counted."""
     pivot_mm: FloatArray
-    """The divot (3,) in the tracker's frame."""
+    """The divot (3,) in the tracker's frame, in the middle of the recording."""
     pivot_covariance_mm2: FloatArray
     residuals_mm: FloatArray
     """Distance of each pose's tip from the pivot (N,), slipped poses included."""
@@ -76,26 +75,32 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
         raise InputError(f"pivot poses have shape {offered.shape}; expected (N, 4, 4) with ten poses or more")
     matrices = np.array([as_pose(matrix, f"pivot pose {i}") for i, matrix in enumerate(offered)])
     _require_turning(matrices[:, :3, :3])
-    design = np.concatenate([matrices[:, :3, :3], np.broadcast_to(-np.eye(3), (len(matrices), 3, 3))], axis=2)
-    shift = -matrices[:, :3, 3]
-    solution, kept = _fit_without_slips(design, shift)
+    rotation, shift = matrices[:, :3, :3], -matrices[:, :3, 3]
+    still = np.broadcast_to(-np.eye(3), rotation.shape)
+    kept = _without_slips(np.concatenate([rotation, still], axis=2), shift)
+    drift = np.linspace(-1, 1, len(matrices))[:, None, None] * still
+    design = np.concatenate([rotation, still, drift], axis=2)
+    normal = np.einsum("nij,nik->jk", design[kept], design[kept])
+    solution = np.linalg.solve(normal, np.einsum("nij,ni->j", design[kept], shift[kept]))
     residual = design @ solution - shift
+    in_tool = rotation[kept].transpose(0, 2, 1)
+    covariance = least_squares_covariance(
+        [design[kept], in_tool @ design[kept]], [residual[kept], (in_tool @ residual[kept, :, None])[..., 0]]
+    )
     length = np.linalg.norm(residual, axis=1)
-    covariance = _covariance(design, np.where(kept[:, None], residual, 0.0), kept)
     return PivotCalibration(
         solution[:3],
         covariance[:3, :3],
-        solution[3:],
-        covariance[3:, 3:],
+        solution[3:6],
+        covariance[3:6, 3:6],
         length,
         ~kept,
         float(np.median(length) / MAXWELL_MEDIAN),
     )
 
 
-def _fit_without_slips(
-    design: FloatArray, shift: FloatArray
-) -> tuple[FloatArray, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+def _without_slips(design: FloatArray, shift: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Return which poses (N,) did not slip."""
     kept = np.ones(len(design), dtype=bool)
     solution = _least_lengths(design, shift)
     for _ in range(MAXIMUM_ITERATIONS):
@@ -105,7 +110,7 @@ def _fit_without_slips(
             break
         kept = closer
         solution = _least_lengths(design[kept], shift[kept])
-    return solution, kept
+    return kept
 
 
 def _least_lengths(design: FloatArray, shift: FloatArray) -> FloatArray:
@@ -122,38 +127,6 @@ def _least_lengths(design: FloatArray, shift: FloatArray) -> FloatArray:
             break
         weight = 1.0 / np.sqrt(((design @ solution - shift) ** 2).sum(axis=1) + SOFTENING_MM**2)
     return solution
-
-
-def _covariance(
-    design: FloatArray, residual: FloatArray, kept: np.ndarray[tuple[int], np.dtype[np.bool_]]
-) -> FloatArray:
-    """Return the (6, 6) sandwich covariance of the estimate, robust to heavy tails and to correlation in time.
-
-    The meat sums the scores' autocovariances with Bartlett's window (Newey & West 1987, Econometrica 55:703).
-    That window and the fit itself take some of the correlation away: the last factor gives it back, so that the
-    result is not smaller than a block bootstrap's.
-    """
-    length = np.sqrt((residual**2).sum(axis=1) + SOFTENING_MM**2)
-    unit = residual / length[:, None]
-    bend = (np.eye(3) - unit[:, :, None] * unit[:, None, :]) / length[:, None, None] * kept[:, None, None]
-    bread = np.linalg.inv(np.einsum("nij,nik,nkl->jl", design, bend, design))
-    scores = np.einsum("nij,ni->nj", design, unit)
-    meat = scores.T @ scores
-    window = min(MEMORY_TIMES * _decorrelation(scores), len(scores) // 4)
-    for lag in range(1, window + 1):
-        product = scores[lag:].T @ scores[:-lag]
-        meat += (1 - lag / (window + 1)) * (product + product.T)
-    covariance: FloatArray = bread @ meat @ bread * (len(scores) / (len(scores) - 2 * window))
-    return covariance
-
-
-def _decorrelation(scores: FloatArray) -> int:
-    """Return the lag at which every score's autocorrelation has fallen below 1/e."""
-    variance = (scores**2).sum(axis=0)
-    for lag in range(1, len(scores) // 4):
-        if ((scores[lag:] * scores[:-lag]).sum(axis=0) < np.exp(-1) * variance).all():
-            return lag
-    return max(1, len(scores) // 4)
 
 
 def _require_turning(rotations: FloatArray) -> None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.errors import FrameMismatchError, InputError
@@ -85,16 +86,20 @@ def test_hand_eye_of_exact_poses_is_exact() -> None:
     np.testing.assert_allclose(found.robot_from_ots.matrix, robot_from_ots, atol=1e-6)
 
 
-def test_hand_eye_states_its_own_scatter() -> None:
-    points = np.array([[0.0, 0, 0], [50, 0, 100]])
-    images, stated = [], []
-    for seed in range(120):
-        seen, driven, m_from_tcp, _ = hand_eye_poses(seed, 20, 1e-3, 0.2)
+@pytest.mark.parametrize("memory", [0.0, 0.9])
+def test_hand_eye_states_its_own_error_whatever_the_noises_memory(memory: float) -> None:
+    squares = []
+    for seed in range(16):
+        seen, driven, m_from_tcp, robot_from_ots = hand_eye_poses(seed, 60, 0.0, 0.0)
+        white = np.random.default_rng(seed).normal(size=(200, 6)) * np.repeat([1e-3, 0.2], 3)
+        noise = lfilter([np.sqrt(1 - memory**2)], [1, -memory], white, axis=0)[-len(seen) :]
+        seen[:, :3, 3] += noise[:, 3:]
+        seen[:, :3, :3] = Rotation.from_rotvec(noise[:, :3]).as_matrix() @ seen[:, :3, :3]
         found = calibrate_hand_eye(seen, driven)
-        images.append(found.m_from_tcp.apply(points))
-        stated.append(np.trace(found.m_from_tcp.point_covariances(points), axis1=1, axis2=2))
-    error = np.array(images) - (points @ m_from_tcp[:3, :3].T + m_from_tcp[:3, 3])
-    np.testing.assert_allclose(np.sqrt(np.mean(stated, axis=0)), np.sqrt((error**2).sum(-1).mean(0)), rtol=0.15)
+        for pose, truth in ((found.m_from_tcp, m_from_tcp), (found.robot_from_ots, robot_from_ots)):
+            error = pose.translation_mm - truth[:3, 3]
+            squares.append(error @ np.linalg.solve(pose.point_covariances([[0, 0, 0]])[0], error))
+    assert 0.65 < np.mean(squares) / 3 < 1.4
     assert found.rotation_rms_deg == pytest.approx(np.degrees(1e-3 * np.sqrt(3)), rel=0.3)
 
 
