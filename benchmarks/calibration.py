@@ -24,7 +24,7 @@ from ronnaplan.robot.pivot import calibrate_pivot
 from ronnaplan.tracking import read_recording
 
 TIP_MM = np.array([-15.0, 240, -7])
-NOISES = {
+NOISES: dict[str, tuple[float | str, bool]] = {
     "white": ("white", False),
     "AR(1) 0.5": (0.5, False),
     "AR(1) 0.9": (0.9, False),

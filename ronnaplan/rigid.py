@@ -21,6 +21,8 @@ MAXIMUM_ITERATIONS = 100
 FIRST_DAMPING = 1e-2
 """Levenberg-Marquardt damping, relative to the information, after a step that would raise the misfit."""
 ROUND_OFF = 1e-12
+LARGEST_SPURIOUS_SHARE = 0.5
+"""At most so much of the information about a rotation is taken for the points' own noise; second order ends there."""
 
 
 def require_spread(points_mm: FloatArray, name: str) -> None:
@@ -122,19 +124,70 @@ def _linearize(
     return np.asarray((residual * pull).sum(axis=(-2, -1))), information, gradient
 
 
-def pose_covariance(mapped_mm: FloatArray, combined_mm2: FloatArray) -> FloatArray:
+def pose_covariance(
+    mapped_mm: FloatArray, combined_mm2: FloatArray, remaining_mm2: FloatArray | None = None
+) -> FloatArray:
     """Return the covariance (..., 6, 6) of a fitted pose, in the convention of `ronnaplan.pose`.
 
     ``mapped_mm`` (..., N, 3) are the moving points in the fixed frame and ``combined_mm2`` (..., N, 3, 3) the
     covariance of their residuals. This is the Cramer-Rao bound of the likelihood, so it holds for anisotropic and
     unequal errors; for equal isotropic ones it is Eq. 46 of Fitzpatrick, West & Maurer (1998, IEEE TMI 17:694).
+
+    ``remaining_mm2`` (..., N, 3, 3) is the error that ``mapped_mm`` have left (see `corrected_points`). It lets points
+    near a line look wider than they are, by as much information about the rotation as it holds itself; that is taken
+    off, and counts as noise of the estimate instead (to second order; cf. Fuller 1987, Measurement Error Models).
     """
     centre = mapped_mm.mean(axis=-2)
+    weight = np.asarray(np.linalg.inv(combined_mm2), dtype=np.float64)
     jacobian = point_jacobian(mapped_mm - centre[..., None, :])
-    information = (jacobian.swapaxes(-1, -2) @ np.linalg.inv(combined_mm2) @ jacobian).sum(axis=-3)
-    from_centre = point_jacobian(-centre)  # the origin, as seen from the centroid
-    move = np.zeros_like(information)
+    seen = (jacobian.swapaxes(-1, -2) @ weight @ jacobian).sum(axis=-3)
+    spread = np.linalg.inv(seen)
+    if remaining_mm2 is not None:
+        spread = _without_spurious(seen, spread, _turning_information(remaining_mm2, weight))
+    move = np.zeros_like(spread)
     move[..., :3, :3] = np.eye(3)
-    move[..., 3:, :] = from_centre
-    covariance: FloatArray = move @ np.linalg.inv(information) @ move.swapaxes(-1, -2)
+    move[..., 3:, :] = point_jacobian(-centre)  # the origin, as seen from the centroid
+    covariance: FloatArray = move @ spread @ move.swapaxes(-1, -2)
+    return covariance
+
+
+def corrected_points(
+    matrix: FloatArray, moving_mm: FloatArray, fixed_mm: FloatArray, moving_mm2: FloatArray, fixed_mm2: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return where the points (..., N, 3) most likely are in the fixed frame, from both sides, and what error is left.
+
+    The error (..., N, 3, 3) is zero where one side is exact.
+    """
+    rotation = matrix[..., None, :3, :3]
+    carried = rotation @ moving_mm2 @ rotation.swapaxes(-1, -2)
+    mapped = transform_points(matrix, moving_mm)
+    gain = carried @ np.linalg.inv(carried + fixed_mm2)
+    corrected = mapped + (gain @ (fixed_mm - mapped)[..., None])[..., 0]
+    return corrected, carried - gain @ carried
+
+
+def _turning_information(covariances_mm2: FloatArray, weight: FloatArray) -> FloatArray:
+    """Return the information (..., 3, 3) about a rotation that points hold by their errors alone, on average.
+
+    That is the mean of ``[e]x' weight [e]x``, summed over the points, for errors ``e`` of the given covariances.
+    """
+    identity = np.eye(3)
+    product = covariances_mm2 @ weight
+    sizes, weights, products = (
+        np.trace(m, axis1=-2, axis2=-1)[..., None, None] for m in (covariances_mm2, weight, product)
+    )
+    mean = (sizes * weights - products) * identity - weights * covariances_mm2 - sizes * weight
+    information: FloatArray = (mean + product + product.swapaxes(-1, -2)).sum(axis=-3)
+    return information
+
+
+def _without_spurious(seen: FloatArray, spread: FloatArray, spurious: FloatArray) -> FloatArray:
+    """Return the covariance (..., 6, 6) when of the information ``seen`` about the rotation a part is ``spurious``."""
+    root = np.linalg.cholesky(spread[..., :3, :3])
+    share, axes = np.linalg.eigh(root.swapaxes(-1, -2) @ spurious @ root)
+    back = np.linalg.solve(root.swapaxes(-1, -2), axes)
+    true = seen.copy()
+    true[..., :3, :3] -= (back * np.minimum(share, LARGEST_SPURIOUS_SHARE)[..., None, :]) @ back.swapaxes(-1, -2)
+    bread = np.linalg.inv(true)
+    covariance: FloatArray = bread @ seen @ bread
     return covariance

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import transform_points
-from ronnaplan.registration.registration import combined_covariances
-from ronnaplan.rigid import fit_closed_form, fit_likelihood, pose_covariance, require_spread
+from ronnaplan.registration.registration import combined_covariances, fitted_pose_covariance
+from ronnaplan.rigid import fit_closed_form, fit_likelihood, require_spread
 
 CHUNK = 2000
 """Likelihood fits done at a time, so that their arrays stay in the processor's cache."""
@@ -66,4 +66,5 @@ def _fit(
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     matrices, settled = fit_likelihood(moving_mm, fixed_mm, moving_mm2, fixed_mm2)
     combined = combined_covariances(matrices, moving_mm2, fixed_mm2)
-    return matrices, pose_covariance(transform_points(matrices, moving_mm), combined), settled
+    spread = fitted_pose_covariance(matrices, moving_mm, fixed_mm, combined, (moving_mm2, fixed_mm2))
+    return matrices, spread, settled

@@ -14,12 +14,12 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame, as_points
 from ronnaplan.pose import Pose, transform_points
 from ronnaplan.registration.covariances import Covariances, as_pair
-from ronnaplan.rigid import fit_closed_form, fit_likelihood, pose_covariance, require_spread
+from ronnaplan.rigid import corrected_points, fit_closed_form, fit_likelihood, pose_covariance, require_spread
 
 MISFIT_PROBABILITY = 0.001
 """Residuals that errors as stated would produce more rarely than this are called a misfit."""
-LOOSE_ROTATION_DEG = 1.0
-"""Standard deviation of a rotation above which the layout is flagged: 1.7 mm at 100 mm, and first order ends."""
+LOOSE_ROTATION_DEG = 5.0
+"""Standard deviation of a rotation above which the layout is flagged: 9 mm at 100 mm, and the predicted error ends."""
 MIRROR_GAIN = 5.0
 """A mirrored fit with an FRE this many times smaller than the rigid one tells that one point set is left-
 handed."""
@@ -30,7 +30,9 @@ class RegistrationFlag(StrEnum):
 
     THREE_MARKERS = "only three pairs: one bad marker cannot be told from the others"
     ERRORS_FROM_RESIDUALS = "no marker errors were stated, so they are estimated from few residuals"
-    LOOSE_ROTATION = "the markers' layout leaves a rotation uncertain by more than a degree"
+    LOOSE_ROTATION = (
+        "the markers' layout leaves a rotation uncertain by more than 5 degrees, so expected errors are unreliable"
+    )
     MISFIT = "the residuals are larger than the stated marker errors explain"
     TOO_GOOD = "the residuals are far smaller than the stated marker errors; the stated errors may be too large"
     MIRRORED = "the points fit a mirror image far better; one set may be left-handed"
@@ -182,7 +184,7 @@ def register_points(
         matrix, converged = fit_likelihood(moving_mm, fixed_mm, *stated)
         settled = bool(converged)
         combined = combined_covariances(matrix, *stated)
-    covariance = pose_covariance(transform_points(matrix, moving_mm), combined)
+    covariance = fitted_pose_covariance(matrix, moving_mm, fixed_mm, combined, stated)
     pose = Pose(matrix, covariance, fixed_frame, moving_frame)
     return Registration(moving_mm, fixed_mm, combined, pose, names, stated is not None, stated, settled)
 
@@ -192,6 +194,20 @@ def combined_covariances(matrix: FloatArray, moving_mm2: FloatArray, fixed_mm2: 
     rotation = matrix[..., None, :3, :3]
     combined: FloatArray = rotation @ moving_mm2 @ rotation.swapaxes(-1, -2) + fixed_mm2
     return combined
+
+
+def fitted_pose_covariance(
+    matrix: FloatArray,
+    moving_mm: FloatArray,
+    fixed_mm: FloatArray,
+    combined_mm2: FloatArray,
+    stated: tuple[FloatArray, FloatArray] | None,
+) -> FloatArray:
+    """Return the covariance (..., 6, 6) of fitted ``matrix`` (..., 4, 4); unstated errors are all of the fixed side."""
+    if stated is None:
+        return pose_covariance(transform_points(matrix, moving_mm), combined_mm2)
+    corrected, remaining = corrected_points(matrix, moving_mm, fixed_mm, *stated)
+    return pose_covariance(corrected, combined_mm2, remaining)
 
 
 SMALLEST_VARIANCE_MM2 = 1e-18

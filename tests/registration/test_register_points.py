@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import Frame
+from ronnaplan.pose import point_jacobian
 from ronnaplan.registration import RegistrationFlag, predict_tre, register_batch, register_points
 from ronnaplan.rigid import fit_closed_form
 
@@ -122,6 +123,25 @@ def test_predicted_tre_agrees_with_monte_carlo(isotropic: bool, tolerance: float
         for k in range(len(targets)):
             scatter = np.cov(error[:, k].T)
             assert np.abs(one.tre(targets)[k] - scatter).max() < 0.08 * np.trace(scatter)
+
+
+@pytest.mark.parametrize("count", [6, 12])
+def test_markers_near_a_line_do_not_look_wider_by_their_own_noise(count: int) -> None:
+    """The rotation about the line is known to 5 degrees: noise of 1 to 2 mm stands beside an offset of 6 mm."""
+    rng = np.random.default_rng(count)
+    points = np.column_stack([np.linspace(-70, 70, count), 6 * rng.normal(size=(count, 2))])
+    sigma = 5 / register_points(points, points, np.eye(3)).rotation_sd_deg
+    targets = np.array([[0.0, 40, 20], [30, -50, 10]])
+    moving_mm2, fixed_mm2 = 0.8 * sigma**2 * np.eye(3), 0.2 * sigma**2 * np.eye(3)
+    moving, fixed = (
+        points + np.sqrt(c[0, 0]) * rng.normal(size=(3000, count, 3)) for c in (moving_mm2, fixed_mm2)
+    )
+    found = register_batch(moving, fixed, (moving_mm2, fixed_mm2))
+    error = targets @ found.transforms[:, :3, :3].swapaxes(1, 2) + found.transforms[:, None, :3, 3] - targets
+    arms = point_jacobian(targets + error)
+    assert found.covariances is not None
+    stated = np.einsum("btij,bjk,btik->bt", arms, found.covariances, arms)
+    np.testing.assert_allclose(np.sqrt(stated.mean(axis=0)), np.sqrt((error**2).sum(-1).mean(0)), rtol=0.05)
 
 
 def test_planned_and_fitted_tre_are_one_prediction() -> None:
