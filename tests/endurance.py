@@ -123,10 +123,12 @@ def _planner_of(folder: Path) -> Callable[[int], None]:
     from ronnaplan.planner.storage import Storage
 
     cases.write_case(folder)
-    volume, storage = cases.volume(), Storage.of(str(folder / "plan.json"), None, None)
+    state = PlannerState(cases.volume(), Storage.of(str(folder / "plan.json"), None, None))
+    assert state.case.surroundings.head  # found once, for all who are split off
 
     def work(tell: int) -> None:
-        serve(PlannerState(volume, storage), announce=lambda url: _tell(tell, url))
+        state.case.look_again()
+        serve(state, announce=lambda url: _tell(tell, url))
 
     return work
 

@@ -51,11 +51,17 @@ def change_document(
     """Write ``text(change(read(path)))`` to ``path`` and return what was written; nobody else writes meanwhile.
 
     What ``read`` or ``change`` raises leaves the file as it was. Others wait for both: what takes long (a scan to
-    read) is done before. Raises `InputError` like `write_atomically`.
+    read) is done before. Raises `InputError` like `write_atomically`, and for more than could be read again.
     """
     with _locked(path) as target:
         changed = change(read(path))
-        _replace(target, text(changed).encode())
+        content = text(changed).encode()
+        if len(content) > MAX_DOCUMENT_BYTES:
+            raise InputError(
+                f"{target} would take {len(content)} bytes, more than the {MAX_DOCUMENT_BYTES} that are read; "
+                "begin another document"
+            )
+        _replace(target, content)
     return changed
 
 

@@ -101,6 +101,18 @@ def test_a_change_that_fails_leaves_the_file_and_lets_the_next_writer_in(tmp_pat
     assert change_document(path, read_json, lambda number: number + 1, json.dumps) == 2
 
 
+def test_a_document_that_could_not_be_read_again_is_not_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "list.json"
+    write_atomically(path, "[]")
+    monkeypatch.setattr(files, "MAX_DOCUMENT_BYTES", 10)
+    assert change_document(path, read_json, lambda _: list(range(3)), json.dumps) == [0, 1, 2]
+    with pytest.raises(InputError, match="would take 15 bytes"):
+        change_document(path, read_json, lambda _: list(range(5)), json.dumps)
+    assert read_json(path) == [0, 1, 2]
+
+
 def test_a_writer_that_never_ends_is_not_waited_for_forever(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -24,7 +24,7 @@ from tests.planner.raw import RawSocket, answered, framed
 MOST_GROWN_BYTES = 2**28
 """What the planner's memory may grow by, pages and caches included."""
 
-ANSWER_S = 10.0
+ANSWER_S = 30.0
 """An answer that takes longer is a hang."""
 
 UNANSWERED_S = 2.0
@@ -119,7 +119,7 @@ OTHERS: tuple[Any, ...] = (
 class PlannerBorder(Border):
     """A planner of its own on the case of the tests."""
 
-    slowest_s = 30.0  # another planner may have to be started
+    slowest_s = 60.0  # another planner may have to be started
     inputs_in_tests = 200
 
     def __init__(self) -> None:
