@@ -95,6 +95,16 @@ def test_a_declared_size_beyond_the_limit_is_refused_before_it_is_read(tmp_path:
         read_ct(write(tmp_path / "small.mha"), limits=Limits(volume_bytes=100))
 
 
+def test_an_image_that_memory_cannot_hold_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def none_left(*_: object) -> None:
+        raise MemoryError
+
+    path = write(tmp_path / "head.mha")
+    monkeypatch.setattr("ronnaplan.ct.image_voxels.np.empty", none_left)
+    with pytest.raises(InputError, match="need more memory than there is"):
+        read_ct(path)
+
+
 def test_values_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="not finite numbers"):
         read_ct(write(tmp_path / "nan.nrrd", np.full((3, 4, 5), np.nan, np.float32)))
