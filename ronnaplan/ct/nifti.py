@@ -26,7 +26,8 @@ QUATERNION_ROUNDING: Final = 2.0**-22
 """Of the sum of squares of three float32 numbers near 1: beyond 1 by more is no unit quaternion."""
 _MILLIMETRES: Final = frozenset({0, 2})
 """Codes of ``xyzt_units``: unknown, which most CT converters of old wrote, and mm."""
-_PATIENT_CODES: Final = {1: "scanner", 2: "aligned"}
+_SPACES: Final = frozenset({0, 1, 2})
+"""Codes of ``qform_code`` and ``sform_code``: none, the scanner's space, and a space aligned with another scan's."""
 _LPS_FROM_RAS: Final = np.diag([-1.0, -1.0, 1.0, 1.0])
 _TYPES: Final = {
     **{2: "u1", 256: "i1", 4: "i2", 512: "u2", 8: "i4", 768: "u4"},
@@ -144,39 +145,60 @@ def _ras_from_index(fields: dict[str, tuple[Any, ...]], shape: tuple[int, int, i
     (units,), (qform,), (sform,) = fields["xyzt_units"], fields["qform_code"], fields["sform_code"]
     if units & 7 not in _MILLIMETRES:
         raise DamagedError("it is not in millimetres; convert it")
-    if qform <= 0 and sform <= 0:
-        raise DamagedError("it gives no orientation (qform and sform codes are 0); convert it again")
     for code in (qform, sform):
-        if code > 0 and code not in _PATIENT_CODES:
+        if code not in _SPACES:
             raise DamagedError(
                 f"it is in the space {code} (an atlas, or unknown), expected the scanner's or patient's"
             )
     sizes = positive(np.array(fields["pixdim"][1:4], dtype=np.float64), "voxel sizes (pixdim)")
-    extent = sizes * shape[::-1]
-    maps, tolerance_mm = [], AFFINE_TOLERANCE_MM
-    if sform > 0:
-        rows = finite(np.array(fields["srow"], dtype=np.float64), "sform")
-        maps.append(np.vstack([rows.reshape(3, 4), [0.0, 0.0, 0.0, 1.0]]))
-        steps = np.linalg.norm(maps[0][:3, :3], axis=0)
-        if float(np.abs(steps * shape[::-1] - extent).max()) > AFFINE_TOLERANCE_MM:
-            raise DamagedError(
-                f"its voxels are {_mm(sizes)} by pixdim and {_mm(steps)} by its sform; convert it again"
-            )
-    if qform > 0:
-        rotation, real = _from_quaternion(finite(np.array(fields["quatern"], dtype=np.float64), "quaternion"))
-        maps.append(np.eye(4))
-        maps[-1][:3, :3] = rotation * sizes * [1.0, 1.0, _handedness(fields["pixdim"][0])]
-        maps[-1][:3, 3] = finite(np.array(fields["qoffset"], dtype=np.float64), "qform offset")
-        turn = 2.0 * min(QUATERNION_ROUNDING / max(real, 1e-30), QUATERNION_ROUNDING**0.5)
-        tolerance_mm += turn * float(np.linalg.norm(extent))  # half turns: float32 leaves their angle that loose
+    if sform and qform:
+        exact, (other, loose_rad) = _by_sform(fields, sizes, shape), _by_quaternion(fields, sizes)
+        _require_agreement(exact, other, shape, loose_rad * float(np.linalg.norm(sizes * shape[::-1])))
+        return exact
+    if sform:
+        return _by_sform(fields, sizes, shape)
+    if qform:
+        return _by_quaternion(fields, sizes)[0]
+    raise DamagedError("it gives no orientation (qform and sform codes are 0); convert it again")
+
+
+def _by_sform(fields: dict[str, tuple[Any, ...]], sizes: FloatArray, shape: tuple[int, int, int]) -> FloatArray:
+    """Return the map of method 3 of the standard, whose steps must be of the voxels' sizes."""
+    rows = finite(np.array(fields["srow"], dtype=np.float64), "sform").reshape(3, 4)
+    steps = np.linalg.norm(rows[:, :3], axis=0)
+    if float(np.abs((steps - sizes) * shape[::-1]).max()) > AFFINE_TOLERANCE_MM:
+        raise DamagedError(
+            f"its voxels are {_mm(sizes)} by pixdim and {_mm(steps)} by its sform; convert it again"
+        )
+    return np.vstack([rows, [0.0, 0.0, 0.0, 1.0]])
+
+
+def _by_quaternion(fields: dict[str, tuple[Any, ...]], sizes: FloatArray) -> tuple[FloatArray, float]:
+    """Return the map of method 2 of the standard, and how loose float32 leaves its angle (near half turns)."""
+    from scipy.spatial.transform import Rotation
+
+    vector = finite(np.array(fields["quatern"], dtype=np.float64), "quaternion")
+    square = float(vector @ vector)
+    if square > 1.0 + QUATERNION_ROUNDING:
+        raise DamagedError(f"its quaternion is longer than 1 ({square**0.5:.3g}); convert it again")
+    real = max(0.0, 1.0 - square) ** 0.5
+    affine = np.eye(4)
+    rotation = Rotation.from_quat([*vector, real]).as_matrix()
+    affine[:3, :3] = rotation * sizes * [1.0, 1.0, _handedness(fields["pixdim"][0])]
+    affine[:3, 3] = finite(np.array(fields["qoffset"], dtype=np.float64), "qform offset")
+    return affine, 2.0 * min(QUATERNION_ROUNDING / max(real, 1e-30), QUATERNION_ROUNDING**0.5)
+
+
+def _require_agreement(
+    one: FloatArray, other: FloatArray, shape: tuple[int, int, int], looseness_mm: float
+) -> None:
     corners = np.array([[i, j, k, 1.0] for k in (0, shape[0]) for j in (0, shape[1]) for i in (0, shape[2])])
-    apart_mm = float(np.abs(corners @ (maps[0] - maps[-1]).T).max())
-    if not apart_mm <= tolerance_mm:
+    apart_mm = float(np.abs(corners @ (one - other).T).max())
+    if not apart_mm <= AFFINE_TOLERANCE_MM + looseness_mm:
         raise DamagedError(
             f"it places its voxels in two ways, {apart_mm:.3g} mm apart (a shear, or two orientations that "
             "disagree); convert it with one orientation"
         )
-    return maps[0]
 
 
 def _handedness(qfac: float) -> float:
@@ -184,17 +206,6 @@ def _handedness(qfac: float) -> float:
     if qfac not in (-1.0, 0.0, 1.0):
         raise DamagedError(f"it gives {qfac:g} as its handedness (pixdim[0]), expected -1 or 1")
     return -1.0 if qfac < 0 else 1.0
-
-
-def _from_quaternion(vector: FloatArray) -> tuple[FloatArray, float]:
-    """Return the rotation (3, 3) and the quaternion's real part."""
-    from scipy.spatial.transform import Rotation
-
-    square = float(vector @ vector)
-    if square > 1.0 + QUATERNION_ROUNDING:
-        raise DamagedError(f"its quaternion is longer than 1 ({square**0.5:.3g}); convert it again")
-    real = max(0.0, 1.0 - square) ** 0.5
-    return Rotation.from_quat([*vector, real]).as_matrix(), real
 
 
 def _mm(sizes: FloatArray) -> str:

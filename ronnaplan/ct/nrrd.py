@@ -39,7 +39,11 @@ _TYPES: Final = {
     for name in names
 }
 _ENCODINGS: Final[dict[str, Encoding]] = {
-    **{"raw": "raw", "gzip": "gzip", "gz": "gzip", "bzip2": "bzip2", "bz2": "bzip2"},
+    "raw": "raw",
+    "gzip": "gzip",
+    "gz": "gzip",
+    "bzip2": "bzip2",
+    "bz2": "bzip2",
 }
 _ORDERS: Final = {"little": "<", "big": ">"}
 _SYNONYMS: Final = {"datafile": "data file", "byteskip": "byte skip", "lineskip": "line skip"}

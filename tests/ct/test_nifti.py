@@ -76,7 +76,7 @@ def test_numbers_that_are_none_are_refused_by_name(
         (qform_only, (PIXDIM, "f", NAN), "handedness"),
         (qform_only, (PIXDIM, "f", -7.0), "handedness"),
         (write, (QFORM, "hh", (0, 0)), "gives no orientation"),
-        (write, (QFORM, "hh", (-1, -1)), "gives no orientation"),
+        (write, (QFORM, "hh", (-1, 1)), r"in the space -1 \(an atlas"),
         (write, (SFORM, "h", 4), r"in the space 4 \(an atlas"),
         (qform_only, (QFORM, "h", 3), r"in the space 3 \(an atlas"),
         (write, (SROW + 12, "f", 77.0), "places its voxels in two ways, 67 mm apart"),
