@@ -13,7 +13,7 @@ from ronnaplan.text import plain_number
 if TYPE_CHECKING:
     from ronnaplan.localization import Fiducials, Template
 
-HELP = "Find the spherical markers of a CT and write their centres with covariances."
+HELP = "Find the spherical markers of a CT and write their centers with covariances."
 LONGEST_NAME = 100
 """Characters of a scan's name that go into its results' names."""
 

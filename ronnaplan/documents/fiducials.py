@@ -48,7 +48,7 @@ class Marker(DocumentModel):
 
 
 class FiducialEntry(DocumentModel):
-    """One marker: centre in LPS mm, covariance in mm^2, and what the fit found beside it."""
+    """One marker: center in LPS mm, covariance in mm^2, and what the fit found beside it."""
 
     label: Label
     center: Vector

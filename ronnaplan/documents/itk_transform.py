@@ -23,7 +23,7 @@ def itk_transform(document: RegistrationDocument) -> str:
 
 
 def tfm(moving_from_fixed: FloatArray) -> str:
-    """Return ITK's text for the rigid ``moving_from_fixed`` (4, 4), in LPS mm, centred on the origin."""
+    """Return ITK's text for the rigid ``moving_from_fixed`` (4, 4), in LPS mm, centered on the origin."""
     numbers = [*moving_from_fixed[:3, :3].ravel(), *moving_from_fixed[:3, 3]]
     lines = (
         HEADER,

@@ -89,7 +89,7 @@ def _surface(surface: Surface | None) -> dict[str, Any] | None:
 
 
 def placement_markups(placed: Placement) -> str:
-    """Express proposed marker centres as a Slicer point list (JSON text, LPS)."""
+    """Express proposed marker centers as a Slicer point list (JSON text, LPS)."""
     points = [
         {
             "id": str(n + 1),

@@ -12,7 +12,7 @@ from ronnaplan.planning.plan import Landmarks
 RAS_IN_LPS = np.diag([-1.0, -1.0, 1.0])
 """Rows right, anterior, superior in LPS: the axes of a frame that sits square to the scanner."""
 
-FRAME_CENTRE_MM = 100.0
+FRAME_CENTER_MM = 100.0
 """Leksell coordinates of the frame's center, the same for X, Y and Z."""
 
 
@@ -86,7 +86,7 @@ def frame_coordinates(
     """
     right, anterior, superior = axes @ (np.asarray(place_mm) - center_mm)
     return (
-        float(FRAME_CENTRE_MM - right),
-        float(FRAME_CENTRE_MM + anterior),
-        float(FRAME_CENTRE_MM - superior),
+        float(FRAME_CENTER_MM - right),
+        float(FRAME_CENTER_MM + anterior),
+        float(FRAME_CENTER_MM - superior),
     )

@@ -1,4 +1,4 @@
-"""Calibrated cameras: OpenCV's pinhole and distortion model, with pixel centres at whole numbers."""
+"""Calibrated cameras: OpenCV's pinhole and distortion model, with pixel centers at whole numbers."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ class Camera:
         return float((self.matrix[0, 0] + self.matrix[1, 1]) / 2)
 
     @property
-    def centre_mm(self) -> FloatArray:
-        """The camera's projection centre (3,) in the rig."""
+    def center_mm(self) -> FloatArray:
+        """The camera's projection center (3,) in the rig."""
         return self.rig_from_camera[:3, 3]
 
     def rays(self, pixels: ArrayLike) -> FloatArray:

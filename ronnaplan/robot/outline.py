@@ -1,8 +1,8 @@
-"""The outline of a bright sphere in one image, and the direction to its centre.
+"""The outline of a bright sphere in one image, and the direction to its center.
 
-A sphere's outline lies on a circular cone about the line from the camera to its centre, so its image is an ellipse
-whose centre is *not* the image of the sphere's centre. The cone is therefore fitted to the outline's undistorted
-rays, which gives the direction to the centre without that bias.
+A sphere's outline lies on a circular cone about the line from the camera to its center, so its image is an ellipse
+whose center is *not* the image of the sphere's center. The cone is therefore fitted to the outline's undistorted
+rays, which gives the direction to the center without that bias.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Outline:
     """One sphere-like outline."""
 
     direction: FloatArray
-    """Unit direction (3,) from the camera to the sphere's centre, in the camera's own frame."""
+    """Unit direction (3,) from the camera to the sphere's center, in the camera's own frame."""
     direction_covariance: FloatArray
     """Covariance (3, 3) of the direction; zero along it (rad^2)."""
     half_angle: float
@@ -53,7 +53,7 @@ class Outline:
     """RMS distance of those points from the fitted outline."""
 
     def distance_mm(self, diameter_mm: float) -> float:
-        """Return how far the centre of a sphere of ``diameter_mm`` is."""
+        """Return how far the center of a sphere of ``diameter_mm`` is."""
         return float(diameter_mm / 2 / np.sin(self.half_angle))
 
 
@@ -68,15 +68,15 @@ def find_outlines(image: Image, camera: Camera) -> list[Outline]:
             f"a camera image has shape {grey.shape}; expected grey values (rows, columns), all finite"
         )
     outlines = []
-    for centre, radius in _blobs(grey):
-        edges = _edge_points(grey, centre, radius)
+    for center, radius in _blobs(grey):
+        edges = _edge_points(grey, center, radius)
         if edges is not None and (outline := _fit_cone(edges, camera)) is not None:
             outlines.append(outline)
     return outlines
 
 
 def _blobs(grey: FloatArray) -> list[tuple[FloatArray, float]]:
-    """Return (centre, radius) in pixels of round bright blobs, largest first."""
+    """Return (center, radius) in pixels of round bright blobs, largest first."""
     import cv2
 
     low, high = grey.min(), grey.max()
@@ -94,12 +94,12 @@ def _blobs(grey: FloatArray) -> list[tuple[FloatArray, float]]:
         if radius < SMALLEST_RADIUS_PX or 4 * np.pi * area < SMALLEST_ROUNDNESS * length**2:
             continue
         moments = cv2.moments(hull)
-        centre = np.array([moments["m10"], moments["m01"]]) / moments["m00"]
-        found.append((centre, radius))
+        center = np.array([moments["m10"], moments["m01"]]) / moments["m00"]
+        found.append((center, radius))
     return sorted(found, key=lambda blob: -blob[1])
 
 
-def _edge_points(grey: FloatArray, centre: FloatArray, radius: float) -> FloatArray | None:
+def _edge_points(grey: FloatArray, center: FloatArray, radius: float) -> FloatArray | None:
     """Return outline points (N, 2) in pixels: where radial profiles fall to half height; None if faint."""
     from scipy.ndimage import map_coordinates
 
@@ -107,7 +107,7 @@ def _edge_points(grey: FloatArray, centre: FloatArray, radius: float) -> FloatAr
     angles = np.linspace(0, 2 * np.pi, int(2 * np.pi * radius), endpoint=False)
     radii = np.arange(max(radius - reach, 1.0), radius + reach, PROFILE_STEP_PX)
     spokes = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    places = centre + radii[None, :, None] * spokes[:, None]
+    places = center + radii[None, :, None] * spokes[:, None]
     low = np.maximum(np.floor(places.min(axis=(0, 1))).astype(int) - 8, 0)
     high = np.minimum(np.ceil(places.max(axis=(0, 1))).astype(int) + 9, grey.shape[::-1])
     window = grey[low[1] : high[1], low[0] : high[0]]
@@ -120,14 +120,14 @@ def _edge_points(grey: FloatArray, centre: FloatArray, radius: float) -> FloatAr
     noise = 1.4826 * np.median(np.abs(profile[:, -quarter:] - dark)) + 1e-9
     if bright - dark < SMALLEST_CONTRAST_SDS * noise:
         return None
-    return _crossings(profile, (bright + dark) / 2, radii, centre, spokes, inside_image)
+    return _crossings(profile, (bright + dark) / 2, radii, center, spokes, inside_image)
 
 
 def _crossings(
     profile: FloatArray,
     level: float,
     radii: FloatArray,
-    centre: FloatArray,
+    center: FloatArray,
     spokes: FloatArray,
     usable: NDArray[np.bool_],
 ) -> FloatArray:
@@ -142,7 +142,7 @@ def _crossings(
     here = np.where(falls[rows, here], here, first)
     before, after = profile[rows, here], profile[rows, here + 1]
     radius = radii[here] + PROFILE_STEP_PX * (before - level) / (before - after)
-    points: FloatArray = centre + radius[:, None] * spokes[rows]
+    points: FloatArray = center + radius[:, None] * spokes[rows]
     return points
 
 

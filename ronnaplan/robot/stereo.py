@@ -1,4 +1,4 @@
-"""Stereo re-localization of one retro-reflective sphere: its centre in R with its covariance."""
+"""Stereo re-localization of one retro-reflective sphere: its center in R with its covariance."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class StereoSphere:
     """The sphere found in both images."""
 
     position_mm: FloatArray
-    """Centre (3,) in the rig's frame."""
+    """Center (3,) in the rig's frame."""
     covariance_mm2: FloatArray
     """Covariance (3, 3): what the outlines' noise makes of it. The rig's calibration error is not in it."""
     gap_mm: float
@@ -34,7 +34,7 @@ class StereoSphere:
     right: Outline
 
     def in_robot(self, rig: StereoRig, robot_from_tcp: Pose, label: str = "sphere") -> Points:
-        """Return the centre in R, with the errors of the outlines, of ``tcp_from_rig`` and of the robot's pose."""
+        """Return the center in R, with the errors of the outlines, of ``tcp_from_rig`` and of the robot's pose."""
         TCP.require(rig.tcp_from_rig.to_frame)
         here = Points(self.position_mm[None], self.covariance_mm2[None], (label,), RIG)
         return to_frame(robot_from_tcp @ rig.tcp_from_rig, here)
@@ -70,7 +70,7 @@ def triangulate(rig: StereoRig, left: Outline, right: Outline) -> tuple[FloatArr
 
     Minimizes the angles off both lines, each in units of its own covariance (Gauss-Newton).
     """
-    origins = np.array([rig.left.centre_mm, rig.right.centre_mm])
+    origins = np.array([rig.left.center_mm, rig.right.center_mm])
     sights = [_in_rig(rig.left, left), _in_rig(rig.right, right)]
     directions = np.array([direction for direction, _ in sights])
     square = np.eye(3) - directions[:, :, None] * directions[:, None, :]
@@ -98,14 +98,14 @@ def _meet(left: Outline, right: Outline, rig: StereoRig) -> StereoSphere | None:
         return None
     position, covariance, gap = triangulate(rig, left, right)
     ahead = all(
-        (camera.rig_from_camera[:3, 2] @ (position - camera.centre_mm)) > 0 for camera in (rig.left, rig.right)
+        (camera.rig_from_camera[:3, 2] @ (position - camera.center_mm)) > 0 for camera in (rig.left, rig.right)
     )
     return StereoSphere(position, covariance, gap, left, right) if ahead and gap <= LARGEST_GAP_MM else None
 
 
 def _has_size(sphere: StereoSphere, rig: StereoRig, diameter_mm: float) -> bool:
     for camera, outline in ((rig.left, sphere.left), (rig.right, sphere.right)):
-        distance = float(np.linalg.norm(sphere.position_mm - camera.centre_mm))
+        distance = float(np.linalg.norm(sphere.position_mm - camera.center_mm))
         if abs(outline.distance_mm(diameter_mm) / distance - 1) > SIZE_TOLERANCE:
             return False
     return True

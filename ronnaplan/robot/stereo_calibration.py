@@ -83,7 +83,7 @@ def calibrate_on_board(
 def calibrate_tcp(robot_from_tcp: ArrayLike, spheres_mm: ArrayLike) -> TcpCalibration:
     """Return the rig's place on the robot from one resting sphere seen at many robot poses.
 
-    ``robot_from_tcp`` (N, 4, 4) are the robot's poses and ``spheres_mm`` (N, 3) the sphere's centre in the rig at
+    ``robot_from_tcp`` (N, 4, 4) are the robot's poses and ``spheres_mm`` (N, 3) the sphere's center in the rig at
     each. Every pose gives ``robot_from_tcp @ tcp_from_rig @ sphere = constant``. Raises `InputError` for
     fewer than `FEWEST_SPHERES` poses or poses that turn or move too little.
     """

@@ -1,6 +1,6 @@
 """Camera images of spheres and boards, rendered by ray tests that share no code with what they test.
 
-Pixel centres are at whole numbers. Distortion is Brown's (k1, k2, p1, p2, k3), inverted here by Newton's method.
+Pixel centers are at whole numbers. Distortion is Brown's (k1, k2, p1, p2, k3), inverted here by Newton's method.
 """
 
 from functools import lru_cache
@@ -47,7 +47,7 @@ def project(point: np.ndarray, K: np.ndarray, d: np.ndarray) -> np.ndarray:
 
 
 def sphere_image(
-    centres_mm: list[np.ndarray],
+    centers_mm: list[np.ndarray],
     diameter_mm: float,
     K: np.ndarray,
     d: np.ndarray,
@@ -59,12 +59,12 @@ def sphere_image(
     size: tuple[int, int] = SIZE,
     samples: int = 4,
 ) -> np.ndarray:
-    """Bright spheres at ``centres_mm`` (camera frame) on a dark, slightly uneven ground; 8-bit grey values."""
+    """Bright spheres at ``centers_mm`` (camera frame) on a dark, slightly uneven ground; 8-bit grey values."""
     rows, columns = np.mgrid[: size[0], : size[1]].astype(float)
     image = 12 + 6 * columns / size[1]
-    for centre in centres_mm:
-        at = project(centre, K, d)
-        reach = 1.3 * K[0, 0] * diameter_mm / 2 / centre[2] + 10
+    for center in centers_mm:
+        at = project(center, K, d)
+        reach = 1.3 * K[0, 0] * diameter_mm / 2 / center[2] + 10
         r0, r1 = max(int(at[1] - reach), 0), min(int(at[1] + reach) + 1, size[0])
         c0, c1 = max(int(at[0] - reach), 0), min(int(at[0] + reach) + 1, size[1])
         cover = np.zeros((r1 - r0, c1 - c0))
@@ -72,13 +72,13 @@ def sphere_image(
         for dv in offsets:
             for du in offsets:
                 ray = pixel_rays(columns[r0:r1, c0:c1] + du, rows[r0:r1, c0:c1] + dv, K, d)
-                along = (ray @ centre) / np.linalg.norm(ray, axis=-1)
-                cover += centre @ centre - along**2 <= (diameter_mm / 2) ** 2
+                along = (ray @ center) / np.linalg.norm(ray, axis=-1)
+                cover += center @ center - along**2 <= (diameter_mm / 2) ** 2
         cover /= samples**2
         image[r0:r1, c0:c1] += cover * (190 - image[r0:r1, c0:c1])
     for _ in range(strays):  # glints: small discs and streaks away from the spheres
         at = rng.uniform((40, 40), (size[1] - 40, size[0] - 40))
-        if min(np.linalg.norm(at - project(c, K, d)) for c in centres_mm) > 200:
+        if min(np.linalg.norm(at - project(c, K, d)) for c in centers_mm) > 200:
             width, height = rng.uniform(2, 40), rng.uniform(2, 6)
             image[((columns - at[0]) / width) ** 2 + ((rows - at[1]) / height) ** 2 < 1] = 230
     return np.clip(np.round(gaussian_filter(image, blur_px) + rng.normal(size=size) * noise), 0, 255).astype(

@@ -40,9 +40,9 @@ def moved(matrix: np.ndarray, point: np.ndarray) -> np.ndarray:
     return matrix[:3, :3] @ point + matrix[:3, 3]
 
 
-def seen(centres: list[np.ndarray], rng: np.random.Generator, **how: Any) -> tuple[np.ndarray, np.ndarray]:
+def seen(centers: list[np.ndarray], rng: np.random.Generator, **how: Any) -> tuple[np.ndarray, np.ndarray]:
     left, right = (
-        rendering.sphere_image([moved(invert(place), c) for c in centres], DIAMETER, K[i], D[i], rng, **how)
+        rendering.sphere_image([moved(invert(place), c) for c in centers], DIAMETER, K[i], D[i], rng, **how)
         for i, place in enumerate((np.eye(4), RIGHT))
     )
     return left, right
@@ -53,49 +53,49 @@ def trials() -> list[tuple[np.ndarray, StereoSphere]]:
     rng = np.random.default_rng(0)
     found = []
     for _ in range(12):
-        centre = np.array([rng.uniform(-12, 12), rng.uniform(-10, 10), 300 + rng.uniform(-8, 8)])
-        images = seen([centre], rng, blur_px=rng.uniform(0.8, 2.5), noise=rng.uniform(1, 4), strays=6)
-        found.append((centre, locate_sphere(*images, RIG_EXACT, diameter_mm=DIAMETER)))
+        center = np.array([rng.uniform(-12, 12), rng.uniform(-10, 10), 300 + rng.uniform(-8, 8)])
+        images = seen([center], rng, blur_px=rng.uniform(0.8, 2.5), noise=rng.uniform(1, 4), strays=6)
+        found.append((center, locate_sphere(*images, RIG_EXACT, diameter_mm=DIAMETER)))
     return found
 
 
 def test_the_error_at_300_mm_is_at_most_a_fiftieth_of_a_millimetre() -> None:
     """With lens distortion, blur, noise and stray reflections."""
-    errors = [np.linalg.norm(sphere.position_mm - centre) for centre, sphere in trials()]
+    errors = [np.linalg.norm(sphere.position_mm - center) for center, sphere in trials()]
     assert max(errors) <= 0.02
 
 
 def test_the_errors_are_as_large_as_their_covariance_says() -> None:
     distances = []
-    for centre, sphere in trials():
-        error = sphere.position_mm - centre
+    for center, sphere in trials():
+        error = sphere.position_mm - center
         distances.append(error @ np.linalg.solve(sphere.covariance_mm2, error))
     assert 1.0 < np.mean(distances) < 6.0  # 3 expected; 12 trials
 
 
-def test_the_direction_has_no_ellipse_centre_bias() -> None:
-    """A near sphere far off a wide camera's axis: the ellipse's centre is not its centre's image."""
+def test_the_direction_has_no_ellipse_center_bias() -> None:
+    """A near sphere far off a wide camera's axis: the ellipse's center is not its center's image."""
     matrix, none = np.array([[900.0, 0, 640], [0, 900, 512], [0, 0, 1]]), np.zeros(5)
-    centre = np.array([38.0, 20, 70])
+    center = np.array([38.0, 20, 70])
     camera = Camera(matrix, none, np.eye(4))
-    image = rendering.sphere_image([centre], DIAMETER, matrix, none, np.random.default_rng(1), samples=6)
+    image = rendering.sphere_image([center], DIAMETER, matrix, none, np.random.default_rng(1), samples=6)
     outline = find_outlines(image, camera)[0]
-    angle = np.arccos(np.clip(outline.direction @ centre / np.linalg.norm(centre), -1, 1))
+    angle = np.arccos(np.clip(outline.direction @ center / np.linalg.norm(center), -1, 1))
     ellipse = np.array(cv2.fitEllipse(outline.points_px.astype(np.float32))[0])
-    bias_px = np.linalg.norm(ellipse - rendering.project(centre, matrix, none))
+    bias_px = np.linalg.norm(ellipse - rendering.project(center, matrix, none))
     assert bias_px > 0.3
     assert angle * camera.focal_px < 0.03
-    assert outline.distance_mm(DIAMETER) == pytest.approx(np.linalg.norm(centre), rel=0.01)
+    assert outline.distance_mm(DIAMETER) == pytest.approx(np.linalg.norm(center), rel=0.01)
 
 
-def test_a_reflection_over_part_of_the_outline_does_not_pull_the_centre() -> None:
+def test_a_reflection_over_part_of_the_outline_does_not_pull_the_center() -> None:
     rng = np.random.default_rng(2)
-    centre = np.array([3.0, -2, 300])
-    images = seen([centre], rng)
-    at = rendering.project(centre, K[0], D[0]).astype(int)
+    center = np.array([3.0, -2, 300])
+    images = seen([center], rng)
+    at = rendering.project(center, K[0], D[0]).astype(int)
     images[0][at[1] - 10 : at[1] + 12, at[0] + 60 : at[0] + 130] = 200
     found = locate_sphere(*images, RIG_EXACT, diameter_mm=DIAMETER)
-    assert np.linalg.norm(found.position_mm - centre) < 0.02
+    assert np.linalg.norm(found.position_mm - center) < 0.02
 
 
 def test_a_sphere_that_one_camera_does_not_see_is_not_guessed() -> None:
@@ -125,7 +125,7 @@ def test_what_is_no_grey_image_or_camera_is_named() -> None:
 
 
 def test_the_sphere_is_expressed_in_the_robots_frame_with_all_errors() -> None:
-    centre, sphere = trials()[0]
+    center, sphere = trials()[0]
     rng = np.random.default_rng(5)
     tcp_from_rig, robot_from_tcp = placed(40.0, 15.0), placed(900.0, -70.0)
     covariance = np.diag(np.repeat([1e-4**2, 0.01**2], 3))
@@ -147,7 +147,7 @@ def test_the_sphere_is_expressed_in_the_robots_frame_with_all_errors() -> None:
     assert np.abs(found.covariances_mm2[0] - scatter).max() < 0.06 * np.trace(scatter)
     with pytest.raises(FrameMismatchError):
         sphere.in_robot(rig, Pose.exact(np.eye(4), TCP, R))
-    assert np.linalg.norm(sphere.position_mm - centre) < 0.02
+    assert np.linalg.norm(sphere.position_mm - center) < 0.02
 
 
 CORNERS, SQUARE = (9, 7), 6.0
