@@ -105,7 +105,7 @@ def _measures(one: Measures) -> list[tuple[str, str]]:
 def _errors(error: PathError) -> list[tuple[str, str]]:
     basis = error.expected.basis
     return [
-        (f"expected error, as {basis}", str(error.expected)),
+        (f"expected error, as {basis}, with", error.expected.rests_on),
         (f"at the entry, as {basis}", f"{error.entry_rms_mm:.2f} mm RMS"),
         (f"at the target, as {basis}", f"{error.target_rms_mm:.2f} mm RMS"),
         (f"of the angle, as {basis}", f"{error.angular_rms_deg:.2f} deg RMS"),

@@ -82,14 +82,19 @@ class ExpectedPose:
         """Return the expected root-mean-square error (N,) at ``places_mm`` (N, 3) in LPS."""
         return _rms_mm(self.covariances_mm2(places_mm))
 
-    def __str__(self) -> str:
+    @property
+    def rests_on(self) -> str:
+        """The markers and the sigmas, in words."""
         sigmas = [
             f"{sigma:.3g} mm {where}"
             for sigma, where in ((self.sigma_ct_mm, "in CT"), (self.sigma_ots_mm, "tracked"))
             if sigma is not None
         ]
         stated = f" ({', '.join(sigmas)}, per axis)" if sigmas else ""
-        return f"as {self.basis} with {', '.join(self.markers)}{stated}"
+        return ", ".join(self.markers) + stated
+
+    def __str__(self) -> str:
+        return f"as {self.basis} with {self.rests_on}"
 
 
 @dataclass(frozen=True, eq=False)
