@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,7 +28,7 @@ MARGIN_MM = 20.0
 
 
 class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class _Part(_Table):
@@ -256,7 +257,8 @@ def read_scene(path: str | Path) -> Examination:
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise PhantomError(f"{path} is not TOML: {error}; expected a scene file") from error
     try:
-        return _File.model_validate(document).examination(path.stem)
+        # by way of JSON, since pydantic's strict mode takes a list for a tuple only there
+        return _File.model_validate_json(json.dumps(document, default=str), strict=True).examination(path.stem)
     except ValidationError as error:
         raise PhantomError(f"{path}: {_first(error)}") from error
     except PhantomError as error:

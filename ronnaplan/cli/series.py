@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -37,10 +36,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """List the series of ``arguments.path``."""
     from ronnaplan.ct.summary import summarize
+    from ronnaplan.documents.reading import plain_json
 
     series, skipped = summarize(arguments.path, progress=True)
     if arguments.json:
-        print(json.dumps(_document(series, skipped, arguments.patient), indent=2))
+        print(plain_json(_document(series, skipped, arguments.patient)), end="")
     else:
         print(_table(series, skipped, arguments.patient))
     return 0

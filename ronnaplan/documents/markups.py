@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 from ronnaplan.documents.fiducials import FiducialEntry, FiducialsDocument
+from ronnaplan.documents.reading import plain_json
 
 SCHEMA = (
     "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/"
@@ -29,7 +29,7 @@ def markups(document: FiducialsDocument) -> str:
         "lastUsedControlPointNumber": len(points),
         "controlPoints": points,
     }
-    return json.dumps({"@schema": SCHEMA, "markups": [markup]}, indent=2) + "\n"
+    return plain_json({"@schema": SCHEMA, "markups": [markup]})
 
 
 def _control_point(number: int, entry: FiducialEntry) -> dict[str, Any]:

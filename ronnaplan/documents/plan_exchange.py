@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import os
 from pathlib import Path
 from typing import Any, Literal
@@ -12,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ronnaplan.documents.markups import LPS_AXES, SCHEMA
+from ronnaplan.documents.reading import plain_json
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.planning.plan import Plan
@@ -40,7 +40,7 @@ def to_lps(points_mm: FloatArray, system: str) -> FloatArray:
 def line_markups(plan: Plan) -> str:
     """Express the trajectories as Slicer line markups (JSON text, LPS): entry first, then target, so labelled."""
     lines = [_line(trajectory) for trajectory in plan.trajectories]
-    return json.dumps({"@schema": SCHEMA, "markups": lines}, indent=2) + "\n"
+    return plain_json({"@schema": SCHEMA, "markups": lines})
 
 
 def read_line_markups(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
 from ronnaplan import __version__
 from ronnaplan.documents.markups import LPS_AXES, SCHEMA
+from ronnaplan.documents.reading import plain_json
 from ronnaplan.planning.limits import Verdict
 from ronnaplan.planning.measures import Measures
 from ronnaplan.planning.placement import Placement
@@ -31,7 +31,7 @@ def measures_document(plan: Plan, measured: Sequence[Measures], verdicts: Sequen
         "verdicts": [asdict(verdict) for verdict in verdicts],
         "software": {"name": "ronnaplan", "version": __version__},
     }
-    return json.dumps(document, indent=2) + "\n"
+    return plain_json(document)
 
 
 def _measures(one: Measures) -> dict[str, Any]:
@@ -115,4 +115,4 @@ def placement_markups(placed: Placement) -> str:
         "lastUsedControlPointNumber": len(points),
         "controlPoints": points,
     }
-    return json.dumps({"@schema": SCHEMA, "markups": [markup]}, indent=2) + "\n"
+    return plain_json({"@schema": SCHEMA, "markups": [markup]})

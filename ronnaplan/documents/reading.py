@@ -6,6 +6,8 @@ what could not be read back is not written.
 
 from __future__ import annotations
 
+import json
+import math
 import os
 from typing import Any, TypeVar
 
@@ -67,3 +69,20 @@ def to_json(document: BaseModel) -> str:
     except ValidationError as error:
         raise InputError(f"the document cannot be written: {first_fault(error)}; change it first") from error
     return text
+
+
+def plain_json(value: Any) -> str:
+    """Return plain data as indented JSON with a final newline; a number that is not finite is null, as JSON has none.
+
+    >>> plain_json({"depth_mm": float("nan"), "hu": (1.0, float("inf"))}).split()
+    ['{', '"depth_mm":', 'null,', '"hu":', '[', '1.0,', 'null', ']', '}']
+    """
+    return json.dumps(_finite(value), indent=2, allow_nan=False) + "\n"
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(child) for key, child in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(child) for child in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

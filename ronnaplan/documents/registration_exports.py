@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from typing import Any
 
 from ronnaplan.documents.markups import LPS_AXES, SCHEMA
+from ronnaplan.documents.reading import plain_json
 from ronnaplan.documents.registration import PairEntry, RegistrationDocument
 from ronnaplan.tracking.tables import plain_text
 
@@ -25,7 +25,7 @@ def registration_markups(document: RegistrationDocument) -> str:
         words, colour = _band(pair.residual)
         bands.setdefault(words, (colour, []))[1].append(pair)
     markups = [_list(words, colour, pairs) for words, (colour, pairs) in bands.items()]
-    return json.dumps({"@schema": SCHEMA, "markups": markups}, indent=2) + "\n"
+    return plain_json({"@schema": SCHEMA, "markups": markups})
 
 
 def registration_csv(document: RegistrationDocument) -> str:

@@ -158,3 +158,24 @@ def test_a_faulty_scene_gets_one_clear_sentence(write, broken: str, sentence: st
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(PhantomError, match=r"cannot read .*none\.toml"):
         read_scene(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize(
+    ("there", "instead"),
+    [
+        ("diameter = 20", 'diameter = "20"'),
+        ("diameter = 20", "diameter = true"),
+        ("diameter = 20", "diameter = nan"),
+        ("diameter = 20", "diameter = 2030-01-31"),
+        ("center = [0, 10, 50]", 'center = "123"'),
+        ("center = [0, 10, 50]", "center = [inf, 10, 50]"),
+        ("center = [0, 10, 50]", 'center = ["0", 10, 50]'),
+        ("seed = 4", "seed = true"),
+        ("hair = true", "hair = 1"),
+    ],
+)
+def test_nothing_passes_for_what_it_is_not(there: str, instead: str, tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(WHOLE.replace(there, instead, 1))
+    with pytest.raises(PhantomError, match=there.split(" ", maxsplit=1)[0]):
+        read_scene(path)

@@ -1,0 +1,62 @@
+"""``ronnaplan track`` as a person uses it: it ends when told to, and keeps what it has."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from ronnaplan.cli import main
+from ronnaplan.tracking import read_recording
+from tests.tracking.test_openigtlink import points, server
+
+ROOT = Path(__file__).resolve().parents[2]
+POSIX = pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is sent to a process otherwise")
+
+
+def started(port: int, out: Path) -> subprocess.Popen[str]:
+    call = [sys.executable, "-m", "ronnaplan", "track", "--port", str(port), "--seconds", "600", "-o", str(out)]
+    return subprocess.Popen(call, cwd=ROOT, text=True, stderr=subprocess.PIPE)
+
+
+@POSIX
+def test_ctrl_c_ends_a_recording_and_keeps_it(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        process = started(listener.getsockname()[1], tmp_path / "readings.csv")
+        connection, _ = listener.accept()
+        with connection:
+            connection.sendall(points())
+            time.sleep(0.5)
+            process.send_signal(signal.SIGINT)
+            _, told = process.communicate(timeout=60)
+    assert process.returncode == 0, told
+    assert "stopped by hand after 1 messages" in told
+    assert len(read_recording(tmp_path / "readings.csv").points) == 2
+
+
+@POSIX
+def test_ctrl_c_before_anything_came_leaves_nothing(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        process = started(listener.getsockname()[1], tmp_path / "readings.csv")
+        connection, _ = listener.accept()
+        with connection:
+            time.sleep(0.5)
+            process.send_signal(signal.SIGINT)
+            _, told = process.communicate(timeout=60)
+    assert process.returncode == 130, told
+    assert told.count("\n") == 1
+    assert not (tmp_path / "readings.csv").exists()
+
+
+def test_thousands_of_names_are_told_in_a_few_lines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    many = b"".join(points([[k, 0, 0], [0, k, 50.0]], device=f"D{k}")[:-5] + b"\xff" * 5 for k in range(1, 200))
+    with server([many + points()], hold=False) as port:
+        assert main(["track", "--port", str(port), "--seconds", "5", "-o", str(tmp_path / "r.csv")]) == 0
+    told = capsys.readouterr().err
+    assert told.count("\n") < 60
+    assert "more messages were left out" in told
