@@ -10,6 +10,7 @@ from ronnaplan.cli.case_options import with_sigmas
 from ronnaplan.cli.values import whole
 
 if TYPE_CHECKING:
+    from ronnaplan.registration.markers import MarkerRegistration
     from ronnaplan.tracking import Recording
     from ronnaplan.tracking.markers import MarkerReadings
 
@@ -23,7 +24,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("fiducials", metavar="FIDUCIALS", help="fiducials.json of the scan")
     parser.add_argument("readings", metavar="READINGS", help="CSV, NDI CSV, Slicer markups or PLUS sequence")
-    parser.add_argument("--expected", type=whole(3), metavar="N", help="the number of markers seen in both")
+    number = parser.add_mutually_exclusive_group()
+    number.add_argument(
+        "--expected",
+        type=whole(3),
+        metavar="N",
+        help="the number of markers in both; a few less are given and named, more are refused",
+    )
+    number.add_argument("--at-least", type=whole(3), metavar="N", help="the number of markers in both, or more")
     parser.add_argument("--plan", metavar="PLAN", help="predict the error at this plan's entries and targets")
     with_sigmas(parser)
     parser.add_argument(
@@ -64,9 +72,12 @@ def run(arguments: argparse.Namespace) -> int:
         fiducials.points,
         found.points,
         expected=arguments.expected,
+        at_least=arguments.at_least,
         sigma_ct_mm=arguments.sigma_ct,
         known_pairs=known,
     )
+    for warning in _moved(registered):
+        print(f"ronnaplan: warning: {warning}", file=sys.stderr)
     document = registration_document(registered, fiducials.source, targets)
     print(registration_text(document), file=sys.stderr)
     write_result(arguments.output, to_json(document))
@@ -99,6 +110,15 @@ def _doubts(found: MarkerReadings) -> list[str]:
     return told + [
         f"{track.readings} readings near {_place(track.position_mm)} left out: {track.reason}"
         for track in found.rejected
+    ]
+
+
+def _moved(registered: MarkerRegistration) -> list[str]:
+    """Name the markers that were left out because they lie beside the place that the others give them."""
+    moved = [(registered.ct.labels[i], registered.ots.labels[j]) for i, j in registered.pairing.moved]
+    return [
+        f"marker {ct} and reading {ots} were left out: they lie side by side, as if the marker had moved"
+        for ct, ots in moved
     ]
 
 

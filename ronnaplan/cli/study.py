@@ -52,7 +52,8 @@ def _configure_simulation(parser: argparse.ArgumentParser) -> None:
 
 def _run_simulation(arguments: argparse.Namespace) -> int:
     from ronnaplan.errors import UsageError
-    from ronnaplan.studies.simulation import run_simulation, tables
+    from ronnaplan.studies.simulation import run_simulation
+    from ronnaplan.studies.tables import tables
 
     if arguments.tests < 1:
         raise UsageError(f"--tests is {arguments.tests}; expected at least 1")

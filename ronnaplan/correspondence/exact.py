@@ -13,7 +13,8 @@ import math
 import numpy as np
 from numba import njit
 
-from ronnaplan.correspondence.evidence import GATE_CHI2, LEAST_PAIRS, filled_volume, fit, is_collinear, log_misfit
+from ronnaplan.correspondence.evidence import GATE_CHI2, filled_volume, fit, is_collinear, log_misfit
+from ronnaplan.correspondence.told import LEAST_PAIRS
 
 LISTED_NATS = 18.0
 """Pairings further than this below the best in log evidence (1 in 6e7) are neither listed nor summed."""
@@ -21,8 +22,15 @@ LISTED_NATS = 18.0
 MOST_LISTED = 2048
 """More pairings than this near the best are not listed (the layout is far from unique)."""
 
-MOST_VISITED = 1_000_000
-"""More cliques than this: the search gives up."""
+MOST_VISITED = 8_000
+"""More cliques than this (about 10 ms): the list is given up, and poses are searched instead."""
+
+CLEAR_OF_OTHERS = 1e-5
+"""A second body less probable than this changes no answer."""
+
+LOG_ODDS_PER_PAIR = 1.6
+"""Of two bodies that both sets hold, the one with more pairs is the patient, by these log odds for each pair more:
+three pairs more are needed for 0.99, and equal bodies are always refused."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -268,19 +276,56 @@ def mirror_is_better(ct, ots, weight, node_value, constants, known, spread, size
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def match_many(ct, ots, variance, size_constants, background, spread):  # type: ignore[no-untyped-def]
+def other_body(ct, ots, weight, node_value, constants, backgrounds, volume, partner):  # type: ignore[no-untyped-def]
+    """Return the number of pairs of the best body among the points that ``partner`` leaves, and if it is real.
+
+    ``constants`` and ``backgrounds``: those of `size_priors` for each number of pairs taken away.  The second
+    result is the probability that these pairs are no chance meeting; both are 0 when no three points are left.
+    """
+    taken = np.zeros(len(ots), np.bool_)
+    for j in partner:
+        if j >= 0:
+            taken[j] = True
+    i, j = np.flatnonzero(partner < 0), np.flatnonzero(~taken)
+    if min(len(i), len(j)) < LEAST_PAIRS:
+        return 0, 0.0
+    size = len(ct) - len(i)
+    own = constants[size, : min(len(i), len(j)) + 1].copy()
+    own += (np.arange(len(own)) - 1.0) * math.log(volume)
+    log_evidence, partners, _ = search(
+        ct[i],
+        ots[j],
+        weight[i][:, j],
+        node_value[i][:, j],
+        own,
+        np.zeros((0, 2), np.int64),
+        np.inf,
+        1.0,
+        backgrounds[size] - 5.0,
+    )
+    best, p = best_of(log_evidence, backgrounds[size])
+    if best < 0:
+        return 0, 0.0
+    return (partners[best] >= 0).sum(), p
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def match_many(ct, ots, variance, sizes, residual, spread):  # type: ignore[no-untyped-def]
     """Match T sets (T, n, 3), (T, m, 3) of one variance: partners (T, n) and probability (T,) of the best.
 
-    A probability of 0 marks what `match_points` refuses too: a search that gave up, points on a line, and a set
-    whose mirror image fits better.
+    ``sizes`` and ``residual``: what `priors.size_priors` and `priors.residual_priors` return.  A probability of 0
+    marks what has to be looked at more closely: a search that gave up, points on a line, a set whose mirror image
+    fits better, and a second body.
     """
     tests, n, m = len(ct), ct.shape[1], ots.shape[1]
     weight, node_value = np.full((n, m), 1.0 / variance), np.full((n, m), -1.5 * math.log(variance))
     known = np.zeros((0, 2), np.int64)
     partners, probability = np.full((tests, n), -1, np.int16), np.zeros(tests)
-    sizes = np.arange(len(size_constants)) - 1.0
+    size_constants, background = sizes
+    steps = np.arange(len(size_constants)) - 1.0
     for t in range(tests):
-        constants = size_constants + sizes * math.log(filled_volume(ct[t], ots[t]))
+        volume = filled_volume(ct[t], ots[t])
+        constants = size_constants + steps * math.log(volume)
         log_evidence, listed, complete = search(
             ct[t], ots[t], weight, node_value, constants, known, spread, LISTED_NATS, -np.inf
         )
@@ -290,6 +335,9 @@ def match_many(ct, ots, variance, size_constants, background, spread):  # type: 
         partners[t] = listed[best]
         paired, top = listed[best] >= 0, log_evidence[best]
         if not complete or is_collinear(ct[t][paired], math.sqrt(variance)):
+            continue
+        body = other_body(ct[t], ots[t], weight, node_value, residual[0], residual[1], volume, listed[best])
+        if body[1] > CLEAR_OF_OTHERS:
             continue
         size = paired.sum()
         if not mirror_is_better(ct[t], ots[t], weight, node_value, constants, known, spread, size, top):

@@ -10,11 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.correspondence.pairing import IntArray
+from ronnaplan.correspondence.told import LEAST_PAIRS, Told
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import LARGEST_SIGMA_MM, SMALLEST_SIGMA_MM, FloatArray, as_points
-
-LEAST_POINTS = 3
-"""A rigid transform needs three pairs."""
 
 SMALLEST_SPREAD_MM = 1.0
 LARGEST_SPREAD_MM = 20_000.0
@@ -28,12 +26,18 @@ class ErrorModel:
     variances: FloatArray
     covariances: FloatArray | None
 
+    def full(self) -> FloatArray:
+        """Return the errors as covariances (N, 3, 3) in mm^2."""
+        if self.covariances is not None:
+            return self.covariances
+        return np.asarray(self.variances[:, None, None] * np.eye(3))
+
 
 def checked_points(values: ArrayLike, name: str) -> FloatArray:
     """Return points (N, 3) in mm; raises `InputError` for fewer than three or for a spread that cannot be mm."""
     points = np.ascontiguousarray(as_points(values, name))
-    if len(points) < LEAST_POINTS:
-        raise InputError(f"{name} are {len(points)}; a rigid registration needs at least {LEAST_POINTS}")
+    if len(points) < LEAST_PAIRS:
+        raise InputError(f"{name} are {len(points)}; a rigid registration needs at least {LEAST_PAIRS}")
     extent = float(np.linalg.norm(np.ptp(points, axis=0)))
     if not SMALLEST_SPREAD_MM <= extent <= LARGEST_SPREAD_MM:
         raise InputError(
@@ -79,20 +83,27 @@ def errors_from_covariances(covariances_mm2: ArrayLike, count: int, name: str) -
     return ErrorModel(np.trace(covariances, axis1=1, axis2=2) / 3.0, covariances)
 
 
-def checked_expected(expected: int | None, counts: tuple[int, int]) -> int | None:
-    """Return the expected number of pairs; raises `InputError` when the sets cannot hold it."""
-    if expected is None:
+def checked_number(number: int | None, counts: tuple[int, int], meaning: str = "expected") -> int | None:
+    """Return a number of pairs that was told; raises `InputError` when the sets cannot hold it."""
+    if number is None:
         return None
-    if expected != int(expected) or expected < LEAST_POINTS:
+    if number != int(number) or number < LEAST_PAIRS:
         raise InputError(
-            f"{expected} pairs are expected; a registration needs a whole number of at least {LEAST_POINTS}"
+            f"{number} pairs are {meaning}; a registration needs a whole number of at least {LEAST_PAIRS}"
         )
-    if expected > min(counts):
+    if number > min(counts):
         raise InputError(
-            f"{expected} pairs are expected but the sets hold {counts[0]} CT and {counts[1]} OTS points; "
-            "find the missing markers or lower the expected number"
+            f"{number} pairs are {meaning} but the sets hold {counts[0]} CT and {counts[1]} OTS points; "
+            "find the missing markers or lower the number"
         )
-    return int(expected)
+    return int(number)
+
+
+def checked_told(expected: int | None, at_least: int | None, counts: tuple[int, int]) -> Told:
+    """Return what was told about the number of pairs; raises `InputError` when both or the impossible was."""
+    if expected is not None and at_least is not None:
+        raise InputError(f"{expected} pairs are expected and at least {at_least} as well; state only one of them")
+    return Told(checked_number(expected, counts), checked_number(at_least, counts, "the least"))
 
 
 def checked_known(known_pairs: Iterable[tuple[int, int]], counts: tuple[int, int]) -> IntArray:

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
+from scipy.stats import chi2 as chi2_distribution
+from scipy.stats import norm
 
-from ronnaplan.correspondence.evidence import COLLINEAR_SIGMAS, fit
+from ronnaplan.correspondence.evidence import COLLINEAR_SIGMAS, fit, log_misfit
 from ronnaplan.correspondence.exact import distances
 from ronnaplan.correspondence.inputs import checked_points
 from ronnaplan.correspondence.matching import LEAST_PROBABILITY
@@ -22,6 +24,9 @@ MOST_LAYOUT_POINTS = 32
 
 MOST_LAYOUT_VISITS = 1_000_000
 """Orders tried before the search stops with the nearest rival found so far."""
+
+QUADRATURE_STEPS = 60
+"""Equally probable values of each chi^2 at which a refusal is looked at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,17 +57,31 @@ class Layout:
     ) -> float:
         """Return how often `match_points` refuses this layout for its nearest rival (all seen, no outliers).
 
-        With d the rival distance over the standard deviation of a pair's difference, the rival's log evidence lies
-        d^2/2 below the truth's on average, with standard deviation d.
+        With d the rival distance over the standard deviation of a pair's difference, the rival's chi^2 lies above
+        the truth's by d^2 on average, with standard deviation 2 d; the truth's own has 3 n - 6 degrees of freedom,
+        and both count as the evidence counts them, the scale of the errors unknown.
         """
         sigma = math.hypot(sigma_ct_mm, sigma_ots_mm)
         if self.line_distance_mm < COLLINEAR_SIGMAS * sigma:
             return 1.0
-        d = max(self.rival_distance_mm / sigma, 1e-9)
+        d, size = max(self.rival_distance_mm / sigma, 1e-9), len(self.rival)
         needed = math.log(least_probability / (1.0 - least_probability))
-        not_beaten = 0.5 * math.erfc((0.5 * d * d - needed) / d / math.sqrt(2.0))
-        wrongly_accepted = 0.5 * math.erfc((0.5 * d * d + needed) / d / math.sqrt(2.0))
-        return not_beaten - wrongly_accepted
+        levels = (np.arange(QUADRATURE_STEPS) + 0.5) / QUADRATURE_STEPS
+        truths = chi2_distribution.ppf(levels, 3 * size - 6)
+        gaps = d * d + 2.0 * d * norm.ppf(levels)
+        return float(refused_share(truths, gaps, size, needed))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def refused_share(truths, gaps, size, needed):  # type: ignore[no-untyped-def]
+    """Return the share of the truth's chi^2 and the rival's excess at which neither is ``needed`` nats ahead."""
+    refused = 0
+    for truth in truths:
+        for gap in gaps:
+            rival = max(truth + gap, 0.0)
+            if abs(log_misfit(truth, size) - log_misfit(rival, size)) < needed:
+                refused += 1
+    return refused / (len(truths) * len(gaps))
 
 
 def describe_layout(points: ArrayLike) -> Layout:

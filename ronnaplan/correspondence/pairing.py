@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 IntArray = NDArray[np.int64]
+
+MOST_RIVALS = 10
+"""Rivals listed in an answer."""
 
 Status = Literal["unique", "ambiguous", "unmatched"]
 
@@ -46,7 +49,9 @@ class Pairing:
     touch
         Index of the CT point whose marker a tracked pointer should touch to settle an ambiguity, or None.
     doubtful
-        (D, 2) pairs of a large set that fit but are not certain enough to be given; they are not in ``pairs``.
+        (D, 2) pairs that fit but are not certain enough to be given; they are not in ``pairs``.
+    moved
+        (S, 2) points that do not fit but lie next to each other under the pairing, as a knocked marker would.
 
     """
 
@@ -57,3 +62,27 @@ class Pairing:
     reason: str = ""
     touch: int | None = None
     doubtful: IntArray = field(default_factory=no_pairs)
+    moved: IntArray = field(default_factory=no_pairs)
+
+    def swapped(self) -> Pairing:
+        """Return the answer for the two sets exchanged."""
+        return replace(
+            self,
+            pairs=exchanged(self.pairs),
+            rivals=tuple(replace(rival, pairs=exchanged(rival.pairs)) for rival in self.rivals),
+            touch=self._partner_to_touch(),
+            doubtful=exchanged(self.doubtful),
+            moved=exchanged(self.moved),
+        )
+
+    def _partner_to_touch(self) -> int | None:
+        """Return a point of the other set that the two best rivals pair differently."""
+        if self.touch is None:
+            return None
+        partners = self.rivals[0].pairs
+        return int(partners[partners[:, 0] == self.touch, 1][0])
+
+
+def exchanged(pairs: IntArray) -> IntArray:
+    """Return pairs (L, 2) with the sets exchanged, sorted by the first."""
+    return np.ascontiguousarray(pairs[np.argsort(pairs[:, 1], kind="stable"), ::-1])

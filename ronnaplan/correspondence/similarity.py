@@ -12,7 +12,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from ronnaplan.correspondence.exact import distances
-from ronnaplan.correspondence.inputs import checked_expected, checked_points
+from ronnaplan.correspondence.inputs import checked_number, checked_points
 from ronnaplan.correspondence.pairing import Pairing, no_pairs
 from ronnaplan.errors import InputError
 
@@ -27,20 +27,24 @@ def match_by_similarity(
     e_start_mm: float = 1.0,
     e_stop_mm: float = 6.0,
     e_step_mm: float = 0.1,
+    *,
+    one_to_one: bool = True,
 ) -> Pairing:
     """Pair ``expected`` points of (n, 3) and (m, 3), in mm, by their shared distances (Eq. 10-13, steps 1-5).
 
-    The tolerance e rises from ``e_start_mm`` to ``e_stop_mm`` until one pairing is found; otherwise the answer is
+    ``one_to_one``: each distance is shared with one other only; otherwise every distance that has any partner counts,
+    up to min(n, m) - 1 (Eq. 11 allows both readings; the second refuses as often as the paper reports).  The
+    tolerance e rises from ``e_start_mm`` to ``e_stop_mm`` until one pairing is found; otherwise the answer is
     ``unmatched``.  Raises `InputError` for unusable points, an impossible expected number or range of e.
     """
     ct, ots = checked_points(ct_points, "CT points"), checked_points(ots_points, "OTS points")
-    count = checked_expected(expected, (len(ct), len(ots)))
+    count = checked_number(expected, (len(ct), len(ots)))
     if not (0 < e_start_mm <= e_stop_mm and e_step_mm > 0):
         raise InputError(
             f"the tolerance runs from {e_start_mm} to {e_stop_mm} mm by {e_step_mm}; "
             "expected 0 < start <= stop and a positive step"
         )
-    partner = similarity_match(ct, ots, count, e_start_mm, e_stop_mm, e_step_mm)
+    partner = similarity_match(ct, ots, count, e_start_mm, e_stop_mm, e_step_mm, one_to_one)
     i = np.flatnonzero(partner >= 0)
     if len(i) == 0:
         reason = f"no tolerance from {e_start_mm:g} to {e_stop_mm:g} mm leaves one pairing of {count} points"
@@ -49,11 +53,11 @@ def match_by_similarity(
 
 
 @njit(cache=True, nogil=True)
-def similarity_match(ct, ots, expected, e_start, e_stop, e_step):  # type: ignore[no-untyped-def]
+def similarity_match(ct, ots, expected, e_start, e_stop, e_step, one_to_one):  # type: ignore[no-untyped-def]
     """Return the partner of each CT point, -1 for none; all -1 when the correspondence is unsuccessful."""
     e = e_start
     while e <= e_stop + TOLERANCE_ROUNDING:
-        partner = match_within(ct, ots, expected, e)
+        partner = match_within(ct, ots, expected, e, one_to_one)
         if (partner >= 0).any():
             return partner
         e += e_step  # step 5A
@@ -61,21 +65,21 @@ def similarity_match(ct, ots, expected, e_start, e_stop, e_step):  # type: ignor
 
 
 @njit(cache=True, nogil=True)
-def similarity_match_many(ct, ots, expected, e_start, e_stop, e_step):  # type: ignore[no-untyped-def]
+def similarity_match_many(ct, ots, expected, e_start, e_stop, e_step, one_to_one):  # type: ignore[no-untyped-def]
     """Match T sets (T, n, 3) and (T, m, 3); return the partners (T, n)."""
     partner = np.empty(ct.shape[:2], np.int64)
     for t in range(len(ct)):
-        partner[t] = similarity_match(ct[t], ots[t], expected, e_start, e_stop, e_step)
+        partner[t] = similarity_match(ct[t], ots[t], expected, e_start, e_stop, e_step, one_to_one)
     return partner
 
 
 @njit(cache=True, nogil=True)
-def match_within(ct, ots, expected, e):  # type: ignore[no-untyped-def]
+def match_within(ct, ots, expected, e, one_to_one):  # type: ignore[no-untyped-def]
     """Run steps 1 to 4 with one tolerance e; return the partner of each CT point."""
     rows, columns = np.arange(len(ct)), np.arange(len(ots))
     nothing = np.full(len(ct), -1)
     while len(rows) >= expected and len(columns) >= expected:
-        candidates = similarity_matrix(ct[rows], ots[columns], e) >= expected - 1  # steps 1 to 3
+        candidates = similarity_matrix(ct[rows], ots[columns], e, one_to_one) >= expected - 1  # steps 1 to 3
         keep_rows, keep_columns = any_per_row(candidates), any_per_row(candidates.T)
         if keep_rows.all() and keep_columns.all():
             if len(rows) != expected or len(columns) != expected:
@@ -98,7 +102,7 @@ def any_per_row(matrix):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def similarity_matrix(ct, ots, e):  # type: ignore[no-untyped-def]
+def similarity_matrix(ct, ots, e, one_to_one):  # type: ignore[no-untyped-def]
     """Return sim_ij (Eq. 11, 12): how many distances of CT point i have a partner within e at OTS point j."""
     d_ct, d_ots = distances(ct), distances(ots)  # Eq. 10
     for a in range(len(ct)):
@@ -108,8 +112,21 @@ def similarity_matrix(ct, ots, e):  # type: ignore[no-untyped-def]
     sim = np.zeros((len(ct), len(ots)), np.int64)
     for a in range(len(ct)):
         for b in range(len(ots)):
-            sim[a, b] = shared_distances(d_ct[a, 1:], d_ots[b, 1:], e)
+            if one_to_one:
+                sim[a, b] = shared_distances(d_ct[a, 1:], d_ots[b, 1:], e)
+            else:
+                sim[a, b] = min(partnered_distances(d_ct[a, 1:], d_ots[b, 1:], e), len(ots) - 1)
     return sim
+
+
+@njit(cache=True, nogil=True)
+def partnered_distances(first, second, e):  # type: ignore[no-untyped-def]
+    """Count the distances of the first list with any partner in the second that differs by less than e."""
+    count = 0
+    for distance in first:
+        if (np.abs(second - distance) < e).any():
+            count += 1
+    return count
 
 
 @njit(cache=True, nogil=True)

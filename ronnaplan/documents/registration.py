@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import model_validator
 
 from ronnaplan import __version__
-from ronnaplan.correspondence.inputs import LEAST_POINTS
+from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.documents.fiducials import Software, Source
 from ronnaplan.documents.fields import (
     Covariance,
@@ -202,8 +202,8 @@ def read_registration(path: str | os.PathLike[str]) -> RegistrationDocument:
 
 
 def _check_pairs(pairs: Sequence[LabelPair]) -> None:
-    if len(pairs) < LEAST_POINTS:
-        raise ValueError(f"a unique registration holds {len(pairs)} pairs; expected {LEAST_POINTS} or more")
+    if len(pairs) < LEAST_PAIRS:
+        raise ValueError(f"a unique registration holds {len(pairs)} pairs; expected {LEAST_PAIRS} or more")
     for labels in ([pair.ct for pair in pairs], [pair.ots for pair in pairs]):
         if len(set(labels)) < len(labels):
             raise ValueError(f"the pairs name the markers {', '.join(labels)}; expected each once")

@@ -51,14 +51,15 @@ def register_markers(
     ots: Points,
     *,
     expected: int | None = None,
+    at_least: int | None = None,
     sigma_ct_mm: float = SIGMA_CT_MM,
     known_pairs: tuple[tuple[str, str], ...] = (),
 ) -> MarkerRegistration:
     """Pair the markers of a scan ``ct`` with the tracker's ``ots``, in any order, and register ``ots_from_ct``.
 
     ``sigma_ct_mm`` (see `SIGMA_CT_MM`) is added to every CT marker's own covariance. ``known_pairs`` are labels
-    (CT, OTS) that a person pointed at. Raises `UsageError` for labels that are not there or named twice, and
-    `InputError` for what `match_points` or `register_points` cannot
+    (CT, OTS) that a person pointed at; ``expected`` and ``at_least`` are as in `match_points`. Raises `UsageError`
+    for labels that are not there or named twice, and `InputError` for what `match_points` or `register_points` cannot
     use.
     """
     from ronnaplan.correspondence import match_points
@@ -76,6 +77,7 @@ def register_markers(
         ct.positions_mm,
         ots.positions_mm,
         expected,
+        at_least=at_least,
         covariances_ct_mm2=ct.covariances_mm2,
         covariances_ots_mm2=ots.covariances_mm2,
         known_pairs=[(_index(ct, a, "CT"), _index(ots, b, "tracker")) for a, b in known_pairs],

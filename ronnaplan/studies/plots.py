@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-
-if TYPE_CHECKING:
-    from ronnaplan.studies.blocks import Record
-    from ronnaplan.studies.simulation import Cell
+from ronnaplan.studies.blocks import Record
+from ronnaplan.studies.cells import DRAWN, Cell, all_heads, calibration_of
 
 OUTLIER_COLOURS = ("#c6dbef", "#9ecae1", "#6baed6", "#3182bd", "#08519c")
-NOISE_COLOURS = {100: "#222222", 50: "#1b9e77", 200: "#d95f02"}
+NOISE_COLOURS = {100: "#222222", 50: "#1b9e77", 200: "#d95f02", 400: "#c51b7d", DRAWN: "#7570b3"}
 
 
 def new_figure(rows: int, columns: int, width: float, height: float) -> tuple[Any, Any]:
@@ -39,9 +37,6 @@ def save(figure: Any, path: Path) -> None:
 
 def plot_outcomes(by_cell: dict[Cell, Record], path: Path) -> None:
     """Plot unsuccessful (left) and false positive (right) answers of both algorithms: the form of Fig. 7."""
-    from ronnaplan.studies.heads import HEADS_MM
-    from ronnaplan.studies.simulation import Cell, pooled
-
     figure, axes = new_figure(2, 2, 10, 7)
     for row, algorithm in enumerate(("published", "exact")):
         for column, (outcome, name) in enumerate(((1, "unsuccessful"), (2, "false positive"))):
@@ -49,7 +44,7 @@ def plot_outcomes(by_cell: dict[Cell, Record], path: Path) -> None:
             for o, colour in enumerate(OUTLIER_COLOURS):
                 shares = []
                 for f in range(3, 9):
-                    record = pooled(by_cell, (Cell(h, f, o, expected=f) for h in range(len(HEADS_MM))))
+                    record = all_heads(by_cell, Cell(0, f, o, expected=f))
                     shares.append(100 * record[algorithm][outcome] / sum(record[algorithm]) if record else np.nan)
                 places = np.arange(3, 9) + 0.16 * (o - 2)
                 axis.bar(places, shares, 0.15, color=colour, edgecolor="#444444", linewidth=0.4, label=str(o))
@@ -67,8 +62,6 @@ def plot_outcomes(by_cell: dict[Cell, Record], path: Path) -> None:
 
 def plot_calibration(by_cell: dict[Cell, Record], path: Path) -> None:
     """Plot the share of wrong answers against the share stated, with 95 % sampling errors."""
-    from ronnaplan.studies.simulation import calibration_of
-
     figure, axes = new_figure(1, 1, 5.5, 5)
     axis = axes[0, 0]
     axis.plot([1e-6, 1], [1e-6, 1], color="#999999", linewidth=0.8)
@@ -85,7 +78,7 @@ def plot_calibration(by_cell: dict[Cell, Record], path: Path) -> None:
             markersize=4,
             capsize=2,
             color=colour,
-            label=f"true error {noise} % of the stated one",
+            label="drawn from half to four times" if noise == DRAWN else f"true error {noise} % of the stated one",
         )
     axis.set_xscale("log")
     axis.set_yscale("log")

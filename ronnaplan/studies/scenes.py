@@ -31,22 +31,23 @@ def simulate_scenes(
     outliers: int,
     *,
     hidden: int = 0,
-    noise: float = 1.0,
+    noise: FloatArray | float = 1.0,
 ) -> Scenes:
     """Simulate the protocol of the paper's section 4.2.
 
-    Each point of ``layout_mm`` (8, 3) is displaced uniformly inside a 10 mm sphere; ``markers`` of them are
-    kept; normal noise of `SIGMA_CT_MM` and `SIGMA_OTS_MM` (times ``noise``) is added; ``outliers`` points uniform in
-    a 300 mm sphere about the markers' centroid join each set; the first ``hidden`` markers are missing from the OTS
-    set, which is turned, shifted and shuffled.
+    Each point of ``layout_mm`` (8, 3) is displaced uniformly inside a 10 mm sphere; ``markers`` of them are kept;
+    normal noise of `SIGMA_CT_MM` and `SIGMA_OTS_MM` (times ``noise``, one or one a test) is added; ``outliers``
+    points uniform in a 300 mm sphere about the markers' centroid join each set; the first ``hidden`` markers are
+    missing from the OTS set, which is turned, shifted and shuffled.
     """
     points = layout_mm + uniform_in_ball(rng, (tests, len(layout_mm)), DISPLACEMENT_RADIUS_MM)
     kept = np.argsort(rng.random(points.shape[:2]), axis=1)[:, :markers]
     points = np.take_along_axis(points, kept[:, :, None], axis=1)
     centre = points.mean(axis=1, keepdims=True)
+    scale = np.reshape(noise, (-1, 1, 1))
     sets = []
     for sigma, seen in ((SIGMA_CT_MM, points), (SIGMA_OTS_MM, points[:, hidden:])):
-        read = seen + noise * sigma * rng.standard_normal(seen.shape)
+        read = seen + scale * sigma * rng.standard_normal(seen.shape)
         strays = centre + uniform_in_ball(rng, (tests, outliers), OUTLIER_RADIUS_MM)
         sets.append(np.concatenate((read, strays), axis=1))
     ct, ots = sets

@@ -49,7 +49,7 @@ def run_scan(scan: int, seed: int) -> Record:
     """
     from ronnaplan.correspondence import match_points
     from ronnaplan.correspondence.similarity import similarity_match_many
-    from ronnaplan.studies.simulation import outcomes
+    from ronnaplan.studies.judging import outcomes
 
     ct, readings = simulate_scan(scan, seed)
     shuffle = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(2, scan)))
@@ -59,17 +59,14 @@ def run_scan(scan: int, seed: int) -> Record:
     repeated = np.broadcast_to(ct, readings.shape).copy()
     published = []
     for e in TOLERANCES_MM:
-        partner = similarity_match_many(repeated, readings, len(ct), e, e, 1.0)
-        published.append(outcomes((partner >= 0).any(axis=1), (partner == truth).all(axis=1)))
+        partner = similarity_match_many(repeated, readings, len(ct), e, e, 1.0, True)
+        published.append(outcomes(partner, truth))
     sigma_ct = DISTANCE_SD_MM[scan_kind(scan)] / math.sqrt(2.0)
-    accepted, right = np.zeros(READINGS, dtype=bool), np.zeros(READINGS, dtype=bool)
+    given = np.full(truth.shape, -1)
     for index, reading in enumerate(readings):
         answer = match_points(ct, reading, len(ct), sigma_ct, SIGMA_OTS_MM)
-        accepted[index] = answer.status == "unique"
-        right[index] = len(answer.pairs) == len(ct) and bool(
-            (truth[index][answer.pairs[:, 0]] == answer.pairs[:, 1]).all()
-        )
-    return {"published": published, "exact": outcomes(accepted, right)}
+        given[index, answer.pairs[:, 0]] = answer.pairs[:, 1]
+    return {"published": published, "exact": outcomes(given, truth)}
 
 
 def run_tracking(

@@ -1,9 +1,13 @@
 """Point sets for the tests, made without the code under test."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+
+from ronnaplan.correspondence.pairing import IntArray
+from ronnaplan.geometry import FloatArray
 
 SIGMA_CT, SIGMA_OTS = 0.56, 0.17
 
@@ -53,3 +57,21 @@ def ball(rng: np.random.Generator, count: int, radius: float) -> Any:
 def is_right(pairing: Any, partner: np.ndarray) -> Any:
     i = np.flatnonzero(partner >= 0)
     return np.array_equal(pairing.pairs, np.column_stack((i, partner[i])))
+
+
+def bodies(
+    seed: int, counts: Sequence[int], radii: Sequence[float], outliers: int = 0, field: float = 300.0
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """CT points, OTS points, and the true partners, of bodies that moved against each other among outliers.
+
+    The first body's markers come first; ``counts`` and ``radii``: of each body.
+    """
+    rng = np.random.default_rng(seed)
+    parts = [ball(rng, count, radius) for count, radius in zip(counts, radii, strict=True)]
+    moved = [Rotation.from_quat(rng.normal(size=4)).apply(part) + rng.uniform(-80, 80, 3) for part in parts[1:]]
+    ct_true, ots_true = np.vstack(parts), np.vstack([parts[0], *moved])
+    ct = np.vstack((ct_true + SIGMA_CT * rng.normal(size=ct_true.shape), ball(rng, outliers, field)))
+    ots = np.vstack((ots_true + SIGMA_OTS * rng.normal(size=ots_true.shape), ball(rng, outliers, field)))
+    order = rng.permutation(len(ots))
+    partner = np.where(np.arange(len(ct)) < sum(counts), np.argsort(order), -1)
+    return ct, Rotation.from_quat(rng.normal(size=4)).apply(ots[order]) + 500.0, partner

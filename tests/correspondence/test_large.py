@@ -5,7 +5,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.correspondence import match_points
-from tests.correspondence.scenes import ball, scene
+from ronnaplan.correspondence.evidence import filled_volume
+from ronnaplan.correspondence.inputs import ErrorModel
+from ronnaplan.correspondence.poses import WORK_PER_POINT, WORK_POWER, find_poses
+from ronnaplan.correspondence.problem import Problem
+from ronnaplan.correspondence.told import Told
+from ronnaplan.geometry import FloatArray
+from tests.correspondence.scenes import SIGMA_CT, SIGMA_OTS, ball, bodies, scene
 
 
 def cloud(seed: int, markers: int, outliers: int, radius: float = 300.0) -> Any:
@@ -83,3 +89,97 @@ def test_known_pairs_are_honoured() -> None:
     ct, ots, partner = cloud(5, 40, 20)
     assert match_points(ct, ots, known_pairs=[(0, int(partner[0]))]).status == "unique"
     assert match_points(ct, ots, known_pairs=[(0, int(partner[1]))]).status == "unmatched"
+
+
+@pytest.mark.parametrize(
+    ("markers", "outliers", "field"),
+    [(10, 22, 300.0), (10, 23, 300.0), (20, 40, 90.0), (18, 42, 300.0), (60, 140, 300.0)],
+)
+def test_compact_markers_are_found_among_wide_outliers(markers: int, outliers: int, field: float) -> None:
+    """One point more than 32, or 70 % outliers, and all of these were refused before."""
+    for seed in range(6):
+        ct, ots, partner = bodies(seed, [markers], [90.0], outliers, field)
+        pairing = match_points(ct, ots)
+        assert pairing.status == "unique", (seed, pairing.reason)
+        own = pairing.pairs[pairing.pairs[:, 0] < markers]
+        assert (partner[own[:, 0]] == own[:, 1]).all()
+        assert len(own) >= 0.8 * markers
+
+
+def test_of_two_bodies_the_larger_is_paired_be_it_ever_so_compact() -> None:
+    """The wider was taken before, though it had four pairs less, with a stated probability of 0.9999."""
+    for seed in range(8):
+        ct, ots, partner = bodies(seed, [24, 20], [40.0, 300.0])
+        pairing = match_points(ct, ots)
+        assert pairing.status == "unique", (seed, pairing.reason)
+        assert (pairing.pairs[:, 0] < 24).all()
+        assert (partner[pairing.pairs[:, 0]] == pairing.pairs[:, 1]).all()
+
+
+@pytest.mark.parametrize(
+    ("count", "radii"), [(20, (40.0, 300.0)), (20, (90.0, 90.0)), (6, (60.0, 60.0)), (7, (40.0, 150.0))]
+)
+def test_of_two_equal_bodies_neither_is_taken(count: int, radii: tuple[float, float]) -> None:
+    for seed in range(8):
+        ct, ots, _ = bodies(seed, [count, count], radii)
+        assert match_points(ct, ots).status != "unique", seed
+
+
+REGULAR = {
+    "lattice": np.array(np.meshgrid(*[20.0 * np.arange(3)] * 2, 20.0 * np.arange(4))).reshape(3, -1).T[:32],
+    "circle": 80.0
+    * np.column_stack((np.cos(np.arange(32) * np.pi / 16), np.sin(np.arange(32) * np.pi / 16), np.zeros(32))),
+    "small circle": 80.0
+    * np.column_stack((np.cos(np.arange(12) * np.pi / 6), np.sin(np.arange(12) * np.pi / 6), np.zeros(12))),
+}
+
+
+@pytest.mark.parametrize("name", REGULAR)
+def test_a_regular_set_is_ambiguous(name: str) -> None:
+    pairing = match_points(REGULAR[name], REGULAR[name] + 3.0)
+    assert pairing.status == "ambiguous"
+    assert pairing.reason
+
+
+def problem_of(ct: FloatArray, ots: FloatArray) -> Problem:
+    ct, ots = np.ascontiguousarray(ct), np.ascontiguousarray(ots)
+    ct_errors, ots_errors = (
+        ErrorModel(np.full(len(points), sigma**2), None) for points, sigma in ((ct, SIGMA_CT), (ots, SIGMA_OTS))
+    )
+    known = np.zeros((0, 2), dtype=np.int64)
+    return Problem(ct, ots, ct_errors, ots_errors, Told(), known, filled_volume(ct, ots), 60.0)
+
+
+def test_the_work_is_bounded_on_any_input() -> None:
+    """A set of 300 points on a dense lattice, and 12 against 501 unrelated points, which took 27 s before."""
+    rng = np.random.default_rng(6)
+    axis = 8.0 * np.arange(7)
+    lattice = np.array(np.meshgrid(axis, axis, axis)).reshape(3, -1).T[:300]
+    for ct, ots in ((lattice, lattice), (ball(rng, 12, 100.0), ball(rng, 501, 100.0))):
+        allowed = WORK_PER_POINT * len(ots) ** WORK_POWER
+        assert find_poses(problem_of(ct, ots), 1e-3).work < 1.3 * allowed
+
+
+def test_a_search_that_was_given_up_says_so() -> None:
+    ct, ots, _ = bodies(1, [60], [60.0], 240, 40.0)
+    pairing = match_points(ct, ots)
+    assert pairing.status != "unique"
+    assert "given up" in pairing.reason
+
+
+def test_a_planted_rival_is_missed_no_more_often_than_is_stated() -> None:
+    """Searches stopped early on purpose; a rival body as large as the best is planted in each."""
+    stated, missed = 0.0, 0
+    for seed in range(150):
+        ct, ots, partner = bodies(seed, [14, 14], [90.0, 150.0], 40)
+        order = np.random.default_rng(seed).permutation(len(ct))
+        found = find_poses(problem_of(ct[order], ots), 0.5)
+        if not found.poses:
+            continue
+        right = [pose.partner == partner[order] for pose in found.poses]
+        seen = [
+            any(pairs[body].sum() > 7 for pairs in right) for body in (order < 14, (order >= 14) & (order < 28))
+        ]
+        stated += found.missed
+        missed += not all(seen)
+    assert 0 < missed < stated + 2.0 * np.sqrt(stated)

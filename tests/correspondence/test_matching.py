@@ -1,6 +1,7 @@
 import itertools
 import subprocess
 import sys
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,13 +10,14 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.correspondence import match_points
-from ronnaplan.correspondence.matching import is_large
+from ronnaplan.correspondence.evidence import SCALE_PRIORS, SCALES
+from ronnaplan.correspondence.priors import tail_beyond_gate
 from ronnaplan.errors import InputError
 from tests.correspondence.scenes import HEAD, SIGMA_CT, SIGMA_OTS, ball, is_right, scene
 
 
 @pytest.mark.parametrize(("markers", "outliers"), [(4, 0), (4, 4), (5, 2), (8, 0), (8, 4)])
-def test_markers_are_paired_among_outliers(markers, outliers):
+def test_markers_are_paired_among_outliers(markers: int, outliers: int) -> None:
     for seed in range(20):
         ct, ots, partner = scene(seed, markers, outliers)
         pairing = match_points(ct, ots, expected=markers)
@@ -24,26 +26,59 @@ def test_markers_are_paired_among_outliers(markers, outliers):
         assert pairing.probability > 0.99
 
 
-def test_the_number_of_markers_is_inferred_when_some_are_hidden():
+def test_the_number_of_markers_is_inferred_when_some_are_hidden() -> None:
     for seed in range(20):
         for hidden in (1, 2):
             ct, ots, partner = scene(seed, outliers=2, hidden=hidden)
             assert is_right(match_points(ct, ots), partner), (seed, hidden)
 
 
-@pytest.mark.parametrize("wrong", [5, 7])
-def test_a_sound_pairing_of_another_number_than_expected_is_refused_and_shown(wrong):
+def test_more_pairs_than_expected_are_refused_and_shown() -> None:
     ct, ots, partner = scene(1, markers=6, outliers=2)
-    pairing = match_points(ct, ots, expected=wrong)
+    pairing = match_points(ct, ots, expected=5)
     assert pairing.status == "unmatched"
     assert len(pairing.pairs) == 0
-    assert f"6 pairs fit but {wrong} are expected" in pairing.reason
+    assert "6 pairs fit but 5 are expected" in pairing.reason
     assert np.array_equal(pairing.rivals[0].pairs[:, 1], partner[partner >= 0])
+
+
+def test_a_few_pairs_less_than_expected_are_given_and_many_less_refused() -> None:
+    ct, ots, partner = scene(1, markers=6, outliers=2)
+    assert is_right(match_points(ct, ots, expected=7), partner)
+    ct, ots, partner = scene(1, markers=5, outliers=4)
+    assert "5 pairs fit but 9 are expected" in match_points(ct, ots, expected=9).reason
+
+
+@pytest.mark.parametrize("markers", [5, 8])
+def test_a_marker_that_moved_is_left_out_and_named(markers: int) -> None:
+    """Telling eight refused 80 % of these before."""
+    left_out = named = 0
+    for seed in range(40):
+        ct, ots, partner = scene(seed, markers=markers, outliers=0)
+        rng = np.random.default_rng(seed)
+        direction = rng.normal(size=3)
+        ct[1] += direction / np.linalg.norm(direction) * rng.uniform(6, 15)
+        pairing = match_points(ct, ots, expected=markers)
+        assert all(partner[i] == j for i, j in pairing.pairs), seed
+        left_out += len(pairing.pairs) == markers - 1 and 1 not in pairing.pairs[:, 0]
+        named += [1, partner[1]] in pairing.moved.tolist()
+    assert left_out >= 32
+    assert named >= left_out
+
+
+def test_at_least_so_many_is_enough_to_know_that_it_is_this_patient() -> None:
+    told, untold = 0, 0
+    for seed in range(60):
+        ct, ots, partner = scene(seed, markers=3, outliers=4)
+        told += is_right(match_points(ct, ots, at_least=3), partner)
+        untold += is_right(match_points(ct, ots), partner)
+    assert told > untold
+    assert match_points(ct, ots, at_least=4).status != "unique"
 
 
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 10**6), shift=st.floats(-2000, 2000), swap=st.booleans())
-def test_the_answer_follows_rotation_translation_and_permutation(seed, shift, swap):
+def test_the_answer_follows_rotation_translation_and_permutation(seed: int, shift: Any, swap: Any) -> None:
     ct, ots, _partner = scene(seed, markers=6, outliers=2)
     rng = np.random.default_rng(seed)
     before = match_points(ct, ots, expected=6)
@@ -55,13 +90,13 @@ def test_the_answer_follows_rotation_translation_and_permutation(seed, shift, sw
     assert {(int(order[i]), int(j)) for i, j in after.pairs} == {(int(i), int(j)) for i, j in before.pairs}
 
 
-def test_swapping_the_sets_swaps_the_pairs():
+def test_swapping_the_sets_swaps_the_pairs() -> None:
     ct, ots, _ = scene(3, markers=6, outliers=0)
     forth, back = match_points(ct, ots), match_points(ots, ct, sigma_ct_mm=SIGMA_OTS, sigma_ots_mm=SIGMA_CT)
     assert {(i, j) for i, j in forth.pairs.tolist()} == {(i, j) for j, i in back.pairs.tolist()}
 
 
-def test_scaling_points_and_errors_alike_changes_no_pair():
+def test_scaling_points_and_errors_alike_changes_no_pair() -> None:
     ct, ots, _ = scene(4, markers=6, outliers=2)
     once = match_points(ct, ots)
     twice = match_points(2 * ct, 2 * ots, sigma_ct_mm=1.12, sigma_ots_mm=0.34, spread_mm=120.0)
@@ -78,7 +113,7 @@ SYMMETRIC = {
 
 
 @pytest.mark.parametrize("name", SYMMETRIC)
-def test_symmetric_layouts_are_ambiguous_and_one_touch_tells_which(name):
+def test_symmetric_layouts_are_ambiguous_and_one_touch_tells_which(name: str) -> None:
     layout, orders = SYMMETRIC[name]
     pairing = match_points(layout, layout + 7.0, expected=len(layout))
     assert pairing.status == "ambiguous"
@@ -90,14 +125,14 @@ def test_symmetric_layouts_are_ambiguous_and_one_touch_tells_which(name):
     assert len(partners) > 1
 
 
-def test_a_mirror_symmetric_layout_out_of_plane_is_not_confused_with_its_mirror_image():
+def test_a_mirror_symmetric_layout_out_of_plane_is_not_confused_with_its_mirror_image() -> None:
     layout = np.array([[0, 0, 0], [90, 40, 0], [90, -40, 0], [130, 0, 60.0], [60, 0, 90.0]])
     pairing = match_points(layout, layout, expected=5)
     assert pairing.status == "unique"
     assert np.array_equal(pairing.pairs[:, 0], pairing.pairs[:, 1])
 
 
-def test_pointed_at_pairs_are_honoured_and_settle_a_square():
+def test_pointed_at_pairs_are_honoured_and_settle_a_square() -> None:
     square = SYMMETRIC["square"][0]
     pairing = match_points(square, square, expected=4, known_pairs=[(0, 1), (1, 2)])
     assert pairing.status == "unique"
@@ -107,13 +142,13 @@ def test_pointed_at_pairs_are_honoured_and_settle_a_square():
     assert all([0, 1] in rival.pairs.tolist() for rival in one.rivals)
 
 
-def test_a_pair_pointed_at_wrongly_is_not_believed():
+def test_a_pair_pointed_at_wrongly_is_not_believed() -> None:
     ct, ots, partner = scene(5, markers=6, outliers=0)
     pairing = match_points(ct, ots, known_pairs=[(0, int(partner[1])), (1, int(partner[2])), (2, int(partner[0]))])
     assert pairing.status != "unique"
 
 
-def test_touching_the_named_point_resolves_what_was_ambiguous():
+def test_touching_the_named_point_resolves_what_was_ambiguous() -> None:
     triangle = np.array([[0, 0, 0], [100, 0, 0], [50.5, 86.6, 0.0]])
     ambiguous = match_points(triangle, triangle, expected=3)
     assert ambiguous.status == "ambiguous"
@@ -124,12 +159,12 @@ def test_touching_the_named_point_resolves_what_was_ambiguous():
 
 @pytest.mark.parametrize("seed", range(30))
 @pytest.mark.parametrize("expected", [None, 8])
-def test_a_mirror_image_never_passes(seed, expected):
+def test_a_mirror_image_never_passes(seed: int, expected: Any) -> None:
     layout = np.random.default_rng(seed).normal(size=(8, 3)) * 60
     assert match_points(layout * [1, 1, -1], layout, expected).status != "unique"
 
 
-def test_collinear_markers_are_refused():
+def test_collinear_markers_are_refused() -> None:
     line = np.array([[0, 0, 0], [50, 0.2, 0], [80, 0, 0.3], [170, 0, 0.0]])
     pairing = match_points(line, line, expected=4)
     assert pairing.status == "ambiguous"
@@ -137,13 +172,13 @@ def test_collinear_markers_are_refused():
 
 
 @pytest.mark.parametrize("count", [3, 4, 8, 12])
-def test_the_markers_of_another_patient_are_refused(count):
+def test_the_markers_of_another_patient_are_refused(count: int) -> None:
     rng = np.random.default_rng(count)
     statuses = [match_points(ball(rng, count, 100.0), ball(rng, count, 100.0)).status for _ in range(300)]
     assert statuses.count("unique") <= 1
 
 
-def test_a_layout_of_countless_orders_is_refused_not_listed():
+def test_a_layout_of_countless_orders_is_refused_not_listed() -> None:
     crowd = np.zeros((12, 3))
     crowd[:, 0] = 0.2 * np.arange(12)
     pairing = match_points(crowd, crowd)
@@ -151,16 +186,16 @@ def test_a_layout_of_countless_orders_is_refused_not_listed():
     assert pairing.probability == 0.0
 
 
-def test_anisotropic_errors_equal_in_all_directions_change_nothing():
+def test_anisotropic_errors_equal_in_all_directions_change_nothing() -> None:
     ct, ots, _ = scene(6, markers=5, outliers=2)
     plain = match_points(ct, ots, expected=5)
     covariances = [np.tile(s**2 * np.eye(3), (7, 1, 1)) for s in (SIGMA_CT, SIGMA_OTS)]
     full = match_points(ct, ots, expected=5, covariances_ct_mm2=covariances[0], covariances_ots_mm2=covariances[1])
     assert np.array_equal(plain.pairs, full.pairs)
-    assert full.probability == pytest.approx(plain.probability, abs=1e-9)
+    assert full.probability == pytest.approx(plain.probability, abs=1e-7)
 
 
-def test_stating_that_one_axis_is_poor_finds_markers_that_a_round_error_would_lose():
+def test_stating_that_one_axis_is_poor_finds_markers_that_a_round_error_would_lose() -> None:
     rng = np.random.default_rng(7)
     covariance = np.diag([0.2, 0.2, 2.5]) ** 2
     ots = HEAD + rng.multivariate_normal(np.zeros(3), covariance, len(HEAD))
@@ -168,31 +203,27 @@ def test_stating_that_one_axis_is_poor_finds_markers_that_a_round_error_would_lo
         HEAD, ots, expected=8, sigma_ct_mm=0.1, covariances_ots_mm2=np.tile(covariance, (8, 1, 1))
     )
     believed_round = match_points(HEAD, ots, expected=8, sigma_ct_mm=0.1, sigma_ots_mm=0.2)
-    assert stated.status == "unique"
-    assert believed_round.status != "unique"
+    assert len(stated.pairs) == 8
+    assert len(believed_round.pairs) < 8
 
 
-def test_one_badly_read_marker_needs_its_own_sigma():
+def test_one_badly_read_marker_needs_its_own_sigma() -> None:
     ct, ots, partner = scene(8, markers=6, outliers=0)
     ct[2] += [9.0, -8.0, 8.0]
     sigma = np.full(6, SIGMA_CT)
     sigma[2] = 9.0
     assert is_right(match_points(ct, ots, expected=6, sigma_ct_mm=sigma), partner)
-    assert match_points(ct, ots, expected=6).status != "unique"
+    believed_good = match_points(ct, ots, expected=6)
+    assert 2 not in believed_good.pairs[:, 0]
+    assert believed_good.moved.tolist() == [[2, partner[2]]]
 
 
-def test_four_markers_are_found_among_two_hundred_reflections():
+def test_four_markers_are_found_among_two_hundred_reflections() -> None:
     rng = np.random.default_rng(9)
     reflections = np.vstack((HEAD[:4] + SIGMA_OTS * rng.normal(size=(4, 3)), ball(rng, 196, 300.0)))
     pairing = match_points(HEAD[:4], reflections, expected=4)
     assert pairing.status == "unique"
     assert pairing.pairs.tolist() == [[0, 0], [1, 1], [2, 2], [3, 3]]
-
-
-def test_which_sets_are_searched_exactly():
-    assert not is_large((32, 32))
-    assert not is_large((12, 500))
-    assert is_large((33, 33))
 
 
 BAD = {
@@ -208,6 +239,8 @@ BAD = {
     "covariance shape": ({"covariances_ct_mm2": np.eye(3)}, "shape"),
     "expected too many": ({"expected": 9}, "9 pairs are expected"),
     "expected too few": ({"expected": 2}, "at least 3"),
+    "at least too many": ({"at_least": 9}, "9 pairs are the least"),
+    "expected and at least": ({"expected": 4, "at_least": 3}, "only one"),
     "unknown known pair": ({"known_pairs": [(0, 8)]}, "known pairs"),
     "known pair twice": ({"known_pairs": [(0, 1), (0, 2)]}, "known pairs"),
     "known pair of three": ({"known_pairs": [(0, 1, 2)]}, "known pairs are"),
@@ -221,18 +254,18 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_bad_input_is_told_in_one_sentence(name):
+def test_bad_input_is_told_in_one_sentence(name: str) -> None:
     arguments, message = BAD[name]
     with pytest.raises(InputError, match=message):
         match_points(**{"ct_points": HEAD, "ots_points": HEAD, **arguments})
 
 
-def test_importing_the_room_does_not_load_numba():
+def test_importing_the_room_does_not_load_numba() -> None:
     code = "import sys, ronnaplan.correspondence; sys.exit('numba' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
-def test_every_pairing_of_a_small_case_is_weighed_as_brute_force_does():
+def test_every_pairing_of_a_small_case_is_weighed_as_brute_force_does() -> None:
     """An independent enumeration: all injective pairings, each by the documented formula with SciPy's rotation."""
     ct, ots, _ = scene(11, markers=4, outliers=1)
     c, spread = SIGMA_CT**2 + SIGMA_OTS**2, 60.0
@@ -249,7 +282,7 @@ def test_every_pairing_of_a_small_case_is_weighed_as_brute_force_does():
                 x, y = x - x.mean(axis=0), y - y.mean(axis=0)
                 chi2 = Rotation.align_vectors(y, x)[1] ** 2 / c
                 information = (np.sum(x**2) * np.eye(3) - x.T @ x) / c + np.eye(3) / (2 * np.pi)
-                scales = [(0.96, 1.0), (0.02, 2.0), (0.02, 0.5)]
+                scales = zip(SCALE_PRIORS, SCALES, strict=True)
                 misfit = sum(w * s ** (6 - 3 * k) * np.exp(-chi2 / 2 / s**2) for w, s in scales)
                 log_e = (
                     (k - 1) * (np.log(volume) + 1.5)
@@ -264,7 +297,9 @@ def test_every_pairing_of_a_small_case_is_weighed_as_brute_force_does():
     best = max(weights, key=weights.get)
     pairing = match_points(ct, ots)
     assert [(int(a), int(b)) for a, b in pairing.pairs] == list(zip(*best, strict=True))
-    assert pairing.probability == pytest.approx(weights[best] / (sum(weights.values()) + 0.5), abs=1e-7)
+    beyond_gate = np.mean([tail_beyond_gate(k) for k in (3, 4, 5)])
+    chance = 0.5 + 0.5 * beyond_gate
+    assert pairing.probability == pytest.approx(weights[best] / (sum(weights.values()) + chance), abs=1e-7)
     for rival in pairing.rivals:
         key = tuple(rival.pairs[:, 0].tolist()), tuple(rival.pairs[:, 1].tolist())
         assert rival.log_evidence_below == pytest.approx(np.log(weights[best] / weights[key]), abs=1e-4)

@@ -151,9 +151,9 @@ def test_near_a_half_turn_the_quaternions_rounding_is_no_contradiction(
     axis = np.random.default_rng(seed).normal(size=3)
     turn = Rotation.from_rotvec(np.radians(degrees) * axis / np.linalg.norm(axis)).as_matrix()
     flip = np.diag([-1.0, -1.0, 1.0])
-    path = write(tmp_path / "head.nii", np.zeros((100, 8, 700), np.int16), direction=flip @ turn)
+    path = write(tmp_path / "head.nii", np.zeros((100, 512, 512), np.int16), direction=flip @ turn)
     grid = read_ct(path).grid
-    corners = np.array([[0, 0, 0], [99, 7, 699], [0, 7, 0.0]])
+    corners = np.array([[0, 0, 0], [99, 511, 511], [0, 511, 0.0]])
     assert np.allclose(grid.positions_mm(corners), positions(path, corners, grid.normal), atol=0.01)
 
 

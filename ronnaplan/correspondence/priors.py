@@ -1,0 +1,69 @@
+"""What is believed about a pairing before the points are looked at: how many pairs, and how large the errors."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ronnaplan.correspondence.evidence import GATE_CHI2, SCALE_PRIORS, SCALES
+from ronnaplan.correspondence.told import LEAST_PAIRS, Told
+from ronnaplan.geometry import FloatArray
+
+
+def log_pairings(ct_count: int, ots_count: int, size: int, known: int = 0) -> float:
+    """Return the log of the number of pairings of ``size`` pairs that contain ``known`` given ones."""
+    n, m, k = ct_count - known, ots_count - known, size - known
+    return (
+        math.lgamma(n + 1)
+        - math.lgamma(n - k + 1)
+        + math.lgamma(m + 1)
+        - math.lgamma(m - k + 1)
+        - math.lgamma(k + 1)
+    )
+
+
+def size_constant(size: int) -> float:
+    """Return the terms of log E that depend on the number of pairs only, but for (k-1) ln V."""
+    return 1.5 * (size - 1) - math.log(8.0 * math.pi**2) + (3.0 - 1.5 * size) * math.log(2.0 * math.pi)
+
+
+def size_priors(counts: tuple[int, int], told: Told, known: int = 0) -> tuple[FloatArray, float]:
+    """Return the log prior and `size_constant` of each number of pairs, and the log weight of the background.
+
+    ``counts``: number of CT and of OTS points.  The first result is indexed by the number of pairs, -inf where a
+    pairing of that size is impossible.  The background is "nothing pairs" and the pairings outside the gate.
+    Every pairing of one size is equally probable.
+    """
+    most = min(counts)
+    sizes = range(max(LEAST_PAIRS, known), most + 1)
+    prior = told.prior(sizes)
+    constants = np.full(most + 1, -np.inf)
+    background = prior[0]
+    for size in sizes:
+        if prior[size] > 0:
+            constants[size] = math.log(prior[size]) - log_pairings(*counts, size, known) + size_constant(size)
+        background += prior[size] * tail_beyond_gate(size)
+    return constants, math.log(background)
+
+
+def residual_priors(counts: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
+    """Return what `size_priors` does for the points that each number of pairs leaves, of which nothing is told.
+
+    The first result is indexed by the number of pairs taken away and the number of pairs among the rest.
+    """
+    most = min(counts)
+    constants, background = np.full((most + 1, most + 1), -np.inf), np.zeros(most + 1)
+    for taken in range(most - LEAST_PAIRS + 1):
+        own, background[taken] = size_priors((counts[0] - taken, counts[1] - taken), Told())
+        constants[taken, : len(own)] = own
+    return constants, background
+
+
+def tail_beyond_gate(size: int) -> float:
+    """Return the probability that a true pairing of ``size`` pairs has a chi^2 beyond the gate."""
+    from scipy.special import gammaincc
+
+    half_freedom = 1.5 * size - 3.0
+    tails = [gammaincc(half_freedom, 0.5 * GATE_CHI2 / scale**2) for scale in SCALES]
+    return float(np.dot(SCALE_PRIORS, tails))

@@ -1,0 +1,103 @@
+"""What a matcher is to solve: two checked point sets, their errors, and what is known of their pairing."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ronnaplan.correspondence.inputs import ErrorModel
+from ronnaplan.correspondence.pairing import IntArray
+from ronnaplan.correspondence.told import Told
+from ronnaplan.geometry import FloatArray
+from ronnaplan.pose import transform_points
+from ronnaplan.rigid import fit_closed_form
+
+MOVED_MM = 20.0
+"""Markers that were knocked lie no further than this from where the others say that they should be."""
+
+CHANCE_NEIGHBOUR = 0.05
+"""Points count as one moved marker only where two outliers meet as closely with this probability at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Two checked point sets (n, 3) and (m, 3) in mm with their errors, and what is known about their pairing."""
+
+    ct: FloatArray
+    ots: FloatArray
+    ct_errors: ErrorModel
+    ots_errors: ErrorModel
+    told: Told
+    known: IntArray
+    volume_mm3: float
+    spread_mm: float
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """The number of CT and of OTS points."""
+        return len(self.ct), len(self.ots)
+
+    @property
+    def sigma_mm(self) -> float:
+        """The typical error per axis of a pair's difference."""
+        return math.sqrt(float(self.ct_errors.variances.mean() + self.ots_errors.variances.mean()))
+
+    @property
+    def is_anisotropic(self) -> bool:
+        """Whether any error is stated as a full covariance."""
+        return self.ct_errors.covariances is not None or self.ots_errors.covariances is not None
+
+    def swapped(self) -> Problem:
+        """Return the problem with the sets exchanged."""
+        return replace(
+            self,
+            ct=self.ots,
+            ots=self.ct,
+            ct_errors=self.ots_errors,
+            ots_errors=self.ct_errors,
+            known=np.ascontiguousarray(self.known[:, ::-1]),
+        )
+
+    def pair_weights(self) -> tuple[FloatArray, FloatArray]:
+        """Return 1/variance (n, m) of each possible pair and its share -1/2 ln det C of the log evidence.
+
+        For anisotropic errors both bound the evidence from above: the largest variance of each point, and
+        Minkowski's inequality det(A + B)^(1/3) >= det(A)^(1/3) + det(B)^(1/3) in whatever way A and B are turned.
+        """
+        largest: list[FloatArray] = []
+        geometric: list[FloatArray] = []
+        for errors in (self.ct_errors, self.ots_errors):
+            if errors.covariances is None:
+                largest.append(errors.variances)
+                geometric.append(errors.variances)
+            else:
+                largest.append(np.linalg.eigvalsh(errors.covariances)[:, 2].astype(np.float64))
+                geometric.append(np.cbrt(np.linalg.det(errors.covariances)).astype(np.float64))
+        weight = 1.0 / (largest[0][:, None] + largest[1][None, :])
+        return weight, -1.5 * np.log(geometric[0][:, None] + geometric[1][None, :])
+
+
+def pairs_of(partner: IntArray) -> IntArray:
+    """Return the pairs (L, 2) of a pairing given as the OTS partner of each CT point (n,), -1 for none."""
+    i = np.flatnonzero(partner >= 0)
+    return np.column_stack((i, partner[i])).astype(np.int64)
+
+
+def moved_pairs(problem: Problem, partner: IntArray) -> IntArray:
+    """Return the pairs (S, 2) of points left over that lie next to each other under a pairing's pose.
+
+    They are beyond their errors, so they do not pair, yet nearer (mutually nearest, within `MOVED_MM`) than chance
+    would bring two points of these sets: a marker that moved, most likely.
+    """
+    pairs = pairs_of(partner)
+    i, j = (np.setdiff1d(np.arange(count), pairs[:, axis]) for axis, count in enumerate(problem.counts))
+    if len(i) == 0 or len(j) == 0:
+        return np.zeros((0, 2), dtype=np.int64)
+    chance_mm = (CHANCE_NEIGHBOUR * problem.volume_mm3 / (4.0 / 3.0 * math.pi * len(i) * len(j))) ** (1.0 / 3.0)
+    pose = fit_closed_form(problem.ct[pairs[:, 0]], problem.ots[pairs[:, 1]])
+    gap = np.linalg.norm(transform_points(pose, problem.ct[i])[:, None] - problem.ots[j][None], axis=2)
+    nearest = gap.argmin(axis=1)
+    mutual = (gap.argmin(axis=0)[nearest] == np.arange(len(i))) & (gap.min(axis=1) < min(MOVED_MM, chance_mm))
+    return np.column_stack((i[mutual], j[nearest[mutual]]))

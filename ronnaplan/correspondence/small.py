@@ -1,0 +1,176 @@
+"""Small sets: every pairing listed and weighed, then one answer or a refusal with its rivals."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ronnaplan.correspondence.anisotropic import anisotropic_log_evidence
+from ronnaplan.correspondence.evidence import is_collinear
+from ronnaplan.correspondence.exact import LISTED_NATS, LOG_ODDS_PER_PAIR, mirror_is_better, other_body, search
+from ronnaplan.correspondence.pairing import MOST_RIVALS, IntArray, Pairing, Rival, no_pairs
+from ronnaplan.correspondence.priors import residual_priors, size_priors
+from ronnaplan.correspondence.problem import Problem, moved_pairs, pairs_of
+from ronnaplan.correspondence.told import LEAST_PAIRS
+from ronnaplan.geometry import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """Pairings by falling log evidence (L,), as OTS partner of each CT point (L, n), and what weighed them."""
+
+    log_evidence: FloatArray
+    partners: IntArray
+    constants: FloatArray
+    background: float
+
+    def posterior(self, other: float = 0.0) -> FloatArray:
+        """Return the posterior probability of each pairing, (L,); ``other``: odds of a second body to the best."""
+        top = max(float(self.log_evidence.max(initial=-np.inf)), self.background)
+        weights = np.exp(self.log_evidence - top)
+        return np.asarray(weights / (weights.sum() + math.exp(self.background - top) + other * weights[0]))
+
+    def rivals(self) -> tuple[Rival, ...]:
+        """Return the most probable pairings, the best itself first."""
+        below = self.log_evidence[0] - self.log_evidence[: MOST_RIVALS + 1]
+        return tuple(Rival(pairs_of(one), float(gap)) for one, gap in zip(self.partners, below, strict=False))
+
+
+def match_small(problem: Problem, least_probability: float) -> Pairing | None:
+    """Weigh every pairing and decide; None when there are too many to list."""
+    weighed = weigh_all(problem)
+    return None if weighed is None else decide(problem, weighed, least_probability)
+
+
+def weigh_all(problem: Problem) -> Weighed | None:
+    """Enumerate and weigh every pairing of a small problem; None when there are too many."""
+    constants, background = size_priors(problem.counts, problem.told, len(problem.known))
+    constants = constants + (np.arange(len(constants)) - 1.0) * math.log(problem.volume_mm3)
+    log_evidence, partners, complete = search(
+        problem.ct,
+        problem.ots,
+        *problem.pair_weights(),
+        constants,
+        problem.known,
+        problem.spread_mm,
+        LISTED_NATS,
+        -math.inf,
+    )
+    if not complete:
+        return None
+    partners = partners.astype(np.int64)
+    if problem.is_anisotropic:
+        log_evidence = anisotropic_log_evidence(problem, partners, constants)
+    order = np.argsort(-log_evidence, kind="stable")
+    return Weighed(log_evidence[order], partners[order], constants, background)
+
+
+def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pairing:
+    """Accept the pairs that are certain together, or refuse them with their rivals."""
+    if len(weighed.log_evidence) == 0:
+        return Pairing("unmatched", no_pairs(), 0.0, reason="no three pairs agree in their distances")
+    other = odds_of_another_body(problem, weighed)
+    posterior = weighed.posterior(other)
+    core, probability = certain_core(weighed.partners, posterior, problem, least_probability)
+    rivals, pairs = weighed.rivals(), pairs_of(core)
+    if weighed.background >= weighed.log_evidence[0]:
+        reason = "the best pairing explains the points no better than chance does"
+        return Pairing("unmatched", no_pairs(), probability, rivals, reason)
+    if not problem.told.allows(len(pairs)):
+        reason = (
+            f"{len(pairs)} pairs fit but {problem.told} are expected; check the markers or the expected number"
+        )
+        return Pairing("unmatched", no_pairs(), probability, rivals, reason)
+    if probability < least_probability:
+        reason = f"the best pairing has probability {probability:.4g}, at least {least_probability:g} is required"
+        if other > 1.0 - least_probability:
+            reason = "the points hold two rigid bodies, and neither is clearly the larger; remove one of them"
+        return Pairing("ambiguous", no_pairs(), probability, rivals, reason, best_touch(weighed, posterior))
+    if is_collinear(problem.ct[pairs[:, 0]], problem.sigma_mm):
+        reason = (
+            "the paired points lie on one line, so the rotation about it is unknown; add a marker off the line"
+        )
+        return Pairing("ambiguous", no_pairs(), probability, rivals, reason)
+    if is_mirrored(problem, weighed):
+        reason = "the mirror image fits more points: the coordinates of one set are left-handed; check its axes"
+        return Pairing("unmatched", no_pairs(), probability, rivals, reason)
+    left_out = pairs_of(np.where(core < 0, weighed.partners[0], -1))
+    return Pairing("unique", pairs, probability, rivals[1:], doubtful=left_out, moved=moved_pairs(problem, core))
+
+
+def certain_core(
+    partners: IntArray, posterior: FloatArray, problem: Problem, least_probability: float
+) -> tuple[IntArray, float]:
+    """Return the best pairing (n,), less the pairs of which it is not certain, and its probability.
+
+    Pairings that differ only in which markers moved do not contradict each other in the rest: where they agree, they
+    vouch for it together.  So the least certain pair is left out, and the next, while that may make the rest certain;
+    otherwise the pairing is returned whole.
+    """
+    whole = core = partners[0]
+    if not problem.told.allows(int((core >= 0).sum())):
+        return core, float(posterior[0])
+    agreeing = ((partners < 0) | (core < 0) | (partners == core)).all(axis=1)
+    partners, posterior = partners[agreeing], posterior[agreeing]
+    probability = vouched(partners, posterior, core)
+    while probability < least_probability:
+        i = np.flatnonzero(core >= 0)
+        if len(i) <= LEAST_PAIRS or not problem.told.allows(len(i) - 1):
+            return whole, vouched(partners, posterior, whole)
+        held = (partners[:, i] == core[i]).T.astype(np.float64) @ posterior
+        core = core.copy()
+        core[i[held.argmin()]] = -1
+        probability = vouched(partners, posterior, core)
+    return core, probability
+
+
+def vouched(partners: IntArray, posterior: FloatArray, core: IntArray) -> float:
+    """Return the probability (of pairings (L, n)) that all pairs of ``core`` (n,) are right."""
+    i = np.flatnonzero(core >= 0)
+    return float(posterior[(partners[:, i] == core[i]).all(axis=1)].sum())
+
+
+def odds_of_another_body(problem: Problem, weighed: Weighed) -> float:
+    """Return the odds that the patient is not the best pairing but a body among the points that it leaves."""
+    best = weighed.partners[0]
+    count, real = other_body(
+        problem.ct,
+        problem.ots,
+        *problem.pair_weights(),
+        *residual_priors(problem.counts),
+        problem.volume_mm3,
+        best.astype(np.int16),
+    )
+    if count == 0:
+        return 0.0
+    prior = problem.told.prior(range(LEAST_PAIRS, min(problem.counts) + 1))
+    size = int((best >= 0).sum())
+    return float(real * math.exp(LOG_ODDS_PER_PAIR * (count - size)) * prior[count] / prior[size])
+
+
+def is_mirrored(problem: Problem, weighed: Weighed) -> bool:
+    """Tell whether a reflection, which no patient undergoes, would pair more points than the best pairing does."""
+    return bool(
+        mirror_is_better(
+            problem.ct,
+            problem.ots,
+            *problem.pair_weights(),
+            weighed.constants,
+            problem.known,
+            problem.spread_mm,
+            int((weighed.partners[0] >= 0).sum()),
+            float(weighed.log_evidence[0]),
+        )
+    )
+
+
+def best_touch(weighed: Weighed, posterior: FloatArray) -> int | None:
+    """Return the CT point whose partner is least certain: touching it tells most about the rest."""
+    entropy = np.zeros(weighed.partners.shape[1])
+    for i, column in enumerate(weighed.partners.T):
+        share = np.bincount(column + 1, weights=posterior)
+        share = share[share > 0] / share.sum()
+        entropy[i] = -(share * np.log(share)).sum()
+    return int(entropy.argmax()) if entropy.max() > 0 else None
