@@ -27,6 +27,7 @@ from phantoms.anatomy import Foot
 from phantoms.cone_beam import ConeBeam
 from phantoms.coverings import FILM_MM
 from phantoms.fast import average_hu
+from phantoms.helix import Helix
 from phantoms.kernels import KERNELS
 from phantoms.machine import Machine
 from phantoms.markers import Condition, MarkerKind, marker, marker_kind
@@ -304,6 +305,56 @@ def _seen_in_full_turn(shifts_mm: FloatArray) -> FloatArray:
     return np.array([*(2 * np.mean(told[:, np.newaxis] * across, axis=0)), shifts_mm[:, 2].mean()])
 
 
+def helix(quick: bool) -> Iterator[Row]:
+    """Check a ball's place, the slice profile, water and noise of helical scans."""
+    few = Helix(dose=0, views=240, rows=4, row_mm=1.25, pitch=0.75, method="180LI")
+    many = Helix(dose=0, views=480, pitch=0.52)
+    scanners = (
+        (few, many) if quick else (few, replace(few, method="360LI"), many, replace(many, rows=64, pitch=0.56))
+    )
+    for scanner in scanners:
+        name = f"{scanner.method} {scanner.rows} x {scanner.row_mm:g}, pitch {scanner.pitch:g}"
+        center = HOME + np.array([0.21, -0.13, 3.37])
+        stack = axial_stack(start_mm=-7, stop_mm=14, spacing_mm=scanner.row_mm, matrix=60, field_of_view_mm=27)
+        stack = replace(stack, aside_mm=(45.0, -30.0))
+        excess = hu(Scene((Part(sphere(center, 11.5), "acrylic"),)), stack, scanner) + 1000
+        worst = np.abs(moments(excess, stack, center, 8.75)[0] - center) * 1000
+        text = ", ".join(f"{value:.1f}" for value in worst)
+        yield f"centroid of acrylic 11.5 mm, {name}: x, y, z", f"{text} um", "4 um", bool(worst.max() < 4)
+        found, stated = _helical_width(scanner), scanner.profile(stack).fwhm_mm
+        good = abs(found / stated - 1) < 0.05
+        yield f"width of the slice profile, {name}; theory {stated:.3f} mm", f"{found:.3f} mm", "5 %", good
+    stack = axial_stack(start_mm=0, stop_mm=0, thickness_mm=0.6, matrix=128)
+    radius = np.linalg.norm(places(stack)[0, ..., :2], axis=-1)
+    for scanner in (few, many)[: 1 if quick else 2]:
+        image = hu(library.water_disc(), stack, replace(scanner, dose=1.0))[0]
+        text, good = f"{image[radius < 90].mean():+.2f} HU", bool(abs(image[radius < 90].mean()) < 1)
+        yield (
+            f"water, {scanner.method}, dose 1; noise in the middle {image[radius < 40].std():.1f} HU",
+            text,
+            "1 HU",
+            good,
+        )
+
+
+def _helical_width(scanner: Helix) -> float:
+    """Return the full width at half maximum that a thin disc shows at the axis."""
+    disc = Scene((Part(cylinder((0, 0, 3.3), (0, 0, 1), 0.1, 16), "acrylic"),))
+    reach = 2.2 * scanner.row_mm
+    stack = axial_stack(
+        start_mm=3.35 - reach,
+        stop_mm=3.35 + reach,
+        spacing_mm=0.1,
+        thickness_mm=scanner.row_mm,
+        matrix=16,
+        field_of_view_mm=6,
+    )
+    seen = hu(disc, stack, scanner)[:, 4:12, 4:12].mean(axis=(1, 2)) + 1000
+    fine = np.linspace(-reach, reach, 8001)
+    curve = np.interp(fine, stack.positions_mm - 3.35, seen)
+    return float(np.ptp(fine[curve >= curve.max() / 2]))
+
+
 def speed(quick: bool) -> Iterator[Row]:
     """Time a 512 x 512 slice: at most a second on two cores."""
     patient = library.ready("patient-8")
@@ -342,6 +393,7 @@ CHECKS: tuple[Callable[[bool], Iterator[Row]], ...] = (
     masses,
     fast_renderer,
     cone_beam,
+    helix,
     markers_as_they_are,
     motion,
     speed,

@@ -207,7 +207,7 @@ class _Measurement:
         """Yield the views (v, rows, U) in mm of water, weighed for the reconstruction, a few at a time."""
         scanner, orbit = self._scanner, self._orbit
         views, weights = orbit.views(), orbit.weights()
-        panel = Panel(scanner.bin_mm, *orbit.first_mm, FINE_RAYS, SCAN_RADIUS_MM)
+        panel = Panel(scanner.bin_mm, scanner.bin_mm, *orbit.first_mm, FINE_RAYS, SCAN_RADIUS_MM)
         for start in range(0, scanner.views, CHUNK):
             part = slice(start, min(start + CHUNK, scanner.views))
             signal = np.empty((part.stop - start, orbit.rows, orbit.columns), dtype=np.float32)

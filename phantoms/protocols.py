@@ -12,6 +12,7 @@ from phantoms.cone_beam import ConeBeam, Turn
 from phantoms.errors import PhantomError
 from phantoms.fast import Renderer
 from phantoms.finish import Finish, Interpolated, NonLocalMeans, Reformatted, Step, TotalVariation
+from phantoms.helix import Helix, Method
 from phantoms.machine import Machine
 from phantoms.motion import random_motion
 from phantoms.profiles import Shape
@@ -25,6 +26,9 @@ THIN_MM = (0.6, 0.75, 1.0, 1.25)
 """Nominal thicknesses of thin slices."""
 BROADENING = (1.05, 1.5)
 """Full widths at half maximum over the nominal thickness, as published for helical scanners."""
+FOUR_ROWS_MM = (1.0, 1.25)
+SLOW = (0.5, 0.78)
+"""Row heights and pitches of scanners with four rows."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +99,39 @@ def _oblique(name: str, generator: Generator) -> Protocol:
     return Protocol(name, scanner, thickness, thickness, finish, turn)
 
 
+def _helix(
+    rows: int,
+    rows_mm: tuple[float, ...],
+    pitches: tuple[float, float],
+    method: Method = "WFBP",
+    thicknesses: tuple[float, ...] = (1.0,),
+    kernels: tuple[str, ...] = ("soft", "smooth", "standard", "detail"),
+    step: Callable[[Generator], Step] | None = None,
+) -> Maker:
+    """Make helical scans; thicknesses are multiples of the row height, slices overlap by up to a half."""
+
+    def make(name: str, generator: Generator) -> Protocol:
+        row = float(generator.choice(rows_mm))
+        flying = bool(generator.random() < 0.5)
+        scanner = Helix(
+            kernel=str(generator.choice(kernels)),
+            rows=rows,
+            row_mm=row,
+            pitch=round(float(generator.uniform(*pitches)), 3),
+            method=method,
+            views=1152 if flying else 960,
+            spot_mm=(round(float(generator.uniform(0.5, 1.0)), 2), round(float(generator.uniform(0.5, 1.0)), 2)),
+            flying_spot=flying,
+            start_deg=round(float(generator.uniform(0, 360)), 1),
+        )
+        thickness = round(row * float(generator.choice(thicknesses)), 3)
+        spacing = round(thickness * float(generator.choice([0.5, 2 / 3, 0.8, 1.0])), 3)
+        finish = Finish(() if step is None else (step(generator),), tag=_tag(generator))
+        return Protocol(name, scanner, thickness, spacing, finish)
+
+    return make
+
+
 def _rendered(shape: Shape) -> Maker:
     def make(name: str, generator: Generator) -> Protocol:
         thickness = float(generator.choice([0.5, *THIN_MM, 2.0, 3.0]))
@@ -163,6 +200,33 @@ PROTOCOLS: dict[str, tuple[str, Maker]] = {
     "3 mm": ("touching 3 mm slices", _axial(thicknesses_mm=(3.0,))),
     "5 mm every 2.5 mm": ("overlapping 5 mm slices", _axial(thicknesses_mm=(5.0,), spacing=0.5)),
     "5 mm": ("touching 5 mm slices", _axial(thicknesses_mm=(5.0,))),
+    "helix 4 x 1.25, 180LI": (
+        "four rows, interpolated between half turns",
+        _helix(4, FOUR_ROWS_MM, SLOW, "180LI"),
+    ),
+    "helix 4 x 1.25, 360LI": (
+        "four rows, interpolated between whole turns",
+        _helix(4, FOUR_ROWS_MM, SLOW, "360LI"),
+    ),
+    "helix 16 x 0.75": ("16 rows, weighted filtered back-projection", _helix(16, (0.6, 0.75), (0.5, 0.8))),
+    "helix 32 x 0.6": ("the same, 32 rows", _helix(32, (0.5, 0.6), (0.45, 0.6))),
+    "helix 64 x 0.6": ("the same, 64 rows", _helix(64, (0.5, 0.6), (0.54, 0.58))),
+    "helix 32 x 0.6, thick": (
+        "the same, slices of 2 to 8 rows",
+        _helix(32, (0.6,), (0.45, 0.6), thicknesses=(2, 5, 8)),
+    ),
+    "helix 32 x 0.6, edge": (
+        "the same, kernels that overshoot at edges",
+        _helix(32, (0.6,), (0.45, 0.6), kernels=("bone", "edge", "strong edge")),
+    ),
+    "helix 32 x 0.6, denoised": (
+        "the same, denoised by total variation",
+        _helix(32, (0.6,), (0.45, 0.6), step=lambda generator: TotalVariation(float(generator.uniform(8, 30)))),
+    ),
+    "helix 32 x 0.6, fast": (
+        "the same with the table at twice the speed, where the method itself displaces by up to 0.02 mm",
+        _helix(32, (0.6,), (0.8, 1.2)),
+    ),
     "oblique": ("reformatted to slices 8 to 25 degrees off the axial ones", _oblique),
     "cone beam": ("cone beam on a flat panel, full turn, cubic voxels, values of their own scale", _cone()),
     "cone beam short": ("the same, half a turn and the fan", _cone("short")),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
@@ -35,7 +37,9 @@ class WaterCorrection:
         return water_mm
 
 
-def filter_projections(projections: FloatArray, bin_mm: float, shape: Kernel) -> NDArray[np.float32]:
+def filter_projections(
+    projections: NDArray[np.floating[Any]], bin_mm: float, shape: Kernel
+) -> NDArray[np.float32]:
     """Filter ``projections`` (V, U) with ramp and kernel; returns (V, `UPSAMPLING` U) at ``bin_mm / UPSAMPLING``.
 
     The ramp is the transform of its band-limited spatial form, which leaves no offset (Kak & Slaney, Eq. 3.61).

@@ -179,7 +179,7 @@ class _Measurement:
     def _in_water(self, signal: FloatArray, row: _Row) -> FloatArray:
         scanner = self._scanner
         if scanner.scatter:
-            signal = signal + _scattered(signal, scanner.scatter, scanner.bin_mm)
+            signal = signal + scattered(signal, scanner.scatter, scanner.bin_mm)
         if scanner.dose:
             area = scanner.bin_mm * self._row_mm * 720 / scanner.views
             quanta = PHOTONS_PER_MM2 * scanner.dose * area
@@ -215,7 +215,7 @@ def _half_width(scene: Scene, stack: SliceStack) -> float:
     return float(min(farthest, max(SCAN_RADIUS_MM, corner))) + 2.0
 
 
-def _scattered(signal: FloatArray, strength: float, bin_mm: float) -> FloatArray:
+def scattered(signal: FloatArray, strength: float, bin_mm: float) -> FloatArray:
     """Return scatter as a broad blur of ``I log(1/I)`` (Ohnesorge et al., Eur Radiol 9:563, 1999)."""
     source = -signal * np.log(np.maximum(signal, 1e-12))
     blurred: FloatArray = ndimage.gaussian_filter1d(source, SCATTER_WIDTH_MM / bin_mm, axis=1, mode="constant")

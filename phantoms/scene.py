@@ -95,7 +95,7 @@ class Scene:
         for part in self.parts:
             material(part.material)
         _check_markers_apart(self.markers)
-        surfaces = [_surface(part.solid) for part in self.parts]
+        surfaces = [surface(part.solid) for part in self.parts]
         for late, inner in enumerate(self.parts):
             for early, outer in enumerate(self.parts[:late]):
                 if not (inner.embedded or outer.yields or inner.material == outer.material):
@@ -144,7 +144,7 @@ def _title(part: Part) -> str:
     return f"{part.name or part.solid.shape.name.lower()} ({part.material})"
 
 
-def _surface(solid: Solid) -> FloatArray:
+def surface(solid: Solid) -> FloatArray:
     """Return points (N, 3) spread over the surface, edges and corners of a solid (a half-space: none)."""
     if solid.shape is Shape.HALF_SPACE:
         return np.empty((0, 3))

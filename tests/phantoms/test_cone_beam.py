@@ -77,7 +77,11 @@ def test_a_ray_is_attenuated_by_what_it_crosses() -> None:
     signal = np.empty((1, 1, 2), np.float32)
     beam = tube_beam(120.0)
     cone_transmission(
-        pack([p.solid for p in scene.parts]), matter(scene, beam), Panel(10.0, 0.0, 0.0, 1, 300.0), views, signal
+        pack([p.solid for p in scene.parts]),
+        matter(scene, beam),
+        Panel(10.0, 10.0, 0.0, 0.0, 1, 300.0),
+        views,
+        signal,
     )
     water, acrylic, titanium = beam.attenuation_per_mm(("water", "acrylic", "titanium"))
     straight = np.exp(-(20 * water + 28 * acrylic + 12 * titanium)) @ beam.weights

@@ -1,0 +1,188 @@
+"""A helical scanner: a tube and rows of detectors that turn about a patient who moves through."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from tqdm import tqdm
+
+from phantoms.errors import PhantomError
+from phantoms.helix_reconstruction import Geometry, back_project_cone_weighted, back_project_interpolated
+from phantoms.helix_turns import HalfTurns, Orbit
+from phantoms.machine import Images, Machine
+from phantoms.profiles import Profile
+from phantoms.scene import Scene
+from phantoms.solids import FloatArray
+from phantoms.stack import SliceStack
+
+Method = Literal["180LI", "360LI", "WFBP"]
+"""Linear interpolation between rays of half a turn or of whole turns; weighted filtered back-projection."""
+THIN = 1.3
+"""Slices up to this many row heights are reconstructed as thin as the rows allow; thicker ones are averaged."""
+PLANES_PER_ROW = 2.0
+"""Planes that are averaged to a thick slice, per row height."""
+SLAB_MM = 16.0
+"""Slices are reconstructed together within so much of the axis."""
+
+
+@dataclass(frozen=True)
+class Helix(Machine):
+    """Lengths of the detector are those at the axis of rotation: it is thought there, flat, and scaled down."""
+
+    rows: int = 32
+    row_mm: float = 0.6
+    pitch: float = 0.8
+    """Feed of a turn over the height of all rows."""
+    method: Method = "WFBP"
+    views: int = 960
+    """Readings a turn."""
+    bin_mm: float = 0.6
+    source_mm: float = 570.0
+    """Distance from the focal spot to the axis, and from there to the detector."""
+    detector_mm: float = 470.0
+    spot_mm: tuple[float, float] = (0.7, 0.8)
+    """Focal spot across and along the axis."""
+    flying_spot: bool = False
+    """Whether the focal spot jumps between two places from reading to reading, which halves the sampling distance."""
+    quarter_offset: bool = True
+    """Whether the detector is shifted by a quarter element, so that opposite rays interleave."""
+    bow_tie: bool = True
+    """Whether a filter evens out what arrives behind a head."""
+    start_deg: float = 0.0
+    """Where the tube is when it passes the origin."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        highest = 2.0 if self.rows <= 4 else 1.5
+        self._check(
+            ("number of rows", self.rows, 2 <= self.rows <= 128, "2 to 128"),
+            ("row height in mm", self.row_mm, 0.1 <= self.row_mm <= 10, "0.1 to 10"),
+            ("pitch", self.pitch, 0.1 <= self.pitch <= highest, f"0.1 to {highest:g}"),
+            (
+                "number of views a turn",
+                self.views,
+                self.views >= 32 and self.views % 4 == 0,
+                "32 or more, by fours",
+            ),
+            ("detector element in mm", self.bin_mm, 0.05 <= self.bin_mm <= 5, "0.05 to 5"),
+        )
+
+    @property
+    def feed_mm(self) -> float:
+        """How far the table moves in a turn."""
+        return self.pitch * self.rows * self.row_mm
+
+    def profile(self, stack: SliceStack) -> Profile:
+        """Return a Gaussian as wide, at half maximum, as the profile at the axis of rotation."""
+        offsets = np.linspace(-3, 3, 2401) * max(self.row_mm, stack.thickness_mm)
+        area = _native_profile(self, offsets)
+        step = offsets[1] - offsets[0]
+        planes = _planes(self, stack.thickness_mm)
+        area = sum((np.interp(offsets - plane, offsets, area) for plane in planes), np.zeros_like(area))
+        inside = np.flatnonzero(area >= area.max() / 2)
+        left, right = inside[0], inside[-1]
+        half = area.max() / 2
+        low = (area[left] - half) / (area[left] - area[left - 1])
+        high = (area[right] - half) / (area[right] - area[right + 1])
+        return Profile("gaussian", float((right - left + low + high) * step))
+
+    def reconstruct(
+        self, scene: Scene, stacks: Sequence[SliceStack], *, seed: int = 0, progress: bool = False
+    ) -> list[Images]:
+        """Return the images of each stack; the scene is measured once."""
+        if self.motion.moves:
+            raise PhantomError(
+                "the helical scanner knows patients that lie still only; scan what moves with another"
+            )
+        scene.check()
+        orbit = Orbit.about(stacks)
+        turns = HalfTurns(scene, self, orbit, stacks, seed)
+        results = [np.zeros((len(s), s.rows, s.columns), dtype=np.float32) for s in stacks]
+        jobs = sorted(_slabs(orbit, stacks), key=lambda job: job[0])
+        for low, high, number, members in tqdm(jobs, "scanning", unit="slab", disable=not progress):
+            stack, part = stacks[number], turns.seeing(low, high)
+            results[number][members] = self._slab(stack, orbit.heights_mm(stack)[members], turns, part)
+        return results
+
+    def _slab(self, stack: SliceStack, heights_mm: FloatArray, turns: HalfTurns, part: range) -> Images:
+        planes = _planes(self, stack.thickness_mm)
+        places = (heights_mm[:, np.newaxis] + planes).ravel()
+        order = np.argsort(places, kind="stable")
+        geometry = Geometry(
+            self.source_mm,
+            self.feed_mm,
+            self.row_mm,
+            turns.first_t_mm,
+            turns.step_t_mm,
+            np.radians(self.start_deg),
+        )
+        corner = np.array([stack.aside_mm[0], stack.aside_mm[1]])
+        corner = corner - (np.array([stack.columns, stack.rows]) - 1) / 2 * stack.pixel_mm
+        cube = np.zeros((stack.rows, stack.columns, len(places)), dtype=np.float32)
+        data = turns.stacked(part)
+        if self.method == "WFBP":
+            back_project_cone_weighted(data, part.start, geometry, places[order], corner, stack.pixel_mm, cube)
+        else:
+            whole = self.method == "360LI"
+            back_project_interpolated(
+                data, part.start, geometry, whole, places[order], corner, stack.pixel_mm, cube
+            )
+        images = np.empty((len(places), stack.rows, stack.columns), dtype=np.float32)
+        images[order] = np.moveaxis(cube, 2, 0)
+        averaged = images.reshape(len(heights_mm), len(planes), stack.rows, stack.columns).mean(axis=1)
+        return np.asarray(1000 * (averaged - 1))
+
+
+def _planes(scanner: Helix, thickness_mm: float) -> FloatArray:
+    """Return the offsets of the planes whose mean is a slice."""
+    if scanner.method != "WFBP" or thickness_mm <= THIN * scanner.row_mm:
+        return np.zeros(1)
+    count = int(np.ceil(PLANES_PER_ROW * thickness_mm / scanner.row_mm))
+    return ((np.arange(count) + 0.5) / count - 0.5) * thickness_mm
+
+
+def _slabs(orbit: Orbit, stacks: Sequence[SliceStack]) -> list[tuple[float, float, int, list[int]]]:
+    """Return lowest and highest place, stack, and slices of everything that is reconstructed together."""
+    slabs: dict[tuple[int, int], list[int]] = {}
+    for number, stack in enumerate(stacks):
+        for k, height in enumerate(orbit.heights_mm(stack)):
+            slabs.setdefault((number, int(np.floor(height / SLAB_MM))), []).append(k)
+    jobs = []
+    for (number, _), members in slabs.items():
+        heights, margin = orbit.heights_mm(stacks[number])[members], stacks[number].thickness_mm / 2
+        jobs.append((float(heights.min()) - margin, float(heights.max()) + margin, number, members))
+    return jobs
+
+
+def _native_profile(scanner: Helix, offsets_mm: FloatArray) -> FloatArray:
+    """Return what a slice at 0 sees, at the axis, of a thin disc at each offset, averaged over all directions.
+
+    A row sees a box of its own height, smoothed by the focal spot; between rows (or turns) it is interpolated
+    linearly. WFBP interpolates between neighbouring rows, the others between the samples that are nearest.
+    """
+    height, count = scanner.row_mm, scanner.rows
+    shadow = scanner.spot_mm[1] * scanner.detector_mm / (scanner.source_mm + scanner.detector_mm)
+    total = np.zeros_like(offsets_mm)
+    phases = (np.arange(240) + 0.5) / 240
+    for phase in phases:
+        if scanner.method == "WFBP":
+            samples = (np.arange(-3, 4) + phase) * height
+        else:
+            share = 2 if scanner.method == "180LI" else 1
+            turns = (np.arange(-6, 7) + phase) * scanner.feed_mm / share
+            samples = (turns[:, np.newaxis] + (np.arange(count) - (count - 1) / 2) * height).ravel()
+        above, below = samples[samples > 0].min(), samples[samples <= 0].max()
+        weight = above / (above - below)
+        for place, share_of in ((below, weight), (above, 1 - weight)):
+            total += share_of * _box_of_boxes(offsets_mm - place, height, shadow)
+    return total / len(phases)
+
+
+def _box_of_boxes(offsets_mm: FloatArray, one_mm: float, other_mm: float) -> FloatArray:
+    """Return the convolution of two boxes of unit area."""
+    inner, outer = abs(one_mm - other_mm) / 2, (one_mm + other_mm) / 2
+    flank = np.clip((outer - np.abs(offsets_mm)) / max(outer - inner, 1e-9), 0.0, 1.0)
+    return flank / max(one_mm, other_mm)
