@@ -17,7 +17,7 @@ MOST_DIGITS = 20
 LONGEST_NUMBER = 64
 """Characters of a number as programs write one; Python's shortest form needs 24."""
 
-PLAIN_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?")
+PLAIN_NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]{1,3})?")
 
 
 def printable(text: object, longest: int = LONGEST_TEXT) -> str:

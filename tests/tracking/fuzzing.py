@@ -41,7 +41,7 @@ SEEDS = {
     "sequence.mha": SEQUENCE.encode(),
     "sequence.seq.nrrd": as_nrrd(SEQUENCE).encode(),
 }
-NUMBER = re.compile(r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?", re.ASCII)
+NUMBER = re.compile(r"[-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][-+]?\d+)?", re.ASCII)
 DIGITS = re.compile(rb"[0-9]+(?:\.[0-9]+)?")
 STRANGE = (
     *NUMBERS,
