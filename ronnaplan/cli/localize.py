@@ -20,6 +20,9 @@ LONGEST_NAME = 100
 LAYOUT_MARKERS = (3, 32)
 """Numbers of markers whose layout can be described."""
 
+BELL_SHAPE = 1.0
+"""Slice profiles with a larger shape are called bell-shaped: a parabola has 1."""
+
 WORTH_A_WARNING = 0.01
 """A layout that a tracker's pairing would refuse more often than this is worth a warning."""
 
@@ -33,6 +36,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--diameter", required=True, metavar="MM", help="diameter of the markers, several as 11.5,5, or 'auto'"
     )
     parser.add_argument("--expected", type=whole(), metavar="N", help="refuse (exit 3) unless N markers are found")
+    parser.add_argument(
+        "--marker",
+        default="solid",
+        metavar="BUILD",
+        help="solid (default), shell:WALL for hollow markers, wrapped:THICKNESS for wrapped ones (mm)",
+    )
     parser.add_argument("--series", metavar="UID", help="the series to use, where PATH holds several")
     parser.add_argument("--template", metavar="FILE", help="a frame's distances: keep and label its markers only")
     parser.add_argument(
@@ -50,11 +59,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Localize the markers below each path; with several, go on after a bad one and sum up."""
-    from ronnaplan.localization import check_request
+    from ronnaplan.localization import Build, check_request
 
     diameters = _diameters(arguments.diameter)
     if diameters is not None:
         check_request(diameters, arguments.expected)
+    Build.parse(arguments.marker)
     template = _template(arguments.template)
     _check_outputs(arguments)
     if len(arguments.paths) == 1:
@@ -116,7 +126,7 @@ def _localize_one(
     from ronnaplan.documents.fiducials import fiducials_document
     from ronnaplan.documents.files import write_atomically, write_result
     from ronnaplan.documents.reading import to_json
-    from ronnaplan.localization import common_diameter, localize
+    from ronnaplan.localization import Build, common_diameter, localize
 
     volume = read_ct(path, arguments.series, progress=True)
     for flag in volume.flags:
@@ -126,6 +136,7 @@ def _localize_one(
         diameter_mm=diameters or common_diameter(volume),
         expected=arguments.expected,
         template=template,
+        marker=Build.parse(arguments.marker),
     )
     print(_summary(found), file=sys.stderr)
     write_result(output, to_json(fiducials_document(found)))
@@ -169,7 +180,22 @@ def _summary(found: Fiducials) -> str:
 
     sizes = " or ".join(f"{diameter:g}" for diameter in found.diameters_mm)
     count = f"{len(found)} markers of {sizes} mm; {len(found.rejected)} candidates rejected"
-    return "\n".join([*([fiducials_table(found)] if len(found) else []), count, *_layout(found)])
+    return "\n".join(
+        [*([fiducials_table(found)] if len(found) else []), count, *_resolution(found), *_layout(found)]
+    )
+
+
+def _resolution(found: Fiducials) -> list[str]:
+    """Say how sharp the scan is, beside what its header says."""
+    seen = found.resolution
+    if seen is None:
+        return []
+    kind = "box-like" if seen.shape < BELL_SHAPE else "bell-shaped"
+    stated = "nothing" if seen.stated_mm is None else f"{seen.stated_mm:.2f} mm"
+    return [
+        f"slices: {seen.profile_mm:.2f} mm wide at half height, {kind}; the header says {stated}; "
+        f"blur within them {seen.blur_mm:.2f} mm"
+    ]
 
 
 def _layout(found: Fiducials) -> list[str]:

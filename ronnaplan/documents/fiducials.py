@@ -10,6 +10,7 @@ from pydantic import model_validator
 
 from ronnaplan import __version__
 from ronnaplan.documents.fields import (
+    Coordinate,
     Covariance,
     DocumentModel,
     Hounsfield,
@@ -45,6 +46,20 @@ class Marker(DocumentModel):
     diameter_mm: PositiveMm
     diameters_mm: tuple[PositiveMm, ...] = ()
     """All sizes that were looked for, where there are several."""
+    layer_mm: Coordinate = 0.0
+    """A hollow marker's wall below zero, a wrapping's thickness above."""
+
+
+class Resolution(DocumentModel):
+    """How sharp the markers look, beside what the scan's header says."""
+
+    blur_mm: PositiveMm
+    """Standard deviation of the blur within the slices."""
+    profile_fwhm_mm: PositiveMm
+    """Full width at half maximum of the slice profile."""
+    profile_shape: Ratio
+    """0 is a box, from 4 on a bell."""
+    stated_thickness_mm: PositiveMm | None = None
 
 
 class FiducialEntry(DocumentModel):
@@ -91,6 +106,7 @@ class FiducialsDocument(DocumentModel):
     unit: Literal["mm"]
     source: Source
     marker: Marker
+    resolution: Resolution | None = None
     fiducials: tuple[FiducialEntry, ...]
     rejected: tuple[RejectedEntry, ...] = ()
     software: Software
@@ -129,7 +145,12 @@ def fiducials_document(found: Fiducials) -> FiducialsDocument:
                 "voxel_sha256": found.voxel_sha256,
                 "flags": [flag.name.lower() for flag in found.volume_flags],
             },
-            "marker": {"diameter_mm": found.diameters_mm[0], "diameters_mm": found.diameters_mm},
+            "marker": {
+                "diameter_mm": found.diameters_mm[0],
+                "diameters_mm": found.diameters_mm,
+                "layer_mm": found.marker.layer_mm,
+            },
+            "resolution": _resolution(found),
             "fiducials": [
                 {
                     "label": one.label,
@@ -151,6 +172,18 @@ def fiducials_document(found: Fiducials) -> FiducialsDocument:
             "software": {"name": "ronnaplan", "version": __version__},
         },
     )
+
+
+def _resolution(found: Fiducials) -> dict[str, float | None] | None:
+    seen = found.resolution
+    if seen is None:
+        return None
+    return {
+        "blur_mm": seen.blur_mm,
+        "profile_fwhm_mm": seen.profile_mm,
+        "profile_shape": seen.shape,
+        "stated_thickness_mm": seen.stated_mm,
+    }
 
 
 def read_fiducials(path: str | os.PathLike[str]) -> FiducialsDocument:

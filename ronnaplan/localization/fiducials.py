@@ -10,7 +10,15 @@ import numpy as np
 from ronnaplan.ct.volume import SeriesSource, VolumeFlag
 from ronnaplan.geometry import FloatArray, Frame, Points
 from ronnaplan.localization.build import SOLID, Build
-from ronnaplan.localization.parameters import BLUR, CONTRAST, RADIUS
+from ronnaplan.localization.parameters import (
+    BLUR,
+    CONTRAST,
+    PARAMETERS,
+    RADIUS,
+    SHAPE,
+    WIDTH,
+    full_width_at_half_maximum_mm,
+)
 
 
 class FiducialFlag(StrEnum):
@@ -85,6 +93,20 @@ class Rejected:
 
 
 @dataclass(frozen=True)
+class Resolution:
+    """How sharp a scan's markers look, the middle of them, beside what its header says.
+
+    ``blur_mm`` is the standard deviation within the slices, ``profile_mm`` the slice profile's full width at half
+    maximum, ``shape`` the profile's (0 a box, from 4 on a bell), ``stated_mm`` the header's slice thickness, if any.
+    """
+
+    blur_mm: float
+    profile_mm: float
+    shape: float
+    stated_mm: float | None
+
+
+@dataclass(frozen=True)
 class Fiducials:
     """The markers of one scan, ordered from the top of the head down, with where they come from."""
 
@@ -95,6 +117,7 @@ class Fiducials:
     voxel_sha256: str
     volume_flags: tuple[VolumeFlag, ...] = ()
     marker: Build = SOLID
+    stated_thickness_mm: float | None = None
 
     def __len__(self) -> int:
         return len(self.fiducials)
@@ -108,6 +131,16 @@ class Fiducials:
     def covariances(self) -> FloatArray:
         """Covariances (N, 3, 3) in mm^2."""
         return np.array([found.covariance_mm2 for found in self.fiducials], dtype=np.float64).reshape(-1, 3, 3)
+
+    @property
+    def resolution(self) -> Resolution | None:
+        """How sharp the markers look; None without markers."""
+        if not self.fiducials:
+            return None
+        middle = np.median([found.parameters[: len(PARAMETERS)] for found in self.fiducials], axis=0)
+        width_mm, shape = float(middle[WIDTH]), float(middle[SHAPE])
+        profile_mm = full_width_at_half_maximum_mm(width_mm, shape)
+        return Resolution(float(middle[BLUR]), profile_mm, shape, self.stated_thickness_mm)
 
     @property
     def labels(self) -> tuple[str, ...]:

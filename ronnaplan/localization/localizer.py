@@ -56,7 +56,14 @@ def localize(
         fiducials, others = match_template(template, fiducials)
         rejected = (*others, *rejected)
     result = Fiducials(
-        tuple(fiducials), rejected, diameters, volume.source, volume.voxel_sha256, volume.flags, marker
+        tuple(fiducials),
+        rejected,
+        diameters,
+        volume.source,
+        volume.voxel_sha256,
+        volume.flags,
+        marker,
+        volume.grid.thickness_mm,
     )
     if expected is not None and len(result) != expected:
         raise RefusedError(_explain_count(result, expected))
