@@ -10,10 +10,13 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.model import evaluate, kernel, normal_equations
 from ronnaplan.localization.neighbourhood import Neighbourhood
-from ronnaplan.localization.parameters import BLUR, CENTER, CONTRAST, RADIUS, SHAPE, WIDTH
+from ronnaplan.localization.parameters import BLUR, CENTER, CONTRAST, EDGE, RADIUS, SHAPE, WIDTH
 
 BLUR_BOUNDS_MM = (0.12, 2.5)
 """In-plane blur of any CT at all; a fit that ends here is no ball seen by a scanner."""
+
+EDGE_BOUNDS = (-0.45, 5.0)
+"""Edge enhancement: from tails that double the blur to an overshoot of half the contrast."""
 
 SHAPE_BOUNDS = (0.0, 5.0)
 """A profile's shape: from a box to what no image can tell from a Gaussian."""
@@ -65,10 +68,11 @@ def descend(
 ) -> tuple[FloatArray, bool]:
     """Levenberg-Marquardt from ``theta``; returns the best parameters and whether the steps came to rest."""
     discs = kernel(theta)
+    floor_hu = float(around.values_hu.min())  # where scales end below: edge-enhancing kernels reach there
 
     def equations(at: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         cost, slope, matrix = normal_equations(
-            around.offsets_mm, around.values_hu, used, at, prior.layer_mm, ceiling_hu, *discs
+            around.offsets_mm, around.values_hu, used, at, prior.layer_mm, floor_hu, ceiling_hu, *discs
         )
         pull = prior.mean - at
         cost += 0.5 * float(prior.weight @ pull**2)
@@ -95,9 +99,8 @@ def _step(matrix: FloatArray, slope: FloatArray, damping: float, theta: FloatArr
     free = np.ones(len(slope), dtype=np.bool_)
     # What is at its bound and pushes against it stands still; the others move without it.
     free[CONTRAST] = theta[CONTRAST] < MAX_CONTRAST_HU or slope[CONTRAST] <= 0.0
-    free[SHAPE] = (theta[SHAPE] > SHAPE_BOUNDS[0] or slope[SHAPE] >= 0.0) and (
-        theta[SHAPE] < SHAPE_BOUNDS[1] or slope[SHAPE] <= 0.0
-    )
+    for place, (low, high) in ((SHAPE, SHAPE_BOUNDS), (EDGE, EDGE_BOUNDS)):
+        free[place] = (theta[place] > low or slope[place] >= 0.0) and (theta[place] < high or slope[place] <= 0.0)
     damped = (matrix + damping * np.diag(np.diag(matrix) + 1e-9))[np.ix_(free, free)]
     step = np.zeros(len(slope))
     step[free] = np.linalg.solve(damped, slope[free])
@@ -108,6 +111,7 @@ def _bounded(theta: FloatArray) -> FloatArray:
     theta[RADIUS] = max(theta[RADIUS], 0.2)
     theta[BLUR] = np.clip(theta[BLUR], *BLUR_BOUNDS_MM)
     theta[WIDTH] = max(theta[WIDTH], 0.02)
+    theta[EDGE] = np.clip(theta[EDGE], *EDGE_BOUNDS)
     theta[SHAPE] = np.clip(theta[SHAPE], *SHAPE_BOUNDS)
     theta[CONTRAST] = min(theta[CONTRAST], MAX_CONTRAST_HU)
     return theta
@@ -116,10 +120,12 @@ def _bounded(theta: FloatArray) -> FloatArray:
 def residuals_and_jacobian(
     around: Neighbourhood, theta: FloatArray, layer_mm: float, ceiling_hu: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Data minus model (N,) and the Jacobian (N, P); both zero where clipped data agree with a higher model."""
+    """Data minus model (N,) and the Jacobian (N, P); both zero where clipped data agree with a model beyond."""
     model, jacobian = evaluate(around.offsets_mm, theta, layer_mm, *kernel(theta))
     residuals = around.values_hu - model
+    floor_hu = around.values_hu.min()
     clipped = (around.values_hu >= ceiling_hu) & (model >= ceiling_hu)
+    clipped |= (around.values_hu <= floor_hu) & (model <= floor_hu)
     residuals[clipped] = 0.0
     jacobian[clipped] = 0.0
     return residuals, jacobian

@@ -47,10 +47,15 @@ ROUND_MM = 0.06
 """An edge that is off by no more than this share of the radius plus this is where the ball's edge should be."""
 
 
+COVER_SHARE = 0.04
+COVER_TO_DARK = 3.0
+"""What lies on a marker is brighter just outside it by this share of the contrast, in more directions by this factor
+than are as dark: streaks are both."""
+
 COVERED_SHARE = 0.15
 COVERED_SPREAD = 0.6
-"""What carries a marker hides one side of it. More than this share of the directions left out, and so much of them to
-all sides that their mean is shorter than this, is something that lies on the marker (a post: 0.8; tape, hair: 0.3)."""
+"""What carries a marker stands on one side of it. What is bright in more than this share of the directions, and to all
+sides, so that their mean is shorter than this, lies on the marker (a post: 0.8; tape, hair: 0.3)."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +65,8 @@ class Verdict:
     ``state`` (cells,) is 1 where a direction informs the fit, 0 where it is left out, -1 where no voxel lies on the
     surface. ``round_share`` is the share of the others whose edge is where the ball's should be, ``attached_share``
     the share of all in which a body as bright as the ball goes on outward. ``usual_rms_hu`` is a good direction's
-    residual. ``beside`` (cells,) marks those with something just outside, ``excess_hu`` (cells,) how bright it is.
+    residual. ``beside`` (cells,) marks those with something just outside, ``excess_hu`` (cells,) how bright it is;
+    ``is_covered`` says whether that lies to all sides instead of one.
     """
 
     state: NDArray[np.int8]
@@ -69,14 +75,7 @@ class Verdict:
     usual_rms_hu: float
     beside: NDArray[np.bool_]
     excess_hu: FloatArray
-
-    @property
-    def is_covered(self) -> bool:
-        """Whether the directions that are left out lie to all sides instead of one."""
-        left_out = cell_directions()[self.state == 0]
-        if len(left_out) <= COVERED_SHARE * len(self.state):
-            return False
-        return float(np.linalg.norm(left_out.mean(axis=0))) < COVERED_SPREAD
+    is_covered: bool
 
 
 def judge(
@@ -114,7 +113,16 @@ def judge(
     is_round = seen & (off_mm <= ROUND_SHARE * theta[RADIUS] + ROUND_MM)
     attached = excess > ATTACHED_SHARE * contrast
     round_share = float(is_round.sum() / max(int(seen.sum()), 1))
-    return Verdict(state, round_share, float(attached.mean()), usual, beside, excess)
+    covered = _is_covered(excess, COVER_SHARE * contrast)
+    return Verdict(state, round_share, float(attached.mean()), usual, beside, excess, covered)
+
+
+def _is_covered(excess_hu: FloatArray, bright_hu: float) -> bool:
+    bright = excess_hu > bright_hu
+    count, dark = np.count_nonzero(bright), np.count_nonzero(excess_hu < -bright_hu)
+    if count <= max(COVERED_SHARE * CELL_COUNT, COVER_TO_DARK * dark):
+        return False
+    return float(np.linalg.norm(cell_directions()[bright].mean(axis=0))) < COVERED_SPREAD
 
 
 def _excess_outside(

@@ -12,7 +12,16 @@ from ronnaplan.localization.descent import Prior
 from ronnaplan.localization.directions import BACKGROUND_QUANTILE
 from ronnaplan.localization.model import has_layer, has_streaks
 from ronnaplan.localization.neighbourhood import Neighbourhood
-from ronnaplan.localization.parameters import CONTRAST, PARAMETERS, RADIUS, SHAPE, SLOPES, STREAK_PARAMETERS, WIDTH
+from ronnaplan.localization.parameters import (
+    CONTRAST,
+    EDGE,
+    PARAMETERS,
+    RADIUS,
+    SHAPE,
+    SLOPES,
+    STREAK_PARAMETERS,
+    WIDTH,
+)
 
 TYPICAL_BLUR_MM = 0.5
 """Where the search for the in-plane blur begins; CT kernels lie between 0.25 and 0.9 mm."""
@@ -22,6 +31,9 @@ RADIUS_PRIOR = 0.1
 
 WIDTH_PRIOR = 0.5
 """Standard deviation of the slice profile's width about the nominal thickness, as a share of it."""
+
+EDGE_PRIOR, METAL_EDGE_PRIOR = 0.5, 0.05
+"""Standard deviation of the edge enhancement; where metal is clipped, it looks like size and contrast."""
 
 SHAPE_PRIOR = (1.0, 1.5)
 """Mean and standard deviation of the profile's shape: between a box and a bell."""
@@ -79,7 +91,7 @@ def first_guess(
     contrast = max(high - low, 1.0) * (CLIPPED_START if high >= ceiling_hu else 1.0)
     layer = [-contrast if build.wall_mm else 0.0] if build.layer_mm else []
     streaks = [0.0] * len(STREAK_PARAMETERS) if contrast > METAL_HU else []
-    ball = [0, 0, 0, diameter_mm / 2, TYPICAL_BLUR_MM, thickness_mm, SHAPE_PRIOR[0], contrast, low]
+    ball = [0, 0, 0, diameter_mm / 2, TYPICAL_BLUR_MM, 0.0, thickness_mm, SHAPE_PRIOR[0], contrast, low]
     return np.array([*ball, 0, 0, 0, *layer, *streaks], np.float64)
 
 
@@ -88,6 +100,7 @@ def ball_prior(start: FloatArray, build: Build, *, is_clipped: bool) -> Prior:
     spread = np.full(len(start), np.inf)
     spread[RADIUS], spread[WIDTH] = RADIUS_PRIOR * start[RADIUS], WIDTH_PRIOR * start[WIDTH]
     spread[SHAPE] = SHAPE_PRIOR[1]
+    spread[EDGE] = METAL_EDGE_PRIOR if has_streaks(start) or is_clipped else EDGE_PRIOR
     spread[SLOPES] = SLOPE_PRIOR_PER_MM * start[CONTRAST]
     if has_layer(start):
         spread[len(PARAMETERS)] = LAYER_PRIOR * start[CONTRAST]

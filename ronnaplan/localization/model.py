@@ -1,10 +1,12 @@
 """What a ball looks like in CT: a solid sphere seen through the scanner's blur.
 
 The scanner blurs within the slice plane by a point-spread function that is nearly Gaussian (standard deviation
-``blur``), and across the slices by its slice profile. A slice through a ball is a pile of discs; each disc blurred by a
-circular Gaussian is a non-central chi-square probability with two degrees of freedom (Marcum's Q function, J. Marcum,
-IRE Trans. IT-6, 1960), and the average over the profile is a Gauss-Legendre sum over the discs. No voxel is resampled:
-the model is evaluated at each voxel's true place.
+``blur``). Kernels that overshoot at edges, or have long tails, are the next term of its expansion: ``edge`` times
+-blur dG/d(blur), so that the transfer function is the Gaussian's times 1 + edge (2 pi f blur)^2. Across the slices it
+blurs by its slice profile. A slice through a ball is a pile of discs; each disc blurred by a circular Gaussian is a
+non-central chi-square probability with two degrees of freedom (Marcum's Q function, J. Marcum, IRE Trans. IT-6, 1960),
+and the average over the profile is a Gauss-Legendre sum over the discs. No voxel is resampled: the model is evaluated
+at each voxel's true place.
 
 Slice profiles range from the box of an axial scan to the bells of helical and cone-beam ones (W. Kalender, Computed
 Tomography, 2011, section 3.3), and the header's thickness is not their width. The model takes them as (1 - x^2)^shape
@@ -30,10 +32,12 @@ from ronnaplan.localization.parameters import (
     BACKGROUND,
     BLUR,
     CONTRAST,
+    EDGE,
     LAYER_PARAMETERS,
     PARAMETERS,
     RADIUS,
     SHAPE,
+    SHAPED,
     SKIN_PARAMETERS,
     SLOPE_U,
     SLOPE_V,
@@ -168,14 +172,22 @@ def _bessel_scaled(x: float) -> tuple[float, float]:
 
 
 @njit(cache=True, inline="always")
-def _disc_slopes(r: float, a: float, inverse: float) -> tuple[float, float]:
-    """Derivatives of the blurred disc by its own radius ``a`` and by the distance ``r`` from its axis, in 1/mm."""
-    edge = (a - r) * inverse
-    if abs(edge) >= EDGE_REACH:
-        return 0.0, 0.0
-    i0, i1 = _bessel_scaled(r * a * inverse * inverse)
-    density = a * inverse * inverse * math.exp(-0.5 * edge * edge)
-    return density * i0, -density * i1
+def _disc_slopes(r: float, a: float, inverse: float) -> tuple[float, float, float, float, float]:
+    """Derivatives of the blurred disc by its radius ``a`` and by the distance ``r`` from its axis, in 1/mm.
+
+    Then what ``edge`` adds to it, -blur d(disc)/d(blur), and the derivatives of that by ``a`` and ``r``.
+    """
+    apart = (a - r) * inverse
+    if abs(apart) >= EDGE_REACH:
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    square = inverse * inverse
+    z = r * a * square
+    i0, i1 = _bessel_scaled(z)
+    density = a * square * math.exp(-0.5 * apart * apart)
+    size = (a * a + r * r) * square
+    by_a, by_r = density * i0, -density * i1
+    added = a * by_a + r * by_r
+    return by_a, by_r, added, density * ((2.0 - size) * i0 + 2.0 * z * i1), density * (size * i1 - 2.0 * z * i0)
 
 
 @njit(cache=True, inline="always")
@@ -193,12 +205,12 @@ def ball(
 ) -> float:
     """Blurred ball (0 outside, 1 inside) of ``radius`` mm at offset (du, dv, dw) from its centre.
 
-    Blur and profile are those of ``theta``; ``profile`` is what `slice_profile` says of it. ``slope`` (7,) receives the
-    derivatives by the first seven parameters.
+    Blur and profile are those of ``theta``; ``profile`` is what `slice_profile` says of it, ``slope`` receives the
+    derivatives by the first `SHAPED` parameters.
     The discs are summed over the latitude phi (w = R sin phi), in which even the polar cap is smooth.
     """
-    slope[:7] = 0.0
-    inverse, shape = 1.0 / theta[BLUR], theta[SHAPE]
+    slope[:SHAPED] = 0.0
+    inverse, edge, shape = 1.0 / theta[BLUR], theta[EDGE], theta[SHAPE]
     half, height, mean_log = profile
     low, high = max(dw - half, -radius), min(dw + half, radius)
     if low >= high:
@@ -206,7 +218,7 @@ def ball(
     r = math.sqrt(du * du + dv * dv)
     south = math.asin(low / radius)
     span = math.asin(high / radius) - south
-    value = by_r = by_radius = by_blur = by_w = by_width = by_log = 0.0
+    value = by_r = by_radius = by_blur = by_edge = by_w = by_width = by_log = 0.0
     for q in range(len(nodes)):
         latitude = south + span * nodes[q]
         place = radius * math.sin(latitude)
@@ -214,9 +226,12 @@ def ball(
         x = (place - dw) / half
         log = math.log(max(1.0 - x * x, 1e-12))
         weight = weights[q] * math.exp(shape * log)
-        disc = weight * a * _blurred_disc(r * inverse, a * inverse, table)
-        by_a, by_distance = _disc_slopes(r, a, inverse)
+        by_a, by_distance, added, added_by_a, added_by_distance = _disc_slopes(r, a, inverse)
+        disc = weight * a * (_blurred_disc(r * inverse, a * inverse, table) + edge * added)
+        by_a += edge * added_by_a
+        by_distance += edge * added_by_distance
         value += disc
+        by_edge += weight * a * added
         by_log += disc * log
         by_r += weight * a * by_distance
         by_radius += weight * radius * by_a
@@ -232,6 +247,7 @@ def ball(
     slope[W] = -scale * by_w
     slope[RADIUS] = scale * by_radius
     slope[BLUR] = scale * by_blur
+    slope[EDGE] = scale * by_edge
     slope[WIDTH] = by_width
     slope[SHAPE] = scale * by_log - mean_log * value + by_width * theta[WIDTH] / (2.0 * shape + 3.0)
     return value
@@ -327,11 +343,11 @@ def voxel_model(
 ) -> float:
     """Expected HU at an offset from the ball's centre; ``gradient`` (P,) receives d(HU)/d(``theta``).
 
-    The second ball of a hollow or wrapped marker is larger by ``layer_mm`` in radius; ``scratch`` (7,) is for its
+    The second ball of a hollow or wrapped marker is larger by ``layer_mm`` in radius; ``scratch`` is for its
     derivatives.
     """
     share = ball(du, dv, dw, theta[RADIUS], theta, profile, table, nodes, weights, gradient)
-    for p in range(7):
+    for p in range(SHAPED):
         gradient[p] *= theta[CONTRAST]
     gradient[U] -= theta[SLOPE_U]
     gradient[V] -= theta[SLOPE_V]
@@ -352,7 +368,7 @@ def voxel_model(
         level, radius = theta[_LAYER_AT], theta[RADIUS] + layer_mm
         gradient[_LAYER_AT] = ball(du, dv, dw, radius, theta, profile, table, nodes, weights, scratch)
         value += level * gradient[_LAYER_AT]
-        for p in range(7):
+        for p in range(SHAPED):
             gradient[p] += level * scratch[p]
     if has_streaks(theta):
         value += metal_streaks(du, dv, dw, theta, gradient)
@@ -371,7 +387,7 @@ def evaluate(
     weights: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Model (N,) and its Jacobian (N, P) for voxels at ``offsets`` (N, 3) from an origin near the centre."""
-    profile, scratch = slice_profile(theta[WIDTH], theta[SHAPE]), np.empty(7)
+    profile, scratch = slice_profile(theta[WIDTH], theta[SHAPE]), np.empty(SHAPED)
     count = len(offsets)
     values = np.empty(count)
     jacobian = np.empty((count, len(theta)))
@@ -399,13 +415,14 @@ def normal_equations(
     used: NDArray[np.bool_],
     theta: FloatArray,
     layer_mm: float,
+    floor: float,
     ceiling: float,
     table: FloatArray,
     nodes: FloatArray,
     weights: FloatArray,
 ) -> tuple[float, FloatArray, FloatArray]:
     """Half the squared residuals, their gradient (P,) and Gauss-Newton matrix (P, P) over the used voxels."""
-    profile, scratch = slice_profile(theta[WIDTH], theta[SHAPE]), np.empty(7)
+    profile, scratch = slice_profile(theta[WIDTH], theta[SHAPE]), np.empty(SHAPED)
     size = len(theta)
     cost = 0.0
     slope = np.zeros(size)
@@ -418,7 +435,7 @@ def normal_equations(
         dv = offsets[n, 1] - theta[V]
         dw = offsets[n, 2] - theta[W]
         model = voxel_model(du, dv, dw, theta, layer_mm, profile, table, nodes, weights, gradient, scratch)
-        if values[n] >= ceiling and model >= ceiling:
+        if (values[n] >= ceiling and model >= ceiling) or (values[n] <= floor and model <= floor):
             continue
         residual = values[n] - model
         cost += 0.5 * residual * residual

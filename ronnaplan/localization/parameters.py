@@ -5,14 +5,17 @@ from __future__ import annotations
 import math
 
 PARAMETERS = (
-    *("u", "v", "w", "radius", "blur", "width", "shape", "contrast", "background"),
+    *("u", "v", "w", "radius", "blur", "edge", "width", "shape", "contrast", "background"),
     *("slope_u", "slope_v", "slope_w"),
 )
-"""Order of the model's parameters: centre, radius, in-plane blur and profile width (mm), the profile's shape, contrast
-and background (HU), and the background's slope (HU/mm). The width is that of the box with the profile's variance: its
-standard deviation times the root of 12."""
+"""Order of the model's parameters: centre, radius and in-plane blur (mm), how far the kernel enhances edges, the slice
+profile's width (mm) and shape, contrast and background (HU), and the background's slope (HU/mm). The width is that of
+the box with the profile's variance: its standard deviation times the root of 12."""
 
-U, V, W, RADIUS, BLUR, WIDTH, SHAPE, CONTRAST, BACKGROUND, SLOPE_U, SLOPE_V, SLOPE_W = range(12)
+U, V, W, RADIUS, BLUR, EDGE, WIDTH, SHAPE, CONTRAST, BACKGROUND, SLOPE_U, SLOPE_V, SLOPE_W = range(13)
+SHAPED = SHAPE + 1
+"""So many parameters, the first ones, say what shape the blurred ball has."""
+
 CENTER, SLOPES = slice(0, 3), slice(SLOPE_U, SLOPE_W + 1)
 """Places in the parameters, by name."""
 

@@ -47,7 +47,7 @@ this fraction of itself (a half) weighs as much as one voxel that is off by the 
 FIRST_LOOK_VOXELS = 1500
 """The first descents use about this many of the voxels: enough to see that most candidates are no balls."""
 
-FIRST_LOOK_MISFIT = 0.25
+FIRST_LOOK_MISFIT = 0.45
 """With size and blur held at their first guesses, a good direction disagrees by no more than this share of the
 contrast."""
 

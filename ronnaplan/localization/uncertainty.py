@@ -67,6 +67,10 @@ AXIS_STREAK = 0.9
 less, do to the centre; and, where that is not fitted as skin is, as the square of so many times streaks x blur /
 contrast: a screw casts its streaks along the post."""
 
+AXIS_WIDTH = 0.0015
+"""Standard error along that axis, as a share of the slice profile's width: a screw that fills a part of a slice
+weakens the beam more than in proportion, so that the post seems to reach elsewhere; all markers of a scan err alike."""
+
 HIDDEN_SHADING = 1.4
 """Factor of the covariance where clipping hides how the ball is shaded."""
 
@@ -199,6 +203,7 @@ def _axis_covariance(fit: BallFit, moved: _Moved, noise_hu: float) -> FloatArray
     variance = AXIS_SHARE * min(moved.size_mm2, moved.overlap * float(np.sum(moved.sectors**2)))
     if not has_skin(fit.theta):
         variance += (AXIS_STREAK * _streaks_hu(fit, noise_hu) * fit.sigma_mm / fit.contrast_hu) ** 2
+    variance += (AXIS_WIDTH * float(fit.theta[WIDTH])) ** 2
     length = float(np.linalg.norm(toward))
     direction = np.outer(toward, toward) / length**2 if length > 0.0 else np.eye(3) / 3.0  # touched from anywhere
     covariance: FloatArray = variance * direction

@@ -16,7 +16,7 @@ from ronnaplan.localization.parameters import (
     STREAK_PARAMETERS,
 )
 
-THETA = np.array([0.1, -0.2, 0.3, 5.75, 0.5, 1.25, 1.3, 1100.0, -1000.0, 1.0, 2.0, 3.0])
+THETA = np.array([0.1, -0.2, 0.3, 5.75, 0.5, 0.4, 1.25, 1.3, 1100.0, -1000.0, 1.0, 2.0, 3.0])
 STREAKS = np.array([300.0, -200.0])
 SKIN = np.array([800.0, 0.1, -0.08, 0.12])
 KINDS = {
@@ -41,7 +41,7 @@ def test_a_voxel_is_the_share_of_its_blurred_volume_that_lies_in_the_ball(
     rng = np.random.default_rng(5)
     radius = diameter / 2
     offsets = rng.uniform(-radius - 1, radius + 1, (60, 3))
-    theta = np.array([0, 0, 0, radius, sigma, width, shape, 1.0, 0.0, 0, 0, 0])
+    theta = np.array([0, 0, 0, radius, sigma, 0.0, width, shape, 1.0, 0.0, 0, 0, 0])
     values, _ = model(offsets, theta)
     half = width * np.sqrt((2 * shape + 3) / 12)  # a beta distribution has half^2 / (2 shape + 3) as variance
     along = half * (2 * rng.beta(shape + 1, shape + 1, 200_000) - 1)
