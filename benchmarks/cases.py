@@ -30,6 +30,9 @@ LABORATORY_DECOYS = ((-0.60, 0.62, 0.50), (0.05, -0.75, 0.66), (0.62, 0.05, 0.78
 SLAB_MARGIN_MM = 15.0
 """Slices are scanned this far beyond the outermost marker's or decoy's centre."""
 
+DECOYS_EACH = 4
+"""Decoys on the head of each patient who is scanned by a protocol."""
+
 REACH_MM = 10.0
 """The fast renderer's images reach this far beyond a marker's or decoy's surface."""
 
@@ -63,6 +66,26 @@ CONDITIONS = (
 )
 SEED_STEP = 20
 """Each condition has patients of its own: the seeds of its patients are so far apart; no scene has as many things."""
+
+
+PROTOCOLS = (
+    Condition("axial", 0.015, 0.060),
+    Condition("axial very soft", 0.015, 0.060),
+    Condition("axial bone", 0.020, 0.060),
+    Condition("axial edge", 0.020, 0.060),
+    Condition("axial total variation", 0.020, 0.060),
+    Condition("axial non-local means", 0.020, 0.060),
+    Condition("axial overlapping", 0.015, 0.060),
+    Condition("oblique", 0.015, 0.060),
+    Condition("1.5 mm every 0.5 mm", 0.015, 0.060),
+    Condition("3 mm", 0.025, 0.080),
+    Condition("5 mm every 2.5 mm", 0.025, 0.080),
+    Condition("5 mm", 0.025, 0.080),
+    Condition("cone beam", 0.020, 0.060),
+    Condition("cone beam short", 0.020, 0.060),
+    Condition("cone beam lag", 0.020, 0.060),
+)
+"""Scans as hospitals make them, by the names of `phantoms.protocols`; their tags are often wrong or missing."""
 
 
 @dataclass(frozen=True)
@@ -143,6 +166,17 @@ def surroundings(condition: Condition, first: int, number: int) -> Iterator[Case
         yield _case(near, near.images(fast=True), kind)
 
 
+def protocol_scan(condition: Condition, first: int, number: int) -> Iterator[Case]:
+    """Scan a patient by a protocol and yield the surroundings of each marker and decoy, all out of one scan."""
+    kind = _kind(condition, number)
+    seed = first + SEED_STEP * number + PROTOCOLS.index(condition)
+    patient = random_patient(seed, protocol=condition.name, kind=kind, count=condition.markers, decoys=DECOYS_EACH)
+    things: list[Marker | Decoy] = [*patient.scene.markers, *patient.scene.decoys]
+    reach_mm = marker_kind(kind).diameter_mm / 2 + REACH_MM + patient.profile_fwhm_mm
+    for near, voxels in patient.crops([one.center_mm for one in things], reach_mm):
+        yield _case(near, voxels, kind)
+
+
 def _case(patient: Examination, voxels: NDArray[np.int16], kind: str) -> Case:
     whole: list[FloatArray] = []
     cut: list[FloatArray] = []
@@ -150,16 +184,17 @@ def _case(patient: Examination, voxels: NDArray[np.int16], kind: str) -> Case:
         is_whole = patient.stack.holds_whole(one.center_mm, one.diameter_mm)
         (whole if is_whole else cut).append(one.center_mm)
     truth, rest = np.reshape(whole, (-1, 3)), np.reshape(cut, (-1, 3))
-    return Case(volume(patient.stack, voxels), truth, rest, marker_kind(kind).diameter_mm)
+    scanned = volume(patient.stack, voxels, patient.tagged_thickness_mm)
+    return Case(scanned, truth, rest, marker_kind(kind).diameter_mm)
 
 
-def volume(stack: SliceStack, voxels: NDArray[np.int16]) -> CTVolume:
-    """Lay scanned voxels on the grid that a reader would give them."""
+def volume(stack: SliceStack, voxels: NDArray[np.int16], thickness_mm: float | None) -> CTVolume:
+    """Lay scanned voxels on the grid that a reader would give them, with what the header says of the thickness."""
     order = np.argsort(stack.positions_mm)
     grid = SliceGrid(
         stack.origins_mm[order],
         stack.row_direction * stack.pixel_mm,
         stack.column_direction * stack.pixel_mm,
-        stack.thickness_mm,
+        thickness_mm,
     )
     return CTVolume(voxels[order], grid)

@@ -57,7 +57,7 @@ SHARED_SLICES = 1.0
 """Within the slice plane the error is shared between the axes as evenly strong noise would share it, with the weight
 of so many slices: by chance a few slices show too little along one of them."""
 
-SLOPE_ERROR = 2.2
+SLOPE_ERROR = 3.5
 """Standard error along a sloping background, as a multiple of slope x blur / contrast (across the slices their
 thickness is the blur): a streak never just slopes."""
 

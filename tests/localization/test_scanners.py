@@ -1,0 +1,151 @@
+"""Scanners as they are: profiles, kernels, scales and headers of every kind; markers as they are made and covered."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from phantoms.anatomy import scalp_foot
+from phantoms.fast import Renderer
+from phantoms.markers import Condition, marker, touching_pair
+from phantoms.scene import Scene
+from ronnaplan.ct import CTVolume, SliceGrid
+from ronnaplan.errors import UsageError
+from ronnaplan.localization import Build, FiducialFlag, Fiducials, localize
+from tests.scans import balls, scan, small_stack
+
+CENTER = (1.2, -2.3, 0.4)
+FOOT = scalp_foot((0.5, -0.3, 0.8))
+
+
+def scanned(
+    scene: Scene, shape: str, thickness_mm: float, broadening: float, tag_mm: float | None, spacing_mm: float = 0.0
+) -> CTVolume:
+    middle = scene.markers[0].center_mm if scene.markers else np.array(CENTER)
+    stack = small_stack(
+        start_mm=float(middle[2]) - 22.0,
+        stop_mm=float(middle[2]) + 22.0,
+        spacing_mm=spacing_mm or thickness_mm,
+        thickness_mm=thickness_mm,
+        center_mm=(float(middle[0]), float(middle[1]), 0.0),
+    )
+    renderer = Renderer(shape=shape, broadening=broadening)  # type: ignore[arg-type]
+    (images,) = renderer.reconstruct(scene, [stack], seed=3)
+    steps = stack.row_direction * stack.pixel_mm, stack.column_direction * stack.pixel_mm
+    grid = SliceGrid(stack.origins_mm, *steps, tag_mm)
+    return CTVolume(np.round(np.clip(images, -1024, 3071)).astype(np.int16), grid)
+
+
+def error_mm(found: Fiducials, center_mm: tuple[float, float, float]) -> float:
+    return float(np.linalg.norm(found.centers - np.array(center_mm), axis=1).min())
+
+
+@pytest.mark.parametrize("tag_mm", [0.6, 0.3, 1.8, None], ids=["nominal", "too small", "tripled", "absent"])
+@pytest.mark.parametrize("shape", ["box", "gaussian", "triangle"])
+def test_a_ball_is_found_whatever_the_profile_and_whatever_the_header_says(
+    shape: str, tag_mm: float | None
+) -> None:
+    volume = scanned(balls([CENTER]), shape, 0.6, 1.4, tag_mm)
+    found = localize(volume, diameter_mm=11.5, expected=1)
+    assert error_mm(found, CENTER) < 0.005
+    assert found.resolution is not None
+    assert found.resolution.profile_mm == pytest.approx(0.84, abs=0.1)
+    assert found.resolution.stated_mm == tag_mm
+
+
+def test_the_profiles_shape_is_told() -> None:
+    box, bell = (
+        localize(scanned(balls([CENTER]), shape, 2.0, 1.2, 2.0, 1.0), diameter_mm=11.5)
+        for shape in ("box", "gaussian")
+    )
+    assert box.resolution is not None
+    assert bell.resolution is not None
+    assert box.resolution.shape < 0.3
+    assert bell.resolution.shape > 2.0
+    for found in (box, bell):
+        assert found.resolution is not None
+        assert found.resolution.profile_mm == pytest.approx(
+            2.4, rel=0.1
+        )  # a Gaussian is only nearly in the family
+
+
+@pytest.mark.parametrize(("scale", "offset_hu"), [(0.8, 60.0), (1.2, -150.0)])
+def test_a_cone_beams_scale_and_offset_do_not_matter(scale: float, offset_hu: float) -> None:
+    volume = scan(balls([CENTER]), small_stack(spacing_mm=0.5, thickness_mm=0.5))
+    voxels = np.round(scale * volume.voxels_hu + offset_hu).astype(np.int16)
+    found = localize(replace(volume, voxels_hu=voxels), diameter_mm=11.5, expected=1)
+    assert error_mm(found, CENTER) < 0.005
+    assert found.fiducials[0].contrast_hu == pytest.approx(scale * 1100.0, rel=0.02)
+
+
+@pytest.mark.parametrize("enhancement", [-0.3, 1.0, 2.5], ids=["long tails", "enhanced", "strongly enhanced"])
+def test_a_kernel_that_is_not_gaussian_does_not_move_a_ball_beside_a_post(enhancement: float) -> None:
+    scene = marker("M", FOOT, "post")
+    center = tuple(scene.markers[0].center_mm)
+    volume = scanned(scene, "box", 0.75, 1.0, 0.75)
+    pixels = 0.5 / volume.grid.row_spacing_mm
+    images = volume.voxels_hu.astype(np.float64)
+    curved = ndimage.gaussian_laplace(images, (0, pixels / 2, pixels / 2)) * pixels**2
+    changed = np.clip(images - enhancement * curved, -1024, 3071)
+    found = localize(replace(volume, voxels_hu=changed.astype(np.int16)), diameter_mm=11.5, expected=1)
+    assert error_mm(found, center) < 0.006
+
+
+@pytest.mark.parametrize(
+    ("kind", "build"),
+    [("hollow plastic post", "shell:1"), ("hollow glass post", "shell:0.8"), ("hollow ceramic", "shell:1")],
+)
+def test_hollow_markers_are_found_when_asked_for(kind: str, build: str) -> None:
+    scene = marker("M", FOOT, kind)
+    volume = scanned(scene, "gaussian", 0.6, 1.3, 0.6)
+    found = localize(volume, diameter_mm=scene.markers[0].diameter_mm, expected=1, marker=Build.parse(build))
+    assert error_mm(found, tuple(scene.markers[0].center_mm)) < 0.008
+    assert len(localize(volume, diameter_mm=scene.markers[0].diameter_mm)) == 0
+
+
+def test_a_ball_in_cloth_is_found_when_asked_for() -> None:
+    scene = marker("M", FOOT, "post", Condition(covering="cloth"))
+    volume = scanned(scene, "gaussian", 0.6, 1.3, 0.6)
+    found = localize(volume, diameter_mm=11.5, expected=1, marker=Build.parse("wrapped:1.5"))
+    assert error_mm(found, tuple(scene.markers[0].center_mm)) < 0.1
+
+
+@pytest.mark.parametrize("text", ["shell", "shell:0", "shell:-1", "shell:thin", "wrapped:nan", "hollow:1", ""])
+def test_a_build_that_is_none_is_refused(text: str) -> None:
+    with pytest.raises(UsageError, match="expected solid, shell:WALL or wrapped:THICKNESS"):
+        Build.parse(text)
+
+
+def test_a_film_on_one_side_is_flagged_and_within_what_is_stated() -> None:
+    scene = marker("M", FOOT, "post", Condition(covering="film"))
+    found = localize(scanned(scene, "gaussian", 0.6, 1.3, 0.6), diameter_mm=11.5, expected=1).fiducials[0]
+    error = found.center_mm - scene.markers[0].center_mm
+    assert FiducialFlag.DIAMETER in found.flags
+    assert np.linalg.norm(error) > 0.1
+    assert error @ np.linalg.solve(found.covariance_mm2, error) < 7.8
+
+
+@pytest.mark.parametrize("covering", ["tape", "drape"])
+def test_what_lies_on_a_marker_is_flagged_and_a_post_is_not(covering: str) -> None:
+    for condition, expected in ((Condition(covering=covering), True), (Condition(), False)):
+        scene = marker("M", FOOT, "post", condition)
+        found = localize(scanned(scene, "gaussian", 0.6, 1.3, 0.6), diameter_mm=11.5, expected=1)
+        assert (FiducialFlag.COVERED in found.fiducials[0].flags) == expected
+
+
+def test_two_that_touch_are_two() -> None:
+    scene = touching_pair(("A", "B"), FOOT, "post", 30.0)
+    found = localize(scanned(scene, "gaussian", 0.6, 1.3, 0.6), diameter_mm=11.5, expected=2)
+    for one in scene.markers:
+        assert error_mm(found, tuple(one.center_mm)) < 0.008
+
+
+def test_a_whole_ball_in_thick_or_gapped_slices_is_not_cut() -> None:
+    found = localize(scanned(balls([CENTER]), "trapezoid", 5.0, 1.1, 5.0), diameter_mm=11.5, expected=1)
+    assert FiducialFlag.CUT not in found.fiducials[0].flags
+    gapped = localize(scanned(balls([CENTER]), "box", 2.0, 1.0, 2.0, 3.0), diameter_mm=11.5, expected=1)
+    assert FiducialFlag.CUT not in gapped.fiducials[0].flags
+    assert FiducialFlag.GAPPED in gapped.fiducials[0].flags
