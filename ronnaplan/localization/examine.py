@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -31,6 +31,10 @@ CLIP_SHOULDER_HU = 10
 
 BROADENING = 1.5
 """Slice profiles are broader than nominal by up to this factor."""
+
+ALIKE_MM = 0.5
+ALIKE_SHARE = 0.6
+"""Markers of one scan show the same slice profile, to within this or this share of its width."""
 
 SAME_PLACE = 0.5
 """Candidates nearer to each other than this share of the diameter are the same thing."""
@@ -129,6 +133,27 @@ def examine(scan: Scan, diameter_mm: float, build: Build = SOLID) -> list[Examin
     # The fits release the interpreter's lock, and each is independent of the others: any order, same result.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         return list(pool.map(lambda place: _examine_place(scan, place, diameter_mm, build), places))
+
+
+def alike(accepted: Sequence[Examined]) -> list[Examined]:
+    """Turn down what one scanner cannot have shown: a profile that is not that of the scan's other markers.
+
+    One alone may be anything; of two nobody knows which is right.
+    """
+    if len(accepted) < 3:
+        return list(accepted)
+    widths = np.array([one.parameters[WIDTH] for one in accepted])
+    usual = float(np.median(widths))
+    off = np.abs(widths - usual) > np.maximum(ALIKE_MM, ALIKE_SHARE * usual)
+    return [
+        replace(
+            one,
+            failures=(("alike", f"its ends are blurred over {width:.1f} mm, the others' over {usual:.1f} mm"),),
+        )
+        if is_off
+        else one
+        for one, width, is_off in zip(accepted, widths, off, strict=True)
+    ]
 
 
 def distinct(accepted: Iterable[Examined]) -> list[Examined]:

@@ -11,7 +11,7 @@ import numpy as np
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import InputError, RefusedError, UsageError
 from ronnaplan.localization.build import SOLID, Build
-from ronnaplan.localization.examine import Examined, Scan, distinct, examine
+from ronnaplan.localization.examine import Examined, Scan, alike, distinct, examine
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
 from ronnaplan.localization.template import Template, match_template
 
@@ -21,7 +21,7 @@ MIN_VOXELS_PER_DIAMETER = 2.0
 NEIGHBOUR_COVERAGE = 0.75
 """Below this share of surface seen, a marker is flagged as touched by something large."""
 
-TOUCHING_SLICES = 1.1
+TOUCHING_SLICES = 1.25
 """Slices farther apart than this many widths of their profile leave gaps between them."""
 
 NEAREST_SHOWN = 3
@@ -49,7 +49,9 @@ def localize(
     for diameter in diameters:
         _check_size(scan, diameter)
     examined = [one for diameter in diameters for one in examine(scan, diameter, marker)]
-    markers = _from_the_top(one for one in examined if one.is_marker)
+    judged = alike(distinct(one for one in examined if one.is_marker))
+    markers = _from_the_top(one for one in judged if one.is_marker)
+    examined = [*(one for one in examined if not one.is_marker), *judged]
     fiducials = [_fiducial(f"F{number}", one, scan) for number, one in enumerate(markers, start=1)]
     rejected = _rejected(examined, markers)
     if template is not None:
@@ -105,9 +107,9 @@ def _check_size(scan: Scan, diameter_mm: float) -> None:
         )
 
 
-def _from_the_top(accepted: Iterable[Examined]) -> list[Examined]:
-    """One marker a place, from the top of the head down."""
-    return sorted(distinct(accepted), key=lambda one: tuple(-one.center_mm[::-1]))
+def _from_the_top(markers: Iterable[Examined]) -> list[Examined]:
+    """Sort markers from the top of the head down."""
+    return sorted(markers, key=lambda one: tuple(-one.center_mm[::-1]))
 
 
 def _rejected(examined: Iterable[Examined], markers: Sequence[Examined]) -> tuple[Rejected, ...]:
