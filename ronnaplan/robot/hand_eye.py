@@ -47,7 +47,7 @@ def calibrate_hand_eye(ots_from_m: ArrayLike, robot_from_tcp: ArrayLike) -> Hand
         raise InputError(
             f"{len(seen)} tracker and {len(driven)} robot poses were given; expected four or more of each"
         )
-    _require_two_axes(driven[:, :3, :3])
+    require_two_axes(driven[:, :3, :3], "M from TCP")
     left, right = _closed_form(seen, driven)
     return _refine(seen, driven, left, right)
 
@@ -62,14 +62,16 @@ def _poses(values: ArrayLike, name: str) -> FloatArray:
     return np.array([as_pose(matrix, f"{name} {i}") for i, matrix in enumerate(offered)]).reshape(-1, 4, 4)
 
 
-def _require_two_axes(rotations: FloatArray) -> None:
+def require_two_axes(rotations: FloatArray, unknown: str) -> None:
+    """Raise `InputError` that ``unknown`` is not determined unless robot poses (N, 3, 3) turn about two axes."""
     from scipy.spatial.transform import Rotation
 
     turns = Rotation.from_matrix(rotations[0].T @ rotations).as_rotvec()
     spread = np.degrees(np.linalg.svd(turns - turns.mean(axis=0), compute_uv=False)[1] / np.sqrt(len(turns)))
     if spread < SMALLEST_TURN_DEG:
         raise InputError(
-            f"the robot turned by {spread:.2g} degrees RMS about its second axis; turn it about two axes"
+            f"the robot poses do not determine {unknown}: they turn by {spread:.2g} degrees RMS about their second "
+            f"axis, expected {SMALLEST_TURN_DEG:g} or more; turn the robot about two axes"
         )
 
 

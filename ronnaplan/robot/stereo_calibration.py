@@ -13,10 +13,13 @@ from ronnaplan.geometry import FloatArray, as_points
 from ronnaplan.pose import Pose, adjoint, as_pose, exponential, invert, rigid
 from ronnaplan.robot.camera import RIG, Camera
 from ronnaplan.robot.chain import TCP
+from ronnaplan.robot.hand_eye import require_two_axes
 from ronnaplan.robot.outline import Image
 
 FEWEST_BOARDS = 6
 FEWEST_SPHERES = 6
+SMALLEST_TILT_DEG = 8.0
+"""RMS tilt of the boards against each other that they need; parallel ones leave focal length and distance open."""
 SMALLEST_INFORMATION = 1e-6
 """Smallest over largest eigenvalue of the scaled normal matrix for poses that determine ``tcp_from_rig``."""
 
@@ -48,7 +51,7 @@ def calibrate_on_board(
     """Return both cameras from simultaneous images of a chessboard with ``corners`` inner corners (columns, rows).
 
     Images in which either camera does not see the whole board are left out. Raises `InputError` if fewer than
-    `FEWEST_BOARDS` remain, or the images' sizes differ.
+    `FEWEST_BOARDS` remain, they hardly tilt against each other, or the images' sizes differ.
     """
     import cv2
 
@@ -63,7 +66,8 @@ def calibrate_on_board(
     boards = [grid] * len(seen)
     size = np.asarray(left[0]).shape[::-1]
     firsts, seconds = [a for a, _ in seen], [b for _, b in seen]
-    _, k_left, d_left, _, _ = cv2.calibrateCamera(boards, firsts, size, None, None)
+    _, k_left, d_left, turns, _ = cv2.calibrateCamera(boards, firsts, size, None, None)
+    _require_tilts(np.array(turns, dtype=np.float64).reshape(-1, 3))
     _, k_right, d_right, _, _ = cv2.calibrateCamera(boards, seconds, size, None, None)
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 200, 1e-9)
     found = cv2.stereoCalibrate(
@@ -94,7 +98,20 @@ def calibrate_tcp(robot_from_tcp: ArrayLike, spheres_mm: ArrayLike) -> TcpCalibr
             f"{len(offered)} robot poses came with {len(spheres)} spheres; expected {FEWEST_SPHERES} or more each"
         )
     poses = np.array([as_pose(matrix, f"robot_from_tcp {i}") for i, matrix in enumerate(offered)])
+    require_two_axes(poses[:, :3, :3], "where the rig is")
     return _refine(poses, spheres, _start(poses, spheres))
+
+
+def _require_tilts(turns: FloatArray) -> None:
+    """Raise `InputError` unless boards turned by rotation vectors (N, 3) tilt against each other."""
+    normals = exponential(turns)[:, :, 2]
+    spread = np.linalg.svd(normals - normals.mean(axis=0), compute_uv=False)[0] / np.sqrt(len(normals))
+    tilt = float(np.degrees(spread))
+    if tilt < SMALLEST_TILT_DEG:
+        raise InputError(
+            f"the board images do not determine the cameras: the boards tilt by {tilt:.2g} degrees RMS against each "
+            f"other, expected {SMALLEST_TILT_DEG:g} or more; tilt the board by 20 degrees and more to all sides"
+        )
 
 
 def _floats(values: object) -> FloatArray:

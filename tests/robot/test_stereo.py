@@ -154,14 +154,14 @@ CORNERS, SQUARE = (9, 7), 6.0
 
 
 @cache
-def boards() -> tuple[list[np.ndarray], list[np.ndarray]]:
+def boards(largest_tilt_deg: float = 28) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Both cameras' views of a board at eight tilts about the working place."""
     rng = np.random.default_rng(6)
     left: list[np.ndarray] = []
     right: list[np.ndarray] = []
     middle = np.array([(CORNERS[0] - 1) / 2, (CORNERS[1] - 1) / 2, 0]) * SQUARE
     for _ in range(8):
-        tilt = Rotation.from_euler("xyz", rng.uniform(-28, 28, 3), degrees=True).as_matrix()
+        tilt = Rotation.from_euler("xyz", rng.uniform(-1, 1, 3) * largest_tilt_deg, degrees=True).as_matrix()
         pose = np.eye(4)
         pose[:3, :3] = Rotation.from_rotvec([0, np.radians(-14.5), 0]).as_matrix() @ tilt
         pose[:3, 3] = np.array([*rng.uniform(-6, 6, 2), 300 + rng.uniform(-15, 15)]) - pose[:3, :3] @ middle
@@ -192,6 +192,11 @@ def test_board_images_that_do_not_show_the_board_are_refused() -> None:
         calibrate_on_board(left[:3] + blank[:5], right[:3] + blank[:5], corners=CORNERS, square_mm=SQUARE)
     with pytest.raises(InputError, match="pairs of one size"):
         calibrate_on_board(left, right[:5], corners=CORNERS, square_mm=SQUARE)
+
+
+def test_boards_that_hardly_tilt_are_refused() -> None:
+    with pytest.raises(InputError, match="do not determine the cameras: the boards tilt by"):
+        calibrate_on_board(*boards(4), corners=CORNERS, square_mm=SQUARE)
 
 
 def looks(seed: int, count: int, noise_mm: float, turn: float = 0.5) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -232,6 +237,9 @@ def test_the_rigs_place_has_the_stated_error() -> None:
 def test_poses_that_cannot_place_the_rig_are_refused() -> None:
     poses, spheres, _ = looks(0, 12, 0.05, turn=0.0)
     with pytest.raises(InputError, match="do not determine"):
+        calibrate_tcp(poses, spheres)
+    poses, spheres, _ = looks(0, 12, 0.01, turn=np.radians(1.0))
+    with pytest.raises(InputError, match="do not determine where the rig is: they turn by"):
         calibrate_tcp(poses, spheres)
     with pytest.raises(InputError, match="5 robot poses came with 12 spheres"):
         calibrate_tcp(poses[:5], spheres)
