@@ -26,6 +26,12 @@ PROFILE_STEP_PX = 0.25
 PROFILE_REACH = 0.25
 """Edges are sought within this share of the radius (at least `PROFILE_LEAST_PX`) about the coarse outline."""
 PROFILE_LEAST_PX = 5.0
+LEVEL_SPOKES = 9
+"""The brightness on both sides of the edge is averaged over so many neighbouring profiles: light may fall unevenly."""
+CONSENSUS_PX = 1.0
+"""A first outline is the one that most points lie as near to, so that hidden or spoilt parts do not pull it."""
+LARGEST_RMS_PX = 0.5
+"""Points that scatter more about their outline are no sphere's."""
 OUTLIER_SDS = 4.0
 SMALLEST_COVERAGE = 0.6
 """Share of the outline that must agree with the cone; the rest may be hidden or spoilt by a reflection."""
@@ -69,10 +75,25 @@ def find_outlines(image: Image, camera: Camera) -> list[Outline]:
         )
     outlines = []
     for center, radius in _blobs(grey):
-        edges = _edge_points(grey, center, radius)
-        if edges is not None and (outline := _fit_cone(edges, camera)) is not None:
+        outline = _outline(grey, center, radius, camera)
+        if outline is not None:  # again about what was found: a reflection beside a blob shifts its middle
+            outline = _outline(grey, *_circle(outline.points_px), camera)
+        if outline is not None and outline.rms_px <= LARGEST_RMS_PX:
             outlines.append(outline)
     return outlines
+
+
+def _outline(grey: FloatArray, center: FloatArray, radius: float, camera: Camera) -> Outline | None:
+    edges = _edge_points(grey, center, radius)
+    return None if edges is None else _fit_cone(edges, camera)
+
+
+def _circle(points_px: FloatArray) -> tuple[FloatArray, float]:
+    """Return center (2,) and mean radius of the ellipse through ``points_px`` (N, 2)."""
+    import cv2
+
+    center, axes, _ = cv2.fitEllipse(points_px.astype(np.float32))
+    return np.array(center), float(sum(axes)) / 4
 
 
 def _blobs(grey: FloatArray) -> list[tuple[FloatArray, float]]:
@@ -116,23 +137,32 @@ def _edge_points(grey: FloatArray, center: FloatArray, radius: float) -> FloatAr
     margin = np.array(grey.shape[::-1]) - 1
     inside_image = ((places >= 0) & (places <= margin)).all(axis=2).all(axis=1)
     quarter = len(radii) // 4
-    bright, dark = np.median(profile[:, :quarter]), np.median(profile[:, -quarter:])
-    noise = 1.4826 * np.median(np.abs(profile[:, -quarter:] - dark)) + 1e-9
-    if bright - dark < SMALLEST_CONTRAST_SDS * noise:
+    bright, dark = _along(profile[:, :quarter]), _along(profile[:, -quarter:])
+    noise = 1.4826 * np.median(np.abs(profile[:, -quarter:] - dark[:, None])) + 1e-9
+    if np.median(bright - dark) < SMALLEST_CONTRAST_SDS * noise:
         return None
-    return _crossings(profile, (bright + dark) / 2, radii, center, spokes, inside_image)
+    usable = inside_image & (bright - dark > SMALLEST_CONTRAST_SDS * noise)
+    return _crossings(profile, (bright + dark) / 2, radii, center, spokes, usable)
+
+
+def _along(profile: FloatArray) -> FloatArray:
+    """Return the brightness (N,) of parts of profiles (N, M), smoothed over neighbouring ones."""
+    from scipy.ndimage import median_filter
+
+    brightness: FloatArray = median_filter(np.median(profile, axis=1), LEVEL_SPOKES, mode="wrap")
+    return brightness
 
 
 def _crossings(
     profile: FloatArray,
-    level: float,
+    level: FloatArray,
     radii: FloatArray,
     center: FloatArray,
     spokes: FloatArray,
     usable: NDArray[np.bool_],
 ) -> FloatArray:
-    """Return where each usable profile falls through ``level``, if it does so once."""
-    above = profile > level
+    """Return where each usable profile falls through its ``level`` (N,), if it does so once."""
+    above = profile > level[:, None]
     falls = above[:, :-1] & ~above[:, 1:]
     usable = usable & above[:, 0] & ~above[:, -1] & (falls.sum(axis=1) >= 1)
     rows = np.flatnonzero(usable)
@@ -141,7 +171,7 @@ def _crossings(
     here = (first + last) // 2  # noise can make a few crossings within one edge
     here = np.where(falls[rows, here], here, first)
     before, after = profile[rows, here], profile[rows, here + 1]
-    radius = radii[here] + PROFILE_STEP_PX * (before - level) / (before - after)
+    radius = radii[here] + PROFILE_STEP_PX * (before - level[rows]) / (before - after)
     points: FloatArray = center + radius[:, None] * spokes[rows]
     return points
 
@@ -152,8 +182,7 @@ def _fit_cone(points_px: FloatArray, camera: Camera) -> Outline | None:
     if total < 12:
         return None
     rays = camera.rays(points_px)
-    kept = np.ones(total, dtype=bool)
-    axis, half_angle = _plane_start(rays)
+    axis, half_angle, kept = _consensus(rays, CONSENSUS_PX / camera.focal_px)
     for _ in range(ITERATIONS):
         axis, half_angle, information, residual = _refine_cone(rays, kept, axis, half_angle)
         deviation = np.abs(residual - np.median(residual[kept]))
@@ -164,6 +193,7 @@ def _fit_cone(points_px: FloatArray, camera: Camera) -> Outline | None:
         if (closer == kept).all():
             break
         kept = closer
+    rms_px = float(np.sqrt((residual[kept] ** 2).mean()) * camera.focal_px)
     variance = float((residual[kept] ** 2).sum()) / (kept.sum() - 3) * CORRELATED_POINTS
     covariance = np.linalg.inv(information) * variance
     across = _across(axis)
@@ -173,15 +203,24 @@ def _fit_cone(points_px: FloatArray, camera: Camera) -> Outline | None:
         half_angle,
         float(np.sqrt(covariance[2, 2])),
         points_px[kept],
-        float(np.sqrt((residual[kept] ** 2).mean()) * camera.focal_px),
+        rms_px,
     )
 
 
-def _plane_start(rays: FloatArray) -> tuple[FloatArray, float]:
-    """Return axis and half-angle of the cone: the tips of its unit rays lie in one plane."""
-    normal: FloatArray = np.linalg.lstsq(rays, np.ones(len(rays)), rcond=None)[0].astype(np.float64)
-    length = float(np.linalg.norm(normal))
-    return normal / length, float(np.arccos(np.clip(1 / length, -1, 1)))
+def _consensus(rays: FloatArray, tolerance: float) -> tuple[FloatArray, float, NDArray[np.bool_]]:
+    """Return axis and half-angle of the cone that most ``rays`` (N, 3) lie within ``tolerance`` (rad) of, and which do.
+
+    The cone is sought among those through three rays a third of the outline apart: the tips of unit rays on a cone lie
+    in one plane.
+    """
+    third = len(rays) // 3
+    corners = np.stack([rays, np.roll(rays, third, axis=0), np.roll(rays, -third, axis=0)], axis=1)
+    normals = np.linalg.solve(corners, np.ones((len(rays), 3, 1)))[..., 0]
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    axes, half_angles = normals / lengths, np.arccos(np.clip(1 / lengths, -1, 1))
+    near = np.abs(np.arccos(np.clip(axes @ rays.T, -1, 1)) - half_angles) < tolerance
+    best = int(near.sum(axis=1).argmax())
+    return axes[best], float(half_angles[best, 0]), near[best]
 
 
 def _refine_cone(
