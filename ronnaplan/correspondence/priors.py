@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -47,6 +48,7 @@ def size_priors(counts: tuple[int, int], told: Told, known: int = 0) -> tuple[Fl
     return constants, math.log(background)
 
 
+@lru_cache(maxsize=64)
 def residual_priors(counts: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
     """Return what `size_priors` does for the points that each number of pairs leaves, of which nothing is told.
 
@@ -60,6 +62,7 @@ def residual_priors(counts: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
     return constants, background
 
 
+@cache
 def tail_beyond_gate(size: int) -> float:
     """Return the probability that a true pairing of ``size`` pairs has a chi^2 beyond the gate."""
     from scipy.special import gammaincc
