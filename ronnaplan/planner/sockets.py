@@ -23,8 +23,8 @@ MOST_MESSAGE_BYTES: Final = 2**18
 MOST_WAITING_BYTES: Final = 2**25
 """Some tens of whole redraws: a page that is so far behind has stopped reading, and is cut off."""
 
-SLOWEST_SEND_S: Final = 20.0
-"""A page that takes no byte for so long is cut off; it comes back by itself when it can."""
+SLOWEST_SEND_S: Final = 60.0
+"""A page that takes a chunk no faster is cut off, and has to be loaded again."""
 
 MOST_PAGES: Final = 20
 """Pages open at the same time."""
