@@ -136,11 +136,11 @@ def test_the_anisotropic_fit_is_the_maximum_of_the_likelihood() -> None:
     x, turn = HEAD[:5], Rotation.from_rotvec([0.4, -1.0, 0.3])
     y = turn.apply(x) + rng.normal(size=x.shape)
 
-    def chi2(pose):
+    def chi2(pose: np.ndarray) -> float:
         rotation = Rotation.from_rotvec(pose[:3]) * turn
         residual = y - rotation.apply(x) - pose[3:]
         c = rotation.as_matrix() @ covariances[:5] @ rotation.as_matrix().T + covariances[5:]
-        return np.einsum("ka,kab,kb->", residual, np.linalg.inv(c), residual)
+        return float(np.einsum("ka,kab,kb->", residual, np.linalg.inv(c), residual))
 
     found = minimize(chi2, np.zeros(6), method="BFGS").fun
     chi2_fitted = fit_anisotropic(x[None], y[None], covariances[None, :5], covariances[None, 5:])[0]

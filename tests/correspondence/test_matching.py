@@ -153,6 +153,7 @@ def test_touching_the_named_point_resolves_what_was_ambiguous() -> None:
     ambiguous = match_points(triangle, triangle, expected=3)
     assert ambiguous.status == "ambiguous"
     touched = ambiguous.touch
+    assert touched is not None
     settled = match_points(triangle, triangle, expected=3, known_pairs=[(touched, touched)])
     assert settled.probability > ambiguous.probability
 
@@ -226,7 +227,7 @@ def test_four_markers_are_found_among_two_hundred_reflections() -> None:
     assert pairing.pairs.tolist() == [[0, 0], [1, 1], [2, 2], [3, 3]]
 
 
-BAD = {
+BAD: dict[str, tuple[dict[str, Any], str]] = {
     "fewer than three": ({"ct_points": HEAD[:2]}, "at least 3"),
     "not (N, 3)": ({"ct_points": HEAD[:, :2]}, r"expected \(N, 3\)"),
     "NaN": ({"ots_points": np.where(HEAD > 90, np.nan, HEAD)}, "finite"),
@@ -255,9 +256,10 @@ BAD = {
 
 @pytest.mark.parametrize("name", BAD)
 def test_bad_input_is_told_in_one_sentence(name: str) -> None:
-    arguments, message = BAD[name]
+    wrong, message = BAD[name]
+    arguments: dict[str, Any] = {"ct_points": HEAD, "ots_points": HEAD} | wrong
     with pytest.raises(InputError, match=message):
-        match_points(**{"ct_points": HEAD, "ots_points": HEAD, **arguments})
+        match_points(**arguments)
 
 
 def test_importing_the_room_does_not_load_numba() -> None:
@@ -294,7 +296,7 @@ def test_every_pairing_of_a_small_case_is_weighed_as_brute_force_does() -> None:
                     - 0.5 * np.linalg.slogdet(information)[1]
                 )
                 weights[i, j] = 0.5 / 3 / count * np.exp(log_e) * misfit
-    best = max(weights, key=weights.get)
+    best = max(weights, key=weights.__getitem__)
     pairing = match_points(ct, ots)
     assert [(int(a), int(b)) for a, b in pairing.pairs] == list(zip(*best, strict=True))
     beyond_gate = np.mean([tail_beyond_gate(k) for k in (3, 4, 5)])
