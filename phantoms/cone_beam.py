@@ -27,7 +27,7 @@ from phantoms.solids import FloatArray
 from phantoms.stack import SliceStack
 
 Turn = Literal["full", "short"]
-FINE_RAYS = 3
+FINE_RAYS = 2
 """Rays along each edge of a detector element near a marker."""
 ROW_FWHM = 3 - np.sqrt(3)
 """Full width at half maximum of a quadratic spline, in its steps."""
@@ -104,8 +104,8 @@ class ConeBeam(Machine):
 
     def aimed(self, stack: SliceStack) -> Self:
         """Return the scanner with its source in the middle plane of ``stack``."""
-        places = stack.positions_mm
-        return replace(self, middle_mm=float(places.min() + places.max()) / 2)
+        aimed = super().aimed(stack)
+        return replace(aimed, middle_mm=sum(aimed.scanned_mm) / 2)
 
     def reconstruct(
         self, scene: Scene, stacks: Sequence[SliceStack], *, seed: int = 0, progress: bool = False

@@ -16,8 +16,6 @@ from phantoms.projection import Matter, exp_minus
 from phantoms.rays import FAR, PackedSolids, to_unit, unit_interval
 from phantoms.solids import FloatArray
 
-FINE_MM = 25.0
-"""Solids within a ball of this radius are sampled finely: markers, posts, screws, fillings, electrodes."""
 TILE = 16
 """Columns for which the solids that they may see are listed together."""
 MOST_HITS = 96
@@ -46,7 +44,7 @@ class Panel(NamedTuple):
     first_row_mm: float
     """Middles of the first column and row."""
     fine: int
-    """Rays along each edge of an element near a small solid; elsewhere one ray an element."""
+    """Rays along each edge of an element near what is looked at closely; elsewhere one ray an element."""
     reach_mm: float
     """Only what lies this near the axis of rotation, along the ray, is seen."""
     spot_across_mm: float = 0.0
@@ -129,7 +127,7 @@ def _measure_row(
         near.across[found] = to_unit(affine, views.across[view])
         near.up[found] = to_unit(affine, views.up[view])
         found += 1
-        if solids.radii_mm[n] < FINE_MM:
+        if matter.fine[n]:
             first = max(0, int((low - panel.first_column_mm) / panel.bin_mm - 0.5))
             last = min(columns - 1, int((high - panel.first_column_mm) / panel.bin_mm + 1.5))
             fine[first : last + 1] = True

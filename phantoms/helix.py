@@ -9,13 +9,13 @@ from typing import Literal
 import numpy as np
 from tqdm import tqdm
 
-from phantoms.errors import PhantomError
 from phantoms.helix_reconstruction import Geometry, back_project_cone_weighted, back_project_interpolated
 from phantoms.helix_turns import HalfTurns, Orbit
 from phantoms.machine import Images, Machine
+from phantoms.motion import Span
 from phantoms.profiles import Profile
 from phantoms.scene import Scene
-from phantoms.solids import FloatArray
+from phantoms.solids import FloatArray, Vector
 from phantoms.stack import SliceStack
 
 Method = Literal["180LI", "360LI", "WFBP"]
@@ -89,14 +89,21 @@ class Helix(Machine):
         high = (area[right] - half) / (area[right] - area[right + 1])
         return Profile("gaussian", float((right - left + low + high) * step))
 
+    def times(self, heights_mm: FloatArray) -> FloatArray:
+        """Return when, in parts of the scan, the tube is at each place along the axis; it starts where it must."""
+        low, high = self.scanned_mm
+        return np.clip((heights_mm - low) / max(high - low, 1e-9), 0.0, 1.0)
+
+    def seen_during(self, place_mm: Vector, radius_mm: float, stack: SliceStack) -> Span:
+        """Return from when to when, in parts of the scan, a ball in the scene is in the beam."""
+        position, half = float(np.asarray(place_mm) @ stack.normal), self.rows * self.row_mm / 2 + radius_mm
+        first, last = self.times(np.array([position - half, position + half]))
+        return float(first), float(last)
+
     def reconstruct(
         self, scene: Scene, stacks: Sequence[SliceStack], *, seed: int = 0, progress: bool = False
     ) -> list[Images]:
         """Return the images of each stack; the scene is measured once."""
-        if self.motion.moves:
-            raise PhantomError(
-                "the helical scanner knows patients that lie still only; scan what moves with another"
-            )
         scene.check()
         orbit = Orbit.about(stacks)
         turns = HalfTurns(scene, self, orbit, stacks, seed)

@@ -188,7 +188,8 @@ class HalfTurns:
         leads = np.array([self._lead_mm(s) for s in range(self._spots)])[spots, np.newaxis]
         axis = self._orbit.center_mm + heights[:, np.newaxis] * axes[2]
         up = np.tile(axes[2], (len(numbers), 1))
-        return Views(axis + scanner.source_mm * towards + leads * across, axis - jumps * across, across, up)
+        still = Views(axis + scanner.source_mm * towards + leads * across, axis - jumps * across, across, up)
+        return scanner.motion.seen(still, scanner.times(heights))
 
     def _as_read(self, view: Readings, number: int, columns_mm: NDArray[np.floating[Any]]) -> None:
         """Turn what arrives (row, column) into what the detector reads."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -40,6 +40,8 @@ class Machine(ABC):
 
     motion: Motion = STILL
     """How the patient moves during the scan."""
+    scanned_mm: tuple[float, float] = (0.0, 0.0)
+    """From where to where along the slices' normal the scan goes; matters only when the patient moves."""
 
     def __post_init__(self) -> None:
         kernel(self.kernel)
@@ -63,7 +65,8 @@ class Machine(ABC):
 
     def aimed(self, stack: SliceStack) -> Self:
         """Return the scanner as it is set up for ``stack``."""
-        return self
+        places = stack.positions_mm
+        return replace(self, scanned_mm=(float(places.min()), float(places.max())))
 
     def seen_during(self, place_mm: Vector, radius_mm: float, stack: SliceStack) -> Span:
         """Return from when to when, in parts of the scan, a ball in the scene is in the beam."""

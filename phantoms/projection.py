@@ -19,11 +19,15 @@ THIN_RAY = 20.0
 
 
 class Matter(NamedTuple):
-    """What the beam meets: each solid's row of ``attenuation`` (M, B) per mm, and the beam's ``weights`` (B,)."""
+    """What the beam meets: each solid's row of ``attenuation`` (M, B) per mm, and the beam's ``weights`` (B,).
+
+    ``fine`` (N,) tells which solids are looked at closely where the sampling of rays can vary.
+    """
 
     material_of: IntArray
     attenuation: FloatArray
     weights: FloatArray
+    fine: NDArray[np.bool_]
 
 
 class Detector(NamedTuple):

@@ -107,6 +107,7 @@ def _helix(
     thicknesses: tuple[float, ...] = (1.0,),
     kernels: tuple[str, ...] = ("soft", "smooth", "standard", "detail"),
     step: Callable[[Generator], Step] | None = None,
+    moves: bool = False,
 ) -> Maker:
     """Make helical scans; thicknesses are multiples of the row height, slices overlap by up to a half."""
 
@@ -124,6 +125,7 @@ def _helix(
             flying_spot=flying,
             start_deg=round(float(generator.uniform(0, 360)), 1),
         )
+        scanner = replace(scanner, motion=random_motion(generator)) if moves else scanner
         thickness = round(row * float(generator.choice(thicknesses)), 3)
         spacing = round(thickness * float(generator.choice([0.5, 2 / 3, 0.8, 1.0])), 3)
         finish = Finish(() if step is None else (step(generator),), tag=_tag(generator))
@@ -211,6 +213,10 @@ PROTOCOLS: dict[str, tuple[str, Maker]] = {
     "helix 16 x 0.75": ("16 rows, weighted filtered back-projection", _helix(16, (0.6, 0.75), (0.5, 0.8))),
     "helix 32 x 0.6": ("the same, 32 rows", _helix(32, (0.5, 0.6), (0.45, 0.6))),
     "helix 64 x 0.6": ("the same, 64 rows", _helix(64, (0.5, 0.6), (0.54, 0.58))),
+    "helix motion": (
+        "32 rows; the patient jumps, drifts, turns or breathes meanwhile",
+        _helix(32, (0.5, 0.6), (0.45, 0.6), moves=True),
+    ),
     "helix 32 x 0.6, thick": (
         "the same, slices of 2 to 8 rows",
         _helix(32, (0.6,), (0.45, 0.6), thicknesses=(2, 5, 8)),

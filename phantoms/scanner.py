@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 from tqdm import tqdm
 
@@ -14,6 +14,7 @@ from phantoms.beam import Beam, tube_beam
 from phantoms.errors import PhantomError
 from phantoms.kernels import kernel
 from phantoms.machine import Images, Machine
+from phantoms.materials import material
 from phantoms.motion import Span
 from phantoms.projection import Detector, Matter, transmission
 from phantoms.rays import pack
@@ -30,6 +31,8 @@ PHOTONS_PER_MM2 = 1.0e6
 """Quanta per mm2 of detector and view at dose 1 and 720 views; see `docs/phantoms.md` for the noise it gives."""
 SCATTER_WIDTH_MM = 60.0
 """Standard deviation of the scatter kernel along the detector."""
+FINE_MM, NEAR_MM, DENSE_G_CM3 = 25.0, 20.0, 2.6
+"""Parts within a ball of this radius are looked at closely if so near to a marker or decoy, or so dense (metal)."""
 TURN_MM = 20.0
 """What one turn measures along the table; all rows of it at the same time."""
 SAME_PLACE_MM = 1e-6
@@ -42,8 +45,6 @@ class Scanner(Machine):
 
     views: int = 720
     bin_mm: float = 0.5
-    scanned_mm: tuple[float, float] = (0.0, 0.0)
-    """From where to where along the slices' normal the table goes; matters only when the patient moves."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -51,11 +52,6 @@ class Scanner(Machine):
             ("number of views", self.views, self.views >= 16, "16 or more"),
             ("detector element in mm", self.bin_mm, 0.05 <= self.bin_mm <= 5, "0.05 to 5"),
         )
-
-    def aimed(self, stack: SliceStack) -> Self:
-        """Return the scanner with the table's way along ``stack``."""
-        places = stack.positions_mm
-        return replace(self, scanned_mm=(float(places.min()), float(places.max())))
 
     def times(self, position_mm: float) -> FloatArray:
         """Return when each view (V,) of a row at a place along the normal is measured: turn after turn."""
@@ -199,7 +195,19 @@ def matter(scene: Scene, beam: Beam) -> Matter:
         np.array([names.index(part.material) for part in scene.parts], dtype=np.int64),
         beam.attenuation_per_mm(names),
         beam.weights,
+        _looked_at_closely(scene),
     )
+
+
+def _looked_at_closely(scene: Scene) -> NDArray[np.bool_]:
+    """Tell which parts are small, and dense or near a marker or decoy: what must not be seen by single rays."""
+    places = [one.center_mm for one in scene.markers] + [one.center_mm for one in scene.decoys]
+    fine = []
+    for part in scene.parts:
+        gaps = [np.linalg.norm(place - part.solid.center_mm) - part.solid.radius_mm for place in places]
+        matters = material(part.material).density_g_cm3 > DENSE_G_CM3 or min(gaps, default=0.0) < NEAR_MM
+        fine.append(part.solid.radius_mm < FINE_MM and matters and not part.yields)
+    return np.array(fine)
 
 
 def _half_width(scene: Scene, stack: SliceStack) -> float:

@@ -10,6 +10,7 @@ import pytest
 from phantoms.cone_beam import ConeBeam
 from phantoms.errors import PhantomError
 from phantoms.examination import Examination
+from phantoms.helix import Helix
 from phantoms.machine import Machine
 from phantoms.motion import FORMS, Motion, random_motion
 from phantoms.patients import random_patient
@@ -27,6 +28,7 @@ BALL = Scene(
 STACK = axial_stack(start_mm=-6, stop_mm=14.5, spacing_mm=0.5, matrix=200, field_of_view_mm=100)
 AXIAL = Scanner(dose=0.0, views=180).aimed(STACK)
 CONE = ConeBeam(dose=0.0, views=120, bin_mm=0.5, width_mm=110.0).aimed(STACK)
+HELIX = Helix(dose=0.0, views=240, rows=16, row_mm=0.75).aimed(STACK)
 MOVED = Motion("jump", (0.4, -0.3, 0.5), (0.5, 0.2, -0.8), when=0.0)
 
 
@@ -41,7 +43,7 @@ def centroid(machine: Machine, scene: Scene = BALL, stack: SliceStack = STACK) -
     return np.average(places.reshape(-1, 3), axis=0, weights=weights.ravel())
 
 
-@pytest.mark.parametrize("machine", [AXIAL, CONE], ids=["axial", "cone beam"])
+@pytest.mark.parametrize("machine", [AXIAL, CONE, HELIX], ids=["axial", "cone beam", "helix"])
 def test_who_has_moved_before_the_scan_is_scanned_where_he_is(machine: Machine) -> None:
     (place,) = MOVED.path(CENTER, np.array([0.5]))
     assert np.linalg.norm(place - CENTER) > 0.5
@@ -99,6 +101,15 @@ def test_an_axial_marker_moved_only_while_it_was_in_the_beam() -> None:
         assert (after.center_mm - before.center_mm)[1] == pytest.approx(when, abs=0.2)
         assert after.path is not None
         assert 0 <= after.path[0, 0] < when < after.path[-1, 0] <= 1
+
+
+def test_a_helix_shows_a_jump_only_in_what_comes_later() -> None:
+    stack = axial_stack(start_mm=-60, stop_mm=60, spacing_mm=0.5, matrix=200, field_of_view_mm=100)
+    scanner, shift = HELIX.aimed(stack), (0.3, 0.2, 0.0)
+    late, early = (centroid(replace(scanner, motion=Motion("jump", shift, when=w))) for w in (0.9, 0.1))
+    assert late == pytest.approx(CENTER, abs=0.01)
+    assert early - late == pytest.approx(shift, abs=0.006)
+    assert scanner.seen_during(CENTER, 5.75, stack) == pytest.approx((0.437, 0.633), abs=0.02)
 
 
 def test_motions_are_drawn_in_every_form() -> None:
