@@ -45,7 +45,7 @@ MIN_INFORMED = 0.3
 MAX_MISFIT = 0.06
 """Largest RMS residual on the surface, as a share of the contrast, beyond what noise explains."""
 
-MAX_BLUR_MM = 1.1
+MAX_BLUR_MM = 1.6
 MAX_BLUR_PIXELS = 1.5
 MAX_BLUR_SHARE = 0.3
 """In-plane blur is no more than the softest kernels give, or this many pixels where these are large; and with more

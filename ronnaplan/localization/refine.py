@@ -33,7 +33,7 @@ from ronnaplan.localization.directions import (
 from ronnaplan.localization.guess import ball_prior, first_guess, frozen, margin_mm
 from ronnaplan.localization.model import has_skin, has_streaks
 from ronnaplan.localization.neighbourhood import Neighbourhood, cell_directions, direction_cells
-from ronnaplan.localization.parameters import BACKGROUND, BLUR, CENTER, CONTRAST, PARAMETERS, RADIUS, WIDTH
+from ronnaplan.localization.parameters import BACKGROUND, BLUR, CENTER, CONTRAST, EDGE, PARAMETERS, RADIUS, WIDTH
 from ronnaplan.localization.shading import PLATEAU_SHARE, shaded
 
 SKIN_PRIOR_HU = 2000.0
@@ -55,6 +55,9 @@ MAX_WIDTH_RATIO = 3.0
 MAX_WIDTH_MARGIN_MM = 1.5
 """The fitted profile stays within this factor of the nominal thickness and this margin, which a post along the
 slices' normal needs before it is left out: no ball explains more."""
+
+ENHANCED_EDGE = 2.5
+"""A ball that does not look like one is looked at once more as if the kernel enhanced its edges strongly."""
 
 HOPELESS_MISFIT = 0.15
 """A first fit whose median direction disagrees by more than this share of the contrast is not pursued."""
@@ -148,8 +151,13 @@ def fit_ball(
     dimmed = replace(around, values_hu=np.minimum(around.values_hu, theta[CONTRAST] + theta[BACKGROUND]))
     few = _thinned(len(around.values_hu))
     start = theta
-    theta, _ = descend(dimmed, few, theta, frozen(prior, theta), ceiling_hu)
-    verdict, _ = _judged(around, theta, prior.layer_mm, ceiling_hu)
+    theta, verdict = _first_look(dimmed, few, around, theta, prior, ceiling_hu)
+    if verdict.usual_rms_hu > HOPELESS_MISFIT * theta[CONTRAST]:
+        enhanced = theta.copy()
+        enhanced[EDGE] = ENHANCED_EDGE
+        other = _first_look(dimmed, few, around, enhanced, prior, ceiling_hu)
+        if other[1].usual_rms_hu < verdict.usual_rms_hu:
+            theta, verdict = other
     if verdict.usual_rms_hu <= FIRST_LOOK_MISFIT * theta[CONTRAST]:
         theta, _ = descend(dimmed, few, theta, prior, ceiling_hu)
         verdict, _ = _judged(around, theta, prior.layer_mm, ceiling_hu)
@@ -163,6 +171,19 @@ def fit_ball(
         on_skin = _settle(around, *_with_skin(theta, prior, verdict, around), ceiling_hu, start)
         fits += [on_skin] if _is_beneath(on_skin.theta) else []
     return max(fits, key=lambda fit: (fit.converged, fit.coverage))
+
+
+def _first_look(
+    dimmed: Neighbourhood,
+    few: NDArray[np.bool_],
+    around: Neighbourhood,
+    theta: FloatArray,
+    prior: Prior,
+    ceiling_hu: float,
+) -> tuple[FloatArray, Verdict]:
+    """Let the centre find its place with the shape held; ``dimmed`` is ``around`` without what is brighter."""
+    theta, _ = descend(dimmed, few, theta, frozen(prior, theta), ceiling_hu)
+    return theta, _judged(around, theta, prior.layer_mm, ceiling_hu)[0]
 
 
 def _settle(

@@ -15,7 +15,7 @@ from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import InputError
 from ronnaplan.localization import Fiducial, FiducialFlag, Fiducials, Rejected
 
-FIT = np.array([0, 0, 0, 5.76, 0.5, 1.0, 1100.0, -1000.0, 0, 0, 0])
+FIT = np.array([0, 0, 0, 5.76, 0.5, 0.0, 1.0, 0.5, 1100.0, -1000.0, 0, 0, 0])
 
 
 COVARIANCE = np.array([[4e-6, 1e-6, 0], [1e-6, 9e-6, 0], [0, 0, 2.5e-5]])
