@@ -81,6 +81,8 @@ PROTOCOLS = (
     Condition("3 mm", 0.025, 0.080),
     Condition("5 mm every 2.5 mm", 0.025, 0.080),
     Condition("5 mm", 0.025, 0.080),
+    Condition("helix 4 x 1.25, 180LI", 0.015, 0.060),
+    Condition("helix 32 x 0.6", 0.015, 0.060),
     Condition("cone beam", 0.020, 0.060),
     Condition("cone beam short", 0.020, 0.060),
     Condition("cone beam lag", 0.020, 0.060),

@@ -52,11 +52,10 @@ MAX_BLUR_SHARE = 0.3
 than this share of the diameter there is no shape to recognize."""
 
 WIDTH_RATIO = 2.0
-WIDTH_MARGIN_MM = 1.0
 WIDTH_MARGIN_SHARE = 0.2
-"""The slice profile is no wider than the nominal thickness by more: tags hold the width of the voxel or of the detector
-row, and helical and interpolated profiles are broader, but not by any amount. The margin is no more than this share of
-the diameter, for a wide profile makes a ball of anything small."""
+"""The slice profile is no wider than the nominal thickness by this factor and this share of the diameter. Tags hold the
+width of the voxel or of the detector row, or nothing, and helical and interpolated profiles are broader; but a profile
+that is wide beside the ball makes a ball of anything."""
 
 NOISE_MARGIN = 1.3
 """Noise differs between places by up to this factor: it was measured where it is least."""
@@ -122,8 +121,7 @@ def _blur(evidence: Evidence) -> str | None:
 
 def _thickness(evidence: Evidence) -> str | None:
     width = float(evidence.fit.theta[WIDTH])
-    margin = min(WIDTH_MARGIN_MM, WIDTH_MARGIN_SHARE * evidence.diameter_mm)
-    widest = WIDTH_RATIO * evidence.thickness_mm + margin
+    widest = WIDTH_RATIO * evidence.thickness_mm + WIDTH_MARGIN_SHARE * evidence.diameter_mm
     if width <= widest:
         return None
     return f"its ends are blurred over {width:.1f} mm, {widest:.1f} mm at most expected"

@@ -52,9 +52,9 @@ FIRST_LOOK_MISFIT = 0.45
 contrast."""
 
 MAX_WIDTH_RATIO = 3.0
-MAX_WIDTH_MARGIN_MM = 1.5
-"""The fitted profile stays within this factor of the nominal thickness and this margin, which a post along the
-slices' normal needs before it is left out: no ball explains more."""
+MAX_WIDTH_SHARE = 0.3
+"""The fitted profile stays within this factor of the nominal thickness and this share of the diameter, which a post
+along the slices' normal needs before it is left out: no ball explains more."""
 
 ENHANCED_EDGE = 2.5
 """A ball that does not look like one is looked at once more as if the kernel enhanced its edges strongly."""
@@ -279,7 +279,7 @@ def _with_skin(
 
 def _is_hopeless(theta: FloatArray, verdict: Verdict, start: FloatArray) -> bool:
     wandered = float(np.linalg.norm(theta[CENTER])) > MAX_WANDER * start[RADIUS]
-    smeared = bool(theta[WIDTH] > MAX_WIDTH_RATIO * start[WIDTH] + MAX_WIDTH_MARGIN_MM)
+    smeared = bool(theta[WIDTH] > MAX_WIDTH_RATIO * start[WIDTH] + 2.0 * MAX_WIDTH_SHARE * start[RADIUS])
     return wandered or smeared or bool(verdict.usual_rms_hu > HOPELESS_MISFIT * theta[CONTRAST])
 
 
