@@ -15,6 +15,10 @@ from ronnaplan.localization.parameters import BLUR, CENTER, CONTRAST, EDGE, RADI
 BLUR_BOUNDS_MM = (0.12, 2.5)
 """In-plane blur of any CT at all; a fit that ends here is no ball seen by a scanner."""
 
+BLUR_STEP = 1.5
+"""One step changes the blur by no more than this factor: edge enhancement and blur look alike, and from a blur of
+nearly nothing no step leads back."""
+
 EDGE_BOUNDS = (-0.45, 5.0)
 """Edge enhancement: from tails that double the blur to an overshoot of half the contrast."""
 
@@ -81,7 +85,7 @@ def descend(
     damping = FIRST_DAMPING
     cost, slope, matrix = equations(theta)
     for _ in range(MAX_STEPS):
-        trial = _bounded(theta + _step(matrix, slope, damping, theta))
+        trial = _bounded(theta + _step(matrix, slope, damping, theta), theta)
         if float(np.abs(trial[CENTER] - theta[CENTER]).max()) < STEP_TOLERANCE_MM:
             return trial, True
         if float(np.linalg.norm(trial[CENTER])) > 2.0 * MAX_WANDER * theta[RADIUS]:
@@ -107,9 +111,11 @@ def _step(matrix: FloatArray, slope: FloatArray, damping: float, theta: FloatArr
     return step
 
 
-def _bounded(theta: FloatArray) -> FloatArray:
+def _bounded(theta: FloatArray, before: FloatArray) -> FloatArray:
+    """Keep a step within what a scanner can do, and the blur within reach of what it was: it may not overshoot."""
     theta[RADIUS] = max(theta[RADIUS], 0.2)
-    theta[BLUR] = np.clip(theta[BLUR], *BLUR_BOUNDS_MM)
+    blur_mm = np.clip(theta[BLUR], before[BLUR] / BLUR_STEP, before[BLUR] * BLUR_STEP)
+    theta[BLUR] = np.clip(blur_mm, *BLUR_BOUNDS_MM)
     theta[WIDTH] = max(theta[WIDTH], 0.02)
     theta[EDGE] = np.clip(theta[EDGE], *EDGE_BOUNDS)
     theta[SHAPE] = np.clip(theta[SHAPE], *SHAPE_BOUNDS)

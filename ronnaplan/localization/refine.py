@@ -57,7 +57,9 @@ MAX_WIDTH_SHARE = 0.3
 along the slices' normal needs before it is left out: no ball explains more."""
 
 ENHANCED_EDGE = 2.5
-"""A ball that does not look like one is looked at once more as if the kernel enhanced its edges strongly."""
+OVERSHOOT = 1.4
+"""A ball that does not look like one is looked at once more as if the kernel enhanced its edges strongly, so
+that they reach up to this many contrasts."""
 
 HOPELESS_MISFIT = 0.15
 """A first fit whose median direction disagrees by more than this share of the contrast is not pursued."""
@@ -158,6 +160,9 @@ def fit_ball(
         other = _first_look(dimmed, few, around, enhanced, prior, ceiling_hu)
         if other[1].usual_rms_hu < verdict.usual_rms_hu:
             theta, verdict = other
+            dimmed = replace(
+                around, values_hu=np.minimum(around.values_hu, start[BACKGROUND] + OVERSHOOT * start[CONTRAST])
+            )
     if verdict.usual_rms_hu <= FIRST_LOOK_MISFIT * theta[CONTRAST]:
         theta, _ = descend(dimmed, few, theta, prior, ceiling_hu)
         verdict, _ = _judged(around, theta, prior.layer_mm, ceiling_hu)
