@@ -180,14 +180,18 @@ def _predicted(head: Registration, capture: Capture) -> list[float]:
 
 
 def _shares(registration: Registration) -> tuple[FloatArray, FloatArray]:
-    """Return the parts of a registration's covariance (6, 6) that the moving and the fixed points bring."""
+    """Return the parts of a registration's covariance (6, 6) that the moving and the fixed points bring.
+
+    To first order they add up to nearly all of it; what is beyond is shared between them in proportion.
+    """
     assert registration.stated_mm2 is not None
     rotation = registration.pose.rotation
     jacobian = point_jacobian(transform_points(registration.transform, registration.moving_mm))
     gain = registration.pose.covariance @ jacobian.transpose(0, 2, 1) @ np.linalg.inv(registration.covariances_mm2)
     sides = (rotation @ registration.stated_mm2[0] @ rotation.T, registration.stated_mm2[1])
     moving, fixed = ((gain @ side @ gain.transpose(0, 2, 1)).sum(axis=0) for side in sides)
-    return moving, fixed
+    whole = np.linalg.cholesky(registration.pose.covariance) @ np.linalg.inv(np.linalg.cholesky(moving + fixed))
+    return whole @ moving @ whole.T, whole @ fixed @ whole.T
 
 
 def run_chain(

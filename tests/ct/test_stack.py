@@ -231,6 +231,8 @@ def test_an_end_slice_that_does_not_fit_is_left_out_with_a_flag(
     def change(made: Dataset, k: int) -> None:
         if k == 3:
             setattr(made, keyword, value)
+            if keyword == "Rows":
+                made.PixelData = made.PixelData[: 2 * made.Rows * made.Columns]
 
     found = find_series(write_series(tmp_path, change=change))
     assert [(series.image_count, series.is_usable) for series in found.series] == [(3, True), (1, False)]

@@ -16,7 +16,7 @@ from ronnaplan.documents.fiducials import fiducials_document
 from ronnaplan.documents.reading import to_json
 from ronnaplan.localization import Fiducial, Fiducials
 
-FIT = np.array([0, 0, 0, 5.75, 0.5, 1.0, 1000.0, -1000.0, 0, 0, 0])
+FIT = np.array([0, 0, 0, 5.75, 0.5, 0.0, 1.0, 0.5, 1000.0, -1000.0, 0, 0, 0])
 CENTERS = [[-23.55, 82.21, 775.14], [1.25, -2.5, 0.125]]
 
 
