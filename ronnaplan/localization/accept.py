@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.descent import BLUR_BOUNDS_MM, MAX_WANDER
+from ronnaplan.localization.descent import BLUR_BOUNDS_MM, MAX_CONTRAST_HU, MAX_WANDER
 from ronnaplan.localization.detect import MIN_CONTRAST_HU
 from ronnaplan.localization.model import has_streaks
 from ronnaplan.localization.parameters import CENTER, WIDTH
@@ -106,9 +106,12 @@ def _stayed(evidence: Evidence) -> str | None:
 
 
 def _contrast(evidence: Evidence) -> str | None:
-    if evidence.fit.contrast_hu >= MIN_CONTRAST_HU:
+    contrast = evidence.fit.contrast_hu
+    if contrast >= MAX_CONTRAST_HU:  # what is larger than it should be, and clipped, looks ever brighter instead
+        return f"contrast {contrast:.0f} HU, below {MAX_CONTRAST_HU:.0f} expected"
+    if contrast >= MIN_CONTRAST_HU:
         return None
-    return f"contrast {evidence.fit.contrast_hu:.0f} HU, at least {MIN_CONTRAST_HU:.0f} expected"
+    return f"contrast {contrast:.0f} HU, at least {MIN_CONTRAST_HU:.0f} expected"
 
 
 def _blur(evidence: Evidence) -> str | None:

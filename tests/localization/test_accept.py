@@ -33,7 +33,7 @@ def spoiled(name: str, fit: BallFit) -> BallFit:
         "stayed": lambda: changed(fit, U, 4.0),
         "contrast": lambda: changed(fit, CONTRAST, 200.0),
         "blur": lambda: changed(fit, BLUR, 2.5),
-        "thickness": lambda: changed(fit, WIDTH, 4.0),
+        "thickness": lambda: changed(fit, WIDTH, 5.0),
         "diameter": lambda: changed(fit, RADIUS, 6.3),
         "coverage": lambda: replace(fit, verdict=replace(verdict, round_share=0.5)),
         "free": lambda: replace(fit, verdict=replace(verdict, attached_share=0.4)),
@@ -49,6 +49,11 @@ def test_every_test_can_fail_and_gives_its_reason(name: str, fit: BallFit) -> No
     reason = TESTS[name](Evidence(spoiled(name, fit), 11.5, 1.0, 0.5, 10.0, 0.0))
     assert reason is not None
     assert len(reason) > 15
+
+
+def test_a_contrast_that_no_scale_holds_is_no_markers(fit: BallFit) -> None:
+    reason = TESTS["contrast"](Evidence(changed(fit, CONTRAST, 32000.0), 11.5, 1.0, 0.5, 10.0, 0.0))
+    assert reason == "contrast 32000 HU, below 32000 expected"
 
 
 def test_a_ball_passes_them_all(fit: BallFit) -> None:
