@@ -23,7 +23,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.directions import cell_means, edge_depth, just_outside
 from ronnaplan.localization.model import has_skin
 from ronnaplan.localization.neighbourhood import cell_directions, direction_cells
-from ronnaplan.localization.parameters import BACKGROUND, BLUR, CENTER, RADIUS, SLOPES, WIDTH, W
+from ronnaplan.localization.parameters import BACKGROUND, BLUR, CENTER, RADIUS, SHAPE, SLOPES, WIDTH, W
 from ronnaplan.localization.refine import BallFit
 from ronnaplan.localization.shading import QUANTIZATION_NOISE_HU
 
@@ -77,6 +77,10 @@ HIDDEN_SHADING = 1.4
 POLE_ERROR = 0.0013
 """Standard error across the slices, as a share of thickness^2 / radius, the depth of the ball's pole in a slice: the
 slices' profile is not quite a box."""
+
+SLANTED_ERROR_MM = 0.0015
+"""Standard error per axis where the slice profile is a bell: a helix or a cone beam, whose slanted rays, moving table
+and lagging panel displace what they show without a trace in the image (physically simulated helices and cone beams)."""
 
 SIZE_TOLERANCE_MM = 0.06
 """A fitted diameter that is off by no more than this is the stated one: kernels that are not Gaussian make 0.04 mm."""
@@ -248,7 +252,9 @@ def _unseen_covariance(fit: BallFit) -> FloatArray:
     radius_mm, blur_mm, thickness_mm = fit.theta[[RADIUS, BLUR, WIDTH]]
     sloping_mm = SLOPE_ERROR * np.array([blur_mm, blur_mm, thickness_mm]) * fit.theta[SLOPES] / fit.contrast_hu
     own_mm = np.array([0.0, 0.0, POLE_ERROR * thickness_mm**2 / radius_mm])
-    covariance: FloatArray = np.outer(sloping_mm, sloping_mm) + np.diag(own_mm**2 + LEAST_ERROR_MM**2)
+    slanted_mm = SLANTED_ERROR_MM * min(float(fit.theta[SHAPE]), 1.0) ** 2
+    covariance: FloatArray = np.outer(sloping_mm, sloping_mm)
+    covariance += np.diag(own_mm**2 + slanted_mm**2 + LEAST_ERROR_MM**2)
     return covariance
 
 
