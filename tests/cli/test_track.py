@@ -21,7 +21,12 @@ POSIX = pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is sent to a 
 
 def started(port: int, out: Path) -> subprocess.Popen[str]:
     call = [sys.executable, "-m", "ronnaplan", "track", "--port", str(port), "--seconds", "600", "-o", str(out)]
-    return subprocess.Popen(call, cwd=ROOT, text=True, stderr=subprocess.PIPE)
+    # A shell that runs the tests in the background has them, and so their children, ignore Ctrl-C.
+    return subprocess.Popen(call, cwd=ROOT, text=True, stderr=subprocess.PIPE, preexec_fn=heed_ctrl_c)
+
+
+def heed_ctrl_c() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 @POSIX
