@@ -47,7 +47,7 @@ this fraction of itself (a half) weighs as much as one voxel that is off by the 
 FIRST_LOOK_VOXELS = 1500
 """The first descents use about this many of the voxels: enough to see that most candidates are no balls."""
 
-FIRST_LOOK_MISFIT = 0.45
+FIRST_LOOK_MISFIT = 0.35
 """With size and blur held at their first guesses, a good direction disagrees by no more than this share of the
 contrast."""
 
@@ -56,10 +56,11 @@ MAX_WIDTH_SHARE = 0.3
 """The fitted profile stays within this factor of the nominal thickness and this share of the diameter, which a post
 along the slices' normal needs before it is left out: no ball explains more."""
 
+ENHANCED_ROUND = 0.2
 ENHANCED_EDGE = 2.5
 OVERSHOOT = 1.4
-"""A ball that does not look like one is looked at once more as if the kernel enhanced its edges strongly, so
-that they reach up to this many contrasts."""
+"""A ball that does not look like one, but is round in this share of its directions, is looked at once more as if the
+kernel enhanced its edges strongly, so that they reach up to this many contrasts."""
 
 HOPELESS_MISFIT = 0.15
 """A first fit whose median direction disagrees by more than this share of the contrast is not pursued."""
@@ -154,7 +155,8 @@ def fit_ball(
     few = _thinned(len(around.values_hu))
     start = theta
     theta, verdict = _first_look(dimmed, few, around, theta, prior, ceiling_hu)
-    if verdict.usual_rms_hu > HOPELESS_MISFIT * theta[CONTRAST]:
+    is_poor = verdict.usual_rms_hu > HOPELESS_MISFIT * theta[CONTRAST]
+    if is_poor and verdict.round_share >= ENHANCED_ROUND:
         enhanced = theta.copy()
         enhanced[EDGE] = ENHANCED_EDGE
         other = _first_look(dimmed, few, around, enhanced, prior, ceiling_hu)
