@@ -137,20 +137,15 @@ def residuals_and_jacobian(
     return residuals, jacobian
 
 
-def influence(jacobian: FloatArray, used: NDArray[np.bool_], prior_weight: FloatArray) -> FloatArray:
-    """How far one HU at each voxel moves the centre: (N, 3) in mm/HU, zero for voxels that were left out."""
+def influence(
+    jacobian: FloatArray, used: NDArray[np.bool_], prior_weight: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """How far one HU at each voxel moves the centre, and how far it moves for each mm that the radius is held larger.
+
+    The first is (N, 3) in mm/HU, zero for voxels that were left out, the second (3,).
+    """
     informed = np.where(used[:, np.newaxis], jacobian, 0.0)
-    moves: FloatArray = informed @ _inverse(informed, prior_weight)[:, CENTER]
-    return moves
-
-
-def center_by_radius(jacobian: FloatArray, used: NDArray[np.bool_], prior_weight: FloatArray) -> FloatArray:
-    """How far the centre (3,) of the fit moves for each mm that the radius is held larger."""
-    inverse = _inverse(np.where(used[:, np.newaxis], jacobian, 0.0), prior_weight)
-    moves: FloatArray = np.asarray(inverse[CENTER, RADIUS] / inverse[RADIUS, RADIUS], dtype=np.float64)
-    return moves
-
-
-def _inverse(informed: FloatArray, prior_weight: FloatArray) -> FloatArray:
     inverse = np.linalg.pinv(informed.T @ informed + np.diag(prior_weight), hermitian=True)
-    return np.asarray(inverse, dtype=np.float64)
+    moves: FloatArray = informed @ inverse[:, CENTER]
+    by_radius: FloatArray = np.asarray(inverse[CENTER, RADIUS] / inverse[RADIUS, RADIUS], dtype=np.float64)
+    return moves, by_radius

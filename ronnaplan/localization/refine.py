@@ -18,7 +18,6 @@ from ronnaplan.localization.build import Build
 from ronnaplan.localization.descent import (
     MAX_WANDER,
     Prior,
-    center_by_radius,
     descend,
     influence,
     residuals_and_jacobian,
@@ -224,7 +223,7 @@ def _ball_fit(
     converged: bool,
 ) -> BallFit:
     residuals, jacobian = residuals_and_jacobian(around, theta, prior.layer_mm, ceiling_hu)
-    moves = influence(jacobian, used, prior.weight)
+    moves, by_radius = influence(jacobian, used, prior.weight)
     is_shaded = converged and ceiling_hu - theta[BACKGROUND] >= PLATEAU_SHARE * theta[CONTRAST]
     if is_shaded:
         shading = shaded(around, theta, residuals, jacobian, used, prior)
@@ -237,7 +236,7 @@ def _ball_fit(
         residuals_hu=residuals,
         jacobian=jacobian,
         influence_mm_per_hu=moves,
-        center_by_radius=center_by_radius(jacobian, used, prior.weight),
+        center_by_radius=by_radius,
         is_shaded=is_shaded,
         is_clipped=bool((around.values_hu[used] >= ceiling_hu).any()),
         verdict=verdict,
