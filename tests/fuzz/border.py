@@ -36,6 +36,10 @@ class Border(ABC):
     expected_outcomes: ClassVar[tuple[str, ...]] = ("refused", "read")
     """Each must be a tenth of all at least, else the inputs are too wild or too tame to find much."""
 
+    def peak_bytes(self) -> int:
+        """Return the largest resident memory of what is fed so far: this process, unless it is another."""
+        return peak_bytes()
+
     @abstractmethod
     def check_seeds(self, folder: Path) -> None:
         """Feed every valid input as it is: all must be accepted (and what is compiled at first use, is)."""
@@ -51,6 +55,15 @@ class Border(ABC):
         A `RonnaplanError` that escapes counts as "refused". Raises `WrongValueError` for a value that was
         accepted but is not what the input states; any other exception counts as a traceback.
         """
+
+
+def peak_bytes(process: int | str = "self") -> int:
+    """Return the largest resident memory of ``process`` so far (Linux; elsewhere, or once it has ended, 0)."""
+    try:
+        status = Path(f"/proc/{process}/status").read_text()
+    except OSError:
+        return 0
+    return int(status.split("VmHWM:")[1].split()[0]) * 1024 if "VmHWM:" in status else 0
 
 
 def try_one(border: Border, number: int, seed: int, folder: Path) -> tuple[str, str]:

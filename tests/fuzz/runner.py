@@ -35,13 +35,18 @@ LONGEST_SHOWN = 20
 
 @dataclass
 class Tally:
-    """What became of the inputs of one border: counts of (kind, outcome), and one text a failure."""
+    """What became of the inputs of one border: counts of (kind, outcome), one text a failure, and the extremes."""
 
     outcomes: Counter[tuple[str, str]] = field(default_factory=Counter)
     failures: list[str] = field(default_factory=list)
+    longest: tuple[float, int] = (0.0, 0)
+    """Seconds, and the number of the input that took them."""
+    peak_bytes: int = 0
 
-    def add(self, number: int, kind: str, outcome: str) -> None:
+    def add(self, number: int, kind: str, outcome: str, took_s: float = 0.0, peak_bytes: int = 0) -> None:
         """Count one input."""
+        self.longest = max(self.longest, (took_s, number))
+        self.peak_bytes = max(self.peak_bytes, peak_bytes)
         failed = outcome.startswith(FAILED)
         self.outcomes[kind, FAILED if failed else outcome] += 1
         if failed:
@@ -72,9 +77,9 @@ def _in_child(target: str, seed: int, numbers: range, deadline: float, tally: Ta
         while tried < len(numbers) and time.monotonic() < deadline:
             if not receiver.poll(patience):
                 raise EOFError
-            kind, outcome, patience, is_spent = receiver.recv()
+            kind, outcome, patience, is_spent, took_s, peak = receiver.recv()
             if outcome:
-                tally.add(numbers[tried], kind, outcome)
+                tally.add(numbers[tried], kind, outcome, took_s, peak)
                 tried += 1
             if is_spent:
                 break
@@ -100,15 +105,17 @@ def _work(target: str, seed: int, numbers: range, sender: Connection[Any, Any]) 
         folder = Path(name)
         border.check_seeds(folder)
         for number in numbers:
-            sender.send(("an input", "", patience, False))
+            sender.send(("an input", "", patience, False, 0.0, 0))
             _alarm(2.0 * border.slowest_s)
+            started = time.monotonic()
             kind, outcome = try_one(border, number, seed, folder)
+            took_s = time.monotonic() - started
             _alarm(0.0)
-            peak = peak_bytes()
+            peak = border.peak_bytes()
             is_spent = peak > border.most_bytes  # a peak stays, so the next input needs another process
             if is_spent:
                 outcome = f"{FAILED}: took {peak / GIB:.2f} GiB of memory ({outcome})"
-            sender.send((kind, outcome, patience, is_spent))
+            sender.send((kind, outcome, patience, is_spent, took_s, peak))
 
 
 def _bound_process() -> None:
@@ -127,15 +134,6 @@ def _alarm(seconds: float) -> None:
         signal.setitimer(signal.ITIMER_REAL, seconds)
 
 
-def peak_bytes() -> int:
-    """Return the largest resident memory of this process so far (Linux; elsewhere 0)."""
-    try:
-        status = Path("/proc/self/status").read_text()
-    except OSError:
-        return 0
-    return int(status.split("VmHWM:")[1].split()[0]) * 1024
-
-
 def report(name: str, tally: Tally) -> str:
     """Return the table of one border: kinds by outcomes."""
     columns = sorted(
@@ -146,6 +144,8 @@ def report(name: str, tally: Tally) -> str:
     lines += [f"  {kind:22}" + "".join(f"{tally.outcomes[kind, each]:18}" for each in columns) for kind in kinds]
     totals = [sum(tally.outcomes[kind, each] for kind in kinds) for each in columns]
     lines.append(f"  {'all':22}" + "".join(f"{total:18}" for total in totals))
+    seconds, number = tally.longest
+    lines.append(f"  at most {seconds:.2f} s (input {number}) and {tally.peak_bytes / GIB:.2f} GiB of memory")
     return "\n".join([*lines, *(f"  {failure}" for failure in tally.failures[:LONGEST_SHOWN])])
 
 

@@ -129,6 +129,14 @@ def test_each_kind_of_failure_is_seen_and_the_inputs_after_it_are_tried(border: 
     assert failure in report("a border", tally)
 
 
+def test_the_longest_input_and_the_memory_at_its_peak_are_told() -> None:
+    tally = run(f"{__name__}:{SlowBorder.__name__}", 7, range(5))
+    assert tally.longest[1] == BROKEN
+    assert tally.longest[0] > 1.0
+    assert "(input 2) and 0." in report("a border", tally)
+    assert tally.peak_bytes > 1 << 20
+
+
 def test_the_same_number_of_the_same_seed_is_the_same_input() -> None:
     border = TracebackBorder()
     given = [border.hostile(random.Random("7/3"))[1] for _ in range(2)]

@@ -15,7 +15,7 @@ import msgpack
 
 from ronnaplan.documents.plan import read_plan
 from tests import cases
-from tests.fuzz.border import Border, WrongValueError
+from tests.fuzz.border import Border, WrongValueError, peak_bytes
 from tests.fuzz.mutations import ANYWHERE, mutate
 from tests.planner.browser import environment
 from tests.planner.pages import frame, request
@@ -178,7 +178,7 @@ class PlannerBorder(Border):
         assert parts.port is not None
         self._address, self._token = (parts.hostname, parts.port), parts.query.partition("=")[2]
         self._socket: RawSocket | None = None
-        self._served, self._first_bytes = 0, self._peak_bytes()
+        self._served, self._first_bytes = 0, peak_bytes(self._process.pid)
         self._frames(framed(request("trame.lifecycle.update", "client_connected")))
 
     def _check(self) -> None:
@@ -187,16 +187,12 @@ class PlannerBorder(Border):
         told = self._log.read_text(errors="replace")
         assert "Traceback" not in told, told[-3000:]
         assert "\x1b" not in told, told[-3000:]
-        grown = self._peak_bytes() - self._first_bytes
+        grown = peak_bytes(self._process.pid) - self._first_bytes
         assert grown < MOST_GROWN_BYTES, f"the planner's memory has grown by {grown >> 20} MiB"
         read_plan(self.folder / "plan.json")
 
-    def _peak_bytes(self) -> int:
-        try:
-            status = Path(f"/proc/{self._process.pid}/status").read_text()
-        except OSError:
-            return 0
-        return int(status.split("VmHWM:")[1].split()[0]) * 1024
+    def peak_bytes(self) -> int:
+        return max(super().peak_bytes(), peak_bytes(self._process.pid))
 
     # --- HTTP ------------------------------------------------------------------------------------------------
 
