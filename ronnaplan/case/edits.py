@@ -16,6 +16,7 @@ from ronnaplan.documents.kept import Kept
 from ronnaplan.documents.plan import plan_text, read_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.documents.registration import RegistrationDocument, read_registration
+from ronnaplan.documents.revision import revised
 from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import Head, Instrument, Landmarks, Plan, Trajectory
@@ -228,8 +229,8 @@ class OpenCase:
 
     def keep_registration(self, found: RegistrationDocument) -> None:
         """Keep a registration in the place of the one there was; this is no step that can be undone."""
-        self.registration = self._kept_registration.write(found)
-        self.surroundings = self.surroundings.with_documents(self.fiducials, found)
+        self.registration = self._kept_registration.write(revised(found, self._kept_registration.content))
+        self.surroundings = self.surroundings.with_documents(self.fiducials, self.registration)
 
     @property
     def outdated(self) -> str | None:
@@ -299,8 +300,8 @@ class OpenCase:
             follow(before, plan)
 
     def _keep_fiducials(self, found: FiducialsDocument) -> None:
-        self.fiducials = self._kept_fiducials.write(found)
-        self.surroundings = self.surroundings.with_documents(found, self.registration)
+        self.fiducials = self._kept_fiducials.write(revised(found, self._kept_fiducials.content))
+        self.surroundings = self.surroundings.with_documents(self.fiducials, self.registration)
 
     def _read(self, volume: CTVolume, rules: Rules, no_go: Labels) -> Case:
         """Return the documents as they were last seen, checked to belong together."""

@@ -19,9 +19,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Localize, compare, draw, and say where everything is."""
     from ronnaplan.ct import read_ct
-    from ronnaplan.documents.fiducials import fiducials_document
+    from ronnaplan.documents.fiducials import fiducials_document, read_fiducials
     from ronnaplan.documents.files import make_folder, read_json, write_atomically
-    from ronnaplan.documents.reading import to_json
+    from ronnaplan.documents.revision import write_document
     from ronnaplan.errors import InputError
     from ronnaplan.localization import localize
     from ronnaplan.report.picture import marker_sheet
@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
     found = localize(volume, diameter_mm=truth[0]["diameter_mm"], expected=len(truth))
     print(fiducials_table(found, truth_mm=[marker["center"] for marker in truth]))
     folder = make_folder(arguments.output_dir)
-    write_atomically(folder / "fiducials.json", to_json(fiducials_document(found)))
+    write_document(folder / "fiducials.json", fiducials_document(found), read_fiducials)
     write_atomically(folder / "markers.png", marker_sheet(volume, found))
     print(f"\nFiducials: {folder / 'fiducials.json'}\nPicture:   {folder / 'markers.png'}")
     print("Research software, not a medical device.")

@@ -123,9 +123,9 @@ def _localize_one(
     report: str | None,
 ) -> Fiducials:
     from ronnaplan.ct import read_ct
-    from ronnaplan.documents.fiducials import fiducials_document
-    from ronnaplan.documents.files import write_atomically, write_result
-    from ronnaplan.documents.reading import to_json
+    from ronnaplan.documents.fiducials import fiducials_document, read_fiducials
+    from ronnaplan.documents.files import write_atomically
+    from ronnaplan.documents.revision import write_document
     from ronnaplan.localization import Build, common_diameter, localize
 
     volume = read_ct(path, arguments.series, progress=True)
@@ -139,7 +139,7 @@ def _localize_one(
         marker=Build.parse(arguments.marker),
     )
     print(_summary(found), file=sys.stderr)
-    write_result(output, to_json(fiducials_document(found)))
+    write_document(output, fiducials_document(found), read_fiducials)
     if report is not None:
         from ronnaplan.report.contact import contact_sheet
 

@@ -47,10 +47,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Register; a refused pairing is written with its rivals and returns 3."""
     from ronnaplan.documents.fiducials import read_fiducials
-    from ronnaplan.documents.files import write_result
-    from ronnaplan.documents.reading import to_json
-    from ronnaplan.documents.registration import registration_document
+    from ronnaplan.documents.registration import read_registration, registration_document
     from ronnaplan.documents.registration_text import registration_text
+    from ronnaplan.documents.revision import write_document
     from ronnaplan.errors import RefusedError
     from ronnaplan.registration.markers import register_markers
     from ronnaplan.tracking import find_markers, read_recording
@@ -80,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"ronnaplan: warning: {warning}", file=sys.stderr)
     document = registration_document(registered, fiducials.source, targets)
     print(registration_text(document), file=sys.stderr)
-    write_result(arguments.output, to_json(document))
+    write_document(arguments.output, document, read_registration)
     if document.status != "unique":
         raise RefusedError(document.reason)
     return 0

@@ -20,6 +20,7 @@ from ronnaplan.documents.fields import (
     PositiveMm,
     Probability,
     Ratio,
+    Revision,
     Vector,
 )
 from ronnaplan.documents.reading import made, read_document
@@ -104,6 +105,7 @@ class FiducialsDocument(DocumentModel):
     version: Literal[1]
     coordinate_system: Literal["LPS"]
     unit: Literal["mm"]
+    revision: Revision = 0
     source: Source
     marker: Marker
     resolution: Resolution | None = None

@@ -70,6 +70,8 @@ Time = Annotated[AwareDatetime, Strict(), BeforeValidator(_time)]
 Coordinate = Annotated[float, Field(ge=-FARTHEST_POINT_MM, le=FARTHEST_POINT_MM)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 PositiveMm = Annotated[float, Field(gt=0, le=LONGEST_MM)]
+Revision = Annotated[int, Field(ge=0)]
+"""Counts the changes ever made to a document: another one after each."""
 LengthMm = Annotated[float, Field(ge=0, le=LONGEST_MM)]
 Hounsfield = Annotated[float, Field(ge=-LARGEST_HU, le=LARGEST_HU)]
 Nats = Annotated[float, Field(ge=-MOST_NATS, le=MOST_NATS)]

@@ -12,7 +12,7 @@ from pydantic import Field
 from ronnaplan import __version__
 from ronnaplan.ct.volume import SeriesSource
 from ronnaplan.documents.fiducials import Software
-from ronnaplan.documents.fields import DocumentModel, Label, Line, Notes, PositiveMm, Time, Vector
+from ronnaplan.documents.fields import DocumentModel, Label, Line, Notes, PositiveMm, Revision, Time, Vector
 from ronnaplan.documents.files import change_document, write_atomically
 from ronnaplan.documents.reading import made, read_document, to_json
 from ronnaplan.errors import InputError, RonnaplanError
@@ -78,7 +78,7 @@ class PlanDocument(DocumentModel):
     version: Literal[1]
     coordinate_system: Literal["LPS"]
     unit: Literal["mm"]
-    revision: Annotated[int, Field(ge=0)] = 0
+    revision: Revision = 0
     source: PlanSource
     landmarks: LandmarksEntry | None = None
     trajectories: tuple[TrajectoryEntry, ...]

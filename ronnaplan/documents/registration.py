@@ -22,6 +22,7 @@ from ronnaplan.documents.fields import (
     Nats,
     PoseCovariance,
     Probability,
+    Revision,
     Vector,
 )
 from ronnaplan.documents.reading import made, read_document
@@ -93,6 +94,7 @@ class RegistrationDocument(DocumentModel):
     format: Literal["ronnaplan.registration"]
     version: Literal[1]
     unit: Literal["mm"]
+    revision: Revision = 0
     status: Literal["unique", "ambiguous", "unmatched"]
     reason: Line = ""
     source: Source = Source()

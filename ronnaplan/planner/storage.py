@@ -15,9 +15,7 @@ from ronnaplan.documents.fields import DocumentModel, Line, PositiveMm, Vector
 from ronnaplan.documents.files import read_json, write_atomically
 from ronnaplan.documents.reading import to_json, validated
 from ronnaplan.errors import InputError, UsageError
-
-READINGS = (".csv", ".mha", ".mrk.json")
-"""How the name of a readings file ends."""
+from ronnaplan.tracking import READERS
 
 
 class Look(DocumentModel):
@@ -60,6 +58,12 @@ class Storage:
         return CaseFiles(self.plan, self.fiducials, self.registration, limits if limits.is_file() else None)
 
     @property
+    def _own_names(self) -> set[str]:
+        """The documents of the case, which are no readings."""
+        here = (self.plan, self.fiducials, self.registration, self.look, self.plan.with_name(LIMITS))
+        return {path.name for path in here if path.parent == self.plan.parent}
+
+    @property
     def look(self) -> Path:
         """The file that says where a person was looking."""
         return self.plan.with_name("planner.json")
@@ -79,7 +83,9 @@ class Storage:
     def readings(self) -> list[str]:
         """Return the names of the files in the case's folder that may be readings."""
         names = (path.name for path in self.plan.parent.iterdir() if path.is_file() and not path.is_symlink())
-        return sorted(name for name in names if name.lower().endswith(READINGS))
+        return sorted(
+            name for name in names if Path(name).suffix.lower() in READERS and name not in self._own_names
+        )
 
     def readings_path(self, name: str) -> Path:
         """Return where the readings file ``name`` lies; raises `UsageError` unless it is in the case's folder."""

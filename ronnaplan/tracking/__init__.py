@@ -2,10 +2,11 @@
 
 from ronnaplan.tracking.frames import labelled_frames
 from ronnaplan.tracking.markers import Marker, MarkerFlag, MarkerReadings, find_markers
-from ronnaplan.tracking.readers import read_recording
+from ronnaplan.tracking.readers import READERS, read_recording
 from ronnaplan.tracking.recording import PointReading, Recording, ToolReading
 
 __all__ = [
+    "READERS",
     "Marker",
     "MarkerFlag",
     "MarkerReadings",

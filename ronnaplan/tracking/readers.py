@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Final
 
 from ronnaplan.tracking.csv_file import read_csv
 from ronnaplan.tracking.matrix_csv import has_matrices, read_matrices
@@ -16,18 +18,24 @@ from ronnaplan.tracking.tables import read_rows
 def read_recording(path: str | Path) -> Recording:
     """Read tracker readings from ``path``: CSV, NDI CSV, matrices in rows, Slicer markups or a sequence.
 
-    The kind is told by the file's ending, and among CSV files by the header. Raises `InputError` for a file
-    that is none of them.
+    The kind is told by the file's ending (`READERS`), and among tables by the header: what ends otherwise is read as
+    one. Raises `InputError` for a file that is none of them.
     """
     file = Path(path)
-    suffix = file.suffix.lower()
-    if suffix in (".mha", ".mhd", ".nrrd", ".nhdr"):
-        return read_sequence(file)
-    if suffix == ".json":
-        return read_markups(file)
-    if suffix == ".fcsv":
-        return read_fcsv(file)
+    return READERS.get(file.suffix.lower(), _read_table)(file)
+
+
+def _read_table(file: Path) -> Recording:
     header, _, _ = read_rows(file)
     if has_matrices(header):
         return read_matrices(file)
     return read_ndi(file) if is_ndi(header) else read_csv(file)
+
+
+READERS: Final[Mapping[str, Callable[[Path], Recording]]] = {
+    **dict.fromkeys((".csv", ".tsv", ".txt"), _read_table),
+    **dict.fromkeys((".mha", ".mhd", ".nrrd", ".nhdr"), read_sequence),
+    ".json": read_markups,
+    ".fcsv": read_fcsv,
+}
+"""How a readings file's name may end, and what reads it."""

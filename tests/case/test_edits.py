@@ -48,7 +48,7 @@ def test_changes_of_plan_and_markers_are_taken_back_in_their_order(state: Planne
 
 
 def test_accepting_and_localizing_again_are_taken_back_too(state: PlannerState) -> None:
-    before = to_json(state.case.found)
+    before = state.case.found
     state.case.reject_marker("F2")
     state.case.accept_marker(0)
     state.case.undo()
@@ -57,7 +57,18 @@ def test_accepting_and_localizing_again_are_taken_back_too(state: PlannerState) 
     state.case.replace_markers(state.case.found.model_copy(update={"fiducials": state.case.found.fiducials[:3]}))
     assert len(labels(state)) == 3
     state.case.undo()
-    assert to_json(read_fiducials(state.storage.fiducials)) == before
+    assert read_fiducials(state.storage.fiducials) == before.model_copy(update={"revision": 6})
+
+
+def test_markers_that_were_changed_and_changed_back_meanwhile_are_noticed(state: PlannerState) -> None:
+    other = reopened(state)
+    other.case.rename_marker("F1", "nose")
+    other.case.undo()
+    with pytest.raises(InputError, match="changed by another hand"):
+        state.case.reject_marker("F2")
+    state.case.look_again()
+    state.case.reject_marker("F2")
+    assert read_fiducials(state.storage.fiducials).revision == 3
 
 
 def test_after_a_new_change_nothing_is_made_again(state: PlannerState) -> None:

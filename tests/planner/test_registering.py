@@ -15,6 +15,7 @@ from ronnaplan.geometry import Points
 from ronnaplan.planner.panels import pointing_panel, registration_panel
 from ronnaplan.planner.pointer import Pixel, Pointer
 from ronnaplan.planner.state import PlannerState
+from ronnaplan.tracking import READERS
 from tests import cases
 from tests.planner.conftest import reopened
 
@@ -55,6 +56,17 @@ def test_readings_are_registered_and_the_error_at_the_target_follows_the_plan(
     state.case.edit("left", target_mm=T - [0, 0, 60])
     assert state.registering.expected_errors_mm()["left target"] > before["left target"]
     assert state.registering.expected_errors_mm()["left entry"] == before["left entry"]
+
+
+def test_the_page_offers_what_register_reads_and_none_of_the_cases_own_documents(
+    state: PlannerState, tmp_path: Path
+) -> None:
+    state.case.keep_registration(cases.registration())
+    names = [f"readings{suffix}" for suffix in READERS]
+    for name in (*names, "limits.json", "readings.pdf"):
+        (tmp_path / name).write_text("x")
+    assert {"readings.csv", "readings.fcsv", "readings.nrrd", "readings.json", "readings.txt"} <= set(names)
+    assert state.storage.readings() == sorted(names)
 
 
 def test_a_registration_of_markers_since_rejected_predicts_nothing(state: PlannerState, tmp_path: Path) -> None:
