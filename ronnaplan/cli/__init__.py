@@ -12,7 +12,10 @@ from ronnaplan import __version__
 from ronnaplan.cli.output import discard_output, guarded_output
 from ronnaplan.errors import RonnaplanError, UsageError
 
-VERBS = ("series", "localize", "plan", "track", "register", "view", "report", "export", "phantom", "study", "demo")
+VERBS = (
+    *("series", "localize", "plan", "track", "register", "view", "report", "export"),
+    *("phantom", "phantom-check", "study", "demo"),
+)
 
 DESCRIPTION = "From a head CT with spherical markers to coordinates a robot can trust."
 NOTICE = "Research software, not a medical device."
@@ -64,7 +67,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"ronnaplan {__version__}")
     verbs = parser.add_subparsers(metavar="VERB", required=True, parser_class=_Parser)
     for name in VERBS:
-        module = import_module(f"ronnaplan.cli.{name}")
+        module = import_module(f"ronnaplan.cli.{name.replace('-', '_')}")
         verb = verbs.add_parser(name, help=module.HELP, description=module.HELP, epilog=NOTICE)
         module.configure(verb)
         verb.set_defaults(run=module.run)

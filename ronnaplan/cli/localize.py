@@ -20,9 +20,6 @@ LONGEST_NAME = 100
 LAYOUT_MARKERS = (3, 32)
 """Numbers of markers whose layout can be described."""
 
-BELL_SHAPE = 1.0
-"""Slice profiles with a larger shape are called bell-shaped: a parabola has 1."""
-
 WORTH_A_WARNING = 0.01
 """A layout that a tracker's pairing would refuse more often than this is worth a warning."""
 
@@ -176,26 +173,13 @@ def _localize_many(
 
 
 def _summary(found: Fiducials) -> str:
-    from ronnaplan.report.tables import fiducials_table
+    from ronnaplan.report.tables import fiducials_table, resolution_line
 
     sizes = " or ".join(f"{diameter:g}" for diameter in found.diameters_mm)
     count = f"{len(found)} markers of {sizes} mm; {len(found.rejected)} candidates rejected"
     return "\n".join(
-        [*([fiducials_table(found)] if len(found) else []), count, *_resolution(found), *_layout(found)]
+        [*([fiducials_table(found)] if len(found) else []), count, *resolution_line(found), *_layout(found)]
     )
-
-
-def _resolution(found: Fiducials) -> list[str]:
-    """Say how sharp the scan is, beside what its header says."""
-    seen = found.resolution
-    if seen is None:
-        return []
-    kind = "box-like" if seen.shape < BELL_SHAPE else "bell-shaped"
-    stated = "nothing" if seen.stated_mm is None else f"{seen.stated_mm:.2f} mm"
-    return [
-        f"slices: {seen.profile_mm:.2f} mm wide at half height, {kind}; the header says {stated}; "
-        f"blur within them {seen.blur_mm:.2f} mm"
-    ]
 
 
 def _layout(found: Fiducials) -> list[str]:

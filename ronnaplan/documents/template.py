@@ -1,4 +1,4 @@
-"""A frame of markers at known distances, as a JSON file."""
+"""A frame of markers at known distances, or at known places, as a JSON file."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from ronnaplan.documents.fields import DocumentModel, Label, LengthMm, PositiveMm
+from ronnaplan.documents.fields import DocumentModel, Label, LengthMm, PositiveMm, Vector
 from ronnaplan.documents.reading import read_document
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import Template
@@ -19,14 +19,16 @@ MOST_MARKERS = 64
 
 
 class TemplateDocument(DocumentModel):
-    """``{"format": "ronnaplan.template", "version": 1, "unit": "mm", "name", "labels", "distances"}``."""
+    """``{"format": "ronnaplan.template", "version": 1, "unit": "mm", "name", "labels", "distances" or "centers"}``."""
 
     format: Literal["ronnaplan.template"]
     version: Literal[1]
     unit: Literal["mm"]
     name: Label
     labels: tuple[Label, ...] = Field(min_length=3, max_length=MOST_MARKERS)
-    distances: tuple[tuple[LengthMm, ...], ...]
+    distances: tuple[tuple[LengthMm, ...], ...] = ()
+    centers: tuple[Vector, ...] = Field(default=(), max_length=MOST_MARKERS)
+    """In any right-handed frame; they say which of two mirror images is meant, which distances do not."""
     tolerance: PositiveMm = DISTANCE_TOLERANCE_MM
 
     @model_validator(mode="after")
@@ -34,14 +36,18 @@ class TemplateDocument(DocumentModel):
         size = len(self.labels)
         if len(set(self.labels)) != size:
             raise ValueError("two markers have the same label")
-        if len(self.distances) != size or any(len(row) != size for row in self.distances):
+        if bool(self.distances) == bool(self.centers):
+            raise ValueError("distances or centers are needed, and not both")
+        if self.centers and len(self.centers) != size:
+            raise ValueError(f"there are {len(self.centers)} centers for {size} labels")
+        if self.distances and (len(self.distances) != size or any(len(row) != size for row in self.distances)):
             raise ValueError(f"the distances are no {size} x {size} matrix")
-        matrix = np.array(self.distances)
+        matrix = self.distances_mm
         if (matrix != matrix.T).any() or (np.diag(matrix) != 0).any():
             raise ValueError("the distances are not symmetric with a zero diagonal")
         if (matrix + np.eye(size) <= 0).any():
             raise ValueError("two markers are at the same place")
-        misfit = _misfit_mm(matrix)
+        _, misfit = self._nearest_points()
         if misfit > self.tolerance:
             raise ValueError(
                 f"no points in space have these distances: the nearest miss them by {misfit:.2f} mm RMS, "
@@ -49,21 +55,43 @@ class TemplateDocument(DocumentModel):
             )
         return self
 
+    @property
+    def distances_mm(self) -> FloatArray:
+        """Distances (N, N)."""
+        if self.distances:
+            return np.array(self.distances)
+        places = np.array(self.centers)
+        apart: FloatArray = np.linalg.norm(places[:, np.newaxis] - places, axis=-1)
+        return apart
+
+    @property
+    def centers_mm(self) -> FloatArray:
+        """The markers' places (N, 3): as stated, or such that they have the distances, up to mirroring."""
+        return self._nearest_points()[0]
+
+    def _nearest_points(self) -> tuple[FloatArray, float]:
+        return (np.array(self.centers), 0.0) if self.centers else _nearest_points(np.array(self.distances))
+
 
 def read_template(path: str | os.PathLike[str]) -> Template:
     """Read and check a template file; raises `InputError` naming what is wrong."""
-    document = read_document(
+    document = read_template_document(path)
+    return Template(document.name, document.labels, document.distances_mm, document.tolerance)
+
+
+def read_template_document(path: str | os.PathLike[str]) -> TemplateDocument:
+    """Read and check a template file; raises `InputError` naming what is wrong."""
+    return read_document(
         path,
         TemplateDocument,
         format_name="ronnaplan.template",
         kind="template",
         remedy="see docs/localization.md",
     )
-    return Template(document.name, document.labels, np.array(document.distances), document.tolerance)
 
 
-def _misfit_mm(distances_mm: FloatArray) -> float:
-    """Return how far (RMS, mm) ``distances_mm`` (N, N) are from those of the nearest N points in space.
+def _nearest_points(distances_mm: FloatArray) -> tuple[FloatArray, float]:
+    """Return N points (N, 3) in space with the nearest distances to ``distances_mm`` (N, N), and how near (RMS, mm).
 
     Points are placed by classical scaling (Torgerson 1952, Psychometrika 17:401) and moved to the least squares of
     all distances. Distances that are each right within a tolerance cannot miss by more than it.
@@ -81,4 +109,5 @@ def _misfit_mm(distances_mm: FloatArray) -> float:
         missed: FloatArray = np.linalg.norm(points[i] - points[j], axis=1) - distances_mm[i, j]
         return missed
 
-    return float(np.sqrt(np.mean(least_squares(misses, start.ravel()).fun ** 2)))
+    nearest = least_squares(misses, start.ravel())
+    return nearest.x.reshape(size, 3), float(np.sqrt(np.mean(nearest.fun**2)))

@@ -9,6 +9,9 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.localization import Fiducial, Fiducials
 
+BELL_SHAPE = 1.0
+"""Slice profiles with a larger shape are called bell-shaped: a parabola has 1."""
+
 
 def fiducials_table(found: Fiducials, truth_mm: ArrayLike | None = None) -> str:
     """List centers (LPS mm), standard errors (micrometres) and, where the truth (M, 3) is known, the distance."""
@@ -31,6 +34,19 @@ def _row(one: Fiducial) -> list[str]:
         f"{one.diameter_mm:.3f}",
         f"{one.contrast_hu:.0f}",
         ", ".join(flag.name.lower() for flag in one.flags) or "-",
+    ]
+
+
+def resolution_line(found: Fiducials) -> list[str]:
+    """Say in a line how sharp the markers look, beside what the scan's header says; none without markers."""
+    seen = found.resolution
+    if seen is None:
+        return []
+    kind = "box-like" if seen.shape < BELL_SHAPE else "bell-shaped"
+    stated = "nothing" if seen.stated_mm is None else f"{seen.stated_mm:.2f} mm"
+    return [
+        f"slices: {seen.profile_mm:.2f} mm wide at half height, {kind}; the header says {stated}; "
+        f"blur within them {seen.blur_mm:.2f} mm"
     ]
 
 

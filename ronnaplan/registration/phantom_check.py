@@ -1,0 +1,306 @@
+"""A phantom whose markers' places are known, found in a scan: how far off its markers are, and whether that is stated.
+
+The phantom is paired with the markers found, whatever its place, and fitted rigidly. What that leaves over is judged
+against the stated covariances; then the scan may also be stretched and sheared, as a wrong pixel size, table feed or
+gantry tilt makes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ronnaplan.correspondence import Pairing, match_points
+from ronnaplan.errors import InputError, RefusedError
+from ronnaplan.geometry import FloatArray, Points, as_points
+from ronnaplan.pose import point_jacobian, transform_points
+from ronnaplan.registration.registration import Registration, register_points
+
+CONFIDENCE = 0.95
+"""Of every interval that is stated, and of the ellipsoids that markers are counted in."""
+
+LEAST_MARKERS = 4
+"""Three markers fit any scan well; the fourth one tells."""
+
+LARGEST_STRETCH = 0.0005
+"""A stretch or shear of the scan below this displaces nothing by more than 0.05 mm at 100 mm."""
+
+SURE = 0.999
+"""A stretch is called one when scatter as seen makes less of it with this probability."""
+
+TELLING_STRETCH = 0.002
+"""Stretches with a larger standard error are not stated: the phantom does not tell them."""
+
+WIDEST_STRETCH = 0.01
+"""Standard deviation of stretches before anything is known of them; no scanner in use is off by more."""
+
+PHANTOM_ERROR_MM = 1e-6
+"""What stands for no error at all of the phantom's own places: covariances are definite."""
+
+STRETCHES = ("in_plane", "along", "shear_u", "shear_v")
+"""What may be wrong with a scan's geometry: pixel size, table feed, and slices that slide along u and v."""
+
+
+@dataclass(frozen=True, eq=False)
+class KnownPhantom:
+    """Markers ``centers_mm`` (N, 3), known up to ``covariances_mm2`` (N, 3, 3), in any frame of their own.
+
+    ``has_hand`` is False where only distances are known, which do not tell a phantom from its mirror image.
+    """
+
+    name: str
+    labels: tuple[str, ...]
+    centers_mm: FloatArray
+    covariances_mm2: FloatArray
+    has_hand: bool = True
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        labels: Sequence[str],
+        centers_mm: FloatArray,
+        sigma_mm: float = 0.0,
+        *,
+        has_hand: bool = True,
+    ) -> KnownPhantom:
+        """Return a phantom whose places are right within ``sigma_mm`` an axis."""
+        centers = as_points(centers_mm, "the phantom's markers")
+        covariances = np.tile(max(sigma_mm, PHANTOM_ERROR_MM) ** 2 * np.eye(3), (len(centers), 1, 1))
+        return cls(name, tuple(labels), centers, covariances, has_hand)
+
+    @property
+    def mirrored(self) -> KnownPhantom:
+        """The mirror image."""
+        return KnownPhantom(self.name, self.labels, -self.centers_mm, self.covariances_mm2, self.has_hand)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A figure with the limits of its `CONFIDENCE` interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """One of `STRETCHES`: its share of a length, and the share's standard error, from the scatter if that is larger."""
+
+    name: str
+    share: float
+    standard_error: float
+    is_sure: bool
+    """Whether it stands out from the scatter."""
+
+
+@dataclass(frozen=True, eq=False)
+class PhantomCheck:
+    """A phantom paired and fitted: ``registration`` maps it into the scan, whose slice axes u, v, w are ``axes``."""
+
+    phantom: KnownPhantom
+    registration: Registration
+    axes: FloatArray
+    missing: tuple[str, ...]
+    """The phantom's markers that were not found."""
+    strange: tuple[str, ...]
+    """Markers found that are not the phantom's."""
+
+    @property
+    def errors_mm(self) -> FloatArray:
+        """Found minus true centre (N, 3) along u, v, w, as far as a rigid fit leaves it."""
+        errors: FloatArray = self.registration.residual_vectors_mm @ self.axes.T
+        return errors
+
+    @property
+    def hidden_share(self) -> float:
+        """What is seen of the errors after the fit, as a share of their size: it takes six figures out of 3 N."""
+        return float(np.sqrt(1.0 - 6.0 / (3.0 * len(self.registration))))
+
+    @property
+    def in_slices_rms_mm(self) -> float:
+        """Root mean square error per axis within the slices, with what the fit hides added."""
+        return float(np.sqrt(np.mean(self.errors_mm[:, :2] ** 2))) / self.hidden_share
+
+    @property
+    def across_rms_mm(self) -> float:
+        """Root mean square error across the slices, with what the fit hides added."""
+        return float(np.sqrt(np.mean(self.errors_mm[:, 2] ** 2))) / self.hidden_share
+
+    @cached_property
+    def stretches(self) -> tuple[Stretch, ...]:
+        """The scan's stretches that the phantom tells."""
+        return self._stretched[0]
+
+    @property
+    def worst_stretches(self) -> tuple[Stretch, ...]:
+        """Those that are sure and not negligible."""
+        return tuple(one for one in self.stretches if one.is_sure and abs(one.share) > LARGEST_STRETCH)
+
+    @property
+    def judged(self) -> tuple[float, int]:
+        """Chi-square of what is left over, and its degrees of freedom: without the stretches, where these are bad."""
+        if self.worst_stretches:
+            return self._stretched[1:]
+        return self.registration.chi_square, self.registration.degrees_of_freedom
+
+    @property
+    def within(self) -> tuple[int, int]:
+        """How many markers lie within the ellipsoid that is stated for what the fit leaves over, and of how many."""
+        from scipy.special import chdtri
+
+        fit = self.registration
+        jacobian = point_jacobian(transform_points(fit.transform, fit.moving_mm))
+        left_mm2 = fit.covariances_mm2 - jacobian @ fit.pose.covariance @ jacobian.swapaxes(-1, -2)
+        values, vectors = np.linalg.eigh(left_mm2)
+        sizes = np.trace(fit.covariances_mm2, axis1=-2, axis2=-1)[:, np.newaxis]
+        tells = values > 1e-6 * sizes  # what the fit takes out whole tells nothing
+        along = np.einsum("nij,ni->nj", vectors, fit.residual_vectors_mm)
+        squares = np.sum(np.where(tells, along**2 / np.where(tells, values, 1.0), 0.0), axis=1)
+        limits = chdtri(np.maximum(tells.sum(axis=1), 1), 1.0 - CONFIDENCE)
+        return int(np.sum(squares <= limits)), len(squares)
+
+    @cached_property
+    def _stretched(self) -> tuple[tuple[Stretch, ...], float, int]:
+        """Fit pose and stretches together, by least squares weighted with the covariances."""
+        from scipy.special import stdtrit
+
+        fit = self.registration
+        mapped = transform_points(fit.transform, fit.moving_mm)
+        design = np.concatenate([point_jacobian(mapped), _stretch_moves(mapped, self.axes)], axis=-1)
+        root = np.linalg.inv(np.linalg.cholesky(fit.covariances_mm2))
+        weighted = (root @ design).reshape(-1, design.shape[-1])
+        target = (root @ fit.residual_vectors_mm[..., np.newaxis]).ravel()
+        freedom = len(target) - weighted.shape[1]
+        if freedom < 1:
+            return (), fit.chi_square, fit.degrees_of_freedom
+        held = np.eye(weighted.shape[1])[6:] / WIDEST_STRETCH  # or what the phantom does not tell would seem known
+        weighted, target = np.vstack([weighted, held]), np.append(target, np.zeros(len(held)))
+        answer, *_ = np.linalg.lstsq(weighted, target, rcond=None)
+        chi_square = float(np.sum((target - weighted @ answer) ** 2))
+        variances = np.diag(np.linalg.inv(weighted.T @ weighted))
+        shares, errors = answer[6:], np.sqrt(variances[6:] * max(chi_square / freedom, 1.0))
+        limit = float(stdtrit(freedom, 0.5 + SURE / 2.0))
+        told = tuple(
+            Stretch(name, float(share), float(error), bool(abs(share) > limit * error))
+            for name, share, error in zip(STRETCHES, shares, errors, strict=True)
+            if error < TELLING_STRETCH
+        )
+        return told, chi_square, freedom
+
+
+def check_phantom(phantom: KnownPhantom, found: Points, axes: FloatArray) -> PhantomCheck:
+    """Pair ``phantom`` with the markers ``found`` in a scan with the slice axes ``axes`` (3, 3), and fit it rigidly.
+
+    Raises `InputError` where phantom or scan have fewer than `LEAST_MARKERS` markers, `RefusedError` where they do not
+    pair in exactly one way.
+    """
+    for count, what in ((len(phantom.labels), f"phantom '{phantom.name}' has"), (len(found), "the scan shows")):
+        if count < LEAST_MARKERS:
+            raise InputError(f"{what} {count} markers; a check needs {LEAST_MARKERS} or more")
+    one, pairs = _paired(phantom, found.positions_mm)
+    if len(pairs) < LEAST_MARKERS:
+        raise RefusedError(
+            f"{len(pairs)} markers pair with phantom '{phantom.name}', {LEAST_MARKERS} or more expected; "
+            "check the file and the scan"
+        )
+    known, seen = pairs[:, 0], pairs[:, 1]
+    registration = register_points(
+        one.centers_mm[known],
+        found.positions_mm[seen],
+        (one.covariances_mm2[known], found.covariances_mm2[seen]),
+        labels=[one.labels[n] for n in known],
+        fixed_frame=found.frame,
+    )
+    missing = tuple(label for n, label in enumerate(one.labels) if n not in known)
+    strange = tuple(label for n, label in enumerate(found.labels) if n not in seen)
+    return PhantomCheck(one, registration, axes, missing, strange)
+
+
+def normalized_error(judged: Sequence[tuple[float, int]]) -> Estimate:
+    """Mean squared normalized error of checks together: 1 where errors are as stated, above where they are larger."""
+    from scipy.special import chdtri
+
+    total, freedom = sum(square for square, _ in judged), sum(count for _, count in judged)
+    high, low = chdtri(freedom, (1.0 + CONFIDENCE) / 2.0), chdtri(freedom, (1.0 - CONFIDENCE) / 2.0)
+    return Estimate(total / freedom, total / float(low), total / float(high))
+
+
+def share_within(counts: Sequence[tuple[int, int]]) -> Estimate:
+    """Share of markers within their ellipsoids, of checks together (Clopper and Pearson 1934, Biometrika 26:404)."""
+    from scipy.special import betaincinv
+
+    inside, count = sum(one for one, _ in counts), sum(one for _, one in counts)
+    tail = (1.0 - CONFIDENCE) / 2.0
+    low = float(betaincinv(inside, count - inside + 1, tail)) if inside else 0.0
+    high = float(betaincinv(inside + 1, count - inside, 1.0 - tail)) if inside < count else 1.0
+    return Estimate(inside / count, low, high)
+
+
+def reasons_against(check: PhantomCheck) -> tuple[str, ...]:
+    """Why the scan does not pass, a sentence each: markers missed or false, errors beyond what is stated, stretches."""
+    reasons = []
+    count = len(check.registration)
+    if check.missing:
+        lost = f"{len(check.missing)} of {count + len(check.missing)} markers were not found"
+        reasons.append(f"{lost} ({', '.join(check.missing)}); localize --report shows why")
+    if check.strange:
+        reasons.append(
+            f"{len(check.strange)} markers were found that the phantom does not have ({', '.join(check.strange)}); "
+            "add them to the truth, or keep such balls out of the scan"
+        )
+    error = normalized_error([check.judged])
+    if error.low > 1.0:
+        reasons.append(
+            f"errors are {error.value**0.5:.1f} times as large as stated (at least {error.low**0.5:.1f} times); "
+            "if the phantom's own places are not that exact, say so with --sigma-truth"
+        )
+    reasons += [_STRETCHED[one.name].format(f"{100 * one.share:+.3f} %") for one in check.worst_stretches]
+    return tuple(reasons)
+
+
+_STRETCHED = {
+    "in_plane": "the scan is {} too large within the slices; have the pixel size calibrated",
+    "along": "the scan is {} too long along the table; have the table feed calibrated",
+    "shear_u": "the slices slide along their rows by {} of the way along the table; check the table's direction",
+    "shear_v": "the slices slide along their columns by {} of the way along the table; check the gantry tilt",
+}
+
+
+def _paired(phantom: KnownPhantom, found_mm: FloatArray) -> tuple[KnownPhantom, NDArray[np.int64]]:
+    """Return the phantom, or its mirror image where only that pairs better, and the one set of pairs (L, 2)."""
+    hands = [phantom] if phantom.has_hand else [phantom, phantom.mirrored]
+    answers = [(one, match_points(one.centers_mm, found_mm)) for one in hands]
+    unique = [(one, answer) for one, answer in answers if answer.status == "unique"]
+    if not unique:
+        reason = answers[0][1].reason
+        raise RefusedError(f"phantom '{phantom.name}' does not pair with the markers found: {reason}")
+    if len(unique) == 2 and not np.array_equal(unique[0][1].pairs, unique[1][1].pairs):
+        sizes = [len(answer.pairs) for _, answer in unique]
+        if sizes[0] == sizes[1]:
+            raise RefusedError(
+                f"phantom '{phantom.name}' and its mirror image both pair with the markers found; "
+                "state its coordinates instead of its distances"
+            )
+    one, answer = max(unique, key=lambda each: _merit(each[0], each[1], found_mm))
+    return one, answer.pairs
+
+
+def _merit(phantom: KnownPhantom, answer: Pairing, found_mm: FloatArray) -> tuple[int, float]:
+    """Sort answers by how many pairs they have, then by how well these fit."""
+    known, seen = answer.pairs.T
+    return len(known), -register_points(phantom.centers_mm[known], found_mm[seen]).fre_rms_mm
+
+
+def _stretch_moves(places_mm: FloatArray, axes: FloatArray) -> FloatArray:
+    """How far each of `STRETCHES` moves the places (N, 3), about their middle, in LPS (N, 3, 4)."""
+    u, v, w = ((places_mm - places_mm.mean(axis=0)) @ axes.T).T
+    zero = np.zeros_like(u)
+    along_axes = np.array([[u, zero, w, zero], [v, zero, zero, w], [zero, w, zero, zero]])
+    moves: FloatArray = np.einsum("ai,apn->nip", axes, along_axes)
+    return moves

@@ -1,0 +1,72 @@
+"""``ronnaplan phantom-check`` keeps its contract on the committed scan, whose markers' places are known."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ronnaplan.cli import main
+
+SCAN = Path(__file__).parents[2] / "data" / "synthetic_ct"
+
+
+def template(folder: Path, **changes: Any) -> str:
+    """Write the committed scan's truth as a template."""
+    markers = json.loads((SCAN / "truth.json").read_text())["markers"]
+    centers = [one["center"] for one in markers]
+    labels = [one["label"] for one in markers]
+    content = {"format": "ronnaplan.template", "version": 1, "unit": "mm", "name": "demo"}
+    path = folder / "truth.json"
+    path.write_text(json.dumps({**content, "labels": labels, "centers": centers, **changes}))
+    return str(path)
+
+
+def distances() -> list[list[float]]:
+    centers = np.array([one["center"] for one in json.loads((SCAN / "truth.json").read_text())["markers"]])
+    apart = np.linalg.norm(centers[:, np.newaxis] - centers, axis=-1)
+    return ((apart + apart.T) / 2).tolist()
+
+
+def test_a_scan_that_holds_what_it_states_passes_and_one_with_another_truth_does_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "check.json"
+    truth = template(tmp_path, centers=[], distances=distances())
+    assert main(["phantom-check", str(SCAN), "--truth", truth, "--diameter", "11.5", "-o", str(out)]) == 0
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert "passes" in printed.err
+    assert "better: slice thickness" in printed.err
+    (scan,) = json.loads(out.read_text())["scans"]
+    assert scan["passed"]
+    assert scan["worst_error_mm"] < 0.01
+    assert {one["name"] for one in scan["stretches"]} == {"in_plane", "along", "shear_u", "shear_v"}
+
+    centers = np.array([one["center"] for one in json.loads((SCAN / "truth.json").read_text())["markers"]])
+    centers[2, 0] += 0.3
+    wrong = template(tmp_path, centers=centers.tolist())
+    arguments = [str(SCAN), str(tmp_path), "--truth", wrong, "--diameter", "11.5", "-o", str(out)]
+    assert main(["phantom-check", *arguments]) == 3
+    printed = capsys.readouterr()
+    assert "times as large as stated" in printed.err
+    assert "2 of 2 scans do not pass" in printed.err
+    assert not json.loads(out.read_text())["scans"][0]["passed"]
+
+
+def test_a_truth_that_is_none_is_told_before_the_scan_is_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for changes, expected in (
+        ({"centers": []}, "distances or centers are needed"),
+        ({"distances": distances()}, "and not both"),
+        ({"centers": [[0, 0, 0.0]] * 6}, "two markers are at the same place"),
+        ({"centers": [[0, 0, 0.0]] * 5}, "5 centers for 6 labels"),
+    ):
+        truth = template(tmp_path, **changes)
+        assert main(["phantom-check", "nowhere", "--truth", truth, "--diameter", "11.5"]) == 1
+        assert expected in capsys.readouterr().err
+    assert main(["phantom-check", "nowhere", "--truth", template(tmp_path), "--diameter", "11,5"]) == 2
