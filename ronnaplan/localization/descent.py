@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.model import evaluate, kernel, normal_equations
+from ronnaplan.localization.ball import discs
+from ronnaplan.localization.model import evaluate, normal_equations
 from ronnaplan.localization.neighbourhood import Neighbourhood
 from ronnaplan.localization.parameters import BLUR, CENTER, CONTRAST, EDGE, RADIUS, SHAPE, WIDTH
 
@@ -25,6 +26,9 @@ EDGE_BOUNDS = (-0.45, 5.0)
 SHAPE_BOUNDS = (0.0, 5.0)
 """A profile's shape: from a box to what no image can tell from a Gaussian."""
 
+BOUNDS = {SHAPE: SHAPE_BOUNDS, EDGE: EDGE_BOUNDS}
+"""Those of the parameters that may end at one."""
+
 MAX_CONTRAST_HU = 32000.0
 """No extended scale of a CT goes beyond this (16 bits with an offset): where clipping hides a ball's true contrast,
 it cannot run away."""
@@ -37,6 +41,10 @@ MAX_STEPS = 40
 
 STEP_TOLERANCE_MM = 2e-5
 """A descent ends when the next step would move the centre by less than this."""
+
+LOOK_STEPS, LOOK_GAIN = 12, 0.01
+"""A look, after which the fit goes on or is given up, ends after so many steps or with one that gains less than this
+share of the squared residuals: what is no ball never comes to rest."""
 
 FIRST_DAMPING = 1e-5
 """Levenberg-Marquardt damping at the start of a descent, as a share of the matrix's diagonal."""
@@ -68,23 +76,30 @@ class Prior:
 
 
 def descend(
-    around: Neighbourhood, used: NDArray[np.bool_], theta: FloatArray, prior: Prior, ceiling_hu: float
+    around: Neighbourhood,
+    used: NDArray[np.bool_],
+    theta: FloatArray,
+    prior: Prior,
+    ceiling_hu: float,
+    *,
+    is_look: bool = False,
 ) -> tuple[FloatArray, bool]:
     """Levenberg-Marquardt from ``theta``; returns the best parameters and whether the steps came to rest."""
-    discs = kernel(theta)
+    steps, least_gain = (LOOK_STEPS, LOOK_GAIN) if is_look else (MAX_STEPS, 0.0)
+    looked_up = discs(theta)
     floor_hu = float(around.values_hu.min())  # where scales end below: edge-enhancing kernels reach there
+    offsets_mm, values_hu = around.offsets_mm[used], around.values_hu[used]
 
     def equations(at: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        cost, slope, matrix = normal_equations(
-            around.offsets_mm, around.values_hu, used, at, prior.layer_mm, floor_hu, ceiling_hu, *discs
-        )
+        model = evaluate(offsets_mm, at, prior.layer_mm, *looked_up)
+        cost, slope, matrix = normal_equations(values_hu, *model, floor_hu, ceiling_hu)
         pull = prior.mean - at
         cost += 0.5 * float(prior.weight @ pull**2)
         return cost, slope + prior.weight * pull, matrix + np.diag(prior.weight)
 
     damping = FIRST_DAMPING
     cost, slope, matrix = equations(theta)
-    for _ in range(MAX_STEPS):
+    for _ in range(steps):
         trial = _bounded(theta + _step(matrix, slope, damping, theta), theta)
         if float(np.abs(trial[CENTER] - theta[CENTER]).max()) < STEP_TOLERANCE_MM:
             return trial, True
@@ -92,7 +107,10 @@ def descend(
             return trial, False
         new_cost, new_slope, new_matrix = equations(trial)
         if new_cost < cost:
+            is_at_rest = cost - new_cost < least_gain * cost
             theta, cost, slope, matrix = trial, new_cost, new_slope, new_matrix
+            if is_at_rest:
+                return theta, True
             damping = max(damping / 10.0, 1e-9)
         else:
             damping *= 10.0
@@ -103,7 +121,7 @@ def _step(matrix: FloatArray, slope: FloatArray, damping: float, theta: FloatArr
     free = np.ones(len(slope), dtype=np.bool_)
     # What is at its bound and pushes against it stands still; the others move without it.
     free[CONTRAST] = theta[CONTRAST] < MAX_CONTRAST_HU or slope[CONTRAST] <= 0.0
-    for place, (low, high) in ((SHAPE, SHAPE_BOUNDS), (EDGE, EDGE_BOUNDS)):
+    for place, (low, high) in BOUNDS.items():
         free[place] = (theta[place] > low or slope[place] >= 0.0) and (theta[place] < high or slope[place] <= 0.0)
     damped = (matrix + damping * np.diag(np.diag(matrix) + 1e-9))[np.ix_(free, free)]
     step = np.zeros(len(slope))
@@ -117,8 +135,8 @@ def _bounded(theta: FloatArray, before: FloatArray) -> FloatArray:
     blur_mm = np.clip(theta[BLUR], before[BLUR] / BLUR_STEP, before[BLUR] * BLUR_STEP)
     theta[BLUR] = np.clip(blur_mm, *BLUR_BOUNDS_MM)
     theta[WIDTH] = max(theta[WIDTH], 0.02)
-    theta[EDGE] = np.clip(theta[EDGE], *EDGE_BOUNDS)
-    theta[SHAPE] = np.clip(theta[SHAPE], *SHAPE_BOUNDS)
+    for place, bounds in BOUNDS.items():
+        theta[place] = np.clip(theta[place], *bounds)
     theta[CONTRAST] = min(theta[CONTRAST], MAX_CONTRAST_HU)
     return theta
 
@@ -127,7 +145,7 @@ def residuals_and_jacobian(
     around: Neighbourhood, theta: FloatArray, layer_mm: float, ceiling_hu: float
 ) -> tuple[FloatArray, FloatArray]:
     """Data minus model (N,) and the Jacobian (N, P); both zero where clipped data agree with a model beyond."""
-    model, jacobian = evaluate(around.offsets_mm, theta, layer_mm, *kernel(theta))
+    model, jacobian = evaluate(around.offsets_mm, theta, layer_mm, *discs(theta))
     residuals = around.values_hu - model
     floor_hu = around.values_hu.min()
     clipped = (around.values_hu >= ceiling_hu) & (model >= ceiling_hu)

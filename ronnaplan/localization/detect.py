@@ -102,7 +102,7 @@ def _typical_gap(grid: SliceGrid) -> float:
     return float(np.median(grid.spacings_mm)) if len(grid.origins_mm) > 1 else grid.row_spacing_mm
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _vote(
     voxels: NDArray[np.int16] | NDArray[np.float32],
     origins: FloatArray,
@@ -115,17 +115,20 @@ def _vote(
 ) -> None:
     """Let each voxel whose gradient exceeds ``threshold`` (HU/mm) vote one radius up its gradient."""
     slices, rows, columns = voxels.shape
+    per_u, per_v, least = 0.5 / steps[0], 0.5 / steps[1], threshold * threshold
     for k in range(1, slices - 1):
-        axis = origins[k + 1] - origins[k - 1]
+        slant = origins[k + 1] - origins[k - 1]
+        slant_u, slant_v, per_w = slant[0], slant[1], 1.0 / slant[2]
         for j in range(1, rows - 1):
             for i in range(1, columns - 1):
-                gu = (float(voxels[k, j, i + 1]) - voxels[k, j, i - 1]) / (2.0 * steps[0])
-                gv = (float(voxels[k, j + 1, i]) - voxels[k, j - 1, i]) / (2.0 * steps[1])
-                gw = (float(voxels[k + 1, j, i]) - voxels[k - 1, j, i] - gu * axis[0] - gv * axis[1]) / axis[2]
-                size = np.sqrt(gu * gu + gv * gv + gw * gw)
-                if size < threshold:
+                gu = per_u * (float(voxels[k, j, i + 1]) - float(voxels[k, j, i - 1]))
+                gv = per_v * (float(voxels[k, j + 1, i]) - float(voxels[k, j - 1, i]))
+                rise = float(voxels[k + 1, j, i]) - float(voxels[k - 1, j, i])
+                gw = per_w * (rise - gu * slant_u - gv * slant_v)
+                square = gu * gu + gv * gv + gw * gw
+                if square < least:
                     continue
-                reach = radius / size
+                reach = radius / np.sqrt(square)
                 x = int((origins[k, 0] + i * steps[0] + reach * gu - corner[0]) / cell + 0.5)
                 y = int((origins[k, 1] + j * steps[1] + reach * gv - corner[1]) / cell + 0.5)
                 z = int((origins[k, 2] + reach * gw - corner[2]) / cell + 0.5)

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
@@ -10,9 +14,6 @@ from ronnaplan.localization.build import Build
 from ronnaplan.localization.detect import MIN_CONTRAST_HU
 from ronnaplan.localization.guess import margin_mm
 from ronnaplan.localization.neighbourhood import cell_directions
-
-AT_ONCE = 1000
-"""So many places are looked at together; a scan with small markers has thousands."""
 
 BACKGROUND_SHARE = 0.3
 """The surroundings' level is what this share of the directions reach at most: something touches most markers."""
@@ -25,44 +26,92 @@ def surface_shares(
 
     A fit at such a place of ``centers_mm`` (N, 3) cannot cover more of the surface.
     """
-    chunks = [centers_mm[n : n + AT_ONCE] for n in range(0, len(centers_mm), AT_ONCE)]
-    shares = [_shares(volume, chunk, diameter_mm, build, thickness_mm) for chunk in chunks]
-    return np.concatenate(shares) if shares else np.empty(0)
+    radius_mm = diameter_mm / 2.0
+    directions = cell_directions() @ volume.grid.axes.T
+    margin_of_axis = margin_mm(thickness_mm) - margin_mm(0.0)
+    margins_mm = margin_mm(0.0) + margin_of_axis * np.abs(directions[:, 2:])
+    depth_mm = build.wall_mm / 2.0 if build.wall_mm else radius_mm / 2.0
+    inner_mm = (radius_mm - depth_mm) * directions
+    outer_mm = (radius_mm + max(build.layer_mm, 0.0) + 0.7 * margins_mm) * directions
+    places_mm = np.ascontiguousarray(centers_mm @ volume.grid.axes.T)
+    return _fallen(places_mm, inner_mm, outer_mm, *_lookup(volume))
 
 
 def unseen_share(volume: CTVolume, center_mm: FloatArray, radius_mm: float) -> float:
     """Share of the ball's directions whose surface lies outside the scan, or where its voxels are padding."""
-    return float(np.mean(np.isnan(_samples(volume, center_mm + radius_mm * cell_directions()))))
+    surface_mm = (center_mm + radius_mm * cell_directions()) @ volume.grid.axes.T
+    values = np.empty(len(surface_mm))
+    _nearest(np.zeros(3), surface_mm, *_lookup(volume), values)
+    return float(np.mean(np.isnan(values)))
 
 
-def _shares(
-    volume: CTVolume, centers_mm: FloatArray, diameter_mm: float, build: Build, thickness_mm: float
+Lookup = tuple[NDArray[np.int16] | NDArray[np.float32], FloatArray, FloatArray, float]
+"""A scan's voxels, its slices' origins (K, 3) along u, v, w, the distances of columns and rows, and the padding."""
+
+
+def _lookup(volume: CTVolume) -> Lookup:
+    grid = volume.grid
+    steps_mm = np.array([grid.column_spacing_mm, grid.row_spacing_mm])
+    padding_hu = math.nan if volume.padding_hu is None else float(volume.padding_hu)
+    return volume.voxels_hu, np.ascontiguousarray(grid.origins_mm @ grid.axes.T), steps_mm, padding_hu
+
+
+@njit(cache=True, nogil=True)
+def _fallen(
+    places: FloatArray,
+    inner: FloatArray,
+    outer: FloatArray,
+    voxels: NDArray[np.int16] | NDArray[np.float32],
+    origins: FloatArray,
+    steps: FloatArray,
+    padding: float,
 ) -> FloatArray:
-    radius_mm = diameter_mm / 2.0
-    directions = cell_directions()
-    axial = np.abs(directions @ volume.grid.normal)[:, np.newaxis]
-    margin = margin_mm(0.0) + (margin_mm(thickness_mm) - margin_mm(0.0)) * axial
-    at = centers_mm[:, np.newaxis]
-    depth_mm = build.wall_mm / 2.0 if build.wall_mm else radius_mm / 2.0
-    inner = _samples(volume, at + (radius_mm - depth_mm) * directions)
-    outer = _samples(volume, at + (radius_mm + max(build.layer_mm, 0.0) + 0.7 * margin) * directions)
-    known = np.isfinite(inner).any(axis=1) & np.isfinite(outer).any(axis=1)
-    shares = np.zeros(len(centers_mm))
-    high = np.nanmedian(inner[known], axis=1)
-    low = np.nanquantile(outer[known], BACKGROUND_SHARE, axis=1)
-    middle = ((high + low) / 2.0)[:, np.newaxis]
-    falls = np.mean((inner[known] > middle) & (outer[known] < middle), axis=1)
-    shares[known] = np.where(high - low < MIN_CONTRAST_HU, 0.0, falls)
+    """Share (N,) of directions in which it is bright at ``inner`` (M, 3) and dark at ``outer`` from each place."""
+    shares = np.zeros(len(places))
+    inside, outside = np.empty(len(inner)), np.empty(len(inner))
+    for n in range(len(places)):
+        _nearest(places[n], inner, voxels, origins, steps, padding, inside)
+        _nearest(places[n], outer, voxels, origins, steps, padding, outside)
+        bright, dark = np.sort(inside[~np.isnan(inside)]), np.sort(outside[~np.isnan(outside)])
+        if len(bright) == 0 or len(dark) == 0:
+            continue
+        high, low = bright[len(bright) // 2], dark[int(BACKGROUND_SHARE * (len(dark) - 1))]
+        if high - low >= MIN_CONTRAST_HU:
+            middle = (high + low) / 2.0
+            shares[n] = np.mean((inside > middle) & (outside < middle))
     return shares
 
 
-def _samples(volume: CTVolume, places_mm: FloatArray) -> FloatArray:
-    """Nearest voxel's value at each place (..., 3); NaN outside the scan and in its padding."""
-    indices = np.rint(volume.grid.indices(places_mm.reshape(-1, 3))).astype(np.intp)
-    inside = np.all((indices >= 0) & (indices < volume.voxels_hu.shape), axis=1)
-    values = np.full(len(indices), np.nan)
-    found = volume.voxels_hu[tuple(indices[inside].T)].astype(np.float64)
-    if volume.padding_hu is not None:
-        found[found == volume.padding_hu] = np.nan
-    values[inside] = found
-    return values.reshape(places_mm.shape[:-1])
+@njit(cache=True, nogil=True)
+def _nearest(
+    place: FloatArray,
+    offsets: FloatArray,
+    voxels: NDArray[np.int16] | NDArray[np.float32],
+    origins: FloatArray,
+    steps: FloatArray,
+    padding: float,
+    values: FloatArray,
+) -> None:
+    """Fill ``values`` (M,) with the nearest voxel's at ``offsets`` (M, 3) from ``place``, along u, v, w.
+
+    NaN outside the scan, which ends half a voxel beyond the last ones, and in its padding.
+    """
+    count, rows, columns = voxels.shape
+    last = count - 1
+    for n in range(len(offsets)):
+        values[n] = np.nan
+        w = place[2] + offsets[n, 2]
+        k = int(np.searchsorted(origins[:, 2], w))
+        if 0 < k <= last:
+            k -= int(w - origins[k - 1, 2] < origins[k, 2] - w)
+        elif last > 0:
+            end, before = (0, 1) if k == 0 else (last, last - 1)
+            k = end
+            if abs(w - origins[end, 2]) > 0.5 * abs(origins[end, 2] - origins[before, 2]):
+                continue
+        else:
+            k = 0
+        i = int(np.floor((place[0] + offsets[n, 0] - origins[k, 0]) / steps[0] + 0.5))
+        j = int(np.floor((place[1] + offsets[n, 1] - origins[k, 1]) / steps[1] + 0.5))
+        if 0 <= i < columns and 0 <= j < rows and voxels[k, j, i] != padding:
+            values[n] = voxels[k, j, i]

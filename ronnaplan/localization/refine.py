@@ -165,7 +165,7 @@ def fit_ball(
                 around, values_hu=np.minimum(around.values_hu, start[BACKGROUND] + OVERSHOOT * start[CONTRAST])
             )
     if verdict.usual_rms_hu <= FIRST_LOOK_MISFIT * theta[CONTRAST]:
-        theta, _ = descend(dimmed, few, theta, prior, ceiling_hu)
+        theta, _ = descend(dimmed, few, theta, prior, ceiling_hu, is_look=True)
         verdict, _ = _judged(around, theta, prior.layer_mm, ceiling_hu)
     if _is_hopeless(theta, verdict, start):
         return _ball_fit(around, theta, prior, verdict, few, ceiling_hu, converged=False)
@@ -188,7 +188,7 @@ def _first_look(
     ceiling_hu: float,
 ) -> tuple[FloatArray, Verdict]:
     """Let the centre find its place with the shape held; ``dimmed`` is ``around`` without what is brighter."""
-    theta, _ = descend(dimmed, few, theta, frozen(prior, theta), ceiling_hu)
+    theta, _ = descend(dimmed, few, theta, frozen(prior, theta), ceiling_hu, is_look=True)
     return theta, _judged(around, theta, prior.layer_mm, ceiling_hu)[0]
 
 

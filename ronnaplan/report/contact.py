@@ -103,7 +103,8 @@ def draw_cut(picture: Axes, residual: Axes, volume: CTVolume, row: Candidate, cu
 
 def _left_over(volume: CTVolume, row: Candidate, reach_mm: float) -> CTVolume:
     """The voxels about a candidate less the fitted model, in HU: compared voxel by voxel, as the fit does."""
-    from ronnaplan.localization.model import evaluate, kernel
+    from ronnaplan.localization.ball import discs
+    from ronnaplan.localization.model import evaluate
 
     grid = volume.grid
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * reach_mm * np.sqrt(2)
@@ -116,7 +117,7 @@ def _left_over(volume: CTVolume, row: Candidate, reach_mm: float) -> CTVolume:
     at_center = row.parameters.copy()
     at_center[CENTER] = 0.0
     offsets = np.ascontiguousarray((places - row.center_mm).reshape(-1, 3) @ grid.axes.T)
-    model, _ = evaluate(offsets, at_center, row.layer_mm, *kernel(at_center))
+    model, _ = evaluate(offsets, at_center, row.layer_mm, *discs(at_center))
     origins = grid.origins_mm[low[0] : high[0]] + low[1] * grid.row_step_mm + low[2] * grid.column_step_mm
     left_over = (box - model.reshape(box.shape)).astype(np.float32)
     return replace(volume, voxels_hu=left_over, grid=replace(grid, origins_mm=origins))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ronnaplan.localization.model import evaluate, kernel
+from ronnaplan.localization.ball import discs
+from ronnaplan.localization.model import evaluate
 from ronnaplan.localization.parameters import (
     BACKGROUND,
     CENTER,
@@ -28,7 +29,7 @@ KINDS = {
 
 
 def model(offsets: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return evaluate(offsets, theta, 0.0, *kernel(theta))
+    return evaluate(offsets, theta, 0.0, *discs(theta))
 
 
 @pytest.mark.parametrize("shape", [0.0, 0.4, 1.0, 4.0])

@@ -55,8 +55,9 @@ def root_mean_square(values: list[FloatArray]) -> float:
 
 
 def test_a_slope_that_stands_out_is_believed(sloping: CTVolume, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert unshaded(sloping, monkeypatch).center_mm[0] - CENTER[0] > 0.004
-    assert fitted(sloping).center_mm == pytest.approx(CENTER, abs=0.0015)
+    without_mm = unshaded(sloping, monkeypatch).center_mm[0] - CENTER[0]
+    assert without_mm > 0.004
+    assert fitted(sloping).center_mm == pytest.approx(CENTER, abs=0.15 * without_mm)
 
 
 def test_a_slope_that_noise_hides_is_not(sloping: CTVolume, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -75,15 +76,19 @@ def test_slices_may_have_a_level_of_their_own(even: CTVolume, monkeypatch: pytes
 
 
 def test_the_influence_tells_what_a_voxel_does_to_the_centre(even: CTVolume) -> None:
-    fit = fitted(even)
-    noise = np.random.default_rng(2).normal(0.0, 2.0, even.voxels_hu.shape)
-    noisy = fitted(replace(even, voxels_hu=(even.voxels_hu + noise).astype(np.float32)))
+    rng = np.random.default_rng(2)
+    usual = replace(
+        even, voxels_hu=even.voxels_hu + rng.normal(0.0, 10.0, even.voxels_hu.shape).astype(np.float32)
+    )
+    fit = fitted(usual)
+    noise = rng.normal(0.0, 2.0, even.voxels_hu.shape)
+    noisy = fitted(replace(usual, voxels_hu=(usual.voxels_hu + noise).astype(np.float32)))
     moved = fit.neighbourhood.axes @ (noisy.center_mm - fit.center_mm)
     kept = {tuple(index): n for n, index in enumerate(noisy.neighbourhood.indices)}
     common = np.array([n for n, index in enumerate(fit.neighbourhood.indices) if tuple(index) in kept])
     at = tuple(fit.neighbourhood.indices[common].T)
     expected = noise[at] @ fit.influence_mm_per_hu[common]
-    assert moved == pytest.approx(expected, abs=0.3 * float(np.linalg.norm(expected)))
+    assert moved == pytest.approx(expected, abs=0.2 * float(np.linalg.norm(expected)))
 
 
 def test_clipping_that_hides_the_balls_own_level_hides_its_shading(
