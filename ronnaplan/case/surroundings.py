@@ -130,6 +130,11 @@ class Surroundings:
         rules = self.rules
         return expectation(self.fiducials, self.registration, rules.sigma_ct_mm, rules.sigma_ots_mm)
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why all that is judged here should be doubted, a sentence each: the scan, the markers, the registration."""
+        return (*scan_doubts(self.terrain.volume), *self.expected.remarks)
+
     def judge(self, trajectory: Trajectory, plan: Plan, *, rough: bool = False) -> Judgement:
         """Measure ``trajectory`` and hold it against the limits; ``rough``: as quickly as it can be done."""
         measured = self._kept(trajectory, plan, rough)
@@ -154,6 +159,8 @@ class Surroundings:
             obstacles=self.obstacles,
             others=others(plan, name),
             expected=self.expected,
+            landmarks=plan.landmarks,
+            frame_axes=self.rules.frame_axes,
             count=count,
         )
 
@@ -204,6 +211,11 @@ class _Measured:
         """Whether it still holds, and is fine enough."""
         same = self.trajectory is trajectory and self.landmarks is plan.landmarks
         return same and (rough or not self.rough)
+
+
+def scan_doubts(volume: CTVolume) -> tuple[str, ...]:
+    """Return why a scan should be doubted, a sentence each."""
+    return tuple(f"the scan: {flag}" for flag in volume.flags)
 
 
 def others(plan: Plan, name: str) -> tuple[Trajectory, ...]:

@@ -91,6 +91,22 @@ def read_named_case(arguments: argparse.Namespace) -> Case:
     )
 
 
+def unnamed_documents(arguments: argparse.Namespace) -> list[str]:
+    """Say which documents lie beside the plan, where the planner takes them from, and were not named here."""
+    from ronnaplan.case.folder import FIDUCIALS, LIMITS, REGISTRATION
+
+    named = {
+        "fiducials": (FIDUCIALS, arguments.fiducials),
+        "registration": (REGISTRATION, arguments.registration),
+        "limits": (LIMITS, arguments.limits),
+    }
+    return [
+        f"{name} lies beside the plan and does not count here; name it with --{option}"
+        for option, (name, given) in named.items()
+        if given is None and Path(arguments.plan).with_name(name).is_file()
+    ]
+
+
 def _frame_axes(numbers: list[float] | None) -> FloatArray:
     """Return the stereotactic frame's right, anterior, superior in LPS as rows (3, 3)."""
     import numpy as np

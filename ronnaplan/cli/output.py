@@ -97,3 +97,9 @@ class _Messages:
 def _cannot_write(error: OSError) -> InputError:
     discard_output()
     return InputError(f"cannot write to standard output: {error.strerror}; name a file with -o, or make room")
+
+
+def warn(*sentences: str) -> None:
+    """Say on standard error what a person should know beside the result."""
+    for sentence in sentences:
+        print(f"ronnaplan: warning: {sentence}", file=sys.stderr)

@@ -6,6 +6,7 @@ import argparse
 import sys
 from typing import TYPE_CHECKING, Any
 
+from ronnaplan.cli.output import warn
 from ronnaplan.cli.plan_options import SIDES
 
 if TYPE_CHECKING:
@@ -121,7 +122,7 @@ def run_export(arguments: argparse.Namespace) -> int:
 
 def run_check(arguments: argparse.Namespace) -> int:
     """Measure every trajectory and hold it against the limits."""
-    from ronnaplan.cli.case_options import read_named_case
+    from ronnaplan.cli.case_options import read_named_case, unnamed_documents
     from ronnaplan.documents.plan_measures import measures_document
     from ronnaplan.errors import InputError
     from ronnaplan.planning.limits import all_pass
@@ -139,11 +140,11 @@ def run_check(arguments: argparse.Namespace) -> int:
         from ronnaplan.documents.files import write_atomically
 
         write_atomically(arguments.output, measures_document(case.plan, measured, verdicts))
-    _warn(*case.surroundings.expected.remarks)
-    _warn(*(f"{one.trajectory.name}: {doubt}" for one in measured for doubt in one.doubts))
+    warn(*unnamed_documents(arguments), *case.surroundings.doubts)
+    warn(*(f"{one.trajectory.name}: {doubt}" for one in measured for doubt in one.doubts))
     print(f"{measures_table(measured, case.surroundings.expected)}\n\n{verdict_table(verdicts)}")
     if not measured:
-        _warn("the plan holds no trajectories; nothing was checked")
+        warn("the plan holds no trajectories; nothing was checked")
     if all_pass(verdicts):
         return 0
     broken = sum(not verdict.passes for verdict in verdicts)
@@ -153,7 +154,7 @@ def run_check(arguments: argparse.Namespace) -> int:
 
 def run_propose(arguments: argparse.Namespace) -> int:
     """Propose entries for a target."""
-    from ronnaplan.cli.case_options import read_named_case
+    from ronnaplan.cli.case_options import read_named_case, unnamed_documents
     from ronnaplan.errors import RefusedError
     from ronnaplan.planning import Trajectory
     from ronnaplan.planning.tables import proposals_table
@@ -168,14 +169,12 @@ def run_propose(arguments: argparse.Namespace) -> int:
         instrument=_instrument(arguments) or Trajectory.instrument,
         count=arguments.count,
     )
-    _warn(*case.surroundings.expected.remarks)
+    warn(*unnamed_documents(arguments), *case.surroundings.doubts)
     print(proposals_table(found, case.surroundings.expected))
     if not found.best:
         raise RefusedError("no entry keeps every limit; loosen a limit or choose another target")
     if arguments.add:
-        from dataclasses import replace
-
-        best = replace(found.best[0].trajectory, name=arguments.name)
+        best = found.best[0].trajectory
 
         def add(now: Plan) -> Plan:
             if now.revision != plan.revision:
@@ -192,6 +191,7 @@ def run_markers(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.files import write_atomically
     from ronnaplan.documents.plan_measures import placement_markups
     from ronnaplan.planning import Plan
+    from ronnaplan.planning.rows import placement_sentence
     from ronnaplan.planning.sites import PlacementRules
     from ronnaplan.planning.tables import placement_table
 
@@ -210,11 +210,8 @@ def run_markers(arguments: argparse.Namespace) -> int:
     )
     around = Surroundings(Terrain(volume), Rules(sigma_ct_mm=arguments.sigma_ct, sigma_ots_mm=arguments.sigma_ots))
     placed = around.place_markers(plan, arguments.count, rules, targets)
-    print(placement_table(placed, names))
-    print(
-        f"largest expected TRE {placed.largest_tre_mm:.3f} mm, {placed.even_tre_mm:.3f} mm for an even spread; "
-        f"rival distance {placed.rival_distance_mm:.1f} mm\nexpected error {placed.expected}"
-    )
+    warn(*around.doubts)
+    print(f"{placement_table(placed, names)}\n{placement_sentence(placed)}")
     if arguments.output:
         write_atomically(arguments.output, placement_markups(placed))
     return 0
@@ -278,8 +275,3 @@ def _instrument(arguments: argparse.Namespace) -> Instrument | None:
     if arguments.diameter is not None:
         return Instrument(arguments.instrument or "instrument", arguments.diameter, arguments.length)
     return instrument_named(arguments.instrument) if arguments.instrument else None
-
-
-def _warn(*sentences: str) -> None:
-    for sentence in sentences:
-        print(f"ronnaplan: warning: {sentence}", file=sys.stderr)

@@ -4,18 +4,10 @@ from __future__ import annotations
 
 import argparse
 import sys
-from typing import TYPE_CHECKING
 
 from ronnaplan.cli.case_options import with_sigmas
+from ronnaplan.cli.output import warn
 from ronnaplan.cli.values import whole
-
-if TYPE_CHECKING:
-    from ronnaplan.registration.markers import MarkerRegistration
-    from ronnaplan.tracking import Recording
-    from ronnaplan.tracking.markers import MarkerReadings
-
-MOST_WARNINGS = 5
-"""Kinds of flagged readings that are told one by one; more are summed up."""
 
 HELP = "Pair a scan's markers with tracker readings, register them and predict the error at planned points."
 
@@ -52,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.revision import write_document
     from ronnaplan.errors import RefusedError
     from ronnaplan.registration.markers import register_markers
-    from ronnaplan.tracking import find_markers, read_recording
+    from ronnaplan.tracking import find_markers, read_recording, readings_told
 
     fiducials = read_fiducials(arguments.fiducials)
     known = tuple(_pair(text) for text in arguments.pair)
@@ -65,8 +57,8 @@ def run(arguments: argparse.Namespace) -> int:
         targets = plan.points
     recording = read_recording(arguments.readings)
     found = find_markers(recording, sigma_mm=arguments.sigma_ots)
-    for warning in (*recording.notes, *_left_out(recording), *_doubts(found)):
-        print(f"ronnaplan: warning: {warning}", file=sys.stderr)
+    notes = readings_told(recording, found)
+    warn(*fiducials.source.doubts, *fiducials.doubts, *notes)
     registered = register_markers(
         fiducials.points,
         found.points,
@@ -75,50 +67,13 @@ def run(arguments: argparse.Namespace) -> int:
         sigma_ct_mm=arguments.sigma_ct,
         known_pairs=known,
     )
-    for warning in _moved(registered):
-        print(f"ronnaplan: warning: {warning}", file=sys.stderr)
-    document = registration_document(registered, fiducials.source, targets)
+    warn(*registered.notes)
+    document = registration_document(registered, fiducials.source, targets, notes)
     print(registration_text(document), file=sys.stderr)
     write_document(arguments.output, document, read_registration)
     if document.status != "unique":
         raise RefusedError(document.reason)
     return 0
-
-
-def _left_out(recording: Recording) -> list[str]:
-    """Say which readings of the file were not used, and why."""
-    flagged = recording.flagged()
-    if len(flagged) > MOST_WARNINGS:
-        return [f"{sum(flagged.values())} readings left out for {len(flagged)} reasons; see their status"]
-    return [f"{count} reading{'s' * (count > 1)} left out: {reason}" for reason, count in sorted(flagged.items())]
-
-
-def _doubts(found: MarkerReadings) -> list[str]:
-    """Say what is doubtful about the markers, and which tracks of readings are no marker."""
-    from ronnaplan.tracking.markers import MarkerFlag
-
-    once = MarkerFlag.SINGLE_READING
-    all_once = len(found.markers) > 1 and all(once in marker.flags for marker in found.markers)
-    told = [f"all {len(found.markers)} markers were {once}"] if all_once else []
-    told += [
-        f"reading {marker.label}: {flag}"
-        for marker in found.markers
-        for flag in marker.flags
-        if not (all_once and flag is once)
-    ]
-    return told + [
-        f"{track.readings} readings near {_place(track.position_mm)} left out: {track.reason}"
-        for track in found.rejected
-    ]
-
-
-def _moved(registered: MarkerRegistration) -> list[str]:
-    """Name the markers that were left out because they lie beside the place that the others give them."""
-    moved = [(registered.ct.labels[i], registered.ots.labels[j]) for i, j in registered.pairing.moved]
-    return [
-        f"marker {ct} and reading {ots} were left out: they lie side by side, as if the marker had moved"
-        for ct, ots in moved
-    ]
 
 
 def _pair(text: str) -> tuple[str, str]:
@@ -128,9 +83,3 @@ def _pair(text: str) -> tuple[str, str]:
     if not (ct and equals and reading):
         raise UsageError(f"--pair {text} is not of the form CT=READING, such as F1=3")
     return ct, reading
-
-
-def _place(position: object) -> str:
-    import numpy as np
-
-    return ", ".join(f"{value:.1f}" for value in np.asarray(position, dtype=float))

@@ -44,6 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.planner.state import PlannerState
     from ronnaplan.planner.storage import Storage
 
+    _require_files(arguments.fiducials, arguments.registration)
     storage = Storage.of(arguments.plan, arguments.fiducials, arguments.registration)
     limits = Path(arguments.limits) if arguments.limits else storage.documents.limits
     stated = with_limits(rules(arguments), limits)
@@ -54,6 +55,15 @@ def run(arguments: argparse.Namespace) -> int:
     state = PlannerState(volume, storage, stated, read_labels(arguments.no_go, volume))
     serve(state, host=arguments.host, port=arguments.port, tracker=tracker, patient=patient)
     return 0
+
+
+def _require_files(*named: str | None) -> None:
+    """Refuse a document that was named and is not there: to go on without it would be another case."""
+    from ronnaplan.errors import InputError
+
+    for name in named:
+        if name is not None and not Path(name).is_file():
+            raise InputError(f"{name} does not exist; name a document that does, or none to begin anew")
 
 
 def _scan_beside(plan: Path) -> Path:

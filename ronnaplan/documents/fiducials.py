@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import model_validator
 
 from ronnaplan import __version__
+from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.documents.fields import (
     Coordinate,
     Covariance,
@@ -22,10 +23,11 @@ from ronnaplan.documents.fields import (
     Ratio,
     Revision,
     Vector,
+    flag_sentence,
 )
 from ronnaplan.documents.reading import made, read_document
 from ronnaplan.geometry import Frame, Points
-from ronnaplan.localization.fiducials import Fiducials
+from ronnaplan.localization.fiducials import FiducialFlag, Fiducials
 
 FORMAT = "ronnaplan.fiducials"
 
@@ -39,6 +41,11 @@ class Source(DocumentModel):
     voxel_sha256: Line | None = None
     flags: tuple[Line, ...] = ()
     """Reasons to doubt the scan's volume."""
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why the scan should be doubted, a sentence each."""
+        return tuple(f"the scan: {flag_sentence(VolumeFlag, flag)}" for flag in self.flags)
 
 
 class Marker(DocumentModel):
@@ -128,6 +135,15 @@ class FiducialsDocument(DocumentModel):
             np.array([entry.covariance for entry in self.fiducials], dtype=np.float64).reshape(-1, 3, 3),
             tuple(entry.label for entry in self.fiducials),
             Frame("CT", self.source.frame_of_reference_uid),
+        )
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why markers should be doubted, a sentence each."""
+        return tuple(
+            f"marker {one.label}: {flag_sentence(FiducialFlag, flag)}"
+            for one in self.fiducials
+            for flag in one.flags
         )
 
 

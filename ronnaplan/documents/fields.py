@@ -7,6 +7,7 @@ field is passed over.
 from __future__ import annotations
 
 from datetime import datetime
+from enum import StrEnum
 from typing import Annotated
 
 import numpy as np
@@ -41,6 +42,12 @@ class DocumentModel(BaseModel):
     """A document, or a part of one: nothing is changed in it, and every field is declared."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+def flag_sentence(flags: type[StrEnum], name: str) -> str:
+    """Return what the flag called ``name`` in a document says; one of another version stands for itself."""
+    known = flags.__members__.get(name.upper())
+    return name if known is None else known.value
 
 
 def _printable(text: str) -> str:

@@ -24,6 +24,7 @@ from ronnaplan.documents.fields import (
     Probability,
     Revision,
     Vector,
+    flag_sentence,
 )
 from ronnaplan.documents.reading import made, read_document
 from ronnaplan.errors import InputError
@@ -32,7 +33,7 @@ from ronnaplan.planning.uncertainty import ExpectedPose
 from ronnaplan.pose import Pose, as_pose
 from ronnaplan.registration.diagnosis import doubted_marker, leave_one_out
 from ronnaplan.registration.markers import MarkerRegistration
-from ronnaplan.registration.registration import Registration
+from ronnaplan.registration.registration import Registration, RegistrationFlag
 from ronnaplan.sigmas import SIGMA_OTS_MM
 
 FORMAT = "ronnaplan.registration"
@@ -113,6 +114,8 @@ class RegistrationDocument(DocumentModel):
     flags: tuple[Line, ...] = ()
     doubt: Line | None = None
     targets: tuple[TargetEntry, ...] = ()
+    notes: tuple[Line, ...] = ()
+    """What was to be told of the readings and of markers left out when it was made, a sentence each."""
     software: Software
 
     @model_validator(mode="after")
@@ -150,12 +153,21 @@ class RegistrationDocument(DocumentModel):
         return ExpectedPose.registered(self.pose, markers, self.sigma_ct_mm, self.sigma_ots_mm)
 
     @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why the registration should be doubted, a sentence each."""
+        flags = (flag_sentence(RegistrationFlag, flag) for flag in self.flags)
+        sides = (("CT markers", self.unpaired_ct), ("readings", self.unpaired_ots))
+        alone = (f"{what} without a partner: {', '.join(labels)}" for what, labels in sides if labels)
+        return (*flags, *([self.doubt] if self.doubt else []), *(alone if self.status == "unique" else ()))
+
+    @property
     def readings(self) -> Points:
-        """The paired readings as the registration used them, labelled like their CT markers; `SIGMA_OTS_MM` an axis."""
+        """The paired readings, labelled like their CT markers, with the mean error that the registration gave them."""
         count = len(self.pairs)
+        sigma_mm = SIGMA_OTS_MM if self.sigma_ots_mm is None else self.sigma_ots_mm
         return Points(
             np.array([pair.reading for pair in self.pairs], dtype=np.float64).reshape(count, 3),
-            np.tile(SIGMA_OTS_MM**2 * np.eye(3), (count, 1, 1)),
+            np.tile(sigma_mm**2 * np.eye(3), (count, 1, 1)),
             tuple(pair.ct for pair in self.pairs),
             Frame(self.frames.ots),
         )
@@ -166,9 +178,12 @@ class RegistrationDocument(DocumentModel):
 
 
 def registration_document(
-    found: MarkerRegistration, source: Source, targets: Points | None = None
+    found: MarkerRegistration, source: Source, targets: Points | None = None, notes: Sequence[str] = ()
 ) -> RegistrationDocument:
-    """Turn a registration into its document; ``targets`` are places of the same scan (`FrameMismatchError`)."""
+    """Turn a registration into its document; ``targets`` are places of the same scan (`FrameMismatchError`).
+
+    ``notes`` are what was to be told of the readings.
+    """
     content: dict[str, Any] = {
         "format": FORMAT,
         "version": 1,
@@ -184,6 +199,7 @@ def registration_document(
             {"pairs": _labels(found, rival.pairs), "log_evidence_below": rival.log_evidence_below}
             for rival in found.pairing.rivals
         ],
+        "notes": [*notes, *found.notes],
         "software": {"name": "ronnaplan", "version": __version__},
     }
     if found.registration is None:

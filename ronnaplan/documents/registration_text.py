@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from ronnaplan.documents.registration import RegistrationDocument
-from ronnaplan.registration.registration import RegistrationFlag
 
 FRE_WARNING = (
     "FRE and residuals tell how well the markers agree; they do not measure the error at a target.\n"
@@ -20,13 +19,8 @@ def registration_text(document: RegistrationDocument) -> str:
     for pair in document.pairs:
         out = "       -" if pair.leave_one_out is None else f"{pair.leave_one_out:8.2f}"
         lines.append(f"{pair.ct:<10} {pair.ots:<10} {pair.residual:8.2f}  {out}")
-    for name, labels in (("CT markers", document.unpaired_ct), ("readings", document.unpaired_ots)):
-        if labels:
-            lines.append(f"{name} without a partner: {', '.join(labels)}")
     lines.append(f"FRE {document.fre_rms:.3f} mm RMS; pairing probability {document.probability:.6f}")
-    lines += [f"warning: {RegistrationFlag[flag.upper()]}" for flag in document.flags]
-    if document.doubt:
-        lines.append(f"warning: {document.doubt}")
+    lines += [f"warning: {doubt}" for doubt in document.doubts]
     lines += ["", FRE_WARNING]
     if document.targets:
         width = max(8, *(len(target.name) for target in document.targets))

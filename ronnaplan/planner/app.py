@@ -271,10 +271,9 @@ class PlannerApp:
 
     def _hear(self) -> Callable[[], None]:
         """Listen to the tracker."""
-        from ronnaplan.tracking import find_markers
         from ronnaplan.tracking.openigtlink import record
 
         if self.tracker is None:
             raise UsageError("no tracker was named; start the planner with --tracker HOST:PORT")
-        seen = find_markers(record(*self.tracker), sigma_mm=self.state.case.surroundings.rules.sigma_ots_mm).points
-        return lambda: self.state.registering.register(seen)
+        seen = self.state.registering.markers_of(record(*self.tracker))
+        return lambda: self.state.registering.register(*seen)

@@ -11,8 +11,7 @@ from ronnaplan.case.surroundings import Judgement
 from ronnaplan.documents.registration import LabelPair, RegistrationDocument
 from ronnaplan.localization.fiducials import FiducialFlag
 from ronnaplan.planner.state import LANDMARKS, PlannerState
-from ronnaplan.planning import Measures
-from ronnaplan.planning.uncertainty import PathError
+from ronnaplan.planning.rows import error_rows, number, place, placement_sentence, shape_rows, verdict_sentence
 
 MOST_RIVALS = 4
 """Pairings shown beside each other."""
@@ -28,14 +27,14 @@ def marker_rows(state: PlannerState) -> list[dict[str, str]]:
         error_um = 1e3 * float(np.sqrt(np.trace(np.array(one.covariance))))
         known = FiducialFlag.__members__
         flags = "; ".join(str(known.get(flag.upper(), flag)) for flag in one.flags)
-        rows.append({"label": one.label, "center": _place(one.center), "error": f"{error_um:.0f}", "flags": flags})
+        rows.append({"label": one.label, "center": place(one.center), "error": f"{error_um:.0f}", "flags": flags})
     return rows
 
 
 def rejected_rows(state: PlannerState) -> list[dict[str, Any]]:
     """Return one row a rejected candidate; those that a person turned down can be accepted."""
     return [
-        {"center": _place(one.center), "reason": one.reason, "acceptable": one.marker is not None}
+        {"center": place(one.center), "reason": one.reason, "acceptable": one.marker is not None}
         for one in (state.case.fiducials.rejected if state.case.fiducials else ())
     ]
 
@@ -71,46 +70,15 @@ def chosen_path(state: PlannerState, judged: Judgement | None) -> dict[str, Any]
         "target": one.target_mm.round(3).tolist(),
         "problem": judged.problem,
         "doubts": [
-            *state.case.surroundings.expected.remarks,
+            *state.case.surroundings.doubts,
             *(judged.measures.doubts if judged.measures else ()),
         ],
-        "measures": _measures(judged.measures) if judged.measures else [],
+        "measures": [*shape_rows(judged.measures), *error_rows(judged.measures)] if judged.measures else [],
         "verdicts": [
-            (verdict.measure, f"{_number(verdict.value)} {verdict.unit} {verdict.remark}", verdict.passes)
+            (verdict.measure, verdict_sentence(verdict).removeprefix(f"{verdict.measure} "), verdict.passes)
             for verdict in sorted(judged.verdicts, key=lambda verdict: verdict.passes)
         ],
     }
-
-
-def _measures(one: Measures) -> list[tuple[str, str]]:
-    rows = [
-        ("length", f"{one.length_mm:.2f} mm"),
-        ("target below scalp", f"{_number(one.depth_below_scalp_mm)} mm"),
-        ("target below skull", f"{_number(one.depth_below_skull_mm)} mm"),
-        ("bone along the path", f"{_number(one.skull_thickness_mm)} mm"),
-        ("angle to the skull's normal", f"{_number(one.skull_angle_deg)} deg"),
-    ]
-    rows.append(("arc, ring of a frame square to the scan", f"{one.arc.arc_deg:.1f}, {one.arc.ring_deg:.1f} deg"))
-    if one.acpc is not None:
-        rows += [
-            ("AC-PC sagittal, coronal angle", f"{one.acpc.sagittal_deg:.1f}, {one.acpc.coronal_deg:.1f} deg"),
-            (
-                "target from mid-commissure, R A S",
-                ", ".join(f"{value:.1f}" for value in one.acpc.target_mm) + " mm",
-            ),
-        ]
-    return rows + [row for error in (one.error, one.planned_error) if error is not None for row in _errors(error)]
-
-
-def _errors(error: PathError) -> list[tuple[str, str]]:
-    basis = error.expected.basis
-    return [
-        (f"expected error, as {basis}, with", error.expected.rests_on),
-        (f"at the entry, as {basis}", f"{error.entry_rms_mm:.2f} mm RMS"),
-        (f"at the target, as {basis}", f"{error.target_rms_mm:.2f} mm RMS"),
-        (f"of the angle, as {basis}", f"{error.angular_rms_deg:.2f} deg RMS"),
-        (f"chance within {error.tolerance_mm:g} mm, as {basis}", f"{error.probability:.3f}"),
-    ]
 
 
 def registration_panel(state: PlannerState) -> dict[str, Any]:
@@ -124,13 +92,14 @@ def registration_panel(state: PlannerState) -> dict[str, Any]:
     return {
         "status": found.status,
         "summary": f"{found.status}: {found.reason or fre}",
-        "pairs": [(p.ct, p.ots, f"{p.residual:.2f}", _number(p.leave_one_out)) for p in found.pairs],
+        "pairs": [(p.ct, p.ots, f"{p.residual:.2f}", number(p.leave_one_out)) for p in found.pairs],
         "rivals": [
             (", ".join(f"{p.ct}={p.ots}" for p in rival.pairs), f"{rival.log_evidence_below:.1f}")
             for rival in found.rivals
         ],
         "basis": str(state.case.surroundings.expected.registered or ""),
-        "errors": [(name, f"{error:.2f}") for name, error in state.registering.expected_errors_mm().items()],
+        "errors": [(name, f"{error:.3f}") for name, error in state.registering.expected_errors_mm().items()],
+        "doubts": [*found.notes, *found.doubts],
     }
 
 
@@ -209,16 +178,4 @@ def placement_line(state: PlannerState) -> str:
     placed = state.offers.placement
     if placed is None:
         return ""
-    return (
-        f"{len(placed.centers_mm)} places, shown in blue in the 3-D view: largest expected error "
-        f"{placed.largest_tre_mm:.2f} mm ({placed.even_tre_mm:.2f} mm when spread evenly), "
-        f"as planned ({placed.expected.sigma_ct_mm:g} mm in CT, {placed.expected.sigma_ots_mm:g} mm tracked, per axis)"
-    )
-
-
-def _place(place_mm: tuple[float, ...]) -> str:
-    return ", ".join(f"{value:.2f}" for value in place_mm)
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2f}"
+    return f"{len(placed.centers_mm)} places, shown in blue in the 3-D view: {placement_sentence(placed)}"

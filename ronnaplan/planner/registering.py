@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from ronnaplan.case import marker_edits
 from ronnaplan.case.edits import OpenCase
+from ronnaplan.case.expectation import errors_at_ends_mm
 from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.registration import registration_document
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import Points
 from ronnaplan.planner.storage import Storage
-from ronnaplan.tracking import find_markers, read_recording
+from ronnaplan.tracking import Recording, find_markers, read_recording, readings_told
 
 
 class Registering:
@@ -19,6 +20,7 @@ class Registering:
         """No readings are loaded yet."""
         self.case, self.storage = case, storage
         self.readings_mm: Points | None = None
+        self.notes: tuple[str, ...] = ()
         self.known_pairs: dict[str, str] = {}
         self.touch: str | None = None
         self.pointed_marker: str | None = None
@@ -26,12 +28,16 @@ class Registering:
 
     def load_readings(self, name: str) -> None:
         """Register with the readings file ``name`` of the case's folder."""
-        recording = read_recording(self.storage.readings_path(name))
-        self.register(find_markers(recording, sigma_mm=self.case.surroundings.rules.sigma_ots_mm).points)
+        self.register(*self.markers_of(read_recording(self.storage.readings_path(name))))
 
-    def register(self, readings_mm: Points) -> None:
+    def markers_of(self, recording: Recording) -> tuple[Points, tuple[str, ...]]:
+        """Return the markers that a recording saw, and what is to be told of its readings; changes nothing."""
+        found = find_markers(recording, sigma_mm=self.case.surroundings.rules.sigma_ots_mm)
+        return found.points, readings_told(recording, found)
+
+    def register(self, readings_mm: Points, notes: tuple[str, ...] = ()) -> None:
         """Register the markers with a tracker's readings; a refused pairing is kept with its rivals."""
-        self.readings_mm, self.known_pairs = readings_mm, {}
+        self.readings_mm, self.notes, self.known_pairs = readings_mm, notes, {}
         self._register()
 
     def point_at(self, label: str, reading: str) -> None:
@@ -68,11 +74,7 @@ class Registering:
 
     def expected_errors_mm(self) -> dict[str, float]:
         """Return the expected error (RMS) of the registration at every end of every trajectory."""
-        expected = self.case.surroundings.expected.registered
-        if expected is None or not self.case.plan.trajectories:
-            return {}
-        places = self.case.plan.points
-        return dict(zip(places.labels, expected.tre_rms_mm(places.positions_mm).tolist(), strict=True))
+        return errors_at_ends_mm(self.case.surroundings.expected, self.case.registration, self.case.plan)
 
     def _settle(self) -> None:
         marker, reading = self.pointed_marker, self.pointed_reading
@@ -94,6 +96,6 @@ class Registering:
         )
         source = Source.model_validate(self.case.found.source.model_dump())
         self.leave_pointing()
-        self.case.keep_registration(registration_document(found, source, self.case.plan.points))
+        self.case.keep_registration(registration_document(found, source, self.case.plan.points, self.notes))
         self.known_pairs = pairs
         self.touch = None if found.pairing.touch is None else found.ct.labels[found.pairing.touch]

@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, as_points
+from ronnaplan.planning.angles import RAS_IN_LPS
 from ronnaplan.planning.candidates import Candidates, Field, cast, spread_directions
 from ronnaplan.planning.head import SKIN_HU, Head
 from ronnaplan.planning.layers import Way
 from ronnaplan.planning.limits import Limits, Verdict, all_pass, judge
 from ronnaplan.planning.measures import Measures, measure
 from ronnaplan.planning.obstacles import POST_RADIUS_MM, Kind, Obstacle, PostedMarker, Voxels
+from ronnaplan.planning.plan import Landmarks
 from ronnaplan.planning.segments import point_distances, segment_distances
 from ronnaplan.planning.trajectory import INSTRUMENTS, Instrument, Trajectory
 from ronnaplan.planning.uncertainty import Expectation
@@ -38,7 +40,7 @@ USUAL_ANGLE_DEG, USUAL_PATH_MM, USUAL_BONE_MM, AMPLE_DISTANCE_MM = 45.0, 120.0, 
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """An entry that keeps every limit: its score (0 to 1), the measures, verdicts and reasons in words."""
+    """A path called as it was asked for, which keeps every limit, its score (0 to 1), and why in words."""
 
     trajectory: Trajectory
     score: float
@@ -70,14 +72,17 @@ def propose(
     obstacles: Sequence[Obstacle] = (),
     others: Sequence[Trajectory] = (),
     expected: Expectation = Expectation(),  # noqa: B008  # frozen
+    landmarks: Landmarks | None = None,
+    frame_axes: FloatArray = RAS_IN_LPS,
     count: int = 5,
     directions: int = DIRECTIONS,
 ) -> Proposals:
     """Score every way from ``target_mm`` (3,), LPS, to the scalp and return up to ``count`` entries.
 
     A way is excluded when it leaves the scan, meets no skull, runs through bone or air below the skull, or breaks
-    a limit. Each one returned was measured in full and keeps all of ``limits``; there may be none. Raises
-    `InputError` for a target outside the scan or in air.
+    a limit. Each one returned was measured in full (see `measure` for the rest), as the one trajectory of this ``name``
+    beside ``others``, and keeps all of ``limits``; there may be none. Raises `InputError` for a target outside the scan
+    or in air.
     """
     target = as_points([target_mm], "target")[0]
     if not head.scan.values_hu(target[np.newaxis])[0] >= SKIN_HU:
@@ -96,9 +101,16 @@ def propose(
         entry = found.entries_mm[m]
         if any(np.linalg.norm(entry - one.trajectory.entry_mm) < APART_MM for one in best):
             continue
-        path = Trajectory(f"{name} {len(best) + 1}", entry, target, head.volume.frame, instrument)
+        path = Trajectory(name, entry, target, head.volume.frame, instrument)
         measured = measure(
-            path, head, obstacles=obstacles, others=others, expected=expected, tolerance_mm=limits.tolerance_mm
+            path,
+            head,
+            obstacles=obstacles,
+            others=others,
+            landmarks=landmarks,
+            expected=expected,
+            tolerance_mm=limits.tolerance_mm,
+            frame_axes=frame_axes,
         )
         verdicts = judge(measured, limits)
         checked += 1

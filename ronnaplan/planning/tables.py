@@ -11,6 +11,7 @@ from ronnaplan.planning.measures import Measures
 from ronnaplan.planning.placement import Placement
 from ronnaplan.planning.plan import Plan
 from ronnaplan.planning.proposals import Proposals
+from ronnaplan.planning.rows import number, value_and_limit
 from ronnaplan.planning.uncertainty import Expectation
 
 
@@ -68,20 +69,20 @@ def _values(one: Measures) -> list[str]:
     acpc, error = one.acpc, one.error
     return [
         one.trajectory.name,
-        _number(one.length_mm),
-        _number(one.depth_below_scalp_mm),
-        _number(one.depth_below_skull_mm),
-        _number(one.skull_thickness_mm),
-        _number(one.skull_angle_deg),
-        _number(one.arc.arc_deg),
-        _number(one.arc.ring_deg),
-        _number(acpc.sagittal_deg if acpc else None),
-        _number(acpc.coronal_deg if acpc else None),
-        _number(nearest),
-        _number(error.entry_rms_mm if error else None, 2),
-        _number(error.target_rms_mm if error else None, 2),
-        _number(error.angular_rms_deg if error else None, 2),
-        _number(error.probability if error else None, 3),
+        number(one.length_mm, 1),
+        number(one.depth_below_scalp_mm, 1),
+        number(one.depth_below_skull_mm, 1),
+        number(one.skull_thickness_mm, 1),
+        number(one.skull_angle_deg, 1),
+        number(one.arc.arc_deg, 1),
+        number(one.arc.ring_deg, 1),
+        number(acpc.sagittal_deg if acpc else None, 1),
+        number(acpc.coronal_deg if acpc else None, 1),
+        number(nearest, 1),
+        number(error.entry_rms_mm if error else None, 2),
+        number(error.target_rms_mm if error else None, 2),
+        number(error.angular_rms_deg if error else None, 2),
+        number(error.probability if error else None, 3),
     ]
 
 
@@ -91,8 +92,7 @@ def verdict_table(verdicts: Iterable[Verdict]) -> str:
         [
             one.trajectory,
             one.measure,
-            _number(one.value, 2),
-            _number(one.limit, 2),
+            *value_and_limit(one),
             one.unit,
             "pass" if one.passes else "FAIL",
             one.remark,
@@ -105,10 +105,10 @@ def verdict_table(verdicts: Iterable[Verdict]) -> str:
 def proposals_table(found: Proposals, expected: Expectation) -> str:
     """Return the proposed entries with score and reasons, and what kept the other ways out."""
     rows = [
-        [one.trajectory.name, f"{one.score:.3f}", _place(one.trajectory.entry_mm), "; ".join(one.reasons)]
-        for one in found.best
+        [str(n), f"{one.score:.3f}", _place(one.trajectory.entry_mm), "; ".join(one.reasons)]
+        for n, one in enumerate(found.best, start=1)
     ]
-    table = _table(["name", "score", "entry LPS mm", "reasons"], rows)
+    table = _table(["", "score", "entry LPS mm", "reasons"], rows)
     excluded = ", ".join(f"{number} {reason}" for reason, number in found.excluded.items()) or "none"
     tried = f"{len(found.scores)} ways tried; excluded: {excluded}"
     return "\n".join([table, tried, *([f"expected error {expected.counted}"] if expected.counted else [])])
@@ -127,10 +127,6 @@ def placement_table(placed: Placement, targets: Sequence[str]) -> str:
 
 def _place(place_mm: FloatArray) -> str:
     return " ".join(f"{value:.2f}" for value in place_mm)
-
-
-def _number(value: float | None, digits: int = 1) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:

@@ -14,6 +14,7 @@ from ronnaplan.geometry import FloatArray, Points, as_points
 from ronnaplan.planning.trajectory import Trajectory
 from ronnaplan.pose import Pose, point_jacobian
 from ronnaplan.registration.covariances import as_pair
+from ronnaplan.registration.registration import LOOSE_ROTATION_DEG, rotation_sd_deg
 from ronnaplan.rigid import pose_covariance, require_spread
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 
@@ -83,6 +84,11 @@ class ExpectedPose:
         return _rms_mm(self.covariances_mm2(places_mm))
 
     @property
+    def is_loose(self) -> bool:
+        """Whether a rotation is so uncertain that the expected errors are unreliable."""
+        return rotation_sd_deg(self.covariance) > LOOSE_ROTATION_DEG
+
+    @property
     def rests_on(self) -> str:
         """The markers and the sigmas, in words."""
         sigmas = [
@@ -101,7 +107,7 @@ class ExpectedPose:
 class Expectation:
     """What error is to be expected in a scan, as registered and as planned; None where there is no such error.
 
-    ``remarks`` say, a sentence each, why one of them is missing.
+    ``remarks`` say, a sentence each, why one of them is missing or to be doubted.
     """
 
     registered: ExpectedPose | None = None

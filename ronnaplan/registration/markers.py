@@ -38,6 +38,15 @@ class MarkerRegistration:
         return tuple(label for j, label in enumerate(self.ots.labels) if j not in paired)
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """The markers that were left out because they lie beside the place that the others give them."""
+        moved = [(self.ct.labels[i], self.ots.labels[j]) for i, j in self.pairing.moved]
+        return tuple(
+            f"marker {ct} and reading {ots} were left out: they lie side by side, as if the marker had moved"
+            for ct, ots in moved
+        )
+
+    @property
     def sigma_ots_mm(self) -> float | None:
         """Standard deviation per axis of the paired readings (root mean square), None where the pairing was refused."""
         if self.registration is None:

@@ -124,7 +124,7 @@ class Registration:
     @property
     def rotation_sd_deg(self) -> float:
         """Standard deviation of the rotation about its most uncertain axis."""
-        return float(np.degrees(np.sqrt(max(np.linalg.eigvalsh(self.pose.covariance[:3, :3])[-1], 0.0))))
+        return rotation_sd_deg(self.pose.covariance)
 
     @cached_property
     def flags(self) -> tuple[RegistrationFlag, ...]:
@@ -145,6 +145,11 @@ class Registration:
         mirrored = -self.moving_mm
         residual = self.fixed_mm - transform_points(fit_closed_form(mirrored, self.fixed_mm), mirrored)
         return self.fre_rms_mm > MIRROR_GAIN * float(np.sqrt((residual**2).sum(axis=1).mean())) and len(self) > 3
+
+
+def rotation_sd_deg(covariance: FloatArray) -> float:
+    """Return the standard deviation of a pose's rotation about its most uncertain axis, of its covariance (6, 6)."""
+    return float(np.degrees(np.sqrt(max(np.linalg.eigvalsh(covariance[:3, :3])[-1], 0.0))))
 
 
 def register_points(

@@ -7,7 +7,6 @@ import numpy as np
 from ronnaplan.case.folder import Case
 from ronnaplan.documents.fiducials import FiducialEntry
 from ronnaplan.errors import RonnaplanError
-from ronnaplan.localization.fiducials import FiducialFlag
 from ronnaplan.report.html import element, picture, table
 from ronnaplan.report.marker_cuts import marker_pictures
 from ronnaplan.report.part import Part
@@ -23,9 +22,7 @@ def markers_part(case: Case) -> Part:
     markers = case.fiducials.fiducials
     body = [table(HEADER, [_row(marker) for marker in markers])] if markers else []
     body.append(element("p", f"{len(markers)} markers; {len(case.fiducials.rejected)} candidates rejected."))
-    warnings = [
-        f"marker {marker.label}: {sentence}" for marker in markers for sentence in map(_sentence, marker.flags)
-    ]
+    warnings = list(case.fiducials.doubts)
     if case.volume is None:
         return Part("Markers", body, warnings)
     try:
@@ -51,8 +48,3 @@ def _row(marker: FiducialEntry) -> list[str]:
         f"{marker.contrast_hu:.0f}",
         ", ".join(marker.flags) or "-",
     ]
-
-
-def _sentence(flag: str) -> str:
-    known = FiducialFlag.__members__.get(flag.upper())
-    return flag if known is None else known.value

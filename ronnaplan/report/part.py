@@ -12,8 +12,3 @@ class Part:
     title: str
     body: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
-
-
-def number(value: float | None, digits: int = 2) -> str:
-    """Write a number, or a dash where there is none."""
-    return "-" if value is None else f"{value:.{digits}f}"

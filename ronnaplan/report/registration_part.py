@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+from ronnaplan.case.expectation import errors_at_ends_mm
 from ronnaplan.case.folder import Case
 from ronnaplan.documents.agreement import disagreement
 from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.documents.registration_text import FRE_WARNING
-from ronnaplan.planning import Plan
-from ronnaplan.planning.uncertainty import ExpectedPose
-from ronnaplan.registration.registration import RegistrationFlag
+from ronnaplan.planning.rows import number
 from ronnaplan.report.html import element, table
-from ronnaplan.report.part import Part, number
+from ronnaplan.report.part import Part
 
 TITLE = "Registration"
 
@@ -21,45 +20,34 @@ def registration_part(case: Case) -> Part:
     if found is None:
         return Part(TITLE)
     if found.ots_from_ct is None:
-        return Part(TITLE, _rivals(found), [f"the registration is {found.status}: {found.reason}"])
+        refused = f"the registration is {found.status}: {found.reason}"
+        return Part(TITLE, _rivals(found), [refused, *_warnings(case, found)])
     rows = [(pair.ct, pair.ots, number(pair.residual), number(pair.leave_one_out)) for pair in found.pairs]
     body = [
         table(("CT marker", "reading", "residual mm", "left out mm"), rows),
         element("p", f"FRE {number(found.fre_rms, 3)} mm RMS; pairing probability {number(found.probability, 6)}"),
         element("p", FRE_WARNING, "note"),
     ]
-    if case.expected.registered is not None:
-        body += _expected_errors(found, case.plan, case.expected.registered)
-    return Part(TITLE, body, _warnings(case, found))
+    return Part(TITLE, body + _expected_errors(case), _warnings(case, found))
 
 
-def _expected_errors(found: RegistrationDocument, plan: Plan | None, expected: ExpectedPose) -> list[str]:
-    """Show the error at the targets of the document, and at the ends of the plan's trajectories as they are now."""
-    errors = {target.name: target.predicted_tre_rms for target in found.targets}
-    if plan is not None:
-        places = plan.points
-        errors |= dict(zip(places.labels, expected.tre_rms_mm(places.positions_mm).tolist(), strict=True))
+def _expected_errors(case: Case) -> list[str]:
+    """Show the error at the ends of the plan's trajectories as they are now."""
+    errors = errors_at_ends_mm(case.expected, case.registration, case.plan)
     if not errors:
         return []
     rows = [(name, f"{error:.3f}") for name, error in errors.items()]
     return [
         element("h3", "Expected error"),
-        element("p", str(expected)),
+        element("p", str(case.expected.registered)),
         table(("place", "expected error, mm RMS"), rows),
     ]
 
 
 def _warnings(case: Case, found: RegistrationDocument) -> list[str]:
-    known = RegistrationFlag.__members__
     outdated = disagreement(case.fiducials, found) if case.fiducials else None
-    warnings = [outdated] if outdated else []
-    warnings += [f"registration: {known.get(flag.upper(), flag)}" for flag in found.flags]
-    if found.doubt:
-        warnings.append(f"registration: {found.doubt}")
-    for what, labels in (("CT markers", found.unpaired_ct), ("readings", found.unpaired_ots)):
-        if labels:
-            warnings.append(f"registration: {what} without a partner: {', '.join(labels)}")
-    return warnings
+    told = [f"registration: {sentence}" for sentence in (*found.notes, *found.doubts)]
+    return [outdated, *told] if outdated else told
 
 
 def _rivals(found: RegistrationDocument) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ronnaplan.case.folder import Case
+from ronnaplan.case.surroundings import scan_doubts
 from ronnaplan.ct import CTVolume
 from ronnaplan.report.html import table
 from ronnaplan.report.part import Part
@@ -15,9 +16,7 @@ def scan_part(case: Case) -> Part:
     if case.volume is None:
         missing = "the scan is not at hand: nothing here was compared with its voxels; give it with --ct"
         return Part("Scan", warnings=[missing])
-    return Part(
-        "Scan", [table([], _facts(case.volume))], [f"the scan: {flag.value}" for flag in case.volume.flags]
-    )
+    return Part("Scan", [table([], _facts(case.volume))], list(scan_doubts(case.volume)))
 
 
 def _facts(volume: CTVolume) -> list[tuple[str, str]]:

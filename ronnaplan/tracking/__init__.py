@@ -4,6 +4,7 @@ from ronnaplan.tracking.frames import labelled_frames
 from ronnaplan.tracking.markers import Marker, MarkerFlag, MarkerReadings, find_markers
 from ronnaplan.tracking.readers import READERS, read_recording
 from ronnaplan.tracking.recording import PointReading, Recording, ToolReading
+from ronnaplan.tracking.told import readings_told
 
 __all__ = [
     "READERS",
@@ -16,4 +17,5 @@ __all__ = [
     "find_markers",
     "labelled_frames",
     "read_recording",
+    "readings_told",
 ]

@@ -1,14 +1,33 @@
-"""The open case that the tests of this room work on."""
+"""The open case that the tests of this room work on, and a scan that is looked at once for all of them."""
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
+from ronnaplan.planning import Head, measures
+from ronnaplan.planning.crossings import find_crossings
+from ronnaplan.planning.obstacles import metal
+from ronnaplan.report import path_part
 from tests import cases
+
+
+@pytest.fixture
+def one_scan(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The scan is read once, its surfaces are found once; pictures say nothing of what is tested."""
+    volume = cases.volume()
+    head = Head.of(volume)
+    monkeypatch.setattr("ronnaplan.ct.read_ct", lambda *_, **__: volume)
+    monkeypatch.setattr(Head, "of", lambda _: head)
+    monkeypatch.setattr(path_part, "path_picture", lambda *_: b"")
+    fitted = cache(lambda *ends: find_crossings(head, np.array(ends[:3]), np.array(ends[3:])))
+    monkeypatch.setattr("ronnaplan.case.surroundings.metal", cache(metal))
+    monkeypatch.setattr(measures, "find_crossings", lambda _, target, outward: fitted(*target, *outward))
 
 
 @pytest.fixture

@@ -254,7 +254,7 @@ def test_three_points_make_the_ac_pc_frame_and_its_angles(state: PlannerState) -
     assert measures.acpc.target_mm == pytest.approx((-T[0], -(T[1] - 12.0), T[2] - 10.0))
     shown = dict(chosen_path(again, again.case.judge(again.case.plan.trajectory("left")))["measures"])
     assert shown["AC-PC sagittal, coronal angle"].startswith(f"{measures.acpc.sagittal_deg:.1f}, ")
-    assert shown["arc, ring of a frame square to the scan"].endswith(" deg")
+    assert shown["arc, ring of the frame"].endswith(" deg")
 
 
 def test_points_of_the_ac_pc_frame_are_undone_and_refused_on_one_line(state: PlannerState) -> None:

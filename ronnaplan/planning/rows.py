@@ -1,0 +1,110 @@
+"""What was measured and judged of a trajectory in words and numbers, the same wherever it is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from ronnaplan.planning.limits import Verdict
+from ronnaplan.planning.measures import Measures
+from ronnaplan.planning.placement import Placement
+from ronnaplan.planning.uncertainty import PathError
+
+Rows = list[tuple[str, str]]
+"""What it is, and its value with the unit."""
+
+MOST_DIGITS = 9
+"""Digits after the point that a value may have to be told from its limit."""
+
+
+def number(value: float | None, digits: int = 2) -> str:
+    """Write a number, or a dash where there is none."""
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def place(place_mm: Iterable[float]) -> str:
+    """Write coordinates in mm."""
+    return ", ".join(f"{value:.2f}" for value in place_mm)
+
+
+def shape_rows(one: Measures) -> Rows:
+    """Return lengths, depths and angles of a path."""
+    rows = [
+        ("length", f"{one.length_mm:.2f} mm"),
+        ("target below scalp", f"{number(one.depth_below_scalp_mm)} mm"),
+        ("target below skull", f"{number(one.depth_below_skull_mm)} mm"),
+        ("bone along the path", f"{number(one.skull_thickness_mm)} mm"),
+        ("angle to the skull's normal", f"{number(one.skull_angle_deg)} deg"),
+        ("arc, ring of the frame", f"{one.arc.arc_deg:.1f}, {one.arc.ring_deg:.1f} deg"),
+    ]
+    if one.acpc is not None:
+        rows += [
+            ("AC-PC sagittal, coronal angle", f"{one.acpc.sagittal_deg:.1f}, {one.acpc.coronal_deg:.1f} deg"),
+            ("target from mid-commissure, R A S", f"{place(one.acpc.target_mm)} mm"),
+        ]
+    return rows
+
+
+def distance_rows(one: Measures) -> Rows:
+    """Return how near a path comes to obstacles and to other paths."""
+    rows = [
+        (
+            f"distance to {near.name}",
+            f"{near.clearance_mm:.2f} mm (at least {near.at_least_mm:.2f}) at depth {near.depth_mm:.1f} mm",
+        )
+        for near in one.clearances
+    ]
+    return rows + [
+        (f"distance to {near.other}", f"{near.clearance_mm:.2f} mm at depth {near.depth_mm:.1f} mm")
+        for near in one.spacings
+    ]
+
+
+def error_rows(one: Measures) -> Rows:
+    """Return the expected error that counts and, where there are two, the other one, each with what it rests on."""
+    return [row for error in (one.error, one.planned_error) if error is not None for row in _error(error)]
+
+
+def _error(error: PathError) -> Rows:
+    basis = error.expected.basis
+    return [
+        (f"expected error, as {basis}, with", error.expected.rests_on),
+        (f"at the entry, as {basis}", f"{error.entry_rms_mm:.2f} mm RMS"),
+        (f"at the target, as {basis}", f"{error.target_rms_mm:.2f} mm RMS"),
+        (f"of the angle, as {basis}", f"{error.angular_rms_deg:.2f} deg RMS"),
+        (f"radius of the 95 % tube, as {basis}", f"at most {error.tube_mm.max():.2f} mm"),
+        (f"chance to stay within {error.tolerance_mm:g} mm, as {basis}", f"{error.probability:.3f}"),
+    ]
+
+
+def value_and_limit(one: Verdict) -> tuple[str, str]:
+    """Return a verdict's value and limit with as many digits as tell them apart, two at least."""
+    if one.value is None or one.limit is None:
+        return number(one.value), number(one.limit)
+    digits = 2
+    while digits < MOST_DIGITS and _order(one.value, one.limit, digits) != _order(
+        one.value, one.limit, MOST_DIGITS
+    ):
+        digits += 1
+    return number(one.value, digits), number(one.limit, digits)
+
+
+def _order(value: float, limit: float, digits: int) -> int:
+    """Return -1, 0 or 1 for a value below, at or above a limit, as written with so many digits."""
+    return int(np.sign(round(value, digits) - round(limit, digits)))
+
+
+def verdict_sentence(one: Verdict) -> str:
+    """Return a verdict in words, without the trajectory's name."""
+    value, limit = value_and_limit(one)
+    against = "" if one.limit is None else f"(limit {limit})"
+    return " ".join(part for part in (one.measure, value, one.unit, against, one.remark) if part)
+
+
+def placement_sentence(placed: Placement) -> str:
+    """Return what proposed places for markers promise."""
+    return (
+        f"largest expected TRE {placed.largest_tre_mm:.3f} mm, {placed.even_tre_mm:.3f} mm for an even spread; "
+        f"rival distance {placed.rival_distance_mm:.1f} mm; expected error {placed.expected}"
+    )

@@ -1,0 +1,41 @@
+"""What a person should know of readings that were taken: which were left out, and which markers are doubtful."""
+
+from __future__ import annotations
+
+from ronnaplan.tracking.markers import MarkerFlag, MarkerReadings
+from ronnaplan.tracking.recording import Recording
+
+MOST_REASONS = 5
+"""Kinds of flagged readings that are told one by one; more are summed up."""
+
+
+def readings_told(recording: Recording, found: MarkerReadings) -> tuple[str, ...]:
+    """Return, a sentence each, what the reader met, what was left out, and what is doubtful about the markers."""
+    return (*recording.notes, *_left_out(recording), *_doubts(found), *_no_markers(found))
+
+
+def _left_out(recording: Recording) -> list[str]:
+    flagged = recording.flagged()
+    if len(flagged) > MOST_REASONS:
+        return [f"{sum(flagged.values())} readings left out for {len(flagged)} reasons; see their status"]
+    return [f"{count} reading{'s' * (count > 1)} left out: {reason}" for reason, count in sorted(flagged.items())]
+
+
+def _doubts(found: MarkerReadings) -> list[str]:
+    once = MarkerFlag.SINGLE_READING
+    all_once = len(found.markers) > 1 and all(once in marker.flags for marker in found.markers)
+    told = [f"all {len(found.markers)} markers were {once}"] if all_once else []
+    return told + [
+        f"reading {marker.label}: {flag}"
+        for marker in found.markers
+        for flag in marker.flags
+        if not (all_once and flag is once)
+    ]
+
+
+def _no_markers(found: MarkerReadings) -> list[str]:
+    return [
+        f"{track.readings} readings near {', '.join(f'{value:.1f}' for value in track.position_mm)} left out: "
+        f"{track.reason}"
+        for track in found.rejected
+    ]
