@@ -1,0 +1,45 @@
+"""``ronnaplan node``: the DICOM node."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+HELP = "Run the DICOM node: take scans from scanners, find their markers, send the answers to the archive."
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    parser.add_argument("--config", required=True, metavar="FILE", help="node.toml: peers, rules, limits")
+    parser.add_argument("--init", action="store_true", help="write an annotated example to FILE and end")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the node until it is told to stop."""
+    import signal
+    import threading
+
+    from ronnaplan.errors import InputError, UsageError
+
+    path = Path(arguments.config)
+    if arguments.init:
+        from ronnaplan.documents.files import write_atomically
+        from ronnaplan.node.config import EXAMPLE
+
+        if path.exists():
+            raise UsageError(f"{path} is there already; name a new file")
+        write_atomically(path, EXAMPLE)
+        return 0
+    try:
+        from ronnaplan.node.hub import run_node
+    except ModuleNotFoundError as error:
+        raise InputError(f"the node needs {error.name}; install ronnaplan[node]") from error
+    from ronnaplan.node.logs import Log
+
+    stop = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: stop.set())
+    try:
+        run_node(path, stop, Log())
+    except KeyboardInterrupt:
+        stop.set()
+    return 0

@@ -1,0 +1,1 @@
+"""The DICOM node: receives scans, finds their markers and sends the answers back, and loses nothing between."""

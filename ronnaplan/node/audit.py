@@ -1,0 +1,156 @@
+"""The audit trail: who sent what to whom, as DICOM audit messages (PS3.15, A.5), one a line of a file or to syslog.
+
+Patients are named by their studies' UIDs only.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import threading
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from hashlib import sha256
+from pathlib import Path
+from typing import Final
+from urllib.parse import urlsplit
+from xml.etree import ElementTree
+
+from ronnaplan.errors import InputError
+from ronnaplan.text import printable
+
+SYSLOG: Final = "syslog://"
+SYSLOG_PORT: Final = 514
+PRIORITY: Final = 85
+"""Of syslog: facility 10 (security), severity 5 (notice), as PS3.15, A.6 has it."""
+
+TRANSFERRED: Final = ("110104", "DICOM Instances Transferred")
+ACTIVITY: Final = ("110100", "Application Activity")
+STARTED: Final = ("110120", "Application Start")
+STOPPED: Final = ("110121", "Application Stop")
+SOURCE: Final = ("110153", "Source Role ID")
+DESTINATION: Final = ("110152", "Destination Role ID")
+APPLICATION: Final = ("110150", "Application")
+
+
+@dataclass
+class Transfer:
+    """What one association, or one delivery, moved of one study."""
+
+    study_uid: str
+    classes: Counter[str] = field(default_factory=Counter)
+    hashes: list[str] = field(default_factory=list)
+
+    def add(self, sop_class: str, content_sha256: str) -> None:
+        """Count an instance."""
+        self.classes[sop_class] += 1
+        self.hashes.append(content_sha256)
+
+    @property
+    def sha256(self) -> str:
+        """One hash of all contents: of their hashes in hexadecimal, sorted, one a line."""
+        return sha256("\n".join(sorted(self.hashes)).encode()).hexdigest()
+
+
+class Audit:
+    """Writes audit messages to ``target``: a file, or ``syslog://HOST:PORT`` (RFC 5424 over UDP)."""
+
+    def __init__(self, folder: Path, target: str, node: str) -> None:
+        self._node, self._lock = node, threading.Lock()
+        self._address: tuple[str, int] | None = None
+        self._path = folder / target
+        if target.startswith(SYSLOG):
+            parts = urlsplit(target)
+            if not parts.hostname:
+                raise InputError(f"audit is '{printable(target)}'; expected a file or syslog://HOST:PORT")
+            self._address = parts.hostname, parts.port or SYSLOG_PORT
+
+    def application(self, *, started: bool) -> None:
+        """Tell that the node started, or stopped."""
+        message = self._message(ACTIVITY, "E", STARTED if started else STOPPED)
+        self._participant(message, self._node, APPLICATION, requestor=False)
+        self._source(message)
+        self._write(message)
+
+    def transferred(self, transfer: Transfer, *, source: str, destination: str, peer_address: str) -> None:
+        """Tell that instances went from ``source`` to ``destination`` (AE titles or addresses)."""
+        message = self._message(TRANSFERRED, "C")
+        is_ours = source == self._node
+        self._participant(message, source, SOURCE, requestor=True, address="" if is_ours else peer_address)
+        self._participant(
+            message, destination, DESTINATION, requestor=False, address=peer_address if is_ours else ""
+        )
+        self._source(message)
+        study = ElementTree.SubElement(
+            message,
+            "ParticipantObjectIdentification",
+            ParticipantObjectID=transfer.study_uid,
+            ParticipantObjectTypeCode="2",
+            ParticipantObjectTypeCodeRole="3",
+        )
+        _coded(study, "ParticipantObjectIDTypeCode", ("110180", "Study Instance UID"))
+        ElementTree.SubElement(study, "ParticipantObjectName").text = "study"
+        ElementTree.SubElement(study, "ParticipantObjectDetail", type="sha256", value=transfer.sha256)
+        for uid, count in transfer.classes.items():
+            ElementTree.SubElement(study, "SOPClass", UID=uid, NumberOfInstances=str(count))
+        self._write(message)
+
+    def _message(
+        self, event: tuple[str, str], action: str, kind: tuple[str, str] | None = None
+    ) -> ElementTree.Element:
+        message = ElementTree.Element("AuditMessage")
+        identification = ElementTree.SubElement(
+            message,
+            "EventIdentification",
+            EventActionCode=action,
+            EventDateTime=datetime.now(UTC).isoformat(timespec="milliseconds"),
+            EventOutcomeIndicator="0",
+        )
+        _coded(identification, "EventID", event)
+        if kind is not None:
+            _coded(identification, "EventTypeCode", kind)
+        return message
+
+    def _participant(
+        self,
+        message: ElementTree.Element,
+        name: str,
+        role: tuple[str, str],
+        *,
+        requestor: bool,
+        address: str = "",
+    ) -> None:
+        where = {"NetworkAccessPointID": address, "NetworkAccessPointTypeCode": "2"} if address else {}
+        mine = {"AlternativeUserID": str(os.getpid())} if name == self._node else {}
+        participant = ElementTree.SubElement(
+            message,
+            "ActiveParticipant",
+            {"UserID": printable(name), "UserIsRequestor": str(requestor).lower(), **mine, **where},
+        )
+        _coded(participant, "RoleIDCode", role)
+
+    def _source(self, message: ElementTree.Element) -> None:
+        ElementTree.SubElement(
+            message,
+            "AuditSourceIdentification",
+            {"AuditSourceID": f"{self._node}@{socket.gethostname()}", "code": "4"},
+        )
+
+    def _write(self, message: ElementTree.Element) -> None:
+        line = ElementTree.tostring(message, encoding="unicode")
+        with self._lock:
+            if self._address is None:
+                with self._path.open("a", encoding="utf-8") as stream:
+                    stream.write(f"{line}\n")
+                return
+            now, host = datetime.now(UTC).isoformat(timespec="milliseconds"), socket.gethostname()
+            packet = f"<{PRIORITY}>1 {now} {host} ronnaplan {os.getpid()} IHE+RFC-3881 - \ufeff{line}"
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+                sender.sendto(packet.encode(), self._address)
+
+
+def _coded(parent: ElementTree.Element, tag: str, coded: Iterable[str]) -> None:
+    code, meaning = coded
+    ElementTree.SubElement(parent, tag, {"csd-code": code, "codeSystemName": "DCM", "originalText": meaning})

@@ -1,0 +1,232 @@
+"""node.toml: who the node is, whom it talks to, what it does with which scan."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, Field, model_validator
+
+from ronnaplan.documents.fields import DocumentModel, Label, Line, PositiveMm
+from ronnaplan.errors import InputError
+from ronnaplan.text import printable
+from ronnaplan.untrusted import checked, read_whole
+
+MOST_BYTES = 1 << 20
+ANY_ADDRESS = "any"
+"""A peer's host that stands for every address."""
+
+AnswerKind = Literal["fiducials", "sr", "pdf", "sheet"]
+
+
+def _title(text: str) -> str:
+    if not re.fullmatch(r"[!-\[\]-~]([ -\[\]-~]{0,14}[!-\[\]-~])?", text):
+        raise ValueError(
+            "is no AE title: 1 to 16 printable ASCII characters, no backslash, no space at either end"
+        )
+    return text
+
+
+AeTitle = Annotated[str, AfterValidator(_title)]
+Port = Annotated[int, Field(ge=0, le=65_535)]
+Seconds = Annotated[float, Field(gt=0, le=86_400)]
+Count = Annotated[int, Field(ge=1, le=100_000)]
+
+
+class Limits(DocumentModel):
+    """What one peer, or all of them, may take of this machine."""
+
+    associations: Annotated[int, Field(ge=1, le=200)] = 20
+    largest_instance_mib: Count = 2048
+    least_free_mib: Annotated[int, Field(ge=0, le=100_000_000)] = 1024
+    """With less room than this on the disk nothing is taken (status A700)."""
+    silent_s: Seconds = 30.0
+    """A peer that sends nothing for so long, or has not sent a begun message whole, is cut off."""
+
+
+class Tls(DocumentModel):
+    """Certificates for encrypted associations, PEM files; both sides must show one that ``authorities`` signed."""
+
+    certificate: Line
+    key: Line
+    authorities: Line
+
+
+class Peer(DocumentModel):
+    """Another node: a scanner or an archive."""
+
+    name: Label
+    title: AeTitle = "ANY-SCP"
+    host: Line = "127.0.0.1"
+    port: Port = 0
+    sends: bool = False
+    """Whether it may send scans here."""
+    commitment: bool = False
+    """Whether it is asked to commit to what was sent to it."""
+    tls: bool = False
+    url: Line | None = None
+    """Where it takes answers by DICOMweb (STOW-RS), instead of C-STORE."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.url is not None and not self.url.startswith(("http://", "https://")):
+            raise ValueError("url: expected an address that starts with http:// or https://")
+        return self
+
+
+class Rule(DocumentModel):
+    """What is done with a complete series that all patterns fit (``*`` and ``?`` as in file names, any case)."""
+
+    name: Label
+    calling: Line = "*"
+    called: Line = "*"
+    station: Line = "*"
+    description: Line = "*"
+    protocol: Line = "*"
+    modality: Line = "CT"
+    diameters: tuple[PositiveMm, ...] = ()
+    """Of the markers in mm; none: found by itself, all of one size."""
+    marker: Line = "solid"
+    expected: Annotated[int, Field(ge=1, le=1000)] | None = None
+    template: Line | None = None
+    answers: tuple[AnswerKind, ...] = ("fiducials", "sr", "pdf", "sheet")
+    receivers: tuple[Label, ...] = ()
+    """Names of the peers that get the answers."""
+
+
+class Jobs(DocumentModel):
+    """How work is done."""
+
+    workers: Annotated[int, Field(ge=1, le=64)] = 1
+    seconds: Seconds = 600.0
+    memory_mib: Annotated[int, Field(ge=256, le=1_000_000)] = 4096
+    attempts: Annotated[int, Field(ge=1, le=100)] = 4
+    retry_s: Seconds = 30.0
+    """Wait before the second attempt at a job or a delivery; doubled for each further one, up to an hour."""
+
+
+class Config(DocumentModel):
+    """The whole of node.toml; ``home`` is the folder that its relative paths start from."""
+
+    home: Path = Path()
+    folder: Line = "node-data"
+    titles: tuple[AeTitle, ...] = ("RONNAPLAN",)
+    host: Line = "127.0.0.1"
+    port: Port = 11112
+    page_port: Port | None = 11180
+    """Of the status page on this machine; 0 any that is free."""
+    quiet_s: Seconds = 10.0
+    """A series to which nothing was added for so long is complete."""
+    keep_days: Annotated[float, Field(gt=0, le=36_500)] = 30.0
+    names_in_logs: bool = False
+    audit: Line = "audit.log"
+    """A file in the folder, or syslog://HOST:PORT."""
+    limits: Limits = Limits()
+    jobs: Jobs = Jobs()
+    tls: Tls | None = None
+    peer: tuple[Peer, ...] = ()
+    rule: tuple[Rule, ...] = ()
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        names = [one.name for one in self.peer]
+        for what, given in (("peers", names), ("rules", [one.name for one in self.rule])):
+            if len(set(given)) != len(given):
+                raise ValueError(f"two {what} have the same name")
+        for rule in self.rule:
+            unknown = sorted(set(rule.receivers) - set(names))
+            if unknown:
+                raise ValueError(f"rule {rule.name} names a receiver {unknown[0]} that is no peer")
+        if not self.titles:
+            raise ValueError("titles: at least one AE title is needed")
+        if self.tls is None and any(one.tls for one in self.peer):
+            raise ValueError("a peer asks for TLS, for which a [tls] table with certificates is needed")
+        return self
+
+    @property
+    def data(self) -> Path:
+        """The folder that holds all the node keeps."""
+        return self.home / self.folder
+
+    def named(self, name: str) -> Peer | None:
+        """Return the peer called ``name``."""
+        return next((one for one in self.peer if one.name == name), None)
+
+
+def read_config(path: str | Path) -> Config:
+    """Read node.toml; raises `InputError` naming the first thing that is wrong."""
+    source = Path(path)
+    content = read_whole(source, MOST_BYTES, expected="a node's configuration; --init writes an example")
+    try:
+        given = tomllib.loads(content.decode())
+        if "home" in given:
+            raise ValueError("home: no field of this document")
+        return checked(given, Config).model_copy(update={"home": source.resolve().parent})
+    except (ValueError, TypeError) as error:  # TypeError: a date, which no field is
+        raise InputError(
+            f"{source} is not a node's configuration ({printable(error)}); --init writes an example"
+        ) from error
+
+
+EXAMPLE = """\
+# What `ronnaplan node --config node.toml` does. Paths are relative to this file.
+
+folder = "node-data"            # everything the node keeps: scans, index, answers
+titles = ["RONNAPLAN"]          # AE titles it answers to; rules can tell them apart
+host = "127.0.0.1"              # the one address to listen on; this machine only until you change it
+port = 11112
+page_port = 11180               # status page and /metrics, on this machine only; leave out for none
+quiet_s = 10.0                  # a series is complete when nothing was added for so long
+keep_days = 30.0                # then a scan is removed, once its answers are delivered
+names_in_logs = false           # true writes patients' names to the log
+audit = "audit.log"             # DICOM audit messages: a file in the folder, or "syslog://HOST:514"
+
+[limits]
+associations = 20               # at one time
+largest_instance_mib = 2048
+least_free_mib = 1024           # with less room on the disk nothing is taken (status A700)
+silent_s = 30.0                 # a peer that hangs is cut off
+
+[jobs]
+workers = 1                     # scans worked on at one time
+seconds = 600.0                 # then a job is ended and tried again
+memory_mib = 4096               # of one job
+attempts = 4
+retry_s = 30.0                  # before the second attempt, doubled for each further one
+
+# Encrypted associations (BCP 195), both sides with certificates:
+# [tls]
+# certificate = "node.pem"
+# key = "node.key"
+# authorities = "authorities.pem"
+
+[[peer]]
+name = "scanner"
+title = "CT1"
+host = "127.0.0.1"              # "any" for every address
+sends = true                    # it may send scans here
+
+[[peer]]
+name = "pacs"
+title = "ORTHANC"
+host = "127.0.0.1"
+port = 4242
+commitment = false              # true asks it to commit to what was sent
+# url = "https://pacs.example/dicom-web"    # sends by STOW-RS instead
+
+[[rule]]                        # the first rule that fits a complete series decides
+name = "skin markers"
+calling = "*"                   # patterns: AE titles, station, series description, protocol
+called = "RONNAPLAN"
+station = "*"
+description = "*"
+protocol = "*"
+diameters = [11.5]              # mm; leave out to have one size found
+expected = 6                    # refuse unless so many are found; leave out for any number
+# template = "frame.json"
+answers = ["fiducials", "sr", "pdf", "sheet"]
+receivers = ["pacs"]
+"""
+"""What ``--init`` writes."""

@@ -1,0 +1,86 @@
+"""What the node must know of an instance before it takes it: read from the header, within the reader's limits."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from ronnaplan.ct import tags
+from ronnaplan.ct.files import DiskFile
+from ronnaplan.ct.header import read_header
+from ronnaplan.ct.limits import DEFAULT_LIMITS
+from ronnaplan.ct.values import text
+from ronnaplan.errors import InputError
+from ronnaplan.text import printable, whole_number
+
+UID: Final = re.compile(r"(?=.{1,64}$)[0-9]+(\.[0-9]+)*")
+"""A UID as it may become the name of a file."""
+
+_PREAMBLE: Final = 132
+_GROUP_LENGTH: Final = 12
+_BLOCK: Final = 1 << 20
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Who an instance is, and what rules look at. ``sha256`` is that of its data set, without the file's meta part."""
+
+    sop_uid: str
+    sop_class: str
+    study_uid: str
+    series_uid: str
+    syntax: str
+    modality: str
+    description: str
+    station: str
+    protocol: str
+    patient_name: str
+    expected: int | None
+    """Instances that the header says the series has."""
+    sha256: str
+    size: int
+
+
+def read_facts(path: Path) -> Facts:
+    """Read a file that the node wrote down as it was received; raises `InputError` for what is no DICOM instance."""
+    size = path.stat().st_size
+    header = read_header(DiskFile(str(path), size), DEFAULT_LIMITS)
+    elements = header.elements
+    uids = {}
+    for name, tag in (
+        ("SOP instance", tags.SOP_INSTANCE_UID),
+        ("study", tags.STUDY_INSTANCE_UID),
+        ("series", tags.SERIES_INSTANCE_UID),
+    ):
+        uids[name] = text(elements, tag)
+        if UID.fullmatch(uids[name]) is None:
+            raise InputError(f"its {name} UID is '{printable(uids[name], 80)}'; expected digits and points")
+    return Facts(
+        sop_uid=uids["SOP instance"],
+        sop_class=text(elements, tags.SOP_CLASS_UID),
+        study_uid=uids["study"],
+        series_uid=uids["series"],
+        syntax=header.transfer_syntax,
+        modality=text(elements, tags.MODALITY),
+        description=text(elements, tags.SERIES_DESCRIPTION),
+        station=text(elements, tags.STATION_NAME),
+        protocol=text(elements, tags.PROTOCOL_NAME),
+        patient_name=text(elements, tags.PATIENT_NAME),
+        expected=whole_number(text(elements, tags.NUMBER_OF_SERIES_RELATED_INSTANCES)),
+        sha256=_hash(path),
+        size=size,
+    )
+
+
+def _hash(path: Path) -> str:
+    """Return the SHA-256 of what follows the meta part, whose content is each sender's own."""
+    digest = hashlib.sha256()
+    with path.open("rb") as stream:
+        start = stream.read(_PREAMBLE + _GROUP_LENGTH)
+        stream.seek(len(start) + int.from_bytes(start[-4:], "little"))
+        while block := stream.read(_BLOCK):
+            digest.update(block)
+    return digest.hexdigest()

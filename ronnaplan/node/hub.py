@@ -1,0 +1,76 @@
+"""The node itself: keeps its receiver running, notices complete series, has them worked on and answered."""
+
+from __future__ import annotations
+
+import threading
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+from ronnaplan.documents.files import make_folder
+from ronnaplan.errors import InputError
+from ronnaplan.node.audit import Audit
+from ronnaplan.node.config import Config, read_config
+from ronnaplan.node.index import Index
+from ronnaplan.node.logs import Log
+from ronnaplan.node.processes import Child
+from ronnaplan.node.series import SeriesWatch
+
+LOCK = "node.lock"
+TICK_S = 0.2
+RESTART_S = 1.0
+"""Wait before a receiver that ended is started again."""
+
+
+def run_node(config_path: Path, stop: threading.Event, log: Log) -> None:
+    """Run the node until ``stop`` is set; raises `InputError` where another one has its folder."""
+    from filelock import FileLock, Timeout
+
+    config = read_config(config_path)
+    make_folder(config.data)
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(FileLock(config.data / LOCK, timeout=0))
+        except Timeout as error:
+            raise InputError(
+                f"another node keeps its data in {config.data}; end it, or name another folder"
+            ) from error
+        index = stack.enter_context(Index(config.data))
+        audit = Audit(config.data, config.audit, config.titles[0])
+        audit.application(started=True)
+        stack.callback(audit.application, started=False)
+        hub = Hub(config_path, config, index, log)
+        stack.callback(hub.close)
+        log.tell("started", titles=list(config.titles), folder=str(config.data))
+        while not stop.wait(TICK_S):
+            hub.tick(time.time())
+    log.tell("stopped")
+
+
+class Hub:
+    """What one pass of the node does; time comes from outside, so that hours can be played in seconds."""
+
+    def __init__(self, config_path: Path, config: Config, index: Index, log: Log) -> None:
+        self._path, self._data, self._log = config_path, config.data, log
+        self._series = SeriesWatch(config, index, log)
+        self._receiver: Child | None = None
+        self._receiver_due = 0.0
+
+    def tick(self, now: float) -> None:
+        """Do what is due at ``now`` (seconds since 1970)."""
+        self._keep_receiver(now)
+        self._series.tick(now)
+
+    def close(self) -> None:
+        """End what runs."""
+        if self._receiver is not None:
+            self._receiver.end()
+
+    def _keep_receiver(self, now: float) -> None:
+        if self._receiver is not None and self._receiver.status is not None:
+            self._log.tell("receiver ended", status=self._receiver.status)
+            self._receiver.end()
+            self._receiver, self._receiver_due = None, now + RESTART_S
+        if self._receiver is None and now >= self._receiver_due:
+            self._receiver = Child("ronnaplan.node.receiver", [str(self._path)], self._log.relay)
+            (self._data / "receiver.pid").write_text(f"{self._receiver.pid}\n")

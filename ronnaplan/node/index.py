@@ -1,0 +1,176 @@
+"""The index: what was received, what is to be done with it, what goes where. SQLite with a write-ahead log.
+
+A transaction is on the disk when it ends (``synchronous = FULL``). Every process of the node opens its own connection.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+from ronnaplan.node.facts import Facts
+
+FILE = "index.sqlite"
+WAIT_S = 30.0
+"""How long a writer waits for another one's transaction."""
+
+SCHEMA = """
+CREATE TABLE IF NOT EXISTS series (
+    id INTEGER PRIMARY KEY,
+    study_uid TEXT NOT NULL, series_uid TEXT NOT NULL,
+    modality TEXT NOT NULL, description TEXT NOT NULL, station TEXT NOT NULL, protocol TEXT NOT NULL,
+    calling TEXT NOT NULL, called TEXT NOT NULL,
+    begun REAL NOT NULL,                    -- times in seconds since 1970
+    received REAL NOT NULL,                 -- the newest instance
+    instances INTEGER NOT NULL DEFAULT 0, bytes INTEGER NOT NULL DEFAULT 0,
+    expected INTEGER,                       -- instances that it has as far as anybody said
+    revision INTEGER NOT NULL DEFAULT 0,    -- grows with every instance
+    complete INTEGER NOT NULL DEFAULT 0,    -- the revision that was found complete
+    UNIQUE (study_uid, series_uid)
+);
+CREATE TABLE IF NOT EXISTS instances (
+    sop_uid TEXT PRIMARY KEY, series INTEGER NOT NULL REFERENCES series (id) ON DELETE CASCADE,
+    sop_class TEXT NOT NULL, path TEXT NOT NULL, sha256 TEXT NOT NULL, bytes INTEGER NOT NULL, received REAL NOT NULL
+) WITHOUT ROWID;
+CREATE INDEX IF NOT EXISTS instances_of_series ON instances (series);
+CREATE TABLE IF NOT EXISTS aside (
+    path TEXT PRIMARY KEY, sop_uid TEXT NOT NULL, calling TEXT NOT NULL, received REAL NOT NULL
+) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS jobs (
+    id INTEGER PRIMARY KEY, series INTEGER NOT NULL REFERENCES series (id) ON DELETE CASCADE,
+    revision INTEGER NOT NULL, rule TEXT NOT NULL,
+    state TEXT NOT NULL, attempts INTEGER NOT NULL DEFAULT 0, due REAL NOT NULL, reason TEXT NOT NULL DEFAULT '',
+    completed REAL NOT NULL, ended REAL,
+    UNIQUE (series, revision)
+);
+CREATE TABLE IF NOT EXISTS answers (
+    sop_uid TEXT PRIMARY KEY, job INTEGER NOT NULL REFERENCES jobs (id) ON DELETE CASCADE,
+    kind TEXT NOT NULL, sop_class TEXT NOT NULL, path TEXT NOT NULL, made REAL NOT NULL
+) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS deliveries (
+    answer TEXT NOT NULL REFERENCES answers (sop_uid) ON DELETE CASCADE, receiver TEXT NOT NULL,
+    state TEXT NOT NULL, attempts INTEGER NOT NULL DEFAULT 0, due REAL NOT NULL, reason TEXT NOT NULL DEFAULT '',
+    sent REAL,
+    PRIMARY KEY (answer, receiver)
+) WITHOUT ROWID;
+CREATE INDEX IF NOT EXISTS deliveries_by_state ON deliveries (state, due);
+"""
+
+Row = TypeVar("Row")
+
+
+@dataclass(frozen=True)
+class SeriesRow:
+    """A series as the index knows it."""
+
+    id: int
+    study_uid: str
+    series_uid: str
+    modality: str
+    description: str
+    station: str
+    protocol: str
+    calling: str
+    called: str
+    begun: float
+    received: float
+    instances: int
+    bytes: int
+    expected: int | None
+    revision: int
+    complete: int
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether nothing came after it was found complete."""
+        return self.complete == self.revision
+
+
+class Index:
+    """One connection to the index of the node that keeps its data in ``folder``; one thread at a time uses it."""
+
+    def __init__(self, folder: Path) -> None:
+        self._connection = sqlite3.connect(
+            folder / FILE, timeout=WAIT_S, isolation_level=None, check_same_thread=False
+        )
+        self._connection.execute("PRAGMA journal_mode = WAL")
+        self._connection.execute("PRAGMA synchronous = FULL")
+        self._connection.execute("PRAGMA foreign_keys = ON")
+        self._connection.executescript(SCHEMA)
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._connection.close()
+
+    def __enter__(self) -> Index:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @contextmanager
+    def transaction(self) -> Iterator[None]:
+        """All that is done within is kept, on the disk, or none of it."""
+        self._connection.execute("BEGIN IMMEDIATE")
+        try:
+            yield
+        except BaseException:
+            self._connection.execute("ROLLBACK")
+            raise
+        self._connection.execute("COMMIT")
+
+    def run(self, sql: str, *values: Any) -> int:
+        """Execute a statement; returns how many rows it changed."""
+        with closing(self._connection.execute(sql, values)) as cursor:
+            return cursor.rowcount
+
+    def rows(self, sql: str, *values: Any) -> list[tuple[Any, ...]]:
+        """Return all rows of a query."""
+        with closing(self._connection.execute(sql, values)) as cursor:
+            return cursor.fetchall()
+
+    def records(self, kind: type[Row], rest: str, *values: Any) -> list[Row]:
+        """Return rows as records of ``kind``, whose fields are the columns; ``rest`` begins with FROM."""
+        columns = ", ".join(one.name for one in fields(kind))  # type: ignore[arg-type]
+        return [kind(*row) for row in self.rows(f"SELECT {columns} {rest}", *values)]
+
+    def value(self, sql: str, *values: Any) -> Any:
+        """Return the first column of the first row; None without one."""
+        found = self.rows(sql, *values)
+        return found[0][0] if found else None
+
+    def known(self, sop_uids: Sequence[str]) -> dict[str, str]:
+        """Return the SHA-256 of those instances that there are."""
+        marks = ", ".join("?" * len(sop_uids))
+        return dict(self.rows(f"SELECT sop_uid, sha256 FROM instances WHERE sop_uid IN ({marks})", *sop_uids))
+
+    def add(self, facts: Facts, path: str, calling: str, called: str, now: float) -> None:
+        """Enter an instance, within a transaction; its series is made, or opened again, with it."""
+        self.run(
+            "INSERT INTO series (study_uid, series_uid, modality, description, station, protocol, calling, called,"
+            " begun, received) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT DO NOTHING",
+            *(facts.study_uid, facts.series_uid, facts.modality, facts.description, facts.station),
+            *(facts.protocol, calling, called, now, now),
+        )
+        self.run(
+            "UPDATE series SET received = ?, instances = instances + 1, bytes = bytes + ?, revision = revision + 1,"
+            " expected = COALESCE(?, expected) WHERE study_uid = ? AND series_uid = ?",
+            *(now, facts.size, facts.expected, facts.study_uid, facts.series_uid),
+        )
+        self.run(
+            "INSERT INTO instances SELECT ?, id, ?, ?, ?, ?, ? FROM series WHERE study_uid = ? AND series_uid = ?",
+            *(facts.sop_uid, facts.sop_class, path, facts.sha256, facts.size, now),
+            *(facts.study_uid, facts.series_uid),
+        )
+
+    def complete_series(self, now: float, quiet_s: float) -> list[SeriesRow]:
+        """Find what is complete and was not: as many instances as were announced, or nothing new for ``quiet_s``."""
+        return self.records(
+            SeriesRow,
+            "FROM series WHERE complete < revision AND (received <= ? OR instances >= expected)",
+            now - quiet_s,
+        )

@@ -1,0 +1,245 @@
+"""What peers talk to: verification and storage. Runs in a process of its own, so that no computation delays it.
+
+An instance is acknowledged when it is safe (`ronnaplan.node.store`), or refused with a status that makes its sender
+keep it.
+"""
+
+from __future__ import annotations
+
+import socket
+import sys
+import tempfile
+import threading
+from collections import defaultdict
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final, cast
+
+from pynetdicom import AE, _config, evt
+from pynetdicom.dimse_primitives import C_STORE
+from pynetdicom.sop_class import Verification  # type: ignore[attr-defined]
+
+from ronnaplan.ct.codecs import JPEG_LOSSLESS, PLUGINS
+from ronnaplan.ct.header import DEFLATED_LITTLE, EXPLICIT_BIG, EXPLICIT_LITTLE, IMPLICIT_LITTLE
+from ronnaplan.ct.slices import CT_IMAGE, ENHANCED_CT, LEGACY_ENHANCED_CT
+from ronnaplan.errors import InputError
+from ronnaplan.node.audit import Audit, Transfer
+from ronnaplan.node.config import ANY_ADDRESS, Config, read_config
+from ronnaplan.node.facts import read_facts
+from ronnaplan.node.logs import Log
+from ronnaplan.node.processes import end_with_parent
+from ronnaplan.node.store import MIB, Arrival, Status, Store
+from ronnaplan.node.tls import context
+from ronnaplan.node.transport import (
+    LARGEST_PDU,
+    PENDING_PER_ASSOCIATION,
+    Server,
+    give_up_waiting,
+    quieten,
+    received_bytes,
+)
+
+CLASSES: Final = {
+    CT_IMAGE: "CT Image",
+    ENHANCED_CT: "Enhanced CT Image",
+    LEGACY_ENHANCED_CT: "Legacy Converted Enhanced CT Image",
+    "1.2.840.10008.5.1.4.1.1.66.1": "Spatial Registration",
+    "1.2.840.10008.5.1.4.1.1.66.2": "Spatial Fiducials",
+    "1.2.840.10008.5.1.4.1.1.66.4": "Segmentation",
+    "1.2.840.10008.5.1.4.1.1.481.3": "RT Structure Set",
+}
+"""What is taken."""
+
+SYNTAXES: Final = (
+    *(EXPLICIT_LITTLE, IMPLICIT_LITTLE, DEFLATED_LITTLE, EXPLICIT_BIG),
+    *sorted({*PLUGINS, *JPEG_LOSSLESS}),
+)
+"""Transfer syntaxes, the preferred one first: those whose pixels are read here."""
+
+PERMANENT, BY_USER, UNKNOWN_CALLER, UNKNOWN_CALLED = 1, 1, 3, 7
+"""Codes of A-ASSOCIATE-RJ (PS3.8, 9.3.4)."""
+
+
+class Receiver:
+    """The node's storage provider, from `start` to `stop`."""
+
+    def __init__(self, config: Config, log: Log) -> None:
+        self.config, self._log = config, log
+        config.data.mkdir(parents=True, exist_ok=True)
+        self._store = Store(config.data, log, config.limits.least_free_mib, config.keep_days)
+        self._audit = Audit(config.data, config.audit, config.titles[0])
+        self._moved: dict[Any, dict[str, Transfer]] = defaultdict(dict)
+        self._server: Server | None = None
+        self._before: tuple[bool, str | None] = (False, None)
+
+    @property
+    def port(self) -> int:
+        """Where it listens, once started."""
+        if self._server is None:
+            raise InputError("the node does not listen; start it first")
+        return int(self._server.server_address[1])
+
+    def start(self) -> None:
+        """Listen; raises `InputError` where the port is taken or a certificate cannot be used."""
+        config = self.config
+        quieten()
+        # parts of an instance go to the disk as they come, whatever their number: into the folder where it will stay
+        self._before = _config.STORE_RECV_CHUNKED_DATASET, tempfile.tempdir
+        _config.STORE_RECV_CHUNKED_DATASET, tempfile.tempdir = True, str(self._store.incoming)
+        encrypted = context(config.tls, config.home, server=True) if config.tls else None
+        self._store.start()
+        try:
+            entity = self._entity()
+            self._server = Server(
+                entity,
+                (config.host, config.port),
+                config.titles[0],
+                entity.supported_contexts,
+                encrypted,
+                [
+                    (evt.EVT_REQUESTED, self._admit),
+                    (evt.EVT_C_STORE, self._take),
+                    (evt.EVT_CONN_CLOSE, self._gone),
+                ],
+                allowed=self._is_allowed,
+                refuse=lambda address, reason: log_refusal(self._log, address, reason),
+                most_connections=PENDING_PER_ASSOCIATION * config.limits.associations,
+                silent_s=config.limits.silent_s,
+                most_bytes=config.limits.largest_instance_mib * MIB,
+            )
+        except OSError as error:
+            raise InputError(
+                f"cannot listen on {config.host}:{config.port} ({error.strerror}); choose another port"
+            ) from error
+        self._log.tell("listening", host=config.host, port=self.port, tls=encrypted is not None)
+
+    def serve(self) -> None:
+        """Serve peers until `stop`."""
+        if self._server is not None:
+            self._server.serve_forever(poll_interval=0.1)
+
+    def stop(self) -> None:
+        """Let go of the port, finish what waits."""
+        if self._server is not None:
+            self._server.shutdown()
+        self._store.stop()
+        _config.STORE_RECV_CHUNKED_DATASET, tempfile.tempdir = self._before
+
+    def _entity(self) -> AE:
+        entity = AE(self.config.titles[0])
+        limits = self.config.limits
+        entity.maximum_pdu_size = LARGEST_PDU
+        entity.maximum_associations = limits.associations
+        entity.network_timeout = entity.acse_timeout = entity.dimse_timeout = limits.silent_s
+        entity.add_supported_context(Verification)
+        for sop_class in CLASSES:
+            entity.add_supported_context(sop_class, list(SYNTAXES))
+        return entity
+
+    def _is_allowed(self, address: str) -> bool:
+        return any(one.sends and is_at(one.host, address) for one in self.config.peer)
+
+    def _admit(self, event: evt.Event) -> None:
+        """Refuse who calls by another name, or is no known sender at this address."""
+        calling, called = _titles(event)
+        address = str(event.assoc.requestor.address)
+        known = any(one.sends and one.title == calling and is_at(one.host, address) for one in self.config.peer)
+        diagnostic, reason = 0, ""
+        if called not in self.config.titles:
+            diagnostic, reason = UNKNOWN_CALLED, f"no AE title here is {called}"
+        elif not known:
+            diagnostic, reason = UNKNOWN_CALLER, f"{calling} is no peer that may send from there"
+        if reason:
+            log_refusal(self._log, address, reason)
+            event.assoc.acse.send_reject(PERMANENT, BY_USER, diagnostic)
+            event.assoc.kill()
+
+    def _take(self, event: evt.Event) -> int:
+        request = cast(C_STORE, event.request)
+        path = event.dataset_path
+        received_bytes(event.assoc, begin_again=True)
+        calling, called = _titles(event)
+        status, reason = Status.NO_ROOM, f"less than {self.config.limits.least_free_mib} MiB are free on the disk"
+        sop_uid = str(request.AffectedSOPInstanceUID)
+        if self._store.has_room():
+            try:
+                facts = read_facts(path)
+            except (InputError, OSError) as error:
+                status, reason = Status.NOT_UNDERSTOOD, str(error)
+            else:
+                if (facts.sop_uid, facts.sop_class) == (sop_uid, request.AffectedSOPClassUID):
+                    arrival = Arrival(facts, path, calling, called)
+                    status = self._store.take(arrival)
+                    if status is Status.SUCCESS:
+                        self._note(event, arrival)
+                    return int(status)
+                status, reason = Status.NO_MATCH, f"it holds instance {facts.sop_uid} of {facts.sop_class}"
+        path.unlink(missing_ok=True)
+        self._log.tell("refused", status=f"{status:04X}", reason=reason, sop_instance=sop_uid, calling=calling)
+        return int(status)
+
+    def _note(self, event: evt.Event, arrival: Arrival) -> None:
+        facts = arrival.facts
+        moved = self._moved[event.assoc].setdefault(facts.study_uid, Transfer(facts.study_uid))
+        if not moved.hashes and self.config.names_in_logs:
+            self._log.tell("study", study=facts.study_uid, patient=facts.patient_name)
+        moved.add(facts.sop_class, facts.sha256)
+
+    def _gone(self, event: evt.Event) -> None:
+        """Remove a part of an instance that was never sent whole; tell what was received."""
+        message = event.assoc.dimse.message
+        if message is not None and isinstance(message._data_set_path, Path):
+            if message._data_set_file is not None:
+                message._data_set_file.close()
+            message._data_set_path.unlink(missing_ok=True)
+        if event.assoc.requestor.primitive is None:
+            give_up_waiting(event.assoc)
+        calling, called = _titles(event)
+        address = str(event.assoc.requestor.address)
+        if message is not None and received_bytes(event.assoc):
+            self._log.tell("cut off", calling=calling, reason="a message was begun and never sent whole")
+        for moved in self._moved.pop(event.assoc, {}).values():
+            self._log.tell(
+                "received", study=moved.study_uid, instances=len(moved.hashes), calling=calling, called=called
+            )
+            self._audit.transferred(moved, source=calling, destination=self.config.titles[0], peer_address=address)
+
+
+def is_at(host: str, address: str) -> bool:
+    """Whether ``host``, a name or an address, has ``address``."""
+    if host in (ANY_ADDRESS, address):
+        return True
+    with suppress(OSError):
+        return any(found[4][0] == address for found in socket.getaddrinfo(host, None))
+    return False
+
+
+def log_refusal(log: Log, address: str, reason: str) -> None:
+    """Tell of a connection or an association that was turned away."""
+    log.tell("refused association", address=address, reason=reason)
+
+
+def _titles(event: evt.Event) -> tuple[str, str]:
+    request = event.assoc.requestor.primitive
+    if request is None:
+        return "", ""
+    return str(request.calling_ae_title).strip(), str(request.called_ae_title).strip()
+
+
+def main(config_path: str) -> int:
+    """Receive until the parent process closes this one's standard input, or dies."""
+    log = Log(sys.stdout)
+    receiver = Receiver(read_config(config_path), log)
+    try:
+        receiver.start()
+    except InputError as error:
+        log.tell("cannot receive", reason=str(error))
+        return error.exit_status
+    threading.Thread(target=receiver.serve, name="serve", daemon=True).start()
+    end_with_parent()
+    receiver.stop()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1]))

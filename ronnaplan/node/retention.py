@@ -1,0 +1,50 @@
+"""What was kept long enough is removed: by the thread that takes instances, so that it removes none that just came."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+
+from ronnaplan.node.index import Index, SeriesRow
+from ronnaplan.node.logs import Log
+
+OLD = """
+FROM series WHERE received < ? AND complete = revision
+AND id NOT IN (SELECT series FROM jobs WHERE state IN ('waiting', 'running'))
+AND id NOT IN (SELECT series FROM jobs JOIN answers ON job = jobs.id JOIN deliveries ON answer = sop_uid
+               WHERE deliveries.state != 'sent')
+"""
+"""Series that nothing was added to since a time, and that owe nobody an answer."""
+
+
+def remove_old(folder: Path, index: Index, before: float, log: Log) -> None:
+    """Remove all that came before a time (seconds since 1970): series, their answers, what was kept aside.
+
+    Their rows go first: files without one are removed when the node starts.
+    """
+    with index.transaction():
+        old = index.records(SeriesRow, OLD, before)
+        files = [path for series in old for path in _files(index, series.id)]
+        files += [path for (path,) in index.rows("SELECT path FROM aside WHERE received < ?", before)]
+        for series in old:
+            index.run("DELETE FROM series WHERE id = ?", series.id)
+        index.run("DELETE FROM aside WHERE received < ?", before)
+    for path in files:
+        (folder / path).unlink(missing_ok=True)
+        with suppress(OSError):  # not empty
+            (folder / path).parent.rmdir()
+            (folder / path).parent.parent.rmdir()
+    for series in old:
+        log.tell("removed", study=series.study_uid, series=series.series_uid, reason="kept long enough")
+
+
+def _files(index: Index, series: int) -> list[str]:
+    return [
+        path
+        for (path,) in index.rows(
+            "SELECT path FROM instances WHERE series = ?"
+            " UNION ALL SELECT path FROM answers JOIN jobs ON job = jobs.id WHERE series = ?",
+            series,
+            series,
+        )
+    ]

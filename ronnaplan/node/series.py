@@ -1,0 +1,59 @@
+"""When a series is complete, and which rule it falls under."""
+
+from __future__ import annotations
+
+from fnmatch import fnmatchcase
+
+from ronnaplan.node.config import Config, Rule
+from ronnaplan.node.index import Index, SeriesRow
+from ronnaplan.node.logs import Log
+
+
+def rule_for(series: SeriesRow, rules: tuple[Rule, ...]) -> Rule | None:
+    """Return the first rule whose patterns all fit."""
+    for rule in rules:
+        pairs = (
+            (series.calling, rule.calling),
+            (series.called, rule.called),
+            (series.station, rule.station),
+            (series.description, rule.description),
+            (series.protocol, rule.protocol),
+            (series.modality, rule.modality),
+        )
+        if all(fnmatchcase(text.casefold(), pattern.casefold()) for text, pattern in pairs):
+            return rule
+    return None
+
+
+class SeriesWatch:
+    """Makes one job of every complete series, and another one when late slices opened it again."""
+
+    def __init__(self, config: Config, index: Index, log: Log) -> None:
+        self._config, self._index, self._log = config, index, log
+
+    def tick(self, now: float) -> None:
+        """Note what is complete at ``now`` (seconds since 1970)."""
+        for series in self._index.complete_series(now, self._config.quiet_s):
+            self._complete(series, now)
+
+    def _complete(self, series: SeriesRow, now: float) -> None:
+        rule = rule_for(series, self._config.rule)
+        with self._index.transaction():
+            # only as it was looked at: an instance that came meanwhile keeps it open
+            found = self._index.run(
+                "UPDATE series SET complete = revision WHERE id = ? AND revision = ?", series.id, series.revision
+            )
+            if found and rule is not None:
+                self._index.run(
+                    "INSERT INTO jobs (series, revision, rule, state, due, completed) VALUES (?, ?, ?, 'waiting', ?, ?)"
+                    " ON CONFLICT DO NOTHING",
+                    *(series.id, series.revision, rule.name, now, now),
+                )
+        if found:
+            self._log.tell(
+                "complete",
+                study=series.study_uid,
+                series=series.series_uid,
+                instances=series.instances,
+                rule=None if rule is None else rule.name,
+            )

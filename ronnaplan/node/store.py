@@ -1,0 +1,212 @@
+"""Where received instances lie, and how they get there: on the disk and in the index before anybody is told so.
+
+An instance is written beside, synced, renamed, its folder synced, and entered in the index in a transaction that is
+synced, too. Instances that wait at one time (of several associations) share these steps: a group is acknowledged when
+all of it is safe.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import shutil
+import sqlite3
+import threading
+import time
+from concurrent.futures import Future
+from contextlib import suppress
+from dataclasses import dataclass, field
+from enum import IntEnum
+from pathlib import Path
+
+from ronnaplan.node.facts import Facts
+from ronnaplan.node.index import Index
+from ronnaplan.node.logs import Log
+from ronnaplan.node.retention import remove_old
+from ronnaplan.portable import replace, sync_folder
+
+INCOMING, INSTANCES, ASIDE = "incoming", "instances", "aside"
+LARGEST_GROUP = 64
+MIB = 1 << 20
+DAY_S = 86_400.0
+IDLE_S = 1.0
+RETENTION_S = 600.0
+"""How often it is looked for what may go."""
+
+
+class Status(IntEnum):
+    """What a sender of an instance is told (PS3.4, B.2.3; PS3.7, C.5)."""
+
+    SUCCESS = 0x0000
+    DUPLICATE = 0x0111
+    NO_ROOM = 0xA700
+    NO_MATCH = 0xA900
+    NOT_UNDERSTOOD = 0xC000
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """An instance that lies at ``path``, synced, in the folder for incoming ones, and who brought it."""
+
+    facts: Facts
+    path: Path
+    calling: str
+    called: str
+    answer: Future[Status] = field(default_factory=Future)
+
+
+class Store:
+    """The instances below ``folder``. One process at a time may take arrivals."""
+
+    def __init__(self, folder: Path, log: Log, least_free_mib: int = 0, keep_days: float = 30.0) -> None:
+        self.folder, self._log, self._least_free = folder, log, least_free_mib * MIB
+        self._keep_s, self._retention_due = keep_days * DAY_S, 0.0
+        for name in (INCOMING, INSTANCES, ASIDE):
+            (folder / name).mkdir(parents=True, exist_ok=True)
+        sync_folder(folder)
+        self._waiting: queue.SimpleQueue[Arrival | None] = queue.SimpleQueue()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def incoming(self) -> Path:
+        """Where instances are written while they arrive."""
+        return self.folder / INCOMING
+
+    def has_room(self) -> bool:
+        """Whether the disk has more than the least free space."""
+        return shutil.disk_usage(self.folder).free > self._least_free
+
+    def start(self) -> None:
+        """Clear what a killed node left, then take arrivals in a thread of their own."""
+        self._clear_unacknowledged()
+        self._thread = threading.Thread(target=self._take_groups, name="store", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Finish what waits."""
+        self._waiting.put(None)
+        if self._thread is not None:
+            self._thread.join()
+
+    def take(self, arrival: Arrival) -> Status:
+        """Wait until ``arrival`` is safe, or refused."""
+        try:
+            sync_file(arrival.path)
+        except OSError as error:
+            return self._refused([arrival], error)
+        self._waiting.put(arrival)
+        return arrival.answer.result()
+
+    def _take_groups(self) -> None:
+        with Index(self.folder) as index:
+            while True:
+                group: list[Arrival | None] = []
+                with suppress(queue.Empty):
+                    group.append(self._waiting.get(timeout=IDLE_S))
+                    while len(group) < LARGEST_GROUP:
+                        group.append(self._waiting.get_nowait())
+                arrivals = [one for one in group if one is not None]
+                try:
+                    told = self._take_group(index, arrivals)
+                except (
+                    Exception
+                ) as error:  # a full disk, a locked or damaged index: told to every sender of the group
+                    told = [self._refused([one], error) for one in arrivals]
+                for arrival, status in zip(arrivals, told, strict=True):
+                    arrival.path.unlink(missing_ok=True)
+                    arrival.answer.set_result(status)
+                if len(arrivals) < len(group):
+                    return
+                self._remove_old(index, time.time())
+
+    def _remove_old(self, index: Index, now: float) -> None:
+        if now >= self._retention_due:
+            self._retention_due = now + RETENTION_S
+            try:
+                remove_old(self.folder, index, now - self._keep_s, self._log)
+            except (OSError, sqlite3.Error) as error:  # tried again
+                self._log.tell("not removed", reason=str(error))
+
+    def _take_group(self, index: Index, arrivals: list[Arrival]) -> list[Status]:
+        """Make a group safe; returns what each sender is told."""
+        known = index.known([one.facts.sop_uid for one in arrivals])
+        told, moves, entries = [], [], []
+        for one in arrivals:
+            sop_uid, sha256 = one.facts.sop_uid, one.facts.sha256
+            is_new = sop_uid not in known
+            if is_new:
+                known[sop_uid] = sha256
+                entries.append((one, self._place(one.facts)))
+                moves.append((one.path, entries[-1][1]))
+            elif known[sop_uid] != sha256:
+                moves.append((one.path, self.folder / ASIDE / f"{sop_uid}.{sha256[:16]}.dcm"))
+            told.append(Status.SUCCESS if is_new or known[sop_uid] == sha256 else Status.DUPLICATE)
+        self._move(moves)
+        now = time.time()
+        with index.transaction():
+            for one, place in entries:
+                path = place.relative_to(self.folder).as_posix()
+                index.add(one.facts, path, one.calling, one.called, now)
+            for one, status in zip(arrivals, told, strict=True):
+                if status is Status.DUPLICATE:
+                    self._keep_aside(index, one, now)
+        return told
+
+    def _place(self, facts: Facts) -> Path:
+        return self.folder / INSTANCES / facts.study_uid / facts.series_uid / f"{facts.sop_uid}.dcm"
+
+    def _move(self, moves: list[tuple[Path, Path]]) -> None:
+        """Give files their names, and sync the folders of these."""
+        made: dict[Path, None] = {}
+        for _, target in moves:
+            folder = target.parent
+            if not folder.is_dir():
+                folder.mkdir(parents=True)
+                made |= dict.fromkeys((folder.parent.parent, folder.parent))
+            made[folder] = None
+        for source, target in moves:
+            replace(source, target)
+        for folder in made:
+            sync_folder(folder)
+
+    def _keep_aside(self, index: Index, one: Arrival, now: float) -> None:
+        name = f"{ASIDE}/{one.facts.sop_uid}.{one.facts.sha256[:16]}.dcm"
+        index.run(
+            "INSERT INTO aside VALUES (?, ?, ?, ?) ON CONFLICT DO NOTHING",
+            name,
+            one.facts.sop_uid,
+            one.calling,
+            now,
+        )
+        self._log.tell(
+            "kept aside",
+            reason="an instance of this UID and other content is there already",
+            sop_instance=one.facts.sop_uid,
+            calling=one.calling,
+            file=name,
+        )
+
+    def _refused(self, arrivals: list[Arrival], error: Exception) -> Status:
+        for one in arrivals:
+            one.path.unlink(missing_ok=True)
+            self._log.tell("refused", status="A700", reason=f"cannot be kept: {error}", calling=one.calling)
+        return Status.NO_ROOM
+
+    def _clear_unacknowledged(self) -> None:
+        """Remove files that are not in the index: their senders were told nothing, and will send them again."""
+        for path in self.incoming.iterdir():
+            path.unlink(missing_ok=True)
+        with Index(self.folder) as index:
+            known = {path for (path,) in index.rows("SELECT path FROM instances UNION SELECT path FROM aside")}
+        for path in [*(self.folder / INSTANCES).rglob("*.dcm"), *(self.folder / ASIDE).glob("*.dcm")]:
+            if path.relative_to(self.folder).as_posix() not in known:
+                path.unlink(missing_ok=True)
+
+
+def sync_file(path: Path) -> None:
+    """Wait until the content of ``path`` is on the disk."""
+    handle = os.open(path, os.O_RDWR)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,28 @@
+"""Encrypted associations: TLS 1.2 or later with forward secrecy, certificates of both sides (PS3.15, B.9 to B.12)."""
+
+from __future__ import annotations
+
+import ssl
+from pathlib import Path
+
+from ronnaplan.errors import InputError
+from ronnaplan.node.config import Tls
+
+CIPHERS = "ECDHE+AESGCM:ECDHE+CHACHA20:DHE+AESGCM"
+"""Of TLS 1.2; those of 1.3 are all good."""
+
+
+def context(tls: Tls, home: Path, *, server: bool) -> ssl.SSLContext:
+    """Return the context of one side; raises `InputError` for certificates that cannot be used."""
+    made = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER if server else ssl.PROTOCOL_TLS_CLIENT)
+    made.minimum_version = ssl.TLSVersion.TLSv1_2
+    made.set_ciphers(CIPHERS)
+    made.verify_mode = ssl.CERT_REQUIRED
+    try:
+        made.load_cert_chain(home / tls.certificate, home / tls.key)
+        made.load_verify_locations(home / tls.authorities)
+    except (OSError, ssl.SSLError) as error:
+        raise InputError(
+            f"the certificates of [tls] cannot be used ({error}); expected PEM files of certificate, key, authorities"
+        ) from error
+    return made

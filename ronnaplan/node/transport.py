@@ -1,0 +1,166 @@
+"""pynetdicom's server, made to last: bounded connections and messages, and no peer that others must wait for."""
+
+from __future__ import annotations
+
+import logging
+import socket
+import ssl
+import time
+from collections.abc import Callable
+from socketserver import BaseServer
+from typing import Any
+
+from pynetdicom import _config
+from pynetdicom.ae import ApplicationEntity
+from pynetdicom.association import Association
+from pynetdicom.events import EventHandlerType
+from pynetdicom.presentation import PresentationContext
+from pynetdicom.transport import AssociationSocket, RequestHandler, ThreadedAssociationServer
+
+LARGEST_PDU = 128 << 10
+"""Bytes of a P-DATA PDU, as offered to peers; dcmtk's largest."""
+LARGEST_REQUEST = 1 << 20
+"""Bytes of any other PDU: 128 presentation contexts take some tens of kilobytes."""
+PENDING_PER_ASSOCIATION = 2
+"""Connections open at one time for each association that may be: those above the limit are told so."""
+_BLOCK = 64 << 10
+
+
+def received_bytes(association: Association, *, begin_again: bool = False) -> int:
+    """Return how much came since the last whole message; count anew if asked to."""
+    connection = association.dul.socket
+    if not isinstance(connection, BoundedSocket):
+        return 0
+    count = connection.received
+    if begin_again:
+        connection.received = 0
+    return count
+
+
+def give_up_waiting(association: Association) -> None:
+    """Free the place of a connection that ended before it became an association: its thread waits for a request."""
+    association.dul.to_user_queue.put(None)  # type: ignore[arg-type]  # what a wait that ended in vain returns
+
+
+def quieten() -> None:
+    """Keep pynetdicom from writing messages of its own: they would hold what peers send."""
+    _config.LOG_HANDLER_LEVEL = "none"
+    logger = logging.getLogger("pynetdicom")
+    logger.addHandler(logging.NullHandler())
+    logger.propagate = False
+
+
+class BoundedSocket(AssociationSocket):
+    """Reads whole PDUs, of a bounded size, within a bounded time."""
+
+    silent_s: float
+    most_bytes: int
+    received: int = 0
+    """Bytes since the last whole message."""
+
+    def recv(self, nr_bytes: int) -> bytearray:
+        """Read ``nr_bytes``, fewer where the peer ends; raises OSError for too many or too slow ones."""
+        self.received += nr_bytes
+        if nr_bytes > LARGEST_REQUEST or self.received > self.most_bytes:
+            raise OSError("the peer sends more than it may")
+        content = bytearray(nr_bytes)
+        view, done, last = memoryview(content), 0, time.monotonic() + self.silent_s
+        connection = self.socket
+        while done < nr_bytes and connection is not None:
+            connection.settimeout(max(last - time.monotonic(), 0.01))
+            count = connection.recv_into(view[done : done + _BLOCK])
+            if count == 0:
+                break
+            done += count
+        view.release()
+        del content[done:]
+        return content
+
+
+class Handler(RequestHandler):
+    """Gives every association a `BoundedSocket`."""
+
+    server: Server
+
+    def _create_association(self) -> Association:
+        association = super()._create_association()
+        association.dul.event_queue.get_nowait()  # the first socket's "connected", which the second one tells, too
+        bounded = BoundedSocket(association, client_socket=self.request)
+        bounded.silent_s, bounded.most_bytes = self.server.silent_s, self.server.most_bytes
+        association.dul.socket = bounded
+        return association
+
+
+class Server(ThreadedAssociationServer):
+    """Takes connections from allowed addresses, so many at a time; none is waited for.
+
+    ``refuse`` is told the address and the reason of each that is turned away.
+    """
+
+    daemon_threads = True
+    request_queue_size = 128
+
+    def __init__(
+        self,
+        entity: ApplicationEntity,
+        address: tuple[str, int],
+        title: str,
+        contexts: list[PresentationContext],
+        encrypted: ssl.SSLContext | None = None,
+        evt_handlers: list[EventHandlerType] | None = None,
+        *,
+        allowed: Callable[[str], bool],
+        refuse: Callable[[str, str], None],
+        most_connections: int,
+        silent_s: float,
+        most_bytes: int,
+    ) -> None:
+        self._allowed, self._refuse, self._most = allowed, refuse, most_connections
+        self.silent_s, self.most_bytes = silent_s, most_bytes
+        self._begun: set[socket.socket] = set()  # connections that are no association yet
+        super().__init__(entity, address, title, contexts, encrypted, evt_handlers, request_handler=Handler)
+
+    def get_request(self) -> tuple[socket.socket, tuple[str, int]]:
+        """Accept a connection; TLS is spoken later, in a thread of its own."""
+        if self.socket is None:
+            raise OSError("the server is closed")
+        connection, address = self.socket.accept()
+        connection.settimeout(self.silent_s)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return connection, address
+
+    def verify_request(self, request: Any, client_address: Any) -> bool:
+        """Whether a connection is taken."""
+        reason = ""
+        if not self._allowed(client_address[0]):
+            reason = "no peer that may send has this address"
+        elif len(self._begun) + len(self.active_associations) >= self._most:
+            reason = f"{self._most} connections are open"
+        if reason:
+            self._refuse(client_address[0], reason)
+        else:
+            self._begun.add(request)
+        return not reason
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Serve a connection."""
+        accepted = request
+        if self.ssl_context is not None:
+            try:
+                request = self.ssl_context.wrap_socket(request, server_side=True)
+            except (OSError, ssl.SSLError) as error:
+                self._refuse(client_address[0], f"TLS could not be agreed on: {error}")
+                self.shutdown_request(request)
+                self._begun.discard(accepted)
+                return
+        super().process_request_thread(request, client_address)
+        self._begun.discard(accepted)
+
+    def shutdown(self) -> None:
+        """Stop, and let go of the port."""
+        BaseServer.shutdown(self)  # pynetdicom's own expects a server that it started itself
+        self.server_close()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Say what went wrong with one connection in one line."""
+        self._refuse(client_address[0], "it could not be served")

@@ -1,0 +1,136 @@
+"""Real peers for the node: Debian's dcmtk and Orthanc on loopback, and a receiver to talk to."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import shutil
+import socket
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydicom.dataset import FileDataset
+
+from ronnaplan.node.config import Config
+from ronnaplan.node.index import Index
+from ronnaplan.node.logs import Log
+from ronnaplan.node.receiver import Receiver
+from ronnaplan.untrusted import checked
+
+SENDER: dict[str, Any] = {"name": "scanner", "title": "CT1", "host": "127.0.0.1", "sends": True}
+_ELSEWHERE = os.pathsep.join(
+    part for part in os.environ["PATH"].split(os.pathsep) if Path(part) != Path(sys.executable).parent
+)
+
+
+def program(name: str) -> str | None:
+    """Return the path of a program that is not pynetdicom's of the same name."""
+    return shutil.which(name, path=f"{_ELSEWHERE}{os.pathsep}/usr/sbin")
+
+
+def needs(*names: str) -> pytest.MarkDecorator:
+    """Skip a test where one of Debian's programs is missing."""
+    missing = [name for name in names if program(name) is None]
+    return pytest.mark.skipif(bool(missing), reason=f"{', '.join(missing)} not installed (see .ci/run)")
+
+
+def configuration(home: Path, **given: Any) -> Config:
+    """Return a checked configuration with one scanner that may send."""
+    content = {"port": 0, "page_port": None, "peer": [SENDER], "limits": {"least_free_mib": 1}, **given}
+    return checked(content, Config).model_copy(update={"home": home})
+
+
+class Listening:
+    """A receiver that serves, and what it said."""
+
+    def __init__(self, config: Config) -> None:
+        self.said = io.StringIO()
+        self.log = Log(self.said)
+        self.receiver = Receiver(config, self.log)
+        self.receiver.start()
+        self.folder, self.port = config.data, self.receiver.port
+        self._thread = threading.Thread(target=self.receiver.serve)
+        self._thread.start()
+
+    def stop(self) -> None:
+        self.receiver.stop()
+        self._thread.join()
+
+    def events(self, kind: str) -> list[dict[str, Any]]:
+        lines = [json.loads(line) for line in self.said.getvalue().splitlines()]
+        return [line for line in lines if line["event"] == kind]
+
+    def rows(self, sql: str) -> list[tuple[Any, ...]]:
+        with Index(self.folder) as index:
+            return index.rows(sql)
+
+    def files(self, folder: str = "instances") -> list[Path]:
+        return sorted((self.folder / folder).rglob("*.dcm"))
+
+
+@contextmanager
+def listening(home: Path, **given: Any) -> Iterator[Listening]:
+    node = Listening(configuration(home, **given))
+    try:
+        yield node
+    finally:
+        node.stop()
+
+
+def send(
+    port: int, *paths: Path, calling: str = "CT1", called: str = "RONNAPLAN", options: Sequence[str] = ()
+) -> str:
+    """Send files with dcmtk's storescu; returns what it says."""
+    command = [str(program("storescu")), "-v", "-aet", calling, "-aec", called, *options]
+    done = subprocess.run(
+        [*command, "127.0.0.1", str(port), *map(str, paths)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    return done.stdout + done.stderr
+
+
+def save(made: FileDataset, path: Path) -> Path:
+    made.save_as(path, enforce_file_format=True)
+    return path
+
+
+def until(condition: Callable[[], object], seconds: float = 20.0) -> None:
+    """Wait for a condition; fails the test where it does not come true."""
+    last = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < last, "it did not happen in time"
+        time.sleep(0.02)
+
+
+def free_port() -> int:
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return int(found.getsockname()[1])
+
+
+def association_request(calling: str = "CT1", called: str = "RONNAPLAN") -> bytes:
+    """Return an A-ASSOCIATE-RQ for verification, written from PS3.8, 9.3.2 and PS3.7, annex D."""
+
+    def item(kind: int, content: bytes) -> bytes:
+        return struct.pack(">BBH", kind, 0, len(content)) + content
+
+    context = (
+        struct.pack(">BBBB", 1, 0, 0, 0) + item(0x30, b"1.2.840.10008.1.1") + item(0x40, b"1.2.840.10008.1.2")
+    )
+    user = item(0x51, struct.pack(">L", 16384)) + item(0x52, b"1.2.3.4")
+    variable = item(0x10, b"1.2.840.10008.3.1.1.1") + item(0x20, context) + item(0x50, user)
+    titles = called.encode().ljust(16) + calling.encode().ljust(16)
+    content = struct.pack(">HH", 1, 0) + titles + bytes(32) + variable
+    return struct.pack(">BBL", 1, 0, len(content)) + content

@@ -1,0 +1,45 @@
+"""node.toml is read to the letter, and the example that --init writes is one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from ronnaplan.cli import main
+from ronnaplan.errors import InputError
+from ronnaplan.node.config import read_config
+
+
+def test_the_example_is_a_configuration_that_listens_on_this_machine_only(tmp_path: Path) -> None:
+    path = tmp_path / "node.toml"
+    assert main(["node", "--config", str(path), "--init"]) == 0
+    config = read_config(path)
+    assert config.host == "127.0.0.1"
+    assert config.rule[0].receivers == ("pacs",)
+    assert config.data == tmp_path / "node-data"
+    assert main(["node", "--config", str(path), "--init"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("port = '11112'", "port"),
+        ("port = 70000", "port"),
+        ("prot = 1", "prot: no field"),
+        ("home = '/'", "home: no field"),
+        ("titles = []", "at least one AE title"),
+        ("titles = ['a\\\\b']", "is no AE title"),
+        ("[[rule]]\nname = 'a'\nreceivers = ['pacs']", "no peer"),
+        ("[[peer]]\nname = 'a'\n[[peer]]\nname = 'a'", "same name"),
+        ("[[peer]]\nname = 'a'\ntls = true", "asks for TLS"),
+        ("[[peer]]\nname = 'a'\nurl = 'ftp://x'", "http"),
+        ("port = 2020-01-01", "not a node's configuration"),
+        ("port = ", "not a node's configuration"),
+    ],
+)
+def test_what_a_configuration_cannot_say_is_refused_by_name(text: str, says: str, tmp_path: Path) -> None:
+    path = tmp_path / "node.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=says):
+        read_config(path)

@@ -1,0 +1,130 @@
+"""A series is complete when it should be, opened again by late slices, worked on once each time, and goes in time."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ronnaplan.node.config import Rule
+from ronnaplan.node.facts import Facts
+from ronnaplan.node.index import Index, SeriesRow
+from ronnaplan.node.logs import Log
+from ronnaplan.node.retention import remove_old
+from ronnaplan.node.series import SeriesWatch, rule_for
+from tests.node.peers import configuration
+
+RULE = {"name": "all", "diameters": [11.5]}
+
+
+def facts(number: int, **changes: Any) -> Facts:
+    given = {
+        **{
+            "sop_uid": f"1.2.{number}",
+            "sop_class": "1.2",
+            "study_uid": "1.3",
+            "series_uid": "1.4",
+            "syntax": "1.2",
+        },
+        **{"modality": "CT", "description": "Head 1 mm", "station": "CT-OR", "protocol": "Head", "size": 10},
+        **{"patient_name": "", "expected": None, "sha256": f"{number:064}"},
+    }
+    return Facts(**{**given, **changes})
+
+
+@pytest.fixture
+def index(tmp_path: Path) -> Iterator[Index]:
+    with Index(tmp_path) as found:
+        yield found
+
+
+def watch(index: Index, tmp_path: Path, **given: Any) -> SeriesWatch:
+    return SeriesWatch(configuration(tmp_path, rule=[RULE], quiet_s=10.0, **given), index, Log(io.StringIO()))
+
+
+def add(index: Index, number: int, now: float, **changes: Any) -> None:
+    with index.transaction():
+        index.add(facts(number, **changes), f"instances/1.3/1.4/1.2.{number}.dcm", "CT1", "RONNAPLAN", now)
+
+
+def jobs(index: Index) -> list[tuple[Any, ...]]:
+    return index.rows("SELECT revision, state FROM jobs ORDER BY id")
+
+
+def test_a_quiet_time_completes_a_series_once_and_late_slices_open_it_again(index: Index, tmp_path: Path) -> None:
+    watched = watch(index, tmp_path)
+    for number in range(3):
+        add(index, number, 100.0 + 8 * number)
+        watched.tick(105.0 + 8 * number)
+        assert jobs(index) == []
+    watched.tick(126.1)
+    watched.tick(140.0)
+    assert jobs(index) == [(3, "waiting")]
+    add(index, 3, 150.0)
+    watched.tick(159.0)
+    assert jobs(index) == [(3, "waiting")]
+    watched.tick(160.1)
+    assert jobs(index) == [(3, "waiting"), (4, "waiting")]
+
+
+def test_a_series_whose_number_of_instances_is_known_waits_for_no_quiet_time(index: Index, tmp_path: Path) -> None:
+    watched = watch(index, tmp_path)
+    add(index, 0, 100.0, expected=2)
+    watched.tick(100.1)
+    assert jobs(index) == []
+    add(index, 1, 100.2, expected=2)
+    watched.tick(100.3)
+    assert jobs(index) == [(2, "waiting")]
+
+
+def test_a_series_that_no_rule_fits_is_complete_without_a_job(index: Index, tmp_path: Path) -> None:
+    watched = watch(index, tmp_path)
+    add(index, 0, 100.0, modality="SEG")
+    watched.tick(120.0)
+    assert jobs(index) == []
+    (series,) = index.records(SeriesRow, "FROM series")
+    assert series.is_complete
+
+
+@pytest.mark.parametrize(
+    ("pattern", "fits"),
+    [
+        *[({}, True), ({"station": "ct-*"}, True), ({"description": "*Head*", "protocol": "H?ad"}, True)],
+        *[({"called": "OTHER"}, False), ({"calling": "CT2"}, False), ({"modality": "MR"}, False)],
+    ],
+)
+def test_rules_fit_by_patterns_in_any_case(index: Index, pattern: dict[str, str], fits: bool) -> None:
+    add(index, 0, 100.0)
+    (series,) = index.records(SeriesRow, "FROM series")
+    assert (rule_for(series, (Rule(name="x", **pattern),)) is not None) is fits  # type: ignore[arg-type]
+
+
+def test_what_was_kept_long_enough_goes_but_nothing_that_owes_an_answer(index: Index, tmp_path: Path) -> None:
+    files = []
+    for number, state in enumerate(("waiting", "done", "done", "done")):
+        uid = f"1.4.{number}"
+        path = tmp_path / "instances" / "1.3" / uid / f"1.2.{number}.dcm"
+        path.parent.mkdir(parents=True)
+        path.write_bytes(b"x")
+        files.append(path)
+        when = 100.0 if number < 3 else 300.0
+        with index.transaction():
+            index.add(facts(number, series_uid=uid), path.relative_to(tmp_path).as_posix(), "A", "B", when)
+            index.run("UPDATE series SET complete = revision")
+            index.run(
+                "INSERT INTO jobs (series, revision, rule, state, due, completed) VALUES (?, 1, 'r', ?, 0, 0)",
+                number + 1,
+                state,
+            )
+    index.run("INSERT INTO answers VALUES ('1.9', 2, 'sr', '1.2', 'answers/1.9.dcm', 0)")
+    index.run("INSERT INTO deliveries (answer, receiver, state, due) VALUES ('1.9', 'pacs', 'waiting', 0)")
+    remove_old(tmp_path, index, 200.0, Log(io.StringIO()))
+    assert [path.exists() for path in files] == [True, True, False, True]
+    index.run("UPDATE deliveries SET state = 'sent'")
+    remove_old(tmp_path, index, 200.0, Log(io.StringIO()))
+    assert [path.exists() for path in files] == [True, False, False, True]
+    assert not files[1].parent.exists()
+    assert index.rows("SELECT count(*) FROM answers") == [(0,)]
