@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 MOST_TOLD = 40
 """Markers, and kinds of flagged readings, that are told one by one."""
 
+MOST_JUDGED = 5000
+"""Frames that are looked at for movement: four minutes at 20 Hz; of more, every so many, the last among them."""
+
 HELP = "Record marker and tool readings from an OpenIGTLink server into a readings CSV."
 
 
@@ -73,9 +76,12 @@ def movement(recording: Recording, registered: RegistrationDocument) -> str:
     from ronnaplan.tracking.frames import labelled_frames
 
     frames = labelled_frames(recording, registered.readings)
-    drifts = drift_over_time(registered.readings, [points for _, points in frames])
+    every = 1 + len(frames) // MOST_JUDGED
+    drifts = drift_over_time(registered.readings, [points for _, points in frames[::-1][::every][::-1]])
     counts = {status: sum(drift.status is status for drift in drifts) for status in DriftStatus}
     lines = [f"{count} of {len(drifts)} frames: {status}" for status, count in counts.items() if count]
+    if every > 1:
+        lines.append(f"every {every}th of {len(frames)} frames was looked at")
     moved = [drift for drift in drifts if drift.status in (DriftStatus.PATIENT_MOVED, DriftStatus.MARKER_MOVED)]
     if moved:
         last = moved[-1]

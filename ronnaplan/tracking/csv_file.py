@@ -27,6 +27,7 @@ from ronnaplan.tracking.tables import (
     plain_text,
     read_rows,
     require_table,
+    stated_status,
     unescaped,
 )
 
@@ -37,7 +38,9 @@ COLUMNS = (
     *("kind", "frame", "time_s", "label", "x", "y", "z", "q0", "qx", "qy", "qz"),
     *("sigma", "error_mm", "status"),
 )
+SYSTEM_COLUMNS = ("coordinate_system", "coordinates")
 LONGEST_FRAME_NAME = 64
+MOST_SHOWN = 5
 
 
 def read_csv(path: Path) -> Recording:
@@ -56,6 +59,11 @@ def read_csv(path: Path) -> Recording:
             f"{path} has columns {', '.join(header)} but no {', '.join(missing)}; expected x, y, z in mm"
         )
     require_table(path, header, rows)
+    unknown = [name for name in header if name.startswith("sigma") and name != "sigma"]
+    if unknown:
+        raise InputError(
+            f"{path} has columns {', '.join(unknown)}; expected one sigma, the same for each axis, in mm"
+        )
     cells = [dict(zip(header, row, strict=False)) for row in rows]
     frame = _coordinate_frame(path, cells, delimiter)
     poses = {_label(row) for row in cells if any(row.get(name, "").strip() for name in QUATERNION_NAMES)} - {""}
@@ -99,8 +107,9 @@ def _reading(path: Path, row: Mapping[str, str], delimiter: str, poses: Set[str]
 
     position = np.array([value(axis) for axis in "xyz"])
     label = _label(row)
-    status = unescaped(row.get("status", "").strip()).lower() or OK
-    index = frame_number(path, number(row.get("frame", ""), delimiter), 0)
+    status = stated_status(row)
+    cell = row.get("frame", "")
+    index = 0 if number(cell, delimiter) is None else frame_number(path, cell, delimiter, 0)
     kind = row.get("kind", "").strip().lower()
     if kind not in ("", *KINDS):
         raise InputError(f"{path} has a row of the kind '{kind}'; expected {' or '.join(KINDS)}")
@@ -112,9 +121,14 @@ def _reading(path: Path, row: Mapping[str, str], delimiter: str, poses: Set[str]
         return ToolReading(index, label, matrix, value("time"), error_mm, status)
     if status == OK and not np.isfinite(position).all():
         status = "no position"
-    sigma = number(row.get("sigma", ""), delimiter)
-    if status == OK and sigma is not None and not SMALLEST_SIGMA_MM <= sigma < LARGEST_SIGMA_MM:
-        status = f"sigma is {sigma:g} mm"
+    written = row.get("sigma", "").strip()
+    sigma = number(written, delimiter)
+    if (
+        status == OK
+        and written.lower() not in MISSING
+        and not SMALLEST_SIGMA_MM <= (sigma or 0.0) < LARGEST_SIGMA_MM
+    ):
+        status = f"sigma is '{printable(written, 40)}' mm"
     return PointReading(index, position, label, value("time"), sigma, status)
 
 
@@ -124,17 +138,24 @@ def _label(row: Mapping[str, str]) -> str:
 
 def _coordinate_frame(path: Path, cells: list[dict[str, str]], delimiter: str) -> Frame:
     texts = {row["frame"].strip() for row in cells if "frame" in row}
-    named = {text for text in texts if text.lower() not in MISSING and number(text, delimiter) is None}
-    if len(named) > 1:
-        raise FrameMismatchError(
-            f"{path} mixes readings of the frames {', '.join(sorted(named))}; expected one frame"
-        )
+    told = {text for text in texts if text.lower() not in MISSING}
+    named = {text for text in told if number(text, delimiter) is None}
+    mixed = named if len(named) > 1 else told if named and told - named else set()
+    mixed = mixed or _more_than_one({row.get(name, "").strip() for row in cells for name in SYSTEM_COLUMNS})
+    if mixed:
+        shown = ", ".join(printable(name, LONGEST_FRAME_NAME) for name in sorted(mixed)[:MOST_SHOWN])
+        raise FrameMismatchError(f"{path} mixes readings of the frames {shown}; expected one frame")
     for name in named:
         if not (name[0].isalpha() and name.isprintable() and len(name) <= LONGEST_FRAME_NAME):
             raise InputError(
                 f"{path} has the frame '{printable(name, LONGEST_FRAME_NAME)}'; expected a whole number or a name"
             )
     return Frame(named.pop()) if named else OTS
+
+
+def _more_than_one(names: set[str]) -> set[str]:
+    told = names - {""}
+    return told if len(told) > 1 else set()
 
 
 def _cell(value: float | None) -> str:

@@ -7,13 +7,15 @@ gate; what fits none begins a track. Tracks seen in too few frames are rejected,
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import LARGEST_SIGMA_MM, FloatArray, Frame, Points
 from ronnaplan.sigmas import SIGMA_OTS_MM
 from ronnaplan.tracking.recording import PointReading, Recording
@@ -34,6 +36,8 @@ LOST_SHARE = 0.1
 """A marker unseen in this last share of the frames is lost."""
 MOST_MARKERS = 1000
 """No tracker sees more at once: a recording that names more does not name markers."""
+MOST_STRAYS = 200
+"""No tracker lists more unnamed readings in one frame; the time to follow them grows with their cube."""
 MOST_TRACKS = 20_000
 """An hour of frames, each with a reflection elsewhere, has fewer."""
 FAR = 1e6
@@ -124,13 +128,15 @@ def find_markers(recording: Recording, *, sigma_mm: float = SIGMA_OTS_MM) -> Mar
             seen = f"seen in {len({r.frame for r in track})} of {len(frames)} frames"
             rejected.append(RejectedTrack(middle, len(track), seen))
             continue
-        kept = _agreeing(np.array([r.position_mm for r in track]))
-        if not len(kept):
+        agreeing = _agreeing(np.array([r.position_mm for r in track]))
+        agree = [reading for reading, kept in zip(track, agreeing, strict=True) if kept]
+        reason = "no two of its coordinates agree" if not agree else _contradiction(agree)
+        if reason:
             middle = np.median([r.position_mm for r in track], axis=0)
-            rejected.append(RejectedTrack(middle, len(track), "no two of its coordinates agree"))
+            rejected.append(RejectedTrack(middle, len(track), reason))
             continue
         label = track[0].label or _unused_number(markers)
-        markers.append(_summarize(track, kept, label, frames, sigma_mm))
+        markers.append(_summarize(track, np.array([r.position_mm for r in agree]), label, frames, sigma_mm))
     return MarkerReadings(tuple(markers), tuple(rejected), len(frames), recording.frame)
 
 
@@ -142,47 +148,74 @@ def _unused_number(markers: list[Marker]) -> str:
 def _follow(readings: Sequence[PointReading]) -> list[list[PointReading]]:
     """Return the tracks of unlabelled ``readings``, frame by frame; raises `InputError` for too many of either."""
     tracks: list[list[PointReading]] = []
+    recent_mm = np.full((MOST_TRACKS, RECENT, 3), np.nan)
     last_mm = np.empty((MOST_TRACKS, 3))
     by_frame: dict[int, list[PointReading]] = {}
     for reading in readings:
         by_frame.setdefault(reading.frame, []).append(reading)
     for number in sorted(by_frame):
         current = by_frame[number]
-        if len(current) > MOST_MARKERS:
-            raise InputError(
-                f"frame {number} holds {len(current)} stray readings; expected {MOST_MARKERS} at most"
-            )
+        if len(current) > MOST_STRAYS:
+            raise InputError(f"frame {number} holds {len(current)} stray readings; expected {MOST_STRAYS} at most")
         taken = _assigned(np.array([r.position_mm for r in current]), last_mm[: len(tracks)])
+        places = [taken.get(i, -1) for i in range(len(current))]
         for i, reading in enumerate(current):
-            place = taken.get(i, len(tracks))
-            if place == MOST_TRACKS:
-                raise InputError(f"stray readings appear at more than {MOST_TRACKS} places; check the recording")
-            if place == len(tracks):
+            if places[i] < 0:
+                if len(tracks) == MOST_TRACKS:
+                    raise InputError(
+                        f"stray readings appear at more than {MOST_TRACKS} places; check the recording"
+                    )
+                places[i] = len(tracks)
                 tracks.append([])
-            tracks[place].append(reading)
-            last_mm[place] = np.median([r.position_mm for r in tracks[place][-RECENT:]], axis=0)
+            recent_mm[places[i], len(tracks[places[i]]) % RECENT] = reading.position_mm
+            tracks[places[i]].append(reading)
+        last_mm[places] = _medians(recent_mm[places])
     return tracks
+
+
+def _medians(recent_mm: FloatArray) -> FloatArray:
+    """Return the medians (N, 3) of ``recent_mm`` (N, `RECENT`, 3), NaN where there were fewer readings."""
+    ordered = np.sort(recent_mm, axis=1)  # NaN comes last
+    counts = np.isfinite(recent_mm[:, :, 0]).sum(axis=1)
+    rows = np.arange(len(ordered))
+    medians: FloatArray = 0.5 * (ordered[rows, (counts - 1) // 2] + ordered[rows, counts // 2])
+    return medians
 
 
 def _assigned(current_mm: FloatArray, last_mm: FloatArray) -> dict[int, int]:
     """Return {reading: track} at the least total distance, within `GATE_MM`."""
     from scipy.optimize import linear_sum_assignment
-    from scipy.spatial.distance import cdist
+    from scipy.spatial import KDTree
 
     if not len(last_mm):
         return {}
-    distance = cdist(current_mm, last_mm)
-    within = np.flatnonzero((distance <= GATE_MM).any(axis=0))
-    distance = distance[:, within]
-    pairs = zip(*linear_sum_assignment(np.where(distance > GATE_MM, FAR, distance)), strict=True)
-    return {int(i): int(within[j]) for i, j in pairs if distance[i, j] <= GATE_MM}
+    near = KDTree(current_mm).sparse_distance_matrix(KDTree(last_mm), GATE_MM, output_type="ndarray")
+    # most readings have one track within the gate, which has no other: no least sum is to be found for them
+    alone = (np.bincount(near["i"])[near["i"]] == 1) & (np.bincount(near["j"])[near["j"]] == 1)
+    found = dict(zip(near["i"][alone].tolist(), near["j"][alone].tolist(), strict=True))
+    rest = near[~alone]
+    rows, i = np.unique(rest["i"], return_inverse=True)
+    columns, j = np.unique(rest["j"], return_inverse=True)
+    cost = np.full((len(rows), len(columns)), FAR)
+    cost[i, j] = rest["v"]
+    pairs = zip(*linear_sum_assignment(cost), strict=True)
+    return found | {int(rows[i]): int(columns[j]) for i, j in pairs if cost[i, j] <= GATE_MM}
 
 
-def _agreeing(positions_mm: FloatArray) -> FloatArray:
-    """Return those of ``positions_mm`` (N, 3) that are no outliers on any axis; none where each is one on some axis."""
+def _agreeing(positions_mm: FloatArray) -> NDArray[np.bool_]:
+    """Return which of ``positions_mm`` (N, 3) are no outliers on any axis; none where each is one on some axis."""
     middle = np.median(positions_mm, axis=0)
     spread = np.maximum(1.4826 * np.median(np.abs(positions_mm - middle), axis=0), SMALLEST_SD_MM)
-    return positions_mm[(np.abs(positions_mm - middle) <= OUTLIER_SDS * spread).all(axis=1)]
+    return np.asarray((np.abs(positions_mm - middle) <= OUTLIER_SDS * spread).all(axis=1))
+
+
+def _contradiction(track: Sequence[PointReading]) -> str | None:
+    """Return in words that ``track`` is at several places in one frame, None where it is not."""
+    by_frame: dict[int, list[FloatArray]] = {}
+    for reading in track:
+        by_frame.setdefault(reading.frame, []).append(reading.position_mm)
+    spread = max((float(np.ptp(each, axis=0).max()) for each in by_frame.values() if len(each) > 1), default=0.0)
+    return f"its name stands at places {spread:.1f} mm apart in one frame" if spread > 2 * GATE_MM else None
 
 
 def _summarize(
@@ -218,6 +251,12 @@ def _flags(track: list[PointReading], kept: FloatArray, frames: list[int]) -> tu
 
 
 def _tool_origins(recording: Recording) -> list[PointReading]:
+    usable = {r.tool for r in recording.tools if r.usable}
+    systems = {name.rpartition("To")[2] for name in usable if re.fullmatch("[A-Z].*To[A-Z].*", name)}
+    if len(systems) > 1:
+        raise FrameMismatchError(
+            f"{recording.source} holds poses in the coordinates of {', '.join(sorted(systems))}; expected one of them"
+        )
     return [
         PointReading(r.frame, r.matrix[:3, 3], r.tool, r.time_s)
         for r in recording.tools

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ronnaplan.tracking.recording import Recording, rounding_notes, tool_reading
-from ronnaplan.tracking.tables import frame_number, number, read_rows, require_table
+from ronnaplan.tracking.tables import frame_number, number, read_rows, require_table, stated_status
 
 FIRSTS = (0, 1)
 """Rows and columns are counted from either; which one is told by the first column's name."""
@@ -39,8 +39,8 @@ def read_matrices(path: Path) -> Recording:
         times = [number(cells[name], delimiter) for name in SECONDS if name in cells]
         scale = next((SECONDS[name] for name in SECONDS if name in cells), 1.0)
         time_s = scale * times[0] if times and times[0] is not None else float("nan")
-        frame = frame_number(path, number(cells.get("frame", ""), delimiter), index)
-        reading, excess = tool_reading(frame, tool, matrix, time_s)
+        frame = frame_number(path, cells.get("frame", ""), delimiter, index)
+        reading, excess = tool_reading(frame, tool, matrix, time_s, stated_status(cells))
         tools.append(reading)
         excesses.append(excess)
     return Recording(str(path), tools=tuple(tools), notes=rounding_notes(excesses))

@@ -78,10 +78,8 @@ class _Row:
 
     @property
     def frame(self) -> int:
-        named = self.value(
-            next((k for k, name in enumerate(self.header) if name in ("frame", "frame_number")), -1)
-        )
-        return frame_number(self.path, named if np.isfinite(named) else None, self.index)
+        cell = self.text(next((k for k, name in enumerate(self.header) if name in ("frame", "frame_number")), -1))
+        return frame_number(self.path, cell, self.delimiter, self.index)
 
     @property
     def time_s(self) -> float:

@@ -144,7 +144,10 @@ def tool_reading(
         if matrix.size != 16:
             raise InputError(f"it has {matrix.size} numbers; expected 16")
         square = matrix.reshape(4, 4)
-        pose = as_pose(square, tolerance=ROTATION_TOLERANCE)
+        found = as_pose(square, tolerance=ROTATION_TOLERANCE)
+        if not _near(found[:3, 3]):
+            raise InputError(f"it is further away than {FARTHEST_MM:g} mm")
+        pose = found
         excess = orthonormality_excess(square[:3, :3])
     except InputError as error:
         if status == OK:

@@ -25,6 +25,7 @@ MOST_FIELDS = 1_000_000
 """Half an hour of ten tools at 20 Hz; more fields or bytes would take the memory."""
 PREFIX = "Seq_Frame"
 FIELD = re.compile(PREFIX + r"([0-9]{1,9})_([^\s=:]+)\s*:?=\s*(.*)")
+UNIT = re.compile(r"(?:DistanceUnits\s*=|space units\s*:)\s*(.+)", re.IGNORECASE)
 Fields = dict[tuple[int, str], str]
 
 
@@ -68,6 +69,8 @@ def _header(path: Path) -> Iterator[str]:
                 line = raw.decode("ascii", errors="replace").strip()
                 if line.startswith(PREFIX):
                     yield line
+                elif (unit := UNIT.match(line)) and set(re.findall(r"[^\s\"]+", unit[1])) != {"mm"}:
+                    raise InputError(f"{path} states lengths in {printable(unit[1], 80)}; expected mm")
                 if (not line) if is_nrrd else line.startswith("ElementDataFile"):
                     return
                 if not is_nrrd and "=" not in line:

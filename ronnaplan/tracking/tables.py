@@ -5,21 +5,32 @@ from __future__ import annotations
 import codecs
 import csv
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from ronnaplan.errors import InputError
 from ronnaplan.text import plain_number, printable
+from ronnaplan.tracking.recording import OK
 from ronnaplan.untrusted import read_whole
 
 DELIMITERS = (",", ";", "\t")
 MOST_TEXT_BYTES = 2**27
 MOST_ROWS = 500_000
 """Seven hours of a tracker's frames at 20 Hz; a file with more rows or bytes would take the memory."""
-LENGTHS = frozenset({"x", "y", "z", "tx", "ty", "tz", "sigma", "error", "entry", "target", "diameter", "length"})
+LENGTHS = frozenset(
+    {
+        *("x", "y", "z", "tx", "ty", "tz", "m03", "m13", "m23", "m14", "m24", "m34"),
+        *("sigma", "error", "entry", "target", "diameter", "length"),
+    }
+)
 """Columns that are lengths in mm, by the first word of their name."""
+MOST_FRAMES = 2**53
+"""Beyond, not every whole number is one of the numbers that a table holds."""
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "missing", "-"})
-UNIT_COLUMNS = ("unit", "units")
+UNIT_WORDS = frozenset({"unit", "units"})
+STATUS_COLUMNS = ("status", "state")
+TRUTH_COLUMNS = ("valid", "visible", "seen", "usable")
+FALSE = frozenset({"0", "false", "no", "n", "f"})
 FORMULA = ("=", "+", "-", "@", "\t", "\r", "'")
 """A spreadsheet takes a text that begins so for a formula, or swallows its first character."""
 
@@ -110,8 +121,8 @@ def _require_unit(path: Path, cell: str, name: str) -> None:
 
 
 def _require_mm(path: Path, header: list[str], rows: list[list[str]]) -> None:
-    """Raise `InputError` where a column says for its row that lengths are not in mm."""
-    for column in (k for k, name in enumerate(header) if name in UNIT_COLUMNS):
+    """Raise `InputError` where a column (``unit``, ``length_unit`` ...) says for its row that lengths are not in mm."""
+    for column in (k for k, name in enumerate(header) if UNIT_WORDS & set(name.split("_")) and "time" not in name):
         for place, row in enumerate(rows, start=1):
             stated = row[column].strip() if column < len(row) else ""
             if stated.lower() not in {*MISSING, "mm"}:
@@ -142,13 +153,25 @@ def number(cell: str, delimiter: str = ",") -> float | None:
     return plain_number(text if delimiter == "," else text.replace(",", "."))
 
 
-def frame_number(path: Path, value: float | None, otherwise: int) -> int:
+def frame_number(path: Path, cell: str, delimiter: str, otherwise: int) -> int:
     """Return a frame's number, ``otherwise`` where the row has none; raises `InputError` unless it is whole."""
-    if value is None:
+    if cell.strip().lower() in MISSING:
         return otherwise
-    if value != int(value):
-        raise InputError(f"{path} has the frame number {value:g}; expected whole numbers")
+    value = number(cell, delimiter)
+    if value is None or value != int(value) or abs(value) > MOST_FRAMES:
+        raise InputError(f"{path} has the frame number '{printable(cell.strip(), 40)}'; expected whole numbers")
     return int(value)
+
+
+def stated_status(row: Mapping[str, str]) -> str:
+    """Return what a row says of its reading: `OK` where it says nothing else.
+
+    >>> stated_status({"state": " Missing "}), stated_status({"valid": "0"}), stated_status({"x": "1"})
+    ('missing', 'not valid', 'ok')
+    """
+    said = [unescaped(row[name].strip()).lower() for name in STATUS_COLUMNS if row.get(name, "").strip()]
+    said += [f"not {name}" for name in TRUTH_COLUMNS if row.get(name, "").strip().lower() in FALSE]
+    return next((status for status in said if status != OK), OK)
 
 
 def plain_text(text: str) -> str:

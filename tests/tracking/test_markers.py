@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+import scipy.optimize
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.tracking import MarkerFlag, PointReading, Recording, ToolReading, find_markers, markers
 from ronnaplan.tracking.markers import GATE_MM, _assigned
 
@@ -91,11 +92,25 @@ def test_markers_touched_one_after_the_other_are_all_kept_by_their_labels() -> N
     assert find_markers(Recording("test", tuple(readings))).points.labels == tuple("ABCDE")
 
 
-def test_a_label_given_to_two_places_has_no_certain_position() -> None:
+def test_a_label_given_to_two_places_in_one_frame_is_no_marker() -> None:
     readings = [PointReading(0, TRUTH[0], "A"), PointReading(0, TRUTH[1], "A"), PointReading(0, TRUTH[2], "B")]
-    marker = find_markers(Recording("test", tuple(readings))).markers[0]
+    found = find_markers(Recording("test", tuple(readings)))
+    assert found.points.labels == ("B",)
+    assert "mm apart in one frame" in found.rejected[0].reason
+
+
+def test_a_label_at_two_places_in_two_frames_has_moved() -> None:
+    readings = [PointReading(k, TRUTH[k], "A") for k in range(2)]
+    (marker,) = find_markers(Recording("test", tuple(readings))).markers
     assert MarkerFlag.MOVED in marker.flags
     assert np.sqrt(np.trace(marker.covariance_mm2)) > 30
+
+
+def test_poses_in_several_coordinates_are_no_markers_of_one() -> None:
+    tools = tuple(ToolReading(0, name, np.eye(4)) for name in ("ProbeToTracker", "ImageToProbe"))
+    with pytest.raises(FrameMismatchError, match="coordinates of Probe, Tracker"):
+        find_markers(Recording("test", (), tools))
+    assert len(find_markers(Recording("test", (), tools[:1])).markers) == 1
 
 
 def test_a_faster_stream_of_tools_does_not_make_markers_rare() -> None:
@@ -148,8 +163,8 @@ def test_labels_are_compared_as_often_as_there_are_readings() -> None:
 
 
 def test_readings_too_many_to_be_followed_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    many = [PointReading(frame, np.array([50.0 * k, 0, 0])) for frame in (0, 1) for k in range(1001)]
-    with pytest.raises(InputError, match="frame 0 holds 1001 stray readings"):
+    many = [PointReading(frame, np.array([50.0 * k, 0, 0])) for frame in (0, 1) for k in range(201)]
+    with pytest.raises(InputError, match="frame 0 holds 201 stray readings"):
         find_markers(Recording("test", tuple(many)))
     monkeypatch.setattr(markers, "MOST_TRACKS", 100)
     jumping = [PointReading(frame, np.array([50.0 * frame, 0, 0])) for frame in range(101)]
@@ -169,6 +184,19 @@ def test_readings_go_to_tracks_at_the_least_total_distance(seed: int) -> None:
         (int(i), int(j)) for i, j in zip(*linear_sum_assignment(cost), strict=True) if distance[i, j] <= GATE_MM
     }
     assert set(_assigned(current, last).items()) == whole
+
+
+def test_strays_that_lie_apart_are_followed_without_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes = []
+    searched = scipy.optimize.linear_sum_assignment
+
+    def counted(cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        sizes.append(cost.size)
+        return searched(cost)
+
+    monkeypatch.setattr(scipy.optimize, "linear_sum_assignment", counted)
+    assert len(find_markers(Recording("test", tuple(recording(0, frames=20)))).markers) == len(TRUTH)
+    assert max(sizes) == 0
 
 
 def test_a_label_read_in_places_that_do_not_agree_is_no_marker() -> None:

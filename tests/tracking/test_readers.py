@@ -19,6 +19,22 @@ def written(folder: Path, name: str, text: str) -> Path:
     return path
 
 
+def turned(k: int) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_rotvec([0.1 * k, 0.5, -0.3]).as_matrix()
+    matrix[:3, 3] = 10 * k, -20, -1500
+    return matrix
+
+
+def matrix_rows(first: int, rows: int) -> str:
+    names = [f"m{r}{c}" for r in range(first, first + rows) for c in range(first, first + 4)]
+    lines = [
+        f"{1378476416922755200 + k * 10**9}," + ",".join(map(repr, turned(k)[:rows].ravel().tolist()))
+        for k in range(3)
+    ]
+    return "\n".join(["timestamp_ns," + ",".join(names), *lines])
+
+
 def test_csv_columns_are_found_by_name_and_bad_rows_are_kept_with_a_reason(tmp_path: Path) -> None:
     text = (
         "Sigma_mm,Z [mm],label,X [mm],Y [mm],frame,status\n0.2,3,A,1,2,7,\n0.2,,B,1,2,7,\n0.2,6,C,4,5,7,Missing\n"
@@ -38,7 +54,27 @@ def test_damaged_numbers_are_flagged_not_used(tmp_path: Path) -> None:
     text = "\n".join(["x,y,z,sigma", *bad, "1,2,3,0.1"])
     recording = read_recording(written(tmp_path, "r.csv", text))
     assert [point.usable for point in recording.points] == [False] * len(bad) + [True]
-    assert "sigma is -1 mm" in recording.flagged()
+    assert "sigma is '-1' mm" in recording.flagged()
+
+
+@pytest.mark.parametrize(
+    ("name", "cell"),
+    [
+        ("sigma", "0,1mm"),
+        ("sigma", "0"),
+        ("state", "Missing"),
+        ("Valid", "false"),
+        ("visible", "0"),
+        ("status", "lost"),
+    ],
+)
+def test_what_a_row_says_against_its_reading_is_heard(tmp_path: Path, name: str, cell: str) -> None:
+    text = f"label;x;y;z;{name}\nA;1;2;3;{cell}\nB;1;2;3;\n"
+    assert [point.usable for point in read_recording(written(tmp_path, "r.csv", text)).points] == [False, True]
+    header, first, second, _ = matrix_rows(0, 3).split("\n")
+    text = f"{header},{name}\n{first},{cell.replace(',', '.')}\n{second},\n"
+    tools = read_recording(written(tmp_path, "r.csv", text)).tools
+    assert [tool.usable for tool in tools] == [name == "sigma", True]
 
 
 def test_semicolons_with_decimal_commas_and_a_byte_order_mark(tmp_path: Path) -> None:
@@ -51,7 +87,14 @@ def test_semicolons_with_decimal_commas_and_a_byte_order_mark(tmp_path: Path) ->
     [
         ("x,y,z,unit\n1,2,3,mm\n1,2,3,m\n", "row 2 below the header says its unit is 'm'"),
         ("x,y,z,Units\n1,2,3,inch\n", "unit is 'inch'"),
-        ("x,y,z,frame\n1,2,3,1.5\n", "frame number 1.5"),
+        ("x,y,z,length_unit\n1,2,3,cm\n", "unit is 'cm'"),
+        ("x,y,z,frame\n1,2,3,1.5\n", "frame number '1.5'"),
+        ("x,y,z,frame\n1,2,3,1e300\n", "frame number '1e300'"),
+        ("x,y,z,frame\n1,2,3,1\n1,2,3,l2\n", "the frames 1, l2"),
+        ("state,tx,ty,tz,frame\nOK,1,2,3,l2\n", "frame number 'l2'"),
+        ("x,y,z,coordinate_system\n1,2,3,RAS\n1,2,3,LPS\n", "the frames LPS, RAS"),
+        ("x,y,z,sigma_x,sigma_y,sigma_z\n1,2,3,1,1,9\n", "expected one sigma"),
+        (matrix_rows(0, 3).replace("m03", "m03 [m]"), r"m03 \[m\]"),
         ("x,y,z,frame\n1,2,3," + "9" * 5000 + "\n", "expected a whole number or a name"),
         ("x,y,z,kind\n1,2,3,pose\n", "the kind 'pose'"),
         ("x,y,z\n11,5,22,0,30,1\n", "decimal comma"),
@@ -240,22 +283,6 @@ def test_csv_as_a_spreadsheet_saves_it_in_utf_16(tmp_path: Path, encoding: str) 
     assert (point.label, point.position_mm.tolist()) == ("Å", [1.5, -2, 3])
 
 
-def turned(k: int) -> np.ndarray:
-    matrix = np.eye(4)
-    matrix[:3, :3] = Rotation.from_rotvec([0.1 * k, 0.5, -0.3]).as_matrix()
-    matrix[:3, 3] = 10 * k, -20, -1500
-    return matrix
-
-
-def matrix_rows(first: int, rows: int) -> str:
-    names = [f"m{r}{c}" for r in range(first, first + rows) for c in range(first, first + 4)]
-    lines = [
-        f"{1378476416922755200 + k * 10**9}," + ",".join(map(repr, turned(k)[:rows].ravel().tolist()))
-        for k in range(3)
-    ]
-    return "\n".join(["timestamp_ns," + ",".join(names), *lines])
-
-
 @pytest.mark.parametrize(("first", "rows"), [(0, 4), (0, 3), (1, 4)])
 def test_rows_of_matrices_are_poses(tmp_path: Path, first: int, rows: int) -> None:
     recording = read_recording(written(tmp_path, "poses.csv", matrix_rows(first, rows)))
@@ -329,6 +356,7 @@ def test_an_nrrd_sequence_is_read_as_its_metaimage_twin(tmp_path: Path) -> None:
         (f"Seq_Frame{'9' * 5000}_AToBTransform = 1", "expected Seq_Frame, a number"),
         ("Seq_Frame0000 AToBTransform = 1", "expected Seq_Frame, a number"),
         ("Seq_Frame0000_StylusToTrackerTransform = 1", "twice"),
+        ("DistanceUnits = cm", "states lengths in cm"),
     ],
 )
 def test_frame_fields_that_cannot_be_understood_are_refused(tmp_path: Path, line: str, says: str) -> None:
@@ -381,3 +409,10 @@ def test_an_fcsv_that_names_two_systems_is_refused(tmp_path: Path) -> None:
     text = "# CoordinateSystem = LPS\n# CoordinateSystem = RAS\n# columns = id,x,y,z,label\n1,1,2,3,F\n"
     with pytest.raises(InputError, match="each once"):
         read_recording(written(tmp_path, "m.fcsv", text))
+
+
+def test_a_pose_further_away_than_any_tracker_sees_is_flagged(tmp_path: Path) -> None:
+    far = turned(1)
+    far[0, 3] = 1e7
+    (tool,) = read_recording(written(tmp_path, "s.mha", sequence([(plus(far), "OK")]))).tools
+    assert "further away" in tool.status
