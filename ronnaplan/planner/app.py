@@ -131,6 +131,7 @@ class PlannerApp:
     def _warm_up(self) -> None:
         for one in self.state.case.plan.trajectories:
             self.state.case.judge(one)
+        self.head.load()
 
     async def _watch(self, **_: Any) -> None:
         """Show what another hand has written."""

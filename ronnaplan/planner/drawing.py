@@ -10,8 +10,9 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
 from ronnaplan.scene.cut import Cut
+from ronnaplan.scene.things import MARKER_COLOUR, REJECTED_COLOUR
 
-MARKER_COLOUR, REJECTED_COLOUR, POINT_COLOUR = "#ff9f1c", "#ff5252", "#b2ff59"
+POINT_COLOUR = "#b2ff59"
 
 NEAR_MM = 3.0
 """A trajectory with an end this near to the plane is drawn in full, others faintly."""

@@ -6,12 +6,15 @@ import base64
 from collections.abc import Callable
 from typing import Any
 
+from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.scene import Scene
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
 from ronnaplan.scene.camera import Camera
-from ronnaplan.scene.surfaces import SURFACES_HU, region, surface
+from ronnaplan.scene.field import Field, of_mask
+from ronnaplan.scene.shapes import Body
+from ronnaplan.scene.surfaces import REGION, surfaces
 
 
 class HeadView:
@@ -21,19 +24,33 @@ class HeadView:
         self.state = state
         self.scene: Scene | None = None
         self.region_places_mm: dict[str, FloatArray] = {}
+        self.wanting = ""
+        """Why there are no surfaces, empty where there are."""
+        self._surfaces: dict[str, Body] = {}
+        self._regions: dict[str, Body] = {}
         self._shown: dict[str, Any] = {}
         self._paths: dict[str, Any] = {}
         self._seen: tuple[Camera, bool] | None = None
         self._picture = ""
 
+    def load(self) -> None:
+        """Have the surfaces of skin, skull and no-go regions made; takes seconds, and touches no other part."""
+        volume = self.state.case.volume
+        try:
+            self._surfaces = surfaces(Field.of(volume))
+            for name, mask in self.state.case.no_go.items():
+                region = surfaces(of_mask(volume, mask), {"region": REGION}, outside=0.0)
+                self._regions[name] = region["region"]
+        except InputError as error:
+            self.wanting = str(error)
+
     def open(self) -> None:
-        """Make the scene, with the no-go regions in it."""
+        """Make the scene of what was loaded."""
         self.scene = Scene(self.state)
-        for name, mask in self.state.case.no_go.items():
-            vertices, triangles = region(self.state.case.volume, mask)
-            self.scene.show_region(name, vertices, triangles)
-            if len(vertices):
-                self.region_places_mm[name] = vertices.mean(axis=0)
+        for name, body in self._regions.items():
+            self.scene.show_region(name, body)
+            if len(body.triangles):
+                self.region_places_mm[name] = body.vertices_mm.mean(axis=0).astype(float)
 
     @property
     def camera(self) -> Camera | None:
@@ -86,4 +103,5 @@ class HeadView:
 
     def _show_surface(self, scene: Scene) -> None:
         kind = self.state.look.surface
-        scene.show_surface(kind, *surface(self.state.case.volume, SURFACES_HU[kind]))
+        if kind in self._surfaces:
+            scene.show_surface(kind, self._surfaces[kind])

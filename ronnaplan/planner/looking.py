@@ -15,8 +15,8 @@ from ronnaplan.planner.storage import Look, Storage
 from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.planning.sampling import SliceSampler
 from ronnaplan.scene.cut import Cut
-from ronnaplan.scene.head import bounds_mm
-from ronnaplan.scene.surfaces import SURFACES_HU
+from ronnaplan.scene.field import bounds_mm
+from ronnaplan.scene.surfaces import SURFACES
 
 LEAST_FIELD_MM, GREATEST_FIELD_MM = 10.0, 1000.0
 """Bounds of the zoom."""
@@ -99,7 +99,7 @@ class Looking:
         """
         reach = float(np.linalg.norm(np.abs(origin_mm - np.array(self.bounds_mm)).max(axis=0)))
         places = origin_mm + np.arange(0.0, reach, RAY_STEP_MM)[:, np.newaxis] * direction
-        values, level = self.scan.values_hu(places), SURFACES_HU[self.surface]
+        values, level = self.scan.values_hu(places), SURFACES[self.surface].value
         inside = np.flatnonzero(values >= level)
         if not len(inside):
             return None

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.planner.drawing import POINT_COLOUR, REJECTED_COLOUR, balls
+from ronnaplan.planner.drawing import POINT_COLOUR, balls
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
 from ronnaplan.scene.camera import Camera
+from ronnaplan.scene.things import REJECTED_COLOUR
 
 CROSS_COLOUR, REGION_COLOUR = "#4fc3f7", "#ff8a80"
 

@@ -1,4 +1,4 @@
-"""A picture to check the markers by: three cuts through each with the fitted outline, and the head in 3-D.
+"""A picture to check the markers by: the head in 3-D, and three cuts through each marker with the fitted outline.
 
 Cuts are resampled for the eye only; every measurement is made on the voxels themselves.
 """
@@ -24,25 +24,32 @@ CUT_REACH = 1.3
 """A cut shows this many diameters to each side of the marker's center."""
 
 WINDOW_HU = (-1024.0, 600.0)
-OUTLINE_COLOUR = "#ff9f1c"
+OUTLINE_COLOUR, QUIET, BACKGROUND = "#ff9f1c", "#9fb3c4", "#0b0e11"
 
 CUTS = {"axial": (0, 1), "coronal": (0, 2), "sagittal": (1, 2)}
 """The two LPS axes that each cut shows, across and upwards (downwards for axial, as radiologists look)."""
 
 
 def marker_sheet(volume: CTVolume, found: Fiducials) -> bytes:
-    """Draw all markers and the head with them; returns a PNG."""
+    """Draw the head with all markers, and cuts through each; returns a PNG."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     rows = max(len(found), 3)
-    figure = Figure(figsize=(11.0, 1.75 * rows + 0.6), dpi=110, facecolor="black", layout="constrained")
+    figure = Figure(figsize=(14.4, 9.0), dpi=110, facecolor=BACKGROUND)
     FigureCanvasAgg(figure)
-    grid = figure.add_gridspec(rows, 6)
+    _draw_head(figure.add_axes((0.0, 0.0, 0.625, 1.0)), volume, found)
+    grid = figure.add_gridspec(rows, 4, left=0.64, right=0.99, bottom=0.05, top=0.93, wspace=0.06, hspace=0.1)
     for row, one in enumerate(found.fiducials):
         for column, cut in enumerate(CUTS):
-            _draw_cut(figure.add_subplot(grid[row, column]), volume, one, cut)
-    _draw_head(figure.add_subplot(grid[:, 3:]), volume, found)
+            axes = figure.add_subplot(grid[row, column])
+            _draw_cut(axes, volume, one, cut)
+            if row == 0:
+                axes.set_title(cut, color=QUIET, fontsize=10, pad=6)
+        _say(figure.add_subplot(grid[row, len(CUTS)]), one)
+    title = f"ronnaplan   {len(found)} markers found"
+    figure.text(0.018, 0.955, title, color="white", fontsize=15, weight="bold")
+    figure.text(0.018, 0.022, "research software, not a medical device", color=QUIET, fontsize=9)
     return png(figure)
 
 
@@ -77,33 +84,53 @@ def _draw_cut(axes: Axes, volume: CTVolume, one: Fiducial, cut: str) -> None:
     reach = CUT_REACH * one.diameter_mm
     extent = (-reach, reach, -reach, reach)
     image = cut_image(volume, one.center_mm, CUTS[cut], reach)
-    axes.imshow(image, cmap="gray", vmin=WINDOW_HU[0], vmax=WINDOW_HU[1], extent=extent, origin="lower")
-    axes.add_patch(Circle((0, 0), one.diameter_mm / 2, fill=False, color=OUTLINE_COLOUR, linewidth=0.9))
-    axes.plot(0, 0, "+", color=OUTLINE_COLOUR, markersize=5, markeredgewidth=0.7)
+    axes.imshow(
+        image,
+        cmap="gray",
+        vmin=WINDOW_HU[0],
+        vmax=WINDOW_HU[1],
+        extent=extent,
+        origin="lower",
+        interpolation="bilinear",
+    )
+    axes.add_patch(Circle((0, 0), one.diameter_mm / 2, fill=False, color=OUTLINE_COLOUR, linewidth=1.2))
+    axes.plot(0, 0, "+", color=OUTLINE_COLOUR, markersize=6, markeredgewidth=0.8)
     if cut == "axial":
         axes.invert_yaxis()
     axes.set_axis_off()
-    axes.set_title(f"{one.label} {cut}", color="white", fontsize=7, pad=2)
+
+
+def _say(axes: Axes, one: Fiducial) -> None:
+    """Write a marker's label, its fitted center and standard error."""
+    axes.set_axis_off()
+    place = "\n".join(f"{axis} {x:8.2f} mm" for axis, x in zip("LPS", one.center_mm, strict=True))
+    axes.text(0.06, 0.86, one.label, color=OUTLINE_COLOUR, fontsize=13, weight="bold", va="center")
+    axes.text(0.06, 0.70, place, color="white", fontsize=8.5, va="top", family="monospace")
+    axes.text(0.06, 0.06, f"s.e. {1e3 * one.standard_error_mm:.0f} um", color=QUIET, fontsize=8.5, va="bottom")
 
 
 def _draw_head(axes: Axes, volume: CTVolume, found: Fiducials) -> None:
-    picture, camera = head_picture(volume, found.centers, max(found.diameters_mm))
-    axes.imshow(picture, extent=(-1.0, 1.0, 1.0, -1.0))
-    for one in found.fiducials:
+    from matplotlib.patheffects import withStroke
+
+    head = head_picture(volume, found.centers, max(found.diameters_mm, default=0.0))
+    axes.imshow(head.shades, extent=(-1.0, 1.0, -1.0, 1.0), interpolation="antialiased")
+    for one, seen in zip(found.fiducials, head.seen, strict=True):
+        across, down, _ = head.camera.on_screen(one.center_mm)
+        if not seen:
+            axes.plot(
+                across, -down, "o", color=OUTLINE_COLOUR, markersize=20, fillstyle="none", alpha=0.6, ls="--"
+            )
         axes.annotate(
-            one.label,
-            tuple(camera.on_screen(one.center_mm)[:2]),
-            xytext=(8, 8),
+            one.label if seen else f"{one.label} behind",
+            (across, -down),
+            xytext=(14, 12),
             textcoords="offset points",
-            color=OUTLINE_COLOUR,
-            fontsize=10,
+            color="white",
+            fontsize=12 if seen else 9,
+            weight="bold",
+            path_effects=[withStroke(linewidth=3, foreground=BACKGROUND)],
         )
     axes.set_axis_off()
-    axes.set_title("fitted centers, standard error", color="white", fontsize=9)
-    for row, one in enumerate(found.fiducials):
-        center = ", ".join(f"{x:.2f}" for x in one.center_mm)
-        text = f"{one.label}  ({center}) mm   {1e3 * one.standard_error_mm:.0f} um"
-        axes.text(0.02, -0.02 - 0.045 * row, text, color="white", fontsize=8, transform=axes.transAxes, va="top")
 
 
 def png(figure: Figure) -> bytes:

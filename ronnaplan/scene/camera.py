@@ -13,7 +13,7 @@ from ronnaplan.scene.cut import Cut
 from ronnaplan.scene.shapes import Body
 
 VIEW_DEG = 30.0
-"""The angle that the picture spans, both ways."""
+"""The angle that the picture's shorter side spans."""
 
 NEAREST_MM, FURTHEST_MM = 1.0, 4000.0
 """Only what lies this far in front of the eye is drawn."""
@@ -59,19 +59,19 @@ class Camera:
         return replace(self, position_mm=self.focus_mm + (self.position_mm - self.focus_mm) / factor)
 
     def ray(self, across: float, down: float) -> tuple[FloatArray, FloatArray]:
-        """Return where the eye is (3,) and the unit vector (3,) to a place of the picture (-1 to 1 each way)."""
+        """Return where the eye is (3,) and the unit vector (3,) to a place, in halves of the picture's shorter side."""
         right, up, back = self.axes
         reach = np.tan(np.radians(VIEW_DEG / 2))
         return self.position_mm, unit(reach * (across * right - down * up) - back)
 
     def plane_at(self, place_mm: FloatArray) -> Cut:
-        """Return the plane parallel to the picture through a place (3,) before the eye, as large as the picture."""
+        """Return the plane parallel to the picture through a place (3,), as large as its shorter side."""
         right, up, back = self.axes
         depth = float((self.position_mm - place_mm) @ back)
         return Cut(right, -up, self.position_mm - depth * back, 2 * depth * np.tan(np.radians(VIEW_DEG / 2)))
 
     def on_screen(self, places_mm: FloatArray) -> FloatArray:
-        """Return places (..., 3) as (..., 3): across and down (-1 to 1 in the picture), and mm before the eye."""
+        """Return places (..., 3) as (..., 3): across and down in halves of the shorter side, and mm before the eye."""
         seen = (places_mm - self.position_mm) @ (self.axes * np.array([[1.0], [-1.0], [-1.0]])).T
         depth = seen[..., 2:]
         screen: FloatArray = np.concatenate(
@@ -79,12 +79,17 @@ class Camera:
         )
         return screen
 
-    def depths(self, pixels: int) -> Picture:
-        """Return the depths (pixels, pixels) of an empty picture."""
-        return np.full((pixels, pixels), FURTHEST_MM, dtype=np.float32)
+    def depths(self, shape: tuple[int, int]) -> Picture:
+        """Return the depths of an empty picture of ``shape`` = (rows, columns)."""
+        return np.full(shape, FURTHEST_MM, dtype=np.float32)
+
+    @staticmethod
+    def upright_deg(shape: tuple[int, int]) -> float:
+        """Return the angle that the height of a picture of ``shape`` = (rows, columns) spans."""
+        return float(np.degrees(2 * np.arctan(np.tan(np.radians(VIEW_DEG / 2)) * shape[0] / min(shape))))
 
     def draw(self, body: Body, colour: FloatArray, picture: Picture, depths: Picture) -> None:
-        """Draw what of ``body`` lies nearer than ``depths`` (P, P) into ``picture`` (P, P, 3); both are changed.
+        """Draw what of ``body`` lies nearer than ``depths`` (H, W) into ``picture`` (H, W, 3); both are changed.
 
         ``colour`` is one (3,) or one a vertex (V, 3), 0 to 1.
         """
@@ -105,7 +110,7 @@ class Camera:
             picture,
             depths,
             world_to_eye,
-            np.radians(VIEW_DEG),
+            np.radians(self.upright_deg(depths.shape)),
             NEAREST_MM,
             FURTHEST_MM,
             settings,

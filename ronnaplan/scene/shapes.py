@@ -52,12 +52,12 @@ def tube(points_mm: FloatArray, radii_mm: ArrayLike) -> Body:
     return _turned(points, np.concatenate([[0.0], radii, [0.0]]), inward)
 
 
-def ball(center_mm: ArrayLike, radius_mm: float) -> Body:
-    """Return a ball."""
-    polar = np.linspace(0.0, np.pi, SIDES // 2 + 1)
+def ball(center_mm: ArrayLike, radius_mm: float, sides: int = SIDES) -> Body:
+    """Return a ball of so many meridians."""
+    polar = np.linspace(0.0, np.pi, sides // 2 + 1)
     axis = np.array([0.0, 0.0, 1.0])
     points = np.asarray(center_mm) - radius_mm * np.cos(polar)[:, np.newaxis] * axis
-    return _turned(points, radius_mm * np.sin(polar), axis)
+    return _turned(points, radius_mm * np.sin(polar), axis, sides)
 
 
 def specks(centers_mm: FloatArray, radius_mm: float) -> Body:
@@ -72,14 +72,14 @@ def specks(centers_mm: FloatArray, radius_mm: float) -> Body:
     )
 
 
-def _turned(points_mm: FloatArray, radii_mm: FloatArray, axis: FloatArray) -> Body:
+def _turned(points_mm: FloatArray, radii_mm: FloatArray, axis: FloatArray, sides: int = SIDES) -> Body:
     """Return rings about an axis, one a point, joined to a closed surface."""
     a = unit(np.cross(axis, np.eye(3)[np.abs(axis).argmin()]))
-    angle = 2 * np.pi * np.arange(SIDES) / SIDES
+    angle = 2 * np.pi * np.arange(sides) / sides
     ring = np.cos(angle)[:, np.newaxis] * a + np.sin(angle)[:, np.newaxis] * np.cross(axis, a)
     vertices = (points_mm[:, np.newaxis] + radii_mm[:, np.newaxis, np.newaxis] * ring).reshape(-1, 3)
-    here = np.arange(SIDES)
-    one = np.stack([here, (here + 1) % SIDES, here + SIDES], axis=-1)
-    other = np.stack([(here + 1) % SIDES, (here + 1) % SIDES + SIDES, here + SIDES], axis=-1)
+    here = np.arange(sides)
+    one = np.stack([here, (here + 1) % sides, here + sides], axis=-1)
+    other = np.stack([(here + 1) % sides, (here + 1) % sides + sides, here + sides], axis=-1)
     band = np.concatenate([one, other])
-    return Body.of(vertices, np.concatenate([band + SIDES * n for n in range(len(points_mm) - 1)]))
+    return Body.of(vertices, np.concatenate([band + sides * n for n in range(len(points_mm) - 1)]))

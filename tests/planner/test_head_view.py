@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -12,15 +13,27 @@ from ronnaplan.planner.head_view import HeadView
 from ronnaplan.planner.overlay import over_head
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Measures
+from ronnaplan.scene.field import Field
+from ronnaplan.scene.shapes import Body
+from ronnaplan.scene.surfaces import surfaces
 from tests import cases
 
 SAME = 1e-4
 """Share of the picture that may differ where things seen through lie on each other."""
 
 
+@pytest.fixture(scope="module")
+def made() -> dict[str, Body]:
+    return surfaces(Field.of(cases.volume(), 3.0))
+
+
 @pytest.fixture
-def head(state: PlannerState) -> HeadView:
+def head(state: PlannerState, made: dict[str, Body], monkeypatch: pytest.MonkeyPatch) -> HeadView:
+    monkeypatch.setattr("ronnaplan.planner.head_view.surfaces", lambda field: made)
+    monkeypatch.setattr("ronnaplan.planner.head_view.Field", SimpleNamespace(of=lambda volume: None))
     view = HeadView(state)
+    view.load()
+    assert not view.wanting
     view.open()
     return view
 

@@ -23,6 +23,8 @@ vessel = np.zeros(volume.voxels_hu.shape, dtype=bool)
 vessel[-20:-10, 60:70, 60:70] = True
 state = PlannerState(volume, Storage.of(sys.argv[2], None, None), no_go={"vessel": vessel})
 app = PlannerApp(state, get_server("test", client_type="vue3"))
+app.head.load()
+assert not app.head.wanting
 app.head.open()
 state.case.begin_drag("left")
 state.case.drag("left", "target", state.case.plan.trajectory("left").target_mm + 1.0)

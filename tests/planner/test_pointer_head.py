@@ -11,7 +11,7 @@ from ronnaplan.errors import UsageError
 from ronnaplan.planner.pointer import HEAD, Pixel, Pointer
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.scene.camera import Camera
-from ronnaplan.scene.surfaces import SURFACES_HU
+from ronnaplan.scene.surfaces import SURFACES
 from tests import cases
 
 
@@ -132,10 +132,10 @@ def test_a_click_on_the_head_goes_to_its_surface(
     click(pointer, pixel(head, place))
     assert state.look.crosshair_mm == pytest.approx(place, abs=1e-6)
     values = state.look.scan.values_hu(np.stack([place - 1.0 * ray, place + 1.0 * ray]))
-    assert values[0] < SURFACES_HU[surface] < values[1]
-    assert state.look.scan.values_hu(place[np.newaxis])[0] == pytest.approx(SURFACES_HU[surface], abs=60.0)
+    assert values[0] < SURFACES[surface].value < values[1]
+    assert state.look.scan.values_hu(place[np.newaxis])[0] == pytest.approx(SURFACES[surface].value, abs=60.0)
     before = state.look.scan.values_hu(place - np.arange(1.0, 80.0)[:, np.newaxis] * ray)
-    assert np.nanmax(before) < SURFACES_HU[surface]
+    assert np.nanmax(before) < SURFACES[surface].value
 
 
 def test_a_click_beside_the_head_does_nothing(state: PlannerState, head: Head, pointer: Pointer) -> None:

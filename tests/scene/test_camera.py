@@ -15,7 +15,7 @@ RED, GREEN = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_the_nearer_ball_hides_the_other_whichever_is_drawn_first(turned: bool) -> None:
-    picture, depths = np.zeros((PIXELS, PIXELS, 3), dtype=np.float32), EYE.depths(PIXELS)
+    picture, depths = np.zeros((PIXELS, PIXELS, 3), dtype=np.float32), EYE.depths((PIXELS, PIXELS))
     balls = [(ball([0.0, -50.0, 0.0], 10.0), RED), (ball([0.0, 50.0, 0.0], 30.0), GREEN)]
     for body, colour in balls[:: -1 if turned else 1]:
         EYE.draw(body, colour, picture, depths)

@@ -1,22 +1,81 @@
-"""The picture of a head shows its markers where it says they are."""
+"""The picture of a head shows its markers where it says they are, whoever draws it."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from ronnaplan.scene.head import PIXELS, head_picture
+from ronnaplan.scene import vtk
+from ronnaplan.scene.camera import VIEW_DEG
+from ronnaplan.scene.field import Field
+from ronnaplan.scene.head import filling, head_picture
+from ronnaplan.scene.picture import filled_in, rendered
+from ronnaplan.scene.shapes import ball
+from ronnaplan.scene.things import Thing
+from ronnaplan.scene.vtk import NoGraphicsError
 from tests.scans import balls, scan, small_stack
 
+CENTER = np.array([[3.0, -4.0, 2.0]])
+SHAPE = (200, 260)
 
-def test_a_marker_is_drawn_where_the_camera_says_it_is() -> None:
-    center = np.array([[3.0, -4.0, 2.0]])
-    picture, camera = head_picture(scan(balls([(3.0, -4.0, 2.0)]), small_stack()), center, 11.5)
-    lit = np.argwhere(picture.sum(axis=-1) > 0)
-    down, across = (lit.mean(axis=0) + 0.5) / (PIXELS / 2) - 1.0
-    assert [across, down] == pytest.approx(camera.on_screen(center)[0, :2], abs=0.01)
+
+def places(shades: np.ndarray, camera: object) -> tuple[float, float]:
+    down, across = np.argwhere(shades[..., 3] > 128).mean(axis=0) + 0.5 - np.array(shades.shape[:2]) / 2
+    return across / (min(shades.shape[:2]) / 2), down / (min(shades.shape[:2]) / 2)
+
+
+def test_a_marker_is_drawn_where_the_camera_says_it_is_by_both_hands(monkeypatch: pytest.MonkeyPatch) -> None:
+    things = [Thing("left", ball([8.0, 0.0, 0.0], 5.75), np.array([1.0, 0.2, 0.1]))]
+    camera = filling([*things, Thing("right", ball([-9.0, 3.0, 4.0], 6.0), np.ones(3))])
+    by_opencv = filled_in(things, camera, SHAPE)
+    assert places(by_opencv, camera) == pytest.approx(camera.on_screen(np.array([8.0, 0.0, 0.0]))[:2], abs=0.02)
+    try:
+        by_vtk = rendered(things, camera, SHAPE)
+    except NoGraphicsError as error:
+        pytest.skip(f"no graphics library can be loaded here: {error}")
+    assert places(by_vtk, camera) == pytest.approx(places(by_opencv, camera), abs=0.02)
+    apart = (by_vtk[..., 3] > 128) != (by_opencv[..., 3] > 128)
+    assert apart.mean() < 0.01
+    lit = by_vtk[by_vtk[..., 3] > 250][:, :3].mean(axis=0)
+    assert lit[0] > 3 * lit[1]  # red stays red
+
+
+def test_a_head_is_seen_from_where_its_marker_is_seen_and_without_a_graphics_library(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked = vtk.asked
+
+    def without(task: str, arrays: vtk.Arrays) -> vtk.Arrays:
+        if task == "picture":
+            raise NoGraphicsError("none here")
+        return asked(task, arrays)
+
+    monkeypatch.setattr("ronnaplan.scene.picture.asked", without)
+    head = scan(balls([(0.0, 0.0, 0.0)], 30.0), small_stack())
+    marker = np.array([[18.0, 3.0, 0.0]])  # on the left
+    found = head_picture(head, marker, 4.0, SHAPE)
+    assert found.seen.tolist() == [True]
+    assert found.camera.axes[2, 0] > 0
+    assert found.shades.shape == (*SHAPE, 4)
+    behind = head_picture(head, np.array([[0.0, 18.0, -8.0]]), 4.0, SHAPE)
+    assert behind.seen.tolist() == [False]
+    shown = np.argwhere(found.shades[..., 3] > 0)
+    assert np.ptp(shown, axis=0).max() > 0.85 * min(SHAPE)  # it fills the picture
+
+
+def test_all_that_is_shown_lies_in_the_picture() -> None:
+    things = [
+        Thing("one", ball([100.0, 20.0, -50.0], 60.0), np.ones(3)),
+        Thing("two", ball([0, 0, 60], 5.0), np.ones(3)),
+    ]
+    camera = filling(things)
+    at = np.concatenate([camera.on_screen(one.body.vertices_mm.astype(float)) for one in things])
+    assert np.abs(at[:, :2]).max() < 1.0
+    assert np.abs(at[:, :2]).max() > 0.85
+    assert camera.upright_deg((300, 200)) > VIEW_DEG == pytest.approx(camera.upright_deg((200, 300)))
 
 
 def test_an_empty_scan_can_be_drawn() -> None:
-    picture, _ = head_picture(scan(balls([(300.0, 0.0, 0.0)]), small_stack()), np.empty((0, 3)), 11.5)
-    assert picture.max() == 0.0
+    empty = scan(balls([(300.0, 0.0, 0.0)]), small_stack())
+    assert head_picture(empty, np.empty((0, 3)), 11.5, SHAPE).shades.max() == 0
+    assert Field.of(empty).values.max() < -900

@@ -33,7 +33,7 @@ def test_the_plane_at_a_place_is_as_large_as_the_picture(across: float, down: fl
 def test_places_appear_where_they_are_drawn(place: tuple[float, float, float]) -> None:
     pixels = 400
     picture = np.zeros((pixels, pixels, 3), dtype=np.float32)
-    EYE.draw(ball(np.array(place), 4.0), np.ones(3), picture, EYE.depths(pixels))
+    EYE.draw(ball(np.array(place), 4.0), np.ones(3), picture, EYE.depths((pixels, pixels)))
     rows, columns = np.nonzero(picture.max(axis=2) > 0)
     middle = np.array([columns.min() + columns.max(), rows.min() + rows.max()]) / 2
     expected = (EYE.on_screen(np.array(place))[:2] + 1) * pixels / 2

@@ -1,25 +1,72 @@
-"""The coarse surfaces of the 3-D view lie where the scan has them."""
+"""The surfaces of the 3-D view lie where the scan has them, smooth, whole and without crumbs."""
 
 from __future__ import annotations
+
+import importlib.util
 
 import numpy as np
 import pytest
 
-from ronnaplan.scene.surfaces import SURFACES_HU, region, surface
+from ronnaplan.errors import InputError
+from ronnaplan.scene import vtk
+from ronnaplan.scene.field import Field, of_mask
+from ronnaplan.scene.surfaces import REGION, SURFACES, Level, surfaces
 from tests.scans import balls, scan, small_stack
+
+HALF_WAY = {"ball": Level(-440.0)}
+CENTER = np.array([2.0, -3.0, 1.0])
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 15.0])
-def test_the_surface_of_a_ball_lies_at_its_radius(tilt_deg: float) -> None:
-    center = np.array([2.0, -3.0, 1.0])
-    vertices, triangles = surface(scan(balls([tuple(center)], 20.0), small_stack(tilt_deg=tilt_deg)), -400.0)
-    assert len(triangles) > 100
-    radii = np.linalg.norm(vertices - center, axis=1)
-    assert radii == pytest.approx(10.0, abs=1.25)  # half a coarse cell
-    assert radii.mean() == pytest.approx(10.0, abs=0.35)
+def test_the_surface_of_a_ball_lies_at_its_radius_and_its_normals_point_outwards(tilt_deg: float) -> None:
+    volume = scan(balls([tuple(CENTER)], 20.0), small_stack(tilt_deg=tilt_deg))
+    ball = surfaces(Field.of(volume, 1.2), HALF_WAY)["ball"]
+    assert len(ball.triangles) > 500
+    offsets = ball.vertices_mm - CENTER
+    radii = np.linalg.norm(offsets, axis=1)
+    assert radii == pytest.approx(10.0, abs=0.5)
+    assert radii.mean() == pytest.approx(10.0, abs=0.2)  # the blur draws a ball in
+    cosines = np.einsum("ij,ij->i", offsets / radii[:, np.newaxis], ball.normals)
+    assert cosines.min() > 0.95
+    assert np.mean(np.degrees(np.arccos(np.clip(cosines, -1, 1)))) < 4.0  # no steps
+    a, b, c = (ball.vertices_mm[ball.triangles[:, n]].astype(float) for n in range(3))
+    assert np.einsum("ij,ij->", a - CENTER, np.cross(b - CENTER, c - CENTER)) / 6 == pytest.approx(
+        4 / 3 * np.pi * 1e3, rel=0.06
+    )
 
 
-def test_an_empty_scan_has_no_surface() -> None:
+def test_crumbs_are_dropped_cavities_are_sealed_and_much_is_thinned_out() -> None:
+    values = np.full((40, 40, 40), -1024.0, dtype=np.float32)
+    values[8:32, 8:32, 8:32] = 500.0
+    values[16:24, 16:24, 16:24] = -1024.0
+    values[2:4, 2:4, 2:4] = 500.0
+    field = Field(values, np.zeros(3), 1.0)
+    found = surfaces(field, {"open": Level(0.0), "sealed": Level(0.0, sealed=True)})
+    for name, inmost in (("open", 4.0), ("sealed", 11.0)):
+        reach = np.abs(found[name].vertices_mm - 19.5).max(axis=1)
+        assert reach.min() == pytest.approx(inmost, abs=1.0), name
+        assert reach.max() < 13.0, name
+    few = surfaces(field, {"open": Level(0.0)}, most_triangles=1000)["open"]
+    assert 500 < len(few.triangles) <= 1000 < len(found["open"].triangles)
+    assert np.abs(few.vertices_mm - 19.5).max() == pytest.approx(12.0, abs=1.0)
+
+
+def test_a_region_and_an_empty_scan() -> None:
     volume = scan(balls([(300.0, 0.0, 0.0)]), small_stack())
-    assert all(len(part) == 0 for part in surface(volume, SURFACES_HU["skull"]))
-    assert len(region(volume, np.zeros(volume.voxels_hu.shape, dtype=np.bool_))[1]) == 0
+    assert all(len(part.triangles) == 0 for part in surfaces(Field.of(volume), SURFACES).values())
+    mask = np.zeros(volume.voxels_hu.shape, dtype=np.bool_)
+    mask[10:30, 40:90, 30:80] = True
+    region = surfaces(of_mask(volume, mask), {"region": REGION}, outside=0.0)["region"]
+    corners = volume.grid.positions_mm(np.array([[9.5, 39.5, 29.5], [29.5, 89.5, 79.5]]))
+    assert region.vertices_mm.min(axis=0) == pytest.approx(corners.min(axis=0), abs=0.8)
+    assert region.vertices_mm.max(axis=0) == pytest.approx(corners.max(axis=0), abs=0.8)
+
+
+def test_what_is_missing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+    monkeypatch.setattr(vtk, "find_spec", lambda _: None)
+    with pytest.raises(InputError, match=r"install ronnaplan\[scene\]"):
+        vtk.asked("surfaces", {})
+    monkeypatch.undo()
+    with pytest.raises(vtk.NoGraphicsError, match=r"could not make what nobody knows .*KeyError"):
+        vtk.asked("what nobody knows", {})

@@ -1,0 +1,71 @@
+"""A picture of things from one side: by VTK where a graphics library can be loaded, else filled in by OpenCV."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.scene.camera import FURTHEST_MM, Camera
+from ronnaplan.scene.things import Thing
+from ronnaplan.scene.vtk import Arrays, NoGraphicsError, asked
+
+Shades = NDArray[np.uint8]
+
+EMPTY_MM = 0.99 * FURTHEST_MM
+"""Where the depth is more, nothing was drawn: OpenCV leaves its own rounding there."""
+
+
+def picture(things: Sequence[Thing], camera: Camera, shape: tuple[int, int]) -> Shades:
+    """Return the picture (H, W, 4), red, green, blue and how much there is, of ``shape`` = (rows, columns)."""
+    try:
+        return rendered(things, camera, shape)
+    except NoGraphicsError:
+        return filled_in(things, camera, shape)
+
+
+def rendered(things: Sequence[Thing], camera: Camera, shape: tuple[int, int]) -> Shades:
+    """Return the picture that VTK makes; raises `NoGraphicsError` where it cannot load a graphics library."""
+    task: Arrays = {
+        "size": np.array(shape[::-1]),
+        "count": np.array(len(things)),
+        "position_mm": camera.position_mm,
+        "focus_mm": camera.focus_mm,
+        "axes": camera.axes,
+        "view_deg": np.array(camera.upright_deg(shape)),
+    }
+    for number, one in enumerate(things):
+        task |= {
+            f"{number}/vertices": one.body.vertices_mm,
+            f"{number}/normals": one.body.normals,
+            f"{number}/triangles": one.body.triangles,
+            f"{number}/look": np.array([*one.colour, one.opacity, one.gloss]),
+        }
+    shades: Shades = asked("picture", task)["picture"]
+    return shades
+
+
+def filled_in(
+    things: Sequence[Thing], camera: Camera, shape: tuple[int, int], background: FloatArray | None = None
+) -> Shades:
+    """Return the picture that OpenCV makes; what is seen through is laid over all else, in the order given.
+
+    With a ``background`` (3,), 0 to 1, nothing of the picture is clear.
+    """
+    picture = np.empty((*shape, 3), dtype=np.float32)
+    picture[:] = 0.0 if background is None else background
+    depths = camera.depths(shape)
+    shown = np.full(shape, background is not None)
+    for one in sorted(things, key=lambda thing: thing.opacity < 1.0):
+        if one.opacity == 1.0:
+            camera.draw(one.body, one.colour, picture, depths)
+            continue
+        veil, nearer = picture.copy(), depths.copy()
+        camera.draw(one.body, one.colour, veil, nearer)
+        shown |= nearer < depths
+        picture += one.opacity * (veil - picture)
+    shown |= depths < EMPTY_MM
+    shades = np.dstack([np.clip(picture, 0.0, 1.0), shown]) * 255.0
+    return np.asarray(shades + 0.5, dtype=np.uint8)
