@@ -1,11 +1,13 @@
-"""Numba's decorator with a type, so that the compiled inner loops stay checked."""
+"""The phantoms' way of compiling inner loops."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import numba
+
+from kernelcache import njit
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -15,8 +17,7 @@ FASTMATH = {"contract", "reassoc", "arcp", "nsz"}
 
 def compiled(*, parallel: bool = False) -> Callable[[Function], Function]:
     """Compile a function of numbers and arrays to machine code, kept on disk between runs."""
-    decorator = numba.njit(cache=True, parallel=parallel, fastmath=FASTMATH, error_model="numpy")
-    return cast(Callable[[Function], Function], decorator)
+    return njit(cache=True, parallel=parallel, fastmath=FASTMATH, error_model="numpy")
 
 
 parallel_range = numba.prange

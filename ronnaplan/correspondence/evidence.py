@@ -18,9 +18,6 @@ s^(6 - 3k) exp(-chi^2 / 2 s^2) integrated over the scale s of the true errors in
 The expected E of a false pairing is 1 at most.  So the pairings that a search leaves out because of their chi^2
 weigh, as an expectation, at most their prior times the chi^2 tail beyond the gate: the remainder in
 `priors.size_priors`.
-
-Numba's cache does not see a change in what another module's kernel calls: after editing a kernel or a constant
-here, delete this folder's ``__pycache__``.
 """
 
 from __future__ import annotations
@@ -28,7 +25,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from kernelcache import njit
+from ronnaplan.correspondence.pairing import IntArray
+from ronnaplan.geometry import FloatArray
 
 GATE_CHI2 = 200.0
 """Pairings in which two pairs alone exceed this chi^2 (14 standard deviations as stated, 3.5 where the true errors
@@ -49,7 +49,7 @@ COLLINEAR_SIGMAS = 3.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def filled_volume(ct, ots):  # type: ignore[no-untyped-def]
+def filled_volume(ct: FloatArray, ots: FloatArray) -> float:
     """Return the volume of a uniformly filled ball with the spread of the points, the two sets' geometric mean."""
     log_volume = 0.0
     for points in (ct, ots):
@@ -61,7 +61,7 @@ def filled_volume(ct, ots):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def log_misfit(chi2, size):  # type: ignore[no-untyped-def]
+def log_misfit(chi2: float, size: int) -> float:
     """Return the log likelihood of a fit's chi^2, the scale of the errors integrated out over its prior."""
     freedom = 3.0 * size - 6.0
     top, total = -np.inf, 0.0
@@ -76,7 +76,7 @@ def log_misfit(chi2, size):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def cofactors(m):  # type: ignore[no-untyped-def]
+def cofactors(m: FloatArray) -> FloatArray:
     """Return the cofactor matrix of a 3x3 matrix."""
     c = np.empty((3, 3))
     for a in range(3):
@@ -88,7 +88,7 @@ def cofactors(m):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def largest_overlap(m, bound):  # type: ignore[no-untyped-def]
+def largest_overlap(m: FloatArray, bound: float) -> float:
     """Return the largest trace(R m) over the proper rotations R, given an upper bound of it.
 
     It is the largest root of the characteristic quartic of Horn's quaternion matrix (Horn 1987); Newton's method
@@ -112,7 +112,9 @@ def largest_overlap(m, bound):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def weighted_centroids(ct, ots, weight, i, j, k):  # type: ignore[no-untyped-def]
+def weighted_centroids(
+    ct: FloatArray, ots: FloatArray, weight: FloatArray, i: IntArray, j: IntArray, k: int
+) -> tuple[float, FloatArray, FloatArray]:
     """Return the total weight and the weighted centroids of k pairs."""
     total = 0.0
     p, q = np.zeros(3), np.zeros(3)
@@ -129,7 +131,9 @@ def weighted_centroids(ct, ots, weight, i, j, k):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def fit(ct, ots, weight, i, j, k, spread):  # type: ignore[no-untyped-def]
+def fit(
+    ct: FloatArray, ots: FloatArray, weight: FloatArray, i: IntArray, j: IntArray, k: int, spread: float
+) -> tuple[float, float]:
     """Fit k pairs (ct[i[a]], ots[j[a]]) with weights 1/c: chi^2, and the log of the volume and the spread.
 
     The second is -3/2 ln W - 1/2 ln det J - S / (2 spread^2).  Adding a pair raises chi^2 and lowers the second.
@@ -162,8 +166,8 @@ def fit(ct, ots, weight, i, j, k, spread):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def is_collinear(points, sigma):  # type: ignore[no-untyped-def]
+def is_collinear(points: FloatArray, sigma: float) -> bool:
     """Tell whether points (k, 3) lie on a line within their error, so that the turn about it is undetermined."""
     centred = points - np.array([points[:, 0].mean(), points[:, 1].mean(), points[:, 2].mean()])
     values = np.linalg.eigvalsh(centred.T @ centred)
-    return max(values[0] + values[1], 0.0) < len(points) * (COLLINEAR_SIGMAS * sigma) ** 2
+    return bool(max(values[0] + values[1], 0.0) < len(points) * (COLLINEAR_SIGMAS * sigma) ** 2)

@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from kernelcache import njit
 from ronnaplan.correspondence.evidence import GATE_CHI2, filled_volume, fit, is_collinear, log_misfit
 from ronnaplan.correspondence.told import LEAST_PAIRS
 

@@ -6,17 +6,18 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2 as chi2_distribution
 from scipy.stats import norm
 
+from kernelcache import njit
 from ronnaplan.correspondence.evidence import COLLINEAR_SIGMAS, fit, log_misfit
 from ronnaplan.correspondence.exact import distances
 from ronnaplan.correspondence.inputs import checked_points
 from ronnaplan.correspondence.matching import LEAST_PROBABILITY
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 
 MOST_LAYOUT_POINTS = 32
@@ -73,7 +74,7 @@ class Layout:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def refused_share(truths, gaps, size, needed):  # type: ignore[no-untyped-def]
+def refused_share(truths: FloatArray, gaps: FloatArray, size: int, needed: float) -> float:
     """Return the share of the truth's chi^2 and the rival's excess at which neither is ``needed`` nats ahead."""
     refused = 0
     for truth in truths:
@@ -104,7 +105,7 @@ def rival_distance(points: ArrayLike) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def swapped_pairs(points, weight, index):  # type: ignore[no-untyped-def]
+def swapped_pairs(points: FloatArray, weight: FloatArray, index: IntArray) -> tuple[float, IntArray]:
     """Return the least chi^2 among the orders that exchange two points, and that order."""
     n = len(points)
     best, rival = np.inf, index.copy()
@@ -119,7 +120,7 @@ def swapped_pairs(points, weight, index):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def nearest_rival(points):  # type: ignore[no-untyped-def]
+def nearest_rival(points: FloatArray) -> tuple[float, IntArray]:
     """Return the least sum of squared residuals over every order but the given one, and that order.
 
     Branch and bound: the residuals of a partial order never exceed those of its completions, and those of any two
@@ -152,7 +153,7 @@ def nearest_rival(points):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def next_choice(d, order, used, depth, best):  # type: ignore[no-untyped-def]
+def next_choice(d: FloatArray, order: IntArray, used: NDArray[np.bool_], depth: int, best: float) -> int:
     """Return the next unused partner of point ``depth`` whose distances alone do not exceed the bound, or -1."""
     for choice in range(order[depth] + 1, len(d)):
         if used[choice]:

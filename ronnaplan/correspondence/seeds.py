@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from kernelcache import njit
 
 MOST_POSES = 3
 """Poses that one seed hands on: those with the most hits."""

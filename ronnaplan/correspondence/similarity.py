@@ -8,13 +8,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from kernelcache import njit
 from ronnaplan.correspondence.exact import distances
 from ronnaplan.correspondence.inputs import checked_number, checked_points
-from ronnaplan.correspondence.pairing import Pairing, no_pairs
+from ronnaplan.correspondence.pairing import IntArray, Pairing, no_pairs
 from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray
 
 TOLERANCE_ROUNDING = 1e-9
 """Added to the last tolerance so that 1.0, 1.1 ... 6.0 mm includes 6.0 despite rounding."""
@@ -39,6 +40,7 @@ def match_by_similarity(
     """
     ct, ots = checked_points(ct_points, "CT points"), checked_points(ots_points, "OTS points")
     count = checked_number(expected, (len(ct), len(ots)))
+    assert count is not None
     if not (0 < e_start_mm <= e_stop_mm and e_step_mm > 0):
         raise InputError(
             f"the tolerance runs from {e_start_mm} to {e_stop_mm} mm by {e_step_mm}; "
@@ -53,7 +55,9 @@ def match_by_similarity(
 
 
 @njit(cache=True, nogil=True)
-def similarity_match(ct, ots, expected, e_start, e_stop, e_step, one_to_one):  # type: ignore[no-untyped-def]
+def similarity_match(
+    ct: FloatArray, ots: FloatArray, expected: int, e_start: float, e_stop: float, e_step: float, one_to_one: bool
+) -> IntArray:
     """Return the partner of each CT point, -1 for none; all -1 when the correspondence is unsuccessful."""
     e = e_start
     while e <= e_stop + TOLERANCE_ROUNDING:
@@ -65,7 +69,9 @@ def similarity_match(ct, ots, expected, e_start, e_stop, e_step, one_to_one):  #
 
 
 @njit(cache=True, nogil=True)
-def similarity_match_many(ct, ots, expected, e_start, e_stop, e_step, one_to_one):  # type: ignore[no-untyped-def]
+def similarity_match_many(
+    ct: FloatArray, ots: FloatArray, expected: int, e_start: float, e_stop: float, e_step: float, one_to_one: bool
+) -> IntArray:
     """Match T sets (T, n, 3) and (T, m, 3); return the partners (T, n)."""
     partner = np.empty(ct.shape[:2], np.int64)
     for t in range(len(ct)):
@@ -74,7 +80,7 @@ def similarity_match_many(ct, ots, expected, e_start, e_stop, e_step, one_to_one
 
 
 @njit(cache=True, nogil=True)
-def match_within(ct, ots, expected, e, one_to_one):  # type: ignore[no-untyped-def]
+def match_within(ct: FloatArray, ots: FloatArray, expected: int, e: float, one_to_one: bool) -> IntArray:
     """Run steps 1 to 4 with one tolerance e; return the partner of each CT point."""
     rows, columns = np.arange(len(ct)), np.arange(len(ots))
     nothing = np.full(len(ct), -1)
@@ -96,13 +102,13 @@ def match_within(ct, ots, expected, e, one_to_one):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True, nogil=True)
-def any_per_row(matrix):  # type: ignore[no-untyped-def]
+def any_per_row(matrix: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Tell of each row whether any value in it meets the condition."""
     return np.array([matrix[a].any() for a in range(len(matrix))])
 
 
 @njit(cache=True, nogil=True)
-def similarity_matrix(ct, ots, e, one_to_one):  # type: ignore[no-untyped-def]
+def similarity_matrix(ct: FloatArray, ots: FloatArray, e: float, one_to_one: bool) -> IntArray:
     """Return sim_ij (Eq. 11, 12): how many distances of CT point i have a partner within e at OTS point j."""
     d_ct, d_ots = distances(ct), distances(ots)  # Eq. 10
     for a in range(len(ct)):
@@ -120,7 +126,7 @@ def similarity_matrix(ct, ots, e, one_to_one):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def partnered_distances(first, second, e):  # type: ignore[no-untyped-def]
+def partnered_distances(first: FloatArray, second: FloatArray, e: float) -> int:
     """Count the distances of the first list with any partner in the second that differs by less than e."""
     count = 0
     for distance in first:
@@ -130,7 +136,7 @@ def partnered_distances(first, second, e):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def shared_distances(first, second, e):  # type: ignore[no-untyped-def]
+def shared_distances(first: FloatArray, second: FloatArray, e: float) -> int:
     """Count the one-to-one partners of two rising lists that differ by less than e: at most the shorter one."""
     a = b = shared = 0
     while a < len(first) and b < len(second):
@@ -146,7 +152,7 @@ def shared_distances(first, second, e):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def unique_partners(candidates):  # type: ignore[no-untyped-def]
+def unique_partners(candidates: NDArray[np.bool_]) -> IntArray:
     """Return the partner of each row whose only candidate has no other candidate; -1 for the others."""
     found = np.full(len(candidates), -1)
     for a in range(len(candidates)):
@@ -157,7 +163,7 @@ def unique_partners(candidates):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def complete_by_coordinates(ct, ots, found, e):  # type: ignore[no-untyped-def]
+def complete_by_coordinates(ct: FloatArray, ots: FloatArray, found: IntArray, e: float) -> IntArray:
     """Pair the rest by their coordinates in the frame of the first three uniquely paired points, closer than e."""
     anchors = np.flatnonzero(found >= 0)[:3]
     if len(anchors) < 3:
@@ -177,7 +183,7 @@ def complete_by_coordinates(ct, ots, found, e):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def frame_of(points):  # type: ignore[no-untyped-def]
+def frame_of(points: FloatArray) -> FloatArray:
     """Return the axes (columns) of the coordinate system built on three points (3, 3)."""
     axes = np.zeros((3, 3))
     x, w = points[1] - points[0], points[2] - points[0]

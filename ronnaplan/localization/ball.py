@@ -18,8 +18,8 @@ import math
 from functools import cache
 
 import numpy as np
-from numba import njit
 
+from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.parameters import BLUR, EDGE, RADIUS, SHAPE, WIDTH, U, V, W
 

@@ -12,9 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from kernelcache import njit
 from ronnaplan.ct.volume import CTVolume, SliceGrid
 from ronnaplan.geometry import FloatArray
 

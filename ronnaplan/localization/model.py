@@ -13,8 +13,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.ball import add_ball
 from ronnaplan.localization.parameters import (

@@ -8,12 +8,17 @@ a row, v down a column, w along the normal).
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numpy.typing import NDArray
 
+from kernelcache import njit
+from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import layers
 from ronnaplan.planning.head import SKIN_HU
 from ronnaplan.planning.layers import BONE_HU, COVER_MM, LONGEST_WAY_MM, STEP_MM
 from ronnaplan.planning.sampling import AIR_HU
+
+Voxels = NDArray[np.int16] | NDArray[np.float32]
+IntArray = NDArray[np.int64]
 
 AIR_IN_HEAD_HU = -300.0
 """Below this a path inside the head runs through an air space."""
@@ -24,7 +29,7 @@ bone = njit(cache=True, nogil=True, error_model="numpy")(layers.bone)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def slice_below(w_mm, w, guess):  # type: ignore[no-untyped-def]
+def slice_below(w_mm: FloatArray, w: float, guess: int) -> int:
     """Return k with ``w_mm[k] <= w <= w_mm[k + 1]``, searched from ``guess``; -1 outside."""
     count = len(w_mm)
     if count < 2 or not (w_mm[0] <= w <= w_mm[count - 1]):
@@ -38,7 +43,7 @@ def slice_below(w_mm, w, guess):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def bilinear(plane, row, column):  # type: ignore[no-untyped-def]
+def bilinear(plane: Voxels, row: float, column: float) -> float:
     """Return the value of ``plane`` (J, I) at a fractional place, at least `AIR_HU`; NaN outside."""
     rows, columns = plane.shape
     if not (0.0 <= row <= rows - 1 and 0.0 <= column <= columns - 1):
@@ -47,11 +52,20 @@ def bilinear(plane, row, column):  # type: ignore[no-untyped-def]
     y, x = row - j, column - i
     upper = (1.0 - x) * max(plane[j, i], AIR_HU) + x * max(plane[j, i + 1], AIR_HU)
     lower = (1.0 - x) * max(plane[j + 1, i], AIR_HU) + x * max(plane[j + 1, i + 1], AIR_HU)
-    return (1.0 - y) * upper + y * lower
+    return float((1.0 - y) * upper + y * lower)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def sample(voxels, origins, w_mm, steps, u, v, w, guess):  # type: ignore[no-untyped-def]
+def sample(
+    voxels: Voxels,
+    origins: FloatArray,
+    w_mm: FloatArray,
+    steps: FloatArray,
+    u: float,
+    v: float,
+    w: float,
+    guess: int,
+) -> tuple[float, int]:
     """Return the value at (u, v, w) in HU, NaN outside, and the slice below it (a guess for the next call)."""
     k = slice_below(w_mm, w, guess)
     if k < 0:
@@ -63,7 +77,17 @@ def sample(voxels, origins, w_mm, steps, u, v, w, guess):  # type: ignore[no-unt
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def way_out(voxels, origins, w_mm, steps, inside, cell, start, direction, values):  # type: ignore[no-untyped-def]
+def way_out(
+    voxels: Voxels,
+    origins: FloatArray,
+    w_mm: FloatArray,
+    steps: FloatArray,
+    inside: NDArray[np.bool_],
+    cell: int,
+    start: FloatArray,
+    direction: FloatArray,
+    values: FloatArray,
+) -> tuple[int, float, float, float]:
     """Search outwards from ``start`` (u, v, w); ``values`` receives the HU at every `STEP_MM`.
 
     Returns (how, scalp, outer, inner): a `Way` and the reach of the three surfaces in mm; NaN: not met.
@@ -88,9 +112,22 @@ def way_out(voxels, origins, w_mm, steps, inside, cell, start, direction, values
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def search(  # type: ignore[no-untyped-def]
-    voxels, origins, w_mm, steps, inside, cell, target, outward, field_mm, corner, distances, ball, numbers, states
-):
+def search(
+    voxels: Voxels,
+    origins: FloatArray,
+    w_mm: FloatArray,
+    steps: FloatArray,
+    inside: NDArray[np.bool_],
+    cell: int,
+    target: FloatArray,
+    outward: FloatArray,
+    field_mm: float,
+    corner: FloatArray,
+    distances: NDArray[np.float32],
+    ball: FloatArray,
+    numbers: FloatArray,
+    states: NDArray[np.int64],
+) -> None:
     """Fill ``numbers`` (M, 5) and ``states`` (M, 2) for rays ``outward`` (M, 3) along the slice axes."""
     values = np.empty(int(LONGEST_WAY_MM / STEP_MM))
     for m in range(len(outward)):
@@ -112,7 +149,15 @@ def search(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _angle(voxels, origins, w_mm, steps, place, direction, ball):  # type: ignore[no-untyped-def]
+def _angle(
+    voxels: Voxels,
+    origins: FloatArray,
+    w_mm: FloatArray,
+    steps: FloatArray,
+    place: FloatArray,
+    direction: FloatArray,
+    ball: FloatArray,
+) -> float:
     """Return the angle in degrees between ``direction`` and the mean gradient in a ball about ``place``.
 
     The first moment of the values over a ball points along the normal of a plane step, however sharp it is.
@@ -125,11 +170,18 @@ def _angle(voxels, origins, w_mm, steps, place, direction, ball):  # type: ignor
         if value > 0.0:
             x, y, z = x + value * u, y + value * v, z + value * w
     along = abs(x * direction[0] + y * direction[1] + z * direction[2])
-    return np.degrees(np.arccos(min(along / np.sqrt(x * x + y * y + z * z), 1.0)))
+    return float(np.degrees(np.arccos(min(along / np.sqrt(x * x + y * y + z * z), 1.0))))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _least(field_mm, corner, distances, target, direction, length):  # type: ignore[no-untyped-def]
+def _least(
+    field_mm: float,
+    corner: FloatArray,
+    distances: NDArray[np.float32],
+    target: FloatArray,
+    direction: FloatArray,
+    length: float,
+) -> float:
     """Return the least of the field along the ray; a distance cannot fall faster than the ray advances."""
     least, reach = np.inf, 0.0
     while reach <= length:
@@ -143,7 +195,7 @@ def _least(field_mm, corner, distances, target, direction, length):  # type: ign
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _field_at(distances, x, y, z):  # type: ignore[no-untyped-def]
+def _field_at(distances: NDArray[np.float32], x: float, y: float, z: float) -> float:
     """Return the distance at node coordinates, interpolated between the nodes; infinite outside."""
     i, j, k = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
     sx, sy, sz = distances.shape
@@ -160,7 +212,9 @@ def _field_at(distances, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def exchange(centers, targets, chosen, place, apart, scores):  # type: ignore[no-untyped-def]
+def exchange(
+    centers: FloatArray, targets: FloatArray, chosen: IntArray, place: int, apart: float, scores: FloatArray
+) -> None:
     """Fill ``scores`` (S,) with the largest error were marker ``place`` at each site that keeps its distance."""
     markers = np.empty((len(chosen), 3))
     for n in range(len(chosen)):
@@ -177,7 +231,7 @@ def exchange(centers, targets, chosen, place, apart, scores):  # type: ignore[no
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def largest(markers, targets):  # type: ignore[no-untyped-def]
+def largest(markers: FloatArray, targets: FloatArray) -> float:
     """Return the largest squared error over the targets, in units of sigma^2; infinite for a line."""
     count = len(markers)
     centroid = np.zeros(3)
