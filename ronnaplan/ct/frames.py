@@ -22,6 +22,7 @@ from ronnaplan.ct.header import (
     Elements,
     element_name,
 )
+from ronnaplan.ct.limits import LARGEST_HU
 from ronnaplan.ct.slices import CT_IMAGE, MULTI_FRAME_CLASSES, Instance, PixelFormat, SliceImage
 from ronnaplan.ct.values import Vector, number_or_none, numbers, text, values
 
@@ -45,8 +46,6 @@ _PRESENTATION_STATE_PREFIX: Final = "1.2.840.10008.5.1.4.1.1.11."
 PLAIN_SYNTAXES: Final = frozenset({IMPLICIT_LITTLE, EXPLICIT_LITTLE, EXPLICIT_BIG, DEFLATED_LITTLE})
 MOST_FRAMES: Final = 20_000
 """A file of more frames than this (20 m of body at 1 mm) is taken for damage."""
-LARGEST_RESCALE: Final = 1e6
-"""Slopes and intercepts beyond are a damaged header."""
 _HU_NAMES: Final = frozenset({"", "HU", "US"})
 """Rescale types taken for Hounsfield units. ``US`` (unspecified) is the standard's default for a CT."""
 
@@ -216,6 +215,6 @@ def _rescale(facts: Elements) -> tuple[float, float]:
         raise DamagedError(
             f"it has {len(slope)} rescale slopes and {len(intercept)} intercepts, expected one each"
         )
-    if slope[0] == 0.0 or max(abs(slope[0]), abs(intercept[0])) > LARGEST_RESCALE:
+    if slope[0] == 0.0 or max(abs(slope[0]), abs(intercept[0])) > LARGEST_HU:
         raise DamagedError(f"its rescale slope {slope[0]} and intercept {intercept[0]} cannot be right")
     return slope[0], intercept[0]

@@ -15,7 +15,7 @@ from typing import BinaryIO, Final, Literal
 import numpy as np
 
 from ronnaplan.ct.files import DamagedError
-from ronnaplan.ct.limits import Limits
+from ronnaplan.ct.limits import Limits, are_hu
 from ronnaplan.geometry import FloatArray
 from ronnaplan.text import printable
 
@@ -110,8 +110,10 @@ def positive(numbers: FloatArray, name: str) -> FloatArray:
 
 
 def scaled(slope: float, intercept: float) -> tuple[float, float]:
-    """Return the scale of the values; raises `DamagedError` if it is not finite, or zero."""
+    """Return the scale of the values; raises `DamagedError` if it is not finite, zero, or no scanner's."""
     finite(np.array([slope, intercept]), "scale of the values")
+    if not are_hu(np.array([slope, intercept])):
+        raise DamagedError(f"it scales its values by {slope:g} and {intercept:g}, which cannot be right")
     if slope == 0.0:
         raise DamagedError("it scales its values by 0")
     return slope, intercept

@@ -13,6 +13,7 @@ import numpy as np
 
 from ronnaplan.ct.files import DamagedError, open_regular
 from ronnaplan.ct.image_header import ImageHeader, StoredVoxels
+from ronnaplan.ct.limits import LARGEST_HU, are_hu
 from ronnaplan.ct.pixels import INT16, Voxels
 
 _ZLIB_OR_GZIP: Final = 32 + zlib.MAX_WBITS
@@ -49,8 +50,10 @@ def _filled(header: ImageHeader, stream: BinaryIO, k_flips: bool) -> Voxels:
             voxels = voxels.astype(np.float32)
         with np.errstate(over="ignore"):
             voxels[k] = plane
-        if voxels.dtype != np.int16 and not np.isfinite(voxels[k]).all():
-            raise DamagedError("it holds values that are not finite numbers; convert it again")
+        if voxels.dtype != np.int16 and not are_hu(voxels[k]):
+            raise DamagedError(
+                f"it holds values that are not finite numbers up to {LARGEST_HU:g} HU; convert it again"
+            )
     return voxels
 
 

@@ -28,6 +28,8 @@ _MILLIMETRES: Final = frozenset({0, 2})
 """Codes of ``xyzt_units``: unknown, which most CT converters of old wrote, and mm."""
 _SPACES: Final = frozenset({0, 1, 2})
 """Codes of ``qform_code`` and ``sform_code``: none, the scanner's space, and a space aligned with another scan's."""
+_PLAIN: Final = frozenset({0, 1001, 1002})
+"""Codes of ``intent_code``: values as they are, an estimate, labels. Others are statistics, vectors, matrices."""
 _LPS_FROM_RAS: Final = np.diag([-1.0, -1.0, 1.0, 1.0])
 _TYPES: Final = {
     **{2: "u1", 256: "i1", 4: "i2", 512: "u2", 8: "i4", 768: "u4"},
@@ -51,6 +53,7 @@ _NIFTI1: Final = _Layout(
     b"ni1\0",
     {
         "dim": ("8h", 40),
+        "intent_code": ("h", 68),
         "datatype": ("h", 70),
         "bitpix": ("h", 72),
         "pixdim": ("8f", 76),
@@ -81,6 +84,7 @@ _NIFTI2: Final = _Layout(
         "qoffset": ("3d", 376),
         "srow": ("12d", 400),
         "xyzt_units": ("i", 500),
+        "intent_code": ("i", 504),
     },
 )
 _LAYOUTS: Final = {
@@ -104,6 +108,11 @@ def nifti_header(path: Path, stream: BinaryIO, limits: Limits) -> ImageHeader:
     (offset,) = fields["vox_offset"]
     if not layout.size + 4 <= offset <= limits.header_bytes or offset != int(offset):
         raise DamagedError(f"its voxels start at byte {offset:g}, expected {layout.size + 4} or more")
+    (intent,) = fields["intent_code"]
+    if intent not in _PLAIN:
+        raise DamagedError(
+            f"its values have the intent {intent} (a statistic, vectors, ...), so they are no image's"
+        )
     slope, intercept = fields["scl"]
     if slope == 0.0:
         slope, intercept = 1.0, 0.0  # the standard: zero means that the values are not scaled

@@ -53,6 +53,8 @@ _BESIDE_DIRECTIONS: Final = {
 }
 """Per-axis fields that the format forbids beside ``space directions``, as they would place the samples again -> values
 that do not."""
+_SPATIAL: Final = frozenset({"domain", "space", "none", "???"})
+"""Kinds of an axis along which samples lie in space."""
 _HU: Final = frozenset({"", "hu", "hounsfield", "hounsfield unit", "hounsfield units"})
 
 
@@ -68,6 +70,7 @@ def nrrd_header(path: Path, stream: BinaryIO, limits: Limits) -> ImageHeader:
         kinds = fields.get("kinds", "").split()
         what = f" ({printable(' '.join(kinds), 60)})" if kinds else ""
         raise DamagedError(f"it has {dimension} dimensions{what}, expected 3")
+    _check_axes(fields)
     columns, rows, count = whole(_given(fields, "sizes"), 3, "sizes")
     return ImageHeader(
         (count, rows, columns), _dtype(fields), _lps_from_index(fields), _stored(path, fields, stream.tell())
@@ -114,6 +117,15 @@ def _check_meaning(fields: dict[str, str]) -> None:
     for name in ("old min", "oldmin", "old max", "oldmax"):
         if fields.get(name, "nan").lower() != "nan":
             raise DamagedError(f"its values were quantized ('{name}'), so they are not Hounsfield units")
+
+
+def _check_axes(fields: dict[str, str]) -> None:
+    """Refuse axes that do not run through space."""
+    others = [kind for kind in fields.get("kinds", "").split() if kind.lower() not in _SPATIAL]
+    if others:
+        raise DamagedError(f"its samples along an axis are '{printable(others[0], 60)}', not places in space")
+    if fields.get("space dimension", "3") != "3":
+        raise DamagedError(f"its space has {printable(fields['space dimension'], 60)} dimensions, expected 3")
 
 
 def _dtype(fields: dict[str, str]) -> np.dtype[np.generic]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ronnaplan.ct import tags
 from ronnaplan.ct.codecs import decode
 from ronnaplan.ct.header import DEFLATED_LITTLE, deflated_part, inflate
-from ronnaplan.ct.limits import Limits
+from ronnaplan.ct.limits import LARGEST_HU, Limits, are_hu
 from ronnaplan.ct.slices import FLOAT_BYTES, PixelFormat, SliceImage, Stored
 from ronnaplan.errors import InputError
 
@@ -32,7 +32,9 @@ def stored_range(pixels: PixelFormat) -> tuple[int, int]:
 def may_be_int16(image: SliceImage) -> bool:
     """Whether the rescaled values are whole numbers, so that int16 is worth trying."""
     whole = image.slope.is_integer() and image.intercept.is_integer()
-    return whole and image.pixels.tag not in FLOAT_BYTES and max(abs(image.slope), abs(image.intercept)) <= 1e6
+    return (
+        whole and image.pixels.tag not in FLOAT_BYTES and max(abs(image.slope), abs(image.intercept)) <= LARGEST_HU
+    )
 
 
 def read_slice(image: SliceImage, target: Voxels, padding_hu: float | None, limits: Limits) -> None:
@@ -121,8 +123,10 @@ def _rescale(stored: Stored, image: SliceImage, target: Voxels, padded: NDArray[
     if target.dtype != np.int16:
         with np.errstate(over="ignore", invalid="ignore"):
             target[...] = stored.astype(np.float64) * slope + intercept
-        if not np.isfinite(target).all():
-            raise InputError(f"{image.name} holds values that are not finite numbers; convert it again")
+        if not are_hu(target if padded is None else target[~padded]):
+            raise InputError(
+                f"{image.name} holds values that are not finite numbers up to {LARGEST_HU:g} HU; convert it again"
+            )
         return
     seen = stored if padded is None else stored[~padded]
     if seen.size:

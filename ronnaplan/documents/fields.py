@@ -22,6 +22,7 @@ from pydantic import (
     Strict,
 )
 
+from ronnaplan.ct.limits import LARGEST_HU
 from ronnaplan.geometry import FARTHEST_POINT_MM, LARGEST_SIGMA_MM
 
 SYMMETRY_TOLERANCE = 1e-9
@@ -31,8 +32,6 @@ LEAST_CORRELATION_EIGENVALUE = 1e-12
 Poses of a tracker 100 m away from its markers still have 1e-7."""
 LONGEST_MM = 1e6
 """No length in a document reaches a kilometre."""
-LARGEST_HU = 1e6
-"""No scale of a scanner reaches a million."""
 MOST_NATS = 1e30
 """The log evidence of points a kilometre off, with the smallest errors that can be stated, has 24 digits."""
 LARGEST_RATIO = 1e6

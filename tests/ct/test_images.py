@@ -108,6 +108,8 @@ def test_an_image_that_memory_cannot_hold_is_refused(tmp_path: Path, monkeypatch
 def test_values_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="not finite numbers"):
         read_ct(write(tmp_path / "nan.nrrd", np.full((3, 4, 5), np.nan, np.float32)))
+    with pytest.raises(InputError, match=r"numbers up to 1e\+06 HU"):
+        read_ct(write(tmp_path / "far.nrrd", np.full((3, 4, 5), 1e30, np.float32)))
 
 
 @pytest.mark.parametrize("suffix", [".nii", ".nrrd", ".mha"])

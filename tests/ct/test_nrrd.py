@@ -45,6 +45,8 @@ def changed(path: Path, old: bytes, new: bytes) -> Path:
         (b"kinds:", b'units: "cm" "cm" "cm"\nkinds:', "'units' beside its space directions"),
         (b"kinds:", b'sample units: "Gy"\nkinds:', "its values are in Gy"),
         (b"kinds:", b"old min: 0\nkinds:", "quantized"),
+        (b"kinds: domain domain domain", b"kinds: domain domain time", "'time', not places in space"),
+        (b"kinds:", b"space dimension: 2\nkinds:", "its space has 2 dimensions"),
         (b"kinds:", b"modality:=DWMRI\nkinds:", "its modality is DWMRI, not CT"),
         (b"kinds:", b"space: RAS\nkinds:", "gives 'space' twice"),
         (b"kinds:", b"Dimension: 3\nkinds:", "gives 'dimension' twice"),

@@ -28,6 +28,8 @@ ADDRESS_SPACE_BYTES = 8 * GIB
 """Beyond, allocations fail instead of taking the machine down."""
 LONGEST_START_S = 900.0
 """Time to make a border's valid inputs and to compile what is compiled at first use."""
+LONGEST_END_S = 5.0
+"""Time to end what a border has begun."""
 WAITED = 6.0
 """An input that waits is stopped after this many times what its border allows."""
 WATCHED = 8.0
@@ -93,6 +95,8 @@ def _in_child(target: str, seed: int, numbers: range, deadline: float, tally: Ta
             return None
         tried += 1
     finally:
+        child.terminate()  # and so what it has begun itself
+        child.join(LONGEST_END_S)
         child.kill()
         child.join()
     return tried
@@ -126,6 +130,8 @@ def _bound_process() -> None:
 
     if sys.platform != "win32":
         import resource
+
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
 
         resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE_BYTES, ADDRESS_SPACE_BYTES))
         signal.signal(signal.SIGALRM, too_slow)
