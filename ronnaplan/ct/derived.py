@@ -13,7 +13,9 @@ from typing import Final
 from ronnaplan.ct.volume import VolumeFlag
 
 _LOCALIZER: Final = frozenset({"LOCALIZER", "SCOUT", "SURVIEW", "REF_SURVIEW", "TOPOGRAM"})
-_PROJECTION: Final = frozenset({"MIP", "MAX_IP", "MAXIP", "MINIP", "MIN_IP", "MAXIMUM", "MINIMUM", "PROJECTION"})
+_PROJECTION: Final = frozenset(
+    {*("MIP", "MIPS", "MAX_IP", "MAXIP", "MINIP", "MINIPS", "MIN_IP"), *("MAXIMUM", "MINIMUM", "PROJECTION")}
+)
 _RENDERED: Final = frozenset({"VRT", "VOLUME_RENDER", "VOLUME_RENDERING", "SURFACE_RENDER", "SSD"})
 _CURVED: Final = frozenset({"CURVED", "CURVED_MPR", "CPR"})
 _NEVER_SLICES: Final = {

@@ -21,6 +21,10 @@ LOSSY_SYNTAXES: Final = frozenset(
     f"1.2.840.10008.1.2.4.{number}" for number in (50, 51, 81, 91, 93, 100, 102, 112, 203)
 )
 
+_PATIENT: Final = (
+    *(tags.PATIENT_ID, tags.ISSUER_OF_PATIENT_ID, tags.PATIENT_NAME, tags.PATIENT_BIRTH_DATE, tags.PATIENT_SEX),
+    tags.PATIENT_POSITION,
+)
 FLOAT_BYTES: Final = {tags.FLOAT_PIXEL_DATA: 4, tags.DOUBLE_FLOAT_PIXEL_DATA: 8}
 """Tags of float pixels -> bytes of one pixel."""
 
@@ -84,10 +88,9 @@ class Instance:
     pixels: PixelFormat | None
 
     @property
-    def patient_id(self) -> bytes:
-        """What tells patients apart, as it is written."""
-        written: bytes = self.elements.get(tags.PATIENT_ID, b"")
-        return written.strip(b"\0 ")
+    def patient(self) -> tuple[bytes, ...]:
+        """What tells patients, and how they lay, apart, as it is written."""
+        return tuple(self.elements.get(tag, b"").strip(b"\0 ^") for tag in _PATIENT)
 
     @property
     def patient_name(self) -> str:

@@ -99,7 +99,7 @@ def _share_plane(one: SliceImage, other: SliceImage) -> bool:
     return (
         one.pixels.rows == other.pixels.rows
         and one.pixels.columns == other.pixels.columns
-        and one.instance.patient_id == other.instance.patient_id
+        and one.instance.patient == other.instance.patient
         and one.instance.study_uid == other.instance.study_uid
         and one.instance.frame_of_reference_uid == other.instance.frame_of_reference_uid
         and one.stack_id == other.stack_id

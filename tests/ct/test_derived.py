@@ -17,7 +17,7 @@ DERIVED, REFORMATTED, VIRTUAL = VolumeFlag.DERIVED, VolumeFlag.REFORMATTED, Volu
         ("DERIVED\\SECONDARY\\MPR\\CSA MIP", "", "maximum or minimum intensity projection"),
         ("DERIVED\\SECONDARY\\PROJECTION IMAGE", "", "maximum or minimum intensity projection"),
         ("DERIVED\\PRIMARY\\VOLUME\\MAXIMUM", "", "maximum or minimum intensity projection"),
-        ("DERIVED\\SECONDARY\\REFORMATTED", "Head thick MIP 10 mm", "maximum or minimum intensity projection"),
+        ("DERIVED\\SECONDARY\\REFORMATTED", "Head thick MIPs 10 mm", "maximum or minimum intensity projection"),
         ("DERIVED\\SECONDARY\\OTHER\\VRT", "", "a rendered view"),
         ("DERIVED\\SECONDARY\\CURVED_MPR", "", "a curved reformat"),
         ("ORIGINAL\\PRIMARY\\LOCALIZER\\CT_SOM5 TOP", "", "a localizer"),

@@ -198,6 +198,9 @@ def test_acquisitions_that_follow_each_other_are_one_volume(tmp_path: Path) -> N
         ("FrameOfReferenceUID", "1.2.3.99"),
         ("StudyInstanceUID", "1.2.3.98"),
         ("PatientID", "another patient's"),
+        ("PatientName", "Roe^Richard"),
+        ("PatientBirthDate", "19600101"),
+        ("PatientPosition", "FFS"),
         ("PixelSpacing", [0.5, 0.5]),
     ],
 )
