@@ -78,11 +78,13 @@ class Evidence:
     noise_hu: float
     unseen: float
     """Share of the ball's directions for which the scan has no voxels."""
+    is_pulled: bool = False
+    """Whether metal lies beyond what touches the ball."""
 
     @cached_property
     def covariance_mm2(self) -> FloatArray:
         """Covariance (3, 3) of the centre in LPS."""
-        return center_covariance(self.fit, self.noise_hu, self.excess_mm)
+        return center_covariance(self.fit, self.noise_hu, self.excess_mm, is_pulled=self.is_pulled)
 
     @property
     def excess_mm(self) -> float:

@@ -17,11 +17,11 @@ from ronnaplan.localization.accept import MIN_COVERAGE, Evidence, failures
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.detect import detect
 from ronnaplan.localization.guess import margin_mm
-from ronnaplan.localization.look import surface_shares, unseen_share
+from ronnaplan.localization.look import has_metal, surface_shares, unseen_share
 from ronnaplan.localization.neighbourhood import gather
 from ronnaplan.localization.parameters import RADIUS, SHAPE, WIDTH, full_width_at_half_maximum_mm
 from ronnaplan.localization.refine import BallFit, fit_ball
-from ronnaplan.localization.uncertainty import cramer_rao_bound, is_off_size, noise_level
+from ronnaplan.localization.uncertainty import attached_axis, cramer_rao_bound, is_off_size, noise_level
 
 MIN_CEILING_HU = 2000.0
 """No scanner's scale ends below this."""
@@ -46,17 +46,20 @@ class Scan:
     def __init__(self, volume: CTVolume) -> None:
         self.volume = volume
 
-    @cached_property
-    def thickness_mm(self) -> float:
-        """Nominal thickness of the slices; where the file does not say, the usual gap between them."""
-        gaps = self.volume.grid.spacings_mm
-        usual = float(np.median(gaps)) if gaps.size else self.volume.grid.row_spacing_mm
-        return self.volume.grid.thickness_mm or usual
+    def thickness_mm(self, centers_mm: FloatArray) -> FloatArray:
+        """Nominal thickness (...) of the slices at ``centers_mm`` (..., 3); where the file does not say, their gap."""
+        grid = self.volume.grid
+        gaps_mm = grid.spacings_mm
+        if grid.thickness_mm or not gaps_mm.size:
+            return np.full(centers_mm.shape[:-1], grid.thickness_mm or grid.row_spacing_mm)
+        above = np.searchsorted(grid.slice_positions_mm, centers_mm @ grid.normal)
+        thickness_mm: FloatArray = gaps_mm[np.clip(above - 1, 0, len(gaps_mm) - 1)]
+        return thickness_mm
 
     @property
     def widest_mm(self) -> float:
         """Width of the slice profile that a fit must be able to see."""
-        return BROADENING * max(self.thickness_mm, self.gap_mm)
+        return BROADENING * max(self.volume.grid.thickness_mm or 0.0, self.gap_mm, self.volume.grid.row_spacing_mm)
 
     @cached_property
     def gap_mm(self) -> float:
@@ -87,11 +90,14 @@ class Scan:
 class Examined:
     """A candidate that was fitted: where it was seen, the fit's result, and (test, reason) of each test it failed.
 
+    ``stated_mm`` is the diameter that was looked for, ``thickness_mm`` the slices' nominal thickness there.
+
     The voxels and derivatives of the fit are not kept: hundreds of them would outweigh the scan.
     """
 
     candidate_mm: FloatArray
     stated_mm: float
+    thickness_mm: float
     center_mm: FloatArray
     covariance_mm2: FloatArray
     bound_mm2: FloatArray
@@ -128,7 +134,7 @@ class Examined:
 def examine(scan: Scan, diameter_mm: float, build: Build = SOLID) -> list[Examined]:
     """Fit and judge every place of ``scan`` that may be a ball of ``diameter_mm``, strongest candidates first."""
     seen = detect(scan.volume, diameter_mm).centers_mm
-    shares = surface_shares(scan.volume, seen, diameter_mm, build, scan.thickness_mm)
+    shares = surface_shares(scan.volume, seen, diameter_mm, build, scan.thickness_mm(seen))
     places = _apart(seen[shares >= MIN_COVERAGE], SAME_PLACE * diameter_mm)
     # The fits release the interpreter's lock, and each is independent of the others: any order, same result.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -142,17 +148,18 @@ def alike(accepted: Sequence[Examined]) -> list[Examined]:
     """
     if len(accepted) < 3:
         return list(accepted)
+    nominal = np.array([one.thickness_mm for one in accepted])  # not everywhere the same where gaps stand for it
     widths = np.array([one.parameters[WIDTH] for one in accepted])
-    usual = float(np.median(widths))
+    usual = nominal + np.median(widths - nominal)
     off = np.abs(widths - usual) > np.maximum(ALIKE_MM, ALIKE_SHARE * usual)
     return [
         replace(
             one,
-            failures=(("alike", f"its ends are blurred over {width:.1f} mm, the others' over {usual:.1f} mm"),),
+            failures=(("alike", f"its ends are blurred over {width:.1f} mm, the others' over {others:.1f} mm"),),
         )
         if is_off
         else one
-        for one, width, is_off in zip(accepted, widths, off, strict=True)
+        for one, width, others, is_off in zip(accepted, widths, usual, off, strict=True)
     ]
 
 
@@ -169,16 +176,20 @@ def fit_place(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Buil
     """Fit a ball of about ``diameter_mm`` at a place (3,) of the scan."""
     reach_mm = 0.625 * diameter_mm + max(build.layer_mm, 0.0) + margin_mm(scan.widest_mm)
     around = gather(scan.volume, center_mm, reach_mm)
-    return fit_ball(around, diameter_mm, build, scan.thickness_mm, scan.ceiling_hu)
+    return fit_ball(around, diameter_mm, build, float(scan.thickness_mm(center_mm)), scan.ceiling_hu)
 
 
 def _examine_place(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build) -> Examined:
     fit = fit_place(scan, center_mm, diameter_mm, build)
     unseen = unseen_share(scan.volume, fit.center_mm, fit.diameter_mm / 2.0)
-    evidence = Evidence(fit, diameter_mm, scan.thickness_mm, scan.pixel_mm, noise_level(fit), unseen)
+    thickness_mm = float(scan.thickness_mm(center_mm))
+    axis = attached_axis(fit) @ fit.neighbourhood.axes
+    is_pulled = bool(axis.any()) and has_metal(scan.volume, fit.center_mm, axis, fit.diameter_mm / 2.0)
+    evidence = Evidence(fit, diameter_mm, thickness_mm, scan.pixel_mm, noise_level(fit), unseen, is_pulled)
     return Examined(
         center_mm,
         diameter_mm,
+        thickness_mm,
         fit.center_mm,
         evidence.covariance_mm2,
         cramer_rao_bound(fit, evidence.noise_hu),

@@ -15,26 +15,35 @@ from ronnaplan.localization.detect import MIN_CONTRAST_HU
 from ronnaplan.localization.guess import margin_mm
 from ronnaplan.localization.neighbourhood import cell_directions
 
+METAL_HU = 2500.0
+"""Brighter than bone and teeth in any scan."""
+
+SCREW_REACH_MM, SCREW_MM, SCREW_STEP_MM = 25.0, 3.0, 0.5
+"""A screw is looked for so far beyond the ball, within this distance of the axis, in these steps."""
+
+MARGIN_SHARE = 0.7
+"""Where this share of the blur's reach is left behind, it is as dark as the surroundings."""
+
 BACKGROUND_SHARE = 0.3
 """The surroundings' level is what this share of the directions reach at most: something touches most markers."""
 
 
 def surface_shares(
-    volume: CTVolume, centers_mm: FloatArray, diameter_mm: float, build: Build, thickness_mm: float
+    volume: CTVolume, centers_mm: FloatArray, diameter_mm: float, build: Build, thickness_mm: FloatArray
 ) -> FloatArray:
     """Share (N,) of directions in which the image falls from a ball's level to its surroundings' at its surface.
 
-    A fit at such a place of ``centers_mm`` (N, 3) cannot cover more of the surface.
+    A fit at such a place of ``centers_mm`` (N, 3), where slices are ``thickness_mm`` (N,) thick, cannot cover more of
+    the surface.
     """
     radius_mm = diameter_mm / 2.0
     directions = cell_directions() @ volume.grid.axes.T
-    margin_of_axis = margin_mm(thickness_mm) - margin_mm(0.0)
-    margins_mm = margin_mm(0.0) + margin_of_axis * np.abs(directions[:, 2:])
     depth_mm = build.wall_mm / 2.0 if build.wall_mm else radius_mm / 2.0
     inner_mm = (radius_mm - depth_mm) * directions
-    outer_mm = (radius_mm + max(build.layer_mm, 0.0) + 0.7 * margins_mm) * directions
+    outer_mm = (radius_mm + max(build.layer_mm, 0.0) + MARGIN_SHARE * margin_mm(0.0)) * directions
+    per_thickness = MARGIN_SHARE * (margin_mm(1.0) - margin_mm(0.0)) * np.abs(directions[:, 2:]) * directions
     places_mm = np.ascontiguousarray(centers_mm @ volume.grid.axes.T)
-    return _fallen(places_mm, inner_mm, outer_mm, *_lookup(volume))
+    return _fallen(places_mm, thickness_mm, inner_mm, outer_mm, per_thickness, *_lookup(volume))
 
 
 def unseen_share(volume: CTVolume, center_mm: FloatArray, radius_mm: float) -> float:
@@ -43,6 +52,19 @@ def unseen_share(volume: CTVolume, center_mm: FloatArray, radius_mm: float) -> f
     values = np.empty(len(surface_mm))
     _nearest(np.zeros(3), surface_mm, *_lookup(volume), values)
     return float(np.mean(np.isnan(values)))
+
+
+def has_metal(volume: CTVolume, center_mm: FloatArray, toward_mm: FloatArray, radius_mm: float) -> bool:
+    """Whether there is metal beyond the ball's surface in the direction ``toward_mm`` (3,) in LPS, a unit vector."""
+    across = np.linalg.svd(toward_mm[np.newaxis])[2][1:]
+    turns = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
+    ring = np.column_stack([np.cos(turns), np.sin(turns)]) @ across
+    disc = np.concatenate([np.zeros((1, 3)), 0.5 * SCREW_MM * ring, SCREW_MM * ring])
+    along = radius_mm + np.arange(0.0, SCREW_REACH_MM, SCREW_STEP_MM)
+    places = center_mm + disc + along[:, np.newaxis, np.newaxis] * toward_mm
+    values = np.empty(places.size // 3)
+    _nearest(np.zeros(3), places.reshape(-1, 3) @ volume.grid.axes.T, *_lookup(volume), values)
+    return bool(np.any(values > METAL_HU))
 
 
 Lookup = tuple[NDArray[np.int16] | NDArray[np.float32], FloatArray, FloatArray, float]
@@ -59,19 +81,24 @@ def _lookup(volume: CTVolume) -> Lookup:
 @njit(cache=True, nogil=True)
 def _fallen(
     places: FloatArray,
+    thickness: FloatArray,
     inner: FloatArray,
     outer: FloatArray,
+    per_thickness: FloatArray,
     voxels: NDArray[np.int16] | NDArray[np.float32],
     origins: FloatArray,
     steps: FloatArray,
     padding: float,
 ) -> FloatArray:
-    """Share (N,) of directions in which it is bright at ``inner`` (M, 3) and dark at ``outer`` from each place."""
+    """Share (N,) of directions in which it is bright at ``inner`` (M, 3) from each place and dark at ``outer``.
+
+    The latter lies farther out by ``per_thickness`` (M, 3) times the slices' ``thickness`` (N,).
+    """
     shares = np.zeros(len(places))
     inside, outside = np.empty(len(inner)), np.empty(len(inner))
     for n in range(len(places)):
         _nearest(places[n], inner, voxels, origins, steps, padding, inside)
-        _nearest(places[n], outer, voxels, origins, steps, padding, outside)
+        _nearest(places[n], outer + thickness[n] * per_thickness, voxels, origins, steps, padding, outside)
         bright, dark = np.sort(inside[~np.isnan(inside)]), np.sort(outside[~np.isnan(outside)])
         if len(bright) == 0 or len(dark) == 0:
             continue

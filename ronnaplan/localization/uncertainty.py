@@ -1,23 +1,21 @@
 """The covariance of a fitted centre: what the image itself shows of noise and model error.
 
 The centre is a weighted sum of voxel values (`BallFit.influence_mm_per_hu`), so what the residuals of one slice do to
-it is their weighted sum. Slices are measured apart, so these sums are taken as independent, and the sum of their
-squares is the cluster-robust "sandwich" estimate of the covariance (K.-Y. Liang and S. Zeger, Biometrika 73:13, 1986):
-noise enters with its correlation within the slice as it is, and so does whatever else differs from slice to slice,
-such as streaks and a blur that is not quite Gaussian.
+it is their weighted sum. Slices that see different tissue are measured apart, so these sums are taken as independent,
+and the sum of their squares is the cluster-robust "sandwich" estimate of the covariance (K.-Y. Liang and S. Zeger,
+Biometrika 73:13, 1986): noise enters with its correlation within the slice as it is, and so does whatever else differs
+from slice to slice, such as streaks and a blur that is not quite Gaussian. Slices whose profiles overlap share their
+noise as far as they do (Bartlett's weights, as in W. Newey and K. West, Econometrica 55:703, 1987).
 
-What all slices share, no residual shows. It is stated from signs of it: what touches the ball errs along its axis,
-with the more weight the more the surroundings are streaked; a background that slopes never just slopes; slices that
-are not small beside the ball. How much each stands for was fitted to the errors on simulated patients, which
-`docs/localization.md` names.
+A ball has few slices, which may show too little by chance, so residuals of the same size without any correlation are
+added. What all slices share, no residual shows; it is stated from signs of it: streaks about what touches the ball, a
+background that slopes, slices that are not small beside the ball, profiles that are bells. The covariance is the sum of
+these sources, each with one weight of `WEIGHTS`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.directions import cell_means, edge_depth, just_outside
@@ -33,80 +31,80 @@ MIN_FLAT_VOXELS = 30
 MIN_FREEDOM = 0.3
 """Share of a zone's voxels that is left at least after each direction has used one for its mean."""
 
-SEEN_SHARE = 0.5
-CORRELATION_POWER = 0.75
-NOISE_POWER = 0.4
-"""How much of what the slices show is error. It grows with the correlation within the slice: what is correlated over a
-sector is also so over distances that a ball is too small to show. And with the share of noise in the residuals: the
-rest is mostly a blur that is not quite Gaussian, alike on opposite sides."""
+ADAPTED_SLICES = 2.0
+"""To so many slices the fit adapts: its centre along them, and the profile."""
 
-LEAST_NOISE_SHARE = 0.01
-"""Noise is counted as at least this share of the residuals."""
+WEIGHTS = {
+    **{"slices": 0.6, "even": 0.75, "streaks": 1.25, "slope": 2.1},
+    **{"pole": 1.8e-6, "slanted": 1.4e-6, "least": 0.1e-6},
+}
+"""How much of each source is error. The first ones would be 1 if the residuals were the whole truth, and independent;
+the last two are mm^2. Fitted by `scripts/fit_uncertainty` to the errors on simulated patients and on balls in real
+scans, and tested on scanners that were left out."""
 
-SECTORS = 8
-"""Each slice of the ball is cut into so many sectors to see the correlation within it."""
-
-NEIGHBOUR_BOUNDS = (-0.5, 0.3)
-"""Neighbouring slices that err alike add their correlation, within these bounds: a few slices tell it roughly."""
-
-EVEN_SHARE = 0.7
-"""How much is added of what residuals of the same size without any correlation would do: the ball's few slices may
-show too little by chance."""
-
-SHARED_SLICES = 1.0
-"""Within the slice plane the error is shared between the axes as evenly strong noise would share it, with the weight
-of so many slices: by chance a few slices show too little along one of them."""
-
-SLOPE_ERROR = 3.5
-"""Standard error along a sloping background, as a multiple of slope x blur / contrast (across the slices their
-thickness is the blur): a streak never just slopes."""
-
-AXIS_SHARE = 0.36
-AXIS_STREAK = 0.9
-"""Variance along the axis of what touches the ball: as a share of all that the slices, or the sectors if they show
-less, do to the centre; and, where that is not fitted as skin is, as the square of so many times streaks x blur /
-contrast: a screw casts its streaks along the post."""
-
-AXIS_WIDTH = 0.0015
-"""Standard error along that axis, as a share of the slice profile's width: a screw that fills a part of a slice
-weakens the beam more than in proportion, so that the post seems to reach elsewhere; all markers of a scan err alike."""
+PULL_MM, PULL_WIDTH = 0.012, 0.004
+"""Standard error along a post that a screw holds: a constant, and a share of the slice profile's width. A screw weakens
+the beam more than in proportion, so that the post seems to reach elsewhere, and all markers of a scan err alike; 15 um
+were seen in thin slices, 20 in cone beams and 25 in 5 mm slices of one independent simulation, next to nothing in the
+phantoms here. It depends on the machine's corrections, which no image tells."""
 
 HIDDEN_SHADING = 1.4
 """Factor of the covariance where clipping hides how the ball is shaded."""
 
-POLE_ERROR = 0.0013
-"""Standard error across the slices, as a share of thickness^2 / radius, the depth of the ball's pole in a slice: the
-slices' profile is not quite a box."""
-
-SLANTED_ERROR_MM = 0.0015
-"""Standard error per axis where the slice profile is a bell: a helix or a cone beam, whose slanted rays, moving table
-and lagging panel displace what they show without a trace in the image (physically simulated helices and cone beams)."""
-
 SIZE_TOLERANCE_MM = 0.06
 """A fitted diameter that is off by no more than this is the stated one: kernels that are not Gaussian make 0.04 mm."""
 
-LEAST_ERROR_MM = 0.00005
-"""Standard error per axis that stays in any scan: finite tables."""
 
-SMALLEST = 1e-30
-"""Keeps ratios of squares finite where a fit leaves nothing over."""
-
-
-def center_covariance(fit: BallFit, noise_hu: float, excess_mm: float = 0.0) -> FloatArray:
+def center_covariance(
+    fit: BallFit, noise_hu: float, excess_mm: float = 0.0, *, is_pulled: bool = False
+) -> FloatArray:
     """Covariance (3, 3) of the fitted centre in LPS, mm^2: noise (``noise_hu``), model error and what may cover it.
 
-    ``excess_mm`` is the fitted minus the stated diameter.
+    ``excess_mm`` is the fitted minus the stated diameter; ``is_pulled`` says that metal lies beyond what touches it.
     """
-    moved = _Moved.by(fit)
-    total = _seen_covariance(fit, moved, noise_hu) + _axis_covariance(fit, moved, noise_hu)
-    total += _unseen_covariance(fit)
+    total = sum((WEIGHTS[name] * source for name, source in sources(fit, noise_hu).items()), np.zeros((3, 3)))
     if not fit.is_shaded:
         total *= HIDDEN_SHADING
+    if is_pulled:
+        axis = attached_axis(fit)
+        total += (PULL_MM**2 + (PULL_WIDTH * float(fit.theta[WIDTH])) ** 2) * np.outer(axis, axis)
     if is_off_size(excess_mm):
         total += _one_sided_covariance(fit, excess_mm)
     axes = fit.neighbourhood.axes
     rotated: FloatArray = axes.T @ total @ axes
     return (rotated + rotated.T) / 2.0
+
+
+def sources(fit: BallFit, noise_hu: float) -> dict[str, FloatArray]:
+    """What may move the centre, by the names of `WEIGHTS`: covariances (3, 3) along u, v, w, in mm^2 or without a unit.
+
+    ``slices``: what each slice's residuals do to it; ``even``: what they would do if they were uncorrelated;
+    ``streaks``: streaks of the size seen just outside the ball that displace its edge along the axis of what touches
+    it, as a screw casts them along the post; ``slope``: a background that slopes across the blur, as streaks do;
+    ``pole``: a profile whose shape the few slices of a small ball do not tell, by the depth of the ball's pole in a
+    slice; ``slanted``: bell-shaped profiles, those of a helix or a cone beam, whose slanted rays, moving table and
+    lagging panel displace what they show; ``least``: what stays in any scan.
+    """
+    influence, residuals = fit.influence_mm_per_hu[fit.used], fit.residuals_hu[fit.used]
+    of_slices, shared = _slices(fit)
+    overlap = float(shared.sum(axis=1).max(initial=1.0))
+    apart = len(of_slices) / overlap
+    freedom = apart / max(apart - ADAPTED_SLICES, 0.5)  # a few slices are fitted more closely than they are true
+    mean_square = float(residuals @ residuals) / max(len(residuals), 1)
+    blur_mm, width_mm = float(fit.theta[BLUR]), float(fit.theta[WIDTH])
+    sloping_mm = np.array([blur_mm, blur_mm, width_mm]) * fit.theta[SLOPES] / fit.contrast_hu
+    streaks_mm = 0.0 if has_skin(fit.theta) else _streaks_hu(fit, noise_hu) * blur_mm / fit.contrast_hu
+    axis = attached_axis(fit)
+    depth_mm = width_mm**2 / float(fit.theta[RADIUS])
+    return {
+        "slices": freedom * of_slices.T @ shared @ of_slices,
+        "even": overlap * mean_square * influence.T @ influence,
+        "streaks": streaks_mm**2 * (np.outer(axis, axis) if axis.any() else np.eye(3) / 3.0),
+        "slope": np.outer(sloping_mm, sloping_mm),
+        "pole": np.diag([0.0, 0.0, depth_mm**2]),
+        "slanted": min(float(fit.theta[SHAPE]), 1.0) ** 4 * np.eye(3),
+        "least": np.eye(3),
+    }
 
 
 def cramer_rao_bound(fit: BallFit, noise_hu: float) -> FloatArray:
@@ -145,73 +143,23 @@ def noise_level(fit: BallFit) -> float:
     return max(min(levels, default=_rms(fit.residuals_hu[fit.used])), QUANTIZATION_NOISE_HU)
 
 
-@dataclass(frozen=True)
-class _Moved:
-    """What the residuals do to the centre, in mm: of each slice (K, 3) and of each of its `SECTORS` (8 K, 3).
-
-    Slices that see the same tissue share its noise: ``shared`` (K, K) says which part of their profiles overlaps, and
-    ``overlap`` how many slices see one place.
-    """
-
-    slices: FloatArray
-    sectors: FloatArray
-    shared: FloatArray
-    overlap: float
-
-    @classmethod
-    def by(cls, fit: BallFit) -> _Moved:
-        moves = fit.influence_mm_per_hu[fit.used] * fit.residuals_hu[fit.used, np.newaxis]
-        _, first, slices = np.unique(
-            fit.neighbourhood.indices[fit.used, 0], return_index=True, return_inverse=True
-        )
-        places_mm = fit.neighbourhood.offsets_mm[fit.used][first, W] if first.size else np.zeros(1)
-        apart = np.abs(places_mm[:, np.newaxis] - places_mm) / fit.theta[WIDTH]
-        shared = np.maximum(1.0 - apart, 0.0)
-        sectors = _sums(moves, slices * SECTORS + _sectors(fit))
-        return cls(_sums(moves, slices), sectors, shared, float(shared.sum(axis=1).max(initial=1.0)))
-
-    @property
-    def size_mm2(self) -> float:
-        """All that the slices do, squared and summed with what they share."""
-        return float(np.sum(self.slices * (self.shared @ self.slices)))
-
-    @property
-    def alike(self) -> float:
-        """Correlation between neighbours that share nothing."""
-        step = int(np.ceil(self.overlap))
-        return float(np.sum(self.slices[step:] * self.slices[:-step])) / max(
-            float(np.sum(self.slices**2)), SMALLEST
-        )
+def _slices(fit: BallFit) -> tuple[FloatArray, FloatArray]:
+    """What each slice's residuals do to the centre (K, 3) in mm, and which part of their tissue slices share (K, K)."""
+    moves = fit.influence_mm_per_hu[fit.used] * fit.residuals_hu[fit.used, np.newaxis]
+    _, first, slices = np.unique(fit.neighbourhood.indices[fit.used, 0], return_index=True, return_inverse=True)
+    sums = np.zeros((len(first), 3))
+    np.add.at(sums, slices, moves)
+    places_mm = fit.neighbourhood.offsets_mm[fit.used][first, W]
+    apart = np.abs(places_mm[:, np.newaxis] - places_mm) / fit.theta[WIDTH]
+    return sums, np.maximum(1.0 - apart, 0.0)
 
 
-def _seen_covariance(fit: BallFit, moved: _Moved, noise_hu: float) -> FloatArray:
-    """Covariance (3, 3) along u, v, w from what the residuals do to the centre, slice by slice."""
-    influence, residuals = fit.influence_mm_per_hu[fit.used], fit.residuals_hu[fit.used]
-    mean_square = max(float(residuals @ residuals) / max(len(residuals), 1), SMALLEST)
-    even = influence.T @ influence * mean_square
-    correlation = max(float(np.sum(moved.sectors**2)), SMALLEST) / max(float(np.trace(even)), SMALLEST)
-    alike = np.clip(2.0 * moved.alike, *NEIGHBOUR_BOUNDS)
-    noise_share = np.clip(noise_hu**2 / mean_square, LEAST_NOISE_SHARE, 1.0)
-    seen = SEEN_SHARE * correlation**CORRELATION_POWER * noise_share**NOISE_POWER * (1.0 + alike)
-    apart = len(moved.slices) / moved.overlap
-    freedom = apart / max(apart - 2.0, 1.0)  # the fit has adapted to a few slices more than to many
-    summed = moved.slices.T @ moved.shared @ moved.slices
-    drawn = _shared_in_plane(summed, even, SHARED_SLICES / (apart + SHARED_SLICES))
-    covariance: FloatArray = seen * freedom * drawn + EVEN_SHARE * moved.overlap * even
-    return covariance
-
-
-def _axis_covariance(fit: BallFit, moved: _Moved, noise_hu: float) -> FloatArray:
-    """Covariance (3, 3) along u, v, w of errors along the axis of what touches the ball."""
-    toward = fit.theta[-3:] if has_skin(fit.theta) else cell_directions()[fit.verdict.state == 0].sum(axis=0)
-    variance = AXIS_SHARE * min(moved.size_mm2, moved.overlap * float(np.sum(moved.sectors**2)))
-    if not has_skin(fit.theta):
-        variance += (AXIS_STREAK * _streaks_hu(fit, noise_hu) * fit.sigma_mm / fit.contrast_hu) ** 2
-    variance += (AXIS_WIDTH * float(fit.theta[WIDTH])) ** 2
+def attached_axis(fit: BallFit) -> FloatArray:
+    """Unit vector (3,) along u, v, w towards what touches the ball; zero where nothing does."""
+    toward = cell_directions()[fit.verdict.state == 0].sum(axis=0)
     length = float(np.linalg.norm(toward))
-    direction = np.outer(toward, toward) / length**2 if length > 0.0 else np.eye(3) / 3.0  # touched from anywhere
-    covariance: FloatArray = variance * direction
-    return covariance
+    axis: FloatArray = toward / length if length > 0.0 else np.zeros(3)
+    return axis
 
 
 def _streaks_hu(fit: BallFit, noise_hu: float) -> float:
@@ -221,41 +169,6 @@ def _streaks_hu(fit: BallFit, noise_hu: float) -> float:
     means, seen = cell_means(fit.residuals_hu, cells, zone)
     excess = float(np.sum(means[cells[zone]] ** 2)) - int(np.count_nonzero(seen)) * noise_hu**2
     return float(np.sqrt(max(excess, 0.0) / max(int(np.count_nonzero(zone)), 1)))
-
-
-def _sectors(fit: BallFit) -> NDArray[np.intp]:
-    """In which sector of its slice each used voxel lies."""
-    offsets = fit.neighbourhood.offsets_mm[fit.used] - fit.theta[CENTER]
-    turn = np.arctan2(offsets[:, 1], offsets[:, 0]) / (2.0 * np.pi) + 0.5
-    sectors: NDArray[np.intp] = (turn * SECTORS).astype(np.intp) % SECTORS
-    return sectors
-
-
-def _sums(moves: FloatArray, groups: NDArray[np.intp]) -> FloatArray:
-    """Sum of ``moves`` (N, 3) in each of the ``groups`` (N,)."""
-    sums = np.zeros((int(groups.max(initial=0)) + 1, 3))
-    np.add.at(sums, groups, moves)
-    return sums
-
-
-def _shared_in_plane(covariance: FloatArray, even: FloatArray, share: float) -> FloatArray:
-    """Draw u and v of ``covariance`` (3, 3) by ``share`` towards what ``even`` noise would do to them."""
-    drawn = (1.0 - share) * covariance
-    scale = np.trace(covariance[:2, :2]) / max(float(np.trace(even[:2, :2])), SMALLEST)
-    drawn[:2, :2] += share * scale * even[:2, :2]
-    drawn[2, 2] = covariance[2, 2]
-    return drawn
-
-
-def _unseen_covariance(fit: BallFit) -> FloatArray:
-    """Covariance (3, 3) along u, v, w from a sloping background and from slices that are not small beside the ball."""
-    radius_mm, blur_mm, thickness_mm = fit.theta[[RADIUS, BLUR, WIDTH]]
-    sloping_mm = SLOPE_ERROR * np.array([blur_mm, blur_mm, thickness_mm]) * fit.theta[SLOPES] / fit.contrast_hu
-    own_mm = np.array([0.0, 0.0, POLE_ERROR * thickness_mm**2 / radius_mm])
-    slanted_mm = SLANTED_ERROR_MM * min(float(fit.theta[SHAPE]), 1.0) ** 2
-    covariance: FloatArray = np.outer(sloping_mm, sloping_mm)
-    covariance += np.diag(own_mm**2 + slanted_mm**2 + LEAST_ERROR_MM**2)
-    return covariance
 
 
 def is_off_size(excess_mm: float) -> bool:

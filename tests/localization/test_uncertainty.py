@@ -12,10 +12,11 @@ from phantoms.scene import Part, Scene
 from phantoms.solids import cylinder
 from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization import uncertainty
+from ronnaplan.localization import localize, uncertainty
 from ronnaplan.localization.examine import Scan, fit_place
 from ronnaplan.localization.refine import BallFit
 from ronnaplan.localization.uncertainty import (
+    PULL_MM,
     center_covariance,
     cramer_rao_bound,
     noise_level,
@@ -71,31 +72,27 @@ def on_a_post(toward: tuple[float, float, float]) -> CTVolume:
     return scan(post + balls([(1.0, 2.0, 3.0)]), small_stack(), seed=2)
 
 
-def without_axis(fit: BallFit, monkeypatch: pytest.MonkeyPatch) -> FloatArray:
+def without_streaks(fit: BallFit, monkeypatch: pytest.MonkeyPatch) -> FloatArray:
     with monkeypatch.context() as context:
-        context.setattr(uncertainty, "AXIS_SHARE", 0.0)
-        context.setattr(uncertainty, "AXIS_STREAK", 0.0)
+        context.setitem(uncertainty.WEIGHTS, "streaks", 0.0)
         return center_covariance(fit, noise_level(fit))
 
 
-def test_a_post_adds_error_along_itself_and_nowhere_else(monkeypatch: pytest.MonkeyPatch) -> None:
+def streaked(volume: CTVolume, streak_hu: float) -> CTVolume:
+    """With bands that radiate from the ball's centre."""
+    x, y, _ = offsets_mm(volume, np.array([1.0, 2.0, 3.0]))
+    bands = streak_hu * np.cos(4.0 * np.arctan2(y, x))
+    return replace(volume, voxels_hu=(volume.voxels_hu + bands).astype(np.float32))
+
+
+def test_streaks_about_a_post_add_error_along_it_and_nowhere_else(monkeypatch: pytest.MonkeyPatch) -> None:
     toward = np.array([0.6, 0.0, -0.8])
-    fit = fit_of(on_a_post((0.6, 0.0, -0.8)))
-    sizes, directions = np.linalg.eigh(center_covariance(fit, noise_level(fit)) - without_axis(fit, monkeypatch))
+    fit = fit_of(streaked(on_a_post((0.6, 0.0, -0.8)), 15.0))
+    added = center_covariance(fit, noise_level(fit)) - without_streaks(fit, monkeypatch)
+    sizes, directions = np.linalg.eigh(added)
     assert abs(directions[:, -1] @ toward) > np.cos(np.radians(8.0))
-    assert sizes[-1] > 0
+    assert sizes[-1] > (0.5 * 15.0 / np.sqrt(2.0) * 0.5 / 1100.0) ** 2
     assert np.abs(sizes[:-1]).max() < 1e-9 * sizes[-1]
-
-
-def test_streaks_about_a_post_add_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    clean = on_a_post((1.0, 0.0, 0.0))
-    x, y, _ = offsets_mm(clean, np.array([1.0, 2.0, 3.0]))
-    bands = 15.0 * np.cos(4.0 * np.arctan2(y, x))
-    fits = [fit_of(one) for one in (clean, replace(clean, voxels_hu=(clean.voxels_hu + bands).astype(np.float32)))]
-    quiet, loud = (
-        np.trace(center_covariance(fit, noise_level(fit)) - without_axis(fit, monkeypatch)) for fit in fits
-    )
-    assert loud > quiet + (0.5 * 15.0 / np.sqrt(2.0) * 0.5 / 1100.0) ** 2
 
 
 def test_a_ball_whose_shading_is_hidden_is_less_certain(quiet: CTVolume) -> None:
@@ -114,3 +111,17 @@ def test_what_touches_the_ball_makes_it_less_certain() -> None:
     assert np.trace(center_covariance(held, noise_level(held))) > np.trace(
         center_covariance(free, noise_level(free))
     )
+
+
+def test_a_screw_beyond_the_post_adds_error_along_it() -> None:
+    plastic = on_a_post((0.0, 0.0, -1.0))
+    screw = Scene((Part(cylinder((1.0, 2.0, -11.0), (0.0, 0.0, -1.0), 10.0, 3.0), "titanium"),))
+    post = Scene((Part(cylinder((1.0, 2.0, 3.0), (0, 0, -1), 14.0, 6.0), "acrylic"),))
+    held = scan(screw + post + balls([(1.0, 2.0, 3.0)]), small_stack(), seed=2)
+    free_mm, held_mm = (
+        np.sqrt(np.diag(localize(volume, diameter_mm=11.5).fiducials[0].covariance_mm2))
+        for volume in (plastic, held)
+    )
+    assert free_mm.max() < 0.006
+    assert held_mm[2] > PULL_MM
+    assert held_mm[:2].max() < 0.006
