@@ -6,12 +6,45 @@ import errno
 import os
 import stat
 import sys
+import threading
 import time
 from contextlib import suppress
 from pathlib import Path
 
 OPENED_ELSEWHERE_S = 2.0
 """Windows replaces no file that another program has open: how long to wait until it has read it."""
+
+_SEEKING = threading.Lock()
+
+
+def read_at(descriptor: int, count: int, offset: int) -> bytes:
+    """Return up to ``count`` bytes from ``offset`` of an open file, whatever other threads read of it."""
+    if hasattr(os, "pread"):
+        return os.pread(descriptor, count, offset)
+    with _SEEKING:
+        os.lseek(descriptor, offset, os.SEEK_SET)
+        return os.read(descriptor, count)
+
+
+def read_into(descriptor: int, target: memoryview, offset: int) -> int:
+    """Fill ``target`` (bytes) from ``offset`` of an open file; return how many bytes there were."""
+    done = 0
+    while done < len(target):
+        if hasattr(os, "preadv"):
+            count = os.preadv(descriptor, [target[done:]], offset + done)
+        else:
+            content = read_at(descriptor, len(target) - done, offset + done)
+            count = len(content)
+            target[done : done + count] = content
+        if count == 0:
+            break
+        done += count
+    return done
+
+
+def is_administrator() -> bool:
+    """Whether the program runs as root; Windows has none."""
+    return hasattr(os, "geteuid") and os.geteuid() == 0
 
 
 def keep_access(handle: int, before: os.stat_result) -> None:

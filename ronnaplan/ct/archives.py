@@ -14,9 +14,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from ronnaplan.ct.files import Blob, DamagedError, Skipped, fill
+from ronnaplan.ct.files import Blob, DamagedError, Skipped
 from ronnaplan.ct.limits import Limits
 from ronnaplan.errors import InputError
+from ronnaplan.portable import read_at, read_into
 from ronnaplan.text import printable
 
 _ENCRYPTED = 0x1
@@ -67,11 +68,11 @@ class UnpackedMember:
 
     def read(self, offset: int, count: int) -> bytes:
         """Return ``count`` bytes from ``offset``, fewer at the end."""
-        return os.pread(self.descriptor, count, offset)
+        return read_at(self.descriptor, count, offset)
 
     def read_into(self, offset: int, target: memoryview) -> int:
         """Fill ``target`` from ``offset``; return how many bytes there were."""
-        return fill(self.descriptor, offset, target)
+        return read_into(self.descriptor, target, offset)
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import BinaryIO, Protocol
 
 from ronnaplan.errors import InputError
+from ronnaplan.portable import read_at, read_into
 from ronnaplan.text import printable
 
 _READ_WITHOUT_WAITING = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
@@ -62,12 +63,12 @@ class DiskFile:
     def read(self, offset: int, count: int) -> bytes:
         """Return ``count`` bytes from ``offset``, fewer at the end."""
         with self._opened() as descriptor:
-            return os.pread(descriptor, count, offset)
+            return read_at(descriptor, count, offset)
 
     def read_into(self, offset: int, target: memoryview) -> int:
         """Fill ``target`` from ``offset``; return how many bytes there were."""
         with self._opened() as descriptor:
-            return fill(descriptor, offset, target)
+            return read_into(descriptor, target, offset)
 
     @contextmanager
     def _opened(self) -> Iterator[int]:
@@ -95,17 +96,6 @@ def _open_descriptor(path: str | os.PathLike[str], shown: str) -> int:
         os.close(descriptor)
         raise DamagedError(f"{shown} is not a regular file")
     return descriptor
-
-
-def fill(descriptor: int, offset: int, target: memoryview) -> int:
-    """Fill ``target`` from ``offset`` of an open file; return how many bytes there were."""
-    done = 0
-    while done < len(target):
-        count = os.preadv(descriptor, [target[done:]], offset + done)
-        if count == 0:
-            break
-        done += count
-    return done
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import subprocess
 import tempfile
 from pathlib import Path
 
 from ronnaplan.errors import InputError
+from ronnaplan.portable import is_administrator
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 TIME_LIMIT_S = 120
@@ -36,7 +36,7 @@ def print_pdf(html: str) -> bytes:
         source, printed = Path(folder) / "report.html", Path(folder) / "report.pdf"
         source.write_text(html, encoding="utf-8")
         # Chromium refuses to run as root inside its sandbox; the page it prints runs no script.
-        sandbox = ("--no-sandbox",) if os.geteuid() == 0 else ()
+        sandbox = ("--no-sandbox",) if is_administrator() else ()
         command = [browser, *FLAGS, *sandbox, f"--user-data-dir={folder}/profile", f"--print-to-pdf={printed}"]
         try:
             subprocess.run([*command, source.as_uri()], check=True, capture_output=True, timeout=TIME_LIMIT_S)

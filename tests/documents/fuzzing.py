@@ -89,7 +89,8 @@ class DocumentBorder(Border):
         if name != "table" and chance.random() < 0.7:
             value = json.loads(content)
             for _ in range(chance.choice((1, 1, 2, 3))):
-                chance.choice((_replace, _replace, _nudge, _nudge, _drop, _add, _twice))(value, chance)
+                if next(leaves(value), None) is not None:  # else there is nothing left to change
+                    chance.choice((_replace, _replace, _nudge, _nudge, _drop, _add, _twice))(value, chance)
             content = _Doubling(value).text().encode(errors="surrogatepass")
         else:
             changed = bytearray(content)
@@ -237,7 +238,7 @@ def _replace(value: Any, chance: random.Random) -> None:
 
 def _nudge(value: Any, chance: random.Random) -> None:
     """Change a number a little, or its sign, which may well be accepted."""
-    numbers = [place for place, leaf in leaves(value) if type(leaf) in (int, float)]
+    numbers = [place for place, leaf in leaves(value) if type(leaf) in (int, float) and abs(leaf) < 1e300]
     if numbers:
         place = chance.choice(numbers)
         for key in place[:-1]:
