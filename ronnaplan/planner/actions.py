@@ -14,6 +14,9 @@ from ronnaplan.planner.arguments import Index, Pixels, Steps, Typed
 from ronnaplan.planner.pointer import Pixel, Pointer
 from ronnaplan.planner.state import PlannerState
 
+MIDDLE, RIGHT = 1, 2
+"""Buttons of a mouse, as browsers number them."""
+
 
 def key_actions(state: PlannerState, pointer: Pointer) -> dict[str, tuple[str, Callable[[], None]]]:
     """Return what each key does: in words, and the call."""
@@ -59,8 +62,9 @@ class Actions:
             "release": self._release,
             "wheel": self._wheel,
             "window": state.look.choose_window,
+            "window_hu": self._window_hu,
             "surface": state.look.other_surface,
-            "select": state.look.select,
+            "select": state.show_path,
             "lock": state.case.lock,
             "remove": state.case.remove,
             "rename_path": state.case.rename,
@@ -90,9 +94,23 @@ class Actions:
         self.pointer.move(view, Pixel(x, y, width, height))
 
     def _press(
-        self, view: str, x: Pixels, y: Pixels, width: Pixels, height: Pixels, button: int, shift: bool
+        self,
+        view: str,
+        x: Pixels,
+        y: Pixels,
+        width: Pixels,
+        height: Pixels,
+        button: int,
+        shift: bool,
+        control: bool = False,
     ) -> None:
-        self.pointer.press(view, Pixel(x, y, width, height), pan=bool(button) or shift)
+        at = Pixel(x, y, width, height)
+        self.pointer.press(view, at, pan=button == MIDDLE or shift, window=button == RIGHT or control)
+
+    def _window_hu(self, level: Typed, width: Typed) -> None:
+        """Take level and width of the window from their fields."""
+        half = _number(width) / 2
+        self.state.look.set_window(_number(level) - half, _number(level) + half)
 
     def _release(self, view: str) -> None:
         self.pointer.release()

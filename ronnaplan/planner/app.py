@@ -6,6 +6,7 @@ import asyncio
 import base64
 import contextlib
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -14,11 +15,12 @@ from ronnaplan.case.surroundings import Judgement
 from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.planner import drawing, panels
 from ronnaplan.planner.actions import Actions, key_actions
-from ronnaplan.planner.arguments import checked
-from ronnaplan.planner.cuts import PATH_VIEWS, STANDARD, WINDOWS_HU, jpeg
+from ronnaplan.planner.arguments import Pixels, checked
+from ronnaplan.planner.cuts import PATH_VIEWS, STANDARD, WINDOWS_HU, jpeg, picture, png
 from ronnaplan.planner.head_view import HeadView
 from ronnaplan.planner.overlay import over_head
-from ronnaplan.planner.pointer import HEAD, Pointer
+from ronnaplan.planner.panes import GREATEST_RATIO, MOST_MOVING_PIXELS, MOST_STILL_PIXELS, Pane
+from ronnaplan.planner.pointer import HEAD, Pixel, Pointer
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import INSTRUMENTS
 from ronnaplan.planning.sites import USUAL_DIAMETER_MM
@@ -34,6 +36,9 @@ FIRST_LOOK_S = 0.5
 
 LOOK_AGAIN_S = 0.5
 """How often the files are looked at for what another hand has written; shown within 2 s, drawing included."""
+
+REST_S = 0.2
+"""When nothing has moved for so long, pictures are drawn with all pixels and without loss."""
 
 SENDING_S = 0.002
 """The web socket sends what was flushed while a handler pauses this long."""
@@ -54,6 +59,15 @@ def _in_print(key: str) -> str:
     return " + ".join(names.get(part, part.title()) for part in key.split("+"))
 
 
+@dataclass(frozen=True)
+class _Drawn:
+    """A picture that the page has: ``of`` what, and whether it is as it is ``still``."""
+
+    of: tuple[Any, ...]
+    still: bool
+    url: str
+
+
 class PlannerApp:
     """Binds one `PlannerState` to one trame server."""
 
@@ -71,7 +85,10 @@ class PlannerApp:
         self.actions = Actions(state, self.pointer)
         self._keys = key_actions(state, self.pointer)
         self._waking = False
-        self._drawn: dict[str, Any] = {}
+        self._drawn: dict[str, _Drawn] = {}
+        self._panes = dict.fromkeys((*CUTS, HEAD), Pane())
+        self._moving = False
+        self._resting: asyncio.TimerHandle | None = None
         self._set_up_page()
         self._listen_to_page()
         server.controller.on_server_ready.add_task(self._watch)
@@ -107,6 +124,7 @@ class PlannerApp:
                 "marker_count": 6,
                 "ready": READY,
                 "message": READY,
+                "under": "",
                 "refusals": 0,
             }
         )
@@ -167,6 +185,8 @@ class PlannerApp:
         values.readings = state.storage.readings()
         values.look = {
             "window": state.look.window,
+            "level": round(sum(state.look.window_hu) / 2, 1),
+            "width": round(state.look.window_hu[1] - state.look.window_hu[0], 1),
             "adding": self._asks(),
             "can_undo": state.case.can_undo,
             "can_redo": state.case.can_redo,
@@ -174,40 +194,55 @@ class PlannerApp:
             "marker": state.look.marker or "",
             "sought": state.case.fiducials.marker.diameter_mm if state.case.fiducials else 0,
         }
-        values.picture_head = self.head.picture()
+        values.picture_head = self.head.picture(self._shape(HEAD))
 
     def _refresh_views(self) -> None:
         """Draw the cuts, and what lies over the 3-D picture."""
         values = self.server.state
         for view in CUTS:
-            values[f"drawn_{view}"] = drawing.over_cut(self.state, view, values.show_rejected)
+            values[f"drawn_{view}"] = drawing.over_cut(self.state, view, values.show_rejected, self._panes[view])
             values[f"picture_{view}"] = self._picture(view)
         values.drawn_head = over_head(
-            self.state, self.head.camera, values.show_rejected, self.head.region_places_mm
+            self.state,
+            self.head.camera,
+            values.show_rejected,
+            self.head.region_places_mm,
+            self._panes[HEAD],
+            self.head.wanting,
         )
 
     def _asks(self) -> str:
         if not self.pointer.adding:
             return ""
-        return "click the entry" if self.pointer.entry_mm is None else "click the target"
+        return "click the entry" if self.state.look.begun_mm is None else "click the target"
 
     def _picture(self, view: str) -> str:
         state = self.state
         if view in PATH_VIEWS and state.look.chosen is None:
             return ""
-        cut, window = state.look.cut(view), WINDOWS_HU[state.look.window]
-        plane = (tuple(cut.center_mm.round(6)), tuple(cut.right), tuple(cut.down), cut.field_mm, window)
+        cut, window, pane = state.look.cut(view), state.look.window_hu, self._panes[view]
+        of = (tuple(cut.center_mm.round(6)), tuple(cut.right), tuple(cut.down), cut.field_mm, window, pane)
         last = self._drawn.get(view)
-        if last is None or last[0] != plane:
-            picture = base64.b64encode(jpeg(state.look.scan, cut, window)).decode()
-            last = self._drawn[view] = (plane, f"data:image/jpeg;base64,{picture}")
-        return str(last[1])
+        if last is None or last.of != of or not (last.still or self._moving):
+            shades = picture(state.look.scan, cut, window, self._shape(view))
+            kind, drawn = ("jpeg", jpeg(shades)) if self._moving else ("png", png(shades))
+            url = f"data:image/{kind};base64,{base64.b64encode(drawn).decode()}"
+            last = self._drawn[view] = _Drawn(of, not self._moving, url)
+        return last.url
+
+    def _shape(self, view: str) -> tuple[int, int]:
+        """Return rows and columns of a view's picture as it is drawn now."""
+        return self._panes[view].shape(MOST_MOVING_PIXELS if self._moving else MOST_STILL_PIXELS)
 
     # --- events ----------------------------------------------------------------------------------------------
 
     def _listen_to_page(self) -> None:
         for name, action in {**self.actions.by_name(), "key": self._press_key}.items():
-            self.server.trigger(name)(self._answering(checked(name, action), keep_message=name == "release"))
+            moves = name == "wheel"
+            answer = self._answering(checked(name, action), keep_message=name == "release", moves=moves)
+            self.server.trigger(name)(answer)
+        self.server.trigger("sized")(self._telling(checked("sized", self._take_size)))
+        self.server.trigger("hover")(self._telling(checked("hover", self._hover)))
         self._follow = checked("move", self.actions.move)
         self.server.trigger("move")(self._answer_move)
         for name, slow in {**self.actions.later_by_name(), "listen": self._hear}.items():
@@ -218,19 +253,59 @@ class PlannerApp:
             raise UsageError(f"there is no key '{key}' here; press ? for those there are")
         self._keys[key][1]()
 
-    def _answering(self, action: Callable[..., Any], keep_message: bool) -> Callable[..., None]:
+    def _answering(self, action: Callable[..., Any], keep_message: bool, moves: bool) -> Callable[..., None]:
         def answer(*arguments: Any) -> None:
+            if moves:
+                self._move()
             with self._told(keep_message):
                 action(*arguments)
             self.refresh()
 
         return answer
 
+    def _telling(self, action: Callable[..., Any]) -> Callable[..., None]:
+        """Answer what changes nothing of the case, without drawing all of it again."""
+
+        def answer(*arguments: Any) -> None:
+            with self._told(keep_message=True):
+                action(*arguments)
+
+        return answer
+
+    def _take_size(self, view: str, width: Pixels, height: Pixels, ratio: float) -> None:
+        """Take how large the page shows a view; it is drawn so large when all are known."""
+        if view not in self._panes or not 0 < ratio <= GREATEST_RATIO:
+            raise UsageError(f"there is no view {view} with {ratio:g} pixels to one; reload the page")
+        self._panes[view] = Pane(max(width, 1.0), max(height, 1.0), ratio)
+        self._rest_soon()
+
+    def _hover(self, view: str, x: Pixels, y: Pixels, width: Pixels, height: Pixels) -> None:
+        """Tell what is under the pointer."""
+        cut_shown = view in CUTS and (view in STANDARD or self.state.look.chosen is not None)
+        at = Pixel(x, y, width, height)
+        self.server.state.under = panels.under_line(self.state, view, at) if cut_shown else ""
+
+    def _move(self) -> None:
+        """Draw coarsely from now on, until nothing has moved for a while."""
+        self._moving = True
+        self._rest_soon()
+
+    def _rest_soon(self) -> None:
+        if self._resting is not None:
+            self._resting.cancel()
+        self._resting = asyncio.get_running_loop().call_later(REST_S, self._rest)
+
+    def _rest(self) -> None:
+        self._moving, self._resting = False, None
+        with self.server.state:
+            self.refresh()
+
     async def _answer_move(self, *arguments: Any) -> None:
         """Show where things are now before the measures are taken, so that the hand is followed at once.
 
         A head that is turned is drawn with its names in one go, or they would run ahead of it.
         """
+        self._move()
         with self._told(keep_message=True):
             self._follow(*arguments)
         if arguments[:1] != (HEAD,) or self.state.case.dragging:

@@ -1,4 +1,4 @@
-"""Flat cuts through a scan as grey pictures, each voxel taken from where it is: tilt and uneven slices included."""
+"""Flat cuts through a scan as grey pictures, and the planes of the views."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import Trajectory
 from ronnaplan.planning.sampling import SliceSampler
 from ronnaplan.scene.cut import Cut
+from ronnaplan.scene.sampled import values_hu
 
-PIXELS = 448
-"""Width and height of a picture; the browser stretches it."""
+Shades = NDArray[np.uint8]
 
-JPEG_QUALITY = 92
+JPEG_QUALITY = 88
 
-LEAST_SLOPE = 1e-9
-"""A plane that rises less than this along its rows is level there."""
+PNG_EFFORT = 1
+"""Of zlib's nine: pictures at rest are lossless, and soon there."""
 
 WINDOWS_HU = {
     "bone": (-450.0, 1550.0),
@@ -46,33 +46,23 @@ def path_axes(view: str, trajectory: Trajectory) -> tuple[FloatArray, FloatArray
     return (side, inward) if view == "inline" else (side, np.cross(inward, side))
 
 
-def jpeg(scan: SliceSampler, cut: Cut, window_hu: tuple[float, float]) -> bytes:
-    """Draw ``cut`` through ``scan``; black where there is no voxel."""
+def picture(scan: SliceSampler, cut: Cut, window_hu: tuple[float, float], shape: tuple[int, int]) -> Shades:
+    """Draw ``cut`` through ``scan`` as ``shape`` = (rows, columns) of grey; black where there is no voxel."""
+    low, high = window_hu
+    grey = np.clip((values_hu(scan, cut, shape, low) - low) * (255.0 / (high - low)), 0.0, 255.0)
+    shades: Shades = grey.astype(np.uint8)
+    return shades
+
+
+def png(shades: Shades) -> bytes:
+    """Return a picture without any loss."""
     import cv2
 
-    low, high = window_hu
-    grey = np.clip((values_hu(scan, cut, low) - low) * (255.0 / (high - low)), 0.0, 255.0)
-    return bytes(cv2.imencode(".jpg", grey.astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1])
+    return bytes(cv2.imencode(".png", shades, [cv2.IMWRITE_PNG_COMPRESSION, PNG_EFFORT])[1])
 
 
-def values_hu(scan: SliceSampler, cut: Cut, beyond_hu: float) -> NDArray[np.float32]:
-    """Return the values (PIXELS, PIXELS) of the scan in a cut, ``beyond_hu`` where there is no voxel.
+def jpeg(shades: Shades) -> bytes:
+    """Return a picture in few bytes, for as long as something moves."""
+    import cv2
 
-    Between two slices a value is interpolated along the way from a voxel to its like in the next slice.
-    """
-    from scipy.ndimage import map_coordinates
-
-    steps = ((np.arange(PIXELS) + 0.5) / PIXELS - 0.5) * cut.field_mm
-    (u0, v0, w0), right, down = (scan.axes @ vector for vector in (cut.center_mm, cut.right, cut.down))
-    # Where rows of the picture run along the slices, one number stands for a whole row.
-    w = w0 + steps[:, np.newaxis] * down[2] + (steps * right[2] if abs(right[2]) > LEAST_SLOPE else 0.0)
-    k = np.interp(w, scan.w_mm, np.arange(len(scan.w_mm)), left=-1.0, right=-1.0)
-    origins_u, origins_v = (np.interp(w, scan.w_mm, origin) for origin in scan.origins_uv_mm.T)
-    places = np.empty((3, PIXELS, PIXELS))
-    places[0] = k
-    places[1] = (v0 - origins_v + steps[:, np.newaxis] * down[1] + steps * right[1]) / scan.steps_mm[1]
-    places[2] = (u0 - origins_u + steps[:, np.newaxis] * down[0] + steps * right[0]) / scan.steps_mm[0]
-    values: NDArray[np.float32] = map_coordinates(
-        scan.voxels, places, output=np.float32, order=1, mode="constant", cval=beyond_hu
-    )
-    return values
+    return bytes(cv2.imencode(".jpg", shades, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1])

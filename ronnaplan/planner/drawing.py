@@ -7,26 +7,44 @@ from typing import Any
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
 from ronnaplan.scene.cut import Cut
 from ronnaplan.scene.things import MARKER_COLOUR, REJECTED_COLOUR
 
-POINT_COLOUR = "#b2ff59"
+POINT_COLOUR, BEGUN_COLOUR = "#b2ff59", "#ffffff"
 
 NEAR_MM = 3.0
-"""A trajectory with an end this near to the plane is drawn in full, others faintly."""
+"""What of a trajectory lies this near to the plane is drawn in full, the rest faintly and dashed."""
+
+LEAST_RISE_MM = 1e-6
+"""A line that rises less from the plane is parallel to it."""
 
 TITLES = {"inline": "in line with {}", "probe": "probe's eye, {:.1f} mm deep"}
-LEFT_RIGHT = {"axial": "axial  R | L", "coronal": "coronal  R | L", "sagittal": "sagittal  A | P"}
+STANDARD_NAMES = ("axial", "coronal", "sagittal")
+
+AXIS_LETTERS = ("LR", "PA", "SI")
+"""What the positive and the negative ends of the LPS axes are called."""
+
+LEAST_SHARE = 0.35
+"""An edge is named after every axis that its direction has this share of."""
+
+SCALES_MM = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
+LONGEST_SCALE = 0.3
+"""The scale bar is the longest of those that fill no more than this share of the shorter side."""
 
 
-def over_cut(state: PlannerState, view: str, show_rejected: bool) -> dict[str, Any]:
+def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) -> dict[str, Any]:
     """Return what is drawn over a view, in mm from its middle; empty for a path view without a trajectory."""
-    if view not in LEFT_RIGHT and state.look.chosen is None:
+    if view not in STANDARD_NAMES and state.look.chosen is None:
         return {
             "box": "-1 -1 2 2",
             "half": 1,
+            "wide": 1,
+            "high": 1,
+            "letters": [],
+            "scale": None,
             "title": "select a trajectory",
             "markers": [],
             "points": [],
@@ -34,20 +52,36 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool) -> dict[str, A
         }
     cut = state.look.cut(view)
     half = cut.field_mm / 2
+    wide, high = (half * share for share in pane.halves)
     return {
-        "box": f"{-half} {-half} {2 * half} {2 * half}",
+        "box": f"{-wide} {-high} {2 * wide} {2 * high}",
         "half": half,
+        "wide": wide,
+        "high": high,
+        "letters": [letters(way) for way in (-cut.right, cut.right, -cut.down, cut.down)],
+        "scale": max((mm for mm in SCALES_MM if mm <= LONGEST_SCALE * cut.field_mm), default=SCALES_MM[0]),
         "title": _title(state, view, cut),
-        "cross": _pair(cut, state.look.crosshair_mm) if view in LEFT_RIGHT else None,
-        "markers": _markers(state, cut, show_rejected),
-        "points": _points(state, cut),
+        "cross": _pair(cut, state.look.crosshair_mm) if view in STANDARD_NAMES else None,
+        "markers": _markers(state, cut, show_rejected, (wide, high)),
+        "points": _points(state, cut, (wide, high)),
         "paths": [_path(one, cut, one.name == state.look.selected) for one in state.case.plan.trajectories],
     }
 
 
+def letters(direction: FloatArray) -> str:
+    """Return towards what of the patient a unit vector (3,) in LPS leads.
+
+    >>> letters(np.array([0.0, 0.0, -1.0])), letters(np.array([0.6, -0.8, 0.0]))
+    ('I', 'AL')
+    """
+    order = np.argsort(-np.abs(direction))
+    named = [axis for axis in order if abs(direction[axis]) > LEAST_SHARE]
+    return "".join(AXIS_LETTERS[axis][0 if direction[axis] > 0 else 1] for axis in named)
+
+
 def _title(state: PlannerState, view: str, cut: Cut) -> str:
-    if view in LEFT_RIGHT:
-        return f"{LEFT_RIGHT[view]}   {state.look.crosshair_mm @ np.abs(cut.away):.1f} mm"
+    if view in STANDARD_NAMES:
+        return f"{view}  {state.look.crosshair_mm @ np.abs(cut.away):.1f} mm"
     assert state.look.chosen is not None
     depth = float((cut.center_mm - state.look.chosen.entry_mm) @ state.look.chosen.inward)
     return TITLES[view].format(state.look.chosen.name if view == "inline" else depth)
@@ -65,12 +99,14 @@ def balls(state: PlannerState, show_rejected: bool) -> list[tuple[str, tuple[flo
     return shown
 
 
-def _markers(state: PlannerState, cut: Cut, show_rejected: bool) -> list[dict[str, Any]]:
+def _markers(
+    state: PlannerState, cut: Cut, show_rejected: bool, reach_mm: tuple[float, float]
+) -> list[dict[str, Any]]:
     """Return the circles that the plane cuts out of the markers."""
     drawn = []
     for label, center, radius, colour in balls(state, show_rejected):
         x, y, away = cut.on_screen_mm(np.array(center))
-        if abs(away) < radius and max(abs(x), abs(y)) < cut.field_mm / 2:
+        if abs(away) < radius and abs(x) < reach_mm[0] and abs(y) < reach_mm[1]:
             r = float(np.sqrt(radius**2 - away**2))
             selected = label == state.look.marker
             drawn.append(
@@ -80,22 +116,36 @@ def _markers(state: PlannerState, cut: Cut, show_rejected: bool) -> list[dict[st
     return drawn
 
 
-def _points(state: PlannerState, cut: Cut) -> list[dict[str, Any]]:
-    """Return the points of the AC-PC frame that lie in the plane."""
+def _points(state: PlannerState, cut: Cut, reach_mm: tuple[float, float]) -> list[dict[str, Any]]:
+    """Return the points of the AC-PC frame that lie in the plane, and the entry that was clicked first."""
     drawn = []
     for name, place in state.landmarks_mm.items():
         x, y, away = cut.on_screen_mm(place).tolist()
-        if abs(away) < NEAR_MM and max(abs(x), abs(y)) < cut.field_mm / 2:
+        if abs(away) < NEAR_MM and abs(x) < reach_mm[0] and abs(y) < reach_mm[1]:
             drawn.append({"label": name, "x": x, "y": y, "colour": POINT_COLOUR})
+    if state.look.begun_mm is not None:
+        x, y, _ = cut.on_screen_mm(state.look.begun_mm).tolist()
+        drawn.append({"label": "entry", "x": x, "y": y, "colour": BEGUN_COLOUR})
     return drawn
 
 
 def _path(one: Trajectory, cut: Cut, selected: bool) -> dict[str, Any]:
     ends = cut.on_screen_mm(np.stack([one.entry_mm, one.target_mm]))
-    near = bool(np.abs(ends[:, 2]).min() < NEAR_MM or ends[0, 2] * ends[1, 2] < 0)
-    places = {"entry": ends[0, :2].tolist(), "target": ends[1, :2].tolist()}
+    near = [bool(abs(away) < NEAR_MM) for away in ends[:, 2]]
+    places = {"entry": ends[0, :2].tolist(), "target": ends[1, :2].tolist(), "part": _near_part(ends)}
     look = {"selected": selected, "near": near, "width": 2.5 if selected else 1.5}
     return {"name": one.name, "colour": one.colour, **look, **places}
+
+
+def _near_part(ends: FloatArray) -> list[list[float]]:
+    """Return the ends (2, 2) on the screen of what lies near the plane of a line (2, 3); empty where nothing does."""
+    away, rise = float(ends[0, 2]), float(ends[1, 2] - ends[0, 2])
+    if abs(rise) < LEAST_RISE_MM:
+        shares = [0.0, 1.0] if abs(away) < NEAR_MM else []
+    else:
+        first, last = sorted(((-NEAR_MM - away) / rise, (NEAR_MM - away) / rise))
+        shares = [max(first, 0.0), min(last, 1.0)] if max(first, 0.0) < min(last, 1.0) else []
+    return [(ends[0, :2] + share * (ends[1, :2] - ends[0, :2])).tolist() for share in shares]
 
 
 def _pair(cut: Cut, place_mm: FloatArray) -> list[float]:

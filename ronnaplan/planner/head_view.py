@@ -30,7 +30,7 @@ class HeadView:
         self._regions: dict[str, Body] = {}
         self._shown: dict[str, Any] = {}
         self._paths: dict[str, Any] = {}
-        self._seen: tuple[Camera, bool] | None = None
+        self._seen: tuple[Camera, tuple[int, int]] | None = None
         self._picture = ""
 
     def load(self) -> None:
@@ -47,6 +47,9 @@ class HeadView:
     def open(self) -> None:
         """Make the scene of what was loaded."""
         self.scene = Scene(self.state)
+        if "skin" in self._surfaces:
+            self.scene.show_surface("skin", self._surfaces["skin"])
+            self.scene.fill()
         for name, body in self._regions.items():
             self.scene.show_region(name, body)
             if len(body.triangles):
@@ -57,16 +60,16 @@ class HeadView:
         """What the head is seen with, None until the scene is there."""
         return None if self.scene is None else self.scene.camera
 
-    def picture(self) -> str:
-        """Return the picture as the page takes it, empty until the scene is there."""
+    def picture(self, shape: tuple[int, int] = (640, 640)) -> str:
+        """Return the picture of ``shape`` = (rows, columns) as the page takes it, empty until the scene is there."""
         scene = self.scene
         if scene is None:
             return ""
-        seen = scene.camera, self.state.case.dragging
+        seen = scene.camera, shape
         changed = (self._update(scene), self._update_paths(scene), seen != self._seen)
         if any(changed):
             self._seen = seen
-            self._picture = f"data:image/jpeg;base64,{base64.b64encode(scene.draw()).decode()}"
+            self._picture = f"data:image/jpeg;base64,{base64.b64encode(scene.draw(shape)).decode()}"
         return self._picture
 
     def _update(self, scene: Scene) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from functools import cached_property
 
@@ -24,6 +25,15 @@ LEAST_FIELD_MM, GREATEST_FIELD_MM = 10.0, 1000.0
 PATH_FIELD_MM = 130.0
 """What the views along a trajectory show."""
 
+SEEN_SHARE = 0.45
+"""What is no further from the middle of a cut, in what it shows, is in view."""
+
+OWN_WINDOW = "own"
+"""The name of a window that is none of the presets."""
+
+LOWEST_HU, GREATEST_HU, NARROWEST_HU = -10_000.0, 100_000.0, 2.0
+"""Bounds of a window."""
+
 RAY_STEP_MM = 0.5
 """A surface is looked for along a ray in steps of this size."""
 
@@ -38,8 +48,12 @@ class Looking:
         self.crosshair_mm: FloatArray
         self.center_mm: FloatArray
         self.field_mm: float
+        self.window: str
+        self.window_hu: tuple[float, float]
         self.surface = "skin"
         self.marker: str | None = None
+        self.begun_mm: FloatArray | None = None
+        """The entry of a trajectory whose target is still to be clicked."""
         self.points_mm: dict[str, FloatArray] = {}
         """AC, PC or midline point as far as they are set, until the plan holds all three."""
         self._look(storage.read_look(case.volume.voxel_sha256) or self._first_look())
@@ -50,6 +64,12 @@ class Looking:
         place = as_points([list(place_mm)], "the crosshair")[0]
         low, high = self.bounds_mm
         self.crosshair_mm = np.clip(place, low, high)
+
+    def show(self, place_mm: Sequence[float] | FloatArray) -> None:
+        """Put the crosshair at a place (3,), and bring it into view where the cuts show another part."""
+        self.jump(place_mm)
+        if np.abs(self.crosshair_mm - self.center_mm).max() > SEEN_SHARE * self.field_mm:
+            self.center_mm = self.crosshair_mm.copy()
 
     def scroll(self, view: str, steps: float) -> None:
         """Move the crosshair through a standard view by slices of the scan."""
@@ -76,7 +96,17 @@ class Looking:
         """Choose a window preset."""
         if name not in WINDOWS_HU:
             raise UsageError(f"there is no window {name}; there are {', '.join(WINDOWS_HU)}")
-        self.window = name
+        self.window, self.window_hu = name, WINDOWS_HU[name]
+
+    def set_window(self, low_hu: float, high_hu: float) -> None:
+        """Show ``low_hu`` black and ``high_hu`` white; raises `UsageError` unless the first is lower."""
+        if not LOWEST_HU <= low_hu <= high_hu - NARROWEST_HU <= GREATEST_HU:
+            raise UsageError(
+                f"a window from {low_hu:g} to {high_hu:g} HU cannot be shown; it lies between {LOWEST_HU:g} and "
+                f"{GREATEST_HU:g} HU and is {NARROWEST_HU:g} HU wide or wider"
+            )
+        self.window_hu = (low_hu, high_hu)
+        self.window = next((name for name, known in WINDOWS_HU.items() if known == self.window_hu), OWN_WINDOW)
 
     def other_surface(self) -> None:
         """Show the skull in the place of the skin in the 3-D view, or the other way about."""
@@ -148,6 +178,7 @@ class Looking:
                 center=tuple(self.center_mm),
                 field_mm=self.field_mm,
                 window=self.window,
+                window_hu=self.window_hu,
                 selected=self.selected,
                 points={name: tuple(place) for name, place in self.points_mm.items()},
             )
@@ -172,6 +203,10 @@ class Looking:
         self.center_mm = np.array(look.center)
         self.field_mm = look.field_mm
         self.window = look.window if look.window in WINDOWS_HU else "bone"
+        self.window_hu = WINDOWS_HU[self.window]
+        if look.window_hu is not None:
+            with contextlib.suppress(UsageError):  # by whom it was written is not known
+                self.set_window(*look.window_hu)
         self.points_mm = {name: np.array(place) for name, place in look.points.items()}
         self.selected = look.selected
         if self.chosen is None and self.case.plan.trajectories:

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.planner.drawing import POINT_COLOUR, balls
+from ronnaplan.planner.drawing import BEGUN_COLOUR, POINT_COLOUR, balls
+from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
 from ronnaplan.scene.camera import Camera
@@ -20,12 +21,25 @@ LEAST_DEPTH_MM = 1.0
 
 
 def over_head(
-    state: PlannerState, camera: Camera | None, show_rejected: bool, region_places_mm: dict[str, FloatArray]
+    state: PlannerState,
+    camera: Camera | None,
+    show_rejected: bool,
+    region_places_mm: dict[str, FloatArray],
+    pane: Pane,
+    wanting: str = "",
 ) -> dict[str, Any]:
-    """Return what is drawn over the 3-D view, in halves of its picture; ``camera`` is None until it is ready."""
+    """Return what is drawn over the 3-D view, in halves of its picture; ``camera`` is None until it is ready.
+
+    ``wanting`` says why there are no surfaces, where there are none.
+    """
+    wide, high = pane.halves
     drawn: dict[str, Any] = {
-        "box": "-1 -1 2 2",
+        "box": f"{-wide} {-high} {2 * wide} {2 * high}",
         "half": 1,
+        "wide": wide,
+        "high": high,
+        "letters": [],
+        "scale": None,
         "cross": None,
         "markers": [],
         "points": [],
@@ -36,9 +50,11 @@ def over_head(
     points = [_point(camera, name, place, POINT_COLOUR) for name, place in state.landmarks_mm.items()]
     points += [_point(camera, name, place, REGION_COLOUR) for name, place in region_places_mm.items()]
     points.append(_point(camera, "", state.look.crosshair_mm, CROSS_COLOUR))
+    if state.look.begun_mm is not None:
+        points.append(_point(camera, "entry", state.look.begun_mm, BEGUN_COLOUR))
     return {
         **drawn,
-        "title": f"3-D {state.look.surface}; tubes hold the path with 95 %",
+        "title": wanting or f"3-D {state.look.surface}; tubes hold the path with 95 %",
         "markers": _markers(state, camera, show_rejected),
         "points": [one for one in points if one is not None],
         "paths": [_path(camera, one, state) for one in state.case.plan.trajectories],
@@ -68,9 +84,10 @@ def _point(camera: Camera, name: str, place_mm: FloatArray, colour: str) -> dict
 def _path(camera: Camera, one: Trajectory, state: PlannerState) -> dict[str, Any]:
     """Return the ends of a trajectory, with a thin line: it and its tube are in the picture."""
     ends = camera.on_screen(np.stack([one.entry_mm, one.target_mm]))
-    places = {"entry": ends[0, :2].tolist(), "target": ends[1, :2].tolist()}
+    both = ends[:, :2].tolist()
+    places = {"entry": both[0], "target": both[1], "part": both if (ends[:, 2] >= LEAST_DEPTH_MM).all() else []}
     look = {
-        "near": bool((ends[:, 2] >= LEAST_DEPTH_MM).all()),
+        "near": (ends[:, 2] >= LEAST_DEPTH_MM).tolist(),
         "selected": one.name == state.look.selected,
         "width": 1,
     }

@@ -10,6 +10,7 @@ import numpy as np
 from ronnaplan.case.surroundings import Judgement
 from ronnaplan.documents.registration import LabelPair, RegistrationDocument
 from ronnaplan.localization.fiducials import FiducialFlag
+from ronnaplan.planner.pointer import Pixel
 from ronnaplan.planner.state import LANDMARKS, PlannerState
 from ronnaplan.planning.rows import error_rows, number, place, placement_sentence, shape_rows, verdict_sentence
 
@@ -149,6 +150,15 @@ def _behind(nats: float, first: bool) -> str:
 
 def _by_marker(pairs: Sequence[LabelPair]) -> dict[str, str]:
     return {pair.ct: pair.ots for pair in pairs}
+
+
+def under_line(state: PlannerState, view: str, at: Pixel) -> str:
+    """Return the HU under the pointer, interpolated, and where that is in LPS and RAS."""
+    place = at.place_mm(state.look.cut(view))
+    value = float(state.look.scan.values_hu(place[np.newaxis])[0])
+    known = "outside the scan" if np.isnan(value) else f"{value:.0f} HU"
+    x, y, z = place
+    return f"{known}   LPS {x:.1f}, {y:.1f}, {z:.1f}   RAS {-x:.1f}, {-y:.1f}, {z:.1f}"
 
 
 def landmark_rows(state: PlannerState) -> list[dict[str, Any]]:

@@ -23,6 +23,15 @@ CLICK_PIXELS = 3.0
 
 ZOOM_STEP = 1.15
 
+WINDOW_PIXELS = 300.0
+"""A drag over so many pixels changes a window by its own width."""
+
+LEAST_WINDOW_STEP_HU = 0.5
+"""A pixel changes even a narrow window by so much."""
+
+NARROWEST_HU, WIDEST_HU, LEVELS_HU = 4.0, 8000.0, (-2000.0, 5000.0)
+"""How far a drag can go."""
+
 HEAD = "head"
 """The 3-D view."""
 
@@ -75,20 +84,26 @@ class Pointer:
     def __init__(self, state: PlannerState, head: Head | None = None) -> None:
         self.state, self.head = state, head
         self.adding = False
-        self.entry_mm: FloatArray | None = None
         self._held: tuple[str, str] | None = None
         self._offset_mm: FloatArray = np.zeros(3)
         self._plane: Cut | None = None
         self._panned_from: FloatArray | None = None
+        self._windowed_from: tuple[Pixel, tuple[float, float]] | None = None
         self._turned: list[Pixel] = []
 
     def add(self) -> None:
         """Begin to add a trajectory by two presses, or leave it."""
-        self.adding, self.entry_mm = not self.adding, None
+        self.adding, self.state.look.begun_mm = not self.adding, None
 
-    def press(self, view: str, at: Pixel, *, pan: bool = False) -> None:
-        """Take hold of what is under the pointer: an end of a trajectory, the picture, the crosshair or the head."""
-        self._plane = self._held = self._panned_from = None
+    def press(self, view: str, at: Pixel, *, pan: bool = False, window: bool = False) -> None:
+        """Take hold of what is under the pointer: an end of a trajectory, the picture, the crosshair or the head.
+
+        ``pan`` takes hold of the picture whatever is under the pointer, ``window`` of its brightness.
+        """
+        self._plane = self._held = self._panned_from = self._windowed_from = None
+        if window and view != HEAD:
+            self._windowed_from = at, self.state.look.window_hu
+            return
         self._turned = [at] if view == HEAD and not self.adding else []
         if view == HEAD and self.head is None:
             return
@@ -113,6 +128,8 @@ class Pointer:
                 return
             if self._held is None and self.head is not None:
                 self.head.turn(at.x - last.x, at.y - last.y)
+        if self._windowed_from is not None:
+            self._change_window(at)
         if self._plane is None or self.adding:
             return
         place = at.place_mm(self._plane)
@@ -128,7 +145,7 @@ class Pointer:
         at = self._turned[0] if self._turned and self._clicked else None
         held = self._held
         self.state.case.end_drag()
-        self._plane = self._held = self._panned_from = None
+        self._plane = self._held = self._panned_from = self._windowed_from = None
         self._turned = []
         if at is not None and held is not None:
             self.state.look.jump(getattr(self.state.case.plan.trajectory(held[0]), f"{held[1]}_mm"))
@@ -147,6 +164,16 @@ class Pointer:
         else:
             self.state.look.scroll(view, steps)
 
+    def _change_window(self, at: Pixel) -> None:
+        """Widen the window as the pointer goes to the right, and raise it as it goes up."""
+        assert self._windowed_from is not None
+        start, (low, high) = self._windowed_from
+        width, level = high - low, (low + high) / 2
+        step = max(width, LEAST_WINDOW_STEP_HU * WINDOW_PIXELS) / WINDOW_PIXELS
+        width = float(np.clip(width + step * (at.x - start.x), NARROWEST_HU, WIDEST_HU))
+        level = float(np.clip(level - step * (at.y - start.y), *LEVELS_HU))
+        self.state.look.set_window(round(level - width / 2), round(level + width / 2))
+
     @property
     def _clicked(self) -> bool:
         first = self._turned[0]
@@ -156,16 +183,16 @@ class Pointer:
         place: FloatArray | None
         if view != HEAD:
             place = at.place_mm(self.state.look.cut(view))
-        elif self.entry_mm is not None:
+        elif self.state.look.begun_mm is not None:
             raise UsageError("the target lies inside the head; click it in one of the cuts")
         else:
             place = self._surface_under(at)
         if place is None:
             raise UsageError(f"there is no {self.state.look.surface} under the pointer; click on the head")
-        if self.entry_mm is None:
-            self.entry_mm = place
+        if self.state.look.begun_mm is None:
+            self.state.look.begun_mm = place
             return
-        entry, self.entry_mm, self.adding = self.entry_mm, None, False
+        entry, self.state.look.begun_mm, self.adding = self.state.look.begun_mm, None, False
         self.state.add_trajectory(entry, place)
 
     def _take(self, view: str, at: Pixel, name: str, end: str) -> None:

@@ -5,24 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.planner.cuts import JPEG_QUALITY
+from ronnaplan.planner.cuts import jpeg
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Measures, Placement, Proposals
 from ronnaplan.planning.trajectory import Trajectory
 from ronnaplan.scene import things
 from ronnaplan.scene.camera import Camera
+from ronnaplan.scene.head import filling
 from ronnaplan.scene.picture import filled_in
 from ronnaplan.scene.shapes import Body, ball, joined, specks
 from ronnaplan.scene.things import Thing
 
-SHAPE = (640, 640)
-"""Rows and columns of the picture until the page says how large its view is."""
-
-MOST_DRAGGED_PIXELS = 120_000
-"""While an end is dragged the picture has no more, to keep up with the hand."""
-
 TURN_DEG_PER_PIXEL = 0.4
-BACKGROUND, PLACEMENT_COLOUR = "#0b0e11", "#4fc3f7"
+BACKGROUND, PLACEMENT_COLOUR = "#0b0e11", "#b39ddb"
 OPACITY = {"skin": 0.55, "skull": 0.8}
 
 SPECK_MM = 1.2
@@ -37,7 +32,6 @@ class Scene:
         low, high = state.look.bounds_mm
         middle = (low + high) / 2
         self.camera = Camera(middle + np.array([-0.6, -1.0, 0.5]) * 1.25 * float((high - low).max()), middle)
-        self.shape = SHAPE
         self._shown: dict[str, Thing] = {}
 
     def show_surface(self, kind: str, body: Body) -> None:
@@ -89,6 +83,11 @@ class Scene:
             balls = [ball(center, placed.diameter_mm / 2) for center in placed.centers_mm]
             self._show(Thing("placement", joined(balls), things.rgb(PLACEMENT_COLOUR), 0.8))
 
+    def fill(self) -> None:
+        """Come as near as all that is shown can be seen whole."""
+        if self._shown:
+            self.camera = filling(list(self._shown.values()), self.camera.axes[2])
+
     def turn(self, across_pixels: float, down_pixels: float) -> None:
         """Turn the camera about the head."""
         self.camera = self.camera.turned(-TURN_DEG_PER_PIXEL * across_pixels, TURN_DEG_PER_PIXEL * down_pixels)
@@ -97,18 +96,11 @@ class Scene:
         """Come nearer (factor above 1)."""
         self.camera = self.camera.nearer(factor)
 
-    def draw(self) -> bytes:
-        """Return the picture as JPEG: what is opaque, then what is seen through, the skin or skull last."""
-        import cv2
-
-        rows, columns = self.shape
-        if self.state.case.dragging:
-            share = min(1.0, (MOST_DRAGGED_PIXELS / (rows * columns)) ** 0.5)
-            rows, columns = max(1, round(share * rows)), max(1, round(share * columns))
+    def draw(self, shape: tuple[int, int]) -> bytes:
+        """Return the picture (rows, columns) as JPEG: what is seen through last, skin or skull at the end."""
         shown = sorted(self._shown.values(), key=lambda one: one.name in OPACITY)
-        picture = filled_in(shown, self.camera, (rows, columns), things.rgb(BACKGROUND))
-        shades = np.ascontiguousarray(picture[..., 2::-1])
-        return bytes(cv2.imencode(".jpg", shades, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1])
+        picture = filled_in(shown, self.camera, shape, things.rgb(BACKGROUND))
+        return jpeg(np.ascontiguousarray(picture[..., 2::-1]))
 
     def _show(self, one: Thing) -> None:
         self._shown[one.name] = one

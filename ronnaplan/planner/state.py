@@ -14,8 +14,8 @@ from ronnaplan.planner.registering import Registering
 from ronnaplan.planner.storage import Storage
 from ronnaplan.planning import Landmarks, Trajectory
 
-COLOURS = ("#e8a33d", "#4fc3f7", "#81c784", "#f06292", "#ba68c8", "#ffd54f")
-"""Given to new trajectories in turn."""
+COLOURS = ("#2dd4a7", "#f0e442", "#f28ac8", "#7c9cff", "#e6edf3")
+"""Given to new trajectories in turn: told apart by colour-blind eyes, none of them the markers' or the crosshair's."""
 
 LANDMARKS = ("AC", "PC", "midline")
 
@@ -51,6 +51,11 @@ class PlannerState:
         self.look.select(added.name)
         return added.name
 
+    def show_path(self, name: str) -> None:
+        """Select a trajectory and put the crosshair at its target."""
+        self.look.select(name)
+        self.look.show(self.case.plan.trajectory(name).target_mm)
+
     def pick_marker(self, label: str) -> None:
         """Select a marker; while the pairing is ambiguous this points at it."""
         self.look.marker = marker_edits.named(self.case.found, label).label
@@ -58,7 +63,7 @@ class PlannerState:
 
     def jump_to_marker(self, label: str) -> None:
         """Select a marker and put the crosshair at its center."""
-        self.look.jump(marker_edits.named(self.case.found, label).center)
+        self.look.show(marker_edits.named(self.case.found, label).center)
         self.pick_marker(label)
 
     def jump_to_rejected(self, index: int) -> None:
@@ -66,7 +71,7 @@ class PlannerState:
         rejected = self.case.found.rejected
         if not 0 <= index < len(rejected):
             raise UsageError(f"there is no rejected candidate {index}; there are {len(rejected)}")
-        self.look.jump(rejected[index].center)
+        self.look.show(rejected[index].center)
 
     @property
     def landmarks_mm(self) -> dict[str, FloatArray]:
@@ -95,4 +100,4 @@ class PlannerState:
         """Put the crosshair at AC, PC or the midline point."""
         if which not in self.landmarks_mm:
             raise UsageError(f"{which} is not set; put the crosshair there and set it")
-        self.look.jump(self.landmarks_mm[which])
+        self.look.show(self.landmarks_mm[which])

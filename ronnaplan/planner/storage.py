@@ -11,7 +11,7 @@ from pathlib import Path
 from pydantic import Field
 
 from ronnaplan.case.folder import FIDUCIALS, LIMITS, PLAN, REGISTRATION, CaseFiles
-from ronnaplan.documents.fields import DocumentModel, Line, PositiveMm, Vector
+from ronnaplan.documents.fields import DocumentModel, Hounsfield, Line, PositiveMm, Vector
 from ronnaplan.documents.files import read_json, write_atomically
 from ronnaplan.documents.reading import to_json, validated
 from ronnaplan.errors import InputError, UsageError
@@ -26,6 +26,7 @@ class Look(DocumentModel):
     center: Vector
     field_mm: PositiveMm
     window: Line
+    window_hu: tuple[Hounsfield, Hounsfield] | None = None
     selected: Line | None = None
     points: dict[str, Vector] = Field(default_factory=dict)
     """AC, PC or midline point as far as they are set, until the plan holds all three."""

@@ -57,15 +57,17 @@ def filled_in(
     picture = np.empty((*shape, 3), dtype=np.float32)
     picture[:] = 0.0 if background is None else background
     depths = camera.depths(shape)
-    shown = np.full(shape, background is not None)
+    shown = np.zeros(shape, dtype=np.bool_)
     for one in sorted(things, key=lambda thing: thing.opacity < 1.0):
         if one.opacity == 1.0:
             camera.draw(one.body, one.colour, picture, depths)
             continue
         veil, nearer = picture.copy(), depths.copy()
         camera.draw(one.body, one.colour, veil, nearer)
+        shown |= depths < EMPTY_MM
+        share = np.where(shown | (not one.screen), np.float32(one.opacity), np.float32(1.0))
+        picture += share[..., np.newaxis] * (veil - picture)
         shown |= nearer < depths
-        picture += one.opacity * (veil - picture)
-    shown |= depths < EMPTY_MM
+    shown |= (depths < EMPTY_MM) | (background is not None)
     shades = np.dstack([np.clip(picture, 0.0, 1.0), shown]) * 255.0
     return np.asarray(shades + 0.5, dtype=np.uint8)

@@ -42,6 +42,8 @@ class Thing:
     colour: FloatArray
     opacity: float = 1.0
     gloss: float = 0.25
+    screen: bool = False
+    """Seen through only where something lies behind: nothing else would be seen but the background."""
 
 
 def rgb(colour: str) -> FloatArray:
@@ -51,12 +53,12 @@ def rgb(colour: str) -> FloatArray:
 
 def skin(body: Body, opacity: float = 1.0) -> Thing:
     """Return the skin."""
-    return Thing("skin", body, rgb(SKIN_COLOUR), opacity, gloss=0.1)
+    return Thing("skin", body, rgb(SKIN_COLOUR), opacity, gloss=0.1, screen=True)
 
 
 def skull(body: Body, opacity: float = 1.0) -> Thing:
     """Return the skull."""
-    return Thing("skull", body, rgb(SKULL_COLOUR), opacity, gloss=0.1)
+    return Thing("skull", body, rgb(SKULL_COLOUR), opacity, gloss=0.1, screen=True)
 
 
 def no_go(name: str, body: Body, opacity: float = 0.7) -> Thing:

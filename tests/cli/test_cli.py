@@ -79,7 +79,7 @@ def test_an_empty_scan_is_an_answer(ct_folder: Path, capsys: pytest.CaptureFixtu
         (["localize", "{ct}", "--diameter", "1.5"], 1, "smaller than 2 pixels"),
         (["localize", "{ct}"], 2, "--diameter"),
         (["export", "{ct}/truth.json", "--to", "csv"], 1, "not a fiducials document"),
-        (["export", "{ct}/truth.json", "--to", "stl"], 2, "invalid choice"),
+        (["export", "{ct}/truth.json", "--to", "stl"], 2, "give a case's folder"),
         (["fly"], 2, "invalid choice"),
         ([], 2, "VERB"),
     ],

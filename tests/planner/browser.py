@@ -82,11 +82,11 @@ def planner(folder: Path, *options: str) -> Iterator[Planner]:
 
 
 @contextmanager
-def chromium() -> Iterator[Any]:
+def chromium(*flags: str) -> Iterator[Any]:
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=BROWSER, args=list(FLAGS))
+        browser = playwright.chromium.launch(executable_path=BROWSER, args=[*FLAGS, *flags])
         try:
             yield browser
         finally:

@@ -6,28 +6,36 @@ import cv2
 import numpy as np
 import pytest
 
-from ronnaplan.planner.cuts import PIXELS, STANDARD, jpeg, path_axes
+from ronnaplan.planner.cuts import STANDARD, jpeg, path_axes, picture, png
 from ronnaplan.planning import Trajectory
 from ronnaplan.planning.sampling import SliceSampler
 from ronnaplan.scene.cut import Cut
 from tests.scans import balls, scan, small_stack
 
 CENTER = np.array([3.0, -4.0, 2.0])
+PIXELS = 400
+WINDOW = (-1000.0, 200.0)
 
 
-def picture(cut: Cut, tilt_deg: float = 0.0) -> np.ndarray:
+def drawn(cut: Cut, shape: tuple[int, int], tilt_deg: float = 0.0) -> np.ndarray:
     volume = scan(balls([tuple(CENTER)]), small_stack(tilt_deg=tilt_deg))
-    drawn = jpeg(SliceSampler.of(volume), cut, (-1000.0, 200.0))
-    return np.asarray(cv2.imdecode(np.frombuffer(drawn, dtype=np.uint8), cv2.IMREAD_GRAYSCALE))
+    return picture(SliceSampler.of(volume), cut, WINDOW, shape)
+
+
+def decoded(data: bytes) -> np.ndarray:
+    return np.asarray(cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE))
 
 
 @pytest.mark.parametrize("view", STANDARD)
-@pytest.mark.parametrize("tilt_deg", [0.0, 12.0])
-def test_a_marker_is_a_disc_of_its_size_where_the_screen_coordinates_say(view: str, tilt_deg: float) -> None:
+@pytest.mark.parametrize(("tilt_deg", "beyond"), [(0.0, (0, 0)), (12.0, (0, 150)), (0.0, (90, 0))])
+def test_a_marker_is_a_disc_of_its_size_where_the_screen_coordinates_say(
+    view: str, tilt_deg: float, beyond: tuple[int, int]
+) -> None:
     right, down = STANDARD[view]
     cut = Cut(right, down, CENTER - 5.0 * right + 3.0 * down, 40.0)
-    bright = np.argwhere(picture(cut, tilt_deg) > 110)
-    place_mm = (bright.mean(axis=0) + 0.5) * 40.0 / PIXELS - 20.0
+    shape = (PIXELS + beyond[0], PIXELS + beyond[1])
+    bright = np.argwhere(drawn(cut, shape, tilt_deg) > 110)
+    place_mm = (bright.mean(axis=0) + 0.5 - np.array(shape) / 2) * 40.0 / PIXELS
     assert place_mm[::-1] == pytest.approx(cut.on_screen_mm(CENTER)[:2], abs=0.1)
     assert len(bright) * (40.0 / PIXELS) ** 2 == pytest.approx(np.pi * 5.75**2, rel=0.04)
 
@@ -53,3 +61,10 @@ def test_the_path_views_hold_and_cross_the_path() -> None:
     assert right @ path.inward == pytest.approx(0.0, abs=1e-12)
     probe = Cut(*path_axes("probe", path), path.target_mm, 60.0)
     assert probe.away == pytest.approx(path.inward)
+
+
+def test_a_picture_at_rest_is_without_loss_and_one_that_moves_is_small() -> None:
+    shades = drawn(Cut(*STANDARD["axial"], CENTER, 40.0), (300, 500))
+    assert (decoded(png(shades)) == shades).all()
+    assert len(jpeg(shades)) < len(png(shades)) / 2
+    assert np.abs(decoded(jpeg(shades)).astype(int) - shades).mean() < 3

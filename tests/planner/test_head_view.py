@@ -11,6 +11,7 @@ import pytest
 
 from ronnaplan.planner.head_view import HeadView
 from ronnaplan.planner.overlay import over_head
+from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Measures
 from ronnaplan.scene.field import Field
@@ -51,7 +52,7 @@ def difference(a: np.ndarray, b: np.ndarray) -> float:
 def test_before_it_is_opened_there_is_no_picture(state: PlannerState) -> None:
     view = HeadView(state)
     assert view.picture() == ""
-    assert over_head(state, view.camera, False, {})["title"] == "3-D is being made ready ..."
+    assert over_head(state, view.camera, False, {}, Pane())["title"] == "3-D is being made ready ..."
 
 
 def test_the_map_of_entries_is_coloured_on_the_scalp_and_goes_with_its_target(head: HeadView) -> None:
@@ -118,7 +119,7 @@ def test_names_stand_where_things_are_drawn(head: HeadView) -> None:
     state = head.state
     state.pick_marker("F3")
     state.set_landmark("AC", cases.TARGET_MM)
-    drawn = over_head(state, head.camera, True, {"vessels": cases.ENTRY_MM})
+    drawn = over_head(state, head.camera, True, {"vessels": cases.ENTRY_MM}, Pane())
     assert [one["label"] for one in drawn["markers"] if one["ring"]] == ["F3", "x1"]
     places = {one["label"]: (one["x"], one["y"]) for one in drawn["points"]}
     (path,) = drawn["paths"]

@@ -79,3 +79,14 @@ def test_an_empty_scan_can_be_drawn() -> None:
     empty = scan(balls([(300.0, 0.0, 0.0)]), small_stack())
     assert head_picture(empty, np.empty((0, 3)), 11.5, SHAPE).shades.max() == 0
     assert Field.of(empty).values.max() < -900
+
+
+def test_a_screen_is_whole_but_for_where_something_lies_behind_it() -> None:
+    inside = Thing("inside", ball([0.0, 0.0, 0.0], 3.0), np.array([0.0, 0.0, 1.0]))
+    around = Thing("around", ball([0.0, 0.0, 0.0], 10.0), np.ones(3), 0.5, screen=True)
+    camera = filling([around])
+    shades = filled_in([inside, around], camera, (101, 101)).astype(int)
+    alone = filled_in([around], camera, (101, 101)).astype(int)
+    assert shades[50, 50, 0] < 0.6 * alone[50, 50, 0]
+    assert shades[50, 50, 2] > 100
+    assert (shades[50, 75] == alone[50, 75]).all()

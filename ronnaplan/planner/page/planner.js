@@ -5,7 +5,7 @@
 
   function tell(name, args) {
     const last = queue.at(-1);
-    if (last && last.name === name && name === "move") {
+    if (last && last.name === name && (name === "move" || name === "hover")) {
       last.args = args;
     } else if (last && last.name === name && name === "wheel") {
       args[1] += last.args[1];
@@ -41,11 +41,11 @@
     if (!view) return;
     event.preventDefault();
     view.setPointerCapture(event.pointerId);
-    tell("press", [view.dataset.view, ...place(view, event), event.button, event.shiftKey]);
+    tell("press", [view.dataset.view, ...place(view, event), event.button, event.shiftKey, event.ctrlKey]);
   });
   window.addEventListener("pointermove", (event) => {
     const view = viewOf(event);
-    if (view && event.buttons) tell("move", [view.dataset.view, ...place(view, event)]);
+    if (view) tell(event.buttons ? "move" : "hover", [view.dataset.view, ...place(view, event)]);
   });
   window.addEventListener("pointerup", (event) => {
     const view = viewOf(event);
@@ -67,6 +67,7 @@
     for (const { target, contentRect } of entries) {
       const side = Math.max(1, Math.min(contentRect.width, contentRect.height));
       target.style.setProperty("--halves-a-pixel", 2 / side);
+      tell("sized", [target.dataset.view, contentRect.width, contentRect.height, window.devicePixelRatio]);
     }
   });
   const watched = new WeakSet();

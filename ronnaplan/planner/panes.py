@@ -1,0 +1,34 @@
+"""How large the page shows each view, and with how many pixels a picture for it is drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+LEAST_PIXELS = 16
+"""Of a side of a picture."""
+
+MOST_STILL_PIXELS, MOST_MOVING_PIXELS = 4_000_000, 200_000
+"""Of a picture at rest, with a pixel for each of the screen's; and while something moves, to follow the hand."""
+
+GREATEST_RATIO = 4.0
+"""No screen has more pixels to one of the page's."""
+
+
+@dataclass(frozen=True)
+class Pane:
+    """A view of ``width`` x ``height`` of the page's pixels, each ``ratio`` of the screen's wide."""
+
+    width: float = 448.0
+    height: float = 448.0
+    ratio: float = 1.0
+
+    @property
+    def halves(self) -> tuple[float, float]:
+        """Half the width and half the height, in halves of the shorter side."""
+        shorter = max(min(self.width, self.height), 1.0)
+        return max(self.width, 1.0) / shorter, max(self.height, 1.0) / shorter
+
+    def shape(self, most_pixels: int) -> tuple[int, int]:
+        """Return rows and columns of a picture with the screen's pixels, or with fewer where they are too many."""
+        share = min(1.0, (most_pixels / max(self.width * self.height * self.ratio**2, 1.0)) ** 0.5) * self.ratio
+        return max(LEAST_PIXELS, round(share * self.height)), max(LEAST_PIXELS, round(share * self.width))

@@ -1,0 +1,41 @@
+"""What there is to see of a whole case."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ronnaplan.case.folder import Case
+from ronnaplan.errors import InputError
+from ronnaplan.scene import things
+from ronnaplan.scene.field import Field, of_mask
+from ronnaplan.scene.surfaces import REGION, surfaces
+from ronnaplan.scene.things import Thing
+
+OPACITY = {"skull": 0.5, "skin": 0.4}
+"""So that trajectories are seen through the head."""
+
+
+def things_of(case: Case) -> list[Thing]:
+    """Return markers, rejected candidates, trajectories and regions of a case, its skull and its skin last.
+
+    Raises `InputError` where there is nothing to show, and where pyvista is not installed.
+    """
+    shown: list[Thing] = []
+    if case.fiducials is not None:
+        found = case.fiducials.fiducials
+        shown += [things.marker(one.label, np.array(one.center), one.diameter_mm) for one in found]
+        if case.fiducials.rejected:
+            shown.append(things.rejected([np.array(one.center) for one in case.fiducials.rejected]))
+    for path in case.plan.trajectories if case.plan is not None else ():
+        judged = case.surroundings.judge(path, case.plan).measures if case.volume and case.plan else None
+        shown += things.path(path, judged)
+    if case.volume is not None:
+        for name, mask in case.no_go.items():
+            region = surfaces(of_mask(case.volume, mask), {name: REGION}, outside=0.0)
+            shown.append(things.no_go(name, region[name]))
+        head = surfaces(Field.of(case.volume))
+        shown += [things.skull(head["skull"], OPACITY["skull"]), things.skin(head["skin"], OPACITY["skin"])]
+    whole = [one for one in shown if len(one.body.triangles)]
+    if not whole:
+        raise InputError("the case holds nothing to show; give its scan with --ct")
+    return whole

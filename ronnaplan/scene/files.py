@@ -1,0 +1,183 @@
+"""Things as files that other programs open: glTF, STL, VTK's own, or one HTML page that turns in any browser."""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+from collections.abc import Callable, Sequence
+from html import escape
+from importlib.resources import files
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ronnaplan.scene.shapes import joined
+from ronnaplan.scene.things import Thing
+
+MM_IN_M: Final = 1e-3
+
+UPRIGHT: Final = [MM_IN_M, 0, 0, 0, 0, 0, -MM_IN_M, 0, 0, MM_IN_M, 0, 0, 0, 0, 0, 1]
+"""LPS millimetres to glTF's metres (left, up, front), column by column."""
+
+FLOATS, NUMBERS = 5126, 5125
+VERTICES, INDICES = 34962, 34963
+"""glTF's names for kinds of numbers, and for what they are."""
+
+POLICY: Final = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+"""Told to the browser: this page loads nothing."""
+
+NOTICE: Final = "research software, not a medical device"
+
+
+def gltf(things: Sequence[Thing]) -> bytes:
+    """Return a binary glTF 2.0: one node a thing, in LPS mm below a root that stands upright in metres."""
+    parts: list[bytes] = []
+    views: list[dict[str, Any]] = []
+    accessors: list[dict[str, Any]] = []
+
+    def stored(values: NDArray[Any], component: int, kind: str, target: int, **bounds: list[float]) -> int:
+        data = values.tobytes()
+        offset = sum(map(len, parts))
+        views.append({"buffer": 0, "byteOffset": offset, "byteLength": len(data), "target": target})
+        parts.append(data)
+        count = len(values)
+        accessors.append(
+            {"bufferView": len(views) - 1, "componentType": component, "count": count, "type": kind, **bounds}
+        )
+        return len(accessors) - 1
+
+    meshes, materials = [], []
+    for number, one in enumerate(things):
+        places = one.body.vertices_mm.astype("<f4")
+        bounds = {"min": places.min(axis=0).tolist(), "max": places.max(axis=0).tolist()}
+        attributes = {
+            "POSITION": stored(places, FLOATS, "VEC3", VERTICES, **bounds),
+            "NORMAL": stored(_unit_normals(one).astype("<f4"), FLOATS, "VEC3", VERTICES),
+        }
+        indices = stored(one.body.triangles.astype("<u4").ravel(), NUMBERS, "SCALAR", INDICES)
+        meshes.append({"primitives": [{"attributes": attributes, "indices": indices, "material": number}]})
+        materials.append(_material(one))
+    nodes: list[dict[str, Any]] = [{"name": one.name, "mesh": n} for n, one in enumerate(things)]
+    root = {"name": "LPS, mm", "matrix": UPRIGHT, "children": list(range(len(things)))}
+    document = {
+        "asset": {"version": "2.0", "generator": "ronnaplan"},
+        "scene": 0,
+        "scenes": [{"nodes": [len(things)]}],
+        "nodes": [*nodes, root],
+        "meshes": meshes,
+        "materials": materials,
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": sum(map(len, parts))}],
+    }
+    header, body = json.dumps(document).encode(), b"".join(parts)
+    header += b" " * (-len(header) % 4)
+    chunks = struct.pack("<I4s", len(header), b"JSON") + header + struct.pack("<I4s", len(body), b"BIN\0") + body
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+def stl(things: Sequence[Thing]) -> bytes:
+    """Return a binary STL of all that is shown, in LPS mm."""
+    body = joined([one.body for one in things])
+    corners = body.vertices_mm[body.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-20)
+    facets = np.zeros(len(corners), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")])
+    facets["normal"], facets["corners"] = normals, corners
+    return b"ronnaplan, LPS, mm".ljust(80) + struct.pack("<I", len(facets)) + facets.tobytes()
+
+
+def vtp(things: Sequence[Thing]) -> bytes:
+    """Return VTK's XML poly data in LPS mm, with normals, colours and the number of the thing at each vertex."""
+    body = joined([one.body for one in things])
+    counts = [len(one.body.vertices_mm) for one in things]
+    colours = np.repeat([np.rint(255 * _colour(one)) for one in things], counts, axis=0).astype(np.uint8)
+    number = np.repeat(np.arange(len(things)), counts).astype("<i4")
+    ends = 3 * np.arange(1, len(body.triangles) + 1)
+    names = ", ".join(f"{n} {one.name}" for n, one in enumerate(things))
+    text = f"""<?xml version="1.0"?>
+<!-- {escape(names).replace("--", "- -")} -->
+<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64">
+<PolyData><Piece NumberOfPoints="{sum(counts)}" NumberOfPolys="{len(ends)}">
+<PointData Normals="normals" Scalars="colours">
+{_array("normals", "Float32", body.normals.astype("<f4"), 3)}
+{_array("colours", "UInt8", colours, 3)}
+{_array("thing", "Int32", number, 1)}
+</PointData>
+<Points>{_array("places", "Float32", body.vertices_mm.astype("<f4"), 3)}</Points>
+<Polys>{_array("connectivity", "Int64", body.triangles.astype("<i8"), 1)}
+{_array("offsets", "Int64", ends.astype("<i8"), 1)}</Polys>
+</Piece></PolyData></VTKFile>
+"""
+    return text.encode()
+
+
+def html(things: Sequence[Thing], title: str, still_png: bytes) -> bytes:
+    """Return a page that shows the things in 3-D, and a still where the browser has no WebGL2; it loads nothing."""
+    low = np.min([one.body.vertices_mm.min(axis=0) for one in things], axis=0)
+    high = np.max([one.body.vertices_mm.max(axis=0) for one in things], axis=0)
+    scene = {
+        "low": low.tolist(),
+        "size": (high - low).tolist(),
+        "things": [_packed(one, low, high - low) for one in things],
+    }
+    page = files("ronnaplan.scene") / "page"
+    whole = (page / "scene.html").read_text(encoding="utf-8")
+    pieces = {
+        "POLICY": POLICY,
+        "TITLE": escape(title),
+        "NOTICE": NOTICE,
+        "STILL": base64.b64encode(still_png).decode(),
+        "SCENE": json.dumps(scene).replace("<", "\\u003c"),
+        "VIEWER": (page / "viewer.js").read_text(encoding="utf-8"),
+    }
+    for name, piece in pieces.items():
+        whole = whole.replace(f"<!--{name}-->", piece)
+    return whole.encode()
+
+
+def _packed(one: Thing, low: NDArray[Any], size: NDArray[Any]) -> dict[str, Any]:
+    """Return a thing in few bytes: places as shares of the scene in 16 bits, normals in 8."""
+    shares = np.rint((one.body.vertices_mm - low) / np.maximum(size, 1e-9) * 65535.0).astype("<u2")
+    normals = np.rint(127 * _unit_normals(one)).astype(np.int8)
+    return {
+        "name": one.name,
+        "colour": _colour(one).round(4).tolist(),
+        "opacity": one.opacity,
+        "places": base64.b64encode(np.pad(shares, ((0, 0), (0, 1))).tobytes()).decode(),
+        "normals": base64.b64encode(np.pad(normals, ((0, 0), (0, 1))).tobytes()).decode(),
+        "triangles": base64.b64encode(one.body.triangles.astype("<u4").tobytes()).decode(),
+    }
+
+
+def _unit_normals(one: Thing) -> NDArray[np.float32]:
+    lengths = np.linalg.norm(one.body.normals, axis=1, keepdims=True)
+    normals: NDArray[np.float32] = np.where(
+        lengths > 1e-6, one.body.normals / np.maximum(lengths, 1e-6), [0, 0, 1]
+    )
+    return normals
+
+
+def _material(one: Thing) -> dict[str, Any]:
+    linear = np.power(_colour(one), 2.2).tolist()
+    shine = {"baseColorFactor": [*linear, one.opacity], "metallicFactor": 0.0, "roughnessFactor": 0.6}
+    clear = {"alphaMode": "BLEND"} if one.opacity < 1.0 else {}
+    return {"name": one.name, "pbrMetallicRoughness": shine, **clear}
+
+
+def _colour(one: Thing) -> NDArray[np.float64]:
+    colour: NDArray[np.float64] = np.asarray(one.colour, dtype=np.float64).reshape(-1, 3).mean(axis=0)
+    return colour
+
+
+def _array(name: str, kind: str, values: NDArray[Any], components: int) -> str:
+    data = values.tobytes()
+    packed = base64.b64encode(struct.pack("<Q", len(data)) + data).decode()
+    told = f'type="{kind}" Name="{name}" NumberOfComponents="{components}" format="binary"'
+    return f"<DataArray {told}>{packed}</DataArray>"
+
+
+WRITERS: Final[dict[str, Callable[[Sequence[Thing]], bytes]]] = {"gltf": gltf, "stl": stl, "vtp": vtp}
+"""Files of a scene, by the name given to ``--to``; an HTML page needs a still beside it."""

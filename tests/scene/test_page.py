@@ -1,0 +1,76 @@
+"""The page of a scene, as a browser shows it: turned with WebGL2, a still without."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from ronnaplan.scene.files import html
+from ronnaplan.scene.shapes import ball
+from ronnaplan.scene.things import Thing
+from tests.planner.browser import chromium, needs_browser
+
+pytestmark = needs_browser
+
+RED = Thing("marker F1", ball([40.0, 0.0, 0.0], 10.0), np.array([1.0, 0.1, 0.1]))
+SKIN = Thing("skin", ball([0.0, 0.0, 0.0], 50.0), np.array([0.2, 0.4, 0.9]), 0.5)
+
+
+@pytest.fixture
+def page_file(tmp_path: Path) -> Path:
+    still = cv2.imencode(".png", np.full((40, 40, 3), 255, dtype=np.uint8))[1].tobytes()
+    file = tmp_path / "scene.html"
+    file.write_bytes(html([RED, SKIN], "a case", still))
+    return file
+
+
+def shown(page: Any) -> np.ndarray:
+    page.wait_for_timeout(300)
+    return np.asarray(cv2.imdecode(np.frombuffer(page.screenshot(), dtype=np.uint8), cv2.IMREAD_COLOR), dtype=int)
+
+
+def red_middle(picture: np.ndarray) -> float:
+    """Where the red ball is seen across the page."""
+    return float(np.nonzero(picture[..., 2] - picture[..., 0] > 25)[1].mean())
+
+
+def test_a_scene_is_turned_in_the_browser_and_what_is_hidden_goes(page_file: Path) -> None:
+    with chromium("--use-angle=swiftshader", "--enable-unsafe-swiftshader") as browser:
+        page = browser.new_page(viewport={"width": 500, "height": 400})
+        errors: list[str] = []
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.goto(page_file.as_uri())
+        first = shown(page)
+        assert page.locator("canvas").is_visible()
+        assert not page.locator("#still").is_visible()
+        before = red_middle(first)
+        page.mouse.move(150, 300)
+        page.mouse.down()
+        page.mouse.move(250, 300, steps=3)
+        page.mouse.up()
+        assert red_middle(shown(page)) > before + 10  # the near side follows the hand
+        page.locator("canvas").focus()
+        page.keyboard.press("ArrowLeft")
+        turned = shown(page)
+        page.uncheck("text=marker F1")
+        hidden = shown(page)
+        assert (np.abs(hidden - turned).max(axis=2) > 25).mean() > 0.003
+        assert ((hidden[..., 2] - hidden[..., 0])[:, :350] <= 25).all()
+        page.evaluate(
+            "document.querySelector('canvas').getContext('webgl2').getExtension('WEBGL_lose_context').loseContext()"
+        )
+        page.wait_for_selector("#still", state="visible")
+        assert errors == []
+
+
+def test_without_webgl_the_still_is_seen(page_file: Path) -> None:
+    with chromium("--disable-3d-apis") as browser:
+        page = browser.new_page(viewport={"width": 500, "height": 400})
+        page.goto(page_file.as_uri())
+        assert shown(page)[200, 200].tolist() == [255, 255, 255]
+        assert page.locator("canvas").is_hidden()
+        assert page.locator("fieldset").is_hidden()
