@@ -10,7 +10,7 @@ from scipy import fft
 
 from phantoms.compiled import compiled, parallel_range
 from phantoms.kernels import Kernel
-from phantoms.reconstruction import UPSAMPLING
+from phantoms.reconstruction import UPSAMPLING, ramp_response
 from phantoms.solids import FloatArray
 
 TAPER = 0.25
@@ -47,12 +47,7 @@ class RampFilter:
         self.columns, self.pad = columns, int(np.ceil(TAPER * columns))
         padded = columns + 2 * self.pad
         size = fft.next_fast_len(2 * padded, real=True)
-        offset = np.minimum(np.arange(size), size - np.arange(size))
-        ramp = np.zeros(size)
-        ramp[0] = 1 / (4 * bin_mm**2)
-        odd = offset % 2 == 1
-        ramp[odd] = -1 / (np.pi * offset[odd] * bin_mm) ** 2
-        response = fft.rfft(ramp).real * bin_mm * shape.response(fft.rfftfreq(size, bin_mm))
+        response = ramp_response(size, bin_mm, shape)
         self._size, self._response = size, (response * UPSAMPLING).astype(np.float32)
         fall = np.cos(np.pi / 2 * (np.arange(self.pad) + 1) / (self.pad + 1)) ** 2
         self._fall = fall.astype(np.float32)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from phantoms.beam import tube_beam
 from phantoms.compiled import compiled, parallel_range
 from phantoms.cone_rays import Panel, Views, cone_transmission
 from phantoms.errors import PhantomError
+from phantoms.helix_settings import HelixSettings
 from phantoms.kernels import kernel
 from phantoms.rays import pack
 from phantoms.reconstruction import UPSAMPLING, WaterCorrection, filter_projections
@@ -20,9 +21,6 @@ from phantoms.scanner import PHOTONS_PER_MM2, SCAN_RADIUS_MM, matter, scattered
 from phantoms.scene import Scene, surface
 from phantoms.solids import FloatArray
 from phantoms.stack import SliceStack
-
-if TYPE_CHECKING:
-    from phantoms.helix import Helix
 
 Readings = NDArray[np.float32]
 
@@ -68,7 +66,7 @@ class HalfTurns:
     """
 
     def __init__(
-        self, scene: Scene, scanner: Helix, orbit: Orbit, stacks: Sequence[SliceStack], seed: int
+        self, scene: Scene, scanner: HelixSettings, orbit: Orbit, stacks: Sequence[SliceStack], seed: int
     ) -> None:
         self._scanner, self._orbit, self._seed = scanner, orbit, seed
         beam = tube_beam(scanner.kilovolts)

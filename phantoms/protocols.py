@@ -12,7 +12,8 @@ from phantoms.cone_beam import ConeBeam, Turn
 from phantoms.errors import PhantomError
 from phantoms.fast import Renderer
 from phantoms.finish import Finish, Interpolated, NonLocalMeans, Reformatted, Step, TotalVariation
-from phantoms.helix import Helix, Method
+from phantoms.helix import Helix
+from phantoms.helix_settings import Method
 from phantoms.machine import Machine
 from phantoms.motion import random_motion
 from phantoms.profiles import Shape

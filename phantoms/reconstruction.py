@@ -37,21 +37,27 @@ class WaterCorrection:
         return water_mm
 
 
-def filter_projections(
-    projections: NDArray[np.floating[Any]], bin_mm: float, shape: Kernel
-) -> NDArray[np.float32]:
-    """Filter ``projections`` (V, U) with ramp and kernel; returns (V, `UPSAMPLING` U) at ``bin_mm / UPSAMPLING``.
+def ramp_response(size: int, bin_mm: float, shape: Kernel) -> FloatArray:
+    """Return what ramp and kernel do to each frequency of ``size`` bins, as a real transform orders them.
 
     The ramp is the transform of its band-limited spatial form, which leaves no offset (Kak & Slaney, Eq. 3.61).
     """
-    views, bins = projections.shape
-    size = fft.next_fast_len(2 * bins, real=True)
     offset = np.minimum(np.arange(size), size - np.arange(size))
     ramp = np.zeros(size)
     ramp[0] = 1 / (4 * bin_mm**2)
     odd = offset % 2 == 1
     ramp[odd] = -1 / (np.pi * offset[odd] * bin_mm) ** 2
-    response = fft.rfft(ramp).real * bin_mm * shape.response(fft.rfftfreq(size, bin_mm))
+    response: FloatArray = fft.rfft(ramp).real * bin_mm * shape.response(fft.rfftfreq(size, bin_mm))
+    return response
+
+
+def filter_projections(
+    projections: NDArray[np.floating[Any]], bin_mm: float, shape: Kernel
+) -> NDArray[np.float32]:
+    """Filter ``projections`` (V, U) with ramp and kernel; returns (V, `UPSAMPLING` U) at ``bin_mm / UPSAMPLING``."""
+    views, bins = projections.shape
+    size = fft.next_fast_len(2 * bins, real=True)
+    response = ramp_response(size, bin_mm, shape)
     spectrum = fft.rfft(projections.astype(np.float32), n=size, axis=1) * response.astype(np.float32)
     refined = fft.irfft(spectrum, n=size * UPSAMPLING, axis=1) * UPSAMPLING
     return np.ascontiguousarray(refined[:, : bins * UPSAMPLING] * (np.pi / views), dtype=np.float32)

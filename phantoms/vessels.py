@@ -50,11 +50,11 @@ def bent(radius_mm: float, bend_mm: float, generator: np.random.Generator) -> Ve
     """Return a ring-shaped tube whose axis is a circle of ``bend_mm``, anyhow in space."""
     axis = _unit(generator)
     normal, towards = _square_to(axis, generator), _square_to(axis, generator)
-    square, centre = np.cross(axis, towards), bend_mm * towards - radius_mm * normal
+    square, center = np.cross(axis, towards), bend_mm * towards - radius_mm * normal
 
     def depth(p: FloatArray) -> FloatArray:
-        up = (p - centre) @ square
-        out = np.linalg.norm(p - centre - up[..., np.newaxis] * square, axis=-1)
+        up = (p - center) @ square
+        out = np.linalg.norm(p - center - up[..., np.newaxis] * square, axis=-1)
         return np.asarray(np.hypot(out - bend_mm, up) - radius_mm)
 
     return Vessel(normal, depth)

@@ -10,17 +10,15 @@ from numpy.typing import NDArray
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
+from ronnaplan.minimize import minimize
 from ronnaplan.pose import exponential, point_jacobian, rigid, transform_points
 
 COLLINEARITY_TOLERANCE = 1e-3
-"""Second singular value of the centred points over the first below which they count as one line (0.1 mm in 10
+"""Second singular value of the centerd points over the first below which they count as one line (0.1 mm in 10
 cm)."""
 CONVERGED_STEP = 1e-10
 """A fit has settled when no update (rad about the centroid; mm) is larger; far below any marker's error."""
 MAXIMUM_ITERATIONS = 100
-FIRST_DAMPING = 1e-2
-"""Levenberg-Marquardt damping, relative to the information, after a step that would raise the misfit."""
-ROUND_OFF = 1e-12
 LARGEST_SPURIOUS_SHARE = 0.5
 """At most so much of the information about a rotation is taken for the points' own noise; second order ends there."""
 
@@ -56,13 +54,13 @@ def fit_closed_form(
     """
     share = np.ones(moving_mm.shape[:-1]) if weights is None else np.asarray(weights)
     share = (share / share.sum(axis=-1, keepdims=True))[..., None]
-    from_centre = (share * moving_mm).sum(axis=-2, keepdims=True)
-    to_centre = (share * fixed_mm).sum(axis=-2, keepdims=True)
-    cross = (share * (fixed_mm - to_centre)).swapaxes(-1, -2) @ (moving_mm - from_centre)
+    from_center = (share * moving_mm).sum(axis=-2, keepdims=True)
+    to_center = (share * fixed_mm).sum(axis=-2, keepdims=True)
+    cross = (share * (fixed_mm - to_center)).swapaxes(-1, -2) @ (moving_mm - from_center)
     u, _, vt = np.linalg.svd(cross)
     u[..., :, 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
     rotation = u @ vt
-    return rigid(rotation, to_centre[..., 0, :] - (rotation @ from_centre[..., 0, :, None])[..., 0])
+    return rigid(rotation, to_center[..., 0, :] - (rotation @ from_center[..., 0, :, None])[..., 0])
 
 
 def fit_likelihood(
@@ -80,48 +78,42 @@ def fit_likelihood(
     points = (moving_mm, fixed_mm, moving_mm2, fixed_mm2)
     size = np.trace(moving_mm2, axis1=-2, axis2=-1) + np.trace(fixed_mm2, axis1=-2, axis2=-1)
     matrix = fit_closed_form(moving_mm, fixed_mm, weights=1.0 / size)
-    centre = fixed_mm.mean(axis=-2)
-    misfit, information, gradient = _linearize(matrix, centre, *points)
-    damping = np.zeros(misfit.shape)
-    settled = np.zeros(misfit.shape, dtype=bool)
-    for _ in range(MAXIMUM_ITERATIONS):
-        damped = information + damping[..., None, None] * information * np.eye(6)
-        step = np.asarray(np.linalg.solve(damped, gradient[..., None])[..., 0], dtype=np.float64)
+    center = fixed_mm.mean(axis=-2)
+
+    def moved(place: FloatArray, step: FloatArray) -> FloatArray:
         turn = exponential(step[..., :3])
-        trial = rigid(turn, centre + step[..., 3:] - (turn @ centre[..., None])[..., 0]) @ matrix
-        there, ahead, slope = _linearize(trial, centre, *points)
-        better = there <= misfit * (1 + ROUND_OFF) + ROUND_OFF
-        matrix = np.where(better[..., None, None], trial, matrix)
-        misfit = np.where(better, there, misfit)
-        information = np.where(better[..., None, None], ahead, information)
-        gradient = np.where(better[..., None], slope, gradient)
-        damping = np.where(better, damping / 10, np.maximum(10 * damping, FIRST_DAMPING))
-        settled |= np.abs(step).max(axis=-1) < CONVERGED_STEP
-        if settled.all():
-            break
-    return matrix, settled
+        return rigid(turn, center + step[..., 3:] - (turn @ center[..., None])[..., 0]) @ place
+
+    found = minimize(
+        lambda place: _linearize(place, center, *points),
+        matrix,
+        lambda step, _promise, _cost: np.abs(step).max(axis=-1) < CONVERGED_STEP,
+        most_steps=MAXIMUM_ITERATIONS,
+        moved=moved,
+    )
+    return found.place, found.settled
 
 
 def _linearize(
     matrix: FloatArray,
-    centre: FloatArray,
+    center: FloatArray,
     moving_mm: FloatArray,
     fixed_mm: FloatArray,
     moving_mm2: FloatArray,
     fixed_mm2: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return misfit (...), information (..., 6, 6) and descent direction (..., 6) about ``centre`` (..., 3)."""
+    """Return misfit (...), descent direction (..., 6) and information (..., 6, 6) about ``center`` (..., 3)."""
     rotation = matrix[..., None, :3, :3]
     carried = rotation @ moving_mm2 @ rotation.swapaxes(-1, -2)
     residual = fixed_mm - transform_points(matrix, moving_mm)
     weight = np.linalg.inv(carried + fixed_mm2)
     pull = (weight @ residual[..., None])[..., 0]
     corrected = fixed_mm - residual + (carried @ pull[..., None])[..., 0]
-    jacobian = point_jacobian(corrected - centre[..., None, :])
+    jacobian = point_jacobian(corrected - center[..., None, :])
     transposed = jacobian.swapaxes(-1, -2)
     information = (transposed @ weight @ jacobian).sum(axis=-3)
     gradient = (transposed @ pull[..., None]).sum(axis=-3)[..., 0]
-    return np.asarray((residual * pull).sum(axis=(-2, -1))), information, gradient
+    return np.asarray((residual * pull).sum(axis=(-2, -1))), gradient, information
 
 
 def pose_covariance(
@@ -137,16 +129,16 @@ def pose_covariance(
     near a line look wider than they are, by as much information about the rotation as it holds itself; that is taken
     off, and counts as noise of the estimate instead (to second order; cf. Fuller 1987, Measurement Error Models).
     """
-    centre = mapped_mm.mean(axis=-2)
+    center = mapped_mm.mean(axis=-2)
     weight = np.asarray(np.linalg.inv(combined_mm2), dtype=np.float64)
-    jacobian = point_jacobian(mapped_mm - centre[..., None, :])
+    jacobian = point_jacobian(mapped_mm - center[..., None, :])
     seen = (jacobian.swapaxes(-1, -2) @ weight @ jacobian).sum(axis=-3)
     spread = np.linalg.inv(seen)
     if remaining_mm2 is not None:
         spread = _without_spurious(seen, spread, _turning_information(remaining_mm2, weight))
     move = np.zeros_like(spread)
     move[..., :3, :3] = np.eye(3)
-    move[..., 3:, :] = point_jacobian(-centre)  # the origin, as seen from the centroid
+    move[..., 3:, :] = point_jacobian(-center)  # the origin, as seen from the centroid
     covariance: FloatArray = move @ spread @ move.swapaxes(-1, -2)
     return covariance
 

@@ -11,7 +11,7 @@ maximum-likelihood fit), the evidence relative to "nothing pairs" is
 
 with c the variance per axis of a pair's difference, W = sum 1/c, J the information on the rotation, and S the
 scatter of the paired CT points about their centroid: among pairings of one size, those whose markers lie
-together as on a head (normal about a centre, ``spread`` per axis) are more probable beforehand.  ``misfit`` is
+together as on a head (normal about a center, ``spread`` per axis) are more probable beforehand.  ``misfit`` is
 s^(6 - 3k) exp(-chi^2 / 2 s^2) integrated over the scale s of the true errors in terms of the stated ones
 (`SCALES`): the noise is inferred with the pairing.
 
@@ -168,6 +168,6 @@ def fit(
 @njit(cache=True, nogil=True, error_model="numpy")
 def is_collinear(points: FloatArray, sigma: float) -> bool:
     """Tell whether points (k, 3) lie on a line within their error, so that the turn about it is undetermined."""
-    centred = points - np.array([points[:, 0].mean(), points[:, 1].mean(), points[:, 2].mean()])
-    values = np.linalg.eigvalsh(centred.T @ centred)
+    centered = points - np.array([points[:, 0].mean(), points[:, 1].mean(), points[:, 2].mean()])
+    values = np.linalg.eigvalsh(centered.T @ centered)
     return bool(max(values[0] + values[1], 0.0) < len(points) * (COLLINEAR_SIGMAS * sigma) ** 2)

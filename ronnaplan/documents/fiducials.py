@@ -48,7 +48,7 @@ class Source(DocumentModel):
         return tuple(f"the scan: {flag_sentence(VolumeFlag, flag)}" for flag in self.flags)
 
 
-class Marker(DocumentModel):
+class Sought(DocumentModel):
     """What was looked for."""
 
     diameter_mm: PositiveMm
@@ -114,7 +114,7 @@ class FiducialsDocument(DocumentModel):
     unit: Literal["mm"]
     revision: Revision = 0
     source: Source
-    marker: Marker
+    marker: Sought
     resolution: Resolution | None = None
     fiducials: tuple[FiducialEntry, ...]
     rejected: tuple[RejectedEntry, ...] = ()

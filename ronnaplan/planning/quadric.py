@@ -9,12 +9,19 @@ from __future__ import annotations
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.minimize import minimize
 
 PARAMETERS = 12
 """Ten coefficients (1, x, y, z, xx, yy, zz, xy, xz, yz) and the two curvatures of the bend, towards x and y."""
 
 PRIOR = np.array([100.0] * 4 + [5.0] * 6 + [0.25] * 2)
 """Usual size of the parameters; lengths in units of the window's radius."""
+
+MOST_STEPS = 100
+FIRST_DAMPING = 1e-3
+
+LEAST_NATS = 1e-3
+"""A fit ends when the next step promises less, in the log of the chance."""
 
 FLAT = 1e-4
 """Added to the squared gradient, so that a distance stays finite where the polynomial is flat."""
@@ -75,30 +82,23 @@ def _polynomial(local: FloatArray, distances: FloatArray) -> FloatArray:
 
 
 def _solve(parameters: FloatArray, local: FloatArray, sides: FloatArray, blur: float) -> FloatArray:
-    """Return the most probable parameters (12,): Newton's method with Levenberg's damping."""
+    """Return the most probable parameters (12,)."""
 
-    def cost(tried: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+    def equations(tried: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         values, jacobian, _ = evaluate(tried, local)
         unlikely, slopes, weights = _unlikelihood(values, sides, blur)
         gradient = jacobian.T @ slopes + tried / PRIOR**2
         hessian = (jacobian.T * weights) @ jacobian + np.diag(PRIOR**-2)
-        return unlikely + 0.5 * float(((tried / PRIOR) ** 2).sum()), gradient, hessian
+        return unlikely + 0.5 * float(((tried / PRIOR) ** 2).sum()), -gradient, hessian
 
-    least, gradient, hessian = cost(parameters)
-    damping = 1e-3
-    for _ in range(100):
-        tried = parameters - np.linalg.solve(hessian + damping * np.diag(np.diag(hessian)), gradient)
-        now, *there = cost(tried)
-        if now >= least:
-            damping *= 5.0
-            if damping > 1e6:
-                break
-            continue
-        gained, least, parameters, (gradient, hessian) = least - now, now, tried, there
-        damping = max(damping / 5.0, 1e-7)
-        if gained < 1e-3:
-            break
-    return parameters
+    found = minimize(
+        equations,
+        parameters,
+        lambda _step, promise, _cost: promise < LEAST_NATS,
+        most_steps=MOST_STEPS,
+        damping=FIRST_DAMPING,
+    )
+    return found.place
 
 
 def _monomials(x: FloatArray, y: FloatArray, z: FloatArray) -> list[FloatArray]:

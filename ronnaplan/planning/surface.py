@@ -16,6 +16,8 @@ import numpy as np
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray, unit
 from ronnaplan.localization.neighbourhood import gather
+from ronnaplan.minimize import minimize
+from ronnaplan.planning.patch import BLUR, HEIGHTS, INNER, OUTER, heights, normal_equations, polynomials, slopes
 
 PATCH_RADIUS_MM = 12.0
 """The patch reaches this far to all sides for its slope and curvature; bone is smooth over two centimetres."""
@@ -50,9 +52,6 @@ LEAST_OBLIQUITY = 0.1
 NOISE_SHARE = 0.03
 """Expected misfit of a voxel as a share of the step: sets how much the priors weigh (little)."""
 
-HEIGHTS, INNER, OUTER, BLUR = 10, 10, 11, 12
-"""How many parameters describe the height, and which of them are the levels and the blur."""
-
 EXPECTED = np.array([*(12 * [0.0]), np.log(BLUR_PRIOR_MM)])
 PRIOR = np.array(
     [
@@ -71,11 +70,10 @@ FIXED_SHAPE = np.array([1e-9, *(9 * [1e12]), 1e-9, 1e-9, np.log(2.0) ** -2])
 ALIKE_VOXELS = 9
 """Noise and misfit of 3 x 3 neighbours in a slice go together: they count as one voxel in the standard error."""
 
-MOST_STEPS = 40
-LEAST_PROGRESS, LEAST_PROMISE = 1e-4, 1e-6
-"""A fit ends when a step lessened the misfit by less than the first share, or the next promises less than the other."""
+MOST_STEPS, FIRST_DAMPING = 40, 1e-3
+LEAST_PROMISE = 1e-4
+"""A fit ends when the next step promises to lessen the misfit by less than this share."""
 
-ROOT = 1.0 / math.sqrt(2.0 * math.pi)
 ROUNDS = 3
 """Times the voxels are chosen anew about the fitted patch."""
 
@@ -153,7 +151,7 @@ def _fit(
         return None
     axes = _axes(_steepest(offsets, values, outward))
     local = offsets @ axes.T
-    terms = _terms(local[:, 0], local[:, 1])
+    terms = polynomials(local[:, 0], local[:, 1])
     across = abs(float(axes[2] @ volume.grid.normal))
     needed = max(depth, 0.8 * gap * across)
     box = (volume.grid.thickness_mm or gap) * across
@@ -216,8 +214,8 @@ def _solve(
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return the parameters (13,) and their covariance (13, 13), or None when there is no step.
 
-    Damped Gauss-Newton (Levenberg and Marquardt) on the squared misfit with the priors. With ``shape`` (13,) only
-    height, levels and blur are free, the rest stays.
+    The squared misfit with the priors is least there. With ``shape`` (13,) only height, levels and blur are free, the
+    rest stays.
     """
     expected, prior = (EXPECTED, PRIOR) if shape is None else (shape, FIXED_SHAPE)
     above = c > heights(terms, start)
@@ -228,72 +226,26 @@ def _solve(
         return None
     guess = np.array([*start[:HEIGHTS], inner, outer, start[BLUR] or EXPECTED[BLUR]])
     variance = (NOISE_SHARE * float(outer - inner)) ** 2
-    damping, cost = 1e-3, np.inf
-    information, gradient, best = np.empty((13, 13)), np.empty(13), guess
-    for _ in range(MOST_STEPS):
-        square, normal, right = normal_equations(terms, c, values, guess, box)
-        cost_now = square / variance + float((prior * (guess - expected) ** 2).sum())
-        if cost_now < cost:
-            better, best, cost, damping = cost - cost_now, guess, cost_now, damping / 10
-            information = normal / variance + np.diag(prior)
-            gradient = right / variance - prior * (guess - expected)
-            if better < LEAST_PROGRESS * cost:
-                break
-        else:
-            damping *= 10
-        step = np.linalg.solve(information + damping * np.diag(np.diag(information)), gradient)
-        if step @ gradient < LEAST_PROMISE * cost:
-            break
-        guess = best + step
+
+    def equations(tried: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        square, right, normal = normal_equations(terms, c, values, tried, box)
+        off = tried - expected
+        cost = square / variance + float((prior * off**2).sum())
+        return cost, right / variance - prior * off, normal / variance + np.diag(prior)
+
+    found = minimize(
+        equations,
+        guess,
+        lambda _step, promise, cost: promise < LEAST_PROMISE * cost,
+        most_steps=MOST_STEPS,
+        damping=FIRST_DAMPING,
+    )
+    best = found.place
     if not (np.isfinite(best).all() and abs(best[OUTER] - best[INNER]) >= LEAST_CONTRAST_HU):
         return None
-    spread = ALIKE_VOXELS * max(cost / max(len(values) - 13, 1), 1e-6)
-    covariance = spread * np.asarray(np.linalg.inv(information), dtype=np.float64)
+    spread = ALIKE_VOXELS * max(float(found.cost) / max(len(values) - 13, 1), 1e-6)
+    covariance = spread * np.asarray(np.linalg.inv(found.curvature), dtype=np.float64)
     return best, covariance
-
-
-def _terms(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return what each parameter of a patch's height is multiplied by (10, ...) at ``a``, ``b`` (...)."""
-    one, aa, ab, bb = np.ones_like(a), a * a / 2, a * b, b * b / 2
-    return np.stack([one, a, b, aa, ab, bb, a * aa / 3, b * aa, a * bb, b * bb / 3])
-
-
-def heights(terms: FloatArray, h: FloatArray) -> FloatArray:
-    """Return the heights (...) of the patch at the places of ``terms`` (10, ...)."""
-    z: FloatArray = h[:HEIGHTS] @ terms
-    return z
-
-
-def slopes(terms: FloatArray, h: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return how fast the height grows with a and with b (...): polynomials in the first six terms."""
-    return h[[1, 3, 4, 6, 7, 8]] @ terms[:6], h[[2, 4, 5, 7, 8, 9]] @ terms[:6]
-
-
-def normal_equations(
-    terms: FloatArray, c: FloatArray, values: FloatArray, h: FloatArray, box: float
-) -> tuple[float, FloatArray, FloatArray]:
-    """Return the squared misfit of ``values`` (N,), and the normal equations' matrix (13, 13) and right side.
-
-    ``c`` (N,) is each voxel's place along the third axis, ``terms`` (10, N) those of the other two.
-    """
-    from scipy.special import ndtr
-
-    inner, outer, blur = h[INNER], h[OUTER], math.exp(min(max(h[BLUR], -3.0), 1.5))
-    width = max(box, 0.1 * blur)
-    by_a, by_b = slopes(terms, h)
-    shrink = 1.0 / np.sqrt(1.0 + by_a**2 + by_b**2)
-    distance = (c - heights(terms, h)) * shrink
-    high, low = (distance + width / 2) / blur, (distance - width / 2) / blur
-    bell_high, bell_low = np.exp(-(high**2) / 2) * ROOT, np.exp(-(low**2) / 2) * ROOT
-    area_high, area_low = ndtr(high), ndtr(low)
-    share = blur / width * (high * area_high + bell_high - low * area_low - bell_low)
-    rate = -(outer - inner) * (area_high - area_low) / width * shrink
-    design = np.empty((13, len(values)))
-    design[:HEIGHTS] = rate * terms
-    design[INNER], design[OUTER] = 1.0 - share, share
-    design[BLUR] = (outer - inner) * (bell_high - bell_low) / width * blur
-    misfit = values - inner - (outer - inner) * share
-    return float(misfit @ misfit), design @ design.T, design @ misfit
 
 
 def _meet(patch: _Patch, place: FloatArray, outward: FloatArray) -> tuple[float, FloatArray]:
@@ -302,7 +254,7 @@ def _meet(patch: _Patch, place: FloatArray, outward: FloatArray) -> tuple[float,
     reach, by_a, by_b = 0.0, np.zeros(()), np.zeros(())
     for _ in range(20):
         a, b, c = reach * direction
-        terms = _terms(a, b)
+        terms = polynomials(a, b)
         by_a, by_b = slopes(terms, patch.parameters)
         rate = direction[2] - by_a * direction[0] - by_b * direction[1]
         change = (heights(terms, patch.parameters) - c) / rate if abs(rate) > 1e-6 else 0.0

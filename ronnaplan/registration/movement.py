@@ -90,11 +90,11 @@ def _log_body(
     matrix, _ = fit_likelihood(before_mm, after_mm, before_mm2, after_mm2)
     noise = matrix[:3, :3] @ before_mm2 @ matrix[:3, :3].T + after_mm2
     mapped = transform_points(matrix, before_mm)
-    centre = mapped.mean(axis=0)
-    shift = centre - before_mm.mean(axis=0)
+    center = mapped.mean(axis=0)
+    shift = center - before_mm.mean(axis=0)
     turn = HEAD_RADIUS_MM * np.sqrt(2 / 3) * Rotation.from_matrix(matrix[:3, :3]).as_rotvec()
     square = shift @ shift + turn @ turn + np.trace(noise, axis1=-2, axis2=-1).mean()
     sphere = np.pi**3 * DECADES * np.log(10)  # that of six dimensions
     prior = -np.log(sphere) - 3 * np.log(square) + 3 * np.log(HEAD_RADIUS_MM * np.sqrt(2 / 3))
-    spread = np.linalg.slogdet(2 * np.pi * pose_covariance(mapped - centre, noise))[1]
+    spread = np.linalg.slogdet(2 * np.pi * pose_covariance(mapped - center, noise))[1]
     return matrix, float(_log_rest(after_mm - mapped, noise).sum() + prior + spread / 2)

@@ -40,14 +40,14 @@ SOURCES = ("CT localization", "tracker: head markers", "tracker: tool markers", 
 
 
 @dataclass(frozen=True)
-class Scan:
+class LocalizedPhantom:
     """One localized scan: what was found, and the truth, row by row."""
 
     found: Points
     truth_mm: FloatArray
 
 
-def scan_phantom(seed: int) -> Scan:
+def scan_phantom(seed: int) -> LocalizedPhantom:
     """Render the laboratory phantom with noise ``seed``, write and read it as DICOM, localize its markers."""
     from phantoms.fast import render
     from phantoms.library import laboratory_phantom
@@ -67,7 +67,7 @@ def scan_phantom(seed: int) -> Scan:
         write_phantom(Path(folder) / "ct", scene, stack, images)
         found = localize(read_ct(Path(folder) / "ct"), diameter_mm=11.5, expected=len(truth)).points
     nearest = np.linalg.norm(found.positions_mm[:, None] - truth, axis=2).argmin(axis=1)
-    return Scan(found, truth[nearest])
+    return LocalizedPhantom(found, truth[nearest])
 
 
 def run_block(scan: int, trials: int, seed: int) -> Record:
@@ -88,7 +88,7 @@ def run_block(scan: int, trials: int, seed: int) -> Record:
 
 
 def simulate_session(
-    rng: np.random.Generator, scan: Scan, active: tuple[str, ...]
+    rng: np.random.Generator, scan: LocalizedPhantom, active: tuple[str, ...]
 ) -> tuple[FloatArray, list[float]] | None:
     """Simulate one session in which only ``active`` sources err; None when pairing or tool are refused.
 

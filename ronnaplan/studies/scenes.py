@@ -43,12 +43,12 @@ def simulate_scenes(
     points = layout_mm + uniform_in_ball(rng, (tests, len(layout_mm)), DISPLACEMENT_RADIUS_MM)
     kept = np.argsort(rng.random(points.shape[:2]), axis=1)[:, :markers]
     points = np.take_along_axis(points, kept[:, :, None], axis=1)
-    centre = points.mean(axis=1, keepdims=True)
+    center = points.mean(axis=1, keepdims=True)
     scale = np.reshape(noise, (-1, 1, 1))
     sets = []
     for sigma, seen in ((SIGMA_CT_MM, points), (SIGMA_OTS_MM, points[:, hidden:])):
         read = seen + scale * sigma * rng.standard_normal(seen.shape)
-        strays = centre + uniform_in_ball(rng, (tests, outliers), OUTLIER_RADIUS_MM)
+        strays = center + uniform_in_ball(rng, (tests, outliers), OUTLIER_RADIUS_MM)
         sets.append(np.concatenate((read, strays), axis=1))
     ct, ots = sets
     order = np.argsort(rng.random(ots.shape[:2]), axis=1)

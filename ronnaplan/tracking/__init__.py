@@ -1,19 +1,19 @@
 """Optical tracker readings: from files and live streams to markers with covariance."""
 
 from ronnaplan.tracking.frames import labelled_frames
-from ronnaplan.tracking.markers import Marker, MarkerFlag, MarkerReadings, find_markers
+from ronnaplan.tracking.markers import MarkerFlag, MarkerReadings, TrackedMarker, find_markers
 from ronnaplan.tracking.readers import READERS, read_recording
 from ronnaplan.tracking.recording import PointReading, Recording, ToolReading
 from ronnaplan.tracking.told import readings_told
 
 __all__ = [
     "READERS",
-    "Marker",
     "MarkerFlag",
     "MarkerReadings",
     "PointReading",
     "Recording",
     "ToolReading",
+    "TrackedMarker",
     "find_markers",
     "labelled_frames",
     "read_recording",

@@ -54,7 +54,7 @@ class MarkerFlag(StrEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class Marker:
+class TrackedMarker:
     """One marker: its mean, the covariance of that mean, and how it was seen."""
 
     label: str
@@ -78,7 +78,7 @@ class RejectedTrack:
 class MarkerReadings:
     """The markers of a recording."""
 
-    markers: tuple[Marker, ...]
+    markers: tuple[TrackedMarker, ...]
     rejected: tuple[RejectedTrack, ...]
     frames: int
     frame: Frame
@@ -120,7 +120,7 @@ def find_markers(recording: Recording, *, sigma_mm: float = SIGMA_OTS_MM) -> Mar
         raise InputError(
             f"{recording.source} names {len(named)} markers; expected {MOST_MARKERS} at most, so check its labels"
         )
-    markers: list[Marker] = []
+    markers: list[TrackedMarker] = []
     rejected: list[RejectedTrack] = []
     for track in [*named.values(), *_follow(strays)]:
         if not track[0].label and len({r.frame for r in track}) < SEEN_SHARE * len(frames):
@@ -140,7 +140,7 @@ def find_markers(recording: Recording, *, sigma_mm: float = SIGMA_OTS_MM) -> Mar
     return MarkerReadings(tuple(markers), tuple(rejected), len(frames), recording.frame)
 
 
-def _unused_number(markers: list[Marker]) -> str:
+def _unused_number(markers: list[TrackedMarker]) -> str:
     used = {marker.label for marker in markers}
     return next(str(n) for n in range(1, len(markers) + 2) if str(n) not in used)
 
@@ -220,14 +220,14 @@ def _contradiction(track: Sequence[PointReading]) -> str | None:
 
 def _summarize(
     track: list[PointReading], kept: FloatArray, label: str, frames: list[int], sigma_mm: float
-) -> Marker:
+) -> TrackedMarker:
     stated = [r.sigma_mm for r in track if r.sigma_mm is not None]
     floor = float(np.sqrt(np.mean(np.square(stated)))) if stated else sigma_mm
     covariance = floor**2 * np.eye(3)
     if len(kept) > 1:
         covariance = covariance + np.cov(kept.T) / len(kept)
     flags = _flags(track, kept, frames)
-    return Marker(label, kept.mean(axis=0), covariance, len(kept), len(track) - len(kept), flags)
+    return TrackedMarker(label, kept.mean(axis=0), covariance, len(kept), len(track) - len(kept), flags)
 
 
 def _flags(track: list[PointReading], kept: FloatArray, frames: list[int]) -> tuple[MarkerFlag, ...]:

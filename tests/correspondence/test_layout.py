@@ -15,12 +15,12 @@ from tests.correspondence.scenes import HEAD, SIGMA_CT, SIGMA_OTS
 @pytest.mark.parametrize("seed", range(12))
 def test_the_nearest_rival_is_that_of_trying_every_order(seed: int) -> None:
     points = np.random.default_rng(seed).normal(size=(3 + seed % 4, 3)) * 50
-    centred = points - points.mean(axis=0)
+    centered = points - points.mean(axis=0)
     orders = list(itertools.permutations(range(len(points))))[1:]
-    least = min(Rotation.align_vectors(centred[list(order)], centred)[1] for order in orders)
+    least = min(Rotation.align_vectors(centered[list(order)], centered)[1] for order in orders)
     layout = describe_layout(points)
     assert layout.rival_distance_mm == pytest.approx(least, rel=1e-6)
-    assert Rotation.align_vectors(centred[layout.rival], centred)[1] == pytest.approx(least, rel=1e-6)
+    assert Rotation.align_vectors(centered[layout.rival], centered)[1] == pytest.approx(least, rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,14 @@ def write(path: Path, voxels: NDArray[Any] = VOXELS, direction: Any = None) -> P
     return path
 
 
+def changed(path: Path, old: bytes, new: bytes) -> Path:
+    """Write an image along the axes, with a part of its header replaced."""
+    content = write(path, direction=np.eye(3)).read_bytes()
+    assert old in content
+    path.write_bytes(content.replace(old, new, 1))
+    return path
+
+
 def places(path: Path, kji: "np.typing.NDArray[np.float64]") -> "np.typing.NDArray[np.float64]":
     image = SimpleITK.ReadImage(str(path))
     return np.array([image.TransformContinuousIndexToPhysicalPoint(index[::-1].tolist()) for index in kji])

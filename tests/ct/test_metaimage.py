@@ -9,16 +9,9 @@ import SimpleITK
 
 from ronnaplan.ct import read_ct
 from ronnaplan.errors import InputError
-from tests.ct.test_images import VOXELS, places, write
+from tests.ct.test_images import VOXELS, changed, places, write
 
 LAST = b"ElementDataFile"
-
-
-def changed(path: Path, old: bytes, new: bytes) -> Path:
-    content = write(path, direction=np.eye(3)).read_bytes()
-    assert old in content
-    path.write_bytes(content.replace(old, new, 1))
-    return path
 
 
 @pytest.mark.parametrize(

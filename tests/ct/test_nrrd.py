@@ -10,7 +10,7 @@ import SimpleITK
 
 from ronnaplan.ct import read_ct
 from ronnaplan.errors import InputError
-from tests.ct.test_images import VOXELS, places, write
+from tests.ct.test_images import VOXELS, changed, places, write
 
 CORNERS = np.array([[0, 0, 0], [3, 0, 0], [0, 7, 0], [0, 0, 9], [3, 7, 9]], dtype=float)
 
@@ -18,13 +18,6 @@ CORNERS = np.array([[0, 0, 0], [3, 0, 0], [0, 7, 0], [0, 0, 9], [3, 7, 9]], dtyp
 def header_and_voxels(path: Path) -> tuple[bytes, bytes]:
     header, _, voxels = write(path).read_bytes().partition(b"\n\n")
     return header, voxels
-
-
-def changed(path: Path, old: bytes, new: bytes) -> Path:
-    content = write(path, direction=np.eye(3)).read_bytes()
-    assert old in content
-    path.write_bytes(content.replace(old, new, 1))
-    return path
 
 
 @pytest.mark.parametrize(

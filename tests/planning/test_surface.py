@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ronnaplan.planning import surface
+from ronnaplan.planning import patch, surface
 from ronnaplan.planning.crossings import find_crossings
 from tests.planning.heads import paths, scanned
 
@@ -18,15 +18,15 @@ def test_the_normal_equations_are_the_derivatives_of_the_misfit() -> None:
     values = generator.uniform(-900, 900, 400)
     # Level, for how the distance to the patch changes with its own tilt is of second order and left out.
     h = np.array([0.2, *np.zeros(9), 40.0, -900.0, np.log(0.6)])
-    terms = surface._terms(a, b)
+    terms = patch.polynomials(a, b)
 
     def misfit(h: np.ndarray) -> float:
-        return surface.normal_equations(terms, c, values, h, 0.8)[0]
+        return patch.normal_equations(terms, c, values, h, 0.8)[0]
 
-    square, matrix, right = surface.normal_equations(terms, c, values, h, 0.8)
+    square, right, matrix = patch.normal_equations(terms, c, values, h, 0.8)
     slopes = np.array([(misfit(h + one) - misfit(h - one)) / 2e-5 for one in 1e-5 * np.eye(13)])
     assert -2 * right == pytest.approx(slopes, rel=1e-5, abs=1e-8 * square)
-    exact = surface.normal_equations(terms, c, values * 0.0 + 40.0, np.array([-50.0, *h[1:]]), 0.8)
+    exact = patch.normal_equations(terms, c, values * 0.0 + 40.0, np.array([-50.0, *h[1:]]), 0.8)
     assert exact[0] == pytest.approx(
         400 * 940.0**2
     )  # every voxel lies outside: 40 is found where -900 is expected
@@ -38,22 +38,22 @@ def test_heights_and_slopes_are_those_of_a_polynomial_of_third_order() -> None:
     a, b = np.array([0.3, -1.2, 2.0]), np.array([0.7, 0.4, -1.5])
     height = h[0] + h[1] * a + h[2] * b + h[3] * a**2 / 2 + h[4] * a * b + h[5] * b**2 / 2
     height += h[6] * a**3 / 6 + h[7] * a**2 * b / 2 + h[8] * a * b**2 / 2 + h[9] * b**3 / 6
-    assert surface.heights(surface._terms(a, b), h) == pytest.approx(height)
+    assert patch.heights(patch.polynomials(a, b), h) == pytest.approx(height)
     step = 1e-6
     by_a = (
-        surface.heights(surface._terms(a + step, b), h) - surface.heights(surface._terms(a - step, b), h)
+        patch.heights(patch.polynomials(a + step, b), h) - patch.heights(patch.polynomials(a - step, b), h)
     ) / 2e-6
     by_b = (
-        surface.heights(surface._terms(a, b + step), h) - surface.heights(surface._terms(a, b - step), h)
+        patch.heights(patch.polynomials(a, b + step), h) - patch.heights(patch.polynomials(a, b - step), h)
     ) / 2e-6
-    slopes = surface.slopes(surface._terms(a, b), h)
+    slopes = patch.slopes(patch.polynomials(a, b), h)
     assert slopes[0] == pytest.approx(by_a, abs=1e-6)
     assert slopes[1] == pytest.approx(by_b, abs=1e-6)
 
 
 def test_a_fit_ends_when_nothing_is_gained(monkeypatch: pytest.MonkeyPatch) -> None:
     counts: list[int] = []
-    solve, equations = surface._solve, surface.normal_equations
+    solve, equations = surface._solve, patch.normal_equations
 
     def counted(*arguments: Any, **options: Any) -> Any:
         counts.append(0)

@@ -48,8 +48,8 @@ def test_noise_alone_is_no_drift() -> None:
 def test_a_moved_patient_is_told_with_the_motion() -> None:
     rng = np.random.default_rng(5)
     turn = exponential(np.radians([0.0, 0.0, 1.0]))
-    centre = HEAD.mean(axis=0)
-    moved = (HEAD - centre) @ turn.T + centre + (1.0, 0, 0)
+    center = HEAD.mean(axis=0)
+    moved = (HEAD - center) @ turn.T + center + (1.0, 0, 0)
     drift = check_drift(reading(HEAD), reading(moved + 0.1 * rng.normal(size=HEAD.shape)))
     assert drift.status is DriftStatus.PATIENT_MOVED
     assert drift.rotation_deg == pytest.approx(1.0, abs=0.2)

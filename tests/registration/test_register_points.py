@@ -155,13 +155,13 @@ def test_planned_and_fitted_tre_are_one_prediction() -> None:
 def test_isotropic_tre_is_the_formula_of_fitzpatrick_1998() -> None:
     sd = 0.3
     target = np.array([40.0, -20, -60])
-    centred = HEAD - HEAD.mean(axis=0)
-    axes = np.linalg.svd(centred)[2]
+    centered = HEAD - HEAD.mean(axis=0)
+    axes = np.linalg.svd(centered)[2]
     ratio = 0.0
     for k in range(3):  # Eq. 46: squared distance of target and of markers from each principal axis
         others = [i for i in range(3) if i != k]
         from_axis = np.sum((axes[others] @ (target - HEAD.mean(axis=0))) ** 2)
-        ratio += from_axis / np.mean(np.sum((centred @ axes[others].T) ** 2, axis=1))
+        ratio += from_axis / np.mean(np.sum((centered @ axes[others].T) ** 2, axis=1))
     expected = 3 * sd**2 / 6 * (1 + ratio / 3)
     found = register_points(HEAD, HEAD, sd**2 * np.eye(3)).tre_rms_mm([target])[0]
     assert found**2 == pytest.approx(expected, rel=1e-9)

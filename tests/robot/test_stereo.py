@@ -99,30 +99,30 @@ def test_a_reflection_over_part_of_the_outline_does_not_pull_the_center() -> Non
 
 
 @pytest.mark.parametrize("side", ["right", "top"])
-def test_a_hidden_fifth_of_the_outline_does_not_pull_the_centre(side: str) -> None:
+def test_a_hidden_fifth_of_the_outline_does_not_pull_the_center(side: str) -> None:
     rng = np.random.default_rng(8)
-    centre = np.array([2.0, 3, 300])
-    images = seen([centre], rng)
-    at = rendering.project(centre, K[0], D[0]).astype(int)
+    center = np.array([2.0, 3, 300])
+    images = seen([center], rng)
+    at = rendering.project(center, K[0], D[0]).astype(int)
     if side == "right":
         images[0][:, at[0] + 65 :] = 12
     else:
         images[0][: at[1] - 65] = 12
     found = locate_sphere(*images, RIG_EXACT, diameter_mm=DIAMETER)
-    assert np.linalg.norm(found.position_mm - centre) < 0.02
+    assert np.linalg.norm(found.position_mm - center) < 0.02
 
 
-def test_uneven_light_does_not_pull_the_centre() -> None:
+def test_uneven_light_does_not_pull_the_center() -> None:
     """Brightness that falls by a third across the sphere: every part of the edge has its own half height."""
     rng = np.random.default_rng(9)
-    centre = np.array([-3.0, 2, 300])
-    images = seen([centre], rng)
+    center = np.array([-3.0, 2, 300])
+    images = seen([center], rng)
     for image, (k, d, place) in zip(images, zip(K, D, (np.eye(4), RIGHT), strict=True), strict=True):
-        at = rendering.project(moved(invert(place), centre), k, d)[0]
+        at = rendering.project(moved(invert(place), center), k, d)[0]
         fall = 1 - 0.15 * (np.arange(image.shape[1]) - at) / 80
         image[:] = np.clip(image * np.clip(fall, 0.5, 1.3), 0, 255).astype(np.uint8)
     found = locate_sphere(*images, RIG_EXACT, diameter_mm=DIAMETER)
-    assert np.linalg.norm(found.position_mm - centre) < 0.01
+    assert np.linalg.norm(found.position_mm - center) < 0.01
 
 
 def test_a_sphere_that_one_camera_does_not_see_is_not_guessed() -> None:

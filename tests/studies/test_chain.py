@@ -14,12 +14,12 @@ MARKERS = np.array([[56.0, -61, 58], [-42, -81, 51], [-80, -13, 47], [83, 18, 36
 CT_SD_MM = 0.05
 
 
-def localized(seed: int) -> chain.Scan:
+def localized(seed: int) -> chain.LocalizedPhantom:
     """A localized scan without the scan: markers off by their stated error."""
     noise = np.random.default_rng(seed).normal(size=MARKERS.shape) * CT_SD_MM
     covariances = np.tile(CT_SD_MM**2 * np.eye(3), (len(MARKERS), 1, 1))
     found = Points(MARKERS + noise, covariances, ("F1", "F2", "F3", "F4", "F5", "F6"), Frame("CT", "1.2"))
-    return chain.Scan(found, MARKERS)
+    return chain.LocalizedPhantom(found, MARKERS)
 
 
 def test_predicted_and_observed_error_agree_for_all_sources_together_and_for_each(
