@@ -5,7 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-HELP = "Turn fiducials or a registration into markups, CSV, DICOM or an ITK transform, or a case into a 3-D scene."
+HELP = (
+    "Turn fiducials or a registration into markups, CSV, DICOM or an ITK transform, a case into a 3-D scene, "
+    "or name nobody in a scan."
+)
 DOCUMENTS = ("markups", "csv", "dicom", "itk")
 SCENES = ("gltf", "stl", "vtp", "html")
 
@@ -13,9 +16,20 @@ SCENES = ("gltf", "stl", "vtp", "html")
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument(
-        "file", metavar="FILE", help="a fiducials.json or registration.json; for a 3-D scene the folder of a case"
+        "file",
+        metavar="FILE",
+        help="a fiducials.json or registration.json; for a 3-D scene the folder of a case; a scan to deidentify",
     )
-    parser.add_argument("--to", required=True, choices=DOCUMENTS + SCENES, help="the format to write")
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("--to", choices=DOCUMENTS + SCENES, help="the format to write")
+    what.add_argument(
+        "--deidentify",
+        action="store_true",
+        help="write the DICOM files of FILE, naming nobody (PS3.15, basic profile), to the new folder OUT",
+    )
+    parser.add_argument(
+        "--secret", metavar="FILE", help="with --deidentify: what new UIDs are made of (default: new each time)"
+    )
     parser.add_argument(
         "--ct",
         metavar="PATH",
@@ -27,6 +41,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Export ``arguments.file``."""
+    if arguments.deidentify:
+        return _deidentify(arguments)
     from ronnaplan.documents.export import export
     from ronnaplan.documents.files import write_atomically, write_result
     from ronnaplan.errors import UsageError
@@ -68,3 +84,25 @@ def _scene(arguments: argparse.Namespace) -> bytes:
     if arguments.to in WRITERS:
         return WRITERS[arguments.to](things)
     return html(things, "ronnaplan", still_png(things))
+
+
+def _deidentify(arguments: argparse.Namespace) -> int:
+    import secrets
+    import sys
+
+    from ronnaplan.documents.deidentify import LEAST_SECRET_BYTES, deidentify
+    from ronnaplan.errors import InputError, UsageError
+    from ronnaplan.untrusted import read_whole
+
+    if arguments.output is None or arguments.ct is not None:
+        raise UsageError("--deidentify writes a folder: name it with -o, and leave out --ct")
+    secret = secrets.token_bytes(LEAST_SECRET_BYTES)
+    if arguments.secret is not None:
+        secret = read_whole(arguments.secret, 1 << 16, expected="a file with a secret")
+        if len(secret) < LEAST_SECRET_BYTES:
+            raise InputError(
+                f"{arguments.secret} holds {len(secret)} bytes; at least {LEAST_SECRET_BYTES} are needed"
+            )
+    count = deidentify(arguments.file, arguments.output, secret)
+    print(f"{count} files, naming nobody, in {arguments.output}", file=sys.stderr)
+    return 0

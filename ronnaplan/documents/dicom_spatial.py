@@ -38,7 +38,7 @@ def spatial_fiducials(document: FiducialsDocument, patient: Dataset | None = Non
     frame = _frame(document.source)
     if not document.fiducials:
         raise InputError("the document holds no fiducials; a Spatial Fiducials object needs at least one")
-    dataset = _start(SPATIAL_FIDUCIALS, "FID", document.source, document.model_dump_json(), patient)
+    dataset = begin_object(SPATIAL_FIDUCIALS, "FID", document.source, document.model_dump_json(), patient)
     dataset.ContentLabel = "MARKERS"
     dataset.ContentDescription = f"Spheres of {document.marker.diameter_mm:g} mm found by ronnaplan"
     markers = Dataset()
@@ -57,7 +57,7 @@ def spatial_registration(document: RegistrationDocument, patient: Dataset | None
     """
     transform = document.pose.matrix
     content = document.model_dump_json()
-    dataset = _start(SPATIAL_REGISTRATION, "REG", document.source, content, patient)
+    dataset = begin_object(SPATIAL_REGISTRATION, "REG", document.source, content, patient)
     dataset.FrameOfReferenceUID = generate_uid(entropy_srcs=["tracker frame", content])
     dataset.PositionReferenceIndicator = None
     dataset.ContentLabel = "CT_TO_TRACKER"
@@ -86,8 +86,13 @@ def _checked_uid(text: str) -> str:
     return text
 
 
-def _start(sop_class: UID, modality: str, source: Source, content: str, patient: Dataset | None) -> FileDataset:
-    """Return an object with everything but its own module: patient, study, series, equipment, SOP."""
+def begin_object(
+    sop_class: UID, modality: str, source: Source, content: str, patient: Dataset | None
+) -> FileDataset:
+    """Return an object with everything but its own module: patient, study, series, equipment, SOP.
+
+    Its UIDs are made of ``content``, of which each kind of object needs its own.
+    """
     content += "" if patient is None else str(patient)
     uid = generate_uid(entropy_srcs=[sop_class, content])
     meta = FileMetaDataset()

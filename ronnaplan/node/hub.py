@@ -12,8 +12,11 @@ from ronnaplan.errors import InputError
 from ronnaplan.node.audit import Audit
 from ronnaplan.node.config import Config, read_config
 from ronnaplan.node.index import Index
+from ronnaplan.node.jobs import Foreman
 from ronnaplan.node.logs import Log
+from ronnaplan.node.page import Page
 from ronnaplan.node.processes import Child
+from ronnaplan.node.sender import Sender
 from ronnaplan.node.series import SeriesWatch
 
 LOCK = "node.lock"
@@ -39,6 +42,10 @@ def run_node(config_path: Path, stop: threading.Event, log: Log) -> None:
         audit = Audit(config.data, config.audit, config.titles[0])
         audit.application(started=True)
         stack.callback(audit.application, started=False)
+        if config.page_port is not None:
+            page = Page(config, log)
+            page.start()
+            stack.callback(page.stop)
         hub = Hub(config_path, config, index, log)
         stack.callback(hub.close)
         log.tell("started", titles=list(config.titles), folder=str(config.data))
@@ -53,6 +60,11 @@ class Hub:
     def __init__(self, config_path: Path, config: Config, index: Index, log: Log) -> None:
         self._path, self._data, self._log = config_path, config.data, log
         self._series = SeriesWatch(config, index, log)
+        self._foreman = Foreman(config, index, log)
+        receivers = {name for rule in config.rule for name in rule.receivers}
+        self._senders = [Sender(config, peer, log) for peer in config.peer if peer.name in receivers]
+        for sender in self._senders:
+            sender.start()
         self._receiver: Child | None = None
         self._receiver_due = 0.0
 
@@ -60,9 +72,13 @@ class Hub:
         """Do what is due at ``now`` (seconds since 1970)."""
         self._keep_receiver(now)
         self._series.tick(now)
+        self._foreman.tick(now)
 
     def close(self) -> None:
         """End what runs."""
+        self._foreman.close()
+        for sender in self._senders:
+            sender.stop()
         if self._receiver is not None:
             self._receiver.end()
 

@@ -67,7 +67,8 @@ class Child:
                 self._line(line)
 
 
-def end_with_parent() -> None:
-    """Wait until the parent closes this process's standard input, or is gone."""
-    while sys.stdin.readline():
-        pass
+def end_with_parent(line: Callable[[str], None] | None = None) -> None:
+    """Wait until the parent closes this process's standard input, or is gone; ``line`` is given what it says."""
+    while said := sys.stdin.readline():
+        if line is not None:
+            line(said)

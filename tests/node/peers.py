@@ -12,12 +12,14 @@ import subprocess
 import sys
 import threading
 import time
+import urllib.request
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
+from pydicom import dcmread
 from pydicom.dataset import FileDataset
 
 from ronnaplan.node.config import Config
@@ -134,3 +136,53 @@ def association_request(calling: str = "CT1", called: str = "RONNAPLAN") -> byte
     titles = called.encode().ljust(16) + calling.encode().ljust(16)
     content = struct.pack(">HH", 1, 0) + titles + bytes(32) + variable
     return struct.pack(">BBL", 1, 0, len(content)) + content
+
+
+class Orthanc:
+    """An archive on loopback that takes objects from the node ``title`` and shows them by REST and DICOMweb."""
+
+    def __init__(self, folder: Path, modalities: dict[str, list[Any]]) -> None:
+        self.port, self.http = free_port(), free_port()
+        folder.mkdir()
+        content = {
+            **{"Name": "test", "StorageDirectory": str(folder), "IndexDirectory": str(folder)},
+            **{"HttpPort": self.http, "RemoteAccessAllowed": False, "AuthenticationEnabled": False},
+            **{"DicomPort": self.port, "DicomAet": "ORTHANC", "DicomModalities": modalities},
+            **{"DicomAlwaysAllowEcho": False, "DicomAlwaysAllowStore": False, "DicomCheckModalityHost": True},
+            **{"Plugins": ["/usr/share/orthanc/plugins/libOrthancDicomWeb.so"], "DicomWeb": {"Enable": True}},
+        }
+        (folder / "orthanc.json").write_text(json.dumps(content))
+        self._process = subprocess.Popen(
+            [str(program("Orthanc")), str(folder / "orthanc.json")],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        until(lambda: self._answers())
+
+    @property
+    def peer(self) -> dict[str, Any]:
+        return {"name": "pacs", "title": "ORTHANC", "port": self.port}
+
+    def get(self, path: str) -> Any:
+        with urllib.request.urlopen(f"http://127.0.0.1:{self.http}{path}", timeout=20) as answer:
+            content = answer.read()
+        return content if path.endswith("/file") else json.loads(content)
+
+    def post(self, path: str, content: bytes) -> Any:
+        request = urllib.request.Request(f"http://127.0.0.1:{self.http}{path}", content, method="POST")
+        with urllib.request.urlopen(request, timeout=20) as answer:
+            return json.loads(answer.read())
+
+    def instances(self) -> list[FileDataset]:
+        files = [self.get(f"/instances/{one}/file") for one in self.get("/instances")]
+        return [dcmread(io.BytesIO(content)) for content in files]
+
+    def stop(self) -> None:
+        self._process.terminate()
+        self._process.wait(30)
+
+    def _answers(self) -> bool:
+        try:
+            return bool(self.get("/system"))
+        except OSError:
+            return False

@@ -1,0 +1,190 @@
+"""DICOM files for research: what names nobody is kept, everything else goes (PS3.15, Annex E, basic profile).
+
+Only attributes that are listed here are kept, so that one that nobody thought of, a private one or one of a later
+edition of the standard goes, too. UIDs are replaced, each by the same new one wherever it stands, in all files of one
+run; they cannot be turned back without its ``secret``.
+"""
+
+from __future__ import annotations
+
+import hmac
+import io
+import warnings
+from pathlib import Path
+from typing import Final
+
+from pydicom import dcmread
+from pydicom.dataset import Dataset, FileMetaDataset
+from pydicom.uid import UID
+
+from ronnaplan import __version__
+from ronnaplan.ct import tags
+from ronnaplan.ct.catalogue import DICOMDIR_CLASS
+from ronnaplan.ct.files import Blob, NotDicomError, Skipped, given_path
+from ronnaplan.ct.folders import blobs_below
+from ronnaplan.ct.header import read_header
+from ronnaplan.ct.limits import DEFAULT_LIMITS
+from ronnaplan.ct.slices import CT_IMAGE, ENHANCED_CT, LEGACY_ENHANCED_CT
+from ronnaplan.ct.values import text
+from ronnaplan.documents.files import make_folder, write_atomically
+from ronnaplan.errors import InputError
+from ronnaplan.text import printable
+
+
+def _names(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+KEPT: Final = _names(
+    """
+    SpecificCharacterSet ImageType SOPClassUID Modality ConversionType PresentationIntentType
+    ReferencedSOPClassUID CodeValue CodingSchemeDesignator CodingSchemeVersion CodeMeaning MappingResource
+    LossyImageCompression LossyImageCompressionRatio LossyImageCompressionMethod BodyPartExamined
+    SliceThickness KVP DataCollectionDiameter ReconstructionDiameter DistanceSourceToDetector
+    DistanceSourceToPatient GantryDetectorTilt TableHeight RotationDirection ExposureTime XRayTubeCurrent
+    Exposure FilterType GeneratorPower FocalSpots ConvolutionKernel PatientPosition SpiralPitchFactor
+    TotalCollimationWidth SingleCollimationWidth TableSpeed TableFeedPerRotation RevolutionTime ScanOptions
+    AcquisitionNumber InstanceNumber SeriesNumber ImagePositionPatient ImageOrientationPatient SliceLocation
+    PositionReferenceIndicator ImagesInAcquisition NumberOfTemporalPositions TemporalPositionIndex StackID
+    InStackPositionNumber DimensionIndexValues DimensionOrganizationType FrameAcquisitionNumber FrameType
+    PixelPresentation VolumetricProperties VolumeBasedCalculationTechnique ReconstructionAlgorithm
+    SamplesPerPixel PhotometricInterpretation PlanarConfiguration NumberOfFrames Rows Columns PixelSpacing
+    PixelAspectRatio BitsAllocated BitsStored HighBit PixelRepresentation SmallestImagePixelValue
+    LargestImagePixelValue PixelPaddingValue PixelPaddingRangeLimit BurnedInAnnotation WindowCenter
+    WindowWidth RescaleIntercept RescaleSlope RescaleType FloatPixelPaddingValue DoubleFloatPixelPaddingValue
+    PixelData FloatPixelData DoubleFloatPixelData FrameOfReferenceTransformationMatrixType
+    FrameOfReferenceTransformationMatrix ShapeType NumberOfContourPoints ContourData ContourUncertaintyRadius
+    """
+)
+"""Attributes that stay as they are: what images show and where, how they were made."""
+
+ENTERED: Final = _names(
+    """
+    SharedFunctionalGroupsSequence PerFrameFunctionalGroupsSequence PlanePositionSequence
+    PlaneOrientationSequence PixelMeasuresSequence PixelValueTransformationSequence FrameContentSequence
+    CTImageFrameTypeSequence CTReconstructionSequence CTXRayDetailsSequence ModalityLUTSequence
+    FrameVOILUTSequence DimensionOrganizationSequence DimensionIndexSequence FiducialSetSequence
+    FiducialSequence RegistrationSequence MatrixRegistrationSequence MatrixSequence FrameAnatomySequence
+    AnatomicRegionSequence
+    """
+)
+"""Sequences whose items are treated likewise."""
+
+REPLACED: Final = _names(
+    """
+    SOPInstanceUID StudyInstanceUID SeriesInstanceUID FrameOfReferenceUID ReferencedSOPInstanceUID
+    DimensionOrganizationUID FiducialUID ReferencedFrameOfReferenceUID
+    """
+)
+"""UIDs that get a new one."""
+
+EMPTY: Final = (
+    *("StudyDate", "StudyTime", "AccessionNumber", "ReferringPhysicianName", "StudyID"),
+    *("PatientBirthDate", "PatientSex"),
+)
+"""What every object must have and here has nothing in."""
+
+CONTENT: Final = ("ContentDate", "ContentTime", "ContentCreatorName", "Manufacturer")
+"""What an object that had it must have, with nothing in it."""
+
+LONGEST_NAME: Final = 16
+LEAST_SECRET_BYTES: Final = 32
+
+
+TAKEN: Final = {
+    *(CT_IMAGE, ENHANCED_CT, LEGACY_ENHANCED_CT),
+    *("1.2.840.10008.5.1.4.1.1.66.1", "1.2.840.10008.5.1.4.1.1.66.2"),
+}
+"""Classes whose attributes are known here: CT, Spatial Registration, Spatial Fiducials."""
+
+
+def deidentify(source: str | Path, target: str | Path, secret: bytes) -> int:
+    """Write every DICOM file below ``source`` to the folder ``target``, naming nobody; return how many there were.
+
+    ``secret`` makes the new UIDs: with the same one, files of two runs still belong together. Raises `InputError` for
+    a ``target`` that holds anything, a file that cannot be read whole, one of another class than `TAKEN`, and pixels
+    that are said to show a name. Files that are no DICOM are left out.
+    """
+    folder = make_folder(target)
+    if any(folder.iterdir()):
+        raise InputError(f"{folder} is not empty; name a new folder, so that nothing in it is taken for made here")
+    skipped: list[Skipped] = []
+    count = 0
+    for blob in sorted(blobs_below(given_path(source), DEFAULT_LIMITS, skipped), key=lambda one: one.name):
+        try:
+            header = read_header(blob, DEFAULT_LIMITS)
+        except NotDicomError:
+            continue
+        if text(header.elements, tags.SOP_CLASS_UID) in ("", DICOMDIR_CLASS):
+            continue
+        count += 1
+        write_atomically(folder / f"{count:05d}.dcm", _deidentified_bytes(blob, secret))
+    if not count:
+        raise InputError(f"{printable(source)} holds no DICOM object; name a folder of CT images")
+    return count
+
+
+def _deidentified_bytes(blob: Blob, secret: bytes) -> bytes:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of odd values: most of them go
+            given = dcmread(io.BytesIO(blob.read(0, blob.size)), force=True)
+            file = io.BytesIO()
+            deidentified(given, secret).save_as(file, enforce_file_format=True)
+            return file.getvalue()
+    except InputError as error:
+        raise InputError(f"{blob.name}: {error}") from error
+    except Exception as error:  # pydicom raises many kinds for a damaged file
+        raise InputError(f"{blob.name} cannot be read whole ({printable(error)}); leave it out") from error
+
+
+def deidentified(given: Dataset, secret: bytes) -> Dataset:
+    """Return what may be kept of a data set; raises `InputError` for other classes and for names in the pixels."""
+    if given.get("SOPClassUID") not in TAKEN:
+        raise InputError(
+            f"it is of class {printable(given.get('SOPClassUID'))}; only CT and what was found in it is taken"
+        )
+    if given.get("BurnedInAnnotation", "NO") != "NO":
+        raise InputError("its pixels are said to show annotations, which may name the patient; leave it out")
+    kept = _kept(given, secret)
+    for keyword in EMPTY:
+        setattr(kept, keyword, None)
+    for keyword in CONTENT:
+        if keyword in given:
+            setattr(kept, keyword, "" if keyword.endswith(("Date", "Time")) else None)
+    who = f"{given.get('IssuerOfPatientID', '')}|{given.get('PatientID', '')}"
+    kept.PatientID = f"R{_mac(secret, who).hex()[: LONGEST_NAME - 1]}".upper()
+    kept.PatientName = kept.PatientID
+    kept.PatientIdentityRemoved = "YES"
+    kept.LongitudinalTemporalInformationModified = "REMOVED"
+    kept.DeidentificationMethod = f"ronnaplan {__version__}: PS3.15 basic profile, listed attributes kept"
+    code = Dataset()
+    code.CodeValue, code.CodingSchemeDesignator = "113100", "DCM"
+    code.CodeMeaning = "Basic Application Confidentiality Profile"
+    kept.DeidentificationMethodCodeSequence = [code]
+    kept.file_meta = FileMetaDataset()
+    kept.file_meta.TransferSyntaxUID = given.file_meta.TransferSyntaxUID
+    kept.file_meta.MediaStorageSOPClassUID = kept.SOPClassUID
+    kept.file_meta.MediaStorageSOPInstanceUID = kept.SOPInstanceUID
+    return kept
+
+
+def _kept(given: Dataset, secret: bytes) -> Dataset:
+    found = Dataset()
+    for element in given:
+        if element.keyword in KEPT:
+            found.add(element)
+        elif element.keyword in REPLACED and element.value:
+            found.add_new(element.tag, element.VR, _uid(secret, str(element.value)))
+        elif element.keyword in ENTERED:
+            found.add_new(element.tag, "SQ", [_kept(item, secret) for item in element.value])
+    return found
+
+
+def _uid(secret: bytes, uid: str) -> UID:
+    """Return the UID that stands for ``uid``, of 128 bits of a keyed hash (PS3.5, B.2)."""
+    return UID(f"2.25.{int.from_bytes(_mac(secret, uid.strip())[:16], 'big')}")
+
+
+def _mac(secret: bytes, text: str) -> bytes:
+    return hmac.digest(secret, text.encode(), "sha256")

@@ -1,0 +1,59 @@
+"""A report or a picture inside a DICOM object: Encapsulated PDF and Secondary Capture (PS3.3, A.45 and A.8)."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+from pydicom.dataset import Dataset, FileDataset
+from pydicom.uid import UID
+
+from ronnaplan.documents.dicom_spatial import begin_object
+from ronnaplan.documents.fiducials import FiducialsDocument
+
+ENCAPSULATED_PDF = UID("1.2.840.10008.5.1.4.1.1.104.1")
+SECONDARY_CAPTURE = UID("1.2.840.10008.5.1.4.1.1.7")
+
+
+def encapsulated_pdf(
+    pdf: bytes, document: FiducialsDocument, patient: Dataset | None = None, *, title: str
+) -> FileDataset:
+    """Return the report ``pdf`` of ``document`` as a DICOM object; ``patient`` holds the modules to copy."""
+    made = begin_object(ENCAPSULATED_PDF, "DOC", document.source, f"pdf {document.model_dump_json()}", patient)
+    _converted(made)
+    del made.BodyPartExamined
+    made.SeriesDescription = made.DocumentTitle = title
+    made.BurnedInAnnotation = "NO"
+    made.AcquisitionDateTime = None
+    made.ConceptNameCodeSequence = []
+    made.MIMETypeOfEncapsulatedDocument = "application/pdf"
+    made.EncapsulatedDocument = pdf + b"\0" * (len(pdf) % 2)
+    made.EncapsulatedDocumentLength = len(pdf)
+    return made
+
+
+def secondary_capture(
+    png: bytes, document: FiducialsDocument, patient: Dataset | None = None, *, title: str
+) -> FileDataset:
+    """Return the picture ``png`` of ``document`` as a DICOM object; ``patient`` holds the modules to copy."""
+    from PIL import Image
+
+    with Image.open(io.BytesIO(png)) as picture:
+        pixels = np.asarray(picture.convert("RGB"), dtype=np.uint8)
+    made = begin_object(SECONDARY_CAPTURE, "OT", document.source, f"sheet {document.model_dump_json()}", patient)
+    _converted(made)
+    made.SeriesDescription = title
+    made.BurnedInAnnotation = "NO"
+    made.PatientOrientation = None
+    made.SamplesPerPixel, made.PhotometricInterpretation, made.PlanarConfiguration = 3, "RGB", 0
+    made.Rows, made.Columns = pixels.shape[:2]
+    made.BitsAllocated, made.BitsStored, made.HighBit, made.PixelRepresentation = 8, 8, 7, 0
+    content = pixels.tobytes()
+    made.PixelData = content + b"\0" * (len(content) % 2)
+    made["PixelData"].VR = "OB"
+    return made
+
+
+def _converted(made: FileDataset) -> None:
+    made.ConversionType = "WSD"
+    del made.ContentCreatorName

@@ -1,0 +1,63 @@
+"""Associations that this side asks for, with the same bounds of time as those that others ask for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+from pynetdicom import AE
+from pynetdicom.association import Association
+from pynetdicom.presentation import build_role
+
+from ronnaplan.ct.header import EXPLICIT_LITTLE, IMPLICIT_LITTLE
+from ronnaplan.errors import InputError
+from ronnaplan.node.config import Config, Peer
+from ronnaplan.node.tls import context
+from ronnaplan.node.transport import LARGEST_PDU, quieten
+
+SYNTAXES = (EXPLICIT_LITTLE, IMPLICIT_LITTLE)
+
+
+@contextmanager
+def associated(
+    config: Config,
+    peer: Peer,
+    classes: Sequence[str],
+    *,
+    stored: Sequence[str] = (),
+    syntaxes: Sequence[str] = SYNTAXES,
+    handlers: Sequence[tuple[object, object]] = (),
+) -> Iterator[Association]:
+    """Yield an association with ``peer`` for ``classes``; instances of ``stored`` may be sent back on it (C-GET).
+
+    Raises `InputError` where it comes to none.
+    """
+    quieten()
+    entity = AE(config.titles[0])
+    entity.maximum_pdu_size = LARGEST_PDU
+    silent_s = config.limits.silent_s
+    entity.connection_timeout = entity.acse_timeout = entity.dimse_timeout = entity.network_timeout = silent_s
+    for sop_class in classes:
+        entity.add_requested_context(sop_class, list(SYNTAXES))
+    for sop_class in stored:
+        entity.add_requested_context(sop_class, list(syntaxes))
+    encrypted = (context(config.tls, config.home, server=False), peer.host) if peer.tls and config.tls else None
+    association = entity.associate(
+        peer.host,
+        peer.port,
+        ae_title=peer.title,
+        max_pdu=LARGEST_PDU,
+        ext_neg=[build_role(sop_class, scp_role=True) for sop_class in stored],
+        tls_args=encrypted,
+        evt_handlers=list(handlers),  # type: ignore[arg-type]
+    )
+    try:
+        if not association.is_established:
+            how = "refused the association" if association.is_rejected else "cannot be reached"
+            raise InputError(f"{peer.name} ({peer.title} at {peer.host}:{peer.port}) {how}")
+        yield association
+    finally:
+        if association.is_established:
+            association.release()
+        else:
+            association.abort()

@@ -1,0 +1,213 @@
+"""The queue of jobs: given to workers, watched, tried again, and none that another one waits for."""
+
+from __future__ import annotations
+
+import json
+import queue
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+from ronnaplan.node.config import Config
+from ronnaplan.node.index import Index, SeriesRow
+from ronnaplan.node.logs import Log
+from ronnaplan.node.processes import Child
+from ronnaplan.node.store import INSTANCES
+from ronnaplan.node.work import BROKEN, DONE, REFUSED, Order
+
+ANSWERS = "answers"
+LONGEST_WAIT_S: Final = 3600.0
+MOST_ORDERS: Final = 50
+"""Jobs that one worker does before a fresh one takes its place."""
+
+
+def wait_s(attempts: int, first_s: float) -> float:
+    """Return how long to wait after so many attempts: twice as long after each, up to `LONGEST_WAIT_S`.
+
+    >>> [wait_s(number, 30.0) for number in (1, 2, 3, 20)]
+    [30.0, 60.0, 120.0, 3600.0]
+    """
+    return float(min(first_s * 2.0 ** min(attempts - 1, 20), LONGEST_WAIT_S))
+
+
+@dataclass(frozen=True)
+class JobRow:
+    """A job as the index knows it."""
+
+    id: int
+    series: int
+    revision: int
+    rule: str
+    state: str
+    attempts: int
+    due: float
+    reason: str
+
+
+@dataclass
+class Worker:
+    """A process that works, the job it has, and when that must be done."""
+
+    child: Child
+    is_ready: bool = False
+    orders: int = 0
+    job: JobRow | None = None
+    last: float = 0.0
+    fault: str = ""
+
+
+class Foreman:
+    """Has the jobs of the index done. What workers say is heard in `tick` only: one thread changes the index."""
+
+    def __init__(self, config: Config, index: Index, log: Log, module: str = "ronnaplan.node.work") -> None:
+        self._config, self._index, self._log, self._module = config, index, log, module
+        self._said: queue.SimpleQueue[tuple[int, str]] = queue.SimpleQueue()
+        self._workers: dict[int, Worker] = {}
+        self._next = 0
+        # a node that was killed left them: nobody works on them now
+        index.run("UPDATE jobs SET state = 'waiting' WHERE state = 'running'")
+
+    def tick(self, now: float) -> None:
+        """Hear what workers say, give out what is due at ``now`` (seconds since 1970)."""
+        self._hear(now)
+        for number, worker in list(self._workers.items()):
+            self._watch(number, worker, now)
+        while len(self._workers) < self._config.jobs.workers:
+            self._hire()
+        for worker in self._workers.values():
+            if worker.is_ready and worker.job is None and not self._give(worker, now):
+                break
+
+    def close(self) -> None:
+        """End the workers; what they work on is done again by the next node."""
+        for worker in self._workers.values():
+            worker.child.kill()
+            worker.child.end()
+
+    @property
+    def pids(self) -> list[int]:
+        """The workers' numbers in the system."""
+        return [worker.child.pid for worker in self._workers.values()]
+
+    def _hire(self) -> None:
+        number, self._next = self._next, self._next + 1
+        child = Child(
+            self._module, [str(self._config.jobs.memory_mib)], lambda line: self._said.put((number, line))
+        )
+        self._workers[number] = Worker(child)
+
+    def _give(self, worker: Worker, now: float) -> bool:
+        found = self._index.records(
+            JobRow, "FROM jobs WHERE state = 'waiting' AND due <= ? ORDER BY due, id LIMIT 1", now
+        )
+        if not found:
+            return False
+        job = found[0]
+        (series,) = self._index.records(SeriesRow, "FROM series WHERE id = ?", job.series)
+        rule = next((one for one in self._config.rule if one.name == job.rule), None)
+        if rule is None or series.revision != job.revision:
+            reason = "its rule is no longer there" if rule is None else "instances came after it"
+            self._end(job, "outdated", reason, now)
+            return True
+        have = tuple(kind for (kind,) in self._index.rows("SELECT kind FROM answers WHERE job = ?", job.id))
+        data = self._config.data
+        folder = data / INSTANCES / series.study_uid / series.series_uid
+        order = Order(job.id, folder, self._config.home, data / ANSWERS / str(job.id), rule, have)
+        self._index.run("UPDATE jobs SET state = 'running', attempts = attempts + 1 WHERE id = ?", job.id)
+        worker.job, worker.fault = replace(job, attempts=job.attempts + 1), ""
+        worker.last = now + self._config.jobs.seconds
+        worker.orders += 1
+        worker.child.say(order.text)
+        return True
+
+    def _watch(self, number: int, worker: Worker, now: float) -> None:
+        """End a worker that is too slow; see to the job of one that ended."""
+        if worker.job is not None and now > worker.last and not worker.fault:
+            worker.fault = f"it took longer than {self._config.jobs.seconds:g} s"
+            worker.child.kill()
+        status = worker.child.status
+        if status is None:
+            return
+        self._hear(now)
+        if number not in self._workers:
+            return
+        if worker.job is not None:
+            self._broken(worker.job, worker.fault or f"its worker ended with status {status}", now)
+        self._dismiss(number)
+
+    def _dismiss(self, number: int) -> None:
+        self._workers.pop(number).child.end()
+
+    def _hear(self, now: float) -> None:
+        while not self._said.empty():
+            number, line = self._said.get()
+            told: dict[str, Any] = json.loads(line)
+            worker = self._workers.get(number)
+            if worker is None:
+                continue
+            if told["event"] == "ready":
+                worker.is_ready = True
+            elif worker.job is None or worker.job.id != told.get("job"):
+                continue
+            elif told["event"] == "answer":
+                self._answer(worker.job, told, now)
+            elif told["event"] == "left out":
+                self._log.tell("answer left out", job=worker.job.id, answer=told["answer"], reason=told["reason"])
+            elif told["event"] == "ended":
+                self._ended(number, worker.job, told, now)
+
+    def _ended(self, number: int, job: JobRow, told: dict[str, Any], now: float) -> None:
+        worker = self._workers[number]
+        worker.job = None
+        if told["state"] == BROKEN:
+            self._broken(job, told["reason"], now)
+        else:
+            self._end(job, DONE if told["state"] == DONE else REFUSED, told["reason"], now)
+        if told["state"] == BROKEN or worker.orders >= MOST_ORDERS:
+            self._dismiss(number)
+
+    def _answer(self, job: JobRow, told: dict[str, Any], now: float) -> None:
+        """Enter an object that is to be delivered, unless its series has changed meanwhile."""
+        rule = next(one for one in self._config.rule if one.name == job.rule)
+        path = Path(told["path"]).relative_to(self._config.data).as_posix()
+        with self._index.transaction():
+            if self._index.value("SELECT revision FROM series WHERE id = ?", job.series) != job.revision:
+                return
+            self._index.run(
+                "INSERT INTO answers VALUES (?, ?, ?, ?, ?, ?) ON CONFLICT DO NOTHING",
+                *(told["sop_uid"], job.id, told["kind"], told["sop_class"], path, now),
+            )
+            for receiver in rule.receivers:
+                self._index.run(
+                    "INSERT INTO deliveries (answer, receiver, state, due) VALUES (?, ?, 'waiting', ?)"
+                    " ON CONFLICT DO NOTHING",
+                    *(told["sop_uid"], receiver, now),
+                )
+        self._log.tell("answer", job=job.id, kind=told["kind"], sop_instance=told["sop_uid"])
+
+    def _broken(self, job: JobRow, reason: str, now: float) -> None:
+        jobs = self._config.jobs
+        if job.attempts >= jobs.attempts:
+            self._end(job, "failed", f"{reason} (attempt {job.attempts}, the last)", now)
+            return
+        due = now + wait_s(job.attempts, jobs.retry_s)
+        self._index.run("UPDATE jobs SET state = 'waiting', due = ?, reason = ? WHERE id = ?", due, reason, job.id)
+        self._log.tell("job broken", job=job.id, attempt=job.attempts, reason=reason, again_in_s=round(due - now))
+
+    def _end(self, job: JobRow, state: str, reason: str, now: float) -> None:
+        self._index.run(
+            "UPDATE jobs SET state = ?, reason = ?, ended = ? WHERE id = ?", state, reason, now, job.id
+        )
+        self._log.tell("job ended", job=job.id, state=state, reason=reason)
+
+
+def retry(index: Index, job: int, now: float) -> bool:
+    """Have a job that was refused or failed done again, with all its attempts; False where there is none such."""
+    return bool(
+        index.run(
+            "UPDATE jobs SET state = 'waiting', attempts = 0, due = ?, reason = '' "
+            "WHERE id = ? AND state IN ('refused', 'failed')",
+            now,
+            job,
+        )
+    )

@@ -1,0 +1,177 @@
+"""Answers on their way: each waits in the index until its receiver has it, over restarts, however long it takes."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, Protocol
+
+from ronnaplan.documents.dicom_enclosed import ENCAPSULATED_PDF, SECONDARY_CAPTURE
+from ronnaplan.documents.dicom_spatial import SPATIAL_FIDUCIALS
+from ronnaplan.errors import InputError, RonnaplanError
+from ronnaplan.node.audit import Audit, Transfer
+from ronnaplan.node.config import Config, Peer
+from ronnaplan.node.index import Index
+from ronnaplan.node.jobs import wait_s
+from ronnaplan.node.logs import Log
+from ronnaplan.text import printable
+
+if TYPE_CHECKING:
+    from pynetdicom.association import Association
+
+MOST_AT_ONCE: Final = 32
+IDLE_S: Final = 0.2
+COMPREHENSIVE_3D_SR: Final = "1.2.840.10008.5.1.4.1.1.88.34"
+CLASSES: Final = (SPATIAL_FIDUCIALS, COMPREHENSIVE_3D_SR, ENCAPSULATED_PDF, SECONDARY_CAPTURE)
+"""What is sent."""
+WARNINGS: Final = frozenset({0xB000, 0xB006, 0xB007})
+"""Statuses of C-STORE that say that the instance was kept, if not as it was."""
+
+
+@dataclass(frozen=True)
+class Delivery:
+    """An answer that its receiver does not have yet."""
+
+    answer: str
+    attempts: int
+    sop_class: str
+    path: str
+    study_uid: str
+
+
+class Channel(Protocol):
+    """An open way to a receiver."""
+
+    def send(self, path: Path) -> None:
+        """Hand over a file; raises `InputError` where it is not taken."""
+
+
+class Sender(threading.Thread):
+    """Delivers to one peer, in a thread of its own: one that is down delays no other one."""
+
+    def __init__(self, config: Config, peer: Peer, log: Log) -> None:
+        super().__init__(name=f"to {peer.name}", daemon=True)
+        self._config, self._peer, self._log = config, peer, log
+        self._audit = Audit(config.data, config.audit, config.titles[0])
+        self._ending = threading.Event()
+
+    def run(self) -> None:
+        """Deliver what is due until `stop`."""
+        with Index(self._config.data) as index:
+            while not self._ending.wait(IDLE_S):
+                self.deliver(index, time.time())
+
+    def stop(self) -> None:
+        """End after what is being sent."""
+        self._ending.set()
+        self.join()
+
+    def deliver(self, index: Index, now: float) -> None:
+        """Send what is due at ``now`` (seconds since 1970)."""
+        due = index.records(
+            Delivery,
+            "FROM (SELECT answer, deliveries.attempts AS attempts, sop_class, path, study_uid"
+            " FROM deliveries JOIN answers ON answer = sop_uid JOIN jobs ON job = jobs.id"
+            " JOIN series ON series = series.id"
+            " WHERE receiver = ? AND deliveries.state = 'waiting' AND deliveries.due <= ? ORDER BY made LIMIT ?)",
+            *(self._peer.name, now, MOST_AT_ONCE),
+        )
+        if not due:
+            return
+        sent: dict[str, Transfer] = {}
+        waiting = list(due)
+        try:
+            with open_channel(self._config, self._peer) as channel:
+                while waiting:
+                    one = waiting[0]
+                    try:
+                        channel.send(self._config.data / one.path)
+                    except RonnaplanError as error:
+                        self._later(index, one, str(error), now)
+                    else:
+                        self._done(index, one, now, sent)
+                    del waiting[0]
+        except Exception as error:  # whatever a peer makes of it: told, and tried again
+            for one in waiting:
+                self._later(index, one, str(error), now)
+        address = self._peer.url or self._peer.host
+        for moved in sent.values():
+            self._audit.transferred(
+                moved, source=self._config.titles[0], destination=self._peer.title, peer_address=address
+            )
+
+    def _done(self, index: Index, one: Delivery, now: float, sent: dict[str, Transfer]) -> None:
+        index.run(
+            "UPDATE deliveries SET state = 'sent', attempts = attempts + 1, reason = '', sent = ?"
+            " WHERE answer = ? AND receiver = ?",
+            *(now, one.answer, self._peer.name),
+        )
+        content = hashlib.sha256((self._config.data / one.path).read_bytes()).hexdigest()
+        sent.setdefault(one.study_uid, Transfer(one.study_uid)).add(one.sop_class, content)
+        self._log.tell("delivered", receiver=self._peer.name, sop_instance=one.answer)
+
+    def _later(self, index: Index, one: Delivery, reason: str, now: float) -> None:
+        wait = wait_s(one.attempts + 1, self._config.jobs.retry_s)
+        index.run(
+            "UPDATE deliveries SET attempts = attempts + 1, due = ?, reason = ? WHERE answer = ? AND receiver = ?",
+            *(now + wait, printable(reason), one.answer, self._peer.name),
+        )
+        self._log.tell(
+            "not delivered",
+            receiver=self._peer.name,
+            sop_instance=one.answer,
+            reason=reason,
+            again_in_s=round(wait),
+        )
+
+
+@contextmanager
+def open_channel(config: Config, peer: Peer) -> Iterator[Channel]:
+    """Open a way to ``peer``; raises `InputError` where it cannot be reached."""
+    if peer.url is not None:
+        yield _Web(peer)
+        return
+    from ronnaplan.node.association import associated
+
+    with associated(config, peer, list(CLASSES)) as association:
+        yield _Storage(association, peer)
+
+
+class _Storage:
+    def __init__(self, association: Association, peer: Peer) -> None:
+        self._association, self._peer = association, peer
+
+    def send(self, path: Path) -> None:
+        try:
+            answer = self._association.send_c_store(path)
+        except (ValueError, RuntimeError, OSError) as error:  # no context for its class, no connection any more
+            raise InputError(f"{self._peer.name} takes it not: {error}") from error
+        status = answer.Status if "Status" in answer else None
+        if status != 0 and status not in WARNINGS:
+            said = "nothing" if status is None else f"{status:04X}"
+            raise InputError(f"{self._peer.name} answered {said}; expected 0000")
+
+
+class _Web:
+    def __init__(self, peer: Peer) -> None:
+        from dicomweb_client.api import DICOMwebClient
+
+        self._client, self._peer = DICOMwebClient(str(peer.url)), peer
+
+    def send(self, path: Path) -> None:
+        import requests
+        from pydicom import dcmread
+
+        try:
+            answer = self._client.store_instances([dcmread(path)])
+        except (requests.RequestException, OSError) as error:
+            raise InputError(f"{self._peer.name} cannot be reached by DICOMweb: {error}") from error
+        for failed in answer.get("FailedSOPSequence") or []:
+            raise InputError(
+                f"{self._peer.name} answered {failed.get('FailureReason', 0):04X}; expected no failure"
+            )

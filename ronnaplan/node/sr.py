@@ -1,0 +1,100 @@
+"""The markers as a Comprehensive 3-D SR (TID 1500): each center with its covariance, in the scan's frame."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from highdicom.sr import (
+    CodedConcept,
+    Comprehensive3DSR,
+    CoordinatesForMeasurement3D,
+    DeviceObserverIdentifyingAttributes,
+    Measurement,
+    MeasurementReport,
+    MeasurementsAndQualitativeEvaluations,
+    ObservationContext,
+    ObserverContext,
+    TrackingIdentifier,
+)
+from pydicom import dcmread
+from pydicom.dataset import Dataset
+from pydicom.sr.codedict import codes
+from pydicom.uid import ExplicitVRLittleEndian, generate_uid
+
+from ronnaplan import __version__
+from ronnaplan.documents.fiducials import FiducialEntry, FiducialsDocument
+from ronnaplan.errors import InputError
+
+SCHEME: Final = "99RONNAPLAN"
+"""Designator of the codes that no public scheme has."""
+
+SQUARE_MILLIMETRE: Final = CodedConcept("mm2", "UCUM", "square millimeter")
+AXES: Final = "XYZ"
+SERIES_NUMBER: Final = 1501
+
+
+def structured_report(document: FiducialsDocument, images: list[Path]) -> Dataset:
+    """Return the markers of ``document``, found in ``images``, whose patient and study it copies.
+
+    Raises `InputError` where the scan has no frame of reference.
+    """
+    frame = document.source.frame_of_reference_uid
+    if not frame:
+        raise InputError("the scan has no Frame of Reference UID, so nothing in DICOM can be tied to it")
+    content = document.model_dump_json()
+    evidence = [dcmread(path, stop_before_pixels=True) for path in images]
+    device = DeviceObserverIdentifyingAttributes(
+        uid=generate_uid(entropy_srcs=["ronnaplan", __version__]),
+        name="ronnaplan",
+        manufacturer_name="ronnaplan",
+        model_name=f"ronnaplan {__version__}",
+    )
+    report = MeasurementReport(
+        ObservationContext(
+            observer_device_context=ObserverContext(
+                observer_type=codes.DCM.Device, observer_identifying_attributes=device
+            )
+        ),
+        procedure_reported=CodedConcept("CT_MARKERS", SCHEME, "CT with spherical fiducial markers"),
+        imaging_measurements=[_group(one, frame, content) for one in document.fiducials],
+        title=codes.DCM.ImagingMeasurementReport,
+    )
+    made = Comprehensive3DSR(
+        evidence=evidence,
+        content=report,
+        series_instance_uid=generate_uid(entropy_srcs=["sr series", content]),
+        series_number=SERIES_NUMBER,
+        sop_instance_uid=generate_uid(entropy_srcs=["sr", content]),
+        instance_number=1,
+        manufacturer="ronnaplan",
+        is_complete=True,
+        transfer_syntax_uid=ExplicitVRLittleEndian,
+    )
+    made.ManufacturerModelName, made.SoftwareVersions, made.DeviceSerialNumber = "ronnaplan", __version__, "none"
+    made.SeriesDescription = f"{len(document.fiducials)} markers with covariances"
+    return made
+
+
+def _group(marker: FiducialEntry, frame: str, content: str) -> MeasurementsAndQualitativeEvaluations:
+    """Return a marker: its diameter where its center is, and the covariance of the center in mm^2."""
+    center = CoordinatesForMeasurement3D("POINT", np.array([marker.center]), frame)
+    measurements = [
+        Measurement(codes.SCT.Diameter, marker.diameter_mm, codes.UCUM.Millimeter, referenced_coordinates=[center])
+    ]
+    for row in range(3):
+        for column in range(row, 3):
+            axes = AXES[row] + AXES[column]
+            name = CodedConcept(f"COVARIANCE_{axes}", SCHEME, f"Covariance of the center, {axes[0]} and {axes[1]}")
+            measurements.append(Measurement(name, _short(marker.covariance[row][column]), SQUARE_MILLIMETRE))
+    return MeasurementsAndQualitativeEvaluations(
+        TrackingIdentifier(uid=generate_uid(entropy_srcs=[marker.label, content]), identifier=marker.label),
+        finding_type=codes.DCM.FiducialMark,
+        measurements=measurements,
+    )
+
+
+def _short(value: float) -> float:
+    """Return ``value`` as a Decimal String of 16 characters can hold it."""
+    return float(f"{value:.9g}")

@@ -1,0 +1,129 @@
+"""What the index holds, as a page for a person and as figures for Prometheus. Neither names a patient."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime
+from html import escape
+from pathlib import Path
+from typing import Any, Final
+
+from ronnaplan.node.index import Index
+
+METRICS: Final = "text/plain; version=0.0.4"
+MOST_SHOWN: Final = 200
+STYLE: Final = """
+body { font: 14px/1.45 system-ui, sans-serif; color: #1c2733; margin: 1.5rem }
+table { border-collapse: collapse; margin: .6rem 0; font-variant-numeric: tabular-nums }
+th, td { text-align: left; padding: .2rem 1rem .2rem 0; border-bottom: 1px solid #e4e9ee; vertical-align: top }
+th { color: #4a5a6a } .failed, .refused { color: #b3261e } form { display: inline }
+"""
+
+SERIES: Final = """
+SELECT series.received, calling, called, description, instances, bytes, complete = series.revision,
+       jobs.id, jobs.rule, jobs.state, jobs.attempts, jobs.reason, study_uid, series_uid
+FROM series LEFT JOIN jobs ON jobs.series = series.id AND jobs.revision = series.revision
+ORDER BY series.received DESC LIMIT ?
+"""
+DELIVERIES: Final = """
+SELECT receiver, kind, deliveries.state, deliveries.attempts, deliveries.reason, answer
+FROM deliveries JOIN answers ON answer = sop_uid WHERE deliveries.state != 'sent' ORDER BY deliveries.due LIMIT ?
+"""
+
+
+def status_page(index: Index) -> str:
+    """Return the page: the newest series with their jobs, what waits to be delivered, what was kept aside."""
+    series = [_series_row(*row) for row in index.rows(SERIES, MOST_SHOWN)]
+    waiting = [[escape(str(cell)) for cell in row] for row in index.rows(DELIVERIES, MOST_SHOWN)]
+    aside = [
+        [_time(received), escape(calling), escape(sop_uid), escape(path)]
+        for received, calling, sop_uid, path in index.rows(
+            "SELECT received, calling, sop_uid, path FROM aside ORDER BY received DESC LIMIT ?", MOST_SHOWN
+        )
+    ]
+    heads = (
+        ("received", "from", "to", "description", "instances", "MiB", "complete", "rule", "job", "why", "series"),
+        ("receiver", "answer", "state", "attempts", "why", "instance"),
+        ("received", "from", "instance", "file"),
+    )
+    return (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta http-equiv="refresh" content="5">'
+        f"<title>ronnaplan node</title><style>{STYLE}</style></head><body><h1>ronnaplan node</h1>"
+        f"<h2>Series</h2>{_table(heads[0], series)}"
+        f"<h2>Answers that wait</h2>{_table(heads[1], waiting)}"
+        f"<h2>Kept aside: another content under a known UID</h2>{_table(heads[2], aside)}</body></html>\n"
+    )
+
+
+def metrics_text(index: Index, folder: Path, counts: Mapping[str, int]) -> str:
+    """Return the figures in Prometheus' text format."""
+    lines: list[str] = []
+
+    def add(name: str, kind: str, what: str, rows: Iterable[tuple[Any, ...]]) -> None:
+        lines.extend((f"# HELP ronnaplan_{name} {what}", f"# TYPE ronnaplan_{name} {kind}"))
+        for *labels, value in rows:
+            shown = ",".join(f'{key}="{_quoted(text)}"' for key, text in labels)
+            lines.append(f"ronnaplan_{name}{{{shown}}} {value}" if shown else f"ronnaplan_{name} {value}")
+
+    def by_state(table: str) -> list[tuple[Any, ...]]:
+        found = index.rows(f"SELECT state, count(*) FROM {table} GROUP BY state ORDER BY state")
+        return [(("state", state), count) for state, count in found]
+
+    add(
+        "events_total",
+        "counter",
+        "Lines of the log by event.",
+        [(("event", k), v) for k, v in sorted(counts.items())],
+    )
+    add("series", "gauge", "Series kept.", index.rows("SELECT count(*) FROM series"))
+    add("instances", "gauge", "Instances kept.", index.rows("SELECT count(*) FROM instances"))
+    add("bytes", "gauge", "Bytes of the instances.", index.rows("SELECT COALESCE(sum(bytes), 0) FROM instances"))
+    add("aside", "gauge", "Instances kept aside.", index.rows("SELECT count(*) FROM aside"))
+    add("jobs", "gauge", "Jobs by state.", by_state("jobs"))
+    add("deliveries", "gauge", "Deliveries by state.", by_state("deliveries"))
+    add("disk_free_bytes", "gauge", "Room on the disk.", [(shutil.disk_usage(folder).free,)])
+    return "\n".join(lines) + "\n"
+
+
+def _series_row(*row: Any) -> list[str]:
+    received, calling, called, description, instances, size, complete, job, rule, state, attempts, why, _, uid = (
+        row
+    )
+    told = "-"
+    if job is not None:
+        told = f'<span class="{escape(state)}">{escape(state)}</span>'
+        told += f" (attempt {attempts})" if attempts > 1 else ""
+    if state in ("refused", "failed"):
+        told += f' <form method="post" action="/retry"><button name="job" value="{job}">retry</button></form>'
+    texts = (
+        _time(received),
+        calling,
+        called,
+        description,
+        instances,
+        f"{size / (1 << 20):.1f}",
+        "yes" if complete else "",
+    )
+    return [
+        *(escape(str(text)) for text in texts),
+        escape(rule or "-"),
+        told,
+        escape(why or ""),
+        escape(uid),
+    ]
+
+
+def _table(head: Iterable[str], rows: list[list[str]]) -> str:
+    if not rows:
+        return "<p>none</p>"
+    body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
+    return f"<table><tr>{''.join(f'<th>{cell}</th>' for cell in head)}</tr>{body}</table>"
+
+
+def _time(seconds: float) -> str:
+    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S} UTC"
+
+
+def _quoted(text: object) -> str:
+    return str(text).replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")

@@ -1,0 +1,120 @@
+"""Nothing that the standard's profile lists as naming somebody is left, and everything an image shows is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from dicomanonymizer.dicom_anonymization_databases import dicomfields_2026c as independent
+from pydicom import dcmread
+from pydicom.datadict import tag_for_keyword
+from pydicom.dataset import Dataset
+from pydicom.sequence import Sequence
+
+from ronnaplan.cli import main
+from ronnaplan.ct import read_ct
+from ronnaplan.documents.deidentify import EMPTY, ENTERED, KEPT, REPLACED, deidentify
+from ronnaplan.errors import InputError
+from tests.ct import makers
+
+SECRET = bytes(range(32))
+LISTS = ("D_TAGS", "Z_TAGS", "X_TAGS", "Z_D_TAGS", "X_Z_TAGS", "X_D_TAGS", "X_Z_D_TAGS", "X_Z_U_STAR_TAGS")
+LISTED = {tuple(tag) for name in LISTS for tag in getattr(independent, name) if len(tag) == 2}
+LISTED_UIDS = {tuple(tag) for tag in independent.U_TAGS if len(tag) == 2}
+
+
+def numbers(keywords: object) -> set[tuple[int, int]]:
+    found = [tag_for_keyword(one) for one in keywords]  # type: ignore[attr-defined]
+    assert None not in found
+    return {(tag >> 16, tag & 0xFFFF) for tag in found if tag is not None}
+
+
+def test_what_is_kept_is_nowhere_in_an_independent_list_of_the_profile() -> None:
+    assert not numbers(KEPT | ENTERED) & (LISTED | LISTED_UIDS)
+    assert numbers(REPLACED) <= LISTED_UIDS
+    assert len(LISTED) > 400
+
+
+def identified(made: Dataset, _: int) -> None:
+    for group, element in sorted(LISTED):
+        if group < 8 or 0x6000 <= group <= 0x60FF or (group, element) == (0x0040, 0xA730):
+            continue
+        try:
+            made.add_new((group, element), _vr(group, element), _value(_vr(group, element)))
+        except (KeyError, ValueError, TypeError):
+            continue
+    made.PatientName, made.PatientID, made.PatientBirthDate = "Doe^Jane", "SECRET123", "19700131"
+    block = made.private_block(0x0099, "SECRET", create=True)
+    block.add_new(1, "LO", "SECRET")
+    inner = Dataset()
+    inner.ReferencedSOPInstanceUID, inner.PatientName = "1.2.3.77", "SECRET"
+    made.ReferencedImageSequence = Sequence([inner])
+
+
+def _vr(group: int, element: int) -> str:
+    from pydicom.datadict import dictionary_VR
+
+    return dictionary_VR((group, element)).split(" or ")[0]
+
+
+def _value(vr: str) -> object:
+    if vr in ("LO", "SH", "LT", "ST", "UT", "PN", "UC", "AE", "CS"):
+        return "SECRET"
+    return {"DA": "19700131", "TM": "010101", "DT": "19700131010101", "UI": "1.2.3.77", "SQ": Sequence([])}[vr]
+
+
+@pytest.fixture
+def scan(tmp_path: Path) -> Path:
+    return makers.write_series(tmp_path / "Doe Jane", change=identified)
+
+
+def test_no_name_number_or_date_is_left_anywhere(scan: Path, tmp_path: Path) -> None:
+    deidentify(scan, tmp_path / "out", SECRET)
+    known = {str(one.get("SOPInstanceUID")) for one in map(dcmread, scan.iterdir())}
+    for path in (tmp_path / "out").iterdir():
+        content = path.read_bytes()
+        for secret in (b"SECRET", b"Doe", b"19700131", makers.STUDY.encode() + b"\0", b"1.2.3.77"):
+            assert secret not in content
+        left = dcmread(path)
+        assert str(left.SOPInstanceUID) not in known
+        present = {(element.tag.group, element.tag.element) for element in left.iterall() if element.value}
+        own = numbers(("PatientName", "PatientID", "DeidentificationMethod", "DeidentificationMethodCodeSequence"))
+        assert not present & LISTED - own
+        assert not any(element.tag.is_private for element in left.iterall())
+        for keyword in EMPTY:
+            assert keyword in left
+        assert left.PatientIdentityRemoved == "YES"
+    assert "Doe" not in "".join(path.name for path in (tmp_path / "out").iterdir())
+
+
+def test_the_image_is_the_same_and_its_files_still_belong_together(scan: Path, tmp_path: Path) -> None:
+    assert deidentify(scan, tmp_path / "out", SECRET) == len(list(scan.iterdir()))
+    before, after = read_ct(scan), read_ct(tmp_path / "out")
+    assert np.array_equal(before.voxels_hu, after.voxels_hu)
+    assert np.array_equal(before.grid.origins_mm, after.grid.origins_mm)
+    deidentify(scan, tmp_path / "again", SECRET)
+    assert read_ct(tmp_path / "again").source == after.source
+    deidentify(scan, tmp_path / "other", SECRET[::-1])
+    assert read_ct(tmp_path / "other").source.series_instance_uid != after.source.series_instance_uid
+
+
+def test_what_may_show_a_name_or_is_not_known_is_refused(tmp_path: Path) -> None:
+    for number, (keyword, value, says) in enumerate(
+        [("BurnedInAnnotation", "YES", "annotations"), ("SOPClassUID", "1.2.840.10008.5.1.4.1.1.7", "only CT")]
+    ):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        made = makers.dataset(0)
+        setattr(made, keyword, value)
+        made.save_as(folder / "x.dcm", enforce_file_format=True)
+        with pytest.raises(InputError, match=says):
+            deidentify(folder, tmp_path / f"out{number}", SECRET)
+
+
+def test_it_is_a_way_of_exporting(scan: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert main(["export", str(scan), "--deidentify", "-o", str(out)]) == 0
+    assert len(list(out.iterdir())) == len(list(scan.iterdir()))
+    assert main(["export", str(scan), "--deidentify", "-o", str(out)]) == 1
+    assert main(["export", str(scan), "--deidentify"]) == 2

@@ -1,0 +1,17 @@
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from tests.node.peers import Orthanc, program
+
+
+@pytest.fixture(scope="session")
+def orthanc(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Orthanc]:
+    """An archive that takes objects from RONNAPLAN."""
+    if program("Orthanc") is None:
+        pytest.skip("orthanc is not installed (see .ci/run)")
+    archive = Orthanc(tmp_path_factory.mktemp("archive") / "db", {"node": ["RONNAPLAN", "127.0.0.1", 1]})
+    yield archive
+    archive.stop()

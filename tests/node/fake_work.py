@@ -1,0 +1,43 @@
+"""A worker for tests: does with each order what its series is known for."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import threading
+import time
+
+from ronnaplan.node.processes import end_with_parent
+from ronnaplan.node.work import Order
+from ronnaplan.portable import limit_memory
+
+
+def tell(**facts: object) -> None:
+    print(json.dumps(facts), flush=True)
+
+
+def obey(line: str) -> None:
+    order = Order.parse(line)
+    kind = order.folder.name
+    if kind == "1.4.1":
+        time.sleep(600)
+    if kind == "1.4.2":
+        os._exit(7)
+    if kind == "1.4.3":
+        try:
+            tell(event="ended", job=order.job, state="done", reason=f"{len(bytearray(1 << 30))} bytes")
+        except MemoryError as error:
+            tell(event="ended", job=order.job, state="broken", reason=f"too much memory {error}")
+    elif kind == "1.4.4":
+        tell(event="ended", job=order.job, state="refused", reason="no marker")
+    else:
+        path = str(order.output / "x.dcm")
+        tell(event="answer", job=order.job, kind="sr", sop_uid="1.9", sop_class="1.2", path=path)
+        tell(event="ended", job=order.job, state="done", reason="6 markers")
+
+
+if __name__ == "__main__":
+    limit_memory(int(sys.argv[1]) << 20)
+    tell(event="ready")
+    end_with_parent(lambda line: threading.Thread(target=obey, args=(line,), daemon=True).start())

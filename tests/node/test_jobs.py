@@ -1,0 +1,117 @@
+"""Jobs that break, hang or take too much are tried again, then given up, and keep no other one waiting."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from ronnaplan.node import jobs as jobs_module
+from ronnaplan.node.index import Index
+from ronnaplan.node.jobs import Foreman, retry, wait_s
+from ronnaplan.node.logs import Log
+from tests.node.peers import configuration, until
+from tests.node.test_series import facts
+
+SCANS = {"1.4.0": "good", "1.4.1": "hangs", "1.4.2": "dies", "1.4.3": "greedy", "1.4.4": "refused"}
+
+
+@pytest.fixture
+def index(tmp_path: Path) -> Iterator[Index]:
+    (tmp_path / "node-data").mkdir()
+    with Index(tmp_path / "node-data") as found:
+        yield found
+
+
+def job(index: Index, series_uid: str) -> None:
+    number = int(series_uid[-1])
+    with index.transaction():
+        index.add(facts(number, series_uid=series_uid), f"{number}.dcm", "CT1", "RONNAPLAN", 0.0)
+        index.run(
+            "INSERT INTO jobs (series, revision, rule, state, due, completed)"
+            " SELECT id, 1, 'all', 'waiting', 0, 0 FROM series WHERE series_uid = ?",
+            series_uid,
+        )
+
+
+def states(index: Index) -> dict[str, tuple[str, int]]:
+    rows = index.rows("SELECT series_uid, state, attempts FROM jobs JOIN series ON series = series.id")
+    return {SCANS[uid]: (state, attempts) for uid, state, attempts in rows}
+
+
+def test_no_job_keeps_another_one_waiting_and_each_ends_as_it_should(
+    index: Index, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path.cwd()), os.environ.get("PYTHONPATH", "")]))
+    for uid in ("1.4.1", "1.4.2", "1.4.3", "1.4.4", "1.4.0"):
+        job(index, uid)
+    said = io.StringIO()
+    limits = {"attempts": 2, "retry_s": 0.1, "seconds": 2.0, "workers": 1, "memory_mib": 256}
+    rule = {"name": "all", "receivers": ["pacs"]}
+    peers = [{"name": "pacs", "port": 1}]
+    config = configuration(tmp_path, jobs=limits, rule=[rule], peer=peers)
+    foreman = Foreman(config, index, Log(said), "tests.node.fake_work")
+
+    def over() -> bool:
+        foreman.tick(time.time())
+        return all(state not in ("waiting", "running") for state, _ in states(index).values())
+
+    try:
+        until(over, 120.0)
+    finally:
+        foreman.close()
+    expected = {"good": ("done", 1), "hangs": ("failed", 2), "dies": ("failed", 2), "refused": ("refused", 1)}
+    if sys.platform != "win32":
+        expected["greedy"] = ("failed", 2)
+    found = states(index)
+    assert {name: found[name] for name in expected} == expected
+    reasons = dict(index.rows("SELECT series_uid, reason FROM jobs JOIN series ON series = series.id"))
+    assert "took longer than 2 s" in reasons["1.4.1"]
+    assert "ended with status 7" in reasons["1.4.2"]
+    assert reasons["1.4.4"] == "no marker"
+    assert index.rows("SELECT kind, receiver, state FROM answers JOIN deliveries ON answer = sop_uid") == [
+        ("sr", "pacs", "waiting")
+    ]
+    ended = [
+        line["state"] for line in map(json.loads, said.getvalue().splitlines()) if line["event"] == "job ended"
+    ]
+    assert sorted(ended) == ["done", "failed", "failed", "failed", "refused"]
+    (refused,) = (number for (number,) in index.rows("SELECT id FROM jobs WHERE state = 'refused'"))
+    assert retry(index, refused, 0.0)
+    assert not retry(index, refused, 0.0)
+    assert states(index)["refused"] == ("waiting", 0)
+
+
+def test_a_job_of_a_series_that_has_grown_is_not_begun(index: Index, tmp_path: Path) -> None:
+    job(index, "1.4.0")
+    index.run("UPDATE series SET revision = 2")
+    foreman = Foreman(
+        configuration(tmp_path, rule=[{"name": "all"}]), index, Log(io.StringIO()), "tests.node.fake_work"
+    )
+
+    def over() -> bool:
+        foreman.tick(1.0)
+        return states(index) == {"good": ("outdated", 0)}
+
+    try:
+        until(over)
+    finally:
+        foreman.close()
+
+
+def test_what_a_killed_node_was_working_on_is_done_again(index: Index, tmp_path: Path) -> None:
+    job(index, "1.4.0")
+    index.run("UPDATE jobs SET state = 'running'")
+    Foreman(configuration(tmp_path), index, Log(io.StringIO())).close()
+    assert states(index) == {"good": ("waiting", 0)}
+
+
+def test_waits_double_up_to_an_hour() -> None:
+    assert [wait_s(n, 30.0) for n in (1, 2, 3)] == [30.0, 60.0, 120.0]
+    assert wait_s(50, 30.0) == jobs_module.LONGEST_WAIT_S

@@ -1,0 +1,84 @@
+"""The operator's page: for who has the token, on this machine; it names no patient and nobody can write on it."""
+
+from __future__ import annotations
+
+import http.client
+import io
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from ronnaplan.node.index import Index
+from ronnaplan.node.logs import Log
+from ronnaplan.node.page import Page
+from tests.node.peers import configuration
+from tests.node.test_series import facts
+
+
+@pytest.fixture
+def page(tmp_path: Path) -> Iterator[Page]:
+    config = configuration(tmp_path, page_port=0)
+    config.data.mkdir()
+    with Index(config.data) as index, index.transaction():
+        text = {"description": "<script>x</script>", "patient_name": "Doe^Jane"}
+        index.add(facts(1, **text), "x.dcm", "CT1", "RONNAPLAN", 100.0)
+        index.run(
+            "INSERT INTO jobs (series, revision, rule, state, due, reason, completed)"
+            " VALUES (1, 1, 'skin', 'refused', 0, 'no marker & more', 0)"
+        )
+        index.run("INSERT INTO aside VALUES ('aside/x', '1.2', 'CT1', 100)")
+    found = Page(config, Log(io.StringIO()))
+    found.start()
+    yield found
+    found.stop()
+
+
+def ask(page: Page, path: str, method: str = "GET", body: str = "", **headers: str) -> tuple[int, str]:
+    connection = http.client.HTTPConnection("127.0.0.1", page.port, timeout=10)
+    connection.request(method, path, body, headers)
+    answer = connection.getresponse()
+    content = answer.read().decode()
+    connection.close()
+    return answer.status, content
+
+
+def test_the_page_says_what_was_received_what_became_of_it_and_why(page: Page) -> None:
+    status, content = ask(page, f"/?token={page.token}")
+    assert status == 200
+    for text in ("CT1", "refused", "no marker &amp; more", "retry", "aside/x", "1970-01-01 00:01:40 UTC"):
+        assert text in content
+    assert "<script" not in content
+    assert "Doe" not in content
+
+
+def test_who_has_no_token_or_comes_by_another_name_gets_nothing(page: Page, tmp_path: Path) -> None:
+    assert ask(page, "/")[0] == 403
+    assert ask(page, "/?token=x", Cookie="ronnaplan_node=y; =")[0] == 403
+    assert ask(page, f"/?token={page.token}", Host="evil.example")[0] == 403
+    assert ask(page, "/retry", "POST", "job=1", Origin=f"http://127.0.0.1:{page.port}")[0] == 403
+    kept = tmp_path / "node-data" / "page.token"
+    assert kept.read_text().strip() == page.token
+    if os.name == "posix":
+        assert kept.stat().st_mode & 0o077 == 0
+
+
+def test_a_job_is_retried_from_the_page_itself_only(page: Page, tmp_path: Path) -> None:
+    cookie = {"Cookie": f"ronnaplan_node={page.token}"}
+    assert ask(page, "/retry", "POST", "job=1", Origin="http://evil.example", **cookie)[0] == 400
+    assert ask(page, "/retry", "POST", "job=x", Origin=f"http://127.0.0.1:{page.port}", **cookie)[0] == 400
+    with Index(tmp_path / "node-data") as index:
+        assert index.rows("SELECT state FROM jobs") == [("refused",)]
+        assert ask(page, "/retry", "POST", "job=1", Origin=f"http://127.0.0.1:{page.port}", **cookie)[0] == 303
+        assert index.rows("SELECT state FROM jobs") == [("waiting",)]
+
+
+def test_figures_are_in_prometheus_format(page: Page) -> None:
+    status, content = ask(page, "/metrics", Authorization=f"Bearer {page.token}")
+    assert status == 200
+    line = re.compile(r'(# (HELP|TYPE) ronnaplan_\w+ .+|ronnaplan_\w+(\{\w+="[^"]*"(,\w+="[^"]*")*\})? [0-9.e+]+)')
+    assert all(line.fullmatch(one) for one in content.splitlines())
+    assert "ronnaplan_instances 1" in content
+    assert 'ronnaplan_jobs{state="refused"} 1' in content
