@@ -13,7 +13,7 @@ from ronnaplan.cli.output import discard_output, guarded_output
 from ronnaplan.errors import RonnaplanError, UsageError
 
 VERBS = (
-    *("series", "localize", "plan", "track", "register", "view", "report", "export", "node"),
+    *("series", "localize", "plan", "track", "register", "view", "report", "export", "node", "pull"),
     *("phantom", "phantom-check", "study", "demo"),
 )
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 from pynetdicom import AE
 from pynetdicom.association import Association
-from pynetdicom.presentation import build_role
+from pynetdicom.presentation import build_context, build_role
 
 from ronnaplan.ct.header import EXPLICIT_LITTLE, IMPLICIT_LITTLE
 from ronnaplan.errors import InputError
@@ -39,14 +39,15 @@ def associated(
     entity.connection_timeout = entity.acse_timeout = entity.dimse_timeout = entity.network_timeout = silent_s
     for sop_class in classes:
         entity.add_requested_context(sop_class, list(SYNTAXES))
-    for sop_class in stored:
-        entity.add_requested_context(sop_class, list(syntaxes))
+    # a context for each syntax: what lies in an archive compressed is sent so
+    asked = [build_context(sop_class, syntax) for sop_class in stored for syntax in syntaxes]
     encrypted = (context(config.tls, config.home, server=False), peer.host) if peer.tls and config.tls else None
     association = entity.associate(
         peer.host,
         peer.port,
         ae_title=peer.title,
         max_pdu=LARGEST_PDU,
+        contexts=[*entity.requested_contexts, *asked],
         ext_neg=[build_role(sop_class, scp_role=True) for sop_class in stored],
         tls_args=encrypted,
         evt_handlers=list(handlers),  # type: ignore[arg-type]

@@ -63,8 +63,6 @@ class Peer(DocumentModel):
     port: Port = 0
     sends: bool = False
     """Whether it may send scans here."""
-    commitment: bool = False
-    """Whether it is asked to commit to what was sent to it."""
     tls: bool = False
     url: Line | None = None
     """Where it takes answers by DICOMweb (STOW-RS), instead of C-STORE."""
@@ -213,7 +211,6 @@ name = "pacs"
 title = "ORTHANC"
 host = "127.0.0.1"
 port = 4242
-commitment = false              # true asks it to commit to what was sent
 # url = "https://pacs.example/dicom-web"    # sends by STOW-RS instead
 
 [[rule]]                        # the first rule that fits a complete series decides

@@ -20,13 +20,17 @@ from ronnaplan.node.sender import Sender
 from ronnaplan.node.series import SeriesWatch
 
 LOCK = "node.lock"
+WORKER = "ronnaplan.node.work"
 TICK_S = 0.2
 RESTART_S = 1.0
 """Wait before a receiver that ended is started again."""
 
 
-def run_node(config_path: Path, stop: threading.Event, log: Log) -> None:
-    """Run the node until ``stop`` is set; raises `InputError` where another one has its folder."""
+def run_node(config_path: Path, stop: threading.Event, log: Log, worker: str = WORKER) -> None:
+    """Run the node until ``stop`` is set; raises `InputError` where another one has its folder.
+
+    ``worker`` is the module that works on scans, in processes of its own.
+    """
     from filelock import FileLock, Timeout
 
     config = read_config(config_path)
@@ -46,7 +50,7 @@ def run_node(config_path: Path, stop: threading.Event, log: Log) -> None:
             page = Page(config, log)
             page.start()
             stack.callback(page.stop)
-        hub = Hub(config_path, config, index, log)
+        hub = Hub(config_path, config, index, log, worker)
         stack.callback(hub.close)
         log.tell("started", titles=list(config.titles), folder=str(config.data))
         while not stop.wait(TICK_S):
@@ -57,10 +61,10 @@ def run_node(config_path: Path, stop: threading.Event, log: Log) -> None:
 class Hub:
     """What one pass of the node does; time comes from outside, so that hours can be played in seconds."""
 
-    def __init__(self, config_path: Path, config: Config, index: Index, log: Log) -> None:
+    def __init__(self, config_path: Path, config: Config, index: Index, log: Log, worker: str = WORKER) -> None:
         self._path, self._data, self._log = config_path, config.data, log
         self._series = SeriesWatch(config, index, log)
-        self._foreman = Foreman(config, index, log)
+        self._foreman = Foreman(config, index, log, worker)
         receivers = {name for rule in config.rule for name in rule.receivers}
         self._senders = [Sender(config, peer, log) for peer in config.peer if peer.name in receivers]
         for sender in self._senders:

@@ -59,7 +59,7 @@ class Worker:
 class Foreman:
     """Has the jobs of the index done. What workers say is heard in `tick` only: one thread changes the index."""
 
-    def __init__(self, config: Config, index: Index, log: Log, module: str = "ronnaplan.node.work") -> None:
+    def __init__(self, config: Config, index: Index, log: Log, module: str) -> None:
         self._config, self._index, self._log, self._module = config, index, log, module
         self._said: queue.SimpleQueue[tuple[int, str]] = queue.SimpleQueue()
         self._workers: dict[int, Worker] = {}

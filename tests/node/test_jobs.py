@@ -108,7 +108,7 @@ def test_a_job_of_a_series_that_has_grown_is_not_begun(index: Index, tmp_path: P
 def test_what_a_killed_node_was_working_on_is_done_again(index: Index, tmp_path: Path) -> None:
     job(index, "1.4.0")
     index.run("UPDATE jobs SET state = 'running'")
-    Foreman(configuration(tmp_path), index, Log(io.StringIO())).close()
+    Foreman(configuration(tmp_path), index, Log(io.StringIO()), "tests.node.fake_work").close()
     assert states(index) == {"good": ("waiting", 0)}
 
 
