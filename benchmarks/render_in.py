@@ -292,7 +292,7 @@ def _rows(series: Series, arguments: argparse.Namespace) -> list[list[str]]:
         known = np.array(places)
         false += sum(np.linalg.norm(known - each, axis=1).min() > FOUND_WITHIN_MM for each in found.centers)
         for place in places:
-            score = scores[_touch(series, place, arguments.diameter / 2)]
+            score = scores[touches(series, place, arguments.diameter / 2)]
             reason = score.add(place, found)
             if reason:
                 print(f"{series.name}: missed at {np.round(place, 1)}: {reason}", file=sys.stderr)
@@ -304,7 +304,7 @@ def _rows(series: Series, arguments: argparse.Namespace) -> list[list[str]]:
     ]
 
 
-def _touch(series: Series, place: FloatArray, radius_mm: float) -> bool:
+def touches(series: Series, place: FloatArray, radius_mm: float) -> bool:
     """Whether the slices that see the ball lie no farther apart than they are thick."""
     heights = series.volume.grid.slice_positions_mm - float(place @ series.volume.grid.normal)
     near = np.abs(heights) < radius_mm + series.thickness_mm
