@@ -23,7 +23,7 @@ from pydantic import (
 )
 
 from ronnaplan.ct.limits import LARGEST_HU
-from ronnaplan.geometry import FARTHEST_POINT_MM, LARGEST_SIGMA_MM
+from ronnaplan.geometry import FARTHEST_POINT_MM, LARGEST_SIGMA_MM, SMALLEST_SIGMA_MM
 
 SYMMETRY_TOLERANCE = 1e-9
 """Largest difference of a correlation from its mirror image: round-off of a written matrix."""
@@ -68,7 +68,8 @@ def _time(value: object) -> object:
 
 Line = Annotated[str, AfterValidator(_printable)]
 """Text for one line, without control, invisible or direction-changing characters."""
-Label = Annotated[Line, Field(min_length=1)]
+Label = Annotated[Line, Field(min_length=1, pattern=r"\S")]
+"""A name: a line that is not blank."""
 Notes = Annotated[str, AfterValidator(_plain_notes)]
 """Text of several lines."""
 Time = Annotated[AwareDatetime, Strict(), BeforeValidator(_time)]
@@ -114,7 +115,9 @@ def _definite(rows: Matrix3 | Matrix6) -> Matrix3 | Matrix6:
 
 
 def _near(rows: Matrix3) -> Matrix3:
-    largest_sd = float(np.sqrt(np.diag(np.array(rows)).max()))
+    smallest_sd, largest_sd = np.sqrt(np.sort(np.diag(np.array(rows)))[[0, -1]]).tolist()
+    if smallest_sd < SMALLEST_SIGMA_MM:
+        raise ValueError(f"states an error of {smallest_sd:g} mm, below {SMALLEST_SIGMA_MM:g} mm")
     if largest_sd > LARGEST_SIGMA_MM:
         raise ValueError(f"states an error of {largest_sd:g} mm, beyond {LARGEST_SIGMA_MM:g} mm")
     return rows

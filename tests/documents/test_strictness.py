@@ -188,6 +188,15 @@ def test_a_covariance_that_is_none_is_refused(name: str, place: Place, matrix: o
         reader(tmp_path / "d.json")
 
 
+def test_a_marker_known_exactly_and_a_blank_name_are_refused(tmp_path: Path) -> None:
+    content, reader = documents()["fiducials"]
+    exact = (1e-300 * np.eye(3)).tolist()
+    for place, value in ((("fiducials", 0, "covariance"), exact), (("fiducials", 0, "label"), " ")):
+        (tmp_path / "d.json").write_text(changed(content, place, value))
+        with pytest.raises(InputError, match=f"fiducials.0.{place[-1]}"):
+            reader(tmp_path / "d.json")
+
+
 def test_an_expected_error_is_that_of_its_covariance(tmp_path: Path) -> None:
     content, reader = documents()["registration"]
     stated = content["targets"][0]["predicted_tre_rms"]
