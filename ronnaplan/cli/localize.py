@@ -178,8 +178,28 @@ def _summary(found: Fiducials) -> str:
     sizes = " or ".join(f"{diameter:g}" for diameter in found.diameters_mm)
     count = f"{len(found)} markers of {sizes} mm; {len(found.rejected)} candidates rejected"
     return "\n".join(
-        [*([fiducials_table(found)] if len(found) else []), count, *resolution_line(found), *_layout(found)]
+        [
+            *([fiducials_table(found)] if len(found) else []),
+            count,
+            *resolution_line(found),
+            *_motion(found),
+            *_layout(found),
+        ]
     )
+
+
+def _motion(found: Fiducials) -> list[str]:
+    """Say what is assumed of a patient who moved between the markers, or what known distances say of it."""
+    from ronnaplan.localization.motion import UNSEEN_MOTION_MM
+
+    if not len(found):
+        return []
+    if found.distance_error_mm is not None:
+        return [f"motion: the markers' distances are the template's within {found.distance_error_mm:.2f} mm"]
+    return [
+        f"motion between the markers' slices is in no image: {UNSEEN_MOTION_MM:g} mm per axis are assumed, "
+        "beside the stated errors; a --template tests it"
+    ]
 
 
 def _layout(found: Fiducials) -> list[str]:

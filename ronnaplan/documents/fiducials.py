@@ -16,6 +16,7 @@ from ronnaplan.documents.fields import (
     DocumentModel,
     Hounsfield,
     Label,
+    LengthMm,
     Line,
     MarkerCovariance,
     PositiveMm,
@@ -28,6 +29,7 @@ from ronnaplan.documents.fields import (
 from ronnaplan.documents.reading import made, read_document
 from ronnaplan.geometry import Frame, Points
 from ronnaplan.localization.fiducials import FiducialFlag, Fiducials
+from ronnaplan.localization.motion import UNSEEN_MOTION_MM
 
 FORMAT = "ronnaplan.fiducials"
 
@@ -68,6 +70,15 @@ class Resolution(DocumentModel):
     profile_shape: Ratio
     """0 is a box, from 4 on a bell."""
     stated_thickness_mm: PositiveMm | None = None
+
+
+class Motion(DocumentModel):
+    """What no image shows: that the head moved between two markers."""
+
+    assumed_mm: LengthMm
+    """Standard deviation per axis that is assumed, and not part of any covariance."""
+    distance_error_mm: LengthMm | None = None
+    """By how much known distances (a template's) are off at most; none were known where this is missing."""
 
 
 class FiducialEntry(DocumentModel):
@@ -116,6 +127,7 @@ class FiducialsDocument(DocumentModel):
     source: Source
     marker: Sought
     resolution: Resolution | None = None
+    motion: Motion | None = None
     fiducials: tuple[FiducialEntry, ...]
     rejected: tuple[RejectedEntry, ...] = ()
     software: Software
@@ -169,6 +181,7 @@ def fiducials_document(found: Fiducials) -> FiducialsDocument:
                 "layer_mm": found.marker.layer_mm,
             },
             "resolution": _resolution(found),
+            "motion": {"assumed_mm": UNSEEN_MOTION_MM, "distance_error_mm": found.distance_error_mm},
             "fiducials": [
                 {
                     "label": one.label,

@@ -18,6 +18,7 @@ from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.detect import detect
 from ronnaplan.localization.guess import margin_mm
 from ronnaplan.localization.look import has_metal, surface_shares, unseen_share
+from ronnaplan.localization.motion import Movement, movement
 from ronnaplan.localization.neighbourhood import gather
 from ronnaplan.localization.parameters import RADIUS, SHAPE, WIDTH, full_width_at_half_maximum_mm
 from ronnaplan.localization.refine import BallFit, fit_ball
@@ -108,6 +109,8 @@ class Examined:
     is_clipped: bool
     is_off_size: bool
     is_covered: bool
+    movement: Movement | None
+    """What tells motion; of markers only."""
     failures: tuple[tuple[str, str], ...]
 
     @property
@@ -186,6 +189,7 @@ def _examine_place(scan: Scan, center_mm: FloatArray, diameter_mm: float, build:
     axis = attached_axis(fit) @ fit.neighbourhood.axes
     is_pulled = bool(axis.any()) and has_metal(scan.volume, fit.center_mm, axis, fit.diameter_mm / 2.0)
     evidence = Evidence(fit, diameter_mm, thickness_mm, scan.pixel_mm, noise_level(fit), unseen, is_pulled)
+    failed = tuple(failures(evidence))
     return Examined(
         center_mm,
         diameter_mm,
@@ -200,7 +204,8 @@ def _examine_place(scan: Scan, center_mm: FloatArray, diameter_mm: float, build:
         fit.is_clipped,
         is_off_size(evidence.excess_mm),
         fit.verdict.is_covered,
-        tuple(failures(evidence)),
+        None if failed else movement(fit),
+        failed,
     )
 
 

@@ -28,6 +28,7 @@ class FiducialFlag(StrEnum):
     NEIGHBOUR = "something touches more than a quarter of the marker"
     DIAMETER = "the marker's diameter is not the stated one; something may cover it on one side"
     COVERED = "something lies on the marker"
+    MOTION_SUSPECTED = "the marker is not in one place throughout the scan; the head may have moved"
     CLIPPED = "the marker is brighter than the scan's scale"
     THICK_SLICES = "the slices are thicker than half the marker"
     GAPPED = "there are gaps between the slices"
@@ -118,6 +119,8 @@ class Fiducials:
     volume_flags: tuple[VolumeFlag, ...] = ()
     marker: Build = SOLID
     stated_thickness_mm: float | None = None
+    distance_error_mm: float | None = None
+    """By how much the markers' distances depart from those of a template at most; None without one."""
 
     def __len__(self) -> int:
         return len(self.fiducials)

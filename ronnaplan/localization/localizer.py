@@ -13,7 +13,8 @@ from ronnaplan.errors import InputError, RefusedError, UsageError
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import Examined, Scan, alike, distinct, examine
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
-from ronnaplan.localization.template import Template, match_template
+from ronnaplan.localization.motion import suspected
+from ronnaplan.localization.template import Template, distance_error_mm, match_template
 
 MIN_VOXELS_PER_DIAMETER = 2.0
 """A ball smaller than this many pixels has no shape to recognize it by."""
@@ -52,11 +53,17 @@ def localize(
     judged = alike(distinct(one for one in examined if one.is_marker))
     markers = _from_the_top(one for one in judged if one.is_marker)
     examined = [*(one for one in examined if not one.is_marker), *judged]
-    fiducials = [_fiducial(f"F{number}", one, scan) for number, one in enumerate(markers, start=1)]
+    moved = suspected([one.movement for one in markers if one.movement is not None])
+    fiducials = [
+        _fiducial(f"F{number}", one, scan, has_moved=has_moved)
+        for number, (one, has_moved) in enumerate(zip(markers, moved, strict=True), start=1)
+    ]
     rejected = _rejected(examined, markers)
+    departure_mm = None
     if template is not None:
         fiducials, others = match_template(template, fiducials)
         rejected = (*others, *rejected)
+        departure_mm = distance_error_mm(template, fiducials)
     result = Fiducials(
         tuple(fiducials),
         rejected,
@@ -66,6 +73,7 @@ def localize(
         volume.flags,
         marker,
         volume.grid.thickness_mm,
+        departure_mm,
     )
     if expected is not None and len(result) != expected:
         raise RefusedError(_explain_count(result, expected))
@@ -123,13 +131,14 @@ def _rejected(examined: Iterable[Examined], markers: Sequence[Examined]) -> tupl
     )
 
 
-def _fiducial(label: str, one: Examined, scan: Scan) -> Fiducial:
+def _fiducial(label: str, one: Examined, scan: Scan, *, has_moved: bool) -> Fiducial:
     flags = {
         FiducialFlag.CUT: one.unseen > 0,
         FiducialFlag.NEIGHBOUR: one.coverage < NEIGHBOUR_COVERAGE,
         FiducialFlag.CLIPPED: one.is_clipped,
         FiducialFlag.DIAMETER: one.is_off_size,
         FiducialFlag.COVERED: one.is_covered,
+        FiducialFlag.MOTION_SUSPECTED: has_moved,
         FiducialFlag.THICK_SLICES: one.profile_mm > one.diameter_mm / 2.0,
         FiducialFlag.GAPPED: scan.gap_mm > TOUCHING_SLICES * one.profile_mm,
     }

@@ -75,6 +75,7 @@ def _of_flags(found: Fiducials) -> list[Advice]:
         FiducialFlag.CUT: ("scan length", "20 mm beyond the outermost markers"),
         FiducialFlag.CLIPPED: ("scale", "the extended scale (16 bit), if the scanner offers it"),
         FiducialFlag.DIAMETER: ("--diameter", "the diameter as a caliper gives it, and markers without a film"),
+        FiducialFlag.MOTION_SUSPECTED: ("patient", "a head that is held, and a shorter scan"),
         FiducialFlag.COVERED: ("markers", "nothing on them: no tape, hair or cloth"),
     }
     advice = []

@@ -62,6 +62,13 @@ def match_template(
     return labelled, others
 
 
+def distance_error_mm(template: Template, fiducials: Sequence[Fiducial]) -> float:
+    """Return by how much the distances of a template's markers, in its order, depart from its own at most."""
+    centers = np.array([one.center_mm for one in fiducials])
+    distances = np.linalg.norm(centers[:, np.newaxis] - centers, axis=-1)
+    return float(np.max(np.abs(distances - template.distances_mm)))
+
+
 def _assignments(template: Template, distances: FloatArray, chosen: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
     """Every way to give the template's markers, in order, to points at matching ``distances`` (M, M)."""
     row = len(chosen)
