@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ronnaplan.case.expectation import expectation
 from ronnaplan.case.folder import CaseFiles, read_case
 from ronnaplan.case.surroundings import Rules, Surroundings, Terrain
 from ronnaplan.cli import main
 from ronnaplan.ct.volume import VolumeFlag
-from ronnaplan.documents.plan import read_plan, write_plan
+from ronnaplan.documents.plan import change_plan, read_plan, write_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.documents.registration import read_registration
 from ronnaplan.errors import InputError
@@ -24,7 +25,8 @@ from ronnaplan.localization.fiducials import FiducialFlag
 from ronnaplan.planner.panels import chosen_path, registration_panel
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
-from ronnaplan.planning import INSTRUMENTS, Limits, Plan, Trajectory
+from ronnaplan.planning import INSTRUMENTS, Landmarks, Limits, Plan, Trajectory
+from ronnaplan.planning.angles import RAS_IN_LPS
 from ronnaplan.planning.limits import Verdict
 from ronnaplan.planning.rows import value_and_limit
 from ronnaplan.report import marker_part
@@ -221,3 +223,23 @@ def test_a_bad_end_is_refused_by_every_face_in_the_same_words(
     assert f"trajectory bad could not be judged: {sentence}" in report(folder)
     again = planner(folder)
     assert again.case.judge(again.case.plan.trajectory("bad")).problem == sentence
+
+
+def test_angles_are_told_alike_in_the_frame_that_was_stated(folder: Path) -> None:
+    axes = Rotation.from_euler("xyz", [10.0, -20.0, 15.0], degrees=True).as_matrix() @ RAS_IN_LPS
+    landmarks = Landmarks(np.array([0.0, -12.0, 5.0]), np.array([0.0, 12.0, 6.0]), np.array([1.0, 0.0, 50.0]))
+    change_plan(folder / "plan.json", lambda plan: plan.with_landmarks(landmarks))
+    out, numbers = folder / "measures.json", [repr(float(one)) for one in axes.ravel()]
+    arguments = [*named(folder), "--frame-axes", *numbers, "-o", str(out)]
+    assert main(["plan", "check", str(folder / "plan.json"), *arguments]) == 0
+    (said,) = json.loads(out.read_text())["trajectories"]
+    expected = {
+        "arc, ring of the frame": "{arc_deg:.1f}, {ring_deg:.1f} deg".format(**said["arc_and_ring"]),
+        "AC-PC sagittal, coronal angle": "{sagittal_deg:.1f}, {coronal_deg:.1f} deg".format(**said["ac_pc"]),
+    }
+    rules = Rules(frame_axes=axes)
+    page = quality_report(read_case(CaseFiles.of_folder(folder), cases.volume, rules))
+    assert all(f"<th>{what}</th><td>{value}</td>" in page for what, value in expected.items())
+    state = PlannerState(cases.volume(), Storage.of(str(folder / "plan.json"), None, None), rules)
+    shown = dict(chosen_path(state, state.case.judge(state.case.plan.trajectory("left")))["measures"])
+    assert expected.items() <= shown.items()
