@@ -42,7 +42,7 @@ MAX_STEPS = 40
 STEP_TOLERANCE_MM = 2e-5
 """A descent ends when the next step would move the centre by less than this."""
 
-LOOK_STEPS, LOOK_GAIN = 12, 0.01
+LOOK_STEPS, LOOK_GAIN = 12, 0.001
 """A look, after which the fit goes on or is given up, ends after so many steps or with one that gains less than this
 share of the squared residuals: what is no ball never comes to rest."""
 
