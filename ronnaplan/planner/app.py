@@ -232,7 +232,11 @@ class PlannerApp:
 
     def _shape(self, view: str) -> tuple[int, int]:
         """Return rows and columns of a view's picture as it is drawn now."""
-        return self._panes[view].shape(MOST_MOVING_PIXELS if self._moving else MOST_STILL_PIXELS)
+        if not self._moving:
+            return self._panes[view].shape(MOST_STILL_PIXELS)
+        # while an end is dragged all views are drawn, and the head takes longest
+        halved = view == HEAD and self.state.case.dragging
+        return self._panes[view].shape(MOST_MOVING_PIXELS // 2 if halved else MOST_MOVING_PIXELS)
 
     # --- events ----------------------------------------------------------------------------------------------
 

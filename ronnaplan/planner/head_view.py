@@ -16,6 +16,9 @@ from ronnaplan.scene.field import Field, of_mask
 from ronnaplan.scene.shapes import Body
 from ronnaplan.scene.surfaces import REGION, surfaces
 
+MOST_TRIANGLES = 40_000
+"""As many as are drawn again and again while an end is dragged, without a graphics card."""
+
 
 class HeadView:
     """Keeps a `Scene` as the state has it. It is opened late, when the cuts are seen."""
@@ -37,7 +40,7 @@ class HeadView:
         """Have the surfaces of skin, skull and no-go regions made; takes seconds, and touches no other part."""
         volume = self.state.case.volume
         try:
-            self._surfaces = surfaces(Field.of(volume))
+            self._surfaces = surfaces(Field.of(volume), most_triangles=MOST_TRIANGLES)
             for name, mask in self.state.case.no_go.items():
                 region = surfaces(of_mask(volume, mask), {"region": REGION}, outside=0.0)
                 self._regions[name] = region["region"]

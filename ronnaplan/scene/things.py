@@ -69,7 +69,7 @@ def no_go(name: str, body: Body, opacity: float = 0.7) -> Thing:
 def marker(label: str, center_mm: FloatArray, diameter_mm: float) -> Thing:
     """Return a marker as a ball of its size."""
     return Thing(
-        f"marker {label}", ball(center_mm, diameter_mm / 2 + VEIL_MM, sides=48), rgb(MARKER_COLOUR), gloss=0.4
+        f"marker {label}", ball(center_mm, diameter_mm / 2 + VEIL_MM, sides=32), rgb(MARKER_COLOUR), gloss=0.4
     )
 
 

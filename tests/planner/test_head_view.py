@@ -30,7 +30,7 @@ def made() -> dict[str, Body]:
 
 @pytest.fixture
 def head(state: PlannerState, made: dict[str, Body], monkeypatch: pytest.MonkeyPatch) -> HeadView:
-    monkeypatch.setattr("ronnaplan.planner.head_view.surfaces", lambda field: made)
+    monkeypatch.setattr("ronnaplan.planner.head_view.surfaces", lambda field, most_triangles: made)
     monkeypatch.setattr("ronnaplan.planner.head_view.Field", SimpleNamespace(of=lambda volume: None))
     view = HeadView(state)
     view.load()
