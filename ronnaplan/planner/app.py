@@ -235,8 +235,8 @@ class PlannerApp:
         if not self._moving:
             return self._panes[view].shape(MOST_STILL_PIXELS)
         # while an end is dragged all views are drawn, and the head takes longest
-        halved = view == HEAD and self.state.case.dragging
-        return self._panes[view].shape(MOST_MOVING_PIXELS // 2 if halved else MOST_MOVING_PIXELS)
+        held = view == HEAD and self.state.case.dragging
+        return self._panes[view].shape(MOST_MOVING_PIXELS // 3 if held else MOST_MOVING_PIXELS)
 
     # --- events ----------------------------------------------------------------------------------------------
 

@@ -54,6 +54,8 @@ def filled_in(
 
     With a ``background`` (3,), 0 to 1, nothing of the picture is clear.
     """
+    import cv2
+
     picture = np.empty((*shape, 3), dtype=np.float32)
     picture[:] = 0.0 if background is None else background
     depths = camera.depths(shape)
@@ -65,9 +67,9 @@ def filled_in(
         veil, nearer = picture.copy(), depths.copy()
         camera.draw(one.body, one.colour, veil, nearer)
         shown |= depths < EMPTY_MM
-        share = np.where(shown | (not one.screen), np.float32(one.opacity), np.float32(1.0))
-        picture += share[..., np.newaxis] * (veil - picture)
+        if one.screen:
+            cv2.copyTo(veil, (~shown).astype(np.uint8), picture)
+        cv2.addWeighted(veil, one.opacity, picture, 1.0 - one.opacity, 0.0, dst=picture)
         shown |= nearer < depths
     shown |= (depths < EMPTY_MM) | (background is not None)
-    shades = np.dstack([np.clip(picture, 0.0, 1.0), shown]) * 255.0
-    return np.asarray(shades + 0.5, dtype=np.uint8)
+    return np.dstack([cv2.convertScaleAbs(picture, alpha=255.0), shown.astype(np.uint8) * np.uint8(255)])
