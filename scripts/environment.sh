@@ -1,5 +1,6 @@
-# Sourced by scripts/demo and scripts/test: makes the project's own virtual environment (.venv) from requirements.lock
-# and leaves its python in $PYTHON. Run again only when the lock or the project file changes.
+# Sourced by scripts/demo and scripts/test: makes the project's own virtual environment (.venv) from the lock file in
+# $LOCK (requirements.lock unless set) and leaves its python in $PYTHON. Run again only when the lock or the project file
+# changes; what the demo has installed, the tests add to.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 cd "$root"
@@ -16,14 +17,29 @@ install_venv_module() {  # Debian ships python3 without ensurepip; the package p
     fi
 }
 
-if [ "$(cat "$stamp" 2>/dev/null)" != "$(sha256sum requirements.lock pyproject.toml)" ]; then
+install_locked() {  # pip tells nothing or too much: show how many packages of how many it has come to
+    local total
+    total=$(grep -o '^[a-zA-Z0-9_.-]*==' "$lock" | sort -u | wc -l)
+    "$PYTHON" -m pip install --disable-pip-version-check --progress-bar off --require-hashes -r "$lock" \
+        | awk -v total="$total" -v shown="$([ -t 2 ] && echo yes)" '
+            /^Collecting/ { count++; if (shown) printf "\r\033[K  %d of at most %d: %s", count, total, $2 }
+            /^Installing/ { if (shown) printf "\r\033[K"; printf "  installing %d packages ...\n", count }' >&2
+    "$PYTHON" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+}
+
+lock=${LOCK:-requirements.lock}
+installed=$(cat "$stamp" 2>/dev/null || true)
+full=$(sha256sum requirements.lock pyproject.toml)
+wanted=$(sha256sum "$lock" pyproject.toml)
+if [ "$installed" != "$wanted" ] && [ "$installed" != "$full" ]; then
     python3 -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or later is needed." >&2; exit 1; }
     python3 -c 'import ensurepip' 2>/dev/null || install_venv_module
-    echo "Setting up .venv (once; a few minutes) ..." >&2
-    rm -rf .venv
-    python3 -m venv .venv
-    "$PYTHON" -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
-    "$PYTHON" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
-    sha256sum requirements.lock pyproject.toml > "$stamp"
+    echo "Setting up .venv from $lock (once; a few minutes) ..." >&2
+    if [ "$installed" != "$(sha256sum requirements-demo.lock pyproject.toml)" ]; then
+        rm -rf .venv
+        python3 -m venv .venv
+    fi
+    install_locked
+    echo "$wanted" > "$stamp"
 fi
 export PATH="$root/.venv/bin:$PATH"

@@ -8,6 +8,13 @@ from pathlib import Path
 HELP = "Localize the markers of data/synthetic_ct, compare with the known truth, and draw them."
 DATA = Path(__file__).resolve().parents[2] / "data" / "synthetic_ct"
 
+NEXT = """
+What to try next (after '. .venv/bin/activate'):
+  ronnaplan register {folder}/fiducials.json {data}/readings.csv -o {folder}/registration.json
+  ronnaplan export {folder}/fiducials.json --to markups -o {folder}/fiducials.mrk.json    # for 3D Slicer
+  ronnaplan localize YOUR_SCAN --diameter auto -o fiducials.json
+"""
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
@@ -37,5 +44,12 @@ def run(arguments: argparse.Namespace) -> int:
     write_document(folder / "fiducials.json", fiducials_document(found), read_fiducials)
     write_atomically(folder / "markers.png", marker_sheet(volume, found))
     print(f"\nFiducials: {folder / 'fiducials.json'}\nPicture:   {folder / 'markers.png'}")
+    print(NEXT.format(data=_shown(DATA), folder=folder))
     print("Research software, not a medical device.")
     return 0
+
+
+def _shown(path: Path) -> Path:
+    """Return the path as it is written from here."""
+    here = Path.cwd()
+    return path.relative_to(here) if path.is_relative_to(here) else path

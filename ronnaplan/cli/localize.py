@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ronnaplan.cli.values import whole
 from ronnaplan.text import plain_number
 
 if TYPE_CHECKING:
-    from ronnaplan.localization import Fiducials, Template
+    from pathlib import Path
+
+    from ronnaplan.cli.localize_batch import Job
+    from ronnaplan.ct import CTVolume
+    from ronnaplan.localization import Build, Fiducials, Template
 
 HELP = "Find the spherical markers of a CT and write their centers with covariances."
-LONGEST_NAME = 100
-"""Characters of a scan's name that go into its results' names."""
-
 LAYOUT_MARKERS = (3, 32)
 """Numbers of markers whose layout can be described."""
 
@@ -39,18 +40,22 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="BUILD",
         help="solid (default), shell:WALL for hollow markers, wrapped:THICKNESS for wrapped ones (mm)",
     )
-    parser.add_argument("--series", metavar="UID", help="the series to use, where PATH holds several")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--series", metavar="UID", help="the series to use, where PATH holds several")
+    which.add_argument(
+        "--all-series", action="store_true", help="every usable series below PATH, as with several PATHs"
+    )
     parser.add_argument("--template", metavar="FILE", help="a frame's distances: keep and label its markers only")
     parser.add_argument(
         "--report",
         metavar="PNG",
-        help="draw accepted and nearly accepted markers to this picture; of several PATHs one each, beside the results",
+        help="draw accepted and nearly accepted markers to this picture, on refusal, too; of several PATHs one each",
     )
     parser.add_argument(
         "-o",
         "--output",
         metavar="FILE",
-        help="where to write (default: standard output); a folder for several PATHs",
+        help="where to write (default: standard output); a folder for several PATHs, with summary.csv and summary.json",
     )
 
 
@@ -58,16 +63,29 @@ def run(arguments: argparse.Namespace) -> int:
     """Localize the markers below each path; with several, go on after a bad one and sum up."""
     from ronnaplan.localization import Build, check_request
 
-    diameters = _diameters(arguments.diameter)
-    if diameters is not None:
-        check_request(diameters, arguments.expected)
-    Build.parse(arguments.marker)
-    template = _template(arguments.template)
+    wanted = _Wanted(
+        _diameters(arguments.diameter),
+        arguments.expected,
+        _template(arguments.template),
+        Build.parse(arguments.marker),
+    )
+    if wanted.diameters_mm is not None:
+        check_request(wanted.diameters_mm, arguments.expected)
     _check_outputs(arguments)
-    if len(arguments.paths) == 1:
-        _localize_one(arguments, arguments.paths[0], diameters, template, arguments.output, arguments.report)
-        return 0
-    return _localize_many(arguments, diameters, template)
+    if arguments.all_series or len(arguments.paths) > 1:
+        return _localize_many(arguments, wanted)
+    _localize_one(arguments, wanted)
+    return 0
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """What is looked for in every scan; ``diameters_mm`` is None where the scan itself is to tell them."""
+
+    diameters_mm: tuple[float, ...] | None
+    expected: int | None
+    template: Template | None
+    build: Build
 
 
 def _check_outputs(arguments: argparse.Namespace) -> None:
@@ -77,7 +95,7 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
 
     if arguments.report is not None and not arguments.report.lower().endswith(".png"):
         raise UsageError(f"--report is '{arguments.report}'; the contact sheet is a .png")
-    if len(arguments.paths) == 1:
+    if len(arguments.paths) == 1 and not arguments.all_series:
         for path in (arguments.output, arguments.report):
             if path is not None:
                 check_target(path)
@@ -111,65 +129,85 @@ def _template(path: str | None) -> Template | None:
     return read_template(path)
 
 
-def _localize_one(
-    arguments: argparse.Namespace,
-    path: str,
-    diameters: tuple[float, ...] | None,
-    template: Template | None,
-    output: str | None,
-    report: str | None,
-) -> Fiducials:
-    from ronnaplan.ct import read_ct
-    from ronnaplan.documents.fiducials import fiducials_document, read_fiducials
-    from ronnaplan.documents.files import write_atomically
-    from ronnaplan.documents.revision import write_document
-    from ronnaplan.localization import Build, common_diameter, localize
+def _localize_one(arguments: argparse.Namespace, wanted: _Wanted) -> None:
+    from ronnaplan.ct.catalogue import SeveralSeriesError
 
-    volume = read_ct(path, arguments.series, progress=True)
+    try:
+        volume = _read(arguments.paths[0], arguments.series)
+    except SeveralSeriesError as error:
+        raise SeveralSeriesError(f"{error}; --all-series does them all") from error
+    found = _localized(volume, wanted, arguments.report)
+    print(_summary(found), file=sys.stderr)
+    for line in _nothing_found(volume, found):
+        print(f"ronnaplan: {line}", file=sys.stderr)
+    _write(arguments.output, found)
+
+
+def _localize_many(arguments: argparse.Namespace, wanted: _Wanted) -> int:
+    from ronnaplan.cli.localize_batch import jobs_of, localize_all
+    from ronnaplan.documents.files import make_folder
+    from ronnaplan.errors import UsageError
+
+    if arguments.output is None:
+        raise UsageError("several scans were asked for; name a folder for their results with -o")
+
+    def localize_job(job: Job, folder: Path) -> Fiducials:
+        volume = _read(job.path, job.series, f"{job.name}: ")
+        found = _localized(volume, wanted, str(folder / f"{job.name}.png") if arguments.report else None)
+        for line in _nothing_found(volume, found):
+            print(f"{job.name}: {line}", file=sys.stderr)
+        _write(str(folder / f"{job.name}.fiducials.json"), found)
+        return found
+
+    jobs = jobs_of(arguments.paths, arguments.series, arguments.all_series)
+    return localize_all(jobs, make_folder(arguments.output), localize_job)
+
+
+def _read(path: str, series: str | None, name: str = "ronnaplan: ") -> CTVolume:
+    from ronnaplan.ct import read_ct
+
+    volume = read_ct(path, series, progress=True)
     for flag in volume.flags:
-        print(f"ronnaplan: warning: {flag}", file=sys.stderr)
+        print(f"{name}warning: {flag}", file=sys.stderr)
+    return volume
+
+
+def _localized(volume: CTVolume, wanted: _Wanted, report: str | None) -> Fiducials:
+    """Localize, draw the report whatever the number of markers, and only then refuse a wrong number."""
+    from ronnaplan.documents.files import write_atomically
+    from ronnaplan.errors import RefusedError
+    from ronnaplan.localization import common_diameter, localize, require_count
+
     found = localize(
         volume,
-        diameter_mm=diameters or common_diameter(volume),
-        expected=arguments.expected,
-        template=template,
-        marker=Build.parse(arguments.marker),
+        diameter_mm=wanted.diameters_mm or common_diameter(volume, wanted.expected, progress=True),
+        template=wanted.template,
+        marker=wanted.build,
+        progress=True,
     )
-    print(_summary(found), file=sys.stderr)
-    write_document(output, fiducials_document(found), read_fiducials)
     if report is not None:
         from ronnaplan.report.contact import contact_sheet
 
         write_atomically(report, contact_sheet(volume, found))
+    try:
+        require_count(found, wanted.expected)
+    except RefusedError as error:
+        raise RefusedError("; ".join([str(error), *_nothing_found(volume, found)])) from error
     return found
 
 
-def _localize_many(
-    arguments: argparse.Namespace, diameters: tuple[float, ...] | None, template: Template | None
-) -> int:
-    from ronnaplan.documents.files import make_folder
-    from ronnaplan.errors import RonnaplanError, UsageError
-    from ronnaplan.text import LONGEST_SENTENCE, printable
+def _nothing_found(volume: CTVolume, found: Fiducials) -> list[str]:
+    """Say which sizes the scan shows where it shows none of those stated."""
+    from ronnaplan.localization import proposal, sizes_seen
 
-    if arguments.output is None:
-        raise UsageError("several PATHs were given; name a folder for their results with -o")
-    folder = make_folder(arguments.output)
-    status = 0
-    lines = []
-    for number, path in enumerate(arguments.paths, start=1):
-        name = f"{number:03d}-{printable(Path(path).resolve().name, LONGEST_NAME)}"
-        report = str(folder / f"{name}.png") if arguments.report else None
-        try:
-            found = _localize_one(
-                arguments, path, diameters, template, str(folder / f"{name}.fiducials.json"), report
-            )
-        except RonnaplanError as error:
-            status = max(status, error.exit_status)
-            lines.append(f"{name}: {printable(error, LONGEST_SENTENCE)}")
-        else:
-            lines.append(f"{name}: {len(found)} markers")
-    print("\n".join(lines), file=sys.stderr)
-    return status
+    return [] if len(found) else [proposal(sizes_seen(volume, progress=True))]
+
+
+def _write(output: str | None, found: Fiducials) -> None:
+    from ronnaplan.documents.fiducials import fiducials_document, read_fiducials
+    from ronnaplan.documents.revision import write_document
+
+    write_document(output, fiducials_document(found), read_fiducials)
 
 
 def _summary(found: Fiducials) -> str:

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import argparse
 import sys
+from typing import TYPE_CHECKING
 
 from ronnaplan.cli.case_options import with_sigmas
 from ronnaplan.cli.output import warn
+from ronnaplan.cli.values import number as any_number
 from ronnaplan.cli.values import whole
+
+if TYPE_CHECKING:
+    from ronnaplan.documents.fiducials import FiducialsDocument
+    from ronnaplan.geometry import Points
 
 HELP = "Pair a scan's markers with tracker readings, register them and predict the error at planned points."
 
@@ -25,6 +31,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     number.add_argument("--at-least", type=whole(3), metavar="N", help="the number of markers in both, or more")
     parser.add_argument("--plan", metavar="PLAN", help="predict the error at this plan's entries and targets")
+    parser.add_argument(
+        "--target",
+        nargs=3,
+        type=any_number,
+        action="append",
+        default=[],
+        metavar=("X", "Y", "Z"),
+        help="predict the error at this place of the scan, LPS mm; repeatable",
+    )
     with_sigmas(parser)
     parser.add_argument(
         "--pair",
@@ -48,13 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     fiducials = read_fiducials(arguments.fiducials)
     known = tuple(_pair(text) for text in arguments.pair)
-    targets = None
-    if arguments.plan is not None:
-        from ronnaplan.documents.plan import read_plan
-
-        plan = read_plan(arguments.plan)
-        plan.require_source(fiducials.points.frame, fiducials.source.voxel_sha256)
-        targets = plan.points
+    targets = _targets(arguments, fiducials)
     recording = read_recording(arguments.readings)
     found = find_markers(recording, sigma_mm=arguments.sigma_ots)
     notes = readings_told(recording, found)
@@ -74,6 +83,25 @@ def run(arguments: argparse.Namespace) -> int:
     if document.status != "unique":
         raise RefusedError(document.reason)
     return 0
+
+
+def _targets(arguments: argparse.Namespace, fiducials: FiducialsDocument) -> Points:
+    """Return where the error is to be predicted: the plan's points, then those of the command line."""
+    import numpy as np
+
+    from ronnaplan.geometry import Points, as_points
+
+    frame = fiducials.points.frame
+    labels = tuple(f"target {number}" for number in range(1, len(arguments.target) + 1))
+    places = as_points(arguments.target, "--target")
+    if arguments.plan is not None:
+        from ronnaplan.documents.plan import read_plan
+
+        plan = read_plan(arguments.plan)
+        plan.require_source(frame, fiducials.source.voxel_sha256)
+        labels = (*plan.points.labels, *labels)
+        places = np.concatenate([plan.points.positions_mm, places])
+    return Points(places, np.zeros((len(places), 3, 3)), labels, frame)
 
 
 def _pair(text: str) -> tuple[str, str]:

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import chi2 as chi2_distribution
-from scipy.stats import norm
+from scipy.special import gammaincinv, ndtri
 
 from kernelcache import njit
 from ronnaplan.correspondence.evidence import COLLINEAR_SIGMAS, fit, log_misfit
@@ -68,8 +67,8 @@ class Layout:
         d, size = max(self.rival_distance_mm / sigma, 1e-9), len(self.rival)
         needed = math.log(least_probability / (1.0 - least_probability))
         levels = (np.arange(QUADRATURE_STEPS) + 0.5) / QUADRATURE_STEPS
-        truths = chi2_distribution.ppf(levels, 3 * size - 6)
-        gaps = d * d + 2.0 * d * norm.ppf(levels)
+        truths = np.asarray(2.0 * gammaincinv((3 * size - 6) / 2.0, levels), dtype=np.float64)
+        gaps = d * d + 2.0 * d * ndtri(levels)
         return float(refused_share(truths, gaps, size, needed))
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.stats import binom
+from scipy.special import bdtrc
 
 from ronnaplan.correspondence.evidence import fit, log_misfit
 from ronnaplan.correspondence.exact import distances
@@ -139,7 +139,7 @@ class Search:
         tried, share = min(MOST_TRIALS, rest), PREDICTED * (size - 3) / max(rest, 1)
         if tried == rest:
             return float(size - 3 >= self.needed)
-        return float(binom.sf(self.needed - 1, tried, share)) * (1.0 - (1.0 - share) ** FIRST_TRIALS)
+        return float(bdtrc(self.needed - 1, tried, share)) * (1.0 - (1.0 - share) ** FIRST_TRIALS)
 
 
 def find_poses(problem: Problem, acceptable: float, least_size: int = 0) -> Found:
@@ -205,7 +205,8 @@ def needed_hits(problem: Problem) -> int:
     tree = cKDTree(problem.ots)
     reach = 1.5 * REACH_SIGMAS * problem.sigma_mm
     neighbours = tree.count_neighbors(tree, reach) / len(problem.ots) - 1.0
-    by_chance = int(binom.isf(CHANCE_PASSES, tried, min(neighbours, 0.5)) + 1)
+    exceeded = bdtrc(np.arange(tried + 1), tried, min(neighbours, 0.5))
+    by_chance = int(np.argmax(exceeded <= CHANCE_PASSES)) + 1
     return max(by_chance, tried // TRIALS_PER_HIT)
 
 

@@ -27,6 +27,10 @@ from ronnaplan.text import printable
 DICOMDIR_CLASS: Final = "1.2.840.10008.1.3.10"
 
 
+class SeveralSeriesError(InputError):
+    """There are several usable series, and none was chosen."""
+
+
 @dataclass(frozen=True)
 class Series:
     """One series, or one part of a series that holds several stacks.
@@ -88,8 +92,9 @@ class Catalogue:
             reasons = "; ".join(f"{one.key}: {', '.join(one.problems)}" for one in self.series[:5])
             raise InputError(f"{shown} holds no usable CT series ({reasons}); see `ronnaplan series`")
         if len(self.usable) > 1:
-            raise InputError(
-                f"{shown} holds {len(self.usable)} usable series; choose one by its UID: {_listed(self.usable)}"
+            raise SeveralSeriesError(
+                f"{shown} holds {len(self.usable)} usable series; choose one by its UID (--series on the command "
+                f"line): {_listed(self.usable)}"
             )
         return self.usable[0]
 
@@ -136,7 +141,7 @@ def find_series(path: str | Path, limits: Limits = DEFAULT_LIMITS, *, progress: 
     skipped: list[Skipped] = []
     members: dict[str | None, list[Instance]] = defaultdict(list)
     blobs = sorted(blobs_below(_folder_of_index(path), limits, skipped), key=lambda blob: blob.name)
-    for blob in advancing(blobs, len(blobs), progress, "headers"):
+    for blob in advancing(blobs, len(blobs), progress, "reading headers"):
         instance = _instance(blob, limits, skipped)
         if instance is not None:
             members[instance.series_uid].append(instance)

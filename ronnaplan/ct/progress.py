@@ -1,4 +1,4 @@
-"""A bar on standard error for reads that take long."""
+"""A bar on standard error for work that takes long."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Final, TypeVar
 
 Item = TypeVar("Item")
 DELAY_S: Final = 1.0
-"""A read shorter than this shows no bar."""
+"""Work shorter than this shows no bar."""
 
 
 def advancing(items: Iterable[Item], total: int, progress: bool, what: str) -> Iterable[Item]:
@@ -16,4 +16,4 @@ def advancing(items: Iterable[Item], total: int, progress: bool, what: str) -> I
         return items
     from tqdm import tqdm
 
-    return tqdm(items, total=total, desc=f"reading {what}", delay=DELAY_S, leave=False, disable=None)
+    return tqdm(items, total=total, desc=what, delay=DELAY_S, leave=False, disable=None)

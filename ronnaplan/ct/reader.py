@@ -126,7 +126,7 @@ def in_parallel(work: Callable[[int], None], count: int, progress: bool) -> None
     """Call ``work`` for 0..count-1 in threads; the first error, or Ctrl-C, drops what has not begun."""
     pool = ThreadPoolExecutor(min(MOST_THREADS, os.cpu_count() or 1))
     try:
-        for _ in advancing(pool.map(work, range(count)), count, progress, "slices"):
+        for _ in advancing(pool.map(work, range(count)), count, progress, "reading slices"):
             pass
     finally:
         pool.shutdown(wait=True, cancel_futures=True)

@@ -10,14 +10,20 @@ import hashlib
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ronnaplan.errors import InputError, UsageError
 from ronnaplan.geometry import FloatArray, Frame, unit
 
 UNIFORM_SPACING_TOLERANCE_MM = 1e-3
 """Slice gaps that differ by less than this are called equal (DICOM writes positions with 3 to 6 decimals)."""
+
+
+SMALLEST_VOXEL_MM3 = 1e-9
+"""No voxel is smaller."""
 
 
 class VolumeFlag(StrEnum):
@@ -99,6 +105,40 @@ class SliceGrid:
         return bool(gaps.size == 0 or np.ptp(gaps) < UNIFORM_SPACING_TOLERANCE_MM)
 
     @property
+    def affine(self) -> FloatArray:
+        """The (4, 4) that maps voxel indices (k, j, i, 1) to LPS mm; `InputError` where no single one does."""
+        steps_mm = np.diff(self.origins_mm, axis=0)
+        if len(steps_mm) and np.ptp(steps_mm, axis=0).max() > UNIFORM_SPACING_TOLERANCE_MM:
+            raise InputError(
+                "the slices are not evenly spaced; expected a regular grid, as no affine holds another"
+            )
+        slice_step_mm = steps_mm.mean(axis=0) if len(steps_mm) else self.normal * self.row_spacing_mm
+        affine = np.eye(4)
+        affine[:3, :] = np.stack(
+            [slice_step_mm, self.row_step_mm, self.column_step_mm, self.origins_mm[0]], axis=1
+        )
+        return affine
+
+    @staticmethod
+    def checked_affine(affine: ArrayLike) -> FloatArray:
+        """Return an affine as an array (4, 4); raises `InputError` for what is none."""
+        matrix = np.asarray(affine, dtype=np.float64)
+        if (
+            matrix.shape != (4, 4)
+            or not np.isfinite(matrix).all()
+            or abs(np.linalg.det(matrix[:3, :3])) < SMALLEST_VOXEL_MM3
+        ):
+            raise InputError("the affine is no finite, invertible (4, 4) that maps (k, j, i, 1) to LPS mm")
+        return matrix
+
+    @classmethod
+    def from_affine(cls, affine: ArrayLike, slices: int) -> SliceGrid:
+        """Return the grid of so many slices whose voxels (k, j, i, 1) the affine (4, 4) maps to LPS mm."""
+        matrix = cls.checked_affine(affine)
+        origins_mm = matrix[:3, 3] + np.arange(slices)[:, np.newaxis] * matrix[:3, 0]
+        return cls(origins_mm, matrix[:3, 1], matrix[:3, 2])
+
+    @property
     def tilt_deg(self) -> float:
         """Angle between the slice normal and the line through the slice origins, from the positions alone."""
         if len(self.origins_mm) < 2:
@@ -157,8 +197,70 @@ class SeriesSource:
     kernel: str = ""
 
 
+class Gridded:
+    """Values (K, J, I) on a `SliceGrid`, as other libraries hold them; an uneven grid is refused (`InputError`)."""
+
+    grid: SliceGrid
+    unit: str
+    name: str
+
+    @property
+    def values(self) -> NDArray[Any]:
+        """The values (K, J, I)."""
+        raise NotImplementedError
+
+    @property
+    def affine(self) -> FloatArray:
+        """The (4, 4) that maps voxel indices (k, j, i, 1) to LPS mm."""
+        return self.grid.affine
+
+    def to_sitk(self) -> Any:
+        """Return a SimpleITK image (LPS)."""
+        from ronnaplan.ct.exchange import to_sitk
+
+        return to_sitk(self.values, self.affine)
+
+    def to_nibabel(self) -> Any:
+        """Return a nibabel NIfTI-1 image (RAS)."""
+        from ronnaplan.ct.exchange import to_nibabel
+
+        return to_nibabel(self.values, self.affine)
+
+    def to_pyvista(self) -> Any:
+        """Return a PyVista image (LPS)."""
+        from ronnaplan.ct.exchange import to_pyvista
+
+        return to_pyvista(self.values, self.affine, self.name)
+
+    def to_xarray(self) -> Any:
+        """Return an xarray.DataArray over (k, j, i)."""
+        from ronnaplan.ct.exchange import to_xarray
+
+        return to_xarray(self.values, self.affine, self.name, self.unit)
+
+
+@dataclass(frozen=True, repr=False)
+class ScalarMap(Gridded):
+    """Any quantity over a scan's grid: ``data`` (K, J, I) in ``unit``."""
+
+    data: NDArray[np.float32]
+    grid: SliceGrid
+    name: str
+    unit: str
+    frame: Frame
+
+    @property
+    def values(self) -> NDArray[Any]:
+        """The data, as `Gridded` has them."""
+        return self.data
+
+    def __repr__(self) -> str:
+        least, most = self.values.min(), self.values.max()
+        return f"ScalarMap({self.name}, {self.values.shape}, {least:.3g} to {most:.3g} {self.unit})"
+
+
 @dataclass(frozen=True)
-class CTVolume:
+class CTVolume(Gridded):
     """A CT scan: ``voxels_hu`` (K, J, I) in Hounsfield units, and the `SliceGrid` that places them.
 
     ``voxels_hu`` is int16 wherever the rescaled values are whole and fit, else float32. Voxels that the scanner
@@ -170,6 +272,53 @@ class CTVolume:
     source: SeriesSource = field(default_factory=SeriesSource)
     padding_hu: float | None = None
     flags: tuple[VolumeFlag, ...] = ()
+
+    def __repr__(self) -> str:
+        slices, rows, columns = self.voxels_hu.shape
+        spacing = (
+            f"{self.grid.typical_gap_mm:.3g} x {self.grid.row_spacing_mm:.3g} x {self.grid.column_spacing_mm:.3g}"
+        )
+        flags = f", {len(self.flags)} flags" if self.flags else ""
+        return f"CTVolume({slices} slices of {rows} x {columns}, {spacing} mm{flags})"
+
+    @classmethod
+    def from_array(
+        cls, voxels_hu: ArrayLike, affine: ArrayLike, frame_of_reference_uid: str | None = None
+    ) -> CTVolume:
+        """Return the scan of ``voxels_hu`` (K, J, I) whose indices (k, j, i, 1) ``affine`` (4, 4) maps to LPS mm."""
+        voxels = np.asarray(voxels_hu)
+        if voxels.ndim != 3 or voxels.dtype.kind not in "iuf" or not voxels.size:
+            raise UsageError(
+                f"voxels are {voxels.dtype} of shape {voxels.shape}; expected numbers (slices, rows, columns)"
+            )
+        if not np.isfinite(voxels).all():
+            raise InputError("voxels hold values that are not finite; expected HU")
+        info = np.iinfo(np.int16)
+        fits = voxels.dtype.kind in "iu" and info.min <= voxels.min() and voxels.max() <= info.max
+        kept: Any = voxels.astype(np.int16 if fits else np.float32)
+        source = SeriesSource(frame_of_reference_uid=frame_of_reference_uid)
+        matrix = SliceGrid.checked_affine(affine)
+        if np.linalg.det(matrix[:3, [2, 1, 0]]) < 0:  # a `SliceGrid` ascends along its normal
+            kept = kept[::-1]
+            matrix = np.column_stack(
+                [-matrix[:, 0], *matrix[:, 1:3].T, matrix[:, 3] + (len(kept) - 1) * matrix[:, 0]]
+            )
+        return cls(kept, SliceGrid.from_affine(matrix, len(kept)), source)
+
+    @classmethod
+    def from_sitk(cls, image: Any, frame_of_reference_uid: str | None = None) -> CTVolume:
+        """Return the scan in a three-dimensional SimpleITK image of HU."""
+        from ronnaplan.ct.exchange import from_sitk
+
+        return cls.from_array(*from_sitk(image), frame_of_reference_uid)
+
+    @property
+    def values(self) -> NDArray[Any]:
+        """The voxels, as `Gridded` has them."""
+        return self.voxels_hu
+
+    name = "CT"
+    unit = "HU"
 
     @property
     def frame(self) -> Frame:

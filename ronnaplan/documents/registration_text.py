@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ronnaplan.documents.registration import RegistrationDocument
 
 FRE_WARNING = (
     "FRE and residuals tell how well the markers agree; they do not measure the error at a target.\n"
-    "The expected error (TRE) below follows from the stated marker errors and the markers' layout; it leaves out\n"
+    "The expected error (TRE) follows from the stated marker errors and the markers' layout; it leaves out\n"
     "whatever moves the target itself, such as brain shift."
 )
+CENTROID = "markers' centroid"
 
 
 def registration_text(document: RegistrationDocument) -> str:
@@ -22,12 +25,18 @@ def registration_text(document: RegistrationDocument) -> str:
     lines.append(f"FRE {document.fre_rms:.3f} mm RMS; pairing probability {document.probability:.6f}")
     lines += [f"warning: {doubt}" for doubt in document.doubts]
     lines += ["", FRE_WARNING]
-    if document.targets:
-        width = max(8, *(len(target.name) for target in document.targets))
-        lines += ["", f"expected error {document.expected}"]
-        lines.append(f"{'target':<{width}}  expected error, mm RMS")
-        lines += [f"{target.name:<{width}}  {target.predicted_tre_rms:8.2f}" for target in document.targets]
+    errors = _expected_errors(document)
+    width = max(len(name) for name in errors)
+    lines += ["", f"expected error {document.expected}", f"{'place':<{width}}  expected error, mm RMS"]
+    lines += [f"{name:<{width}}  {error:8.2f}" for name, error in errors.items()]
     return "\n".join(lines)
+
+
+def _expected_errors(document: RegistrationDocument) -> dict[str, float]:
+    """Return the error at the markers' centroid, about where it is least, and at the document's targets."""
+    centroid_mm = np.mean([pair.center for pair in document.pairs], axis=0, keepdims=True)
+    at_centroid = float(document.expected.tre_rms_mm(centroid_mm)[0])
+    return {CENTROID: at_centroid} | {target.name: target.predicted_tre_rms for target in document.targets}
 
 
 def _refusal(document: RegistrationDocument) -> str:

@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ronnaplan.ct.progress import advancing
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.accept import MIN_COVERAGE, Evidence, failures
@@ -134,14 +135,15 @@ class Examined:
         return apart < SAME_PLACE * min(self.stated_mm, other.stated_mm)
 
 
-def examine(scan: Scan, diameter_mm: float, build: Build = SOLID) -> list[Examined]:
+def examine(scan: Scan, diameter_mm: float, build: Build = SOLID, progress: bool = False) -> list[Examined]:
     """Fit and judge every place of ``scan`` that may be a ball of ``diameter_mm``, strongest candidates first."""
     seen = detect(scan.volume, diameter_mm).centers_mm
     shares = surface_shares(scan.volume, seen, diameter_mm, build, scan.thickness_mm(seen))
     places = _apart(seen[shares >= MIN_COVERAGE], SAME_PLACE * diameter_mm)
     # The fits release the interpreter's lock, and each is independent of the others: any order, same result.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return list(pool.map(lambda place: _examine_place(scan, place, diameter_mm, build), places))
+        fits = pool.map(lambda place: examine_place(scan, place, diameter_mm, build), places)
+        return list(advancing(fits, len(places), progress, f"fitting balls of {diameter_mm:g} mm"))
 
 
 def alike(accepted: Sequence[Examined]) -> list[Examined]:
@@ -182,7 +184,8 @@ def fit_place(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Buil
     return fit_ball(around, diameter_mm, build, float(scan.thickness_mm(center_mm)), scan.ceiling_hu)
 
 
-def _examine_place(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build) -> Examined:
+def examine_place(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build) -> Examined:
+    """Fit a ball of about ``diameter_mm`` at a place (3,) of the scan, and judge it."""
     fit = fit_place(scan, center_mm, diameter_mm, build)
     unseen = unseen_share(scan.volume, fit.center_mm, fit.diameter_mm / 2.0)
     thickness_mm = float(scan.thickness_mm(center_mm))

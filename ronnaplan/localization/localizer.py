@@ -36,20 +36,21 @@ def localize(
     expected: int | None = None,
     template: Template | None = None,
     marker: Build = SOLID,
+    progress: bool = False,
 ) -> Fiducials:
     """Find every ball of ``diameter_mm`` in a scan, its centre (LPS mm) and the centre's covariance (mm^2).
 
     Several diameters may be given for several kinds of marker. With a ``template`` only the markers that stand
-    at its distances are kept, under its labels. ``marker`` says whether the balls are hollow or wrapped. Raises
-    `UsageError` for a diameter that is not a positive number, `InputError` for one below `MIN_VOXELS_PER_DIAMETER`
-    pixels, and `RefusedError` when ``expected`` markers were promised and another number was found, or when the
-    template is not found exactly once.
+    at its distances are kept, under its labels. ``marker`` says whether the balls are hollow or wrapped.
+    With ``progress`` a long search shows a bar on standard error. Raises `UsageError` for a diameter that is not a
+    positive number, `InputError` for one below `MIN_VOXELS_PER_DIAMETER` pixels, and `RefusedError` when ``expected``
+    markers were promised and another number was found, or when the template is not found exactly once.
     """
     diameters = check_request(diameter_mm, expected)
     scan = Scan(volume)
     for diameter in diameters:
         _check_size(scan, diameter)
-    examined = [one for diameter in diameters for one in examine(scan, diameter, marker)]
+    examined = [one for diameter in diameters for one in examine(scan, diameter, marker, progress)]
     judged = alike(distinct(one for one in examined if one.is_marker))
     markers = _from_the_top(one for one in judged if one.is_marker)
     examined = [*(one for one in examined if not one.is_marker), *judged]
@@ -75,9 +76,14 @@ def localize(
         volume.grid.thickness_mm,
         departure_mm,
     )
-    if expected is not None and len(result) != expected:
-        raise RefusedError(_explain_count(result, expected))
+    require_count(result, expected)
     return result
+
+
+def require_count(found: Fiducials, expected: int | None) -> None:
+    """Raise `RefusedError` where ``expected`` markers were promised and another number was found."""
+    if expected is not None and len(found) != expected:
+        raise RefusedError(_explain_count(found, expected))
 
 
 def check_request(diameter_mm: float | Sequence[float], expected: int | None) -> tuple[float, ...]:

@@ -48,10 +48,15 @@ def surface_shares(
 
 def unseen_share(volume: CTVolume, center_mm: FloatArray, radius_mm: float) -> float:
     """Share of the ball's directions whose surface lies outside the scan, or where its voxels are padding."""
-    surface_mm = (center_mm + radius_mm * cell_directions()) @ volume.grid.axes.T
-    values = np.empty(len(surface_mm))
-    _nearest(np.zeros(3), surface_mm, *_lookup(volume), values)
-    return float(np.mean(np.isnan(values)))
+    return float(np.mean(np.isnan(sample_nearest(volume, center_mm + radius_mm * cell_directions()))))
+
+
+def sample_nearest(volume: CTVolume, places_mm: FloatArray) -> FloatArray:
+    """Nearest voxel's value (N,) at each place (N, 3) in LPS mm; NaN outside the scan and in its padding."""
+    places = np.ascontiguousarray(places_mm @ volume.grid.axes.T)
+    values = np.empty(len(places))
+    _nearest(np.zeros(3), places, *_lookup(volume), values)
+    return values
 
 
 def has_metal(volume: CTVolume, center_mm: FloatArray, toward_mm: FloatArray, radius_mm: float) -> bool:

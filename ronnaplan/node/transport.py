@@ -39,7 +39,8 @@ def received_bytes(association: Association, *, begin_again: bool = False) -> in
 
 def give_up_waiting(association: Association) -> None:
     """Free the place of a connection that ended before it became an association: its thread waits for a request."""
-    association.dul.to_user_queue.put(None)  # what a wait that ended in vain returns
+    requests: Any = association.dul.to_user_queue  # typed for requests only
+    requests.put(None)  # what a wait that ended in vain returns
 
 
 def quieten() -> None:

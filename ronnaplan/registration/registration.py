@@ -6,15 +6,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, UsageError
 from ronnaplan.geometry import FloatArray, Frame, as_points
 from ronnaplan.pose import Pose, transform_points
 from ronnaplan.registration.covariances import Covariances, as_pair
 from ronnaplan.rigid import corrected_points, fit_closed_form, fit_likelihood, pose_covariance, require_spread
+
+if TYPE_CHECKING:
+    from ronnaplan.ct.volume import CTVolume, ScalarMap
 
 MISFIT_PROBABILITY = 0.001
 """Residuals that errors as stated would produce more rarely than this are called a misfit."""
@@ -120,6 +124,36 @@ class Registration:
         """Return the expected root-mean-square target registration error (N,) at moving ``points_mm`` (N, 3)."""
         rms: FloatArray = np.sqrt(np.trace(self.tre(points_mm, frame), axis1=-2, axis2=-1))
         return rms
+
+    def tre_map(self, volume: CTVolume) -> ScalarMap:
+        """Return the expected root-mean-square TRE (mm) at every voxel of a scan in the moving frame.
+
+        With the mapped place p and the pose's covariance [[R, X], [X^T, T]] its square is the quadratic
+        tr T - 2 p . x + p^T (tr(R) I - R) p, where x_k = sum e_kij X_ij. Raises `FrameMismatchError` for the scan of
+        another frame.
+        """
+        from ronnaplan.ct.volume import CTVolume, ScalarMap
+
+        if not isinstance(volume, CTVolume):
+            raise UsageError(
+                f"{type(volume).__name__} is no CTVolume; a TRE map needs the scan that it is drawn over"
+            )
+        if self.pose.from_frame.name != "moving":  # the default, which names no frame
+            self.pose.from_frame.require(volume.frame)
+        covariance = self.pose.covariance
+        turning, mixed, shifting = covariance[:3, :3], covariance[:3, 3:], covariance[3:, 3:]
+        quadratic = np.trace(turning) * np.eye(3) - turning
+        linear = np.array([mixed[1, 2] - mixed[2, 1], mixed[2, 0] - mixed[0, 2], mixed[0, 1] - mixed[1, 0]])
+        values = np.empty(volume.values.shape, dtype=np.float32)
+        j, i = np.indices(values.shape[1:])
+        for k, plane in enumerate(values):
+            kji = np.stack([np.full(j.shape, k), j, i], axis=-1).astype(np.float64)
+            places = self.pose.apply(volume.grid.positions_mm(kji).reshape(-1, 3))
+            squared = (
+                np.trace(shifting) - 2.0 * places @ linear + np.einsum("ni,ij,nj->n", places, quadratic, places)
+            )
+            plane[...] = np.sqrt(np.maximum(squared, 0.0)).reshape(plane.shape)
+        return ScalarMap(values, volume.grid, "expected TRE", "mm", volume.frame)
 
     @property
     def rotation_sd_deg(self) -> float:

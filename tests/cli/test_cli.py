@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import pytest
 
 from phantoms.fast import render
 from phantoms.output import write_phantom
+from phantoms.series import SeriesOptions
 from ronnaplan.cli import main
 from tests.scans import balls, small_stack
 
@@ -41,6 +43,14 @@ def test_help_loads_nothing_heavy() -> None:
     assert "not a medical device" in done.stdout
 
 
+def test_localizing_loads_nothing_that_takes_longer_than_the_work(ct_folder: Path) -> None:
+    unneeded = ("scipy.stats", "scipy.optimize", "SimpleITK", "matplotlib", "skimage", "PIL")
+    code = f"import sys\nfrom ronnaplan.cli import main\nmain(['localize', {str(ct_folder)!r}, '--diameter', '11.5'])\n"
+    code += f"print('loaded', *[name for name in {unneeded} if name in sys.modules], file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stderr.splitlines()[-1] == "loaded"
+
+
 def test_localize_prints_the_document_and_nothing_else(
     ct_folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -60,9 +70,22 @@ def test_localize_then_export(ct_folder: Path, tmp_path: Path, capsys: pytest.Ca
 
 
 def test_an_empty_scan_is_an_answer(ct_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    status, out, _ = run(["localize", str(ct_folder), "--diameter", "5"], capsys)
+    status, out, err = run(["localize", str(ct_folder), "--diameter", "5"], capsys)
     assert status == 0
     assert json.loads(out)["fiducials"] == []
+    assert "seen: 1 sphere of 11.50 mm: try --diameter 11.5" in err
+
+
+def test_a_refusal_says_what_there_is_and_leaves_a_picture(
+    ct_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sheet = tmp_path / "sheet.png"
+    call = ["localize", str(ct_folder), "--diameter", "8", "--expected", "1", "--report", str(sheet)]
+    status, out, err = run(call, capsys)
+    assert (status, out) == (3, "")
+    assert "0 markers of 8 mm were found, 1 expected" in err
+    assert "try --diameter 11.5" in err
+    assert sheet.read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize(
@@ -140,10 +163,37 @@ def test_a_batch_goes_on_after_a_bad_scan(
     assert status == 1
     assert "001-bad: " in err
     assert "002-ct: 1 markers" in err
-    assert sorted(path.name for path in results.iterdir()) == ["002-ct.fiducials.json", "002-ct.png"]
+    names = ["002-ct.fiducials.json", "002-ct.png", "summary.csv", "summary.json"]
+    assert sorted(path.name for path in results.iterdir()) == names
+    first, second = json.loads((results / "summary.json").read_text())["scans"]
+    assert (first["scan"], first["status"], first["markers"]) == ("001-bad", 1, None)
+    assert (second["scan"], second["status"], second["markers"]) == ("002-ct", 0, 1)
+    assert second["fiducials"] == "002-ct.fiducials.json"
+    rows = list(csv.DictReader((results / "summary.csv").read_text().splitlines()))
+    assert [row["message"] for row in rows] == [first["message"], second["message"]]
     status, _, err = run(call[:5], capsys)
     assert status == 2
     assert "name a folder" in err
+
+
+def test_every_series_of_a_folder_is_done_when_asked_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    exam, results = tmp_path / "exam", tmp_path / "results"
+    for number, place in enumerate([(5.0, -4.0, 2.0), (-5.0, 4.0, -2.0)]):
+        scene, stack = balls([place]), small_stack(spacing_mm=2.0, matrix=64)
+        write_phantom(exam / str(number), scene, stack, render(scene, stack, seed=1), SeriesOptions(seed=number))
+    call = ["localize", str(exam), "--diameter", "11.5"]
+    status, _, err = run(call, capsys)
+    assert status == 1
+    assert "--series" in err
+    assert "--all-series does them all" in err
+    status, _, err = run([*call, "--all-series", "-o", str(results)], capsys)
+    assert status == 0
+    assert "001-exam: 1 markers" in err
+    assert all(line.startswith(("001-exam: ", "002-exam: ")) for line in err.splitlines())
+    scans = json.loads((results / "summary.json").read_text())["scans"]
+    assert len({one["series"] for one in scans}) == 2
 
 
 def test_a_symmetric_layout_is_warned_of_before_the_operation(

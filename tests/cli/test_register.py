@@ -59,13 +59,15 @@ def test_markers_and_stray_readings_become_a_registration_with_expected_errors(
         "-o",
         str(out),
     ]
+    arguments += ["--target", "-1", "2", "3.5"]
     assert main(["register", *arguments, "--sigma-ct", "0.1", "--expected", "5"]) == 0
     printed = capsys.readouterr()
     assert printed.out == ""
     assert "do not measure the error at a target" in printed.err
     content = json.loads(out.read_text())
     np.testing.assert_allclose(np.array(content["ots_from_ct"])[:3, :3], scene.TURN, atol=0.01)
-    assert [target["name"] for target in content["targets"]] == ["left entry", "left target"]
+    assert [target["name"] for target in content["targets"]] == ["left entry", "left target", "target 1"]
+    assert content["targets"][2]["center"] == [-1.0, 2.0, 3.5]
 
 
 def test_a_plan_of_another_scan_is_refused(

@@ -19,7 +19,7 @@ def test_a_long_read_shows_a_bar_on_a_terminal_and_passes_every_item_on(monkeypa
     with os.fdopen(terminal, "w") as stream:
         monkeypatch.setattr(sys, "stderr", stream)
         monkeypatch.setattr("ronnaplan.ct.progress.DELAY_S", 0.0)
-        assert list(advancing(range(5), 5, True, "slices")) == [0, 1, 2, 3, 4]
+        assert list(advancing(range(5), 5, True, "reading slices")) == [0, 1, 2, 3, 4]
         shown = os.read(reading_end, 4096)
     os.close(reading_end)
     assert b"reading slices" in shown

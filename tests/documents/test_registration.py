@@ -146,6 +146,15 @@ def test_the_text_tells_residuals_targets_and_that_fre_is_not_the_target_error()
     assert "F5" in text
 
 
+def test_without_a_target_the_text_tells_the_error_at_the_markers_centroid() -> None:
+    document = registered().model_copy(update={"targets": ()})
+    centroid = np.mean([pair.center for pair in document.pairs], axis=0, keepdims=True)
+    covariance = document.pose.point_covariances(centroid)[0]
+    last = registration_text(document).splitlines()[-1]
+    assert last.startswith("markers' centroid")
+    assert float(last.split()[-1]) == pytest.approx(np.sqrt(np.trace(covariance)), abs=0.006)
+
+
 def test_the_itk_transform_maps_tracker_points_to_ct_points(path: Path, tmp_path: Path) -> None:
     """Slicer's convention: a .tfm holds "from parent", so points move by its inverse when it is put on the CT."""
     file = tmp_path / "registration.tfm"

@@ -1,22 +1,43 @@
-"""The size of the markers is found without being told, or refused."""
+"""The sizes of a scan's balls are found without being told, or proposed."""
 
 from __future__ import annotations
 
 import pytest
 
 from ronnaplan.errors import RefusedError
-from ronnaplan.localization import common_diameter
+from ronnaplan.localization import Size, common_diameter, proposal, sizes_seen
 from tests.scans import balls, scan, small_stack
 
-PLACES = [(-14.3, -12.2, -3.1), (13.6, 11.7, 2.4), (15.1, -13.8, 5.3), (-13.0, 12.5, -6.0)]
+PLACES = [(-14.3, -12.2, -3.1), (13.6, 11.7, 2.4), (15.1, -13.8, 5.3), (-13.0, 12.5, -6.0), (0.3, 0.8, 15.2)]
 
 
-def test_the_commonest_size_is_found() -> None:
-    scene = balls(PLACES[:3], 9.0) + balls(PLACES[3:], 13.0)
-    assert common_diameter(scan(scene, small_stack())) == pytest.approx(9.0, abs=0.03)
+def test_the_commonest_size_is_found_and_the_others_are_told() -> None:
+    volume = scan(balls(PLACES[:3], 9.0) + balls(PLACES[3:4], 13.0) + balls(PLACES[4:], 4.0), small_stack())
+    assert common_diameter(volume) == pytest.approx(9.0, abs=0.03)
+    seen = {round(size.diameter_mm): size.count for size in sizes_seen(volume)}
+    assert seen == {9: 3, 13: 1, 4: 1}
 
 
-def test_too_few_balls_of_one_size_are_refused() -> None:
-    scene = balls(PLACES[:2], 9.0) + balls(PLACES[2:], 13.0)
-    with pytest.raises(RefusedError, match=r"2 of 9.0 mm.*state the diameter"):
+def test_too_few_balls_of_one_size_are_refused_with_what_there_is() -> None:
+    scene = balls(PLACES[:2], 9.0) + balls(PLACES[2:4], 13.0)
+    with pytest.raises(
+        RefusedError, match=r"2 spheres of 13.0\d mm, 2 spheres of (9.0|8.9)\d mm: try --diameter 13.0"
+    ):
         common_diameter(scan(scene, small_stack()))
+
+
+def test_of_equally_common_sizes_the_expected_number_decides_or_both_are_proposed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seen = (Size(11.5, 4), Size(9.0, 4), Size(5.0, 3))
+    monkeypatch.setattr("ronnaplan.localization.size.sizes_seen", lambda *_, **__: seen)
+    volume = scan(balls(PLACES[:1], 1.0), small_stack(matrix=16))
+    assert common_diameter(volume, expected=3) == 5.0
+    with pytest.raises(
+        RefusedError, match=r"try --diameter 11.5 or --diameter 9.0 or --diameter 11.5,9.0 for all"
+    ):
+        common_diameter(volume)
+
+
+def test_nothing_seen_is_said() -> None:
+    assert "no sphere" in proposal(sizes_seen(scan(balls(PLACES[:1], 1.0), small_stack(matrix=32))))

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from ronnaplan.errors import FrameMismatchError, InputError
+from ronnaplan.ct import CTVolume
+from ronnaplan.errors import FrameMismatchError, InputError, UsageError
 from ronnaplan.geometry import Frame
 from ronnaplan.pose import point_jacobian
 from ronnaplan.registration import RegistrationFlag, predict_tre, register_batch, register_points
@@ -284,3 +285,19 @@ def test_targets_of_another_scan_are_refused() -> None:
 def test_labels_must_match_the_pairs() -> None:
     with pytest.raises(InputError, match="2 labels"):
         register_points(HEAD, HEAD, labels=["a", "b"])
+
+
+def test_a_map_of_the_expected_error_agrees_with_the_error_place_by_place() -> None:
+    rng = np.random.default_rng(3)
+    moving = rng.uniform(-60, 60, (5, 3))
+    noise = rng.normal(0, 0.3, (5, 3))
+    registration = register_points(moving, mapped(pose(3), moving) + noise)
+    affine = np.array([[0, 0, 9.0, -50], [0, 8.0, 0, -40], [12.0, 0, 0, -60], [0, 0, 0, 1.0]])
+    volume = CTVolume.from_array(np.zeros((3, 4, 5)), affine)
+    tre = registration.tre_map(volume)
+    kji = np.moveaxis(np.indices(tre.values.shape), 0, -1).reshape(-1, 3).astype(float)
+    expected = registration.tre_rms_mm(volume.grid.positions_mm(kji))
+    np.testing.assert_allclose(tre.values.ravel(), expected, rtol=1e-5)
+    assert tre.to_sitk()[4, 3, 2] == tre.values[2, 3, 4]
+    with pytest.raises(UsageError, match="ndarray is no CTVolume"):
+        registration.tre_map(tre.values)  # type: ignore[arg-type]

@@ -1,0 +1,76 @@
+"""The README is true: its commands run from top to bottom as printed, and so does its Python."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from ronnaplan.cli import _parser, main
+
+ROOT = Path(__file__).resolve().parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+SERVERS = ("view",)
+"""Verbs that do not end by themselves; their arguments are parsed."""
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("readme")
+    (folder / "data").symlink_to(ROOT / "data")
+    return folder
+
+
+def commands(text: str) -> list[list[str]]:
+    """Return the indented ``ronnaplan`` commands, those over several lines put together."""
+    block = "\n".join(line[4:] for line in text.splitlines() if line.startswith("    "))
+    lines = block.replace("\\\n", " ").splitlines()
+    return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("ronnaplan ")]
+
+
+def test_every_command_runs_as_printed(
+    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(home)
+    run = commands(README)
+    assert len(run) > 10
+    for arguments in run:
+        if arguments[0] in SERVERS:
+            _parser().parse_args(arguments)
+            continue
+        assert main(arguments) == 0, (arguments, capsys.readouterr().err)
+    told = capsys.readouterr()
+    assert "markers' centroid" in told.err
+    assert {"fiducials.json", "registration.json", "report.html", "ots_from_ct.tfm"} <= {
+        path.name for path in home.iterdir()
+    }
+
+
+def test_the_python_runs_as_printed(
+    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(home)
+    (block,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    exec(compile(block, "README.md", "exec"), {})
+    told = capsys.readouterr().out
+    assert "unique with probability" in told
+    assert "expected error at a target" in told
+
+
+def test_every_link_leads_to_a_file() -> None:
+    links = [link.split("#")[0] for link in re.findall(r"\]\(([^)]+)\)", README)]
+    assert all("//" in link or (ROOT / link).exists() for link in links)
+
+
+def test_what_the_demo_installs_is_part_of_what_the_tests_install() -> None:
+    def pinned(name: str) -> dict[str, str]:
+        text = (ROOT / name).read_text(encoding="utf-8")
+        return {
+            entry.split("==")[0]: entry for entry in re.findall(r"^\S+==\S+ .*(?:\n    --hash.*)*", text, re.M)
+        }
+
+    demo, full = pinned("requirements-demo.lock"), pinned("requirements.lock")
+    assert len(demo) < len(full) / 2
+    assert set(demo.items()) <= set(full.items())
