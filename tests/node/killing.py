@@ -1,0 +1,216 @@
+"""Kills a node's processes at random moments amid traffic and counts what was lost (Linux).
+
+    python -m tests.node.killing [--kills 500] [--seed 1]
+
+A scanner sends small series one instance at a time and notes what was acknowledged; workers are the tests' own and
+answer every series with one object, to an archive that notes what it got. The node, its receiver or a worker is killed
+(SIGKILL), the node is started again, and in the end every acknowledged instance must be there, whole, and every series
+answered exactly once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from pydicom import dcmread
+from pydicom.uid import UID, CTImageStorage
+from pynetdicom import AE, evt
+
+from ronnaplan.node.index import Index
+from ronnaplan.node.transport import quieten
+from tests.ct import makers
+from tests.node.peers import free_port
+
+CONFIGURATION = """
+port = {port}
+quiet_s = 0.5
+[limits]
+least_free_mib = 1
+silent_s = 5.0
+[jobs]
+retry_s = 0.2
+attempts = 100
+[[peer]]
+name = "scanner"
+title = "CT1"
+sends = true
+[[peer]]
+name = "archive"
+title = "ARCHIVE"
+port = {archive}
+[[rule]]
+name = "all"
+answers = ["fiducials"]
+receivers = ["archive"]
+"""
+SLICES = 3
+
+
+class Archive:
+    """Takes answers and counts how often each series was answered, and by how many objects."""
+
+    def __init__(self) -> None:
+        quieten()
+        entity = AE("ARCHIVE")
+        entity.add_supported_context("1.2.840.10008.5.1.4.1.1.66.2")
+        self.got: dict[str, set[str]] = {}
+        self.port = free_port()
+        self._server = entity.start_server(
+            ("127.0.0.1", self.port), block=False, evt_handlers=[(evt.EVT_C_STORE, self._take)]
+        )
+
+    def _take(self, event: evt.Event) -> int:
+        made = event.dataset
+        self.got.setdefault(str(made.ContentDescription), set()).add(str(made.SOPInstanceUID))
+        return 0
+
+    def stop(self) -> None:
+        if self._server is not None:
+            self._server.shutdown()
+
+
+class Trial:
+    """A node under fire."""
+
+    def __init__(self, home: Path, seed: int) -> None:
+        self.random, self.home, self.archive = random.Random(seed), home, Archive()
+        self.port = free_port()
+        self.config = home / "node.toml"
+        self.config.write_text(CONFIGURATION.format(port=self.port, archive=self.archive.port))
+        self.acknowledged: dict[str, str] = {}
+        self.killed: Counter[str] = Counter()
+        self.sent = 0
+        self.node = self._start()
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", "tests.node.killed_node", str(self.config)]
+        with (self.home / "log").open("ab") as log:
+            return subprocess.Popen(command, stderr=log)
+
+    def send_series(self, number: int) -> None:
+        """Send a series until all of it is acknowledged, over as many associations as it takes."""
+        entity = AE("CT1")
+        entity.add_requested_context(CTImageStorage)
+        entity.connection_timeout = entity.dimse_timeout = entity.acse_timeout = 5
+        waiting = [self._instance(number, k) for k in range(SLICES)]
+        last = time.monotonic() + 120
+        while waiting:
+            if time.monotonic() > last:
+                raise TimeoutError("the node takes nothing any more")
+            association = entity.associate("127.0.0.1", self.port, ae_title="RONNAPLAN")
+            with suppress(RuntimeError, ValueError, OSError):
+                while waiting and association.is_established:
+                    answer = association.send_c_store(waiting[0])
+                    if answer.get("Status") != 0:
+                        break
+                    made = waiting.pop(0)
+                    self.acknowledged[str(made.SOPInstanceUID)] = hashlib.sha256(made.PixelData).hexdigest()
+            if association.is_established:
+                association.release()
+            if waiting:
+                time.sleep(0.1)
+
+    def _instance(self, number: int, k: int) -> Any:
+        made = makers.dataset(k)
+        made.SeriesInstanceUID = f"1.2.7.{number}"
+        made.SOPInstanceUID = made.file_meta.MediaStorageSOPInstanceUID = UID(f"1.2.7.{number}.{k + 1}")
+        return made
+
+    def kill(self) -> None:
+        """Kill one of the node's processes; start the node again where it was the node."""
+        which = self.random.choice(["node", "receiver", "worker"])
+        found = self.node.pid if which == "node" else self._child(which)
+        if found is None:
+            return
+        with suppress(ProcessLookupError):
+            os.kill(found, signal.SIGKILL)
+            self.killed[which] += 1
+        if which == "node":
+            self.node.wait()
+            self.node = self._start()
+
+    def _child(self, which: str) -> int | None:
+        module = {"receiver": b"ronnaplan.node.receiver", "worker": b"tests.node.killed_work"}[which]
+        for process in Path("/proc").glob("[0-9]*"):
+            with suppress(OSError):
+                parent = (process / "stat").read_text().rpartition(")")[2].split()[1]
+                if int(parent) == self.node.pid and module in (process / "cmdline").read_bytes():
+                    return int(process.name)
+        return None
+
+    def faults(self, series: int) -> list[str]:
+        """Wait until all is answered; return what is wrong in the end."""
+        last = time.monotonic() + 120
+        while len(self.archive.got) < series and time.monotonic() < last:
+            time.sleep(0.1)
+        time.sleep(1.0)  # for a second answer, which there must not be
+        self.node.terminate()
+        self.node.wait()
+        self.archive.stop()
+        wrong = [f"series {uid} has {len(got)} answers" for uid, got in self.archive.got.items() if len(got) != 1]
+        if len(self.archive.got) != series:
+            wrong.append(f"{len(self.archive.got)} of {series} series were answered")
+        with Index(self.home / "node-data") as index:
+            paths = dict(index.rows("SELECT sop_uid, path FROM instances"))
+        for uid, sha256 in self.acknowledged.items():
+            path = self.home / "node-data" / paths.get(uid, "gone")
+            if not path.is_file() or hashlib.sha256(dcmread(path).PixelData).hexdigest() != sha256:
+                wrong.append(f"acknowledged instance {uid} is not there")
+        return wrong
+
+
+def trial(kills: int, seed: int) -> dict[str, Any]:
+    """Kill so often; return what was killed, sent, lost."""
+    with tempfile.TemporaryDirectory() as folder:
+        under_fire = Trial(Path(folder), seed)
+        number = 0
+        try:
+            while under_fire.killed.total() < kills:
+                _between(under_fire, number)
+                number += 1
+            wrong = under_fire.faults(number)
+        finally:
+            under_fire.node.kill()
+        return {
+            "killed": dict(under_fire.killed),
+            "acknowledged": len(under_fire.acknowledged),
+            "series": number,
+            "wrong": wrong,
+        }
+
+
+def _between(under_fire: Trial, number: int) -> None:
+    """Send a series and kill meanwhile, at a random moment."""
+    delay_s = under_fire.random.uniform(0.0, 2.0)
+    killer = threading.Timer(delay_s, under_fire.kill)
+    killer.start()
+    under_fire.send_series(number)
+    killer.join()
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--kills", type=int, default=500)
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    found = trial(given.kills, given.seed)
+    print(json.dumps(found))
+    return 1 if found["wrong"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
