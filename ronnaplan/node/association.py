@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 from pynetdicom import AE
 from pynetdicom.association import Association
@@ -26,7 +27,7 @@ def associated(
     *,
     stored: Sequence[str] = (),
     syntaxes: Sequence[str] = SYNTAXES,
-    handlers: Sequence[tuple[object, object]] = (),
+    handlers: Sequence[Any] = (),
 ) -> Iterator[Association]:
     """Yield an association with ``peer`` for ``classes``; instances of ``stored`` may be sent back on it (C-GET).
 
@@ -50,7 +51,7 @@ def associated(
         contexts=[*entity.requested_contexts, *asked],
         ext_neg=[build_role(sop_class, scp_role=True) for sop_class in stored],
         tls_args=encrypted,
-        evt_handlers=list(handlers),  # type: ignore[arg-type]
+        evt_handlers=list(handlers),
     )
     try:
         if not association.is_established:

@@ -17,7 +17,6 @@ from typing import Any, Final, cast
 
 from pynetdicom import AE, _config, evt
 from pynetdicom.dimse_primitives import C_STORE
-from pynetdicom.sop_class import Verification  # type: ignore[attr-defined]
 
 from ronnaplan.ct.codecs import JPEG_LOSSLESS, PLUGINS
 from ronnaplan.ct.header import DEFLATED_LITTLE, EXPLICIT_BIG, EXPLICIT_LITTLE, IMPLICIT_LITTLE
@@ -39,6 +38,7 @@ from ronnaplan.node.transport import (
     received_bytes,
 )
 
+VERIFICATION: Final = "1.2.840.10008.1.1"
 CLASSES: Final = {
     CT_IMAGE: "CT Image",
     ENHANCED_CT: "Enhanced CT Image",
@@ -131,7 +131,7 @@ class Receiver:
         entity.maximum_pdu_size = LARGEST_PDU
         entity.maximum_associations = limits.associations
         entity.network_timeout = entity.acse_timeout = entity.dimse_timeout = limits.silent_s
-        entity.add_supported_context(Verification)
+        entity.add_supported_context(VERIFICATION)
         for sop_class in CLASSES:
             entity.add_supported_context(sop_class, list(SYNTAXES))
         return entity

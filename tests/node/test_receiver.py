@@ -256,7 +256,7 @@ def test_a_message_begun_and_never_ended_leaves_nothing(tmp_path: Path) -> None:
                 sent.append(content)
                 whole(content if len(sent) == 1 else content[: len(content) // 2])
 
-        connection.send = half  # type: ignore[method-assign, assignment]
+        setattr(connection, "send", half)  # noqa: B010
         association.dimse_timeout = 3
         association.send_c_store(makers.dataset(0))
         association.abort()
