@@ -39,8 +39,9 @@ PRIOR_NOISE_HU = 10.0
 MAX_STEPS = 40
 """Steps of one descent; a ball needs five to ten, clipped metal up to thirty."""
 
-STEP_TOLERANCE_MM = 2e-5
-"""A descent ends when the next step would move the centre by less than this."""
+STEP_TOLERANCE_MM, REST_GAIN = 2e-5, 1e-4
+"""A descent ends with a step that moves the centre by less than this and gains less than this share of the squared
+residuals: a centre may be right long before blur and edge are."""
 
 LOOK_STEPS, LOOK_GAIN = 12, 0.001
 """A look, after which the fit goes on or is given up, ends after so many steps or with one that gains less than this
@@ -101,19 +102,19 @@ def descend(
     cost, slope, matrix = equations(theta)
     for _ in range(steps):
         trial = _bounded(theta + _step(matrix, slope, damping, theta), theta)
-        if float(np.abs(trial[CENTER] - theta[CENTER]).max()) < STEP_TOLERANCE_MM:
-            return trial, True
+        is_still = float(np.abs(trial[CENTER] - theta[CENTER]).max()) < STEP_TOLERANCE_MM
         if float(np.linalg.norm(trial[CENTER])) > 2.0 * MAX_WANDER * theta[RADIUS]:
             return trial, False
         new_cost, new_slope, new_matrix = equations(trial)
         if new_cost < cost:
-            is_at_rest = cost - new_cost < least_gain * cost
+            is_at_rest = cost - new_cost < (REST_GAIN if is_still else least_gain) * cost
             theta, cost, slope, matrix = trial, new_cost, new_slope, new_matrix
-            if is_at_rest:
-                return theta, True
             damping = max(damping / 10.0, 1e-9)
         else:
+            is_at_rest = is_still
             damping *= 10.0
+        if is_at_rest:
+            return theta, True
     return theta, False
 
 

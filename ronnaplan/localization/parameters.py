@@ -38,6 +38,6 @@ def profile_half_mm(width_mm: float, shape: float) -> float:
 
 
 def full_width_at_half_maximum_mm(width_mm: float, shape: float) -> float:
-    """The profile's width as scanners state their slice thickness; of a Gaussian it comes out a tenth too large."""
+    """The profile's width as scanners state their slice thickness; a Gaussian is a tenth narrower."""
     half_mm = profile_half_mm(width_mm, shape)
     return 2.0 * half_mm * (math.sqrt(1.0 - 0.5 ** (1.0 / shape)) if shape > 0.0 else 1.0)
