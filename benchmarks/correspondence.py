@@ -5,8 +5,9 @@
 
 The peers align point clouds and state neither a probability nor a refusal.  Each is given the same acceptance
 test: its answer counts when its pose brings exactly the expected number of mutually nearest points within 3 mm,
-and it refuses otherwise.  Open3D gets every CT point joined with every OTS point as putative correspondences, for
-markers have no descriptors; pycpd gets centred sets.  Open3D and pycpd are skipped where they are not installed.
+and it refuses otherwise.  Open3D and KISS-Matcher get every CT point joined with every OTS point as putative
+correspondences, for markers have no descriptors; pycpd gets centred sets.  These three are skipped where they are not
+installed.
 Times are processor times, so that other work on the machine does not count.
 """
 
@@ -63,7 +64,7 @@ def small_table(tests: int) -> str:
         "PCA + ICP": pca_icp,
         "Hungarian + ICP": hungarian_icp,
     }
-    matchers |= open3d_matchers() | pycpd_matchers()
+    matchers |= open3d_matchers() | kiss_matchers() | pycpd_matchers()
     lines = [
         "| markers + outliers | matcher | right % | refused % | wrong % | median ms | worst ms |",
         "|---|---|---|---|---|---|---|",
@@ -159,6 +160,23 @@ def open3d_matchers() -> dict[str, Matcher]:
         return accept(ct, ots, np.asarray(found.transformation), expected)
 
     return {"Open3D RANSAC": ransac, "Open3D FGR": fast_global}
+
+
+def kiss_matchers() -> dict[str, Matcher]:
+    """Return KISS-Matcher's pruning and solver, none when it is not installed."""
+    try:
+        import kiss_matcher
+    except ImportError as error:
+        print(f"KISS-Matcher is left out: {error}")
+        return {}
+
+    def prune_and_solve(ct: FloatArray, ots: FloatArray, expected: int) -> Pairs:
+        i, j = np.indices((len(ct), len(ots))).reshape(2, -1)
+        config = kiss_matcher.KISSMatcherConfig(ACCEPT_MM, enable_noise_bound_clamping=False)
+        found = kiss_matcher.KISSMatcher(config).prune_and_solve(list(ct[i]), list(ots[j]))
+        return accept(ct, ots, pose(np.asarray(found.rotation), np.asarray(found.translation)), expected)
+
+    return {"KISS-Matcher": prune_and_solve}
 
 
 def pycpd_matchers() -> dict[str, Matcher]:

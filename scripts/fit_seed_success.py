@@ -74,7 +74,7 @@ def success(rng: np.random.Generator, body: FloatArray, seeds: int, every: bool)
         right += any(
             pose is not None and (pose.partner[:BODY] == np.arange(BODY)).mean() > 0.5 for pose in refined
         )
-    passes = search.passes(BODY)
+    passes = float(search.passes(np.array([float(BODY)]))[0])
     return right / seeds / passes
 
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
-from scipy.special import bdtrc
+from scipy.special import bdtrc, comb
 
 from ronnaplan.correspondence.evidence import fit, log_misfit
 from ronnaplan.correspondence.exact import distances
@@ -39,9 +41,11 @@ SIDES_CHI2 = (2.5, 12.0)
 """Triangles agree up to this sum of squared differences of their sides, in variances of a side's difference: where
 seeds are drawn, a strict limit finds more in a given time; where every triangle is, a wide one loses none."""
 
-SEED_SUCCESS = (0.28, 0.5)
-"""Share of the triangles within a body that lead to its pose, for these two limits, where enough of the points tried
-are of the body.  `scripts/fit_seed_success.py` measures 0.41 and 0.54 and more on balls, heads, plates and rods."""
+SEED_SUCCESS = ((0.25, 0.4), (0.6, 0.75))
+SUCCESS_SIZES = (14.0, 40.0)
+"""Share of the triangles within a body of so many points that lead to its pose, for these two limits, where enough of
+the points tried are of the body.  `scripts/fit_seed_success.py` measures 0.44 and 0.84 and more for 40 points on balls,
+heads, plates and rods; rivals of 14 points planted in a test are found at 0.3."""
 
 PREDICTED = 0.6
 """Share of a body's points whose place one of its triangles predicts well enough to try them."""
@@ -52,28 +56,36 @@ MOST_TRIALS = 64
 TRIALS_PER_HIT = 24
 """Of the trial points one in so many must meet an OTS point at least: smaller bodies could not be found in time."""
 
-CHANCE_PASSES = 1e-4
-"""So many hits are needed that a false pose passes the trial with this probability at most."""
+CHANCE_PASSES = (1e-2, 1e-5)
+"""So many hits are needed that a false pose passes the trial, and then that of all points, with these probabilities."""
+
+CROWDING_SIGMAS = 15.0
+"""How crowded the OTS points are is told from their neighbours within this."""
 
 MOST_TRIANGLES = 8_000
 """Sets with no more triangles than this have them all drawn."""
 
-BATCH, LARGER_BATCH = 64, 512
+FIRST_BATCH, LEAST_BATCH, LARGEST_BATCH = 16, 8, 256
+BATCH_SHARE = 0.2
 TRIAL_ORDERS = 32
-"""Seeds drawn at once (where every seed is drawn, after the first: the larger number), and orders of the trial points
+"""Seeds looked up at once, so many that they take this share of the work that is left; and orders of the trial points
 among them."""
 
-WORK_PER_POINT, WORK_POWER = 250_000.0, 1.15
+WORK_PER_POINT, WORK_POWER = 190_000.0, 1.15
 """The search is given up after this work (1 to 2 ns each) times the larger set's size to this power."""
 
 REFINING_WORK = 1_000
 """Work of refining a pose, for each CT point."""
 
+MISSED_FOR_SURE = 0.01
+"""Bodies that are missed with less than this probability are called sure to be seen."""
+
 MOST_POSES = 20
 """Rival poses kept."""
 
-LEAST_CELL_MM = 3.0
-MOST_CELLS_PER_AXIS = 96
+LEAST_CELL_SIGMAS = 2.5
+CELLS_PER_AXIS, MOST_CELLS_PER_AXIS = 12.0, 96
+"""Cells along the longest axis at most: so many times the cube root of the number of points, and never more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +129,7 @@ class Search:
     problem: Problem
     table: tuple[Any, ...]
     grid: tuple[Any, ...]
-    needed: int
+    needed: tuple[int, int]
     every: bool
 
     @property
@@ -125,21 +137,33 @@ class Search:
         """How well triangles have to agree."""
         return SIDES_CHI2[self.every]
 
-    def missed(self, size: int, drawn: float) -> float:
-        """Return the probability that a pose of ``size`` pairs was missed by the seeds drawn.
+    def missed(self, sizes: ArrayLike, drawn: float) -> FloatArray:
+        """Return the probability that a pose of each of ``sizes`` pairs was missed by the seeds drawn.
 
-        ``drawn`` is the share of all triangles that were drawn.  A body of ``size`` of the n CT points holds
+        ``drawn`` is the share of all triangles that were drawn.  A body of so many of the n CT points holds
         C(size, 3) of them; one is found out where enough of the points tried are of the body.
         """
-        return float((1.0 - drawn * SEED_SUCCESS[self.every] * self.passes(size)) ** math.comb(size, 3))
+        size = np.asarray(sizes, dtype=np.float64)
+        success = np.interp(size, SUCCESS_SIZES, SEED_SUCCESS[self.every])
+        found_out = drawn * success * self.passes(size)
+        return np.asarray((1.0 - found_out) ** comb(size, 3))
 
-    def passes(self, size: int) -> float:
+    def passes(self, size: FloatArray) -> FloatArray:
         """Return the probability that enough of the points tried are of a body of ``size`` points."""
-        rest = len(self.problem.ct) - 3
-        tried, share = min(MOST_TRIALS, rest), PREDICTED * (size - 3) / max(rest, 1)
+        rest, of_body = len(self.problem.ct) - 3, np.maximum(size - 3.0, 0.0)
+        tried, share = min(MOST_TRIALS, rest), PREDICTED * of_body / max(rest, 1)
         if tried == rest:
-            return float(size - 3 >= self.needed)
-        return float(bdtrc(self.needed - 1, tried, share)) * (1.0 - (1.0 - share) ** FIRST_TRIALS)
+            return np.asarray(of_body >= max(self.needed), dtype=np.float64)
+        first, all_points = (
+            at_least(n, count, share) for n, count in zip(self.needed, (tried, rest), strict=True)
+        )
+        return np.asarray(first * all_points * (1.0 - (1.0 - share) ** FIRST_TRIALS))
+
+
+def at_least(needed: ArrayLike, count: int, share: FloatArray | float) -> FloatArray:
+    """Return the probability of ``needed`` successes or more among ``count`` trials that succeed with ``share``."""
+    fewer = np.asarray(needed) - 1
+    return np.where(fewer < 0, 1.0, bdtrc(np.maximum(fewer, 0), count, share))
 
 
 def find_poses(problem: Problem, acceptable: float, least_size: int = 0) -> Found:
@@ -155,75 +179,86 @@ def find_poses(problem: Problem, acceptable: float, least_size: int = 0) -> Foun
     rng = np.random.default_rng(len(problem.ct) * 10_007 + len(problem.ots))
     allowed = work_left = WORK_PER_POINT * max(problem.counts) ** WORK_POWER
     poses: list[Pose] = []
-    done, missed = 0, 1.0
-    for seeds in seed_batches(rng, len(problem.ct)):
+    done, missed, batch = 0, 1.0, FIRST_BATCH
+    draw = seed_stream(rng, len(problem.ct))
+    while len(seeds := draw(batch)):
         trials = np.argsort(rng.random((TRIAL_ORDERS, len(problem.ct))), axis=1)[:, : MOST_TRIALS + 3]
         known = np.array([pose.partner for pose in poses], dtype=np.int64).reshape(-1, len(problem.ct))
-        matrices, hits, work, count = poses_of_seeds(
+        matrices, hits, work, finished = poses_of_seeds(
             problem.ct, problem.ots, search.grid, seeds, trials, search.needed, search.table, problem.sigma_mm,
             search.sides_chi2, known, work_left,
         )  # fmt: skip
-        done += count
+        done += len(seeds) if finished else 0
         for matrix in matrices[hits > 0]:
             add_pose(poses, refine(search, matrix))
             work += REFINING_WORK * len(problem.ct)
         work_left -= work
+        batch = int(np.clip(BATCH_SHARE * work_left * len(seeds) / max(work, 1), LEAST_BATCH, LARGEST_BATCH))
         size = max([len(pose.pairs) for pose in poses] + [least_size])
-        missed = search.missed(size, min(done / triangles, 1.0))
+        missed = float(search.missed(size, min(done / triangles, 1.0)))
         if missed < acceptable or work_left <= 0:
             break
     poses.sort(key=lambda pose: -pose.log_evidence)
-    drawn = min(done / triangles, 1.0)
-    sure = next(
-        (k for k in range(LEAST_PAIRS, len(problem.ct)) if search.missed(k, drawn) < 0.01), len(problem.ct)
-    )
+    unsure = search.missed(np.arange(len(problem.ct)), min(done / triangles, 1.0)) >= MISSED_FOR_SURE
+    sure = int(np.flatnonzero(unsure).max(initial=LEAST_PAIRS - 1)) + 1
     return Found(poses, missed, done >= triangles, sure, allowed - work_left)
 
 
-def seed_batches(rng: np.random.Generator, count: int) -> Iterator[IntArray]:
-    """Give triangles (S, 3) of ``count`` points: all in a random order if there are few, else drawn at random."""
-    if math.comb(count, 3) <= MOST_TRIANGLES:
-        every = rng.permutation(np.array(list(combinations(range(count), 3)), dtype=np.int64))
-        yield every[:BATCH]
-        yield from (every[start : start + LARGER_BATCH] for start in range(BATCH, len(every), LARGER_BATCH))
-        return
-    while True:
-        drawn = rng.integers(count, size=(2 * BATCH, 3))
+def seed_stream(rng: np.random.Generator, count: int) -> Callable[[int], IntArray]:
+    """Return what gives the next so many triangles (S, 3) of ``count`` points, fewer or none when all were given.
+
+    All come in a random order if there are few; else they are drawn at random.
+    """
+    every = rng.permutation(all_triangles(count)) if math.comb(count, 3) <= MOST_TRIANGLES else None
+    given = 0
+
+    def draw(size: int) -> IntArray:
+        nonlocal given
+        given += size
+        if every is not None:
+            return np.asarray(every[given - size : given])
+        drawn = rng.integers(count, size=(2 * size, 3))
         distinct = (drawn[:, 0] != drawn[:, 1]) & (drawn[:, 0] != drawn[:, 2]) & (drawn[:, 1] != drawn[:, 2])
-        yield drawn[distinct][:BATCH]
+        return np.asarray(drawn[distinct][:size], dtype=np.int64)
+
+    return draw
 
 
-def needed_hits(problem: Problem) -> int:
-    """Return how many trial points must meet an OTS point before chance is unlikely.
+@lru_cache(maxsize=40)
+def all_triangles(count: int) -> IntArray:
+    """Return every triangle (S, 3) of ``count`` points."""
+    return np.array(list(combinations(range(count), 3)), dtype=np.int64).reshape(-1, 3)
+
+
+def needed_hits(problem: Problem) -> tuple[int, int]:
+    """Return how many of the trial points, and of all points, must meet an OTS point before chance is unlikely.
 
     By chance a point meets another about as often as the points of the set with its outliers crowded meet their
     neighbours.
     """
-    tried = min(MOST_TRIALS, len(problem.ct) - 3)
-    if tried <= 0:
-        return 0
+    rest = len(problem.ct) - 3
+    if rest <= 0:
+        return 0, 0
     tree = cKDTree(problem.ots)
-    reach = 1.5 * REACH_SIGMAS * problem.sigma_mm
-    neighbours = tree.count_neighbors(tree, reach) / len(problem.ots) - 1.0
-    exceeded = bdtrc(np.arange(tried + 1), tried, min(neighbours, 0.5))
-    by_chance = int(np.argmax(exceeded <= CHANCE_PASSES)) + 1
-    return max(by_chance, tried // TRIALS_PER_HIT)
+    reach, wide = 1.5 * REACH_SIGMAS * problem.sigma_mm, CROWDING_SIGMAS * problem.sigma_mm
+    crowding = (tree.count_neighbors(tree, wide) / len(problem.ots) - 1.0) * (reach / wide) ** 3
+    tried = min(MOST_TRIALS, rest)
+    first, all_points = (
+        int((at_least(np.arange(count + 1), count, min(crowding, 0.5)) > chance).sum())
+        for chance, count in zip(CHANCE_PASSES, (tried, rest), strict=True)
+    )
+    return max(first, tried // TRIALS_PER_HIT), max(all_points, tried // TRIALS_PER_HIT)
 
 
 def distance_table(points: FloatArray) -> tuple[Any, ...]:
     """Return what triangles are looked up in.
 
-    All distances (m, m); each row's points by distance, those distances, and where these reach each step
-    (`seeds.row_starts`); all pairs (P, 2) by distance, and those distances.
+    Each point's others by distance (m, m), those distances, and where these reach each step (`seeds.row_starts`).
     """
     d = distances(points)
-    row_order = np.argsort(d, axis=1)
+    row_order = np.argsort(d, axis=1).astype(np.int32)
     row_sorted = np.take_along_axis(d, row_order, axis=1)
-    first, second = np.triu_indices(len(points), 1)
-    between = d[first, second]
-    order = np.argsort(between)
-    pairs = np.column_stack((first[order], second[order]))
-    return d, row_order, row_sorted, row_starts(row_sorted), pairs, between[order]
+    return row_order, row_sorted, row_starts(row_sorted)
 
 
 def point_grid(problem: Problem) -> tuple[Any, ...]:
@@ -231,7 +266,8 @@ def point_grid(problem: Problem) -> tuple[Any, ...]:
     points, reach = problem.ots, WIDEST_REACH_SIGMAS * problem.sigma_mm
     low = points.min(axis=0) - reach
     extent = np.ptp(points, axis=0) + 2.0 * reach
-    cell = max(LEAST_CELL_MM, float(extent.max()) / MOST_CELLS_PER_AXIS)
+    most = min(CELLS_PER_AXIS * len(points) ** (1.0 / 3.0), MOST_CELLS_PER_AXIS)
+    cell = max(LEAST_CELL_SIGMAS * problem.sigma_mm, float(extent.max()) / most)
     shape = (extent / cell).astype(np.int64) + 1
     start, order, near = fill_grid(points, low, cell, shape, reach)
     return start, order, near, low, cell, shape
@@ -242,7 +278,7 @@ def refine(search: Search, matrix: FloatArray) -> Pose | None:
     problem = search.problem
     reaches = np.array(REFINING_SIGMAS) * problem.sigma_mm
     matrix, partner = refined(problem.ct, problem.ots, search.grid, matrix, reaches)
-    if (partner >= 0).sum() < min(LEAST_PAIRS + max(search.needed, 1), len(problem.ct)):
+    if (partner >= 0).sum() < min(LEAST_PAIRS + max(search.needed[1], 1), len(problem.ct)):
         return None
     if (partner[problem.known[:, 0]] != problem.known[:, 1]).any():
         return None

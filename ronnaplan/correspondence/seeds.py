@@ -28,9 +28,9 @@ FIRST_TRIALS = 24
 STEP_MM = 1.5
 """Each point's neighbours, sorted by distance, are entered at steps of this."""
 
-SCAN_WORK, ROW_WORK, POSE_WORK, TRIAL_WORK, NEAREST_WORK = 2, 15, 90, 8, 60
-"""Work of looking at a distance, of entering a row, of making a pose, of carrying a trial point, and of looking
-for its neighbour: about nanoseconds."""
+SCAN_WORK, ROW_WORK, POSE_WORK, TRIAL_WORK, POINT_WORK = 2, 25, 120, 10, 25
+"""Work of looking at a distance, of entering a row, of making a pose, of carrying a trial point, and of preparing
+one: about nanoseconds."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -67,13 +67,15 @@ def triangle_frame(a, b, c):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def longest_side_first(points, seed):  # type: ignore[no-untyped-def]
-    """Return a triangle's corners so that its longest side is the first, and the sides (ab, ac, bc)."""
+    """Return a triangle's corners so that the sides (ab, ac, bc), which follow, fall in length."""
     a, b, c = seed[0], seed[1], seed[2]
     ab, ac, bc = side(points, a, b), side(points, a, c), side(points, b, c)
-    if ac >= ab and ac >= bc:
-        return a, c, b, ac, ab, bc
-    if bc >= ab and bc >= ac:
-        return b, c, a, bc, ab, ac
+    if ac > ab:
+        b, c, ab, ac = c, b, ac, ab
+    if bc > ab:
+        a, b, c, ab, ac, bc = b, c, a, bc, ab, ac
+    elif bc > ac:
+        a, b, ac, bc = b, a, bc, ac
     return a, b, c, ab, ac, bc
 
 
@@ -85,14 +87,14 @@ def side(points, a, b):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def trial_points(ct, corners, frame, trial, sigma):  # type: ignore[no-untyped-def]
-    """Return (T, 4) the places in a seed's frame of the CT points to try, and how near they have to come.
+def trial_points(ct, corners, frame, trial, sigma, local):  # type: ignore[no-untyped-def]
+    """Enter (T, 4) the places in a seed's frame of the CT points to try, and how near they have to come; return T.
 
     A seed with the longest side l and the height h over it predicts a point at (x, y, z) from its centroid with
     the variance (1/3 + (y^2 + z^2) / (2/3 h^2) + r^2 / (l^2 / 2)) of a pair's, at most.
     """
     a, b, c = corners
-    local, found = np.empty((len(trial), 4)), 0
+    found = 0
     long2 = max(side(ct, a, b) ** 2, 1e-12)
     height = 0.0
     for d in range(3):
@@ -112,14 +114,17 @@ def trial_points(ct, corners, frame, trial, sigma):  # type: ignore[no-untyped-d
         if reach <= WIDEST_REACH_SIGMAS:
             local[found, 0], local[found, 1], local[found, 2], local[found, 3] = x, y, z, reach * sigma
             found += 1
-    return local[:found]
+    return found
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fill_grid(points, low, cell, shape, reach):  # type: ignore[no-untyped-def]
-    """Sort points into cubic cells: each cell's start, the points in that order, and the cells within reach."""
-    count = np.zeros(shape[0] * shape[1] * shape[2] + 1, np.int64)
-    near = np.zeros((shape[0], shape[1], shape[2]), np.bool_)
+    """Sort points into cubic cells: each cell's start, the points in that order, and who is near each cell.
+
+    The last is the point nearest to the cell's middle, -1 where none comes within ``reach`` of the cell.
+    """
+    count = np.zeros(shape[0] * shape[1] * shape[2] + 1, np.int32)
+    near = np.full((shape[0], shape[1], shape[2]), -1, np.int16)
     home, at = np.empty(len(points), np.int64), np.empty(3, np.int64)
     first, last = np.empty(3, np.int64), np.empty(3, np.int64)
     for p in range(len(points)):
@@ -128,10 +133,23 @@ def fill_grid(points, low, cell, shape, reach):  # type: ignore[no-untyped-def]
             at[d] = int(place / cell)
             first[d] = max(int((place - reach) / cell), 0)
             last[d] = min(int((place + reach) / cell), shape[d] - 1)
-        near[first[0] : last[0] + 1, first[1] : last[1] + 1, first[2] : last[2] + 1] = True
+        for a in range(first[0], last[0] + 1):
+            for b in range(first[1], last[1] + 1):
+                for c in range(first[2], last[2] + 1):
+                    x, y, z = low[0] + (a + 0.5) * cell, low[1] + (b + 0.5) * cell, low[2] + (c + 0.5) * cell
+                    q = near[a, b, c]
+                    if q < 0 or square_to(points, p, x, y, z) < square_to(points, q, x, y, z):
+                        near[a, b, c] = p
         home[p] = (at[0] * shape[1] + at[1]) * shape[2] + at[2]
         count[home[p] + 1] += 1
     return np.cumsum(count), np.argsort(home, kind="mergesort"), near
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def square_to(points, p, x, y, z):  # type: ignore[no-untyped-def]
+    """Return the squared distance of point p from (x, y, z)."""
+    u, v, w = points[p, 0] - x, points[p, 1] - y, points[p, 2] - z
+    return u * u + v * v + w * w
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -149,32 +167,32 @@ def nearest(grid, points, x, y, z, radius):  # type: ignore[no-untyped-def]
             first = (a * shape[1] + b) * shape[2]
             for q in range(start[first + c0], start[first + c1 + 1]):
                 p = order[q]
-                d = (points[p, 0] - x) ** 2 + (points[p, 1] - y) ** 2 + (points[p, 2] - z) ** 2
+                d = square_to(points, p, x, y, z)
                 if d < square:
                     best, square = p, d
     return best, square
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def count_hits(ots, grid, frame, centre, local, least):  # type: ignore[no-untyped-def]
-    """Return how many trial points meet an OTS point, -1 as soon as ``least`` is out of reach; and the work."""
+def count_hits(ots, grid, frame, center, local, total, least):  # type: ignore[no-untyped-def]
+    """Return how many of ``total`` trial points meet an OTS point, -1 once ``least`` is out of reach; and the work."""
     near, low, cell, shape = grid[2], grid[3], grid[4], grid[5]
-    hits, work, total = 0, POSE_WORK, len(local)
+    hits = 0
+    step = 1.0 / cell
     for t in range(total):
         if hits + total - t < least or (t == FIRST_TRIALS and hits == 0):
-            return -1, work
-        work += TRIAL_WORK
+            return -1, TRIAL_WORK * t
         u, v, w = local[t, 0], local[t, 1], local[t, 2]
-        x = centre[0] + frame[0, 0] * u + frame[0, 1] * v + frame[0, 2] * w
-        y = centre[1] + frame[1, 0] * u + frame[1, 1] * v + frame[1, 2] * w
-        z = centre[2] + frame[2, 0] * u + frame[2, 1] * v + frame[2, 2] * w
-        a, b, c = int((x - low[0]) / cell), int((y - low[1]) / cell), int((z - low[2]) / cell)
-        if not (0 <= a < shape[0] and 0 <= b < shape[1] and 0 <= c < shape[2]) or not near[a, b, c]:
+        x = center[0] + frame[0, 0] * u + frame[0, 1] * v + frame[0, 2] * w
+        y = center[1] + frame[1, 0] * u + frame[1, 1] * v + frame[1, 2] * w
+        z = center[2] + frame[2, 0] * u + frame[2, 1] * v + frame[2, 2] * w
+        a, b, c = int((x - low[0]) * step), int((y - low[1]) * step), int((z - low[2]) * step)
+        if not (0 <= a < shape[0] and 0 <= b < shape[1] and 0 <= c < shape[2]):
             continue
-        work += NEAREST_WORK
-        if nearest(grid, ots, x, y, z, local[t, 3])[0] >= 0:
+        q = near[a, b, c]
+        if q >= 0 and square_to(ots, q, x, y, z) < local[t, 3] * local[t, 3]:
             hits += 1
-    return hits, work
+    return hits, TRIAL_WORK * total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -187,84 +205,110 @@ def is_known(known, a, b, c, p, q, r):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def poses_of_seed(ct, ots, grid, seed, trial, needed, table, sigma, sides_chi2, known, poses, hits, most_work):  # type: ignore[no-untyped-def]
-    """Enter the poses of a seed with the most hits, ``needed`` at least, into ``poses`` (MOST_POSES, 3, 4).
+def row_range(row, row_start, low, high):  # type: ignore[no-untyped-def]
+    """Return where the distances of a row that lie from ``low`` to ``high`` begin and end."""
+    first = row_start[min(max(int(low / STEP_MM), 0), len(row_start) - 1)]
+    while first < len(row) and row[first] < low:
+        first += 1
+    last = first
+    while last < len(row) and row[last] <= high:
+        last += 1
+    return first, last
 
-    ``sides_chi2``: sum of squared differences of the three sides, in variances of a side's difference, up to which
-    triangles agree.  ``table``: see `poses.distance_table`.  Returns the work done; ``hits`` (MOST_POSES,) is 0
-    where no pose was entered.
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def prepare_seeds(ct, seeds, trials, sigma):  # type: ignore[no-untyped-def]
+    """Return each seed's corners (S, 3), sides (S, 3), frame (S, 3, 3), trial points (S, T, 4) and their number."""
+    corners, sides = np.empty((len(seeds), 3), np.int64), np.empty((len(seeds), 3))
+    frames, local = np.empty((len(seeds), 3, 3)), np.empty((len(seeds), trials.shape[1], 4))
+    tried = np.empty(len(seeds), np.int64)
+    for s in range(len(seeds)):
+        a, b, c, ab, ac, bc = longest_side_first(ct, seeds[s])
+        corners[s, 0], corners[s, 1], corners[s, 2] = a, b, c
+        sides[s, 0], sides[s, 1], sides[s, 2] = ab, ac, bc
+        frames[s] = triangle_frame(ct[a], ct[b], ct[c])
+        tried[s] = trial_points(ct, (a, b, c), frames[s], trials[s % len(trials)], sigma, local[s])
+    return corners, sides, frames, local, tried
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def triangles_at(ots, row, sides, limit, found):  # type: ignore[no-untyped-def]
+    """Enter (q, r) of the OTS triangles (p, q, r) with these sides into ``found``; return their number and the work.
+
+    ``row``: p's others by distance, those distances, and where these reach each step.
     """
-    d_ots, row_order, row_sorted, row_start, pairs, pair_distance = table
-    a, b, c, ab, ac, bc = longest_side_first(ct, seed)
-    frame, corners = triangle_frame(ct[a], ct[b], ct[c]), (a, b, c)
-    local = trial_points(ct, corners, frame, trial, sigma)
-    middle = (ct[a] + ct[b] + ct[c]) / 3.0
-    centre, limit = np.empty(3), sides_chi2 * 2.0 * sigma * sigma
-    widest, work = math.sqrt(limit), 100
-    hits[:] = 0
+    order, between, start = row
+    ab, ac, bc = sides
+    widest, count = math.sqrt(limit), 0
+    first_q, last_q = row_range(between, start, ab - widest, ab + widest)
+    if first_q == last_q:
+        return 0, ROW_WORK
+    first_r, last_r = row_range(between, start, ac - widest, ac + widest)
+    least, most = max(bc - widest, 0.0) ** 2, (bc + widest) ** 2
+    for at_q in range(first_q, last_q):
+        q, left_q = order[at_q], limit - (between[at_q] - ab) ** 2
+        x, y, z = ots[q]
+        for at_r in range(first_r, last_r):
+            r = order[at_r]
+            square = square_to(ots, r, x, y, z)
+            if not least <= square <= most or r == q:
+                continue
+            if (math.sqrt(square) - bc) ** 2 <= left_q - (between[at_r] - ac) ** 2:
+                found[count, 0], found[count, 1] = q, r
+                count += 1
+    return count, ROW_WORK + SCAN_WORK * (last_q - first_q) * (last_r - first_r)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def try_triangle(ct, ots, grid, corners, met, frame, local, needed, sigma, poses, hits):  # type: ignore[no-untyped-def]
+    """Enter the pose that brings ``corners`` onto the points ``met`` if it brings enough others; return the work."""
+    a, b, c = corners
+    p, q, r = met
+    turned, center = triangle_frame(ots[p], ots[q], ots[r]), (ots[p] + ots[q] + ots[r]) / 3.0
+    count, work = count_hits(ots, grid, turned, center, local, len(local), needed[0])
+    if count < needed[0]:
+        return POSE_WORK + work
+    everyone = np.empty((len(ct), 4))
+    total = trial_points(ct, (a, b, c), frame, np.arange(len(ct)), sigma, everyone)
     lowest = np.argmin(hits)
-    first = np.searchsorted(pair_distance, ab - widest)
-    last = np.searchsorted(pair_distance, ab + widest)
-    for entry in range(2 * first, 2 * last):
-        p, q = pairs[entry >> 1, entry & 1], pairs[entry >> 1, 1 - (entry & 1)]
-        left = limit - (pair_distance[entry >> 1] - ab) ** 2
-        width = math.sqrt(max(left, 0.0))
-        step = min(max(int((ac - width) / STEP_MM), 0), row_start.shape[1] - 1)
-        work += ROW_WORK
-        for position in range(row_start[p, step], len(row_sorted)):
-            off = row_sorted[p, position] - ac
-            if off < -width:
-                continue
-            if off > width:
-                break
-            r = row_order[p, position]
-            work += SCAN_WORK
-            if r in (p, q) or (d_ots[q, r] - bc) ** 2 > left - off * off:
-                continue
-            if is_known(known, a, b, c, p, q, r):
-                continue
-            turned = triangle_frame(ots[p], ots[q], ots[r])
-            for d in range(3):
-                centre[d] = (ots[p, d] + ots[q, d] + ots[r, d]) / 3.0
-            count, done = count_hits(ots, grid, turned, centre, local, max(needed, hits[lowest] + 1))
-            work += done
-            if count > 0:
-                hits[lowest] = count
-                rotation = turned @ frame.T
-                poses[lowest, :, :3] = rotation
-                poses[lowest, :, 3] = centre - rotation @ middle
-                lowest = np.argmin(hits)
-            if work > most_work:
-                return work
-    return work
+    least = max(needed[1], hits[lowest] + 1)
+    count, more = count_hits(ots, grid, turned, center, everyone, total, least)
+    if count >= least or (total == 0 and needed[1] == 0):
+        hits[lowest] = max(count, 1)
+        rotation = turned @ frame.T
+        poses[lowest, :, :3] = rotation
+        poses[lowest, :, 3] = center - rotation @ ((ct[a] + ct[b] + ct[c]) / 3.0)
+    return POSE_WORK + work + more + POINT_WORK * len(ct)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def poses_of_seeds(ct, ots, grid, seeds, trials, needed, table, sigma, sides_chi2, known, most_work):  # type: ignore[no-untyped-def]
-    """Return the poses (S, MOST_POSES, 3, 4) of seeds (S, 3), their hits, the work, and how many were done."""
-    poses = np.empty((len(seeds), MOST_POSES, 3, 4))
-    hits = np.zeros((len(seeds), MOST_POSES), np.int64)
-    work = 0
-    for s in range(len(seeds)):
-        trial = trials[s % len(trials)]
-        work += poses_of_seed(
-            ct,
-            ots,
-            grid,
-            seeds[s],
-            trial,
-            needed,
-            table,
-            sigma,
-            sides_chi2,
-            known,
-            poses[s],
-            hits[s],
-            most_work - work,
-        )
+    """Return the poses (S, MOST_POSES, 3, 4) of seeds (S, 3) that meet the most points, their hits, and the work.
+
+    ``needed``: hits among the ``trials`` and among all points at least.  ``sides_chi2``: sum of squared differences
+    of the three sides, in variances of a side's difference, up to which triangles agree.  ``table``: see
+    `poses.distance_table`.  ``hits`` (S, MOST_POSES) is 0 where no pose was entered.  The fourth result tells
+    whether the seeds were looked up in all of the OTS points, before ``most_work`` was done.
+    """
+    poses, hits = np.empty((len(seeds), MOST_POSES, 3, 4)), np.zeros((len(seeds), MOST_POSES), np.int64)
+    corners, sides, frames, local, tried = prepare_seeds(ct, seeds, trials, sigma)
+    found, limit = np.empty((len(ots) * len(ots), 2), np.int32), sides_chi2 * 2.0 * sigma * sigma
+    work = POINT_WORK * len(seeds) * trials.shape[1]
+    for p in range(len(ots)):  # a row of distances is read once for all seeds
+        row = table[0][p], table[1][p], table[2][p]
+        for s in range(len(seeds)):
+            count, done = triangles_at(ots, row, sides[s], limit, found)
+            work += done
+            a, b, c = corners[s]
+            for q, r in found[:count]:
+                if not is_known(known, a, b, c, p, q, r):
+                    work += try_triangle(
+                        ct, ots, grid, (a, b, c), (p, q, r), frames[s], local[s, : tried[s]], needed, sigma,
+                        poses[s], hits[s],
+                    )  # fmt: skip
         if work > most_work:
-            return poses, hits, work, s
-    return poses, hits, work, len(seeds)
+            return poses, hits, work, False
+    return poses, hits, work, True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

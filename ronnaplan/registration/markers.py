@@ -39,11 +39,18 @@ class MarkerRegistration:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """The markers that were left out because they lie beside the place that the others give them."""
-        moved = [(self.ct.labels[i], self.ots.labels[j]) for i, j in self.pairing.moved]
+        """The markers left out because they lie beside the place that the others give them, or are not certain."""
+        moved, doubtful = (
+            [(self.ct.labels[i], self.ots.labels[j]) for i, j in pairs]
+            for pairs in (self.pairing.moved, self.pairing.doubtful)
+        )
         return tuple(
             f"marker {ct} and reading {ots} were left out: they lie side by side, as if the marker had moved"
             for ct, ots in moved
+        ) + tuple(
+            f"marker {ct} and reading {ots} were left out: they fit, but not certainly enough"
+            for ct, ots in doubtful
+            if (ct, ots) not in moved
         )
 
     @property

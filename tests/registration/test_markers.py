@@ -1,5 +1,7 @@
 """Markers of a scan and readings in any order become a registration, or a refusal."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -56,3 +58,10 @@ def test_unusable_requests_are_named() -> None:
     for sigma in (float("nan"), -1.0, 1e300):
         with pytest.raises(InputError, match="zero or more"):
             register_markers(scene.ct_points(), scene.readings(), sigma_ct_mm=sigma)
+
+
+def test_pairs_that_are_not_certain_enough_are_named() -> None:
+    found = register_markers(scene.ct_points(), scene.readings(), sigma_ct_mm=0.1)
+    doubted = replace(found, pairing=replace(found.pairing, doubtful=np.array([[0, 1]])))
+    assert found.notes == ()
+    assert doubted.notes == ("marker F1 and reading 2 were left out: they fit, but not certainly enough",)
