@@ -67,3 +67,11 @@ def test_the_quick_look_sees_a_ball_and_not_its_flank() -> None:
     assert ball > 0.9
     assert flank < 0.6
     assert outside == 0.0
+
+
+def test_thick_slices_must_show_more_of_a_sphere(fit: BallFit) -> None:
+    ragged = replace(fit, verdict=replace(fit.verdict, round_share=0.625))
+    assert TESTS["coverage"](Evidence(ragged, 11.5, 1.0, 0.5, 10.0, 0.0)) is None
+    reason = TESTS["coverage"](Evidence(changed(ragged, WIDTH, 5.0), 11.5, 5.0, 0.5, 10.0, 0.0))
+    assert reason is not None
+    assert "is a sphere's" in reason
