@@ -43,6 +43,10 @@ STEP_TOLERANCE_MM, REST_GAIN = 2e-5, 1e-4
 """A descent ends with a step that moves the centre by less than this and gains less than this share of the squared
 residuals: a centre may be right long before blur and edge are."""
 
+LAST_STEP_MM = 1e-3
+"""Blur, edge enhancement and profile may look so alike that they never come to rest; the centre is told if the last of
+all the steps moved it by less than this."""
+
 LOOK_STEPS, LOOK_GAIN = 12, 0.001
 """A look, after which the fit goes on or is given up, ends after so many steps or with one that gains less than this
 share of the squared residuals: what is no ball never comes to rest."""
@@ -98,11 +102,12 @@ def descend(
         cost += 0.5 * float(prior.weight @ pull**2)
         return cost, slope + prior.weight * pull, matrix + np.diag(prior.weight)
 
-    damping = FIRST_DAMPING
+    damping, moved_mm = FIRST_DAMPING, np.inf
     cost, slope, matrix = equations(theta)
     for _ in range(steps):
         trial = _bounded(theta + _step(matrix, slope, damping, theta), theta)
-        is_still = float(np.abs(trial[CENTER] - theta[CENTER]).max()) < STEP_TOLERANCE_MM
+        moved_mm = float(np.abs(trial[CENTER] - theta[CENTER]).max())
+        is_still = moved_mm < STEP_TOLERANCE_MM
         if float(np.linalg.norm(trial[CENTER])) > 2.0 * MAX_WANDER * theta[RADIUS]:
             return trial, False
         new_cost, new_slope, new_matrix = equations(trial)
@@ -115,7 +120,7 @@ def descend(
             damping *= 10.0
         if is_at_rest:
             return theta, True
-    return theta, False
+    return theta, moved_mm < LAST_STEP_MM
 
 
 def _step(matrix: FloatArray, slope: FloatArray, damping: float, theta: FloatArray) -> FloatArray:

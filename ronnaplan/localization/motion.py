@@ -29,7 +29,7 @@ from ronnaplan.localization.directions import (
     within_reach,
 )
 from ronnaplan.localization.neighbourhood import cell_directions, direction_cells
-from ronnaplan.localization.parameters import CENTER, RADIUS, U, V, W
+from ronnaplan.localization.parameters import CENTER, RADIUS, WIDTH, U, V, W
 from ronnaplan.localization.refine import BallFit
 
 SECTORS = 8
@@ -45,6 +45,11 @@ PATTERNS = (
 )
 """What is looked for: jumps between slices, along u, v and w; a drift from slice to slice; places that differ between
 odd and even slices; and places that differ with the direction of the edges, within the slices and across them."""
+
+OF_SLICES = PATTERNS.index("third cos")
+SLICED_SHARE = 0.7
+"""The first ones differ from slice to slice, which two or three slices do not tell from the shape of their profile:
+they are not looked for where that is wider than this share of the radius."""
 
 PATTERN_ERRORS_MM = np.array([*[0.012, 0.012, 0.020] * 3, 0.012, 0.012, 0.003, 0.003, *[0.004] * 4, 0.006, 0.006])
 """Standard deviation of each pattern in still scans, beyond noise."""
@@ -108,6 +113,8 @@ def movement(fit: BallFit) -> Movement:
     left = patterns - own @ (own.T @ patterns)
     squares = np.sum(left**2, axis=0)
     tells = squares > LEAST_LEFT * np.sum(patterns**2, axis=0)
+    if float(fit.theta[WIDTH]) > SLICED_SHARE * float(fit.theta[RADIUS]):
+        tells[:OF_SLICES] = False
     squares = np.where(tells, squares, np.nan)
     amplitudes = left.T @ residuals / squares
     sectors = (slices - slices.min(initial=0)) * SECTORS + ((turn / (2 * np.pi) + 0.5) * SECTORS).astype(
