@@ -228,7 +228,7 @@ def _summary(found: Fiducials) -> str:
 
 def _motion(found: Fiducials) -> list[str]:
     """Say what is assumed of a patient who moved between the markers, or what known distances say of it."""
-    from ronnaplan.localization.motion import UNSEEN_MOTION_MM
+    from ronnaplan.localization.fiducials import UNSEEN_MOTION_MM
 
     if not len(found):
         return []

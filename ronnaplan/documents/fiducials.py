@@ -28,8 +28,7 @@ from ronnaplan.documents.fields import (
 )
 from ronnaplan.documents.reading import made, read_document
 from ronnaplan.geometry import Frame, Points
-from ronnaplan.localization.fiducials import FiducialFlag, Fiducials
-from ronnaplan.localization.motion import UNSEEN_MOTION_MM
+from ronnaplan.localization.fiducials import UNSEEN_MOTION_MM, FiducialFlag, Fiducials
 
 FORMAT = "ronnaplan.fiducials"
 

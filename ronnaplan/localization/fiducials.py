@@ -20,6 +20,10 @@ from ronnaplan.localization.parameters import (
     full_width_at_half_maximum_mm,
 )
 
+UNSEEN_MOTION_MM = 0.3
+"""Standard deviation per axis of what the head is assumed to have moved between two markers' slices, of which no image
+tells: of a head that lies still in a cushion. Only distances that are known test it."""
+
 
 class FiducialFlag(StrEnum):
     """Reasons to doubt a found marker; each value is the sentence shown to the user."""

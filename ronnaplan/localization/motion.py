@@ -80,10 +80,6 @@ MEDIAN_SPREAD = 1.25
 LEAST_TOGETHER = 3
 """So many markers say together what none says alone."""
 
-UNSEEN_MOTION_MM = 0.3
-"""Standard deviation per axis of what the head is assumed to have moved between two markers' slices, of which no image
-tells: of a head that lies still in a cushion. Only distances that are known test it."""
-
 
 @dataclass(frozen=True)
 class Movement:
