@@ -139,7 +139,7 @@ def association_request(calling: str = "CT1", called: str = "RONNAPLAN") -> byte
 
 
 class Orthanc:
-    """An archive on loopback that takes objects from the node ``title`` and shows them by REST and DICOMweb."""
+    """An archive that takes objects from the node ``title`` and shows them by REST and DICOMweb."""
 
     def __init__(self, folder: Path, modalities: dict[str, list[Any]]) -> None:
         self.port, self.http = free_port(), free_port()
