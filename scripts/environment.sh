@@ -27,6 +27,7 @@ install_locked() {  # pip tells nothing or too much: show how many packages of h
     "$PYTHON" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 }
 
+PATH=${PATH//"$root/.venv/bin:"/}  # an activated .venv must not be asked to make itself anew
 lock=${LOCK:-requirements.lock}
 installed=$(cat "$stamp" 2>/dev/null || true)
 full=$(sha256sum requirements.lock pyproject.toml)
