@@ -67,9 +67,7 @@ def has_metal(volume: CTVolume, center_mm: FloatArray, toward_mm: FloatArray, ra
     disc = np.concatenate([np.zeros((1, 3)), 0.5 * SCREW_MM * ring, SCREW_MM * ring])
     along = radius_mm + np.arange(0.0, SCREW_REACH_MM, SCREW_STEP_MM)
     places = center_mm + disc + along[:, np.newaxis, np.newaxis] * toward_mm
-    values = np.empty(places.size // 3)
-    _nearest(np.zeros(3), places.reshape(-1, 3) @ volume.grid.axes.T, *_lookup(volume), values)
-    return bool(np.any(values > METAL_HU))
+    return bool(np.any(sample_nearest(volume, places.reshape(-1, 3)) > METAL_HU))
 
 
 Lookup = tuple[NDArray[np.int16] | NDArray[np.float32], FloatArray, FloatArray, float]
