@@ -89,6 +89,7 @@ class PlannerApp:
         self._panes = dict.fromkeys((*CUTS, HEAD), Pane())
         self._moving = False
         self._resting: asyncio.TimerHandle | None = None
+        self._working: set[asyncio.Task[None]] = set()
         self._set_up_page()
         self._listen_to_page()
         server.controller.on_server_ready.add_task(self._watch)
@@ -319,16 +320,23 @@ class PlannerApp:
         self.refresh()
 
     def _answering_later(self, action: Callable[..., Any]) -> Callable[..., Any]:
-        """Let ``action`` work in a thread; what it returns is called here, where the state may be changed."""
+        """Let ``action`` work in a thread; what it returns is called here, where the state may be changed.
 
-        async def answer(*arguments: Any) -> None:
-            self.server.state.message = WORKING
-            self.server.state.flush()
+        The page is answered at once: it sends what is done next only then.
+        """
+
+        async def work(*arguments: Any) -> None:
             with self._told():
                 finish = await asyncio.get_running_loop().run_in_executor(None, action, *arguments)
                 finish()
             with self.server.state:
                 self.refresh()
+
+        def answer(*arguments: Any) -> None:
+            self.server.state.message = WORKING
+            task = asyncio.get_running_loop().create_task(work(*arguments))
+            self._working.add(task)  # the loop itself would let it be collected
+            task.add_done_callback(self._working.discard)
 
         return answer
 

@@ -118,13 +118,39 @@ def test_a_trajectory_is_named_sized_and_noted_in_the_page(browser: Any, kept: P
     assert read_plan(folder / "plan.json").trajectories[0].locked
 
 
+def _crosshair(folder: Path) -> list[float]:
+    """Where the planner keeps that it looks; written a little after the page shows it."""
+    kept = folder / "planner.json"
+    return list(json.loads(kept.read_text())["crosshair"]) if kept.is_file() else []
+
+
+def test_a_button_does_not_overtake_the_press_before_it(browser: Any, kept: Planner) -> None:
+    page = opened(browser, kept.url)
+    x, y = seen_at(page, "axial", (0.3, 0.2))
+    page.evaluate(
+        """([x, y]) => {
+          const view = document.querySelector("svg[data-view=axial]");
+          view.setPointerCapture = () => {};  // no such pointer is there to be captured
+          const at = { clientX: x, clientY: y, pointerId: 1, button: 0, bubbles: true, cancelable: true };
+          for (const kind of ["pointermove", "pointerdown", "pointerup"]) {
+            view.dispatchEvent(new PointerEvent(kind, { ...at, buttons: kind === "pointerdown" ? 1 : 0 }));
+          }
+          document.querySelector("[title='Set AC where the crosshair is']").click();
+        }""",
+        [x, y],
+    )
+    page.wait_for_function("window.trame.state.get('landmarks')[0].place")
+    shown = [float(part) for part in page.evaluate("window.trame.state.get('landmarks')[0].place").split(",")]
+    eventually(page, lambda: _crosshair(kept.folder)[:1] > [20.0])  # it began at 4 mm
+    assert _crosshair(kept.folder) == pytest.approx(shown, abs=0.01)
+
+
 def test_ac_and_pc_are_set_at_the_crosshair_and_typed(browser: Any, kept: Planner) -> None:
     folder = kept.folder
     page = opened(browser, kept.url)
     page.mouse.click(*seen_at(page, "axial", (0.0, -0.1)))
     page.click("text=set AC here")
     page.wait_for_function("window.trame.state.get('landmarks')[0].place")
-    ac = json.loads((folder / "planner.json").read_text())["crosshair"]
     for name, typed in (("PC", "0, 24, 28"), ("midline", "0 10 60")):
         page.fill(f"input[aria-label={name}]", typed)
         page.press(f"input[aria-label={name}]", "Enter")
@@ -133,7 +159,8 @@ def test_ac_and_pc_are_set_at_the_crosshair_and_typed(browser: Any, kept: Planne
         )
     landmarks = read_plan(folder / "plan.json").landmarks
     assert landmarks is not None
-    assert landmarks.ac_mm == pytest.approx(ac)
+    ac_mm = landmarks.ac_mm
+    eventually(page, lambda: _crosshair(folder) == pytest.approx(ac_mm))
     assert landmarks.pc_mm == pytest.approx([0, 24, 28])
     page.wait_for_selector("#measures >> text=AC-PC sagittal, coronal angle")
     page.fill("input[aria-label=PC]", "here")

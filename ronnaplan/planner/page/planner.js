@@ -1,7 +1,20 @@
-// Pointer, wheel and keys, told to the server. One request at a time: while it is under way, moves are summed up.
+// Pointer, wheel, keys, buttons and fields, told to the server in the order in which they were used. One request at a
+// time: while it is under way, moves are summed up.
 (() => {
   const queue = [];
   let busy = false;
+  let send = null;
+
+  // The page's own buttons and fields take their place in the queue, too: a button that overtook the press before it
+  // would work on the place that was pointed at before.
+  function sender() {
+    if (!send) {
+      const page = window.trame;
+      send = page.trigger.bind(page);
+      page.trigger = async (name, args = []) => tell(name, args);
+    }
+    return send;
+  }
 
   function tell(name, args) {
     const last = queue.at(-1);
@@ -21,7 +34,7 @@
     while (queue.length) {
       const { name, args } = queue.shift();
       try {
-        await window.trame.trigger(name, args);
+        await sender()(name, args);
       } catch (error) {
         console.error(error);
       }
