@@ -66,6 +66,29 @@ def peak_bytes(process: int | str = "self") -> int:
     return int(status.split("VmHWM:")[1].split()[0]) * 1024 if "VmHWM:" in status else 0
 
 
+def starved_s(process: int | str = "self") -> float:
+    """Return how long ``process`` has been ready to run while others had the processor (Linux; elsewhere 0)."""
+    try:
+        return int(Path(f"/proc/{process}/schedstat").read_text().split()[1]) * 1e-9
+    except OSError:
+        return 0.0
+
+
+class Watch:
+    """Tells how much time a process has had since its beginning: what others took from it is not held against it."""
+
+    def __init__(self, process: int | str = "self") -> None:
+        self._process = process
+        self._began = self._now()
+
+    def passed_s(self) -> float:
+        """Return seconds in which the process ran or waited for something else than the processor."""
+        return self._now() - self._began
+
+    def _now(self) -> float:
+        return time.monotonic() - starved_s(self._process)
+
+
 def try_one(border: Border, number: int, seed: int, folder: Path) -> tuple[str, str]:
     """Feed input ``number`` of ``seed``; return its kind and what became of it, a failure starting with `FAILED`."""
     kind, given = border.hostile(random.Random(f"{seed}/{number}"))

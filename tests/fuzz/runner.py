@@ -21,19 +21,20 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from tests.fuzz.border import FAILED, GIB, SlowError, try_one
+from tests.fuzz.border import FAILED, GIB, SlowError, Watch, try_one
 from tests.fuzz.borders import BORDERS, made
 
 ADDRESS_SPACE_BYTES = 8 * GIB
 """Beyond, allocations fail instead of taking the machine down."""
-LONGEST_START_S = 900.0
-"""Time to make a border's valid inputs and to compile what is compiled at first use."""
+LONGEST_START_S = 1800.0
+"""Time to make a border's valid inputs and to compile what is compiled at first use, on a crowded machine, too."""
 LONGEST_END_S = 5.0
 """Time to end what a border has begun."""
 WAITED = 6.0
 """An input that waits is stopped after this many times what its border allows."""
 WATCHED = 8.0
 """It is given up after this many times, should the alarm not reach it."""
+LEAST_ALARM_S = 0.01
 LONGEST_SHOWN = 20
 
 
@@ -46,6 +47,8 @@ class Tally:
     longest: tuple[float, int] = (0.0, 0)
     """Seconds of the processor, and the number of the input that took them."""
     peak_bytes: int = 0
+    fed_s: float = 0.0
+    """Time in which inputs were tried: what a border takes to start is not its inputs' time."""
 
     def add(self, number: int, kind: str, outcome: str, took_s: float = 0.0, peak_bytes: int = 0) -> None:
         """Count one input."""
@@ -58,33 +61,41 @@ class Tally:
             print(self.failures[-1], file=sys.stderr, flush=True)
 
 
-def run(target: str, seed: int, numbers: range, deadline: float = float("inf")) -> Tally:
-    """Try the inputs ``numbers`` of the border ``target`` (``module:class``) until `time.monotonic` is ``deadline``."""
+def run(target: str, seed: int, numbers: range, budget_s: float = float("inf")) -> Tally:
+    """Try the inputs ``numbers`` of the border ``target`` (``module:class``) for ``budget_s``.
+
+    A border that came to no input has failed: its silence would say nothing.
+    """
     tally = Tally()
-    while numbers and time.monotonic() < deadline:
-        tried = _in_child(target, seed, numbers, deadline, tally)
+    while numbers and tally.fed_s < budget_s:
+        tried = _in_child(target, seed, numbers, budget_s, tally)
         if tried is None:
             break
         numbers = numbers[tried:]
+    if not tally.outcomes:
+        tally.add(numbers.start, "its start", f"{FAILED}: no input was tried")
     return tally
 
 
-def _in_child(target: str, seed: int, numbers: range, deadline: float, tally: Tally) -> int | None:
+def _in_child(target: str, seed: int, numbers: range, budget_s: float, tally: Tally) -> int | None:
     """Return how many inputs one child tried, None if it could not even start."""
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
     child = context.Process(target=_work, args=(target, seed, numbers, sender))
     child.start()
     sender.close()
-    patience, kind, tried = LONGEST_START_S, "its start", 0
+    patience, kind, tried, latest = LONGEST_START_S, "its start", 0, float("nan")
     try:
-        while tried < len(numbers) and time.monotonic() < deadline:
-            if not receiver.poll(patience):
+        while tried < len(numbers) and tally.fed_s < budget_s:
+            if not _answers(receiver, child.pid, patience):
                 raise EOFError
             kind, outcome, patience, is_spent, took_s, peak = receiver.recv()
+            now = time.monotonic()
             if outcome:
                 tally.add(numbers[tried], kind, outcome, took_s, peak)
+                tally.fed_s += now - latest
                 tried += 1
+            latest = now
             if is_spent:
                 break
     except EOFError:
@@ -93,6 +104,7 @@ def _in_child(target: str, seed: int, numbers: range, deadline: float, tally: Ta
         tally.add(numbers[tried], kind, f"{FAILED}: {ended}")
         if kind == "its start":
             return None
+        tally.fed_s += time.monotonic() - latest
         tried += 1
     finally:
         child.terminate()  # and so what it has begun itself
@@ -100,6 +112,15 @@ def _in_child(target: str, seed: int, numbers: range, deadline: float, tally: Ta
         child.kill()
         child.join()
     return tried
+
+
+def _answers(receiver: Connection[Any, Any], child: int | None, patience: float) -> bool:
+    """Wait until there is something to receive, as long as the child has had no more than ``patience`` seconds."""
+    watch = Watch(child or "self")
+    while (left := patience - watch.passed_s()) > 0.0:
+        if receiver.poll(left):
+            return True
+    return False
 
 
 def _work(target: str, seed: int, numbers: range, sender: Connection[Any, Any]) -> None:
@@ -112,11 +133,11 @@ def _work(target: str, seed: int, numbers: range, sender: Connection[Any, Any]) 
         border.check_seeds(folder)
         for number in numbers:
             sender.send(("an input", "", patience, False, 0.0, 0))
-            _alarm(WAITED * border.slowest_s)
+            _alarm(Watch(), WAITED * border.slowest_s)
             started = time.process_time()
             kind, outcome = try_one(border, number, seed, folder)
             took_s = time.process_time() - started
-            _alarm(0.0)
+            _alarm(Watch(), 0.0)
             peak = border.peak_bytes()
             is_spent = peak > border.most_bytes  # a peak stays, so the next input needs another process
             if is_spent:
@@ -125,21 +146,26 @@ def _work(target: str, seed: int, numbers: range, sender: Connection[Any, Any]) 
 
 
 def _bound_process() -> None:
-    def too_slow(*_: object) -> None:
-        raise SlowError
-
     if sys.platform != "win32":
         import resource
 
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
-
         resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE_BYTES, ADDRESS_SPACE_BYTES))
-        signal.signal(signal.SIGALRM, too_slow)
 
 
-def _alarm(seconds: float) -> None:
+def _alarm(watch: Watch, allowed_s: float) -> None:
+    """Raise `SlowError` in this process once it has had ``allowed_s`` by its ``watch``; 0 ends the last alarm."""
+
+    def ring(*_: object) -> None:
+        if watch.passed_s() >= allowed_s:
+            raise SlowError
+        _alarm(watch, allowed_s)
+
     if sys.platform != "win32":
-        signal.setitimer(signal.ITIMER_REAL, seconds)
+        signal.signal(signal.SIGALRM, ring)
+        signal.setitimer(
+            signal.ITIMER_REAL, max(allowed_s - watch.passed_s(), LEAST_ALARM_S) if allowed_s else 0.0
+        )
 
 
 def report(name: str, tally: Tally) -> str:
@@ -168,7 +194,11 @@ def main() -> int:
         "--count", type=int, help="inputs for each border (default: 10,000, or what the time allows)"
     )
     parser.add_argument("--first", type=int, default=0, help="number of the first input")
-    parser.add_argument("--minutes", type=float, help="time for all borders together, shared evenly")
+    parser.add_argument(
+        "--minutes",
+        type=float,
+        help="time for all inputs together, shared evenly by the borders (what they take to start comes on top)",
+    )
     arguments = parser.parse_args()
     unknown = sorted(set(arguments.borders) - set(BORDERS))
     if unknown:
@@ -176,11 +206,9 @@ def main() -> int:
     names = list(dict.fromkeys(arguments.borders)) or list(BORDERS)
     count = arguments.count or (10_000 if arguments.minutes is None else sys.maxsize - arguments.first)
     failed = 0
-    ends = time.monotonic() + 60.0 * arguments.minutes if arguments.minutes else float("inf")
-    for at, name in enumerate(names):
-        now = time.monotonic()
-        deadline = now + (ends - now) / (len(names) - at)
-        tally = run(BORDERS[name], arguments.seed, range(arguments.first, arguments.first + count), deadline)
+    budget_s = float("inf") if arguments.minutes is None else 60.0 * arguments.minutes / len(names)
+    for name in names:
+        tally = run(BORDERS[name], arguments.seed, range(arguments.first, arguments.first + count), budget_s)
         print(report(name, tally), flush=True)
         failed += len(tally.failures)
     return 1 if failed else 0

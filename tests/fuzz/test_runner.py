@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+import tests.fuzz.border as border_module
 from ronnaplan.errors import InputError
-from tests.fuzz.border import Border, WrongValueError, try_one
+from tests.fuzz.border import Border, Watch, WrongValueError, try_one
 from tests.fuzz.runner import main, report, run
 
 BROKEN = 2
@@ -107,6 +108,15 @@ class GreedyBorder(BrokenBorder):
         np.ones(500 << 20, np.uint8)
 
 
+def test_a_watch_counts_waiting_but_not_what_others_take_of_the_processor(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, taken = [5.0], [2.0]
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(border_module, "starved_s", lambda process: taken[0])
+    watch = Watch(7)
+    clock[0], taken[0] = 15.0, 9.0
+    assert watch.passed_s() == 3.0
+
+
 @pytest.mark.parametrize(
     ("border", "words"),
     [
@@ -149,6 +159,27 @@ def test_the_same_number_of_the_same_seed_is_the_same_input() -> None:
 def test_a_border_that_cannot_start_is_a_failure() -> None:
     (failure,) = run("tests.fuzz.border:Border", 7, range(5)).failures
     assert "its start" in failure
+
+
+class LateBorder(BrokenBorder):
+    """Takes longer to start than its inputs may take together."""
+
+    def check_seeds(self, folder: Path) -> None:
+        time.sleep(0.3)
+
+    def fail(self) -> None:
+        pass
+
+
+def test_the_start_of_a_border_takes_nothing_from_its_inputs_time() -> None:
+    tally = run(f"{__name__}:{LateBorder.__name__}", 7, range(1), budget_s=0.2)
+    assert sum(tally.outcomes.values()) == 1
+    assert not tally.failures
+
+
+def test_a_border_without_an_input_is_a_failure() -> None:
+    (failure,) = run(f"{__name__}:{LateBorder.__name__}", 7, range(5), budget_s=0.0).failures
+    assert "no input was tried" in failure
 
 
 def test_an_unknown_border_is_wrong_usage(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,6 +27,9 @@ MOST_GROWN_BYTES = 2**28
 ANSWER_S = 120.0
 """An answer that takes longer is a hang, even on a machine that much else is asked of."""
 
+START_S = 900.0
+"""The same for a planner that starts on a machine that much is asked of: it loads and compiles at first use."""
+
 UNANSWERED_S = 2.0
 """A page whose frame says that it is longer waits for nothing; the planner then has to answer the next page."""
 
@@ -127,10 +130,12 @@ class PlannerBorder(Border):
         self._start()
 
     def check_seeds(self, folder: Path) -> None:
+        self._answer_s = START_S
         assert self._http(self._request(), True) == "read"
         for name, arguments in SOUND.items():
             outcome = self._frames(framed(request("trame.trigger", name, list(arguments), {})))
             assert outcome == ("refused" if name in NEED_MORE else "read"), name
+        self._answer_s = ANSWER_S
 
     def hostile(self, chance: random.Random) -> tuple[str, Any]:
         kind = chance.choice(("http", "frame", "chunk", "request", "action", "action"))
@@ -139,7 +144,7 @@ class PlannerBorder(Border):
     def feed(self, given: Any, folder: Path) -> str:
         kind, number = given
         chance = random.Random(number)
-        if self._served == INPUTS_PER_PLANNER:
+        if self._served == INPUTS_PER_PLANNER or self._process.poll() is not None:
             if self._socket is not None:
                 self._socket.close()
             self._end()
@@ -174,12 +179,14 @@ class PlannerBorder(Border):
         self._process, self._end = process, weakref.finalize(self, _end, process, temporary)
         assert process.stdout is not None
         parts = urlsplit(process.stdout.readline().decode().strip())
-        assert parts.hostname is not None
+        assert parts.hostname is not None, self._log.read_text(errors="replace")
         assert parts.port is not None
         self._address, self._token = (parts.hostname, parts.port), parts.query.partition("=")[2]
         self._socket: RawSocket | None = None
         self._served, self._first_bytes = 0, peak_bytes(self._process.pid)
+        self._answer_s = START_S
         self._frames(framed(request("trame.lifecycle.update", "client_connected")))
+        self._answer_s = ANSWER_S
 
     def _check(self) -> None:
         """Raise where the planner ended, told of an error of its own, took memory or damaged its plan."""
@@ -241,7 +248,7 @@ class PlannerBorder(Border):
 
     def _http(self, made: bytes, sound: bool) -> str:
         try:
-            status = answered(self._address, made, ANSWER_S if made.endswith(b"\r\n\r\n") else 0.2)
+            status = answered(self._address, made, self._answer_s if made.endswith(b"\r\n\r\n") else 0.2)
         except TimeoutError:
             if made.endswith(b"\r\n\r\n"):
                 raise
@@ -258,8 +265,8 @@ class PlannerBorder(Border):
     def _frames(self, sent: bytes, may_be_longer: bool = False) -> str:
         """Send bytes and a sound request behind them: "read" where it is answered, "refused" where it is closed."""
         if self._socket is None:
-            self._socket = RawSocket(self._address, self._token, ANSWER_S)
-        self._socket.wait_s = UNANSWERED_S if may_be_longer else ANSWER_S
+            self._socket = RawSocket(self._address, self._token, self._answer_s)
+        self._socket.wait_s = UNANSWERED_S if may_be_longer else self._answer_s
         try:
             self._socket.send(sent)
             return "read" if self._socket.is_done() else "refused"
