@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 import tomllib
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from ronnaplan.documents.fields import DocumentModel, Label, Line, PositiveMm
+from ronnaplan.documents.fields import DocumentModel, Label, Line
 from ronnaplan.errors import InputError
+from ronnaplan.jobs.rules import ScanRule, require_different_names
 from ronnaplan.text import printable
 from ronnaplan.untrusted import checked, read_whole
 
@@ -74,21 +75,13 @@ class Peer(DocumentModel):
         return self
 
 
-class Rule(DocumentModel):
-    """What is done with a complete series that all patterns fit (``*`` and ``?`` as in file names, any case)."""
+class Rule(ScanRule):
+    """What is looked for in a complete series, and who gets which answers."""
 
-    name: Label
+    patterns: ClassVar = (*ScanRule.patterns, "calling", "called")
+
     calling: Line = "*"
     called: Line = "*"
-    station: Line = "*"
-    description: Line = "*"
-    protocol: Line = "*"
-    modality: Line = "CT"
-    diameters: tuple[PositiveMm, ...] = ()
-    """Of the markers in mm; none: found by itself, all of one size."""
-    marker: Line = "solid"
-    expected: Annotated[int, Field(ge=1, le=1000)] | None = None
-    template: Line | None = None
     answers: tuple[AnswerKind, ...] = ("fiducials", "sr", "pdf", "sheet")
     receivers: tuple[Label, ...] = ()
     """Names of the peers that get the answers."""
@@ -130,9 +123,8 @@ class Config(DocumentModel):
     @model_validator(mode="after")
     def _check(self) -> Self:
         names = [one.name for one in self.peer]
-        for what, given in (("peers", names), ("rules", [one.name for one in self.rule])):
-            if len(set(given)) != len(given):
-                raise ValueError(f"two {what} have the same name")
+        require_different_names("peers", names)
+        require_different_names("rules", [one.name for one in self.rule])
         for rule in self.rule:
             unknown = sorted(set(rule.receivers) - set(names))
             if unknown:

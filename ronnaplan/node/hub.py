@@ -9,13 +9,13 @@ from pathlib import Path
 
 from ronnaplan.documents.files import make_folder
 from ronnaplan.errors import InputError
+from ronnaplan.jobs.processes import Child
 from ronnaplan.node.audit import Audit
 from ronnaplan.node.config import Config, read_config
 from ronnaplan.node.index import Index
 from ronnaplan.node.jobs import Foreman
 from ronnaplan.node.logs import Log
 from ronnaplan.node.page import Page
-from ronnaplan.node.processes import Child
 from ronnaplan.node.sender import Sender
 from ronnaplan.node.series import SeriesWatch
 

@@ -5,18 +5,14 @@ A transaction is on the disk when it ends (``synchronous = FULL``). Every proces
 
 from __future__ import annotations
 
-import sqlite3
-from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
 
+from ronnaplan.jobs.database import Database
 from ronnaplan.node.facts import Facts
 
 FILE = "index.sqlite"
-WAIT_S = 30.0
-"""How long a writer waits for another one's transaction."""
 
 SCHEMA = """
 CREATE TABLE IF NOT EXISTS series (
@@ -60,8 +56,6 @@ CREATE TABLE IF NOT EXISTS deliveries (
 CREATE INDEX IF NOT EXISTS deliveries_by_state ON deliveries (state, due);
 """
 
-Row = TypeVar("Row")
-
 
 @dataclass(frozen=True)
 class SeriesRow:
@@ -90,58 +84,11 @@ class SeriesRow:
         return self.complete == self.revision
 
 
-class Index:
+class Index(Database):
     """One connection to the index of the node that keeps its data in ``folder``; one thread at a time uses it."""
 
     def __init__(self, folder: Path) -> None:
-        self._connection = sqlite3.connect(
-            folder / FILE, timeout=WAIT_S, isolation_level=None, check_same_thread=False
-        )
-        self._connection.execute("PRAGMA journal_mode = WAL")
-        self._connection.execute("PRAGMA synchronous = FULL")
-        self._connection.execute("PRAGMA foreign_keys = ON")
-        self._connection.executescript(SCHEMA)
-
-    def close(self) -> None:
-        """Let go of the file."""
-        self._connection.close()
-
-    def __enter__(self) -> Index:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    @contextmanager
-    def transaction(self) -> Iterator[None]:
-        """All that is done within is kept, on the disk, or none of it."""
-        self._connection.execute("BEGIN IMMEDIATE")
-        try:
-            yield
-        except BaseException:
-            self._connection.execute("ROLLBACK")
-            raise
-        self._connection.execute("COMMIT")
-
-    def run(self, sql: str, *values: Any) -> int:
-        """Execute a statement; returns how many rows it changed."""
-        with closing(self._connection.execute(sql, values)) as cursor:
-            return cursor.rowcount
-
-    def rows(self, sql: str, *values: Any) -> list[tuple[Any, ...]]:
-        """Return all rows of a query."""
-        with closing(self._connection.execute(sql, values)) as cursor:
-            return cursor.fetchall()
-
-    def records(self, kind: type[Row], rest: str, *values: Any) -> list[Row]:
-        """Return rows as records of ``kind``, whose fields are the columns; ``rest`` begins with FROM."""
-        columns = ", ".join(one.name for one in fields(kind))  # type: ignore[arg-type]
-        return [kind(*row) for row in self.rows(f"SELECT {columns} {rest}", *values)]
-
-    def value(self, sql: str, *values: Any) -> Any:
-        """Return the first column of the first row; None without one."""
-        found = self.rows(sql, *values)
-        return found[0][0] if found else None
+        super().__init__(folder / FILE, SCHEMA)
 
     def known(self, sop_uids: Sequence[str]) -> dict[str, str]:
         """Return the SHA-256 of those instances that there are."""

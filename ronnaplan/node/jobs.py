@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
+from ronnaplan.jobs.processes import Child
+from ronnaplan.jobs.serving import BROKEN, DONE, REFUSED
 from ronnaplan.node.config import Config
 from ronnaplan.node.index import Index, SeriesRow
 from ronnaplan.node.logs import Log
-from ronnaplan.node.processes import Child
 from ronnaplan.node.store import INSTANCES
-from ronnaplan.node.work import BROKEN, DONE, REFUSED, Order
+from ronnaplan.node.work import Order
 
 ANSWERS = "answers"
 LONGEST_WAIT_S: Final = 3600.0

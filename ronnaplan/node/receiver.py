@@ -22,11 +22,11 @@ from ronnaplan.ct.codecs import JPEG_LOSSLESS, PLUGINS
 from ronnaplan.ct.header import DEFLATED_LITTLE, EXPLICIT_BIG, EXPLICIT_LITTLE, IMPLICIT_LITTLE
 from ronnaplan.ct.slices import CT_IMAGE, ENHANCED_CT, LEGACY_ENHANCED_CT
 from ronnaplan.errors import InputError
+from ronnaplan.jobs.processes import end_with_parent
 from ronnaplan.node.audit import Audit, Transfer
 from ronnaplan.node.config import ANY_ADDRESS, Config, read_config
 from ronnaplan.node.facts import read_facts
 from ronnaplan.node.logs import Log
-from ronnaplan.node.processes import end_with_parent
 from ronnaplan.node.store import MIB, Arrival, Status, Store
 from ronnaplan.node.tls import context
 from ronnaplan.node.transport import (

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from fnmatch import fnmatchcase
-
+from ronnaplan.jobs.rules import first_fitting
 from ronnaplan.node.config import Config, Rule
 from ronnaplan.node.index import Index, SeriesRow
 from ronnaplan.node.logs import Log
@@ -11,18 +10,7 @@ from ronnaplan.node.logs import Log
 
 def rule_for(series: SeriesRow, rules: tuple[Rule, ...]) -> Rule | None:
     """Return the first rule whose patterns all fit."""
-    for rule in rules:
-        pairs = (
-            (series.calling, rule.calling),
-            (series.called, rule.called),
-            (series.station, rule.station),
-            (series.description, rule.description),
-            (series.protocol, rule.protocol),
-            (series.modality, rule.modality),
-        )
-        if all(fnmatchcase(text.casefold(), pattern.casefold()) for text, pattern in pairs):
-            return rule
-    return None
+    return first_fitting(rules, {name: getattr(series, name) for name in Rule.patterns})
 
 
 class SeriesWatch:

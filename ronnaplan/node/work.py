@@ -1,23 +1,20 @@
 """One scan's work, in a process of its own: from the scan to its markers to the objects that answer it.
 
-Orders come as JSON, one a line of standard input; what was done is told the same way: ``answer`` for each object as
-soon as it is on the disk, ``ended`` when there is no more.
+Beside what `ronnaplan.jobs.serving` tells, ``answer`` is told for each object as soon as it is on the disk.
 """
 
 from __future__ import annotations
 
 import json
-import queue
 import sys
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ronnaplan.errors import InputError, RefusedError, RonnaplanError
+from ronnaplan.errors import InputError, RefusedError
+from ronnaplan.jobs.serving import DONE, Tell, serve
 from ronnaplan.node.config import Rule
-from ronnaplan.node.processes import end_with_parent
 from ronnaplan.untrusted import checked
 
 if TYPE_CHECKING:
@@ -26,10 +23,6 @@ if TYPE_CHECKING:
     from ronnaplan.ct import CTVolume
     from ronnaplan.documents.fiducials import FiducialsDocument
     from ronnaplan.localization import Fiducials
-
-MIB = 1 << 20
-DONE, REFUSED, BROKEN = "done", "refused", "broken"
-"""How a job ends: with answers, with a reason that no second attempt would change, or by a fault."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +39,11 @@ class Order:
     @classmethod
     def parse(cls, line: str) -> Order:
         """Read the line that `text` wrote."""
-        given = json.loads(line)
+        return cls.of(json.loads(line))
+
+    @classmethod
+    def of(cls, given: dict[str, Any]) -> Order:
+        """Return the order that came as an object."""
         folder, home, output = (Path(given[name]) for name in ("folder", "home", "output"))
         return cls(given["job"], folder, home, output, checked(given["rule"], Rule), tuple(given["have"]))
 
@@ -68,7 +65,7 @@ class Found:
     patient: Dataset
 
 
-def work(order: Order, tell: Callable[..., None]) -> None:
+def work(order: Order, tell: Tell) -> None:
     """Do a job; raises `RonnaplanError` where the scan or the rule allows no answer."""
     from ronnaplan.documents.dicom_spatial import dicom_bytes
     from ronnaplan.documents.files import make_folder, write_atomically
@@ -99,18 +96,12 @@ def _find(order: Order) -> Found:
     from ronnaplan.ct import read_ct
     from ronnaplan.documents.fiducials import fiducials_document
     from ronnaplan.documents.patient import patient_of_scan
-    from ronnaplan.documents.template import read_template
-    from ronnaplan.localization import Build, common_diameter, localize
+    from ronnaplan.jobs.localizing import find_markers
+    from ronnaplan.localization import require_count
 
-    rule = order.rule
     volume = read_ct(order.folder)
-    found = localize(
-        volume,
-        diameter_mm=rule.diameters or common_diameter(volume),
-        expected=rule.expected,
-        template=None if rule.template is None else read_template(order.home / rule.template),
-        marker=Build.parse(rule.marker),
-    )
+    found = find_markers(volume, order.rule, order.home)
+    require_count(found, order.rule.expected)
     if not len(found):
         raise RefusedError(f"no marker was found; {len(found.rejected)} candidates were rejected")
     document = fiducials_document(found)
@@ -154,53 +145,21 @@ ANSWERS: dict[str, Callable[[Found], Any]] = {"fiducials": _fiducials, "sr": _sr
 
 def main(memory_mib: str) -> int:
     """Work until the parent closes this process's standard input, or dies."""
-    from ronnaplan.portable import limit_memory
 
-    orders: queue.SimpleQueue[str] = queue.SimpleQueue()
-    output, sys.stdout = sys.stdout, sys.stderr  # what a library prints is no answer
+    def obey(given: dict[str, Any], tell: Tell) -> None:
+        work(Order.of(given), tell)
 
-    def tell(event: str, **facts: Any) -> None:
-        print(json.dumps({"event": event, **facts}), file=output, flush=True)
-
-    threading.Thread(target=_serve, args=(orders, tell), daemon=True).start()
-    limit_memory(int(memory_mib) * MIB)
-    end_with_parent(orders.put)
-    return 0
-
-
-def _serve(orders: queue.SimpleQueue[str], tell: Callable[..., None]) -> None:
-    _warm_up()
-    tell("ready")
-    while True:
-        order = Order.parse(orders.get())
-        try:
-            work(order, tell)
-        except RonnaplanError as error:
-            tell("ended", job=order.job, state=REFUSED, reason=str(error))
-        except Exception as error:  # whatever it is, it is this job's: told, and tried again
-            tell("ended", job=order.job, state=BROKEN, reason=f"{type(error).__name__}: {error}")
+    return serve(int(memory_mib), _warm_up, obey)
 
 
 def _warm_up() -> None:
     """Load what a job needs, and the compiled code, before there is one."""
-    from contextlib import suppress
-
-    import numpy as np
-
     import ronnaplan.case.folder
     import ronnaplan.documents.patient
     import ronnaplan.node.sr  # noqa: F401
-    from ronnaplan.ct import CTVolume, SeriesSource
-    from ronnaplan.ct.volume import SliceGrid
-    from ronnaplan.localization import localize
+    from ronnaplan.jobs.localizing import warm_up
 
-    places = np.arange(24.0)
-    i, j, k = np.meshgrid(places, places, places, indexing="ij")
-    ball = np.where((i - 12) ** 2 + (j - 12) ** 2 + (k - 12) ** 2 < 5.75**2, 100, -1000).astype(np.int16)
-    origins = np.stack([np.zeros(24), np.zeros(24), places], axis=1)
-    with suppress(RonnaplanError):
-        grid = SliceGrid(origins, np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
-        localize(CTVolume(ball, grid, SeriesSource()), diameter_mm=11.5)
+    warm_up()
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 
-from ronnaplan.node.processes import end_with_parent
+from ronnaplan.jobs.processes import end_with_parent
 from ronnaplan.node.work import Order
 from ronnaplan.portable import limit_memory
 

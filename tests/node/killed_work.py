@@ -9,7 +9,7 @@ from pydicom import dcmread
 from ronnaplan.documents.dicom_spatial import SPATIAL_FIDUCIALS, begin_object, dicom_bytes
 from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.files import make_folder, write_atomically
-from ronnaplan.node.processes import end_with_parent
+from ronnaplan.jobs.processes import end_with_parent
 from ronnaplan.node.work import Order
 
 

@@ -1,4 +1,4 @@
-"""The node's child processes: their lines are read, they are started again, and none outlives its parent."""
+"""Child processes: their lines are read, and none outlives its parent."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable
 
 END_S = 10.0
-"""How long a child may take to finish what it holds when the node stops."""
+"""How long a child may take to finish what it holds when its parent stops."""
 
 
 class Child:

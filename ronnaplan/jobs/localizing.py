@@ -1,0 +1,48 @@
+"""A scan's markers, found as a rule says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ronnaplan.jobs.rules import ScanRule
+
+if TYPE_CHECKING:
+    from ronnaplan.ct import CTVolume
+    from ronnaplan.localization import Fiducials
+
+
+def find_markers(volume: CTVolume, rule: ScanRule, home: Path) -> Fiducials:
+    """Find the markers of ``rule``, whose template's path starts from ``home``, whatever their number.
+
+    Raises `RonnaplanError` where the scan allows no answer.
+    """
+    from ronnaplan.documents.template import read_template
+    from ronnaplan.localization import Build, common_diameter, localize
+
+    return localize(
+        volume,
+        diameter_mm=rule.diameters or common_diameter(volume, rule.expected),
+        template=None if rule.template is None else read_template(home / rule.template),
+        marker=Build.parse(rule.marker),
+    )
+
+
+def warm_up() -> None:
+    """Load what finding markers needs, and the compiled code, before there is a scan."""
+    from contextlib import suppress
+
+    import numpy as np
+
+    from ronnaplan.ct import CTVolume, SeriesSource
+    from ronnaplan.ct.volume import SliceGrid
+    from ronnaplan.errors import RonnaplanError
+    from ronnaplan.localization import localize
+
+    places = np.arange(24.0)
+    i, j, k = np.meshgrid(places, places, places, indexing="ij")
+    ball = np.where((i - 12) ** 2 + (j - 12) ** 2 + (k - 12) ** 2 < 5.75**2, 100, -1000).astype(np.int16)
+    origins = np.stack([np.zeros(24), np.zeros(24), places], axis=1)
+    with suppress(RonnaplanError):
+        grid = SliceGrid(origins, np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
+        localize(CTVolume(ball, grid, SeriesSource()), diameter_mm=11.5)

@@ -1,0 +1,47 @@
+"""Rules: what is looked for in which scan. The first rule that fits a series decides."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
+from typing import Annotated, ClassVar, TypeVar
+
+from pydantic import Field
+
+from ronnaplan.documents.fields import DocumentModel, Label, Line, PositiveMm
+
+
+class ScanRule(DocumentModel):
+    """What is looked for in a series that all patterns fit (``*`` and ``?`` as in file names, any case)."""
+
+    patterns: ClassVar[tuple[str, ...]] = ("station", "description", "protocol", "modality")
+    """The fields that are patterns; each stands for the text of that name about a series."""
+
+    name: Label
+    station: Line = "*"
+    description: Line = "*"
+    protocol: Line = "*"
+    modality: Line = "CT"
+    diameters: tuple[PositiveMm, ...] = ()
+    """Of the markers in mm; none: found by itself, all of one size."""
+    marker: Line = "solid"
+    expected: Annotated[int, Field(ge=1, le=1000)] | None = None
+    template: Line | None = None
+
+    def fits(self, texts: Mapping[str, str]) -> bool:
+        """Whether all patterns fit the texts about a series."""
+        return all(fnmatchcase(texts[name].casefold(), getattr(self, name).casefold()) for name in self.patterns)
+
+
+AnyRule = TypeVar("AnyRule", bound=ScanRule)
+
+
+def first_fitting(rules: Sequence[AnyRule], texts: Mapping[str, str]) -> AnyRule | None:
+    """Return the first rule that fits the texts about a series, by the names of its patterns; None without one."""
+    return next((rule for rule in rules if rule.fits(texts)), None)
+
+
+def require_different_names(what: str, names: Sequence[str]) -> None:
+    """Raise ValueError where two ``what`` have one name."""
+    if len(set(names)) != len(names):
+        raise ValueError(f"two {what} have the same name")

@@ -1,0 +1,65 @@
+"""The loop of a child process that works. Orders are JSON, a line of standard input each; what is done is told alike.
+
+``ready`` is told once it can begin; ``ended``, with a state and a reason, when there is no more of an order.
+"""
+
+from __future__ import annotations
+
+import json
+import queue
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from ronnaplan.errors import RonnaplanError
+from ronnaplan.jobs.processes import end_with_parent
+
+MIB = 1 << 20
+DONE, REFUSED, BROKEN = "done", "refused", "broken"
+"""How a job ends: with answers, with a reason that no second attempt would change, or by a fault."""
+
+
+class Tell(Protocol):
+    """Tells the parent an event of a job, with facts."""
+
+    def __call__(self, event: str, **facts: Any) -> None:
+        """Write a line."""
+        ...
+
+
+def serve(memory_mib: int, warm_up: Callable[[], None], work: Callable[[dict[str, Any], Tell], None]) -> int:
+    """Work, within so much memory, until the parent closes this process's standard input, or dies.
+
+    ``work`` tells ``ended`` itself, unless it raises. An order is an object with its ``job``'s number.
+    """
+    from ronnaplan.portable import limit_memory
+
+    orders: queue.SimpleQueue[str] = queue.SimpleQueue()
+    output, sys.stdout = sys.stdout, sys.stderr  # what a library prints is no answer
+
+    def tell(event: str, **facts: Any) -> None:
+        print(json.dumps({"event": event, **facts}), file=output, flush=True)
+
+    threading.Thread(target=_serve, args=(orders, tell, warm_up, work), daemon=True).start()
+    limit_memory(memory_mib * MIB)
+    end_with_parent(orders.put)
+    return 0
+
+
+def _serve(
+    orders: queue.SimpleQueue[str],
+    tell: Tell,
+    warm_up: Callable[[], None],
+    work: Callable[[dict[str, Any], Tell], None],
+) -> None:
+    warm_up()
+    tell("ready")
+    while True:
+        order = json.loads(orders.get())
+        try:
+            work(order, tell)
+        except RonnaplanError as error:
+            tell("ended", job=order["job"], state=REFUSED, reason=str(error))
+        except Exception as error:  # whatever it is, it is this job's: told, and tried again
+            tell("ended", job=order["job"], state=BROKEN, reason=f"{type(error).__name__}: {error}")
