@@ -13,7 +13,7 @@ from ronnaplan.cli.output import discard_output, guarded_output
 from ronnaplan.errors import RonnaplanError, UsageError
 
 VERBS = (
-    *("series", "localize", "plan", "track", "register", "view", "report", "export", "node", "pull"),
+    *("series", "localize", "plan", "track", "register", "view", "report", "export", "node", "pull", "robot"),
     *("phantom", "phantom-check", "study", "demo"),
 )
 
