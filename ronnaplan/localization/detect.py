@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from kernelcache import njit
 from ronnaplan.ct.volume import CTVolume, SliceGrid
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.parts import in_parts
 
 COARSE_SHARE = 1.0 / 5.0
 """The coarse copy's voxels are at most this share of the diameter, enough to see the marker's surface turn ..."""
@@ -64,8 +65,11 @@ def detect(volume: CTVolume, diameter_mm: float) -> Candidates:
     edge_mm = float(np.mean([*steps, _typical_gap(grid)]))
     votes = np.zeros(shape[::-1], dtype=np.uint16)
     threshold = MIN_CONTRAST_HU / (4.0 * edge_mm)
-    _vote(coarse.voxels_hu, origins, steps, diameter_mm / 2.0, threshold, corner, cell_mm, votes)
 
+    def vote(first: int, end: int) -> None:
+        _vote(coarse.voxels_hu, origins, steps, diameter_mm / 2.0, threshold, corner, cell_mm, votes, first, end)
+
+    in_parts(vote, len(votes))
     surface_voxels = np.pi * diameter_mm**2 * 2.0 * edge_mm / (steps.prod() * _typical_gap(grid))
     centers, shares = _peaks(votes, float(surface_voxels))
     return Candidates((corner + centers * cell_mm) @ axes, shares)
@@ -81,12 +85,16 @@ def coarsen(volume: CTVolume, voxel_mm: float) -> CTVolume:
     by_i = max(1, int(voxel_mm / grid.column_spacing_mm))
     slices, rows, columns = (n // b for n, b in zip(volume.voxels_hu.shape, (by_k, by_j, by_i), strict=True))
     voxels = np.empty((slices, rows, columns), dtype=np.int16)
-    for k in range(slices):
-        mean = np.zeros((rows, columns), dtype=np.float32)
-        for picture in volume.voxels_hu[k * by_k : (k + 1) * by_k]:
-            whole = np.maximum(picture[: rows * by_j, : columns * by_i], AIR_HU)
-            mean += cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
-        voxels[k] = np.clip(mean / by_k, AIR_HU, HIGHEST_HU)
+
+    def average(first: int, end: int) -> None:
+        for k in range(first, end):
+            mean = np.zeros((rows, columns), dtype=np.float32)
+            for picture in volume.voxels_hu[k * by_k : (k + 1) * by_k]:
+                whole = np.maximum(picture[: rows * by_j, : columns * by_i], AIR_HU)
+                mean += cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
+            voxels[k] = np.clip(mean / by_k, AIR_HU, HIGHEST_HU)
+
+    in_parts(average, slices)
     origins = grid.origins_mm[: slices * by_k].reshape(slices, by_k, 3).mean(axis=1)
     origins = origins + (by_j - 1) / 2 * grid.row_step_mm + (by_i - 1) / 2 * grid.column_step_mm
     coarse_grid = replace(
@@ -112,11 +120,19 @@ def _vote(
     corner: FloatArray,
     cell: float,
     votes: NDArray[np.uint16],
+    first: int,
+    end: int,
 ) -> None:
-    """Let each voxel whose gradient exceeds ``threshold`` (HU/mm) vote one radius up its gradient."""
+    """Let each voxel whose gradient exceeds ``threshold`` (HU/mm) vote one radius up its gradient.
+
+    Only the votes for the layers ``first`` to ``end`` of cells are counted.
+    """
     slices, rows, columns = voxels.shape
     per_u, per_v, least = 0.5 / steps[0], 0.5 / steps[1], threshold * threshold
+    lowest, highest = corner[2] + (first - 1) * cell - radius, corner[2] + end * cell + radius
     for k in range(1, slices - 1):
+        if not lowest <= origins[k, 2] <= highest:
+            continue
         slant = origins[k + 1] - origins[k - 1]
         slant_u, slant_v, per_w = slant[0], slant[1], 1.0 / slant[2]
         for j in range(1, rows - 1):
@@ -132,25 +148,31 @@ def _vote(
                 x = int((origins[k, 0] + i * steps[0] + reach * gu - corner[0]) / cell + 0.5)
                 y = int((origins[k, 1] + j * steps[1] + reach * gv - corner[1]) / cell + 0.5)
                 z = int((origins[k, 2] + reach * gw - corner[2]) / cell + 0.5)
-                if 0 <= z < votes.shape[0] and 0 <= y < votes.shape[1] and 0 <= x < votes.shape[2]:
+                if first <= z < end and 0 <= y < votes.shape[1] and 0 <= x < votes.shape[2]:
                     votes[z, y, x] += 1
 
 
 def _peaks(votes: NDArray[np.uint16], full_count: float) -> tuple[FloatArray, FloatArray]:
     """Local maxima of the votes gathered over 3 x 3 x 3 cells: cell coordinates (N, 3) = (x, y, z), and shares."""
-    places, strength, centers = _gather_peaks(votes, MIN_VOTE_SHARE * full_count)
+    parts = in_parts(lambda first, end: _gather_peaks(votes, MIN_VOTE_SHARE * full_count, first, end), len(votes))
+    places, strength, centers = (np.concatenate(some) for some in zip(*parts, strict=True))
     best = np.lexsort((*places.T, -strength))
     return centers[best], strength[best] / full_count
 
 
 @njit(cache=True, nogil=True)
-def _gather_peaks(votes: NDArray[np.uint16], threshold: float) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
-    """Cells (N, 3) = (z, y, x) whose 3 x 3 x 3 sum is a local maximum, that sum (N,), and its centroid (x, y, z)."""
+def _gather_peaks(
+    votes: NDArray[np.uint16], threshold: float, first: int, end: int
+) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+    """Cells (N, 3) = (z, y, x) whose 3 x 3 x 3 sum is a local maximum, that sum (N,), and its centroid (x, y, z).
+
+    Of the layers ``first`` to ``end``.
+    """
     places = []
     strengths = []
     centers = []
     depth, height, width = votes.shape
-    for z in range(1, depth - 1):
+    for z in range(max(first, 1), min(end, depth - 1)):
         for y in range(1, height - 1):
             for x in range(1, width - 1):
                 if votes[z, y, x] == 0:

@@ -6,14 +6,17 @@ residuals on the ball's surface and by what lies just outside it, and the fit do
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.neighbourhood import CELL_COUNT, Neighbourhood, cell_directions
-from ronnaplan.localization.parameters import BLUR, CENTER, CONTRAST, RADIUS, WIDTH, W
+from ronnaplan.localization.cells import CELL_COUNT, cell_directions
+from ronnaplan.localization.neighbourhood import Neighbourhood
+from ronnaplan.localization.parameters import BLUR, CONTRAST, RADIUS, WIDTH, U, V, W
 
 OUTLIER_RATIO = 2.5
 """A direction disagrees when its residual exceeds the usual direction's by this factor."""
@@ -156,13 +159,18 @@ def cell_means(
     return sums / np.maximum(counts, 1), counts > 0
 
 
+@njit(cache=True, nogil=True)
 def edge_depth(offsets_mm: FloatArray, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Signed distance outward from the surface (N,) and the blur across the surface there (N,), both in mm."""
-    offsets = offsets_mm - theta[CENTER]
-    distance = np.sqrt(np.einsum("nc,nc->n", offsets, offsets))
-    along = (offsets[:, W] / np.maximum(distance, 1e-9)) ** 2
-    blur = np.sqrt(theta[BLUR] ** 2 * (1.0 - along) + (theta[WIDTH] ** 2 / 12.0) * along + 0.01)
-    return distance - theta[RADIUS], blur
+    depth, blur = np.empty(len(offsets_mm)), np.empty(len(offsets_mm))
+    in_plane, along_w = theta[BLUR] ** 2, theta[WIDTH] ** 2 / 12.0
+    for n in range(len(offsets_mm)):
+        u, v, w = offsets_mm[n, U] - theta[U], offsets_mm[n, V] - theta[V], offsets_mm[n, W] - theta[W]
+        square = u * u + v * v + w * w
+        along = w * w / max(square, 1e-18)
+        depth[n] = math.sqrt(square) - theta[RADIUS]
+        blur[n] = math.sqrt(in_plane * (1.0 - along) + along_w * along + 0.01)
+    return depth, blur
 
 
 def on_surface(offsets_mm: FloatArray, theta: FloatArray) -> NDArray[np.bool_]:

@@ -11,9 +11,10 @@ from kernelcache import njit
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build
+from ronnaplan.localization.cells import cell_directions
 from ronnaplan.localization.detect import MIN_CONTRAST_HU
 from ronnaplan.localization.guess import margin_mm
-from ronnaplan.localization.neighbourhood import cell_directions
+from ronnaplan.localization.parts import in_parts
 
 METAL_HU = 2500.0
 """Brighter than bone and teeth in any scan."""
@@ -43,7 +44,13 @@ def surface_shares(
     outer_mm = (radius_mm + max(build.layer_mm, 0.0) + MARGIN_SHARE * margin_mm(0.0)) * directions
     per_thickness = MARGIN_SHARE * (margin_mm(1.0) - margin_mm(0.0)) * np.abs(directions[:, 2:]) * directions
     places_mm = np.ascontiguousarray(centers_mm @ volume.grid.axes.T)
-    return _fallen(places_mm, thickness_mm, inner_mm, outer_mm, per_thickness, *_lookup(volume))
+    lookup = _lookup(volume)
+
+    def fallen(first: int, end: int) -> FloatArray:
+        some = slice(first, end)
+        return _fallen(places_mm[some], thickness_mm[some], inner_mm, outer_mm, per_thickness, *lookup)
+
+    return np.concatenate(in_parts(fallen, len(places_mm)))
 
 
 def unseen_share(volume: CTVolume, center_mm: FloatArray, radius_mm: float) -> float:

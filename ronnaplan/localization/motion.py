@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.cells import cell_directions, direction_cells
 from ronnaplan.localization.directions import (
     BACKGROUND_QUANTILE,
     INSERT_SHARE,
@@ -28,7 +29,6 @@ from ronnaplan.localization.directions import (
     edge_depth,
     within_reach,
 )
-from ronnaplan.localization.neighbourhood import cell_directions, direction_cells
 from ronnaplan.localization.parameters import CENTER, RADIUS, WIDTH, U, V, W
 from ronnaplan.localization.refine import BallFit
 

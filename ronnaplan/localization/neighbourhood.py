@@ -1,4 +1,4 @@
-"""The voxels about a candidate, at their true places, and the directions in which they lie."""
+"""The voxels about a candidate, at their true places."""
 
 from __future__ import annotations
 
@@ -9,11 +9,6 @@ from numpy.typing import NDArray
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
-
-CELLS_PER_EDGE = 4
-"""The directions about a centre are sorted into the 6 x 4 x 4 cells of a cube, each about 22 degrees wide."""
-
-CELL_COUNT = 6 * CELLS_PER_EDGE**2
 
 
 @dataclass(frozen=True)
@@ -73,33 +68,3 @@ def _windows(centers: FloatArray, reach: FloatArray, shape: tuple[int, ...]) -> 
     high = np.ceil(centers.max(axis=0) + reach) + 1
     size = np.array([shape[2], shape[1]])
     return np.stack([np.clip(low, 0, size), np.clip(high, 0, size)], axis=-1).astype(np.intp)
-
-
-def direction_cells(offsets_mm: FloatArray) -> NDArray[np.intp]:
-    """Number of the cell, 0 to `CELL_COUNT` - 1, in which each offset (N, 3) points (equal-angle cube)."""
-    axis = np.argmax(np.abs(offsets_mm), axis=1)
-    rows = np.arange(len(offsets_mm))
-    main = offsets_mm[rows, axis]
-    side = (main < 0).astype(np.intp)
-    safe = np.where(main == 0.0, 1.0, np.abs(main))
-    tangents = [offsets_mm[rows, (axis + step) % 3] / safe for step in (1, 2)]
-    a, b = (
-        np.clip((np.arctan(t) / (np.pi / 2) + 0.5) * CELLS_PER_EDGE, 0, CELLS_PER_EDGE - 1).astype(np.intp)
-        for t in tangents
-    )
-    cells: NDArray[np.intp] = ((axis * 2 + side) * CELLS_PER_EDGE + a) * CELLS_PER_EDGE + b
-    return cells
-
-
-def cell_directions() -> FloatArray:
-    """Unit vectors (`CELL_COUNT`, 3) through the middle of each cell."""
-    centers = np.tan(((np.arange(CELLS_PER_EDGE) + 0.5) / CELLS_PER_EDGE - 0.5) * np.pi / 2)
-    directions = np.empty((3, 2, CELLS_PER_EDGE, CELLS_PER_EDGE, 3))
-    for axis in range(3):
-        for side in range(2):
-            directions[axis, side, ..., axis] = 1.0 - 2.0 * side
-            directions[axis, side, ..., (axis + 1) % 3] = centers[:, np.newaxis]
-            directions[axis, side, ..., (axis + 2) % 3] = centers[np.newaxis, :]
-    flat = directions.reshape(-1, 3)
-    unit_vectors: FloatArray = flat / np.linalg.norm(flat, axis=1, keepdims=True)
-    return unit_vectors

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build
+from ronnaplan.localization.cells import cell_directions, direction_cells
 from ronnaplan.localization.descent import (
     MAX_WANDER,
     Prior,
@@ -31,7 +32,7 @@ from ronnaplan.localization.directions import (
 )
 from ronnaplan.localization.guess import ball_prior, first_guess, frozen, margin_mm
 from ronnaplan.localization.model import has_skin, has_streaks
-from ronnaplan.localization.neighbourhood import Neighbourhood, cell_directions, direction_cells
+from ronnaplan.localization.neighbourhood import Neighbourhood
 from ronnaplan.localization.parameters import BACKGROUND, BLUR, CENTER, CONTRAST, EDGE, PARAMETERS, RADIUS, WIDTH
 from ronnaplan.localization.shading import PLATEAU_SHARE, shaded
 

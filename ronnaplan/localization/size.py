@@ -19,10 +19,10 @@ from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import RefusedError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import SOLID
+from ronnaplan.localization.cells import cell_directions
 from ronnaplan.localization.detect import COARSE_FLOOR_MM, coarsen, detect
 from ronnaplan.localization.examine import Examined, Scan, distinct, examine_place
 from ronnaplan.localization.look import sample_nearest, surface_shares
-from ronnaplan.localization.neighbourhood import cell_directions
 
 SEARCHED_MM = (3.0, 26.0)
 """Markers in use have diameters within this range."""

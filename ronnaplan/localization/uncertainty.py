@@ -18,9 +18,9 @@ from __future__ import annotations
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.cells import cell_directions, direction_cells
 from ronnaplan.localization.directions import cell_means, edge_depth, just_outside
 from ronnaplan.localization.model import has_skin
-from ronnaplan.localization.neighbourhood import cell_directions, direction_cells
 from ronnaplan.localization.parameters import BACKGROUND, BLUR, CENTER, RADIUS, SHAPE, SLOPES, WIDTH, W
 from ronnaplan.localization.refine import BallFit
 from ronnaplan.localization.shading import QUANTIZATION_NOISE_HU

@@ -1,14 +1,11 @@
-"""Voxels are gathered at their true places, and every direction belongs to one cell."""
+"""Voxels are gathered at their true places."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 
-from ronnaplan.localization.neighbourhood import CELL_COUNT, cell_directions, direction_cells, gather
+from ronnaplan.localization.neighbourhood import gather
 from tests.scans import balls, scan, small_stack
 
 
@@ -26,16 +23,3 @@ def test_offsets_lead_from_the_centre_to_the_voxels() -> None:
 def test_a_place_outside_the_scan_has_no_voxels() -> None:
     volume = scan(balls([(0, 0, 0)]), small_stack())
     assert len(gather(volume, np.array([0.0, 0.0, 500.0]), 8.0).values_hu) == 0
-
-
-def test_cells_are_numbered_by_their_own_directions() -> None:
-    assert direction_cells(cell_directions()).tolist() == list(range(CELL_COUNT))
-
-
-@given(arrays(np.float64, (7, 3), elements=st.floats(-1e3, 1e3)))
-def test_every_direction_lies_within_its_cell(offsets: np.ndarray) -> None:
-    offsets = np.round(offsets, 3) + 1e-3
-    cells = direction_cells(offsets)
-    assert ((cells >= 0) & (cells < CELL_COUNT)).all()
-    cosines = np.sum(offsets * cell_directions()[cells], axis=1) / np.linalg.norm(offsets, axis=1)
-    assert (cosines > np.cos(np.radians(25))).all()

@@ -1,0 +1,54 @@
+"""The directions about a centre, sorted into cells: what a ball shows in each is judged by itself."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kernelcache import njit
+from ronnaplan.geometry import FloatArray
+
+CELLS_PER_EDGE = 4
+"""The directions about a centre are sorted into the 6 x 4 x 4 cells of a cube, each about 22 degrees wide."""
+
+CELL_COUNT = 6 * CELLS_PER_EDGE**2
+
+_BOUNDS = tuple(math.tan((n / CELLS_PER_EDGE - 0.5) * math.pi / 2) for n in range(1, CELLS_PER_EDGE))
+"""Tangents of the angles between the cells of an edge."""
+
+
+@njit(cache=True, nogil=True)
+def direction_cells(offsets_mm: FloatArray) -> NDArray[np.intp]:
+    """Number of the cell, 0 to `CELL_COUNT` - 1, in which each offset (N, 3) points (equal-angle cube)."""
+    cells = np.empty(len(offsets_mm), dtype=np.intp)
+    for n in range(len(offsets_mm)):
+        axis = 0
+        for other in (1, 2):
+            if abs(offsets_mm[n, other]) > abs(offsets_mm[n, axis]):
+                axis = other
+        main = offsets_mm[n, axis]
+        cell = 2 * axis + (1 if main < 0.0 else 0)
+        for step in (1, 2):
+            across = offsets_mm[n, (axis + step) % 3]
+            cell *= CELLS_PER_EDGE
+            for bound in _BOUNDS:
+                if across >= bound * abs(main):
+                    cell += 1
+        cells[n] = cell
+    return cells
+
+
+def cell_directions() -> FloatArray:
+    """Unit vectors (`CELL_COUNT`, 3) through the middle of each cell."""
+    centers = np.tan(((np.arange(CELLS_PER_EDGE) + 0.5) / CELLS_PER_EDGE - 0.5) * np.pi / 2)
+    directions = np.empty((3, 2, CELLS_PER_EDGE, CELLS_PER_EDGE, 3))
+    for axis in range(3):
+        for side in range(2):
+            directions[axis, side, ..., axis] = 1.0 - 2.0 * side
+            directions[axis, side, ..., (axis + 1) % 3] = centers[:, np.newaxis]
+            directions[axis, side, ..., (axis + 2) % 3] = centers[np.newaxis, :]
+    flat = directions.reshape(-1, 3)
+    unit_vectors: FloatArray = flat / np.linalg.norm(flat, axis=1, keepdims=True)
+    return unit_vectors

@@ -1,0 +1,25 @@
+"""Work over a long range, shared out to the cores."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+Result = TypeVar("Result")
+
+PARTS_PER_CORE = 2
+"""Parts are not equally much work; what ends early takes another."""
+
+
+def in_parts(work: Callable[[int, int], Result], count: int) -> list[Result]:
+    """Call ``work`` with first and past-the-last of even parts of ``range(count)``, in threads; results in order.
+
+    For work that releases the interpreter's lock, and whose result does not depend on where the parts begin.
+    """
+    cores = os.cpu_count() or 1
+    parts = max(min(PARTS_PER_CORE * cores, count), 1)
+    ends = [count * n // parts for n in range(parts + 1)]
+    with ThreadPoolExecutor(cores) as pool:
+        return list(pool.map(work, ends[:-1], ends[1:]))
