@@ -202,10 +202,11 @@ class OpenCase:
         return self.fiducials
 
     def find_markers(self, diameter_mm: float) -> FiducialsDocument:
-        """Look for markers of another diameter; changes nothing yet."""
-        from ronnaplan.localization import localize
+        """Look for markers of another diameter, made as those that were looked for before; changes nothing yet."""
+        from ronnaplan.localization import Build, localize
 
-        return fiducials_document(localize(self.volume, diameter_mm=diameter_mm))
+        build = Build(self.fiducials.marker.layer_mm) if self.fiducials else Build()
+        return fiducials_document(localize(self.volume, diameter_mm=diameter_mm, marker=build))
 
     def replace_markers(self, found: FiducialsDocument) -> None:
         """Put other markers in the place of those there were."""

@@ -180,7 +180,7 @@ def _localized(volume: CTVolume, wanted: _Wanted, report: str | None) -> Fiducia
 
     found = localize(
         volume,
-        diameter_mm=wanted.diameters_mm or common_diameter(volume, wanted.expected, progress=True),
+        diameter_mm=wanted.diameters_mm or common_diameter(volume, wanted.expected, wanted.build, progress=True),
         template=wanted.template,
         marker=wanted.build,
         progress=True,
@@ -200,7 +200,7 @@ def _nothing_found(volume: CTVolume, found: Fiducials) -> list[str]:
     """Say which sizes the scan shows where it shows none of those stated."""
     from ronnaplan.localization import proposal, sizes_seen
 
-    return [] if len(found) else [proposal(sizes_seen(volume, progress=True))]
+    return [] if len(found) else [proposal(sizes_seen(volume, found.marker, progress=True))]
 
 
 def _write(output: str | None, found: Fiducials) -> None:

@@ -20,11 +20,12 @@ def find_markers(volume: CTVolume, rule: ScanRule, home: Path) -> Fiducials:
     from ronnaplan.documents.template import read_template
     from ronnaplan.localization import Build, common_diameter, localize
 
+    marker = Build.parse(rule.marker)
     return localize(
         volume,
-        diameter_mm=rule.diameters or common_diameter(volume, rule.expected),
+        diameter_mm=rule.diameters or common_diameter(volume, rule.expected, marker),
         template=None if rule.template is None else read_template(home / rule.template),
-        marker=Build.parse(rule.marker),
+        marker=marker,
     )
 
 

@@ -18,7 +18,7 @@ from ronnaplan.ct.progress import advancing
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import RefusedError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.build import SOLID
+from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.cells import cell_directions
 from ronnaplan.localization.detect import COARSE_FLOOR_MM, coarsen, detect
 from ronnaplan.localization.examine import Examined, Scan, distinct, examine_place
@@ -65,14 +65,18 @@ class Size:
         return f"{self.count} sphere{'s' * (self.count > 1)} of {self.diameter_mm:.2f} mm"
 
 
-def sizes_seen(volume: CTVolume, *, progress: bool = False) -> tuple[Size, ...]:
-    """Return the kinds of balls in a scan, commonest first, of equally common ones the largest first."""
+def sizes_seen(volume: CTVolume, marker: Build = SOLID, *, progress: bool = False) -> tuple[Size, ...]:
+    """Return the kinds of balls in a scan, commonest first, of equally common ones the largest first.
+
+    ``marker`` says how they are made.
+    """
     scan, coarse = Scan(volume), Scan(coarsen(volume, COARSE_FLOOR_MM))
-    places = _round_places(scan, coarse.volume, progress)
+    places = _round_places(scan, coarse.volume, marker, progress)
 
     def fitted_at(place: tuple[FloatArray, float]) -> Examined:
         center_mm, diameter_mm = place
-        return _fitted(coarse if diameter_mm >= LARGE_MM else scan, center_mm, diameter_mm)
+        shows_coarsely = marker == SOLID and diameter_mm >= LARGE_MM
+        return _fitted(coarse if shows_coarsely else scan, center_mm, diameter_mm, marker)
 
     # numba's functions release the interpreter's lock
     with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -83,13 +87,15 @@ def sizes_seen(volume: CTVolume, *, progress: bool = False) -> tuple[Size, ...]:
     return tuple(sorted(sizes, key=lambda size: (-size.count, -size.diameter_mm)))
 
 
-def common_diameter(volume: CTVolume, expected: int | None = None, *, progress: bool = False) -> float:
+def common_diameter(
+    volume: CTVolume, expected: int | None = None, marker: Build = SOLID, *, progress: bool = False
+) -> float:
     """Return the diameter (mm) of the commonest kind of ball in a scan, or of the one that ``expected`` balls have.
 
     Raises `RefusedError`, with the sizes that are there as proposals, when no `MIN_MARKERS` balls have one size or
     several sizes are equally common.
     """
-    sizes = sizes_seen(volume, progress=progress)
+    sizes = sizes_seen(volume, marker, progress=progress)
     sets = [size for size in sizes if size.count >= MIN_MARKERS]
     wanted = [size for size in sets if size.count == expected] or [
         size for size in sets if size.count == sets[0].count
@@ -113,7 +119,7 @@ def proposal(sizes: Iterable[Size]) -> str:
     return f"seen: {', '.join(map(str, seen))}: try {' or '.join(f'--diameter {one}' for one in tries)}{both}"
 
 
-def _round_places(scan: Scan, coarse: CTVolume, progress: bool) -> list[tuple[FloatArray, float]]:
+def _round_places(scan: Scan, coarse: CTVolume, marker: Build, progress: bool) -> list[tuple[FloatArray, float]]:
     """Return centre (3,) and diameter (mm) of what looks like a sphere, whatever its size.
 
     Votes are taken from the ``coarse`` copy; those for large balls from a coarser copy of it.
@@ -124,13 +130,13 @@ def _round_places(scan: Scan, coarse: CTVolume, progress: bool) -> list[tuple[Fl
 
     def voted(diameter_mm: float) -> list[tuple[FloatArray, float]]:
         places = detect(coarse, diameter_mm).centers_mm[:MOST_LOOKED_AT]
-        shares = surface_shares(volume, places, diameter_mm, SOLID, scan.thickness_mm(places))
+        shares = surface_shares(volume, places, diameter_mm, marker, scan.thickness_mm(places))
         return [(place, diameter_mm) for place in places[shares >= LEAST_SHOWN]]
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         tried = advancing(pool.map(voted, diameters_mm), len(diameters_mm), progress, "trying sizes")
         found = [ball for some in tried for ball in some]
-    spheres = [sphere for ball in found if (sphere := _sphere_at(volume, *ball)) is not None]
+    spheres = [sphere for ball in found if (sphere := _sphere_at(volume, *ball, marker)) is not None]
     kept: list[tuple[FloatArray, float]] = []
     for center_mm, diameter_mm, _ in sorted(spheres, key=lambda sphere: -sphere[2]):
         if all(np.linalg.norm(center_mm - other) >= size / 2.0 for other, size in kept):
@@ -139,7 +145,7 @@ def _round_places(scan: Scan, coarse: CTVolume, progress: bool) -> list[tuple[Fl
 
 
 def _sphere_at(
-    volume: CTVolume, center_mm: FloatArray, diameter_mm: float
+    volume: CTVolume, center_mm: FloatArray, diameter_mm: float, marker: Build
 ) -> tuple[FloatArray, float, float] | None:
     """Return the sphere on which the image falls off around a place: centre, diameter, share of its surface.
 
@@ -147,7 +153,7 @@ def _sphere_at(
     """
     directions = len(cell_directions())
     for _ in range(2):  # the second time from the sphere's own centre
-        falls_mm = _falls(volume, center_mm, diameter_mm / 2.0)
+        falls_mm = _falls(volume, center_mm, diameter_mm / 2.0, marker)
         if len(falls_mm) < LEAST_SHOWN * directions:
             return None
         center_mm, radius_mm = _sphere_through(falls_mm)
@@ -161,16 +167,18 @@ def _sphere_at(
     return (center_mm, diameter_mm, share) if share >= LEAST_ROUND else None
 
 
-def _falls(volume: CTVolume, center_mm: FloatArray, radius_mm: float) -> FloatArray:
+def _falls(volume: CTVolume, center_mm: FloatArray, radius_mm: float, marker: Build) -> FloatArray:
     """Return the places (N, 3) at which the image first falls to half its step, of the directions in which it does."""
     directions = cell_directions()
     reach_mm = np.linspace(0.3, 1.8, BALL_RADII) * radius_mm
     places_mm = center_mm + reach_mm[:, np.newaxis, np.newaxis] * directions
     values = sample_nearest(volume, places_mm.reshape(-1, 3)).reshape(places_mm.shape[:2])
-    high, low = np.nanmedian(values[0]), np.nanquantile(values[-1], 0.3)
-    below = values < (high + low) / 2.0
+    usual = np.nanmedian(values, axis=1)
+    start = int(np.nanargmax(usual)) if marker.wall_mm else 0  # what is hollow is dark within
+    below = values < (usual[start] + np.nanquantile(values[-1], 0.3)) / 2.0
+    below[:start] = False
     first = below.argmax(axis=0)
-    falls = below.any(axis=0) & (first > 0)
+    falls = below.any(axis=0) & (first > start)
     middle_mm = reach_mm[first[falls]] - (reach_mm[1] - reach_mm[0]) / 2.0
     places: FloatArray = center_mm + middle_mm[:, np.newaxis] * directions[falls]
     return places
@@ -191,12 +199,12 @@ def _sphere_through(points_mm: FloatArray) -> tuple[FloatArray, float]:
     return center_mm, radius_mm
 
 
-def _fitted(scan: Scan, center_mm: FloatArray, diameter_mm: float) -> Examined:
+def _fitted(scan: Scan, center_mm: FloatArray, diameter_mm: float, marker: Build) -> Examined:
     """Fit and judge a ball of about this size; once more where only the size was not right."""
-    first = examine_place(scan, center_mm, diameter_mm, SOLID)
+    first = examine_place(scan, center_mm, diameter_mm, marker)
     if first.is_marker or not {test for test, _ in first.failures} <= {"diameter", "certainty"}:
         return first
-    return examine_place(scan, first.center_mm, first.diameter_mm, SOLID)
+    return examine_place(scan, first.center_mm, first.diameter_mm, marker)
 
 
 def _kinds(diameters_mm: list[float]) -> list[list[float]]:

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ronnaplan.ct import CTVolume
-from ronnaplan.documents.fiducials import FiducialEntry
+from ronnaplan.documents.fiducials import FiducialEntry, FiducialsDocument
 from ronnaplan.report.contact import Candidate, draw_cut
 from ronnaplan.report.picture import CUTS, png
 
 if TYPE_CHECKING:
+    from ronnaplan.localization import Build
     from ronnaplan.localization.examine import Scan
 
 AGREEMENT_MM = 0.05
@@ -33,26 +34,27 @@ class MarkerPicture:
         return self.apart_mm <= AGREEMENT_MM
 
 
-def marker_pictures(volume: CTVolume, markers: tuple[FiducialEntry, ...]) -> list[MarkerPicture]:
+def marker_pictures(volume: CTVolume, found: FiducialsDocument) -> list[MarkerPicture]:
     """Fit every marker of a document again in its scan and draw it."""
+    from ronnaplan.localization import Build
     from ronnaplan.localization.examine import Scan
 
-    scan = Scan(volume)
-    return [_picture(scan, marker) for marker in markers]
+    scan, build = Scan(volume), Build(found.marker.layer_mm)
+    return [_picture(scan, marker, build) for marker in found.fiducials]
 
 
-def _picture(scan: Scan, marker: FiducialEntry) -> MarkerPicture:
+def _picture(scan: Scan, marker: FiducialEntry, build: Build) -> MarkerPicture:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     from ronnaplan.localization.examine import fit_place
 
     stated = np.array(marker.center, dtype=np.float64)
-    fit = fit_place(scan, stated, marker.diameter_mm)
+    fit = fit_place(scan, stated, marker.diameter_mm, build)
     figure = Figure(figsize=(12.0, 2.1), dpi=80, layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(1, 2 * len(CUTS))
-    candidate = Candidate(marker.label, fit.center_mm, fit.theta, accepted=True)
+    candidate = Candidate(marker.label, fit.center_mm, fit.theta, accepted=True, layer_mm=build.layer_mm)
     for column, cut in enumerate(CUTS):
         data, residual = (figure.add_subplot(grid[0, 2 * column + n]) for n in (0, 1))
         draw_cut(data, residual, scan.volume, candidate, cut)

@@ -26,7 +26,7 @@ def markers_part(case: Case) -> Part:
     if case.volume is None:
         return Part("Markers", body, warnings)
     try:
-        pictures = marker_pictures(case.volume, markers)
+        pictures = marker_pictures(case.volume, case.fiducials)
     except RonnaplanError as error:
         return Part("Markers", body, [*warnings, f"the markers could not be drawn: {error}"])
     body += [picture(one.png, f"{one.label}: {CAPTION}") for one in pictures]

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from phantoms.scene import Part, Scene
+from phantoms.solids import sphere
 from ronnaplan.errors import RefusedError
-from ronnaplan.localization import Size, common_diameter, proposal, sizes_seen
+from ronnaplan.localization import Build, Size, common_diameter, proposal, sizes_seen
 from tests.scans import balls, scan, small_stack
 
 PLACES = [(-14.3, -12.2, -3.1), (13.6, 11.7, 2.4), (15.1, -13.8, 5.3), (-13.0, 12.5, -6.0), (0.3, 0.8, 15.2)]
@@ -41,3 +43,10 @@ def test_of_equally_common_sizes_the_expected_number_decides_or_both_are_propose
 
 def test_nothing_seen_is_said() -> None:
     assert "no sphere" in proposal(sizes_seen(scan(balls(PLACES[:1], 1.0), small_stack(matrix=32))))
+
+
+def test_hollow_balls_of_unknown_size_are_found_when_asked_for() -> None:
+    cavities = Scene(tuple(Part(sphere(center, 9.5), "air") for center in PLACES[:4]))
+    volume = scan(balls(PLACES[:4], 11.5) + cavities, small_stack(thickness_mm=0.6, spacing_mm=0.6))
+    assert common_diameter(volume, marker=Build.parse("shell:1")) == pytest.approx(11.5, abs=0.03)
+    assert not [size for size in sizes_seen(volume) if abs(size.diameter_mm - 11.5) < 1.0]
