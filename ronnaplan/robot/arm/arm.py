@@ -1,0 +1,96 @@
+"""What a serial arm is made of: joints, limits, named frames on its flange, and bodies to keep clear of things."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray
+from ronnaplan.pose import as_pose
+
+LARGEST_ARM_MM = 20_000.0
+"""No arm beside a patient has links of twenty metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A capsule that encloses part of a link: ``start_mm``, ``end_mm`` (3,) in the link's frame and its radius.
+
+    Link 0 is the base, link n the one that joint n moves; the last link carries the flange.
+    """
+
+    name: str
+    link: int
+    start_mm: FloatArray
+    end_mm: FloatArray
+    radius_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class SerialArm:
+    """Revolute joints one after the other, in mm and rad.
+
+    ``origins`` (N, 4, 4) place each joint's frame in that of the link before it, at angle zero; the joint turns its
+    link about ``axes`` (N, 3), unit vectors in the joint's own frame. ``limits_rad`` (N, 2) are the least and the
+    greatest angles. ``flange`` (4, 4) is the flange in the last link; ``frames`` are tools and cameras, each
+    ``flange_from_tool`` (4, 4) by name.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    origins: FloatArray
+    axes: FloatArray
+    limits_rad: FloatArray
+    flange: FloatArray = field(default_factory=lambda: np.eye(4))
+    bodies: tuple[Body, ...] = ()
+    frames: dict[str, FloatArray] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        count = len(self.joints)
+        for what, array, shape in (
+            ("origins", self.origins, (count, 4, 4)),
+            ("axes", self.axes, (count, 3)),
+            ("limits", self.limits_rad, (count, 2)),
+        ):
+            if array.shape != shape or not np.isfinite(array).all():
+                raise InputError(
+                    f"{what} of the arm {self.name} have shape {array.shape}; expected finite {shape}"
+                )
+        if count == 0:
+            raise InputError(f"the arm {self.name} has no joints; expected one or more that turn")
+        if np.abs(np.linalg.norm(self.axes, axis=1) - 1.0).max() > 1e-9:
+            raise InputError(f"an axis of the arm {self.name} is no unit vector")
+        for joint, (least, greatest) in zip(self.joints, self.limits_rad, strict=True):
+            if not least < greatest:
+                raise InputError(f"joint {joint} of {self.name} has the limits {least:g} to {greatest:g} rad")
+        if np.abs(self.origins[:, :3, 3]).max() > LARGEST_ARM_MM:
+            raise InputError(
+                f"a link of the arm {self.name} is longer than {LARGEST_ARM_MM:g} mm; are its units mm?"
+            )
+
+    def __len__(self) -> int:
+        return len(self.joints)
+
+    @property
+    def limits_deg(self) -> FloatArray:
+        """The limits (N, 2) in degrees."""
+        return np.degrees(self.limits_rad)
+
+    def tool(self, name: str) -> FloatArray:
+        """Return ``flange_from_tool`` (4, 4); raises `InputError` naming the tools that there are."""
+        try:
+            return self.frames[name]
+        except KeyError:
+            known = ", ".join(self.frames) or "none"
+            raise InputError(f"the arm {self.name} carries no tool {name!r}; it carries {known}") from None
+
+    def with_tool(self, name: str, flange_from_tool: ArrayLike) -> SerialArm:
+        """Return the arm with one more tool or camera frame; raises `InputError` for a pose that is not rigid."""
+        return replace(self, frames={**self.frames, name: as_pose(flange_from_tool, f"tool {name}")})
+
+    def with_bodies(self, bodies: tuple[Body, ...]) -> SerialArm:
+        """Return the arm with other bodies."""
+        return replace(self, bodies=bodies)

@@ -1,0 +1,152 @@
+"""The compiled kernels of the arm: the eight postures that reach a pose, and where the links are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kernelcache import njit
+from ronnaplan.geometry import FloatArray
+from ronnaplan.robot.arm.wrist import Wrist
+
+STRAIGHT = 1e-9
+"""Below this sine of joint 5, joints 4 and 6 turn about one line: joint 4 is left at zero."""
+TURN = 2.0 * np.pi
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def nearest_turn(angle: float, middle: float) -> float:
+    """Return ``angle`` by whole turns nearest to ``middle``."""
+    return float(angle - TURN * np.round((angle - middle) / TURN))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def times(left: FloatArray, right: FloatArray, product: FloatArray) -> None:
+    """Fill ``product`` (3, 3) with that of the upper left 3 x 3 of two matrices."""
+    for a in range(3):
+        for b in range(3):
+            product[a, b] = left[a, 0] * right[0, b] + left[a, 1] * right[1, b] + left[a, 2] * right[2, b]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def postures(wrist: Wrist, pose: FloatArray, angles: FloatArray) -> int:
+    """Fill ``angles`` (8, 6) with the joints that bring the flange to ``pose`` (4, 4) in the base.
+
+    Bit n of what is returned says that row n is an answer. Rows 0 to 3 reach forwards, 4 to 7 over the shoulder; of
+    each four, two have one bend of the elbow; of each two, the wrist is one way or flipped. Limits are not looked at.
+    """
+    found = 0
+    offset = np.empty(3)
+    for a in range(3):
+        offset[a] = pose[a, 3] - wrist.origin[a]
+        for b in range(3):
+            offset[a] += pose[a, b] * wrist.center[b]
+    x = y = z = 0.0
+    for a in range(3):
+        x += wrist.shoulder[0, a] * offset[a]
+        y += wrist.shoulder[1, a] * offset[a]
+        z += wrist.shoulder[2, a] * offset[a]
+    across = x * x + y * y - wrist.beside * wrist.beside
+    if across < 0.0:
+        return 0
+    forwards = np.sqrt(across)
+    reach_u = wrist.upper[0] * wrist.upper[0] + wrist.upper[1] * wrist.upper[1]
+    reach_l = wrist.lower[0] * wrist.lower[0] + wrist.lower[1] * wrist.lower[1]
+    along = wrist.upper[0] * wrist.lower[0] + wrist.upper[1] * wrist.lower[1]
+    turned = wrist.upper[0] * wrist.lower[1] - wrist.upper[1] * wrist.lower[0]
+    start = np.arctan2(turned, along)
+    turned_pose, seen = np.empty((3, 3)), np.empty((3, 3))
+    times(pose, wrist.from_flange, turned_pose)
+    times(wrist.shoulder, turned_pose, seen)
+    for side in range(2):
+        forward = forwards if side == 0 else -forwards
+        first = np.arctan2(y, x) - np.arctan2(wrist.beside, forward)
+        px, pz = forward - wrist.axis_2[0], z - wrist.axis_2[1]
+        cosine = (px * px + pz * pz - reach_u - reach_l) / (2.0 * np.sqrt(reach_u * reach_l))
+        if not abs(cosine) <= 1.0:
+            continue
+        opened = np.arccos(cosine)
+        for elbow in range(2):
+            bent = start + opened if elbow == 0 else start - opened
+            c, s = np.cos(bent), np.sin(bent)
+            gx = wrist.upper[0] + c * wrist.lower[0] + s * wrist.lower[1]
+            gz = wrist.upper[1] - s * wrist.lower[0] + c * wrist.lower[1]
+            second = np.arctan2(-pz, px) - np.arctan2(-gz, gx)
+            _wrist_postures(wrist, seen, first, second, bent, angles[4 * side + 2 * elbow :])
+            found |= 3 << (4 * side + 2 * elbow)
+    return found
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _wrist_postures(
+    wrist: Wrist, seen: FloatArray, first: float, second: float, bent: float, angles: FloatArray
+) -> None:
+    """Fill the first two rows of ``angles`` with the two ways of the wrist that show the axes ``seen`` (3, 3)."""
+    c1, s1 = np.cos(first), np.sin(first)
+    c2, s2 = np.cos(second + bent), np.sin(second + bent)
+    held, r = np.empty((3, 3)), np.empty((3, 3))
+    for n in range(3):
+        x = c1 * seen[0, n] + s1 * seen[1, n]
+        held[1, n] = c1 * seen[1, n] - s1 * seen[0, n]
+        held[0, n] = c2 * x - s2 * seen[2, n]
+        held[2, n] = s2 * x + c2 * seen[2, n]
+    times(wrist.to_wrist, held, r)
+    sine = np.hypot(r[0, 2], r[1, 2])
+    tilt = np.arctan2(sine, r[2, 2])
+    if sine > STRAIGHT:
+        fourth, sixth = np.arctan2(r[1, 2], r[0, 2]), np.arctan2(r[2, 1], -r[2, 0])
+    else:
+        fourth, sixth = 0.0, np.arctan2(r[1, 0], r[1, 1])
+    for flip in range(2):
+        row = angles[flip]
+        row[0], row[1], row[2] = first, second, wrist.elbow_sign * bent
+        row[3] = fourth + flip * np.pi
+        row[4] = (tilt if flip == 0 else -tilt) - wrist.bend
+        row[5] = sixth + flip * np.pi
+        for n in range(6):
+            row[n] = nearest_turn(row[n], wrist.middles[n])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def all_postures(wrist: Wrist, poses: FloatArray, angles: FloatArray, found: FloatArray) -> None:
+    """Fill ``angles`` (M, 8, 6) and ``found`` (M,), bits in a number, for ``poses`` (M, 4, 4)."""
+    for m in range(len(poses)):
+        found[m] = postures(wrist, poses[m], angles[m])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def place_links(origins: FloatArray, axes: FloatArray, angles: FloatArray, frames: FloatArray) -> None:
+    """Fill ``frames`` (N + 1, 4, 4), base from link, of which the first, the base, is given."""
+    turn, placed = np.empty((3, 3)), np.empty((3, 3))
+    for n in range(len(axes)):
+        x, y, z = axes[n]
+        c, s = np.cos(angles[n]), np.sin(angles[n])
+        v = 1.0 - c
+        turn[0, 0], turn[0, 1], turn[0, 2] = c + x * x * v, x * y * v - z * s, x * z * v + y * s
+        turn[1, 0], turn[1, 1], turn[1, 2] = x * y * v + z * s, c + y * y * v, y * z * v - x * s
+        turn[2, 0], turn[2, 1], turn[2, 2] = x * z * v - y * s, y * z * v + x * s, c + z * z * v
+        before, after, origin = frames[n], frames[n + 1], origins[n]
+        for a in range(3):
+            after[a, 3] = before[a, 3]
+            for b in range(3):
+                after[a, 3] += before[a, b] * origin[b, 3]
+            after[3, a] = 0.0
+        after[3, 3] = 1.0
+        times(before, origin, placed)
+        times(placed, turn, after)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def singularity(wrist: Wrist, angles: FloatArray) -> float:
+    """Return the angle in rad from ``angles`` (6,) to the nearest singular posture."""
+    straight = abs(np.arcsin(min(max(np.sin(angles[4] + wrist.bend), -1.0), 1.0)))
+    bent = wrist.elbow_sign * angles[2]
+    c, s = np.cos(bent), np.sin(bent)
+    lx, lz = c * wrist.lower[0] + s * wrist.lower[1], c * wrist.lower[1] - s * wrist.lower[0]
+    cross = abs(wrist.upper[0] * lz - wrist.upper[1] * lx)
+    along = abs(wrist.upper[0] * lx + wrist.upper[1] * lz)
+    elbow = np.arctan2(cross, along)
+    gx, gz = wrist.upper[0] + lx, wrist.upper[1] + lz
+    c, s = np.cos(angles[1]), np.sin(angles[1])
+    x, z = c * gx + s * gz, c * gz - s * gx
+    over = np.arctan2(abs(x + wrist.axis_2[0]), abs(z))
+    return float(min(straight, elbow, over))

@@ -1,0 +1,60 @@
+"""Inverse kinematics: every posture of an arm with a spherical wrist, in closed form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray
+from ronnaplan.pose import invert
+from ronnaplan.robot.arm.arm import SerialArm
+from ronnaplan.robot.arm.wrist import wrist_of
+
+BRANCHES = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Postures:
+    """What brings the flange to M poses: ``angles_rad`` (M, 8, 6), NaN where there is no answer.
+
+    ``within`` (M, 8) says which keep the joints' limits. Branch n is the same posture for all poses: bit 2 tells that
+    the arm reaches back over its shoulder, bit 1 the elbow, bit 0 the flipped wrist. Each angle is the turn of it that
+    is nearest to the middle of its limits.
+    """
+
+    angles_rad: FloatArray
+    within: NDArray[np.bool_]
+
+
+def inverse(arm: SerialArm, poses: ArrayLike, tool: str | None = None) -> Postures:
+    """Return all postures that bring ``tool``, or the flange, to ``poses`` (M, 4, 4), base from tool.
+
+    Raises `InputError` for an arm that has no closed form, and for ``poses`` of another shape.
+    """
+    from ronnaplan.robot.arm.compiled import all_postures
+
+    asked = np.ascontiguousarray(poses, dtype=np.float64)
+    if asked.ndim != 3 or asked.shape[1:] != (4, 4):
+        raise InputError(f"poses of shape {asked.shape} were given; expected (M, 4, 4)")
+    if tool is not None:
+        asked = np.ascontiguousarray(asked @ invert(arm.tool(tool)))
+    angles, found = np.empty((len(asked), BRANCHES, 6)), np.empty(len(asked))
+    all_postures(wrist_of(arm), asked, angles, found)
+    bits = (found.astype(np.int64)[:, None] >> np.arange(BRANCHES)) & 1
+    angles[bits == 0] = np.nan
+    within = np.asarray(((angles >= arm.limits_rad[:, 0]) & (angles <= arm.limits_rad[:, 1])).all(axis=-1))
+    return Postures(angles, within)
+
+
+def turns(arm: SerialArm, angles_rad: ArrayLike) -> FloatArray:
+    """Return (T, N) all that differs from ``angles_rad`` (N,) by whole turns of joints and keeps their limits."""
+    angles = np.asarray(angles_rad, dtype=np.float64)
+    each = []
+    for angle, (least, greatest) in zip(angles, arm.limits_rad, strict=True):
+        first, last = np.ceil((least - angle) / (2 * np.pi)), np.floor((greatest - angle) / (2 * np.pi))
+        each.append([angle + 2 * np.pi * n for n in np.arange(first, last + 1)])
+    return np.array(list(product(*each))).reshape(-1, len(arm))

@@ -1,0 +1,50 @@
+"""How far an arm is from its limits and from postures in which it loses a direction."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.robot.arm.arm import SerialArm
+from ronnaplan.robot.arm.forward import as_angles, jacobian
+
+LENGTH_MM = 300.0
+"""What a radian counts for beside a length, in `manipulability` and `weakest_direction`: a tool's usual length."""
+
+
+def joint_margins_deg(arm: SerialArm, angles_rad: ArrayLike) -> FloatArray:
+    """Return how far each joint (..., N) is from the nearer of its limits, degrees; negative beyond it."""
+    angles = as_angles(arm, angles_rad)
+    nearer = np.minimum(angles - arm.limits_rad[:, 0], arm.limits_rad[:, 1] - angles)
+    return np.degrees(nearer)
+
+
+def manipulability(arm: SerialArm, angles_rad: ArrayLike, tool: str | None = None) -> FloatArray:
+    """Return Yoshikawa's measure (...): the product of the singular values of the Jacobian, lengths per `LENGTH_MM`."""
+    return np.asarray(_singular_values(arm, angles_rad, tool).prod(axis=-1), dtype=np.float64)
+
+
+def weakest_direction(arm: SerialArm, angles_rad: ArrayLike, tool: str | None = None) -> FloatArray:
+    """Return the least singular value (...) of the Jacobian, lengths per `LENGTH_MM`: zero in a singular posture."""
+    return np.asarray(_singular_values(arm, angles_rad, tool)[..., -1], dtype=np.float64)
+
+
+def singularity_deg(arm: SerialArm, angles_rad: ArrayLike) -> FloatArray:
+    """Return the angle (...) in degrees to the nearest singular posture of an arm with a spherical wrist.
+
+    Three there are: joint 5 straight, the elbow stretched or folded, the wrist over axis 1 (told as the angle that it
+    is seen under from axis 2). Raises `InputError` for an arm without a closed form.
+    """
+    from ronnaplan.robot.arm.compiled import singularity
+    from ronnaplan.robot.arm.wrist import wrist_of
+
+    wrist, angles = wrist_of(arm), as_angles(arm, angles_rad)
+    flat = np.ascontiguousarray(angles.reshape(-1, len(arm)))
+    return np.degrees([singularity(wrist, one) for one in flat]).reshape(angles.shape[:-1])
+
+
+def _singular_values(arm: SerialArm, angles_rad: ArrayLike, tool: str | None) -> FloatArray:
+    moved = jacobian(arm, angles_rad, tool)
+    moved[..., 3:, :] /= LENGTH_MM
+    return np.asarray(np.linalg.svd(moved, compute_uv=False), dtype=np.float64)

@@ -1,0 +1,219 @@
+"""Reading an arm from a URDF file: one chain of joints that turn, its limits, its tools, and its simple bodies.
+
+A URDF is a small XML file, so it is read here and no library for it is needed. Lengths in it are metres. Meshes are
+not read: links whose only shape is a mesh have no body, and `UrdfArm.meshes` names them.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+import numpy as np
+
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray, unit
+from ronnaplan.pose import rigid
+from ronnaplan.robot.arm.arm import Body, SerialArm
+from ronnaplan.untrusted import read_whole
+
+MOST_BYTES = 4 << 20
+MM = 1000.0
+CONTINUOUS_RAD = 2 * np.pi
+"""A joint without limits is given a turn either way."""
+TURNING = ("revolute", "continuous")
+FLANGE = "tool0"
+"""What makers' descriptions call the flange, with z pointing out of it."""
+EXPECTED = "the URDF description of an arm"
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfArm:
+    """An arm, and which of its links have a mesh for their only shape."""
+
+    arm: SerialArm
+    meshes: tuple[str, ...]
+
+
+def read_urdf(path: str | os.PathLike[str], *, tip: str | None = None) -> UrdfArm:
+    """Read the chain from the file's base link to the link ``tip``, or to the one that most joints move.
+
+    ``tip`` is the flange (else `FLANGE`, else the last link itself); what is fixed to the last link becomes a tool of
+    the arm, by its name. Raises `InputError` for what is no URDF, for chains with joints that slide or mimic others,
+    and where several chains are equally long and no ``tip`` is named.
+    """
+    name = os.fspath(path)
+    root = _parsed(read_whole(path, MOST_BYTES, expected=EXPECTED), name)
+    try:
+        return _arm(root, tip)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from error
+    except (ValueError, KeyError, AttributeError, TypeError) as error:
+        raise InputError(f"{name} is damaged ({error}); expected {EXPECTED}") from error
+
+
+def _parsed(content: bytes, name: str) -> ElementTree.Element:
+    if b"<!" in content.replace(b"<!--", b""):
+        raise InputError(f"{name} declares a document type or entities; expected {EXPECTED} without them")
+    try:
+        root = ElementTree.fromstring(content)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise InputError(f"{name} is no XML ({error}); expected {EXPECTED}") from error
+    if root.tag != "robot":
+        raise InputError(f"{name} holds <{root.tag}>; expected <robot>, {EXPECTED} (run xacro first)")
+    return root
+
+
+def _arm(root: ElementTree.Element, tip: str | None) -> UrdfArm:
+    joints = {joint.find("child").attrib["link"]: joint for joint in root.findall("joint")}  # type: ignore[union-attr]
+    links = {link.attrib["name"]: link for link in root.findall("link")}
+    chain = _chain(joints, tip or _farthest(joints, links), links)
+    origins, axes, limits, names = [], [], [], []
+    before = np.eye(4)
+    place: dict[str, tuple[int, FloatArray]] = {chain[0].find("parent").attrib["link"]: (0, before)}  # type: ignore[union-attr]
+    for joint in chain:
+        before = before @ _origin(joint)
+        if joint.attrib["type"] in TURNING:
+            origins.append(before)
+            axes.append(_axis(joint))
+            limits.append(_limits(joint))
+            names.append(joint.attrib["name"])
+            before = np.eye(4)
+        place[joint.find("child").attrib["link"]] = (len(names), before)  # type: ignore[union-attr]
+    if not names:
+        raise InputError("no joint of the chain turns; name the link at its end")
+    bodies, meshes = _bodies(links, place)
+    arm = SerialArm(
+        root.attrib.get("name", "arm"),
+        tuple(names),
+        np.array(origins),
+        np.array(axes),
+        np.array(limits),
+        before,
+        bodies,
+        _tools(joints, len(names), place, before),
+    )
+    return UrdfArm(arm, meshes)
+
+
+def _chain(
+    joints: dict[str, ElementTree.Element], tip: str, links: dict[str, ElementTree.Element]
+) -> list[ElementTree.Element]:
+    """Return the joints from the base to the link ``tip``."""
+    if tip not in links:
+        raise InputError(f"there is no link {tip!r}; the links are {', '.join(links) or 'none'}")
+    chain: list[ElementTree.Element] = []
+    while tip in joints:
+        joint = joints[tip]
+        if joint.attrib["type"] not in (*TURNING, "fixed") or joint.find("mimic") is not None:
+            kind = "mimics another" if joint.find("mimic") is not None else f"is {joint.attrib['type']}"
+            raise InputError(f"joint {joint.attrib['name']} {kind}; only joints that turn can be planned with")
+        if joint in chain:
+            raise InputError(f"the links go round in a circle at {tip!r}")
+        chain.insert(0, joint)
+        tip = joint.find("parent").attrib["link"]  # type: ignore[union-attr]
+    if not chain:
+        raise InputError("the chain has no joints; name the link at its end")
+    return chain
+
+
+def _farthest(joints: dict[str, ElementTree.Element], links: dict[str, ElementTree.Element]) -> str:
+    """Return the link that most joints move: `FLANGE` where that is one, else the one on the last joint itself."""
+    moved: dict[str, tuple[str, ...]] = {}
+    for link in links:
+        if link in joints:
+            chain = [joint for joint in _chain(joints, link, links) if joint.attrib["type"] in TURNING]
+            moved[link] = tuple(joint.attrib["name"] for joint in chain)
+    most = max((len(names) for names in moved.values()), default=0)
+    if most == 0:
+        raise InputError("no joint turns a link; expected a chain of joints")
+    farthest = [link for link, names in moved.items() if len(names) == most]
+    if len({moved[link] for link in farthest}) > 1:
+        raise InputError(f"the chains to {', '.join(farthest)} are equally long; name the link at the end")
+    return (
+        FLANGE if FLANGE in farthest else next(link for link in farthest if joints[link].attrib["type"] in TURNING)
+    )
+
+
+def _tools(
+    joints: dict[str, ElementTree.Element],
+    count: int,
+    place: dict[str, tuple[int, FloatArray]],
+    flange: FloatArray,
+) -> dict[str, FloatArray]:
+    """Return flange from every link that is fixed to the last one."""
+    fixed = {name: frame for name, (moved, frame) in place.items() if moved == count}
+    todo = list(fixed)
+    while todo:
+        parent = todo.pop()
+        for name, joint in joints.items():
+            hangs = joint.find("parent").attrib["link"] == parent and joint.attrib["type"] == "fixed"  # type: ignore[union-attr]
+            if hangs and name not in fixed:
+                fixed[name] = fixed[parent] @ _origin(joint)
+                todo.append(name)
+    return {name: np.linalg.inv(flange) @ frame for name, frame in fixed.items()}
+
+
+def _bodies(
+    links: dict[str, ElementTree.Element], place: dict[str, tuple[int, FloatArray]]
+) -> tuple[tuple[Body, ...], tuple[str, ...]]:
+    bodies: list[Body] = []
+    meshes: list[str] = []
+    for name, (number, frame) in place.items():
+        shapes = links[name].findall("collision")
+        found = [body for shape in shapes if (body := _body(name, number, frame, shape)) is not None]
+        bodies += found
+        if shapes and not found:
+            meshes.append(name)
+    return tuple(bodies), tuple(meshes)
+
+
+def _body(name: str, number: int, frame: FloatArray, shape: ElementTree.Element) -> Body | None:
+    """Return the capsule about a cylinder, sphere or box; None for a mesh."""
+    placed = frame @ _origin(shape)
+    geometry = shape.find("geometry")
+    for kind in geometry if geometry is not None else ():
+        if kind.tag == "sphere":
+            half, radius = np.zeros(3), MM * float(kind.attrib["radius"])
+        elif kind.tag in ("cylinder", "capsule"):
+            half = np.array([0.0, 0.0, MM * float(kind.attrib["length"]) / 2])
+            radius = MM * float(kind.attrib["radius"])
+        elif kind.tag == "box":
+            sides = MM * _numbers(kind.attrib["size"]) / 2
+            longest = int(sides.argmax())
+            half = np.where(np.arange(3) == longest, sides, 0.0)
+            radius = float(np.linalg.norm(np.delete(sides, longest)))
+        else:
+            continue
+        ends = [placed[:3, 3] + sign * placed[:3, :3] @ half for sign in (-1, 1)]
+        return Body(name, number, ends[0], ends[1], float(radius))
+    return None
+
+
+def _origin(element: ElementTree.Element) -> FloatArray:
+    from scipy.spatial.transform import Rotation
+
+    origin = element.find("origin")
+    given = {} if origin is None else origin.attrib
+    turn = Rotation.from_euler("xyz", _numbers(given.get("rpy", "0 0 0"))).as_matrix()
+    return rigid(turn, MM * _numbers(given.get("xyz", "0 0 0")))
+
+
+def _axis(joint: ElementTree.Element) -> FloatArray:
+    axis = joint.find("axis")
+    return unit(_numbers("1 0 0" if axis is None else axis.attrib["xyz"]))
+
+
+def _limits(joint: ElementTree.Element) -> tuple[float, float]:
+    limit = joint.find("limit")
+    if joint.attrib["type"] == "continuous" or limit is None:
+        return -CONTINUOUS_RAD, CONTINUOUS_RAD
+    return float(limit.attrib.get("lower", "0")), float(limit.attrib.get("upper", "0"))
+
+
+def _numbers(text: str) -> FloatArray:
+    numbers = np.array([float(one) for one in text.split()])
+    if numbers.shape != (3,) or not np.isfinite(numbers).all():
+        raise ValueError(f"'{text}' are no three numbers")
+    return numbers

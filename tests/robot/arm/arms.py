@@ -1,0 +1,60 @@
+"""Arms as URDF texts, in metres as makers write them."""
+
+from __future__ import annotations
+
+KR6 = """<robot name="kr6">
+  <link name="base"><collision><geometry><mesh filename="base.stl"/></geometry></collision></link>
+  <link name="l1"/>
+  <link name="l2"><collision><origin xyz="0.2 0 0" rpy="0 1.5707963267948966 0"/>
+    <geometry><cylinder length="0.4" radius="0.09"/></geometry></collision></link>
+  <link name="l3"><collision><geometry><box size="0.1 0.3 0.2"/></geometry></collision></link>
+  <link name="l4"/><link name="l5"><collision><geometry><sphere radius="0.06"/></geometry></collision></link>
+  <link name="l6"/><link name="tool0"/><link name="camera"/>
+  <joint name="A1" type="revolute"><origin xyz="0 0 0.4"/><parent link="base"/><child link="l1"/>
+    <axis xyz="0 0 -1"/><limit lower="-2.9670597283903604" upper="2.9670597283903604"/></joint>
+  <joint name="A2" type="revolute"><origin xyz="0.025 0 0"/><parent link="l1"/><child link="l2"/>
+    <axis xyz="0 1 0"/><limit lower="-3.3161255787892263" upper="0.7853981633974483"/></joint>
+  <joint name="A3" type="revolute"><origin xyz="0.455 0 0"/><parent link="l2"/><child link="l3"/>
+    <axis xyz="0 1 0"/><limit lower="-2.0943951023931953" upper="2.722713633111154"/></joint>
+  <joint name="A4" type="revolute"><origin xyz="0 0 0.035"/><parent link="l3"/><child link="l4"/>
+    <axis xyz="-1 0 0"/><limit lower="-3.2288591161895095" upper="3.2288591161895095"/></joint>
+  <joint name="A5" type="revolute"><origin xyz="0.42 0 0"/><parent link="l4"/><child link="l5"/>
+    <axis xyz="0 1 0"/><limit lower="-2.0943951023931953" upper="2.0943951023931953"/></joint>
+  <joint name="A6" type="revolute"><origin xyz="0.08 0 0"/><parent link="l5"/><child link="l6"/>
+    <axis xyz="-1 0 0"/><limit lower="-6.1086523819801535" upper="6.1086523819801535"/></joint>
+  <joint name="flange" type="fixed"><origin rpy="0 1.5707963267948966 0"/><parent link="l6"/>
+    <child link="tool0"/></joint>
+  <joint name="mount" type="fixed"><origin xyz="0 0.1 0.05"/><parent link="tool0"/><child link="camera"/></joint>
+</robot>"""
+"""The KR 6 R900's chain, with a camera on its flange."""
+
+TILTED = """<robot name="tilted">
+  <link name="b"/><link name="a"/><link name="l1"/><link name="l2"/><link name="l3"/><link name="l4"/><link name="l5"/>
+  <link name="l6"/><link name="tip"/>
+  <joint name="foot" type="fixed"><origin xyz="0.1 0.2 0.05" rpy="0.3 -0.2 0.9"/><parent link="b"/>
+    <child link="a"/></joint>
+  <joint name="j1" type="revolute"><origin xyz="0 0 0.3"/><parent link="a"/><child link="l1"/>
+    <axis xyz="0 0 1"/><limit lower="-3" upper="3"/></joint>
+  <joint name="j2" type="revolute"><origin xyz="0.15 0.08 0.1" rpy="-1.5707963267948966 0 0"/>
+    <parent link="l1"/><child link="l2"/><axis xyz="0 0 1"/><limit lower="-2.5" upper="2"/></joint>
+  <joint name="j3" type="revolute"><origin xyz="0.1 -0.45 0" rpy="0 0 0.4"/><parent link="l2"/><child link="l3"/>
+    <axis xyz="0 0 -1"/><limit lower="-2.5" upper="2.5"/></joint>
+  <joint name="j4" type="revolute"><origin xyz="0.07 -0.1 0.06" rpy="1.5707963267948966 0 0"/>
+    <parent link="l3"/><child link="l4"/><axis xyz="0 0 1"/><limit lower="-4" upper="4"/></joint>
+  <joint name="j5" type="continuous"><origin xyz="0 0 0.36" rpy="0 0 0.7"/><parent link="l4"/><child link="l5"/>
+    <axis xyz="0 1 0"/></joint>
+  <joint name="j6" type="revolute"><origin xyz="0 0 0" rpy="0 0.5 0"/><parent link="l5"/><child link="l6"/>
+    <axis xyz="0 0 1"/><limit lower="-6" upper="6"/></joint>
+  <joint name="end" type="fixed"><origin xyz="0.01 0.02 0.09" rpy="0.1 0.2 0.3"/><parent link="l6"/>
+    <child link="tip"/></joint>
+</robot>"""
+"""A spherical wrist on everything askew: a tilted foot, a lateral offset, an axis 3 against axis 2, a bent zero."""
+
+_LINKS = "".join(f'<link name="l{n}"/>' for n in range(8))
+_JOINT = """<joint name="j{n}" type="revolute"><origin xyz="0 0 0.17" rpy="{turn} 0 0"/>
+  <parent link="l{before}"/><child link="l{n}"/><axis xyz="0 0 1"/><limit lower="-2.6" upper="2.6"/></joint>
+"""
+_JOINTS = "".join(
+    _JOINT.format(n=n, before=n - 1, turn="1.5707963267948966" if n % 2 == 0 else "-1.2") for n in range(1, 8)
+)
+SEVEN = f'<robot name="seven">{_LINKS}{_JOINTS}</robot>'

@@ -1,0 +1,64 @@
+"""Reading arms: what is read of a file, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ronnaplan.errors import InputError
+from ronnaplan.robot.arm.urdf import read_urdf
+from tests.robot.arm.arms import KR6
+
+
+def test_simple_shapes_become_capsules_and_meshes_are_named(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(KR6)
+    read = read_urdf(tmp_path / "arm.urdf")
+    assert read.meshes == ("base",)
+    cylinder, box, ball = read.arm.bodies
+    assert (cylinder.link, box.link, ball.link) == (2, 3, 5)
+    np.testing.assert_allclose([cylinder.start_mm, cylinder.end_mm], [[0, 0, 0], [400, 0, 0]], atol=1e-9)
+    np.testing.assert_allclose([box.start_mm, box.end_mm], [[0, -150, 0], [0, 150, 0]], atol=1e-9)
+    assert box.radius_mm == pytest.approx(np.hypot(50, 100))
+    assert (cylinder.radius_mm, ball.radius_mm) == (90, 60)
+
+
+def test_the_flange_is_the_link_that_was_named(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(KR6)
+    arm = read_urdf(tmp_path / "arm.urdf", tip="camera").arm
+    np.testing.assert_allclose(arm.tool("tool0")[:3, 3], [0, -100, -50], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("<robot", "<!DOCTYPE robot [<!ENTITY a 'b'>]><robot", "declares a document type"),
+        ("</robot>", "", "is no XML"),
+        ("robot", "arm", "holds <arm>; expected <robot>"),
+        ('name="A3" type="revolute"', 'name="A3" type="prismatic"', "joint A3 is prismatic"),
+        (
+            '<axis xyz="-1 0 0"/><limit lower="-3',
+            '<mimic joint="A1"/><axis xyz="-1 0 0"/><limit lower="-3',
+            "A4 mimics",
+        ),
+        ('upper="0.7853981633974483"', 'upper="-9"', "joint A2 of kr6 has the limits"),
+        ('xyz="0 0 0.4"', 'xyz="0 0 nan"', "no three numbers"),
+        ('xyz="0 0 0.4"', 'xyz="0 0 400"', "longer than"),
+        ('<child link="l1"/>', "", "is damaged"),
+        ('<parent link="base"/>', '<parent link="l6"/>', "round in a circle"),
+    ],
+)
+def test_what_is_no_arm_is_refused(old: str, new: str, sentence: str, tmp_path: Path) -> None:
+    assert old in KR6
+    (tmp_path / "arm.urdf").write_text(KR6.replace(old, new))
+    with pytest.raises(InputError, match=sentence):
+        read_urdf(tmp_path / "arm.urdf")
+
+
+def test_a_link_that_is_not_there_is_named(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(KR6)
+    with pytest.raises(InputError, match="no link 'tool1'; the links are base, l1"):
+        read_urdf(tmp_path / "arm.urdf", tip="tool1")
+    with pytest.raises(InputError, match="no such file"):
+        read_urdf(tmp_path / "none.urdf")
