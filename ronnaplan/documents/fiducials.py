@@ -31,6 +31,9 @@ from ronnaplan.geometry import Frame, Points
 from ronnaplan.localization.fiducials import UNSEEN_MOTION_MM, FiducialFlag, Fiducials
 
 FORMAT = "ronnaplan.fiducials"
+LEAST_APART = 0.25
+"""Balls whose centers are nearer to each other than this share of the smallest diameter are one ball, named twice. The
+localizer keeps apart what is twice as far."""
 
 
 class Source(DocumentModel):
@@ -136,6 +139,7 @@ class FiducialsDocument(DocumentModel):
         labels = [entry.label for entry in self.fiducials]
         if len(set(labels)) != len(labels):
             raise ValueError("two fiducials have the same label")
+        _check_apart(self.fiducials)
         return self
 
     @property
@@ -155,6 +159,23 @@ class FiducialsDocument(DocumentModel):
             f"marker {one.label}: {flag_sentence(FiducialFlag, flag)}"
             for one in self.fiducials
             for flag in one.flags
+        )
+
+
+def _check_apart(entries: tuple[FiducialEntry, ...]) -> None:
+    from scipy.spatial import KDTree
+
+    if len(entries) < 2:
+        return
+    centers_mm = np.array([one.center for one in entries])
+    distances_mm, nearest = (np.asarray(found) for found in KDTree(centers_mm).query(centers_mm, k=2))
+    first = int(distances_mm[:, 1].argmin())
+    least_mm = LEAST_APART * min(one.diameter_mm for one in entries)
+    if distances_mm[first, 1] < least_mm:
+        other = next(int(each) for each in nearest[first] if each != first)
+        raise ValueError(
+            f"the fiducials {entries[first].label} and {entries[other].label} are {distances_mm[first, 1]:.3g} mm "
+            f"apart; expected {least_mm:.3g} mm at least"
         )
 
 

@@ -30,7 +30,7 @@ from ronnaplan.documents.reading import made, read_document
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame, Points
 from ronnaplan.planning.uncertainty import ExpectedPose
-from ronnaplan.pose import Pose, as_pose
+from ronnaplan.pose import Pose, as_pose, transform_points
 from ronnaplan.registration.diagnosis import doubted_marker, leave_one_out
 from ronnaplan.registration.markers import MarkerRegistration
 from ronnaplan.registration.registration import Registration, RegistrationFlag
@@ -39,6 +39,8 @@ from ronnaplan.sigmas import SIGMA_OTS_MM
 FORMAT = "ronnaplan.registration"
 SAME_ERROR = 1e-6
 """Relative round-off between an expected error and the covariance that it is taken from."""
+SAME_RESIDUAL_MM = 1e-6
+"""Round-off between a residual and the transform and places that it is taken from."""
 
 
 class LabelPair(DocumentModel):
@@ -131,6 +133,9 @@ class RegistrationDocument(DocumentModel):
                 as_pose(self.ots_from_ct, "ots_from_ct")
             except InputError as error:
                 raise ValueError(str(error)) from error
+        if self.status == "unique":
+            _check_residuals(self)
+            _check_targets(self)
         return self
 
     @property
@@ -225,6 +230,32 @@ def _check_pairs(pairs: Sequence[LabelPair]) -> None:
     for labels in ([pair.ct for pair in pairs], [pair.ots for pair in pairs]):
         if len(set(labels)) < len(labels):
             raise ValueError(f"the pairs name the markers {', '.join(labels)}; expected each once")
+
+
+def _check_residuals(document: RegistrationDocument) -> None:
+    """Raise unless the residuals, and their root mean square, are those of the transform and the pairs' places."""
+    centers, readings = (
+        np.array([getattr(pair, which) for pair in document.pairs]) for which in ("center", "reading")
+    )
+    residuals_mm = np.linalg.norm(readings - transform_points(document.pose.matrix, centers), axis=1)
+    for pair, length_mm in zip(document.pairs, residuals_mm.tolist(), strict=True):
+        if abs(pair.residual - length_mm) > SAME_RESIDUAL_MM:
+            raise ValueError(
+                f"the residual of {pair.ct} is {pair.residual:.9g} mm, but ots_from_ct leaves {length_mm:.9g} mm"
+            )
+    rms_mm = float(np.sqrt(np.mean(residuals_mm**2)))
+    if document.fre_rms is not None and abs(document.fre_rms - rms_mm) > SAME_RESIDUAL_MM:
+        raise ValueError(f"fre_rms is {document.fre_rms:.9g} mm, but the residuals have {rms_mm:.9g} mm")
+
+
+def _check_targets(document: RegistrationDocument) -> None:
+    """Raise unless each target's covariance is that of the transform at its place."""
+    if not document.targets:
+        return
+    covariances = document.pose.point_covariances(np.array([target.center for target in document.targets]))
+    for target, covariance in zip(document.targets, covariances, strict=True):
+        if np.abs(covariance - np.array(target.covariance)).max() > SAME_ERROR * np.trace(covariance):
+            raise ValueError(f"the covariance of {target.name} is not that of the transform at its place")
 
 
 def _fitted(found: MarkerRegistration, registration: Registration) -> dict[str, Any]:

@@ -7,10 +7,13 @@ import numpy as np
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Points
 from ronnaplan.sigmas import SIGMA_OTS_MM
+from ronnaplan.tracking.markers import MOST_MARKERS, MOST_STRAYS
 from ronnaplan.tracking.recording import PointReading, Recording
 
 LARGEST_STEP_MM = 20.0
 """A marker is not followed further than this between frames, nor than half the way to its nearest neighbour."""
+MOST_SEEN = MOST_MARKERS + MOST_STRAYS
+"""No tracker sees more in one frame; each is compared with each known marker."""
 
 
 def labelled_frames(
@@ -20,7 +23,7 @@ def labelled_frames(
 
     Each marker is followed from its reference position on. ``sigma_mm`` is the error per axis of a reading
     that does not state its own. Raises `FrameMismatchError` for a recording in another frame, `InputError`
-    for a reference of fewer than two markers.
+    for a reference of fewer than two markers and for more than `MOST_SEEN` readings in one frame.
     """
     from scipy.spatial.distance import pdist
 
@@ -36,6 +39,8 @@ def labelled_frames(
     frames = []
     for number in sorted(by_frame):
         current = by_frame[number]
+        if len(current) > MOST_SEEN:
+            raise InputError(f"frame {number} holds {len(current)} readings; expected {MOST_SEEN} at most")
         pairs = _assign(np.array([r.position_mm for r in current]).reshape(-1, 3), last, gate)
         for i, j in pairs:
             last[j] = current[i].position_mm

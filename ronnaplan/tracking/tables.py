@@ -24,8 +24,8 @@ LENGTHS = frozenset(
     }
 )
 """Columns that are lengths in mm, by the first word of their name."""
-MOST_FRAMES = 2**53
-"""Beyond, not every whole number is one of the numbers that a table holds."""
+MOST_FRAMES = 2**53 - 1
+"""Beyond, a number that is read as a float may be a neighbour of the one that is written."""
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "missing", "-"})
 UNIT_WORDS = frozenset({"unit", "units"})
 STATUS_COLUMNS = ("status", "state")

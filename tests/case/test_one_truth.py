@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.case.folder import CaseFiles, read_case, with_limits
@@ -28,6 +29,8 @@ from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 from tests import cases
 
 CASES = 200
+APART_MM = 12.0
+"""Markers of 11.5 mm do not lie within each other."""
 LIMITS = ("greatest_target_error_mm", "greatest_angular_error_deg", "least_probability")
 
 
@@ -51,8 +54,9 @@ class RandomCase:
         return ["--sigma-ct", repr(float(ct)), "--sigma-ots", repr(float(ots))]
 
     def write_markers(self, count: int) -> None:
-        directions = self.random.normal(size=(count, 3)) + np.array([0.0, 0.0, 1.0])
-        self.markers = 90.0 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+        self.markers = self.places(count)
+        while pdist(self.markers).min() < APART_MM:
+            self.markers = self.places(count)
         known = cases.fiducials()
         entries = []
         for number, center in enumerate(self.markers, start=1):
@@ -61,6 +65,11 @@ class RandomCase:
             entries.append(entry | {"covariance": (root @ root.T + 1e-6 * np.eye(3)).tolist()})
         self.document = FiducialsDocument.model_validate(known.model_dump() | {"fiducials": entries})
         (self.folder / "fiducials.json").write_text(to_json(self.document))
+
+    def places(self, count: int) -> FloatArray:
+        directions = self.random.normal(size=(count, 3)) + np.array([0.0, 0.0, 1.0])
+        on_sphere: FloatArray = 90.0 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+        return on_sphere
 
     def write_plan(self, count: int) -> None:
         self.plan = Plan.of_scan(cases.volume())

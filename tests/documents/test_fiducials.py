@@ -107,6 +107,24 @@ def test_a_marker_that_cannot_be_is_refused(document: Path, entry: str, value: o
         read_fiducials(document)
 
 
+@pytest.mark.parametrize(("shift_mm", "is_one"), [(0.0, True), (2.8, True), (2.9, False)])
+def test_two_markers_at_one_place_are_refused_by_their_names(
+    document: Path, shift_mm: float, is_one: bool
+) -> None:
+    content = json.loads(document.read_text())
+    first = content["fiducials"][0]
+    x, y, z = first["center"]
+    content["fiducials"].append(first | {"label": "again", "center": [x, y, z + shift_mm]})
+    document.write_text(json.dumps(content))
+    if not is_one:
+        assert len(read_fiducials(document).fiducials) == len(content["fiducials"])
+        return
+    with pytest.raises(
+        InputError, match=rf"F1 and again are {shift_mm:.3g} mm apart; expected 2\.8\d mm at least"
+    ):
+        read_fiducials(document)
+
+
 @pytest.mark.parametrize("content", [b"", b"{", b"[1, 2]", b"\xff\xfe\x00", b"null", b"[" * 100_000])
 def test_what_is_no_document_is_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "bad.json").write_bytes(content)

@@ -115,6 +115,40 @@ def test_a_spoilt_document_is_named(path: Path, change: dict[str, object], says:
         read_registration(path)
 
 
+@pytest.mark.parametrize(
+    ("place", "change", "says"),
+    [
+        (("pairs", 1, "residual"), 1e-4, "the residual of F2 is"),
+        (("pairs", 1, "center", 2), 1e-4, "the residual of F2 is"),
+        (("pairs", 1, "reading", 0), 1e-4, "the residual of F2 is"),
+        (("ots_from_ct", 0, 3), 1e-4, "the residual of F1 is"),
+        (("fre_rms",), 1e-4, "fre_rms is"),
+        (("targets", 0, "center", 1), 1.0, "the covariance of left target is not that of the transform"),
+    ],
+)
+def test_a_figure_that_contradicts_what_it_is_taken_from_is_refused(
+    path: Path, place: tuple[str | int, ...], change: float, says: str
+) -> None:
+    content = json.loads(path.read_text())
+    part = content
+    for key in place[:-1]:
+        part = part[key]
+    part[place[-1]] += change
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=says):
+        read_registration(path)
+
+
+def test_a_target_covariance_of_another_place_is_refused(path: Path) -> None:
+    content = json.loads(path.read_text())
+    first, second = content["targets"]
+    for key in ("covariance", "predicted_tre_rms"):
+        first[key], second[key] = second[key], first[key]
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError, match="not that of the transform at its place"):
+        read_registration(path)
+
+
 @pytest.mark.parametrize("side", ["ct", "ots"])
 def test_a_marker_paired_twice_is_refused(path: Path, side: str) -> None:
     content = json.loads(path.read_text())

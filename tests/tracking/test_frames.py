@@ -37,6 +37,16 @@ def test_a_frame_without_usable_readings_is_kept_empty() -> None:
     assert len(points) == 0
 
 
+def test_more_readings_in_a_frame_than_a_tracker_sees_are_refused() -> None:
+    for count in (1200, 1201):
+        recording = Recording("test", tuple(PointReading(8, np.full(3, 9.0 * k)) for k in range(count)))
+        if count == 1200:
+            assert len(labelled_frames(recording, REFERENCE)) == 1
+        else:
+            with pytest.raises(InputError, match="frame 8 holds 1201 readings; expected 1200 at most"):
+                labelled_frames(recording, REFERENCE)
+
+
 def test_another_frame_or_no_reference_is_refused() -> None:
     with pytest.raises(FrameMismatchError):
         labelled_frames(Recording("test", frame=Frame("R")), REFERENCE)

@@ -111,6 +111,17 @@ def test_columns_that_could_be_taken_for_others_are_refused(tmp_path: Path, text
         read_recording(written(tmp_path, "r.csv", text))
 
 
+@pytest.mark.parametrize("table", ["x,y,z,frame\n1,2,3,{}\n", "state,tx,ty,tz,frame\nOK,1,2,3,{}\n"])
+def test_a_frame_number_is_the_one_that_is_written_or_refused(tmp_path: Path, table: str) -> None:
+    largest = 2**53 - 1
+    for known in (largest, -largest):
+        recording = read_recording(written(tmp_path, "r.csv", table.format(known)))
+        assert [one.frame for one in recording.points] + [one.frame for one in recording.tools] == [known]
+    for beyond in (2**53, 2**53 + 1, -(2**53), -(2**53) - 1):  # 2**53 + 1 is 2**53 as a float
+        with pytest.raises(InputError, match=f"frame number '{beyond}'"):
+            read_recording(written(tmp_path, "r.csv", table.format(beyond)))
+
+
 def test_empty_cells_behind_the_last_column_are_nothing(tmp_path: Path) -> None:
     recording = read_recording(written(tmp_path, "r.csv", "x,y,z\n1,2,3,, \n"))
     np.testing.assert_array_equal(recording.points[0].position_mm, [1, 2, 3])
