@@ -37,3 +37,11 @@ class RefusedError(RonnaplanError):
 
 class FrameMismatchError(InputError):
     """Two things that live in different frames of reference were about to be combined."""
+
+
+def check_type(value: object, kind: type | tuple[type, ...], what: str, remedy: str) -> None:
+    """Raise `UsageError` unless ``value`` is of a ``kind``: ``what`` it is for, and what to do instead."""
+    kinds = kind if isinstance(kind, tuple) else (kind,)
+    if not isinstance(value, kinds):
+        expected = " or ".join(one.__name__ for one in kinds if one is not type(None))
+        raise UsageError(f"{what} is of type {type(value).__name__}, expected {expected}; {remedy}")

@@ -66,7 +66,7 @@ class OpenCase:
         self._kept_registration = Kept(files.registration, read_registration, to_json)
         case = self._read(volume, rules or Rules(), no_go or {})
         self.volume, self.no_go, self.rules = volume, case.no_go, case.rules
-        self.plan: Plan = case.plan or Plan.of_scan(volume)
+        self.plan: Plan = Plan.of_scan(volume) if case.plan is None else case.plan
         self.fiducials: FiducialsDocument | None = case.fiducials
         self.registration: RegistrationDocument | None = case.registration
         self.surroundings: Surroundings = case.surroundings

@@ -72,7 +72,10 @@ def checked_errors(sigma_mm: ArrayLike, covariances_mm2: ArrayLike | None, count
 
 def errors_from_covariances(covariances_mm2: ArrayLike, count: int, name: str) -> ErrorModel:
     """Return the errors that covariances (N, 3, 3) state; raises `InputError` unless positive definite."""
-    covariances = np.asarray(covariances_mm2, dtype=np.float64)
+    try:
+        covariances = np.asarray(covariances_mm2, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"covariances of {name} are not numbers; expected ({count}, 3, 3) in mm^2") from error
     if covariances.shape != (count, 3, 3):
         raise InputError(f"covariances of {name} have shape {covariances.shape}; expected ({count}, 3, 3) in mm^2")
     symmetric = np.isfinite(covariances).all() and np.allclose(covariances, covariances.transpose(0, 2, 1))

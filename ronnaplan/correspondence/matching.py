@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Iterable
+from numbers import Real
 
 from numpy.typing import ArrayLike
 
@@ -13,8 +15,10 @@ from ronnaplan.correspondence.large import match_large
 from ronnaplan.correspondence.pairing import Pairing, no_pairs
 from ronnaplan.correspondence.problem import Problem
 from ronnaplan.correspondence.small import match_small
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, check_type
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
+
+LOG = logging.getLogger(__name__)
 
 LEAST_PROBABILITY = 0.99
 """Posterior at which a pairing is accepted.
@@ -78,6 +82,9 @@ def match_points(
     """
     ct, ots = checked_points(ct_points, "CT points"), checked_points(ots_points, "OTS points")
     counts = (len(ct), len(ots))
+    for name, number in (("least_probability", least_probability), ("spread_mm", spread_mm)):
+        check_type(number, Real, name, "give a number")
+    check_type(field_radius_mm, (Real, type(None)), "field_radius_mm", "give a number")
     if not (0.5 < least_probability < 1 and (field_radius_mm is None or field_radius_mm > 0) and spread_mm > 0):
         raise InputError(
             f"least_probability {least_probability}, field_radius_mm {field_radius_mm}, spread_mm {spread_mm}: "
@@ -100,6 +107,9 @@ def match_points(
     if listed and answer.status == "unmatched" and not answer.rivals:
         reason = "too many pairings fit almost equally well to list them all"
         answer = Pairing("ambiguous", no_pairs(), 0.0, reason=reason)
+    LOG.info("paired %d CT with %d tracker points: %r", *counts, answer)
+    for rival in answer.rivals:
+        LOG.debug("a rival %.1f nats below: %s", rival.log_evidence_below, rival.pairs.tolist())
     return answer
 
 

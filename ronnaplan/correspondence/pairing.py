@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ronnaplan.display import Shown
+
+if TYPE_CHECKING:
+    from ronnaplan.figures import Picture
 
 IntArray = NDArray[np.int64]
 
@@ -29,9 +35,9 @@ class Rival:
     log_evidence_below: float
 
 
-@dataclass(frozen=True, eq=False)
-class Pairing:
-    """The answer of a matcher.
+@dataclass(frozen=True, eq=False, repr=False)
+class Pairing(Shown[tuple[int, int]]):
+    """The answer of a matcher: a sequence of pairs (CT index, OTS index), empty unless it is unique.
 
     Attributes
     ----------
@@ -63,6 +69,35 @@ class Pairing:
     touch: int | None = None
     doubtful: IntArray = field(default_factory=no_pairs)
     moved: IntArray = field(default_factory=no_pairs)
+
+    def _items(self) -> Sequence[tuple[int, int]]:
+        return [(int(ct), int(ots)) for ct, ots in self.pairs]
+
+    def _headline(self) -> str:
+        sure = "" if np.isnan(self.probability) else f", probability {self.probability:.6g}"
+        why = f": {self.reason}" if self.reason else ""
+        return f"{self.status}, {len(self)} pairs{sure}{why}"
+
+    def _columns(self) -> Mapping[str, Sequence[object]]:
+        kinds = {"paired": self.pairs, "doubtful": self.doubtful, "moved": self.moved}
+        rows = [(int(ct), int(ots), kind) for kind, pairs in kinds.items() for ct, ots in pairs]
+        return {name: [row[number] for row in rows] for number, name in enumerate(("ct", "ots", "kind"))}
+
+    def plot(self) -> Picture:
+        """Return how far behind the most probable pairing its rivals are, in nats of evidence."""
+        from ronnaplan.figures import DOUBT_COLOUR, Picture
+
+        picture = Picture(7.0, 1.4 + 0.22 * len(self.rivals))
+        axes = picture.add_subplot()
+        behind = [rival.log_evidence_below for rival in self.rivals]
+        axes.barh(range(1, len(behind) + 1), behind, color=DOUBT_COLOUR)
+        axes.set_yticks(range(1, len(behind) + 1))
+        axes.invert_yaxis()
+        axes.set_title(self._headline(), fontsize=9)
+        axes.set_xlabel("evidence below the most probable pairing, nats" if behind else "no rival", fontsize=8)
+        axes.set_ylabel("rival", fontsize=8)
+        axes.tick_params(labelsize=7)
+        return picture
 
     def swapped(self) -> Pairing:
         """Return the answer for the two sets exchanged."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import warnings
 from collections.abc import Callable, Sequence
@@ -20,6 +21,8 @@ from ronnaplan.ct.progress import advancing
 from ronnaplan.ct.slices import SliceImage
 from ronnaplan.ct.volume import CTVolume, SeriesSource, VolumeFlag
 from ronnaplan.errors import InputError
+
+LOG = logging.getLogger(__name__)
 
 AIR_LIMIT_HU: Final = -1024.0
 """No tissue, and no air but for noise, measures less; a constant corner below it was never measured."""
@@ -43,12 +46,19 @@ def read_ct(
     """
     path = given_path(path)
     if is_image_file(path) and path.is_file():
-        return _without_unmeasured(read_image(path, limits))
+        return _told(_without_unmeasured(read_image(path, limits)))
     found = find_series(path, limits, progress=progress)
     series = found.choose(series_uid)
     volume = _read(series, limits, progress)
     if any(one.is_trouble for one in found.skipped):
         volume = replace(volume, flags=(*volume.flags, VolumeFlag.UNREADABLE_FILES))
+    return _told(volume)
+
+
+def _told(volume: CTVolume) -> CTVolume:
+    LOG.info("read %r of series %s", volume, volume.source.series_instance_uid)
+    for flag in volume.flags:
+        LOG.info("the scan is to be doubted: %s", flag)
     return volume
 
 

@@ -122,7 +122,10 @@ class SliceGrid:
     @staticmethod
     def checked_affine(affine: ArrayLike) -> FloatArray:
         """Return an affine as an array (4, 4); raises `InputError` for what is none."""
-        matrix = np.asarray(affine, dtype=np.float64)
+        try:
+            matrix = np.asarray(affine, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise InputError("the affine is not made of numbers; expected (4, 4)") from error
         if (
             matrix.shape != (4, 4)
             or not np.isfinite(matrix).all()
@@ -239,7 +242,7 @@ class Gridded:
         return to_xarray(self.values, self.affine, self.name, self.unit)
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ScalarMap(Gridded):
     """Any quantity over a scan's grid: ``data`` (K, J, I) in ``unit``."""
 
@@ -259,7 +262,7 @@ class ScalarMap(Gridded):
         return f"ScalarMap({self.name}, {self.values.shape}, {least:.3g} to {most:.3g} {self.unit})"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CTVolume(Gridded):
     """A CT scan: ``voxels_hu`` (K, J, I) in Hounsfield units, and the `SliceGrid` that places them.
 

@@ -27,6 +27,7 @@ from ronnaplan.documents.fields import (
     flag_sentence,
 )
 from ronnaplan.documents.reading import made, read_document
+from ronnaplan.errors import check_type
 from ronnaplan.geometry import Frame, Points
 from ronnaplan.localization.fiducials import UNSEEN_MOTION_MM, FiducialFlag, Fiducials
 
@@ -181,6 +182,7 @@ def _check_apart(entries: tuple[FiducialEntry, ...]) -> None:
 
 def fiducials_document(found: Fiducials) -> FiducialsDocument:
     """Turn the localizer's result into its document."""
+    check_type(found, Fiducials, "what was found", "localize returns it")
     return made(
         FiducialsDocument,
         {

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from ronnaplan.documents.files import read_json
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, check_type
 from ronnaplan.text import printable
 from ronnaplan.untrusted import checked, first_fault
 
@@ -32,6 +32,7 @@ def read_document(
     Raises `InputError` when it is no ``kind`` of ``format_name``, of another version, or when a field is wrong; the
     sentence names the first such field and ends with ``remedy``.
     """
+    check_type(path, (str, os.PathLike), "the path of a document", "give the path of a file")
     name = os.fspath(path)
     content = read_json(path)
     if not isinstance(content, dict) or content.get("format") != format_name:

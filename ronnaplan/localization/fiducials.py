@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ronnaplan.ct.volume import SeriesSource, VolumeFlag
+from ronnaplan.ct.volume import CTVolume, SeriesSource, VolumeFlag
+from ronnaplan.display import Shown, coordinates
 from ronnaplan.geometry import FloatArray, Frame, Points
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.parameters import (
@@ -19,6 +22,9 @@ from ronnaplan.localization.parameters import (
     WIDTH,
     full_width_at_half_maximum_mm,
 )
+
+if TYPE_CHECKING:
+    from ronnaplan.figures import Picture
 
 UNSEEN_MOTION_MM = 0.3
 """Standard deviation per axis of what the head is assumed to have moved between two markers' slices, of which no image
@@ -38,7 +44,7 @@ class FiducialFlag(StrEnum):
     GAPPED = "there are gaps between the slices"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fiducial:
     """A marker: centre (3,) in LPS mm with covariance (3, 3) in mm^2, and what the fit found beside it.
 
@@ -83,7 +89,7 @@ class Fiducial:
         return float(self.parameters[CONTRAST])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Rejected:
     """A place that was looked at closely and is no marker: ``center_mm`` (3,), and the test that it failed.
 
@@ -111,9 +117,9 @@ class Resolution:
     stated_mm: float | None
 
 
-@dataclass(frozen=True)
-class Fiducials:
-    """The markers of one scan, ordered from the top of the head down, with where they come from."""
+@dataclass(frozen=True, eq=False, repr=False)
+class Fiducials(Shown[Fiducial]):
+    """The markers of one scan, ordered from the top of the head down, with where they come from: a sequence of them."""
 
     fiducials: tuple[Fiducial, ...]
     rejected: tuple[Rejected, ...]
@@ -126,8 +132,38 @@ class Fiducials:
     distance_error_mm: float | None = None
     """By how much the markers' distances depart from those of a template at most; None without one."""
 
-    def __len__(self) -> int:
-        return len(self.fiducials)
+    def _items(self) -> Sequence[Fiducial]:
+        return self.fiducials
+
+    def _headline(self) -> str:
+        sizes = " or ".join(f"{diameter:g}" for diameter in self.diameters_mm)
+        doubted = sum(bool(found.flags) for found in self)
+        flags = f", {doubted} flagged" if doubted else ""
+        return f"{len(self)} markers of {sizes} mm{flags}, {len(self.rejected)} candidates rejected"
+
+    def _columns(self) -> Mapping[str, Sequence[object]]:
+        errors = [np.sqrt(np.diag(found.covariance_mm2)) for found in self]
+        return {
+            "label": list(self.labels),
+            **coordinates("", self.centers),
+            **coordinates("error_", errors),
+            "diameter_mm": [found.diameter_mm for found in self],
+            "contrast_hu": [found.contrast_hu for found in self],
+            "coverage": [found.coverage for found in self],
+            "misfit": [found.misfit for found in self],
+            "flags": ["; ".join(found.flags) for found in self],
+        }
+
+    def plot(self, volume: CTVolume | None = None) -> Picture:
+        """Return the markers from three sides, before their scan's silhouette where the ``volume`` is given."""
+        from ronnaplan.ct.silhouette import silhouettes
+        from ronnaplan.figures import ThreeViews
+
+        views = ThreeViews(self._headline(), in_patient=True)
+        if volume is not None:
+            views.silhouettes(silhouettes(volume))
+        views.points(self.centers, self.labels)
+        return views.picture
 
     @property
     def centers(self) -> FloatArray:

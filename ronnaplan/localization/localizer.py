@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Iterable, Sequence
-from numbers import Real
+from numbers import Integral, Real
 
 import numpy as np
 
 from ronnaplan.ct.volume import CTVolume
-from ronnaplan.errors import InputError, RefusedError, UsageError
+from ronnaplan.errors import InputError, RefusedError, UsageError, check_type
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import Examined, Scan, alike, distinct, examine
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
 from ronnaplan.localization.motion import suspected
 from ronnaplan.localization.template import Template, distance_error_mm, match_template
+
+LOG = logging.getLogger(__name__)
 
 MIN_VOXELS_PER_DIAMETER = 2.0
 """A ball smaller than this many pixels has no shape to recognize it by."""
@@ -46,6 +49,9 @@ def localize(
     positive number, `InputError` for one below `MIN_VOXELS_PER_DIAMETER` pixels, and `RefusedError` when ``expected``
     markers were promised and another number was found, or when the template is not found exactly once.
     """
+    check_type(volume, CTVolume, "the volume", "read_ct returns one")
+    check_type(template, (Template, type(None)), "the template", "documents.template.read_template returns one")
+    check_type(marker, Build, "the marker", "Build.parse('shell:1') returns one")
     diameters = check_request(diameter_mm, expected)
     scan = Scan(volume)
     for diameter in diameters:
@@ -76,8 +82,19 @@ def localize(
         volume.grid.thickness_mm,
         departure_mm,
     )
+    _tell(result)
     require_count(result, expected)
     return result
+
+
+def _tell(found: Fiducials) -> None:
+    LOG.info("found %r", found)
+    for one in found:
+        LOG.debug(
+            "%s at %s mm, error %.4f mm RMS %s", one.label, one.center_mm, one.standard_error_mm, list(one.flags)
+        )
+    for other in found.rejected:
+        LOG.debug("no marker at %s mm: %s", other.center_mm, other.reason)
 
 
 def require_count(found: Fiducials, expected: int | None) -> None:
@@ -99,8 +116,8 @@ def check_request(diameter_mm: float | Sequence[float], expected: int | None) ->
     for diameter in diameters:
         if not (math.isfinite(diameter) and diameter > 0):
             raise UsageError(f"the marker diameter is {diameter}; a positive number of mm is needed")
-    if expected is not None and expected < 0:
-        raise UsageError(f"{expected} markers were expected; a number from 0 upwards is needed")
+    if expected is not None and (isinstance(expected, bool) or not isinstance(expected, Integral) or expected < 0):
+        raise UsageError(f"{expected!r} markers were expected; a whole number from 0 upwards is needed")
     return diameters
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from ronnaplan.ct.progress import advancing
 from ronnaplan.ct.volume import CTVolume
-from ronnaplan.errors import RefusedError
+from ronnaplan.errors import RefusedError, check_type
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.cells import cell_directions
@@ -70,6 +70,7 @@ def sizes_seen(volume: CTVolume, marker: Build = SOLID, *, progress: bool = Fals
 
     ``marker`` says how they are made.
     """
+    check_type(volume, CTVolume, "the volume", "read_ct returns one")
     scan, coarse = Scan(volume), Scan(coarsen(volume, COARSE_FLOOR_MM))
     places = _round_places(scan, coarse.volume, marker, progress)
 

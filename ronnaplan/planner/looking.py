@@ -216,7 +216,8 @@ class Looking:
         if self.chosen is None:
             raise UsageError("no trajectory is selected; select one")
         # While an end is dragged the view stays where it was, or it would slip from under the pointer.
-        path = (self.case.before_drag or self.case.plan).trajectory(self.chosen.name)
+        plan = self.case.plan if self.case.before_drag is None else self.case.before_drag
+        path = plan.trajectory(self.chosen.name)
         right, down = path_axes(view, path)
         field = max(PATH_FIELD_MM, path.length_mm + 30.0)
         if view == "inline":

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning.angles import RAS_IN_LPS, AcPcAngles, ArcAngles, acpc_angles, arc_angles
 from ronnaplan.planning.crossings import Crossings, find_crossings
@@ -122,6 +122,8 @@ def measure(
     in LPS (default: square to the scanner). ``rough``: distances to labels are to their voxels only, as while an end is
     dragged. Raises `FrameMismatchError` for another frame and `InputError` for ends outside the scan or in air.
     """
+    check_type(trajectory, Trajectory, "the trajectory", "a plan holds some")
+    check_type(head, Head, "the head", "Head.of(volume) returns one")
     crossings = check_ends(trajectory, head)
     start = trajectory.entry_mm
     depth = np.linspace(0.0, trajectory.length_mm, int(np.ceil(trajectory.length_mm / PROFILE_STEP_MM)) + 1)

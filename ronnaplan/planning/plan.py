@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ronnaplan.ct.volume import CTVolume, SeriesSource
-from ronnaplan.errors import FrameMismatchError, InputError
+from ronnaplan.display import Shown, coordinates
+from ronnaplan.errors import FrameMismatchError, InputError, check_type
 from ronnaplan.geometry import FloatArray, Frame, Points, as_points
 from ronnaplan.planning.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from ronnaplan.figures import Picture
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +52,9 @@ class Change:
         return replace(self, before=self.after, after=self.before)
 
 
-@dataclass(frozen=True, eq=False)
-class Plan:
-    """Trajectories of one scan. Every method returns a new plan; nothing is changed in place.
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(Shown[Trajectory]):
+    """Trajectories of one scan, a sequence of them. Every method returns a new plan; nothing is changed in place.
 
     ``history`` holds the changes in order; ``undone`` those taken back, the latest last. ``revision`` counts all
     changes ever made, those that take back or make again among them.
@@ -67,7 +71,44 @@ class Plan:
     @classmethod
     def of_scan(cls, volume: CTVolume) -> Plan:
         """Return an empty plan tied to ``volume``."""
+        check_type(volume, CTVolume, "the volume", "read_ct returns one")
         return cls(volume.source, volume.voxel_sha256)
+
+    def _items(self) -> Sequence[Trajectory]:
+        return self.trajectories
+
+    def _headline(self) -> str:
+        names = ", ".join(one.name for one in self) or "no trajectory"
+        return f"{names}; {len(self.history)} changes"
+
+    def _columns(self) -> Mapping[str, Sequence[object]]:
+        return {
+            "name": [one.name for one in self],
+            **coordinates("entry_", [one.entry_mm for one in self]),
+            **coordinates("target_", [one.target_mm for one in self]),
+            "length_mm": [one.length_mm for one in self],
+            "instrument": [one.instrument.name for one in self],
+            "locked": [one.locked for one in self],
+            "notes": [one.notes for one in self],
+        }
+
+    def plot(self, volume: CTVolume | None = None) -> Picture:
+        """Return the trajectories from three sides, before their scan's silhouette where the ``volume`` is given."""
+        from ronnaplan.ct.silhouette import silhouettes
+        from ronnaplan.figures import ThreeViews
+
+        views = ThreeViews(self._headline(), in_patient=True)
+        if volume is not None:
+            self.require_scan(volume)
+            views.silhouettes(silhouettes(volume))
+        entries, targets = (
+            np.array([getattr(one, end) for one in self], dtype=np.float64).reshape(-1, 3)
+            for end in ("entry_mm", "target_mm")
+        )
+        colours = [one.colour for one in self]
+        views.segments(entries, targets, colours)
+        views.points(targets, [one.name for one in self])
+        return views.picture
 
     @property
     def frame(self) -> Frame:
@@ -108,6 +149,9 @@ class Plan:
 
     def add(self, trajectory: Trajectory) -> Plan:
         """Return the plan with one more trajectory; `InputError` for a name in use, else `FrameMismatchError`."""
+        check_type(
+            trajectory, Trajectory, "what is added", "make it with Trajectory(name, entry_mm, target_mm, frame)"
+        )
         self._check_new(trajectory, ())
         return self._changed("add", len(self.trajectories), None, trajectory)
 

@@ -7,11 +7,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray, Frame, as_points
 
 SHORTEST_PATH_MM = 1.0
 """Entry and target nearer than this are the same point, or a slip."""
+
+REMEDY = "write Trajectory('left', entry_mm, target_mm, volume.frame), INSTRUMENTS has the known instruments"
 
 COLOUR = re.compile(r"#[0-9a-f]{6}")
 
@@ -78,6 +80,13 @@ class Trajectory:
     notes: str = ""
 
     def __post_init__(self) -> None:
+        for value, kind, what in (
+            (self.name, str, "a trajectory's name"),
+            (self.frame, Frame, "a trajectory's frame"),
+            (self.instrument, Instrument, "a trajectory's instrument"),
+            (self.colour, str, "a trajectory's colour"),
+        ):
+            check_type(value, kind, what, REMEDY)
         if not self.name.strip():
             raise InputError("a trajectory has no name; give it one")
         ends = as_points([self.entry_mm, self.target_mm], f"entry and target of {self.name}")

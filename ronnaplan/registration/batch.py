@@ -36,7 +36,10 @@ def register_batch(
     ``covariances``: those of moving and fixed points, each (N, 3, 3) or (B, N, 3, 3), in mm^2.
     Raises `InputError` as `register_points` does.
     """
-    moving_mm, fixed_mm = np.asarray(moving, dtype=np.float64), np.asarray(fixed, dtype=np.float64)
+    try:
+        moving_mm, fixed_mm = np.asarray(moving, dtype=np.float64), np.asarray(fixed, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError("the batches are not made of numbers; expected (B, N, 3) twice, in mm") from error
     if moving_mm.ndim != 3 or len(moving_mm) == 0 or moving_mm.shape[-1] != 3 or moving_mm.shape != fixed_mm.shape:
         raise InputError(f"batches have shapes {moving_mm.shape} and {fixed_mm.shape}; expected (B, N, 3) twice")
     if not (np.isfinite(moving_mm).all() and np.isfinite(fixed_mm).all()):

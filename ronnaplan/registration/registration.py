@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import logging
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ronnaplan.errors import InputError, UsageError
+from ronnaplan.display import Shown, coordinates
+from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray, Frame, as_points
-from ronnaplan.pose import Pose, transform_points
+from ronnaplan.pose import Pose, invert, transform_points
 from ronnaplan.registration.covariances import Covariances, as_pair
 from ronnaplan.rigid import corrected_points, fit_closed_form, fit_likelihood, pose_covariance, require_spread
 
 if TYPE_CHECKING:
     from ronnaplan.ct.volume import CTVolume, ScalarMap
+    from ronnaplan.figures import Picture
+
+LOG = logging.getLogger(__name__)
 
 MISFIT_PROBABILITY = 0.001
 """Residuals that errors as stated would produce more rarely than this are called a misfit."""
@@ -43,9 +48,18 @@ class RegistrationFlag(StrEnum):
     UNSETTLED = "the fit did not settle, as the pairs contradict each other far beyond their stated errors"
 
 
-@dataclass(frozen=True, eq=False)
-class Registration:
-    """A rigid registration ``fixed_from_moving`` of N pairs and what it is worth.
+class RegisteredPair(NamedTuple):
+    """One pair: its points (3,), each in its own frame, and the length of what is left between them."""
+
+    label: str
+    moving_mm: FloatArray
+    fixed_mm: FloatArray
+    residual_mm: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Registration(Shown[RegisteredPair]):
+    """A rigid registration ``fixed_from_moving`` of N pairs and what it is worth: a sequence of the pairs.
 
     Residuals and FRE tell how well the *markers* agree; they do not measure the error at a target: `tre` does.
     """
@@ -66,8 +80,45 @@ class Registration:
     settled: bool = True
     """Whether the fit converged."""
 
-    def __len__(self) -> int:
-        return len(self.moving_mm)
+    def _items(self) -> Sequence[RegisteredPair]:
+        rows = zip(self.labels, self.moving_mm, self.fixed_mm, self.residuals_mm.tolist(), strict=True)
+        return [RegisteredPair(*row) for row in rows]
+
+    def _headline(self) -> str:
+        middle = float(self.tre_rms_mm(self.moving_mm.mean(axis=0, keepdims=True))[0])
+        flags = "".join(f", {flag.name.lower()}" for flag in self.flags)
+        return (
+            f"{len(self.labels)} pairs, FRE {self.fre_rms_mm:.3g} mm, "
+            f"expected error at their centroid {middle:.3g} mm{flags}"
+        )
+
+    def _columns(self) -> Mapping[str, Sequence[object]]:
+        return {
+            "label": list(self.labels),
+            **coordinates("moving_", list(self.moving_mm)),
+            **coordinates("fixed_", list(self.fixed_mm)),
+            "residual_mm": self.residuals_mm.tolist(),
+        }
+
+    def plot(self) -> Picture:
+        """Return the expected error about the markers, in the fixed frame, and the residuals, magnified."""
+        from ronnaplan.figures import DOUBT_COLOUR, MARGIN_MM, ThreeViews
+
+        middle, ends = self.fixed_mm.mean(axis=0), self.fixed_mm - self.residual_vectors_mm
+        reach_mm = float(np.abs(self.fixed_mm - middle).max()) + MARGIN_MM
+        magnified = 10.0 ** np.floor(np.log10(reach_mm / 2 / max(float(self.residuals_mm.max()), 1e-6)))
+        views = ThreeViews(f"{self._headline()}; residuals x {magnified:g}", in_patient=False)
+        moving_from_fixed = invert(self.transform)
+        views.fields(
+            lambda places: self.tre_rms_mm(transform_points(moving_from_fixed, places)),
+            middle,
+            reach_mm,
+            "expected error, mm RMS",
+        )
+        drawn = ends + magnified * self.residual_vectors_mm
+        views.segments(ends, drawn, [DOUBT_COLOUR] * len(drawn))
+        views.points(ends, self.labels)
+        return views.picture
 
     @property
     def transform(self) -> FloatArray:
@@ -93,7 +144,7 @@ class Registration:
     @property
     def degrees_of_freedom(self) -> int:
         """Independent residual components, 3 N - 6."""
-        return 3 * len(self) - 6
+        return 3 * len(self.moving_mm) - 6
 
     @cached_property
     def chi_square(self) -> float:
@@ -134,10 +185,7 @@ class Registration:
         """
         from ronnaplan.ct.volume import CTVolume, ScalarMap
 
-        if not isinstance(volume, CTVolume):
-            raise UsageError(
-                f"{type(volume).__name__} is no CTVolume; a TRE map needs the scan that it is drawn over"
-            )
+        check_type(volume, CTVolume, "the volume", "a TRE map needs the scan that it is drawn over")
         if self.pose.from_frame.name != "moving":  # the default, which names no frame
             self.pose.from_frame.require(volume.frame)
         covariance = self.pose.covariance
@@ -210,6 +258,9 @@ def register_points(
         raise InputError(f"{len(moving_mm)} moving and {len(fixed_mm)} fixed points were given; expected pairs")
     require_spread(moving_mm, "moving points")
     require_spread(fixed_mm, "fixed points")
+    for frame in (moving_frame, fixed_frame):
+        check_type(frame, Frame, "a frame", "give Frame('CT'), say")
+    check_type(labels, (Sequence, type(None)), "labels", "give a name for each pair")
     names = tuple(labels) if labels is not None else tuple(str(i + 1) for i in range(len(moving_mm)))
     if len(names) != len(moving_mm):
         raise InputError(f"{len(names)} labels were given for {len(moving_mm)} pairs")
@@ -225,7 +276,12 @@ def register_points(
         combined = combined_covariances(matrix, *stated)
     covariance = fitted_pose_covariance(matrix, moving_mm, fixed_mm, combined, stated)
     pose = Pose(matrix, covariance, fixed_frame, moving_frame)
-    return Registration(moving_mm, fixed_mm, combined, pose, names, stated is not None, stated, settled)
+    registration = Registration(moving_mm, fixed_mm, combined, pose, names, stated is not None, stated, settled)
+    LOG.info("registered %s onto %s: %r", moving_frame, fixed_frame, registration)
+    if LOG.isEnabledFor(logging.DEBUG):
+        for pair in registration:
+            LOG.debug("%s is left %.4f mm off", pair.label, pair.residual_mm)
+    return registration
 
 
 def combined_covariances(matrix: FloatArray, moving_mm2: FloatArray, fixed_mm2: FloatArray) -> FloatArray:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ronnaplan.ct import CTVolume
+from ronnaplan.errors import check_type
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import Fiducials
 from ronnaplan.localization.parameters import BACKGROUND, CENTER, CONTRAST, RADIUS
@@ -39,6 +40,8 @@ def contact_sheet(volume: CTVolume, found: Fiducials) -> bytes:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
+    check_type(volume, CTVolume, "the volume", "read_ct returns one")
+    check_type(found, Fiducials, "what was found", "localize returns it")
     rows = _rows(found)
     figure = Figure(figsize=(12.0, 1.9 * max(len(rows), 1) + 0.4), dpi=90, layout="constrained")
     FigureCanvasAgg(figure)

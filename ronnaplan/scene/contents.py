@@ -26,9 +26,11 @@ def things_of(case: Case) -> list[Thing]:
         shown += [things.marker(one.label, np.array(one.center), one.diameter_mm) for one in found]
         if case.fiducials.rejected:
             shown.append(things.rejected([np.array(one.center) for one in case.fiducials.rejected]))
-    for path in case.plan.trajectories if case.plan is not None else ():
-        judged = case.surroundings.judge(path, case.plan).measures if case.volume and case.plan else None
-        shown += things.path(path, judged)
+    plan = case.plan
+    if plan is not None:
+        for path in plan:
+            judged = case.surroundings.judge(path, plan).measures if case.volume is not None else None
+            shown += things.path(path, judged)
     if case.volume is not None:
         for name, mask in case.no_go.items():
             region = surfaces(of_mask(case.volume, mask), {name: REGION}, outside=0.0)

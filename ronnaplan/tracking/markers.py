@@ -15,7 +15,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.errors import FrameMismatchError, InputError
+from ronnaplan.errors import FrameMismatchError, InputError, check_type
 from ronnaplan.geometry import LARGEST_SIGMA_MM, FloatArray, Frame, Points
 from ronnaplan.sigmas import SIGMA_OTS_MM
 from ronnaplan.tracking.recording import PointReading, Recording
@@ -102,6 +102,7 @@ def find_markers(recording: Recording, *, sigma_mm: float = SIGMA_OTS_MM) -> Mar
     are one marker; a recording of tool poses alone gives each tool's origin. Raises `InputError` if nothing
     usable was read.
     """
+    check_type(recording, Recording, "the recording", "read_recording returns one")
     if not 0 <= sigma_mm < LARGEST_SIGMA_MM:
         raise InputError(
             f"the tracker error is {sigma_mm} mm; expected a standard deviation of zero or more, "

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
 
+from ronnaplan.errors import check_type
 from ronnaplan.tracking.csv_file import read_csv
 from ronnaplan.tracking.matrix_csv import has_matrices, read_matrices
 from ronnaplan.tracking.ndi_csv import is_ndi, read_ndi
@@ -21,6 +22,7 @@ def read_recording(path: str | Path) -> Recording:
     The kind is told by the file's ending (`READERS`), and among tables by the header: what ends otherwise is read as
     one. Raises `InputError` for a file that is none of them.
     """
+    check_type(path, (str, Path), "the path of the readings", "give the path of a file")
     file = Path(path)
     return READERS.get(file.suffix.lower(), _read_table)(file)
 

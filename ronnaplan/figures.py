@@ -1,0 +1,103 @@
+"""Pictures of points in a patient or before a tracker; imported where one is drawn, as it imports matplotlib."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from ronnaplan.geometry import FloatArray
+
+VIEWS = {"axial": (0, 1), "coronal": (0, 2), "sagittal": (1, 2)}
+"""The two axes of a view, across and upwards (downwards for axial, as radiologists look)."""
+
+IN_PATIENT = ("x mm (right to left)", "y mm (front to back)", "z mm (feet to head)")
+ELSEWHERE = ("x mm", "y mm", "z mm")
+
+MARKER_COLOUR, QUIET_COLOUR, DOUBT_COLOUR = "#d1495b", "#7a8b99", "#00798c"
+MARGIN_MM = 25.0
+"""Shown about the outermost points."""
+
+
+class Picture(Figure):
+    """A matplotlib figure that a notebook shows by itself; ``savefig`` writes it."""
+
+    def __init__(self, width: float, height: float) -> None:
+        super().__init__(figsize=(width, height), dpi=90, layout="constrained")
+        FigureCanvasAgg(self)
+
+    def png(self) -> bytes:
+        """Return the picture as a PNG."""
+        stream = io.BytesIO()
+        self.savefig(stream, format="png")
+        return stream.getvalue()
+
+    def _repr_png_(self) -> bytes:
+        return self.png()
+
+
+class ThreeViews:
+    """Three projections of one scene, beside each other; points are (N, 3) in mm."""
+
+    def __init__(self, title: str, *, in_patient: bool) -> None:
+        self.picture = Picture(11.0, 3.9)
+        self.picture.suptitle(title, fontsize=10)
+        names = IN_PATIENT if in_patient else ELSEWHERE
+        self._panes: dict[tuple[int, int], Any] = {}
+        for axes, (view, (across, up)) in zip(self.picture.subplots(1, 3), VIEWS.items(), strict=True):
+            axes.set_xlabel(names[across], fontsize=8)
+            axes.set_ylabel(names[up], fontsize=8)
+            axes.tick_params(labelsize=7)
+            axes.set_aspect("equal")
+            if in_patient:
+                axes.set_title(view, fontsize=9)
+                if view == "axial":
+                    axes.invert_yaxis()
+            self._panes[across, up] = axes
+
+    def points(self, places_mm: FloatArray, labels: Sequence[str] = (), **style: Any) -> None:
+        """Draw points, named where there are labels."""
+        style = {"color": MARKER_COLOUR, "marker": "o", "markersize": 6, "linestyle": "none", **style}
+        for (across, up), axes in self._panes.items():
+            axes.plot(places_mm[:, across], places_mm[:, up], **style)
+            for place, label in zip(places_mm, labels, strict=False):
+                offset = {"xytext": (5, 4), "textcoords": "offset points"}
+                axes.annotate(label, (place[across], place[up]), fontsize=8, color=style["color"], **offset)
+
+    def segments(self, starts_mm: FloatArray, ends_mm: FloatArray, colours: Sequence[str]) -> None:
+        """Draw a line from each start to its end."""
+        for (across, up), axes in self._panes.items():
+            for start, end, colour in zip(starts_mm, ends_mm, colours, strict=True):
+                axes.plot([start[across], end[across]], [start[up], end[up]], color=colour, linewidth=1.6)
+
+    def silhouettes(self, images: Mapping[tuple[int, int], tuple[NDArray[Any], tuple[float, ...]]]) -> None:
+        """Lay an image beneath each view: of the axes (across, up), its values and (left, right, bottom, top)."""
+        for view, (image, extent) in images.items():
+            axes = self._panes[view]
+            upside_down = axes.yaxis_inverted()
+            axes.imshow(image, extent=extent, origin="lower", cmap="gray", vmin=-1000.0, vmax=1500.0, zorder=-1)
+            if upside_down and not axes.yaxis_inverted():
+                axes.invert_yaxis()
+
+    def fields(self, values: Any, middle_mm: FloatArray, reach_mm: float, label: str) -> None:
+        """Draw contours of ``values`` (points (N, 3) -> (N,)) in the three planes through ``middle_mm`` (3,)."""
+        ticks = np.linspace(-reach_mm, reach_mm, 41)
+        planes = []
+        for across, up in self._panes:
+            places = np.broadcast_to(middle_mm, (ticks.size, ticks.size, 3)).copy()
+            places[..., across] += ticks
+            places[..., up] += ticks[:, np.newaxis]
+            planes.append(values(places.reshape(-1, 3)).reshape(ticks.size, ticks.size))
+        levels = np.linspace(min(p.min() for p in planes), max(p.max() for p in planes) + 1e-9, 12)
+        for ((across, up), axes), plane in zip(self._panes.items(), planes, strict=True):
+            drawn = axes.contourf(
+                middle_mm[across] + ticks, middle_mm[up] + ticks, plane, levels, cmap="Blues", zorder=-1
+            )
+        bar = self.picture.colorbar(drawn, ax=list(self._panes.values()), shrink=0.8)
+        bar.set_label(label, fontsize=8)
+        bar.ax.tick_params(labelsize=7)

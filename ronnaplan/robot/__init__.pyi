@@ -1,0 +1,19 @@
+from .camera import Camera as Camera, StereoRig as StereoRig
+from .chain import Capture as Capture, robot_from_ct as robot_from_ct, to_frame as to_frame
+from .hand_eye import HandEye as HandEye, calibrate_hand_eye as calibrate_hand_eye
+from .orientation import (
+    frame_of_three as frame_of_three,
+    orientation_covariance as orientation_covariance,
+    tool_orientation as tool_orientation,
+    tool_pose as tool_pose,
+)
+from .pivot import PivotCalibration as PivotCalibration, calibrate_pivot as calibrate_pivot
+from .stereo import StereoSphere as StereoSphere, locate_sphere as locate_sphere
+from .stereo_calibration import (
+    StereoCalibration as StereoCalibration,
+    TcpCalibration as TcpCalibration,
+    calibrate_on_board as calibrate_on_board,
+    calibrate_tcp as calibrate_tcp,
+)
+from .tool_frame import locate_tool as locate_tool
+from .trajectories import RobotTrajectory as RobotTrajectory, robot_trajectory as robot_trajectory

@@ -1,0 +1,181 @@
+"""Results show themselves in a line, a table, a picture and a notebook, and wrong types end in one sentence."""
+
+from __future__ import annotations
+
+import base64
+import logging
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import ronnaplan
+from ronnaplan import CTVolume, Fiducials, Pairing, Registration, Trajectory, localize, match_points, read_ct
+from ronnaplan import register_points as register
+from ronnaplan.correspondence.pairing import Rival
+from ronnaplan.ct.silhouette import silhouettes
+from ronnaplan.ct.volume import SeriesSource
+from ronnaplan.errors import RonnaplanError
+from ronnaplan.localization import Fiducial, FiducialFlag
+from ronnaplan.planning import Plan, measure
+from ronnaplan.registration import predict_tre, register_batch
+from ronnaplan.tracking import find_markers, read_recording
+
+POINTS = np.array([[60.0, 0.0, 20.0], [-50.0, 10.0, 30.0], [5.0, 70.0, -20.0], [0.0, -60.0, 70.0]])
+OFF = POINTS + np.array([[0.1, 0, 0], [0, 0.2, 0], [0, 0, 0.1], [0.1, 0, 0]])
+
+
+def a_scan() -> CTVolume:
+    """A scan whose slices lie on their side: voxel (k, j, i) is at LPS (2 k, -3 i, 4 j) mm, but for one corner."""
+    affine = np.array([[2.0, 0, 0, -10], [0, 0, -3.0, 50], [0, 4.0, 0, 7], [0, 0, 0, 1]])
+    voxels = np.full((6, 7, 8), -1000, dtype=np.int16)
+    voxels[5, 1, 2] = 900
+    return CTVolume.from_array(voxels, affine)
+
+
+def some_fiducials() -> Fiducials:
+    flags = ((), (FiducialFlag.CUT,), (), ())
+    parameters = np.linspace(1.0, 2.0, 16)
+    markers = tuple(
+        Fiducial(f"F{n}", place, np.diag([1e-4, 4e-4, 9e-4]), np.eye(3) * 1e-4, parameters, 0.9, 0.01, flags[n])
+        for n, place in enumerate(POINTS)
+    )
+    return Fiducials(markers, (), (11.5,), SeriesSource(), "0" * 64)
+
+
+def a_plan() -> Plan:
+    plan = Plan(SeriesSource())
+    for name in ("left <b>", "right"):
+        plan = plan.add(Trajectory(name, POINTS[0], POINTS[1]))
+    return plan
+
+
+PAIRS = np.array([[0, 2], [1, 0]])
+SHOWN: dict[str, tuple[Callable[[], Any], int, str]] = {
+    "fiducials": (some_fiducials, 4, "Fiducials(4 markers of 11.5 mm, 1 flagged, 0 candidates rejected)"),
+    "pairing": (lambda: Pairing("unique", PAIRS, 0.999, (Rival(PAIRS, 12.3),)), 2, "unique, 2 pairs"),
+    "refusal": (lambda: Pairing("ambiguous", PAIRS[:0], 0.5, reason="two fit"), 0, "ambiguous, 0 pairs"),
+    "registration": (lambda: register(POINTS, OFF, np.eye(3) * 0.01), 4, "Registration(4 pairs, FRE 0.1 mm"),
+    "plan": (a_plan, 2, "Plan(left <b>, right; 2 changes)"),
+    "empty plan": (lambda: Plan(SeriesSource()), 0, "Plan(no trajectory; 0 changes)"),
+}
+
+
+@pytest.mark.parametrize("name", SHOWN)
+def test_a_result_is_a_sequence_with_line_table_and_picture(name: str) -> None:
+    make, count, line = SHOWN[name]
+    result = make()
+    assert issubclass(type(result), Sequence)
+    assert len(result) == len(list(result)) == len(result[:]) == count
+    assert line in repr(result)
+    assert len(repr(result)) < 130
+    table = result.to_dataframe()
+    assert len(table) == count
+    page = result._repr_html_()
+    assert page.count("<tr>") == count + 1
+    assert "<b>," not in page  # a name is text, not markup
+    (picture,) = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
+    assert base64.b64decode(picture).startswith(b"\x89PNG")
+
+
+def test_a_table_holds_the_figures_of_the_result() -> None:
+    found = some_fiducials()
+    table = found.to_dataframe()
+    np.testing.assert_array_equal(table[["x_mm", "y_mm", "z_mm"]], POINTS)
+    np.testing.assert_allclose(table[["error_x_mm", "error_y_mm", "error_z_mm"]], [[0.01, 0.02, 0.03]] * 4)
+    assert table["flags"].tolist() == ["", str(FiducialFlag.CUT), "", ""]
+    assert found[1].label == "F1"
+    assert [one.label for one in found[-2:]] == ["F2", "F3"]
+    assert found[2] in found
+    registration = register(POINTS, OFF)
+    np.testing.assert_array_equal(registration.to_dataframe()["residual_mm"], registration.residuals_mm)
+    assert list(Pairing("unique", PAIRS, 1.0)) == [(0, 2), (1, 0)]
+
+
+def test_a_silhouette_stands_where_its_voxels_are() -> None:
+    images = silhouettes(a_scan())
+    for (across, up), (image, (left, right, bottom, top)) in images.items():
+        rows, columns = image.shape
+        row, column = np.unravel_index(np.argmax(image), image.shape)
+        place = np.array([0.0, 44.0, 11.0])  # of the voxel (5, 1, 2)
+        width, height = (right - left) / columns, (top - bottom) / rows
+        assert left + column * width <= place[across] <= left + (column + 1) * width
+        assert bottom + row * height <= place[up] <= bottom + (row + 1) * height
+        assert image.max() == 900
+    assert some_fiducials().plot(a_scan()).png().startswith(b"\x89PNG")
+    assert a_plan()._repr_html_() != Plan(SeriesSource())._repr_html_()
+
+
+SCAN = a_scan()
+WRONG: dict[str, Callable[[], object]] = {
+    "a path for a scan": lambda: localize("scan", diameter_mm=11.5),  # type: ignore[arg-type]
+    "voxels for a scan": lambda: localize(SCAN.voxels_hu, diameter_mm=11.5),  # type: ignore[arg-type]
+    "text for a diameter": lambda: localize(SCAN, diameter_mm="11.5"),  # type: ignore[arg-type]
+    "a word for a number": lambda: localize(SCAN, diameter_mm=11.5, expected="six"),  # type: ignore[arg-type]
+    "half a marker": lambda: localize(SCAN, diameter_mm=11.5, expected=6.5),  # type: ignore[arg-type]
+    "a path for a template": lambda: localize(SCAN, diameter_mm=11.5, template="t.json"),  # type: ignore[arg-type]
+    "text for a marker": lambda: localize(SCAN, diameter_mm=11.5, marker="solid"),  # type: ignore[arg-type]
+    "a number for a path": lambda: read_ct(3),  # type: ignore[arg-type]
+    "fiducials for points": lambda: match_points(some_fiducials(), POINTS),  # type: ignore[arg-type]
+    "text for covariances": lambda: match_points(POINTS, POINTS, covariances_ct_mm2="x"),
+    "text for a probability": lambda: match_points(POINTS, POINTS, least_probability="x"),  # type: ignore[arg-type]
+    "text for a spread": lambda: match_points(POINTS, POINTS, spread_mm="x"),  # type: ignore[arg-type]
+    "a number for labels": lambda: register(POINTS, OFF, labels=5),  # type: ignore[arg-type]
+    "text for a frame": lambda: register(POINTS, OFF, moving_frame="CT"),  # type: ignore[arg-type]
+    "text for a batch": lambda: register_batch("x", "y"),
+    "text for errors": lambda: predict_tre(POINTS, "x", POINTS),
+    "an array for a map": lambda: register(POINTS, OFF).tre_map(POINTS),  # type: ignore[arg-type]
+    "a number for a name": lambda: Trajectory(5, POINTS[0], POINTS[1]),  # type: ignore[arg-type]
+    "an instrument's name": lambda: Trajectory("a", POINTS[0], POINTS[1], instrument="pointer"),  # type: ignore[arg-type]
+    "a frame's name": lambda: Trajectory("a", POINTS[0], POINTS[1], frame="CT"),  # type: ignore[arg-type]
+    "a word for a trajectory": lambda: Plan(SeriesSource()).add("left"),  # type: ignore[arg-type]
+    "a path for a plan's scan": lambda: Plan.of_scan("scan"),  # type: ignore[arg-type]
+    "text for a trajectory": lambda: measure("a", "b"),  # type: ignore[arg-type]
+    "a path for a recording": lambda: find_markers("readings.csv"),  # type: ignore[arg-type]
+    "a number for readings": lambda: read_recording(3),  # type: ignore[arg-type]
+    "text for an affine": lambda: CTVolume.from_array(np.zeros((2, 2, 2)), "x"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_type_ends_in_one_sentence(name: str) -> None:
+    with pytest.raises(RonnaplanError) as told:
+        WRONG[name]()
+    sentence = str(told.value)
+    assert "\n" not in sentence
+    assert len(sentence) < 250
+
+
+def test_the_face_lists_what_it_offers() -> None:
+    offered = {"CTVolume", "Fiducials", "Pairing", "Plan", "Registration", "Trajectory", "describe_layout"}
+    offered |= {"find_markers", "localize", "match_points", "read_ct", "read_recording", "register_points"}
+    assert set(dir(ronnaplan)) == offered
+    from ronnaplan import robot
+
+    assert {"calibrate_pivot", "robot_from_ct", "locate_sphere"} <= set(dir(robot))
+    assert all(getattr(module, name) for module in (ronnaplan, robot) for name in dir(module))
+
+
+def test_each_step_is_told_to_a_logger_that_is_silent_until_asked(caplog: pytest.LogCaptureFixture) -> None:
+    registration = register(POINTS, OFF)
+    assert not caplog.records
+    with caplog.at_level(logging.DEBUG, "ronnaplan"):
+        match_points(POINTS, OFF)
+        assert isinstance(register(POINTS, OFF), Registration)
+    lines = caplog.messages
+    assert any("paired 4 CT with 4 tracker points: Pairing(" in line for line in lines)
+    assert f"registered moving onto fixed: {registration!r}" in lines
+    assert any(line.startswith("1 is left 0.") for line in lines)
+
+
+def test_nothing_heavy_is_imported_before_it_is_needed() -> None:
+    code = "import sys, ronnaplan; print(*sorted({name.split('.')[0] for name in sys.modules}))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path(__file__).parents[1]
+    )
+    assert not {"numpy", "scipy", "numba", "pydicom", "matplotlib", "cv2"} & set(done.stdout.split())
