@@ -35,8 +35,8 @@ ADAPTED_SLICES = 2.0
 """To so many slices the fit adapts: its centre along them, and the profile."""
 
 WEIGHTS = {
-    **{"slices": 0.6, "even": 0.75, "streaks": 1.25, "slope": 2.1},
-    **{"pole": 1.8e-6, "slanted": 1.4e-6, "least": 0.1e-6},
+    **{"slices": 0.55, "even": 1.1, "streaks": 1.2, "slope": 1.9},
+    **{"pole": 1.9e-6, "slanted": 1.2e-6, "least": 0.1e-6},
 }
 """How much of each source is error. The first ones would be 1 if the residuals were the whole truth, and independent;
 the last two are mm^2. Fitted by `scripts/fit_uncertainty` to the errors on simulated patients and on balls in real
@@ -78,19 +78,18 @@ def center_covariance(
 def sources(fit: BallFit, noise_hu: float) -> dict[str, FloatArray]:
     """What may move the centre, by the names of `WEIGHTS`: covariances (3, 3) along u, v, w, in mm^2 or without a unit.
 
-    ``slices``: what each slice's residuals do to it; ``even``: what they would do if they were uncorrelated;
+    ``slices``: what each slice's residuals do to it; ``even``: what they would do if they were uncorrelated within the
+    slices;
     ``streaks``: streaks of the size seen just outside the ball that displace its edge along the axis of what touches
     it, as a screw casts them along the post; ``slope``: a background that slopes across the blur, as streaks do;
     ``pole``: a profile whose shape the few slices of a small ball do not tell, by the depth of the ball's pole in a
     slice; ``slanted``: bell-shaped profiles, those of a helix or a cone beam, whose slanted rays, moving table and
     lagging panel displace what they show; ``least``: what stays in any scan.
     """
-    influence, residuals = fit.influence_mm_per_hu[fit.used], fit.residuals_hu[fit.used]
-    of_slices, shared = _slices(fit)
-    overlap = float(shared.sum(axis=1).max(initial=1.0))
-    apart = len(of_slices) / overlap
+    influence = fit.influence_mm_per_hu[fit.used]
+    of_slices, shared, mean_square = _slices(fit)
+    apart = len(of_slices) / float(shared.sum(axis=1).max(initial=1.0))
     freedom = apart / max(apart - ADAPTED_SLICES, 0.5)  # a few slices are fitted more closely than they are true
-    mean_square = float(residuals @ residuals) / max(len(residuals), 1)
     blur_mm, width_mm = float(fit.theta[BLUR]), float(fit.theta[WIDTH])
     sloping_mm = np.array([blur_mm, blur_mm, width_mm]) * fit.theta[SLOPES] / fit.contrast_hu
     streaks_mm = 0.0 if has_skin(fit.theta) else _streaks_hu(fit, noise_hu) * blur_mm / fit.contrast_hu
@@ -98,7 +97,7 @@ def sources(fit: BallFit, noise_hu: float) -> dict[str, FloatArray]:
     depth_mm = width_mm**2 / float(fit.theta[RADIUS])
     return {
         "slices": freedom * of_slices.T @ shared @ of_slices,
-        "even": overlap * mean_square * influence.T @ influence,
+        "even": mean_square * influence.T @ influence,
         "streaks": streaks_mm**2 * (np.outer(axis, axis) if axis.any() else np.eye(3) / 3.0),
         "slope": np.outer(sloping_mm, sloping_mm),
         "pole": np.diag([0.0, 0.0, depth_mm**2]),
@@ -143,15 +142,23 @@ def noise_level(fit: BallFit) -> float:
     return max(min(levels, default=_rms(fit.residuals_hu[fit.used])), QUANTIZATION_NOISE_HU)
 
 
-def _slices(fit: BallFit) -> tuple[FloatArray, FloatArray]:
-    """What each slice's residuals do to the centre (K, 3) in mm, and which part of their tissue slices share (K, K)."""
-    moves = fit.influence_mm_per_hu[fit.used] * fit.residuals_hu[fit.used, np.newaxis]
-    _, first, slices = np.unique(fit.neighbourhood.indices[fit.used, 0], return_index=True, return_inverse=True)
+def _slices(fit: BallFit) -> tuple[FloatArray, FloatArray, float]:
+    """What each slice's residuals do to the centre (K, 3) in mm, and which part of their tissue slices share (K, K).
+
+    And the mean square of the residuals (HU^2), each times what it shares with those of its own column of voxels: noise
+    that slices share counts as often, what alternates from slice to slice cancels.
+    """
+    residuals, indices = fit.residuals_hu[fit.used], fit.neighbourhood.indices[fit.used]
+    _, first, slices = np.unique(indices[:, 0], return_index=True, return_inverse=True)
     sums = np.zeros((len(first), 3))
-    np.add.at(sums, slices, moves)
+    np.add.at(sums, slices, fit.influence_mm_per_hu[fit.used] * residuals[:, np.newaxis])
     places_mm = fit.neighbourhood.offsets_mm[fit.used][first, W]
-    apart = np.abs(places_mm[:, np.newaxis] - places_mm) / fit.theta[WIDTH]
-    return sums, np.maximum(1.0 - apart, 0.0)
+    shared = np.maximum(1.0 - np.abs(places_mm[:, np.newaxis] - places_mm) / fit.theta[WIDTH], 0.0)
+    rows, columns = (indices[:, 1:] - indices[:, 1:].min(axis=0, initial=np.iinfo(np.intp).max)).T
+    images = np.zeros((len(first), rows.max(initial=0) + 1, columns.max(initial=0) + 1))
+    images[slices, rows, columns] = residuals
+    flat = images.reshape(len(first), -1)
+    return sums, shared, float(np.sum(shared * (flat @ flat.T))) / max(len(residuals), 1)
 
 
 def attached_axis(fit: BallFit) -> FloatArray:
