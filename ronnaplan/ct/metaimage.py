@@ -27,9 +27,9 @@ from ronnaplan.text import printable
 UNIT_TOLERANCE: Final = 1e-4
 """Directions whose length differs from 1 by more would scale the voxels beside their spacing."""
 _SYNONYMS: Final = {
-    **{"position": "offset", "origin": "offset"},
-    **{"orientation": "transformmatrix", "rotation": "transformmatrix"},
-    "elementbyteordermsb": "binarydatabyteordermsb",
+    **{"Position": "Offset", "Origin": "Offset"},
+    **{"Orientation": "TransformMatrix", "Rotation": "TransformMatrix"},
+    "ElementByteOrderMSB": "BinaryDataByteOrderMSB",
 }
 _TYPES: Final = {
     **{
@@ -44,14 +44,33 @@ _TYPES: Final = {
 }
 """``MET_LONG`` is missing: its size depends on the machine that wrote it."""
 _EXPECTED: Final = {
-    "objecttype": ("Image",),
-    "transformtype": ("Rigid", "Affine"),
-    "distanceunits": ("mm", "?"),
-    "modality": ("MET_MOD_CT", "MET_MOD_UNKNOWN"),
-    "binarydata": ("True",),
-    "headersizeperslice": ("0",),
+    "ObjectType": ("Image",),
+    "TransformType": ("Rigid", "Affine"),
+    "DistanceUnits": ("mm", "?"),
+    "Modality": ("MET_MOD_CT", "MET_MOD_UNKNOWN"),
+    "BinaryData": ("True",),
+    "HeaderSizePerSlice": ("0",),
+    "ElementNumberOfChannels": ("1",),
 }
 """Fields that may be absent, but where they stand must hold one of these."""
+SLOPE: Final = "ElementToIntensityFunctionSlope"
+OFFSET: Final = "ElementToIntensityFunctionOffset"
+_HEARD: Final = (
+    *(
+        *_SYNONYMS,
+        *_SYNONYMS.values(),
+        *_EXPECTED,
+        SLOPE,
+        OFFSET,
+        "NDims",
+        "DimSize",
+        "ElementType",
+        "ElementSpacing",
+    ),
+    *("CenterOfRotation", "CompressedData", "HeaderSize", "ElementDataFile"),
+)
+_SPELLED: Final = {name.lower(): name for name in _HEARD}
+"""MetaIO knows a field by its very letters and passes over any other, which people may yet mean to be heard."""
 
 
 def meta_header(path: Path, stream: BinaryIO, limits: Limits) -> ImageHeader:
@@ -60,17 +79,12 @@ def meta_header(path: Path, stream: BinaryIO, limits: Limits) -> ImageHeader:
     (dimensions,) = whole(_given(fields, "NDims"), 1, "NDims")
     if dimensions != 3:
         raise DamagedError(f"it has {dimensions} dimensions, expected 3")
-    channels = fields.get("elementnumberofchannels", "1")
-    if channels != "1":
-        raise DamagedError(f"it has {printable(channels, 60)} values a voxel, expected 1")
     for name, wanted in _EXPECTED.items():
         if fields.get(name, wanted[0]) not in wanted:
             raise DamagedError(f"its {name} is '{printable(fields[name], 60)}', expected {wanted[0]}")
     columns, rows, count = whole(_given(fields, "DimSize"), 3, "DimSize")
-    (slope,) = decimals(fields.get("elementtointensityfunctionslope", "1"), 1, "ElementToIntensityFunctionSlope")
-    (offset,) = decimals(
-        fields.get("elementtointensityfunctionoffset", "0"), 1, "ElementToIntensityFunctionOffset"
-    )
+    (slope,) = decimals(fields.get(SLOPE, "1"), 1, SLOPE)
+    (offset,) = decimals(fields.get(OFFSET, "0"), 1, OFFSET)
     return ImageHeader(
         (count, rows, columns),
         _dtype(fields),
@@ -81,34 +95,34 @@ def meta_header(path: Path, stream: BinaryIO, limits: Limits) -> ImageHeader:
 
 
 def _fields(lines: list[str]) -> dict[str, str]:
-    """Return the fields by their name in small letters, synonyms as one; two that disagree are refused."""
+    """Return the fields by their name, synonyms as one; refuses two that disagree, and a name in other capitals."""
     fields: dict[str, str] = {}
     for line in lines:
         key, separator, value = line.partition("=")
         if not separator:
             raise DamagedError(f"its header has the line '{printable(line, 60)}', expected 'Key = Value'")
-        name = key.strip().lower()
-        name, value = (
-            _SYNONYMS.get(name, name),
-            " ".join(value.split()) if name != "elementdatafile" else value.strip(),
-        )
+        written = key.strip()
+        if written != _SPELLED.get(written.lower(), written):
+            raise DamagedError(f"its header has the field {written}, expected {_SPELLED[written.lower()]}")
+        name = _SYNONYMS.get(written, written)
+        value = value.strip() if name == "ElementDataFile" else " ".join(value.split())
         if fields.setdefault(name, value) != value:
             raise DamagedError(
-                f"it gives two values for {printable(key.strip(), 60)} (or a synonym): "
+                f"it gives two values for {printable(written, 60)} (or a synonym): "
                 f"'{printable(fields[name], 60)}' and '{printable(value, 60)}'"
             )
     return fields
 
 
 def _given(fields: dict[str, str], name: str) -> str:
-    if name.lower() not in fields:
+    if name not in fields:
         raise DamagedError(f"it gives no readable {name}; convert it again")
-    return fields[name.lower()]
+    return fields[name]
 
 
 def _is_true(fields: dict[str, str], name: str, otherwise: str | None) -> bool:
     """Return a truth value as MetaIO writes it."""
-    value = fields.get(name.lower(), otherwise)
+    value = fields.get(name, otherwise)
     if value not in ("True", "False"):
         raise DamagedError(f"it gives '{printable(value, 60)}' as its {name}, expected True or False")
     return value == "True"
@@ -132,7 +146,7 @@ def _lps_from_index(fields: dict[str, str]) -> FloatArray:
     directions = decimals(_given(fields, "TransformMatrix"), 9, "TransformMatrix").reshape(3, 3).T
     if float(np.abs(np.linalg.norm(directions, axis=0) - 1.0).max()) > UNIT_TOLERANCE:
         raise DamagedError("its TransformMatrix holds directions that are not of length 1; convert it again")
-    if decimals(fields.get("centerofrotation", "0 0 0"), 3, "CenterOfRotation").any():
+    if decimals(fields.get("CenterOfRotation", "0 0 0"), 3, "CenterOfRotation").any():
         raise DamagedError("its CenterOfRotation is not 0, which readers take in two ways; convert it again")
     affine = np.eye(4)
     affine[:3, :3] = directions * positive(
@@ -144,7 +158,7 @@ def _lps_from_index(fields: dict[str, str]) -> FloatArray:
 
 def _stored(path: Path, fields: dict[str, str], header_bytes: int) -> StoredVoxels:
     encoding: Encoding = "zlib" if _is_true(fields, "CompressedData", "False") else "raw"
-    (skip,) = whole(fields.get("headersize", "0"), 1, "HeaderSize")
+    (skip,) = whole(fields.get("HeaderSize", "0"), 1, "HeaderSize")
     if skip < -1 or (skip and encoding != "raw"):
         raise DamagedError(f"it skips {skip} bytes of {encoding} data (HeaderSize); convert it again")
     name = _given(fields, "ElementDataFile")

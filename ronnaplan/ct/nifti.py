@@ -114,6 +114,10 @@ def nifti_header(path: Path, stream: BinaryIO, limits: Limits) -> ImageHeader:
             f"its values have the intent {intent} (a statistic, vectors, ...), so they are no image's"
         )
     slope, intercept = fields["scl"]
+    if not np.isfinite(fields["scl"]).all():
+        raise DamagedError(
+            f"it gives '{slope:g} {intercept:g}' as its scale of the values, expected finite numbers"
+        )
     if slope == 0.0:
         slope, intercept = 1.0, 0.0  # the standard: zero means that the values are not scaled
     shape = _shape(fields["dim"])

@@ -220,6 +220,13 @@ def _nrrd(content: bytes) -> Any:
     return np.array(vectors).T * np.array(signs)[:, np.newaxis], values
 
 
+META_NAMES = (
+    *("NDims", "DimSize", "ElementType", "ElementSpacing", "ElementDataFile", "CompressedData", "HeaderSize"),
+    *("ElementToIntensityFunctionSlope", "ElementToIntensityFunctionOffset", "DistanceUnits", "Modality"),
+    *("BinaryData", "CenterOfRotation", "ObjectType"),
+)
+
+
 def _meta(content: bytes) -> Any:
     header, found, voxels = content.partition(b"ElementDataFile = LOCAL\n")
     if not found:
@@ -231,8 +238,10 @@ def _meta(content: bytes) -> Any:
         "ElementByteOrderMSB": "BinaryDataByteOrderMSB",
     }
     fields: dict[str, list[str]] = {}
+    known = {each.lower(): each for each in (*META_NAMES, *same, *same.values())}
     for key, value in pairs:
         name = same.get(key.strip(), key.strip())
+        _open_if(known.get(name.lower(), name) != name, f"{name} may be meant to be heard")
         _open_if(fields.get(name, value.split()) != value.split(), f"it gives {name} twice")
         fields[name] = value.split()
     _open_if(fields.get("DistanceUnits", ["mm"]) != ["mm"], "it is not in mm")

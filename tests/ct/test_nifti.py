@@ -94,6 +94,8 @@ def test_numbers_that_are_none_are_refused_by_name(
         (write, (344, "4s", b"\0\0\0\0"), "magic number"),
         (write, (0, "i", 300), "not of 348 or 540 bytes"),
         (write, (68, "h", 3), r"the intent 3 \(a statistic"),
+        (write, (SLOPE, "ff", (0.0, NAN)), "'0 nan' as its scale of the values"),
+        (write, (SLOPE, "ff", (0.0, -INF)), "'0 -inf' as its scale of the values"),
         (write, (SLOPE, "f", 1e8), r"scales its values by 1e\+08"),
         (write, (72, "h", 32), "take 32 bits, but 16 by their type"),
         (write, (70, "h", 128), r"of the type 128 \(colours"),
