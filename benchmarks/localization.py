@@ -6,11 +6,11 @@
     python -m benchmarks.localization peers [--slices-mm T]
 
 ``accuracy`` scans whole patients with the projection-domain scanner until each condition has its markers, and prints
-recall, false positives, error, and how honest the stated uncertainty is (mean squared normalized error per degree of
-freedom, share within the 95 % ellipsoid). ``rendered`` does the same with many markers from the fast renderer,
-``protocols`` with scans as hospitals make them: kernels, profiles, denoising, cone beams, and headers as they are.
-Seeds below `FIRST_UNSEEN` were used for tuning and are refused. ``peers`` runs other tools' recipes on one rendered
-head.
+recall, false positives, error beside that of a plain fit that is told where to look, and how honest the stated
+uncertainty is (mean squared normalized error per degree of freedom, share within the 95 % ellipsoid). ``rendered`` does
+the same with many markers from the fast renderer, ``protocols`` with scans as hospitals make them: kernels, profiles,
+denoising, cone beams, and headers as they are. Seeds below `FIRST_UNSEEN` were used for tuning and are refused.
+``peers`` runs other tools' recipes on one rendered head.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from benchmarks.cases import (
     volume,
     whole_scan,
 )
+from benchmarks.ideal import ideal_center
 from benchmarks.peers import PEERS
 from phantoms.errors import PhantomError
 from phantoms.fast import render
@@ -57,7 +58,7 @@ CHI2_95 = 7.815
 
 HEADING = (
     *("condition", "patients", "markers", "missed", "false", "mean um", "goal", "worst um", "goal"),
-    *("nees", "in 95 %", "eff."),
+    *("ideal um", "nees", "in 95 %", "eff."),
 )
 
 
@@ -69,6 +70,8 @@ class Score:
     missed: int = 0
     false: int = 0
     errors_mm: list[float] = field(default_factory=list)
+    ideal_mm: list[float] = field(default_factory=list)
+    """Errors of a plain fit that is told where to look, on the same markers."""
     normalized: list[float] = field(default_factory=list)
     efficiencies: list[float] = field(default_factory=list)
 
@@ -89,6 +92,8 @@ class Score:
                 continue
             error = own[0].center_mm - center_mm
             self.errors_mm.append(float(np.linalg.norm(error)))
+            ideal = ideal_center(case.volume, center_mm, case.diameter_mm)
+            self.ideal_mm.append(float(np.linalg.norm(ideal - center_mm)))
             self.normalized.append(float(error @ np.linalg.solve(own[0].covariance_mm2, error)))
             self.efficiencies.append(own[0].efficiency)
 
@@ -96,7 +101,7 @@ class Score:
         """One line of the table."""
         counts = [condition.name, *map(str, (self.patients, self.markers, self.missed, self.false))]
         if not self.errors_mm:
-            return [*counts, *["-"] * 7]
+            return [*counts, *["-"] * 8]
         normalized = np.array(self.normalized)
         return [
             *counts,
@@ -104,6 +109,7 @@ class Score:
             f"{1e3 * condition.mean_mm:.0f}",
             f"{1e3 * np.max(self.errors_mm):.1f}",
             f"{1e3 * condition.worst_mm:.0f}",
+            f"{1e3 * np.mean(self.ideal_mm):.1f}",
             f"{normalized.mean() / 3:.2f}",
             f"{np.mean(normalized <= CHI2_95):.0%}",
             f"{np.median(self.efficiencies):.1g}",
