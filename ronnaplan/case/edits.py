@@ -11,7 +11,7 @@ from ronnaplan.case.folder import Case, CaseFiles
 from ronnaplan.case.surroundings import Judgement, Labels, Rules, Surroundings
 from ronnaplan.ct import CTVolume
 from ronnaplan.documents.agreement import disagreement
-from ronnaplan.documents.fiducials import FiducialsDocument, fiducials_document, read_fiducials
+from ronnaplan.documents.fiducials import FiducialsDocument, read_fiducials
 from ronnaplan.documents.kept import Kept
 from ronnaplan.documents.plan import plan_text, read_plan
 from ronnaplan.documents.reading import to_json
@@ -200,13 +200,6 @@ class OpenCase:
         if self.fiducials is None:
             raise UsageError("no markers are known; localize them first")
         return self.fiducials
-
-    def find_markers(self, diameter_mm: float) -> FiducialsDocument:
-        """Look for markers of another diameter, made as those that were looked for before; changes nothing yet."""
-        from ronnaplan.localization import Build, localize
-
-        build = Build(self.fiducials.marker.layer_mm) if self.fiducials else Build()
-        return fiducials_document(localize(self.volume, diameter_mm=diameter_mm, marker=build))
 
     def replace_markers(self, found: FiducialsDocument) -> None:
         """Put other markers in the place of those there were."""

@@ -1,12 +1,29 @@
-"""What a person decides about markers: reject, take back, rename. The fitted values are never touched."""
+"""The markers of a scan as they are found, and what a person decides about them: the fitted values stay."""
 
 from __future__ import annotations
 
-from ronnaplan.documents.fiducials import FiducialEntry, FiducialsDocument, RejectedEntry
+from ronnaplan.ct import CTVolume
+from ronnaplan.ct.progress import Progress
+from ronnaplan.documents.fiducials import (
+    FiducialEntry,
+    FiducialsDocument,
+    RejectedEntry,
+    fiducials_document,
+)
 from ronnaplan.errors import RefusedError, UsageError
 
 BY_HAND = "rejected by hand"
 """The reason of a marker that a person turned down; it is kept whole, so that it can be taken back."""
+
+
+def localized(
+    volume: CTVolume, diameter_mm: float, layer_mm: float = 0.0, progress: Progress = False
+) -> FiducialsDocument:
+    """Look for the markers of a diameter in a scan, hollow or wrapped as ``layer_mm`` says."""
+    from ronnaplan.localization import Build, localize
+
+    found = localize(volume, diameter_mm=diameter_mm, marker=Build(layer_mm), progress=progress)
+    return fiducials_document(found)
 
 
 def reject(document: FiducialsDocument, label: str) -> FiducialsDocument:

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.case.expectation import expectation
 from ronnaplan.ct import CTVolume
+from ronnaplan.ct.progress import Progress
 from ronnaplan.documents.fiducials import FiducialsDocument
 from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.errors import RonnaplanError
@@ -76,6 +78,10 @@ class Terrain:
     def __init__(self, volume: CTVolume, no_go: Labels | None = None) -> None:
         self.volume, self.no_go = volume, no_go or {}
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Go to another process without what can be found again there."""
+        return Terrain, (self.volume, self.no_go)
+
     @cached_property
     def head(self) -> Head:
         """The head in the scan; raises `InputError` where there is none."""
@@ -103,6 +109,10 @@ class Surroundings:
     ) -> None:
         self.terrain, self.rules, self.fiducials, self.registration = terrain, rules, fiducials, registration
         self._measured: dict[str, _Measured] = {}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Go to another process without what can be found again there."""
+        return Surroundings, (self.terrain, self.rules, self.fiducials, self.registration)
 
     def with_documents(
         self, fiducials: FiducialsDocument | None, registration: RegistrationDocument | None
@@ -146,6 +156,11 @@ class Surroundings:
         except RonnaplanError as error:  # a limit on what is not known here
             return Judgement(measured, problem=str(error))
 
+    def judge_all(self, plan: Plan) -> None:
+        """Measure all trajectories of a plan, so that `judge` has them ready."""
+        for one in plan.trajectories:
+            self.judge(one, plan)
+
     def propose(
         self, target_mm: FloatArray, plan: Plan, *, name: str, instrument: Instrument, count: int = 5
     ) -> Proposals:
@@ -165,14 +180,19 @@ class Surroundings:
         )
 
     def place_markers(
-        self, plan: Plan, count: int, rules: PlacementRules | None = None, targets_mm: Sequence[FloatArray] = ()
+        self,
+        plan: Plan,
+        count: int,
+        rules: PlacementRules | None = None,
+        targets_mm: Sequence[FloatArray] = (),
+        progress: Progress = False,
     ) -> Placement:
         """Propose places for ``count`` markers, for the plan's targets and ``targets_mm``, away from its entries."""
         stated = rules or PlacementRules()
         stated = replace(stated, sigma_ct_mm=self.rules.sigma_ct_mm, sigma_ots_mm=self.rules.sigma_ots_mm)
         targets = [*(one.target_mm for one in plan.trajectories), *targets_mm]
         entries = [one.entry_mm for one in plan.trajectories]
-        return place_markers(scalp_sites(self.head), targets, count, stated, entries)
+        return place_markers(scalp_sites(self.head), targets, count, stated, entries, progress=progress)
 
     def _kept(self, trajectory: Trajectory, plan: Plan, rough: bool) -> Measures | RonnaplanError:
         """Return what does not depend on the other trajectories, measured anew only if something else changed."""

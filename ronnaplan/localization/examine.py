@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ronnaplan.ct.progress import advancing
+from ronnaplan.ct.progress import Progress, advancing
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.accept import MIN_COVERAGE, Evidence, failures
@@ -135,7 +135,7 @@ class Examined:
         return apart < SAME_PLACE * min(self.stated_mm, other.stated_mm)
 
 
-def examine(scan: Scan, diameter_mm: float, build: Build = SOLID, progress: bool = False) -> list[Examined]:
+def examine(scan: Scan, diameter_mm: float, build: Build = SOLID, progress: Progress = False) -> list[Examined]:
     """Fit and judge every place of ``scan`` that may be a ball of ``diameter_mm``, strongest candidates first."""
     seen = detect(scan.volume, diameter_mm).centers_mm
     shares = surface_shares(scan.volume, seen, diameter_mm, build, scan.thickness_mm(seen))

@@ -9,6 +9,7 @@ from numbers import Integral, Real
 
 import numpy as np
 
+from ronnaplan.ct.progress import Progress
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import InputError, RefusedError, UsageError, check_type
 from ronnaplan.localization.build import SOLID, Build
@@ -39,15 +40,16 @@ def localize(
     expected: int | None = None,
     template: Template | None = None,
     marker: Build = SOLID,
-    progress: bool = False,
+    progress: Progress = False,
 ) -> Fiducials:
     """Find every ball of ``diameter_mm`` in a scan, its centre (LPS mm) and the centre's covariance (mm^2).
 
     Several diameters may be given for several kinds of marker. With a ``template`` only the markers that stand
     at its distances are kept, under its labels. ``marker`` says whether the balls are hollow or wrapped.
-    With ``progress`` a long search shows a bar on standard error. Raises `UsageError` for a diameter that is not a
-    positive number, `InputError` for one below `MIN_VOXELS_PER_DIAMETER` pixels, and `RefusedError` when ``expected``
-    markers were promised and another number was found, or when the template is not found exactly once.
+    With ``progress`` a long search shows a bar on standard error, or tells how far it is. Raises `UsageError` for a
+    diameter that is not a positive number, `InputError` for one below `MIN_VOXELS_PER_DIAMETER` pixels, and
+    `RefusedError` when ``expected`` markers were promised and another number was found, or when the template is not
+    found exactly once.
     """
     check_type(volume, CTVolume, "the volume", "read_ct returns one")
     check_type(template, (Template, type(None)), "the template", "documents.template.read_template returns one")

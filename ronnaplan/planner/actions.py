@@ -51,16 +51,17 @@ def key_actions(state: PlannerState, pointer: Pointer) -> dict[str, tuple[str, C
 class Actions:
     """The page's actions on one state and one pointer."""
 
-    def __init__(self, state: PlannerState, pointer: Pointer) -> None:
-        self.state, self.pointer = state, pointer
+    def __init__(self, state: PlannerState, pointer: Pointer, tracker: tuple[str, int] | None = None) -> None:
+        self.state, self.pointer, self.tracker = state, pointer, tracker
 
     def by_name(self) -> dict[str, Callable[..., Any]]:
-        """Return the actions that are done at once."""
+        """Return the actions; those that take long only begin."""
         state = self.state
         return {
             "press": self._press,
             "release": self._release,
             "wheel": self._wheel,
+            "nudge": self.pointer.nudge,
             "window": state.look.choose_window,
             "window_hu": self._window_hu,
             "surface": state.look.other_surface,
@@ -81,13 +82,13 @@ class Actions:
             "reject": state.case.reject_marker,
             "accept": state.case.accept_marker,
             "rename": state.case.rename_marker,
+            "localize": self._localize,
+            "propose": state.offers.propose,
+            "placement": self._placement,
             "readings": state.registering.load_readings,
+            "listen": self._listen,
             "pick_reading": state.registering.pick_reading,
         }
-
-    def later_by_name(self) -> dict[str, Callable[..., Callable[[], None]]]:
-        """Return those that take longer: they compute in a thread, what they return then changes the state."""
-        return {"localize": self._localize, "propose": self._propose, "placement": self._placement}
 
     def move(self, view: str, x: Pixels, y: Pixels, width: Pixels, height: Pixels) -> None:
         """Follow the pointer to a pixel of a view."""
@@ -142,17 +143,17 @@ class Actions:
         """Set a point of the AC-PC frame: at the crosshair, or where it is typed."""
         self.state.set_landmark(which, self.state.look.crosshair_mm if typed is None else _numbers(typed))
 
-    def _localize(self, diameter: Typed) -> Callable[[], None]:
-        found = self.state.case.find_markers(_number(diameter))
-        return lambda: self.state.case.replace_markers(found)
+    def _localize(self, diameter: Typed) -> None:
+        self.state.localize(_number(diameter))
 
-    def _propose(self, name: str) -> Callable[[], None]:
-        found = self.state.offers.propose(name)
-        return lambda: self.state.offers.show_proposals(found)
+    def _placement(self, count: Typed) -> None:
+        self.state.offers.propose_markers(int(_number(count)))
 
-    def _placement(self, count: Typed) -> Callable[[], None]:
-        placed = self.state.offers.propose_markers(int(_number(count)))
-        return lambda: self.state.offers.show_placement(placed)
+    def _listen(self) -> None:
+        """Listen to the tracker."""
+        if self.tracker is None:
+            raise UsageError("no tracker was named; start the planner with --tracker HOST:PORT")
+        self.state.registering.listen(*self.tracker)
 
 
 def _number(value: Typed) -> float:

@@ -45,7 +45,7 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
             "high": 1,
             "letters": [],
             "scale": None,
-            "title": "select a trajectory",
+            "title": "select a trajectory" if state.case.plan.trajectories else "no trajectory yet: press A",
             "markers": [],
             "points": [],
             "paths": [],

@@ -77,6 +77,19 @@ class Looking:
         cut = self.cut(view)
         self.jump(self.crosshair_mm + steps * self.step_mm * cut.away)
 
+    def nudge(self, view: str, across_mm: float, down_mm: float) -> None:
+        """Move the crosshair within a standard view, and bring it into view."""
+        _require_view(view, tuple(STANDARD))
+        cut = self.cut(view)
+        self.show(self.crosshair_mm + across_mm * cut.right + down_mm * cut.down)
+
+    def along(self, way_mm: float) -> None:
+        """Move the crosshair along the selected trajectory, between its ends; nothing without one."""
+        path = self.chosen
+        if path is not None:
+            depth = (self.crosshair_mm - path.entry_mm) @ path.inward + way_mm
+            self.show(path.at_depth(np.clip(depth, 0.0, path.length_mm)))
+
     def zoom(self, view: str, factor: float, place_mm: FloatArray) -> None:
         """Enlarge (factor above 1) about ``place_mm`` (3,), which stays where it is on the screen."""
         _require_view(view, tuple(STANDARD))

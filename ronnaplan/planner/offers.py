@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from ronnaplan.case.edits import OpenCase
 from ronnaplan.case.surroundings import Surroundings, others
 from ronnaplan.errors import InputError
 from ronnaplan.planner.looking import Looking
+from ronnaplan.planner.worker import Job, Start
 from ronnaplan.planning import Placement, Proposals, Trajectory
 from ronnaplan.planning.sites import PlacementRules
 
@@ -35,21 +37,21 @@ class Placed:
 class Offers:
     """Proposed entries and proposed places for markers."""
 
-    def __init__(self, case: OpenCase, look: Looking) -> None:
+    def __init__(self, case: OpenCase, look: Looking, start: Start) -> None:
         """Nothing is proposed yet."""
-        self.case, self.look = case, look
+        self.case, self.look, self.start = case, look, start
         self._proposed: Proposed | None = None
         self._placed: Placed | None = None
 
-    def propose(self, name: str) -> Proposed:
-        """Score every way to the target of a trajectory; changes nothing."""
+    def propose(self, name: str) -> None:
+        """Score every way to the target of a trajectory, shown until target, instrument or surroundings change."""
         path, around, plan = self.case.plan.trajectory(name), self.case.surroundings, self.case.plan
-        found = around.propose(path.target_mm, plan, name=name, instrument=path.instrument)
-        return Proposed(path, others(plan, name), around, found)
+        work = partial(around.propose, path.target_mm, plan, name=name, instrument=path.instrument)
 
-    def show_proposals(self, proposed: Proposed | None) -> None:
-        """Show proposed entries until their target, instrument or surroundings change."""
-        self._proposed = proposed
+        def show(found: Proposals) -> None:
+            self._proposed = Proposed(path, others(plan, name), around, found)
+
+        self.start(Job(f"scoring the entries for {name}", work, show))
 
     @property
     def proposals(self) -> Proposals | None:
@@ -74,15 +76,20 @@ class Offers:
         assert self.look.selected is not None
         self.case.edit(self.look.selected, entry_mm=found.best[index].trajectory.entry_mm)
 
-    def propose_markers(self, count: int) -> Placed:
-        """Propose places for ``count`` markers that make the expected error at all targets least."""
+    def propose_markers(self, count: int) -> None:
+        """Propose places for ``count`` markers that make the expected error least, until a trajectory changes."""
         ends, plan, known = self._ends_mm, self.case.plan, self.case.fiducials
         rules = PlacementRules(diameter_mm=known.marker.diameter_mm) if known else PlacementRules()
-        return Placed(ends, self.case.surroundings.place_markers(plan, count, rules))
+        work = partial(self.case.surroundings.place_markers, plan, count, rules)
 
-    def show_placement(self, placed: Placed | None) -> None:
-        """Show proposed places for markers until a trajectory changes."""
-        self._placed = placed
+        def show(placement: Placement) -> None:
+            self._placed = Placed(ends, placement)
+
+        self.start(Job(f"finding places for {count} markers", work, show, tells=True))
+
+    def forget_placement(self) -> None:
+        """Show no places for markers."""
+        self._placed = None
 
     @property
     def placement(self) -> Placement | None:

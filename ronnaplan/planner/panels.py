@@ -70,6 +70,7 @@ def chosen_path(state: PlannerState, judged: Judgement | None) -> dict[str, Any]
         "entry": one.entry_mm.round(3).tolist(),
         "target": one.target_mm.round(3).tolist(),
         "problem": judged.problem,
+        "spoken": "" if state.case.dragging else _spoken(one.name, judged),
         "doubts": [
             *state.case.surroundings.doubts,
             *(judged.measures.doubts if judged.measures else ()),
@@ -80,6 +81,14 @@ def chosen_path(state: PlannerState, judged: Judgement | None) -> dict[str, Any]
             for verdict in sorted(judged.verdicts, key=lambda verdict: verdict.passes)
         ],
     }
+
+
+def _spoken(name: str, judged: Judgement) -> str:
+    """Return the verdict on a trajectory in one sentence, for those who listen to the page."""
+    broken = ", ".join(verdict.measure for verdict in judged.broken)
+    if broken:
+        return f"{name} breaks {len(judged.broken)} of {len(judged.verdicts)} limits: {broken}"
+    return f"{name} keeps all {len(judged.verdicts)} limits" if judged.verdicts else ""
 
 
 def registration_panel(state: PlannerState) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import numpy as np
 from ronnaplan.case.edits import ENDS
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray
+from ronnaplan.planner.arguments import Steps
 from ronnaplan.planner.cuts import PATH_VIEWS
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.scene.camera import Camera
@@ -22,6 +23,12 @@ CLICK_PIXELS = 3.0
 """A pointer that moved less between press and release has clicked."""
 
 ZOOM_STEP = 1.15
+
+ALONG_MM = 1.0
+"""A notch of the wheel goes so far along a trajectory."""
+
+NUDGE_PIXELS = 12.0
+"""An arrow key turns the head as a drag over so many pixels."""
 
 WINDOW_PIXELS = 300.0
 """A drag over so many pixels changes a window by its own width."""
@@ -157,12 +164,23 @@ class Pointer:
         """Scroll through the slices, zoom about the pointer, or come nearer to the head."""
         if view == HEAD and self.head is not None:
             self.head.zoom(ZOOM_STEP**-steps)
+        if view in PATH_VIEWS:
+            self.state.look.along(steps * ALONG_MM)
         if view in (*PATH_VIEWS, HEAD):
             return
         if zoom:
             self.state.look.zoom(view, ZOOM_STEP**-steps, at.place_mm(self.state.look.cut(view)))
         else:
             self.state.look.scroll(view, steps)
+
+    def nudge(self, view: str, across: Steps, down: Steps) -> None:
+        """Move the crosshair in a cut by so many millimetres, or turn the head by so many steps."""
+        if view == HEAD and self.head is not None:
+            self.head.turn(NUDGE_PIXELS * across, NUDGE_PIXELS * down)
+        elif view in PATH_VIEWS:
+            self.state.look.along(down * ALONG_MM)
+        elif view != HEAD:
+            self.state.look.nudge(view, across, down)
 
     def _change_window(self, at: Pixel) -> None:
         """Widen the window as the pointer goes to the right, and raise it as it goes up."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 from ronnaplan.case import marker_edits
 from ronnaplan.case.edits import OpenCase
 from ronnaplan.case.expectation import errors_at_ends_mm
@@ -9,16 +12,18 @@ from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.registration import registration_document
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import Points
+from ronnaplan.planner.pairing import Paired, Sought
 from ronnaplan.planner.storage import Storage
-from ronnaplan.tracking import Recording, find_markers, read_recording, readings_told
+from ronnaplan.planner.worker import Job, Start
+from ronnaplan.tracking import read_recording
 
 
 class Registering:
     """The tracker's readings of an open case, and what was pointed at."""
 
-    def __init__(self, case: OpenCase, storage: Storage) -> None:
+    def __init__(self, case: OpenCase, storage: Storage, start: Start) -> None:
         """No readings are loaded yet."""
-        self.case, self.storage = case, storage
+        self.case, self.storage, self.start = case, storage, start
         self.readings_mm: Points | None = None
         self.notes: tuple[str, ...] = ()
         self.known_pairs: dict[str, str] = {}
@@ -28,23 +33,30 @@ class Registering:
 
     def load_readings(self, name: str) -> None:
         """Register with the readings file ``name`` of the case's folder."""
-        self.register(*self.markers_of(read_recording(self.storage.readings_path(name))))
+        path = self.storage.readings_path(name)
+        self._register(
+            f"registering with {name}", partial(self._sought.in_recording, partial(read_recording, path))
+        )
 
-    def markers_of(self, recording: Recording) -> tuple[Points, tuple[str, ...]]:
-        """Return the markers that a recording saw, and what is to be told of its readings; changes nothing."""
-        found = find_markers(recording, sigma_mm=self.case.surroundings.rules.sigma_ots_mm)
-        return found.points, readings_told(recording, found)
+    def listen(self, host: str, port: int) -> None:
+        """Register with what an OpenIGTLink server sends for some seconds."""
+        from ronnaplan.tracking.openigtlink import record
+
+        work = partial(self._sought.in_recording, partial(record, host, port))
+        self._register(f"listening to {host}:{port}", work)
 
     def register(self, readings_mm: Points, notes: tuple[str, ...] = ()) -> None:
         """Register the markers with a tracker's readings; a refused pairing is kept with its rivals."""
-        self.readings_mm, self.notes, self.known_pairs = readings_mm, notes, {}
-        self._register()
+        self._register("registering", partial(self._sought.in_readings, readings_mm, notes))
 
     def point_at(self, label: str, reading: str) -> None:
         """Say which reading a marker is, and register again."""
         marker_edits.named(self.case.found, label)
-        pairs = {ct: ots for ct, ots in self.known_pairs.items() if ots != reading}
-        self._register({**pairs, label: reading})
+        if self.readings_mm is None:
+            raise UsageError("no readings are loaded; choose a readings file first")
+        pairs = {ct: ots for ct, ots in self.known_pairs.items() if ots != reading} | {label: reading}
+        work = partial(self._sought.in_readings, self.readings_mm, self.notes, pairs)
+        self._register(f"registering with {label} as {reading}", work)
 
     @property
     def pointing(self) -> bool:
@@ -82,20 +94,19 @@ class Registering:
             self.leave_pointing()
             self.point_at(marker, reading)
 
-    def _register(self, known_pairs: dict[str, str] | None = None) -> None:
-        from ronnaplan.registration.markers import register_markers
+    @property
+    def _sought(self) -> Sought:
+        """The markers as they are now."""
+        rules = self.case.surroundings.rules
+        return Sought(self.case.found.points, rules.sigma_ct_mm, rules.sigma_ots_mm)
 
-        if self.readings_mm is None:
-            raise UsageError("no readings are loaded; choose a readings file first")
-        pairs = known_pairs or {}
-        found = register_markers(
-            self.case.found.points,
-            self.readings_mm,
-            sigma_ct_mm=self.case.surroundings.rules.sigma_ct_mm,
-            known_pairs=tuple(pairs.items()),
-        )
+    def _register(self, what: str, work: Callable[[], Paired]) -> None:
         source = Source.model_validate(self.case.found.source.model_dump())
+        self.start(Job(what, work, lambda made: self._keep(made, source)))
+
+    def _keep(self, made: Paired, source: Source) -> None:
         self.leave_pointing()
-        self.case.keep_registration(registration_document(found, source, self.case.plan.points, self.notes))
-        self.known_pairs = pairs
-        self.touch = None if found.pairing.touch is None else found.ct.labels[found.pairing.touch]
+        self.case.keep_registration(registration_document(made.found, source, self.case.plan.points, made.notes))
+        self.readings_mm, self.notes, self.known_pairs = made.readings_mm, made.notes, made.known_pairs
+        touch = made.found.pairing.touch
+        self.touch = None if touch is None else made.found.ct.labels[touch]

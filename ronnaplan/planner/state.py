@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from ronnaplan.case import marker_edits
 from ronnaplan.case.edits import OpenCase
 from ronnaplan.case.surroundings import Labels, Rules
@@ -12,6 +14,7 @@ from ronnaplan.planner.looking import Looking
 from ronnaplan.planner.offers import Offers
 from ronnaplan.planner.registering import Registering
 from ronnaplan.planner.storage import Storage
+from ronnaplan.planner.worker import Job, Start
 from ronnaplan.planning import Landmarks, Trajectory
 
 COLOURS = ("#2dd4a7", "#f0e442", "#f28ac8", "#7c9cff", "#e6edf3")
@@ -35,10 +38,12 @@ class PlannerState:
         Raises `FrameMismatchError` where a document is of another scan.
         """
         self.storage = storage
+        self.start: Start = Job.do
+        """Does what takes long; the planner's page has it done in another process."""
         self.case = OpenCase(volume, storage.documents, rules, no_go)
         self.look = Looking(self.case, storage)
-        self.registering = Registering(self.case, storage)
-        self.offers = Offers(self.case, self.look)
+        self.registering = Registering(self.case, storage, lambda job: self.start(job))
+        self.offers = Offers(self.case, self.look, lambda job: self.start(job))
 
     def add_trajectory(self, entry_mm: FloatArray, target_mm: FloatArray, name: str | None = None) -> str:
         """Add a trajectory and select it; returns its name."""
@@ -50,6 +55,12 @@ class PlannerState:
         self.case.add(added)
         self.look.select(added.name)
         return added.name
+
+    def localize(self, diameter_mm: float) -> None:
+        """Look for markers of a diameter, made as those there are, which then take their place."""
+        layer_mm = self.case.fiducials.marker.layer_mm if self.case.fiducials else 0.0
+        work = partial(marker_edits.localized, self.case.volume, diameter_mm, layer_mm)
+        self.start(Job(f"looking for balls of {diameter_mm:g} mm", work, self.case.replace_markers, tells=True))
 
     def show_path(self, name: str) -> None:
         """Select a trajectory and put the crosshair at its target."""

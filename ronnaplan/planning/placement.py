@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ronnaplan.ct.progress import Progress, advancing
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, Points, as_points
 from ronnaplan.planning.sites import PlacementRules, Sites, allowed_sites, even_layout
@@ -67,11 +68,12 @@ def place_markers(
     rules: PlacementRules,
     entries_mm: ArrayLike = (),
     seed: int = 0,
+    progress: Progress = False,
 ) -> Placement:
     """Propose ``count`` markers among ``sites`` that make the largest expected error at ``targets_mm`` least.
 
-    Raises `InputError` for fewer than three markers or no target, and `RefusedError` when the rules leave no
-    layout.
+    ``progress`` shows or is told how many of the layouts were tried. Raises `InputError` for fewer than three markers
+    or no target, and `RefusedError` when the rules leave no layout.
     """
     targets = as_points(targets_mm, "targets")
     if count < 3 or len(targets) == 0:
@@ -82,7 +84,7 @@ def place_markers(
     centers = allowed.centers_mm(rules.height_mm)
     generator = np.random.default_rng(seed)
     best: tuple[float, NDArray[np.int64]] | None = None
-    for _ in range(STARTS):
+    for _ in advancing(range(STARTS), STARTS, progress, "trying layouts"):
         start = scattered_layout(centers, count, rules.least_apart_mm, generator)
         if start is None:
             continue

@@ -122,7 +122,7 @@ def fields(page: Any, which: str) -> list[float]:
 
 def eventually(page: Any, holds: Callable[[], bool]) -> None:
     """Wait until something holds, as a person would, and fail where it never does."""
-    for _ in range(100):
+    for _ in range(300):
         if holds():
             return
         page.wait_for_timeout(100)

@@ -93,7 +93,7 @@ def test_badly_typed_actions_are_refused_one_by_one_and_change_nothing(kept: Pla
 
 def test_every_action_declares_what_it_takes(state: PlannerState) -> None:
     actions = Actions(state, Pointer(state))
-    every: dict[str, Callable[..., Any]] = {**actions.by_name(), **actions.later_by_name(), "move": actions.move}
+    every: dict[str, Callable[..., Any]] = {**actions.by_name(), "move": actions.move}
     for name, action in every.items():
         with pytest.raises(UsageError, match=f"asked for '{name}' wrongly"):
             checked(name, action)(*(object() for _ in range(9)))

@@ -57,7 +57,7 @@ def test_before_it_is_opened_there_is_no_picture(state: PlannerState) -> None:
 
 def test_the_map_of_entries_is_coloured_on_the_scalp_and_goes_with_its_target(head: HeadView) -> None:
     state, plain = head.state, pixels(head)
-    state.offers.show_proposals(state.offers.propose("left"))
+    state.offers.propose("left")
     mapped = pixels(head)
     assert difference(mapped, plain) > 0.1
     green = mapped[..., 1] - mapped[..., 2]
@@ -68,9 +68,9 @@ def test_the_map_of_entries_is_coloured_on_the_scalp_and_goes_with_its_target(he
 
 def test_proposed_places_and_markers_come_and_go(head: HeadView) -> None:
     state, plain = head.state, pixels(head)
-    state.offers.show_placement(state.offers.propose_markers(4))
+    state.offers.propose_markers(4)
     assert difference(pixels(head), plain) > 0.001
-    state.offers.show_placement(None)
+    state.offers.forget_placement()
     assert difference(pixels(head), plain) < SAME
     state.case.reject_marker("F2")
     assert difference(pixels(head), plain) > 0.001

@@ -178,7 +178,7 @@ def test_without_a_trajectory_there_is_nothing_to_look_along(state: PlannerState
 
 
 def test_another_diameter_takes_the_place_of_the_markers(state: PlannerState) -> None:
-    state.case.replace_markers(state.case.find_markers(11.5))
+    state.localize(11.5)
     truth = cases.fiducials().points.positions_mm
     found = state.case.fiducials
     assert found is not None
@@ -282,7 +282,7 @@ def test_points_of_the_ac_pc_frame_are_undone_and_refused_on_one_line(state: Pla
 def test_proposals_hold_only_for_what_they_were_asked_for(state: PlannerState) -> None:
     with pytest.raises(InputError, match="another target"):
         state.offers.take_proposal(0)
-    state.offers.show_proposals(state.offers.propose("left"))
+    state.offers.propose("left")
     assert state.offers.proposals is not None
     best = state.offers.proposals.best[0].trajectory.entry_mm
     state.add_trajectory(E + np.array([5, 0, 0]), T + np.array([5, 0, 0]))
@@ -313,7 +313,7 @@ def test_proposals_hold_only_for_what_they_were_asked_for(state: PlannerState) -
 
 
 def test_marker_places_hold_for_the_trajectories_they_were_asked_for(state: PlannerState) -> None:
-    state.offers.show_placement(state.offers.propose_markers(4))
+    state.offers.propose_markers(4)
     assert state.offers.placement is not None
     assert len(state.offers.placement.centers_mm) == 4
     placed = state.offers.placement

@@ -23,7 +23,7 @@ async def shown(page: Page, holds: Callable[[dict[str, Any]], bool]) -> dict[str
         if holds(state):
             return state
         await asyncio.sleep(0.1)
-    raise AssertionError(f"never shown; the message is {state['message']!r}")
+    raise AssertionError(f"never shown; the messages are {state['message']!r}, {state['news']!r}")
 
 
 def test_another_hand_s_change_is_shown_by_itself_and_the_planner_s_next_one_keeps_it(running: Planner) -> None:
@@ -34,7 +34,7 @@ def test_another_hand_s_change_is_shown_by_itself_and_the_planner_s_next_one_kee
         async with Page(running.url) as page:
             change_plan(path, lambda plan: plan.edit("left", notes="theirs"))
             state = await shown(page, lambda state: state["chosen"]["notes"] == "theirs")
-            assert "another hand" in state["message"]
+            assert "another hand" in state["news"]
             change_plan(path, lambda plan: plan.edit("left", name="renamed").add(other))
             await page.trigger("notes", "left", "mine")  # the page may not show yet that this is another one
             refused = (await page.state())["refusals"]

@@ -53,6 +53,7 @@
     const view = viewOf(event);
     if (!view) return;
     event.preventDefault();
+    view.focus({ preventScroll: true, focusVisible: false });
     view.setPointerCapture(event.pointerId);
     tell("press", [view.dataset.view, ...place(view, event), event.button, event.shiftKey, event.ctrlKey]);
   });
@@ -65,13 +66,28 @@
     if (view) tell("release", [view.dataset.view]);
   });
   window.addEventListener("contextmenu", (event) => viewOf(event) && event.preventDefault());
+  // A notch of a mouse is a step; what a trackpad sends in many small pieces is summed up until it makes one.
+  const NOTCH = 100, PIECE = 50, UNITS = [1, 33, 400];
+  let rest = 0;
+  function turned(event) {
+    const pixels = event.deltaY * UNITS[event.deltaMode];
+    if (Math.abs(pixels) >= PIECE) {
+      rest = 0;
+      return Math.sign(pixels) * Math.max(1, Math.round(Math.abs(pixels) / NOTCH / 1.2));
+    }
+    rest += pixels / NOTCH;
+    const whole = Math.trunc(rest);
+    rest -= whole;
+    return whole;
+  }
   window.addEventListener(
     "wheel",
     (event) => {
       const view = viewOf(event);
       if (!view) return;
       event.preventDefault();
-      tell("wheel", [view.dataset.view, Math.sign(event.deltaY), event.ctrlKey, ...place(view, event)]);
+      const steps = turned(event);
+      if (steps) tell("wheel", [view.dataset.view, steps, event.ctrlKey, ...place(view, event)]);
     },
     { passive: false },
   );
@@ -100,7 +116,23 @@
     if (grow) grow.closest(".rp-view").classList.toggle("grown");
   });
 
+  // A view that has the focus: arrows move the crosshair or turn the head, Shift ten times as far; Page Up and Page Down go
+  // through, plus and minus come nearer.
+  const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+  const THROUGH = { PageUp: [-1, false], PageDown: [1, false], "+": [-1, true], "-": [1, true] };
+  function moves(view, event) {
+    const name = view.dataset.view, far = event.shiftKey ? 10 : 1;
+    if (ARROWS[event.key]) tell("nudge", [name, ...ARROWS[event.key].map((way) => far * way)]);
+    else if (THROUGH[event.key] && !event.ctrlKey) {
+      const { width, height } = view.getBoundingClientRect(), [steps, nearer] = THROUGH[event.key];
+      tell("wheel", [name, steps, nearer || name === "head", width / 2, height / 2, width, height]);
+    } else return false;
+    event.preventDefault();
+    return true;
+  }
+
   window.addEventListener("keydown", (event) => {
+    if (event.target.matches?.("svg[data-view]") && moves(event.target, event)) return;
     const field = event.target.closest && event.target.closest("input, textarea, select, dialog");
     if (field && field.type !== "checkbox") {
       if (event.key === "Enter" && field.matches("input")) field.blur();

@@ -1,0 +1,63 @@
+"""One job at a time beside the page: what it is and how far, in the page's words, and its answer when it is done."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from typing import Any, Final
+
+from ronnaplan.errors import UsageError
+from ronnaplan.planner.worker import Job, Worker
+
+TELL_S: Final = 0.5
+"""How often the page is told how far a job is."""
+
+IDLE: Final = {"what": "", "share": 0.0, "seconds": 0}
+
+
+class Working:
+    """Has jobs done by a `Worker` while the page goes on.
+
+    ``answering`` is entered while an answer is taken, and shows what goes wrong; ``shown`` draws the page then.
+    """
+
+    def __init__(
+        self, server: Any, answering: Callable[[], AbstractContextManager[None]], shown: Callable[[], None]
+    ) -> None:
+        self.server, self.answering, self.shown = server, answering, shown
+        self._worker = Worker()
+        self._task: asyncio.Task[None] | None = None
+        self._share = 0.0
+        server.state.work = IDLE
+
+    def start(self, job: Job) -> None:
+        """Set a job going; raises `UsageError` while another one is under way."""
+        if self._task is not None:
+            what = self.server.state.work["what"]
+            raise UsageError(f"the planner is {what}; wait for that, or cancel it first")
+        self._share = 0.0
+        self.server.state.work = {**IDLE, "what": job.what}
+        self._task = asyncio.get_running_loop().create_task(self._work(job))
+
+    def cancel(self) -> None:
+        """End the job that is under way."""
+        self._worker.cancel()
+
+    async def _work(self, job: Job) -> None:
+        began = time.monotonic()
+        answer = asyncio.get_running_loop().run_in_executor(None, self._worker.answer, job, self._take_share)
+        while not (await asyncio.wait({answer}, timeout=TELL_S))[0]:
+            with self.server.state:
+                seconds = round(time.monotonic() - began)
+                self.server.state.work = {"what": job.what, "share": self._share, "seconds": seconds}
+        self._task = None
+        with self.server.state:
+            self.server.state.work = IDLE
+            with self.answering():
+                job.keep(answer.result())
+            self.shown()
+
+    def _take_share(self, share: float) -> None:
+        self._share = round(share, 2)

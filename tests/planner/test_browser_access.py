@@ -1,0 +1,86 @@
+"""The page without a mouse and without eyes, and while something long is being worked on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib.resources import files
+from typing import Any
+
+import pytest
+
+from tests.planner.browser import Planner, eventually, needs_browser, opened, value
+
+pytestmark = needs_browser
+
+axe = pytest.importorskip("axe_playwright_python")
+AXE = (files("axe_playwright_python") / "axe.min.js").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def page(running_browser: Any, shared: Planner) -> Iterator[Any]:
+    """One open page for all tests here; they leave it as they found it."""
+    page = opened(running_browser, shared.url, 1440, 900)
+    page.evaluate(AXE)
+    yield page
+    page.close()
+
+
+def faults(page: Any) -> list[str]:
+    """What axe-core finds that keeps people out, with the first place of each."""
+    found = page.evaluate("axe.run(document, { resultTypes: ['violations'] })")["violations"]
+    grave = [one for one in found if one["impact"] in ("serious", "critical")]
+    return [f"{one['id']}: {one['help']} {one['nodes'][0]['html'][:200]}" for one in grave]
+
+
+@pytest.mark.parametrize("panel", ["Markers", "Registration", "Trajectories"])
+def test_no_serious_fault_keeps_anyone_out(page: Any, panel: str) -> None:
+    page.click(f".v-tab >> text={panel}")
+    page.wait_for_selector("#markers, #register, #paths")
+    page.wait_for_timeout(300)  # the tab's colours are still changing
+    assert faults(page) == []
+
+
+def test_what_can_be_clicked_is_reached_by_the_keyboard(page: Any) -> None:
+    page.click(".v-tab >> text=Markers")
+    page.wait_for_selector("#markers")
+    assert page.evaluate("[...document.querySelectorAll('.rp-row')].every((row) => row.querySelector('button'))")
+    page.locator("#markers button[aria-label='show F2']").focus()
+    page.keyboard.press("Enter")
+    page.wait_for_function("window.trame.state.get('look').marker === 'F2'")
+    outline = "getComputedStyle(document.activeElement).outlineStyle"
+    assert page.evaluate(outline) == "solid"
+    page.locator("svg[data-view=axial]").focus()
+    before = value(page, "drawn_coronal")["cross"]
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press("PageDown")
+    eventually(page, lambda: value(page, "drawn_coronal")["cross"][1] != before[1])
+    after = value(page, "drawn_coronal")["cross"]
+    assert after[0] - before[0] == pytest.approx(1.0)
+    assert abs(after[1] - before[1]) == pytest.approx(1.5)
+
+
+def test_the_verdict_is_spoken(page: Any) -> None:
+    page.click(".v-tab >> text=Trajectories")
+    verdict = page.locator("#verdict[aria-live=polite]")
+    eventually(page, lambda: "limits" in (verdict.text_content() or ""))
+
+
+def test_long_work_is_shown_cancelled_and_holds_nothing_up(page: Any) -> None:
+    page.click(".v-tab >> text=Markers")
+    before = value(page, "markers")
+    page.click("#markers .v-btn >> text=localize")
+    page.wait_for_selector("#work >> text=looking for balls of 11.5 mm")
+    assert page.locator("#markers .v-btn").is_disabled()
+    cross = value(page, "drawn_coronal")["cross"]
+    page.evaluate("window.trame.trigger('localize', [9.0])")
+    page.wait_for_selector("#message >> text=wait for that, or cancel it first")
+    page.locator("svg[data-view=axial]").focus()
+    page.keyboard.press("PageUp")
+    eventually(page, lambda: value(page, "drawn_coronal")["cross"] != cross)
+    assert value(page, "work")["what"]
+    page.click("#work >> text=cancel")
+    page.wait_for_selector("#news >> text=cancelled: looking for balls")
+    assert not value(page, "work")["what"]
+    assert value(page, "markers") == before
+    page.click("#news >> text=dismiss")
+    page.wait_for_selector("#news", state="detached")
