@@ -14,6 +14,8 @@ from ronnaplan.text import printable
 
 OK = "ok"
 """Status of a reading that its source calls good."""
+NO_STATUS = "no status"
+"""Status of a reading whose source keeps one and left it empty: that does not call it good."""
 OTS = Frame("OTS")
 FARTHEST_MM = 1e6
 """No tracker sees a kilometre far: such a position is damage."""
@@ -39,7 +41,7 @@ class PointReading:
     status: str = OK
 
     def __post_init__(self) -> None:
-        _make_printable(self, "label", "status")
+        _make_plain(self, "label", "status")
 
     @property
     def usable(self) -> bool:
@@ -61,7 +63,7 @@ class ToolReading:
     status: str = OK
 
     def __post_init__(self) -> None:
-        _make_printable(self, "tool", "status")
+        _make_plain(self, "tool", "status")
 
     @property
     def usable(self) -> bool:
@@ -104,8 +106,10 @@ class Recording:
         return counts
 
 
-def _make_printable(reading: PointReading | ToolReading, *names: str) -> None:
-    """Escape what no line of text can show: names come from files and from the network, and go to terminals."""
+def _make_plain(reading: PointReading | ToolReading, *names: str) -> None:
+    """Escape what no line of text can show (names come from files and the network, and go to terminals); fill a gap."""
+    if not reading.status.strip():
+        object.__setattr__(reading, "status", NO_STATUS)
     for name in names:
         text: str = getattr(reading, name)
         if not text.isprintable():

@@ -361,6 +361,15 @@ def test_an_nrrd_sequence_is_read_as_its_metaimage_twin(tmp_path: Path) -> None:
     assert [tool.status for tool in second.tools] == ["ok", "invalid"]
 
 
+@pytest.mark.parametrize("status", ["", " "])
+def test_an_empty_status_calls_no_reading_good_nor_becomes_a_good_one(tmp_path: Path, status: str) -> None:
+    text = sequence([(plus(turned(1)), "OK"), (plus(turned(2)), status)])
+    first = read_recording(written(tmp_path, "s.mha", text))
+    second = read_recording(written(tmp_path, "s.csv", write_csv(first)))
+    for recording in (first, second):
+        assert [(tool.usable, tool.status) for tool in recording.tools] == [(True, "ok"), (False, "no status")]
+
+
 @pytest.mark.parametrize(
     ("line", "says"),
     [
