@@ -39,7 +39,7 @@ Count = Annotated[int, Field(ge=1, le=100_000)]
 class Limits(DocumentModel):
     """What one peer, or all of them, may take of this machine."""
 
-    associations: Annotated[int, Field(ge=1, le=200)] = 20
+    associations: Annotated[int, Field(ge=1, le=100)] = 20
     largest_instance_mib: Count = 2048
     least_free_mib: Annotated[int, Field(ge=0, le=100_000_000)] = 1024
     """With less room than this on the disk nothing is taken (status A700)."""

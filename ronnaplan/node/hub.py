@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sqlite3
 import threading
 import time
 from contextlib import ExitStack
@@ -14,7 +15,7 @@ from ronnaplan.node.audit import Audit
 from ronnaplan.node.config import Config, read_config
 from ronnaplan.node.index import Index
 from ronnaplan.node.jobs import Foreman
-from ronnaplan.node.logs import Log
+from ronnaplan.node.logs import LISTENING, Log
 from ronnaplan.node.page import Page
 from ronnaplan.node.sender import Sender
 from ronnaplan.node.series import SeriesWatch
@@ -54,7 +55,11 @@ def run_node(config_path: Path, stop: threading.Event, log: Log, worker: str = W
         stack.callback(hub.close)
         log.tell("started", titles=list(config.titles), folder=str(config.data))
         while not stop.wait(TICK_S):
-            hub.tick(time.time())
+            try:
+                hub.tick(time.time())
+            except (OSError, sqlite3.Error) as error:  # a full disk, an index that another one holds: tried again
+                log.tell("cannot go on", reason=str(error))
+                stop.wait(RESTART_S)
     log.tell("stopped")
 
 
@@ -71,11 +76,14 @@ class Hub:
             sender.start()
         self._receiver: Child | None = None
         self._receiver_due = 0.0
+        self._listens = threading.Event()
+        self._listening_since: float | None = None
 
     def tick(self, now: float) -> None:
         """Do what is due at ``now`` (seconds since 1970)."""
         self._keep_receiver(now)
-        self._series.tick(now)
+        if self._listening_since is not None:
+            self._series.tick(now, self._listening_since)
         self._foreman.tick(now)
 
     def close(self) -> None:
@@ -90,7 +98,15 @@ class Hub:
         if self._receiver is not None and self._receiver.status is not None:
             self._log.tell("receiver ended", status=self._receiver.status)
             self._receiver.end()
-            self._receiver, self._receiver_due = None, now + RESTART_S
+            self._receiver, self._receiver_due, self._listening_since = None, now + RESTART_S, None
+            self._listens.clear()
         if self._receiver is None and now >= self._receiver_due:
-            self._receiver = Child("ronnaplan.node.receiver", [str(self._path)], self._log.relay)
+            self._receiver = Child("ronnaplan.node.receiver", [str(self._path)], self._hear)
             (self._data / "receiver.pid").write_text(f"{self._receiver.pid}\n")
+        if self._listening_since is None and self._listens.is_set():
+            self._listening_since = now
+
+    def _hear(self, line: str) -> None:
+        """Note, in the thread that reads what the receiver says, that it listens."""
+        if self._log.relay(line) == LISTENING:
+            self._listens.set()

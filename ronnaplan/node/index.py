@@ -114,10 +114,10 @@ class Index(Database):
             *(facts.study_uid, facts.series_uid),
         )
 
-    def complete_series(self, now: float, quiet_s: float) -> list[SeriesRow]:
-        """Find what is complete and was not: as many instances as were announced, or nothing new for ``quiet_s``."""
+    def complete_series(self, quiet_since: float) -> list[SeriesRow]:
+        """Find what is complete and was not: as many instances as were announced, or nothing new since a time."""
         return self.records(
             SeriesRow,
             "FROM series WHERE complete < revision AND (received <= ? OR instances >= expected)",
-            now - quiet_s,
+            quiet_since,
         )

@@ -12,6 +12,9 @@ from typing import Any, TextIO
 
 from ronnaplan.text import printable
 
+LISTENING = "listening"
+"""The event that tells that peers can send."""
+
 
 class Log:
     """Writes events to ``stream``; ``counts`` says how many there were of each kind."""
@@ -27,13 +30,14 @@ class Log:
         line |= {key: printable(value) if isinstance(value, str) else value for key, value in facts.items()}
         self._write(event, json.dumps(line, default=str))
 
-    def relay(self, line: str) -> None:
-        """Write a line that another process of the node told; what is none of a log is dropped."""
+    def relay(self, line: str) -> str:
+        """Write a line that another process of the node told and return its event; what is none of a log is dropped."""
         try:
-            event = json.loads(line)["event"]
+            event = str(json.loads(line)["event"])
         except (ValueError, KeyError, TypeError):
-            return
-        self._write(str(event), line.rstrip("\n"))
+            return ""
+        self._write(event, line.rstrip("\n"))
+        return event
 
     def _write(self, event: str, line: str) -> None:
         stream = self._stream or sys.stderr

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import socket
 import sys
-import tempfile
 import threading
 from collections import defaultdict
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, Final, cast
 
-from pynetdicom import AE, _config, evt
+from pynetdicom import AE, evt
 from pynetdicom.dimse_primitives import C_STORE
 
 from ronnaplan.ct.codecs import JPEG_LOSSLESS, PLUGINS
@@ -25,8 +24,9 @@ from ronnaplan.errors import InputError
 from ronnaplan.jobs.processes import end_with_parent
 from ronnaplan.node.audit import Audit, Transfer
 from ronnaplan.node.config import ANY_ADDRESS, Config, read_config
-from ronnaplan.node.facts import read_facts
-from ronnaplan.node.logs import Log
+from ronnaplan.node.facts import Facts, read_facts
+from ronnaplan.node.logs import LISTENING, Log
+from ronnaplan.node.spool import Spool, spooled
 from ronnaplan.node.store import MIB, Arrival, Status, Store
 from ronnaplan.node.tls import context
 from ronnaplan.node.transport import (
@@ -60,6 +60,14 @@ PERMANENT, BY_USER, UNKNOWN_CALLER, UNKNOWN_CALLED = 1, 1, 3, 7
 """Codes of A-ASSOCIATE-RJ (PS3.8, 9.3.4)."""
 
 
+class RefusedInstanceError(InputError):
+    """An instance that is not taken, and what its sender is told."""
+
+    def __init__(self, status: Status, reason: str) -> None:
+        super().__init__(reason)
+        self.status = status
+
+
 class Receiver:
     """The node's storage provider, from `start` to `stop`."""
 
@@ -70,7 +78,7 @@ class Receiver:
         self._audit = Audit(config.data, config.audit, config.titles[0])
         self._moved: dict[Any, dict[str, Transfer]] = defaultdict(dict)
         self._server: Server | None = None
-        self._before: tuple[bool, str | None] = (False, None)
+        self._spooling = ExitStack()
 
     @property
     def port(self) -> int:
@@ -83,9 +91,7 @@ class Receiver:
         """Listen; raises `InputError` where the port is taken or a certificate cannot be used."""
         config = self.config
         quieten()
-        # parts of an instance go to the disk as they come, whatever their number: into the folder where it will stay
-        self._before = _config.STORE_RECV_CHUNKED_DATASET, tempfile.tempdir
-        _config.STORE_RECV_CHUNKED_DATASET, tempfile.tempdir = True, str(self._store.incoming)
+        self._spooling.enter_context(spooled(self._store.incoming))
         encrypted = context(config.tls, config.home, server=True) if config.tls else None
         self._store.start()
         try:
@@ -111,7 +117,7 @@ class Receiver:
             raise InputError(
                 f"cannot listen on {config.host}:{config.port} ({error.strerror}); choose another port"
             ) from error
-        self._log.tell("listening", host=config.host, port=self.port, tls=encrypted is not None)
+        self._log.tell(LISTENING, host=config.host, port=self.port, tls=encrypted is not None)
 
     def serve(self) -> None:
         """Serve peers until `stop`."""
@@ -123,7 +129,7 @@ class Receiver:
         if self._server is not None:
             self._server.shutdown()
         self._store.stop()
-        _config.STORE_RECV_CHUNKED_DATASET, tempfile.tempdir = self._before
+        self._spooling.close()
 
     def _entity(self) -> AE:
         entity = AE(self.config.titles[0])
@@ -156,27 +162,40 @@ class Receiver:
 
     def _take(self, event: evt.Event) -> int:
         request = cast(C_STORE, event.request)
-        path = event.dataset_path
         received_bytes(event.assoc, begin_again=True)
         calling, called = _titles(event)
-        status, reason = Status.NO_ROOM, f"less than {self.config.limits.least_free_mib} MiB are free on the disk"
         sop_uid = str(request.AffectedSOPInstanceUID)
-        if self._store.has_room():
-            try:
-                facts = read_facts(path)
-            except (InputError, OSError) as error:
-                status, reason = Status.NOT_UNDERSTOOD, str(error)
-            else:
-                if (facts.sop_uid, facts.sop_class) == (sop_uid, request.AffectedSOPClassUID):
-                    arrival = Arrival(facts, path, calling, called)
-                    status = self._store.take(arrival)
-                    if status is Status.SUCCESS:
-                        self._note(event, arrival)
-                    return int(status)
-                status, reason = Status.NO_MATCH, f"it holds instance {facts.sop_uid} of {facts.sop_class}"
-        path.unlink(missing_ok=True)
-        self._log.tell("refused", status=f"{status:04X}", reason=reason, sop_instance=sop_uid, calling=calling)
+        try:
+            facts = self._facts(cast(Spool, request._dataset_file), sop_uid, str(request.AffectedSOPClassUID))
+        except RefusedInstanceError as error:
+            event.dataset_path.unlink(missing_ok=True)
+            status = error.status
+            self._log.tell(
+                "refused", status=f"{status:04X}", reason=str(error), sop_instance=sop_uid, calling=calling
+            )
+            return int(status)
+        arrival = Arrival(facts, event.dataset_path, calling, called)
+        status = self._store.take(arrival)
+        if status is Status.SUCCESS:
+            self._note(event, arrival)
         return int(status)
+
+    def _facts(self, spool: Spool, sop_uid: str, sop_class: str) -> Facts:
+        """Return who an instance is, once its content is on the disk; raises `RefusedInstanceError`."""
+        if not self._store.has_room():
+            least = self.config.limits.least_free_mib
+            raise RefusedInstanceError(Status.NO_ROOM, f"less than {least} MiB are free on the disk")
+        try:
+            spool.sync()
+        except OSError as error:
+            raise RefusedInstanceError(Status.NO_ROOM, f"it cannot be written: {error.strerror}") from error
+        try:
+            facts = read_facts(Path(spool.name))
+        except (InputError, OSError) as error:
+            raise RefusedInstanceError(Status.NOT_UNDERSTOOD, str(error)) from error
+        if (facts.sop_uid, facts.sop_class) != (sop_uid, sop_class):
+            raise RefusedInstanceError(Status.NO_MATCH, f"it holds instance {facts.sop_uid} of {facts.sop_class}")
+        return facts
 
     def _note(self, event: evt.Event, arrival: Arrival) -> None:
         facts = arrival.facts

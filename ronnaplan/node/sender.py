@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import sqlite3
 import threading
 import time
 from collections.abc import Iterator
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 MOST_AT_ONCE: Final = 32
 IDLE_S: Final = 0.2
+RESTART_S: Final = 1.0
 COMPREHENSIVE_3D_SR: Final = "1.2.840.10008.5.1.4.1.1.88.34"
 CLASSES: Final = (SPATIAL_FIDUCIALS, COMPREHENSIVE_3D_SR, ENCAPSULATED_PDF, SECONDARY_CAPTURE)
 """What is sent."""
@@ -64,7 +66,14 @@ class Sender(threading.Thread):
         """Deliver what is due until `stop`."""
         with Index(self._config.data) as index:
             while not self._ending.wait(IDLE_S):
-                self.deliver(index, time.time())
+                try:
+                    self.deliver(index, time.time())
+                except (
+                    OSError,
+                    sqlite3.Error,
+                ) as error:  # a full disk, an index that another one holds: tried again
+                    self._log.tell("cannot deliver", receiver=self._peer.name, reason=str(error))
+                    self._ending.wait(RESTART_S)
 
     def stop(self) -> None:
         """End after what is being sent."""

@@ -19,9 +19,13 @@ class SeriesWatch:
     def __init__(self, config: Config, index: Index, log: Log) -> None:
         self._config, self._index, self._log = config, index, log
 
-    def tick(self, now: float) -> None:
-        """Note what is complete at ``now`` (seconds since 1970)."""
-        for series in self._index.complete_series(now, self._config.quiet_s):
+    def tick(self, now: float, listening_since: float = 0.0) -> None:
+        """Note what is complete at ``now`` (both in seconds since 1970).
+
+        A time in which nobody could send is no quiet one.
+        """
+        quiet_until = now - self._config.quiet_s
+        for series in self._index.complete_series(quiet_until if listening_since <= quiet_until else 0.0):
             self._complete(series, now)
 
     def _complete(self, series: SeriesRow, now: float) -> None:

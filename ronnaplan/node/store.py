@@ -7,7 +7,6 @@ all of it is safe.
 
 from __future__ import annotations
 
-import os
 import queue
 import shutil
 import sqlite3
@@ -90,10 +89,6 @@ class Store:
 
     def take(self, arrival: Arrival) -> Status:
         """Wait until ``arrival`` is safe, or refused."""
-        try:
-            sync_file(arrival.path)
-        except OSError as error:
-            return self._refused([arrival], error)
         self._waiting.put(arrival)
         return arrival.answer.result()
 
@@ -201,12 +196,3 @@ class Store:
         for path in [*(self.folder / INSTANCES).rglob("*.dcm"), *(self.folder / ASIDE).glob("*.dcm")]:
             if path.relative_to(self.folder).as_posix() not in known:
                 path.unlink(missing_ok=True)
-
-
-def sync_file(path: Path) -> None:
-    """Wait until the content of ``path`` is on the disk."""
-    handle = os.open(path, os.O_RDWR)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

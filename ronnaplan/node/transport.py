@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import socket
 import ssl
 import time
+import weakref
 from collections.abc import Callable
 from socketserver import BaseServer
 from typing import Any
 
-from pynetdicom import _config
+from pynetdicom import _config, evt
 from pynetdicom.ae import ApplicationEntity
 from pynetdicom.association import Association
 from pynetdicom.events import EventHandlerType
 from pynetdicom.presentation import PresentationContext
 from pynetdicom.transport import AssociationSocket, RequestHandler, ThreadedAssociationServer
+
+from ronnaplan.node.waking import LONGEST_SLEEP_S, Bell, let_sleep
 
 LARGEST_PDU = 128 << 10
 """Bytes of a P-DATA PDU, as offered to peers; dcmtk's largest."""
@@ -23,6 +27,7 @@ LARGEST_REQUEST = 1 << 20
 """Bytes of any other PDU: 128 presentation contexts take some tens of kilobytes."""
 PENDING_PER_ASSOCIATION = 2
 """Connections open at one time for each association that may be: those above the limit are told so."""
+COLLECT_S = 60.0
 _BLOCK = 64 << 10
 
 
@@ -56,8 +61,23 @@ class BoundedSocket(AssociationSocket):
 
     silent_s: float
     most_bytes: int
+    bell: Bell
     received: int = 0
     """Bytes since the last whole message."""
+
+    @property
+    def ready(self) -> bool:
+        """Whether there is something to read; where there is nothing to do at all, after some waiting."""
+        connection = self.socket
+        if connection is None or not self._is_connected:
+            return False
+        if isinstance(connection, ssl.SSLSocket) and connection.pending():
+            return True
+        try:
+            return self.bell.wait(connection, LONGEST_SLEEP_S if self.event_queue.empty() else 0.0)
+        except (OSError, ValueError):  # closed
+            self.event_queue.put("Evt17")
+            return False
 
     def recv(self, nr_bytes: int) -> bytearray:
         """Read ``nr_bytes``, fewer where the peer ends; raises OSError for too many or too slow ones."""
@@ -88,6 +108,10 @@ class Handler(RequestHandler):
         association.dul.event_queue.get_nowait()  # the first socket's "connected", which the second one tells, too
         bounded = BoundedSocket(association, client_socket=self.request)
         bounded.silent_s, bounded.most_bytes = self.server.silent_s, self.server.most_bytes
+        bounded.bell = bell = Bell()
+        let_sleep(association, bell)
+        association.bind(evt.EVT_CONN_CLOSE, lambda _: bell.close())
+        weakref.finalize(bounded, bell.close)  # where nothing tells that the connection was closed
         association.dul.socket = bounded
         return association
 
@@ -118,6 +142,7 @@ class Server(ThreadedAssociationServer):
     ) -> None:
         self._allowed, self._refuse, self._most = allowed, refuse, most_connections
         self.silent_s, self.most_bytes = silent_s, most_bytes
+        self._collect_due = 0.0
         self._begun: set[socket.socket] = set()  # connections that are no association yet
         super().__init__(entity, address, title, contexts, encrypted, evt_handlers, request_handler=Handler)
 
@@ -156,6 +181,12 @@ class Server(ThreadedAssociationServer):
                 return
         super().process_request_thread(request, client_address)
         self._begun.discard(accepted)
+
+    def service_actions(self) -> None:
+        """Collect what ended associations left, a minute after the last time; pynetdicom does so every few seconds."""
+        if time.monotonic() >= self._collect_due:
+            gc.collect()
+            self._collect_due = time.monotonic() + COLLECT_S
 
     def shutdown(self) -> None:
         """Stop, and let go of the port."""

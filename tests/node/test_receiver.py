@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import errno
 import json
+import os
 import socket
+import tempfile
 import zlib
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -22,9 +24,11 @@ from pynetdicom import AE, _config
 
 from ronnaplan import portable
 from ronnaplan.errors import InputError
+from ronnaplan.node import spool as spool_module
 from ronnaplan.node import store as store_module
 from ronnaplan.node.facts import read_facts
 from ronnaplan.node.index import Index
+from ronnaplan.node.spool import Spool
 from tests.ct import makers
 from tests.node.peers import Listening, association_request, listening, needs, save, send, until
 
@@ -74,7 +78,7 @@ def test_an_acknowledged_instance_is_synced_named_and_in_the_index(
 
         return call
 
-    monkeypatch.setattr(store_module, "sync_file", noted("content synced", store_module.sync_file))
+    monkeypatch.setattr(Spool, "sync", noted("content synced", Spool.sync))
     monkeypatch.setattr(store_module, "replace", noted("named", portable.replace))
     monkeypatch.setattr(store_module, "sync_folder", noted("name synced", portable.sync_folder))
     monkeypatch.setattr(Index, "add", noted("in the index", Index.add))
@@ -177,18 +181,44 @@ def test_with_too_little_room_on_the_disk_the_sender_keeps_its_instance(tmp_path
         assert node.events("refused")[0]["status"] == "A700"
 
 
-@pytest.mark.parametrize("step", ["sync_file", "replace", "sync_folder"])
-def test_a_disk_that_fills_at_any_step_is_told_and_the_node_lives_on(
-    step: str, node: Listening, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(*_: Any) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
+FULL = OSError(errno.ENOSPC, "No space left on device")
 
-    path = instance(tmp_path)
+
+def full(*_: Any, **__: Any) -> None:
+    raise FULL
+
+
+def full_after_300_kb(handle: int, content: memoryview) -> int:
+    if os.fstat(handle).st_size > 300_000:
+        raise FULL
+    return os.write(handle, content)
+
+
+@pytest.mark.parametrize(
+    ("where", "step", "fails"),
+    [
+        (tempfile, "mkstemp", full),
+        (spool_module, "write", full),
+        (spool_module, "write", full_after_300_kb),
+        (Spool, "sync", full),
+        (store_module, "replace", full),
+        (store_module, "sync_folder", full),
+        (Index, "add", full),
+    ],
+)
+def test_a_disk_that_fills_at_any_step_is_told_and_the_node_lives_on(
+    where: Any, step: str, fails: Any, node: Listening, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    large = makers.dataset(0, stored=np.zeros((512, 512), np.int16))
+    path = save(large, tmp_path / "0.dcm")
     with monkeypatch.context() as patch:
-        patch.setattr(store_module, step, full)
+        patch.setattr(where, step, fails)
         assert "OutOfResources" in send(node.port, path)
+    (told,) = node.events("refused")
+    assert told["status"] == "A700"
+    assert "No space left on device" in told["reason"]
     assert node.rows("SELECT count(*) FROM instances") == [(0,)]
+    assert not list((node.folder / "incoming").iterdir())
     assert "Success" in send(node.port, path)
     assert len(node.files()) == 1
 
@@ -276,18 +306,31 @@ def test_a_message_larger_than_agreed_is_cut_off(tmp_path: Path) -> None:
         assert len(node.files()) == 1
 
 
-def test_a_flood_of_a_thousand_connections_is_outlived(tmp_path: Path) -> None:
+def test_a_flood_of_a_thousand_associations_is_outlived(tmp_path: Path) -> None:
     with listening(tmp_path, limits={"associations": 5, "silent_s": 30.0, "least_free_mib": 1}) as node:
-        with ExitStack() as held:
-            for number in range(1000):
-                one = socket.create_connection(("127.0.0.1", node.port), timeout=10)
-                if number < 10:
-                    held.enter_context(one)
-                else:
-                    one.close()
-            until(lambda: len(node.events("refused association")) > 900)
+        for _ in range(2):
+            with ExitStack() as held:
+                for _ in range(500):
+                    one = held.enter_context(socket.socket())
+                    one.setblocking(False)
+                    one.connect_ex(("127.0.0.1", node.port))
+                    with suppress(OSError):  # the node does not let it in yet
+                        one.sendall(association_request())
+                until(lambda: node.events("refused association"))
+                assert len(node.receiver._server.active_associations) <= 10  # type: ignore[union-attr]
         until(lambda: "Success" in send(node.port, instance(tmp_path)))
         assert node.events("refused association")[0]["reason"] == "10 connections are open"
+
+
+def test_more_associations_than_allowed_are_told_to_come_again(tmp_path: Path) -> None:
+    with listening(tmp_path, limits={"associations": 1, "least_free_mib": 1}) as node:
+        entity = AE("CT1")
+        entity.add_requested_context(CTImageStorage)
+        held = entity.associate("127.0.0.1", node.port, ae_title="RONNAPLAN")
+        said = send(node.port, instance(tmp_path))
+        assert "Local Limit Exceeded" in said
+        held.release()
+        until(lambda: "Success" in send(node.port, instance(tmp_path)))
 
 
 def test_logs_and_audit_name_no_patient_unless_asked_to(tmp_path: Path) -> None:

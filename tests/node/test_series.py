@@ -70,6 +70,15 @@ def test_a_quiet_time_completes_a_series_once_and_late_slices_open_it_again(inde
     assert jobs(index) == [(3, "waiting"), (4, "waiting")]
 
 
+def test_a_time_in_which_nobody_could_send_is_no_quiet_one(index: Index, tmp_path: Path) -> None:
+    watched = watch(index, tmp_path)
+    add(index, 0, 100.0)
+    watched.tick(120.0, listening_since=115.0)
+    assert jobs(index) == []
+    watched.tick(125.1, listening_since=115.0)
+    assert jobs(index) == [(1, "waiting")]
+
+
 def test_a_series_whose_number_of_instances_is_known_waits_for_no_quiet_time(index: Index, tmp_path: Path) -> None:
     watched = watch(index, tmp_path)
     add(index, 0, 100.0, expected=2)

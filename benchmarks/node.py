@@ -1,0 +1,294 @@
+"""The DICOM node on loopback: instances received a second, time to the first answer, memory (Linux; needs dcmtk).
+
+    python -m benchmarks.node [FOLDER] [--associations 8] [--rounds 5] [--diameter 11.5]
+
+Without a folder a head is rendered: 190 uncompressed slices of 512 x 512. dcmtk's storescu sends them, split over so
+many associations, to the node and to dcmtk's storescp (which syncs nothing) in turn; every instance that the node
+acknowledges is on the disk and in the index. Then one series is sent whole, and the log tells how long after it was
+complete the first answer was on the disk. Memory is the largest sum over the node's processes of what each holds for
+itself (private pages), less that of the idle node.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from pydicom import dcmread
+from pydicom.uid import generate_uid
+
+from benchmarks.pipeline import make_series
+from phantoms.library import demo_head
+
+RATE_GOAL, ANSWER_GOAL_S, MEMORY_GOAL = 150.0, 5.0, 2.0
+"""Instances a second; seconds after the series is complete; times the series."""
+
+QUIET_S = 2.0
+CONFIGURATION = """
+port = {port}
+quiet_s = {quiet_s}
+[limits]
+least_free_mib = 1
+[[peer]]
+name = "scanner"
+title = "CT1"
+sends = true
+[[rule]]
+name = "markers"
+calling = "{calling}"
+diameters = [{diameter}]
+answers = ["fiducials", "sr", "sheet"]
+"""
+TICKS = os.sysconf("SC_CLK_TCK") if hasattr(os, "sysconf") else 100
+
+
+def main() -> int:
+    """Measure and print; return 1 if a goal is missed."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", nargs="?", type=Path)
+    parser.add_argument("--associations", type=int, default=8)
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--diameter", type=float, default=11.5, metavar="MM")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory(dir=Path.cwd()) as made:
+        home = Path(made)
+        scan = arguments.folder or make_series(home / "ct", demo_head(), slices=190, spacing_mm=1.0)
+        print(f"load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors")
+        rate = receiving(home, scan, arguments.associations, arguments.rounds)
+        seconds, memory = answering(home, scan, arguments.associations, arguments.diameter)
+        print(f"load average {os.getloadavg()[0]:.1f}")
+    return int(rate < RATE_GOAL or seconds > ANSWER_GOAL_S or memory > MEMORY_GOAL)
+
+
+def receiving(home: Path, scan: Path, associations: int, rounds: int) -> float:
+    """Print instances a second of both receivers, and the processor's time of an instance; return the node's rate."""
+    series = [renamed(scan, home / f"sent-{number}", number) for number in range(rounds)]
+    taken: dict[str, list[float]] = {"node": [], "storescp": []}
+    busy_s: dict[str, float] = {}
+    count = len(list(series[0].iterdir()))
+    with node(home / "receiving", calling="NOBODY") as running, storescp(home / "storescp") as other:
+        for folder in series:
+            for name, port in (("node", running.port), ("storescp", other.port)):
+                taken[name].append(count / sending_s(folder, port, associations))
+        busy_s = {"node": running.busy_s("ronnaplan.node.receiver"), "storescp": other.busy_s("")}
+    best = {name: max(rates) for name, rates in taken.items()}
+    print(f"{count} instances over {associations} associations, {rounds} rounds in turn")
+    for name, rates in taken.items():
+        cost = 1000 * busy_s[name] / (rounds * count)
+        print(
+            f"  {name:9} median {median(rates):6.0f}/s, best {best[name]:6.0f}/s, {cost:5.2f} ms of a processor each"
+        )
+    ratio = median(one / two for one, two in zip(taken["node"], taken["storescp"], strict=True))
+    print(f"  node against storescp {ratio:.2f}; goal at least {RATE_GOAL:.0f}/s")
+    return median(taken["node"])
+
+
+def answering(home: Path, scan: Path, associations: int, diameter_mm: float) -> tuple[float, float]:
+    """Print how long the first answer took and the memory; return seconds, and memory in times of the series."""
+    size = sum(path.stat().st_size for path in scan.rglob("*") if path.is_file())
+    with node(home / "answering", diameter=diameter_mm) as running:
+        time.sleep(15)  # its worker loads the code that it compiled
+        idle = running.private_bytes()
+        with peak(running.private_bytes) as most:
+            sending_s(scan, running.port, associations)
+            wait(lambda: running.events("job ended"), 300.0)
+        complete, first = (running.when(kind) for kind in ("complete", "answer"))
+    memory = (most[0] - idle) / size
+    print(f"first answer {first - complete:.2f} s after the series was complete; goal {ANSWER_GOAL_S:.0f} s")
+    print(
+        f"memory {most[0] / 1e6:.0f} MB at most, {idle / 1e6:.0f} MB idle: {memory:.2f} times the series of"
+        f" {size / 1e6:.0f} MB more; goal {MEMORY_GOAL:.0f} times"
+    )
+    return first - complete, memory
+
+
+def renamed(scan: Path, folder: Path, number: int) -> Path:
+    """Write ``scan`` as another series of its own study."""
+    folder.mkdir()
+    for path in sorted(scan.glob("*.dcm")):
+        made = dcmread(path)
+        made.SeriesInstanceUID = generate_uid(entropy_srcs=["series", str(number)])
+        made.SOPInstanceUID = generate_uid(entropy_srcs=[made.SOPInstanceUID, str(number)])
+        made.file_meta.MediaStorageSOPInstanceUID = made.SOPInstanceUID
+        made.save_as(folder / path.name)
+    return folder
+
+
+def sending_s(folder: Path, port: int, associations: int) -> float:
+    """Send a folder over so many associations at one time; return how long it took."""
+    paths = sorted(folder.glob("*.dcm"))
+    start = time.perf_counter()
+    senders = [
+        subprocess.Popen(
+            [
+                program("storescu"),
+                "-aet",
+                "CT1",
+                "-aec",
+                "RONNAPLAN",
+                "-pdu",
+                "131072",
+                "127.0.0.1",
+                str(port),
+                *map(str, part),
+            ]
+        )
+        for part in (paths[number::associations] for number in range(associations))
+    ]
+    if any(sender.wait() for sender in senders):
+        raise SystemExit("storescu could not send all")
+    return time.perf_counter() - start
+
+
+@dataclass
+class Running:
+    """A receiver that runs, and all its processes."""
+
+    process: subprocess.Popen[bytes]
+    port: int
+    log: Path
+
+    def events(self, kind: str) -> list[dict[str, Any]]:
+        """Return what it told."""
+        lines = [json.loads(line) for line in self.log.read_text().splitlines() if line.startswith("{")]
+        return [line for line in lines if line["event"] == kind]
+
+    def when(self, kind: str) -> float:
+        """Return when it told something first."""
+        return datetime.fromisoformat(self.events(kind)[0]["time"]).timestamp()
+
+    def busy_s(self, module: str) -> float:
+        """Return the processor's time of its processes that run ``module``, ended children included."""
+        total = 0.0
+        for pid in self.processes():
+            with suppress(OSError):
+                if module in Path(f"/proc/{pid}/cmdline").read_text():
+                    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+                    total += sum(map(int, fields[11:15])) / TICKS
+        return total
+
+    def private_bytes(self) -> int:
+        """Return what its processes hold for themselves."""
+        total = 0
+        for pid in self.processes():
+            with suppress(OSError):
+                text = Path(f"/proc/{pid}/smaps_rollup").read_text()
+                total += 1024 * sum(map(int, re.findall(r"^Private_\w+:\s+(\d+)", text, re.MULTILINE)))
+        return total
+
+    def processes(self) -> list[int]:
+        """Return the process and all that it started."""
+        parents = {}
+        for path in Path("/proc").glob("[0-9]*"):
+            with suppress(OSError):
+                parents[int(path.name)] = int((path / "stat").read_text().rpartition(")")[2].split()[1])
+        found = [self.process.pid]
+        for pid in found:
+            found += [child for child, parent in parents.items() if parent == pid]
+        return found
+
+
+@contextmanager
+def node(home: Path, *, calling: str = "*", diameter: float = 11.5) -> Iterator[Running]:
+    """Run a node; only what the title ``calling`` sends is worked on."""
+    home.mkdir()
+    port = free_port()
+    config = home / "node.toml"
+    config.write_text(CONFIGURATION.format(port=port, quiet_s=QUIET_S, calling=calling, diameter=diameter))
+    command = [sys.executable, "-m", "ronnaplan", "node", "--config", str(config)]
+    with started(command, port, home / "log") as running:
+        yield running
+
+
+@contextmanager
+def storescp(home: Path) -> Iterator[Running]:
+    """Run dcmtk's receiver, a process for each association, as it comes from Debian."""
+    home.mkdir()
+    port = free_port()
+    command = [program("storescp"), "--fork", "-pdu", "131072", "-od", str(home), str(port)]
+    with started(command, port, home.with_suffix(".log")) as running:
+        yield running
+
+
+@contextmanager
+def started(command: Sequence[str], port: int, log: Path) -> Iterator[Running]:
+    """Run a receiver until the end of the block; what it says goes to ``log``."""
+    with log.open("wb") as stream:
+        process = subprocess.Popen(command, stdout=stream, stderr=stream)
+    try:
+        wait(lambda: answers(port), 60.0)
+        yield Running(process, port, log)
+    finally:
+        process.terminate()
+        process.wait(30)
+
+
+@contextmanager
+def peak(measure: Callable[[], int]) -> Iterator[list[int]]:
+    """Yield a list whose one item is the largest value so far."""
+    most, over = [0], threading.Event()
+
+    def watch() -> None:
+        while not over.wait(0.05):
+            most[0] = max(most[0], measure())
+
+    watcher = threading.Thread(target=watch)
+    watcher.start()
+    try:
+        yield most
+    finally:
+        over.set()
+        watcher.join()
+
+
+def free_port() -> int:
+    """Return a port that nobody listens on."""
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return int(found.getsockname()[1])
+
+
+def answers(port: int) -> bool:
+    """Whether somebody speaks DICOM there."""
+    return not subprocess.call(
+        [program("echoscu"), "-aet", "CT1", "-aec", "RONNAPLAN", "127.0.0.1", str(port)], stderr=subprocess.DEVNULL
+    )
+
+
+def program(name: str) -> str:
+    """Return the path of a program of dcmtk's; pynetdicom's of the same name lie beside Python."""
+    beside = Path(sys.executable).parent
+    path = os.pathsep.join(part for part in os.environ["PATH"].split(os.pathsep) if Path(part) != beside)
+    found = shutil.which(name, path=path)
+    if found is None:
+        raise SystemExit(f"{name} of dcmtk is not installed")
+    return found
+
+
+def wait(condition: Callable[[], object], seconds: float) -> None:
+    """Wait until a condition holds; give up after so long."""
+    last = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > last:
+            raise SystemExit("it did not happen in time")
+        time.sleep(0.05)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
