@@ -41,6 +41,7 @@ if [ "$installed" != "$wanted" ] && [ "$installed" != "$full" ]; then
         python3 -m venv .venv
     fi
     install_locked
+    "$PYTHON" -m ronnaplan prepare
     echo "$wanted" > "$stamp"
 fi
 export PATH="$root/.venv/bin:$PATH"

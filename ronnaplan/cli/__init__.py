@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import io
 import sys
 from collections.abc import Sequence
@@ -14,11 +15,15 @@ from ronnaplan.errors import RonnaplanError, UsageError
 
 VERBS = (
     *("series", "localize", "plan", "track", "register", "view", "report", "export", "node", "pull", "robot"),
-    *("phantom", "phantom-check", "study", "demo"),
+    *("phantom", "phantom-check", "study", "demo", "prepare"),
 )
 
 DESCRIPTION = "From a head CT with spherical markers to coordinates a robot can trust."
 NOTICE = "Research software, not a medical device."
+
+
+OBJECTS_BETWEEN_COLLECTIONS = 100_000
+"""Python looks for circles of garbage after so many new objects, not after 700: imports make many and drop none."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -30,6 +35,7 @@ class _Parser(argparse.ArgumentParser):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; returns the exit status: 0 done, 1 unusable input, 2 wrong usage, 3 refused."""
+    gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
     _let_any_text_out()
     with guarded_output():
         try:

@@ -13,8 +13,7 @@ from kernelcache import njit
 from ronnaplan.correspondence.evidence import COLLINEAR_SIGMAS, fit, log_misfit
 from ronnaplan.correspondence.exact import distances
 from ronnaplan.correspondence.inputs import checked_points
-from ronnaplan.correspondence.matching import LEAST_PROBABILITY
-from ronnaplan.correspondence.pairing import IntArray
+from ronnaplan.correspondence.pairing import LEAST_PROBABILITY, IntArray
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM

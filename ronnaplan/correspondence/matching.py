@@ -12,19 +12,13 @@ from numpy.typing import ArrayLike
 from ronnaplan.correspondence.evidence import filled_volume
 from ronnaplan.correspondence.inputs import checked_errors, checked_known, checked_points, checked_told
 from ronnaplan.correspondence.large import match_large
-from ronnaplan.correspondence.pairing import Pairing, no_pairs
+from ronnaplan.correspondence.pairing import LEAST_PROBABILITY, Pairing, no_pairs
 from ronnaplan.correspondence.problem import Problem
 from ronnaplan.correspondence.small import match_small
 from ronnaplan.errors import InputError, check_type
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 
 LOG = logging.getLogger(__name__)
-
-LEAST_PROBABILITY = 0.99
-"""Posterior at which a pairing is accepted.
-
-Most accepted pairings are far more probable: over the paper's protocol fewer than 1 in 10,000 accepted answers are
-wrong, in the worst cell too (three markers, four outliers); see docs/correspondence.md."""
 
 MOST_LISTED_POINTS = 16
 FEW_POINTS = 6

@@ -16,6 +16,12 @@ if TYPE_CHECKING:
 
 IntArray = NDArray[np.int64]
 
+LEAST_PROBABILITY = 0.99
+"""Posterior at which a pairing is accepted.
+
+Most accepted pairings are far more probable: over the paper's protocol fewer than 1 in 10,000 accepted answers are
+wrong, in the worst cell too (three markers, four outliers); see docs/correspondence.md."""
+
 MOST_RIVALS = 10
 """Rivals listed in an answer."""
 

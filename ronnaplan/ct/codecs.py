@@ -8,6 +8,8 @@ from contextlib import suppress
 from threading import Lock
 from typing import Any, Final
 
+import numpy as np
+
 from ronnaplan.ct.jpeg_lossless import decode_jpeg_lossless
 from ronnaplan.ct.slices import PixelFormat, SliceImage, Stored
 from ronnaplan.errors import InputError
@@ -89,12 +91,15 @@ def decode_frame(frame: bytes, pixels: PixelFormat) -> Stored:
         return decode_jpeg_lossless(frame, pixels.rows, pixels.columns).view(
             f"{'i' if pixels.is_signed else 'u'}2"
         )
+    decoder = (
+        _decode_jpeg_ls if pixels.transfer_syntax in JPEG_LS and pixels.samples == 1 else _decode_with_pydicom
+    )
     try:
-        return _decode_with_pydicom(frame, pixels)
+        return decoder(frame, pixels)
     except InputError:
         for shorter in _with_less_padding(frame) if pixels.transfer_syntax in JPEG_LS else ():
             with suppress(InputError):
-                return _decode_with_pydicom(shorter, pixels)
+                return decoder(shorter, pixels)
         raise
 
 
@@ -109,6 +114,22 @@ def _with_less_padding(frame: bytes) -> Iterator[bytes]:
         if end < count or frame[end - count] != 0:
             return
         yield frame[: end - count] + frame[end:]
+
+
+def _decode_jpeg_ls(frame: bytes, pixels: PixelFormat) -> Stored:
+    """Call the decoder that pydicom would call, without what pydicom imports and checks around each frame."""
+    with _IMPORTING:
+        from jpeg_ls import decode_pixel_data
+
+    try:
+        decoded, told = decode_pixel_data(frame)
+        size = 1 if told["bits_per_sample"] <= 8 else 2
+        values = np.frombuffer(decoded, f"<{'i' if pixels.is_signed else 'u'}{size}")
+        unused = 8 * size - told["bits_per_sample"] if pixels.is_signed else 0
+        stored: Stored = ((values << unused) >> unused).reshape(pixels.rows, pixels.columns)  # extends the sign
+        return stored
+    except Exception as error:  # the decoder raises several kinds
+        raise InputError(f"{printable(error)}; export it uncompressed") from error
 
 
 def _decode_with_pydicom(frame: bytes, pixels: PixelFormat) -> Stored:

@@ -5,15 +5,17 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
-from ronnaplan.documents.fiducials import FiducialsDocument
 from ronnaplan.documents.files import change_document
 from ronnaplan.documents.reading import to_json
-from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.errors import InputError
 
-Document = TypeVar("Document", FiducialsDocument, RegistrationDocument)
+if TYPE_CHECKING:
+    from ronnaplan.documents.fiducials import FiducialsDocument
+    from ronnaplan.documents.registration import RegistrationDocument
+
+Document = TypeVar("Document", "FiducialsDocument", "RegistrationDocument")
 
 
 def revised(document: Document, there: Document | None) -> Document:

@@ -8,7 +8,7 @@ import pydicom.data
 import pytest
 from pydicom.encaps import encapsulate, generate_frames
 
-from ronnaplan.ct import Limits, VolumeFlag, read_ct
+from ronnaplan.ct import Limits, VolumeFlag, codecs, read_ct
 from ronnaplan.ct.codecs import codestream_size, decode_frame
 from ronnaplan.ct.files import DiskFile
 from ronnaplan.ct.fragments import frame_fragments
@@ -215,3 +215,20 @@ def test_pydicoms_own_compressed_images_decode_to_what_pydicom_reads(name: str) 
     assert pixels is not None
     ((fragment,),) = frame_fragments(blob, pixels)
     assert np.array_equal(decode_frame(blob.read(*fragment), pixels), pydicom.dcmread(path).pixel_array)
+
+
+@pytest.mark.parametrize(("allocated", "bits"), [(8, 8), (16, 8), (16, 12), (16, 16)])
+@pytest.mark.parametrize("signed", [False, True])
+def test_jpeg_ls_is_decoded_as_pydicom_decodes_it(allocated: int, bits: int, signed: bool) -> None:
+    import jpeg_ls
+
+    drawn = np.random.default_rng(bits).integers(0, 2**bits, size=(20, 30))
+    raw = drawn.astype(np.uint8 if bits == 8 else np.uint16).tobytes()
+    frame = bytes(jpeg_ls.encode_pixel_data(raw, rows=20, columns=30, samples_per_pixel=1, bits_stored=bits))
+    syntax = "1.2.840.10008.1.2.4.80"
+    pixels = PixelFormat(
+        syntax, False, 0x7FE00010, 0, None, 1, 20, 30, allocated, bits, signed, None, 1, "MONOCHROME2", bits - 1
+    )
+    ours, theirs = codecs.decode_frame(frame, pixels), codecs._decode_with_pydicom(frame, pixels)
+    assert ours.dtype.kind == theirs.dtype.kind
+    assert np.array_equal(ours, theirs)

@@ -1,0 +1,47 @@
+"""What is slow at a first start is done beforehand, and what a verb does not need is not imported."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+COUNT = """
+import json, sys
+from ronnaplan.cli import main
+
+def compiled():
+    found = {}
+    for name, module in sorted(sys.modules.items()):
+        for one in vars(module).values() if name.startswith("ronnaplan") else ():
+            if hasattr(one, "py_func"):
+                found[one.py_func.__module__ + "." + one.py_func.__name__] = sorted(map(str, one.signatures))
+    return found
+
+told = []
+for arguments in json.loads(sys.argv[1]):
+    status = main(arguments)
+    told.append([status, compiled(), sorted({name.split(".")[0] for name in sys.modules})])
+print(json.dumps(told))
+"""
+
+
+def test_after_prepare_localize_and_register_compile_nothing_and_import_little(tmp_path: Path) -> None:
+    found = str(tmp_path / "fiducials.json")
+    commands = [
+        ["prepare"],
+        ["localize", "data/synthetic_ct", "--diameter", "11.5", "-o", found],
+        ["register", found, "data/synthetic_ct/readings.csv", "-o", str(tmp_path / "registration.json")],
+    ]
+    done = subprocess.run(
+        [sys.executable, "-c", COUNT, json.dumps(commands)], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    (prepared, localized, registered) = json.loads(done.stdout)
+    assert [one[0] for one in (prepared, localized, registered)] == [0, 0, 0]
+    assert sum(map(len, prepared[1].values())) > 10
+    for _, compiled, _ in (localized, registered):
+        assert {name: kinds for name, kinds in compiled.items() if kinds != prepared[1].get(name, [])} == {}
+    heavy = {"pydicom", "gdcm", "requests", "matplotlib", "SimpleITK", "skimage", "pandas", "pyvista", "trame"}
+    assert not heavy & set(localized[2])
