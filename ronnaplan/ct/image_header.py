@@ -28,6 +28,8 @@ LARGEST_NUMBER: Final = 1e9
 LONGEST_LINE: Final = 1 << 16
 _DECIMAL: Final = re.compile(r"[+-]?(\d{1,40}\.?\d{0,40}|\.\d{1,40})([eE][+-]?\d{1,3})?", re.ASCII)
 _WHOLE: Final = re.compile(r"-?\d{1,10}", re.ASCII)
+_PLAIN: Final = re.compile(r"[\t -~]*")
+"""Printable ASCII. Of other bytes, readers differ which are blanks."""
 
 
 @dataclass(frozen=True)
@@ -76,9 +78,17 @@ def header_lines(stream: BinaryIO, limits: Limits) -> list[str]:
     return lines
 
 
+def field_name(text: str) -> str:
+    """Return the name of a field without the blanks around it; raises `DamagedError` unless it is printable ASCII."""
+    name = text.strip(" \t")
+    if not _PLAIN.fullmatch(name):
+        raise DamagedError(f"its header has the field '{printable(name, 60)}', expected a name in printable ASCII")
+    return name
+
+
 def decimals(text: str, count: int, name: str) -> FloatArray:
     """Return the ``count`` decimal numbers of ``text``; raises `DamagedError` for any other text."""
-    words = text.split()
+    words = text.split() if _PLAIN.fullmatch(text) else []
     if len(words) != count or not all(_DECIMAL.fullmatch(word) for word in words):
         raise DamagedError(f"it gives '{printable(text, 60)}' as its {name}, expected {_counted(count, 'number')}")
     return finite(np.array(words, dtype=np.float64), name)
@@ -86,7 +96,7 @@ def decimals(text: str, count: int, name: str) -> FloatArray:
 
 def whole(text: str, count: int, name: str) -> tuple[int, ...]:
     """Return the ``count`` whole numbers of ``text``; raises `DamagedError` for any other text."""
-    words = text.split()
+    words = text.split() if _PLAIN.fullmatch(text) else []
     if len(words) != count or not all(_WHOLE.fullmatch(word) for word in words):
         wanted = _counted(count, "whole number")
         raise DamagedError(f"it gives '{printable(text, 60)}' as its {name}, expected {wanted} of up to 10 digits")

@@ -15,6 +15,7 @@ from ronnaplan.ct.image_header import (
     StoredVoxels,
     beside,
     decimals,
+    field_name,
     header_lines,
     positive,
     scaled,
@@ -101,11 +102,13 @@ def _fields(lines: list[str]) -> dict[str, str]:
         key, separator, value = line.partition("=")
         if not separator:
             raise DamagedError(f"its header has the line '{printable(line, 60)}', expected 'Key = Value'")
-        written = key.strip()
+        written = field_name(key)
         if written != _SPELLED.get(written.lower(), written):
             raise DamagedError(f"its header has the field {written}, expected {_SPELLED[written.lower()]}")
         name = _SYNONYMS.get(written, written)
-        value = value.strip() if name == "ElementDataFile" else " ".join(value.split())
+        value = value.strip(" \t")
+        if name != "ElementDataFile":
+            value = re.sub(r"[ \t]+", " ", value)
         if fields.setdefault(name, value) != value:
             raise DamagedError(
                 f"it gives two values for {printable(written, 60)} (or a synonym): "

@@ -9,7 +9,16 @@ from typing import BinaryIO, Final
 import numpy as np
 
 from ronnaplan.ct.files import DamagedError
-from ronnaplan.ct.image_header import Encoding, ImageHeader, StoredVoxels, beside, decimals, header_lines, whole
+from ronnaplan.ct.image_header import (
+    Encoding,
+    ImageHeader,
+    StoredVoxels,
+    beside,
+    decimals,
+    field_name,
+    header_lines,
+    whole,
+)
 from ronnaplan.ct.limits import Limits
 from ronnaplan.geometry import FloatArray
 from ronnaplan.text import printable
@@ -86,7 +95,7 @@ def _fields(lines: list[str]) -> dict[str, str]:
         key, separator, value = line.partition(":=") if ":=" in line else line.partition(":")
         if not separator:
             raise DamagedError(f"its header has the line '{printable(line, 60)}', expected 'field: value'")
-        name = key.strip().lower()
+        name = field_name(key).lower()
         name = _SYNONYMS.get(name, name) if separator == ":" else f"{name}:="
         if name in fields:
             raise DamagedError(f"it gives '{printable(name, 60)}' twice")

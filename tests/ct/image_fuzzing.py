@@ -200,6 +200,7 @@ def _nrrd(content: bytes) -> Any:
     header, _, voxels = content.partition(b"\n\n")
     lines = [line for line in header.decode("latin-1").split("\n")[1:] if not line.startswith("#")]
     pairs = [line.split(":", 1) for line in lines]
+    _open_if(not all(key.isascii() for key, _ in pairs), "other readers may know another blank")
     fields = {key.strip().lower(): value.strip() for key, value in pairs}
     _open_if(len(fields) < len(pairs), "it gives a field twice")
     _open_if(set(re.findall(r"\w+", fields.get("space units", "mm"))) != {"mm"}, "it is not in mm")
@@ -240,6 +241,7 @@ def _meta(content: bytes) -> Any:
     fields: dict[str, list[str]] = {}
     known = {each.lower(): each for each in (*META_NAMES, *same, *same.values())}
     for key, value in pairs:
+        _open_if(not key.isascii(), "other readers may know another blank")
         name = same.get(key.strip(), key.strip())
         _open_if(known.get(name.lower(), name) != name, f"{name} may be meant to be heard")
         _open_if(fields.get(name, value.split()) != value.split(), f"it gives {name} twice")

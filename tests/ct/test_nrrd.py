@@ -24,6 +24,9 @@ def header_and_voxels(path: Path) -> tuple[bytes, bytes]:
     ("old", "new", "reason"),
     [
         (b"space: left-posterior-superior", b"space dimension: 3", "gives the space 'none'"),
+        (b"kinds:", b'space units\xa0: "cm" "cm" "cm"\nkinds:', "expected a name in printable ASCII"),
+        (b"sizes: 10 8", "sizes: 10\u20038".encode(), "as its sizes, expected 3 whole numbers"),
+        (b"sizes: 10 8", b"sizes: 10\x1c8", "as its sizes, expected 3 whole numbers"),
         (b"space: left-posterior-superior", b"space: scanner-xyz", "gives the space 'scanner-xyz'"),
         (
             b"kinds:",
