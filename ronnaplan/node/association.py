@@ -25,11 +25,14 @@ def associated(
     peer: Peer,
     classes: Sequence[str],
     *,
+    provided: Sequence[str] = (),
     stored: Sequence[str] = (),
     syntaxes: Sequence[str] = SYNTAXES,
     handlers: Sequence[Any] = (),
 ) -> Iterator[Association]:
     """Yield an association with ``peer`` for ``classes``; instances of ``stored`` may be sent back on it (C-GET).
+
+    Of the classes in ``provided`` this side is the provider.
 
     Raises `InputError` where it comes to none.
     """
@@ -38,7 +41,7 @@ def associated(
     entity.maximum_pdu_size = LARGEST_PDU
     silent_s = config.limits.silent_s
     entity.connection_timeout = entity.acse_timeout = entity.dimse_timeout = entity.network_timeout = silent_s
-    for sop_class in classes:
+    for sop_class in (*classes, *provided):
         entity.add_requested_context(sop_class, list(SYNTAXES))
     # a context for each syntax: what lies in an archive compressed is sent so
     asked = [build_context(sop_class, syntax) for sop_class in stored for syntax in syntaxes]
@@ -49,7 +52,7 @@ def associated(
         ae_title=peer.title,
         max_pdu=LARGEST_PDU,
         contexts=[*entity.requested_contexts, *asked],
-        ext_neg=[build_role(sop_class, scp_role=True) for sop_class in stored],
+        ext_neg=[build_role(sop_class, scp_role=True) for sop_class in (*provided, *stored)],
         tls_args=encrypted,
         evt_handlers=list(handlers),
     )

@@ -64,9 +64,16 @@ class Peer(DocumentModel):
     port: Port = 0
     sends: bool = False
     """Whether it may send scans here."""
+    commits_when_done: bool = False
+    """Whether it asks for storage commitment of a series only when it has sent all of it."""
     tls: bool = False
     url: Line | None = None
     """Where it takes answers by DICOMweb (STOW-RS), instead of C-STORE."""
+
+    @property
+    def speaks(self) -> bool:
+        """Whether it may ask for an association: to send, or to tell what it keeps."""
+        return self.sends or bool(self.port)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -110,6 +117,8 @@ class Config(DocumentModel):
     """Of the status page on this machine; 0 any that is free."""
     quiet_s: Seconds = 10.0
     """A series to which nothing was added for so long is complete."""
+    missing_s: Seconds = 120.0
+    """A series that is known to miss instances is worked on all the same when nothing was added for so long."""
     keep_days: Annotated[float, Field(gt=0, le=36_500)] = 30.0
     names_in_logs: bool = False
     audit: Line = "audit.log"
@@ -169,6 +178,7 @@ host = "127.0.0.1"              # the one address to listen on; this machine onl
 port = 11112
 page_port = 11180               # status page and /metrics, on this machine only; leave out for none
 quiet_s = 10.0                  # a series is complete when nothing was added for so long
+missing_s = 120.0               # one that is known to miss instances: when nothing was added for so long
 keep_days = 30.0                # then a scan is removed, once its answers are delivered
 names_in_logs = false           # true writes patients' names to the log
 audit = "audit.log"             # DICOM audit messages: a file in the folder, or "syslog://HOST:514"
@@ -197,6 +207,8 @@ name = "scanner"
 title = "CT1"
 host = "127.0.0.1"              # "any" for every address
 sends = true                    # it may send scans here
+# port = 104                    # where it is told what is kept, when it asks for storage commitment
+# commits_when_done = true      # it asks when it has sent all of a series, which then is complete at once
 
 [[peer]]
 name = "pacs"

@@ -71,6 +71,7 @@ class Hub:
         self._series = SeriesWatch(config, index, log)
         self._foreman = Foreman(config, index, log, worker)
         receivers = {name for rule in config.rule for name in rule.receivers}
+        receivers |= {peer.name for peer in config.peer if peer.sends and peer.port}  # of reports
         self._senders = [Sender(config, peer, log) for peer in config.peer if peer.name in receivers]
         for sender in self._senders:
             sender.start()

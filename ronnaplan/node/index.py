@@ -53,6 +53,23 @@ CREATE TABLE IF NOT EXISTS deliveries (
     sent REAL,
     PRIMARY KEY (answer, receiver)
 ) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS asked (          -- answers that a receiver was asked to promise to keep
+    transaction_uid TEXT NOT NULL, answer TEXT NOT NULL, receiver TEXT NOT NULL,
+    PRIMARY KEY (transaction_uid, answer),
+    FOREIGN KEY (answer, receiver) REFERENCES deliveries (answer, receiver) ON DELETE CASCADE
+) WITHOUT ROWID;
+CREATE INDEX IF NOT EXISTS asked_by_delivery ON asked (answer, receiver);
+CREATE TABLE IF NOT EXISTS commitments (    -- what senders are to be told of
+    transaction_uid TEXT NOT NULL, peer TEXT NOT NULL, named TEXT NOT NULL,
+    attempts INTEGER NOT NULL DEFAULT 0, due REAL NOT NULL, received REAL NOT NULL,
+    PRIMARY KEY (transaction_uid, peer)
+) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS steps (          -- modality performed procedure steps
+    sop_uid TEXT PRIMARY KEY, calling TEXT NOT NULL, state TEXT NOT NULL, received REAL NOT NULL
+) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS announced (      -- how many instances a series has, as its scanner says
+    series_uid TEXT PRIMARY KEY, instances INTEGER NOT NULL, received REAL NOT NULL
+) WITHOUT ROWID;
 CREATE INDEX IF NOT EXISTS deliveries_by_state ON deliveries (state, due);
 """
 
@@ -105,7 +122,8 @@ class Index(Database):
         )
         self.run(
             "UPDATE series SET received = ?, instances = instances + 1, bytes = bytes + ?, revision = revision + 1,"
-            " expected = COALESCE(?, expected) WHERE study_uid = ? AND series_uid = ?",
+            " expected = COALESCE(?, expected, (SELECT instances FROM announced WHERE series_uid = series.series_uid))"
+            " WHERE study_uid = ? AND series_uid = ?",
             *(now, facts.size, facts.expected, facts.study_uid, facts.series_uid),
         )
         self.run(
@@ -114,10 +132,24 @@ class Index(Database):
             *(facts.study_uid, facts.series_uid),
         )
 
-    def complete_series(self, quiet_since: float) -> list[SeriesRow]:
-        """Find what is complete and was not: as many instances as were announced, or nothing new since a time."""
+    def announce(self, series_uid: str, instances: int, now: float) -> None:
+        """Note how many instances a series has, whether any of it is here yet or not."""
+        self.run(
+            "INSERT INTO announced VALUES (?, ?, ?) ON CONFLICT DO UPDATE SET instances = excluded.instances",
+            *(series_uid, instances, now),
+        )
+        self.run("UPDATE series SET expected = ? WHERE series_uid = ?", instances, series_uid)
+
+    def complete_series(self, quiet_since: float, missing_since: float) -> list[SeriesRow]:
+        """Find what is complete and was not.
+
+        That is what has as many instances as were announced, or got nothing new since a time: ``quiet_since``, or
+        where some are known to be missing ``missing_since``.
+        """
         return self.records(
             SeriesRow,
-            "FROM series WHERE complete < revision AND (received <= ? OR instances >= expected)",
+            "FROM series WHERE complete < revision AND (instances >= expected"
+            " OR received <= CASE WHEN instances < expected THEN ? ELSE ? END)",
+            missing_since,
             quiet_since,
         )

@@ -23,10 +23,13 @@ from ronnaplan.ct.slices import CT_IMAGE, ENHANCED_CT, LEGACY_ENHANCED_CT
 from ronnaplan.errors import InputError
 from ronnaplan.jobs.processes import end_with_parent
 from ronnaplan.node.audit import Audit, Transfer
-from ronnaplan.node.config import ANY_ADDRESS, Config, read_config
+from ronnaplan.node.commitment import COMMITMENT
+from ronnaplan.node.config import ANY_ADDRESS, Config, Peer, read_config
 from ronnaplan.node.facts import Facts, read_facts
 from ronnaplan.node.logs import LISTENING, Log
+from ronnaplan.node.services import Services
 from ronnaplan.node.spool import Spool, spooled
+from ronnaplan.node.steps import PROCEDURE_STEP
 from ronnaplan.node.store import MIB, Arrival, Status, Store
 from ronnaplan.node.tls import context
 from ronnaplan.node.transport import (
@@ -36,6 +39,7 @@ from ronnaplan.node.transport import (
     give_up_waiting,
     quieten,
     received_bytes,
+    titles,
 )
 
 VERIFICATION: Final = "1.2.840.10008.1.1"
@@ -49,6 +53,9 @@ CLASSES: Final = {
     "1.2.840.10008.5.1.4.1.1.481.3": "RT Structure Set",
 }
 """What is taken."""
+
+FOR_RECEIVERS: Final = (VERIFICATION, COMMITMENT)
+"""What peers that send no scans may do."""
 
 SYNTAXES: Final = (
     *(EXPLICIT_LITTLE, IMPLICIT_LITTLE, DEFLATED_LITTLE, EXPLICIT_BIG),
@@ -106,6 +113,7 @@ class Receiver:
                     (evt.EVT_REQUESTED, self._admit),
                     (evt.EVT_C_STORE, self._take),
                     (evt.EVT_CONN_CLOSE, self._gone),
+                    *Services(config, self._log, self._peer_of).handlers,
                 ],
                 allowed=self._is_allowed,
                 refuse=lambda address, reason: log_refusal(self._log, address, reason),
@@ -138,32 +146,47 @@ class Receiver:
         entity.maximum_associations = limits.associations
         entity.network_timeout = entity.acse_timeout = entity.dimse_timeout = limits.silent_s
         entity.add_supported_context(VERIFICATION)
+        entity.add_supported_context(PROCEDURE_STEP)
+        entity.add_supported_context(
+            COMMITMENT, scu_role=True, scp_role=True
+        )  # a receiver that reports is its provider
         for sop_class in CLASSES:
             entity.add_supported_context(sop_class, list(SYNTAXES))
         return entity
 
     def _is_allowed(self, address: str) -> bool:
-        return any(one.sends and is_at(one.host, address) for one in self.config.peer)
+        return any(is_at(one.host, address) for one in self.config.peer if one.speaks)
+
+    def _peer_of(self, event: evt.Event) -> Peer | None:
+        """Return who speaks on an association; None for a stranger."""
+        calling, _ = titles(event)
+        address = str(event.assoc.requestor.address)
+        known = [one for one in self.config.peer if one.speaks and one.title == calling]
+        return next((one for one in known if is_at(one.host, address)), None)
 
     def _admit(self, event: evt.Event) -> None:
-        """Refuse who calls by another name, or is no known sender at this address."""
-        calling, called = _titles(event)
-        address = str(event.assoc.requestor.address)
-        known = any(one.sends and one.title == calling and is_at(one.host, address) for one in self.config.peer)
+        """Refuse who calls by another name, or is no known peer at this address; take scans from senders only."""
+        calling, called = titles(event)
+        peer = self._peer_of(event)
         diagnostic, reason = 0, ""
         if called not in self.config.titles:
             diagnostic, reason = UNKNOWN_CALLED, f"no AE title here is {called}"
-        elif not known:
+        elif peer is None:
             diagnostic, reason = UNKNOWN_CALLER, f"{calling} is no peer that may send from there"
+        elif not peer.sends:
+            own = event.assoc.acceptor
+            own.supported_contexts = [
+                one for one in own.supported_contexts if one.abstract_syntax in FOR_RECEIVERS
+            ]
         if reason:
-            log_refusal(self._log, address, reason)
+            log_refusal(self._log, str(event.assoc.requestor.address), reason)
             event.assoc.acse.send_reject(PERMANENT, BY_USER, diagnostic)
             event.assoc.kill()
 
     def _take(self, event: evt.Event) -> int:
         request = cast(C_STORE, event.request)
         received_bytes(event.assoc, begin_again=True)
-        calling, called = _titles(event)
+        calling, called = titles(event)
         sop_uid = str(request.AffectedSOPInstanceUID)
         try:
             facts = self._facts(cast(Spool, request._dataset_file), sop_uid, str(request.AffectedSOPClassUID))
@@ -213,7 +236,7 @@ class Receiver:
             message._data_set_path.unlink(missing_ok=True)
         if event.assoc.requestor.primitive is None:
             give_up_waiting(event.assoc)
-        calling, called = _titles(event)
+        calling, called = titles(event)
         address = str(event.assoc.requestor.address)
         if message is not None and received_bytes(event.assoc):
             self._log.tell("cut off", calling=calling, reason="a message was begun and never sent whole")
@@ -236,13 +259,6 @@ def is_at(host: str, address: str) -> bool:
 def log_refusal(log: Log, address: str, reason: str) -> None:
     """Tell of a connection or an association that was turned away."""
     log.tell("refused association", address=address, reason=reason)
-
-
-def _titles(event: evt.Event) -> tuple[str, str]:
-    request = event.assoc.requestor.primitive
-    if request is None:
-        return "", ""
-    return str(request.calling_ae_title).strip(), str(request.called_ae_title).strip()
 
 
 def main(config_path: str) -> int:

@@ -12,7 +12,7 @@ OLD = """
 FROM series WHERE received < ? AND complete = revision
 AND id NOT IN (SELECT series FROM jobs WHERE state IN ('waiting', 'running'))
 AND id NOT IN (SELECT series FROM jobs JOIN answers ON job = jobs.id JOIN deliveries ON answer = sop_uid
-               WHERE deliveries.state != 'sent')
+               WHERE deliveries.state = 'waiting')
 """
 """Series that nothing was added to since a time, and that owe nobody an answer."""
 
@@ -28,7 +28,8 @@ def remove_old(folder: Path, index: Index, before: float, log: Log) -> None:
         files += [path for (path,) in index.rows("SELECT path FROM aside WHERE received < ?", before)]
         for series in old:
             index.run("DELETE FROM series WHERE id = ?", series.id)
-        index.run("DELETE FROM aside WHERE received < ?", before)
+        for table in ("aside", "commitments", "steps", "announced"):
+            index.run(f"DELETE FROM {table} WHERE received < ?", before)
     for path in files:
         (folder / path).unlink(missing_ok=True)
         with suppress(OSError):  # not empty

@@ -16,6 +16,7 @@ from ronnaplan.documents.dicom_enclosed import ENCAPSULATED_PDF, SECONDARY_CAPTU
 from ronnaplan.documents.dicom_spatial import SPATIAL_FIDUCIALS
 from ronnaplan.errors import InputError, RonnaplanError
 from ronnaplan.node.audit import Audit, Transfer
+from ronnaplan.node.commitment import ASK, COMMITMENT, WELL_KNOWN, Named, Promise, begin_asking, outcome
 from ronnaplan.node.config import Config, Peer
 from ronnaplan.node.index import Index
 from ronnaplan.node.jobs import wait_s
@@ -23,6 +24,7 @@ from ronnaplan.node.logs import Log
 from ronnaplan.text import printable
 
 if TYPE_CHECKING:
+    from pydicom.dataset import Dataset
     from pynetdicom.association import Association
 
 MOST_AT_ONCE: Final = 32
@@ -47,7 +49,12 @@ class Delivery:
 
 
 class Channel(Protocol):
-    """An open way to a receiver."""
+    """An open way to a receiver; ``commits`` says whether it offers storage commitment."""
+
+    commits: bool
+
+    def ask(self, request: Dataset) -> None:
+        """Ask for storage commitment; raises `InputError` where the request is not taken."""
 
     def send(self, path: Path) -> None:
         """Hand over a file; raises `InputError` where it is not taken."""
@@ -68,6 +75,7 @@ class Sender(threading.Thread):
             while not self._ending.wait(IDLE_S):
                 try:
                     self.deliver(index, time.time())
+                    self.report(index, time.time())
                 except (
                     OSError,
                     sqlite3.Error,
@@ -96,6 +104,7 @@ class Sender(threading.Thread):
         waiting = list(due)
         try:
             with open_channel(self._config, self._peer) as channel:
+                taken: list[Named] = []
                 while waiting:
                     one = waiting[0]
                     try:
@@ -104,7 +113,10 @@ class Sender(threading.Thread):
                         self._later(index, one, str(error), now)
                     else:
                         self._done(index, one, now, sent)
+                        taken.append((one.sop_class, one.answer))
                     del waiting[0]
+                if taken:
+                    self._ask(index, channel, taken)
         except Exception as error:  # whatever a peer makes of it: told, and tried again
             for one in waiting:
                 self._later(index, one, str(error), now)
@@ -113,6 +125,46 @@ class Sender(threading.Thread):
             self._audit.transferred(
                 moved, source=self._config.titles[0], destination=self._peer.title, peer_address=address
             )
+
+    def _ask(self, index: Index, channel: Channel, taken: list[Named]) -> None:
+        """Ask the receiver to promise to keep what it has taken, where it offers that."""
+        if not channel.commits:
+            return
+        with index.transaction():  # the report may come at once
+            transaction, request = begin_asking(index, self._peer.name, taken)
+        try:
+            channel.ask(request)
+        except InputError as error:
+            index.run("DELETE FROM asked WHERE transaction_uid = ?", transaction)
+            self._log.tell("no commitment", receiver=self._peer.name, reason=str(error))
+
+    def report(self, index: Index, now: float) -> None:
+        """Tell the peer what is kept of what it asked to have kept."""
+        from ronnaplan.node.association import associated
+
+        due = index.records(Promise, "FROM commitments WHERE peer = ? AND due <= ?", self._peer.name, now)
+        for promise in due:
+            try:
+                with associated(self._config, self._peer, [], provided=[COMMITMENT]) as association:
+                    kind, report = outcome(index, promise)
+                    answer, _ = association.send_n_event_report(report, kind, COMMITMENT, WELL_KNOWN)
+                    if answer.get("Status") != 0:
+                        raise InputError(f"{self._peer.name} does not take the report")
+            except Exception as error:  # whatever a peer makes of it: told, and tried again
+                wait = wait_s(promise.attempts + 1, self._config.jobs.retry_s)
+                index.run(
+                    "UPDATE commitments SET attempts = attempts + 1, due = ? WHERE transaction_uid = ? AND peer = ?",
+                    *(now + wait, promise.transaction_uid, promise.peer),
+                )
+                self._log.tell("not reported", peer=promise.peer, reason=str(error), again_in_s=round(wait))
+            else:
+                index.run(
+                    "DELETE FROM commitments WHERE transaction_uid = ? AND peer = ?",
+                    *(promise.transaction_uid, promise.peer),
+                )
+                self._log.tell(
+                    "reported", peer=promise.peer, transaction=promise.transaction_uid, all_kept=kind == 1
+                )
 
     def _done(self, index: Index, one: Delivery, now: float, sent: dict[str, Transfer]) -> None:
         index.run(
@@ -147,13 +199,19 @@ def open_channel(config: Config, peer: Peer) -> Iterator[Channel]:
         return
     from ronnaplan.node.association import associated
 
-    with associated(config, peer, list(CLASSES)) as association:
+    with associated(config, peer, [*CLASSES, COMMITMENT]) as association:
         yield _Storage(association, peer)
 
 
 class _Storage:
     def __init__(self, association: Association, peer: Peer) -> None:
         self._association, self._peer = association, peer
+        self.commits = any(one.abstract_syntax == COMMITMENT for one in association.accepted_contexts)
+
+    def ask(self, request: Dataset) -> None:
+        status, _ = self._association.send_n_action(request, ASK, COMMITMENT, WELL_KNOWN)
+        if status.get("Status") != 0:
+            raise InputError(f"{self._peer.name} takes no request for storage commitment")
 
     def send(self, path: Path) -> None:
         try:
@@ -170,7 +228,10 @@ class _Web:
     def __init__(self, peer: Peer) -> None:
         from dicomweb_client.api import DICOMwebClient
 
-        self._client, self._peer = DICOMwebClient(str(peer.url)), peer
+        self._client, self._peer, self.commits = DICOMwebClient(str(peer.url)), peer, False
+
+    def ask(self, request: Dataset) -> None:
+        raise InputError(f"{self._peer.name} is spoken to by DICOMweb, which has no storage commitment")
 
     def send(self, path: Path) -> None:
         import requests

@@ -24,8 +24,11 @@ class SeriesWatch:
 
         A time in which nobody could send is no quiet one.
         """
-        quiet_until = now - self._config.quiet_s
-        for series in self._index.complete_series(quiet_until if listening_since <= quiet_until else 0.0):
+        quiet_since, missing_since = (
+            since if listening_since <= since else 0.0
+            for since in (now - self._config.quiet_s, now - self._config.missing_s)
+        )
+        for series in self._index.complete_series(quiet_since, missing_since):
             self._complete(series, now)
 
     def _complete(self, series: SeriesRow, now: float) -> None:
@@ -47,5 +50,6 @@ class SeriesWatch:
                 study=series.study_uid,
                 series=series.series_uid,
                 instances=series.instances,
+                announced=series.expected,
                 rule=None if rule is None else rule.name,
             )

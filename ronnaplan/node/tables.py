@@ -28,7 +28,7 @@ ORDER BY series.received DESC LIMIT ?
 """
 DELIVERIES: Final = """
 SELECT receiver, kind, deliveries.state, deliveries.attempts, deliveries.reason, answer
-FROM deliveries JOIN answers ON answer = sop_uid WHERE deliveries.state != 'sent' ORDER BY deliveries.due LIMIT ?
+FROM deliveries JOIN answers ON answer = sop_uid WHERE deliveries.state = 'waiting' ORDER BY deliveries.due LIMIT ?
 """
 
 

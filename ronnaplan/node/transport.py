@@ -48,6 +48,14 @@ def give_up_waiting(association: Association) -> None:
     requests.put(None)  # what a wait that ended in vain returns
 
 
+def titles(event: evt.Event) -> tuple[str, str]:
+    """Return the calling and the called title of an association; nothing for what never became one."""
+    request = event.assoc.requestor.primitive
+    if request is None:
+        return "", ""
+    return str(request.calling_ae_title).strip(), str(request.called_ae_title).strip()
+
+
 def quieten() -> None:
     """Keep pynetdicom from writing messages of its own: they would hold what peers send."""
     _config.LOG_HANDLER_LEVEL = "none"

@@ -1,11 +1,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
+from ronnaplan.node.index import Index
 from tests.isolation import is_isolated
 from tests.node.peers import Orthanc, program
+
+
+@pytest.fixture
+def index(tmp_path: Path) -> Iterator[Index]:
+    """An empty index."""
+    with Index(tmp_path) as found:
+        yield found
 
 
 @pytest.fixture(scope="session")

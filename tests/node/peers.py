@@ -173,6 +173,15 @@ class Orthanc:
         with urllib.request.urlopen(request, timeout=20) as answer:
             return json.loads(answer.read())
 
+    def tell(self, method: str, path: str, content: dict[str, Any]) -> Any:
+        address, body = f"http://127.0.0.1:{self.http}{path}", json.dumps(content).encode()
+        with urllib.request.urlopen(urllib.request.Request(address, body, method=method), timeout=20) as answer:
+            return json.loads(answer.read() or b"null")
+
+    def know(self, name: str, title: str, port: int) -> None:
+        """Have it know a node at a port, to which it may send, and which may send to it."""
+        self.tell("PUT", f"/modalities/{name}", {"AET": title, "Host": "127.0.0.1", "Port": port})
+
     def instances(self) -> list[FileDataset]:
         files = [self.get(f"/instances/{one}/file") for one in self.get("/instances")]
         return [dcmread(io.BytesIO(content)) for content in files]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -33,12 +32,6 @@ def facts(number: int, **changes: Any) -> Facts:
         **{"patient_name": "", "expected": None, "sha256": f"{number:064}"},
     }
     return Facts(**{**given, **changes})
-
-
-@pytest.fixture
-def index(tmp_path: Path) -> Iterator[Index]:
-    with Index(tmp_path) as found:
-        yield found
 
 
 def watch(index: Index, tmp_path: Path, **given: Any) -> SeriesWatch:

@@ -1,0 +1,129 @@
+"""Promises to keep, given to senders and by receivers; and scanners that say that they are done."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydicom.dataset import Dataset
+from pydicom.uid import CTImageStorage
+from pynetdicom import AE, build_role
+
+from ronnaplan.errors import InputError
+from ronnaplan.node.commitment import ALL_KEPT, COMMITMENT, WELL_KNOWN, begin_asking, note_report
+from ronnaplan.node.index import Index
+from ronnaplan.node.sender import Sender
+from ronnaplan.node.series import SeriesWatch
+from ronnaplan.node.steps import PROCEDURE_STEP
+from tests.ct import makers
+from tests.node.peers import SENDER, Listening, Orthanc, configuration, listening, needs, save, send, until
+from tests.node.test_series import RULE, add, facts, watch
+
+
+@pytest.fixture
+def node(tmp_path: Path) -> Iterator[Listening]:
+    with listening(tmp_path / "home", peer=[{**SENDER, "port": 1, "commits_when_done": True}]) as found:
+        yield found
+
+
+@needs("storescu")
+def test_an_archive_that_sends_is_told_what_is_kept(orthanc: Orthanc, tmp_path: Path) -> None:
+    peer = {**orthanc.peer, "sends": True, "commits_when_done": True}
+    with listening(tmp_path, peer=[peer]) as node:
+        orthanc.know("node", "RONNAPLAN", node.port)
+        paths = [save(makers.dataset(k), tmp_path / f"{k}.dcm") for k in range(2)]
+        assert send(node.port, *paths, calling="ORTHANC").count("(Success)") == 2
+        for named, status in ((2, "Success"), (3, "Failure")):
+            uids = [str(makers.dataset(k).SOPInstanceUID) for k in range(named)]
+            wanted = [{"SOPClassUID": str(CTImageStorage), "SOPInstanceUID": uid} for uid in uids]
+            asked = orthanc.tell("POST", "/modalities/node/storage-commitment", {"DicomInstances": wanted})
+            until(lambda: node.rows("SELECT 1 FROM commitments"))
+            with Index(node.folder) as index:
+                sender = Sender(node.receiver.config, node.receiver.config.peer[0], node.log)
+                sender.report(index, time.time())
+                assert index.rows("SELECT 1 FROM commitments") == []
+            told = orthanc.get(asked["Path"])
+            assert told["Status"] == status
+            assert [one["SOPInstanceUID"] for one in told["Success"]] == uids[:2]
+            assert [one["SOPInstanceUID"] for one in told["Failures"]] == uids[2:]
+        assert node.rows("SELECT instances, expected FROM series") == [(2, 2)]  # complete, as it said so
+
+
+def test_what_a_receiver_does_not_keep_is_delivered_again(index: Index, tmp_path: Path) -> None:
+    add(index, 1, 0.0)
+    index.run("INSERT INTO jobs (series, revision, rule, state, due, completed) VALUES (1, 1, 'r', 'done', 0, 0)")
+    for uid in ("1.8", "1.9"):
+        index.run("INSERT INTO answers VALUES (?, 1, 'sr', '1.2', 'x', 0)", uid)
+        index.run("INSERT INTO deliveries (answer, receiver, state, due) VALUES (?, 'pacs', 'sent', 0)", uid)
+    transaction, request = begin_asking(index, "pacs", [("1.2", "1.8"), ("1.2", "1.9")])
+    report = Dataset()
+    report.TransactionUID = transaction
+    report.ReferencedSOPSequence, report.FailedSOPSequence = [[item] for item in request.ReferencedSOPSequence]
+    with pytest.raises(InputError, match="nothing was asked for"):
+        note_report(index, "another", report, 10.0, 30.0)
+    assert note_report(index, "pacs", report, 10.0, 30.0) == (1, 1)
+    assert index.rows("SELECT answer, state FROM deliveries") == [("1.8", "kept"), ("1.9", "waiting")]
+    with pytest.raises(InputError, match="nothing was asked for"):
+        note_report(index, "pacs", report, 10.0, 30.0)
+
+
+def test_only_who_is_no_stranger_reports_and_who_sends_no_scans_stores_none(tmp_path: Path) -> None:
+    archive = {"name": "pacs", "title": "PACS", "port": 1}
+    with listening(tmp_path, peer=[SENDER, archive]) as node:
+        entity = AE("PACS")
+        entity.add_requested_context(CTImageStorage)
+        entity.add_requested_context(COMMITMENT)
+        roles: list[Any] = [build_role(COMMITMENT, scp_role=True)]
+        association = entity.associate("127.0.0.1", node.port, ae_title="RONNAPLAN", ext_neg=roles)
+        assert [one.abstract_syntax for one in association.accepted_contexts] == [COMMITMENT]
+        report = Dataset()
+        report.TransactionUID = "1.2.3"
+        status, _ = association.send_n_event_report(report, ALL_KEPT, COMMITMENT, WELL_KNOWN)
+        assert status.Status == 0x0110
+        association.release()
+    assert "nothing was asked for" in node.events("refused")[0]["reason"]
+
+
+def test_a_scanner_that_says_it_is_done_completes_its_series(node: Listening, tmp_path: Path) -> None:
+    entity = AE("CT1")
+    entity.add_requested_context(PROCEDURE_STEP)
+    association = entity.associate("127.0.0.1", node.port, ae_title="RONNAPLAN")
+    begun, done, item = Dataset(), Dataset(), Dataset()
+    begun.PerformedProcedureStepStatus = "IN PROGRESS"
+    done.PerformedProcedureStepStatus = "COMPLETED"
+    item.SeriesInstanceUID, item.ReferencedImageSequence = makers.SERIES, [Dataset(), Dataset()]
+    done.PerformedSeriesSequence = [item]
+
+    def statuses() -> tuple[int, int]:
+        created, _ = association.send_n_create(begun, PROCEDURE_STEP, "1.2.9")
+        changed, _ = association.send_n_set(done, PROCEDURE_STEP, "1.2.9")
+        return created.Status, changed.Status
+
+    assert association.send_n_set(done, PROCEDURE_STEP, "1.2.9")[0].Status == 0x0112
+    assert statuses() == (0, 0)
+    assert statuses() == (0x0111, 0x0110)
+    association.release()
+    with Index(node.folder) as index:
+        watched = watch(index, tmp_path)
+        for k, complete in ((0, []), (1, [(2, 2)])):
+            with index.transaction():
+                given = facts(k, series_uid=makers.SERIES)
+                index.add(given, f"{k}.dcm", "CT1", "RONNAPLAN", 100.0)
+            watched.tick(100.0 + 11.0)  # quiet, but not all there
+            assert index.rows("SELECT instances, complete FROM series WHERE complete > 0") == complete
+
+
+def test_a_series_that_misses_instances_for_too_long_is_worked_on_all_the_same(
+    index: Index, tmp_path: Path
+) -> None:
+    index.announce("1.4", 3, 90.0)
+    add(index, 1, 100.0)
+    watched: SeriesWatch = watch(index, tmp_path)
+    watched.tick(219.0)
+    assert index.rows("SELECT 1 FROM jobs") == []
+    watched.tick(221.0)
+    assert index.rows("SELECT revision FROM jobs") == [(1,)]
+    assert configuration(tmp_path, rule=[RULE]).missing_s == 120.0
