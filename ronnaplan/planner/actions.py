@@ -11,6 +11,7 @@ import numpy as np
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.arguments import Index, Pixels, Steps, Typed
+from ronnaplan.planner.opening import SIDES
 from ronnaplan.planner.pointer import Pixel, Pointer
 from ronnaplan.planner.state import PlannerState
 
@@ -65,6 +66,7 @@ class Actions:
             "window": state.look.choose_window,
             "window_hu": self._window_hu,
             "surface": state.look.other_surface,
+            "look_from": self._look_from,
             "select": state.show_path,
             "lock": state.case.lock,
             "remove": state.case.remove,
@@ -107,6 +109,13 @@ class Actions:
     ) -> None:
         at = Pixel(x, y, width, height)
         self.pointer.press(view, at, pan=button == MIDDLE or shift, window=button == RIGHT or control)
+
+    def _look_from(self, side: str) -> None:
+        """Turn the head so that one looks from a side."""
+        if side not in SIDES:
+            raise UsageError(f"there is no side {side}; there are {', '.join(SIDES)}")
+        if self.pointer.head is not None:
+            self.pointer.head.look_from(np.array(SIDES[side]))
 
     def _window_hu(self, level: Typed, width: Typed) -> None:
         """Take level and width of the window from their fields."""

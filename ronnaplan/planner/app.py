@@ -24,6 +24,7 @@ from ronnaplan.planning import INSTRUMENTS
 from ronnaplan.planning.sites import USUAL_DIAMETER_MM
 
 PAGE = files("ronnaplan.planner") / "page"
+SCENE_PAGE = files("ronnaplan.scene") / "page"
 CHANGED = "another hand has changed the case; it is shown as it is now"
 
 FIRST_LOOK_S = 0.5
@@ -38,11 +39,12 @@ SENDING_S = 0.002
 
 def _template() -> str:
     """Return the page, with one view for every cut and one for the head."""
-    page = (PAGE / "planner.html").read_text(encoding="utf-8")
-    view = (PAGE / "view.html").read_text(encoding="utf-8")
-    return page.replace(
-        "<!-- views -->", "".join(view.replace("VIEW", name) for name in (*STANDARD, HEAD, *PATH_VIEWS))
+    page, view, cube = (
+        (PAGE / name).read_text(encoding="utf-8") for name in ("planner.html", "view.html", "cube.html")
     )
+    views = {name: view.replace("VIEW", name) for name in (*STANDARD, HEAD, *PATH_VIEWS)}
+    views[HEAD] = views[HEAD].replace("<svg", "<canvas data-scene></canvas><svg", 1).replace("<!-- more -->", cube)
+    return page.replace("<!-- views -->", "".join(views.values()))
 
 
 def _in_print(key: str) -> str:
@@ -86,8 +88,8 @@ class PlannerApp:
         folder = str(Path(str(PAGE)))
         self.server.enable_module(
             {
-                "serve": {"planner_page": folder},
-                "scripts": ["planner_page/planner.js"],
+                "serve": {"planner_page": folder, "scene_page": str(Path(str(SCENE_PAGE)))},
+                "scripts": ["scene_page/viewer.js", "planner_page/planner.js", "planner_page/head.js"],
                 "styles": ["planner_page/planner.css"],
             }
         )
@@ -108,6 +110,8 @@ class PlannerApp:
                 "message": "",
                 "news": "",
                 "under": "",
+                "things": [],
+                "picture_head": "",
                 "refusals": 0,
             }
         )
@@ -168,9 +172,13 @@ class PlannerApp:
             **self.actions.by_name(),
             "key": self._press_key,
             "cancel": self.working.cancel,
+            "pictures": self._send_pictures,
+            "open_head": self._open_head,
         }
         for name, action in done.items():
-            answer = self._answering(checked(name, action), keep_message=name == "release", moves=name == "wheel")
+            answer = self._answering(
+                checked(name, action), keep_message=name in ("release", "pictures"), moves=name == "wheel"
+            )
             self.server.trigger(name)(answer)
         self.server.trigger("dismiss")(self._answering(self._dismiss, keep_message=False, moves=False))
         self.server.trigger("sized")(self._telling(checked("sized", self._take_size)))
@@ -202,6 +210,18 @@ class PlannerApp:
 
         return answer
 
+    def _send_pictures(self) -> None:
+        """A page cannot draw in 3-D itself: it is sent pictures from now on."""
+        self.painter.pictures, self.state.look.opened = True, False
+
+    def _open_head(self) -> None:
+        """Take the corner before the crosshair away, or put it back."""
+        if self.painter.pictures:
+            raise UsageError(
+                "a browser that shows this case draws no 3-D itself; the head is not opened in pictures"
+            )
+        self.state.look.opened = not self.state.look.opened
+
     def _take_size(self, view: str, width: Pixels, height: Pixels, ratio: float) -> None:
         self.painter.take_size(view, width, height, ratio)
 
@@ -219,7 +239,11 @@ class PlannerApp:
         self.painter.move()
         with self._told(keep_message=True):
             self._follow(*arguments)
-        if arguments[:1] != (HEAD,) or self.state.case.dragging:
+        turned = arguments[:1] == (HEAD,) and not self.state.case.dragging
+        if turned and not self.painter.pictures:
+            self.painter.refresh_head()
+            return
+        if not turned:
             self.painter.refresh_views()
             self.server.state.flush()
             await asyncio.sleep(SENDING_S)

@@ -6,6 +6,8 @@ import base64
 from collections.abc import Callable
 from typing import Any
 
+from aiohttp import web
+
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.scene import Scene
@@ -13,6 +15,7 @@ from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
 from ronnaplan.scene.camera import Camera
 from ronnaplan.scene.field import Field, of_mask
+from ronnaplan.scene.packed import packed
 from ronnaplan.scene.shapes import Body
 from ronnaplan.scene.surfaces import REGION, surfaces
 
@@ -58,19 +61,31 @@ class HeadView:
             if len(body.triangles):
                 self.region_places_mm[name] = body.vertices_mm.mean(axis=0).astype(float)
 
+    async def serve_thing(self, request: web.Request) -> web.Response:
+        """Answer with one thing of the scene."""
+        one = self.scene.thing(request.match_info["key"]) if self.scene is not None else None
+        if one is None:
+            raise web.HTTPNotFound(text="it is no longer shown")
+        return web.json_response(packed(one))
+
     @property
     def camera(self) -> Camera | None:
         """What the head is seen with, None until the scene is there."""
         return None if self.scene is None else self.scene.camera
+
+    def update(self) -> None:
+        """Have in the scene what is to be seen now, once there is one."""
+        if self.scene is not None and any((self._update(self.scene), self._update_paths(self.scene))):
+            self._seen = None
 
     def picture(self, shape: tuple[int, int] = (640, 640)) -> str:
         """Return the picture of ``shape`` = (rows, columns) as the page takes it, empty until the scene is there."""
         scene = self.scene
         if scene is None:
             return ""
+        self.update()
         seen = scene.camera, shape
-        changed = (self._update(scene), self._update_paths(scene), seen != self._seen)
-        if any(changed):
+        if seen != self._seen:
             self._seen = seen
             self._picture = f"data:image/jpeg;base64,{base64.b64encode(scene.draw(shape)).decode()}"
         return self._picture

@@ -51,6 +51,8 @@ class Looking:
         self.window: str
         self.window_hu: tuple[float, float]
         self.surface = "skin"
+        self.opened = False
+        """Whether the corner of the head that lies between crosshair and eye is taken away in the 3-D view."""
         self.marker: str | None = None
         self.begun_mm: FloatArray | None = None
         """The entry of a trajectory whose target is still to be clicked."""
@@ -143,14 +145,21 @@ class Looking:
         reach = float(np.linalg.norm(np.abs(origin_mm - np.array(self.bounds_mm)).max(axis=0)))
         places = origin_mm + np.arange(0.0, reach, RAY_STEP_MM)[:, np.newaxis] * direction
         values, level = self.scan.values_hu(places), SURFACES[self.surface].value
-        inside = np.flatnonzero(values >= level)
+        there = values >= level
+        if self.opened:
+            there &= ~((places - self.crosshair_mm) * self.opened_towards(origin_mm) > 0.0).all(axis=1)
+        inside = np.flatnonzero(there)
         if not len(inside):
             return None
         first = int(inside[0])
         before = values[first - 1] if first else np.nan
-        share = (values[first] - level) / (values[first] - before) if np.isfinite(before) else 0.0
+        share = (values[first] - level) / (values[first] - before) if before < level else 0.0
         place: FloatArray = places[first] - share * RAY_STEP_MM * direction
         return place
+
+    def opened_towards(self, eye_mm: FloatArray) -> FloatArray:
+        """Return the signs (3,) of the LPS axes, from the crosshair, of the corner that is taken away."""
+        return np.where(eye_mm < self.crosshair_mm, -1.0, 1.0)
 
     @cached_property
     def bounds_mm(self) -> tuple[FloatArray, FloatArray]:

@@ -12,6 +12,7 @@ from ronnaplan.errors import UsageError
 from ronnaplan.planner import drawing, panels
 from ronnaplan.planner.cuts import PATH_VIEWS, STANDARD, jpeg, picture, png
 from ronnaplan.planner.head_view import HeadView
+from ronnaplan.planner.opening import seen_from
 from ronnaplan.planner.overlay import over_head
 from ronnaplan.planner.panes import GREATEST_RATIO, MOST_MOVING_PIXELS, MOST_STILL_PIXELS, Pane
 from ronnaplan.planner.pointer import HEAD, Pointer
@@ -39,6 +40,8 @@ class Painter:
         self.state, self.server, self.pointer, self.head = state, server, pointer, head
         self.panes = dict.fromkeys((*CUTS, HEAD), Pane())
         self.moving = False
+        self.pictures = False
+        """Whether a page cannot draw in 3-D, and is sent pictures."""
         self.measured_against: Surroundings | None = None
         """What all trajectories were measured against; what another takes to measure is not waited for here."""
         self._drawn: dict[str, _Drawn] = {}
@@ -92,11 +95,14 @@ class Painter:
             "can_undo": state.case.can_undo,
             "can_redo": state.case.can_redo,
             "surface": state.look.surface,
+            "opened": state.look.opened,
             "marker": state.look.marker or "",
             "sought": state.case.fiducials.marker.diameter_mm if state.case.fiducials else 0,
         }
         if self.measured:
-            values.picture_head = self.head.picture(self._shape(HEAD))
+            self.head.update()
+            values.things = self.head.scene.listed if self.head.scene else []
+            values.picture_head = self.head.picture(self._shape(HEAD)) if self.pictures else ""
 
     def refresh_views(self) -> None:
         """Draw the cuts, and what lies over the 3-D picture."""
@@ -104,6 +110,12 @@ class Painter:
         for view in CUTS:
             values[f"drawn_{view}"] = drawing.over_cut(self.state, view, values.show_rejected, self.panes[view])
             values[f"picture_{view}"] = self._picture(view)
+        self.refresh_head()
+
+    def refresh_head(self) -> None:
+        """Draw what lies over the 3-D view, and tell from where it is seen."""
+        values = self.server.state
+        values.eye = seen_from(self.state, self.head.camera, self.panes)
         values.drawn_head = over_head(
             self.state,
             self.head.camera,

@@ -84,6 +84,9 @@ class Head(Protocol):
     def zoom(self, factor: float) -> None:
         """Come nearer (factor above 1)."""
 
+    def look_from(self, direction: FloatArray) -> None:
+        """Look at the same place from a direction (3,)."""
+
 
 class Pointer:
     """Follows one pointer from press to release, in the cuts and, once there is a ``head``, in the 3-D view."""

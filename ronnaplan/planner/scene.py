@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import count
+
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
@@ -33,6 +35,8 @@ class Scene:
         middle = (low + high) / 2
         self.camera = Camera(middle + np.array([-0.6, -1.0, 0.5]) * 1.25 * float((high - low).max()), middle)
         self._shown: dict[str, Thing] = {}
+        self._keys: dict[str, str] = {}
+        self._numbers = count(1)
 
     def show_surface(self, kind: str, body: Body) -> None:
         """Show skin or skull in the place of the other."""
@@ -92,18 +96,38 @@ class Scene:
         """Turn the camera about the head."""
         self.camera = self.camera.turned(-TURN_DEG_PER_PIXEL * across_pixels, TURN_DEG_PER_PIXEL * down_pixels)
 
+    def look_from(self, direction: FloatArray) -> None:
+        """Look at the same place from a direction (3,), from as far."""
+        away = float(np.linalg.norm(self.camera.position_mm - self.camera.focus_mm))
+        self.camera = Camera(
+            self.camera.focus_mm + away * direction / np.linalg.norm(direction), self.camera.focus_mm
+        )
+
     def zoom(self, factor: float) -> None:
         """Come nearer (factor above 1)."""
         self.camera = self.camera.nearer(factor)
 
     def draw(self, shape: tuple[int, int]) -> bytes:
         """Return the picture (rows, columns) as JPEG: what is seen through last, skin or skull at the end."""
-        shown = sorted(self._shown.values(), key=lambda one: one.name in OPACITY)
-        picture = filled_in(shown, self.camera, shape, things.rgb(BACKGROUND))
+        picture = filled_in(self._in_order, self.camera, shape, things.rgb(BACKGROUND))
         return jpeg(np.ascontiguousarray(picture[..., 2::-1]))
+
+    @property
+    def listed(self) -> list[dict[str, str]]:
+        """What is shown, last what is seen through: names, and under which key `thing` has each."""
+        return [{"name": one.name, "key": self._keys[one.name]} for one in self._in_order]
+
+    def thing(self, key: str) -> Thing | None:
+        """Return what is shown under a key, None where it no longer is."""
+        return next((one for name, one in self._shown.items() if self._keys[name] == key), None)
+
+    @property
+    def _in_order(self) -> list[Thing]:
+        return sorted(self._shown.values(), key=lambda one: one.name in OPACITY)
 
     def _show(self, one: Thing) -> None:
         self._shown[one.name] = one
+        self._keys[one.name] = str(next(self._numbers))
 
     def _hide(self, beginning: str) -> None:
         for name in [name for name in self._shown if name.startswith(beginning)]:

@@ -55,10 +55,11 @@ def serve(
     wslink.backends.aiohttp.AioHttpWsHandler = Sockets  # wslink offers no other place to set limits
     server = get_server("ronnaplan", client_type="vue3")
     server.cli.prog = "ronnaplan view"
-    PlannerApp(state, server, tracker, patient)
+    app = PlannerApp(state, server, tracker, patient)
 
     def close(web_server: Any) -> None:
         web_server.app.middlewares.append(gate(known, LOOPBACK | {host}))
+        web_server.app.router.add_get("/things/{key}", app.head.serve_thing)
 
     def repeat(message: str) -> None:
         print(f"ronnaplan: the page says: {printable(message)}", file=sys.stderr)

@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ronnaplan.scene.packed import packed, unit_normals
 from ronnaplan.scene.shapes import joined
 from ronnaplan.scene.things import Thing
 
@@ -54,7 +55,7 @@ def gltf(things: Sequence[Thing]) -> bytes:
         bounds = {"min": places.min(axis=0).tolist(), "max": places.max(axis=0).tolist()}
         attributes = {
             "POSITION": stored(places, FLOATS, "VEC3", VERTICES, **bounds),
-            "NORMAL": stored(_unit_normals(one).astype("<f4"), FLOATS, "VEC3", VERTICES),
+            "NORMAL": stored(unit_normals(one).astype("<f4"), FLOATS, "VEC3", VERTICES),
         }
         indices = stored(one.body.triangles.astype("<u4").ravel(), NUMBERS, "SCALAR", INDICES)
         meshes.append({"primitives": [{"attributes": attributes, "indices": indices, "material": number}]})
@@ -121,7 +122,7 @@ def html(things: Sequence[Thing], title: str, still_png: bytes) -> bytes:
     scene = {
         "low": low.tolist(),
         "size": (high - low).tolist(),
-        "things": [_packed(one, low, high - low) for one in things],
+        "things": [packed(one) for one in things],
     }
     page = files("ronnaplan.scene") / "page"
     whole = (page / "scene.html").read_text(encoding="utf-8")
@@ -131,33 +132,11 @@ def html(things: Sequence[Thing], title: str, still_png: bytes) -> bytes:
         "NOTICE": NOTICE,
         "STILL": base64.b64encode(still_png).decode(),
         "SCENE": json.dumps(scene).replace("<", "\\u003c"),
-        "VIEWER": (page / "viewer.js").read_text(encoding="utf-8"),
+        "VIEWER": "".join((page / name).read_text(encoding="utf-8") for name in ("viewer.js", "export.js")),
     }
     for name, piece in pieces.items():
         whole = whole.replace(f"<!--{name}-->", piece)
     return whole.encode()
-
-
-def _packed(one: Thing, low: NDArray[Any], size: NDArray[Any]) -> dict[str, Any]:
-    """Return a thing in few bytes: places as shares of the scene in 16 bits, normals in 8."""
-    shares = np.rint((one.body.vertices_mm - low) / np.maximum(size, 1e-9) * 65535.0).astype("<u2")
-    normals = np.rint(127 * _unit_normals(one)).astype(np.int8)
-    return {
-        "name": one.name,
-        "colour": _colour(one).round(4).tolist(),
-        "opacity": one.opacity,
-        "places": base64.b64encode(np.pad(shares, ((0, 0), (0, 1))).tobytes()).decode(),
-        "normals": base64.b64encode(np.pad(normals, ((0, 0), (0, 1))).tobytes()).decode(),
-        "triangles": base64.b64encode(one.body.triangles.astype("<u4").tobytes()).decode(),
-    }
-
-
-def _unit_normals(one: Thing) -> NDArray[np.float32]:
-    lengths = np.linalg.norm(one.body.normals, axis=1, keepdims=True)
-    normals: NDArray[np.float32] = np.where(
-        lengths > 1e-6, one.body.normals / np.maximum(lengths, 1e-6), [0, 0, 1]
-    )
-    return normals
 
 
 def _material(one: Thing) -> dict[str, Any]:

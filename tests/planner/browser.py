@@ -93,9 +93,10 @@ def chromium(*flags: str) -> Iterator[Any]:
             browser.close()
 
 
-def opened(browser: Any, url: str, width: int = 1280, height: int = 800) -> Any:
-    """A tab that shows the planner; remembers in ``page.requested`` what it asked for."""
+def opened(browser: Any, url: str, width: int = 1280, height: int = 800, script: str = "") -> Any:
+    """A tab that shows the planner, after a ``script``; remembers in ``page.requested`` what it asked for."""
     page = browser.new_page(viewport={"width": width, "height": height})
+    page.add_init_script(script)
     page.requested = []
     page.on("request", lambda request: page.requested.append(request.url))
     page.on("websocket", lambda socket: page.requested.append(socket.url))

@@ -26,7 +26,7 @@ app = PlannerApp(state, get_server("test", client_type="vue3"))
 app.head.load()
 assert not app.head.wanting
 app.head.open()
-app.painter.measured_against = state.case.surroundings
+app.painter.measured_against, app.painter.pictures = state.case.surroundings, True
 state.case.begin_drag("left")
 state.case.drag("left", "target", state.case.plan.trajectory("left").target_mm + 1.0)
 app.refresh()

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ronnaplan.errors import UsageError
+from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.pointer import HEAD, Pixel, Pointer
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.scene.camera import Camera
@@ -28,6 +29,9 @@ class Head:
 
     def zoom(self, factor: float) -> None:
         self.zoomed *= factor
+
+    def look_from(self, direction: FloatArray) -> None:
+        """Not asked for here."""
 
 
 @pytest.fixture

@@ -8,9 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
+from ronnaplan.planner.opening import cube
 from ronnaplan.planner.scene import Scene
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
+from ronnaplan.scene.camera import Camera
 from ronnaplan.scene.shapes import ball
 from tests import cases
 
@@ -47,3 +49,42 @@ def test_each_thing_shown_changes_the_picture_and_can_be_taken_away(scene: Scene
     assert np.abs(drawn(scene) - before).max() > 50
     scene.zoom(1.2)
     assert drawn(scene, (300, 500)).shape == (300, 500, 3)
+
+
+def test_what_changed_gets_another_key_and_what_went_is_no_longer_there(scene: Scene) -> None:
+    scene.show_markers()
+    path = scene.state.case.plan.trajectory("left")
+    scene.show_path(path, None)
+    before = {one["name"]: one["key"] for one in scene.listed}
+    scene.show_path(path, None)
+    after = {one["name"]: one["key"] for one in scene.listed}
+    assert {name for name in after if after[name] != before[name]} == {"path left"}
+    assert scene.thing(before["path left"]) is None
+    shown = scene.thing(after["path left"])
+    assert shown is not None
+    assert shown.name == "path left"
+
+
+def test_the_cube_of_the_corner_is_seen_as_the_head_is() -> None:
+    camera = Camera(np.array([0.0, -400.0, 0.0]), np.zeros(3))  # from in front: the patient's left is on the right
+    numbers = [float(number) for number in cube(camera.axes)[len("matrix3d(") : -1].split(",")]
+    turned = np.array(numbers).reshape(4, 4).T[:3, :3]  # CSS writes columns, and counts downwards, towards the eye
+    assert turned @ [1, 0, 0] == pytest.approx([1, 0, 0])
+    assert turned @ [0, 0, 1] == pytest.approx([0, -1, 0])
+    assert turned @ [0, -1, 0] == pytest.approx([0, 0, 1])
+
+
+def test_only_what_is_left_of_an_opened_head_is_picked(scene: Scene) -> None:
+    look = scene.state.look
+    look.jump([4.0, -3.0, 28.0])
+    eye = np.array([-300.0, -320.0, 330.0])
+    behind = look.crosshair_mm + np.array([3.0, 4.0, -2.0])
+    ray = (behind - eye) / np.linalg.norm(behind - eye)
+    whole = look.surface_along(eye, ray)
+    look.opened = True
+    opened = look.surface_along(eye, ray)
+    assert whole is not None
+    assert opened is not None
+    assert ((whole - look.crosshair_mm) * [-1, -1, 1] > 20).all()
+    assert np.abs(opened - look.crosshair_mm).max() < 6
+    assert ((opened - look.crosshair_mm) * [-1, -1, 1]).min() == pytest.approx(0.0, abs=0.5)

@@ -82,7 +82,7 @@ def test_a_page_holds_the_scene_and_names_no_other_host() -> None:
     (one, skin) = scene["things"]
     assert (one["name"], skin["opacity"]) == ("one <b>", 0.5)
     shares = np.frombuffer(base64.b64decode(one["places"]), "<u2").reshape(-1, 4)[:, :3] / 65535
-    places = np.array(scene["low"]) + shares * scene["size"]
+    places = np.array(one["low"]) + shares * one["size"]
     assert places == pytest.approx(THINGS[0].body.vertices_mm, abs=0.002)
 
 

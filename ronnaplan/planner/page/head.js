@@ -1,0 +1,67 @@
+// The 3-D view, drawn here where there is WebGL2 that is quick enough; elsewhere the server is asked for pictures.
+(() => {
+  const SLOWEST_MS = 150, TIMED = 5; // a frame that takes longer is drawn sooner by the server
+  const things = new Map(), pictures = {};
+  let viewer = null, wanted = [], timed = [], loading = 0;
+
+  function begin(canvas) {
+    viewer = window.ronnaplanViewer(canvas);
+    if (!viewer) return leave(canvas);
+    canvas.addEventListener("webglcontextlost", () => leave(canvas));
+    canvas.closest(".rp-view").classList.add("rp-drawn-here");
+    window.trame.state.watch(["things"], (listed) => load(canvas, listed ?? []));
+    window.trame.state.watch(["eye"], look);
+    for (const name of ["axial", "coronal", "sagittal"]) {
+      window.trame.state.watch([`picture_${name}`], (url) => viewer && picture(name, url));
+    }
+  }
+  function leave(canvas) {
+    viewer = null;
+    canvas.hidden = true;
+    canvas.closest(".rp-view").classList.remove("rp-drawn-here");
+    window.trame.trigger("pictures");
+  }
+
+  async function load(canvas, listed) {
+    wanted = listed;
+    const turn = ++loading;
+    for (const { key } of listed.filter((one) => !things.has(one.key))) {
+      const answer = await fetch(`things/${key}`);
+      if (turn !== loading || !viewer) return;
+      if (answer.ok) things.set(key, viewer.load(await answer.json()));
+    }
+    if (turn !== loading || !viewer) return;
+    const keys = new Set(listed.map((one) => one.key));
+    for (const [key, thing] of things) {
+      if (!keys.has(key)) viewer.forget(thing), things.delete(key);
+    }
+    viewer.things = wanted.map((one) => things.get(one.key)).filter(Boolean);
+    if (timed.length < TIMED && viewer.things.length && viewer.eye) {
+      timed = Array.from({ length: TIMED }, () => viewer.timed());
+      if (Math.min(...timed) > SLOWEST_MS) return leave(canvas);
+    }
+    viewer.redraw();
+  }
+  function look(eye) {
+    if (!viewer || !eye?.position) return;
+    Object.assign(viewer, { eye, reach: eye.reach, corner: eye.corner, way: eye.way });
+    viewer.planes = eye.planes.filter((one) => pictures[one.view]).map((one) => ({ ...one, texture: pictures[one.view] }));
+    viewer.redraw();
+  }
+  async function picture(name, url) {
+    if (!url) return;
+    const image = new Image();
+    image.src = url;
+    await image.decode().catch(() => {});
+    if (!viewer || !image.width) return;
+    pictures[name] = viewer.picture(image, pictures[name]);
+    look(window.trame.state.get("eye"));
+  }
+
+  new MutationObserver((_, watching) => {
+    const canvas = document.querySelector("canvas[data-scene]");
+    if (!canvas || !window.trame?.state) return;
+    watching.disconnect();
+    begin(canvas);
+  }).observe(document.documentElement, { childList: true, subtree: true });
+})();

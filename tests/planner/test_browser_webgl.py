@@ -1,0 +1,83 @@
+"""The 3-D view drawn by the browser: what is in it, turned, opened, and pictures instead where that cannot be."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import cv2
+import numpy as np
+
+from tests.planner.browser import Planner, chromium, eventually, needs_browser, opened, seen_at, value
+
+pytestmark = needs_browser
+
+SOFTWARE = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+IN_NO_TIME, SLOWLY = "performance.now = () => 0", "let now = 0; performance.now = () => (now += 1000)"
+"""Clocks by which a frame is drawn: how busy this machine is decides nothing."""
+
+HERE = "document.querySelector('.rp-head').classList.contains('rp-drawn-here')"
+DRAWN = (
+    f"{HERE} && window.trame.state.get('things').length > 7 && window.trame.state.get('drawn_head').paths.length"
+)
+LOSE = """document.querySelector('.rp-head canvas').getContext('webgl2').getExtension('WEBGL_lose_context')
+                  .loseContext()"""
+
+
+def seen(page: Any) -> np.ndarray:
+    """The 3-D view as it is on the screen (H, W, 3), once it stands still."""
+    before = b""
+    while (shot := page.locator(".rp-head canvas").screenshot()) != before:
+        before = shot
+        page.wait_for_timeout(300)
+    return np.asarray(cv2.imdecode(np.frombuffer(shot, dtype=np.uint8), cv2.IMREAD_COLOR), dtype=int)
+
+
+def changed(one: np.ndarray, other: np.ndarray) -> float:
+    """Share of the pixels that are not alike."""
+    return float((np.abs(one - other).max(axis=2) > 25).mean())
+
+
+def test_the_browser_draws_turns_and_opens_the_head_and_gets_pictures_where_it_cannot(kept: Planner) -> None:
+    with ThreadPoolExecutor(1) as thread:  # this one may hold another browser's event loop
+        thread.submit(look, kept.url).result()
+
+
+def look(url: str) -> None:
+    with chromium(*SOFTWARE) as browser:
+        page = opened(browser, url, 1000, 700, IN_NO_TIME)
+        faults: list[str] = []
+        page.on("pageerror", lambda error: faults.append(str(error)))
+        page.wait_for_function(DRAWN, timeout=60_000)
+        first = seen(page)
+        assert first.max() > 150
+        assert not value(page, "picture_head")
+
+        page.mouse.move(*seen_at(page, "head", (-0.7, 0.6)))
+        page.mouse.down()
+        page.mouse.move(*seen_at(page, "head", (-0.4, 0.6)), steps=3)
+        page.mouse.up()
+        eventually(page, lambda: changed(seen(page), first) > 0.05)
+        page.click(".rp-cube >> text=A")
+        eventually(page, lambda: np.allclose(np.array(value(page, "eye")["axes"][6:]), [0, -1, 0], atol=1e-6))
+        whole = seen(page)
+
+        page.check("#opened")
+        eventually(page, lambda: len(value(page, "eye")["planes"]) == 3)
+        cut_open = seen(page)
+        assert changed(cut_open, whole) > 0.05
+        corner, way = np.array(value(page, "eye")["corner"]), np.array(value(page, "eye")["way"])
+        page.mouse.click(*seen_at(page, "head", (0.0, -0.2)))
+        eventually(page, lambda: value(page, "eye")["corner"] != corner.tolist())
+        picked = np.array(value(page, "eye")["corner"])
+        assert ((picked - corner) * way).min() < 0.6  # nothing that was taken away is picked
+
+        page.evaluate(LOSE)
+        page.wait_for_function("window.trame.state.get('picture_head')")
+        assert not page.evaluate(HERE)
+        assert not value(page, "look")["opened"]
+        assert faults == []
+        page.close()
+        page = opened(browser, url, 1000, 700, SLOWLY)
+        page.wait_for_function("document.querySelector('.rp-head canvas').hidden")
+        assert page.locator(".rp-head svg image").is_visible()
