@@ -9,7 +9,7 @@ import shutil
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +19,9 @@ from ronnaplan.ct.limits import Limits
 from ronnaplan.errors import InputError
 from ronnaplan.portable import read_at, read_into
 from ronnaplan.text import printable
+
+SIGNATURE = b"PK"
+"""How zip archives start."""
 
 _ENCRYPTED = 0x1
 _UNPACKED_IN_MEMORY_BYTES = 4 << 20
@@ -87,8 +90,8 @@ def _unpacking() -> Iterator[None]:
 class _BoundedReader(io.BufferedReader):
     """A file of which at most ``most`` bytes are read at once."""
 
-    def __init__(self, path: Path, most: int) -> None:
-        super().__init__(io.FileIO(path))
+    def __init__(self, raw: io.RawIOBase, most: int) -> None:
+        super().__init__(raw)
         self._most = most
 
     def read(self, size: int | None = -1, /) -> bytes:
@@ -102,9 +105,10 @@ class _BoundedReader(io.BufferedReader):
 class _Archive(zipfile.ZipFile):
     """An archive whose directory is bounded: `zipfile` reads all of it, whatever number of members is declared."""
 
-    def __init__(self, path: Path, most_directory_bytes: int) -> None:
-        self._file = _BoundedReader(path, max(most_directory_bytes, _UNPACKED_IN_MEMORY_BYTES))
+    def __init__(self, raw: io.RawIOBase, name: str, most_directory_bytes: int) -> None:
+        self._file = _BoundedReader(raw, max(most_directory_bytes, _UNPACKED_IN_MEMORY_BYTES))
         super().__init__(self._file)
+        self.filename = name
 
     def close(self) -> None:
         """Close the file, too."""
@@ -115,13 +119,24 @@ class _Archive(zipfile.ZipFile):
 def is_archive(path: Path) -> bool:
     """Whether a file starts as zip archives do."""
     with path.open("rb") as stream:
-        return stream.read(2) == b"PK"
+        return stream.read(len(SIGNATURE)) == SIGNATURE
 
 
-def zip_members(path: Path, limits: Limits, skipped: list[Skipped]) -> Iterator[Blob]:
-    """Yield the members of an archive, noting in ``skipped`` what cannot be read; raises `InputError` beyond limits."""
+def zip_members(
+    path: Path,
+    limits: Limits,
+    skipped: list[Skipped],
+    *,
+    raw: io.RawIOBase | None = None,
+    wanted: Container[str] | None = None,
+) -> Iterator[Blob]:
+    """Yield the members of an archive, noting in ``skipped`` what cannot be read; raises `InputError` beyond limits.
+
+    ``raw`` is the open archive where it is no file of this machine; only members in ``wanted`` are unpacked.
+    """
     try:
-        archive = _Archive(path, limits.header_bytes)  # stays open as long as one of its members is in use
+        # stays open as long as one of its members is in use
+        archive = _Archive(io.FileIO(path) if raw is None else raw, str(path), limits.header_bytes)
     except (zipfile.BadZipFile, OSError, NotImplementedError, ValueError) as error:
         raise InputError(
             f"{printable(path)} is a damaged zip archive ({printable(error)}); copy it again"
@@ -137,7 +152,7 @@ def zip_members(path: Path, limits: Limits, skipped: list[Skipped]) -> Iterator[
         )
     for info in archive.infolist():
         member = ZipMember(archive, info)
-        if info.filename.endswith("/"):
+        if info.filename.endswith("/") or (wanted is not None and info.filename not in wanted):
             continue
         if info.flag_bits & _ENCRYPTED:
             skipped.append(Skipped(member.name, "it is encrypted", True))

@@ -6,7 +6,7 @@ Reads headers only, each file once.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -139,23 +139,32 @@ def find_series(path: str | Path, limits: Limits = DEFAULT_LIMITS, *, progress: 
     """
     path = given_path(path)
     skipped: list[Skipped] = []
+    blobs = list(blobs_below(folder_of_index(path), limits, skipped))
+    return catalogue_of(path, blobs, limits, skipped, progress=progress)
+
+
+def catalogue_of(
+    path: Path, blobs: Iterable[Blob], limits: Limits, skipped: Sequence[Skipped] = (), *, progress: bool = False
+) -> Catalogue:
+    """List the series in ``blobs``, which lie below ``path``; ``skipped`` are files that were left out before."""
+    skipped = list(skipped)
     members: dict[str | None, list[Instance]] = defaultdict(list)
-    blobs = sorted(blobs_below(_folder_of_index(path), limits, skipped), key=lambda blob: blob.name)
-    for blob in advancing(blobs, len(blobs), progress, "reading headers"):
-        instance = _instance(blob, limits, skipped)
+    ordered = sorted(blobs, key=lambda blob: blob.name)
+    for blob in advancing(ordered, len(ordered), progress, "reading headers"):
+        instance = read_instance(blob, limits, skipped)
         if instance is not None:
             members[instance.series_uid].append(instance)
     series = [part for instances in members.values() for part in _parts(instances)]
     return Catalogue(path, tuple(series), tuple(skipped))
 
 
-def _folder_of_index(path: Path) -> Path:
+def folder_of_index(path: Path) -> Path:
     """Return the folder that a DICOMDIR file indexes: the files are found by walking, not by the index."""
     is_index = path.name.upper() in ("DICOMDIR", "DIRFILE")
     return path.parent if is_index and path.is_file() else path
 
 
-def _instance(blob: Blob, limits: Limits, skipped: list[Skipped]) -> Instance | None:
+def read_instance(blob: Blob, limits: Limits, skipped: list[Skipped]) -> Instance | None:
     """Return the facts of one file, or note why it was left out."""
     try:
         instance = instance_from_header(blob, read_header(blob, limits))

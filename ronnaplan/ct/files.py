@@ -50,10 +50,11 @@ class Blob(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class DiskFile:
-    """A regular file."""
+    """A regular file; ``changed_ns`` is when it was last written (ns since 1970), as far as that was looked up."""
 
     path: str
     size: int
+    changed_ns: int = 0
 
     @property
     def name(self) -> str:

@@ -6,6 +6,7 @@ import os
 import stat
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 from ronnaplan.ct.archives import is_archive, zip_members
 from ronnaplan.ct.files import Blob, DiskFile, Skipped
@@ -16,6 +17,8 @@ from ronnaplan.text import printable
 
 def blobs_below(path: Path, limits: Limits, skipped: list[Skipped]) -> Iterator[Blob]:
     """Yield every file of ``path``: a folder (links are followed, each file once), a zip archive or one file.
+
+    Files of a folder come as they are met: what is kept of them does not grow with their number.
 
     What cannot be opened is appended to ``skipped``. Raises `InputError` beyond the limits.
     """
@@ -31,41 +34,66 @@ def blobs_below(path: Path, limits: Limits, skipped: list[Skipped]) -> Iterator[
     elif is_zip:
         yield from zip_members(path, limits, skipped)
     elif stat.S_ISREG(status.st_mode):
-        yield DiskFile(str(path), status.st_size)
+        yield DiskFile(str(path), status.st_size, status.st_mtime_ns)
     else:
         raise InputError(f"{printable(path)} is neither a file nor a folder")
 
 
+class _Folder(NamedTuple):
+    """A folder to be looked through; what is ``linked`` may be met by other names, too."""
+
+    path: str
+    depth: int
+    linked: bool
+
+
+class _Entry(NamedTuple):
+    path: str
+    status: os.stat_result
+    is_link: bool
+
+
 def _files_below(root: str, limits: Limits, skipped: list[Skipped]) -> Iterator[Blob]:
-    seen: set[tuple[int, int]] = set()
-    pending = [(root, 0)]
+    top = os.path.join(os.path.realpath(root), "")  # noqa: PTH118
+    seen: set[tuple[int, int]] = set()  # folders, and files that may have other names
+    count = 0
+    pending = [_Folder(root, 0, False)]
     while pending:
-        folder, depth = pending.pop()
-        for entry, status in _entries(folder, skipped):
-            identity = (status.st_dev, status.st_ino)
-            if identity in seen:
-                continue
-            seen.add(identity)
-            if len(seen) > limits.files:
+        folder = pending.pop()
+        for entry in _entries(folder.path, skipped):
+            status = entry.status
+            is_folder = stat.S_ISDIR(status.st_mode)
+            if entry.is_link and not is_folder and os.path.realpath(entry.path).startswith(top):
+                continue  # it is met where it lies
+            if is_folder or entry.is_link or folder.linked or status.st_nlink != 1:
+                identity = (status.st_dev, status.st_ino)
+                if identity in seen:
+                    continue
+                seen.add(identity)
+            count += 1
+            if count > limits.files:
                 raise InputError(
                     f"{printable(root)} holds more than {limits.files} files; "
                     "name a narrower folder or raise the limit"
                 )
-            if stat.S_ISDIR(status.st_mode):
-                if depth == limits.folder_depth:
-                    skipped.append(Skipped(printable(entry), "the folders nest too deeply", True))
-                else:
-                    pending.append((entry, depth + 1))
-            elif stat.S_ISREG(status.st_mode):
-                yield DiskFile(entry, status.st_size)
+            if not is_folder:
+                if stat.S_ISREG(status.st_mode):
+                    yield DiskFile(entry.path, status.st_size, status.st_mtime_ns)
+            elif folder.depth == limits.folder_depth:
+                skipped.append(Skipped(printable(entry.path), "the folders nest too deeply", True))
+            else:
+                pending.append(_Folder(entry.path, folder.depth + 1, folder.linked or entry.is_link))
 
 
-def _entries(folder: str, skipped: list[Skipped]) -> Iterator[tuple[str, os.stat_result]]:
+def _entries(folder: str, skipped: list[Skipped]) -> Iterator[_Entry]:
     try:
         with os.scandir(folder) as entries:
             for entry in entries:
                 try:
-                    yield entry.path, entry.stat()
+                    status = entry.stat()
+                    if not status.st_ino:  # Windows tells no file's number here
+                        status = os.stat(entry.path)  # noqa: PTH116
+                    yield _Entry(entry.path, status, entry.is_symlink())
                 except OSError as error:
                     skipped.append(Skipped(printable(entry.path), f"it cannot be opened ({error.strerror})", True))
     except OSError as error:

@@ -49,10 +49,7 @@ def read_ct(
         return _told(_without_unmeasured(read_image(path, limits)))
     found = find_series(path, limits, progress=progress)
     series = found.choose(series_uid)
-    volume = _read(series, limits, progress)
-    if any(one.is_trouble for one in found.skipped):
-        volume = replace(volume, flags=(*volume.flags, VolumeFlag.UNREADABLE_FILES))
-    return _told(volume)
+    return read_series(series, limits, troubled=any(one.is_trouble for one in found.skipped), progress=progress)
 
 
 def _told(volume: CTVolume) -> CTVolume:
@@ -66,7 +63,13 @@ def _without_unmeasured(volume: CTVolume) -> CTVolume:
     return replace(volume, padding_hu=_mark_unmeasured_corners(volume.voxels_hu, None))
 
 
-def _read(series: Series, limits: Limits, progress: bool) -> CTVolume:
+def read_series(
+    series: Series, limits: Limits = DEFAULT_LIMITS, *, troubled: bool = False, progress: bool = False
+) -> CTVolume:
+    """Read a series that `find_series` or `catalogue_of` listed; ``troubled``: files beside it were unreadable.
+
+    Raises `InputError` like `read_ct`.
+    """
     stack = series.stack
     if stack is None or stack.grid is None:  # `choose` lets none pass
         raise InputError(f"series {series} is not a usable CT")
@@ -83,7 +86,8 @@ def _read(series: Series, limits: Limits, progress: bool) -> CTVolume:
         description=first.description,
         kernel=slices[0].kernel,
     )
-    return CTVolume(voxels, stack.grid, source, padding_hu, stack.flags)
+    flags = (*stack.flags, VolumeFlag.UNREADABLE_FILES) if troubled else stack.flags
+    return _told(CTVolume(voxels, stack.grid, source, padding_hu, flags))
 
 
 def _voxels(slices: Sequence[SliceImage], padding_hu: float | None, limits: Limits, progress: bool) -> Voxels:

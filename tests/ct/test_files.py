@@ -1,5 +1,6 @@
 import io
 import os
+import sys
 import zipfile
 from pathlib import Path
 
@@ -7,6 +8,8 @@ import numpy as np
 import pytest
 
 from ronnaplan.ct import Limits, VolumeFlag, find_series, read_ct
+from ronnaplan.ct.folders import blobs_below
+from ronnaplan.ct.limits import DEFAULT_LIMITS
 from ronnaplan.errors import InputError
 from tests.ct.makers import enhanced, pattern, save, write_series
 
@@ -148,3 +151,21 @@ def test_pipes_and_devices_are_never_opened(tmp_path: Path) -> None:
 def test_a_path_that_cannot_be_is_refused() -> None:
     with pytest.raises(InputError, match="cannot be opened"):
         read_ct("a\0b")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="links need rights on Windows")
+def test_each_file_is_met_once_by_whatever_names_and_only_those_of_several_are_remembered(tmp_path: Path) -> None:
+    inside, outside = tmp_path / "scans", tmp_path / "elsewhere"
+    (inside / "a").mkdir(parents=True)
+    outside.mkdir()
+    for name in (inside / "a" / "1", inside / "2", outside / "3", outside / "4"):
+        name.write_text(name.name)
+    (inside / "hard").hardlink_to(inside / "2")
+    (inside / "to a file").symlink_to(inside / "a" / "1")
+    (inside / "to a folder").symlink_to(inside / "a")
+    (inside / "a" / "loop").symlink_to(inside)
+    (inside / "out").symlink_to(outside)
+    (inside / "a" / "out, too").symlink_to(outside)
+    (inside / "a" / "out to a file").symlink_to(outside / "4")
+    met = [Path(one.name) for one in blobs_below(inside, DEFAULT_LIMITS, [])]
+    assert sorted(one.read_text() for one in met) == ["1", "2", "3", "4"]
