@@ -93,6 +93,16 @@ def sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
+def peak_memory_bytes() -> int | None:
+    """Return the most memory that this process had at one time; Windows does not tell."""
+    if sys.platform == "win32":
+        return None
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak
+
+
 def limit_memory(most_bytes: int) -> None:
     """Let this process, and those it starts, hold at most so many bytes of data each; Windows has no such limit."""
     if sys.platform == "win32":

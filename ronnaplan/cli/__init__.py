@@ -14,8 +14,8 @@ from ronnaplan.cli.output import discard_output, guarded_output
 from ronnaplan.errors import RonnaplanError, UsageError
 
 VERBS = (
-    *("series", "localize", "plan", "track", "register", "view", "report", "export", "node", "pull", "robot"),
-    *("phantom", "phantom-check", "study", "demo", "prepare"),
+    *("series", "localize", "plan", "track", "register", "view", "report", "export", "robot"),
+    *("cohort", "node", "pull", "phantom", "phantom-check", "study", "demo", "prepare"),
 )
 
 DESCRIPTION = "From a head CT with spherical markers to coordinates a robot can trust."

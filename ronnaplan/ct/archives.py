@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from ronnaplan.ct.files import Blob, DamagedError, Skipped
+from ronnaplan.ct.files import DamagedError, Skipped
 from ronnaplan.ct.limits import Limits
 from ronnaplan.errors import InputError
 from ronnaplan.portable import read_at, read_into
@@ -41,6 +41,11 @@ class ZipMember:
         return printable(f"{self.archive.filename}:{self.info.filename}")
 
     @property
+    def member(self) -> str:
+        """Its path inside the archive."""
+        return self.info.filename
+
+    @property
     def size(self) -> int:
         """Number of bytes once unpacked, as declared."""
         return self.info.file_size
@@ -65,6 +70,7 @@ class UnpackedMember:
     name: str
     descriptor: int
     size: int
+    member: str
 
     def __del__(self) -> None:
         os.close(self.descriptor)
@@ -129,7 +135,7 @@ def zip_members(
     *,
     raw: io.RawIOBase | None = None,
     wanted: Container[str] | None = None,
-) -> Iterator[Blob]:
+) -> Iterator[ZipMember | UnpackedMember]:
     """Yield the members of an archive, noting in ``skipped`` what cannot be read; raises `InputError` beyond limits.
 
     ``raw`` is the open archive where it is no file of this machine; only members in ``wanted`` are unpacked.
@@ -171,4 +177,4 @@ def _unpacked(member: ZipMember) -> UnpackedMember:
     with _unpacking(), tempfile.TemporaryFile() as file, member.archive.open(member.info) as stream:
         shutil.copyfileobj(stream, file, 1 << 20)
         file.flush()
-        return UnpackedMember(member.name, os.dup(file.fileno()), member.size)
+        return UnpackedMember(member.name, os.dup(file.fileno()), member.size, member.member)

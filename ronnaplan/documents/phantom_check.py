@@ -11,11 +11,11 @@ import numpy as np
 
 from ronnaplan import __version__
 from ronnaplan.documents.fiducials import FORMAT as FIDUCIALS
-from ronnaplan.documents.fiducials import Resolution, Software, Source, read_fiducials
+from ronnaplan.documents.fiducials import FiducialsDocument, Resolution, Software, Source, read_fiducials
 from ronnaplan.documents.fields import DocumentModel, Label, LengthMm, Line, PositiveMm, Probability, Ratio
 from ronnaplan.documents.files import read_json
 from ronnaplan.documents.reading import made
-from ronnaplan.documents.template import read_template_document
+from ronnaplan.documents.template import TemplateDocument, read_template_document
 from ronnaplan.localization import Fiducials
 from ronnaplan.localization.settings import Advice
 from ronnaplan.registration.phantom_check import (
@@ -123,17 +123,28 @@ def read_known_phantom(path: str | os.PathLike[str], sigma_mm: float | None) -> 
     ``sigma_mm`` is the error of its places per axis; without it a template is exact and a fiducials.json as sure as
     it says. Raises `InputError` for anything else.
     """
+    return known_phantom(read_truth(path), Path(path).name, sigma_mm)
+
+
+def read_truth(path: str | os.PathLike[str]) -> FiducialsDocument | TemplateDocument:
+    """Read what says where a phantom's markers are; raises `InputError` for anything else."""
     content = read_json(path)
-    if isinstance(content, dict) and content.get("format") == FIDUCIALS:
-        points = read_fiducials(path).points
-        name = Path(path).name
-        if sigma_mm is None:
-            return KnownPhantom(name, points.labels, points.positions_mm, points.covariances_mm2)
-        return KnownPhantom.of(name, points.labels, points.positions_mm, sigma_mm)
-    template = read_template_document(path)
-    return KnownPhantom.of(
-        template.name, template.labels, template.centers_mm, sigma_mm or 0.0, has_hand=bool(template.centers)
-    )
+    is_scan = isinstance(content, dict) and content.get("format") == FIDUCIALS
+    return read_fiducials(path) if is_scan else read_template_document(path)
+
+
+def known_phantom(
+    truth: FiducialsDocument | TemplateDocument, name: str, sigma_mm: float | None = None
+) -> KnownPhantom:
+    """Return the phantom that ``truth`` describes, called ``name`` unless it says so; ``sigma_mm`` as above."""
+    if isinstance(truth, TemplateDocument):
+        return KnownPhantom.of(
+            truth.name, truth.labels, truth.centers_mm, sigma_mm or 0.0, has_hand=bool(truth.centers)
+        )
+    points = truth.points
+    if sigma_mm is None:
+        return KnownPhantom(name, points.labels, points.positions_mm, points.covariances_mm2)
+    return KnownPhantom.of(name, points.labels, points.positions_mm, sigma_mm)
 
 
 def phantom_check_document(phantom: KnownPhantom, scans: list[CheckedScan]) -> PhantomCheckDocument:

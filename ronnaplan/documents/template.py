@@ -69,14 +69,18 @@ class TemplateDocument(DocumentModel):
         """The markers' places (N, 3): as stated, or such that they have the distances, up to mirroring."""
         return self._nearest_points()[0]
 
+    @property
+    def template(self) -> Template:
+        """What the localizer looks for."""
+        return Template(self.name, self.labels, self.distances_mm, self.tolerance)
+
     def _nearest_points(self) -> tuple[FloatArray, float]:
         return (np.array(self.centers), 0.0) if self.centers else _nearest_points(np.array(self.distances))
 
 
 def read_template(path: str | os.PathLike[str]) -> Template:
     """Read and check a template file; raises `InputError` naming what is wrong."""
-    document = read_template_document(path)
-    return Template(document.name, document.labels, document.distances_mm, document.tolerance)
+    return read_template_document(path).template
 
 
 def read_template_document(path: str | os.PathLike[str]) -> TemplateDocument:

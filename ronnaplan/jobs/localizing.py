@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ronnaplan.jobs.rules import ScanRule
 
 if TYPE_CHECKING:
     from ronnaplan.ct import CTVolume
-    from ronnaplan.localization import Fiducials
+    from ronnaplan.localization import Fiducials, Template
 
 
-def find_markers(volume: CTVolume, rule: ScanRule, home: Path) -> Fiducials:
-    """Find the markers of ``rule``, whose template's path starts from ``home``, whatever their number.
+def find_markers(volume: CTVolume, rule: ScanRule, template: Template | None) -> Fiducials:
+    """Find the markers of ``rule``, whose ``template`` was read, whatever their number.
 
     Raises `RonnaplanError` where the scan allows no answer.
     """
-    from ronnaplan.documents.template import read_template
     from ronnaplan.localization import Build, common_diameter, localize
 
     marker = Build.parse(rule.marker)
     return localize(
         volume,
         diameter_mm=rule.diameters or common_diameter(volume, rule.expected, marker),
-        template=None if rule.template is None else read_template(home / rule.template),
+        template=template,
         marker=marker,
     )
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 END_S = 10.0
 """How long a child may take to finish what it holds when its parent stops."""
@@ -15,13 +16,20 @@ END_S = 10.0
 class Child:
     """``python -m module arguments``; ``line`` is called, in a thread, with each line that it writes."""
 
-    def __init__(self, module: str, arguments: list[str], line: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        module: str,
+        arguments: list[str],
+        line: Callable[[str], None],
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
         self._process = subprocess.Popen(
             [sys.executable, "-m", module, *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             encoding="utf-8",
             errors="replace",
+            env=None if environment is None else {**os.environ, **environment},
         )
         self._line = line
         self._reader = threading.Thread(target=self._read, name=module, daemon=True)

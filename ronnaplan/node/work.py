@@ -96,12 +96,15 @@ def _find(order: Order) -> Found:
     from ronnaplan.ct import read_ct
     from ronnaplan.documents.fiducials import fiducials_document
     from ronnaplan.documents.patient import patient_of_scan
+    from ronnaplan.documents.template import read_template
     from ronnaplan.jobs.localizing import find_markers
     from ronnaplan.localization import require_count
 
+    rule = order.rule
     volume = read_ct(order.folder)
-    found = find_markers(volume, order.rule, order.home)
-    require_count(found, order.rule.expected)
+    template = None if rule.template is None else read_template(order.home / rule.template)
+    found = find_markers(volume, rule, template)
+    require_count(found, rule.expected)
     if not len(found):
         raise RefusedError(f"no marker was found; {len(found.rejected)} candidates were rejected")
     document = fiducials_document(found)

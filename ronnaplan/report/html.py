@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterable, Sequence
 from html import escape
+from urllib.parse import quote
 
 STYLE = """
 body { font: 14px/1.45 system-ui, sans-serif; color: #1c2733; max-width: 62rem; margin: 2rem auto; padding: 0 1rem }
@@ -61,6 +62,11 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
         for row in rows
     )
     return f"<table>{top}{body}</table>"
+
+
+def link(path: str, text: str) -> str:
+    """Return a link to a file beside the page."""
+    return f'<a href="{escape(quote(path), quote=True)}">{escape(text)}</a>'
 
 
 def picture(png: bytes, caption: str) -> str:

@@ -1,0 +1,76 @@
+"""From roots to tables: lists, decides, works off, sums up. Killed at any time, the same call goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from ronnaplan.cohort import children
+from ronnaplan.cohort.index import ASIDE, DONE, LEFT, WAITING, Index
+from ronnaplan.cohort.listing import Listed, bring_up_to_date
+from ronnaplan.cohort.planning import decide, tasks_of
+from ronnaplan.cohort.rules import Rules
+from ronnaplan.cohort.run import connected, work_off
+from ronnaplan.documents.files import make_folder
+from ronnaplan.errors import InputError
+
+LOCK = "cohort.lock"
+
+
+@dataclass(frozen=True)
+class Counts:
+    """What a run met and did."""
+
+    listed: Listed
+    worked: int
+    done: int
+    aside: int
+    left: int
+
+
+def run_cohort(
+    roots: Sequence[str],
+    out: Path,
+    rules: Rules,
+    *,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    list_roots: bool = True,
+    again: bool = False,
+    module: str = children.WORKER,
+    progress: bool = False,
+) -> Counts:
+    """Find the markers of every series below ``roots``; results, tables and page go to the folder ``out``.
+
+    Without ``list_roots`` the series are those of the last listing; ``again`` tries once more what was set aside.
+    Raises `InputError` for a root that is not there, a folder that another run has, a scheduler that is lost.
+    """
+    from ronnaplan.cohort.page import write_page
+    from ronnaplan.cohort.tables import write_tables
+
+    tasks = tasks_of(rules)
+    make_folder(out)
+    with _locked(out), Index(out) as index:
+        listed = bring_up_to_date(index, roots, progress=progress) if list_roots else Listed()
+        decide(index, rules, tasks, again=again)
+        waiting = index.count(WAITING)
+        if waiting:
+            with connected(scheduler, workers) as client:
+                work_off(client, index, out, rules, tasks, module=module, progress=progress)
+        write_tables(index, out)
+        write_page(index, out)
+
+        return Counts(listed, waiting, index.count(DONE), index.count(ASIDE), index.count(LEFT))
+
+
+@contextmanager
+def _locked(out: Path) -> Iterator[None]:
+    from filelock import FileLock, Timeout
+
+    try:
+        with FileLock(out / LOCK, timeout=0):
+            yield
+    except Timeout as error:
+        raise InputError(f"another run has the folder {out}; let it finish, or name another folder") from error

@@ -1,0 +1,207 @@
+"""Brings the index up to date with what lies below the roots: headers are read of new and changed files only.
+
+Nothing is held in memory for each file: what is met goes to a table on the disk, and SQL tells what is new.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from itertools import islice
+from typing import Final, NamedTuple, TypeVar
+
+from ronnaplan.cohort.facts import rule_texts
+from ronnaplan.cohort.index import TEXTS, Index
+from ronnaplan.cohort.places import LIMITS, Met, Place
+from ronnaplan.ct.catalogue import read_instance
+from ronnaplan.ct.files import Blob, Skipped
+from ronnaplan.ct.slices import Instance
+from ronnaplan.errors import InputError
+from ronnaplan.text import printable
+
+CHUNK: Final = 1000
+"""Files whose headers are read between two commits: what a killed listing has to do again."""
+REQUESTS: Final = 32
+"""Headers that are fetched at one time from behind a URL."""
+
+Item = TypeVar("Item")
+
+
+@dataclass
+class Listed:
+    """What a listing met: files of roots, those that were new or changed, and what could not be opened."""
+
+    files: int = 0
+    changed: int = 0
+    skipped: list[str] = field(default_factory=list)
+
+
+class _LookedInto(NamedTuple):
+    """A file whose header was read; ``instance`` is None where it belongs to no series, for a reason."""
+
+    met: Met
+    instance: Instance | None
+    reason: str = ""
+    is_trouble: bool = False
+    is_archive: bool = False
+
+
+def bring_up_to_date(index: Index, roots: Sequence[str], *, progress: bool = False) -> Listed:
+    """List ``roots`` and enter what changed; raises `InputError` for a root that is not there."""
+    listed = Listed()
+    for root in roots:
+        _list_root(index, Place(root), listed, progress)
+    with index.transaction():
+        index.run("DELETE FROM series WHERE NOT EXISTS (SELECT 1 FROM files WHERE files.series = series.id)")
+        index.run(
+            "DELETE FROM places WHERE archive != '' AND NOT EXISTS (SELECT 1 FROM files WHERE archive = places.id)"
+        )
+    return listed
+
+
+def _list_root(index: Index, place: Place, listed: Listed, progress: bool) -> None:
+    number = index.place(place)
+    skipped: list[Skipped] = []
+    with index.transaction():
+        index.run("DROP TABLE IF EXISTS temp.met")
+        index.run("CREATE TEMP TABLE met (folder, name, size, stamp, PRIMARY KEY (folder, name)) WITHOUT ROWID")
+        met = _shown(place.files(skipped), None, progress, f"listing {printable(place.root)}")
+        index.run_many("INSERT OR REPLACE INTO met VALUES (?, ?, ?, ?)", met)
+        index.run("DROP TABLE IF EXISTS temp.changed")
+        index.run(
+            "CREATE TEMP TABLE changed AS SELECT met.* FROM met LEFT JOIN files AS old"
+            " ON old.place = ? AND old.folder = met.folder AND old.name = met.name"
+            " WHERE old.name IS NULL OR old.size != met.size OR old.stamp != met.stamp"
+            " ORDER BY met.folder, met.name",
+            number,
+        )
+        trouble = [f"{one.name}: {one.reason}" for one in skipped if one.is_trouble]
+        if not trouble:  # a folder that cannot be opened now has not lost its files
+            _remove(
+                index,
+                "place = ? AND NOT EXISTS"
+                " (SELECT 1 FROM met WHERE met.folder = files.folder AND met.name = files.name)",
+                number,
+            )
+    count = index.value("SELECT COUNT(*) FROM changed")
+    listed.files += index.value("SELECT COUNT(*) FROM met")
+    listed.changed += count
+    listed.skipped += trouble
+    looked = _look_into(place, _shown(_changed(index), count, progress, "reading headers"))
+    for chunk in _chunks(looked, CHUNK):
+        with index.transaction():
+            _enter(index, number, [one for one in chunk if not one.is_archive])
+        for one in chunk:
+            if one.is_archive:
+                _list_archive(index, number, place.root, one.met, listed)
+
+
+def _changed(index: Index) -> Iterator[Met]:
+    """Yield what `_list_root` found new or changed; the index may be changed meanwhile."""
+    last = 0
+    while rows := index.rows("SELECT rowid, * FROM changed WHERE rowid > ? ORDER BY rowid LIMIT ?", last, CHUNK):
+        yield from (Met(*row[1:]) for row in rows)
+        last = rows[-1][0]
+
+
+def _look_into(place: Place, changed: Iterable[Met]) -> Iterator[_LookedInto]:
+    def look(met: Met) -> _LookedInto:
+        return _looked_into(place, met, place.blob(met.folder, met.name, met.size))
+
+    if not place.is_remote:
+        yield from map(look, changed)
+        return
+    with ThreadPoolExecutor(REQUESTS) as pool:
+        for chunk in _chunks(changed, 4 * REQUESTS):
+            yield from pool.map(look, chunk)
+
+
+def _looked_into(place: Place, met: Met, blob: Blob) -> _LookedInto:
+    skipped: list[Skipped] = []
+    instance = read_instance(blob, LIMITS, skipped)
+    if instance is not None:
+        return _LookedInto(met, instance)
+    if place.is_archive(met.folder, met.name, met.size):
+        return _LookedInto(met, None, is_archive=True)
+    return _LookedInto(met, None, skipped[0].reason, skipped[0].is_trouble)
+
+
+def _list_archive(index: Index, number: int, root: str, met: Met, listed: Listed) -> None:
+    """Enter a new or changed archive, as a place of its own, with all its members, or nothing of it."""
+    place = Place(root, f"{met.folder}/{met.name}".lstrip("/"))
+    skipped: list[Skipped] = []
+    with index.transaction():
+        inside = index.place(place)
+        _remove(index, "place = ?", inside)
+        reason = ""
+        try:
+            looked = (_looked_into(place, member, blob) for member, blob in place.members(skipped))
+            for chunk in _chunks(looked, CHUNK):
+                _enter(index, inside, chunk)
+        except InputError as error:
+            reason = str(error)
+            listed.skipped.append(reason)
+        listed.skipped += [f"{one.name}: {one.reason}" for one in skipped if one.is_trouble]
+        _remove(index, "place = ? AND folder = ? AND name = ?", number, met.folder, met.name)
+        index.run(
+            "INSERT INTO files (place, folder, name, size, stamp, archive, reason) VALUES (?, ?, ?, ?, ?, ?, ?)",
+            *(number, *met, inside, reason),
+        )
+
+
+def _enter(index: Index, place: int, looked: Sequence[_LookedInto]) -> None:
+    """Enter files that were looked into, within a transaction; the series that they are of, or were, have changed."""
+    for one in looked:
+        _remove(index, "place = ? AND folder = ? AND name = ?", place, one.met.folder, one.met.name)
+    known: dict[tuple[str, str], int] = {}
+    rows = []
+    for one in looked:
+        series = None
+        if one.instance is not None:
+            uids = (one.instance.study_uid or "", one.instance.series_uid or "")
+            series = known.get(uids) or _series(index, place, uids, one.instance, one.met.folder)
+            known[uids] = series
+        rows.append((place, *one.met, series, one.is_trouble, one.reason))
+    index.run_many(
+        "INSERT INTO files (place, folder, name, size, stamp, series, trouble, reason) VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+        rows,
+    )
+    index.run_many("UPDATE series SET revision = revision + 1 WHERE id = ?", [(each,) for each in known.values()])
+
+
+def _series(index: Index, place: int, uids: tuple[str, str], instance: Instance, folder: str) -> int:
+    index.run(
+        f"INSERT INTO series (place, study_uid, series_uid, {', '.join(TEXTS)})"
+        f" VALUES (?, ?, ?, {', '.join('?' * len(TEXTS))}) ON CONFLICT DO NOTHING",
+        *(place, *uids, *rule_texts(instance, folder)),
+    )
+    number: int = index.value(
+        "SELECT id FROM series WHERE place = ? AND study_uid = ? AND series_uid = ?", place, *uids
+    )
+    return number
+
+
+def _remove(index: Index, where: str, *values: object) -> None:
+    """Remove files, within a transaction; the series that they were of have changed."""
+    index.run(
+        "UPDATE series SET revision = revision + 1 WHERE id IN"
+        f" (SELECT series FROM files WHERE {where} AND series IS NOT NULL)",
+        *values,
+    )
+    index.run(f"DELETE FROM files WHERE {where}", *values)
+
+
+def _chunks(items: Iterable[Item], size: int) -> Iterator[list[Item]]:
+    source = iter(items)
+    while chunk := list(islice(source, size)):
+        yield chunk
+
+
+def _shown(items: Iterable[Item], total: int | None, progress: bool, what: str) -> Iterable[Item]:
+    """Return ``items``, counted on a terminal as they come."""
+    if not progress:
+        return items
+    from tqdm import tqdm
+
+    return tqdm(items, total=total, desc=what, unit=" files", delay=1.0, leave=False, disable=None)

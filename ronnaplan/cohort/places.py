@@ -1,0 +1,210 @@
+"""Where files lie: a folder, a file or an archive, on a disk of this machine or behind a URL that fsspec opens."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from ronnaplan.ct.archives import SIGNATURE, UnpackedMember, ZipMember, zip_members
+from ronnaplan.ct.catalogue import folder_of_index
+from ronnaplan.ct.files import Blob, DamagedError, DiskFile, Skipped, given_path
+from ronnaplan.ct.folders import blobs_below
+from ronnaplan.ct.limits import DEFAULT_LIMITS
+from ronnaplan.errors import InputError
+from ronnaplan.text import printable
+
+LIMITS: Final = replace(DEFAULT_LIMITS, files=10**10)
+"""A folder may hold any number of files: they are not kept in memory."""
+
+
+class Met(NamedTuple):
+    """A file as it is met: its folder below the place, its name there, and what changes when its content does."""
+
+    folder: str
+    name: str
+    size: int
+    stamp: str
+
+
+@dataclass(frozen=True)
+class RemoteFile:
+    """A file behind a URL, of which parts are fetched."""
+
+    files: Any
+    path: str
+    size: int
+
+    @property
+    def name(self) -> str:
+        """The path, safe to print."""
+        return printable(self.path)
+
+    def read(self, offset: int, count: int) -> bytes:
+        """Return ``count`` bytes from ``offset``, fewer at the end."""
+        try:
+            return bytes(self.files.cat_file(self.path, start=offset, end=min(offset + count, self.size)))
+        except (OSError, ValueError) as error:
+            raise DamagedError(f"it cannot be fetched ({printable(error)})") from error
+
+    def read_into(self, offset: int, target: memoryview) -> int:
+        """Fill ``target`` from ``offset``; return how many bytes there were."""
+        content = self.read(offset, len(target))
+        target[: len(content)] = content
+        return len(content)
+
+
+@dataclass(frozen=True)
+class Fetched:
+    """A file that was fetched whole."""
+
+    name: str
+    content: bytes
+
+    @property
+    def size(self) -> int:
+        """Number of bytes."""
+        return len(self.content)
+
+    def read(self, offset: int, count: int) -> bytes:
+        """Return ``count`` bytes from ``offset``, fewer at the end."""
+        return self.content[offset : offset + count]
+
+    def read_into(self, offset: int, target: memoryview) -> int:
+        """Fill ``target`` from ``offset``; return how many bytes there were."""
+        content = self.read(offset, len(target))
+        target[: len(content)] = content
+        return len(content)
+
+
+@dataclass(frozen=True)
+class Place:
+    """A root as it was named, or an archive at the path ``archive`` below it."""
+
+    root: str
+    archive: str = ""
+
+    @property
+    def is_remote(self) -> bool:
+        """Whether fsspec opens it."""
+        return "://" in self.root
+
+    @cached_property
+    def _remote(self) -> tuple[Any, str]:
+        """File system and path of a URL."""
+        try:
+            from fsspec.core import url_to_fs
+
+            files, path = url_to_fs(self.root)
+        except (ImportError, ValueError) as error:
+            raise InputError(f"{printable(self.root)} cannot be opened ({printable(error)})") from error
+        return files, path.rstrip("/")
+
+    @cached_property
+    def _base(self) -> str:
+        """The folder that paths of files start from; of a single file, that of the file."""
+        if self.is_remote:
+            files, path = self._remote
+            return path if not files.isfile(path) else path.rpartition("/")[0]
+        local = folder_of_index(given_path(self.root))
+        return str(local if local.is_dir() else local.parent)
+
+    def path(self, folder: str, name: str) -> str:
+        """Return where a file of this root lies."""
+        return "/".join(part for part in (self._base, folder, name) if part)
+
+    def files(self, skipped: list[Skipped]) -> Iterator[Met]:
+        """Yield every file of a root, one by one; what cannot be opened is appended to ``skipped``.
+
+        Raises `InputError` where there is no such place.
+        """
+        if self.is_remote:
+            yield from self._remote_files()
+        else:
+            path = folder_of_index(given_path(self.root))
+            if path.is_file():
+                status = path.stat()
+                yield Met("", path.name, status.st_size, str(status.st_mtime_ns))
+                return
+            start = len(os.path.join(self._base, ""))  # noqa: PTH118
+            for blob in blobs_below(path, LIMITS, skipped):
+                if isinstance(blob, DiskFile):
+                    folder, _, name = blob.path[start:].replace(os.sep, "/").rpartition("/")
+                    yield Met(folder, name, blob.size, str(blob.changed_ns))
+
+    def members(self, skipped: list[Skipped]) -> Iterator[tuple[Met, Blob]]:
+        """Yield every file of an archive; raises `InputError` where it cannot be read."""
+        for one in self._archive_blobs(skipped, None):
+            folder, _, name = one.member.rpartition("/")
+            yield Met(folder, name, one.size, ""), one
+
+    def blob(self, folder: str, name: str, size: int) -> Blob:
+        """Return a file of a root that is no archive, of which parts will be read."""
+        if self.is_remote:
+            return RemoteFile(self._remote[0], self.path(folder, name), size)
+        return DiskFile(self.path(folder, name), size)
+
+    def blobs(self, wanted: Iterable[tuple[str, str, int]], skipped: list[Skipped]) -> list[Blob]:
+        """Return files (folder, name, size) of one series, which will be read whole."""
+        given = list(wanted)
+        if self.archive:
+            names = {f"{folder}/{name}" if folder else name for folder, name, _ in given}
+            return list(self._archive_blobs(skipped, names))
+        if not self.is_remote:
+            return [self.blob(*one) for one in given]
+        files = self._remote[0]
+        try:  # together, for each request waits
+            content = files.cat([self.path(folder, name) for folder, name, _ in given], on_error="return")
+        except OSError as error:
+            raise InputError(f"{printable(self.root)} cannot be read ({printable(error)})") from error
+        found: list[Blob] = []
+        for path, value in content.items():
+            if isinstance(value, bytes):
+                found.append(Fetched(printable(path), value))
+            else:
+                skipped.append(Skipped(printable(path), f"it cannot be fetched ({printable(value)})", True))
+        return found
+
+    def is_archive(self, folder: str, name: str, size: int) -> bool:
+        """Whether a file of this root is a zip archive."""
+        try:
+            return not self.archive and self.blob(folder, name, size).read(0, len(SIGNATURE)) == SIGNATURE
+        except DamagedError:
+            return False
+
+    def _remote_files(self) -> Iterator[Met]:
+        files, path = self._remote
+        try:
+            if files.isfile(path):
+                yield Met("", path.rpartition("/")[2], int(files.size(path) or 0), _stamp(files.info(path)))
+                return
+            if not files.exists(path):
+                raise InputError(f"there is no file or folder {printable(self.root)}")
+            for folder, _, found in files.walk(path, detail=True):
+                below = folder.rstrip("/")[len(path) :].strip("/")
+                for name, info in found.items():
+                    if name:
+                        yield Met(below, name, int(info.get("size") or 0), _stamp(info))
+        except OSError as error:
+            raise InputError(f"{printable(self.root)} cannot be listed ({printable(error)})") from error
+
+    def _archive_blobs(
+        self, skipped: list[Skipped], wanted: set[str] | None
+    ) -> Iterator[ZipMember | UnpackedMember]:
+        path = self.path("", self.archive)
+        raw = None
+        if self.is_remote:
+            try:
+                raw = self._remote[0].open(path, "rb")
+            except OSError as error:
+                raise InputError(f"{printable(path)} cannot be opened ({printable(error)})") from error
+        return zip_members(Path(path), LIMITS, skipped, raw=raw, wanted=wanted)
+
+
+def _stamp(info: dict[str, Any]) -> str:
+    """Return what a file system tells of a file that changes with its content."""
+    names = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "last_modified", "created")
+    return next((str(info[name]) for name in names if info.get(name)), "")

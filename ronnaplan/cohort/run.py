@@ -1,0 +1,151 @@
+"""Works off the waiting series on Dask: on this machine, or on the cluster that a scheduler's address names."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from ronnaplan.cohort import children
+from ronnaplan.cohort.children import Outcome
+from ronnaplan.cohort.index import ASIDE, DONE, WAITING, Index, SeriesRow
+from ronnaplan.cohort.planning import orders, settings_of
+from ronnaplan.cohort.results import keep
+from ronnaplan.cohort.rules import Rules, Task
+from ronnaplan.errors import InputError
+from ronnaplan.jobs.serving import BROKEN
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+CONNECT: Final = "10s"
+AHEAD: Final = 2
+"""Series that are sent ahead for each thread of a worker: it never waits for the next."""
+
+
+@dataclass
+class _Sent:
+    series: SeriesRow
+    order: dict[str, Any]
+    limits: dict[str, Any]
+    attempts: int = 1
+
+
+@contextmanager
+def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
+    """Give a Dask client: of the scheduler, or of as many threads here, each with a child process that works.
+
+    Raises `InputError` where Dask is not installed or no scheduler answers.
+    """
+    try:
+        import distributed
+    except ImportError as error:
+        raise InputError("Dask is not installed; install ronnaplan[cohort]") from error
+    if scheduler is None:
+        count = workers or os.cpu_count() or 1
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)
+            distributed.utils.get_ip()  # a machine without a network would be warned of it
+        with (
+            distributed.LocalCluster(
+                n_workers=1, threads_per_worker=count, processes=False, dashboard_address=None, memory_limit=0
+            ) as cluster,
+            distributed.Client(cluster) as client,
+        ):
+            try:
+                yield client
+            finally:
+                children.dismiss()
+        return
+    try:
+        client = distributed.Client(scheduler, timeout=CONNECT)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise InputError(f"no Dask scheduler answers at {scheduler}; check the address") from error
+    with client:
+        yield client
+        with suppress(Exception):  # a worker that does not answer has no children to end
+            client.run(children.dismiss)
+
+
+def work_off(
+    client: Client,
+    index: Index,
+    out: Path,
+    rules: Rules,
+    tasks: Mapping[str, Task],
+    *,
+    module: str = children.WORKER,
+    progress: bool = False,
+) -> None:
+    """Work on all waiting series, a few ahead of the workers at a time; each is kept as soon as it is done.
+
+    Raises `InputError` where the scheduler is lost: all that was kept stays, and the same call goes on.
+    """
+    from distributed import as_completed
+    from tqdm import tqdm
+
+    waiting = orders(index, rules, tasks)
+    sent: dict[str, _Sent] = {}
+    queue = as_completed(raise_errors=False)
+    with tqdm(
+        total=index.count(WAITING), unit=" series", smoothing=0.02, disable=None if progress else True
+    ) as bar:
+        _fill(client, waiting, sent, queue, module)
+        for future in queue:
+            one = sent.pop(future.key)
+            outcome = _outcome(future)
+            if outcome is None:
+                raise InputError(
+                    "the Dask scheduler was lost; start it again, and then the same command: it goes on where it was"
+                )
+            future.release()
+            if outcome["is_lost"] and one.attempts < one.limits["attempts"]:
+                one.attempts += 1
+                _send(client, one, sent, queue, module)
+                continue
+            if outcome["is_lost"]:
+                outcome["reason"] += f", {one.attempts} times"
+            state = ASIDE if outcome["state"] == BROKEN else DONE
+            keep(index, out, one.series, settings_of(tasks[one.series.rule], rules.limits, state), outcome)
+            bar.update()
+            _fill(client, waiting, sent, queue, module)
+
+
+def _fill(
+    client: Client,
+    waiting: Iterator[tuple[SeriesRow, dict[str, Any], dict[str, Any]]],
+    sent: dict[str, _Sent],
+    queue: Any,
+    module: str,
+) -> None:
+    """Send as many series as the workers' threads need, and no more: neither orders nor results pile up."""
+    most = AHEAD * max(sum(client.nthreads().values()), 1)
+    while len(sent) < most:
+        given = next(waiting, None)
+        if given is None:
+            return
+        _send(client, _Sent(*given), sent, queue, module)
+
+
+def _send(client: Client, one: _Sent, sent: dict[str, _Sent], queue: Any, module: str) -> None:
+    key = f"series-{one.series.id}-{one.attempts}-{os.urandom(4).hex()}"
+    future = client.submit(children.work_on, one.order, one.limits, module, key=key, pure=False)
+    sent[key] = one
+    queue.add(future)
+
+
+def _outcome(future: Any) -> Outcome | None:
+    """Return what became of an order; None where nobody knows, as the scheduler is gone."""
+    if future.status == "finished":
+        outcome: Outcome = future.result()
+        return outcome
+    if future.status != "error":
+        return None
+    error = future.exception()
+    died = type(error).__name__ == "KilledWorker"
+    reason = "the Dask workers that had it died" if died else f"{type(error).__name__}: {error}"
+    return {"state": BROKEN, "reason": reason, "is_lost": died, "parts": [], "seconds": None, "peak_bytes": None}

@@ -1,0 +1,118 @@
+"""What the page tells of a cohort, gathered in one pass over the table of series."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from heapq import heappush, heappushpop
+from typing import Any, Final
+
+from ronnaplan.cohort.charts import LEAST, ControlChart, control_chart
+from ronnaplan.jobs.serving import DONE
+
+WORST: Final = 12
+"""Contact sheets that are shown."""
+CHARTED: Final = {
+    "distance_mean_mm": "mean error of distances, mm",
+    "distance_rms_mm": "RMS error of distances, mm",
+}
+UNKNOWN: Final = "scanner not named"
+
+Row = dict[str, Any]
+
+
+@dataclass
+class Summary:
+    """A cohort at a glance."""
+
+    states: Counter[str] = field(default_factory=Counter)
+    counts: Counter[tuple[int, int]] = field(default_factory=Counter)
+    """(Expected, found) -> series."""
+    rejected: Counter[str] = field(default_factory=Counter)
+    """Test that candidates failed -> candidates."""
+    reasons: Counter[str] = field(default_factory=Counter)
+    """Why series have no result -> series."""
+    scanners: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
+    """Scanner -> worst standard error of each series, mm."""
+    thicknesses: list[tuple[float, float]] = field(default_factory=list)
+    """Slice thickness and worst standard error, mm."""
+    misfits: list[float] = field(default_factory=list)
+    phantoms: dict[tuple[str, str], list[Row]] = field(default_factory=lambda: defaultdict(list))
+    """(Scanner, phantom) -> its scans."""
+    worst: list[tuple[tuple[float, ...], int, Row]] = field(default_factory=list)
+
+    @property
+    def worst_first(self) -> list[Row]:
+        """The series whose sheets should be looked at, worst first."""
+        return [row for _, _, row in sorted(self.worst, key=lambda one: one[0], reverse=True)]
+
+    @property
+    def charts(self) -> list[ControlChart]:
+        """Control charts of every scanner that scanned a phantom often enough; those that drift first."""
+        found = [
+            control_chart(
+                f"{scanner}, {phantom}",
+                quantity,
+                [row["acquired"] or "" for row in rows],
+                [row[name] for row in rows],
+            )
+            for (scanner, phantom), rows in sorted(self.phantoms.items())
+            if len(rows) >= LEAST
+            for name, quantity in CHARTED.items()
+        ]
+        return sorted(found, key=lambda one: not (one.drifts.any() or one.leaps.any()))
+
+
+def summarize(rows: Iterable[Row]) -> Summary:
+    """Gather the page's contents."""
+    summary = Summary()
+    for number, row in enumerate(rows):
+        _add(summary, row, number)
+    return summary
+
+
+def scanner_of(row: Row) -> str:
+    """Return what a scanner is called: station or maker, model and serial number."""
+    told = [row.get(name) for name in ("manufacturer", "model", "serial", "station")]
+    return " ".join(dict.fromkeys(part for part in told if part)) or UNKNOWN
+
+
+def _add(summary: Summary, row: Row, number: int) -> None:
+    summary.states[row["state"]] += 1
+    if row["state"] != DONE and row["reason"]:
+        summary.reasons[_kind(row["reason"])] += 1
+    found, expected = row.get("found"), row.get("expected")
+    if found is not None and expected is not None:
+        summary.counts[expected, found] += 1
+    summary.rejected.update(row.get("rejected") or ())
+    error_mm = row.get("standard_error_mm")
+    if error_mm is not None:
+        summary.scanners[scanner_of(row)].append(error_mm)
+        summary.misfits.append(row["misfit"])
+        thickness_mm = row.get("thickness_mm") or row.get("spacing_mm")
+        if thickness_mm is not None:
+            summary.thicknesses.append((thickness_mm, error_mm))
+    if row.get("phantom") is not None:
+        kept = ("acquired", "series", *CHARTED)
+        summary.phantoms[scanner_of(row), row["phantom"]].append({name: row.get(name) for name in kept})
+    if row.get("sheet"):
+        add = heappush if len(summary.worst) < WORST else heappushpop
+        add(summary.worst, (badness(row), -number, row))
+
+
+def badness(row: Row) -> tuple[float, ...]:
+    """Sort series by how much they want looking at: refused, markers missed or too many, doubtful, ill fitted."""
+    found, expected = row.get("found") or 0, row.get("expected")
+    missed = 0 if expected is None else abs(expected - found)
+    return (
+        float(row["state"] != DONE),
+        float(missed),
+        float(bool(row.get("phantom_reasons"))),
+        float(row.get("misfit") or 0.0),
+    )
+
+
+def _kind(reason: str) -> str:
+    """Return the beginning of a reason, without the numbers of this very series."""
+    return "".join("#" if each.isdigit() else each for each in reason.partition(";")[0])[:80]

@@ -1,0 +1,181 @@
+"""One series' work, in a process of its own: from its files to its markers, documents and contact sheet.
+
+Beside what `ronnaplan.jobs.serving` tells, ``part`` is told of each stack that the series falls into.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ronnaplan.cohort.facts import grid_facts, scan_facts
+from ronnaplan.cohort.places import LIMITS, Place
+from ronnaplan.cohort.rules import CohortRule
+from ronnaplan.errors import RefusedError, RonnaplanError
+from ronnaplan.jobs.serving import DONE, REFUSED, Tell, serve
+from ronnaplan.untrusted import checked
+
+if TYPE_CHECKING:
+    from ronnaplan.ct import CTVolume, Series
+    from ronnaplan.documents.fiducials import FiducialsDocument
+    from ronnaplan.localization import Fiducials, Template
+    from ronnaplan.registration.phantom_check import KnownPhantom
+
+UNUSABLE, UNCHANGED = "unusable", "unchanged"
+"""States of a part beside those of a job: what cannot be read, and what was worked on before."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Wanted:
+    rule: CohortRule
+    template: Template | None
+    phantom: KnownPhantom | None
+
+
+def work(order: dict[str, Any], tell: Tell) -> None:
+    """Work on a series; tells of each part, in the order of their keys."""
+    from ronnaplan.ct.catalogue import catalogue_of
+    from ronnaplan.ct.files import Skipped
+    from ronnaplan.portable import peak_memory_bytes
+
+    wanted = _wanted(order)
+    place = Place(order["root"], order["archive"])
+    skipped: list[Skipped] = []
+    blobs = place.blobs([(folder, name, size) for folder, name, size in order["files"]], skipped)
+    listed = catalogue_of(Path(place.archive or place.root), blobs, LIMITS, skipped)
+    gone = [one for one in listed.skipped if one.is_trouble]
+    series = [one for one in listed.series if (one.first.series_uid or "") == order["series_uid"]]
+    if not series:
+        why = f"{gone[0].name}: {gone[0].reason}" if gone else "its files are of another series now"
+        raise RefusedError(f"nothing of it is left ({why})")
+    troubled = order["troubled"] or bool(gone)
+    for number, one in enumerate(series, start=1):
+        told = _part(one, wanted, troubled, order["known"].get(one.key, ""))
+        tell("part", job=order["job"], number=number, key=one.key, **told)
+    peak = peak_memory_bytes()
+    tell("ended", job=order["job"], state=DONE, reason="", peak_bytes=peak)
+
+
+def _wanted(order: dict[str, Any]) -> _Wanted:
+    from ronnaplan.documents.fiducials import FORMAT, FiducialsDocument
+    from ronnaplan.documents.phantom_check import known_phantom
+    from ronnaplan.documents.template import TemplateDocument
+
+    rule = checked(order["rule"], CohortRule)
+    template = None if order["template"] is None else checked(order["template"], TemplateDocument).template
+    truth = order["phantom"]
+    if truth is None:
+        return _Wanted(rule, template, None)
+    is_scan = truth["format"] == FORMAT
+    document = checked(truth, FiducialsDocument) if is_scan else checked(truth, TemplateDocument)
+    return _Wanted(rule, template, known_phantom(document, rule.phantom or ""))
+
+
+def _part(series: Series, wanted: _Wanted, troubled: bool, known: str) -> dict[str, Any]:
+    """Return what is told of a part; ``known`` is the content that there are results of already."""
+    from ronnaplan.ct.reader import read_series
+
+    told: dict[str, Any] = {"state": UNUSABLE, "reason": "; ".join(series.problems), "scan": scan_facts(series)}
+    told["content"] = _content(series, "")
+    if not series.is_usable:
+        return told
+    try:
+        volume = read_series(series, troubled=troubled)
+        told["content"] = _content(series, volume.voxel_sha256)
+        if told["content"] == known:
+            return {**told, "state": UNCHANGED}
+        told["scan"].update(grid_facts(volume))
+        return {**told, **_localized(volume, wanted)}
+    except RonnaplanError as error:
+        state = REFUSED if isinstance(error, RefusedError) else UNUSABLE
+        return {**told, "state": state, "reason": str(error)}
+
+
+def _localized(volume: CTVolume, wanted: _Wanted) -> dict[str, Any]:
+    """Find the markers; a wrong number, or a phantom that does not pair, is refused with all that was found."""
+    from ronnaplan.documents.fiducials import fiducials_document
+    from ronnaplan.documents.reading import to_json
+    from ronnaplan.jobs.localizing import find_markers
+    from ronnaplan.localization import require_count
+
+    found = find_markers(volume, wanted.rule, wanted.template)
+    document = fiducials_document(found)
+    told: dict[str, Any] = {
+        "state": DONE,
+        "reason": "",
+        "found": len(found),
+        "expected": wanted.rule.expected,
+        "markers": _markers(document),
+        "rejected": [one.test for one in found.rejected],
+        "fiducials": to_json(document),
+        "sheet": _sheet(volume, found) if wanted.rule.sheet else None,
+    }
+    try:
+        require_count(found, wanted.rule.expected)
+        if wanted.phantom is not None:
+            told["checked"] = _checked(volume, found, wanted.phantom)
+    except RonnaplanError as error:
+        told |= {"state": REFUSED, "reason": str(error)}
+    return told
+
+
+def _markers(document: FiducialsDocument) -> list[dict[str, Any]]:
+    return [one.model_dump(mode="json", exclude={"bound"}) for one in document.fiducials]
+
+
+def _sheet(volume: CTVolume, found: Fiducials) -> str:
+    from ronnaplan.report.contact import contact_sheet
+
+    return base64.b64encode(contact_sheet(volume, found)).decode()
+
+
+def _checked(volume: CTVolume, found: Fiducials, phantom: KnownPhantom) -> dict[str, Any]:
+    """Compare with a known phantom: mean and RMS error of the distances between its markers, scales, why it fails."""
+    import numpy as np
+    from scipy.spatial.distance import pdist
+
+    from ronnaplan.registration.phantom_check import check_phantom, reasons_against
+
+    check = check_phantom(phantom, found.points, volume.grid.axes)
+    fit = check.registration
+    errors_mm = pdist(fit.fixed_mm) - pdist(fit.moving_mm)
+    return {
+        "phantom": phantom.name,
+        "distance_mean_mm": float(errors_mm.mean()),
+        "distance_rms_mm": float(np.sqrt(np.mean(errors_mm**2))),
+        "in_slices_rms_mm": check.in_slices_rms_mm,
+        "across_rms_mm": check.across_rms_mm,
+        "stretches": {one.name: one.share for one in check.stretches},
+        "reasons": list(reasons_against(check)),
+    }
+
+
+def _content(series: Series, voxels_sha256: str) -> str:
+    """Return what tells a part from any other: all elements that the reader looks at, and the voxels."""
+    digest = hashlib.sha256(f"{series.key} {series.file_count} {voxels_sha256}".encode())
+    instances = [series.first] if series.stack is None else [one.instance for one in series.stack.slices]
+    for instance in instances:
+        digest.update(repr(sorted(instance.elements.items())).encode())
+    return digest.hexdigest()
+
+
+def _warm_up() -> None:
+    """Load what a series needs, and the compiled code, before there is one."""
+    import ronnaplan.documents.phantom_check
+    import ronnaplan.report.contact  # noqa: F401
+    from ronnaplan.jobs.localizing import warm_up
+
+    warm_up()
+
+
+def main(memory_mib: str) -> int:
+    """Work until the parent closes this process's standard input, or dies."""
+    return serve(int(memory_mib), _warm_up, work)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1]))

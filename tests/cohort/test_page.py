@@ -1,0 +1,95 @@
+"""The page shows what is worst first, charts what drifts, and opens without anything else."""
+
+from __future__ import annotations
+
+import io
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from ronnaplan.cohort import page as page_module
+from ronnaplan.cohort.index import Index
+from ronnaplan.cohort.page import write_page
+from ronnaplan.cohort.summary import WORST, summarize
+
+
+def rows(out: Path) -> list[dict[str, Any]]:
+    """A cohort of two scanners; one drifts, the other scans patients, of whom some are refused."""
+    random = np.random.default_rng(5)
+    sheet = io.BytesIO()
+    Image.new("RGB", (1200, 300), "white").save(sheet, "PNG")
+    (out / "sheet.png").write_bytes(sheet.getvalue())
+    shared = {"root": "/in", "archive": "", "manufacturer": "Maker", "sheet": "sheet.png", "thickness_mm": 0.6}
+    found: list[dict[str, Any]] = []
+    for day in range(120):
+        drift_mm = 0.001 * max(day - 60, 0)
+        date = f"2026-{1 + day // 28:02d}-{1 + day % 28:02d}"
+        checked = {
+            "distance_mean_mm": 0.01 * random.standard_normal() + drift_mm,
+            "distance_rms_mm": 0.02 + 0.002 * random.standard_normal(),
+        }
+        found.append(
+            {
+                **shared,
+                **{"series": f"1.{day}", "folder": f"qa/{day}", "state": "done", "reason": "", "model": "A"},
+                **{"found": 6, "expected": 6, "standard_error_mm": 0.004, "misfit": 0.02, "rejected": ["round"]},
+                **{"phantom": "daily", "phantom_reasons": [], "acquired": date, **checked},
+            }
+        )
+    for number in range(30):
+        count = 5 if number == 7 else 6
+        found.append(
+            {
+                **shared,
+                **{
+                    "series": f"2.{number}",
+                    "folder": f"p<b>/{number}",
+                    "model": "B",
+                    "found": count,
+                    "expected": 6,
+                },
+                **{
+                    "state": "done" if count == 6 else "refused",
+                    "reason": "" if count == 6 else "5 markers, not 6",
+                },
+                **{
+                    "standard_error_mm": 0.01 * (1 + random.random()),
+                    "misfit": 0.03 + 0.001 * number,
+                    "rejected": [],
+                },
+            }
+        )
+    return found
+
+
+def test_the_page_tells_the_drift_and_shows_the_worst_sheet_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = rows(tmp_path)
+    summary = summarize(given)
+    worst = summary.worst_first
+    assert len(worst) == WORST
+    assert [one["series"] for one in worst[:3]] == ["2.7", "2.29", "2.28"]
+    first, *_ = summary.charts
+    assert "drifts since" in first.verdict
+    assert first.quantity.startswith("mean")
+    assert summary.counts == {(6, 6): 149, (6, 5): 1}
+    monkeypatch.setattr(page_module, "series_rows", lambda _: iter(given))
+    with Index(tmp_path) as index:
+        write_page(index, tmp_path)
+    text = (tmp_path / "index.html").read_text()
+    assert "drifts since 2026" in text
+    assert "p&lt;b&gt;/7" in text
+    assert "<b>" not in text
+    sources = re.findall(r'(?:src|href)="([^"]{0,40})', text)
+    assert {one.partition(":")[0] for one in sources} == {"data", "series.parquet", "markers.parquet", "sheet.png"}
+
+
+def test_a_cohort_without_series_has_a_page(tmp_path: Path) -> None:
+    with Index(tmp_path) as index:
+        write_page(index, tmp_path)
+    assert "Research software" in (tmp_path / "index.html").read_text()

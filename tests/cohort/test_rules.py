@@ -1,0 +1,62 @@
+"""rules.toml is read by the letter; what matters to results, and only that, changes the settings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from ronnaplan.cohort.planning import tasks_of
+from ronnaplan.cohort.rules import EXAMPLE, CohortRule, Rules, Task, read_rules
+from ronnaplan.errors import InputError
+from ronnaplan.jobs.rules import first_fitting
+
+SERIES = {
+    **{"modality": "CT", "description": "Head 0.6", "protocol": "Head", "station": "CT1", "study": "QA"},
+    **{"device": "Maker Model 7", "folder": "2026/Phantom/1"},
+}
+
+
+def test_the_example_is_read_and_its_first_fitting_rule_decides(tmp_path: Path) -> None:
+    (tmp_path / "rules.toml").write_text(EXAMPLE)
+    rules = read_rules(tmp_path / "rules.toml")
+    assert [rule.name for rule in rules.rule] == ["daily phantom", "all others"]
+    first = first_fitting(rules.rule, SERIES)
+    assert first is not None
+    assert first.expected == 6
+    second = first_fitting(rules.rule, {**SERIES, "folder": "patients"})
+    assert second is not None
+    assert second.name == "all others"
+    assert first_fitting(rules.rule, {**SERIES, "modality": "MR"}) is None
+    assert set(tasks_of(rules)) == {"daily phantom", "all others"}
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("[[rule]]\nname = 'x'\ndiameter = 5", "diameter: no field"),
+        ("[[rule]]\nname = 'x'\n[[rule]]\nname = 'x'", "two rules have the same name"),
+        ("[limits]\nseconds = '5'", "seconds"),
+        ("[[rule]]\nname = 'x'\nexpected = true", "expected"),
+        ("nonsense", "no|Expected|invalid"),
+        ("home = '/'", "home: no field"),
+    ],
+)
+def test_what_is_no_rule_is_refused_by_name(tmp_path: Path, text: str, reason: str) -> None:
+    (tmp_path / "rules.toml").write_text(text)
+    with pytest.raises(InputError, match=reason):
+        read_rules(tmp_path / "rules.toml")
+
+
+def test_a_template_that_is_not_there_is_told_before_any_work(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"frame\.json"):
+        tasks_of(Rules(home=tmp_path, rule=(CohortRule(name="x", template="frame.json"),)))
+
+
+def test_settings_change_with_what_is_looked_for_and_not_with_the_patterns() -> None:
+    def settings(**given: object) -> str:
+        return Task(CohortRule(name=str(given.pop("name", "x")), **given), Path()).settings  # type: ignore[arg-type]
+
+    assert settings() == settings(name="y", station="CT*", folder="a")
+    different = [settings(), settings(diameters=(5.0,)), settings(expected=4), settings(marker="shell:1")]
+    assert len({*different, settings(sheet=False)}) == 5

@@ -1,0 +1,195 @@
+"""A cohort is worked off once, whatever dies or hangs; what changed is done again and nothing else."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ronnaplan.cohort import run
+from ronnaplan.cohort.cohort import Counts, run_cohort
+from ronnaplan.cohort.index import Index
+from ronnaplan.cohort.results import keep
+from ronnaplan.cohort.rules import CohortRule, Limits, Rules
+from ronnaplan.errors import InputError
+from ronnaplan.jobs.processes import Child
+from tests.cohort.scans import SLICES, tiny
+
+pytest.importorskip("distributed")
+parquet = pytest.importorskip("pyarrow.parquet")
+
+FAKE = "tests.cohort.fake_work"
+RULE = CohortRule(name="all", diameters=(11.5,))
+
+
+@pytest.fixture(autouse=True)
+def log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    path = tmp_path / "log"
+    path.touch()
+    monkeypatch.setenv("FAKE_LOG", str(path))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path.cwd()), os.environ.get("PYTHONPATH", "")]))
+    return path
+
+
+def begun(log: Path) -> Counter[str]:
+    found = Counter(line.rpartition(".")[2] for line in log.read_text().split())
+    log.write_text("")
+    return found
+
+
+def cohort(tmp_path: Path, rule: CohortRule = RULE, limits: Limits | None = None, **given: Any) -> Counts:
+    rules = Rules(rule=(rule,), limits=limits or Limits())
+    return run_cohort([str(tmp_path / "in")], tmp_path / "out", rules, module=FAKE, workers=1, **given)
+
+
+def table(tmp_path: Path, name: str = "series", out: str = "out") -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = parquet.read_table(tmp_path / out / f"{name}.parquet").to_pylist()
+    return rows
+
+
+def test_a_series_that_hangs_dies_or_takes_too_much_is_set_aside_and_stops_no_other(
+    tmp_path: Path, log: Path
+) -> None:
+    for name in "12345678":
+        tiny(tmp_path / "in", name)
+    limits = Limits(seconds=3.0, memory_mib=256, attempts=2)
+    counts = cohort(tmp_path, limits=limits)
+    assert (counts.worked, counts.done, counts.aside) == (8, 4, 4)
+    found = {row["series_uid"][-1]: (row["state"], row["reason"]) for row in table(tmp_path)}
+    assert found["1"] == ("aside", "it took longer than 3 s")
+    assert found["4"] == ("unusable", "nothing of it is left")
+    assert found["5"] == ("aside", "KeyError: 'a fault of ours'")
+    assert {found[name][0] for name in "678"} == {"done"}
+    if sys.platform != "win32":
+        assert found["2"] == ("aside", "its process died (by signal SIGKILL), 2 times")
+        assert found["3"] == ("aside", "it took more memory than 256 MiB")
+    assert begun(log) == {name: 2 if name == "2" else 1 for name in "12345678"}
+    cohort(tmp_path, limits=limits)
+    assert not begun(log)  # neither what was done nor what was set aside
+    cohort(tmp_path, limits=Limits(seconds=2.0, memory_mib=256, attempts=1))
+    assert begun(log) == dict.fromkeys("1235", 1)  # other limits may be enough
+
+
+def test_only_what_changed_is_done_again(tmp_path: Path, log: Path) -> None:
+    for name in "678":
+        tiny(tmp_path / "in" / name, name)
+    cohort(tmp_path)
+    assert begun(log) == {"6": 1, "7": 1, "8": 1}
+    before = table(tmp_path, "markers")
+    first = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*.json")}
+    for path in (tmp_path / "in" / "6").iterdir():  # another time, the same content
+        os.utime(path, ns=(1, 1))
+    tiny(tmp_path / "in" / "7", "7", shift_hu=50)
+    (tmp_path / "in" / "7" / "7-000").unlink()
+    (tmp_path / "in" / "8").rename(tmp_path / "gone")
+    tiny(tmp_path / "in" / "9", "9")
+    counts = cohort(tmp_path)
+    assert (counts.listed.files, counts.worked) == (3 * SLICES - 1, 3)
+    assert begun(log) == {"6": 1, "7": 1, "9": 1}
+    after = table(tmp_path, "markers")
+    assert [(row["series_uid"][-1], row["y_mm"]) for row in after] == [("6", 4.0), ("7", 3.0), ("9", 4.0)]
+    assert after[0] == before[0]
+    kept = [path for path in first if path.exists() and path.stat().st_mtime_ns == first[path]]
+    assert len(kept) >= 1  # what was unchanged was not written again
+    cohort(tmp_path, CohortRule(name="another name", diameters=(11.5,), folder="*"))
+    assert not begun(log)
+    cohort(tmp_path, CohortRule(name="all", diameters=(5.0,)))
+    assert begun(log) == {"6": 1, "7": 1, "9": 1}
+    assert {row["diameter_mm"] for row in table(tmp_path, "markers")} == {5.0}
+
+
+def test_a_run_that_was_killed_goes_on_and_its_table_is_that_of_an_undisturbed_one(
+    tmp_path: Path, log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in range(10, 18):
+        tiny(tmp_path / "in", str(name))
+    cohort(tmp_path)
+    begun(log)
+    (tmp_path / "out").rename(tmp_path / "undisturbed")
+
+    class Killed(BaseException):
+        pass
+
+    kept, children_killed = [0], [0]
+    tell = Child.say
+
+    def say(self: Child, line: str) -> None:
+        tell(self, line)
+        if children_killed[0] < 2:  # kill -9 of the processes that work
+            children_killed[0] += 1
+            os.kill(self.pid, getattr(signal, "SIGKILL", signal.SIGTERM))
+
+    real = keep
+
+    def keeping(*given: Any) -> None:
+        real(*given)
+        kept[0] += 1
+        if kept[0] % 3 == 0:  # the client dies right after, or
+            raise Killed
+        if kept[0] % 4 == 0:
+            raise InputError("the scheduler is lost")
+
+    monkeypatch.setattr(Child, "say", say)
+    monkeypatch.setattr(run, "keep", keeping)
+    for _ in range(10):
+        try:
+            cohort(tmp_path)
+        except (Killed, InputError):
+            continue
+        break
+    for kind in ("series", "markers"):
+        assert table(tmp_path, kind) == table(tmp_path, kind, "undisturbed")
+    assert kept[0] == 8  # nothing was kept twice
+    assert children_killed[0] == 2
+
+
+def test_a_cluster_gives_the_same_table_and_a_lost_or_absent_scheduler_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, log: Path
+) -> None:
+    from distributed import LocalCluster
+
+    for name in range(20, 24):
+        tiny(tmp_path / "in", str(name))
+    rules = Rules(rule=(RULE,))
+    given = [str(tmp_path / "in")]
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, processes=True
+    ) as cluster:
+        counts = run_cohort(given, tmp_path / "out", rules, scheduler=cluster.scheduler_address, module=FAKE)
+    assert (counts.worked, counts.done) == (4, 4)
+    assert set(begun(log).values()) == {1}
+    run_cohort(given, tmp_path / "here", rules, workers=1, module=FAKE)
+    assert table(tmp_path, "markers") == table(tmp_path, "markers", "here")
+    monkeypatch.setattr(run, "CONNECT", "1s")
+    tiny(tmp_path / "in", "25")
+    with pytest.raises(InputError, match="no Dask scheduler answers"):
+        run_cohort(given, tmp_path / "out", rules, scheduler="tcp://127.0.0.1:1", module=FAKE)
+
+
+def test_a_folder_that_another_run_has_is_left_alone(tmp_path: Path) -> None:
+    from filelock import FileLock
+
+    tiny(tmp_path / "in", "6")
+    (tmp_path / "out").mkdir()
+    with FileLock(tmp_path / "out" / "cohort.lock"), pytest.raises(InputError, match="another run has the folder"):
+        cohort(tmp_path)
+
+
+def test_series_of_no_rule_are_left_and_the_last_listing_can_be_taken(tmp_path: Path, log: Path) -> None:
+    tiny(tmp_path / "in" / "a", "6")
+    tiny(tmp_path / "in" / "b", "7")
+    rule = CohortRule(name="a", diameters=(11.5,), folder="A*")
+    counts = cohort(tmp_path, rule)
+    assert (counts.done, counts.left) == (1, 1)
+    assert {row["folder"]: row["state"] for row in table(tmp_path)} == {"a": "done", "b": "left"}
+    tiny(tmp_path / "in" / "a", "8")
+    begun(log)
+    cohort(tmp_path, RULE, list_roots=False)
+    assert begun(log) == {"7": 1}
+    with Index(tmp_path / "out") as index:
+        assert index.count("done") == 2

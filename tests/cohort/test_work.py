@@ -1,0 +1,93 @@
+"""A series worked on in a cohort gives what `localize` gives, and what is refused keeps what was found."""
+
+from __future__ import annotations
+
+import base64
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ronnaplan import localize, read_ct
+from ronnaplan.cohort.index import Index
+from ronnaplan.cohort.listing import bring_up_to_date
+from ronnaplan.cohort.planning import decide, orders, tasks_of
+from ronnaplan.cohort.rules import CohortRule, Rules
+from ronnaplan.cohort.work import work
+from ronnaplan.documents.fiducials import fiducials_document
+from ronnaplan.documents.reading import to_json
+from tests.cohort.scans import CENTERS_MM, phantom
+from tests.ct.makers import write_series
+
+TEMPLATE = {
+    "format": "ronnaplan.template",
+    "version": 1,
+    "unit": "mm",
+    "name": "daily",
+    "labels": list("ABCD"),
+    "centers": CENTERS_MM,
+}
+
+
+@pytest.fixture(scope="module")
+def scan(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return phantom(tmp_path_factory.mktemp("cohort") / "in" / "scan").parent
+
+
+def told(root: Path, folder: Path, rule: CohortRule, known: dict[str, str] | None = None) -> list[dict[str, Any]]:
+    """Work on the only series below ``root``."""
+    rules = Rules(home=folder, rule=(rule,))
+    (folder / "out").mkdir(exist_ok=True)
+    with Index(folder / "out") as index:
+        bring_up_to_date(index, [str(root)])
+        tasks = tasks_of(rules)
+        decide(index, rules, tasks)
+        ((_, order, _),) = orders(index, rules, tasks)
+    if known is not None:
+        order["known"] = known
+    said = []
+    work(json.loads(json.dumps(order)), lambda event, **facts: said.append({"event": event, **facts}))
+    assert said[-1]["event"] == "ended"
+    return said[:-1]
+
+
+def test_a_series_gives_the_document_that_localize_gives_and_is_compared_with_its_phantom(
+    scan: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "phantom.json").write_text(json.dumps(TEMPLATE))
+    (part,) = told(scan, tmp_path, CohortRule(name="x", diameters=(11.5,), expected=4, phantom="phantom.json"))
+    assert (part["state"], part["found"]) == ("done", 4)
+    found = localize(read_ct(scan), diameter_mm=11.5, expected=4)
+    assert part["fiducials"] == to_json(fiducials_document(found))
+    assert np.array_equal([one["center"] for one in part["markers"]], found.centers)
+    assert base64.b64decode(part["sheet"]).startswith(b"\x89PNG")
+    assert part["scan"]["kernel"] == "FAST"
+    assert part["scan"]["acquired"] == "2026-01-01"
+    assert part["scan"]["pixel_mm"] == pytest.approx(64 / 96)
+    checked = part["checked"]
+    truth = np.array(CENTERS_MM)
+    near = truth[[np.argmin(np.linalg.norm(truth - one, axis=1)) for one in found.centers]]
+
+    def distances(points: Any) -> Any:
+        return np.linalg.norm(points[:, None] - points, axis=-1)[np.triu_indices(4, 1)]
+
+    errors = distances(found.centers) - distances(near)
+    assert checked["distance_mean_mm"] == pytest.approx(errors.mean(), abs=1e-9)
+    assert checked["distance_rms_mm"] == pytest.approx(np.sqrt(np.mean(errors**2)), rel=1e-6)
+    (same,) = told(scan, tmp_path, CohortRule(name="x", diameters=(11.5,)), {part["key"]: part["content"]})
+    assert same["state"] == "unchanged"
+
+
+def test_a_wrong_number_is_refused_with_its_sheet_and_no_ct_is_unusable(scan: Path, tmp_path: Path) -> None:
+    (part,) = told(scan, tmp_path, CohortRule(name="x", diameters=(11.5,), expected=5))
+    assert part["state"] == "refused"
+    assert "5" in part["reason"]
+    assert part["found"] == 4
+    assert part["sheet"]
+    write_series(tmp_path / "mr", 4, lambda made, _: setattr(made, "Modality", "MR"))
+    rule = CohortRule(name="x", modality="*", diameters=(11.5,), sheet=False)
+    (tmp_path / "other").mkdir()
+    (part,) = told(tmp_path / "mr", tmp_path / "other", rule)
+    assert (part["state"], part["reason"]) == ("unusable", "the modality is MR, not CT")
