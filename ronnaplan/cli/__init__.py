@@ -54,11 +54,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(arguments: Sequence[str] | None) -> int:
     try:
-        parsed = _parser().parse_args(arguments)
+        parsed = parse(arguments)
         status: int = parsed.run(parsed)
     finally:  # of --help, too
         sys.stdout.flush()
     return status
+
+
+def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """Return what a command line says; its ``run`` does it. Raises `UsageError`."""
+    return _parser().parse_args(arguments)
 
 
 def _let_any_text_out() -> None:

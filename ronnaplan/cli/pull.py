@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 import sys
 
-HELP = "Fetch studies from an archive (C-FIND and C-GET, or DICOMweb) into a folder."
+from ronnaplan.cli.values import whole
+
+HELP = "Fetch studies from an archive (C-FIND with C-GET or C-MOVE, or DICOMweb) into a folder or straight to localize."
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -21,11 +23,41 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--study", default="", metavar="UID", help="the study's UID")
     parser.add_argument("--patient", default="", metavar="ID", help="the patient's ID")
     parser.add_argument("--date", default="", metavar="DATE", help="YYYYMMDD, or two of them with a - between")
-    parser.add_argument("-o", "--output", required=True, metavar="FOLDER", help="where to write the instances")
+    parser.add_argument(
+        "--by",
+        choices=["get", "move"],
+        help="C-GET or C-MOVE (default: C-GET where the archive offers it); for C-MOVE it must know our title and port",
+    )
+    parser.add_argument(
+        "--port", type=whole(1, 65_535), help="where C-MOVE brings the instances (default: the configuration's)"
+    )
+    parser.add_argument("-o", "--output", metavar="FOLDER", help="where to write the instances")
+    parser.add_argument(
+        "--localize",
+        nargs=argparse.REMAINDER,
+        metavar="OPTION",
+        help="find the markers of what was fetched; all that follows are options of 'ronnaplan localize'",
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Fetch what is asked for."""
+    import tempfile
+
+    from ronnaplan.cli import parse
+    from ronnaplan.errors import UsageError
+
+    if arguments.output is None and arguments.localize is None:
+        raise UsageError("nothing says what is to become of the scan; name a folder with -o, or --localize it")
+    with tempfile.TemporaryDirectory() as made:
+        folder = arguments.output or made
+        then = None if arguments.localize is None else parse(["localize", folder, *arguments.localize])
+        count = _fetch(arguments, folder)
+        print(f"{count} instances" + ("" if arguments.output is None else f" in {folder}"), file=sys.stderr)
+        return 0 if then is None else int(then.run(then))
+
+
+def _fetch(arguments: argparse.Namespace, folder: str) -> int:
     from ronnaplan.errors import InputError
 
     try:
@@ -34,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
     except ModuleNotFoundError as error:
         raise InputError(f"fetching needs {error.name}; install ronnaplan[node]") from error
     config = read_config(arguments.config) if arguments.config else Config()
+    if arguments.port is not None:
+        config = config.model_copy(update={"port": arguments.port})
     wanted = Wanted(arguments.study, arguments.patient, arguments.date)
-    count = pull(config, peer_at(arguments.peer, config), wanted, arguments.output)
-    print(f"{count} instances in {arguments.output}", file=sys.stderr)
-    return 0
+    return pull(config, peer_at(arguments.peer, config), wanted, folder, by=arguments.by)

@@ -1,10 +1,11 @@
-"""Scans fetched from an archive into a folder: C-FIND and C-GET, or QIDO-RS and WADO-RS."""
+"""Scans fetched from an archive into a folder: C-FIND with C-GET or C-MOVE, or QIDO-RS and WADO-RS."""
 
 from __future__ import annotations
 
 import io
 import re
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from ronnaplan.text import printable, whole_number
 
 FIND = "1.2.840.10008.5.1.4.1.2.2.1"
 GET = "1.2.840.10008.5.1.4.1.2.2.3"
+MOVE = "1.2.840.10008.5.1.4.1.2.2.2"
 PENDING = (0xFF00, 0xFF01)
 ADDRESS = re.compile(r"(?P<title>[^@]{1,16})@(?P<host>[^@:]+):(?P<port>[0-9]{1,5})")
 
@@ -54,21 +56,25 @@ def peer_at(text: str, config: Config) -> Peer:
     return Peer(name=parts["title"], title=parts["title"], host=parts["host"], port=port)
 
 
-def pull(config: Config, peer: Peer, wanted: Wanted, folder: str | Path) -> int:
+def pull(config: Config, peer: Peer, wanted: Wanted, folder: str | Path, *, by: str | None = None) -> int:
     """Fetch what is ``wanted`` into ``folder``; return the number of instances.
+
+    ``by`` is "get" or "move"; without it an archive that offers both is asked for the former. With C-MOVE instances
+    come to the configuration's host and port, which the archive must know by its first AE title.
 
     Raises `InputError` where the peer cannot be reached, has no such study, or does not send all of it.
     """
     if not wanted.keys:
         raise UsageError("nothing says which study; give its UID, a patient's ID or a date")
     target = make_folder(folder)
-    return _from_web(peer, wanted, target) if peer.url else _from_archive(config, peer, wanted, target)
+    return _from_web(peer, wanted, target) if peer.url else _from_archive(config, peer, wanted, target, by)
 
 
-def _from_archive(config: Config, peer: Peer, wanted: Wanted, folder: Path) -> int:
+def _from_archive(config: Config, peer: Peer, wanted: Wanted, folder: Path, by: str | None) -> int:
     from pynetdicom import evt
 
     from ronnaplan.node.association import associated
+    from ronnaplan.node.destination import destination
     from ronnaplan.node.receiver import CLASSES, SYNTAXES
 
     kept: list[Path] = []
@@ -81,19 +87,33 @@ def _from_archive(config: Config, peer: Peer, wanted: Wanted, folder: Path) -> i
         return 0x0000
 
     handlers = [(evt.EVT_C_STORE, take)]
-    with associated(
-        config, peer, [FIND, GET], stored=list(CLASSES), syntaxes=SYNTAXES, handlers=handlers
-    ) as peer_is:
+    ways = {"get": GET, "move": MOVE}
+    asked = [FIND, *([ways[by]] if by else ways.values())]
+    stored = [] if by == "move" else list(CLASSES)
+    with associated(config, peer, asked, stored=stored, syntaxes=SYNTAXES, handlers=handlers) as archive:
+        offered = {one.abstract_syntax for one in archive.accepted_contexts}
+        way = next((uid for uid in asked[1:] if uid in offered), None)
+        if way is None or FIND not in offered:
+            raise InputError(
+                f"{peer.name} offers neither C-GET nor C-MOVE of studies, or no C-FIND; expected both"
+            )
         query = Dataset()
         query.QueryRetrieveLevel, query.StudyInstanceUID = "STUDY", ""
         for keyword, value in wanted.keys.items():
             setattr(query, keyword, value)
-        studies = [str(found.StudyInstanceUID) for found in _answers(peer, peer_is.send_c_find(query, FIND))]
+        studies = [str(found.StudyInstanceUID) for found in _answers(peer, archive.send_c_find(query, FIND))]
         _require_some(studies, peer)
-        for study in studies:
-            order = Dataset()
-            order.QueryRetrieveLevel, order.StudyInstanceUID = "STUDY", study
-            list(_answers(peer, peer_is.send_c_get(order, GET)))
+        with ExitStack() as stack:
+            if way == MOVE:
+                stack.enter_context(destination(config, peer, handlers))
+            for study in studies:
+                order = Dataset()
+                order.QueryRetrieveLevel, order.StudyInstanceUID = "STUDY", study
+                if way == GET:
+                    answers = archive.send_c_get(order, GET)
+                else:
+                    answers = archive.send_c_move(order, config.titles[0], MOVE)
+                list(_answers(peer, answers))
     return len(set(kept))
 
 

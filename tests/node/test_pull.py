@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -10,11 +11,12 @@ import pytest
 
 from ronnaplan.cli import main
 from ronnaplan.ct import read_ct
-from ronnaplan.errors import UsageError
-from ronnaplan.node.config import Config
+from ronnaplan.errors import InputError, UsageError
+from ronnaplan.node.config import Config, Peer
+from ronnaplan.node.destination import destination
 from ronnaplan.node.pull import Wanted, peer_at, pull
 from tests.ct import makers
-from tests.node.peers import Orthanc, free_port
+from tests.node.peers import Orthanc, free_port, needs, program, send, until
 
 STUDY = "1.2.3.500"
 
@@ -29,15 +31,61 @@ def archive(orthanc: Orthanc, tmp_path: Path) -> Orthanc:
     return orthanc
 
 
-@pytest.mark.parametrize("way", ["dimse", "web"])
+@pytest.mark.parametrize("way", ["get", "move", "web"])
 def test_a_study_is_fetched_whole(way: str, archive: Orthanc, tmp_path: Path) -> None:
-    address = (
-        f"ORTHANC@127.0.0.1:{archive.port}" if way == "dimse" else f"http://127.0.0.1:{archive.http}/dicom-web"
-    )
+    port = free_port()
+    archive.know("node", "RONNAPLAN", port)
+    address = ["--from", f"http://127.0.0.1:{archive.http}/dicom-web"]
+    if way != "web":
+        address = ["--from", f"ORTHANC@127.0.0.1:{archive.port}", "--by", way, "--port", str(port)]
     out = tmp_path / "out"
-    assert main(["pull", "--from", address, "--patient", "PULLED", "-o", str(out)]) == 0
+    assert main(["pull", *address, "--patient", "PULLED", "-o", str(out)]) == 0
     assert read_ct(out).voxel_sha256 == read_ct(tmp_path / "sent").voxel_sha256
-    assert main(["pull", "--from", address, "--study", "1.2.3.404", "-o", str(out)]) == 1
+    assert main(["pull", *address, "--study", "1.2.3.404", "-o", str(out)]) == 1
+
+
+@needs("dcmqrscp", "storescu")
+@pytest.mark.parametrize("way", ["get", "move"])
+def test_a_study_comes_from_dcmtk_s_archive_straight_into_localize(way: str, tmp_path: Path) -> None:
+    port, own, home = free_port(), free_port(), tmp_path / "archive"
+    home.mkdir()
+    sent = makers.write_series(tmp_path / "sent")
+    tables = (
+        f"me = (RONNAPLAN, 127.0.0.1, {own})\nHostTable END\nVendorTable BEGIN\nVendorTable END\nAETable BEGIN"
+    )
+    config = f"NetworkTCPPort = {port}\nMaxPDUSize = 16384\nMaxAssociations = 4\nHostTable BEGIN\n{tables}\n"
+    (tmp_path / "qr.cfg").write_text(f"{config}ARCHIVE {home} RW (9, 1024mb) ANY\nAETable END\n")
+    command = [str(program("dcmqrscp")), "-c", str(tmp_path / "qr.cfg")]
+    archive = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        until(lambda: send(port, *sorted(sent.iterdir()), called="ARCHIVE").count("(Success)") == 4)
+        found, expected = tmp_path / "found.json", tmp_path / "expected.json"
+        options = ["--by", way, "--port", str(own), "--study", makers.STUDY]
+        wanted = ["--diameter", "3", "-o"]
+        status = main(["localize", str(sent), *wanted, str(expected)])
+        pulled = ["pull", "--from", f"ARCHIVE@127.0.0.1:{port}", *options]
+        assert main([*pulled, "--localize", *wanted, str(found)]) == status
+        assert found.exists() == expected.exists()
+        if expected.exists():
+            assert found.read_bytes() == expected.read_bytes()
+        assert main([*pulled, "--localize", "--diameter", "0,5", "-o", str(found)]) == 2
+    finally:
+        archive.terminate()
+        archive.wait(20)
+
+
+def test_a_port_that_is_taken_is_told(tmp_path: Path) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        config = Config(port=taken.getsockname()[1])
+        with pytest.raises(InputError, match="choose another port"), destination(config, Peer(name="a"), []):
+            pass
+
+
+def test_what_is_to_become_of_a_scan_must_be_said() -> None:
+    assert main(["pull", "--from", "A@127.0.0.1:1", "--study", "1.2"]) == 2
+    assert main(["pull", "--from", "A@127.0.0.1:1", "--study", "1.2", "--localize", "--expected", "x"]) == 2
 
 
 def test_what_says_too_little_is_wrong_usage(tmp_path: Path) -> None:
