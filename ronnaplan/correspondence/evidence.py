@@ -44,6 +44,9 @@ more often; with more, three markers with honest errors are refused more often (
 ROTATION_PRECISION = 1.0 / (2.0 * math.pi)
 """Added to the information on the rotation (rad^-2): no axis is less certain than a full turn."""
 
+AS_WELL_SIGMAS = 3.7
+"""A rival fits as well as the best where its residuals would be as large in more than 1 in 10,000 cases."""
+
 COLLINEAR_SIGMAS = 3.0
 """Paired points closer to a line than this many standard deviations (root mean square) are collinear."""
 
@@ -73,6 +76,17 @@ def log_misfit(chi2: float, size: int) -> float:
         else:
             total += math.exp(here - top)
     return top + math.log(total)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fits_as_well(chi2: float, size: int, rival_chi2: float, rival_size: int) -> bool:
+    """Tell whether chance makes a rival's residuals as much larger as they are than those of a fit of ``size`` pairs.
+
+    The logarithm of the ratio of two mean squares is nearly normal (R. Fisher, 1924).
+    """
+    freedom, of_rival = 3.0 * size - 6.0, 3.0 * rival_size - 6.0
+    ratio = math.log(max(rival_chi2 / of_rival, 1e-12) / max(chi2 / freedom, 1e-12))
+    return ratio < AS_WELL_SIGMAS * math.sqrt(2.0 / freedom + 2.0 / of_rival)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from kernelcache import njit
-from ronnaplan.correspondence.evidence import GATE_CHI2, filled_volume, fit, is_collinear, log_misfit
+from ronnaplan.correspondence.evidence import GATE_CHI2, filled_volume, fit, fits_as_well, is_collinear, log_misfit
 from ronnaplan.correspondence.told import LEAST_PAIRS
 
 LISTED_NATS = 18.0
@@ -31,6 +31,9 @@ CLEAR_OF_OTHERS = 1e-5
 LOG_ODDS_PER_PAIR = 1.6
 """Of two bodies that both sets hold, the one with more pairs is the patient, by these log odds for each pair more:
 three pairs more are needed for 0.99, and equal bodies are always refused."""
+
+LEAST_REGULAR = 5
+"""Fewer pairs fit otherwise, too, by chance; of so many it shows that the markers are laid out regularly."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -310,12 +313,42 @@ def other_body(ct, ots, weight, node_value, constants, backgrounds, volume, part
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def regular_odds(ct, ots, weight, spread, log_evidence, partners, best, background):  # type: ignore[no-untyped-def]
+    """Return the odds, to the ``best`` of the listed pairings, of one that pairs the points otherwise and fits as well.
+
+    Such points are laid out regularly, and the noise of many makes evidences differ by more than is told apart: only
+    pairs more count, by `LOG_ODDS_PER_PAIR` each.  0 where nothing fits as well.
+    """
+    size = (partners[best] >= 0).sum()
+    if size < LEAST_REGULAR:
+        return 0.0
+    chi2, odds = chi2_of(ct, ots, weight, partners[best], spread), 0.0
+    for a in range(len(partners)):
+        other = (partners[a] >= 0).sum()
+        agree = ((partners[a] >= 0) & (partners[a] == partners[best])).sum()
+        if other < LEAST_REGULAR or 2 * agree > other:
+            continue
+        real = 1.0 / (1.0 + math.exp(min(background - log_evidence[a], 700.0)))
+        here = real * math.exp(-LOG_ODDS_PER_PAIR * max(size - other, 0))
+        if here > odds and fits_as_well(chi2, size, chi2_of(ct, ots, weight, partners[a], spread), other):
+            odds = here
+    return odds
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def chi2_of(ct, ots, weight, partner, spread):  # type: ignore[no-untyped-def]
+    """Return the chi^2 of a pairing, given as the partner of each CT point."""
+    i = np.flatnonzero(partner >= 0)
+    return fit(ct, ots, weight, i, partner[i].astype(np.int64), len(i), spread)[0]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def match_many(ct, ots, variance, sizes, residual, spread):  # type: ignore[no-untyped-def]
     """Match T sets (T, n, 3), (T, m, 3) of one variance: partners (T, n) and probability (T,) of the best.
 
     ``sizes`` and ``residual``: what `priors.size_priors` and `priors.residual_priors` return.  A probability of 0
     marks what has to be looked at more closely: a search that gave up, points on a line, a set whose mirror image
-    fits better, and a second body.
+    fits better, a second body, and regular markers.
     """
     tests, n, m = len(ct), ct.shape[1], ots.shape[1]
     weight, node_value = np.full((n, m), 1.0 / variance), np.full((n, m), -1.5 * math.log(variance))
@@ -337,7 +370,8 @@ def match_many(ct, ots, variance, sizes, residual, spread):  # type: ignore[no-u
         if not complete or is_collinear(ct[t][paired], math.sqrt(variance)):
             continue
         body = other_body(ct[t], ots[t], weight, node_value, residual[0], residual[1], volume, listed[best])
-        if body[1] > CLEAR_OF_OTHERS:
+        regular = regular_odds(ct[t], ots[t], weight, spread, log_evidence, listed, best, background)
+        if max(body[1], regular) > CLEAR_OF_OTHERS:
             continue
         size = paired.sum()
         if not mirror_is_better(ct[t], ots[t], weight, node_value, constants, known, spread, size, top):

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ronnaplan.correspondence.evidence import is_collinear
+from ronnaplan.correspondence.evidence import fits_as_well, is_collinear
 from ronnaplan.correspondence.exact import LOG_ODDS_PER_PAIR
 from ronnaplan.correspondence.pairing import MOST_RIVALS, Pairing, Rival, no_pairs
-from ronnaplan.correspondence.poses import PAIR_SIGMAS, Found, Pose, find_poses, pose_log_evidence
+from ronnaplan.correspondence.poses import PAIR_SIGMAS, Found, Pose, find_poses, pose_fit, pose_log_evidence
 from ronnaplan.correspondence.problem import Problem
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.geometry import FloatArray
@@ -77,9 +77,18 @@ def rival_odds(problem: Problem, best: Pose, rival: Pose) -> float:
 
     Two poses explain the same points by their evidence.  But where the rival pairs points that the best leaves,
     and more of them than chance would, both sets hold two rigid bodies, and evidence does not tell which of them
-    is the patient: the larger is, by `LOG_ODDS_PER_PAIR` for each pair more.
+    is the patient: the larger is, by `LOG_ODDS_PER_PAIR` for each pair more.  The same goes for a rival that pairs
+    the same points otherwise and fits as well: they are regular (a lattice, a circle), and of so many points the
+    noise alone makes evidences differ by many nats.
     """
     by_evidence = math.exp(min(rival.log_evidence - best.log_evidence, 0.0))
+    fewer = float(pair_probabilities(problem, best).sum() - pair_probabilities(problem, rival).sum())
+    by_pairs = math.exp(-LOG_ODDS_PER_PAIR * max(fewer, 0.0))
+    fits = [
+        (chi2, len(variance)) for variance, chi2, _ in (pose_fit(problem, one.partner) for one in (best, rival))
+    ]
+    if fits_as_well(*fits[0], *fits[1]):
+        return max(by_evidence, by_pairs)
     pairs = best.pairs
     rest = np.where(np.isin(np.arange(len(rival.partner)), pairs[:, 0]), -1, rival.partner)
     rest = np.where(np.isin(rest, pairs[:, 1]), -1, rest)
@@ -87,8 +96,7 @@ def rival_odds(problem: Problem, best: Pose, rival: Pose) -> float:
         return by_evidence
     alone = pose_log_evidence(problem, rest, len(pairs))
     real = 1.0 / (1.0 + math.exp(min(-alone, 700.0)))
-    fewer = pair_probabilities(problem, best).sum() - pair_probabilities(problem, rival).sum()
-    return max(by_evidence, real * math.exp(min(-LOG_ODDS_PER_PAIR * float(fewer), 700.0)))
+    return max(by_evidence, real * by_pairs)
 
 
 def is_flat(problem: Problem, best: Pose) -> bool:

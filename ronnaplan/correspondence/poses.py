@@ -290,11 +290,8 @@ def pose_log_evidence(problem: Problem, partner: IntArray, taken: int = 0) -> fl
 
     ``taken``: points of either set that belong to another body and could not have paired.
     """
-    i = np.flatnonzero(partner >= 0)
-    size, j = len(i), partner[i]
-    variance = problem.ct_errors.variances[i] + problem.ots_errors.variances[j]
-    index, weight = np.arange(size), np.tile(1.0 / variance, (size, 1))
-    chi2, volume = fit(problem.ct[i], problem.ots[j], weight, index, index, size, math.inf)
+    variance, chi2, volume = pose_fit(problem, partner)
+    size = len(variance)
     counts = (len(problem.ct) - taken, len(problem.ots) - taken)
     return (
         -math.log(min(counts))
@@ -303,9 +300,19 @@ def pose_log_evidence(problem: Problem, partner: IntArray, taken: int = 0) -> fl
         - math.log(8.0 * math.pi**2)
         + (3.0 - 1.5 * size) * math.log(2.0 * math.pi)
         - 1.5 * float(np.log(variance).sum())
-        + float(volume)
+        + volume
         + float(log_misfit(chi2, size))
     )
+
+
+def pose_fit(problem: Problem, partner: IntArray) -> tuple[FloatArray, float, float]:
+    """Return the variances (L,) of a pairing's differences, and what `evidence.fit` says of it: chi^2 and volume."""
+    i = np.flatnonzero(partner >= 0)
+    size, j = len(i), partner[i]
+    variance = problem.ct_errors.variances[i] + problem.ots_errors.variances[j]
+    index, weight = np.arange(size), np.tile(1.0 / variance, (size, 1))
+    chi2, volume = fit(problem.ct[i], problem.ots[j], weight, index, index, size, math.inf)
+    return variance, float(chi2), float(volume)
 
 
 def add_pose(poses: list[Pose], pose: Pose | None) -> None:

@@ -9,7 +9,14 @@ import numpy as np
 
 from ronnaplan.correspondence.anisotropic import anisotropic_log_evidence
 from ronnaplan.correspondence.evidence import is_collinear
-from ronnaplan.correspondence.exact import LISTED_NATS, LOG_ODDS_PER_PAIR, mirror_is_better, other_body, search
+from ronnaplan.correspondence.exact import (
+    LISTED_NATS,
+    LOG_ODDS_PER_PAIR,
+    mirror_is_better,
+    other_body,
+    regular_odds,
+    search,
+)
 from ronnaplan.correspondence.pairing import MOST_RIVALS, IntArray, Pairing, Rival, no_pairs
 from ronnaplan.correspondence.priors import residual_priors, size_priors
 from ronnaplan.correspondence.problem import Problem, moved_pairs, pairs_of
@@ -27,7 +34,7 @@ class Weighed:
     background: float
 
     def posterior(self, other: float = 0.0) -> FloatArray:
-        """Return the posterior probability of each pairing, (L,); ``other``: odds of a second body to the best."""
+        """Return the posterior probability of each pairing, (L,); ``other``: odds of others to the best."""
         top = max(float(self.log_evidence.max(initial=-np.inf)), self.background)
         weights = np.exp(self.log_evidence - top)
         return np.asarray(weights / (weights.sum() + math.exp(self.background - top) + other * weights[0]))
@@ -72,7 +79,8 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
     if len(weighed.log_evidence) == 0:
         return Pairing("unmatched", no_pairs(), 0.0, reason="no three pairs agree in their distances")
     other = odds_of_another_body(problem, weighed)
-    posterior = weighed.posterior(other)
+    regular = odds_of_regular_markers(problem, weighed)
+    posterior = weighed.posterior(other + regular)
     core, probability = certain_core(weighed.partners, posterior, problem, least_probability)
     rivals, pairs = weighed.rivals(), pairs_of(core)
     if weighed.background >= weighed.log_evidence[0]:
@@ -87,6 +95,8 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
         reason = f"the best pairing has probability {probability:.4g}, at least {least_probability:g} is required"
         if other > 1.0 - least_probability:
             reason = "the points hold two rigid bodies, and neither is clearly the larger; remove one of them"
+        elif regular > 1.0 - least_probability:
+            reason = "the markers are laid out regularly and fit in more than one order; point at one, or move one"
         return Pairing("ambiguous", no_pairs(), probability, rivals, reason, best_touch(weighed, posterior))
     if is_collinear(problem.ct[pairs[:, 0]], problem.sigma_mm):
         reason = (
@@ -148,6 +158,22 @@ def odds_of_another_body(problem: Problem, weighed: Weighed) -> float:
     prior = problem.told.prior(range(LEAST_PAIRS, min(problem.counts) + 1))
     size = int((best >= 0).sum())
     return float(real * math.exp(LOG_ODDS_PER_PAIR * (count - size)) * prior[count] / prior[size])
+
+
+def odds_of_regular_markers(problem: Problem, weighed: Weighed) -> float:
+    """Return the odds, to the best pairing, of one that pairs the points otherwise and fits as well."""
+    return float(
+        regular_odds(
+            problem.ct,
+            problem.ots,
+            problem.pair_weights()[0],
+            problem.spread_mm,
+            weighed.log_evidence,
+            weighed.partners,
+            0,
+            weighed.background,
+        )
+    )
 
 
 def is_mirrored(problem: Problem, weighed: Weighed) -> bool:

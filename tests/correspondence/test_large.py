@@ -183,3 +183,27 @@ def test_a_planted_rival_is_missed_no_more_often_than_is_stated() -> None:
         stated += found.missed
         missed += not all(seen)
     assert 0 < missed < stated + 2.0 * np.sqrt(stated)
+
+
+def circle(count: int, radius: float) -> FloatArray:
+    angles = np.arange(count) * 2.0 * np.pi / count
+    return radius * np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])
+
+
+def with_a_half_turn(count: int) -> FloatArray:
+    half = np.random.default_rng(count).normal(size=(count // 2, 3)) * 45.0
+    return np.vstack([half, half * np.array([-1.0, -1.0, 1.0])])
+
+
+@pytest.mark.parametrize(
+    "points",
+    [with_a_half_turn(10), with_a_half_turn(12), with_a_half_turn(40), circle(100, 90.0), circle(200, 80.0)],
+    ids=["10 twofold", "12 twofold", "40 twofold", "circle of 100", "dense circle of 200"],
+)
+def test_regular_markers_are_refused_however_the_noise_falls(points: FloatArray) -> None:
+    for seed in range(40 if len(points) < 20 else 12):
+        rng = np.random.default_rng(seed)
+        ct = points + SIGMA_CT * rng.normal(size=points.shape)
+        ots = Rotation.random(rng=rng).apply(points + SIGMA_OTS * rng.normal(size=points.shape)) + 30.0
+        found = match_points(ct, rng.permutation(ots))
+        assert found.status == "ambiguous", found.reason
