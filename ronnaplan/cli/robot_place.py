@@ -1,0 +1,139 @@
+"""``ronnaplan robot place``: where the robot shall stand, or whether it stands well where it was parked."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import TYPE_CHECKING
+
+from ronnaplan.cli.output import warn
+from ronnaplan.cli.values import number
+
+if TYPE_CHECKING:
+    from ronnaplan.case.folder import Case
+    from ronnaplan.documents.fiducials import Source
+    from ronnaplan.geometry import Points
+    from ronnaplan.robot.arm.arm import SerialArm
+    from ronnaplan.robot.placement.placement import Job, Placement
+    from ronnaplan.robot.placement.room import Room
+
+HELP = "Find where the robot serves every trajectory and marker; exit 3, with reasons, where there is no such place."
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``robot place``."""
+    parser.add_argument("--example", action="store_true", help="print an annotated room.toml and end")
+    parser.add_argument("--plan", metavar="FILE", help="plan.json: the trajectories")
+    parser.add_argument("--ct", metavar="PATH", help="the scan that the plan is tied to")
+    parser.add_argument("--series", metavar="UID", help="the series to use, where PATH holds several")
+    parser.add_argument("--fiducials", metavar="FILE", help="fiducials.json: markers to view (default: those registered)")
+    parser.add_argument(
+        "--registration", metavar="FILE", help="registration.json: the tracker stands where it was then"
+    )
+    parser.add_argument("--arm", default="kr6r900", metavar="ARM", help="kr6r900 or a URDF file (default %(default)s)")
+    parser.add_argument("--tip", metavar="LINK", help="the link of the URDF that is the flange")
+    parser.add_argument("--scene", metavar="FILE", help="room.toml: what stands in the room")
+    parser.add_argument(
+        "--parked",
+        nargs=4,
+        type=number,
+        metavar=("X", "Y", "Z", "TURN"),
+        help="check the base as it was measured in the room (mm, degrees), instead of searching",
+    )
+    parser.add_argument("-o", "--output", metavar="FILE", help="placement.json (default: standard output)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Search, or check; a placement that is blocked is written with its reasons and returns 3."""
+    from ronnaplan.documents.room import EXAMPLE, read_room
+    from ronnaplan.errors import RefusedError, UsageError
+
+    if arguments.example:
+        sys.stdout.write(EXAMPLE)
+        return 0
+    missing = [name for name in ("plan", "ct", "scene") if getattr(arguments, name) is None]
+    if missing:
+        raise UsageError(f"robot place needs --{missing[0]} (see 'ronnaplan robot place --help')")
+    from ronnaplan.documents.placement import placement_document, placement_text, read_placement
+    from ronnaplan.documents.revision import write_document
+
+    room, arm = read_room(arguments.scene), _arm(arguments)
+    job, source = _job(arguments, arm, room)
+    found = _found(arguments, job)
+    document = placement_document(found, room, arm.name, source, parked=arguments.parked is not None)
+    print(placement_text(document), file=sys.stderr)
+    write_document(arguments.output, document, read_placement)
+    if document.status == "blocked":
+        raise RefusedError("no place serves every task; " + document.blocked[0])
+    return 0
+
+
+def _found(arguments: argparse.Namespace, job: Job) -> Placement:
+    """Search, or look at the base as it was measured."""
+    import numpy as np
+
+    from ronnaplan.robot.placement.placement import check_parked, find_places
+    from ronnaplan.robot.placement.search import base_pose
+
+    if arguments.parked is None:
+        return find_places(job)
+    return check_parked(job, base_pose(np.array(arguments.parked)))
+
+
+def _arm(arguments: argparse.Namespace) -> SerialArm:
+    """Return the built-in arm, or that of a file."""
+    from ronnaplan.robot.arm.kuka import kr6_r900
+    from ronnaplan.robot.arm.urdf import read_urdf
+
+    if arguments.arm == "kr6r900":
+        return kr6_r900()
+    read = read_urdf(arguments.arm, tip=arguments.tip)
+    if read.meshes:
+        warn(f"the shapes of {', '.join(read.meshes)} are meshes, which are not read; state [[arm_body]] in the scene")
+    return read.arm
+
+
+def _job(arguments: argparse.Namespace, arm: SerialArm, room: Room) -> tuple[Job, Source]:
+    """Read the case, and return what the robot has to do, with the scan that it is of."""
+    from pathlib import Path
+
+    from ronnaplan.case.folder import CaseFiles, read_case
+    from ronnaplan.ct import read_ct
+    from ronnaplan.documents.fiducials import Source
+    from ronnaplan.errors import InputError
+    from ronnaplan.planning.head import Head
+    from ronnaplan.robot.placement.placement import Job
+
+    names = (arguments.plan, arguments.fiducials, arguments.registration)
+    files = CaseFiles(*(Path(name) if name else None for name in names))
+    case = read_case(files, lambda: read_ct(arguments.ct, arguments.series, progress=True))
+    assert case.plan is not None
+    assert case.volume is not None
+    head = Head.of(case.volume)
+    ots_from_ct = None
+    if case.registration is not None:
+        if room.tracker is None:
+            raise InputError(f"{arguments.scene} names no [tracker], which the registration places; add one")
+        ots_from_ct = case.registration.pose.matrix
+        warn(*case.registration.doubts)
+    job = Job.of_plan(arm, room, case.plan, _markers(case), head.boundary_mm, head.center_mm, ots_from_ct)
+    source = Source(
+        frame_of_reference_uid=case.plan.source.frame_of_reference_uid, voxel_sha256=case.volume.voxel_sha256
+    )
+    return job, source
+
+
+def _markers(case: Case) -> Points | None:
+    """Return the markers to view: those named, or else those registered."""
+    import numpy as np
+
+    from ronnaplan.geometry import Points
+
+    if case.fiducials is not None:
+        return case.fiducials.points
+    if case.registration is None:
+        return None
+    pairs = case.registration.pairs
+    centers = np.array([pair.center for pair in pairs], dtype=np.float64).reshape(-1, 3)
+    labels = tuple(pair.ct for pair in pairs)
+    return Points(centers, np.zeros((len(pairs), 3, 3)), labels, case.registration.ct_frame)

@@ -1,0 +1,172 @@
+"""placement.json: where the robot shall stand, how each task is served from there, or what stands in the way."""
+
+from __future__ import annotations
+
+import os
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import Field, FiniteFloat, model_validator
+
+from ronnaplan import __version__
+from ronnaplan.documents.fiducials import Software, Source
+from ronnaplan.documents.fields import DocumentModel, Label, LengthMm, Line, Matrix4, Probability, Revision, Row6
+from ronnaplan.documents.reading import made, read_document
+from ronnaplan.errors import InputError
+from ronnaplan.pose import as_pose
+from ronnaplan.robot.placement.placement import Place, Placement
+from ronnaplan.robot.placement.room import Room
+from ronnaplan.robot.placement.serving import Served
+
+FORMAT = "ronnaplan.placement"
+Degrees = Annotated[float, Field(ge=-720, le=720)]
+
+
+class ServedEntry(DocumentModel):
+    """One task: the joints all along its way (degrees) and the least margins on it."""
+
+    name: Label
+    kind: Literal["trajectory", "marker"]
+    joints_deg: tuple[Row6, ...] = Field(min_length=1, max_length=10_000)
+    joint_margin_deg: Degrees
+    singularity_deg: Degrees
+    clearance_mm: FiniteFloat
+    tracker_deg: Degrees | None = None
+
+
+class RouteEntry(DocumentModel):
+    """The order in which the arm moves least, from and to its reference posture."""
+
+    order: tuple[Label, ...]
+    travel_deg: Annotated[float, Field(ge=0, le=1e6)]
+    reference_deg: Row6
+    by_reference: tuple[Label, ...] = ()
+    stuck: tuple[Label, ...] = ()
+
+
+class PlaceEntry(DocumentModel):
+    """One base: R from CT and room from R, mm, and all it does."""
+
+    r_from_ct: Matrix4
+    room_from_r: Matrix4
+    worst_margin_deg: Degrees
+    probability: Probability | None = None
+    tasks: tuple[ServedEntry, ...]
+    route: RouteEntry
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for name, matrix in (("r_from_ct", self.r_from_ct), ("room_from_r", self.room_from_r)):
+            try:
+                as_pose(matrix, name)
+            except InputError as error:
+                raise ValueError(str(error)) from error
+        least = min((one.joint_margin_deg for one in self.tasks), default=0.0)
+        if not np.isclose(least, self.worst_margin_deg, atol=1e-6):
+            raise ValueError(f"worst_margin_deg is {self.worst_margin_deg:g}, but the tasks say {least:g}")
+        return self
+
+
+class ParkingEntry(DocumentModel):
+    """What the probabilities rest on: one standard deviation each."""
+
+    sigma_mm: LengthMm
+    sigma_deg: LengthMm
+
+
+class PlacementDocument(DocumentModel):
+    """The whole of placement.json, version 1."""
+
+    format: Literal["ronnaplan.placement"]
+    version: Literal[1]
+    unit: Literal["mm"]
+    revision: Revision = 0
+    status: Literal["placed", "parked", "blocked"]
+    source: Source = Source()
+    arm: Label
+    parking: ParkingEntry
+    robot_from_ct: tuple[PlaceEntry, ...] = ()
+    """The best place first, then alternatives apart from it."""
+    blocked: tuple[Line, ...] = ()
+    software: Software
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.status == "blocked") == bool(self.robot_from_ct) or bool(self.robot_from_ct) == bool(self.blocked):
+            raise ValueError(f"the status is {self.status}, with {len(self.robot_from_ct)} places")
+        return self
+
+
+def placement_document(
+    found: Placement, room: Room, arm: str, source: Source, *, parked: bool = False
+) -> PlacementDocument:
+    """Turn a placement into its document; ``parked``: the base was measured."""
+    content: dict[str, Any] = {
+        "format": FORMAT,
+        "version": 1,
+        "unit": "mm",
+        "status": ("parked" if parked else "placed") if found.places else "blocked",
+        "source": source.model_dump(),
+        "arm": arm,
+        "parking": {"sigma_mm": room.parking.sigma_mm, "sigma_deg": room.parking.sigma_deg},
+        "robot_from_ct": [_place(found, place) for place in found.places],
+        "blocked": list(found.blocked),
+        "software": {"name": "ronnaplan", "version": __version__},
+    }
+    return made(PlacementDocument, content)
+
+
+def read_placement(path: str | os.PathLike[str]) -> PlacementDocument:
+    """Read and check placement.json; raises `InputError` naming the first field that is wrong."""
+    return read_document(
+        path, PlacementDocument, format_name=FORMAT, kind="placement document", remedy="write it anew with robot place"
+    )
+
+
+def placement_text(document: PlacementDocument) -> str:
+    """Return what a person should know of a placement, some lines."""
+    lines = []
+    for number, place in enumerate(document.robot_from_ct, 1):
+        pose = np.array(place.room_from_r)
+        turn = np.degrees(np.arctan2(pose[1, 0], pose[0, 0]))
+        x, y, z = pose[:3, 3]
+        what = "here" if document.status == "parked" else f"place {number}"
+        sure = "" if place.probability is None else f"; serves all after parking with probability {place.probability:.3f}"
+        lines.append(
+            f"{what}: x {x:.0f}, y {y:.0f}, z {z:.0f} mm, turn {turn:.0f} degrees; "
+            f"joints keep {place.worst_margin_deg:.1f} degrees{sure}"
+        )
+        lines.append(f"  order: {', '.join(place.route.order)} ({place.route.travel_deg:.0f} degrees)")
+        if place.route.stuck:
+            lines.append(f"  no free way from the reference posture to {', '.join(place.route.stuck)}")
+    return "\n".join([*lines, *document.blocked])
+
+
+def _place(found: Placement, place: Place) -> dict[str, Any]:
+    route = place.route
+    return {
+        "r_from_ct": found.r_from_ct(place).tolist(),
+        "room_from_r": place.room_from_r.tolist(),
+        "worst_margin_deg": place.worst_joint_deg,
+        "probability": place.probability,
+        "tasks": [_served(one) for one in place.served],
+        "route": {
+            "order": route.order,
+            "travel_deg": route.travel_deg,
+            "reference_deg": tuple(route.reference_deg.tolist()),
+            "by_reference": route.by_reference,
+            "stuck": route.stuck,
+        },
+    }
+
+
+def _served(one: Served) -> dict[str, Any]:
+    return {
+        "name": one.name,
+        "kind": one.kind,
+        "joints_deg": [tuple(row) for row in one.angles_deg.tolist()],
+        "joint_margin_deg": one.joint_deg,
+        "singularity_deg": one.singularity_deg,
+        "clearance_mm": one.clearance_mm,
+        "tracker_deg": one.tracker_deg if np.isfinite(one.tracker_deg) else None,
+    }

@@ -1,0 +1,282 @@
+"""room.toml: what stands in the room, what the robot carries, and what margins are asked for."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from ronnaplan.documents.fields import DocumentModel, Label, LengthMm, PositiveMm, Vector
+from ronnaplan.errors import InputError
+from ronnaplan.robot.placement import room as parts
+from ronnaplan.text import printable
+from ronnaplan.untrusted import checked, read_whole
+
+MOST_BYTES = 1 << 20
+MOST_THINGS = 200
+"""More boxes or capsules than this make the search slow; thin a room to what is near."""
+
+Degrees = Annotated[float, Field(ge=-360, le=360)]
+Angle = Annotated[float, Field(ge=0, le=90)]
+Sides = tuple[PositiveMm, PositiveMm, PositiveMm]
+Range = tuple[Annotated[float, Field(ge=-1e5, le=1e5)], Annotated[float, Field(ge=-1e5, le=1e5)]]
+
+
+class BoxEntry(DocumentModel):
+    """An upright box."""
+
+    name: Label
+    center: Vector
+    size: Sides
+    turn_deg: Degrees = 0.0
+
+    @property
+    def box(self) -> parts.Box:
+        """The box."""
+        return parts.Box(self.name, self.center, self.size, self.turn_deg)
+
+
+class CapsuleEntry(DocumentModel):
+    """All within ``radius`` of a line."""
+
+    name: Label
+    start: Vector
+    end: Vector
+    radius: PositiveMm
+
+    @property
+    def capsule(self) -> parts.Capsule:
+        """The capsule."""
+        return parts.Capsule(self.name, self.start, self.end, self.radius)
+
+
+class ArmBodyEntry(CapsuleEntry):
+    """A capsule about a link of the arm, in the link's frame."""
+
+    link: Annotated[int, Field(ge=0, le=6)]
+
+
+class HeadEntry(DocumentModel):
+    """Where the head is."""
+
+    center: Vector
+    anterior: Vector
+    superior: Vector
+
+
+class FloorEntry(DocumentModel):
+    """Where the base may stand."""
+
+    x: Range
+    y: Range
+    z: Range
+    turn_deg: tuple[Degrees, Degrees] = (-180.0, 180.0)
+    trolley: tuple[BoxEntry, ...] = Field(default=(), max_length=MOST_THINGS)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for name, ends in (("x", self.x), ("y", self.y), ("z", self.z), ("turn_deg", self.turn_deg)):
+            if ends[0] > ends[1]:
+                raise ValueError(f"{name} goes from {ends[0]:g} to {ends[1]:g}; expected the smaller one first")
+        return self
+
+
+class ToolMarkerEntry(DocumentModel):
+    """The tracker's marker on the tool."""
+
+    at: Vector
+    normal: Vector
+    seen_deg: Angle = 70.0
+
+
+class ToolEntry(DocumentModel):
+    """The instrument holder, in the flange's frame."""
+
+    start: Vector = (0.0, 0.0, 100.0)
+    direction: Vector = (0.0, 0.0, 1.0)
+    standoff_mm: LengthMm = 30.0
+    body: tuple[CapsuleEntry, ...] = Field(default=(), max_length=MOST_THINGS)
+    marker: ToolMarkerEntry | None = None
+
+
+class CameraEntry(DocumentModel):
+    """The stereo cameras, in the flange's frame."""
+
+    tcp: Vector = (0.0, 0.0, 300.0)
+    direction: Vector = (0.0, 0.0, 1.0)
+    tilt_deg: Angle = 30.0
+    standoff_mm: LengthMm = 50.0
+
+
+class TrackerEntry(DocumentModel):
+    """The tracker."""
+
+    position: Vector
+    nearest_mm: LengthMm = 950.0
+    farthest_mm: PositiveMm = 2400.0
+    body_mm: LengthMm = 250.0
+    beam_mm: LengthMm = 30.0
+
+
+class MarginsEntry(DocumentModel):
+    """The least margins that count as served."""
+
+    joint_deg: Angle = 5.0
+    singularity_deg: Annotated[float, Field(ge=1, le=90)] = 8.0
+    clearance_mm: LengthMm = 20.0
+    tracker_deg: Angle = 5.0
+
+
+class ParkingEntry(DocumentModel):
+    """One standard deviation of where the robot comes to stand."""
+
+    sigma_mm: LengthMm = 20.0
+    sigma_deg: Angle = 3.0
+
+
+class RoomDocument(DocumentModel):
+    """The whole of room.toml, version 1."""
+
+    format: Literal["ronnaplan.room"]
+    version: Literal[1]
+    unit: Literal["mm"]
+    head: HeadEntry
+    base: FloorEntry
+    tracker: TrackerEntry | None = None
+    tool: ToolEntry = ToolEntry()
+    camera: CameraEntry = CameraEntry()
+    box: tuple[BoxEntry, ...] = Field(default=(), max_length=MOST_THINGS)
+    capsule: tuple[CapsuleEntry, ...] = Field(default=(), max_length=MOST_THINGS)
+    arm_body: tuple[ArmBodyEntry, ...] = Field(default=(), max_length=MOST_THINGS)
+    margins: MarginsEntry = MarginsEntry()
+    parking: ParkingEntry = ParkingEntry()
+    reference_deg: tuple[Degrees, Degrees, Degrees, Degrees, Degrees, Degrees] = (0.0, -120.0, 120.0, 0.0, 60.0, 0.0)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        directions = [self.head.anterior, self.head.superior, self.tool.direction, self.camera.direction]
+        directions += [self.tool.marker.normal] if self.tool.marker else []
+        if any(not any(one) for one in directions):
+            raise ValueError("a direction is (0, 0, 0); expected one that points somewhere")
+        return self
+
+    @property
+    def room(self) -> parts.Room:
+        """The room."""
+        head, base, tool, camera = self.head, self.base, self.tool, self.camera
+        marker = None if tool.marker is None else parts.ToolMarker(tool.marker.at, tool.marker.normal, tool.marker.seen_deg)
+        bodies = tuple(one.capsule for one in tool.body)
+        return parts.Room(
+            head=parts.HeadPose(head.center, head.anterior, head.superior),
+            floor=parts.Floor(base.x, base.y, base.z, base.turn_deg, tuple(one.box for one in base.trolley)),
+            tracker=None if self.tracker is None else _tracker(self.tracker),
+            tool=parts.Tool(tool.start, tool.direction, tool.standoff_mm, bodies, marker),
+            camera=parts.Camera(camera.tcp, camera.direction, camera.tilt_deg, camera.standoff_mm),
+            boxes=tuple(one.box for one in self.box),
+            capsules=tuple(one.capsule for one in self.capsule),
+            arm_bodies=tuple((one.link, one.capsule) for one in self.arm_body),
+            margins=parts.Margins(**self.margins.model_dump()),
+            parking=parts.Parking(**self.parking.model_dump()),
+            reference_deg=self.reference_deg,
+        )
+
+
+def _tracker(told: TrackerEntry) -> parts.Tracker:
+    return parts.Tracker(told.position, told.nearest_mm, told.farthest_mm, told.body_mm, told.beam_mm)
+
+
+def read_room(path: str | os.PathLike[str]) -> parts.Room:
+    """Read and check room.toml; raises `InputError` naming the first thing that is wrong."""
+    content = read_whole(path, MOST_BYTES, expected="a room; `robot place --example` writes one")
+    try:
+        return checked(tomllib.loads(content.decode()), RoomDocument).room
+    except (ValueError, TypeError) as error:  # TypeError: a date, which no field is
+        raise InputError(
+            f"{os.fspath(path)} is no room ({printable(error)}); `robot place --example` writes one"
+        ) from error
+
+
+EXAMPLE = """\
+# What stands about the patient, for `ronnaplan robot place --scene room.toml`.
+# Millimetres; z points up and is 0 on the floor; x and y are yours to choose. Boxes stand upright.
+
+format = "ronnaplan.room"
+version = 1
+unit = "mm"
+reference_deg = [0, -120, 120, 0, 60, 0]    # the posture between tasks; joint 1 counts from where the tasks lie
+
+[head]                          # a patient on the back, the crown towards -x
+center = [0, 0, 1050]           # the middle of the head
+anterior = [0, 0, 1]            # where the nose points
+superior = [-1, 0, 0]           # where the crown points
+
+[base]                          # where the robot's foot may stand
+x = [-1100, 700]
+y = [-1100, 1100]
+z = [800, 1000]                 # on its trolley, which can be raised
+turn_deg = [-180, 180]          # of its forward direction about z, from x
+[[base.trolley]]                # what stands under it, in its own frame
+name = "trolley"
+center = [0, 0, -400]
+size = [500, 500, 800]
+
+[tracker]                       # with --registration it stands where it was registered
+position = [-1800, 600, 1900]
+nearest_mm = 950
+farthest_mm = 2400
+body_mm = 250                   # the last of a line of sight is the tracker itself
+beam_mm = 30                    # free radius about a line of sight
+
+[tool]                          # on the flange, whose z points out of it
+start = [0, 0, 120]             # where the instrument leaves its holder; its usable length counts from here
+direction = [0, 0, 1]
+standoff_mm = 30                # it begins so far before the entry
+[[tool.body]]
+name = "holder"
+start = [0, 0, 20]
+end = [0, 0, 95]
+radius = 25
+[[tool.body]]
+name = "cameras"
+start = [0, -70, 20]
+end = [0, 70, 20]
+radius = 35
+[tool.marker]                   # what the tracker sees; leave out where nothing is tracked
+at = [0, 90, 60]
+normal = [0, 1, -1]
+seen_deg = 75                   # how obliquely it is still seen
+
+[camera]                        # the stereo cameras' center point
+tcp = [0, 0, 280]
+direction = [0, 0, 1]
+tilt_deg = 30                   # a marker may be viewed so far from straight on
+standoff_mm = 50
+
+[[box]]
+name = "table"
+center = [900, 0, 900]
+size = [1700, 500, 120]
+turn_deg = 0
+[[box]]
+name = "patient"
+center = [850, 0, 1030]
+size = [1400, 450, 220]
+[[capsule]]
+name = "head holder"
+start = [60, -90, 960]
+end = [60, 90, 960]
+radius = 20
+
+[margins]                       # less than this is not served
+joint_deg = 5
+singularity_deg = 8
+clearance_mm = 20
+tracker_deg = 5
+
+[parking]                       # one standard deviation of where the robot comes to stand
+sigma_mm = 20
+sigma_deg = 3
+"""
+"""What ``robot place --example`` writes."""

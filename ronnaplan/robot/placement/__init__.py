@@ -1,0 +1,1 @@
+"""Where the robot shall stand: places from which every trajectory and every marker is served, with margins."""

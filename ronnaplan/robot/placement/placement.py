@@ -1,0 +1,223 @@
+"""Where the robot shall stand for a plan: the whole search, as it is told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray, Points
+from ronnaplan.planning import Plan
+from ronnaplan.pose import invert, transform_points
+from ronnaplan.robot.arm.arm import SerialArm
+from ronnaplan.robot.placement import blocking
+from ronnaplan.robot.placement.parking import probability
+from ronnaplan.robot.placement.room import Room
+from ronnaplan.robot.placement.route import Route, plan_route
+from ronnaplan.robot.placement.search import Problem, base_pose, best_apart, grid, refine, worths
+from ronnaplan.robot.placement.serving import Served, serve
+from ronnaplan.robot.placement.tasks import Fineness, Task, drill_task, view_task, ways_of
+from ronnaplan.robot.placement.world import World, machine_of, world_of
+
+COARSE = Fineness(24, 60.0)
+"""What bases are searched with."""
+FINE = Fineness(36, 5.0)
+"""What is told of a base is measured with."""
+PLACES = 3
+"""The best base and its alternatives."""
+BLAMED = 300
+"""Bases that are asked what stands in the way."""
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """One base: ``room_from_r`` (4, 4), how it serves every task, by which route, and how surely after parking."""
+
+    room_from_r: FloatArray
+    served: tuple[Served, ...]
+    route: Route
+    probability: float | None
+    """None where the base was measured."""
+
+    @property
+    def worst_joint_deg(self) -> float:
+        """The least margin of any joint, on the way of any task."""
+        return min(one.joint_deg for one in self.served)
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """The places found, the best first, with ``room_from_ct`` (4, 4); or what stands in the way, in sentences."""
+
+    room_from_ct: FloatArray
+    places: tuple[Place, ...]
+    blocked: tuple[str, ...]
+
+    def r_from_ct(self, place: Place) -> FloatArray:
+        """Return R from CT (4, 4)."""
+        return invert(place.room_from_r) @ self.room_from_ct
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """What the robot has to do, in the room: tasks, the head's surface and the tracker."""
+
+    arm: SerialArm
+    room: Room
+    room_from_ct: FloatArray
+    tasks: tuple[Task, ...]
+    world: World
+
+    @classmethod
+    def of_plan(
+        cls,
+        arm: SerialArm,
+        room: Room,
+        plan: Plan,
+        markers: Points | None,
+        surface_ct_mm: FloatArray,
+        head_center_ct_mm: FloatArray,
+        ots_from_ct: FloatArray | None = None,
+    ) -> Job:
+        """Return the job of a plan and its scan's ``markers`` with the head's ``surface_ct_mm`` (N, 3), all in LPS mm.
+
+        With ``ots_from_ct`` (4, 4) the tracker stands where it was registered, otherwise where the room says. Raises
+        `InputError` for a plan without trajectories and `FrameMismatchError` for markers of another scan.
+        """
+        if not plan.trajectories:
+            raise InputError("the plan holds no trajectories; add those that the robot shall serve")
+        room_from_ct = room.head.room_from_ct(head_center_ct_mm)
+        center = transform_points(room_from_ct, head_center_ct_mm[None])[0]
+        tasks = []
+        for one in plan.trajectories:
+            ends = transform_points(room_from_ct, np.array([one.entry_mm, one.target_mm]))
+            told = one.instrument
+            tasks.append(drill_task(one.name, ends[0], ends[1], room.tool, told.length_mm, told.diameter_mm))
+        surface = transform_points(room_from_ct, surface_ct_mm)
+        if markers is not None:
+            plan.frame.require(markers.frame)
+            places = transform_points(room_from_ct, markers.positions_mm)
+            tasks += [
+                view_task(name, at, center, room.camera) for name, at in zip(markers.labels, places, strict=True)
+            ]
+            surface = np.concatenate([surface, places])
+        tracker = None if room.tracker is None else np.array(room.tracker.position_mm)
+        if ots_from_ct is not None and room.tracker is not None:
+            tracker = (room_from_ct @ invert(ots_from_ct))[:3, 3]
+        return cls(arm, room, room_from_ct, tuple(tasks), world_of(room, surface, tracker))
+
+    def problem(self, fineness: Fineness, tasks: Sequence[Task] | None = None) -> Problem:
+        """Return what bases are judged by, for all tasks or some."""
+        ways = ways_of(self.tasks if tasks is None else tasks, self.arm, fineness)
+        return Problem(machine_of(self.arm, self.room), self.world, ways, self.room.floor)
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """The names of the machine's bodies."""
+        of_links = [one.name for _, one in self.room.arm_bodies] or [one.name for one in self.arm.bodies]
+        return (*of_links, *(one.name for one in self.room.tool.bodies))
+
+
+def find_places(job: Job) -> Placement:
+    """Return the best bases on the room's floor, apart from each other, or what stands in the way."""
+    coarse, fine = job.problem(COARSE), job.problem(FINE)
+    bases = grid(coarse)
+    if not len(bases):
+        return Placement(job.room_from_ct, (), ("no base on the floor is within the arm's reach of the head",))
+    found = worths(coarse, bases)
+    refined = [refine(coarse, bases[n], float(found[n])) for n in best_apart(bases, found, PLACES + 1)]
+    if not refined:
+        return Placement(job.room_from_ct, (), _blocked(job, coarse, bases))
+    tops, values = np.array([place for place, _ in refined]), np.array([worth for _, worth in refined])
+    places = []
+    for n in best_apart(tops, values, PLACES):
+        sure = probability(coarse, tops[n], job.room.parking)
+        place = _place(job, fine, base_pose(tops[n]), sure)
+        if isinstance(place, Place):
+            places.append(place)
+    if not places:
+        return Placement(job.room_from_ct, (), ("looked at closely, no base serves every task all along its way",))
+    return Placement(job.room_from_ct, tuple(places), ())
+
+
+def check_parked(job: Job, room_from_r: FloatArray) -> Placement:
+    """Return how a base that was measured, ``room_from_r`` (4, 4), serves all, or what stands in the way there."""
+    fine = job.problem(FINE)
+    place = _place(job, fine, room_from_r, None)
+    if isinstance(place, Place):
+        return Placement(job.room_from_ct, (place,), ())
+    turn = np.degrees(np.arctan2(room_from_r[1, 0], room_from_r[0, 0]))
+    here = np.array([[*room_from_r[:3, 3], turn]])
+    told = [_sentence(job, fine, n, here, "from here") for n in place]
+    return Placement(job.room_from_ct, (), tuple(told))
+
+
+def _place(job: Job, fine: Problem, base: FloatArray, sure: float | None) -> Place | list[int]:
+    """Return the base looked at closely, or the numbers of the tasks that it does not serve."""
+    served = serve(fine, job.tasks, base)
+    missing = [n for n, one in enumerate(served) if one is None]
+    if missing:
+        return missing
+    whole = tuple(one for one in served if one is not None)
+    route = plan_route(fine, base, whole, np.array(job.room.reference_deg))
+    return Place(base, whole, route, sure)
+
+
+def _blocked(job: Job, coarse: Problem, bases: FloatArray) -> tuple[str, ...]:
+    """Say why no base serves everything: what no base serves at all, or what the best of them leaves out."""
+    some = bases[np.random.default_rng(0).permutation(len(bases))[:BLAMED]]
+    each = np.stack([_served_alone(coarse, n, some) for n in range(len(coarse))], axis=1)
+    best = some[[int(each.sum(axis=1).argmax())]]
+    never = np.flatnonzero(~each.any(axis=0))
+    if len(never):
+        return tuple(_sentence(job, coarse, int(n), some, "for every base", best) for n in never)
+    left = np.flatnonzero(~each[each.sum(axis=1).argmax()])
+    told = [_sentence(job, coarse, int(n), best, "from the base that serves most", best) for n in left]
+    return ("each task is served by some base, but no base that was tried serves all", *told)
+
+
+def _served_alone(problem: Problem, task: int, bases: FloatArray) -> NDArray[np.bool_]:
+    ways = problem.ways
+    first, last = ways.firsts[task], ways.firsts[task + 1]
+    alone = ways._replace(
+        flanges=ways.flanges[first:last],
+        firsts=np.array([0, last - first]),
+        steps=ways.steps[[task]],
+        instruments=ways.instruments[[task]],
+    )
+    return np.asarray(worths(replace(problem, ways=alone), bases) >= 0.0)
+
+
+def _sentence(
+    job: Job, problem: Problem, number: int, bases: FloatArray, where: str, best: FloatArray | None = None
+) -> str:
+    task = job.tasks[number]
+    why = blocking.best_of(problem, number, bases).sentence(problem, job.body_names, where)
+    told = f"{task.kind} {task.name}: {why}"
+    if best is None or task.kind == "marker":
+        return told
+    return f"{told}; {_other_entry(job, task, best)}"
+
+
+def _other_entry(job: Job, task: Task, best: FloatArray) -> str:
+    """Say which entry near that of a blocked trajectory the ``best`` base (1, 4) serves."""
+    target = task.ends_mm[0]
+    starts, turns = blocking.turned_entries(task.starts_mm[0], target)
+    for turn in np.unique(turns):
+        ring = [replace(task, starts_mm=start[None]) for start in starts[turns == turn]]
+        problem = job.problem(COARSE, ring)
+        for n, other in enumerate(ring):
+            if _served_alone(problem, n, best)[0]:
+                start = other.starts_mm[0]
+                inward = (target - start) / np.linalg.norm(target - start)
+                entry = transform_points(
+                    invert(job.room_from_ct), (start + job.room.tool.standoff_mm * inward)[None]
+                )[0]
+                place = ", ".join(f"{value:.1f}" for value in entry)
+                return (
+                    f"the nearest entry that works is turned by {turn:.0f} degrees about the target: ({place}) LPS"
+                )
+    return f"no entry turned by up to {turns.max():.0f} degrees about the target works either"

@@ -1,0 +1,143 @@
+"""The search for bases: a grid over the floor, then steps that halve from the best of it, on all cores."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.pose import rigid
+from ronnaplan.robot.placement.room import Floor
+from ronnaplan.robot.placement.tasks import Ways
+from ronnaplan.robot.placement.world import Machine, World
+
+GRID_MM = 100.0
+GRID_Z_MM = 150.0
+FACING_DEG = (0.0, 45.0, -45.0, 90.0, -90.0, 180.0)
+"""Turns of the base that are tried, from that which faces the head."""
+STARTS = 4
+"""Places of the grid that are refined."""
+APART_MM = 150.0
+"""Starts, and alternatives, are this far apart."""
+FIRST_STEP = (50.0, 50.0, 50.0, 20.0)
+LAST_STEP_MM = 3.0
+"""Steps in x, y, z (mm) and turn (degrees) to begin the refinement with, and the least of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """All that bases are judged by."""
+
+    machine: Machine
+    world: World
+    ways: Ways
+    floor: Floor
+
+    def __len__(self) -> int:
+        return len(self.ways.steps)
+
+
+def base_pose(place: FloatArray) -> FloatArray:
+    """Return room from base (4, 4) for x, y, z (mm) and turn (degrees) (4,)."""
+    turn = np.radians(place[3])
+    c, s = np.cos(turn), np.sin(turn)
+    return rigid(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), place[:3].copy())
+
+
+def worths(problem: Problem, places: FloatArray) -> FloatArray:
+    """Return the worth (N,) of bases at ``places`` (N, 4); below zero where a task is not served."""
+    from ronnaplan.robot.placement.judging import judge_base
+
+    found = np.empty(len(places))
+
+    def judge(rows: NDArray[np.int64]) -> None:
+        order = np.arange(len(problem))
+        worth, chosen = np.empty(len(problem)), np.zeros((len(problem), 2), dtype=np.int64)
+        for row in rows:
+            base = base_pose(places[row])
+            found[row] = judge_base(
+                problem.machine, problem.world, problem.ways, base, order, False, worth, chosen
+            )
+
+    in_parts(judge, len(places))
+    return found
+
+
+def in_parts(work: Callable[[NDArray[np.int64]], None], count: int) -> None:
+    """Call ``work`` with all numbers below ``count``, shared out among the cores."""
+    cores = os.cpu_count() or 1
+    parts = [part for part in (np.arange(n, count, cores) for n in range(cores)) if len(part)]
+    with ThreadPoolExecutor(cores) as pool:
+        list(pool.map(work, parts))
+
+
+def grid(problem: Problem) -> FloatArray:
+    """Return the places (N, 4) of the floor to begin with, each with the turns that face the head or lean from it."""
+    floor, head = problem.floor, problem.world.head_ball[:3]
+    reach = _reach(problem)
+    xs, ys, zs = (_spaced(*ends, step) for ends, step in _ranges(floor))
+    x, y, z = (axis.ravel() for axis in np.meshgrid(xs, ys, zs, indexing="ij"))
+    near = np.linalg.norm(np.stack([x, y, z], axis=1) - head, axis=1) < reach
+    x, y, z = x[near], y[near], z[near]
+    facing = np.degrees(np.arctan2(head[1] - y, head[0] - x))
+    found = [np.stack([x, y, z, facing + turn], axis=1) for turn in FACING_DEG]
+    return within(floor, np.concatenate(found))
+
+
+def within(floor: Floor, places: FloatArray) -> FloatArray:
+    """Return the places (N, 4) whose turn, by whole turns, is allowed; no more than the floor's own are left."""
+    least, greatest = floor.turn_deg
+    turned = places.copy()
+    turned[:, 3] = least + np.mod(places[:, 3] - least, 360.0)
+    kept = turned[:, 3] <= greatest
+    for axis, ends in enumerate((floor.x_mm, floor.y_mm, floor.z_mm)):
+        kept &= (turned[:, axis] >= ends[0]) & (turned[:, axis] <= ends[1])
+    chosen: FloatArray = turned[kept]
+    return chosen
+
+
+def refine(problem: Problem, start: FloatArray, worth: float) -> tuple[FloatArray, float]:
+    """Return the best place (4,) found from ``start`` by steps along the axes and both ways, and its worth."""
+    step = np.array(FIRST_STEP)
+    place = start
+    turns = np.concatenate([np.eye(4), -np.eye(4)])
+    while step[0] >= LAST_STEP_MM:
+        tried = within(problem.floor, place + turns * step)
+        found = worths(problem, tried) if len(tried) else np.full(1, -1.0)
+        if found.max() > worth:
+            place, worth = tried[found.argmax()], float(found.max())
+        else:
+            step = step / 2
+    return place, worth
+
+
+def best_apart(places: FloatArray, found: FloatArray, count: int) -> list[int]:
+    """Return the numbers of up to ``count`` of the best places (N, 4) that serve all, `APART_MM` from each other."""
+    chosen: list[int] = []
+    for n in np.argsort(-found, kind="stable"):
+        if found[n] < 0.0 or len(chosen) == count:
+            break
+        if all(np.linalg.norm(places[n, :3] - places[other, :3]) >= APART_MM for other in chosen):
+            chosen.append(int(n))
+    return chosen
+
+
+def _reach(problem: Problem) -> float:
+    """Return how far (mm) from the head's middle a base can stand at all: the arm stretched, and the longest tool."""
+    wrist, ways = problem.machine.wrist, problem.ways
+    tool = np.abs(ways.instruments[:, :6]).max(initial=0.0) + 300.0
+    arm = np.linalg.norm(wrist.upper) + np.linalg.norm(wrist.lower) + np.linalg.norm(wrist.axis_2)
+    return float(arm + tool + problem.world.head_ball[3] + wrist.origin[2])
+
+
+def _ranges(floor: Floor) -> list[tuple[tuple[float, float], float]]:
+    return [(floor.x_mm, GRID_MM), (floor.y_mm, GRID_MM), (floor.z_mm, GRID_Z_MM)]
+
+
+def _spaced(least: float, greatest: float, step: float) -> FloatArray:
+    return np.linspace(least, greatest, 1 + int(np.ceil((greatest - least) / step)))

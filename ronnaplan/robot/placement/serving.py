@@ -1,0 +1,66 @@
+"""How each task is served from one base: the joints all along it, and the margins they keep."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.pose import invert
+from ronnaplan.robot.placement.search import Problem
+from ronnaplan.robot.placement.tasks import Kind, Task
+
+
+@dataclass(frozen=True, eq=False)
+class Served:
+    """One task: ``angles_deg`` (P, 6) along its way, and the least margins on it."""
+
+    name: str
+    kind: Kind
+    angles_deg: FloatArray
+    joint_deg: float
+    singularity_deg: float
+    clearance_mm: float
+    tracker_deg: float
+    """Infinite where nothing is tracked."""
+
+
+def serve(problem: Problem, tasks: tuple[Task, ...], base: FloatArray) -> tuple[Served | None, ...]:
+    """Return how ``tasks``, those of ``problem``, are served best from ``base`` (4, 4); None for one that is not."""
+    from ronnaplan.robot.placement.judging import judge_base
+
+    worth, chosen = np.empty(len(problem)), np.zeros((len(problem), 2), dtype=np.int64)
+    judge_base(problem.machine, problem.world, problem.ways, base, np.arange(len(problem)), True, worth, chosen)
+    return tuple(
+        _served(problem, task, n, base, int(chosen[n, 0]), int(chosen[n, 1])) if worth[n] >= 0.0 else None
+        for n, task in enumerate(tasks)
+    )
+
+
+def _served(problem: Problem, task: Task, number: int, base: FloatArray, way: int, posture: int) -> Served:
+    from ronnaplan.robot.placement.judging import follow, place_trolley, posture_margins
+
+    machine, world, ways = problem.machine, problem.world, problem.ways
+    steps = int(ways.steps[number])
+    angles, margins = np.empty((steps, 8, 6)), np.empty((8, 2))
+    follow(machine, invert(base), ways.flanges[ways.firsts[number] + way], steps, angles, margins)
+    kept = np.ascontiguousarray(angles[:, posture])
+    trolley = place_trolley(machine, base)
+    frames, bodies = np.empty((7, 4, 4)), np.empty((len(machine.links) + 1, 7))
+    frames[0] = base
+    pair = np.empty(2, dtype=np.int64)
+    instrument = ways.instruments[number]
+    along = np.array(
+        [posture_margins(machine, world, trolley, instrument, one, frames, bodies, pair, True) for one in kept]
+    )
+    joint, singular = np.degrees(margins[posture])
+    return Served(
+        task.name,
+        task.kind,
+        np.degrees(kept),
+        float(joint),
+        float(singular),
+        float(along[:, 0].min()),
+        float(np.degrees(along[:, 1].min())),
+    )

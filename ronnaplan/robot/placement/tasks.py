@@ -1,0 +1,125 @@
+"""What the arm must do: drill along trajectories, view markers; each with every roll about its axis.
+
+A task is a set of ways, any one of which serves it: poses of the flange in the room, one after the other, with the
+same roll. Trajectories have one line, gone along from before the entry to the target; markers may be viewed from
+several sides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ronnaplan.geometry import FloatArray, unit
+from ronnaplan.pose import invert, rigid
+from ronnaplan.robot.arm.arm import SerialArm
+from ronnaplan.robot.placement.room import Camera, Tool
+
+Kind = Literal["trajectory", "marker"]
+SIDES = 6
+"""Directions about the straight view from which a marker may be viewed, tilted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """Lines in the room that the tool's tip goes along: ``starts_mm`` to ``ends_mm`` (W, 3), any one of them."""
+
+    name: str
+    kind: Kind
+    starts_mm: FloatArray
+    ends_mm: FloatArray
+    flange_from_tip: FloatArray
+    instrument: FloatArray
+    """The instrument as a capsule (7,) in the flange's frame; of no radius where there is none."""
+
+
+@dataclass(frozen=True)
+class Fineness:
+    """How closely tasks are looked at: rolls about an axis, and the distance between two poses on a line."""
+
+    rolls: int
+    step_mm: float
+    least_steps: int = 2
+
+
+class Ways(NamedTuple):
+    """All ways (N) of all tasks (T), for the kernels."""
+
+    flanges: FloatArray
+    """Room from flange (N, P, 4, 4)."""
+    firsts: NDArray[np.int64]
+    """The first way of each task, and their number (T + 1,)."""
+    steps: NDArray[np.int64]
+    """How many poses the ways of each task have (T,)."""
+    instruments: FloatArray
+    """Capsules (T, 7) in the last link's frame."""
+
+
+def drill_task(
+    name: str, entry_mm: FloatArray, target_mm: FloatArray, tool: Tool, length_mm: float, diameter_mm: float
+) -> Task:
+    """Return the task of a trajectory (3,) to (3,) in the room, with an instrument of that usable length."""
+    inward = unit(target_mm - entry_mm)
+    holder = _along(np.array(tool.start_mm), np.array(tool.direction))
+    tip = holder @ rigid(np.eye(3), np.array([0.0, 0.0, length_mm]))
+    instrument = np.array([*holder[:3, 3], *tip[:3, 3], diameter_mm / 2])
+    start = entry_mm - tool.standoff_mm * inward
+    return Task(name, "trajectory", start[None], np.asarray(target_mm)[None], tip, instrument)
+
+
+def view_task(name: str, marker_mm: FloatArray, head_center_mm: FloatArray, camera: Camera) -> Task:
+    """Return the task of viewing a marker (3,) of a head about ``head_center_mm`` (3,), both in the room."""
+    frame = _along(np.zeros(3), marker_mm - head_center_mm)[:3, :3]
+    tilt, about = np.radians(camera.tilt_deg), np.arange(SIDES) * 2 * np.pi / SIDES
+    tilted = np.stack([np.sin(tilt) * np.cos(about), np.sin(tilt) * np.sin(about), np.full(SIDES, np.cos(tilt))])
+    outward = np.concatenate([[[0.0, 0.0, 1.0]], tilted.T]) @ frame.T
+    ends = np.broadcast_to(marker_mm, outward.shape).copy()
+    tcp = _along(np.array(camera.tcp_mm), np.array(camera.direction))
+    return Task(name, "marker", ends + camera.standoff_mm * outward, ends, tcp, np.zeros(7))
+
+
+def ways_of(tasks: Sequence[Task], arm: SerialArm, fineness: Fineness) -> Ways:
+    """Return every way of every task, as closely as ``fineness`` says."""
+    lengths = [float(np.linalg.norm(task.ends_mm - task.starts_mm, axis=1).max()) for task in tasks]
+    steps = [max(fineness.least_steps, 1 + int(np.ceil(length / fineness.step_mm))) for length in lengths]
+    most = max(steps, default=1)
+    parts = [_poses(task, count, most, fineness.rolls) for task, count in zip(tasks, steps, strict=True)]
+    firsts = np.cumsum([0, *(len(part) for part in parts)])
+    instruments = [_in_last_link(arm, task.instrument) for task in tasks]
+    return Ways(
+        np.concatenate(parts), firsts.astype(np.int64), np.array(steps, dtype=np.int64), np.array(instruments)
+    )
+
+
+def _poses(task: Task, steps: int, most: int, rolls: int) -> FloatArray:
+    """Return room from flange (W * rolls, most, 4, 4), of which the first ``steps`` count."""
+    found = np.zeros((len(task.starts_mm), rolls, most, 4, 4))
+    tip_from_flange = invert(task.flange_from_tip)
+    angles = np.arange(rolls) * 2 * np.pi / rolls
+    turns = np.zeros((rolls, 3, 3))
+    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(angles)
+    turns[:, 1, 0], turns[:, 0, 1], turns[:, 2, 2] = np.sin(angles), -np.sin(angles), 1.0
+    for w, (start, end) in enumerate(zip(task.starts_mm, task.ends_mm, strict=True)):
+        rolled = _along(start, end - start)[:3, :3] @ turns
+        places = start + np.linspace(0.0, 1.0, steps)[:, None] * (end - start)
+        at = rigid(
+            np.broadcast_to(rolled[:, None], (rolls, steps, 3, 3)), np.broadcast_to(places, (rolls, steps, 3))
+        )
+        found[w, :, :steps] = at @ tip_from_flange
+    return found.reshape(-1, most, 4, 4)
+
+
+def _along(origin_mm: FloatArray, direction: FloatArray) -> FloatArray:
+    """Return a frame (4, 4) at ``origin_mm`` whose z points along ``direction``."""
+    z = unit(direction)
+    x = unit(np.cross(np.eye(3)[int(np.abs(z).argmin())], z))
+    return rigid(np.column_stack([x, np.cross(z, x), z]), np.asarray(origin_mm, dtype=np.float64))
+
+
+def _in_last_link(arm: SerialArm, capsule: FloatArray) -> FloatArray:
+    ends = capsule[:6].reshape(2, 3) @ arm.flange[:3, :3].T + arm.flange[:3, 3]
+    return np.array([*ends.ravel(), capsule[6]])
