@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from ronnaplan.robot.placement.placement import Job, Placement
     from ronnaplan.robot.placement.room import Room
 
-HELP = "Find where the robot serves every trajectory and marker; exit 3, with reasons, where there is no such place."
+HELP = (
+    "Find where the robot serves every trajectory and marker; exit 3, with reasons, where there is no such place."
+)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -26,11 +28,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--plan", metavar="FILE", help="plan.json: the trajectories")
     parser.add_argument("--ct", metavar="PATH", help="the scan that the plan is tied to")
     parser.add_argument("--series", metavar="UID", help="the series to use, where PATH holds several")
-    parser.add_argument("--fiducials", metavar="FILE", help="fiducials.json: markers to view (default: those registered)")
+    parser.add_argument(
+        "--fiducials", metavar="FILE", help="fiducials.json: markers to view (default: those registered)"
+    )
     parser.add_argument(
         "--registration", metavar="FILE", help="registration.json: the tracker stands where it was then"
     )
-    parser.add_argument("--arm", default="kr6r900", metavar="ARM", help="kr6r900 or a URDF file (default %(default)s)")
+    parser.add_argument(
+        "--arm", default="kr6r900", metavar="ARM", help="kr6r900 or a URDF file (default %(default)s)"
+    )
     parser.add_argument("--tip", metavar="LINK", help="the link of the URDF that is the flange")
     parser.add_argument("--scene", metavar="FILE", help="room.toml: what stands in the room")
     parser.add_argument(
@@ -89,7 +95,9 @@ def _arm(arguments: argparse.Namespace) -> SerialArm:
         return kr6_r900()
     read = read_urdf(arguments.arm, tip=arguments.tip)
     if read.meshes:
-        warn(f"the shapes of {', '.join(read.meshes)} are meshes, which are not read; state [[arm_body]] in the scene")
+        warn(
+            f"the shapes of {', '.join(read.meshes)} are meshes, which are not read; state [[arm_body]] in the scene"
+        )
     return read.arm
 
 

@@ -92,7 +92,9 @@ class PlacementDocument(DocumentModel):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if (self.status == "blocked") == bool(self.robot_from_ct) or bool(self.robot_from_ct) == bool(self.blocked):
+        if (self.status == "blocked") == bool(self.robot_from_ct) or bool(self.robot_from_ct) == bool(
+            self.blocked
+        ):
             raise ValueError(f"the status is {self.status}, with {len(self.robot_from_ct)} places")
         return self
 
@@ -119,7 +121,11 @@ def placement_document(
 def read_placement(path: str | os.PathLike[str]) -> PlacementDocument:
     """Read and check placement.json; raises `InputError` naming the first field that is wrong."""
     return read_document(
-        path, PlacementDocument, format_name=FORMAT, kind="placement document", remedy="write it anew with robot place"
+        path,
+        PlacementDocument,
+        format_name=FORMAT,
+        kind="placement document",
+        remedy="write it anew with robot place",
     )
 
 
@@ -131,7 +137,11 @@ def placement_text(document: PlacementDocument) -> str:
         turn = np.degrees(np.arctan2(pose[1, 0], pose[0, 0]))
         x, y, z = pose[:3, 3]
         what = "here" if document.status == "parked" else f"place {number}"
-        sure = "" if place.probability is None else f"; serves all after parking with probability {place.probability:.3f}"
+        sure = (
+            ""
+            if place.probability is None
+            else f"; serves all after parking with probability {place.probability:.3f}"
+        )
         lines.append(
             f"{what}: x {x:.0f}, y {y:.0f}, z {z:.0f} mm, turn {turn:.0f} degrees; "
             f"joints keep {place.worst_margin_deg:.1f} degrees{sure}"

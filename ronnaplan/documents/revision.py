@@ -13,9 +13,10 @@ from ronnaplan.errors import InputError
 
 if TYPE_CHECKING:
     from ronnaplan.documents.fiducials import FiducialsDocument
+    from ronnaplan.documents.placement import PlacementDocument
     from ronnaplan.documents.registration import RegistrationDocument
 
-Document = TypeVar("Document", "FiducialsDocument", "RegistrationDocument")
+Document = TypeVar("Document", "FiducialsDocument", "PlacementDocument", "RegistrationDocument")
 
 
 def revised(document: Document, there: Document | None) -> Document:

@@ -152,7 +152,14 @@ class RoomDocument(DocumentModel):
     arm_body: tuple[ArmBodyEntry, ...] = Field(default=(), max_length=MOST_THINGS)
     margins: MarginsEntry = MarginsEntry()
     parking: ParkingEntry = ParkingEntry()
-    reference_deg: tuple[Degrees, Degrees, Degrees, Degrees, Degrees, Degrees] = (0.0, -120.0, 120.0, 0.0, 60.0, 0.0)
+    reference_deg: tuple[Degrees, Degrees, Degrees, Degrees, Degrees, Degrees] = (
+        0.0,
+        -120.0,
+        120.0,
+        0.0,
+        60.0,
+        0.0,
+    )
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -166,7 +173,11 @@ class RoomDocument(DocumentModel):
     def room(self) -> parts.Room:
         """The room."""
         head, base, tool, camera = self.head, self.base, self.tool, self.camera
-        marker = None if tool.marker is None else parts.ToolMarker(tool.marker.at, tool.marker.normal, tool.marker.seen_deg)
+        marker = (
+            None
+            if tool.marker is None
+            else parts.ToolMarker(tool.marker.at, tool.marker.normal, tool.marker.seen_deg)
+        )
         bodies = tuple(one.capsule for one in tool.body)
         return parts.Room(
             head=parts.HeadPose(head.center, head.anterior, head.superior),

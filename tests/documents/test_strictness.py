@@ -15,6 +15,7 @@ import pytest
 
 from ronnaplan.documents.fiducials import fiducials_document, read_fiducials
 from ronnaplan.documents.limits import read_limits
+from ronnaplan.documents.placement import placement_document, read_placement
 from ronnaplan.documents.plan import plan_document, read_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.documents.registration import read_registration, registration_document
@@ -22,8 +23,20 @@ from ronnaplan.documents.template import read_template
 from ronnaplan.errors import InputError
 from ronnaplan.planner.storage import Look
 from ronnaplan.registration.markers import register_markers
+from ronnaplan.robot.placement.placement import Place as RobotPlace
+from ronnaplan.robot.placement.placement import Placement
+from ronnaplan.robot.placement.route import Route
+from ronnaplan.robot.placement.serving import Served
 from tests import cases
 from tests.documents.test_fiducials import FOUND
+from tests.robot.placement.cases import room
+
+SERVED = Served("LH", "trajectory", np.zeros((2, 6)), 20.0, 30.0, 40.0, 50.0)
+ROUTE = Route(("LH",), 90.0, ("LH",), ("F1",), np.zeros(6))
+PLACES = (RobotPlace(np.eye(4), (SERVED,), ROUTE, 0.9),)
+PLACEMENT = placement_document(
+    Placement(np.eye(4), PLACES, ()), room(), "kr6r900", fiducials_document(FOUND).source
+)
 
 Reader = Callable[[Path], object]
 Place = tuple[Any, ...]
@@ -50,6 +63,7 @@ def documents() -> dict[str, tuple[Any, Reader]]:
             to_json(plan_document(plan.edit("left", notes="twice\nas far").edit("left", name="right").undo())),
             read_plan,
         ),
+        "placement": (to_json(PLACEMENT), read_placement),
         "limits": (
             json.dumps(
                 {

@@ -325,7 +325,7 @@ def judge_task(
             if margins[b, 0] >= world.needs[0] and margins[b, 1] >= world.needs[1]:
                 hopes[n, b] = np.degrees(min(margins[b, 0], margins[b, 1]))
     while best < enough:
-        n, b = divmod(hopes.argmax(), 8)
+        n, b = divmod(int(hopes.argmax()), 8)
         hope = hopes[n, b]
         if hope <= max(best, 0.0):
             break

@@ -57,14 +57,14 @@ def plan_route(problem: Problem, base: FloatArray, served: Sequence[Served], ref
         tuple(served[n - 1].name for n in order),
         float(sum(cost[pair] for pair in pairs)),
         tuple(served[b - 1].name for a, b in pairs if a and b and by_reference[a, b] < direct[a, b]),
-        tuple(served[n - 1].name for n in np.flatnonzero(stuck)),
+        tuple(served[n - 1].name for n in np.flatnonzero(stuck).tolist()),
         reference,
     )
 
 
 def _moves(problem: Problem, base: FloatArray, postures_deg: FloatArray) -> FloatArray:
     """Return what straight moves between postures (N, 6) count (N, N); infinite where they are not free."""
-    found = np.abs(postures_deg[:, None] - postures_deg).max(axis=-1)
+    found: FloatArray = np.abs(postures_deg[:, None] - postures_deg).max(axis=-1)
     trolley = place_trolley(problem.machine, base)
     for a in range(len(found)):
         for b in range(a):

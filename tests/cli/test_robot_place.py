@@ -1,0 +1,74 @@
+"""``ronnaplan robot place`` from a plan and a room to a placement, or to what stands in the way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from phantoms.fast import render
+from phantoms.output import write_phantom
+from phantoms.stack import axial_stack
+from ronnaplan.cli import main
+from ronnaplan.documents.placement import read_placement
+from ronnaplan.documents.room import EXAMPLE
+from tests.planning.heads import layered_head
+
+POINTS = ["--entry", "-20", "10", "77", "--target", "-10", "5", "20", "--coordinates", "LPS"]
+NARROW = {
+    "x = [-1100, 700]": "x = [-800, -700]",
+    "y = [-1100, 1100]": "y = [-600, -500]",
+    "[800, 1000]": "[900, 900]",
+}
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """Return the arguments that name plan, scan and room."""
+    folder = tmp_path_factory.mktemp("case")
+    stack = axial_stack(start_mm=-20, stop_mm=90, spacing_mm=2.0, matrix=128, field_of_view_mm=190.0)
+    write_phantom(folder / "ct", layered_head(), stack, render(layered_head(), stack, seed=1))
+    plan, room = folder / "plan.json", folder / "room.toml"
+    text = EXAMPLE
+    for old, new in NARROW.items():
+        assert old in text
+        text = text.replace(old, new)
+    room.write_text(text)
+    assert main(["plan", "new", str(folder / "ct"), "-o", str(plan)]) == 0
+    assert main(["plan", "add", str(plan), "LH", "--ct", str(folder / "ct"), *POINTS]) == 0
+    return ["robot", "place", "--plan", str(plan), "--ct", str(folder / "ct"), "--scene", str(room)]
+
+
+def test_a_place_is_found_and_checked_after_parking(
+    case: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "placement.json"
+    assert main([*case, "-o", str(output)]) == 0
+    assert "serves all after parking with probability" in capsys.readouterr().err
+    found = read_placement(output)
+    assert found.status == "placed"
+    pose = np.array(found.robot_from_ct[0].room_from_r)
+    turn = np.degrees(np.arctan2(pose[1, 0], pose[0, 0]))
+    parked = [f"{value:.3f}" for value in (*pose[:3, 3], turn)]
+    assert main([*case, "--parked", *parked, "-o", str(output)]) == 0
+    again = read_placement(output)
+    assert (again.status, again.revision, again.robot_from_ct[0].probability) == ("parked", 1, None)
+
+
+def test_what_stands_in_the_way_is_written_and_refused(
+    case: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "placement.json"
+    assert main([*case, "--parked", "3000", "0", "900", "0", "-o", str(output)]) == 3
+    assert "trajectory LH: out of the arm's reach from here" in capsys.readouterr().err
+    assert read_placement(output).status == "blocked"
+
+
+def test_what_is_missing_is_named(case: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["robot", "place", "--example"]) == 0
+    assert capsys.readouterr().out == EXAMPLE
+    assert main(case[:-2]) == 2
+    assert "robot place needs --scene" in capsys.readouterr().err
+    assert main([*case, "--arm", "nowhere.urdf"]) == 1
+    assert "nowhere.urdf cannot be read" in capsys.readouterr().err

@@ -1,0 +1,43 @@
+"""room.toml: the example is a room, and what is no room is refused by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ronnaplan.documents.room import EXAMPLE, read_room
+from ronnaplan.errors import InputError
+from ronnaplan.robot.placement.room import Parking
+
+
+def test_the_example_is_read_as_it_is_annotated(tmp_path: Path) -> None:
+    (tmp_path / "room.toml").write_text(EXAMPLE)
+    room = read_room(tmp_path / "room.toml")
+    assert [box.name for box in room.boxes] == ["table", "patient"]
+    assert (room.floor.trolley[0].name, room.capsules[0].radius_mm) == ("trolley", 20)
+    assert room.tool.marker is not None
+    assert room.parking == Parking()
+    np.testing.assert_allclose(room.head.room_from_ct(np.zeros(3))[:3, 1], [0, 0, -1], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("version = 1", "version = 2", "version"),
+        ("nearest_mm = 950", "nearest = 950", "tracker.nearest: no field"),
+        ("x = [-1100, 700]", "x = [700, -1100]", "x goes from 700 to -1100"),
+        ("center = [0, 0, 1050]", 'center = [0, 0, "1050"]', "head.center.2"),
+        ("normal = [0, 1, -1]", "normal = [0, 0, 0]", "points somewhere"),
+        ("radius = 20", "radius = 0", "capsule.0.radius"),
+        ("sigma_mm = 20", "sigma_mm = nan", "sigma_mm|JSON|finite"),
+        ("sigma_mm = 20", "sigma_mm = 1979-05-27", "is no room"),
+        ("[margins]", "[margins", "is no room"),
+    ],
+)
+def test_what_is_no_room_is_refused(old: str, new: str, sentence: str, tmp_path: Path) -> None:
+    assert old in EXAMPLE
+    (tmp_path / "room.toml").write_text(EXAMPLE.replace(old, new, 1))
+    with pytest.raises(InputError, match=sentence):
+        read_room(tmp_path / "room.toml")

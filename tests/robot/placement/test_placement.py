@@ -1,0 +1,157 @@
+"""Where the robot shall stand: what is found holds when looked at by other means, and what blocks is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ronnaplan.ct.volume import SeriesSource
+from ronnaplan.documents.fiducials import Source
+from ronnaplan.documents.placement import placement_document, placement_text
+from ronnaplan.errors import FrameMismatchError, InputError
+from ronnaplan.geometry import FloatArray, Frame, Points
+from ronnaplan.planning import Plan, Trajectory
+from ronnaplan.robot.arm.forward import forward
+from ronnaplan.robot.arm.kuka import kr6_r900
+from ronnaplan.robot.arm.quality import joint_margins_deg, singularity_deg
+from ronnaplan.robot.placement.parking import strayed
+from ronnaplan.robot.placement.placement import COARSE, Job, Placement, check_parked, find_places
+from ronnaplan.robot.placement.room import Floor, HeadPose, Margins, Parking
+from ronnaplan.robot.placement.search import worths
+from ronnaplan.robot.placement.tasks import drill_task
+from tests.robot.placement.cases import CENTER_MM, job, room
+
+SMALL = Floor((-800.0, -650.0), (-600.0, -500.0), (850.0, 900.0))
+
+
+@pytest.fixture(scope="module")
+def found() -> tuple[Job, Placement]:
+    given = job(0, 3, 2, floor=replace(SMALL, trolley=room().floor.trolley))
+    return given, find_places(given)
+
+
+def test_every_task_is_reached_all_along_its_way_within_the_margins(found: tuple[Job, Placement]) -> None:
+    given, placement = found
+    place, arm, asked = placement.places[0], kr6_r900(), given.room.margins
+    for task, served in zip(given.tasks, place.served, strict=True):
+        tips = (place.room_from_r @ forward(arm, np.radians(served.angles_deg)) @ task.flange_from_tip)[:, :3]
+        ends = np.array([task.starts_mm, task.ends_mm])
+        way = np.linalg.norm(tips[[0, -1], :, 3][:, None] - ends, axis=-1).max(axis=0).argmin()
+        start, end = task.starts_mm[way], task.ends_mm[way]
+        inward = (end - start) / np.linalg.norm(end - start)
+        np.testing.assert_allclose(tips[[0, -1], :, 3], [start, end], atol=1e-6)
+        assert np.abs(np.cross(tips[:, :, 3] - start, inward)).max() < 1e-6
+        assert np.abs(tips[:, :, 2] - inward).max() < 1e-9
+        assert np.linalg.norm(np.diff(tips[:, :, 3], axis=0), axis=1).max() <= 5.0 + 1e-9
+        assert np.abs(np.diff(served.angles_deg, axis=0)).max() < 20
+        angles = np.radians(served.angles_deg)
+        assert joint_margins_deg(arm, angles).min() == pytest.approx(served.joint_deg, abs=1e-6)
+        assert singularity_deg(arm, angles).min() == pytest.approx(served.singularity_deg, abs=1e-6)
+        assert served.joint_deg >= asked.joint_deg
+        assert served.singularity_deg >= asked.singularity_deg
+        assert served.clearance_mm >= asked.clearance_mm
+        assert served.tracker_deg >= asked.tracker_deg
+    assert place.worst_joint_deg == min(one.joint_deg for one in place.served)
+    assert set(place.route.order) | set(place.route.stuck) == {task.name for task in given.tasks}
+    assert [name[0] for name in place.route.order] == sorted(name[0] for name in place.route.order)
+
+
+def test_no_place_of_the_floor_is_better(found: tuple[Job, Placement]) -> None:
+    given, placement = found
+    coarse, rng = given.problem(COARSE), np.random.default_rng(1)
+    floor = given.room.floor
+    least, greatest = np.array([floor.x_mm, floor.y_mm, floor.z_mm, (0.0, 90.0)]).T
+    there = placement.places[0].room_from_r
+    turn = np.degrees(np.arctan2(there[1, 0], there[0, 0]))
+    (best,) = worths(coarse, np.array([[*there[:3, 3], turn]]))
+    assert worths(coarse, rng.uniform(least, greatest, (40, 4))).max() <= best + 1e-9
+
+
+def test_the_document_says_the_same(found: tuple[Job, Placement]) -> None:
+    given, placement = found
+    document = placement_document(placement, given.room, "kr6r900", Source())
+    assert document.status == "placed"
+    (first, *_) = document.robot_from_ct
+    np.testing.assert_allclose(
+        np.array(first.room_from_r) @ np.array(first.r_from_ct), given.room_from_ct, atol=1e-9
+    )
+    assert "place 1: x" in placement_text(document)
+
+
+def test_a_base_that_was_measured_is_checked(found: tuple[Job, Placement]) -> None:
+    given, placement = found
+    moved = placement.places[0].room_from_r.copy()
+    moved[0, 3] += 3.0
+    here = check_parked(given, moved)
+    assert here.places[0].probability is None
+    far = moved.copy()
+    far[0, 3] -= 900.0
+    blocked = check_parked(given, far)
+    assert not blocked.places
+    assert any("T0: out of the arm's reach from here" in sentence for sentence in blocked.blocked)
+
+
+def test_parking_strays_as_it_is_told() -> None:
+    places = strayed(np.array([100.0, 200, 900, 30]), Parking(20.0, 3.0), 1024, 0)
+    np.testing.assert_allclose(places.mean(axis=0), [100, 200, 900, 30], atol=0.5)
+    np.testing.assert_allclose(places.std(axis=0), [20, 20, 0, 3], rtol=0.03, atol=1e-12)
+
+
+def blocked(trajectory: tuple[FloatArray, FloatArray], **changes: object) -> str:
+    given = job(0, 1, 0, floor=SMALL, **changes)
+    task = drill_task("LH", *trajectory, given.room.tool, 180.0, 2.4)
+    told = find_places(replace(given, tasks=(task,)))
+    assert not told.places
+    (sentence,) = told.blocked
+    return sentence
+
+
+ABOVE_MM, FAR_MM = np.array([0.0, 0, 95]), np.array([1500.0, 0, 0])
+FROM_ABOVE = (CENTER_MM + ABOVE_MM, CENTER_MM)
+
+
+def test_what_blocks_is_told() -> None:
+    assert "out of the arm's reach" in blocked((CENTER_MM + 1.1 * FAR_MM, CENTER_MM + FAR_MM))
+    assert "a singular posture" in blocked(FROM_ABOVE, margins=Margins(singularity_deg=89.0))
+    assert "its limit for every base; 80 are asked for" in blocked(FROM_ABOVE, margins=Margins(joint_deg=80.0))
+    assert "the tracker does not see" in blocked(FROM_ABOVE, margins=Margins(tracker_deg=74.0))
+    from_below = blocked((CENTER_MM - ABOVE_MM, CENTER_MM))
+    assert from_below.startswith("trajectory LH: ")
+    assert "nearest entry that works is turned by" in from_below or "works either" in from_below
+
+
+def test_an_instrument_too_short_meets_the_head_with_its_holder() -> None:
+    given = job(0, 1, 0, floor=SMALL, tracker=None)
+    task = drill_task("LH", *FROM_ABOVE, given.room.tool, 95.0, 2.4)
+    (sentence,) = find_places(replace(given, tasks=(task,))).blocked
+    assert "holder comes within" in sentence
+    assert "of the head for every base; 20 are asked for" in sentence
+
+
+def test_the_head_lies_in_the_room_as_stated() -> None:
+    axes = HeadPose((0.0, 0.0, 1000.0), (0.0, 0.0, 1.0), (-1.0, 0.0, 0.0)).room_from_ct(np.array([1.0, 2, 3]))
+    np.testing.assert_allclose(axes @ [1, 2, 3, 1], [0, 0, 1000, 1], atol=1e-12)
+    assert np.linalg.det(axes[:3, :3]) == pytest.approx(1)
+    np.testing.assert_allclose(axes[:3, :3] @ [0, -1, 0], [0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(axes[:3, :3] @ [0, 0, 1], [-1, 0, 0], atol=1e-12)
+    with pytest.raises(InputError, match="not perpendicular"):
+        HeadPose((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.5, 1.0)).room_from_ct(np.zeros(3))
+
+
+def test_a_plan_becomes_tasks_in_the_room() -> None:
+    plan = Plan(SeriesSource(frame_of_reference_uid="1.2"), None)
+    surface, center = np.random.default_rng(0).normal(size=(500, 3)) * 80, np.zeros(3)
+    with pytest.raises(InputError, match="no trajectories"):
+        Job.of_plan(kr6_r900(), room(), plan, None, surface, center)
+    plan = plan.add(Trajectory("LH", np.array([20.0, 10, 90]), np.array([5.0, 6, 7]), plan.frame))
+    markers = Points(np.array([[0.0, -80, 60]]), np.zeros((1, 3, 3)), ("F1",), plan.frame)
+    ots_from_ct = np.eye(4)
+    ots_from_ct[:3, 3] = (0, 0, 1500)
+    made = Job.of_plan(kr6_r900(), room(), plan, markers, surface, center, ots_from_ct)
+    assert [task.name for task in made.tasks] == ["LH", "F1"]
+    np.testing.assert_allclose(made.tasks[0].ends_mm, [CENTER_MM + np.array([-7.0, 5, -6])], atol=1e-9)
+    np.testing.assert_allclose(made.world.tracker, CENTER_MM + FAR_MM, atol=1e-9)
+    with pytest.raises(FrameMismatchError):
+        Job.of_plan(kr6_r900(), room(), plan, replace(markers, frame=Frame("CT", "1.3")), surface, center)
