@@ -65,6 +65,7 @@ class Actions:
             "nudge": self.pointer.nudge,
             "window": state.look.choose_window,
             "window_hu": self._window_hu,
+            "layout": state.look.choose_layout,
             "surface": state.look.other_surface,
             "look_from": self._look_from,
             "select": state.show_path,
@@ -106,9 +107,10 @@ class Actions:
         button: int,
         shift: bool,
         control: bool = False,
+        alt: bool = False,
     ) -> None:
         at = Pixel(x, y, width, height)
-        self.pointer.press(view, at, pan=button == MIDDLE or shift, window=button == RIGHT or control)
+        self.pointer.press(view, at, pan=button == MIDDLE or shift, window=button == RIGHT or control, free=alt)
 
     def _look_from(self, side: str) -> None:
         """Turn the head so that one looks from a side."""

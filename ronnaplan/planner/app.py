@@ -18,6 +18,7 @@ from ronnaplan.planner.head_view import HeadView
 from ronnaplan.planner.painter import CUTS, Painter
 from ronnaplan.planner.pointer import HEAD, Pixel, Pointer
 from ronnaplan.planner.state import PlannerState
+from ronnaplan.planner.storage import LAYOUTS
 from ronnaplan.planner.worker import CancelledError
 from ronnaplan.planner.working import Working
 from ronnaplan.planning import INSTRUMENTS
@@ -100,6 +101,7 @@ class PlannerApp:
                 "windows": list(WINDOWS_HU),
                 "keys": list(self._keys),
                 "key_help": [(_in_print(key), words) for key, (words, _) in self._keys.items()],
+                "layouts": list(LAYOUTS),
                 "instruments": list(INSTRUMENTS),
                 "tracker": "" if self.tracker is None else f"{self.tracker[0]}:{self.tracker[1]}",
                 "patient": "" if self.patient is None else self.patient or "(no name)",

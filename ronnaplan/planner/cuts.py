@@ -34,7 +34,8 @@ STANDARD = {
 }
 """Right and down of the three cuts: the patient's left is on the right, as radiologists look."""
 
-PATH_VIEWS = ("inline", "probe")
+ACROSS = "probe"
+PATH_VIEWS = ("inline", ACROSS)
 """The cut that holds the selected trajectory, and the one across it, seen along it from outside."""
 
 

@@ -18,6 +18,12 @@ POINT_COLOUR, BEGUN_COLOUR = "#b2ff59", "#ffffff"
 NEAR_MM = 3.0
 """What of a trajectory lies this near to the plane is drawn in full, the rest faintly and dashed."""
 
+TICK_MM, LABEL_MM, TICK_HALF_MM = 5.0, 10, 0.8
+"""Depths from the target are marked so often, told so often; half the width of a mark, twice that where it is told."""
+
+IN_PLANE = 1e-3
+"""A path whose direction has no larger share out of a plane lies along it."""
+
 LEAST_RISE_MM = 1e-6
 """A line that rises less from the plane is parallel to it."""
 
@@ -133,8 +139,34 @@ def _path(one: Trajectory, cut: Cut, selected: bool) -> dict[str, Any]:
     ends = cut.on_screen_mm(np.stack([one.entry_mm, one.target_mm]))
     near = [bool(abs(away) < NEAR_MM) for away in ends[:, 2]]
     places = {"entry": ends[0, :2].tolist(), "target": ends[1, :2].tolist(), "part": _near_part(ends)}
-    look = {"selected": selected, "near": near, "width": 2.5 if selected else 1.5}
-    return {"name": one.name, "colour": one.colour, **look, **places}
+    look = {
+        "selected": selected,
+        "near": near,
+        "width": 2.5 if selected else 1.5,
+        "thick": one.instrument.diameter_mm,
+    }
+    return {
+        "name": one.name,
+        "colour": one.colour,
+        **look,
+        **places,
+        "ticks": _ticks(one, cut) if selected else [],
+    }
+
+
+def _ticks(one: Trajectory, cut: Cut) -> list[dict[str, Any]]:
+    """Return a mark across the path every `TICK_MM` from the target outwards, where the path lies in the plane."""
+    if abs(one.inward @ cut.away) > IN_PLANE:
+        return []
+    along = cut.on_screen_mm(cut.center_mm + one.inward)[:2]
+    side = TICK_HALF_MM * np.array([-along[1], along[0]])
+    marks = []
+    for depth in np.arange(TICK_MM, one.length_mm, TICK_MM):
+        middle = cut.on_screen_mm(one.target_mm - depth * one.inward)[:2]
+        labelled = round(depth) % LABEL_MM == 0
+        ends = [(middle + sign * (1 + labelled) * side).tolist() for sign in (-1, 1)]
+        marks.append({"ends": ends, "label": f"{depth:.0f}" if labelled else ""})
+    return marks
 
 
 def _near_part(ends: FloatArray) -> list[list[float]]:

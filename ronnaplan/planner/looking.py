@@ -12,9 +12,9 @@ from ronnaplan.case.edits import OpenCase
 from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.geometry import FloatArray, as_points
 from ronnaplan.planner.cuts import PATH_VIEWS, STANDARD, WINDOWS_HU, path_axes
-from ronnaplan.planner.storage import Look, Storage
+from ronnaplan.planner.storage import LAYOUTS, Look, Storage
 from ronnaplan.planning import Plan, Trajectory
-from ronnaplan.planning.sampling import SliceSampler
+from ronnaplan.planning.sampling import AIR_HU, SliceSampler
 from ronnaplan.scene.cut import Cut
 from ronnaplan.scene.field import bounds_mm
 from ronnaplan.scene.surfaces import SURFACES
@@ -34,6 +34,9 @@ OWN_WINDOW = "own"
 LOWEST_HU, GREATEST_HU, NARROWEST_HU = -10_000.0, 100_000.0, 2.0
 """Bounds of a window."""
 
+SNAP_MM, SNAP_STEP_MM, SNAP_WAYS = 12.0, 0.25, 64
+"""An entry that is clicked or dragged so near to the scalp goes onto it; looked for in such steps and so many ways."""
+
 RAY_STEP_MM = 0.5
 """A surface is looked for along a ray in steps of this size."""
 
@@ -50,6 +53,7 @@ class Looking:
         self.field_mm: float
         self.window: str
         self.window_hu: tuple[float, float]
+        self.layout: str
         self.surface = "skin"
         self.opened = False
         """Whether the corner of the head that lies between crosshair and eye is taken away in the 3-D view."""
@@ -123,6 +127,13 @@ class Looking:
         self.window_hu = (low_hu, high_hu)
         self.window = next((name for name, known in WINDOWS_HU.items() if known == self.window_hu), OWN_WINDOW)
 
+    def choose_layout(self, name: str) -> None:
+        """Choose which views are shown how large."""
+        if name not in LAYOUTS:
+            raise UsageError(f"there is no layout {name}; there are {', '.join(LAYOUTS)}")
+        self.layout = name
+        self.save()
+
     def other_surface(self) -> None:
         """Show the skull in the place of the skin in the 3-D view, or the other way about."""
         self.surface = "skull" if self.surface == "skin" else "skin"
@@ -156,6 +167,25 @@ class Looking:
         share = (values[first] - level) / (values[first] - before) if before < level else 0.0
         place: FloatArray = places[first] - share * RAY_STEP_MM * direction
         return place
+
+    def on_scalp(self, place_mm: FloatArray, plane: Cut) -> FloatArray | None:
+        """Return the place (3,) on the skin nearest to another in a plane, None where none is within `SNAP_MM`."""
+        angles = np.linspace(0.0, 2 * np.pi, SNAP_WAYS, endpoint=False)[:, np.newaxis]
+        ways = np.cos(angles) * plane.right + np.sin(angles) * plane.down
+        reaches = np.arange(0.0, SNAP_MM + SNAP_STEP_MM, SNAP_STEP_MM)
+        places = place_mm + ways[:, np.newaxis] * reaches[:, np.newaxis]
+        level = SURFACES["skin"].value
+        above = (
+            np.nan_to_num(self.scan.values_hu(places.reshape(-1, 3)), nan=AIR_HU).reshape(places.shape[:2]) - level
+        )
+        crosses = (above[:, 1:] >= 0.0) != (above[:, :-1] >= 0.0)
+        if not crosses.any():
+            return None
+        first = np.where(crosses.any(axis=1), crosses.argmax(axis=1), len(reaches))
+        way = int(first.argmin())
+        before, after = above[way, first[way] : first[way] + 2]
+        found: FloatArray = place_mm + (reaches[first[way]] + SNAP_STEP_MM * before / (before - after)) * ways[way]
+        return found
 
     def opened_towards(self, eye_mm: FloatArray) -> FloatArray:
         """Return the signs (3,) of the LPS axes, from the crosshair, of the corner that is taken away."""
@@ -201,6 +231,7 @@ class Looking:
                 field_mm=self.field_mm,
                 window=self.window,
                 window_hu=self.window_hu,
+                layout=self.layout,
                 selected=self.selected,
                 points={name: tuple(place) for name, place in self.points_mm.items()},
             )
@@ -229,6 +260,7 @@ class Looking:
         if look.window_hu is not None:
             with contextlib.suppress(UsageError):  # by whom it was written is not known
                 self.set_window(*look.window_hu)
+        self.layout = look.layout if look.layout in LAYOUTS else LAYOUTS[0]
         self.points_mm = {name: np.array(place) for name, place in look.points.items()}
         self.selected = look.selected
         if self.chosen is None and self.case.plan.trajectories:

@@ -90,5 +90,7 @@ def _path(camera: Camera, one: Trajectory, state: PlannerState) -> dict[str, Any
         "near": (ends[:, 2] >= LEAST_DEPTH_MM).tolist(),
         "selected": one.name == state.look.selected,
         "width": 1,
+        "thick": 0,
+        "ticks": [],
     }
     return {"name": one.name, "colour": one.colour, **look, **places}

@@ -95,6 +95,7 @@ class Painter:
             "can_undo": state.case.can_undo,
             "can_redo": state.case.can_redo,
             "surface": state.look.surface,
+            "layout": state.look.layout,
             "opened": state.look.opened,
             "marker": state.look.marker or "",
             "sought": state.case.fiducials.marker.diameter_mm if state.case.fiducials else 0,

@@ -11,10 +11,11 @@ from ronnaplan.case.edits import ENDS
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.arguments import Steps
-from ronnaplan.planner.cuts import PATH_VIEWS
+from ronnaplan.planner.cuts import ACROSS, PATH_VIEWS
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.scene.camera import Camera
 from ronnaplan.scene.cut import Cut
+from ronnaplan.scene.surfaces import SURFACES
 
 GRAB_PIXELS = 9.0
 """A press this near to an end or line of a trajectory takes hold of it."""
@@ -38,6 +39,9 @@ LEAST_WINDOW_STEP_HU = 0.5
 
 NARROWEST_HU, WIDEST_HU, LEVELS_HU = 4.0, 8000.0, (-2000.0, 5000.0)
 """How far a drag can go."""
+
+ON_SKIN_HU = 250.0
+"""A place on the skin's surface has its value but for this, which rounding and steep edges take."""
 
 HEAD = "head"
 """The 3-D view."""
@@ -94,6 +98,7 @@ class Pointer:
     def __init__(self, state: PlannerState, head: Head | None = None) -> None:
         self.state, self.head = state, head
         self.adding = False
+        self._free = False
         self._held: tuple[str, str] | None = None
         self._offset_mm: FloatArray = np.zeros(3)
         self._plane: Cut | None = None
@@ -105,11 +110,13 @@ class Pointer:
         """Begin to add a trajectory by two presses, or leave it."""
         self.adding, self.state.look.begun_mm = not self.adding, None
 
-    def press(self, view: str, at: Pixel, *, pan: bool = False, window: bool = False) -> None:
+    def press(self, view: str, at: Pixel, *, pan: bool = False, window: bool = False, free: bool = False) -> None:
         """Take hold of what is under the pointer: an end of a trajectory, the picture, the crosshair or the head.
 
-        ``pan`` takes hold of the picture whatever is under the pointer, ``window`` of its brightness.
+        ``pan`` takes hold of the picture whatever is under the pointer, ``window`` of its brightness. An entry goes
+        onto the scalp where that is near, unless it is ``free``.
         """
+        self._free = free
         self._plane = self._held = self._panned_from = self._windowed_from = None
         if window and view != HEAD:
             self._windowed_from = at, self.state.look.window_hu
@@ -144,7 +151,10 @@ class Pointer:
             return
         place = at.place_mm(self._plane)
         if self._held is not None:
-            self.state.case.drag(*self._held, place + self._offset_mm)
+            place = place + self._offset_mm
+            if self._held[1] == "entry" and view not in (HEAD, ACROSS):
+                place = self._snapped(place, self._plane)
+            self.state.case.drag(*self._held, place)
         elif self._panned_from is not None:
             self.state.look.center_mm = self._plane.center_mm + self._panned_from - place
         else:
@@ -203,7 +213,11 @@ class Pointer:
     def _add(self, view: str, at: Pixel) -> None:
         place: FloatArray | None
         if view != HEAD:
-            place = at.place_mm(self.state.look.cut(view))
+            cut = self.state.look.cut(view)
+            place = at.place_mm(cut)
+            if self.state.look.begun_mm is None:
+                place = self._snapped(place, cut)
+                self._require_head(place)
         elif self.state.look.begun_mm is not None:
             raise UsageError("the target lies inside the head; click it in one of the cuts")
         else:
@@ -213,8 +227,19 @@ class Pointer:
         if self.state.look.begun_mm is None:
             self.state.look.begun_mm = place
             return
-        entry, self.state.look.begun_mm, self.adding = self.state.look.begun_mm, None, False
-        self.state.add_trajectory(entry, place)
+        self.state.add_trajectory(self.state.look.begun_mm, place)
+        self.state.look.begun_mm, self.adding = None, False
+
+    def _snapped(self, place_mm: FloatArray, plane: Cut) -> FloatArray:
+        """Return the place (3,) on the scalp beside another, or the other itself."""
+        found = None if self._free else self.state.look.on_scalp(place_mm, plane)
+        return place_mm if found is None else found
+
+    def _require_head(self, entry_mm: FloatArray) -> None:
+        """Refuse an entry (3,) in the air or outside the scan before a target is asked for."""
+        value = float(self.state.look.scan.values_hu(entry_mm[np.newaxis])[0])
+        if not value >= SURFACES["skin"].value - ON_SKIN_HU:
+            raise UsageError("the entry lies in air or outside the scan; click on the scalp, or near to it")
 
     def _take(self, view: str, at: Pixel, name: str, end: str) -> None:
         """Hold an end: it keeps its depth behind the screen, and its distance from the pointer."""

@@ -17,6 +17,9 @@ from ronnaplan.documents.reading import to_json, validated
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.tracking import READERS
 
+LAYOUTS = ("six", "four", "3-D")
+"""All views; the standard cuts and the head; the head large beside the cuts."""
+
 
 class Look(DocumentModel):
     """planner.json: where a person was looking, in the scan with these voxels."""
@@ -27,6 +30,7 @@ class Look(DocumentModel):
     field_mm: PositiveMm
     window: Line
     window_hu: tuple[Hounsfield, Hounsfield] | None = None
+    layout: Line = LAYOUTS[0]
     selected: Line | None = None
     points: dict[str, Vector] = Field(default_factory=dict)
     """AC, PC or midline point as far as they are set, until the plan holds all three."""

@@ -84,3 +84,24 @@ def test_long_work_is_shown_cancelled_and_holds_nothing_up(page: Any) -> None:
     assert value(page, "markers") == before
     page.click("#news >> text=dismiss")
     page.wait_for_selector("#news", state="detached")
+
+
+def test_a_layout_shows_fewer_views_larger_and_names_stay_where_they_belong(page: Any) -> None:
+    page.click(".rp-bar .v-btn >> text=3-D")
+    page.wait_for_selector("svg[data-view=inline]", state="hidden")
+    box = page.locator("svg[data-view=head]").bounding_box()
+    assert box["height"] > 700
+
+    def fits() -> bool:
+        drawn = value(page, "drawn_head")
+        return bool(abs(drawn["wide"] / drawn["high"] - box["width"] / box["height"]) < 0.01)
+
+    eventually(page, fits)
+    page.click(".rp-bar .v-btn >> text=six")
+    page.wait_for_selector("svg[data-view=inline]", state="visible")
+
+
+def test_depths_from_the_target_are_marked_along_the_path(page: Any) -> None:
+    page.wait_for_selector("svg[data-view=inline] .rp-tick >> nth=0", state="attached")
+    told = page.locator("svg[data-view=inline] .rp-tick text").all_text_contents()
+    assert told == [str(depth) for depth in range(10, 71, 10)]  # the path is 71.6 mm long

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ronnaplan.errors import InputError, UsageError
 from ronnaplan.planner.pointer import Pixel, Pointer
 from ronnaplan.planner.state import PlannerState
 from tests import cases
@@ -105,3 +106,37 @@ def test_the_wheel_scrolls_or_zooms_about_the_pointer(state: PlannerState) -> No
     x = state.look.crosshair_mm[0]
     pointer.wheel("sagittal", 2, at)
     assert abs(state.look.crosshair_mm[0] - x) == pytest.approx(3.0)
+
+
+def test_an_entry_goes_onto_the_scalp_beside_it_unless_it_is_free(state: PlannerState) -> None:
+    pointer = Pointer(state)
+    pointer.add()
+    cut = state.look.cut("axial")
+    scalp = np.array([4.0, -95.0, 28.0])
+    while state.look.scan.values_hu(scalp[np.newaxis])[0] < -400:  # from in front, until the skin is met
+        scalp[1] += 0.1
+    beside = scalp + np.array([2.0, -6.0, 0.0])
+    pointer.press("axial", pixel(state, "axial", beside))
+    found = state.look.begun_mm
+    assert found is not None
+    assert state.look.scan.values_hu(found[np.newaxis])[0] == pytest.approx(-400, abs=60)
+    assert np.linalg.norm(found - beside) <= np.linalg.norm(scalp - beside)
+    assert (found - beside) @ cut.away == pytest.approx(0.0)
+    pointer.add()
+    pointer.add()
+    with pytest.raises(UsageError, match="in air"):
+        pointer.press("axial", pixel(state, "axial", beside), free=True)
+    with pytest.raises(UsageError, match="in air"):
+        pointer.press("axial", pixel(state, "axial", scalp + np.array([0.0, -30.0, 0.0])))
+    pointer.press("axial", pixel(state, "axial", scalp + np.array([0.0, 40.0, 0.0])))
+    assert state.look.begun_mm == pytest.approx(scalp + np.array([0.0, 40.0, 0.0]), abs=0.01)
+
+
+def test_a_refused_target_leaves_the_entry(state: PlannerState) -> None:
+    pointer = Pointer(state)
+    pointer.add()
+    pointer.press("axial", pixel(state, "axial", np.array([10.0, 5.0, 28.0])))
+    with pytest.raises(InputError, match=r"air|outside"):
+        pointer.press("axial", pixel(state, "axial", np.array([4.0, -110.0, 28.0])))
+    assert pointer.adding
+    assert state.look.begun_mm is not None

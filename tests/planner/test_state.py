@@ -42,12 +42,14 @@ def test_everything_is_found_again_after_a_crash(state: PlannerState) -> None:
     name = state.add_trajectory(E + np.array([5, 0, 0]), T)
     state.look.jump([1.0, 2.0, 3.0])
     state.look.choose_window("brain")
+    state.look.choose_layout("four")
     state.look.zoom("axial", 2.0, T)
     state.look.save()
     state.case.reject_marker("F2")
     state.case.rename_marker("F1", "nose")
     again = reopened(state)
     assert again.look.selected == name == "T1"
+    assert again.look.layout == "four"
     assert again.look.crosshair_mm == pytest.approx([1.0, 2.0, 3.0])
     assert (again.look.window, again.look.field_mm) == ("brain", state.look.field_mm)
     assert to_json(again.case.fiducials) == to_json(state.case.fiducials)  # type: ignore[arg-type]

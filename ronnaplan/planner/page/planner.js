@@ -55,7 +55,7 @@
     event.preventDefault();
     view.focus({ preventScroll: true, focusVisible: false });
     view.setPointerCapture(event.pointerId);
-    tell("press", [view.dataset.view, ...place(view, event), event.button, event.shiftKey, event.ctrlKey]);
+    tell("press", [view.dataset.view, ...place(view, event), event.button, event.shiftKey, event.ctrlKey, event.altKey]);
   });
   window.addEventListener("pointermove", (event) => {
     const view = viewOf(event);
