@@ -33,6 +33,7 @@ from ronnaplan.report import marker_part
 from ronnaplan.report.quality import quality_report
 from ronnaplan.report.registration_part import registration_part
 from tests import cases
+from tests.case.test_one_truth import as_written, figures
 
 pytestmark = pytest.mark.usefixtures("one_scan")
 LOST = "1 reading left out: occluded"
@@ -180,6 +181,39 @@ def test_a_proposal_keeps_its_distance_from_another_path_whatever_that_is_called
         for one in found.best:
             assert [near.other for near in one.measures.spacings] == [name]
             assert around.judge(one.trajectory, other).verdicts == one.verdicts
+
+
+EXACT = ["--sigma-ct", "0.01", "--sigma-ots", "0.1"]
+
+
+def test_a_proposed_path_is_proposed_with_the_figures_that_plan_check_gives_it(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    proposed: list[Any] = []
+    monkeypatch.setattr("ronnaplan.planning.tables.proposals_table", lambda found, _: proposed.append(found))
+    given, out, told = named(folder), tmp_path / "measures.json", []
+    plan = (folder / "plan.json").read_bytes()
+    for options in (given[:2], given[:4], [*given[:4], *EXACT], given):
+        (folder / "plan.json").write_bytes(plan)
+        target = ["--target", "-20", "5", "20", "--coordinates", "LPS", "--count", "1", "--add"]
+        assert main(["plan", "propose", str(folder / "plan.json"), "new", *target, *options]) == 0
+        assert main(["plan", "check", str(folder / "plan.json"), *options, "-o", str(out)]) == 0
+        (best,) = proposed.pop().best
+        (said,) = [one for one in json.loads(out.read_text())["trajectories"] if one["name"] == "new"]
+        for written, error in (
+            ("expected_error", best.measures.error),
+            ("planned_error", best.measures.planned_error),
+        ):
+            assert figures(said[written], as_written(error)) == as_written(error)
+        told.append(error_at_target(said))
+    nothing, with_markers, exact_markers, registered = told
+    assert nothing is None
+    assert exact_markers < 0.5 * with_markers
+    assert registered != with_markers
+
+
+def error_at_target(said: dict[str, Any]) -> float | None:
+    return None if said["expected_error"] is None else said["expected_error"]["tre_rms_mm"][-1]
 
 
 def test_a_value_beyond_its_limit_is_never_written_like_the_limit() -> None:
