@@ -17,6 +17,9 @@ MOST_DIGITS = 20
 LONGEST_NUMBER = 64
 """Characters of a number as programs write one; Python's shortest form needs 24."""
 
+BLANKS = " \t\r\n"
+"""What may stand around a number. Python strips other control characters, too, each of which may be a damaged digit."""
+
 PLAIN_NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]{1,3})?")
 
 
@@ -33,14 +36,16 @@ def printable(text: object, longest: int = LONGEST_TEXT) -> str:
 
 
 def plain_number(text: str) -> float | None:
-    """Return the number that ``text`` is, written with ASCII digits and a point; None for anything else.
+    r"""Return the number that ``text`` is, written with ASCII digits and a point; None for anything else.
 
     Python's own ``float`` takes digit groups (``1_0``), digits of other scripts, ``nan`` and ``infinity``, too.
 
     >>> plain_number(" -1.5e3 "), plain_number("1_0"), plain_number("1,5"), plain_number("nan")
     (-1500.0, None, None, None)
+    >>> plain_number("10\x1c"), plain_number("\xa05")
+    (None, None)
     """
-    bare = text.strip()
+    bare = text.strip(BLANKS)
     if len(bare) > LONGEST_NUMBER or not PLAIN_NUMBER.fullmatch(bare):
         return None
     value = float(bare)
@@ -49,7 +54,7 @@ def plain_number(text: str) -> float | None:
 
 def whole_number(text: str) -> int | None:
     """Return the whole number that ``text`` is, written with ASCII digits; None for anything else."""
-    bare = text.strip()
+    bare = text.strip(BLANKS)
     return int(bare) if re.fullmatch(rf"[+-]?[0-9]{{1,{MOST_DIGITS}}}", bare) else None
 
 

@@ -16,6 +16,7 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.planning.plan import Plan
 from ronnaplan.planning.trajectory import Instrument, Trajectory, instrument_named
+from ronnaplan.text import BLANKS
 from ronnaplan.tracking.slicer import LPS_FROM_RAS, Markup, read_markups_file
 from ronnaplan.tracking.tables import number, plain_text, read_rows, require_table, unescaped
 
@@ -105,7 +106,7 @@ def read_plan_table(
         raise InputError(f"{os.fspath(path)} lacks the columns {', '.join(missing)}; expected {', '.join(NEEDED)}")
     found = []
     for line, cells in enumerate(rows, start=2):
-        row = {name: cell.strip() for name, cell in zip(header, cells, strict=False)}
+        row = {name: cell.strip(BLANKS) for name, cell in zip(header, cells, strict=False)}
         found.append(_from_row(row, delimiter, f"{os.fspath(path)} line {line}", frame, instrument, system))
     return found
 

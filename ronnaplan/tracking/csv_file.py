@@ -11,7 +11,7 @@ import numpy as np
 
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import LARGEST_SIGMA_MM, SMALLEST_SIGMA_MM, FloatArray, Frame
-from ronnaplan.text import printable
+from ronnaplan.text import BLANKS, printable
 from ronnaplan.tracking.recording import (
     OK,
     OTS,
@@ -121,7 +121,7 @@ def _reading(path: Path, row: Mapping[str, str], delimiter: str, poses: Set[str]
         return ToolReading(index, label, matrix, value("time"), error_mm, status)
     if status == OK and not np.isfinite(position).all():
         status = "no position"
-    written = row.get("sigma", "").strip()
+    written = row.get("sigma", "").strip(BLANKS)
     sigma = number(written, delimiter)
     if (
         status == OK

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ronnaplan.errors import InputError
+from ronnaplan.text import BLANKS
 from ronnaplan.tracking.recording import OK, PointReading, Recording, ToolReading, quaternion_pose
 from ronnaplan.tracking.tables import frame_number, number, read_rows
 
@@ -66,7 +67,7 @@ class _Row:
     path: Path
 
     def text(self, column: int) -> str:
-        return self.cells[column].strip() if 0 <= column < len(self.cells) else ""
+        return self.cells[column].strip(BLANKS) if 0 <= column < len(self.cells) else ""
 
     def value(self, column: int) -> float:
         found = number(self.text(column), self.delimiter)

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ronnaplan.errors import InputError
-from ronnaplan.text import plain_number, printable
+from ronnaplan.text import BLANKS, plain_number, printable
 from ronnaplan.tracking.recording import OK, Recording, ToolReading, rounding_notes, tool_reading
 from ronnaplan.untrusted import require_file
 
@@ -44,7 +44,7 @@ def read_sequence(path: Path) -> Recording:
         key = int(match[1]), match[2]
         if len(fields) > MOST_FIELDS:
             raise InputError(f"{path} has more than {MOST_FIELDS} fields; split the recording")
-        if fields.setdefault(key, match[3].strip()) != match[3].strip():
+        if fields.setdefault(key, match[3].strip(BLANKS)) != match[3].strip(BLANKS):
             raise InputError(
                 f"{path} gives {printable(match[2])} of frame {key[0]} twice; expected each field once"
             )
@@ -66,7 +66,7 @@ def _header(path: Path) -> Iterator[str]:
             file.seek(0)
             while (raw := file.readline(LONGEST_LINE)) and left > 0:
                 left -= len(raw)
-                line = raw.decode("ascii", errors="replace").strip()
+                line = raw.decode("ascii", errors="replace").strip(BLANKS)
                 if line.startswith(PREFIX):
                     yield line
                 elif (unit := UNIT.match(line)) and set(re.findall(r"[^\s\"]+", unit[1])) != {"mm"}:
@@ -88,7 +88,7 @@ def _reading(fields: Fields, frame: int, name: str) -> tuple[ToolReading, float]
     """Return the reading, and by how much its rotation missed one."""
     status = fields.get((frame, f"{name}Status"), OK).lower()
     time_s = plain_number(fields.get((frame, "Timestamp"), ""))
-    numbers = [plain_number(text) for text in fields[frame, name].split()]
+    numbers = [plain_number(text) for text in re.split("[ \t]+", fields[frame, name].strip(BLANKS))]
     matrix = np.array(numbers, dtype=np.float64)
     tool = name.removesuffix("Transform")
     return tool_reading(frame, tool, matrix, float("nan") if time_s is None else time_s, status)

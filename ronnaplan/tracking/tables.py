@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from ronnaplan.errors import InputError
-from ronnaplan.text import plain_number, printable
+from ronnaplan.text import BLANKS, plain_number, printable
 from ronnaplan.tracking.recording import OK
 from ronnaplan.untrusted import read_whole
 
@@ -147,7 +147,7 @@ def number(cell: str, delimiter: str = ",") -> float | None:
 
     A decimal comma is understood where the comma is not the delimiter.
     """
-    text = cell.strip()
+    text = cell.strip(BLANKS)
     if text.lower() in MISSING:
         return None
     return plain_number(text if delimiter == "," else text.replace(",", "."))
@@ -155,7 +155,7 @@ def number(cell: str, delimiter: str = ",") -> float | None:
 
 def frame_number(path: Path, cell: str, delimiter: str, otherwise: int) -> int:
     """Return a frame's number, ``otherwise`` where the row has none; raises `InputError` unless it is whole."""
-    if cell.strip().lower() in MISSING:
+    if cell.strip(BLANKS).lower() in MISSING:
         return otherwise
     value = number(cell, delimiter)
     if value is None or value != int(value) or abs(value) > MOST_FRAMES:

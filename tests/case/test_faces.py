@@ -208,6 +208,8 @@ def test_a_proposed_path_is_proposed_with_the_figures_that_plan_check_gives_it(
         told.append(error_at_target(said))
     nothing, with_markers, exact_markers, registered = told
     assert nothing is None
+    assert with_markers is not None
+    assert exact_markers is not None
     assert exact_markers < 0.5 * with_markers
     assert registered != with_markers
 

@@ -254,6 +254,8 @@ def test_a_plain_table_needs_its_system(tmp_path: Path) -> None:
         ("", "is empty"),
         (f"{HEADER}\n", "no trajectory"),
         (f"{HEADER}\nA,1_0,2,3,4,5,6\n", "no number under entry_x"),
+        (f"{HEADER}\nA,1,2,3,4,\x1e.5,6\n", "no number under target_y"),
+        (f"{HEADER}\nA,1,2,3,4,5,6\x1c\n", "no number under target_z"),
         (f"{HEADER}\nA,nan,2,3,4,5,6\n", "no number under entry_x"),
         (f"{HEADER},unit\nA,1,2,3,4,5,6,cm\n", "its unit is 'cm'"),
         (f"{HEADER},entry_x\nA,1,2,3,4,5,6,7\n", "more than one column"),

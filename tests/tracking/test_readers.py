@@ -50,7 +50,15 @@ def test_csv_columns_are_found_by_name_and_bad_rows_are_kept_with_a_reason(tmp_p
 
 
 def test_damaged_numbers_are_flagged_not_used(tmp_path: Path) -> None:
-    bad = ("1,2,3,-1", "1e300,2,3,0.1", "1,inf,3,0.1", "1e12,2,3,0.1", "1_0,2,3,0.1", "1,\u0664,3,0.1", "9" * 400)
+    bad = (
+        *("1,2,3,-1", "1e300,2,3,0.1", "1,inf,3,0.1", "1e12,2,3,0.1", "1_0,2,3,0.1", "1,\u0664,3,0.1", "9" * 400),
+        *(
+            "1\x1c,2,3,0.1",
+            "1,\x1e.5,3,0.1",
+            "1,2,\xa03,0.1",
+            "1,2,3,0.1\x1f",
+        ),  # a bit of a digit's was turned over
+    )
     text = "\n".join(["x,y,z,sigma", *bad, "1,2,3,0.1"])
     recording = read_recording(written(tmp_path, "r.csv", text))
     assert [point.usable for point in recording.points] == [False] * len(bad) + [True]
