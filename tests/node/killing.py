@@ -37,7 +37,9 @@ from tests.node.peers import free_port
 
 CONFIGURATION = """
 port = {port}
-quiet_s = 0.5
+page_port = 0
+quiet_s = {quiet_s}
+{more}
 [limits]
 least_free_mib = 1
 silent_s = 5.0
@@ -58,6 +60,7 @@ answers = ["fiducials"]
 receivers = ["archive"]
 """
 SLICES = 3
+DUPLICATE = 0x0111
 
 
 class Archive:
@@ -78,6 +81,12 @@ class Archive:
         self.got.setdefault(str(made.ContentDescription), set()).add(str(made.SOPInstanceUID))
         return 0
 
+    def wait_for(self, series: int) -> None:
+        """Wait until so many series were answered, for at most two minutes."""
+        last = time.monotonic() + 120
+        while len(self.got) < series and time.monotonic() < last:
+            time.sleep(0.1)
+
     def stop(self) -> None:
         if self._server is not None:
             self._server.shutdown()
@@ -86,11 +95,13 @@ class Archive:
 class Trial:
     """A node under fire."""
 
-    def __init__(self, home: Path, seed: int) -> None:
+    def __init__(self, home: Path, seed: int, more: str = "", quiet_s: float = 0.5) -> None:
         self.random, self.home, self.archive = random.Random(seed), home, Archive()
         self.port = free_port()
         self.config = home / "node.toml"
-        self.config.write_text(CONFIGURATION.format(port=self.port, archive=self.archive.port))
+        self.config.write_text(
+            CONFIGURATION.format(port=self.port, archive=self.archive.port, quiet_s=quiet_s, more=more)
+        )
         self.acknowledged: dict[str, str] = {}
         self.killed: Counter[str] = Counter()
         self.sent = 0
@@ -101,12 +112,17 @@ class Trial:
         with (self.home / "log").open("ab") as log:
             return subprocess.Popen(command, stderr=log)
 
-    def send_series(self, number: int) -> None:
-        """Send a series until all of it is acknowledged, over as many associations as it takes."""
+    def send_series(self, number: int, *, other: bool = False) -> None:
+        """Send a series until all of it is acknowledged, over as many associations as it takes.
+
+        ``other`` sends another content under its UIDs, which is acknowledged as such.
+        """
         entity = AE("CT1")
         entity.add_requested_context(CTImageStorage)
         entity.connection_timeout = entity.dimse_timeout = entity.acse_timeout = 5
         waiting = [self._instance(number, k) for k in range(SLICES)]
+        for made in waiting if other else []:
+            made.SeriesDescription = f"other {time.time()}"
         last = time.monotonic() + 120
         while waiting:
             if time.monotonic() > last:
@@ -115,7 +131,7 @@ class Trial:
             with suppress(RuntimeError, ValueError, OSError):
                 while waiting and association.is_established:
                     answer = association.send_c_store(waiting[0])
-                    if answer.get("Status") != 0:
+                    if answer.get("Status") != (DUPLICATE if other else 0):
                         break
                     made = waiting.pop(0)
                     self.acknowledged[str(made.SOPInstanceUID)] = hashlib.sha256(made.PixelData).hexdigest()
@@ -143,6 +159,12 @@ class Trial:
             self.node.wait()
             self.node = self._start()
 
+    def end(self) -> None:
+        """Stop node and archive."""
+        self.node.terminate()
+        self.node.wait()
+        self.archive.stop()
+
     def _child(self, which: str) -> int | None:
         module = {"receiver": b"ronnaplan.node.receiver", "worker": b"tests.node.killed_work"}[which]
         for process in Path("/proc").glob("[0-9]*"):
@@ -154,13 +176,9 @@ class Trial:
 
     def faults(self, series: int) -> list[str]:
         """Wait until all is answered; return what is wrong in the end."""
-        last = time.monotonic() + 120
-        while len(self.archive.got) < series and time.monotonic() < last:
-            time.sleep(0.1)
+        self.archive.wait_for(series)
         time.sleep(1.0)  # for a second answer, which there must not be
-        self.node.terminate()
-        self.node.wait()
-        self.archive.stop()
+        self.end()
         wrong = [f"series {uid} has {len(got)} answers" for uid, got in self.archive.got.items() if len(got) != 1]
         if len(self.archive.got) != series:
             wrong.append(f"{len(self.archive.got)} of {series} series were answered")
