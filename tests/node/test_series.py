@@ -14,6 +14,7 @@ from ronnaplan.node.index import Index, SeriesRow
 from ronnaplan.node.logs import Log
 from ronnaplan.node.retention import remove_old
 from ronnaplan.node.series import SeriesWatch, rule_for
+from ronnaplan.node.tables import status_page
 from tests.node.peers import configuration
 
 RULE = {"name": "all", "diameters": [11.5]}
@@ -80,6 +81,20 @@ def test_a_series_whose_number_of_instances_is_known_waits_for_no_quiet_time(ind
     add(index, 1, 100.2, expected=2)
     watched.tick(100.3)
     assert jobs(index) == [(2, "waiting")]
+
+
+def test_a_series_of_ten_thousand_instances_is_one_job(index: Index, tmp_path: Path) -> None:
+    with index.transaction():
+        for number in range(10_000):
+            path = f"instances/1.3/1.4/1.2.{number}.dcm"
+            index.add(facts(number, expected=10_000), path, "CT1", "RONNAPLAN", 100.0)
+    watch(index, tmp_path).tick(100.1)
+    assert jobs(index) == [(10_000, "waiting")]
+    assert status_page(index).count("<tr>") == 2  # its head, and the series
+    remove_old(tmp_path, index, 200.0, Log(io.StringIO()))  # owes an answer
+    index.run("UPDATE jobs SET state = 'done'")
+    remove_old(tmp_path, index, 200.0, Log(io.StringIO()))
+    assert index.rows("SELECT count(*) FROM instances") == [(0,)]
 
 
 def test_a_series_that_no_rule_fits_is_complete_without_a_job(index: Index, tmp_path: Path) -> None:
