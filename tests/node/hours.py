@@ -96,7 +96,8 @@ def look(node: subprocess.Popen[bytes], data: Path) -> Look:
             found["rss_mib"] += int(_field(status, "VmRSS")) / 1024
             found["threads"] += int(_field(status, "Threads"))
             found["handles"] += len(list(Path(f"/proc/{pid}/fd").iterdir()))
-    files = [path for path in data.rglob("*") if path.is_file()]
+    # os.walk goes on where a folder was removed meanwhile
+    files = [Path(folder) / name for folder, _, names in os.walk(data) for name in names]
     found["files"] = len(files)
     found["audit_kib"] = size_kib(lambda path: path.name == "audit.log", files)
     found["disk_kib"] = size_kib(lambda path: path.name != "audit.log", files)

@@ -33,23 +33,12 @@ from pynetdicom import AE, evt
 from ronnaplan.node.index import Index
 from ronnaplan.node.transport import quieten
 from tests.ct import makers
-from tests.node.peers import free_port
+from tests.node.peers import free_port, write_toml
 
-CONFIGURATION = """
-port = {port}
-page_port = 0
-quiet_s = {quiet_s}
-{more}
-[limits]
-least_free_mib = 1
-silent_s = 5.0
+REST = """
 [jobs]
 retry_s = 0.2
 attempts = 100
-[[peer]]
-name = "scanner"
-title = "CT1"
-sends = true
 [[peer]]
 name = "archive"
 title = "ARCHIVE"
@@ -98,10 +87,9 @@ class Trial:
     def __init__(self, home: Path, seed: int, more: str = "", quiet_s: float = 0.5) -> None:
         self.random, self.home, self.archive = random.Random(seed), home, Archive()
         self.port = free_port()
-        self.config = home / "node.toml"
-        self.config.write_text(
-            CONFIGURATION.format(port=self.port, archive=self.archive.port, quiet_s=quiet_s, more=more)
-        )
+        rest = REST.format(archive=self.archive.port)
+        self.config = write_toml(home, self.port, rest, quiet_s=quiet_s, silent_s=5.0)
+        self.config.write_text(more + self.config.read_text())
         self.acknowledged: dict[str, str] = {}
         self.killed: Counter[str] = Counter()
         self.sent = 0

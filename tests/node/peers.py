@@ -51,6 +51,15 @@ def configuration(home: Path, **given: Any) -> Config:
     return checked(content, Config).model_copy(update={"home": home})
 
 
+def write_toml(home: Path, port: int, rest: str = "", *, quiet_s: float = 0.5, silent_s: float = 30.0) -> Path:
+    """Write node.toml with one scanner that may send, and ``rest``; return its path."""
+    path = home / "node.toml"
+    limits = f"limits = {{ least_free_mib = 1, silent_s = {silent_s} }}"
+    scanner = '[[peer]]\nname = "scanner"\ntitle = "CT1"\nsends = true'
+    path.write_text(f"port = {port}\npage_port = 0\nquiet_s = {quiet_s}\n{limits}\n{scanner}\n{rest}")
+    return path
+
+
 class Listening:
     """A receiver that serves, and what it said."""
 

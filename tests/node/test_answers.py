@@ -20,21 +20,12 @@ from ronnaplan.node.hub import Hub
 from ronnaplan.node.index import Index
 from ronnaplan.node.logs import Log
 from ronnaplan.report.pdf import find_browser
-from tests.node.peers import Orthanc, free_port, needs, program, send, until
+from tests.node.peers import Orthanc, free_port, needs, program, send, until, write_toml
 
 SCAN = Path("data/synthetic_ct")
-CONFIGURATION = """
-port = {port}
-page_port = 0
-quiet_s = 2.0
-[limits]
-least_free_mib = 1
+REST = """
 [jobs]
 retry_s = 1.0
-[[peer]]
-name = "scanner"
-title = "CT1"
-sends = true
 [[peer]]
 name = "pacs"
 title = "ORTHANC"
@@ -64,8 +55,7 @@ class Running:
         from ronnaplan.node.config import read_config
 
         self.port, self.said = free_port(), io.StringIO()
-        path = home / "node.toml"
-        path.write_text(CONFIGURATION.format(port=self.port, archive=orthanc.port, http=orthanc.http))
+        path = write_toml(home, self.port, REST.format(archive=orthanc.port, http=orthanc.http), quiet_s=2.0)
         self.config = read_config(path)
         self.config.data.mkdir()
         self.index = Index(self.config.data)

@@ -12,26 +12,13 @@ from pathlib import Path
 from ronnaplan.cli import main
 from ronnaplan.node.index import Index
 from tests.ct import makers
-from tests.node.peers import free_port, needs, save, send, until
-
-CONFIGURATION = """
-port = {port}
-page_port = 0
-quiet_s = 0.5
-[limits]
-least_free_mib = 1
-[[peer]]
-name = "scanner"
-title = "CT1"
-sends = true
-"""
+from tests.node.peers import free_port, needs, save, send, until, write_toml
 
 
 @needs("storescu")
 def test_a_node_receives_through_its_receiver_s_death_and_ends_whole(tmp_path: Path) -> None:
     port = free_port()
-    config = tmp_path / "node.toml"
-    config.write_text(CONFIGURATION.format(port=port))
+    config = write_toml(tmp_path, port)
     log = tmp_path / "log"
     with log.open("w") as stream:
         node = subprocess.Popen(
