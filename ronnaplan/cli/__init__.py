@@ -15,7 +15,7 @@ from ronnaplan.errors import RonnaplanError, UsageError
 
 VERBS = (
     *("series", "localize", "plan", "track", "register", "view", "report", "export", "robot"),
-    *("cohort", "node", "pull", "phantom", "phantom-check", "study", "demo", "prepare"),
+    *("cohort", "node", "pull", "phantom", "phantom-check", "study", "demo", "prepare", "schema"),
 )
 
 DESCRIPTION = "From a head CT with spherical markers to coordinates a robot can trust."

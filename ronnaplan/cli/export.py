@@ -6,10 +6,10 @@ import argparse
 from pathlib import Path
 
 HELP = (
-    "Turn fiducials or a registration into markups, CSV, DICOM or an ITK transform, a case into a 3-D scene, "
+    "Turn fiducials or a registration into markups, CSV, DICOM, an ITK transform or ROS, a case into a 3-D scene, "
     "or name nobody in a scan."
 )
-DOCUMENTS = ("markups", "csv", "dicom", "itk")
+DOCUMENTS = ("markups", "csv", "dicom", "itk", "ros")
 SCENES = ("gltf", "stl", "vtp", "html")
 
 

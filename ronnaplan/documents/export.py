@@ -13,6 +13,7 @@ from ronnaplan.documents.markups import markups
 from ronnaplan.documents.registration import FORMAT as REGISTRATION
 from ronnaplan.documents.registration import RegistrationDocument, read_registration
 from ronnaplan.documents.registration_exports import registration_csv, registration_markups
+from ronnaplan.documents.ros import ros_transform
 from ronnaplan.documents.table import csv_table
 from ronnaplan.errors import UsageError
 
@@ -68,5 +69,6 @@ REGISTRATION_EXPORTERS: dict[str, Callable[[RegistrationDocument], str]] = {
     "markups": registration_markups,
     "csv": registration_csv,
     "itk": itk_transform,
+    "ros": ros_transform,
 }
 """Text formats a registration document can become, by the name given to ``--to``."""

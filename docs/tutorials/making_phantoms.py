@@ -1,0 +1,22 @@
+# %% [markdown]
+# # Making phantoms
+#
+# `phantoms` scans a described head and writes a DICOM series with its truth. It shares no code with `ronnaplan`, so it can
+# judge it, or any other program. Here one marker's surroundings are scanned; `ronnaplan phantom` makes whole heads.
+
+# %%
+from phantoms.patients import random_patient
+
+patient = random_patient(7, kind="post with insert", count=5, thickness_mm=1.25)
+marker = patient.scene.markers[0]
+print(marker.label, marker.center_mm, marker.diameter_mm, "mm of", marker.material)
+print(len(patient.scene.markers), "markers; the scan is written by patient.write(folder), slices in parallel")
+
+# %% [markdown]
+# On the command line:
+#
+#     ronnaplan phantom --list
+#     ronnaplan phantom patient-insert --scanner fast -o my_phantom
+#     ronnaplan localize my_phantom --diameter 11.5 -o fiducials.json
+#
+# `my_phantom/truth.json` holds where every marker really is. [Phantoms](../phantoms.md) has the scenes and the physics.

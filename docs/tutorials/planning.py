@@ -1,0 +1,35 @@
+# %% [markdown]
+# # Planning
+#
+# A trajectory is two points of the scan and an instrument. It is measured in the scan itself: where it crosses skin and
+# skull, at what angle, and what the registration's error means for it.
+
+# %%
+from ronnaplan import Plan, Trajectory, read_ct
+from ronnaplan.planning import INSTRUMENTS, Head, Limits, judge, measure
+
+ct = read_ct("data/synthetic_ct")
+left = Trajectory("left", [-40.0, -20.0, 75.0], [-15.0, 5.0, 10.0], ct.frame, INSTRUMENTS["SEEG electrode"])
+right = Trajectory("right", [35.0, -25.0, 78.0], [15.0, 5.0, 10.0], ct.frame, INSTRUMENTS["SEEG electrode"])
+plan = Plan.of_scan(ct).add(left).add(right)
+plan.plot(ct)
+
+# %%
+measured = measure(left, Head.of(ct), others=plan.trajectories)
+print(
+    f"{left.length_mm:.1f} mm long; other paths at", [round(one.distance_mm, 1) for one in measured.spacings], "mm"
+)
+
+# %% [markdown]
+# Limits are judged one by one; a value that cannot be told does not pass.
+
+# %%
+for verdict in judge(measured, Limits(longest_path_mm=80.0, greatest_skull_angle_deg=40.0)):
+    print("passes" if verdict.passes else "FAILS ", verdict.measure, verdict.value, verdict.unit, verdict.remark)
+
+# %% [markdown]
+# A plan is never changed in place, and every step can be taken back:
+
+# %%
+shorter = plan.edit("left", target_mm=left.at_depth(60.0))
+print(round(shorter.trajectory("left").length_mm, 1), "mm;", shorter.undo())

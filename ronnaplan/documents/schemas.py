@@ -1,0 +1,31 @@
+"""The JSON Schema of every file that ronnaplan writes or reads, for other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from ronnaplan.documents.fiducials import FiducialsDocument
+from ronnaplan.documents.fields import DocumentModel
+from ronnaplan.documents.limits import LimitsDocument
+from ronnaplan.documents.phantom_check import PhantomCheckDocument
+from ronnaplan.documents.plan import PlanDocument
+from ronnaplan.documents.registration import RegistrationDocument
+from ronnaplan.documents.template import TemplateDocument
+from ronnaplan.errors import UsageError
+
+DOCUMENTS: Final[Mapping[str, type[DocumentModel]]] = {
+    "fiducials": FiducialsDocument,
+    "registration": RegistrationDocument,
+    "plan": PlanDocument,
+    "limits": LimitsDocument,
+    "template": TemplateDocument,
+    "phantom_check": PhantomCheckDocument,
+}
+
+
+def schema(name: str) -> dict[str, Any]:
+    """Return the JSON Schema (draft 2020-12) of the document called ``name``; `UsageError` with the known names."""
+    if name not in DOCUMENTS:
+        raise UsageError(f"no file is called {name!r}; choose one of {', '.join(DOCUMENTS)}")
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **DOCUMENTS[name].model_json_schema()}

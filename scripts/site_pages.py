@@ -1,0 +1,137 @@
+"""What the documentation site makes while it is built: tutorials that are run, the commands' help, the files' schemas.
+
+A tutorial is a Python file whose cells begin with ``# %%`` (``# %% [markdown]`` for text), as editors and Jupyter
+understand it. Its code is run; what it prints, and the value or picture of a cell's last line, stand below the cell.
+"""
+
+from __future__ import annotations
+
+import ast
+import io
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import chdir, redirect_stderr, redirect_stdout
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+TUTORIALS = ROOT / "docs" / "tutorials"
+LONGEST_OUTPUT = 6000
+
+
+@dataclass
+class Page:
+    """A rendered tutorial: Markdown, and the pictures (name -> PNG) that it shows."""
+
+    text: str = ""
+    pictures: dict[str, bytes] = field(default_factory=dict)
+
+
+def cells(source: str) -> Iterator[tuple[str, str]]:
+    """Yield the kind (markdown or code) and the content of each cell."""
+    for part in source.split("# %%")[1:]:
+        head, _, body = part.partition("\n")
+        if "markdown" in head:
+            yield (
+                "markdown",
+                "\n".join(line.removeprefix("#").removeprefix(" ") for line in body.strip().splitlines()),
+            )
+        else:
+            yield "code", body.strip()
+
+
+def rendered(tutorial: Path) -> Page:
+    """Run a tutorial where ``data`` lies beside it, and return its page; what it raises is raised."""
+    page, names = Page(), {"__name__": "__main__"}
+    with tempfile.TemporaryDirectory() as folder, chdir(folder):
+        Path("data").symlink_to(ROOT / "data")
+        for kind, content in cells(tutorial.read_text(encoding="utf-8")):
+            page.text += f"{content}\n\n" if kind == "markdown" else f"```python\n{content}\n```\n\n"
+            if kind == "code":
+                page.text += _output(content, names, page, tutorial.stem)
+    return page
+
+
+def _output(code: str, names: dict[str, Any], page: Page, stem: str) -> str:
+    """Run one cell; return what it showed, as Markdown."""
+    tree = ast.parse(code)
+    last = tree.body.pop() if tree.body and isinstance(tree.body[-1], ast.Expr) else None
+    printed, value = io.StringIO(), None
+    with redirect_stdout(printed), redirect_stderr(printed):
+        exec(compile(tree, stem, "exec"), names)
+        if isinstance(last, ast.Expr):
+            value = eval(compile(ast.Expression(last.value), stem, "eval"), names)
+    text = ""
+    if hasattr(value, "_repr_png_"):
+        name = f"{stem}-{len(page.pictures) + 1}.png"
+        page.pictures[name] = value._repr_png_()
+        text = f"![what the cell shows]({name})\n\n"
+    elif value is not None:
+        printed.write(f"{value!r}\n" if not hasattr(value, "to_string") else f"{value.round(3).to_string()}\n")
+    shown = printed.getvalue().rstrip()[:LONGEST_OUTPUT]
+    return (f"```text\n{shown}\n```\n\n" if shown else "") + text
+
+
+def commands_page() -> str:
+    """Return the help of every verb."""
+    from ronnaplan.cli import VERBS, _parser
+
+    os.environ["COLUMNS"] = "100"
+    text = "# Commands\n\nAs `ronnaplan VERB --help` says it.\n"
+    verbs = next(one.choices for one in _parser()._actions if isinstance(one.choices, dict))
+    for name in VERBS:
+        text += f"\n## ronnaplan {name}\n\n```text\n{verbs[name].format_help().rstrip()}\n```\n"
+    return text
+
+
+def schemas_page() -> str:
+    """Return where each file's JSON Schema is, and what its fields are."""
+    from ronnaplan.documents.schemas import DOCUMENTS, schema
+
+    text = (
+        "# Files\n\nEvery file is UTF-8 JSON, read strictly: no unknown field, no number as text. "
+        "`ronnaplan schema NAME` prints the JSON Schema (draft 2020-12) of a file: what each field may be. What joins "
+        "fields (a covariance is positive definite, a residual fits its transform) is checked when the file is read. "
+        "Lengths are mm, coordinates DICOM LPS.\n"
+    )
+    for name, model in DOCUMENTS.items():
+        described = schema(name)
+        text += (
+            f"\n## {name}.json\n\n{(model.__doc__ or '').strip()}\n\n| field | type | needed |\n|---|---|---|\n"
+        )
+        for each, kind in described["properties"].items():
+            needed = "yes" if each in described.get("required", ()) else ""
+            text += f"| `{each}` | {_kind(kind)} | {needed} |\n"
+        for part, content in described.get("$defs", {}).items():
+            fields = ", ".join(f"`{one}`" for one in content.get("properties", {}))
+            first = content.get("description", "").partition("\n")[0]
+            text += f"\n*{part}*: {first} Fields: {fields}.\n"
+    return text
+
+
+def _kind(described: dict[str, Any]) -> str:
+    if "$ref" in described:
+        return str(described["$ref"].rsplit("/", 1)[1])
+    if "anyOf" in described:
+        return " or ".join(_kind(one) for one in described["anyOf"])
+    if "const" in described:
+        return f"`{described['const']!r}`"
+    if described.get("type") == "array":
+        return f"list of {_kind(described.get('items', {}))}" if "items" in described else "list of numbers"
+    return str(described.get("type", "any"))
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """Add what is made to the site's files (called by mkdocs)."""
+    from mkdocs.structure.files import File
+
+    made: dict[str, str | bytes] = {"reference/commands.md": commands_page(), "reference/files.md": schemas_page()}
+    for tutorial in sorted(TUTORIALS.glob("*.py")):
+        page = rendered(tutorial)
+        made[f"tutorials/{tutorial.stem}.md"] = page.text
+        made |= {f"tutorials/{name}": picture for name, picture in page.pictures.items()}
+    for place, content in made.items():
+        files.append(File.generated(config, place, content=content))
+    return files

@@ -1,0 +1,99 @@
+"""The documentation's links lead somewhere, its reference has the whole face, its tutorials run."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import ronnaplan
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "docs"
+MADE = {
+    "reference/commands.md",
+    "reference/files.md",
+    *(f"tutorials/{one.stem}.md" for one in DOCS.glob("tutorials/*.py")),
+}
+"""Pages that are made when the site is built."""
+QUICK = ("which_layout", "tracker_to_robot")
+"""Tutorials that take less than a second; `scripts/site` runs all of them."""
+
+
+@pytest.fixture(scope="module")
+def maker() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("site_pages", ROOT / "scripts" / "site_pages.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    import sys
+
+    sys.modules["site_pages"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def anchors(page: Path) -> set[str]:
+    heads = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.M)
+    return {re.sub(r"[^\w\- ]", "", head).strip().lower().replace(" ", "-") for head in heads}
+
+
+def test_every_internal_link_leads_to_a_page_and_its_heading() -> None:
+    pages = [*DOCS.rglob("*.md"), *DOCS.rglob("*.py")]
+    assert len(pages) > 25
+    for page in pages:
+        for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+            path, _, anchor = target.partition("#")
+            place = (page.parent / path).resolve() if path else page
+            if "//" in target or str(place.relative_to(DOCS)) in MADE:
+                continue
+            assert place.is_file(), (page, target)
+            assert not anchor or anchor in anchors(place), (page, target)
+
+
+def test_every_page_is_in_the_navigation() -> None:
+    navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:")[2]
+    listed = set(re.findall(r": (\S+\.md)$", navigation, re.M))
+    there = {str(page.relative_to(DOCS)) for page in DOCS.rglob("*.md")} | MADE
+    assert listed == there
+
+
+def test_the_reference_has_all_that_the_package_offers() -> None:
+    described = set(
+        re.findall(r"^::: \S+\.(\w+)$", (DOCS / "reference" / "python.md").read_text(encoding="utf-8"), re.M)
+    )
+    assert set(dir(ronnaplan)) <= described
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_a_tutorial_runs(maker: ModuleType, name: str) -> None:
+    page = maker.rendered(DOCS / "tutorials" / f"{name}.py")
+    assert page.text.startswith("# ")
+    assert page.text.count("```text") >= 2
+
+
+def test_a_cell_that_fails_fails_the_page_and_pictures_are_kept(maker: ModuleType, tmp_path: Path) -> None:
+    shown = (
+        "# %% [markdown]\n# # Title\n# %%\nclass P:\n    def _repr_png_(self): return b'png'\nprint('said')\nP()\n"
+    )
+    (tmp_path / "good.py").write_text(shown)
+    page = maker.rendered(tmp_path / "good.py")
+    assert page.pictures == {"good-1.png": b"png"}
+    assert "said" in page.text
+    assert "(good-1.png)" in page.text
+    (tmp_path / "bad.py").write_text("# %%\n1 / 0\n")
+    with pytest.raises(ZeroDivisionError):
+        maker.rendered(tmp_path / "bad.py")
+
+
+def test_commands_and_files_are_described(maker: ModuleType) -> None:
+    from ronnaplan.cli import VERBS
+
+    commands = maker.commands_page()
+    assert all(f"## ronnaplan {verb}\n" in commands for verb in VERBS)
+    files = maker.schemas_page()
+    assert all(f"## {name}.json" in files for name in ("fiducials", "registration", "plan", "limits", "template"))
+    assert "`covariance`" in files
