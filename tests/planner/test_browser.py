@@ -99,7 +99,9 @@ def test_what_was_done_is_found_again_after_reload_and_after_a_crash(
     page.reload()
     page.wait_for_selector("svg[data-view=axial] image")
     assert fields(page, "target") == after
+    assert not page.locator("#gone").is_visible()
     running.kill()
+    page.wait_for_selector("#gone >> text=What was done is kept", timeout=60_000)
     with planner(folder) as second:
         assert fields(opened(browser, second.url), "target") == after
 

@@ -131,6 +131,31 @@
     return true;
   }
 
+  // A planner that does not answer is asked for; once it answers again, its state is loaded anew.
+  const ASK_MS = 2000, MISSES = 2;
+  const GONE = `<h3>The planner cannot be reached</h3>
+    <p>It has ended, or does not answer. What was done is kept in the case's folder; only a drag that was not let go is gone.</p>
+    <p>Start it again with <kbd>ronnaplan view</kbd> and open the address that it prints. If it was only held up, this page goes on
+    by itself.</p>`;
+  let missed = 0;
+  async function ask() {
+    const limit = AbortSignal.timeout(4 * ASK_MS); // one that is busy answers late
+    const there = await fetch("planner_page/planner.css", { method: "HEAD", cache: "no-store", signal: limit }).then(
+      (answer) => answer.ok,
+      () => false,
+    );
+    missed = there ? 0 : missed + 1;
+    const gone = document.getElementById("gone");
+    if (there && gone) location.reload();
+    if (missed >= MISSES && !gone) {
+      const told = Object.assign(document.createElement("dialog"), { id: "gone", className: "rp-help", innerHTML: GONE });
+      document.documentElement.append(told); // beside the body, which trame empties when the connection is lost
+      told.showModal();
+    }
+    setTimeout(ask, ASK_MS);
+  }
+  setTimeout(ask, ASK_MS);
+
   window.addEventListener("keydown", (event) => {
     if (event.target.matches?.("svg[data-view]") && moves(event.target, event)) return;
     const field = event.target.closest && event.target.closest("input, textarea, select, dialog");
