@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from kernelcache import njit
-from ronnaplan.correspondence.evidence import GATE_CHI2, filled_volume, fit, fits_as_well, is_collinear, log_misfit
+from ronnaplan.correspondence.evidence import GATE_CHI2, fit, log_misfit
 from ronnaplan.correspondence.told import LEAST_PAIRS
 
 LISTED_NATS = 18.0
@@ -24,16 +24,6 @@ MOST_LISTED = 2048
 
 MOST_VISITED = 8_000
 """More cliques than this (about 10 ms): the list is given up, and poses are searched instead."""
-
-CLEAR_OF_OTHERS = 1e-5
-"""A second body less probable than this changes no answer."""
-
-LOG_ODDS_PER_PAIR = 1.6
-"""Of two bodies that both sets hold, the one with more pairs is the patient, by these log odds for each pair more:
-three pairs more are needed for 0.99, and equal bodies are always refused."""
-
-LEAST_REGULAR = 5
-"""Fewer pairs fit otherwise, too, by chance; of so many it shows that the markers are laid out regularly."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -261,119 +251,3 @@ def best_of(log_evidence, background):  # type: ignore[no-untyped-def]
     for a in range(len(log_evidence)):
         total += math.exp(log_evidence[a] - log_evidence[best])
     return best, 1.0 / total
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def mirror_is_better(ct, ots, weight, node_value, constants, known, spread, size, log_evidence):  # type: ignore[no-untyped-def]
-    """Tell whether the mirror image of the CT points pairs more than ``size`` points, and with more evidence.
-
-    Then one of the sets is left-handed, and what fits without a reflection is only a flat part of it.
-    """
-    if size >= min(len(ct), len(ots)):
-        return False
-    mirrored, larger = ct.copy(), constants.copy()
-    mirrored[:, 0] = -mirrored[:, 0]
-    larger[: size + 1] = -np.inf
-    found = search(mirrored, ots, weight, node_value, larger, known, spread, 1.0, log_evidence)[0]
-    return len(found) > 0 and found.max() > log_evidence
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def other_body(ct, ots, weight, node_value, constants, backgrounds, volume, partner):  # type: ignore[no-untyped-def]
-    """Return the number of pairs of the best body among the points that ``partner`` leaves, and if it is real.
-
-    ``constants`` and ``backgrounds``: those of `size_priors` for each number of pairs taken away.  The second
-    result is the probability that these pairs are no chance meeting; both are 0 when no three points are left.
-    """
-    taken = np.zeros(len(ots), np.bool_)
-    for j in partner:
-        if j >= 0:
-            taken[j] = True
-    i, j = np.flatnonzero(partner < 0), np.flatnonzero(~taken)
-    if min(len(i), len(j)) < LEAST_PAIRS:
-        return 0, 0.0
-    size = len(ct) - len(i)
-    own = constants[size, : min(len(i), len(j)) + 1].copy()
-    own += (np.arange(len(own)) - 1.0) * math.log(volume)
-    log_evidence, partners, _ = search(
-        ct[i],
-        ots[j],
-        weight[i][:, j],
-        node_value[i][:, j],
-        own,
-        np.zeros((0, 2), np.int64),
-        np.inf,
-        1.0,
-        backgrounds[size] - 5.0,
-    )
-    best, p = best_of(log_evidence, backgrounds[size])
-    if best < 0:
-        return 0, 0.0
-    return (partners[best] >= 0).sum(), p
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def regular_odds(ct, ots, weight, spread, log_evidence, partners, best, background):  # type: ignore[no-untyped-def]
-    """Return the odds, to the ``best`` of the listed pairings, of one that pairs the points otherwise and fits as well.
-
-    Such points are laid out regularly, and the noise of many makes evidences differ by more than is told apart: only
-    pairs more count, by `LOG_ODDS_PER_PAIR` each.  0 where nothing fits as well.
-    """
-    size = (partners[best] >= 0).sum()
-    if size < LEAST_REGULAR:
-        return 0.0
-    chi2, odds = chi2_of(ct, ots, weight, partners[best], spread), 0.0
-    for a in range(len(partners)):
-        other = (partners[a] >= 0).sum()
-        agree = ((partners[a] >= 0) & (partners[a] == partners[best])).sum()
-        if other < LEAST_REGULAR or 2 * agree > other:
-            continue
-        real = 1.0 / (1.0 + math.exp(min(background - log_evidence[a], 700.0)))
-        here = real * math.exp(-LOG_ODDS_PER_PAIR * max(size - other, 0))
-        if here > odds and fits_as_well(chi2, size, chi2_of(ct, ots, weight, partners[a], spread), other):
-            odds = here
-    return odds
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def chi2_of(ct, ots, weight, partner, spread):  # type: ignore[no-untyped-def]
-    """Return the chi^2 of a pairing, given as the partner of each CT point."""
-    i = np.flatnonzero(partner >= 0)
-    return fit(ct, ots, weight, i, partner[i].astype(np.int64), len(i), spread)[0]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def match_many(ct, ots, variance, sizes, residual, spread):  # type: ignore[no-untyped-def]
-    """Match T sets (T, n, 3), (T, m, 3) of one variance: partners (T, n) and probability (T,) of the best.
-
-    ``sizes`` and ``residual``: what `priors.size_priors` and `priors.residual_priors` return.  A probability of 0
-    marks what has to be looked at more closely: a search that gave up, points on a line, a set whose mirror image
-    fits better, a second body, and regular markers.
-    """
-    tests, n, m = len(ct), ct.shape[1], ots.shape[1]
-    weight, node_value = np.full((n, m), 1.0 / variance), np.full((n, m), -1.5 * math.log(variance))
-    known = np.zeros((0, 2), np.int64)
-    partners, probability = np.full((tests, n), -1, np.int16), np.zeros(tests)
-    size_constants, background = sizes
-    steps = np.arange(len(size_constants)) - 1.0
-    for t in range(tests):
-        volume = filled_volume(ct[t], ots[t])
-        constants = size_constants + steps * math.log(volume)
-        log_evidence, listed, complete = search(
-            ct[t], ots[t], weight, node_value, constants, known, spread, LISTED_NATS, -np.inf
-        )
-        best, p = best_of(log_evidence, background)
-        if best < 0:
-            continue
-        partners[t] = listed[best]
-        paired, top = listed[best] >= 0, log_evidence[best]
-        if not complete or is_collinear(ct[t][paired], math.sqrt(variance)):
-            continue
-        body = other_body(ct[t], ots[t], weight, node_value, residual[0], residual[1], volume, listed[best])
-        regular = regular_odds(ct[t], ots[t], weight, spread, log_evidence, listed, best, background)
-        if max(body[1], regular) > CLEAR_OF_OTHERS:
-            continue
-        size = paired.sum()
-        if not mirror_is_better(ct[t], ots[t], weight, node_value, constants, known, spread, size, top):
-            probability[t] = p
-    return partners, probability

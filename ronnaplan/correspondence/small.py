@@ -9,17 +9,11 @@ import numpy as np
 
 from ronnaplan.correspondence.anisotropic import anisotropic_log_evidence
 from ronnaplan.correspondence.evidence import is_collinear
-from ronnaplan.correspondence.exact import (
-    LISTED_NATS,
-    LOG_ODDS_PER_PAIR,
-    mirror_is_better,
-    other_body,
-    regular_odds,
-    search,
-)
+from ronnaplan.correspondence.exact import LISTED_NATS, search
 from ronnaplan.correspondence.pairing import MOST_RIVALS, IntArray, Pairing, Rival, no_pairs
 from ronnaplan.correspondence.priors import residual_priors, size_priors
 from ronnaplan.correspondence.problem import Problem, moved_pairs, pairs_of
+from ronnaplan.correspondence.rivals import LOG_ODDS_PER_PAIR, mirror_is_better, other_body, regular_odds
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.geometry import FloatArray
 

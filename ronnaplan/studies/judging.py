@@ -22,7 +22,7 @@ def judge_exact(scenes: Scenes, told: Told) -> Record:
 
     The best pairings come from one kernel for all tests; what is not clear at once is asked of `match_points`.
     """
-    from ronnaplan.correspondence.exact import match_many
+    from ronnaplan.correspondence.many import match_many
     from ronnaplan.correspondence.pairing import LEAST_PROBABILITY
     from ronnaplan.correspondence.priors import residual_priors, size_priors
 

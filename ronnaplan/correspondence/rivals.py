@@ -1,0 +1,131 @@
+"""What else may be the patient than the most probable pairing: its mirror image, another body, another order.
+
+Numba kernels over what `exact.search` lists.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from kernelcache import njit
+from ronnaplan.correspondence.evidence import fit, fits_as_well
+from ronnaplan.correspondence.exact import best_of, search
+from ronnaplan.correspondence.pairing import IntArray
+from ronnaplan.correspondence.told import LEAST_PAIRS
+from ronnaplan.geometry import FloatArray
+
+LOG_ODDS_PER_PAIR = 1.6
+"""Of two bodies that both sets hold, the one with more pairs is the patient, by these log odds for each pair more:
+three pairs more are needed for 0.99, and equal bodies are always refused."""
+
+LEAST_REGULAR = 5
+"""Fewer pairs fit otherwise, too, by chance; of so many it shows that the markers are laid out regularly."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def mirror_is_better(
+    ct: FloatArray,
+    ots: FloatArray,
+    weight: FloatArray,
+    node_value: FloatArray,
+    constants: FloatArray,
+    known: IntArray,
+    spread: float,
+    size: int,
+    log_evidence: float,
+) -> bool:
+    """Tell whether the mirror image of the CT points pairs more than ``size`` points, and with more evidence.
+
+    Then one of the sets is left-handed, and what fits without a reflection is only a flat part of it.
+    """
+    if size >= min(len(ct), len(ots)):
+        return False
+    mirrored, larger = ct.copy(), constants.copy()
+    mirrored[:, 0] = -mirrored[:, 0]
+    larger[: size + 1] = -np.inf
+    found = search(mirrored, ots, weight, node_value, larger, known, spread, 1.0, log_evidence)[0]
+    return len(found) > 0 and found.max() > log_evidence
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def other_body(
+    ct: FloatArray,
+    ots: FloatArray,
+    weight: FloatArray,
+    node_value: FloatArray,
+    constants: FloatArray,
+    backgrounds: FloatArray,
+    volume: float,
+    partner: IntArray,
+) -> tuple[int, float]:
+    """Return the number of pairs of the best body among the points that ``partner`` leaves, and if it is real.
+
+    ``constants`` and ``backgrounds``: those of `size_priors` for each number of pairs taken away.  The second
+    result is the probability that these pairs are no chance meeting; both are 0 when no three points are left.
+    """
+    taken = np.zeros(len(ots), np.bool_)
+    for j in partner:
+        if j >= 0:
+            taken[j] = True
+    i, j = np.flatnonzero(partner < 0), np.flatnonzero(~taken)
+    if min(len(i), len(j)) < LEAST_PAIRS:
+        return 0, 0.0
+    size = len(ct) - len(i)
+    own = constants[size, : min(len(i), len(j)) + 1].copy()
+    own += (np.arange(len(own)) - 1.0) * math.log(volume)
+    log_evidence, partners, _ = search(
+        ct[i],
+        ots[j],
+        weight[i][:, j],
+        node_value[i][:, j],
+        own,
+        np.zeros((0, 2), np.int64),
+        np.inf,
+        1.0,
+        backgrounds[size] - 5.0,
+    )
+    best, p = best_of(log_evidence, backgrounds[size])
+    if best < 0:
+        return 0, 0.0
+    return (partners[best] >= 0).sum(), p
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def regular_odds(
+    ct: FloatArray,
+    ots: FloatArray,
+    weight: FloatArray,
+    spread: float,
+    log_evidence: FloatArray,
+    partners: IntArray,
+    best: int,
+    background: float,
+) -> float:
+    """Return the odds, to the ``best`` of the listed pairings, of one that pairs the points otherwise and fits as well.
+
+    Such points are laid out regularly, and the noise of many makes evidences differ by more than is told apart: only
+    pairs more count, by `LOG_ODDS_PER_PAIR` each.  0 where nothing fits as well.
+    """
+    size = (partners[best] >= 0).sum()
+    if size < LEAST_REGULAR:
+        return 0.0
+    chi2, odds = chi2_of(ct, ots, weight, partners[best], spread), 0.0
+    for a in range(len(partners)):
+        other = (partners[a] >= 0).sum()
+        agree = ((partners[a] >= 0) & (partners[a] == partners[best])).sum()
+        if other < LEAST_REGULAR or 2 * agree > other:
+            continue
+        real = 1.0 / (1.0 + math.exp(min(background - log_evidence[a], 700.0)))
+        here = real * math.exp(-LOG_ODDS_PER_PAIR * max(size - other, 0))
+        if here > odds and fits_as_well(chi2, size, chi2_of(ct, ots, weight, partners[a], spread), other):
+            odds = here
+    return odds
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def chi2_of(ct: FloatArray, ots: FloatArray, weight: FloatArray, partner: IntArray, spread: float) -> float:
+    """Return the chi^2 of a pairing, given as the partner of each CT point."""
+    i = np.flatnonzero(partner >= 0)
+    return fit(ct, ots, weight, i, partner[i].astype(np.int64), len(i), spread)[0]
