@@ -17,6 +17,7 @@ from ronnaplan.documents.export import export
 from ronnaplan.documents.fiducials import read_fiducials
 from ronnaplan.documents.files import read_json
 from ronnaplan.documents.limits import read_limits
+from ronnaplan.documents.placement import placement_text, read_placement
 from ronnaplan.documents.plan import plan_document, read_plan
 from ronnaplan.documents.plan_exchange import line_markups, plan_table, read_line_markups, read_plan_table
 from ronnaplan.documents.reading import to_json, validated
@@ -147,6 +148,12 @@ def _template(path: Path) -> None:
         raise WrongValueError(f"{template} from {written}")
 
 
+def _placement(path: Path) -> None:
+    document = read_placement(path)
+    _same(path, document)
+    placement_text(document)
+
+
 def _look(path: Path) -> None:
     _same(path, validated(read_json(path), Look, "look", "none"))
 
@@ -186,6 +193,7 @@ READERS: dict[str, Callable[[Path], None]] = {
     "plan": _plan,
     "limits": _limits,
     "template": _template,
+    "placement": _placement,
     "look": _look,
     "lines": _lines,
     "table": _table,
