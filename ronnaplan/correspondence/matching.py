@@ -65,7 +65,7 @@ def match_points(
     field_radius_mm
         Outliers are uniform in a ball of this radius (their density); None: in one as wide as the sets themselves.
     spread_mm
-        Standard deviation per axis of the markers about their centre: 60 mm for a head.
+        Standard deviation per axis of the markers about their center: 60 mm for a head.
 
     Raises
     ------

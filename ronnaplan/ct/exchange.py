@@ -58,7 +58,7 @@ def to_nibabel(values: Values, affine: FloatArray) -> Any:
 
 
 def to_pyvista(values: Values, affine: FloatArray, name: str) -> Any:
-    """Return a PyVista image whose points are the voxels' centres in LPS mm; needs pyvista."""
+    """Return a PyVista image whose points are the voxels' centers in LPS mm; needs pyvista."""
     pyvista = _imported("pyvista")
     spacing_mm, directions = _orthogonal(affine)
     image = pyvista.ImageData(

@@ -50,7 +50,7 @@ class VolumeFlag(StrEnum):
 class SliceGrid:
     """The places of the voxels of parallel slices, in LPS mm.
 
-    ``origins_mm`` (K, 3) is the centre of the voxel (row 0, column 0) of each slice, in ascending order along
+    ``origins_mm`` (K, 3) is the center of the voxel (row 0, column 0) of each slice, in ascending order along
     ``normal``. ``row_step_mm`` (3,) leads from one row to the next, ``column_step_mm`` (3,) from one column to
     the next. ``thickness_mm`` is the nominal slice thickness: physics for a model, never geometry.
     """

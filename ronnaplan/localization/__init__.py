@@ -1,4 +1,4 @@
-"""Every marker of a scan, its centre and how sure it is."""
+"""Every marker of a scan, its center and how sure it is."""
 
 import lazy_loader
 

@@ -44,7 +44,7 @@ MAX_ATTACHED = 0.14
 on to 10 %); a capsule or a rod goes on in far more of it."""
 
 MIN_INFORMED = 0.3
-"""With less of the surface free of neighbours the centre is not told in all directions."""
+"""With less of the surface free of neighbours the center is not told in all directions."""
 
 MAX_MISFIT = 0.06
 """Largest RMS residual on the surface, as a share of the contrast, beyond what noise explains."""
@@ -68,7 +68,7 @@ MAX_NOISE = 0.2
 """Noise, as a share of the contrast, that is allowed for in the misfit; a noisier scan is not fit for use."""
 
 MAX_STANDARD_ERROR = 0.03
-"""Largest standard error of the centre, as a share of the diameter, that is still called a localization."""
+"""Largest standard error of the center, as a share of the diameter, that is still called a localization."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Evidence:
 
     @cached_property
     def covariance_mm2(self) -> FloatArray:
-        """Covariance (3, 3) of the centre in LPS."""
+        """Covariance (3, 3) of the center in LPS."""
         return center_covariance(self.fit, self.noise_hu, self.excess_mm, is_pulled=self.is_pulled)
 
     @property
@@ -184,7 +184,7 @@ def _roundness(evidence: Evidence) -> str | None:
 def _certainty(evidence: Evidence) -> str | None:
     error = float(np.sqrt(np.trace(evidence.covariance_mm2)))
     limit = MAX_STANDARD_ERROR * evidence.diameter_mm
-    return None if error <= limit else f"its centre is uncertain by {error:.2f} mm, {limit:.2f} mm allowed"
+    return None if error <= limit else f"its center is uncertain by {error:.2f} mm, {limit:.2f} mm allowed"
 
 
 TESTS: dict[str, Test] = {

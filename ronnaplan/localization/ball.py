@@ -183,7 +183,7 @@ def add_ball(
     shares: FloatArray,
     jacobian: FloatArray,
 ) -> None:
-    """Fill ``shares`` (N,) with a blurred ball (0 outside, 1 inside) of ``radius`` mm about ``theta``'s centre.
+    """Fill ``shares`` (N,) with a blurred ball (0 outside, 1 inside) of ``radius`` mm about ``theta``'s center.
 
     Its derivatives by the first `SHAPED` parameters, times ``contrast``, are added to ``jacobian`` (N, P).
     """

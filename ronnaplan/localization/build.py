@@ -13,7 +13,7 @@ KINDS = {"shell": -1.0, "wrapped": 1.0}
 
 @dataclass(frozen=True)
 class Build:
-    """A second ball about the marker's own centre, larger in radius by ``layer_mm``: below 0 a cavity, 0 none."""
+    """A second ball about the marker's own center, larger in radius by ``layer_mm``: below 0 a cavity, 0 none."""
 
     layer_mm: float = 0.0
 

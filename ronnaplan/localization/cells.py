@@ -1,4 +1,4 @@
-"""The directions about a centre, sorted into cells: what a ball shows in each is judged by itself."""
+"""The directions about a center, sorted into cells: what a ball shows in each is judged by itself."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 
 CELLS_PER_EDGE = 4
-"""The directions about a centre are sorted into the 6 x 4 x 4 cells of a cube, each about 22 degrees wide."""
+"""The directions about a center are sorted into the 6 x 4 x 4 cells of a cube, each about 22 degrees wide."""
 
 CELL_COUNT = 6 * CELLS_PER_EDGE**2
 

@@ -40,11 +40,11 @@ MAX_STEPS = 40
 """Steps of one descent; a ball needs five to ten, clipped metal up to thirty."""
 
 STEP_TOLERANCE_MM, REST_GAIN = 2e-5, 1e-4
-"""A descent ends with a step that moves the centre by less than this and gains less than this share of the squared
-residuals: a centre may be right long before blur and edge are."""
+"""A descent ends with a step that moves the center by less than this and gains less than this share of the squared
+residuals: a center may be right long before blur and edge are."""
 
 LAST_STEP_MM = 1e-3
-"""Blur, edge enhancement and profile may look so alike that they never come to rest; the centre is told if the last of
+"""Blur, edge enhancement and profile may look so alike that they never come to rest; the center is told if the last of
 all the steps moved it by less than this."""
 
 LOOK_STEPS, LOOK_GAIN = 12, 0.001
@@ -164,7 +164,7 @@ def residuals_and_jacobian(
 def influence(
     jacobian: FloatArray, used: NDArray[np.bool_], prior_weight: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """How far one HU at each voxel moves the centre, and how far it moves for each mm that the radius is held larger.
+    """How far one HU at each voxel moves the center, and how far it moves for each mm that the radius is held larger.
 
     The first is (N, 3) in mm/HU, zero for voxels that were left out, the second (3,).
     """

@@ -1,6 +1,6 @@
-"""Where a ball of the given size may be: edges of a coarse copy of the scan vote for centres.
+"""Where a ball of the given size may be: edges of a coarse copy of the scan vote for centers.
 
-A voxel on the surface of a bright ball has a gradient that points at the ball's centre, one radius away. Every
+A voxel on the surface of a bright ball has a gradient that points at the ball's center, one radius away. Every
 edge voxel therefore votes for the point one radius up its gradient (the spherical Hough transform by gradient
 direction, after Kimme, Ballard & Sklansky, Comm. ACM 18:120, 1975); a ball collects the votes of its whole
 surface in one place, whatever its contrast and whatever touches it. Gradients are taken between the voxels' true

@@ -174,7 +174,7 @@ def edge_depth(offsets_mm: FloatArray, theta: FloatArray) -> tuple[FloatArray, F
 
 
 def on_surface(offsets_mm: FloatArray, theta: FloatArray) -> NDArray[np.bool_]:
-    """Voxels (N,) in the blurred edge of the ball, where the centre is told."""
+    """Voxels (N,) in the blurred edge of the ball, where the center is told."""
     depth, blur = edge_depth(offsets_mm, theta)
     near: NDArray[np.bool_] = np.abs(depth) < 2.0 * blur
     return near

@@ -46,7 +46,7 @@ class FiducialFlag(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Fiducial:
-    """A marker: centre (3,) in LPS mm with covariance (3, 3) in mm^2, and what the fit found beside it.
+    """A marker: center (3,) in LPS mm with covariance (3, 3) in mm^2, and what the fit found beside it.
 
     ``bound_mm2`` (3, 3) is the Cramer-Rao bound: the covariance that a perfect fit of the whole, untouched ball
     would have under uncorrelated noise of the same strength. ``parameters`` are the model's, in the order of
@@ -65,7 +65,7 @@ class Fiducial:
 
     @property
     def standard_error_mm(self) -> float:
-        """Root mean square distance between found and true centre that the covariance stands for."""
+        """Root mean square distance between found and true center that the covariance stands for."""
         return float(np.sqrt(np.trace(self.covariance_mm2)))
 
     @property
@@ -167,7 +167,7 @@ class Fiducials(Shown[Fiducial]):
 
     @property
     def centers(self) -> FloatArray:
-        """Centres (N, 3) in LPS mm."""
+        """Centers (N, 3) in LPS mm."""
         return np.array([found.center_mm for found in self.fiducials], dtype=np.float64).reshape(-1, 3)
 
     @property

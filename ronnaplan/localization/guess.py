@@ -77,7 +77,7 @@ def margin_mm(thickness_mm: float, sigma_mm: float = TYPICAL_BLUR_MM) -> float:
 def first_guess(
     around: Neighbourhood, diameter_mm: float, build: Build, thickness_mm: float, ceiling_hu: float
 ) -> FloatArray:
-    """First guess: the stated size, the candidate's centre, and levels read off the inside and the outside."""
+    """First guess: the stated size, the candidate's center, and levels read off the inside and the outside."""
     distance = np.linalg.norm(around.offsets_mm, axis=1)
     shell_mm = np.array(MIDWAY) * diameter_mm
     if build.wall_mm:
@@ -115,7 +115,7 @@ def ball_prior(start: FloatArray, build: Build, *, is_clipped: bool) -> Prior:
 
 
 def frozen(prior: Prior, start: FloatArray) -> Prior:
-    """Hold radius, blur and the profile at their first guesses, so that the centre finds its place first."""
+    """Hold radius, blur and the profile at their first guesses, so that the center finds its place first."""
     weight = prior.weight.copy()
     weight[RADIUS : SHAPE + 1] = FROZEN_WEIGHT
     return replace(prior, mean=np.where(weight == FROZEN_WEIGHT, start, prior.mean), weight=weight)

@@ -42,7 +42,7 @@ def localize(
     marker: Build = SOLID,
     progress: Progress = False,
 ) -> Fiducials:
-    """Find every ball of ``diameter_mm`` in a scan, its centre (LPS mm) and the centre's covariance (mm^2).
+    """Find every ball of ``diameter_mm`` in a scan, its center (LPS mm) and the center's covariance (mm^2).
 
     Several diameters may be given for several kinds of marker. With a ``template`` only the markers that stand
     at its distances are kept, under its labels. ``marker`` says whether the balls are hollow or wrapped.

@@ -71,7 +71,7 @@ def evaluate(
     nodes: FloatArray,
     weights: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Model (N,) and its Jacobian (N, P) for voxels at ``offsets`` (N, 3) from an origin near the centre.
+    """Model (N,) and its Jacobian (N, P) for voxels at ``offsets`` (N, 3) from an origin near the center.
 
     The second ball of a hollow or wrapped marker is larger by ``layer_mm`` in radius; the last three are `ball.discs`.
     """
@@ -131,7 +131,7 @@ def _add_streaks(offsets: FloatArray, theta: FloatArray, values: FloatArray, jac
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _add_skin(offsets: FloatArray, theta: FloatArray, values: FloatArray, jacobian: FloatArray) -> None:
-    """Add the blurred skin, which the ball's centre carries along, and its derivatives, at offsets from the origin."""
+    """Add the blurred skin, which the ball's center carries along, and its derivatives, at offsets from the origin."""
     at = len(theta) - _SKIN_COUNT
     gu, gv, gw = theta[at + 1], theta[at + 2], theta[at + 3]
     length = math.sqrt(gu * gu + gv * gv + gw * gw)

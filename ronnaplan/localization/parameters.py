@@ -8,7 +8,7 @@ PARAMETERS = (
     *("u", "v", "w", "radius", "blur", "edge", "width", "shape", "contrast", "background"),
     *("slope_u", "slope_v", "slope_w"),
 )
-"""Order of the model's parameters: centre, radius and in-plane blur (mm), how far the kernel enhances edges, the slice
+"""Order of the model's parameters: center, radius and in-plane blur (mm), how far the kernel enhances edges, the slice
 profile's width (mm) and shape, contrast and background (HU), and the background's slope (HU/mm). The width is that of
 the box with the profile's variance: its standard deviation times the root of 12."""
 
@@ -20,7 +20,7 @@ CENTER, SLOPES = slice(0, 3), slice(SLOPE_U, SLOPE_W + 1)
 """Places in the parameters, by name."""
 
 LAYER_PARAMETERS = ("layer",)
-"""One more where the marker is hollow or wrapped: the level (HU) of a second ball about the same centre, below zero for
+"""One more where the marker is hollow or wrapped: the level (HU) of a second ball about the same center, below zero for
 a cavity, above for what is wrapped around."""
 
 STREAK_PARAMETERS = ("streak", "streak_diagonal")
@@ -29,7 +29,7 @@ as dark down the columns, and the same on the diagonals."""
 
 SKIN_PARAMETERS = ("skin", "skin_u", "skin_v", "skin_w")
 """Four more, the last ones, where the ball lies on skin: its level over the background (HU), and the vector g (1/mm)
-that puts the skin nearest to the ball at g . x = 1, x from the ball's centre; it fills the far side."""
+that puts the skin nearest to the ball at g . x = 1, x from the ball's center; it fills the far side."""
 
 
 def profile_half_mm(width_mm: float, shape: float) -> float:

@@ -1,6 +1,6 @@
 """The fit of a blurred ball to the voxels about a candidate.
 
-Least squares (Levenberg-Marquardt) over centre, radius, blur, slice thickness, contrast, background and the
+Least squares (Levenberg-Marquardt) over center, radius, blur, slice thickness, contrast, background and the
 background's slope; where the ball lies on skin, that is fitted with it. Directions in which
 anything else touches the marker are left out, and the fit is repeated until the choice is stable. Clipped voxels
 inform only as far as the model stays below the top of the scale.
@@ -78,7 +78,7 @@ SKIN_QUANTILE = 0.8
 """The skin's level is read off the brighter of the neighbouring directions."""
 
 MIN_SKIN_DEPTH = 0.7
-"""What a ball lies on is no nearer to its centre than this share of its radius; a cone standing there looks sunk."""
+"""What a ball lies on is no nearer to its center than this share of its radius; a cone standing there looks sunk."""
 
 
 @dataclass(frozen=True)
@@ -86,9 +86,9 @@ class BallFit:
     """A fitted ball.
 
     ``theta`` (P,) holds the model's `PARAMETERS` (and `STREAK_PARAMETERS` where the ball is metal, `SKIN_PARAMETERS`
-    where it lies on something), with the centre relative to the neighbourhood's origin along u, v, w. ``used`` (N,)
+    where it lies on something), with the center relative to the neighbourhood's origin along u, v, w. ``used`` (N,)
     marks the voxels that informed the fit, ``residuals_hu`` (N,) is data minus model, ``jacobian`` (N, P) the model's
-    derivatives, ``influence_mm_per_hu`` (N, 3) how far one HU at a voxel moves the centre, ``center_by_radius`` (3,)
+    derivatives, ``influence_mm_per_hu`` (N, 3) how far one HU at a voxel moves the center, ``center_by_radius`` (3,)
     how far the fit would move it for each mm that the radius were held larger. ``is_shaded`` says whether the shading
     was asked for, ``is_clipped`` whether voxels that informed the fit are at the top of the scale.
     """
@@ -107,7 +107,7 @@ class BallFit:
 
     @property
     def center_mm(self) -> FloatArray:
-        """Centre (3,) in LPS."""
+        """Center (3,) in LPS."""
         center: FloatArray = self.neighbourhood.origin_mm + self.theta[CENTER] @ self.neighbourhood.axes
         return center
 
@@ -188,7 +188,7 @@ def _first_look(
     prior: Prior,
     ceiling_hu: float,
 ) -> tuple[FloatArray, Verdict]:
-    """Let the centre find its place with the shape held; ``dimmed`` is ``around`` without what is brighter."""
+    """Let the center find its place with the shape held; ``dimmed`` is ``around`` without what is brighter."""
     theta, _ = descend(dimmed, few, theta, frozen(prior, theta), ceiling_hu, is_look=True)
     return theta, _judged(around, theta, prior.layer_mm, ceiling_hu)[0]
 
@@ -228,7 +228,7 @@ def _ball_fit(
     is_shaded = converged and ceiling_hu - theta[BACKGROUND] >= PLATEAU_SHARE * theta[CONTRAST]
     if is_shaded:
         shading = shaded(around, theta, residuals, jacobian, used, prior)
-        theta = np.append(theta[CENTER] + shading.shift_mm, theta[3:])
+        theta = np.append(theta[CENTER] + shading.shift_mm, theta[RADIUS:])
         residuals, moves = shading.residuals_hu, shading.influence_mm_per_hu
     return BallFit(
         neighbourhood=around,

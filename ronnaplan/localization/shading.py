@@ -37,7 +37,7 @@ PLATEAU_SHARE = 0.9
 class Shading:
     """What shading does to a fit.
 
-    ``shift_mm`` (3,) moves the centre; ``influence_mm_per_hu`` (N, 3) and ``residuals_hu`` (N,) are the fit's with it.
+    ``shift_mm`` (3,) moves the center; ``influence_mm_per_hu`` (N, 3) and ``residuals_hu`` (N,) are the fit's with it.
     """
 
     shift_mm: FloatArray

@@ -42,7 +42,7 @@ NEAR_SHARE, NEAR_VOXELS = 0.1, 0.4
 in 0.95 of them, posts alone in 0.4 to 0.7."""
 
 BALL_RADII = 28
-"""Distances from the centre at which the image is looked at, up to 1.8 radii."""
+"""Distances from the center at which the image is looked at, up to 1.8 radii."""
 
 LARGE_MM = 8.0 * COARSE_FLOOR_MM
 """The size of a ball as large as this shows as well in a copy of voxels of `COARSE_FLOOR_MM`."""
@@ -121,7 +121,7 @@ def proposal(sizes: Iterable[Size]) -> str:
 
 
 def _round_places(scan: Scan, coarse: CTVolume, marker: Build, progress: bool) -> list[tuple[FloatArray, float]]:
-    """Return centre (3,) and diameter (mm) of what looks like a sphere, whatever its size.
+    """Return center (3,) and diameter (mm) of what looks like a sphere, whatever its size.
 
     Votes are taken from the ``coarse`` copy; those for large balls from a coarser copy of it.
     """
@@ -148,12 +148,12 @@ def _round_places(scan: Scan, coarse: CTVolume, marker: Build, progress: bool) -
 def _sphere_at(
     volume: CTVolume, center_mm: FloatArray, diameter_mm: float, marker: Build
 ) -> tuple[FloatArray, float, float] | None:
-    """Return the sphere on which the image falls off around a place: centre, diameter, share of its surface.
+    """Return the sphere on which the image falls off around a place: center, diameter, share of its surface.
 
     None if there is no such sphere of about ``diameter_mm``.
     """
     directions = len(cell_directions())
-    for _ in range(2):  # the second time from the sphere's own centre
+    for _ in range(2):  # the second time from the sphere's own center
         falls_mm = _falls(volume, center_mm, diameter_mm / 2.0, marker)
         if len(falls_mm) < LEAST_SHOWN * directions:
             return None
@@ -186,7 +186,7 @@ def _falls(volume: CTVolume, center_mm: FloatArray, radius_mm: float, marker: Bu
 
 
 def _sphere_through(points_mm: FloatArray) -> tuple[FloatArray, float]:
-    """Return centre and radius of the sphere through most points (N, 3).
+    """Return center and radius of the sphere through most points (N, 3).
 
     Least squares of |p|^2 = 2 c . p + r^2 - |c|^2, twice, the second time without what lies off the first sphere.
     """

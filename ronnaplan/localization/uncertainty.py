@@ -1,6 +1,6 @@
-"""The covariance of a fitted centre: what the image itself shows of noise and model error.
+"""The covariance of a fitted center: what the image itself shows of noise and model error.
 
-The centre is a weighted sum of voxel values (`BallFit.influence_mm_per_hu`), so what the residuals of one slice do to
+The center is a weighted sum of voxel values (`BallFit.influence_mm_per_hu`), so what the residuals of one slice do to
 it is their weighted sum. Slices that see different tissue are measured apart, so these sums are taken as independent,
 and the sum of their squares is the cluster-robust "sandwich" estimate of the covariance (K.-Y. Liang and S. Zeger,
 Biometrika 73:13, 1986): noise enters with its correlation within the slice as it is, and so does whatever else differs
@@ -32,7 +32,7 @@ MIN_FREEDOM = 0.3
 """Share of a zone's voxels that is left at least after each direction has used one for its mean."""
 
 ADAPTED_SLICES = 2.0
-"""To so many slices the fit adapts: its centre along them, and the profile."""
+"""To so many slices the fit adapts: its center along them, and the profile."""
 
 WEIGHTS = {
     **{"slices": 0.55, "even": 1.1, "streaks": 1.2, "slope": 1.9},
@@ -58,7 +58,7 @@ SIZE_TOLERANCE_MM = 0.06
 def center_covariance(
     fit: BallFit, noise_hu: float, excess_mm: float = 0.0, *, is_pulled: bool = False
 ) -> FloatArray:
-    """Covariance (3, 3) of the fitted centre in LPS, mm^2: noise (``noise_hu``), model error and what may cover it.
+    """Covariance (3, 3) of the fitted center in LPS, mm^2: noise (``noise_hu``), model error and what may cover it.
 
     ``excess_mm`` is the fitted minus the stated diameter; ``is_pulled`` says that metal lies beyond what touches it.
     """
@@ -76,7 +76,7 @@ def center_covariance(
 
 
 def sources(fit: BallFit, noise_hu: float) -> dict[str, FloatArray]:
-    """What may move the centre, by the names of `WEIGHTS`: covariances (3, 3) along u, v, w, in mm^2 or without a unit.
+    """What may move the center, by the names of `WEIGHTS`: covariances (3, 3) along u, v, w, in mm^2 or without a unit.
 
     ``slices``: what each slice's residuals do to it; ``even``: what they would do if they were uncorrelated within the
     slices;
@@ -143,7 +143,7 @@ def noise_level(fit: BallFit) -> float:
 
 
 def _slices(fit: BallFit) -> tuple[FloatArray, FloatArray, float]:
-    """What each slice's residuals do to the centre (K, 3) in mm, and which part of their tissue slices share (K, K).
+    """What each slice's residuals do to the center (K, 3) in mm, and which part of their tissue slices share (K, K).
 
     And the mean square of the residuals (HU^2), each times what it shares with those of its own column of voxels: noise
     that slices share counts as often, what alternates from slice to slice cancels.
@@ -186,8 +186,8 @@ def is_off_size(excess_mm: float) -> bool:
 def _one_sided_covariance(fit: BallFit, excess_mm: float) -> FloatArray:
     """Covariance (3, 3) along u, v, w of what makes a marker look larger on one side, wherever that is.
 
-    A film over one half looks like a larger ball whose centre lies half its thickness aside; and where something hides
-    a side, a wrong size moves the centre along it.
+    A film over one half looks like a larger ball whose center lies half its thickness aside; and where something hides
+    a side, a wrong size moves the center along it.
     """
     aside: FloatArray = (excess_mm / 2.0) ** 2 * (
         np.eye(3) / 3.0 + np.outer(fit.center_by_radius, fit.center_by_radius)

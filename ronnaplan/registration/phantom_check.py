@@ -113,7 +113,7 @@ class PhantomCheck:
 
     @property
     def errors_mm(self) -> FloatArray:
-        """Found minus true centre (N, 3) along u, v, w, as far as a rigid fit leaves it."""
+        """Found minus true center (N, 3) along u, v, w, as far as a rigid fit leaves it."""
         errors: FloatArray = self.registration.residual_vectors_mm @ self.axes.T
         return errors
 

@@ -1,6 +1,6 @@
 """The coordinate chain from the tracker to the robot: Eq. 4, 6 and 7, with frames checked and errors carried.
 
-Frames: ``OTS`` the tracker, ``M`` the reference frame on the robot's tool, ``TCP`` the tool centre point,
+Frames: ``OTS`` the tracker, ``M`` the reference frame on the robot's tool, ``TCP`` the tool center point,
 ``R`` the robot base. ``a_from_b`` maps coordinates of B into A; the papers' T_A_B.
 """
 

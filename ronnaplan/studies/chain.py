@@ -35,7 +35,7 @@ M_SPHERES_MM = np.array([[0.0, 60, 0], [45, 0, 0], [0, -75, 0], [-90, 0, 0]])
 GEOMETRY_SD_MM = 0.01
 """How well the tool's own geometry is known."""
 TARGETS_MM = np.array([[0.0, 0, 0], [12, -5, -8], [-25, 20, 10], [30, -40, 25], [0, 10, -35]])
-"""Deep structures of the phantom's head, LPS mm about its centre."""
+"""Deep structures of the phantom's head, LPS mm about its center."""
 SOURCES = ("CT localization", "tracker: head markers", "tracker: tool markers", "tool calibration", "robot")
 
 

@@ -40,7 +40,7 @@ HEADS_MM: FloatArray = np.array(
         ],
     ]
 )
-"""(3, 8, 3) Eight adhesive markers on three heads, LPS mm about the head's centre.
+"""(3, 8, 3) Eight adhesive markers on three heads, LPS mm about the head's center.
 
 Drawn at random over the scalp of an ellipsoid of 152 x 196, 142 x 182 and 160 x 202 mm, 6 mm above the skin, at
 least
