@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, FiniteFloat, model_validator
@@ -14,9 +14,11 @@ from ronnaplan.documents.fields import DocumentModel, Label, LengthMm, Line, Mat
 from ronnaplan.documents.reading import made, read_document
 from ronnaplan.errors import InputError
 from ronnaplan.pose import as_pose
-from ronnaplan.robot.placement.placement import Place, Placement
-from ronnaplan.robot.placement.room import Room
-from ronnaplan.robot.placement.serving import Served
+
+if TYPE_CHECKING:  # loading them compiles the arm's kernels
+    from ronnaplan.robot.placement.placement import Place, Placement
+    from ronnaplan.robot.placement.room import Room
+    from ronnaplan.robot.placement.serving import Served
 
 FORMAT = "ronnaplan.placement"
 Degrees = Annotated[float, Field(ge=-720, le=720)]

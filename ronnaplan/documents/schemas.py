@@ -9,8 +9,10 @@ from ronnaplan.documents.fiducials import FiducialsDocument
 from ronnaplan.documents.fields import DocumentModel
 from ronnaplan.documents.limits import LimitsDocument
 from ronnaplan.documents.phantom_check import PhantomCheckDocument
+from ronnaplan.documents.placement import PlacementDocument
 from ronnaplan.documents.plan import PlanDocument
 from ronnaplan.documents.registration import RegistrationDocument
+from ronnaplan.documents.room import RoomDocument
 from ronnaplan.documents.template import TemplateDocument
 from ronnaplan.errors import UsageError
 
@@ -21,6 +23,8 @@ DOCUMENTS: Final[Mapping[str, type[DocumentModel]]] = {
     "limits": LimitsDocument,
     "template": TemplateDocument,
     "phantom_check": PhantomCheckDocument,
+    "placement": PlacementDocument,
+    "room": RoomDocument,
 }
 
 
