@@ -67,7 +67,8 @@ def noise(rng: np.random.Generator, shape: tuple[int, int], memory: float | str)
     count = shape[0]
     white = rng.normal(size=shape)
     if memory == "walk":
-        return 0.3 * white + np.cumsum(rng.normal(size=shape), axis=0) * 2 / np.sqrt(count)
+        found: FloatArray = 0.3 * white + np.cumsum(rng.normal(size=shape), axis=0) * 2 / np.sqrt(count)
+        return found
     if memory == "drift":
         return white + 2 * np.linspace(-1, 1, count)[:, None] * rng.normal(size=shape[1])
     if memory == "white":

@@ -37,7 +37,8 @@ def ideal_center(volume: CTVolume, truth_mm: FloatArray, diameter_mm: float) -> 
         along = (from_center @ normal / np.maximum(distance, 1e-9)) ** 2
         blur = np.sqrt(theta[4] ** 2 * (1.0 - along) + theta[5] ** 2 * along + LEAST_BLUR_MM**2)
         inside: FloatArray = ndtr((theta[3] - distance) / blur)
-        return theta[7] + theta[6] * inside - values_hu
+        found: FloatArray = theta[7] + theta[6] * inside - values_hu
+        return found
 
     start = np.array([0.0, 0.0, 0.0, diameter_mm / 2.0, blur_mm, blur_mm, high - low, low])
     scale = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, high - low, high - low])

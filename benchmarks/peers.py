@@ -70,7 +70,8 @@ def trackpy_features(ct: CTVolume, diameter_mm: float) -> FloatArray:
     image, origin = _isotropic(ct)
     odd = int(diameter_mm / ISOTROPIC_MM) // 2 * 2 + 1
     frame = trackpy.locate(np.clip(image + 1000, 0, 1600), odd, minmass=2e5, separation=odd, engine="python")
-    return frame[["x", "y", "z"]].to_numpy() * ISOTROPIC_MM + origin
+    found: FloatArray = frame[["x", "y", "z"]].to_numpy() * ISOTROPIC_MM + origin
+    return found
 
 
 def mesh_sphere_fit(ct: CTVolume, diameter_mm: float) -> FloatArray:

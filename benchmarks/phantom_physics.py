@@ -68,7 +68,8 @@ def places(stack: SliceStack) -> FloatArray:
     """Return where every voxel is (K, rows, columns, 3)."""
     v, u = np.mgrid[: stack.rows, : stack.columns] * stack.pixel_mm
     in_plane = v[..., np.newaxis] * stack.row_direction + u[..., np.newaxis] * stack.column_direction
-    return stack.origins_mm[:, np.newaxis, np.newaxis] + in_plane
+    found: FloatArray = stack.origins_mm[:, np.newaxis, np.newaxis] + in_plane
+    return found
 
 
 def moments(
@@ -443,7 +444,8 @@ def _one_slice(name: str, height_mm: float, field_of_view_mm: float = 270.0, **s
     examination = library.ready(name)
     stack = axial_stack(start_mm=height_mm, stop_mm=height_mm, field_of_view_mm=field_of_view_mm)
     settings = Scanner(**scanner)  # type: ignore[arg-type]
-    return replace(examination, stack=stack, scanner=settings).images()[0].astype(np.float64)
+    found: FloatArray = replace(examination, stack=stack, scanner=settings).images()[0].astype(np.float64)
+    return found
 
 
 def _streaks() -> Iterator[tuple[str, FloatArray, tuple[float, float]]]:

@@ -105,7 +105,8 @@ def with_simpleitk(folder: Path) -> SimpleITK.Image:
     """Read the series as SimpleITK's documentation shows."""
     reader = SimpleITK.ImageSeriesReader()
     reader.SetFileNames(reader.GetGDCMSeriesFileNames(str(folder)))
-    return reader.Execute()
+    found: SimpleITK.Image = reader.Execute()
+    return found
 
 
 def seconds(work: Callable[[], object]) -> float:

@@ -67,7 +67,8 @@ def plan() -> Plan:
 
 def seen_mm() -> FloatArray:
     """The markers (N, 3) as a tracker sees them."""
-    return TURN.apply(fiducials().points.positions_mm) + SHIFT_MM
+    found: FloatArray = TURN.apply(fiducials().points.positions_mm) + SHIFT_MM
+    return found
 
 
 def readings() -> Points:

@@ -28,7 +28,8 @@ def template(folder: Path, **changes: Any) -> str:
 def distances() -> list[list[float]]:
     centers = np.array([one["center"] for one in json.loads((SCAN / "truth.json").read_text())["markers"]])
     apart = np.linalg.norm(centers[:, np.newaxis] - centers, axis=-1)
-    return ((apart + apart.T) / 2).tolist()
+    found: list[list[float]] = ((apart + apart.T) / 2).tolist()
+    return found
 
 
 def test_a_scan_that_holds_what_it_states_passes_and_one_with_another_truth_does_not(

@@ -229,7 +229,8 @@ def _images(content: bytes) -> list[_Image]:
     shared = made.SharedFunctionalGroupsSequence[0]
 
     def group(frame: Dataset, keyword: str) -> Dataset:
-        return frame[keyword].value[0] if keyword in frame else shared[keyword].value[0]
+        found: Dataset = frame[keyword].value[0] if keyword in frame else shared[keyword].value[0]
+        return found
 
     return [
         _image(

@@ -14,7 +14,8 @@ from tests.faults import killed_at
 
 
 def count_up(path: Path) -> int:
-    return change_document(path, read_json, lambda number: number + 1, json.dumps)
+    found: int = change_document(path, read_json, lambda number: number + 1, json.dumps)
+    return found
 
 
 def main(path: Path, step: int) -> None:

@@ -85,7 +85,8 @@ def test_writers_that_meet_all_have_their_changes_kept(tmp_path: Path) -> None:
     write_atomically(path, "0")
 
     def count_up(_: int) -> int:
-        return change_document(path, read_json, lambda number: number + 1, json.dumps)
+        found: int = change_document(path, read_json, lambda number: number + 1, json.dumps)
+        return found
 
     with ThreadPoolExecutor(4) as writers:
         assert sorted(writers.map(count_up, range(20))) == list(range(1, 21))

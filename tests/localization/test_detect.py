@@ -44,6 +44,7 @@ def test_the_coarse_copy_keeps_every_voxel_at_its_place() -> None:
     def center_of_mass(which: CTVolume) -> np.ndarray:
         weights = which.voxels_hu.astype(np.float64) + 1000
         places = which.grid.positions_mm(np.moveaxis(np.indices(weights.shape), 0, -1).astype(np.float64))
-        return np.tensordot(weights, places, 3) / weights.sum()
+        found: np.ndarray = np.tensordot(weights, places, 3) / weights.sum()
+        return found
 
     assert center_of_mass(coarse) == pytest.approx(center_of_mass(volume), abs=0.02)

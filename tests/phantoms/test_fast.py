@@ -13,7 +13,8 @@ from phantoms.stack import SliceStack, axial_stack
 def voxel_places(stack: SliceStack) -> FloatArray:
     v, u = np.mgrid[: stack.rows, : stack.columns] * stack.pixel_mm
     in_plane = v[..., np.newaxis] * stack.row_direction + u[..., np.newaxis] * stack.column_direction
-    return stack.origins_mm[:, np.newaxis, np.newaxis] + in_plane
+    found: FloatArray = stack.origins_mm[:, np.newaxis, np.newaxis] + in_plane
+    return found
 
 
 TURN = np.linalg.qr(np.array([[0.3, -0.5, 0.8], [0.9, 0.2, -0.4], [0.1, 0.7, 0.6]]))[0]

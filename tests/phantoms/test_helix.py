@@ -24,7 +24,8 @@ def ball_stack(spacing_mm: float) -> SliceStack:
 def places(stack: SliceStack) -> FloatArray:
     v, u = np.mgrid[: stack.rows, : stack.columns] * stack.pixel_mm
     in_plane = v[..., np.newaxis] * stack.row_direction + u[..., np.newaxis] * stack.column_direction
-    return stack.origins_mm[:, np.newaxis, np.newaxis] + in_plane
+    found: FloatArray = stack.origins_mm[:, np.newaxis, np.newaxis] + in_plane
+    return found
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,8 @@ QUIET = Scanner(dose=0.0, views=180)
 def places(stack: SliceStack) -> FloatArray:
     v, u = np.mgrid[: stack.rows, : stack.columns] * stack.pixel_mm
     in_plane = v[..., np.newaxis] * stack.row_direction + u[..., np.newaxis] * stack.column_direction
-    return stack.origins_mm[:, np.newaxis, np.newaxis] + in_plane
+    found: FloatArray = stack.origins_mm[:, np.newaxis, np.newaxis] + in_plane
+    return found
 
 
 def centroid(examination: Examination) -> FloatArray:

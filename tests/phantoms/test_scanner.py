@@ -21,7 +21,8 @@ TURN *= np.sign(np.linalg.det(TURN))
 def places(stack: SliceStack) -> FloatArray:
     v, u = np.mgrid[: stack.rows, : stack.columns] * stack.pixel_mm
     in_plane = v[..., np.newaxis] * stack.row_direction + u[..., np.newaxis] * stack.column_direction
-    return stack.origins_mm[:, np.newaxis, np.newaxis] + in_plane
+    found: FloatArray = stack.origins_mm[:, np.newaxis, np.newaxis] + in_plane
+    return found
 
 
 def images(scene: Scene, stack: SliceStack, scanner: Scanner = QUIET, seed: int = 0) -> FloatArray:

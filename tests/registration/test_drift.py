@@ -33,7 +33,8 @@ def heads(seed: int, count: int, cases: int) -> Iterator[tuple[np.random.Generat
 
 def unit_vectors(rng: np.random.Generator, count: int) -> np.ndarray:
     vectors = rng.normal(size=(count, 3))
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    found: np.ndarray = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    return found
 
 
 def test_noise_alone_is_no_drift() -> None:

@@ -26,17 +26,22 @@ def pose(seed: int) -> np.ndarray:
 
 
 def mapped(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
-    return points @ matrix[:3, :3].T + matrix[:3, 3]
+    found: np.ndarray = points @ matrix[:3, :3].T + matrix[:3, 3]
+    return found
 
 
 def covariances(rng: np.random.Generator, count: int, sd_mm: float) -> np.ndarray:
     factor = rng.normal(size=(count, 3, 3))
     full = factor @ factor.transpose(0, 2, 1) + 0.01 * np.eye(3)
-    return full * (3 * sd_mm**2 / np.trace(full, axis1=1, axis2=2))[:, None, None]
+    found: np.ndarray = full * (3 * sd_mm**2 / np.trace(full, axis1=1, axis2=2))[:, None, None]
+    return found
 
 
 def noise(rng: np.random.Generator, covs: np.ndarray, repeats: int) -> np.ndarray:
-    return np.einsum("nij,bnj->bni", np.linalg.cholesky(covs), rng.normal(size=(repeats, *covs.shape[:2])))
+    found: np.ndarray = np.einsum(
+        "nij,bnj->bni", np.linalg.cholesky(covs), rng.normal(size=(repeats, *covs.shape[:2]))
+    )
+    return found
 
 
 @settings(max_examples=60, deadline=None)

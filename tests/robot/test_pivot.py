@@ -63,9 +63,10 @@ def noisy(kind: str, rng: np.random.Generator, count: int) -> np.ndarray:
     if kind == "filtered":
         return lfilter([np.sqrt(1 - 0.9**2)], [1, -0.9], np.vstack([white, white[::-1]]), axis=0)[count:]
     steady = np.linspace(-1, 1, count)[:, None] * rng.normal(size=3)
-    return (
+    found: np.ndarray = (
         white + {"white": 0.0, "walking": np.cumsum(2 * white, axis=0) / np.sqrt(count), "drifting": steady}[kind]
     )
+    return found
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,8 @@ RIG_EXACT = StereoRig(Camera(K[0], D[0], np.eye(4)), Camera(K[1], D[1], RIGHT), 
 
 
 def moved(matrix: np.ndarray, point: np.ndarray) -> np.ndarray:
-    return matrix[:3, :3] @ point + matrix[:3, 3]
+    found: np.ndarray = matrix[:3, :3] @ point + matrix[:3, 3]
+    return found
 
 
 def seen(centers: list[np.ndarray], rng: np.random.Generator, **how: Any) -> tuple[np.ndarray, np.ndarray]:

@@ -29,7 +29,8 @@ def recording(seed: int, frames: int = 300, drop: float = 0.05) -> list[PointRea
 
 
 def nearest(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(found[:, None] - truth[None], axis=-1).min(axis=0)
+    result: np.ndarray = np.linalg.norm(found[:, None] - truth[None], axis=-1).min(axis=0)
+    return result
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -48,7 +48,8 @@ def room(**changes: object) -> Room:
 def surface(rng: np.random.Generator) -> FloatArray:
     """Return places on the head."""
     out = rng.normal(size=(4000, 3))
-    return CENTER_MM + out / np.linalg.norm(out, axis=1, keepdims=True) * HEAD_MM
+    found: FloatArray = CENTER_MM + out / np.linalg.norm(out, axis=1, keepdims=True) * HEAD_MM
+    return found
 
 
 def direction(rng: np.random.Generator) -> FloatArray:
