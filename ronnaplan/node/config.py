@@ -92,6 +92,8 @@ class Rule(ScanRule):
     answers: tuple[AnswerKind, ...] = ("fiducials", "sr", "pdf", "sheet")
     receivers: tuple[Label, ...] = ()
     """Names of the peers that get the answers."""
+    documents: Line | None = None
+    """A folder with a folder for each study, named by its UID: its registration.json and plan.json are answers, too."""
 
 
 class Jobs(DocumentModel):
@@ -229,5 +231,6 @@ expected = 6                    # refuse unless so many are found; leave out for
 # template = "frame.json"
 answers = ["fiducials", "sr", "pdf", "sheet"]
 receivers = ["pacs"]
+# documents = "documents"       # registration.json and plan.json in its folder STUDY_UID are sent, too
 """
 """What ``--init`` writes."""

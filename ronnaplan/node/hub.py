@@ -17,6 +17,7 @@ from ronnaplan.node.index import Index
 from ronnaplan.node.jobs import Foreman
 from ronnaplan.node.logs import LISTENING, Log
 from ronnaplan.node.page import Page
+from ronnaplan.node.papers import PapersWatch
 from ronnaplan.node.sender import Sender
 from ronnaplan.node.series import SeriesWatch
 
@@ -69,6 +70,7 @@ class Hub:
     def __init__(self, config_path: Path, config: Config, index: Index, log: Log, worker: str = WORKER) -> None:
         self._path, self._data, self._log = config_path, config.data, log
         self._series = SeriesWatch(config, index, log)
+        self._papers = PapersWatch(config, index, log)
         self._foreman = Foreman(config, index, log, worker)
         receivers = {name for rule in config.rule for name in rule.receivers}
         receivers |= {peer.name for peer in config.peer if peer.sends and peer.port}  # of reports
@@ -85,6 +87,7 @@ class Hub:
         self._keep_receiver(now)
         if self._listening_since is not None:
             self._series.tick(now, self._listening_since)
+        self._papers.tick(now)
         self._foreman.tick(now)
 
     def close(self) -> None:

@@ -70,6 +70,9 @@ CREATE TABLE IF NOT EXISTS steps (          -- modality performed procedure step
 CREATE TABLE IF NOT EXISTS announced (      -- how many instances a series has, as its scanner says
     series_uid TEXT PRIMARY KEY, instances INTEGER NOT NULL, received REAL NOT NULL
 ) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS documents (      -- what a job has made objects of, beside the scan
+    job INTEGER PRIMARY KEY REFERENCES jobs (id) ON DELETE CASCADE, stamp TEXT NOT NULL
+);
 CREATE INDEX IF NOT EXISTS deliveries_by_state ON deliveries (state, due);
 """
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, Protocol
 
 from ronnaplan.documents.dicom_enclosed import ENCAPSULATED_PDF, SECONDARY_CAPTURE
-from ronnaplan.documents.dicom_spatial import SPATIAL_FIDUCIALS
+from ronnaplan.documents.dicom_spatial import SPATIAL_FIDUCIALS, SPATIAL_REGISTRATION
 from ronnaplan.errors import InputError, RonnaplanError
 from ronnaplan.node.audit import Audit, Transfer
 from ronnaplan.node.commitment import ASK, COMMITMENT, WELL_KNOWN, Named, Promise, begin_asking, outcome
@@ -31,7 +31,10 @@ MOST_AT_ONCE: Final = 32
 IDLE_S: Final = 0.2
 RESTART_S: Final = 1.0
 COMPREHENSIVE_3D_SR: Final = "1.2.840.10008.5.1.4.1.1.88.34"
-CLASSES: Final = (SPATIAL_FIDUCIALS, COMPREHENSIVE_3D_SR, ENCAPSULATED_PDF, SECONDARY_CAPTURE)
+CLASSES: Final = (
+    *(SPATIAL_FIDUCIALS, SPATIAL_REGISTRATION),
+    *(COMPREHENSIVE_3D_SR, ENCAPSULATED_PDF, SECONDARY_CAPTURE),
+)
 """What is sent."""
 WARNINGS: Final = frozenset({0xB000, 0xB006, 0xB007})
 """Statuses of C-STORE that say that the instance was kept, if not as it was."""

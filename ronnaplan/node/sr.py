@@ -1,4 +1,4 @@
-"""The markers as a Comprehensive 3-D SR (TID 1500): each center with its covariance, in the scan's frame."""
+"""Markers with their covariances, and trajectories, as Comprehensive 3-D SRs (TID 1500) in the scan's frame."""
 
 from __future__ import annotations
 
@@ -25,12 +25,18 @@ from pydicom.uid import ExplicitVRLittleEndian, generate_uid
 
 from ronnaplan import __version__
 from ronnaplan.documents.fiducials import FiducialEntry, FiducialsDocument
+from ronnaplan.documents.plan import plan_text
 from ronnaplan.errors import InputError
+from ronnaplan.planning import Plan, Trajectory
 
 SCHEME: Final = "99RONNAPLAN"
 """Designator of the codes that no public scheme has."""
 
 SQUARE_MILLIMETRE: Final = CodedConcept("mm2", "UCUM", "square millimeter")
+MARKERS: Final = CodedConcept("CT_MARKERS", SCHEME, "CT with spherical fiducial markers")
+PLANNED: Final = CodedConcept("CT_PLAN", SCHEME, "Planning of trajectories on a CT")
+"""What the reports are about."""
+
 AXES: Final = "XYZ"
 SERIES_NUMBER: Final = 1501
 
@@ -44,6 +50,28 @@ def structured_report(document: FiducialsDocument, images: list[Path]) -> Datase
     if not frame:
         raise InputError("the scan has no Frame of Reference UID, so nothing in DICOM can be tied to it")
     content = document.model_dump_json()
+    made = _report([_group(one, frame, content) for one in document.fiducials], MARKERS, content, images)
+    made.SeriesDescription = f"{len(document.fiducials)} markers with covariances"
+    return made
+
+
+def planned_trajectories(plan: Plan, images: list[Path]) -> Dataset:
+    """Return the trajectories of ``plan`` on the scan of ``images``: lines from entry to target, with their lengths.
+
+    Raises `InputError` where there is none, or the scan has no frame of reference.
+    """
+    frame = plan.source.frame_of_reference_uid
+    if not frame or not plan.trajectories:
+        raise InputError("the plan has no trajectory or no Frame of Reference UID; an object needs both")
+    content = plan_text(plan)
+    made = _report([_path(one, frame, content) for one in plan.trajectories], PLANNED, content, images)
+    made.SeriesDescription = f"{len(plan.trajectories)} planned trajectories, revision {plan.revision}"
+    return made
+
+
+def _report(
+    groups: list[MeasurementsAndQualitativeEvaluations], procedure: CodedConcept, content: str, images: list[Path]
+) -> Dataset:
     evidence = [dcmread(path, stop_before_pixels=True) for path in images]
     device = DeviceObserverIdentifyingAttributes(
         uid=generate_uid(entropy_srcs=["ronnaplan", __version__]),
@@ -57,8 +85,8 @@ def structured_report(document: FiducialsDocument, images: list[Path]) -> Datase
                 observer_type=codes.DCM.Device, observer_identifying_attributes=device
             )
         ),
-        procedure_reported=CodedConcept("CT_MARKERS", SCHEME, "CT with spherical fiducial markers"),
-        imaging_measurements=[_group(one, frame, content) for one in document.fiducials],
+        procedure_reported=procedure,
+        imaging_measurements=groups,
         title=codes.DCM.ImagingMeasurementReport,
     )
     made = Comprehensive3DSR(
@@ -73,8 +101,21 @@ def structured_report(document: FiducialsDocument, images: list[Path]) -> Datase
         transfer_syntax_uid=ExplicitVRLittleEndian,
     )
     made.ManufacturerModelName, made.SoftwareVersions, made.DeviceSerialNumber = "ronnaplan", __version__, "none"
-    made.SeriesDescription = f"{len(document.fiducials)} markers with covariances"
     return made
+
+
+def _path(one: Trajectory, frame: str, content: str) -> MeasurementsAndQualitativeEvaluations:
+    """Return a trajectory: its length along the line from entry to target."""
+    ends = np.array([one.entry_mm, one.target_mm])
+    line = CoordinatesForMeasurement3D("POLYLINE", ends, frame)
+    length = float(np.linalg.norm(ends[1] - ends[0]))
+    return MeasurementsAndQualitativeEvaluations(
+        TrackingIdentifier(uid=generate_uid(entropy_srcs=[one.name, content]), identifier=one.name),
+        finding_type=CodedConcept("TRAJECTORY", SCHEME, "Planned trajectory, from entry to target"),
+        measurements=[
+            Measurement(codes.SCT.Length, _short(length), codes.UCUM.Millimeter, referenced_coordinates=[line])
+        ],
+    )
 
 
 def _group(marker: FiducialEntry, frame: str, content: str) -> MeasurementsAndQualitativeEvaluations:

@@ -9,12 +9,14 @@ import json
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ronnaplan.errors import InputError, RefusedError
+from ronnaplan.errors import RefusedError, RonnaplanError
 from ronnaplan.jobs.serving import DONE, Tell, serve
 from ronnaplan.node.config import Rule
+from ronnaplan.node.papers import KINDS, object_of
 from ronnaplan.untrusted import checked
 
 if TYPE_CHECKING:
@@ -67,29 +69,44 @@ class Found:
 
 def work(order: Order, tell: Tell) -> None:
     """Do a job; raises `RonnaplanError` where the scan or the rule allows no answer."""
-    from ronnaplan.documents.dicom_spatial import dicom_bytes
-    from ronnaplan.documents.files import make_folder, write_atomically
+    from ronnaplan.documents.files import make_folder
 
-    wanted = [kind for kind in order.rule.answers if kind not in order.have]
-    found = _find(order)
     make_folder(order.output)
-    for kind in wanted:
-        try:
-            made = ANSWERS[kind](found)
-        except InputError as error:  # one answer that cannot be made keeps no other one back
-            tell("left out", job=order.job, answer=kind, reason=str(error))
-            continue
-        path = order.output / f"{made.SOPInstanceUID}.dcm"
-        write_atomically(path, dicom_bytes(made))
-        tell(
-            "answer",
-            job=order.job,
-            kind=kind,
-            sop_uid=made.SOPInstanceUID,
-            sop_class=made.SOPClassUID,
-            path=str(path),
-        )
-    tell("ended", job=order.job, state=DONE, reason=f"{len(found.fiducials)} markers")
+    wanted = [kind for kind in order.rule.answers if kind not in order.have]
+    papers = _papers(order)
+    reason = " and ".join(papers)
+    if wanted or not papers:
+        found = _find(order)
+        reason = f"{len(found.fiducials)} markers"
+        for kind in wanted:
+            _answer(order, kind, partial(ANSWERS[kind], found), tell)
+    for paper, path in papers.items():
+        _answer(order, paper, partial(object_of, paper, path, order.folder), tell)
+    tell("ended", job=order.job, state=DONE, reason=reason)
+
+
+def _papers(order: Order) -> dict[str, Path]:
+    """Return the documents of the scan's study that there are."""
+    if order.rule.documents is None:
+        return {}
+    home = order.home / order.rule.documents / order.folder.parent.name
+    return {kind: home / name for kind, name in KINDS.items() if (home / name).is_file()}
+
+
+def _answer(order: Order, kind: str, make: Callable[[], Any], tell: Tell) -> None:
+    """Make an object, write it and tell of it; one that cannot be made keeps no other one back."""
+    from ronnaplan.documents.dicom_spatial import dicom_bytes
+    from ronnaplan.documents.files import write_atomically
+
+    try:
+        made = make()
+    except RonnaplanError as error:
+        tell("left out", job=order.job, answer=kind, reason=str(error))
+        return
+    path = order.output / f"{made.SOPInstanceUID}.dcm"
+    write_atomically(path, dicom_bytes(made))
+    told = {"sop_uid": made.SOPInstanceUID, "sop_class": made.SOPClassUID, "path": str(path)}
+    tell("answer", job=order.job, kind=kind, **told)
 
 
 def _find(order: Order) -> Found:

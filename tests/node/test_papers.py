@@ -1,0 +1,99 @@
+"""Documents that come later than the scan are answered, too: as objects in the patient's study, once each state."""
+
+from __future__ import annotations
+
+import io
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pydicom import dcmread
+
+from ronnaplan.ct import read_ct
+from ronnaplan.documents.plan import write_plan
+from ronnaplan.node.config import Rule
+from ronnaplan.node.index import Index
+from ronnaplan.node.logs import Log
+from ronnaplan.node.papers import PapersWatch
+from ronnaplan.node.work import ANSWERS, Order, work
+from ronnaplan.planning import Plan, Trajectory
+from tests.ct import makers
+from tests.documents.test_patient import document, identify
+from tests.node.peers import configuration, program
+from tests.node.test_series import add
+
+UIDS = {"study_uid": makers.STUDY, "series_uid": makers.SERIES}
+
+
+@pytest.fixture
+def order(tmp_path: Path) -> Order:
+    """A job whose own answers were all made, and a registration and a plan beside it."""
+    scan = makers.write_series(tmp_path / makers.STUDY / makers.SERIES, change=identify)
+    for path in scan.iterdir():
+        path.rename(path.with_suffix(".dcm"))
+    papers = tmp_path / "documents" / makers.STUDY
+    papers.mkdir(parents=True)
+    document(papers, "registration")
+    volume = read_ct(scan)
+    left = Trajectory("left", np.array([0.0, 0, 30]), np.array([20.0, 30, 90]), frame=volume.frame)
+    write_plan(papers / "plan.json", Plan.of_scan(volume).add(left))
+    rule = Rule(name="r", documents="documents")
+    return Order(1, scan, tmp_path, tmp_path / "answers", rule, tuple(ANSWERS))
+
+
+def told(order: Order) -> list[dict[str, Any]]:
+    lines: list[dict[str, Any]] = []
+    work(order, lambda event, **facts: lines.append({"event": event, **facts}))
+    return lines
+
+
+def test_registration_and_plan_become_objects_of_the_patient_s_study(order: Order) -> None:
+    answers = {line["kind"]: line for line in told(order) if line["event"] == "answer"}
+    assert sorted(answers) == ["plan", "registration"]
+    for kind, line in answers.items():
+        made = dcmread(line["path"])
+        assert (made.PatientID, made.StudyInstanceUID) == ("4711", makers.STUDY)
+        if shutil.which("dciodvfy"):
+            done = subprocess.run(["dciodvfy", "-new", line["path"]], capture_output=True, text=True, check=False)
+            assert "Error" not in done.stderr, (kind, done.stderr)
+    (container,) = (
+        item for item in dcmread(answers["plan"]["path"]).ContentSequence if item.ValueType == "CONTAINER"
+    )
+    (number,) = (item for item in container.ContentSequence[0].ContentSequence if item.ValueType == "NUM")
+    assert float(number.MeasuredValueSequence[0].NumericValue) == pytest.approx(70.0)
+    assert list(number.ContentSequence[0].GraphicData) == [0, 0, 30, 20, 30, 90]
+    if program("dsrdump"):
+        command = [str(program("dsrdump")), answers["plan"]["path"]]
+        assert b"SCOORD3D" in subprocess.run(command, capture_output=True, check=True).stdout
+    again = {line["kind"]: line for line in told(order) if line["event"] == "answer"}
+    assert {kind: line["sop_uid"] for kind, line in again.items()} == {
+        kind: line["sop_uid"] for kind, line in answers.items()
+    }
+
+
+def test_a_document_of_another_scan_is_left_out_and_says_why(order: Order, tmp_path: Path) -> None:
+    document(tmp_path / "documents" / makers.STUDY, "registration", series_instance_uid="1.2.9")
+    lines = told(order)
+    assert [line["kind"] for line in lines if line["event"] == "answer"] == ["plan"]
+    (left,) = (line for line in lines if line["event"] == "left out")
+    assert "does not hold series 1.2.9" in left["reason"]
+
+
+def test_a_finished_job_is_done_again_once_for_each_state_of_its_documents(index: Index, tmp_path: Path) -> None:
+    add(index, 1, 0.0, **UIDS)
+    index.run("INSERT INTO jobs (series, revision, rule, state, due, completed) VALUES (1, 1, 'r', 'done', 0, 0)")
+    config = configuration(tmp_path, rule=[{"name": "r", "documents": "documents"}])
+    watched = PapersWatch(config, index, Log(io.StringIO()))
+    folder = tmp_path / "documents" / makers.STUDY
+    seen = []
+    for number, content in enumerate((None, "{}", "{}", "{ }")):
+        if content is not None and (number != 2):
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / "plan.json").write_text(content)
+        watched.tick(10.0 * number)
+        seen.append(index.value("SELECT state FROM jobs"))
+        index.run("UPDATE jobs SET state = 'done'")
+    assert seen == ["done", "waiting", "done", "waiting"]
