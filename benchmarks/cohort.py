@@ -3,10 +3,11 @@
     python -m benchmarks.cohort listing [--files 100000]
     python -m benchmarks.cohort series [--series 200] [--workers 2]
     python -m benchmarks.cohort kills [--series 200] [--kills 20] [--seed 1]
+    python -m benchmarks.cohort charts [--series 4000]
 
 ``series`` compares processor time with that of one process which does the same by itself; ``kills`` ends the client,
 the scheduler, Dask workers and their children (SIGKILL) at random moments, starts again what is gone, and compares the
-tables with those of a run in peace. One series in ten is broken.
+tables with those of a run in peace. One series in ten is broken. ``charts`` simulates years of 260 scans of a phantom.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ import numpy as np
 from phantoms.fast import render
 from phantoms.series import SeriesOptions, write_series
 from phantoms.stack import axial_stack
+from ronnaplan.cohort.charts import control_chart
 from ronnaplan.cohort.cohort import run_cohort
 from ronnaplan.cohort.index import DONE, WAITING, Index
 from ronnaplan.cohort.listing import bring_up_to_date
@@ -236,16 +238,36 @@ def kills(folder: Path, count: int, most: int, seed: int) -> None:
     )
 
 
+def charts(years: int) -> None:
+    """Chart simulated years; say how often they are flagged, and how soon where something is wrong."""
+    draws = np.random.default_rng(1)
+    days = [f"{n:03d}" for n in range(260)]
+    for what, step, slope in (("nothing wrong", 0.0, 0.0), ("a step", 1.0, 0.0), ("a drift", 0.0, 0.02)):
+        begin, drifts, leaps, delays = 100 if step else 60, 0, 0, []
+        for _ in range(years):
+            values = draws.standard_normal(len(days))
+            values[begin:] += step + slope * np.arange(len(days) - begin)
+            chart = control_chart("scanner", "value", days, list(values))
+            drifts, leaps = drifts + bool(chart.drifts.any()), leaps + bool(chart.leaps.any())
+            if chart.drifts[begin:].any():
+                delays.append(int(np.argmax(chart.drifts[begin:])))
+        soon = f", half of them within {np.median(delays):.0f} scans" if step or slope else ""
+        print(f"{what}: a drift in {drifts / years:.1%} of years{soon}; a single value in {leaps / years:.1%}")
+
+
 def main() -> None:
     """Run one of the measurements."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("listing", "series", "kills"))
+    parser.add_argument("what", choices=("listing", "series", "kills", "charts"))
     parser.add_argument("--files", type=int, default=100_000)
     parser.add_argument("--series", type=int, default=200)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
+    if given.what == "charts":
+        charts(given.series)
+        return
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         if given.what == "listing":

@@ -57,48 +57,50 @@ class _Hand:
 
 
 _idle: list[_Hand] = []
+_busy: list[_Hand] = []
 _lock = threading.Lock()
 
 
 def work_on(order: dict[str, Any], limits: dict[str, Any], module: str = WORKER) -> Outcome:
     """Have an order worked on within ``limits`` (``seconds``, ``memory_mib``); whatever happens is an outcome."""
     hand = _taken(module, limits["memory_mib"])
+    is_sound = False
     try:
         outcome = _worked(hand, order, limits)
-    except BaseException:
-        hand.child.kill()
-        hand.child.end()
-        raise
-    hand.orders += 1
-    if outcome["state"] == BROKEN or hand.orders >= MOST_ORDERS:
-        hand.child.kill()
-        hand.child.end()
-    else:
+        hand.orders += 1
+        is_sound = outcome["state"] != BROKEN and hand.orders < MOST_ORDERS
+    finally:
         with _lock:
-            _idle.append(hand)
+            _busy.remove(hand)
+            if is_sound:
+                _idle.append(hand)
+        if not is_sound:
+            hand.child.kill()
+            hand.child.end()
     return outcome
 
 
-def dismiss() -> int:
-    """End the children that wait for work in this process; returns how many."""
+def dismiss(*, busy: bool = False) -> None:
+    """End the children of this process that wait for work, and those that are ``busy``, whose work is then lost."""
     with _lock:
         gone = list(_idle)
         _idle.clear()
+        working = list(_busy) if busy else []
+    for hand in working:
+        hand.child.kill()  # who waits for it notices
     for hand in gone:
         hand.child.kill()
         hand.child.end()
-    return len(gone)
 
 
 def _taken(module: str, memory_mib: int) -> _Hand:
     with _lock:
-        for hand in _idle:
-            if hand.kind == (module, memory_mib):
-                _idle.remove(hand)
-                if hand.child.status is None:
-                    return hand
-                break
-    return _Hand(module, memory_mib)
+        fitting = [one for one in _idle if one.kind == (module, memory_mib) and one.child.status is None]
+        hand = fitting[0] if fitting else _Hand(module, memory_mib)
+        if fitting:
+            _idle.remove(hand)
+        _busy.append(hand)
+    return hand
 
 
 def _worked(hand: _Hand, order: dict[str, Any], limits: dict[str, Any]) -> Outcome:

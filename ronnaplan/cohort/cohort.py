@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -10,9 +11,11 @@ from pathlib import Path
 from ronnaplan.cohort import children
 from ronnaplan.cohort.index import ASIDE, DONE, LEFT, WAITING, Index
 from ronnaplan.cohort.listing import Listed, bring_up_to_date
+from ronnaplan.cohort.places import is_url
 from ronnaplan.cohort.planning import decide, tasks_of
 from ronnaplan.cohort.rules import Rules
 from ronnaplan.cohort.run import connected, work_off
+from ronnaplan.ct.files import given_path
 from ronnaplan.documents.files import make_folder
 from ronnaplan.errors import InputError
 
@@ -51,9 +54,10 @@ def run_cohort(
     from ronnaplan.cohort.tables import write_tables
 
     tasks = tasks_of(rules)
+    places = [root if is_url(root) else os.path.abspath(given_path(root)) for root in roots]  # noqa: PTH100
     make_folder(out)
     with _locked(out), Index(out) as index:
-        listed = bring_up_to_date(index, roots, progress=progress) if list_roots else Listed()
+        listed = bring_up_to_date(index, places, progress=progress) if list_roots else Listed()
         decide(index, rules, tasks, again=again)
         waiting = index.count(WAITING)
         if waiting:

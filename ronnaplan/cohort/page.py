@@ -22,7 +22,7 @@ MOST_ROWS: Final = 15
 MOST_CHARTS: Final = 40
 NOTICE: Final = "Research software, not a medical device."
 STATES: Final = {
-    "done": "markers found",
+    "done": "localized, with the number of markers that was expected, where one was",
     "refused": "refused: not the expected number, or no single answer",
     "unusable": "not a CT that can be localized",
     "aside": "set aside by a fault",

@@ -21,6 +21,11 @@ LIMITS: Final = replace(DEFAULT_LIMITS, files=10**10)
 """A folder may hold any number of files: they are not kept in memory."""
 
 
+def is_url(root: str) -> bool:
+    """Whether a root is a URL."""
+    return "://" in root
+
+
 class Met(NamedTuple):
     """A file as it is met: its folder below the place, its name there, and what changes when its content does."""
 
@@ -90,7 +95,7 @@ class Place:
     @property
     def is_remote(self) -> bool:
         """Whether fsspec opens it."""
-        return "://" in self.root
+        return is_url(self.root)
 
     @cached_property
     def _remote(self) -> tuple[Any, str]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import os
+import time
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 CONNECT: Final = "10s"
+ASK_AGAIN_S: Final = 5.0
 AHEAD: Final = 2
 """Series that are sent ahead for each thread of a worker: it never waits for the next."""
 
@@ -35,6 +38,20 @@ class _Sent:
     attempts: int = 1
 
 
+class _Threads:
+    """How many threads the workers have, asked for now and then: workers come and go."""
+
+    def __init__(self, client: Client) -> None:
+        self._client, self._count, self._asked = client, 1, -ASK_AGAIN_S
+
+    def count(self) -> int:
+        """Return their number, at least one."""
+        now = time.monotonic()
+        if now > self._asked + ASK_AGAIN_S:
+            self._count, self._asked = max(sum(self._client.nthreads().values()), 1), now
+        return self._count
+
+
 @contextmanager
 def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
     """Give a Dask client: of the scheduler, or of as many threads here, each with a child process that works.
@@ -45,6 +62,7 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
         import distributed
     except ImportError as error:
         raise InputError("Dask is not installed; install ronnaplan[cohort]") from error
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # a lost scheduler is told in one sentence
     if scheduler is None:
         count = workers or os.cpu_count() or 1
         with warnings.catch_warnings():
@@ -59,7 +77,7 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
             try:
                 yield client
             finally:
-                children.dismiss()
+                children.dismiss(busy=True)
         return
     try:
         client = distributed.Client(scheduler, timeout=CONNECT)
@@ -89,12 +107,13 @@ def work_off(
     from tqdm import tqdm
 
     waiting = orders(index, rules, tasks)
+    threads = _Threads(client)
     sent: dict[str, _Sent] = {}
     queue = as_completed(raise_errors=False)
     with tqdm(
         total=index.count(WAITING), unit=" series", smoothing=0.02, disable=None if progress else True
     ) as bar:
-        _fill(client, waiting, sent, queue, module)
+        _fill(client, threads, waiting, sent, queue, module)
         for future in queue:
             one = sent.pop(future.key)
             outcome = _outcome(future)
@@ -112,19 +131,19 @@ def work_off(
             state = ASIDE if outcome["state"] == BROKEN else DONE
             keep(index, out, one.series, settings_of(tasks[one.series.rule], rules.limits, state), outcome)
             bar.update()
-            _fill(client, waiting, sent, queue, module)
+            _fill(client, threads, waiting, sent, queue, module)
 
 
 def _fill(
     client: Client,
+    threads: _Threads,
     waiting: Iterator[tuple[SeriesRow, dict[str, Any], dict[str, Any]]],
     sent: dict[str, _Sent],
     queue: Any,
     module: str,
 ) -> None:
     """Send as many series as the workers' threads need, and no more: neither orders nor results pile up."""
-    most = AHEAD * max(sum(client.nthreads().values()), 1)
-    while len(sent) < most:
+    while len(sent) < AHEAD * threads.count():
         given = next(waiting, None)
         if given is None:
             return

@@ -180,7 +180,9 @@ def test_a_folder_that_another_run_has_is_left_alone(tmp_path: Path) -> None:
         cohort(tmp_path)
 
 
-def test_series_of_no_rule_are_left_and_the_last_listing_can_be_taken(tmp_path: Path, log: Path) -> None:
+def test_series_of_no_rule_are_left_and_the_last_listing_can_be_taken(
+    tmp_path: Path, log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     tiny(tmp_path / "in" / "a", "6")
     tiny(tmp_path / "in" / "b", "7")
     rule = CohortRule(name="a", diameters=(11.5,), folder="A*")
@@ -191,5 +193,8 @@ def test_series_of_no_rule_are_left_and_the_last_listing_can_be_taken(tmp_path: 
     begun(log)
     cohort(tmp_path, RULE, list_roots=False)
     assert begun(log) == {"7": 1}
+    monkeypatch.chdir(tmp_path / "in" / "a")  # the same root by another name
+    run_cohort(["../../in/"], tmp_path / "out", Rules(rule=(RULE,)), module=FAKE, workers=1)
+    assert begun(log) == {"8": 1}
     with Index(tmp_path / "out") as index:
-        assert index.count("done") == 2
+        assert index.count("done") == 3
