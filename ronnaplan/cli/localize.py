@@ -173,27 +173,44 @@ def _read(path: str, series: str | None, name: str = "ronnaplan: ") -> CTVolume:
 
 
 def _localized(volume: CTVolume, wanted: _Wanted, report: str | None) -> Fiducials:
-    """Localize, draw the report whatever the number of markers, and only then refuse a wrong number."""
-    from ronnaplan.documents.files import write_atomically
+    """Localize, draw the report whatever is refused, and only then refuse it."""
     from ronnaplan.errors import RefusedError
     from ronnaplan.localization import common_diameter, localize, require_count
 
-    found = localize(
-        volume,
-        diameter_mm=wanted.diameters_mm or common_diameter(volume, wanted.expected, wanted.build, progress=True),
-        template=wanted.template,
-        marker=wanted.build,
-        progress=True,
-    )
-    if report is not None:
-        from ronnaplan.report.contact import contact_sheet
-
-        write_atomically(report, contact_sheet(volume, found))
+    try:
+        found = localize(
+            volume,
+            diameter_mm=wanted.diameters_mm
+            or common_diameter(volume, wanted.expected, wanted.build, progress=True),
+            template=wanted.template,
+            marker=wanted.build,
+            progress=True,
+        )
+    except RefusedError:  # of several sizes none, or of a template
+        _draw(report, volume, wanted)
+        raise
+    _draw(report, volume, wanted, found)
     try:
         require_count(found, wanted.expected)
     except RefusedError as error:
         raise RefusedError("; ".join([str(error), *_nothing_found(volume, found)])) from error
     return found
+
+
+def _draw(report: str | None, volume: CTVolume, wanted: _Wanted, found: Fiducials | None = None) -> None:
+    """Draw what was found; where that was refused, all markers of the sizes stated, or of those that are there."""
+    if report is None:
+        return
+    from ronnaplan.documents.files import write_atomically
+    from ronnaplan.localization import localize, sizes_seen
+    from ronnaplan.report.contact import contact_sheet
+
+    if found is None:
+        seen = wanted.diameters_mm or [one.diameter_mm for one in sizes_seen(volume, wanted.build, progress=True)]
+        if not seen:
+            return
+        found = localize(volume, diameter_mm=seen, marker=wanted.build, progress=True)
+    write_atomically(report, contact_sheet(volume, found))
 
 
 def _nothing_found(volume: CTVolume, found: Fiducials) -> list[str]:
