@@ -27,14 +27,14 @@ from tests.planner.browser import (
     place,
     planner,
     settled,
+    with_head,
 )
 
 pytestmark = needs_browser
 
 
 def test_every_view_shows_something(browser: Any, shared: Planner) -> None:
-    page = opened(browser, shared.url)
-    page.wait_for_function("window.trame.state.get('picture_head')")
+    page = with_head(opened(browser, shared.url))
     for view in ("axial", "coronal", "sagittal", "inline", "probe", "head"):
         picture = page.evaluate(f"window.trame.state.get('picture_{view}')")
         data = np.frombuffer(base64.b64decode(picture.partition(",")[2]), dtype=np.uint8)

@@ -58,10 +58,11 @@
     look(window.trame.state.get("eye"));
   }
 
-  new MutationObserver((_, watching) => {
+  const LOOK_MS = 50;
+  const looking = setInterval(() => {
     const canvas = document.querySelector("canvas[data-scene]");
-    if (!canvas || !window.trame?.state) return;
-    watching.disconnect();
+    if (!canvas || !window.trame?.state) return; // the page is not there yet
+    clearInterval(looking);
     begin(canvas);
-  }).observe(document.documentElement, { childList: true, subtree: true });
+  }, LOOK_MS);
 })();
