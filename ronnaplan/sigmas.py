@@ -1,4 +1,4 @@
-"""The errors of markers that are assumed where none are stated: standard deviations per axis, in this one place.
+"""The errors that are assumed where none are stated: standard deviations per axis, in this one place.
 
 Nothing is imported here, so that the command line can name them in its help at once.
 """
@@ -10,3 +10,12 @@ that shift between scan and surgery. The paper's patients; bone screws do far be
 SIGMA_OTS_MM = 0.17
 """Error of one reading of a Polaris-class tracker. Averaging removes jitter but not the calibration error behind it,
 so this is also the floor of a mean's standard deviation, unless the file states another."""
+
+SIGMA_ROBOT_MM = 0.03
+"""Error of an industrial arm's position per axis: the repeatability that makers of small arms state."""
+
+SIGMA_ROBOT_DEG = 0.01
+"""Error of its rotation per axis."""
+
+SIGMA_GEOMETRY_MM = 0.05
+"""Error per axis of a sphere's place on a tracked tool, as drawn or measured: a machined one."""

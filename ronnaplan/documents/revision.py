@@ -12,11 +12,24 @@ from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import InputError
 
 if TYPE_CHECKING:
+    from ronnaplan.documents.chain import ChainDocument
     from ronnaplan.documents.fiducials import FiducialsDocument
     from ronnaplan.documents.placement import PlacementDocument
     from ronnaplan.documents.registration import RegistrationDocument
+    from ronnaplan.documents.rig import RigDocument, SpheresDocument
+    from ronnaplan.documents.tool import HandEyeDocument, PivotDocument
 
-Document = TypeVar("Document", "FiducialsDocument", "PlacementDocument", "RegistrationDocument")
+Document = TypeVar(
+    "Document",
+    "FiducialsDocument",
+    "RegistrationDocument",
+    "PlacementDocument",
+    "PivotDocument",
+    "HandEyeDocument",
+    "RigDocument",
+    "SpheresDocument",
+    "ChainDocument",
+)
 
 
 def revised(document: Document, there: Document | None) -> Document:

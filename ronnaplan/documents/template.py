@@ -10,7 +10,8 @@ from pydantic import Field, model_validator
 
 from ronnaplan.documents.fields import DocumentModel, Label, LengthMm, PositiveMm, Vector
 from ronnaplan.documents.reading import read_document
-from ronnaplan.geometry import FloatArray
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray, Frame, Points
 from ronnaplan.localization import Template
 from ronnaplan.localization.template import DISTANCE_TOLERANCE_MM
 
@@ -73,6 +74,16 @@ class TemplateDocument(DocumentModel):
     def template(self) -> Template:
         """What the localizer looks for."""
         return Template(self.name, self.labels, self.distances_mm, self.tolerance)
+
+    def placed(self, frame: Frame, sigma_mm: float) -> Points:
+        """Return the markers at their stated places in ``frame``, which err by ``sigma_mm`` per axis.
+
+        Raises `InputError` where only distances are stated: they do not say which of two mirror images is meant.
+        """
+        if not self.centers:
+            raise InputError(f"the template '{self.name}' states distances; expected the markers' centers")
+        spread = np.tile(sigma_mm**2 * np.eye(3), (len(self.labels), 1, 1))
+        return Points(np.array(self.centers), spread, self.labels, frame)
 
     def _nearest_points(self) -> tuple[FloatArray, float]:
         return (np.array(self.centers), 0.0) if self.centers else _nearest_points(np.array(self.distances))

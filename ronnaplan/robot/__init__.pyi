@@ -1,6 +1,12 @@
 from .camera import Camera as Camera, StereoRig as StereoRig
 from .chain import Capture as Capture, robot_from_ct as robot_from_ct, to_frame as to_frame
-from .hand_eye import HandEye as HandEye, calibrate_hand_eye as calibrate_hand_eye
+from .hand_eye import HandEye as HandEye, calibrate_hand_eye as calibrate_hand_eye, with_tip as with_tip
+from .markers import (
+    RobotMarkers as RobotMarkers,
+    RobotRegistration as RobotRegistration,
+    register_robot_markers as register_robot_markers,
+    relocate as relocate,
+)
 from .orientation import (
     frame_of_three as frame_of_three,
     orientation_covariance as orientation_covariance,
@@ -8,6 +14,7 @@ from .orientation import (
     tool_pose as tool_pose,
 )
 from .pivot import PivotCalibration as PivotCalibration, calibrate_pivot as calibrate_pivot
+from .recorded import robot_pose as robot_pose, seen_tool as seen_tool, tool_poses as tool_poses
 from .stereo import StereoSphere as StereoSphere, locate_sphere as locate_sphere
 from .stereo_calibration import (
     StereoCalibration as StereoCalibration,

@@ -8,19 +8,23 @@ covariance counts that those of successive poses may be correlated.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import Pose, adjoint, as_pose, exponential, invert, rigid
+from ronnaplan.pose import Pose, adjoint, as_pose, exponential, invert, point_jacobian, rigid
 from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.memory import least_squares_covariance
 
 SMALLEST_TURN_DEG = 5.0
 """RMS turn about the second axis that the poses need; below it the translation along the first is undetermined."""
+LARGEST_ROTATION_DEG, LARGEST_TRANSLATION_MM = 3.0, 10.0
+"""Poses of robot and tracker that are off by more (RMS) do not belong together: no tracker errs so much."""
+SAME_TIP_PROBABILITY = 1e-6
+"""A pivot calibration that errors as stated would put so far off, and more rarely than this, is of another tip."""
 REWEIGHTINGS = 3
 
 
@@ -39,7 +43,8 @@ def calibrate_hand_eye(ots_from_m: ArrayLike, robot_from_tcp: ArrayLike) -> Hand
     """Return M from TCP and R from OTS from simultaneous poses of both.
 
     ``ots_from_m`` and ``robot_from_tcp`` are (N, 4, 4) in mm. Raises `InputError` for fewer than four poses,
-    unequal numbers, matrices that are no poses, and motions that turn about one axis only.
+    unequal numbers, matrices that are no poses, and motions that turn about one axis only; `RefusedError` where the
+    poses do not belong together.
     """
     seen = _poses(ots_from_m, "ots_from_m")
     driven = _poses(robot_from_tcp, "robot_from_tcp")
@@ -49,7 +54,38 @@ def calibrate_hand_eye(ots_from_m: ArrayLike, robot_from_tcp: ArrayLike) -> Hand
         )
     require_two_axes(driven[:, :3, :3], "M from TCP")
     left, right = _closed_form(seen, driven)
-    return _refine(seen, driven, left, right)
+    found = _refine(seen, driven, left, right)
+    if found.rotation_rms_deg > LARGEST_ROTATION_DEG or found.translation_rms_mm > LARGEST_TRANSLATION_MM:
+        raise RefusedError(
+            f"the poses of robot and tracker contradict each other by {found.rotation_rms_deg:.2g} degrees and "
+            f"{found.translation_rms_mm:.2g} mm RMS, expected at most {LARGEST_ROTATION_DEG:g} and "
+            f"{LARGEST_TRANSLATION_MM:g}; record both at the same moments"
+        )
+    return found
+
+
+def with_tip(found: HandEye, tip_mm: FloatArray, tip_mm2: FloatArray) -> HandEye:
+    """Return ``found`` with its TCP also taken from a pivot calibration's tip (3,) in M, of covariance (3, 3).
+
+    The two are weighed by their errors, which are independent of each other as the recordings are. Raises
+    `RefusedError` where they contradict each other.
+    """
+    from scipy.special import gammaincc
+
+    pose = found.m_from_tcp
+    jacobian = point_jacobian(pose.translation_mm)
+    off = tip_mm - pose.translation_mm
+    spread = jacobian @ pose.covariance @ jacobian.T + tip_mm2
+    probability = float(gammaincc(3 / 2, off @ np.linalg.solve(spread, off) / 2))
+    if probability < SAME_TIP_PROBABILITY:
+        raise RefusedError(
+            f"the pivot calibration puts the TCP {np.linalg.norm(off):.2f} mm from where the hand-eye calibration "
+            "does, more than their errors explain; check that both are of the same tip"
+        )
+    gain = pose.covariance @ jacobian.T @ np.linalg.inv(spread)
+    rest = np.eye(6) - gain @ jacobian
+    covariance = rest @ pose.covariance @ rest.T + gain @ tip_mm2 @ gain.T
+    return replace(found, m_from_tcp=Pose(_motion(gain @ off) @ pose.matrix, covariance, M, TCP))
 
 
 def _poses(values: ArrayLike, name: str) -> FloatArray:

@@ -20,6 +20,8 @@ FEWEST_BOARDS = 6
 FEWEST_SPHERES = 6
 SMALLEST_TILT_DEG = 8.0
 """RMS tilt of the boards against each other that they need; parallel ones leave focal length and distance open."""
+LARGEST_RMS_PX = 1.0
+"""Corners are found to a tenth of a pixel: boards that miss by more do not belong together."""
 SMALLEST_INFORMATION = 1e-6
 """Smallest over largest eigenvalue of the scaled normal matrix for poses that determine ``tcp_from_rig``."""
 
@@ -43,6 +45,8 @@ class TcpCalibration:
     """The sphere (3,) in R."""
     rms_mm: float
     """RMS distance between the sphere's places found from the poses."""
+    sd_mm: float
+    """Standard deviation per axis of such a place."""
 
 
 def calibrate_on_board(
@@ -67,14 +71,21 @@ def calibrate_on_board(
     size = np.asarray(left[0]).shape[::-1]
     firsts, seconds = [a for a, _ in seen], [b for _, b in seen]
     _, k_left, d_left, turns, _ = cv2.calibrateCamera(boards, firsts, size, None, None)
-    _require_tilts(np.array(turns, dtype=np.float64).reshape(-1, 3))
-    _, k_right, d_right, _, _ = cv2.calibrateCamera(boards, seconds, size, None, None)
+    _require_tilts(_turns(turns))
+    _, k_right, d_right, others, _ = cv2.calibrateCamera(boards, seconds, size, None, None)
+    reversed_ = _counted_from_the_other_end(exponential(_turns(turns)), exponential(_turns(others)))
+    seconds = [corners[::-1] if other else corners for corners, other in zip(seconds, reversed_, strict=True)]
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 200, 1e-9)
     found = cv2.stereoCalibrate(
         boards, firsts, seconds, k_left, d_left, k_right, d_right, size,
         flags=cv2.CALIB_USE_INTRINSIC_GUESS, criteria=criteria,
     )  # fmt: skip
     rms, k_left, d_left, k_right, d_right, rotation, shift = found[:7]
+    if rms > LARGEST_RMS_PX:
+        raise InputError(
+            f"the board images contradict each other by {rms:.1f} pixels RMS, expected at most {LARGEST_RMS_PX:g}; "
+            "check that left and right images belong together and that no camera moved between them"
+        )
     right_from_left = rigid(_floats(rotation), _floats(shift).ravel())
     return StereoCalibration(
         Camera(_floats(k_left), _floats(d_left).ravel(), np.eye(4)),
@@ -100,6 +111,29 @@ def calibrate_tcp(robot_from_tcp: ArrayLike, spheres_mm: ArrayLike) -> TcpCalibr
     poses = np.array([as_pose(matrix, f"robot_from_tcp {i}") for i, matrix in enumerate(offered)])
     require_two_axes(poses[:, :3, :3], "where the rig is")
     return _refine(poses, spheres, _start(poses, spheres))
+
+
+def _turns(vectors: object) -> FloatArray:
+    """Return OpenCV's rotation vectors as (N, 3)."""
+    return np.array(vectors, dtype=np.float64).reshape(-1, 3)
+
+
+def _counted_from_the_other_end(left: FloatArray, right: FloatArray) -> list[bool]:
+    """Tell for which boards, seen with rotations (N, 3, 3), the right camera's corners are counted from the other end.
+
+    A board that looks the same upside down has two first corners, and the cameras may not have taken the same. The
+    cameras rest against each other, so the choice is the one with the steadiest rotation between them.
+    """
+    from scipy.spatial.transform import Rotation
+
+    upside_down = np.diag([-1.0, -1.0, 1.0])
+    choices = np.stack([right @ turn @ left.swapaxes(1, 2) for turn in (np.eye(3), upside_down)])
+    angles: list[list[FloatArray]] = [
+        [np.atleast_1d(Rotation.from_matrix(reference.T @ choice).magnitude()) for choice in choices]
+        for reference in choices[:, 0]
+    ]
+    best = min(angles, key=lambda one: float(np.minimum(one[0], one[1]).sum()))
+    return [bool(other) for other in best[1] < best[0]]
 
 
 def _require_tilts(turns: FloatArray) -> None:
@@ -176,4 +210,4 @@ def _refine(poses: FloatArray, spheres: FloatArray, start: FloatArray) -> TcpCal
     carry = adjoint(matrix)
     covariance = carry @ (np.linalg.inv(information)[:6, :6] * variance) @ carry.T
     rms = float(np.sqrt(2 * fit.cost / len(spheres)))
-    return TcpCalibration(Pose(matrix, covariance, TCP, RIG), fit.x[6:], rms)
+    return TcpCalibration(Pose(matrix, covariance, TCP, RIG), fit.x[6:], rms, float(np.sqrt(variance)))

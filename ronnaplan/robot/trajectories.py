@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, Frame, Points, as_points, unit
-from ronnaplan.pose import Pose, rigid
-from ronnaplan.robot.chain import R, to_frame
+from ronnaplan.geometry import FloatArray, Frame, as_points, unit
+from ronnaplan.pose import Pose, point_jacobian, rigid
+from ronnaplan.robot.chain import R
 
 SHORTEST_PATH_MM = 1.0
 """An entry and a target closer than this give no direction to advance along."""
@@ -23,12 +23,24 @@ class RobotTrajectory:
     name: str
     entry_mm: FloatArray
     target_mm: FloatArray
-    covariances_mm2: FloatArray
-    """Covariances (2, 3, 3) in R of entry and target: what the chain's errors make of exact planned points."""
+    tip_covariances: FloatArray
+    """Covariances (2, 6, 6) of the tool at entry and target: rotation in rad and the tip's place in mm, in R's axes,
+    as the chain's errors make them of an exact plan. The rotation turns about the tip."""
     at_entry: FloatArray
     """R from tool (4, 4) with the tip at the entry."""
     at_target: FloatArray
     """R from tool (4, 4) with the tip at the target."""
+
+    @property
+    def covariances_mm2(self) -> FloatArray:
+        """Covariances (2, 3, 3) in R of entry and target."""
+        return self.tip_covariances[:, 3:, 3:]
+
+    @property
+    def expected_errors_mm(self) -> FloatArray:
+        """Expected root-mean-square errors (2,) at entry and target."""
+        errors: FloatArray = np.sqrt(np.trace(self.covariances_mm2, axis1=1, axis2=2))
+        return errors
 
     @property
     def depth_mm(self) -> float:
@@ -73,15 +85,12 @@ def robot_trajectory(
     length = float(np.linalg.norm(ends[1] - ends[0]))
     if length < SHORTEST_PATH_MM:
         raise InputError(f"entry and target of {name} are {length:.2f} mm apart; expected a trajectory")
-    planned = Points(ends, np.zeros((2, 3, 3)), ("entry", "target"), frame)
-    mapped = to_frame(robot_from_ct, planned)
-    rotation = _tool_axes(
-        mapped.positions_mm[1] - mapped.positions_mm[0], np.asarray(x_axis, dtype=np.float64), name
-    )
-    entry, target = mapped.positions_mm
-    return RobotTrajectory(
-        name, entry, target, mapped.covariances_mm2, rigid(rotation, entry), rigid(rotation, target)
-    )
+    entry, target = robot_from_ct.apply(ends, frame)
+    rotation = _tool_axes(target - entry, np.asarray(x_axis, dtype=np.float64), name)
+    about_tip = np.tile(np.eye(6), (2, 1, 1))
+    about_tip[:, 3:] = point_jacobian(np.array([entry, target]))
+    covariances = about_tip @ robot_from_ct.covariance @ about_tip.transpose(0, 2, 1)
+    return RobotTrajectory(name, entry, target, covariances, rigid(rotation, entry), rigid(rotation, target))
 
 
 def _tool_axes(advance: FloatArray, x_axis: FloatArray, name: str) -> FloatArray:

@@ -12,21 +12,33 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from ronnaplan.documents.fiducials import fiducials_document, read_fiducials
+from ronnaplan.documents.chain import read_chain, stereo_chain, tracked_chain
+from ronnaplan.documents.fiducials import Source, fiducials_document, read_fiducials
 from ronnaplan.documents.limits import read_limits
 from ronnaplan.documents.placement import placement_document, read_placement
 from ronnaplan.documents.plan import plan_document, read_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.documents.registration import read_registration, registration_document
+from ronnaplan.documents.rig import read_rig, read_spheres, rig_document, spheres_document
 from ronnaplan.documents.template import read_template
+from ronnaplan.documents.tool import hand_eye_document, pivot_document, read_hand_eye, read_pivot
 from ronnaplan.errors import InputError
+from ronnaplan.geometry import Frame, Points
 from ronnaplan.planner.storage import Look
+from ronnaplan.pose import Pose, rigid
 from ronnaplan.registration.markers import register_markers
+from ronnaplan.robot.camera import RIG, Camera
+from ronnaplan.robot.chain import OTS, TCP, Capture, M, R
+from ronnaplan.robot.hand_eye import HandEye
+from ronnaplan.robot.markers import RobotMarkers, register_robot_markers
+from ronnaplan.robot.pivot import calibrate_pivot
 from ronnaplan.robot.placement.placement import Place as RobotPlace
 from ronnaplan.robot.placement.placement import Placement
 from ronnaplan.robot.placement.route import Route
 from ronnaplan.robot.placement.serving import Served
+from ronnaplan.robot.stereo_calibration import StereoCalibration, TcpCalibration
 from tests import cases
 from tests.documents.test_fiducials import FOUND
 from tests.robot.placement.cases import room
@@ -78,6 +90,7 @@ def documents() -> dict[str, tuple[Any, Reader]]:
             ),
             read_limits,
         ),
+        **robot_documents(),
         "template": (
             json.dumps(
                 {
@@ -96,7 +109,43 @@ def documents() -> dict[str, tuple[Any, Reader]]:
     return {name: (json.loads(text), reader) for name, (text, reader) in texts.items()}
 
 
-KINDS = ("fiducials", "registration", "plan", "limits", "template")
+def robot_documents() -> dict[str, tuple[str, Reader]]:
+    """Return the documents on the way to the robot; their numbers are of a made-up session."""
+    rng = np.random.default_rng(1)
+    spread = np.diag(np.repeat([1e-8, 1e-2], 3))
+
+    def pose(to: Frame, of: Frame) -> Pose:
+        turn = Rotation.random(rng=rng).as_matrix()
+        return Pose(rigid(turn, rng.normal(size=3) * 100), spread, to, of)
+
+    poses = np.tile(np.eye(4), (200, 1, 1))
+    poses[:, :3, :3] = Rotation.from_rotvec(rng.uniform(-0.5, 0.5, (200, 3))).as_matrix()
+    poses[:, :3, 3] = rng.normal(size=(200, 3)) * 0.1 - poses[:, :3, :3] @ [10.0, 20, 150]
+    hand_eye = HandEye(pose(M, TCP), pose(R, OTS), 0.05, 0.2)
+    camera = Camera(np.array([[2100.0, 0, 320], [0, 2100, 256], [0, 0, 1]]), np.full(5, 0.01), np.eye(4))
+    tcp = TcpCalibration(pose(TCP, RIG), np.ones(3), 0.02, 0.01)
+    robot = np.array([pose(R, TCP).matrix for _ in range(4)])
+    found = RobotMarkers(tuple("1234"), rng.normal(size=(4, 3)) * 90, np.tile(1e-4 * np.eye(3), (4, 1, 1)), robot,
+                         tcp.tcp_from_rig)  # fmt: skip
+    ct = Points(
+        found.positions_mm[::-1] + 5, np.tile(1e-4 * np.eye(3), (4, 1, 1)), tuple("ABCD"), Frame("CT", "1.2")
+    )
+    source = Source(frame_of_reference_uid="1.2", voxel_sha256="0" * 64)
+    capture = Capture(pose(OTS, M), hand_eye.m_from_tcp, pose(R, TCP))
+    tracked = tracked_chain(pose(OTS, ct.frame), capture, source, np.ones(3), ("a note",))
+    stereo = stereo_chain(register_robot_markers(ct, found, sigma_ct_mm=0.1), source, np.ones(3))
+    return {
+        "pivot": (to_json(pivot_document(calibrate_pivot(poses), "tool", ("a note",))), read_pivot),
+        "hand-eye": (to_json(hand_eye_document(hand_eye, "tool", 60, pivot=True)), read_hand_eye),
+        "rig": (to_json(rig_document(StereoCalibration(camera, camera, 0.1, 8), tcp, 12, 11.5)), read_rig),
+        "spheres": (to_json(spheres_document(found, 11.5)), read_spheres),
+        "tracked chain": (to_json(tracked), read_chain),
+        "stereo chain": (to_json(stereo), read_chain),
+    }
+
+
+KINDS = ("fiducials", "registration", "plan", "limits", "template", "pivot", "hand-eye", "rig", "spheres",
+         "tracked chain", "stereo chain")  # fmt: skip
 
 
 def refused(reader: Reader, file: Path) -> bool:

@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from phantoms import cameras as rendering
 from ronnaplan.errors import FrameMismatchError, InputError, RefusedError
 from ronnaplan.pose import Pose, invert
+from ronnaplan.robot import stereo_calibration
 from ronnaplan.robot.camera import RIG, Camera, StereoRig
 from ronnaplan.robot.chain import TCP, R
 from ronnaplan.robot.outline import find_outlines
 from ronnaplan.robot.stereo import StereoSphere, locate_sphere
-from ronnaplan.robot.stereo_calibration import calibrate_on_board, calibrate_tcp
-from tests.robot import rendering
+from ronnaplan.robot.stereo_calibration import _counted_from_the_other_end, calibrate_on_board, calibrate_tcp
 
 DIAMETER = 11.5
 K = [
@@ -220,6 +221,21 @@ def test_board_images_that_do_not_show_the_board_are_refused() -> None:
         calibrate_on_board(left[:3] + blank[:5], right[:3] + blank[:5], corners=CORNERS, square_mm=SQUARE)
     with pytest.raises(InputError, match="pairs of one size"):
         calibrate_on_board(left, right[:5], corners=CORNERS, square_mm=SQUARE)
+
+
+def test_a_board_that_looks_the_same_upside_down_is_counted_alike_by_both_cameras() -> None:
+    left = Rotation.from_rotvec(np.random.default_rng(0).normal(size=(8, 3)) * 0.3).as_matrix()
+    other = np.array([False, True, False, False, True, True, False, False])
+    upside_down = np.where(other[:, None, None], np.diag([-1.0, -1, 1]), np.eye(3))
+    right = RIGHT[:3, :3].T @ left @ upside_down
+    assert _counted_from_the_other_end(left, right) == other.tolist()
+
+
+def test_board_images_that_contradict_each_other_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Boards that do are slow to fit, so the limit is lowered instead."""
+    monkeypatch.setattr(stereo_calibration, "LARGEST_RMS_PX", 0.001)
+    with pytest.raises(InputError, match="contradict each other by"):
+        calibrate_on_board(*boards(), corners=CORNERS, square_mm=SQUARE)
 
 
 def test_boards_that_hardly_tilt_are_refused() -> None:

@@ -1,28 +1,33 @@
-"""Camera images of spheres and boards, rendered by ray tests that share no code with what they test.
+"""What calibrated cameras see of spheres and chessboards, by ray tests.
 
 Pixel centers are at whole numbers. Distortion is Brown's (k1, k2, p1, p2, k3), inverted here by Newton's method.
 """
+
+from __future__ import annotations
 
 from functools import lru_cache
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+from phantoms.solids import FloatArray
+
 SIZE = (1024, 1280)
 
 
-def distort(x: np.ndarray, y: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def distort(x: FloatArray, y: FloatArray, d: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return where the lens puts points at ``x``, ``y`` of the plane at unit distance."""
     k1, k2, p1, p2, k3 = d
     r2 = x * x + y * y
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
     return x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
 
 
-def pixel_rays(u: np.ndarray, v: np.ndarray, K: np.ndarray, d: np.ndarray) -> np.ndarray:
+def pixel_rays(u: FloatArray, v: FloatArray, K: FloatArray, d: FloatArray) -> FloatArray:
     """Rays (..., 3) with z = 1 of pixel places ``u``, ``v``."""
     goal_x, goal_y = (u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1]
     x, y, h = goal_x.copy(), goal_y.copy(), 1e-6
-    for _ in range(6):
+    for _ in range(4):
         fx, fy = distort(x, y, d)
         ax, ay = distort(x + h, y, d)
         bx, by = distort(x, y + h, d)
@@ -36,21 +41,23 @@ def pixel_rays(u: np.ndarray, v: np.ndarray, K: np.ndarray, d: np.ndarray) -> np
 @lru_cache(maxsize=8)
 def frame_rays(
     K: tuple[float, ...], d: tuple[float, ...], size: tuple[int, int], du: float, dv: float
-) -> np.ndarray:
+) -> FloatArray:
+    """Return the rays (rows, columns, 3) of all pixels, ``du`` and ``dv`` beside their centers."""
     rows, columns = np.mgrid[: size[0], : size[1]].astype(float)
     return pixel_rays(columns + du, rows + dv, np.array(K).reshape(3, 3), np.array(d))
 
 
-def project(point: np.ndarray, K: np.ndarray, d: np.ndarray) -> np.ndarray:
+def project(point: FloatArray, K: FloatArray, d: FloatArray) -> FloatArray:
+    """Return the pixels (..., 2) of places (..., 3) in the camera's frame."""
     x, y = distort(point[..., 0] / point[..., 2], point[..., 1] / point[..., 2], d)
     return np.stack([K[0, 0] * x + K[0, 2], K[1, 1] * y + K[1, 2]], axis=-1)
 
 
 def sphere_image(
-    centers_mm: list[np.ndarray],
+    centers_mm: list[FloatArray],
     diameter_mm: float,
-    K: np.ndarray,
-    d: np.ndarray,
+    K: FloatArray,
+    d: FloatArray,
     rng: np.random.Generator,
     *,
     blur_px: float = 1.2,
@@ -58,7 +65,7 @@ def sphere_image(
     strays: int = 0,
     size: tuple[int, int] = SIZE,
     samples: int = 4,
-) -> np.ndarray:
+) -> FloatArray:
     """Bright spheres at ``centers_mm`` (camera frame) on a dark, slightly uneven ground; 8-bit grey values."""
     rows, columns = np.mgrid[: size[0], : size[1]].astype(float)
     image = 12 + 6 * columns / size[1]
@@ -87,14 +94,14 @@ def sphere_image(
 
 
 def board_image(
-    camera_from_board: np.ndarray,
+    camera_from_board: FloatArray,
     corners: tuple[int, int],
     square_mm: float,
-    K: np.ndarray,
-    d: np.ndarray,
+    K: FloatArray,
+    d: FloatArray,
     rng: np.random.Generator,
     size: tuple[int, int] = SIZE,
-) -> np.ndarray:
+) -> FloatArray:
     """A chessboard whose first inner corner is the board's origin, on a white margin; 8-bit grey values."""
     image = np.zeros(size)
     normal, origin = camera_from_board[:3, 2], camera_from_board[:3, 3]

@@ -1,0 +1,122 @@
+"""``ronnaplan robot chain``: the scan in the robot's coordinates, by the tracker or by the cameras."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import TYPE_CHECKING
+
+from ronnaplan.cli.case_options import with_sigmas
+from ronnaplan.cli.output import warn
+from ronnaplan.cli.robot_options import with_robot_sigmas, with_tool
+from ronnaplan.cli.values import sigma_mm, whole
+from ronnaplan.sigmas import SIGMA_GEOMETRY_MM
+
+if TYPE_CHECKING:
+    from ronnaplan.documents.chain import ChainDocument
+    from ronnaplan.tracking import Recording
+
+HELP = "Join the links from scan to robot, by the tracker or by re-localized markers, with covariance."
+BY_TRACKER = ("registration", "hand_eye", "tracker", "geometry", "robot")
+BY_STEREO = ("fiducials", "spheres")
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``robot chain``."""
+    tracker = parser.add_argument_group("by the tracker")
+    tracker.add_argument("--registration", metavar="FILE", help="registration.json of the head")
+    tracker.add_argument("--hand-eye", metavar="FILE", help="hand-eye.json of the tool")
+    tracker.add_argument("--tracker", metavar="READINGS", help="the tool seen at rest: its poses, or its spheres")
+    tracker.add_argument("--geometry", metavar="FILE", help="template.json with the centers of its spheres in M")
+    tracker.add_argument("--robot", metavar="READINGS", help="the robot's pose of its TCP meanwhile")
+    tracker.add_argument("--frame", type=whole(0), metavar="N", help="use one frame of both recordings")
+    tracker.add_argument(
+        "--sigma-geometry",
+        type=sigma_mm,
+        default=SIGMA_GEOMETRY_MM,
+        metavar="MM",
+        help="error of those centers per axis (default %(default)s)",
+    )
+    with_tool(tracker)
+    with_robot_sigmas(tracker)
+    stereo = parser.add_argument_group("by the cameras")
+    stereo.add_argument("--fiducials", metavar="FILE", help="fiducials.json of the scan")
+    stereo.add_argument("--spheres", metavar="FILE", help="spheres.json of relocate")
+    stereo.add_argument("--expected", type=whole(3), metavar="N", help="the number of markers in both")
+    with_sigmas(parser)
+    parser.add_argument("-o", "--output", metavar="FILE", help="chain.json (default: standard output)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Join the links, or register to the re-localized spheres."""
+    from ronnaplan.documents.chain import read_chain
+    from ronnaplan.documents.revision import write_document
+    from ronnaplan.errors import UsageError
+
+    given = {name for name in (*BY_TRACKER, *BY_STEREO) if getattr(arguments, name) is not None}
+    if given == set(BY_TRACKER):
+        document = _by_tracker(arguments)
+    elif given == set(BY_STEREO):
+        document = _by_stereo(arguments)
+    else:
+        ways = (" ".join(f"--{name.replace('_', '-')}" for name in way) for way in (BY_TRACKER, BY_STEREO))
+        raise UsageError(f"robot chain goes one of two ways; give all of {' or all of '.join(ways)}")
+    warn(*document.notes)
+    write_document(arguments.output, document, read_chain)
+    for share in document.shares:
+        print(f"{share.link:<24} {share.rms:.3f} mm RMS at the markers' middle", file=sys.stderr)
+    return 0
+
+
+def _by_tracker(arguments: argparse.Namespace) -> ChainDocument:
+    import numpy as np
+
+    from ronnaplan.documents.chain import tracked_chain
+    from ronnaplan.documents.registration import read_registration
+    from ronnaplan.documents.template import read_template_document
+    from ronnaplan.documents.tool import read_hand_eye
+    from ronnaplan.robot.chain import Capture, M
+    from ronnaplan.robot.recorded import resting_matrix, robot_pose, seen_tool, tool_poses
+    from ronnaplan.tracking import read_recording
+
+    registration, hand_eye = read_registration(arguments.registration), read_hand_eye(arguments.hand_eye)
+    geometry = read_template_document(arguments.geometry).placed(M, arguments.sigma_geometry)
+    tracker = _only(read_recording(arguments.tracker), arguments.frame)
+    robot = _only(read_recording(arguments.robot), arguments.frame)
+    tool = arguments.tool or (hand_eye.tool if hand_eye.tool in tracker.tool_names else None)
+    driven = resting_matrix(tool_poses(robot), "the robot")
+    capture = Capture(
+        seen_tool(tracker, geometry, tool=tool, sigma_mm=arguments.sigma_ots),
+        hand_eye.tool_pose,
+        robot_pose(driven, arguments.sigma_robot, arguments.sigma_robot_deg),
+    )
+    notes = (*registration.doubts, *registration.notes, *tracker.notes, *robot.notes)
+    middle = np.array([pair.center for pair in registration.pairs]).mean(axis=0)
+    return tracked_chain(registration.pose, capture, registration.source, middle, notes)
+
+
+def _by_stereo(arguments: argparse.Namespace) -> ChainDocument:
+    from ronnaplan.documents.chain import stereo_chain
+    from ronnaplan.documents.fiducials import read_fiducials
+    from ronnaplan.documents.rig import read_spheres
+    from ronnaplan.robot.markers import register_robot_markers
+
+    fiducials, spheres = read_fiducials(arguments.fiducials), read_spheres(arguments.spheres)
+    found = register_robot_markers(
+        fiducials.points, spheres.markers, expected=arguments.expected, sigma_ct_mm=arguments.sigma_ct
+    )
+    notes = (*fiducials.doubts, *(str(flag) for flag in found.registration.flags), *spheres.notes)
+    return stereo_chain(found, fiducials.source, found.registration.moving_mm.mean(axis=0), notes)
+
+
+def _only(recording: Recording, frame: int | None) -> Recording:
+    """Return the recording, or one frame of it."""
+    from dataclasses import replace
+
+    if frame is None:
+        return recording
+    return replace(
+        recording,
+        points=tuple(one for one in recording.points if one.frame == frame),
+        tools=tuple(one for one in recording.tools if one.frame == frame),
+    )

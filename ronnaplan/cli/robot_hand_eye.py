@@ -1,0 +1,53 @@
+"""``ronnaplan robot hand-eye``: the TCP on the tool that the tracker sees, from poses of robot and tracker together."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+
+from ronnaplan.cli.output import warn
+from ronnaplan.cli.robot_options import RECORDED, tell, with_output, with_tool, worth
+
+HELP = "Find M from TCP (and R from OTS) from simultaneous poses of tracker and robot."
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``robot hand-eye``."""
+    parser.add_argument("tracker", metavar="TRACKER", help=f"the tracker's poses of M: {RECORDED}")
+    parser.add_argument("robot", metavar="ROBOT", help="the robot's poses of its TCP, numbered alike")
+    parser.add_argument("--pivot", metavar="FILE", help="pivot.json of the same tip, to be counted too")
+    with_tool(parser)
+    with_output(parser, "hand-eye.json")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Find M from TCP and R from OTS."""
+    from ronnaplan.documents.revision import write_document
+    from ronnaplan.documents.tool import hand_eye_document, read_hand_eye, read_pivot
+    from ronnaplan.robot.hand_eye import calibrate_hand_eye, with_tip
+    from ronnaplan.robot.recorded import simultaneous, tool_poses
+    from ronnaplan.tracking import read_recording
+
+    pivot = read_pivot(arguments.pivot) if arguments.pivot else None
+    tracker, robot = read_recording(arguments.tracker), read_recording(arguments.robot)
+    seen, driven = tool_poses(tracker, arguments.tool), tool_poses(robot)
+    frames, ots_from_m, robot_from_tcp = simultaneous(seen, driven)
+    found = calibrate_hand_eye(ots_from_m, robot_from_tcp)
+    if pivot is not None:
+        found = with_tip(found, pivot.tip_mm, pivot.tip_covariance_mm2)
+    notes = (*tracker.notes, *robot.notes, *_alone(seen, driven))
+    warn(*notes)
+    tool = arguments.tool or tracker.tool_names[0]
+    document = hand_eye_document(found, tool, len(frames), pivot=pivot is not None, notes=notes)
+    write_document(arguments.output, document, read_hand_eye)
+    tell(
+        f"M from TCP of {len(frames)} poses, which are off by {found.rotation_rms_deg:.3f} degrees and "
+        f"{found.translation_rms_mm:.3f} mm RMS",
+        worth("its error at the TCP", found.m_from_tcp.point_covariances([found.m_from_tcp.translation_mm * 0])),
+    )
+    return 0
+
+
+def _alone(seen: Iterable[int], driven: Iterable[int]) -> tuple[str, ...]:
+    alone = len(set(seen) ^ set(driven))
+    return (f"{alone} poses have no partner of the same frame and were left out",) if alone else ()

@@ -1,0 +1,98 @@
+"""What several actions of ``ronnaplan robot`` share: options, the looks of the cameras, and what is told of errors."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import TYPE_CHECKING, Any, Protocol
+
+from ronnaplan.cli.values import number, sigma_mm
+from ronnaplan.sigmas import SIGMA_ROBOT_DEG, SIGMA_ROBOT_MM
+
+if TYPE_CHECKING:
+    from ronnaplan.geometry import FloatArray
+    from ronnaplan.robot.images import ImagePair
+
+RECORDED = "a recording of poses (rows of 4 x 4 matrices, CSV with quaternions, NDI CSV, PLUS sequence)"
+
+
+class Declares(Protocol):
+    """A parser, or a group of its arguments."""
+
+    def add_argument(self, *names: str, **how: Any) -> argparse.Action:
+        """Declare an argument."""
+
+
+def with_tool(parser: Declares) -> None:
+    """Declare which tool of a recording is meant."""
+    parser.add_argument("--tool", metavar="NAME", help="the tool, where the tracker's recording has several")
+
+
+def with_robot_sigmas(parser: Declares) -> None:
+    """Declare the robot's own error."""
+    parser.add_argument(
+        "--sigma-robot",
+        type=sigma_mm,
+        default=SIGMA_ROBOT_MM,
+        metavar="MM",
+        help="error of the robot's position per axis (default %(default)s)",
+    )
+    parser.add_argument(
+        "--sigma-robot-deg",
+        type=degrees,
+        default=SIGMA_ROBOT_DEG,
+        metavar="DEG",
+        help="error of the robot's rotation per axis (default %(default)s)",
+    )
+
+
+def with_output(parser: Declares, what: str) -> None:
+    """Declare where ``what`` is written."""
+    parser.add_argument("-o", "--output", metavar="FILE", help=f"{what} (default: standard output)")
+
+
+def degrees(text: str) -> float:
+    """Return a standard deviation in degrees."""
+    value = number(text)
+    if not 0 < value <= 10:
+        raise argparse.ArgumentTypeError(f"{text} is no standard deviation in degrees; expected above 0, up to 10")
+    return value
+
+
+def size_mm(text: str) -> float:
+    """Return a length in mm above zero."""
+    value = number(text)
+    if not 0 < value <= 1000:
+        raise argparse.ArgumentTypeError(f"{text} is no size in mm; expected above 0, up to 1000")
+    return value
+
+
+def read_looks(arguments: argparse.Namespace) -> tuple[dict[int, ImagePair], FloatArray, tuple[str, ...]]:
+    """Return the looks, the robot's pose (4, 4) at each, and what is to be told of the recording."""
+    from ronnaplan.errors import InputError
+    from ronnaplan.robot.images import read_pairs
+    from ronnaplan.robot.recorded import simultaneous, tool_poses
+    from ronnaplan.tracking import read_recording
+
+    looks, robot = read_pairs(arguments.looks), read_recording(arguments.robot)
+    driven = tool_poses(robot)
+    lacking = next((frame for frame in looks if frame not in driven), None)
+    if lacking is not None:
+        raise InputError(f"{arguments.robot} has no pose of frame {lacking}, which {arguments.looks} shows")
+    return looks, simultaneous({frame: driven[frame] for frame in looks}, driven)[1], robot.notes
+
+
+def worth(what: str, covariances: FloatArray) -> str:
+    """Say the error of the first of ``covariances`` (N, 3, 3)."""
+    return f"{what}: {rms(covariances[0]):.4f} mm RMS"
+
+
+def rms(covariance: FloatArray) -> float:
+    """Return the root-mean-square error (mm) of a place of ``covariance`` (3, 3)."""
+    return float(sum(covariance[axis, axis] for axis in range(3)) ** 0.5)
+
+
+def tell(*lines: str) -> None:
+    """Say what was found on standard error."""
+    for line in lines:
+        print(line, file=sys.stderr)

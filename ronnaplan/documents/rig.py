@@ -1,0 +1,212 @@
+"""rig.json and spheres.json: the calibrated cameras on the robot, and the markers that they found again."""
+
+from __future__ import annotations
+
+import os
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from ronnaplan import __version__
+from ronnaplan.documents.fiducials import Software
+from ronnaplan.documents.fields import (
+    DocumentModel,
+    Label,
+    LengthMm,
+    Line,
+    MarkerCovariance,
+    Matrix4,
+    PositiveMm,
+    Ratio,
+    Revision,
+    Vector,
+)
+from ronnaplan.documents.poses import SAME_POSE_MM, PoseEntry, pose_entry
+from ronnaplan.documents.reading import made, read_document
+from ronnaplan.errors import InputError
+from ronnaplan.pose import as_pose
+from ronnaplan.robot.camera import RIG, Camera, StereoRig
+from ronnaplan.robot.chain import TCP
+from ronnaplan.robot.markers import RobotMarkers
+from ronnaplan.robot.stereo_calibration import StereoCalibration, TcpCalibration
+
+RIG_FORMAT, SPHERES = "ronnaplan.rig", "ronnaplan.spheres"
+LARGEST_LENS = 1e6
+"""No camera has so many pixels, and no lens such a distortion."""
+LensNumber = Annotated[float, Field(ge=-LARGEST_LENS, le=LARGEST_LENS)]
+LensRow = tuple[LensNumber, LensNumber, LensNumber]
+Distortion = tuple[LensNumber, LensNumber, LensNumber, LensNumber, LensNumber]
+
+
+class CameraEntry(DocumentModel):
+    """One camera in OpenCV's model: pixels, and mm of the rig."""
+
+    matrix: tuple[LensRow, LensRow, LensRow]
+    distortion: Distortion
+    """k1, k2, p1, p2, k3."""
+    rig_from_camera: Matrix4
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        try:
+            self.camera()
+        except InputError as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    def camera(self) -> Camera:
+        """Return the camera."""
+        place = as_pose(self.rig_from_camera, "rig_from_camera")
+        return Camera(np.array(self.matrix), np.array(self.distortion), place)
+
+
+class RigDocument(DocumentModel):
+    """The whole of rig.json, version 1."""
+
+    format: Literal["ronnaplan.rig"]
+    version: Literal[1]
+    unit: Literal["mm"]
+    revision: Revision = 0
+    left: CameraEntry
+    right: CameraEntry
+    rms_px: Ratio
+    """RMS distance of the board's corners from their places."""
+    boards: Annotated[int, Field(ge=1)]
+    tcp_from_rig: PoseEntry
+    scatter: LengthMm
+    """Standard deviation per axis of one look's place of the resting sphere."""
+    looks: Annotated[int, Field(ge=1)]
+    diameter_mm: PositiveMm
+    """Of the resting sphere."""
+    notes: tuple[Line, ...] = ()
+    software: Software
+
+    @property
+    def rig(self) -> StereoRig:
+        """The cameras on the robot."""
+        return StereoRig(self.left.camera(), self.right.camera(), self.tcp_from_rig.pose(TCP, RIG))
+
+
+class SphereEntry(DocumentModel):
+    """One sphere: in R, and in the rig from the robot's pose at that look."""
+
+    label: Label
+    position: Vector
+    covariance: MarkerCovariance
+    """In R, of the errors that this look has for itself: outlines, cameras, robot."""
+    in_rig: Vector
+    robot_from_tcp: Matrix4
+
+
+class SpheresDocument(DocumentModel):
+    """The whole of spheres.json, version 1."""
+
+    format: Literal["ronnaplan.spheres"]
+    version: Literal[1]
+    unit: Literal["mm"]
+    revision: Revision = 0
+    diameter_mm: PositiveMm
+    tcp_from_rig: PoseEntry
+    """Its error is common to all spheres, and not in their covariances."""
+    spheres: tuple[SphereEntry, ...] = Field(min_length=1)
+    notes: tuple[Line, ...] = ()
+    software: Software
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if len({one.label for one in self.spheres}) < len(self.spheres):
+            raise ValueError("two spheres have the same label")
+        try:
+            places = self.markers.positions_mm
+        except InputError as error:
+            raise ValueError(str(error)) from error
+        for one, place in zip(self.spheres, places, strict=True):
+            if not np.allclose(one.position, place, rtol=0.0, atol=SAME_POSE_MM):
+                raise ValueError(f"sphere {one.label} is not where its look puts it")
+        return self
+
+    @property
+    def markers(self) -> RobotMarkers:
+        """The spheres with their own and their common errors."""
+        return RobotMarkers(
+            tuple(one.label for one in self.spheres),
+            np.array([one.in_rig for one in self.spheres], dtype=np.float64),
+            np.array([one.covariance for one in self.spheres], dtype=np.float64),
+            np.array([as_pose(one.robot_from_tcp, f"robot_from_tcp of {one.label}") for one in self.spheres]),
+            self.tcp_from_rig.pose(TCP, RIG),
+        )
+
+
+def rig_document(
+    cameras: StereoCalibration, tcp: TcpCalibration, looks: int, diameter_mm: float, notes: tuple[str, ...] = ()
+) -> RigDocument:
+    """Turn the two calibrations of a rig into its document."""
+    return made(
+        RigDocument,
+        {
+            **{"format": RIG_FORMAT, "version": 1, "unit": "mm", "notes": notes},
+            "left": _camera(cameras.left),
+            "right": _camera(cameras.right),
+            "rms_px": cameras.rms_px,
+            "boards": cameras.boards_used,
+            "tcp_from_rig": pose_entry(tcp.tcp_from_rig),
+            "scatter": tcp.sd_mm,
+            "looks": looks,
+            "diameter_mm": diameter_mm,
+            "software": {"name": "ronnaplan", "version": __version__},
+        },
+    )
+
+
+def read_rig(path: str | os.PathLike[str]) -> RigDocument:
+    """Read and check rig.json; raises `InputError` naming the first field that is wrong."""
+    return read_document(
+        path,
+        RigDocument,
+        format_name=RIG_FORMAT,
+        kind="camera calibration",
+        remedy="write it anew with 'robot stereo-calibrate'",
+    )
+
+
+def spheres_document(found: RobotMarkers, diameter_mm: float, notes: tuple[str, ...] = ()) -> SpheresDocument:
+    """Turn re-localized markers into their document."""
+    return made(
+        SpheresDocument,
+        {
+            **{"format": SPHERES, "version": 1, "unit": "mm", "notes": notes},
+            "diameter_mm": diameter_mm,
+            "tcp_from_rig": pose_entry(found.tcp_from_rig),
+            "spheres": [
+                {
+                    "label": label,
+                    "position": found.positions_mm[k].tolist(),
+                    "covariance": found.own_mm2[k].tolist(),
+                    "in_rig": found.in_rig_mm[k].tolist(),
+                    "robot_from_tcp": found.robot_from_tcp[k].tolist(),
+                }
+                for k, label in enumerate(found.labels)
+            ],
+            "software": {"name": "ronnaplan", "version": __version__},
+        },
+    )
+
+
+def read_spheres(path: str | os.PathLike[str]) -> SpheresDocument:
+    """Read and check spheres.json; raises `InputError` naming the first field that is wrong."""
+    return read_document(
+        path,
+        SpheresDocument,
+        format_name=SPHERES,
+        kind="set of re-localized spheres",
+        remedy="write it anew with 'robot relocate'",
+    )
+
+
+def _camera(camera: Camera) -> dict[str, object]:
+    return {
+        "matrix": camera.matrix.tolist(),
+        "distortion": camera.distortion.tolist(),
+        "rig_from_camera": camera.rig_from_camera.tolist(),
+    }

@@ -1,0 +1,245 @@
+"""Planned trajectories in the robot's coordinates, as files: JSON, CSV, YAML for ROS, and points for a KUKA."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final, Literal
+
+import numpy as np
+
+from ronnaplan import __version__
+from ronnaplan.documents.chain import ChainDocument
+from ronnaplan.documents.fiducials import Software, Source
+from ronnaplan.documents.fields import DocumentModel, Label, LengthMm, Line, Matrix4, Vector
+from ronnaplan.documents.poses import PoseEntry
+from ronnaplan.documents.reading import made, to_json
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray
+from ronnaplan.pose import Pose, point_jacobian
+from ronnaplan.robot.chain import TCP, R
+from ronnaplan.robot.trajectories import RobotTrajectory
+
+FORMAT = "ronnaplan.robot-points"
+NOTICE = "Research use only, not a medical device. Check every point before the robot moves."
+CSV_HEADER = (
+    *("trajectory", "point", "x_mm", "y_mm", "z_mm", "q0", "qx", "qy", "qz"),
+    *("expected_error_mm", "sd_x_mm", "sd_y_mm", "sd_z_mm", "notice"),
+)
+LONGEST_KRL_NAME = 24
+
+
+class PointEntry(DocumentModel):
+    """One point of a trajectory: the tool's pose in R (tip at its origin, advancing along +z) and its error."""
+
+    robot_from_tool: PoseEntry
+    expected_error: LengthMm
+    """Root-mean-square error of the tip's place, mm."""
+
+
+class TrajectoryEntry(DocumentModel):
+    """One trajectory in R."""
+
+    name: Label
+    approach: Matrix4
+    """R from tool outside the entry, on the trajectory's line."""
+    entry: PointEntry
+    target: PointEntry
+    depth: LengthMm
+    direction: Vector
+
+
+class RobotPointsDocument(DocumentModel):
+    """The whole of the exported JSON, version 1."""
+
+    format: Literal["ronnaplan.robot-points"]
+    version: Literal[1]
+    unit: Literal["mm"]
+    frame: Literal["R"]
+    notice: Line
+    way: Literal["tracker", "stereo"]
+    source: Source
+    trajectories: tuple[TrajectoryEntry, ...]
+    software: Software
+
+
+def export_points(
+    trajectories: Sequence[RobotTrajectory], chain: ChainDocument, to: str, approach_mm: float
+) -> str:
+    """Return ``trajectories`` in a format of `FORMATS`, each with a point ``approach_mm`` before its entry."""
+    if not trajectories:
+        raise InputError("the plan has no trajectory; add one first")
+    return FORMATS[to](_document(trajectories, chain, approach_mm))
+
+
+def _document(
+    trajectories: Sequence[RobotTrajectory], chain: ChainDocument, approach_mm: float
+) -> RobotPointsDocument:
+    return made(
+        RobotPointsDocument,
+        {
+            **{"format": FORMAT, "version": 1, "unit": "mm", "frame": "R", "notice": NOTICE, "way": chain.way},
+            "source": chain.source.model_dump(),
+            "trajectories": [
+                {
+                    "name": one.name,
+                    "approach": one.before_entry(approach_mm).tolist(),
+                    "entry": _point(one, 0),
+                    "target": _point(one, 1),
+                    "depth": one.depth_mm,
+                    "direction": one.direction.tolist(),
+                }
+                for one in trajectories
+            ],
+            "software": {"name": "ronnaplan", "version": __version__},
+        },
+    )
+
+
+def _point(one: RobotTrajectory, end: int) -> dict[str, object]:
+    pose = (one.at_entry, one.at_target)[end]
+    about_origin = _shift(-pose[:3, 3])
+    covariance = about_origin @ one.tip_covariances[end] @ about_origin.T
+    return {
+        "robot_from_tool": {
+            "matrix": pose.tolist(),
+            "covariance": ((covariance + covariance.T) / 2).tolist(),
+        },
+        "expected_error": float(one.expected_errors_mm[end]),
+    }
+
+
+def _shift(place_mm: FloatArray) -> FloatArray:
+    """Return the (6, 6) that carries errors about the origin to those about ``place_mm``."""
+    carry = np.eye(6)
+    carry[3:] = point_jacobian(place_mm)
+    return carry
+
+
+def _points(document: RobotPointsDocument) -> list[tuple[str, str, Pose, float]]:
+    """Return (trajectory, entry or target, R from tool, expected error) of each point."""
+    return [
+        (one.name, end, point.robot_from_tool.pose(R, TCP), point.expected_error)
+        for one in document.trajectories
+        for end, point in (("entry", one.entry), ("target", one.target))
+    ]
+
+
+def _about_tip(pose: Pose) -> FloatArray:
+    """Return the covariance (6, 6), rotation first, of a tool that turns about its tip."""
+    carry = _shift(pose.translation_mm)
+    about: FloatArray = carry @ pose.covariance @ carry.T
+    return about
+
+
+def _csv(document: RobotPointsDocument) -> str:
+    from ronnaplan.tracking.tables import plain_text
+
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(CSV_HEADER)
+    for name, end, pose, error in _points(document):
+        sds = np.sqrt(np.diag(_about_tip(pose))[3:])
+        numbers = [*pose.translation_mm, *_quaternion(pose)]
+        row = [*(f"{each:.9g}" for each in numbers), *(f"{each:.4f}" for each in (error, *sds))]
+        writer.writerow([plain_text(name), end, *row, document.notice])
+    return stream.getvalue()
+
+
+def _ros(document: RobotPointsDocument) -> str:
+    """Return a YAML list of geometry_msgs/PoseWithCovarianceStamped: metres, radians, axes of the robot's base."""
+    lines = [
+        f"# {document.notice}",
+        "# geometry_msgs/PoseWithCovarianceStamped (m, rad), the tool advances along +z",
+    ]
+    for name, end, pose, _ in _points(document):
+        w, x, y, z = (f"{each:.12g}" for each in _quaternion(pose))
+        px, py, pz = (f"{each / 1000:.12g}" for each in pose.translation_mm)
+        order = np.array([3, 4, 5, 0, 1, 2])
+        scale = np.repeat([1e-3, 1.0], 3)
+        covariance = _about_tip(pose)[np.ix_(order, order)] * np.outer(scale, scale)
+        cells = ", ".join(f"{each:.9e}" for each in covariance.ravel())
+        lines += [
+            f"- name: {json.dumps(f'{name} {end}')}",
+            '  header: {frame_id: "robot_base"}',
+            "  pose:",
+            "    pose:",
+            f"      position: {{x: {px}, y: {py}, z: {pz}}}",
+            f"      orientation: {{x: {x}, y: {y}, z: {z}, w: {w}}}",
+            f"    covariance: [{cells}]",
+        ]
+    return "\n".join([*lines, ""])
+
+
+def _krl(document: RobotPointsDocument) -> str:
+    """Return a KRL data list of FRAMEs (mm, degrees; A about Z, B about Y, C about X) in $ROBROOT; it moves nothing."""
+    names = krl_names([one.name for one in document.trajectories])
+    lines = [
+        "&ACCESS R",
+        f"; {document.notice}",
+        "; Frames in $ROBROOT (mm, degrees). The tool's tip is its origin; it advances along +Z.",
+        "DEFDAT RONNAPLAN_POINTS PUBLIC",
+    ]
+    for one in document.trajectories:
+        entry, target = one.entry.expected_error, one.target.expected_error
+        told = f"expected error {entry:.3f} mm RMS at the entry, {target:.3f} at the target"
+        lines.append(f"; {_ascii(one.name)}: {told}")
+        ends = {
+            "APP": one.approach,
+            "ENT": one.entry.robot_from_tool.matrix,
+            "TGT": one.target.robot_from_tool.matrix,
+        }
+        for label, matrix in ends.items():
+            lines.append(f"DECL GLOBAL FRAME {names[one.name]}_{label}={{{_krl_frame(np.array(matrix))}}}")
+    return "\n".join([*lines, "ENDDAT", ""])
+
+
+def krl_names(names: Sequence[str]) -> dict[str, str]:
+    """Return the name in KRL of each trajectory: letters, digits and ``_``, no more than the controller takes.
+
+    >>> krl_names(["left STN", "left stn", "3rd"])
+    {'left STN': 'LEFT_STN', 'left stn': 'LEFT_STN_2', '3rd': 'T_3RD'}
+    """
+    taken: dict[str, str] = {}
+    for name in names:
+        plain = re.sub(r"[^A-Z0-9]+", "_", name.upper()).strip("_") or "T"
+        plain = plain if plain[0].isalpha() else f"T_{plain}"
+        longest = LONGEST_KRL_NAME - len("_APP")
+        candidate, number = plain[:longest], 1
+        while candidate in taken.values():
+            number += 1
+            candidate = f"{plain[: longest - len(str(number)) - 1]}_{number}"
+        taken[name] = candidate
+    return taken
+
+
+def _krl_frame(matrix: FloatArray) -> str:
+    from scipy.spatial.transform import Rotation
+
+    a, b, c = Rotation.from_matrix(matrix[:3, :3]).as_euler("ZYX", degrees=True)
+    values = dict(zip("XYZABC", (*matrix[:3, 3], a, b, c), strict=True))
+    return ",".join(f"{axis} {value:.6f}" for axis, value in values.items())
+
+
+def _quaternion(pose: Pose) -> FloatArray:
+    """Return the scalar-first quaternion (4,) of a pose's rotation."""
+    from scipy.spatial.transform import Rotation
+
+    quaternion: FloatArray = Rotation.from_matrix(pose.rotation).as_quat(canonical=True, scalar_first=True)
+    return quaternion
+
+
+def _ascii(text: str) -> str:
+    return text.encode("ascii", "replace").decode()
+
+
+FORMATS: Final[Mapping[str, Callable[[RobotPointsDocument], str]]] = {
+    "json": to_json,
+    "csv": _csv,
+    "ros": _ros,
+    "krl": _krl,
+}
+"""What `export_points` writes."""

@@ -1,0 +1,138 @@
+"""Markers re-localized by the cameras on the robot, and the registration of the scan to them.
+
+The error of ``tcp_from_rig`` is common to all looks: it does not average out over the markers, so it is carried through
+the fit as one error and not as one of each marker.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ronnaplan.errors import InputError, RefusedError
+from ronnaplan.geometry import FloatArray, Points
+from ronnaplan.pose import Pose, point_jacobian, transform_points
+from ronnaplan.registration.markers import register_markers
+from ronnaplan.registration.registration import Registration
+from ronnaplan.robot.camera import RIG, StereoRig
+from ronnaplan.robot.chain import TCP, R, to_frame
+from ronnaplan.robot.images import ImagePair
+from ronnaplan.robot.stereo import StereoSphere, locate_sphere
+
+
+@dataclass(frozen=True, eq=False)
+class RobotMarkers:
+    """Spheres (N) re-localized one after the other from robot poses (N), in the rig's coordinates at each."""
+
+    labels: tuple[str, ...]
+    in_rig_mm: FloatArray
+    """(N, 3)."""
+    own_mm2: FloatArray
+    """Covariances (N, 3, 3) in R of the errors that each look has for itself: outlines, cameras, robot."""
+    robot_from_tcp: FloatArray
+    """(N, 4, 4)."""
+    tcp_from_rig: Pose
+    """Its error is common to all."""
+
+    @property
+    def positions_mm(self) -> FloatArray:
+        """The spheres (N, 3) in R."""
+        chained = self.robot_from_tcp @ self.tcp_from_rig.matrix
+        return transform_points(chained, self.in_rig_mm[:, None])[:, 0]
+
+    @property
+    def common_jacobian(self) -> FloatArray:
+        """What the error (6) of ``tcp_from_rig`` does to each sphere in R: (N, 3, 6)."""
+        in_tcp = transform_points(self.tcp_from_rig.matrix, self.in_rig_mm)
+        jacobian: FloatArray = self.robot_from_tcp[:, :3, :3] @ point_jacobian(in_tcp)
+        return jacobian
+
+    @property
+    def points(self) -> Points:
+        """The spheres in R, each with its whole error; those errors are not independent of each other."""
+        jacobian = self.common_jacobian
+        common = jacobian @ self.tcp_from_rig.covariance @ jacobian.transpose(0, 2, 1)
+        return Points(self.positions_mm, self.own_mm2 + common, self.labels, R)
+
+
+def in_rig(looks: dict[int, ImagePair], rig: StereoRig, *, diameter_mm: float) -> list[StereoSphere]:
+    """Return the one sphere of ``diameter_mm`` of each look; what is refused names the look by its frame."""
+    found = []
+    for number, pair in looks.items():
+        try:
+            found.append(locate_sphere(*pair, rig, diameter_mm=diameter_mm))
+        except (InputError, RefusedError) as error:
+            raise type(error)(f"frame {number}: {error}") from error
+    return found
+
+
+def relocate(
+    looks: dict[int, ImagePair],
+    robot_from_tcp: Sequence[Pose],
+    rig: StereoRig,
+    *,
+    diameter_mm: float,
+    scatter_mm: float = 0.0,
+) -> RobotMarkers:
+    """Return the sphere of each look, labelled by its frame, taken from ``robot_from_tcp`` in the same order.
+
+    ``scatter_mm`` is the scatter per axis that a resting sphere's places had in the rig's calibration: a look errs by
+    no less, whatever its outlines say. Refuses as `in_rig` does.
+    """
+    if len(looks) != len(robot_from_tcp):
+        raise InputError(f"{len(looks)} looks came with {len(robot_from_tcp)} robot poses; expected one each")
+    places, errors = [], []
+    for sphere, pose in zip(in_rig(looks, rig, diameter_mm=diameter_mm), robot_from_tcp, strict=True):
+        here = Points(sphere.position_mm[None], sphere.covariance_mm2[None], ("",), RIG)
+        calibrated = Pose.exact(rig.tcp_from_rig.matrix, TCP, RIG)
+        own = to_frame(pose @ calibrated, here).covariances_mm2[0]
+        lacking = max(scatter_mm**2 - float(np.trace(own)) / 3, 0.0)
+        places.append(sphere.position_mm)
+        errors.append(own + lacking * np.eye(3))
+    return RobotMarkers(
+        tuple(str(number) for number in looks),
+        np.array(places),
+        np.array(errors),
+        np.array([pose.matrix for pose in robot_from_tcp]),
+        rig.tcp_from_rig,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class RobotRegistration:
+    """The scan registered to the re-localized markers."""
+
+    robot_from_ct: Pose
+    """With the common error in its covariance."""
+    registration: Registration
+    """The fit alone, for its residuals."""
+    labels: tuple[tuple[str, str], ...]
+    """(CT marker, sphere) of each pair."""
+
+
+def register_robot_markers(
+    ct: Points, spheres: RobotMarkers, *, expected: int | None = None, sigma_ct_mm: float
+) -> RobotRegistration:
+    """Pair the scan's markers with the spheres, in any order, and register R from CT.
+
+    ``expected`` and ``sigma_ct_mm`` are as in `register_markers`. Raises `RefusedError` where the pairing is not
+    unique.
+    """
+    found = register_markers(ct, spheres.points, expected=expected, sigma_ct_mm=sigma_ct_mm)
+    if found.registration is None:
+        raise RefusedError(f"the scan's markers and the re-localized spheres: {found.pairing.reason}")
+    i, j = found.pairing.pairs.T
+    fit = found.registration
+    # the gain of a fit of maximum likelihood: how the pose follows each marker
+    jacobian = point_jacobian(transform_points(fit.transform, fit.moving_mm))
+    gain = fit.pose.covariance @ jacobian.transpose(0, 2, 1) @ np.linalg.inv(fit.covariances_mm2)
+    each = gain @ spheres.common_jacobian[j]
+    common = spheres.tcp_from_rig.covariance
+    counted = (each @ common @ each.transpose(0, 2, 1)).sum(axis=0)  # in the fit, as if of each marker for itself
+    whole = each.sum(axis=0)
+    covariance = fit.pose.covariance - counted + whole @ common @ whole.T
+    pose = Pose(fit.transform, (covariance + covariance.T) / 2, R, ct.frame)
+    pairs = tuple((ct.labels[a], spheres.labels[b]) for a, b in zip(i.tolist(), j.tolist(), strict=True))
+    return RobotRegistration(pose, fit, pairs)

@@ -1,0 +1,108 @@
+"""Poses out of recordings: which belong together, and where something that rested was."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ronnaplan.errors import InputError, RefusedError
+from ronnaplan.geometry import FloatArray, Frame, Points
+from ronnaplan.pose import Pose, as_pose, point_jacobian, transform_points
+from ronnaplan.rigid import pose_covariance, require_spread
+from ronnaplan.robot.chain import OTS, TCP, M, R
+from ronnaplan.robot.tool_frame import locate_tool
+from ronnaplan.sigmas import SIGMA_OTS_MM, SIGMA_ROBOT_DEG, SIGMA_ROBOT_MM
+from ronnaplan.tracking import Recording, find_markers
+
+STILL_MM, STILL_DEG = 0.5, 0.5
+"""Poses of something that rests scatter less about their mean than this: a tracker's noise, no movement."""
+
+
+def tool_poses(recording: Recording, tool: str | None = None) -> dict[int, FloatArray]:
+    """Return the usable poses (4, 4) of ``tool`` by the number of their frame, in order.
+
+    ``tool`` may be left out where there is one only. Raises `InputError` where it is not there, or has two poses in a
+    frame.
+    """
+    names = recording.tool_names
+    if tool is None and len(names) != 1:
+        told = f"the tools {', '.join(names)}; name one" if names else "no poses; expected those of a tool"
+        raise InputError(f"{recording.source} holds {told}")
+    name = names[0] if tool is None else tool
+    if name not in names:
+        raise InputError(f"{recording.source} has no tool '{name}'; it has {', '.join(names) or 'none'}")
+    found: dict[int, FloatArray] = {}
+    for reading in recording.tools:
+        if reading.tool != name or not reading.usable or reading.matrix is None:
+            continue
+        if reading.frame in found:
+            raise InputError(f"{recording.source} has two poses of {name} in frame {reading.frame}; expected one")
+        found[reading.frame] = reading.matrix
+    if not found:
+        raise InputError(f"{recording.source} has no usable pose of {name}; record it again")
+    return found
+
+
+def simultaneous(
+    first: dict[int, FloatArray], second: dict[int, FloatArray]
+) -> tuple[tuple[int, ...], FloatArray, FloatArray]:
+    """Return the numbers (N) of the frames that both have, and the poses (N, 4, 4) of either.
+
+    Raises `InputError` where they share none.
+    """
+    shared = tuple(number for number in first if number in second)
+    if not shared:
+        raise InputError(
+            "the two recordings share no frame number; number poses of one moment alike, in a column 'frame'"
+        )
+    return shared, np.array([first[n] for n in shared]), np.array([second[n] for n in shared])
+
+
+def resting_matrix(poses: dict[int, FloatArray], what: str) -> FloatArray:
+    """Return the mean (4, 4) of poses of ``what`` that did not move; raises `RefusedError` where it did."""
+    from scipy.spatial.transform import Rotation
+
+    matrices = np.array(list(poses.values()))
+    mean = np.eye(4)
+    turns = Rotation.from_matrix(matrices[:, :3, :3])
+    middle = turns.mean()
+    mean[:3, :3], mean[:3, 3] = middle.as_matrix(), np.median(matrices[:, :3, 3], axis=0)
+    off_mm = float(np.sqrt(((matrices[:, :3, 3] - mean[:3, 3]) ** 2).sum(axis=1).mean()))
+    off_deg = float(np.degrees(np.sqrt(((middle.inv() * turns).magnitude() ** 2).mean())))
+    if off_mm > STILL_MM or off_deg > STILL_DEG:
+        raise RefusedError(
+            f"{what} moved while it was recorded: its poses scatter by {off_mm:.2f} mm and {off_deg:.2f} degrees RMS, "
+            f"expected at most {STILL_MM:g} mm and {STILL_DEG:g} degrees; let it rest, or name one frame"
+        )
+    return mean
+
+
+def seen_tool(
+    recording: Recording, geometry: Points, *, tool: str | None = None, sigma_mm: float = SIGMA_OTS_MM
+) -> Pose:
+    """Return OTS from M of a tool that rested, with the error that the tracker's reading of its spheres gives it.
+
+    ``geometry`` are the spheres in M. A recording of poses gives their mean; one of single spheres is searched for
+    them. ``sigma_mm`` is the tracker's error per axis of one sphere, which averaging does not remove.
+    """
+    M.require(geometry.frame)
+    OTS.require(recording.frame)
+    require_spread(geometry.positions_mm, "spheres of the tool")
+    if not recording.tools:
+        found = locate_tool(geometry, find_markers(recording, sigma_mm=sigma_mm).points, expected=len(geometry))
+        assert found.registration is not None
+        return found.registration.pose
+    matrix = resting_matrix(tool_poses(recording, tool), "the tool")
+    own = matrix[:3, :3] @ geometry.covariances_mm2 @ matrix[:3, :3].T
+    spheres = transform_points(matrix, geometry.positions_mm)
+    return Pose(matrix, pose_covariance(spheres, own + sigma_mm**2 * np.eye(3)), OTS, M)
+
+
+def robot_pose(
+    matrix: FloatArray, sigma_mm: float = SIGMA_ROBOT_MM, sigma_deg: float = SIGMA_ROBOT_DEG, to: Frame = R
+) -> Pose:
+    """Return R from TCP with the robot's own error: per axis, about the TCP."""
+    checked = as_pose(matrix, "robot_from_tcp")
+    carry = np.eye(6)
+    carry[3:] = point_jacobian(-checked[:3, 3])
+    spread = np.diag(np.repeat([np.radians(sigma_deg) ** 2, sigma_mm**2], 3))
+    return Pose(checked, carry @ spread @ carry.T, to, TCP)

@@ -1,0 +1,200 @@
+"""From recordings to points in the robot's coordinates, as the page on the robot prints it."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+
+from phantoms.robot_session import write_session
+from ronnaplan.cli import main
+from ronnaplan.documents.reading import to_json
+from ronnaplan.documents.registration import registration_document
+from ronnaplan.documents.tool import read_hand_eye, read_pivot
+from ronnaplan.registration.markers import register_markers
+from ronnaplan.robot.hand_eye import calibrate_hand_eye, with_tip
+from ronnaplan.robot.pivot import calibrate_pivot
+from ronnaplan.tracking import find_markers, read_recording
+from tests import cases
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "robot.md").read_text(encoding="utf-8")
+CASE = ROOT / "data" / "synthetic_ct"
+
+
+def commands() -> list[list[str]]:
+    block = "\n".join(line[4:] for line in PAGE.splitlines() if line.startswith("    "))
+    lines = block.replace("\\\n", " ").splitlines()
+    return [shlex.split(line)[1:] for line in lines if line.startswith("ronnaplan robot")]
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder after the tutorial; the README's documents are made from the phantom's truth."""
+    folder = tmp_path_factory.mktemp("robot")
+    write_session(CASE, folder / "session")
+    fiducials = cases.fiducials()
+    (folder / "fiducials.json").write_text(to_json(fiducials))
+    readings = find_markers(read_recording(CASE / "readings.csv")).points
+    found = register_markers(fiducials.points, readings)
+    (folder / "registration.json").write_text(to_json(registration_document(found, fiducials.source)))
+    from ronnaplan.documents.plan import write_plan
+
+    write_plan(folder / "plan.json", cases.plan())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        run = commands()
+        assert {arguments[1] for arguments in run} >= {
+            "pivot",
+            "hand-eye",
+            "stereo-calibrate",
+            "relocate",
+            "chain",
+        }
+        for arguments in run:
+            assert main(arguments) == 0, arguments
+    return folder
+
+
+def read(path: Path) -> Any:
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def matrix(entry: Any) -> np.ndarray:
+    return np.array(entry["matrix"])
+
+
+def test_the_tutorial_brings_the_plan_to_where_it_is_in_the_robots_frame(home: Path) -> None:
+    """Within the error stated: chi-square of three coordinates, 99.9 %."""
+    truth = np.array(read(home / "session" / "truth.json")["robot_from_ct"])
+    plan = cases.plan()
+    for way in ("chain.json", "final.json"):
+        chain = read(home / way)
+        for one in plan.trajectories:
+            off = (matrix(chain["robot_from_ct"]) - truth)[:3] @ [*one.target_mm, 1]
+            at = matrix(chain["robot_from_ct"])[:3] @ [*one.target_mm, 1]
+            x, y, z = at
+            jacobian = np.hstack([[[0, z, -y], [-z, 0, x], [y, -x, 0]], np.eye(3)])
+            spread = jacobian @ np.array(chain["robot_from_ct"]["covariance"]) @ jacobian.T
+            assert off @ np.linalg.solve(spread, off) < 16.3
+
+
+def test_the_commands_write_what_the_functions_return(home: Path) -> None:
+    session = home / "session"
+    pivot = calibrate_pivot(read_recording(session / "pivot.csv").poses("tool"))
+    written = read_pivot(home / "pivot.json")
+    np.testing.assert_allclose(written.tip_mm, pivot.tip_mm, atol=1e-12)
+    np.testing.assert_allclose(written.tip_covariance_mm2, pivot.tip_covariance_mm2, atol=1e-15)
+    tracker, robot = (
+        read_recording(session / f"hand_eye_{who}.csv").poses("tool") for who in ("tracker", "robot")
+    )
+    tool = with_tip(calibrate_hand_eye(tracker, robot), pivot.tip_mm, pivot.tip_covariance_mm2).m_from_tcp
+    found = read_hand_eye(home / "hand-eye.json").tool_pose
+    np.testing.assert_allclose(found.matrix, tool.matrix, atol=1e-12)
+    np.testing.assert_allclose(found.covariance, tool.covariance, atol=1e-15)
+
+
+def test_every_export_says_the_same_points(home: Path) -> None:
+    points = read(home / "points.json")
+    chain = matrix(read(home / "final.json")["robot_from_ct"])
+    poses = {
+        (one["name"], end): matrix(one[end]["robot_from_tool"])
+        for one in points["trajectories"]
+        for end in ("entry", "target")
+    }
+    for one in cases.plan().trajectories:
+        np.testing.assert_allclose(poses[one.name, "target"][:3, 3], chain[:3] @ [*one.target_mm, 1], atol=1e-9)
+    for message in yaml.safe_load((home / "points.yaml").read_text()):
+        pose = message["pose"]["pose"]
+        name, end = message["name"].rsplit(" ", 1)
+        np.testing.assert_allclose([pose["position"][k] * 1000 for k in "xyz"], poses[name, end][:3, 3], atol=1e-6)
+        turn = Rotation.from_quat([pose["orientation"][k] for k in "xyzw"]).as_matrix()
+        np.testing.assert_allclose(turn, poses[name, end][:3, :3], atol=1e-9)
+        covariance = np.array(message["pose"]["covariance"]).reshape(6, 6)
+        errors = {
+            (t["name"], e): t[e]["expected_error"] for t in points["trajectories"] for e in ("entry", "target")
+        }
+        assert np.sqrt(np.trace(covariance[:3, :3])) * 1000 == pytest.approx(errors[name, end], rel=1e-6)
+    krl = (home / "points.dat").read_text()
+    assert krl.splitlines()[-1] == "ENDDAT"
+    assert "Research use only" in krl
+    frames = re.findall(r"FRAME (\w+)_TGT=\{X (\S+),Y (\S+),Z (\S+),A (\S+),B (\S+),C (\S+)\}", krl)
+    assert len(frames) == len(points["trajectories"])
+    for (_, *numbers), one in zip(frames, points["trajectories"], strict=True):
+        x, y, z, a, b, c = map(float, numbers)
+        about = [
+            Rotation.from_euler(axis, angle, degrees=True).as_matrix()
+            for axis, angle in zip("zyx", (a, b, c), strict=True)
+        ]
+        target = poses[one["name"], "target"]
+        np.testing.assert_allclose([x, y, z], target[:3, 3], atol=1e-5)
+        np.testing.assert_allclose(about[0] @ about[1] @ about[2], target[:3, :3], atol=1e-6)
+
+
+def test_the_table_is_one_row_a_point(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["robot", "export", str(home / "final.json"), str(home / "plan.json"), "--to", "csv"]) == 0
+    rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
+    assert len(rows) == 2 * len(cases.plan().trajectories)
+    assert all("Research use only" in row["notice"] for row in rows)
+
+
+def test_what_does_not_belong_together_is_refused(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def told(*arguments: object) -> tuple[int, str]:
+        status = main(["robot", *map(str, arguments)])
+        return status, capsys.readouterr().err
+
+    session = home / "session"
+    status, text = told("hand-eye", session / "hand_eye_tracker.csv", session / "markers_robot.csv")
+    assert status in (1, 3)
+    assert "contradict each other" in text
+    status, text = told("chain", "--registration", home / "registration.json", "--spheres", home / "spheres.json")
+    assert status == 2
+    assert "one of two ways" in text
+    moved = ("--tracker", session / "hand_eye_tracker.csv", "--robot", session / "hand_eye_robot.csv")
+    by_tracker = ("--registration", home / "registration.json", "--hand-eye", home / "hand-eye.json")
+    status, text = told("chain", *by_tracker, "--geometry", session / "tool.json", *moved)
+    assert status == 3
+    assert "moved while it was recorded" in text
+    status, text = told(
+        "relocate",
+        session / "sphere",
+        session / "markers_robot.csv",
+        "--rig",
+        home / "rig.json",
+        "--diameter",
+        11.5,
+    )
+    assert status == 1
+    assert "no pose of frame 6" in text
+    status, text = told(
+        "relocate", session / "markers", session / "markers_robot.csv", "--rig", home / "rig.json", "--diameter", 9
+    )
+    assert status == 1
+    assert "frame 0: no sphere of 9 mm" in text
+
+
+def test_changed_documents_are_refused(home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    chain = read(home / "chain.json")
+    chain["robot_from_ct"]["matrix"][0][3] += 0.01
+    (tmp_path / "chain.json").write_text(json.dumps(chain))
+    assert main(["robot", "export", str(tmp_path / "chain.json"), str(home / "plan.json")]) == 1
+    assert "not the product of the links" in capsys.readouterr().err
+    chain = read(home / "chain.json")
+    chain["source"]["frame_of_reference_uid"] = "1.2.3"
+    (tmp_path / "chain.json").write_text(json.dumps(chain))
+    assert main(["robot", "export", str(tmp_path / "chain.json"), str(home / "plan.json")]) == 1
+    assert "frame" in capsys.readouterr().err
+    spheres = read(home / "spheres.json")
+    spheres["spheres"][0]["position"][0] += 0.01
+    (tmp_path / "spheres.json").write_text(json.dumps(spheres))
+    files = ["--fiducials", str(home / "fiducials.json"), "--spheres", str(tmp_path / "spheres.json")]
+    assert main(["robot", "chain", *files]) == 1
+    assert "not where its look puts it" in capsys.readouterr().err

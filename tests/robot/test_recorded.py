@@ -1,0 +1,114 @@
+"""Poses out of recordings: which belong together, and where something that rested was."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+from ronnaplan.errors import InputError, RefusedError
+from ronnaplan.geometry import Points
+from ronnaplan.robot.chain import M
+from ronnaplan.robot.images import read_pairs
+from ronnaplan.robot.recorded import resting_matrix, robot_pose, seen_tool, simultaneous, tool_poses
+from ronnaplan.tracking import PointReading, Recording, ToolReading
+
+SPHERES = np.array([[0.0, 60, 0], [45, 0, 0], [0, -75, 0], [-90, 0, 0]])
+
+
+def placed(seed: int) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+    matrix[:3, 3] = (10, 20, -1500)
+    return matrix
+
+
+def recording(*frames: tuple[int, str, np.ndarray | None]) -> Recording:
+    return Recording("r", tools=tuple(ToolReading(n, tool, pose) for n, tool, pose in frames))
+
+
+def test_poses_are_paired_by_their_frame_and_no_other_way() -> None:
+    first = tool_poses(recording((0, "a", placed(0)), (1, "a", None), (2, "a", placed(2)), (5, "a", placed(5))))
+    second = tool_poses(recording((5, "a", placed(6)), (2, "a", placed(3))))
+    frames, seen, driven = simultaneous(first, second)
+    assert frames == (2, 5)
+    np.testing.assert_array_equal(seen, [placed(2), placed(5)])
+    np.testing.assert_array_equal(driven, [placed(3), placed(6)])
+    with pytest.raises(InputError, match="share no frame number"):
+        simultaneous({0: placed(0)}, {1: placed(1)})
+
+
+def test_a_tool_that_is_not_told_is_not_guessed() -> None:
+    two = recording((0, "a", placed(0)), (0, "b", placed(1)))
+    with pytest.raises(InputError, match="the tools a, b; name one"):
+        tool_poses(two)
+    assert list(tool_poses(two, "b")) == [0]
+    with pytest.raises(InputError, match="no tool 'c'"):
+        tool_poses(two, "c")
+    with pytest.raises(InputError, match="two poses of a in frame 0"):
+        tool_poses(recording((0, "a", placed(0)), (0, "a", placed(1))))
+    with pytest.raises(InputError, match="no usable pose"):
+        tool_poses(recording((0, "a", None)))
+
+
+def test_what_moved_has_no_place() -> None:
+    rest = placed(1)
+    shifted = rest.copy()
+    shifted[0, 3] += 2.0
+    np.testing.assert_allclose(resting_matrix({0: rest, 1: rest}, "it"), rest, atol=1e-12)
+    with pytest.raises(RefusedError, match="it moved while it was recorded"):
+        resting_matrix({0: rest, 1: shifted}, "it")
+
+
+def test_a_tools_pose_has_the_error_of_its_spheres_readings() -> None:
+    geometry = Points(SPHERES, np.tile(1e-10 * np.eye(3), (4, 1, 1)), tuple("ABCD"), M)
+    rng = np.random.default_rng(0)
+    true = placed(3)
+    seen = SPHERES @ true[:3, :3].T + true[:3, 3]
+    lever = np.array([[-15.0, 30, 180]])
+    found = []
+    for _ in range(300):
+        noisy = seen + rng.normal(0, 0.17, seen.shape)
+        turn, _ = Rotation.align_vectors(noisy - noisy.mean(0), SPHERES - SPHERES.mean(0))
+        found.append(noisy.mean(0) + turn.apply(lever[0] - SPHERES.mean(0)))
+    scatter = np.sqrt(np.trace(np.cov(np.array(found).T)))
+    of_poses = seen_tool(recording((0, "a", true)), geometry)
+    points = tuple(PointReading(0, place, "") for place in seen[::-1])
+    of_spheres = seen_tool(Recording("r", points), geometry)
+    for pose in (of_poses, of_spheres):
+        np.testing.assert_allclose(pose.matrix, true, atol=1e-6)
+        assert np.sqrt(np.trace(pose.point_covariances(lever)[0])) == pytest.approx(scatter, rel=0.1)
+
+
+def test_the_robots_error_is_about_its_tcp() -> None:
+    pose = robot_pose(placed(4), 0.03, 0.01)
+    np.testing.assert_allclose(np.sqrt(np.diag(pose.point_covariances(np.zeros((1, 3)))[0])), 0.03)
+
+
+def test_images_are_paired_by_their_number(tmp_path: Path) -> None:
+    def image(side: str, name: str, values: np.ndarray) -> None:
+        (tmp_path / side).mkdir(exist_ok=True)
+        Image.fromarray(values).save(tmp_path / side / name)
+
+    grey = np.full((40, 50), 7, np.uint8)
+    image("left", "002.png", grey)
+    image("left", "010.png", grey + 1)
+    image("right", "2.png", grey + 2)
+    with pytest.raises(InputError, match="frame 10 with one camera only"):
+        read_pairs(tmp_path)
+    image("right", "10.png", grey + 3)
+    pairs = read_pairs(tmp_path)
+    assert {number: (left[0, 0], right[0, 0]) for number, (left, right) in pairs.items()} == {
+        2: (7, 9),
+        10: (8, 10),
+    }
+    image("left", "last.png", grey)
+    with pytest.raises(InputError, match="not named by the number"):
+        read_pairs(tmp_path)
+    (tmp_path / "left" / "last.png").unlink()
+    image("right", "10.png", np.zeros((40, 50, 3), np.uint8))
+    with pytest.raises(InputError, match="one grey value"):
+        read_pairs(tmp_path)
+    with pytest.raises(InputError, match="no folder"):
+        read_pairs(tmp_path / "nowhere")
