@@ -31,7 +31,8 @@ CASE = ROOT / "data" / "synthetic_ct"
 
 
 def commands() -> list[list[str]]:
-    block = "\n".join(line[4:] for line in PAGE.splitlines() if line.startswith("    "))
+    tutorial = PAGE.split("## From recordings")[1].split("\n## ")[0]
+    block = "\n".join(line[4:] for line in tutorial.splitlines() if line.startswith("    "))
     lines = block.replace("\\\n", " ").splitlines()
     return [shlex.split(line)[1:] for line in lines if line.startswith("ronnaplan robot")]
 
