@@ -42,7 +42,7 @@ WATCH_S = 0.05
 
 SMALL = Path(__file__).resolve().parents[1] / "data" / "synthetic_ct"
 FLAGS = (
-    *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
+    *("--no-sandbox", "--disable-gpu", "--disable-3d-apis", "--disable-quic", "--no-first-run"),
     *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
 )
 
