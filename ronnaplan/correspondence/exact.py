@@ -11,10 +11,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.correspondence.evidence import GATE_CHI2, fit, log_misfit
+from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.told import LEAST_PAIRS
+from ronnaplan.geometry import FloatArray
 
 LISTED_NATS = 18.0
 """Pairings further than this below the best in log evidence (1 in 6e7) are neither listed nor summed."""
@@ -27,7 +30,7 @@ MOST_VISITED = 8_000
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def distances(points):  # type: ignore[no-untyped-def]
+def distances(points: FloatArray) -> FloatArray:
     """Return all mutual distances (Eq. 10) of points (n, 3) as (n, n)."""
     n = len(points)
     d = np.zeros((n, n))
@@ -39,7 +42,7 @@ def distances(points):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def list_edges(dx, dy, gate, edges):  # type: ignore[no-untyped-def]
+def list_edges(dx: FloatArray, dy: FloatArray, gate: FloatArray, edges: NDArray[np.int32]) -> int:
     """Enter the graph's edges, nodes i * m + j, as far as ``edges`` (E, 2) holds; return their number."""
     n, m = len(dx), len(dy)
     widest = math.sqrt(2.0 * gate.max())
@@ -59,7 +62,9 @@ def list_edges(dx, dy, gate, edges):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def consistency_graph(ct, ots, weight):  # type: ignore[no-untyped-def]
+def consistency_graph(
+    ct: FloatArray, ots: FloatArray, weight: FloatArray
+) -> tuple[IntArray, IntArray, NDArray[np.uint64]]:
     """Return i and j of each node, the best connected first, and the adjacency as rows of bits."""
     n, m = len(ct), len(ots)
     dx, dy, gate = distances(ct), distances(ots), GATE_CHI2 / weight
@@ -73,7 +78,7 @@ def consistency_graph(ct, ots, weight):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def graph_of_edges(edges, n, m):  # type: ignore[no-untyped-def]
+def graph_of_edges(edges: NDArray[np.int32], n: int, m: int) -> tuple[IntArray, IntArray, NDArray[np.uint64]]:
     """Return what `consistency_graph` does, from its edges (E, 2)."""
     degree, rank = np.zeros(n * m, np.int64), np.empty(n * m, np.int64)
     for e in range(len(edges)):
@@ -90,7 +95,7 @@ def graph_of_edges(edges, n, m):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def lowest_bit(word):  # type: ignore[no-untyped-def]
+def lowest_bit(word: np.uint64) -> int:
     """Return the index of the lowest set bit of a non-zero word."""
     bit, shift = 0, 32
     while shift:
@@ -102,7 +107,7 @@ def lowest_bit(word):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def pop_first(bits):  # type: ignore[no-untyped-def]
+def pop_first(bits: NDArray[np.uint64]) -> int:
     """Remove and return the first node of a set of bits, -1 when it is empty."""
     for w in range(len(bits)):
         if bits[w]:
@@ -113,7 +118,7 @@ def pop_first(bits):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def count_rows(bits, node_i, seen):  # type: ignore[no-untyped-def]
+def count_rows(bits: NDArray[np.uint64], node_i: IntArray, seen: NDArray[np.bool_]) -> int:
     """Return how many different CT points a set's nodes have: a clique holds at most one node of each."""
     seen[:] = False
     rows = 0
@@ -129,7 +134,7 @@ def count_rows(bits, node_i, seen):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def keep_listed(log_evidence, partners, floor):  # type: ignore[no-untyped-def]
+def keep_listed(log_evidence: FloatArray, partners: NDArray[np.int16], floor: float) -> int:
     """Move the entries above ``floor`` to the front; return their number."""
     kept = 0
     for a in range(len(log_evidence)):
@@ -141,7 +146,17 @@ def keep_listed(log_evidence, partners, floor):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def enter(log_evidence, partners, found, here, floor, lost, i, j, size):  # type: ignore[no-untyped-def]
+def enter(
+    log_evidence: FloatArray,
+    partners: NDArray[np.int16],
+    found: int,
+    here: float,
+    floor: float,
+    lost: FloatArray,
+    i: IntArray,
+    j: IntArray,
+    size: int,
+) -> int:
     """Add a pairing above ``floor`` to the list; return the new length.
 
     A full list gives up its lower half; ``lost[0]`` remembers the highest log evidence given up.
@@ -164,7 +179,9 @@ def enter(log_evidence, partners, found, here, floor, lost, i, j, size):  # type
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def start_from_known(known, node_i, node_j, adjacent, i, j):  # type: ignore[no-untyped-def]
+def start_from_known(
+    known: IntArray, node_i: IntArray, node_j: IntArray, adjacent: NDArray[np.uint64], i: IntArray, j: IntArray
+) -> NDArray[np.uint64]:
     """Enter the known pairs as the first of the clique; return the nodes that can join them."""
     nodes = len(node_i)
     candidates = np.zeros(adjacent.shape[1], np.uint64)
@@ -179,7 +196,17 @@ def start_from_known(known, node_i, node_j, adjacent, i, j):  # type: ignore[no-
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def weigh(points, weight, node_value, constants, i, j, size, reach, spread):  # type: ignore[no-untyped-def]
+def weigh(
+    points: tuple[FloatArray, FloatArray],
+    weight: FloatArray,
+    node_value: FloatArray,
+    constants: FloatArray,
+    i: IntArray,
+    j: IntArray,
+    size: int,
+    reach: int,
+    spread: float,
+) -> tuple[float, float]:
     """Return a clique's log evidence, and the most that a clique of up to ``reach`` pairs around it can have."""
     chi2, volume = fit(points[0], points[1], weight, i, j, size, spread)
     here = volume
@@ -193,7 +220,17 @@ def weigh(points, weight, node_value, constants, i, j, size, reach, spread):  # 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def search(ct, ots, weight, node_value, constants, known, spread, nats, best):  # type: ignore[no-untyped-def]
+def search(
+    ct: FloatArray,
+    ots: FloatArray,
+    weight: FloatArray,
+    node_value: FloatArray,
+    constants: FloatArray,
+    known: IntArray,
+    spread: float,
+    nats: float,
+    best: float,
+) -> tuple[FloatArray, NDArray[np.int16], bool]:
     """List every pairing within ``nats`` of the most probable one.
 
     ``weight`` and ``node_value`` (n, m): 1/variance of a pair, and the pair's own share -3/2 ln c of the log
@@ -242,11 +279,11 @@ def search(ct, ots, weight, node_value, constants, known, spread, nats, best):  
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def best_of(log_evidence, background):  # type: ignore[no-untyped-def]
+def best_of(log_evidence: FloatArray, background: float) -> tuple[int, float]:
     """Return the index and posterior probability of the most probable pairing, (-1, 0) without any."""
     if len(log_evidence) == 0:
         return -1, 0.0
-    best = np.argmax(log_evidence)
+    best = int(np.argmax(log_evidence))
     total = math.exp(min(background - log_evidence[best], 700.0))
     for a in range(len(log_evidence)):
         total += math.exp(log_evidence[a] - log_evidence[best])

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.correspondence.evidence import fit, fits_as_well
@@ -99,7 +100,7 @@ def regular_odds(
     weight: FloatArray,
     spread: float,
     log_evidence: FloatArray,
-    partners: IntArray,
+    partners: IntArray | NDArray[np.int16],
     best: int,
     background: float,
 ) -> float:
@@ -125,7 +126,9 @@ def regular_odds(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def chi2_of(ct: FloatArray, ots: FloatArray, weight: FloatArray, partner: IntArray, spread: float) -> float:
+def chi2_of(
+    ct: FloatArray, ots: FloatArray, weight: FloatArray, partner: IntArray | NDArray[np.int16], spread: float
+) -> float:
     """Return the chi^2 of a pairing, given as the partner of each CT point."""
     i = np.flatnonzero(partner >= 0)
     return fit(ct, ots, weight, i, partner[i].astype(np.int64), len(i), spread)[0]

@@ -8,10 +8,25 @@ handed on.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kernelcache import njit
+from ronnaplan.correspondence.pairing import IntArray
+from ronnaplan.geometry import FloatArray
+
+Grid = tuple[Any, ...]
+"""Points sorted into cells, see `poses.point_grid`."""
+
+Table = tuple[Any, ...]
+"""Points by distance, see `poses.distance_table`."""
+
+Row = tuple[Any, Any, Any]
+"""One row of each part of a table."""
+
+Corners = tuple[int, int, int]
 
 MOST_POSES = 3
 """Poses that one seed hands on: those with the most hits."""
@@ -34,7 +49,7 @@ one: about nanoseconds."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def row_starts(row_sorted):  # type: ignore[no-untyped-def]
+def row_starts(row_sorted: FloatArray) -> NDArray[np.int32]:
     """Return where the distances of each row (m, m) reach each multiple of `STEP_MM`."""
     steps = int(row_sorted[:, -1].max() / STEP_MM) + 1
     start = np.empty((len(row_sorted), steps), np.int32)
@@ -48,7 +63,7 @@ def row_starts(row_sorted):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def triangle_frame(a, b, c):  # type: ignore[no-untyped-def]
+def triangle_frame(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
     """Return the right-handed axes (columns) of a triangle, the first along its first side."""
     frame = np.empty((3, 3))
     x0, x1, x2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
@@ -66,7 +81,7 @@ def triangle_frame(a, b, c):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def longest_side_first(points, seed):  # type: ignore[no-untyped-def]
+def longest_side_first(points: FloatArray, seed: IntArray) -> tuple[int, int, int, float, float, float]:
     """Return a triangle's corners so that the sides (ab, ac, bc), which follow, fall in length."""
     a, b, c = seed[0], seed[1], seed[2]
     ab, ac, bc = side(points, a, b), side(points, a, c), side(points, b, c)
@@ -80,14 +95,16 @@ def longest_side_first(points, seed):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def side(points, a, b):  # type: ignore[no-untyped-def]
+def side(points: FloatArray, a: int, b: int) -> float:
     """Return the distance of two points."""
     x, y, z = points[a, 0] - points[b, 0], points[a, 1] - points[b, 1], points[a, 2] - points[b, 2]
     return math.sqrt(x * x + y * y + z * z)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def trial_points(ct, corners, frame, trial, sigma, local):  # type: ignore[no-untyped-def]
+def trial_points(
+    ct: FloatArray, corners: Corners, frame: FloatArray, trial: IntArray, sigma: float, local: FloatArray
+) -> int:
     """Enter (T, 4) the places in a seed's frame of the CT points to try, and how near they have to come; return T.
 
     A seed with the longest side l and the height h over it predicts a point at (x, y, z) from its centroid with
@@ -118,7 +135,9 @@ def trial_points(ct, corners, frame, trial, sigma, local):  # type: ignore[no-un
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def fill_grid(points, low, cell, shape, reach):  # type: ignore[no-untyped-def]
+def fill_grid(
+    points: FloatArray, low: FloatArray, cell: float, shape: IntArray, reach: float
+) -> tuple[IntArray, IntArray, NDArray[np.int16]]:
     """Sort points into cubic cells: each cell's start, the points in that order, and who is near each cell.
 
     The last is the point nearest to the cell's middle, -1 where none comes within ``reach`` of the cell.
@@ -146,14 +165,15 @@ def fill_grid(points, low, cell, shape, reach):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def square_to(points, p, x, y, z):  # type: ignore[no-untyped-def]
+def square_to(points: FloatArray, p: int, x: float, y: float, z: float) -> float:
     """Return the squared distance of point p from (x, y, z)."""
     u, v, w = points[p, 0] - x, points[p, 1] - y, points[p, 2] - z
-    return u * u + v * v + w * w
+    square: float = u * u + v * v + w * w
+    return square
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def nearest(grid, points, x, y, z, radius):  # type: ignore[no-untyped-def]
+def nearest(grid: Grid, points: FloatArray, x: float, y: float, z: float, radius: float) -> tuple[int, float]:
     """Return the point nearest to (x, y, z) and its squared distance, -1 when none lies within ``radius``."""
     start, order, _, low, cell, shape = grid
     best, square = -1, radius * radius
@@ -174,7 +194,9 @@ def nearest(grid, points, x, y, z, radius):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def count_hits(ots, grid, frame, center, local, total, least):  # type: ignore[no-untyped-def]
+def count_hits(
+    ots: FloatArray, grid: Grid, frame: FloatArray, center: FloatArray, local: FloatArray, total: int, least: int
+) -> tuple[int, int]:
     """Return how many of ``total`` trial points meet an OTS point, -1 once ``least`` is out of reach; and the work."""
     near, low, cell, shape = grid[2], grid[3], grid[4], grid[5]
     hits = 0
@@ -196,7 +218,7 @@ def count_hits(ots, grid, frame, center, local, total, least):  # type: ignore[n
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def is_known(known, a, b, c, p, q, r):  # type: ignore[no-untyped-def]
+def is_known(known: IntArray, a: int, b: int, c: int, p: int, q: int, r: int) -> bool:
     """Tell whether a pose that was found before (its partners, (P, n)) pairs these corners already."""
     found = False
     for pose in range(len(known)):
@@ -205,7 +227,7 @@ def is_known(known, a, b, c, p, q, r):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def row_range(row, row_start, low, high):  # type: ignore[no-untyped-def]
+def row_range(row: FloatArray, row_start: NDArray[np.int32], low: float, high: float) -> tuple[int, int]:
     """Return where the distances of a row that lie from ``low`` to ``high`` begin and end."""
     first = row_start[min(max(int(low / STEP_MM), 0), len(row_start) - 1)]
     while first < len(row) and row[first] < low:
@@ -217,7 +239,9 @@ def row_range(row, row_start, low, high):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def prepare_seeds(ct, seeds, trials, sigma):  # type: ignore[no-untyped-def]
+def prepare_seeds(
+    ct: FloatArray, seeds: IntArray, trials: IntArray, sigma: float
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, IntArray]:
     """Return each seed's corners (S, 3), sides (S, 3), frame (S, 3, 3), trial points (S, T, 4) and their number."""
     corners, sides = np.empty((len(seeds), 3), np.int64), np.empty((len(seeds), 3))
     frames, local = np.empty((len(seeds), 3, 3)), np.empty((len(seeds), trials.shape[1], 4))
@@ -232,7 +256,9 @@ def prepare_seeds(ct, seeds, trials, sigma):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def triangles_at(ots, row, sides, limit, found):  # type: ignore[no-untyped-def]
+def triangles_at(
+    ots: FloatArray, row: Row, sides: FloatArray, limit: float, found: NDArray[np.int32]
+) -> tuple[int, int]:
     """Enter (q, r) of the OTS triangles (p, q, r) with these sides into ``found``; return their number and the work.
 
     ``row``: p's others by distance, those distances, and where these reach each step.
@@ -260,7 +286,19 @@ def triangles_at(ots, row, sides, limit, found):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def try_triangle(ct, ots, grid, corners, met, frame, local, needed, sigma, poses, hits):  # type: ignore[no-untyped-def]
+def try_triangle(
+    ct: FloatArray,
+    ots: FloatArray,
+    grid: Grid,
+    corners: Corners,
+    met: Corners,
+    frame: FloatArray,
+    local: FloatArray,
+    needed: tuple[int, int],
+    sigma: float,
+    poses: FloatArray,
+    hits: IntArray,
+) -> int:
     """Enter the pose that brings ``corners`` onto the points ``met`` if it brings enough others; return the work."""
     a, b, c = corners
     p, q, r = met
@@ -282,7 +320,19 @@ def try_triangle(ct, ots, grid, corners, met, frame, local, needed, sigma, poses
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def poses_of_seeds(ct, ots, grid, seeds, trials, needed, table, sigma, sides_chi2, known, most_work):  # type: ignore[no-untyped-def]
+def poses_of_seeds(
+    ct: FloatArray,
+    ots: FloatArray,
+    grid: Grid,
+    seeds: IntArray,
+    trials: IntArray,
+    needed: tuple[int, int],
+    table: Table,
+    sigma: float,
+    sides_chi2: float,
+    known: IntArray,
+    most_work: float,
+) -> tuple[FloatArray, IntArray, float, bool]:
     """Return the poses (S, MOST_POSES, 3, 4) of seeds (S, 3) that meet the most points, their hits, and the work.
 
     ``needed``: hits among the ``trials`` and among all points at least.  ``sides_chi2``: sum of squared differences
@@ -312,7 +362,7 @@ def poses_of_seeds(ct, ots, grid, seeds, trials, needed, table, sigma, sides_chi
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def partners_under(ct, ots, grid, pose, radius):  # type: ignore[no-untyped-def]
+def partners_under(ct: FloatArray, ots: FloatArray, grid: Grid, pose: FloatArray, radius: float) -> IntArray:
     """Return the nearest OTS point of each CT point under a pose (3, 4), -1 when none is within ``radius``.
 
     An OTS point goes to the nearest CT point.
@@ -332,7 +382,7 @@ def partners_under(ct, ots, grid, pose, radius):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def fitted(x, y):  # type: ignore[no-untyped-def]
+def fitted(x: FloatArray, y: FloatArray) -> FloatArray:
     """Return the rigid pose (3, 4) that brings points x (k, 3) closest to y (Kabsch 1978), never a reflection."""
     x0, y0 = np.empty(3), np.empty(3)
     for d in range(3):
@@ -348,7 +398,9 @@ def fitted(x, y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def refined(ct, ots, grid, pose, reaches):  # type: ignore[no-untyped-def]
+def refined(
+    ct: FloatArray, ots: FloatArray, grid: Grid, pose: FloatArray, reaches: FloatArray
+) -> tuple[FloatArray, IntArray]:
     """Fit a pose to the pairs within each of the ``reaches`` in turn; return it and its pairs within the last."""
     partner = partners_under(ct, ots, grid, pose, reaches[0])
     for step in range(1, len(reaches)):

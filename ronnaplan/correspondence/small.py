@@ -49,7 +49,7 @@ def weigh_all(problem: Problem) -> Weighed | None:
     """Enumerate and weigh every pairing of a small problem; None when there are too many."""
     constants, background = size_priors(problem.counts, problem.told, len(problem.known))
     constants = constants + (np.arange(len(constants)) - 1.0) * math.log(problem.volume_mm3)
-    log_evidence, partners, complete = search(
+    log_evidence, listed, complete = search(
         problem.ct,
         problem.ots,
         *problem.pair_weights(),
@@ -61,7 +61,7 @@ def weigh_all(problem: Problem) -> Weighed | None:
     )
     if not complete:
         return None
-    partners = partners.astype(np.int64)
+    partners = listed.astype(np.int64)
     if problem.is_anisotropic:
         log_evidence = anisotropic_log_evidence(problem, partners, constants)
     order = np.argsort(-log_evidence, kind="stable")

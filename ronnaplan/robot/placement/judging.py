@@ -41,13 +41,14 @@ def moved_capsule(pose: FloatArray, capsule: FloatArray, moved: FloatArray) -> N
 @njit(cache=True, nogil=True, error_model="numpy")
 def to_head(world: World, capsule: FloatArray, enough: float) -> float:
     """Return the distance (mm) between a capsule (7,) and the head, or at least ``enough``."""
-    near = segment_point(capsule, world.head_ball) - capsule[6] - world.head_ball[3]
+    near: float = segment_point(capsule, world.head_ball) - capsule[6] - world.head_ball[3]
     if near >= enough:
         return near
     least = np.inf
     for n in range(len(world.head)):
         least = min(least, segment_point(capsule, world.head[n]))
-    return least - capsule[6] - world.head_radius
+    left: float = least - capsule[6] - world.head_radius
+    return left
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -60,7 +61,8 @@ def to_things(world: World, capsule: FloatArray, trolley: FloatArray) -> float:
         least = min(least, segment_box(capsule, trolley[n]))
     for n in range(len(world.capsules)):
         least = min(least, segment_segment(capsule, world.capsules[n]) - world.capsules[n, 6])
-    return least - capsule[6]
+    left: float = least - capsule[6]
+    return left
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -123,7 +125,7 @@ def seen(machine: Machine, world: World, frame: FloatArray, bodies: FloatArray) 
     for a in range(3):
         for b in range(3):
             cosine += frame[a, b] * machine.marker[1, b] * (line[3 + a] - line[a]) / away
-    margin = world.sight[4] - np.arccos(min(max(cosine, -1.0), 1.0))
+    margin: float = world.sight[4] - np.arccos(min(max(cosine, -1.0), 1.0))
     if margin < world.needs[3]:
         return margin
     for a in range(3):
