@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
+from ronnaplan.documents.chain import read_chain
 from ronnaplan.documents.export import export
 from ronnaplan.documents.fiducials import read_fiducials
 from ronnaplan.documents.files import read_json
@@ -22,7 +23,9 @@ from ronnaplan.documents.plan import plan_document, read_plan
 from ronnaplan.documents.plan_exchange import line_markups, plan_table, read_line_markups, read_plan_table
 from ronnaplan.documents.reading import to_json, validated
 from ronnaplan.documents.registration import read_registration
+from ronnaplan.documents.rig import read_rig, read_spheres
 from ronnaplan.documents.template import read_template
+from ronnaplan.documents.tool import read_hand_eye, read_pivot
 from ronnaplan.geometry import Frame
 from ronnaplan.planner.storage import Look
 from ronnaplan.planning.trajectory import INSTRUMENTS
@@ -154,6 +157,10 @@ def _placement(path: Path) -> None:
     placement_text(document)
 
 
+def _read_as_written(read: Callable[[Path], BaseModel]) -> Callable[[Path], None]:
+    return lambda path: _same(path, read(path))
+
+
 def _look(path: Path) -> None:
     _same(path, validated(read_json(path), Look, "look", "none"))
 
@@ -194,6 +201,12 @@ READERS: dict[str, Callable[[Path], None]] = {
     "limits": _limits,
     "template": _template,
     "placement": _placement,
+    "pivot": _read_as_written(read_pivot),
+    "hand-eye": _read_as_written(read_hand_eye),
+    "rig": _read_as_written(read_rig),
+    "spheres": _read_as_written(read_spheres),
+    "tracked chain": _read_as_written(read_chain),
+    "stereo chain": _read_as_written(read_chain),
     "look": _look,
     "lines": _lines,
     "table": _table,

@@ -17,7 +17,7 @@ def index(tmp_path: Path) -> Iterator[Index]:
         yield found
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def orthanc(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Orthanc]:
     """An archive that takes objects from RONNAPLAN."""
     if program("Orthanc") is None:
