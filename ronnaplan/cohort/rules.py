@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
@@ -12,12 +11,9 @@ from pydantic import Field, model_validator
 
 from ronnaplan import __version__
 from ronnaplan.documents.fields import DocumentModel, Line
-from ronnaplan.errors import InputError
+from ronnaplan.documents.reading import read_settings
 from ronnaplan.jobs.rules import ScanRule, require_different_names
-from ronnaplan.text import printable
-from ronnaplan.untrusted import checked, read_whole
 
-MOST_BYTES = 1 << 20
 RESULTS = 1
 """Counts the changes of what is kept of a series: another number has all done anew."""
 
@@ -85,16 +81,15 @@ class Task:
 def read_rules(path: str | Path) -> Rules:
     """Read rules.toml; raises `InputError` naming the first thing that is wrong."""
     source = Path(path)
-    content = read_whole(source, MOST_BYTES, expected="a cohort's rules; --init writes an example")
-    try:
-        given = tomllib.loads(content.decode())
-        if "home" in given:
-            raise ValueError("home: no field of this document")
-        return checked(given, Rules).model_copy(update={"home": source.resolve().parent})
-    except (ValueError, TypeError) as error:  # TypeError: a date, which no field is
-        raise InputError(
-            f"{source} are no rules for a cohort ({printable(error)}); --init writes an example"
-        ) from error
+    rules = read_settings(
+        source,
+        Rules,
+        expected="a cohort's rules",
+        otherwise="are no rules for a cohort",
+        remedy="--init writes an example",
+        own=("home",),
+    )
+    return rules.model_copy(update={"home": source.resolve().parent})
 
 
 EXAMPLE = """\

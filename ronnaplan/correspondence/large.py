@@ -40,7 +40,8 @@ def match_large(problem: Problem, least_probability: float) -> Pairing:
     rivals = tuple(
         Rival(pose.pairs, float(gap)) for pose, gap in zip(found.poses[: MOST_RIVALS + 1], below, strict=False)
     )
-    others = sum(rival_odds(problem, best, pose) for pose in found.poses[1:])
+    of_pairs = pair_probabilities(problem, best)
+    others = sum(rival_odds(problem, best, float(of_pairs.sum()), pose) for pose in found.poses[1:])
     probability = 1.0 / (1.0 + others + found.missed + math.exp(min(-best.log_evidence, 700.0)))
     if probability < least_probability:
         reason = f"the best pose has probability {probability:.4g}, at least {least_probability:g} is required"
@@ -53,7 +54,7 @@ def match_large(problem: Problem, least_probability: float) -> Pairing:
     if is_flat(problem, best) and is_mirrored(problem, best):
         reason = "the mirror image fits more points: the coordinates of one set are left-handed; check its axes"
         return Pairing("unmatched", no_pairs(), probability, rivals, reason)
-    certain = pair_probabilities(problem, best) >= least_probability
+    certain = of_pairs >= least_probability
     given, doubtful = best.pairs[certain], best.pairs[~certain]
     if len(given) < LEAST_PAIRS or is_collinear(problem.ct[given[:, 0]], problem.sigma_mm):
         reason = "fewer than three pairs off one line are certain"
@@ -72,8 +73,8 @@ def nothing_found(found: Found) -> str:
     return f"{reason}; the search was given up before poses of fewer than {found.least_sure} pairs were sure to be seen"
 
 
-def rival_odds(problem: Problem, best: Pose, rival: Pose) -> float:
-    """Return the odds of a rival pose to the best.
+def rival_odds(problem: Problem, best: Pose, of_best: float, rival: Pose) -> float:
+    """Return the odds of a rival pose to the best, of whose pairs ``of_best`` are right, as an expectation.
 
     Two poses explain the same points by their evidence.  But where the rival pairs points that the best leaves,
     and more of them than chance would, both sets hold two rigid bodies, and evidence does not tell which of them
@@ -82,7 +83,7 @@ def rival_odds(problem: Problem, best: Pose, rival: Pose) -> float:
     noise alone makes evidences differ by many nats.
     """
     by_evidence = math.exp(min(rival.log_evidence - best.log_evidence, 0.0))
-    fewer = float(pair_probabilities(problem, best).sum() - pair_probabilities(problem, rival).sum())
+    fewer = of_best - float(pair_probabilities(problem, rival).sum())
     by_pairs = math.exp(-LOG_ODDS_PER_PAIR * max(fewer, 0.0))
     fits = [
         (chi2, len(variance)) for variance, chi2, _ in (pose_fit(problem, one.partner) for one in (best, rival))

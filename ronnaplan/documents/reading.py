@@ -16,9 +16,12 @@ from pydantic import BaseModel, ValidationError
 from ronnaplan.documents.files import read_json
 from ronnaplan.errors import InputError, check_type
 from ronnaplan.text import printable
-from ronnaplan.untrusted import checked, first_fault
+from ronnaplan.untrusted import checked, first_fault, read_whole
 
 Document = TypeVar("Document", bound=BaseModel)
+
+MOST_SETTINGS_BYTES = 1 << 20
+"""Settings that a person wrote are not larger."""
 
 VERSION = 1
 """The version of every document that this release writes and reads."""
@@ -44,6 +47,33 @@ def read_document(
             "use the release that wrote it"
         )
     return validated(content, model, name, remedy)
+
+
+def read_settings(
+    path: str | os.PathLike[str],
+    model: type[Document],
+    *,
+    expected: str,
+    otherwise: str,
+    remedy: str,
+    own: tuple[str, ...] = (),
+) -> Document:
+    """Read the TOML file of settings at ``path``; ``own`` names fields of ``model`` that no file may give.
+
+    Raises `InputError` when it is not what is ``expected``: its name, ``otherwise`` ("is no room"), the first thing
+    that is wrong, and ``remedy``.
+    """
+    import tomllib
+
+    content = read_whole(path, MOST_SETTINGS_BYTES, expected=f"{expected}; {remedy}")
+    try:
+        given = tomllib.loads(content.decode())
+        for name in own:
+            if name in given:
+                raise ValueError(f"{name}: no field of this document")
+        return checked(given, model)
+    except (ValueError, TypeError) as error:  # TypeError: a date, which no field is
+        raise InputError(f"{os.fspath(path)} {otherwise} ({printable(error)}); {remedy}") from error
 
 
 def validated(content: Any, model: type[Document], name: str, remedy: str) -> Document:

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from ronnaplan.documents.fields import DocumentModel, Label, LengthMm, PositiveMm, Vector
-from ronnaplan.errors import InputError
+from ronnaplan.documents.reading import read_settings
 from ronnaplan.robot.placement import room as parts
-from ronnaplan.text import printable
-from ronnaplan.untrusted import checked, read_whole
 
-MOST_BYTES = 1 << 20
 MOST_THINGS = 200
 """More boxes or capsules than this make the search slow; thin a room to what is near."""
 
@@ -200,13 +196,8 @@ def _tracker(told: TrackerEntry) -> parts.Tracker:
 
 def read_room(path: str | os.PathLike[str]) -> parts.Room:
     """Read and check room.toml; raises `InputError` naming the first thing that is wrong."""
-    content = read_whole(path, MOST_BYTES, expected="a room; `robot place --example` writes one")
-    try:
-        return checked(tomllib.loads(content.decode()), RoomDocument).room
-    except (ValueError, TypeError) as error:  # TypeError: a date, which no field is
-        raise InputError(
-            f"{os.fspath(path)} is no room ({printable(error)}); `robot place --example` writes one"
-        ) from error
+    remedy = "`robot place --example` writes one"
+    return read_settings(path, RoomDocument, expected="a room", otherwise="is no room", remedy=remedy).room
 
 
 EXAMPLE = """\

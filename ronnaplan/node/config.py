@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
 from ronnaplan.documents.fields import DocumentModel, Label, Line
-from ronnaplan.errors import InputError
+from ronnaplan.documents.reading import read_settings
 from ronnaplan.jobs.rules import ScanRule, require_different_names
-from ronnaplan.text import printable
-from ronnaplan.untrusted import checked, read_whole
 
-MOST_BYTES = 1 << 20
 ANY_ADDRESS = "any"
 """A peer's host that stands for every address."""
 
@@ -159,16 +155,15 @@ class Config(DocumentModel):
 def read_config(path: str | Path) -> Config:
     """Read node.toml; raises `InputError` naming the first thing that is wrong."""
     source = Path(path)
-    content = read_whole(source, MOST_BYTES, expected="a node's configuration; --init writes an example")
-    try:
-        given = tomllib.loads(content.decode())
-        if "home" in given:
-            raise ValueError("home: no field of this document")
-        return checked(given, Config).model_copy(update={"home": source.resolve().parent})
-    except (ValueError, TypeError) as error:  # TypeError: a date, which no field is
-        raise InputError(
-            f"{source} is not a node's configuration ({printable(error)}); --init writes an example"
-        ) from error
+    config = read_settings(
+        source,
+        Config,
+        expected="a node's configuration",
+        otherwise="is not a node's configuration",
+        remedy="--init writes an example",
+        own=("home",),
+    )
+    return config.model_copy(update={"home": source.resolve().parent})
 
 
 EXAMPLE = """\
