@@ -9,6 +9,8 @@ from typing import Final
 
 from ronnaplan.ct import tags
 from ronnaplan.ct.files import Blob, DamagedError
+from ronnaplan.ct.header import refuse_more
+from ronnaplan.ct.limits import DEFAULT_LIMITS
 from ronnaplan.ct.slices import Fragment, PixelFormat
 
 _ITEM_HEADER: Final = struct.Struct("<HHL")
@@ -29,6 +31,8 @@ def frame_fragments(blob: Blob, pixels: PixelFormat) -> list[tuple[Fragment, ...
             return content[offset : offset + count]
 
     table, fragments = _items(read, pixels.offset, blob.size)
+    end = sum(fragments[-1]) + _ITEM_HEADER.size  # of the delimiter, which has no value
+    refuse_more(blob, end, pixels.tag, DEFAULT_LIMITS, is_explicit=True)
     if pixels.frames == 1:
         return [tuple(fragments)]
     if len(fragments) == pixels.frames:

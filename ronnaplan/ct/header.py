@@ -31,6 +31,7 @@ _LONG_FORMS: Final = frozenset(
 _UNDEFINED: Final = 0xFFFFFFFF
 _FIRST_READ_BYTES: Final = 1 << 15
 _PREAMBLE_BYTES: Final = 128
+_SHORTEST_ELEMENT_BYTES: Final = 8
 
 
 class _MoreNeededError(Exception):
@@ -47,6 +48,7 @@ class Header:
 
     transfer_syntax: str
     elements: Elements
+    is_explicit: bool
     is_big_endian: bool
     pixel_tag: int | None
     pixel_offset: int
@@ -59,12 +61,36 @@ def read_header(blob: Blob, limits: Limits) -> Header:
     while True:
         buffer = blob.read(0, count)
         try:
-            return _parse(buffer, blob.size, limits)
+            header = _parse(buffer, blob.size, limits)
         except _MoreNeededError:
             if count >= min(blob.size, limits.header_bytes):
                 reason = "it ends too early" if count >= blob.size else "its header is too long"
                 raise DamagedError(reason) from None
             count = min(count * 8, blob.size, limits.header_bytes)
+            continue
+        if header.pixel_length is not None and header.transfer_syntax != DEFLATED_LITTLE:
+            end = header.pixel_offset + header.pixel_length
+            refuse_more(
+                blob, end, header.pixel_tag, limits, is_explicit=header.is_explicit, big=header.is_big_endian
+            )
+        return header
+
+
+def refuse_more(
+    blob: Blob, end: int, pixel_tag: int | None, limits: Limits, *, is_explicit: bool, big: bool = False
+) -> None:
+    """Raise `DamagedError` if what follows the pixels, which end at ``end``, is out of order.
+
+    Elements ascend and none stands twice (PS3.5, section 7.1). A second set of pixels would leave it to each
+    reader which one is the image.
+    """
+    if pixel_tag is None or end + _SHORTEST_ELEMENT_BYTES > blob.size:
+        return
+    scanner = _Scanner(blob.read(end, limits.header_bytes), blob.size - end, limits, big=big)
+    try:
+        scanner.trailer(0, pixel_tag, is_explicit)
+    except _MoreNeededError:
+        raise DamagedError("too much follows its pixels") from None
 
 
 def inflate(content: bytes, most: int) -> bytes:
@@ -107,7 +133,9 @@ def _parse(buffer: bytes, size: int, limits: Limits) -> Header:
     length = scanner.pixel_length
     if length is not None and syntax != DEFLATED_LITTLE:
         length = min(length, size - scanner.pixel_offset)
-    return Header(syntax, elements, big, scanner.pixel_tag, scanner.pixel_offset, length)
+    elif length is not None and scanner.pixel_tag is not None and size < limits.header_bytes:
+        scanner.trailer(scanner.pixel_offset + length, scanner.pixel_tag, explicit)
+    return Header(syntax, elements, explicit, big, scanner.pixel_tag, scanner.pixel_offset, length)
 
 
 def _looks_like_bare_dataset(buffer: bytes) -> bool:
@@ -174,6 +202,20 @@ class _Scanner:
                 self._require(position)
                 _keep(elements, tag, self._items(value, position, explicit and form != b"UN", depth + 1)[0])
         return elements, position
+
+    def trailer(self, position: int, last: int, explicit: bool) -> None:
+        """Walk what follows the element ``last``, whose value ends at ``position``; zeros may fill up the end."""
+        while position + _SHORTEST_ELEMENT_BYTES <= self.size and self.buffer[position:].strip(b"\0"):
+            tag, form, length, value = self._element(position, explicit)
+            if tag <= last:
+                raise DamagedError(
+                    f"element {element_name(tag)} follows element {element_name(last)}, out of order"
+                )
+            if length == _UNDEFINED:
+                position = self._undefined(tag, form, value, self.size, explicit, depth=0)[1]
+            else:
+                position = value + length
+            last = tag
 
     def _element(self, position: int, explicit: bool) -> tuple[int, bytes, int, int]:
         """Return tag, value representation, length and where the value starts."""

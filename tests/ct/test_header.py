@@ -6,15 +6,17 @@ import pydicom
 import pydicom.data
 import pytest
 from pydicom.dataset import Dataset
+from pydicom.uid import RLELossless
 
 from ronnaplan.ct import tags
 from ronnaplan.ct.files import DamagedError, DiskFile, NotDicomError
+from ronnaplan.ct.frames import images_of
 from ronnaplan.ct.header import deflated_part, read_header
 from ronnaplan.ct.limits import Limits
 from ronnaplan.ct.slices import instance_from_header
 from ronnaplan.ct.values import numbers
 from ronnaplan.errors import InputError
-from tests.ct.makers import dataset, save
+from tests.ct.makers import compress, dataset, pattern, save
 
 PACKAGED = sorted(
     path for path in (Path(pydicom.data.__file__).parent / "test_files").rglob("*") if path.is_file()
@@ -100,6 +102,33 @@ def test_an_element_that_stands_twice_with_two_values_is_refused(tmp_path: Path,
         read_header(written(tmp_path / "twice", plain[:at] + again + plain[at:]), Limits())
     same = plain[:at] + plain[at : at + 8 + plain[at + 6]] + plain[at:]
     assert read_header(written(tmp_path / "same", same), Limits()).elements
+
+
+SECOND_PIXELS = b"\xe0\x7f\x10\x00OW\0\0\x04\0\0\0\1\2\3\4"
+TRAILING_PADDING = b"\xfc\xff\xfc\xffOB\0\0\x04\0\0\0\1\2\3\4"
+
+
+def test_a_second_set_of_pixels_is_refused_and_padding_is_not(tmp_path: Path, plain: bytes) -> None:
+    for number, filled in enumerate((TRAILING_PADDING, b"\0" * 100)):
+        header = read_header(written(tmp_path / f"{number}", plain + filled), Limits())
+        assert header.pixel_length == 160
+    for number, out_of_order in enumerate((SECOND_PIXELS, TRAILING_PADDING + SECOND_PIXELS)):
+        with pytest.raises(DamagedError, match=r"element \(7FE0,0010\) follows element .* out of order"):
+            read_header(written(tmp_path / f"twice{number}", plain + out_of_order), Limits())
+
+
+def test_a_second_set_of_deflated_or_compressed_pixels_is_refused(tmp_path: Path, plain: bytes) -> None:
+    start = len(plain) - len(plain[132:]) + 12 + struct.unpack_from("<L", plain, 140)[0]
+    meta = plain[:start].replace(b"1.2.840.10008.1.2.1\0", b"1.2.840.10008.1.2.1.99")
+    meta = meta.replace(b"UI\x14\x001.2.840.10008.1.2.1.99", b"UI\x16\x001.2.840.10008.1.2.1.99")
+    packer = zlib.compressobj(wbits=-zlib.MAX_WBITS)
+    deflated = meta + packer.compress(plain[start:] + SECOND_PIXELS) + packer.flush()
+    with pytest.raises(DamagedError, match="out of order"):
+        read_header(written(tmp_path / "deflated", deflated), Limits())
+    save(compress(dataset(0, stored=pattern(0, 64, 64)), RLELossless, tmp_path), tmp_path / "rle")
+    rle = written(tmp_path / "rle", (tmp_path / "rle").read_bytes() + SECOND_PIXELS)
+    with pytest.raises(DamagedError, match="out of order"):
+        images_of(instance_from_header(rle, read_header(rle, Limits())))
 
 
 @pytest.mark.parametrize("keep", [0, 1, 131, 140, 200, 400, 700])
