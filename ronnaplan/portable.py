@@ -47,6 +47,13 @@ def is_administrator() -> bool:
     return hasattr(os, "geteuid") and os.geteuid() == 0
 
 
+def is_own_secret(status: os.stat_result) -> bool:
+    """Whether a file belongs to this user and no other can read or write it; Windows tells by its folder alone."""
+    if not hasattr(os, "geteuid"):
+        return True
+    return status.st_uid == os.geteuid() and not status.st_mode & (stat.S_IRWXG | stat.S_IRWXO)
+
+
 def keep_access(handle: int, before: os.stat_result) -> None:
     """Give the open file ``handle`` the mode and the ownership ``before``, as far as this user may.
 

@@ -13,10 +13,10 @@ from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.planner import panels
 from ronnaplan.planner.actions import Actions, key_actions
 from ronnaplan.planner.arguments import Pixels, checked
-from ronnaplan.planner.cuts import PATH_VIEWS, STANDARD, WINDOWS_HU
+from ronnaplan.planner.cuts import HEAD, PATH_VIEWS, STANDARD, WINDOWS_HU
 from ronnaplan.planner.head_view import HeadView
 from ronnaplan.planner.painter import CUTS, Painter
-from ronnaplan.planner.pointer import HEAD, Pixel, Pointer
+from ronnaplan.planner.pointer import Pixel, Pointer
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import LAYOUTS
 from ronnaplan.planner.worker import CancelledError

@@ -34,17 +34,21 @@ STANDARD = {
 }
 """Right and down of the three cuts: the patient's left is on the right, as radiologists look."""
 
+HEAD = "head"
+"""The 3-D view."""
+
 ACROSS = "probe"
-PATH_VIEWS = ("inline", ACROSS)
-"""The cut that holds the selected trajectory, and the one across it, seen along it from outside."""
+PATH_VIEWS = ("inline", "second", ACROSS)
+"""Two cuts that hold the selected trajectory, at right angles, and the one across it, seen along it from outside."""
 
 
 def path_axes(view: str, trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
-    """Return right and down of a path view; in line the entry is above, the target below."""
+    """Return right and down of a path view; in both that hold it the entry is above, the target below."""
     inward = trajectory.inward
     side = np.cross(inward, np.eye(3)[np.argmin(np.abs(inward))])
     side /= np.linalg.norm(side)
-    return (side, inward) if view == "inline" else (side, np.cross(inward, side))
+    other = np.cross(inward, side)
+    return (side, other) if view == ACROSS else (side if view == "inline" else other, inward)
 
 
 def picture(scan: SliceSampler, cut: Cut, window_hu: tuple[float, float], shape: tuple[int, int]) -> Shades:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.planner.cuts import ACROSS
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
@@ -27,7 +28,11 @@ IN_PLANE = 1e-3
 LEAST_RISE_MM = 1e-6
 """A line that rises less from the plane is parallel to it."""
 
-TITLES = {"inline": "in line with {}", "probe": "probe's eye, {:.1f} mm deep"}
+TITLES = {
+    "inline": "in line with {}",
+    "second": "in line with {}, at right angles",
+    "probe": "probe's eye, {:.1f} mm deep",
+}
 STANDARD_NAMES = ("axial", "coronal", "sagittal")
 
 AXIS_LETTERS = ("LR", "PA", "SI")
@@ -90,7 +95,7 @@ def _title(state: PlannerState, view: str, cut: Cut) -> str:
         return f"{view}  {state.look.crosshair_mm @ np.abs(cut.away):.1f} mm"
     assert state.look.chosen is not None
     depth = float((cut.center_mm - state.look.chosen.entry_mm) @ state.look.chosen.inward)
-    return TITLES[view].format(state.look.chosen.name if view == "inline" else depth)
+    return TITLES[view].format(depth if view == ACROSS else state.look.chosen.name)
 
 
 def balls(state: PlannerState, show_rejected: bool) -> list[tuple[str, tuple[float, float, float], float, str]]:

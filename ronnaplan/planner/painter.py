@@ -10,12 +10,12 @@ from typing import Any
 from ronnaplan.case.surroundings import Judgement, Surroundings
 from ronnaplan.errors import UsageError
 from ronnaplan.planner import drawing, panels
-from ronnaplan.planner.cuts import PATH_VIEWS, STANDARD, jpeg, picture, png
+from ronnaplan.planner.cuts import HEAD, PATH_VIEWS, STANDARD, jpeg, picture, png
 from ronnaplan.planner.head_view import HeadView
 from ronnaplan.planner.opening import seen_from
 from ronnaplan.planner.overlay import over_head
 from ronnaplan.planner.panes import GREATEST_RATIO, MOST_MOVING_PIXELS, MOST_STILL_PIXELS, Pane
-from ronnaplan.planner.pointer import HEAD, Pointer
+from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.state import PlannerState
 
 CUTS = (*STANDARD, *PATH_VIEWS)
@@ -96,6 +96,7 @@ class Painter:
             "can_redo": state.case.can_redo,
             "surface": state.look.surface,
             "layout": state.look.layout,
+            "large": state.look.large or "",
             "opened": state.look.opened,
             "marker": state.look.marker or "",
             "sought": state.case.fiducials.marker.diameter_mm if state.case.fiducials else 0,

@@ -11,7 +11,7 @@ from ronnaplan.case.edits import ENDS
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.arguments import Steps
-from ronnaplan.planner.cuts import ACROSS, PATH_VIEWS
+from ronnaplan.planner.cuts import ACROSS, HEAD, PATH_VIEWS
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.scene.camera import Camera
 from ronnaplan.scene.cut import Cut
@@ -42,9 +42,6 @@ NARROWEST_HU, WIDEST_HU, LEVELS_HU = 4.0, 8000.0, (-2000.0, 5000.0)
 
 ON_SKIN_HU = 250.0
 """A place on the skin's surface has its value but for this, which rounding and steep edges take."""
-
-HEAD = "head"
-"""The 3-D view."""
 
 
 @dataclass(frozen=True)

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import logging
 import os
-import secrets
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from ronnaplan.errors import InputError, UsageError
+from ronnaplan.planner.address import GREATEST_PORT, address_for, keep
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.text import printable
 
 EVERYWHERE = ("", "0.0.0.0", "::")
-
-GREATEST_PORT = 65535
 
 LOOPBACK = frozenset({"127.0.0.1", "localhost"})
 
@@ -27,7 +26,6 @@ def serve(
     port: int = 0,
     tracker: tuple[str, int] | None = None,
     patient: str | None = None,
-    token: str | None = None,
     announce: Callable[[str], None] | None = None,
 ) -> None:
     """Serve ``state`` until stopped; ``announce`` is given the address, which holds the token.
@@ -50,7 +48,7 @@ def serve(
     from ronnaplan.planner.sockets import Sockets
 
     os.environ["WSLINK_READY_MSG"] = ""  # wslink would write it to standard output, behind the address
-    known = token or secrets.token_urlsafe(24)
+    known = address_for(state.storage.address, host, port)
     logging.getLogger("aiohttp.server").addFilter(is_worth_telling)
     wslink.backends.aiohttp.AioHttpWsHandler = Sockets  # wslink offers no other place to set limits
     server = get_server("ronnaplan", client_type="vue3")
@@ -58,14 +56,15 @@ def serve(
     app = PlannerApp(state, server, tracker, patient)
 
     def close(web_server: Any) -> None:
-        web_server.app.middlewares.append(gate(known, LOOPBACK | {host}))
+        web_server.app.middlewares.append(gate(known.token, LOOPBACK | {host}))
         web_server.app.router.add_get("/things/{key}", app.head.serve_thing)
 
     def repeat(message: str) -> None:
         print(f"ronnaplan: the page says: {printable(message)}", file=sys.stderr)
 
     def tell(**_: Any) -> None:
-        (announce or _print)(f"http://{host}:{server.port}/index.html?token={known}")
+        keep(state.storage.address, replace(known, port=server.port))
+        (announce or _print)(f"http://{host}:{server.port}/index.html?token={known.token}")
 
     server.controller.on_server_bind.add(close)
     server.controller.on_server_ready.add(tell)
@@ -73,14 +72,16 @@ def serve(
     try:
         server.start(
             host=host,
-            port=port,
+            port=known.port,
             timeout=0,
             open_browser=False,
             show_connection_info=False,
             disable_logging=True,
         )
     except OSError as error:
-        raise InputError(f"cannot listen on {host}:{port} ({error.strerror}); choose another --port") from error
+        raise InputError(
+            f"cannot listen on {host}:{known.port} ({error.strerror}); choose another --port"
+        ) from error
 
 
 def _print(address: str) -> None:

@@ -17,8 +17,9 @@ from ronnaplan.documents.reading import to_json, validated
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.tracking import READERS
 
-LAYOUTS = ("six", "four", "3-D")
-"""All views; the standard cuts and the head; the head large beside the cuts."""
+LAYOUTS = ("six", "four", "path", "3-D")
+"""Standard cuts, head and two views of the path; the standard cuts and the head; both cuts in line with the path, large;
+the head large beside the cuts."""
 
 
 class Look(DocumentModel):
@@ -31,6 +32,7 @@ class Look(DocumentModel):
     window: Line
     window_hu: tuple[Hounsfield, Hounsfield] | None = None
     layout: Line = LAYOUTS[0]
+    large: Line | None = None
     selected: Line | None = None
     points: dict[str, Vector] = Field(default_factory=dict)
     """AC, PC or midline point as far as they are set, until the plan holds all three."""
@@ -72,6 +74,11 @@ class Storage:
     def look(self) -> Path:
         """The file that says where a person was looking."""
         return self.plan.with_name("planner.json")
+
+    @property
+    def address(self) -> Path:
+        """The file that says where this case's planner is reached; only its user can read it."""
+        return self.plan.with_name(".planner-address.json")
 
     def read_look(self, voxel_sha256: str) -> Look | None:
         """Return where a person was looking in this scan, None where that is not known."""

@@ -103,7 +103,9 @@ def test_what_was_done_is_found_again_after_reload_and_after_a_crash(
     running.kill()
     page.wait_for_selector("#gone >> text=What was done is kept", timeout=60_000)
     with planner(folder) as second:
-        assert fields(opened(browser, second.url), "target") == after
+        assert second.url == running.url
+        page.wait_for_selector("#gone", state="detached", timeout=60_000)
+        eventually(page, lambda: page.locator("#target-x").count() > 0 and fields(page, "target") == after)
 
 
 def test_two_tabs_show_one_state(browser: Any, shared: Planner) -> None:

@@ -97,8 +97,25 @@ def test_a_layout_shows_fewer_views_larger_and_names_stay_where_they_belong(page
         return bool(abs(drawn["wide"] / drawn["high"] - box["width"] / box["height"]) < 0.01)
 
     eventually(page, fits)
+    page.click(".rp-bar .v-btn >> text=path")
+    page.wait_for_selector("svg[data-view=second]", state="visible")
+    eventually(page, lambda: value(page, "drawn_second")["letters"] != value(page, "drawn_inline")["letters"])
+    assert page.locator("svg[data-view=second] .rp-tick text").count() == 7
     page.click(".rp-bar .v-btn >> text=six")
     page.wait_for_selector("svg[data-view=inline]", state="visible")
+    page.wait_for_selector("svg[data-view=second]", state="hidden")
+
+
+def test_one_view_alone_is_remembered(page: Any) -> None:
+    page.click(".rp-coronal .rp-grow")
+    page.wait_for_selector(".rp-coronal.grown")
+    page.reload()
+    page.wait_for_selector(".rp-coronal.grown svg image")
+    whole = page.locator(".rp-views").bounding_box()
+    eventually(page, lambda: page.locator("svg[data-view=coronal]").bounding_box() == whole)
+    page.click(".rp-coronal .rp-grow")
+    page.wait_for_selector("svg[data-view=axial]", state="visible")
+    page.wait_for_selector(".rp-coronal:not(.grown)")
 
 
 def test_depths_from_the_target_are_marked_along_the_path(page: Any) -> None:

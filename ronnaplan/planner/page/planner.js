@@ -107,13 +107,11 @@
     }
   }).observe(document.documentElement, { childList: true, subtree: true });
 
-  // What only this tab shows: the list of keys, and one view enlarged.
+  // What only this tab shows: the list of keys.
   const help = () => document.getElementById("keys");
   window.addEventListener("click", (event) => {
     if (!event.target.closest) return;
     if (event.target.closest("[data-help]")) help().showModal();
-    const grow = event.target.closest("[data-grow]");
-    if (grow) grow.closest(".rp-view").classList.toggle("grown");
   });
 
   // A view that has the focus: arrows move the crosshair or turn the head, Shift ten times as far; Page Up and Page Down go
@@ -135,18 +133,21 @@
   const ASK_MS = 2000, MISSES = 2;
   const GONE = `<h3>The planner cannot be reached</h3>
     <p>It has ended, or does not answer. What was done is kept in the case's folder; only a drag that was not let go is gone.</p>
-    <p>Start it again with <kbd>ronnaplan view</kbd> and open the address that it prints. If it was only held up, this page goes on
-    by itself.</p>`;
+    <p id="gone-how">Start it again with <kbd>ronnaplan view</kbd>: this page goes on by itself, as it does where the planner was only held
+    up.</p>`;
+  const ELSEWHERE = "Another planner answers here: open the address that yours printed.";
   let missed = 0;
   async function ask() {
     const limit = AbortSignal.timeout(4 * ASK_MS); // one that is busy answers late
-    const there = await fetch("planner_page/planner.css", { method: "HEAD", cache: "no-store", signal: limit }).then(
-      (answer) => answer.ok,
-      () => false,
+    const status = await fetch("planner_page/planner.css", { method: "HEAD", cache: "no-store", signal: limit }).then(
+      (answer) => answer.status,
+      () => 0,
     );
+    const there = status === 200;
     missed = there ? 0 : missed + 1;
     const gone = document.getElementById("gone");
     if (there && gone) location.reload();
+    if (gone && status === 403) gone.querySelector("#gone-how").textContent = ELSEWHERE;
     if (missed >= MISSES && !gone) {
       const told = Object.assign(document.createElement("dialog"), { id: "gone", className: "rp-help", innerHTML: GONE });
       document.documentElement.append(told); // beside the body, which trame empties when the connection is lost
