@@ -18,7 +18,7 @@ from ronnaplan.errors import InputError, UsageError
 from ronnaplan.tracking import READERS
 
 LAYOUTS = ("six", "four", "path", "3-D")
-"""Standard cuts, head and two views of the path; the standard cuts and the head; both cuts in line with the path, large;
+"""Standard cuts, head and two views of the path; the standard cuts and the head; both cuts in line with the path large;
 the head large beside the cuts."""
 
 
