@@ -156,10 +156,9 @@ class Surroundings:
         except RonnaplanError as error:  # a limit on what is not known here
             return Judgement(measured, problem=str(error))
 
-    def judge_all(self, plan: Plan) -> None:
-        """Measure all trajectories of a plan, so that `judge` has them ready."""
-        for one in plan.trajectories:
-            self.judge(one, plan)
+    def judge_all(self, plan: Plan) -> tuple[Judgement, ...]:
+        """Judge all trajectories of a plan, in its order; `judge` then has them ready."""
+        return tuple(self.judge(one, plan) for one in plan.trajectories)
 
     def propose(
         self, target_mm: FloatArray, plan: Plan, *, name: str, instrument: Instrument, count: int = 5

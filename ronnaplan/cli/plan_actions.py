@@ -130,7 +130,7 @@ def run_check(arguments: argparse.Namespace) -> int:
 
     case = read_named_case(arguments)
     assert case.plan is not None
-    judged = [case.surroundings.judge(one, case.plan) for one in case.plan.trajectories]
+    judged = case.surroundings.judge_all(case.plan)
     for one in judged:
         if one.problem:
             raise InputError(one.problem)

@@ -64,6 +64,11 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return f"<table>{top}{body}</table>"
 
 
+def unseen(name: str, text: str) -> str:
+    """Return an element ``name`` that no reader sees: what is on the page, for programs that read it."""
+    return f'<div id="{escape(name, quote=True)}" hidden>{escape(text)}</div>'
+
+
 def link(path: str, text: str) -> str:
     """Return a link to a file beside the page."""
     return f'<a href="{escape(quote(path), quote=True)}">{escape(text)}</a>'

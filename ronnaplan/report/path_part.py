@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ronnaplan.case.folder import Case
+from ronnaplan.documents.plan_measures import measures_document
 from ronnaplan.planning import Measures, Trajectory, Verdict
 from ronnaplan.planning.rows import (
     Rows,
@@ -13,7 +14,7 @@ from ronnaplan.planning.rows import (
     value_and_limit,
     verdict_sentence,
 )
-from ronnaplan.report.html import element, picture, table
+from ronnaplan.report.html import element, picture, table, unseen
 from ronnaplan.report.part import Part
 from ronnaplan.report.path_cuts import path_picture
 
@@ -22,7 +23,7 @@ VERDICTS = ("held against limits", "value", "limit", "", "verdict", "")
 
 
 def paths_part(case: Case) -> Part:
-    """Judge and draw every trajectory of the plan in the scan."""
+    """Judge and draw every trajectory of the plan in the scan, and hold what `plan check` writes of them."""
     if case.plan is None or not case.plan.trajectories:
         return Part(TITLE)
     if case.volume is None:
@@ -31,9 +32,9 @@ def paths_part(case: Case) -> Part:
         )
     around = case.surroundings
     part = Part(TITLE, warnings=list(around.doubts))
-    for trajectory in case.plan.trajectories:
+    judgements = around.judge_all(case.plan)
+    for trajectory, judged in zip(case.plan.trajectories, judgements, strict=True):
         part.body.append(element("h3", trajectory.name))
-        judged = around.judge(trajectory, case.plan)
         if judged.problem:
             part.warnings.append(f"trajectory {trajectory.name} could not be judged: {judged.problem}")
         if judged.measures is None:
@@ -44,6 +45,9 @@ def paths_part(case: Case) -> Part:
         part.body.append(table(VERDICTS, map(_verdict, judged.verdicts)))
         part.warnings.extend(f"trajectory {trajectory.name}: {doubt}" for doubt in judged.measures.doubts)
         part.warnings.extend(map(_fault, judged.broken))
+    measured = [judged.measures for judged in judgements if judged.measures is not None]
+    verdicts = [verdict for judged in judgements for verdict in judged.verdicts]
+    part.body.append(unseen("measures", measures_document(case.plan, measured, verdicts)))
     return part
 
 

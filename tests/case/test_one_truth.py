@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import re
 from dataclasses import asdict
@@ -177,6 +178,7 @@ def compare_with_planner(case: RandomCase, said: dict[str, Any]) -> None:
 def compare_with_report(case: RandomCase, said: dict[str, Any]) -> None:
     read = read_case(CaseFiles.of_folder(case.folder), cases.volume, rules_of(case))
     page = "\n".join(paths_part(read).body)
+    assert held_by(page) == said
     for written in said["trajectories"]:
         for error in (written["expected_error"], written["planned_error"]):
             if error is not None:
@@ -188,6 +190,12 @@ def compare_with_report(case: RandomCase, said: dict[str, Any]) -> None:
         digits = {len(value.partition(".")[2]) for value, _ in shown}
         assert any((told(verdict["value"], n), told(verdict["limit"], n)) in shown for n in digits)
     assert page.count("FAIL") == sum(not verdict["passes"] for verdict in said["verdicts"])
+
+
+def held_by(page: str) -> Any:
+    """What the report holds for programs."""
+    (held,) = re.findall('<div id="measures" hidden>(.*?)</div>', page, re.DOTALL)
+    return json.loads(html.unescape(held))
 
 
 def told(value: float | None, digits: int) -> str:

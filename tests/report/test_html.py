@@ -7,7 +7,7 @@ from html.parser import HTMLParser
 import hypothesis.strategies as st
 from hypothesis import given
 
-from ronnaplan.report.html import box, element, page, picture, section, table
+from ronnaplan.report.html import box, element, page, picture, section, table, unseen
 
 HOSTILE = '<script>alert("x")</script>&amp;'
 
@@ -48,10 +48,11 @@ def test_hostile_text_is_text_wherever_it_stands() -> None:
         box("warnings", HOSTILE, [HOSTILE]),
         section(HOSTILE, []),
         picture(b"png", HOSTILE),
+        unseen(HOSTILE, HOSTILE),
     ]
     reader = read(page(HOSTILE, body))
     assert "script" not in reader.tags
-    assert reader.text.count(HOSTILE) == 11
+    assert reader.text.count(HOSTILE) == 12
 
 
 def test_a_failed_limit_stands_out() -> None:
