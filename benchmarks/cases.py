@@ -28,7 +28,7 @@ LABORATORY_DECOYS = ((-0.60, 0.62, 0.50), (0.05, -0.75, 0.66), (0.62, 0.05, 0.78
 """Directions to the decoys on the laboratory phantom, clear of its markers."""
 
 SLAB_MARGIN_MM = 15.0
-"""Slices are scanned this far beyond the outermost marker's or decoy's centre."""
+"""Slices are scanned this far beyond the outermost marker's or decoy's center."""
 
 DECOYS_EACH = 4
 """Decoys on the head of each patient who is scanned by a protocol."""
@@ -39,7 +39,7 @@ REACH_MM = 10.0
 
 @dataclass(frozen=True)
 class Condition:
-    """A row of the goals: what is scanned, and how far off the centres may be (mm)."""
+    """A row of the goals: what is scanned, and how far off the centers may be (mm)."""
 
     name: str
     mean_mm: float
@@ -92,7 +92,7 @@ PROTOCOLS = (
 
 @dataclass(frozen=True)
 class Case:
-    """A scan, and the true centres in LPS mm of the markers wholly in it (M, 3) and of those cut by its edge."""
+    """A scan, and the true centers in LPS mm of the markers wholly in it (M, 3) and of those cut by its edge."""
 
     volume: CTVolume
     truth_mm: FloatArray

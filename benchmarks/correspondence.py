@@ -6,7 +6,7 @@
 The peers align point clouds and state neither a probability nor a refusal.  Each is given the same acceptance
 test: its answer counts when its pose brings exactly the expected number of mutually nearest points within 3 mm,
 and it refuses otherwise.  Open3D and KISS-Matcher get every CT point joined with every OTS point as putative
-correspondences, for markers have no descriptors; pycpd gets centred sets.  These three are skipped where they are not
+correspondences, for markers have no descriptors; pycpd gets centered sets.  These three are skipped where they are not
 installed.
 Times are processor times, so that other work on the machine does not count.
 """

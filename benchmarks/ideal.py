@@ -1,7 +1,7 @@
 """The bound that the localizer is held against: a plain fit that is told where to look.
 
 A ball of one level in surroundings of another, its edge blurred by a Gaussian that is as wide along the slices' normal
-as fits best, is fitted to the voxels about the true centre by SciPy's robust least squares. It finds nothing, judges
+as fits best, is fitted to the voxels about the true center by SciPy's robust least squares. It finds nothing, judges
 nothing and knows nothing of posts, slice profiles or streaks; it shares no code with `ronnaplan`'s own fit.
 """
 
@@ -16,7 +16,7 @@ from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
 
 REACH = 1.35
-"""Voxels within this many radii of the true centre are fitted."""
+"""Voxels within this many radii of the true center are fitted."""
 
 OUTLIER_SHARE = 0.05
 """Residuals beyond this share of the contrast count linearly, not squared: posts, inserts, neighbours."""
@@ -25,7 +25,7 @@ LEAST_BLUR_MM = 0.05
 
 
 def ideal_center(volume: CTVolume, truth_mm: FloatArray, diameter_mm: float) -> FloatArray:
-    """Return the centre (3,) in LPS of a ball of about ``diameter_mm`` whose true centre is ``truth_mm``."""
+    """Return the center (3,) in LPS of a ball of about ``diameter_mm`` whose true center is ``truth_mm``."""
     offsets_mm, values_hu = _about(volume, truth_mm, REACH * diameter_mm / 2.0)
     normal = volume.grid.normal
     low, high = np.quantile(values_hu, [0.1, 0.9])

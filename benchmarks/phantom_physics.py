@@ -54,7 +54,7 @@ Metal absorbs so much that a detector element half in its shadow reads wrong (th
 of every real scanner), hence the wider limit.
 """
 HOME = np.array([45.0, -30.0, 0.0])
-"""Where the balls are scanned: away from the centre of rotation, where errors would show."""
+"""Where the balls are scanned: away from the center of rotation, where errors would show."""
 TURN = np.linalg.qr(np.array([[0.3, -0.5, 0.8], [0.9, 0.2, -0.4], [0.1, 0.7, 0.6]]))[0]
 TURN *= np.sign(np.linalg.det(TURN))
 

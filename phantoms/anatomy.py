@@ -1,4 +1,4 @@
-"""A head and what surrounds it on a CT table. LPS mm; the head's centre is the origin, it looks along -y."""
+"""A head and what surrounds it on a CT table. LPS mm; the head's center is the origin, it looks along -y."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from phantoms.scene import Part, Scene
 from phantoms.solids import FloatArray, Solid, Vector, box, cylinder, ellipsoid
 
 SCALP_SEMI_AXES_MM = (76.0, 96.0, 92.0)
-"""Half width, half length and height above the centre of the head of a large adult."""
+"""Half width, half length and height above the center of the head of a large adult."""
 TEETH = 12
 """Teeth of the upper jaw that `head` draws."""
 
@@ -28,7 +28,7 @@ class Foot:
 
 
 def scalp_foot(direction: Vector, size: float = 1.0) -> Foot:
-    """Return where a ray from the head's centre along ``direction`` leaves the scalp of `head`."""
+    """Return where a ray from the head's center along ``direction`` leaves the scalp of `head`."""
     axes = np.asarray(SCALP_SEMI_AXES_MM) * size
     ray = np.asarray(direction, dtype=np.float64)
     place = ray / np.linalg.norm(ray / axes)

@@ -25,7 +25,7 @@ DRAPE_MM, DRAPE_WIDTH_MM = 0.3, 16.0
 CLOTH_MM, GAUZE_MM, GEL_MM = 1.5, 4.0, 2.0
 """Thickness of what is wrapped around a ball, on average."""
 UNEVEN = 0.15
-"""Part of its thickness by which cloth or gauze lies off the ball's centre."""
+"""Part of its thickness by which cloth or gauze lies off the ball's center."""
 LOCKS, LOCK_MM = 6, 0.8
 """Hairs lie in locks: how many touch a marker, and how thick each is."""
 
@@ -40,7 +40,7 @@ class Covered:
     generator: np.random.Generator
 
     def direction(self, least_rise: float) -> FloatArray:
-        """Draw a direction from the ball's centre with at least this cosine to the outward normal."""
+        """Draw a direction from the ball's center with at least this cosine to the outward normal."""
         rise = self.generator.uniform(least_rise, 1.0)
         angle = self.generator.uniform(0, 2 * np.pi)
         flat = np.sqrt(1 - rise**2) * np.array([np.cos(angle), np.sin(angle)])

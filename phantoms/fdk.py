@@ -19,7 +19,7 @@ FFT_WORKERS = 2
 
 
 class Grid(NamedTuple):
-    """A box of voxels in the scanner's axes (column, row, normal), in mm from the isocentre."""
+    """A box of voxels in the scanner's axes (column, row, normal), in mm from the isocenter."""
 
     first_mm: FloatArray
     """(K, 3) middle of the first voxel of each slice"""

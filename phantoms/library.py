@@ -34,7 +34,7 @@ DEMO_MARKERS: dict[str, Place] = {
     "M5": (-0.55, 0.70, 0.45),
     "M6": (-0.30, 0.10, 0.95),
 }
-"""Directions from the head's centre to the markers of ``data/synthetic_ct``."""
+"""Directions from the head's center to the markers of ``data/synthetic_ct``."""
 DEMO_DECOYS: dict[str, Place] = {
     "larger sphere": (-0.85, 0.15, 0.45),
     "cylinder": (0.05, -0.35, 0.93),

@@ -20,7 +20,7 @@ TRUTH_FORMAT = "phantoms.truth"
 
 
 def truth(scene: Scene, stack: SliceStack, **scan: object) -> dict[str, Any]:
-    """Return the contents of ``truth.json``: true centres (LPS mm), diameters, materials, and the scan."""
+    """Return the contents of ``truth.json``: true centers (LPS mm), diameters, materials, and the scan."""
     return {
         "format": TRUTH_FORMAT,
         "version": 1,

@@ -44,7 +44,7 @@ class Profile:
             area = special.ndtr(np.clip(x / SIGMA_PER_FWHM, -GAUSSIAN_REACH, GAUSSIAN_REACH))
             return np.asarray((area - (1 - edge)) / (2 * edge - 1), dtype=np.float64)
         top = {"box": 1.0, "trapezoid": PLATEAU}.get(self.shape, 0.0)
-        # Each flank is a ramp centred on half the FWHM: the profile is a box smoothed by a box of 1 - top.
+        # Each flank is a ramp centered on half the FWHM: the profile is a box smoothed by a box of 1 - top.
         ramp = 1 - top
         return _ramp_area(x + 0.5, ramp) - _ramp_area(x - 0.5, ramp)
 

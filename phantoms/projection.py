@@ -33,7 +33,7 @@ class Matter(NamedTuple):
 class Detector(NamedTuple):
     """Elements ``bin_mm`` wide and ``row_mm`` high, each sampled by ``samples`` squared rays.
 
-    Only what lies within ``bore_mm`` of the plane's centre is seen.
+    Only what lies within ``bore_mm`` of the plane's center is seen.
     """
 
     bin_mm: float
@@ -64,7 +64,7 @@ def transmission(
 ) -> None:
     """Fill ``signal`` (R, V, U) with the fraction of the beam that arrives.
 
-    ``planes`` (R, V, 3) are the centres of the detector rows' planes in each view; the rows of ``axes`` (R, V, 3, 3)
+    ``planes`` (R, V, 3) are the centers of the detector rows' planes in each view; the rows of ``axes`` (R, V, 3, 3)
     are the column, row and normal directions. Over one element intensities, not logarithms, are averaged, as in a
     real detector.
     """

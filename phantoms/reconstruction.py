@@ -73,7 +73,7 @@ def back_project(
     pixel_mm: float,
     image: NDArray[np.float32],
 ) -> None:
-    """Add the views (V, U) to ``image`` (rows, columns), whose centre lies ``aside_mm`` (x, y) of the axis.
+    """Add the views (V, U) to ``image`` (rows, columns), whose center lies ``aside_mm`` (x, y) of the axis.
 
     The samples of a view lie at ``first + n step``.
     """

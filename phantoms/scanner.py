@@ -26,7 +26,7 @@ from phantoms.stack import SliceStack
 SCAN_RADIUS_MM = 350.0
 """Half the bore: what lies farther from the middle of a slice is not seen."""
 TALLEST_ROW_MM = 0.65
-"""Detector rows are at most this high at the centre of rotation; thicker slices combine several rows."""
+"""Detector rows are at most this high at the center of rotation; thicker slices combine several rows."""
 PHOTONS_PER_MM2 = 1.0e6
 """Quanta per mm2 of detector and view at dose 1 and 720 views; see `docs/phantoms.md` for the noise it gives."""
 SCATTER_WIDTH_MM = 60.0
@@ -36,7 +36,7 @@ FINE_MM, NEAR_MM, DENSE_G_CM3 = 25.0, 20.0, 2.6
 TURN_MM = 20.0
 """What one turn measures along the table; all rows of it at the same time."""
 SAME_PLACE_MM = 1e-6
-"""Slices whose centres differ by less lie in one plane."""
+"""Slices whose centers differ by less lie in one plane."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class Scanner(Machine):
 
 
 def _planes(stacks: Sequence[SliceStack]) -> FloatArray:
-    """Return the centres (K, 3) of all slices, each plane once, in ascending order along the normal."""
+    """Return the centers (K, 3) of all slices, each plane once, in ascending order along the normal."""
     centers = np.concatenate([stack.centers_mm for stack in stacks])
     _, kept = np.unique(np.round(centers / SAME_PLACE_MM).astype(np.int64), axis=0, return_index=True)
     centers = centers[kept]

@@ -34,7 +34,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Marker:
-    """A sphere whose centre is to be found."""
+    """A sphere whose center is to be found."""
 
     label: str
     center_mm: FloatArray
@@ -50,7 +50,7 @@ class Marker:
     covering: str = ""
     """What lies on, around or in it."""
     path: FloatArray | None = None
-    """Time (part of the scan) and place (N, 4) while it was in the beam, if it moved; the centre is their mean."""
+    """Time (part of the scan) and place (N, 4) while it was in the beam, if it moved; the center is their mean."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def _check_markers_apart(markers: tuple[Marker, ...]) -> None:
             gap = float(np.linalg.norm(one.center_mm - other.center_mm))
             if gap < (one.diameter_mm + other.diameter_mm) / 2:
                 raise PhantomError(
-                    f"markers {other.label} and {one.label} overlap: their centres are {gap:.2f} mm apart; "
+                    f"markers {other.label} and {one.label} overlap: their centers are {gap:.2f} mm apart; "
                     "move them apart"
                 )
 

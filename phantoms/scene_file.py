@@ -107,7 +107,7 @@ class _HalfSpace(_Part):
 
 
 class _Place(_Table):
-    """Where a thing stands: ``direction`` from the head's centre to the scalp, or ``place`` and ``outward``."""
+    """Where a thing stands: ``direction`` from the head's center to the scalp, or ``place`` and ``outward``."""
 
     direction: Triple | None = None
     place: Triple | None = None

@@ -99,7 +99,7 @@ def box(center_mm: Vector, size_mm: Vector, rotation: FloatArray | None = None) 
 
 
 def cylinder(start_mm: Vector, direction: Vector, length_mm: float, diameter_mm: float) -> Solid:
-    """Return a cylinder whose axis leaves ``start_mm``, the centre of one end, along ``direction``."""
+    """Return a cylinder whose axis leaves ``start_mm``, the center of one end, along ``direction``."""
     return cone(start_mm, direction, length_mm, diameter_mm, diameter_mm)
 
 

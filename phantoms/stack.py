@@ -33,7 +33,7 @@ class SliceStack:
     thickness_mm: float
     tilt_deg: float = 0.0
     aside_mm: tuple[float, float] = (0.0, 0.0)
-    """Place of the images' centres beside ``centers_mm``, along the columns' and the rows' direction."""
+    """Place of the images' centers beside ``centers_mm``, along the columns' and the rows' direction."""
     field_radius_mm: float = float("inf")
     """Distance from the axis of rotation up to which the scanner sees."""
 
@@ -47,7 +47,7 @@ class SliceStack:
 
     @property
     def origins_mm(self) -> FloatArray:
-        """Centres (K, 3) of the voxels (row 0, column 0)."""
+        """Centers (K, 3) of the voxels (row 0, column 0)."""
         x = self.aside_mm[0] - (self.columns - 1) / 2 * self.pixel_mm
         y = self.aside_mm[1] - (self.rows - 1) / 2 * self.pixel_mm
         return self.centers_mm + x * self.column_direction + y * self.row_direction
@@ -154,7 +154,7 @@ def axial_stack(
     orientation: FloatArray | None = None,
     positions_mm: Vector | None = None,
 ) -> SliceStack:
-    """Return slices from ``start_mm`` to ``stop_mm`` along the table, through the field of view's centre.
+    """Return slices from ``start_mm`` to ``stop_mm`` along the table, through the field of view's center.
 
     ``tilt_deg`` turns the gantry about the patient's x axis while the table still travels along z, so the images
     drift as on a real scanner. ``positions_mm`` (K,) replaces the even spacing; ``orientation`` (3, 3) finally

@@ -24,7 +24,7 @@ from ronnaplan.registration.markers import register_markers
 from tests.registration import scene
 
 SOURCE = Source(study_instance_uid="1.2.3", frame_of_reference_uid=scene.CT.uid)
-TARGETS = Points(np.array([[10.0, -5, -20], [0, 0, 0]]), np.zeros((2, 3, 3)), ("left target", "centre"), scene.CT)
+TARGETS = Points(np.array([[10.0, -5, -20], [0, 0, 0]]), np.zeros((2, 3, 3)), ("left target", "center"), scene.CT)
 
 
 def registered() -> RegistrationDocument:

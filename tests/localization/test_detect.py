@@ -1,4 +1,4 @@
-"""Balls draw the votes of their edges to their centres, in any geometry of slices."""
+"""Balls draw the votes of their edges to their centers, in any geometry of slices."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ def test_balls_are_found_where_they_are(geometry: dict[str, object], tolerance_m
     assert [one.diameter_mm for one in found.fiducials] == pytest.approx([11.5] * 3, abs=0.03)
 
 
-def test_moving_the_frame_moves_the_centres_and_their_covariances() -> None:
+def test_moving_the_frame_moves_the_centers_and_their_covariances() -> None:
     volume = scan(balls(PLACES[:1]), small_stack(), seed=4)
     turn = Rotation.from_euler("zxy", [70, 10, -40], degrees=True).as_matrix()
     shift = np.array([120.0, -40.0, 900.0])
@@ -200,7 +200,7 @@ def test_a_metal_balls_streaks_do_not_pull_it_towards_the_skin(bright_along_deg:
     assert found.centers[0] == pytest.approx(center, abs=0.008)  # 0.013 to 0.09 if streaks are taken for skin
 
 
-def test_a_metal_insert_does_not_pull_at_the_centre() -> None:
+def test_a_metal_insert_does_not_pull_at_the_center() -> None:
     scene = marker("M1", scalp_foot((0.2, 0.1, 1.0), 0.3), "post with insert")
     center = scene.markers[0].center_mm
     stack = small_stack(center_mm=tuple(center), spacing_mm=1.25, thickness_mm=1.25)

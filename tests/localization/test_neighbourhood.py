@@ -9,7 +9,7 @@ from ronnaplan.localization.neighbourhood import gather
 from tests.scans import balls, scan, small_stack
 
 
-def test_offsets_lead_from_the_centre_to_the_voxels() -> None:
+def test_offsets_lead_from_the_center_to_the_voxels() -> None:
     volume = scan(balls([(0, 0, 0)]), small_stack(tilt_deg=18.0))
     center = np.array([2.0, -3.0, 4.0])
     around = gather(volume, center, 8.0)

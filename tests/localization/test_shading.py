@@ -75,7 +75,7 @@ def test_slices_may_have_a_level_of_their_own(even: CTVolume, monkeypatch: pytes
     assert with_it < 0.3 * without
 
 
-def test_the_influence_tells_what_a_voxel_does_to_the_centre(even: CTVolume) -> None:
+def test_the_influence_tells_what_a_voxel_does_to_the_center(even: CTVolume) -> None:
     rng = np.random.default_rng(2)
     usual = replace(
         even, voxels_hu=even.voxels_hu + rng.normal(0.0, 10.0, even.voxels_hu.shape).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Noise is measured as it is in the image, and moves the centre as stated."""
+"""Noise is measured as it is in the image, and moves the center as stated."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def without_streaks(fit: BallFit, monkeypatch: pytest.MonkeyPatch) -> FloatArray
 
 
 def streaked(volume: CTVolume, streak_hu: float) -> CTVolume:
-    """With bands that radiate from the ball's centre."""
+    """With bands that radiate from the ball's center."""
     x, y, _ = offsets_mm(volume, np.array([1.0, 2.0, 3.0]))
     bands = streak_hu * np.cos(4.0 * np.arctan2(y, x))
     return replace(volume, voxels_hu=(volume.voxels_hu + bands).astype(np.float32))

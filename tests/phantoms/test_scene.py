@@ -22,7 +22,7 @@ WATER = Part(sphere((0, 0, 0), 40), "water", "tank")
         Part(cylinder((0, 0, 10), (0, 0, 1), 20, 8), "titanium", embedded=True),
         Part(sphere((0, 0, 15), 20), "water"),
     ],
-    ids=["inside", "inside off centre", "apart", "touching", "embedded", "same material"],
+    ids=["inside", "inside off center", "apart", "touching", "embedded", "same material"],
 )
 def test_nested_and_separate_parts_are_accepted(other: Part) -> None:
     assert Scene((WATER, other)).check().parts[1] is other
@@ -56,7 +56,7 @@ def test_unknown_materials_and_doubtful_markers_are_refused() -> None:
     one = marker("M1", Foot(np.zeros(3), up))
     with pytest.raises(PhantomError, match="two markers are called 'M1'"):
         (one + marker("M1", Foot(np.array([50.0, 0, 0]), up))).check()
-    with pytest.raises(PhantomError, match=r"markers M1 and M2 overlap: their centres are 11.00 mm apart"):
+    with pytest.raises(PhantomError, match=r"markers M1 and M2 overlap: their centers are 11.00 mm apart"):
         (one + marker("M2", Foot(np.array([11.0, 0, 0]), up))).check()
     (one + marker("M2", Foot(np.array([12.5, 0, 0]), up))).check()
 
