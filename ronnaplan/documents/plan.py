@@ -17,7 +17,8 @@ from ronnaplan.documents.files import change_document, write_atomically
 from ronnaplan.documents.reading import made, read_document, to_json
 from ronnaplan.errors import InputError, RonnaplanError
 from ronnaplan.geometry import FloatArray, Frame
-from ronnaplan.planning.plan import Change, Landmarks, Plan
+from ronnaplan.planning.plan import Change, Item, Landmarks, Plan
+from ronnaplan.planning.rulers import Ruler
 from ronnaplan.planning.trajectory import Instrument, Trajectory
 
 FORMAT = "ronnaplan.plan"
@@ -52,14 +53,24 @@ class LandmarksEntry(DocumentModel):
     midline: Vector
 
 
+class RulerEntry(DocumentModel):
+    """A distance between two points, or the angle at the second of three, LPS mm."""
+
+    name: Label
+    points: Annotated[tuple[Vector, ...], Field(min_length=2, max_length=3)]
+
+
+ItemEntry = TrajectoryEntry | LandmarksEntry | RulerEntry
+
+
 class ChangeEntry(DocumentModel):
     """One step of the history."""
 
     time: Time
     action: Line
     index: Annotated[int, Field(ge=0)]
-    before: TrajectoryEntry | LandmarksEntry | None
-    after: TrajectoryEntry | LandmarksEntry | None
+    before: ItemEntry | None
+    after: ItemEntry | None
 
 
 class PlanSource(DocumentModel):
@@ -84,6 +95,7 @@ class PlanDocument(DocumentModel):
     trajectories: tuple[TrajectoryEntry, ...]
     history: tuple[ChangeEntry, ...] = ()
     undone: tuple[ChangeEntry, ...] = ()
+    measurements: tuple[RulerEntry, ...] = ()
     software: Software
 
 
@@ -107,6 +119,7 @@ def plan_document(plan: Plan) -> PlanDocument:
             "trajectories": [_entry(one) for one in plan.trajectories],
             "history": [_change_entry(change) for change in plan.history],
             "undone": [_change_entry(change) for change in plan.undone],
+            "measurements": [_entry(one) for one in plan.rulers],
             "software": {"name": "ronnaplan", "version": __version__},
         },
     )
@@ -148,6 +161,9 @@ def _plan(document: PlanDocument) -> Plan:
     names = [one.name for one in trajectories]
     if len(set(names)) != len(names):
         raise InputError("two trajectories have the same name; rename one")
+    rulers = tuple(map(_ruler, document.measurements))
+    if len({one.name for one in rulers}) != len(rulers):
+        raise InputError("two measurements have the same name; rename one")
     return Plan(
         SeriesSource(source.study_instance_uid, source.series_instance_uid, source.frame_of_reference_uid),
         source.voxel_sha256,
@@ -156,14 +172,17 @@ def _plan(document: PlanDocument) -> Plan:
         tuple(_change(entry, frame) for entry in document.history),
         tuple(_change(entry, frame) for entry in document.undone),
         document.revision,
+        rulers,
     )
 
 
-def _entry(item: Trajectory | Landmarks | None) -> dict[str, Any] | None:
+def _entry(item: Item | None) -> dict[str, Any] | None:
     if item is None:
         return None
     if isinstance(item, Landmarks):
         return {"ac": _list(item.ac_mm), "pc": _list(item.pc_mm), "midline": _list(item.midline_mm)}
+    if isinstance(item, Ruler):
+        return {"name": item.name, "points": [_list(point) for point in item.points_mm]}
     return {
         "name": item.name,
         "entry": _list(item.entry_mm),
@@ -211,10 +230,16 @@ def _landmarks(entry: LandmarksEntry) -> Landmarks:
     return Landmarks(np.array(entry.ac), np.array(entry.pc), np.array(entry.midline))
 
 
+def _ruler(entry: RulerEntry) -> Ruler:
+    return Ruler(entry.name, np.array(entry.points))
+
+
 def _change(entry: ChangeEntry, frame: Frame) -> Change:
-    def item(one: TrajectoryEntry | LandmarksEntry | None) -> Trajectory | Landmarks | None:
+    def item(one: ItemEntry | None) -> Item | None:
         if one is None:
             return None
+        if isinstance(one, RulerEntry):
+            return _ruler(one)
         return _landmarks(one) if isinstance(one, LandmarksEntry) else _trajectory(one, frame)
 
     return Change(entry.time, entry.action, entry.index, item(entry.before), item(entry.after))

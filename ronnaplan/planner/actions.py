@@ -12,7 +12,8 @@ from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.arguments import Index, Pixels, Steps, Typed
 from ronnaplan.planner.opening import SIDES
-from ronnaplan.planner.pointer import Pixel, Pointer
+from ronnaplan.planner.pixels import Pixel
+from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.state import PlannerState
 
 MIDDLE, RIGHT = 1, 2
@@ -24,6 +25,7 @@ def key_actions(state: PlannerState, pointer: Pointer) -> dict[str, tuple[str, C
 
     def leave() -> None:
         state.registering.leave_pointing()
+        pointer.measuring.leave()
         if pointer.adding:
             pointer.add()
 
@@ -33,7 +35,9 @@ def key_actions(state: PlannerState, pointer: Pointer) -> dict[str, tuple[str, C
 
     return {
         "a": ("add a trajectory: click entry, then target", pointer.add),
-        "escape": ("leave adding or pointing", leave),
+        "d": ("measure a distance: click two points", lambda: pointer.measure(2)),
+        "g": ("measure an angle: click three points", lambda: pointer.measure(3)),
+        "escape": ("leave adding, measuring or pointing", leave),
         "ctrl+z": ("undo", state.case.undo),
         "ctrl+y": ("redo", state.case.redo),
         "ctrl+shift+z": ("redo", state.case.redo),
@@ -79,6 +83,8 @@ class Actions:
             "instrument": state.case.choose_instrument,
             "size": self._size,
             "take": self._take,
+            "remove_ruler": state.remove_ruler,
+            "show_ruler": state.show_ruler,
             "landmark": self._landmark,
             "jump_landmark": state.jump_to_landmark,
             "jump": state.jump_to_marker,

@@ -16,7 +16,8 @@ from ronnaplan.planner.arguments import Pixels, checked
 from ronnaplan.planner.cuts import HEAD, PATH_VIEWS, STANDARD, WINDOWS_HU
 from ronnaplan.planner.head_view import HeadView
 from ronnaplan.planner.painter import CUTS, Painter
-from ronnaplan.planner.pointer import Pixel, Pointer
+from ronnaplan.planner.pixels import Pixel
+from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import LAYOUTS
 from ronnaplan.planner.worker import CancelledError
@@ -120,7 +121,7 @@ class PlannerApp:
         values.change("show_rejected")(lambda **_: self.refresh())
         config = {"theme": {"defaultTheme": "dark"}}
         with VAppLayout(self.server, vuetify_config=config):
-            html.Div(_template(), style="height: 100vh")
+            html.Div(_template(), classes="rp-page")
         self.refresh()
 
     def refresh(self) -> None:

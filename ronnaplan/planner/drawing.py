@@ -8,6 +8,7 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.cuts import ACROSS
+from ronnaplan.planner.measuring import drawn_rulers
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
@@ -60,6 +61,7 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
             "markers": [],
             "points": [],
             "paths": [],
+            "rulers": [],
         }
     cut = state.look.cut(view)
     half = cut.field_mm / 2
@@ -76,6 +78,11 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
         "markers": _markers(state, cut, show_rejected, (wide, high)),
         "points": _points(state, cut, (wide, high)),
         "paths": [_path(one, cut, one.name == state.look.selected) for one in state.case.plan.trajectories],
+        "rulers": drawn_rulers(
+            state,
+            lambda points: cut.on_screen_mm(points)[:, :2],
+            lambda points: bool((np.abs(cut.on_screen_mm(points)[:, 2]) < NEAR_MM).all()),
+        ),
     }
 
 

@@ -62,6 +62,8 @@ class Looking:
         self.marker: str | None = None
         self.begun_mm: FloatArray | None = None
         """The entry of a trajectory whose target is still to be clicked."""
+        self.measured_mm: list[FloatArray] = []
+        """The points of a distance or an angle whose last is still to be clicked."""
         self.points_mm: dict[str, FloatArray] = {}
         """AC, PC or midline point as far as they are set, until the plan holds all three."""
         self._look(storage.read_look(case.volume.voxel_sha256) or self._first_look())

@@ -8,6 +8,7 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.drawing import BEGUN_COLOUR, POINT_COLOUR, balls
+from ronnaplan.planner.measuring import drawn_rulers
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
@@ -44,6 +45,7 @@ def over_head(
         "markers": [],
         "points": [],
         "paths": [],
+        "rulers": [],
     }
     if camera is None:
         return {**drawn, "title": "3-D is being made ready ..."}
@@ -58,6 +60,7 @@ def over_head(
         "markers": _markers(state, camera, show_rejected),
         "points": [one for one in points if one is not None],
         "paths": [_path(camera, one, state) for one in state.case.plan.trajectories],
+        "rulers": drawn_rulers(state, lambda points: camera.on_screen(points)[:, :2], lambda _: True),
     }
 
 

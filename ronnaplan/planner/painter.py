@@ -12,6 +12,7 @@ from ronnaplan.errors import UsageError
 from ronnaplan.planner import drawing, panels
 from ronnaplan.planner.cuts import HEAD, PATH_VIEWS, STANDARD, jpeg, picture, png
 from ronnaplan.planner.head_view import HeadView
+from ronnaplan.planner.measuring import ruler_rows
 from ronnaplan.planner.opening import seen_from
 from ronnaplan.planner.overlay import over_head
 from ronnaplan.planner.panes import GREATEST_RATIO, MOST_MOVING_PIXELS, MOST_STILL_PIXELS, Pane
@@ -83,6 +84,7 @@ class Painter:
             judged = state.case.judge(state.look.chosen)
         values.markers, values.rejected = panels.marker_rows(state), panels.rejected_rows(state)
         values.paths, values.chosen = panels.path_rows(state), panels.chosen_path(state, judged)
+        values.rulers = ruler_rows(state)
         values.landmarks = panels.landmark_rows(state)
         values.registration, values.pointing = panels.registration_panel(state), panels.pointing_panel(state)
         values.proposals, values.placement = panels.proposal_rows(state), panels.placement_line(state)
@@ -92,6 +94,8 @@ class Painter:
             "level": round(sum(state.look.window_hu) / 2, 1),
             "width": round(state.look.window_hu[1] - state.look.window_hu[0], 1),
             "adding": self._asks(),
+            "measuring": self.pointer.measuring.wanted,
+            "asks": self.pointer.measuring.asks,
             "can_undo": state.case.can_undo,
             "can_redo": state.case.can_redo,
             "surface": state.look.surface,

@@ -10,7 +10,7 @@ import numpy as np
 from ronnaplan.case.surroundings import Judgement
 from ronnaplan.documents.registration import LabelPair, RegistrationDocument
 from ronnaplan.localization.fiducials import FiducialFlag
-from ronnaplan.planner.pointer import Pixel
+from ronnaplan.planner.pixels import Pixel
 from ronnaplan.planner.state import LANDMARKS, PlannerState
 from ronnaplan.planning.rows import error_rows, number, place, placement_sentence, shape_rows, verdict_sentence
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -12,13 +11,13 @@ from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.arguments import Steps
 from ronnaplan.planner.cuts import ACROSS, HEAD, PATH_VIEWS
+from ronnaplan.planner.measuring import Measuring
+from ronnaplan.planner.picking import GRAB_PIXELS, Picking
+from ronnaplan.planner.pixels import Pixel
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.scene.camera import Camera
 from ronnaplan.scene.cut import Cut
 from ronnaplan.scene.surfaces import SURFACES
-
-GRAB_PIXELS = 9.0
-"""A press this near to an end or line of a trajectory takes hold of it."""
 
 CLICK_PIXELS = 3.0
 """A pointer that moved less between press and release has clicked."""
@@ -44,36 +43,6 @@ ON_SKIN_HU = 250.0
 """A place on the skin's surface has its value but for this, which rounding and steep edges take."""
 
 
-@dataclass(frozen=True)
-class Pixel:
-    """A place ``x``, ``y`` in a view of ``width`` x ``height`` pixels, whose square picture is fitted into it."""
-
-    x: float
-    y: float
-    width: float
-    height: float
-
-    @property
-    def side(self) -> float:
-        """Pixels along a side of the picture."""
-        return max(min(self.width, self.height), 1.0)
-
-    @property
-    def halves(self) -> FloatArray:
-        """The place (2,) from the middle, across and down, in halves of the picture."""
-        return np.array([self.x - self.width / 2, self.y - self.height / 2]) / (self.side / 2)
-
-    def place_mm(self, cut: Cut) -> FloatArray:
-        """Return the place (3,) in LPS under the pixel, in the plane of the cut."""
-        across, down = self.halves * cut.field_mm / 2
-        return cut.place_mm(across, down)
-
-    def pixels_to(self, halves: FloatArray) -> FloatArray:
-        """Return how many pixels places (..., 2) on the screen, in halves of the picture, are away."""
-        distances: FloatArray = np.linalg.norm(halves - self.halves, axis=-1) * self.side / 2
-        return distances
-
-
 class Head(Protocol):
     """What shows the head in 3-D."""
 
@@ -94,6 +63,7 @@ class Pointer:
 
     def __init__(self, state: PlannerState, head: Head | None = None) -> None:
         self.state, self.head = state, head
+        self.picking, self.measuring = Picking(state), Measuring(state)
         self.adding = False
         self._free = False
         self._held: tuple[str, str] | None = None
@@ -106,6 +76,12 @@ class Pointer:
     def add(self) -> None:
         """Begin to add a trajectory by two presses, or leave it."""
         self.adding, self.state.look.begun_mm = not self.adding, None
+        self.measuring.leave()
+
+    def measure(self, points: int) -> None:
+        """Begin to measure between two points, or the angle at the second of three; or leave it."""
+        self.adding, self.state.look.begun_mm = False, None
+        self.measuring.begin(points)
 
     def press(self, view: str, at: Pixel, *, pan: bool = False, window: bool = False, free: bool = False) -> None:
         """Take hold of what is under the pointer: an end of a trajectory, the picture, the crosshair or the head.
@@ -118,10 +94,13 @@ class Pointer:
         if window and view != HEAD:
             self._windowed_from = at, self.state.look.window_hu
             return
-        self._turned = [at] if view == HEAD and not self.adding else []
+        clicking = self.adding or self.measuring.wanted > 0
+        self._turned = [at] if view == HEAD and not clicking else []
         if view == HEAD and self.head is None:
             return
-        if self.adding:
+        if self.measuring.wanted:
+            self.measuring.take(self._clicked_place(view, at))
+        elif self.adding:
             self._add(view, at)
         elif pan and view not in (*PATH_VIEWS, HEAD):
             self._plane = self.state.look.cut(view)
@@ -130,7 +109,7 @@ class Pointer:
             self._take(view, at, *held)
         elif view != HEAD:
             self._plane = self.state.look.cut(view)
-            self._pick_in_cut(self._plane, at)
+            self.picking.in_cut(self._plane, at)
             self.state.look.jump(at.place_mm(self._plane))
 
     def move(self, view: str, at: Pixel) -> None:
@@ -167,7 +146,7 @@ class Pointer:
         if at is not None and held is not None:
             self.state.look.jump(getattr(self.state.case.plan.trajectory(held[0]), f"{held[1]}_mm"))
         elif at is not None and self.head is not None:
-            self._pick_in_head(self.head.camera, at)
+            self.picking.in_head(self.head.camera, at)
         self.state.look.save()
 
     def wheel(self, view: str, steps: float, at: Pixel, *, zoom: bool = False) -> None:
@@ -208,24 +187,27 @@ class Pointer:
         return all(np.hypot(one.x - first.x, one.y - first.y) <= CLICK_PIXELS for one in self._turned)
 
     def _add(self, view: str, at: Pixel) -> None:
-        place: FloatArray | None
-        if view != HEAD:
-            cut = self.state.look.cut(view)
-            place = at.place_mm(cut)
-            if self.state.look.begun_mm is None:
-                place = self._snapped(place, cut)
-                self._require_head(place)
-        elif self.state.look.begun_mm is not None:
+        if view == HEAD and self.state.look.begun_mm is not None:
             raise UsageError("the target lies inside the head; click it in one of the cuts")
-        else:
-            place = self._surface_under(at)
+        place = self._clicked_place(view, at)
+        if self.state.look.begun_mm is not None:
+            self.state.add_trajectory(self.state.look.begun_mm, place)
+            self.state.look.begun_mm, self.adding = None, False
+            return
+        if view != HEAD:
+            place = self._snapped(place, self.state.look.cut(view))
+            self._require_head(place)
+        self.state.look.begun_mm = place
+
+    def _clicked_place(self, view: str, at: Pixel) -> FloatArray:
+        """Return the place (3,) under the pointer: in the plane of a cut, or on the surface of the head."""
+        if view != HEAD:
+            return at.place_mm(self.state.look.cut(view))
+        assert self.head is not None
+        place = self.picking.surface_under(self.head.camera, at)
         if place is None:
             raise UsageError(f"there is no {self.state.look.surface} under the pointer; click on the head")
-        if self.state.look.begun_mm is None:
-            self.state.look.begun_mm = place
-            return
-        self.state.add_trajectory(self.state.look.begun_mm, place)
-        self.state.look.begun_mm, self.adding = None, False
+        return place
 
     def _snapped(self, place_mm: FloatArray, plane: Cut) -> FloatArray:
         """Return the place (3,) on the scalp beside another, or the other itself."""
@@ -271,57 +253,3 @@ class Pointer:
             found += [(float(distance), one.name, end) for distance, end in zip(away, ENDS, strict=True)]
         nearest = min(found, default=None)
         return None if nearest is None or nearest[0] > GRAB_PIXELS else (nearest[1], nearest[2])
-
-    def _pick_in_cut(self, cut: Cut, at: Pixel) -> None:
-        """Select the marker that the plane cuts under the pointer, if there is one."""
-        place = at.place_mm(cut)
-        for one in self.state.case.fiducials.fiducials if self.state.case.fiducials else ():
-            if np.linalg.norm(place - one.center) <= one.diameter_mm / 2:
-                self.state.pick_marker(one.label)
-                return
-
-    def _pick_in_head(self, camera: Camera, at: Pixel) -> None:
-        """Go to what is under the pointer: a marker, a trajectory, or else the surface that is shown."""
-        if (label := self._marker_under(camera, at)) is not None:
-            self.state.jump_to_marker(label)
-        elif (path := self._path_under(camera, at)) is not None:
-            self.state.look.select(path[0])
-            self.state.look.jump(path[1])
-        elif (place := self._surface_under(at)) is not None:
-            self.state.look.jump(place)
-
-    def _marker_under(self, camera: Camera, at: Pixel) -> str | None:
-        """Return the nearest marker whose ball, or a few pixels about its middle, is under the pointer."""
-        under: list[tuple[float, str]] = []
-        for one in self.state.case.fiducials.fiducials if self.state.case.fiducials else ():
-            across, down, depth = camera.on_screen(np.array(one.center))
-            radius = one.diameter_mm / camera.plane_at(np.array(one.center)).field_mm * at.side / 2
-            if depth > 0 and at.pixels_to(np.array([across, down])) <= max(radius, GRAB_PIXELS / 2):
-                under.append((float(depth), one.label))
-        return min(under)[1] if under else None
-
-    def _path_under(self, camera: Camera, at: Pixel) -> tuple[str, FloatArray] | None:
-        """Return the trajectory drawn under the pointer, and the place on it."""
-        (eye_mm, ray), found = camera.ray(*at.halves), []
-        for one in self.state.case.plan.trajectories:
-            place = one.at_depth(np.array(_depth_beside(eye_mm, ray, one.entry_mm, one.inward, one.length_mm)))
-            distance = float(at.pixels_to(camera.on_screen(place)[:2]))
-            found.append((distance, one.name, place))
-        nearest = min(found, key=lambda one: one[0], default=None)
-        return None if nearest is None or nearest[0] > GRAB_PIXELS else (nearest[1], nearest[2])
-
-    def _surface_under(self, at: Pixel) -> FloatArray | None:
-        assert self.head is not None
-        return self.state.look.surface_along(*self.head.camera.ray(*at.halves))
-
-
-def _depth_beside(
-    eye_mm: FloatArray, ray: FloatArray, start_mm: FloatArray, along: FloatArray, length_mm: float
-) -> float:
-    """Return how far from ``start_mm`` along the unit vector ``along`` a line comes nearest to a ray."""
-    cosine = float(ray @ along)
-    if abs(cosine) > 1.0 - 1e-9:  # seen end on: every depth is under the pointer, the first is nearest to the eye
-        return 0.0
-    between = start_mm - eye_mm
-    depth = (cosine * float(between @ ray) - float(between @ along)) / (1.0 - cosine**2)
-    return float(np.clip(depth, 0.0, length_mm))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from functools import partial
 
+import numpy as np
+
 from ronnaplan.case import marker_edits
 from ronnaplan.case.edits import OpenCase
 from ronnaplan.case.surroundings import Labels, Rules
@@ -15,7 +17,7 @@ from ronnaplan.planner.offers import Offers
 from ronnaplan.planner.registering import Registering
 from ronnaplan.planner.storage import Storage
 from ronnaplan.planner.worker import Job, Start
-from ronnaplan.planning import Landmarks, Trajectory
+from ronnaplan.planning import Landmarks, Ruler, Trajectory
 
 COLOURS = ("#2dd4a7", "#f0e442", "#f28ac8", "#7c9cff", "#e6edf3")
 """Given to new trajectories in turn: told apart by colour-blind eyes, none of them the markers' or the crosshair's."""
@@ -55,6 +57,24 @@ class PlannerState:
         self.case.add(added)
         self.look.select(added.name)
         return added.name
+
+    def add_ruler(self, letter: str, points_mm: list[FloatArray]) -> None:
+        """Keep a distance (two points) or an angle (three), named by a letter and a number that is free."""
+        plan = self.case.plan
+        taken = {one.name for one in plan.rulers}
+        free = next(f"{letter}{n}" for n in range(1, len(taken) + 2) if f"{letter}{n}" not in taken)
+        self.case.change_plan(plan.add_ruler(Ruler(free, np.array(points_mm))))
+
+    def remove_ruler(self, name: str) -> None:
+        """Remove a distance or an angle."""
+        self.case.change_plan(self.case.plan.remove_ruler(name))
+
+    def show_ruler(self, name: str) -> None:
+        """Put the crosshair at the second point of a distance or an angle."""
+        found = next((one for one in self.case.plan.rulers if one.name == name), None)
+        if found is None:
+            raise UsageError(f"there is no measurement {name}")
+        self.look.show(found.points_mm[1])
 
     def localize(self, diameter_mm: float) -> None:
         """Look for markers of a diameter, made as those there are, which then take their place."""

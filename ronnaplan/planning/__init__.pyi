@@ -5,4 +5,5 @@ from .measures import Measures as Measures, measure as measure
 from .placement import Placement as Placement, place_markers as place_markers
 from .plan import Landmarks as Landmarks, Plan as Plan
 from .proposals import Proposals as Proposals, propose as propose
+from .rulers import Ruler as Ruler
 from .trajectory import INSTRUMENTS as INSTRUMENTS, Instrument as Instrument, Trajectory as Trajectory

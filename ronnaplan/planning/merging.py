@@ -8,15 +8,17 @@ from typing import Any
 import numpy as np
 
 from ronnaplan.errors import InputError
-from ronnaplan.planning.plan import Change, Landmarks, Plan
+from ronnaplan.planning.plan import Change, Item, Landmarks, Plan
+from ronnaplan.planning.rulers import Ruler
 from ronnaplan.planning.trajectory import Trajectory
 
 
 def merged(base: Plan, mine: Plan, theirs: Plan) -> Plan:
     """Return ``theirs`` with the change that led from ``base`` to ``mine``, where both hands changed other things.
 
-    Raises `InputError` where the other hand changed the same trajectory or landmarks, and where ``mine`` is not one
-    change further than ``base`` (one was taken back, say); `FrameMismatchError` where ``theirs`` is of another scan.
+    Raises `InputError` where the other hand changed the same trajectory, landmarks or measurement, and where ``mine``
+    is not one change further than ``base`` (one was taken back, say); `FrameMismatchError` where ``theirs`` is of
+    another scan.
     """
     theirs.require_source(base.frame, base.voxel_sha256)
     if len(mine.history) != len(base.history) + 1 or mine.history[:-1] != base.history:
@@ -26,7 +28,7 @@ def merged(base: Plan, mine: Plan, theirs: Plan) -> Plan:
     change = mine.history[-1]
     item = change.before or change.after
     assert item is not None
-    is_new = change.before is None and isinstance(item, Trajectory)
+    is_new = change.before is None and not isinstance(item, Landmarks)
     if not is_new and not _same(_there(theirs, item), change.before):
         raise InputError(f"{_named(item)} changed by another hand meanwhile; look again, then change it")
     return _again(theirs, change)
@@ -36,6 +38,10 @@ def _again(plan: Plan, change: Change) -> Plan:
     before, after = change.before, change.after
     if isinstance(after, Landmarks):
         return plan.with_landmarks(after)
+    if isinstance(after, Ruler):
+        return plan.add_ruler(after)
+    if isinstance(before, Ruler):
+        return plan.remove_ruler(before.name)
     if before is None:
         assert after is not None
         return plan.add(after)
@@ -47,22 +53,25 @@ def _again(plan: Plan, change: Change) -> Plan:
     return plan.lock(before.name, after.locked)
 
 
-def _there(plan: Plan, item: Trajectory | Landmarks) -> Trajectory | Landmarks | None:
+def _there(plan: Plan, item: Item) -> Item | None:
     if isinstance(item, Landmarks):
         return plan.landmarks
-    return next((one for one in plan.trajectories if one.name == item.name), None)
+    those: tuple[Trajectory | Ruler, ...] = plan.rulers if isinstance(item, Ruler) else plan.trajectories
+    return next((one for one in those if one.name == item.name), None)
 
 
-def _named(item: Trajectory | Landmarks) -> str:
-    return "AC, PC and midline were" if isinstance(item, Landmarks) else f"trajectory {item.name!r} was"
+def _named(item: Item) -> str:
+    if isinstance(item, Landmarks):
+        return "AC, PC and midline were"
+    return f"{'measurement' if isinstance(item, Ruler) else 'trajectory'} {item.name!r} was"
 
 
-def _same(one: Trajectory | Landmarks | None, other: Trajectory | Landmarks | None) -> bool:
+def _same(one: Item | None, other: Item | None) -> bool:
     if one is None or other is None:
         return one is other
-    values = _values(one)
+    values = _values(one)  # two of one kind: `other` was found by it
     return all(np.array_equal(values[name], value) for name, value in _values(other).items())
 
 
-def _values(item: Trajectory | Landmarks) -> dict[str, Any]:
+def _values(item: Item) -> dict[str, Any]:
     return {field.name: getattr(item, field.name) for field in fields(item)}

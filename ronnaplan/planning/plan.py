@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -13,10 +13,14 @@ from ronnaplan.ct.volume import CTVolume, SeriesSource
 from ronnaplan.display import Shown, coordinates
 from ronnaplan.errors import FrameMismatchError, InputError, check_type
 from ronnaplan.geometry import FloatArray, Frame, Points, as_points
+from ronnaplan.planning.rulers import Ruler
 from ronnaplan.planning.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from ronnaplan.figures import Picture
+
+
+One = TypeVar("One")
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,15 +40,19 @@ class Landmarks:
             )
 
 
+Item = Trajectory | Landmarks | Ruler
+"""What a plan holds, each with a history of its own."""
+
+
 @dataclass(frozen=True, eq=False)
 class Change:
-    """One step of a history: the trajectory or landmarks at ``index`` before and after it (None: absent)."""
+    """One step of a history: the trajectory, landmarks or ruler at ``index`` before and after it (None: absent)."""
 
     time: datetime
     action: str
     index: int
-    before: Trajectory | Landmarks | None
-    after: Trajectory | Landmarks | None
+    before: Item | None
+    after: Item | None
 
     @property
     def reverse(self) -> Change:
@@ -67,6 +75,7 @@ class Plan(Shown[Trajectory]):
     history: tuple[Change, ...] = ()
     undone: tuple[Change, ...] = ()
     revision: int = 0
+    rulers: tuple[Ruler, ...] = ()
 
     @classmethod
     def of_scan(cls, volume: CTVolume) -> Plan:
@@ -177,6 +186,20 @@ class Plan(Shown[Trajectory]):
         """Return the plan with other AC-PC landmarks."""
         return self._changed("landmarks", 0, self.landmarks, landmarks)
 
+    def add_ruler(self, ruler: Ruler) -> Plan:
+        """Return the plan with one more measurement; `InputError` for a name in use."""
+        if ruler.name in {one.name for one in self.rulers}:
+            raise InputError(f"the plan already has a measurement {ruler.name!r}; choose another name")
+        return self._changed("measure", len(self.rulers), None, ruler)
+
+    def remove_ruler(self, name: str) -> Plan:
+        """Return the plan without a measurement; `InputError` where there is none of that name."""
+        names = [one.name for one in self.rulers]
+        if name not in names:
+            raise InputError(f"the plan has no measurement {name!r}; it has {_listed(names)}")
+        index = names.index(name)
+        return self._changed("remove measurement", index, self.rulers[index], None)
+
     def undo(self) -> Plan:
         """Return the plan before its last change; raises `InputError` when there is none."""
         if not self.history:
@@ -212,24 +235,32 @@ class Plan(Shown[Trajectory]):
         self,
         action: str,
         index: int,
-        before: Trajectory | Landmarks | None,
-        after: Trajectory | Landmarks | None,
+        before: Item | None,
+        after: Item | None,
     ) -> Plan:
         change = Change(datetime.now(UTC), action, index, before, after)
         return replace(self._with(change), history=(*self.history, change), undone=())
 
     def _with(self, change: Change) -> Plan:
         revision = self.revision + 1
-        if isinstance(change.before or change.after, Landmarks):
-            assert not isinstance(change.after, Trajectory)
+        item = change.before or change.after
+        if isinstance(item, Landmarks):
+            assert change.after is None or isinstance(change.after, Landmarks)
             return replace(self, landmarks=change.after, revision=revision)
-        assert not isinstance(change.after, Landmarks)
-        kept = list(self.trajectories)
-        if change.before is not None:
-            del kept[change.index]
-        if change.after is not None:
-            kept.insert(change.index, change.after)
-        return replace(self, trajectories=tuple(kept), revision=revision)
+        if isinstance(item, Ruler):
+            return replace(self, rulers=_exchanged(self.rulers, change, Ruler), revision=revision)
+        return replace(self, trajectories=_exchanged(self.trajectories, change, Trajectory), revision=revision)
+
+
+def _exchanged(items: Sequence[One], change: Change, kind: type[One]) -> tuple[One, ...]:
+    """Return ``items`` with the one at the change's index as it is after it."""
+    kept = list(items)
+    if change.before is not None:
+        del kept[change.index]
+    if change.after is not None:
+        assert isinstance(change.after, kind)
+        kept.insert(change.index, change.after)
+    return tuple(kept)
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -17,10 +17,11 @@ from ronnaplan.documents.plan import change_plan, plan_document, read_plan, writ
 from ronnaplan.documents.plan_exchange import line_markups, plan_table, read_line_markups, read_plan_table
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import Frame
-from ronnaplan.planning import INSTRUMENTS, Instrument, Landmarks, Limits, Plan, Trajectory
+from ronnaplan.planning import INSTRUMENTS, Instrument, Landmarks, Limits, Plan, Ruler, Trajectory
 
 UID = "1.2.840.7"
 CT = Frame("CT", UID)
+ANGLE = Ruler("=A1", np.array([[9.0, 1, 1], [1.0, 1, 1], [1.0, 5, 1]]))
 POINTER = INSTRUMENTS["pointer"]
 
 
@@ -33,6 +34,7 @@ def plan() -> Plan:
     )
     landmarks = Landmarks(np.array([0.0, -12, 0]), np.array([0.0, 12, 0]), np.array([0.0, 0, 40]))
     built = Plan(SeriesSource("1.2", "1.3", UID), "ab" * 32).add(first).add(second).with_landmarks(landmarks)
+    built = built.add_ruler(Ruler("D1", np.array([[0.0, 0, 0], [3.0, 4, 0]]))).add_ruler(ANGLE)
     return built.edit("=B", notes="second choice").lock("=B").remove("left, deep").undo()
 
 
@@ -45,7 +47,10 @@ def test_a_plan_comes_back_as_it_was(plan: Plan, tmp_path: Path) -> None:
     back = read_plan(tmp_path / "plan.json")
     assert content(back) == content(plan)
     assert back.frame == CT
-    assert [change.action for change in back.history] == ["add", "add", "landmarks", "edit", "lock"]
+    assert [change.action for change in back.history] == [
+        *("add", "add", "landmarks", "measure", "measure", "edit", "lock")
+    ]
+    assert [(one.name, one.told) for one in back.rulers] == [("D1", "5.0 mm"), ("=A1", "90.0 deg")]
     assert all(change.time.tzinfo is not None for change in back.history)
 
 
@@ -56,7 +61,7 @@ def test_every_change_has_a_revision_of_its_own_also_one_that_is_taken_back(plan
         plan,
         *(change_plan(path, step) for step in (Plan.undo, Plan.redo, lambda now: now.lock("=B", False))),
     ]
-    assert [one.revision for one in walked] == [7, 8, 9, 10]
+    assert [one.revision for one in walked] == [9, 10, 11, 12]
     assert content(read_plan(path)) == content(walked[-1])
     without = content(plan)
     del without["revision"]

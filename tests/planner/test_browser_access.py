@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.planner.browser import Planner, eventually, needs_browser, opened, value
+from tests.planner.browser import Planner, eventually, needs_browser, opened, place, value
 
 pytestmark = needs_browser
 
@@ -122,3 +122,21 @@ def test_depths_from_the_target_are_marked_along_the_path(page: Any) -> None:
     page.wait_for_selector("svg[data-view=inline] .rp-tick >> nth=0", state="attached")
     told = page.locator("svg[data-view=inline] .rp-tick text").all_text_contents()
     assert told == [str(depth) for depth in range(10, 71, 10)]  # the path is 71.6 mm long
+
+
+def test_a_distance_is_measured_by_two_clicks(page: Any) -> None:
+    page.click(".v-tab >> text=Trajectories")
+    page.click("#distance")
+    page.wait_for_selector("#distance >> text=first point")
+    page.mouse.click(*place(page, "axial", 0.5, 0.4))
+    page.wait_for_selector("#distance >> text=second point")
+    page.mouse.click(*place(page, "axial", 0.5, 0.6))
+    page.wait_for_selector("#rulers >> text=D1")
+    told = page.locator("#rulers td >> nth=1").text_content()
+    assert page.locator("svg[data-view=axial] .rp-ruler text").text_content() == f"D1 {told}"
+    drawn, box = value(page, "drawn_axial"), page.locator("[data-view=axial]").bounding_box()
+    assert float(told.split()[0]) == pytest.approx(
+        0.2 * box["height"] * 2 * drawn["high"] / box["height"], abs=1.0
+    )
+    page.click("#rulers >> text=remove")
+    page.wait_for_selector("#rulers", state="detached")

@@ -10,7 +10,8 @@ from ronnaplan.planner.actions import Actions
 from ronnaplan.planner.drawing import letters, over_cut
 from ronnaplan.planner.panels import under_line
 from ronnaplan.planner.panes import Pane
-from ronnaplan.planner.pointer import Pixel, Pointer
+from ronnaplan.planner.pixels import Pixel
+from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.state import PlannerState
 from tests import cases
 from tests.planner.conftest import reopened

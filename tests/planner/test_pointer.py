@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from ronnaplan.errors import InputError, UsageError
-from ronnaplan.planner.pointer import Pixel, Pointer
+from ronnaplan.planner.pixels import Pixel
+from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.state import PlannerState
 from tests import cases
+from tests.planner.conftest import reopened
 
 
 def pixel(state: PlannerState, view: str, place: np.ndarray, width: float = 700.0, height: float = 500.0) -> Pixel:
@@ -140,3 +142,30 @@ def test_a_refused_target_leaves_the_entry(state: PlannerState) -> None:
         pointer.press("axial", pixel(state, "axial", np.array([4.0, -110.0, 28.0])))
     assert pointer.adding
     assert state.look.begun_mm is not None
+
+
+def test_clicks_measure_a_distance_and_an_angle_that_are_kept_and_undone(state: PlannerState) -> None:
+    pointer, middle = Pointer(state), state.look.crosshair_mm.copy()
+    corner, one, other = (middle + np.array(off) for off in ([0.0, 0, 0], [0.0, 0, 30.0], [40.0, 0, 0]))
+    pointer.measure(2)
+    for place in (one, other):
+        pointer.press("coronal", pixel(state, "coronal", place))
+        pointer.release()
+    assert [(ruler.name, ruler.told) for ruler in state.case.plan.rulers] == [("D1", "50.0 mm")]
+    assert np.array_equal(state.look.crosshair_mm, middle)  # nothing else was done by these clicks
+    pointer.measure(3)
+    for place in (one, corner):
+        pointer.press("coronal", pixel(state, "coronal", place))
+    assert pointer.measuring.asks == "click the third point"
+    pointer.add()  # something else is wanted: what was begun is left
+    assert not state.look.measured_mm
+    pointer.measure(3)
+    assert not pointer.adding
+    for place in (one, corner, other):
+        pointer.press("coronal", pixel(state, "coronal", place))
+    assert reopened(state).case.plan.rulers[1].told == "90.0 deg"
+    state.remove_ruler("D1")
+    state.case.undo()
+    assert [ruler.name for ruler in state.case.plan.rulers] == ["D1", "A1"]
+    with pytest.raises(UsageError, match="two make a distance"):
+        pointer.measure(4)

@@ -10,7 +10,8 @@ import pytest
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.cuts import HEAD
-from ronnaplan.planner.pointer import Pixel, Pointer
+from ronnaplan.planner.pixels import Pixel
+from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.scene.camera import Camera
 from ronnaplan.scene.surfaces import SURFACES

@@ -13,7 +13,8 @@ from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import Points
 from ronnaplan.planner.panels import pointing_panel, registration_panel
-from ronnaplan.planner.pointer import Pixel, Pointer
+from ronnaplan.planner.pixels import Pixel
+from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.tracking import READERS
 from tests import cases

@@ -10,12 +10,15 @@ import pytest
 from ronnaplan.ct import SeriesSource
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import Frame
-from ronnaplan.planning import Landmarks, Plan, Trajectory
+from ronnaplan.planning import Landmarks, Plan, Ruler, Trajectory
 from ronnaplan.planning.merging import merged
 
 CT = Frame("CT", "1.2.3")
 ELSEWHERE = np.array([1.0, 1.0, 1.0])
 AC_PC = Landmarks(np.array([0.0, -12, 0]), np.array([0.0, 12, 0]), np.array([0.0, 0, 40]))
+
+
+D1 = Ruler("D1", np.eye(3)[1:])
 
 
 def path(name: str) -> Trajectory:
@@ -24,7 +27,7 @@ def path(name: str) -> Trajectory:
 
 @pytest.fixture
 def base() -> Plan:
-    return Plan(SeriesSource(frame_of_reference_uid=CT.uid), "ab" * 32).add(path("A")).add(path("B"))
+    return Plan(SeriesSource(frame_of_reference_uid=CT.uid), "ab" * 32).add(path("A")).add(path("B")).add_ruler(D1)
 
 
 Change = Callable[[Plan], Plan]
@@ -34,6 +37,8 @@ CHANGES: dict[str, Change] = {
     "remove": lambda plan: plan.remove("A"),
     "lock": lambda plan: plan.lock("A"),
     "landmarks": lambda plan: plan.with_landmarks(AC_PC),
+    "measure": lambda plan: plan.add_ruler(Ruler("D2", np.eye(3)[:2])),
+    "remove measurement": lambda plan: plan.remove_ruler("D1"),
 }
 
 
@@ -46,6 +51,7 @@ def test_changes_of_different_things_are_both_kept(base: Plan, change: Change) -
     theirs = base.remove("B").add(path("D")).edit("D", notes="theirs")
     both = merged(base, change(base), theirs)
     assert names(both) == names(change(theirs))
+    assert [one.name for one in both.rulers] == [one.name for one in change(theirs).rulers]
     assert (both.landmarks is None) == (change(theirs).landmarks is None)
     assert [step.action for step in both.history[-4:]] == [
         "remove",

@@ -1,0 +1,75 @@
+"""What lies under the pointer: a marker in a cut; a marker, a trajectory or the surface in the 3-D view."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.planner.pixels import Pixel
+from ronnaplan.planner.state import PlannerState
+from ronnaplan.scene.camera import Camera
+from ronnaplan.scene.cut import Cut
+
+GRAB_PIXELS = 9.0
+"""A press this near to an end or line of a trajectory takes hold of it."""
+
+
+class Picking:
+    """Selects what is clicked in an open case."""
+
+    def __init__(self, state: PlannerState) -> None:
+        self.state = state
+
+    def in_cut(self, cut: Cut, at: Pixel) -> None:
+        """Select the marker that the plane cuts under the pointer, if there is one."""
+        place = at.place_mm(cut)
+        for one in self.state.case.fiducials.fiducials if self.state.case.fiducials else ():
+            if np.linalg.norm(place - one.center) <= one.diameter_mm / 2:
+                self.state.pick_marker(one.label)
+                return
+
+    def in_head(self, camera: Camera, at: Pixel) -> None:
+        """Go to what is under the pointer: a marker, a trajectory, or else the surface that is shown."""
+        if (label := self._marker_under(camera, at)) is not None:
+            self.state.jump_to_marker(label)
+        elif (path := self._path_under(camera, at)) is not None:
+            self.state.look.select(path[0])
+            self.state.look.jump(path[1])
+        elif (place := self.surface_under(camera, at)) is not None:
+            self.state.look.jump(place)
+
+    def _marker_under(self, camera: Camera, at: Pixel) -> str | None:
+        """Return the nearest marker whose ball, or a few pixels about its middle, is under the pointer."""
+        under: list[tuple[float, str]] = []
+        for one in self.state.case.fiducials.fiducials if self.state.case.fiducials else ():
+            across, down, depth = camera.on_screen(np.array(one.center))
+            radius = one.diameter_mm / camera.plane_at(np.array(one.center)).field_mm * at.side / 2
+            if depth > 0 and at.pixels_to(np.array([across, down])) <= max(radius, GRAB_PIXELS / 2):
+                under.append((float(depth), one.label))
+        return min(under)[1] if under else None
+
+    def _path_under(self, camera: Camera, at: Pixel) -> tuple[str, FloatArray] | None:
+        """Return the trajectory drawn under the pointer, and the place on it."""
+        (eye_mm, ray), found = camera.ray(*at.halves), []
+        for one in self.state.case.plan.trajectories:
+            place = one.at_depth(np.array(_depth_beside(eye_mm, ray, one.entry_mm, one.inward, one.length_mm)))
+            distance = float(at.pixels_to(camera.on_screen(place)[:2]))
+            found.append((distance, one.name, place))
+        nearest = min(found, key=lambda one: one[0], default=None)
+        return None if nearest is None or nearest[0] > GRAB_PIXELS else (nearest[1], nearest[2])
+
+    def surface_under(self, camera: Camera, at: Pixel) -> FloatArray | None:
+        """Return the place (3,) on the surface shown that is under the pointer, None where there is none."""
+        return self.state.look.surface_along(*camera.ray(*at.halves))
+
+
+def _depth_beside(
+    eye_mm: FloatArray, ray: FloatArray, start_mm: FloatArray, along: FloatArray, length_mm: float
+) -> float:
+    """Return how far from ``start_mm`` along the unit vector ``along`` a line comes nearest to a ray."""
+    cosine = float(ray @ along)
+    if abs(cosine) > 1.0 - 1e-9:  # seen end on: every depth is under the pointer, the first is nearest to the eye
+        return 0.0
+    between = start_mm - eye_mm
+    depth = (cosine * float(between @ ray) - float(between @ along)) / (1.0 - cosine**2)
+    return float(np.clip(depth, 0.0, length_mm))
