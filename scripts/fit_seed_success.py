@@ -49,9 +49,7 @@ def success(rng: np.random.Generator, body: FloatArray, seeds: int, every: bool)
     errors = [ErrorModel(np.full(count, s**2), None) for s in (SIGMA_CT_MM, SIGMA_OTS_MM)]
     known = np.zeros((0, 2), dtype=np.int64)
     problem = Problem(ct, ots, errors[0], errors[1], Told(), known, filled_volume(ct, ots), 60.0)
-    search = poses.Search(
-        problem, poses.distance_table(ots), poses.point_grid(problem), poses.needed_hits(problem), every
-    )
+    search = poses.Search.of(problem, every)
     drawn = np.argsort(rng.random((seeds, BODY)), axis=1)[:, :3]
     trials = np.argsort(rng.random((seeds, count)), axis=1)[:, : poses.MOST_TRIALS + 3]
     none = np.zeros((0, count), dtype=np.int64)

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,27 +14,14 @@ from scipy.spatial import cKDTree
 from scipy.special import bdtrc, comb
 
 from ronnaplan.correspondence.evidence import fit, log_misfit
-from ronnaplan.correspondence.exact import distances
+from ronnaplan.correspondence.lookup import Grid, Table, distance_table, point_grid
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.priors import log_pairings
 from ronnaplan.correspondence.problem import Problem, pairs_of
-from ronnaplan.correspondence.seeds import (
-    FIRST_TRIALS,
-    REACH_SIGMAS,
-    WIDEST_REACH_SIGMAS,
-    fill_grid,
-    poses_of_seeds,
-    refined,
-    row_starts,
-)
+from ronnaplan.correspondence.refining import REFINING_SIGMAS, refined
+from ronnaplan.correspondence.seeds import FIRST_TRIALS, REACH_SIGMAS, WIDEST_REACH_SIGMAS, poses_of_seeds
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.geometry import FloatArray
-
-PAIR_SIGMAS = 5.5
-"""Points further apart than this many standard deviations under the fitted pose do not pair."""
-
-REFINING_SIGMAS = (1.6 * PAIR_SIGMAS, 1.6 * PAIR_SIGMAS, PAIR_SIGMAS, PAIR_SIGMAS, PAIR_SIGMAS)
-"""How near pairs must be in each fit of a pose: the first rest on three points only."""
 
 SIDES_CHI2 = (2.5, 12.0)
 """Triangles agree up to this sum of squared differences of their sides, in variances of a side's difference: where
@@ -83,10 +69,6 @@ MISSED_FOR_SURE = 0.01
 MOST_POSES = 20
 """Rival poses kept."""
 
-LEAST_CELL_SIGMAS = 2.5
-CELLS_PER_AXIS, MOST_CELLS_PER_AXIS = 12.0, 96
-"""Cells along the longest axis at most: so many times the cube root of the number of points, and never more."""
-
 
 @dataclass(frozen=True, eq=False)
 class Pose:
@@ -127,10 +109,16 @@ class Search:
     """What all seeds share: the problem's distances and cells, the hits a pose needs, and if every seed is drawn."""
 
     problem: Problem
-    table: tuple[Any, ...]
-    grid: tuple[Any, ...]
+    table: Table
+    grid: Grid
     needed: tuple[int, int]
     every: bool
+
+    @classmethod
+    def of(cls, problem: Problem, every: bool) -> Search:
+        """Return the search in which ``every`` seed is drawn, or only some."""
+        grid = point_grid(problem.ots, problem.sigma_mm, WIDEST_REACH_SIGMAS * problem.sigma_mm)
+        return cls(problem, distance_table(problem.ots), grid, needed_hits(problem), every)
 
     @property
     def sides_chi2(self) -> float:
@@ -175,7 +163,7 @@ def find_poses(problem: Problem, acceptable: float, least_size: int = 0) -> Foun
     """
     triangles = math.comb(len(problem.ct), 3)
     every = triangles <= MOST_TRIANGLES
-    search = Search(problem, distance_table(problem.ots), point_grid(problem), needed_hits(problem), every)
+    search = Search.of(problem, every)
     rng = np.random.default_rng(len(problem.ct) * 10_007 + len(problem.ots))
     allowed = work_left = WORK_PER_POINT * max(problem.counts) ** WORK_POWER
     poses: list[Pose] = []
@@ -248,29 +236,6 @@ def needed_hits(problem: Problem) -> tuple[int, int]:
         for chance, count in zip(CHANCE_PASSES, (tried, rest), strict=True)
     )
     return max(first, tried // TRIALS_PER_HIT), max(all_points, tried // TRIALS_PER_HIT)
-
-
-def distance_table(points: FloatArray) -> tuple[Any, ...]:
-    """Return what triangles are looked up in.
-
-    Each point's others by distance (m, m), those distances, and where these reach each step (`seeds.row_starts`).
-    """
-    d = distances(points)
-    row_order = np.argsort(d, axis=1).astype(np.int32)
-    row_sorted = np.take_along_axis(d, row_order, axis=1)
-    return row_order, row_sorted, row_starts(row_sorted)
-
-
-def point_grid(problem: Problem) -> tuple[Any, ...]:
-    """Return the OTS points sorted into cells for `seeds.nearest`."""
-    points, reach = problem.ots, WIDEST_REACH_SIGMAS * problem.sigma_mm
-    low = points.min(axis=0) - reach
-    extent = np.ptp(points, axis=0) + 2.0 * reach
-    most = min(CELLS_PER_AXIS * len(points) ** (1.0 / 3.0), MOST_CELLS_PER_AXIS)
-    cell = max(LEAST_CELL_SIGMAS * problem.sigma_mm, float(extent.max()) / most)
-    shape = (extent / cell).astype(np.int64) + 1
-    start, order, near = fill_grid(points, low, cell, shape, reach)
-    return start, order, near, low, cell, shape
 
 
 def refine(search: Search, matrix: FloatArray) -> Pose | None:

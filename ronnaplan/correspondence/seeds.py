@@ -8,23 +8,14 @@ handed on.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
+from ronnaplan.correspondence.lookup import Grid, Row, Table, row_range, side, square_to
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.geometry import FloatArray
-
-Grid = tuple[Any, ...]
-"""Points sorted into cells, see `poses.point_grid`."""
-
-Table = tuple[Any, ...]
-"""Points by distance, see `poses.distance_table`."""
-
-Row = tuple[Any, Any, Any]
-"""One row of each part of a table."""
 
 Corners = tuple[int, int, int]
 
@@ -40,26 +31,10 @@ WIDEST_REACH_SIGMAS = 8.0
 FIRST_TRIALS = 24
 """A pose that brings none of the first so many trial points onto an OTS point is left at once."""
 
-STEP_MM = 1.5
-"""Each point's neighbours, sorted by distance, are entered at steps of this."""
 
 SCAN_WORK, ROW_WORK, POSE_WORK, TRIAL_WORK, POINT_WORK = 2, 25, 120, 10, 25
 """Work of looking at a distance, of entering a row, of making a pose, of carrying a trial point, and of preparing
 one: about nanoseconds."""
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def row_starts(row_sorted: FloatArray) -> NDArray[np.int32]:
-    """Return where the distances of each row (m, m) reach each multiple of `STEP_MM`."""
-    steps = int(row_sorted[:, -1].max() / STEP_MM) + 1
-    start = np.empty((len(row_sorted), steps), np.int32)
-    for p in range(len(row_sorted)):
-        position = 0
-        for step in range(steps):
-            while position < len(row_sorted) and row_sorted[p, position] < step * STEP_MM:
-                position += 1
-            start[p, step] = position
-    return start
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -92,13 +67,6 @@ def longest_side_first(points: FloatArray, seed: IntArray) -> tuple[int, int, in
     elif bc > ac:
         a, b, ac, bc = b, a, bc, ac
     return a, b, c, ab, ac, bc
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def side(points: FloatArray, a: int, b: int) -> float:
-    """Return the distance of two points."""
-    x, y, z = points[a, 0] - points[b, 0], points[a, 1] - points[b, 1], points[a, 2] - points[b, 2]
-    return math.sqrt(x * x + y * y + z * z)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -135,65 +103,6 @@ def trial_points(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def fill_grid(
-    points: FloatArray, low: FloatArray, cell: float, shape: IntArray, reach: float
-) -> tuple[IntArray, IntArray, NDArray[np.int16]]:
-    """Sort points into cubic cells: each cell's start, the points in that order, and who is near each cell.
-
-    The last is the point nearest to the cell's middle, -1 where none comes within ``reach`` of the cell.
-    """
-    count = np.zeros(shape[0] * shape[1] * shape[2] + 1, np.int32)
-    near = np.full((shape[0], shape[1], shape[2]), -1, np.int16)
-    home, at = np.empty(len(points), np.int64), np.empty(3, np.int64)
-    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
-    for p in range(len(points)):
-        for d in range(3):
-            place = points[p, d] - low[d]
-            at[d] = int(place / cell)
-            first[d] = max(int((place - reach) / cell), 0)
-            last[d] = min(int((place + reach) / cell), shape[d] - 1)
-        for a in range(first[0], last[0] + 1):
-            for b in range(first[1], last[1] + 1):
-                for c in range(first[2], last[2] + 1):
-                    x, y, z = low[0] + (a + 0.5) * cell, low[1] + (b + 0.5) * cell, low[2] + (c + 0.5) * cell
-                    q = near[a, b, c]
-                    if q < 0 or square_to(points, p, x, y, z) < square_to(points, q, x, y, z):
-                        near[a, b, c] = p
-        home[p] = (at[0] * shape[1] + at[1]) * shape[2] + at[2]
-        count[home[p] + 1] += 1
-    return np.cumsum(count), np.argsort(home, kind="mergesort"), near
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def square_to(points: FloatArray, p: int, x: float, y: float, z: float) -> float:
-    """Return the squared distance of point p from (x, y, z)."""
-    u, v, w = points[p, 0] - x, points[p, 1] - y, points[p, 2] - z
-    square: float = u * u + v * v + w * w
-    return square
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def nearest(grid: Grid, points: FloatArray, x: float, y: float, z: float, radius: float) -> tuple[int, float]:
-    """Return the point nearest to (x, y, z) and its squared distance, -1 when none lies within ``radius``."""
-    start, order, _, low, cell, shape = grid
-    best, square = -1, radius * radius
-    a0, a1 = max(int((x - radius - low[0]) / cell), 0), min(int((x + radius - low[0]) / cell), shape[0] - 1)
-    b0, b1 = max(int((y - radius - low[1]) / cell), 0), min(int((y + radius - low[1]) / cell), shape[1] - 1)
-    c0, c1 = max(int((z - radius - low[2]) / cell), 0), min(int((z + radius - low[2]) / cell), shape[2] - 1)
-    if c1 < c0:
-        return best, square
-    for a in range(a0, a1 + 1):
-        for b in range(b0, b1 + 1):
-            first = (a * shape[1] + b) * shape[2]
-            for q in range(start[first + c0], start[first + c1 + 1]):
-                p = order[q]
-                d = square_to(points, p, x, y, z)
-                if d < square:
-                    best, square = p, d
-    return best, square
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def count_hits(
     ots: FloatArray, grid: Grid, frame: FloatArray, center: FloatArray, local: FloatArray, total: int, least: int
 ) -> tuple[int, int]:
@@ -224,18 +133,6 @@ def is_known(known: IntArray, a: int, b: int, c: int, p: int, q: int, r: int) ->
     for pose in range(len(known)):
         found |= known[pose, a] == p and known[pose, b] == q and known[pose, c] == r
     return found
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def row_range(row: FloatArray, row_start: NDArray[np.int32], low: float, high: float) -> tuple[int, int]:
-    """Return where the distances of a row that lie from ``low`` to ``high`` begin and end."""
-    first = row_start[min(max(int(low / STEP_MM), 0), len(row_start) - 1)]
-    while first < len(row) and row[first] < low:
-        first += 1
-    last = first
-    while last < len(row) and row[last] <= high:
-        last += 1
-    return first, last
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -337,7 +234,7 @@ def poses_of_seeds(
 
     ``needed``: hits among the ``trials`` and among all points at least.  ``sides_chi2``: sum of squared differences
     of the three sides, in variances of a side's difference, up to which triangles agree.  ``table``: see
-    `poses.distance_table`.  ``hits`` (S, MOST_POSES) is 0 where no pose was entered.  The fourth result tells
+    `lookup.distance_table`.  ``hits`` (S, MOST_POSES) is 0 where no pose was entered.  The fourth result tells
     whether the seeds were looked up in all of the OTS points, before ``most_work`` was done.
     """
     poses, hits = np.empty((len(seeds), MOST_POSES, 3, 4)), np.zeros((len(seeds), MOST_POSES), np.int64)
@@ -359,54 +256,3 @@ def poses_of_seeds(
         if work > most_work:
             return poses, hits, work, False
     return poses, hits, work, True
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def partners_under(ct: FloatArray, ots: FloatArray, grid: Grid, pose: FloatArray, radius: float) -> IntArray:
-    """Return the nearest OTS point of each CT point under a pose (3, 4), -1 when none is within ``radius``.
-
-    An OTS point goes to the nearest CT point.
-    """
-    partner, taken_by, square = np.full(len(ct), -1), np.full(len(ots), -1), np.full(len(ots), np.inf)
-    for i in range(len(ct)):
-        u, v, w = ct[i]
-        x = pose[0, 0] * u + pose[0, 1] * v + pose[0, 2] * w + pose[0, 3]
-        y = pose[1, 0] * u + pose[1, 1] * v + pose[1, 2] * w + pose[1, 3]
-        z = pose[2, 0] * u + pose[2, 1] * v + pose[2, 2] * w + pose[2, 3]
-        j, d = nearest(grid, ots, x, y, z, radius)
-        if j >= 0 and d < square[j]:
-            if taken_by[j] >= 0:
-                partner[taken_by[j]] = -1
-            partner[i], taken_by[j], square[j] = j, i, d
-    return partner
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def fitted(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Return the rigid pose (3, 4) that brings points x (k, 3) closest to y (Kabsch 1978), never a reflection."""
-    x0, y0 = np.empty(3), np.empty(3)
-    for d in range(3):
-        x0[d], y0[d] = x[:, d].mean(), y[:, d].mean()
-    u, _, vt = np.linalg.svd(np.ascontiguousarray((y - y0).T) @ (x - x0))
-    if np.linalg.det(np.ascontiguousarray(u) @ np.ascontiguousarray(vt)) < 0.0:
-        u[:, 2] = -u[:, 2]
-    pose = np.empty((3, 4))
-    turn = np.ascontiguousarray(u) @ np.ascontiguousarray(vt)
-    pose[:, :3] = turn
-    pose[:, 3] = y0 - turn @ x0
-    return pose
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def refined(
-    ct: FloatArray, ots: FloatArray, grid: Grid, pose: FloatArray, reaches: FloatArray
-) -> tuple[FloatArray, IntArray]:
-    """Fit a pose to the pairs within each of the ``reaches`` in turn; return it and its pairs within the last."""
-    partner = partners_under(ct, ots, grid, pose, reaches[0])
-    for step in range(1, len(reaches)):
-        i = np.flatnonzero(partner >= 0)
-        if len(i) < 3:
-            break
-        pose = fitted(ct[i], ots[partner[i]])
-        partner = partners_under(ct, ots, grid, pose, reaches[step])
-    return pose, partner

@@ -1,0 +1,144 @@
+"""Points looked up by their place and by their distances from each other, in kernels that numba compiles."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kernelcache import njit
+from ronnaplan.correspondence.exact import distances
+from ronnaplan.correspondence.pairing import IntArray
+from ronnaplan.geometry import FloatArray
+
+Grid = tuple[Any, ...]
+"""Points sorted into cells, see `point_grid`."""
+
+Table = tuple[Any, ...]
+"""Points by distance, see `distance_table`."""
+
+Row = tuple[Any, Any, Any]
+"""One row of each part of a table."""
+
+STEP_MM = 1.5
+"""Each point's neighbours, sorted by distance, are entered at steps of this."""
+
+LEAST_CELL_SIGMAS = 2.5
+CELLS_PER_AXIS, MOST_CELLS_PER_AXIS = 12.0, 96
+"""Cells along the longest axis at most: so many times the cube root of the number of points, and never more."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def side(points: FloatArray, a: int, b: int) -> float:
+    """Return the distance of two points."""
+    x, y, z = points[a, 0] - points[b, 0], points[a, 1] - points[b, 1], points[a, 2] - points[b, 2]
+    return math.sqrt(x * x + y * y + z * z)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def square_to(points: FloatArray, p: int, x: float, y: float, z: float) -> float:
+    """Return the squared distance of point p from (x, y, z)."""
+    u, v, w = points[p, 0] - x, points[p, 1] - y, points[p, 2] - z
+    square: float = u * u + v * v + w * w
+    return square
+
+
+def distance_table(points: FloatArray) -> Table:
+    """Return what triangles are looked up in.
+
+    Each point's others by distance (m, m), those distances, and where these reach each step (`row_starts`).
+    """
+    d = distances(points)
+    row_order = np.argsort(d, axis=1).astype(np.int32)
+    row_sorted = np.take_along_axis(d, row_order, axis=1)
+    return row_order, row_sorted, row_starts(row_sorted)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def row_starts(row_sorted: FloatArray) -> NDArray[np.int32]:
+    """Return where the distances of each row (m, m) reach each multiple of `STEP_MM`."""
+    steps = int(row_sorted[:, -1].max() / STEP_MM) + 1
+    start = np.empty((len(row_sorted), steps), np.int32)
+    for p in range(len(row_sorted)):
+        position = 0
+        for step in range(steps):
+            while position < len(row_sorted) and row_sorted[p, position] < step * STEP_MM:
+                position += 1
+            start[p, step] = position
+    return start
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def row_range(row: FloatArray, row_start: NDArray[np.int32], low: float, high: float) -> tuple[int, int]:
+    """Return where the distances of a row that lie from ``low`` to ``high`` begin and end."""
+    first = row_start[min(max(int(low / STEP_MM), 0), len(row_start) - 1)]
+    while first < len(row) and row[first] < low:
+        first += 1
+    last = first
+    while last < len(row) and row[last] <= high:
+        last += 1
+    return first, last
+
+
+def point_grid(points: FloatArray, sigma_mm: float, reach_mm: float) -> Grid:
+    """Return points (m, 3) sorted into cells for `nearest`, and who is within ``reach_mm`` of each cell."""
+    low = points.min(axis=0) - reach_mm
+    extent = np.ptp(points, axis=0) + 2.0 * reach_mm
+    most = min(CELLS_PER_AXIS * len(points) ** (1.0 / 3.0), MOST_CELLS_PER_AXIS)
+    cell = max(LEAST_CELL_SIGMAS * sigma_mm, float(extent.max()) / most)
+    shape = (extent / cell).astype(np.int64) + 1
+    start, order, near = fill_grid(points, low, cell, shape, reach_mm)
+    return start, order, near, low, cell, shape
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fill_grid(
+    points: FloatArray, low: FloatArray, cell: float, shape: IntArray, reach: float
+) -> tuple[IntArray, IntArray, NDArray[np.int16]]:
+    """Sort points into cubic cells: each cell's start, the points in that order, and who is near each cell.
+
+    The last is the point nearest to the cell's middle, -1 where none comes within ``reach`` of the cell.
+    """
+    count = np.zeros(shape[0] * shape[1] * shape[2] + 1, np.int32)
+    near = np.full((shape[0], shape[1], shape[2]), -1, np.int16)
+    home, at = np.empty(len(points), np.int64), np.empty(3, np.int64)
+    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
+    for p in range(len(points)):
+        for d in range(3):
+            place = points[p, d] - low[d]
+            at[d] = int(place / cell)
+            first[d] = max(int((place - reach) / cell), 0)
+            last[d] = min(int((place + reach) / cell), shape[d] - 1)
+        for a in range(first[0], last[0] + 1):
+            for b in range(first[1], last[1] + 1):
+                for c in range(first[2], last[2] + 1):
+                    x, y, z = low[0] + (a + 0.5) * cell, low[1] + (b + 0.5) * cell, low[2] + (c + 0.5) * cell
+                    q = near[a, b, c]
+                    if q < 0 or square_to(points, p, x, y, z) < square_to(points, q, x, y, z):
+                        near[a, b, c] = p
+        home[p] = (at[0] * shape[1] + at[1]) * shape[2] + at[2]
+        count[home[p] + 1] += 1
+    return np.cumsum(count), np.argsort(home, kind="mergesort"), near
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def nearest(grid: Grid, points: FloatArray, x: float, y: float, z: float, radius: float) -> tuple[int, float]:
+    """Return the point nearest to (x, y, z) and its squared distance, -1 when none lies within ``radius``."""
+    start, order, _, low, cell, shape = grid
+    best, square = -1, radius * radius
+    a0, a1 = max(int((x - radius - low[0]) / cell), 0), min(int((x + radius - low[0]) / cell), shape[0] - 1)
+    b0, b1 = max(int((y - radius - low[1]) / cell), 0), min(int((y + radius - low[1]) / cell), shape[1] - 1)
+    c0, c1 = max(int((z - radius - low[2]) / cell), 0), min(int((z + radius - low[2]) / cell), shape[2] - 1)
+    if c1 < c0:
+        return best, square
+    for a in range(a0, a1 + 1):
+        for b in range(b0, b1 + 1):
+            first = (a * shape[1] + b) * shape[2]
+            for q in range(start[first + c0], start[first + c1 + 1]):
+                p = order[q]
+                d = square_to(points, p, x, y, z)
+                if d < square:
+                    best, square = p, d
+    return best, square
