@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,10 +17,6 @@ from ronnaplan.text import printable, whole_number
 
 UID: Final = re.compile(r"(?=.{1,64}$)[0-9]+(\.[0-9]+)*")
 """A UID as it may become the name of a file."""
-
-_PREAMBLE: Final = 132
-_GROUP_LENGTH: Final = 12
-_BLOCK: Final = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -44,8 +39,11 @@ class Facts:
     size: int
 
 
-def read_facts(path: Path) -> Facts:
-    """Read a file that the node wrote down as it was received; raises `InputError` for what is no DICOM instance."""
+def read_facts(path: Path, sha256: str) -> Facts:
+    """Read a file that the node wrote down as it was received; raises `InputError` for what is no DICOM instance.
+
+    ``sha256`` is that of its data set.
+    """
     size = path.stat().st_size
     header = read_header(DiskFile(str(path), size), DEFAULT_LIMITS)
     elements = header.elements
@@ -70,17 +68,6 @@ def read_facts(path: Path) -> Facts:
         protocol=text(elements, tags.PROTOCOL_NAME),
         patient_name=text(elements, tags.PATIENT_NAME),
         expected=whole_number(text(elements, tags.NUMBER_OF_SERIES_RELATED_INSTANCES)),
-        sha256=_hash(path),
+        sha256=sha256,
         size=size,
     )
-
-
-def _hash(path: Path) -> str:
-    """Return the SHA-256 of what follows the meta part, whose content is each sender's own."""
-    digest = hashlib.sha256()
-    with path.open("rb") as stream:
-        start = stream.read(_PREAMBLE + _GROUP_LENGTH)
-        stream.seek(len(start) + int.from_bytes(start[-4:], "little"))
-        while block := stream.read(_BLOCK):
-            digest.update(block)
-    return digest.hexdigest()

@@ -10,12 +10,11 @@ import socket
 import sys
 import threading
 from collections import defaultdict
-from contextlib import ExitStack, suppress
-from pathlib import Path
-from typing import Any, Final, cast
+from contextlib import suppress
+from typing import Any, Final
 
 from pynetdicom import AE, evt
-from pynetdicom.dimse_primitives import C_STORE
+from pynetdicom.association import Association
 
 from ronnaplan.ct.codecs import JPEG_LOSSLESS, PLUGINS
 from ronnaplan.ct.header import DEFLATED_LITTLE, EXPLICIT_BIG, EXPLICIT_LITTLE, IMPLICIT_LITTLE
@@ -28,9 +27,10 @@ from ronnaplan.node.config import ANY_ADDRESS, Config, Peer, read_config
 from ronnaplan.node.facts import Facts, read_facts
 from ronnaplan.node.logs import LISTENING, Log
 from ronnaplan.node.services import Services
-from ronnaplan.node.spool import Spool, spooled
+from ronnaplan.node.spool import Spool
 from ronnaplan.node.steps import PROCEDURE_STEP
 from ronnaplan.node.store import MIB, Arrival, Status, Store
+from ronnaplan.node.storing import Request
 from ronnaplan.node.tls import context
 from ronnaplan.node.transport import (
     LARGEST_PDU,
@@ -38,7 +38,6 @@ from ronnaplan.node.transport import (
     Server,
     give_up_waiting,
     quieten,
-    received_bytes,
     titles,
 )
 
@@ -85,7 +84,6 @@ class Receiver:
         self._audit = Audit(config.data, config.audit, config.titles[0])
         self._moved: dict[Any, dict[str, Transfer]] = defaultdict(dict)
         self._server: Server | None = None
-        self._spooling = ExitStack()
 
     @property
     def port(self) -> int:
@@ -98,7 +96,6 @@ class Receiver:
         """Listen; raises `InputError` where the port is taken or a certificate cannot be used."""
         config = self.config
         quieten()
-        self._spooling.enter_context(spooled(self._store.incoming))
         encrypted = context(config.tls, config.home, server=True) if config.tls else None
         self._store.start()
         try:
@@ -111,7 +108,6 @@ class Receiver:
                 encrypted,
                 [
                     (evt.EVT_REQUESTED, self._admit),
-                    (evt.EVT_C_STORE, self._take),
                     (evt.EVT_CONN_CLOSE, self._gone),
                     *Services(config, self._log, self._peer_of).handlers,
                 ],
@@ -120,6 +116,7 @@ class Receiver:
                 most_connections=PENDING_PER_ASSOCIATION * config.limits.associations,
                 silent_s=config.limits.silent_s,
                 most_bytes=config.limits.largest_instance_mib * MIB,
+                storage=self,
             )
         except OSError as error:
             raise InputError(
@@ -137,7 +134,6 @@ class Receiver:
         if self._server is not None:
             self._server.shutdown()
         self._store.stop()
-        self._spooling.close()
 
     def _entity(self) -> AE:
         entity = AE(self.config.titles[0])
@@ -159,14 +155,14 @@ class Receiver:
 
     def _peer_of(self, event: evt.Event) -> Peer | None:
         """Return who speaks on an association; None for a stranger."""
-        calling, _ = titles(event)
+        calling, _ = titles(event.assoc)
         address = str(event.assoc.requestor.address)
         known = [one for one in self.config.peer if one.speaks and one.title == calling]
         return next((one for one in known if is_at(one.host, address)), None)
 
     def _admit(self, event: evt.Event) -> None:
         """Refuse who calls by another name, or is no known peer at this address; take scans from senders only."""
-        calling, called = titles(event)
+        calling, called = titles(event.assoc)
         peer = self._peer_of(event)
         diagnostic, reason = 0, ""
         if called not in self.config.titles:
@@ -183,27 +179,34 @@ class Receiver:
             event.assoc.acse.send_reject(PERMANENT, BY_USER, diagnostic)
             event.assoc.kill()
 
-    def _take(self, event: evt.Event) -> int:
-        request = cast(C_STORE, event.request)
-        received_bytes(event.assoc, begin_again=True)
-        calling, called = titles(event)
-        sop_uid = str(request.AffectedSOPInstanceUID)
+    def begin(self, request: Request) -> Spool:
+        """Return the file to write an instance to."""
+        return Spool(self._store.incoming, request.sop_class, request.sop_uid, request.syntax)
+
+    def end(self, association: Association, request: Request, spool: Spool) -> int:
+        """Have an instance kept; return the status that its sender is told."""
+        calling, called = titles(association)
         try:
-            facts = self._facts(cast(Spool, request._dataset_file), sop_uid, str(request.AffectedSOPClassUID))
+            facts = self._facts(request, spool)
         except RefusedInstanceError as error:
-            event.dataset_path.unlink(missing_ok=True)
+            spool.remove()
             status = error.status
             self._log.tell(
-                "refused", status=f"{status:04X}", reason=str(error), sop_instance=sop_uid, calling=calling
+                "refused", status=f"{status:04X}", reason=str(error), sop_instance=request.sop_uid, calling=calling
             )
             return int(status)
-        arrival = Arrival(facts, event.dataset_path, calling, called)
+        spool.keep()
+        arrival = Arrival(facts, spool.path, calling, called)
         status = self._store.take(arrival)
         if status is Status.SUCCESS:
-            self._note(event, arrival)
+            self._note(association, arrival)
         return int(status)
 
-    def _facts(self, spool: Spool, sop_uid: str, sop_class: str) -> Facts:
+    def cut_off(self, association: Association) -> None:
+        """Tell of a peer that sent half an instance."""
+        self._tell_cut_off(association, "an instance was begun and never sent whole")
+
+    def _facts(self, request: Request, spool: Spool) -> Facts:
         """Return who an instance is, once its content is on the disk; raises `RefusedInstanceError`."""
         if not self._store.has_room():
             least = self.config.limits.least_free_mib
@@ -213,38 +216,39 @@ class Receiver:
         except OSError as error:
             raise RefusedInstanceError(Status.NO_ROOM, f"it cannot be written: {error.strerror}") from error
         try:
-            facts = read_facts(Path(spool.name))
+            facts = read_facts(spool.path, spool.sha256)
         except (InputError, OSError) as error:
             raise RefusedInstanceError(Status.NOT_UNDERSTOOD, str(error)) from error
-        if (facts.sop_uid, facts.sop_class) != (sop_uid, sop_class):
+        if (facts.sop_uid, facts.sop_class) != (request.sop_uid, request.sop_class):
             raise RefusedInstanceError(Status.NO_MATCH, f"it holds instance {facts.sop_uid} of {facts.sop_class}")
         return facts
 
-    def _note(self, event: evt.Event, arrival: Arrival) -> None:
+    def _note(self, association: Association, arrival: Arrival) -> None:
         facts = arrival.facts
-        moved = self._moved[event.assoc].setdefault(facts.study_uid, Transfer(facts.study_uid))
+        moved = self._moved[association].setdefault(facts.study_uid, Transfer(facts.study_uid))
         if not moved.hashes and self.config.names_in_logs:
             self._log.tell("study", study=facts.study_uid, patient=facts.patient_name)
         moved.add(facts.sop_class, facts.sha256)
 
     def _gone(self, event: evt.Event) -> None:
-        """Remove a part of an instance that was never sent whole; tell what was received."""
-        message = event.assoc.dimse.message
-        if message is not None and isinstance(message._data_set_path, Path):
-            if message._data_set_file is not None:
-                message._data_set_file.close()
-            message._data_set_path.unlink(missing_ok=True)
-        if event.assoc.requestor.primitive is None:
-            give_up_waiting(event.assoc)
-        calling, called = titles(event)
-        address = str(event.assoc.requestor.address)
-        if message is not None and received_bytes(event.assoc):
-            self._log.tell("cut off", calling=calling, reason="a message was begun and never sent whole")
-        for moved in self._moved.pop(event.assoc, {}).values():
+        """Tell what was received on an association, or why it was none."""
+        association = event.assoc
+        if association.requestor.primitive is None:
+            self._tell_cut_off(association, "no association was asked for")
+            give_up_waiting(association)
+        elif association.dul.idle_timer_expired():
+            self._tell_cut_off(association, f"nothing came for {self.config.limits.silent_s:g} s")
+        calling, called = titles(association)
+        address = str(association.requestor.address)
+        for moved in self._moved.pop(association, {}).values():
             self._log.tell(
                 "received", study=moved.study_uid, instances=len(moved.hashes), calling=calling, called=called
             )
             self._audit.transferred(moved, source=calling, destination=self.config.titles[0], peer_address=address)
+
+    def _tell_cut_off(self, association: Association, reason: str) -> None:
+        address = str(association.requestor.address)
+        self._log.tell("cut off", calling=titles(association)[0], address=address, reason=reason)
 
 
 def is_at(host: str, address: str) -> bool:

@@ -77,7 +77,7 @@ class Services:
         request: Any = event.request
         uid, told = str(request.AffectedSOPInstanceUID), event.attribute_list
         with Index(self._config.data) as index:
-            status = begin_step(index, uid, titles(event)[0], told, time.time())
+            status = begin_step(index, uid, titles(event.assoc)[0], told, time.time())
         if status != SUCCESS:
             self._refused(event, status, "the step is known already, or is none that is in progress")
             return status, None
@@ -88,7 +88,7 @@ class Services:
     def change_step(self, event: evt.Event) -> Answer:
         """Note what became of a procedure step."""
         request: Any = event.request
-        uid, calling = str(request.RequestedSOPInstanceUID), titles(event)[0]
+        uid, calling = str(request.RequestedSOPInstanceUID), titles(event.assoc)[0]
         with Index(self._config.data) as index:
             status, counts = change_step(index, uid, calling, event.modification_list, time.time())
         if status != SUCCESS:
@@ -98,5 +98,5 @@ class Services:
         return SUCCESS, Dataset()
 
     def _refused(self, event: evt.Event, status: int, reason: str) -> int:
-        self._log.tell("refused", status=f"{status:04X}", reason=reason, calling=titles(event)[0])
+        self._log.tell("refused", status=f"{status:04X}", reason=reason, calling=titles(event.assoc)[0])
         return status

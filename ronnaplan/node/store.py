@@ -82,7 +82,7 @@ class Store:
         self._thread.start()
 
     def stop(self) -> None:
-        """Finish what waits."""
+        """Finish what waits; what comes later is refused."""
         self._waiting.put(None)
         if self._thread is not None:
             self._thread.join()
@@ -90,7 +90,12 @@ class Store:
     def take(self, arrival: Arrival) -> Status:
         """Wait until ``arrival`` is safe, or refused."""
         self._waiting.put(arrival)
-        return arrival.answer.result()
+        while True:
+            try:
+                return arrival.answer.result(IDLE_S)
+            except TimeoutError:
+                if self._thread is None or not self._thread.is_alive():
+                    return self._refused(arrival, "the node ends")
 
     def _take_groups(self) -> None:
         with Index(self.folder) as index:
@@ -106,9 +111,8 @@ class Store:
                 except (
                     Exception
                 ) as error:  # a full disk, a locked or damaged index: told to every sender of the group
-                    told = [self._refused([one], error) for one in arrivals]
+                    told = [self._refused(one, error) for one in arrivals]
                 for arrival, status in zip(arrivals, told, strict=True):
-                    arrival.path.unlink(missing_ok=True)
                     arrival.answer.set_result(status)
                 if len(arrivals) < len(group):
                     return
@@ -135,16 +139,23 @@ class Store:
                 moves.append((one.path, entries[-1][1]))
             elif known[sop_uid] != sha256:
                 moves.append((one.path, self.folder / ASIDE / f"{sop_uid}.{sha256[:16]}.dcm"))
+            else:
+                one.path.unlink()
             told.append(Status.SUCCESS if is_new or known[sop_uid] == sha256 else Status.DUPLICATE)
-        self._move(moves)
         now = time.time()
-        with index.transaction():
-            for one, place in entries:
-                path = place.relative_to(self.folder).as_posix()
-                index.add(one.facts, path, one.calling, one.called, now)
-            for one, status in zip(arrivals, told, strict=True):
-                if status is Status.DUPLICATE:
-                    self._keep_aside(index, one, now)
+        try:
+            self._move(moves)
+            with index.transaction():
+                for one, place in entries:
+                    path = place.relative_to(self.folder).as_posix()
+                    index.add(one.facts, path, one.calling, one.called, now)
+                for one, status in zip(arrivals, told, strict=True):
+                    if status is Status.DUPLICATE:
+                        self._keep_aside(index, one, now)
+        except BaseException:
+            for _, place in entries:  # no row names it: it may not stay
+                place.unlink(missing_ok=True)
+            raise
         return told
 
     def _place(self, facts: Facts) -> Path:
@@ -181,10 +192,9 @@ class Store:
             file=name,
         )
 
-    def _refused(self, arrivals: list[Arrival], error: Exception) -> Status:
-        for one in arrivals:
-            one.path.unlink(missing_ok=True)
-            self._log.tell("refused", status="A700", reason=f"cannot be kept: {error}", calling=one.calling)
+    def _refused(self, one: Arrival, reason: object) -> Status:
+        one.path.unlink(missing_ok=True)
+        self._log.tell("refused", status="A700", reason=f"cannot be kept: {reason}", calling=one.calling)
         return Status.NO_ROOM
 
     def _clear_unacknowledged(self) -> None:

@@ -9,6 +9,7 @@ import ssl
 import time
 import weakref
 from collections.abc import Callable
+from contextlib import suppress
 from socketserver import BaseServer
 from typing import Any
 
@@ -19,6 +20,7 @@ from pynetdicom.events import EventHandlerType
 from pynetdicom.presentation import PresentationContext
 from pynetdicom.transport import AssociationSocket, RequestHandler, ThreadedAssociationServer
 
+from ronnaplan.node.storing import Storage, Storing
 from ronnaplan.node.waking import LONGEST_SLEEP_S, Bell, let_sleep
 
 LARGEST_PDU = 128 << 10
@@ -28,18 +30,8 @@ LARGEST_REQUEST = 1 << 20
 PENDING_PER_ASSOCIATION = 2
 """Connections open at one time for each association that may be: those above the limit are told so."""
 COLLECT_S = 60.0
-_BLOCK = 64 << 10
-
-
-def received_bytes(association: Association, *, begin_again: bool = False) -> int:
-    """Return how much came since the last whole message; count anew if asked to."""
-    connection = association.dul.socket
-    if not isinstance(connection, BoundedSocket):
-        return 0
-    count = connection.received
-    if begin_again:
-        connection.received = 0
-    return count
+_BEYOND = 4096
+"""Room for the next PDU's beginning behind a whole one."""
 
 
 def give_up_waiting(association: Association) -> None:
@@ -48,9 +40,9 @@ def give_up_waiting(association: Association) -> None:
     requests.put(None)  # what a wait that ended in vain returns
 
 
-def titles(event: evt.Event) -> tuple[str, str]:
+def titles(association: Association) -> tuple[str, str]:
     """Return the calling and the called title of an association; nothing for what never became one."""
-    request = event.assoc.requestor.primitive
+    request = association.requestor.primitive
     if request is None:
         return "", ""
     return str(request.calling_ae_title).strip(), str(request.called_ae_title).strip()
@@ -65,7 +57,7 @@ def quieten() -> None:
 
 
 class BoundedSocket(AssociationSocket):
-    """Reads whole PDUs, of a bounded size, within a bounded time."""
+    """Reads whole PDUs, of a bounded size, within a bounded time; as much at once as there is."""
 
     silent_s: float
     most_bytes: int
@@ -73,13 +65,18 @@ class BoundedSocket(AssociationSocket):
     received: int = 0
     """Bytes since the last whole message."""
 
+    def __init__(self, association: Association, client_socket: socket.socket) -> None:
+        super().__init__(association, client_socket=client_socket)
+        self._buffer = bytearray(LARGEST_PDU + _BEYOND)
+        self._begin = self._end = 0  # of what was read and not taken yet
+
     @property
     def ready(self) -> bool:
         """Whether there is something to read; where there is nothing to do at all, after some waiting."""
         connection = self.socket
         if connection is None or not self._is_connected:
             return False
-        if isinstance(connection, ssl.SSLSocket) and connection.pending():
+        if self._begin < self._end or (isinstance(connection, ssl.SSLSocket) and connection.pending()):
             return True
         try:
             return self.bell.wait(connection, LONGEST_SLEEP_S if self.event_queue.empty() else 0.0)
@@ -87,23 +84,43 @@ class BoundedSocket(AssociationSocket):
             self.event_queue.put("Evt17")
             return False
 
-    def recv(self, nr_bytes: int) -> bytearray:
-        """Read ``nr_bytes``, fewer where the peer ends; raises OSError for too many or too slow ones."""
-        self.received += nr_bytes
-        if nr_bytes > LARGEST_REQUEST or self.received > self.most_bytes:
+    def peek(self, count: int) -> memoryview:
+        """See `Connection`."""
+        if self._fill(count) < count:
+            raise ConnectionError("the peer ended amid a PDU")
+        return memoryview(self._buffer)[self._begin : self._begin + count]
+
+    def take(self, count: int) -> memoryview:
+        """See `Connection`."""
+        self.received += count
+        if count > LARGEST_REQUEST or self.received > self.most_bytes:
             raise OSError("the peer sends more than it may")
-        content = bytearray(nr_bytes)
-        view, done, last = memoryview(content), 0, time.monotonic() + self.silent_s
-        connection = self.socket
-        while done < nr_bytes and connection is not None:
-            connection.settimeout(max(last - time.monotonic(), 0.01))
-            count = connection.recv_into(view[done : done + _BLOCK])
-            if count == 0:
+        found = self.peek(count)
+        self._begin += count
+        return found
+
+    def recv(self, nr_bytes: int) -> bytearray:
+        """Read ``nr_bytes`` for pynetdicom, fewer where the peer ends; raises OSError for too many or too slow ones."""
+        with suppress(ConnectionError):
+            return bytearray(self.take(nr_bytes))
+        return bytearray()
+
+    def _fill(self, count: int) -> int:
+        """Wait for ``count`` bytes; return how many there are."""
+        if self._begin + count > len(self._buffer) or self._begin == self._end:
+            left = bytes(memoryview(self._buffer)[self._begin : self._end])
+            if count > len(self._buffer):
+                self._buffer = bytearray(count)
+            self._buffer[: len(left)] = left
+            self._begin, self._end = 0, len(left)
+        last = time.monotonic() + self.silent_s
+        while self._end - self._begin < count and self.socket is not None:
+            self.socket.settimeout(max(last - time.monotonic(), 0.01))
+            read = self.socket.recv_into(memoryview(self._buffer)[self._end :])
+            if read == 0:
                 break
-            done += count
-        view.release()
-        del content[done:]
-        return content
+            self._end += read
+        return self._end - self._begin
 
 
 class Handler(RequestHandler):
@@ -114,20 +131,24 @@ class Handler(RequestHandler):
     def _create_association(self) -> Association:
         association = super()._create_association()
         association.dul.event_queue.get_nowait()  # the first socket's "connected", which the second one tells, too
-        bounded = BoundedSocket(association, client_socket=self.request)
+        bounded = BoundedSocket(association, self.request)
         bounded.silent_s, bounded.most_bytes = self.server.silent_s, self.server.most_bytes
         bounded.bell = bell = Bell()
         let_sleep(association, bell)
+        association.dul.socket = bounded
+        if self.server.storage is not None:
+            storing = Storing(association, bounded, self.server.storage)
+            association.bind(evt.EVT_CONN_CLOSE, lambda _: storing.close())
         association.bind(evt.EVT_CONN_CLOSE, lambda _: bell.close())
         weakref.finalize(bounded, bell.close)  # where nothing tells that the connection was closed
-        association.dul.socket = bounded
         return association
 
 
 class Server(ThreadedAssociationServer):
     """Takes connections from allowed addresses, so many at a time; none is waited for.
 
-    ``refuse`` is told the address and the reason of each that is turned away.
+    ``refuse`` is told the address and the reason of each that is turned away. Instances go to ``storage`` where there
+    is one; pynetdicom's handlers get them otherwise.
     """
 
     daemon_threads = True
@@ -147,9 +168,10 @@ class Server(ThreadedAssociationServer):
         most_connections: int,
         silent_s: float,
         most_bytes: int,
+        storage: Storage | None = None,
     ) -> None:
         self._allowed, self._refuse, self._most = allowed, refuse, most_connections
-        self.silent_s, self.most_bytes = silent_s, most_bytes
+        self.silent_s, self.most_bytes, self.storage = silent_s, most_bytes, storage
         self._collect_due = 0.0
         self._begun: set[socket.socket] = set()  # connections that are no association yet
         super().__init__(entity, address, title, contexts, encrypted, evt_handlers, request_handler=Handler)

@@ -16,7 +16,7 @@ from typing import Any
 
 from pynetdicom.association import Association
 
-LONGEST_SLEEP_S = 0.05
+LONGEST_SLEEP_S = 0.25
 """After which a thread looks all the same: for timeouts, and for an end that nobody tells."""
 
 

@@ -142,7 +142,7 @@ def test_a_uid_that_is_no_file_name_is_refused(uid: bytes, tmp_path: Path) -> No
     padded = uid + b"\0" * (len(uid) % 2)
     path.write_bytes(path.read_bytes().replace(length + written, len(padded).to_bytes(2, "little") + padded))
     with pytest.raises(InputError, match="series UID is"):
-        read_facts(path)
+        read_facts(path, "")
 
 
 def test_only_known_senders_get_in_and_only_by_the_node_s_name(node: Listening, tmp_path: Path) -> None:
