@@ -5,8 +5,14 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ronnaplan.cli.case_options import rules, with_rules
+from ronnaplan.cli.output import warn
+
+if TYPE_CHECKING:
+    from ronnaplan.case.folder import Case
+    from ronnaplan.report.overview import View
 
 HELP = "Write the quality report of a case as one HTML page or a PDF."
 
@@ -19,6 +25,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ct", metavar="PATH", help="the scan (default: CASE/ct, or the images in CASE)")
     parser.add_argument("--series", metavar="UID", help="the series to use, where there are several")
     with_rules(parser)
+    parser.add_argument("--name", metavar="TEXT", help="what the case is called (default: as its folder)")
+    parser.add_argument(
+        "--paper", choices=("A4", "Letter"), default="A4", help="what it is printed on (default: %(default)s)"
+    )
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="report.html or report.pdf")
 
 
@@ -42,6 +52,22 @@ def run(arguments: argparse.Namespace) -> int:
         rules(arguments),
         arguments.no_go,
     )
-    html = quality_report(case)
-    write_atomically(arguments.output, html if kind == ".html" else print_pdf(html))
+    printed = kind == ".pdf"
+    name = Path(arguments.case).resolve().name if arguments.name is None else arguments.name
+    html = quality_report(case, name, _seen(case), turns=not printed, paper=arguments.paper)
+    write_atomically(arguments.output, print_pdf(html) if printed else html)
     return 0
+
+
+def _seen(case: Case) -> View | None:
+    """Return what there is to see of the case in 3-D; None without its scan, or where it cannot be made."""
+    from ronnaplan.errors import InputError
+    from ronnaplan.report.overview import view_of
+
+    if case.volume is None:
+        return None
+    try:
+        return view_of(case)
+    except InputError as error:
+        warn(f"the report shows no head in 3-D: {error}")
+        return None

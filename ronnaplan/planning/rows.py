@@ -9,7 +9,7 @@ import numpy as np
 from ronnaplan.planning.limits import Verdict
 from ronnaplan.planning.measures import Measures
 from ronnaplan.planning.placement import Placement
-from ronnaplan.planning.uncertainty import PathError
+from ronnaplan.planning.uncertainty import Basis, PathError
 
 Rows = list[tuple[str, str]]
 """What it is, and its value with the unit."""
@@ -63,18 +63,29 @@ def distance_rows(one: Measures) -> Rows:
 
 def error_rows(one: Measures) -> Rows:
     """Return the expected error that counts and, where there are two, the other one, each with what it rests on."""
-    return [row for error in (one.error, one.planned_error) if error is not None for row in _error(error)]
+    rows: Rows = []
+    for error in (one.error, one.planned_error):
+        if error is not None:
+            basis = error.expected.basis
+            rows.append((f"expected error, as {basis}, with", error.expected.rests_on))
+            rows += [(f"{what}, as {basis}", value) for what, value in error_values(error)]
+    return rows
 
 
-def _error(error: PathError) -> Rows:
-    basis = error.expected.basis
+def errors_by_basis(one: Measures) -> tuple[PathError | None, PathError | None]:
+    """Return the expected error as planned and as registered, None where there is none."""
+    found = {error.expected.basis: error for error in (one.error, one.planned_error) if error is not None}
+    return found.get(Basis.PLANNED), found.get(Basis.REGISTERED)
+
+
+def error_values(error: PathError) -> Rows:
+    """Return the expected error of a path."""
     return [
-        (f"expected error, as {basis}, with", error.expected.rests_on),
-        (f"at the entry, as {basis}", f"{error.entry_rms_mm:.2f} mm RMS"),
-        (f"at the target, as {basis}", f"{error.target_rms_mm:.2f} mm RMS"),
-        (f"of the angle, as {basis}", f"{error.angular_rms_deg:.2f} deg RMS"),
-        (f"radius of the 95 % tube, as {basis}", f"at most {error.tube_mm.max():.2f} mm"),
-        (f"chance to stay within {error.tolerance_mm:g} mm, as {basis}", f"{error.probability:.3f}"),
+        ("at the entry", f"{error.entry_rms_mm:.2f} mm RMS"),
+        ("at the target", f"{error.target_rms_mm:.2f} mm RMS"),
+        ("of the angle", f"{error.angular_rms_deg:.2f} deg RMS"),
+        ("radius of the 95 % tube", f"at most {error.tube_mm.max():.2f} mm"),
+        (f"chance to stay within {error.tolerance_mm:g} mm", f"{error.probability:.3f}"),
     ]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 from collections.abc import Iterable, Sequence
 from html import escape
 from urllib.parse import quote
@@ -10,29 +11,39 @@ from urllib.parse import quote
 STYLE = """
 body { font: 14px/1.45 system-ui, sans-serif; color: #1c2733; max-width: 62rem; margin: 2rem auto; padding: 0 1rem }
 h1 { font-size: 1.6rem; margin-bottom: 0 } h2 { margin-top: 2rem; border-bottom: 1px solid #c8d2dc }
-h3 { margin-bottom: .3rem }
+h3 { margin-bottom: .3rem } h1, h2, h3 { break-after: avoid }
 table { border-collapse: collapse; margin: .6rem 0; font-variant-numeric: tabular-nums }
 th, td { text-align: left; padding: .15rem .9rem .15rem 0; border-bottom: 1px solid #e4e9ee; vertical-align: top }
-th { font-weight: 600; color: #4a5a6a } td { overflow-wrap: anywhere }
+th { font-weight: 600; color: #4a5a6a } td.long { overflow-wrap: anywhere }
 figure { margin: .6rem 0 } figure img { max-width: 100% } figcaption { color: #4a5a6a }
 .warnings { background: #fff3e0; border-left: 5px solid #e07b00; padding: .4rem 1rem; margin: 1rem 0 }
 .clear { background: #eaf5ea; border-left: 5px solid #3d8b40; padding: .4rem 1rem; margin: 1rem 0 }
 .fail { color: #b3261e; font-weight: 600 } .note { color: #4a5a6a }
-@media print { body { margin: 0; max-width: none } section, figure, tr { break-inside: avoid } }
+@media print {
+  body { font-size: 9.5pt; margin: 0; max-width: none; padding: 0; print-color-adjust: exact }
+  h2 { margin-top: 1rem } figure, tr, .whole { break-inside: avoid } th, td { padding: .1rem .7rem .1rem 0 }
+}
 """
 
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
-"""Told to the browser: this page loads nothing and runs nothing."""
+"""Told to the browser: this page loads nothing, and runs nothing but what is named after it."""
+
+LONGEST_WORD = 30
+"""A word that is longer (a UID, a hash) may be broken anywhere, no other: a number stays whole."""
 
 
-def page(title: str, body: Iterable[str]) -> str:
-    """Return a whole document that needs no other file."""
+def page(title: str, body: Iterable[str], *, style: str = "", script: str = "") -> str:
+    """Return a whole document that needs no other file; ``script`` is the only one that its browser runs."""
+    hashed = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    policy, run = (
+        (f"{POLICY}; script-src 'sha256-{hashed}'", f"<script>{script}</script>") if script else (POLICY, "")
+    )
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
-        f"<title>{escape(title)}</title><style>{STYLE}</style></head>\n<body>\n"
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
+        f"<title>{escape(title)}</title><style>{STYLE}{style}</style></head>\n<body>\n"
         + "\n".join(body)
-        + "\n</body></html>\n"
+        + f"\n{run}</body></html>\n"
     )
 
 
@@ -55,7 +66,7 @@ def box(css: str, heading: str, items: Sequence[str]) -> str:
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a table of texts; without a header its first column names the rows."""
-    top = f"<tr>{''.join(element('th', cell) for cell in header)}</tr>" if header else ""
+    top = f"<thead><tr>{''.join(element('th', cell) for cell in header)}</tr></thead>" if header else ""
     first = "td" if header else "th"
     body = "".join(
         f"<tr>{element(first, row[0])}{''.join(element('td', cell, _css(cell)) for cell in row[1:])}</tr>"
@@ -82,4 +93,6 @@ def picture(png: bytes, caption: str) -> str:
 
 
 def _css(cell: str) -> str:
-    return "fail" if cell == "FAIL" else ""
+    if cell.startswith(("FAIL", "not judged")):
+        return "fail"
+    return "long" if max(map(len, cell.split()), default=0) > LONGEST_WORD else ""

@@ -20,6 +20,10 @@ AGREEMENT_MM = 0.05
 """A marker that is found again farther than this from where its document says it is raises a warning."""
 
 
+LETTERS_PT = 14
+"""On paper a picture is little more than half as large."""
+
+
 @dataclass(frozen=True, eq=False)
 class MarkerPicture:
     """A PNG of three cuts with residuals, and how far (mm) the marker was found from its stated center."""
@@ -58,6 +62,6 @@ def _picture(scan: Scan, marker: FiducialEntry, build: Build) -> MarkerPicture:
     for column, cut in enumerate(CUTS):
         data, residual = (figure.add_subplot(grid[0, 2 * column + n]) for n in (0, 1))
         draw_cut(data, residual, scan.volume, candidate, cut)
-        data.set_title(cut, fontsize=8)
-        residual.set_title("residual", fontsize=8)
+        data.set_title(cut, fontsize=LETTERS_PT)
+        residual.set_title("residual", fontsize=LETTERS_PT)
     return MarkerPicture(marker.label, png(figure), float(np.linalg.norm(fit.center_mm - stated)))

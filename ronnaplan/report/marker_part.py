@@ -12,7 +12,9 @@ from ronnaplan.report.marker_cuts import marker_pictures
 from ronnaplan.report.part import Part
 
 HEADER = ("", "x", "y", "z (LPS mm)", "s.e. x", "s.e. y", "s.e. z (um)", "diameter mm", "contrast HU", "flags")
-CAPTION = "cuts through the center with the fitted outline, and data less model at a tenth of the contrast"
+CAPTION = (
+    "Cuts through each center with the fitted outline; beside each, data less model at a tenth of the contrast."
+)
 
 
 def markers_part(case: Case) -> Part:
@@ -29,7 +31,8 @@ def markers_part(case: Case) -> Part:
         pictures = marker_pictures(case.volume, case.fiducials)
     except RonnaplanError as error:
         return Part("Markers", body, [*warnings, f"the markers could not be drawn: {error}"])
-    body += [picture(one.png, f"{one.label}: {CAPTION}") for one in pictures]
+    if pictures:
+        body += [element("p", CAPTION, "note"), *(picture(one.png, one.label) for one in pictures)]
     warnings += [
         f"marker {one.label} was found again {one.apart_mm:.2f} mm from its stated center; localize again"
         for one in pictures

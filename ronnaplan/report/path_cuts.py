@@ -1,4 +1,4 @@
-"""Two cuts that contain a trajectory, at right angles to each other, and the HU along it."""
+"""Two cuts that contain a trajectory, at right angles to each other, and the HU along it, at one scale of depth."""
 
 from __future__ import annotations
 
@@ -16,7 +16,19 @@ if TYPE_CHECKING:
 
 PIXEL_MM = 0.5
 REACH_MM = 30.0
-"""To each side of the path, and beyond its ends."""
+"""To each side of the path."""
+
+BEYOND_MM = 15.0
+"""Beyond the path's ends."""
+
+WIDTH_IN, PROFILE_IN, HIGHEST_IN = 9.6, 2.4, 3.9
+"""Of the whole picture, of its profile at least, and the height of a cut at most."""
+
+LEFT_IN, RIGHT_IN, BELOW_IN, ABOVE_IN, GAP_IN = 0.8, 1.0, 0.65, 0.1, 0.15
+"""What stands beside the panes has so much room."""
+
+LETTERS_PT = 12
+"""On paper the picture is three quarters as large."""
 
 
 def path_picture(volume: CTVolume, measured: Measures) -> bytes:
@@ -24,15 +36,27 @@ def path_picture(volume: CTVolume, measured: Measures) -> bytes:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(11.0, 3.4), dpi=80, layout="constrained")
+    path = measured.trajectory
+    deepest = path.length_mm + BEYOND_MM
+    ratio = (deepest + BEYOND_MM) / (2 * REACH_MM)
+    room_in = WIDTH_IN - LEFT_IN - RIGHT_IN - 2 * GAP_IN
+    across_in = min((room_in - PROFILE_IN) / 2, HIGHEST_IN / ratio)
+    down_in = across_in * ratio
+    high_in = down_in + BELOW_IN + ABOVE_IN
+    figure = Figure(figsize=(WIDTH_IN, high_in), dpi=110)
     FigureCanvasAgg(figure)
-    cuts = figure.subplots(1, 3)
-    for axes, sideways in zip(cuts, sideways_axes(measured.trajectory), strict=False):
-        _draw_cut(axes, volume, measured.trajectory, sideways)
-    profile = cuts[2]
-    profile.plot(measured.profile_mm, measured.profile_hu, color=measured.trajectory.colour)
-    profile.set_xlabel("depth, mm")
-    profile.set_ylabel("HU along the path")
+    panes, left_in = [], LEFT_IN
+    for wide_in in (across_in, across_in, room_in - 2 * across_in):
+        place = (left_in / WIDTH_IN, BELOW_IN / high_in, wide_in / WIDTH_IN, down_in / high_in)
+        panes.append(figure.add_axes(place))
+        left_in += wide_in + GAP_IN
+    for axes, sideways in zip(panes, sideways_axes(path), strict=False):
+        _draw_cut(axes, volume, path, sideways)
+    panes[0].set_ylabel("depth, mm", fontsize=LETTERS_PT)
+    _draw_profile(panes[2], measured)
+    for axes in panes:
+        axes.tick_params(labelsize=LETTERS_PT, labelleft=axes is panes[0])
+        axes.set_ylim(deepest, -BEYOND_MM)
     return png(figure)
 
 
@@ -47,7 +71,7 @@ def path_cut(volume: CTVolume, trajectory: Trajectory, sideways: FloatArray) -> 
     """Sample the plane of the path and ``sideways`` (3,), in HU: rows along the path, columns across it."""
     from scipy.ndimage import map_coordinates
 
-    along = np.arange(-REACH_MM, trajectory.length_mm + REACH_MM, PIXEL_MM)
+    along = np.arange(-BEYOND_MM, trajectory.length_mm + BEYOND_MM, PIXEL_MM)
     across = np.arange(-REACH_MM, REACH_MM + PIXEL_MM / 2, PIXEL_MM)
     places = trajectory.at_depth(along)[:, np.newaxis] + across[:, np.newaxis] * sideways
     indices = np.moveaxis(volume.grid.indices(places), -1, 0)
@@ -58,9 +82,21 @@ def path_cut(volume: CTVolume, trajectory: Trajectory, sideways: FloatArray) -> 
 def _draw_cut(axes: Axes, volume: CTVolume, trajectory: Trajectory, sideways: FloatArray) -> None:
     image = path_cut(volume, trajectory, sideways)
     low, high = WINDOW_HU
-    extent = (-REACH_MM, REACH_MM, trajectory.length_mm + REACH_MM, -REACH_MM)
+    extent = (-REACH_MM, REACH_MM, trajectory.length_mm + BEYOND_MM, -BEYOND_MM)
     axes.imshow(image, cmap="gray", vmin=low, vmax=high, extent=extent)
     for side in (-trajectory.instrument.radius_mm, trajectory.instrument.radius_mm):
         axes.plot([side, side], [0, trajectory.length_mm], color=trajectory.colour, linewidth=1.0)
-    axes.set_xlabel("across, mm")
-    axes.set_ylabel("depth, mm")
+    axes.set_xlabel("across, mm", fontsize=LETTERS_PT)
+
+
+def _draw_profile(axes: Axes, measured: Measures) -> None:
+    """Draw the HU along the path, and where it crosses scalp and skull."""
+    axes.plot(measured.profile_hu, measured.profile_mm, color=measured.trajectory.colour, linewidth=1.8)
+    axes.set_xlabel("HU along the path", fontsize=LETTERS_PT)
+    axes.grid(color="#e4e9ee")
+    crossings = measured.crossings
+    surfaces = {"scalp": crossings.scalp, "outer table": crossings.outer, "inner table": crossings.inner}
+    found = {name: measured.length_mm - one.reach_mm for name, one in surfaces.items() if one is not None}
+    for depth in found.values():
+        axes.axhline(depth, color="#7a8b99", linewidth=0.8, linestyle=":")
+    axes.secondary_yaxis("right").set_yticks(list(found.values()), list(found), fontsize=LETTERS_PT - 2)

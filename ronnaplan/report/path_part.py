@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ronnaplan.case.folder import Case
+from ronnaplan.ct import CTVolume
 from ronnaplan.documents.plan_measures import measures_document
 from ronnaplan.planning import Measures, Trajectory, Verdict
 from ronnaplan.planning.rows import (
     Rows,
     distance_rows,
-    error_rows,
+    error_values,
+    errors_by_basis,
     place,
     shape_rows,
     value_and_limit,
@@ -18,7 +22,18 @@ from ronnaplan.report.html import element, picture, table, unseen
 from ronnaplan.report.part import Part
 from ronnaplan.report.path_cuts import path_picture
 
+STYLE = """
+.beside { display: flex; flex-wrap: wrap; gap: 0 2.5rem; align-items: start } .beside p { max-width: 26rem }
+@media print {
+  .path { font-size: 8.5pt } .path + .measured, h2:has(+ .measured) { break-before: page }
+  .beside { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: 0 1.5rem }
+  .path th, .path td { padding: 0 .6rem 0 0 }
+}
+"""
+
 TITLE = "Trajectories"
+ENDS = ("", "entry LPS mm", "target LPS mm", "length mm")
+ERRORS = ("expected error", "as planned", "as registered")
 VERDICTS = ("held against limits", "value", "limit", "", "verdict", "")
 
 
@@ -27,28 +42,49 @@ def paths_part(case: Case) -> Part:
     if case.plan is None or not case.plan.trajectories:
         return Part(TITLE)
     if case.volume is None:
-        return Part(
-            TITLE, [table(("", "entry LPS mm", "target LPS mm", "length mm"), map(_ends, case.plan.trajectories))]
-        )
-    around = case.surroundings
-    part = Part(TITLE, warnings=list(around.doubts))
-    judgements = around.judge_all(case.plan)
+        return Part(TITLE, [table(ENDS, map(_ends, case.plan.trajectories))])
+    part = Part(TITLE, warnings=list(case.surroundings.doubts))
+    judgements = case.surroundings.judge_all(case.plan)
     for trajectory, judged in zip(case.plan.trajectories, judgements, strict=True):
-        part.body.append(element("h3", trajectory.name))
+        body, look = [element("h3", trajectory.name)], "path"
         if judged.problem:
             part.warnings.append(f"trajectory {trajectory.name} could not be judged: {judged.problem}")
+            body.append(element("p", f"could not be judged: {judged.problem}", "fail"))
         if judged.measures is None:
-            continue
-        drawn = path_picture(case.volume, judged.measures)
-        part.body.append(picture(drawn, f"{trajectory.name}: two cuts along the path"))
-        part.body.append(table([], _measures(judged.measures)))
-        part.body.append(table(VERDICTS, map(_verdict, judged.verdicts)))
-        part.warnings.extend(f"trajectory {trajectory.name}: {doubt}" for doubt in judged.measures.doubts)
+            body.append(table(ENDS, [_ends(trajectory)]))
+        else:
+            look = "path measured"
+            body += _measured(case.volume, judged.measures, judged.verdicts)
+            part.warnings.extend(f"trajectory {trajectory.name}: {doubt}" for doubt in judged.measures.doubts)
         part.warnings.extend(map(_fault, judged.broken))
+        part.body.append(f'<div class="{look}">{"".join(body)}</div>')
     measured = [judged.measures for judged in judgements if judged.measures is not None]
     verdicts = [verdict for judged in judgements for verdict in judged.verdicts]
     part.body.append(unseen("measures", measures_document(case.plan, measured, verdicts)))
     return part
+
+
+def _measured(volume: CTVolume, one: Measures, verdicts: Sequence[Verdict]) -> list[str]:
+    """Return the picture, and the tables of what was measured and judged; broken limits stand first."""
+    name = one.trajectory.name
+    drawn = picture(path_picture(volume, one), f"{name}: two cuts along the path, at right angles; HU along it")
+    judged = sorted(verdicts, key=lambda verdict: verdict.passes)
+    distances = [] if verdicts else distance_rows(one)  # every verdict tells its distance
+    beside = table([], [*_path(one.trajectory), *shape_rows(one), *distances]) + _errors(one)
+    tables = [table(VERDICTS, map(_verdict, judged))] if judged else []
+    return [drawn, f'<div class="beside">{beside}</div>', *tables]
+
+
+def _errors(one: Measures) -> str:
+    """Return the expected error as planned and as registered beside each other."""
+    found = errors_by_basis(one)
+    columns = [dict(error_values(error)) if error else {} for error in found]
+    if not any(columns):
+        return ""
+    names = dict.fromkeys(name for column in columns for name in column)
+    rows = [(name, *(column.get(name, "-") for column in columns)) for name in names]
+    resting = "; ".join(f"as {error.expected.basis}: {error.expected.rests_on}" for error in found if error)
+    return f"<div>{table(ERRORS, rows)}{element('p', resting, 'note')}</div>"
 
 
 def _ends(trajectory: Trajectory) -> list[str]:
@@ -60,17 +96,14 @@ def _ends(trajectory: Trajectory) -> list[str]:
     ]
 
 
-def _measures(one: Measures) -> Rows:
-    path = one.trajectory
-    rows = [
+def _path(path: Trajectory) -> Rows:
+    instrument = f"{path.instrument.name}, {path.instrument.diameter_mm:g} x {path.instrument.length_mm:g} mm"
+    return [
         ("entry, LPS mm", place(path.entry_mm)),
         ("target, LPS mm", place(path.target_mm)),
-        (
-            "instrument",
-            f"{path.instrument.name}, {path.instrument.diameter_mm:g} x {path.instrument.length_mm:g} mm",
-        ),
+        ("instrument", instrument),
+        *([("notes", path.notes)] if path.notes else []),
     ]
-    return [*rows, *shape_rows(one), *distance_rows(one), *error_rows(one)]
 
 
 def _verdict(one: Verdict) -> list[str]:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
+from typing import Final, Literal
 
 from ronnaplan import __version__
 from ronnaplan.case.folder import Case
+from ronnaplan.report import overview, path_part
 from ronnaplan.report.html import box, element, page, section, table
 from ronnaplan.report.marker_part import markers_part
+from ronnaplan.report.overview import View, overview_part
 from ronnaplan.report.part import Part
 from ronnaplan.report.path_part import paths_part
 from ronnaplan.report.registration_part import registration_part
@@ -15,19 +18,42 @@ from ronnaplan.report.scan_part import scan_part
 
 NOTICE = "Research software, not a medical device."
 
+Paper = Literal["A4", "Letter"]
+PAPERS: Final[tuple[Paper, ...]] = ("A4", "Letter")
 
-def quality_report(case: Case) -> str:
-    """Return the report as one HTML page: warnings first, then scan, markers, trajectories, registration."""
-    parts = [scan_part(case), markers_part(case), paths_part(case), registration_part(case)]
+SIGNERS = ("planned by", "checked by")
+SIGNATURE = ("", "name", "date", "signature")
+STYLE = ".signatures td, .signatures th { height: 2.6rem; min-width: 9rem; vertical-align: bottom }"
+
+
+def quality_report(
+    case: Case, name: str = "", seen: View | None = None, *, turns: bool = True, paper: Paper = "A4"
+) -> str:
+    """Return the report as one HTML page: warnings and overview first, then scan, markers, trajectories, registration.
+
+    ``name`` is what the case is called. ``seen`` is its head in 3-D, which can be turned where the page ``turns`` it;
+    printed, its pages are ``paper``.
+    """
+    parts = [
+        overview_part(case, seen, turns=turns),
+        scan_part(case),
+        markers_part(case),
+        paths_part(case),
+        registration_part(case),
+    ]
+    title, made = (f"Quality report: {name}" if name else "Quality report"), f"ronnaplan {__version__}, {_now()}"
     return page(
-        "Quality report",
+        title,
         [
-            element("h1", "Quality report"),
-            element("p", f"ronnaplan {__version__}, {_now()}. {NOTICE}", "note"),
+            element("h1", title),
+            element("p", f"{made}. {NOTICE}", "note"),
             _warnings(parts),
             *(section(part.title, part.body) for part in parts if part.body),
             section("Inputs", [table(["input", "SHA-256"], case.hashes)]),
+            _signatures(),
         ],
+        style="".join((_sheet(paper, f"{title}, {made}. {NOTICE}"), STYLE, overview.STYLE, path_part.STYLE)),
+        script=overview.script(seen) if turns else "",
     )
 
 
@@ -37,6 +63,22 @@ def _warnings(parts: list[Part]) -> str:
         return box("clear", "No warnings.", [])
     count = "1 warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
     return box("warnings", count, warnings)
+
+
+def _signatures() -> str:
+    rows = [(who, "", "", "") for who in SIGNERS]
+    return f'<div class="signatures whole">{element("h2", "Signatures")}{table(SIGNATURE, rows)}</div>'
+
+
+def _sheet(paper: Paper, footer: str) -> str:
+    """Return the style of printed pages: their size, and at the foot of each what it belongs to and its number."""
+    told = "".join(letter if letter.isalnum() else f"\\{ord(letter):06x}" for letter in footer)
+    look = "font: 8pt system-ui, sans-serif; color: #4a5a6a"
+    left, right = f'content: "{told}"', 'content: "page " counter(page) " of " counter(pages)'
+    return (
+        f"@page {{ size: {paper}; margin: 14mm 15mm 18mm; "
+        f"@bottom-left {{ {left}; {look}; width: 85% }} @bottom-right {{ {right}; {look} }} }}"
+    )
 
 
 def _now() -> str:

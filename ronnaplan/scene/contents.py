@@ -5,18 +5,22 @@ from __future__ import annotations
 import numpy as np
 
 from ronnaplan.case.folder import Case
+from ronnaplan.ct import CTVolume
 from ronnaplan.errors import InputError
+from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.scene import things
-from ronnaplan.scene.field import Field, of_mask
-from ronnaplan.scene.surfaces import REGION, surfaces
+from ronnaplan.scene.field import Field, bounds_mm, of_mask
+from ronnaplan.scene.surfaces import MOST_TRIANGLES, REGION, surfaces
 from ronnaplan.scene.things import Thing
 
-OPACITY = {"skull": 0.5, "skin": 0.4}
+OPACITY = {"skull": 0.3, "skin": 0.2}
 """So that trajectories are seen through the head."""
 
 
-def things_of(case: Case) -> list[Thing]:
+def things_of(case: Case, most_triangles: int = MOST_TRIANGLES) -> list[Thing]:
     """Return markers, rejected candidates, trajectories and regions of a case, its skull and its skin last.
+
+    Skin, skull and each region have at most so many triangles.
 
     Raises `InputError` where there is nothing to show, and where pyvista is not installed.
     """
@@ -28,16 +32,29 @@ def things_of(case: Case) -> list[Thing]:
             shown.append(things.rejected([np.array(one.center) for one in case.fiducials.rejected]))
     plan = case.plan
     if plan is not None:
-        for path in plan:
+        for path in plan if case.volume is None else _beside(plan, case.volume):
             judged = case.surroundings.judge(path, plan).measures if case.volume is not None else None
             shown += things.path(path, judged)
     if case.volume is not None:
         for name, mask in case.no_go.items():
-            region = surfaces(of_mask(case.volume, mask), {name: REGION}, outside=0.0)
+            region = surfaces(
+                of_mask(case.volume, mask), {name: REGION}, outside=0.0, most_triangles=most_triangles
+            )
             shown.append(things.no_go(name, region[name]))
-        head = surfaces(Field.of(case.volume))
+        head = surfaces(Field.of(case.volume), most_triangles=most_triangles)
         shown += [things.skull(head["skull"], OPACITY["skull"]), things.skin(head["skin"], OPACITY["skin"])]
     whole = [one for one in shown if len(one.body.triangles)]
     if not whole:
         raise InputError("the case holds nothing to show; give its scan with --ct")
     return whole
+
+
+def _beside(plan: Plan, volume: CTVolume) -> list[Trajectory]:
+    """Return the trajectories that lie in the scan or near it: among others nothing would be seen of the head."""
+    low, high = bounds_mm(volume)
+    reach = high - low
+    return [
+        one
+        for one in plan
+        if all(((end > low - reach) & (end < high + reach)).all() for end in (one.entry_mm, one.target_mm))
+    ]

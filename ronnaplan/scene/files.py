@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from importlib.resources import files
 from typing import Any, Final
@@ -28,6 +28,8 @@ VERTICES, INDICES = 34962, 34963
 
 POLICY: Final = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
 """Told to the browser: this page loads nothing."""
+
+PAGE: Final = files("ronnaplan.scene") / "page"
 
 NOTICE: Final = "research software, not a medical device"
 
@@ -117,6 +119,18 @@ def vtp(things: Sequence[Thing]) -> bytes:
 
 def html(things: Sequence[Thing], title: str, still_png: bytes) -> bytes:
     """Return a page that shows the things in 3-D, and a still where the browser has no WebGL2; it loads nothing."""
+    pieces = {
+        "POLICY": POLICY,
+        "VIEW": view(things, title, still_png),
+        "TITLE": escape(title),
+        "NOTICE": NOTICE,
+        "VIEWER": viewer(),
+    }
+    return _filled("scene.html", pieces).encode()
+
+
+def view(things: Sequence[Thing], title: str, still_png: bytes) -> str:
+    """Return what stands in a page where things are seen: the still, the canvas for `viewer`, and the things."""
     low = np.min([one.body.vertices_mm.min(axis=0) for one in things], axis=0)
     high = np.max([one.body.vertices_mm.max(axis=0) for one in things], axis=0)
     scene = {
@@ -124,19 +138,24 @@ def html(things: Sequence[Thing], title: str, still_png: bytes) -> bytes:
         "size": (high - low).tolist(),
         "things": [packed(one) for one in things],
     }
-    page = files("ronnaplan.scene") / "page"
-    whole = (page / "scene.html").read_text(encoding="utf-8")
     pieces = {
-        "POLICY": POLICY,
         "TITLE": escape(title),
-        "NOTICE": NOTICE,
         "STILL": base64.b64encode(still_png).decode(),
         "SCENE": json.dumps(scene).replace("<", "\\u003c"),
-        "VIEWER": "".join((page / name).read_text(encoding="utf-8") for name in ("viewer.js", "export.js")),
     }
-    for name, piece in pieces.items():
-        whole = whole.replace(f"<!--{name}-->", piece)
-    return whole.encode()
+    return _filled("view.html", pieces)
+
+
+def viewer() -> str:
+    """Return the script of a page that holds a `view`."""
+    return "".join((PAGE / name).read_text(encoding="utf-8") for name in ("viewer.js", "export.js"))
+
+
+def _filled(name: str, pieces: Mapping[str, str]) -> str:
+    whole = (PAGE / name).read_text(encoding="utf-8")
+    for place, piece in pieces.items():
+        whole = whole.replace(f"<!--{place}-->", piece)
+    return whole
 
 
 def _material(one: Thing) -> dict[str, Any]:

@@ -180,11 +180,11 @@ def compare_with_report(case: RandomCase, said: dict[str, Any]) -> None:
     page = "\n".join(paths_part(read).body)
     assert held_by(page) == said
     for written in said["trajectories"]:
-        for error in (written["expected_error"], written["planned_error"]):
-            if error is not None:
-                rms, basis = error["tre_rms_mm"], error["basis"]
-                assert f"<th>at the entry, as {basis}</th><td>{rms[0]:.2f} mm RMS</td>" in page
-                assert f"<th>at the target, as {basis}</th><td>{rms[-1]:.2f} mm RMS</td>" in page
+        errors = {error["basis"]: error for key in ("expected_error", "planned_error") if (error := written[key])}
+        for end, number in (("entry", 0), ("target", -1)) if errors else ():
+            told_of = [errors.get(basis) for basis in ("planned", "registered")]
+            cells = [f"{error['tre_rms_mm'][number]:.2f} mm RMS" if error else "-" for error in told_of]
+            assert f"<td>at the {end}</td><td>{cells[0]}</td><td>{cells[1]}</td>" in page
     for verdict in said["verdicts"]:
         shown = re.findall(f"<td>{re.escape(verdict['measure'])}</td><td>([^<]*)</td><td>([^<]*)</td>", page)
         digits = {len(value.partition(".")[2]) for value, _ in shown}

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -15,9 +17,18 @@ from ronnaplan.case.folder import Case, CaseFiles, read_case
 from ronnaplan.documents.plan import write_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import FrameMismatchError, InputError
+from ronnaplan.planning import Limits
+from ronnaplan.report.html import STYLE, table
+from ronnaplan.report.overview import View
 from ronnaplan.report.pdf import find_browser, print_pdf
 from ronnaplan.report.quality import quality_report
+from ronnaplan.scene.shapes import ball
+from ronnaplan.scene.things import Thing
 from tests import cases
+
+A4_PT = (595.3, 841.9)
+
+SEEN = View([Thing("path left", ball([10.0, 20.0, 30.0], 5.0), np.array([1.0, 0.5, 0.0]))], b"still")
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +73,68 @@ def test_the_page_fetches_nothing(html: str) -> None:
     assert "http:" not in html
     assert "https:" not in html
     assert "<script" not in html
+    assert "script-src" not in html
+
+
+def test_the_head_is_turned_by_the_one_script_that_the_page_allows(case: Case) -> None:
+    page = quality_report(case, "case <7>", SEEN)
+    (run,) = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
+    (policy,) = re.findall(r'Content-Security-Policy" content="([^"]*)"', page)
+    assert f"script-src 'sha256-{base64.b64encode(hashlib.sha256(run.encode()).digest()).decode()}'" in policy
+    assert "http:" not in page
+    assert "https:" not in page
+    assert base64.b64encode(SEEN.still_png).decode() in page
+    (scene,) = re.findall(r'id="scene">(.*?)</script>', page, re.DOTALL)
+    assert [thing["name"] for thing in json.loads(scene)["things"]] == ["path left"]
+    assert "<h1>Quality report: case &lt;7&gt;</h1>" in page
+    printed = quality_report(case, "", SEEN, turns=False)
+    assert "<script" not in printed
+    assert base64.b64encode(SEEN.still_png).decode() in printed
+
+
+def test_page_one_tells_each_trajectory_in_a_line(case: Case, html: str) -> None:
+    assert case.plan is not None
+    measured = case.surroundings.judge(case.plan[0], case.plan).measures
+    assert measured is not None
+    assert measured.error is not None
+    assert measured.planned_error is not None
+    angles = f"{measured.arc.arc_deg:.1f}, {measured.arc.ring_deg:.1f}"
+    errors = [f"{one.target_rms_mm:.2f}" for one in (measured.planned_error, measured.error)]
+    cells = ["left", f"{measured.length_mm:.1f}", angles, "-", *errors, "9 kept"]
+    row = "".join(f"<td>{cell}</td>" for cell in cells)
+    assert html.index(row) < html.index("<h2>Scan</h2>")
+
+
+def test_planned_and_registered_error_stand_beside_each_other(html: str) -> None:
+    assert "<th>expected error</th><th>as planned</th><th>as registered</th>" in html
+
+
+def test_broken_limits_stand_first_and_are_counted_on_page_one(case: Case) -> None:
+    strict = replace(case, rules=replace(case.rules, limits=Limits(longest_path_mm=20.0)))
+    page = quality_report(strict)
+    assert '<td class="fail">FAIL: 1 of 10</td>' in page
+    verdicts = page[page.index("held against limits") :]
+    assert verdicts.index("FAIL") < verdicts.index("pass")
+
+
+def test_pages_are_numbered_on_the_paper_asked_for(html: str, case: Case) -> None:
+    assert "@page { size: A4;" in html
+    assert 'content: "page " counter(page) " of " counter(pages)' in html
+    hostile = quality_report(case, 'x" } </style><b>', paper="Letter")
+    assert "@page { size: Letter;" in hostile
+    assert hostile.count("</style>") == 1
+
+
+def test_numbers_stay_whole_and_only_long_words_break() -> None:
+    assert '<td class="long">' + "1.2.8" * 9 in table([], [("uid", "1.2.8" * 9)])
+    assert "<td>-12.34, 5.67, 8.90</td>" in table([], [("place", "-12.34, 5.67, 8.90")])
+    assert "td { overflow-wrap" not in STYLE
+    assert "td.long { overflow-wrap: anywhere }" in STYLE
+
+
+def test_the_report_ends_with_room_for_signatures(html: str) -> None:
+    assert html.index("<h2>Inputs</h2>") < html.index("<h2>Signatures</h2>")
+    assert "<td>checked by</td><td></td><td></td><td></td>" in html
 
 
 def test_a_marker_that_is_not_where_the_document_says_is_the_first_thing_on_the_page(case: Case) -> None:
@@ -98,7 +171,12 @@ def test_without_its_scan_a_case_is_reported_with_a_warning(folder: Path) -> Non
 def test_a_path_through_the_air_is_a_warning(case: Case) -> None:
     assert case.plan is not None
     stray = case.plan.edit("left", entry_mm=np.array([0.0, 0.0, 5000.0]))
-    assert "trajectory left could not be judged: the entry of left" in quality_report(replace(case, plan=stray))
+    page = quality_report(replace(case, plan=stray))
+    assert "trajectory left could not be judged: the entry of left" in page
+    told = page[page.index("<h3>left</h3>") :]
+    assert told.startswith('<h3>left</h3><p class="fail">could not be judged: the entry of left')
+    assert "<td>0.00, 0.00, 5000.00</td>" in told  # no empty heading
+    assert '<td class="fail">not judged</td>' in page
 
 
 def test_documents_of_another_scan_are_refused(tmp_path: Path) -> None:
@@ -126,6 +204,8 @@ def test_the_page_is_printed_as_pdf(html: str) -> None:
     printed = print_pdf(html)
     assert printed.startswith(b"%PDF-")
     assert printed.count(b"/Subtype /Image") >= 1
+    boxes = re.findall(rb"/MediaBox \[0 0 ([0-9.]+) ([0-9.]+)\]", printed)
+    assert [tuple(map(float, box)) for box in boxes] == [pytest.approx(A4_PT, abs=1.0)] * len(boxes)
 
 
 def test_without_a_browser_a_pdf_is_refused_with_the_way_out(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -44,7 +44,12 @@
     held.set(event.pointerId, event);
   });
   for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => held.delete(event.pointerId));
-  canvas.addEventListener("wheel", (event) => (event.preventDefault(), nearer(Math.exp(-event.deltaY / 600))), { passive: false });
+  canvas.addEventListener("wheel", (event) => {
+    // in a page that the wheel scrolls, the view takes it only once it was clicked
+    if (document.documentElement.scrollHeight > window.innerHeight && document.activeElement !== canvas) return;
+    event.preventDefault();
+    nearer(Math.exp(-event.deltaY / 600));
+  }, { passive: false });
   const keys = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] };
   canvas.addEventListener("keydown", (event) => {
     if (keys[event.key]) turn(...keys[event.key]);

@@ -1,0 +1,132 @@
+"""Page one of the report: the head with all trajectories in 3-D, and each trajectory in a line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ronnaplan.case.folder import Case
+from ronnaplan.case.surroundings import Judgement
+from ronnaplan.planning import Measures
+from ronnaplan.planning.rows import errors_by_basis, number
+from ronnaplan.report.html import picture, table
+from ronnaplan.report.part import Part
+from ronnaplan.scene.files import view, viewer
+from ronnaplan.scene.things import Thing
+
+TITLE = "Overview"
+SHAPE = (700, 1000)
+"""Rows and columns of the picture."""
+
+MOST_TRIANGLES = 40_000
+"""Of skin and skull: a report is mailed."""
+
+HEADER = ("trajectory", "length", "arc, ring", "AC-PC sag., cor.", "planned", "registered", "limits")
+UNITS = ("", "mm", "deg", "deg", "mm at target", "mm at target", "")
+
+STYLE = """
+.scene { position: relative; height: 30rem; background: #0b0e11; color: #e6edf3 }
+.scene canvas, .scene #still { position: absolute; width: 100%; height: 100%; object-fit: contain }
+.scene canvas { touch-action: pan-y }
+.scene fieldset { position: absolute; right: .5rem; top: .5rem; max-height: 90%; overflow: auto; border: 0;
+  font-size: 12px; background: rgb(17 22 27 / 75%) } .scene label { display: block }
+.scene label i { display: inline-block; width: 11px; height: 11px; border-radius: 3px; margin: 0 6px 0 2px }
+.scene input[type=range] { width: 70px; vertical-align: middle; margin-left: 8px }
+@media print {
+  .scene { height: 84mm; background: none } .head img { max-height: 84mm }
+  .scene #still { display: block !important } .scene canvas, .scene fieldset { display: none }
+}
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What there is to see of a case: its things, and a picture of them with the trajectories' names (PNG)."""
+
+    things: Sequence[Thing]
+    still_png: bytes
+
+
+def view_of(case: Case) -> View:
+    """Return what there is to see of a case with its scan; raises `InputError` where it cannot be made."""
+    from ronnaplan.scene.contents import things_of
+
+    things = things_of(case, MOST_TRIANGLES)
+    return View(things, _named(case, things))
+
+
+def overview_part(case: Case, seen: View | None, *, turns: bool) -> Part:
+    """Show the head with all trajectories (to be turned, where the page ``turns`` it) and each one in a line."""
+    body = [] if seen is None else [_head(seen, turns=turns)]
+    if case.plan is not None and case.volume is not None and case.plan.trajectories:
+        rows = [_row(case, case.surroundings.judge(one, case.plan), one.name) for one in case.plan.trajectories]
+        body.append(table(HEADER, [UNITS, *rows]))
+    return Part(TITLE, body)
+
+
+def script(seen: View | None) -> str:
+    """Return the script that turns a view."""
+    return "" if seen is None else viewer()
+
+
+def _head(seen: View, *, turns: bool) -> str:
+    caption = "the head from the front; each trajectory is named at its entry"
+    if not turns:
+        return f'<div class="head">{picture(seen.still_png, caption)}</div>'
+    shown = f'<div class="scene">{view(seen.things, caption, seen.still_png)}</div>'
+    return f'<figure>{shown}<figcaption><span id="how"></span>{caption}</figcaption></figure>'
+
+
+def _row(case: Case, judged: Judgement, name: str) -> list[str]:
+    assert case.plan is not None
+    length = number(case.plan.trajectory(name).length_mm, 1)
+    verdict = "not judged"
+    if not judged.problem:
+        broken = len(judged.broken)
+        verdict = f"FAIL: {broken} of {len(judged.verdicts)}" if broken else f"{len(judged.verdicts)} kept"
+    return [name, length, *_angles(judged.measures), *_errors(judged.measures), verdict]
+
+
+def _angles(one: Measures | None) -> tuple[str, str]:
+    if one is None:
+        return "-", "-"
+    acpc = "-" if one.acpc is None else f"{one.acpc.sagittal_deg:.1f}, {one.acpc.coronal_deg:.1f}"
+    return f"{one.arc.arc_deg:.1f}, {one.arc.ring_deg:.1f}", acpc
+
+
+def _errors(one: Measures | None) -> list[str]:
+    found = (None, None) if one is None else errors_by_basis(one)
+    return [number(error.target_rms_mm if error else None) for error in found]
+
+
+def _named(case: Case, things: Sequence[Thing]) -> bytes:
+    """Return a picture of things with the names of the trajectories at their entries, as a PNG."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.patheffects import withStroke
+
+    from ronnaplan.report.picture import BACKGROUND, png
+    from ronnaplan.scene.head import filling
+    from ronnaplan.scene.picture import picture as drawn
+
+    camera, wide = filling(things), SHAPE[1] / SHAPE[0]
+    figure = Figure(figsize=(SHAPE[1] / 100, SHAPE[0] / 100), dpi=100, facecolor="none")
+    FigureCanvasAgg(figure)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.imshow(drawn(things, camera, SHAPE), extent=(-wide, wide, -1.0, 1.0), interpolation="antialiased")
+    axes.set_axis_off()
+    outlined = [withStroke(linewidth=3, foreground=BACKGROUND)]
+    for one in case.plan or ():
+        across, down, _ = camera.on_screen(one.entry_mm)
+        if max(abs(across) / wide, abs(down)) < 1.0:
+            axes.annotate(
+                one.name,
+                (across, -down),
+                xytext=(10, 8),
+                textcoords="offset points",
+                fontsize=15,
+                weight="bold",
+                color=one.colour,
+                path_effects=outlined,
+            )
+    return png(figure)
