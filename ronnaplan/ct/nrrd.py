@@ -55,9 +55,36 @@ _ENCODINGS: Final[dict[str, Encoding]] = {
     "bz2": "bzip2",
 }
 _ORDERS: Final = {"little": "<", "big": ">"}
-_SYNONYMS: Final = {"datafile": "data file", "byteskip": "byte skip", "lineskip": "line skip"}
+_FIELDS: Final = frozenset(
+    {
+        *("content", "number", "type", "block size", "dimension", "space", "space dimension", "sizes", "spacings"),
+        *(
+            "thicknesses",
+            "axis mins",
+            "axis maxs",
+            "centers",
+            "centerings",
+            "labels",
+            "units",
+            "kinds",
+            "min",
+            "max",
+        ),
+        *("old min", "old max", "data file", "endian", "encoding", "line skip", "byte skip", "sample units"),
+        *("space units", "space origin", "space directions", "measurement frame"),
+    }
+)
+"""All that the format knows; what a person adds has a ``:=``."""
+_SPACED: Final = {
+    name.replace(" ", ""): name
+    for name in (
+        *("block size", "axis mins", "axis maxs", "old min", "old max"),
+        *("data file", "line skip", "byte skip", "sample units"),
+    )
+}
+"""These may be written as one word."""
 _BESIDE_DIRECTIONS: Final = {
-    **dict.fromkeys(("spacings", "axis mins", "axis maxs", "axismins", "axismaxs"), frozenset({"nan"})),
+    **dict.fromkeys(("spacings", "axis mins", "axis maxs"), frozenset({"nan"})),
     "units": frozenset({'"mm"', '""', "???", "none"}),
 }
 """Per-axis fields that the format forbids beside ``space directions``, as they would place the samples again -> values
@@ -96,7 +123,12 @@ def _fields(lines: list[str]) -> dict[str, str]:
         if not separator:
             raise DamagedError(f"its header has the line '{printable(line, 60)}', expected 'field: value'")
         name = field_name(key).lower()
-        name = _SYNONYMS.get(name, name) if separator == ":" else f"{name}:="
+        if separator == ":":
+            name = _SPACED.get(name, name)
+            if name not in _FIELDS:
+                raise DamagedError(f"it gives the field '{printable(name, 60)}', which the format does not know")
+        else:
+            name = f"{name}:="
         if name in fields:
             raise DamagedError(f"it gives '{printable(name, 60)}' twice")
         fields[name] = value.strip()
@@ -120,10 +152,10 @@ def _check_meaning(fields: dict[str, str]) -> None:
     for name, harmless in _BESIDE_DIRECTIONS.items():
         if not harmless.issuperset(fields.get(name, "").lower().split()):
             raise DamagedError(f"it gives '{name}' beside its space directions, which the format forbids")
-    values = fields.get("sample units", fields.get("sampleunits", "")).strip('" ')
+    values = fields.get("sample units", "").strip('" ')
     if values.lower() not in _HU:
         raise DamagedError(f"its values are in {printable(values, 60)}, not in Hounsfield units (HU)")
-    for name in ("old min", "oldmin", "old max", "oldmax"):
+    for name in ("old min", "old max"):
         if fields.get(name, "nan").lower() != "nan":
             raise DamagedError(f"its values were quantized ('{name}'), so they are not Hounsfield units")
 

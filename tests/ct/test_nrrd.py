@@ -44,6 +44,7 @@ def header_and_voxels(path: Path) -> tuple[bytes, bytes]:
         (b"kinds: domain domain domain", b"kinds: domain domain time", "'time', not places in space"),
         (b"kinds:", b"space dimension: 2\nkinds:", "its space has 2 dimensions"),
         (b"kinds:", b"modality:=DWMRI\nkinds:", "its modality is DWMRI, not CT"),
+        (b"kinds:", b"modality: MR\nkinds:", "the field 'modality', which the format does not know"),
         (b"kinds:", b"space: RAS\nkinds:", "gives 'space' twice"),
         (b"kinds:", b"Dimension: 3\nkinds:", "gives 'dimension' twice"),
         (b"kinds:", b"nonsense\nkinds:", "has the line 'nonsense'"),
@@ -88,6 +89,7 @@ def test_a_header_that_leaves_a_voxel_or_a_value_open_is_refused(
         (b"kinds:", b"spacings: nan nan nan\nkinds:"),
         (b"type: short", b"TYPE: signed short int"),
         (b"encoding: raw", b"encoding: raw\nbyte skip: -1"),
+        (b"encoding: raw", b"encoding: raw\nbyteskip: -1"),
         (b"left-posterior-superior", b"LPS"),
     ],
 )
