@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from ronnaplan.cli import plan_actions as actions
 from ronnaplan.cli import plan_options as options
+from ronnaplan.cli import plan_template
 
 HELP = "Plan trajectories, check them against limits, propose entries and marker places."
 
@@ -55,4 +56,5 @@ ACTIONS = {
     ),
     "propose": Action("Propose entries for a target.", options.configure_propose, actions.run_propose),
     "markers": Action("Propose places for the markers.", options.configure_markers, actions.run_markers),
+    "template": Action(plan_template.HELP, plan_template.configure, plan_template.run),
 }

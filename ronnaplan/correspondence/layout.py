@@ -24,6 +24,8 @@ MOST_LAYOUT_POINTS = 32
 MOST_LAYOUT_VISITS = 1_000_000
 """Orders tried before the search stops with the nearest rival found so far."""
 
+MIRROR = np.array([-1.0, 1.0, 1.0])
+
 QUADRATURE_STEPS = 60
 """Equally probable values of each chi^2 at which a refusal is looked at."""
 
@@ -92,7 +94,7 @@ def describe_layout(points: ArrayLike) -> Layout:
     checked = checked_points(points, "marker positions")
     if len(checked) > MOST_LAYOUT_POINTS:
         raise InputError(f"{len(checked)} markers were given; a layout has at most {MOST_LAYOUT_POINTS}")
-    square, rival = nearest_rival(checked)
+    square, rival = nearest_rival(checked, checked)
     values = np.linalg.eigvalsh(np.cov(checked.T, bias=True))
     return Layout(math.sqrt(square), rival, math.sqrt(max(float(values[0] + values[1]), 0.0)))
 
@@ -102,8 +104,19 @@ def rival_distance(points: ArrayLike) -> float:
     return describe_layout(points).rival_distance_mm
 
 
+def mirror_distance(points: ArrayLike) -> float:
+    """Return how far markers (n, 3), in mm, are from fitting onto their mirror image in another order.
+
+    It counts where only distances are known, which do not tell a layout from its mirror image; see `describe_layout`.
+    """
+    checked = checked_points(points, "marker positions")
+    return math.sqrt(nearest_rival(checked, checked * MIRROR)[0])
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def swapped_pairs(points: FloatArray, weight: FloatArray, index: IntArray) -> tuple[float, IntArray]:
+def swapped_pairs(
+    points: FloatArray, goals: FloatArray, weight: FloatArray, index: IntArray
+) -> tuple[float, IntArray]:
     """Return the least chi^2 among the orders that exchange two points, and that order."""
     n = len(points)
     best, rival = np.inf, index.copy()
@@ -111,22 +124,24 @@ def swapped_pairs(points: FloatArray, weight: FloatArray, index: IntArray) -> tu
         for b in range(a):
             order = index.copy()
             order[a], order[b] = b, a
-            chi2 = fit(points, points, weight, index, order, n, 1.0)[0]
+            chi2 = fit(points, goals, weight, index, order, n, 1.0)[0]
             if chi2 < best:
                 best, rival = chi2, order
     return best, rival
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def nearest_rival(points: FloatArray) -> tuple[float, IntArray]:
+def nearest_rival(points: FloatArray, goals: FloatArray) -> tuple[float, IntArray]:
     """Return the least sum of squared residuals over every order but the given one, and that order.
+
+    ``goals`` (n, 3), which the points are fitted onto, are the points or their mirror image: distances are the same.
 
     Branch and bound: the residuals of a partial order never exceed those of its completions, and those of any two
     points are at least half their squared difference in distance.
     """
     n = len(points)
     d, weight, index = distances(points), np.ones((n, n)), np.arange(n)
-    best, rival = swapped_pairs(points, weight, index)
+    best, rival = swapped_pairs(points, goals, weight, index)
     order, used = np.full(n, -1), np.zeros(n, np.bool_)
     depth = visits = 0
     while depth >= 0 and visits < MOST_LAYOUT_VISITS:
@@ -138,7 +153,7 @@ def nearest_rival(points: FloatArray) -> tuple[float, IntArray]:
             continue
         visits += 1
         if depth >= 2:
-            chi2 = fit(points, points, weight, index, order, depth + 1, 1.0)[0]
+            chi2 = fit(points, goals, weight, index, order, depth + 1, 1.0)[0]
             if chi2 >= best:
                 continue
             if depth == n - 1:

@@ -14,6 +14,7 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame, Points
 from ronnaplan.localization import Template
 from ronnaplan.localization.template import DISTANCE_TOLERANCE_MM
+from ronnaplan.planning.template_layout import TemplateLayout
 
 MOST_MARKERS = 64
 """No frame carries more."""
@@ -103,6 +104,20 @@ def read_template_document(path: str | os.PathLike[str]) -> TemplateDocument:
         kind="template",
         remedy="see docs/localization.md",
     )
+
+
+def printed_template_document(found: TemplateLayout, name: str) -> str:
+    """Return the document of a template that is printed: places as drawn, the tolerance of print and screws."""
+    document = TemplateDocument(
+        format="ronnaplan.template",
+        version=1,
+        unit="mm",
+        name=name,
+        labels=found.labels,
+        centers=tuple((x, y, z) for x, y, z in found.centers_mm.round(4).tolist()),
+        tolerance=round(found.bridge.distance_tolerance_mm, 4),
+    )
+    return document.model_dump_json(indent=1, exclude={"distances"}) + "\n"
 
 
 def _nearest_points(distances_mm: FloatArray) -> tuple[FloatArray, float]:

@@ -32,15 +32,16 @@ def simulate_scenes(
     *,
     hidden: int = 0,
     noise: FloatArray | float = 1.0,
+    displaced_mm: float = DISPLACEMENT_RADIUS_MM,
 ) -> Scenes:
     """Simulate the protocol of the paper's section 4.2.
 
-    Each point of ``layout_mm`` (8, 3) is displaced uniformly inside a 10 mm sphere; ``markers`` of them are kept;
-    normal noise of `SIGMA_CT_MM` and `SIGMA_OTS_MM` (times ``noise``, one or one a test) is added; ``outliers``
-    points uniform in a 300 mm sphere about the markers' centroid join each set; the first ``hidden`` markers are
-    missing from the OTS set, which is turned, shifted and shuffled.
+    Each point of ``layout_mm`` (N, 3) is displaced uniformly inside a sphere of radius ``displaced_mm``; ``markers``
+    of them are kept; normal noise of `SIGMA_CT_MM` and `SIGMA_OTS_MM` (times ``noise``, one or one a test) is added;
+    ``outliers`` points uniform in a 300 mm sphere about the markers' centroid join each set; the first ``hidden``
+    markers are missing from the OTS set, which is turned, shifted and shuffled.
     """
-    points = layout_mm + uniform_in_ball(rng, (tests, len(layout_mm)), DISPLACEMENT_RADIUS_MM)
+    points = layout_mm + uniform_in_ball(rng, (tests, len(layout_mm)), displaced_mm)
     kept = np.argsort(rng.random(points.shape[:2]), axis=1)[:, :markers]
     points = np.take_along_axis(points, kept[:, :, None], axis=1)
     center = points.mean(axis=1, keepdims=True)

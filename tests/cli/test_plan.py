@@ -245,3 +245,12 @@ def test_a_bad_call_ends_in_one_sentence_and_leaves_the_plan_untouched(
     assert printed.err.count("\n") == 1
     assert words in printed.err
     assert {path: path.read_bytes() for path in before} == before
+
+
+def test_a_template_is_bent_to_a_scan(ct: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    asked = ["plan", "template", "--markers", "3", "--ct", str(ct), "--size", "80", "60"]
+    assert main([*asked, "-o", str(tmp_path / "t.stl")]) == 0
+    assert "bent to a radius of" in capsys.readouterr().out
+    assert main([*asked, "--at", "0", "0", "300", "--coordinates", "LPS", "-o", str(tmp_path / "u.stl")]) == 1
+    assert "off the scalp" in capsys.readouterr().err
+    assert not (tmp_path / "u.stl").exists()

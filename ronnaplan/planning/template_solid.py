@@ -1,0 +1,105 @@
+"""The template as a solid: pads joined by bars, holes for screws, labels engraved, flat or bent (manifold3d)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray
+from ronnaplan.planning.template_layout import TemplateLayout
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+BAR_WIDTH_MM = 10.0
+LETTER_MM = 5.0
+ENGRAVED_MM = 0.8
+LETTER_FROM_HOLE_MM = 5.2
+CORNERS = 64
+"""Of a pad."""
+GAP_MM = 6.0
+"""Narrower gaps between bars are filled: a printer closes them badly."""
+LONGEST_EDGE_MM = 4.0
+"""Edges are no longer where the plate is bent, so that it bends evenly."""
+CAPITAL_HEIGHT = 0.73
+"""Of the letters' face, as a share of its size."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A closed surface: ``vertices_mm`` (V, 3) and ``triangles`` (T, 3), turning left as seen from outside."""
+
+    vertices_mm: FloatArray
+    triangles: NDArray[np.int64]
+
+
+def outline(found: TemplateLayout) -> list[FloatArray]:
+    """Return the closed polygons (N, 2) of the flat plate's outline, screw holes included, mm."""
+    return [np.asarray(one, dtype=np.float64) for one in _plate(found).to_polygons()]
+
+
+def template_solid(found: TemplateLayout) -> Solid:
+    """Return the template, its lower surface at z = 0 in the middle; raises `InputError` without manifold3d."""
+    manifold, bridge = _manifold3d(), found.bridge
+    body = manifold.Manifold.extrude(_plate(found), bridge.thickness_mm)
+    for label, hole in zip(found.labels, found.holes_mm, strict=True):
+        section = manifold.CrossSection(_letters(label), manifold.FillRule.EvenOdd)
+        place = label_place(found, hole)
+        letters = manifold.Manifold.extrude(section, 2 * ENGRAVED_MM)
+        body = body - letters.translate((*place.tolist(), bridge.thickness_mm - ENGRAVED_MM))
+    if bridge.radius_mm is not None:
+        body = body.refine_to_length(LONGEST_EDGE_MM)
+        body = body.warp_batch(lambda points: bridge.bent(np.asarray(points)))
+    mesh = body.to_mesh64()
+    vertices = np.asarray(mesh.vert_properties, dtype=np.float64)[:, :3]
+    return Solid(vertices, np.asarray(mesh.tri_verts, dtype=np.int64))
+
+
+def label_place(found: TemplateLayout, hole_mm: FloatArray) -> FloatArray:
+    """Return where (2,) a hole's label is engraved: towards the middle of all holes, where the bars leave room."""
+    way = found.holes_mm.mean(axis=0) - hole_mm
+    length = float(np.linalg.norm(way))
+    inward = way / length if length > 1 else np.array([0.0, 1.0])
+    return np.asarray(hole_mm + inward * LETTER_FROM_HOLE_MM)
+
+
+def _plate(found: TemplateLayout) -> Any:
+    """Return the flat plate's cross-section."""
+    section, operation = _manifold3d().CrossSection, _manifold3d().OpType
+    holes = found.holes_mm.tolist()
+    disc = section.circle(found.bridge.pad_radius_mm, CORNERS)
+    thin = section.circle(BAR_WIDTH_MM / 2, CORNERS)
+    screw = section.circle(found.bridge.hole_diameter_mm / 2, CORNERS)
+    pads = [disc.translate(hole) for hole in holes]
+    bars = [
+        section.batch_hull([thin.translate(one), thin.translate(other)]) for one, other in combinations(holes, 2)
+    ]
+    plate = section.batch_boolean(pads + bars, operation.Add).offset(GAP_MM / 2).offset(-GAP_MM / 2)
+    return section.batch_boolean([plate, *(screw.translate(hole) for hole in holes)], operation.Subtract)
+
+
+def _letters(label: str) -> list[FloatArray]:
+    """Return the outlines (N, 2) of a label about the origin, `LETTER_MM` high."""
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import TextPath
+
+    face = FontProperties(family="DejaVu Sans", weight="bold")
+    path = TextPath((0, 0), label, size=LETTER_MM / CAPITAL_HEIGHT, prop=face)
+    polygons = [np.asarray(one, dtype=np.float64)[:-1] for one in path.to_polygons()]
+    corners = np.concatenate(polygons)
+    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    return [one - middle for one in polygons]
+
+
+def _manifold3d() -> Any:
+    try:
+        import manifold3d
+    except ImportError as error:
+        raise InputError(
+            "the package manifold3d, which makes the template's body, is missing; install ronnaplan[template]"
+        ) from error
+    return manifold3d

@@ -1,0 +1,46 @@
+"""``ronnaplan plan template``: body, document and drawing beside each other; what cannot be is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ronnaplan.cli import main
+from ronnaplan.documents.template import read_template_document
+from tests.planning.test_template import read_body
+
+
+def test_a_standard_head_gives_body_document_and_drawing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for kind in ("stl", "3mf"):
+        body = tmp_path / f"{kind}.{kind}"
+        assert (
+            main(["plan", "template", "--markers", "3", "--screw-play", "0.3", "--name", "T1", "-o", str(body)])
+            == 0
+        )
+        assert read_body(body.read_bytes(), body.suffix).is_watertight
+        assert {one.suffix for one in tmp_path.glob(f"{kind}.*")} == {f".{kind}", ".json", ".svg", ".pdf"}
+    read = read_template_document(tmp_path / "stl.json")
+    assert (read.name, read.labels) == ("T1", ("A", "B", "C"))
+    assert read.tolerance == pytest.approx(4 * np.sqrt(2 * ((0.2**2 + 0.3**2) / 3 + 0.15**2)), abs=1e-3)
+    assert "0.21 mm of print and screws" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "status", "sentence"),
+    [
+        (["--markers", "7"], 1, "3 to 6"),
+        (["--markers", "3", "--at", "0", "0", "0"], 2, "--at is a place of the scan"),
+        (["--markers", "3", "--size", "55", "40", "--screw-play", "3"], 3, "expected"),
+    ],
+)
+def test_what_cannot_be_is_refused(
+    options: list[str], status: int, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["plan", "template", *options, "-o", str(tmp_path / "t.stl")]) == status
+    assert sentence in capsys.readouterr().err
+
+
+def test_another_kind_of_body_is_refused(tmp_path: Path) -> None:
+    assert main(["plan", "template", "--markers", "3", "-o", str(tmp_path / "t.obj")]) == 2

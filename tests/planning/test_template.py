@@ -1,0 +1,214 @@
+"""Templates: layouts that cannot be confused, bodies that are closed, plates that follow a scalp, drawings."""
+
+import io
+import zipfile
+from itertools import permutations
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from ronnaplan.correspondence import describe_layout
+from ronnaplan.correspondence.layout import mirror_distance
+from ronnaplan.documents.solids import WRITERS
+from ronnaplan.documents.template import TemplateDocument, printed_template_document
+from ronnaplan.errors import InputError, RefusedError
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.template import match_template
+from ronnaplan.planning.sites import Sites
+from ronnaplan.planning.template_drawing import drawing_file, template_drawing
+from ronnaplan.planning.template_fit import ROOM_MM, bent_to_scalp
+from ronnaplan.planning.template_layout import (
+    GREATEST_REFUSAL,
+    Bridge,
+    TemplateLayout,
+    design_template,
+    random_holes,
+    require_unmistakable,
+)
+from ronnaplan.planning.template_solid import template_solid
+from tests.localization.test_template import markers
+
+
+@pytest.fixture(scope="module")
+def four() -> TemplateLayout:
+    return design_template(4, Bridge())
+
+
+def rival_by_hand(points: FloatArray, goals: FloatArray) -> float:
+    points, goals = points - points.mean(axis=0), goals - goals.mean(axis=0)
+    orders = list(permutations(range(len(points))))[1:]
+    return min(float(Rotation.align_vectors(goals[list(order)], points)[1]) for order in orders)
+
+
+def test_rivals_are_those_of_a_search_through_all_orders(four: TemplateLayout) -> None:
+    points = four.centers_mm
+    assert describe_layout(points).rival_distance_mm == pytest.approx(rival_by_hand(points, points), rel=1e-6)
+    mirrored = rival_by_hand(points, points * [1.0, -1.0, 1.0])
+    assert mirror_distance(points) == pytest.approx(mirrored, rel=1e-6)
+    assert four.rival_distance_mm == pytest.approx(min(rival_by_hand(points, points), mirrored), rel=1e-6)
+
+
+def test_a_layout_that_equals_its_mirror_image_has_a_mirrored_rival_at_zero() -> None:
+    kite = np.array([[-30.0, 0, 0], [30.0, 0, 0], [0.0, 50, 0], [0.0, -20, 10]])
+    assert mirror_distance(kite) == pytest.approx(0.0, abs=1e-5)
+    assert describe_layout(kite).rival_distance_mm > 1.0
+
+
+@pytest.mark.parametrize("markers", [3, 5])
+def test_a_template_keeps_its_size_and_clearance_and_beats_every_random_one(markers: int) -> None:
+    bridge = Bridge(size_mm=(100.0, 70.0))
+    found = design_template(markers, bridge)
+    assert (np.abs(found.holes_mm) <= np.array([50.0, 35.0]) - bridge.pad_radius_mm).all()
+    apart = np.linalg.norm(found.centers_mm[:, np.newaxis] - found.centers_mm, axis=-1)[
+        np.triu_indices(markers, 1)
+    ]
+    assert apart.min() >= bridge.marker_diameter_mm + bridge.clearance_mm
+    assert found.refusal_probability < GREATEST_REFUSAL
+    rng = np.random.default_rng(4)
+    others = [random_holes(markers, bridge, rng) for _ in range(300)]
+    worths = [TemplateLayout(bridge, holes).worth_mm for holes in others if holes is not None]
+    assert found.worth_mm > max(worths)
+    assert np.linalg.svd(found.centers_mm - found.centers_mm.mean(axis=0))[1][1] > 0.9 * found.worth_mm  # no line
+
+
+def test_print_and_screws_count_as_errors() -> None:
+    near = np.array([[-20.0, 0.0], [20.0, 0.0], [2.0, 20.0]])
+    loose, tight = (TemplateLayout(Bridge(screw_play_mm=play), near) for play in (2.0, 0.1))
+    assert tight.refusal_probability < loose.refusal_probability
+    assert loose.bridge.distance_tolerance_mm > 2 * tight.bridge.distance_tolerance_mm
+    with pytest.raises(RefusedError, match="would be refused in"):
+        require_unmistakable(loose)
+
+
+def test_a_layout_whose_mirror_image_has_the_same_distances_is_refused() -> None:
+    kite = TemplateLayout(Bridge(radius_mm=60.0), np.array([[-45.0, 0.0], [45.0, 0.0], [0.0, 30.0], [0.0, -15.0]]))
+    assert kite.refusal_probability < GREATEST_REFUSAL  # it cannot be turned so, but distances do not tell
+    with pytest.raises(
+        RefusedError, match=r"differ by no more than 0\.0 mm in another order, expected over 3\.9 mm"
+    ):
+        require_unmistakable(kite)
+
+
+def test_a_template_as_printed_is_recognized_and_its_markers_are_labelled(four: TemplateLayout) -> None:
+    rng = np.random.default_rng(7)
+    template = document(four).template
+    bounds = np.array([four.bridge.print_tolerance_mm, four.bridge.screw_play_mm]).reshape(2, 1, 1)
+    for _ in range(200):
+        play = (rng.uniform(-1, 1, (2, 4, 3)) * bounds).sum(axis=0)
+        places = Rotation.random(rng=rng).apply(four.centers_mm + play + rng.normal(0, 0.15, (4, 3)))
+        found = match_template(template, markers(places[rng.permutation(4)]))[0]
+        assert [one.label for one in found] == list(four.labels)
+        np.testing.assert_array_equal([one.center_mm for one in found], places)
+
+
+def document(found: TemplateLayout) -> TemplateDocument:
+    return TemplateDocument.model_validate_json(printed_template_document(found, "printed"))
+
+
+@pytest.mark.parametrize("radius_mm", [None, 70.0])
+@pytest.mark.parametrize("kind", [".stl", ".3mf"])
+def test_the_body_is_closed_and_has_a_hole_for_every_screw(radius_mm: float | None, kind: str) -> None:
+    bridge = Bridge(radius_mm=radius_mm)
+    found = TemplateLayout(bridge, np.array([[-45.0, -25.0], [-20.0, 28.0], [50.0, 10.0]]))
+    body = read_body(WRITERS[kind](template_solid(found), "template"), kind)
+    assert body.is_watertight
+    assert body.is_winding_consistent
+    assert body.body_count == 1
+    assert body.euler_number == 2 - 2 * (3 + 1)  # three screws, and the opening between three bars
+    thickness = bridge.thickness_mm
+    corners = np.asarray(body.triangles)
+    for hole in found.holes_mm:
+        assert turns_about(bridge.bent(np.array([*hole, thickness / 2])), corners) == pytest.approx(0, abs=1e-6)
+        wall = bridge.bent(np.array([hole[0], hole[1] + 4.0, thickness / 2]))
+        assert turns_about(wall, corners) == pytest.approx(1, abs=1e-6)
+
+
+def read_body(content: bytes, kind: str) -> Any:
+    if kind == ".stl":
+        return trimesh.load_mesh(io.BytesIO(content), file_type="stl")
+    space = {"m": "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"}
+    model = ElementTree.fromstring(zipfile.ZipFile(io.BytesIO(content)).read("3D/3dmodel.model"))
+    assert model.get("unit") == "millimeter"
+    vertices = [[float(one.attrib[axis]) for axis in "xyz"] for one in model.iterfind(".//m:vertex", space)]
+    faces = [[int(one.attrib[f"v{n}"]) for n in (1, 2, 3)] for one in model.iterfind(".//m:triangle", space)]
+    return trimesh.Trimesh(vertices, faces, process=False)
+
+
+def turns_about(place: FloatArray, corners: FloatArray) -> float:
+    """How often a surface of triangles (T, 3, 3) goes about a place: 1 inside (van Oosterom and Strackee 1983)."""
+    a, b, c = np.moveaxis(corners - place, 1, 0)
+    la, lb, lc = (np.linalg.norm(one, axis=1) for one in (a, b, c))
+    volume = (a * np.cross(b, c)).sum(axis=1)
+    scale = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
+    return float(2 * np.arctan2(volume, scale).sum() / (4 * np.pi))
+
+
+def test_bending_keeps_lengths_along_the_lower_surface_and_heights() -> None:
+    bridge = Bridge(radius_mm=80.0)
+    way = np.stack([np.linspace(-50, 50, 2001), np.zeros(2001), np.zeros(2001)], axis=1)
+    bent = bridge.bent(way)
+    assert np.linalg.norm(np.diff(bent, axis=0), axis=1).sum() == pytest.approx(100.0, abs=1e-3)
+    raised = bridge.bent(way + np.array([0, 0, 7.0]))
+    np.testing.assert_allclose(raised - bent, 7.0 * (bent + np.array([0, 0, 80.0])) / 80.0, atol=1e-9)
+
+
+def test_a_plate_follows_a_scalp_and_keeps_off_it() -> None:
+    axes = np.array([75.0, 95.0, 85.0])
+    rng = np.random.default_rng(1)
+    directions = rng.normal(size=(6000, 3))
+    directions = directions[directions[:, 2] > 0]
+    scalp = directions / np.linalg.norm(directions / axes, axis=1, keepdims=True)
+    normals = scalp / axes**2
+    sites = Sites(scalp, normals / np.linalg.norm(normals, axis=1, keepdims=True), np.zeros(3))
+    bridge = Bridge(size_mm=(100.0, 60.0))
+    fitted = bent_to_scalp(bridge, sites)
+    assert fitted.bridge.radius_mm == pytest.approx(75.0**2 / 85.0, rel=0.25)
+    across, depth = np.meshgrid(np.linspace(-45, 45, 31), np.linspace(-30, 30, 21))
+    under = fitted.bridge.bent(np.stack([across, depth, 0 * across], axis=-1)).reshape(-1, 3)
+    lps = under @ fitted.lps_from_template[:3, :3].T + fitted.lps_from_template[:3, 3]
+    assert np.linalg.norm(lps / axes, axis=1).min() > 1.0
+    assert ROOM_MM < fitted.widest_gap_mm < 12.0
+    assert np.linalg.det(fitted.lps_from_template[:3, :3]) == pytest.approx(1.0)
+
+
+def test_places_off_the_scalp_or_on_the_face_are_refused() -> None:
+    rng = np.random.default_rng(1)
+    normals = rng.normal(size=(4000, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    sites = Sites(90.0 * normals, normals, np.zeros(3))
+    with pytest.raises(InputError, match="off the scalp"):
+        bent_to_scalp(Bridge(), sites, np.array([0.0, 0.0, 150.0]))
+    with pytest.raises(RefusedError, match="faces the front or the back"):
+        bent_to_scalp(Bridge(), sites, np.array([0.0, -90.0, 0.0]))
+
+
+@pytest.mark.parametrize(
+    ("bridge", "sentence"),
+    [
+        (Bridge(size_mm=(15.0, 80.0)), "no room for a pad"),
+        (Bridge(radius_mm=50.0), "at least half its width"),
+        (Bridge(marker_height_mm=3.0), "at least their radius"),
+        (Bridge(size_mm=(30.0, 22.0)), "do not fit"),
+        (Bridge(hole_diameter_mm=0.0), "holes of 0 mm"),
+    ],
+)
+def test_plates_that_cannot_be_are_refused(bridge: Bridge, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        design_template(3, bridge)
+
+
+def test_the_drawing_is_to_scale_and_the_same_each_time(four: TemplateLayout) -> None:
+    page = template_drawing(four, "t")
+    width, height = page.get_size_inches() * 25.4
+    assert (width, height) == pytest.approx((210.0, 297.0))
+    axes = page.axes[0]
+    mm = axes.transData.transform([[0, 0], [10, 0]])[:, 0] / page.dpi * 25.4
+    assert mm[1] - mm[0] == pytest.approx(10.0, rel=1e-6)
+    for kind, start in (("svg", b"<?xml"), ("pdf", b"%PDF")):
+        first, second = (drawing_file(template_drawing(four, "t"), kind) for _ in range(2))
+        assert first.startswith(start)
+        assert first == second
