@@ -29,7 +29,7 @@ from ronnaplan.planning.template_layout import (
     random_holes,
     require_unmistakable,
 )
-from ronnaplan.planning.template_solid import template_solid
+from ronnaplan.planning.template_solid import outline, template_solid
 from tests.localization.test_template import markers
 
 
@@ -120,6 +120,9 @@ def test_the_body_is_closed_and_has_a_hole_for_every_screw(radius_mm: float | No
     assert body.body_count == 1
     assert body.euler_number == 2 - 2 * (3 + 1)  # three screws, and the opening between three bars
     thickness = bridge.thickness_mm
+    if radius_mm is None:
+        areas = [np.cross(ring, np.roll(ring, -1, axis=0)).sum() / 2 for ring in outline(found)]
+        assert 3 * 3.0 < sum(areas) * thickness - body.volume < 3 * 20.0  # three letters, 0.8 mm deep
     corners = np.asarray(body.triangles)
     for hole in found.holes_mm:
         assert turns_about(bridge.bent(np.array([*hole, thickness / 2])), corners) == pytest.approx(0, abs=1e-6)
