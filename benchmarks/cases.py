@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from phantoms.anatomy import scalp_foot
+from phantoms.decoys import DECOYS, decoy
 from phantoms.examination import Examination
 from phantoms.library import laboratory_phantom
-from phantoms.markers import DECOYS, decoy, marker_kind
+from phantoms.markers import marker_kind
 from phantoms.patients import random_patient
 from phantoms.scene import Decoy, Marker, join
 from phantoms.stack import SliceStack, axial_stack

@@ -24,9 +24,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from phantoms import library
 from phantoms.anatomy import Foot
+from phantoms.averages import average_hu
 from phantoms.cone_beam import ConeBeam
 from phantoms.coverings import FILM_MM
-from phantoms.fast import average_hu
 from phantoms.helix import Helix
 from phantoms.kernels import KERNELS
 from phantoms.machine import Machine

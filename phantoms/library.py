@@ -16,9 +16,10 @@ from phantoms.anatomy import (
     scalp_foot,
     surroundings,
 )
+from phantoms.decoys import DECOYS, decoy
 from phantoms.errors import PhantomError
 from phantoms.examination import Examination
-from phantoms.markers import DECOYS, decoy, marker, x_frame
+from phantoms.markers import marker, x_frame
 from phantoms.patients import random_patient
 from phantoms.scene import Part, Scene, join
 from phantoms.solids import box, cylinder, ellipsoid

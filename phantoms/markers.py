@@ -1,8 +1,7 @@
-"""Markers of every kind, and decoys: what could be taken for a marker and must not be. LPS mm."""
+"""Markers of every kind. LPS mm."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from phantoms.anatomy import Foot
 from phantoms.coverings import COATING_MM, Covered, bubble, covering
 from phantoms.errors import PhantomError
-from phantoms.scene import Decoy, Marker, Part, Scene
-from phantoms.solids import FloatArray, Solid, box, cone, cylinder, ellipsoid, frame_along, sphere
+from phantoms.scene import Marker, Part, Scene
+from phantoms.solids import FloatArray, box, cone, cylinder, ellipsoid, frame_along, sphere
 
 SKIN_GAP_MM = 0.1
 """Height of the lowest point of a ball that is glued to the skin."""
@@ -123,15 +122,15 @@ def marker(label: str, foot: Foot, kind: str | MarkerKind = "post", condition: C
     real = replace(kind, diameter_mm=kind.diameter_mm + condition.oversize_mm)
     over = covering(condition.covering) if condition.covering else None
     lift_mm = over.lift_mm if over and not real.post else 0.0
-    center = foot.above(_height(real) + lift_mm + real.diameter_mm / 2)
+    center = foot.above(stand_mm(real) + lift_mm + real.diameter_mm / 2)
     generator = np.random.default_rng([condition.seed, 20260102])
     under = Covered(foot, center, real.diameter_mm * (1 + condition.out_of_round / 2), generator)
     parts = over.parts(under) if over else []
-    parts += [*_post(foot, real), *_ball(label, center, real, condition.out_of_round, generator)]
+    parts += [*post_parts(foot, real), *_ball(label, center, real, condition.out_of_round, generator)]
     if real.insert:
         size = real.insert
-        start = _height(real) + 0.5
-        parts.append(_along(foot, start, size.length_mm, size.diameter_mm, size.material, "metal insert"))
+        start = stand_mm(real) + 0.5
+        parts.append(upright(foot, start, size.length_mm, size.diameter_mm, size.material, "metal insert"))
     if condition.bubble:
         parts.append(bubble(under))
     truth = Marker(
@@ -178,7 +177,7 @@ def _ball(
 
     def layer(depth_mm: float, material: str, name: str) -> Part:
         solid = ellipsoid(center, (kind.diameter_mm / 2 - depth_mm) * shape, turn)
-        return Part(solid, material, name, embedded=_enters_neck(kind))
+        return Part(solid, material, name, embedded=enters_neck(kind))
 
     coat_mm = COATING_MM if kind.coated else 0.0
     layers = [layer(0.0, "glass beads", f"coat {label}")] if kind.coated else []
@@ -188,21 +187,22 @@ def _ball(
     return layers
 
 
-def _enters_neck(kind: MarkerKind) -> bool:
+def enters_neck(kind: MarkerKind) -> bool:
     """Whether the post's neck is of another material than what stands on it and replaces its tip."""
     return kind.post is not None and (bool(kind.post.neck) or kind.coated or kind.wall_mm > 0)
 
 
-def _height(kind: MarkerKind) -> float:
+def stand_mm(kind: MarkerKind) -> float:
+    """Return the distance from the scalp to the lowest point of a marker's ball."""
     return kind.post.height_mm if kind.post else SKIN_GAP_MM
 
 
-def _along(foot: Foot, start: float, length: float, diameter: float, material: str, name: str) -> Part:
+def upright(foot: Foot, start: float, length: float, diameter: float, material: str, name: str) -> Part:
     """Return a cylinder that stands on ``foot`` from the height ``start``."""
     return Part(cylinder(foot.above(start), foot.outward, length, diameter), material, name, embedded=True)
 
 
-def _post(foot: Foot, kind: MarkerKind) -> list[Part]:
+def post_parts(foot: Foot, kind: MarkerKind) -> list[Part]:
     """Return the self-drilling screw, the base and the neck below a sphere; nothing without a post."""
     if not kind.post:
         return []
@@ -212,10 +212,10 @@ def _post(foot: Foot, kind: MarkerKind) -> list[Part]:
     neck_mm = post.height_mm + entry - base_height
     return [
         Part(cone(foot.above(-depth), -foot.outward, 4, thickness), post.screw, "screw tip", embedded=True),
-        _along(foot, 0, base_height, base, kind.material, "base"),
-        _along(foot, base_height, neck_mm, neck, post.neck or kind.material, "neck"),
-        _along(foot, -depth, depth + 2, thickness, post.screw, "bone screw"),
-        _along(foot, -1, rise + 1, head, post.screw, "screw head"),
+        upright(foot, 0, base_height, base, kind.material, "base"),
+        upright(foot, base_height, neck_mm, neck, post.neck or kind.material, "neck"),
+        upright(foot, -depth, depth + 2, thickness, post.screw, "bone screw"),
+        upright(foot, -1, rise + 1, head, post.screw, "screw head"),
     ]
 
 
@@ -226,8 +226,8 @@ def x_frame(foot: Foot, prefix: str = "X", kind: str = "post") -> Scene:
     side /= np.linalg.norm(side)
     ahead = np.cross(foot.outward, side)
     parts = [
-        _along(foot, -11, 26, 3.0, "titanium", "frame screw"),
-        _along(foot, 0, 16, 12.0, "PEEK", "frame column"),
+        upright(foot, -11, 26, 3.0, "titanium", "frame screw"),
+        upright(foot, 0, 16, 12.0, "PEEK", "frame column"),
     ]
     markers = []
     for number, (angle_deg, length) in enumerate(FRAME_ARMS, start=1):
@@ -242,84 +242,3 @@ def x_frame(foot: Foot, prefix: str = "X", kind: str = "post") -> Scene:
         parts.append(Part(sphere(center, known.diameter_mm), known.material, f"marker {label}"))
         markers.append(Marker(label, center, known.diameter_mm, known.material, known.diameter_mm))
     return Scene(tuple(parts), tuple(markers))
-
-
-def decoy(name: str, foot: Foot, kind: str | MarkerKind = "post") -> Scene:
-    """Return the decoy called ``name`` (a key of `DECOYS`), made like a marker of ``kind``."""
-    if name not in DECOYS:
-        raise PhantomError(f"unknown decoy {name!r}; expected one of {', '.join(DECOYS)}")
-    if isinstance(kind, str):
-        kind = marker_kind(kind)
-    center = foot.above(_height(kind) + kind.diameter_mm / 2)
-    parts = DECOYS[name](foot, center, kind)
-    return Scene(tuple(parts), (), (Decoy(name, parts[-1].solid.center_mm),))
-
-
-DecoyMaker = Callable[[Foot, FloatArray, MarkerKind], list[Part]]
-
-
-def _on_post(foot: Foot, kind: MarkerKind, name: str, *solids: Solid) -> list[Part]:
-    embedded = _enters_neck(kind)
-    return [*_post(foot, kind), *(Part(solid, kind.material, name, embedded) for solid in solids)]
-
-
-def _other_sphere(factor: float) -> DecoyMaker:
-    def make(foot: Foot, center: FloatArray, kind: MarkerKind) -> list[Part]:
-        size = factor * kind.diameter_mm
-        return _on_post(foot, kind, "other sphere", sphere(foot.above(_height(kind) + size / 2), size))
-
-    return make
-
-
-def _cylinder(foot: Foot, center: FloatArray, kind: MarkerKind) -> list[Part]:
-    start = foot.above(_height(kind))
-    return _on_post(
-        foot, kind, "cylinder", cylinder(start, foot.outward, 1.4 * kind.diameter_mm, kind.diameter_mm)
-    )
-
-
-def _ellipsoid(foot: Foot, center: FloatArray, kind: MarkerKind) -> list[Part]:
-    semi_axes = kind.diameter_mm / 2 * np.array([0.8, 1.0, 1.35])
-    place = foot.above(_height(kind) + semi_axes.max())
-    return _on_post(foot, kind, "ellipsoid", ellipsoid(place, semi_axes))
-
-
-def _capsule(foot: Foot, center: FloatArray, kind: MarkerKind) -> list[Part]:
-    length = 0.7 * kind.diameter_mm
-    ends = [sphere(center + rise * foot.outward, kind.diameter_mm) for rise in (0.0, length)]
-    return _on_post(foot, kind, "capsule", *ends, cylinder(center, foot.outward, length, kind.diameter_mm))
-
-
-def _screw(foot: Foot, center: FloatArray, kind: MarkerKind) -> list[Part]:
-    return [
-        _along(foot, -11, 17, 2.0, "titanium", "bare screw"),
-        _along(foot, 6, 3, 5.0, "titanium", "bare screw head"),
-    ]
-
-
-def _cone(foot: Foot, center: FloatArray, kind: MarkerKind) -> list[Part]:
-    solid = cone(foot.above(_height(kind)), foot.outward, 1.5 * kind.diameter_mm, kind.diameter_mm)
-    return _on_post(foot, kind, "cone", solid)
-
-
-def _box(foot: Foot, center: FloatArray, kind: MarkerKind) -> list[Part]:
-    place = foot.above(_height(kind) + 0.9 * kind.diameter_mm)
-    return _on_post(foot, kind, "box", box(place, (kind.diameter_mm,) * 3))
-
-
-def _bubble(foot: Foot, center: FloatArray, kind: MarkerKind) -> list[Part]:
-    return [Part(sphere(foot.above(-32), kind.diameter_mm), "air", "gas bubble", embedded=True)]
-
-
-DECOYS: dict[str, DecoyMaker] = {
-    "larger sphere": _other_sphere(1.45),
-    "smaller sphere": _other_sphere(0.7),
-    "cylinder": _cylinder,
-    "ellipsoid": _ellipsoid,
-    "capsule": _capsule,
-    "bare screw": _screw,
-    "cone": _cone,
-    "box": _box,
-    "gas bubble": _bubble,
-}
-"""Makers of decoys by name."""

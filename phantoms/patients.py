@@ -21,10 +21,11 @@ from phantoms.anatomy import (
     surroundings,
 )
 from phantoms.coverings import COVERINGS
+from phantoms.decoys import DECOYS, decoy
 from phantoms.errors import PhantomError
 from phantoms.examination import Examination
 from phantoms.lifelike import lifelike_head
-from phantoms.markers import DECOYS, KINDS, Condition, Post, decoy, made, marker, marker_kind, touching_pair
+from phantoms.markers import KINDS, Condition, Post, made, marker, marker_kind, touching_pair
 from phantoms.protocols import draw
 from phantoms.scanner import Scanner
 from phantoms.scene import Scene, join

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from phantoms import anatomy, markers, solids, worn
+from phantoms import anatomy, decoys, markers, solids, worn
 from phantoms.errors import PhantomError
 from phantoms.examination import Examination
 from phantoms.lifelike import lifelike_head
@@ -152,7 +152,7 @@ class _Decoy(_Place):
     like: str = "post"
 
     def scene(self, size: float) -> Scene:
-        return markers.decoy(self.kind, self.foot(size), self.like)
+        return decoys.decoy(self.kind, self.foot(size), self.like)
 
 
 class _Head(_Table):

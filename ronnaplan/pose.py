@@ -172,3 +172,8 @@ def exponential(rotation_vectors: FloatArray) -> FloatArray:
     half = np.sinc(angle / (2 * np.pi))
     turned: FloatArray = np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * half**2 * (K @ K)
     return turned
+
+
+def rotation_sd_deg(covariance: FloatArray) -> float:
+    """Return the standard deviation of a pose's rotation about its most uncertain axis, of its covariance (6, 6)."""
+    return float(np.degrees(np.sqrt(max(np.linalg.eigvalsh(covariance[:3, :3])[-1], 0.0))))

@@ -13,7 +13,8 @@ from ronnaplan.ct import CTVolume, read_ct
 from ronnaplan.documents.fiducials import FORMAT, FiducialsDocument
 from ronnaplan.documents.plan import write_plan
 from ronnaplan.documents.reading import to_json
-from ronnaplan.documents.registration import RegistrationDocument, registration_document
+from ronnaplan.documents.registered import registration_document
+from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.geometry import FloatArray, Frame, Points
 from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.registration.markers import register_markers

@@ -11,7 +11,8 @@ from ronnaplan.cli.values import sigma_mm
 if TYPE_CHECKING:
     from ronnaplan.documents.phantom_check import CheckedScan
     from ronnaplan.localization import Build
-    from ronnaplan.registration.phantom_check import Estimate, KnownPhantom
+    from ronnaplan.registration.phantom_check import KnownPhantom
+    from ronnaplan.registration.phantom_verdict import Estimate
 
 HELP = "Scan a known phantom or template once: how accurate, how honest, and which settings would be better."
 
@@ -86,7 +87,8 @@ def _checked(
     from ronnaplan.documents.phantom_check import CheckedScan
     from ronnaplan.localization import localize
     from ronnaplan.localization.settings import recommended_settings
-    from ronnaplan.registration.phantom_check import check_phantom, reasons_against
+    from ronnaplan.registration.phantom_check import check_phantom
+    from ronnaplan.registration.phantom_verdict import reasons_against
 
     volume = read_ct(path, series, progress=True)
     found = localize(volume, diameter_mm=diameter_mm, marker=build)
@@ -99,7 +101,7 @@ def _told(one: CheckedScan) -> str:
     """Say what was found of one scan."""
     import numpy as np
 
-    from ronnaplan.registration.phantom_check import normalized_error, share_within
+    from ronnaplan.registration.phantom_verdict import normalized_error, share_within
     from ronnaplan.report.tables import resolution_line
 
     check = one.check
@@ -141,7 +143,7 @@ def _told_together(scans: list[CheckedScan]) -> str:
     """Sum up several scans."""
     import numpy as np
 
-    from ronnaplan.registration.phantom_check import normalized_error, share_within
+    from ronnaplan.registration.phantom_verdict import normalized_error, share_within
 
     error = normalized_error([one.check.judged for one in scans])
     within = share_within([one.check.within for one in scans])

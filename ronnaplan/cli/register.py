@@ -54,7 +54,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Register; a refused pairing is written with its rivals and returns 3."""
     from ronnaplan.documents.fiducials import read_fiducials
-    from ronnaplan.documents.registration import read_registration, registration_document
+    from ronnaplan.documents.registered import registration_document
+    from ronnaplan.documents.registration import read_registration
     from ronnaplan.documents.registration_text import registration_text
     from ronnaplan.documents.revision import write_document
     from ronnaplan.errors import RefusedError

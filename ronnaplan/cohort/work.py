@@ -138,7 +138,8 @@ def _checked(volume: CTVolume, found: Fiducials, phantom: KnownPhantom) -> dict[
     import numpy as np
     from scipy.spatial.distance import pdist
 
-    from ronnaplan.registration.phantom_check import check_phantom, reasons_against
+    from ronnaplan.registration.phantom_check import check_phantom
+    from ronnaplan.registration.phantom_verdict import reasons_against
 
     check = check_phantom(phantom, found.points, volume.grid.axes)
     fit = check.registration

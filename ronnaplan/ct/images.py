@@ -14,6 +14,7 @@ from typing import BinaryIO, Final
 import numpy as np
 
 from ronnaplan.ct.files import DamagedError, open_regular
+from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.image_header import ImageHeader, StoredVoxels
 from ronnaplan.ct.image_voxels import UNPACKING_ERRORS, read_voxels, unpacked
 from ronnaplan.ct.limits import DEFAULT_LIMITS, GIB, Limits
@@ -21,7 +22,7 @@ from ronnaplan.ct.metaimage import meta_header
 from ronnaplan.ct.nifti import nifti_header
 from ronnaplan.ct.nrrd import nrrd_header
 from ronnaplan.ct.stack import FARTHEST_MM, PIXEL_SIZE_RANGE_MM
-from ronnaplan.ct.volume import CTVolume, SeriesSource, SliceGrid, VolumeFlag
+from ronnaplan.ct.volume import CTVolume, SeriesSource, VolumeFlag
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.text import printable

@@ -15,10 +15,11 @@ from typing import Final
 import numpy as np
 
 from ronnaplan.ct.derived import flags_of
+from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.header import DEFLATED_LITTLE
 from ronnaplan.ct.slices import SliceImage
 from ronnaplan.ct.values import Vector
-from ronnaplan.ct.volume import SliceGrid, VolumeFlag
+from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 

@@ -7,9 +7,10 @@ from pathlib import Path
 
 from ronnaplan.ct.catalogue import Series, find_series
 from ronnaplan.ct.files import Skipped, given_path
+from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.images import is_image_file, open_image
 from ronnaplan.ct.limits import DEFAULT_LIMITS, Limits
-from ronnaplan.ct.volume import SliceGrid, VolumeFlag
+from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.text import printable
 
 

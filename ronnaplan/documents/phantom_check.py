@@ -18,13 +18,8 @@ from ronnaplan.documents.reading import made
 from ronnaplan.documents.template import TemplateDocument, read_template_document
 from ronnaplan.localization import Fiducials
 from ronnaplan.localization.settings import Advice
-from ronnaplan.registration.phantom_check import (
-    Estimate,
-    KnownPhantom,
-    PhantomCheck,
-    normalized_error,
-    share_within,
-)
+from ronnaplan.registration.phantom_check import KnownPhantom, PhantomCheck
+from ronnaplan.registration.phantom_verdict import Estimate, normalized_error, share_within
 
 FORMAT = "ronnaplan.phantom-check"
 

@@ -34,7 +34,7 @@ def warm_up() -> None:
     import numpy as np
 
     from ronnaplan.ct import CTVolume, SeriesSource
-    from ronnaplan.ct.volume import SliceGrid
+    from ronnaplan.ct.grid import SliceGrid
     from ronnaplan.errors import RonnaplanError
     from ronnaplan.localization import localize
 

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
-from ronnaplan.ct.volume import CTVolume, SliceGrid
+from ronnaplan.ct.grid import SliceGrid
+from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.parts import in_parts
 

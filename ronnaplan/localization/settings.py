@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ronnaplan.ct.volume import SliceGrid
+from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.localization.fiducials import FiducialFlag, Fiducials
 from ronnaplan.localization.parameters import EDGE
 

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.ct import read_ct
+from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.images import is_image_file
-from ronnaplan.ct.volume import CTVolume, SliceGrid
+from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import FloatArray
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.ct.volume import SliceGrid
+from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning.quadric import PARAMETERS, PRIOR, evaluate, fit
 from ronnaplan.planning.segments import along_segments, point_distances

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Points, as_points
 from ronnaplan.planning.trajectory import Trajectory
-from ronnaplan.pose import Pose, point_jacobian
+from ronnaplan.pose import Pose, point_jacobian, rotation_sd_deg
 from ronnaplan.registration.covariances import as_pair
-from ronnaplan.registration.registration import LOOSE_ROTATION_DEG, rotation_sd_deg
+from ronnaplan.registration.registration import LOOSE_ROTATION_DEG
 from ronnaplan.rigid import pose_covariance, require_spread
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 

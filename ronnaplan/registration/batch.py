@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import transform_points
-from ronnaplan.registration.registration import combined_covariances, fitted_pose_covariance
+from ronnaplan.registration.covariances import combined_covariances, fitted_pose_covariance
 from ronnaplan.rigid import fit_closed_form, fit_likelihood, require_spread
 
 CHUNK = 2000

@@ -1,4 +1,4 @@
-"""The localization errors a caller states, brought to one shape and checked."""
+"""The localization errors a caller states, brought to one shape and checked, and what a fit makes of them."""
 
 from __future__ import annotations
 
@@ -7,9 +7,14 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
+from ronnaplan.pose import transform_points
+from ronnaplan.rigid import corrected_points, pose_covariance
 
 SYMMETRY_TOLERANCE = 1e-6
 """Largest asymmetry of a covariance, relative to its largest entry."""
+
+SMALLEST_VARIANCE_MM2 = 1e-18
+"""Keeps a perfect (synthetic) fit's covariance invertible; a nanometre is no marker's error."""
 
 Covariances = ArrayLike | tuple[ArrayLike | None, ArrayLike | None] | None
 """Errors of paired points: None (equal, isotropic, unknown), those of the fixed points with the moving ones
@@ -61,3 +66,30 @@ def _one_side(values: ArrayLike | None, count: int, name: str) -> FloatArray:
             f"the covariance of {name} point {bad[0]} is not symmetric and positive: {full[bad[0]].tolist()}"
         )
     return full
+
+
+def estimated_variance(matrix: FloatArray, moving_mm: FloatArray, fixed_mm: FloatArray) -> float:
+    """Return the unbiased per-axis variance of the pairs' errors, from 3 N - 6 degrees of freedom."""
+    residual = fixed_mm - transform_points(matrix, moving_mm)
+    return max(float((residual**2).sum()) / (3 * len(moving_mm) - 6), SMALLEST_VARIANCE_MM2)
+
+
+def combined_covariances(matrix: FloatArray, moving_mm2: FloatArray, fixed_mm2: FloatArray) -> FloatArray:
+    """Return the covariance (..., N, 3, 3) of the residuals' errors: both sides', in the fixed frame."""
+    rotation = matrix[..., None, :3, :3]
+    combined: FloatArray = rotation @ moving_mm2 @ rotation.swapaxes(-1, -2) + fixed_mm2
+    return combined
+
+
+def fitted_pose_covariance(
+    matrix: FloatArray,
+    moving_mm: FloatArray,
+    fixed_mm: FloatArray,
+    combined_mm2: FloatArray,
+    stated: tuple[FloatArray, FloatArray] | None,
+) -> FloatArray:
+    """Return the covariance (..., 6, 6) of fitted ``matrix`` (..., 4, 4); unstated errors are all of the fixed side."""
+    if stated is None:
+        return pose_covariance(transform_points(matrix, moving_mm), combined_mm2)
+    corrected, remaining = corrected_points(matrix, moving_mm, fixed_mm, *stated)
+    return pose_covariance(corrected, combined_mm2, remaining)

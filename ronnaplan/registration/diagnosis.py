@@ -9,7 +9,8 @@ import numpy as np
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import point_jacobian, transform_points
-from ronnaplan.registration.registration import MISFIT_PROBABILITY, Registration, combined_covariances
+from ronnaplan.registration.covariances import combined_covariances
+from ronnaplan.registration.registration import MISFIT_PROBABILITY, Registration
 from ronnaplan.rigid import fit_closed_form, fit_likelihood, pose_covariance, spans_a_plane
 
 

@@ -15,9 +15,15 @@ from numpy.typing import ArrayLike
 from ronnaplan.display import Shown, coordinates
 from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray, Frame, as_points
-from ronnaplan.pose import Pose, invert, transform_points
-from ronnaplan.registration.covariances import Covariances, as_pair
-from ronnaplan.rigid import corrected_points, fit_closed_form, fit_likelihood, pose_covariance, require_spread
+from ronnaplan.pose import Pose, invert, rotation_sd_deg, transform_points
+from ronnaplan.registration.covariances import (
+    Covariances,
+    as_pair,
+    combined_covariances,
+    estimated_variance,
+    fitted_pose_covariance,
+)
+from ronnaplan.rigid import fit_closed_form, fit_likelihood, pose_covariance, require_spread
 
 if TYPE_CHECKING:
     from ronnaplan.ct.volume import CTVolume, ScalarMap
@@ -229,11 +235,6 @@ class Registration(Shown[RegisteredPair]):
         return self.fre_rms_mm > MIRROR_GAIN * float(np.sqrt((residual**2).sum(axis=1).mean())) and len(self) > 3
 
 
-def rotation_sd_deg(covariance: FloatArray) -> float:
-    """Return the standard deviation of a pose's rotation about its most uncertain axis, of its covariance (6, 6)."""
-    return float(np.degrees(np.sqrt(max(np.linalg.eigvalsh(covariance[:3, :3])[-1], 0.0))))
-
-
 def register_points(
     moving: ArrayLike,
     fixed: ArrayLike,
@@ -267,9 +268,7 @@ def register_points(
     stated = as_pair(covariances, len(moving_mm))
     if stated is None:
         matrix, settled = fit_closed_form(moving_mm, fixed_mm), True
-        combined = np.broadcast_to(
-            _estimated_variance(matrix, moving_mm, fixed_mm) * np.eye(3), (len(names), 3, 3)
-        )
+        combined = np.broadcast_to(estimated_variance(matrix, moving_mm, fixed_mm) * np.eye(3), (len(names), 3, 3))
     else:
         matrix, converged = fit_likelihood(moving_mm, fixed_mm, *stated)
         settled = bool(converged)
@@ -282,37 +281,6 @@ def register_points(
         for pair in registration:
             LOG.debug("%s is left %.4f mm off", pair.label, pair.residual_mm)
     return registration
-
-
-def combined_covariances(matrix: FloatArray, moving_mm2: FloatArray, fixed_mm2: FloatArray) -> FloatArray:
-    """Return the covariance (..., N, 3, 3) of the residuals' errors: both sides', in the fixed frame."""
-    rotation = matrix[..., None, :3, :3]
-    combined: FloatArray = rotation @ moving_mm2 @ rotation.swapaxes(-1, -2) + fixed_mm2
-    return combined
-
-
-def fitted_pose_covariance(
-    matrix: FloatArray,
-    moving_mm: FloatArray,
-    fixed_mm: FloatArray,
-    combined_mm2: FloatArray,
-    stated: tuple[FloatArray, FloatArray] | None,
-) -> FloatArray:
-    """Return the covariance (..., 6, 6) of fitted ``matrix`` (..., 4, 4); unstated errors are all of the fixed side."""
-    if stated is None:
-        return pose_covariance(transform_points(matrix, moving_mm), combined_mm2)
-    corrected, remaining = corrected_points(matrix, moving_mm, fixed_mm, *stated)
-    return pose_covariance(corrected, combined_mm2, remaining)
-
-
-SMALLEST_VARIANCE_MM2 = 1e-18
-"""Keeps a perfect (synthetic) fit's covariance invertible; a nanometre is no marker's error."""
-
-
-def _estimated_variance(matrix: FloatArray, moving_mm: FloatArray, fixed_mm: FloatArray) -> float:
-    """Return the unbiased per-axis variance of the pairs' errors, from 3 N - 6 degrees of freedom."""
-    residual = fixed_mm - transform_points(matrix, moving_mm)
-    return max(float((residual**2).sum()) / (3 * len(moving_mm) - 6), SMALLEST_VARIANCE_MM2)
 
 
 def predict_tre(markers_mm: ArrayLike, covariances_mm2: ArrayLike, targets_mm: ArrayLike) -> FloatArray:

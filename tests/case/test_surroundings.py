@@ -9,7 +9,8 @@ import pytest
 
 from ronnaplan.case.expectation import expectation
 from ronnaplan.case.surroundings import Judgement, Rules, Surroundings, Terrain
-from ronnaplan.documents.registration import RegistrationDocument, registration_document
+from ronnaplan.documents.registered import registration_document
+from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.geometry import Points
 from ronnaplan.planning import Limits, Trajectory, measure
 from ronnaplan.planning.obstacles import Clearance

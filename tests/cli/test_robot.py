@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from phantoms.robot_session import write_session
 from ronnaplan.cli import main
 from ronnaplan.documents.reading import to_json
-from ronnaplan.documents.registration import registration_document
+from ronnaplan.documents.registered import registration_document
 from ronnaplan.documents.tool import read_hand_eye, read_pivot
 from ronnaplan.registration.markers import register_markers
 from ronnaplan.robot.hand_eye import calibrate_hand_eye, with_tip

@@ -16,7 +16,8 @@ from ronnaplan.documents.dicom_spatial import dicom_bytes, spatial_fiducials, sp
 from ronnaplan.documents.export import export
 from ronnaplan.documents.fiducials import FiducialsDocument, Source
 from ronnaplan.documents.reading import to_json
-from ronnaplan.documents.registration import RegistrationDocument, read_registration, registration_document
+from ronnaplan.documents.registered import registration_document
+from ronnaplan.documents.registration import RegistrationDocument, read_registration
 from ronnaplan.documents.registration_text import registration_text
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import Frame, Points

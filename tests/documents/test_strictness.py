@@ -20,7 +20,8 @@ from ronnaplan.documents.limits import read_limits
 from ronnaplan.documents.placement import placement_document, read_placement
 from ronnaplan.documents.plan import plan_document, read_plan
 from ronnaplan.documents.reading import to_json
-from ronnaplan.documents.registration import read_registration, registration_document
+from ronnaplan.documents.registered import registration_document
+from ronnaplan.documents.registration import read_registration
 from ronnaplan.documents.rig import read_rig, read_spheres, rig_document, spheres_document
 from ronnaplan.documents.template import read_template
 from ronnaplan.documents.tool import hand_eye_document, pivot_document, read_hand_eye, read_pivot

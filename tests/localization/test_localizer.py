@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from phantoms.anatomy import scalp_foot
-from phantoms.markers import DECOYS, decoy, marker
+from phantoms.decoys import DECOYS, decoy
+from phantoms.markers import marker
 from phantoms.scene import Part, Scene
 from phantoms.solids import cylinder, ellipsoid, half_space, sphere
 from ronnaplan.errors import InputError, RefusedError, UsageError

@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from phantoms.fast import average_hu, render
+from phantoms.averages import average_hu
+from phantoms.fast import render
 from phantoms.materials import MATERIALS
 from phantoms.scene import Part, Scene
 from phantoms.solids import FloatArray, cylinder, sphere

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from phantoms.anatomy import scalp_foot
+from phantoms.decoys import DECOYS, decoy
 from phantoms.errors import PhantomError
 from phantoms.library import READY, ready
-from phantoms.markers import DECOYS, KINDS, decoy, marker, x_frame
+from phantoms.markers import KINDS, marker, x_frame
 from phantoms.patients import random_patient
 
 

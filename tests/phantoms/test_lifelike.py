@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from phantoms.anatomy import head, scalp_foot
+from phantoms.averages import average_hu
 from phantoms.errors import PhantomError
-from phantoms.fast import average_hu
 from phantoms.lifelike import lifelike_head
 from phantoms.markers import marker
 from phantoms.materials import MATERIALS

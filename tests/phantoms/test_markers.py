@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from phantoms.anatomy import Foot
+from phantoms.averages import average_hu
 from phantoms.coverings import COVERINGS, FILM_MM
 from phantoms.errors import PhantomError
-from phantoms.fast import average_hu
 from phantoms.markers import KINDS, Condition, MarkerKind, made, marker, touching_pair
 from phantoms.materials import MATERIALS
 from phantoms.output import write_phantom

@@ -5,8 +5,8 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from phantoms.averages import average_hu
 from phantoms.errors import PhantomError
-from phantoms.fast import average_hu
 from phantoms.profiles import Profile, Shape
 from phantoms.scene import Part, Scene
 from phantoms.solids import cylinder

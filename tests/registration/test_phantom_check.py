@@ -8,14 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, Points
-from ronnaplan.registration.phantom_check import (
-    KnownPhantom,
-    PhantomCheck,
-    check_phantom,
-    normalized_error,
-    reasons_against,
-    share_within,
-)
+from ronnaplan.registration.phantom_check import KnownPhantom, PhantomCheck, check_phantom
+from ronnaplan.registration.phantom_verdict import normalized_error, reasons_against, share_within
 
 PLACES = np.random.default_rng(5).uniform(-80, 80, (8, 3))
 LABELS = tuple("ABCDEFGH")
