@@ -8,8 +8,8 @@ Slice profiles range from the box of an axial scan to the bells of helical and c
 Tomography, 2011, section 3.3), and the header's thickness is not their width. They are taken as (1 - x^2)^shape on
 |x| < 1, the symmetric beta distribution: a box at shape 0, a parabola at 1, nearly a Gaussian from 4 on.
 
-The loops over the voxels stand around everything that is compiled here, and what they call takes numbers only: arrays
-handed from one compiled function to another cost more than what is computed of them.
+All voxels of a slice see the same discs, so these are laid out once a slice; the blurred disc and its derivatives are
+looked up, for each voxel and disc, in one table.
 """
 
 from __future__ import annotations
@@ -43,23 +43,48 @@ _STEP = 1e-4
 
 _EDGE_STEPS = 200
 _CURVATURE_STEPS = 128
+_COLUMNS = 8
+"""Seven of the disc's figures, and one to fill up a line of the processor's cache."""
 
 
 @cache
 def disc_table() -> FloatArray:
-    """Tabulate the blurred unit disc over (curvature, signed edge distance), both in units of sigma.
+    """Tabulate the blurred unit disc and its derivatives over (curvature, signed edge distance), in units of sigma.
 
     Row m holds radius position r = 2 / t - 2 with t = m / steps (so that row 0 is the straight edge), column n
-    the distance a - r of the disc's edge from -`EDGE_REACH` to `EDGE_REACH`.
+    the distance a - r of the disc's edge from -`EDGE_REACH` to `EDGE_REACH`. The last axis (of 8) has the disc D, its
+    derivative by a over a, by r, and along both, E = a D_a + r D_r, which is what the edge parameter adds; then E's
+    derivatives in the same order.
     """
-    from scipy.special import chndtr, ndtr  # not scipy.stats, which takes longer to load than a scan
+    from scipy.special import chndtr, i0e, i1e, ndtr  # not scipy.stats, which takes longer to load than a scan
 
     t = np.arange(1, _CURVATURE_STEPS + 1)[:, np.newaxis] / _CURVATURE_STEPS
     distance = np.linspace(-EDGE_REACH, EDGE_REACH, _EDGE_STEPS + 1)[np.newaxis, :]
-    position = 2.0 / t - 2.0
-    disc_radius = np.maximum(position + distance, 0.0)
-    curved = chndtr(disc_radius**2, 2, position**2)
-    return np.ascontiguousarray(np.vstack([ndtr(distance), curved]))
+    r = 2.0 / t - 2.0
+    a = np.maximum(r + distance, 0.0)
+    z, square = r * a, a**2 + r**2
+    density = np.exp(-0.5 * (a - r) ** 2)
+    i0, i1 = density * i0e(z), density * i1e(z)
+    along = a**2 * i0 - z * i1
+    along_by_a = (2.0 - square) * i0 + 2.0 * z * i1
+    along_by_r = a * (square * i1 - 2.0 * z * i0)
+    curved = (
+        chndtr(a**2, 2, r**2),
+        i0,
+        -a * i1,
+        along,
+        along_by_a,
+        along_by_r,
+        a**2 * along_by_a + r * along_by_r,
+    )
+    normal = np.exp(-0.5 * distance**2) / np.sqrt(2.0 * np.pi)
+    turned = (1.0 - distance**2) * normal
+    nothing = np.zeros_like(normal)
+    straight = (ndtr(distance), nothing, -normal, distance * normal, nothing, -turned, distance * turned)
+    table = np.zeros((_CURVATURE_STEPS + 1, _EDGE_STEPS + 1, _COLUMNS))
+    for column, (first, others) in enumerate(zip(straight, curved, strict=True)):
+        table[:, :, column] = np.vstack([first, others])
+    return table
 
 
 Discs = tuple[FloatArray, FloatArray, FloatArray]
@@ -121,54 +146,46 @@ def profile_rules(shape: float) -> FloatArray:
     return rules
 
 
-# Abramowitz & Stegun, Handbook of Mathematical Functions, 9.8.1 to 9.8.4 (errors below 2e-7), highest power first.
-_I0_NEAR = (0.0045813, 0.0360768, 0.2659732, 1.2067492, 3.0899424, 3.5156229, 1.0)
-_I1_NEAR = (0.00032411, 0.00301532, 0.02658733, 0.15084934, 0.51498869, 0.87890594, 0.5)
-_I0_FAR = (
-    *(0.00392377, -0.01647633, 0.02635537, -0.02057706, 0.00916281),
-    *(-0.00157565, 0.00225319, 0.01328592, 0.39894228),
-)
-_I1_FAR = (
-    *(-0.00420059, 0.01787654, -0.02895312, 0.02282967, -0.01031555),
-    *(0.00163801, -0.00362018, -0.03988024, 0.39894228),
-)
+@njit(cache=True, error_model="numpy", nogil=True)
+def _lay_out(
+    dw: float,
+    radius: float,
+    sigma: float,
+    profile: tuple[float, float, float, float],
+    rules: FloatArray,
+    nodes: FloatArray,
+    weights: FloatArray,
+    pile: FloatArray,
+) -> tuple[int, float, float]:
+    """Fill ``pile`` (4, Q) with the discs that a slice at ``dw`` (mm from the center) sees.
 
-
-@njit(cache=True, inline="always")
-def _polynomial(coefficients: tuple[float, ...], x: float) -> float:
-    total = 0.0
-    for coefficient in coefficients:
-        total = total * x + coefficient
-    return total
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _bessel_scaled(x: float) -> tuple[float, float]:
-    """exp(-x) I0(x) and exp(-x) I1(x) for x >= 0."""
-    if x < 3.75:
-        t = (x / 3.75) ** 2
-        decay = math.exp(-x)
-        return _polynomial(_I0_NEAR, t) * decay, x * _polynomial(_I1_NEAR, t) * decay
-    t = 3.75 / x
-    root = math.sqrt(x)
-    return _polynomial(_I0_FAR, t) / root, _polynomial(_I1_FAR, t) / root
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _disc_slopes(r: float, a: float, inverse: float) -> tuple[float, float, float, float, float]:
-    """Derivatives of the blurred disc by its radius ``a`` and by the distance ``r`` from its axis, in 1/mm.
-
-    Then what ``edge`` adds to it, -blur d(disc)/d(blur), and the derivatives of that by ``a`` and ``r``.
+    Their places (mm), radii (mm), weights, and the weights' derivatives by the profile's shape. Returns how many
+    they are, and the least and the largest radius within the slice. ``profile``: shape, and what `slice_profile` tells.
     """
-    apart = (a - r) * inverse
-    square = inverse * inverse
-    z = r * a * square
-    i0, i1 = _bessel_scaled(z)
-    density = a * square * math.exp(-0.5 * apart * apart)
-    size = (a * a + r * r) * square
-    by_a, by_r = density * i0, -density * i1
-    added = a * by_a + r * by_r
-    return by_a, by_r, added, density * ((2.0 - size) * i0 + 2.0 * z * i1), density * (size * i1 - 2.0 * z * i0)
+    shape, half, height, mean_log = profile
+    square = radius * radius
+    nearest, farthest = max(abs(dw) - half, 0.0), abs(dw) + half
+    widest = math.sqrt(square - nearest * nearest)
+    narrowest = 0.0 if farthest >= radius else math.sqrt(square - farthest * farthest)
+    spread = (widest - narrowest) / sigma
+    if farthest < radius and spread <= SOME_SPREAD:
+        first, count = (0, FEW_DISCS) if spread <= FEW_SPREAD else (FEW_DISCS, SOME_DISCS)
+        for q in range(count):
+            place = dw + half * rules[first + q, 0]
+            pile[0, q], pile[1, q] = place, math.sqrt(square - place * place)
+            pile[2, q], pile[3, q] = rules[first + q, 1], rules[first + q, 2]
+        return count, narrowest, widest
+    # The sum is over the latitude phi (w = R sin phi), in which even the polar cap is smooth.
+    south = math.asin(max(dw - half, -radius) / radius)
+    span = math.asin(min(dw + half, radius) / radius) - south
+    for q in range(len(nodes)):
+        latitude = south + span * nodes[q]
+        place, a = radius * math.sin(latitude), radius * math.cos(latitude)
+        x = (place - dw) / half
+        log = math.log(max(1.0 - x * x, 1e-12))
+        weight = weights[q] * span * height * a * math.exp(shape * log)
+        pile[0, q], pile[1, q], pile[2, q], pile[3, q] = place, a, weight, weight * (log - mean_log)
+    return len(nodes), narrowest, widest
 
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "reassoc", "arcp", "nsz"})
@@ -190,45 +207,30 @@ def add_ball(
     sigma, edge, width, shape = theta[BLUR], theta[EDGE], theta[WIDTH], theta[SHAPE]
     half, height, mean_log = slice_profile(width, shape)
     rules = profile_rules(shape)
+    pile = np.empty((4, max(len(nodes), SOME_DISCS)))
     inverse, reach, support_by_shape = 1.0 / sigma, EDGE_REACH * sigma, 1.0 / (2.0 * shape + 3.0)
-    square = radius * radius
+    latest_w, count, narrowest, widest = math.nan, 0, 0.0, 0.0
     for n in range(len(offsets)):
         shares[n] = 0.0
         du, dv, dw = offsets[n, 0] - theta[U], offsets[n, 1] - theta[V], offsets[n, 2] - theta[W]
         if abs(dw) - half >= radius:
             continue
+        if dw != latest_w:
+            profile = (shape, half, height, mean_log)
+            count, narrowest, widest = _lay_out(dw, radius, sigma, profile, rules, nodes, weights, pile)
+            latest_w = dw
         r = math.sqrt(du * du + dv * dv)
-        nearest, farthest = max(abs(dw) - half, 0.0), abs(dw) + half
-        widest = math.sqrt(square - nearest * nearest)
         if r - widest >= reach:
             continue
-        at_pole = farthest >= radius
-        narrowest = 0.0 if at_pole else math.sqrt(square - farthest * farthest)
         if narrowest - r >= reach:
             shares[n] = 1.0
             continue
-        spread = (widest - narrowest) * inverse
-        at_pole |= spread > SOME_SPREAD
-        south = span = 0.0
-        first, count = (0, FEW_DISCS) if spread <= FEW_SPREAD else (FEW_DISCS, SOME_DISCS)
-        if at_pole:  # the sum is over the latitude phi (w = R sin phi), in which even the polar cap is smooth
-            south = math.asin(max(dw - half, -radius) / radius)
-            span = math.asin(min(dw + half, radius) / radius) - south
-            count = len(nodes)
+        y = 2.0 * _CURVATURE_STEPS / (r * inverse + 2.0)
+        i = min(int(y), _CURVATURE_STEPS - 1)
+        y -= i
         value = by_r = by_radius = by_blur = by_edge = by_w = by_width = by_shape = 0.0
         for q in range(count):
-            if at_pole:
-                latitude = south + span * nodes[q]
-                place = radius * math.sin(latitude)
-                a = radius * math.cos(latitude)
-                x = (place - dw) / half
-                log = math.log(max(1.0 - x * x, 1e-12))
-                weight = weights[q] * span * height * a * math.exp(shape * log)
-                weight_by_shape = weight * (log - mean_log)
-            else:
-                place = dw + half * rules[first + q, 0]
-                a = math.sqrt(square - place * place)
-                weight, weight_by_shape = rules[first + q, 1], rules[first + q, 2]
+            place, a, weight, weight_by_shape = pile[0, q], pile[1, q], pile[2, q], pile[3, q]
             distance = (a - r) * inverse
             if distance <= -EDGE_REACH:
                 continue
@@ -237,32 +239,36 @@ def add_ball(
                 by_shape += weight_by_shape
                 continue
             x = (distance + EDGE_REACH) * (_EDGE_STEPS / (2.0 * EDGE_REACH))
-            y = 2.0 / (r * inverse + 2.0) * _CURVATURE_STEPS
             j = min(int(x), _EDGE_STEPS - 1)
-            i = min(int(y), _CURVATURE_STEPS - 1)
             x -= j
-            y -= i
-            low = table[i, j] * (1.0 - x) + table[i, j + 1] * x
-            high = table[i + 1, j] * (1.0 - x) + table[i + 1, j + 1] * x
-            by_a, by_distance, added, added_by_a, added_by_distance = _disc_slopes(r, a, inverse)
-            disc = low * (1.0 - y) + high * y + edge * added
-            by_a = (by_a + edge * added_by_a) * weight / a
-            by_distance = (by_distance + edge * added_by_distance) * weight
+            low, high = table[i, j], table[i, j + 1]
+            far_low, far_high = table[i + 1, j], table[i + 1, j + 1]
+            c00, c01, c10, c11 = (1.0 - x) * (1.0 - y), x * (1.0 - y), (1.0 - x) * y, x * y
+            disc = c00 * low[0] + c01 * high[0] + c10 * far_low[0] + c11 * far_high[0]
+            disc_by_a = c00 * low[1] + c01 * high[1] + c10 * far_low[1] + c11 * far_high[1]
+            disc_by_r = c00 * low[2] + c01 * high[2] + c10 * far_low[2] + c11 * far_high[2]
+            along = c00 * low[3] + c01 * high[3] + c10 * far_low[3] + c11 * far_high[3]
+            along_by_a = c00 * low[4] + c01 * high[4] + c10 * far_low[4] + c11 * far_high[4]
+            along_by_r = c00 * low[5] + c01 * high[5] + c10 * far_low[5] + c11 * far_high[5]
+            twice_along = c00 * low[6] + c01 * high[6] + c10 * far_low[6] + c11 * far_high[6]
+            disc += edge * along
+            by_a = weight * (disc_by_a + edge * along_by_a)
             value += weight * disc
-            by_edge += weight * added
+            by_edge += weight * along
             by_shape += weight_by_shape * disc
-            by_r += by_distance
+            by_r += weight * (disc_by_r + edge * along_by_r)
             by_radius += by_a
-            by_blur -= r * by_distance + a * a * by_a
+            by_blur -= weight * (along + edge * twice_along)
             by_w += place * by_a
             by_width -= place * by_a * (place - dw)
         shares[n] = value
-        along = -contrast * by_r / max(r, 1e-12)
-        jacobian[n, U] += along * du
-        jacobian[n, V] += along * dv
-        jacobian[n, W] += contrast * by_w
-        jacobian[n, RADIUS] += contrast * radius * by_radius
+        beside = -contrast * inverse * by_r / max(r, 1e-12)
+        square_inverse = contrast * inverse * inverse
+        jacobian[n, U] += beside * du
+        jacobian[n, V] += beside * dv
+        jacobian[n, W] += square_inverse * by_w
+        jacobian[n, RADIUS] += square_inverse * radius * by_radius
         jacobian[n, BLUR] += contrast * by_blur * inverse
         jacobian[n, EDGE] += contrast * by_edge
-        jacobian[n, WIDTH] += contrast * by_width / width
-        jacobian[n, SHAPE] += contrast * (by_shape + by_width * support_by_shape)
+        jacobian[n, WIDTH] += square_inverse * by_width / width
+        jacobian[n, SHAPE] += contrast * by_shape + square_inverse * by_width * support_by_shape

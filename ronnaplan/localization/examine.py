@@ -22,6 +22,7 @@ from ronnaplan.localization.look import has_metal, surface_shares, unseen_share
 from ronnaplan.localization.motion import Movement, movement
 from ronnaplan.localization.neighbourhood import gather
 from ronnaplan.localization.parameters import RADIUS, SHAPE, WIDTH, full_width_at_half_maximum_mm
+from ronnaplan.localization.parts import single_threaded_algebra
 from ronnaplan.localization.refine import BallFit, fit_ball
 from ronnaplan.localization.uncertainty import attached_axis, cramer_rao_bound, is_off_size, noise_level
 
@@ -138,10 +139,10 @@ class Examined:
 def examine(scan: Scan, diameter_mm: float, build: Build = SOLID, progress: Progress = False) -> list[Examined]:
     """Fit and judge every place of ``scan`` that may be a ball of ``diameter_mm``, strongest candidates first."""
     seen = detect(scan.volume, diameter_mm).centers_mm
-    shares = surface_shares(scan.volume, seen, diameter_mm, build, scan.thickness_mm(seen))
+    shares = surface_shares(scan.volume, seen, diameter_mm, build, scan.thickness_mm(seen), MIN_COVERAGE)
     places = _apart(seen[shares >= MIN_COVERAGE], SAME_PLACE * diameter_mm)
     # The fits release the interpreter's lock, and each is independent of the others: any order, same result.
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with single_threaded_algebra(), ThreadPoolExecutor(os.cpu_count()) as pool:
         fits = pool.map(lambda place: examine_place(scan, place, diameter_mm, build), places)
         return list(advancing(fits, len(places), progress, f"fitting balls of {diameter_mm:g} mm"))
 

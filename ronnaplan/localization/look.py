@@ -11,7 +11,7 @@ from kernelcache import njit
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build
-from ronnaplan.localization.cells import cell_directions
+from ronnaplan.localization.cells import CELL_COUNT, cell_directions
 from ronnaplan.localization.detect import MIN_CONTRAST_HU
 from ronnaplan.localization.guess import margin_mm
 from ronnaplan.localization.parts import in_parts
@@ -28,17 +28,28 @@ MARGIN_SHARE = 0.7
 BACKGROUND_SHARE = 0.3
 """The surroundings' level is what this share of the directions reach at most: something touches most markers."""
 
+GLANCE = 24
+"""So many directions tell that most places are nothing like a ball."""
+
+_SPREAD = np.arange(CELL_COUNT) * 37 % CELL_COUNT
+"""An order of the directions in which the first ones look to all sides."""
+
 
 def surface_shares(
-    volume: CTVolume, centers_mm: FloatArray, diameter_mm: float, build: Build, thickness_mm: FloatArray
+    volume: CTVolume,
+    centers_mm: FloatArray,
+    diameter_mm: float,
+    build: Build,
+    thickness_mm: FloatArray,
+    least: float,
 ) -> FloatArray:
     """Share (N,) of directions in which the image falls from a ball's level to its surroundings' at its surface.
 
     A fit at such a place of ``centers_mm`` (N, 3), where slices are ``thickness_mm`` (N,) thick, cannot cover more of
-    the surface.
+    the surface. Where a first glance shows less than half of the ``least`` share that is wanted, it is left at that.
     """
     radius_mm = diameter_mm / 2.0
-    directions = cell_directions() @ volume.grid.axes.T
+    directions = cell_directions()[_SPREAD] @ volume.grid.axes.T
     depth_mm = build.wall_mm / 2.0 if build.wall_mm else radius_mm / 2.0
     inner_mm = (radius_mm - depth_mm) * directions
     outer_mm = (radius_mm + max(build.layer_mm, 0.0) + MARGIN_SHARE * margin_mm(0.0)) * directions
@@ -48,7 +59,9 @@ def surface_shares(
 
     def fallen(first: int, end: int) -> FloatArray:
         some = slice(first, end)
-        return _fallen(places_mm[some], thickness_mm[some], inner_mm, outer_mm, per_thickness, *lookup)
+        return _fallen(
+            places_mm[some], thickness_mm[some], inner_mm, outer_mm, per_thickness, least / 2.0, *lookup
+        )
 
     return np.concatenate(in_parts(fallen, len(places_mm)))
 
@@ -95,6 +108,7 @@ def _fallen(
     inner: FloatArray,
     outer: FloatArray,
     per_thickness: FloatArray,
+    least: float,
     voxels: NDArray[np.int16] | NDArray[np.float32],
     origins: FloatArray,
     steps: FloatArray,
@@ -102,21 +116,35 @@ def _fallen(
 ) -> FloatArray:
     """Share (N,) of directions in which it is bright at ``inner`` (M, 3) from each place and dark at ``outer``.
 
-    The latter lies farther out by ``per_thickness`` (M, 3) times the slices' ``thickness`` (N,).
+    The latter lies farther out by ``per_thickness`` (M, 3) times the slices' ``thickness`` (N,). The first `GLANCE`
+    directions must show ``least``.
     """
     shares = np.zeros(len(places))
     inside, outside = np.empty(len(inner)), np.empty(len(inner))
     for n in range(len(places)):
-        _nearest(places[n], inner, voxels, origins, steps, padding, inside)
-        _nearest(places[n], outer + thickness[n] * per_thickness, voxels, origins, steps, padding, outside)
-        bright, dark = np.sort(inside[~np.isnan(inside)]), np.sort(outside[~np.isnan(outside)])
-        if len(bright) == 0 or len(dark) == 0:
-            continue
-        high, low = bright[len(bright) // 2], dark[int(BACKGROUND_SHARE * (len(dark) - 1))]
-        if high - low >= MIN_CONTRAST_HU:
-            middle = (high + low) / 2.0
-            shares[n] = np.mean((inside > middle) & (outside < middle))
+        first = 0
+        for end in (GLANCE, len(inner)):
+            beyond = outer[first:end] + thickness[n] * per_thickness[first:end]
+            _nearest(places[n], inner[first:end], voxels, origins, steps, padding, inside[first:end])
+            _nearest(places[n], beyond, voxels, origins, steps, padding, outside[first:end])
+            shares[n] = _share(inside[:end], outside[:end])
+            if shares[n] < least:
+                break
+            first = end
     return shares
+
+
+@njit(cache=True, nogil=True)
+def _share(inside: FloatArray, outside: FloatArray) -> float:
+    """Share of directions that are bright ``inside`` (M,) and dark ``outside`` (M,); NaN is unknown."""
+    bright, dark = np.sort(inside[~np.isnan(inside)]), np.sort(outside[~np.isnan(outside)])
+    if len(bright) == 0 or len(dark) == 0:
+        return 0.0
+    high, low = bright[len(bright) // 2], dark[int(BACKGROUND_SHARE * (len(dark) - 1))]
+    if high - low < MIN_CONTRAST_HU:
+        return 0.0
+    middle = (high + low) / 2.0
+    return float(np.mean((inside > middle) & (outside < middle)))
 
 
 @njit(cache=True, nogil=True)
@@ -135,10 +163,14 @@ def _nearest(
     """
     count, rows, columns = voxels.shape
     last = count - 1
+    k = int(np.searchsorted(origins[:, 2], place[2]))
     for n in range(len(offsets)):
         values[n] = np.nan
         w = place[2] + offsets[n, 2]
-        k = int(np.searchsorted(origins[:, 2], w))
+        while k > 0 and origins[k - 1, 2] >= w:
+            k -= 1
+        while k <= last and origins[k, 2] < w:
+            k += 1
         if 0 < k <= last:
             k -= int(w - origins[k - 1, 2] < origins[k, 2] - w)
         elif last > 0:

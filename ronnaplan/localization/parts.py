@@ -5,7 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from contextlib import AbstractContextManager
+from functools import cache
+from typing import Any, TypeVar
+
+from threadpoolctl import ThreadpoolController
 
 Result = TypeVar("Result")
 
@@ -23,3 +27,18 @@ def in_parts(work: Callable[[int, int], Result], count: int) -> list[Result]:
     ends = [count * n // parts for n in range(parts + 1)]
     with ThreadPoolExecutor(cores) as pool:
         return list(pool.map(work, ends[:-1], ends[1:]))
+
+
+def single_threaded_algebra() -> AbstractContextManager[Any]:
+    """Keep the linear algebra of each thread to its own core, for the time of a ``with``.
+
+    Libraries that start threads for each small product would wait for one another, and sum in another order on
+    another number of cores.
+    """
+    limits: AbstractContextManager[Any] = _libraries().limit(limits=1, user_api="blas")
+    return limits
+
+
+@cache
+def _libraries() -> ThreadpoolController:
+    return ThreadpoolController()

@@ -131,7 +131,7 @@ def _round_places(scan: Scan, coarse: CTVolume, marker: Build, progress: bool) -
 
     def voted(diameter_mm: float) -> list[tuple[FloatArray, float]]:
         places = detect(coarse, diameter_mm).centers_mm[:MOST_LOOKED_AT]
-        shares = surface_shares(volume, places, diameter_mm, marker, scan.thickness_mm(places))
+        shares = surface_shares(volume, places, diameter_mm, marker, scan.thickness_mm(places), LEAST_SHOWN)
         return [(place, diameter_mm) for place in places[shares >= LEAST_SHOWN]]
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:

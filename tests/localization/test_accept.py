@@ -63,7 +63,7 @@ def test_a_ball_passes_them_all(fit: BallFit) -> None:
 def test_the_quick_look_sees_a_ball_and_not_its_flank() -> None:
     volume = scan(balls([(1.0, 2.0, 3.0)]), small_stack())
     places = np.array([[1.0, 2.0, 3.0], [7.0, 2.0, 3.0], [500.0, 2.0, 3.0]])
-    ball, flank, outside = surface_shares(volume, places, 11.5, SOLID, np.ones(len(places)))
+    ball, flank, outside = surface_shares(volume, places, 11.5, SOLID, np.ones(len(places)), 0.6)
     assert ball > 0.9
     assert flank < 0.6
     assert outside == 0.0
