@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from ronnaplan.case import marker_edits
 from ronnaplan.case.folder import Case, CaseFiles
+from ronnaplan.case.steps import MarkerStep, Steps
 from ronnaplan.case.surroundings import Judgement, Labels, Rules, Surroundings
 from ronnaplan.ct import CTVolume
 from ronnaplan.documents.agreement import disagreement
@@ -25,18 +26,6 @@ from ronnaplan.planning.merging import merged
 from ronnaplan.planning.trajectory import instrument_named
 
 ENDS = ("entry", "target")
-
-
-@dataclass(frozen=True, eq=False)
-class MarkerStep:
-    """One change of the markers."""
-
-    before: FiducialsDocument
-    after: FiducialsDocument
-
-
-Step = MarkerStep | None
-"""A step of this session; None is one that the plan's own history holds."""
 
 
 def sound(before: Plan, after: Plan, head: Head) -> Plan:
@@ -73,8 +62,7 @@ class OpenCase:
         self.before_drag: Plan | None = None
         self.followers: list[Callable[[Plan, Plan], None]] = []
         """Told of every change of the plan: as it was, and as it is."""
-        self._done: list[Step] = []
-        self._undone: list[Step] = []
+        self._steps = Steps()
 
     def look_again(self) -> bool:
         """Take over what another hand has written; return whether there is anything new.
@@ -108,9 +96,9 @@ class OpenCase:
         if (case.fiducials, case.registration) != (self.fiducials, self.registration):
             self.fiducials, self.registration = case.fiducials, case.registration
             self.surroundings = self.surroundings.with_documents(self.fiducials, self.registration)
-            self._done, self._undone = [step for step in self._done if step is None], []
+            self._steps.forget_markers()
         if case.plan is not None and case.plan is not self.plan:
-            self._count_others(len(case.plan.history) - len(self.plan.history))
+            self._steps.count_others(len(case.plan.history) - len(self.plan.history))
             self._show_plan(case.plan)
 
     def judge(self, trajectory: Trajectory) -> Judgement:
@@ -162,7 +150,7 @@ class OpenCase:
     def change_plan(self, plan: Plan) -> None:
         """Keep a plan that is one step further."""
         self._keep_plan(sound(self.plan, plan, self.surroundings.head))
-        self._step(None)
+        self._steps.add(None)
 
     # --- dragging --------------------------------------------------------------------------------------------
 
@@ -207,7 +195,7 @@ class OpenCase:
         if self.plan.undone:  # a step aside: what was taken back before it cannot be made again
             self._keep_plan(replace(self.plan, undone=()))
         self._keep_fiducials(found)
-        self._step(MarkerStep(before, found))
+        self._steps.add(MarkerStep(before, found))
 
     def reject_marker(self, label: str) -> None:
         """Turn a marker down."""
@@ -238,12 +226,12 @@ class OpenCase:
     @property
     def can_undo(self) -> bool:
         """Whether there is a change to take back: of this session, or an earlier one of the plan."""
-        return bool(self._done or self.plan.history)
+        return self._steps.any_done or bool(self.plan.history)
 
     @property
     def can_redo(self) -> bool:
         """Whether there is a change to make again."""
-        return bool(self._undone or self.plan.undone)
+        return self._steps.any_undone or bool(self.plan.undone)
 
     def undo(self) -> None:
         """Take the last change of plan or markers back; raises `InputError` when there is none.
@@ -251,41 +239,26 @@ class OpenCase:
         A drag under way is let go first.
         """
         self.end_drag()
-        step = self._done[-1] if self._done else None
+        step = self._steps.done
         if step is None:
             self._keep_plan(self.plan.undo())
         else:
             self._keep_fiducials(step.before)
-        self._undone.append(step)
-        del self._done[-1:]
+        self._steps.take_back(step)
 
     def redo(self) -> None:
         """Make the change again that was taken back last; raises `InputError` when there is none."""
-        step = self._undone[-1] if self._undone else None
+        step = self._steps.undone
         if step is None:
             self._keep_plan(self.plan.redo())
         else:
             self._keep_fiducials(step.after)
-        self._done.append(step)
-        del self._undone[-1:]
-
-    def _step(self, step: Step) -> None:
-        self._done.append(step)
-        self._undone.clear()
-
-    def _count_others(self, changes: int) -> None:
-        """Put ``changes`` of the plan by another hand among the steps; a negative number were taken back."""
-        self._undone.clear()
-        self._done += [None] * changes
-        for _ in range(-changes):
-            last = next((at for at in reversed(range(len(self._done))) if self._done[at] is None), None)
-            if last is not None:
-                del self._done[last]
+        self._steps.make_again(step)
 
     def _keep_plan(self, plan: Plan) -> None:
         written = self._kept_plan.write(plan)
         if written is not plan:
-            self._count_others(len(written.history) - len(plan.history))
+            self._steps.count_others(len(written.history) - len(plan.history))
         self._show_plan(written)
 
     def _show_plan(self, plan: Plan) -> None:

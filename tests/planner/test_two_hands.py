@@ -81,7 +81,7 @@ def test_a_write_that_fails_is_said_and_taken_back_on_the_page(running: Planner)
             assert state["refusals"] == 1
             assert state["chosen"]["notes"] == ""
             assert path.read_bytes() == written
-            assert [one.name for one in running.folder.glob(".*")] == []
+            assert [one.name for one in running.folder.glob(".ronnaplan.*")] == []
             resource.prlimit(running.process.pid, resource.RLIMIT_FSIZE, limits)
             await page.trigger("notes", "left", "saved")
             assert (await page.state())["chosen"]["notes"] == "saved"
