@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ronnaplan.case.expectation import expectation
 from ronnaplan.case.surroundings import Labels, Rules, Surroundings, Terrain
 from ronnaplan.ct import CTVolume, find_series, read_ct
+from ronnaplan.ct.images import is_image_file
 from ronnaplan.documents.fiducials import FiducialsDocument, read_fiducials
 from ronnaplan.documents.limits import read_limits
 from ronnaplan.documents.plan import read_plan
@@ -31,7 +32,7 @@ FIDUCIALS, REGISTRATION, PLAN, LIMITS = "fiducials.json", "registration.json", "
 SCAN = "the scan"
 
 CT_FOLDER = "ct"
-"""A scan that lies in the case is in this folder, or among the documents."""
+"""A scan that lies in the case is in this folder, in a file so called (``ct.zip``), or among the documents."""
 
 AnyPath = str | os.PathLike[str]
 
@@ -134,7 +135,10 @@ def read_case(
 def scan_in(folder: AnyPath) -> Path | None:
     """Return where the scan of the case in ``folder`` lies: its ``ct``, or among the documents; None without one."""
     home = Path(folder)
-    beside = home / CT_FOLDER if (home / CT_FOLDER).exists() else home
+    files = [one for one in sorted(home.glob(f"{CT_FOLDER}.*")) if is_image_file(one) or one.suffix == ".zip"]
+    beside = next((one for one in (home / CT_FOLDER, *files) if one.exists()), home)
+    if beside.is_file() and is_image_file(beside):
+        return beside
     try:
         return beside if find_series(beside, progress=False).usable else None
     except InputError:

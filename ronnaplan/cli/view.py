@@ -22,6 +22,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--series", metavar="UID", help="the series to use, where CT holds several")
     parser.add_argument(
+        "--root",
+        metavar="FOLDER",
+        help="begin with a page on which a scan is looked for below this folder, or dropped (default without a scan: "
+        "the present folder)",
+    )
+    parser.add_argument(
         "--plan", metavar="FILE", help="plan.json, made if it is not there (default: in the present folder)"
     )
     with_documents(parser, otherwise="beside the plan")
@@ -38,23 +44,80 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Open the case and serve it until stopped."""
-    from ronnaplan.case.folder import read_labels, with_limits
+    from ronnaplan.case.folder import read_labels, scan_in, with_limits
     from ronnaplan.ct import read_ct
-    from ronnaplan.planner.server import serve
+    from ronnaplan.planner.handing import Origin
+    from ronnaplan.planner.server import serve, start
+    from ronnaplan.planner.starting import StartPage
     from ronnaplan.planner.state import PlannerState
     from ronnaplan.planner.storage import Storage
 
     _require_files(arguments.fiducials, arguments.registration)
     storage = Storage.of(arguments.plan, arguments.fiducials, arguments.registration)
-    limits = Path(arguments.limits) if arguments.limits else storage.documents.limits
-    stated = with_limits(rules(arguments), limits)
     tracker = _address(arguments.tracker) if arguments.tracker else None
-    ct = arguments.ct or _scan_beside(storage.plan)
-    volume = read_ct(ct, arguments.series, progress=True)
-    patient = _patient(ct, arguments.series) if arguments.patient else None
-    state = PlannerState(volume, storage, stated, read_labels(arguments.no_go, volume))
-    serve(state, host=arguments.host, port=arguments.port, tracker=tracker, patient=patient)
+    read: list[Origin] = []
+
+    def opened(ct: Path, series: str | None, storage: Storage) -> PlannerState:
+        limits = Path(arguments.limits) if arguments.limits else storage.documents.limits
+        stated = with_limits(rules(arguments), limits)
+        volume = read_ct(ct, series, progress=True)
+        state = PlannerState(volume, storage, stated, read_labels(arguments.no_go, volume))
+        read.append(Origin(ct, series, _stated(arguments)))
+        return state
+
+    address = None
+    ct = None if arguments.root else arguments.ct or scan_in(storage.plan.parent)
+    if ct is not None:
+        state = opened(Path(ct), arguments.series, storage)
+    else:
+        _require_no_case(arguments)
+        home = storage.plan.parent
+        page = StartPage(
+            home,
+            Path(arguments.root or home),
+            lambda ct, series, plan: opened(ct, series, Storage.of(str(plan), None, None)),
+        )
+        state, address = start(page, host=arguments.host, port=arguments.port)
+    origin = read[-1]
+    patient = _patient(origin.ct, origin.series) if arguments.patient else None
+    serve(
+        state,
+        host=arguments.host,
+        port=arguments.port,
+        tracker=tracker,
+        patient=patient,
+        origin=origin,
+        address=address,
+    )
     return 0
+
+
+def _require_no_case(arguments: argparse.Namespace) -> None:
+    """Refuse what belongs to one case where none was named: the start page opens any."""
+    from ronnaplan.case.folder import CT_FOLDER
+    from ronnaplan.errors import UsageError
+
+    if arguments.plan and not arguments.root:
+        plan = Path(arguments.plan).resolve()
+        raise UsageError(
+            f"no CT lies in {plan.parent / CT_FOLDER} or beside {plan.name}; name one: ronnaplan view CT"
+        )
+    named = {"CT": arguments.ct, "--series": arguments.series, "--fiducials": arguments.fiducials}
+    named |= {"--registration": arguments.registration, "--no-go": arguments.no_go, "--plan": arguments.plan}
+    given = [name for name, value in named.items() if value]
+    if given:
+        raise UsageError(f"{' and '.join(given)} belongs to one case; name its scan, too: ronnaplan view CT")
+
+
+def _stated(arguments: argparse.Namespace) -> tuple[str, ...]:
+    """Return what was stated as options of ``ronnaplan report``."""
+    stated = ["--sigma-ct", str(arguments.sigma_ct), "--sigma-ots", str(arguments.sigma_ots)]
+    stated += ["--limits", str(Path(arguments.limits).resolve())] if arguments.limits else []
+    for labels in arguments.no_go:
+        stated += ["--no-go", str(Path(labels).resolve())]
+    if arguments.frame_axes:
+        stated += ["--frame-axes", *map(str, arguments.frame_axes)]
+    return tuple(stated)
 
 
 def _require_files(*named: str | None) -> None:
@@ -64,19 +127,6 @@ def _require_files(*named: str | None) -> None:
     for name in named:
         if name is not None and not Path(name).is_file():
             raise InputError(f"{name} does not exist; name a document that does, or none to begin anew")
-
-
-def _scan_beside(plan: Path) -> Path:
-    """Return where the scan of the case lies that ``plan`` belongs to."""
-    from ronnaplan.case.folder import CT_FOLDER, scan_in
-    from ronnaplan.errors import UsageError
-
-    found = scan_in(plan.parent)
-    if found is None:
-        raise UsageError(
-            f"no CT lies in {plan.parent / CT_FOLDER} or beside {plan.name}; name one: ronnaplan view CT"
-        )
-    return found
 
 
 def _patient(ct: str | Path, series_uid: str | None) -> str:

@@ -54,10 +54,11 @@ def summarize(
         return [_of_image(path, limits)], ()
     found = find_series(path, limits, progress=progress)
     found.require_series()
-    return [_of_series(series) for series in found.series], found.skipped
+    return [summary_of(series) for series in found.series], found.skipped
 
 
-def _of_series(series: Series) -> SeriesSummary:
+def summary_of(series: Series) -> SeriesSummary:
+    """Return a series at a glance."""
     first = series.first
     grid = series.stack.grid if series.stack is not None else None
     pixels = first.pixels

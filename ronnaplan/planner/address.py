@@ -19,6 +19,9 @@ from ronnaplan.documents.reading import to_json, validated
 from ronnaplan.errors import InputError
 from ronnaplan.portable import is_own_secret
 
+ADDRESS_FILE = ".planner-address.json"
+"""Lies in the folder of a case, and in that of a start page."""
+
 TOKEN_BYTES = 24
 GREATEST_PORT = 65_535
 

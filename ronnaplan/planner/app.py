@@ -91,7 +91,10 @@ class PlannerApp:
         self.server.enable_module(
             {
                 "serve": {"planner_page": folder, "scene_page": str(Path(str(SCENE_PAGE)))},
-                "scripts": ["scene_page/viewer.js", "planner_page/planner.js", "planner_page/head.js"],
+                "scripts": [
+                    "scene_page/viewer.js",
+                    *(f"planner_page/{name}.js" for name in ("planner", "head", "files")),
+                ],
                 "styles": ["planner_page/planner.css"],
             }
         )
@@ -129,6 +132,14 @@ class PlannerApp:
         self.painter.refresh()
         if self._waking and self._measuring is None and not self.painter.measured:
             self._measuring = asyncio.get_running_loop().create_task(self._measure())
+
+    def show_readings(self) -> None:
+        """Show which readings lie in the case's folder now."""
+        with self.server.state:
+            self.server.state.news = (
+                "readings were put into the case; register with them in the panel Registration"
+            )
+            self.refresh()
 
     async def _measure(self) -> None:
         """Measure all trajectories beside the page, for as long as what they are measured against changes."""

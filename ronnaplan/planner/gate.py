@@ -9,6 +9,7 @@ from collections.abc import Awaitable, Callable
 
 from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
+from aiohttp.typedefs import Middleware
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -22,7 +23,7 @@ POLICY = (
 """Nothing is fetched from any other host. The page's templates are compiled in the browser, hence 'unsafe-eval'."""
 
 
-def gate(token: str, hosts: frozenset[str]) -> Callable[[web.Request, Handler], Awaitable[web.StreamResponse]]:
+def gate(token: str, hosts: frozenset[str]) -> Middleware:
     """Return a middleware that lets through what carries ``token`` and is addressed to one of ``hosts``.
 
     The token comes in the URL the first time and in a cookie from then on, also for the web socket. Names other

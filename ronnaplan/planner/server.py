@@ -7,12 +7,16 @@ import os
 import sys
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ronnaplan.errors import InputError, UsageError
-from ronnaplan.planner.address import GREATEST_PORT, address_for, keep
+from ronnaplan.planner.address import ADDRESS_FILE, GREATEST_PORT, Address, address_for, keep
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.text import printable
+
+if TYPE_CHECKING:
+    from ronnaplan.planner.handing import Origin
+    from ronnaplan.planner.starting import StartPage
 
 EVERYWHERE = ("", "0.0.0.0", "::")
 
@@ -26,17 +30,18 @@ def serve(
     port: int = 0,
     tracker: tuple[str, int] | None = None,
     patient: str | None = None,
+    origin: Origin | None = None,
+    address: Address | None = None,
     announce: Callable[[str], None] | None = None,
 ) -> None:
     """Serve ``state`` until stopped; ``announce`` is given the address, which holds the token.
 
-    ``patient`` is the name to show, None to show none. Raises `InputError` where the port is taken or trame is not
-    installed, `UsageError` for no single address.
+    ``patient`` is the name to show, None to show none. ``origin`` says where the scan was read, for report and scene.
+    ``address`` is where a start page was, which the planner replaces.
+
+    Raises `InputError` where the port is taken or trame is not installed, `UsageError` for no single address.
     """
-    if host in EVERYWHERE:
-        raise UsageError(f"--host {host} would listen everywhere; name the one address to be reached by")
-    if not 0 <= port <= GREATEST_PORT:
-        raise UsageError(f"--port {port} is no port; give one up to {GREATEST_PORT}, or 0 for any that is free")
+    check_place(host, port)
     try:
         import trame.ui.vuetify3  # noqa: F401
         import wslink.backends.aiohttp
@@ -45,26 +50,30 @@ def serve(
         raise InputError(f"the planner needs {error.name}; install ronnaplan[planner]") from error
     from ronnaplan.planner.app import PlannerApp
     from ronnaplan.planner.gate import gate, is_worth_telling
+    from ronnaplan.planner.handing import Handing
     from ronnaplan.planner.sockets import Sockets
 
     os.environ["WSLINK_READY_MSG"] = ""  # wslink would write it to standard output, behind the address
-    known = address_for(state.storage.address, host, port)
+    known = address or address_for(state.storage.address, host, port)
     logging.getLogger("aiohttp.server").addFilter(is_worth_telling)
     wslink.backends.aiohttp.AioHttpWsHandler = Sockets  # wslink offers no other place to set limits
     server = get_server("ronnaplan", client_type="vue3")
     server.cli.prog = "ronnaplan view"
     app = PlannerApp(state, server, tracker, patient)
+    handing = Handing(state.storage, origin, app.show_readings)
 
     def close(web_server: Any) -> None:
         web_server.app.middlewares.append(gate(known.token, LOOPBACK | {host}))
         web_server.app.router.add_get("/things/{key}", app.head.serve_thing)
+        web_server.app.add_routes(handing.routes())
 
     def repeat(message: str) -> None:
         print(f"ronnaplan: the page says: {printable(message)}", file=sys.stderr)
 
     def tell(**_: Any) -> None:
         keep(state.storage.address, replace(known, port=server.port))
-        (announce or _print)(f"http://{host}:{server.port}/index.html?token={known.token}")
+        if address is None:
+            (announce or print_address)(_url(host, replace(known, port=server.port)))
 
     server.controller.on_server_bind.add(close)
     server.controller.on_server_ready.add(tell)
@@ -84,6 +93,33 @@ def serve(
         ) from error
 
 
-def _print(address: str) -> None:
+def check_place(host: str, port: int) -> None:
+    """Raise `UsageError` for a host or a port that cannot be listened on."""
+    if host in EVERYWHERE:
+        raise UsageError(f"--host {host} would listen everywhere; name the one address to be reached by")
+    if not 0 <= port <= GREATEST_PORT:
+        raise UsageError(f"--port {port} is no port; give one up to {GREATEST_PORT}, or 0 for any that is free")
+
+
+def start(page: StartPage, *, host: str = "127.0.0.1", port: int = 0) -> tuple[PlannerState, Address]:
+    """Serve the start page until a case is open; return it, and the address at which `serve` goes on."""
+    from ronnaplan.planner.starting import choose
+
+    check_place(host, port)
+    kept = page.home / ADDRESS_FILE
+
+    def announce(known: Address) -> None:
+        keep(kept, known)
+        print_address(_url(host, known))
+
+    return choose(page, host, LOOPBACK | {host}, address_for(kept, host, port), announce)
+
+
+def _url(host: str, known: Address) -> str:
+    return f"http://{host}:{known.port}/index.html?token={known.token}"
+
+
+def print_address(address: str) -> None:
+    """Say where the planner is."""
     print(address, flush=True)
     print("ronnaplan: open this address in a browser on this machine; Ctrl-C ends the planner", file=sys.stderr)

@@ -1,6 +1,6 @@
 """The files of a planner's case: read at the start, written after every change, so that nothing can be lost.
 
-Only these files are ever written, and only readings that lie in the case's folder are read.
+Only these files and dropped readings are ever written, and only readings that lie in the case's folder are read.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from ronnaplan.documents.fields import DocumentModel, Hounsfield, Line, Positive
 from ronnaplan.documents.files import read_json, write_atomically
 from ronnaplan.documents.reading import to_json, validated
 from ronnaplan.errors import InputError, UsageError
+from ronnaplan.planner.address import ADDRESS_FILE
 from ronnaplan.tracking import READERS
 
 LAYOUTS = ("six", "four", "path", "3-D")
@@ -78,7 +79,7 @@ class Storage:
     @property
     def address(self) -> Path:
         """The file that says where this case's planner is reached; only its user can read it."""
-        return self.plan.with_name(".planner-address.json")
+        return self.plan.with_name(ADDRESS_FILE)
 
     def read_look(self, voxel_sha256: str) -> Look | None:
         """Return where a person was looking in this scan, None where that is not known."""
@@ -95,9 +96,12 @@ class Storage:
     def readings(self) -> list[str]:
         """Return the names of the files in the case's folder that may be readings."""
         names = (path.name for path in self.plan.parent.iterdir() if path.is_file() and not path.is_symlink())
-        return sorted(
-            name for name in names if Path(name).suffix.lower() in READERS and name not in self._own_names
-        )
+        return sorted(name for name in names if self.may_be_readings(name))
+
+    def may_be_readings(self, name: str) -> bool:
+        """Whether a file of that name may hold readings, and is none of the case's documents."""
+        own = name in self._own_names or name.startswith(".")
+        return Path(name).suffix.lower() in READERS and not own
 
     def readings_path(self, name: str) -> Path:
         """Return where the readings file ``name`` lies; raises `UsageError` unless it is in the case's folder."""

@@ -32,10 +32,10 @@ def faults(page: Any) -> list[str]:
     return [f"{one['id']}: {one['help']} {one['nodes'][0]['html'][:200]}" for one in grave]
 
 
-@pytest.mark.parametrize("panel", ["Markers", "Registration", "Trajectories"])
+@pytest.mark.parametrize("panel", ["Markers", "Registration", "Files", "Trajectories"])
 def test_no_serious_fault_keeps_anyone_out(page: Any, panel: str) -> None:
     page.click(f".v-tab >> text={panel}")
-    page.wait_for_selector("#markers, #register, #paths")
+    page.wait_for_selector("#markers, #register, #files, #paths")
     page.wait_for_timeout(300)  # the tab's colours are still changing
     assert faults(page) == []
 

@@ -1,0 +1,149 @@
+"""Files that go out of the page and come in: documents, report and scene are downloaded, readings are dropped."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from aiohttp import web
+
+from ronnaplan.case.folder import FIDUCIALS, LIMITS, PLAN, REGISTRATION
+from ronnaplan.documents.files import write_atomically
+from ronnaplan.errors import RonnaplanError, UsageError
+from ronnaplan.planner.storage import Storage
+from ronnaplan.text import printable
+from ronnaplan.tracking import READERS
+
+MOST_READINGS_BYTES: Final = 16 * 2**20
+"""A recording of minutes has less."""
+
+MADE: Final = {
+    "report.html": ("report", "{case}"),
+    "report.pdf": ("report", "{case}"),
+    "scene.html": ("export", "{case}", "--to", "html"),
+    "scene.glb": ("export", "{case}", "--to", "gltf"),
+}
+"""What is made when it is asked for, and by which verb."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where the scan was read, and what else was stated, as options of ``ronnaplan report``."""
+
+    ct: Path
+    series: str | None = None
+    stated: tuple[str, ...] = ()
+
+
+class Handing:
+    """Answers downloads of a case's files, and takes readings into its folder."""
+
+    def __init__(self, storage: Storage, origin: Origin | None, shown: Callable[[], None]) -> None:
+        """``shown`` draws the page again when the folder holds new readings."""
+        self._storage, self._origin, self._shown = storage, origin, shown
+        self._making = asyncio.Lock()
+
+    def routes(self) -> list[web.RouteDef]:
+        """Return what is answered."""
+        return [web.get("/download/{name}", self._download), web.put("/readings", self._take)]
+
+    async def _download(self, request: web.Request) -> web.StreamResponse:
+        name = request.match_info["name"]
+        files = self._files()
+        if name in MADE and self._origin is not None:
+            content = await self._made(name, self._origin)
+        elif name in files:
+            content = files[name].read_bytes()
+        else:
+            raise web.HTTPNotFound(text=f"the case holds no {printable(name, 40)} yet")
+        kind = {"html": "text/html", "json": "application/json", "pdf": "application/pdf"}
+        return web.Response(
+            body=content,
+            content_type=kind.get(name.rpartition(".")[2], "application/octet-stream"),
+            headers={"Content-Disposition": f'attachment; filename="{name}"'},
+        )
+
+    def _files(self) -> dict[str, Path]:
+        """The documents that there are now, by the names they have in a case."""
+        known = self._storage.documents
+        named = {
+            PLAN: known.plan,
+            FIDUCIALS: known.fiducials,
+            REGISTRATION: known.registration,
+            LIMITS: known.limits,
+        }
+        return {name: path for name, path in named.items() if path is not None and path.is_file()}
+
+    async def _made(self, name: str, origin: Origin) -> bytes:
+        """Have a file made of the case as it is now, by a process of its own; one at a time."""
+        verb, *rest = MADE[name]
+        async with self._making:
+            with tempfile.TemporaryDirectory() as folder:
+                for document, path in self._files().items():
+                    shutil.copyfile(path, Path(folder) / document)
+                target = Path(folder) / f"made-{name}"
+                options = [part.format(case=folder) for part in rest]
+                options += ["--ct", str(origin.ct), *(("--series", origin.series) if origin.series else ())]
+                options += origin.stated if verb == "report" else ()
+                await _run(verb, *options, "-o", str(target))
+                return target.read_bytes()
+
+    async def _take(self, request: web.Request) -> web.Response:
+        """Take a file of readings into the case's folder."""
+        try:
+            name = self._new_name(request.query.get("name", ""))
+            if (request.content_length or 0) > MOST_READINGS_BYTES:
+                raise UsageError(
+                    f"{name} is larger than {MOST_READINGS_BYTES >> 20} MiB; that is no file of readings"
+                )
+            content = bytearray()
+            async for piece in request.content.iter_any():
+                content += piece
+                if len(content) > MOST_READINGS_BYTES:
+                    raise UsageError(f"{name} is larger than {MOST_READINGS_BYTES >> 20} MiB")
+            write_atomically(self._storage.plan.with_name(name), bytes(content))
+        except RonnaplanError as error:
+            return web.json_response({"error": str(error)}, status=422)
+        self._shown()
+        return web.json_response({"name": name})
+
+    def _new_name(self, given: str) -> str:
+        """Return the name of a dropped file, which is that of readings and of no file there is."""
+        name = Path(given.replace("\\", "/")).name
+        plain = name.isprintable() and not name.startswith(".") and 0 < len(name.encode()) <= 200
+        if not plain or Path(name).suffix.lower() not in READERS:
+            known = ", ".join(sorted(READERS))
+            raise UsageError(f"'{printable(given, 60)}' is no file of readings; drop one of {known}")
+        if self._storage.plan.with_name(name).exists() or not self._storage.may_be_readings(name):
+            raise UsageError(f"{printable(name)} is in the case already; give the new file another name")
+        return name
+
+
+async def _run(*arguments: str) -> None:
+    """Run a verb in a process of its own; raises `HTTPUnprocessableEntity` with what it says went wrong."""
+    here = str(Path(__file__).resolve().parents[2])
+    paths = os.pathsep.join(filter(None, [here, os.environ.get("PYTHONPATH")]))
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "ronnaplan", *arguments),
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.DEVNULL,
+        stderr=asyncio.subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": paths},
+    )
+    try:
+        _, told = await process.communicate()
+    finally:
+        if process.returncode is None:
+            process.kill()
+    if process.returncode:
+        last = told.decode(errors="replace").strip().rpartition("\n")[2]
+        raise web.HTTPUnprocessableEntity(
+            text=printable(last) or f"{arguments[0]} ended with {process.returncode}"
+        )

@@ -1,0 +1,140 @@
+// The start page: looks through folders, takes what is dropped, lists the series in it and opens one.
+(() => {
+  const one = (id) => document.getElementById(id);
+  const made = (kind, rest = {}, ...inside) => {
+    const element = Object.assign(document.createElement(kind), rest);
+    element.append(...inside);
+    return element;
+  };
+  function tell(id, text) {
+    one(id).textContent = text;
+    one(id).hidden = !text;
+  }
+  async function ask(address, options = {}) {
+    const answer = await fetch(address, options).catch(() => null);
+    if (!answer) throw new Error("the planner does not answer; is it still running?");
+    const told = await answer.json().catch(() => ({ error: `the planner refused it (${answer.status})` }));
+    if (told.error) throw new Error(told.error);
+    return told;
+  }
+  // One thing at a time, told while it lasts; what goes wrong is shown.
+  let working = false;
+  async function work(text, done) {
+    if (working) return;
+    working = true;
+    tell("error", "");
+    tell("busy", text);
+    document.body.setAttribute("aria-busy", "true");
+    try {
+      await done();
+    } catch (error) {
+      tell("error", error.message);
+    }
+    working = false;
+    tell("busy", "");
+    document.body.removeAttribute("aria-busy");
+  }
+
+  // --- folders
+  const query = (values) => new URLSearchParams(values).toString();
+  async function browse(at) {
+    const listed = await ask(`folders?${query({ at })}`);
+    const parts = listed.at ? listed.at.split("/") : [];
+    const steps = [listed.root, ...parts].map((name, n) =>
+      made("button", { type: "button", onclick: () => go(parts.slice(0, n).join("/")) }, n ? name : name || "/"));
+    const look = made("button", { type: "button", className: "look", onclick: () => find(listed.at) }, "look for series here");
+    one("path").replaceChildren(...steps.flatMap((step, n) => (n ? ["/", step] : [step])), look);
+    const entries = listed.entries.map((entry) => {
+      const press = () => (entry.folder ? go(entry.at) : find(entry.at));
+      const label = made("button", { type: "button", onclick: press }, entry.folder ? `${entry.name}/` : entry.name);
+      if (entry.case) label.append(made("span", { className: "case" }, "case"));
+      return made("li", {}, label);
+    });
+    if (!entries.length) entries.push(made("li", {}, made("span", { className: "empty" }, "no folders, archives or images in here")));
+    if (listed.more) entries.push(made("li", {}, made("span", { className: "empty" }, `and ${listed.more} more`)));
+    one("entries").replaceChildren(...entries);
+  }
+  const go = (at) => work("opening the folder ...", () => browse(at));
+  const find = (at) => work("looking for series ...", async () => show(await ask(`series?${query({ at })}`)));
+
+  // --- what is dropped
+  async function inside(entry, path, found) {
+    if (entry.isFile) {
+      const file = await new Promise((good, bad) => entry.file(good, bad));
+      if (!file.name.startsWith(".")) found.push({ file, name: path + file.name });
+      return;
+    }
+    const reader = entry.createReader();
+    for (;;) {
+      const some = await new Promise((good, bad) => reader.readEntries(good, bad));
+      if (!some.length) return;
+      for (const next of some) await inside(next, `${path}${entry.name}/`, found);
+    }
+  }
+  const take = (listed) =>
+    work("taking what was dropped ...", async () => {
+      const found = await listed();
+      if (!found.length) throw new Error("there was no file in it; drop a folder or a zip archive");
+      await ask("drop", { method: "POST" });
+      for (const [n, { file, name }] of found.entries()) {
+        await ask(`dropped?${query({ name })}`, { method: "PUT", body: file });
+        tell("busy", `taking what was dropped: ${n + 1} of ${found.length} ...`);
+      }
+      tell("busy", "looking for series ...");
+      show(await ask("series"));
+    });
+  const zone = one("drop");
+  for (const name of ["dragover", "drop", "dragleave"]) {
+    window.addEventListener(name, (event) => {
+      event.preventDefault();
+      zone.classList.toggle("over", name === "dragover");
+    });
+  }
+  window.addEventListener("drop", (event) => {
+    const entries = [...event.dataTransfer.items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean);
+    take(async () => {
+      const found = [];
+      for (const entry of entries) await inside(entry, "", found);
+      return found;
+    });
+  });
+  for (const id of ["folder", "file"]) {
+    one(id).addEventListener("change", (event) => {
+      const files = [...event.target.files].filter((file) => !file.name.startsWith("."));
+      take(async () => files.map((file) => ({ file, name: file.webkitRelativePath || file.name })));
+    });
+  }
+
+  // --- series
+  const range = (pair) => (pair ? [...new Set(pair.map((value) => value.toFixed(2)))].join(" to ") : "?");
+  function show({ series, name, known }) {
+    one("found").hidden = false;
+    one("case").hidden = !name;
+    one("name").value = name;
+    one("found").querySelector("tbody").replaceChildren(...series.map((row, n) => {
+      const usable = !row.problems.length;
+      const picture = row.drawn ? made("img", { src: `thumbnail/${n}?${Date.now()}`, alt: "" }) : made("span", { className: "none" }, "no picture");
+      const title = made("td", {}, `${row.modality} ${row.description || "(no description)"}`, made("small", {}, `${row.kernel} ${row.series}`));
+      const told = made("td", {}, made("span", { className: usable ? "yes" : "no" }, usable ? "can be planned in" : row.problems.join("; ")));
+      if (usable) for (const note of row.notes) told.append(made("small", { className: "doubt" }, note));
+      const press = made("button", { type: "button", disabled: !usable, onclick: () => open(n) }, known ? "go on" : "plan");
+      press.setAttribute("aria-label", `${press.textContent}: ${row.description || row.series}`);
+      const voxels = row.pixel_mm ? `${range(row.pixel_mm)} x ${range(row.spacing_mm)}` : "";
+      return made("tr", {}, made("td", {}, picture), title, made("td", {}, row.images), made("td", {}, voxels), told, made("td", {}, press));
+    }));
+    one("found").scrollIntoView({ block: "nearest" });
+  }
+  const open = (number) =>
+    work("reading the scan ...", async () => {
+      await ask(`open?${query({ number, name: one("name").value.trim() })}`, { method: "POST" });
+      tell("busy", "opening the planner ...");
+      for (;;) {
+        // the start page answers no such address, the planner that takes its place does
+        const there = await fetch("planner_page/planner.css", { method: "HEAD", cache: "no-store" }).catch(() => null);
+        if (there?.ok) return location.reload();
+        await new Promise((good) => setTimeout(good, 300));
+      }
+    });
+
+  go("");
+})();

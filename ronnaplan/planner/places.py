@@ -1,0 +1,97 @@
+"""Folders below a root, the series in one of them, and the case that each belongs to."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ronnaplan.case.folder import CT_FOLDER, FIDUCIALS, PLAN
+from ronnaplan.ct.catalogue import find_series
+from ronnaplan.ct.images import is_image_file
+from ronnaplan.ct.preview import preview
+from ronnaplan.ct.summary import SeriesSummary, summarize, summary_of
+from ronnaplan.errors import UsageError
+from ronnaplan.text import printable
+
+MOST_LISTED = 1000
+"""Entries of a folder that are shown."""
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """One series that was found at ``path``; ``picture`` (J, I) is None where none can be drawn."""
+
+    path: Path
+    summary: SeriesSummary
+    picture: NDArray[np.uint8] | None
+
+    @property
+    def series(self) -> str | None:
+        """What chooses it; None for an image file."""
+        return None if is_image_file(self.path) else self.summary.series
+
+
+class Places:
+    """What may be looked at: everything below ``root``, and nothing else."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root.resolve()
+
+    def at(self, below: str) -> Path:
+        """Return a place below the root; raises `UsageError` for any other."""
+        try:
+            place = (self.root / below).resolve()
+        except (OSError, ValueError) as error:
+            raise UsageError("that is no place below the root") from error
+        if not place.is_relative_to(self.root) or not place.exists():
+            raise UsageError(f"{printable(below)} is no place below the root; look through the folders shown")
+        return place
+
+    def listed(self, below: str) -> dict[str, Any]:
+        """Return what lies in a folder: folders, and files that may hold a scan; hidden ones are left out."""
+        folder = self.at(below)
+        if not folder.is_dir():
+            raise UsageError(f"{printable(below)} is no folder; look for series in it instead")
+        try:
+            inside = sorted(one for one in folder.iterdir() if not one.name.startswith("."))
+        except OSError as error:
+            raise UsageError(f"{printable(below)} cannot be opened ({error.strerror})") from error
+        shown = [one for one in inside if one.is_dir() or one.suffix.lower() == ".zip" or is_image_file(one)]
+        entries = [
+            {
+                "name": one.name,
+                "at": one.relative_to(self.root).as_posix() if one.is_relative_to(self.root) else "",
+                "folder": one.is_dir(),
+                "case": any((one / name).is_file() for name in (PLAN, FIDUCIALS)),
+            }
+            for one in shown[:MOST_LISTED]
+        ]
+        at = "" if folder == self.root else folder.relative_to(self.root).as_posix()
+        return {"at": at, "root": self.root.name, "entries": entries, "more": max(0, len(shown) - MOST_LISTED)}
+
+
+def series_at(path: Path) -> list[Found]:
+    """Return the series at a path, those that can be used first; raises `InputError` where there are none."""
+    if path.is_file() and is_image_file(path):
+        return [Found(path, summarize(path)[0][0], None)]
+    catalogue = find_series(path)
+    catalogue.require_series()
+    ordered = sorted(catalogue.series, key=lambda one: not one.is_usable)
+    return [Found(path, summary_of(one), preview(one)) for one in ordered]
+
+
+def rows(found: list[Found]) -> list[dict[str, Any]]:
+    """Return series as the page lists them, without the patient."""
+    told = [asdict(one.summary) | {"drawn": one.picture is not None} for one in found]
+    for one in told:
+        del one["patient_name"]
+    return told
+
+
+def case_of(scan: Path) -> Path:
+    """Return the folder in which the documents of a scan lie: its parent where it is a file or is called ``ct``."""
+    return scan.parent if scan.is_file() or scan.name == CT_FOLDER else scan

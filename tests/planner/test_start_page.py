@@ -1,0 +1,106 @@
+"""The start page: folders below the root only, series with pictures and reasons, and the planner in its place."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ronnaplan.errors import UsageError
+from ronnaplan.planner.places import Places, case_of, rows, series_at
+from tests import cases
+from tests.planner.browser import environment, eventually, needs_browser
+
+
+@pytest.fixture
+def scans(tmp_path: Path) -> Path:
+    """A root with a study: a CT of its own case, and an image that is no CT slice."""
+    shutil.copytree(cases.CT, tmp_path / "scans" / "study" / "ct")
+    cases.write_case(tmp_path / "scans" / "study")
+    (tmp_path / "home").mkdir()
+    return tmp_path / "scans"
+
+
+def test_nothing_but_what_lies_below_the_root_is_shown(scans: Path) -> None:
+    places = Places(scans)
+    (scans / "out").symlink_to(scans.parent)
+    (scans / ".hidden").mkdir()
+    assert [(one["name"], one["case"]) for one in places.listed("")["entries"]] == [
+        ("out", False),
+        ("study", True),
+    ]
+    for below in ("..", "out", "/etc", "study/../..", "nowhere", "a\0b", "study/plan.json"):
+        with pytest.raises(UsageError, match=r"below the root|no folder"):
+            places.listed(below)
+
+
+def test_series_are_listed_with_a_picture_and_without_the_patient(scans: Path) -> None:
+    (one,) = series_at(scans / "study")
+    (row,) = rows([one])
+    assert (row["modality"], row["problems"], row["drawn"]) == ("CT", (), True)
+    assert "patient_name" not in row
+    assert one.picture is not None
+    assert max(one.picture.shape) == 96
+    assert one.picture.max() > 150 > 50 > one.picture.min()
+    assert case_of(scans / "study" / "ct") == case_of(scans / "study") == scans / "study"
+
+
+@pytest.fixture
+def started(scans: Path) -> Iterator[str]:
+    command = [sys.executable, "-m", "ronnaplan", "view", "--root", str(scans)]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=scans.parent / "home",
+        env=environment(),
+    ) as process:  # fmt: skip
+        assert process.stdout is not None
+        yield process.stdout.readline().strip()
+        process.kill()
+
+
+@needs_browser
+def test_a_scan_is_dropped_opened_and_its_files_go_out_and_in(browser: Any, started: str, scans: Path) -> None:
+    page, home = browser.new_page(viewport={"width": 1440, "height": 900}), scans.parent / "home"
+    page.goto(started)
+    page.click("text=study/")
+    page.click("text=look for series here")
+    page.wait_for_selector("#found >> text=go on")
+    assert page.locator("#found img").count() == 1
+    (scans / "notes.txt").write_text("no scan")
+    page.set_input_files("#file", scans / "notes.txt")
+    page.wait_for_selector("#error >> text=holds no DICOM series")
+    archive = shutil.make_archive(str(scans / "all"), "zip", cases.CT)
+    page.set_input_files("#file", archive)
+    page.wait_for_selector("#case:not([hidden])")
+    page.fill("#name", "../x")
+    page.click("#found tbody button")
+    page.wait_for_selector("#error >> text=name the case with letters")
+    page.fill("#name", "first")
+    page.click("#found tbody button")
+    page.wait_for_selector("svg[data-view=axial] image", timeout=60_000)
+    assert page.url == started
+    assert sorted(one.name for one in (home / "first").iterdir()) == [".planner-address.json", "ct.zip"]
+
+    page.click("#add")
+    page.keyboard.press("Escape")
+    page.click(".v-tab >> text=Files")
+    page.click("[data-download='plan.json']")
+    page.wait_for_selector("#making >> text=the case holds no plan.json yet")
+    shutil.copy(cases.write_case(scans) / "plan.json", home / "first" / "plan.json")
+    eventually(page, lambda: page.evaluate("window.trame.state.get('paths').length") == 1)
+    with page.expect_download() as coming:
+        page.click("[data-download='plan.json']")
+    assert coming.value.path().read_bytes() == (home / "first" / "plan.json").read_bytes()
+    with page.expect_download(timeout=120_000) as made:
+        page.click("[data-download='report.html']")
+    assert "ronnaplan" in made.value.path().read_text()
+
+    page.set_input_files("#readings-file", cases.write_readings(scans / "readings.csv"))
+    page.wait_for_selector("#news >> text=readings were put into the case")
+    assert (home / "first" / "readings.csv").read_text() == (scans / "readings.csv").read_text()
+    page.set_input_files("#readings-file", scans / "plan.json")
+    page.wait_for_selector("#message >> text=is in the case already")
