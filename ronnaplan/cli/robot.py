@@ -8,7 +8,7 @@ from types import ModuleType
 
 HELP = "Calibrate the robot's tools, follow the chain to the robot, and find where it shall stand."
 
-ACTIONS = ("pivot", "hand-eye", "stereo-calibrate", "relocate", "chain", "place", "export")
+ACTIONS = ("pivot", "hand-eye", "stereo-calibrate", "relocate", "chain", "watch", "place", "export")
 """Each has a module with ``HELP``, ``configure(parser)`` and ``run(arguments)``, like a verb."""
 
 

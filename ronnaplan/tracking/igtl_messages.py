@@ -108,6 +108,12 @@ class Stream:
             told.append(f"{others} more messages were left out for other reasons")
         return [*told, *rounding_notes(self._excesses)]
 
+    def taken(self) -> tuple[list[PointReading], list[ToolReading]]:
+        """Return the readings that came since this was last asked, and keep them no longer."""
+        points, tools = self.points, self.tools
+        self.points, self.tools = [], []
+        return points, tools
+
     def feed(self, data: bytes) -> None:
         """Take the readings of every message that ``data`` completes; ``broken`` says why no more can follow."""
         self._buffer += data

@@ -9,10 +9,11 @@ import math
 import socket
 import threading
 import time
+from collections.abc import Iterator, Sequence
 
 from ronnaplan.errors import InputError
 from ronnaplan.tracking.igtl_messages import Stream
-from ronnaplan.tracking.recording import Recording
+from ronnaplan.tracking.recording import PointReading, Recording, ToolReading
 
 DEFAULT_PORT = 18944
 CONNECT_S = 5.0
@@ -22,6 +23,61 @@ SILENCE_S = 2.0
 LONGEST_S = 86_400.0
 """No recording takes longer than a day."""
 POLL_S = 0.1
+
+
+def moments(host: str, port: int = DEFAULT_PORT, *, every_s: float, seconds: float) -> Iterator[Recording]:
+    """Yield what a server at ``host`` sends in every ``every_s`` of its own time, for up to ``seconds`` of ours.
+
+    A message that states no time counts as of its arrival. The last recording's note says why the stream ended before
+    the time was up, if it did. Raises `InputError` if no server answers.
+    """
+    stream, until = Stream(), time.monotonic() + seconds
+    source, cut = f"openigtlink://{host}:{port}", _Moments(every_s)
+    with _connected(host, port) as connection:
+        connection.settimeout(POLL_S)
+        note = None
+        while note is None and time.monotonic() < until:
+            note = _receive(connection, stream, min(until, time.monotonic() + POLL_S))
+            for points, tools in cut.add(*stream.taken()):
+                yield Recording(source, points, tools)
+    yield Recording(source, *cut.rest(), notes=(*stream.notes, *([note] if note else [])))
+
+
+class _Moments:
+    """Shares readings out among moments of equal length, by their own time."""
+
+    def __init__(self, every_s: float) -> None:
+        self._every_s = every_s
+        self._end_s: float | None = None
+        self._waiting: list[tuple[float, PointReading | ToolReading]] = []
+
+    def add(
+        self, points: Sequence[PointReading], tools: Sequence[ToolReading]
+    ) -> Iterator[tuple[tuple[PointReading, ...], tuple[ToolReading, ...]]]:
+        """Take readings and yield those of each moment that is over."""
+        now = time.time()
+        readings: list[PointReading | ToolReading] = [*points, *tools]
+        self._waiting += [(one.time_s if one.time_s > 0 else now, one) for one in readings]
+        while self._waiting:
+            if self._end_s is None:
+                self._end_s = min(at for at, _ in self._waiting) + self._every_s
+            if max(at for at, _ in self._waiting) < self._end_s:
+                return
+            before = [one for at, one in self._waiting if at < self._end_s]
+            self._waiting = [(at, one) for at, one in self._waiting if at >= self._end_s]
+            self._end_s = None
+            yield _apart(before)
+
+    def rest(self) -> tuple[tuple[PointReading, ...], tuple[ToolReading, ...]]:
+        """Return the readings of the moment that is not over."""
+        return _apart([one for _, one in self._waiting])
+
+
+def _apart(
+    readings: Sequence[PointReading | ToolReading],
+) -> tuple[tuple[PointReading, ...], tuple[ToolReading, ...]]:
+    points = tuple(one for one in readings if isinstance(one, PointReading))
+    return points, tuple(one for one in readings if isinstance(one, ToolReading))
 
 
 def record(host: str, port: int = DEFAULT_PORT, *, seconds: float = 5.0) -> Recording:

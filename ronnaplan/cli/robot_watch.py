@@ -1,0 +1,152 @@
+"""``ronnaplan robot watch``: the chain held against the tracker's stream, moment by moment."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import TYPE_CHECKING
+
+from ronnaplan.cli.robot_options import rms, tell, with_output, with_robot_sigmas, with_tool
+from ronnaplan.cli.values import seconds, sigma_mm, whole
+from ronnaplan.sigmas import SIGMA_GEOMETRY_MM, SIGMA_OTS_MM
+
+if TYPE_CHECKING:
+    from ronnaplan.documents.chain import ChainDocument
+    from ronnaplan.robot.live import LiveChain, Moment
+
+HELP = "Watch head and robot live over OpenIGTLink; no pose is called valid when either moved (exit 3)."
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``robot watch``."""
+    parser.add_argument("--chain", required=True, metavar="FILE", help="chain.json by the tracker")
+    parser.add_argument("--registration", required=True, metavar="FILE", help="the registration.json that it has")
+    parser.add_argument(
+        "--geometry", required=True, metavar="FILE", help="template.json of the tool's spheres in M"
+    )
+    with_tool(parser)
+    parser.add_argument(
+        "--robot-device", metavar="NAME", help="device of the robot's poses of its TCP (default: the robot rests)"
+    )
+    parser.add_argument("--host", default="127.0.0.1", help="where the server runs (default %(default)s)")
+    parser.add_argument("--port", type=whole(1, 65_535), default=18944, help="its port (default %(default)s)")
+    parser.add_argument("--seconds", type=seconds, default=3600.0, help="how long to watch (default %(default)s)")
+    parser.add_argument(
+        "--every", type=seconds, default=0.5, metavar="S", help="length of a moment (default %(default)s)"
+    )
+    parser.add_argument(
+        "--sigma-ots",
+        type=sigma_mm,
+        default=SIGMA_OTS_MM,
+        help="the tracker's error per axis (default %(default)s)",
+    )
+    parser.add_argument(
+        "--sigma-geometry",
+        type=sigma_mm,
+        default=SIGMA_GEOMETRY_MM,
+        metavar="MM",
+        help="error of the spheres' places in M per axis (default %(default)s)",
+    )
+    with_robot_sigmas(parser)
+    with_output(parser, "a line of JSON a moment")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Watch; tell every change of the verdict; 3 when the last one is not that nothing moved."""
+    from ronnaplan.documents.chain import read_chain
+    from ronnaplan.documents.files import write_atomically
+    from ronnaplan.robot.live import LiveStatus
+    from ronnaplan.tracking.openigtlink import moments
+
+    chain = read_chain(arguments.chain)
+    live = _live(arguments, chain)
+    last, lines = None, []
+    try:
+        for recording in moments(
+            arguments.host, arguments.port, every_s=arguments.every, seconds=arguments.seconds
+        ):
+            tell(*(f"ronnaplan: warning: {note}" for note in recording.notes))
+            if not recording.points and not recording.tools and last is not None:
+                continue  # the end of the stream, told above
+            moment = live.judge(recording)
+            if last is None or moment.status is not last.status:
+                tell(_sentence(moment, chain))
+            last = moment
+            lines.append(json.dumps(_row(moment)))
+            if arguments.output is None:
+                print(lines.pop(), flush=True)
+    except KeyboardInterrupt:
+        tell("ronnaplan: stopped by hand")
+    if arguments.output is not None:
+        write_atomically(arguments.output, "".join(f"{line}\n" for line in lines))
+    return 0 if last is not None and last.status is LiveStatus.VALID else 3
+
+
+def _live(arguments: argparse.Namespace, chain: ChainDocument) -> LiveChain:
+    from ronnaplan.documents.poses import same_pose
+    from ronnaplan.documents.registration import read_registration
+    from ronnaplan.documents.template import read_template_document
+    from ronnaplan.errors import InputError
+    from ronnaplan.robot.chain import OTS, M
+    from ronnaplan.robot.live import LiveChain
+
+    if chain.links is None:
+        raise InputError(
+            f"{arguments.chain} is of the way by the cameras; the tracker can watch one of its own way"
+        )
+    registration = read_registration(arguments.registration)
+    pose = chain.links.ots_from_ct.pose(OTS, chain.ct_frame)
+    if registration.status != "unique" or not same_pose(registration.pose, pose):
+        raise InputError(
+            f"{arguments.registration} is not the registration that {arguments.chain} was made with; take that one, or "
+            "make the chain anew"
+        )
+    return LiveChain(
+        registration.readings,
+        pose,
+        chain.links.capture,
+        read_template_document(arguments.geometry).placed(M, arguments.sigma_geometry),
+        arguments.tool,
+        arguments.robot_device,
+        arguments.sigma_ots,
+        arguments.sigma_robot,
+        arguments.sigma_robot_deg,
+    )
+
+
+def _sentence(moment: Moment, chain: ChainDocument) -> str:
+    """Say what a moment tells, and how far what moved went."""
+    import numpy as np
+
+    from ronnaplan.registration import DriftStatus
+
+    told = [f"{moment.status}"]
+    if moment.why:
+        told.append(moment.why)
+    if moment.head is not None and moment.head.status in (DriftStatus.PATIENT_MOVED, DriftStatus.MARKER_MOVED):
+        told.append(f"head: {moment.head.shift_mm:.2f} mm, {moment.head.rotation_deg:.2f} degrees")
+    if moment.robot is not None and moment.robot.moved:
+        told.append(f"robot: {moment.robot.shift_mm:.2f} mm, {moment.robot.rotation_deg:.2f} degrees")
+    if moment.robot_from_ct is not None:
+        spread = moment.robot_from_ct.point_covariances(np.array([chain.middle]))[0]
+        told.append(f"expected error {rms(spread):.3f} mm RMS at the markers' middle")
+    return "; ".join(told)
+
+
+def _row(moment: Moment) -> dict[str, object]:
+    """Return a moment as one line of JSON holds it."""
+    from ronnaplan.documents.poses import pose_entry
+
+    head, robot, pose = moment.head, moment.robot, moment.robot_from_ct
+    return {
+        "status": moment.status.name.lower(),
+        "told": str(moment.status),
+        "robot_from_ct": None if pose is None else pose_entry(pose),
+        "head": None if head is None else _moved(head.probability, head.shift_mm, head.rotation_deg),
+        "robot": None if robot is None else _moved(robot.probability, robot.shift_mm, robot.rotation_deg),
+    }
+
+
+def _moved(probability: float, shift_mm: float, rotation_deg: float) -> dict[str, float | None]:
+    numbers = {"probability": probability, "shift_mm": shift_mm, "rotation_deg": rotation_deg}
+    return {name: value if value == value else None for name, value in numbers.items()}

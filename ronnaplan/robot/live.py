@@ -1,0 +1,190 @@
+"""The chain as it is now: whether head and robot still stand as they were registered, told apart, and R from CT.
+
+The tracker sees the head's markers and the tool. The head's are held against those of the registration (`check_drift`).
+The tool is held against where the robot, by its joints, must have brought it: what is left is a movement of the robot's
+base before the tracker (or of the tool in its flange). A movement that both share is the tracker's own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from ronnaplan.errors import InputError, RefusedError
+from ronnaplan.geometry import FloatArray, Points
+from ronnaplan.pose import Pose, adjoint, invert
+from ronnaplan.registration import Drift, DriftStatus, check_drift, register_points
+from ronnaplan.registration.drift import DRIFT_PROBABILITY
+from ronnaplan.robot.chain import OTS, Capture, robot_from_ct
+from ronnaplan.robot.recorded import resting_matrix, robot_pose, seen_tool, tool_poses
+from ronnaplan.sigmas import SIGMA_OTS_MM, SIGMA_ROBOT_DEG, SIGMA_ROBOT_MM
+from ronnaplan.tracking import Recording
+from ronnaplan.tracking.frames import labelled_frames
+
+
+class LiveStatus(StrEnum):
+    """What a moment's readings say; only the first has a pose."""
+
+    VALID = "nothing moved"
+    HEAD_MOVED = "the head moved; register again"
+    MARKER_MOVED = "a marker of the head is loose; do not trust the registration"
+    ROBOT_MOVED = "the robot's base, or the tool in its flange, moved; take the chain again"
+    BOTH_MOVED = "head and robot moved, each by itself; register again and take the chain again"
+    TRACKER_MOVED = "head and robot moved as one before the tracker: the tracker moved; register again"
+    UNSEEN = "head or tool is not seen, so that nothing is known"
+    MOVING = "the arm is moving, so that its base cannot be judged"
+
+
+@dataclass(frozen=True, eq=False)
+class Movement:
+    """Of the robot's base, in the tracker's frame, since the chain was taken."""
+
+    pose: Pose
+    """OTS from OTS: what the base did."""
+    probability: float
+    """At most so likely does a resting base look as if it had moved so far."""
+    shift_mm: float
+    """Of the tool."""
+    rotation_deg: float
+
+    @property
+    def moved(self) -> bool:
+        """Whether chance does not explain it."""
+        return self.probability < DRIFT_PROBABILITY
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """What one moment's readings tell; ``robot_from_ct`` only where nothing moved."""
+
+    status: LiveStatus
+    head: Drift | None
+    robot: Movement | None
+    robot_from_ct: Pose | None
+    why: str = ""
+    """What was missing."""
+
+
+@dataclass(eq=False)
+class LiveChain:
+    """A chain that was taken once, and is held against each moment's readings.
+
+    ``head`` are the markers (OTS) and ``ots_from_ct`` the pose of the registration, ``capture`` is the moment of the
+    chain, ``tool`` its spheres in M. ``tool_device`` names the tool's poses in the stream (None: the only ones),
+    ``robot_device`` those of R from TCP (None: the robot rests as it did).
+    """
+
+    head: Points
+    ots_from_ct: Pose
+    capture: Capture
+    tool: Points
+    tool_device: str | None = None
+    robot_device: str | None = None
+    sigma_mm: float = SIGMA_OTS_MM
+    sigma_robot_mm: float = SIGMA_ROBOT_MM
+    sigma_robot_deg: float = SIGMA_ROBOT_DEG
+
+    def __post_init__(self) -> None:
+        OTS.require(self.head.frame)
+        self._followed = self.head
+
+    def judge(self, recording: Recording) -> Moment:
+        """Return what the readings of one moment tell of head and robot."""
+        seen = self._seen_head(recording)
+        head = check_drift(self.head, seen) if seen is not None else None
+        try:
+            capture = self._capture(recording)
+        except RefusedError as error:
+            return Moment(LiveStatus.MOVING, head, None, None, str(error))
+        except InputError as error:
+            return Moment(LiveStatus.UNSEEN, head, None, None, str(error))
+        robot = self._movement(capture)
+        if seen is None or head is None or head.status is DriftStatus.TOO_FEW:
+            return Moment(LiveStatus.UNSEEN, head, robot, None, "fewer than three of the head's markers are seen")
+        status = self._status(head, robot, seen)
+        valid = status is LiveStatus.VALID
+        return Moment(status, head, robot, robot_from_ct(self.ots_from_ct, capture) if valid else None)
+
+    def _seen_head(self, recording: Recording) -> Points | None:
+        """Return the head's markers in the last frame that shows three or more, followed from moment to moment."""
+        frames = [points for _, points in labelled_frames(recording, self._followed, sigma_mm=self.sigma_mm)]
+        enough = [points for points in frames if len(points) >= 3]
+        if not enough:
+            return None
+        places = dict(zip(self._followed.labels, self._followed.positions_mm, strict=True))
+        places.update(zip(enough[-1].labels, enough[-1].positions_mm, strict=True))
+        self._followed = replace(
+            self._followed, positions_mm=np.array([places[one] for one in self._followed.labels])
+        )
+        return enough[-1]
+
+    def _capture(self, recording: Recording) -> Capture:
+        """Return the moment's chain from tracker to robot; raises where the tool is not seen or the arm moves."""
+        others = tuple(one for one in recording.tools if one.tool != self.robot_device)
+        if not others:
+            raise InputError("the tool is not seen")
+        sight = seen_tool(
+            replace(recording, tools=others), self.tool, tool=self.tool_device, sigma_mm=self.sigma_mm
+        )
+        if self.robot_device is None:
+            return replace(self.capture, ots_from_m=sight)
+        driven = resting_matrix(tool_poses(recording, self.robot_device), "the robot")
+        told = robot_pose(driven, self.sigma_robot_mm, self.sigma_robot_deg)
+        return replace(self.capture, ots_from_m=sight, robot_from_tcp=told)
+
+    def _movement(self, now: Capture) -> Movement:
+        """Return what the base did since the chain was taken.
+
+        Both looks at the tool err, and both of the robot's poses; the tool's calibration is the same in both, so its
+        error cancels as far as the TCP has the same pose.
+        """
+        then = self.capture
+        matrix = now.ots_from_tcp.matrix @ invert(now.robot_from_tcp.matrix)
+        matrix = matrix @ then.robot_from_tcp.matrix @ invert(then.ots_from_tcp.matrix)
+        covariance = now.ots_from_m.covariance + _carried(matrix, then.ots_from_m.covariance)
+        tool = adjoint(now.ots_from_m.matrix) - adjoint(matrix @ then.ots_from_m.matrix)
+        covariance = covariance + tool @ now.m_from_tcp.covariance @ tool.T
+        if self.robot_device is not None:
+            driven = now.robot_from_tcp.covariance + then.robot_from_tcp.covariance
+            covariance = covariance + _carried(now.ots_from_tcp.matrix @ invert(now.robot_from_tcp.matrix), driven)
+        pose = Pose(matrix, covariance, OTS, OTS)
+        place = then.ots_from_m.translation_mm
+        shift = float(np.linalg.norm(pose.apply(place[None])[0] - place))
+        return Movement(pose, _chance_of_rest(pose), shift, float(np.degrees(np.linalg.norm(_vector(matrix)[:3]))))
+
+    def _status(self, head: Drift, robot: Movement, seen: Points) -> LiveStatus:
+        if head.status is DriftStatus.MARKER_MOVED:
+            return LiveStatus.MARKER_MOVED
+        if head.status is DriftStatus.STILL:
+            return LiveStatus.ROBOT_MOVED if robot.moved else LiveStatus.VALID
+        if not robot.moved:
+            return LiveStatus.HEAD_MOVED
+        then = self.head.positions_mm[[self.head.labels.index(label) for label in seen.labels]]
+        errors = self.head.covariances_mm2[[self.head.labels.index(label) for label in seen.labels]]
+        motion = register_points(then, seen.positions_mm, (errors, seen.covariances_mm2)).pose
+        of_head = Pose(motion.matrix, motion.covariance, OTS, OTS)
+        as_one = _chance_of_rest(robot.pose @ of_head.inverse()) >= DRIFT_PROBABILITY
+        return LiveStatus.TRACKER_MOVED if as_one else LiveStatus.BOTH_MOVED
+
+
+def _carried(matrix: FloatArray, covariance: FloatArray) -> FloatArray:
+    carry = adjoint(matrix)
+    carried: FloatArray = carry @ covariance @ carry.T
+    return carried
+
+
+def _vector(matrix: FloatArray) -> FloatArray:
+    """Return the rotation vector (rad) and the translation (mm) of a small movement (4, 4): (6,)."""
+    from scipy.spatial.transform import Rotation
+
+    return np.concatenate([Rotation.from_matrix(matrix[:3, :3]).as_rotvec(), matrix[:3, 3]])
+
+
+def _chance_of_rest(motion: Pose) -> float:
+    """Return how likely errors as stated make rest look like ``motion``, to first order: chi-square of six."""
+    from scipy.special import gammaincc
+
+    vector = _vector(motion.matrix)
+    return float(gammaincc(3.0, vector @ np.linalg.solve(motion.covariance, vector) / 2))

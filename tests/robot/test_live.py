@@ -1,0 +1,180 @@
+"""The live chain: what moved is told apart by simulated moments, and no pose is given when anything did."""
+
+from __future__ import annotations
+
+import json
+import re
+import socket
+import threading
+from dataclasses import replace
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from phantoms.live_room import LiveRoom, serve
+from phantoms.robot_session import M_SPHERES_MM, READING_SD_MM, placed
+from ronnaplan.cli import main
+from ronnaplan.geometry import FloatArray, Frame, Points
+from ronnaplan.pose import Pose
+from ronnaplan.registration import register_points
+from ronnaplan.robot.chain import OTS, TCP, Capture, M
+from ronnaplan.robot.live import LiveChain, LiveStatus
+from ronnaplan.robot.recorded import robot_pose, seen_tool
+from ronnaplan.tracking import Recording
+from ronnaplan.tracking.recording import PointReading, ToolReading
+from tests.robot.live_documents import write_documents
+
+CASE = Path(__file__).resolve().parents[2] / "data" / "synthetic_ct"
+TURN = placed(Rotation.from_rotvec([0, 0, 0.004]), np.array([1.5, -2.0, 1.0]))
+FRAMES = 10
+
+
+def recording(room: LiveRoom, frames: int = FRAMES, robot: bool = True) -> Recording:
+    points = [PointReading(k, place) for k in range(frames) for place in room.head_mm()[::-1]]
+    tools = [ToolReading(k, "tool", room.tool()) for k in range(frames)]
+    driven = [
+        ToolReading(k, "robot", room.session.told(room.robot_from_tcp)) for k in range(frames if robot else 0)
+    ]
+    return Recording("simulated", tuple(points), (*tools, *driven))
+
+
+def live(room: LiveRoom, **options: object) -> LiveChain:
+    session = room.session
+    spread = np.tile(READING_SD_MM**2 * np.eye(3), (len(session.labels), 1, 1))
+    head = Points(np.mean([room.head_mm() for _ in range(FRAMES)], axis=0), spread, session.labels, OTS)
+    ct_from_ots = np.linalg.inv(session.ots_from_ct)
+    ct = session.markers_ots_mm @ ct_from_ots[:3, :3].T + ct_from_ots[:3, 3]
+    scan = Frame("CT", "1.2.3")
+    registered = register_points(
+        ct, head.positions_mm, (0.01 * spread, spread), moving_frame=scan, fixed_frame=OTS
+    )
+    tool = Points(M_SPHERES_MM, np.tile(0.01**2 * np.eye(3), (4, 1, 1)), tuple("ABCD"), M)
+    still = replace(recording(room), tools=tuple(one for one in recording(room).tools if one.tool == "tool"))
+    calibrated = Pose(session.m_from_tcp, np.diag([3e-4**2] * 3 + [0.1**2] * 3), M, TCP)
+    capture = Capture(
+        seen_tool(still, tool, sigma_mm=READING_SD_MM), calibrated, robot_pose(session.told(room.robot_from_tcp))
+    )
+    settings: dict[str, object] = {"robot_device": "robot", "sigma_mm": READING_SD_MM, **options}
+    return LiveChain(head, registered.pose, capture, tool, "tool", **settings)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def room() -> LiveRoom:
+    return LiveRoom.of_case(CASE)
+
+
+@pytest.mark.parametrize(
+    ("changes", "status"),
+    [
+        ({}, LiveStatus.VALID),
+        ({"head_moved": TURN}, LiveStatus.HEAD_MOVED),
+        ({"base_moved": TURN}, LiveStatus.ROBOT_MOVED),
+        ({"tracker_moved": TURN}, LiveStatus.TRACKER_MOVED),
+        ({"head_moved": TURN, "base_moved": np.linalg.inv(TURN)}, LiveStatus.BOTH_MOVED),
+        ({"loose": 1}, LiveStatus.MARKER_MOVED),
+    ],
+)
+def test_what_moved_is_told_apart(room: LiveRoom, changes: dict[str, FloatArray], status: LiveStatus) -> None:
+    chain = live(room)
+    assert chain.judge(recording(room)).status is LiveStatus.VALID
+    moment = chain.judge(recording(replace(room, **changes)))  # type: ignore[arg-type]
+    assert moment.status is status
+    assert (moment.robot_from_ct is not None) == (status is LiveStatus.VALID)
+
+
+def test_what_moved_by_more_than_the_gate_in_steps_is_followed(room: LiveRoom) -> None:
+    chain = live(room)
+    for far in np.arange(1, 6) * 8.0:
+        moment = chain.judge(
+            recording(replace(room, head_moved=placed(Rotation.identity(), np.array([far, 0, 0]))))
+        )
+        assert moment.status is LiveStatus.HEAD_MOVED
+        assert moment.head is not None
+        assert moment.head.shift_mm == pytest.approx(far, abs=0.3)
+
+
+def test_the_live_pose_is_right_within_its_covariance_wherever_the_arm_stands(room: LiveRoom) -> None:
+    chain, session = live(room), room.session
+    truth = session.robot_from_ots @ session.ots_from_ct
+    middle = np.linalg.inv(session.ots_from_ct)[:3] @ np.append(session.markers_ots_mm.mean(axis=0), 1)
+    for k in range(6):
+        driven = room.robot_from_tcp @ placed(
+            Rotation.from_rotvec([0.1 * k, -0.05 * k, 0]), np.array([10.0 * k, 0, -5])
+        )
+        pose = chain.judge(recording(replace(room, robot_from_tcp=driven))).robot_from_ct
+        assert pose is not None
+        off = pose.apply(middle[None])[0] - truth[:3] @ np.append(middle, 1)
+        spread = pose.point_covariances(middle[None])[0]
+        assert off @ np.linalg.solve(spread, off) < 16.3  # of three, 99.9 %
+
+
+def test_a_resting_room_is_called_valid_and_its_robots_chances_are_even(room: LiveRoom) -> None:
+    """With the arm where it was and one frame a moment, the chances stated are those of errors as stated."""
+    chances = []
+    for _ in range(150):
+        chain = live(room)
+        moment = chain.judge(recording(room, frames=1))
+        assert moment.status is LiveStatus.VALID
+        assert moment.robot is not None
+        chances.append(moment.robot.probability)
+    assert np.mean(np.array(chances) > 0.5) > 0.5  # errors are overstated: averaged looks, robot counted twice
+    assert min(chances) > 1e-4
+
+
+def test_without_the_robots_poses_a_moved_arm_counts_as_a_moved_robot(room: LiveRoom) -> None:
+    chain = live(room, robot_device=None)
+    assert chain.judge(recording(room, robot=False)).status is LiveStatus.VALID
+    driven = room.robot_from_tcp @ placed(Rotation.identity(), np.array([5.0, 0, 0]))
+    moved = recording(replace(room, robot_from_tcp=driven), robot=False)
+    assert chain.judge(moved).status is LiveStatus.ROBOT_MOVED
+
+
+def test_what_is_hidden_or_moving_is_not_judged(room: LiveRoom) -> None:
+    chain, whole = live(room), recording(room)
+    headless = chain.judge(replace(whole, points=whole.points[:2]))
+    assert (headless.status, headless.robot_from_ct) == (LiveStatus.UNSEEN, None)
+    toolless = chain.judge(replace(whole, tools=tuple(one for one in whole.tools if one.tool == "robot")))
+    assert toolless.status is LiveStatus.UNSEEN
+    away = replace(room, robot_from_tcp=room.robot_from_tcp @ placed(Rotation.identity(), np.array([0, 40.0, 0])))
+    moving = replace(whole, tools=whole.tools + recording(away).tools)
+    moving = replace(moving, tools=tuple(replace(one, frame=k) for k, one in enumerate(moving.tools)))
+    assert chain.judge(moving).status is LiveStatus.MOVING
+
+
+def test_the_command_follows_a_stream_and_refuses_when_the_robot_moved(
+    room: LiveRoom, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_documents(live(room), room, tmp_path)
+    told = ["--chain", "chain.json", "--registration", "registration.json", "--geometry", "tool.json"]
+    told = [str(tmp_path / one) if one.endswith(".json") else one for one in told]
+    script = [
+        (room, 1.5),
+        (replace(room, head_moved=TURN), 1.0),
+        (room, 1.0),
+        (replace(room, base_moved=TURN), 1.0),
+    ]
+    for parts, status in ((script[:1], 0), (script, 3)):
+        with socket.create_server(("127.0.0.1", 0)) as listener:
+            thread = threading.Thread(
+                target=serve, args=(listener, parts), kwargs={"in_real_time": False}, daemon=True
+            )
+            thread.start()
+            options = ["--tool", "tool", "--robot-device", "robot", "--sigma-ots", str(READING_SD_MM)]
+            out = tmp_path / "live.jsonl"
+            port = str(listener.getsockname()[1])
+            assert main(["robot", "watch", *told, *options, "--port", port, "-o", str(out)]) == status
+            thread.join(10)
+    rows = [json.loads(line) for line in out.read_text().splitlines()]
+    assert [status for status, _ in groupby(row["status"] for row in rows)] == [
+        "valid",
+        "head_moved",
+        "valid",
+        "robot_moved",
+    ]
+    assert all((row["robot_from_ct"] is None) == (row["status"] != "valid") for row in rows)
+    assert re.search(
+        r"the head moved; register again; head: \d\.\d\d mm, 0\.\d\d degrees", capsys.readouterr().err
+    )
