@@ -124,6 +124,19 @@ def test_a_resting_room_is_called_valid_and_its_robots_chances_are_even(room: Li
     assert min(chances) > 1e-4
 
 
+def test_the_tools_calibration_blurs_a_movement_only_when_the_arm_has_turned(room: LiveRoom) -> None:
+    chain = live(room)
+    loose = Pose(chain.capture.m_from_tcp.matrix, chain.capture.m_from_tcp.covariance * 1e4, M, TCP)
+    blurred = replace(chain, capture=replace(chain.capture, m_from_tcp=loose))
+    turned = room.robot_from_tcp @ placed(Rotation.from_rotvec([0.5, 0, 0]), np.zeros(3))
+    for arm, least, most in ((room.robot_from_tcp, 0.9, 1.2), (turned, 20.0, 1e4)):
+        seen = recording(replace(room, robot_from_tcp=arm))
+        spreads = [
+            np.trace(one.robot.pose.covariance) for one in (c.judge(seen) for c in (chain, blurred)) if one.robot
+        ]
+        assert least < spreads[1] / spreads[0] < most
+
+
 def test_without_the_robots_poses_a_moved_arm_counts_as_a_moved_robot(room: LiveRoom) -> None:
     chain = live(room, robot_device=None)
     assert chain.judge(recording(room, robot=False)).status is LiveStatus.VALID
