@@ -32,18 +32,20 @@ def ideal_center(volume: CTVolume, truth_mm: FloatArray, diameter_mm: float) -> 
     blur_mm = volume.grid.row_spacing_mm
 
     def residuals(theta: FloatArray) -> FloatArray:
-        from_center = offsets_mm - theta[:3]
+        *center, radius, in_plane, across, contrast, level = theta
+        from_center = offsets_mm - center
         distance = np.linalg.norm(from_center, axis=1)
         along = (from_center @ normal / np.maximum(distance, 1e-9)) ** 2
-        blur = np.sqrt(theta[4] ** 2 * (1.0 - along) + theta[5] ** 2 * along + LEAST_BLUR_MM**2)
-        inside: FloatArray = ndtr((theta[3] - distance) / blur)
-        found: FloatArray = theta[7] + theta[6] * inside - values_hu
+        blur = np.sqrt(in_plane**2 * (1.0 - along) + across**2 * along + LEAST_BLUR_MM**2)
+        inside: FloatArray = ndtr((radius - distance) / blur)
+        found: FloatArray = level + contrast * inside - values_hu
         return found
 
     start = np.array([0.0, 0.0, 0.0, diameter_mm / 2.0, blur_mm, blur_mm, high - low, low])
     scale = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, high - low, high - low])
     fitted = least_squares(residuals, start, x_scale=scale, loss="soft_l1", f_scale=OUTLIER_SHARE * (high - low))
-    center: FloatArray = truth_mm + fitted.x[:3]
+    *moved, _radius, _in_plane, _across, _contrast, _level = fitted.x
+    center: FloatArray = truth_mm + moved
     return center
 
 

@@ -16,6 +16,7 @@ from ronnaplan.documents.reading import to_json
 from ronnaplan.documents.registered import registration_document
 from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.geometry import FloatArray, Frame, Points
+from ronnaplan.localization.parameters import PARAMETERS
 from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.registration.markers import register_markers
 
@@ -23,6 +24,12 @@ CT = Path(__file__).resolve().parents[1] / "data" / "synthetic_ct"
 TURN = Rotation.from_rotvec([0.3, -0.9, 0.5])
 SHIFT_MM = np.array([80.0, -40.0, -1400.0])
 ENTRY_MM, TARGET_MM = np.array([30.0, -20.0, 84.0]), np.array([10.0, 5.0, 20.0])
+
+
+def ball_parameters(**known: float) -> FloatArray:
+    """The parameters of a fitted ball in air, by name; what is not named is nought."""
+    usual = {"radius": 5.75, "blur": 0.5, "width": 1.0, "shape": 0.5, "contrast": 1100.0, "background": -1000.0}
+    return np.array([(usual | known).get(name, 0.0) for name in PARAMETERS])
 
 
 @cache

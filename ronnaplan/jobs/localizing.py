@@ -10,6 +10,9 @@ if TYPE_CHECKING:
     from ronnaplan.ct import CTVolume
     from ronnaplan.localization import Fiducials, Template
 
+WARMING_BALL_MM = 11.5
+"""Diameter of the ball that is found before there is a scan."""
+
 
 def find_markers(volume: CTVolume, rule: ScanRule, template: Template | None) -> Fiducials:
     """Find the markers of ``rule``, whose ``template`` was read, whatever their number.
@@ -40,8 +43,10 @@ def warm_up() -> None:
 
     places = np.arange(24.0)
     i, j, k = np.meshgrid(places, places, places, indexing="ij")
-    ball = np.where((i - 12) ** 2 + (j - 12) ** 2 + (k - 12) ** 2 < 5.75**2, 100, -1000).astype(np.int16)
+    ball = np.where((i - 12) ** 2 + (j - 12) ** 2 + (k - 12) ** 2 < (WARMING_BALL_MM / 2) ** 2, 100, -1000).astype(
+        np.int16
+    )
     origins = np.stack([np.zeros(24), np.zeros(24), places], axis=1)
     with suppress(RonnaplanError):
         grid = SliceGrid(origins, np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
-        localize(CTVolume(ball, grid, SeriesSource()), diameter_mm=11.5)
+        localize(CTVolume(ball, grid, SeriesSource()), diameter_mm=WARMING_BALL_MM)

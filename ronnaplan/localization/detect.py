@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
-from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.parts import in_parts
@@ -63,7 +62,7 @@ def detect(volume: CTVolume, diameter_mm: float) -> Candidates:
     extent = np.array([steps[0] * (columns - 1), steps[1] * (rows - 1), 0.0])
     corner = origins.min(axis=0) - cell_mm
     shape = np.ceil((origins.max(axis=0) + extent - corner) / cell_mm).astype(int) + 2
-    edge_mm = float(np.mean([*steps, _typical_gap(grid)]))
+    edge_mm = float(np.mean([*steps, grid.typical_gap_mm]))
     votes = np.zeros(shape[::-1], dtype=np.uint16)
     threshold = MIN_CONTRAST_HU / (4.0 * edge_mm)
 
@@ -71,7 +70,7 @@ def detect(volume: CTVolume, diameter_mm: float) -> Candidates:
         _vote(coarse.voxels_hu, origins, steps, diameter_mm / 2.0, threshold, corner, cell_mm, votes, first, end)
 
     in_parts(vote, len(votes))
-    surface_voxels = np.pi * diameter_mm**2 * 2.0 * edge_mm / (steps.prod() * _typical_gap(grid))
+    surface_voxels = np.pi * diameter_mm**2 * 2.0 * edge_mm / (steps.prod() * grid.typical_gap_mm)
     centers, shares = _peaks(votes, float(surface_voxels))
     return Candidates((corner + centers * cell_mm) @ axes, shares)
 
@@ -81,7 +80,7 @@ def coarsen(volume: CTVolume, voxel_mm: float) -> CTVolume:
     import cv2
 
     grid = volume.grid
-    by_k = max(1, int(voxel_mm / _typical_gap(grid)))
+    by_k = max(1, int(voxel_mm / grid.typical_gap_mm))
     by_j = max(1, int(voxel_mm / grid.row_spacing_mm))
     by_i = max(1, int(voxel_mm / grid.column_spacing_mm))
     slices, rows, columns = (n // b for n, b in zip(volume.voxels_hu.shape, (by_k, by_j, by_i), strict=True))
@@ -105,10 +104,6 @@ def coarsen(volume: CTVolume, voxel_mm: float) -> CTVolume:
         column_step_mm=grid.column_step_mm * by_i,
     )
     return replace(volume, voxels_hu=voxels, grid=coarse_grid)
-
-
-def _typical_gap(grid: SliceGrid) -> float:
-    return float(np.median(grid.spacings_mm)) if len(grid.origins_mm) > 1 else grid.row_spacing_mm
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -16,7 +16,7 @@ from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.cells import CELL_COUNT, cell_directions
 from ronnaplan.localization.neighbourhood import Neighbourhood
-from ronnaplan.localization.parameters import BLUR, CONTRAST, RADIUS, WIDTH, U, V, W
+from ronnaplan.localization.parameters import BLUR, CONTRAST, LEAST_SPREAD_MM2, RADIUS, WIDTH, U, V, W
 
 OUTLIER_RATIO = 2.5
 """A direction disagrees when its residual exceeds the usual direction's by this factor."""
@@ -169,7 +169,7 @@ def edge_depth(offsets_mm: FloatArray, theta: FloatArray) -> tuple[FloatArray, F
         square = u * u + v * v + w * w
         along = w * w / max(square, 1e-18)
         depth[n] = math.sqrt(square) - theta[RADIUS]
-        blur[n] = math.sqrt(in_plane * (1.0 - along) + along_w * along + 0.01)
+        blur[n] = math.sqrt(in_plane * (1.0 - along) + along_w * along + LEAST_SPREAD_MM2)
     return depth, blur
 
 

@@ -22,6 +22,7 @@ from ronnaplan.localization.parameters import (
     BLUR,
     CONTRAST,
     LAYER_PARAMETERS,
+    LEAST_SPREAD_MM2,
     PARAMETERS,
     RADIUS,
     SKIN_PARAMETERS,
@@ -137,7 +138,7 @@ def _add_skin(offsets: FloatArray, theta: FloatArray, values: FloatArray, jacobi
     length = math.sqrt(gu * gu + gv * gv + gw * gw)
     nu, nv, nw = gu / length, gv / length, gw / length
     across = 1.0 - nw * nw
-    blur = math.sqrt(theta[BLUR] ** 2 * across + (theta[WIDTH] ** 2 / 12.0 + 0.01) * (1.0 - across))
+    blur = math.sqrt(theta[BLUR] ** 2 * across + (theta[WIDTH] ** 2 / 12.0 + LEAST_SPREAD_MM2) * (1.0 - across))
     for n in range(len(offsets)):
         du, dv, dw = offsets[n, 0] - theta[U], offsets[n, 1] - theta[V], offsets[n, 2] - theta[W]
         depth = nu * du + nv * dv + nw * dw

@@ -15,34 +15,25 @@ from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build
-from ronnaplan.localization.cells import cell_directions, direction_cells
-from ronnaplan.localization.descent import (
-    MAX_WANDER,
-    Prior,
-    descend,
-    influence,
-    residuals_and_jacobian,
-)
-from ronnaplan.localization.directions import (
-    Verdict,
-    edge_depth,
-    judge,
-    on_surface,
-    within_reach,
-)
+from ronnaplan.localization.cells import direction_cells
+from ronnaplan.localization.descent import MAX_WANDER, Prior, descend, influence, residuals_and_jacobian
+from ronnaplan.localization.directions import Verdict, edge_depth, judge, on_surface, within_reach
 from ronnaplan.localization.guess import ball_prior, first_guess, frozen, margin_mm
-from ronnaplan.localization.model import has_skin, has_streaks
+from ronnaplan.localization.model import has_skin
 from ronnaplan.localization.neighbourhood import Neighbourhood
-from ronnaplan.localization.parameters import BACKGROUND, BLUR, CENTER, CONTRAST, EDGE, PARAMETERS, RADIUS, WIDTH
+from ronnaplan.localization.parameters import (
+    BACKGROUND,
+    BLUR,
+    CENTER,
+    CONTRAST,
+    EDGE,
+    PARAMETERS,
+    RADIUS,
+    SKIN_PLACE,
+    WIDTH,
+)
 from ronnaplan.localization.shading import PLATEAU_SHARE, shaded
-
-SKIN_PRIOR_HU = 2000.0
-SKIN_PRIOR_PLACE = 0.3
-"""Standard deviations of the skin's level, and of its distance and direction as a share of the distance."""
-
-METAL_SKIN_HOLD = 2.0
-"""Between metal and skin the image is dark, so that only touching tells where the skin is: a distance that is off by
-this fraction of itself (a half) weighs as much as one voxel that is off by the contrast."""
+from ronnaplan.localization.skin import is_beneath, lies_on_something, with_skin
 
 FIRST_LOOK_VOXELS = 1500
 """The first descents use about this many of the voxels: enough to see that most candidates are no balls."""
@@ -67,18 +58,6 @@ HOPELESS_MISFIT = 0.15
 
 MAX_ROUNDS = 8
 """Rounds of leaving directions out and fitting again; real markers settle in two to four."""
-
-SKIN_SHARES = (0.08, 0.65)
-"""A ball that lies on skin has neighbours in a share of its directions between these."""
-
-SKIN_LEVEL = 0.35
-"""What a ball lies on is no brighter than this share of the ball's own contrast."""
-
-SKIN_QUANTILE = 0.8
-"""The skin's level is read off the brighter of the neighbouring directions."""
-
-MIN_SKIN_DEPTH = 0.7
-"""What a ball lies on is no nearer to its center than this share of its radius; a cone standing there looks sunk."""
 
 
 @dataclass(frozen=True)
@@ -174,9 +153,9 @@ def fit_ball(
         np.abs(edge_depth(around.offsets_mm, theta)[0]) < margin_mm(theta[WIDTH], theta[BLUR]) + 1.0
     )
     fits = [_settle(around, theta, prior, ceiling_hu, start)]
-    if _lies_on_something(theta, verdict):
-        on_skin = _settle(around, *_with_skin(theta, prior, verdict, around), ceiling_hu, start)
-        fits += [on_skin] if _is_beneath(on_skin.theta) else []
+    if lies_on_something(theta, verdict):
+        on_skin = _settle(around, *with_skin(theta, prior, verdict, around), ceiling_hu, start)
+        fits += [on_skin] if is_beneath(on_skin.theta) else []
     return max(fits, key=lambda fit: (fit.converged, fit.coverage))
 
 
@@ -252,38 +231,6 @@ def _thinned(count: int) -> NDArray[np.bool_]:
     return marked
 
 
-def _lies_on_something(theta: FloatArray, verdict: Verdict) -> bool:
-    share = float(verdict.beside.mean())
-    return SKIN_SHARES[0] <= share <= SKIN_SHARES[1] and _level_beside(verdict) < SKIN_LEVEL * theta[CONTRAST]
-
-
-def _is_beneath(theta: FloatArray) -> bool:
-    """Whether the skin lies beneath the ball, instead of cutting through it."""
-    depth_mm = 1.0 / max(float(np.linalg.norm(theta[-3:])), 1e-9)
-    return depth_mm >= MIN_SKIN_DEPTH * float(theta[RADIUS])
-
-
-def _level_beside(verdict: Verdict) -> float:
-    """How bright the neighbours are, in HU over the background; partial voxels make some look fainter."""
-    return float(np.quantile(verdict.excess_hu[verdict.beside], SKIN_QUANTILE))
-
-
-def _with_skin(
-    theta: FloatArray, prior: Prior, verdict: Verdict, around: Neighbourhood
-) -> tuple[FloatArray, Prior]:
-    """Add skin that the ball touches, on the side where the neighbours are."""
-    toward = cell_directions()[verdict.beside].mean(axis=0)
-    place = toward / np.linalg.norm(toward) / theta[RADIUS]
-    spread = np.array([SKIN_PRIOR_HU, *[SKIN_PRIOR_PLACE / theta[RADIUS]] * 3])
-    skin = np.array([_level_beside(verdict), *place])
-    added = Prior.of(skin, spread, prior.layer_mm)
-    if has_streaks(theta):
-        added.weight[1:] = (METAL_SKIN_HOLD * theta[CONTRAST] * theta[RADIUS]) ** 2
-    lowest = float(np.quantile(around.values_hu, 0.05))
-    start = np.concatenate([theta[:BACKGROUND], [lowest, 0.0, 0.0, 0.0], theta[len(PARAMETERS) :], skin])
-    return start, prior.extended(added)
-
-
 def _is_hopeless(theta: FloatArray, verdict: Verdict, start: FloatArray) -> bool:
     wandered = float(np.linalg.norm(theta[CENTER])) > MAX_WANDER * start[RADIUS]
     smeared = bool(theta[WIDTH] > MAX_WIDTH_RATIO * start[WIDTH] + 2.0 * MAX_WIDTH_SHARE * start[RADIUS])
@@ -295,6 +242,6 @@ def _judged(
 ) -> tuple[Verdict, NDArray[np.intp]]:
     cells = direction_cells(around.offsets_mm - theta[CENTER])
     residuals, jacobian = residuals_and_jacobian(around, theta, layer_mm, ceiling_hu)
-    levels = slice(len(PARAMETERS), len(theta) - 3 if has_skin(theta) else None)
+    levels = slice(len(PARAMETERS), SKIN_PLACE.start if has_skin(theta) else None)
     explained_hu = jacobian[:, levels] @ theta[levels]
     return judge(around, cells, theta, residuals, jacobian, explained_hu), cells

@@ -209,8 +209,7 @@ class Looking:
     @property
     def step_mm(self) -> float:
         """One step of scrolling: the usual gap between slices."""
-        gaps = self.case.volume.grid.spacings_mm
-        return float(np.median(gaps)) if gaps.size else 1.0
+        return self.case.volume.grid.typical_gap_mm
 
     def select(self, name: str | None) -> None:
         """Select a trajectory, or none."""

@@ -14,6 +14,9 @@ from ronnaplan.geometry import FloatArray
 HEIGHTS, INNER, OUTER, BLUR = 10, 10, 11, 12
 """How many parameters describe the height, and which of them are the levels and the blur."""
 
+SLOPE_A, SLOPE_B = 1, 2
+"""Those that say how fast the height grows at the patch's middle, with a and with b."""
+
 ROOT = 1.0 / math.sqrt(2.0 * math.pi)
 
 

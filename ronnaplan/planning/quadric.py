@@ -14,6 +14,9 @@ from ronnaplan.minimize import minimize
 PARAMETERS = 12
 """Ten coefficients (1, x, y, z, xx, yy, zz, xy, xz, yz) and the two curvatures of the bend, towards x and y."""
 
+COEFFICIENTS, BEND = slice(0, 10), slice(10, PARAMETERS)
+"""Their places among the parameters."""
+
 PRIOR = np.array([100.0] * 4 + [5.0] * 6 + [0.25] * 2)
 """Usual size of the parameters; lengths in units of the window's radius."""
 
@@ -33,7 +36,7 @@ def evaluate(parameters: FloatArray, points: FloatArray) -> tuple[FloatArray, Fl
     The distance is the polynomial over the length of its gradient (Taubin 1991): right to first order, and blind
     to the polynomial's scale. The derivatives are by the parameters (N, 12) and by the unbent place (N, 3).
     """
-    bend = parameters[10:]
+    bend = parameters[BEND]
     x, y, z = points.T
     # Polar angle and radius about the center of the bend, by the half angle: regular where nothing is bent.
     a = 1.0 - bend[0] * x - bend[1] * y
@@ -42,15 +45,17 @@ def evaluate(parameters: FloatArray, points: FloatArray) -> tuple[FloatArray, Fl
     sag = z * z / d
     u, v, w = x - bend[0] * sag, y - bend[1] * sag, 2.0 * z / d
     terms = np.stack(_monomials(u, v, w))
-    value, slope = parameters[:10] @ terms, _slope(parameters, u, v, w)
+    value, slope = parameters[COEFFICIENTS] @ terms, _slope(parameters, u, v, w)
     square = (slope**2).sum(axis=0) + FLAT
     length = np.sqrt(square)
     turn = _turn(slope, u, v, w)
     jacobian = np.empty((PARAMETERS, len(points)))
-    jacobian[:10] = (terms - value / square * turn) / length
+    jacobian[COEFFICIENTS] = (terms - value / square * turn) / length
     along = (bend @ slope[:2]) * sag - slope[2] * w
     for n, place in enumerate((x, y)):
-        jacobian[10 + n] = (along * ((bend[n] * z * z - a * place) / g - place) / d - slope[n] * sag) / length
+        jacobian[BEND.start + n] = (
+            along * ((bend[n] * z * z - a * place) / g - place) / d - slope[n] * sag
+        ) / length
     return value / length, jacobian.T, (slope / length).T
 
 

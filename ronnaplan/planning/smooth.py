@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.geometry import FloatArray
-from ronnaplan.planning.quadric import PARAMETERS, PRIOR, evaluate, fit
+from ronnaplan.planning.quadric import COEFFICIENTS, PARAMETERS, PRIOR, evaluate, fit
 from ronnaplan.planning.segments import along_segments, point_distances
 
 WINDOWS = (12.0, 8.0, 6.0)
@@ -214,7 +214,7 @@ def _bounds(
     is kept.
     """
     usual = np.eye(PARAMETERS) / PRIOR[:, np.newaxis]
-    scale = np.concatenate([parameters[:10], [0.0, 0.0]])
+    scale = np.concatenate([parameters[COEFFICIENTS], [0.0, 0.0]])
     rows = np.concatenate([-sides[:, np.newaxis] * jacobian, usual, -usual, [scale, -scale]])
     slack = 1e-6
     room = np.concatenate(

@@ -17,7 +17,18 @@ from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray, unit
 from ronnaplan.localization.neighbourhood import gather
 from ronnaplan.minimize import minimize
-from ronnaplan.planning.patch import BLUR, HEIGHTS, INNER, OUTER, heights, normal_equations, polynomials, slopes
+from ronnaplan.planning.patch import (
+    BLUR,
+    HEIGHTS,
+    INNER,
+    OUTER,
+    SLOPE_A,
+    SLOPE_B,
+    heights,
+    normal_equations,
+    polynomials,
+    slopes,
+)
 
 PATCH_RADIUS_MM = 12.0
 """The patch reaches this far to all sides for its slope and curvature; bone is smooth over two centimetres."""
@@ -105,7 +116,7 @@ class _Patch:
     @property
     def normal(self) -> FloatArray:
         a, b, c = self.axes
-        normal: FloatArray = unit(c - self.parameters[1] * a - self.parameters[2] * b)
+        normal: FloatArray = unit(c - self.parameters[SLOPE_A] * a - self.parameters[SLOPE_B] * b)
         return normal
 
 

@@ -15,8 +15,9 @@ from ronnaplan.documents.export import export
 from ronnaplan.documents.fiducials import fiducials_document
 from ronnaplan.documents.reading import to_json
 from ronnaplan.localization import Fiducial, Fiducials
+from tests import cases
 
-FIT = np.array([0, 0, 0, 5.75, 0.5, 0.0, 1.0, 0.5, 1000.0, -1000.0, 0, 0, 0])
+FIT = cases.ball_parameters(contrast=1000.0)
 CENTERS = [[-23.55, 82.21, 775.14], [1.25, -2.5, 0.125]]
 
 

@@ -14,8 +14,9 @@ from ronnaplan.documents.fiducials import fiducials_document, read_fiducials
 from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import InputError
 from ronnaplan.localization import Fiducial, FiducialFlag, Fiducials, Rejected
+from tests import cases
 
-FIT = np.array([0, 0, 0, 5.76, 0.5, 0.0, 1.0, 0.5, 1100.0, -1000.0, 0, 0, 0])
+FIT = cases.ball_parameters(radius=5.76)
 
 
 COVARIANCE = np.array([[4e-6, 1e-6, 0], [1e-6, 9e-6, 0], [0, 0, 2.5e-5]])

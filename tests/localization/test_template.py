@@ -12,6 +12,7 @@ from ronnaplan.documents.template import read_template
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.localization import Fiducial, Template
 from ronnaplan.localization.template import match_template
+from tests import cases
 
 SHIFT = np.array([5.0, 6.0, 7.0])
 FRAME = np.array([[0.0, 0, 0], [40, 0, 0], [0, 55, 0], [-30, -20, 5]])
@@ -20,7 +21,7 @@ TEMPLATE = Template("frame", ("A", "B", "C", "D"), DISTANCES)
 
 
 def markers(points: np.ndarray) -> list[Fiducial]:
-    fit = np.array([0, 0, 0, 5.75, 0.5, 1.0, 1100.0, -1000.0, 0, 0, 0])
+    fit = cases.ball_parameters()
     covariance = np.eye(3) * 1e-5
     return [Fiducial(f"F{n}", point, covariance, covariance, fit, 0.9, 0.01) for n, point in enumerate(points, 1)]
 

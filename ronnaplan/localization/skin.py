@@ -1,0 +1,66 @@
+"""The skin that a ball lies on: whether there is any, and where a fit of it begins."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.cells import cell_directions
+from ronnaplan.localization.descent import Prior
+from ronnaplan.localization.directions import Verdict
+from ronnaplan.localization.model import has_streaks
+from ronnaplan.localization.neighbourhood import Neighbourhood
+from ronnaplan.localization.parameters import BACKGROUND, CONTRAST, PARAMETERS, RADIUS, SKIN_PLACE
+
+SKIN_PRIOR_HU = 2000.0
+SKIN_PRIOR_PLACE = 0.3
+"""Standard deviations of the skin's level, and of its distance and direction as a share of the distance."""
+
+METAL_SKIN_HOLD = 2.0
+"""Between metal and skin the image is dark, so that only touching tells where the skin is: a distance that is off by
+this fraction of itself (a half) weighs as much as one voxel that is off by the contrast."""
+
+SKIN_SHARES = (0.08, 0.65)
+"""A ball that lies on skin has neighbours in a share of its directions between these."""
+
+SKIN_LEVEL = 0.35
+"""What a ball lies on is no brighter than this share of the ball's own contrast."""
+
+SKIN_QUANTILE = 0.8
+"""The skin's level is read off the brighter of the neighbouring directions."""
+
+MIN_SKIN_DEPTH = 0.7
+"""What a ball lies on is no nearer to its center than this share of its radius; a cone standing there looks sunk."""
+
+
+def lies_on_something(theta: FloatArray, verdict: Verdict) -> bool:
+    """Whether the ball has neighbours as skin would be."""
+    share = float(verdict.beside.mean())
+    return SKIN_SHARES[0] <= share <= SKIN_SHARES[1] and _level_beside(verdict) < SKIN_LEVEL * theta[CONTRAST]
+
+
+def is_beneath(theta: FloatArray) -> bool:
+    """Whether the skin lies beneath the ball, instead of cutting through it."""
+    depth_mm = 1.0 / max(float(np.linalg.norm(theta[SKIN_PLACE])), 1e-9)
+    return depth_mm >= MIN_SKIN_DEPTH * float(theta[RADIUS])
+
+
+def with_skin(
+    theta: FloatArray, prior: Prior, verdict: Verdict, around: Neighbourhood
+) -> tuple[FloatArray, Prior]:
+    """Add skin that the ball touches, on the side where the neighbours are."""
+    toward = cell_directions()[verdict.beside].mean(axis=0)
+    place = toward / np.linalg.norm(toward) / theta[RADIUS]
+    spread = np.array([SKIN_PRIOR_HU, *[SKIN_PRIOR_PLACE / theta[RADIUS]] * 3])
+    skin = np.array([_level_beside(verdict), *place])
+    added = Prior.of(skin, spread, prior.layer_mm)
+    if has_streaks(theta):
+        added.weight[1:] = (METAL_SKIN_HOLD * theta[CONTRAST] * theta[RADIUS]) ** 2
+    lowest = float(np.quantile(around.values_hu, 0.05))
+    start = np.concatenate([theta[:BACKGROUND], [lowest, 0.0, 0.0, 0.0], theta[len(PARAMETERS) :], skin])
+    return start, prior.extended(added)
+
+
+def _level_beside(verdict: Verdict) -> float:
+    """How bright the neighbours are, in HU over the background; partial voxels make some look fainter."""
+    return float(np.quantile(verdict.excess_hu[verdict.beside], SKIN_QUANTILE))
