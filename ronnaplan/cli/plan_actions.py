@@ -33,6 +33,7 @@ def run_add(arguments: argparse.Namespace) -> int:
     entry_mm, target_mm = (_lps(place, arguments.coordinates) for place in (arguments.entry, arguments.target))
     instrument = _instrument(arguments) or Trajectory.instrument
     options: dict[str, Any] = {"colour": arguments.colour} if arguments.colour else {}
+    options |= _electrode(arguments)
 
     def add(plan: Plan) -> Plan:
         notes = arguments.notes or ""
@@ -52,7 +53,7 @@ def run_edit(arguments: argparse.Namespace) -> int:
         "colour": arguments.colour,
         "notes": arguments.notes,
     }
-    changes = {key: value for key, value in stated.items() if value is not None}
+    changes = {key: value for key, value in stated.items() if value is not None} | _electrode(arguments)
     return _changed_in_head(arguments, lambda plan: plan.edit(arguments.name, **changes))
 
 
@@ -113,9 +114,9 @@ def run_import(arguments: argparse.Namespace) -> int:
 def run_export(arguments: argparse.Namespace) -> int:
     """Write trajectories for other tools."""
     from ronnaplan.documents.files import write_result
-    from ronnaplan.documents.plan_exchange import line_markups, plan_table
+    from ronnaplan.documents.plan_exchange import contacts_table, line_markups, plan_table
 
-    writer = {"markups": line_markups, "csv": plan_table}[arguments.to]
+    writer = {"markups": line_markups, "csv": plan_table, "contacts": contacts_table}[arguments.to]
     write_result(arguments.output, writer(_plan(arguments)))
     return 0
 
@@ -263,6 +264,15 @@ def _lps(place: list[float], system: str | None) -> FloatArray:
     if system is None:
         raise UsageError("coordinates need --coordinates LPS or --coordinates RAS")
     return to_lps(np.array(place, dtype=np.float64), system)
+
+
+def _electrode(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the electrode that was chosen by name, as a trajectory takes it; nothing where none was named."""
+    from ronnaplan.planning.electrodes import electrode_named
+
+    if arguments.electrode is None:
+        return {}
+    return {"electrode": None if arguments.electrode == "none" else electrode_named(arguments.electrode)}
 
 
 def _instrument(arguments: argparse.Namespace) -> Instrument | None:

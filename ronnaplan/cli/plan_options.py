@@ -49,6 +49,12 @@ def _with_instrument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--length", type=number, metavar="MM", help="usable length of an instrument of your own")
 
 
+def _with_electrode(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--electrode", metavar="MODEL", help="the electrode that stays, its tip at the target ('none': none)"
+    )
+
+
 def _with_looks(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--colour", metavar="#RRGGBB", help="colour in views")
     parser.add_argument("--notes", metavar="TEXT", help="free text")
@@ -67,6 +73,7 @@ def configure_add(parser: argparse.ArgumentParser) -> None:
     _with_scan(parser)
     _with_coordinates(parser, "entry", "target", required=True)
     _with_instrument(parser)
+    _with_electrode(parser)
     _with_looks(parser)
 
 
@@ -76,6 +83,7 @@ def configure_edit(parser: argparse.ArgumentParser) -> None:
     _with_scan(parser)
     _with_coordinates(parser, "entry", "target", required=False)
     _with_instrument(parser)
+    _with_electrode(parser)
     _with_looks(parser)
     parser.add_argument("--rename", metavar="NAME", help="a new name")
 
@@ -105,7 +113,12 @@ def configure_import(parser: argparse.ArgumentParser) -> None:
 def configure_export(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of ``plan export``."""
     with_plan(parser)
-    parser.add_argument("--to", choices=("markups", "csv"), required=True, help="Slicer line markups or CSV")
+    parser.add_argument(
+        "--to",
+        choices=("markups", "csv", "contacts"),
+        required=True,
+        help="Slicer line markups, CSV, or a CSV of the electrodes' contacts",
+    )
     parser.add_argument("-o", "--output", metavar="FILE", help="file to write (default: standard output)")
 
 

@@ -17,6 +17,7 @@ from ronnaplan.documents.files import change_document, write_atomically
 from ronnaplan.documents.reading import made, read_document, to_json
 from ronnaplan.errors import InputError, RonnaplanError
 from ronnaplan.geometry import FloatArray, Frame
+from ronnaplan.planning.electrodes import electrode_named
 from ronnaplan.planning.plan import Change, Item, Landmarks, Plan
 from ronnaplan.planning.rulers import Ruler
 from ronnaplan.planning.trajectory import Instrument, Trajectory
@@ -43,6 +44,7 @@ class TrajectoryEntry(DocumentModel):
     colour: Annotated[str, Field(pattern=r"^#[0-9a-f]{6}$")]
     locked: bool = False
     notes: Notes = ""
+    electrode: Label | None = None
 
 
 class LandmarksEntry(DocumentModel):
@@ -195,6 +197,7 @@ def _entry(item: Item | None) -> dict[str, Any] | None:
         "colour": item.colour,
         "locked": item.locked,
         "notes": item.notes,
+        **({"electrode": item.electrode.name} if item.electrode else {}),
     }
 
 
@@ -223,6 +226,7 @@ def _trajectory(entry: TrajectoryEntry, frame: Frame) -> Trajectory:
         entry.colour,
         entry.locked,
         entry.notes,
+        electrode_named(entry.electrode) if entry.electrode is not None else None,
     )
 
 

@@ -14,6 +14,7 @@ from ronnaplan.documents.markups import LPS_AXES, SCHEMA
 from ronnaplan.documents.reading import plain_json
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame
+from ronnaplan.planning.electrodes import electrode_named
 from ronnaplan.planning.plan import Plan
 from ronnaplan.planning.trajectory import Instrument, Trajectory, instrument_named
 from ronnaplan.text import BLANKS
@@ -25,7 +26,10 @@ SYSTEMS = ("LPS", "RAS")
 CSV_HEADER = (
     *("name", "entry_x", "entry_y", "entry_z", "target_x", "target_y", "target_z"),
     *("instrument", "diameter_mm", "length_mm", "colour", "locked", "notes", "coordinate_system"),
-    "frame_of_reference_uid",
+    *("frame_of_reference_uid", "electrode"),
+)
+CONTACTS_HEADER = (
+    *("name", "electrode", "contact", "x", "y", "z", "depth_mm", "coordinate_system", "frame_of_reference_uid"),
 )
 NEEDED = CSV_HEADER[:7]
 LOCKED = {"": False, "no": False, "false": False, "0": False, "yes": True, "true": True, "1": True}
@@ -84,8 +88,30 @@ def plan_table(plan: Plan) -> str:
                 plain_text(one.notes),
                 "LPS",
                 plain_text(plan.frame.uid or ""),
+                plain_text(one.electrode.name if one.electrode else ""),
             ]
         )
+    return stream.getvalue()
+
+
+def contacts_table(plan: Plan) -> str:
+    """Write the contacts of the plan's electrodes as CSV, the deepest first: middles in LPS mm, depths from entries.
+
+    Raises `InputError` where no trajectory has an electrode.
+    """
+    if all(one.electrode is None for one in plan.trajectories):
+        raise InputError("no trajectory of the plan has an electrode; choose one with 'plan edit --electrode'")
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(CONTACTS_HEADER)
+    for one in plan.trajectories:
+        if one.electrode is None:
+            continue
+        depths = one.length_mm - one.electrode.from_tip_mm
+        for contact, (place, depth) in enumerate(zip(one.contacts_mm, depths, strict=True), start=1):
+            where = [f"{value:.6f}" for value in (*place, depth)]
+            named = (plain_text(one.name), plain_text(one.electrode.name), contact)
+            writer.writerow([*named, *where, "LPS", plain_text(plan.frame.uid or "")])
     return stream.getvalue()
 
 
@@ -164,7 +190,9 @@ def _from_line(
             f"the points of line {name} are not labelled entry and target; state which of them comes first"
         )
     colour = line.display.selectedColor
-    shown = {"colour": "#" + "".join(f"{round(255 * part):02x}" for part in colour)} if colour else {}
+    shown: dict[str, Any] = (
+        {"colour": "#" + "".join(f"{round(255 * part):02x}" for part in colour)} if colour else {}
+    )
     entry_mm, target_mm = line.positions_mm[1 - target], line.positions_mm[target]
     return Trajectory(name, entry_mm, target_mm, frame, instrument, locked=line.locked, **shown)
 
@@ -196,6 +224,9 @@ def _from_row(
     if locked not in LOCKED:
         raise InputError(f"{place} says '{locked}' under locked; expected yes or no")
     entry, target = to_lps(places, stated)
+    options: dict[str, Any] = {"colour": row["colour"]} if row.get("colour") else {}
+    if row.get("electrode"):
+        options["electrode"] = electrode_named(unescaped(row["electrode"]))
     return Trajectory(
         unescaped(row["name"]),
         entry,
@@ -204,5 +235,5 @@ def _from_row(
         instrument,
         locked=LOCKED[locked],
         notes=unescaped(row.get("notes", "")),
-        **({"colour": row["colour"]} if row.get("colour") else {}),
+        **options,
     )

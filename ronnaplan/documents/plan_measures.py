@@ -51,12 +51,29 @@ def _measures(one: Measures) -> dict[str, Any]:
         "inner_table": _surface(one.crossings.inner),
         "profile": {"depth_mm": one.profile_mm.round(3).tolist(), "hu": one.profile_hu.round(1).tolist()},
         "clearances": [asdict(clearance) for clearance in one.clearances],
+        "electrode": _electrode(one),
         "spacings": [asdict(spacing) for spacing in one.spacings],
         "arc_and_ring": asdict(one.arc),
         "ac_pc": asdict(one.acpc) if one.acpc else None,
         "expected_error": _error(one.error),
         "planned_error": _error(one.planned_error),
     }
+
+
+def _electrode(one: Measures) -> dict[str, Any] | None:
+    if one.trajectory.electrode is None:
+        return None
+    contacts = [
+        {
+            "number": contact.number,
+            "center": contact.center_mm.tolist(),
+            "depth_mm": contact.depth_mm,
+            "inside": contact.inside,
+            "clearances": [asdict(clearance) for clearance in contact.clearances],
+        }
+        for contact in one.contacts
+    ]
+    return {"model": one.trajectory.electrode.name, "contacts": contacts}
 
 
 def _error(error: PathError | None) -> dict[str, Any] | None:

@@ -12,6 +12,7 @@ from ronnaplan.planner.measuring import drawn_rulers
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
+from ronnaplan.planning.contacts import contact_paths
 from ronnaplan.scene.cut import Cut
 from ronnaplan.scene.things import MARKER_COLOUR, REJECTED_COLOUR
 
@@ -156,6 +157,7 @@ def _path(one: Trajectory, cut: Cut, selected: bool) -> dict[str, Any]:
         "near": near,
         "width": 2.5 if selected else 1.5,
         "thick": one.instrument.diameter_mm,
+        "contact": one.electrode.diameter_mm if one.electrode else 0,
     }
     return {
         "name": one.name,
@@ -163,7 +165,18 @@ def _path(one: Trajectory, cut: Cut, selected: bool) -> dict[str, Any]:
         **look,
         **places,
         "ticks": _ticks(one, cut) if selected else [],
+        "contacts": _contacts(one, cut),
     }
+
+
+def _contacts(one: Trajectory, cut: Cut) -> list[dict[str, Any]]:
+    """Return the ends (2, 2) on the screen of the electrode's contacts that lie near the plane, and their numbers."""
+    ends = [cut.on_screen_mm(np.stack([part.entry_mm, part.target_mm])) for part in contact_paths(one)]
+    return [
+        {"number": number, "ends": both[:, :2].tolist()}
+        for number, both in enumerate(ends, start=1)
+        if (np.abs(both[:, 2]) < NEAR_MM).all()
+    ]
 
 
 def _ticks(one: Trajectory, cut: Cut) -> list[dict[str, Any]]:

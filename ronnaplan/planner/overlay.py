@@ -95,5 +95,6 @@ def _path(camera: Camera, one: Trajectory, state: PlannerState) -> dict[str, Any
         "width": 1,
         "thick": 0,
         "ticks": [],
+        "contacts": [],
     }
     return {"name": one.name, "colour": one.colour, **look, **places}

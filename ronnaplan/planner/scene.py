@@ -64,8 +64,9 @@ class Scene:
             self._show(part)
 
     def hide_path(self, name: str) -> None:
-        """Take a trajectory and its tube away."""
+        """Take a trajectory, its contacts and its tube away."""
         self._shown.pop(f"path {name}", None)
+        self._shown.pop(f"contacts {name}", None)
         self._shown.pop(f"tube {name}", None)
 
     def show_proposals(self, found: Proposals | None) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from ronnaplan.errors import InputError
+from ronnaplan.planning.contacts import nearest_contacts
 from ronnaplan.planning.layers import Way
 from ronnaplan.planning.measures import Measures
 from ronnaplan.planning.obstacles import Clearance, Kind
@@ -91,9 +92,9 @@ def _distances(measured: Measures, limits: Limits) -> Iterator[Verdict]:
     if limits.least_marker_distance_mm is not None and Kind.MARKER not in kinds:
         raise InputError("the limits keep a distance from markers but no fiducials are given; give fiducials.json")
     for one in measured.clearances:
-        least = limits.least_distance_mm(one.kind)
-        passes = one.at_least_mm >= least and not one.crosses
-        yield Verdict(name, f"distance to {one.name}", one.clearance_mm, "mm", least, passes, _remark(one))
+        yield _kept(name, f"distance to {one.name}", one, limits, _remark(one))
+    for number, one in nearest_contacts(measured.contacts).values():
+        yield _kept(name, f"contacts to {one.name}", one, limits, f"contact {number}{_sure(one)}")
     least_apart = limits.least_trajectory_distance_mm or 0.0
     for other in measured.spacings:
         passes = other.clearance_mm >= least_apart and other.clearance_mm > 0
@@ -101,11 +102,20 @@ def _distances(measured: Measures, limits: Limits) -> Iterator[Verdict]:
         yield Verdict(name, f"distance to {other.other}", other.clearance_mm, "mm", least_apart, passes, remark)
 
 
+def _kept(name: str, what: str, one: Clearance, limits: Limits, remark: str) -> Verdict:
+    least = limits.least_distance_mm(one.kind)
+    passes = one.at_least_mm >= least and not one.crosses
+    return Verdict(name, what, one.clearance_mm, "mm", least, passes, remark)
+
+
 def _remark(one: Clearance) -> str:
     if one.clearance_mm <= 0.0:
         return "met"
-    sure = f", at least {one.at_least_mm:.2f}" if one.at_least_mm < one.clearance_mm else ""
-    return f"{'may be met, ' if one.crosses else ''}at depth {one.depth_mm:.1f} mm{sure}"
+    return f"{'may be met, ' if one.crosses else ''}at depth {one.depth_mm:.1f} mm{_sure(one)}"
+
+
+def _sure(one: Clearance) -> str:
+    return f", at least {one.at_least_mm:.2f}" if one.at_least_mm < one.clearance_mm else ""
 
 
 def _errors(measured: Measures, limits: Limits) -> Iterator[Verdict]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning.angles import RAS_IN_LPS, AcPcAngles, ArcAngles, acpc_angles, arc_angles
+from ronnaplan.planning.contacts import ContactMeasures, measure_contacts
 from ronnaplan.planning.crossings import Crossings, find_crossings
 from ronnaplan.planning.head import SKIN_HU, Head
 from ronnaplan.planning.obstacles import Clearance, Obstacle
@@ -53,6 +54,7 @@ class Measures:
     acpc: AcPcAngles | None
     error: PathError | None
     planned_error: PathError | None = None
+    contacts: tuple[ContactMeasures, ...] = ()
 
     @property
     def length_mm(self) -> float:
@@ -96,11 +98,23 @@ class Measures:
         """Reasons to doubt the measures, one sentence each."""
         surfaces = {"scalp": self.crossings.scalp, "outer table": self.crossings.outer}
         surfaces["inner table"] = self.crossings.inner
-        return tuple(
+        unclear = [
             f"the {name} is not clear here (thick slices, rough or thin bone); its place is that of a threshold"
             for name, surface in surfaces.items()
             if surface is not None and not surface.clear
-        )
+        ]
+        return (*unclear, *self._contact_doubts())
+
+    def _contact_doubts(self) -> Iterator[str]:
+        electrode, instrument = self.trajectory.electrode, self.trajectory.instrument
+        if electrode is not None and electrode.diameter_mm > instrument.diameter_mm:
+            yield (
+                f"the electrode is {electrode.diameter_mm:g} mm thick but the path is judged for an instrument of "
+                f"{instrument.diameter_mm:g} mm"
+            )
+        outside = [str(one.number) for one in self.contacts if one.inside is False]
+        if outside:
+            yield f"contacts that do not lie within the inner table: {', '.join(outside)}"
 
 
 def measure(
@@ -120,7 +134,8 @@ def measure(
     ``others`` are the plan's trajectories (itself is left out by name); ``expected`` is what error is to be
     expected of the registration; rows of ``frame_axes`` (3, 3) are right, anterior, superior of the stereotactic frame
     in LPS (default: square to the scanner). ``rough``: distances to labels are to their voxels only, as while an end is
-    dragged. Raises `FrameMismatchError` for another frame and `InputError` for ends outside the scan or in air.
+    dragged; contacts are not judged then. Raises `FrameMismatchError` for another frame and `InputError` for ends
+    outside the scan or in air.
     """
     check_type(trajectory, Trajectory, "the trajectory", "a plan holds some")
     check_type(head, Head, "the head", "Head.of(volume) returns one")
@@ -139,6 +154,7 @@ def measure(
         acpc_angles(landmarks, start, trajectory.target_mm) if landmarks else None,
         path_error(trajectory, expected.counted, tolerance_mm) if expected.counted else None,
         path_error(trajectory, expected.beside, tolerance_mm) if expected.beside else None,
+        measure_contacts(trajectory, head, obstacles, crossings.inner, rough=rough),
     )
 
 

@@ -97,6 +97,7 @@ class Plan(Shown[Trajectory]):
             **coordinates("target_", [one.target_mm for one in self]),
             "length_mm": [one.length_mm for one in self],
             "instrument": [one.instrument.name for one in self],
+            "electrode": [one.electrode.name if one.electrode else "" for one in self],
             "locked": [one.locked for one in self],
             "notes": [one.notes for one in self],
         }

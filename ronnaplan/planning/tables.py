@@ -24,12 +24,13 @@ def plan_list(plan: Plan) -> str:
             _place(one.target_mm),
             f"{one.length_mm:.1f}",
             f"{one.instrument.name} ({one.instrument.diameter_mm:g} x {one.instrument.length_mm:g})",
+            one.electrode.name if one.electrode else "",
             "locked" if one.locked else "",
             one.notes,
         ]
         for one in plan.trajectories
     ]
-    header = ["name", "entry LPS mm", "target LPS mm", "length mm", "instrument mm", "", "notes"]
+    header = ["name", "entry LPS mm", "target LPS mm", "length mm", "instrument mm", "electrode", "", "notes"]
     return _table(header, rows)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray, Frame, as_points
+from ronnaplan.planning.electrodes import Electrode
 
 SHORTEST_PATH_MM = 1.0
 """Entry and target nearer than this are the same point, or a slip."""
@@ -66,6 +67,8 @@ def instrument_named(name: str) -> Instrument:
 class Trajectory:
     """A straight path from ``entry_mm`` (3,), at the scalp, to ``target_mm`` (3,), LPS mm in ``frame``.
 
+    ``instrument`` goes along it; ``electrode`` is what stays there, its tip at the target.
+
     Raises `InputError` for points that are not finite or nearer than `SHORTEST_PATH_MM`, an empty name, or a
     colour that is not ``#rrggbb``.
     """
@@ -78,6 +81,7 @@ class Trajectory:
     colour: str = "#e8a33d"
     locked: bool = False
     notes: str = ""
+    electrode: Electrode | None = None
 
     def __post_init__(self) -> None:
         for value, kind, what in (
@@ -85,6 +89,7 @@ class Trajectory:
             (self.frame, Frame, "a trajectory's frame"),
             (self.instrument, Instrument, "a trajectory's instrument"),
             (self.colour, str, "a trajectory's colour"),
+            *([(self.electrode, Electrode, "a trajectory's electrode")] if self.electrode is not None else []),
         ):
             check_type(value, kind, what, REMEDY)
         if not self.name.strip():
@@ -110,6 +115,13 @@ class Trajectory:
         """Unit vector (3,) from entry to target."""
         direction: FloatArray = (self.target_mm - self.entry_mm) / self.length_mm
         return direction
+
+    @property
+    def contacts_mm(self) -> FloatArray:
+        """Middles (N, 3) of the electrode's contacts, the deepest first; none without an electrode."""
+        if self.electrode is None:
+            return np.empty((0, 3))
+        return self.at_depth(self.length_mm - self.electrode.from_tip_mm)
 
     def at_depth(self, depths_mm: FloatArray) -> FloatArray:
         """Return the points (..., 3) at ``depths_mm`` (...) from the entry towards the target."""

@@ -33,7 +33,7 @@ STYLE = """
 .scene label i { display: inline-block; width: 11px; height: 11px; border-radius: 3px; margin: 0 6px 0 2px }
 .scene input[type=range] { width: 70px; vertical-align: middle; margin-left: 8px }
 @media print {
-  .scene { height: 84mm; background: none } .head img { max-height: 84mm }
+  .scene { height: 100mm; background: none } .head img { display: block; margin: auto; max-height: 100mm }
   .scene #still { display: block !important } .scene canvas, .scene fieldset { display: none }
 }
 """

@@ -9,6 +9,7 @@ import numpy as np
 from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray, unit
 from ronnaplan.planning import Measures, Trajectory
+from ronnaplan.planning.contacts import contact_paths
 from ronnaplan.report.picture import WINDOW_HU, png
 
 if TYPE_CHECKING:
@@ -26,6 +27,8 @@ WIDTH_IN, PROFILE_IN, HIGHEST_IN = 9.6, 2.4, 3.9
 
 LEFT_IN, RIGHT_IN, BELOW_IN, ABOVE_IN, GAP_IN = 0.8, 1.0, 0.65, 0.1, 0.15
 """What stands beside the panes has so much room."""
+
+CONTACT_COLOUR = "#00e5ff"
 
 LETTERS_PT = 12
 """On paper the picture is three quarters as large."""
@@ -80,12 +83,20 @@ def path_cut(volume: CTVolume, trajectory: Trajectory, sideways: FloatArray) -> 
 
 
 def _draw_cut(axes: Axes, volume: CTVolume, trajectory: Trajectory, sideways: FloatArray) -> None:
+    from matplotlib.patches import Rectangle
+
     image = path_cut(volume, trajectory, sideways)
     low, high = WINDOW_HU
     extent = (-REACH_MM, REACH_MM, trajectory.length_mm + BEYOND_MM, -BEYOND_MM)
     axes.imshow(image, cmap="gray", vmin=low, vmax=high, extent=extent)
     for side in (-trajectory.instrument.radius_mm, trajectory.instrument.radius_mm):
         axes.plot([side, side], [0, trajectory.length_mm], color=trajectory.colour, linewidth=1.0)
+    for contact in contact_paths(trajectory):
+        wide, upper = (
+            contact.instrument.diameter_mm,
+            float((contact.entry_mm - trajectory.entry_mm) @ trajectory.inward),
+        )
+        axes.add_patch(Rectangle((-wide / 2, upper), wide, contact.length_mm, color=CONTACT_COLOUR, zorder=3))
     axes.set_xlabel("across, mm", fontsize=LETTERS_PT)
 
 

@@ -8,6 +8,7 @@ from ronnaplan.case.folder import Case
 from ronnaplan.ct import CTVolume
 from ronnaplan.documents.plan_measures import measures_document
 from ronnaplan.planning import Measures, Trajectory, Verdict
+from ronnaplan.planning.contacts import ContactMeasures
 from ronnaplan.planning.rows import (
     Rows,
     distance_rows,
@@ -34,6 +35,7 @@ STYLE = """
 TITLE = "Trajectories"
 ENDS = ("", "entry LPS mm", "target LPS mm", "length mm")
 ERRORS = ("expected error", "as planned", "as registered")
+CONTACTS = ("contact", "middle, LPS mm", "depth, mm", "within the inner table", "nearest metal or no-go region")
 VERDICTS = ("held against limits", "value", "limit", "", "verdict", "")
 
 
@@ -72,7 +74,16 @@ def _measured(volume: CTVolume, one: Measures, verdicts: Sequence[Verdict]) -> l
     distances = [] if verdicts else distance_rows(one)  # every verdict tells its distance
     beside = table([], [*_path(one.trajectory), *shape_rows(one), *distances]) + _errors(one)
     tables = [table(VERDICTS, map(_verdict, judged))] if judged else []
+    if one.contacts:
+        tables.append(table(CONTACTS, map(_contact, one.contacts)))
     return [drawn, f'<div class="beside">{beside}</div>', *tables]
+
+
+def _contact(one: ContactMeasures) -> list[str]:
+    nearest = min(one.clearances, key=lambda near: near.at_least_mm, default=None)
+    told = "-" if nearest is None else f"{nearest.clearance_mm:.2f} mm to {nearest.name}"
+    inside = {True: "yes", False: "no", None: "-"}[one.inside]
+    return [str(one.number), place(one.center_mm), f"{one.depth_mm:.2f}", inside, told]
 
 
 def _errors(one: Measures) -> str:
@@ -102,6 +113,7 @@ def _path(path: Trajectory) -> Rows:
         ("entry, LPS mm", place(path.entry_mm)),
         ("target, LPS mm", place(path.target_mm)),
         ("instrument", instrument),
+        *([("electrode, its tip at the target", path.electrode.name)] if path.electrode else []),
         *([("notes", path.notes)] if path.notes else []),
     ]
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import Measures
+from ronnaplan.planning.contacts import contact_paths
 from ronnaplan.planning.trajectory import Trajectory
 from ronnaplan.scene.shapes import Body, ball, joined, specks, tube
 
@@ -18,6 +19,10 @@ SKULL_COLOUR: Final = "#ece2cc"
 MARKER_COLOUR: Final = "#ff9f1c"
 REJECTED_COLOUR: Final = "#ff5252"
 NO_GO_COLOUR: Final = "#e53935"
+CONTACT_COLOUR: Final = "#f5f7fa"
+
+CONTACT_SHARE: Final = 1.4
+"""Contacts are drawn so much thicker than what they are on, to be seen."""
 
 THINNEST_MM: Final = 0.5
 """A trajectory is drawn with at least this radius, to be seen."""
@@ -79,9 +84,13 @@ def rejected(centers_mm: Sequence[FloatArray]) -> Thing:
 
 
 def path(one: Trajectory, measured: Measures | None = None) -> list[Thing]:
-    """Return a trajectory as thick as its instrument, and the tube that it keeps within with a chance of 95 %."""
+    """Return a trajectory as thick as its instrument, its contacts, and the tube it stays in with a chance of 95 %."""
     line = tube(np.stack([one.entry_mm, one.target_mm]), max(one.instrument.radius_mm, THINNEST_MM))
     found = [Thing(f"path {one.name}", joined([line, ball(one.target_mm, TARGET_MM)]), rgb(one.colour))]
+    if one.electrode is not None:
+        thick = CONTACT_SHARE * max(one.electrode.diameter_mm / 2, one.instrument.radius_mm, THINNEST_MM)
+        bodies = [tube(np.stack([part.entry_mm, part.target_mm]), thick) for part in contact_paths(one)]
+        found.append(Thing(f"contacts {one.name}", joined(bodies), rgb(CONTACT_COLOUR)))
     if measured is not None and measured.error is not None:
         around = tube(one.at_depth(measured.error.depths_mm), measured.error.tube_mm)
         found.append(Thing(f"tube {one.name}", around, rgb(one.colour), TUBE_OPACITY))

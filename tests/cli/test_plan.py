@@ -138,6 +138,26 @@ def test_export_and_import_round_trip(plan: Path, ct: Path, tmp_path: Path) -> N
         np.testing.assert_allclose(read_plan(other).trajectory("A").entry_mm, [-20, 10, 77])
 
 
+def test_an_electrode_is_chosen_measured_exported_and_taken_back(
+    plan: Path, ct: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    edit = ["plan", "edit", str(plan), "A", "--ct", str(ct), "--electrode"]
+    assert main([*edit, "DIXI D08-05AM"]) == 0
+    assert main(["plan", "check", str(plan), "--ct", str(ct), "-o", str(tmp_path / "measures.json")]) == 0
+    told = json.loads((tmp_path / "measures.json").read_text())["trajectories"][0]["electrode"]
+    assert told["model"] == "DIXI D08-05AM"
+    assert told["contacts"][0]["center"] == pytest.approx(read_plan(plan).trajectory("A").contacts_mm[0])
+    assert main(["plan", "export", str(plan), "--to", "contacts", "-o", str(tmp_path / "contacts.csv")]) == 0
+    assert len((tmp_path / "contacts.csv").read_text().splitlines()) == 6
+    capsys.readouterr()
+    assert main(["plan", "list", str(plan)]) == 0
+    assert "DIXI D08-05AM" in capsys.readouterr().out
+    assert main([*edit, "none"]) == 0
+    assert read_plan(plan).trajectory("A").electrode is None
+    assert main([*edit, "D08"]) == 1
+    assert "unknown electrode 'D08'" in capsys.readouterr().err
+
+
 def test_additions_made_at_the_same_time_are_all_kept(plan: Path, ct: Path) -> None:
     names = [f"B{number}" for number in range(4)]
     adds = [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,10 +15,17 @@ import pytest
 from ronnaplan.ct import CTVolume, SeriesSource, SliceGrid
 from ronnaplan.documents.limits import read_limits
 from ronnaplan.documents.plan import change_plan, plan_document, read_plan, write_plan
-from ronnaplan.documents.plan_exchange import line_markups, plan_table, read_line_markups, read_plan_table
+from ronnaplan.documents.plan_exchange import (
+    contacts_table,
+    line_markups,
+    plan_table,
+    read_line_markups,
+    read_plan_table,
+)
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import Frame
 from ronnaplan.planning import INSTRUMENTS, Instrument, Landmarks, Limits, Plan, Ruler, Trajectory
+from ronnaplan.planning.electrodes import ELECTRODES
 
 UID = "1.2.840.7"
 CT = Frame("CT", UID)
@@ -52,6 +60,27 @@ def test_a_plan_comes_back_as_it_was(plan: Plan, tmp_path: Path) -> None:
     ]
     assert [(one.name, one.told) for one in back.rulers] == [("D1", "5.0 mm"), ("=A1", "90.0 deg")]
     assert all(change.time.tzinfo is not None for change in back.history)
+
+
+def test_electrodes_come_back_in_the_plan_and_its_table_and_their_contacts_are_told(
+    plan: Plan, tmp_path: Path
+) -> None:
+    chosen = plan.edit("left, deep", electrode=ELECTRODES["Medtronic 3389"])
+    write_plan(tmp_path / "plan.json", chosen)
+    back = read_plan(tmp_path / "plan.json")
+    assert [one.electrode and one.electrode.name for one in back] == ["Medtronic 3389", None]
+    (tmp_path / "plan.csv").write_text(plan_table(chosen))
+    first, second = read_plan_table(tmp_path / "plan.csv", CT, POINTER)
+    assert (first.electrode, second.electrode) == (ELECTRODES["Medtronic 3389"], None)
+    rows = list(csv.DictReader(contacts_table(chosen).splitlines()))
+    assert [row["contact"] for row in rows] == ["1", "2", "3", "4"]
+    path = chosen.trajectory("left, deep")
+    for row, from_tip in zip(rows, (2.25, 4.25, 6.25, 8.25), strict=True):
+        place = path.target_mm - from_tip * path.inward
+        assert [float(row[axis]) for axis in "xyz"] == pytest.approx(place, abs=1e-6)
+        assert float(row["depth_mm"]) == pytest.approx(path.length_mm - from_tip, abs=1e-6)
+    with pytest.raises(InputError, match="no trajectory of the plan has an electrode"):
+        contacts_table(plan)
 
 
 def test_every_change_has_a_revision_of_its_own_also_one_that_is_taken_back(plan: Plan, tmp_path: Path) -> None:
@@ -138,6 +167,7 @@ def edited(change: Callable[[dict[str, Any]], object]) -> Callable[[dict[str, An
         (lambda d: d["trajectories"][0].update(entry=[1, 2]), "trajectories.0.entry"),
         (lambda d: d["trajectories"][0].update(colour="red"), "trajectories.0.colour"),
         (lambda d: d["trajectories"][0]["instrument"].update(diameter_mm=-1), "diameter_mm"),
+        (lambda d: d["trajectories"][0].update(electrode="D08"), "unknown electrode 'D08'"),
         (lambda d: d["trajectories"].append(d["trajectories"][0]), "same name"),
         (lambda d: d["landmarks"].update(midline=[0, 30, 0]), "one line"),
         (lambda d: d.pop("source"), "source"),

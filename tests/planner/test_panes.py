@@ -13,6 +13,7 @@ from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.pixels import Pixel
 from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.state import PlannerState
+from ronnaplan.planning.electrodes import ELECTRODES
 from tests import cases
 from tests.planner.conftest import reopened
 
@@ -116,6 +117,18 @@ def test_the_first_click_of_a_new_trajectory_shows_until_the_second(state: Plann
     assert points() == ["entry"]
     pointer.add()
     assert points() == []
+
+
+def test_contacts_are_drawn_where_they_lie_near_the_plane(state: PlannerState) -> None:
+    state.case.edit("left", electrode=ELECTRODES["DIXI D08-10AM"])
+    state.show_path("left")
+    (inline,) = over_cut(state, "inline", False, Pane())["paths"]
+    assert [one["number"] for one in inline["contacts"]] == list(range(1, 11))
+    lower, upper = (np.array(inline["contacts"][n]["ends"]).mean(axis=0) for n in (0, 1))
+    assert np.linalg.norm(upper - lower) == pytest.approx(3.5)
+    assert inline["contact"] == 0.8
+    (axial,) = over_cut(state, "axial", False, Pane())["paths"]
+    assert [one["number"] for one in axial["contacts"]] == [1]  # the plane through the target
 
 
 def test_what_is_jumped_to_is_in_view(state: PlannerState) -> None:

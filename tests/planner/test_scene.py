@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,6 +13,7 @@ from ronnaplan.planner.opening import cube
 from ronnaplan.planner.scene import Scene
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
+from ronnaplan.planning.electrodes import ELECTRODES
 from ronnaplan.scene.camera import Camera
 from ronnaplan.scene.shapes import ball
 from tests import cases
@@ -39,6 +41,10 @@ def test_each_thing_shown_changes_the_picture_and_can_be_taken_away(scene: Scene
     assert np.abs(drawn(scene) - skull).max() > 50
     scene.hide_path("left")
     assert np.abs(drawn(scene) - skull).max() < 10
+    scene.show_path(replace(path, electrode=ELECTRODES["Medtronic 3387"]), None)
+    assert "contacts left" in [one["name"] for one in scene.listed]
+    scene.hide_path("left")
+    assert "contacts left" not in [one["name"] for one in scene.listed]
     scene.show_markers()
     marked = drawn(scene)
     assert np.abs(marked - skull).max() > 50

@@ -18,6 +18,7 @@ from ronnaplan.documents.plan import write_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.planning import Limits
+from ronnaplan.planning.electrodes import ELECTRODES
 from ronnaplan.report.html import STYLE, table
 from ronnaplan.report.overview import View
 from ronnaplan.report.pdf import find_browser, print_pdf
@@ -107,6 +108,15 @@ def test_page_one_tells_each_trajectory_in_a_line(case: Case, html: str) -> None
 
 def test_planned_and_registered_error_stand_beside_each_other(html: str) -> None:
     assert "<th>expected error</th><th>as planned</th><th>as registered</th>" in html
+
+
+def test_contacts_are_listed_below_their_trajectory(case: Case) -> None:
+    assert case.plan is not None
+    chosen = case.plan.edit("left", electrode=ELECTRODES["Medtronic 3387"])
+    page = quality_report(replace(case, plan=chosen))
+    place = ", ".join(f"{value:.2f}" for value in chosen.trajectory("left").contacts_mm[3])
+    assert f"<td>4</td><td>{place}</td>" in page
+    assert "<td>contacts to metal</td>" in page
 
 
 def test_broken_limits_stand_first_and_are_counted_on_page_one(case: Case) -> None:
