@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
@@ -59,6 +60,9 @@ among them."""
 
 WORK_PER_POINT, WORK_POWER = 190_000.0, 1.15
 """The search is given up after this work (1 to 2 ns each) times the larger set's size to this power."""
+
+PARTS = 2
+"""Seeds are looked up in so many threads."""
 
 REFINING_WORK = 1_000
 """Work of refining a pose, for each CT point."""
@@ -169,27 +173,48 @@ def find_poses(problem: Problem, acceptable: float, least_size: int = 0) -> Foun
     poses: list[Pose] = []
     done, missed, batch = 0, 1.0, FIRST_BATCH
     draw = seed_stream(rng, len(problem.ct))
-    while len(seeds := draw(batch)):
-        trials = np.argsort(rng.random((TRIAL_ORDERS, len(problem.ct))), axis=1)[:, : MOST_TRIALS + 3]
-        known = np.array([pose.partner for pose in poses], dtype=np.int64).reshape(-1, len(problem.ct))
-        matrices, hits, work, finished = poses_of_seeds(
-            problem.ct, problem.ots, search.grid, seeds, trials, search.needed, search.table, problem.sigma_mm,
-            search.sides_chi2, known, work_left,
-        )  # fmt: skip
-        done += len(seeds) if finished else 0
-        for matrix in matrices[hits > 0]:
-            add_pose(poses, refine(search, matrix))
-            work += REFINING_WORK * len(problem.ct)
-        work_left -= work
-        batch = int(np.clip(BATCH_SHARE * work_left * len(seeds) / max(work, 1), LEAST_BATCH, LARGEST_BATCH))
-        size = max([len(pose.pairs) for pose in poses] + [least_size])
-        missed = float(search.missed(size, min(done / triangles, 1.0)))
-        if missed < acceptable or work_left <= 0:
-            break
+    with ThreadPoolExecutor(PARTS) as pool:
+        while len(seeds := draw(batch)):
+            trials = np.argsort(rng.random((TRIAL_ORDERS, len(problem.ct))), axis=1)[:, : MOST_TRIALS + 3]
+            known = np.array([pose.partner for pose in poses], dtype=np.int64).reshape(-1, len(problem.ct))
+            found, work, finished = looked_up(search, seeds, trials, known, work_left, pool)
+            done += len(seeds) if finished else 0
+            for pose in found:
+                add_pose(poses, pose)
+            work_left -= work
+            batch = int(np.clip(BATCH_SHARE * work_left * len(seeds) / max(work, 1), LEAST_BATCH, LARGEST_BATCH))
+            size = max([len(pose.pairs) for pose in poses] + [least_size])
+            missed = float(search.missed(size, min(done / triangles, 1.0)))
+            if missed < acceptable or work_left <= 0:
+                break
     poses.sort(key=lambda pose: -pose.log_evidence)
     unsure = search.missed(np.arange(len(problem.ct)), min(done / triangles, 1.0)) >= MISSED_FOR_SURE
     sure = int(np.flatnonzero(unsure).max(initial=LEAST_PAIRS - 1)) + 1
     return Found(poses, missed, done >= triangles, sure, allowed - work_left)
+
+
+def looked_up(
+    search: Search, seeds: IntArray, trials: IntArray, known: IntArray, most_work: float, pool: Executor
+) -> tuple[list[Pose | None], float, bool]:
+    """Return the refined poses that seeds (S, 3) lead to, the work, and whether all of it was done.
+
+    After the first batch, which settles most sets, in `PARTS` parts, however many cores there are: every machine
+    finds the same.
+    """
+    problem = search.problem
+    parts = PARTS if len(seeds) > FIRST_BATCH else 1
+
+    def of_part(part: IntArray) -> tuple[list[Pose | None], float, bool]:
+        matrices, hits, work, finished = poses_of_seeds(
+            problem.ct, problem.ots, search.grid, part, trials, search.needed, search.table, problem.sigma_mm,
+            search.sides_chi2, known, most_work / parts,
+        )  # fmt: skip
+        refined_poses = [refine(search, matrix) for matrix in matrices[hits > 0]]
+        return refined_poses, work + REFINING_WORK * len(problem.ct) * len(refined_poses), finished
+
+    results = list((pool.map if parts > 1 else map)(of_part, np.array_split(seeds, parts)))
+    poses = [pose for found, _, _ in results for pose in found]
+    return poses, sum(work for _, work, _ in results), all(finished for *_, finished in results)
 
 
 def seed_stream(rng: np.random.Generator, count: int) -> Callable[[int], IntArray]:

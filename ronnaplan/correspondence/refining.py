@@ -58,10 +58,15 @@ def refined(
 ) -> tuple[FloatArray, IntArray]:
     """Fit a pose to the pairs within each of the ``reaches`` in turn; return it and its pairs within the last."""
     partner = partners_under(ct, ots, grid, pose, reaches[0])
+    is_fitted = False
     for step in range(1, len(reaches)):
-        i = np.flatnonzero(partner >= 0)
-        if len(i) < 3:
-            break
-        pose = fitted(ct[i], ots[partner[i]])
-        partner = partners_under(ct, ots, grid, pose, reaches[step])
+        if not is_fitted:
+            i = np.flatnonzero(partner >= 0)
+            if len(i) < 3:
+                break
+            pose = fitted(ct[i], ots[partner[i]])
+        elif reaches[step] == reaches[step - 1]:
+            continue
+        before, partner = partner, partners_under(ct, ots, grid, pose, reaches[step])
+        is_fitted = bool((before == partner).all())
     return pose, partner

@@ -23,6 +23,7 @@ from ronnaplan.localization.cells import cell_directions
 from ronnaplan.localization.detect import COARSE_FLOOR_MM, coarsen, detect
 from ronnaplan.localization.examine import Examined, Scan, distinct, examine_place
 from ronnaplan.localization.look import sample_nearest, surface_shares
+from ronnaplan.localization.parts import single_threaded_algebra
 
 SEARCHED_MM = (3.0, 26.0)
 """Markers in use have diameters within this range."""
@@ -80,7 +81,7 @@ def sizes_seen(volume: CTVolume, marker: Build = SOLID, *, progress: bool = Fals
         return _fitted(coarse if shows_coarsely else scan, center_mm, diameter_mm, marker)
 
     # numba's functions release the interpreter's lock
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with single_threaded_algebra(), ThreadPoolExecutor(os.cpu_count()) as pool:
         fitted = list(advancing(pool.map(fitted_at, places), len(places), progress, "fitting balls"))
     accepted = distinct(one for one in fitted if one.is_marker)
     kinds = _kinds([one.diameter_mm for one in accepted])
