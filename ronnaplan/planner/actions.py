@@ -70,7 +70,6 @@ class Actions:
             "window": state.look.choose_window,
             "window_hu": self._window_hu,
             "layout": state.look.choose_layout,
-            "enlarge": state.look.enlarge,
             "surface": state.look.other_surface,
             "look_from": self._look_from,
             "select": state.show_path,

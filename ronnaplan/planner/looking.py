@@ -11,7 +11,7 @@ import numpy as np
 from ronnaplan.case.edits import OpenCase
 from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.geometry import FloatArray, as_points
-from ronnaplan.planner.cuts import ACROSS, HEAD, PATH_VIEWS, STANDARD, WINDOWS_HU, path_axes
+from ronnaplan.planner.cuts import ACROSS, PATH_VIEWS, STANDARD, WINDOWS_HU, path_axes
 from ronnaplan.planner.storage import LAYOUTS, Look, Storage
 from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.planning.sampling import AIR_HU, SliceSampler
@@ -54,8 +54,6 @@ class Looking:
         self.window: str
         self.window_hu: tuple[float, float]
         self.layout: str
-        self.large: str | None
-        """The one view that is shown alone, None while all of the layout are."""
         self.surface = "skin"
         self.opened = False
         """Whether the corner of the head that lies between crosshair and eye is taken away in the 3-D view."""
@@ -135,13 +133,7 @@ class Looking:
         """Choose which views are shown how large."""
         if name not in LAYOUTS:
             raise UsageError(f"there is no layout {name}; there are {', '.join(LAYOUTS)}")
-        self.layout, self.large = name, None
-        self.save()
-
-    def enlarge(self, view: str) -> None:
-        """Show a view alone, or all of the layout again where it is."""
-        _require_view(view, (*STANDARD, *PATH_VIEWS, HEAD))
-        self.large = None if self.large == view else view
+        self.layout = name
         self.save()
 
     def other_surface(self) -> None:
@@ -241,7 +233,6 @@ class Looking:
                 window=self.window,
                 window_hu=self.window_hu,
                 layout=self.layout,
-                large=self.large,
                 selected=self.selected,
                 points={name: tuple(place) for name, place in self.points_mm.items()},
             )
@@ -271,7 +262,6 @@ class Looking:
             with contextlib.suppress(UsageError):  # by whom it was written is not known
                 self.set_window(*look.window_hu)
         self.layout = look.layout if look.layout in LAYOUTS else LAYOUTS[0]
-        self.large = look.large if look.large in (*STANDARD, *PATH_VIEWS, HEAD) else None
         self.points_mm = {name: np.array(place) for name, place in look.points.items()}
         self.selected = look.selected
         if self.chosen is None and self.case.plan.trajectories:

@@ -100,7 +100,6 @@ class Painter:
             "can_redo": state.case.can_redo,
             "surface": state.look.surface,
             "layout": state.look.layout,
-            "large": state.look.large or "",
             "opened": state.look.opened,
             "marker": state.look.marker or "",
             "sought": state.case.fiducials.marker.diameter_mm if state.case.fiducials else 0,

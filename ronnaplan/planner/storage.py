@@ -33,7 +33,6 @@ class Look(DocumentModel):
     window: Line
     window_hu: tuple[Hounsfield, Hounsfield] | None = None
     layout: Line = LAYOUTS[0]
-    large: Line | None = None
     selected: Line | None = None
     points: dict[str, Vector] = Field(default_factory=dict)
     """AC, PC or midline point as far as they are set, until the plan holds all three."""

@@ -1,6 +1,7 @@
 // Pointer, wheel, keys, buttons and fields, told to the server in the order in which they were used. One request at a
 // time: while it is under way, moves are summed up.
 (() => {
+  const LARGE = "ronnaplan: the view shown alone";
   const queue = [];
   let busy = false;
   let send = null;
@@ -102,16 +103,22 @@
   const watched = new WeakSet();
   new MutationObserver(() => {
     for (const view of document.querySelectorAll("svg[data-view]")) {
-      if (!watched.has(view)) resized.observe(view);
+      if (watched.has(view)) continue;
+      resized.observe(view);
+      if (localStorage.getItem(LARGE) === view.dataset.view) view.closest(".rp-view").classList.add("grown");
       watched.add(view);
     }
   }).observe(document.documentElement, { childList: true, subtree: true });
 
-  // What only this tab shows: the list of keys.
+  // What only this tab shows: the list of keys, and one view enlarged, which the browser remembers.
   const help = () => document.getElementById("keys");
   window.addEventListener("click", (event) => {
     if (!event.target.closest) return;
     if (event.target.closest("[data-help]")) help().showModal();
+    const grown = event.target.closest("[data-grow]")?.closest(".rp-view");
+    if (!grown) return;
+    const large = grown.classList.toggle("grown");
+    localStorage.setItem(LARGE, large ? grown.querySelector("[data-view]").dataset.view : "");
   });
 
   // A view that has the focus: arrows move the crosshair or turn the head, Shift ten times as far; Page Up and Page Down go
