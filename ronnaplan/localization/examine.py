@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 
@@ -89,13 +90,17 @@ class Scan:
         return top if at_top > 1 and 2 * at_top > near_top else math.inf
 
 
+UNKNOWN: Final = np.full((3, 3), np.nan)
+
+
 @dataclass(frozen=True)
 class Examined:
     """A candidate that was fitted: where it was seen, the fit's result, and (test, reason) of each test it failed.
 
     ``stated_mm`` is the diameter that was looked for, ``thickness_mm`` the slices' nominal thickness there.
 
-    The voxels and derivatives of the fit are not kept: hundreds of them would outweigh the scan.
+    Covariance and bound are `UNKNOWN` where it is no marker. The voxels and derivatives of the fit are not kept:
+    hundreds of them would outweigh the scan.
     """
 
     candidate_mm: FloatArray
@@ -199,8 +204,8 @@ def examine_place(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: 
         diameter_mm,
         thickness_mm,
         fit.center_mm,
-        evidence.covariance_mm2,
-        cramer_rao_bound(fit, evidence.noise_hu),
+        UNKNOWN if failed else evidence.covariance_mm2,
+        UNKNOWN if failed else cramer_rao_bound(fit, evidence.noise_hu),
         fit.theta,
         fit.coverage,
         unseen,
