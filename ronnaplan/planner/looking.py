@@ -170,8 +170,8 @@ class Looking:
         place: FloatArray = places[first] - share * RAY_STEP_MM * direction
         return place
 
-    def on_scalp(self, place_mm: FloatArray, plane: Cut) -> FloatArray | None:
-        """Return the place (3,) on the skin nearest to another in a plane, None where none is within `SNAP_MM`."""
+    def onto_scalp(self, place_mm: FloatArray, plane: Cut) -> FloatArray:
+        """Return the place (3,) on the skin nearest to another in a plane, or the other if none is within `SNAP_MM`."""
         angles = np.linspace(0.0, 2 * np.pi, SNAP_WAYS, endpoint=False)[:, np.newaxis]
         ways = np.cos(angles) * plane.right + np.sin(angles) * plane.down
         reaches = np.arange(0.0, SNAP_MM + SNAP_STEP_MM, SNAP_STEP_MM)
@@ -182,7 +182,7 @@ class Looking:
         )
         crosses = (above[:, 1:] >= 0.0) != (above[:, :-1] >= 0.0)
         if not crosses.any():
-            return None
+            return place_mm
         first = np.where(crosses.any(axis=1), crosses.argmax(axis=1), len(reaches))
         way = int(first.argmin())
         before, after = above[way, first[way] : first[way] + 2]

@@ -9,12 +9,13 @@ from typing import Any
 
 from ronnaplan.case.surroundings import Judgement, Surroundings
 from ronnaplan.errors import UsageError
-from ronnaplan.planner import drawing, panels
+from ronnaplan.planner import panels
 from ronnaplan.planner.cuts import HEAD, PATH_VIEWS, STANDARD, jpeg, picture, png
 from ronnaplan.planner.head_view import HeadView
 from ronnaplan.planner.measuring import ruler_rows
 from ronnaplan.planner.opening import seen_from
-from ronnaplan.planner.overlay import over_head
+from ronnaplan.planner.over_cut import over_cut
+from ronnaplan.planner.over_head import over_head
 from ronnaplan.planner.panes import GREATEST_RATIO, MOST_MOVING_PIXELS, MOST_STILL_PIXELS, Pane
 from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.state import PlannerState
@@ -113,7 +114,7 @@ class Painter:
         """Draw the cuts, and what lies over the 3-D picture."""
         values = self.server.state
         for view in CUTS:
-            values[f"drawn_{view}"] = drawing.over_cut(self.state, view, values.show_rejected, self.panes[view])
+            values[f"drawn_{view}"] = over_cut(self.state, view, values.show_rejected, self.panes[view])
             values[f"picture_{view}"] = self._picture(view)
         self.refresh_head()
 

@@ -128,8 +128,8 @@ class Pointer:
         place = at.place_mm(self._plane)
         if self._held is not None:
             place = place + self._offset_mm
-            if self._held[1] == "entry" and view not in (HEAD, ACROSS):
-                place = self._snapped(place, self._plane)
+            if self._held[1] == "entry" and view not in (HEAD, ACROSS) and not self._free:
+                place = self.state.look.onto_scalp(place, self._plane)
             self.state.case.drag(*self._held, place)
         elif self._panned_from is not None:
             self.state.look.center_mm = self._plane.center_mm + self._panned_from - place
@@ -195,7 +195,8 @@ class Pointer:
             self.state.look.begun_mm, self.adding = None, False
             return
         if view != HEAD:
-            place = self._snapped(place, self.state.look.cut(view))
+            if not self._free:
+                place = self.state.look.onto_scalp(place, self.state.look.cut(view))
             self._require_head(place)
         self.state.look.begun_mm = place
 
@@ -208,11 +209,6 @@ class Pointer:
         if place is None:
             raise UsageError(f"there is no {self.state.look.surface} under the pointer; click on the head")
         return place
-
-    def _snapped(self, place_mm: FloatArray, plane: Cut) -> FloatArray:
-        """Return the place (3,) on the scalp beside another, or the other itself."""
-        found = None if self._free else self.state.look.on_scalp(place_mm, plane)
-        return place_mm if found is None else found
 
     def _require_head(self, entry_mm: FloatArray) -> None:
         """Refuse an entry (3,) in the air or outside the scan before a target is asked for."""

@@ -12,7 +12,9 @@ import numpy as np
 from ronnaplan.geometry import FloatArray
 
 HEIGHTS, INNER, OUTER, BLUR = 10, 10, 11, 12
-"""How many parameters describe the height, and which of them are the levels and the blur."""
+"""How many parameters describe the height, and which others are the levels and the blur."""
+
+PARAMETERS = BLUR + 1
 
 SLOPE_A, SLOPE_B = 1, 2
 """Those that say how fast the height grows at the patch's middle, with a and with b."""
@@ -56,7 +58,7 @@ def normal_equations(
     area_high, area_low = ndtr(high), ndtr(low)
     share = blur / width * (high * area_high + bell_high - low * area_low - bell_low)
     rate = -(outer - inner) * (area_high - area_low) / width * shrink
-    design = np.empty((13, len(values)))
+    design = np.empty((PARAMETERS, len(values)))
     design[:HEIGHTS] = rate * terms
     design[INNER], design[OUTER] = 1.0 - share, share
     design[BLUR] = (outer - inner) * (bell_high - bell_low) / width * blur

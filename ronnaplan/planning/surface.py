@@ -22,6 +22,7 @@ from ronnaplan.planning.patch import (
     HEIGHTS,
     INNER,
     OUTER,
+    PARAMETERS,
     SLOPE_A,
     SLOPE_B,
     heights,
@@ -254,7 +255,7 @@ def _solve(
     best = found.place
     if not (np.isfinite(best).all() and abs(best[OUTER] - best[INNER]) >= LEAST_CONTRAST_HU):
         return None
-    spread = ALIKE_VOXELS * max(float(found.cost) / max(len(values) - 13, 1), 1e-6)
+    spread = ALIKE_VOXELS * max(float(found.cost) / max(len(values) - PARAMETERS, 1), 1e-6)
     covariance = spread * np.asarray(np.linalg.inv(found.curvature), dtype=np.float64)
     return best, covariance
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ronnaplan.planner.head_view import HeadView
-from ronnaplan.planner.overlay import over_head
+from ronnaplan.planner.over_head import over_head
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Measures

@@ -7,7 +7,7 @@ import pytest
 
 from ronnaplan.errors import UsageError
 from ronnaplan.planner.actions import Actions
-from ronnaplan.planner.drawing import letters, over_cut
+from ronnaplan.planner.over_cut import letters, over_cut
 from ronnaplan.planner.panels import under_line
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.pixels import Pixel

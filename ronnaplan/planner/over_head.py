@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.planner.drawing import BEGUN_COLOUR, POINT_COLOUR, balls
 from ronnaplan.planner.measuring import drawn_rulers
+from ronnaplan.planner.over_cut import BEGUN_COLOUR, POINT_COLOUR, balls
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
