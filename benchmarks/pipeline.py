@@ -2,8 +2,10 @@
 
     python -m benchmarks.pipeline [FOLDER --diameter MM]
 
-Without a folder two heads are rendered: 190 slices of 512 x 512 with 11.5 mm markers, and 310 slices of 0.6 mm with
-3 mm balls. Extra memory is what localizing needs beyond the volume that was read, at its peak, in a fresh process.
+Without a folder three heads are rendered: 190 slices of 512 x 512 with 11.5 mm markers, 310 slices of 0.6 mm with 3 mm
+balls, and 1,000 slices of 0.2 mm. Extra memory is what localizing needs beyond the volume that was read, at its peak,
+in a fresh process. The stages show where the time goes, beside the roofline: what moving a stage's bytes once takes at
+the memory's speed, measured in the same run.
 """
 
 from __future__ import annotations
@@ -16,12 +18,20 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+
 from phantoms.fast import render
 from phantoms.library import demo_head, patient
 from phantoms.output import write_phantom
 from phantoms.scene import Scene
 from phantoms.stack import axial_stack
-from ronnaplan import localize, read_ct
+from ronnaplan import CTVolume, localize, read_ct
+from ronnaplan.localization.accept import MIN_COVERAGE
+from ronnaplan.localization.build import SOLID
+from ronnaplan.localization.detect import coarse_voxel_mm, coarsen, detect
+from ronnaplan.localization.examine import Scan, examine
+from ronnaplan.localization.look import surface_shares
+from ronnaplan.localization.size import common_diameter
 from ronnaplan.report.tables import align
 
 REPEATS = 5
@@ -60,6 +70,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         measure(make_series(Path(folder) / "large", demo_head(), slices=190, spacing_mm=1.0), 11.5)
         measure(make_series(Path(folder) / "small", patient(8, "titanium 3"), slices=310, spacing_mm=0.6), 3.0)
+        measure(make_series(Path(folder) / "long", demo_head(), slices=1000, spacing_mm=0.2), 11.5)
 
 
 def make_series(folder: Path, scene: Scene, *, slices: int, spacing_mm: float) -> Path:
@@ -71,20 +82,60 @@ def make_series(folder: Path, scene: Scene, *, slices: int, spacing_mm: float) -
 
 
 def measure(folder: Path, diameter_mm: float) -> None:
-    """Print the best of `REPEATS` times of each step and its ratio to SimpleITK's reading."""
+    """Print the best of `REPEATS` times of each step and its ratio to SimpleITK's reading, then the stages."""
     volume = read_ct(folder)
     found = localize(volume, diameter_mm=diameter_mm)
     print(f"{volume.voxels_hu.shape} voxels, {len(found)} markers of {diameter_mm:g} mm found")
+    two = (diameter_mm, 11.5 if diameter_mm != 11.5 else 8.0)
     times = {
         "SimpleITK: list and read": best(lambda: read_with_simpleitk(folder)),
         "ronnaplan: read": best(lambda: read_ct(folder)),
         "ronnaplan: localize": best(lambda: localize(volume, diameter_mm=diameter_mm)),
         "ronnaplan: read + localize": best(lambda: localize(read_ct(folder), diameter_mm=diameter_mm)),
+        f"the same, {two[0]:g} and {two[1]:g} mm": best(lambda: localize(read_ct(folder), diameter_mm=two)),
+        "the same, --diameter auto": best(lambda: localize_any(read_ct(folder))),
     }
     reference = times["SimpleITK: list and read"]
     rows = [[name, f"{seconds:.3f}", f"{seconds / reference:.2f}"] for name, seconds in times.items()]
     print(align([["", "s", "ratio"], *rows]))
-    print(f"extra memory: {extra_memory(folder, diameter_mm):.2f} of the voxels\n", flush=True)
+    print(f"extra memory: {extra_memory(folder, diameter_mm):.2f} of the voxels\n")
+    print(align([["stage", "s", "MB moved", "s at the memory's speed"], *stages(volume, diameter_mm)]))
+    print(flush=True)
+
+
+def localize_any(volume: CTVolume) -> object:
+    """Find the commonest balls of a scan, whatever their size."""
+    return localize(volume, diameter_mm=common_diameter(volume))
+
+
+def stages(volume: CTVolume, diameter_mm: float) -> list[list[str]]:
+    """Return a row for each stage of localizing: its time, the bytes that it moves at least, and these bytes' time."""
+    scan = Scan(volume)
+    coarse = coarsen(volume, coarse_voxel_mm(diameter_mm)).voxels_hu
+    seen = detect(volume, diameter_mm).centers_mm
+    thickness_mm = scan.thickness_mm(seen)
+    coarsening = best(lambda: coarsen(volume, coarse_voxel_mm(diameter_mm)))
+    detecting = best(lambda: detect(volume, diameter_mm))
+    looking = best(lambda: surface_shares(volume, seen, diameter_mm, SOLID, thickness_mm, MIN_COVERAGE))
+    examining = best(lambda: examine(scan, diameter_mm))
+    taken = {
+        "average to coarse voxels": (coarsening, volume.voxels_hu.nbytes + coarse.nbytes),
+        "vote and find peaks": (detecting - coarsening, 2 * coarse.nbytes),
+        f"glance at {len(seen)} places": (looking, 0),
+        "fit and judge": (examining - detecting - looking, 0),
+    }
+    speed = memory_speed()
+    return [
+        [name, f"{max(seconds, 0.0):.3f}", f"{moved / 1e6:.0f}", f"{moved / speed:.3f}"]
+        for name, (seconds, moved) in taken.items()
+    ]
+
+
+def memory_speed() -> float:
+    """Bytes a second that one core copies, read and written."""
+    source = np.ones(1 << 26)
+    target = np.empty_like(source)
+    return 2 * source.nbytes / best(lambda: np.copyto(target, source))
 
 
 def extra_memory(folder: Path, diameter_mm: float) -> float:

@@ -51,8 +51,7 @@ class Candidates:
 
 def detect(volume: CTVolume, diameter_mm: float) -> Candidates:
     """Find the places where the scan's edges agree on a ball of ``diameter_mm``."""
-    voxel_mm = max(diameter_mm * COARSE_SHARE, min(diameter_mm / 3.0, COARSE_FLOOR_MM))
-    coarse = coarsen(volume, voxel_mm)
+    coarse = coarsen(volume, coarse_voxel_mm(diameter_mm))
     grid = coarse.grid
     axes = grid.axes
     origins = grid.origins_mm @ axes.T
@@ -73,6 +72,11 @@ def detect(volume: CTVolume, diameter_mm: float) -> Candidates:
     surface_voxels = np.pi * diameter_mm**2 * 2.0 * edge_mm / (steps.prod() * grid.typical_gap_mm)
     centers, shares = _peaks(votes, float(surface_voxels))
     return Candidates((corner + centers * cell_mm) @ axes, shares)
+
+
+def coarse_voxel_mm(diameter_mm: float) -> float:
+    """Largest voxel of the copy in which balls of ``diameter_mm`` are looked for."""
+    return max(diameter_mm * COARSE_SHARE, min(diameter_mm / 3.0, COARSE_FLOOR_MM))
 
 
 def coarsen(volume: CTVolume, voxel_mm: float) -> CTVolume:
