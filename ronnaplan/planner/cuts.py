@@ -13,6 +13,9 @@ from ronnaplan.scene.sampled import values_hu
 
 Shades = NDArray[np.uint8]
 
+BLACKEST_HU = -1e6
+"""Stands where there is no voxel: black in any window."""
+
 JPEG_QUALITY = 88
 
 PNG_EFFORT = 1
@@ -53,8 +56,18 @@ def path_axes(view: str, trajectory: Trajectory) -> tuple[FloatArray, FloatArray
 
 def picture(scan: SliceSampler, cut: Cut, window_hu: tuple[float, float], shape: tuple[int, int]) -> Shades:
     """Draw ``cut`` through ``scan`` as ``shape`` = (rows, columns) of grey; black where there is no voxel."""
+    return shaded(sampled(scan, cut, shape), window_hu)
+
+
+def sampled(scan: SliceSampler, cut: Cut, shape: tuple[int, int]) -> NDArray[np.float32]:
+    """Return what ``scan`` holds in a cut, in HU: what takes long of a picture, and is the same in every window."""
+    return values_hu(scan, cut, shape, BLACKEST_HU)
+
+
+def shaded(values_hu: NDArray[np.float32], window_hu: tuple[float, float]) -> Shades:
+    """Return values in HU as grey."""
     low, high = window_hu
-    grey = np.clip((values_hu(scan, cut, shape, low) - low) * (255.0 / (high - low)), 0.0, 255.0)
+    grey = np.clip((values_hu - low) * (255.0 / (high - low)), 0.0, 255.0)
     shades: Shades = grey.astype(np.uint8)
     return shades
 

@@ -7,10 +7,13 @@ import base64
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ronnaplan.case.surroundings import Judgement, Surroundings
 from ronnaplan.errors import UsageError
 from ronnaplan.planner import panels
-from ronnaplan.planner.cuts import HEAD, PATH_VIEWS, STANDARD, jpeg, picture, png
+from ronnaplan.planner.cuts import HEAD, PATH_VIEWS, STANDARD, jpeg, png, sampled, shaded
 from ronnaplan.planner.head_view import HeadView
 from ronnaplan.planner.measuring import ruler_rows
 from ronnaplan.planner.opening import seen_from
@@ -19,6 +22,7 @@ from ronnaplan.planner.over_head import over_head
 from ronnaplan.planner.panes import GREATEST_RATIO, MOST_MOVING_PIXELS, MOST_STILL_PIXELS, Pane
 from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.state import PlannerState
+from ronnaplan.scene.cut import Cut
 
 CUTS = (*STANDARD, *PATH_VIEWS)
 
@@ -47,6 +51,7 @@ class Painter:
         self.measured_against: Surroundings | None = None
         """What all trajectories were measured against; what another takes to measure is not waited for here."""
         self._drawn: dict[str, _Drawn] = {}
+        self._values: dict[str, tuple[tuple[Any, ...], NDArray[np.float32]]] = {}
         self._resting: asyncio.TimerHandle | None = None
 
     @property
@@ -73,6 +78,7 @@ class Painter:
 
     def _rest(self) -> None:
         self.moving, self._resting = False, None
+        self._values.clear()
         with self.server.state:
             self.refresh()
 
@@ -144,11 +150,22 @@ class Painter:
         of = (tuple(cut.center_mm.round(6)), tuple(cut.right), tuple(cut.down), cut.field_mm, window, pane)
         last = self._drawn.get(view)
         if last is None or last.of != of or not (last.still or self.moving):
-            shades = picture(state.look.scan, cut, window, self._shape(view))
+            shades = shaded(self._sampled(view, cut), window)
             kind, drawn = ("jpeg", jpeg(shades)) if self.moving else ("png", png(shades))
             url = f"data:image/{kind};base64,{base64.b64encode(drawn).decode()}"
             last = self._drawn[view] = _Drawn(of, not self.moving, url)
         return last.url
+
+    def _sampled(self, view: str, cut: Cut) -> NDArray[np.float32]:
+        """Return a cut's values; kept while something moves, for a window that is dragged changes none of them."""
+        shape = self._shape(view)
+        of = (*cut.center_mm.tolist(), *cut.right.tolist(), *cut.down.tolist(), cut.field_mm, shape)
+        known = self._values.get(view)
+        if known is None or known[0] != of:
+            known = of, sampled(self.state.look.scan, cut, shape)
+        if self.moving:
+            self._values[view] = known
+        return known[1]
 
     def _shape(self, view: str) -> tuple[int, int]:
         """Return rows and columns of a view's picture as it is drawn now."""

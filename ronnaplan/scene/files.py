@@ -60,7 +60,8 @@ def gltf(things: Sequence[Thing]) -> bytes:
             "NORMAL": stored(unit_normals(one).astype("<f4"), FLOATS, "VEC3", VERTICES),
         }
         indices = stored(one.body.triangles.astype("<u4").ravel(), NUMBERS, "SCALAR", INDICES)
-        meshes.append({"primitives": [{"attributes": attributes, "indices": indices, "material": number}]})
+        primitive = {"attributes": attributes, "indices": indices, "material": number}
+        meshes.append({"name": one.name, "primitives": [primitive]})
         materials.append(_material(one))
     nodes: list[dict[str, Any]] = [{"name": one.name, "mesh": n} for n, one in enumerate(things)]
     root = {"name": "LPS, mm", "matrix": UPRIGHT, "children": list(range(len(things)))}

@@ -9,6 +9,9 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.planning.sampling import SliceSampler
 from ronnaplan.scene.cut import Cut
 
+ROWS_AT_ONCE = 64
+"""Of a picture: what is worked with needs six times the memory of the values."""
+
 LEAST_SLOPE = 1e-9
 """A plane that rises less than this along its rows is level there."""
 
@@ -19,22 +22,35 @@ def values_hu(scan: SliceSampler, cut: Cut, shape: tuple[int, int], beyond_hu: f
     The picture's shorter side is as long as the cut's ``field_mm``; its pixels are square. Between two slices a value
     is interpolated along the way from a voxel to its like in the next slice.
     """
+    across, across_down = _steps_mm(cut, shape, 1), _steps_mm(cut, shape, 0)[:, np.newaxis]
+    values = np.empty(shape, dtype=np.float32)
+    for first in range(0, shape[0], ROWS_AT_ONCE):
+        rows = slice(first, first + ROWS_AT_ONCE)
+        _sample(scan, cut, across, across_down[rows], beyond_hu, values[rows])
+    return values
+
+
+def _sample(
+    scan: SliceSampler,
+    cut: Cut,
+    across: FloatArray,
+    across_down: FloatArray,
+    beyond_hu: float,
+    values: NDArray[np.float32],
+) -> None:
+    """Fill in ``values`` (rows, columns), whose pixels lie ``across`` and ``across_down`` (mm) from the middle."""
     from scipy.ndimage import map_coordinates
 
-    across, across_down = _steps_mm(cut, shape, 1), _steps_mm(cut, shape, 0)[:, np.newaxis]
     (u0, v0, w0), right, down = (scan.axes @ vector for vector in (cut.center_mm, cut.right, cut.down))
     # Where rows of the picture run along the slices, one number stands for a whole row.
     w = w0 + across_down * down[2] + (across * right[2] if abs(right[2]) > LEAST_SLOPE else 0.0)
     k = np.interp(w, scan.w_mm, np.arange(len(scan.w_mm)), left=-1.0, right=-1.0)
     origins_u, origins_v = (np.interp(w, scan.w_mm, origin) for origin in scan.origins_uv_mm.T)
-    places = np.empty((3, *shape))
+    places = np.empty((3, *values.shape))
     places[0] = k
     places[1] = (v0 - origins_v + across_down * down[1] + across * right[1]) / scan.steps_mm[1]
     places[2] = (u0 - origins_u + across_down * down[0] + across * right[0]) / scan.steps_mm[0]
-    values: NDArray[np.float32] = map_coordinates(
-        scan.voxels, places, output=np.float32, order=1, mode="constant", cval=beyond_hu
-    )
-    return values
+    map_coordinates(scan.voxels, places, output=values, order=1, mode="constant", cval=beyond_hu)
 
 
 def _steps_mm(cut: Cut, shape: tuple[int, int], axis: int) -> FloatArray:

@@ -34,6 +34,7 @@ def test_gltf_stands_upright_in_metres() -> None:
     body = data[20 + first + 8 :]
     assert len(body) == told["buffers"][0]["byteLength"]
     assert [node["name"] for node in told["nodes"][:2]] == ["one <b>", "skin"]
+    assert [mesh["name"] for mesh in told["meshes"]] == ["one <b>", "skin"]
     matrix = np.array(told["nodes"][told["scenes"][0]["nodes"][0]]["matrix"]).reshape(4, 4).T
     primitive = told["meshes"][0]["primitives"][0]
     place = told["accessors"][primitive["attributes"]["POSITION"]]
@@ -70,6 +71,22 @@ def test_vtk_reads_its_own_format(tmp_path: Path) -> None:
     assert int(told[1]) == sum(len(one.body.vertices_mm) for one in THINGS)
     assert told[2:5] == ["255", "128", "0"]
     assert [float(bound) for bound in told[5:]] == pytest.approx([-50, 50, -50, 50, -50, 50], abs=1.0)
+
+
+def test_vtk_reads_what_gltf_and_stl_hold(tmp_path: Path) -> None:
+    (tmp_path / "scene.glb").write_bytes(gltf(THINGS))
+    (tmp_path / "scene.stl").write_bytes(stl(THINGS))
+    script = (
+        "import pyvista, sys; g = pyvista.read(sys.argv[1]).combine(); s = pyvista.read(sys.argv[2]);"
+        "print(g.n_cells, *g.bounds, s.volume, *s.bounds)"
+    )
+    command = [sys.executable, "-c", script, str(tmp_path / "scene.glb"), str(tmp_path / "scene.stl")]
+    told = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+    cells, *bounds_m, volume = map(float, told[:8])
+    assert cells == sum(len(one.body.triangles) for one in THINGS)
+    assert bounds_m == pytest.approx([-0.05, 0.05, -0.05, 0.05, -0.05, 0.05], abs=1e-3)
+    assert volume == pytest.approx(VOLUME_MM3, rel=0.08)
+    assert [float(bound) for bound in told[8:]] == pytest.approx([-50, 50, -50, 50, -50, 50], abs=1.0)
 
 
 def test_a_page_holds_the_scene_and_names_no_other_host() -> None:
