@@ -11,6 +11,7 @@ from pydicom import dcmread
 from pydicom.dataset import Dataset
 
 from ronnaplan.ct import Series, find_series
+from ronnaplan.ct.header import DEFLATED_LITTLE
 from ronnaplan.ct.limits import DEFAULT_LIMITS
 from ronnaplan.ct.slices import Instance
 from ronnaplan.documents.fiducials import Source
@@ -81,7 +82,10 @@ def _instances(series: Sequence[Series]) -> Iterator[Instance]:
 
 def _modules(instance: Instance) -> Dataset:
     name = printable(instance.blob.name)
-    content = instance.blob.read(0, min(instance.blob.size, DEFAULT_LIMITS.header_bytes))
+    pixels, end = instance.pixels, instance.blob.size
+    if pixels is not None and pixels.transfer_syntax != DEFLATED_LITTLE:
+        end = pixels.offset
+    content = instance.blob.read(0, min(end, DEFAULT_LIMITS.header_bytes))
     copied = Dataset()
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # pydicom warns of values that are none, and keeps them

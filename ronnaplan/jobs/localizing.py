@@ -30,23 +30,23 @@ def find_markers(volume: CTVolume, rule: ScanRule, template: Template | None) ->
     )
 
 
-def warm_up() -> None:
-    """Load what finding markers needs, and the compiled code, before there is a scan."""
-    from contextlib import suppress
+def warm_up() -> tuple[CTVolume, Fiducials]:
+    """Load what finding markers needs, and the compiled code, before there is a scan.
 
+    Returns a scan of one ball in air, and the marker that was found in it.
+    """
     import numpy as np
 
     from ronnaplan.ct import CTVolume, SeriesSource
     from ronnaplan.ct.grid import SliceGrid
-    from ronnaplan.errors import RonnaplanError
     from ronnaplan.localization import localize
 
     places = np.arange(24.0)
     i, j, k = np.meshgrid(places, places, places, indexing="ij")
-    ball = np.where((i - 12) ** 2 + (j - 12) ** 2 + (k - 12) ** 2 < (WARMING_BALL_MM / 2) ** 2, 100, -1000).astype(
-        np.int16
-    )
+    beyond_mm = np.sqrt((i - 12) ** 2 + (j - 12) ** 2 + (k - 12) ** 2) - WARMING_BALL_MM / 2
+    noise_hu = np.random.default_rng(0).normal(0.0, 5.0, beyond_mm.shape)
+    ball = (-1000.0 + 1100.0 / (1.0 + np.exp(4.0 * beyond_mm)) + noise_hu).astype(np.int16)
     origins = np.stack([np.zeros(24), np.zeros(24), places], axis=1)
-    with suppress(RonnaplanError):
-        grid = SliceGrid(origins, np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
-        localize(CTVolume(ball, grid, SeriesSource()), diameter_mm=WARMING_BALL_MM)
+    grid = SliceGrid(origins, np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
+    volume = CTVolume(ball, grid, SeriesSource())
+    return volume, localize(volume, diameter_mm=WARMING_BALL_MM)

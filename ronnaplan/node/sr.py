@@ -24,6 +24,7 @@ from pydicom.sr.codedict import codes
 from pydicom.uid import ExplicitVRLittleEndian, generate_uid
 
 from ronnaplan import __version__
+from ronnaplan.ct.slices import CT_IMAGE
 from ronnaplan.documents.fiducials import FiducialEntry, FiducialsDocument
 from ronnaplan.documents.plan import plan_text
 from ronnaplan.errors import InputError
@@ -36,6 +37,19 @@ SQUARE_MILLIMETRE: Final = CodedConcept("mm2", "UCUM", "square millimeter")
 MARKERS: Final = CodedConcept("CT_MARKERS", SCHEME, "CT with spherical fiducial markers")
 PLANNED: Final = CodedConcept("CT_PLAN", SCHEME, "Planning of trajectories on a CT")
 """What the reports are about."""
+
+IDENTITY: Final = (
+    "SpecificCharacterSet",
+    "SOPClassUID",
+    "SOPInstanceUID",
+    "StudyInstanceUID",
+    "SeriesInstanceUID",
+)
+PATIENT_AND_STUDY: Final = (
+    *("PatientID", "PatientName", "PatientBirthDate", "PatientSex"),
+    *("AccessionNumber", "StudyID", "StudyDate", "StudyTime", "ReferringPhysicianName"),
+)
+"""What is read of each image."""
 
 AXES: Final = "XYZ"
 SERIES_NUMBER: Final = 1501
@@ -50,9 +64,18 @@ def structured_report(document: FiducialsDocument, images: list[Path]) -> Datase
     if not frame:
         raise InputError("the scan has no Frame of Reference UID, so nothing in DICOM can be tied to it")
     content = document.model_dump_json()
-    made = _report([_group(one, frame, content) for one in document.fiducials], MARKERS, content, images)
+    groups = [_group(one, frame, content) for one in document.fiducials]
+    made = _report(groups, MARKERS, content, _evidence(images))
     made.SeriesDescription = f"{len(document.fiducials)} markers with covariances"
     return made
+
+
+def warm_up(document: FiducialsDocument) -> None:
+    """Load what highdicom knows of the standard (22 MB of JSON): report the markers of ``document``, of no scan."""
+    scan = Dataset()
+    scan.SOPClassUID, scan.SOPInstanceUID, scan.StudyInstanceUID, scan.SeriesInstanceUID = CT_IMAGE, *"123"
+    groups = [_group(one, frame="1", content="") for one in document.fiducials]
+    _report(groups, MARKERS, "", [_complete(scan)])
 
 
 def planned_trajectories(plan: Plan, images: list[Path]) -> Dataset:
@@ -64,15 +87,18 @@ def planned_trajectories(plan: Plan, images: list[Path]) -> Dataset:
     if not frame or not plan.trajectories:
         raise InputError("the plan has no trajectory or no Frame of Reference UID; an object needs both")
     content = plan_text(plan)
-    made = _report([_path(one, frame, content) for one in plan.trajectories], PLANNED, content, images)
+    groups = [_path(one, frame, content) for one in plan.trajectories]
+    made = _report(groups, PLANNED, content, _evidence(images))
     made.SeriesDescription = f"{len(plan.trajectories)} planned trajectories, revision {plan.revision}"
     return made
 
 
 def _report(
-    groups: list[MeasurementsAndQualitativeEvaluations], procedure: CodedConcept, content: str, images: list[Path]
+    groups: list[MeasurementsAndQualitativeEvaluations],
+    procedure: CodedConcept,
+    content: str,
+    evidence: list[Dataset],
 ) -> Dataset:
-    evidence = [dcmread(path, stop_before_pixels=True) for path in images]
     device = DeviceObserverIdentifyingAttributes(
         uid=generate_uid(entropy_srcs=["ronnaplan", __version__]),
         name="ronnaplan",
@@ -102,6 +128,20 @@ def _report(
     )
     made.ManufacturerModelName, made.SoftwareVersions, made.DeviceSerialNumber = "ronnaplan", __version__, "none"
     return made
+
+
+def _evidence(images: list[Path]) -> list[Dataset]:
+    """Return who the images are, and their patient and study."""
+    tags = [*IDENTITY, *PATIENT_AND_STUDY]
+    return [_complete(dcmread(path, stop_before_pixels=True, specific_tags=tags)) for path in images]
+
+
+def _complete(image: Dataset) -> Dataset:
+    """Give an image what highdicom copies and scanners may leave out: it is of type 2, so empty."""
+    for keyword in PATIENT_AND_STUDY:
+        if keyword not in image:
+            setattr(image, keyword, None)
+    return image
 
 
 def _path(one: Trajectory, frame: str, content: str) -> MeasurementsAndQualitativeEvaluations:

@@ -173,13 +173,22 @@ def main(memory_mib: str) -> int:
 
 
 def _warm_up() -> None:
-    """Load what a job needs, and the compiled code, before there is one."""
-    import ronnaplan.case.folder
-    import ronnaplan.documents.patient
-    import ronnaplan.node.sr  # noqa: F401
+    """Load what a job needs, and the compiled code, before there is one: answer a scan of one ball."""
+    import ronnaplan.documents.dicom_enclosed
+    import ronnaplan.documents.dicom_spatial
+    import ronnaplan.documents.patient  # noqa: F401
+    from ronnaplan.case.folder import Case
+    from ronnaplan.documents.fiducials import fiducials_document
     from ronnaplan.jobs.localizing import warm_up
+    from ronnaplan.node import sr
+    from ronnaplan.report.contact import contact_sheet
+    from ronnaplan.report.quality import quality_report
 
-    warm_up()
+    volume, fiducials = warm_up()
+    document = fiducials_document(fiducials)
+    contact_sheet(volume, fiducials)
+    quality_report(Case(volume=volume, fiducials=document))
+    sr.warm_up(document)
 
 
 if __name__ == "__main__":

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import io
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ronnaplan.ct import CTVolume
 from ronnaplan.errors import check_type
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import Fiducials
 from ronnaplan.localization.parameters import BACKGROUND, CENTER, CONTRAST, RADIUS
-from ronnaplan.report.picture import CUTS, OUTLINE_COLOUR, cut_image, png
+from ronnaplan.report.picture import CUTS, OUTLINE_COLOUR, WINDOW_HU, cut_places, sampled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,6 +25,13 @@ NEARLY_SHOWN = 8
 
 RESIDUAL_SHARE = 0.1
 """Residuals are drawn from minus to plus this share of the contrast."""
+
+TILE = 150
+"""Pixels of a cut on the sheet, across and down."""
+
+_PITCH_ACROSS, _PITCH_DOWN, _MARGIN, _DPI = 180, 171, 19, 90
+_ROUNDING = 0.01
+"""Pixels: matplotlib cuts what is a little less than a whole number of them."""
 
 
 @dataclass(frozen=True)
@@ -37,26 +47,80 @@ class Candidate:
 
 def contact_sheet(volume: CTVolume, found: Fiducials) -> bytes:
     """Draw cuts and residuals of each candidate in a row; returns a PNG."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    from PIL import Image
 
     check_type(volume, CTVolume, "the volume", "read_ct returns one")
     check_type(found, Fiducials, "what was found", "localize returns it")
     rows = _rows(found)
-    figure = Figure(figsize=(12.0, 1.9 * max(len(rows), 1) + 0.4), dpi=90, layout="constrained")
-    FigureCanvasAgg(figure)
-    grid = figure.add_gridspec(max(len(rows), 1), 2 * len(CUTS))
+    height, width = _MARGIN + _PITCH_DOWN * max(len(rows), 1), _PITCH_ACROSS * 2 * len(CUTS)
+    sheet = Image.new("RGBA", (width, height), "white")
     for number, row in enumerate(rows):
-        for column, cut in enumerate(CUTS):
-            picture = figure.add_subplot(grid[number, 2 * column])
-            residual = figure.add_subplot(grid[number, 2 * column + 1])
-            draw_cut(picture, residual, volume, row, cut)
-            if column == 0:
-                colour = "black" if row.accepted else "firebrick"
-                picture.set_title(row.title, fontsize=7, loc="left", color=colour)
+        for column, tile in enumerate(_tiles(volume, row)):
+            sheet.paste(Image.fromarray(tile), _corner(number, column))
+    sheet.alpha_composite(Image.fromarray(_drawn_over(rows, width, height)))
+    stream = io.BytesIO()
+    sheet.convert("RGB").save(stream, format="png")
+    return stream.getvalue()
+
+
+def _corner(row: int, column: int) -> tuple[int, int]:
+    """Return where a tile begins, in pixels from the left and from above."""
+    return _MARGIN + column * _PITCH_ACROSS, _MARGIN + row * _PITCH_DOWN
+
+
+def _drawn_over(rows: Sequence[Candidate], width: int, height: int) -> NDArray[np.uint8]:
+    """Return titles and outlines (height, width, RGBA).
+
+    All are in one pair of axes, and the tiles in none: a pair for each of a hundred takes seconds to lay out and to
+    draw, and an image in one takes thirty times its bytes meanwhile.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.collections import EllipseCollection
+    from matplotlib.figure import Figure
+
+    size = ((width + _ROUNDING) / _DPI, (height + _ROUNDING) / _DPI)
+    figure = Figure(figsize=size, dpi=_DPI, facecolor="none")
+    FigureCanvasAgg(figure)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0, width), ylim=(height, 0))  # in pixels
+    axes.set_axis_off()
+    for number, row in enumerate(rows):
+        left, top = _corner(number, 0)
+        axes.text(left, top - 6, row.title, fontsize=7, color="black" if row.accepted else "firebrick")
+    corners = [_corner(number, column) for number in range(len(rows)) for column in range(2 * len(CUTS))]
+    sizes = np.repeat([row.parameters[RADIUS] / _reach_mm(row) * TILE for row in rows], 2 * len(CUTS))
+    outlines = EllipseCollection(
+        *(sizes, sizes, np.zeros(len(sizes))),
+        units="xy",
+        offsets=np.reshape(corners, (-1, 2)) + TILE / 2,
+        offset_transform=axes.transData,
+        facecolors="none",
+        edgecolors=OUTLINE_COLOUR,
+        linewidths=0.8,
+    )
+    axes.add_collection(outlines, autolim=False)
     if not rows:
         figure.text(0.5, 0.5, "no candidate was looked at closely", ha="center")
-    return png(figure)
+    stream = io.BytesIO()
+    figure.savefig(stream, format="rgba", facecolor="none")
+    return np.frombuffer(stream.getbuffer(), np.uint8).reshape(height, width, 4)
+
+
+def _tiles(volume: CTVolume, row: Candidate) -> Iterator[NDArray[np.uint8]]:
+    """Yield each cut through a fitted place, and what the model leaves over of it, as colours (TILE, TILE, 3)."""
+    from matplotlib import colormaps
+    from PIL import Image
+
+    def scaled(image: FloatArray, low: float, high: float) -> FloatArray:
+        tile = np.asarray(Image.fromarray(image.astype(np.float32)).resize((TILE, TILE), Image.Resampling.BICUBIC))
+        return np.asarray((tile - low) / (high - low) if high > low else np.zeros(tile.shape))
+
+    lowest_hu, highest_hu, limit_hu = _windows(row)
+    for cut in CUTS:
+        data, rest = cut_pair(volume, row, cut)
+        if cut != "axial":
+            data, rest = data[::-1], rest[::-1]
+        yield colormaps["gray"](scaled(data, lowest_hu, highest_hu), bytes=True)[..., :3]
+        yield colormaps["RdBu_r"](scaled(rest, -limit_hu, limit_hu), bytes=True)[..., :3]
 
 
 def _rows(found: Fiducials) -> list[Candidate]:
@@ -88,39 +152,50 @@ def draw_cut(picture: Axes, residual: Axes, volume: CTVolume, row: Candidate, cu
     """Draw one cut through a fitted place with its outline, and beside it the data less the model."""
     from matplotlib.patches import Circle
 
-    radius_mm, contrast_hu, background_hu = row.parameters[[RADIUS, CONTRAST, BACKGROUND]]
-    reach_mm = 1.6 * radius_mm + 1.0
-    image = cut_image(volume, row.center_mm, CUTS[cut], reach_mm)
-    left_over = cut_image(_left_over(volume, row, reach_mm), row.center_mm, CUTS[cut], reach_mm, outside_hu=0.0)
+    reach_mm = _reach_mm(row)
+    image, left_over = cut_pair(volume, row, cut)
     extent = (-reach_mm, reach_mm, -reach_mm, reach_mm)
-    window = {"vmin": background_hu - 0.1 * contrast_hu, "vmax": background_hu + 1.3 * contrast_hu}
-    picture.imshow(image, cmap="gray", extent=extent, origin="lower", **window)
-    limit = RESIDUAL_SHARE * abs(contrast_hu)
-    residual.imshow(left_over, cmap="RdBu_r", extent=extent, origin="lower", vmin=-limit, vmax=limit)
+    lowest_hu, highest_hu, limit_hu = _windows(row)
+    picture.imshow(image, cmap="gray", extent=extent, origin="lower", vmin=lowest_hu, vmax=highest_hu)
+    residual.imshow(left_over, cmap="RdBu_r", extent=extent, origin="lower", vmin=-limit_hu, vmax=limit_hu)
     for axes in (picture, residual):
-        axes.add_patch(Circle((0, 0), radius_mm, fill=False, color=OUTLINE_COLOUR, linewidth=0.8))
+        axes.add_patch(Circle((0, 0), row.parameters[RADIUS], fill=False, color=OUTLINE_COLOUR, linewidth=0.8))
         axes.set_axis_off()
         if cut == "axial":
             axes.invert_yaxis()
 
 
-def _left_over(volume: CTVolume, row: Candidate, reach_mm: float) -> CTVolume:
-    """The voxels about a candidate less the fitted model, in HU: compared voxel by voxel, as the fit does."""
+def cut_pair(volume: CTVolume, row: Candidate, cut: str) -> tuple[FloatArray, FloatArray]:
+    """Return a cut through a fitted place, in HU, and what the model leaves over of it."""
+    indices = volume.grid.indices(cut_places(row.center_mm, CUTS[cut], _reach_mm(row)))
+    return sampled(volume.voxels_hu, indices, WINDOW_HU[0]), _left_over(volume, row, indices)
+
+
+def _reach_mm(row: Candidate) -> float:
+    """Half the width of a cut."""
+    return float(1.6 * row.parameters[RADIUS] + 1.0)
+
+
+def _windows(row: Candidate) -> tuple[float, float, float]:
+    """Return what is black and what is white on a cut, and what is the deepest colour of a residual (HU)."""
+    contrast_hu, background_hu = row.parameters[[CONTRAST, BACKGROUND]]
+    low, high = background_hu - 0.1 * contrast_hu, background_hu + 1.3 * contrast_hu
+    return low, high, RESIDUAL_SHARE * abs(contrast_hu)
+
+
+def _left_over(volume: CTVolume, row: Candidate, indices: FloatArray) -> FloatArray:
+    """The voxels about ``indices`` (..., 3) less the fitted model, in HU: compared voxel by voxel, as the fit does."""
     from ronnaplan.localization.ball import discs
     from ronnaplan.localization.model import evaluate
 
     grid = volume.grid
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * reach_mm * np.sqrt(2)
-    indices = grid.indices(row.center_mm + corners)
-    low = np.clip(np.floor(indices.min(axis=0)), 0, volume.voxels_hu.shape).astype(int)
-    high = np.clip(np.ceil(indices.max(axis=0)) + 1, low + 1, volume.voxels_hu.shape).astype(int)
-    low = np.minimum(low, high - 1)
+    flat = indices.reshape(-1, 3)
+    low = np.clip(np.floor(flat.min(axis=0)), 0, np.subtract(volume.voxels_hu.shape, 1)).astype(int)
+    high = np.clip(np.ceil(flat.max(axis=0)) + 1, low + 1, volume.voxels_hu.shape).astype(int)
     box = volume.voxels_hu[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
     places = grid.positions_mm(np.moveaxis(np.indices(box.shape), 0, -1) + low.astype(np.float64))
     at_center = row.parameters.copy()
     at_center[CENTER] = 0.0
     offsets = np.ascontiguousarray((places - row.center_mm).reshape(-1, 3) @ grid.axes.T)
     model, _ = evaluate(offsets, at_center, row.layer_mm, *discs(at_center))
-    origins = grid.origins_mm[low[0] : high[0]] + low[1] * grid.row_step_mm + low[2] * grid.column_step_mm
-    left_over = (box - model.reshape(box.shape)).astype(np.float32)
-    return replace(volume, voxels_hu=left_over, grid=replace(grid, origins_mm=origins))
+    return sampled((box - model.reshape(box.shape)).astype(np.float32), indices - low, 0.0)

@@ -6,9 +6,10 @@ Cuts are resampled for the eye only; every measurement is made on the voxels the
 from __future__ import annotations
 
 import io
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
@@ -53,19 +54,19 @@ def marker_sheet(volume: CTVolume, found: Fiducials) -> bytes:
     return png(figure)
 
 
-def cut_image(
-    volume: CTVolume,
-    center_mm: FloatArray,
-    axes: tuple[int, int],
-    reach_mm: float,
-    *,
-    outside_hu: float = WINDOW_HU[0],
-) -> FloatArray:
+def cut_image(volume: CTVolume, center_mm: FloatArray, axes: tuple[int, int], reach_mm: float) -> FloatArray:
     """Sample a square cut of half width ``reach_mm`` through ``center_mm``, in HU (linear interpolation)."""
+    places = cut_places(center_mm, axes, reach_mm)
+    return sampled(volume.voxels_hu, volume.grid.indices(places), WINDOW_HU[0])
+
+
+def sampled(voxels: NDArray[Any], indices: FloatArray, outside: float) -> FloatArray:
+    """Return ``voxels`` (K, J, I) at fractional ``indices`` (..., 3), linearly interpolated."""
     from scipy.ndimage import map_coordinates
 
-    indices = np.moveaxis(volume.grid.indices(cut_places(center_mm, axes, reach_mm)), -1, 0)
-    image: FloatArray = map_coordinates(volume.voxels_hu, indices, output=np.float64, order=1, cval=outside_hu)
+    image: FloatArray = map_coordinates(
+        voxels, np.moveaxis(indices, -1, 0), output=np.float64, order=1, cval=outside
+    )
     return image
 
 

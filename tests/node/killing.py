@@ -5,7 +5,9 @@
 A scanner sends small series one instance at a time and notes what was acknowledged; workers are the tests' own and
 answer every series with one object, to an archive that notes what it got. The node, its receiver or a worker is killed
 (SIGKILL), the node is started again, and in the end every acknowledged instance must be there, whole, and every series
-answered exactly once.
+answered exactly once. A machine that stands still amid a series makes a quiet time of its own: a series that was
+found complete early, after a quiet time of a node that listened, is answered once more when its rest comes, as it
+should; these are counted apart (``opened_again``).
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ import threading
 import time
 from collections import Counter
 from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +34,7 @@ from pydicom.uid import UID, CTImageStorage
 from pynetdicom import AE, evt
 
 from ronnaplan.node.index import Index
+from ronnaplan.node.logs import LISTENING
 from ronnaplan.node.transport import quieten
 from tests.ct import makers
 from tests.node.peers import free_port, write_toml
@@ -84,15 +88,16 @@ class Archive:
 class Trial:
     """A node under fire."""
 
-    def __init__(self, home: Path, seed: int, more: str = "", quiet_s: float = 0.5) -> None:
+    def __init__(self, home: Path, seed: int, more: str = "", quiet_s: float = 1.0) -> None:
         self.random, self.home, self.archive = random.Random(seed), home, Archive()
         self.port = free_port()
         rest = REST.format(archive=self.archive.port)
+        self.quiet_s = quiet_s
         self.config = write_toml(home, self.port, rest, quiet_s=quiet_s, silent_s=5.0)
         self.config.write_text(more + self.config.read_text())
         self.acknowledged: dict[str, str] = {}
         self.killed: Counter[str] = Counter()
-        self.sent = 0
+        self.opened_again = 0
         self.node = self._start()
 
     def _start(self) -> subprocess.Popen[bytes]:
@@ -167,16 +172,44 @@ class Trial:
         self.archive.wait_for(series)
         time.sleep(1.0)  # for a second answer, which there must not be
         self.end()
-        wrong = [f"series {uid} has {len(got)} answers" for uid, got in self.archive.got.items() if len(got) != 1]
+        wrong = []
         if len(self.archive.got) != series:
             wrong.append(f"{len(self.archive.got)} of {series} series were answered")
         with Index(self.home / "node-data") as index:
+            for uid, got in self.archive.got.items():
+                early = self._completed_early(index, uid)
+                self.opened_again += bool(early)
+                if len(got) != 1 + len(early):
+                    wrong.append(f"series {uid} has {len(got)} answers")
+                wrong += [f"series {uid} was complete at {at}, which was no quiet time" for at in early if at < 0]
             paths = dict(index.rows("SELECT sop_uid, path FROM instances"))
         for uid, sha256 in self.acknowledged.items():
             path = self.home / "node-data" / paths.get(uid, "gone")
             if not path.is_file() or hashlib.sha256(dcmread(path).PixelData).hexdigest() != sha256:
                 wrong.append(f"acknowledged instance {uid} is not there")
         return wrong
+
+    def _completed_early(self, index: Index, uid: str) -> list[float]:
+        """Return when a series was found complete before it was; negative where that was not after a quiet time."""
+        jobs = index.rows(
+            "SELECT completed FROM jobs JOIN series ON series = series.id"
+            " WHERE series_uid = ? AND jobs.revision < series.revision",
+            uid,
+        )
+        received = [
+            at
+            for (at,) in index.rows(
+                "SELECT instances.received FROM instances JOIN series ON series = series.id WHERE series_uid = ?",
+                uid,
+            )
+        ]
+        lines = [json.loads(line) for line in (self.home / "log").read_text().splitlines() if line.startswith("{")]
+        began = [datetime.fromisoformat(one["time"]).timestamp() for one in lines if one["event"] == LISTENING]
+        found = []
+        for (completed,) in jobs:
+            last = max(at for at in received + began if at <= completed)
+            found.append(completed if completed - last >= self.quiet_s else -completed)
+        return found
 
 
 def trial(kills: int, seed: int) -> dict[str, Any]:
@@ -195,6 +228,7 @@ def trial(kills: int, seed: int) -> dict[str, Any]:
             "killed": dict(under_fire.killed),
             "acknowledged": len(under_fire.acknowledged),
             "series": number,
+            "opened_again": under_fire.opened_again,
             "wrong": wrong,
         }
 

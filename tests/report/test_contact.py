@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import io
+
 import numpy as np
 import pytest
+from PIL import Image
 
 from ronnaplan import localize
-from ronnaplan.report.contact import Candidate, _left_over
-from ronnaplan.report.picture import CUTS, cut_image
+from ronnaplan.report.contact import NEARLY_SHOWN, TILE, Candidate, contact_sheet, cut_pair
+from ronnaplan.report.picture import CUTS
 from tests.scans import balls, scan, small_stack
 
 CENTER = (3.0, -4.0, 2.0)
-REACH_MM = 9.0
+MARGIN, ACROSS, DOWN = 19, 180, 171
+"""Pixels before the first tile, and from one tile to the next."""
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 12.0])
@@ -20,9 +24,28 @@ def test_a_ball_that_the_model_fits_leaves_only_noise_on_every_cut(tilt_deg: flo
     found = localize(volume, diameter_mm=11.5, expected=1).fiducials[0]
     fitted = Candidate("F1", found.center_mm, found.parameters, accepted=True)
     moved = Candidate("F1", found.center_mm + 0.5, found.parameters, accepted=True)
-    for axes in CUTS.values():
-        rest = cut_image(_left_over(volume, fitted, REACH_MM), found.center_mm, axes, REACH_MM, outside_hu=0.0)
+    for cut in CUTS:
+        _, rest = cut_pair(volume, fitted, cut)
         assert np.std(rest) < 8.0
         assert np.abs(rest).max() < 0.05 * found.contrast_hu
-        wrong = cut_image(_left_over(volume, moved, REACH_MM), found.center_mm, axes, REACH_MM, outside_hu=0.0)
+        _, wrong = cut_pair(volume, moved, cut)
         assert np.abs(wrong).max() > 0.1 * found.contrast_hu
+
+
+def test_the_sheet_has_each_cut_where_it_belongs_and_an_outline_on_the_edge() -> None:
+    volume = scan(balls([CENTER]), small_stack(), noise_hu=5.0)
+    found = localize(volume, diameter_mm=11.5, expected=1)
+    sheet = np.asarray(Image.open(io.BytesIO(contact_sheet(volume, found))).convert("RGB"), dtype=float)
+    rows = 1 + min(len(found.rejected), NEARLY_SHOWN)
+    assert sheet.shape == (MARGIN + rows * DOWN, 6 * ACROSS, 3)
+    reach_mm = 1.6 * 5.75 + 1.0
+    for column in range(6):
+        tile = sheet[MARGIN:, MARGIN + column * ACROSS :][:TILE, :TILE]
+        middle, corner = tile[65:85, 65:85].mean(axis=(0, 1)), tile[:10, :10].mean(axis=(0, 1))
+        if column % 2 == 0:
+            assert middle.min() > 150 > 60 > corner.max()  # the ball is bright, what is about it dark
+        else:
+            assert min(middle.min(), corner.min()) > 215  # next to nothing is left over
+        edge = TILE / 2 + 5.75 / reach_mm * TILE / 2
+        line = tile[TILE // 2, round(edge) - 3 : round(edge) + 4]
+        assert (line[:, 0] - line[:, 2]).max() > 80  # the outline is orange
