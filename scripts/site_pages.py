@@ -58,7 +58,8 @@ def _output(code: str, names: dict[str, Any], page: Page, stem: str) -> str:
     """Run one cell; return what it showed, as Markdown."""
     tree = ast.parse(code)
     last = tree.body.pop() if tree.body and isinstance(tree.body[-1], ast.Expr) else None
-    printed, value = io.StringIO(), None
+    printed = io.StringIO()
+    value: Any = None
     with redirect_stdout(printed), redirect_stderr(printed):
         exec(compile(tree, stem, "exec"), names)
         if isinstance(last, ast.Expr):

@@ -167,7 +167,7 @@ def _fit(
     across = abs(float(axes[2] @ volume.grid.normal))
     needed = max(depth, 0.8 * gap * across)
     box = (volume.grid.thickness_mm or gap) * across
-    parameters, covariance = np.zeros(13), np.empty((13, 13))
+    parameters, covariance = np.zeros(PARAMETERS), np.empty((PARAMETERS, PARAMETERS))
     before = np.zeros(len(local), dtype=np.bool_)
     for _ in range(ROUNDS):
         chosen = np.abs(local[:, 2] - heights(terms, parameters)) <= needed
