@@ -18,9 +18,10 @@ from scipy.spatial.transform import Rotation
 from ronnaplan.geometry import FloatArray, Frame, Points, unit
 from ronnaplan.registration import DriftStatus, check_drift, predict_tre, register_batch, register_points
 from ronnaplan.report.tables import align
+from ronnaplan.sigmas import SIGMA_OTS_MM
 
 SIGMA_MM = 0.35
-READING_MM = 0.17
+READING_MM = SIGMA_OTS_MM
 OTS = Frame("OTS")
 
 

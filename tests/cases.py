@@ -18,7 +18,7 @@ from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.geometry import FloatArray, Frame, Points
 from ronnaplan.localization.parameters import PARAMETERS
 from ronnaplan.planning import Plan, Trajectory
-from ronnaplan.registration.markers import register_markers
+from ronnaplan.registration.marker_registration import register_markers
 
 CT = Path(__file__).resolve().parents[1] / "data" / "synthetic_ct"
 TURN = Rotation.from_rotvec([0.3, -0.9, 0.5])

@@ -73,7 +73,7 @@ def _scene(arguments: argparse.Namespace) -> bytes:
     from ronnaplan.errors import UsageError
     from ronnaplan.scene.contents import things_of
     from ronnaplan.scene.files import WRITERS, html
-    from ronnaplan.scene.head import still_png
+    from ronnaplan.scene.portrait import still_png
 
     if arguments.output is None:
         raise UsageError(f"'{arguments.to}' is not text for a terminal; name its file with -o")

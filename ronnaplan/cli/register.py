@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.registration_text import registration_text
     from ronnaplan.documents.revision import write_document
     from ronnaplan.errors import RefusedError
-    from ronnaplan.registration.markers import register_markers
+    from ronnaplan.registration.marker_registration import register_markers
     from ronnaplan.tracking import find_markers, read_recording, readings_told
 
     fiducials = read_fiducials(arguments.fiducials)

@@ -13,7 +13,7 @@ from ronnaplan.documents.reading import made
 from ronnaplan.documents.registration import FORMAT, RegistrationDocument, TargetEntry
 from ronnaplan.geometry import FloatArray, Points
 from ronnaplan.registration.diagnosis import doubted_marker, leave_one_out
-from ronnaplan.registration.markers import MarkerRegistration
+from ronnaplan.registration.marker_registration import MarkerRegistration
 from ronnaplan.registration.registration import Registration
 
 

@@ -10,7 +10,7 @@ from ronnaplan.geometry import Points
 from ronnaplan.tracking import Recording, find_markers, readings_told
 
 if TYPE_CHECKING:
-    from ronnaplan.registration.markers import MarkerRegistration
+    from ronnaplan.registration.marker_registration import MarkerRegistration
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class Sought:
         self, readings_mm: Points, notes: tuple[str, ...], known_pairs: dict[str, str] | None = None
     ) -> Paired:
         """Register with readings, some of which a person pointed at."""
-        from ronnaplan.registration.markers import register_markers
+        from ronnaplan.registration.marker_registration import register_markers
 
         pairs = known_pairs or {}
         found = register_markers(

@@ -13,8 +13,8 @@ from ronnaplan.planning import Measures, Placement, Proposals
 from ronnaplan.planning.trajectory import Trajectory
 from ronnaplan.scene import things
 from ronnaplan.scene.camera import Camera
-from ronnaplan.scene.head import filling
 from ronnaplan.scene.picture import filled_in
+from ronnaplan.scene.portrait import filling
 from ronnaplan.scene.shapes import Body, ball, joined, specks
 from ronnaplan.scene.things import Thing
 

@@ -106,8 +106,8 @@ def _named(case: Case, things: Sequence[Thing]) -> bytes:
     from matplotlib.patheffects import withStroke
 
     from ronnaplan.report.picture import BACKGROUND, png
-    from ronnaplan.scene.head import filling
     from ronnaplan.scene.picture import picture as drawn
+    from ronnaplan.scene.portrait import filling
 
     camera, wide = filling(things), SHAPE[1] / SHAPE[0]
     figure = Figure(figsize=(SHAPE[1] / 100, SHAPE[0] / 100), dpi=100, facecolor="none")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import Fiducial, Fiducials
-from ronnaplan.scene.head import head_picture
+from ronnaplan.scene.portrait import head_picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

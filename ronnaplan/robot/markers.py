@@ -14,7 +14,7 @@ import numpy as np
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, Points
 from ronnaplan.pose import Pose, point_jacobian, transform_points
-from ronnaplan.registration.markers import register_markers
+from ronnaplan.registration.marker_registration import register_markers
 from ronnaplan.registration.registration import Registration
 from ronnaplan.robot.camera import RIG, StereoRig
 from ronnaplan.robot.chain import TCP, R, to_frame

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ronnaplan.errors import RefusedError
 from ronnaplan.geometry import Points
-from ronnaplan.registration.markers import MarkerRegistration, register_markers
+from ronnaplan.registration.marker_registration import MarkerRegistration, register_markers
 
 
 def locate_tool(geometry: Points, readings: Points, *, expected: int | None = None) -> MarkerRegistration:

@@ -17,7 +17,7 @@ import numpy as np
 from ronnaplan.geometry import FloatArray, Frame, Points
 from ronnaplan.pose import Pose, exponential, invert, point_jacobian, rigid, transform_points
 from ronnaplan.registration import Registration
-from ronnaplan.registration.markers import register_markers
+from ronnaplan.registration.marker_registration import register_markers
 from ronnaplan.robot.chain import OTS, TCP, Capture, M, R, robot_from_ct
 from ronnaplan.robot.tool_frame import locate_tool
 from ronnaplan.studies.blocks import Record, run_blocks, write_whole

@@ -7,8 +7,8 @@ import numpy as np
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Points
 from ronnaplan.sigmas import SIGMA_OTS_MM
-from ronnaplan.tracking.markers import MOST_MARKERS, MOST_STRAYS
 from ronnaplan.tracking.recording import PointReading, Recording
+from ronnaplan.tracking.stray import MOST_MARKERS, MOST_STRAYS
 
 LARGEST_STEP_MM = 20.0
 """A marker is not followed further than this between frames, nor than half the way to its nearest neighbour."""

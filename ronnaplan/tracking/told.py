@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ronnaplan.tracking.markers import MarkerFlag, MarkerReadings
 from ronnaplan.tracking.recording import Recording
+from ronnaplan.tracking.stray import MarkerFlag, MarkerReadings
 
 MOST_REASONS = 5
 """Kinds of flagged readings that are told one by one; more are summed up."""

@@ -14,7 +14,7 @@ from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.geometry import Points
 from ronnaplan.planning import Limits, Trajectory, measure
 from ronnaplan.planning.obstacles import Clearance
-from ronnaplan.registration.markers import register_markers
+from ronnaplan.registration.marker_registration import register_markers
 from tests import cases
 
 

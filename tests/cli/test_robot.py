@@ -19,7 +19,7 @@ from ronnaplan.cli import main
 from ronnaplan.documents.reading import to_json
 from ronnaplan.documents.registered import registration_document
 from ronnaplan.documents.tool import read_hand_eye, read_pivot
-from ronnaplan.registration.markers import register_markers
+from ronnaplan.registration.marker_registration import register_markers
 from ronnaplan.robot.hand_eye import calibrate_hand_eye, with_tip
 from ronnaplan.robot.pivot import calibrate_pivot
 from ronnaplan.tracking import find_markers, read_recording

@@ -21,7 +21,7 @@ from ronnaplan.documents.registration import RegistrationDocument, read_registra
 from ronnaplan.documents.registration_text import registration_text
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import Frame, Points
-from ronnaplan.registration.markers import register_markers
+from ronnaplan.registration.marker_registration import register_markers
 from tests.registration import scene
 
 SOURCE = Source(study_instance_uid="1.2.3", frame_of_reference_uid=scene.CT.uid)

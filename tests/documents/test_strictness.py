@@ -29,7 +29,7 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import Frame, Points
 from ronnaplan.planner.storage import Look
 from ronnaplan.pose import Pose, rigid
-from ronnaplan.registration.markers import register_markers
+from ronnaplan.registration.marker_registration import register_markers
 from ronnaplan.robot.camera import RIG, Camera
 from ronnaplan.robot.chain import OTS, TCP, Capture, M, R
 from ronnaplan.robot.hand_eye import HandEye

@@ -7,8 +7,8 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from ronnaplan.errors import FrameMismatchError, InputError
-from ronnaplan.tracking import MarkerFlag, PointReading, Recording, ToolReading, find_markers, markers
-from ronnaplan.tracking.markers import GATE_MM, _assigned
+from ronnaplan.tracking import MarkerFlag, PointReading, Recording, ToolReading, find_markers, stray
+from ronnaplan.tracking.stray import GATE_MM, _assigned
 
 TRUTH = np.array([[-60.0, 20, -1040], [55, 30, -1050], [5, -85, -1060], [-20, 60, -1075], [30, -10, -1095]])
 JITTER = 0.1
@@ -167,7 +167,7 @@ def test_readings_too_many_to_be_followed_are_refused(monkeypatch: pytest.Monkey
     many = [PointReading(frame, np.array([50.0 * k, 0, 0])) for frame in (0, 1) for k in range(201)]
     with pytest.raises(InputError, match="frame 0 holds 201 stray readings"):
         find_markers(Recording("test", tuple(many)))
-    monkeypatch.setattr(markers, "MOST_TRACKS", 100)
+    monkeypatch.setattr(stray, "MOST_TRACKS", 100)
     jumping = [PointReading(frame, np.array([50.0 * frame, 0, 0])) for frame in range(101)]
     with pytest.raises(InputError, match="more than 100 places"):
         find_markers(Recording("test", tuple(jumping)))

@@ -8,8 +8,8 @@ import pytest
 from ronnaplan.scene import vtk
 from ronnaplan.scene.camera import VIEW_DEG
 from ronnaplan.scene.field import Field
-from ronnaplan.scene.head import filling, head_picture
 from ronnaplan.scene.picture import filled_in, rendered
+from ronnaplan.scene.portrait import filling, head_picture
 from ronnaplan.scene.shapes import ball
 from ronnaplan.scene.things import Thing
 from ronnaplan.scene.vtk import NoGraphicsError

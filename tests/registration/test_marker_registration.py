@@ -7,7 +7,7 @@ import pytest
 
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.geometry import Points
-from ronnaplan.registration.markers import register_markers
+from ronnaplan.registration.marker_registration import register_markers
 from tests.registration import scene
 
 
