@@ -17,11 +17,11 @@ import numpy as np
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.arm.forward import link_frames
 from ronnaplan.robot.arm.kuka import kr6_r900
-from ronnaplan.robot.placement.judging import APART_LINKS, place_trolley, posture_margins
+from ronnaplan.robot.placement.clearances import APART_LINKS, place_trolley, posture_margins
 from ronnaplan.robot.placement.parking import probability
 from ronnaplan.robot.placement.placement import COARSE, FINE, Job, find_places
 from ronnaplan.robot.placement.room import Floor, Parking
-from ronnaplan.robot.placement.search import Problem, base_pose, worths
+from ronnaplan.robot.placement.search import Problem, base_pose, serves, worths
 from ronnaplan.robot.placement.serving import serve
 from tests.robot.placement.cases import CENTER_MM, HEAD_MM, job, room
 
@@ -61,26 +61,27 @@ def one_case(seed: int, tries: int, draws: int) -> str:
     there = np.array([*best.room_from_r[:3, 3], np.degrees(np.arctan2(*best.room_from_r[1::-1, 0]))])
     told += f"joints {best.worst_joint_deg:.1f}, worth {float(worths(coarse, there[None])[0]):.1f}; "
     bases = random_bases(rng, tries)
-    random = worths(coarse, bases)
-    many = int((random >= 0).sum())
-    told += f"best of {many} random that serve all: {tell(given, bases[random.argmax()], random.max())}; "
+    bases = bases[serves(coarse, bases)]
+    random = worths(coarse, bases) if len(bases) else np.array([-1.0])
+    told += f"best of {len(bases)} random that serve all: {tell(given, bases, random)}; "
     thumb = thumb_bases()
     rule = worths(coarse, thumb)
-    told += f"rule of thumb: {tell(given, thumb[rule.argmax()], rule.max())}; "
+    told += f"rule of thumb: {tell(given, thumb, rule)}; "
     for parking in (Parking(), WIDE):
         strayed = np.tile(there, (draws, 1))
         strayed[:, [0, 1]] += rng.normal(0.0, parking.sigma_mm, (draws, 2))
         strayed[:, 3] += rng.normal(0.0, parking.sigma_deg, draws)
-        counted = float((worths(coarse, strayed) >= 0).mean())
+        counted = float(serves(coarse, strayed).mean())
         told += f"probability {probability(coarse, there, parking):.3f} (counted {counted:.3f}); "
     return told
 
 
-def tell(given: Job, place: FloatArray, worth: float) -> str:
-    """Return what a base keeps."""
+def tell(given: Job, places: FloatArray, found: FloatArray) -> str:
+    """Return what the base of the greatest worth, of ``found`` (N,) at ``places`` (N, 4), keeps."""
+    worth = float(found.max())
     if worth < 0:
         return "none"
-    served = serve(given.problem(FINE), given.tasks, base_pose(place))
+    served = serve(given.problem(FINE), given.tasks, base_pose(places[found.argmax()]))
     joints = [one.joint_deg for one in served if one is not None]
     whole = "" if len(joints) == len(served) else " (not all along the ways)"
     return f"joints {min(joints):.1f}, worth {worth:.1f}{whole}"

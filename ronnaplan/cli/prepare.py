@@ -1,4 +1,4 @@
-"""``ronnaplan prepare``: compile now what would else be compiled at first use, ten to twenty seconds of a processor."""
+"""``ronnaplan prepare``: compile now what would else be compiled at first use, up to a minute of a processor."""
 
 from __future__ import annotations
 
@@ -29,8 +29,30 @@ def run(arguments: argparse.Namespace) -> int:
     describe_layout(found.centers).refusal_probability()
     both = found.centers, found.centers[::-1].copy()
     match_points(*both, covariances_ct_mm2=found.covariances, covariances_ots_mm2=found.covariances)
-    print("done: localize and register start without compiling", file=sys.stderr)
+    place_robot()
+    print("done: localize, register and robot place start without compiling", file=sys.stderr)
     return 0
+
+
+def place_robot() -> None:
+    """Find a place for one trajectory and one marker in the room of the example."""
+    import numpy as np
+
+    from ronnaplan.documents.room import example_room
+    from ronnaplan.robot.arm.kuka import kr6_r900
+    from ronnaplan.robot.placement.placement import Job, find_places
+    from ronnaplan.robot.placement.tasks import drill_task, view_task
+    from ronnaplan.robot.placement.world import world_of
+
+    room = example_room()
+    center = np.array(room.head.center_mm)
+    tasks = (
+        drill_task("", center + np.array([0.0, 0.0, 90.0]), center, room.tool, 150.0, 2.0),
+        view_task("", center + np.array([0.0, 0.0, 100.0]), center, room.camera),
+    )
+    head = center + 80.0 * np.concatenate([np.eye(3), -np.eye(3)])
+    tracker = None if room.tracker is None else np.array(room.tracker.position_mm)
+    find_places(Job(kr6_r900(), room, np.eye(4), tasks, world_of(room, head, tracker)))
 
 
 def made_scan() -> CTVolume:

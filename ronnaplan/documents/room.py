@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+import tomllib
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from ronnaplan.documents.fields import DocumentModel, Label, LengthMm, PositiveMm, Vector
-from ronnaplan.documents.reading import read_settings
+from ronnaplan.documents.reading import checked, read_settings
 from ronnaplan.robot.placement import room as parts
 
 MOST_THINGS = 200
@@ -282,3 +283,8 @@ sigma_mm = 20
 sigma_deg = 3
 """
 """What ``robot place --example`` writes."""
+
+
+def example_room() -> parts.Room:
+    """Return the room of `EXAMPLE`."""
+    return checked(tomllib.loads(EXAMPLE), RoomDocument).room

@@ -45,3 +45,25 @@ def test_after_prepare_localize_and_register_compile_nothing_and_import_little(t
         assert {name: kinds for name, kinds in compiled.items() if kinds != prepared[1].get(name, [])} == {}
     heavy = {"pydicom", "gdcm", "requests", "matplotlib", "SimpleITK", "skimage", "pandas", "pyvista", "trame"}
     assert not heavy & set(localized[2])
+
+
+def test_after_prepare_a_place_for_the_robot_is_found_without_compiling() -> None:
+    found = subprocess.run([sys.executable, "-c", PLACED], cwd=ROOT, capture_output=True, text=True, check=True)
+    prepared, placed = json.loads(found.stdout)
+    assert {name: kinds for name, kinds in placed.items() if kinds != prepared.get(name, [])} == {}
+    assert any("judge_base" in name for name in prepared)
+
+
+PLACED = (
+    COUNT.split("told = []")[0]
+    + """
+from ronnaplan.cli.prepare import place_robot
+from ronnaplan.robot.placement.placement import find_places
+from tests.robot.placement.cases import job
+
+place_robot()
+prepared = compiled()
+find_places(job(1, 2, 1))
+print(json.dumps([prepared, compiled()]))
+"""
+)

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray, unit
 from ronnaplan.pose import invert
-from ronnaplan.robot.placement.judging import follow, place_trolley, posture_margins
+from ronnaplan.robot.placement.clearances import place_trolley, posture_margins
+from ronnaplan.robot.placement.judging import follow
 from ronnaplan.robot.placement.search import Problem, base_pose
 from ronnaplan.robot.placement.tasks import Ways
 from ronnaplan.robot.placement.world import Machine, World

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.arm.compiled import nearest_turn, place_links, postures, singularity, times
-from ronnaplan.robot.placement.distances import box_box, segment_box, segment_point, segment_segment
+from ronnaplan.robot.arm.compiled import nearest_turn, postures, singularity, times
+from ronnaplan.robot.placement.clearances import parked, place_trolley, posture_margins
 from ronnaplan.robot.placement.tasks import Ways
 from ronnaplan.robot.placement.world import Machine, World
 
@@ -21,129 +21,8 @@ PLENTY_MM = 100.0
 PLENTY_DEG = 45.0
 LARGEST_STEP_RAD = 1.5
 """A joint that turns further between two poses of a way has gone through a singular posture."""
-APART_LINKS = 3
-"""Links of the arm with so many joints between them are kept apart; nearer ones are by the joints' limits."""
 NOTHING = -1.0
 """Worth of what does not serve."""
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def moved_capsule(pose: FloatArray, capsule: FloatArray, moved: FloatArray) -> None:
-    """Fill ``moved`` (7,) with ``capsule`` (7,) brought by ``pose`` (4, 4)."""
-    for a in range(3):
-        for end in (0, 3):
-            moved[end + a] = pose[a, 3]
-            for b in range(3):
-                moved[end + a] += pose[a, b] * capsule[end + b]
-    moved[6] = capsule[6]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def to_head(world: World, capsule: FloatArray, enough: float) -> float:
-    """Return the distance (mm) between a capsule (7,) and the head, or at least ``enough``."""
-    near: float = segment_point(capsule, world.head_ball) - capsule[6] - world.head_ball[3]
-    if near >= enough:
-        return near
-    least = np.inf
-    for n in range(len(world.head)):
-        least = min(least, segment_point(capsule, world.head[n]))
-    left: float = least - capsule[6] - world.head_radius
-    return left
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def to_things(world: World, capsule: FloatArray, trolley: FloatArray) -> float:
-    """Return the distance (mm) between a capsule (7,) and the nearest box or capsule of the room, or trolley."""
-    least = np.inf
-    for n in range(len(world.boxes)):
-        least = min(least, segment_box(capsule, world.boxes[n]))
-    for n in range(len(trolley)):
-        least = min(least, segment_box(capsule, trolley[n]))
-    for n in range(len(world.capsules)):
-        least = min(least, segment_segment(capsule, world.capsules[n]) - world.capsules[n, 6])
-    left: float = least - capsule[6]
-    return left
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def place_bodies(machine: Machine, instrument: FloatArray, frames: FloatArray, bodies: FloatArray) -> None:
-    """Fill ``bodies`` (K + 1, 7) with all capsules in the room, the instrument last."""
-    for k in range(len(machine.links)):
-        moved_capsule(frames[machine.links[k]], machine.bodies[k], bodies[k])
-    moved_capsule(frames[-1], instrument, bodies[-1])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def clearance(
-    machine: Machine, world: World, trolley: FloatArray, bodies: FloatArray, need: float, pair: NDArray[np.int64]
-) -> float:
-    """Return the least distance (mm) that counts; below ``need`` the search ends and ``pair`` (2,) names the two.
-
-    The instrument is kept from everything but the head; the two lowest links are not kept from their trolley.
-    """
-    count = len(machine.links)
-    nothing = trolley[:0]
-    least = np.inf
-    for back in range(count + 1):
-        k = count - back
-        if k == count and bodies[k, 6] <= 0.0:
-            continue
-        high = k >= machine.tool_from or machine.links[k] >= 2
-        near = to_things(world, bodies[k], trolley if high else nothing)
-        if near < least:
-            least, pair[0], pair[1] = near, k, -1
-        if k < count:
-            near = to_head(world, bodies[k], least)
-            if near < least:
-                least, pair[0], pair[1] = near, k, -2
-            for j in range(k):
-                if machine.links[k] - machine.links[j] >= APART_LINKS:
-                    near = segment_segment(bodies[k], bodies[j]) - bodies[k, 6] - bodies[j, 6]
-                    if near < least:
-                        least, pair[0], pair[1] = near, k, j
-        if least < need:
-            break
-    return least
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def seen(machine: Machine, world: World, frame: FloatArray, bodies: FloatArray) -> float:
-    """Return by how much (rad) the tool's marker, on the last link at ``frame``, is seen; negative: hidden or far."""
-    if world.sight[1] == 0.0:
-        return np.inf
-    line = np.zeros(7)
-    cosine = away = 0.0
-    for a in range(3):
-        line[a] = frame[a, 3]
-        for b in range(3):
-            line[a] += frame[a, b] * machine.marker[0, b]
-        line[3 + a] = world.tracker[a]
-        away += (line[3 + a] - line[a]) ** 2
-    away = np.sqrt(away)
-    if not world.sight[0] <= away <= world.sight[1]:
-        return -1.0
-    for a in range(3):
-        for b in range(3):
-            cosine += frame[a, b] * machine.marker[1, b] * (line[3 + a] - line[a]) / away
-    margin: float = world.sight[4] - np.arccos(min(max(cosine, -1.0), 1.0))
-    if margin < world.needs[3]:
-        return margin
-    for a in range(3):
-        line[3 + a] -= (line[3 + a] - line[a]) * min(world.sight[2] / away, 1.0)
-    line[6] = world.sight[3]
-    return -1.0 if _is_crossed(machine, world, line, bodies) else margin
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _is_crossed(machine: Machine, world: World, line: FloatArray, bodies: FloatArray) -> bool:
-    """Whether anything but tool and wrist stands in a line of sight (7,)."""
-    if to_things(world, line, world.boxes[:0]) < 0.0 or to_head(world, line, 0.0) < 0.0:
-        return True
-    for k in range(machine.tool_from):
-        apart = segment_segment(line, bodies[k]) - line[6] - bodies[k, 6]
-        if machine.links[k] < len(machine.axes) - 1 and apart < 0.0:
-            return True
-    return False
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -204,60 +83,6 @@ def _goes_on(before: FloatArray, angles: FloatArray) -> bool:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def posture_margins(
-    machine: Machine,
-    world: World,
-    trolley: FloatArray,
-    instrument: FloatArray,
-    angles: FloatArray,
-    frames: FloatArray,
-    bodies: FloatArray,
-    pair: NDArray[np.int64],
-    tracked: bool,
-) -> tuple[float, float]:
-    """Return clearance (mm) and the tracker's margin (rad) of ``angles`` (6,); ``frames[0]`` is room from base."""
-    place_links(machine.origins, machine.axes, angles, frames)
-    place_bodies(machine, instrument, frames, bodies)
-    view = seen(machine, world, frames[-1], bodies) if tracked else np.inf
-    if view < world.needs[3]:
-        return np.inf, view
-    return clearance(machine, world, trolley, bodies, world.needs[2], pair), view
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def parked(world: World, trolley: FloatArray) -> bool:
-    """Whether the trolley's boxes (V, 8), in the room, keep clear of what stands there."""
-    for v in range(len(trolley)):
-        for n in range(len(world.boxes)):
-            if box_box(trolley[v], world.boxes[n]) < world.needs[2]:
-                return False
-        for n in range(len(world.capsules)):
-            if segment_box(world.capsules[n], trolley[v]) - world.capsules[n, 6] < world.needs[2]:
-                return False
-        for n in range(len(world.head)):
-            place = np.empty(6)
-            place[:3] = world.head[n]
-            place[3:] = world.head[n]
-            if segment_box(place, trolley[v]) - world.head_radius < world.needs[2]:
-                return False
-    return True
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def place_trolley(machine: Machine, base: FloatArray) -> FloatArray:
-    """Return the trolley's boxes (V, 8) in the room, for an upright ``base`` (4, 4), room from base."""
-    placed = machine.trolley.copy()
-    c, s = base[0, 0], base[1, 0]
-    for v in range(len(placed)):
-        box = machine.trolley[v]
-        placed[v, 0] = base[0, 3] + c * box[0] - s * box[1]
-        placed[v, 1] = base[1, 3] + s * box[0] + c * box[1]
-        placed[v, 2] = base[2, 3] + box[2]
-        placed[v, 6], placed[v, 7] = c * box[6] - s * box[7], s * box[6] + c * box[7]
-    return placed
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def judge_base(
     machine: Machine,
     world: World,
@@ -267,12 +92,15 @@ def judge_base(
     whole: bool,
     worth: FloatArray,
     chosen: NDArray[np.int64],
+    least: float,
+    plenty: float,
 ) -> float:
     """Return the least worth of all tasks at ``base`` (4, 4), room from base; below zero when one is not served.
 
     ``whole``: ``worth`` (T,) and ``chosen`` (T, 2), the way and the posture, are filled for every task with its best.
-    Otherwise a task is left as soon as it cannot lower the result, and the first that is not served ends the search
-    and is moved to the front of ``order`` (T,), to be asked first of the next base.
+    Otherwise a task is left as soon as it cannot lower the result, and the first that is not served, or not above
+    ``least``, ends the search; nothing above ``plenty`` is told apart. What one base teaches is kept for the next: the
+    task that decided comes first in ``order`` (T,), and the way that served each is asked first (``chosen``).
     """
     trolley = place_trolley(machine, base)
     worth[:] = NOTHING
@@ -285,21 +113,24 @@ def judge_base(
         for b in range(3):
             inverse[a, b] = base[b, a]
             inverse[a, 3] -= base[b, a] * base[b, 3]
-    worst, unserved = np.inf, 0
+    worst, unserved, decides = plenty, 0, 0
     for place in range(len(order)):
         task = order[place]
         enough = np.inf if whole else worst
         worth[task] = judge_task(
-            machine, world, ways, inverse, trolley, task, enough, frames, bodies, chosen[task]
+            machine, world, ways, inverse, trolley, task, least, enough, frames, bodies, chosen[task]
         )
+        if worth[task] < worst:
+            worst, decides = worth[task], place
         if worth[task] < 0.0:
             unserved += 1
             if not whole:
-                for n in range(place, 0, -1):
-                    order[n] = order[n - 1]
-                order[0] = task
-                return -1.0
-        worst = min(worst, worth[task])
+                break
+    if not whole:
+        first = order[decides]
+        for n in range(decides, 0, -1):
+            order[n] = order[n - 1]
+        order[0] = first
     return worst if unserved == 0 else -float(unserved)
 
 
@@ -311,39 +142,100 @@ def judge_task(
     from_room: FloatArray,
     trolley: FloatArray,
     task: int,
+    least: float,
     enough: float,
     frames: FloatArray,
     bodies: FloatArray,
     chosen: NDArray[np.int64],
 ) -> float:
-    """Return the worth of ``task`` by its best way, or by any above ``enough``; ``chosen`` (2,) names it."""
+    """Return the worth of ``task`` by its best way, or by any above ``enough``; `NOTHING` if none is above ``least``.
+
+    ``chosen`` (2,) names way and posture; the way that it names beforehand is tried first where any will do.
+    """
+    if enough < np.inf:
+        told = judge_way(
+            machine, world, ways, from_room, trolley, task, int(chosen[0]), least, frames, bodies, chosen
+        )
+        if told >= enough:
+            return told
     first, count, steps = ways.firsts[task], ways.firsts[task + 1] - ways.firsts[task], ways.steps[task]
-    angles, margins = np.empty((steps, 8, 6)), np.empty((8, 2))
-    best, hopes = NOTHING, np.full((count, 8), NOTHING)
-    pair = np.empty(2, dtype=np.int64)
+    angles, margins, hopes = np.empty((steps, 8, 6)), np.empty((8, 2)), np.empty((count, 8))
+    best = NOTHING
     for n in range(count):
         follow(machine, from_room, ways.flanges[first + n], steps, angles, margins)
-        for b in range(8):
-            if margins[b, 0] >= world.needs[0] and margins[b, 1] >= world.needs[1]:
-                hopes[n, b] = np.degrees(min(margins[b, 0], margins[b, 1]))
+        hoped(world, margins, hopes[n])
     while best < enough:
         n, b = divmod(int(hopes.argmax()), 8)
         hope = hopes[n, b]
-        if hope <= max(best, 0.0):
+        if hope <= max(best, least):
             break
         hopes[n, b] = NOTHING
         follow(machine, from_room, ways.flanges[first + n], steps, angles, margins)
-        for p in range(steps):
-            away, view = posture_margins(
-                machine, world, trolley, ways.instruments[task], angles[p, b], frames, bodies, pair, True
-            )
-            if away < world.needs[2] or view < world.needs[3]:
-                hope = NOTHING
-                break
-            hope = min(hope, min(soft(away, PLENTY_MM), soft(np.degrees(view), PLENTY_DEG)))
-            if hope <= best:
-                break
-        if hope > best:
-            best = hope
+        found = worth_along(
+            machine, world, trolley, ways.instruments[task], angles[:, b], hope, max(best, least), frames, bodies
+        )
+        if found > best:
+            best = found
             chosen[0], chosen[1] = n, b
     return best
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def judge_way(
+    machine: Machine,
+    world: World,
+    ways: Ways,
+    from_room: FloatArray,
+    trolley: FloatArray,
+    task: int,
+    way: int,
+    least: float,
+    frames: FloatArray,
+    bodies: FloatArray,
+    chosen: NDArray[np.int64],
+) -> float:
+    """Return the worth of ``task`` by the posture that its joints like best on one ``way``, and name both."""
+    steps = ways.steps[task]
+    angles, margins, hopes = np.empty((steps, 8, 6)), np.empty((8, 2)), np.empty(8)
+    follow(machine, from_room, ways.flanges[ways.firsts[task] + way], steps, angles, margins)
+    hoped(world, margins, hopes)
+    b = int(hopes.argmax())
+    if hopes[b] <= least:
+        return NOTHING
+    chosen[0], chosen[1] = way, b
+    return worth_along(
+        machine, world, trolley, ways.instruments[task], angles[:, b], hopes[b], least, frames, bodies
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def hoped(world: World, margins: FloatArray, hopes: FloatArray) -> None:
+    """Fill ``hopes`` (8,) with what the joints of each posture are worth, by ``margins`` (8, 2) in rad."""
+    for b in range(8):
+        hopes[b] = NOTHING
+        if margins[b, 0] >= world.needs[0] and margins[b, 1] >= world.needs[1]:
+            hopes[b] = np.degrees(min(margins[b, 0], margins[b, 1]))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def worth_along(
+    machine: Machine,
+    world: World,
+    trolley: FloatArray,
+    instrument: FloatArray,
+    angles: FloatArray,
+    hope: float,
+    least: float,
+    frames: FloatArray,
+    bodies: FloatArray,
+) -> float:
+    """Return what is left of ``hope``, the joints' worth, along ``angles`` (P, 6); `NOTHING` if not above ``least``."""
+    pair = np.empty(2, dtype=np.int64)
+    for p in range(len(angles)):
+        away, view = posture_margins(machine, world, trolley, instrument, angles[p], frames, bodies, pair, True)
+        if away < world.needs[2] or view < world.needs[3]:
+            return NOTHING
+        hope = min(hope, min(soft(away, PLENTY_MM), soft(np.degrees(view), PLENTY_DEG)))
+        if hope <= least:
+            return NOTHING
+    return hope

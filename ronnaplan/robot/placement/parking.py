@@ -6,7 +6,7 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.placement.room import Parking
-from ronnaplan.robot.placement.search import Problem, worths
+from ronnaplan.robot.placement.search import Problem, serves
 
 SAMPLES = 512
 """Of a Sobol sequence: a probability of 0.5 is then known to about one percent."""
@@ -20,7 +20,7 @@ def probability(
     After parking, the base is measured and rolls and postures are chosen anew. Errors are normal and independent in x,
     y and turn, which the base makes about its own origin.
     """
-    return float((worths(problem, strayed(place, parking, samples, seed)) >= 0.0).mean())
+    return float(serves(problem, strayed(place, parking, samples, seed)).mean())
 
 
 def strayed(place: FloatArray, parking: Parking, samples: int, seed: int) -> FloatArray:

@@ -17,7 +17,7 @@ from ronnaplan.robot.placement import blocking
 from ronnaplan.robot.placement.parking import probability
 from ronnaplan.robot.placement.room import Room
 from ronnaplan.robot.placement.route import Route, plan_route
-from ronnaplan.robot.placement.search import Problem, base_pose, best_apart, grid, refine, worths
+from ronnaplan.robot.placement.search import Problem, base_pose, best_apart, grid, refine, serves, worths
 from ronnaplan.robot.placement.serving import Served, serve
 from ronnaplan.robot.placement.tasks import Fineness, Task, drill_task, view_task, ways_of
 from ronnaplan.robot.placement.world import World, machine_of, world_of
@@ -188,7 +188,7 @@ def _served_alone(problem: Problem, task: int, bases: FloatArray) -> NDArray[np.
         steps=ways.steps[[task]],
         instruments=ways.instruments[[task]],
     )
-    return np.asarray(worths(replace(problem, ways=alone), bases) >= 0.0)
+    return serves(replace(problem, ways=alone), bases)
 
 
 def _sentence(

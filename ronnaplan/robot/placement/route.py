@@ -14,7 +14,7 @@ import numpy as np
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.placement.judging import place_trolley, posture_margins
+from ronnaplan.robot.placement.clearances import place_trolley, posture_margins
 from ronnaplan.robot.placement.search import Problem
 from ronnaplan.robot.placement.serving import Served
 from ronnaplan.robot.placement.world import Machine, World

@@ -20,6 +20,8 @@ GRID_MM = 100.0
 GRID_Z_MM = 150.0
 FACING_DEG = (0.0, 45.0, -45.0, 90.0, -90.0, 180.0)
 """Turns of the base that are tried, from that which faces the head."""
+ANY = 1e-6
+"""Plenty, where it is only asked whether all is served."""
 STARTS = 4
 """Places of the grid that are refined."""
 APART_MM = 150.0
@@ -49,8 +51,11 @@ def base_pose(place: FloatArray) -> FloatArray:
     return rigid(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), place[:3].copy())
 
 
-def worths(problem: Problem, places: FloatArray) -> FloatArray:
-    """Return the worth (N,) of bases at ``places`` (N, 4); below zero where a task is not served."""
+def worths(problem: Problem, places: FloatArray, least: float = 0.0, plenty: float = np.inf) -> FloatArray:
+    """Return the worth (N,) of bases at ``places`` (N, 4); below zero where a task is not served above ``least``.
+
+    Worths above ``plenty`` are not told apart. Both save time.
+    """
     from ronnaplan.robot.placement.judging import judge_base
 
     found = np.empty(len(places))
@@ -61,11 +66,16 @@ def worths(problem: Problem, places: FloatArray) -> FloatArray:
         for row in rows:
             base = base_pose(places[row])
             found[row] = judge_base(
-                problem.machine, problem.world, problem.ways, base, order, False, worth, chosen
+                problem.machine, problem.world, problem.ways, base, order, False, worth, chosen, least, plenty
             )
 
     in_parts(judge, len(places))
     return found
+
+
+def serves(problem: Problem, places: FloatArray) -> NDArray[np.bool_]:
+    """Return which (N,) of the bases at ``places`` (N, 4) serve every task."""
+    return np.asarray(worths(problem, places, plenty=ANY) >= 0.0)
 
 
 def in_parts(work: Callable[[NDArray[np.int64]], None], count: int) -> None:
@@ -108,7 +118,7 @@ def refine(problem: Problem, start: FloatArray, worth: float) -> tuple[FloatArra
     turns = np.concatenate([np.eye(4), -np.eye(4)])
     while step[0] >= LAST_STEP_MM:
         tried = within(problem.floor, place + turns * step)
-        found = worths(problem, tried) if len(tried) else np.full(1, -1.0)
+        found = worths(problem, tried, least=worth) if len(tried) else np.full(1, -1.0)
         if found.max() > worth:
             place, worth = tried[found.argmax()], float(found.max())
         else:

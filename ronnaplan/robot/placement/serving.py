@@ -31,7 +31,8 @@ def serve(problem: Problem, tasks: tuple[Task, ...], base: FloatArray) -> tuple[
     from ronnaplan.robot.placement.judging import judge_base
 
     worth, chosen = np.empty(len(problem)), np.zeros((len(problem), 2), dtype=np.int64)
-    judge_base(problem.machine, problem.world, problem.ways, base, np.arange(len(problem)), True, worth, chosen)
+    order = np.arange(len(problem))
+    judge_base(problem.machine, problem.world, problem.ways, base, order, True, worth, chosen, 0.0, np.inf)
     return tuple(
         _served(problem, task, n, base, int(chosen[n, 0]), int(chosen[n, 1])) if worth[n] >= 0.0 else None
         for n, task in enumerate(tasks)
@@ -39,7 +40,8 @@ def serve(problem: Problem, tasks: tuple[Task, ...], base: FloatArray) -> tuple[
 
 
 def _served(problem: Problem, task: Task, number: int, base: FloatArray, way: int, posture: int) -> Served:
-    from ronnaplan.robot.placement.judging import follow, place_trolley, posture_margins
+    from ronnaplan.robot.placement.clearances import place_trolley, posture_margins
+    from ronnaplan.robot.placement.judging import follow
 
     machine, world, ways = problem.machine, problem.world, problem.ways
     steps = int(ways.steps[number])

@@ -1,0 +1,188 @@
+"""What a posture comes near to, and whether the tracker sees its tool; compiled."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kernelcache import njit
+from ronnaplan.geometry import FloatArray
+from ronnaplan.robot.arm.compiled import place_links
+from ronnaplan.robot.placement.distances import box_box, segment_box, segment_point, segment_segment
+from ronnaplan.robot.placement.world import Machine, World
+
+APART_LINKS = 3
+"""Links of the arm with so many joints between them are kept apart; nearer ones are by the joints' limits."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def moved_capsule(pose: FloatArray, capsule: FloatArray, moved: FloatArray) -> None:
+    """Fill ``moved`` (7,) with ``capsule`` (7,) brought by ``pose`` (4, 4)."""
+    for a in range(3):
+        for end in (0, 3):
+            moved[end + a] = pose[a, 3]
+            for b in range(3):
+                moved[end + a] += pose[a, b] * capsule[end + b]
+    moved[6] = capsule[6]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def to_head(world: World, capsule: FloatArray, enough: float) -> float:
+    """Return the distance (mm) between a capsule (7,) and the head, or at least ``enough``."""
+    near: float = segment_point(capsule, world.head_ball) - capsule[6] - world.head_ball[3]
+    if near >= enough:
+        return near
+    least = np.inf
+    for n in range(len(world.head)):
+        least = min(least, segment_point(capsule, world.head[n]))
+    left: float = least - capsule[6] - world.head_radius
+    return left
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def to_things(world: World, capsule: FloatArray, trolley: FloatArray) -> float:
+    """Return the distance (mm) between a capsule (7,) and the nearest box or capsule of the room, or trolley."""
+    least = np.inf
+    for n in range(len(world.boxes)):
+        least = min(least, segment_box(capsule, world.boxes[n]))
+    for n in range(len(trolley)):
+        least = min(least, segment_box(capsule, trolley[n]))
+    for n in range(len(world.capsules)):
+        least = min(least, segment_segment(capsule, world.capsules[n]) - world.capsules[n, 6])
+    left: float = least - capsule[6]
+    return left
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def place_bodies(machine: Machine, instrument: FloatArray, frames: FloatArray, bodies: FloatArray) -> None:
+    """Fill ``bodies`` (K + 1, 7) with all capsules in the room, the instrument last."""
+    for k in range(len(machine.links)):
+        moved_capsule(frames[machine.links[k]], machine.bodies[k], bodies[k])
+    moved_capsule(frames[-1], instrument, bodies[-1])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def clearance(
+    machine: Machine, world: World, trolley: FloatArray, bodies: FloatArray, need: float, pair: NDArray[np.int64]
+) -> float:
+    """Return the least distance (mm) that counts; below ``need`` the search ends and ``pair`` (2,) names the two.
+
+    The instrument is kept from everything but the head; the two lowest links are not kept from their trolley.
+    """
+    count = len(machine.links)
+    nothing = trolley[:0]
+    least = np.inf
+    for back in range(count + 1):
+        k = count - back
+        if k == count and bodies[k, 6] <= 0.0:
+            continue
+        high = k >= machine.tool_from or machine.links[k] >= 2
+        near = to_things(world, bodies[k], trolley if high else nothing)
+        if near < least:
+            least, pair[0], pair[1] = near, k, -1
+        if k < count:
+            near = to_head(world, bodies[k], least)
+            if near < least:
+                least, pair[0], pair[1] = near, k, -2
+            for j in range(k):
+                if machine.links[k] - machine.links[j] >= APART_LINKS:
+                    near = segment_segment(bodies[k], bodies[j]) - bodies[k, 6] - bodies[j, 6]
+                    if near < least:
+                        least, pair[0], pair[1] = near, k, j
+        if least < need:
+            break
+    return least
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def seen(machine: Machine, world: World, frame: FloatArray, bodies: FloatArray) -> float:
+    """Return by how much (rad) the tool's marker, on the last link at ``frame``, is seen; negative: hidden or far."""
+    if world.sight[1] == 0.0:
+        return np.inf
+    line = np.zeros(7)
+    cosine = away = 0.0
+    for a in range(3):
+        line[a] = frame[a, 3]
+        for b in range(3):
+            line[a] += frame[a, b] * machine.marker[0, b]
+        line[3 + a] = world.tracker[a]
+        away += (line[3 + a] - line[a]) ** 2
+    away = np.sqrt(away)
+    if not world.sight[0] <= away <= world.sight[1]:
+        return -1.0
+    for a in range(3):
+        for b in range(3):
+            cosine += frame[a, b] * machine.marker[1, b] * (line[3 + a] - line[a]) / away
+    margin: float = world.sight[4] - np.arccos(min(max(cosine, -1.0), 1.0))
+    if margin < world.needs[3]:
+        return margin
+    for a in range(3):
+        line[3 + a] -= (line[3 + a] - line[a]) * min(world.sight[2] / away, 1.0)
+    line[6] = world.sight[3]
+    return -1.0 if _is_crossed(machine, world, line, bodies) else margin
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _is_crossed(machine: Machine, world: World, line: FloatArray, bodies: FloatArray) -> bool:
+    """Whether anything but tool and wrist stands in a line of sight (7,)."""
+    if to_things(world, line, world.boxes[:0]) < 0.0 or to_head(world, line, 0.0) < 0.0:
+        return True
+    for k in range(machine.tool_from):
+        apart = segment_segment(line, bodies[k]) - line[6] - bodies[k, 6]
+        if machine.links[k] < len(machine.axes) - 1 and apart < 0.0:
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def posture_margins(
+    machine: Machine,
+    world: World,
+    trolley: FloatArray,
+    instrument: FloatArray,
+    angles: FloatArray,
+    frames: FloatArray,
+    bodies: FloatArray,
+    pair: NDArray[np.int64],
+    tracked: bool,
+) -> tuple[float, float]:
+    """Return clearance (mm) and the tracker's margin (rad) of ``angles`` (6,); ``frames[0]`` is room from base."""
+    place_links(machine.origins, machine.axes, angles, frames)
+    place_bodies(machine, instrument, frames, bodies)
+    view = seen(machine, world, frames[-1], bodies) if tracked else np.inf
+    if view < world.needs[3]:
+        return np.inf, view
+    return clearance(machine, world, trolley, bodies, world.needs[2], pair), view
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def parked(world: World, trolley: FloatArray) -> bool:
+    """Whether the trolley's boxes (V, 8), in the room, keep clear of what stands there."""
+    for v in range(len(trolley)):
+        for n in range(len(world.boxes)):
+            if box_box(trolley[v], world.boxes[n]) < world.needs[2]:
+                return False
+        for n in range(len(world.capsules)):
+            if segment_box(world.capsules[n], trolley[v]) - world.capsules[n, 6] < world.needs[2]:
+                return False
+        for n in range(len(world.head)):
+            place = np.empty(6)
+            place[:3] = world.head[n]
+            place[3:] = world.head[n]
+            if segment_box(place, trolley[v]) - world.head_radius < world.needs[2]:
+                return False
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def place_trolley(machine: Machine, base: FloatArray) -> FloatArray:
+    """Return the trolley's boxes (V, 8) in the room, for an upright ``base`` (4, 4), room from base."""
+    placed = machine.trolley.copy()
+    c, s = base[0, 0], base[1, 0]
+    for v in range(len(placed)):
+        box = machine.trolley[v]
+        placed[v, 0] = base[0, 3] + c * box[0] - s * box[1]
+        placed[v, 1] = base[1, 3] + s * box[0] + c * box[1]
+        placed[v, 2] = base[2, 3] + box[2]
+        placed[v, 6], placed[v, 7] = c * box[6] - s * box[7], s * box[6] + c * box[7]
+    return placed
