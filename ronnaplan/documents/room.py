@@ -9,8 +9,9 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from ronnaplan.documents.fields import DocumentModel, Label, LengthMm, PositiveMm, Vector
-from ronnaplan.documents.reading import checked, read_settings
+from ronnaplan.documents.reading import read_settings
 from ronnaplan.robot.placement import room as parts
+from ronnaplan.untrusted import checked
 
 MOST_THINGS = 200
 """More boxes or capsules than this make the search slow; thin a room to what is near."""
