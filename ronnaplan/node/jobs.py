@@ -13,6 +13,7 @@ from ronnaplan.jobs.serving import BROKEN, DONE, REFUSED
 from ronnaplan.node.config import Config
 from ronnaplan.node.index import Index, SeriesRow
 from ronnaplan.node.logs import Log
+from ronnaplan.node.retention import remove_unknown_answers
 from ronnaplan.node.store import INSTANCES
 from ronnaplan.node.work import Order
 
@@ -67,6 +68,7 @@ class Foreman:
         self._next = 0
         # a node that was killed left them: nobody works on them now
         index.run("UPDATE jobs SET state = 'waiting' WHERE state = 'running'")
+        remove_unknown_answers(config.data, config.data / ANSWERS, index)
 
     def tick(self, now: float) -> None:
         """Hear what workers say, give out what is due at ``now`` (seconds since 1970)."""
@@ -199,6 +201,7 @@ class Foreman:
         self._index.run(
             "UPDATE jobs SET state = ?, reason = ?, ended = ? WHERE id = ?", state, reason, now, job.id
         )
+        remove_unknown_answers(self._config.data, self._config.data / ANSWERS / str(job.id), self._index)
         self._log.tell("job ended", job=job.id, state=state, reason=reason)
 
 

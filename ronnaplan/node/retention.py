@@ -39,6 +39,16 @@ def remove_old(folder: Path, index: Index, before: float, log: Log) -> None:
         log.tell("removed", study=series.study_uid, series=series.series_uid, reason="kept long enough")
 
 
+def remove_unknown_answers(data: Path, folder: Path, index: Index) -> None:
+    """Remove the files in ``folder`` that are no answers: of a worker that was killed, or that came too late."""
+    known = {path for (path,) in index.rows("SELECT path FROM answers")}
+    for path in list(folder.rglob("*")):
+        if path.is_file() and path.relative_to(data).as_posix() not in known:
+            path.unlink(missing_ok=True)
+            with suppress(OSError):  # not empty
+                path.parent.rmdir()
+
+
 def _files(index: Index, series: int) -> list[str]:
     return [
         path

@@ -40,6 +40,12 @@ GROWTH = 1.05
 SPARE = 2.0
 """Of any measure: a file or a handle that is just in use."""
 
+TABLES = ("instances", "aside", "answers")
+"""Of the index, what names files."""
+
+SETTLE_S = 3.0
+"""After the last answer: for what is just on its way."""
+
 Look = dict[str, float]
 
 
@@ -82,11 +88,11 @@ def watch(home: Path, hours: float, speed: float) -> tuple[list[Look], int, list
             looks.append(look(trial.node, home / "node-data"))
             time.sleep(LOOK_S)
         trial.archive.wait_for(number)
-        return (
-            looks,
-            number,
-            [f"{len(trial.archive.got)} of {number} series were answered"] * (len(trial.archive.got) != number),
-        )
+        time.sleep(SETTLE_S)
+        wrong = [f"{name} is in no index" for name in unknown_files(home / "node-data")]
+        if len(trial.archive.got) != number:
+            wrong.append(f"{len(trial.archive.got)} of {number} series were answered")
+        return looks, number, wrong
     finally:
         trial.end()
 
@@ -102,12 +108,20 @@ def look(node: subprocess.Popen[bytes], data: Path) -> Look:
             found["handles"] += len(list(Path(f"/proc/{pid}/fd").iterdir()))
     # os.walk goes on where a folder was removed meanwhile
     files = [Path(folder) / name for folder, _, names in os.walk(data) for name in names]
-    with Index(data) as index:
-        known = sum(index.value(f"SELECT count(*) FROM {table}") for table in ("instances", "aside", "answers"))
-    found["other_files"] = len(files) - known
+    found["unknown_files"] = len(unknown_files(data))
     found["audit_kib"] = size_kib(lambda path: path.name == "audit.log", files)
     found["disk_kib"] = size_kib(lambda path: path.name != "audit.log", files)
     return found
+
+
+def unknown_files(data: Path) -> list[str]:
+    """Return the files below the node's folder that the index does not name, but for those of the node itself."""
+    there = {
+        Path(folder, name).relative_to(data).as_posix() for folder, _, names in os.walk(data) for name in names
+    }
+    with Index(data) as index:  # asked later: what is entered meanwhile is known
+        known = {path for table in TABLES for (path,) in index.rows(f"SELECT path FROM {table}")}
+    return sorted(path for path in there - known if "/" in path)
 
 
 def size_kib(wanted: Callable[[Path], bool], files: list[Path]) -> float:

@@ -16,6 +16,8 @@ import pytest
 from pydicom import dcmread
 from pydicom.dataset import FileDataset
 
+from ronnaplan.cli import main
+from ronnaplan.documents.dicom_spatial import SPATIAL_REGISTRATION
 from ronnaplan.node.hub import Hub
 from ronnaplan.node.index import Index
 from ronnaplan.node.logs import Log
@@ -39,7 +41,9 @@ diameters = [11.5]
 expected = 6
 answers = ["fiducials", "sr", "pdf", "sheet"]
 receivers = ["pacs", "web"]
+documents = "documents"
 """
+PATH = ("--entry", "-30", "-40", "78", "--target", "-10", "-5", "10")
 CLASSES = {
     "fiducials": "1.2.840.10008.5.1.4.1.1.66.2",
     "sr": "1.2.840.10008.5.1.4.1.1.88.34",
@@ -180,3 +184,37 @@ def test_a_node_that_starts_again_answers_nothing_twice(answered: tuple[Running,
     assert len(orthanc.instances()) == before
     states = running.index.rows("SELECT state, count(*) FROM deliveries GROUP BY state")
     assert states == [("kept", before), ("sent", before)]  # DICOMweb has no storage commitment
+
+
+@needs("storescu")
+def test_a_registration_and_a_plan_that_come_later_get_into_the_archive_too(
+    answered: tuple[Running, Orthanc], tmp_path: Path
+) -> None:
+    """The last one: it puts a second SR into the archive."""
+    running, orthanc = answered
+    scan = dcmread(SCAN / "CT0001.dcm", stop_before_pixels=True)
+    markers, registration, plan = (tmp_path / f"{name}.json" for name in ("fiducials", "registration", "plan"))
+    for command in (
+        ["localize", SCAN, "--diameter", "11.5", "--expected", "6", "-o", markers],
+        ["register", markers, SCAN / "readings.csv", "-o", registration],
+        ["plan", "new", SCAN, "-o", plan],
+        ["plan", "add", plan, "left", "--ct", SCAN, "--coordinates", "LPS", *PATH],
+    ):
+        assert main([str(part) for part in command]) == 0
+    folder = running.config.home / "documents" / scan.StudyInstanceUID
+    folder.mkdir(parents=True)
+    before, sent = len(orthanc.instances()), len(running.events("delivered"))
+    for path in (registration, plan):
+        path.rename(folder / path.name)
+    running.tick_until(lambda: len(running.events("delivered")) == sent + 4)
+    new = [one for one in orthanc.instances() if one.SOPClassUID == SPATIAL_REGISTRATION]
+    plans = [one for one in orthanc.instances() if "1 planned trajectories" in one.get("SeriesDescription", "")]
+    assert len(orthanc.instances()) == before + 2
+    assert len(new) == len(plans) == 1
+    for made in (*new, *plans):
+        assert (made.PatientID, made.StudyInstanceUID) == (scan.PatientID, scan.StudyInstanceUID)
+        path = tmp_path / "made.dcm"
+        made.save_as(path, enforce_file_format=True)
+        if program("dciodvfy"):
+            told = subprocess.run(["dciodvfy", "-new", str(path)], capture_output=True, text=True, check=False)
+            assert "Error" not in told.stderr, told.stderr

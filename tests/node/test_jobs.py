@@ -45,6 +45,29 @@ def states(index: Index) -> dict[str, tuple[str, int]]:
     return {SCANS[uid]: (state, attempts) for uid, state, attempts in rows}
 
 
+def test_files_that_are_no_answers_are_removed_at_the_start_and_with_their_job(
+    index: Index, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path.cwd()), os.environ.get("PYTHONPATH", "")]))
+    config = configuration(tmp_path, rule=[{"name": "all"}])
+    answers = config.data / "answers"
+    (answers / "9").mkdir(parents=True)
+    (answers / "9" / "y.dcm").write_bytes(b"of a node that was killed")
+    job(index, "1.4.0")
+    foreman = Foreman(config, index, Log(io.StringIO()), "tests.node.fake_work")
+    assert not list(answers.rglob("*"))
+
+    def over() -> bool:
+        foreman.tick(time.time())
+        return states(index)["good"][0] == "done"
+
+    try:
+        until(over, 60.0)
+    finally:
+        foreman.close()
+    assert [path.name for path in answers.rglob("*.*")] == ["x.dcm"]
+
+
 def test_no_job_keeps_another_one_waiting_and_each_ends_as_it_should(
     index: Index, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
