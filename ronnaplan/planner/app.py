@@ -14,6 +14,8 @@ from ronnaplan.planner import panels
 from ronnaplan.planner.actions import Actions, key_actions
 from ronnaplan.planner.arguments import Pixels, checked
 from ronnaplan.planner.cuts import HEAD, PATH_VIEWS, STANDARD, WINDOWS_HU
+from ronnaplan.planner.head_actions import HeadActions
+from ronnaplan.planner.head_look import OPENINGS
 from ronnaplan.planner.head_view import HeadView
 from ronnaplan.planner.painter import CUTS, Painter
 from ronnaplan.planner.pixels import Pixel
@@ -24,6 +26,8 @@ from ronnaplan.planner.worker import CancelledError
 from ronnaplan.planner.working import Working
 from ronnaplan.planning import INSTRUMENTS
 from ronnaplan.planning.sites import USUAL_DIAMETER_MM
+from ronnaplan.scene.surfaces import SURFACES
+from ronnaplan.scene.volume import PRESETS
 
 PAGE = files("ronnaplan.planner") / "page"
 SCENE_PAGE = files("ronnaplan.scene") / "page"
@@ -93,6 +97,7 @@ class PlannerApp:
                 "serve": {"planner_page": folder, "scene_page": str(Path(str(SCENE_PAGE)))},
                 "scripts": [
                     "scene_page/viewer.js",
+                    "scene_page/volume.js",
                     *(f"planner_page/{name}.js" for name in ("planner", "head", "files")),
                 ],
                 "styles": ["planner_page/planner.css"],
@@ -117,6 +122,10 @@ class PlannerApp:
                 "news": "",
                 "under": "",
                 "things": [],
+                "volume": {},
+                "surfaces": list(SURFACES),
+                "presets": list(PRESETS),
+                "openings": list(OPENINGS),
                 "picture_head": "",
                 "refusals": 0,
             }
@@ -186,12 +195,13 @@ class PlannerApp:
             **self.actions.by_name(),
             "key": self._press_key,
             "cancel": self.working.cancel,
-            "pictures": self._send_pictures,
-            "open_head": self._open_head,
+            **HeadActions(self.state, self.painter, self.server).by_name(),
         }
         for name, action in done.items():
             answer = self._answering(
-                checked(name, action), keep_message=name in ("release", "pictures"), moves=name == "wheel"
+                checked(name, action),
+                keep_message=name in ("release", "pictures", "volume_is_slow"),
+                moves=name == "wheel",
             )
             self.server.trigger(name)(answer)
         self.server.trigger("dismiss")(self._answering(self._dismiss, keep_message=False, moves=False))
@@ -223,18 +233,6 @@ class PlannerApp:
                 action(*arguments)
 
         return answer
-
-    def _send_pictures(self) -> None:
-        """A page cannot draw in 3-D itself: it is sent pictures from now on."""
-        self.painter.pictures, self.state.look.opened = True, False
-
-    def _open_head(self) -> None:
-        """Take the corner before the crosshair away, or put it back."""
-        if self.painter.pictures:
-            raise UsageError(
-                "a browser that shows this case draws no 3-D itself; the head is not opened in pictures"
-            )
-        self.state.look.opened = not self.state.look.opened
 
     def _take_size(self, view: str, width: Pixels, height: Pixels, ratio: float) -> None:
         self.painter.take_size(view, width, height, ratio)

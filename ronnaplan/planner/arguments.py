@@ -27,6 +27,9 @@ Pixels = Annotated[float, Field(ge=-MOST_PIXELS, le=MOST_PIXELS)]
 Steps = Annotated[float, Field(ge=-MOST_STEPS, le=MOST_STEPS)]
 """How far a wheel was turned."""
 
+Strength = Annotated[float, Field(ge=0.05, le=20.0)]
+"""How dense a whole scan is drawn."""
+
 Index = Annotated[int, Field(ge=0)]
 """A place in a list."""
 

@@ -6,6 +6,7 @@ import base64
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from aiohttp import web
 
 from ronnaplan.errors import InputError
@@ -18,6 +19,7 @@ from ronnaplan.scene.field import Field, of_mask
 from ronnaplan.scene.packed import packed
 from ronnaplan.scene.shapes import Body
 from ronnaplan.scene.surfaces import REGION, surfaces
+from ronnaplan.scene.volume import PRESETS, Volume, table
 
 MOST_TRIANGLES = 40_000
 """As many as are drawn again and again while an end is dragged, without a graphics card."""
@@ -32,6 +34,7 @@ class HeadView:
         self.region_places_mm: dict[str, FloatArray] = {}
         self.wanting = ""
         """Why there are no surfaces, empty where there are."""
+        self.volume: Volume | None = None
         self._surfaces: dict[str, Body] = {}
         self._regions: dict[str, Body] = {}
         self._shown: dict[str, Any] = {}
@@ -43,7 +46,9 @@ class HeadView:
         """Have the surfaces of skin, skull and no-go regions made; takes seconds, and touches no other part."""
         volume = self.state.case.volume
         try:
-            self._surfaces = surfaces(Field.of(volume), most_triangles=MOST_TRIANGLES)
+            field = Field.of(volume)
+            self.volume = Volume.of(field)
+            self._surfaces = surfaces(field, most_triangles=MOST_TRIANGLES)
             for name, mask in self.state.case.no_go.items():
                 region = surfaces(of_mask(volume, mask), {"region": REGION}, outside=0.0)
                 self._regions[name] = region["region"]
@@ -67,6 +72,22 @@ class HeadView:
         if one is None:
             raise web.HTTPNotFound(text="it is no longer shown")
         return web.json_response(packed(one))
+
+    async def serve_volume(self, _: web.Request) -> web.Response:
+        """Answer with the whole scan, as the page's graphics card draws it."""
+        if self.volume is None:
+            raise web.HTTPNotFound(text="it is not made yet")
+        return web.Response(body=self.volume.packed, content_type="application/octet-stream")
+
+    @property
+    def drawn_whole(self) -> dict[str, Any]:
+        """How the page draws the scan whole: table, opacity and where it lies; empty where surfaces are drawn."""
+        look = self.state.look
+        if self.volume is None or not look.preset:
+            return {}
+        shades = table(PRESETS[look.preset], look.strength)
+        least = int(np.flatnonzero(shades[:, 3])[0])
+        return {**self.volume.shape, "table": base64.b64encode(shades.tobytes()).decode(), "least": least / 255}
 
     @property
     def camera(self) -> Camera | None:
@@ -94,12 +115,12 @@ class HeadView:
         """Show surface, markers and proposals as they are now; tells whether any of them changed."""
         state = self.state
         layers: dict[str, tuple[Any, Callable[[], None]]] = {
-            "surface": (state.look.surface, lambda: self._show_surface(scene)),
+            "surface": ((state.look.surface, state.look.preset), lambda: self._show_surface(scene)),
             "markers": (state.case.fiducials, scene.show_markers),
             "proposals": (state.offers.proposals, lambda: scene.show_proposals(state.offers.proposals)),
             "placement": (state.offers.placement, lambda: scene.show_placement(state.offers.placement)),
         }
-        changed = [name for name, (now, _) in layers.items() if self._shown.get(name, self) is not now]
+        changed = [name for name, (now, _) in layers.items() if not _same(self._shown.get(name, self), now)]
         for name in changed:
             self._shown[name], show = layers[name]
             show()
@@ -124,5 +145,12 @@ class HeadView:
 
     def _show_surface(self, scene: Scene) -> None:
         kind = self.state.look.surface
-        if kind in self._surfaces:
+        if self.state.look.preset:
+            scene.hide_surface()
+        elif kind in self._surfaces:
             scene.show_surface(kind, self._surfaces[kind])
+
+
+def _same(shown: Any, now: Any) -> bool:
+    """Whether a layer is as it was: texts by what they say, all else by being the very same."""
+    return shown == now if isinstance(now, tuple) and isinstance(shown, tuple) else shown is now

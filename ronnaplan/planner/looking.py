@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
-from functools import cached_property
 
 import numpy as np
 
@@ -12,12 +11,10 @@ from ronnaplan.case.edits import OpenCase
 from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.geometry import FloatArray, as_points
 from ronnaplan.planner.cuts import ACROSS, PATH_VIEWS, STANDARD, WINDOWS_HU, path_axes
+from ronnaplan.planner.head_look import HeadLooking
 from ronnaplan.planner.storage import LAYOUTS, Look, Storage
 from ronnaplan.planning import Plan, Trajectory
-from ronnaplan.planning.sampling import AIR_HU, SliceSampler
 from ronnaplan.scene.cut import Cut
-from ronnaplan.scene.field import bounds_mm
-from ronnaplan.scene.surfaces import SURFACES
 
 LEAST_FIELD_MM, GREATEST_FIELD_MM = 10.0, 1000.0
 """Bounds of the zoom."""
@@ -34,29 +31,19 @@ OWN_WINDOW = "own"
 LOWEST_HU, GREATEST_HU, NARROWEST_HU = -10_000.0, 100_000.0, 2.0
 """Bounds of a window."""
 
-SNAP_MM, SNAP_STEP_MM, SNAP_WAYS = 12.0, 0.25, 64
-"""An entry that is clicked or dragged so near to the scalp goes onto it; looked for in such steps and so many ways."""
 
-RAY_STEP_MM = 0.5
-"""A surface is looked for along a ray in steps of this size."""
-
-
-class Looking:
+class Looking(HeadLooking):
     """Where one person looks in an open case."""
 
     def __init__(self, case: OpenCase, storage: Storage) -> None:
         """Look where the case was left."""
         self.case, self.storage = case, storage
-        self.scan = SliceSampler.of(case.volume)
-        self.crosshair_mm: FloatArray
+        super().__init__(case.volume)
         self.center_mm: FloatArray
         self.field_mm: float
         self.window: str
         self.window_hu: tuple[float, float]
         self.layout: str
-        self.surface = "skin"
-        self.opened = False
-        """Whether the corner of the head that lies between crosshair and eye is taken away in the 3-D view."""
         self.marker: str | None = None
         self.begun_mm: FloatArray | None = None
         """The entry of a trajectory whose target is still to be clicked."""
@@ -136,10 +123,6 @@ class Looking:
         self.layout = name
         self.save()
 
-    def other_surface(self) -> None:
-        """Show the skull in the place of the skin in the 3-D view, or the other way about."""
-        self.surface = "skull" if self.surface == "skin" else "skin"
-
     def cut(self, view: str) -> Cut:
         """Return the plane that a view shows; a path view needs a selected trajectory."""
         _require_view(view, (*STANDARD, *PATH_VIEWS))
@@ -149,54 +132,6 @@ class Looking:
         away = np.cross(right, down)
         center = self.center_mm + (self.crosshair_mm - self.center_mm) @ away * away
         return Cut(right, down, center, self.field_mm)
-
-    def surface_along(self, origin_mm: FloatArray, direction: FloatArray) -> FloatArray | None:
-        """Return where a ray from ``origin_mm`` (3,) along the unit vector (3,) first meets the surface shown.
-
-        The surface is taken from the voxels, not from the coarse triangles of the 3-D view; None if it is missed.
-        """
-        reach = float(np.linalg.norm(np.abs(origin_mm - np.array(self.bounds_mm)).max(axis=0)))
-        places = origin_mm + np.arange(0.0, reach, RAY_STEP_MM)[:, np.newaxis] * direction
-        values, level = self.scan.values_hu(places), SURFACES[self.surface].value
-        there = values >= level
-        if self.opened:
-            there &= ~((places - self.crosshair_mm) * self.opened_towards(origin_mm) > 0.0).all(axis=1)
-        inside = np.flatnonzero(there)
-        if not len(inside):
-            return None
-        first = int(inside[0])
-        before = values[first - 1] if first else np.nan
-        share = (values[first] - level) / (values[first] - before) if before < level else 0.0
-        place: FloatArray = places[first] - share * RAY_STEP_MM * direction
-        return place
-
-    def onto_scalp(self, place_mm: FloatArray, plane: Cut) -> FloatArray:
-        """Return the place (3,) on the skin nearest to another in a plane, or the other if none is within `SNAP_MM`."""
-        angles = np.linspace(0.0, 2 * np.pi, SNAP_WAYS, endpoint=False)[:, np.newaxis]
-        ways = np.cos(angles) * plane.right + np.sin(angles) * plane.down
-        reaches = np.arange(0.0, SNAP_MM + SNAP_STEP_MM, SNAP_STEP_MM)
-        places = place_mm + ways[:, np.newaxis] * reaches[:, np.newaxis]
-        level = SURFACES["skin"].value
-        above = (
-            np.nan_to_num(self.scan.values_hu(places.reshape(-1, 3)), nan=AIR_HU).reshape(places.shape[:2]) - level
-        )
-        crosses = (above[:, 1:] >= 0.0) != (above[:, :-1] >= 0.0)
-        if not crosses.any():
-            return place_mm
-        first = np.where(crosses.any(axis=1), crosses.argmax(axis=1), len(reaches))
-        way = int(first.argmin())
-        before, after = above[way, first[way] : first[way] + 2]
-        found: FloatArray = place_mm + (reaches[first[way]] + SNAP_STEP_MM * before / (before - after)) * ways[way]
-        return found
-
-    def opened_towards(self, eye_mm: FloatArray) -> FloatArray:
-        """Return the signs (3,) of the LPS axes, from the crosshair, of the corner that is taken away."""
-        return np.where(eye_mm < self.crosshair_mm, -1.0, 1.0)
-
-    @cached_property
-    def bounds_mm(self) -> tuple[FloatArray, FloatArray]:
-        """Smallest and largest LPS coordinates (3,) of voxel centers."""
-        return bounds_mm(self.case.volume)
 
     @property
     def step_mm(self) -> float:

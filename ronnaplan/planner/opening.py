@@ -41,7 +41,8 @@ def seen_from(state: PlannerState, camera: Camera | None, panes: dict[str, Pane]
     if not state.look.opened:
         return eye
     way = state.look.opened_towards(camera.position_mm)
-    planes = [_plane(state, view, panes[view]) for view in STANDARD]
+    shown = STANDARD if state.look.opened == "corner" else (state.look.opened,)
+    planes = [_plane(state, view, panes[view]) for view in shown]
     return {**eye, "corner": state.look.crosshair_mm.tolist(), "way": way.tolist(), "planes": planes}
 
 

@@ -56,7 +56,7 @@ def over_head(
         points.append(_point(camera, "entry", state.look.begun_mm, BEGUN_COLOUR))
     return {
         **drawn,
-        "title": wanting or f"3-D {state.look.surface}; tubes hold the path with 95 %",
+        "title": wanting or f"3-D {state.look.preset or state.look.surface}; tubes hold the path with 95 %",
         "markers": _markers(state, camera, show_rejected),
         "points": [one for one in points if one is not None],
         "paths": [_path(camera, one, state) for one in state.case.plan.trajectories],

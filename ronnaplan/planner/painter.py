@@ -108,11 +108,14 @@ class Painter:
             "surface": state.look.surface,
             "layout": state.look.layout,
             "opened": state.look.opened,
+            "shown_as": state.look.preset or state.look.surface,
+            "strength": state.look.strength,
             "marker": state.look.marker or "",
             "sought": state.case.fiducials.marker.diameter_mm if state.case.fiducials else 0,
         }
         if self.measured:
             self.head.update()
+            values.volume = {} if self.pictures else self.head.drawn_whole
             values.things = self.head.scene.listed if self.head.scene else []
             values.picture_head = self.head.picture(self._shape(HEAD)) if self.pictures else ""
 

@@ -40,10 +40,14 @@ class Scene:
 
     def show_surface(self, kind: str, body: Body) -> None:
         """Show skin or skull in the place of the other."""
-        for name in OPACITY:
-            self._shown.pop(name, None)
+        self.hide_surface()
         if len(body.triangles):
             self._show(getattr(things, kind)(body, OPACITY[kind]))
+
+    def hide_surface(self) -> None:
+        """Show neither skin nor skull."""
+        for name in OPACITY:
+            self._shown.pop(name, None)
 
     def show_region(self, name: str, body: Body) -> None:
         """Show a no-go region."""

@@ -65,6 +65,7 @@ def serve(
     def close(web_server: Any) -> None:
         web_server.app.middlewares.append(gate(known.token, LOOPBACK | {host}))
         web_server.app.router.add_get("/things/{key}", app.head.serve_thing)
+        web_server.app.router.add_get("/volume", app.head.serve_volume)
         web_server.app.add_routes(handing.routes())
 
     def repeat(message: str) -> None:

@@ -62,7 +62,19 @@ def look(url: str) -> None:
         eventually(page, lambda: np.allclose(np.array(value(page, "eye")["axes"][6:]), [0, -1, 0], atol=1e-6))
         whole = seen(page)
 
-        page.check("#opened")
+        page.select_option("#shown-as", "bone")
+        page.wait_for_function("window.trame.state.get('volume').table")
+        assert all(one["name"] not in ("skin", "skull") for one in value(page, "things"))
+        eventually(page, lambda: changed(seen(page), whole) > 0.05)
+        dense = value(page, "volume")["table"]
+        page.locator("#strength").fill("-2")
+        eventually(page, lambda: value(page, "volume")["table"] != dense)
+        page.select_option("#opened", "sagittal")
+        eventually(page, lambda: len(value(page, "eye")["planes"]) == 1)
+        page.select_option("#shown-as", "skin")
+        eventually(page, lambda: any(one["name"] == "skin" for one in value(page, "things")))
+
+        page.select_option("#opened", "corner")
         eventually(page, lambda: len(value(page, "eye")["planes"]) == 3)
         cut_open = seen(page)
         assert changed(cut_open, whole) > 0.05

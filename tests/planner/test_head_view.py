@@ -31,7 +31,10 @@ def made() -> dict[str, Body]:
 @pytest.fixture
 def head(state: PlannerState, made: dict[str, Body], monkeypatch: pytest.MonkeyPatch) -> HeadView:
     monkeypatch.setattr("ronnaplan.planner.head_view.surfaces", lambda field, most_triangles: made)
-    monkeypatch.setattr("ronnaplan.planner.head_view.Field", SimpleNamespace(of=lambda volume: None))
+    monkeypatch.setattr(
+        "ronnaplan.planner.head_view.Field",
+        SimpleNamespace(of=lambda volume: Field(np.full((8, 8, 8), -1000.0, dtype=np.float32), np.zeros(3), 30.0)),
+    )
     view = HeadView(state)
     view.load()
     assert not view.wanting

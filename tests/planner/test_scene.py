@@ -87,7 +87,7 @@ def test_only_what_is_left_of_an_opened_head_is_picked(scene: Scene) -> None:
     behind = look.crosshair_mm + np.array([3.0, 4.0, -2.0])
     ray = (behind - eye) / np.linalg.norm(behind - eye)
     whole = look.surface_along(eye, ray)
-    look.opened = True
+    look.open_head("corner")
     opened = look.surface_along(eye, ray)
     assert whole is not None
     assert opened is not None

@@ -11,6 +11,7 @@
     canvas.closest(".rp-view").classList.add("rp-drawn-here");
     window.trame.state.watch(["things"], (listed) => load(canvas, listed ?? []));
     window.trame.state.watch(["eye"], look);
+    window.trame.state.watch(["volume"], whole);
     for (const name of ["axial", "coronal", "sagittal"]) {
       window.trame.state.watch([`picture_${name}`], (url) => viewer && picture(name, url));
     }
@@ -46,7 +47,7 @@
     if (!viewer || !eye?.position) return;
     Object.assign(viewer, { eye, reach: eye.reach, corner: eye.corner, way: eye.way });
     viewer.planes = eye.planes.filter((one) => pictures[one.view]).map((one) => ({ ...one, texture: pictures[one.view] }));
-    viewer.redraw();
+    finely();
   }
   async function picture(name, url) {
     if (!url) return;
@@ -56,6 +57,50 @@
     if (!viewer || !image.width) return;
     pictures[name] = viewer.picture(image, pictures[name]);
     look(window.trame.state.get("eye"));
+  }
+
+  // The whole scan: coarsely while something moves, as coarsely as this machine needs; it is a surface where that is still slow.
+  const COARSEST = 0.25, QUICK_MS = 60, REST_MS = 250, LONGEST_MS = 2500;
+  const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+  let coarse = 1, finest = 1, resting = 0;
+  async function whole(told) {
+    if (!viewer) return;
+    if (!told?.table) {
+      viewer.whole = null;
+      return viewer.redraw();
+    }
+    const drawn = (viewer.volume ??= window.ronnaplanVolume(viewer));
+    drawn.paint(bytes(told.table), told.least);
+    if (!drawn.ready) {
+      const answer = await fetch("volume");
+      if (!answer.ok || !viewer) return;
+      drawn.load(new Uint8Array(await answer.arrayBuffer()), told);
+      viewer.whole = drawn;
+      if (viewer.eye && !measured()) return window.trame.trigger("volume_is_slow");
+    }
+    viewer.whole = drawn;
+    finely();
+  }
+  // Finds how coarse the rays have to be; false where even the coarsest take too long.
+  function measured() {
+    const took = (share) => ((viewer.whole.share = share), viewer.timed(), viewer.timed());
+    const quarter = took(COARSEST);
+    if (quarter > SLOWEST_MS * 2) return (viewer.whole = null), false;
+    const full = quarter / COARSEST ** 2;
+    coarse = Math.min(1, Math.max(COARSEST, Math.sqrt(QUICK_MS / Math.max(full, 1))));
+    finest = Math.min(1, Math.sqrt(LONGEST_MS / Math.max(full, 1)));
+    return true;
+  }
+  function finely() {
+    if (!viewer?.whole) return viewer?.redraw();
+    viewer.whole.share = coarse;
+    viewer.redraw();
+    clearTimeout(resting);
+    resting = setTimeout(() => {
+      if (!viewer?.whole || coarse >= finest) return;
+      viewer.whole.share = finest;
+      viewer.redraw();
+    }, REST_MS);
   }
 
   const LOOK_MS = 50;

@@ -27,7 +27,7 @@ window.ronnaplanViewer = (canvas) => {
     precision highp float;
     uniform vec4 colour, corner; uniform vec3 way; in vec3 bright, towards, world, tint; out vec4 shade;
     void main() {
-      if (corner.w > 0.0 && all(greaterThan((world - corner.xyz) * way, vec3(0.0)))) discard;
+      if (corner.w > 0.0 && all(greaterThan((world - corner.xyz) * way + 1.0 - abs(way), vec3(0.0)))) discard;
       vec3 n = normalize(bright), v = normalize(towards);
       if (dot(n, v) < 0.0) n = -n;
       vec3 key = normalize(vec3(-0.5, 0.6, 0.9)), fill = normalize(vec3(0.9, 0.1, 0.5));
@@ -51,7 +51,7 @@ window.ronnaplanViewer = (canvas) => {
     precision highp float;
     uniform sampler2D picture; uniform vec4 corner; uniform vec3 way, across; in vec2 at; in vec3 world; out vec4 shade;
     void main() {
-      // only the three faces of the corner that was taken away
+      // only the faces of the part that was taken away
       if (any(lessThan((world - corner.xyz) * way + across * 1e6, vec3(-0.01)))) discard;
       float grey = texture(picture, at).r;
       if (grey < 0.03) discard; // the air about the head
@@ -88,7 +88,8 @@ window.ronnaplanViewer = (canvas) => {
     gl.vertexAttribPointer(at, count, kind, true, stride, 0);
   }
 
-  const view = { things: [], planes: [], corner: null, way: [1, 1, 1], eye: null, reach: 1 };
+  // `whole` draws a scan among the bodies (volume.js), where there is one.
+  const view = { things: [], planes: [], corner: null, way: [1, 1, 1], eye: null, reach: 1, whole: null, gl, program };
 
   view.load = (packed) => {
     const thing = { ...packed, buffers: [], shape: gl.createVertexArray(), shown: true };
@@ -119,6 +120,7 @@ window.ronnaplanViewer = (canvas) => {
     return texture;
   };
 
+  view.look = look;
   function look({ made, set }, width, height) {
     gl.useProgram(made);
     const { position, axes, away } = view.eye, shorter = Math.min(width, height);
@@ -154,6 +156,10 @@ window.ronnaplanViewer = (canvas) => {
     const ratio = window.devicePixelRatio;
     const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((side) => Math.max(1, Math.round(side * ratio)));
     if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
+    if (view.whole?.ready) view.whole.draw(width, height, () => drawBodies(width, height));
+    else drawBodies(width, height);
+  };
+  function drawBodies(width, height) {
     gl.viewport(0, 0, width, height);
     gl.clearColor(...BACKGROUND, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
@@ -175,7 +181,7 @@ window.ronnaplanViewer = (canvas) => {
       gl.depthFunc(gl.LESS);
       gl.disable(gl.BLEND);
     }
-  };
+  }
   let asked = false;
   view.redraw = () => {
     if (asked) return;
