@@ -29,6 +29,9 @@ SHAPE_BOUNDS = (0.0, 5.0)
 BOUNDS = {SHAPE: SHAPE_BOUNDS, EDGE: EDGE_BOUNDS}
 """Those of the parameters that may end at one."""
 
+LEAST_RADIUS_MM, LEAST_WIDTH_MM = 0.2, 0.02
+"""No ball is smaller, no slice profile narrower: a step beyond would divide by nearly nothing."""
+
 MAX_CONTRAST_HU = 32000.0
 """No extended scale of a CT goes beyond this (16 bits with an offset): where clipping hides a ball's true contrast,
 it cannot run away."""
@@ -51,8 +54,8 @@ LOOK_STEPS, LOOK_GAIN = 12, 0.001
 """A look, after which the fit goes on or is given up, ends after so many steps or with one that gains less than this
 share of the squared residuals: what is no ball never comes to rest."""
 
-FIRST_DAMPING = 1e-5
-"""Levenberg-Marquardt damping at the start of a descent, as a share of the matrix's diagonal."""
+FIRST_DAMPING, LEAST_DAMPING = 1e-5, 1e-9
+"""Levenberg-Marquardt damping at the start of a descent, and at least, as a share of the matrix's diagonal."""
 
 MAX_WANDER = 0.5
 """A fit that moves by more than this share of the radius has left its candidate, and is not pursued."""
@@ -114,7 +117,7 @@ def descend(
         if new_cost < cost:
             is_at_rest = cost - new_cost < (REST_GAIN if is_still else least_gain) * cost
             theta, cost, slope, matrix = trial, new_cost, new_slope, new_matrix
-            damping = max(damping / 10.0, 1e-9)
+            damping = max(damping / 10.0, LEAST_DAMPING)
         else:
             is_at_rest = is_still
             damping *= 10.0
@@ -137,10 +140,10 @@ def _step(matrix: FloatArray, slope: FloatArray, damping: float, theta: FloatArr
 
 def _bounded(theta: FloatArray, before: FloatArray) -> FloatArray:
     """Keep a step within what a scanner can do, and the blur within reach of what it was: it may not overshoot."""
-    theta[RADIUS] = max(theta[RADIUS], 0.2)
+    theta[RADIUS] = max(theta[RADIUS], LEAST_RADIUS_MM)
     blur_mm = np.clip(theta[BLUR], before[BLUR] / BLUR_STEP, before[BLUR] * BLUR_STEP)
     theta[BLUR] = np.clip(blur_mm, *BLUR_BOUNDS_MM)
-    theta[WIDTH] = max(theta[WIDTH], 0.02)
+    theta[WIDTH] = max(theta[WIDTH], LEAST_WIDTH_MM)
     for place, bounds in BOUNDS.items():
         theta[place] = np.clip(theta[place], *bounds)
     theta[CONTRAST] = min(theta[CONTRAST], MAX_CONTRAST_HU)
