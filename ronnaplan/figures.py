@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
@@ -20,8 +22,8 @@ IN_PATIENT = ("x mm (right to left)", "y mm (front to back)", "z mm (feet to hea
 ELSEWHERE = ("x mm", "y mm", "z mm")
 
 MARKER_COLOUR, QUIET_COLOUR, DOUBT_COLOUR = "#d1495b", "#7a8b99", "#00798c"
-MARGIN_MM = 25.0
-"""Shown about the outermost points."""
+MARGIN_MM, WIDER = 25.0, 1.2
+"""Shown about the outermost points, and by how much more where nothing else gives the frame: labels stand there."""
 
 
 class Picture(Figure):
@@ -60,14 +62,46 @@ class ThreeViews:
                     axes.invert_yaxis()
             self._panes[across, up] = axes
 
-    def points(self, places_mm: FloatArray, labels: Sequence[str] = (), **style: Any) -> None:
-        """Draw points, named where there are labels."""
-        style = {"color": MARKER_COLOUR, "marker": "o", "markersize": 6, "linestyle": "none", **style}
+    def points(self, places_mm: FloatArray, labels: Sequence[str] = (), colours: Sequence[str] = ()) -> None:
+        """Draw points, named where there are labels, each of its own colour where there are colours."""
+        shown = colours or [MARKER_COLOUR] * len(places_mm)
         for (across, up), axes in self._panes.items():
-            axes.plot(places_mm[:, across], places_mm[:, up], **style)
-            for place, label in zip(places_mm, labels, strict=False):
-                offset = {"xytext": (5, 4), "textcoords": "offset points"}
-                axes.annotate(label, (place[across], place[up]), fontsize=8, color=style["color"], **offset)
+            axes.scatter(places_mm[:, across], places_mm[:, up], s=36, c=shown, zorder=3)
+        if labels:
+            self.names(places_mm, labels, shown, places_mm)
+
+    def names(
+        self, places_mm: FloatArray, labels: Sequence[str], colours: Sequence[str], beyond_mm: FloatArray
+    ) -> None:
+        """Write labels above or below places, away from others (N, 3), to be read before any background."""
+        outlined = [withStroke(linewidth=2.5, foreground="white")]
+        for (across, up), axes in self._panes.items():
+            turn = -1 if axes.yaxis_inverted() else 1
+            for place, label, colour, other in zip(places_mm, labels, colours, beyond_mm, strict=True):
+                above = turn * (place[up] - other[up]) >= 0
+                axes.annotate(
+                    label,
+                    (place[across], place[up]),
+                    xytext=(0, 6 if above else -6),
+                    textcoords="offset points",
+                    ha="center",
+                    va="bottom" if above else "top",
+                    fontsize=8,
+                    color=_dark(colour),
+                    zorder=4,
+                    path_effects=outlined,
+                )
+
+    def frame(self, places_mm: FloatArray) -> None:
+        """Show the same width about places (N, 3) in every view, with a margin about the outermost."""
+        if len(places_mm) == 0:
+            return
+        low, high = places_mm.min(axis=0), places_mm.max(axis=0)
+        reach = WIDER * float((high - low).max()) / 2 + MARGIN_MM
+        for (across, up), axes in self._panes.items():
+            middle, turn = (low + high) / 2, -1 if axes.yaxis_inverted() else 1
+            axes.set_xlim(middle[across] - reach, middle[across] + reach)
+            axes.set_ylim(middle[up] - turn * reach, middle[up] + turn * reach)
 
     def segments(self, starts_mm: FloatArray, ends_mm: FloatArray, colours: Sequence[str]) -> None:
         """Draw a line from each start to its end."""
@@ -80,7 +114,8 @@ class ThreeViews:
         for view, (image, extent) in images.items():
             axes = self._panes[view]
             upside_down = axes.yaxis_inverted()
-            axes.imshow(image, extent=extent, origin="lower", cmap="gray", vmin=-1000.0, vmax=1500.0, zorder=-1)
+            look = {"cmap": "gray", "vmin": -1000.0, "vmax": 1500.0, "interpolation": "bilinear"}
+            axes.imshow(image, extent=extent, origin="lower", zorder=-1, **look)
             if upside_down and not axes.yaxis_inverted():
                 axes.invert_yaxis()
 
@@ -101,3 +136,9 @@ class ThreeViews:
         bar = self.picture.colorbar(drawn, ax=list(self._panes.values()), shrink=0.8)
         bar.set_label(label, fontsize=8)
         bar.ax.tick_params(labelsize=7)
+
+
+def _dark(colour: str) -> tuple[float, float, float]:
+    """Return a colour dark enough for letters outlined in white."""
+    red, green, blue = to_rgb(colour)
+    return 0.6 * red, 0.6 * green, 0.6 * blue

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.text import Annotation
 
 import ronnaplan
 from ronnaplan import CTVolume, Fiducials, Pairing, Registration, Trajectory, localize, match_points, read_ct
@@ -109,6 +110,22 @@ def test_a_silhouette_stands_where_its_voxels_are() -> None:
         assert image.max() == 900
     assert some_fiducials().plot(a_scan()).png().startswith(b"\x89PNG")
     assert a_plan()._repr_html_() != Plan(SeriesSource())._repr_html_()
+
+
+def test_three_views_show_all_at_one_scale_and_name_paths_at_their_entries() -> None:
+    plan = a_plan()
+    panes = plan.plot().axes
+    widths = {
+        round(float(abs(np.ptp(limits))), 6) for axes in panes for limits in (axes.get_xlim(), axes.get_ylim())
+    }
+    assert len(widths) == 1
+    assert panes[0].yaxis_inverted()
+    names = [text for text in panes[1].findobj(Annotation) if text.get_text() == plan[0].name]
+    assert [text.xy for text in names] == [(plan[0].entry_mm[0], plan[0].entry_mm[2])]
+    for axes, (across, up) in zip(panes, ((0, 1), (0, 2), (1, 2)), strict=True):
+        for place in (plan[0].entry_mm, plan[0].target_mm):
+            assert min(axes.get_xlim()) < place[across] < max(axes.get_xlim())
+            assert min(axes.get_ylim()) < place[up] < max(axes.get_ylim())
 
 
 SCAN = a_scan()

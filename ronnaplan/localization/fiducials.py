@@ -160,9 +160,11 @@ class Fiducials(Shown[Fiducial]):
         from ronnaplan.figures import ThreeViews
 
         views = ThreeViews(self._headline(), in_patient=True)
-        if volume is not None:
-            views.silhouettes(silhouettes(volume))
         views.points(self.centers, self.labels)
+        if volume is None:
+            views.frame(self.centers)
+        else:
+            views.silhouettes(silhouettes(volume))
         return views.picture
 
     @property

@@ -108,16 +108,19 @@ class Plan(Shown[Trajectory]):
         from ronnaplan.figures import ThreeViews
 
         views = ThreeViews(self._headline(), in_patient=True)
-        if volume is not None:
-            self.require_scan(volume)
-            views.silhouettes(silhouettes(volume))
         entries, targets = (
             np.array([getattr(one, end) for one in self], dtype=np.float64).reshape(-1, 3)
             for end in ("entry_mm", "target_mm")
         )
         colours = [one.colour for one in self]
         views.segments(entries, targets, colours)
-        views.points(targets, [one.name for one in self])
+        views.points(targets, colours=colours)
+        views.names(entries, [one.name for one in self], colours, targets)
+        if volume is None:
+            views.frame(np.concatenate([entries, targets]))
+        else:
+            self.require_scan(volume)
+            views.silhouettes(silhouettes(volume))
         return views.picture
 
     @property

@@ -73,15 +73,14 @@ def _blurred(volume: CTVolume, cell_mm: float) -> CTVolume:
     grid, (_, rows, columns) = volume.grid, volume.voxels_hu.shape
     across = max(2, round(columns * min(1.0, grid.column_spacing_mm / cell_mm)))
     down = max(2, round(rows * min(1.0, grid.row_spacing_mm / cell_mm)))
-    planes = []
-    for plane in volume.voxels_hu:
+    values = np.empty((len(volume.voxels_hu), down, across), dtype=np.float32)
+    for number, plane in enumerate(volume.voxels_hu):
         whole = np.clip(plane.astype(np.float32), AIR_HU, GREATEST_HU)
         small = cv2.resize(whole, (across, down), interpolation=cv2.INTER_AREA)
-        planes.append(
-            cv2.GaussianBlur(small, (0, 0), BLUR_CELLS * cell_mm * across / columns / grid.column_spacing_mm)
-        )
+        blur = BLUR_CELLS * cell_mm * across / columns / grid.column_spacing_mm
+        values[number] = cv2.GaussianBlur(small, (0, 0), blur)
     blur_slices = max(BLUR_GAPS, BLUR_CELLS * cell_mm / grid.typical_gap_mm)
-    values = gaussian_filter1d(np.asarray(planes, dtype=np.float32), blur_slices, axis=0, mode="nearest")
+    gaussian_filter1d(values, blur_slices, axis=0, mode="nearest", output=values)
     wide, high = columns / across, rows / down
     first = grid.origins_mm + (wide - 1) / 2 * grid.column_step_mm + (high - 1) / 2 * grid.row_step_mm
     coarse = SliceGrid(first, grid.row_step_mm * high, grid.column_step_mm * wide, grid.thickness_mm)

@@ -39,7 +39,7 @@ def asked(task: str, arrays: Arrays) -> Arrays:
     try:
         done = subprocess.run(
             [sys.executable, "-m", "ronnaplan.scene.workshop"],
-            input=stream.getvalue(),
+            input=stream.getbuffer(),
             capture_output=True,
             timeout=LONGEST_S,
             check=True,
