@@ -7,7 +7,7 @@ rays, which gives the direction to the center without that bias.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,28 +15,32 @@ from numpy.typing import NDArray
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.camera import Camera
+from ronnaplan.robot.circles import SMALLEST_RADIUS_PX, Circle, find_circles
+from ronnaplan.robot.limb import FIRST_BLUR_PX, Limb, find_limb
 
-SMALLEST_RADIUS_PX = 8.0
-"""Smaller bright blobs are stray reflections, or too coarse to measure."""
-SMALLEST_ROUNDNESS = 0.75
-"""4 pi area / perimeter^2 of an outline, 1 for a circle; streaks and merged blobs fall below."""
-SMALLEST_CONTRAST_SDS = 5.0
-"""A blob must stand out from its surroundings by this many noise standard deviations."""
-PROFILE_STEP_PX = 0.25
-PROFILE_REACH = 0.25
-"""Edges are sought within this share of the radius (at least `PROFILE_LEAST_PX`) about the coarse outline."""
-PROFILE_LEAST_PX = 5.0
-LEVEL_SPOKES = 9
-"""The brightness on both sides of the edge is averaged over so many neighbouring profiles: light may fall unevenly."""
-CONSENSUS_PX = 1.0
-"""A first outline is the one that most points lie as near to, so that hidden or spoilt parts do not pull it."""
-LARGEST_RMS_PX = 0.5
-"""Points that scatter more about their outline are no sphere's."""
+CONSENSUS_PX = 2.0
+"""A first outline is the one that most edges lie as near to, so that hidden or spoilt parts do not pull it."""
+PASSES, STEPS = 6, 2
+"""The limb is fitted anew about the outline found, at most so often and in so many steps each."""
+SETTLED_SDS = 0.25
+"""It is settled when the direction moves by less than this share of its standard deviation."""
+LARGEST_FEEDBACK = 0.75
+"""Light is told from within the outline found: at most this share of the outline's error comes back by it."""
+FLOOR_PX = 0.01
+"""What the model of the limb errs in a sector at best."""
+LARGEST_SD_PX = 0.5
+"""Sectors that know their edge worse are left out."""
+LARGEST_MISFIT = 1.5
+"""So are those that the model fits worse than the typical one by this factor."""
 OUTLIER_SDS = 4.0
-SMALLEST_COVERAGE = 0.6
+SMALLEST_COVERAGE = 0.5
 """Share of the outline that must agree with the cone; the rest may be hidden or spoilt by a reflection."""
-CORRELATED_POINTS = 3.0
-"""Outline points stand one pixel apart and share interpolated pixels: so many count as one in the covariance."""
+LARGEST_RMS_PX = 0.3
+"""Points that scatter more about their outline are no sphere's."""
+LARGEST_OVAL_PX = 0.15
+"""Points of a flat disc's outline go in a wave about a cone: more than this, beyond its error, is no sphere's."""
+WAVES = (2, 3, 4)
+OUTLINE_POINTS = 180
 ITERATIONS = 20
 
 Image = NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float64]
@@ -73,120 +77,67 @@ def find_outlines(image: Image, camera: Camera) -> list[Outline]:
         raise InputError(
             f"a camera image has shape {grey.shape}; expected grey values (rows, columns), all finite"
         )
-    outlines = []
-    for center, radius in _blobs(grey):
-        outline = _outline(grey, center, radius, camera)
-        if outline is not None:  # again about what was found: a reflection beside a blob shifts its middle
-            outline = _outline(grey, *_circle(outline.points_px), camera)
-        if outline is not None and outline.rms_px <= LARGEST_RMS_PX:
-            outlines.append(outline)
-    return outlines
+    outlines = [_outline(grey, circle, camera) for circle in find_circles(grey)]
+    return sorted((one for one in outlines if one is not None), key=lambda one: -one.half_angle)
 
 
-def _outline(grey: FloatArray, center: FloatArray, radius: float, camera: Camera) -> Outline | None:
-    edges = _edge_points(grey, center, radius)
-    return None if edges is None else _fit_cone(edges, camera)
+def _outline(grey: FloatArray, circle: Circle, camera: Camera) -> Outline | None:
+    """Return the outline near ``circle``, if it is a sphere's.
+
+    What light falls on the sphere is told from within the outline, so the two are found in turns. By the second pass is
+    known which share of an outline's error comes back to it that way: later steps are as much longer, and the last
+    one's error as much larger.
+    """
+    rays = camera.rays(circle.edges_px)
+    axis, half_angle, near = _consensus(rays, CONSENSUS_PX / camera.focal_px)
+    seen, blur_px = circle.edges_px[near], FIRST_BLUR_PX
+    found, last, feedback = None, np.zeros(4), 0.0
+    for k in range(PASSES):
+        limb = find_limb(grey, _shown(axis, half_angle, camera), seen, steps=STEPS, blur_px=blur_px)
+        found = _fit_cone(limb, camera) if limb is not None else None
+        if limb is None or found is None:
+            return None
+        across = _across(axis)
+        step = np.append(across @ (found.direction @ across), found.half_angle - half_angle)
+        if k == 1:
+            feedback = float(np.clip(step @ last / (last @ last + 1e-30), 0.0, LARGEST_FEEDBACK))
+        if k and np.linalg.norm(step[:3]) < SETTLED_SDS * np.sqrt(np.trace(found.direction_covariance)):
+            break
+        axis = axis + step[:3] / (1 - feedback)
+        axis, half_angle = axis / np.linalg.norm(axis), found.half_angle
+        seen, blur_px, last = found.points_px, limb.blur_px, step
+    if found is None or found.rms_px > LARGEST_RMS_PX:
+        return None
+    return replace(found, direction_covariance=found.direction_covariance / (1 - feedback) ** 2)
 
 
-def _circle(points_px: FloatArray) -> tuple[FloatArray, float]:
-    """Return center (2,) and mean radius of the ellipse through ``points_px`` (N, 2)."""
+def _shown(axis: FloatArray, half_angle: float, camera: Camera) -> FloatArray:
+    """Return the closed outline (N, 2) in pixels that a cone has in the image."""
     import cv2
 
-    center, axes, _ = cv2.fitEllipse(points_px.astype(np.float32))
-    return np.array(center), float(sum(axes)) / 4
+    turn = np.linspace(0, 2 * np.pi, OUTLINE_POINTS, endpoint=False)
+    across = _across(axis)
+    rays = np.cos(half_angle) * axis + np.sin(half_angle) * (
+        np.column_stack([np.cos(turn), np.sin(turn)]) @ across.T
+    )
+    shown = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), camera.matrix, camera.distortion)[0][:, 0]
+    return np.asarray(shown, dtype=np.float64)
 
 
-def _blobs(grey: FloatArray) -> list[tuple[FloatArray, float]]:
-    """Return (center, radius) in pixels of round bright blobs, largest first."""
-    import cv2
-
-    low, high = grey.min(), grey.max()
-    if high <= low:
-        return []
-    scaled = ((grey - low) * (255 / (high - low))).astype(np.uint8)
-    smooth = cv2.GaussianBlur(scaled, (0, 0), 1.5)
-    _, mask = cv2.threshold(smooth, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
-    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    found = []
-    for contour in contours:
-        hull = cv2.convexHull(contour)
-        area, length = cv2.contourArea(hull), cv2.arcLength(hull, True)
-        radius = float(np.sqrt(area / np.pi))
-        if radius < SMALLEST_RADIUS_PX or 4 * np.pi * area < SMALLEST_ROUNDNESS * length**2:
-            continue
-        moments = cv2.moments(hull)
-        center = np.array([moments["m10"], moments["m01"]]) / moments["m00"]
-        found.append((center, radius))
-    return sorted(found, key=lambda blob: -blob[1])
-
-
-def _edge_points(grey: FloatArray, center: FloatArray, radius: float) -> FloatArray | None:
-    """Return outline points (N, 2) in pixels: where radial profiles fall to half height; None if faint."""
-    from scipy.ndimage import map_coordinates
-
-    reach = max(PROFILE_REACH * radius, PROFILE_LEAST_PX)
-    angles = np.linspace(0, 2 * np.pi, int(2 * np.pi * radius), endpoint=False)
-    radii = np.arange(max(radius - reach, 1.0), radius + reach, PROFILE_STEP_PX)
-    spokes = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    places = center + radii[None, :, None] * spokes[:, None]
-    low = np.maximum(np.floor(places.min(axis=(0, 1))).astype(int) - 8, 0)
-    high = np.minimum(np.ceil(places.max(axis=(0, 1))).astype(int) + 9, grey.shape[::-1])
-    window = grey[low[1] : high[1], low[0] : high[0]]
-    where = (places - low).transpose(2, 0, 1)[::-1]
-    profile = map_coordinates(window, where, order=3, mode="nearest")
-    margin = np.array(grey.shape[::-1]) - 1
-    inside_image = ((places >= 0) & (places <= margin)).all(axis=2).all(axis=1)
-    quarter = len(radii) // 4
-    bright, dark = _along(profile[:, :quarter]), _along(profile[:, -quarter:])
-    noise = 1.4826 * np.median(np.abs(profile[:, -quarter:] - dark[:, None])) + 1e-9
-    if np.median(bright - dark) < SMALLEST_CONTRAST_SDS * noise:
+def _fit_cone(limb: Limb, camera: Camera) -> Outline | None:
+    """Fit the circular cone of a sphere's outline to the ``limb``, leaving out sectors that disagree."""
+    total = len(limb.points_px)
+    clear = (limb.sds_px < LARGEST_SD_PX) & (limb.misfits < LARGEST_MISFIT * np.median(limb.misfits))
+    clear &= np.roll(clear, 1) & np.roll(clear, -1)  # what spoils a sector reaches into the next
+    if clear.sum() < SMALLEST_COVERAGE * total:
         return None
-    usable = inside_image & (bright - dark > SMALLEST_CONTRAST_SDS * noise)
-    return _crossings(profile, (bright + dark) / 2, radii, center, spokes, usable)
-
-
-def _along(profile: FloatArray) -> FloatArray:
-    """Return the brightness (N,) of parts of profiles (N, M), smoothed over neighbouring ones."""
-    from scipy.ndimage import median_filter
-
-    brightness: FloatArray = median_filter(np.median(profile, axis=1), LEVEL_SPOKES, mode="wrap")
-    return brightness
-
-
-def _crossings(
-    profile: FloatArray,
-    level: FloatArray,
-    radii: FloatArray,
-    center: FloatArray,
-    spokes: FloatArray,
-    usable: NDArray[np.bool_],
-) -> FloatArray:
-    """Return where each usable profile falls through its ``level`` (N,), if it does so once."""
-    above = profile > level[:, None]
-    falls = above[:, :-1] & ~above[:, 1:]
-    usable = usable & above[:, 0] & ~above[:, -1] & (falls.sum(axis=1) >= 1)
-    rows = np.flatnonzero(usable)
-    first = falls[rows].argmax(axis=1)
-    last = falls.shape[1] - 1 - falls[rows, ::-1].argmax(axis=1)
-    here = (first + last) // 2  # noise can make a few crossings within one edge
-    here = np.where(falls[rows, here], here, first)
-    before, after = profile[rows, here], profile[rows, here + 1]
-    radius = radii[here] + PROFILE_STEP_PX * (before - level[rows]) / (before - after)
-    points: FloatArray = center + radius[:, None] * spokes[rows]
-    return points
-
-
-def _fit_cone(points_px: FloatArray, camera: Camera) -> Outline | None:
-    """Fit the circular cone of a sphere's outline to ``points_px``, leaving out points that disagree."""
-    total = len(points_px)
-    if total < 12:
-        return None
-    rays = camera.rays(points_px)
+    points, sds = limb.points_px[clear], np.hypot(limb.sds_px[clear], FLOOR_PX) / camera.focal_px
+    rays = camera.rays(points)
     axis, half_angle, kept = _consensus(rays, CONSENSUS_PX / camera.focal_px)
     for _ in range(ITERATIONS):
-        axis, half_angle, information, residual = _refine_cone(rays, kept, axis, half_angle)
-        deviation = np.abs(residual - np.median(residual[kept]))
-        scale = 1.4826 * float(np.median(deviation[kept])) + 1e-12
+        axis, half_angle, information, residual = _refine_cone(rays, kept, axis, half_angle, sds)
+        deviation = np.abs(residual / sds)
+        scale = max(1.4826 * float(np.median(deviation[kept])), 1.0)
         closer = deviation < OUTLIER_SDS * scale
         if closer.sum() < SMALLEST_COVERAGE * total:
             return None
@@ -194,17 +145,37 @@ def _fit_cone(points_px: FloatArray, camera: Camera) -> Outline | None:
             break
         kept = closer
     rms_px = float(np.sqrt((residual[kept] ** 2).mean()) * camera.focal_px)
-    variance = float((residual[kept] ** 2).sum()) / (kept.sum() - 3) * CORRELATED_POINTS
-    covariance = np.linalg.inv(information) * variance
+    waves, waves_sd = _waves(rays[kept], sds[kept], residual[kept], axis)
+    oval = float(np.linalg.norm(waves[:2])) * camera.focal_px
+    if oval > LARGEST_OVAL_PX + 3 * float(np.linalg.norm(waves_sd[:2])) * camera.focal_px:
+        return None
+    scatter = float(((residual[kept] / sds[kept]) ** 2).sum()) / (kept.sum() - 3)
+    covariance = np.linalg.inv(information) * max(scatter, float(((waves / waves_sd) ** 2).mean()), 1.0)
     across = _across(axis)
     return Outline(
         axis,
         across @ covariance[:2, :2] @ across.T,
         half_angle,
         float(np.sqrt(covariance[2, 2])),
-        points_px[kept],
+        points[kept],
         rms_px,
     )
+
+
+def _waves(
+    rays: FloatArray, sds: FloatArray, residual: FloatArray, axis: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return how much the residuals go in waves of two, three and four periods about a cone (6), and their sds.
+
+    An error of the light shifts the edge slowly along the outline. What of it has one period shifts the center and is
+    not seen; it is taken to be as large as those of more.
+    """
+    x, y = (rays @ _across(axis)).T
+    turn = np.arctan2(y, x)
+    columns = [wave(k * turn) for k in WAVES for wave in (np.cos, np.sin)]
+    design = np.column_stack([np.ones_like(x), np.cos(turn), np.sin(turn), *columns]) / sds[:, None]
+    covariance = np.linalg.inv(design.T @ design)
+    return (covariance @ design.T @ (residual / sds))[3:], np.sqrt(np.diag(covariance)[3:])
 
 
 def _consensus(rays: FloatArray, tolerance: float) -> tuple[FloatArray, float, NDArray[np.bool_]]:
@@ -224,7 +195,7 @@ def _consensus(rays: FloatArray, tolerance: float) -> tuple[FloatArray, float, N
 
 
 def _refine_cone(
-    rays: FloatArray, kept: NDArray[np.bool_], axis: FloatArray, half_angle: float
+    rays: FloatArray, kept: NDArray[np.bool_], axis: FloatArray, half_angle: float, sds: FloatArray
 ) -> tuple[FloatArray, float, FloatArray, FloatArray]:
     """Take one Gauss-Newton step on the rays' angles to the axis; return also information and residuals."""
     across = _across(axis)
@@ -232,8 +203,9 @@ def _refine_cone(
     distance = np.linalg.norm(sideways, axis=1)
     angle = np.arctan2(distance, rays @ axis)
     design = np.column_stack([-sideways / distance[:, None], -np.ones(len(rays))])
-    information = design[kept].T @ design[kept]
-    step = np.linalg.solve(information, -design[kept].T @ (angle - half_angle)[kept])
+    weighted = design[kept] / sds[kept, None] ** 2
+    information = weighted.T @ design[kept]
+    step = np.linalg.solve(information, -weighted.T @ (angle - half_angle)[kept])
     moved = axis + across @ step[:2]
     residual = angle - half_angle + design @ step
     return moved / np.linalg.norm(moved), half_angle + float(step[2]), information, residual
