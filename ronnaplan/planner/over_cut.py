@@ -63,6 +63,7 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
             "points": [],
             "paths": [],
             "rulers": [],
+            "regions": [],
         }
     cut = state.look.cut(view)
     half = cut.field_mm / 2
@@ -79,6 +80,7 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
         "markers": _markers(state, cut, show_rejected, (wide, high)),
         "points": _points(state, cut, (wide, high)),
         "paths": [_path(one, cut, one.name == state.look.selected) for one in state.case.plan.trajectories],
+        "regions": state.outlines.drawn(view, cut, pane),
         "rulers": drawn_rulers(
             state,
             lambda points: cut.on_screen_mm(points)[:, :2],

@@ -46,6 +46,7 @@ def over_head(
         "points": [],
         "paths": [],
         "rulers": [],
+        "regions": [],
     }
     if camera is None:
         return {**drawn, "title": "3-D is being made ready ..."}

@@ -14,6 +14,7 @@ from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray, as_points
 from ronnaplan.planner.looking import Looking
 from ronnaplan.planner.offers import Offers
+from ronnaplan.planner.outlines import Outlines
 from ronnaplan.planner.registering import Registering
 from ronnaplan.planner.storage import Storage
 from ronnaplan.planner.worker import Job, Start
@@ -44,6 +45,7 @@ class PlannerState:
         """Does what takes long; the planner's page has it done in another process."""
         self.case = OpenCase(volume, storage.documents, rules, no_go)
         self.look = Looking(self.case, storage)
+        self.outlines = Outlines(volume, self.case.no_go)
         self.registering = Registering(self.case, storage, lambda job: self.start(job))
         self.offers = Offers(self.case, self.look, lambda job: self.start(job))
 

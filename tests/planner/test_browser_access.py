@@ -124,6 +124,32 @@ def test_depths_from_the_target_are_marked_along_the_path(page: Any) -> None:
     assert told == [str(depth) for depth in range(10, 71, 10)]  # the path is 71.6 mm long
 
 
+def test_two_fingers_zoom_and_move_the_picture(page: Any) -> None:
+    fingers = page.context.new_cdp_session(page)
+    (x, y), before = place(page, "axial", 0.5, 0.5), value(page, "drawn_axial")
+
+    def touch(kind: str, *places: tuple[float, float]) -> None:
+        points = [{"x": px, "y": py, "id": n} for n, (px, py) in enumerate(places)]
+        fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    touch("touchStart", (x - 20, y))
+    touch("touchStart", (x - 20, y), (x + 20, y))
+    for wide in (25, 35, 45, 55, 65):
+        touch("touchMove", (x - wide, y), (x + wide, y))
+    touch("touchEnd")
+    eventually(page, lambda: value(page, "drawn_axial")["half"] < 0.5 * before["half"])
+    near = value(page, "drawn_axial")
+    touch("touchStart", (x - 20, y))
+    touch("touchStart", (x - 20, y), (x + 20, y))
+    for far in (6, 15, 30, 50):
+        touch("touchMove", (x - 20, y + far), (x + 20, y + far))
+    touch("touchEnd")
+    eventually(page, lambda: value(page, "drawn_axial")["cross"][1] > near["cross"][1] + 10)
+    assert value(page, "drawn_axial")["half"] == near["half"]
+    page.keyboard.press("f")
+    eventually(page, lambda: value(page, "drawn_axial")["half"] == before["half"])
+
+
 def test_a_distance_is_measured_by_two_clicks(page: Any) -> None:
     page.click(".v-tab >> text=Trajectories")
     page.click("#distance")

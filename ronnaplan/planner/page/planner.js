@@ -50,19 +50,71 @@
 
   const viewOf = (event) => event.target.closest && event.target.closest("[data-view]");
 
+  // Two fingers: drawn apart or together they zoom, moved alike they move the picture, whichever they begin with.
+  const fingers = new Map(), BEGUN_PIXELS = 10, ZOOM_LOG = Math.log(1.15), SHIFT = true, LEFT = 0;
+  let two = null;
+  function between() {
+    const [one, other] = [...fingers.values()];
+    return {
+      clientX: (one.clientX + other.clientX) / 2,
+      clientY: (one.clientY + other.clientY) / 2,
+      apart: Math.max(1, Math.hypot(one.clientX - other.clientX, one.clientY - other.clientY)),
+    };
+  }
+  function touched(event, view) {
+    if (event.pointerType !== "touch") return false;
+    fingers.set(event.pointerId, event);
+    if (fingers.size === 2) {
+      tell("release", [view.dataset.view]); // what the first finger took hold of
+      two = { view, from: between(), does: "" };
+    }
+    return two !== null;
+  }
+  function slid(event) {
+    if (!fingers.has(event.pointerId)) return false;
+    fingers.set(event.pointerId, event);
+    if (!two || fingers.size !== 2) return two !== null;
+    const now = between(), { view, from } = two, name = view.dataset.view;
+    if (!two.does) {
+      if (Math.abs(now.apart - from.apart) > BEGUN_PIXELS) two.does = "zoom";
+      else if (Math.hypot(now.clientX - from.clientX, now.clientY - from.clientY) > BEGUN_PIXELS) {
+        two.does = "move";
+        tell("press", [name, ...place(view, from), LEFT, SHIFT, false, false]);
+      }
+    }
+    if (two.does === "move") tell("move", [name, ...place(view, now)]);
+    const steps = two.does === "zoom" ? Math.trunc(Math.log(now.apart / from.apart) / ZOOM_LOG) : 0;
+    if (steps) {
+      tell("wheel", [name, -steps, true, ...place(view, now)]);
+      two.from = { ...from, apart: from.apart * 1.15 ** steps };
+    }
+    return true;
+  }
+  function lifted(event) {
+    if (!fingers.delete(event.pointerId)) return false;
+    const held = two;
+    if (held?.does === "move") tell("release", [held.view.dataset.view]), (held.does = "done");
+    if (!fingers.size) two = null;
+    return held !== null;
+  }
+  window.addEventListener("pointercancel", lifted);
+
   window.addEventListener("pointerdown", (event) => {
     const view = viewOf(event);
     if (!view) return;
     event.preventDefault();
     view.focus({ preventScroll: true, focusVisible: false });
     view.setPointerCapture(event.pointerId);
+    if (touched(event, view)) return;
     tell("press", [view.dataset.view, ...place(view, event), event.button, event.shiftKey, event.ctrlKey, event.altKey]);
   });
   window.addEventListener("pointermove", (event) => {
+    if (slid(event) && two) return;
     const view = viewOf(event);
     if (view) tell(event.buttons ? "move" : "hover", [view.dataset.view, ...place(view, event)]);
   });
   window.addEventListener("pointerup", (event) => {
+    if (lifted(event)) return;
     const view = viewOf(event);
     if (view) tell("release", [view.dataset.view]);
   });
