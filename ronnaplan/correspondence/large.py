@@ -10,11 +10,12 @@ from scipy.spatial import cKDTree
 
 from ronnaplan.correspondence.evidence import fits_as_well, is_collinear
 from ronnaplan.correspondence.pairing import MOST_RIVALS, Pairing, Rival, no_pairs
-from ronnaplan.correspondence.poses import Found, Pose, find_poses, pose_fit, pose_log_evidence
+from ronnaplan.correspondence.poses import Found, find_poses
 from ronnaplan.correspondence.problem import Problem
 from ronnaplan.correspondence.refining import PAIR_SIGMAS
 from ronnaplan.correspondence.rivals import LOG_ODDS_PER_PAIR
 from ronnaplan.correspondence.told import LEAST_PAIRS
+from ronnaplan.correspondence.weighing import Pose, pose_fit, pose_log_evidence
 from ronnaplan.geometry import FloatArray
 
 MISSED_SHARE = 0.1
