@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
 
 import pytest
 
 from ronnaplan.cli import main
+from ronnaplan.errors import InputError
 from tests import cases
 
 
@@ -18,6 +21,30 @@ def test_a_case_becomes_a_page(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         *("fiducials.json", "plan.json", "registration.json", "report.html")
     ]
+
+
+def test_the_head_is_shown_and_where_it_cannot_be_made_the_report_is_written_with_a_warning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("ronnaplan.report.overview.SHAPE", (70, 100))
+    cases.write_case(tmp_path)
+    out = tmp_path / "report.html"
+    ask = ["report", str(tmp_path), "--ct", str(cases.CT), "--name", "case <7>", "-o", str(out)]
+    assert main(ask) == 0
+    page = out.read_text()
+    assert "<h1>Quality report: case &lt;7&gt;</h1>" in page
+    scene = re.findall(r'id="scene">(.*?)</script>', page, re.DOTALL)
+    assert {"path left", "skull", "skin"} <= {thing["name"] for thing in json.loads(scene[0])["things"]}
+
+    def none_here(case: object) -> None:
+        raise InputError("3-D surfaces need pyvista; install ronnaplan[scene]")
+
+    monkeypatch.setattr("ronnaplan.report.overview.view_of", none_here)
+    capsys.readouterr()
+    assert main([*ask, "--paper", "Letter"]) == 0
+    assert "the report shows no head in 3-D: 3-D surfaces need pyvista" in capsys.readouterr().err
+    assert 'id="scene"' not in out.read_text()
+    assert "size: Letter" in out.read_text()
 
 
 def test_wrong_names_and_empty_folders_are_told_in_a_sentence(

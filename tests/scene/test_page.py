@@ -11,7 +11,9 @@ import cv2
 import numpy as np
 import pytest
 
-from ronnaplan.scene.files import html
+from ronnaplan.report import html as report_html
+from ronnaplan.report.overview import STYLE
+from ronnaplan.scene.files import html, view, viewer
 from ronnaplan.scene.shapes import ball
 from ronnaplan.scene.things import Thing
 from tests.planner.browser import chromium, needs_browser
@@ -52,6 +54,35 @@ def test_a_scene_is_turned_in_the_browser_and_what_is_hidden_goes(page_file: Pat
 
 def test_without_webgl_the_still_is_seen(page_file: Path) -> None:
     apart(see_the_still, page_file)
+
+
+def test_a_report_runs_its_viewer_and_leaves_the_wheel_to_the_page_until_it_is_clicked(tmp_path: Path) -> None:
+    seen = f'<div class="scene">{view([RED, SKIN], "a case", b"")}</div><p><span id="how"></span></p>'
+    file = tmp_path / "report.html"
+    file.write_text(
+        report_html.page("a report", [seen, '<div style="height: 3000px"></div>'], style=STYLE, script=viewer())
+    )
+    apart(scroll_past, file)
+
+
+def scroll_past(page_file: Path) -> None:
+    with chromium("--use-angle=swiftshader", "--enable-unsafe-swiftshader") as browser:
+        page = browser.new_page(viewport={"width": 700, "height": 600})
+        told: list[str] = []
+        page.on("console", lambda message: told.append(message.text) if message.type == "error" else None)
+        page.goto(page_file.as_uri())
+        before = shown(page)
+        assert page.locator("canvas").is_visible()
+        page.mouse.move(200, 200)
+        page.mouse.wheel(0, 120)
+        shown(page)
+        assert page.evaluate("window.scrollY") > 50
+        page.evaluate("window.scrollTo(0, 0)")
+        page.locator("canvas").click(position={"x": 150, "y": 150})
+        page.mouse.wheel(0, -300)
+        assert np.abs(shown(page) - before).max() > 50
+        assert page.evaluate("window.scrollY") == 0
+        assert told == []
 
 
 def turn_and_hide(page_file: Path) -> None:
