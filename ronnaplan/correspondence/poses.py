@@ -57,7 +57,7 @@ TRIAL_ORDERS = 32
 """Seeds looked up at once, so many that they take this share of the work that is left; and orders of the trial points
 among them."""
 
-WORK_PER_POINT, WORK_POWER = 190_000.0, 1.15
+WORK_PER_POINT, WORK_POWER = 50_000.0, 1.4
 """The search is given up after this work (1 to 2 ns each) times the larger set's size to this power."""
 
 PARTS = 2

@@ -14,8 +14,10 @@ from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import localize, uncertainty
 from ronnaplan.localization.examine import Scan, fit_place
+from ronnaplan.localization.parameters import SHAPE
 from ronnaplan.localization.refine import BallFit
 from ronnaplan.localization.uncertainty import (
+    LAG_MM,
     PULL_MM,
     center_covariance,
     cramer_rao_bound,
@@ -126,6 +128,16 @@ def test_what_touches_the_ball_makes_it_less_certain() -> None:
     assert np.trace(center_covariance(held, noise_level(held))) > np.trace(
         center_covariance(free, noise_level(free))
     )
+
+
+def test_a_bell_shaped_profile_adds_what_a_lagging_panel_may_turn(quiet: CTVolume) -> None:
+    fit = fit_of(with_white_noise(quiet, 10.0, 1))
+    box, bell = fit.theta.copy(), fit.theta.copy()
+    box[SHAPE], bell[SHAPE] = 0.0, 5.0
+    stated, more = (center_covariance(replace(fit, theta=theta), 10.0) for theta in (box, bell))
+    added = np.diag(more - stated)
+    assert np.allclose(added[:2] - added[2], LAG_MM**2)
+    assert 0.0 < added[2] < 0.1 * LAG_MM**2
 
 
 def test_a_screw_beyond_the_post_adds_error_along_it() -> None:
