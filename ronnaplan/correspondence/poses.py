@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +15,14 @@ from ronnaplan.correspondence.lookup import Grid, Table, distance_table, point_g
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.problem import Problem
 from ronnaplan.correspondence.refining import REFINING_SIGMAS, refined
-from ronnaplan.correspondence.seeds import FIRST_TRIALS, REACH_SIGMAS, WIDEST_REACH_SIGMAS, poses_of_seeds
+from ronnaplan.correspondence.seeds import (
+    FIRST_TRIALS,
+    MOST_TRIANGLES,
+    REACH_SIGMAS,
+    WIDEST_REACH_SIGMAS,
+    poses_of_seeds,
+    seed_stream,
+)
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.correspondence.weighing import Pose, add_pose, pose_log_evidence
 from ronnaplan.geometry import FloatArray
@@ -47,9 +51,6 @@ CHANCE_PASSES = (1e-2, 1e-5)
 
 CROWDING_SIGMAS = 15.0
 """How crowded the OTS points are is told from their neighbours within this."""
-
-MOST_TRIANGLES = 8_000
-"""Sets with no more triangles than this have them all drawn."""
 
 FIRST_BATCH, LEAST_BATCH, LARGEST_BATCH = 16, 8, 256
 BATCH_SHARE = 0.2
@@ -192,32 +193,6 @@ def looked_up(
     results = list((pool.map if parts > 1 else map)(of_part, np.array_split(seeds, parts)))
     poses = [pose for found, _, _ in results for pose in found]
     return poses, sum(work for _, work, _ in results), all(finished for *_, finished in results)
-
-
-def seed_stream(rng: np.random.Generator, count: int) -> Callable[[int], IntArray]:
-    """Return what gives the next so many triangles (S, 3) of ``count`` points, fewer or none when all were given.
-
-    All come in a random order if there are few; else they are drawn at random.
-    """
-    every = rng.permutation(all_triangles(count)) if math.comb(count, 3) <= MOST_TRIANGLES else None
-    given = 0
-
-    def draw(size: int) -> IntArray:
-        nonlocal given
-        given += size
-        if every is not None:
-            return np.asarray(every[given - size : given])
-        drawn = rng.integers(count, size=(2 * size, 3))
-        distinct = (drawn[:, 0] != drawn[:, 1]) & (drawn[:, 0] != drawn[:, 2]) & (drawn[:, 1] != drawn[:, 2])
-        return np.asarray(drawn[distinct][:size], dtype=np.int64)
-
-    return draw
-
-
-@lru_cache(maxsize=40)
-def all_triangles(count: int) -> IntArray:
-    """Return every triangle (S, 3) of ``count`` points."""
-    return np.array(list(combinations(range(count), 3)), dtype=np.int64).reshape(-1, 3)
 
 
 def needed_hits(problem: Problem) -> tuple[int, int]:

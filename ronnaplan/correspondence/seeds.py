@@ -1,4 +1,4 @@
-"""Kernels of the pose search: triangles looked up by their sides, and the poses that they give tried on more points.
+"""Seeds of the pose search: triangles drawn and looked up by their sides; the poses they give tried on more points.
 
 A seed is a triangle of CT points.  Every OTS triangle with the same sides gives a pose; the pose is tried on other
 CT points, those first whose place it predicts well, and the poses that bring the most of them onto OTS points are
@@ -8,6 +8,9 @@ handed on.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import lru_cache
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +21,9 @@ from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.geometry import FloatArray
 
 Corners = tuple[int, int, int]
+
+MOST_TRIANGLES = 8_000
+"""Sets with no more triangles than this have them all drawn."""
 
 MOST_POSES = 3
 """Poses that one seed hands on: those with the most hits."""
@@ -35,6 +41,32 @@ FIRST_TRIALS = 24
 SCAN_WORK, ROW_WORK, POSE_WORK, TRIAL_WORK, POINT_WORK = 2, 25, 120, 10, 25
 """Work of looking at a distance, of entering a row, of making a pose, of carrying a trial point, and of preparing
 one: about nanoseconds."""
+
+
+def seed_stream(rng: np.random.Generator, count: int) -> Callable[[int], IntArray]:
+    """Return what gives the next so many triangles (S, 3) of ``count`` points, fewer or none when all were given.
+
+    All come in a random order if there are few; else they are drawn at random.
+    """
+    every = rng.permutation(all_triangles(count)) if math.comb(count, 3) <= MOST_TRIANGLES else None
+    given = 0
+
+    def draw(size: int) -> IntArray:
+        nonlocal given
+        given += size
+        if every is not None:
+            return np.asarray(every[given - size : given])
+        drawn = rng.integers(count, size=(2 * size, 3))
+        distinct = (drawn[:, 0] != drawn[:, 1]) & (drawn[:, 0] != drawn[:, 2]) & (drawn[:, 1] != drawn[:, 2])
+        return np.asarray(drawn[distinct][:size], dtype=np.int64)
+
+    return draw
+
+
+@lru_cache(maxsize=40)
+def all_triangles(count: int) -> IntArray:
+    """Return every triangle (S, 3) of ``count`` points."""
+    return np.array(list(combinations(range(count), 3)), dtype=np.int64).reshape(-1, 3)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
