@@ -1,0 +1,72 @@
+"""What an archive has can be looked through, by DIMSE and by DICOMweb."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pydicom.uid import UID
+
+from ronnaplan.node.archives import open_archive
+from ronnaplan.node.browse import listed_series, thumbnail
+from ronnaplan.node.config import Config, Peer
+from ronnaplan.node.pull import Wanted
+from tests.ct import makers
+from tests.node.peers import Orthanc, free_port, save
+
+STUDY, CT, OTHER = "1.2.3.600", "1.2.3.600.1", "1.2.3.600.2"
+SLICES = 5
+
+
+def instance(series: str, k: int) -> Any:
+    stored = np.zeros((64, 64), np.int16)
+    stored[:, : 8 * (k + 1)] = 1000  # the slice that is shown is known by how much of it is bright
+    made = makers.dataset(k, stored=stored)
+    made.PatientID, made.StudyInstanceUID, made.SeriesInstanceUID = "BROWSED", STUDY, series
+    made.SOPInstanceUID = made.file_meta.MediaStorageSOPInstanceUID = (
+        f"{series}.{SLICES - k}"  # not in their order
+    )
+    made.SeriesDescription, made.InstanceNumber = f"series {series[-1]}", k + 1
+    return made
+
+
+@pytest.fixture(scope="module")
+def archive(orthanc: Orthanc, tmp_path_factory: pytest.TempPathFactory) -> Orthanc:
+    folder = tmp_path_factory.mktemp("sent")
+    for series, count in ((CT, SLICES), (OTHER, 1)):
+        for k in range(count):
+            orthanc.post("/instances", save(instance(series, k), folder / f"{series}.{k}.dcm").read_bytes())
+    return orthanc
+
+
+@pytest.mark.parametrize("way", ["get", "move", "web"])
+def test_series_are_listed_each_with_a_picture_of_its_middle(way: str, archive: Orthanc, tmp_path: Path) -> None:
+    port = free_port()
+    archive.know("node", "RONNAPLAN", port)
+    config, by = Config(port=port, home=tmp_path), None if way == "web" else way
+    peer = Peer(name="pacs", title="ORTHANC", port=archive.port)
+    if way == "web":
+        peer = Peer(name="pacs", url=f"http://127.0.0.1:{archive.http}/dicom-web")
+    with open_archive(config, peer, by) as opened:
+        found = sorted(listed_series(opened, Wanted(patient_id="BROWSED")), key=lambda one: one.series_uid)
+        assert [(one.series_uid, one.modality, one.description) for one in found] == [
+            (CT, "CT", "series 1"),
+            (OTHER, "CT", "series 2"),
+        ]
+        assert {one.study_uid for one in found} == {STUDY}
+        assert {one.instances for one in found} <= {SLICES, 1, None}
+        picture = thumbnail(opened, found[0])
+        assert picture is not None
+        assert picture.shape == (96, 96)
+        assert np.mean(picture > 128) == pytest.approx(3 / 8, abs=0.03)
+        assert listed_series(opened, Wanted(patient_id="NOBODY")) == []
+
+
+def test_a_series_that_is_gone_has_no_picture(archive: Orthanc, tmp_path: Path) -> None:
+    peer = Peer(name="pacs", url=f"http://127.0.0.1:{archive.http}/dicom-web")
+    with open_archive(Config(home=tmp_path), peer) as opened:
+        (one, *_) = listed_series(opened, Wanted(study_uid=STUDY))
+        gone = type(one)(**{**vars(one), "series_uid": "1.2.3.404"})
+        assert thumbnail(opened, gone) is None
