@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -30,6 +30,7 @@ TILE = 150
 """Pixels of a cut on the sheet, across and down."""
 
 _PITCH_ACROSS, _PITCH_DOWN, _MARGIN, _DPI = 180, 171, 19, 90
+_WIDTH = 2 * len(CUTS) * _PITCH_ACROSS
 _ROUNDING = 0.01
 """Pixels: matplotlib cuts what is a little less than a whole number of them."""
 
@@ -51,25 +52,21 @@ def contact_sheet(volume: CTVolume, found: Fiducials) -> bytes:
 
     check_type(volume, CTVolume, "the volume", "read_ct returns one")
     check_type(found, Fiducials, "what was found", "localize returns it")
-    rows = _rows(found)
-    height, width = _MARGIN + _PITCH_DOWN * max(len(rows), 1), _PITCH_ACROSS * 2 * len(CUTS)
-    sheet = Image.new("RGBA", (width, height), "white")
+    rows: list[Candidate | None] = list(_rows(found)) or [None]
+    sheet = Image.new("RGB", (_WIDTH, len(rows) * _PITCH_DOWN + _MARGIN), "white")
     for number, row in enumerate(rows):
-        for column, tile in enumerate(_tiles(volume, row)):
-            sheet.paste(Image.fromarray(tile), _corner(number, column))
-    sheet.alpha_composite(Image.fromarray(_drawn_over(rows, width, height)))
+        strip = Image.new("RGBA", (_WIDTH, _PITCH_DOWN), "white")
+        for column, tile in enumerate(() if row is None else _tiles(volume, row)):
+            strip.paste(Image.fromarray(tile), (_MARGIN + column * _PITCH_ACROSS, _MARGIN))
+        strip.alpha_composite(Image.fromarray(_drawn_over(row)))
+        sheet.paste(strip.convert("RGB"), (0, number * _PITCH_DOWN))
     stream = io.BytesIO()
-    sheet.convert("RGB").save(stream, format="png")
+    sheet.save(stream, format="png")
     return stream.getvalue()
 
 
-def _corner(row: int, column: int) -> tuple[int, int]:
-    """Return where a tile begins, in pixels from the left and from above."""
-    return _MARGIN + column * _PITCH_ACROSS, _MARGIN + row * _PITCH_DOWN
-
-
-def _drawn_over(rows: Sequence[Candidate], width: int, height: int) -> NDArray[np.uint8]:
-    """Return titles and outlines (height, width, RGBA).
+def _drawn_over(row: Candidate | None) -> NDArray[np.uint8]:
+    """Return title and outlines of a row (`_PITCH_DOWN`, `_WIDTH`, RGBA).
 
     All are in one pair of axes, and the tiles in none: a pair for each of a hundred takes seconds to lay out and to
     draw, and an image in one takes thirty times its bytes meanwhile.
@@ -78,31 +75,30 @@ def _drawn_over(rows: Sequence[Candidate], width: int, height: int) -> NDArray[n
     from matplotlib.collections import EllipseCollection
     from matplotlib.figure import Figure
 
-    size = ((width + _ROUNDING) / _DPI, (height + _ROUNDING) / _DPI)
+    size = ((_WIDTH + _ROUNDING) / _DPI, (_PITCH_DOWN + _ROUNDING) / _DPI)
     figure = Figure(figsize=size, dpi=_DPI, facecolor="none")
     FigureCanvasAgg(figure)
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0, width), ylim=(height, 0))  # in pixels
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0, _WIDTH), ylim=(_PITCH_DOWN, 0))  # in pixels
     axes.set_axis_off()
-    for number, row in enumerate(rows):
-        left, top = _corner(number, 0)
-        axes.text(left, top - 6, row.title, fontsize=7, color="black" if row.accepted else "firebrick")
-    corners = [_corner(number, column) for number in range(len(rows)) for column in range(2 * len(CUTS))]
-    sizes = np.repeat([row.parameters[RADIUS] / _reach_mm(row) * TILE for row in rows], 2 * len(CUTS))
-    outlines = EllipseCollection(
-        *(sizes, sizes, np.zeros(len(sizes))),
-        units="xy",
-        offsets=np.reshape(corners, (-1, 2)) + TILE / 2,
-        offset_transform=axes.transData,
-        facecolors="none",
-        edgecolors=OUTLINE_COLOUR,
-        linewidths=0.8,
-    )
-    axes.add_collection(outlines, autolim=False)
-    if not rows:
+    if row is None:
         figure.text(0.5, 0.5, "no candidate was looked at closely", ha="center")
+    else:
+        axes.text(_MARGIN, _MARGIN - 6, row.title, fontsize=7, color="black" if row.accepted else "firebrick")
+        lefts = _MARGIN + _PITCH_ACROSS * np.arange(2 * len(CUTS))
+        sizes = np.full(len(lefts), row.parameters[RADIUS] / _reach_mm(row) * TILE)
+        outlines = EllipseCollection(
+            *(sizes, sizes, np.zeros(len(sizes))),
+            units="xy",
+            offsets=np.stack([lefts, np.full(len(lefts), _MARGIN)], axis=1) + TILE / 2,
+            offset_transform=axes.transData,
+            facecolors="none",
+            edgecolors=OUTLINE_COLOUR,
+            linewidths=0.8,
+        )
+        axes.add_collection(outlines, autolim=False)
     stream = io.BytesIO()
     figure.savefig(stream, format="rgba", facecolor="none")
-    return np.frombuffer(stream.getbuffer(), np.uint8).reshape(height, width, 4)
+    return np.frombuffer(stream.getbuffer(), np.uint8).reshape(_PITCH_DOWN, _WIDTH, 4)
 
 
 def _tiles(volume: CTVolume, row: Candidate) -> Iterator[NDArray[np.uint8]]:

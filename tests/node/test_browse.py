@@ -25,9 +25,8 @@ def instance(series: str, k: int) -> Any:
     stored[:, : 8 * (k + 1)] = 1000  # the slice that is shown is known by how much of it is bright
     made = makers.dataset(k, stored=stored)
     made.PatientID, made.StudyInstanceUID, made.SeriesInstanceUID = "BROWSED", STUDY, series
-    made.SOPInstanceUID = made.file_meta.MediaStorageSOPInstanceUID = (
-        f"{series}.{SLICES - k}"  # not in their order
-    )
+    made.SOPInstanceUID = UID(f"{series}.{SLICES - k}")  # not in their order
+    made.file_meta.MediaStorageSOPInstanceUID = made.SOPInstanceUID
     made.SeriesDescription, made.InstanceNumber = f"series {series[-1]}", k + 1
     return made
 
