@@ -21,7 +21,8 @@ figure { margin: .6rem 0 } figure img { max-width: 100% } figcaption { color: #4
 .fail { color: #b3261e; font-weight: 600 } .note { color: #4a5a6a }
 @media print {
   body { font-size: 9.5pt; margin: 0; max-width: none; padding: 0; print-color-adjust: exact }
-  h2 { margin-top: 1rem } figure, tr, .whole { break-inside: avoid } th, td { padding: .1rem .7rem .1rem 0 }
+  h2 { margin-top: 1rem } th, td { padding: .1rem .7rem .1rem 0 }
+  figure, tr, .whole, section:not(:has(figure)) { break-inside: avoid }
 }
 """
 

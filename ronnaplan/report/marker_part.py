@@ -11,6 +11,11 @@ from ronnaplan.report.html import element, picture, table
 from ronnaplan.report.marker_cuts import marker_pictures
 from ronnaplan.report.part import Part
 
+STYLE = """
+.markers figure { display: grid; grid-template-columns: 3rem 1fr; align-items: center; margin: .3rem 0 }
+.markers figcaption { order: -1; font-weight: 600 }
+"""
+
 HEADER = ("", "x", "y", "z (LPS mm)", "s.e. x", "s.e. y", "s.e. z (um)", "diameter mm", "contrast HU", "flags")
 CAPTION = (
     "Cuts through each center with the fitted outline; beside each, data less model at a tenth of the contrast."
@@ -32,7 +37,8 @@ def markers_part(case: Case) -> Part:
     except RonnaplanError as error:
         return Part("Markers", body, [*warnings, f"the markers could not be drawn: {error}"])
     if pictures:
-        body += [element("p", CAPTION, "note"), *(picture(one.png, one.label) for one in pictures)]
+        drawn = "".join(picture(one.png, one.label) for one in pictures)
+        body += [element("p", CAPTION, "note"), f'<div class="markers">{drawn}</div>']
     warnings += [
         f"marker {one.label} was found again {one.apart_mm:.2f} mm from its stated center; localize again"
         for one in pictures

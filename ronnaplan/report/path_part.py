@@ -75,7 +75,7 @@ def _measured(volume: CTVolume, one: Measures, verdicts: Sequence[Verdict]) -> l
     beside = table([], [*_path(one.trajectory), *shape_rows(one), *distances]) + _errors(one)
     tables = [table(VERDICTS, map(_verdict, judged))] if judged else []
     if one.contacts:
-        tables.append(table(CONTACTS, map(_contact, one.contacts)))
+        tables.append(f'<div class="whole">{table(CONTACTS, map(_contact, one.contacts))}</div>')
     return [drawn, f'<div class="beside">{beside}</div>', *tables]
 
 

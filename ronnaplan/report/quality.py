@@ -7,7 +7,7 @@ from typing import Final, Literal
 
 from ronnaplan import __version__
 from ronnaplan.case.folder import Case
-from ronnaplan.report import overview, path_part
+from ronnaplan.report import marker_part, overview, path_part
 from ronnaplan.report.html import box, element, page, section, table
 from ronnaplan.report.marker_part import markers_part
 from ronnaplan.report.overview import View, overview_part
@@ -52,7 +52,15 @@ def quality_report(
             section("Inputs", [table(["input", "SHA-256"], case.hashes)]),
             _signatures(),
         ],
-        style="".join((_sheet(paper, f"{title}, {made}. {NOTICE}"), STYLE, overview.STYLE, path_part.STYLE)),
+        style="".join(
+            (
+                _sheet(paper, f"{title}, {made}. {NOTICE}"),
+                STYLE,
+                overview.STYLE,
+                marker_part.STYLE,
+                path_part.STYLE,
+            )
+        ),
         script=overview.script(seen) if turns else "",
     )
 
