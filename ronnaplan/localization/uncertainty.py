@@ -50,8 +50,8 @@ phantoms here. It depends on the machine's corrections, which no image tells."""
 
 LAG_MM = 0.005
 """Standard error within the slices where profiles are bells: a flat panel keeps a part of what it saw before, which
-turns the whole image a little, all markers alike. Two simulated panels, with 0.5 to 1.5 times the usual lag, moved
-markers by 3.7 and 12.7 um; no image tells how much a panel lags."""
+displaces what turns past it, all in one sense. Two simulated panels, with 0.5 to 1.5 times the usual lag, moved markers
+by 3.7 and 12.7 um; no image tells how much a panel lags."""
 
 HIDDEN_SHADING = 1.4
 """Factor of the covariance where clipping hides how the ball is shaded."""

@@ -130,7 +130,7 @@ def test_what_touches_the_ball_makes_it_less_certain() -> None:
     )
 
 
-def test_a_bell_shaped_profile_adds_what_a_lagging_panel_may_turn(quiet: CTVolume) -> None:
+def test_a_bell_shaped_profile_adds_what_a_lagging_panel_may_displace(quiet: CTVolume) -> None:
     fit = fit_of(with_white_noise(quiet, 10.0, 1))
     box, bell = fit.theta.copy(), fit.theta.copy()
     box[SHAPE], bell[SHAPE] = 0.0, 5.0
