@@ -14,6 +14,7 @@ from ronnaplan.ct import CTVolume
 from ronnaplan.documents.agreement import disagreement
 from ronnaplan.documents.fiducials import FiducialsDocument, read_fiducials
 from ronnaplan.documents.kept import Kept
+from ronnaplan.documents.placement import read_placement
 from ronnaplan.documents.plan import plan_text, read_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.documents.registration import RegistrationDocument, read_registration
@@ -53,6 +54,8 @@ class OpenCase:
         self._kept_plan = Kept(files.plan, read_plan, plan_text, merged)
         self._kept_fiducials = Kept(files.fiducials, read_fiducials, to_json)
         self._kept_registration = Kept(files.registration, read_registration, to_json)
+        self.placement = read_placement(files.placement) if files.placement else None
+        """Of the robot, as it was when the case was opened."""
         case = self._read(volume, rules or Rules(), no_go or {})
         self.volume, self.no_go, self.rules = volume, case.no_go, case.rules
         self.plan: Plan = Plan.of_scan(volume) if case.plan is None else case.plan
@@ -273,7 +276,8 @@ class OpenCase:
     def _read(self, volume: CTVolume, rules: Rules, no_go: Labels) -> Case:
         """Return the documents as they were last seen, checked to belong together."""
         plan, fiducials, registration = self._kept_plan, self._kept_fiducials, self._kept_registration
-        return Case(volume, plan.content, fiducials.content, registration.content, rules, no_go)
+        documents = (plan.content, fiducials.content, registration.content)
+        return Case(volume, *documents, rules, no_go, placement=self.placement)
 
 
 def _ends_mm(one: Trajectory) -> tuple[float, ...]:

@@ -18,6 +18,7 @@ from ronnaplan.ct import CTVolume, find_series, read_ct
 from ronnaplan.ct.images import is_image_file
 from ronnaplan.documents.fiducials import FiducialsDocument, read_fiducials
 from ronnaplan.documents.limits import read_limits
+from ronnaplan.documents.placement import PlacementDocument, read_placement
 from ronnaplan.documents.plan import read_plan
 from ronnaplan.documents.registration import RegistrationDocument, read_registration
 from ronnaplan.errors import FrameMismatchError, InputError
@@ -27,6 +28,7 @@ from ronnaplan.planning.labels import read_label_map
 from ronnaplan.planning.uncertainty import Expectation
 
 FIDUCIALS, REGISTRATION, PLAN, LIMITS = "fiducials.json", "registration.json", "plan.json", "limits.json"
+PLACEMENT = "placement.json"
 """What the documents are called in a case."""
 
 SCAN = "the scan"
@@ -45,6 +47,7 @@ class CaseFiles:
     fiducials: Path | None = None
     registration: Path | None = None
     limits: Path | None = None
+    placement: Path | None = None
 
     @classmethod
     def of_folder(cls, folder: AnyPath) -> CaseFiles:
@@ -52,7 +55,7 @@ class CaseFiles:
         home = Path(folder)
         if not home.is_dir():
             raise InputError(f"{home} is not a folder; give the folder that holds {FIDUCIALS}")
-        found = cls(*(_if_there(home / name) for name in (PLAN, FIDUCIALS, REGISTRATION, LIMITS)))
+        found = cls(*(_if_there(home / name) for name in (PLAN, FIDUCIALS, REGISTRATION, LIMITS, PLACEMENT)))
         if not (found.plan or found.fiducials or found.registration):
             raise InputError(
                 f"{home} holds none of {FIDUCIALS}, {REGISTRATION} and {PLAN}; write one of them there"
@@ -62,9 +65,8 @@ class CaseFiles:
     @property
     def present(self) -> tuple[Path, ...]:
         """The files that there are."""
-        return tuple(
-            path for path in (self.fiducials, self.registration, self.plan, self.limits) if path is not None
-        )
+        every = (self.fiducials, self.registration, self.plan, self.limits, self.placement)
+        return tuple(path for path in every if path is not None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +84,7 @@ class Case:
     rules: Rules = field(default_factory=Rules)
     no_go: Labels = field(default_factory=dict)
     hashes: tuple[tuple[str, str], ...] = ()
+    placement: PlacementDocument | None = None
 
     def __post_init__(self) -> None:
         _require_one_frame(self)
@@ -129,6 +132,7 @@ def read_case(
         stated,
         read_labels(no_go, volume),
         tuple(hashes),
+        read_placement(files.placement) if files.placement else None,
     )
 
 
@@ -215,4 +219,6 @@ def _origins(case: Case) -> list[tuple[str, Frame, str | None]]:
         found.append((REGISTRATION, case.registration.ct_frame, case.registration.source.voxel_sha256))
     if case.plan is not None:
         found.append((PLAN, case.plan.frame, case.plan.voxel_sha256))
+    if case.placement is not None:
+        found.append((PLACEMENT, case.placement.ct_frame, case.placement.source.voxel_sha256))
     return found

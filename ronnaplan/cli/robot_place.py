@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
     room, arm = read_room(arguments.scene), _arm(arguments)
     job, source = _job(arguments, arm, room)
     found = _found(arguments, job)
-    document = placement_document(found, room, arm.name, source, parked=arguments.parked is not None)
+    document = placement_document(found, room, arm, source, parked=arguments.parked is not None)
     print(placement_text(document), file=sys.stderr)
     write_document(arguments.output, document, read_placement)
     if document.status == "blocked":

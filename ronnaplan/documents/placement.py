@@ -10,14 +10,27 @@ from pydantic import Field, FiniteFloat, model_validator
 
 from ronnaplan import __version__
 from ronnaplan.documents.fiducials import Software, Source
-from ronnaplan.documents.fields import DocumentModel, Label, LengthMm, Line, Matrix4, Probability, Revision, Row6
+from ronnaplan.documents.fields import (
+    DocumentModel,
+    Label,
+    LengthMm,
+    Line,
+    Matrix4,
+    Probability,
+    Revision,
+    Row6,
+    Vector,
+)
 from ronnaplan.documents.reading import made, read_document
+from ronnaplan.documents.room import MOST_THINGS, BoxEntry, CapsuleEntry
 from ronnaplan.errors import InputError
-from ronnaplan.pose import as_pose
+from ronnaplan.geometry import FloatArray, Frame
+from ronnaplan.pose import as_pose, transform_points
 
 if TYPE_CHECKING:  # loading them compiles the arm's kernels
+    from ronnaplan.robot.arm.arm import SerialArm
     from ronnaplan.robot.placement.placement import Place, Placement
-    from ronnaplan.robot.placement.room import Room
+    from ronnaplan.robot.placement.room import Box, Room
     from ronnaplan.robot.placement.serving import Served
 
 FORMAT = "ronnaplan.placement"
@@ -46,6 +59,24 @@ class RouteEntry(DocumentModel):
     stuck: tuple[Label, ...] = ()
 
 
+class RoomEntry(DocumentModel):
+    """What stands in the room, in its coordinates; for the eye."""
+
+    boxes: tuple[BoxEntry, ...] = Field(default=(), max_length=MOST_THINGS)
+    capsules: tuple[CapsuleEntry, ...] = Field(default=(), max_length=MOST_THINGS)
+    tracker: Vector | None = None
+
+
+class RobotEntry(DocumentModel):
+    """The robot in its reference posture and its trolley, in the room's coordinates; for the eye."""
+
+    bodies: tuple[CapsuleEntry, ...] = Field(default=(), max_length=MOST_THINGS)
+    trolley: tuple[BoxEntry, ...] = Field(default=(), max_length=MOST_THINGS)
+    shoulder: Vector
+    reach: LengthMm
+    """Of the arm stretched, from its first axis to where an instrument leaves its holder."""
+
+
 class PlaceEntry(DocumentModel):
     """One base: R from CT and room from R, mm, and all it does."""
 
@@ -55,6 +86,7 @@ class PlaceEntry(DocumentModel):
     probability: Probability | None = None
     tasks: tuple[ServedEntry, ...]
     route: RouteEntry
+    robot: RobotEntry | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -90,6 +122,7 @@ class PlacementDocument(DocumentModel):
     robot_from_ct: tuple[PlaceEntry, ...] = ()
     """The best place first, then alternatives apart from it."""
     blocked: tuple[Line, ...] = ()
+    room: RoomEntry | None = None
     software: Software
 
     @model_validator(mode="after")
@@ -100,9 +133,14 @@ class PlacementDocument(DocumentModel):
             raise ValueError(f"the status is {self.status}, with {len(self.robot_from_ct)} places")
         return self
 
+    @property
+    def ct_frame(self) -> Frame:
+        """The scan's frame of reference."""
+        return Frame("CT", self.source.frame_of_reference_uid)
+
 
 def placement_document(
-    found: Placement, room: Room, arm: str, source: Source, *, parked: bool = False
+    found: Placement, room: Room, arm: SerialArm, source: Source, *, parked: bool = False
 ) -> PlacementDocument:
     """Turn a placement into its document; ``parked``: the base was measured."""
     content: dict[str, Any] = {
@@ -111,9 +149,16 @@ def placement_document(
         "unit": "mm",
         "status": ("parked" if parked else "placed") if found.places else "blocked",
         "source": source.model_dump(),
-        "arm": arm,
+        "arm": arm.name,
         "parking": {"sigma_mm": room.parking.sigma_mm, "sigma_deg": room.parking.sigma_deg},
-        "robot_from_ct": [_place(found, place) for place in found.places],
+        "robot_from_ct": [{**_place(found, place), "robot": _robot(arm, room, place)} for place in found.places],
+        "room": {
+            "boxes": [_box(one) for one in room.boxes],
+            "capsules": [
+                _capsule(one.name, np.array([*one.start_mm, *one.end_mm, one.radius_mm])) for one in room.capsules
+            ],
+            "tracker": None if room.tracker is None else room.tracker.position_mm,
+        },
         "blocked": list(found.blocked),
         "software": {"name": "ronnaplan", "version": __version__},
     }
@@ -170,6 +215,44 @@ def _place(found: Placement, place: Place) -> dict[str, Any]:
             "stuck": route.stuck,
         },
     }
+
+
+def _robot(arm: SerialArm, room: Room, place: Place) -> dict[str, Any]:
+    """Return the robot at ``place`` as capsules and boxes of the room."""
+    from ronnaplan.robot.arm.forward import link_frames
+    from ronnaplan.robot.arm.wrist import wrist_of
+    from ronnaplan.robot.placement.world import machine_of
+
+    machine, wrist = machine_of(arm, room), wrist_of(arm)
+    frames = place.room_from_r @ link_frames(arm, np.radians(place.route.reference_deg)[None])[0]
+    lengths = (wrist.upper, wrist.lower, np.array(room.tool.start_mm) - wrist.center)
+    rows = []
+    for link, row in zip(machine.links, machine.bodies, strict=True):
+        ends = transform_points(frames[link], row[:6].reshape(2, 3))
+        rows.append(np.array([*ends.ravel(), row[6]]))
+    turn = float(np.degrees(np.arctan2(place.room_from_r[1, 0], place.room_from_r[0, 0])))
+    return {
+        "bodies": [_capsule(f"body {n}", row) for n, row in enumerate(rows, 1)],
+        "trolley": [
+            {
+                **_box(one),
+                "center": tuple(transform_points(place.room_from_r, np.array([one.center_mm]))[0].tolist()),
+                "turn_deg": float((one.turn_deg + turn + 180.0) % 360.0 - 180.0),
+            }
+            for one in room.floor.trolley
+        ],
+        "shoulder": tuple(transform_points(place.room_from_r, wrist.origin[None])[0].tolist()),
+        "reach": float(abs(wrist.axis_2[0]) + sum(np.linalg.norm(part) for part in lengths)),
+    }
+
+
+def _capsule(name: str, row: FloatArray) -> dict[str, Any]:
+    start, end, radius = row[:3].tolist(), row[3:6].tolist(), float(row[6])
+    return {"name": name, "start": tuple(start), "end": tuple(end), "radius": radius}
+
+
+def _box(one: Box) -> dict[str, Any]:
+    return {"name": one.name, "center": one.center_mm, "size": one.size_mm, "turn_deg": one.turn_deg}
 
 
 def _served(one: Served) -> dict[str, Any]:

@@ -117,6 +117,7 @@ class HeadView:
         layers: dict[str, tuple[Any, Callable[[], None]]] = {
             "surface": ((state.look.surface, state.look.preset), lambda: self._show_surface(scene)),
             "markers": (state.case.fiducials, scene.show_markers),
+            "robot": (state.case.placement, lambda: scene.show_robot(state.case.placement)),
             "proposals": (state.offers.proposals, lambda: scene.show_proposals(state.offers.proposals)),
             "placement": (state.offers.placement, lambda: scene.show_placement(state.offers.placement)),
         }

@@ -6,6 +6,7 @@ from itertools import count
 
 import numpy as np
 
+from ronnaplan.documents.placement import PlacementDocument
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.cuts import jpeg
 from ronnaplan.planner.state import PlannerState
@@ -15,6 +16,7 @@ from ronnaplan.scene import things
 from ronnaplan.scene.camera import Camera
 from ronnaplan.scene.picture import filled_in
 from ronnaplan.scene.portrait import filling
+from ronnaplan.scene.robot import robot_things
 from ronnaplan.scene.shapes import Body, ball, joined, specks
 from ronnaplan.scene.things import Thing
 
@@ -91,6 +93,12 @@ class Scene:
         if placed is not None:
             balls = [ball(center, placed.diameter_mm / 2) for center in placed.centers_mm]
             self._show(Thing("placement", joined(balls), things.rgb(PLACEMENT_COLOUR), 0.8))
+
+    def show_robot(self, placement: PlacementDocument | None) -> None:
+        """Show the robot at its place, and what stands in the room."""
+        self._hide("robot")
+        for one in robot_things(placement) if placement is not None else ():
+            self._show(one)
 
     def fill(self) -> None:
         """Come as near as all that is shown can be seen whole."""

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pydantic import Field
 
-from ronnaplan.case.folder import FIDUCIALS, LIMITS, PLAN, REGISTRATION, CaseFiles
+from ronnaplan.case.folder import FIDUCIALS, LIMITS, PLACEMENT, PLAN, REGISTRATION, CaseFiles
 from ronnaplan.documents.fields import DocumentModel, Hounsfield, Line, PositiveMm, Vector
 from ronnaplan.documents.files import read_json, write_atomically
 from ronnaplan.documents.reading import to_json, validated
@@ -60,14 +60,22 @@ class Storage:
 
     @property
     def documents(self) -> CaseFiles:
-        """The documents of the case; limits only where they lie beside the plan."""
-        limits = self.plan.with_name(LIMITS)
-        return CaseFiles(self.plan, self.fiducials, self.registration, limits if limits.is_file() else None)
+        """The documents of the case; limits and the robot's placement only where they lie beside the plan."""
+        beside = (self.plan.with_name(name) for name in (LIMITS, PLACEMENT))
+        return CaseFiles(
+            self.plan, self.fiducials, self.registration, *(path if path.is_file() else None for path in beside)
+        )
 
     @property
     def _own_names(self) -> set[str]:
         """The documents of the case, which are no readings."""
-        here = (self.plan, self.fiducials, self.registration, self.look, self.plan.with_name(LIMITS))
+        here = (
+            self.plan,
+            self.fiducials,
+            self.registration,
+            self.look,
+            *map(self.plan.with_name, (LIMITS, PLACEMENT)),
+        )
         return {path.name for path in here if path.parent == self.plan.parent}
 
     @property

@@ -13,6 +13,7 @@ from ronnaplan.report.marker_part import markers_part
 from ronnaplan.report.overview import View, overview_part
 from ronnaplan.report.part import Part
 from ronnaplan.report.path_part import paths_part
+from ronnaplan.report.placement_part import placement_part
 from ronnaplan.report.registration_part import registration_part
 from ronnaplan.report.scan_part import scan_part
 
@@ -40,6 +41,7 @@ def quality_report(
         markers_part(case),
         paths_part(case),
         registration_part(case),
+        placement_part(case, seen.things if seen is not None else ()),
     ]
     title, made = (f"Quality report: {name}" if name else "Quality report"), f"ronnaplan {__version__}, {_now()}"
     return page(

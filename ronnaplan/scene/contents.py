@@ -10,6 +10,7 @@ from ronnaplan.errors import InputError
 from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.scene import things
 from ronnaplan.scene.field import Field, bounds_mm, of_mask
+from ronnaplan.scene.robot import robot_things
 from ronnaplan.scene.surfaces import MOST_TRIANGLES, REGION, surfaces
 from ronnaplan.scene.things import Thing
 
@@ -17,10 +18,11 @@ OPACITY = {"skull": 0.3, "skin": 0.2}
 """So that trajectories are seen through the head."""
 
 
-def things_of(case: Case, most_triangles: int = MOST_TRIANGLES) -> list[Thing]:
+def things_of(case: Case, most_triangles: int = MOST_TRIANGLES, *, robot: bool = False) -> list[Thing]:
     """Return markers, rejected candidates, trajectories and regions of a case, its skull and its skin last.
 
-    Skin, skull and each region have at most so many triangles.
+    With ``robot`` also the robot at its place, which is much larger than a head. Skin, skull and each region have at
+    most so many triangles.
 
     Raises `InputError` where there is nothing to show, and where pyvista is not installed.
     """
@@ -30,6 +32,8 @@ def things_of(case: Case, most_triangles: int = MOST_TRIANGLES) -> list[Thing]:
         shown += [things.marker(one.label, np.array(one.center), one.diameter_mm) for one in found]
         if case.fiducials.rejected:
             shown.append(things.rejected([np.array(one.center) for one in case.fiducials.rejected]))
+    if robot and case.placement is not None:
+        shown += robot_things(case.placement)
     plan = case.plan
     if plan is not None:
         for path in plan if case.volume is None else _beside(plan, case.volume):

@@ -86,9 +86,12 @@ def filling(things: Sequence[Thing], direction: FloatArray = FRONTS[0]) -> Camer
     return Camera(middle + away * back, middle)
 
 
-def still_png(things: Sequence[Thing], shape: tuple[int, int] = SHAPE) -> bytes:
-    """Return a picture of things that fills ``shape`` = (rows, columns), clear where nothing is, as a PNG."""
+def still_png(things: Sequence[Thing], shape: tuple[int, int] = SHAPE, direction: FloatArray = FRONTS[0]) -> bytes:
+    """Return a picture of things, from ``direction`` (3,), that fills ``shape`` = (rows, columns), as a PNG.
+
+    It is clear where nothing is.
+    """
     import cv2
 
-    shades = picture(things, filling(things), shape)
+    shades = picture(things, filling(things, direction), shape)
     return bytes(cv2.imencode(".png", np.ascontiguousarray(shades[..., [2, 1, 0, 3]]))[1])

@@ -60,6 +60,22 @@ def ball(center_mm: ArrayLike, radius_mm: float, sides: int = SIDES) -> Body:
     return _turned(points, radius_mm * np.sin(polar), axis, sides)
 
 
+def box(center_mm: ArrayLike, size_mm: ArrayLike, turn_deg: float = 0.0) -> Body:
+    """Return a box with sides (3,), turned about z; each face has corners of its own, so that edges are sharp."""
+    c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    faces = []
+    for axis in range(3):
+        for side in (-1.0, 1.0):
+            out = side * np.eye(3)[axis]
+            a = np.eye(3)[(axis + 1) % 3]
+            b = np.cross(out, a)
+            faces.append([out - a - b, out + a - b, out + a + b, out - a + b])
+    corners = (np.array(faces).reshape(-1, 3) * np.asarray(size_mm) / 2) @ turn.T + np.asarray(center_mm)
+    first = 4 * np.arange(6)[:, np.newaxis, np.newaxis]
+    return Body.of(corners, (first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3))
+
+
 def specks(centers_mm: FloatArray, radius_mm: float) -> Body:
     """Return a small octahedron at each of the places (N, 3); six vertices each."""
     corners = np.concatenate([np.eye(3), -np.eye(3)])

@@ -30,6 +30,7 @@ from ronnaplan.geometry import Frame, Points
 from ronnaplan.planner.storage import Look
 from ronnaplan.pose import Pose, rigid
 from ronnaplan.registration.marker_registration import register_markers
+from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.camera import RIG, Camera
 from ronnaplan.robot.chain import OTS, TCP, Capture, M, R
 from ronnaplan.robot.hand_eye import HandEye
@@ -48,7 +49,7 @@ SERVED = Served("LH", "trajectory", np.zeros((2, 6)), 20.0, 30.0, 40.0, 50.0)
 ROUTE = Route(("LH",), 90.0, ("LH",), ("F1",), np.zeros(6))
 PLACES = (RobotPlace(np.eye(4), (SERVED,), ROUTE, 0.9),)
 PLACEMENT = placement_document(
-    Placement(np.eye(4), PLACES, ()), room(), "kr6r900", fiducials_document(FOUND).source
+    Placement(np.eye(4), PLACES, ()), room(), kr6_r900(), fiducials_document(FOUND).source
 )
 
 Reader = Callable[[Path], object]

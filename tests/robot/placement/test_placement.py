@@ -71,7 +71,7 @@ def test_no_place_of_the_floor_is_better(found: tuple[Job, Placement]) -> None:
 
 def test_the_document_says_the_same(found: tuple[Job, Placement]) -> None:
     given, placement = found
-    document = placement_document(placement, given.room, "kr6r900", Source())
+    document = placement_document(placement, given.room, given.arm, Source())
     assert document.status == "placed"
     (first, *_) = document.robot_from_ct
     np.testing.assert_allclose(

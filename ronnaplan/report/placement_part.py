@@ -1,0 +1,93 @@
+"""The report's placement of the robot: where its base shall stand, how it serves each task, in which order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ronnaplan.case.folder import Case
+from ronnaplan.documents.placement import PlaceEntry, PlacementDocument
+from ronnaplan.planning.rows import number
+from ronnaplan.report.html import element, picture, table
+from ronnaplan.report.part import Part
+from ronnaplan.scene.things import Thing
+
+TITLE = "Placement of the robot"
+PLACES = ("", "x mm", "y mm", "z mm", "turn deg", "least joint margin deg", "serves all after parking")
+TASKS = ("task", "", "joints deg", "singular deg", "clearance mm", "tracker deg")
+SHAPE = (600, 1000)
+FROM = np.array([-0.55, -0.65, 0.52])
+"""From what is shown to the eye, in the room."""
+
+
+def placement_part(case: Case, seen: Sequence[Thing] = ()) -> Part:
+    """Tell the places found, and of the best one every task's margins; what blocks is a warning.
+
+    ``seen`` is what there is to see of the head.
+    """
+    found = case.placement
+    if found is None:
+        return Part(TITLE)
+    if not found.robot_from_ct:
+        return Part(TITLE, [], [f"no place of the robot serves all: {sentence}" for sentence in found.blocked])
+    best = found.robot_from_ct[0]
+    tasks = [
+        (
+            one.name,
+            one.kind,
+            *(number(value, 1) for value in (one.joint_margin_deg, one.singularity_deg, one.clearance_mm)),
+            number(one.tracker_deg, 1),
+        )
+        for one in best.tasks
+    ]
+    body = [
+        *_drawn(found, seen),
+        table(PLACES, [_place(found, n, one) for n, one in enumerate(found.robot_from_ct, 1)]),
+        element("p", _rests_on(found), "note"),
+        element("h3", "Margins from the first place, the least along each way"),
+        table(TASKS, tasks),
+        element(
+            "p", f"order: {', '.join(best.route.order)}; joints turn by {best.route.travel_deg:.0f} degrees in all"
+        ),
+    ]
+    return Part(TITLE, body, _warnings(case, found, best))
+
+
+def _drawn(found: PlacementDocument, seen: Sequence[Thing]) -> list[str]:
+    """Return a picture of the robot beside the head, where the document holds it."""
+    from ronnaplan.scene.portrait import still_png
+    from ronnaplan.scene.robot import in_room, robot_things
+
+    robot = robot_things(found)
+    if not robot:
+        return []
+    caption = "the robot at the first place, in its reference posture; the ring is its reach about its shoulder"
+    return [picture(still_png(in_room(found, [*robot, *seen]), SHAPE, FROM), caption)]
+
+
+def _place(found: PlacementDocument, count: int, one: PlaceEntry) -> list[str]:
+    pose = np.array(one.room_from_r)
+    turn = np.degrees(np.arctan2(pose[1, 0], pose[0, 0]))
+    name = "as measured" if found.status == "parked" else f"place {count}"
+    numbers = [f"{value:.0f}" for value in (*pose[:3, 3], turn)]
+    return [name, *numbers, number(one.worst_margin_deg, 1), number(one.probability, 3)]
+
+
+def _rests_on(found: PlacementDocument) -> str:
+    told = f"{found.arm}; coordinates of the base in the room"
+    if found.status == "parked":
+        return told
+    return (
+        f"{told}; parked within {found.parking.sigma_mm:g} mm and {found.parking.sigma_deg:g} degrees (one sigma)"
+    )
+
+
+def _warnings(case: Case, found: PlacementDocument, best: PlaceEntry) -> list[str]:
+    """Return what the placement does not cover: tasks without a free way, trajectories that it does not know."""
+    told = [f"the robot has no free way to {name}" for name in best.route.stuck]
+    known = {one.name for one in best.tasks if one.kind == "trajectory"}
+    new = [one.name for one in case.plan or () if one.name not in known]
+    return told + [
+        f"the robot's place was not found for trajectory {name}; run 'robot place' again" for name in new
+    ]

@@ -1,0 +1,82 @@
+"""The robot at its place, what stands in the room, and how far the arm reaches: for the eye."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from ronnaplan.documents.placement import PlacementDocument
+from ronnaplan.documents.room import BoxEntry, CapsuleEntry
+from ronnaplan.geometry import FloatArray
+from ronnaplan.pose import invert
+from ronnaplan.scene.shapes import Body, ball, box, joined, tube
+from ronnaplan.scene.things import Thing, rgb
+
+ROBOT_COLOUR: Final = "#f57c00"
+ROOM_COLOUR: Final = "#78909c"
+REACH_COLOUR: Final = "#4fc3f7"
+OTHER_COLOUR: Final = "#ffcc80"
+TRACKER_MM: Final = 60.0
+REACH_SIDES: Final = 72
+LINE_MM: Final = 6.0
+
+
+def robot_things(placement: PlacementDocument) -> list[Thing]:
+    """Return the robot at the best place, room, reach and the other places' bases, in the scan's coordinates.
+
+    Empty where the placement is blocked, or does not hold them.
+    """
+    if not placement.robot_from_ct or placement.room is None:
+        return []
+    best = placement.robot_from_ct[0]
+    ct_from_room = invert(np.array(best.room_from_r) @ np.array(best.r_from_ct))
+    shown = []
+    if best.robot is not None:
+        robot = [_capsule(one) for one in best.robot.bodies] + [_box(one) for one in best.robot.trolley]
+        reach = _ring(np.array(best.robot.shoulder), best.robot.reach)
+        shown = [("robot", robot, ROBOT_COLOUR, 1.0), ("robot reach", [reach], REACH_COLOUR, 0.8)]
+    things = [_box(one) for one in placement.room.boxes] + [_capsule(one) for one in placement.room.capsules]
+    if placement.room.tracker is not None:
+        things.append(ball(placement.room.tracker, TRACKER_MM))
+    others = [ball(np.array(one.room_from_r)[:3, 3], TRACKER_MM) for one in placement.robot_from_ct[1:]]
+    shown += [("robot room", things, ROOM_COLOUR, 0.5), ("robot other places", others, OTHER_COLOUR, 1.0)]
+    return [
+        Thing(name, _moved(joined(bodies), ct_from_room), rgb(colour), opacity)
+        for name, bodies, colour, opacity in shown
+        if bodies
+    ]
+
+
+def in_room(placement: PlacementDocument, things: Sequence[Thing]) -> list[Thing]:
+    """Return things of the scan's coordinates as they lie in the room, where up is up."""
+    best = placement.robot_from_ct[0]
+    room_from_ct = np.array(best.room_from_r) @ np.array(best.r_from_ct)
+    return [replace(one, body=_moved(one.body, room_from_ct)) for one in things]
+
+
+def _capsule(one: CapsuleEntry) -> Body:
+    start, end = np.array(one.start), np.array(one.end)
+    caps = [ball(start, one.radius), ball(end, one.radius)]
+    long_enough = float(np.linalg.norm(end - start)) > 1.0
+    return joined([tube(np.stack([start, end]), one.radius), *caps] if long_enough else caps)
+
+
+def _box(one: BoxEntry) -> Body:
+    return box(one.center, one.size, one.turn_deg)
+
+
+def _ring(shoulder_mm: FloatArray, reach_mm: float) -> Body:
+    """Return the circle about the shoulder that the arm reaches, stretched."""
+    angle = 2 * np.pi * np.arange(REACH_SIDES + 1) / REACH_SIDES
+    around = reach_mm * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    return joined([tube(np.stack(pair), LINE_MM) for pair in pairwise(shoulder_mm + around)])
+
+
+def _moved(body: Body, pose: FloatArray) -> Body:
+    """Return a body brought by a rigid ``pose`` (4, 4)."""
+    turn = pose[:3, :3].astype(np.float32)
+    return Body(body.vertices_mm @ turn.T + pose[:3, 3].astype(np.float32), body.normals @ turn.T, body.triangles)

@@ -1,0 +1,91 @@
+"""The robot in the scene of a head stands where the placement says, and only where there is one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ronnaplan.case.folder import Case
+from ronnaplan.documents.fiducials import Source
+from ronnaplan.documents.placement import PlacementDocument, placement_document
+from ronnaplan.errors import FrameMismatchError
+from ronnaplan.report.placement_part import placement_part
+from ronnaplan.robot.arm.kuka import kr6_r900
+from ronnaplan.robot.placement.placement import Place, Placement
+from ronnaplan.robot.placement.route import Route
+from ronnaplan.robot.placement.search import base_pose
+from ronnaplan.robot.placement.serving import Served
+from ronnaplan.scene.contents import things_of
+from ronnaplan.scene.robot import in_room, robot_things
+from ronnaplan.scene.shapes import box
+from tests import cases
+from tests.robot.placement.cases import room
+
+BASE = np.array([-700.0, -300.0, 900.0, 30.0])
+STRETCHED = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+
+
+def document(**changes: object) -> PlacementDocument:
+    room_from_ct = np.array([[0.0, 0, -1, 10], [-1, 0, 0, 20], [0, 1, 0, 1050], [0, 0, 0, 1]])
+    served = Served("left", "trajectory", np.zeros((2, 6)), 20.0, 30.0, 40.0, np.inf)
+    route = Route(("left",), 90.0, (), ("left",), STRETCHED)
+    places = tuple(Place(base_pose(BASE + shift), (served,), route, 0.9) for shift in (0.0, [300.0, 0, 0, 0]))
+    source = Source(**cases.fiducials().source.model_dump())
+    found = placement_document(Placement(room_from_ct, places, ()), room(), kr6_r900(), source)
+    return found.model_copy(update=changes)
+
+
+def test_the_arm_stretched_touches_its_ring_and_stands_on_its_trolley() -> None:
+    found = document()
+    in_scan = robot_things(found)
+    shown = {one.name: one.body.vertices_mm.astype(float) for one in in_room(found, in_scan)}
+    assert set(shown) == {"robot", "robot reach", "robot room", "robot other places"}
+    turn = np.radians(BASE[3])
+    forward = np.array([np.cos(turn), np.sin(turn), 0.0])
+    assert float((shown["robot"] @ forward).max()) > BASE[:3] @ forward + 900.0  # the arm at zero points forwards
+    ring = np.linalg.norm(shown["robot reach"][:, :2] - BASE[:2], axis=1)
+    assert ring == pytest.approx(25.0 + 455.0 + np.hypot(420.0, 35.0) + 200.0, abs=10.0)
+    assert shown["robot reach"][:, 2] == pytest.approx(BASE[2] + 400.0, abs=10.0)
+    assert shown["robot"][:, 2].min() == pytest.approx(BASE[2] - 800.0, abs=1.0)
+    assert shown["robot other places"].mean(axis=0) == pytest.approx(BASE[:3] + np.array([300.0, 0, 0]), abs=2.0)
+    back = {one.name: one.body.vertices_mm for one in in_scan}
+    table = back["robot room"].mean(axis=0)
+    assert np.linalg.norm(table) > 100.0
+    assert not np.allclose(back["robot"].mean(axis=0), shown["robot"].mean(axis=0), atol=50.0)
+
+
+def test_a_case_shows_the_robot_only_where_it_is_asked_for() -> None:
+    case = Case(plan=cases.plan(), placement=document())
+    names = {one.name for one in things_of(case, robot=True)}
+    assert {"robot", "robot reach"} <= names
+    assert not any(one.name.startswith("robot") for one in things_of(case))
+    assert robot_things(document(robot_from_ct=(), status="blocked", blocked=("all",))) == []
+
+
+def test_a_placement_of_another_scan_is_refused() -> None:
+    other = document(source=Source(frame_of_reference_uid="1.2.3.4", voxel_sha256="0" * 64))
+    with pytest.raises(FrameMismatchError, match=r"placement\.json is in frame"):
+        Case(plan=cases.plan(), placement=other)
+
+
+def test_the_report_tells_places_margins_and_what_they_do_not_cover() -> None:
+    part = placement_part(Case(plan=cases.plan(), placement=document()))
+    told = "".join(part.body)
+    for text in ("place 2", "0.900", "least joint margin", "data:image/png", "joints turn by 90 degrees"):
+        assert text in told
+    assert "the robot has no free way to left" in part.warnings
+    missing = [one.name for one in cases.plan() if one.name != "left"]
+    assert all(any(f"trajectory {name};" in warning for warning in part.warnings) for name in missing)
+    blocked = document(robot_from_ct=(), status="blocked", blocked=("joint 5 is beyond its limit",))
+    part = placement_part(Case(plan=cases.plan(), placement=blocked))
+    assert part.warnings == ["no place of the robot serves all: joint 5 is beyond its limit"]
+    assert placement_part(replace(Case(plan=cases.plan()))).body == []
+
+
+def test_a_box_has_its_sides_and_looks_outwards() -> None:
+    body = box((10.0, 20.0, 30.0), (4.0, 6.0, 8.0), 90.0)
+    assert np.ptp(body.vertices_mm, axis=0) == pytest.approx([6.0, 4.0, 8.0], abs=1e-4)
+    a, b, c = (body.vertices_mm[body.triangles[:, n]].astype(float) for n in range(3))
+    middle = np.array([10.0, 20.0, 30.0])
+    volume = float(np.einsum("ij,ij->i", a - middle, np.cross(b - middle, c - middle)).sum() / 6)
+    assert volume == pytest.approx(4 * 6 * 8, rel=1e-4)
