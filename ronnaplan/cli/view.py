@@ -32,6 +32,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     with_documents(parser, otherwise="beside the plan")
     with_rules(parser)
+    parser.add_argument(
+        "--second",
+        metavar="IMAGE",
+        help="another image of the same head (MR or CTA as NIfTI, NRRD, MetaImage; a CT) to show over the cuts",
+    )
     parser.add_argument("--tracker", metavar="HOST:PORT", help="an OpenIGTLink server to listen to when asked")
     parser.add_argument(
         "--patient", action="store_true", help="show the patient's name, which is left out otherwise"
@@ -62,6 +67,8 @@ def run(arguments: argparse.Namespace) -> int:
         stated = with_limits(rules(arguments), limits)
         volume = read_ct(ct, series, progress=True)
         state = PlannerState(volume, storage, stated, read_labels(arguments.no_go, volume))
+        if arguments.second:
+            state.take_second(read_ct(arguments.second, progress=True), Path(arguments.second).name)
         read.append(Origin(ct, series, _stated(arguments)))
         return state
 
@@ -104,6 +111,7 @@ def _require_no_case(arguments: argparse.Namespace) -> None:
         )
     named = {"CT": arguments.ct, "--series": arguments.series, "--fiducials": arguments.fiducials}
     named |= {"--registration": arguments.registration, "--no-go": arguments.no_go, "--plan": arguments.plan}
+    named |= {"--second": arguments.second}
     given = [name for name, value in named.items() if value]
     if given:
         raise UsageError(f"{' and '.join(given)} belongs to one case; name its scan, too: ronnaplan view CT")

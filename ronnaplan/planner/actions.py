@@ -10,7 +10,7 @@ import numpy as np
 
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.planner.arguments import Index, Pixels, Steps, Typed
+from ronnaplan.planner.arguments import Index, Pixels, Share, Steps, Typed
 from ronnaplan.planner.opening import SIDES
 from ronnaplan.planner.pixels import Pixel
 from ronnaplan.planner.pointer import Pointer
@@ -82,6 +82,8 @@ class Actions:
             "instrument": state.case.choose_instrument,
             "size": self._size,
             "take": self._take,
+            "second": self._second,
+            "align": lambda: state.other.register(),
             "remove_ruler": state.remove_ruler,
             "show_ruler": state.show_ruler,
             "landmark": self._landmark,
@@ -162,6 +164,10 @@ class Actions:
 
     def _localize(self, diameter: Typed) -> None:
         self.state.localize(_number(diameter))
+
+    def _second(self, share: Share, mode: str) -> None:
+        """Show so much of the second image, as its mode says."""
+        self.state.other.show(share, mode)
 
     def _placement(self, count: Typed) -> None:
         self.state.offers.propose_markers(int(_number(count)))

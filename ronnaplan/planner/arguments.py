@@ -30,6 +30,9 @@ Steps = Annotated[float, Field(ge=-MOST_STEPS, le=MOST_STEPS)]
 Strength = Annotated[float, Field(ge=0.05, le=20.0)]
 """How dense a whole scan is drawn."""
 
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+"""A part of a whole."""
+
 Index = Annotated[int, Field(ge=0)]
 """A place in a list."""
 

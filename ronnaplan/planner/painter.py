@@ -91,6 +91,7 @@ class Painter:
             judged = state.case.judge(state.look.chosen)
         values.markers, values.rejected = panels.marker_rows(state), panels.rejected_rows(state)
         values.paths, values.chosen = panels.path_rows(state), panels.chosen_path(state, judged)
+        values.second = state.second.told if state.second else {"name": ""}
         values.rulers = ruler_rows(state)
         values.landmarks = panels.landmark_rows(state)
         values.registration, values.pointing = panels.registration_panel(state), panels.pointing_panel(state)
@@ -151,9 +152,12 @@ class Painter:
             return ""
         cut, window, pane = state.look.cut(view), state.look.window_hu, self.panes[view]
         of = (tuple(cut.center_mm.round(6)), tuple(cut.right), tuple(cut.down), cut.field_mm, window, pane)
+        of += state.second.look if state.second else ()
         last = self._drawn.get(view)
         if last is None or last.of != of or not (last.still or self.moving):
             shades = shaded(self._sampled(view, cut), window)
+            if state.second is not None:
+                shades = state.second.over(shades, cut)
             kind, drawn = ("jpeg", jpeg(shades)) if self.moving else ("png", png(shades))
             url = f"data:image/{kind};base64,{base64.b64encode(drawn).decode()}"
             last = self._drawn[view] = _Drawn(of, not self.moving, url)

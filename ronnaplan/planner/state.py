@@ -16,6 +16,7 @@ from ronnaplan.planner.looking import Looking
 from ronnaplan.planner.offers import Offers
 from ronnaplan.planner.outlines import Outlines
 from ronnaplan.planner.registering import Registering
+from ronnaplan.planner.second import Second
 from ronnaplan.planner.storage import Storage
 from ronnaplan.planner.worker import Job, Start
 from ronnaplan.planning import Landmarks, Ruler, Trajectory
@@ -45,9 +46,22 @@ class PlannerState:
         """Does what takes long; the planner's page has it done in another process."""
         self.case = OpenCase(volume, storage.documents, rules, no_go)
         self.look = Looking(self.case, storage)
+        self.second: Second | None = None
+        """Another image of the same head, shown over the cuts."""
         self.outlines = Outlines(volume, self.case.no_go)
         self.registering = Registering(self.case, storage, lambda job: self.start(job))
         self.offers = Offers(self.case, self.look, lambda job: self.start(job))
+
+    def take_second(self, image: CTVolume, name: str) -> None:
+        """Show another image of the same head over the cuts, once it is known where it lies."""
+        self.second = Second(self.case.volume, image, name, lambda job: self.start(job))
+
+    @property
+    def other(self) -> Second:
+        """The second image; raises `UsageError` where there is none."""
+        if self.second is None:
+            raise UsageError("there is no second image; name one with --second")
+        return self.second
 
     def add_trajectory(self, entry_mm: FloatArray, target_mm: FloatArray, name: str | None = None) -> str:
         """Add a trajectory and select it; returns its name."""

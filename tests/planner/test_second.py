@@ -1,0 +1,93 @@
+"""A second image is placed by its frame of reference or by registration, and is shown where it belongs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.spatial.transform import Rotation
+
+from ronnaplan.ct import CTVolume, SliceGrid
+from ronnaplan.errors import UsageError
+from ronnaplan.planner.second import Second
+from ronnaplan.planner.state import PlannerState
+from ronnaplan.planner.worker import Job
+from ronnaplan.scene.cut import Cut
+from tests import cases
+from tests.planner.browser import eventually, needs_browser, opened, planner, value
+
+TURN, SHIFT_MM = Rotation.from_rotvec([0.06, -0.08, 0.1]).as_matrix(), np.array([7.0, -5.0, 4.0])
+SPACING_MM = 3.0
+
+
+def other_image(uid: str | None) -> CTVolume:
+    """The head as another machine would show it: turned, moved, coarser, and with other brightness.
+
+    A place ``p`` of the scan lies at ``TURN @ p + SHIFT_MM`` in it.
+    """
+    scan = cases.volume()
+    k, j, i = np.indices((70, 90, 80)).reshape(3, -1).astype(float)
+    origin = np.array([-120.0, -135.0, -70.0])
+    places = origin + SPACING_MM * np.stack([i, j, k], axis=1)
+    in_scan = (places - SHIFT_MM) @ TURN
+    indices = scan.grid.indices(in_scan).T
+    blurred = gaussian_filter(scan.voxels_hu.astype(np.float32), (0.5, 1.0, 1.0))
+    hu = map_coordinates(blurred, indices, order=1, cval=-1000.0).reshape(70, 90, 80)
+    soft = np.exp(-(((hu - 40.0) / 120.0) ** 2))
+    values = (900.0 * soft + 60.0 * (hu > 300)).astype(np.float32)
+    origins = origin + SPACING_MM * np.arange(70)[:, np.newaxis] * np.array([0.0, 0.0, 1.0])
+    grid = SliceGrid(origins, SPACING_MM * np.array([0.0, 1.0, 0.0]), SPACING_MM * np.array([1.0, 0.0, 0.0]))
+    return CTVolume(values, grid, replace(scan.source, frame_of_reference_uid=uid))
+
+
+def test_registration_finds_where_the_head_lies_and_says_how_sure(state: PlannerState) -> None:
+    state.take_second(other_image(None), "mr.nii")
+    second = state.other
+    assert not second.placed
+    second.register()
+    assert second._pose is not None
+    corners = 60.0 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (0, 1)])
+    found = corners @ second._pose[:3, :3].T + second._pose[:3, 3]
+    assert np.linalg.norm(found - (corners @ TURN.T + SHIFT_MM), axis=1).max() < 1.5  # half a voxel of it
+    assert "registered by SimpleITK" in second.quality
+    assert "DOUBTFUL" not in second.quality
+
+
+def test_an_image_of_the_same_frame_is_placed_at_once_and_blended_or_checkered() -> None:
+    scan = cases.volume()
+    second = Second(scan, replace(scan, voxels_hu=-scan.voxels_hu), "inverted", Job.do)
+    assert second.placed
+    assert "own frame of reference" in second.quality
+    cut = Cut(np.array([1.0, 0, 0]), np.array([0.0, 1, 0]), np.array([0.0, 0, 30.0]), 200.0)
+    plain = np.full((160, 160), 100, dtype=np.uint8)
+    second.show(0.0, "blend")
+    assert second.over(plain, cut) is plain
+    second.show(1.0, "blend")
+    whole = second.over(plain, cut)
+    assert whole[80, 80] < whole[2, 2]  # air is bright in the second
+    second.show(0.5, "blend")
+    assert second.over(plain, cut) == pytest.approx((whole.astype(float) + 100) / 2, abs=1.0)
+    second.show(1.0, "checkerboard")
+    squares = second.over(plain, cut)
+    assert (squares[:20, 20:40] == 100).all()
+    assert (squares[:20, :20] == whole[:20, :20]).all()
+    with pytest.raises(UsageError, match="blend, checkerboard"):
+        second.show(0.5, "dance")
+
+
+@needs_browser
+def test_the_page_shows_the_second_image_over_every_cut(browser: Any, folder: Path) -> None:
+    with planner(folder, "--second", str(cases.CT)) as running:
+        page = opened(browser, running.url)
+        page.wait_for_selector("#second >> text=own frame of reference")
+        page.click("text=brain")
+        page.wait_for_function("window.trame.state.get('look').window === 'brain'")
+        before = value(page, "picture_axial")
+        page.select_option("#second select", "checkerboard")
+        eventually(page, lambda: value(page, "second")["mode"] == "checkerboard")
+        eventually(page, lambda: value(page, "picture_axial") != before)
+        assert page.locator("#second input").count() == 0
