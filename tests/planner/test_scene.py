@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from ronnaplan.documents.reading import to_json
 from ronnaplan.planner.opening import cube
 from ronnaplan.planner.scene import Scene
 from ronnaplan.planner.state import PlannerState
@@ -17,6 +18,7 @@ from ronnaplan.planning.electrodes import ELECTRODES
 from ronnaplan.scene.camera import Camera
 from ronnaplan.scene.shapes import ball
 from tests import cases
+from tests.scene.test_robot import document
 
 
 @pytest.fixture
@@ -94,3 +96,15 @@ def test_only_what_is_left_of_an_opened_head_is_picked(scene: Scene) -> None:
     assert ((whole - look.crosshair_mm) * [-1, -1, 1] > 20).all()
     assert np.abs(opened - look.crosshair_mm).max() < 6
     assert ((opened - look.crosshair_mm) * [-1, -1, 1]).min() == pytest.approx(0.0, abs=0.5)
+
+
+def test_the_robot_is_shown_where_its_placement_lies_beside_the_plan(tmp_path: Path) -> None:
+    cases.write_case(tmp_path)
+    (tmp_path / "placement.json").write_text(to_json(document()))
+    state = PlannerState(cases.volume(), Storage.of(str(tmp_path / "plan.json"), None, None))
+    scene = Scene(state)
+    scene.show_robot(state.case.placement)
+    assert {"robot", "robot room"} <= {one["name"] for one in scene.listed}
+    scene.show_robot(None)
+    assert not scene.listed
+    assert "placement.json" not in state.storage.readings()

@@ -17,7 +17,16 @@ from ronnaplan.robot.placement import blocking
 from ronnaplan.robot.placement.parking import probability
 from ronnaplan.robot.placement.room import Room
 from ronnaplan.robot.placement.route import Route, plan_route
-from ronnaplan.robot.placement.search import Problem, base_pose, best_apart, grid, refine, serves, worths
+from ronnaplan.robot.placement.search import (
+    Problem,
+    base_pose,
+    best_apart,
+    grid,
+    refine,
+    scattered,
+    serves,
+    worths,
+)
 from ronnaplan.robot.placement.serving import Served, serve
 from ronnaplan.robot.placement.tasks import Fineness, Task, drill_task, view_task, ways_of
 from ronnaplan.robot.placement.world import World, machine_of, world_of
@@ -28,6 +37,8 @@ FINE = Fineness(36, 5.0)
 """What is told of a base is measured with."""
 PLACES = 3
 """The best base and its alternatives."""
+SCATTERED = 16_384
+"""Further bases that are tried where none of the grid serves all."""
 BLAMED = 300
 """Bases that are asked what stands in the way."""
 
@@ -128,6 +139,9 @@ def find_places(job: Job) -> Placement:
     if not len(bases):
         return Placement(job.room_from_ct, (), ("no base on the floor is within the arm's reach of the head",))
     found = worths(coarse, bases)
+    if not (found >= 0.0).any():
+        further = scattered(coarse, SCATTERED)
+        bases, found = np.concatenate([bases, further]), np.concatenate([found, worths(coarse, further)])
     refined = [refine(coarse, bases[n], float(found[n])) for n in best_apart(bases, found, PLACES + 1)]
     if not refined:
         return Placement(job.room_from_ct, (), _blocked(job, coarse, bases))

@@ -99,6 +99,22 @@ def grid(problem: Problem) -> FloatArray:
     return within(floor, np.concatenate(found))
 
 
+def scattered(problem: Problem, count: int) -> FloatArray:
+    """Return ``count`` places (N, 4) spread evenly over the floor and all turns, without those out of reach.
+
+    For floors where what serves lies between the places of the `grid`.
+    """
+    from scipy.stats.qmc import Sobol
+
+    floor = problem.floor
+    least, greatest = np.array([floor.x_mm, floor.y_mm, floor.z_mm, floor.turn_deg]).T
+    shares = Sobol(4, rng=np.random.default_rng(0)).random_base2(int(np.ceil(np.log2(count))))[:count]
+    places: FloatArray = least + shares * (greatest - least)
+    near = np.linalg.norm(places[:, :3] - problem.world.head_ball[:3], axis=1) < _reach(problem)
+    kept: FloatArray = places[near]
+    return kept
+
+
 def within(floor: Floor, places: FloatArray) -> FloatArray:
     """Return the places (N, 4) whose turn, by whole turns, is allowed; no more than the floor's own are left."""
     least, greatest = floor.turn_deg

@@ -69,6 +69,18 @@ def test_no_place_of_the_floor_is_better(found: tuple[Job, Placement]) -> None:
     assert worths(coarse, rng.uniform(least, greatest, (40, 4))).max() <= best + 1e-9
 
 
+def test_what_lies_between_the_places_of_the_grid_is_found(
+    found: tuple[Job, Placement], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given, placement = found
+    useless = np.array([[-1000.0, -800.0, 850.0, -180.0]])
+    monkeypatch.setattr("ronnaplan.robot.placement.placement.grid", lambda _: useless)
+    monkeypatch.setattr("ronnaplan.robot.placement.placement.SCATTERED", 512)
+    again = find_places(given)
+    assert again.places
+    assert again.places[0].worst_joint_deg > 0.5 * placement.places[0].worst_joint_deg
+
+
 def test_the_document_says_the_same(found: tuple[Job, Placement]) -> None:
     given, placement = found
     document = placement_document(placement, given.room, given.arm, Source())
