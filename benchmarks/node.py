@@ -6,8 +6,9 @@ Without a folder a head is rendered: 190 uncompressed slices of 512 x 512. dcmtk
 many associations, to the node and to dcmtk's storescp (which syncs nothing) in turn; every instance that the node
 acknowledges is on the disk and in the index. Then a series is sent twice, under other UIDs, and the log tells how long
 after each was complete its first answer was on the disk. Memory is the largest sum over the node's processes of what
-each holds for itself (private pages) while it works on the second, less that of the node that has loaded its code but
-has no series yet. At last a series of many small instances is sent.
+each holds for itself (private pages) while it receives and works on them, told as it is and less that of the node that
+has loaded its code but has no series yet; Chromium, which prints the PDF, is a program of its own and not counted. At
+last a series of many small instances is sent.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ sends = true
 name = "markers"
 calling = "{calling}"
 diameters = [{diameter}]
-answers = ["fiducials", "sr", "sheet"]
+answers = ["fiducials", "sr", "pdf", "sheet"]
 """
 TICKS = os.sysconf("SC_CLK_TCK") if hasattr(os, "sysconf") else 100
 
@@ -112,12 +113,12 @@ def answering(home: Path, scan: Path, associations: int, diameter_mm: float) -> 
     size = sum(path.stat().st_size for path in scan.rglob("*") if path.is_file())
     series = [renamed(scan, home / f"worked-on-{number}", 1000 + number) for number in range(2)]
     with node(home / "answering", diameter=diameter_mm) as running:
-        time.sleep(15)  # its worker loads the code that it compiled
+        wait(lambda: running.events("worker ready"), 600.0)
         idle = running.private_bytes()
-        for number, folder in enumerate(series):
-            with peak(running.private_bytes) as most:
+        with peak(running.private_bytes) as most:
+            for number, folder in enumerate(series):
                 sending_s(folder, running.port, associations)
-                wait(lambda number=number: len(running.events("job ended")) > number, 300.0)  # type: ignore[misc]
+                wait(lambda number=number: len(running.events("job ended")) > number, 600.0)  # type: ignore[misc]
         complete = [when(line) for line in running.events("complete")]
         first = [min(when(line) for line in running.events("answer") if line["job"] == job) for job in (1, 2)]
         busy = running.busy_s("ronnaplan.node.work")
@@ -128,8 +129,8 @@ def answering(home: Path, scan: Path, associations: int, diameter_mm: float) -> 
         f" goal {ANSWER_GOAL_S:.0f} s; {busy:.1f} s of a processor for loading and both series' answers"
     )
     print(
-        f"memory {most[0] / 1e6:.0f} MB at most, {idle / 1e6:.0f} MB without a series: {memory:.2f} times the series of"
-        f" {size / 1e6:.0f} MB more; goal {MEMORY_GOAL:.0f} times"
+        f"memory {most[0] / 1e6:.0f} MB at most ({most[0] / size:.2f} times the series of {size / 1e6:.0f} MB),"
+        f" {idle / 1e6:.0f} MB without a series: {memory:.2f} times the series more; goal {MEMORY_GOAL:.0f} times"
     )
     return max(seconds), memory
 
@@ -225,10 +226,12 @@ class Running:
         return total
 
     def private_bytes(self) -> int:
-        """Return what its processes hold for themselves."""
+        """Return what its processes hold for themselves, but for other programs that they run."""
         total = 0
         for pid in self.processes():
             with suppress(OSError):
+                if "-m\0ronnaplan" not in Path(f"/proc/{pid}/cmdline").read_text():
+                    continue
                 text = Path(f"/proc/{pid}/smaps_rollup").read_text()
                 total += 1024 * sum(map(int, re.findall(r"^Private_\w+:\s+(\d+)", text, re.MULTILINE)))
         return total

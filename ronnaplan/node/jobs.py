@@ -150,6 +150,7 @@ class Foreman:
                 continue
             if told["event"] == "ready":
                 worker.is_ready = True
+                self._log.tell("worker ready", process=worker.child.pid)
             elif worker.job is None or worker.job.id != told.get("job"):
                 continue
             elif told["event"] == "answer":

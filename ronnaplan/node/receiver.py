@@ -109,6 +109,7 @@ class Receiver:
                 [
                     (evt.EVT_REQUESTED, self._admit),
                     (evt.EVT_CONN_CLOSE, self._gone),
+                    (evt.EVT_ABORTED, self._aborted),
                     *Services(config, self._log, self._peer_of).handlers,
                 ],
                 allowed=self._is_allowed,
@@ -140,7 +141,8 @@ class Receiver:
         limits = self.config.limits
         entity.maximum_pdu_size = LARGEST_PDU
         entity.maximum_associations = limits.associations
-        entity.network_timeout = entity.acse_timeout = entity.dimse_timeout = limits.silent_s
+        entity.network_timeout = entity.dimse_timeout = limits.silent_s
+        entity.acse_timeout = limits.silent_s + 1.0  # after the connection's own end, which is told
         entity.add_supported_context(VERIFICATION)
         entity.add_supported_context(PROCEDURE_STEP)
         entity.add_supported_context(
@@ -236,8 +238,6 @@ class Receiver:
         if association.requestor.primitive is None:
             self._tell_cut_off(association, "no association was asked for")
             give_up_waiting(association)
-        elif association.dul.idle_timer_expired():
-            self._tell_cut_off(association, f"nothing came for {self.config.limits.silent_s:g} s")
         calling, called = titles(association)
         address = str(association.requestor.address)
         for moved in self._moved.pop(association, {}).values():
@@ -245,6 +245,11 @@ class Receiver:
                 "received", study=moved.study_uid, instances=len(moved.hashes), calling=calling, called=called
             )
             self._audit.transferred(moved, source=calling, destination=self.config.titles[0], peer_address=address)
+
+    def _aborted(self, event: evt.Event) -> None:
+        """Tell of a peer that was silent for too long."""
+        if event.assoc.dul.idle_timer_expired():
+            self._tell_cut_off(event.assoc, f"nothing came for {self.config.limits.silent_s:g} s")
 
     def _tell_cut_off(self, association: Association, reason: str) -> None:
         address = str(association.requestor.address)

@@ -141,6 +141,7 @@ class Store:
                 moves.append((one.path, self.folder / ASIDE / f"{sop_uid}.{sha256[:16]}.dcm"))
             else:
                 one.path.unlink()
+                self._log.tell("known already", sop_instance=sop_uid, calling=one.calling)
             told.append(Status.SUCCESS if is_new or known[sop_uid] == sha256 else Status.DUPLICATE)
         now = time.time()
         try:

@@ -21,7 +21,8 @@ th { color: #4a5a6a } .failed, .refused { color: #b3261e } form { display: inlin
 """
 
 SERIES: Final = """
-SELECT series.received, calling, called, description, instances, bytes, complete = series.revision,
+SELECT series.received, calling, called, description, instances, expected, bytes, complete = series.revision,
+       (SELECT count(*) FROM answers WHERE job = jobs.id),
        jobs.id, jobs.rule, jobs.state, jobs.attempts, jobs.reason, study_uid, series_uid
 FROM series LEFT JOIN jobs ON jobs.series = series.id AND jobs.revision = series.revision
 ORDER BY series.received DESC LIMIT ?
@@ -87,13 +88,13 @@ def metrics_text(index: Index, folder: Path, counts: Mapping[str, int]) -> str:
 
 
 def _series_row(*row: Any) -> list[str]:
-    received, calling, called, description, instances, size, complete, job, rule, state, attempts, why, _, uid = (
-        row
-    )
+    received, calling, called, description, instances, expected, size, complete, answers, *rest = row
+    job, rule, state, attempts, why, _, uid = rest
     told = "-"
     if job is not None:
         told = f'<span class="{escape(state)}">{escape(state)}</span>'
         told += f" (attempt {attempts})" if attempts > 1 else ""
+        told += f", {answers} answers" if answers else ""
     if state in ("refused", "failed"):
         told += f' <form method="post" action="/retry"><button name="job" value="{job}">retry</button></form>'
     texts = (
@@ -101,7 +102,7 @@ def _series_row(*row: Any) -> list[str]:
         calling,
         called,
         description,
-        instances,
+        instances if expected is None else f"{instances} of {expected}",
         f"{size / (1 << 20):.1f}",
         "yes" if complete else "",
     )

@@ -29,6 +29,8 @@ def page(tmp_path: Path) -> Iterator[Page]:
             "INSERT INTO jobs (series, revision, rule, state, due, reason, completed)"
             " VALUES (1, 1, 'skin', 'refused', 0, 'no marker & more', 0)"
         )
+        index.run("INSERT INTO answers VALUES ('1.9', 1, 'sr', '1.2', 'answers/1/1.9.dcm', 100)")
+        index.run("UPDATE series SET expected = 190")
         index.run("INSERT INTO aside VALUES ('aside/x', '1.2', 'CT1', 100)")
     found = Page(config, Log(io.StringIO()))
     found.start()
@@ -48,7 +50,16 @@ def ask(page: Page, path: str, method: str = "GET", body: str = "", **headers: s
 def test_the_page_says_what_was_received_what_became_of_it_and_why(page: Page) -> None:
     status, content = ask(page, f"/?token={page.token}")
     assert status == 200
-    for text in ("CT1", "refused", "no marker &amp; more", "retry", "aside/x", "1970-01-01 00:01:40 UTC"):
+    for text in (
+        "CT1",
+        "refused",
+        "no marker &amp; more",
+        "retry",
+        "1 of 190",
+        ", 1 answers",
+        "aside/x",
+        "1970-01-01 00:01:40 UTC",
+    ):
         assert text in content
     assert "<script" not in content
     assert "Doe" not in content

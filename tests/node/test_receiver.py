@@ -90,6 +90,7 @@ def test_the_same_instance_twice_is_kept_once_in_whatever_meta_part(node: Listen
     path = instance(tmp_path)
     assert (send(node.port, path) + send(node.port, path)).count("(Success)") == 2
     assert node.rows("SELECT instances, revision FROM series") == [(1, 1)]
+    assert len(node.events("known already")) == 1
     assert len(node.files()) == 1
 
 
@@ -269,6 +270,18 @@ def test_a_peer_that_hangs_is_cut_off_and_others_are_served(begun: bytes, tmp_pa
             while _answer(peer):
                 pass
         until(lambda: not node.receiver._server.active_associations)  # type: ignore[union-attr]
+        until(lambda: [one for one in node.events("cut off") if one["reason"] == "no association was asked for"])
+
+
+def test_a_peer_that_falls_silent_is_cut_off(tmp_path: Path) -> None:
+    with listening(tmp_path, limits={"silent_s": 1.0, "least_free_mib": 1}) as node:
+        entity = AE("CT1")
+        entity.add_requested_context(CTImageStorage)
+        association = entity.associate("127.0.0.1", node.port, ae_title="RONNAPLAN")
+        until(lambda: node.events("cut off"))
+        assert node.events("cut off")[0]["reason"] == "nothing came for 1 s"
+        assert node.events("cut off")[0]["calling"] == "CT1"
+        until(lambda: association.is_aborted)
 
 
 def test_a_message_begun_and_never_ended_leaves_nothing(tmp_path: Path) -> None:
