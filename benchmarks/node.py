@@ -148,6 +148,7 @@ def many(home: Path, scan: Path, count: int, associations: int) -> int:
         made.file_meta.MediaStorageSOPInstanceUID, made.InstanceNumber = made.SOPInstanceUID, number + 1
         made.save_as(folder / f"{number}.dcm")
     with node(home / "taking many", calling="NOBODY") as running:
+        wait(lambda: running.events("worker ready"), 600.0)
         before = running.private_bytes()
         with peak(running.private_bytes) as most:
             seconds = sending_s(folder, running.port, associations)

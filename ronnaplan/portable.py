@@ -14,6 +14,10 @@ from pathlib import Path
 OPENED_ELSEWHERE_S = 2.0
 """Windows replaces no file that another program has open: how long to wait until it has read it."""
 
+GIVING_BACK = {"MALLOC_ARENA_MAX": "2", "MALLOC_MMAP_THRESHOLD_": "400000", "MALLOC_TRIM_THRESHOLD_": "400000"}
+"""Environment of a process that stays: has glibc give back what is freed, where it would keep tens of megabytes; other
+systems take no notice."""
+
 _SEEKING = threading.Lock()
 
 

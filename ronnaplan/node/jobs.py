@@ -16,6 +16,7 @@ from ronnaplan.node.logs import Log
 from ronnaplan.node.retention import remove_unknown_answers
 from ronnaplan.node.store import INSTANCES
 from ronnaplan.node.work import Order
+from ronnaplan.portable import GIVING_BACK
 
 ANSWERS = "answers"
 LONGEST_WAIT_S: Final = 3600.0
@@ -95,7 +96,10 @@ class Foreman:
     def _hire(self) -> None:
         number, self._next = self._next, self._next + 1
         child = Child(
-            self._module, [str(self._config.jobs.memory_mib)], lambda line: self._said.put((number, line))
+            self._module,
+            [str(self._config.jobs.memory_mib)],
+            lambda line: self._said.put((number, line)),
+            GIVING_BACK,
         )
         self._workers[number] = Worker(child)
 
