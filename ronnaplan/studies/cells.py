@@ -60,6 +60,7 @@ def further_cells() -> list[Cell]:
         for k in (1, 2)
         for o in (0, 2, 4)
         for e in (0, 8, 8 - k)
+        if e <= 8 - k + o  # the sets can hold them
         for h in HEADS
     ]
     wrong_number = [Cell(h, 6, 2, expected=e) for e in (5, 7) for h in HEADS]

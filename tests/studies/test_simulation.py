@@ -1,4 +1,5 @@
 import json
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,12 @@ def test_the_study_judges_as_the_public_functions_do(expected: Any) -> None:
         refused["published"] += match_by_similarity(ct, ots, 4, one_to_one=False).status != "unique"
     assert judge_exact(scenes, Told(expected))["exact"][1] == refused["exact"]
     assert judge_published(scenes, 4, one_to_one=False)[1] == refused["published"]
+
+
+def test_every_cell_can_be_run() -> None:
+    for cell in further_cells():
+        if cell.head == 1:
+            assert sum(run_block(*astuple(cell), 0, 2, 7)["exact"]) == 2, cell
 
 
 def test_a_block_depends_on_its_seed_only() -> None:
