@@ -24,7 +24,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Find M from TCP and R from OTS."""
     from ronnaplan.documents.revision import write_document
     from ronnaplan.documents.tool import hand_eye_document, read_hand_eye, read_pivot
+    from ronnaplan.errors import InputError
     from ronnaplan.robot.hand_eye import calibrate_hand_eye, with_tip
+    from ronnaplan.robot.orientation import departure_of_eq_5_deg
     from ronnaplan.robot.recorded import simultaneous, tool_poses
     from ronnaplan.tracking import read_recording
 
@@ -45,6 +47,12 @@ def run(arguments: argparse.Namespace) -> int:
         f"{found.translation_rms_mm:.3f} mm RMS",
         worth("its error at the TCP", found.m_from_tcp.point_covariances([found.m_from_tcp.translation_mm * 0])),
     )
+    if pivot is not None:
+        try:
+            departure = departure_of_eq_5_deg(ots_from_m, robot_from_tcp, pivot.tip_mm, found.m_from_tcp.rotation)
+            tell(f"Eq. 5, from three places of the tip, departs from it by {departure:.3f} degrees")
+        except InputError as error:  # poses about one place calibrate, but give Eq. 5 no three points
+            tell(f"Eq. 5 cannot be held against it: {error}")
     return 0
 
 

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, as_points, unit
-from ronnaplan.pose import Pose, cross_matrix
+from ronnaplan.pose import Pose, cross_matrix, transform_points
 from ronnaplan.rigid import require_spread
 from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.pivot import PivotCalibration
@@ -41,6 +41,29 @@ def tool_orientation(ots_mm: ArrayLike, robot_mm: ArrayLike, ots_from_m: Pose, r
     temp_from_m = frame_of_three(ots_mm).T @ ots_from_m.rotation
     temp_from_tcp = frame_of_three(robot_mm).T @ robot_from_tcp.rotation
     return temp_from_m.T @ temp_from_tcp
+
+
+def departure_of_eq_5_deg(
+    ots_from_m: FloatArray, robot_from_tcp: FloatArray, tip_mm: FloatArray, found: FloatArray
+) -> float:
+    """Return by how much (degrees) Eq. 5 turns the TCP otherwise than ``found`` (3, 3), the rotation of M from TCP.
+
+    Of poses of one recording (N, 4, 4), TEMP is built on the tip (3,), in M, at three that lie widely apart; Eq. 5 then
+    gives a rotation of each pose, whose mean counts. Raises `InputError` where all tips are on a line.
+    """
+    from scipy.spatial.transform import Rotation
+
+    ots, robot = transform_points(ots_from_m, tip_mm[None])[:, 0], robot_from_tcp[:, :3, 3]
+    first = int(np.linalg.norm(robot - robot.mean(axis=0), axis=1).argmax())
+    second = int(np.linalg.norm(robot - robot[first], axis=1).argmax())
+    away = np.linalg.norm(np.cross(robot - robot[first], robot[second] - robot[first]), axis=1)
+    three = [first, second, int(away.argmax())]
+    rotations = [
+        tool_orientation(ots[three], robot[three], Pose.exact(seen, OTS, M), Pose.exact(driven, R, TCP))
+        for seen, driven in zip(ots_from_m, robot_from_tcp, strict=True)
+    ]
+    mean = Rotation.from_matrix(rotations).mean()
+    return float(np.degrees((mean * Rotation.from_matrix(found).inv()).magnitude()))
 
 
 def orientation_covariance(

@@ -9,7 +9,13 @@ from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.pose import Pose, invert
 from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.hand_eye import calibrate_hand_eye
-from ronnaplan.robot.orientation import frame_of_three, orientation_covariance, tool_orientation, tool_pose
+from ronnaplan.robot.orientation import (
+    departure_of_eq_5_deg,
+    frame_of_three,
+    orientation_covariance,
+    tool_orientation,
+    tool_pose,
+)
 from ronnaplan.robot.pivot import calibrate_pivot
 
 TRIANGLE = np.array([[600.0, 100, 300], [900, 150, 280], [700, 400, 350]])
@@ -132,3 +138,20 @@ def test_unusable_calibrations_are_named() -> None:
     *_, ots_from_m, robot_from_tcp = scene(0)
     with pytest.raises(FrameMismatchError):
         tool_orientation(TRIANGLE, TRIANGLE, robot_from_tcp, ots_from_m)
+
+
+def test_eq_5_departs_from_a_rotation_by_what_that_is_wrong() -> None:
+    rng = np.random.default_rng(3)
+    m_from_tcp, robot_from_ots = np.eye(4), np.eye(4)
+    m_from_tcp[:3, :3], m_from_tcp[:3, 3] = Rotation.random(rng=rng).as_matrix(), (20.0, -40.0, 150.0)
+    robot_from_ots[:3, :3], robot_from_ots[:3, 3] = Rotation.random(rng=rng).as_matrix(), (300.0, 900.0, -50.0)
+    driven = np.tile(np.eye(4), (12, 1, 1))
+    driven[:, :3, :3], driven[:, :3, 3] = Rotation.random(12, rng=rng).as_matrix(), rng.uniform(-90, 90, (12, 3))
+    seen = np.linalg.inv(robot_from_ots) @ driven @ np.linalg.inv(m_from_tcp)
+    right, tip = m_from_tcp[:3, :3], m_from_tcp[:3, 3]
+    assert departure_of_eq_5_deg(seen, driven, tip, right) == pytest.approx(0.0, abs=1e-5)
+    turned = Rotation.from_rotvec([0.0, np.radians(1.5), 0.0]).as_matrix() @ right
+    assert departure_of_eq_5_deg(seen, driven, tip, turned) == pytest.approx(1.5, abs=1e-5)
+    driven[:, 1:3, 3] = 0.0
+    with pytest.raises(InputError, match="TEMP"):
+        departure_of_eq_5_deg(seen, driven, tip, right)
