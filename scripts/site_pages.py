@@ -93,8 +93,9 @@ def schemas_page() -> str:
 
     text = (
         "# Files\n\nEvery file is UTF-8 JSON, read strictly: no unknown field, no number as text. "
-        "`ronnaplan schema NAME` prints the JSON Schema (draft 2020-12) of a file: what each field may be. What joins "
-        "fields (a covariance is positive definite, a residual fits its transform) is checked when the file is read. "
+        "`ronnaplan schema NAME` prints the JSON Schema (draft 2020-12) of a file: what each field may be. The "
+        "package holds it, too: `ronnaplan/documents/schema/NAME.schema.json`. What joins fields "
+        "(a covariance is positive definite, a residual fits its transform) is checked when the file is read. "
         "Lengths are mm, coordinates DICOM LPS.\n"
     )
     for name, model in DOCUMENTS.items():

@@ -7,7 +7,11 @@ import re
 import subprocess
 import sys
 import tomllib
+import zipfile
+from importlib.machinery import SourceFileLoader
+from importlib.util import module_from_spec, spec_from_loader
 from pathlib import Path
+from types import ModuleType
 
 import yaml
 
@@ -23,6 +27,19 @@ def test_one_version_stands_everywhere() -> None:
     assert PROJECT["version"] == __version__ == citation["version"]
     assert f"## {__version__}\n" in changes
     assert re.findall(r"^## (.*)$", changes, re.M)[0] == "Unreleased"
+
+
+def test_the_wheel_holds_what_is_no_python(tmp_path: Path) -> None:
+    build = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(tmp_path)]
+    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    with zipfile.ZipFile(next(tmp_path.glob("*.whl"))) as wheel:
+        held = set(wheel.namelist())
+    sources = {one for room in ("ronnaplan", "phantoms", "kernelcache") for one in (ROOT / room).rglob("*")}
+    needed = {
+        one.relative_to(ROOT).as_posix() for one in sources if one.is_file() and "__pycache__" not in one.parts
+    }
+    assert needed <= held
+    assert {"ronnaplan/py.typed", "ronnaplan/documents/schema/plan.schema.json"} <= held
 
 
 def test_the_bill_of_materials_lists_every_pinned_package() -> None:
@@ -48,5 +65,47 @@ def test_continuous_integration_runs_the_declared_pythons_on_three_systems() -> 
         if one.startswith("Programming Language :: Python :: 3.")
     }
     assert {*matrix["python"], jobs["all"]["steps"][1]["with"]["python-version"]} == declared
-    extras = {one.strip("[]") for one in jobs["extras"]["strategy"]["matrix"]["extra"]} - {""}
-    assert extras <= set(PROJECT["optional-dependencies"])
+    named = jobs["extras"]["strategy"]["matrix"]["extra"]
+    assert jobs["extras"]["steps"][-1]["run"] == "scripts/extras ${{ matrix.extra }}"
+    assert set(named) == set(_script("extras").USES)
+
+
+def test_a_part_of_the_lock_is_what_an_extra_needs_with_hashes() -> None:
+    lock = """
+one==1.0 \\
+    --hash=sha256:aa
+    # via ronnaplan (pyproject.toml)
+two==2.0 ; sys_platform != 'win32' \\
+    --hash=sha256:bb
+    # via
+    #   other
+    #   one
+two==2.1 ; sys_platform == 'win32' \\
+    --hash=sha256:be
+    # via
+    #   other
+    #   one
+three==3.0 \\
+    --hash=sha256:cc
+    # via ronnaplan (pyproject.toml)
+four==4.0 \\
+    --hash=sha256:dd
+    # via three
+"""
+    locked = _script("extras").locked
+    project = {
+        "dependencies": ["One>=0.5"],
+        "optional-dependencies": {"more": ["three[x]>=2"], "all": ["ronnaplan[more]"]},
+    }
+    assert locked((), lock, project) == lock[1 : lock.index("three==")]
+    assert locked(("all",), lock, project) == lock[1:]
+
+
+def _script(name: str) -> ModuleType:
+    """Return a program of ``scripts`` as a module."""
+    loader = SourceFileLoader(name, str(ROOT / "scripts" / name))
+    spec = spec_from_loader(name, loader)
+    assert spec is not None
+    module = module_from_spec(spec)
+    loader.exec_module(module)
+    return module

@@ -5,12 +5,16 @@
 # skull, at what angle, and what the registration's error means for it.
 
 # %%
+import numpy as np
+
 from ronnaplan import Plan, Trajectory, read_ct
 from ronnaplan.planning import INSTRUMENTS, Head, Limits, judge, measure
 
 ct = read_ct("data/synthetic_ct")
-left = Trajectory("left", [-40.0, -20.0, 75.0], [-15.0, 5.0, 10.0], ct.frame, INSTRUMENTS["SEEG electrode"])
-right = Trajectory("right", [35.0, -25.0, 78.0], [15.0, 5.0, 10.0], ct.frame, INSTRUMENTS["SEEG electrode"])
+entries_mm = np.array([[-40.0, -20.0, 75.0], [35.0, -25.0, 78.0]])  # LPS
+targets_mm = np.array([[-15.0, 5.0, 10.0], [15.0, 5.0, 10.0]])
+left = Trajectory("left", entries_mm[0], targets_mm[0], ct.frame, INSTRUMENTS["SEEG electrode"])
+right = Trajectory("right", entries_mm[1], targets_mm[1], ct.frame, INSTRUMENTS["SEEG electrode"])
 plan = Plan.of_scan(ct).add(left).add(right)
 plan.plot(ct)
 

@@ -7,6 +7,7 @@ import os
 import shutil
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import ctk
 import qt
@@ -21,7 +22,7 @@ from slicer.ScriptedLoadableModule import (
 class RonnaplanLocalize(ScriptedLoadableModule):
     """What Slicer lists."""
 
-    def __init__(self, parent):
+    def __init__(self, parent: Any) -> None:
         super().__init__(parent)
         parent.title = "ronnaplan: localize markers"
         parent.categories = ["IGT"]
@@ -32,7 +33,7 @@ class RonnaplanLocalize(ScriptedLoadableModule):
 class RonnaplanLocalizeWidget(ScriptedLoadableModuleWidget):
     """A folder, a diameter, a button, and what was said."""
 
-    def setup(self):
+    def setup(self) -> None:
         """Lay out the panel."""
         super().setup()
         self.logic = RonnaplanLocalizeLogic()
@@ -53,7 +54,7 @@ class RonnaplanLocalizeWidget(ScriptedLoadableModuleWidget):
         self.layout.addLayout(form)
         self.layout.addStretch(1)
 
-    def onLocalize(self):
+    def onLocalize(self) -> None:
         """Run the command; show what it said."""
         with slicer.util.tryWithErrorDisplay("The markers were not found.", waitCursor=True):
             self.said.plainText = self.logic.localize(self.path.currentPath, self.diameter.value)
@@ -62,7 +63,7 @@ class RonnaplanLocalizeWidget(ScriptedLoadableModuleWidget):
 class RonnaplanLocalizeLogic(ScriptedLoadableModuleLogic):
     """The command line, called twice: to localize and to export."""
 
-    def localize(self, path, diameter_mm):
+    def localize(self, path: str, diameter_mm: float) -> str:
         """Load the markers of the scan at ``path`` as a point list; return what the command said of them."""
         with tempfile.TemporaryDirectory() as folder:
             found, points = Path(folder) / "fiducials.json", Path(folder) / "markers.mrk.json"
@@ -72,7 +73,7 @@ class RonnaplanLocalizeLogic(ScriptedLoadableModuleLogic):
         return said
 
     @staticmethod
-    def run(*arguments):
+    def run(*arguments: str) -> str:
         """Run ``ronnaplan`` in the environment that Slicer was started from; return what it said, or raise it."""
         command = os.environ.get("RONNAPLAN") or shutil.which("ronnaplan")
         if not command:
@@ -80,7 +81,7 @@ class RonnaplanLocalizeLogic(ScriptedLoadableModuleLogic):
                 "the command 'ronnaplan' was not found; set RONNAPLAN to its path and start Slicer again"
             )
         process = slicer.util.launchConsoleProcess([command, *arguments])
-        said, _ = process.communicate()
+        said: str = process.communicate()[0]
         if process.returncode != 0:
             raise RuntimeError(said)
         return said

@@ -207,9 +207,7 @@ def _draw(report: str | None, volume: CTVolume, wanted: _Wanted, found: Fiducial
 
     if found is None:
         seen = wanted.diameters_mm or [one.diameter_mm for one in sizes_seen(volume, wanted.build, progress=True)]
-        if not seen:
-            return
-        found = localize(volume, diameter_mm=seen, marker=wanted.build, progress=True)
+        found = localize(volume, diameter_mm=seen, marker=wanted.build, progress=True) if seen else None
     write_atomically(report, contact_sheet(volume, found))
 
 

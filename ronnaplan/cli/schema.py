@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-HELP = "Print the JSON Schema of a file: fiducials, registration, plan, limits, template or phantom_check."
+HELP = (
+    "Print the JSON Schema of fiducials, registration, plan, limits, template, phantom_check, placement or room."
+)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray, Frame, as_points
@@ -123,7 +124,7 @@ class Trajectory:
             return np.empty((0, 3))
         return self.at_depth(self.length_mm - self.electrode.from_tip_mm)
 
-    def at_depth(self, depths_mm: FloatArray) -> FloatArray:
+    def at_depth(self, depths_mm: ArrayLike) -> FloatArray:
         """Return the points (..., 3) at ``depths_mm`` (...) from the entry towards the target."""
         places: FloatArray = self.entry_mm + np.asarray(depths_mm)[..., np.newaxis] * self.inward
         return places

@@ -46,13 +46,15 @@ class Candidate:
     layer_mm: float = 0.0
 
 
-def contact_sheet(volume: CTVolume, found: Fiducials) -> bytes:
-    """Draw cuts and residuals of each candidate in a row; returns a PNG."""
+def contact_sheet(volume: CTVolume, found: Fiducials | None) -> bytes:
+    """Draw cuts and residuals of each candidate in a row; returns a PNG. None: no ball of any size was seen."""
     from PIL import Image
 
     check_type(volume, CTVolume, "the volume", "read_ct returns one")
-    check_type(found, Fiducials, "what was found", "localize returns it")
-    rows: list[Candidate | None] = list(_rows(found)) or [None]
+    if found is not None:
+        check_type(found, Fiducials, "what was found", "localize returns it")
+    rows: list[Candidate | None] = [*_rows(found)] if found is not None else []
+    rows = rows or [None]
     sheet = Image.new("RGB", (_WIDTH, len(rows) * _PITCH_DOWN + _MARGIN), "white")
     for number, row in enumerate(rows):
         strip = Image.new("RGBA", (_WIDTH, _PITCH_DOWN), "white")

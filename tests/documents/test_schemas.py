@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+import re
+from importlib import resources
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from ronnaplan.cli import main
+from ronnaplan.cli.schema import HELP
 from ronnaplan.documents.schemas import DOCUMENTS, schema
 from ronnaplan.errors import UsageError
 
@@ -41,6 +45,19 @@ def test_a_written_file_fits_its_schema(capsys: pytest.CaptureFixture[str]) -> N
         described = schema(name)
         assert described["additionalProperties"] is False
         assert described["properties"]["version"]["const"] == 1
+
+
+def test_the_package_holds_every_schema_as_a_file(tmp_path: Path) -> None:
+    folder = resources.files("ronnaplan.documents") / "schema"
+    assert {one.name for one in folder.iterdir()} == {f"{name}.schema.json" for name in DOCUMENTS}
+    for name in DOCUMENTS:
+        now, shipped = tmp_path / name, folder / f"{name}.schema.json"
+        assert main(["schema", name, "-o", str(now)]) == 0
+        assert shipped.read_bytes() == now.read_bytes(), f"write it anew: ronnaplan schema {name} -o {shipped}"
+
+
+def test_the_help_names_every_file() -> None:
+    assert all(re.search(rf"\b{name}\b", HELP) for name in DOCUMENTS)
 
 
 def test_an_unknown_name_is_told_the_known_ones() -> None:
