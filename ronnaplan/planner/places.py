@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -47,7 +48,7 @@ class Places:
             place = (self.root / below).resolve()
         except (OSError, ValueError) as error:
             raise UsageError("that is no place below the root") from error
-        if not place.is_relative_to(self.root) or not place.exists():
+        if not place.is_relative_to(self.root) or not os.path.exists(place):  # noqa: PTH110
             raise UsageError(f"{printable(below)} is no place below the root; look through the folders shown")
         return place
 
@@ -60,13 +61,15 @@ class Places:
             inside = sorted(one for one in folder.iterdir() if not one.name.startswith("."))
         except OSError as error:
             raise UsageError(f"{printable(below)} cannot be opened ({error.strerror})") from error
-        shown = [one for one in inside if one.is_dir() or one.suffix.lower() == ".zip" or is_image_file(one)]
+        # os.path, unlike pathlib, takes what may not be looked into for what is not there
+        folders = {one for one in inside if os.path.isdir(one)}  # noqa: PTH112
+        shown = [one for one in inside if one in folders or one.suffix.lower() == ".zip" or is_image_file(one)]
         entries = [
             {
                 "name": one.name,
                 "at": one.relative_to(self.root).as_posix() if one.is_relative_to(self.root) else "",
-                "folder": one.is_dir(),
-                "case": any((one / name).is_file() for name in (PLAN, FIDUCIALS)),
+                "folder": one in folders,
+                "case": any(os.path.isfile(one / name) for name in (PLAN, FIDUCIALS)),  # noqa: PTH113
             }
             for one in shown[:MOST_LISTED]
         ]

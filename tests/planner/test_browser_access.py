@@ -63,6 +63,13 @@ def test_the_verdict_is_spoken(page: Any) -> None:
     page.click(".v-tab >> text=Trajectories")
     verdict = page.locator("#verdict[aria-live=polite]")
     eventually(page, lambda: "limits" in (verdict.text_content() or ""))
+    rows = value(page, "chosen")["verdicts"]
+    kept = [row for row in rows if row[2]]
+    assert page.locator("#broken tr").count() == len(rows) - len(kept)
+    assert page.locator("#kept summary").text_content() == f"{len(kept)} of {len(rows)} limits kept"
+    assert not page.locator("#kept tr >> nth=0").is_visible()
+    page.click("#kept summary")
+    assert page.locator("#kept tr >> nth=0").is_visible()
 
 
 def test_long_work_is_shown_cancelled_and_holds_nothing_up(page: Any) -> None:
