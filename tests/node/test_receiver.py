@@ -219,9 +219,17 @@ def test_a_disk_that_fills_at_any_step_is_told_and_the_node_lives_on(
     assert told["status"] == "A700"
     assert "No space left on device" in told["reason"]
     assert node.rows("SELECT count(*) FROM instances") == [(0,)]
+    assert node.files() == []
     assert not list((node.folder / "incoming").iterdir())
     assert "Success" in send(node.port, path)
     assert len(node.files()) == 1
+
+
+def test_what_comes_when_the_node_ends_is_left_to_its_sender(node: Listening, tmp_path: Path) -> None:
+    node.receiver._store.stop()
+    assert "OutOfResources" in send(node.port, instance(tmp_path))
+    assert "the node ends" in node.events("refused")[0]["reason"]
+    assert not list((node.folder / "incoming").iterdir())
 
 
 def test_files_that_were_never_acknowledged_are_removed_when_the_node_starts(tmp_path: Path) -> None:
@@ -314,6 +322,7 @@ def test_a_message_larger_than_agreed_is_cut_off(tmp_path: Path) -> None:
         said = send(node.port, save(made, tmp_path / "large.dcm"))
         assert "Success" not in said
         until(lambda: not list((node.folder / "incoming").iterdir()))
+        until(lambda: node.events("cut off"))
         assert node.files() == []
         assert "Success" in send(node.port, instance(tmp_path))
         assert len(node.files()) == 1
