@@ -22,6 +22,7 @@ from ronnaplan.documents.revision import revised
 from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import Head, Instrument, Landmarks, Plan, Trajectory
+from ronnaplan.planning.electrodes import electrode_chosen
 from ronnaplan.planning.measures import check_ends
 from ronnaplan.planning.merging import merged
 from ronnaplan.planning.trajectory import instrument_named
@@ -128,6 +129,10 @@ class OpenCase:
     def choose_instrument(self, name: str, kind: str) -> None:
         """Give a trajectory an instrument of the catalogue."""
         self.edit(name, instrument=instrument_named(kind))
+
+    def choose_electrode(self, name: str, model: str) -> None:
+        """Let an electrode of the catalogue stay along a trajectory, its tip at the target, or ``none``."""
+        self.edit(name, electrode=electrode_chosen(model))
 
     def size_instrument(self, name: str, size: str, value_mm: float) -> None:
         """Change the ``diameter`` or ``length`` of a trajectory's instrument, in mm."""

@@ -268,11 +268,9 @@ def _lps(place: list[float], system: str | None) -> FloatArray:
 
 def _electrode(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the electrode that was chosen by name, as a trajectory takes it; nothing where none was named."""
-    from ronnaplan.planning.electrodes import electrode_named
+    from ronnaplan.planning.electrodes import electrode_chosen
 
-    if arguments.electrode is None:
-        return {}
-    return {"electrode": None if arguments.electrode == "none" else electrode_named(arguments.electrode)}
+    return {} if arguments.electrode is None else {"electrode": electrode_chosen(arguments.electrode)}
 
 
 def _instrument(arguments: argparse.Namespace) -> Instrument | None:

@@ -80,6 +80,7 @@ class Actions:
             "colour": self._colour,
             "notes": self._notes,
             "instrument": state.case.choose_instrument,
+            "electrode": state.case.choose_electrode,
             "size": self._size,
             "take": self._take,
             "second": self._second,

@@ -25,6 +25,7 @@ from ronnaplan.planner.storage import LAYOUTS
 from ronnaplan.planner.worker import CancelledError
 from ronnaplan.planner.working import Working
 from ronnaplan.planning import INSTRUMENTS
+from ronnaplan.planning.electrodes import ELECTRODES, NO_ELECTRODE
 from ronnaplan.planning.sites import USUAL_DIAMETER_MM
 from ronnaplan.scene.surfaces import SURFACES
 from ronnaplan.scene.volume import PRESETS
@@ -112,6 +113,7 @@ class PlannerApp:
                 "key_help": [(_in_print(key), words) for key, (words, _) in self._keys.items()],
                 "layouts": list(LAYOUTS),
                 "instruments": list(INSTRUMENTS),
+                "electrodes": [NO_ELECTRODE, *ELECTRODES],
                 "tracker": "" if self.tracker is None else f"{self.tracker[0]}:{self.tracker[1]}",
                 "patient": "" if self.patient is None else self.patient or "(no name)",
                 "tab": "paths",

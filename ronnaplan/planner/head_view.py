@@ -142,7 +142,7 @@ class HeadView:
     def _path_key(self, one: Trajectory) -> Any:
         ends = (*one.entry_mm, *one.target_mm)
         # The surroundings themselves: the id() of some that are gone may be that of others.
-        return *ends, one.colour, one.instrument, self.state.case.surroundings
+        return *ends, one.colour, one.instrument, one.electrode, self.state.case.surroundings
 
     def _show_surface(self, scene: Scene) -> None:
         kind = self.state.look.surface

@@ -12,6 +12,7 @@ from ronnaplan.documents.registration import LabelPair, RegistrationDocument
 from ronnaplan.localization.fiducials import FiducialFlag
 from ronnaplan.planner.pixels import Pixel
 from ronnaplan.planner.state import LANDMARKS, PlannerState
+from ronnaplan.planning.electrodes import NO_ELECTRODE
 from ronnaplan.planning.rows import error_rows, number, place, placement_sentence, shape_rows, verdict_sentence
 
 MOST_RIVALS = 4
@@ -66,6 +67,7 @@ def chosen_path(state: PlannerState, judged: Judgement | None) -> dict[str, Any]
         "instrument": one.instrument.name,
         "diameter": one.instrument.diameter_mm,
         "length": one.instrument.length_mm,
+        "electrode": one.electrode.name if one.electrode else NO_ELECTRODE,
         "notes": one.notes,
         "entry": one.entry_mm.round(3).tolist(),
         "target": one.target_mm.round(3).tolist(),

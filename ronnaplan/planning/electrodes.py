@@ -87,9 +87,18 @@ ELECTRODES: Final = {
 """The known models, by name."""
 
 
+NO_ELECTRODE: Final = "none"
+"""Chosen where nothing stays along the path."""
+
+
 def electrode_named(name: str) -> Electrode:
     """Return the catalogue's model; raises `InputError` with the known names."""
     try:
         return ELECTRODES[name]
     except KeyError:
         raise InputError(f"unknown electrode {name!r}; expected one of {', '.join(ELECTRODES)}") from None
+
+
+def electrode_chosen(name: str) -> Electrode | None:
+    """Return the catalogue's model, None for `NO_ELECTRODE`; raises `InputError` with the known names."""
+    return None if name == NO_ELECTRODE else electrode_named(name)

@@ -84,6 +84,7 @@ SOUND: dict[str, tuple[Any, ...]] = {
     "colour": ("left", "#ff00aa"),
     "notes": ("left", "a note"),
     "instrument": ("left", "DBS lead"),
+    "electrode": ("left", "Medtronic 3387"),
     "size": ("left", "diameter", "1.5"),
     "take": (0,),
     "landmark": ("AC", "0 0 0"),

@@ -41,6 +41,7 @@ BAD: list[tuple[str, list[Any]]] = [
     ("colour", ["left", ["#ffffff"]]),
     ("colour", ["left", "red"]),
     ("instrument", ["left", 1]),
+    ("electrode", ["left", None]),
     ("place", ["left", "entry", 3, "1"]),
     ("place", ["left", "entry", -1, "1"]),
     ("place", ["left", "__class__", 0, "1"]),

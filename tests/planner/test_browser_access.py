@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+from ronnaplan.documents.plan import change_plan, read_plan
+from ronnaplan.planning.electrodes import ELECTRODES
 from tests.planner.browser import Planner, eventually, needs_browser, opened, place, value
 
 pytestmark = needs_browser
@@ -155,6 +157,28 @@ def test_two_fingers_zoom_and_move_the_picture(page: Any) -> None:
     assert value(page, "drawn_axial")["half"] == near["half"]
     page.keyboard.press("f")
     eventually(page, lambda: value(page, "drawn_axial")["half"] == before["half"])
+
+
+def test_an_electrode_is_chosen_by_the_keyboard_and_by_another_hand(page: Any, shared: Planner) -> None:
+    page.click(".v-tab >> text=Trajectories")
+    plan = shared.folder / "plan.json"
+    before = len(read_plan(plan).history)
+    chosen = page.get_by_role("combobox", name="Electrode that stays, its tip at the target")
+    contacts = page.locator("svg[data-view=inline] .rp-contact")
+    assert chosen.input_value() == "none"
+    page.locator("#length").focus()
+    page.keyboard.press("Tab")
+    page.keyboard.type("Medtronic 3389")
+    eventually(page, lambda: contacts.count() == 4)
+    written = read_plan(plan).trajectory("left").electrode
+    assert written == ELECTRODES[chosen.input_value()] == ELECTRODES["Medtronic 3389"]
+    page.wait_for_selector("#limits >> text=contacts to metal")
+    change_plan(plan, lambda plan: plan.edit("left", electrode=ELECTRODES["DIXI D08-05AM"]))
+    eventually(page, lambda: contacts.count() == 5)
+    assert chosen.input_value() == "DIXI D08-05AM"
+    for _ in range(len(read_plan(plan).history) - before):
+        page.click("#undo")
+    eventually(page, lambda: contacts.count() == 0 and chosen.input_value() == "none")
 
 
 def test_a_distance_is_measured_by_two_clicks(page: Any) -> None:

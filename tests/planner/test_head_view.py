@@ -110,6 +110,14 @@ def test_the_tube_is_that_of_the_markers_as_they_are_now(head: HeadView, monkeyp
         np.testing.assert_array_equal(drawn.error.tube_mm, now.error.tube_mm)
 
 
+def test_the_contacts_of_an_electrode_are_shown_as_soon_as_it_is_chosen(head: HeadView) -> None:
+    plain = pixels(head)
+    head.state.case.choose_electrode("left", "Medtronic 3387")
+    assert difference(pixels(head), plain) > SAME
+    head.state.case.choose_electrode("left", "none")
+    assert difference(pixels(head), plain) < SAME
+
+
 def test_nothing_is_drawn_twice(head: HeadView, monkeypatch: pytest.MonkeyPatch) -> None:
     first = head.picture()
     assert head.scene is not None

@@ -18,6 +18,7 @@ from ronnaplan.planner.panels import chosen_path, landmark_rows, placement_line,
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
 from ronnaplan.planning import Limits
+from ronnaplan.planning.electrodes import ELECTRODES
 from ronnaplan.planning.uncertainty import ExpectedPose
 from tests import cases
 from tests.planner.conftest import reopened
@@ -197,15 +198,19 @@ def test_a_trajectory_is_renamed_sized_and_noted(state: PlannerState) -> None:
     state.case.choose_instrument("lead A", "DBS lead")
     state.case.size_instrument("lead A", "diameter", 1.5)
     state.case.size_instrument("lead A", "length", 60.0)
+    state.case.choose_electrode("lead A", "Medtronic 3387")
     state.case.edit("lead A", notes="avoid the sulcus", colour="#112233")
     written = read_plan(state.storage.plan).trajectory("lead A")
     assert (written.instrument.name, written.instrument.diameter_mm, written.instrument.length_mm) == (
         ("DBS lead", 1.5, 60.0)
     )
     assert (written.notes, written.colour) == ("avoid the sulcus", "#112233")
+    assert written.electrode == ELECTRODES["Medtronic 3387"]
     broken = [one.measure for one in state.case.judge(written).broken]
     assert broken == ["path within the instrument"]
-    for _ in range(5):
+    state.case.choose_electrode("lead A", "none")
+    assert read_plan(state.storage.plan).trajectory("lead A").electrode is None
+    for _ in range(7):
         state.case.undo()
     assert state.look.selected == "left"
     assert (
@@ -220,6 +225,7 @@ def test_a_wrong_name_or_size_changes_nothing(state: PlannerState) -> None:
         lambda: state.case.rename("left", "right"),
         lambda: state.case.rename("left", "  "),
         lambda: state.case.choose_instrument("left", "spoon"),
+        lambda: state.case.choose_electrode("left", "D08"),
         lambda: state.case.size_instrument("left", "diameter", 0.0),
         lambda: state.case.size_instrument("left", "length", float("nan")),
         lambda: state.case.size_instrument("left", "weight", 1.0),
