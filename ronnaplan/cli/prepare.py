@@ -30,7 +30,8 @@ def run(arguments: argparse.Namespace) -> int:
     both = found.centers, found.centers[::-1].copy()
     match_points(*both, covariances_ct_mm2=found.covariances, covariances_ots_mm2=found.covariances)
     place_robot()
-    print("done: localize, register and robot place start without compiling", file=sys.stderr)
+    see_sphere()
+    print("done: localize, register, robot place and relocate start without compiling", file=sys.stderr)
     return 0
 
 
@@ -53,6 +54,19 @@ def place_robot() -> None:
     head = center + 80.0 * np.concatenate([np.eye(3), -np.eye(3)])
     tracker = None if room.tracker is None else np.array(room.tracker.position_mm)
     find_places(Job(kr6_r900(), room, np.eye(4), tasks, world_of(room, head, tracker)))
+
+
+def see_sphere() -> None:
+    """Find the outline of a ball in an image that is made for this."""
+    import numpy as np
+
+    from ronnaplan.robot.camera import Camera
+    from ronnaplan.robot.outline import find_outlines
+
+    camera = Camera(np.array([[1000.0, 0.0, 80.0], [0.0, 1000.0, 80.0], [0.0, 0.0, 1.0]]), np.zeros(5), np.eye(4))
+    rows, columns = np.mgrid[:160, :160]
+    image = 20.0 + 150.0 * np.clip(30.5 - np.hypot(columns - 80.0, rows - 80.0), 0.0, 1.0)
+    find_outlines(image + np.random.default_rng(0).normal(0.0, 2.0, image.shape), camera)
 
 
 def made_scan() -> CTVolume:

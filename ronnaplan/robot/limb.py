@@ -12,9 +12,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.robot.limb_compiled import (
+    SHADES,
+    Flags,
+    Integers,
+    lay_out,
+    least_deviations,
+    normal_equations,
+    squares_left,
+    with_derivatives,
+)
 
 ARC_PX = 8.0
 FEWEST_SECTORS, MOST_SECTORS = 36, 72
@@ -27,14 +36,13 @@ INWARD, INWARD_PX = 0.25, (8.0, 15.0)
 FIRST_BLUR_PX, BLUR_PX = 2.0, (0.5, 4.0)
 """Standard deviation of the blur at the start, and its bounds."""
 LARGEST_STEP_PX = 1.0
+TABLE_PX = (-OUTWARD_PX - 4 * BLUR_PX[1], INWARD_PX[1] + 4 * BLUR_PX[1])
 TABLE_STEP_PX = 0.1
 INTERIOR_PX, FEWEST_INTERIOR, MOST_INTERIOR = 4.0, 50, 3000
 """The light is told from pixels so far within the limb, thinned out to so many."""
 LIGHT_STEPS = 10
 SHADE_SD = 0.01
 """What the light told from within errs at the limb at best, as a share of the brightness."""
-SHADES = 5
-"""Unknown brightnesses of a sector: the ground, its slope, and the sphere's three."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,36 +63,38 @@ class _Reference:
     """A closed outline in polar coordinates about its ``center`` (2,)."""
 
     center: FloatArray
-    angle: FloatArray
-    radius: FloatArray
-    upright: FloatArray
-    """Cosine between the outline's normal and the radius."""
+    outline: FloatArray
+    """(3, N): angles, rising, once around and one more at either end; radii; cosines between normal and radius."""
 
     def at(self, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return radius and ``upright`` at angles of any shape."""
-        radius, upright = (
-            np.interp(angle, self.angle, values, period=2 * np.pi) for values in (self.radius, self.upright)
-        )
+        """Return radius and that cosine at angles (K)."""
+        radius, upright = (np.interp(angle, self.outline[0], values) for values in self.outline[1:])
         return radius, upright
 
 
 @dataclass(frozen=True, eq=False)
 class _Sectors:
-    """Pixels by sector: brightness and depth (S, P) within the outline, where ``kept``."""
+    """Pixels beside the edge, sector by sector, and those further inside where the outline is known to show."""
 
     grey: FloatArray
+    """Brightness (B)."""
     depth: FloatArray
-    kept: NDArray[np.bool_]
+    """Within the outline (B), px."""
+    starts: Integers
+    """Where each sector's begin, and where all end (S + 1)."""
     angle: FloatArray
     """Of each sector's middle (S)."""
     light: FloatArray
-    """Brightness (L) further inside, where the outline is known to show."""
-    share: FloatArray
-    """Distance of those pixels from the center, as a share of the radius."""
-    turn: FloatArray
-    """Their direction from the center."""
-    of_light: NDArray[np.int64]
+    """Brightness (L) further inside."""
+    offset: FloatArray
+    """Of those from the center (L, 2), in radii."""
+    of_light: Integers
     """Their sectors."""
+
+    @property
+    def pixels(self) -> Integers:
+        """How many each sector has beside the edge (S)."""
+        return np.diff(self.starts)
 
 
 def find_limb(
@@ -100,28 +110,31 @@ def find_limb(
     if len(sectors.light) < FEWEST_INTERIOR:
         return None
     expected, trust = _expected(sectors)
-    radius = float(reference.radius.mean())
-    shift = np.zeros(len(sectors.grey))
-    values = _profiles(sectors.depth, blur_px, radius)[0]
-    shades = np.linalg.solve(*_normal(values, sectors, trust[:, :SHADES], expected))[..., 0]
-    for _ in range(steps):
-        values, first, second = _profiles(sectors.depth + shift[:, None], blur_px, radius)
-        design = np.concatenate([values, first @ shades[..., None], blur_px * second @ shades[..., None]], axis=2)
-        normal, goal = _normal(design, sectors, trust, expected)
+    radius = float(reference.outline[1, 1:-1].mean())
+    count = len(sectors.angle)
+    shift, shades = np.zeros(count), np.zeros((count, SHADES))
+    for step in range(steps + 1):
+        fit = sectors.grey, _steps(sectors, shift), sectors.starts, _profiles(blur_px, radius), shades, blur_px
+        normal, goal = _held(*normal_equations(*fit), trust, expected)
+        if step == 0:  # without shades the edge does not show
+            shades[:] = np.linalg.solve(normal[:, :SHADES, :SHADES], goal[:, :SHADES])[..., 0]
+            continue
         own, share, wider = _eliminated(normal, goal)
         wider = float(
             np.clip(wider, max(-blur_px / 4, BLUR_PX[0] - blur_px), min(blur_px / 2, BLUR_PX[1] - blur_px))
         )
         own = own - share * wider
         blur_px += wider
-        shades = own[:, :SHADES]
+        shades = own[:, :SHADES].copy()
         shift = shift + np.clip(own[:, SHADES], -LARGEST_STEP_PX, LARGEST_STEP_PX)
-    left = (sectors.grey - (design[..., :-1] @ own[..., None])[..., 0] - design[..., -1] * wider) * sectors.kept
-    pixels = sectors.kept.sum(axis=1)
-    misfit = np.sqrt((left**2).sum(axis=1) / np.maximum(pixels - SHADES - 1, 1))
+    squares = squares_left(*fit, np.column_stack([own, np.full(count, wider)]))
+    misfit = np.sqrt(squares / np.maximum(sectors.pixels - SHADES - 1, 1))
     sd = misfit * np.sqrt(np.linalg.inv(normal[:, :-1, :-1])[:, SHADES, SHADES])
     return Limb(
-        _places(reference, sectors.angle, shift), np.where(pixels < FEWEST_PIXELS, np.inf, sd), misfit, blur_px
+        _places(reference, sectors.angle, shift),
+        np.where(sectors.pixels < FEWEST_PIXELS, np.inf, sd),
+        misfit,
+        blur_px,
     )
 
 
@@ -147,19 +160,14 @@ def _expected(sectors: _Sectors) -> tuple[FloatArray, FloatArray]:
     The light is that of the nine lowest spherical harmonics, which show all but a hundredth of what any lamps do to a
     dull ball; a sector trusts it as far as it holds beside the limb.
     """
-    design = _harmonics(sectors.share, sectors.turn)
-    weights = np.ones(len(design))
-    for _ in range(LIGHT_STEPS):  # towards least absolute deviations: part of the ball may be hidden or glare
-        turned = design.T * weights
-        light = np.linalg.solve(turned @ design + 1e-6 * np.eye(9), turned @ sectors.light)
-        left = np.abs(sectors.light - design @ light)
-        noise = 1.4826 * float(np.median(left)) + 1e-3
-        weights = 1 / np.maximum(left, noise)
+    design = _harmonics(*sectors.offset.T)
+    light, left, noise = least_deviations(design, sectors.light, LIGHT_STEPS)
     within = np.linspace(0, INWARD, 12)
-    profile = _harmonics(1 - within, sectors.angle[:, None]) @ light
+    x, y = ((1 - within) * wave(sectors.angle)[:, None] for wave in (np.cos, np.sin))
+    profile = _harmonics(x, y) @ light
     basis = np.stack([np.ones_like(within), within, np.sqrt(within * (2 - within))], axis=1)
     expected = profile @ np.linalg.pinv(basis).T
-    beside = sectors.share > 1 - INWARD
+    beside = np.hypot(*sectors.offset.T) > 1 - INWARD
     each = np.bincount(sectors.of_light[beside], minlength=len(expected))
     square = np.bincount(sectors.of_light[beside], left[beside] ** 2, len(expected)) / np.maximum(each, 1)
     level = float(np.median(np.abs(sectors.light)))
@@ -169,10 +177,9 @@ def _expected(sectors: _Sectors) -> tuple[FloatArray, FloatArray]:
     return expected, trust
 
 
-def _harmonics(share: FloatArray, turn: FloatArray) -> FloatArray:
-    """Return the nine harmonics (..., 9) of the normals at a ``share`` of the radius in the direction ``turn``."""
-    x, y = share * np.cos(turn), share * np.sin(turn)
-    z = np.sqrt(np.maximum(1 - share**2, 0)) + 0 * turn
+def _harmonics(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the nine harmonics (..., 9) of the normals at offsets from the center in radii."""
+    z = np.sqrt(np.maximum(1 - x * x - y * y, 0))
     return np.stack([np.ones_like(x), x, y, z, x * y, x * z, y * z, x * x - y * y, z * z], axis=-1)
 
 
@@ -185,84 +192,56 @@ def _polar(outline_px: FloatArray) -> _Reference:
     ahead, behind = np.roll(radius, -1), np.roll(radius, 1)
     turn = (np.roll(angle, -1) - np.roll(angle, 1)) % (2 * np.pi)
     slope = (ahead - behind) / turn / radius
-    return _Reference(center, angle, radius, 1 / np.hypot(1, slope))
+    around = np.stack([angle, radius, 1 / np.hypot(1, slope)])
+    before, after = around[:, -1:].copy(), around[:, :1].copy()
+    before[0] -= 2 * np.pi
+    after[0] += 2 * np.pi
+    return _Reference(center, np.concatenate([before, around, after], axis=1))
 
 
 def _sectors(grey: FloatArray, reference: _Reference, seen_px: FloatArray) -> _Sectors:
-    mean = float(reference.radius.mean())
-    reach = float(reference.radius.max()) + OUTWARD_PX
-    low = np.maximum(np.floor(reference.center - reach), 0).astype(int)
-    high = np.maximum(np.minimum(np.ceil(reference.center + reach).astype(int) + 1, grey.shape[::-1]), low)
-    rows, columns = np.mgrid[low[1] : high[1], low[0] : high[0]]
-    x, y = columns - reference.center[0], rows - reference.center[1]
-    distance = np.hypot(x, y)
-    near = distance < reach
-    values, distance, angle = grey[rows[near], columns[near]], distance[near], np.arctan2(y[near], x[near])
-    radius, upright = reference.at(angle)
-    depth = (radius - distance) * upright
+    radius = reference.outline[1, 1:-1]
+    reach, mean = radius.max() + OUTWARD_PX, float(radius.mean())
+    low = np.maximum(np.floor(reference.center - reach), 0)
+    high = np.maximum(np.minimum(np.ceil(reference.center + reach) + 1, grey.shape[::-1]), low)
     count = int(np.clip(2 * np.pi * mean / ARC_PX, FEWEST_SECTORS, MOST_SECTORS))
-    sector = _sector(angle, count)
     beside = seen_px - reference.center
-    seen = np.zeros(count, dtype=bool)
-    seen[_sector(np.arctan2(beside[:, 1], beside[:, 0]), count)] = True
-    inside = np.flatnonzero((depth > INTERIOR_PX) & seen[sector])
-    inside = inside[:: len(inside) // MOST_INTERIOR + 1]
-    annulus = np.flatnonzero((depth > -OUTWARD_PX) & (depth < np.clip(INWARD * mean, *INWARD_PX)))
-    pixel, kept = _by_sector(annulus, sector[annulus], count)
+    share = np.arctan2(beside[:, 1], beside[:, 0]) / (2 * np.pi) + 0.5
+    seen: Flags = np.zeros(count, dtype=bool)
+    seen[(share * count).astype(np.int64) % count] = True
+    bounds = -OUTWARD_PX, float(np.clip(INWARD * mean, *INWARD_PX)), INTERIOR_PX
+    window = np.stack([low, high]).astype(np.int64)
+    values, depth, starts, *within = lay_out(grey, reference.center, reference.outline, window, bounds, seen)
     middles = ((np.arange(count) + 0.5) / count - 0.5) * 2 * np.pi
-    share = distance[inside] / radius[inside]
-    return _Sectors(
-        values[pixel], depth[pixel], kept, middles, values[inside], share, angle[inside], sector[inside]
-    )
+    every = len(within[0]) // MOST_INTERIOR + 1
+    light, offset = (np.ascontiguousarray(one[::every], dtype=np.float64) for one in within[:2])
+    return _Sectors(values, depth, starts, middles, light, offset, np.asarray(within[2][::every], dtype=np.int64))
 
 
-def _sector(angle: FloatArray, count: int) -> NDArray[np.int64]:
-    return ((angle / (2 * np.pi) + 0.5) * count).astype(np.int64) % count
-
-
-def _by_sector(
-    pixels: NDArray[np.int64], sector: NDArray[np.int64], count: int
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return ``pixels`` (N) in a row for each sector (S, P), and which of these are not there for padding."""
-    order = pixels[np.argsort(sector, kind="stable")]
-    sizes = np.bincount(sector, minlength=count)
-    column = np.arange(sizes.max())
-    place = column + (np.cumsum(sizes) - sizes)[:, None]
-    return order[np.minimum(place, max(len(order) - 1, 0))], column < sizes[:, None]
-
-
-def _profiles(depth: FloatArray, blur_px: float, radius: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return what the shades (S, P, 5) look like blurred at depths (S, P), and two derivatives with depth."""
+def _profiles(blur_px: float, radius: float) -> FloatArray:
+    """Return what the shades look like blurred, and two derivatives with depth (N, 15), at the table's depths."""
     from scipy.ndimage import gaussian_filter1d
 
-    reach = 4 * BLUR_PX[1]
-    least, most = -OUTWARD_PX - reach, INWARD_PX[1] + reach
-    at = np.arange(least, most, TABLE_STEP_PX)
+    at = np.arange(*TABLE_PX, TABLE_STEP_PX)
     within = np.clip(at / radius, 0, 1)
     ball = (at > 0).astype(np.float64)
     sharp = np.stack([1 - ball, np.minimum(at / radius, 0), ball, within, np.sqrt(within * (2 - within))])
-    blurred = gaussian_filter1d(sharp, blur_px / TABLE_STEP_PX, axis=1)
-    first = np.gradient(blurred, TABLE_STEP_PX, axis=1)
-    table = np.concatenate([blurred, first, np.gradient(first, TABLE_STEP_PX, axis=1)]).T.copy()
-    where = np.clip((depth - least) / TABLE_STEP_PX, 0, len(at) - 2)
-    below = where.astype(int)
-    share = (where - below)[..., None]
-    shown = table[below]
-    shown += share * np.diff(table, axis=0, append=0)[below]
-    return shown[..., :5], shown[..., 5:10], shown[..., 10:]
+    return with_derivatives(gaussian_filter1d(sharp, blur_px / TABLE_STEP_PX, axis=1), TABLE_STEP_PX)
 
 
-def _normal(
-    design: FloatArray, sectors: _Sectors, weights: FloatArray, expected: FloatArray
+def _steps(sectors: _Sectors, shift: FloatArray) -> FloatArray:
+    """Return the pixels' depth (B) in steps of the table, the edges being shifted outwards."""
+    return (sectors.depth + np.repeat(shift, sectors.pixels) - TABLE_PX[0]) / TABLE_STEP_PX
+
+
+def _held(
+    normal: FloatArray, goal: FloatArray, weights: FloatArray, expected: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return each sector's normal matrix (S, K, K) and right side (S, K, 1)."""
-    seen = design * sectors.kept[..., None]
-    turned = seen.transpose(0, 2, 1)
-    normal = turned @ seen
+    """Return normal matrices (S, K, K) and right sides (S, K, 1) with the sphere's shades held near those expected."""
+    unit = np.eye(normal.shape[1])
     scale = np.einsum("skk->sk", normal)
-    normal += 1e-9 * (scale[:, :, None] + 1e-9) * np.eye(design.shape[2])
-    normal += weights[:, :, None] * np.eye(weights.shape[1])
-    goal = turned @ sectors.grey[..., None]
+    normal = normal + (1e-9 * (scale[:, :, None] + 1e-9) + weights[:, :, None]) * unit
+    goal = goal[..., None].copy()
     goal[:, 2:SHADES, 0] += weights[:, 2:SHADES] * expected
     return normal, goal
 

@@ -67,3 +67,29 @@ find_places(job(1, 2, 1))
 print(json.dumps([prepared, compiled()]))
 """
 )
+
+
+def test_after_prepare_a_sphere_before_cameras_is_found_without_compiling() -> None:
+    found = subprocess.run([sys.executable, "-c", SEEN], cwd=ROOT, capture_output=True, text=True, check=True)
+    prepared, seen = json.loads(found.stdout)
+    assert {name: kinds for name, kinds in seen.items() if kinds != prepared.get(name, [])} == {}
+    assert any("normal_equations" in name for name in prepared)
+
+
+SEEN = (
+    COUNT.split("told = []")[0]
+    + """
+import numpy as np
+from phantoms.cameras import sphere_image
+from ronnaplan.cli.prepare import see_sphere
+from ronnaplan.robot.camera import Camera
+from ronnaplan.robot.outline import find_outlines
+
+see_sphere()
+prepared = compiled()
+matrix = np.array([[4200.0, 0, 650], [0, 4195, 500], [0, 0, 1]])
+image = sphere_image([np.array([1.0, 2.0, 300.0])], 11.5, matrix, np.zeros(5), np.random.default_rng(0))
+assert find_outlines(image, Camera(matrix, np.zeros(5), np.eye(4)))
+print(json.dumps([prepared, compiled()]))
+"""
+)
