@@ -40,4 +40,26 @@ six = np.vstack([spread, [[70.0, -40, 30]], [[-65, -15, 75]]])
 print(f"{np.sqrt(np.trace(predict_tre(six, error, target)[0])):.2f} mm RMS")
 
 # %% [markdown]
+# The same at every voxel of a scan is a map. The markers' places are the scan's own coordinates: LPS, in mm (a viewer in RAS
+# shows the first two with the other sign). `error` is what one marker adds on both sides, the scan's and the tracker's:
+# one matrix for all, or one each. The map is written in any format that SimpleITK knows, and lies on the scan in any viewer.
+
+# %%
+import SimpleITK as sitk
+
+from ronnaplan import read_ct
+from ronnaplan.registration import predict_tre_map
+
+ct = read_ct("data/synthetic_ct")
+expected_mm = predict_tre_map(six[:5], error, ct)
+sitk.WriteImage(expected_mm.to_sitk(), "expected_error.nii.gz")
+expected_mm
+
+# %%
+at_target = sitk.ReadImage("expected_error.nii.gz").EvaluateAtPhysicalPoint(target[0].tolist())
+print(
+    f"{at_target:.2f} mm RMS in the map, {np.sqrt(np.trace(predict_tre(six[:5], error, target)[0])):.2f} mm computed there"
+)
+
+# %% [markdown]
 # `ronnaplan plan place` chooses places on the scalp of a scan by the same figures ([planning](../planning.md)).

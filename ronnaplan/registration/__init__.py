@@ -4,7 +4,13 @@ from ronnaplan.pose import Pose
 from ronnaplan.registration.batch import RegistrationBatch, register_batch
 from ronnaplan.registration.diagnosis import Doubt, LeaveOneOut, doubted_marker, leave_one_out
 from ronnaplan.registration.drift import Drift, DriftStatus, check_drift, drift_over_time
-from ronnaplan.registration.registration import Registration, RegistrationFlag, predict_tre, register_points
+from ronnaplan.registration.registration import (
+    Registration,
+    RegistrationFlag,
+    predict_tre,
+    predict_tre_map,
+    register_points,
+)
 
 __all__ = [
     "Doubt",
@@ -20,6 +26,7 @@ __all__ = [
     "drift_over_time",
     "leave_one_out",
     "predict_tre",
+    "predict_tre_map",
     "register_batch",
     "register_points",
 ]

@@ -185,29 +185,12 @@ class Registration(Shown[RegisteredPair]):
     def tre_map(self, volume: CTVolume) -> ScalarMap:
         """Return the expected root-mean-square TRE (mm) at every voxel of a scan in the moving frame.
 
-        With the mapped place p and the pose's covariance [[R, X], [X^T, T]] its square is the quadratic
-        tr T - 2 p . x + p^T (tr(R) I - R) p, where x_k = sum e_kij X_ij. Raises `FrameMismatchError` for the scan of
-        another frame.
+        Raises `FrameMismatchError` for the scan of another frame.
         """
-        from ronnaplan.ct.volume import CTVolume, ScalarMap
+        from ronnaplan.registration.maps import error_map
 
-        check_type(volume, CTVolume, "the volume", "a TRE map needs the scan that it is drawn over")
-        if self.pose.from_frame.name != "moving":  # the default, which names no frame
-            self.pose.from_frame.require(volume.frame)
-        covariance = self.pose.covariance
-        turning, mixed, shifting = covariance[:3, :3], covariance[:3, 3:], covariance[3:, 3:]
-        quadratic = np.trace(turning) * np.eye(3) - turning
-        linear = np.array([mixed[1, 2] - mixed[2, 1], mixed[2, 0] - mixed[0, 2], mixed[0, 1] - mixed[1, 0]])
-        values = np.empty(volume.values.shape, dtype=np.float32)
-        j, i = np.indices(values.shape[1:])
-        for k, plane in enumerate(values):
-            kji = np.stack([np.full(j.shape, k), j, i], axis=-1).astype(np.float64)
-            places = self.pose.apply(volume.grid.positions_mm(kji).reshape(-1, 3))
-            squared = (
-                np.trace(shifting) - 2.0 * places @ linear + np.einsum("ni,ij,nj->n", places, quadratic, places)
-            )
-            plane[...] = np.sqrt(np.maximum(squared, 0.0)).reshape(plane.shape)
-        return ScalarMap(values, volume.grid, "expected TRE", "mm", volume.frame)
+        frame_is_named = self.pose.from_frame.name != "moving"
+        return error_map(self.pose, volume, self.pose.from_frame if frame_is_named else None)
 
     @property
     def rotation_sd_deg(self) -> float:
@@ -287,12 +270,27 @@ def predict_tre(markers_mm: ArrayLike, covariances_mm2: ArrayLike, targets_mm: A
     """Return the TRE covariance (T, 3, 3) to expect at ``targets_mm`` (T, 3) before anything is measured.
 
     ``markers_mm`` (N, 3) are planned markers in the targets' frame; ``covariances_mm2``, (N, 3, 3) or (3, 3), the
-    sum of both sides' errors in that frame.
+    sum of both sides' errors in that frame. `predict_tre_map` has them at every voxel of a scan.
     """
+    return _planned(markers_mm, covariances_mm2).point_covariances(targets_mm)
+
+
+def predict_tre_map(markers_mm: ArrayLike, covariances_mm2: ArrayLike, volume: CTVolume) -> ScalarMap:
+    """Return the root-mean-square TRE (mm) to expect at every voxel of a scan before anything is measured.
+
+    Markers, in the scan's coordinates (LPS), and their errors are those of `predict_tre`. ``to_sitk``, ``to_nibabel``
+    and the like give the map to other libraries.
+    """
+    from ronnaplan.registration.maps import error_map
+
+    return error_map(_planned(markers_mm, covariances_mm2), volume)
+
+
+def _planned(markers_mm: ArrayLike, covariances_mm2: ArrayLike) -> Pose:
+    """Return the pose to expect of planned markers (N, 3): exact, with its covariance."""
     markers = as_points(markers_mm, "markers")
     require_spread(markers, "markers")
     stated = as_pair(covariances_mm2, len(markers))
     assert stated is not None
     frame = Frame("planned")
-    pose = Pose(np.eye(4), pose_covariance(markers, stated[1]), frame, frame)
-    return pose.point_covariances(targets_mm)
+    return Pose(np.eye(4), pose_covariance(markers, stated[1]), frame, frame)

@@ -11,7 +11,7 @@ from ronnaplan.ct import CTVolume
 from ronnaplan.errors import FrameMismatchError, InputError, UsageError
 from ronnaplan.geometry import Frame
 from ronnaplan.pose import point_jacobian
-from ronnaplan.registration import RegistrationFlag, predict_tre, register_batch, register_points
+from ronnaplan.registration import RegistrationFlag, predict_tre, predict_tre_map, register_batch, register_points
 from ronnaplan.rigid import fit_closed_form
 
 HEAD = np.array([[-60.0, 20, 40], [55, 30, 50], [5, -85, 60], [-20, 60, 75], [30, -10, 95], [-70, -30, 10]])
@@ -306,3 +306,16 @@ def test_a_map_of_the_expected_error_agrees_with_the_error_place_by_place() -> N
     assert tre.to_sitk()[4, 3, 2] == tre.values[2, 3, 4]
     with pytest.raises(UsageError, match="of type ndarray, expected CTVolume"):
         registration.tre_map(tre.values)  # type: ignore[arg-type]
+
+
+def test_a_map_of_planned_markers_agrees_with_the_error_place_by_place() -> None:
+    errors = np.diag([0.2, 0.3, 0.9])
+    affine = np.array([[0, 0, 9.0, -50], [0, 8.0, 0, -40], [12.0, 0, 0, -60], [0, 0, 0, 1.0]])
+    volume = CTVolume.from_array(np.zeros((3, 4, 5)), affine)
+    kji = np.moveaxis(np.indices((3, 4, 5)), 0, -1).reshape(-1, 3).astype(float)
+    tre = predict_tre(HEAD, errors, volume.grid.positions_mm(kji))
+    expected = predict_tre_map(HEAD, errors, volume)
+    np.testing.assert_allclose(expected.values.ravel(), np.sqrt(np.trace(tre, axis1=1, axis2=2)), rtol=1e-5)
+    assert expected.frame == volume.frame
+    with pytest.raises(UsageError, match="of type ndarray, expected CTVolume"):
+        predict_tre_map(HEAD, errors, expected.values)  # type: ignore[arg-type]
