@@ -28,14 +28,18 @@ STYLE = """
 @media print {
   .path { font-size: 8.5pt } .path + .measured, h2:has(+ .measured) { break-before: page }
   .beside { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: 0 1.5rem }
+  .beside > :last-child:nth-child(odd) { grid-column: 1 / -1 }
   .path th, .path td { padding: 0 .6rem 0 0 }
+  .beside:has(.contacts) { font-size: 7pt; grid-template-columns: minmax(0, 12fr) minmax(0, 10fr); gap: 0 1rem }
+  .beside:has(.contacts) :is(th, td) { padding-right: .3rem }
+  .contacts td:nth-child(2) { white-space: nowrap }
 }
 """
 
 TITLE = "Trajectories"
 ENDS = ("", "entry LPS mm", "target LPS mm", "length mm")
 ERRORS = ("expected error", "as planned", "as registered")
-CONTACTS = ("contact", "middle, LPS mm", "depth, mm", "within the inner table", "nearest metal or no-go region")
+CONTACTS = ("no.", "contact, LPS mm", "depth, mm", "inside", "nearest, mm")
 VERDICTS = ("held against limits", "value", "limit", "", "verdict", "")
 
 
@@ -67,21 +71,25 @@ def paths_part(case: Case) -> Part:
 
 
 def _measured(volume: CTVolume, one: Measures, verdicts: Sequence[Verdict]) -> list[str]:
-    """Return the picture, and the tables of what was measured and judged; broken limits stand first."""
+    """Return the picture, and the tables of what was measured and judged; broken limits stand first.
+
+    On paper the tables stand two beside each other, so that a path with the contacts of its electrode fits a page.
+    """
     name = one.trajectory.name
     drawn = picture(path_picture(volume, one), f"{name}: two cuts along the path, at right angles; HU along it")
     judged = sorted(verdicts, key=lambda verdict: verdict.passes)
     distances = [] if verdicts else distance_rows(one)  # every verdict tells its distance
     beside = table([], [*_path(one.trajectory), *shape_rows(one), *distances]) + _errors(one)
-    tables = [table(VERDICTS, map(_verdict, judged))] if judged else []
+    if judged:
+        beside += f"<div>{table(VERDICTS, map(_verdict, judged))}</div>"
     if one.contacts:
-        tables.append(f'<div class="whole">{table(CONTACTS, map(_contact, one.contacts))}</div>')
-    return [drawn, f'<div class="beside">{beside}</div>', *tables]
+        beside += f'<div class="contacts whole">{table(CONTACTS, map(_contact, one.contacts))}</div>'
+    return [drawn, f'<div class="beside">{beside}</div>']
 
 
 def _contact(one: ContactMeasures) -> list[str]:
     nearest = min(one.clearances, key=lambda near: near.at_least_mm, default=None)
-    told = "-" if nearest is None else f"{nearest.clearance_mm:.2f} mm to {nearest.name}"
+    told = "-" if nearest is None else f"{nearest.clearance_mm:.2f} to {nearest.name}"
     inside = {True: "yes", False: "no", None: "-"}[one.inside]
     return [str(one.number), place(one.center_mm), f"{one.depth_mm:.2f}", inside, told]
 

@@ -51,8 +51,7 @@ def quality_report(
             element("p", f"{made}. {NOTICE}", "note"),
             _warnings(parts),
             *(section(part.title, part.body) for part in parts if part.body),
-            section("Inputs", [table(["input", "SHA-256"], case.hashes)]),
-            _signatures(),
+            _end(case),
         ],
         style="".join(
             (
@@ -75,9 +74,12 @@ def _warnings(parts: list[Part]) -> str:
     return box("warnings", count, warnings)
 
 
-def _signatures() -> str:
+def _end(case: Case) -> str:
+    """Return what is signed for and room for the signatures, on one page: they never stand alone."""
+    inputs = section("Inputs", [table(["input", "SHA-256"], case.hashes)])
     rows = [(who, "", "", "") for who in SIGNERS]
-    return f'<div class="signatures whole">{element("h2", "Signatures")}{table(SIGNATURE, rows)}</div>'
+    signed = f'<div class="signatures">{element("h2", "Signatures")}{table(SIGNATURE, rows)}</div>'
+    return f'<div class="whole">{inputs}{signed}</div>'
 
 
 def _sheet(paper: Paper, footer: str) -> str:

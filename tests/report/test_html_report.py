@@ -145,6 +145,8 @@ def test_numbers_stay_whole_and_only_long_words_break() -> None:
 def test_the_report_ends_with_room_for_signatures(html: str) -> None:
     assert html.index("<h2>Inputs</h2>") < html.index("<h2>Signatures</h2>")
     assert "<td>checked by</td><td></td><td></td><td></td>" in html
+    assert '<div class="whole"><section><h2>Inputs</h2>' in html
+    assert "</table></div></div>\n" in html[html.index("<h2>Signatures</h2>") :]
 
 
 def test_a_marker_that_is_not_where_the_document_says_is_the_first_thing_on_the_page(case: Case) -> None:
@@ -209,9 +211,21 @@ def test_a_folder_without_documents_is_refused(tmp_path: Path) -> None:
         CaseFiles.of_folder(tmp_path / "nowhere")
 
 
-@pytest.mark.skipif(find_browser() is None, reason="no Chromium is installed to print a PDF with")
-def test_the_page_is_printed_as_pdf(html: str) -> None:
-    printed = print_pdf(html)
+@pytest.fixture(scope="module")
+def printed(html: str) -> bytes:
+    if find_browser() is None:
+        pytest.skip("no Chromium is installed to print a PDF with")
+    return print_pdf(html)
+
+
+def test_a_path_with_an_electrode_of_many_contacts_takes_one_page(case: Case, printed: bytes) -> None:
+    assert case.plan is not None
+    chosen = case.plan.edit("left", electrode=ELECTRODES["DIXI D08-18AM"])
+    with_contacts = print_pdf(quality_report(replace(case, plan=chosen)))
+    assert with_contacts.count(b"/MediaBox") == printed.count(b"/MediaBox")
+
+
+def test_the_page_is_printed_as_pdf(printed: bytes) -> None:
     assert printed.startswith(b"%PDF-")
     assert printed.count(b"/Subtype /Image") >= 1
     boxes = re.findall(rb"/MediaBox \[0 0 ([0-9.]+) ([0-9.]+)\]", printed)
