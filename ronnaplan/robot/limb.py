@@ -53,6 +53,8 @@ class Limb:
     """(N, 2)."""
     sds_px: FloatArray
     """Standard deviation of each across the edge; infinite where there is none to see."""
+    light_sds_px: FloatArray
+    """What of it comes from the light told from within: this part all sectors may have in common."""
     misfits: FloatArray
     """RMS grey values that the model leaves in each sector."""
     blur_px: float
@@ -129,10 +131,13 @@ def find_limb(
         shift = shift + np.clip(own[:, SHADES], -LARGEST_STEP_PX, LARGEST_STEP_PX)
     squares = squares_left(*fit, np.column_stack([own, np.full(count, wider)]))
     misfit = np.sqrt(squares / np.maximum(sectors.pixels - SHADES - 1, 1))
-    sd = misfit * np.sqrt(np.linalg.inv(normal[:, :-1, :-1])[:, SHADES, SHADES])
+    spread = np.linalg.inv(normal[:, :-1, :-1])[:, SHADES]
+    sd = misfit * np.sqrt(spread[:, SHADES])
+    by_light = misfit * np.sqrt((spread[:, :SHADES] ** 2 * trust[:, :SHADES]).sum(axis=1))
     return Limb(
         _places(reference, sectors.angle, shift),
         np.where(sectors.pixels < FEWEST_PIXELS, np.inf, sd),
+        by_light,
         misfit,
         blur_px,
     )

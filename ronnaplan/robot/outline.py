@@ -22,12 +22,14 @@ CONSENSUS_PX = 2.0
 """A first outline is the one that most edges lie as near to, so that hidden or spoilt parts do not pull it."""
 PASSES, STEPS = 6, 2
 """The limb is fitted anew about the outline found, at most so often and in so many steps each."""
-SETTLED_SDS = 0.25
-"""It is settled when the direction moves by less than this share of its standard deviation."""
+SETTLED_SDS = 0.5
+"""It is settled when the direction moves by less than this share of the half-angle's standard deviation."""
 LARGEST_FEEDBACK = 0.75
 """Light is told from within the outline found: at most this share of the outline's error comes back by it."""
 FLOOR_PX = 0.01
 """What the model of the limb errs in a sector at best."""
+COMMON_LIGHT = 0.6
+"""The light's error shifts the outline to one side as a whole by this share of what each sector allows for."""
 LARGEST_SD_PX = 0.5
 """Sectors that know their edge worse are left out."""
 LARGEST_MISFIT = 1.5
@@ -101,7 +103,7 @@ def _outline(grey: FloatArray, circle: Circle, camera: Camera) -> Outline | None
         step = np.append(across @ (found.direction @ across), found.half_angle - half_angle)
         if k == 1:
             feedback = float(np.clip(step @ last / (last @ last + 1e-30), 0.0, LARGEST_FEEDBACK))
-        if k and np.linalg.norm(step[:3]) < SETTLED_SDS * np.sqrt(np.trace(found.direction_covariance)):
+        if k and np.linalg.norm(step[:3]) < SETTLED_SDS * found.half_angle_sd:
             break
         axis = axis + step[:3] / (1 - feedback)
         axis, half_angle = axis / np.linalg.norm(axis), found.half_angle
@@ -151,6 +153,8 @@ def _fit_cone(limb: Limb, camera: Camera) -> Outline | None:
         return None
     scatter = float(((residual[kept] / sds[kept]) ** 2).sum()) / (kept.sum() - 3)
     covariance = np.linalg.inv(information) * max(scatter, float(((waves / waves_sd) ** 2).mean()), 1.0)
+    by_light = float(np.sqrt((limb.light_sds_px[clear][kept] ** 2).mean())) / camera.focal_px
+    covariance[:2, :2] += (COMMON_LIGHT * by_light) ** 2 * np.eye(2)
     across = _across(axis)
     return Outline(
         axis,
