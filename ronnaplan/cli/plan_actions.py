@@ -29,15 +29,17 @@ def run_new(arguments: argparse.Namespace) -> int:
 def run_add(arguments: argparse.Namespace) -> int:
     """Add a trajectory."""
     from ronnaplan.planning import Trajectory
+    from ronnaplan.planning.trajectory import next_colour
 
     entry_mm, target_mm = (_lps(place, arguments.coordinates) for place in (arguments.entry, arguments.target))
     instrument = _instrument(arguments) or Trajectory.instrument
-    options: dict[str, Any] = {"colour": arguments.colour} if arguments.colour else {}
-    options |= _electrode(arguments)
+    options = _electrode(arguments)
 
     def add(plan: Plan) -> Plan:
-        notes = arguments.notes or ""
-        added = Trajectory(arguments.name, entry_mm, target_mm, plan.frame, instrument, notes=notes, **options)
+        colour, notes = arguments.colour or next_colour(len(plan.trajectories)), arguments.notes or ""
+        added = Trajectory(
+            arguments.name, entry_mm, target_mm, plan.frame, instrument, colour=colour, notes=notes, **options
+        )
         return plan.add(added)
 
     return _changed_in_head(arguments, add)

@@ -20,9 +20,7 @@ from ronnaplan.planner.second import Second
 from ronnaplan.planner.storage import Storage
 from ronnaplan.planner.worker import Job, Start
 from ronnaplan.planning import Landmarks, Ruler, Trajectory
-
-COLOURS = ("#2dd4a7", "#f0e442", "#f28ac8", "#7c9cff", "#e6edf3")
-"""Given to new trajectories in turn: told apart by colour-blind eyes, none of them the markers' or the crosshair's."""
+from ronnaplan.planning.trajectory import next_colour
 
 LANDMARKS = ("AC", "PC", "midline")
 
@@ -68,8 +66,7 @@ class PlannerState:
         plan = self.case.plan
         taken = {one.name for one in plan.trajectories}
         free = next(f"T{n}" for n in range(1, len(taken) + 2) if f"T{n}" not in taken)
-        colour = COLOURS[len(taken) % len(COLOURS)]
-        added = Trajectory(name or free, entry_mm, target_mm, plan.frame, colour=colour)
+        added = Trajectory(name or free, entry_mm, target_mm, plan.frame, colour=next_colour(len(taken)))
         self.case.add(added)
         self.look.select(added.name)
         return added.name

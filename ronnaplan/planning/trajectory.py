@@ -20,6 +20,15 @@ REMEDY = "write Trajectory('left', entry_mm, target_mm, volume.frame), INSTRUMEN
 COLOUR = re.compile(r"#[0-9a-f]{6}")
 
 
+COLOURS = ("#2dd4a7", "#f0e442", "#f28ac8", "#7c9cff", "#e6edf3")
+"""Given to new trajectories in turn: told apart by colour-blind eyes, none of them the markers' or the crosshair's."""
+
+
+def next_colour(number: int) -> str:
+    """Return the color of a plan's trajectory after ``number`` others."""
+    return COLOURS[number % len(COLOURS)]
+
+
 @dataclass(frozen=True)
 class Instrument:
     """What goes along a path: outer diameter and usable length, in mm."""
@@ -79,7 +88,7 @@ class Trajectory:
     target_mm: FloatArray
     frame: Frame = field(default_factory=lambda: Frame("CT"))
     instrument: Instrument = INSTRUMENTS["pointer"]
-    colour: str = "#e8a33d"
+    colour: str = COLOURS[0]
     locked: bool = False
     notes: str = ""
     electrode: Electrode | None = None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import zipfile
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -14,6 +13,7 @@ from ronnaplan.ct.limits import Limits
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.planner.dropped import Dropped
 from tests import cases
+from tests.loops import run
 
 
 def add(dropped: Dropped, name: str, content: bytes = b"some") -> None:
@@ -21,7 +21,7 @@ def add(dropped: Dropped, name: str, content: bytes = b"some") -> None:
         for start in range(0, len(content), 1 << 20):
             yield content[start : start + (1 << 20)]
 
-    asyncio.run(dropped.add(name, pieces()))
+    run(dropped.add(name, pieces()))
 
 
 def test_a_folder_and_an_archive_become_the_scan_of_a_case(tmp_path: Path) -> None:

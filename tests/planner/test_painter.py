@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,6 +13,7 @@ from ronnaplan.planner.head_view import HeadView
 from ronnaplan.planner.painter import Painter
 from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.state import PlannerState
+from tests.loops import run
 
 
 class Values(dict[str, Any]):
@@ -52,4 +52,4 @@ def test_a_window_that_is_dragged_samples_no_cut_again(
         painter.refresh_views()
         assert len(counted) > first
 
-    asyncio.run(drag())
+    run(drag())
