@@ -147,6 +147,7 @@ def test_two_fingers_zoom_and_move_the_picture(page: Any) -> None:
         touch("touchMove", (x - wide, y), (x + wide, y))
     touch("touchEnd")
     eventually(page, lambda: value(page, "drawn_axial")["half"] < 0.5 * before["half"])
+    page.wait_for_timeout(500)  # until the last of the steps is drawn
     near = value(page, "drawn_axial")
     touch("touchStart", (x - 20, y))
     touch("touchStart", (x - 20, y), (x + 20, y))
