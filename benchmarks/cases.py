@@ -6,6 +6,7 @@ in a folder and used again), the surroundings of single markers and decoys from 
 
 from __future__ import annotations
 
+import glob
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from phantoms.decoys import DECOYS, decoy
 from phantoms.examination import Examination
 from phantoms.library import laboratory_phantom
 from phantoms.markers import marker_kind
+from phantoms.motion import Motion
 from phantoms.patients import random_patient
 from phantoms.scene import Decoy, Marker, join
 from phantoms.stack import SliceStack, axial_stack
@@ -31,8 +33,11 @@ LABORATORY_DECOYS = ((-0.60, 0.62, 0.50), (0.05, -0.75, 0.66), (0.62, 0.05, 0.78
 SLAB_MARGIN_MM = 15.0
 """Slices are scanned this far beyond the outermost marker's or decoy's center."""
 
-DECOYS_EACH = 4
-"""Decoys on the head of each patient who is scanned by a protocol."""
+SCANNED_MARKERS, DECOYS_EACH = 20, 4
+"""Markers and decoys on the head of each patient who is scanned by a protocol: as many as fit on two of five."""
+
+JUMP = ", jump"
+"""What the name of a condition adds to its protocol's where the head jumps."""
 
 REACH_MM = 10.0
 """The fast renderer's images reach this far beyond a marker's or decoy's surface."""
@@ -50,6 +55,8 @@ class Condition:
     options: dict[str, float | bool] = field(default_factory=dict)
     markers: int = 12
     laboratory: bool = False
+    jump_mm: float = 0.0
+    """How far the head jumps, in a direction of its own, somewhere in the middle half of the scan."""
 
 
 CONDITIONS = (
@@ -87,6 +94,11 @@ PROTOCOLS = (
     Condition("cone beam", 0.020, 0.060),
     Condition("cone beam short", 0.020, 0.060),
     Condition("cone beam lag", 0.020, 0.060),
+    Condition("helix 4 x 1.25, 360LI", 0.015, 0.060),
+    Condition("axial penalized", 0.020, 0.060),
+    Condition("axial, jump", 0.015, 0.060, jump_mm=0.5),
+    Condition("helix 32 x 0.6, jump", 0.015, 0.060, jump_mm=0.5),
+    Condition("cone beam, jump", 0.020, 0.060, jump_mm=0.5),
 )
 """Scans as hospitals make them, by the names of `phantoms.protocols`; their tags are often wrong or missing."""
 
@@ -169,21 +181,77 @@ def surroundings(condition: Condition, first: int, number: int) -> Iterator[Case
         yield _case(near, near.images(fast=True), kind)
 
 
-def protocol_scan(condition: Condition, first: int, number: int) -> Iterator[Case]:
-    """Scan a patient by a protocol and yield the surroundings of each marker and decoy, all out of one scan."""
-    kind = _kind(condition, number)
+def protocol_scan(condition: Condition, first: int, number: int, cache: Path | None = None) -> list[Case]:
+    """Scan a patient by a protocol: the surroundings of each marker and decoy, all out of one scan.
+
+    They are kept in ``cache``, or taken from there.
+    """
     seed = first + SEED_STEP * number + PROTOCOLS.index(condition)
-    patient = random_patient(seed, protocol=condition.name, kind=kind, count=condition.markers, decoys=DECOYS_EACH)
+    kept = cache / f"{condition.name}-{seed}.npz" if cache else None
+    if kept is not None and kept.exists():
+        return kept_cases(kept)
+    kind = _kind(condition, number)
+    patient = random_patient(
+        seed,
+        protocol=condition.name.removesuffix(JUMP),
+        kind=kind,
+        count=SCANNED_MARKERS,
+        decoys=DECOYS_EACH,
+    )
+    if condition.jump_mm:
+        patient = replace(patient, scanner=replace(patient.scanner, motion=_jump(condition.jump_mm, seed)))
     things: list[Marker | Decoy] = [*patient.scene.markers, *patient.scene.decoys]
     reach_mm = marker_kind(kind).diameter_mm / 2 + REACH_MM + patient.profile_fwhm_mm
-    for near, voxels in patient.crops([one.center_mm for one in things], reach_mm):
-        yield _case(near, voxels, kind)
+    crops = patient.crops([one.center_mm for one in things], reach_mm)
+    cases = [_case(near, voxels, kind) for near, voxels in crops]
+    if kept is not None:
+        keep(cases, kept)
+    return cases
+
+
+def _jump(length_mm: float, seed: int) -> Motion:
+    generator = np.random.default_rng([seed, 8])
+    way = generator.standard_normal(3)
+    x, y, z = length_mm * way / np.linalg.norm(way)
+    return Motion("jump", (float(x), float(y), float(z)), when=float(generator.uniform(0.25, 0.75)))
+
+
+def keep(cases: list[Case], file: Path) -> None:
+    """Write cases to a file."""
+    arrays: dict[str, NDArray[np.generic]] = {}
+    for n, case in enumerate(cases):
+        grid = case.volume.grid
+        steps = np.array([grid.column_step_mm, grid.row_step_mm])
+        sizes = np.array([np.nan if grid.thickness_mm is None else grid.thickness_mm, case.diameter_mm])
+        arrays |= {f"voxels{n}": case.volume.voxels_hu, f"origins{n}": grid.origins_mm, f"steps{n}": steps}
+        arrays |= {f"truth{n}": case.truth_mm, f"cut{n}": case.cut_mm, f"sizes{n}": sizes}
+    np.savez(file, **arrays)  # type: ignore[arg-type]  # of any kind
+
+
+def kept_scans(condition: Condition, folder: Path) -> list[Path]:
+    """Return the files of a condition's patients that `protocol_scan` has kept in ``folder``."""
+    return sorted(folder.glob(f"{glob.escape(condition.name)}-[0-9]*.npz"))
+
+
+def kept_cases(file: Path) -> list[Case]:
+    """Read what `keep` has written."""
+    cases = []
+    with np.load(file) as kept:
+        for n in range(len(kept.files) // 6):
+            column_step, row_step = kept[f"steps{n}"]
+            thickness, diameter = map(float, kept[f"sizes{n}"])
+            grid = SliceGrid(
+                kept[f"origins{n}"], row_step, column_step, None if np.isnan(thickness) else thickness
+            )
+            volume = CTVolume(kept[f"voxels{n}"], grid)
+            cases.append(Case(volume, kept[f"truth{n}"], kept[f"cut{n}"], diameter))
+    return cases
 
 
 def _case(patient: Examination, voxels: NDArray[np.int16], kind: str) -> Case:
     whole: list[FloatArray] = []
     cut: list[FloatArray] = []
-    for one in patient.scene.markers:
+    for one in patient.shown.markers:
         is_whole = patient.stack.holds_whole(one.center_mm, one.diameter_mm)
         (whole if is_whole else cut).append(one.center_mm)
     truth, rest = np.reshape(whole, (-1, 3)), np.reshape(cut, (-1, 3))

@@ -2,7 +2,7 @@
 
     python -m benchmarks.cohort listing [--files 100000]
     python -m benchmarks.cohort series [--series 200] [--workers 2]
-    python -m benchmarks.cohort kills [--series 200] [--kills 20] [--seed 1]
+    python -m benchmarks.cohort kills [--series 200] [--kills 20] [--pause 10] [--seed 1]
     python -m benchmarks.cohort charts [--series 4000]
 
 ``series`` compares processor time with that of one process which does the same by itself; ``kills`` ends the client,
@@ -16,8 +16,6 @@ import argparse
 import os
 import random
 import resource
-import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -25,67 +23,25 @@ import time
 from collections import Counter
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from phantoms.fast import render
-from phantoms.series import SeriesOptions, write_series
-from phantoms.stack import axial_stack
+from benchmarks.cohort_material import DIAMETERS_MM, make_files, make_series
 from ronnaplan.cohort.charts import control_chart
 from ronnaplan.cohort.cohort import run_cohort
-from ronnaplan.cohort.index import DONE, WAITING, Index
+from ronnaplan.cohort.index import Index
 from ronnaplan.cohort.listing import bring_up_to_date
 from ronnaplan.cohort.planning import decide, orders, tasks_of
 from ronnaplan.cohort.rules import CohortRule, Rules
 from ronnaplan.cohort.work import work
-from tests.cohort.scans import CENTERS_MM, tiny
-from tests.scans import balls
+from tests.cohort.scans import CENTERS_MM
+from tests.cohort.under_fire import UnderFire
 
-RULES = "[limits]\nattempts = 1000\n[[rule]]\nname = 'all'\ndiameters = [11.5]\nexpected = 4\n"
-NOISE_HU = 10.0
-BROKEN_EVERY = 10
-FILES_A_SERIES = 250
-
-
-def make_files(root: Path, count: int) -> None:
-    """Write so many one-slice files of tiny series, each of `FILES_A_SERIES`, a folder each."""
-    one = next(iter(sorted(tiny(root.parent / "pattern", "1000000").iterdir()))).read_bytes()
-    for number in range(count):
-        series, k = divmod(number, FILES_A_SERIES)
-        folder = root / f"{series // 100:03d}" / f"{series:06d}"
-        if k == 0:
-            folder.mkdir(parents=True)
-        # the same length, so that no length in the file changes
-        content = one.replace(b"1.2.9.1000000", f"1.2.9.{1_000_000 + series}".encode())
-        (folder / f"{k:03d}").write_bytes(content)
-
-
-def make_series(root: Path, count: int) -> None:
-    """Write so many scans of four balls, 43 slices of 128 x 128 with a noise of their own each; some are broken."""
-    stack = axial_stack(start_mm=-22, stop_mm=22, matrix=128, field_of_view_mm=64, spacing_mm=1.0)
-    clean = render(balls(CENTERS_MM), stack, blur_mm=0.5, noise_hu=0.0, seed=1)
-    draws = np.random.default_rng(7)
-    for number in range(count):
-        folder = root / f"{number:04d}"
-        folder.mkdir(parents=True)
-        noisy = np.round(clean + NOISE_HU * draws.standard_normal(clean.shape)).astype(np.int16)
-        write_series(folder, noisy, stack, SeriesOptions(seed=number))
-        if number % BROKEN_EVERY == BROKEN_EVERY - 1:
-            damage(folder, number // BROKEN_EVERY)
-
-
-def damage(folder: Path, kind: int) -> None:
-    """Break a series: a slice cut off, slices missing, or nothing but noise."""
-    files = sorted(folder.iterdir())
-    if kind % 3 == 0:
-        files[5].write_bytes(files[5].read_bytes()[:-500])
-    elif kind % 3 == 1:
-        for path in files[2:]:
-            path.unlink()
-    else:
-        for path in files:
-            path.write_bytes(path.read_bytes()[:200])
+RULES = Rules(rule=(CohortRule(name="all", diameters=DIAMETERS_MM, expected=len(CENTERS_MM)),))
+RULES_FILE = (
+    f"[limits]\nattempts = 1000\n[[rule]]\nname = 'all'\n"
+    f"diameters = {list(DIAMETERS_MM)}\nexpected = {len(CENTERS_MM)}\n"
+)
 
 
 def cpu_s() -> float:
@@ -118,12 +74,11 @@ def listing(folder: Path, files: int) -> None:
 def by_itself(folder: Path) -> float:
     """Work on every series in this process; returns the processor time of one."""
     (folder / "alone").mkdir()
-    rules = Rules(rule=(CohortRule(name="all", diameters=(11.5,), expected=4),))
     with Index(folder / "alone") as index:
         bring_up_to_date(index, [str(folder / "in")])
-        tasks = tasks_of(rules)
-        decide(index, rules, tasks)
-        given = [order for _, order, _ in orders(index, rules, tasks)]
+        tasks = tasks_of(RULES)
+        decide(index, RULES, tasks)
+        given = [order for _, order, _ in orders(index, RULES, tasks)]
     work(given[0], lambda event, **_: None)  # imports and compiled code
     start = time.process_time()
     for order in given:
@@ -136,9 +91,8 @@ def series(folder: Path, count: int, workers: int) -> None:
     """Work a cohort off; say how fast, and how much of the processor's time is the work itself."""
     make_series(folder / "in", count)
     alone = by_itself(folder)
-    rules = Rules(rule=(CohortRule(name="all", diameters=(11.5,), expected=4),))
     start, begun = cpu_s(), time.monotonic()
-    counts = run_cohort([str(folder / "in")], folder / "out", rules, workers=workers)
+    counts = run_cohort([str(folder / "in")], folder / "out", RULES, workers=workers)
     used, wall = cpu_s() - start, time.monotonic() - begun
     with Index(folder / "out") as index:
         peak = index.value("SELECT MAX(peak_bytes) FROM series")
@@ -151,90 +105,38 @@ def series(folder: Path, count: int, workers: int) -> None:
     print(f"processor time of a series: {per:.2f} s, by itself {alone:.2f} s: efficiency {alone / per:.0%}")
 
 
-class Cluster:
-    """A scheduler, two workers and a client, all of which may be killed."""
-
-    def __init__(self, folder: Path, seed: int) -> None:
-        self.folder, self.random = folder, random.Random(seed)
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            self.address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
-        self.parts: dict[str, subprocess.Popen[bytes]] = {}
-        self.killed: Counter[str] = Counter()
-
-    def tend(self) -> None:
-        """Start what is not running; of a client that is done, nothing more."""
-        dask = [sys.executable, "-m"]
-        commands = {
-            "scheduler": [*dask, "distributed.cli.dask_scheduler", "--host", self.address, "--no-dashboard"],
-            "worker 1": [*dask, "distributed.cli.dask_worker", self.address, "--nthreads", "1", "--no-nanny"],
-            "worker 2": [*dask, "distributed.cli.dask_worker", self.address, "--nthreads", "1", "--no-nanny"],
-            "client": [
-                *(sys.executable, "-m", "ronnaplan", "cohort", str(self.folder / "in"), "-o"),
-                *(str(self.folder / "killed"), "--rules", str(self.folder / "rules.toml")),
-                *("--scheduler", self.address),
-            ],
-        }
-        with (self.folder / "log").open("ab") as log:
-            for name, command in commands.items():
-                if name not in self.parts or self.parts[name].poll() is not None:
-                    self.parts[name] = subprocess.Popen(command, stderr=log, stdout=log, cwd=self.folder)
-
-    def kill(self) -> None:
-        """Kill one of them, or a child that works on a series."""
-        name = self.random.choice([*self.parts, "child"])
-        pids = self._children() if name == "child" else [self.parts[name].pid]
-        if pids:
-            with suppress(ProcessLookupError):
-                os.kill(self.random.choice(pids), signal.SIGKILL)
-                self.killed[name] += 1
-
-    def _children(self) -> list[int]:
-        workers = {part.pid for part in self.parts.values()}
-        found = []
-        for process in Path("/proc").glob("[0-9]*"):
-            with suppress(OSError):
-                parent = int((process / "stat").read_text().rpartition(")")[2].split()[1])
-                if parent in workers and b"ronnaplan.cohort.work" in (process / "cmdline").read_bytes():
-                    found.append(int(process.name))
-        return found
-
-    def close(self) -> None:
-        """End all of them."""
-        for part in self.parts.values():
-            part.kill()
-            part.wait()
-
-
-def kills(folder: Path, count: int, most: int, seed: int) -> None:
+def kills(folder: Path, count: int, most: int, pause_s: float, seed: int) -> None:
     """Work a cohort off in peace and under fire; say whether the tables are the same."""
     from pyarrow import parquet
 
     make_series(folder / "in", count)
-    (folder / "rules.toml").write_text(RULES)
-    command = [sys.executable, "-m", "ronnaplan", "cohort", str(folder / "in"), "-o", str(folder / "peace")]
-    subprocess.run([*command, "--rules", str(folder / "rules.toml"), "--workers", "2"], check=True, cwd=folder)
-    under_fire = Cluster(folder, seed)
+    (folder / "rules.toml").write_text(RULES_FILE)
+    command = ["-m", "ronnaplan", "cohort", str(folder / "in"), "--rules", str(folder / "rules.toml"), "-o"]
+    peace = [*(sys.executable, *command, str(folder / "peace")), "--workers", "2"]
+    subprocess.run(peace, check=True, cwd=folder)
+    fire, draws = UnderFire(folder, [*command, str(folder / "killed"), "--scheduler"]), random.Random(seed)
+    begun = time.monotonic()
     try:
+        fire.tend()
         while True:
-            under_fire.tend()
-            begun = time.monotonic()
-            wait_s = under_fire.random.uniform(0.0, 40.0)
-            while time.monotonic() < begun + wait_s and under_fire.parts["client"].poll() is None:
-                time.sleep(0.2)
-            if under_fire.parts["client"].poll() == 0:
+            fire.pause(draws.uniform(0.0, 2.0 * pause_s))
+            if fire.is_done:
                 break
-            if under_fire.killed.total() < most:
-                under_fire.kill()
+            if fire.killed.total() < most:
+                fire.kill(draws.choice(fire.names), draws)
+            fire.tend()
     finally:
-        under_fire.close()
-    same = {
-        name: parquet.read_table(folder / "peace" / name).equals(parquet.read_table(folder / "killed" / name))
+        fire.close()
+    wall = time.monotonic() - begun
+    tables = {
+        name: tuple(parquet.read_table(folder / out / name) for out in ("peace", "killed"))
         for name in ("series.parquet", "markers.parquet")
     }
-    with Index(folder / "killed") as index:
-        states: dict[str, Any] = {state: index.count(state) for state in (DONE, WAITING, "aside")}
+    same = {f"{name}, {ours.num_rows} rows": ours.equals(theirs) for name, (ours, theirs) in tables.items()}
+    series, _ = tables["series.parquet"]
+    states = Counter(series.column("state").to_pylist())
     print(
-        f"killed {dict(under_fire.killed)}; series {states}; the same tables: {same}; load {os.getloadavg()[0]:.0f}"
+        f"killed in {wall:.0f} s: {dict(fire.killed)}; {dict(states)}; the same: {same}; load {os.getloadavg()[0]:.0f}"
     )
 
 
@@ -263,6 +165,7 @@ def main() -> None:
     parser.add_argument("--series", type=int, default=200)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--kills", type=int, default=20)
+    parser.add_argument("--pause", type=float, default=10.0, metavar="S", help="from kill to kill, on average")
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     if given.what == "charts":
@@ -275,7 +178,7 @@ def main() -> None:
         elif given.what == "series":
             series(folder, given.series, given.workers)
         else:
-            kills(folder, given.series, given.kills, given.seed)
+            kills(folder, given.series, given.kills, given.pause, given.seed)
 
 
 if __name__ == "__main__":

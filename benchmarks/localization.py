@@ -2,14 +2,17 @@
 
     python -m benchmarks.localization accuracy [--markers N] [--first SEED] [--cache FOLDER] [--condition NAME]
     python -m benchmarks.localization rendered [--markers N] [--first SEED] [--condition NAME]
-    python -m benchmarks.localization protocols [--markers N] [--first SEED] [--condition NAME]
+    python -m benchmarks.localization protocols [--markers N] [--first SEED] [--cache FOLDER] [--condition NAME]
+    python -m benchmarks.localization kept FOLDER [--condition NAME]
     python -m benchmarks.localization peers [--slices-mm T]
 
 ``accuracy`` scans whole patients with the projection-domain scanner until each condition has its markers, and prints
 recall, false positives, error beside that of a plain fit that is told where to look, and how honest the stated
 uncertainty is (mean squared normalized error per degree of freedom, share within the 95 % ellipsoid). ``rendered`` does
 the same with many markers from the fast renderer, ``protocols`` with scans as hospitals make them: kernels, profiles,
-denoising, cone beams, and headers as they are. Seeds below `FIRST_UNSEEN` were used for tuning and are refused.
+denoising, helices, cone beams, heads that jump, and headers as they are; ``kept`` judges the scans that ``protocols``
+has kept in a folder. Seeds below `FIRST_UNSEEN` were used for tuning and are refused.
+``--pull-mm`` judges the stated errors as if every center were pulled so far along its post, as screws do elsewhere.
 ``peers`` runs other tools' recipes on one rendered head.
 """
 
@@ -19,7 +22,7 @@ import argparse
 import itertools
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -30,6 +33,8 @@ from benchmarks.cases import (
     PROTOCOLS,
     Case,
     Condition,
+    kept_cases,
+    kept_scans,
     protocol_scan,
     surroundings,
     volume,
@@ -44,6 +49,8 @@ from phantoms.stack import axial_stack
 from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import localize
+from ronnaplan.localization.examine import Examined, Scan, alike, distinct, examine, together
+from ronnaplan.localization.motion import suspected
 from ronnaplan.report.tables import align
 
 FIRST_UNSEEN = {"accuracy": 15400, "rendered": 26000, "protocols": 31000}
@@ -58,7 +65,7 @@ CHI2_95 = 7.815
 
 HEADING = (
     *("condition", "patients", "markers", "missed", "false", "mean um", "goal", "worst um", "goal"),
-    *("ideal um", "nees", "in 95 %", "eff."),
+    *("ideal um", "nees", "in 95 %", "eff.", "moved", "or in"),
 )
 
 
@@ -66,6 +73,8 @@ HEADING = (
 class Score:
     """What a condition's scans add up to."""
 
+    pull_mm: float = 0.0
+    """Centers are taken to be pulled so far, along the axis of the largest stated error, when that is judged."""
     patients: int = 0
     missed: int = 0
     false: int = 0
@@ -74,34 +83,50 @@ class Score:
     """Errors of a plain fit that is told where to look, on the same markers."""
     normalized: list[float] = field(default_factory=list)
     efficiencies: list[float] = field(default_factory=list)
+    moved: list[bool] = field(default_factory=list)
+    """Whether motion is suspected."""
 
     @property
     def markers(self) -> int:
         """Markers that should have been found so far."""
         return len(self.errors_mm) + self.missed
 
-    def add(self, case: Case) -> None:
-        """Localize one scan and compare with its truth; a marker cut by the scan's edge may be found or not."""
-        found = localize(case.volume, diameter_mm=case.diameter_mm)
-        known = np.concatenate([case.truth_mm, case.cut_mm])
-        self.false += sum(_nearest(known, center) > FOUND_WITHIN_MM for center in found.centers)
-        for center_mm in case.truth_mm:
-            own = [one for one in found.fiducials if np.linalg.norm(one.center_mm - center_mm) <= FOUND_WITHIN_MM]
-            if not own:
-                self.missed += 1
-                continue
-            error = own[0].center_mm - center_mm
-            self.errors_mm.append(float(np.linalg.norm(error)))
-            ideal = ideal_center(case.volume, center_mm, case.diameter_mm)
-            self.ideal_mm.append(float(np.linalg.norm(ideal - center_mm)))
-            self.normalized.append(float(error @ np.linalg.solve(own[0].covariance_mm2, error)))
-            self.efficiencies.append(own[0].efficiency)
+    def add(self, cases: Sequence[Case]) -> None:
+        """Localize a patient's scans and compare with their truth; a marker cut by an edge may be found or not.
+
+        They are parts of one scan: what its markers say together is taken from all of them.
+        """
+        self.patients += 1
+        parts = markers_of(cases)
+        moved = suspected([one.movement for part in parts for one in part if one.movement is not None])
+        told = dict(zip((id(one) for part in parts for one in part), moved, strict=True))
+        for case, found in zip(cases, parts, strict=True):
+            known = np.concatenate([case.truth_mm, case.cut_mm])
+            self.false += sum(_nearest(known, one.center_mm) > FOUND_WITHIN_MM for one in found)
+            for center_mm in case.truth_mm:
+                self._compare(case, center_mm, found, told)
+
+    def _compare(
+        self, case: Case, center_mm: FloatArray, found: Sequence[Examined], moved: Mapping[int, bool]
+    ) -> None:
+        own = [one for one in found if np.linalg.norm(one.center_mm - center_mm) <= FOUND_WITHIN_MM]
+        if not own:
+            self.missed += 1
+            return
+        error = own[0].center_mm - center_mm
+        pulled = error + self.pull_mm * np.linalg.eigh(own[0].covariance_mm2)[1][:, -1]
+        self.errors_mm.append(float(np.linalg.norm(error)))
+        ideal = ideal_center(case.volume, center_mm, case.diameter_mm)
+        self.ideal_mm.append(float(np.linalg.norm(ideal - center_mm)))
+        self.normalized.append(float(pulled @ np.linalg.solve(own[0].covariance_mm2, pulled)))
+        self.efficiencies.append(float(np.trace(own[0].bound_mm2) / np.trace(own[0].covariance_mm2)))
+        self.moved.append(moved[id(own[0])])
 
     def row(self, condition: Condition) -> list[str]:
         """One line of the table."""
         counts = [condition.name, *map(str, (self.patients, self.markers, self.missed, self.false))]
         if not self.errors_mm:
-            return [*counts, *["-"] * 8]
+            return [*counts, *["-"] * 10]
         normalized = np.array(self.normalized)
         return [
             *counts,
@@ -113,29 +138,57 @@ class Score:
             f"{normalized.mean() / 3:.2f}",
             f"{np.mean(normalized <= CHI2_95):.0%}",
             f"{np.median(self.efficiencies):.1g}",
+            f"{sum(self.moved)}",
+            f"{np.mean((normalized <= CHI2_95) | self.moved):.0%}",
         ]
 
 
-Scans = Callable[[Condition, int], Iterator[Case]]
+def markers_of(cases: Sequence[Case]) -> list[list[Examined]]:
+    """Return what `localize` finds in each part of one scan, its uncertainty as in the whole."""
+    scans = [Scan(case.volume) for case in cases]
+    seen = [examine(scan, case.diameter_mm) for case, scan in zip(cases, scans, strict=True)]
+    parts = [distinct(one for one in part if one.is_marker) for part in seen]
+    judged = alike([one for part in parts for one in part])
+    stated = iter(together(scans[0], [one for one in judged if one.is_marker]))
+    rest = iter(judged)
+    return [[next(stated) for _ in part if next(rest).is_marker] for part in parts]
+
+
+Scans = Callable[[Condition, int], Iterable[Case]]
 """Yields the scans of a condition's patient, by its number."""
 
 
-def accuracy(conditions: Sequence[Condition], scans: Scans, markers: int, names: list[str]) -> None:
+def accuracy(
+    conditions: Sequence[Condition], scans: Scans, markers: int, names: list[str], pull_mm: float = 0.0
+) -> None:
     """Print the table of the goals, each condition with at least so many ``markers``."""
     rows = [list(HEADING)]
     for condition in conditions:
         if names and condition.name not in names:
             continue
-        score = Score()
+        score = Score(pull_mm)
         for number in itertools.count():
             if score.markers >= markers or (condition.markers == 0 and number == BARE_SCANS):
                 break
             try:
-                for case in scans(condition, number):
-                    score.add(case)
+                score.add(list(scans(condition, number)))
             except PhantomError:  # drawn with a decoy inside the infusion tube: the next patient takes his place
                 continue
-            score.patients += 1
+        rows.append(score.row(condition))
+        print("  ".join(rows[-1]), file=sys.stderr, flush=True)
+    print(align(rows))
+
+
+def kept(folder: Path, names: list[str], pull_mm: float) -> None:
+    """Print the same table of the scans kept in ``folder``, for each condition that has any."""
+    rows = [list(HEADING)]
+    for condition in PROTOCOLS:
+        files = kept_scans(condition, folder)
+        if not files or (names and condition.name not in names):
+            continue
+        score = Score(pull_mm)
+        for file in files:
+            score.add(kept_cases(file))
         rows.append(score.row(condition))
         print("  ".join(rows[-1]), file=sys.stderr, flush=True)
     print(align(rows))
@@ -184,32 +237,42 @@ def main() -> None:
     """Run one of them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     verbs = parser.add_subparsers(dest="verb", required=True)
+    again = verbs.add_parser("kept")
+    again.add_argument("folder", type=Path)
+    studies = [again]
     for name, markers in (("accuracy", 40), ("rendered", 500), ("protocols", 40)):
         study = verbs.add_parser(name)
+        studies.append(study)
         study.add_argument("--markers", type=int, default=markers)
         study.add_argument("--first", type=int, default=FIRST_UNSEEN[name], metavar="SEED")
+        if name != "rendered":
+            study.add_argument("--cache", type=Path, help="keep the scans there, and take those kept")
+    for study in studies:
         study.add_argument("--condition", action="append", default=[])
-        if name == "accuracy":
-            study.add_argument("--cache", type=Path)
+        study.add_argument(
+            "--pull-mm", type=float, default=0.0, help="error along posts that is added when judging"
+        )
     verbs.add_parser("peers").add_argument("--slices-mm", type=float, default=1.0)
     arguments = parser.parse_args()
     if arguments.verb == "peers":
         peers(arguments.slices_mm)
+    elif arguments.verb == "kept":
+        kept(arguments.folder, arguments.condition, arguments.pull_mm)
     elif arguments.first < FIRST_UNSEEN[arguments.verb]:
         parser.error(f"the seeds below {FIRST_UNSEEN[arguments.verb]} were used for tuning; choose others")
     else:
         conditions = PROTOCOLS if arguments.verb == "protocols" else CONDITIONS
-        accuracy(conditions, _scans(arguments), arguments.markers, arguments.condition)
+        accuracy(conditions, _scans(arguments), arguments.markers, arguments.condition, arguments.pull_mm)
 
 
 def _scans(arguments: argparse.Namespace) -> Scans:
     if arguments.verb == "rendered":
         return lambda condition, number: surroundings(condition, arguments.first, number)
-    if arguments.verb == "protocols":
-        return lambda condition, number: protocol_scan(condition, arguments.first, number)
     if arguments.cache:
         arguments.cache.mkdir(parents=True, exist_ok=True)
-    return lambda condition, number: iter([whole_scan(condition, arguments.first, number, arguments.cache)])
+    if arguments.verb == "protocols":
+        return lambda condition, number: protocol_scan(condition, arguments.first, number, arguments.cache)
+    return lambda condition, number: [whole_scan(condition, arguments.first, number, arguments.cache)]
 
 
 if __name__ == "__main__":

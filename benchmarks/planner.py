@@ -3,10 +3,11 @@
     python -m benchmarks.planner [FOLDER] [--steps 40]
 
 Without a folder a head is rendered: 190 uncompressed slices of 512 x 512. Needs Chromium and the package playwright.
-A step is timed in the page, from the event until a new picture (scroll, window) or the end at its new place (drag) has
-been XX
-The browser is forbidden to draw in 3-D itself, for without a graphics card that would take the server's processors: the
-server draws the head, as it does for such browsers, which is more work than it has with any other.
+A step is timed in the page, from the event until the frame is painted in which there is a new picture (scroll, window)
+or the end at its new place (drag); when the frame after it begins is told, too. Measures and 3-D view follow a drag
+beside it: the processor's time of a step counts them. The browser is forbidden to draw in 3-D itself, for without a
+graphics card that would take the server's processors: the server draws the head, as it does for such browsers, which is
+more work than it has with any other.
 
 Memory is that of the server, the only process there is: its peak as the kernel keeps it (resident, libraries' files
 included), the largest seen share of it with shared pages divided among their users (proportional) and not counted
@@ -54,15 +55,20 @@ FLAGS = (
 )
 
 DRAWN = """async ([name, key, args]) => {
-  const read = () => JSON.stringify(key === 'axial' ? window.trame.state.get('picture_axial')
-                                                    : window.trame.state.get('drawn_axial').paths);
+  const read = () => key === 'axial' ? document.querySelector('canvas[data-picture=axial]').dataset.number
+                                     : JSON.stringify(window.trame.state.get('drawn_axial').paths);
   const before = read(), start = performance.now();
   const reply = window.trame.trigger(name, args);
   while (read() === before && performance.now() - start < 5000) await new Promise(requestAnimationFrame);
-  await new Promise(requestAnimationFrame);
+  const channel = new MessageChannel(), next = new Promise(requestAnimationFrame);
+  const painted = new Promise((done) => (channel.port1.onmessage = done));
+  channel.port2.postMessage(0); // told once this frame is painted
+  await painted;
   const shown = performance.now() - start;
+  await next;
+  const after = performance.now() - start;
   await reply;
-  return [shown, performance.now() - start];
+  return [shown, after];
 }"""
 
 
@@ -84,11 +90,13 @@ class Figures:
     scene_s: float = 0.0
     scene_cpu_s: float = 0.0
     scroll_ms: float = 0.0
+    scroll_next_ms: float = 0.0
     scroll_cpu_ms: float = 0.0
     window_ms: float = 0.0
+    window_next_ms: float = 0.0
     window_cpu_ms: float = 0.0
     drag_ms: float = 0.0
-    measured_ms: float = 0.0
+    drag_next_ms: float = 0.0
     drag_cpu_ms: float = 0.0
     memory: Memory = field(default_factory=Memory)
 
@@ -112,12 +120,14 @@ def main() -> int:
         ("  CPU time until then, s", figures.first_picture_cpu_s, None),
         ("3-D scene after that, s", figures.scene_s, SCENE_S),
         ("  CPU time until then, s", figures.scene_cpu_s, None),
-        ("scroll step, median ms", figures.scroll_ms, STEP_MS),
+        ("scroll step, painted, median ms", figures.scroll_ms, STEP_MS),
+        ("  the frame after it begins, ms", figures.scroll_next_ms, None),
         ("  CPU time of the server, ms", figures.scroll_cpu_ms, None),
-        ("window step, median ms", figures.window_ms, STEP_MS),
+        ("window step, painted, median ms", figures.window_ms, STEP_MS),
+        ("  the frame after it begins, ms", figures.window_next_ms, None),
         ("  CPU time of the server, ms", figures.window_cpu_ms, None),
-        ("drag step, median ms", figures.drag_ms, DRAG_MS),
-        ("drag step, measures and 3-D followed, median ms", figures.measured_ms, None),
+        ("drag step, painted, median ms", figures.drag_ms, DRAG_MS),
+        ("  the frame after it begins, ms", figures.drag_next_ms, None),
         ("  CPU time of the server, ms", figures.drag_cpu_ms, None),
         ("peak memory, resident, MB", peak.resident / 1e6, None),
         ("peak memory, resident, x voxels", peak.resident / size, MEMORY),
@@ -149,7 +159,7 @@ def run(ct: Path, scratch: Path, steps: int) -> Figures:
             assert server.stdout is not None
             with watched(server.pid, figures.memory):
                 page.goto(server.stdout.readline().strip())
-                page.wait_for_selector("svg[data-view=axial] image", timeout=120_000)
+                page.wait_for_selector("canvas[data-picture=axial][data-number]", timeout=120_000)
                 figures.first_picture_s = time.perf_counter() - started
                 spent = cpu_ms(server.pid)
                 figures.first_picture_cpu_s = spent / 1e3
@@ -158,11 +168,11 @@ def run(ct: Path, scratch: Path, steps: int) -> Figures:
                 figures.scene_cpu_s = (cpu_ms(server.pid) - spent) / 1e3
                 page.wait_for_timeout(1000)  # pictures at rest are drawn, and all trajectories measured
                 spent = cpu_ms(server.pid)
-                figures.scroll_ms = scrolled(page, steps)
+                figures.scroll_ms, figures.scroll_next_ms = scrolled(page, steps)
                 figures.scroll_cpu_ms, spent = (cpu_ms(server.pid) - spent) / steps, cpu_ms(server.pid)
-                figures.window_ms = windowed(page, steps)
+                figures.window_ms, figures.window_next_ms = windowed(page, steps)
                 figures.window_cpu_ms, spent = (cpu_ms(server.pid) - spent) / steps, cpu_ms(server.pid)
-                figures.drag_ms, figures.measured_ms = dragged(page, steps)
+                figures.drag_ms, figures.drag_next_ms = dragged(page, steps)
                 figures.drag_cpu_ms = (cpu_ms(server.pid) - spent) / steps
             return figures
         finally:
@@ -171,35 +181,39 @@ def run(ct: Path, scratch: Path, steps: int) -> Figures:
             browser.close()
 
 
-def scrolled(page: Any, steps: int) -> float:
-    """Median time of a scroll in the axial view."""
+def scrolled(page: Any, steps: int) -> tuple[float, float]:
+    """Median times of a scroll in the axial view: until it is painted, and until the frame after that."""
     one = ["wheel", "axial", ["axial", 1, False, 150, 150, 300, 300]]
-    return float(median(page.evaluate(DRAWN, one)[0] for _ in range(steps)))
+    return medians(page, [one] * steps)
 
 
-def windowed(page: Any, steps: int) -> float:
-    """Median time of a step of the window's level in the axial view."""
+def windowed(page: Any, steps: int) -> tuple[float, float]:
+    """The same of a step of the window's level in the axial view."""
     size = [600, 600]
     tell = "([name, args]) => window.trame.trigger(name, args)"
     page.evaluate(tell, ["press", ["axial", 300, 300, *size, RIGHT_BUTTON, False]])
-    moves = [["move", "axial", ["axial", 300 + n, 300, *size]] for n in range(1, steps + 1)]
-    found = float(median(page.evaluate(DRAWN, move)[0] for move in moves))
+    found = medians(page, [["move", "axial", ["axial", 300 + n, 300, *size]] for n in range(1, steps + 1)])
     page.evaluate(tell, ["release", ["axial"]])
     return found
 
 
 def dragged(page: Any, steps: int) -> tuple[float, float]:
-    """Median time of one move of a trajectory's target: until it is drawn, and until all has followed."""
+    """The same of one move of a trajectory's target."""
     tell = "([name, args]) => window.trame.trigger(name, args)"
     size = [300, 300]
     page.evaluate(tell, ["key", ["a"]])
     page.evaluate(tell, ["press", ["axial", 200, 150, *size, 0, False]])
     page.evaluate(tell, ["press", ["axial", 150, 160, *size, 0, False]])
     page.evaluate(tell, ["press", ["axial", 150, 160, *size, 0, False]])
-    moves = [["move", "target", ["axial", 150 + n % 40, 160, *size]] for n in range(1, steps + 1)]
-    taken = [page.evaluate(DRAWN, move) for move in moves]
+    found = medians(page, [["move", "target", ["axial", 150 + n % 40, 160, *size]] for n in range(1, steps + 1)])
     page.evaluate(tell, ["release", ["axial"]])
-    return median(shown for shown, _ in taken), median(answered for _, answered in taken)
+    return found
+
+
+def medians(page: Any, events: list[list[Any]]) -> tuple[float, float]:
+    """Median times until what each event does is painted, and until the frame after that."""
+    taken = [page.evaluate(DRAWN, event) for event in events]
+    return median(painted for painted, _ in taken), median(after for _, after in taken)
 
 
 @contextmanager

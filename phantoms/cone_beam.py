@@ -223,12 +223,8 @@ class _Measurement:
         scanner = self._scanner
         if scanner.scatter:
             view += scattered(view, scanner.scatter, scanner.bin_mm)
-        if scanner.dose:
-            quanta = PHOTONS_PER_MM2 * scanner.dose * scanner.bin_mm**2 * 720 / scanner.views
-            generator = np.random.default_rng([self._seed, number, 20260301])
-            spread = np.sqrt(quanta * view + scanner.electronic_noise**2) / quanta
-            view += spread * generator.standard_normal(view.shape, dtype=np.float32)
-            np.maximum(view, max(1.0, scanner.electronic_noise) / quanta, out=view)
+        quanta = PHOTONS_PER_MM2 * scanner.dose * scanner.bin_mm**2 * 720 / scanner.views
+        scanner.as_read(view, quanta, self._seed, number)
         if scanner.lag:
             self._lagging(view)
 

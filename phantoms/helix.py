@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from phantoms.helix_reconstruction import Geometry, back_project_cone_weighted, back_project_interpolated
 from phantoms.helix_settings import HelixSettings
-from phantoms.helix_turns import HalfTurns, Orbit
+from phantoms.helix_turns import HalfTurns, Orbit, Readings
 from phantoms.machine import Images
 from phantoms.motion import Span
 from phantoms.profiles import Profile
@@ -58,13 +58,20 @@ class Helix(HelixSettings):
         orbit = Orbit.about(stacks)
         turns = HalfTurns(scene, self, orbit, stacks, seed)
         results = [np.zeros((len(s), s.rows, s.columns), dtype=np.float32) for s in stacks]
-        jobs = sorted(_slabs(orbit, stacks), key=lambda job: job[0])
-        for low, high, number, members in tqdm(jobs, "scanning", unit="slab", disable=not progress):
-            stack, part = stacks[number], turns.seeing(low, high)
-            results[number][members] = self._slab(stack, orbit.heights_mm(stack)[members], turns, part)
+        slabs = sorted(_slabs(orbit, stacks).items())
+        for _, slab in tqdm(slabs, "scanning", unit="slab", disable=not progress):
+            heights = np.concatenate([orbit.heights_mm(stacks[number])[members] for number, members in slab])
+            margin = max(stacks[number].thickness_mm for number, _ in slab) / 2
+            part = turns.seeing(float(heights.min()) - margin, float(heights.max()) + margin)
+            data = turns.stacked(part)
+            for number, members in slab:
+                places = orbit.heights_mm(stacks[number])[members]
+                results[number][members] = self._slab(stacks[number], places, turns, data, part.start)
         return results
 
-    def _slab(self, stack: SliceStack, heights_mm: FloatArray, turns: HalfTurns, part: range) -> Images:
+    def _slab(
+        self, stack: SliceStack, heights_mm: FloatArray, turns: HalfTurns, data: Readings, first: int
+    ) -> Images:
         planes = _planes(self, stack.thickness_mm)
         places = (heights_mm[:, np.newaxis] + planes).ravel()
         order = np.argsort(places, kind="stable")
@@ -79,14 +86,11 @@ class Helix(HelixSettings):
         corner = np.array([stack.aside_mm[0], stack.aside_mm[1]])
         corner = corner - (np.array([stack.columns, stack.rows]) - 1) / 2 * stack.pixel_mm
         cube = np.zeros((stack.rows, stack.columns, len(places)), dtype=np.float32)
-        data = turns.stacked(part)
         if self.method == "WFBP":
-            back_project_cone_weighted(data, part.start, geometry, places[order], corner, stack.pixel_mm, cube)
+            back_project_cone_weighted(data, first, geometry, places[order], corner, stack.pixel_mm, cube)
         else:
             whole = self.method == "360LI"
-            back_project_interpolated(
-                data, part.start, geometry, whole, places[order], corner, stack.pixel_mm, cube
-            )
+            back_project_interpolated(data, first, geometry, whole, places[order], corner, stack.pixel_mm, cube)
         images = np.empty((len(places), stack.rows, stack.columns), dtype=np.float32)
         images[order] = np.moveaxis(cube, 2, 0)
         averaged = images.reshape(len(heights_mm), len(planes), stack.rows, stack.columns).mean(axis=1)
@@ -101,17 +105,13 @@ def _planes(scanner: Helix, thickness_mm: float) -> FloatArray:
     return ((np.arange(count) + 0.5) / count - 0.5) * thickness_mm
 
 
-def _slabs(orbit: Orbit, stacks: Sequence[SliceStack]) -> list[tuple[float, float, int, list[int]]]:
-    """Return lowest and highest place, stack, and slices of everything that is reconstructed together."""
-    slabs: dict[tuple[int, int], list[int]] = {}
+def _slabs(orbit: Orbit, stacks: Sequence[SliceStack]) -> dict[int, list[tuple[int, list[int]]]]:
+    """Return stacks and slices of everything that is reconstructed together, by slab."""
+    slabs: dict[int, dict[int, list[int]]] = {}
     for number, stack in enumerate(stacks):
         for k, height in enumerate(orbit.heights_mm(stack)):
-            slabs.setdefault((number, int(np.floor(height / SLAB_MM))), []).append(k)
-    jobs = []
-    for (number, _), members in slabs.items():
-        heights, margin = orbit.heights_mm(stacks[number])[members], stacks[number].thickness_mm / 2
-        jobs.append((float(heights.min()) - margin, float(heights.max()) + margin, number, members))
-    return jobs
+            slabs.setdefault(int(np.floor(height / SLAB_MM)), {}).setdefault(number, []).append(k)
+    return {slab: list(members.items()) for slab, members in slabs.items()}
 
 
 def _native_profile(scanner: Helix, offsets_mm: FloatArray) -> FloatArray:

@@ -194,13 +194,9 @@ class HalfTurns:
         scanner = self._scanner
         if scanner.scatter:
             view += scattered(view.astype(np.float64), scanner.scatter, scanner.bin_mm).astype(np.float32)
-        if scanner.dose:
-            area = scanner.bin_mm * scanner.row_mm * 720 / scanner.views * scanner.pitch
-            quanta = PHOTONS_PER_MM2 * scanner.dose * area * _bow_tie(columns_mm if scanner.bow_tie else None)
-            generator = np.random.default_rng([self._seed, number + 2**31, 20260301])
-            spread = np.sqrt(quanta * view + scanner.electronic_noise**2) / quanta
-            view += (spread * generator.standard_normal(view.shape)).astype(np.float32)
-            np.maximum(view, max(1.0, scanner.electronic_noise) / quanta, out=view, casting="same_kind")
+        area = scanner.bin_mm * scanner.row_mm * 720 / scanner.views * scanner.pitch
+        quanta = PHOTONS_PER_MM2 * scanner.dose * area * _bow_tie(columns_mm if scanner.bow_tie else None)
+        scanner.as_read(view, quanta, self._seed, number + 2**31)
         np.maximum(view, np.float32(1e-10), out=view)
 
 

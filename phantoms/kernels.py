@@ -32,6 +32,7 @@ KERNELS = {
     "standard": Kernel(0.50, 2.2),
     "detail": Kernel(0.60, 2.6, boost=0.3),
     "bone": Kernel(0.80, 4.0, boost=0.6),
+    "plain": Kernel(0.90, 8.0),
     "edge": Kernel(0.50, 2.0, boost=3.0),
     "strong edge": Kernel(0.55, 2.0, boost=6.0),
 }

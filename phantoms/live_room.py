@@ -7,7 +7,6 @@ rest, 5 s with the head moved, 5 s with it back, 5 s with the robot's base moved
 
 from __future__ import annotations
 
-import json
 import socket
 import sys
 import time
@@ -42,15 +41,8 @@ class LiveRoom:
     @classmethod
     def of_case(cls, case: Path, seed: int = 11) -> LiveRoom:
         """Return the room of the phantom in ``case``, the arm beside the head."""
-        readings = json.loads((case / "readings_truth.json").read_text(encoding="utf-8"))
-        session = Session(
-            np.array(readings["ots_from_ct"]),
-            np.array([one["center"] for one in readings["markers"]]),
-            tuple(one["label"] for one in readings["markers"]),
-            np.random.default_rng(seed),
-        )
-        head = session.markers_ots_mm @ session.robot_from_ots[:3, :3].T + session.robot_from_ots[:3, 3]
-        return cls(session, session.about(head.mean(axis=0) + np.array([0, 250.0, -100]), 10))
+        session = Session.of_case(case, seed)
+        return cls(session, session.about(session.beside_mm, 10))
 
     def head_mm(self) -> FloatArray:
         """Return one noisy reading (N, 3) of the head's markers."""

@@ -16,7 +16,7 @@ from phantoms.kernels import kernel
 from phantoms.motion import STILL, Motion, Span
 from phantoms.profiles import Profile
 from phantoms.scene import Scene
-from phantoms.solids import Vector
+from phantoms.solids import FloatArray, Vector
 from phantoms.stack import SliceStack
 
 Images = NDArray[np.floating[Any]]
@@ -62,6 +62,18 @@ class Machine(ABC):
     def field_radius_mm(self) -> float:
         """Radius about the axis of rotation within which the images show anything."""
         return float("inf")
+
+    def as_read(self, view: NDArray[np.floating[Any]], quanta: FloatArray | float, *seed: int) -> None:
+        """Turn the part of ``quanta`` that arrives at each element into what is read of it, in place.
+
+        The noise is normal, with the variance of counts and electronics; ``seed`` is the reading's own.
+        """
+        if not self.dose:
+            return
+        spread = np.sqrt(quanta * view + self.electronic_noise**2) / quanta
+        view += spread * np.random.default_rng([*seed, 20260301]).standard_normal(view.shape, dtype=np.float32)
+        # As on real scanners, readings are raised to the electronic noise, or their logarithms would run away.
+        np.maximum(view, max(1.0, self.electronic_noise) / quanta, out=view, casting="same_kind")
 
     def aimed(self, stack: SliceStack) -> Self:
         """Return the scanner as it is set up for ``stack``."""

@@ -11,7 +11,15 @@ from scipy.spatial.transform import Rotation
 from phantoms.cone_beam import ConeBeam, Turn
 from phantoms.errors import PhantomError
 from phantoms.fast import Renderer
-from phantoms.finish import Finish, Interpolated, NonLocalMeans, Reformatted, Step, TotalVariation
+from phantoms.finish import (
+    Finish,
+    Interpolated,
+    NonLocalMeans,
+    PenalizedLeastSquares,
+    Reformatted,
+    Step,
+    TotalVariation,
+)
 from phantoms.helix import Helix
 from phantoms.helix_settings import Method
 from phantoms.machine import Machine
@@ -77,6 +85,10 @@ def _axial(
         return Protocol(name, scanner, thickness, spacing * thickness, finish)
 
     return make
+
+
+def _penalized(generator: Generator) -> Step:
+    return PenalizedLeastSquares(float(generator.uniform(0.2, 0.35)), float(generator.uniform(15, 60)))
 
 
 def _interpolated(thickness_mm: float, spacing_mm: float) -> Maker:
@@ -191,6 +203,10 @@ PROTOCOLS: dict[str, tuple[str, Maker]] = {
     "axial non-local means": (
         "the same, denoised by non-local means",
         _axial(step=lambda generator: NonLocalMeans(float(generator.uniform(6, 15)))),
+    ),
+    "axial penalized": (
+        "the same, reconstructed by penalized least squares",
+        _axial(("plain",), step=_penalized),
     ),
     "axial slope 2": ("the same, stored in steps of 2 HU", _axial(slope=2.0)),
     "axial overlapping": ("thin slices every half thickness", _axial(spacing=0.5)),

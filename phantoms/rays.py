@@ -119,8 +119,25 @@ def unit_interval(
 @compiled()
 def to_unit(affine: FloatArray, direction: FloatArray) -> FloatArray:
     """Return the unit coordinates of a direction under an affine map (3, 4); a place adds ``affine[:, 3]``."""
-    turned: FloatArray = affine[:, 0] * direction[0] + affine[:, 1] * direction[1] + affine[:, 2] * direction[2]
+    turned = np.empty(3)
+    put_unit(affine, direction, turned)
     return turned
+
+
+@compiled()
+def put_unit(affine: FloatArray, direction: FloatArray, turned: FloatArray) -> None:
+    """Put the unit coordinates of a direction into ``turned`` (3,)."""
+    for n in range(3):
+        turned[n] = affine[n, 0] * direction[0] + affine[n, 1] * direction[1] + affine[n, 2] * direction[2]
+
+
+@compiled()
+def along(direction: FloatArray, place: FloatArray, start: FloatArray) -> float:
+    """Return how far ``place`` lies from ``start`` along a unit direction."""
+    total = 0.0
+    for n in range(3):
+        total += direction[n] * (place[n] - start[n])
+    return total
 
 
 @compiled()

@@ -62,6 +62,29 @@ class Session:
         turn = Rotation.from_euler("xyz", (75, 20, 130), degrees=True)
         self.robot_from_ots = placed(turn, np.array([620.0, 80, 500]) - turn.apply(head))
 
+    @classmethod
+    def of_case(cls, case: Path, seed: int) -> Session:
+        """Return the session about the phantom in ``case``."""
+        readings = json.loads((case / "readings_truth.json").read_text(encoding="utf-8"))
+        return cls(
+            np.array(readings["ots_from_ct"]),
+            np.array([one["center"] for one in readings["markers"]]),
+            tuple(one["label"] for one in readings["markers"]),
+            np.random.default_rng(seed),
+        )
+
+    @property
+    def head_mm(self) -> FloatArray:
+        """The head's markers (N, 3) in R."""
+        turned: FloatArray = self.markers_ots_mm @ self.robot_from_ots[:3, :3].T
+        return turned + self.robot_from_ots[:3, 3]
+
+    @property
+    def beside_mm(self) -> FloatArray:
+        """Where the arm stands beside the head (3,) in R."""
+        beside: FloatArray = self.head_mm.mean(axis=0) + np.array([0, 250.0, -100])
+        return beside
+
     @property
     def cameras(self) -> tuple[FloatArray, FloatArray]:
         """The rig from its left and its right camera."""
@@ -115,16 +138,9 @@ class Session:
 
 def write_session(case: Path, out: Path, seed: int = 7) -> None:
     """Write all recordings of a session about the phantom in ``case`` to the new folder ``out``."""
-    readings = json.loads((case / "readings_truth.json").read_text(encoding="utf-8"))
-    session = Session(
-        np.array(readings["ots_from_ct"]),
-        np.array([one["center"] for one in readings["markers"]]),
-        tuple(one["label"] for one in readings["markers"]),
-        np.random.default_rng(seed),
-    )
+    session = Session.of_case(case, seed)
     out.mkdir(parents=True)
-    head = session.markers_ots_mm @ session.robot_from_ots[:3, :3].T + session.robot_from_ots[:3, 3]
-    beside = head.mean(axis=0) + np.array([0, 250.0, -100])
+    head, beside = session.head_mm, session.beside_mm
     pivoting = [session.about(beside, 35) for _ in range(PIVOT_POSES)]
     _write_poses(out / "pivot.csv", [session.tracked(pose) for pose in pivoting])
     driven = [session.about(beside, 40, 80) for _ in range(HAND_EYE_POSES)]

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from tqdm import tqdm
 
+from phantoms.attenuation import Matter
 from phantoms.beam import Beam, tube_beam
 from phantoms.errors import PhantomError
 from phantoms.kernels import kernel
 from phantoms.machine import Images, Machine
 from phantoms.materials import material
 from phantoms.motion import Span
-from phantoms.projection import Detector, Matter, transmission
+from phantoms.projection import Detector, transmission
 from phantoms.rays import pack
 from phantoms.reconstruction import UPSAMPLING, WaterCorrection, back_project, filter_projections
 from phantoms.scene import Scene
@@ -176,15 +177,8 @@ class _Measurement:
         scanner = self._scanner
         if scanner.scatter:
             signal = signal + scattered(signal, scanner.scatter, scanner.bin_mm)
-        if scanner.dose:
-            area = scanner.bin_mm * self._row_mm * 720 / scanner.views
-            quanta = PHOTONS_PER_MM2 * scanner.dose * area
-            generator = np.random.default_rng([self._seed, row.number + 2**31])
-            counts = generator.poisson(quanta * signal) + scanner.electronic_noise * generator.standard_normal(
-                signal.shape
-            )
-            # As on real scanners, readings are raised to the electronic noise, or their logarithms would run away.
-            signal = np.maximum(counts, max(1.0, scanner.electronic_noise)) / quanta
+        quanta = PHOTONS_PER_MM2 * scanner.dose * scanner.bin_mm * self._row_mm * 720 / scanner.views
+        scanner.as_read(signal, quanta, self._seed, row.number + 2**31)
         return self._water(-np.log(np.maximum(signal, 1e-12)))
 
 

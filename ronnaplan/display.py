@@ -61,7 +61,9 @@ class Shown(Sequence[Item], Generic[Item]):
         try:
             pandas = import_module("pandas")
         except ModuleNotFoundError as error:
-            raise UsageError("pandas is not installed; run 'pip install pandas'") from error
+            raise UsageError(
+                "pandas is not installed; run 'pip install pandas', or install ronnaplan[arrays]"
+            ) from error
         return pandas.DataFrame({name: list(values) for name, values in self._columns().items()})
 
     def _repr_html_(self) -> str:

@@ -12,12 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ronnaplan.errors import FrameMismatchError, InputError
+from ronnaplan.text import printable
 
 FloatArray = NDArray[np.float64]
 
 SMALLEST_SIGMA_MM = 1e-6
 LARGEST_SIGMA_MM = 1000.0
 """A localization error (standard deviation per axis) beyond these is no error of a tracker or a scanner."""
+LONGEST_LABELS = 100
+"""Characters of points' labels in the line that names the points."""
 FARTHEST_POINT_MM = 1e5
 """No scanner or tracker sees a hundred metres far: such a coordinate is damage, or not in mm."""
 
@@ -26,7 +29,8 @@ FARTHEST_POINT_MM = 1e5
 class Frame:
     """A coordinate system: its role (``CT``, ``OTS``, ``M``, ``TCP``, ``R``) and, for CT, the DICOM UID.
 
-    Two frames are the same only when both name and UID agree; a missing UID agrees with nothing but itself.
+    Two frames are the same only when both name and UID agree. A missing UID agrees with a missing one of the same name:
+    of scans without UID (NIfTI, arrays) the frames cannot tell one patient from another.
     """
 
     name: str
@@ -63,6 +67,9 @@ class Points:
 
     def __len__(self) -> int:
         return len(self.positions_mm)
+
+    def __repr__(self) -> str:
+        return f"Points({len(self)} in {self.frame}: {printable(', '.join(self.labels), LONGEST_LABELS)})"
 
 
 def as_points(values: ArrayLike, name: str = "points") -> FloatArray:

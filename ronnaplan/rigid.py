@@ -19,7 +19,7 @@ cm)."""
 CONVERGED_STEP = 1e-10
 """A fit has settled when no update (rad about the centroid; mm) is larger; far below any marker's error."""
 MAXIMUM_ITERATIONS = 100
-LARGEST_SPURIOUS_SHARE = 0.5
+LARGEST_SPURIOUS_SHARE = 0.9
 """At most so much of the information about a rotation is taken for the points' own noise; second order ends there."""
 
 
@@ -117,7 +117,10 @@ def _linearize(
 
 
 def pose_covariance(
-    mapped_mm: FloatArray, combined_mm2: FloatArray, remaining_mm2: FloatArray | None = None
+    mapped_mm: FloatArray,
+    combined_mm2: FloatArray,
+    remaining_mm2: FloatArray | None = None,
+    own_mm2: FloatArray | None = None,
 ) -> FloatArray:
     """Return the covariance (..., 6, 6) of a fitted pose, in the convention of `ronnaplan.pose`.
 
@@ -125,9 +128,11 @@ def pose_covariance(
     covariance of their residuals. This is the Cramer-Rao bound of the likelihood, so it holds for anisotropic and
     unequal errors; for equal isotropic ones it is Eq. 46 of Fitzpatrick, West & Maurer (1998, IEEE TMI 17:694).
 
-    ``remaining_mm2`` (..., N, 3, 3) is the error that ``mapped_mm`` have left (see `corrected_points`). It lets points
-    near a line look wider than they are, by as much information about the rotation as it holds itself; that is taken
-    off, and counts as noise of the estimate instead (to second order; cf. Fuller 1987, Measurement Error Models).
+    That is first order in the errors. With ``remaining_mm2`` (..., N, 3, 3), the error that points keep when both sides
+    are read (`remaining_error`), it is second order (cf. Fuller 1987, Measurement Error Models): the errors of the two
+    sides turn against each other as well, by as much as ``remaining_mm2`` seems to tell of the rotation. And
+    ``own_mm2``, the error that ``mapped_mm`` themselves have (none where left out, as of planned points), lets points
+    near a line look wider than they are; what it seems to tell of the rotation is taken off.
     """
     center = mapped_mm.mean(axis=-2)
     weight = np.asarray(np.linalg.inv(combined_mm2), dtype=np.float64)
@@ -135,7 +140,8 @@ def pose_covariance(
     seen = (jacobian.swapaxes(-1, -2) @ weight @ jacobian).sum(axis=-3)
     spread = np.linalg.inv(seen)
     if remaining_mm2 is not None:
-        spread = _without_spurious(seen, spread, _turning_information(remaining_mm2, weight))
+        spurious = np.zeros((3, 3)) if own_mm2 is None else _turning_information(own_mm2, weight)
+        spread = _second_order(seen, spread, spurious, _turning_information(remaining_mm2, weight))
     move = np.zeros_like(spread)
     move[..., :3, :3] = np.eye(3)
     move[..., 3:, :] = point_jacobian(-center)  # the origin, as seen from the centroid
@@ -155,7 +161,13 @@ def corrected_points(
     mapped = transform_points(matrix, moving_mm)
     gain = carried @ np.linalg.inv(carried + fixed_mm2)
     corrected = mapped + (gain @ (fixed_mm - mapped)[..., None])[..., 0]
-    return corrected, carried - gain @ carried
+    return corrected, remaining_error(carried, fixed_mm2)
+
+
+def remaining_error(one_mm2: FloatArray, other_mm2: FloatArray) -> FloatArray:
+    """Return the covariance (..., 3, 3) that points have left when both readings, of these covariances, are joined."""
+    remaining: FloatArray = one_mm2 - one_mm2 @ np.linalg.inv(one_mm2 + other_mm2) @ one_mm2
+    return remaining
 
 
 def _turning_information(covariances_mm2: FloatArray, weight: FloatArray) -> FloatArray:
@@ -173,13 +185,19 @@ def _turning_information(covariances_mm2: FloatArray, weight: FloatArray) -> Flo
     return information
 
 
-def _without_spurious(seen: FloatArray, spread: FloatArray, spurious: FloatArray) -> FloatArray:
-    """Return the covariance (..., 6, 6) when of the information ``seen`` about the rotation a part is ``spurious``."""
+def _second_order(seen: FloatArray, spread: FloatArray, spurious: FloatArray, noise: FloatArray) -> FloatArray:
+    """Return the covariance (..., 6, 6) when a part of the information ``seen`` is ``spurious``.
+
+    ``spread`` is the inverse of ``seen``; ``noise`` is what the errors of both sides together add to the scatter of the
+    likelihood's slope. It and ``spurious`` are about the rotation, (..., 3, 3).
+    """
     root = np.linalg.cholesky(spread[..., :3, :3])
     share, axes = np.linalg.eigh(root.swapaxes(-1, -2) @ spurious @ root)
     back = np.linalg.solve(root.swapaxes(-1, -2), axes)
     true = seen.copy()
     true[..., :3, :3] -= (back * np.minimum(share, LARGEST_SPURIOUS_SHARE)[..., None, :]) @ back.swapaxes(-1, -2)
+    scatter = true.copy()
+    scatter[..., :3, :3] += noise
     bread = np.linalg.inv(true)
-    covariance: FloatArray = bread @ seen @ bread
+    covariance: FloatArray = bread @ scatter @ bread
     return covariance

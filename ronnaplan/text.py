@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 
 LONGEST_TEXT = 500
 """Characters kept of a text from a file (DICOM's own limit for descriptions is 64, a path may be longer)."""
@@ -33,6 +34,15 @@ def printable(text: object, longest: int = LONGEST_TEXT) -> str:
     if kept.isprintable():
         return kept
     return "".join(character if character.isprintable() else _escaped(character) for character in kept)
+
+
+def place(position_mm: Iterable[float]) -> str:
+    """Return a position in mm for a person to read.
+
+    >>> place([1.0, -2.25, 0.04])
+    '(1.0, -2.2, 0.0)'
+    """
+    return f"({', '.join(f'{value:.1f}' for value in position_mm)})"
 
 
 def plain_number(text: str) -> float | None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Coroutine
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, TypeVar
+
+Answer = TypeVar("Answer")
 
 
-def run(coroutine: Coroutine[Any, Any, None]) -> None:
-    """Run ``coroutine`` in a thread of its own, and raise what it raises."""
-    with ThreadPoolExecutor(1) as pool:
-        pool.submit(asyncio.run, coroutine).result()
+def run(coroutine: Coroutine[Any, Any, Answer]) -> Answer:
+    """What ``coroutine`` gives or raises, run in a thread of its own."""
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(asyncio.run, coroutine).result()

@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,16 +17,30 @@ import pytest
 from matplotlib.text import Annotation
 
 import ronnaplan
-from ronnaplan import CTVolume, Fiducials, Pairing, Registration, Trajectory, localize, match_points, read_ct
+from ronnaplan import (
+    CTVolume,
+    Fiducials,
+    Pairing,
+    Registration,
+    Trajectory,
+    describe_layout,
+    localize,
+    match_points,
+    read_ct,
+    register_markers,
+    write_as,
+    write_fiducials,
+)
 from ronnaplan import register_points as register
 from ronnaplan.correspondence.pairing import Rival
 from ronnaplan.ct.silhouette import silhouettes
 from ronnaplan.ct.volume import SeriesSource
 from ronnaplan.errors import RonnaplanError
-from ronnaplan.localization import Fiducial, FiducialFlag
+from ronnaplan.localization import Fiducial, FiducialFlag, Rejected
 from ronnaplan.planning import Plan, measure
 from ronnaplan.registration import predict_tre, register_batch
-from ronnaplan.tracking import find_markers, read_recording
+from ronnaplan.tracking import PointReading, Recording, find_markers, read_recording
+from tests.cases import ball_parameters
 
 POINTS = np.array([[60.0, 0.0, 20.0], [-50.0, 10.0, 30.0], [5.0, 70.0, -20.0], [0.0, -60.0, 70.0]])
 OFF = POINTS + np.array([[0.1, 0, 0], [0, 0.2, 0], [0, 0, 0.1], [0.1, 0, 0]])
@@ -56,6 +71,11 @@ def a_plan() -> Plan:
     return plan
 
 
+def some_readings() -> Recording:
+    points = [PointReading(frame, place, f"m{n}") for frame in range(30) for n, place in enumerate(POINTS)]
+    return Recording("readings.csv", tuple(points))
+
+
 PAIRS = np.array([[0, 2], [1, 0]])
 SHOWN: dict[str, tuple[Callable[[], Any], int, str]] = {
     "fiducials": (some_fiducials, 4, "Fiducials(4 markers of 11.5 mm, 1 flagged, 0 candidates rejected)"),
@@ -84,11 +104,66 @@ def test_a_result_is_a_sequence_with_line_table_and_picture(name: str) -> None:
     assert base64.b64decode(picture).startswith(b"\x89PNG")
 
 
+SHORT: dict[str, tuple[Callable[[], Any], str]] = {
+    "markers of a tracker": (
+        lambda: find_markers(some_readings()),
+        "4 markers in 30 frames of OTS, 0 tracks rejected",
+    ),
+    "one of them": (lambda: find_markers(some_readings()).markers[0], "m0 at (60.0, 0.0, 20.0) mm, 30 readings)"),
+    "readings": (some_readings, "Recording(readings.csv: 120 points, 0 poses, in OTS)"),
+    "points": (lambda: some_fiducials().points, "Points(4 in CT: F0, F1, F2, F3)"),
+    "a registration of markers": (
+        lambda: register_markers(some_fiducials().points, some_fiducials().points, sigma_ct_mm=0.1),
+        "MarkerRegistration(Pairing(unique, 4 pairs, ",
+    ),
+    "a layout": (lambda: describe_layout(POINTS), "Layout(4 markers, nearest rival order "),
+    "a marker": (
+        lambda: some_fiducials()[1],
+        "Fiducial(F1 at (-50.0, 10.0, 30.0) mm, error 0.037 mm RMS, diameter ",
+    ),
+    "a rejected place": (
+        lambda: Rejected(POINTS[0], "round", "it is not round", POINTS[0], POINTS[1]),
+        "Rejected(at (60.0, 0.0, 20.0) mm: it is not round)",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_what_a_person_prints_is_a_line(name: str) -> None:
+    make, line = SHORT[name]
+    shown = repr(make())
+    assert line in shown
+    assert "\n" not in shown
+    assert len(shown) < 180
+
+
+def with_diameters(*diameters_mm: float, stated_mm: float = 11.0) -> Fiducials:
+    flags = tuple((FiducialFlag.DIAMETER,) if abs(one - stated_mm) > 0.06 else () for one in diameters_mm)
+    markers = tuple(
+        replace(one, parameters=ball_parameters(radius=diameter / 2), flags=raised)
+        for one, diameter, raised in zip(some_fiducials(), diameters_mm, flags, strict=False)
+    )
+    return Fiducials(markers, (), (stated_mm,), SeriesSource(), "0" * 64)
+
+
+def test_markers_that_are_all_of_another_size_name_it() -> None:
+    assert with_diameters(11.5, 11.49, 11.51).other_diameter_mm == pytest.approx(11.5)
+    assert "3 markers of 11 mm, 3 flagged, all measure 11.50 mm" in repr(with_diameters(11.5, 11.49, 11.51))
+    for differing in ((11.5, 11.5, 11.0), (11.5, 11.5, 11.8), (11.5, 11.5), (11.0, 11.0, 11.0), ()):
+        assert with_diameters(*differing).other_diameter_mm is None
+    assert "sizes_seen(volume)" in repr(with_diameters())
+
+
+def test_the_old_name_of_a_markers_error_is_deprecated() -> None:
+    with pytest.warns(DeprecationWarning, match="error_rms_mm"):
+        assert some_fiducials()[0].standard_error_mm == some_fiducials()[0].error_rms_mm
+
+
 def test_a_table_holds_the_figures_of_the_result() -> None:
     found = some_fiducials()
     table = found.to_dataframe()
     np.testing.assert_array_equal(table[["x_mm", "y_mm", "z_mm"]], POINTS)
-    np.testing.assert_allclose(table[["error_x_mm", "error_y_mm", "error_z_mm"]], [[0.01, 0.02, 0.03]] * 4)
+    np.testing.assert_allclose(table[["sigma_x_mm", "sigma_y_mm", "sigma_z_mm"]], [[0.01, 0.02, 0.03]] * 4)
     assert table["flags"].tolist() == ["", str(FiducialFlag.CUT), "", ""]
     assert found[1].label == "F1"
     assert [one.label for one in found[-2:]] == ["F2", "F3"]
@@ -155,6 +230,10 @@ WRONG: dict[str, Callable[[], object]] = {
     "text for a trajectory": lambda: measure("a", "b"),  # type: ignore[arg-type]
     "a path for a recording": lambda: find_markers("readings.csv"),  # type: ignore[arg-type]
     "a number for readings": lambda: read_recording(3),  # type: ignore[arg-type]
+    "a result for its document": lambda: write_as("x.csv", some_fiducials(), "csv"),  # type: ignore[arg-type]
+    "a path for what was found": lambda: write_fiducials("x.json", "found"),  # type: ignore[arg-type]
+    "markers for their points": lambda: register_markers(some_fiducials(), some_fiducials().points),  # type: ignore[arg-type]
+    "readings for their points": lambda: register_markers(some_fiducials().points, some_readings()),  # type: ignore[arg-type]
     "text for an affine": lambda: CTVolume.from_array(np.zeros((2, 2, 2)), "x"),
 }
 
@@ -170,7 +249,9 @@ def test_a_wrong_type_ends_in_one_sentence(name: str) -> None:
 
 def test_the_face_lists_what_it_offers() -> None:
     offered = {"CTVolume", "Fiducials", "Pairing", "Plan", "Registration", "Trajectory", "describe_layout"}
-    offered |= {"find_markers", "localize", "match_points", "read_ct", "read_recording", "register_points"}
+    offered |= {"find_markers", "localize", "match_points", "read_ct", "read_recording", "register_markers"}
+    offered |= {"read_fiducials", "read_plan", "read_registration", "register_points"}
+    offered |= {"write_as", "write_fiducials", "write_plan", "write_registration"}
     assert set(dir(ronnaplan)) == offered
     from ronnaplan import robot
 

@@ -43,7 +43,7 @@ def test_every_command_runs_as_printed(
         assert main(arguments) == 0, (arguments, capsys.readouterr().err)
     told = capsys.readouterr()
     assert "markers' centroid" in told.err
-    assert {"fiducials.json", "registration.json", "report.html", "ots_from_ct.tfm"} <= {
+    assert {"fiducials.json", "registration.json", "report.html", "ct_from_ots.tfm", "expected_error.nii.gz"} <= {
         path.name for path in home.iterdir()
     }
 

@@ -8,7 +8,7 @@
 import numpy as np
 
 from ronnaplan import describe_layout
-from ronnaplan.registration import predict_tre
+from ronnaplan.registration import predict_tre, radius_95_mm
 
 rng = np.random.default_rng(1)
 square = np.array([[60.0, 0, 60], [0, 60, 60], [-60, 0, 60], [0, -60, 60]])
@@ -22,7 +22,9 @@ spread = np.array([[60.0, 20, 40], [-55, 45, 30], [-20, -70, 55], [10, 35, 95]])
 
 # %%
 target = np.array([[5.0, 10.0, 0.0]])
-error = (0.56**2 + 0.17**2) * np.eye(3)  # skin markers and tracker, per axis, mm^2
+error = (0.56**2 + 0.17**2) * np.eye(
+    3
+)  # variance in CT (markers on skin) + variance of the tracker, per axis, mm^2
 for name, markers in {"square": square, "moved square": loose, "row": row, "spread": spread}.items():
     layout = describe_layout(markers)
     expected = np.sqrt(np.trace(predict_tre(markers, error, target)[0]))
@@ -32,28 +34,37 @@ for name, markers in {"square": square, "moved square": loose, "row": row, "spre
     )
 
 # %% [markdown]
+# RMS is the root of the mean square over all three axes. How far off the target stays with a chance of 95 % is another figure,
+# `radius_95_mm` of the same covariance.
+#
 # So: no symmetry, no row, markers on all sides of the target, one of them far from the others' plane. With six markers
 # instead of four:
 
 # %%
 six = np.vstack([spread, [[70.0, -40, 30]], [[-65, -15, 75]]])
-print(f"{np.sqrt(np.trace(predict_tre(six, error, target)[0])):.2f} mm RMS")
+covariance = predict_tre(six, error, target)[0]
+print(f"{np.sqrt(np.trace(covariance)):.2f} mm RMS, {radius_95_mm(covariance):.2f} mm hold 95 %")
 
 # %% [markdown]
-# The same at every voxel of a scan is a map. The markers' places are the scan's own coordinates: LPS, in mm (a viewer in RAS
-# shows the first two with the other sign). `error` is what one marker adds on both sides, the scan's and the tracker's:
-# one matrix for all, or one each. The map is written in any format that SimpleITK knows, and lies on the scan in any viewer.
+# The same at every voxel is a map. It needs no scan: any grid will do, here voxels of 4 mm about the head. The affine maps voxel
+# indices (slice, row, column) to LPS mm. The markers' places are LPS, too (a viewer in RAS shows the first two with the other
+# sign). `error` is one matrix for all markers, or one each, or a tuple of both sides (in CT, of the tracker).
 
 # %%
 import SimpleITK as sitk
 
-from ronnaplan import read_ct
+from ronnaplan import CTVolume
 from ronnaplan.registration import predict_tre_map
 
-ct = read_ct("data/synthetic_ct")
-expected_mm = predict_tre_map(six[:5], error, ct)
+affine = [[0, 0, 4, -100], [0, 4, 0, -120], [4, 0, 0, -80], [0, 0, 0, 1]]
+grid = CTVolume.from_array(np.zeros((50, 60, 50), np.int16), affine)
+expected_mm = predict_tre_map(six[:5], error, grid)
 sitk.WriteImage(expected_mm.to_sitk(), "expected_error.nii.gz")
 expected_mm
+
+# %% [markdown]
+# The map is written in any format that SimpleITK knows, and lies where the markers are in any viewer. With a scan at hand, give
+# `read_ct("data/synthetic_ct")` in the grid's place, or `CTVolume.from_sitk(image)`: then the map has the scan's voxels.
 
 # %%
 at_target = sitk.ReadImage("expected_error.nii.gz").EvaluateAtPhysicalPoint(target[0].tolist())
@@ -62,4 +73,4 @@ print(
 )
 
 # %% [markdown]
-# `ronnaplan plan place` chooses places on the scalp of a scan by the same figures ([planning](../planning.md)).
+# `ronnaplan plan markers` chooses places on the scalp of a scan by the same figures ([planning](../planning.md)).

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 HELP = (
-    "Turn fiducials or a registration into markups, CSV, DICOM, an ITK transform or ROS, a case into a 3-D scene, "
-    "or name nobody in a scan."
+    "Turn fiducials or a registration into markups, CSV, DICOM, an ITK transform, ROS or a map of the expected error, "
+    "a case into a 3-D scene, or name nobody in a scan."
 )
-DOCUMENTS = ("markups", "csv", "dicom", "itk", "ros")
+DOCUMENTS = ("markups", "csv", "dicom", "itk", "ros", "tre-map")
 SCENES = ("gltf", "stl", "vtp", "html")
 
 
@@ -21,7 +22,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="a fiducials.json or registration.json; for a 3-D scene the folder of a case; a scan to deidentify",
     )
     what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("--to", choices=DOCUMENTS + SCENES, help="the format to write")
+    what.add_argument(
+        "--to",
+        choices=DOCUMENTS + SCENES,
+        help="the format to write; tre-map: the error to expect (mm RMS) at every voxel of --ct, .nii.gz, .nrrd, .mha",
+    )
     what.add_argument(
         "--deidentify",
         action="store_true",
@@ -33,8 +38,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--ct",
         metavar="PATH",
-        help="the scan: whose patient and study a DICOM object is to name (default: none), or whose head a scene shows "
-        "(default: the case's)",
+        help="the scan: whose patient and study a DICOM object is to name (default: none), whose voxels a map of the "
+        "error is to have, or whose head a scene shows (default: the case's)",
     )
     parser.add_argument("-o", "--output", metavar="OUT", help="file to write (default: standard output)")
 
@@ -43,8 +48,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Export ``arguments.file``."""
     if arguments.deidentify:
         return _deidentify(arguments)
-    from ronnaplan.documents.export import export
-    from ronnaplan.documents.files import write_atomically, write_result
+    from ronnaplan.documents.export import export, write_as
+    from ronnaplan.documents.files import check_target, write_atomically
     from ronnaplan.errors import UsageError
 
     to, is_case = arguments.to, Path(arguments.file).is_dir()
@@ -53,13 +58,17 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(
             f"{arguments.file} cannot become '{to}'; choose one of {known}, or give a {_other(is_case)}"
         )
-    exported = _scene(arguments) if is_case else export(arguments.file, to, arguments.ct)
-    if isinstance(exported, str):
-        write_result(arguments.output, exported)
-    elif arguments.output is None:
+    if arguments.output is not None:
+        check_target(arguments.output)
+        if is_case:
+            write_atomically(arguments.output, _scene(arguments))
+        else:
+            write_as(arguments.output, arguments.file, to, arguments.ct)
+        return 0
+    exported = None if is_case or to == "tre-map" else export(arguments.file, to, arguments.ct)
+    if not isinstance(exported, str):
         raise UsageError(f"'{to}' is not text for a terminal; name its file with -o")
-    else:
-        write_atomically(arguments.output, exported)
+    sys.stdout.write(exported)
     return 0
 
 
@@ -70,13 +79,10 @@ def _other(is_case: bool) -> str:
 def _scene(arguments: argparse.Namespace) -> bytes:
     """Return the scene of a case as a file."""
     from ronnaplan.case.folder import CaseFiles, read_case, read_scan
-    from ronnaplan.errors import UsageError
     from ronnaplan.scene.contents import things_of
     from ronnaplan.scene.files import WRITERS, html
     from ronnaplan.scene.portrait import still_png
 
-    if arguments.output is None:
-        raise UsageError(f"'{arguments.to}' is not text for a terminal; name its file with -o")
     case = read_case(
         CaseFiles.of_folder(arguments.file), lambda: read_scan(arguments.file, arguments.ct, None, progress=True)
     )
@@ -88,7 +94,6 @@ def _scene(arguments: argparse.Namespace) -> bytes:
 
 def _deidentify(arguments: argparse.Namespace) -> int:
     import secrets
-    import sys
 
     from ronnaplan.documents.deidentify import LEAST_SECRET_BYTES, deidentify
     from ronnaplan.errors import InputError, UsageError

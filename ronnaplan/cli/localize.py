@@ -138,7 +138,7 @@ def _localize_one(arguments: argparse.Namespace, wanted: _Wanted) -> None:
         raise SeveralSeriesError(f"{error}; --all-series does them all") from error
     found = _localized(volume, wanted, arguments.report)
     print(_summary(found), file=sys.stderr)
-    for line in _nothing_found(volume, found):
+    for line in _other_sizes(volume, found):
         print(f"ronnaplan: {line}", file=sys.stderr)
     _write(arguments.output, found)
 
@@ -154,7 +154,7 @@ def _localize_many(arguments: argparse.Namespace, wanted: _Wanted) -> int:
     def localize_job(job: Job, folder: Path) -> Fiducials:
         volume = _read(job.path, job.series, f"{job.name}: ")
         found = _localized(volume, wanted, str(folder / f"{job.name}.png") if arguments.report else None)
-        for line in _nothing_found(volume, found):
+        for line in _other_sizes(volume, found):
             print(f"{job.name}: {line}", file=sys.stderr)
         _write(str(folder / f"{job.name}.fiducials.json"), found)
         return found
@@ -190,10 +190,7 @@ def _localized(volume: CTVolume, wanted: _Wanted, report: str | None) -> Fiducia
         _draw(report, volume, wanted)
         raise
     _draw(report, volume, wanted, found)
-    try:
-        require_count(found, wanted.expected)
-    except RefusedError as error:
-        raise RefusedError("; ".join([str(error), *_nothing_found(volume, found)])) from error
+    require_count(found, wanted.expected, volume, progress=True)
     return found
 
 
@@ -211,11 +208,14 @@ def _draw(report: str | None, volume: CTVolume, wanted: _Wanted, found: Fiducial
     write_atomically(report, contact_sheet(volume, found))
 
 
-def _nothing_found(volume: CTVolume, found: Fiducials) -> list[str]:
-    """Say which sizes the scan shows where it shows none of those stated."""
+def _other_sizes(volume: CTVolume, found: Fiducials) -> list[str]:
+    """Say which sizes the scan shows where it shows none of those stated, or all markers are of another."""
     from ronnaplan.localization import proposal, sizes_seen
 
-    return [] if len(found) else [proposal(sizes_seen(volume, found.marker, progress=True))]
+    if not len(found):
+        return [proposal(sizes_seen(volume, found.marker, progress=True))]
+    other = found.other_diameter_mm
+    return [] if other is None else [f"all markers measure {other:.2f} mm: try --diameter {other:.1f}"]
 
 
 def _write(output: str | None, found: Fiducials) -> None:

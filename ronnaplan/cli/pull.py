@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
+from ronnaplan.cli.peers import PEER, peer_of, with_config
 from ronnaplan.cli.values import whole
 
 HELP = "Fetch studies from an archive (C-FIND with C-GET or C-MOVE, or DICOMweb) into a folder or straight to localize."
@@ -17,9 +18,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         dest="peer",
         required=True,
         metavar="PEER",
-        help="a peer's name in the configuration, TITLE@HOST:PORT, or an address of DICOMweb",
+        help=PEER,
     )
-    parser.add_argument("--config", metavar="FILE", help="node.toml: peers, this side's AE title, certificates")
+    with_config(parser)
     parser.add_argument("--study", default="", metavar="UID", help="the study's UID")
     parser.add_argument("--patient", default="", metavar="ID", help="the patient's ID")
     parser.add_argument("--date", default="", metavar="DATE", help="YYYYMMDD, or two of them with a - between")
@@ -58,15 +59,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _fetch(arguments: argparse.Namespace, folder: str) -> int:
-    from ronnaplan.errors import InputError
+    config, peer = peer_of(arguments)
+    from ronnaplan.node.pull import Wanted, pull
 
-    try:
-        from ronnaplan.node.config import Config, read_config
-        from ronnaplan.node.pull import Wanted, peer_at, pull
-    except ModuleNotFoundError as error:
-        raise InputError(f"fetching needs {error.name}; install ronnaplan[node]") from error
-    config = read_config(arguments.config) if arguments.config else Config()
     if arguments.port is not None:
         config = config.model_copy(update={"port": arguments.port})
     wanted = Wanted(arguments.study, arguments.patient, arguments.date)
-    return pull(config, peer_at(arguments.peer, config), wanted, folder, by=arguments.by)
+    return pull(config, peer, wanted, folder, by=arguments.by)

@@ -10,6 +10,7 @@ from ronnaplan.cli.case_options import with_sigmas
 from ronnaplan.cli.output import warn
 from ronnaplan.cli.values import number as any_number
 from ronnaplan.cli.values import whole
+from ronnaplan.sigmas import SIGMA_CT_MM
 
 if TYPE_CHECKING:
     from ronnaplan.documents.fiducials import FiducialsDocument
@@ -78,12 +79,23 @@ def run(arguments: argparse.Namespace) -> int:
         known_pairs=known,
     )
     warn(*registered.notes)
+    print(_counted(arguments), file=sys.stderr)
     document = registration_document(registered, fiducials.source, targets, notes)
     print(registration_text(document), file=sys.stderr)
     write_document(arguments.output, document, read_registration)
     if document.status != "unique":
         raise RefusedError(document.reason)
     return 0
+
+
+def _counted(arguments: argparse.Namespace) -> str:
+    """Say which errors of the markers count, and why, as the expected error rests on them."""
+    skin = "the default: markers on skin shift between scan and tracking; bone screws have 0.1"
+    why = f"{skin}; --sigma-ct" if arguments.sigma_ct == SIGMA_CT_MM else "as --sigma-ct states"
+    return (
+        f"counted per axis: {arguments.sigma_ct:g} mm of each marker beside the localizer's own error ({why}), "
+        f"{arguments.sigma_ots:g} mm of each reading that states none (--sigma-ots)"
+    )
 
 
 def _targets(arguments: argparse.Namespace, fiducials: FiducialsDocument) -> Points:

@@ -18,6 +18,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("robot", metavar="ROBOT", help="the robot's poses of its TCP, whose frames are the looks")
     parser.add_argument("--rig", required=True, metavar="FILE", help="rig.json of stereo-calibrate")
     parser.add_argument("--diameter", type=size_mm, required=True, metavar="MM", help="of the markers")
+    parser.add_argument(
+        "--largest-error",
+        type=size_mm,
+        default=0.02,
+        metavar="MM",
+        help="refuse a marker whose stated error in the rig (RMS) is larger (default: 0.02)",
+    )
     with_robot_sigmas(parser)
     with_output(parser, "spheres.json")
 
@@ -32,7 +39,14 @@ def run(arguments: argparse.Namespace) -> int:
     rig = read_rig(arguments.rig)
     looks, matrices, notes = read_looks(arguments)
     poses = [robot_pose(matrix, arguments.sigma_robot, arguments.sigma_robot_deg) for matrix in matrices]
-    found = relocate(looks, poses, rig.rig, diameter_mm=arguments.diameter, scatter_mm=rig.scatter)
+    found = relocate(
+        looks,
+        poses,
+        rig.rig,
+        diameter_mm=arguments.diameter,
+        scatter_mm=rig.scatter,
+        largest_mm=arguments.largest_error,
+    )
     warn(*notes)
     write_document(arguments.output, spheres_document(found, arguments.diameter, notes), read_spheres)
     points = found.points

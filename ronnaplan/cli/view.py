@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ronnaplan.cli.case_options import rules, with_documents, with_rules
+from ronnaplan.cli.peers import PEER, peer_of, with_config
 from ronnaplan.cli.values import whole
 from ronnaplan.text import whole_number
+
+if TYPE_CHECKING:
+    from ronnaplan.planner.shelves import Shelf
 
 HELP = "Open the planner: a local web page with the scan, its markers, trajectories and registration."
 
@@ -28,6 +33,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "the present folder)",
     )
     parser.add_argument(
+        "--peer", metavar="PEER", help=f"list an archive's series on that page, too, and fetch one: {PEER}"
+    )
+    with_config(parser)
+    parser.add_argument(
         "--plan", metavar="FILE", help="plan.json, made if it is not there (default: in the present folder)"
     )
     with_documents(parser, otherwise="beside the plan")
@@ -35,7 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--second",
         metavar="IMAGE",
-        help="another image of the same head (MR or CTA as NIfTI, NRRD, MetaImage; a CT) to show over the cuts",
+        help="another image of the same head (DICOM series of MR or CT; NIfTI, NRRD, MetaImage) to show over the cuts",
     )
     parser.add_argument("--tracker", metavar="HOST:PORT", help="an OpenIGTLink server to listen to when asked")
     parser.add_argument(
@@ -51,8 +60,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Open the case and serve it until stopped."""
     from ronnaplan.case.folder import read_labels, scan_in, with_limits
     from ronnaplan.ct import read_ct
+    from ronnaplan.ct.reader import read_other_image
+    from ronnaplan.planner.address import Address
     from ronnaplan.planner.handing import Origin
-    from ronnaplan.planner.server import serve, start
+    from ronnaplan.planner.server import load_libraries, serve, start
     from ronnaplan.planner.starting import StartPage
     from ronnaplan.planner.state import PlannerState
     from ronnaplan.planner.storage import Storage
@@ -68,35 +79,50 @@ def run(arguments: argparse.Namespace) -> int:
         volume = read_ct(ct, series, progress=True)
         state = PlannerState(volume, storage, stated, read_labels(arguments.no_go, volume))
         if arguments.second:
-            state.take_second(read_ct(arguments.second, progress=True), Path(arguments.second).name)
+            state.take_second(read_other_image(arguments.second, progress=True), Path(arguments.second).name)
         read.append(Origin(ct, series, _stated(arguments)))
         return state
 
-    address = None
-    ct = None if arguments.root else arguments.ct or scan_in(storage.plan.parent)
+    def served(state: PlannerState, address: Address | None) -> bool:
+        patient = _patient(read[-1].ct, read[-1].series) if arguments.patient else None
+        return serve(
+            state,
+            host=arguments.host,
+            port=arguments.port,
+            tracker=tracker,
+            patient=patient,
+            origin=read[-1],
+            address=address,
+        )
+
+    ct = None if arguments.root or arguments.peer else arguments.ct or scan_in(storage.plan.parent)
     if ct is not None:
-        state = opened(Path(ct), arguments.series, storage)
-    else:
-        _require_no_case(arguments)
-        home = storage.plan.parent
+        load_libraries()
+        served(opened(Path(ct), arguments.series, storage), None)
+        return 0
+    _require_no_case(arguments)
+    home, address = storage.plan.parent, None
+    left = True
+    while left:  # a case for the start page, until it is stopped
         page = StartPage(
             home,
             Path(arguments.root or home),
             lambda ct, series, plan: opened(ct, series, Storage.of(str(plan), None, None)),
+            _shelf(arguments) if arguments.peer else None,
         )
-        state, address = start(page, host=arguments.host, port=arguments.port)
-    origin = read[-1]
-    patient = _patient(origin.ct, origin.series) if arguments.patient else None
-    serve(
-        state,
-        host=arguments.host,
-        port=arguments.port,
-        tracker=tracker,
-        patient=patient,
-        origin=origin,
-        address=address,
-    )
+        state, address = start(page, host=arguments.host, port=arguments.port, address=address)
+        del page
+        left = served(state, address)
+        del state
     return 0
+
+
+def _shelf(arguments: argparse.Namespace) -> Shelf:
+    """Return what the archive has that was named."""
+    config, peer = peer_of(arguments)
+    from ronnaplan.node.browse import Shelf
+
+    return Shelf(config, peer, names=arguments.patient)
 
 
 def _require_no_case(arguments: argparse.Namespace) -> None:
@@ -104,7 +130,7 @@ def _require_no_case(arguments: argparse.Namespace) -> None:
     from ronnaplan.case.folder import CT_FOLDER
     from ronnaplan.errors import UsageError
 
-    if arguments.plan and not arguments.root:
+    if arguments.plan and not (arguments.root or arguments.peer):
         plan = Path(arguments.plan).resolve()
         raise UsageError(
             f"no CT lies in {plan.parent / CT_FOLDER} or beside {plan.name}; name one: ronnaplan view CT"

@@ -35,8 +35,22 @@ class Met(NamedTuple):
     stamp: str
 
 
+class _Copied:
+    """Reads into memory by way of `read`."""
+
+    def read(self, offset: int, count: int) -> bytes:
+        """Return ``count`` bytes from ``offset``, fewer at the end."""
+        raise NotImplementedError
+
+    def read_into(self, offset: int, target: memoryview) -> int:
+        """Fill ``target`` from ``offset``; return how many bytes there were."""
+        content = self.read(offset, len(target))
+        target[: len(content)] = content
+        return len(content)
+
+
 @dataclass(frozen=True)
-class RemoteFile:
+class RemoteFile(_Copied):
     """A file behind a URL, of which parts are fetched."""
 
     files: Any
@@ -55,15 +69,9 @@ class RemoteFile:
         except (OSError, ValueError) as error:
             raise DamagedError(f"it cannot be fetched ({printable(error)})") from error
 
-    def read_into(self, offset: int, target: memoryview) -> int:
-        """Fill ``target`` from ``offset``; return how many bytes there were."""
-        content = self.read(offset, len(target))
-        target[: len(content)] = content
-        return len(content)
-
 
 @dataclass(frozen=True)
-class Fetched:
+class Fetched(_Copied):
     """A file that was fetched whole."""
 
     name: str
@@ -77,12 +85,6 @@ class Fetched:
     def read(self, offset: int, count: int) -> bytes:
         """Return ``count`` bytes from ``offset``, fewer at the end."""
         return self.content[offset : offset + count]
-
-    def read_into(self, offset: int, target: memoryview) -> int:
-        """Fill ``target`` from ``offset``; return how many bytes there were."""
-        content = self.read(offset, len(target))
-        target[: len(content)] = content
-        return len(content)
 
 
 @dataclass(frozen=True)

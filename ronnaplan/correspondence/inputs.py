@@ -32,6 +32,11 @@ class ErrorModel:
             return self.covariances
         return np.asarray(self.variances[:, None, None] * np.eye(3))
 
+    def scaled(self, scale: float) -> ErrorModel:
+        """Return errors so many times as large."""
+        covariances = None if self.covariances is None else scale**2 * self.covariances
+        return ErrorModel(scale**2 * self.variances, covariances)
+
 
 def checked_points(values: ArrayLike, name: str) -> FloatArray:
     """Return points (N, 3) in mm; raises `InputError` for fewer than three or for a spread that cannot be mm."""

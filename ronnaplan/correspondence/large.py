@@ -8,18 +8,28 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ronnaplan.correspondence.evidence import fits_as_well, is_collinear
+from ronnaplan.correspondence.evidence import SCALES, fits_as_well, is_collinear
+from ronnaplan.correspondence.lookup import point_grid
 from ronnaplan.correspondence.pairing import MOST_RIVALS, Pairing, Rival, no_pairs
 from ronnaplan.correspondence.poses import Found, find_poses
 from ronnaplan.correspondence.problem import Problem
-from ronnaplan.correspondence.refining import PAIR_SIGMAS
+from ronnaplan.correspondence.refining import PAIR_SIGMAS, refined
 from ronnaplan.correspondence.rivals import LOG_ODDS_PER_PAIR
 from ronnaplan.correspondence.told import LEAST_PAIRS
-from ronnaplan.correspondence.weighing import Pose, pose_fit, pose_log_evidence
+from ronnaplan.correspondence.weighing import Pose, pose_evidence
 from ronnaplan.geometry import FloatArray
 
 MISSED_SHARE = 0.1
 """Poses are sought until an equal of the best is missed with at most this share of the doubt that is allowed."""
+
+LEAST_SCALE = 1.5
+"""Errors this many times as large as stated, by the residuals of the best pose, are taken for what they are, and poses
+are sought anew: with errors as stated, pairs of larger ones are lost, and equals are missed."""
+
+SCALE_ROUNDS = 4
+
+CHI2_MEDIAN = 2.366
+"""Of three degrees of freedom."""
 
 MISSED_MIRROR = 0.01
 """A mirror image that pairs more points is missed with at most this probability."""
@@ -34,7 +44,11 @@ def match_large(problem: Problem, least_probability: float) -> Pairing:
     """
     if len(problem.ct) > len(problem.ots):  # seeds from the smaller set find more
         return match_large(problem.swapped(), least_probability).swapped()
-    found = find_poses(problem, MISSED_SHARE * (1.0 - least_probability))
+    acceptable = MISSED_SHARE * (1.0 - least_probability)
+    found = find_poses(problem, acceptable)
+    if found.poses and (scale := scale_of_errors(problem, found.poses[0])) > LEAST_SCALE:
+        problem = problem.with_errors(scale)
+        found = find_poses(problem, acceptable, work_done=found.work)
     if not found.poses:
         return Pairing("unmatched", no_pairs(), 0.0, reason=nothing_found(found))
     best = found.poses[0]
@@ -67,6 +81,28 @@ def match_large(problem: Problem, least_probability: float) -> Pairing:
     return Pairing("unique", given, probability, rivals[1:], doubtful=doubtful)
 
 
+def scale_of_errors(problem: Problem, pose: Pose) -> float:
+    """Return how many times as large as stated the errors are, from the pairs that a pose makes when its reach grows.
+
+    From their median, for outliers that meet by chance lie farther; never less than 1, nor more than is believed.
+    """
+    scale = 1.0
+    for _ in range(SCALE_ROUNDS):
+        reach = scale * PAIR_SIGMAS * problem.sigma_mm
+        grid = point_grid(problem.ots, problem.sigma_mm, reach)
+        matrix, partner = refined(problem.ct, problem.ots, grid, pose.matrix, np.full(3, reach))
+        i = np.flatnonzero(partner >= 0)
+        if len(i) < LEAST_PAIRS:
+            break
+        off = problem.ots[partner[i]] - problem.ct[i] @ matrix[:, :3].T - matrix[:, 3]
+        variance = problem.ct_errors.variances[i] + problem.ots_errors.variances[partner[i]]
+        middle = float(np.median((off**2).sum(axis=1) / variance)) / CHI2_MEDIAN * len(i) / max(len(i) - 2, 1)
+        before, scale = scale, min(max(math.sqrt(middle), 1.0), SCALES[-1])
+        if scale < 1.1 * before:
+            break
+    return scale
+
+
 def nothing_found(found: Found) -> str:
     """Say that no pose was found, and how many pairs one would have had to have to be found for sure."""
     reason = "no pose brings more points together than chance would"
@@ -87,17 +123,14 @@ def rival_odds(problem: Problem, best: Pose, of_best: float, rival: Pose) -> flo
     by_evidence = math.exp(min(rival.log_evidence - best.log_evidence, 0.0))
     fewer = of_best - float(pair_probabilities(problem, rival).sum())
     by_pairs = math.exp(-LOG_ODDS_PER_PAIR * max(fewer, 0.0))
-    fits = [
-        (chi2, len(variance)) for variance, chi2, _ in (pose_fit(problem, one.partner) for one in (best, rival))
-    ]
-    if fits_as_well(*fits[0], *fits[1]):
+    if fits_as_well(best.chi2, len(best.pairs), rival.chi2, len(rival.pairs)):
         return max(by_evidence, by_pairs)
     pairs = best.pairs
     rest = np.where(np.isin(np.arange(len(rival.partner)), pairs[:, 0]), -1, rival.partner)
     rest = np.where(np.isin(rest, pairs[:, 1]), -1, rest)
     if (rest >= 0).sum() < LEAST_PAIRS:
         return by_evidence
-    alone = pose_log_evidence(problem, rest, len(pairs))
+    alone = pose_evidence(problem, rest, len(pairs))[1]
     real = 1.0 / (1.0 + math.exp(min(-alone, 700.0)))
     return max(by_evidence, real * by_pairs)
 

@@ -50,6 +50,12 @@ class Layout:
     rival: IntArray
     line_distance_mm: float
 
+    def __repr__(self) -> str:
+        return (
+            f"Layout({len(self.rival)} markers, nearest rival order {self.rival_distance_mm:.2f} mm away, "
+            f"{self.line_distance_mm:.2f} mm RMS from a line)"
+        )
+
     def refusal_probability(
         self,
         sigma_ct_mm: float = SIGMA_CT_MM,

@@ -24,7 +24,7 @@ from ronnaplan.correspondence.seeds import (
     seed_stream,
 )
 from ronnaplan.correspondence.told import LEAST_PAIRS
-from ronnaplan.correspondence.weighing import Pose, add_pose, pose_log_evidence
+from ronnaplan.correspondence.weighing import Pose, add_pose
 from ronnaplan.geometry import FloatArray
 
 SIDES_CHI2 = (2.5, 12.0)
@@ -136,18 +136,23 @@ def at_least(needed: ArrayLike, count: int, share: FloatArray | float) -> FloatA
     return np.where(fewer < 0, 1.0, bdtrc(np.maximum(fewer, 0), count, share))
 
 
-def find_poses(problem: Problem, acceptable: float, least_size: int = 0) -> Found:
+def work_allowed(problem: Problem) -> float:
+    """Return the work that a search for poses may take."""
+    return float(WORK_PER_POINT * max(problem.counts) ** WORK_POWER)
+
+
+def find_poses(problem: Problem, acceptable: float, least_size: int = 0, work_done: float = 0.0) -> Found:
     """Return the poses that pair more points than chance would.
 
     Seeds are drawn until a pose with as many pairs as the best, and with ``least_size``, is missed with at most the
-    ``acceptable`` probability, or the work allowed is done.  They are triangles drawn alike from all of the CT
-    points', so that any body is found, compact or wide.
+    ``acceptable`` probability, or the work allowed, less the ``work_done`` before, is done.  They are triangles drawn
+    alike from all of the CT points', so that any body is found, compact or wide.
     """
     triangles = math.comb(len(problem.ct), 3)
     every = triangles <= MOST_TRIANGLES
     search = Search.of(problem, every)
     rng = np.random.default_rng(len(problem.ct) * 10_007 + len(problem.ots))
-    allowed = work_left = WORK_PER_POINT * max(problem.counts) ** WORK_POWER
+    work_left = work_allowed(problem) - work_done
     poses: list[Pose] = []
     done, missed, batch = 0, 1.0, FIRST_BATCH
     draw = seed_stream(rng, len(problem.ct))
@@ -168,7 +173,7 @@ def find_poses(problem: Problem, acceptable: float, least_size: int = 0) -> Foun
     poses.sort(key=lambda pose: -pose.log_evidence)
     unsure = search.missed(np.arange(len(problem.ct)), min(done / triangles, 1.0)) >= MISSED_FOR_SURE
     sure = int(np.flatnonzero(unsure).max(initial=LEAST_PAIRS - 1)) + 1
-    return Found(poses, missed, done >= triangles, sure, allowed - work_left)
+    return Found(poses, missed, done >= triangles, sure, work_allowed(problem) - work_left)
 
 
 def looked_up(
@@ -224,4 +229,4 @@ def refine(search: Search, matrix: FloatArray) -> Pose | None:
         return None
     if (partner[problem.known[:, 0]] != problem.known[:, 1]).any():
         return None
-    return Pose(matrix, partner, pose_log_evidence(problem, partner))
+    return Pose.weighed(problem, matrix, partner)

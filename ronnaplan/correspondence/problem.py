@@ -60,6 +60,10 @@ class Problem:
             known=np.ascontiguousarray(self.known[:, ::-1]),
         )
 
+    def with_errors(self, scale: float) -> Problem:
+        """Return the problem with errors so many times as large."""
+        return replace(self, ct_errors=self.ct_errors.scaled(scale), ots_errors=self.ots_errors.scaled(scale))
+
     def pair_weights(self) -> tuple[FloatArray, FloatArray]:
         """Return 1/variance (n, m) of each possible pair and its share -1/2 ln det C of the log evidence.
 

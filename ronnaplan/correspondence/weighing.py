@@ -19,11 +19,17 @@ MOST_POSES = 20
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A pose and its pairs: ``matrix`` (3, 4) OTS from CT, ``partner`` (n,), and its log evidence."""
+    """A pose and its pairs: ``matrix`` (3, 4) OTS from CT, ``partner`` (n,); their chi^2, and its log evidence."""
 
     matrix: FloatArray
     partner: IntArray
+    chi2: float
     log_evidence: float
+
+    @classmethod
+    def weighed(cls, problem: Problem, matrix: FloatArray, partner: IntArray) -> Pose:
+        """Return the pose weighed by the pairs that it makes."""
+        return cls(matrix, partner, *pose_evidence(problem, partner))
 
     @property
     def pairs(self) -> IntArray:
@@ -36,15 +42,18 @@ class Pose:
         return 2 * agree > min(len(self.pairs), len(other.pairs))
 
 
-def pose_log_evidence(problem: Problem, partner: IntArray, taken: int = 0) -> float:
-    """Return the log evidence of a pairing as in `evidence`, with markers as widely spread as the outliers.
+def pose_evidence(problem: Problem, partner: IntArray, taken: int = 0) -> tuple[float, float]:
+    """Return the chi^2 of a pairing, and its log evidence as in `evidence`, with markers as wide as the outliers.
 
     ``taken``: points of either set that belong to another body and could not have paired.
     """
-    variance, chi2, volume = pose_fit(problem, partner)
-    size = len(variance)
+    i = np.flatnonzero(partner >= 0)
+    size, j = len(i), partner[i]
+    variance = problem.ct_errors.variances[i] + problem.ots_errors.variances[j]
+    index, weight = np.arange(size), np.tile(1.0 / variance, (size, 1))
+    chi2, volume = fit(problem.ct[i], problem.ots[j], weight, index, index, size, math.inf)
     counts = (len(problem.ct) - taken, len(problem.ots) - taken)
-    return (
+    log_evidence = (
         -math.log(min(counts))
         - log_pairings(*counts, size)
         + (size - 1) * math.log(problem.volume_mm3)
@@ -54,16 +63,7 @@ def pose_log_evidence(problem: Problem, partner: IntArray, taken: int = 0) -> fl
         + volume
         + float(log_misfit(chi2, size))
     )
-
-
-def pose_fit(problem: Problem, partner: IntArray) -> tuple[FloatArray, float, float]:
-    """Return the variances (L,) of a pairing's differences, and what `evidence.fit` says of it: chi^2 and volume."""
-    i = np.flatnonzero(partner >= 0)
-    size, j = len(i), partner[i]
-    variance = problem.ct_errors.variances[i] + problem.ots_errors.variances[j]
-    index, weight = np.arange(size), np.tile(1.0 / variance, (size, 1))
-    chi2, volume = fit(problem.ct[i], problem.ots[j], weight, index, index, size, math.inf)
-    return variance, float(chi2), float(volume)
+    return float(chi2), float(log_evidence)
 
 
 def add_pose(poses: list[Pose], pose: Pose | None) -> None:

@@ -6,19 +6,19 @@ Reads headers only, each file once.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from ronnaplan.ct.files import Blob, DamagedError, DiskFile, NotDicomError, Skipped, given_path
 from ronnaplan.ct.folders import blobs_below
-from ronnaplan.ct.frames import images_of, why_not_ct
+from ronnaplan.ct.frames import images_of, why_not_scan
 from ronnaplan.ct.header import read_header
 from ronnaplan.ct.images import is_image_file
 from ronnaplan.ct.limits import DEFAULT_LIMITS, Limits
 from ronnaplan.ct.progress import advancing
-from ronnaplan.ct.slices import Instance, SliceImage, instance_from_header
+from ronnaplan.ct.slices import CT_ONLY, Instance, SliceImage, instance_from_header
 from ronnaplan.ct.stack import Stack, stacks_of
 from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.errors import InputError
@@ -124,6 +124,8 @@ class Catalogue:
         if not self.skipped:
             return ""
         first = self.skipped[0]
+        if len(self.skipped) == 1:
+            return f" ({first.reason})" if self.path.is_file() else f" ({first.name}: {first.reason})"
         return f" ({len(self.skipped)} other files, such as {first.name}: {first.reason})"
 
 
@@ -132,19 +134,32 @@ def _listed(series: Iterable[Series], most: int = 10) -> str:
     return ", ".join(shown[:most]) + (f" and {len(shown) - most} more" if len(shown) > most else "")
 
 
-def find_series(path: str | Path, limits: Limits = DEFAULT_LIMITS, *, progress: bool = False) -> Catalogue:
+def find_series(
+    path: str | Path,
+    limits: Limits = DEFAULT_LIMITS,
+    *,
+    kinds: Mapping[str, frozenset[str]] = CT_ONLY,
+    progress: bool = False,
+) -> Catalogue:
     """List the series in a folder (with all folders below), a zip archive, a DICOMDIR's folder or a single file.
 
+    ``kinds`` says of what modality, and of which classes, a series is usable.
     Raises `InputError` if there is no such path or it is beyond the limits.
     """
     path = given_path(path)
     skipped: list[Skipped] = []
     blobs = list(blobs_below(folder_of_index(path), limits, skipped))
-    return catalogue_of(path, blobs, limits, skipped, progress=progress)
+    return catalogue_of(path, blobs, limits, skipped, kinds=kinds, progress=progress)
 
 
 def catalogue_of(
-    path: Path, blobs: Iterable[Blob], limits: Limits, skipped: Sequence[Skipped] = (), *, progress: bool = False
+    path: Path,
+    blobs: Iterable[Blob],
+    limits: Limits,
+    skipped: Sequence[Skipped] = (),
+    *,
+    kinds: Mapping[str, frozenset[str]] = CT_ONLY,
+    progress: bool = False,
 ) -> Catalogue:
     """List the series in ``blobs``, which lie below ``path``; ``skipped`` are files that were left out before."""
     skipped = list(skipped)
@@ -154,7 +169,7 @@ def catalogue_of(
         instance = read_instance(blob, limits, skipped)
         if instance is not None:
             members[instance.series_uid].append(instance)
-    series = [part for instances in members.values() for part in _parts(instances)]
+    series = [part for instances in members.values() for part in _parts(instances, kinds)]
     return Catalogue(path, tuple(series), tuple(skipped))
 
 
@@ -182,14 +197,14 @@ def read_instance(blob: Blob, limits: Limits, skipped: list[Skipped]) -> Instanc
     return None
 
 
-def _parts(instances: list[Instance]) -> list[Series]:
+def _parts(instances: list[Instance], kinds: Mapping[str, frozenset[str]]) -> list[Series]:
     """Return one series, or one for each stack in it; files that cannot be part of a stack form an entry too."""
     uid = instances[0].series_uid or ""
     images: list[SliceImage] = []
     outside: dict[str, list[Instance]] = defaultdict(list)
     damaged: dict[str, list[Instance]] = defaultdict(list)
     for instance in instances:
-        reason = why_not_ct(instance)
+        reason = why_not_scan(instance, kinds)
         if reason is not None:
             outside[reason].append(instance)
             continue

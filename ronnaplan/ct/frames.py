@@ -1,11 +1,12 @@
 """From a file's header to its images: one of a classic CT, many of an Enhanced (multi-frame) CT.
 
-`why_not_ct` says what keeps a file from being part of a CT volume.
+`why_not_scan` says what keeps a file from being part of a CT volume.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -23,7 +24,7 @@ from ronnaplan.ct.header import (
     element_name,
 )
 from ronnaplan.ct.limits import LARGEST_HU
-from ronnaplan.ct.slices import CT_IMAGE, MULTI_FRAME_CLASSES, Instance, PixelFormat, SliceImage
+from ronnaplan.ct.slices import CT_ONLY, MULTI_FRAME_CLASSES, Instance, PixelFormat, SliceImage
 from ronnaplan.ct.values import Vector, number_or_none, numbers, text, values
 
 _KINDS: Final = {
@@ -50,18 +51,19 @@ _HU_NAMES: Final = frozenset({"", "HU", "US"})
 """Rescale types taken for Hounsfield units. ``US`` (unspecified) is the standard's default for a CT."""
 
 
-def why_not_ct(instance: Instance) -> str | None:
-    """Return why a file cannot be a part of a CT volume, or None."""
+def why_not_scan(instance: Instance, kinds: Mapping[str, frozenset[str]] = CT_ONLY) -> str | None:
+    """Return why a file cannot be a part of a volume of the modalities and classes in ``kinds``, or None."""
     if instance.sop_class in _KINDS:
         return _KINDS[instance.sop_class]
     if instance.sop_class.startswith(_STRUCTURED_REPORT_PREFIX):
         return "a structured report (SR), not a scan"
     if instance.sop_class.startswith(_PRESENTATION_STATE_PREFIX):
         return "a presentation state, not a scan"
-    if instance.modality != "CT":
-        return f"the modality is {instance.modality or 'not given'}, not CT"
-    if instance.sop_class not in MULTI_FRAME_CLASSES | {CT_IMAGE, ""}:
-        return f"the SOP class {instance.sop_class} is not a CT image"
+    if instance.modality not in kinds:
+        return f"the modality is {instance.modality or 'not given'}, not {' or '.join(kinds)}"
+    if instance.sop_class not in kinds[instance.modality]:
+        article = "an" if instance.modality == "MR" else "a"
+        return f"the SOP class {instance.sop_class} is not {article} {instance.modality} image"
     return why_not_slices(instance.image_type, instance.technique, instance.description)
 
 
@@ -91,7 +93,7 @@ def _why_not_pixels(pixels: PixelFormat) -> str | None:
 
 
 def images_of(instance: Instance) -> list[SliceImage]:
-    """Return the images of a CT file that passed `why_not_ct`; raises `DamagedError` naming what is missing."""
+    """Return the images of a file that passed `why_not_scan`; raises `DamagedError` naming what is missing."""
     pixels = instance.pixels
     if pixels is None:
         raise DamagedError("it holds no pixels")
@@ -143,7 +145,7 @@ def _flatten(groups: list[Elements]) -> Elements:
 
 
 def _image(instance: Instance, pixels: PixelFormat, frame: int, facts: Elements) -> SliceImage:
-    slope, intercept = _rescale(facts)
+    slope, intercept = _rescale(facts) if instance.modality == "CT" else _stored_scale(facts)
     image_type = values(facts, tags.FRAME_TYPE) or instance.image_type
     technique = text(facts, tags.VOLUME_BASED_CALCULATION_TECHNIQUE) or instance.technique
     reason = why_not_slices(image_type, technique, instance.description)
@@ -201,6 +203,13 @@ def _required(facts: Elements, tag: int, count: int, name: str) -> Vector:
     if len(values) != count:
         raise DamagedError(f"its {name} has {len(values)} numbers, expected {count}")
     return values
+
+
+def _stored_scale(facts: Elements) -> tuple[float, float]:
+    """Return slope and intercept of values without a unit: those that are stated, or the stored values as they are."""
+    slope, intercept = (number_or_none(facts, tag) for tag in (tags.RESCALE_SLOPE, tags.RESCALE_INTERCEPT))
+    stated = (slope if slope else 1.0, intercept or 0.0)
+    return stated if max(map(abs, stated)) <= LARGEST_HU else (1.0, 0.0)
 
 
 def _rescale(facts: Elements) -> tuple[float, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Final
@@ -18,7 +18,7 @@ from ronnaplan.ct.images import is_image_file, read_image
 from ronnaplan.ct.limits import DEFAULT_LIMITS, GIB, Limits
 from ronnaplan.ct.pixels import INT16, DoesNotFitError, Voxels, may_be_int16, read_slice
 from ronnaplan.ct.progress import advancing
-from ronnaplan.ct.slices import SliceImage
+from ronnaplan.ct.slices import CT_ONLY, CT_OR_MR, SliceImage
 from ronnaplan.ct.volume import CTVolume, SeriesSource, VolumeFlag
 from ronnaplan.errors import InputError
 
@@ -44,10 +44,30 @@ def read_ct(
     ``progress`` a long read shows a bar on standard error. Voxels are HU, places LPS mm, each slice exactly
     where its file puts it. Raises `InputError`, which names the series to choose from or the reason.
     """
+    return _read(path, series_uid, limits, CT_ONLY, progress)
+
+
+def read_other_image(
+    path: str | os.PathLike[str], series_uid: str | None = None, *, progress: bool = False
+) -> CTVolume:
+    """Read what is looked at beside a CT: the same as `read_ct`, and series of MR images too.
+
+    The values of an MR have no unit: nothing is to be measured in it. Raises `InputError`.
+    """
+    return _read(path, series_uid, DEFAULT_LIMITS, CT_OR_MR, progress)
+
+
+def _read(
+    path: str | os.PathLike[str],
+    series_uid: str | None,
+    limits: Limits,
+    kinds: Mapping[str, frozenset[str]],
+    progress: bool,
+) -> CTVolume:
     path = given_path(path)
     if is_image_file(path) and path.is_file():
         return _told(_without_unmeasured(read_image(path, limits)))
-    found = find_series(path, limits, progress=progress)
+    found = find_series(path, limits, kinds=kinds, progress=progress)
     series = found.choose(series_uid)
     return read_series(series, limits, troubled=any(one.is_trouble for one in found.skipped), progress=progress)
 

@@ -17,6 +17,12 @@ CT_IMAGE: Final = "1.2.840.10008.5.1.4.1.1.2"
 ENHANCED_CT: Final = "1.2.840.10008.5.1.4.1.1.2.1"
 LEGACY_ENHANCED_CT: Final = "1.2.840.10008.5.1.4.1.1.2.2"
 MULTI_FRAME_CLASSES: Final = frozenset({ENHANCED_CT, LEGACY_ENHANCED_CT})
+CT_ONLY: Final = {"CT": MULTI_FRAME_CLASSES | {CT_IMAGE, ""}}
+"""Modality -> SOP classes of what is read as a scan; an empty class where the file gives none."""
+CT_OR_MR: Final = CT_ONLY | {
+    "MR": frozenset(f"1.2.840.10008.5.1.4.1.1.4{rest}" for rest in ("", ".1", ".4")) | {""}
+}
+"""The same with MR (classic, enhanced, legacy converted), which has no unit: to be looked at, not measured in."""
 LOSSY_SYNTAXES: Final = frozenset(
     f"1.2.840.10008.1.2.4.{number}" for number in (50, 51, 81, 91, 93, 100, 102, 112, 203)
 )

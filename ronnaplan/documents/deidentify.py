@@ -65,7 +65,7 @@ ENTERED: Final = _names(
     CTImageFrameTypeSequence CTReconstructionSequence CTXRayDetailsSequence ModalityLUTSequence
     FrameVOILUTSequence DimensionOrganizationSequence DimensionIndexSequence FiducialSetSequence
     FiducialSequence RegistrationSequence MatrixRegistrationSequence MatrixSequence FrameAnatomySequence
-    AnatomicRegionSequence
+    AnatomicRegionSequence RegistrationTypeCodeSequence
     """
 )
 """Sequences whose items are treated likewise."""
@@ -84,8 +84,19 @@ EMPTY: Final = (
 )
 """What every object must have and here has nothing in."""
 
-CONTENT: Final = ("ContentDate", "ContentTime", "ContentCreatorName", "Manufacturer")
+CONTENT: Final = ("ContentDescription", "ContentCreatorName", "Manufacturer")
 """What an object that had it must have, with nothing in it."""
+
+DUMMIES: Final = {
+    "ContentDate": "19000101",
+    "ContentTime": "000000",
+    "AcquisitionDateTime": "19000101000000",
+    "FrameAcquisitionDateTime": "19000101000000",
+    "FrameReferenceDateTime": "19000101000000",
+    "ContentLabel": "DEIDENTIFIED",
+    "FiducialIdentifier": "F",
+}
+"""What an object that had it must have, with something in it: this, and fiducials are numbered."""
 
 LONGEST_NAME: Final = 16
 LEAST_SECRET_BYTES: Final = 32
@@ -151,7 +162,7 @@ def deidentified(given: Dataset, secret: bytes) -> Dataset:
         setattr(kept, keyword, None)
     for keyword in CONTENT:
         if keyword in given:
-            setattr(kept, keyword, "" if keyword.endswith(("Date", "Time")) else None)
+            setattr(kept, keyword, None)
     who = f"{given.get('IssuerOfPatientID', '')}|{given.get('PatientID', '')}"
     kept.PatientID = f"R{_mac(secret, who).hex()[: LONGEST_NAME - 1]}".upper()
     kept.PatientName = kept.PatientID
@@ -169,7 +180,8 @@ def deidentified(given: Dataset, secret: bytes) -> Dataset:
     return kept
 
 
-def _kept(given: Dataset, secret: bytes) -> Dataset:
+def _kept(given: Dataset, secret: bytes, number: int = 1) -> Dataset:
+    """Return what may be kept of a data set, or of the item of this ``number`` of a sequence."""
     found = Dataset()
     for element in given:
         if element.keyword in KEPT:
@@ -177,7 +189,10 @@ def _kept(given: Dataset, secret: bytes) -> Dataset:
         elif element.keyword in REPLACED and element.value:
             found.add_new(element.tag, element.VR, _uid(secret, str(element.value)))
         elif element.keyword in ENTERED:
-            found.add_new(element.tag, "SQ", [_kept(item, secret) for item in element.value])
+            found.add_new(element.tag, "SQ", [_kept(item, secret, n) for n, item in enumerate(element.value, 1)])
+        elif element.keyword in DUMMIES:
+            dummy = DUMMIES[element.keyword]
+            found.add_new(element.tag, element.VR, f"{dummy}{number}" if element.VR == "SH" else dummy)
     return found
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from ronnaplan.documents.fiducials import FiducialsDocument, Source, read_fiducials
-from ronnaplan.documents.files import read_json
+from ronnaplan.documents.files import read_json, write_atomically
 from ronnaplan.documents.itk_transform import itk_transform
 from ronnaplan.documents.markups import markups
 from ronnaplan.documents.registration import FORMAT as REGISTRATION
@@ -15,43 +15,97 @@ from ronnaplan.documents.registration import RegistrationDocument, read_registra
 from ronnaplan.documents.registration_exports import registration_csv, registration_markups
 from ronnaplan.documents.ros import ros_transform
 from ronnaplan.documents.table import csv_table
-from ronnaplan.errors import UsageError
+from ronnaplan.errors import UsageError, check_type
 
 if TYPE_CHECKING:
     from pydicom.dataset import Dataset
 
 DICOM = "dicom"
+TRE_MAP = "tre-map"
+
+Exportable = FiducialsDocument | RegistrationDocument
 
 
-def export(path: str | os.PathLike[str], to: str, ct: str | os.PathLike[str] | None = None) -> str | bytes:
-    """Read the document at ``path`` and return it in the format ``to``; DICOM as bytes, all else as text.
+def export(
+    document: str | os.PathLike[str] | Exportable, to: str, ct: str | os.PathLike[str] | None = None
+) -> str | bytes:
+    """Return a document, or the one at a path, in the format ``to``; DICOM as bytes, all else as text.
 
     ``ct`` is the scan whose patient and study a DICOM object is to name; without it they stay empty. Raises
     `UsageError` for a format that the document cannot become.
     """
     if ct is not None and to != DICOM:
         raise UsageError(f"a file of the kind '{to}' names no patient; give the scan with --to {DICOM} only")
-    content = read_json(path)
-    if isinstance(content, dict) and content.get("format") == REGISTRATION:
-        _require(to, "a registration", [*REGISTRATION_EXPORTERS, DICOM])
-        registration = read_registration(path)
+    content = _content(document)
+    _require(to, content)
+    if isinstance(content, RegistrationDocument):
+        if to == TRE_MAP:
+            raise UsageError(f"'{to}' is an image: give write_as the name of its file")
         if to != DICOM:
-            return REGISTRATION_EXPORTERS[to](registration)
+            return REGISTRATION_EXPORTERS[to](content)
         from ronnaplan.documents.dicom_spatial import dicom_bytes, spatial_registration
 
-        return dicom_bytes(spatial_registration(registration, _patient(ct, registration.source)))
-    _require(to, "fiducials", [*FIDUCIAL_EXPORTERS, DICOM])
-    fiducials = read_fiducials(path)
+        return dicom_bytes(spatial_registration(content, _patient(ct, content.source)))
     if to != DICOM:
-        return FIDUCIAL_EXPORTERS[to](fiducials)
+        return FIDUCIAL_EXPORTERS[to](content)
     from ronnaplan.documents.dicom_spatial import dicom_bytes, spatial_fiducials
 
-    return dicom_bytes(spatial_fiducials(fiducials, _patient(ct, fiducials.source)))
+    return dicom_bytes(spatial_fiducials(content, _patient(ct, content.source)))
 
 
-def _require(to: str, what: str, known: Sequence[str]) -> None:
-    if to not in known:
-        raise UsageError(f"{what} cannot become '{to}'; choose one of {', '.join(known)}")
+def write_as(
+    path: str | os.PathLike[str],
+    document: str | os.PathLike[str] | Exportable,
+    to: str,
+    ct: str | os.PathLike[str] | None = None,
+) -> None:
+    """Write a document, or the one at a path, to ``path`` in another tool's format ``to``.
+
+    Fiducials become ``markups``, ``csv`` or ``dicom``; a registration these, ``itk`` (.tfm), ``ros``, or a ``tre-map``:
+    the error to expect (mm RMS) at every voxel of the scan ``ct``, as .nii.gz, .nii, .nrrd or .mha. Raises `UsageError`
+    for a format that the document cannot become.
+    """
+    if to == TRE_MAP:
+        from ronnaplan.documents.tre_image import tre_image
+
+        registration = _content(document)
+        if not isinstance(registration, RegistrationDocument):
+            raise _cannot(to, registration)
+        write_atomically(path, tre_image(registration, ct, os.fspath(path)))
+    else:
+        write_atomically(path, export(document, to, ct))
+
+
+def _content(document: str | os.PathLike[str] | Exportable) -> Exportable:
+    """Return the document itself, or what is at its path."""
+    if isinstance(document, FiducialsDocument | RegistrationDocument):
+        return document
+    check_type(
+        document,
+        (str, os.PathLike, FiducialsDocument, RegistrationDocument),
+        "what is exported",
+        "write_fiducials and write_registration return the document of a result",
+    )
+    content = read_json(document)
+    if isinstance(content, dict) and content.get("format") == REGISTRATION:
+        return read_registration(document)
+    return read_fiducials(document)
+
+
+def _require(to: str, document: Exportable) -> None:
+    if to not in _formats(document):
+        raise _cannot(to, document)
+
+
+def _cannot(to: str, document: Exportable) -> UsageError:
+    what = "a registration" if isinstance(document, RegistrationDocument) else "fiducials"
+    return UsageError(f"{what} cannot become '{to}'; choose one of {', '.join(_formats(document))}")
+
+
+def _formats(document: Exportable) -> tuple[str, ...]:
+    if isinstance(document, RegistrationDocument):
+        return (*REGISTRATION_EXPORTERS, DICOM, TRE_MAP)
+    return (*FIDUCIAL_EXPORTERS, DICOM)
 
 
 def _patient(ct: str | os.PathLike[str] | None, source: Source) -> Dataset | None:

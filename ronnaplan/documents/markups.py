@@ -38,7 +38,7 @@ def _control_point(number: int, entry: FiducialEntry) -> dict[str, Any]:
     return {
         "id": str(number),
         "label": entry.label,
-        "description": f"sphere {entry.diameter_mm:.2f} mm, standard error {error_mm:.3f} mm{doubts}",
+        "description": f"sphere {entry.diameter_mm:.2f} mm, error {error_mm:.3f} mm RMS{doubts}",
         "associatedNodeID": "",
         "position": list(entry.center),
         "orientation": LPS_AXES,

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import model_validator
 
 from ronnaplan.correspondence.told import LEAST_PAIRS
+from ronnaplan.ct.volume import CTVolume, ScalarMap
 from ronnaplan.documents.fiducials import Software, Source
 from ronnaplan.documents.fields import (
     Covariance,
@@ -26,10 +27,11 @@ from ronnaplan.documents.fields import (
     flag_sentence,
 )
 from ronnaplan.documents.reading import read_document
-from ronnaplan.errors import InputError
+from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import Frame, Points
 from ronnaplan.planning.uncertainty import ExpectedPose
 from ronnaplan.pose import Pose, as_pose, transform_points
+from ronnaplan.registration.maps import error_map
 from ronnaplan.registration.registration import RegistrationFlag
 from ronnaplan.sigmas import SIGMA_OTS_MM
 
@@ -177,6 +179,21 @@ class RegistrationDocument(DocumentModel):
     def require_frame(self, frame: Frame) -> None:
         """Raise `FrameMismatchError` unless this registration is of the scan ``frame``."""
         self.ct_frame.require(frame)
+
+    def tre_map(self, volume: CTVolume) -> ScalarMap:
+        """Return the expected root-mean-square TRE (mm) at every voxel of the scan that was registered.
+
+        Raises `FrameMismatchError` for another frame of reference, or for other voxels where no frame is named, and
+        `InputError` for a registration that was refused.
+        """
+        pose = self.pose
+        tre = error_map(pose, volume, pose.from_frame)
+        if pose.from_frame.uid is None and self.source.voxel_sha256 != volume.voxel_sha256:
+            raise FrameMismatchError(
+                "neither the registration nor the scan names a frame of reference and their voxels differ; "
+                "use the scan whose markers were registered"
+            )
+        return tre
 
 
 def read_registration(path: str | os.PathLike[str]) -> RegistrationDocument:

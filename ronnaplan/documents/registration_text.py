@@ -5,11 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from ronnaplan.documents.registration import RegistrationDocument
+from ronnaplan.registration.radius import radius_95_mm
+from ronnaplan.registration.registration import MISFIT_PROBABILITY
 
 FRE_WARNING = (
     "FRE and residuals tell how well the markers agree; they do not measure the error at a target.\n"
     "The expected error (TRE) follows from the stated marker errors and the markers' layout; it leaves out\n"
     "whatever moves the target itself, such as brain shift."
+)
+FIT = (
+    f"how often errors as stated leave residuals as large; below {MISFIT_PROBABILITY:g} or above "
+    f"{1 - MISFIT_PROBABILITY:g} is a warning"
 )
 CENTROID = "markers' centroid"
 
@@ -23,20 +29,31 @@ def registration_text(document: RegistrationDocument) -> str:
         out = "       -" if pair.leave_one_out is None else f"{pair.leave_one_out:8.2f}"
         lines.append(f"{pair.ct:<10} {pair.ots:<10} {pair.residual:8.2f}  {out}")
     lines.append(f"FRE {document.fre_rms:.3f} mm RMS; pairing probability {document.probability:.6f}")
+    lines += [
+        f"fit probability {chance:.3g}: {FIT}" for chance in [document.fit_probability] if chance is not None
+    ]
     lines += [f"warning: {doubt}" for doubt in document.doubts]
     lines += ["", FRE_WARNING]
     errors = _expected_errors(document)
     width = max(len(name) for name in errors)
-    lines += ["", f"expected error {document.expected}", f"{'place':<{width}}  expected error, mm RMS"]
-    lines += [f"{name:<{width}}  {error:8.2f}" for name, error in errors.items()]
+    lines += ["", f"expected error {document.expected}"]
+    lines += [f"{'place':<{width}}    mm RMS   95 % within mm"]
+    lines += [f"{name:<{width}}  {rms:8.2f}  {radius:15.2f}" for name, (rms, radius) in errors.items()]
     return "\n".join(lines)
 
 
-def _expected_errors(document: RegistrationDocument) -> dict[str, float]:
-    """Return the error at the markers' centroid, about where it is least, and at the document's targets."""
+def _expected_errors(document: RegistrationDocument) -> dict[str, tuple[float, float]]:
+    """Return the RMS error, and the radius that holds it with 95 %, at the markers' centroid and at the targets.
+
+    At the centroid the error is about least.
+    """
     centroid_mm = np.mean([pair.center for pair in document.pairs], axis=0, keepdims=True)
-    at_centroid = float(document.expected.tre_rms_mm(centroid_mm)[0])
-    return {CENTROID: at_centroid} | {target.name: target.predicted_tre_rms for target in document.targets}
+    rms_mm = [float(document.expected.tre_rms_mm(centroid_mm)[0])]
+    rms_mm += [target.predicted_tre_rms for target in document.targets]
+    targets_mm2 = [np.array(target.covariance) for target in document.targets]
+    radii_mm = radius_95_mm([document.expected.covariances_mm2(centroid_mm)[0], *targets_mm2]).tolist()
+    names = [CENTROID, *(target.name for target in document.targets)]
+    return dict(zip(names, zip(rms_mm, radii_mm, strict=True), strict=True))
 
 
 def _refusal(document: RegistrationDocument) -> str:

@@ -44,11 +44,14 @@ def write_document(
     path: str | os.PathLike[str] | None,
     document: Document,
     read: Callable[[str | os.PathLike[str]], Document],
-) -> None:
-    """Write ``document`` to ``path``, revised, in the place of whatever is there; without a path to standard output."""
+) -> Document:
+    """Write ``document`` to ``path``, revised, in the place of whatever is there; without a path to standard output.
+
+    Returns the document as written.
+    """
     if path is None:
         sys.stdout.write(to_json(document))
-        return
+        return document
 
     def there(place: str | os.PathLike[str]) -> Document | None:
         try:
@@ -59,4 +62,4 @@ def write_document(
     def change(old: Document | None) -> Document | None:
         return revised(document, old)
 
-    change_document(path, there, change, lambda written: to_json(written or document))
+    return change_document(path, there, change, lambda written: to_json(written or document)) or document

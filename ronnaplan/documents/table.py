@@ -15,7 +15,7 @@ HEADER = (
 
 
 def csv_table(document: FiducialsDocument) -> str:
-    """Write the fiducials as CSV: LPS mm, and the standard error of each coordinate in mm."""
+    """Write the fiducials as CSV: LPS mm, and the standard deviation of each coordinate in mm."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(HEADER)

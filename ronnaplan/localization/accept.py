@@ -8,10 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
+from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.cells import cell_directions
 from ronnaplan.localization.descent import BLUR_BOUNDS_MM, MAX_CONTRAST_HU, MAX_WANDER
 from ronnaplan.localization.detect import MIN_CONTRAST_HU
+from ronnaplan.localization.look import metal_axis
 from ronnaplan.localization.model import has_streaks
+from ronnaplan.localization.motion import Movement, movement
 from ronnaplan.localization.parameters import CENTER, WIDTH
 from ronnaplan.localization.refine import BallFit
 from ronnaplan.localization.uncertainty import center_covariance
@@ -82,13 +86,20 @@ class Evidence:
     noise_hu: float
     unseen: float
     """Share of the ball's directions for which the scan has no voxels."""
-    is_pulled: bool = False
-    """Whether metal lies beyond what touches the ball."""
+    volume: CTVolume
 
     @cached_property
     def covariance_mm2(self) -> FloatArray:
         """Covariance (3, 3) of the center in LPS."""
-        return center_covariance(self.fit, self.noise_hu, self.excess_mm, is_pulled=self.is_pulled)
+        fit = self.fit
+        left_out = cell_directions()[fit.verdict.state == 0] @ fit.neighbourhood.axes
+        metal = metal_axis(self.volume, fit.center_mm, left_out, fit.diameter_mm / 2.0)
+        return center_covariance(fit, self.movement, metal, self.excess_mm)
+
+    @cached_property
+    def movement(self) -> Movement:
+        """How far its edges seem to have moved."""
+        return movement(self.fit)
 
     @property
     def excess_mm(self) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +41,9 @@ def direction_cells(offsets_mm: FloatArray) -> NDArray[np.intp]:
     return cells
 
 
+@cache
 def cell_directions() -> FloatArray:
-    """Unit vectors (`CELL_COUNT`, 3) through the middle of each cell."""
+    """Unit vectors (`CELL_COUNT`, 3) through the middle of each cell; not to be written to."""
     centers = np.tan(((np.arange(CELLS_PER_EDGE) + 0.5) / CELLS_PER_EDGE - 0.5) * np.pi / 2)
     directions = np.empty((3, 2, CELLS_PER_EDGE, CELLS_PER_EDGE, 3))
     for axis in range(3):
@@ -51,4 +53,5 @@ def cell_directions() -> FloatArray:
             directions[axis, side, ..., (axis + 2) % 3] = centers[np.newaxis, :]
     flat = directions.reshape(-1, 3)
     unit_vectors: FloatArray = flat / np.linalg.norm(flat, axis=1, keepdims=True)
+    unit_vectors.setflags(write=False)
     return unit_vectors

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.ball import discs
-from ronnaplan.localization.model import evaluate, normal_equations
+from ronnaplan.localization.ball import Discs, discs
+from ronnaplan.localization.model import add_normal_equations, evaluate
 from ronnaplan.localization.neighbourhood import Neighbourhood
 from ronnaplan.localization.parameters import BLUR, CENTER, CONTRAST, EDGE, RADIUS, SHAPE, WIDTH
 
@@ -26,15 +28,19 @@ EDGE_BOUNDS = (-0.45, 5.0)
 SHAPE_BOUNDS = (0.0, 5.0)
 """A profile's shape: from a box to what no image can tell from a Gaussian."""
 
-BOUNDS = {SHAPE: SHAPE_BOUNDS, EDGE: EDGE_BOUNDS}
-"""Those of the parameters that may end at one."""
-
 LEAST_RADIUS_MM, LEAST_WIDTH_MM = 0.2, 0.02
 """No ball is smaller, no slice profile narrower: a step beyond would divide by nearly nothing."""
 
 MAX_CONTRAST_HU = 32000.0
 """No extended scale of a CT goes beyond this (16 bits with an offset): where clipping hides a ball's true contrast,
 it cannot run away."""
+
+_BOUNDED = {SHAPE: SHAPE_BOUNDS, EDGE: EDGE_BOUNDS, CONTRAST: (-math.inf, MAX_CONTRAST_HU)}
+BOUNDS = tuple(_BOUNDED.get(p, (-math.inf, math.inf)) for p in range(CONTRAST + 1))
+"""Those of the first parameters, of which some may end at one."""
+
+BLOCK = 512
+"""So many voxels' derivatives stay in the processor's cache until they are summed up."""
 
 PRIOR_NOISE_HU = 10.0
 """Noise at which the priors above are meant; it only sets their weight against the voxels."""
@@ -94,29 +100,40 @@ def descend(
 ) -> tuple[FloatArray, bool]:
     """Levenberg-Marquardt from ``theta``; returns the best parameters and whether the steps came to rest."""
     steps, least_gain = (LOOK_STEPS, LOOK_GAIN) if is_look else (MAX_STEPS, 0.0)
-    looked_up = discs(theta)
-    floor_hu = float(around.values_hu.min())  # where scales end below: edge-enhancing kernels reach there
-    offsets_mm, values_hu = around.offsets_mm[used], around.values_hu[used]
+    voxels = around.offsets_mm[used], around.values_hu[used]
+    held, scale_hu = (prior.mean, prior.weight), (around.floor_hu, ceiling_hu)
+    return _descend(*voxels, theta, *held, prior.layer_mm, discs(theta), *scale_hu, steps, least_gain)
 
-    def equations(at: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        model = evaluate(offsets_mm, at, prior.layer_mm, *looked_up)
-        cost, slope, matrix = normal_equations(values_hu, *model, floor_hu, ceiling_hu)
-        pull = prior.mean - at
-        cost += 0.5 * float(prior.weight @ pull**2)
-        return cost, slope + prior.weight * pull, matrix + np.diag(prior.weight)
 
+@njit(cache=True, nogil=True)
+def _descend(
+    offsets: FloatArray,
+    values: FloatArray,
+    theta: FloatArray,
+    mean: FloatArray,
+    weight: FloatArray,
+    layer_mm: float,
+    looked_up: Discs,
+    floor: float,
+    ceiling: float,
+    steps: int,
+    least_gain: float,
+) -> tuple[FloatArray, bool]:
     damping, moved_mm = FIRST_DAMPING, np.inf
-    cost, slope, matrix = equations(theta)
+    cost, slope, matrix = _equations(offsets, values, theta, mean, weight, layer_mm, looked_up, floor, ceiling)
     for _ in range(steps):
-        trial = _bounded(theta + _step(matrix, slope, damping, theta), theta)
-        moved_mm = float(np.abs(trial[CENTER] - theta[CENTER]).max())
+        trial = theta + _step(matrix, slope, damping, theta)
+        _bind(trial, theta)
+        away = trial[CENTER] - theta[CENTER]
+        moved_mm = np.abs(away).max()
         is_still = moved_mm < STEP_TOLERANCE_MM
-        if float(np.linalg.norm(trial[CENTER])) > 2.0 * MAX_WANDER * theta[RADIUS]:
+        if math.sqrt(np.sum(trial[CENTER] ** 2)) > 2.0 * MAX_WANDER * theta[RADIUS]:
             return trial, False
-        new_cost, new_slope, new_matrix = equations(trial)
-        if new_cost < cost:
-            is_at_rest = cost - new_cost < (REST_GAIN if is_still else least_gain) * cost
-            theta, cost, slope, matrix = trial, new_cost, new_slope, new_matrix
+        new = _equations(offsets, values, trial, mean, weight, layer_mm, looked_up, floor, ceiling)
+        if new[0] < cost:
+            is_at_rest = cost - new[0] < (REST_GAIN if is_still else least_gain) * cost
+            theta = trial
+            cost, slope, matrix = new
             damping = max(damping / 10.0, LEAST_DAMPING)
         else:
             is_at_rest = is_still
@@ -126,28 +143,53 @@ def descend(
     return theta, moved_mm < LAST_STEP_MM
 
 
+@njit(cache=True, nogil=True)
+def _equations(
+    offsets: FloatArray,
+    values: FloatArray,
+    theta: FloatArray,
+    mean: FloatArray,
+    weight: FloatArray,
+    layer_mm: float,
+    looked_up: Discs,
+    floor: float,
+    ceiling: float,
+) -> tuple[float, FloatArray, FloatArray]:
+    """Half the squared residuals of voxels and prior, their gradient (P,) and Gauss-Newton matrix (P, P)."""
+    pull = mean - theta
+    cost = 0.5 * np.sum(weight * pull**2)
+    slope = weight * pull
+    matrix = np.diag(weight)
+    for first in range(0, len(values), BLOCK):
+        some = slice(first, min(first + BLOCK, len(values)))
+        model, jacobian = evaluate(offsets[some], theta, layer_mm, *looked_up)
+        cost += add_normal_equations(values[some], model, jacobian, floor, ceiling, slope, matrix)
+    return cost, slope, matrix
+
+
+@njit(cache=True, nogil=True)
 def _step(matrix: FloatArray, slope: FloatArray, damping: float, theta: FloatArray) -> FloatArray:
-    free = np.ones(len(slope), dtype=np.bool_)
-    # What is at its bound and pushes against it stands still; the others move without it.
-    free[CONTRAST] = theta[CONTRAST] < MAX_CONTRAST_HU or slope[CONTRAST] <= 0.0
-    for place, (low, high) in BOUNDS.items():
-        free[place] = (theta[place] > low or slope[place] >= 0.0) and (theta[place] < high or slope[place] <= 0.0)
-    damped = (matrix + damping * np.diag(np.diag(matrix) + 1e-9))[np.ix_(free, free)]
-    step = np.zeros(len(slope))
-    step[free] = np.linalg.solve(damped, slope[free])
-    return step
+    damped, step = matrix.copy(), slope.copy()
+    for p in range(len(slope)):
+        damped[p, p] += damping * (matrix[p, p] + 1e-9)
+        low, high = BOUNDS[p] if p < len(BOUNDS) else (-np.inf, np.inf)
+        # What is at its bound and pushes against it stands still; the others move without it.
+        if (theta[p] <= low and slope[p] < 0.0) or (theta[p] >= high and slope[p] > 0.0):
+            damped[p, :] = 0.0
+            damped[:, p] = 0.0
+            damped[p, p], step[p] = 1.0, 0.0
+    return np.linalg.solve(damped, step).astype(np.float64)
 
 
-def _bounded(theta: FloatArray, before: FloatArray) -> FloatArray:
+@njit(cache=True, nogil=True)
+def _bind(theta: FloatArray, before: FloatArray) -> None:
     """Keep a step within what a scanner can do, and the blur within reach of what it was: it may not overshoot."""
+    blur_mm = min(max(theta[BLUR], before[BLUR] / BLUR_STEP), before[BLUR] * BLUR_STEP)
+    theta[BLUR] = min(max(blur_mm, BLUR_BOUNDS_MM[0]), BLUR_BOUNDS_MM[1])
     theta[RADIUS] = max(theta[RADIUS], LEAST_RADIUS_MM)
-    blur_mm = np.clip(theta[BLUR], before[BLUR] / BLUR_STEP, before[BLUR] * BLUR_STEP)
-    theta[BLUR] = np.clip(blur_mm, *BLUR_BOUNDS_MM)
     theta[WIDTH] = max(theta[WIDTH], LEAST_WIDTH_MM)
-    for place, bounds in BOUNDS.items():
-        theta[place] = np.clip(theta[place], *bounds)
-    theta[CONTRAST] = min(theta[CONTRAST], MAX_CONTRAST_HU)
-    return theta
+    for p in range(len(BOUNDS)):
+        theta[p] = min(max(theta[p], BOUNDS[p][0]), BOUNDS[p][1])
 
 
 def residuals_and_jacobian(
@@ -156,9 +198,8 @@ def residuals_and_jacobian(
     """Data minus model (N,) and the Jacobian (N, P); both zero where clipped data agree with a model beyond."""
     model, jacobian = evaluate(around.offsets_mm, theta, layer_mm, *discs(theta))
     residuals = around.values_hu - model
-    floor_hu = around.values_hu.min()
     clipped = (around.values_hu >= ceiling_hu) & (model >= ceiling_hu)
-    clipped |= (around.values_hu <= floor_hu) & (model <= floor_hu)
+    clipped |= (around.values_hu <= around.floor_hu) & (model <= around.floor_hu)
     residuals[clipped] = 0.0
     jacobian[clipped] = 0.0
     return residuals, jacobian
@@ -171,8 +212,9 @@ def influence(
 
     The first is (N, 3) in mm/HU, zero for voxels that were left out, the second (3,).
     """
-    informed = np.where(used[:, np.newaxis], jacobian, 0.0)
+    informed = jacobian[used]
     inverse = np.linalg.pinv(informed.T @ informed + np.diag(prior_weight), hermitian=True)
-    moves: FloatArray = informed @ inverse[:, CENTER]
+    moves = np.zeros((len(jacobian), 3))
+    moves[used] = informed @ inverse[:, CENTER]
     by_radius: FloatArray = np.asarray(inverse[CENTER, RADIUS] / inverse[RADIUS, RADIUS], dtype=np.float64)
     return moves, by_radius

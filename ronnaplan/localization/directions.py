@@ -95,18 +95,20 @@ def judge(
     streaks and the skin.
     """
     contrast = theta[CONTRAST]
-    edge = on_surface(around.offsets_mm, theta)
+    depth, blur = edge_depth(around.offsets_mm, theta)
+    edge = _on_surface(depth, blur)
     squares, seen = cell_means(residuals_hu**2, cells, edge)
     rms = np.sqrt(squares)
-    usual = float(np.quantile(rms[seen], USUAL_QUANTILE)) if seen.any() else 0.0
+    usual = _quantile(rms[seen], USUAL_QUANTILE) if seen.any() else 0.0
     foreign = seen & (rms > OUTLIER_RATIO * max(usual, MODEL_ERROR_SHARE * contrast))
 
-    excess = _excess_outside(around, cells, theta, explained_hu)
+    excess = _excess_outside(around.values_hu - explained_hu, cells, _just_outside(depth, blur))
     beside = excess > min(NEIGHBOUR_SHARE * contrast, NEIGHBOUR_HU)
     directions = cell_directions()
     bright = (foreign | beside) & (excess > SPREAD_SHARE * contrast)
     close = directions @ directions[bright].T > np.cos(np.radians(NEIGHBOUR_ANGLE_DEG))
-    left_out = foreign | beside | close.any(axis=1) | _show_insert(around, cells, theta, residuals_hu)
+    inserts = _show_insert(residuals_hu, cells, _deep_inside(depth, blur), contrast)
+    left_out = foreign | beside | close.any(axis=1) | inserts
     state = np.where(seen, np.where(left_out, 0, 1), -1).astype(np.int8)
 
     slope = jacobian[:, RADIUS]
@@ -128,26 +130,32 @@ def _is_covered(excess_hu: FloatArray, bright_hu: float) -> bool:
     return float(np.linalg.norm(cell_directions()[bright].mean(axis=0))) < COVERED_SPREAD
 
 
-def _excess_outside(
-    around: Neighbourhood, cells: NDArray[np.intp], theta: FloatArray, explained_hu: FloatArray
-) -> FloatArray:
+def _excess_outside(unexplained_hu: FloatArray, cells: NDArray[np.intp], outside: NDArray[np.bool_]) -> FloatArray:
     """How much brighter than the background each direction (cells,) is just outside the ball; 0 where unseen."""
-    outside, seen = cell_means(around.values_hu - explained_hu, cells, just_outside(around.offsets_mm, theta))
+    means, seen = cell_means(unexplained_hu, cells, outside)
     if not seen.any():
         return np.zeros(CELL_COUNT)
-    background = float(np.quantile(outside[seen], BACKGROUND_QUANTILE))
-    return np.where(seen, outside - background, 0.0)
+    background = _quantile(means[seen], BACKGROUND_QUANTILE)
+    return np.where(seen, means - background, 0.0)
 
 
 def _show_insert(
-    around: Neighbourhood, cells: NDArray[np.intp], theta: FloatArray, residuals_hu: FloatArray
+    residuals_hu: FloatArray, cells: NDArray[np.intp], inside: NDArray[np.bool_], contrast: float
 ) -> NDArray[np.bool_]:
     """Directions (cells,) whose inside is brighter than the ball's usual one."""
-    inside, seen = cell_means(residuals_hu, cells, deep_inside(around.offsets_mm, theta))
+    means, seen = cell_means(residuals_hu, cells, inside)
     if not seen.any():
         return seen
-    bright: NDArray[np.bool_] = seen & (inside - np.median(inside[seen]) > INSERT_SHARE * theta[CONTRAST])
+    bright: NDArray[np.bool_] = seen & (means - _quantile(means[seen], 0.5) > INSERT_SHARE * contrast)
     return bright
+
+
+def _quantile(values: FloatArray, share: float) -> float:
+    """Return what this share of ``values`` (N,) reach at most, as `numpy.quantile` does at length."""
+    ordered = np.sort(values)
+    place = share * (len(ordered) - 1)
+    below = int(place)
+    return float(ordered[below] + (place - below) * (ordered[min(below + 1, len(ordered) - 1)] - ordered[below]))
 
 
 def cell_means(
@@ -175,27 +183,40 @@ def edge_depth(offsets_mm: FloatArray, theta: FloatArray) -> tuple[FloatArray, F
 
 def on_surface(offsets_mm: FloatArray, theta: FloatArray) -> NDArray[np.bool_]:
     """Voxels (N,) in the blurred edge of the ball, where the center is told."""
-    depth, blur = edge_depth(offsets_mm, theta)
-    near: NDArray[np.bool_] = np.abs(depth) < 2.0 * blur
-    return near
+    return _on_surface(*edge_depth(offsets_mm, theta))
 
 
 def just_outside(offsets_mm: FloatArray, theta: FloatArray) -> NDArray[np.bool_]:
     """Voxels (N,) beyond the ball's blur but within the fit's reach: they show what touches the ball."""
-    depth, blur = edge_depth(offsets_mm, theta)
-    near: NDArray[np.bool_] = (depth > 2.0 * blur) & (depth < 3.0 * blur + 0.5)
-    return near
+    return _just_outside(*edge_depth(offsets_mm, theta))
 
 
 def deep_inside(offsets_mm: FloatArray, theta: FloatArray) -> NDArray[np.bool_]:
     """Voxels (N,) within the fit's reach, but inside the ball's blur: they show what is in the ball."""
-    depth, blur = edge_depth(offsets_mm, theta)
-    near: NDArray[np.bool_] = (depth < -2.0 * blur) & (depth > -3.0 * blur - 0.5)
-    return near
+    return _deep_inside(*edge_depth(offsets_mm, theta))
 
 
 def within_reach(offsets_mm: FloatArray, theta: FloatArray) -> NDArray[np.bool_]:
     """Voxels (N,) near the surface: farther out is what else is there, deep inside may be a metal insert."""
     depth, blur = edge_depth(offsets_mm, theta)
-    near: NDArray[np.bool_] = np.abs(depth) < 3.0 * blur + 0.5
+    near: NDArray[np.bool_] = np.abs(depth) < _reach(blur)
     return near
+
+
+def _on_surface(depth: FloatArray, blur: FloatArray) -> NDArray[np.bool_]:
+    near: NDArray[np.bool_] = np.abs(depth) < 2.0 * blur
+    return near
+
+
+def _just_outside(depth: FloatArray, blur: FloatArray) -> NDArray[np.bool_]:
+    near: NDArray[np.bool_] = (depth > 2.0 * blur) & (depth < _reach(blur))
+    return near
+
+
+def _deep_inside(depth: FloatArray, blur: FloatArray) -> NDArray[np.bool_]:
+    near: NDArray[np.bool_] = (depth < -2.0 * blur) & (depth > -_reach(blur))
+    return near
+
+
+def _reach(blur: FloatArray) -> FloatArray:
+    return 3.0 * blur + 0.5

@@ -11,21 +11,29 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from ronnaplan.ct.progress import Progress, advancing
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.accept import MIN_COVERAGE, Evidence, failures
 from ronnaplan.localization.build import SOLID, Build
+from ronnaplan.localization.descent import MAX_WANDER
 from ronnaplan.localization.detect import detect
 from ronnaplan.localization.guess import margin_mm
-from ronnaplan.localization.look import has_metal, surface_shares, unseen_share
-from ronnaplan.localization.motion import Movement, movement
+from ronnaplan.localization.look import surface_shares, unseen_share
+from ronnaplan.localization.motion import Movement
 from ronnaplan.localization.neighbourhood import gather
-from ronnaplan.localization.parameters import RADIUS, SHAPE, WIDTH, full_width_at_half_maximum_mm
-from ronnaplan.localization.parts import single_threaded_algebra
+from ronnaplan.localization.parameters import CENTER, RADIUS, SHAPE, WIDTH, full_width_at_half_maximum_mm
+from ronnaplan.localization.parts import in_parts, single_threaded_algebra
 from ronnaplan.localization.refine import BallFit, fit_ball
-from ronnaplan.localization.uncertainty import attached_axis, cramer_rao_bound, is_off_size, noise_level
+from ronnaplan.localization.uncertainty import (
+    cramer_rao_bound,
+    is_off_size,
+    noise_level,
+    usual_odd_mm2,
+    with_usual,
+)
 
 MIN_CEILING_HU = 2000.0
 """No scanner's scale ends below this."""
@@ -36,7 +44,7 @@ CLIP_SHOULDER_HU = 10
 BROADENING = 1.5
 """Slice profiles are broader than nominal by up to this factor."""
 
-ALIKE_MM = 0.5
+ALIKE_MM = 0.75
 ALIKE_SHARE = 0.6
 """Markers of one scan show the same slice profile, to within this or this share of its width."""
 
@@ -51,14 +59,25 @@ class Scan:
         self.volume = volume
 
     def thickness_mm(self, centers_mm: FloatArray) -> FloatArray:
-        """Nominal thickness (...) of the slices at ``centers_mm`` (..., 3); where the file does not say, their gap."""
+        """Nominal thickness (...) of the slices at ``centers_mm`` (..., 3).
+
+        That is their gap, or the neighbouring gap where that is wider, or what the file says where it says more: tags
+        often hold the pixel's size instead.
+        """
         grid = self.volume.grid
-        gaps_mm = grid.spacings_mm
-        if grid.thickness_mm or not gaps_mm.size:
-            return np.full(centers_mm.shape[:-1], grid.thickness_mm or grid.row_spacing_mm)
+        stated_mm = grid.thickness_mm or 0.0
+        if not grid.spacings_mm.size:
+            return np.full(centers_mm.shape[:-1], stated_mm or grid.row_spacing_mm)
+        gaps_mm = self._wide_gaps_mm
         above = np.searchsorted(grid.slice_positions_mm, centers_mm @ grid.normal)
-        thickness_mm: FloatArray = gaps_mm[np.clip(above - 1, 0, len(gaps_mm) - 1)]
+        thickness_mm: FloatArray = np.maximum(gaps_mm[np.clip(above - 1, 0, len(gaps_mm) - 1)], stated_mm)
         return thickness_mm
+
+    @cached_property
+    def _wide_gaps_mm(self) -> FloatArray:
+        """The widest of each gap (K - 1,) and its neighbours."""
+        widest_mm: FloatArray = maximum_filter1d(self.volume.grid.spacings_mm, 3)
+        return widest_mm
 
     @property
     def widest_mm(self) -> float:
@@ -78,13 +97,15 @@ class Scan:
     @cached_property
     def ceiling_hu(self) -> float:
         """Value at which the scan clips, or infinity where its brightest voxels are not clipped."""
-        tops = np.array([picture.max() for picture in self.volume.voxels_hu], dtype=np.float64)
+        voxels_hu = self.volume.voxels_hu
+        parts = in_parts(lambda first, end: [one.max() for one in voxels_hu[first:end]], len(voxels_hu))
+        tops = np.array([top for part in parts for top in part], dtype=np.float64)
         top = float(tops.max())
         if top < MIN_CEILING_HU:
             return math.inf
         at_top = near_top = 0
         for k in np.flatnonzero(tops >= top - CLIP_SHOULDER_HU):
-            bright = self.volume.voxels_hu[k][self.volume.voxels_hu[k] >= top - CLIP_SHOULDER_HU]
+            bright = voxels_hu[k][voxels_hu[k] >= top - CLIP_SHOULDER_HU]
             at_top += int(np.count_nonzero(bright == top))
             near_top += len(bright)
         return top if at_top > 1 and 2 * at_top > near_top else math.inf
@@ -117,7 +138,7 @@ class Examined:
     is_off_size: bool
     is_covered: bool
     movement: Movement | None
-    """What tells motion; of markers only."""
+    """How far its edges seem to have moved; of markers only."""
     failures: tuple[tuple[str, str], ...]
 
     @property
@@ -174,6 +195,18 @@ def alike(accepted: Sequence[Examined]) -> list[Examined]:
     ]
 
 
+def together(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
+    """Let each marker's covariance count what is usual in the scan beside its own."""
+    movements = [one.movement for one in markers if one.movement is not None]
+    usual_mm2, axes = usual_odd_mm2(movements), scan.volume.grid.axes
+    if usual_mm2 is None:
+        return list(markers)
+    return [
+        replace(one, covariance_mm2=with_usual(one.covariance_mm2, moved, usual_mm2, axes))
+        for one, moved in zip(markers, movements, strict=True)
+    ]
+
+
 def distinct(accepted: Iterable[Examined]) -> list[Examined]:
     """One marker a place, the better fit of two, best fits first."""
     kept: list[Examined] = []
@@ -184,7 +217,18 @@ def distinct(accepted: Iterable[Examined]) -> list[Examined]:
 
 
 def fit_place(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build = SOLID) -> BallFit:
-    """Fit a ball of about ``diameter_mm`` at a place (3,) of the scan."""
+    """Fit a ball of about ``diameter_mm`` at a place (3,) of the scan.
+
+    Edges between slices tell a place to half their distance only: a fit that moves away no farther starts anew there.
+    """
+    fit = _fit(scan, center_mm, diameter_mm, build)
+    moved_mm, near_mm = float(np.linalg.norm(fit.theta[CENTER])), MAX_WANDER * diameter_mm / 2.0
+    if near_mm < moved_mm <= near_mm + scan.gap_mm / 2.0 and scan.gap_mm > near_mm:
+        fit = _fit(scan, fit.center_mm, diameter_mm, build)
+    return fit
+
+
+def _fit(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build) -> BallFit:
     reach_mm = 0.625 * diameter_mm + max(build.layer_mm, 0.0) + margin_mm(scan.widest_mm)
     around = gather(scan.volume, center_mm, reach_mm)
     return fit_ball(around, diameter_mm, build, float(scan.thickness_mm(center_mm)), scan.ceiling_hu)
@@ -195,9 +239,7 @@ def examine_place(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: 
     fit = fit_place(scan, center_mm, diameter_mm, build)
     unseen = unseen_share(scan.volume, fit.center_mm, fit.diameter_mm / 2.0)
     thickness_mm = float(scan.thickness_mm(center_mm))
-    axis = attached_axis(fit) @ fit.neighbourhood.axes
-    is_pulled = bool(axis.any()) and has_metal(scan.volume, fit.center_mm, axis, fit.diameter_mm / 2.0)
-    evidence = Evidence(fit, diameter_mm, thickness_mm, scan.pixel_mm, noise_level(fit), unseen, is_pulled)
+    evidence = Evidence(fit, diameter_mm, thickness_mm, scan.pixel_mm, noise_level(fit), unseen, scan.volume)
     failed = tuple(failures(evidence))
     return Examined(
         center_mm,
@@ -213,7 +255,7 @@ def examine_place(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: 
         fit.is_clipped,
         is_off_size(evidence.excess_mm),
         fit.verdict.is_covered,
-        None if failed else movement(fit),
+        None if failed else evidence.movement,
         failed,
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -22,9 +23,14 @@ from ronnaplan.localization.parameters import (
     WIDTH,
     full_width_at_half_maximum_mm,
 )
+from ronnaplan.text import place
 
 if TYPE_CHECKING:
     from ronnaplan.figures import Picture
+
+LEAST_ALIKE, ALIKE_MM = 3, 0.06
+"""So many markers that are all off the stated diameter, and within this of their middle, have another size, and
+nothing on them. It is `SIZE_TOLERANCE_MM` of `uncertainty`, beyond which one is flagged."""
 
 UNSEEN_MOTION_MM = 0.3
 """Standard deviation per axis of what the head is assumed to have moved between two markers' slices, of which no image
@@ -63,10 +69,23 @@ class Fiducial:
     misfit: float
     flags: tuple[FiducialFlag, ...] = ()
 
+    def __repr__(self) -> str:
+        flags = "".join(f", {flag.name.lower()}" for flag in self.flags)
+        return (
+            f"Fiducial({self.label} at {place(self.center_mm)} mm, error {self.error_rms_mm:.2g} mm RMS, "
+            f"diameter {self.diameter_mm:.2f} mm{flags})"
+        )
+
+    @property
+    def error_rms_mm(self) -> float:
+        """Root-mean-square distance between found and true center, over all three axes, that the covariance states."""
+        return float(np.sqrt(np.trace(self.covariance_mm2)))
+
     @property
     def standard_error_mm(self) -> float:
-        """Root mean square distance between found and true center that the covariance stands for."""
-        return float(np.sqrt(np.trace(self.covariance_mm2)))
+        """The old name of `error_rms_mm`, to be removed in 0.4."""
+        warnings.warn("Fiducial.standard_error_mm is now error_rms_mm", DeprecationWarning, stacklevel=2)
+        return self.error_rms_mm
 
     @property
     def efficiency(self) -> float:
@@ -101,6 +120,9 @@ class Rejected:
     reason: str
     parameters: FloatArray
     fitted_mm: FloatArray
+
+    def __repr__(self) -> str:
+        return f"Rejected(at {place(self.center_mm)} mm: {self.reason})"
 
 
 @dataclass(frozen=True)
@@ -139,14 +161,27 @@ class Fiducials(Shown[Fiducial]):
         sizes = " or ".join(f"{diameter:g}" for diameter in self.diameters_mm)
         doubted = sum(bool(found.flags) for found in self)
         flags = f", {doubted} flagged" if doubted else ""
-        return f"{len(self)} markers of {sizes} mm{flags}, {len(self.rejected)} candidates rejected"
+        other = self.other_diameter_mm
+        hint = f", all measure {other:.2f} mm" if other is not None else ""
+        hint += "" if len(self) else "; localization.sizes_seen(volume) tells what is there"
+        return f"{len(self)} markers of {sizes} mm{flags}{hint}, {len(self.rejected)} candidates rejected"
+
+    @property
+    def other_diameter_mm(self) -> float | None:
+        """The diameter that all markers have where it is not the stated one; None where it is, or they differ."""
+        measured = np.array([found.diameter_mm for found in self])
+        off = all(FiducialFlag.DIAMETER in found.flags for found in self)
+        if len(self.diameters_mm) > 1 or len(self) < LEAST_ALIKE or not off:
+            return None
+        middle = float(np.median(measured))
+        return middle if np.abs(measured - middle).max() < ALIKE_MM else None
 
     def _columns(self) -> Mapping[str, Sequence[object]]:
         errors = [np.sqrt(np.diag(found.covariance_mm2)) for found in self]
         return {
             "label": list(self.labels),
             **coordinates("", self.centers),
-            **coordinates("error_", errors),
+            **coordinates("sigma_", errors),
             "diameter_mm": [found.diameter_mm for found in self],
             "contrast_hu": [found.contrast_hu for found in self],
             "coverage": [found.coverage for found in self],

@@ -13,9 +13,10 @@ from ronnaplan.ct.progress import Progress
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import InputError, RefusedError, UsageError, check_type
 from ronnaplan.localization.build import SOLID, Build
-from ronnaplan.localization.examine import Examined, Scan, alike, distinct, examine
+from ronnaplan.localization.examine import Examined, Scan, alike, distinct, examine, together
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
 from ronnaplan.localization.motion import suspected
+from ronnaplan.localization.size import proposal, sizes_seen
 from ronnaplan.localization.template import Template, distance_error_mm, match_template
 
 LOG = logging.getLogger(__name__)
@@ -60,7 +61,7 @@ def localize(
         _check_size(scan, diameter)
     examined = [one for diameter in diameters for one in examine(scan, diameter, marker, progress)]
     judged = alike(distinct(one for one in examined if one.is_marker))
-    markers = _from_the_top(one for one in judged if one.is_marker)
+    markers = _from_the_top(together(scan, [one for one in judged if one.is_marker]))
     examined = [*(one for one in examined if not one.is_marker), *judged]
     moved = suspected([one.movement for one in markers if one.movement is not None])
     fiducials = [
@@ -85,24 +86,31 @@ def localize(
         departure_mm,
     )
     _tell(result)
-    require_count(result, expected)
+    require_count(result, expected, volume, progress)
     return result
 
 
 def _tell(found: Fiducials) -> None:
     LOG.info("found %r", found)
     for one in found:
-        LOG.debug(
-            "%s at %s mm, error %.4f mm RMS %s", one.label, one.center_mm, one.standard_error_mm, list(one.flags)
-        )
+        LOG.debug("%s at %s mm, error %.4f mm RMS %s", one.label, one.center_mm, one.error_rms_mm, list(one.flags))
     for other in found.rejected:
         LOG.debug("no marker at %s mm: %s", other.center_mm, other.reason)
 
 
-def require_count(found: Fiducials, expected: int | None) -> None:
-    """Raise `RefusedError` where ``expected`` markers were promised and another number was found."""
-    if expected is not None and len(found) != expected:
-        raise RefusedError(_explain_count(found, expected))
+def require_count(
+    found: Fiducials, expected: int | None, volume: CTVolume | None = None, progress: Progress = False
+) -> None:
+    """Raise `RefusedError` where ``expected`` markers were promised and another number was found.
+
+    Where there are none, the sizes seen in the ``volume`` are told, if it is given.
+    """
+    if expected is None or len(found) == expected:
+        return
+    told = _explain_count(found, expected)
+    if volume is not None and not len(found):
+        told += f"; {proposal(sizes_seen(volume, found.marker, progress=bool(progress)))}"
+    raise RefusedError(told)
 
 
 def check_request(diameter_mm: float | Sequence[float], expected: int | None) -> tuple[float, ...]:

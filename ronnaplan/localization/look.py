@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -19,8 +20,8 @@ from ronnaplan.localization.parts import in_parts
 METAL_HU = 2500.0
 """Brighter than bone and teeth in any scan."""
 
-SCREW_REACH_MM, SCREW_MM, SCREW_STEP_MM = 25.0, 3.0, 0.5
-"""A screw is looked for so far beyond the ball, within this distance of the axis, in these steps."""
+SCREW_REACH_MM, SCREW_MM, SCREW_STEP_MM = 25.0, 2.0, 0.5
+"""A screw is looked for so far beyond the ball, so far beside each direction in every way, in these steps."""
 
 MARGIN_SHARE = 0.7
 """Where this share of the blur's reach is left behind, it is as dark as the surroundings."""
@@ -55,7 +56,7 @@ def surface_shares(
     outer_mm = (radius_mm + max(build.layer_mm, 0.0) + MARGIN_SHARE * margin_mm(0.0)) * directions
     per_thickness = MARGIN_SHARE * (margin_mm(1.0) - margin_mm(0.0)) * np.abs(directions[:, 2:]) * directions
     places_mm = np.ascontiguousarray(centers_mm @ volume.grid.axes.T)
-    lookup = _lookup(volume)
+    lookup = lookup_of(volume)
 
     def fallen(first: int, end: int) -> FloatArray:
         some = slice(first, end)
@@ -75,26 +76,31 @@ def sample_nearest(volume: CTVolume, places_mm: FloatArray) -> FloatArray:
     """Nearest voxel's value (N,) at each place (N, 3) in LPS mm; NaN outside the scan and in its padding."""
     places = np.ascontiguousarray(places_mm @ volume.grid.axes.T)
     values = np.empty(len(places))
-    _nearest(np.zeros(3), places, *_lookup(volume), values)
+    fill_nearest(np.zeros(3), places, *lookup_of(volume), values)
     return values
 
 
-def has_metal(volume: CTVolume, center_mm: FloatArray, toward_mm: FloatArray, radius_mm: float) -> bool:
-    """Whether there is metal beyond the ball's surface in the direction ``toward_mm`` (3,) in LPS, a unit vector."""
-    across = np.linalg.svd(toward_mm[np.newaxis])[2][1:]
-    turns = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
-    ring = np.column_stack([np.cos(turns), np.sin(turns)]) @ across
-    disc = np.concatenate([np.zeros((1, 3)), 0.5 * SCREW_MM * ring, SCREW_MM * ring])
+def metal_axis(volume: CTVolume, center_mm: FloatArray, directions: FloatArray, radius_mm: float) -> FloatArray:
+    """Return the unit vector (3,) towards the metal that lies beyond the ball in any of ``directions`` (N, 3), in LPS.
+
+    It is the mean of those in which there is some; zero where there is none.
+    """
     along = radius_mm + np.arange(0.0, SCREW_REACH_MM, SCREW_STEP_MM)
-    places = center_mm + disc + along[:, np.newaxis, np.newaxis] * toward_mm
-    return bool(np.any(sample_nearest(volume, places.reshape(-1, 3)) > METAL_HU))
+    beside = SCREW_MM * np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=3)))
+    places = center_mm + along[:, np.newaxis, np.newaxis] * directions[:, np.newaxis, np.newaxis] + beside
+    values = sample_nearest(volume, places.reshape(-1, 3)).reshape(len(directions), len(along) * len(beside))
+    toward = directions[(values > METAL_HU).any(axis=1)].sum(axis=0)
+    length = float(np.linalg.norm(toward))
+    axis: FloatArray = toward / length if length > 0.0 else np.zeros(3)
+    return axis
 
 
 Lookup = tuple[NDArray[np.int16] | NDArray[np.float32], FloatArray, FloatArray, float]
 """A scan's voxels, its slices' origins (K, 3) along u, v, w, the distances of columns and rows, and the padding."""
 
 
-def _lookup(volume: CTVolume) -> Lookup:
+def lookup_of(volume: CTVolume) -> Lookup:
+    """Return what the compiled functions look voxels up in."""
     grid = volume.grid
     steps_mm = np.array([grid.column_spacing_mm, grid.row_spacing_mm])
     padding_hu = math.nan if volume.padding_hu is None else float(volume.padding_hu)
@@ -125,8 +131,8 @@ def _fallen(
         first = 0
         for end in (GLANCE, len(inner)):
             beyond = outer[first:end] + thickness[n] * per_thickness[first:end]
-            _nearest(places[n], inner[first:end], voxels, origins, steps, padding, inside[first:end])
-            _nearest(places[n], beyond, voxels, origins, steps, padding, outside[first:end])
+            fill_nearest(places[n], inner[first:end], voxels, origins, steps, padding, inside[first:end])
+            fill_nearest(places[n], beyond, voxels, origins, steps, padding, outside[first:end])
             shares[n] = _share(inside[:end], outside[:end])
             if shares[n] < least:
                 break
@@ -148,7 +154,7 @@ def _share(inside: FloatArray, outside: FloatArray) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _nearest(
+def fill_nearest(
     place: FloatArray,
     offsets: FloatArray,
     voxels: NDArray[np.int16] | NDArray[np.float32],

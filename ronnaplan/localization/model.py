@@ -163,27 +163,28 @@ def _add_skin(offsets: FloatArray, theta: FloatArray, values: FloatArray, jacobi
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "arcp", "nsz"})
-def normal_equations(
-    values: FloatArray, model: FloatArray, jacobian: FloatArray, floor: float, ceiling: float
-) -> tuple[float, FloatArray, FloatArray]:
-    """Half the squared residuals of ``values`` (N,), their gradient (P,) and Gauss-Newton matrix (P, P).
+def add_normal_equations(
+    values: FloatArray,
+    model: FloatArray,
+    jacobian: FloatArray,
+    floor: float,
+    ceiling: float,
+    slope: FloatArray,
+    matrix: FloatArray,
+) -> float:
+    """Return half the squared residuals of ``values`` (N,); add their gradient (P,) and Gauss-Newton matrix (P, P).
 
     Values at or beyond ``floor`` and ``ceiling`` inform only where the model lies within.
     """
-    size = jacobian.shape[1]
-    cost = 0.0
-    slope = np.zeros(size)
-    matrix = np.zeros((size, size))
-    for n in range(len(values)):
-        if (values[n] >= ceiling and model[n] >= ceiling) or (values[n] <= floor and model[n] <= floor):
-            continue
-        residual = values[n] - model[n]
-        cost += 0.5 * residual * residual
+    count, size = jacobian.shape
+    told = np.empty((count, size + 1))  # the derivatives, and the residual beside them
+    for n in range(count):
+        is_cut = (values[n] >= ceiling and model[n] >= ceiling) or (values[n] <= floor and model[n] <= floor)
+        share = 0.0 if is_cut else 1.0
+        told[n, size] = share * (values[n] - model[n])
         for p in range(size):
-            slope[p] += jacobian[n, p] * residual
-            for q in range(p + 1):
-                matrix[p, q] += jacobian[n, p] * jacobian[n, q]
-    for p in range(size):
-        for q in range(p):
-            matrix[q, p] = matrix[p, q]
-    return cost, slope, matrix
+            told[n, p] = share * jacobian[n, p]
+    products = told.T @ told
+    slope += products[size, :size]
+    matrix += products[:size, :size]
+    return 0.5 * float(products[size, size])

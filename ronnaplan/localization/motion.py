@@ -47,6 +47,7 @@ PATTERNS = (
 odd and even slices; and places that differ with the direction of the edges, within the slices and across them."""
 
 OF_SLICES = PATTERNS.index("third cos")
+ACROSS = PATTERNS.index("across cos") - OF_SLICES
 SLICED_SHARE = 0.7
 """The first ones differ from slice to slice, which two or three slices do not tell from the shape of their profile:
 they are not looked for where that is wider than this share of the radius."""
@@ -95,6 +96,16 @@ class Movement:
     def statistic(self) -> float:
         """The largest amplitude in units of its standard error."""
         return _largest(self.amplitudes_mm / np.hypot(self.errors_mm, PATTERN_ERRORS_MM))
+
+    @property
+    def odd_mm2(self) -> FloatArray:
+        """Mean squares (3,) of the odd harmonics: of those within the slices along u and v, of those across along w.
+
+        Harmonics that the voxels do not tell count as none.
+        """
+        squares = np.nan_to_num(self.amplitudes_mm[OF_SLICES:]) ** 2
+        within, across = float(np.mean(squares[:ACROSS])), float(np.mean(squares[ACROSS:]))
+        return np.array([within, within, across])
 
 
 def movement(fit: BallFit) -> Movement:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from kernelcache import njit
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 
@@ -16,7 +17,7 @@ class Neighbourhood:
     """Voxels near a place: values in HU, and offsets from ``origin_mm`` along the slice axes u, v, w.
 
     ``indices`` (N, 3) are (slice, row, column) in the scan; ``offsets_mm`` (N, 3); ``values_hu`` (N,);
-    ``axes`` (3, 3) has u, v, w as rows in LPS.
+    ``axes`` (3, 3) has u, v, w as rows in LPS. ``floor_hu`` is the lowest value about the place, where scales end.
     """
 
     origin_mm: FloatArray
@@ -24,14 +25,16 @@ class Neighbourhood:
     indices: NDArray[np.intp]
     offsets_mm: FloatArray
     values_hu: FloatArray
+    floor_hu: float
 
     def select(self, chosen: NDArray[np.bool_]) -> Neighbourhood:
         """Keep only the ``chosen`` (N,) voxels."""
+        kept = np.flatnonzero(chosen)
         return replace(
             self,
-            indices=self.indices[chosen],
-            offsets_mm=self.offsets_mm[chosen],
-            values_hu=self.values_hu[chosen],
+            indices=self.indices.take(kept, axis=0),
+            offsets_mm=self.offsets_mm.take(kept, axis=0),
+            values_hu=self.values_hu.take(kept),
         )
 
 
@@ -41,27 +44,47 @@ def gather(volume: CTVolume, center_mm: FloatArray, reach_mm: float) -> Neighbou
     axes = grid.axes
     places = grid.slice_positions_mm - center_mm @ grid.normal
     first, last = np.searchsorted(places, [-reach_mm, reach_mm])
-    center_uv = axes[:2] @ center_mm
-    origins_uv = grid.origins_mm[first:last] @ axes[:2].T
+    origins_uv = grid.origins_mm[first:last] @ axes[:2].T - axes[:2] @ center_mm
     steps = np.array([grid.column_spacing_mm, grid.row_spacing_mm])
-    windows = _windows((center_uv - origins_uv) / steps, reach_mm / steps, volume.voxels_hu.shape)
-    rows = np.arange(windows[1, 0], windows[1, 1])
-    columns = np.arange(windows[0, 0], windows[0, 1])
-    k, j, i = np.meshgrid(np.arange(first, last), rows, columns, indexing="ij")
-    u = origins_uv[k - first, 0] + i * steps[0] - center_uv[0]
-    v = origins_uv[k - first, 1] + j * steps[1] - center_uv[1]
-    w = np.broadcast_to(places[k], u.shape)
-    values = volume.voxels_hu[first:last, rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] if k.size else u
-    near = u * u + v * v + w * w <= reach_mm**2
-    if volume.padding_hu is not None:
-        near &= values != volume.padding_hu
-    offsets = np.stack([u[near], v[near], w[near]], axis=-1)
-    indices = np.stack([k[near], j[near], i[near]], axis=-1)
-    return Neighbourhood(center_mm, axes, indices, offsets, values[near].astype(np.float64))
+    window = _window(-origins_uv / steps, reach_mm / steps, volume.voxels_hu.shape)
+    padding_hu = np.nan if volume.padding_hu is None else float(volume.padding_hu)
+    indices, offsets, values = _gather(
+        *(volume.voxels_hu, int(first), origins_uv, places[first:last], steps, window, reach_mm, padding_hu)
+    )
+    return Neighbourhood(center_mm, axes, indices, offsets, values, float(values.min(initial=np.inf)))
 
 
-def _windows(centers: FloatArray, reach: FloatArray, shape: tuple[int, ...]) -> NDArray[np.intp]:
-    """First and past-the-last column and row (2, 2) that cover every slice's window, inside the picture."""
+@njit(cache=True, nogil=True)
+def _gather(
+    voxels: NDArray[np.int16] | NDArray[np.float32],
+    first: int,
+    origins: FloatArray,
+    places: FloatArray,
+    steps: FloatArray,
+    window: NDArray[np.intp],
+    reach: float,
+    padding: float,
+) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
+    """Indices (N, 3), offsets (N, 3) and values (N,) of the voxels of slices from ``first`` on that are near."""
+    most = len(places) * (window[1, 1] - window[1, 0]) * (window[0, 1] - window[0, 0])
+    indices, offsets, values = np.empty((most, 3), np.intp), np.empty((most, 3)), np.empty(most)
+    count = 0
+    for place in range(len(places)):
+        k, w = first + place, places[place]
+        for j in range(window[1, 0], window[1, 1]):
+            v = origins[place, 1] + j * steps[1]
+            for i in range(window[0, 0], window[0, 1]):
+                u = origins[place, 0] + i * steps[0]
+                if u * u + v * v + w * w <= reach * reach and voxels[k, j, i] != padding:
+                    indices[count, 0], indices[count, 1], indices[count, 2] = k, j, i
+                    offsets[count, 0], offsets[count, 1], offsets[count, 2] = u, v, w
+                    values[count] = voxels[k, j, i]
+                    count += 1
+    return indices[:count].copy(), offsets[:count].copy(), values[:count].copy()
+
+
+def _window(centers: FloatArray, reach: FloatArray, shape: tuple[int, ...]) -> NDArray[np.intp]:
+    """First and past-the-last column and row (2, 2) of what is near in any slice, inside the picture."""
     if len(centers) == 0:
         return np.zeros((2, 2), dtype=np.intp)
     low = np.floor(centers.min(axis=0) - reach)

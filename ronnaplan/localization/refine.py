@@ -56,6 +56,10 @@ kernel enhanced its edges strongly, so that they reach up to this many contrasts
 HOPELESS_MISFIT = 0.15
 """A first fit whose median direction disagrees by more than this share of the contrast is not pursued."""
 
+HOPELESS_ROUND = 0.45
+"""Nor is a fit that, once its directions were chosen, is round in less than this share of them: markers are in 0.6 and
+most in 0.8 of them, posts in 0.3 to 0.5."""
+
 MAX_ROUNDS = 8
 """Rounds of leaving directions out and fitting again; real markers settle in two to four."""
 
@@ -153,7 +157,7 @@ def fit_ball(
         np.abs(edge_depth(around.offsets_mm, theta)[0]) < margin_mm(theta[WIDTH], theta[BLUR]) + 1.0
     )
     fits = [_settle(around, theta, prior, ceiling_hu, start)]
-    if lies_on_something(theta, verdict):
+    if fits[0].verdict.round_share >= HOPELESS_ROUND and lies_on_something(theta, verdict):
         on_skin = _settle(around, *with_skin(theta, prior, verdict, around), ceiling_hu, start)
         fits += [on_skin] if is_beneath(on_skin.theta) else []
     return max(fits, key=lambda fit: (fit.converged, fit.coverage))
@@ -180,10 +184,10 @@ def _settle(
         theta, _ = descend(around, within_reach(around.offsets_mm, theta), theta, prior, ceiling_hu)
     previous = np.empty(0, dtype=np.int8)
     converged = True
-    for _ in range(MAX_ROUNDS):
-        verdict, cells = _judged(around, theta, prior.layer_mm, ceiling_hu)
-        used = within_reach(around.offsets_mm, theta) & (verdict.state[cells] == 1)
-        if _is_hopeless(theta, verdict, start) or used.sum() < 3 * len(theta):
+    for number in range(MAX_ROUNDS):
+        verdict, used = _judged(around, theta, prior.layer_mm, ceiling_hu)
+        is_no_ball = number > 0 and verdict.round_share < HOPELESS_ROUND
+        if is_no_ball or _is_hopeless(theta, verdict, start) or used.sum() < 3 * len(theta):
             converged = False
         if not converged or np.array_equal(verdict.state, previous):
             break
@@ -202,8 +206,12 @@ def _ball_fit(
     *,
     converged: bool,
 ) -> BallFit:
+    if not converged:  # its tests ask for nothing else
+        around, used = around.select(used), np.ones(np.count_nonzero(used), dtype=np.bool_)
     residuals, jacobian = residuals_and_jacobian(around, theta, prior.layer_mm, ceiling_hu)
-    moves, by_radius = influence(jacobian, used, prior.weight)
+    moves, by_radius = np.zeros_like(around.offsets_mm), np.zeros(3)
+    if converged:
+        moves, by_radius = influence(jacobian, used, prior.weight)
     is_shaded = converged and ceiling_hu - theta[BACKGROUND] >= PLATEAU_SHARE * theta[CONTRAST]
     if is_shaded:
         shading = shaded(around, theta, residuals, jacobian, used, prior)
@@ -239,9 +247,14 @@ def _is_hopeless(theta: FloatArray, verdict: Verdict, start: FloatArray) -> bool
 
 def _judged(
     around: Neighbourhood, theta: FloatArray, layer_mm: float, ceiling_hu: float
-) -> tuple[Verdict, NDArray[np.intp]]:
-    cells = direction_cells(around.offsets_mm - theta[CENTER])
-    residuals, jacobian = residuals_and_jacobian(around, theta, layer_mm, ceiling_hu)
+) -> tuple[Verdict, NDArray[np.bool_]]:
+    """Judge every direction by the voxels within reach; returns which voxels (N,) those that agree are."""
+    used = within_reach(around.offsets_mm, theta)
+    near = around.select(used)
+    cells = direction_cells(near.offsets_mm - theta[CENTER])
+    residuals, jacobian = residuals_and_jacobian(near, theta, layer_mm, ceiling_hu)
     levels = slice(len(PARAMETERS), SKIN_PLACE.start if has_skin(theta) else None)
     explained_hu = jacobian[:, levels] @ theta[levels]
-    return judge(around, cells, theta, residuals, jacobian, explained_hu), cells
+    verdict = judge(near, cells, theta, residuals, jacobian, explained_hu)
+    used[used] = verdict.state[cells] == 1
+    return verdict, used

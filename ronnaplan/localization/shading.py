@@ -54,31 +54,31 @@ def shaded(
     prior: Prior,
 ) -> Shading:
     """Give a fit at rest the shading that its residuals show."""
-    taken = used[:, np.newaxis]
     ball_hu = jacobian[:, [CONTRAST]] * theta[CONTRAST]
     informed = np.hstack([jacobian, ball_hu * (around.offsets_mm - theta[CENTER])])
-    own = np.where(taken, informed, 0.0)
-    of_slice = np.where(taken, np.hstack([jacobian[:, [BACKGROUND]], ball_hu]), 0.0)
-    mean_square = max(float(np.mean(residuals_hu[used] ** 2)), QUANTIZATION_NOISE_HU**2)
+    own, own_residuals_hu = informed[used], residuals_hu[used]
+    of_slice = np.column_stack([own[:, BACKGROUND], ball_hu[used]])
+    mean_square = max(float(np.mean(own_residuals_hu**2)), QUANTIZATION_NOISE_HU**2)
     firmness = mean_square / np.array([SLICE_LEVEL_HU, SLICE_CONTRAST]) ** 2
     # The slices' effects are many and each concerns one slice only: they are eliminated slice by slice.
-    freed, rest_hu = own.copy(), np.where(used, residuals_hu, 0.0)
-    for voxels in _slices(around):
+    freed, rest_hu = own.copy(), own_residuals_hu.copy()
+    for voxels in _slices(around.indices[used, 0]):
         effect = of_slice[voxels]
-        both = np.column_stack([own[voxels], rest_hu[voxels]])
+        both = np.column_stack([own[voxels], own_residuals_hu[voxels]])
         explained = effect @ np.linalg.solve(effect.T @ effect + np.diag(firmness), effect.T @ both)
         freed[voxels] -= explained[:, :-1]
         rest_hu[voxels] -= explained[:, -1]
     tilt_weight = mean_square / (SLOPE_PER_MM_HU * theta[CONTRAST]) ** 2
     inverse = np.linalg.pinv(own.T @ freed + np.diag([*prior.weight, *[tilt_weight] * 3]), hermitian=True)
     pull = own.T @ rest_hu
-    pull[:-3] -= own[:, :-3].T @ residuals_hu  # without shading the fit is at rest
+    pull[:-3] -= own[:, :-3].T @ own_residuals_hu  # without shading the fit is at rest
     believed = inverse @ pull
-    left_over = np.where(used, rest_hu - freed @ believed, residuals_hu - informed @ believed)
-    return Shading(believed[:3], freed @ inverse[:, :3], left_over)
+    moves, left_over = np.zeros_like(around.offsets_mm), residuals_hu - informed @ believed
+    moves[used], left_over[used] = freed @ inverse[:, :3], rest_hu - freed @ believed
+    return Shading(believed[:3], moves, left_over)
 
 
-def _slices(around: Neighbourhood) -> list[slice]:
-    """The voxels of each slice; a neighbourhood holds them slice by slice."""
-    starts = np.flatnonzero(np.diff(around.indices[:, 0], prepend=-1))
-    return [slice(a, b) for a, b in zip(starts, [*starts[1:], len(around.indices)], strict=True)]
+def _slices(numbers: NDArray[np.intp]) -> list[slice]:
+    """The voxels of each slice, by their slices' ``numbers`` (N,); a neighbourhood holds them slice by slice."""
+    starts = np.flatnonzero(np.diff(numbers, prepend=-1))
+    return [slice(a, b) for a, b in zip(starts, [*starts[1:], len(numbers)], strict=True)]

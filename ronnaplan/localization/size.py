@@ -19,11 +19,11 @@ from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import RefusedError, check_type
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import SOLID, Build
-from ronnaplan.localization.cells import cell_directions
 from ronnaplan.localization.detect import COARSE_FLOOR_MM, coarsen, detect
 from ronnaplan.localization.examine import Examined, Scan, distinct, examine_place
-from ronnaplan.localization.look import sample_nearest, surface_shares
+from ronnaplan.localization.look import surface_shares
 from ronnaplan.localization.parts import single_threaded_algebra
+from ronnaplan.localization.sphere import LEAST_SHOWN, spheres_at
 
 SEARCHED_MM = (3.0, 26.0)
 """Markers in use have diameters within this range."""
@@ -31,19 +31,11 @@ SEARCHED_MM = (3.0, 26.0)
 STEP = 1.25
 """Each size voted for is this much larger than the last: votes gather in cells of a sixth of the diameter."""
 
+COARSEST_SHARE = 1.0 / 2.9
+"""Voxels in which a ball of any size is still seen, as a share of its diameter: its sphere is sought in finer ones."""
+
 MOST_LOOKED_AT = 1500
 """The strongest candidates of each size that are looked at; noise has thousands of small ones."""
-
-LEAST_SHOWN = 0.6
-"""A ball falls to its surroundings somewhere in at least this share of the directions ..."""
-
-LEAST_ROUND = 0.72
-NEAR_SHARE, NEAR_VOXELS = 0.1, 0.4
-"""... and in this share of them within so much of its radius, or so many voxels, from one sphere: balls on posts do so
-in 0.95 of them, posts alone in 0.4 to 0.7."""
-
-BALL_RADII = 28
-"""Distances from the center at which the image is looked at, up to 1.8 radii."""
 
 LARGE_MM = 8.0 * COARSE_FLOOR_MM
 """The size of a ball as large as this shows as well in a copy of voxels of `COARSE_FLOOR_MM`."""
@@ -131,74 +123,24 @@ def _round_places(scan: Scan, coarse: CTVolume, marker: Build, progress: bool) -
     diameters_mm = np.exp(np.arange(np.log(smallest_mm), np.log(SEARCHED_MM[1]), np.log(STEP))).tolist()
 
     def voted(diameter_mm: float) -> list[tuple[FloatArray, float]]:
-        places = detect(coarse, diameter_mm).centers_mm[:MOST_LOOKED_AT]
+        places = detect(coarse, diameter_mm, COARSEST_SHARE).centers_mm[:MOST_LOOKED_AT]
         shares = surface_shares(volume, places, diameter_mm, marker, scan.thickness_mm(places), LEAST_SHOWN)
         return [(place, diameter_mm) for place in places[shares >= LEAST_SHOWN]]
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         tried = advancing(pool.map(voted, diameters_mm), len(diameters_mm), progress, "trying sizes")
         found = [ball for some in tried for ball in some]
-    spheres = [sphere for ball in found if (sphere := _sphere_at(volume, *ball, marker)) is not None]
+    if not found:
+        return []
+    looked_at = np.array([place for place, _ in found]), np.array([size for _, size in found])
+    spheres = list(zip(*spheres_at(volume, *looked_at, marker), strict=True))
     kept: list[tuple[FloatArray, float]] = []
-    for center_mm, diameter_mm, _ in sorted(spheres, key=lambda sphere: -sphere[2]):
+    for center_mm, diameter_mm, share in sorted(spheres, key=lambda sphere: -sphere[2]):
+        if share == 0.0:
+            break
         if all(np.linalg.norm(center_mm - other) >= size / 2.0 for other, size in kept):
-            kept.append((center_mm, diameter_mm))
+            kept.append((center_mm, float(diameter_mm)))
     return kept
-
-
-def _sphere_at(
-    volume: CTVolume, center_mm: FloatArray, diameter_mm: float, marker: Build
-) -> tuple[FloatArray, float, float] | None:
-    """Return the sphere on which the image falls off around a place: center, diameter, share of its surface.
-
-    None if there is no such sphere of about ``diameter_mm``.
-    """
-    directions = len(cell_directions())
-    for _ in range(2):  # the second time from the sphere's own center
-        falls_mm = _falls(volume, center_mm, diameter_mm / 2.0, marker)
-        if len(falls_mm) < LEAST_SHOWN * directions:
-            return None
-        center_mm, radius_mm = _sphere_through(falls_mm)
-        if not 0.6 < 2.0 * radius_mm / diameter_mm < 1.7:
-            return None
-        diameter_mm = 2.0 * radius_mm
-    off_mm = np.abs(np.linalg.norm(falls_mm - center_mm, axis=1) - radius_mm)
-    voxel_mm = max(volume.grid.row_spacing_mm, volume.grid.typical_gap_mm)
-    near_mm = max(NEAR_SHARE * radius_mm, NEAR_VOXELS * voxel_mm)
-    share = np.count_nonzero(off_mm <= near_mm) / directions
-    return (center_mm, diameter_mm, share) if share >= LEAST_ROUND else None
-
-
-def _falls(volume: CTVolume, center_mm: FloatArray, radius_mm: float, marker: Build) -> FloatArray:
-    """Return the places (N, 3) at which the image first falls to half its step, of the directions in which it does."""
-    directions = cell_directions()
-    reach_mm = np.linspace(0.3, 1.8, BALL_RADII) * radius_mm
-    places_mm = center_mm + reach_mm[:, np.newaxis, np.newaxis] * directions
-    values = sample_nearest(volume, places_mm.reshape(-1, 3)).reshape(places_mm.shape[:2])
-    usual = np.nanmedian(values, axis=1)
-    start = int(np.nanargmax(usual)) if marker.wall_mm else 0  # what is hollow is dark within
-    below = values < (usual[start] + np.nanquantile(values[-1], 0.3)) / 2.0
-    below[:start] = False
-    first = below.argmax(axis=0)
-    falls = below.any(axis=0) & (first > start)
-    middle_mm = reach_mm[first[falls]] - (reach_mm[1] - reach_mm[0]) / 2.0
-    places: FloatArray = center_mm + middle_mm[:, np.newaxis] * directions[falls]
-    return places
-
-
-def _sphere_through(points_mm: FloatArray) -> tuple[FloatArray, float]:
-    """Return center and radius of the sphere through most points (N, 3).
-
-    Least squares of |p|^2 = 2 c . p + r^2 - |c|^2, twice, the second time without what lies off the first sphere.
-    """
-    used = points_mm
-    for _ in range(2):
-        design = np.hstack([2.0 * used, np.ones((len(used), 1))])
-        solved = np.linalg.lstsq(design, (used**2).sum(axis=1), rcond=None)[0]
-        center_mm, radius_mm = solved[:3], float(np.sqrt(max(solved[3] + solved[:3] @ solved[:3], 1e-12)))
-        off_mm = np.abs(np.linalg.norm(points_mm - center_mm, axis=1) - radius_mm)
-        used = points_mm[off_mm <= 2.0 * np.median(off_mm)]
-    return center_mm, radius_mm
 
 
 def _fitted(scan: Scan, center_mm: FloatArray, diameter_mm: float, marker: Build) -> Examined:

@@ -7,21 +7,26 @@ Biometrika 73:13, 1986): noise enters with its correlation within the slice as i
 from slice to slice, such as streaks and a blur that is not quite Gaussian. Slices whose profiles overlap share their
 noise as far as they do (Bartlett's weights, as in W. Newey and K. West, Econometrica 55:703, 1987).
 
-A ball has few slices, which may show too little by chance, so residuals of the same size without any correlation are
-added. What all slices share, no residual shows; it is stated from signs of it: streaks about what touches the ball, a
-background that slopes, slices that are not small beside the ball, profiles that are bells. The covariance is the sum of
-these sources, each with one weight of `WEIGHTS`.
+What all slices share, no residual along them shows: a head that moves, a panel that lags, streaks, a cone of rays. But
+what displaces edges by the direction in which they face displaces the center (the first harmonic of that direction,
+which no fit tells from a ball elsewhere) about as much as it bends the outline (the odd harmonics from the third on,
+which no still ball has, see `ronnaplan.localization.motion`). So these are stated as error, the marker's own and those
+usual in its scan. Slices that are not small beside the ball hide how its poles end. The covariance is the sum of these
+sources, each with one weight of `WEIGHTS`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Final
+
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.cells import cell_directions, direction_cells
-from ronnaplan.localization.directions import cell_means, edge_depth, just_outside
-from ronnaplan.localization.model import has_skin
-from ronnaplan.localization.parameters import BACKGROUND, BLUR, CENTER, RADIUS, SHAPE, SLOPES, WIDTH, W
+from ronnaplan.localization.cells import direction_cells
+from ronnaplan.localization.directions import cell_means, edge_depth
+from ronnaplan.localization.motion import LEAST_TOGETHER, Movement
+from ronnaplan.localization.parameters import BACKGROUND, CENTER, RADIUS, SHAPE, WIDTH, W
 from ronnaplan.localization.refine import BallFit
 from ronnaplan.localization.shading import QUANTIZATION_NOISE_HU
 
@@ -34,13 +39,13 @@ MIN_FREEDOM = 0.3
 ADAPTED_SLICES = 2.0
 """To so many slices the fit adapts: its center along them, and the profile."""
 
-WEIGHTS = {
-    **{"slices": 0.55, "even": 1.1, "streaks": 1.2, "slope": 1.9},
-    **{"pole": 1.9e-6, "slanted": 1.2e-6, "least": 0.1e-6},
-}
-"""How much of each source is error. The first ones would be 1 if the residuals were the whole truth, and independent;
-the last two are mm^2. Fitted by `scripts/fit_uncertainty` to the errors on simulated patients and on balls in real
-scans, and tested on scanners that were left out."""
+WEIGHTS = {"slices": 0.64, "odd": 0.61, "pole": 1.4e-6, "least": 0.31e-6}
+"""How much of each source is error. The first two would be 1 if each were the whole truth, and independent; the last is
+in mm^2. Fitted by `scripts/fit_uncertainty` to the errors on simulated patients and on balls in real scans, and tested
+on scanners that were left out."""
+
+MEDIAN_SHARE = 0.69
+"""Median of a mean square of few normal values, as a share of its expectation (of two: ln 2)."""
 
 PULL_MM, PULL_WIDTH = 0.012, 0.004
 """Standard error along a post that a screw holds: a constant, and a share of the slice profile's width. A screw weakens
@@ -48,10 +53,12 @@ the beam more than in proportion, so that the post seems to reach elsewhere, and
 were seen in thin slices, 20 in cone beams and 25 in 5 mm slices of one independent simulation, next to nothing in the
 phantoms here. It depends on the machine's corrections, which no image tells."""
 
+NO_METAL: Final = np.zeros(3)
+
 LAG_MM = 0.005
 """Standard error within the slices where profiles are bells: a flat panel keeps a part of what it saw before, which
-displaces what turns past it, all in one sense. Two simulated panels, with 0.5 to 1.5 times the usual lag, moved markers
-by 3.7 and 12.7 um; no image tells how much a panel lags."""
+displaces all that turns past it in one sense, and bends it little. Two simulated panels, with 0.5 to 1.5 times the
+usual lag, moved markers by 3.7 and 12.7 um; no image tells how much a panel lags."""
 
 HIDDEN_SHADING = 1.4
 """Factor of the covariance where clipping hides how the ball is shaded."""
@@ -61,60 +68,58 @@ SIZE_TOLERANCE_MM = 0.06
 
 
 def center_covariance(
-    fit: BallFit, noise_hu: float, excess_mm: float = 0.0, *, is_pulled: bool = False
+    fit: BallFit, moved: Movement, metal: FloatArray = NO_METAL, excess_mm: float = 0.0
 ) -> FloatArray:
-    """Covariance (3, 3) of the fitted center in LPS, mm^2: noise (``noise_hu``), model error and what may cover it.
+    """Covariance (3, 3) of the fitted center in LPS, mm^2: noise, model error and what may cover it.
 
-    ``excess_mm`` is the fitted minus the stated diameter; ``is_pulled`` says that metal lies beyond what touches it.
+    ``moved`` is what `motion.movement` finds, ``metal`` (3,) in LPS points towards the screw beneath
+    (`look.metal_axis`), ``excess_mm`` is the fitted minus the stated diameter.
     """
-    total = sum((WEIGHTS[name] * source for name, source in sources(fit, noise_hu).items()), np.zeros((3, 3)))
+    total = sum((WEIGHTS[name] * source for name, source in sources(fit, moved).items()), np.zeros((3, 3)))
     if not fit.is_shaded:
         total *= HIDDEN_SHADING
-    total += LAG_MM**2 * _bell(fit) * np.diag([1.0, 1.0, 0.0])
-    if is_pulled:
-        axis = attached_axis(fit)
-        total += (PULL_MM**2 + (PULL_WIDTH * float(fit.theta[WIDTH])) ** 2) * np.outer(axis, axis)
+    bell = min(float(fit.theta[SHAPE]), 1.0) ** 4  # the profile of a cone beam or a helix; 0 where it is a box
+    total += LAG_MM**2 * bell * np.diag([1.0, 1.0, 0.0])
     if is_off_size(excess_mm):
         total += _one_sided_covariance(fit, excess_mm)
     axes = fit.neighbourhood.axes
     rotated: FloatArray = axes.T @ total @ axes
-    return (rotated + rotated.T) / 2.0
+    pull_mm2 = PULL_MM**2 + (PULL_WIDTH * float(fit.theta[WIDTH])) ** 2
+    return (rotated + rotated.T) / 2.0 + pull_mm2 * np.outer(metal, metal)
 
 
-def sources(fit: BallFit, noise_hu: float) -> dict[str, FloatArray]:
+def sources(fit: BallFit, moved: Movement) -> dict[str, FloatArray]:
     """What may move the center, by the names of `WEIGHTS`: covariances (3, 3) along u, v, w, in mm^2 or without a unit.
 
-    ``slices``: what each slice's residuals do to it; ``even``: what they would do if they were uncorrelated within the
-    slices;
-    ``streaks``: streaks of the size seen just outside the ball that displace its edge along the axis of what touches
-    it, as a screw casts them along the post; ``slope``: a background that slopes across the blur, as streaks do;
-    ``pole``: a profile whose shape the few slices of a small ball do not tell, by the depth of the ball's pole in a
-    slice; ``slanted``: bell-shaped profiles, those of a helix or a cone beam, whose slanted rays and moving table
-    displace what they show; ``least``: what stays in any scan.
+    ``slices``: what each slice's residuals do to it; ``odd``: what bends its outline oddly; ``pole``: a profile whose
+    shape the few slices of a small ball do not tell, by the depth of the ball's pole in a slice; ``least``: what stays
+    in any scan.
     """
-    influence = fit.influence_mm_per_hu[fit.used]
-    of_slices, shared, mean_square = _slices(fit)
-    apart = len(of_slices) / float(shared.sum(axis=1).max(initial=1.0))
-    freedom = apart / max(apart - ADAPTED_SLICES, 0.5)  # a few slices are fitted more closely than they are true
-    blur_mm, width_mm = float(fit.theta[BLUR]), float(fit.theta[WIDTH])
-    sloping_mm = np.array([blur_mm, blur_mm, width_mm]) * fit.theta[SLOPES] / fit.contrast_hu
-    streaks_mm = 0.0 if has_skin(fit.theta) else _streaks_hu(fit, noise_hu) * blur_mm / fit.contrast_hu
-    axis = attached_axis(fit)
-    depth_mm = width_mm**2 / float(fit.theta[RADIUS])
+    depth_mm = float(fit.theta[WIDTH]) ** 2 / float(fit.theta[RADIUS])
     return {
-        "slices": freedom * of_slices.T @ shared @ of_slices,
-        "even": mean_square * influence.T @ influence,
-        "streaks": streaks_mm**2 * (np.outer(axis, axis) if axis.any() else np.eye(3) / 3.0),
-        "slope": np.outer(sloping_mm, sloping_mm),
+        "slices": _slices(fit),
+        "odd": np.diag(moved.odd_mm2),
         "pole": np.diag([0.0, 0.0, depth_mm**2]),
-        "slanted": _bell(fit) * np.eye(3),
         "least": np.eye(3),
     }
 
 
-def _bell(fit: BallFit) -> float:
-    """1 where the slice profile is a bell, as a helix and a cone beam have it; 0 where it is a box."""
-    return min(float(fit.theta[SHAPE]), 1.0) ** 4
+def usual_odd_mm2(movements: Sequence[Movement]) -> FloatArray | None:
+    """What is usual in a scan (3,) of `Movement.odd_mm2`; None where there are fewer than `LEAST_TOGETHER` markers."""
+    if len(movements) < LEAST_TOGETHER:
+        return None
+    usual: FloatArray = np.median([moved.odd_mm2 for moved in movements], axis=0) / MEDIAN_SHARE
+    return usual
+
+
+def with_usual(covariance_mm2: FloatArray, moved: Movement, usual_mm2: FloatArray, axes: FloatArray) -> FloatArray:
+    """Return the covariance (3, 3) with the mean of its own odd bending and the usual (3,) in place of its own.
+
+    Two to four amplitudes a marker tell little alone. ``axes`` (3, 3) are u, v, w in LPS.
+    """
+    change = WEIGHTS["odd"] * (usual_mm2 - moved.odd_mm2) / 2.0
+    pooled: FloatArray = covariance_mm2 + axes.T @ np.diag(change) @ axes
+    return pooled
 
 
 def cramer_rao_bound(fit: BallFit, noise_hu: float) -> FloatArray:
@@ -153,40 +158,18 @@ def noise_level(fit: BallFit) -> float:
     return max(min(levels, default=_rms(fit.residuals_hu[fit.used])), QUANTIZATION_NOISE_HU)
 
 
-def _slices(fit: BallFit) -> tuple[FloatArray, FloatArray, float]:
-    """What each slice's residuals do to the center (K, 3) in mm, and which part of their tissue slices share (K, K).
-
-    And the mean square of the residuals (HU^2), each times what it shares with those of its own column of voxels: noise
-    that slices share counts as often, what alternates from slice to slice cancels.
-    """
-    residuals, indices = fit.residuals_hu[fit.used], fit.neighbourhood.indices[fit.used]
-    _, first, slices = np.unique(indices[:, 0], return_index=True, return_inverse=True)
+def _slices(fit: BallFit) -> FloatArray:
+    """Covariance (3, 3) from what each slice's residuals do to the center: slices of one tissue are not independent."""
+    heights = fit.neighbourhood.indices[fit.used, 0]
+    _, first, slices = np.unique(heights, return_index=True, return_inverse=True)
     sums = np.zeros((len(first), 3))
-    np.add.at(sums, slices, fit.influence_mm_per_hu[fit.used] * residuals[:, np.newaxis])
+    np.add.at(sums, slices, fit.influence_mm_per_hu[fit.used] * fit.residuals_hu[fit.used, np.newaxis])
     places_mm = fit.neighbourhood.offsets_mm[fit.used][first, W]
     shared = np.maximum(1.0 - np.abs(places_mm[:, np.newaxis] - places_mm) / fit.theta[WIDTH], 0.0)
-    rows, columns = (indices[:, 1:] - indices[:, 1:].min(axis=0, initial=np.iinfo(np.intp).max)).T
-    images = np.zeros((len(first), rows.max(initial=0) + 1, columns.max(initial=0) + 1))
-    images[slices, rows, columns] = residuals
-    flat = images.reshape(len(first), -1)
-    return sums, shared, float(np.sum(shared * (flat @ flat.T))) / max(len(residuals), 1)
-
-
-def attached_axis(fit: BallFit) -> FloatArray:
-    """Unit vector (3,) along u, v, w towards what touches the ball; zero where nothing does."""
-    toward = cell_directions()[fit.verdict.state == 0].sum(axis=0)
-    length = float(np.linalg.norm(toward))
-    axis: FloatArray = toward / length if length > 0.0 else np.zeros(3)
-    return axis
-
-
-def _streaks_hu(fit: BallFit, noise_hu: float) -> float:
-    """Root mean square (HU) of what the fit leaves over just outside the ball, direction by direction, beyond noise."""
-    zone = fit.used & just_outside(fit.neighbourhood.offsets_mm, fit.theta)
-    cells = direction_cells(fit.neighbourhood.offsets_mm - fit.theta[CENTER])
-    means, seen = cell_means(fit.residuals_hu, cells, zone)
-    excess = float(np.sum(means[cells[zone]] ** 2)) - int(np.count_nonzero(seen)) * noise_hu**2
-    return float(np.sqrt(max(excess, 0.0) / max(int(np.count_nonzero(zone)), 1)))
+    apart = len(first) / float(shared.sum(axis=1).max(initial=1.0))
+    freedom = apart / max(apart - ADAPTED_SLICES, 0.5)  # a few slices are fitted more closely than they are true
+    covariance: FloatArray = freedom * sums.T @ shared @ sums
+    return covariance
 
 
 def is_off_size(excess_mm: float) -> bool:

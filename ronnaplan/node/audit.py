@@ -1,10 +1,12 @@
-"""The audit trail: who sent what to whom, as DICOM audit messages (PS3.15, A.5), one a line of a file or to syslog.
+"""The audit trail: who sent what to whom, and what was done with it, as DICOM audit messages (PS3.15, A.5).
 
+One a line of a file, or to syslog.
 Patients are named by their studies' UIDs only.
 """
 
 from __future__ import annotations
 
+import base64
 import os
 import socket
 import threading
@@ -13,12 +15,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from hashlib import sha256
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Final
 from urllib.parse import urlsplit
 from xml.etree import ElementTree
 
 from ronnaplan.errors import InputError
+from ronnaplan.node.index import Index
 from ronnaplan.text import printable
 
 SYSLOG: Final = "syslog://"
@@ -26,6 +30,7 @@ SYSLOG_PORT: Final = 514
 PRIORITY: Final = 85
 """Of syslog: facility 10 (security), severity 5 (notice), as PS3.15, A.6 has it."""
 
+ACCESSED: Final = ("110103", "DICOM Instances Accessed")
 TRANSFERRED: Final = ("110104", "DICOM Instances Transferred")
 ACTIVITY: Final = ("110100", "Application Activity")
 STARTED: Final = ("110120", "Application Start")
@@ -35,9 +40,19 @@ DESTINATION: Final = ("110152", "Destination Role ID")
 APPLICATION: Final = ("110150", "Application")
 
 
+CREATED, READ, DELETED, EXECUTED = "C", "R", "D", "E"
+"""Kinds of events."""
+
+SUCCESS, MINOR_FAILURE, SERIOUS_FAILURE = "0", "4", "8"
+"""How events end: as meant, not yet or with a reason in what was given, for good."""
+
+SERVER_PROCESS: Final = "4"
+"""Of audit sources."""
+
+
 @dataclass
-class Transfer:
-    """What one association, or one delivery, moved of one study."""
+class Instances:
+    """What was moved, read or made of one study."""
 
     study_uid: str
     classes: Counter[str] = field(default_factory=Counter)
@@ -47,6 +62,18 @@ class Transfer:
         """Count an instance."""
         self.classes[sop_class] += 1
         self.hashes.append(content_sha256)
+
+    def add_file(self, sop_class: str, path: Path) -> None:
+        """Count an instance that lies in a file; one that is gone has the hash of nothing."""
+        self.add(sop_class, sha256(path.read_bytes() if path.is_file() else b"").hexdigest())
+
+    @classmethod
+    def received(cls, index: Index, study_uid: str, series: int) -> Instances:
+        """Return what was received of the series with this number."""
+        found = cls(study_uid)
+        for row in index.each("SELECT sop_class, sha256 FROM instances WHERE series = ?", series):
+            found.add(*row)
+        return found
 
     @property
     def sha256(self) -> str:
@@ -69,36 +96,42 @@ class Audit:
 
     def application(self, *, started: bool) -> None:
         """Tell that the node started, or stopped."""
-        message = self._message(ACTIVITY, "E", STARTED if started else STOPPED)
+        message = self._message(ACTIVITY, EXECUTED, kind=STARTED if started else STOPPED)
         self._participant(message, self._node, APPLICATION, requestor=False)
         self._source(message)
         self._write(message)
 
-    def transferred(self, transfer: Transfer, *, source: str, destination: str, peer_address: str) -> None:
-        """Tell that instances went from ``source`` to ``destination`` (AE titles or addresses)."""
-        message = self._message(TRANSFERRED, "C")
+    def transferred(
+        self, moved: Instances, *, source: str, destination: str, peer_address: str, failure: str = ""
+    ) -> None:
+        """Tell that instances went from ``source`` to ``destination`` (AE titles or addresses), or why they did not."""
+        message = self._message(TRANSFERRED, CREATED, MINOR_FAILURE if failure else SUCCESS, failure)
         is_ours = source == self._node
         self._participant(message, source, SOURCE, requestor=True, address="" if is_ours else peer_address)
         self._participant(
             message, destination, DESTINATION, requestor=False, address=peer_address if is_ours else ""
         )
         self._source(message)
-        study = ElementTree.SubElement(
-            message,
-            "ParticipantObjectIdentification",
-            ParticipantObjectID=transfer.study_uid,
-            ParticipantObjectTypeCode="2",
-            ParticipantObjectTypeCodeRole="3",
-        )
-        _coded(study, "ParticipantObjectIDTypeCode", ("110180", "Study Instance UID"))
-        ElementTree.SubElement(study, "ParticipantObjectName").text = "study"
-        ElementTree.SubElement(study, "ParticipantObjectDetail", type="sha256", value=transfer.sha256)
-        for uid, count in transfer.classes.items():
-            ElementTree.SubElement(study, "SOPClass", UID=uid, NumberOfInstances=str(count))
+        _study(message, moved)
+        self._write(message)
+
+    def accessed(
+        self, action: str, what: Instances, *, outcome: str = SUCCESS, reason: str = "", **details: str
+    ) -> None:
+        """Tell that the node read, made or removed instances: `READ`, `CREATED` or `DELETED`, as far as it could."""
+        message = self._message(ACCESSED, action, outcome, reason)
+        self._participant(message, self._node, APPLICATION, requestor=False)
+        self._source(message)
+        _study(message, what, **details)
         self._write(message)
 
     def _message(
-        self, event: tuple[str, str], action: str, kind: tuple[str, str] | None = None
+        self,
+        event: tuple[str, str],
+        action: str,
+        outcome: str = SUCCESS,
+        reason: str = "",
+        kind: tuple[str, str] | None = None,
     ) -> ElementTree.Element:
         message = ElementTree.Element("AuditMessage")
         identification = ElementTree.SubElement(
@@ -106,11 +139,13 @@ class Audit:
             "EventIdentification",
             EventActionCode=action,
             EventDateTime=datetime.now(UTC).isoformat(timespec="milliseconds"),
-            EventOutcomeIndicator="0",
+            EventOutcomeIndicator=outcome,
         )
         _coded(identification, "EventID", event)
         if kind is not None:
             _coded(identification, "EventTypeCode", kind)
+        if reason:
+            ElementTree.SubElement(identification, "EventOutcomeDescription").text = printable(reason)
         return message
 
     def _participant(
@@ -122,7 +157,7 @@ class Audit:
         requestor: bool,
         address: str = "",
     ) -> None:
-        where = {"NetworkAccessPointID": address, "NetworkAccessPointTypeCode": "2"} if address else {}
+        where = {"NetworkAccessPointID": address, "NetworkAccessPointTypeCode": _place(address)} if address else {}
         mine = {"AlternativeUserID": str(os.getpid())} if name == self._node else {}
         participant = ElementTree.SubElement(
             message,
@@ -132,11 +167,9 @@ class Audit:
         _coded(participant, "RoleIDCode", role)
 
     def _source(self, message: ElementTree.Element) -> None:
-        ElementTree.SubElement(
-            message,
-            "AuditSourceIdentification",
-            {"AuditSourceID": f"{self._node}@{socket.gethostname()}", "code": "4"},
-        )
+        name = f"{self._node}@{socket.gethostname()}"
+        source = ElementTree.SubElement(message, "AuditSourceIdentification", AuditSourceID=name)
+        ElementTree.SubElement(source, "AuditSourceTypeCode", {"csd-code": SERVER_PROCESS})
 
     def _write(self, message: ElementTree.Element) -> None:
         line = ElementTree.tostring(message, encoding="unicode")
@@ -149,6 +182,36 @@ class Audit:
             packet = f"<{PRIORITY}>1 {now} {host} ronnaplan {os.getpid()} IHE+RFC-3881 - \ufeff{line}"
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
                 sender.sendto(packet.encode(), self._address)
+
+
+def _place(address: str) -> str:
+    """Return what ``address`` is by the schema: a machine's name, an IP address or a URI."""
+    if "://" in address:
+        return "5"
+    try:
+        ip_address(address)
+    except ValueError:
+        return "1"
+    return "2"
+
+
+def _study(message: ElementTree.Element, what: Instances, **details: str) -> None:
+    """Name the instances' study, with ``details`` in base64, as the schema wants."""
+    study = ElementTree.SubElement(
+        message,
+        "ParticipantObjectIdentification",
+        ParticipantObjectID=what.study_uid,
+        ParticipantObjectTypeCode="2",
+        ParticipantObjectTypeCodeRole="3",
+    )
+    _coded(study, "ParticipantObjectIDTypeCode", ("110180", "Study Instance UID"))
+    ElementTree.SubElement(study, "ParticipantObjectName").text = "study"
+    for name, text in {**details, "sha256": what.sha256}.items():
+        value = base64.b64encode(text.encode()).decode()
+        ElementTree.SubElement(study, "ParticipantObjectDetail", type=name, value=value)
+    description = ElementTree.SubElement(study, "ParticipantObjectDescription")
+    for uid, count in what.classes.items():
+        ElementTree.SubElement(description, "SOPClass", UID=uid, NumberOfInstances=str(count))
 
 
 def _coded(parent: ElementTree.Element, tag: str, coded: Iterable[str]) -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from ronnaplan.errors import InputError
-from ronnaplan.node.archives import Archive
+from ronnaplan.node.archives import Archive, open_archive
+from ronnaplan.node.config import Config, Peer
 from ronnaplan.node.pull import Wanted
 from ronnaplan.text import printable, whole_number
 
@@ -71,6 +72,46 @@ def thumbnail(archive: Archive, series: Listed) -> NDArray[np.uint8] | None:
     with tempfile.TemporaryDirectory(prefix="ronnaplan-") as folder:
         archive.fetch([series.study_uid, series.series_uid, middle], Path(folder))
         return next((preview(one) for one in find_series(folder).series), None)
+
+
+class Shelf:
+    """A peer's series to choose from, by number; each request is an association of its own.
+
+    A patient's name is told only if it ``names`` patients.
+    """
+
+    def __init__(self, config: Config, peer: Peer, *, names: bool = False) -> None:
+        self._config, self._peer, self._names = config, peer, names
+        self._listed: list[Listed] = []
+
+    @property
+    def name(self) -> str:
+        """What the peer is called."""
+        return self._peer.name
+
+    def look(self, patient_id: str, date: str) -> list[dict[str, Any]]:
+        """Return the series of a patient, of a day or of days, the newest first."""
+        with open_archive(self._config, self._peer) as archive:
+            found = listed_series(archive, Wanted(patient_id=patient_id, date=date))
+        self._listed = sorted(found, key=lambda one: one.date, reverse=True)
+        rows = [asdict(one) for one in self._listed]
+        return rows if self._names else [{**one, "patient_name": ""} for one in rows]
+
+    def picture(self, number: int) -> NDArray[np.uint8] | None:
+        """Return a picture of the middle of a series that was listed; see `thumbnail`."""
+        with open_archive(self._config, self._peer) as archive:
+            return thumbnail(archive, self._at(number))
+
+    def fetch(self, number: int, folder: Path) -> None:
+        """Bring a series that was listed."""
+        one = self._at(number)
+        with open_archive(self._config, self._peer) as archive:
+            archive.fetch([one.study_uid, one.series_uid], folder)
+
+    def _at(self, number: int) -> Listed:
+        if not 0 <= number < len(self._listed):
+            raise InputError("that series is no longer listed; look for it again")
+        return self._listed[number]
 
 
 def _listed(study: Dataset, series: Dataset) -> Listed:

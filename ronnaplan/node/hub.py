@@ -20,9 +20,11 @@ from ronnaplan.node.page import Page
 from ronnaplan.node.papers import PapersWatch
 from ronnaplan.node.sender import Sender
 from ronnaplan.node.series import SeriesWatch
+from ronnaplan.portable import GIVING_BACK
 
 LOCK = "node.lock"
-WORKER = "ronnaplan.node.work"
+LISTENER, WORKER = "ronnaplan.node.listening", "ronnaplan.node.work"
+"""Modules that receive and that work on scans, in processes of their own."""
 TICK_S = 0.2
 RESTART_S = 1.0
 """Wait before a receiver that ended is started again."""
@@ -105,7 +107,7 @@ class Hub:
             self._receiver, self._receiver_due, self._listening_since = None, now + RESTART_S, None
             self._listens.clear()
         if self._receiver is None and now >= self._receiver_due:
-            self._receiver = Child("ronnaplan.node.receiver", [str(self._path)], self._hear)
+            self._receiver = Child(LISTENER, [str(self._path)], self._hear, GIVING_BACK)
             (self._data / "receiver.pid").write_text(f"{self._receiver.pid}\n")
         if self._listening_since is None and self._listens.is_set():
             self._listening_since = now

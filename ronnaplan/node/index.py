@@ -143,6 +143,10 @@ class Index(Database):
         )
         self.run("UPDATE series SET expected = ? WHERE series_uid = ?", instances, series_uid)
 
+    def open_series(self) -> list[SeriesRow]:
+        """Return what is not complete, or was and got something new."""
+        return self.records(SeriesRow, "FROM series WHERE complete < revision")
+
     def complete_series(self, quiet_since: float, missing_since: float) -> list[SeriesRow]:
         """Find what is complete and was not.
 

@@ -10,18 +10,20 @@ from typing import Any, Final
 
 from ronnaplan.jobs.processes import Child
 from ronnaplan.jobs.serving import BROKEN, DONE, REFUSED
+from ronnaplan.node.audit import CREATED, MINOR_FAILURE, READ, SERIOUS_FAILURE, SUCCESS, Audit, Instances
 from ronnaplan.node.config import Config
 from ronnaplan.node.index import Index, SeriesRow
 from ronnaplan.node.logs import Log
 from ronnaplan.node.retention import remove_unknown_answers
+from ronnaplan.node.series import rule_for
 from ronnaplan.node.store import INSTANCES
 from ronnaplan.node.work import Order
 from ronnaplan.portable import GIVING_BACK
 
 ANSWERS = "answers"
 LONGEST_WAIT_S: Final = 3600.0
-MOST_ORDERS: Final = 50
-"""Jobs that one worker does before a fresh one takes its place."""
+RESTART_S: Final = 1.0
+"""Wait before a worker takes the place of one that ended without having had a job."""
 
 
 def wait_s(attempts: int, first_s: float) -> float:
@@ -53,7 +55,6 @@ class Worker:
 
     child: Child
     is_ready: bool = False
-    orders: int = 0
     job: JobRow | None = None
     last: float = 0.0
     fault: str = ""
@@ -66,7 +67,8 @@ class Foreman:
         self._config, self._index, self._log, self._module = config, index, log, module
         self._said: queue.SimpleQueue[tuple[int, str]] = queue.SimpleQueue()
         self._workers: dict[int, Worker] = {}
-        self._next = 0
+        self._next, self._hire_due = 0, 0.0
+        self._audit = Audit(config.data, config.audit, config.titles[0])
         # a node that was killed left them: nobody works on them now
         index.run("UPDATE jobs SET state = 'waiting' WHERE state = 'running'")
         remove_unknown_answers(config.data, config.data / ANSWERS, index)
@@ -76,8 +78,7 @@ class Foreman:
         self._hear(now)
         for number, worker in list(self._workers.items()):
             self._watch(number, worker, now)
-        while len(self._workers) < self._config.jobs.workers:
-            self._hire()
+        self._hire_or_dismiss(min(self._config.jobs.workers, self._wanted(now)), now)
         for worker in self._workers.values():
             if worker.is_ready and worker.job is None and not self._give(worker, now):
                 break
@@ -92,6 +93,21 @@ class Foreman:
     def pids(self) -> list[int]:
         """The workers' numbers in the system."""
         return [worker.child.pid for worker in self._workers.values()]
+
+    def _wanted(self, now: float) -> int:
+        """Return how many workers have or will have something to do: one loads its code while a series comes in."""
+        busy = sum(worker.job is not None for worker in self._workers.values())
+        due = self._index.value("SELECT count(*) FROM jobs WHERE state = 'waiting' AND due <= ?", now)
+        coming = any(rule_for(one, self._config.rule) for one in self._index.open_series())
+        return int(busy + due + coming)
+
+    def _hire_or_dismiss(self, wanted: int, now: float) -> None:
+        """Have as many workers as are wanted; those that have a job are among them."""
+        idle = [number for number, worker in self._workers.items() if worker.job is None]
+        for number in idle[: max(0, len(self._workers) - wanted)]:
+            self._dismiss(number)
+        while now >= self._hire_due and len(self._workers) < wanted:
+            self._hire()
 
     def _hire(self) -> None:
         number, self._next = self._next, self._next + 1
@@ -123,9 +139,21 @@ class Foreman:
         self._index.run("UPDATE jobs SET state = 'running', attempts = attempts + 1 WHERE id = ?", job.id)
         worker.job, worker.fault = replace(job, attempts=job.attempts + 1), ""
         worker.last = now + self._config.jobs.seconds
-        worker.orders += 1
         worker.child.say(order.text)
+        self._tell(job, "started", READ, SUCCESS)
         return True
+
+    def _tell(self, job: JobRow, event: str, action: str, outcome: str, reason: str = "") -> None:
+        """Enter in the audit trail that a scan was read, or that its answers were made."""
+        study = self._index.value("SELECT study_uid FROM series WHERE id = ?", job.series)
+        if action == READ:
+            what = Instances.received(self._index, study, job.series)
+        else:
+            what = Instances(study)
+            for sop_class, path in self._index.each("SELECT sop_class, path FROM answers WHERE job = ?", job.id):
+                what.add_file(sop_class, self._config.data / path)
+        details = {"job": str(job.id), "attempt": str(job.attempts), "rule": job.rule, "event": event}
+        self._audit.accessed(action, what, outcome=outcome, reason=reason, **details)
 
     def _watch(self, number: int, worker: Worker, now: float) -> None:
         """End a worker that is too slow; see to the job of one that ended."""
@@ -140,10 +168,16 @@ class Foreman:
             return
         if worker.job is not None:
             self._broken(worker.job, worker.fault or f"its worker ended with status {status}", now)
+        else:
+            self._hire_due = now + RESTART_S
+            self._log.tell("worker ended", status=status)
         self._dismiss(number)
 
     def _dismiss(self, number: int) -> None:
-        self._workers.pop(number).child.end()
+        """End a worker: what it told of is on the disk, and its code and what it freed take room until it is gone."""
+        worker = self._workers.pop(number)
+        worker.child.kill()
+        worker.child.end()
 
     def _hear(self, now: float) -> None:
         while not self._said.empty():
@@ -171,8 +205,7 @@ class Foreman:
             self._broken(job, told["reason"], now)
         else:
             self._end(job, DONE if told["state"] == DONE else REFUSED, told["reason"], now)
-        if told["state"] == BROKEN or worker.orders >= MOST_ORDERS:
-            self._dismiss(number)
+        self._dismiss(number)
 
     def _answer(self, job: JobRow, told: dict[str, Any], now: float) -> None:
         """Enter an object that is to be delivered, unless its series has changed meanwhile."""
@@ -200,6 +233,7 @@ class Foreman:
             return
         due = now + wait_s(job.attempts, jobs.retry_s)
         self._index.run("UPDATE jobs SET state = 'waiting', due = ?, reason = ? WHERE id = ?", due, reason, job.id)
+        self._tell(job, "broken", READ, MINOR_FAILURE, reason)
         self._log.tell("job broken", job=job.id, attempt=job.attempts, reason=reason, again_in_s=round(due - now))
 
     def _end(self, job: JobRow, state: str, reason: str, now: float) -> None:
@@ -207,6 +241,9 @@ class Foreman:
             "UPDATE jobs SET state = ?, reason = ?, ended = ? WHERE id = ?", state, reason, now, job.id
         )
         remove_unknown_answers(self._config.data, self._config.data / ANSWERS / str(job.id), self._index)
+        outcome = {DONE: SUCCESS, "failed": SERIOUS_FAILURE}.get(state, MINOR_FAILURE)
+        if state != "outdated":  # nothing was read
+            self._tell(job, state, CREATED if state == DONE else READ, outcome, "" if state == DONE else reason)
         self._log.tell("job ended", job=job.id, state=state, reason=reason)
 
 

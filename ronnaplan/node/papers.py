@@ -80,5 +80,5 @@ def object_of(kind: str, path: Path, scan: Path) -> Any:
         return spatial_registration(document, patient_of_scan(scan, document.source))
     plan = read_plan(path)
     uids = ("study_instance_uid", "series_instance_uid", "frame_of_reference_uid")
-    patient_of_scan(scan, Source(**{name: getattr(plan.source, name) for name in uids}))  # refuses another scan's
-    return planned_trajectories(plan, sorted(scan.glob("*.dcm")))
+    source = Source(**{name: getattr(plan.source, name) for name in uids})
+    return planned_trajectories(plan, source, patient_of_scan(scan, source), sorted(scan.glob("*.dcm")))

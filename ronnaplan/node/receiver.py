@@ -1,4 +1,4 @@
-"""What peers talk to: verification and storage. Runs in a process of its own, so that no computation delays it.
+"""What peers talk to: verification and storage. Runs in a process of its own (`ronnaplan.node.listening`).
 
 An instance is acknowledged when it is safe (`ronnaplan.node.store`), or refused with a status that makes its sender
 keep it.
@@ -7,8 +7,6 @@ keep it.
 from __future__ import annotations
 
 import socket
-import sys
-import threading
 from collections import defaultdict
 from contextlib import suppress
 from typing import Any, Final
@@ -20,10 +18,9 @@ from ronnaplan.ct.codecs import JPEG_LOSSLESS, PLUGINS
 from ronnaplan.ct.header import DEFLATED_LITTLE, EXPLICIT_BIG, EXPLICIT_LITTLE, IMPLICIT_LITTLE
 from ronnaplan.ct.slices import CT_IMAGE, ENHANCED_CT, LEGACY_ENHANCED_CT
 from ronnaplan.errors import InputError
-from ronnaplan.jobs.processes import end_with_parent
-from ronnaplan.node.audit import Audit, Transfer
+from ronnaplan.node.audit import Audit, Instances
 from ronnaplan.node.commitment import COMMITMENT
-from ronnaplan.node.config import ANY_ADDRESS, Config, Peer, read_config
+from ronnaplan.node.config import ANY_ADDRESS, Config, Peer
 from ronnaplan.node.facts import Facts, read_facts
 from ronnaplan.node.logs import LISTENING, Log
 from ronnaplan.node.services import Services
@@ -80,9 +77,9 @@ class Receiver:
     def __init__(self, config: Config, log: Log) -> None:
         self.config, self._log = config, log
         config.data.mkdir(parents=True, exist_ok=True)
-        self._store = Store(config.data, log, config.limits.least_free_mib, config.keep_days)
         self._audit = Audit(config.data, config.audit, config.titles[0])
-        self._moved: dict[Any, dict[str, Transfer]] = defaultdict(dict)
+        self._store = Store(config.data, log, self._audit, config.limits.least_free_mib, config.keep_days)
+        self._moved: dict[Any, dict[str, Instances]] = defaultdict(dict)
         self._server: Server | None = None
 
     @property
@@ -227,7 +224,7 @@ class Receiver:
 
     def _note(self, association: Association, arrival: Arrival) -> None:
         facts = arrival.facts
-        moved = self._moved[association].setdefault(facts.study_uid, Transfer(facts.study_uid))
+        moved = self._moved[association].setdefault(facts.study_uid, Instances(facts.study_uid))
         if not moved.hashes and self.config.names_in_logs:
             self._log.tell("study", study=facts.study_uid, patient=facts.patient_name)
         moved.add(facts.sop_class, facts.sha256)
@@ -268,22 +265,3 @@ def is_at(host: str, address: str) -> bool:
 def log_refusal(log: Log, address: str, reason: str) -> None:
     """Tell of a connection or an association that was turned away."""
     log.tell("refused association", address=address, reason=reason)
-
-
-def main(config_path: str) -> int:
-    """Receive until the parent process closes this one's standard input, or dies."""
-    log = Log(sys.stdout)
-    receiver = Receiver(read_config(config_path), log)
-    try:
-        receiver.start()
-    except InputError as error:
-        log.tell("cannot receive", reason=str(error))
-        return error.exit_status
-    threading.Thread(target=receiver.serve, name="serve", daemon=True).start()
-    end_with_parent()
-    receiver.stop()
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1]))

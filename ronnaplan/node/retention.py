@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 from pathlib import Path
 
+from ronnaplan.node.audit import DELETED, Audit, Instances
 from ronnaplan.node.index import Index, SeriesRow
 from ronnaplan.node.logs import Log
 
@@ -17,7 +18,7 @@ AND id NOT IN (SELECT series FROM jobs JOIN answers ON job = jobs.id JOIN delive
 """Series that nothing was added to since a time, and that owe nobody an answer."""
 
 
-def remove_old(folder: Path, index: Index, before: float, log: Log) -> None:
+def remove_old(folder: Path, index: Index, before: float, log: Log, audit: Audit) -> None:
     """Remove all that came before a time (seconds since 1970): series, their answers, what was kept aside.
 
     Their rows go first: files without one are removed when the node starts.
@@ -25,6 +26,7 @@ def remove_old(folder: Path, index: Index, before: float, log: Log) -> None:
     with index.transaction():
         old = index.records(SeriesRow, OLD, before)
         files = [path for series in old for path in _files(index, series.id)]
+        gone = [Instances.received(index, series.study_uid, series.id) for series in old]
         files += [path for (path,) in index.rows("SELECT path FROM aside WHERE received < ?", before)]
         for series in old:
             index.run("DELETE FROM series WHERE id = ?", series.id)
@@ -35,7 +37,8 @@ def remove_old(folder: Path, index: Index, before: float, log: Log) -> None:
         with suppress(OSError):  # not empty
             (folder / path).parent.rmdir()
             (folder / path).parent.parent.rmdir()
-    for series in old:
+    for series, instances in zip(old, gone, strict=True):
+        audit.accessed(DELETED, instances, reason="kept long enough", series=series.series_uid)
         log.tell("removed", study=series.study_uid, series=series.series_uid, reason="kept long enough")
 
 

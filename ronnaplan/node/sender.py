@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import sqlite3
 import threading
 import time
@@ -12,10 +11,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Protocol
 
-from ronnaplan.documents.dicom_enclosed import ENCAPSULATED_PDF, SECONDARY_CAPTURE
-from ronnaplan.documents.dicom_spatial import SPATIAL_FIDUCIALS, SPATIAL_REGISTRATION
+from pydicom.uid import (
+    Comprehensive3DSRStorage,
+    EncapsulatedPDFStorage,
+    SecondaryCaptureImageStorage,
+    SpatialFiducialsStorage,
+    SpatialRegistrationStorage,
+)
+
 from ronnaplan.errors import InputError, RonnaplanError
-from ronnaplan.node.audit import Audit, Transfer
+from ronnaplan.node.audit import Audit, Instances
 from ronnaplan.node.commitment import ASK, COMMITMENT, WELL_KNOWN, Named, Promise, begin_asking, outcome
 from ronnaplan.node.config import Config, Peer
 from ronnaplan.node.index import Index
@@ -30,10 +35,9 @@ if TYPE_CHECKING:
 MOST_AT_ONCE: Final = 32
 IDLE_S: Final = 0.2
 RESTART_S: Final = 1.0
-COMPREHENSIVE_3D_SR: Final = "1.2.840.10008.5.1.4.1.1.88.34"
 CLASSES: Final = (
-    *(SPATIAL_FIDUCIALS, SPATIAL_REGISTRATION),
-    *(COMPREHENSIVE_3D_SR, ENCAPSULATED_PDF, SECONDARY_CAPTURE),
+    *(SpatialFiducialsStorage, SpatialRegistrationStorage),
+    *(Comprehensive3DSRStorage, EncapsulatedPDFStorage, SecondaryCaptureImageStorage),
 )
 """What is sent."""
 WARNINGS: Final = frozenset({0xB000, 0xB006, 0xB007})
@@ -103,7 +107,7 @@ class Sender(threading.Thread):
         )
         if not due:
             return
-        sent: dict[str, Transfer] = {}
+        sent: dict[tuple[str, str], Instances] = {}
         waiting = list(due)
         try:
             with open_channel(self._config, self._peer) as channel:
@@ -113,7 +117,7 @@ class Sender(threading.Thread):
                     try:
                         channel.send(self._config.data / one.path)
                     except RonnaplanError as error:
-                        self._later(index, one, str(error), now)
+                        self._later(index, one, str(error), now, sent)
                     else:
                         self._done(index, one, now, sent)
                         taken.append((one.sop_class, one.answer))
@@ -122,11 +126,15 @@ class Sender(threading.Thread):
                     self._ask(index, channel, taken)
         except Exception as error:  # whatever a peer makes of it: told, and tried again
             for one in waiting:
-                self._later(index, one, str(error), now)
+                self._later(index, one, str(error), now, sent)
         address = self._peer.url or self._peer.host
-        for moved in sent.values():
+        for (_, failure), moved in sent.items():
             self._audit.transferred(
-                moved, source=self._config.titles[0], destination=self._peer.title, peer_address=address
+                moved,
+                source=self._config.titles[0],
+                destination=self._peer.title,
+                peer_address=address,
+                failure=failure,
             )
 
     def _ask(self, index: Index, channel: Channel, taken: list[Named]) -> None:
@@ -169,22 +177,24 @@ class Sender(threading.Thread):
                     "reported", peer=promise.peer, transaction=promise.transaction_uid, all_kept=kind == 1
                 )
 
-    def _done(self, index: Index, one: Delivery, now: float, sent: dict[str, Transfer]) -> None:
+    def _done(self, index: Index, one: Delivery, now: float, sent: dict[tuple[str, str], Instances]) -> None:
         index.run(
             "UPDATE deliveries SET state = 'sent', attempts = attempts + 1, reason = '', sent = ?"
             " WHERE answer = ? AND receiver = ?",
             *(now, one.answer, self._peer.name),
         )
-        content = hashlib.sha256((self._config.data / one.path).read_bytes()).hexdigest()
-        sent.setdefault(one.study_uid, Transfer(one.study_uid)).add(one.sop_class, content)
+        self._note(one, "", sent)
         self._log.tell("delivered", receiver=self._peer.name, sop_instance=one.answer)
 
-    def _later(self, index: Index, one: Delivery, reason: str, now: float) -> None:
+    def _later(
+        self, index: Index, one: Delivery, reason: str, now: float, sent: dict[tuple[str, str], Instances]
+    ) -> None:
         wait = wait_s(one.attempts + 1, self._config.jobs.retry_s)
         index.run(
             "UPDATE deliveries SET attempts = attempts + 1, due = ?, reason = ? WHERE answer = ? AND receiver = ?",
             *(now + wait, printable(reason), one.answer, self._peer.name),
         )
+        self._note(one, reason, sent)
         self._log.tell(
             "not delivered",
             receiver=self._peer.name,
@@ -192,6 +202,11 @@ class Sender(threading.Thread):
             reason=reason,
             again_in_s=round(wait),
         )
+
+    def _note(self, one: Delivery, failure: str, sent: dict[tuple[str, str], Instances]) -> None:
+        """Note an answer for the audit trail, with those of its study that fared alike."""
+        moved = sent.setdefault((one.study_uid, failure), Instances(one.study_uid))
+        moved.add_file(one.sop_class, self._config.data / one.path)
 
 
 @contextmanager

@@ -8,7 +8,6 @@ from typing import Final
 import numpy as np
 from highdicom.sr import (
     CodedConcept,
-    Comprehensive3DSR,
     CoordinatesForMeasurement3D,
     DeviceObserverIdentifyingAttributes,
     Measurement,
@@ -19,13 +18,13 @@ from highdicom.sr import (
     TrackingIdentifier,
 )
 from pydicom import dcmread
-from pydicom.dataset import Dataset
+from pydicom.dataset import Dataset, FileDataset
 from pydicom.sr.codedict import codes
-from pydicom.uid import ExplicitVRLittleEndian, generate_uid
+from pydicom.uid import Comprehensive3DSRStorage, generate_uid
 
 from ronnaplan import __version__
-from ronnaplan.ct.slices import CT_IMAGE
-from ronnaplan.documents.fiducials import FiducialEntry, FiducialsDocument
+from ronnaplan.documents.dicom_spatial import begin_object
+from ronnaplan.documents.fiducials import FiducialEntry, FiducialsDocument, Source
 from ronnaplan.documents.plan import plan_text
 from ronnaplan.errors import InputError
 from ronnaplan.planning import Plan, Trajectory
@@ -38,25 +37,15 @@ MARKERS: Final = CodedConcept("CT_MARKERS", SCHEME, "CT with spherical fiducial 
 PLANNED: Final = CodedConcept("CT_PLAN", SCHEME, "Planning of trajectories on a CT")
 """What the reports are about."""
 
-IDENTITY: Final = (
-    "SpecificCharacterSet",
-    "SOPClassUID",
-    "SOPInstanceUID",
-    "StudyInstanceUID",
-    "SeriesInstanceUID",
-)
-PATIENT_AND_STUDY: Final = (
-    *("PatientID", "PatientName", "PatientBirthDate", "PatientSex"),
-    *("AccessionNumber", "StudyID", "StudyDate", "StudyTime", "ReferringPhysicianName"),
-)
+IDENTITY: Final = ("SOPClassUID", "SOPInstanceUID", "StudyInstanceUID", "SeriesInstanceUID")
 """What is read of each image."""
 
 AXES: Final = "XYZ"
 SERIES_NUMBER: Final = 1501
 
 
-def structured_report(document: FiducialsDocument, images: list[Path]) -> Dataset:
-    """Return the markers of ``document``, found in ``images``, whose patient and study it copies.
+def structured_report(document: FiducialsDocument, patient: Dataset, images: list[Path]) -> FileDataset:
+    """Return the markers of ``document``, found in ``images``; ``patient`` holds the modules to copy.
 
     Raises `InputError` where the scan has no frame of reference.
     """
@@ -65,30 +54,22 @@ def structured_report(document: FiducialsDocument, images: list[Path]) -> Datase
         raise InputError("the scan has no Frame of Reference UID, so nothing in DICOM can be tied to it")
     content = document.model_dump_json()
     groups = [_group(one, frame, content) for one in document.fiducials]
-    made = _report(groups, MARKERS, content, _evidence(images))
+    made = _report(groups, MARKERS, document.source, content, patient, images)
     made.SeriesDescription = f"{len(document.fiducials)} markers with covariances"
     return made
 
 
-def warm_up(document: FiducialsDocument) -> None:
-    """Load what highdicom knows of the standard (22 MB of JSON): report the markers of ``document``, of no scan."""
-    scan = Dataset()
-    scan.SOPClassUID, scan.SOPInstanceUID, scan.StudyInstanceUID, scan.SeriesInstanceUID = CT_IMAGE, *"123"
-    groups = [_group(one, frame="1", content="") for one in document.fiducials]
-    _report(groups, MARKERS, "", [_complete(scan)])
-
-
-def planned_trajectories(plan: Plan, images: list[Path]) -> Dataset:
+def planned_trajectories(plan: Plan, source: Source, patient: Dataset, images: list[Path]) -> FileDataset:
     """Return the trajectories of ``plan`` on the scan of ``images``: lines from entry to target, with their lengths.
 
     Raises `InputError` where there is none, or the scan has no frame of reference.
     """
-    frame = plan.source.frame_of_reference_uid
+    frame = source.frame_of_reference_uid
     if not frame or not plan.trajectories:
         raise InputError("the plan has no trajectory or no Frame of Reference UID; an object needs both")
     content = plan_text(plan)
     groups = [_path(one, frame, content) for one in plan.trajectories]
-    made = _report(groups, PLANNED, content, _evidence(images))
+    made = _report(groups, PLANNED, source, content, patient, images)
     made.SeriesDescription = f"{len(plan.trajectories)} planned trajectories, revision {plan.revision}"
     return made
 
@@ -96,16 +77,23 @@ def planned_trajectories(plan: Plan, images: list[Path]) -> Dataset:
 def _report(
     groups: list[MeasurementsAndQualitativeEvaluations],
     procedure: CodedConcept,
+    source: Source,
     content: str,
-    evidence: list[Dataset],
-) -> Dataset:
+    patient: Dataset,
+    images: list[Path],
+) -> FileDataset:
+    """Return the SR whose content highdicom builds.
+
+    What is about it (PS3.3, A.35.13) is made as that of all other answers: highdicom's own class for the whole loads
+    22 MB of JSON for that, which take 100 MB.
+    """
     device = DeviceObserverIdentifyingAttributes(
         uid=generate_uid(entropy_srcs=["ronnaplan", __version__]),
         name="ronnaplan",
         manufacturer_name="ronnaplan",
         model_name=f"ronnaplan {__version__}",
     )
-    report = MeasurementReport(
+    (report,) = MeasurementReport(
         ObservationContext(
             observer_device_context=ObserverContext(
                 observer_type=codes.DCM.Device, observer_identifying_attributes=device
@@ -115,33 +103,38 @@ def _report(
         imaging_measurements=groups,
         title=codes.DCM.ImagingMeasurementReport,
     )
-    made = Comprehensive3DSR(
-        evidence=evidence,
-        content=report,
-        series_instance_uid=generate_uid(entropy_srcs=["sr series", content]),
-        series_number=SERIES_NUMBER,
-        sop_instance_uid=generate_uid(entropy_srcs=["sr", content]),
-        instance_number=1,
-        manufacturer="ronnaplan",
-        is_complete=True,
-        transfer_syntax_uid=ExplicitVRLittleEndian,
-    )
-    made.ManufacturerModelName, made.SoftwareVersions, made.DeviceSerialNumber = "ronnaplan", __version__, "none"
+    made = begin_object(Comprehensive3DSRStorage, "SR", source, f"sr {content}", patient)
+    del made.BodyPartExamined, made.ContentCreatorName  # of other modules
+    made.SeriesNumber = SERIES_NUMBER
+    made.CompletionFlag, made.VerificationFlag, made.PreliminaryFlag = "COMPLETE", "UNVERIFIED", "FINAL"
+    made.PerformedProcedureCodeSequence, made.ReferencedPerformedProcedureStepSequence = [], []
+    made.CurrentRequestedProcedureEvidenceSequence = _evidence(images)
+    made.update(report)
     return made
 
 
 def _evidence(images: list[Path]) -> list[Dataset]:
-    """Return who the images are, and their patient and study."""
-    tags = [*IDENTITY, *PATIENT_AND_STUDY]
-    return [_complete(dcmread(path, stop_before_pixels=True, specific_tags=tags)) for path in images]
-
-
-def _complete(image: Dataset) -> Dataset:
-    """Give an image what highdicom copies and scanners may leave out: it is of type 2, so empty."""
-    for keyword in PATIENT_AND_STUDY:
-        if keyword not in image:
-            setattr(image, keyword, None)
-    return image
+    """Return which images were looked at: their studies, the series of these, the instances of these."""
+    series: dict[tuple[str, str], list[Dataset]] = {}
+    for path in images:
+        image = dcmread(path, stop_before_pixels=True, specific_tags=list(IDENTITY))
+        reference = Dataset()
+        reference.ReferencedSOPClassUID, reference.ReferencedSOPInstanceUID = (
+            image.SOPClassUID,
+            image.SOPInstanceUID,
+        )
+        series.setdefault((image.StudyInstanceUID, image.SeriesInstanceUID), []).append(reference)
+    studies: dict[str, list[Dataset]] = {}
+    for (study_uid, series_uid), references in series.items():
+        item = Dataset()
+        item.SeriesInstanceUID, item.ReferencedSOPSequence = series_uid, references
+        studies.setdefault(study_uid, []).append(item)
+    found = []
+    for study_uid, items in studies.items():
+        item = Dataset()
+        item.StudyInstanceUID, item.ReferencedSeriesSequence = study_uid, items
+        found.append(item)
+    return found
 
 
 def _path(one: Trajectory, frame: str, content: str) -> MeasurementsAndQualitativeEvaluations:

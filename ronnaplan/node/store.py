@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from pathlib import Path
 
+from ronnaplan.node.audit import Audit
 from ronnaplan.node.facts import Facts
 from ronnaplan.node.index import Index
 from ronnaplan.node.logs import Log
@@ -57,8 +58,10 @@ class Arrival:
 class Store:
     """The instances below ``folder``. One process at a time may take arrivals."""
 
-    def __init__(self, folder: Path, log: Log, least_free_mib: int = 0, keep_days: float = 30.0) -> None:
-        self.folder, self._log, self._least_free = folder, log, least_free_mib * MIB
+    def __init__(
+        self, folder: Path, log: Log, audit: Audit, least_free_mib: int = 0, keep_days: float = 30.0
+    ) -> None:
+        self.folder, self._log, self._audit, self._least_free = folder, log, audit, least_free_mib * MIB
         self._keep_s, self._retention_due = keep_days * DAY_S, 0.0
         for name in (INCOMING, INSTANCES, ASIDE):
             (folder / name).mkdir(parents=True, exist_ok=True)
@@ -122,7 +125,7 @@ class Store:
         if now >= self._retention_due:
             self._retention_due = now + RETENTION_S
             try:
-                remove_old(self.folder, index, now - self._keep_s, self._log)
+                remove_old(self.folder, index, now - self._keep_s, self._log, self._audit)
             except (OSError, sqlite3.Error) as error:  # tried again
                 self._log.tell("not removed", reason=str(error))
 

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,12 +16,13 @@ from typing import TYPE_CHECKING, Any
 
 from ronnaplan.errors import RefusedError, RonnaplanError
 from ronnaplan.jobs.serving import DONE, Tell, serve
-from ronnaplan.node.config import Rule
+from ronnaplan.node.config import AnswerKind, Rule
+from ronnaplan.node.lean import load_pydicom
 from ronnaplan.node.papers import KINDS, object_of
 from ronnaplan.untrusted import checked
 
 if TYPE_CHECKING:
-    from pydicom.dataset import Dataset
+    from pydicom.dataset import Dataset, FileDataset
 
     from ronnaplan.ct import CTVolume
     from ronnaplan.documents.fiducials import FiducialsDocument
@@ -57,14 +59,12 @@ class Order:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
-    """What answers are made of."""
+class Markers:
+    """What was found, of whom, in which images."""
 
-    images: list[Path]
-    volume: CTVolume
-    fiducials: Fiducials
     document: FiducialsDocument
     patient: Dataset
+    images: list[Path]
 
 
 def work(order: Order, tell: Tell) -> None:
@@ -76,13 +76,45 @@ def work(order: Order, tell: Tell) -> None:
     papers = _papers(order)
     reason = " and ".join(papers)
     if wanted or not papers:
-        found = _find(order)
-        reason = f"{len(found.fiducials)} markers"
-        for kind in wanted:
-            _answer(order, kind, partial(ANSWERS[kind], found), tell)
+        reason = _answer_scan(order, wanted, tell)
     for paper, path in papers.items():
         _answer(order, paper, partial(object_of, paper, path, order.folder), tell)
     tell("ended", job=order.job, state=DONE, reason=reason)
+
+
+def _answer_scan(order: Order, wanted: Sequence[AnswerKind], tell: Tell) -> str:
+    """Make the answers of a scan; return what was found.
+
+    What needs the voxels comes first, so that they are gone when the rest is made, which takes room of its own.
+    """
+    volume, fiducials = _find(order)
+    load_pydicom()
+    from ronnaplan.case.folder import Case
+    from ronnaplan.documents.fiducials import fiducials_document
+    from ronnaplan.documents.patient import patient_of_scan
+    from ronnaplan.report.contact import contact_sheet
+    from ronnaplan.report.quality import quality_report
+
+    document = fiducials_document(fiducials)
+    patient = patient_of_scan(order.folder, document.source)
+    found = Markers(document, patient, sorted(order.folder.glob("*.dcm")))
+    if "fiducials" in wanted:
+        _answer(order, "fiducials", partial(_fiducials, found), tell)
+    picture, page = b"", ""
+    if "sheet" in wanted:
+        with _left_out(order, "sheet", tell):
+            picture = contact_sheet(volume, fiducials)
+    if "pdf" in wanted:
+        with _left_out(order, "pdf", tell):
+            page = quality_report(Case(volume=volume, fiducials=document))
+    del volume
+    if "sr" in wanted:
+        _answer(order, "sr", partial(_sr, found), tell)
+    if picture:
+        _answer(order, "sheet", partial(_sheet, found, picture), tell)
+    if page:
+        _answer(order, "pdf", partial(_report, found, page), tell)
+    return f"{len(fiducials)} markers"
 
 
 def _papers(order: Order) -> dict[str, Path]:
@@ -93,26 +125,32 @@ def _papers(order: Order) -> dict[str, Path]:
     return {kind: home / name for kind, name in KINDS.items() if (home / name).is_file()}
 
 
-def _answer(order: Order, kind: str, make: Callable[[], Any], tell: Tell) -> None:
-    """Make an object, write it and tell of it; one that cannot be made keeps no other one back."""
+def _answer(order: Order, kind: str, make: Callable[[], FileDataset], tell: Tell) -> None:
+    """Make an object, write it and tell of it."""
+    load_pydicom()
     from ronnaplan.documents.dicom_spatial import dicom_bytes
     from ronnaplan.documents.files import write_atomically
 
-    try:
+    with _left_out(order, kind, tell):
         made = make()
+        path = order.output / f"{made.SOPInstanceUID}.dcm"
+        write_atomically(path, dicom_bytes(made))
+        told = {"sop_uid": made.SOPInstanceUID, "sop_class": made.SOPClassUID, "path": str(path)}
+        tell("answer", job=order.job, kind=kind, **told)
+
+
+@contextmanager
+def _left_out(order: Order, kind: str, tell: Tell) -> Iterator[None]:
+    """Tell of an answer that cannot be made; it keeps no other one back."""
+    try:
+        yield
     except RonnaplanError as error:
         tell("left out", job=order.job, answer=kind, reason=str(error))
-        return
-    path = order.output / f"{made.SOPInstanceUID}.dcm"
-    write_atomically(path, dicom_bytes(made))
-    told = {"sop_uid": made.SOPInstanceUID, "sop_class": made.SOPClassUID, "path": str(path)}
-    tell("answer", job=order.job, kind=kind, **told)
 
 
-def _find(order: Order) -> Found:
+def _find(order: Order) -> tuple[CTVolume, Fiducials]:
+    """Return the scan and its markers; raises `RonnaplanError` where there are none, or another number."""
     from ronnaplan.ct import read_ct
-    from ronnaplan.documents.fiducials import fiducials_document
-    from ronnaplan.documents.patient import patient_of_scan
     from ronnaplan.documents.template import read_template
     from ronnaplan.jobs.localizing import find_markers
     from ronnaplan.localization import require_count
@@ -124,43 +162,32 @@ def _find(order: Order) -> Found:
     require_count(found, rule.expected)
     if not len(found):
         raise RefusedError(f"no marker was found; {len(found.rejected)} candidates were rejected")
-    document = fiducials_document(found)
-    patient = patient_of_scan(order.folder, document.source)
-    return Found(sorted(order.folder.glob("*.dcm")), volume, found, document, patient)
+    return volume, found
 
 
-def _fiducials(found: Found) -> Any:
+def _fiducials(found: Markers) -> FileDataset:
     from ronnaplan.documents.dicom_spatial import spatial_fiducials
 
     return spatial_fiducials(found.document, found.patient)
 
 
-def _report(found: Found) -> Any:
-    from ronnaplan.case.folder import Case
-    from ronnaplan.documents.dicom_enclosed import encapsulated_pdf
-    from ronnaplan.report.pdf import print_pdf
-    from ronnaplan.report.quality import quality_report
-
-    page = quality_report(Case(volume=found.volume, fiducials=found.document))
-    return encapsulated_pdf(print_pdf(page), found.document, found.patient, title="Quality report of the markers")
-
-
-def _sheet(found: Found) -> Any:
+def _sheet(found: Markers, picture: bytes) -> FileDataset:
     from ronnaplan.documents.dicom_enclosed import secondary_capture
-    from ronnaplan.report.contact import contact_sheet
 
-    picture = contact_sheet(found.volume, found.fiducials)
     return secondary_capture(picture, found.document, found.patient, title="Contact sheet of the markers")
 
 
-def _sr(found: Found) -> Any:
+def _sr(found: Markers) -> FileDataset:
     from ronnaplan.node.sr import structured_report
 
-    return structured_report(found.document, found.images)
+    return structured_report(found.document, found.patient, found.images)
 
 
-ANSWERS: dict[str, Callable[[Found], Any]] = {"fiducials": _fiducials, "sr": _sr, "pdf": _report, "sheet": _sheet}
-"""What makes each kind of answer."""
+def _report(found: Markers, page: str) -> FileDataset:
+    from ronnaplan.documents.dicom_enclosed import encapsulated_pdf
+    from ronnaplan.report.pdf import print_pdf
+
+    return encapsulated_pdf(print_pdf(page), found.document, found.patient, title="Quality report of the markers")
 
 
 def main(memory_mib: str) -> int:
@@ -173,22 +200,10 @@ def main(memory_mib: str) -> int:
 
 
 def _warm_up() -> None:
-    """Load what a job needs, and the compiled code, before there is one: answer a scan of one ball."""
-    import ronnaplan.documents.dicom_enclosed
-    import ronnaplan.documents.dicom_spatial
-    import ronnaplan.documents.patient  # noqa: F401
-    from ronnaplan.case.folder import Case
-    from ronnaplan.documents.fiducials import fiducials_document
+    """Load what finding markers needs, and the compiled code, before there is a scan."""
     from ronnaplan.jobs.localizing import warm_up
-    from ronnaplan.node import sr
-    from ronnaplan.report.contact import contact_sheet
-    from ronnaplan.report.quality import quality_report
 
-    volume, fiducials = warm_up()
-    document = fiducials_document(fiducials)
-    contact_sheet(volume, fiducials)
-    quality_report(Case(volume=volume, fiducials=document))
-    sr.warm_up(document)
+    warm_up()
 
 
 if __name__ == "__main__":

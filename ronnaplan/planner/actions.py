@@ -11,6 +11,7 @@ import numpy as np
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.arguments import Index, Pixels, Share, Steps, Typed
+from ronnaplan.planner.blend import Blend
 from ronnaplan.planner.opening import SIDES
 from ronnaplan.planner.pixels import Pixel
 from ronnaplan.planner.pointer import Pointer
@@ -168,7 +169,7 @@ class Actions:
 
     def _second(self, share: Share, mode: str) -> None:
         """Show so much of the second image, as its mode says."""
-        self.state.other.show(share, mode)
+        self.state.look.blend = Blend(share, mode)
 
     def _placement(self, count: Typed) -> None:
         self.state.offers.propose_markers(int(_number(count)))

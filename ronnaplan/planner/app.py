@@ -1,47 +1,50 @@
-"""The planner in a browser: the page's events become calls on the state, and what changed is drawn again."""
+"""The planner in a browser: every page is answered for itself, the case is the same for all."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from ronnaplan.errors import RonnaplanError, UsageError
-from ronnaplan.planner import panels
-from ronnaplan.planner.actions import Actions, key_actions
-from ronnaplan.planner.arguments import Pixels, checked
+from ronnaplan.case.surroundings import Surroundings
+from ronnaplan.errors import RonnaplanError
+from ronnaplan.planner.actions import key_actions
 from ronnaplan.planner.cuts import HEAD, PATH_VIEWS, STANDARD, WINDOWS_HU
-from ronnaplan.planner.head_actions import HeadActions
 from ronnaplan.planner.head_look import OPENINGS
-from ronnaplan.planner.head_view import HeadView
-from ronnaplan.planner.painter import CUTS, Painter
-from ronnaplan.planner.pixels import Pixel
 from ronnaplan.planner.pointer import Pointer
+from ronnaplan.planner.shown import Send
+from ronnaplan.planner.sockets import ASKING
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import LAYOUTS
-from ronnaplan.planner.worker import CancelledError
+from ronnaplan.planner.tab import Tab
 from ronnaplan.planner.working import Working
 from ronnaplan.planning import INSTRUMENTS
 from ronnaplan.planning.electrodes import ELECTRODES, NO_ELECTRODE
 from ronnaplan.planning.sites import USUAL_DIAMETER_MM
+from ronnaplan.scene.head import HeadParts, head_parts
 from ronnaplan.scene.surfaces import SURFACES
 from ronnaplan.scene.volume import PRESETS
+from ronnaplan.scene.vtk import Workshop
 
 PAGE = files("ronnaplan.planner") / "page"
 SCENE_PAGE = files("ronnaplan.scene") / "page"
 CHANGED = "another hand has changed the case; it is shown as it is now"
 
-FIRST_LOOK_S = 0.5
+FIRST_LOOK_S = 0.3
 """The browser has this long to draw the cuts before the rest is loaded."""
 
 LOOK_AGAIN_S = 0.5
 """How often the files are looked at for what another hand has written; shown within 2 s, drawing included."""
 
-SENDING_S = 0.002
-"""The web socket sends what was flushed while a handler pauses this long."""
+LEAVING_S = 0.1
+"""The answer to who leaves goes out first."""
+
+MOST_TRIANGLES = 40_000
+"""Of a surface: as many as are drawn again and again while an end is dragged, without a graphics card."""
 
 
 def _template() -> str:
@@ -61,7 +64,7 @@ def _in_print(key: str) -> str:
 
 
 class PlannerApp:
-    """Binds one `PlannerState` to one trame server."""
+    """Binds one open case to one trame server: each page is a `Tab` of its own."""
 
     def __init__(
         self,
@@ -69,98 +72,174 @@ class PlannerApp:
         server: Any,
         tracker: tuple[str, int] | None = None,
         patient: str | None = None,
+        leavable: bool = False,
     ) -> None:
-        """Bind ``state``; ``patient`` is the name to show, None to show none."""
+        """Bind ``state``; ``patient`` is the name to show, None to show none; ``leavable`` offers the start page."""
         self.state, self.server, self.tracker, self.patient = state, server, tracker, patient
-        self.head = HeadView(state)
-        self.pointer = Pointer(state)
-        self.painter = Painter(state, server, self.pointer, self.head)
-        self.working = Working(server, self._told, self.refresh)
+        self.tabs: dict[str, Tab] = {}
+        self.parts: HeadParts | None = None
+        """What the head is drawn from, None until it is made."""
+        self.left = False
+        """Whether a page asked for the start page."""
+        self.working = Working(self.tell_all, self._told, self.refresh)
         state.start = self.working.start
-        self.actions = Actions(state, self.pointer, tracker)
-        self._keys = key_actions(state, self.pointer)
+        self._latest = state
         self._waking = False
         self._measuring: asyncio.Task[None] | None = None
+        self._measured_against: Surroundings | None = None
+        self._watching: asyncio.Task[None] | None = None
         self._set_up_page()
-        self._listen_to_page()
+        for name in Tab(state, lambda _: None).names:
+            server.trigger(name)(partial(self._answer, name))
+        server.state.leavable = leavable
+        if leavable:
+            server.trigger("leave")(self._leave)
         server.controller.on_server_ready.add_task(self._watch)
         server.controller.on_client_connected.add_task(self._wake)
-
-    # --- the page --------------------------------------------------------------------------------------------
 
     def _set_up_page(self) -> None:
         from trame.ui.vuetify3 import VAppLayout
         from trame.widgets import html
 
-        folder = str(Path(str(PAGE)))
         self.server.enable_module(
             {
-                "serve": {"planner_page": folder, "scene_page": str(Path(str(SCENE_PAGE)))},
+                "serve": {"planner_page": str(Path(str(PAGE))), "scene_page": str(Path(str(SCENE_PAGE)))},
                 "scripts": [
-                    "scene_page/viewer.js",
-                    "scene_page/volume.js",
-                    *(f"planner_page/{name}.js" for name in ("planner", "head", "files")),
+                    *(f"scene_page/{name}.js" for name in ("viewer", "volume")),
+                    *(f"planner_page/{name}.js" for name in ("planner", "pictures", "head", "files")),
                 ],
                 "styles": ["planner_page/planner.css"],
             }
         )
-        values, found = self.server.state, self.state.case.fiducials
-        values.trame__title = "ronnaplan"
-        values.update(
+        keys = key_actions(self.state, Pointer(self.state))
+        self.server.state.trame__title = "ronnaplan"
+        self.server.state.update(
             {
                 "windows": list(WINDOWS_HU),
-                "keys": list(self._keys),
-                "key_help": [(_in_print(key), words) for key, (words, _) in self._keys.items()],
+                "keys": list(keys),
+                "key_help": [(_in_print(key), words) for key, (words, _) in keys.items()],
                 "layouts": list(LAYOUTS),
                 "instruments": list(INSTRUMENTS),
                 "electrodes": [NO_ELECTRODE, *ELECTRODES],
                 "tracker": "" if self.tracker is None else f"{self.tracker[0]}:{self.tracker[1]}",
                 "patient": "" if self.patient is None else self.patient or "(no name)",
-                "tab": "paths",
-                "show_rejected": False,
-                "diameter": found.marker.diameter_mm if found else USUAL_DIAMETER_MM,
-                "marker_count": 6,
-                "message": "",
-                "news": "",
-                "under": "",
-                "things": [],
-                "volume": {},
                 "surfaces": list(SURFACES),
                 "presets": list(PRESETS),
                 "openings": list(OPENINGS),
-                "picture_head": "",
-                "refusals": 0,
             }
         )
-        values.change("show_rejected")(lambda **_: self.refresh())
-        config = {"theme": {"defaultTheme": "dark"}}
-        with VAppLayout(self.server, vuetify_config=config):
+        with VAppLayout(self.server, vuetify_config={"theme": {"defaultTheme": "dark"}}):
             html.Div(_template(), classes="rp-page")
-        self.refresh()
+
+    # --- pages -----------------------------------------------------------------------------------------------
+
+    def opened(self, page: str, send: Send) -> None:
+        """Show the case on a page: it looks where the page looked that did something last."""
+        tab = Tab(
+            self._latest.beside(),
+            send,
+            tracker=self.tracker,
+            measured=self.is_measured,
+            cancel=self.working.cancel,
+            others=self._draw_others,
+        )
+        found = self.state.case.fiducials
+        diameter = found.marker.diameter_mm if found else USUAL_DIAMETER_MM
+        tab.shown.update({"diameter": diameter, "work": self.working.told})
+        self._open_head(tab)
+        tab.painter.refresh()
+        self.tabs[page], self._latest = tab, tab.state
+
+    def closed(self, page: str) -> None:
+        """Forget a page."""
+        tab = self.tabs.pop(page, None)
+        if tab is not None:
+            tab.close()
+
+    def whole(self, page: str) -> dict[str, Any]:
+        """Return all that a page shows of its own."""
+        return self.tabs[page].shown.whole()
+
+    def changed(self, page: str, changes: list[dict[str, Any]]) -> None:
+        """Take over what a page set itself."""
+        self.tabs[page].take(changes)
+
+    async def _answer(self, name: str, *arguments: Any) -> None:
+        tab = self.tabs[ASKING.get()]
+        self._latest = tab.state
+        await tab.answer(name, arguments)
+        self._measure_soon()
+
+    async def _leave(self) -> None:
+        """Close the case, all of which is kept: the start page takes the place of the planner."""
+        tab = self.tabs[ASKING.get()]
+        with tab.told():
+            self.working.require_idle()
+            asyncio.get_running_loop().call_later(LEAVING_S, self.leave)
+        tab.shown.flush()
+
+    def leave(self) -> None:
+        """Stop the server for the start page."""
+        self.left = True
+        if self._watching is not None:
+            self._watching.cancel()
+        asyncio.ensure_future(self.server.stop())  # noqa: RUF006  # ends with the loop
+
+    def forget(self) -> None:
+        """Let the case go: trame keeps its server, and with that this, for as long as the process lasts."""
+        self.tabs.clear()
+        self.parts = self._measured_against = None
+        del self.state, self._latest, self.working
 
     def refresh(self) -> None:
-        """Draw whatever is not as the page has it; what takes long to measure follows."""
-        self.painter.refresh()
-        if self._waking and self._measuring is None and not self.painter.measured:
-            self._measuring = asyncio.get_running_loop().create_task(self._measure())
+        """Draw whatever is not as the pages have it; what takes long to measure follows."""
+        for tab in self.tabs.values():
+            tab.refresh()
+        self._measure_soon()
+
+    def tell_all(self, values: Mapping[str, Any]) -> None:
+        """Show something on every page."""
+        for tab in self.tabs.values():
+            tab.shown.update(values)
+            tab.shown.flush()
 
     def show_readings(self) -> None:
         """Show which readings lie in the case's folder now."""
-        with self.server.state:
-            self.server.state.news = (
-                "readings were put into the case; register with them in the panel Registration"
-            )
-            self.refresh()
+        self.tell_all({"news": "readings were put into the case; register with them in the panel Registration"})
+        self.refresh()
+
+    def _draw_others(self, but: Tab) -> None:
+        for tab in self.tabs.values():
+            if tab is not but:
+                tab.painter.rest_soon()
+
+    @contextlib.contextmanager
+    def _told(self) -> Iterator[None]:
+        """Show on every page what went wrong with what takes long."""
+        try:
+            yield
+        except RonnaplanError as error:
+            for tab in self.tabs.values():
+                tab.tell(error)
+
+    # --- what takes long -------------------------------------------------------------------------------------
+
+    def is_measured(self) -> bool:
+        """Tell whether to measure a trajectory takes no long time by now."""
+        return self._measured_against is self.state.case.surroundings
+
+    def _measure_soon(self) -> None:
+        if self._waking and self._measuring is None and not self.is_measured():
+            self._measuring = asyncio.get_running_loop().create_task(self._measure())
 
     async def _measure(self) -> None:
-        """Measure all trajectories beside the page, for as long as what they are measured against changes."""
-        while not self.painter.measured:
+        """Measure all trajectories beside the pages, for as long as what they are measured against changes."""
+        while not self.is_measured():
             around, plan = self.state.case.surroundings, self.state.case.plan
             await asyncio.get_running_loop().run_in_executor(None, around.judge_all, plan)
-            self.painter.measured_against = around
+            self._measured_against = around
         self._measuring = None
-        with self.server.state:
-            self.refresh()
+        self.refresh()
 
     async def _wake(self, **_: Any) -> None:
         """Once the first picture is seen: load what measures and what draws in 3-D, which takes seconds."""
@@ -168,121 +247,31 @@ class PlannerApp:
             return
         self._waking = True
         await asyncio.sleep(FIRST_LOOK_S)
+        workshop, case = Workshop(), self.state.case
+        self._measure_soon()
+        work = partial(head_parts, workshop, case.volume, case.no_go, MOST_TRIANGLES)
+        self.parts = await asyncio.get_running_loop().run_in_executor(None, work)
+        for tab in self.tabs.values():
+            self._open_head(tab)
         self.refresh()
-        await asyncio.get_running_loop().run_in_executor(None, self.head.load)
-        self.head.open()
-        self.pointer.head = self.head.scene
-        with self.server.state:
-            self.refresh()
+
+    def _open_head(self, tab: Tab) -> None:
+        if self.parts is not None:
+            tab.head.open(self.parts)
+            tab.pointer.head = tab.head.scene
 
     async def _watch(self, **_: Any) -> None:
         """Show what another hand has written."""
+        self._watching = asyncio.current_task()
         while True:
             await asyncio.sleep(LOOK_AGAIN_S)
-            with self.server.state:
-                try:
-                    news = self.state.case.look_again()
-                    if news:
-                        self.server.state.news = CHANGED
-                except RonnaplanError as error:
-                    news = True
-                    self._refuse(error)
+            try:
+                news = self.state.case.look_again()
                 if news:
-                    self.refresh()
-
-    # --- events ----------------------------------------------------------------------------------------------
-
-    def _listen_to_page(self) -> None:
-        done: dict[str, Callable[..., Any]] = {
-            **self.actions.by_name(),
-            "key": self._press_key,
-            "cancel": self.working.cancel,
-            **HeadActions(self.state, self.painter, self.server).by_name(),
-        }
-        for name, action in done.items():
-            answer = self._answering(
-                checked(name, action),
-                keep_message=name in ("release", "pictures", "volume_is_slow"),
-                moves=name == "wheel",
-            )
-            self.server.trigger(name)(answer)
-        self.server.trigger("dismiss")(self._answering(self._dismiss, keep_message=False, moves=False))
-        self.server.trigger("sized")(self._telling(checked("sized", self._take_size)))
-        self.server.trigger("hover")(self._telling(checked("hover", self._hover)))
-        self._follow = checked("move", self.actions.move)
-        self.server.trigger("move")(self._answer_move)
-
-    def _press_key(self, key: str) -> None:
-        if key not in self._keys:
-            raise UsageError(f"there is no key '{key}' here; press ? for those there are")
-        self._keys[key][1]()
-
-    def _answering(self, action: Callable[..., Any], keep_message: bool, moves: bool) -> Callable[..., None]:
-        def answer(*arguments: Any) -> None:
-            if moves:
-                self.painter.move()
-            with self._told(keep_message):
-                action(*arguments)
-            self.refresh()
-
-        return answer
-
-    def _telling(self, action: Callable[..., Any]) -> Callable[..., None]:
-        """Answer what changes nothing of the case, without drawing all of it again."""
-
-        def answer(*arguments: Any) -> None:
-            with self._told(keep_message=True):
-                action(*arguments)
-
-        return answer
-
-    def _take_size(self, view: str, width: Pixels, height: Pixels, ratio: float) -> None:
-        self.painter.take_size(view, width, height, ratio)
-
-    def _hover(self, view: str, x: Pixels, y: Pixels, width: Pixels, height: Pixels) -> None:
-        """Tell what is under the pointer."""
-        cut_shown = view in CUTS and (view in STANDARD or self.state.look.chosen is not None)
-        at = Pixel(x, y, width, height)
-        self.server.state.under = panels.under_line(self.state, view, at) if cut_shown else ""
-
-    async def _answer_move(self, *arguments: Any) -> None:
-        """Show where things are now before the measures are taken, so that the hand is followed at once.
-
-        A head that is turned is drawn with its names in one go, or they would run ahead of it.
-        """
-        self.painter.move()
-        with self._told(keep_message=True):
-            self._follow(*arguments)
-        turned = arguments[:1] == (HEAD,) and not self.state.case.dragging
-        if turned and not self.painter.pictures:
-            self.painter.refresh_head()
-            return
-        if not turned:
-            self.painter.refresh_views()
-            self.server.state.flush()
-            await asyncio.sleep(SENDING_S)
-        self.refresh()
-
-    @contextlib.contextmanager
-    def _told(self, keep_message: bool = False) -> Iterator[None]:
-        """Show what went wrong as a sentence; what goes well takes the last one away, but for a mere release."""
-        values = self.server.state
-        try:
-            yield
-        except CancelledError as error:
-            values.news = str(error)
-        except RonnaplanError as error:
-            self._refuse(error)
-            with contextlib.suppress(RonnaplanError):  # told by the next look; this was told first
-                self.state.case.look_again()
-        else:
-            if not keep_message:
-                self._dismiss()
-
-    def _dismiss(self) -> None:
-        """Take what was told away."""
-        self.server.state.update({"message": "", "news": ""})
-
-    def _refuse(self, error: RonnaplanError) -> None:
-        self.server.state.message = str(error)
-        self.server.state.refusals += 1
+                    self.tell_all({"news": CHANGED})
+            except RonnaplanError as error:
+                news = True
+                for tab in self.tabs.values():
+                    tab.refuse(error)
+            if news:
+                self.refresh()

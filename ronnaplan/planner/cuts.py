@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from itertools import count
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +15,11 @@ from ronnaplan.scene.cut import Cut
 from ronnaplan.scene.sampled import values_hu
 
 Shades = NDArray[np.uint8]
+
+Picture = dict[str, Any]
+"""A picture as the page takes it: its kind, its bytes, and a number that no other has."""
+
+_NUMBERS = count(1)
 
 BLACKEST_HU = -1e6
 """Stands where there is no voxel: black in any window."""
@@ -70,6 +78,11 @@ def shaded(values_hu: NDArray[np.float32], window_hu: tuple[float, float]) -> Sh
     grey = np.clip((values_hu - low) * (255.0 / (high - low)), 0.0, 255.0)
     shades: Shades = grey.astype(np.uint8)
     return shades
+
+
+def picture_of(kind: str, content: bytes) -> Picture:
+    """Return an encoded picture as the page takes it."""
+    return {"kind": f"image/{kind}", "bytes": content, "number": next(_NUMBERS)}
 
 
 def png(shades: Shades) -> bytes:

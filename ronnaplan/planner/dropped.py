@@ -30,20 +30,18 @@ class Dropped:
         self._folder: Path | None = None
         self._count = self._bytes = 0
 
-    def begin(self) -> None:
-        """Forget what was dropped before."""
+    def begin(self) -> Path:
+        """Forget what was dropped before; return the folder for what comes."""
         self.close()
         try:
             self._folder = Path(tempfile.mkdtemp(prefix=PREFIX, dir=self._home))
         except OSError as error:
             raise InputError(f"nothing can be kept in {self._home} ({error.strerror}); start elsewhere") from error
+        return self._folder
 
     async def add(self, name: str, pieces: AsyncIterator[bytes]) -> None:
         """Keep one file, named with the folders it was dropped in; raises `InputError` beyond the limits."""
-        if self._folder is None:
-            self.begin()
-        assert self._folder is not None
-        target = self._folder.joinpath(*_parts(name))
+        target = (self._folder or self.begin()).joinpath(*_parts(name))
         self._count += 1
         if self._count > self._limits.files:
             raise InputError(f"more than {self._limits.files} files were dropped; drop a narrower folder")

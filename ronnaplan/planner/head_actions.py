@@ -15,8 +15,8 @@ from ronnaplan.scene.volume import PRESETS
 class HeadActions:
     """The page's actions on how the head is seen."""
 
-    def __init__(self, state: PlannerState, painter: Painter, server: Any) -> None:
-        self._state, self._painter, self._server = state, painter, server
+    def __init__(self, state: PlannerState, painter: Painter) -> None:
+        self._state, self._painter = state, painter
 
     def by_name(self) -> dict[str, Callable[..., Any]]:
         """Return the actions."""
@@ -37,17 +37,13 @@ class HeadActions:
     def _open_head(self, name: str) -> None:
         """Take a part of the head before the crosshair away, or put it back."""
         if name and self._painter.pictures:
-            raise UsageError(
-                "a browser that shows this case draws no 3-D itself; the head is not opened in pictures"
-            )
+            raise UsageError("this browser draws no 3-D itself; the head is not opened in pictures")
         self._state.look.open_head(name)
 
     def _show_as(self, name: str) -> None:
         """Draw the head as a surface, or whole."""
         if name in PRESETS and self._painter.pictures:
-            raise UsageError(
-                "a browser that shows this case draws no 3-D itself; in pictures the head is drawn as skin or skull"
-            )
+            raise UsageError("this browser draws no 3-D itself; in pictures the head is drawn as skin or skull")
         self._state.look.show_as(name)
 
     def _set_strength(self, strength: Strength) -> None:
@@ -56,4 +52,4 @@ class HeadActions:
     def _volume_is_slow(self) -> None:
         """A page draws the whole scan too slowly: it is drawn as a surface."""
         self._state.look.show_as(self._state.look.surface)
-        self._server.state.news = "the whole scan is drawn too slowly here; its surface is shown"
+        self._painter.shown["news"] = "the whole scan is drawn too slowly here; its surface is shown"

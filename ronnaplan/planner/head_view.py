@@ -7,108 +7,74 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from aiohttp import web
 
-from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
+from ronnaplan.planner.cuts import Picture, picture_of
 from ronnaplan.planner.scene import Scene
 from ronnaplan.planner.state import PlannerState
-from ronnaplan.planning import Trajectory
+from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.scene.camera import Camera
-from ronnaplan.scene.field import Field, of_mask
-from ronnaplan.scene.packed import packed
-from ronnaplan.scene.shapes import Body
-from ronnaplan.scene.surfaces import REGION, surfaces
-from ronnaplan.scene.volume import PRESETS, Volume, table
-
-MOST_TRIANGLES = 40_000
-"""As many as are drawn again and again while an end is dragged, without a graphics card."""
+from ronnaplan.scene.head import HeadParts
+from ronnaplan.scene.volume import PRESETS, table
 
 
 class HeadView:
-    """Keeps a `Scene` as the state has it. It is opened late, when the cuts are seen."""
+    """Keeps a `Scene` as one page has it. It is opened late, when the cuts are seen."""
 
     def __init__(self, state: PlannerState) -> None:
         self.state = state
         self.scene: Scene | None = None
+        self.parts = HeadParts()
         self.region_places_mm: dict[str, FloatArray] = {}
-        self.wanting = ""
-        """Why there are no surfaces, empty where there are."""
-        self.volume: Volume | None = None
-        self._surfaces: dict[str, Body] = {}
-        self._regions: dict[str, Body] = {}
         self._shown: dict[str, Any] = {}
         self._paths: dict[str, Any] = {}
         self._seen: tuple[Camera, tuple[int, int]] | None = None
-        self._picture = ""
+        self._picture: Picture | None = None
 
-    def load(self) -> None:
-        """Have the surfaces of skin, skull and no-go regions made; takes seconds, and touches no other part."""
-        volume = self.state.case.volume
-        try:
-            field = Field.of(volume)
-            self.volume = Volume.of(field)
-            self._surfaces = surfaces(field, most_triangles=MOST_TRIANGLES)
-            for name, mask in self.state.case.no_go.items():
-                region = surfaces(of_mask(volume, mask), {"region": REGION}, outside=0.0)
-                self._regions[name] = region["region"]
-        except InputError as error:
-            self.wanting = str(error)
-
-    def open(self) -> None:
-        """Make the scene of what was loaded."""
-        self.scene = Scene(self.state)
-        if "skin" in self._surfaces:
-            self.scene.show_surface("skin", self._surfaces["skin"])
+    def open(self, parts: HeadParts) -> None:
+        """Make the scene of what was made of the scan."""
+        self.parts, self.scene = parts, Scene(self.state)
+        if "skin" in parts.surfaces:
+            self.scene.show_surface("skin", parts.surfaces["skin"])
             self.scene.fill()
-        for name, body in self._regions.items():
+        for name, body in parts.regions.items():
             self.scene.show_region(name, body)
             if len(body.triangles):
                 self.region_places_mm[name] = body.vertices_mm.mean(axis=0).astype(float)
-
-    async def serve_thing(self, request: web.Request) -> web.Response:
-        """Answer with one thing of the scene."""
-        one = self.scene.thing(request.match_info["key"]) if self.scene is not None else None
-        if one is None:
-            raise web.HTTPNotFound(text="it is no longer shown")
-        return web.json_response(packed(one))
-
-    async def serve_volume(self, _: web.Request) -> web.Response:
-        """Answer with the whole scan, as the page's graphics card draws it."""
-        if self.volume is None:
-            raise web.HTTPNotFound(text="it is not made yet")
-        return web.Response(body=self.volume.packed, content_type="application/octet-stream")
 
     @property
     def drawn_whole(self) -> dict[str, Any]:
         """How the page draws the scan whole: table, opacity and where it lies; empty where surfaces are drawn."""
         look = self.state.look
-        if self.volume is None or not look.preset:
+        if self.parts.volume is None or not look.preset:
             return {}
         shades = table(PRESETS[look.preset], look.strength)
         least = int(np.flatnonzero(shades[:, 3])[0])
-        return {**self.volume.shape, "table": base64.b64encode(shades.tobytes()).decode(), "least": least / 255}
+        return {
+            **self.parts.volume.shape,
+            "table": base64.b64encode(shades.tobytes()).decode(),
+            "least": least / 255,
+        }
 
     @property
     def camera(self) -> Camera | None:
         """What the head is seen with, None until the scene is there."""
         return None if self.scene is None else self.scene.camera
 
-    def update(self) -> None:
-        """Have in the scene what is to be seen now, once there is one."""
-        if self.scene is not None and any((self._update(self.scene), self._update_paths(self.scene))):
+    def update(self, plan: Plan) -> None:
+        """Have in the scene what is to be seen now, and the trajectories of a ``plan``, once there is one."""
+        if self.scene is not None and any((self._update(self.scene), self._update_paths(self.scene, plan))):
             self._seen = None
 
-    def picture(self, shape: tuple[int, int] = (640, 640)) -> str:
-        """Return the picture of ``shape`` = (rows, columns) as the page takes it, empty until the scene is there."""
+    def picture(self, shape: tuple[int, int] = (640, 640)) -> Picture | None:
+        """Return the picture of ``shape`` = (rows, columns) as the page takes it, None until the scene is there."""
         scene = self.scene
         if scene is None:
-            return ""
-        self.update()
+            return None
         seen = scene.camera, shape
         if seen != self._seen:
             self._seen = seen
-            self._picture = f"data:image/jpeg;base64,{base64.b64encode(scene.draw(shape)).decode()}"
+            self._picture = picture_of("jpeg", scene.draw(shape))
         return self._picture
 
     def _update(self, scene: Scene) -> bool:
@@ -127,13 +93,13 @@ class HeadView:
             show()
         return bool(changed)
 
-    def _update_paths(self, scene: Scene) -> bool:
-        """Show the trajectories as they are now; tells whether any of them changed."""
-        keys = {one.name: self._path_key(one) for one in self.state.case.plan.trajectories}
+    def _update_paths(self, scene: Scene, plan: Plan) -> bool:
+        """Show the trajectories of a plan; tells whether any of them changed."""
+        keys = {one.name: self._path_key(one) for one in plan.trajectories}
         changed = keys != self._paths
         for name in self._paths.keys() - keys.keys():
             scene.hide_path(name)
-        for one in self.state.case.plan.trajectories:
+        for one in plan.trajectories:
             if keys[one.name] != self._paths.get(one.name):
                 scene.show_path(one, self.state.case.judge(one).measures)
         self._paths = keys
@@ -148,8 +114,8 @@ class HeadView:
         kind = self.state.look.surface
         if self.state.look.preset:
             scene.hide_surface()
-        elif kind in self._surfaces:
-            scene.show_surface(kind, self._surfaces[kind])
+        elif kind in self.parts.surfaces:
+            scene.show_surface(kind, self.parts.surfaces[kind])
 
 
 def _same(shown: Any, now: Any) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,9 +11,10 @@ import numpy as np
 from ronnaplan.case.edits import OpenCase
 from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.geometry import FloatArray, as_points
+from ronnaplan.planner.blend import Blend
 from ronnaplan.planner.cuts import ACROSS, PATH_VIEWS, STANDARD, WINDOWS_HU, path_axes
 from ronnaplan.planner.head_look import HeadLooking
-from ronnaplan.planner.storage import LAYOUTS, Look, Storage
+from ronnaplan.planner.storage import LAYOUTS, Look, PlacedImage, Storage
 from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.scene.cut import Cut
 
@@ -49,10 +51,27 @@ class Looking(HeadLooking):
         """The entry of a trajectory whose target is still to be clicked."""
         self.measured_mm: list[FloatArray] = []
         """The points of a distance or an angle whose last is still to be clicked."""
+        self.blend = Blend()
+        """How a second image is shown over the cuts."""
         self.points_mm: dict[str, FloatArray] = {}
-        """AC, PC or midline point as far as they are set, until the plan holds all three."""
+        """AC, PC or midline point as far as they are set, until the plan holds all three; the same for all pages."""
+        self.images: dict[str, PlacedImage] = {}
+        """Other images that were registered, by the SHA-256 of their voxels; the same for all pages."""
         self._look(storage.read_look(case.volume.voxel_sha256) or self._first_look())
         case.followers.append(self._follow)
+
+    def beside(self) -> Looking:
+        """Return a look of another page: where this one is, and from then on its own."""
+        other = copy.copy(self)
+        other.marker, other.begun_mm, other.measured_mm = None, None, []
+        other.select_known()
+        self.case.followers.append(other._follow)
+        return other
+
+    def leave(self) -> None:
+        """Follow the plan no longer: the page is closed."""
+        with contextlib.suppress(ValueError):
+            self.case.followers.remove(self._follow)
 
     def jump(self, place_mm: Sequence[float] | FloatArray) -> None:
         """Put the crosshair at a place (3,) in LPS, kept within the scan."""
@@ -150,12 +169,17 @@ class Looking(HeadLooking):
 
     def set_points(self, points_mm: dict[str, FloatArray]) -> None:
         """Keep the points (3,) of the AC-PC frame that are set so far; if they cannot be written, none is new."""
-        before, self.points_mm = self.points_mm, points_mm
+        before = dict(self.points_mm)
+        self._set_points(points_mm)
         try:
             self.save()
         except RonnaplanError:
-            self.points_mm = before
+            self._set_points(before)
             raise
+
+    def _set_points(self, points_mm: dict[str, FloatArray]) -> None:
+        self.points_mm.clear()
+        self.points_mm.update(points_mm)
 
     def save(self) -> None:
         """Write where one is looking, to find it again."""
@@ -170,6 +194,7 @@ class Looking(HeadLooking):
                 layout=self.layout,
                 selected=self.selected,
                 points={name: tuple(place) for name, place in self.points_mm.items()},
+                images=dict(self.images),
             )
         )
 
@@ -197,8 +222,13 @@ class Looking(HeadLooking):
             with contextlib.suppress(UsageError):  # by whom it was written is not known
                 self.set_window(*look.window_hu)
         self.layout = look.layout if look.layout in LAYOUTS else LAYOUTS[0]
-        self.points_mm = {name: np.array(place) for name, place in look.points.items()}
+        self._set_points({name: np.array(place) for name, place in look.points.items()})
+        self.images.update(look.images)
         self.selected = look.selected
+        self.select_known()
+
+    def select_known(self) -> None:
+        """Select the first trajectory where the one that was selected is gone."""
         if self.chosen is None and self.case.plan.trajectories:
             self.selected = self.case.plan.trajectories[0].name
 

@@ -12,7 +12,7 @@ from ronnaplan.planner.state import PlannerState
 LETTERS = {2: "D", 3: "A"}
 """How distances and angles are named, with a number."""
 
-RULER_COLOUR = "#ce93ff"
+RULER_COLOUR = "#b2ff59"
 
 
 class Measuring:

@@ -34,14 +34,21 @@ class Placed:
     placement: Placement
 
 
-class Offers:
-    """Proposed entries and proposed places for markers."""
+@dataclass
+class Offered:
+    """What was proposed last, for all pages."""
 
-    def __init__(self, case: OpenCase, look: Looking, start: Start) -> None:
-        """Nothing is proposed yet."""
+    proposed: Proposed | None = None
+    placed: Placed | None = None
+
+
+class Offers:
+    """Proposed entries and proposed places for markers, as one page sees them."""
+
+    def __init__(self, case: OpenCase, look: Looking, start: Start, offered: Offered | None = None) -> None:
+        """Nothing is proposed yet, or what other pages see already."""
         self.case, self.look, self.start = case, look, start
-        self._proposed: Proposed | None = None
-        self._placed: Placed | None = None
+        self.offered = offered or Offered()
 
     def propose(self, name: str) -> None:
         """Score every way to the target of a trajectory, shown until target, instrument or surroundings change."""
@@ -49,14 +56,14 @@ class Offers:
         work = partial(around.propose, path.target_mm, plan, name=name, instrument=path.instrument)
 
         def show(found: Proposals) -> None:
-            self._proposed = Proposed(path, others(plan, name), around, found)
+            self.offered.proposed = Proposed(path, others(plan, name), around, found)
 
         self.start(Job(f"scoring the entries for {name}", work, show))
 
     @property
     def proposals(self) -> Proposals | None:
         """Entries proposed for the selected trajectory, None where there are none or they no longer hold."""
-        asked, path = self._proposed, self.look.chosen
+        asked, path = self.offered.proposed, self.look.chosen
         if asked is None or path is None:
             return None
         holds = (
@@ -83,18 +90,18 @@ class Offers:
         work = partial(self.case.surroundings.place_markers, plan, count, rules)
 
         def show(placement: Placement) -> None:
-            self._placed = Placed(ends, placement)
+            self.offered.placed = Placed(ends, placement)
 
         self.start(Job(f"finding places for {count} markers", work, show, tells=True))
 
     def forget_placement(self) -> None:
         """Show no places for markers."""
-        self._placed = None
+        self.offered.placed = None
 
     @property
     def placement(self) -> Placement | None:
         """Proposed places for markers, None where there are none or they no longer hold."""
-        placed = self._placed
+        placed = self.offered.placed
         return placed.placement if placed is not None and placed.ends_mm == self._ends_mm else None
 
     @property

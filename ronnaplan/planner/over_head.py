@@ -8,12 +8,12 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.measuring import drawn_rulers
-from ronnaplan.planner.over_cut import BEGUN_COLOUR, POINT_COLOUR, balls
+from ronnaplan.planner.over_cut import BEGUN_COLOUR, POINT_COLOUR, balls, proposed
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
 from ronnaplan.scene.camera import Camera
-from ronnaplan.scene.things import REJECTED_COLOUR
+from ronnaplan.scene.things import PROPOSAL_COLOURS, REJECTED_COLOUR
 
 CROSS_COLOUR, REGION_COLOUR = "#4fc3f7", "#ff8a80"
 
@@ -52,6 +52,7 @@ def over_head(
         return {**drawn, "title": "3-D is being made ready ..."}
     points = [_point(camera, name, place, POINT_COLOUR) for name, place in state.landmarks_mm.items()]
     points += [_point(camera, name, place, REGION_COLOUR) for name, place in region_places_mm.items()]
+    points += [_point(camera, label, entry, PROPOSAL_COLOURS[1]) for label, entry in proposed(state)]
     points.append(_point(camera, "", state.look.crosshair_mm, CROSS_COLOUR))
     if state.look.begun_mm is not None:
         points.append(_point(camera, "entry", state.look.begun_mm, BEGUN_COLOUR))

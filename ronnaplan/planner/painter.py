@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import asyncio
-import base64
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.case.surroundings import Judgement, Surroundings
+from ronnaplan.case.surroundings import Judgement
 from ronnaplan.errors import UsageError
 from ronnaplan.planner import panels
-from ronnaplan.planner.cuts import HEAD, PATH_VIEWS, STANDARD, jpeg, png, sampled, shaded
+from ronnaplan.planner.arguments import Pixels
+from ronnaplan.planner.cuts import HEAD, PATH_VIEWS, STANDARD, Picture, jpeg, picture_of, png, sampled, shaded
 from ronnaplan.planner.head_view import HeadView
 from ronnaplan.planner.measuring import ruler_rows
 from ronnaplan.planner.opening import seen_from
@@ -21,7 +22,9 @@ from ronnaplan.planner.over_cut import over_cut
 from ronnaplan.planner.over_head import over_head
 from ronnaplan.planner.panes import GREATEST_RATIO, MOST_MOVING_PIXELS, MOST_STILL_PIXELS, Pane
 from ronnaplan.planner.pointer import Pointer
+from ronnaplan.planner.shown import Shown
 from ronnaplan.planner.state import PlannerState
+from ronnaplan.planning import Plan
 from ronnaplan.scene.cut import Cut
 
 CUTS = (*STANDARD, *PATH_VIEWS)
@@ -36,132 +39,152 @@ class _Drawn:
 
     of: tuple[Any, ...]
     still: bool
-    url: str
+    picture: Picture
 
 
 class Painter:
-    """Draws one `PlannerState` into the values that the page of one trame server shows."""
+    """Draws one `PlannerState` into what one page shows."""
 
-    def __init__(self, state: PlannerState, server: Any, pointer: Pointer, head: HeadView) -> None:
-        self.state, self.server, self.pointer, self.head = state, server, pointer, head
+    def __init__(
+        self, state: PlannerState, shown: Shown, pointer: Pointer, head: HeadView, measured: Callable[[], bool]
+    ) -> None:
+        """Draw nothing yet; ``measured`` tells whether to measure a trajectory takes no long time by now."""
+        self.state, self.shown, self.pointer, self.head, self.measured = state, shown, pointer, head, measured
         self.panes = dict.fromkeys((*CUTS, HEAD), Pane())
         self.moving = False
         self.pictures = False
-        """Whether a page cannot draw in 3-D, and is sent pictures."""
-        self.measured_against: Surroundings | None = None
-        """What all trajectories were measured against; what another takes to measure is not waited for here."""
+        """Whether the page cannot draw in 3-D, and is sent pictures."""
         self._drawn: dict[str, _Drawn] = {}
         self._values: dict[str, tuple[tuple[Any, ...], NDArray[np.float32]]] = {}
         self._resting: asyncio.TimerHandle | None = None
 
-    @property
-    def measured(self) -> bool:
-        """Whether to measure a trajectory takes no long time."""
-        return self.measured_against is self.state.case.surroundings
-
-    def take_size(self, view: str, width: float, height: float, ratio: float) -> None:
+    def take_size(self, view: str, width: Pixels, height: Pixels, ratio: float) -> None:
         """Take how large the page shows a view; it is drawn so large when all are known."""
         if view not in self.panes or not 0 < ratio <= GREATEST_RATIO:
             raise UsageError(f"there is no view {view} with {ratio:g} pixels to one; reload the page")
         self.panes[view] = Pane(max(width, 1.0), max(height, 1.0), ratio)
-        self._rest_soon()
+        self.rest_soon()
 
     def move(self) -> None:
         """Draw coarsely from now on, until nothing has moved for a while."""
         self.moving = True
-        self._rest_soon()
+        self.rest_soon()
 
-    def _rest_soon(self) -> None:
+    def rest_soon(self) -> None:
+        """Draw all of it, with all pixels, once nothing has moved for a while."""
+        self.close()
+        self._resting = asyncio.get_running_loop().call_later(REST_S, self._rest)
+
+    def close(self) -> None:
+        """Draw nothing more by itself."""
         if self._resting is not None:
             self._resting.cancel()
-        self._resting = asyncio.get_running_loop().call_later(REST_S, self._rest)
 
     def _rest(self) -> None:
         self.moving, self._resting = False, None
         self._values.clear()
-        with self.server.state:
-            self.refresh()
+        self.refresh()
+        self.shown.flush()
 
     def refresh(self) -> None:
         """Draw whatever is not as the page has it; pictures only where their plane or window changed."""
         self.refresh_views()
-        values, state = self.server.state, self.state
-        judged = Judgement(problem="measuring ...")
-        if state.look.chosen and self.measured:
-            judged = state.case.judge(state.look.chosen)
-        values.markers, values.rejected = panels.marker_rows(state), panels.rejected_rows(state)
-        values.paths, values.chosen = panels.path_rows(state), panels.chosen_path(state, judged)
-        values.second = state.second.told if state.second else {"name": ""}
-        values.rulers = ruler_rows(state)
-        values.landmarks = panels.landmark_rows(state)
-        values.registration, values.pointing = panels.registration_panel(state), panels.pointing_panel(state)
-        values.proposals, values.placement = panels.proposal_rows(state), panels.placement_line(state)
-        values.readings = state.storage.readings()
-        values.look = {
-            "window": state.look.window,
-            "level": round(sum(state.look.window_hu) / 2, 1),
-            "width": round(state.look.window_hu[1] - state.look.window_hu[0], 1),
-            "adding": self._asks(),
-            "measuring": self.pointer.measuring.wanted,
-            "asks": self.pointer.measuring.asks,
-            "can_undo": state.case.can_undo,
-            "can_redo": state.case.can_redo,
-            "surface": state.look.surface,
-            "layout": state.look.layout,
-            "opened": state.look.opened,
-            "shown_as": state.look.preset or state.look.surface,
-            "strength": state.look.strength,
-            "marker": state.look.marker or "",
-            "sought": state.case.fiducials.marker.diameter_mm if state.case.fiducials else 0,
-        }
-        if self.measured:
-            self.head.update()
-            values.volume = {} if self.pictures else self.head.drawn_whole
-            values.things = self.head.scene.listed if self.head.scene else []
-            values.picture_head = self.head.picture(self._shape(HEAD)) if self.pictures else ""
+        state = self.state
+        self.shown.update(
+            {
+                "markers": panels.marker_rows(state),
+                "rejected": panels.rejected_rows(state),
+                "paths": panels.path_rows(state),
+                "second": state.second.told(state.look.blend) if state.second else {"name": ""},
+                "rulers": ruler_rows(state),
+                "landmarks": panels.landmark_rows(state),
+                "registration": panels.registration_panel(state),
+                "pointing": panels.pointing_panel(state),
+                "proposals": panels.proposal_rows(state),
+                "placement": panels.placement_line(state),
+                "readings": state.storage.readings(),
+            }
+        )
+        self.refresh_measures(state.case.plan)
+
+    def refresh_measures(self, plan: Plan) -> None:
+        """Tell the measures of a ``plan``, and draw it in 3-D: while an end is dragged, that of just before."""
+        state, judged = self.state, Judgement(problem="measuring ...")
+        chosen = next((one for one in plan.trajectories if one.name == state.look.selected), None)
+        if chosen is not None and self.measured():
+            judged = state.case.judge(chosen)
+        self.shown["chosen"] = panels.chosen_path(state, judged)
+        if self.measured():
+            self.head.update(plan)
+            self.shown["volume"] = {} if self.pictures else self.head.drawn_whole
+            self.shown["things"] = self.head.scene.listed if self.head.scene else []
+            self.shown["picture_head"] = self.head.picture(self._shape(HEAD)) if self.pictures else None
 
     def refresh_views(self) -> None:
-        """Draw the cuts, and what lies over the 3-D picture."""
-        values = self.server.state
+        """Draw the cuts, what lies over the 3-D picture, and how one looks."""
         for view in CUTS:
-            values[f"drawn_{view}"] = over_cut(self.state, view, values.show_rejected, self.panes[view])
-            values[f"picture_{view}"] = self._picture(view)
+            self.shown[f"drawn_{view}"] = over_cut(self.state, view, self._rejected_too, self.panes[view])
+            self.shown[f"picture_{view}"] = self._picture(view)
         self.refresh_head()
+        self.shown["look"] = self._look()
 
     def refresh_head(self) -> None:
         """Draw what lies over the 3-D view, and tell from where it is seen."""
-        values = self.server.state
-        values.eye = seen_from(self.state, self.head.camera, self.panes)
-        values.drawn_head = over_head(
+        self.shown["eye"] = seen_from(self.state, self.head.camera, self.panes)
+        self.shown["drawn_head"] = over_head(
             self.state,
             self.head.camera,
-            values.show_rejected,
+            self._rejected_too,
             self.head.region_places_mm,
             self.panes[HEAD],
-            self.head.wanting,
+            self.head.parts.wanting,
         )
+
+    @property
+    def _rejected_too(self) -> bool:
+        return self.shown["show_rejected"] is True
+
+    def _look(self) -> dict[str, Any]:
+        """Return how one looks, in the page's words."""
+        look, case = self.state.look, self.state.case
+        return {
+            "window": look.window,
+            "level": round(sum(look.window_hu) / 2, 1),
+            "width": round(look.window_hu[1] - look.window_hu[0], 1),
+            "adding": self._asks(),
+            "measuring": self.pointer.measuring.wanted,
+            "asks": self.pointer.measuring.asks,
+            "can_undo": case.can_undo,
+            "can_redo": case.can_redo,
+            "surface": look.surface,
+            "layout": look.layout,
+            "opened": look.opened,
+            "shown_as": look.preset or look.surface,
+            "strength": look.strength,
+            "marker": look.marker or "",
+            "sought": case.fiducials.marker.diameter_mm if case.fiducials else 0,
+        }
 
     def _asks(self) -> str:
         if not self.pointer.adding:
             return ""
         return "click the entry" if self.state.look.begun_mm is None else "click the target"
 
-    def _picture(self, view: str) -> str:
+    def _picture(self, view: str) -> Picture | None:
         state = self.state
         if view in PATH_VIEWS and state.look.chosen is None:
-            return ""
+            return None
         cut, window, pane = state.look.cut(view), state.look.window_hu, self.panes[view]
         of = (tuple(cut.center_mm.round(6)), tuple(cut.right), tuple(cut.down), cut.field_mm, window, pane)
-        of += state.second.look if state.second else ()
+        of += state.second.look(state.look.blend) if state.second else ()
         last = self._drawn.get(view)
         if last is None or last.of != of or not (last.still or self.moving):
             shades = shaded(self._sampled(view, cut), window)
             if state.second is not None:
-                shades = state.second.over(shades, cut)
-            kind, drawn = ("jpeg", jpeg(shades)) if self.moving else ("png", png(shades))
-            url = f"data:image/{kind};base64,{base64.b64encode(drawn).decode()}"
-            last = self._drawn[view] = _Drawn(of, not self.moving, url)
-        return last.url
+                shades = state.second.over(shades, cut, state.look.blend)
+            made = picture_of("jpeg", jpeg(shades)) if self.moving else picture_of("png", png(shades))
+            last = self._drawn[view] = _Drawn(of, not self.moving, made)
+        return last.picture
 
     def _sampled(self, view: str, cut: Cut) -> NDArray[np.float32]:
         """Return a cut's values; kept while something moves, for a window that is dragged changes none of them."""

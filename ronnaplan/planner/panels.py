@@ -13,10 +13,15 @@ from ronnaplan.localization.fiducials import FiducialFlag
 from ronnaplan.planner.pixels import Pixel
 from ronnaplan.planner.state import LANDMARKS, PlannerState
 from ronnaplan.planning.electrodes import NO_ELECTRODE
-from ronnaplan.planning.rows import error_rows, number, place, placement_sentence, shape_rows, verdict_sentence
+from ronnaplan.planning.limits import Verdict, is_near
+from ronnaplan.planning.proposals import Proposal
+from ronnaplan.planning.rows import error_table, number, place, placement_sentence, shape_rows, verdict_sentence
 
 MOST_RIVALS = 4
 """Pairings shown beside each other."""
+
+OUTCOMES = ("FAIL", "near", "pass")
+"""Of a limit: what is looked at first."""
 
 SAME_NATS = 0.05
 """Pairings whose log evidence differs by less are shown as equally probable."""
@@ -59,7 +64,7 @@ def chosen_path(state: PlannerState, judged: Judgement | None) -> dict[str, Any]
     """Return the selected trajectory with its ends to the micrometre, measures and verdicts."""
     one = state.look.chosen
     if one is None or judged is None:
-        return {"name": "", "measures": [], "verdicts": []}
+        return {"name": "", "measures": [], "errors": [], "verdicts": []}
     return {
         "name": one.name,
         "locked": one.locked,
@@ -77,12 +82,19 @@ def chosen_path(state: PlannerState, judged: Judgement | None) -> dict[str, Any]
             *state.case.surroundings.doubts,
             *(judged.measures.doubts if judged.measures else ()),
         ],
-        "measures": [*shape_rows(judged.measures), *error_rows(judged.measures)] if judged.measures else [],
+        "measures": shape_rows(judged.measures) if judged.measures else [],
+        "errors": error_table(judged.measures) if judged.measures else [],
         "verdicts": [
-            (verdict.measure, verdict_sentence(verdict).removeprefix(f"{verdict.measure} "), verdict.passes)
-            for verdict in sorted(judged.verdicts, key=lambda verdict: verdict.passes)
+            (verdict.measure, verdict_sentence(verdict).removeprefix(f"{verdict.measure} "), _outcome(verdict))
+            for verdict in sorted(judged.verdicts, key=lambda one: OUTCOMES.index(_outcome(one)))
         ],
     }
+
+
+def _outcome(verdict: Verdict) -> str:
+    if not verdict.passes:
+        return OUTCOMES[0]
+    return OUTCOMES[1] if is_near(verdict) else OUTCOMES[2]
 
 
 def _spoken(name: str, judged: Judgement) -> str:
@@ -184,14 +196,27 @@ def landmark_rows(state: PlannerState) -> list[dict[str, Any]]:
     ]
 
 
-def proposal_rows(state: PlannerState) -> list[tuple[str, str]]:
-    """Return one row a proposed entry, best first: its score and the reasons."""
+def proposal_rows(state: PlannerState) -> dict[str, Any]:
+    """Return one row a proposed entry, best first, with what it can be sorted by; or that there is none."""
     found = state.offers.proposals
     if found is None:
-        return []
-    return [(f"{one.score:.2f}", "; ".join(one.reasons)) for one in found.best] or [
-        ("-", "no entry keeps every limit")
-    ]
+        return {"rows": [], "none": ""}
+    rows = [_proposal_row(number, one) for number, one in enumerate(found.best, start=1)]
+    return {"rows": rows, "none": "" if rows else "no entry keeps every limit"}
+
+
+def _proposal_row(number: int, one: Proposal) -> dict[str, Any]:
+    nearest = min((near.clearance_mm for near in one.measures.clearances), default=None)
+    error = one.measures.error
+    return {
+        "number": number,
+        "score": round(one.score, 2),
+        "length": round(one.measures.length_mm, 1),
+        "angle": None if one.measures.skull_angle_deg is None else round(one.measures.skull_angle_deg, 1),
+        "distance": None if nearest is None else round(nearest, 1),
+        "error": None if error is None else round(error.target_rms_mm, 2),
+        "reasons": "; ".join(one.reasons),
+    }
 
 
 def placement_line(state: PlannerState) -> str:
@@ -199,4 +224,4 @@ def placement_line(state: PlannerState) -> str:
     placed = state.offers.placement
     if placed is None:
         return ""
-    return f"{len(placed.centers_mm)} places, shown in blue in the 3-D view: {placement_sentence(placed)}"
+    return f"{len(placed.centers_mm)} places, shown in magenta in the 3-D view: {placement_sentence(placed)}"

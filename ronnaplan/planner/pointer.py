@@ -73,6 +73,11 @@ class Pointer:
         self._windowed_from: tuple[Pixel, tuple[float, float]] | None = None
         self._turned: list[Pixel] = []
 
+    @property
+    def holding(self) -> bool:
+        """Whether an end of a trajectory is held."""
+        return self._held is not None
+
     def add(self) -> None:
         """Begin to add a trajectory by two presses, or leave it."""
         self.adding, self.state.look.begun_mm = not self.adding, None
@@ -140,7 +145,8 @@ class Pointer:
         """Let go and keep what was done; a click in the 3-D view picks what is under it."""
         at = self._turned[0] if self._turned and self._clicked else None
         held = self._held
-        self.state.case.end_drag()
+        if held is not None:
+            self.state.case.end_drag()
         self._plane = self._held = self._panned_from = self._windowed_from = None
         self._turned = []
         if at is not None and held is not None:

@@ -21,11 +21,14 @@ from ronnaplan.scene.shapes import Body, ball, joined, specks
 from ronnaplan.scene.things import Thing
 
 TURN_DEG_PER_PIXEL = 0.4
-BACKGROUND, PLACEMENT_COLOUR = "#0b0e11", "#b39ddb"
+BACKGROUND = "#0b0e11"
 OPACITY = {"skin": 0.55, "skull": 0.8}
 
 SPECK_MM = 1.2
 """Half width of a place of the map of entries."""
+
+_NUMBERS = count(1)
+"""Every thing that is shown on any page gets a number of its own."""
 
 
 class Scene:
@@ -38,7 +41,6 @@ class Scene:
         self.camera = Camera(middle + np.array([-0.6, -1.0, 0.5]) * 1.25 * float((high - low).max()), middle)
         self._shown: dict[str, Thing] = {}
         self._keys: dict[str, str] = {}
-        self._numbers = count(1)
 
     def show_surface(self, kind: str, body: Body) -> None:
         """Show skin or skull in the place of the other."""
@@ -84,7 +86,7 @@ class Scene:
 
         places, scores, allowed = score_map(found)
         if allowed.any():
-            colours = np.repeat(_viridis(scores[allowed]), 6, 0)
+            colours = np.repeat(_graded(scores[allowed]), 6, 0)
             self._show(Thing("map", specks(places[allowed], SPECK_MM), colours))
 
     def show_placement(self, placed: Placement | None) -> None:
@@ -92,7 +94,7 @@ class Scene:
         self._hide("placement")
         if placed is not None:
             balls = [ball(center, placed.diameter_mm / 2) for center in placed.centers_mm]
-            self._show(Thing("placement", joined(balls), things.rgb(PLACEMENT_COLOUR), 0.8))
+            self._show(Thing("placement", joined(balls), things.rgb(things.PROPOSAL_COLOURS[1]), 0.8))
 
     def show_robot(self, placement: PlacementDocument | None) -> None:
         """Show the robot at its place, and what stands in the room."""
@@ -140,17 +142,16 @@ class Scene:
 
     def _show(self, one: Thing) -> None:
         self._shown[one.name] = one
-        self._keys[one.name] = str(next(self._numbers))
+        self._keys[one.name] = str(next(_NUMBERS))
 
     def _hide(self, beginning: str) -> None:
         for name in [name for name in self._shown if name.startswith(beginning)]:
             del self._shown[name]
 
 
-def _viridis(scores: FloatArray) -> FloatArray:
+def _graded(scores: FloatArray) -> FloatArray:
     """Return colours (N, 3) for scores from the least to the greatest."""
-    import cv2
-
     share = (scores - scores.min()) / max(float(np.ptp(scores)), 1e-9)
-    levels = (255 * share).astype(np.uint8)[:, np.newaxis]
-    return np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS)[:, 0, ::-1] / 255.0)
+    worst, best = (things.rgb(colour) for colour in things.PROPOSAL_COLOURS)
+    colours: FloatArray = worst + share[:, np.newaxis] * (best - worst)
+    return colours

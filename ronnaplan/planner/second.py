@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
 from ronnaplan.ct import CTVolume
-from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.aligning import Alignment, align
+from ronnaplan.planner.blend import MODES, Blend
 from ronnaplan.planner.cuts import Shades, shaded
 from ronnaplan.planner.worker import Job, Start
 from ronnaplan.planning.sampling import AIR_HU, SliceSampler
@@ -19,8 +20,6 @@ from ronnaplan.pose import transform_points
 from ronnaplan.scene.cut import Cut
 from ronnaplan.scene.field import Field
 from ronnaplan.scene.sampled import values_hu
-
-MODES: Final = ("blend", "checkerboard")
 
 CELL_MM = 2.0
 """Both images are registered on cells of this size."""
@@ -38,12 +37,24 @@ SCALE = 1000.0
 """The range between these percentiles, for the registration: images other than CT have no scale of their own."""
 
 
-class Second:
-    """The second image, where it lies in the first, and how it is shown; not at all until it is registered."""
+def is_rigid(pose: FloatArray) -> bool:
+    """Tell whether a matrix (4, 4) turns and moves, and does nothing else."""
+    turned = pose[:3, :3]
+    unturned = np.allclose(turned @ turned.T, np.eye(3), atol=1e-6) and float(np.linalg.det(turned)) > 0
+    return bool(unturned and np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0]))
 
-    def __init__(self, first: CTVolume, image: CTVolume, name: str, start: Start) -> None:
-        """Take an image as registered where its frame of reference is that of the ``first``."""
-        self.name, self.share, self.mode = name, 0.5, MODES[0]
+
+class Second:
+    """The second image and where it lies in the first; it is not shown until it is registered."""
+
+    def __init__(
+        self, first: CTVolume, image: CTVolume, name: str, start: Start, keep: Callable[[Alignment], None]
+    ) -> None:
+        """Take an image as registered where its frame of reference is that of the ``first``.
+
+        ``keep`` is given what a registration found.
+        """
+        self.name, self._keep = name, keep
         self._first, self._image, self._start = first, image, start
         self._scan = SliceSampler.of(image)
         low, high = np.percentile(image.voxels_hu[::2, ::4, ::4], WINDOW_SHARES)
@@ -61,22 +72,15 @@ class Second:
     def register(self) -> None:
         """Have it registered to the first image; how far two starts agree is told."""
         fields = Field.of(self._first, CELL_MM), Field.of(self._scaled(), CELL_MM)
-        self._start(Job(f"registering {self.name} to the scan", partial(align, *fields), self._keep))
+        self._start(Job(f"registering {self.name} to the scan", partial(align, *fields), self._take))
 
-    def show(self, share: float, mode: str) -> None:
-        """Show so much of it (0 to 1), blended or in every other square."""
-        if mode not in MODES:
-            raise UsageError(f"images are not shown as {mode}; they are as {', '.join(MODES)}")
-        self.share, self.mode = share, mode
+    def look(self, blend: Blend) -> tuple[Any, ...]:
+        """Return what its picture depends on, besides the cut."""
+        return (blend, self.quality) if self.placed else ()
 
-    @property
-    def look(self) -> tuple[Any, ...]:
-        """What its picture depends on, besides the cut."""
-        return (self.share, self.mode, self.quality) if self.placed else ()
-
-    def over(self, shades: Shades, cut: Cut) -> Shades:
+    def over(self, shades: Shades, cut: Cut, blend: Blend) -> Shades:
         """Return the picture of a cut through the first image with this one over it."""
-        if self._pose is None or (self.mode == MODES[0] and not self.share):
+        if self._pose is None or (blend.mode == MODES[0] and not blend.share):
             return shades
         turned = self._pose[:3, :3]
         there = Cut(
@@ -86,24 +90,30 @@ class Second:
             cut.field_mm,
         )
         mine = shaded(values_hu(self._scan, there, shades.shape, self._window[0]), self._window)
-        if self.mode == MODES[0]:
-            return np.rint(shades * (1.0 - self.share) + mine * self.share).astype(np.uint8)
+        if blend.mode == MODES[0]:
+            return np.rint(shades * (1.0 - blend.share) + mine * blend.share).astype(np.uint8)
         side = max(1, min(shades.shape) // SQUARES)
         rows, columns = (np.arange(count) // side for count in shades.shape)
         return np.where((rows[:, np.newaxis] + columns) % 2 == 0, mine, shades)
 
-    @property
-    def told(self) -> dict[str, Any]:
-        """The image in the page's words."""
+    def told(self, blend: Blend) -> dict[str, Any]:
+        """Return the image in the page's words."""
         return {
             "name": self.name,
             "placed": self.placed,
-            "share": self.share,
-            "mode": self.mode,
+            "share": blend.share,
+            "mode": blend.mode,
             "quality": self.quality or "of another frame of reference: register it to see it",
         }
 
-    def _keep(self, found: Alignment) -> None:
+    def _take(self, found: Alignment) -> None:
+        self.place(found)
+        self._keep(found)
+
+    def place(self, found: Alignment) -> None:
+        """Take it as lying where a registration found it; what is no rigid motion is passed over."""
+        if not is_rigid(found.moving_from_fixed):
+            return
         self._pose = found.moving_from_fixed
         doubt = "" if found.apart_mm <= DOUBTFUL_MM else "DOUBTFUL, look closely: "
         self.quality = (

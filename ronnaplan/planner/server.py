@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
 import sys
+import threading
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+from itertools import count
 from typing import TYPE_CHECKING, Any
 
 from ronnaplan.errors import InputError, UsageError
@@ -19,6 +23,9 @@ if TYPE_CHECKING:
     from ronnaplan.planner.starting import StartPage
 
 EVERYWHERE = ("", "0.0.0.0", "::")
+
+_NUMBERS = count(1)
+"""trame keeps what it knows of a server under its name; each case that is opened gets one of its own."""
 
 LOOPBACK = frozenset({"127.0.0.1", "localhost"})
 
@@ -33,11 +40,13 @@ def serve(
     origin: Origin | None = None,
     address: Address | None = None,
     announce: Callable[[str], None] | None = None,
-) -> None:
-    """Serve ``state`` until stopped; ``announce`` is given the address, which holds the token.
+) -> bool:
+    """Serve ``state`` until stopped, or until a page asks for the start page: then return True.
+
+    ``announce`` is given the address, which holds the token.
 
     ``patient`` is the name to show, None to show none. ``origin`` says where the scan was read, for report and scene.
-    ``address`` is where a start page was, which the planner replaces.
+    ``address`` is where a start page was, which the planner replaces and may go back to.
 
     Raises `InputError` where the port is taken or trame is not installed, `UsageError` for no single address.
     """
@@ -51,28 +60,30 @@ def serve(
     from ronnaplan.planner.app import PlannerApp
     from ronnaplan.planner.gate import gate, is_worth_telling
     from ronnaplan.planner.handing import Handing
+    from ronnaplan.planner.head_routes import head_routes
     from ronnaplan.planner.sockets import Sockets
 
     os.environ["WSLINK_READY_MSG"] = ""  # wslink would write it to standard output, behind the address
-    known = address or address_for(state.storage.address, host, port)
+    kept = state.storage.address
+    known = address or address_for(kept, host, port)
     logging.getLogger("aiohttp.server").addFilter(is_worth_telling)
-    wslink.backends.aiohttp.AioHttpWsHandler = Sockets  # wslink offers no other place to set limits
-    server = get_server("ronnaplan", client_type="vue3")
+    server = get_server(f"ronnaplan {next(_NUMBERS)}", client_type="vue3")
     server.cli.prog = "ronnaplan view"
-    app = PlannerApp(state, server, tracker, patient)
+    app = PlannerApp(state, server, tracker, patient, leavable=address is not None)
+    # wslink offers no other place to set limits, or to answer each page for itself
+    wslink.backends.aiohttp.AioHttpWsHandler = partial(Sockets, app)
     handing = Handing(state.storage, origin, app.show_readings)
 
     def close(web_server: Any) -> None:
         web_server.app.middlewares.append(gate(known.token, LOOPBACK | {host}))
-        web_server.app.router.add_get("/things/{key}", app.head.serve_thing)
-        web_server.app.router.add_get("/volume", app.head.serve_volume)
+        web_server.app.add_routes(head_routes(lambda: (tab.head for tab in app.tabs.values())))
         web_server.app.add_routes(handing.routes())
 
     def repeat(message: str) -> None:
         print(f"ronnaplan: the page says: {printable(message)}", file=sys.stderr)
 
     def tell(**_: Any) -> None:
-        keep(state.storage.address, replace(known, port=server.port))
+        keep(kept, replace(known, port=server.port))
         if address is None:
             (announce or print_address)(_url(host, replace(known, port=server.port)))
 
@@ -92,6 +103,19 @@ def serve(
         raise InputError(
             f"cannot listen on {host}:{known.port} ({error.strerror}); choose another --port"
         ) from error
+    app.forget()
+    return app.left
+
+
+def load_libraries() -> None:
+    """Begin to load the libraries of the web server beside the scan, which takes as long: `serve` finds them there."""
+
+    def load() -> None:
+        with contextlib.suppress(ModuleNotFoundError):  # told by `serve`
+            import trame.ui.vuetify3  # noqa: F401
+            import wslink.backends.aiohttp  # noqa: F401
+
+    threading.Thread(target=load, daemon=True).start()
 
 
 def check_place(host: str, port: int) -> None:
@@ -102,8 +126,13 @@ def check_place(host: str, port: int) -> None:
         raise UsageError(f"--port {port} is no port; give one up to {GREATEST_PORT}, or 0 for any that is free")
 
 
-def start(page: StartPage, *, host: str = "127.0.0.1", port: int = 0) -> tuple[PlannerState, Address]:
-    """Serve the start page until a case is open; return it, and the address at which `serve` goes on."""
+def start(
+    page: StartPage, *, host: str = "127.0.0.1", port: int = 0, address: Address | None = None
+) -> tuple[PlannerState, Address]:
+    """Serve the start page until a case is open; return it, and the address at which `serve` goes on.
+
+    ``address`` is where a case was that was left.
+    """
     from ronnaplan.planner.starting import choose
 
     check_place(host, port)
@@ -111,9 +140,10 @@ def start(page: StartPage, *, host: str = "127.0.0.1", port: int = 0) -> tuple[P
 
     def announce(known: Address) -> None:
         keep(kept, known)
-        print_address(_url(host, known))
+        if address is None:
+            print_address(_url(host, known))
 
-    return choose(page, host, LOOPBACK | {host}, address_for(kept, host, port), announce)
+    return choose(page, host, LOOPBACK | {host}, address or address_for(kept, host, port), announce)
 
 
 def _url(host: str, known: Address) -> str:

@@ -10,12 +10,15 @@ from __future__ import annotations
 import asyncio
 import re
 from collections.abc import Callable, Mapping
-from typing import Any, Final
+from contextvars import ContextVar
+from functools import partial
+from typing import Any, Final, Protocol
 
 import msgpack
 from aiohttp import WSCloseCode, web
 from wslink.backends.aiohttp import AioHttpWsHandler
-from wslink.chunking import HEADER_LENGTH
+from wslink.chunking import HEADER_LENGTH, generate_chunks
+from wslink.protocol import MAX_MSG_SIZE
 
 MOST_MESSAGE_BYTES: Final = 2**18
 """A page sends a few hundred bytes; the longest thing it may hold is a trajectory's notes."""
@@ -98,6 +101,10 @@ class Outbox:
         return self._socket.closed
 
     async def send_bytes(self, chunk: bytes) -> None:
+        """Queue ``chunk``, as wslink asks for it."""
+        self.put(chunk)
+
+    def put(self, chunk: bytes) -> None:
         """Queue ``chunk``; a page that has too much waiting is cut off."""
         if self._sending.done():
             return
@@ -127,8 +134,36 @@ class Outbox:
             self._cut_off()
 
 
+class Pages(Protocol):
+    """What answers the pages: each is shown values of its own."""
+
+    def opened(self, page: str, send: Callable[[dict[str, Any]], None]) -> None:
+        """Begin with a page, to which ``send`` sends values."""
+
+    def closed(self, page: str) -> None:
+        """Forget a page."""
+
+    def whole(self, page: str) -> dict[str, Any]:
+        """Return all that a page shows of its own."""
+
+    def changed(self, page: str, changes: list[dict[str, Any]]) -> None:
+        """Take over what a page set itself."""
+
+
+ASKING: Final[ContextVar[str]] = ContextVar("ASKING")
+"""The page whose request is being answered."""
+
+VALUES: Final = "publish:trame.state.topic:0"
+"""What trame's client takes for new values."""
+
+
 class Sockets(AioHttpWsHandler):  # type: ignore[misc]
-    """wslink's connections to the pages, within limits."""
+    """wslink's connections to the pages, within limits; where trame has one state for all, each has its own here."""
+
+    def __init__(self, pages: Pages, *given: Any) -> None:
+        """Answer for ``pages``; all else is wslink's own."""
+        super().__init__(*given)
+        self._pages = pages
 
     async def handleWsRequest(self, request: web.Request) -> web.StreamResponse:  # noqa: N802, D102
         if len(self.connections) >= MOST_PAGES:
@@ -142,10 +177,19 @@ class Sockets(AioHttpWsHandler):  # type: ignore[misc]
         transport = request.transport
         cut_off = transport.abort if transport is not None else lambda: None
         self.connections[client_id] = Outbox(self.connections[client_id], cut_off)
+        ASKING.set(client_id)
+        self._pages.opened(client_id, partial(self._send_values, client_id))
         await super().onConnect(request, client_id)
+
+    def _send_values(self, client_id: str, values: dict[str, Any]) -> None:
+        if self.isClientAuthenticated(client_id):
+            message = msgpack.packb({"wslink": "1.0", "id": VALUES, "result": values})
+            for chunk in generate_chunks(message, MAX_MSG_SIZE):
+                self.connections[client_id].put(chunk)
 
     async def onClose(self, client_id: str) -> None:  # noqa: N802, D102
         self.connections[client_id].end()
+        self._pages.closed(client_id)
         await super().onClose(client_id)
 
     async def onMessage(self, is_binary: bool, msg: Any, client_id: str) -> None:  # noqa: N802, D102
@@ -155,8 +199,20 @@ class Sockets(AioHttpWsHandler):  # type: ignore[misc]
             reason = str(error).encode()[:120]
             await self.connections[client_id].close(code=WSCloseCode.POLICY_VIOLATION, message=reason)
             return
+        if request["method"] == "trame.state.update" and self.isClientAuthenticated(client_id):
+            self._pages.changed(client_id, request["args"][0])
+            await self.sendWrappedMessage(request["id"], None, client_id=client_id)
+            return
         with self.network_monitor:
             await self.onCompleteMessage(request, client_id)
+
+    async def sendWrappedMessage(  # noqa: N802
+        self, rpcid: str, content: Any, method: str = "", client_id: str | None = None, **how: Any
+    ) -> None:
+        """Send an answer; all values of a page hold those of its own."""
+        if method == "trame.state.get" and client_id is not None:
+            content = {**content, "state": {**content["state"], **self._pages.whole(client_id)}}
+        await super().sendWrappedMessage(rpcid, content, method, client_id, **how)
 
     def payloadWithSecretStripped(self, payload: Any) -> str:  # noqa: N802
         """Return what to log of a request: not a deep copy of it, which takes longer than to read it."""

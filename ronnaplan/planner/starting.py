@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import re
 from collections.abc import Awaitable, Callable
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from aiohttp import web
+from numpy.typing import NDArray
 
 from ronnaplan.case.folder import PLAN
 from ronnaplan.errors import InputError, RonnaplanError, UsageError
 from ronnaplan.planner.address import Address
 from ronnaplan.planner.dropped import Dropped
-from ronnaplan.planner.gate import gate
+from ronnaplan.planner.gate import gate, is_worth_telling
 from ronnaplan.planner.places import Found, Places, case_of, rows, series_at
+from ronnaplan.planner.shelves import Shelf, Shelves
 from ronnaplan.planner.state import PlannerState
+from ronnaplan.text import whole_number
 
 PAGE = files("ronnaplan.planner") / "page"
 SERVED = {"index.html": "start.html", "start.js": "start.js", "start.css": "start.css"}
@@ -33,9 +38,9 @@ Open = Callable[[Path, str | None, Path], PlannerState]
 class StartPage:
     """Serves the page until a case is open; `state` is that case then."""
 
-    def __init__(self, home: Path, root: Path, open_case: Open) -> None:
-        """New cases are made in ``home``; what lies below ``root`` can be looked through."""
-        self.home, self.places, self.open_case = home, Places(root), open_case
+    def __init__(self, home: Path, root: Path, open_case: Open, shelf: Shelf | None = None) -> None:
+        """New cases are made in ``home``; what lies below ``root``, or on the ``shelf``, can be looked through."""
+        self.home, self.places, self.open_case, self.shelves = home, Places(root), open_case, Shelves(shelf)
         self.dropped = Dropped(home)
         self.found: list[Found] = []
         self.state: PlannerState | None = None
@@ -53,6 +58,9 @@ class StartPage:
             web.post("/drop", _told(self._drop)),
             web.put("/dropped", _told(self._keep)),
             web.post("/open", _told(self._open)),
+            web.get("/archive", _told(self.shelves.look)),
+            web.get("/archive/{number}", self._shelved),
+            web.post("/fetch", _told(self._fetch)),
         ]
 
     async def opened(self) -> None:
@@ -76,16 +84,25 @@ class StartPage:
         }
 
     async def _thumbnail(self, request: web.Request) -> web.Response:
-        import cv2
+        one = self._listed(request.match_info["number"])
+        return _picture(None if one is None else one.picture)
 
-        number = request.match_info["number"]
-        picture = self.found[int(number)].picture if number.isdecimal() and int(number) < len(self.found) else None
-        if picture is None:
-            raise web.HTTPNotFound(text="there is no picture of it")
-        return web.Response(body=bytes(cv2.imencode(".png", picture)[1]), content_type="image/png")
+    async def _shelved(self, request: web.Request) -> web.Response:
+        return _picture(await self.shelves.picture(request))
+
+    def _listed(self, number: str) -> Found | None:
+        """Return the series of a number in the list, None where there is none."""
+        place = whole_number(number)
+        return self.found[place] if place is not None and 0 <= place < len(self.found) else None
 
     async def _drop(self, _: web.Request) -> Any:
         self.dropped.begin()
+        return {}
+
+    async def _fetch(self, request: web.Request) -> Any:
+        """Bring a series from the archive; it is taken as if it had been dropped."""
+        folder = self.dropped.begin()
+        await self.shelves.fetch(request, folder)
         return {}
 
     async def _keep(self, request: web.Request) -> Any:
@@ -94,10 +111,9 @@ class StartPage:
 
     async def _open(self, request: web.Request) -> Any:
         """Open a series that was listed, in a case that is new or lies about it."""
-        number, name = request.query.get("number", ""), request.query.get("name", "")
-        if not number.isdecimal() or int(number) >= len(self.found):
+        one, name = self._listed(request.query.get("number", "")), request.query.get("name", "")
+        if one is None:
             raise UsageError("that series is no longer listed; look for it again")
-        one = self.found[int(number)]
         if not one.summary.is_usable:
             raise UsageError(f"it cannot be used: {'; '.join(one.summary.problems)}")
         if self._from_drop and not CASE_NAME.fullmatch(name):
@@ -134,6 +150,7 @@ def choose(
     page: StartPage, host: str, hosts: frozenset[str], address: Address, announce: Callable[[Address], None]
 ) -> tuple[PlannerState, Address]:
     """Serve the start page until a case is open; return it, and the address at which the planner goes on."""
+    logging.getLogger("aiohttp.server").addFilter(is_worth_telling)
 
     async def serve() -> Address:
         application = web.Application(middlewares=[gate(address.token, hosts)])
@@ -159,6 +176,14 @@ def choose(
         ) from error
     assert page.state is not None
     return page.state, known
+
+
+def _picture(picture: NDArray[np.uint8] | None) -> web.Response:
+    import cv2
+
+    if picture is None:
+        raise web.HTTPNotFound(text="there is no picture of it")
+    return web.Response(body=bytes(cv2.imencode(".png", picture)[1]), content_type="image/png")
 
 
 def _page(file: str) -> Callable[[web.Request], Awaitable[web.Response]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from functools import partial
 
 import numpy as np
@@ -12,12 +13,13 @@ from ronnaplan.case.surroundings import Labels, Rules
 from ronnaplan.ct import CTVolume
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray, as_points
+from ronnaplan.planner.aligning import Alignment
 from ronnaplan.planner.looking import Looking
 from ronnaplan.planner.offers import Offers
 from ronnaplan.planner.outlines import Outlines
 from ronnaplan.planner.registering import Registering
 from ronnaplan.planner.second import Second
-from ronnaplan.planner.storage import Storage
+from ronnaplan.planner.storage import PlacedImage, Storage
 from ronnaplan.planner.worker import Job, Start
 from ronnaplan.planning import Landmarks, Ruler, Trajectory
 from ronnaplan.planning.trajectory import next_colour
@@ -50,9 +52,29 @@ class PlannerState:
         self.registering = Registering(self.case, storage, lambda job: self.start(job))
         self.offers = Offers(self.case, self.look, lambda job: self.start(job))
 
+    def beside(self) -> PlannerState:
+        """Return the same case for another page, which looks where it likes and selects for itself."""
+        other = copy.copy(self)
+        other.look = self.look.beside()
+        other.outlines = Outlines(self.case.volume, self.case.no_go)
+        other.offers = Offers(self.case, other.look, self.offers.start, self.offers.offered)
+        return other
+
     def take_second(self, image: CTVolume, name: str) -> None:
         """Show another image of the same head over the cuts, once it is known where it lies."""
-        self.second = Second(self.case.volume, image, name, lambda job: self.start(job))
+        key = image.voxel_sha256
+        known = self.look.images.get(key)
+
+        def keep(found: Alignment) -> None:
+            rows = [tuple(row) for row in found.moving_from_fixed.tolist()]
+            self.look.images[key] = PlacedImage.model_validate(
+                {"image_from_scan": tuple(rows), "apart_mm": found.apart_mm}
+            )
+            self.look.save()
+
+        self.second = Second(self.case.volume, image, name, lambda job: self.start(job), keep)
+        if known is not None and not self.second.placed:
+            self.second.place(Alignment(np.array(known.image_from_scan), known.apart_mm))
 
     @property
     def other(self) -> Second:

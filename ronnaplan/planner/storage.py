@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from pydantic import Field
 
 from ronnaplan.case.folder import FIDUCIALS, LIMITS, PLACEMENT, PLAN, REGISTRATION, CaseFiles
-from ronnaplan.documents.fields import DocumentModel, Hounsfield, Line, PositiveMm, Vector
+from ronnaplan.documents.fields import DocumentModel, Hounsfield, Line, Matrix4, PositiveMm, Vector
 from ronnaplan.documents.files import read_json, write_atomically
 from ronnaplan.documents.reading import to_json, validated
 from ronnaplan.errors import InputError, UsageError
@@ -21,6 +22,13 @@ from ronnaplan.tracking import READERS
 LAYOUTS = ("six", "four", "path", "3-D")
 """Standard cuts, head and two views of the path; the standard cuts and the head; both cuts in line with the path large;
 the head large beside the cuts."""
+
+
+class PlacedImage(DocumentModel):
+    """Where another image lies: a rigid transform from the scan to it, and how far apart two starts ended, mm."""
+
+    image_from_scan: Matrix4
+    apart_mm: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 
 
 class Look(DocumentModel):
@@ -36,6 +44,8 @@ class Look(DocumentModel):
     selected: Line | None = None
     points: dict[str, Vector] = Field(default_factory=dict)
     """AC, PC or midline point as far as they are set, until the plan holds all three."""
+    images: dict[str, PlacedImage] = Field(default_factory=dict)
+    """Other images that were registered, by the SHA-256 of their voxels."""
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from typing import Any, Final
 
@@ -20,26 +20,33 @@ IDLE: Final = {"what": "", "share": 0.0, "seconds": 0}
 class Working:
     """Has jobs done by a `Worker` while the page goes on.
 
-    ``answering`` is entered while an answer is taken, and shows what goes wrong; ``shown`` draws the page then.
+    ``tell`` shows it on every page. ``answering`` is entered while an answer is taken, and shows what goes wrong;
+    ``shown`` draws the pages then.
     """
 
     def __init__(
-        self, server: Any, answering: Callable[[], AbstractContextManager[None]], shown: Callable[[], None]
+        self,
+        tell: Callable[[Mapping[str, Any]], None],
+        answering: Callable[[], AbstractContextManager[None]],
+        shown: Callable[[], None],
     ) -> None:
-        self.server, self.answering, self.shown = server, answering, shown
+        self.tell, self.answering, self.shown = tell, answering, shown
+        self.told: dict[str, Any] = IDLE
         self._worker = Worker()
         self._task: asyncio.Task[None] | None = None
         self._share = 0.0
-        server.state.work = IDLE
 
     def start(self, job: Job) -> None:
         """Set a job going; raises `UsageError` while another one is under way."""
-        if self._task is not None:
-            what = self.server.state.work["what"]
-            raise UsageError(f"the planner is {what}; wait for that, or cancel it first")
+        self.require_idle()
         self._share = 0.0
-        self.server.state.work = {**IDLE, "what": job.what}
+        self._tell({**IDLE, "what": job.what})
         self._task = asyncio.get_running_loop().create_task(self._work(job))
+
+    def require_idle(self) -> None:
+        """Raise `UsageError` while a job is under way."""
+        if self._task is not None:
+            raise UsageError(f"the planner is {self.told['what']}; wait for that, or cancel it first")
 
     def cancel(self) -> None:
         """End the job that is under way."""
@@ -49,15 +56,17 @@ class Working:
         began = time.monotonic()
         answer = asyncio.get_running_loop().run_in_executor(None, self._worker.answer, job, self._take_share)
         while not (await asyncio.wait({answer}, timeout=TELL_S))[0]:
-            with self.server.state:
-                seconds = round(time.monotonic() - began)
-                self.server.state.work = {"what": job.what, "share": self._share, "seconds": seconds}
+            seconds = round(time.monotonic() - began)
+            self._tell({"what": job.what, "share": self._share, "seconds": seconds})
         self._task = None
-        with self.server.state:
-            self.server.state.work = IDLE
-            with self.answering():
-                job.keep(answer.result())
-            self.shown()
+        with self.answering():
+            job.keep(answer.result())
+        self._tell(IDLE)
+        self.shown()
+
+    def _tell(self, work: dict[str, Any]) -> None:
+        self.told = work
+        self.tell({"work": work})
 
     def _take_share(self, share: float) -> None:
         self._share = round(share, 2)

@@ -11,6 +11,9 @@ from ronnaplan.planning.layers import Way
 from ronnaplan.planning.measures import Measures
 from ronnaplan.planning.obstacles import Clearance, Kind
 
+NEAR_SHARE = 0.1
+"""A limit that is kept by less than this share of it is nearly broken."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
@@ -141,6 +144,17 @@ def _at_most(name: str, what: str, value: float | None, unit: str, limit: float,
     if value is None:
         remark = "could not be measured"
     return Verdict(name, what, value, unit, limit, value is not None and value <= limit, remark)
+
+
+def is_near(verdict: Verdict) -> bool:
+    """Tell whether a limit is kept by so little that it should be looked at.
+
+    That is `NEAR_SHARE` of it, and where it is a chance, of what is left to certainty.
+    """
+    value, limit = verdict.value, verdict.limit
+    if not verdict.passes or value is None or limit is None:
+        return False
+    return abs(value - limit) <= NEAR_SHARE * (abs(limit) if verdict.unit else 1.0 - limit)
 
 
 def all_pass(verdicts: Sequence[Verdict]) -> bool:

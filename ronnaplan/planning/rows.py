@@ -61,15 +61,15 @@ def distance_rows(one: Measures) -> Rows:
     ]
 
 
-def error_rows(one: Measures) -> Rows:
-    """Return the expected error that counts and, where there are two, the other one, each with what it rests on."""
-    rows: Rows = []
-    for error in (one.error, one.planned_error):
-        if error is not None:
-            basis = error.expected.basis
-            rows.append((f"expected error, as {basis}, with", error.expected.rests_on))
-            rows += [(f"{what}, as {basis}", value) for what, value in error_values(error)]
-    return rows
+def error_table(one: Measures) -> list[tuple[str, ...]]:
+    """Return the expected error that counts and, where there are two, the other one beside it, under a row of heads."""
+    errors = [error for error in (one.error, one.planned_error) if error is not None]
+    if not errors:
+        return []
+    columns = [dict(error_values(error)) for error in errors]
+    rows = [(what, *(column[what] for column in columns)) for what in columns[0]]
+    heads = ("expected error", *(f"as {error.expected.basis}" for error in errors))
+    return [heads, *rows, ("with", *(error.expected.rests_on for error in errors))]
 
 
 def errors_by_basis(one: Measures) -> tuple[PathError | None, PathError | None]:

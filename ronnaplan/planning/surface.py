@@ -15,7 +15,6 @@ import numpy as np
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray, unit
-from ronnaplan.localization.neighbourhood import gather
 from ronnaplan.minimize import minimize
 from ronnaplan.planning.patch import (
     BLUR,
@@ -156,9 +155,8 @@ def _fit(
 ) -> _Patch | None:
     gap = _gap(volume, place)
     reach = float(np.hypot(max(PATCH_RADIUS_MM, 1.2 * gap), depth))
-    near = gather(volume, place, reach)
-    offsets = near.offsets_mm @ near.axes
-    values = np.clip(near.values_hu, *limits_hu)
+    offsets, values = _voxels_near(volume, place, reach)
+    values = np.clip(values, *limits_hu)
     if len(values) < LEAST_VOXELS:
         return None
     axes = _axes(_steepest(offsets, values, outward))
@@ -198,6 +196,32 @@ def _gap(volume: CTVolume, place: FloatArray) -> float:
     positions = volume.grid.slice_positions_mm
     k = int(np.clip(np.searchsorted(positions, place @ volume.grid.normal), 1, len(positions) - 1))
     return float(positions[k] - positions[k - 1])
+
+
+def _voxels_near(volume: CTVolume, center_mm: FloatArray, reach_mm: float) -> tuple[FloatArray, FloatArray]:
+    """Return offsets (N, 3) in LPS and values (N,) of the measured voxels within ``reach_mm`` of a place (3,).
+
+    What `ronnaplan.localization.neighbourhood.gather` returns, without compiled code: the planner loads no compiler.
+    """
+    grid = volume.grid
+    axes, places = grid.axes, grid.slice_positions_mm - center_mm @ grid.normal
+    first, last = np.searchsorted(places, [-reach_mm, reach_mm])
+    if first == last:
+        return np.empty((0, 3)), np.empty(0)
+    origins = grid.origins_mm[first:last] @ axes[:2].T - axes[:2] @ center_mm
+    steps = np.array([grid.column_spacing_mm, grid.row_spacing_mm])
+    most = np.array(volume.voxels_hu.shape[:0:-1])
+    low = np.clip(np.floor((-origins.max(axis=0) - reach_mm) / steps), 0, most).astype(int)
+    high = np.clip(np.ceil((-origins.min(axis=0) + reach_mm) / steps) + 1, 0, most).astype(int)
+    u = (origins[:, 0, None] + np.arange(low[0], high[0]) * steps[0])[:, None, :]
+    v = (origins[:, 1, None] + np.arange(low[1], high[1]) * steps[1])[:, :, None]
+    w = places[first:last, None, None]
+    values = volume.voxels_hu[first:last, low[1] : high[1], low[0] : high[0]]
+    near = u * u + v * v + w * w <= reach_mm**2
+    if volume.padding_hu is not None:
+        near &= values != volume.padding_hu
+    offsets = np.stack([np.broadcast_to(one, near.shape)[near] for one in (u, v, w)], axis=-1)
+    return offsets @ axes, values[near].astype(np.float64)
 
 
 def _steepest(offsets: FloatArray, values: FloatArray, outward: FloatArray) -> FloatArray:

@@ -13,9 +13,8 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Points, as_points
 from ronnaplan.planning.trajectory import Trajectory
 from ronnaplan.pose import Pose, point_jacobian, rotation_sd_deg
-from ronnaplan.registration.covariances import as_pair
+from ronnaplan.registration.planned import planned_pose
 from ronnaplan.registration.registration import LOOSE_ROTATION_DEG
-from ronnaplan.rigid import pose_covariance, require_spread
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 
 TUBE_SIGMAS = 2.4477
@@ -59,12 +58,9 @@ class ExpectedPose:
 
         Raises `InputError` for fewer than three markers or markers on one line.
         """
-        require_spread(markers.positions_mm, "markers")
-        combined = markers.covariances_mm2 + (sigma_ct_mm**2 + sigma_ots_mm**2) * np.eye(3)
-        stated = as_pair(combined, len(markers))
-        assert stated is not None
-        covariance = pose_covariance(markers.positions_mm, stated[1])
-        return cls(covariance, Basis.PLANNED, markers.labels, sigma_ct_mm, sigma_ots_mm)
+        in_ct = markers.covariances_mm2 + sigma_ct_mm**2 * np.eye(3)
+        pose = planned_pose(markers.positions_mm, (in_ct, sigma_ots_mm**2 * np.eye(3)), located=True)
+        return cls(pose.covariance, Basis.PLANNED, markers.labels, sigma_ct_mm, sigma_ots_mm)
 
     @classmethod
     def registered(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, UsageError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import transform_points
 from ronnaplan.registration.covariances import combined_covariances, fitted_pose_covariance
@@ -50,6 +50,8 @@ def register_batch(
         matrices = fit_closed_form(moving_mm, fixed_mm)
         spread, settled = None, np.ones(len(matrices), dtype=bool)
     else:
+        if not isinstance(covariances, tuple) or len(covariances) != 2:
+            raise UsageError("the covariances of a batch are no tuple of two; expected (moving, fixed), in mm^2")
         sides = [
             np.broadcast_to(np.asarray(side, dtype=np.float64), (*moving_mm.shape, 3)) for side in covariances
         ]

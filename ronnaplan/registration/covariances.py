@@ -18,7 +18,8 @@ SMALLEST_VARIANCE_MM2 = 1e-18
 
 Covariances = ArrayLike | tuple[ArrayLike | None, ArrayLike | None] | None
 """Errors of paired points: None (equal, isotropic, unknown), those of the fixed points with the moving ones
-exact, or a tuple (moving, fixed). Each is in mm^2 and its own frame: (N, 3, 3), or (3, 3) for all points."""
+exact, or a tuple (moving, fixed). Each is a variance per axis, in mm^2 and its own frame: (N, 3, 3), or (3, 3) for
+all points."""
 
 
 def as_pair(covariances: Covariances, count: int) -> tuple[FloatArray, FloatArray] | None:
@@ -31,7 +32,8 @@ def as_pair(covariances: Covariances, count: int) -> tuple[FloatArray, FloatArra
     sides = covariances if isinstance(covariances, tuple) else (None, covariances)
     if len(sides) != 2:
         raise InputError(f"covariances came as a tuple of {len(sides)}; expected (moving, fixed)")
-    moving, fixed = (_one_side(side, count, name) for side, name in zip(sides, ("moving", "fixed"), strict=True))
+    names = ("moving covariances", "fixed covariances") if sides is covariances else ("", "covariances")
+    moving, fixed = (_one_side(side, count, name) for side, name in zip(sides, names, strict=True))
     smallest = np.linalg.eigvalsh(moving)[:, 0] + np.linalg.eigvalsh(fixed)[:, 0]
     largest = np.trace(moving, axis1=-2, axis2=-1) + np.trace(fixed, axis1=-2, axis2=-1)
     bad = np.flatnonzero(~(smallest > 1e-12 * largest))
@@ -49,22 +51,23 @@ def _one_side(values: ArrayLike | None, count: int, name: str) -> FloatArray:
     try:
         given = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"{name} covariances are not numbers; expected ({count}, 3, 3) in mm^2") from error
-    if given.shape not in ((3, 3), (count, 3, 3)):
+        raise InputError(f"{name} are not numbers; expected ({count}, 3, 3) in mm^2") from error
+    if given.ndim == 0:
         raise InputError(
-            f"{name} covariances have shape {given.shape}; expected (3, 3) or ({count}, 3, 3) in mm^2"
+            f"{name} came as the number {given:g}; expected (3, 3) or ({count}, 3, 3) in mm^2: "
+            f"a variance of {given:g} mm^2 along every axis is {given:g} * numpy.eye(3)"
         )
+    if given.shape not in ((3, 3), (count, 3, 3)):
+        raise InputError(f"{name} have shape {given.shape}; expected (3, 3) or ({count}, 3, 3) in mm^2")
     full = np.broadcast_to(given, (count, 3, 3))
     if not np.isfinite(full).all():
-        raise InputError(f"{name} covariances have entries that are not finite; expected mm^2")
+        raise InputError(f"{name} have entries that are not finite; expected mm^2")
     scale = np.abs(full).max(axis=(-2, -1))
     skew = np.abs(full - full.swapaxes(-1, -2)).max(axis=(-2, -1))
     negative = np.linalg.eigvalsh(full)[:, 0] < -SYMMETRY_TOLERANCE * scale
     bad = np.flatnonzero((skew > SYMMETRY_TOLERANCE * scale) | negative)
     if bad.size:
-        raise InputError(
-            f"the covariance of {name} point {bad[0]} is not symmetric and positive: {full[bad[0]].tolist()}"
-        )
+        raise InputError(f"{name}: that of point {bad[0]} is not symmetric and positive: {full[bad[0]].tolist()}")
     return full
 
 
@@ -92,4 +95,4 @@ def fitted_pose_covariance(
     if stated is None:
         return pose_covariance(transform_points(matrix, moving_mm), combined_mm2)
     corrected, remaining = corrected_points(matrix, moving_mm, fixed_mm, *stated)
-    return pose_covariance(corrected, combined_mm2, remaining)
+    return pose_covariance(corrected, combined_mm2, remaining, remaining)

@@ -16,6 +16,9 @@ from ronnaplan.registration.registration import register_points
 
 DRIFT_PROBABILITY = 1e-6
 """A displacement rarer than this by the markers' errors alone is a movement. Small, as every frame is tested."""
+SHARE_OF_ALL = 0.1
+"""Of the false alarms so many come from the sum of all displacements, the others from the largest: a body that moves
+shows in every marker, a marker by itself in one only."""
 SUSPECT_PROBABILITY = 0.01
 """Where a marker moved by itself, every one that is this likely to be it is named."""
 
@@ -87,7 +90,8 @@ def drift_over_time(reference: Points, frames: Iterable[Points]) -> list[Drift]:
 def _chance(moved_mm: FloatArray, covariances_mm2: FloatArray) -> float:
     """Bound the chance of displacements (N, 3) like these or rarer, all taken together or the largest by itself.
 
-    Two questions are asked of a reading, the second of every marker, so each gets its share (Bonferroni).
+    Two questions are asked of a reading, the second of every marker, so each gets its share (Bonferroni; see
+    `SHARE_OF_ALL`).
     """
     from scipy.special import gammaincc
 
@@ -98,7 +102,7 @@ def _chance(moved_mm: FloatArray, covariances_mm2: FloatArray) -> float:
     squares = (whitened * moved_mm).sum(axis=-1)
     of_all = gammaincc(moved_mm.size / 2, squares.sum() / 2)
     of_one = gammaincc(3 / 2, squares.max() / 2)
-    return float(min(1.0, 2 * min(of_all, len(moved_mm) * of_one)))
+    return float(min(1.0, of_all / SHARE_OF_ALL, len(moved_mm) * of_one / (1 - SHARE_OF_ALL)))
 
 
 def _judge(

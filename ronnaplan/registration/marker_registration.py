@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ronnaplan.correspondence import Pairing
-from ronnaplan.errors import InputError, UsageError
+from ronnaplan.errors import InputError, UsageError, check_type
 from ronnaplan.geometry import LARGEST_SIGMA_MM, Points
 from ronnaplan.registration.registration import Registration, register_points
 from ronnaplan.sigmas import SIGMA_CT_MM
@@ -24,6 +24,9 @@ class MarkerRegistration:
     """None when the pairing was refused."""
     sigma_ct_mm: float
     """Standard deviation per axis that was added to every CT marker's own covariance."""
+
+    def __repr__(self) -> str:
+        return f"MarkerRegistration({self.pairing!r}, {self.registration!r})"
 
     @property
     def unpaired_ct(self) -> tuple[str, ...]:
@@ -80,6 +83,10 @@ def register_markers(
     """
     from ronnaplan.correspondence import match_points
 
+    for points, what in ((ct, "the scan's markers"), (ots, "the tracker's markers")):
+        check_type(
+            points, Points, what, "give the points of what localize, or find_markers, returned: found.points"
+        )
     if not 0 <= sigma_ct_mm < LARGEST_SIGMA_MM:
         raise InputError(
             f"the CT error is {sigma_ct_mm} mm; expected a standard deviation of zero or more, "

@@ -124,7 +124,7 @@ def _tiles(volume: CTVolume, row: Candidate) -> Iterator[NDArray[np.uint8]]:
 def _rows(found: Fiducials) -> list[Candidate]:
     accepted = [
         Candidate(
-            f"{one.label}: s.e. {1e3 * one.standard_error_mm:.1f} um, misfit {one.misfit:.1%}, "
+            f"{one.label}: error {1e3 * one.error_rms_mm:.1f} um RMS, misfit {one.misfit:.1%}, "
             f"{one.coverage:.0%} of the surface used",
             one.center_mm,
             one.parameters,

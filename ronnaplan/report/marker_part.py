@@ -16,7 +16,7 @@ STYLE = """
 .markers figcaption { order: -1; font-weight: 600 }
 """
 
-HEADER = ("", "x", "y", "z (LPS mm)", "s.e. x", "s.e. y", "s.e. z (um)", "diameter mm", "contrast HU", "flags")
+HEADER = ("", "x", "y", "z (LPS mm)", "sigma x", "sigma y", "sigma z (um)", "diameter mm", "contrast HU", "flags")
 CAPTION = (
     "Cuts through each center with the fitted outline; beside each, data less model at a tenth of the contrast."
 )

@@ -102,12 +102,12 @@ def _draw_cut(axes: Axes, volume: CTVolume, one: Fiducial, cut: str) -> None:
 
 
 def _say(axes: Axes, one: Fiducial) -> None:
-    """Write a marker's label, its fitted center and standard error."""
+    """Write a marker's label, its fitted center and its error."""
     axes.set_axis_off()
     place = "\n".join(f"{axis} {x:8.2f} mm" for axis, x in zip("LPS", one.center_mm, strict=True))
     axes.text(0.06, 0.86, one.label, color=OUTLINE_COLOUR, fontsize=13, weight="bold", va="center")
     axes.text(0.06, 0.70, place, color="white", fontsize=8.5, va="top", family="monospace")
-    axes.text(0.06, 0.06, f"s.e. {1e3 * one.standard_error_mm:.0f} um", color=QUIET, fontsize=8.5, va="bottom")
+    axes.text(0.06, 0.06, f"error {1e3 * one.error_rms_mm:.0f} um RMS", color=QUIET, fontsize=8.5, va="bottom")
 
 
 def _draw_head(axes: Axes, volume: CTVolume, found: Fiducials) -> None:

@@ -10,8 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.robot.circles_compiled import supporters, votes
 
 SMALLEST_RADIUS_PX = 8.0
 """Smaller circles are stray reflections, or too coarse to measure."""
@@ -36,6 +38,9 @@ NEAR = 0.08
 """Edges support one radius when they lie within this share of it (at least a cell)."""
 SMALLEST_SUPPORT = 0.5
 """Share of the directions about a center in which edges support its radius, and of its circumference that they are."""
+
+Image = NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float64]
+"""Grey values (rows, columns)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +72,7 @@ class _Edges:
         return np.arange(SMALLEST_RADIUS_PX, LARGEST_RADIUS * min(self.shape), CELL_PX)
 
 
-def find_circles(grey: FloatArray) -> list[Circle]:
+def find_circles(grey: Image) -> list[Circle]:
     """Return the circles in ``grey`` (rows, columns), best supported first; no two have about the same center."""
     edges = _edges(grey)
     if len(edges.places) == 0:
@@ -80,7 +85,7 @@ def find_circles(grey: FloatArray) -> list[Circle]:
     return kept
 
 
-def _edges(grey: FloatArray) -> _Edges:
+def _edges(grey: Image) -> _Edges:
     import cv2
 
     rows, columns = np.array(grey.shape) // 2
@@ -105,17 +110,10 @@ def _centers(edges: _Edges) -> FloatArray:
     import cv2
 
     columns, rows = edges.shape[1] // CELL_PX + 1, edges.shape[0] // CELL_PX + 1
-    toward = edges.gradients / np.linalg.norm(edges.gradients, axis=1, keepdims=True)
-    x, y = (
-        (edges.places[:, k, None] + toward[:, k, None] * edges.radii).astype(np.float32) / CELL_PX for k in (0, 1)
-    )
-    within = (x > 0) & (x < columns) & (y > 0) & (y < rows)
-    cells = y[within].astype(np.int64) * columns + x[within].astype(np.int64)
-    votes = np.bincount(cells, minlength=rows * columns).reshape(rows, columns)
-    smooth = cv2.GaussianBlur(votes.astype(np.float32), (0, 0), 1.0)
+    found = votes(edges.places, edges.gradients, edges.radii, rows, columns, CELL_PX)
+    smooth = cv2.GaussianBlur(found.astype(np.float32), (0, 0), 1.0)
     peaks = (smooth >= cv2.dilate(smooth, np.ones((3, 3), np.uint8))) & (smooth > 0)
-    found = np.argwhere(peaks)
-    best = found[np.argsort(-smooth[peaks])[:MOST_CENTERS]]
+    best = np.argwhere(peaks)[np.argsort(-smooth[peaks])[:MOST_CENTERS]]
     centers: FloatArray = (best[:, ::-1].astype(np.float64) + 0.5) * CELL_PX
     return centers
 
@@ -123,24 +121,15 @@ def _centers(edges: _Edges) -> FloatArray:
 def _supported(center: FloatArray, edges: _Edges) -> Circle | None:
     """Return the circle about ``center`` that edges in most directions support, if there is one."""
     radii = edges.radii
-    inward = center - edges.places
-    distance = np.linalg.norm(inward, axis=1)
-    strength = np.linalg.norm(edges.gradients, axis=1)
-    askew = np.abs(inward[:, 0] * edges.gradients[:, 1] - inward[:, 1] * edges.gradients[:, 0]) / strength
-    facing = ((inward * edges.gradients).sum(axis=1) > 0) & (distance < (1 + NEAR) * radii[-1] + CELL_PX)
-    facing &= askew < np.maximum(LARGEST_ASKEW * distance, CELL_PX)
-    places, distance, strength, inward = (one[facing] for one in (edges.places, distance, strength, inward))
-    sector = ((np.arctan2(inward[:, 1], inward[:, 0]) / (2 * np.pi) + 0.5) * ANGLES).astype(int) % ANGLES
-    near = np.abs(distance - radii[:, None]) < np.maximum(NEAR * radii, CELL_PX)[:, None]
-    which, edge = np.nonzero(near)
-    directions = np.zeros((len(radii), ANGLES), dtype=bool)
-    directions[which, sector[edge]] = True
-    support = directions.mean(axis=1)
+    facing, distance, supporting, support = supporters(
+        center, edges.places, edges.gradients, radii, ANGLES, LARGEST_ASKEW, NEAR, CELL_PX
+    )
     circumference = 2 * np.sqrt(2) * radii  # pixels of a circle at half the size that touch at edge or corner
-    long = near.sum(axis=1) * edges.per_pixel > 0.8 * SMALLEST_SUPPORT * circumference
-    enough = np.flatnonzero((support >= SMALLEST_SUPPORT) & long)
-    if len(enough) == 0:
+    long = supporting * edges.per_pixel > 0.8 * SMALLEST_SUPPORT * circumference
+    enough = np.flatnonzero((support >= SMALLEST_SUPPORT) & long).tolist()
+    if not enough:
         return None
+    near = {k: facing[np.abs(distance - radii[k]) < max(NEAR * radii[k], CELL_PX)] for k in enough}
     # the limb is sharper than shades within
-    best = max(enough.tolist(), key=lambda k: support[k] * float(np.median(strength[near[k]])))
-    return Circle(center, float(radii[best]), float(support[best]), places[near[best]])
+    best = max(enough, key=lambda k: support[k] * float(np.median(np.hypot(*edges.gradients[near[k]].T))))
+    return Circle(center, float(radii[best]), float(support[best]), edges.places[near[best]])

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ronnaplan.errors import InputError
-from ronnaplan.robot.outline import Image
+from ronnaplan.robot.circles import Image
 from ronnaplan.text import whole_number
 from ronnaplan.untrusted import read_whole
 

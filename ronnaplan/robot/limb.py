@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.robot.circles import Image
 from ronnaplan.robot.limb_compiled import (
     SHADES,
     Flags,
@@ -100,7 +101,7 @@ class _Sectors:
 
 
 def find_limb(
-    grey: FloatArray, outline_px: FloatArray, seen_px: FloatArray, *, steps: int, blur_px: float = FIRST_BLUR_PX
+    grey: Image, outline_px: FloatArray, seen_px: FloatArray, *, steps: int, blur_px: float = FIRST_BLUR_PX
 ) -> Limb | None:
     """Return the edge in ``grey`` (rows, columns) near the closed ``outline_px`` (N, 2), in ``steps`` of Gauss-Newton.
 
@@ -204,7 +205,7 @@ def _polar(outline_px: FloatArray) -> _Reference:
     return _Reference(center, np.concatenate([before, around, after], axis=1))
 
 
-def _sectors(grey: FloatArray, reference: _Reference, seen_px: FloatArray) -> _Sectors:
+def _sectors(grey: Image, reference: _Reference, seen_px: FloatArray) -> _Sectors:
     radius = reference.outline[1, 1:-1]
     reach, mean = radius.max() + OUTWARD_PX, float(radius.mean())
     low = np.maximum(np.floor(reference.center - reach), 0)
@@ -215,8 +216,11 @@ def _sectors(grey: FloatArray, reference: _Reference, seen_px: FloatArray) -> _S
     seen: Flags = np.zeros(count, dtype=bool)
     seen[(share * count).astype(np.int64) % count] = True
     bounds = -OUTWARD_PX, float(np.clip(INWARD * mean, *INWARD_PX)), INTERIOR_PX
-    window = np.stack([low, high]).astype(np.int64)
-    values, depth, starts, *within = lay_out(grey, reference.center, reference.outline, window, bounds, seen)
+    (left, top), (right, bottom) = np.stack([low, high]).astype(np.int64)
+    window = np.ascontiguousarray(grey[top:bottom, left:right], dtype=np.float64)
+    values, depth, starts, *within = lay_out(
+        window, reference.center - (left, top), reference.outline, bounds, seen
+    )
     middles = ((np.arange(count) + 0.5) / count - 0.5) * 2 * np.pi
     every = len(within[0]) // MOST_INTERIOR + 1
     light, offset = (np.ascontiguousarray(one[::every], dtype=np.float64) for one in within[:2])

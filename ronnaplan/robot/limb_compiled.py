@@ -34,11 +34,10 @@ def lay_out(
     grey: FloatArray,
     center: FloatArray,
     outline: FloatArray,
-    window: Integers,
     bounds: tuple[float, float, float],
     seen: Flags,
 ) -> tuple[FloatArray, FloatArray, Integers, FloatArray, FloatArray, Integers]:
-    """Tell the pixels in ``window`` (2, 2; least and first beyond, column and row) apart by their depth in an outline.
+    """Tell the pixels of ``grey`` (rows, columns) apart by their depth in an outline.
 
     ``outline`` (3, N) holds angles about ``center`` (2), once around and one more at either end, the radii there and
     the cosines between normal and radius. Depths (px) between the first two ``bounds`` are beside the edge; deeper
@@ -46,14 +45,14 @@ def lay_out(
     sector, where each sector starts (S + 1), and grey (L), offset (L, 2; in radii) and sector (L) of those within.
     """
     count = len(seen)
-    size = max((window[1, 0] - window[0, 0]) * (window[1, 1] - window[0, 1]), 0)
+    size = grey.size
     reach = outline[1].max() - bounds[0]
     depths, pixels, sectors = np.empty(size), np.empty((size, 2), np.int64), np.empty(size, np.int64)
     light, offsets, of_light = np.empty(size), np.empty((size, 2)), np.empty(size, np.int64)
     starts = np.zeros(count + 1, np.int64)
     beside = within = 0
-    for row in range(window[0, 1], window[1, 1]):
-        for column in range(window[0, 0], window[1, 0]):
+    for row in range(grey.shape[0]):
+        for column in range(grey.shape[1]):
             x, y = column - center[0], row - center[1]
             distance = np.sqrt(x * x + y * y)
             if distance >= reach:
@@ -127,9 +126,18 @@ def normal_equations(
             model_row(steps[n], table, shades[s], blur_px, row)
             for a in range(UNKNOWNS):
                 goal[s, a] += row[a] * grey[n]
-                for b in range(UNKNOWNS):
+                for b in range(a + 1):
                     normal[s, a, b] += row[a] * row[b]
+        mirror(normal[s])
     return normal, goal
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def mirror(square: FloatArray) -> None:
+    """Fill what is above the diagonal of ``square`` (K, K) by what is below."""
+    for a in range(len(square)):
+        for b in range(a):
+            square[b, a] = square[a, b]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -171,8 +179,9 @@ def least_deviations(design: FloatArray, grey: FloatArray, rounds: int) -> tuple
             for a in range(size):
                 turned = weights[n] * design[n, a]
                 goal[a] += turned * grey[n]
-                for b in range(size):
+                for b in range(a + 1):
                     normal[a, b] += turned * design[n, b]
+        mirror(normal)
         found[:] = np.linalg.solve(normal, goal)
         for n in range(len(design)):
             model = 0.0

@@ -19,7 +19,7 @@ from ronnaplan.registration.registration import Registration
 from ronnaplan.robot.camera import RIG, StereoRig
 from ronnaplan.robot.chain import TCP, R, to_frame
 from ronnaplan.robot.images import ImagePair
-from ronnaplan.robot.stereo import StereoSphere, locate_sphere
+from ronnaplan.robot.stereo import LARGEST_STATED_MM, StereoSphere, locate_sphere
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,12 +57,17 @@ class RobotMarkers:
         return Points(self.positions_mm, self.own_mm2 + common, self.labels, R)
 
 
-def in_rig(looks: dict[int, ImagePair], rig: StereoRig, *, diameter_mm: float) -> list[StereoSphere]:
-    """Return the one sphere of ``diameter_mm`` of each look; what is refused names the look by its frame."""
+def in_rig(
+    looks: dict[int, ImagePair], rig: StereoRig, *, diameter_mm: float, largest_mm: float = LARGEST_STATED_MM
+) -> list[StereoSphere]:
+    """Return the one sphere of ``diameter_mm`` of each look; what is refused names the look by its frame.
+
+    Centers that are not known to ``largest_mm`` are refused.
+    """
     found = []
     for number, pair in looks.items():
         try:
-            found.append(locate_sphere(*pair, rig, diameter_mm=diameter_mm))
+            found.append(locate_sphere(*pair, rig, diameter_mm=diameter_mm, largest_mm=largest_mm))
         except (InputError, RefusedError) as error:
             raise type(error)(f"frame {number}: {error}") from error
     return found
@@ -75,16 +80,18 @@ def relocate(
     *,
     diameter_mm: float,
     scatter_mm: float = 0.0,
+    largest_mm: float = LARGEST_STATED_MM,
 ) -> RobotMarkers:
     """Return the sphere of each look, labelled by its frame, taken from ``robot_from_tcp`` in the same order.
 
     ``scatter_mm`` is the scatter per axis that a resting sphere's places had in the rig's calibration: a look errs by
-    no less, whatever its outlines say. Refuses as `in_rig` does.
+    no less, whatever its outlines say. Refuses as `in_rig` does, above ``largest_mm`` too.
     """
     if len(looks) != len(robot_from_tcp):
         raise InputError(f"{len(looks)} looks came with {len(robot_from_tcp)} robot poses; expected one each")
     places, errors = [], []
-    for sphere, pose in zip(in_rig(looks, rig, diameter_mm=diameter_mm), robot_from_tcp, strict=True):
+    spheres = in_rig(looks, rig, diameter_mm=diameter_mm, largest_mm=largest_mm)
+    for sphere, pose in zip(spheres, robot_from_tcp, strict=True):
         here = Points(sphere.position_mm[None], sphere.covariance_mm2[None], ("",), RIG)
         calibrated = Pose.exact(rig.tcp_from_rig.matrix, TCP, RIG)
         own = to_frame(pose @ calibrated, here).covariances_mm2[0]

@@ -38,8 +38,11 @@ def least_squares_covariance(designs: Sequence[FloatArray], residuals: Sequence[
     result is the average over all candidates and spectra by their likelihood.
     """
     weights, covariances = [], []
-    for design, residual in zip(designs, residuals, strict=True):
-        slow = _SlowEquations(design, residual)
+    frames = [_Equations(design, residual) for design, residual in zip(designs, residuals, strict=True)]
+    count = max(
+        frame.used for frame in frames
+    )  # alike in all frames, or their likelihoods would be of unlike data
+    for slow in [_SlowEquations(frame, count) for frame in frames]:
         for shape in slow.component_shapes():
             log_weights, variances = slow.judge(shape)
             top = log_weights.max()
@@ -51,20 +54,27 @@ def least_squares_covariance(designs: Sequence[FloatArray], residuals: Sequence[
     return averaged
 
 
-class _SlowEquations:
-    """The slow frequencies (K) of equations (N, c, p), and the family of M noise spectra over them."""
+class _Equations:
+    """The frequencies of equations (N, c, p), the estimate's covariance for noise of unit variance, and who is used."""
 
     def __init__(self, design: FloatArray, residual: FloatArray) -> None:
         from scipy.fft import dct
 
-        transformed = dct(design, axis=0, norm="ortho")
-        self.bread = np.linalg.inv(np.einsum("kci,kcj->ij", transformed, transformed))
-        leverage = np.einsum("kci,ij,kcj->k", transformed, self.bread, transformed)
-        used = int(np.searchsorted(np.cumsum(leverage), USED_LEVERAGE * leverage.sum()))
-        count = min(BAND * used + FEWEST_FREQUENCIES, len(design))
-        self.design = transformed[:count]
-        self.residual = dct(residual, axis=0, norm="ortho")[:count]
-        self.spectra = _spectra(len(design))[:, :count]
+        self.design = dct(design, axis=0, norm="ortho")
+        self.residual = dct(residual, axis=0, norm="ortho")
+        self.bread = np.linalg.inv(np.einsum("kci,kcj->ij", self.design, self.design))
+        leverage = np.einsum("kci,ij,kcj->k", self.design, self.bread, self.design)
+        lowest = int(np.searchsorted(np.cumsum(leverage), USED_LEVERAGE * leverage.sum()))
+        self.used = min(BAND * lowest + FEWEST_FREQUENCIES, len(design))
+
+
+class _SlowEquations:
+    """The slowest ``count`` frequencies of equations, and the family of M noise spectra over them."""
+
+    def __init__(self, frame: _Equations, count: int) -> None:
+        self.bread = frame.bread
+        self.design, self.residual = frame.design[:count], frame.residual[:count]
+        self.spectra = _spectra(len(frame.design))[:, :count]
 
     def judge(self, shape: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the log weight (M,) and the variance (M,) of every spectrum, for components of ``shape`` (c, c)."""

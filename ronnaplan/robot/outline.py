@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.camera import Camera
-from ronnaplan.robot.circles import SMALLEST_RADIUS_PX, Circle, find_circles
+from ronnaplan.robot.circles import SMALLEST_RADIUS_PX, Circle, Image, find_circles
 from ronnaplan.robot.limb import FIRST_BLUR_PX, Limb, find_limb
 
 CONSENSUS_PX = 2.0
@@ -45,8 +45,6 @@ WAVES = (2, 3, 4)
 OUTLINE_POINTS = 180
 ITERATIONS = 20
 
-Image = NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
 class Outline:
@@ -74,16 +72,16 @@ def find_outlines(image: Image, camera: Camera) -> list[Outline]:
 
     Raises `InputError` for an image that is not two-dimensional or not finite.
     """
-    grey = np.asarray(image, dtype=np.float64)
-    if grey.ndim != 2 or min(grey.shape) < 4 * SMALLEST_RADIUS_PX or not np.isfinite(grey).all():
+    small = image.ndim != 2 or min(image.shape) < 4 * SMALLEST_RADIUS_PX
+    if small or (image.dtype.kind == "f" and not np.isfinite(image).all()):
         raise InputError(
-            f"a camera image has shape {grey.shape}; expected grey values (rows, columns), all finite"
+            f"a camera image has shape {image.shape}; expected grey values (rows, columns), all finite"
         )
-    outlines = [_outline(grey, circle, camera) for circle in find_circles(grey)]
+    outlines = [_outline(image, circle, camera) for circle in find_circles(image)]
     return sorted((one for one in outlines if one is not None), key=lambda one: -one.half_angle)
 
 
-def _outline(grey: FloatArray, circle: Circle, camera: Camera) -> Outline | None:
+def _outline(grey: Image, circle: Circle, camera: Camera) -> Outline | None:
     """Return the outline near ``circle``, if it is a sphere's.
 
     What light falls on the sphere is told from within the outline, so the two are found in turns. By the second pass is

@@ -11,14 +11,15 @@ from ronnaplan.geometry import FloatArray, Points
 from ronnaplan.pose import Pose, cross_matrix
 from ronnaplan.robot.camera import RIG, Camera, StereoRig
 from ronnaplan.robot.chain import TCP, to_frame
-from ronnaplan.robot.outline import Image, Outline, find_outlines
+from ronnaplan.robot.circles import Image
+from ronnaplan.robot.outline import Outline, find_outlines
 
 LARGEST_GAP_MM = 0.3
 """Two outlines whose lines of sight pass further from each other than this are not of one sphere."""
 SIZE_TOLERANCE = 0.05
 """Largest relative difference of an outline's apparent size from that of the sphere at the place found."""
 LARGEST_STATED_MM = 0.02
-"""A center whose stated error (RMS) is larger is refused."""
+"""A center whose stated error (RMS) is larger is refused, unless another limit is asked for."""
 ITERATIONS = 10
 
 
@@ -42,11 +43,14 @@ class StereoSphere:
         return to_frame(robot_from_tcp @ rig.tcp_from_rig, here)
 
 
-def locate_sphere(left: Image, right: Image, rig: StereoRig, *, diameter_mm: float) -> StereoSphere:
+def locate_sphere(
+    left: Image, right: Image, rig: StereoRig, *, diameter_mm: float, largest_mm: float = LARGEST_STATED_MM
+) -> StereoSphere:
     """Return the one sphere of ``diameter_mm`` that both images (rows, columns; grey) show.
 
     Outlines are paired when their lines of sight meet and both have the size of such a sphere there. Raises
-    `InputError` if no pair does and `RefusedError` if more than one does, or if the center is not known well enough.
+    `InputError` if no pair does and `RefusedError` if more than one does, or if the center is not known to
+    ``largest_mm`` (RMS).
     """
     if not (np.isfinite(diameter_mm) and diameter_mm > 0):
         raise InputError(f"a sphere diameter of {diameter_mm} mm was given; expected one above zero")
@@ -65,9 +69,9 @@ def locate_sphere(left: Image, right: Image, rig: StereoRig, *, diameter_mm: flo
     if len(found) > 1:
         raise RefusedError(f"{len(found)} spheres of {diameter_mm:g} mm are seen by both cameras; expected one")
     stated_mm = float(np.sqrt(np.trace(found[0].covariance_mm2)))
-    if stated_mm > LARGEST_STATED_MM:
+    if not stated_mm <= largest_mm:
         raise RefusedError(
-            f"the sphere's center is known to {stated_mm:.3f} mm only; expected {LARGEST_STATED_MM:g} mm or less: "
+            f"the sphere's center is known to {stated_mm:.3f} mm only; expected {largest_mm:g} mm or less: "
             "light the sphere evenly and brighter than what is behind it, or move the cameras closer"
         )
     return found[0]

@@ -13,8 +13,8 @@ from ronnaplan.geometry import FloatArray, as_points
 from ronnaplan.pose import Pose, adjoint, as_pose, exponential, invert, rigid
 from ronnaplan.robot.camera import RIG, Camera
 from ronnaplan.robot.chain import TCP
+from ronnaplan.robot.circles import Image
 from ronnaplan.robot.hand_eye import require_two_axes
-from ronnaplan.robot.outline import Image
 
 FEWEST_BOARDS = 6
 FEWEST_SPHERES = 6

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -21,7 +22,7 @@ class Cut:
     center_mm: FloatArray
     field_mm: float
 
-    @property
+    @cached_property
     def away(self) -> FloatArray:
         """Unit vector (3,) from the eye into the screen."""
         away: FloatArray = np.cross(self.right, self.down)

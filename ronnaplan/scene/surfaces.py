@@ -11,7 +11,7 @@ import numpy as np
 from ronnaplan.planning.sampling import AIR_HU
 from ronnaplan.scene.field import Field
 from ronnaplan.scene.shapes import Body
-from ronnaplan.scene.vtk import asked
+from ronnaplan.scene.vtk import Arrays, asked
 
 MOST_TRIANGLES: Final = 120_000
 """A surface with more is thinned out: a browser without a graphics card still draws this many."""
@@ -43,19 +43,25 @@ def surfaces(
 
     They are made in another process. Raises `InputError` where pyvista is not installed.
     """
-    answer = asked(
-        "surfaces",
-        {
-            "values": field.values,
-            "origin_mm": field.origin_mm,
-            "cell_mm": np.array(field.cell_mm),
-            "outside": np.array(outside),
-            "names": np.array(list(levels)),
-            "levels": np.array([one.value for one in levels.values()]),
-            "sealed": np.array([one.sealed for one in levels.values()]),
-            "most_triangles": np.array(most_triangles),
-        },
-    )
+    return bodies(asked("surfaces", task(field, levels, outside, most_triangles)), levels)
+
+
+def task(field: Field, levels: Mapping[str, Level], outside: float, most_triangles: int) -> Arrays:
+    """Return what the workshop is given to make surfaces."""
+    return {
+        "values": field.values,
+        "origin_mm": field.origin_mm,
+        "cell_mm": np.array(field.cell_mm),
+        "outside": np.array(outside),
+        "names": np.array(list(levels)),
+        "levels": np.array([one.value for one in levels.values()]),
+        "sealed": np.array([one.sealed for one in levels.values()]),
+        "most_triangles": np.array(most_triangles),
+    }
+
+
+def bodies(answer: Arrays, levels: Mapping[str, Level]) -> dict[str, Body]:
+    """Return the workshop's answer as bodies, by name."""
     return {
         name: Body(
             answer[f"{name}/vertices"].astype(np.float32),

@@ -20,6 +20,8 @@ MARKER_COLOUR: Final = "#ff9f1c"
 REJECTED_COLOUR: Final = "#ff5252"
 NO_GO_COLOUR: Final = "#e53935"
 CONTACT_COLOUR: Final = "#f5f7fa"
+PROPOSAL_COLOURS: Final = ("#3a0a2e", "#c2259a")
+"""From the worst to the best; nothing else on the page is magenta, to colour-blind eyes neither."""
 
 CONTACT_SHARE: Final = 1.4
 """Contacts are drawn so much thicker than what they are on, to be seen."""

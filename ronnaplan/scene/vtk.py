@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import io
 import os
 import subprocess
 import sys
+import tempfile
+import threading
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.errors import InputError
+from ronnaplan.pipes import receive, send
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -27,6 +29,44 @@ class NoGraphicsError(InputError):
     """VTK could not do a task, for want of a graphics library, say."""
 
 
+class Workshop:
+    """A process for one task. It loads its libraries from when it is begun, which takes as long as many a task."""
+
+    def __init__(self) -> None:
+        self._told = tempfile.TemporaryFile()  # noqa: SIM115
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "ronnaplan.scene.workshop"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._told,
+            env=_environment(),
+        )
+
+    def answer(self, task: str, given: dict[str, Any]) -> Any:
+        """Return the answer to a task, the only one; raises `NoGraphicsError` where it could not be done."""
+        late = threading.Timer(LONGEST_S, self._process.kill)
+        late.start()
+        try:
+            with self._process as process, self._told:
+                assert process.stdin is not None
+                assert process.stdout is not None
+                try:
+                    send(process.stdin, (task, given))
+                    return receive(process.stdout)
+                except (EOFError, OSError) as error:
+                    with suppress(OSError):
+                        process.stdin.close()
+                    status = process.wait()
+                    self._told.seek(0)
+                    last = self._told.read().decode(errors="replace").strip().rpartition("\n")[2]
+                    reason = last or (f"status {status}" if late.is_alive() else f"not done after {LONGEST_S:g} s")
+                    raise NoGraphicsError(
+                        f"VTK could not make {task} ({reason}); see docs/planner.md, 3-D"
+                    ) from error
+        finally:
+            late.cancel()
+
+
 def asked(task: str, arrays: Arrays) -> Arrays:
     """Return the answer to a task of the workshop.
 
@@ -34,32 +74,8 @@ def asked(task: str, arrays: Arrays) -> Arrays:
     """
     if find_spec(NEEDED) is None:
         raise InputError(f"3-D surfaces need {NEEDED}; install ronnaplan[scene]")
-    stream = io.BytesIO()
-    save_arrays(stream, {"task": np.array(task), **arrays})
-    try:
-        done = subprocess.run(
-            [sys.executable, "-m", "ronnaplan.scene.workshop"],
-            input=stream.getbuffer(),
-            capture_output=True,
-            timeout=LONGEST_S,
-            check=True,
-            env=_environment(),
-        )
-    except subprocess.CalledProcessError as error:
-        last = error.stderr.decode(errors="replace").strip().rpartition("\n")[2] or f"status {error.returncode}"
-        raise NoGraphicsError(f"VTK could not make {task} ({last}); see docs/planner.md, 3-D") from error
-    except subprocess.TimeoutExpired as error:
-        raise NoGraphicsError(
-            f"VTK was not done with {task} after {LONGEST_S:g} s; give it a smaller scan"
-        ) from error
-    with np.load(io.BytesIO(done.stdout), allow_pickle=False) as answer:
-        return dict(answer)
-
-
-def save_arrays(stream: IO[bytes], arrays: Arrays) -> None:
-    """Write arrays by name; `numpy.load` reads them."""
-    named: dict[str, Any] = {**arrays}
-    np.savez(stream, **named)
+    answer: Arrays = Workshop().answer(task, arrays)
+    return answer
 
 
 def _environment() -> dict[str, str]:

@@ -1,20 +1,27 @@
 """The process in which VTK works: one task from standard input, its answer to standard output, then it ends.
 
 VTK keeps the memory that it took, and ends a process in which no graphics library can be loaded: neither touches the
-process that asked. Arrays come and go as one ``.npz``.
+process that asked.
 """
 
 from __future__ import annotations
 
-import io
 import os
 import sys
-from typing import Any
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.scene.vtk import Arrays, save_arrays
+from ronnaplan.pipes import receive, send
+from ronnaplan.planning.sampling import AIR_HU
+from ronnaplan.scene.vtk import Arrays
+
+if TYPE_CHECKING:
+    from ronnaplan.scene.head import HeadParts
 
 LEAST_SHARE = 0.02
 """Pieces with fewer cells than this share of the largest are loose, and dropped."""
@@ -29,12 +36,43 @@ EYE_LIGHTS = (
 
 def main() -> None:
     """Do one task."""
-    with np.load(io.BytesIO(sys.stdin.buffer.read()), allow_pickle=False) as given:
-        task = dict(given)
-    answer = TASKS[str(task.pop("task"))](task)
-    stream = io.BytesIO()
-    save_arrays(stream, answer)
-    sys.stdout.buffer.write(stream.getvalue())
+    os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow" if sys.platform == "linux" else "")
+    with suppress(ImportError):  # told by the task that needs it
+        import pyvista  # noqa: F401
+    import ronnaplan.scene.head
+    import ronnaplan.scene.surfaces
+    import ronnaplan.scene.volume  # noqa: F401
+
+    with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as out:
+        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+        try:
+            task, given = receive(sys.stdin.buffer)
+        except EOFError:
+            return  # it was not needed
+        send(out, TASKS[task](given))
+
+
+def head(given: dict[str, Any]) -> HeadParts:
+    """Return what a head is drawn from: as much as can be made here."""
+    from ronnaplan.scene.field import Field, of_mask
+    from ronnaplan.scene.head import HeadParts
+    from ronnaplan.scene.surfaces import REGION, SURFACES, bodies, task
+    from ronnaplan.scene.volume import Volume
+
+    scan, most = given["scan"], given["most"]
+    field = Field.of(scan)
+    whole = Volume.of(field)
+    try:
+        made = bodies(surfaces(task(field, SURFACES, AIR_HU, most)), SURFACES)
+        regions = {
+            name: bodies(surfaces(task(of_mask(scan, mask), {name: REGION}, 0.0, most)), {name: REGION})[name]
+            for name, mask in given["regions"].items()
+        }
+    except ModuleNotFoundError as error:
+        return HeadParts(whole, wanting=f"3-D surfaces need {error.name}; install ronnaplan[scene]")
+    except ImportError as error:
+        return HeadParts(whole, wanting=f"VTK cannot be loaded ({error}); see docs/planner.md, 3-D")
+    return HeadParts(whole, made, regions)
 
 
 def surfaces(task: Arrays) -> Arrays:
@@ -42,13 +80,16 @@ def surfaces(task: Arrays) -> Arrays:
     found: Arrays = {}
     values = np.pad(task["values"], 1, constant_values=float(task["outside"]))
     origin_mm = task["origin_mm"] - task["cell_mm"]
-    for name, level, sealed in zip(task["names"], task["levels"], task["sealed"], strict=True):
-        found |= {f"{name}/{key}": part for key, part in _surface(values, origin_mm, level, sealed, task).items()}
+    one = partial(_surface, values, origin_mm, task)
+    with ThreadPoolExecutor() as pool:  # VTK's filters let other threads work meanwhile
+        made = list(pool.map(one, task["levels"], task["sealed"]))
+    for name, parts in zip(task["names"], made, strict=True):
+        found |= {f"{name}/{key}": part for key, part in parts.items()}
     return found
 
 
 def _surface(
-    values: NDArray[np.float32], origin_mm: NDArray[np.float64], level: float, sealed: bool, task: Arrays
+    values: NDArray[np.float32], origin_mm: NDArray[np.float64], task: Arrays, level: float, sealed: bool
 ) -> Arrays:
     import pyvista
 
@@ -116,7 +157,6 @@ def _outward(
 
 def picture(task: Arrays) -> Arrays:
     """Return the picture (H, W, 4) of bodies, with shadows in their hollows; clear where nothing is."""
-    os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow" if sys.platform == "linux" else "")
     import pyvista
 
     width, height = (int(pixels) for pixels in task["size"])
@@ -174,7 +214,7 @@ def _look(plotter: Any, task: Arrays) -> None:
         plotter.add_light(light)
 
 
-TASKS = {"surfaces": surfaces, "picture": picture}
+TASKS = {"head": head, "surfaces": surfaces, "picture": picture}
 
 
 if __name__ == "__main__":

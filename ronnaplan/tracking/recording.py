@@ -85,6 +85,9 @@ class Recording:
     def __post_init__(self) -> None:
         object.__setattr__(self, "notes", tuple(map(printable, self.notes)))
 
+    def __repr__(self) -> str:
+        return f"Recording({self.source}: {len(self.points)} points, {len(self.tools)} poses, in {self.frame})"
+
     @property
     def tool_names(self) -> tuple[str, ...]:
         """The tools, in order of their first reading."""

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ronnaplan.errors import FrameMismatchError, InputError, check_type
 from ronnaplan.geometry import LARGEST_SIGMA_MM, FloatArray, Frame, Points
 from ronnaplan.sigmas import SIGMA_OTS_MM
+from ronnaplan.text import place
 from ronnaplan.tracking.recording import PointReading, Recording
 
 GATE_MM = 4.0
@@ -64,6 +65,10 @@ class TrackedMarker:
     outliers: int
     flags: tuple[MarkerFlag, ...]
 
+    def __repr__(self) -> str:
+        flags = "".join(f", {flag}" for flag in self.flags)
+        return f"TrackedMarker({self.label} at {place(self.position_mm)} mm, {self.readings} readings{flags})"
+
 
 @dataclass(frozen=True, eq=False)
 class RejectedTrack:
@@ -72,6 +77,9 @@ class RejectedTrack:
     position_mm: FloatArray
     readings: int
     reason: str
+
+    def __repr__(self) -> str:
+        return f"RejectedTrack(at {place(self.position_mm)} mm, {self.readings} readings: {self.reason})"
 
 
 @dataclass(frozen=True)
@@ -82,6 +90,14 @@ class MarkerReadings:
     rejected: tuple[RejectedTrack, ...]
     frames: int
     frame: Frame
+
+    def __repr__(self) -> str:
+        doubted = sum(bool(marker.flags) for marker in self.markers)
+        flags = f", {doubted} flagged" if doubted else ""
+        return (
+            f"MarkerReadings({len(self.markers)} markers in {self.frames} frames of {self.frame}{flags}, "
+            f"{len(self.rejected)} tracks rejected)"
+        )
 
     @property
     def points(self) -> Points:

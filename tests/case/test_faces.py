@@ -162,7 +162,7 @@ def test_markers_near_a_line_make_a_planned_error_doubtful() -> None:
     ]
     document = known.model_copy(update={"fiducials": tuple(line)})
     (remark,) = expectation(document, None, 0.56, 0.17).remarks
-    assert remark.startswith("as planned: the markers' layout leaves a rotation uncertain by more than 5 degrees")
+    assert remark.startswith("as planned: the markers' layout leaves a rotation uncertain by more than 8 degrees")
     assert expectation(known, None, 0.56, 0.17).remarks == ()
 
 

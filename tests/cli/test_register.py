@@ -64,6 +64,11 @@ def test_markers_and_stray_readings_become_a_registration_with_expected_errors(
     printed = capsys.readouterr()
     assert printed.out == ""
     assert "do not measure the error at a target" in printed.err
+    assert (
+        "counted per axis: 0.1 mm of each marker beside the localizer's own error (as --sigma-ct states)"
+        in printed.err
+    )
+    assert "fit probability" in printed.err
     content = json.loads(out.read_text())
     np.testing.assert_allclose(np.array(content["ots_from_ct"])[:3, :3], scene.TURN, atol=0.01)
     assert [target["name"] for target in content["targets"]] == ["left entry", "left target", "target 1"]

@@ -207,3 +207,27 @@ def test_regular_markers_are_refused_however_the_noise_falls(points: FloatArray)
         ots = Rotation.random(rng=rng).apply(points + SIGMA_OTS * rng.normal(size=points.shape)) + 30.0
         found = match_points(ct, rng.permutation(ots))
         assert found.status == "ambiguous", found.reason
+
+
+@pytest.mark.parametrize("count", [28, 40])
+def test_regular_markers_are_refused_when_errors_are_larger_than_stated(count: int) -> None:
+    """With the reach of errors as stated, one order lost more pairs than the other by chance and one was accepted."""
+    points = with_a_half_turn(count)
+    for seed in range(12):
+        rng = np.random.default_rng([99, seed, count])
+        noise = float(rng.uniform(2.0, 4.0))
+        ct = points + noise * SIGMA_CT * rng.normal(size=points.shape)
+        ots = Rotation.random(rng=rng).apply(points + noise * SIGMA_OTS * rng.normal(size=points.shape)) + 30.0
+        assert match_points(ct, rng.permutation(ots)).status == "ambiguous", seed
+
+
+def test_larger_errors_than_stated_lose_no_pairs() -> None:
+    """Four times as large; of most markers no pair was given before, or the few that happened to lie close."""
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        points = ball(rng, 20, 90.0)
+        ct, ots = (points + 4.0 * sigma * rng.normal(size=points.shape) for sigma in (SIGMA_CT, SIGMA_OTS))
+        pairing = match_points(ct, Rotation.random(rng=rng).apply(ots) + 30.0)
+        assert pairing.status == "unique", pairing.reason
+        assert (pairing.pairs[:, 0] == pairing.pairs[:, 1]).all()
+        assert len(pairing.pairs) >= 16

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import deepcopy
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from pydicom import dcmread, dcmwrite
 from pydicom.dataset import Dataset, FileDataset, FileMetaDataset
 from pydicom.uid import UID, CTImageStorage, EnhancedCTImageStorage, ExplicitVRLittleEndian, generate_uid
 
+from ronnaplan.cohort.places import Fetched
 from ronnaplan.ct.frames import images_of
 from ronnaplan.ct.header import read_header
 from ronnaplan.ct.limits import Limits
@@ -154,30 +154,6 @@ def slice_image(made: FileDataset) -> SliceImage:
     """Return the reader's own record of ``made``."""
     stream = BytesIO()
     save(made, stream)
-    content = stream.getvalue()
-    blob = MemoryBlob(content)
+    blob = Fetched("memory", stream.getvalue())
     (image,) = images_of(instance_from_header(blob, read_header(blob, Limits())))
     return image
-
-
-@dataclass(frozen=True)
-class MemoryBlob:
-    """A file in memory."""
-
-    content: bytes
-    name: str = "memory"
-
-    @property
-    def size(self) -> int:
-        """Number of bytes."""
-        return len(self.content)
-
-    def read(self, offset: int, count: int) -> bytes:
-        """Return ``count`` bytes from ``offset``."""
-        return self.content[offset : offset + count]
-
-    def read_into(self, offset: int, target: memoryview) -> int:
-        """Fill ``target`` from ``offset``."""
-        content = self.read(offset, len(target))
-        target[: len(content)] = content
-        return len(content)

@@ -39,6 +39,13 @@ def test_a_missing_folder_an_empty_folder_and_a_folder_without_ct_are_refused(tm
         read_ct(tmp_path / "nowhere")
     with pytest.raises(InputError, match="holds no DICOM series"):
         read_ct(tmp_path)
+    note = tmp_path / "a.txt"
+    note.write_text("no image")
+    with pytest.raises(InputError, match=r"/a\.txt holds no DICOM series \(it is [^()]*\); name a folder"):
+        read_ct(note)
+    with pytest.raises(InputError, match=r"holds no DICOM series \([^()]*a\.txt: it is [^()]*\); name a folder"):
+        read_ct(tmp_path)
+    note.unlink()
     write_series(tmp_path, change=lambda made, k: setattr(made, "Modality", "MR"))
     with pytest.raises(InputError, match=r"no usable CT series .*the modality is MR"):
         read_ct(tmp_path)

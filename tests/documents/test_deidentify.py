@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +16,14 @@ from pydicom.sequence import Sequence
 
 from ronnaplan.cli import main
 from ronnaplan.ct import read_ct
-from ronnaplan.documents.deidentify import EMPTY, ENTERED, KEPT, REPLACED, deidentify
+from ronnaplan.documents.deidentify import DUMMIES, EMPTY, ENTERED, KEPT, REPLACED, deidentify
+from ronnaplan.documents.dicom_spatial import spatial_fiducials, spatial_registration
+from ronnaplan.documents.fiducials import Source, fiducials_document
+from ronnaplan.documents.registration import read_registration
 from ronnaplan.errors import InputError
+from ronnaplan.jobs.localizing import warm_up
 from tests.ct import makers
+from tests.documents.test_patient import document
 
 SECRET = bytes(range(32))
 LISTS = ("D_TAGS", "Z_TAGS", "X_TAGS", "Z_D_TAGS", "X_Z_TAGS", "X_D_TAGS", "X_Z_D_TAGS", "X_Z_U_STAR_TAGS")
@@ -80,6 +87,7 @@ def test_no_name_number_or_date_is_left_anywhere(scan: Path, tmp_path: Path) -> 
         assert str(left.SOPInstanceUID) not in known
         present = {(element.tag.group, element.tag.element) for element in left.iterall() if element.value}
         own = numbers(("PatientName", "PatientID", "DeidentificationMethod", "DeidentificationMethodCodeSequence"))
+        own |= numbers(DUMMIES)
         assert not present & LISTED - own
         assert not any(element.tag.is_private for element in left.iterall())
         for keyword in EMPTY:
@@ -110,6 +118,41 @@ def test_what_may_show_a_name_or_is_not_known_is_refused(tmp_path: Path) -> None
         made.save_as(folder / "x.dcm", enforce_file_format=True)
         with pytest.raises(InputError, match=says):
             deidentify(folder, tmp_path / f"out{number}", SECRET)
+
+
+@pytest.mark.skipif(shutil.which("dciodvfy") is None, reason="dciodvfy is not installed (see .ci/run)")
+def test_what_was_valid_stays_valid(tmp_path: Path) -> None:
+    source = Source(study_instance_uid="1.2.3", series_instance_uid="1.2.4", frame_of_reference_uid="1.2.5")
+    markers = fiducials_document(warm_up()[1]).model_copy(update={"source": source})
+    secret = markers.model_copy(
+        update={"fiducials": (markers.fiducials[0].model_copy(update={"label": "SECRET"}),)}
+    )
+    timed = makers.enhanced(3, change=_timed)
+    timed.ContentDate, timed.ContentTime, timed.AcquisitionDateTime = "19700131", "010101", "19700131010101"
+    objects = {
+        "CT": makers.dataset(0),
+        "enhanced CT": timed,
+        "fiducials": spatial_fiducials(secret),
+        "registration": spatial_registration(read_registration(document(tmp_path, "registration"))),
+    }
+    for name, made in objects.items():
+        before, after = tmp_path / name / "before.dcm", tmp_path / f"{name} out" / "00001.dcm"
+        before.parent.mkdir()
+        made.save_as(before, enforce_file_format=True)
+        deidentify(before.parent, after.parent, SECRET)
+        assert errors(after) <= errors(before), name
+        content = after.read_bytes()
+        assert b"SECRET" not in content
+        assert b"19700131" not in content
+
+
+def _timed(groups: Dataset, _: int) -> None:
+    groups.FrameContentSequence[0].FrameReferenceDateTime = "19700131010101"
+
+
+def errors(path: Path) -> set[str]:
+    told = subprocess.run(["dciodvfy", "-new", str(path)], capture_output=True, text=True, check=False).stderr
+    return {line for line in told.splitlines() if line.startswith("Error")}
 
 
 def test_it_is_a_way_of_exporting(scan: Path, tmp_path: Path) -> None:

@@ -49,7 +49,7 @@ def test_markups_hold_what_slicers_schema_1_0_3_asks_for(document: Path) -> None
         assert isinstance(point["locked"], bool)
         assert isinstance(point["visibility"], bool)
         assert isinstance(point["description"], str)
-        assert "standard error 0.037 mm" in point["description"]
+        assert "error 0.037 mm RMS" in point["description"]
 
 
 def text(document: Path, kind: str) -> str:

@@ -177,6 +177,8 @@ def test_no_dicom_object_is_written_with_an_invalid_uid(uid: str, field: str) ->
 def test_the_text_tells_residuals_targets_and_that_fre_is_not_the_target_error() -> None:
     text = registration_text(registered())
     assert "do not measure the error at a target" in text
+    assert f"fit probability {registered().fit_probability:.3g}: " in text
+    assert "below 0.001 or above 0.999 is a warning" in text
     assert "left target" in text
     assert "F5" in text
 
@@ -187,7 +189,9 @@ def test_without_a_target_the_text_tells_the_error_at_the_markers_centroid() -> 
     covariance = document.pose.point_covariances(centroid)[0]
     last = registration_text(document).splitlines()[-1]
     assert last.startswith("markers' centroid")
-    assert float(last.split()[-1]) == pytest.approx(np.sqrt(np.trace(covariance)), abs=0.006)
+    assert float(last.split()[-2]) == pytest.approx(np.sqrt(np.trace(covariance)), abs=0.006)
+    drawn = np.random.default_rng(0).multivariate_normal(np.zeros(3), covariance, 100_000)
+    assert float(last.split()[-1]) == pytest.approx(np.quantile(np.linalg.norm(drawn, axis=1), 0.95), abs=0.008)
 
 
 def test_the_itk_transform_maps_tracker_points_to_ct_points(path: Path, tmp_path: Path) -> None:

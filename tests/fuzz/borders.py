@@ -12,6 +12,7 @@ BORDERS: Final[Mapping[str, str]] = {
     "dicom": "tests.ct.fuzzing:DicomBorder",
     "images": "tests.ct.image_fuzzing:ImageBorder",
     "planner": "tests.planner.fuzzing:PlannerBorder",
+    "start page": "tests.planner.fuzzing:StartBorder",
     "documents": "tests.documents.fuzzing:DocumentBorder",
     "readings": "tests.tracking.fuzzing:ReadingsBorder",
     "openigtlink": "tests.tracking.fuzzing:StreamBorder",

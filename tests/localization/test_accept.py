@@ -15,10 +15,12 @@ from ronnaplan.localization.parameters import BLUR, CONTRAST, RADIUS, WIDTH, U
 from ronnaplan.localization.refine import BallFit
 from tests.scans import balls, scan, small_stack
 
+VOLUME = scan(balls([(1.0, 2.0, 3.0)]), small_stack())
+
 
 @pytest.fixture(scope="module")
 def fit() -> BallFit:
-    return fit_place(Scan(scan(balls([(1.0, 2.0, 3.0)]), small_stack())), np.array([1.0, 2.0, 3.0]), 11.5)
+    return fit_place(Scan(VOLUME), np.array([1.0, 2.0, 3.0]), 11.5)
 
 
 def changed(fit: BallFit, parameter: int, value: float) -> BallFit:
@@ -44,26 +46,29 @@ def spoiled(name: str, fit: BallFit) -> BallFit:
     }[name]()
 
 
+def evidence(fit: BallFit) -> Evidence:
+    return Evidence(fit, 11.5, 1.0, 0.5, 10.0, 0.0, VOLUME)
+
+
 @pytest.mark.parametrize("name", list(TESTS))
 def test_every_test_can_fail_and_gives_its_reason(name: str, fit: BallFit) -> None:
-    reason = TESTS[name](Evidence(spoiled(name, fit), 11.5, 1.0, 0.5, 10.0, 0.0))
+    reason = TESTS[name](evidence(spoiled(name, fit)))
     assert reason is not None
     assert len(reason) > 15
 
 
 def test_a_contrast_that_no_scale_holds_is_no_markers(fit: BallFit) -> None:
-    reason = TESTS["contrast"](Evidence(changed(fit, CONTRAST, 32000.0), 11.5, 1.0, 0.5, 10.0, 0.0))
+    reason = TESTS["contrast"](evidence(changed(fit, CONTRAST, 32000.0)))
     assert reason == "contrast 32000 HU, below 32000 expected"
 
 
 def test_a_ball_passes_them_all(fit: BallFit) -> None:
-    assert list(failures(Evidence(fit, 11.5, 1.0, 0.5, 10.0, 0.0))) == []
+    assert list(failures(evidence(fit))) == []
 
 
 def test_the_quick_look_sees_a_ball_and_not_its_flank() -> None:
-    volume = scan(balls([(1.0, 2.0, 3.0)]), small_stack())
     places = np.array([[1.0, 2.0, 3.0], [7.0, 2.0, 3.0], [500.0, 2.0, 3.0]])
-    ball, flank, outside = surface_shares(volume, places, 11.5, SOLID, np.ones(len(places)), 0.6)
+    ball, flank, outside = surface_shares(VOLUME, places, 11.5, SOLID, np.ones(len(places)), 0.6)
     assert ball > 0.9
     assert flank < 0.6
     assert outside == 0.0
@@ -71,7 +76,7 @@ def test_the_quick_look_sees_a_ball_and_not_its_flank() -> None:
 
 def test_thick_slices_must_show_more_of_a_sphere(fit: BallFit) -> None:
     ragged = replace(fit, verdict=replace(fit.verdict, round_share=0.625))
-    assert TESTS["coverage"](Evidence(ragged, 11.5, 1.0, 0.5, 10.0, 0.0)) is None
-    reason = TESTS["coverage"](Evidence(changed(ragged, WIDTH, 5.0), 11.5, 5.0, 0.5, 10.0, 0.0))
+    assert TESTS["coverage"](evidence(ragged)) is None
+    reason = TESTS["coverage"](replace(evidence(changed(ragged, WIDTH, 5.0)), thickness_mm=5.0))
     assert reason is not None
     assert "is a sphere's" in reason

@@ -150,3 +150,18 @@ def test_a_whole_ball_in_thick_or_gapped_slices_is_not_cut() -> None:
     gapped = localize(scanned(balls([CENTER]), "box", 2.0, 1.0, 2.0, 3.0), diameter_mm=11.5, expected=1)
     assert FiducialFlag.CUT not in gapped.fiducials[0].flags
     assert FiducialFlag.GAPPED in gapped.fiducials[0].flags
+
+
+def test_balls_are_found_wherever_they_lie_between_slices_of_seven_mm() -> None:
+    low, high = -12.3, 11.4
+    places = [(-21.0, low, -3.4), (0.0, low, -2.2), (21.0, low, -1.1)]
+    places += [(-21.0, high, 0.1), (0.0, high, 1.3), (21.0, high, 2.4)]
+    volume = scanned(balls(places), "box", 7.0, 1.0, None)
+    found = localize(volume, diameter_mm=11.5, expected=len(places))
+    off_mm = np.linalg.norm(found.centers[:, np.newaxis] - np.array(places), axis=-1).min(axis=0)
+    assert off_mm.max() < 0.2
+
+
+def test_overlapping_slices_whose_tag_is_the_pixels_size_show_their_balls() -> None:
+    found = localize(scanned(balls([CENTER]), "trapezoid", 5.0, 1.1, 0.5, 2.5), diameter_mm=11.5, expected=1)
+    assert error_mm(found, CENTER) < 0.05

@@ -11,9 +11,10 @@ from scipy.ndimage import convolve1d, gaussian_filter
 from phantoms.scene import Part, Scene
 from phantoms.solids import cylinder
 from ronnaplan.ct import CTVolume
-from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import localize, uncertainty
 from ronnaplan.localization.examine import Scan, fit_place
+from ronnaplan.localization.look import metal_axis
+from ronnaplan.localization.motion import movement
 from ronnaplan.localization.parameters import SHAPE
 from ronnaplan.localization.refine import BallFit
 from ronnaplan.localization.uncertainty import (
@@ -22,6 +23,8 @@ from ronnaplan.localization.uncertainty import (
     center_covariance,
     cramer_rao_bound,
     noise_level,
+    usual_odd_mm2,
+    with_usual,
 )
 from tests.scans import balls, offsets_mm, scan, small_stack
 
@@ -50,7 +53,7 @@ def test_the_scatter_over_noise_is_at_the_bound_and_within_the_stated_error(quie
     fits = [fit_of(with_white_noise(quiet, 80.0, seed)) for seed in range(12)]
     scatter = np.std([fit.center_mm for fit in fits], axis=0, ddof=1)
     bound = np.sqrt(np.diag(np.mean([cramer_rao_bound(fit, noise_level(fit)) for fit in fits], axis=0)))
-    stated = np.sqrt(np.diag(np.mean([center_covariance(fit, noise_level(fit)) for fit in fits], axis=0)))
+    stated = np.sqrt(np.diag(np.mean([center_covariance(fit, movement(fit)) for fit in fits], axis=0)))
     # Twelve draws know a standard deviation to a fifth; three axes are judged together.
     assert np.sqrt(np.mean((scatter / bound) ** 2)) == pytest.approx(1.0, abs=0.45)
     assert np.sqrt(np.mean((scatter / stated) ** 2)) < 1.2
@@ -64,7 +67,7 @@ def test_noise_that_is_correlated_within_the_slice_counts_for_what_it_is(quiet: 
         noisy = quiet.voxels_hu + 20.0 * noise / noise.std()
         fits.append(fit_of(replace(quiet, voxels_hu=noisy.astype(np.float32))))
     scatter = np.std([fit.center_mm for fit in fits], axis=0, ddof=1)
-    stated = np.sqrt(np.diag(np.mean([center_covariance(fit, noise_level(fit)) for fit in fits], axis=0)))
+    stated = np.sqrt(np.diag(np.mean([center_covariance(fit, movement(fit)) for fit in fits], axis=0)))
     # Counted as if it were white, it would be stated too small by a factor of two to six.
     assert 0.6 < np.sqrt(np.mean((scatter / stated) ** 2)) < 1.4
 
@@ -79,7 +82,7 @@ def test_noise_of_overlapping_slices_counts_for_what_it_is(across_slices: tuple[
         noisy = ball.voxels_hu + 80.0 * noise / noise.std()
         fits.append(fit_of(replace(ball, voxels_hu=noisy.astype(np.float32))))
     scatter = np.std([fit.center_mm for fit in fits], axis=0, ddof=1)
-    stated = np.sqrt(np.diag(np.mean([center_covariance(fit, noise_level(fit)) for fit in fits], axis=0)))
+    stated = np.sqrt(np.diag(np.mean([center_covariance(fit, movement(fit)) for fit in fits], axis=0)))
     # Taken as shared, what alternates would be stated too large by a factor of six.
     assert 0.25 < np.sqrt(np.mean((scatter / stated) ** 2)) < 1.4
 
@@ -89,33 +92,42 @@ def on_a_post(toward: tuple[float, float, float]) -> CTVolume:
     return scan(post + balls([(1.0, 2.0, 3.0)]), small_stack(), seed=2)
 
 
-def without_streaks(fit: BallFit, monkeypatch: pytest.MonkeyPatch) -> FloatArray:
-    with monkeypatch.context() as context:
-        context.setitem(uncertainty.WEIGHTS, "streaks", 0.0)
-        return center_covariance(fit, noise_level(fit))
+def bent(volume: CTVolume, bend_mm: float) -> CTVolume:
+    """With a ball whose edges lie farther out where they face three directions of the slices, and nearer between."""
+    x, y, z = offsets_mm(volume, np.array([1.0, 2.0, 3.0]))
+    radius = np.sqrt(x**2 + y**2 + z**2)
+    edge_hu = 1100.0 * np.exp(-0.5 * ((radius - 5.75) / 0.5) ** 2) / (0.5 * np.sqrt(2 * np.pi))
+    outward = np.hypot(x, y) / np.maximum(radius, 1e-9)
+    bends = bend_mm * edge_hu * outward * np.cos(3.0 * np.arctan2(y, x))
+    return replace(volume, voxels_hu=(volume.voxels_hu + bends).astype(np.float32))
 
 
-def streaked(volume: CTVolume, streak_hu: float) -> CTVolume:
-    """With bands that radiate from the ball's center."""
-    x, y, _ = offsets_mm(volume, np.array([1.0, 2.0, 3.0]))
-    bands = streak_hu * np.cos(4.0 * np.arctan2(y, x))
-    return replace(volume, voxels_hu=(volume.voxels_hu + bands).astype(np.float32))
+def test_an_outline_that_is_bent_oddly_adds_error_within_the_slices(quiet: CTVolume) -> None:
+    noisy = with_white_noise(quiet, 10.0, 1)
+    fits = [fit_of(volume) for volume in (noisy, bent(noisy, 0.02))]
+    straight, curved = (np.sqrt(np.diag(center_covariance(fit, movement(fit)))) for fit in fits)
+    # The mean square of four harmonics, one of which is 20 um.
+    assert np.allclose(curved[:2], 0.02 / 2 * np.sqrt(uncertainty.WEIGHTS["odd"]), rtol=0.35)
+    assert curved[2] < 1.5 * straight[2]
 
 
-def test_streaks_about_a_post_add_error_along_it_and_nowhere_else(monkeypatch: pytest.MonkeyPatch) -> None:
-    toward = np.array([0.6, 0.0, -0.8])
-    fit = fit_of(streaked(on_a_post((0.6, 0.0, -0.8)), 15.0))
-    added = center_covariance(fit, noise_level(fit)) - without_streaks(fit, monkeypatch)
-    sizes, directions = np.linalg.eigh(added)
-    assert abs(directions[:, -1] @ toward) > np.cos(np.radians(8.0))
-    assert sizes[-1] > (0.5 * 15.0 / np.sqrt(2.0) * 0.5 / 1100.0) ** 2
-    assert np.abs(sizes[:-1]).max() < 1e-9 * sizes[-1]
+def test_what_bends_the_other_markers_of_a_scan_counts_in_each_of_them(quiet: CTVolume) -> None:
+    noisy = with_white_noise(quiet, 10.0, 1)
+    straight, curved = (movement(fit_of(volume)) for volume in (noisy, bent(noisy, 0.02)))
+    usual_mm2 = usual_odd_mm2([straight, curved, curved])
+    assert usual_mm2 is not None
+    assert usual_odd_mm2([straight, curved]) is None
+    own = center_covariance(fit_of(noisy), straight)
+    turned = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # u, v, w along y, z, x
+    added = with_usual(own, straight, usual_mm2, turned) - own
+    expected = uncertainty.WEIGHTS["odd"] * (curved.odd_mm2 / uncertainty.MEDIAN_SHARE - straight.odd_mm2) / 2
+    assert np.allclose(added, turned.T @ np.diag(expected) @ turned)
 
 
 def test_a_ball_whose_shading_is_hidden_is_less_certain(quiet: CTVolume) -> None:
     fit = fit_of(with_white_noise(quiet, 10.0, 1))
     hidden = replace(fit, is_shaded=False)
-    stated, more = (center_covariance(one, noise_level(one)) for one in (fit, hidden))
+    stated, more = (center_covariance(one, movement(one)) for one in (fit, hidden))
     assert np.all(np.linalg.eigvalsh(more - stated) > 0.2 * np.linalg.eigvalsh(stated).min())
 
 
@@ -125,19 +137,15 @@ def test_what_touches_the_ball_makes_it_less_certain() -> None:
         fit_of(scan(scene, small_stack(), seed=2)) for scene in (balls([(1, 2, 3)]), post + balls([(1, 2, 3)]))
     )
     assert held.coverage < free.coverage
-    assert np.trace(center_covariance(held, noise_level(held))) > np.trace(
-        center_covariance(free, noise_level(free))
-    )
+    assert np.trace(center_covariance(held, movement(held))) > np.trace(center_covariance(free, movement(free)))
 
 
 def test_a_bell_shaped_profile_adds_what_a_lagging_panel_may_displace(quiet: CTVolume) -> None:
     fit = fit_of(with_white_noise(quiet, 10.0, 1))
     box, bell = fit.theta.copy(), fit.theta.copy()
     box[SHAPE], bell[SHAPE] = 0.0, 5.0
-    stated, more = (center_covariance(replace(fit, theta=theta), 10.0) for theta in (box, bell))
-    added = np.diag(more - stated)
-    assert np.allclose(added[:2] - added[2], LAG_MM**2)
-    assert 0.0 < added[2] < 0.1 * LAG_MM**2
+    stated, more = (center_covariance(replace(fit, theta=theta), movement(fit)) for theta in (box, bell))
+    assert np.allclose(more - stated, LAG_MM**2 * np.diag([1.0, 1.0, 0.0]))
 
 
 def test_a_screw_beyond_the_post_adds_error_along_it() -> None:
@@ -145,6 +153,8 @@ def test_a_screw_beyond_the_post_adds_error_along_it() -> None:
     screw = Scene((Part(cylinder((1.0, 2.0, -11.0), (0.0, 0.0, -1.0), 10.0, 3.0), "titanium"),))
     post = Scene((Part(cylinder((1.0, 2.0, 3.0), (0, 0, -1), 14.0, 6.0), "acrylic"),))
     held = scan(screw + post + balls([(1.0, 2.0, 3.0)]), small_stack(), seed=2)
+    assert metal_axis(held, np.array([1.0, 2.0, 3.0]), np.eye(3), 5.75).tolist() == [0, 0, 0]
+    assert metal_axis(held, np.array([1.0, 2.0, 3.0]), -np.eye(3), 5.75).tolist() == [0, 0, -1]
     free_mm, held_mm = (
         np.sqrt(np.diag(localize(volume, diameter_mm=11.5).fiducials[0].covariance_mm2))
         for volume in (plastic, held)

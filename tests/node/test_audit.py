@@ -1,16 +1,29 @@
-"""The audit trail goes to syslog, too."""
+"""The audit trail is of the standard's form, says who sent what and what became of it, and goes to syslog, too."""
 
 from __future__ import annotations
 
+import hashlib
+import io
+import os
 import re
 import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from xml.etree import ElementTree
 
 import pytest
 
 from ronnaplan.errors import InputError
-from ronnaplan.node.audit import Audit, Transfer
+from ronnaplan.node import sender
+from ronnaplan.node.audit import Audit, Instances
+from ronnaplan.node.index import Index
+from ronnaplan.node.jobs import Foreman
+from ronnaplan.node.logs import Log
+from ronnaplan.node.sender import Sender
+from tests.node.audit_schema import conforming
+from tests.node.peers import configuration, until
+from tests.node.test_jobs import job, states
 
 
 def test_a_message_to_syslog_is_one_of_rfc_5424_with_the_hashes(tmp_path: Path) -> None:
@@ -18,19 +31,89 @@ def test_a_message_to_syslog_is_one_of_rfc_5424_with_the_hashes(tmp_path: Path) 
         server.bind(("127.0.0.1", 0))
         server.settimeout(10)
         audit = Audit(tmp_path, f"syslog://127.0.0.1:{server.getsockname()[1]}", "RONNAPLAN")
-        moved = Transfer("1.2.3")
+        moved = Instances("1.2.3")
         moved.add("1.2.840.10008.5.1.4.1.1.2", "ab" * 32)
         audit.transferred(moved, source="CT1", destination="RONNAPLAN", peer_address="192.0.2.7")
         packet = server.recv(65_536).decode()
     head = re.match(r"<\d+>1 \S+ \S+ ronnaplan \d+ IHE\+RFC-3881 - \ufeff", packet)
     assert head is not None
-    message = ElementTree.fromstring(packet[head.end() :])
-    sender, receiver = message.iter("ActiveParticipant")
-    assert (sender.attrib["UserID"], sender.attrib["NetworkAccessPointID"]) == ("CT1", "192.0.2.7")
-    assert receiver.attrib["UserID"] == "RONNAPLAN"
-    (detail,) = message.iter("ParticipantObjectDetail")
-    assert (detail.attrib["type"], len(detail.attrib["value"])) == ("sha256", 64)
+    told = conforming(packet[head.end() :])
+    assert (told.event, told.action, told.outcome, told.participants) == ("110104", "C", "0", ["CT1", "RONNAPLAN"])
+    assert (told.study, told.count) == ("1.2.3", 1)
+    assert told.details == {"sha256": hashlib.sha256(b"ab" * 32).hexdigest()}
+    assert 'NetworkAccessPointID="192.0.2.7"' in packet
     assert not list(tmp_path.iterdir())
+
+
+def test_the_trail_says_what_was_done_with_each_scan_and_how_it_ended(
+    index: Index, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path.cwd()), os.environ.get("PYTHONPATH", "")]))
+    for uid in ("1.4.0", "1.4.2", "1.4.4"):
+        job(index, uid)
+    config = configuration(
+        tmp_path,
+        folder=".",
+        jobs={"attempts": 2, "retry_s": 0.1},
+        rule=[{"name": "all", "receivers": ["pacs"]}],
+        peer=[{"name": "pacs", "title": "PACS", "port": 1}],
+    )
+    foreman = Foreman(config, index, Log(io.StringIO()), "tests.node.fake_work")
+
+    def over() -> bool:
+        foreman.tick(time.time())
+        return all(state not in ("waiting", "running") for state, _ in states(index).values())
+
+    try:
+        until(over, 60.0)
+    finally:
+        foreman.close()
+    (peer,) = config.peer
+
+    @contextmanager
+    def closed(*_: object) -> Iterator[None]:
+        raise InputError("pacs cannot be reached")
+        yield
+
+    monkeypatch.setattr(sender, "open_channel", closed)
+    Sender(config, peer, Log(io.StringIO())).deliver(index, time.time())
+    lines = (tmp_path / "audit.log").read_text().splitlines()
+    told = [conforming(line) for line in lines]
+    trail = [
+        [
+            (one.details["event"], one.action, one.outcome, one.reason, one.count)
+            for one in told
+            if one.details.get("job") == job
+        ]
+        for job in "123"
+    ]
+    good, dies, refused = trail
+    assert good == [("started", "R", "0", "", 1), ("done", "C", "0", "", 1)]
+    assert [one[:3] for one in dies] == [
+        ("started", "R", "0"),
+        ("broken", "R", "4"),
+        ("started", "R", "0"),
+        ("failed", "R", "8"),
+    ]
+    assert "ended with status 7" in dies[-1][3]
+    assert [one[:4] for one in refused] == [("started", "R", "0", ""), ("refused", "R", "4", "no marker")]
+    sent = told[-1]
+    assert (sent.event, sent.outcome, sent.participants, sent.count) == ("110104", "4", ["RONNAPLAN", "PACS"], 1)
+    assert "cannot be reached" in sent.reason
+    assert (
+        sent.details["sha256"] == next(one for one in told if one.details.get("event") == "done").details["sha256"]
+    )
+
+
+@pytest.mark.parametrize(
+    ("address", "kind"), [("192.0.2.7", 2), ("pacs.example", 1), ("https://pacs.example/dicom-web", 5)]
+)
+def test_what_kind_of_place_a_peer_has_is_told(address: str, kind: int, tmp_path: Path) -> None:
+    audit = Audit(tmp_path, "audit.log", "RONNAPLAN")
+    audit.transferred(Instances("1.2.3"), source="CT1", destination="RONNAPLAN", peer_address=address)
+    line = (tmp_path / "audit.log").read_text()
+    conforming(line)
+    assert f'NetworkAccessPointID="{address}" NetworkAccessPointTypeCode="{kind}"' in line
 
 
 def test_an_address_without_a_host_is_refused(tmp_path: Path) -> None:

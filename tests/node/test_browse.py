@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from pydicom.uid import UID
 
+from ronnaplan.errors import InputError
 from ronnaplan.node.archives import open_archive
-from ronnaplan.node.browse import listed_series, thumbnail
+from ronnaplan.node.browse import Shelf, listed_series, thumbnail
 from ronnaplan.node.config import Config, Peer
 from ronnaplan.node.pull import Wanted
 from tests.ct import makers
@@ -69,3 +70,21 @@ def test_a_series_that_is_gone_has_no_picture(archive: Orthanc, tmp_path: Path) 
         (one, *_) = listed_series(opened, Wanted(study_uid=STUDY))
         gone = type(one)(**{**vars(one), "series_uid": "1.2.3.404"})
         assert thumbnail(opened, gone) is None
+
+
+def test_a_shelf_names_no_patient_unless_asked_to_and_brings_a_series(archive: Orthanc, tmp_path: Path) -> None:
+    peer = Peer(name="pacs", title="ORTHANC", port=archive.port)
+    shelf = Shelf(Config(home=tmp_path), peer)
+    rows = shelf.look("BROWSED", "")
+    assert [(one["patient_id"], one["patient_name"]) for one in rows] == 2 * [("BROWSED", "")]
+    (named, _) = Shelf(Config(home=tmp_path), peer, names=True).look("BROWSED", "")
+    assert named["patient_name"] == str(instance(CT, 0).PatientName)
+    number = next(n for n, one in enumerate(rows) if one["series_uid"] == CT)
+    picture = shelf.picture(number)
+    assert picture is not None
+    assert picture.shape == (96, 96)
+    shelf.fetch(number, tmp_path)
+    assert sorted(path.name for path in tmp_path.glob("*.dcm")) == [f"{CT}.{k + 1}.dcm" for k in range(SLICES)]
+    for gone in (2, -1):
+        with pytest.raises(InputError, match="no longer listed"):
+            shelf.fetch(gone, tmp_path)

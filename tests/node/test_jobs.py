@@ -128,6 +128,32 @@ def test_a_job_of_a_series_that_has_grown_is_not_begun(index: Index, tmp_path: P
         foreman.close()
 
 
+def test_a_worker_is_there_for_what_comes_in_or_waits_and_gone_afterwards(
+    index: Index, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path.cwd()), os.environ.get("PYTHONPATH", "")]))
+    config = configuration(tmp_path, jobs={"workers": 3}, rule=[{"name": "all", "calling": "CT1"}])
+    foreman = Foreman(config, index, Log(io.StringIO()), "tests.node.fake_work")
+
+    def workers(now: float) -> int:
+        foreman.tick(now)
+        return len(foreman.pids)
+
+    try:
+        assert workers(1.0) == 0
+        index.add(facts(5, series_uid="1.4.5"), "5.dcm", "OTHER", "RONNAPLAN", 0.0)
+        assert workers(2.0) == 0, "no rule is for it"
+        index.add(facts(6, series_uid="1.4.6"), "6.dcm", "CT1", "RONNAPLAN", 0.0)
+        assert workers(3.0) == 1
+        index.run("UPDATE series SET complete = revision")
+        job(index, "1.4.0")
+        until(lambda: workers(4.0) == 2 or states(index)["good"][0] == "done")
+        index.run("UPDATE series SET complete = revision")
+        until(lambda: workers(5.0) == 0 and states(index)["good"][0] == "done")
+    finally:
+        foreman.close()
+
+
 def test_what_a_killed_node_was_working_on_is_done_again(index: Index, tmp_path: Path) -> None:
     job(index, "1.4.0")
     index.run("UPDATE jobs SET state = 'running'")

@@ -18,7 +18,7 @@ from ronnaplan.node.config import Rule
 from ronnaplan.node.index import Index
 from ronnaplan.node.logs import Log
 from ronnaplan.node.papers import PapersWatch
-from ronnaplan.node.work import ANSWERS, Order, work
+from ronnaplan.node.work import Order, work
 from ronnaplan.planning import Plan, Trajectory
 from tests.ct import makers
 from tests.documents.test_patient import document, identify
@@ -41,7 +41,7 @@ def order(tmp_path: Path) -> Order:
     left = Trajectory("left", np.array([0.0, 0, 30]), np.array([20.0, 30, 90]), frame=volume.frame)
     write_plan(papers / "plan.json", Plan.of_scan(volume).add(left))
     rule = Rule(name="r", documents="documents")
-    return Order(1, scan, tmp_path, tmp_path / "answers", rule, tuple(ANSWERS))
+    return Order(1, scan, tmp_path, tmp_path / "answers", rule, rule.answers)
 
 
 def told(order: Order) -> list[dict[str, Any]]:

@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -30,6 +29,7 @@ from ronnaplan.node.facts import read_facts
 from ronnaplan.node.index import Index
 from ronnaplan.node.spool import Spool
 from tests.ct import makers
+from tests.node.audit_schema import conforming
 from tests.node.peers import Listening, association_request, listening, needs, save, send, until
 
 pytestmark = needs("storescu", "echoscu")
@@ -365,13 +365,9 @@ def test_logs_and_audit_name_no_patient_unless_asked_to(tmp_path: Path) -> None:
         audit = (node.folder / "audit.log").read_text()
         assert ("Doe" in node.said.getvalue()) is asked
         assert "Doe" not in audit
-    message = ElementTree.fromstring(audit.splitlines()[-1])
-    assert message.find("EventIdentification/EventID").attrib["csd-code"] == "110104"  # type: ignore[union-attr]
-    assert [one.attrib["UserID"] for one in message.iter("ActiveParticipant")] == ["CT1", "RONNAPLAN"]
-    study = message.find("ParticipantObjectIdentification")
-    assert study is not None
-    assert study.attrib["ParticipantObjectID"] == makers.STUDY
-    assert study.find("SOPClass").attrib["NumberOfInstances"] == "2"  # type: ignore[union-attr]
+    told = conforming(audit.splitlines()[-1])
+    assert (told.event, told.action, told.outcome) == ("110104", "C", "0")
+    assert (told.participants, told.study, told.count) == (["CT1", "RONNAPLAN"], makers.STUDY, 2)
 
 
 def test_what_a_peer_calls_itself_cannot_steer_a_log(node: Listening, tmp_path: Path) -> None:

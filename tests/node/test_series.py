@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from ronnaplan.node.audit import Audit
 from ronnaplan.node.config import Rule
 from ronnaplan.node.facts import Facts
 from ronnaplan.node.index import Index, SeriesRow
@@ -15,6 +16,7 @@ from ronnaplan.node.logs import Log
 from ronnaplan.node.retention import remove_old
 from ronnaplan.node.series import SeriesWatch, rule_for
 from ronnaplan.node.tables import status_page
+from tests.node.audit_schema import conforming
 from tests.node.peers import configuration
 
 RULE = {"name": "all", "diameters": [11.5]}
@@ -91,9 +93,11 @@ def test_a_series_of_ten_thousand_instances_is_one_job(index: Index, tmp_path: P
     watch(index, tmp_path).tick(100.1)
     assert jobs(index) == [(10_000, "waiting")]
     assert status_page(index).count("<tr>") == 2  # its head, and the series
-    remove_old(tmp_path, index, 200.0, Log(io.StringIO()))  # owes an answer
+    remove_old(
+        tmp_path, index, 200.0, Log(io.StringIO()), Audit(tmp_path, "audit.log", "RONNAPLAN")
+    )  # owes an answer
     index.run("UPDATE jobs SET state = 'done'")
-    remove_old(tmp_path, index, 200.0, Log(io.StringIO()))
+    remove_old(tmp_path, index, 200.0, Log(io.StringIO()), Audit(tmp_path, "audit.log", "RONNAPLAN"))
     assert index.rows("SELECT count(*) FROM instances") == [(0,)]
 
 
@@ -138,10 +142,15 @@ def test_what_was_kept_long_enough_goes_but_nothing_that_owes_an_answer(index: I
             )
     index.run("INSERT INTO answers VALUES ('1.9', 2, 'sr', '1.2', 'answers/1.9.dcm', 0)")
     index.run("INSERT INTO deliveries (answer, receiver, state, due) VALUES ('1.9', 'pacs', 'waiting', 0)")
-    remove_old(tmp_path, index, 200.0, Log(io.StringIO()))
+    remove_old(tmp_path, index, 200.0, Log(io.StringIO()), Audit(tmp_path, "audit.log", "RONNAPLAN"))
     assert [path.exists() for path in files] == [True, True, False, True]
     index.run("UPDATE deliveries SET state = 'sent'")
-    remove_old(tmp_path, index, 200.0, Log(io.StringIO()))
+    remove_old(tmp_path, index, 200.0, Log(io.StringIO()), Audit(tmp_path, "audit.log", "RONNAPLAN"))
     assert [path.exists() for path in files] == [True, False, False, True]
     assert not files[1].parent.exists()
     assert index.rows("SELECT count(*) FROM answers") == [(0,)]
+    removed = [conforming(line) for line in (tmp_path / "audit.log").read_text().splitlines()]
+    assert [(one.action, one.details["series"], one.count) for one in removed] == [
+        ("D", "1.4.2", 1),
+        ("D", "1.4.1", 1),
+    ]

@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from highdicom.sr import Comprehensive3DSR
 from pydicom.dataset import Dataset
 
-from ronnaplan.documents.fiducials import fiducials_document
+from ronnaplan.documents.fiducials import Source, fiducials_document
+from ronnaplan.documents.patient import PATIENT, STUDY, patient_of_scan
 from ronnaplan.jobs.localizing import warm_up
-from ronnaplan.node.sr import PATIENT_AND_STUDY, structured_report
+from ronnaplan.node.sr import structured_report
 from tests.ct import makers
 from tests.node.peers import save
 
@@ -17,23 +19,40 @@ from tests.node.peers import save
 def reported(folder: Path, *without: str) -> Dataset:
     """Return the report of the markers of a scan that leaves out some attributes."""
     images = []
-    for k in range(2):
+    for k in range(3):
         made = makers.dataset(k)
         for keyword in without:
             if keyword in made:
                 delattr(made, keyword)
         images.append(save(made, folder / f"{k}.dcm"))
-    document = fiducials_document(warm_up()[1])
-    source = document.source.model_copy(update={"frame_of_reference_uid": "1.2.3"})
-    return structured_report(document.model_copy(update={"source": source}), images)
+    first = makers.dataset(0)
+    source = Source(
+        study_instance_uid=first.StudyInstanceUID,
+        series_instance_uid=first.SeriesInstanceUID,
+        frame_of_reference_uid=first.FrameOfReferenceUID,
+    )
+    document = fiducials_document(warm_up()[1]).model_copy(update={"source": source})
+    return structured_report(document, patient_of_scan(folder, source), images)
 
 
-@pytest.mark.parametrize("without", PATIENT_AND_STUDY)
+@pytest.mark.parametrize("without", sorted({*PATIENT, *STUDY} - {"StudyInstanceUID"}))
 def test_what_a_scanner_leaves_out_is_empty(without: str, tmp_path: Path) -> None:
     assert not reported(tmp_path, without).get(without)
 
 
-def test_patient_and_study_are_those_of_the_scan(tmp_path: Path) -> None:
+def test_patient_and_study_are_those_of_the_scan_and_its_images_are_named(tmp_path: Path) -> None:
     made, scan = reported(tmp_path), makers.dataset(0)
     assert made.PatientName == scan.PatientName
     assert made.StudyInstanceUID == scan.StudyInstanceUID
+    (study,) = made.CurrentRequestedProcedureEvidenceSequence
+    (series,) = study.ReferencedSeriesSequence
+    assert (study.StudyInstanceUID, series.SeriesInstanceUID) == (scan.StudyInstanceUID, scan.SeriesInstanceUID)
+    named = [one.ReferencedSOPInstanceUID for one in series.ReferencedSOPSequence]
+    assert named == [makers.dataset(k).SOPInstanceUID for k in range(3)]
+
+
+def test_highdicom_takes_the_object_for_one_of_its_own(tmp_path: Path) -> None:
+    made = reported(tmp_path)
+    assert [str(item.name.meaning) for item in Comprehensive3DSR.from_dataset(made).content] == [
+        "Imaging Measurement Report"
+    ]

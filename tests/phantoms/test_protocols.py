@@ -11,7 +11,15 @@ from scipy.spatial import KDTree
 
 from phantoms.errors import PhantomError
 from phantoms.examination import Examination
-from phantoms.finish import Finish, Interpolated, NonLocalMeans, Reformatted, Step, TotalVariation
+from phantoms.finish import (
+    Finish,
+    Interpolated,
+    NonLocalMeans,
+    PenalizedLeastSquares,
+    Reformatted,
+    Step,
+    TotalVariation,
+)
 from phantoms.patients import random_patient
 from phantoms.protocols import PROTOCOLS, draw
 from phantoms.scanner import Scanner
@@ -79,7 +87,11 @@ def test_a_ball_keeps_its_place_in_slices_drawn_between_others(step: Step, orien
     assert found == pytest.approx(CENTER, abs=0.004)
 
 
-@pytest.mark.parametrize("step", [TotalVariation(20.0), NonLocalMeans(10.0)], ids=["variation", "means"])
+@pytest.mark.parametrize(
+    "step",
+    [TotalVariation(20.0), NonLocalMeans(10.0), PenalizedLeastSquares(0.3, 40.0)],
+    ids=["variation", "means", "penalized"],
+)
 def test_denoising_leaves_less_noise_and_the_ball_in_its_place(step: Step) -> None:
     water = Scene((Part(cylinder((0, 0, -50), (0, 0, 1), 100, 120), "water"),))
     stack = axial_stack(start_mm=0, stop_mm=1, matrix=64, field_of_view_mm=32)
@@ -87,6 +99,27 @@ def test_denoising_leaves_less_noise_and_the_ball_in_its_place(step: Step) -> No
     assert replace(noisy, finish=Finish((step,))).images().std() < 0.7 * noisy.images().std()
     stack = axial_stack(start_mm=-8, stop_mm=12, matrix=72, field_of_view_mm=45)
     assert centroid(Examination(BALL, stack, QUIET, finish=Finish((step,)))) == pytest.approx(CENTER, abs=0.004)
+
+
+def test_penalized_least_squares_without_edges_is_a_filter_in_closed_form() -> None:
+    stack = axial_stack(start_mm=0, stop_mm=0, matrix=64, field_of_view_mm=32)
+    row = np.mgrid[:84, :84][0] * stack.pixel_mm
+    for cycles in (4, 8, 16):
+        per_mm = cycles / 32
+        waves = 5 * np.cos(2 * np.pi * per_mm * row)[np.newaxis]
+        kept = PenalizedLeastSquares(0.3, 1e9).apply(waves, stack.wider(10), stack)
+        rough = (2 * np.sin(np.pi * per_mm * stack.pixel_mm) / stack.pixel_mm) ** 2
+        expected = 1 / (1 + per_mm * rough / 0.3 / (2 * np.pi * 0.3) ** 2)
+        assert np.abs(kept - expected * waves[:, 10:-10, 10:-10]).max() < 0.05
+
+
+def test_penalized_least_squares_keeps_edges() -> None:
+    stack = axial_stack(start_mm=0, stop_mm=0, matrix=64, field_of_view_mm=32)
+    image = np.where(np.mgrid[:84, :84][0] < 42, 0.0, 1000.0)[np.newaxis]
+    soft, sharp = (
+        PenalizedLeastSquares(0.2, edge).apply(image, stack.wider(10), stack)[0] for edge in (1e9, 20.0)
+    )
+    assert np.diff(sharp[:, 32]).max() > 1.5 * np.diff(soft[:, 32]).max()
 
 
 def values_at(points_mm: FloatArray, stack: SliceStack, voxels: NDArray[np.int16]) -> NDArray[np.int16]:

@@ -101,7 +101,7 @@ def opened(browser: Any, url: str, width: int = 1280, height: int = 800, script:
     page.on("request", lambda request: page.requested.append(request.url))
     page.on("websocket", lambda socket: page.requested.append(socket.url))
     page.goto(url)
-    page.wait_for_selector("svg[data-view=axial] image", timeout=30_000)
+    page.wait_for_selector("canvas[data-picture=axial][data-number]", timeout=30_000)
     return page
 
 

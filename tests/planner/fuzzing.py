@@ -1,40 +1,23 @@
-"""A running planner that is sent hostile HTTP, web-socket frames, chunks, requests and actions: it goes on serving."""
+"""A running planner and a start page that are sent hostile HTTP, frames, requests and actions: they go on serving."""
 
 from __future__ import annotations
 
 import random
-import subprocess
-import sys
-import tempfile
-import weakref
+import zipfile
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 import msgpack
 
 from ronnaplan.documents.plan import read_plan
 from tests import cases
-from tests.fuzz.border import Border, WrongValueError, peak_bytes
 from tests.fuzz.mutations import ANYWHERE, mutate
-from tests.planner.browser import environment
+from tests.planner.fuzzing_http import ANSWER_S, START_S, ServerBorder
 from tests.planner.pages import frame, request
-from tests.planner.raw import RawSocket, answered, framed
-
-MOST_GROWN_BYTES = 2**28
-"""What the planner's memory may grow by, pages and caches included."""
-
-ANSWER_S = 120.0
-"""An answer that takes longer is a hang, even on a machine that much else is asked of."""
-
-START_S = 900.0
-"""The same for a planner that starts on a machine that much is asked of: it loads and compiles at first use."""
+from tests.planner.raw import RawSocket, framed
 
 UNANSWERED_S = 2.0
 """A page whose frame says that it is longer waits for nothing; the planner then has to answer the next page."""
-
-INPUTS_PER_PLANNER = 1500
-"""Then another is started, as the history of its plan has grown."""
 
 VALUES: tuple[Any, ...] = (
     *(
@@ -96,6 +79,18 @@ SOUND: dict[str, tuple[Any, ...]] = {
     "rename": ("F1", "F1"),
     "readings": ("readings.csv",),
     "pick_reading": ("1",),
+    "sized": ("axial", 400.0, 400.0, 1.0),
+    "hover": ("axial", 200.0, 190.0, 400.0, 400.0),
+    "nudge": ("coronal", 1.0, -1.0),
+    "window_hu": ("40", 80),
+    "layout": ("four",),
+    "look_from": ("A",),
+    "show_as": ("bone",),
+    "strength": (1.5,),
+    "open_head": ("corner",),
+    "pictures": (),
+    "dismiss": (),
+    "cancel": (),
 }
 NEED_MORE = ("remove", "take", "pick_reading")
 """Sound, but what they speak of is not there to begin with."""
@@ -120,146 +115,56 @@ OTHERS: tuple[Any, ...] = (
 )
 
 
-class PlannerBorder(Border):
+class PlannerBorder(ServerBorder):
     """A planner of its own on the case of the tests."""
 
-    slowest_s = 120.0  # another planner may have to be started
     inputs_in_tests = 200
+    routes = (
+        (b"GET", "/download/{}", ""),
+        (b"PUT", "/readings", "name"),
+        (b"GET", "/things/{}", ""),
+        (b"GET", "/volume", ""),
+    )
 
-    def __init__(self) -> None:
-        self._served = 0
-        self._start()
+    def command(self, folder: Path) -> tuple[list[str], Path]:
+        cases.write_case(folder)
+        cases.write_readings(folder / "readings.csv")
+        return ["view", str(cases.CT), "--plan", str(folder / "plan.json")], folder
+
+    def start(self) -> None:
+        super().start()
+        self._socket: RawSocket | None = None
+        self._frames(framed(request("trame.lifecycle.update", "client_connected")))
+        self._answer_s = ANSWER_S
 
     def check_seeds(self, folder: Path) -> None:
         self._answer_s = START_S
-        assert self._http(self._request(), True) == "read"
+        assert self.http(self.request(), True) == "read"
         for name, arguments in SOUND.items():
             outcome = self._frames(framed(request("trame.trigger", name, list(arguments), {})))
             assert outcome == ("refused" if name in NEED_MORE else "read"), name
+        assert self.http(self.request(path=b"/download/plan.json"), True) == "read"
+        taken = self.request(b"PUT", b"x,y,z\n1,2,3\n", path=b"/readings", query=b"&name=more.csv")
+        assert self.http(taken, True) == "read"
         self._answer_s = ANSWER_S
 
     def hostile(self, chance: random.Random) -> tuple[str, Any]:
-        kind = chance.choice(("http", "frame", "chunk", "request", "action", "action"))
+        kind = chance.choice(("http", "route", "frame", "chunk", "request", "action", "action"))
         return kind, (kind, chance.getrandbits(64))
 
     def feed(self, given: Any, folder: Path) -> str:
         kind, number = given
         chance = random.Random(number)
-        if self._served == INPUTS_PER_PLANNER or self._process.poll() is not None:
-            if self._socket is not None:
-                self._socket.close()
-            self._end()
-            self._start()
-        self._served += 1
-        outcome = (
-            self._http(*self._hostile_http(chance))
-            if kind == "http"
-            else self._frames(MAKERS[kind](chance), kind == "frame")
-        )
-        self._check()
-        return outcome
-
-    # --- the planner -----------------------------------------------------------------------------------------
-
-    def _start(self) -> None:
-        temporary = tempfile.TemporaryDirectory()
-        self.folder = cases.write_case(Path(temporary.name))
-        cases.write_readings(self.folder / "readings.csv")
-        self._log = self.folder / "errors.txt"
-        command = [
-            sys.executable,
-            "-m",
-            "ronnaplan",
-            "view",
-            str(cases.CT),
-            "--plan",
-            str(self.folder / "plan.json"),
-        ]
-        with self._log.open("wb") as errors:
-            process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, env=environment())
-        self._process, self._end = process, weakref.finalize(self, _end, process, temporary)
-        assert process.stdout is not None
-        parts = urlsplit(process.stdout.readline().decode().strip())
-        assert parts.hostname is not None, self._log.read_text(errors="replace")
-        assert parts.port is not None
-        self._address, self._token = (parts.hostname, parts.port), parts.query.partition("=")[2]
-        self._socket: RawSocket | None = None
-        self._served, self._first_bytes = 0, peak_bytes(self._process.pid)
-        self._answer_s = START_S
-        self._frames(framed(request("trame.lifecycle.update", "client_connected")))
-        self._answer_s = ANSWER_S
-
-    def _check(self) -> None:
-        """Raise where the planner ended, told of an error of its own, took memory or damaged its plan."""
-        assert self._process.poll() is None, f"the planner ended with status {self._process.returncode}"
-        told = self._log.read_text(errors="replace")
-        assert "Traceback" not in told, told[-3000:]
-        assert "\x1b" not in told, told[-3000:]
-        grown = peak_bytes(self._process.pid) - self._first_bytes
-        assert grown < MOST_GROWN_BYTES, f"the planner's memory has grown by {grown >> 20} MiB"
+        if self._process.poll() is not None and self._socket is not None:
+            self._socket.close()
+        self.renew()
+        if kind in ("http", "route"):
+            outcome = self.http(*(self.hostile_http if kind == "http" else self.hostile_route)(chance))
+        else:
+            outcome = self._frames(MAKERS[kind](chance), kind == "frame")
+        self.check()
         read_plan(self.folder / "plan.json")
-
-    def peak_bytes(self) -> int:
-        return max(super().peak_bytes(), peak_bytes(self._process.pid))
-
-    # --- HTTP ------------------------------------------------------------------------------------------------
-
-    def _request(self, **changed: bytes) -> bytes:
-        host = f"{self._address[0]}:{self._address[1]}".encode()
-        parts = {"path": b"/index.html", "token": self._token.encode(), "host": host, "more": b""} | changed
-        return b"GET %(path)s?token=%(token)s HTTP/1.1\r\nHost: %(host)s\r\nConnection: close\r\n%(more)s\r\n" % {
-            name.encode(): value for name, value in parts.items()
-        }
-
-    def _hostile_http(self, chance: random.Random) -> tuple[bytes, bool]:
-        """Return a request, and whether it may be served."""
-        own = f"{self._address[0]}:{self._address[1]}".encode()
-        hosts = (
-            own,
-            own,
-            own,
-            b"evil.example",
-            b"127.0.0.1:99999999",
-            b"[",
-            b"a@127.0.0.1",
-            b"\xff",
-            b"",
-            own + b"/",
-        )
-        origins = (b"", b"", b"", b"http://[", b"null", b"http://evil.example", b"\xff", b"http://" + own)
-        tokens = (self._token.encode(),) * 4 + (b"", b"%ff", b"%00", b"x" * 5000, self._token.encode()[:-1])
-        paths = (
-            b"/index.html",
-            b"/index.html",
-            b"/ws",
-            b"/%00",
-            b"/../etc/passwd",
-            b"/planner_page/%2e%2e/server.py",
-        )
-        host, origin, token, path = (chance.choice(each) for each in (hosts, origins, tokens, paths))
-        more = b"Origin: %s\r\n" % origin if origin else b""
-        if chance.random() < 0.2:
-            more += b'Cookie: ronnaplan_%d=\xff\xfe; a="\r\n' % self._address[1]
-        made = bytearray(self._request(path=path, token=token, host=host, more=more))
-        sound = host == own and origin in (b"", b"http://" + own) and token == self._token.encode()
-        if chance.random() < 0.4:
-            mutate(made, ANYWHERE, chance)
-            sound = self._token.encode() in made
-        return bytes(made), sound
-
-    def _http(self, made: bytes, sound: bool) -> str:
-        try:
-            status = answered(self._address, made, self._answer_s if made.endswith(b"\r\n\r\n") else 0.2)
-        except TimeoutError:
-            if made.endswith(b"\r\n\r\n"):
-                raise
-            return "not complete"
-        assert status < 500, f"status {status} for {made!r}"
-        if status in (0, *range(400, 500)):
-            return "refused"
-        if not sound:
-            raise WrongValueError(f"status {status} for {made!r}")
-        return "read"
+        return outcome
 
     # --- the web socket --------------------------------------------------------------------------------------
 
@@ -281,10 +186,53 @@ class PlannerBorder(Border):
             return "not complete"
 
 
-def _end(process: subprocess.Popen[bytes], temporary: tempfile.TemporaryDirectory[str]) -> None:
-    process.kill()
-    process.communicate()
-    temporary.cleanup()
+class StartBorder(ServerBorder):
+    """A start page above folders in which nothing can be planned: no answer leads to a planner."""
+
+    inputs_in_tests = 150
+    routes = (
+        (b"GET", "/folders", "at"),
+        (b"GET", "/series", "at"),
+        (b"GET", "/thumbnail/{}", ""),
+        (b"POST", "/drop", ""),
+        (b"PUT", "/dropped", "name"),
+        (b"PUT", "/dropped", "name"),
+        (b"GET", "/archive", "patient"),
+        (b"GET", "/archive/{}", ""),
+        (b"POST", "/fetch", "number"),
+        (b"POST", "/open", "number"),
+        (b"POST", "/open", "name"),
+    )
+
+    def command(self, folder: Path) -> tuple[list[str], Path]:
+        (folder / "home").mkdir()
+        study = folder / "root" / "study" / "ct"
+        study.mkdir(parents=True)
+        (study / "0").write_bytes(b"no image")
+        with zipfile.ZipFile(folder / "root" / "a.zip", "w") as archive:
+            archive.writestr("../plan.json", b"{}")
+        return ["view", "--root", str(folder / "root")], folder / "home"
+
+    def check_seeds(self, folder: Path) -> None:
+        assert self.http(self.request(), True) == "read"
+        assert self.http(self.request(path=b"/folders", query=b"&at=study"), True) == "read"
+        assert self.http(self.request(b"POST", path=b"/drop"), True) == "read"
+        dropped = self.request(b"PUT", b"1", path=b"/dropped", query=b"&name=a/b.dcm")
+        assert self.http(dropped, True) == "read"
+        self._answer_s = ANSWER_S
+
+    def hostile(self, chance: random.Random) -> tuple[str, Any]:
+        return chance.choice(("http", "route", "route")), chance.getrandbits(64)
+
+    def feed(self, given: Any, folder: Path) -> str:
+        chance = random.Random(given)
+        self.renew()
+        make = self.hostile_http if chance.random() < 0.3 else self.hostile_route
+        outcome = self.http(*make(chance))
+        self.check()
+        beside = {one.name for one in self.folder.iterdir()} - {"home", "root", "errors.txt"}
+        assert not beside, f"{beside} were written beside the folders that are the server's"
+        return outcome
 
 
 def _action(chance: random.Random) -> bytes:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Coroutine
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeVar
+from typing import Any
 from urllib.parse import urlsplit
 
 import aiohttp
@@ -13,15 +10,6 @@ import msgpack
 
 ANSWER_S = 20.0
 """How long to wait for an answer: far longer than any takes."""
-
-
-Answer = TypeVar("Answer")
-
-
-def run(work: Coroutine[Any, Any, Answer]) -> Answer:
-    """Run ``work`` in a thread of its own: this one may hold the browser's event loop."""
-    with ThreadPoolExecutor(1) as thread:
-        return thread.submit(asyncio.run, work).result()
 
 
 def frame(content: bytes, *, offset: int = 0, size: int | None = None) -> bytes:

@@ -66,6 +66,7 @@ class RawSocket:
         head, _, self._unread = self._unread.partition(b"\r\n\r\n")
         assert head.startswith(b"HTTP/1.1 101"), head
         self.send(framed(HELLO))
+        self.send(framed(request("trame.state.get", number="rpc:begin")))
 
     def send(self, data: bytes) -> None:
         self._connection.sendall(data)

@@ -13,8 +13,9 @@ from ronnaplan.planner.actions import Actions
 from ronnaplan.planner.arguments import LONGEST_TEXT, checked
 from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.state import PlannerState
+from tests.loops import run
 from tests.planner.browser import Planner
-from tests.planner.pages import Page, run
+from tests.planner.pages import Page
 
 AT = (100.0, 100.0, 400.0, 400.0)
 BAD: list[tuple[str, list[Any]]] = [

@@ -20,14 +20,14 @@ HERE = "document.querySelector('.rp-head').classList.contains('rp-drawn-here')"
 DRAWN = (
     f"{HERE} && window.trame.state.get('things').length > 7 && window.trame.state.get('drawn_head').paths.length"
 )
-LOSE = """document.querySelector('.rp-head canvas').getContext('webgl2').getExtension('WEBGL_lose_context')
+LOSE = """document.querySelector('canvas[data-scene]').getContext('webgl2').getExtension('WEBGL_lose_context')
                   .loseContext()"""
 
 
 def seen(page: Any) -> np.ndarray:
     """The 3-D view as it is on the screen (H, W, 3), once it stands still."""
     before = b""
-    while (shot := page.locator(".rp-head canvas").screenshot()) != before:
+    while (shot := page.locator("canvas[data-scene]").screenshot()) != before:
         before = shot
         page.wait_for_timeout(300)
     return np.asarray(cv2.imdecode(np.frombuffer(shot, dtype=np.uint8), cv2.IMREAD_COLOR), dtype=int)
@@ -91,5 +91,5 @@ def look(url: str) -> None:
         assert faults == []
         page.close()
         page = opened(browser, url, 1000, 700, SLOWLY)
-        page.wait_for_function("document.querySelector('.rp-head canvas').hidden")
-        assert page.locator(".rp-head svg image").is_visible()
+        page.wait_for_function("document.querySelector('canvas[data-scene]').hidden")
+        assert page.locator(".rp-head canvas[data-picture]").is_visible()

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ronnaplan.planner.cuts import STANDARD, jpeg, path_axes, picture, png
+from ronnaplan.planner.cuts import STANDARD, jpeg, path_axes, picture, png, sampled
 from ronnaplan.planning import Trajectory
 from ronnaplan.planning.sampling import SliceSampler
 from ronnaplan.scene.cut import Cut
@@ -38,6 +38,19 @@ def test_a_marker_is_a_disc_of_its_size_where_the_screen_coordinates_say(
     place_mm = (bright.mean(axis=0) + 0.5 - np.array(shape) / 2) * 40.0 / PIXELS
     assert place_mm[::-1] == pytest.approx(cut.on_screen_mm(CENTER)[:2], abs=0.1)
     assert len(bright) * (40.0 / PIXELS) ** 2 == pytest.approx(np.pi * 5.75**2, rel=0.04)
+
+
+@pytest.mark.parametrize("view", STANDARD)
+def test_a_cut_along_the_voxels_holds_what_it_does_by_the_way_for_oblique_ones(
+    view: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scanned = SliceSampler.of(scan(balls([tuple(CENTER)]), small_stack()))
+    right, down = STANDARD[view]
+    for cut in (Cut(right, down, CENTER + 0.37, 40.0), Cut(right, down, CENTER + 25.0, 60.0)):
+        quick = sampled(scanned, cut, (150, 190))
+        with monkeypatch.context() as patched:
+            patched.setattr("ronnaplan.scene.sampled._level_axis", lambda *_: None)
+            np.testing.assert_allclose(quick, sampled(scanned, cut, (150, 190)), rtol=0, atol=0.1)
 
 
 def test_the_patients_left_is_on_the_right_and_the_head_is_up() -> None:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import base64
-from types import SimpleNamespace
-
 import cv2
 import numpy as np
 import pytest
 
+from ronnaplan.planner.cuts import Picture
 from ronnaplan.planner.head_view import HeadView
 from ronnaplan.planner.over_head import over_head
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Measures
 from ronnaplan.scene.field import Field
+from ronnaplan.scene.head import HeadParts
 from ronnaplan.scene.shapes import Body
 from ronnaplan.scene.surfaces import surfaces
 from tests import cases
@@ -29,21 +28,21 @@ def made() -> dict[str, Body]:
 
 
 @pytest.fixture
-def head(state: PlannerState, made: dict[str, Body], monkeypatch: pytest.MonkeyPatch) -> HeadView:
-    monkeypatch.setattr("ronnaplan.planner.head_view.surfaces", lambda field, most_triangles: made)
-    monkeypatch.setattr(
-        "ronnaplan.planner.head_view.Field",
-        SimpleNamespace(of=lambda volume: Field(np.full((8, 8, 8), -1000.0, dtype=np.float32), np.zeros(3), 30.0)),
-    )
+def head(state: PlannerState, made: dict[str, Body]) -> HeadView:
     view = HeadView(state)
-    view.load()
-    assert not view.wanting
-    view.open()
+    view.open(HeadParts(surfaces=made))
     return view
 
 
+def shown(head: HeadView) -> Picture | None:
+    head.update(head.state.case.plan)
+    return head.picture()
+
+
 def pixels(head: HeadView) -> np.ndarray:
-    data = np.frombuffer(base64.b64decode(head.picture().partition(",")[2]), dtype=np.uint8)
+    picture = shown(head)
+    assert picture is not None
+    data = np.frombuffer(picture["bytes"], dtype=np.uint8)
     return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), dtype=np.int16)
 
 
@@ -54,7 +53,7 @@ def difference(a: np.ndarray, b: np.ndarray) -> float:
 
 def test_before_it_is_opened_there_is_no_picture(state: PlannerState) -> None:
     view = HeadView(state)
-    assert view.picture() == ""
+    assert view.picture() is None
     assert over_head(state, view.camera, False, {}, Pane())["title"] == "3-D is being made ready ..."
 
 
@@ -63,8 +62,8 @@ def test_the_map_of_entries_is_coloured_on_the_scalp_and_goes_with_its_target(he
     state.offers.propose("left")
     mapped = pixels(head)
     assert difference(mapped, plain) > 0.1
-    green = mapped[..., 1] - mapped[..., 2]
-    assert (green > 30).mean() > 0.1  # viridis, where there was only skin
+    magenta = mapped[..., 2] - mapped[..., 1]
+    assert (magenta > 60).mean() > 0.05  # where there was only skin
     state.case.edit("left", target_mm=cases.TARGET_MM + np.array([0.0, 0.0, 2.0]))
     assert difference(pixels(head), plain) < 0.01
 
@@ -93,18 +92,18 @@ def test_trajectories_are_followed_by_name_and_place(head: HeadView) -> None:
 
 
 def test_the_tube_is_that_of_the_markers_as_they_are_now(head: HeadView, monkeypatch: pytest.MonkeyPatch) -> None:
-    head.picture()
-    shown: list[Measures | None] = []
+    shown(head)
+    drawn_with: list[Measures | None] = []
     assert head.scene is not None
-    monkeypatch.setattr(head.scene, "show_path", lambda _, measured: shown.append(measured))
+    monkeypatch.setattr(head.scene, "show_path", lambda _, measured: drawn_with.append(measured))
     for number in range(10):
         head.state.case.reject_marker("F2") if number % 2 == 0 else head.state.case.undo()
-        head.picture()
+        shown(head)
         (path,) = head.state.case.plan.trajectories
         now = head.state.case.judge(path).measures
         assert now is not None
         assert now.error is not None
-        drawn = shown[number]
+        drawn = drawn_with[number]
         assert drawn is not None
         assert drawn.error is not None
         np.testing.assert_array_equal(drawn.error.tube_mm, now.error.tube_mm)
@@ -119,11 +118,11 @@ def test_the_contacts_of_an_electrode_are_shown_as_soon_as_it_is_chosen(head: He
 
 
 def test_nothing_is_drawn_twice(head: HeadView, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = head.picture()
+    first = shown(head)
     assert head.scene is not None
     monkeypatch.setattr(head.scene, "draw", lambda: pytest.fail("drawn again"))
     head.state.look.jump(cases.TARGET_MM)
-    assert head.picture() == first
+    assert shown(head) == first
 
 
 def test_names_stand_where_things_are_drawn(head: HeadView) -> None:

@@ -13,12 +13,15 @@ from scipy.spatial.transform import Rotation
 
 from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.errors import UsageError
+from ronnaplan.planner.blend import Blend
 from ronnaplan.planner.second import Second
 from ronnaplan.planner.state import PlannerState
+from ronnaplan.planner.storage import PlacedImage
 from ronnaplan.planner.worker import Job
 from ronnaplan.scene.cut import Cut
 from tests import cases
 from tests.planner.browser import eventually, needs_browser, opened, planner, value
+from tests.planner.conftest import reopened
 
 TURN, SHIFT_MM = Rotation.from_rotvec([0.06, -0.08, 0.1]).as_matrix(), np.array([7.0, -5.0, 4.0])
 SPACING_MM = 3.0
@@ -55,28 +58,38 @@ def test_registration_finds_where_the_head_lies_and_says_how_sure(state: Planner
     assert np.linalg.norm(found - (corners @ TURN.T + SHIFT_MM), axis=1).max() < 1.5  # half a voxel of it
     assert "registered by SimpleITK" in second.quality
     assert "DOUBTFUL" not in second.quality
+    again = reopened(state)
+    again.take_second(other_image(None), "mr.nii")
+    assert (again.other.quality, again.other.placed) == (second.quality, True)
+    assert again.other._pose is not None
+    assert again.other._pose == pytest.approx(second._pose)
+    (key,) = state.look.images
+    skewed = np.array(state.look.images[key].image_from_scan) * 1.01
+    state.look.images[key] = PlacedImage.model_validate(
+        {"image_from_scan": tuple(map(tuple, skewed.tolist())), "apart_mm": 0.0}
+    )
+    state.look.save()
+    again = reopened(state)
+    again.take_second(other_image(None), "mr.nii")
+    assert not again.other.placed  # what is no rigid motion is not believed
 
 
 def test_an_image_of_the_same_frame_is_placed_at_once_and_blended_or_checkered() -> None:
     scan = cases.volume()
-    second = Second(scan, replace(scan, voxels_hu=-scan.voxels_hu), "inverted", Job.do)
+    second = Second(scan, replace(scan, voxels_hu=-scan.voxels_hu), "inverted", Job.do, lambda _: None)
     assert second.placed
     assert "own frame of reference" in second.quality
     cut = Cut(np.array([1.0, 0, 0]), np.array([0.0, 1, 0]), np.array([0.0, 0, 30.0]), 200.0)
     plain = np.full((160, 160), 100, dtype=np.uint8)
-    second.show(0.0, "blend")
-    assert second.over(plain, cut) is plain
-    second.show(1.0, "blend")
-    whole = second.over(plain, cut)
+    assert second.over(plain, cut, Blend(0.0)) is plain
+    whole = second.over(plain, cut, Blend(1.0))
     assert whole[80, 80] < whole[2, 2]  # air is bright in the second
-    second.show(0.5, "blend")
-    assert second.over(plain, cut) == pytest.approx((whole.astype(float) + 100) / 2, abs=1.0)
-    second.show(1.0, "checkerboard")
-    squares = second.over(plain, cut)
+    assert second.over(plain, cut, Blend(0.5)) == pytest.approx((whole.astype(float) + 100) / 2, abs=1.0)
+    squares = second.over(plain, cut, Blend(1.0, "checkerboard"))
     assert (squares[:20, 20:40] == 100).all()
     assert (squares[:20, :20] == whole[:20, :20]).all()
     with pytest.raises(UsageError, match="blend, checkerboard"):
-        second.show(0.5, "dance")
+        Blend(0.5, "dance")
 
 
 @needs_browser

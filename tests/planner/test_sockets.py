@@ -11,8 +11,9 @@ import msgpack
 import pytest
 
 from ronnaplan.planner.sockets import MOST_MESSAGE_BYTES, MOST_PAGES, MOST_WAITING_BYTES, Outbox, read_request
+from tests.loops import run
 from tests.planner.browser import Planner
-from tests.planner.pages import HELLO, Page, frame, request, run
+from tests.planner.pages import HELLO, Page, frame, request
 
 GIB = 2**30
 HOSTILE = {

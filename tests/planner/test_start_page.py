@@ -81,7 +81,7 @@ def test_a_scan_is_dropped_opened_and_its_files_go_out_and_in(browser: Any, star
     page.wait_for_selector("#error >> text=name the case with letters")
     page.fill("#name", "first")
     page.click("#found tbody button")
-    page.wait_for_selector("svg[data-view=axial] image", timeout=60_000)
+    page.wait_for_selector("canvas[data-picture=axial][data-number]", timeout=60_000)
     assert page.url == started
     assert sorted(one.name for one in (home / "first").iterdir()) == [".planner-address.json", "ct.zip"]
 
@@ -104,3 +104,15 @@ def test_a_scan_is_dropped_opened_and_its_files_go_out_and_in(browser: Any, star
     assert (home / "first" / "readings.csv").read_text() == (scans / "readings.csv").read_text()
     page.set_input_files("#readings-file", scans / "plan.json")
     page.wait_for_selector("#message >> text=is in the case already")
+
+    (home / "first" / "plan.json").write_bytes((scans / "plan.json").read_bytes())
+    page.click("#leave")
+    page.wait_for_selector("text=Open a scan", timeout=60_000)
+    assert page.url == started
+    page.click("text=study/")
+    page.click("text=look for series here")
+    page.click("#found >> text=go on")
+    page.wait_for_selector("canvas[data-picture=axial][data-number]", timeout=60_000)
+    page.wait_for_function("window.trame.state.get('paths').length === 1")
+    page.click("#leave")
+    page.wait_for_selector("text=Open a scan", timeout=60_000)

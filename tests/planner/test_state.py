@@ -263,6 +263,11 @@ def test_three_points_make_the_ac_pc_frame_and_its_angles(state: PlannerState) -
     shown = dict(chosen_path(again, again.case.judge(again.case.plan.trajectory("left")))["measures"])
     assert shown["AC-PC sagittal, coronal angle"].startswith(f"{measures.acpc.sagittal_deg:.1f}, ")
     assert shown["arc, ring of the frame"].endswith(" deg")
+    heads, *rows = chosen_path(again, again.case.judge(again.case.plan.trajectory("left")))["errors"]
+    assert heads == ("expected error", "as planned")
+    assert measures.error is not None
+    assert ("at the target", f"{measures.error.target_rms_mm:.2f} mm RMS") in rows
+    assert rows[-1][0] == "with"
 
 
 def test_points_of_the_ac_pc_frame_are_undone_and_refused_on_one_line(state: PlannerState) -> None:
@@ -313,9 +318,9 @@ def test_proposals_hold_only_for_what_they_were_asked_for(state: PlannerState) -
     np.testing.assert_array_equal(promised.error.tre_rms_mm, kept.error.tre_rms_mm)
     assert promised.error.probability == kept.error.probability
     state.case.edit("left", target_mm=T + np.array([0, 0, 1]))
-    assert proposal_rows(state) == []
+    assert proposal_rows(state) == {"rows": [], "none": ""}
     state.case.undo()
-    assert len(proposal_rows(state)) > 0
+    assert len(proposal_rows(state)["rows"]) > 0
     state.case.reject_marker("F2")
     assert state.offers.proposals is None
 

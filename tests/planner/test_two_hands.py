@@ -12,8 +12,9 @@ import pytest
 from ronnaplan.documents.plan import change_plan, read_plan
 from ronnaplan.planner.app import LOOK_AGAIN_S
 from tests import cases
+from tests.loops import run
 from tests.planner.browser import Planner
-from tests.planner.pages import Page, run
+from tests.planner.pages import Page
 
 
 async def shown(page: Page, holds: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:

@@ -15,8 +15,9 @@ import pytest
 
 from ronnaplan.case.surroundings import Surroundings
 from ronnaplan.errors import InputError, RonnaplanError, UsageError
+from ronnaplan.pipes import receive, send
 from ronnaplan.planner.state import PlannerState
-from ronnaplan.planner.worker import CancelledError, Job, Told, Worker, receive, send
+from ronnaplan.planner.worker import CancelledError, Job, Told, Worker
 from tests import cases
 
 

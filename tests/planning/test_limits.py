@@ -10,6 +10,7 @@ import pytest
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import Frame
 from ronnaplan.planning import Instrument, Limits, Measures, Trajectory, judge, measure
+from ronnaplan.planning.limits import Verdict, is_near
 from ronnaplan.planning.obstacles import Clearance, Kind
 from ronnaplan.planning.uncertainty import Basis, ExpectedPose, path_error
 from tests.planning.heads import SCALP, scanned
@@ -98,3 +99,22 @@ def test_limits_on_the_expected_error(measured: Measures) -> None:
     assert broken(known, Limits(least_probability=0.999)) == ["chance to stay within 1 mm"]
     (verdict,) = [one for one in judge(known, Limits(greatest_target_error_mm=0.6)) if "expected" in one.measure]
     assert verdict.remark == "as registered"
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "limit", "near"),
+    [
+        (91.0, "mm", 100.0, True),
+        (89.0, "mm", 100.0, False),
+        (101.0, "mm", 100.0, False),
+        (2.15, "mm", 2.0, True),
+        (0.952, "", 0.95, True),
+        (0.96, "", 0.95, False),
+        (None, "", None, False),
+    ],
+)
+def test_a_limit_that_is_kept_by_a_tenth_is_near(
+    value: float | None, unit: str, limit: float | None, near: bool
+) -> None:
+    passes = value is None or limit is None or (value <= limit if limit > 50 else value >= limit)
+    assert is_near(Verdict("A", "any", value, unit, limit, passes)) is near

@@ -119,7 +119,7 @@ def test_false_alarms_are_one_in_a_million() -> None:
     reference = Points(markers, np.tile(reference_mm2, (4, 1, 1)), labels, Frame("OTS"))
     scales = np.vstack([np.full(4, 2.2), np.full((4, 4), 1.0) + 2.4 * np.eye(4)])
     counted = []
-    for _ in range(800):
+    for _ in range(1000):
         normal = rng.normal(size=(4, 3)) * scales[rng.integers(len(scales))][:, None]
         later = Points(markers + normal @ spread.T, np.tile(later_mm2, (4, 1, 1)), labels, Frame("OTS"))
         alarm = check_drift(reference, later).status is not DriftStatus.STILL

@@ -139,6 +139,10 @@ def test_a_limb_as_dark_as_the_ground_is_refused_unless_its_place_is_known() -> 
     (dark, rig), (clear, other) = results
     with pytest.raises(RefusedError, match=r"mm only; expected 0\.02 mm or less"):
         locate_sphere(dark.left, dark.right, rig, diameter_mm=DIAMETER)
+    known = locate_sphere(dark.left, dark.right, rig, diameter_mm=DIAMETER, largest_mm=0.5)
+    stated_mm = np.sqrt(np.trace(known.covariance_mm2))
+    assert 0.02 < stated_mm < 0.5
+    assert np.linalg.norm(known.position_mm - dark.center_mm) < 4 * stated_mm
     found = locate_sphere(clear.left, clear.right, other, diameter_mm=DIAMETER)
     assert np.linalg.norm(found.position_mm - clear.center_mm) < 0.01
 

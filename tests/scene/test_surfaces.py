@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from ronnaplan.errors import InputError
 from ronnaplan.scene import vtk
 from ronnaplan.scene.field import Field, of_mask
+from ronnaplan.scene.head import head_parts
 from ronnaplan.scene.surfaces import REGION, SURFACES, Level, surfaces
 from tests.scans import balls, scan, small_stack
 
@@ -60,6 +62,21 @@ def test_a_region_and_an_empty_scan() -> None:
     corners = volume.grid.positions_mm(np.array([[9.5, 39.5, 29.5], [29.5, 89.5, 79.5]]))
     assert region.vertices_mm.min(axis=0) == pytest.approx(corners.min(axis=0), abs=0.8)
     assert region.vertices_mm.max(axis=0) == pytest.approx(corners.max(axis=0), abs=0.8)
+
+
+def test_all_that_a_head_is_drawn_from_comes_of_one_process_that_was_begun_before() -> None:
+    volume = scan(balls([tuple(CENTER)], 20.0), small_stack())
+    mask = np.zeros(volume.voxels_hu.shape, dtype=np.bool_)
+    mask[10:30, 40:90, 30:80] = True
+    parts = head_parts(vtk.Workshop(), volume, {"region": mask}, 2000)
+    assert parts.wanting == ""
+    assert parts.volume is not None
+    assert parts.volume.values.max() > parts.volume.values.min()
+    alone = surfaces(Field.of(volume), most_triangles=2000)
+    for name, body in alone.items():
+        np.testing.assert_allclose(parts.surfaces[name].vertices_mm, body.vertices_mm)
+    assert len(parts.regions["region"].triangles) > 100
+    assert "could not make head" in head_parts(vtk.Workshop(), replace(volume, grid=None), {}, 2000).wanting  # type: ignore[arg-type]
 
 
 def test_what_is_missing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

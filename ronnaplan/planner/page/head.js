@@ -12,9 +12,10 @@
     window.trame.state.watch(["things"], (listed) => load(canvas, listed ?? []));
     window.trame.state.watch(["eye"], look);
     window.trame.state.watch(["volume"], whole);
-    for (const name of ["axial", "coronal", "sagittal"]) {
-      window.trame.state.watch([`picture_${name}`], (url) => viewer && picture(name, url));
-    }
+    load(canvas, window.trame.state.get("things") ?? []);
+    look(window.trame.state.get("eye"));
+    whole(window.trame.state.get("volume"));
+    window.ronnaplanPictures((name, drawn) => viewer && ["axial", "coronal", "sagittal"].includes(name) && picture(name, drawn));
   }
   function leave(canvas) {
     viewer = null;
@@ -49,13 +50,8 @@
     viewer.planes = eye.planes.filter((one) => pictures[one.view]).map((one) => ({ ...one, texture: pictures[one.view] }));
     finely();
   }
-  async function picture(name, url) {
-    if (!url) return;
-    const image = new Image();
-    image.src = url;
-    await image.decode().catch(() => {});
-    if (!viewer || !image.width) return;
-    pictures[name] = viewer.picture(image, pictures[name]);
+  function picture(name, drawn) {
+    pictures[name] = viewer.picture(drawn, pictures[name]);
     look(window.trame.state.get("eye"));
   }
 

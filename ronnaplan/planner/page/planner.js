@@ -189,7 +189,7 @@
   }
 
   // A planner that does not answer is asked for; once it answers again, its state is loaded anew.
-  const ASK_MS = 2000, MISSES = 2;
+  const ASK_MS = 1000, MISSES = 3;
   const GONE = `<h3>The planner cannot be reached</h3>
     <p>It has ended, or does not answer. What was done is kept in the case's folder; only a drag that was not let go is gone.</p>
     <p id="gone-how">Start it again with <kbd>ronnaplan view</kbd>: this page goes on by itself, as it does where the planner was only held
@@ -205,7 +205,7 @@
     const there = status === 200;
     missed = there ? 0 : missed + 1;
     const gone = document.getElementById("gone");
-    if (there && gone) location.reload();
+    if (status === 404 || (there && gone)) return location.reload(); // 404: the start page took the planner's place
     if (gone && status === 403) gone.querySelector("#gone-how").textContent = ELSEWHERE;
     if (missed >= MISSES && !gone) {
       const told = Object.assign(document.createElement("dialog"), { id: "gone", className: "rp-help", innerHTML: GONE });

@@ -124,17 +124,57 @@
     }));
     one("found").scrollIntoView({ block: "nearest" });
   }
-  const open = (number) =>
-    work("reading the scan ...", async () => {
-      await ask(`open?${query({ number, name: one("name").value.trim() })}`, { method: "POST" });
-      tell("busy", "opening the planner ...");
-      for (;;) {
-        // the start page answers no such address, the planner that takes its place does
-        const there = await fetch("planner_page/planner.css", { method: "HEAD", cache: "no-store" }).catch(() => null);
-        if (there?.ok) return location.reload();
-        await new Promise((good) => setTimeout(good, 300));
-      }
+  const open = (number) => work("reading the scan ...", () => begin(number));
+  async function begin(number) {
+    await ask(`open?${query({ number, name: one("name").value.trim() })}`, { method: "POST" });
+    tell("busy", "opening the planner ...");
+    for (;;) {
+      // the start page answers no such address, the planner that takes its place does
+      const there = await fetch("planner_page/planner.css", { method: "HEAD", cache: "no-store" }).catch(() => null);
+      if (there?.ok) return location.reload();
+      await new Promise((good) => setTimeout(good, 300));
+    }
+  }
+
+  // --- an archive
+  async function shelf() {
+    const { name } = await ask("archive");
+    one("archive").hidden = !name;
+    one("archive-name").textContent = name;
+  }
+  function shelved(series) {
+    const body = one("archive").querySelector("tbody");
+    one("archive").querySelector("table").hidden = false;
+    body.replaceChildren(...series.map((row, n) => {
+      const picture = made("img", { loading: "lazy", src: `archive/${n}?${Date.now()}`, alt: "" });
+      picture.onerror = () => picture.replaceWith(made("span", { className: "none" }, "no picture"));
+      const title = made("td", {}, `${row.modality} ${row.description || "(no description)"}`, made("small", {}, `${row.study} ${row.series_uid}`));
+      const press = made("button", { type: "button", onclick: () => fetched(n, row) }, "fetch and plan");
+      press.setAttribute("aria-label", `fetch and plan: ${row.description || row.series_uid}`);
+      const patient = made("td", {}, row.patient_id, made("small", {}, row.patient_name));
+      return made("tr", {}, made("td", {}, picture), title, made("td", {}, row.instances ?? "?"), patient, made("td", {}, row.date), made("td", {}, press));
+    }));
+    if (!series.length) body.append(made("tr", {}, made("td", { colSpan: 6 }, "no such series; try another ID or other days")));
+  }
+  one("look").addEventListener("submit", (event) => {
+    event.preventDefault();
+    const days = [one("from").value, one("to").value].map((day) => day.replaceAll("-", ""));
+    const date = days[0] === days[1] ? days[0] : days.join("-");
+    work("looking in the archive ...", async () => {
+      const { series } = await ask(`archive?${query({ patient: one("patient").value, date })}`);
+      if (!series) throw new Error("nothing says which series; give a patient's ID or a day");
+      shelved(series);
+    });
+  });
+  const fetched = (number, row) =>
+    work(`fetching ${row.instances ?? "the"} images ...`, async () => {
+      await ask(`fetch?${query({ number })}`, { method: "POST" });
+      const found = await ask("series");
+      show(found);
+      const usable = found.series.flatMap((one, n) => (one.problems.length ? [] : [n]));
+      if (usable.length === 1) await begin(usable[0]);
     });
 
+  shelf().catch((error) => tell("error", error.message));
   go("");
 })();

@@ -17,8 +17,6 @@ from ronnaplan.robot.placement.clearances import parked, place_trolley, posture_
 from ronnaplan.robot.placement.tasks import Ways
 from ronnaplan.robot.placement.world import Machine, World
 
-PLENTY_MM = 100.0
-PLENTY_DEG = 45.0
 LARGEST_STEP_RAD = 1.5
 """A joint that turns further between two poses of a way has gone through a singular posture."""
 NOTHING = -1.0
@@ -162,8 +160,7 @@ def judge_task(
     angles, margins, hopes = np.empty((steps, 8, 6)), np.empty((8, 2)), np.empty((count, 8))
     best = NOTHING
     for n in range(count):
-        follow(machine, from_room, ways.flanges[first + n], steps, angles, margins)
-        hoped(world, margins, hopes[n])
+        hoped(machine, world, from_room, ways.flanges[first + n], steps, angles, margins, hopes[n])
     while best < enough:
         n, b = divmod(int(hopes.argmax()), 8)
         hope = hopes[n, b]
@@ -197,8 +194,8 @@ def judge_way(
     """Return the worth of ``task`` by the posture that its joints like best on one ``way``, and name both."""
     steps = ways.steps[task]
     angles, margins, hopes = np.empty((steps, 8, 6)), np.empty((8, 2)), np.empty(8)
-    follow(machine, from_room, ways.flanges[ways.firsts[task] + way], steps, angles, margins)
-    hoped(world, margins, hopes)
+    flanges = ways.flanges[ways.firsts[task] + way]
+    hoped(machine, world, from_room, flanges, steps, angles, margins, hopes)
     b = int(hopes.argmax())
     if hopes[b] <= least:
         return NOTHING
@@ -209,8 +206,18 @@ def judge_way(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def hoped(world: World, margins: FloatArray, hopes: FloatArray) -> None:
-    """Fill ``hopes`` (8,) with what the joints of each posture are worth, by ``margins`` (8, 2) in rad."""
+def hoped(
+    machine: Machine,
+    world: World,
+    from_room: FloatArray,
+    way: FloatArray,
+    steps: int,
+    angles: FloatArray,
+    margins: FloatArray,
+    hopes: FloatArray,
+) -> None:
+    """Follow a ``way`` (P, 4, 4), and fill ``hopes`` (8,) with what the joints of each posture are worth along it."""
+    follow(machine, from_room, way, steps, angles, margins)
     for b in range(8):
         hopes[b] = NOTHING
         if margins[b, 0] >= world.needs[0] and margins[b, 1] >= world.needs[1]:
@@ -235,7 +242,7 @@ def worth_along(
         away, view = posture_margins(machine, world, trolley, instrument, angles[p], frames, bodies, pair, True)
         if away < world.needs[2] or view < world.needs[3]:
             return NOTHING
-        hope = min(hope, min(soft(away, PLENTY_MM), soft(np.degrees(view), PLENTY_DEG)))
+        hope = min(hope, min(soft(away, world.plenty[0]), np.degrees(soft(view, world.plenty[1]))))
         if hope <= least:
             return NOTHING
     return hope

@@ -8,8 +8,8 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.placement.room import Parking
 from ronnaplan.robot.placement.search import Problem, serves
 
-SAMPLES = 512
-"""Of a Sobol sequence: a probability of 0.5 is then known to about one percent."""
+SAMPLES = 1024
+"""Of a Sobol sequence."""
 
 
 def probability(

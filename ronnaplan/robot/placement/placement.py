@@ -22,7 +22,7 @@ from ronnaplan.robot.placement.search import (
     base_pose,
     best_apart,
     grid,
-    refine,
+    refined,
     scattered,
     serves,
     worths,
@@ -142,10 +142,9 @@ def find_places(job: Job) -> Placement:
     if not (found >= 0.0).any():
         further = scattered(coarse, SCATTERED)
         bases, found = np.concatenate([bases, further]), np.concatenate([found, worths(coarse, further)])
-    refined = [refine(coarse, bases[n], float(found[n])) for n in best_apart(bases, found, PLACES + 1)]
-    if not refined:
+    tops, values = refined(coarse, bases, found)
+    if not len(tops):
         return Placement(job.room_from_ct, (), _blocked(job, coarse, bases))
-    tops, values = np.array([place for place, _ in refined]), np.array([worth for _, worth in refined])
     places = []
     for n in best_apart(tops, values, PLACES):
         sure = probability(coarse, tops[n], job.room.parking)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +22,25 @@ FACING_DEG = (0.0, 45.0, -45.0, 90.0, -90.0, 180.0)
 """Turns of the base that are tried, from that which faces the head."""
 ANY = 1e-6
 """Plenty, where it is only asked whether all is served."""
-STARTS = 4
-"""Places of the grid that are refined."""
+STARTS = 6
+"""Places that are refined, beside the alternatives."""
+ALTERNATIVES = 4
 APART_MM = 150.0
-"""Starts, and alternatives, are this far apart."""
+"""So many places are refined that are this far apart."""
+SLACK = 1e-6
+"""Of a worth, by which another may be less and still as good."""
 FIRST_STEP = (50.0, 50.0, 50.0, 20.0)
 LAST_STEP_MM = 3.0
 """Steps in x, y, z (mm) and turn (degrees) to begin the refinement with, and the least of it."""
+_OUT = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+_OUT = _OUT[np.abs(_OUT).sum(axis=1) > 0]
+SIDES = np.concatenate(
+    [
+        np.column_stack([_OUT / np.linalg.norm(_OUT, axis=1, keepdims=True), np.zeros(len(_OUT))]),
+        [[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0, -1.0]],
+    ]
+)
+"""Which ways the refinement goes (28, 4)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,12 +140,11 @@ def within(floor: Floor, places: FloatArray) -> FloatArray:
 
 
 def refine(problem: Problem, start: FloatArray, worth: float) -> tuple[FloatArray, float]:
-    """Return the best place (4,) found from ``start`` by steps along the axes and both ways, and its worth."""
+    """Return the best place (4,) found from ``start`` by steps to all 26 sides and in turn, and its worth."""
     step = np.array(FIRST_STEP)
     place = start
-    turns = np.concatenate([np.eye(4), -np.eye(4)])
     while step[0] >= LAST_STEP_MM:
-        tried = within(problem.floor, place + turns * step)
+        tried = within(problem.floor, place + SIDES * step)
         found = worths(problem, tried, least=worth) if len(tried) else np.full(1, -1.0)
         if found.max() > worth:
             place, worth = tried[found.argmax()], float(found.max())
@@ -142,13 +153,45 @@ def refine(problem: Problem, start: FloatArray, worth: float) -> tuple[FloatArra
     return place, worth
 
 
-def best_apart(places: FloatArray, found: FloatArray, count: int) -> list[int]:
-    """Return the numbers of up to ``count`` of the best places (N, 4) that serve all, `APART_MM` from each other."""
+def refined(problem: Problem, places: FloatArray, found: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return places (M, 4) and their worths (M,) refined from the best of ``places`` (N, 4), of worths ``found`` (N,).
+
+    They start from the best of all and from the best apart. Where what limits the very best cannot be bettered, as a
+    view that is as poor from every base, those that are alike in it are refined further in their joints.
+    """
+    starts = {*best_apart(places, found, ALTERNATIVES), *best_apart(places, found, STARTS, 0.0)}
+    each = [refine(problem, places[n], float(found[n])) for n in sorted(starts)]
+    tops, values = np.array([place for place, _ in each]).reshape(-1, 4), np.array([worth for _, worth in each])
+    if not len(values):
+        return tops, values
+    asked = asking(problem, float(values.max()))
+    alike = np.flatnonzero(values >= values.max() * (1 - SLACK))
+    by_joints = worths(asked, tops[alike])
+    for n in np.argsort(-by_joints)[:STARTS]:
+        tops[alike[n]], values[alike[n]] = refine(asked, tops[alike[n]], float(by_joints[n]))
+    return tops, values
+
+
+def asking(problem: Problem, worth: float) -> Problem:
+    """Return ``problem`` asking for the clearance and view that ``worth`` allows for, and for joints beyond it.
+
+    A view or a clearance that is poor from every base hides all else behind it: bases that are alike in it are then
+    told apart by the joints.
+    """
+    world = problem.world
+    kept = worth * (1 - SLACK)
+    allowed = np.array([kept, np.radians(kept)])
+    allowed = np.maximum(allowed / (1 + allowed / world.plenty), world.needs[2:])
+    return replace(problem, world=world._replace(needs=np.concatenate([world.needs[:2], allowed]), plenty=allowed))
+
+
+def best_apart(places: FloatArray, found: FloatArray, count: int, apart_mm: float = APART_MM) -> list[int]:
+    """Return the numbers of up to ``count`` of the best places (N, 4) that serve all, ``apart_mm`` from each other."""
     chosen: list[int] = []
     for n in np.argsort(-found, kind="stable"):
         if found[n] < 0.0 or len(chosen) == count:
             break
-        if all(np.linalg.norm(places[n, :3] - places[other, :3]) >= APART_MM for other in chosen):
+        if all(np.linalg.norm(places[n, :3] - places[other, :3]) >= apart_mm for other in chosen):
             chosen.append(int(n))
     return chosen
 

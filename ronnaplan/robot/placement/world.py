@@ -17,6 +17,9 @@ from ronnaplan.robot.placement.room import Box, Capsule, Room
 HEAD_SPACING_MM = 12.0
 """Places on the head's surface are thinned to this: with its half added to them they cover the surface."""
 
+PLENTY_MM, PLENTY_DEG = 100.0, 45.0
+"""Clearance and margin of the tracker's view beyond which more counts no more."""
+
 
 class Machine(NamedTuple):
     """The arm with what its flange carries. Bodies are in their links' frames; the last ones are the tool's."""
@@ -51,6 +54,8 @@ class World(NamedTuple):
     """Nearest, farthest, its own body, beam radius, greatest angle in rad (5,); all zero where nothing is tracked."""
     needs: FloatArray
     """Joint, singularity (rad), clearance (mm), tracker (rad) margins (4,)."""
+    plenty: FloatArray
+    """Clearance (mm) and tracker's margin (rad) beyond which more counts no more (2,)."""
 
 
 def machine_of(arm: SerialArm, room: Room) -> Machine:
@@ -109,6 +114,7 @@ def world_of(room: Room, head_mm: FloatArray, tracker_mm: FloatArray | None) -> 
                 np.radians(needs.tracker_deg),
             ]
         ),
+        np.array([PLENTY_MM, np.radians(PLENTY_DEG)]),
     )
 
 

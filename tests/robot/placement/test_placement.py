@@ -19,7 +19,7 @@ from ronnaplan.robot.arm.quality import joint_margins_deg, singularity_deg
 from ronnaplan.robot.placement.parking import strayed
 from ronnaplan.robot.placement.placement import COARSE, Job, Placement, check_parked, find_places
 from ronnaplan.robot.placement.room import Floor, HeadPose, Margins, Parking
-from ronnaplan.robot.placement.search import worths
+from ronnaplan.robot.placement.search import asking, worths
 from ronnaplan.robot.placement.tasks import drill_task
 from tests.robot.placement.cases import CENTER_MM, job, room
 
@@ -63,10 +63,38 @@ def test_no_place_of_the_floor_is_better(found: tuple[Job, Placement]) -> None:
     coarse, rng = given.problem(COARSE), np.random.default_rng(1)
     floor = given.room.floor
     least, greatest = np.array([floor.x_mm, floor.y_mm, floor.z_mm, (0.0, 90.0)]).T
-    there = placement.places[0].room_from_r
-    turn = np.degrees(np.arctan2(there[1, 0], there[0, 0]))
-    (best,) = worths(coarse, np.array([[*there[:3, 3], turn]]))
+    (best,) = worths(coarse, place_of(placement.places[0].room_from_r))
     assert worths(coarse, rng.uniform(least, greatest, (40, 4))).max() <= best + 1e-9
+
+
+def test_places_that_the_tracker_sees_as_poorly_are_told_apart_by_the_joints() -> None:
+    """The view depends on the roll about the axis, hardly on the base: what it allows for is the same everywhere."""
+    tool = room().tool
+    assert tool.marker is not None
+    given = job(
+        0,
+        1,
+        0,
+        floor=SMALL,
+        tool=replace(tool, marker=replace(tool.marker, seen_deg=24.0)),
+        margins=Margins(tracker_deg=1.0),
+    )
+    (place, *_) = find_places(given).places
+    coarse, rng = given.problem(COARSE), np.random.default_rng(1)
+    there = place_of(place.room_from_r)
+    (worth,) = worths(coarse, there)
+    least, greatest = np.array([SMALL.x_mm, SMALL.y_mm, SMALL.z_mm, (0.0, 90.0)]).T
+    others = rng.uniform(least, greatest, (60, 4))
+    found = worths(coarse, others)
+    alike = found > worth - 0.01
+    assert alike.sum() > 10
+    joints = [min(one.joint_deg, one.singularity_deg) for one in place.served]
+    assert min(joints) > 2 * worth
+    assert worths(asking(coarse, worth), others[alike]).max() <= worths(asking(coarse, worth), there)[0]
+
+
+def place_of(base: FloatArray) -> FloatArray:
+    return np.array([[*base[:3, 3], np.degrees(np.arctan2(base[1, 0], base[0, 0]))]])
 
 
 def test_what_lies_between_the_places_of_the_grid_is_found(
@@ -111,6 +139,12 @@ def test_parking_strays_as_it_is_told() -> None:
     np.testing.assert_allclose(places.std(axis=0), [20, 20, 0, 3], rtol=0.03, atol=1e-12)
 
 
+@pytest.fixture
+def few_further_bases(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Thousands that serve nothing take half a minute."""
+    monkeypatch.setattr("ronnaplan.robot.placement.placement.SCATTERED", 64)
+
+
 def blocked(trajectory: tuple[FloatArray, FloatArray], **changes: object) -> str:
     given = job(0, 1, 0, floor=SMALL, **changes)
     task = drill_task("LH", *trajectory, given.room.tool, 180.0, 2.4)
@@ -124,6 +158,7 @@ ABOVE_MM, FAR_MM = np.array([0.0, 0, 95]), np.array([1500.0, 0, 0])
 FROM_ABOVE = (CENTER_MM + ABOVE_MM, CENTER_MM)
 
 
+@pytest.mark.usefixtures("few_further_bases")
 def test_what_blocks_is_told() -> None:
     assert "out of the arm's reach" in blocked((CENTER_MM + 1.1 * FAR_MM, CENTER_MM + FAR_MM))
     assert "a singular posture" in blocked(FROM_ABOVE, margins=Margins(singularity_deg=89.0))
@@ -134,6 +169,7 @@ def test_what_blocks_is_told() -> None:
     assert "nearest entry that works is turned by" in from_below or "works either" in from_below
 
 
+@pytest.mark.usefixtures("few_further_bases")
 def test_an_instrument_too_short_meets_the_head_with_its_holder() -> None:
     given = job(0, 1, 0, floor=SMALL, tracker=None)
     task = drill_task("LH", *FROM_ABOVE, given.room.tool, 95.0, 2.4)

@@ -1,0 +1,141 @@
+"""What a prior of the errors' scale costs three markers, and what it saves: refusals against wrong answers.
+
+    python -m benchmarks.scale_prior [--tests N] [--seed N] [-o docs/images/correspondence_scale.png]
+
+Every pairing of a test is weighed at each scale of the errors; then rules decide on the same tests: a prior of the
+scale and a level each, and one that knows what it is judged by: the likelihood as stated of the best pairing against
+that of the others were the errors four times as large. What ``match_points`` looks at more closely is not counted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+
+import numpy as np
+
+from ronnaplan.correspondence.evidence import SCALE_PRIORS, SCALES, filled_volume, log_misfit
+from ronnaplan.correspondence.exact import LISTED_NATS, search
+from ronnaplan.correspondence.priors import size_priors
+from ronnaplan.correspondence.rivals import chi2_of
+from ronnaplan.correspondence.told import Told
+from ronnaplan.geometry import FloatArray
+from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
+from ronnaplan.studies.heads import HEADS_MM
+from ronnaplan.studies.plots import new_figure, save
+from ronnaplan.studies.scenes import simulate_scenes
+
+MARKERS, OUTLIERS = 3, (0, 2, 4)
+TRUE_SCALES = (1.0, 2.0, 4.0)
+WEIGHED = (0.5, 2**-0.5, 1.0, 2**0.5, 2.0, 8**0.5, 4.0)
+LEVELS = 1.0 - np.geomspace(0.2, 2e-4, 31)
+SHOWN = (0.98, 0.99, 0.995)
+GOAL, LEAST_DRAWN = 0.05, 0.015
+"""Of the answers, percent: the goal, and what so many tests can tell."""
+Tests = list[tuple[FloatArray, FloatArray]]
+"""Of each test the log evidence of every pairing at each of `WEIGHED` (L, S), and which is right (L,)."""
+
+
+def on(scales: dict[float, float]) -> FloatArray:
+    """Return weights of `WEIGHED`, log."""
+    with np.errstate(divide="ignore"):
+        return np.log([scales.get(scale, 0.0) for scale in WEIGHED])
+
+
+MATCHER = on(dict(zip(SCALES, SCALE_PRIORS, strict=True)))
+RULES = {
+    "as stated for certain": (on({1.0: 1.0}), on({1.0: 1.0})),
+    "log-uniform": (on(dict.fromkeys(WEIGHED, 1 / len(WEIGHED))),) * 2,
+    "the matcher's prior": (MATCHER, MATCHER),
+    "the best as stated, others four times": (on({0.5: 0.15, 1.0: 0.85}), on({1.0: 0.3, 4.0: 0.7})),
+    "others weighed with 4 x the prior at four times": (MATCHER, on({0.5: 0.1, 1.0: 0.5, 2.0: 0.2, 4.0: 1.0})),
+}
+"""Weights of the scales for the best pairing, and for all others."""
+
+
+def main() -> None:
+    """Measure, print and draw."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--tests", type=int, default=30_000, help="tests a cell")
+    parser.add_argument("--seed", type=int, default=70_617)
+    parser.add_argument("-o", type=Path, default=Path("correspondence_scale.png"), metavar="PNG")
+    arguments = parser.parse_args()
+    figure, axes = new_figure(1, len(OUTLIERS), 11.0, 4.0)
+    lines = [
+        "| markers + outliers | rule, level | refused, errors as stated | wrong, as stated, twice, four times |",
+        "|---|---|---|---|",
+    ]
+    for axis, outliers in zip(np.ravel(axes), OUTLIERS, strict=True):
+        cells, background = {}, 0.0
+        for scale in TRUE_SCALES:
+            cells[scale], background = weighed_tests(outliers, scale, arguments.tests, arguments.seed)
+        for name, weights in RULES.items():
+            judged = {scale: judge(tests, background, *weights) for scale, tests in cells.items()}
+            refused, wrong = (
+                np.array(share) for share in zip(*(rates(judged, level) for level in LEVELS), strict=True)
+            )
+            axis.plot(refused, np.where(wrong[:, -1] > LEAST_DRAWN, wrong[:, -1], np.nan), label=name, lw=1.5)
+            for level in SHOWN:
+                share, errors = rates(judged, level)
+                shown = ", ".join(f"{error:.3f}" for error in errors)
+                lines.append(f"| {MARKERS} + {outliers} | {name}, {level:g} | {share:.1f} | {shown} |")
+                if name == "the matcher's prior" and level == 0.99:
+                    axis.plot(share, max(errors[-1], 1e-3), "ko", ms=7, zorder=5)
+        axis.axhline(GOAL, color="0.6", ls=":", lw=1)
+        axis.set(title=f"{MARKERS} markers + {outliers} outliers", yscale="log", xlim=(0, 40), ylim=(1e-2, 30))
+        axis.set_xlabel("refused, errors as stated, %")
+    np.ravel(axes)[0].set_ylabel("wrong of the answers, errors four times, %")
+    np.ravel(axes)[0].legend(fontsize=7, loc="upper right")
+    save(figure, arguments.o)
+    print("\n".join(lines))
+
+
+def weighed_tests(outliers: int, scale: float, tests: int, seed: int) -> tuple[Tests, float]:
+    """Return what every pairing of simulated tests weighs, and the log weight of nothing pairing."""
+    variance = SIGMA_CT_MM**2 + SIGMA_OTS_MM**2
+    count = MARKERS + outliers
+    constants, background = size_priors((count, count), Told(expected=MARKERS))
+    weight, node = np.full((count, count), 1 / variance), np.full((count, count), -1.5 * math.log(variance))
+    known, spread, found = np.zeros((0, 2), np.int64), 60.0, []
+    for head, layout in enumerate(HEADS_MM):
+        rng = np.random.default_rng([seed, outliers, int(10 * scale), head])
+        scenes = simulate_scenes(rng, layout, tests // len(HEADS_MM), MARKERS, outliers, noise=scale)
+        for ct, ots, partner in zip(scenes.ct, scenes.ots, scenes.partner, strict=True):
+            own = constants + (np.arange(len(constants)) - 1.0) * math.log(filled_volume(ct, ots))
+            evidence, partners, _ = search(ct, ots, weight, node, own, known, spread, LISTED_NATS, -np.inf)
+            sizes = (partners >= 0).sum(axis=1)
+            chi2 = np.array([chi2_of(ct, ots, weight, one, spread) for one in partners])
+            base = evidence - [log_misfit(square, size) for square, size in zip(chi2, sizes, strict=True)]
+            at = np.array(WEIGHED)
+            freedom = 3.0 * sizes[:, None] - 6.0
+            here = base[:, None] - freedom * np.log(at) - 0.5 * chi2[:, None] / at**2
+            found.append((here, (partners == partner).all(axis=1)))
+    return found, background
+
+
+def judge(tests: Tests, background: float, best: FloatArray, others: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the probability (T,) of each test's best pairing under a rule, and whether it is right (T,)."""
+    odds, right = np.full(len(tests), -np.inf), np.zeros(len(tests), dtype=bool)
+    for t, (evidence, is_right) in enumerate(tests):
+        if len(evidence) == 0:
+            continue
+        own, rival = (np.logaddexp.reduce(evidence + weights, axis=1) for weights in (best, others))
+        top = int(own.argmax())
+        rival[top] = background
+        odds[t], right[t] = own[top] - np.logaddexp.reduce(rival), is_right[top]
+    return 1.0 / (1.0 + np.exp(-np.clip(odds, -700, 700))), right
+
+
+def rates(judged: dict[float, tuple[FloatArray, FloatArray]], level: float) -> tuple[float, list[float]]:
+    """Return the share refused where errors are as stated, and of the answers the wrong at each scale, in percent."""
+    refused = 100.0 * float((judged[1.0][0] < level).mean())
+    wrong = [
+        100.0 * float(np.logical_not(right[given >= level]).mean()) if (given >= level).any() else 0.0
+        for given, right in judged.values()
+    ]
+    return refused, wrong
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,43 @@
+"""The error to expect of a registration at every voxel of its scan, as an image file."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+from ronnaplan.ct import CTVolume, read_ct
+from ronnaplan.ct.catalogue import SeveralSeriesError
+from ronnaplan.documents.fiducials import Source
+from ronnaplan.documents.registration import RegistrationDocument
+from ronnaplan.errors import UsageError
+
+SUFFIXES = (".nii.gz", ".nii", ".nrrd", ".mha")
+"""Kinds of image that are one file."""
+
+
+def tre_image(document: RegistrationDocument, ct: str | os.PathLike[str] | None, name: str) -> bytes:
+    """Return an image file of that ``name``: the RMS error in mm (float32) on the grid of the scan ``ct``.
+
+    Raises `UsageError` without a scan or for another kind of file, and what `RegistrationDocument.tre_map` raises.
+    """
+    suffix = next((one for one in SUFFIXES if name.lower().endswith(one)), None)
+    if suffix is None:
+        raise UsageError(f"the map's file is '{name}'; expected a name that ends in {', '.join(SUFFIXES)}")
+    if ct is None:
+        raise UsageError("no scan was given for the map to lie on; name it with --ct")
+    import SimpleITK as sitk
+
+    image = document.tre_map(_scan(ct, document.source)).to_sitk()
+    with tempfile.TemporaryDirectory() as folder:
+        made = Path(folder) / f"map{suffix}"
+        sitk.WriteImage(image, str(made), useCompression=True)
+        return made.read_bytes()
+
+
+def _scan(path: str | os.PathLike[str], source: Source) -> CTVolume:
+    """Return the scan at a path; of several series there, the one whose markers were registered."""
+    try:
+        return read_ct(path, progress=True)
+    except SeveralSeriesError:
+        return read_ct(path, source.series_instance_uid, progress=True)

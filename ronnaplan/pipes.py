@@ -1,0 +1,39 @@
+"""Things that go from one process of this program to another, arrays as they lie in memory."""
+
+from __future__ import annotations
+
+import pickle
+import struct
+from typing import IO, Any, Final
+
+SIZE: Final = struct.Struct("<Q")
+"""Before every piece that goes from one process to the other: how many bytes it has."""
+
+
+def send(stream: IO[bytes], thing: Any) -> None:
+    """Write a thing for `receive`; arrays go as they lie in memory, without a copy of them."""
+    arrays: list[pickle.PickleBuffer] = []
+    text = pickle.dumps(thing, protocol=5, buffer_callback=arrays.append)
+    stream.write(SIZE.pack(len(arrays)))
+    for piece in (memoryview(text), *(one.raw() for one in arrays)):
+        stream.write(SIZE.pack(piece.nbytes))
+        stream.write(piece)
+    stream.flush()
+
+
+def receive(stream: IO[bytes]) -> Any:
+    """Return a thing that `send` wrote; raises `EOFError` where there is none."""
+    (count,) = SIZE.unpack(_read(stream, SIZE.size))
+    text, *arrays = (_read(stream, SIZE.unpack(_read(stream, SIZE.size))[0]) for _ in range(count + 1))
+    return pickle.loads(text, buffers=arrays)
+
+
+def _read(stream: IO[bytes], size: int) -> bytearray:
+    piece = bytearray(size)
+    view, got = memoryview(piece), 0
+    while got < size:
+        more = stream.readinto(view[got:])  # type: ignore[attr-defined]
+        if not more:
+            raise EOFError
+        got += more
+    return piece

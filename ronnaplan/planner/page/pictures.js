@@ -1,0 +1,40 @@
+// The pictures of the views, drawn beneath what Vue draws over them: they come as bytes, and are decoded beside the page.
+(() => {
+  const shown = new Map(), watchers = [];
+
+  async function draw(canvas, picture) {
+    const view = canvas.dataset.picture;
+    canvas.hidden = !picture;
+    if (!picture) return shown.delete(view);
+    const bitmap = await createImageBitmap(new Blob([picture.bytes], { type: picture.kind })).catch(() => null);
+    if (!bitmap) return;
+    if (picture.number > (shown.get(view) ?? 0)) {
+      if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) {
+        Object.assign(canvas, { width: bitmap.width, height: bitmap.height });
+      }
+      canvas.getContext("2d", { alpha: false }).drawImage(bitmap, 0, 0);
+      canvas.dataset.number = picture.number;
+      shown.set(view, picture.number);
+      for (const watch of watchers) watch(view, canvas);
+    }
+    bitmap.close();
+  }
+
+  const begun = new WeakSet();
+  function begin(canvas) {
+    begun.add(canvas);
+    const { state } = window.trame, name = `picture_${canvas.dataset.picture}`;
+    state.watch([name], (picture) => draw(canvas, picture));
+    draw(canvas, state.get(name));
+  }
+  new MutationObserver(() => {
+    if (!window.trame?.state) return;
+    for (const canvas of document.querySelectorAll("canvas[data-picture]")) if (!begun.has(canvas)) begin(canvas);
+  }).observe(document.documentElement, { childList: true, subtree: true });
+
+  // Calls back with view and canvas now, and whenever a picture is drawn.
+  window.ronnaplanPictures = (watch) => {
+    watchers.push(watch);
+    for (const canvas of document.querySelectorAll("canvas[data-number]")) watch(canvas.dataset.picture, canvas);
+  };
+})();

@@ -1,0 +1,84 @@
+"""An archive on the start page: its series are listed with pictures, and one is fetched.
+
+Who talks to the archive is handed in.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+from aiohttp import web
+from numpy.typing import NDArray
+
+from ronnaplan.errors import RonnaplanError, UsageError
+from ronnaplan.text import whole_number
+
+Result = TypeVar("Result")
+
+
+class Shelf(Protocol):
+    """What an archive has; it raises `RonnaplanError` where that cannot be had."""
+
+    @property
+    def name(self) -> str:
+        """What the archive is called."""
+        ...
+
+    def look(self, patient_id: str, date: str) -> list[dict[str, Any]]:
+        """List series, each with what the page shows of it; their numbers hold until the next time."""
+        ...
+
+    def picture(self, number: int) -> NDArray[np.uint8] | None:
+        """Return a small picture (J, I) of a series that was listed, None where there is none."""
+        ...
+
+    def fetch(self, number: int, folder: Path) -> None:
+        """Bring a series that was listed."""
+        ...
+
+
+class Shelves:
+    """Asks a shelf, if there is one, for one thing at a time; pictures wait for nobody's fetching or looking."""
+
+    def __init__(self, shelf: Shelf | None) -> None:
+        self._shelf, self._one_by_one, self._turn = shelf, asyncio.Lock(), 0
+
+    async def look(self, request: web.Request) -> Any:
+        """Tell the archive's name, and what it has of a patient or of days where they are named."""
+        if self._shelf is None:
+            return {"name": ""}
+        patient, date = request.query.get("patient", "").strip(), request.query.get("date", "")
+        if not patient and not date:
+            return {"name": self._shelf.name}
+        shelf = self._shelf
+        return {"name": shelf.name, "series": await self._next(lambda: shelf.look(patient, date))}
+
+    async def picture(self, request: web.Request) -> NDArray[np.uint8] | None:
+        """Return a picture of a series; None where there is none, or something else was asked for meanwhile."""
+        number, shelf, turn = whole_number(request.match_info["number"]), self._shelf, self._turn
+        if shelf is None or number is None:
+            return None
+        async with self._one_by_one:
+            if turn != self._turn:
+                return None
+            try:
+                return await asyncio.get_running_loop().run_in_executor(None, lambda: shelf.picture(number))
+            except RonnaplanError:
+                return None
+
+    async def fetch(self, request: web.Request, folder: Path) -> None:
+        """Bring a series that was listed into a folder; raises `RonnaplanError` where it does not come whole."""
+        number, shelf = whole_number(request.query.get("number", "")), self._shelf
+        if shelf is None or number is None:
+            raise UsageError("there is no such series in an archive; look for it again")
+        await self._next(lambda: shelf.fetch(number, folder))
+
+    async def _next(self, work: Callable[[], Result]) -> Result:
+        """Do what matters more than the pictures that still wait."""
+        self._turn += 1
+        async with self._one_by_one:
+            return await asyncio.get_running_loop().run_in_executor(None, work)

@@ -1,0 +1,70 @@
+"""A cohort in a bucket of an object store gives what the same files give on the disk."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ronnaplan import localize, read_ct
+from ronnaplan.cohort.cohort import run_cohort
+from ronnaplan.cohort.index import Index
+from ronnaplan.cohort.listing import bring_up_to_date
+from ronnaplan.cohort.planning import decide, tasks_of
+from ronnaplan.cohort.rules import CohortRule, Rules
+from tests.cohort.scans import CENTERS_MM, phantom, tiny
+
+pytest.importorskip("distributed")
+parquet = pytest.importorskip("pyarrow.parquet")
+s3fs = pytest.importorskip("s3fs")
+server = pytest.importorskip("moto.server")
+
+RULES = Rules(rule=(CohortRule(name="all", diameters=(11.5,), expected=len(CENTERS_MM), sheet=False),))
+ROOT = "s3://heads/lab"
+
+
+@pytest.fixture
+def bucket(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """The file system of a store on this machine, with an empty bucket."""
+    here = server.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    here.start()
+    host, port = here.get_host_and_port()
+    for name, value in {
+        "AWS_ENDPOINT_URL": f"http://{host}:{port}",
+        "AWS_ACCESS_KEY_ID": "nobody",
+        "AWS_SECRET_ACCESS_KEY": "nothing",
+        "AWS_DEFAULT_REGION": "us-east-1",
+    }.items():
+        monkeypatch.setenv(name, value)
+    s3fs.S3FileSystem.clear_instance_cache()
+    files = s3fs.S3FileSystem()
+    files.mkdir("heads")
+    yield files
+    s3fs.S3FileSystem.clear_instance_cache()
+    here.stop()
+
+
+def test_a_cohort_in_a_bucket_is_worked_off_and_only_what_changed_is_read_again(
+    tmp_path: Path, bucket: Any
+) -> None:
+    here = phantom(tmp_path / "in" / "2026" / "scan")
+    tiny(tmp_path / "in" / "2026" / "tiny", "7")
+    (tmp_path / "in" / "notes.txt").write_text("no scan")
+    bucket.put(f"{tmp_path / 'in'}/", "heads/lab/", recursive=True)
+    counts = run_cohort([ROOT], tmp_path / "out", RULES, workers=1)
+    assert (counts.listed.files, counts.worked, counts.done) == (35, 2, 2)
+    series = parquet.read_table(tmp_path / "out" / "series.parquet").to_pylist()
+    assert {one["folder"]: one["state"] for one in series} == {"2026/scan": "done", "2026/tiny": "unusable"}
+    markers = parquet.read_table(tmp_path / "out" / "markers.parquet").to_pylist()
+    expected = localize(read_ct(here), diameter_mm=11.5)
+    assert [[one[f"{axis}_mm"] for axis in "xyz"] for one in markers] == expected.centers.tolist()
+    assert [one["covariance_xz_mm2"] for one in markers] == expected.covariances[:, 0, 2].tolist()
+    bucket.rm(sorted(bucket.ls("heads/lab/2026/scan"))[0])
+    s3fs.S3FileSystem.clear_instance_cache()
+    with Index(tmp_path / "out") as index:
+        listed = bring_up_to_date(index, [ROOT])
+        assert (listed.files, listed.changed) == (34, 0)
+        decide(index, RULES, tasks_of(RULES))
+        assert index.rows("SELECT folder FROM series WHERE state = 'waiting'") == [("2026/scan",)]

@@ -1,0 +1,70 @@
+"""Processes of the node hold no more than they need: code for what they do, and the scan while it is looked at."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import weakref
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ronnaplan.node import work as work_module
+from ronnaplan.node.config import Rule
+from ronnaplan.node.work import Order, work
+from ronnaplan.report import pdf
+
+SCAN = Path("data/synthetic_ct")
+HEAVY = {
+    "PIL",
+    "cv2",
+    "gdcm",
+    "highdicom",
+    "matplotlib",
+    "numba",
+    "pylibjpeg",
+    "requests",
+    "scipy",
+    "SimpleITK",
+    "vtk",
+}
+LOADED = """
+import sys
+from ronnaplan.node.lean import load_pydicom
+load_pydicom()
+import ronnaplan.node.association, ronnaplan.node.hub, ronnaplan.node.receiver
+print(*sorted({name.partition(".")[0] for name in sys.modules}))
+import requests, PIL.Image
+"""
+
+
+def test_who_receives_and_sends_loads_nothing_that_draws_computes_or_decodes() -> None:
+    loaded = subprocess.run(
+        [sys.executable, "-c", LOADED], capture_output=True, text=True, check=True
+    ).stdout.split()
+    assert not HEAVY & set(loaded)
+    assert "pydicom" in loaded
+
+
+def test_the_voxels_are_gone_before_what_needs_none_is_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held: list[weakref.ref[Any]] = []
+    find = work_module._find
+
+    def found(order: Order) -> Any:
+        volume, fiducials = find(order)
+        held.append(weakref.ref(volume))
+        return volume, fiducials
+
+    def printed(page: str) -> bytes:
+        assert held[0]() is None
+        return b"%PDF-"
+
+    monkeypatch.setattr(work_module, "_find", found)
+    monkeypatch.setattr(pdf, "print_pdf", printed)
+    told: list[tuple[str, Any]] = []
+    order = Order(1, SCAN, tmp_path, tmp_path / "answers", Rule(name="r", diameters=(11.5,), expected=6), ())
+    work(order, lambda event, **facts: told.append((event, facts.get("kind"))))
+    assert told == [*(("answer", kind) for kind in ("fiducials", "sr", "sheet", "pdf")), ("ended", None)]

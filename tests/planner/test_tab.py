@@ -1,0 +1,116 @@
+"""Each page looks, points and is told for itself; what takes long follows the hand; nothing of another page is lost."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ronnaplan.case.surroundings import Surroundings
+from ronnaplan.planner.shown import Shown
+from ronnaplan.planner.state import PlannerState
+from ronnaplan.planner.tab import FOLLOW_S, Tab
+from tests import cases
+from tests.loops import run
+
+VIEW = (400.0, 400.0)
+X = np.array([1.0, 0.0, 0.0])
+
+
+def over(tab: Tab, place_mm: np.ndarray) -> tuple[float, float, float, float]:
+    """Pixels of a place in the axial view, and the size of the view."""
+    cut = tab.state.look.cut("axial")
+    across, down, _ = cut.on_screen_mm(place_mm).tolist()
+    scale = VIEW[0] / cut.field_mm
+    return (VIEW[0] / 2 + across * scale, VIEW[1] / 2 + down * scale, *VIEW)
+
+
+def test_values_are_sent_when_they_change_and_a_page_sets_only_its_own() -> None:
+    sent: list[dict[str, Any]] = []
+    shown = Shown(sent.append)
+    shown.update({"look": 1, "message": "wrong"})
+    shown.flush()
+    shown["look"] = 1
+    shown.flush()
+    assert sent == [{"look": 1, "message": "wrong"}]
+    shown.take([{"key": "look", "value": 5}, {"key": "message", "value": "taken away"}])
+    assert shown["look"] == 1
+    shown["message"] = "taken away"
+    shown.flush()
+    assert len(sent) == 1
+
+
+def test_a_drag_of_one_page_is_let_go_before_another_page_changes_something(state: PlannerState) -> None:
+    async def use() -> None:
+        here, there = (Tab(state.beside(), lambda _: None) for _ in range(2))
+        for tab in (here, there):
+            tab.painter.refresh()
+        here.state.show_path("left")
+        target = state.case.plan.trajectory("left").target_mm
+        await here.answer("press", ("axial", *over(here, target), 0, False))
+        await here.answer("move", ("axial", *over(here, target + X * 3)))
+        assert state.case.dragging
+        await there.answer("hover", ("axial", 1.0, 1.0, *VIEW))
+        assert state.case.dragging
+        await there.answer("notes", ("left", "from there"))
+        kept = state.case.plan.trajectory("left")
+        assert kept.notes == "from there"
+        assert kept.target_mm[0] == pytest.approx(target[0] + 3.0, abs=0.01)
+        await here.answer("move", ("axial", *over(here, target + X * 5)))
+        await here.answer("release", ("axial",))
+        kept = state.case.plan.trajectory("left")
+        assert (kept.notes, kept.target_mm[0]) == ("from there", pytest.approx(target[0] + 5.0, abs=0.01))
+
+    run(use())
+
+
+def test_a_page_that_is_closed_lets_go_and_is_told_of_the_plan_no_more(state: PlannerState) -> None:
+    async def use() -> None:
+        before = len(state.case.followers)
+        tab = Tab(state.beside(), lambda _: None)
+        tab.painter.refresh()
+        tab.state.show_path("left")
+        target = state.case.plan.trajectory("left").target_mm
+        await tab.answer("press", ("axial", *over(tab, target), 0, False))
+        await tab.answer("move", ("axial", *over(tab, target + X * 2)))
+        tab.close()
+        assert not state.case.dragging
+        assert state.case.plan.trajectory("left").target_mm[0] == pytest.approx(target[0] + 2.0, abs=0.01)
+        assert len(state.case.followers) == before
+
+    run(use())
+
+
+def test_the_end_that_is_dragged_is_drawn_at_once_and_measured_a_little_later(
+    state: PlannerState, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def use() -> None:
+        sent: list[dict[str, Any]] = []
+        tab = Tab(state.beside(), sent.append)
+        tab.refresh()
+        tab.state.show_path("left")
+        tab.refresh()
+        judged = []
+        judge = Surroundings.judge
+
+        def counting(*given: Any, **how: Any) -> Any:
+            judged.append(given)
+            return judge(*given, **how)
+
+        monkeypatch.setattr(Surroundings, "judge", counting)
+        await tab.answer("press", ("axial", *over(tab, cases.TARGET_MM), 0, False))
+        sent.clear()
+        judged.clear()
+        for step in range(1, 6):
+            await tab.answer("move", ("axial", *over(tab, cases.TARGET_MM + X * step)))
+        assert len([one for one in sent if "drawn_axial" in one]) == 5
+        assert not judged
+        assert not any("chosen" in one for one in sent)
+        while not any("chosen" in one for one in sent):
+            await asyncio.sleep(FOLLOW_S / 4)
+        assert sent[-1]["chosen"]["target"][0] == pytest.approx(cases.TARGET_MM[0] + 5.0, abs=0.01)
+        await tab.answer("release", ("axial",))
+
+    run(use())
