@@ -92,4 +92,4 @@ def look(url: str) -> None:
         page.close()
         page = opened(browser, url, 1000, 700, SLOWLY)
         page.wait_for_function("document.querySelector('canvas[data-scene]').hidden")
-        assert page.locator(".rp-head canvas[data-picture]").is_visible()
+        page.wait_for_selector(".rp-head canvas[data-picture]", state="visible")
