@@ -2,6 +2,8 @@
 
 A tutorial is a Python file whose cells begin with ``# %%`` (``# %% [markdown]`` for text), as editors and Jupyter
 understand it. Its code is run; what it prints, and the value or picture of a cell's last line, stand below the cell.
+Equations are LaTeX, written as GitHub shows it, too: a fence ``math``, or $`...`$ within a line. They become MathML,
+which browsers draw by themselves: nothing is fetched.
 """
 
 from __future__ import annotations
@@ -9,6 +11,7 @@ from __future__ import annotations
 import ast
 import io
 import os
+import re
 import tempfile
 from collections.abc import Iterator
 from contextlib import chdir, redirect_stderr, redirect_stdout
@@ -19,6 +22,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 TUTORIALS = ROOT / "docs" / "tutorials"
 LONGEST_OUTPUT = 6000
+EQUATION = re.compile(r"^```math\n(?P<block>.*?)^```$|\$`(?P<inline>[^`]+)`\$", re.MULTILINE | re.DOTALL)
 
 
 @dataclass
@@ -123,6 +127,20 @@ def _kind(described: dict[str, Any]) -> str:
     if described.get("type") == "array":
         return f"list of {_kind(described.get('items', {}))}" if "items" in described else "list of numbers"
     return str(described.get("type", "any"))
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Turn the equations of a page into MathML (called by mkdocs)."""
+    return EQUATION.sub(_equation, markdown)
+
+
+def _equation(found: re.Match[str]) -> str:
+    """Return one equation as MathML on one line; what LaTeX does not know is raised."""
+    from latex2mathml.converter import convert
+
+    if found["block"]:
+        return f'<div class="equation">{convert(" ".join(found["block"].split()), display="block")}</div>'
+    return f"<span>{convert(found['inline'])}</span>"  # else a line that begins with it would be a block
 
 
 def on_files(files: Any, config: Any) -> Any:

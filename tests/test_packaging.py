@@ -13,6 +13,7 @@ from importlib.util import module_from_spec, spec_from_loader
 from pathlib import Path
 from types import ModuleType
 
+import pytest
 import yaml
 
 from ronnaplan import __version__
@@ -68,6 +69,20 @@ def test_continuous_integration_runs_the_declared_pythons_on_three_systems() -> 
     named = jobs["extras"]["strategy"]["matrix"]["extra"]
     assert jobs["extras"]["steps"][-1]["run"] == "scripts/extras ${{ matrix.extra }}"
     assert set(named) == set(_script("extras").USES)
+
+
+@pytest.mark.parametrize(
+    "form", sorted((ROOT / ".github" / "ISSUE_TEMPLATE").glob("*.yml")), ids=lambda one: one.stem
+)
+def test_an_issue_form_asks_only_what_the_host_knows(form: Path) -> None:
+    """As GitHub's syntax for forms has it: an unknown key, such as the rest of an unquoted line, voids the form."""
+    asked = yaml.safe_load(form.read_text(encoding="utf-8"))
+    assert {"name", "description", "body"} <= set(asked)
+    for part in asked["body"]:
+        assert part["type"] in {"markdown", "input", "textarea"}
+        assert set(part) <= {"type", "id", "attributes", "validations"}
+        assert set(part["attributes"]) <= {"label", "description", "placeholder", "value", "render"}
+        assert all(part["attributes"].values())
 
 
 def test_a_part_of_the_lock_is_what_an_extra_needs_with_hashes() -> None:

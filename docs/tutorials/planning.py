@@ -25,7 +25,7 @@ print(
 )
 
 # %% [markdown]
-# Limits are judged one by one; a value that cannot be told does not pass.
+# Limits are judged one by one; a value that cannot be measured does not pass.
 
 # %%
 for verdict in judge(measured, Limits(longest_path_mm=80.0, greatest_skull_angle_deg=40.0)):

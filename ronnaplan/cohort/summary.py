@@ -34,9 +34,9 @@ class Summary:
     reasons: Counter[str] = field(default_factory=Counter)
     """Why series have no result -> series."""
     scanners: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
-    """Scanner -> worst standard error of each series, mm."""
+    """Scanner -> worst error of each series, RMS, mm."""
     thicknesses: list[tuple[float, float]] = field(default_factory=list)
-    """Slice thickness and worst standard error, mm."""
+    """Slice thickness and worst error, RMS, mm."""
     misfits: list[float] = field(default_factory=list)
     phantoms: dict[tuple[str, str], list[Row]] = field(default_factory=lambda: defaultdict(list))
     """(Scanner, phantom) -> its scans."""
@@ -86,7 +86,7 @@ def _add(summary: Summary, row: Row, number: int) -> None:
     if found is not None and expected is not None:
         summary.counts[expected, found] += 1
     summary.rejected.update(row.get("rejected") or ())
-    error_mm = row.get("standard_error_mm")
+    error_mm = row.get("error_rms_mm")
     if error_mm is not None:
         summary.scanners[scanner_of(row)].append(error_mm)
         summary.misfits.append(row["misfit"])

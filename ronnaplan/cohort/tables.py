@@ -35,18 +35,20 @@ _SCAN: Final = {
     "scan_flags": "strings",
 }
 _WHERE: Final = dict.fromkeys(("root", "archive", "folder", "study_uid", "series_uid", "series", "rule"), "string")
+_ERROR: Final = ("error_rms_mm", "standard_error_mm")
+"""The column of a marker's error, and the name that it had in 0.2, which goes after 0.3."""
 _COVARIANCE: Final = ((0, 0, "xx"), (0, 1, "xy"), (0, 2, "xz"), (1, 1, "yy"), (1, 2, "yz"), (2, 2, "zz"))
 _MARKER: Final = {
     "label": "string",
     **dict.fromkeys(("x_mm", "y_mm", "z_mm"), "double"),
     **dict.fromkeys((f"covariance_{name}_mm2" for _, _, name in _COVARIANCE), "double"),
-    **dict.fromkeys(("standard_error_mm", "diameter_mm", "contrast_hu", "coverage", "misfit"), "double"),
+    **dict.fromkeys((*_ERROR, "diameter_mm", "contrast_hu", "coverage", "misfit"), "double"),
     "flags": "strings",
 }
 _OUTCOME: Final = {
     **dict.fromkeys(("state", "reason"), "string"),
     **dict.fromkeys(("files", "found", "expected"), "int32"),
-    **dict.fromkeys(("standard_error_mm", "misfit"), "double"),
+    **dict.fromkeys((*_ERROR, "misfit"), "double"),
     "rejected": "strings",
     "phantom": "string",
     **dict.fromkeys(("distance_mean_mm", "distance_rms_mm", "in_slices_rms_mm", "across_rms_mm"), "double"),
@@ -103,11 +105,11 @@ def _results(index: Index) -> Iterator[tuple[Row, list[Row]]]:
 
 
 def _summed(markers: list[Row]) -> Row:
-    """Return the worst standard error and misfit of a scan's markers."""
+    """Return the worst error and misfit of a scan's markers."""
     if not markers:
         return {}
-    errors = [_standard_error_mm(one) for one in markers]
-    return {"standard_error_mm": max(errors), "misfit": max(one["misfit"] for one in markers)}
+    worst_mm = max(_error_rms_mm(one) for one in markers)
+    return {**dict.fromkeys(_ERROR, worst_mm), "misfit": max(one["misfit"] for one in markers)}
 
 
 def _phantom(checked: Row | None) -> Row:
@@ -131,11 +133,11 @@ def _marker_rows(series: Row, markers: list[Row]) -> Iterator[Row]:
     for one in markers:
         covariance = {f"covariance_{name}_mm2": one["covariance"][i][j] for i, j, name in _COVARIANCE}
         place = dict(zip(("x_mm", "y_mm", "z_mm"), one["center"], strict=True))
-        error = {"standard_error_mm": _standard_error_mm(one)}
+        error = dict.fromkeys(_ERROR, _error_rms_mm(one))
         yield {**shared, **{name: one.get(name) for name in _MARKER}, **place, **covariance, **error}
 
 
-def _standard_error_mm(marker: Row) -> float:
+def _error_rms_mm(marker: Row) -> float:
     return float(sum(marker["covariance"][axis][axis] for axis in range(3)) ** 0.5)
 
 

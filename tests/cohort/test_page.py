@@ -36,7 +36,7 @@ def rows(out: Path) -> list[dict[str, Any]]:
             {
                 **shared,
                 **{"series": f"1.{day}", "folder": f"qa/{day}", "state": "done", "reason": "", "model": "A"},
-                **{"found": 6, "expected": 6, "standard_error_mm": 0.004, "misfit": 0.02, "rejected": ["round"]},
+                **{"found": 6, "expected": 6, "error_rms_mm": 0.004, "misfit": 0.02, "rejected": ["round"]},
                 **{"phantom": "daily", "phantom_reasons": [], "acquired": date, **checked},
             }
         )
@@ -57,7 +57,7 @@ def rows(out: Path) -> list[dict[str, Any]]:
                     "reason": "" if count == 6 else "5 markers, not 6",
                 },
                 **{
-                    "standard_error_mm": 0.01 * (1 + random.random()),
+                    "error_rms_mm": 0.01 * (1 + random.random()),
                     "misfit": 0.03 + 0.001 * number,
                     "rejected": [],
                 },
