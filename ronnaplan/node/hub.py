@@ -1,4 +1,4 @@
-"""The node itself: keeps its receiver running, notices complete series, has them worked on and answered."""
+"""The node itself: keeps its receiver running, notices complete series, has them worked on."""
 
 from __future__ import annotations
 
@@ -18,13 +18,12 @@ from ronnaplan.node.jobs import Foreman
 from ronnaplan.node.logs import LISTENING, Log
 from ronnaplan.node.page import Page
 from ronnaplan.node.papers import PapersWatch
-from ronnaplan.node.sender import Sender
 from ronnaplan.node.series import SeriesWatch
 from ronnaplan.portable import GIVING_BACK
 
 LOCK = "node.lock"
 LISTENER, WORKER = "ronnaplan.node.listening", "ronnaplan.node.work"
-"""Modules that receive and that work on scans, in processes of their own."""
+"""Modules that speak with peers and that work on scans, in processes of their own."""
 TICK_S = 0.2
 RESTART_S = 1.0
 """Wait before a receiver that ended is started again."""
@@ -74,11 +73,6 @@ class Hub:
         self._series = SeriesWatch(config, index, log)
         self._papers = PapersWatch(config, index, log)
         self._foreman = Foreman(config, index, log, worker)
-        receivers = {name for rule in config.rule for name in rule.receivers}
-        receivers |= {peer.name for peer in config.peer if peer.sends and peer.port}  # of reports
-        self._senders = [Sender(config, peer, log) for peer in config.peer if peer.name in receivers]
-        for sender in self._senders:
-            sender.start()
         self._receiver: Child | None = None
         self._receiver_due = 0.0
         self._listens = threading.Event()
@@ -95,8 +89,6 @@ class Hub:
     def close(self) -> None:
         """End what runs."""
         self._foreman.close()
-        for sender in self._senders:
-            sender.stop()
         if self._receiver is not None:
             self._receiver.end()
 

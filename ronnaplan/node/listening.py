@@ -1,4 +1,4 @@
-"""The process that receives: it moves bytes, and loads nothing that draws, computes or decodes."""
+"""The process that receives and delivers: it moves bytes, and loads nothing that draws, computes or decodes."""
 
 from __future__ import annotations
 
@@ -11,22 +11,27 @@ from ronnaplan.node.lean import load_pydicom
 
 
 def main(config_path: str) -> int:
-    """Receive until the parent process closes this one's standard input, or dies."""
+    """Receive and deliver until the parent process closes this one's standard input, or dies."""
     load_pydicom()
     from ronnaplan.node.config import read_config
     from ronnaplan.node.logs import Log
     from ronnaplan.node.receiver import Receiver
+    from ronnaplan.node.sender import senders_of
 
-    log = Log(sys.stdout)
-    receiver = Receiver(read_config(config_path), log)
+    log, config = Log(sys.stdout), read_config(config_path)
+    receiver, senders = Receiver(config, log), senders_of(config, log)
     try:
         receiver.start()
     except InputError as error:
         log.tell("cannot receive", reason=str(error))
         return error.exit_status
     threading.Thread(target=receiver.serve, name="serve", daemon=True).start()
+    for sender in senders:
+        sender.start()
     end_with_parent()
     receiver.stop()
+    for sender in senders:
+        sender.stop()
     return 0
 
 

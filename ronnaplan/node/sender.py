@@ -209,6 +209,13 @@ class Sender(threading.Thread):
         moved.add_file(one.sop_class, self._config.data / one.path)
 
 
+def senders_of(config: Config, log: Log) -> list[Sender]:
+    """Return one for each peer that gets answers, or reports on what is kept of its scans."""
+    receivers = {name for rule in config.rule for name in rule.receivers}
+    receivers |= {peer.name for peer in config.peer if peer.sends and peer.port}
+    return [Sender(config, peer, log) for peer in config.peer if peer.name in receivers]
+
+
 @contextmanager
 def open_channel(config: Config, peer: Peer) -> Iterator[Channel]:
     """Open a way to ``peer``; raises `InputError` where it cannot be reached."""

@@ -85,34 +85,34 @@ def work(order: Order, tell: Tell) -> None:
 def _answer_scan(order: Order, wanted: Sequence[AnswerKind], tell: Tell) -> str:
     """Make the answers of a scan; return what was found.
 
-    What needs the voxels comes first, so that they are gone when the rest is made, which takes room of its own.
+    What needs the voxels is gathered first, so that they are gone when it is drawn, which takes room of its own.
     """
     volume, fiducials = _find(order)
     load_pydicom()
     from ronnaplan.case.folder import Case
     from ronnaplan.documents.fiducials import fiducials_document
     from ronnaplan.documents.patient import patient_of_scan
-    from ronnaplan.report.contact import contact_sheet
-    from ronnaplan.report.quality import quality_report
+    from ronnaplan.report.contact import draw_sheet, gathered
+    from ronnaplan.report.quality import drafted
 
     document = fiducials_document(fiducials)
     patient = patient_of_scan(order.folder, document.source)
     found = Markers(document, patient, sorted(order.folder.glob("*.dcm")))
     if "fiducials" in wanted:
         _answer(order, "fiducials", partial(_fiducials, found), tell)
-    picture, page = b"", ""
+    sheet, page = None, None
     if "sheet" in wanted:
         with _left_out(order, "sheet", tell):
-            picture = contact_sheet(volume, fiducials)
+            sheet = partial(draw_sheet, gathered(volume, fiducials))
     if "pdf" in wanted:
         with _left_out(order, "pdf", tell):
-            page = quality_report(Case(volume=volume, fiducials=document))
+            page = drafted(Case(volume=volume, fiducials=document))
     del volume
     if "sr" in wanted:
         _answer(order, "sr", partial(_sr, found), tell)
-    if picture:
-        _answer(order, "sheet", partial(_sheet, found, picture), tell)
-    if page:
+    if sheet is not None:
+        _answer(order, "sheet", partial(_sheet, found, sheet), tell)
+    if page is not None:
         _answer(order, "pdf", partial(_report, found, page), tell)
     return f"{len(fiducials)} markers"
 
@@ -171,10 +171,10 @@ def _fiducials(found: Markers) -> FileDataset:
     return spatial_fiducials(found.document, found.patient)
 
 
-def _sheet(found: Markers, picture: bytes) -> FileDataset:
+def _sheet(found: Markers, draw: Callable[[], bytes]) -> FileDataset:
     from ronnaplan.documents.dicom_enclosed import secondary_capture
 
-    return secondary_capture(picture, found.document, found.patient, title="Contact sheet of the markers")
+    return secondary_capture(draw(), found.document, found.patient, title="Contact sheet of the markers")
 
 
 def _sr(found: Markers) -> FileDataset:
@@ -183,11 +183,13 @@ def _sr(found: Markers) -> FileDataset:
     return structured_report(found.document, found.patient, found.images)
 
 
-def _report(found: Markers, page: str) -> FileDataset:
+def _report(found: Markers, page: Callable[[], str]) -> FileDataset:
     from ronnaplan.documents.dicom_enclosed import encapsulated_pdf
     from ronnaplan.report.pdf import print_pdf
 
-    return encapsulated_pdf(print_pdf(page), found.document, found.patient, title="Quality report of the markers")
+    return encapsulated_pdf(
+        print_pdf(page()), found.document, found.patient, title="Quality report of the markers"
+    )
 
 
 def main(memory_mib: str) -> int:

@@ -46,21 +46,37 @@ class Candidate:
     layer_mm: float = 0.0
 
 
+Pair = tuple[FloatArray, FloatArray]
+"""A cut through a fitted place, in HU, and what the model leaves over of it."""
+
+Row = tuple[Candidate, list[Pair]]
+"""A candidate and a pair for each of `CUTS`."""
+
+
 def contact_sheet(volume: CTVolume, found: Fiducials | None) -> bytes:
     """Draw cuts and residuals of each candidate in a row; returns a PNG. None: no ball of any size was seen."""
-    from PIL import Image
-
     check_type(volume, CTVolume, "the volume", "read_ct returns one")
     if found is not None:
         check_type(found, Fiducials, "what was found", "localize returns it")
-    rows: list[Candidate | None] = [*_rows(found)] if found is not None else []
-    rows = rows or [None]
+    return draw_sheet([] if found is None else gathered(volume, found))
+
+
+def gathered(volume: CTVolume, found: Fiducials) -> list[Row]:
+    """Return all of a scan that its sheet shows: who draws it needs no voxels."""
+    return [(row, cut_pairs(volume, row)) for row in _rows(found)]
+
+
+def draw_sheet(gathered: list[Row]) -> bytes:
+    """Draw what was `gathered`; returns a PNG."""
+    from PIL import Image
+
+    rows: list[Row | None] = [*gathered] or [None]
     sheet = Image.new("RGB", (_WIDTH, len(rows) * _PITCH_DOWN + _MARGIN), "white")
     for number, row in enumerate(rows):
         strip = Image.new("RGBA", (_WIDTH, _PITCH_DOWN), "white")
-        for column, tile in enumerate(() if row is None else _tiles(volume, row)):
+        for column, tile in enumerate(() if row is None else _tiles(*row)):
             strip.paste(Image.fromarray(tile), (_MARGIN + column * _PITCH_ACROSS, _MARGIN))
-        strip.alpha_composite(Image.fromarray(_drawn_over(row)))
+        strip.alpha_composite(Image.fromarray(_drawn_over(None if row is None else row[0])))
         sheet.paste(strip.convert("RGB"), (0, number * _PITCH_DOWN))
     stream = io.BytesIO()
     sheet.save(stream, format="png")
@@ -103,7 +119,7 @@ def _drawn_over(row: Candidate | None) -> NDArray[np.uint8]:
     return np.frombuffer(stream.getbuffer(), np.uint8).reshape(_PITCH_DOWN, _WIDTH, 4)
 
 
-def _tiles(volume: CTVolume, row: Candidate) -> Iterator[NDArray[np.uint8]]:
+def _tiles(row: Candidate, pairs: list[Pair]) -> Iterator[NDArray[np.uint8]]:
     """Yield each cut through a fitted place, and what the model leaves over of it, as colours (TILE, TILE, 3)."""
     from matplotlib import colormaps
     from PIL import Image
@@ -113,8 +129,7 @@ def _tiles(volume: CTVolume, row: Candidate) -> Iterator[NDArray[np.uint8]]:
         return np.asarray((tile - low) / (high - low) if high > low else np.zeros(tile.shape))
 
     lowest_hu, highest_hu, limit_hu = _windows(row)
-    for cut in CUTS:
-        data, rest = cut_pair(volume, row, cut)
+    for cut, (data, rest) in zip(CUTS, pairs, strict=True):
         if cut != "axial":
             data, rest = data[::-1], rest[::-1]
         yield colormaps["gray"](scaled(data, lowest_hu, highest_hu), bytes=True)[..., :3]
@@ -146,12 +161,12 @@ def _rows(found: Fiducials) -> list[Candidate]:
     return accepted + nearly
 
 
-def draw_cut(picture: Axes, residual: Axes, volume: CTVolume, row: Candidate, cut: str) -> None:
+def draw_cut(picture: Axes, residual: Axes, row: Candidate, cut: str, pair: Pair) -> None:
     """Draw one cut through a fitted place with its outline, and beside it the data less the model."""
     from matplotlib.patches import Circle
 
     reach_mm = _reach_mm(row)
-    image, left_over = cut_pair(volume, row, cut)
+    image, left_over = pair
     extent = (-reach_mm, reach_mm, -reach_mm, reach_mm)
     lowest_hu, highest_hu, limit_hu = _windows(row)
     picture.imshow(image, cmap="gray", extent=extent, origin="lower", vmin=lowest_hu, vmax=highest_hu)
@@ -163,8 +178,13 @@ def draw_cut(picture: Axes, residual: Axes, volume: CTVolume, row: Candidate, cu
             axes.invert_yaxis()
 
 
-def cut_pair(volume: CTVolume, row: Candidate, cut: str) -> tuple[FloatArray, FloatArray]:
-    """Return a cut through a fitted place, in HU, and what the model leaves over of it."""
+def cut_pairs(volume: CTVolume, row: Candidate) -> list[Pair]:
+    """Return what is drawn of a fitted place for each of `CUTS`."""
+    return [cut_pair(volume, row, cut) for cut in CUTS]
+
+
+def cut_pair(volume: CTVolume, row: Candidate, cut: str) -> Pair:
+    """Return one cut of a fitted place."""
     indices = volume.grid.indices(cut_places(row.center_mm, CUTS[cut], _reach_mm(row)))
     return sampled(volume.voxels_hu, indices, WINDOW_HU[0]), _left_over(volume, row, indices)
 

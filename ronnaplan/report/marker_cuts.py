@@ -9,7 +9,7 @@ import numpy as np
 
 from ronnaplan.ct import CTVolume
 from ronnaplan.documents.fiducials import FiducialEntry, FiducialsDocument
-from ronnaplan.report.contact import Candidate, draw_cut
+from ronnaplan.report.contact import Candidate, Pair, cut_pairs, draw_cut
 from ronnaplan.report.picture import CUTS, png
 
 if TYPE_CHECKING:
@@ -26,20 +26,37 @@ LETTERS_PT = 14
 
 @dataclass(frozen=True, eq=False)
 class MarkerPicture:
-    """A PNG of three cuts with residuals, and how far (mm) the marker was found from its stated center."""
+    """Three cuts with residuals, and how far (mm) the marker was found from its stated center."""
 
     label: str
-    png: bytes
     apart_mm: float
+    place: Candidate
+    pairs: list[Pair]
 
     @property
     def agrees(self) -> bool:
         """Whether the document's center was found again."""
         return self.apart_mm <= AGREEMENT_MM
 
+    @property
+    def png(self) -> bytes:
+        """The picture, drawn when it is asked for: by then its scan may be gone."""
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(12.0, 2.1), dpi=80, layout="constrained")
+        FigureCanvasAgg(figure)
+        grid = figure.add_gridspec(1, 2 * len(CUTS))
+        for column, (cut, pair) in enumerate(zip(CUTS, self.pairs, strict=True)):
+            data, residual = (figure.add_subplot(grid[0, 2 * column + n]) for n in (0, 1))
+            draw_cut(data, residual, self.place, cut, pair)
+            data.set_title(cut, fontsize=LETTERS_PT)
+            residual.set_title("residual", fontsize=LETTERS_PT)
+        return png(figure)
+
 
 def marker_pictures(volume: CTVolume, found: FiducialsDocument) -> list[MarkerPicture]:
-    """Fit every marker of a document again in its scan and draw it."""
+    """Fit every marker of a document again in its scan; the pictures hold what they show, and no voxels."""
     from ronnaplan.localization import Build
     from ronnaplan.localization.examine import Scan
 
@@ -48,20 +65,10 @@ def marker_pictures(volume: CTVolume, found: FiducialsDocument) -> list[MarkerPi
 
 
 def _picture(scan: Scan, marker: FiducialEntry, build: Build) -> MarkerPicture:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     from ronnaplan.localization.examine import fit_place
 
     stated = np.array(marker.center, dtype=np.float64)
     fit = fit_place(scan, stated, marker.diameter_mm, build)
-    figure = Figure(figsize=(12.0, 2.1), dpi=80, layout="constrained")
-    FigureCanvasAgg(figure)
-    grid = figure.add_gridspec(1, 2 * len(CUTS))
-    candidate = Candidate(marker.label, fit.center_mm, fit.theta, accepted=True, layer_mm=build.layer_mm)
-    for column, cut in enumerate(CUTS):
-        data, residual = (figure.add_subplot(grid[0, 2 * column + n]) for n in (0, 1))
-        draw_cut(data, residual, scan.volume, candidate, cut)
-        data.set_title(cut, fontsize=LETTERS_PT)
-        residual.set_title("residual", fontsize=LETTERS_PT)
-    return MarkerPicture(marker.label, png(figure), float(np.linalg.norm(fit.center_mm - stated)))
+    place = Candidate(marker.label, fit.center_mm, fit.theta, accepted=True, layer_mm=build.layer_mm)
+    apart_mm = float(np.linalg.norm(fit.center_mm - stated))
+    return MarkerPicture(marker.label, apart_mm, place, cut_pairs(scan.volume, place))

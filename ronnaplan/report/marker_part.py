@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from ronnaplan.case.folder import Case
 from ronnaplan.documents.fiducials import FiducialEntry
 from ronnaplan.errors import RonnaplanError
 from ronnaplan.report.html import element, picture, table
-from ronnaplan.report.marker_cuts import marker_pictures
-from ronnaplan.report.part import Part
+from ronnaplan.report.marker_cuts import MarkerPicture, marker_pictures
+from ronnaplan.report.part import Part, Piece
 
 STYLE = """
 .markers figure { display: grid; grid-template-columns: 3rem 1fr; align-items: center; margin: .3rem 0 }
@@ -27,7 +29,7 @@ def markers_part(case: Case) -> Part:
     if case.fiducials is None:
         return Part("Markers", warnings=["there is no fiducials.json: the markers are not reported"])
     markers = case.fiducials.fiducials
-    body = [table(HEADER, [_row(marker) for marker in markers])] if markers else []
+    body: list[Piece] = [table(HEADER, [_row(marker) for marker in markers])] if markers else []
     body.append(element("p", f"{len(markers)} markers; {len(case.fiducials.rejected)} candidates rejected."))
     warnings = list(case.fiducials.doubts)
     if case.volume is None:
@@ -37,14 +39,18 @@ def markers_part(case: Case) -> Part:
     except RonnaplanError as error:
         return Part("Markers", body, [*warnings, f"the markers could not be drawn: {error}"])
     if pictures:
-        drawn = "".join(picture(one.png, one.label) for one in pictures)
-        body += [element("p", CAPTION, "note"), f'<div class="markers">{drawn}</div>']
+        body += [element("p", CAPTION, "note"), partial(_drawn, pictures)]
     warnings += [
         f"marker {one.label} was found again {one.apart_mm:.2f} mm from its stated center; localize again"
         for one in pictures
         if not one.agrees
     ]
     return Part("Markers", body, warnings)
+
+
+def _drawn(pictures: list[MarkerPicture]) -> str:
+    drawn = "".join(picture(one.png, one.label) for one in pictures)
+    return f'<div class="markers">{drawn}</div>'
 
 
 def _row(marker: FiducialEntry) -> list[str]:

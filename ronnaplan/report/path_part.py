@@ -49,7 +49,8 @@ def paths_part(case: Case) -> Part:
         return Part(TITLE)
     if case.volume is None:
         return Part(TITLE, [table(ENDS, map(_ends, case.plan.trajectories))])
-    part = Part(TITLE, warnings=list(case.surroundings.doubts))
+    pieces: list[str] = []
+    part = Part(TITLE, pieces, list(case.surroundings.doubts))
     judgements = case.surroundings.judge_all(case.plan)
     for trajectory, judged in zip(case.plan.trajectories, judgements, strict=True):
         body, look = [element("h3", trajectory.name)], "path"
@@ -63,10 +64,10 @@ def paths_part(case: Case) -> Part:
             body += _measured(case.volume, judged.measures, judged.verdicts)
             part.warnings.extend(f"trajectory {trajectory.name}: {doubt}" for doubt in judged.measures.doubts)
         part.warnings.extend(map(_fault, judged.broken))
-        part.body.append(f'<div class="{look}">{"".join(body)}</div>')
+        pieces.append(f'<div class="{look}">{"".join(body)}</div>')
     measured = [judged.measures for judged in judgements if judged.measures is not None]
     verdicts = [verdict for judged in judgements for verdict in judged.verdicts]
-    part.body.append(unseen("measures", measures_document(case.plan, measured, verdicts)))
+    pieces.append(unseen("measures", measures_document(case.plan, measured, verdicts)))
     return part
 
 

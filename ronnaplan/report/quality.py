@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import Final, Literal
 
@@ -11,7 +12,7 @@ from ronnaplan.report import marker_part, overview, path_part
 from ronnaplan.report.html import box, element, page, section, table
 from ronnaplan.report.marker_part import markers_part
 from ronnaplan.report.overview import View, overview_part
-from ronnaplan.report.part import Part
+from ronnaplan.report.part import Part, html_of
 from ronnaplan.report.path_part import paths_part
 from ronnaplan.report.placement_part import placement_part
 from ronnaplan.report.registration_part import registration_part
@@ -35,6 +36,13 @@ def quality_report(
     ``name`` is what the case is called. ``seen`` is its head in 3-D, which can be turned where the page ``turns`` it;
     printed, its pages are ``paper``.
     """
+    return drafted(case, name, seen, turns=turns, paper=paper)()
+
+
+def drafted(
+    case: Case, name: str = "", seen: View | None = None, *, turns: bool = True, paper: Paper = "A4"
+) -> Callable[[], str]:
+    """Gather all that the report says of the scan; return what draws and writes it, and holds no voxels."""
     parts = [
         overview_part(case, seen, turns=turns),
         scan_part(case),
@@ -44,26 +52,24 @@ def quality_report(
         placement_part(case, seen.things if seen is not None else ()),
     ]
     title, made = (f"Quality report: {name}" if name else "Quality report"), f"ronnaplan {__version__}, {_now()}"
-    return page(
-        title,
-        [
-            element("h1", title),
-            element("p", f"{made}. {NOTICE}", "note"),
-            _warnings(parts),
-            *(section(part.title, part.body) for part in parts if part.body),
-            _end(case),
-        ],
-        style="".join(
-            (
-                _sheet(paper, f"{title}, {made}. {NOTICE}"),
-                STYLE,
-                overview.STYLE,
-                marker_part.STYLE,
-                path_part.STYLE,
-            )
-        ),
-        script=overview.script(seen) if turns else "",
-    )
+    end, script = _end(case), overview.script(seen) if turns else ""
+    sheet = _sheet(paper, f"{title}, {made}. {NOTICE}")
+
+    def written() -> str:
+        return page(
+            title,
+            [
+                element("h1", title),
+                element("p", f"{made}. {NOTICE}", "note"),
+                _warnings(parts),
+                *(section(part.title, html_of(part.body)) for part in parts if part.body),
+                end,
+            ],
+            style="".join((sheet, STYLE, overview.STYLE, marker_part.STYLE, path_part.STYLE)),
+            script=script,
+        )
+
+    return written
 
 
 def _warnings(parts: list[Part]) -> str:

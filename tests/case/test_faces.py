@@ -30,6 +30,7 @@ from ronnaplan.planning.angles import RAS_IN_LPS
 from ronnaplan.planning.limits import Verdict
 from ronnaplan.planning.rows import value_and_limit
 from ronnaplan.report import marker_part
+from ronnaplan.report.part import html_of
 from ronnaplan.report.quality import quality_report
 from ronnaplan.report.registration_part import registration_part
 from tests import cases
@@ -124,7 +125,7 @@ def test_the_errors_of_a_registration_are_told_of_the_plan_as_it_is_now(folder: 
     state.case.rename("left", "right")
     told = {name for name, _ in registration_panel(state)["errors"]}
     assert told == {"right entry", "right target"}
-    body = "".join(registration_part(read_case(CaseFiles.of_folder(folder), cases.volume)).body)
+    body = "".join(html_of(registration_part(read_case(CaseFiles.of_folder(folder), cases.volume)).body))
     assert all(name in body for name in told)
     assert "left entry" not in body
 

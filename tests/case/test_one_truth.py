@@ -25,6 +25,7 @@ from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
 from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.planning.uncertainty import PathError
+from ronnaplan.report.part import html_of
 from ronnaplan.report.path_part import paths_part
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 from tests import cases
@@ -177,7 +178,7 @@ def compare_with_planner(case: RandomCase, said: dict[str, Any]) -> None:
 
 def compare_with_report(case: RandomCase, said: dict[str, Any]) -> None:
     read = read_case(CaseFiles.of_folder(case.folder), cases.volume, rules_of(case))
-    page = "\n".join(paths_part(read).body)
+    page = "\n".join(html_of(paths_part(read).body))
     assert held_by(page) == said
     for written in said["trajectories"]:
         errors = {error["basis"]: error for key in ("expected_error", "planned_error") if (error := written[key])}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import weakref
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,8 @@ import pytest
 from ronnaplan.node import work as work_module
 from ronnaplan.node.config import Rule
 from ronnaplan.node.work import Order, work
-from ronnaplan.report import pdf
+from ronnaplan.report import contact, marker_cuts, pdf
+from ronnaplan.report.picture import png
 
 SCAN = Path("data/synthetic_ct")
 HEAVY = {
@@ -58,12 +60,17 @@ def test_the_voxels_are_gone_before_what_needs_none_is_made(
         held.append(weakref.ref(volume))
         return volume, fiducials
 
-    def printed(page: str) -> bytes:
-        assert held[0]() is None
-        return b"%PDF-"
+    def without_voxels(make: Callable[..., Any]) -> Callable[..., Any]:
+        def made(*given: Any) -> Any:
+            assert held[0]() is None
+            return make(*given)
+
+        return made
 
     monkeypatch.setattr(work_module, "_find", found)
-    monkeypatch.setattr(pdf, "print_pdf", printed)
+    monkeypatch.setattr(contact, "draw_sheet", without_voxels(contact.draw_sheet))
+    monkeypatch.setattr(marker_cuts, "png", without_voxels(png))
+    monkeypatch.setattr(pdf, "print_pdf", without_voxels(lambda page: b"%PDF-"))
     told: list[tuple[str, Any]] = []
     order = Order(1, SCAN, tmp_path, tmp_path / "answers", Rule(name="r", diameters=(11.5,), expected=6), ())
     work(order, lambda event, **facts: told.append((event, facts.get("kind"))))

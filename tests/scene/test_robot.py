@@ -9,6 +9,7 @@ from ronnaplan.case.folder import Case
 from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.placement import PlacementDocument, placement_document
 from ronnaplan.errors import FrameMismatchError
+from ronnaplan.report.part import html_of
 from ronnaplan.report.placement_part import placement_part
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.placement.placement import Place, Placement
@@ -72,7 +73,7 @@ def test_the_report_tells_places_margins_and_what_they_do_not_cover() -> None:
     plan = cases.plan()
     plan = plan.add(replace(plan.trajectory("left"), name="later"))
     part = placement_part(Case(plan=plan, placement=document()))
-    told = "".join(part.body)
+    told = "".join(html_of(part.body))
     for text in ("place 2", "0.900", "least joint margin", "data:image/png", "joints turn by 90 degrees"):
         assert text in told
     assert "the robot has no free way to left" in part.warnings
