@@ -11,18 +11,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ronnaplan.bounds import FARTHEST_POINT_MM
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.text import printable
 
 FloatArray = NDArray[np.float64]
 
-SMALLEST_SIGMA_MM = 1e-6
-LARGEST_SIGMA_MM = 1000.0
-"""A localization error (standard deviation per axis) beyond these is no error of a tracker or a scanner."""
 LONGEST_LABELS = 100
 """Characters of points' labels in the line that names the points."""
-FARTHEST_POINT_MM = 1e5
-"""No scanner or tracker sees a hundred metres far: such a coordinate is damage, or not in mm."""
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from ronnaplan.bounds import FARTHEST_POINT_MM
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FARTHEST_POINT_MM, as_points
+from ronnaplan.geometry import as_points
 from ronnaplan.registration import register_points
 from tests.registration import scene
 

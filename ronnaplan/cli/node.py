@@ -31,9 +31,6 @@ def run(arguments: argparse.Namespace) -> int:
         write_atomically(path, EXAMPLE)
         return 0
     try:
-        from ronnaplan.node.lean import load_pydicom
-
-        load_pydicom()
         from ronnaplan.node.hub import run_node
     except ModuleNotFoundError as error:
         raise InputError(f"the node needs {error.name}; install ronnaplan[node]") from error

@@ -13,7 +13,7 @@ LONGEST_S = 86_400.0
 
 def sigma_mm(text: str) -> float:
     """Return a standard deviation in mm."""
-    from ronnaplan.geometry import LARGEST_SIGMA_MM, SMALLEST_SIGMA_MM
+    from ronnaplan.bounds import LARGEST_SIGMA_MM, SMALLEST_SIGMA_MM
 
     value = plain_number(text)
     if value is None or not SMALLEST_SIGMA_MM <= value < LARGEST_SIGMA_MM:

@@ -9,10 +9,11 @@ from operator import index
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ronnaplan.bounds import LARGEST_SIGMA_MM, SMALLEST_SIGMA_MM
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.told import LEAST_PAIRS, Told
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import LARGEST_SIGMA_MM, SMALLEST_SIGMA_MM, FloatArray, as_points
+from ronnaplan.geometry import FloatArray, as_points
 
 SMALLEST_SPREAD_MM = 1.0
 LARGEST_SPREAD_MM = 20_000.0

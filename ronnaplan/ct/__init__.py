@@ -1,19 +1,5 @@
 """From DICOM (or NIfTI, NRRD, MetaImage) files to a `CTVolume` that knows where each voxel is in the patient."""
 
-from ronnaplan.ct.catalogue import Catalogue, Series, find_series
-from ronnaplan.ct.grid import SliceGrid
-from ronnaplan.ct.limits import Limits
-from ronnaplan.ct.reader import read_ct
-from ronnaplan.ct.volume import CTVolume, SeriesSource, VolumeFlag
+import lazy_loader
 
-__all__ = [
-    "CTVolume",
-    "Catalogue",
-    "Limits",
-    "Series",
-    "SeriesSource",
-    "SliceGrid",
-    "VolumeFlag",
-    "find_series",
-    "read_ct",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -11,28 +11,10 @@ from typing import Any, Final
 import numpy as np
 
 from ronnaplan.ct.jpeg_lossless import decode_jpeg_lossless
+from ronnaplan.ct.kinds import JPEG_EXTENDED, JPEG_LOSSLESS, JPEG_LS, PLUGINS, RLE
 from ronnaplan.ct.slices import PixelFormat, SliceImage, Stored
 from ronnaplan.errors import InputError
 from ronnaplan.text import printable
-
-JPEG_LOSSLESS: Final = frozenset({"1.2.840.10008.1.2.4.57", "1.2.840.10008.1.2.4.70"})
-JPEG_EXTENDED: Final = "1.2.840.10008.1.2.4.51"
-JPEG_LS: Final = frozenset({"1.2.840.10008.1.2.4.80", "1.2.840.10008.1.2.4.81"})
-RLE: Final = "1.2.840.10008.1.2.5"
-PLUGINS: Final = {
-    RLE: "pydicom",
-    "1.2.840.10008.1.2.4.50": "pillow",  # JPEG baseline
-    JPEG_EXTENDED: "pillow",  # JPEG extended, 8 bits
-    "1.2.840.10008.1.2.4.80": "pyjpegls",  # JPEG-LS lossless
-    "1.2.840.10008.1.2.4.81": "pyjpegls",  # JPEG-LS near-lossless
-    "1.2.840.10008.1.2.4.90": "pylibjpeg",  # JPEG 2000 lossless
-    "1.2.840.10008.1.2.4.91": "pylibjpeg",  # JPEG 2000
-    "1.2.840.10008.1.2.4.201": "pylibjpeg",  # HTJ2K lossless
-    "1.2.840.10008.1.2.4.202": "pylibjpeg",  # HTJ2K lossless, RPCL
-    "1.2.840.10008.1.2.4.203": "pylibjpeg",  # HTJ2K
-}
-"""Transfer syntax -> the pydicom plugin that decodes it: one each, so that no result depends on the machine."""
-
 
 _JPEG_12_BITS: Final = "JPEG extended, 12 bits, which pylibjpeg-libjpeg decodes"
 _JPEG_2000_START: Final = b"\xff\x4f\xff\x51"

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
+from ronnaplan.bounds import LARGEST_HU
 from ronnaplan.ct import tags
 from ronnaplan.ct.codecs import why_not_decoded
 from ronnaplan.ct.derived import why_not_slices
@@ -23,7 +24,6 @@ from ronnaplan.ct.header import (
     Elements,
     element_name,
 )
-from ronnaplan.ct.limits import LARGEST_HU
 from ronnaplan.ct.slices import CT_ONLY, MULTI_FRAME_CLASSES, Instance, PixelFormat, SliceImage
 from ronnaplan.ct.values import Vector, number_or_none, numbers, text, values
 

@@ -11,9 +11,10 @@ from typing import Any, BinaryIO, Final, cast
 
 import numpy as np
 
+from ronnaplan.bounds import LARGEST_HU
 from ronnaplan.ct.files import DamagedError, open_regular
 from ronnaplan.ct.image_header import ImageHeader, StoredVoxels
-from ronnaplan.ct.limits import LARGEST_HU, are_hu
+from ronnaplan.ct.limits import are_hu
 from ronnaplan.ct.pixels import INT16, Voxels
 
 _ZLIB_OR_GZIP: Final = 32 + zlib.MAX_WBITS

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
+from ronnaplan.bounds import LARGEST_HU
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 MIB = 1 << 20
 GIB = 1 << 30
-LARGEST_HU = 1e6
-"""No scale of a scanner reaches a million; nor do a rescale's slope and intercept."""
 
 
 @dataclass(frozen=True)
@@ -40,4 +40,4 @@ DEFAULT_LIMITS = Limits()
 
 def are_hu(values: NDArray[Any]) -> bool:
     """Return whether ``values`` are finite numbers that a scanner's scale holds."""
-    return bool((np.abs(values) <= LARGEST_HU).all())
+    return bool((abs(values) <= LARGEST_HU).all())

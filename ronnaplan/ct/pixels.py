@@ -7,10 +7,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ronnaplan.bounds import LARGEST_HU
 from ronnaplan.ct import tags
 from ronnaplan.ct.codecs import decode
 from ronnaplan.ct.header import DEFLATED_LITTLE, deflated_part, inflate
-from ronnaplan.ct.limits import LARGEST_HU, Limits, are_hu
+from ronnaplan.ct.limits import Limits, are_hu
 from ronnaplan.ct.slices import FLOAT_BYTES, PixelFormat, SliceImage, Stored
 from ronnaplan.errors import InputError
 

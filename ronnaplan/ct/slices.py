@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 from ronnaplan.ct import tags
 from ronnaplan.ct.files import Blob, DamagedError
 from ronnaplan.ct.header import Elements, Header
+from ronnaplan.ct.kinds import CT_IMAGE, ENHANCED_CT, LEGACY_ENHANCED_CT
 from ronnaplan.ct.values import Vector, integer, number_or_none, text, values
 
-CT_IMAGE: Final = "1.2.840.10008.5.1.4.1.1.2"
-ENHANCED_CT: Final = "1.2.840.10008.5.1.4.1.1.2.1"
-LEGACY_ENHANCED_CT: Final = "1.2.840.10008.5.1.4.1.1.2.2"
 MULTI_FRAME_CLASSES: Final = frozenset({ENHANCED_CT, LEGACY_ENHANCED_CT})
 CT_ONLY: Final = {"CT": MULTI_FRAME_CLASSES | {CT_IMAGE, ""}}
 """Modality -> SOP classes of what is read as a scan; an empty class where the file gives none."""

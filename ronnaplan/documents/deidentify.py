@@ -23,8 +23,8 @@ from ronnaplan.ct.catalogue import DICOMDIR_CLASS
 from ronnaplan.ct.files import Blob, NotDicomError, Skipped, given_path
 from ronnaplan.ct.folders import blobs_below
 from ronnaplan.ct.header import read_header
+from ronnaplan.ct.kinds import CT_IMAGE, ENHANCED_CT, LEGACY_ENHANCED_CT
 from ronnaplan.ct.limits import DEFAULT_LIMITS
-from ronnaplan.ct.slices import CT_IMAGE, ENHANCED_CT, LEGACY_ENHANCED_CT
 from ronnaplan.ct.values import text
 from ronnaplan.documents.files import make_folder, write_atomically
 from ronnaplan.errors import InputError

@@ -10,7 +10,6 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Annotated
 
-import numpy as np
 from pydantic import (
     AfterValidator,
     AwareDatetime,
@@ -22,8 +21,7 @@ from pydantic import (
     Strict,
 )
 
-from ronnaplan.ct.limits import LARGEST_HU
-from ronnaplan.geometry import FARTHEST_POINT_MM, LARGEST_SIGMA_MM, SMALLEST_SIGMA_MM
+from ronnaplan.bounds import FARTHEST_POINT_MM, LARGEST_HU, LARGEST_SIGMA_MM, SMALLEST_SIGMA_MM
 
 SYMMETRY_TOLERANCE = 1e-9
 """Largest difference of a correlation from its mirror image: round-off of a written matrix."""
@@ -94,6 +92,8 @@ Matrix6 = tuple[Row6, Row6, Row6, Row6, Row6, Row6]
 
 
 def _definite(rows: Matrix3 | Matrix6) -> Matrix3 | Matrix6:
+    import numpy as np  # loaded where there is a covariance: settings have none
+
     matrix = np.array(rows)
     variances = np.diag(matrix)
     if variances.min() <= 0 or variances.max() > LONGEST_MM**2:
@@ -115,6 +115,8 @@ def _definite(rows: Matrix3 | Matrix6) -> Matrix3 | Matrix6:
 
 
 def _near(rows: Matrix3) -> Matrix3:
+    import numpy as np
+
     smallest_sd, largest_sd = np.sqrt(np.sort(np.diag(np.array(rows)))[[0, -1]]).tolist()
     if smallest_sd < SMALLEST_SIGMA_MM:
         raise ValueError(f"states an error of {smallest_sd:g} mm, below {SMALLEST_SIGMA_MM:g} mm")

@@ -5,14 +5,14 @@ from __future__ import annotations
 import sys
 from typing import Final
 
-HEAVY: Final = ("PIL", "gdcm", "jpeg_ls", "libjpeg", "openjpeg", "pylibjpeg", "requests")
-"""What pydicom loads for pixels, and to fetch example files: 16 MB in each process, which most never use."""
+HEAVY: Final = ("PIL", "gdcm", "jpeg_ls", "libjpeg", "numpy", "openjpeg", "pylibjpeg", "requests")
+"""What pydicom loads for pixels, and to fetch example files: 25 MB in each process, which most never use."""
 
 
 def load_pydicom() -> None:
     """Load pydicom, unless it is, and keep it from what is `HEAVY`, which can be loaded afterwards all the same.
 
-    Compressed pixels cannot be decoded in this process from now on.
+    Compressed pixels cannot be decoded in this process from now on, and none at all if numpy was not there before.
     """
     if "pydicom" in sys.modules:
         return

@@ -14,9 +14,8 @@ from typing import Any, Final
 from pynetdicom import AE, evt
 from pynetdicom.association import Association
 
-from ronnaplan.ct.codecs import JPEG_LOSSLESS, PLUGINS
 from ronnaplan.ct.header import DEFLATED_LITTLE, EXPLICIT_BIG, EXPLICIT_LITTLE, IMPLICIT_LITTLE
-from ronnaplan.ct.slices import CT_IMAGE, ENHANCED_CT, LEGACY_ENHANCED_CT
+from ronnaplan.ct.kinds import CT_IMAGE, ENHANCED_CT, JPEG_LOSSLESS, LEGACY_ENHANCED_CT, PLUGINS
 from ronnaplan.errors import InputError
 from ronnaplan.node.audit import Audit, Instances
 from ronnaplan.node.commitment import COMMITMENT

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ronnaplan.bounds import LARGEST_SIGMA_MM
 from ronnaplan.correspondence import Pairing
 from ronnaplan.errors import InputError, UsageError, check_type
-from ronnaplan.geometry import LARGEST_SIGMA_MM, Points
+from ronnaplan.geometry import Points
 from ronnaplan.registration.registration import Registration, register_points
 from ronnaplan.sigmas import SIGMA_CT_MM
 

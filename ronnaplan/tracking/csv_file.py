@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ronnaplan.bounds import LARGEST_SIGMA_MM, SMALLEST_SIGMA_MM
 from ronnaplan.errors import FrameMismatchError, InputError
-from ronnaplan.geometry import LARGEST_SIGMA_MM, SMALLEST_SIGMA_MM, FloatArray, Frame
+from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.text import BLANKS, printable
 from ronnaplan.tracking.recording import (
     OK,

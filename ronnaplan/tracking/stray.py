@@ -15,8 +15,9 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from ronnaplan.bounds import LARGEST_SIGMA_MM
 from ronnaplan.errors import FrameMismatchError, InputError, check_type
-from ronnaplan.geometry import LARGEST_SIGMA_MM, FloatArray, Frame, Points
+from ronnaplan.geometry import FloatArray, Frame, Points
 from ronnaplan.sigmas import SIGMA_OTS_MM
 from ronnaplan.text import place
 from ronnaplan.tracking.recording import PointReading, Recording

@@ -25,6 +25,7 @@ HEAVY = {
     "highdicom",
     "matplotlib",
     "numba",
+    "numpy",
     "pylibjpeg",
     "requests",
     "scipy",
@@ -33,20 +34,24 @@ HEAVY = {
 }
 LOADED = """
 import sys
+def tell():
+    print(*sorted({name.partition(".")[0] for name in sys.modules}))
+import ronnaplan.cli.node, ronnaplan.node.hub
+tell()
 from ronnaplan.node.lean import load_pydicom
 load_pydicom()
-import ronnaplan.node.association, ronnaplan.node.hub, ronnaplan.node.receiver
-print(*sorted({name.partition(".")[0] for name in sys.modules}))
-import requests, PIL.Image
+import ronnaplan.node.association, ronnaplan.node.receiver, ronnaplan.node.sender
+tell()
+import requests, PIL.Image, numpy
 """
 
 
-def test_who_receives_and_sends_loads_nothing_that_draws_computes_or_decodes() -> None:
-    loaded = subprocess.run(
-        [sys.executable, "-c", LOADED], capture_output=True, text=True, check=True
-    ).stdout.split()
-    assert not HEAVY & set(loaded)
-    assert "pydicom" in loaded
+def test_no_process_loads_what_another_one_is_for() -> None:
+    told = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True).stdout
+    hub, receiver = (set(line.split()) for line in told.splitlines())
+    assert not {*HEAVY, "pydicom", "pynetdicom"} & hub
+    assert not HEAVY & receiver
+    assert {"pydicom", "pynetdicom"} <= receiver
 
 
 def test_the_voxels_are_gone_before_what_needs_none_is_made(

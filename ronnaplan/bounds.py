@@ -1,0 +1,14 @@
+"""What no value of a patient reaches: beyond it is damage, or another unit.
+
+Nothing is imported here, so that who only reads documents loads no arrays.
+"""
+
+SMALLEST_SIGMA_MM = 1e-6
+LARGEST_SIGMA_MM = 1000.0
+"""A localization error (standard deviation per axis) beyond these is no error of a tracker or a scanner."""
+
+FARTHEST_POINT_MM = 1e5
+"""No scanner or tracker sees a hundred metres far: such a coordinate is damage, or not in mm."""
+
+LARGEST_HU = 1e6
+"""No scale of a scanner reaches a million; nor do a rescale's slope and intercept."""

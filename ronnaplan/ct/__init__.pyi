@@ -1,0 +1,17 @@
+from .catalogue import Catalogue, Series, find_series
+from .grid import SliceGrid
+from .limits import Limits
+from .reader import read_ct
+from .volume import CTVolume, SeriesSource, VolumeFlag
+
+__all__ = [
+    "CTVolume",
+    "Catalogue",
+    "Limits",
+    "Series",
+    "SeriesSource",
+    "SliceGrid",
+    "VolumeFlag",
+    "find_series",
+    "read_ct",
+]
