@@ -27,6 +27,7 @@ from ronnaplan.node import spool as spool_module
 from ronnaplan.node import store as store_module
 from ronnaplan.node.facts import read_facts
 from ronnaplan.node.index import Index
+from ronnaplan.node.receiver import CLASSES
 from ronnaplan.node.spool import Spool
 from tests.ct import makers
 from tests.node.audit_schema import conforming
@@ -63,6 +64,28 @@ def test_a_scan_that_a_scanner_sends_is_kept_as_it_is(node: Listening, tmp_path:
         (3, None, "CT1", "RONNAPLAN", "CT")
     ]
     assert not list((node.folder / "incoming").iterdir())
+
+
+def test_every_class_that_a_scan_or_an_answer_may_be_of_is_kept(node: Listening, tmp_path: Path) -> None:
+    entity = AE("CT1")
+    for sop_class in CLASSES:
+        entity.add_requested_context(sop_class)
+    association = entity.associate("127.0.0.1", node.port, ae_title="RONNAPLAN")
+    for k, sop_class in enumerate(CLASSES):
+        made = makers.dataset(k)
+        made.SOPClassUID = made.file_meta.MediaStorageSOPClassUID = UID(sop_class)
+        made.SeriesInstanceUID = f"{makers.SERIES}.{k}"
+        assert association.send_c_store(made).Status == 0, sop_class
+    association.release()
+    assert sorted(dcmread(path).SOPClassUID for path in node.files()) == sorted(CLASSES)
+    assert set(CLASSES) >= {
+        "1.2.840.10008.5.1.4.1.1.2",  # CT
+        "1.2.840.10008.5.1.4.1.1.2.1",  # enhanced
+        "1.2.840.10008.5.1.4.1.1.2.2",  # legacy converted
+        "1.2.840.10008.5.1.4.1.1.66.1",  # registration
+        "1.2.840.10008.5.1.4.1.1.66.4",  # segmentation
+        "1.2.840.10008.5.1.4.1.1.481.3",  # RT structure set
+    }
 
 
 def test_an_acknowledged_instance_is_synced_named_and_in_the_index(
