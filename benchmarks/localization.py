@@ -146,7 +146,7 @@ class Score:
 def markers_of(cases: Sequence[Case]) -> list[list[Examined]]:
     """Return what `localize` finds in each part of one scan, its uncertainty as in the whole."""
     scans = [Scan(case.volume) for case in cases]
-    seen = [examine(scan, case.diameter_mm) for case, scan in zip(cases, scans, strict=True)]
+    seen = [examine(scan, (case.diameter_mm,)) for case, scan in zip(cases, scans, strict=True)]
     parts = [distinct(one for one in part if one.is_marker) for part in seen]
     judged = alike([one for part in parts for one in part])
     stated = iter(together(scans[0], [one for one in judged if one.is_marker]))

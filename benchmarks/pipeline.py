@@ -117,7 +117,7 @@ def stages(volume: CTVolume, diameter_mm: float) -> list[list[str]]:
     coarsening = best(lambda: coarsen(volume, coarse_voxel_mm(diameter_mm)))
     detecting = best(lambda: detect(volume, diameter_mm))
     looking = best(lambda: surface_shares(volume, seen, diameter_mm, SOLID, thickness_mm, MIN_COVERAGE))
-    examining = best(lambda: examine(scan, diameter_mm))
+    examining = best(lambda: examine(scan, (diameter_mm,)))
     taken = {
         "average to coarse voxels": (coarsening, volume.voxels_hu.nbytes + coarse.nbytes),
         "vote and find peaks": (detecting - coarsening, 2 * coarse.nbytes),

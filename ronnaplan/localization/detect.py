@@ -57,7 +57,11 @@ def detect(volume: CTVolume, diameter_mm: float, coarse_share: float = COARSE_SH
 
     They are looked for in a copy whose voxels are at most ``coarse_share`` of it.
     """
-    coarse = coarsen(volume, coarse_voxel_mm(diameter_mm, coarse_share))
+    return detect_in(coarsen(volume, coarse_voxel_mm(diameter_mm, coarse_share)), diameter_mm)
+
+
+def detect_in(coarse: CTVolume, diameter_mm: float) -> Candidates:
+    """Find the places where the edges of a ``coarse`` copy agree on a ball of ``diameter_mm``."""
     grid = coarse.grid
     axes = grid.axes
     origins = grid.origins_mm @ axes.T
@@ -88,9 +92,7 @@ def coarse_voxel_mm(diameter_mm: float, coarse_share: float = COARSE_SHARE) -> f
 def coarsen(volume: CTVolume, voxel_mm: float) -> CTVolume:
     """Average whole blocks of voxels so that none grows beyond ``voxel_mm`` where it was smaller before."""
     grid = volume.grid
-    by_k = max(1, int(voxel_mm / grid.typical_gap_mm))
-    by_j = max(1, int(voxel_mm / grid.row_spacing_mm))
-    by_i = max(1, int(voxel_mm / grid.column_spacing_mm))
+    by_k, by_j, by_i = blocks(volume, voxel_mm)
     if by_k == by_j == by_i == 1 and volume.voxels_hu.dtype == np.int16 and volume.voxels_hu.min() >= AIR_HU:
         return volume
     slices, rows, columns = (n // b for n, b in zip(volume.voxels_hu.shape, (by_k, by_j, by_i), strict=True))
@@ -105,6 +107,14 @@ def coarsen(volume: CTVolume, voxel_mm: float) -> CTVolume:
         column_step_mm=grid.column_step_mm * by_i,
     )
     return replace(volume, voxels_hu=voxels, grid=coarse_grid)
+
+
+def blocks(volume: CTVolume, voxel_mm: float) -> tuple[int, int, int]:
+    """How many slices, rows and columns of a scan make one voxel of a copy that is that coarse."""
+    grid = volume.grid
+    sizes_mm = grid.typical_gap_mm, grid.row_spacing_mm, grid.column_spacing_mm
+    by_k, by_j, by_i = (max(1, int(voxel_mm / size_mm)) for size_mm in sizes_mm)
+    return by_k, by_j, by_i
 
 
 @njit(cache=True, nogil=True)
@@ -130,14 +140,23 @@ def _average(
                     row = fine[k * by_k + a, j * by_j + b]
                     for i in range(len(sums)):
                         sums[i] += np.float32(max(row[i], AIR_HU))
-                if by_i == 2:  # the commonest, and several at once
-                    for i in range(columns):
-                        means[i] += np.floor((sums[2 * i] + sums[2 * i + 1]) * per_pixel + np.float32(0.5))
-                else:
-                    for i in range(columns):
-                        means[i] += np.rint(sums[i * by_i : (i + 1) * by_i].sum() * per_pixel)
+                _add_means(sums, by_i, per_pixel, means)
             for i in range(columns):
                 coarse[k, j, i] = np.int16(min(means[i] * per_slice, highest))
+
+
+@njit(cache=True, nogil=True)
+def _add_means(sums: NDArray[np.float32], by_i: int, per_pixel: np.float32, means: NDArray[np.float32]) -> None:
+    """Add to ``means`` what each ``by_i`` of the ``sums`` tell, in whole HU."""
+    if by_i == 2:  # the commonest, and several at once
+        for i in range(len(means)):
+            means[i] += np.floor((sums[2 * i] + sums[2 * i + 1]) * per_pixel + np.float32(0.5))
+    elif by_i == 1:
+        for i in range(len(means)):
+            means[i] += np.rint(sums[i] * per_pixel)
+    else:
+        for i in range(len(means)):
+            means[i] += np.rint(sums[i * by_i : (i + 1) * by_i].sum() * per_pixel)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -266,6 +285,9 @@ def _sum_layer(votes: NDArray[np.uint16], z: int, sums: NDArray[np.int32]) -> No
     depth, height, width = votes.shape
     across = np.empty(width, dtype=np.int32)
     for y in range(height):
+        if not votes[z, y].any():
+            sums[z % 3, y] = 0
+            continue
         across[:] = 0
         for c in range(max(z - 1, 0), min(z + 2, depth)):
             for b in range(max(y - 1, 0), min(y + 2, height)):

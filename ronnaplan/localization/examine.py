@@ -162,15 +162,23 @@ class Examined:
         return apart < SAME_PLACE * min(self.stated_mm, other.stated_mm)
 
 
-def examine(scan: Scan, diameter_mm: float, build: Build = SOLID, progress: Progress = False) -> list[Examined]:
-    """Fit and judge every place of ``scan`` that may be a ball of ``diameter_mm``, strongest candidates first."""
-    seen = detect(scan.volume, diameter_mm).centers_mm
-    shares = surface_shares(scan.volume, seen, diameter_mm, build, scan.thickness_mm(seen), MIN_COVERAGE)
-    places = _apart(seen[shares >= MIN_COVERAGE], SAME_PLACE * diameter_mm)
+def examine(
+    scan: Scan, diameters_mm: Sequence[float], build: Build = SOLID, progress: Progress = False
+) -> list[Examined]:
+    """Fit and judge every place of ``scan`` that may be a ball of one of ``diameters_mm``, strongest first of each."""
+    wanted = [(place, diameter) for diameter in diameters_mm for place in places_for(scan, diameter, build)]
     # The fits release the interpreter's lock, and each is independent of the others: any order, same result.
     with single_threaded_algebra(), ThreadPoolExecutor(os.cpu_count()) as pool:
-        fits = pool.map(lambda place: examine_place(scan, place, diameter_mm, build), places)
-        return list(advancing(fits, len(places), progress, f"fitting balls of {diameter_mm:g} mm"))
+        fits = pool.map(lambda one: examine_place(scan, *one, build), wanted)
+        sizes = " and ".join(f"{diameter:g}" for diameter in diameters_mm)
+        return list(advancing(fits, len(wanted), progress, f"fitting balls of {sizes} mm"))
+
+
+def places_for(scan: Scan, diameter_mm: float, build: Build = SOLID) -> list[FloatArray]:
+    """Return the places (3,) of ``scan`` at which a ball of ``diameter_mm`` is worth a fit, strongest first."""
+    seen = detect(scan.volume, diameter_mm).centers_mm
+    shares = surface_shares(scan.volume, seen, diameter_mm, build, scan.thickness_mm(seen), MIN_COVERAGE)
+    return _apart(seen[shares >= MIN_COVERAGE], SAME_PLACE * diameter_mm)
 
 
 def alike(accepted: Sequence[Examined]) -> list[Examined]:

@@ -59,7 +59,7 @@ def localize(
     scan = Scan(volume)
     for diameter in diameters:
         _check_size(scan, diameter)
-    examined = [one for diameter in diameters for one in examine(scan, diameter, marker, progress)]
+    examined = examine(scan, diameters, marker, progress)
     judged = alike(distinct(one for one in examined if one.is_marker))
     markers = _from_the_top(together(scan, [one for one in judged if one.is_marker]))
     examined = [*(one for one in examined if not one.is_marker), *judged]

@@ -60,6 +60,10 @@ HOPELESS_ROUND = 0.45
 """Nor is a fit that, once its directions were chosen, is round in less than this share of them: markers are in 0.6 and
 most in 0.8 of them, posts in 0.3 to 0.5."""
 
+HOPELESS_SIZE, HOPELESS_SIZE_MM = 0.15, 0.6
+"""Nor is one whose diameter is off by more than this share of the stated one, and by more than this: on the way,
+markers keep to 5 % of it, and are accepted within 6 % or 0.25 mm at most."""
+
 MAX_ROUNDS = 8
 """Rounds of leaving directions out and fitting again; real markers settle in two to four."""
 
@@ -242,7 +246,9 @@ def _thinned(count: int) -> NDArray[np.bool_]:
 def _is_hopeless(theta: FloatArray, verdict: Verdict, start: FloatArray) -> bool:
     wandered = float(np.linalg.norm(theta[CENTER])) > MAX_WANDER * start[RADIUS]
     smeared = bool(theta[WIDTH] > MAX_WIDTH_RATIO * start[WIDTH] + 2.0 * MAX_WIDTH_SHARE * start[RADIUS])
-    return wandered or smeared or bool(verdict.usual_rms_hu > HOPELESS_MISFIT * theta[CONTRAST])
+    apart_mm = 2.0 * abs(float(theta[RADIUS] - start[RADIUS]))
+    resized = apart_mm > max(HOPELESS_SIZE * 2.0 * float(start[RADIUS]), HOPELESS_SIZE_MM)
+    return wandered or smeared or resized or bool(verdict.usual_rms_hu > HOPELESS_MISFIT * theta[CONTRAST])
 
 
 def _judged(

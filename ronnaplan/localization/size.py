@@ -19,7 +19,7 @@ from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import RefusedError, check_type
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import SOLID, Build
-from ronnaplan.localization.detect import COARSE_FLOOR_MM, coarsen, detect
+from ronnaplan.localization.detect import COARSE_FLOOR_MM, blocks, coarse_voxel_mm, coarsen, detect_in
 from ronnaplan.localization.examine import Examined, Scan, distinct, examine_place
 from ronnaplan.localization.look import surface_shares
 from ronnaplan.localization.parts import single_threaded_algebra
@@ -122,13 +122,18 @@ def _round_places(scan: Scan, coarse: CTVolume, marker: Build, progress: bool) -
     smallest_mm = max(SEARCHED_MM[0], 3.0 * volume.grid.row_spacing_mm)
     diameters_mm = np.exp(np.arange(np.log(smallest_mm), np.log(SEARCHED_MM[1]), np.log(STEP))).tolist()
 
-    def voted(diameter_mm: float) -> list[tuple[FloatArray, float]]:
-        places = detect(coarse, diameter_mm, COARSEST_SHARE).centers_mm[:MOST_LOOKED_AT]
+    voxels_mm = [coarse_voxel_mm(diameter_mm, COARSEST_SHARE) for diameter_mm in diameters_mm]
+    copies = {blocks(coarse, voxel_mm): voxel_mm for voxel_mm in voxels_mm}  # several sizes share one
+    coarser = {block: coarsen(coarse, voxel_mm) for block, voxel_mm in copies.items()}
+
+    def voted(diameter_mm: float, voxel_mm: float) -> list[tuple[FloatArray, float]]:
+        copy = coarser[blocks(coarse, voxel_mm)]
+        places = detect_in(copy, diameter_mm).centers_mm[:MOST_LOOKED_AT]
         shares = surface_shares(volume, places, diameter_mm, marker, scan.thickness_mm(places), LEAST_SHOWN)
         return [(place, diameter_mm) for place in places[shares >= LEAST_SHOWN]]
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        tried = advancing(pool.map(voted, diameters_mm), len(diameters_mm), progress, "trying sizes")
+        tried = advancing(pool.map(voted, diameters_mm, voxels_mm), len(diameters_mm), progress, "trying sizes")
         found = [ball for some in tried for ball in some]
     if not found:
         return []
