@@ -28,7 +28,8 @@ from phantoms.stack import axial_stack
 from ronnaplan import CTVolume, localize, read_ct
 from ronnaplan.localization.accept import MIN_COVERAGE
 from ronnaplan.localization.build import SOLID
-from ronnaplan.localization.detect import coarse_voxel_mm, coarsen, detect
+from ronnaplan.localization.coarse import coarse_voxel_mm, coarsen
+from ronnaplan.localization.detect import detect
 from ronnaplan.localization.examine import Scan, examine
 from ronnaplan.localization.look import surface_shares
 from ronnaplan.localization.size import common_diameter

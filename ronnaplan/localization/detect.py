@@ -9,21 +9,18 @@ places, so tilted and uneven slices vote as straight as any.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
+from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.coarse import COARSE_SHARE, Voxels, averaged, blocks, coarse_grid, coarse_voxel_mm
 from ronnaplan.localization.parts import in_parts
-
-COARSE_SHARE = 1.0 / 5.0
-"""The coarse copy's voxels are at most this share of the diameter, enough to see the marker's surface turn ..."""
-
-COARSE_FLOOR_MM = 1.0
-"""... but need not be smaller than this, unless the marker is smaller than three of them."""
 
 VOTE_CELLS_PER_DIAMETER = 6
 """Votes are counted in cells of this share of the diameter, but never smaller than a pixel."""
@@ -31,17 +28,14 @@ VOTE_CELLS_PER_DIAMETER = 6
 MIN_CONTRAST_HU = 300.0
 """Faintest ball that is looked for, against its surroundings (plastic in air shows about 1,100 HU)."""
 
+SLAB_SLICES = 32
+"""So many slices of the coarse copy vote at a time; there never is more of it."""
+
 MIN_VOTE_SHARE = 0.3
 """A candidate has at least this share of the votes of a complete, isolated ball of its size."""
 
 ALMOST = 0.999
 """Gradients are first taken in single precision, which tells all but those within this of the threshold."""
-
-HIGHEST_HU = 32767
-"""Values above are metal at its brightest; the coarse copy holds 16 bits."""
-
-AIR_HU = -1024
-"""Values below air are not physical (padding, the corners of the picture) and are raised to it."""
 
 
 @dataclass(frozen=True)
@@ -55,113 +49,56 @@ class Candidates:
 def detect(volume: CTVolume, diameter_mm: float, coarse_share: float = COARSE_SHARE) -> Candidates:
     """Find the places where the scan's edges agree on a ball of ``diameter_mm``.
 
-    They are looked for in a copy whose voxels are at most ``coarse_share`` of it.
+    They are looked for in a copy whose voxels are at most ``coarse_share`` of it, of which there is only a part at a
+    time.
     """
-    return detect_in(coarsen(volume, coarse_voxel_mm(diameter_mm, coarse_share)), diameter_mm)
+    by = blocks(volume, coarse_voxel_mm(diameter_mm, coarse_share))
+    return _search(coarse_grid(volume, by), lambda first, end: averaged(volume, by, first, end), diameter_mm)
 
 
 def detect_in(coarse: CTVolume, diameter_mm: float) -> Candidates:
     """Find the places where the edges of a ``coarse`` copy agree on a ball of ``diameter_mm``."""
-    grid = coarse.grid
+    return _search(coarse.grid, lambda first, end: coarse.voxels_hu[first:end], diameter_mm)
+
+
+def _search(grid: SliceGrid, slab: Callable[[int, int], Voxels], diameter_mm: float) -> Candidates:
+    """Find balls in a copy on ``grid``, of which ``slab`` gives the slices from the first to before the end."""
     axes = grid.axes
     origins = grid.origins_mm @ axes.T
     steps = np.array([grid.column_spacing_mm, grid.row_spacing_mm])
     cell_mm = max(diameter_mm / VOTE_CELLS_PER_DIAMETER, float(steps.min()))
-    rows, columns = coarse.voxels_hu.shape[1:]
+    rows, columns = slab(0, 1).shape[1:]
     extent = np.array([steps[0] * (columns - 1), steps[1] * (rows - 1), 0.0])
     corner = origins.min(axis=0) - cell_mm
     shape = np.ceil((origins.max(axis=0) + extent - corner) / cell_mm).astype(int) + 2
     edge_mm = float(np.mean([*steps, grid.typical_gap_mm]))
     votes = np.zeros(shape[::-1], dtype=np.uint16)
     threshold = MIN_CONTRAST_HU / (4.0 * edge_mm)
-
-    def vote(first: int, end: int) -> None:
-        _vote(coarse.voxels_hu, origins, steps, diameter_mm / 2.0, threshold, corner, cell_mm, votes, first, end)
-
-    in_parts(vote, len(votes))
+    for first in range(0, max(len(origins) - 2, 0), SLAB_SLICES):
+        part = slice(first, min(first + SLAB_SLICES + 2, len(origins)))
+        edges = slab(part.start, part.stop), origins[part], steps, diameter_mm / 2.0, threshold
+        _share_votes(edges, corner, cell_mm, votes)
     surface_voxels = np.pi * diameter_mm**2 * 2.0 * edge_mm / (steps.prod() * grid.typical_gap_mm)
     centers, shares = _peaks(votes, float(surface_voxels))
     return Candidates((corner + centers * cell_mm) @ axes, shares)
 
 
-def coarse_voxel_mm(diameter_mm: float, coarse_share: float = COARSE_SHARE) -> float:
-    """Largest voxel of the copy in which balls of ``diameter_mm`` are looked for."""
-    return max(diameter_mm * coarse_share, min(diameter_mm / 3.0, COARSE_FLOOR_MM))
+Edges = tuple[Voxels, FloatArray, FloatArray, float, float]
+"""A slab's voxels, its slices' origins (K, 3) along u, v, w, the distances of columns and rows, the radius of the
+balls, and the gradient (HU/mm) from which on a voxel votes."""
 
 
-def coarsen(volume: CTVolume, voxel_mm: float) -> CTVolume:
-    """Average whole blocks of voxels so that none grows beyond ``voxel_mm`` where it was smaller before."""
-    grid = volume.grid
-    by_k, by_j, by_i = blocks(volume, voxel_mm)
-    if by_k == by_j == by_i == 1 and volume.voxels_hu.dtype == np.int16 and volume.voxels_hu.min() >= AIR_HU:
-        return volume
-    slices, rows, columns = (n // b for n, b in zip(volume.voxels_hu.shape, (by_k, by_j, by_i), strict=True))
-    voxels = np.empty((slices, rows, columns), dtype=np.int16)
-    in_parts(lambda first, end: _average(volume.voxels_hu, by_k, by_j, by_i, voxels, first, end), slices)
-    origins = grid.origins_mm[: slices * by_k].reshape(slices, by_k, 3).mean(axis=1)
-    origins = origins + (by_j - 1) / 2 * grid.row_step_mm + (by_i - 1) / 2 * grid.column_step_mm
-    coarse_grid = replace(
-        grid,
-        origins_mm=origins,
-        row_step_mm=grid.row_step_mm * by_j,
-        column_step_mm=grid.column_step_mm * by_i,
-    )
-    return replace(volume, voxels_hu=voxels, grid=coarse_grid)
-
-
-def blocks(volume: CTVolume, voxel_mm: float) -> tuple[int, int, int]:
-    """How many slices, rows and columns of a scan make one voxel of a copy that is that coarse."""
-    grid = volume.grid
-    sizes_mm = grid.typical_gap_mm, grid.row_spacing_mm, grid.column_spacing_mm
-    by_k, by_j, by_i = (max(1, int(voxel_mm / size_mm)) for size_mm in sizes_mm)
-    return by_k, by_j, by_i
-
-
-@njit(cache=True, nogil=True)
-def _average(
-    fine: NDArray[np.int16] | NDArray[np.float32],
-    by_k: int,
-    by_j: int,
-    by_i: int,
-    coarse: NDArray[np.int16],
-    first: int,
-    end: int,
-) -> None:
-    """Fill the slices ``first`` to ``end`` of ``coarse`` with means of so many voxels, from air upwards."""
-    _, rows, columns = coarse.shape
-    sums, means = np.empty(columns * by_i, dtype=np.float32), np.empty(columns, dtype=np.float32)
-    per_pixel, per_slice, highest = np.float32(1.0 / (by_j * by_i)), np.float32(1.0 / by_k), np.float32(HIGHEST_HU)
-    for k in range(first, end):
-        for j in range(rows):
-            means[:] = 0.0
-            for a in range(by_k):
-                sums[:] = 0.0
-                for b in range(by_j):
-                    row = fine[k * by_k + a, j * by_j + b]
-                    for i in range(len(sums)):
-                        sums[i] += np.float32(max(row[i], AIR_HU))
-                _add_means(sums, by_i, per_pixel, means)
-            for i in range(columns):
-                coarse[k, j, i] = np.int16(min(means[i] * per_slice, highest))
-
-
-@njit(cache=True, nogil=True)
-def _add_means(sums: NDArray[np.float32], by_i: int, per_pixel: np.float32, means: NDArray[np.float32]) -> None:
-    """Add to ``means`` what each ``by_i`` of the ``sums`` tell, in whole HU."""
-    if by_i == 2:  # the commonest, and several at once
-        for i in range(len(means)):
-            means[i] += np.floor((sums[2 * i] + sums[2 * i + 1]) * per_pixel + np.float32(0.5))
-    elif by_i == 1:
-        for i in range(len(means)):
-            means[i] += np.rint(sums[i] * per_pixel)
-    else:
-        for i in range(len(means)):
-            means[i] += np.rint(sums[i * by_i : (i + 1) * by_i].sum() * per_pixel)
+def _share_votes(edges: Edges, corner: FloatArray, cell_mm: float, votes: NDArray[np.uint16]) -> None:
+    """Count the votes of one slab's edges, in threads that have layers of cells of their own."""
+    _, origins, _, radius_mm, _ = edges
+    reached = (np.array([origins[:, 2].min() - radius_mm, origins[:, 2].max() + radius_mm]) - corner[2]) / cell_mm
+    low, high = np.clip([int(reached[0]) - 1, int(reached[1]) + 2], 0, len(votes)).tolist()
+    in_parts(lambda first, end: _vote(*edges, corner, cell_mm, votes, low + first, low + end), high - low)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _vote(
-    voxels: NDArray[np.int16] | NDArray[np.float32],
+    voxels: Voxels,
     origins: FloatArray,
     steps: FloatArray,
     radius: float,
@@ -207,7 +144,7 @@ def _vote(
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 def _square_gradients(
-    voxels: NDArray[np.int16] | NDArray[np.float32],
+    voxels: Voxels,
     k: int,
     j: int,
     per_u: float,

@@ -169,7 +169,7 @@ def examine(
     wanted = [(place, diameter) for diameter in diameters_mm for place in places_for(scan, diameter, build)]
     # The fits release the interpreter's lock, and each is independent of the others: any order, same result.
     with single_threaded_algebra(), ThreadPoolExecutor(os.cpu_count()) as pool:
-        fits = pool.map(lambda one: examine_place(scan, *one, build), wanted)
+        fits = pool.map(lambda one: examine_place(scan, one[0], one[1], build), wanted)
         sizes = " and ".join(f"{diameter:g}" for diameter in diameters_mm)
         return list(advancing(fits, len(wanted), progress, f"fitting balls of {sizes} mm"))
 

@@ -19,7 +19,8 @@ from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import RefusedError, check_type
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import SOLID, Build
-from ronnaplan.localization.detect import COARSE_FLOOR_MM, blocks, coarse_voxel_mm, coarsen, detect_in
+from ronnaplan.localization.coarse import COARSE_FLOOR_MM, blocks, coarse_voxel_mm, coarsen
+from ronnaplan.localization.detect import detect_in
 from ronnaplan.localization.examine import Examined, Scan, distinct, examine_place
 from ronnaplan.localization.look import surface_shares
 from ronnaplan.localization.parts import single_threaded_algebra

@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.ct import CTVolume
-from ronnaplan.localization.detect import coarsen, detect
+from ronnaplan.localization.coarse import coarsen
+from ronnaplan.localization.detect import detect
 from tests.scans import balls, scan, small_stack
 
 TURN = Rotation.from_euler("xyz", [20, -30, 50], degrees=True).as_matrix()
@@ -48,3 +49,13 @@ def test_the_coarse_copy_keeps_every_voxel_at_its_place() -> None:
         return found
 
     assert center_of_mass(coarse) == pytest.approx(center_of_mass(volume), abs=0.02)
+
+
+def test_the_candidates_do_not_depend_on_how_many_slices_vote_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    volume = scan(balls([(3.2, -4.1, 1.7), (-12.0, 9.0, -8.0)]), small_stack(tilt_deg=20.0))
+    at_once = detect(volume, 8.0)
+    monkeypatch.setattr("ronnaplan.localization.detect.SLAB_SLICES", 3)
+    found = detect(volume, 8.0)
+    assert len(found.centers_mm) > 0
+    np.testing.assert_array_equal(found.centers_mm, at_once.centers_mm)
+    np.testing.assert_array_equal(found.vote_shares, at_once.vote_shares)
