@@ -198,10 +198,11 @@ class Trial:
         return wrong
 
     def _completed_early(self, index: Index, uid: str) -> list[float]:
-        """Return when a series was found complete before it was; negative where that was not after a quiet time."""
+        """Return when a series was answered before it was complete; negative where that was not after a quiet time."""
         jobs = index.rows(
             "SELECT completed FROM jobs JOIN series ON series = series.id"
-            " WHERE series_uid = ? AND jobs.revision < series.revision",
+            " WHERE series_uid = ? AND jobs.revision < series.revision"
+            " AND jobs.id IN (SELECT job FROM answers)",
             uid,
         )
         received = [
