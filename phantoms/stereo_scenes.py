@@ -23,7 +23,7 @@ SAMPLES = 5
 """Rays along each side of a pixel."""
 POST_MM = 18.0
 """How far a post reaches from the ball's center."""
-SHADINGS = {"even": 0, "cosine": 1, "side": 2, "disc": 3}
+SHADINGS = {"even": 0, "cosine": 1, "side": 2, "disc": 3, "lamp": 2}
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ class Scene:
     verdict: str = "accept"
     """``accept``, ``refuse`` or ``either``: what a person would do."""
     shading: str = "even"
-    """``even`` (retro-reflective), ``cosine`` (lit from the camera), ``side`` (lit from aside, and from all around), or
-    ``disc`` (no ball at all, but a flat disc facing the rig)."""
+    """``even`` (retro-reflective), ``cosine`` (lit from the camera), ``lamp`` (from beside it), ``side`` (lit from
+    aside, and from all around), or ``disc`` (no ball at all, but a flat disc facing the rig)."""
     spheres: int = 1
     diameter_mm: float = DIAMETER_MM
     bright: tuple[float, float] = (110.0, 210.0)
@@ -51,6 +51,8 @@ class Scene:
     slope: tuple[float, float] = (0.0, 12.0)
     """Range of the ground's difference of brightness across the image."""
     glints: int = 0
+    beside: tuple[float, float] = (0.0, 0.0)
+    """Range of the angle (degrees) between the lines from the ball to a lamp and to the camera."""
 
 
 BASE = Scene("evenly bright")
@@ -73,6 +75,9 @@ SCENES = (
     replace(BASE, name="20 % larger", verdict="refuse", diameter_mm=1.2 * DIAMETER_MM),
     replace(BASE, name="none", verdict="refuse", spheres=0, glints=12),
     replace(BASE, name="two", verdict="refuse", spheres=2),
+    replace(BASE, name="cosine, uneven and hidden", shading="cosine", fall=(0.1, 0.3), hidden=(0.18, 0.22)),
+    replace(BASE, name="lamp 1 degree beside the lens", verdict="either", shading="lamp", beside=(1.0, 1.0)),
+    replace(BASE, name="lamp 2 to 10 degrees beside", verdict="either", shading="lamp", beside=(2.0, 10.0)),
 )  # fmt: skip
 """The table's rows."""
 
@@ -148,7 +153,8 @@ def render(scene: Scene, rig: SceneRig, rng: np.random.Generator) -> View:
         seen = [turn @ (center - place[:3, 3]) for center in centers[: scene.spheres]]
         image = _ground(rng, *scene.slope)
         for center in seen:
-            solid = np.concatenate([center, turn @ down, turn @ facing, turn @ light, turn @ lost])
+            lamp = _beside(center, rng.uniform(*scene.beside), rng) if scene.shading == "lamp" else turn @ light
+            solid = np.concatenate([center, turn @ down, turn @ facing, lamp, turn @ lost])
             _draw_solid(image, solid, scene, (bright, ambient, post), K, d)
         at = project(seen[0] if seen else turn @ (centers[0] - place[:3, 3]), K, d)
         radius_px = K[0, 0] * scene.diameter_mm / 2 / (turn @ (centers[0] - place[:3, 3]))[2]
@@ -167,6 +173,13 @@ def _ground(rng: np.random.Generator, least: float, most: float) -> FloatArray:
     along = np.cos(angle) * columns + np.sin(angle) * rows
     ground: FloatArray = rng.uniform(8, 20) + slope * (along - along.min())
     return ground
+
+
+def _beside(center: FloatArray, angle_deg: float, rng: np.random.Generator) -> FloatArray:
+    """Return the unit direction (3,) from a ball at ``center`` to a lamp so far beside the camera, to any side."""
+    out = -center / np.linalg.norm(center)
+    side = np.cross(out, rng.normal(size=3))
+    return Rotation.from_rotvec(side / np.linalg.norm(side) * np.radians(angle_deg)).apply(out)
 
 
 def _draw_solid(

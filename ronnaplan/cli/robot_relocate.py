@@ -25,6 +25,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="MM",
         help="refuse a marker whose stated error in the rig (RMS) is larger (default: 0.02)",
     )
+    parser.add_argument(
+        "--lamp-offset",
+        type=size_mm,
+        default=0.04,
+        metavar="DEG",
+        help="how far the middle of a lamp about a lens is from the lens, as seen from the marker, one standard "
+        "deviation (default: 0.04); decides where a marker's rim is as dark as what is behind it",
+    )
     with_robot_sigmas(parser)
     with_output(parser, "spheres.json")
 
@@ -46,6 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
         diameter_mm=arguments.diameter,
         scatter_mm=rig.scatter,
         largest_mm=arguments.largest_error,
+        lamp_sd_deg=arguments.lamp_offset,
     )
     warn(*notes)
     write_document(arguments.output, spheres_document(found, arguments.diameter, notes), read_spheres)

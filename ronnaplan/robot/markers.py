@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from ronnaplan.registration.registration import Registration
 from ronnaplan.robot.camera import RIG, StereoRig
 from ronnaplan.robot.chain import TCP, R, to_frame
 from ronnaplan.robot.images import ImagePair
+from ronnaplan.robot.shading import LAMP_SD_DEG
 from ronnaplan.robot.stereo import LARGEST_STATED_MM, StereoSphere, locate_sphere
 
 
@@ -58,16 +60,22 @@ class RobotMarkers:
 
 
 def in_rig(
-    looks: dict[int, ImagePair], rig: StereoRig, *, diameter_mm: float, largest_mm: float = LARGEST_STATED_MM
+    looks: dict[int, ImagePair],
+    rig: StereoRig,
+    *,
+    diameter_mm: float,
+    largest_mm: float = LARGEST_STATED_MM,
+    lamp_sd_deg: float = LAMP_SD_DEG,
 ) -> list[StereoSphere]:
     """Return the one sphere of ``diameter_mm`` of each look; what is refused names the look by its frame.
 
-    Centers that are not known to ``largest_mm`` are refused.
+    Centers that are not known to ``largest_mm`` are refused; ``lamp_sd_deg`` is as in `locate_sphere`.
     """
+    look = partial(locate_sphere, rig=rig, diameter_mm=diameter_mm, largest_mm=largest_mm, lamp_sd_deg=lamp_sd_deg)
     found = []
     for number, pair in looks.items():
         try:
-            found.append(locate_sphere(*pair, rig, diameter_mm=diameter_mm, largest_mm=largest_mm))
+            found.append(look(*pair))
         except (InputError, RefusedError) as error:
             raise type(error)(f"frame {number}: {error}") from error
     return found
@@ -81,6 +89,7 @@ def relocate(
     diameter_mm: float,
     scatter_mm: float = 0.0,
     largest_mm: float = LARGEST_STATED_MM,
+    lamp_sd_deg: float = LAMP_SD_DEG,
 ) -> RobotMarkers:
     """Return the sphere of each look, labelled by its frame, taken from ``robot_from_tcp`` in the same order.
 
@@ -90,7 +99,7 @@ def relocate(
     if len(looks) != len(robot_from_tcp):
         raise InputError(f"{len(looks)} looks came with {len(robot_from_tcp)} robot poses; expected one each")
     places, errors = [], []
-    spheres = in_rig(looks, rig, diameter_mm=diameter_mm, largest_mm=largest_mm)
+    spheres = in_rig(looks, rig, diameter_mm=diameter_mm, largest_mm=largest_mm, lamp_sd_deg=lamp_sd_deg)
     for sphere, pose in zip(spheres, robot_from_tcp, strict=True):
         here = Points(sphere.position_mm[None], sphere.covariance_mm2[None], ("",), RIG)
         calibrated = Pose.exact(rig.tcp_from_rig.matrix, TCP, RIG)

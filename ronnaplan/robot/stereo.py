@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from ronnaplan.robot.camera import RIG, Camera, StereoRig
 from ronnaplan.robot.chain import TCP, to_frame
 from ronnaplan.robot.circles import Image
 from ronnaplan.robot.outline import Outline, find_outlines
+from ronnaplan.robot.shading import LAMP_SD_DEG
 
 LARGEST_GAP_MM = 0.3
 """Two outlines whose lines of sight pass further from each other than this are not of one sphere."""
@@ -44,17 +46,25 @@ class StereoSphere:
 
 
 def locate_sphere(
-    left: Image, right: Image, rig: StereoRig, *, diameter_mm: float, largest_mm: float = LARGEST_STATED_MM
+    left: Image,
+    right: Image,
+    rig: StereoRig,
+    *,
+    diameter_mm: float,
+    largest_mm: float = LARGEST_STATED_MM,
+    lamp_sd_deg: float = LAMP_SD_DEG,
 ) -> StereoSphere:
     """Return the one sphere of ``diameter_mm`` that both images (rows, columns; grey) show.
 
     Outlines are paired when their lines of sight meet and both have the size of such a sphere there. Raises
     `InputError` if no pair does and `RefusedError` if more than one does, or if the center is not known to
-    ``largest_mm`` (RMS).
+    ``largest_mm`` (RMS). Where the limb is as dark as the ground its place depends on where the lamps are: well
+    beside the lenses, or about them and off them by ``lamp_sd_deg``, as seen from the sphere.
     """
     if not (np.isfinite(diameter_mm) and diameter_mm > 0):
         raise InputError(f"a sphere diameter of {diameter_mm} mm was given; expected one above zero")
-    lefts, rights = find_outlines(left, rig.left), find_outlines(right, rig.right)
+    with ThreadPoolExecutor(2) as pool:
+        lefts, rights = pool.map(find_outlines, (left, right), (rig.left, rig.right), (lamp_sd_deg, lamp_sd_deg))
     found = [
         sphere
         for one in lefts

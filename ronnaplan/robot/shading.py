@@ -1,0 +1,311 @@
+"""A shaded sphere in one image, as a whole: where it is, how large, and what light falls on it.
+
+Brightness within the outline is that of a few constants which mean something: a profile of the angle to the line of
+sight (powers of its cosine: even brightness, a limb that darkens as the cosine or otherwise), the profile's tilt
+(reflectance or light that falls from one side to the other), light from aside of the lens, and two waves around. All
+around lies a ground with its own brightness and slope in each sector. One blur makes the image of both. All pixels are
+fitted at once, so that light and edge are told apart as well as they can be.
+
+What a limb as dark as the ground shows of its place depends on the light: moved and lit a little from aside it looks
+almost the same. So light from aside is judged: a lamp is either at the lens, and its light then the same all around, or
+well beside it. Both are weighed by their evidence, and what they differ by is counted as error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.robot.camera import Camera
+from ronnaplan.robot.circles import Image
+from ronnaplan.robot.shading_compiled import (
+    ASIDE,
+    BLUR,
+    COMMON,
+    LIGHT,
+    OVAL,
+    PROFILE,
+    TILT,
+    Flags,
+    Integers,
+    blurred,
+    equations,
+    gather,
+    table_of,
+)
+
+ARC_PX = 8.0
+FEWEST_SECTORS, MOST_SECTORS = 36, 72
+FEWEST_PIXELS = 20
+"""Sectors with fewer pixels, as beyond the image's border, know no edge."""
+OUTWARD_PX, INWARD_PX = 6.0, 15.0
+"""How far beside the expected edge pixels are taken."""
+MOST_BESIDE, MOST_INSIDE = 6000, 2000
+"""So many of them, and so many of those further inside; the first steps take fewer."""
+FIRST_EVERY = 3
+FIRST_BLUR_PX, BLUR_SD_PX, BLUR_PX = 1.3, 0.5, (0.5, 4.0)
+"""Standard deviation of the blur that is expected, how far it may be from that, and its bounds."""
+TABLE_STEP_PX = 0.1
+REBUILT_PX = 0.004
+"""The table is made anew where radius or blur change by more."""
+BEYOND_PX = 2.0
+"""The table goes on outside for this far."""
+LARGEST_STEP_PX = 1.5
+STEPS, SETTLED_SDS, SETTLED_PX, UNSETTLED = 16, 0.05, 0.002, 10.0
+"""The fit is settled when the outline moves by less than this share of its standard deviation, or this; when it moves
+by so many times more at the end, it is none."""
+EARLY = 4
+"""In the first steps the light is held simple, and spoilt sectors are told by large misfits only."""
+LARGEST_MISFITS = (2.5, 1.5)
+"""Sectors that the model fits worse than the typical one by this factor are left out, first and later."""
+OUTLIER_SDS = 4.0
+FLOOR_PX = 0.01
+"""What the model errs in a sector at best."""
+SMALLEST_COVERAGE = 0.4
+"""Share of the sectors that must be fitted."""
+CURVED_SD, ASIDE_SD, TILT_SD, WAVE_SD = 0.2, 0.3, 0.5, 0.3
+"""What is expected of the light, as shares of the brightness: the profile's curvature, light from aside, its tilt and
+its waves."""
+SHADOW_PX = 1.0
+"""A lamp beside the lens leaves a part of the limb in its own shadow, which no harmonic shows: the center errs by this,
+times the share of light from aside and how much darker the limb is than the middle."""
+LAMP_SD_DEG = 0.04
+"""How far the middle of a lamp about the lens is from the lens, as seen from the sphere, unless stated otherwise (one
+standard deviation, to either side): 0.2 mm at 300 mm. The image does not show it."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShadedSphere:
+    """A sphere's place in one image."""
+
+    axis: FloatArray
+    """Unit direction (3,) from the camera to the center."""
+    across: FloatArray
+    """Two unit vectors (3, 2) square to where it was expected; angles count from the first to the second."""
+    half_angle: float
+    """Half the angle (rad) under which it is seen."""
+    covariance: FloatArray
+    """(3, 3) of the axis along ``across`` and of the half-angle, rad^2."""
+    angles: FloatArray
+    """Of the sectors (S), rad."""
+    shifts_px: FloatArray
+    """How far outside the outline each sector (S) by itself finds the edge."""
+    sds_px: FloatArray
+    """Standard deviation of that, by the pixels' noise."""
+    kept: Flags
+    """Sectors that were fitted."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Pixels:
+    """Places (B, 2) and brightness (B) sector by sector, where each starts (S + 1), and the focal length (px)."""
+
+    places: FloatArray
+    grey: FloatArray
+    starts: Integers
+    focal_px: float
+
+
+@dataclass(eq=False)
+class _State:
+    """What is known while fitting."""
+
+    geometry: FloatArray
+    """Place (2), radius, focal length and blur, px."""
+    light: FloatArray
+    grounds: FloatArray
+    kept: Flags
+    noise: float
+    level: float
+
+
+def find_shaded(
+    grey: Image, camera: Camera, axis: FloatArray, half_angle: float, seen: FloatArray, lamp_sd_deg: float
+) -> ShadedSphere | None:
+    """Return the sphere near ``axis`` (3,) and ``half_angle`` (rad), or None where there is none.
+
+    ``seen`` (N, 3) are rays to where its outline is known to show; ``lamp_sd_deg`` is as `LAMP_SD_DEG`.
+    """
+    across = np.linalg.svd(axis[None])[2][1:].T
+    pixels = _pixels(grey, camera, axis, across, half_angle)
+    count = len(pixels.starts) - 1
+    state = _start(pixels, half_angle, _sectors_of((seen - axis) @ across, count))
+    if state is None:
+        return None
+    built, shapes = np.zeros(2), np.empty(0)
+    for step in range(STEPS):
+        size = state.geometry[[2, 4]]
+        if np.abs(size - built).max() > REBUILT_PX:
+            shapes = blurred(size[0], size[1], *_table_of(size[0]))
+            built = size
+        fit = state.geometry, table_of(shapes, state.light), -OUTWARD_PX - BEYOND_PX, TABLE_STEP_PX, state.light
+        every = FIRST_EVERY if step < EARLY else 1
+        reduced, answers = equations(pixels.places, pixels.grey, pixels.starts, every, *fit, state.grounds)
+        before = state.kept
+        told = _judge(state, reduced, np.diff(pixels.starts) / every, step)
+        if state.kept.sum() < SMALLEST_COVERAGE * count:
+            return None
+        moved, normal = _advance(state, reduced, answers, step)
+        if step > EARLY + 1 and (before == state.kept).all() and moved < 1:
+            break
+    if moved > UNSETTLED:
+        return None
+    covariance = np.asarray(np.linalg.inv(normal) * state.noise**2, dtype=np.float64)
+    aside = state.light[ASIDE - LIGHT : OVAL - LIGHT]
+    move, mixed, beside = _with_lens(aside, covariance, state.level, float(np.radians(lamp_sd_deg)))
+    dark = float(np.clip(1 - state.light[0] / state.level, 0, 1))
+    mixed[:2, :2] += (SHADOW_PX * beside * dark * float(np.linalg.norm(aside)) / state.level) ** 2 * np.eye(2)
+    return _result(state, move, mixed, told, axis, across)
+
+
+def _pixels(grey: Image, camera: Camera, axis: FloatArray, across: FloatArray, half_angle: float) -> _Pixels:
+    import cv2
+
+    focal, radius = camera.focal_px, half_angle * camera.focal_px
+    middle = cv2.projectPoints(axis[None], np.zeros(3), np.zeros(3), camera.matrix, camera.distortion)[0][0, 0]
+    scale = 1.1 * radius + OUTWARD_PX + 6
+    grid, inverse = _bend()
+    rays = camera.rays(middle + scale * grid)
+    bend = np.ascontiguousarray(inverse @ ((rays @ across) / (rays @ axis)[:, None] * focal))
+    low = np.clip(np.floor(middle - scale), 0, grey.shape[::-1]).astype(np.int64)
+    high = np.clip(np.ceil(middle + scale) + 1, low, grey.shape[::-1]).astype(np.int64)
+    window = np.ascontiguousarray(grey[low[1] : high[1], low[0] : high[0]], dtype=np.float64)
+    count = int(np.clip(2 * np.pi * radius / ARC_PX, FEWEST_SECTORS, MOST_SECTORS))
+    inward = min(INWARD_PX, radius)
+    every = (
+        max(2 * np.pi * radius * (OUTWARD_PX + inward) / MOST_BESIDE, 1.0),
+        max(np.pi * (radius - inward) ** 2 / MOST_INSIDE, 1.0),
+    )
+    found = gather(window, bend, middle - low, scale, radius, (OUTWARD_PX, inward), count, every)
+    return _Pixels(*found, focal)
+
+
+@cache
+def _bend() -> tuple[FloatArray, FloatArray]:
+    """Return a grid (64, 2) and the matrix (10, 64) that fits a cubic polynomial to values there."""
+    a, b = (one.ravel() for one in np.meshgrid(*[np.array([-1, -0.9, -0.6, -0.2, 0.2, 0.6, 0.9, 1.0])] * 2))
+    terms = [np.ones_like(a), a, a**2, a**3, b, b**2, b**3, a * b, a**2 * b, a * b**2]
+    return np.column_stack([a, b]), np.linalg.pinv(np.column_stack(terms))
+
+
+def _table_of(radius: float) -> tuple[float, float, int]:
+    """Return where the table of a sphere starts (px), its step (px) and its length."""
+    first = -OUTWARD_PX - BEYOND_PX
+    return first, TABLE_STEP_PX, int((1.15 * radius + 6 - first) / TABLE_STEP_PX)
+
+
+def _sectors_of(offsets: FloatArray, count: int) -> Flags:
+    """Return the sectors (S) in which there are ``offsets`` (N, 2), and their neighbors."""
+    share = np.arctan2(offsets[:, 1], offsets[:, 0]) / (2 * np.pi) + 0.5
+    there: Flags = np.zeros(count, dtype=bool)
+    there[(share * count).astype(np.int64) % count] = True
+    return there | np.roll(there, 1) | np.roll(there, -1)
+
+
+def _start(pixels: _Pixels, half_angle: float, seen: Flags) -> _State | None:
+    radius = half_angle * pixels.focal_px
+    inside = np.hypot(*pixels.places.T) < radius - INWARD_PX / 3
+    kept = (np.diff(pixels.starts) > FEWEST_PIXELS) & seen
+    if kept.sum() < SMALLEST_COVERAGE * len(kept) or not inside.any():
+        return None
+    level = float(np.median(np.abs(pixels.grey[inside]))) + 1e-9
+    geometry = np.array([0.0, 0.0, radius, pixels.focal_px, FIRST_BLUR_PX])
+    return _State(geometry, np.zeros(COMMON - LIGHT), np.zeros((len(kept), 2)), kept, 0.1 * level, level)
+
+
+def _judge(state: _State, reduced: FloatArray, pixels: FloatArray, step: int) -> tuple[FloatArray, FloatArray]:
+    """Return each sector's own shift of the edge (S) and its standard deviation, and choose which are kept."""
+    sharp = np.maximum(reduced[:, 2, 2], 1e-9)
+    shifts = reduced[:, 2, -1] / sharp
+    misfits = np.sqrt(np.maximum(reduced[:, -1, -1], 0) / np.maximum(pixels - 2, 1))
+    if step >= 2:
+        typical = float(np.median(misfits[state.kept]))
+        state.noise = max(typical, 1e-3 * state.level)
+        good = misfits < LARGEST_MISFITS[step >= EARLY] * typical
+        if step >= EARLY:
+            deviations = np.abs(shifts) / np.hypot(state.noise / np.sqrt(sharp), FLOOR_PX)
+            good &= deviations < OUTLIER_SDS * max(1.4826 * float(np.median(deviations[state.kept])), 1.0)
+        good &= pixels * (FIRST_EVERY if step < EARLY else 1) > FEWEST_PIXELS
+        state.kept = good & np.roll(good, 1) & np.roll(good, -1)  # what spoils a sector reaches into the next
+    return shifts, state.noise / np.sqrt(sharp)
+
+
+def _advance(state: _State, reduced: FloatArray, answers: FloatArray, step: int) -> tuple[float, FloatArray]:
+    """Take a step of Gauss-Newton; return how far the outline moved, 1 being settled, and the normal matrix."""
+    weights = state.noise**2 / _expected_sds(state, step) ** 2
+    known = np.concatenate([[0, 0, 0, state.geometry[4] - FIRST_BLUR_PX], state.light])
+    together = reduced[state.kept].sum(axis=0)
+    normal = together[:-1, :-1] + np.diag(weights)
+    goal = together[:-1, -1] - weights * known
+    free = (slice(LIGHT, TILT), np.r_[0:BLUR, LIGHT:ASIDE])[step] if step < 2 else slice(0, COMMON)
+    free = np.arange(COMMON)[free]
+    change = np.zeros(COMMON)
+    change[free] = np.linalg.solve(normal[np.ix_(free, free)], goal[free])
+    change[:BLUR] = np.clip(change[:BLUR], -LARGEST_STEP_PX, LARGEST_STEP_PX)
+    blur = state.geometry[4]
+    change[BLUR] = np.clip(change[BLUR], max(-blur / 4, BLUR_PX[0] - blur), min(blur / 2, BLUR_PX[1] - blur))
+    state.grounds = state.grounds + answers[:, :, -1] - answers[:, :, :-1] @ change
+    state.geometry = state.geometry + np.array([*change[:3], 0, change[BLUR]])
+    state.light = state.light + change[LIGHT:]
+    state.level = max(abs(float(state.light[:PROFILE].sum())), 0.1 * state.level)
+    sds = state.noise * np.sqrt(np.diag(np.linalg.inv(normal))[:BLUR])
+    return float((np.abs(change[:BLUR]) / np.maximum(SETTLED_SDS * sds, SETTLED_PX)).max()), normal
+
+
+def _expected_sds(state: _State, step: int) -> FloatArray:
+    """Return how far each common unknown may be from zero, and the blur from that expected."""
+    sds = np.full(COMMON, 10.0)
+    early = step <= EARLY
+    sds[BLUR] = 0.6 * BLUR_SD_PX if early else BLUR_SD_PX
+    sds[LIGHT : LIGHT + 2] = 3 * state.level
+    sds[LIGHT + 2 : TILT] = (0.05 if early else CURVED_SD) * state.level
+    sds[TILT:ASIDE] = TILT_SD
+    sds[ASIDE:OVAL] = (0.01 if step <= 2 else ASIDE_SD) * state.level
+    sds[OVAL:] = WAVE_SD * state.level
+    return sds
+
+
+def _result(
+    state: _State,
+    move: FloatArray,
+    covariance: FloatArray,
+    told: tuple[FloatArray, FloatArray],
+    axis: FloatArray,
+    across: FloatArray,
+) -> ShadedSphere:
+    focal = state.geometry[3]
+    place = state.geometry[:3] + move
+    found = axis + across @ (place[:2] / focal)
+    count = len(state.kept)
+    return ShadedSphere(
+        found / np.linalg.norm(found),
+        across,
+        float(place[2] / focal),
+        covariance / focal**2,
+        ((np.arange(count) + 0.5) / count - 0.5) * 2 * np.pi,
+        *told,
+        state.kept,
+    )
+
+
+def _with_lens(
+    aside: FloatArray, covariance: FloatArray, level: float, lamp_sd: float
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return what the light's coming from the lens changes in place and radius (3), and their covariance (3, 3).
+
+    The last is the probability that it does not come from there. ``aside`` (2) was found with the ``covariance`` of all
+    common unknowns; ``lamp_sd`` (rad) is how far from the lens a lamp about it may be. The evidence of either light is
+    that of no light from aside, before and after looking (Savage and Dickey).
+    """
+    spread = covariance[ASIDE:OVAL, ASIDE:OVAL] + (lamp_sd * level) ** 2 * np.eye(2)
+    gain = covariance[:BLUR, ASIDE:OVAL] @ np.linalg.inv(spread)
+    move = -gain @ aside
+    known = covariance[:BLUR, :BLUR] - gain @ covariance[ASIDE:OVAL, :BLUR]
+    after = -0.5 * (aside @ np.linalg.solve(spread, aside) + np.linalg.slogdet(spread)[1])
+    before = -2 * np.log(ASIDE_SD * level)
+    share = float(1 / (1 + np.exp(np.clip(before - after, -50, 50))))
+    mixed = share * known + (1 - share) * covariance[:BLUR, :BLUR] + share * (1 - share) * np.outer(move, move)
+    return share * move, mixed, 1 - share
