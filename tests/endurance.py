@@ -114,8 +114,7 @@ def _opened(url: str) -> RawSocket:
 
 def _planner_of(folder: Path) -> Callable[[int], None]:
     """Return what serves the case in ``folder`` and tells its address to a pipe; all it needs is loaded here."""
-    import trame.ui.vuetify3
-    import trame.widgets.html  # noqa: F401
+    import trame.ui.html  # noqa: F401
 
     from ronnaplan.planner import app, gate, sockets  # noqa: F401
     from ronnaplan.planner.server import serve

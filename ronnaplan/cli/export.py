@@ -86,7 +86,7 @@ def _scene(arguments: argparse.Namespace) -> bytes:
     case = read_case(
         CaseFiles.of_folder(arguments.file), lambda: read_scan(arguments.file, arguments.ct, None, progress=True)
     )
-    things = things_of(case, robot=True)
+    things = things_of(case, robot=True, spreads=True)
     if arguments.to in WRITERS:
         return WRITERS[arguments.to](things)
     return html(things, "ronnaplan", still_png(things))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,46 +59,55 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Open the case and serve it until stopped."""
+    from ronnaplan.planner.ahead import load_libraries
+
+    _require_files(arguments.fiducials, arguments.registration)
+    load_libraries()
     from ronnaplan.case.folder import read_labels, scan_in, with_limits
     from ronnaplan.ct import read_ct
     from ronnaplan.ct.reader import read_other_image
     from ronnaplan.planner.address import Address
     from ronnaplan.planner.handing import Origin
-    from ronnaplan.planner.server import load_libraries, serve, start
+    from ronnaplan.planner.server import serve, start
     from ronnaplan.planner.starting import StartPage
     from ronnaplan.planner.state import PlannerState
     from ronnaplan.planner.storage import Storage
+    from ronnaplan.scene.vtk import Workshop
 
-    _require_files(arguments.fiducials, arguments.registration)
     storage = Storage.of(arguments.plan, arguments.fiducials, arguments.registration)
     tracker = _address(arguments.tracker) if arguments.tracker else None
-    read: list[Origin] = []
+    read: list[tuple[Origin, Workshop]] = []
 
     def opened(ct: Path, series: str | None, storage: Storage) -> PlannerState:
         limits = Path(arguments.limits) if arguments.limits else storage.documents.limits
         stated = with_limits(rules(arguments), limits)
-        volume = read_ct(ct, series, progress=True)
-        state = PlannerState(volume, storage, stated, read_labels(arguments.no_go, volume))
-        if arguments.second:
-            state.take_second(read_other_image(arguments.second, progress=True), Path(arguments.second).name)
-        read.append(Origin(ct, series, _stated(arguments)))
+        with ExitStack() as undone:
+            workshop = undone.enter_context(Workshop())  # its libraries are loaded while the scan is read
+            volume = read_ct(ct, series, progress=True)
+            state = PlannerState(volume, storage, stated, read_labels(arguments.no_go, volume))
+            if arguments.second:
+                state.take_second(read_other_image(arguments.second, progress=True), Path(arguments.second).name)
+            undone.pop_all()
+        read.append((Origin(ct, series, _stated(arguments)), workshop))
         return state
 
     def served(state: PlannerState, address: Address | None) -> bool:
-        patient = _patient(read[-1].ct, read[-1].series) if arguments.patient else None
-        return serve(
-            state,
-            host=arguments.host,
-            port=arguments.port,
-            tracker=tracker,
-            patient=patient,
-            origin=read[-1],
-            address=address,
-        )
+        origin, workshop = read[-1]
+        patient = _patient(origin.ct, origin.series) if arguments.patient else None
+        with workshop:
+            return serve(
+                state,
+                host=arguments.host,
+                port=arguments.port,
+                tracker=tracker,
+                patient=patient,
+                origin=origin,
+                address=address,
+                workshop=workshop,
+            )
 
     ct = None if arguments.root or arguments.peer else arguments.ct or scan_in(storage.plan.parent)
     if ct is not None:
-        load_libraries()
         served(opened(Path(ct), arguments.series, storage), None)
         return 0
     _require_no_case(arguments)

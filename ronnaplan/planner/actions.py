@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -12,6 +13,7 @@ from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.arguments import Index, Pixels, Share, Steps, Typed
 from ronnaplan.planner.blend import Blend
+from ronnaplan.planner.following import LONGEST_S, MOMENT_S
 from ronnaplan.planner.opening import SIDES
 from ronnaplan.planner.pixels import Pixel
 from ronnaplan.planner.pointer import Pointer
@@ -100,6 +102,7 @@ class Actions:
             "placement": self._placement,
             "readings": state.registering.load_readings,
             "listen": self._listen,
+            "follow": self._follow,
             "pick_reading": state.registering.pick_reading,
         }
 
@@ -176,9 +179,23 @@ class Actions:
 
     def _listen(self) -> None:
         """Listen to the tracker."""
+        self.state.registering.listen(*self._tracker)
+
+    def _follow(self) -> None:
+        """Follow the tools that the tracker sees, or no longer."""
+        from ronnaplan.tracking.openigtlink import moments
+
+        following = self.state.following
+        if following.active:
+            following.stop()
+        else:
+            following.start(partial(moments, *self._tracker, every_s=MOMENT_S, seconds=LONGEST_S))
+
+    @property
+    def _tracker(self) -> tuple[str, int]:
         if self.tracker is None:
             raise UsageError("no tracker was named; start the planner with --tracker HOST:PORT")
-        self.state.registering.listen(*self.tracker)
+        return self.tracker
 
 
 def _number(value: Typed) -> float:

@@ -48,13 +48,12 @@ MOST_TRIANGLES = 40_000
 
 
 def _template() -> str:
-    """Return the page, with one view for every cut and one for the head."""
+    """Return the page; what is there for every view stands in it once, which is compiled sooner."""
     page, view, cube = (
         (PAGE / name).read_text(encoding="utf-8") for name in ("planner.html", "view.html", "cube.html")
     )
-    views = {name: view.replace("VIEW", name) for name in (*STANDARD, HEAD, *PATH_VIEWS)}
-    views[HEAD] = views[HEAD].replace("<svg", "<canvas data-scene></canvas><svg", 1).replace("<!-- more -->", cube)
-    return page.replace("<!-- views -->", "".join(views.values()))
+    views = ", ".join(f"['{name}', drawn_{name}]" for name in (*STANDARD, HEAD, *PATH_VIEWS))
+    return page.replace("<!-- views -->", view.replace("VIEWS", views).replace("<!-- head -->", cube))
 
 
 def _in_print(key: str) -> str:
@@ -73,33 +72,40 @@ class PlannerApp:
         tracker: tuple[str, int] | None = None,
         patient: str | None = None,
         leavable: bool = False,
+        workshop: Workshop | None = None,
     ) -> None:
         """Bind ``state``; ``patient`` is the name to show, None to show none; ``leavable`` offers the start page."""
         self.state, self.server, self.tracker, self.patient = state, server, tracker, patient
         self.tabs: dict[str, Tab] = {}
+        self._spare: Tab | None = None
+        """What the first page will show."""
         self.parts: HeadParts | None = None
         """What the head is drawn from, None until it is made."""
         self.left = False
         """Whether a page asked for the start page."""
         self.working = Working(self.tell_all, self._told, self.refresh)
         state.start = self.working.start
+        state.following.notify = self._tools_moved
+        self._tools_due = False
+        self._loop: asyncio.AbstractEventLoop | None = None
         self._latest = state
         self._waking = False
+        self._workshop = workshop
         self._measuring: asyncio.Task[None] | None = None
         self._measured_against: Surroundings | None = None
         self._watching: asyncio.Task[None] | None = None
         self._set_up_page()
-        for name in Tab(state, lambda _: None).names:
+        for name in Tab(state).names:
             server.trigger(name)(partial(self._answer, name))
         server.state.leavable = leavable
         if leavable:
             server.trigger("leave")(self._leave)
+        server.controller.on_server_ready.add_task(self._draw_ahead)
         server.controller.on_server_ready.add_task(self._watch)
         server.controller.on_client_connected.add_task(self._wake)
 
     def _set_up_page(self) -> None:
-        from trame.ui.vuetify3 import VAppLayout
-        from trame.widgets import html
+        from trame.ui.html import DivLayout
 
         self.server.enable_module(
             {
@@ -128,27 +134,37 @@ class PlannerApp:
                 "openings": list(OPENINGS),
             }
         )
-        with VAppLayout(self.server, vuetify_config={"theme": {"defaultTheme": "dark"}}):
-            html.Div(_template(), classes="rp-page")
+        with DivLayout(self.server, classes="rp-page") as page:
+            page.root.add_child(_template())
 
     # --- pages -----------------------------------------------------------------------------------------------
 
     def opened(self, page: str, send: Send) -> None:
         """Show the case on a page: it looks where the page looked that did something last."""
+        tab, self._spare = self._spare or self._tab(), None
+        tab.shown.send = send
+        tab.shown["work"] = self.working.told
+        self._open_head(tab)
+        tab.painter.refresh()
+        self.tabs[page], self._latest = tab, tab.state
+
+    def _tab(self) -> Tab:
         tab = Tab(
             self._latest.beside(),
-            send,
             tracker=self.tracker,
             measured=self.is_measured,
             cancel=self.working.cancel,
             others=self._draw_others,
         )
         found = self.state.case.fiducials
-        diameter = found.marker.diameter_mm if found else USUAL_DIAMETER_MM
-        tab.shown.update({"diameter": diameter, "work": self.working.told})
-        self._open_head(tab)
-        tab.painter.refresh()
-        self.tabs[page], self._latest = tab, tab.state
+        tab.shown["diameter"] = found.marker.diameter_mm if found else USUAL_DIAMETER_MM
+        return tab
+
+    async def _draw_ahead(self, **_: Any) -> None:
+        """Draw what the first page will show, while its browser still loads the page's own files."""
+        if not self.tabs:
+            self._spare = self._tab()
+            self._spare.painter.refresh()
 
     def closed(self, page: str) -> None:
         """Forget a page."""
@@ -187,8 +203,9 @@ class PlannerApp:
 
     def forget(self) -> None:
         """Let the case go: trame keeps its server, and with that this, for as long as the process lasts."""
+        self.state.following.stop()
         self.tabs.clear()
-        self.parts = self._measured_against = None
+        self.parts = self._spare = self._measured_against = None
         del self.state, self._latest, self.working
 
     def refresh(self) -> None:
@@ -206,6 +223,22 @@ class PlannerApp:
     def show_readings(self) -> None:
         """Show which readings lie in the case's folder now."""
         self.tell_all({"news": "readings were put into the case; register with them in the panel Registration"})
+        self.refresh()
+
+    def _tools_moved(self) -> None:
+        """Have the pages drawn once the last drawing is done: called by the thread that follows tools."""
+        if self._loop is not None and not self._tools_due:
+            self._tools_due = True
+            with contextlib.suppress(RuntimeError):  # the planner is ending
+                self._loop.call_soon_threadsafe(self._show_tools)
+
+    def _show_tools(self) -> None:
+        self._tools_due = False
+        following = self.state.following
+        ended, following.ended = following.ended, None
+        with self._told():
+            if ended is not None:
+                raise ended
         self.refresh()
 
     def _draw_others(self, but: Tab) -> None:
@@ -247,7 +280,7 @@ class PlannerApp:
             return
         self._waking = True
         await asyncio.sleep(FIRST_LOOK_S)
-        workshop, case = Workshop(), self.state.case
+        workshop, case = self._workshop or Workshop(), self.state.case
         self._measure_soon()
         work = partial(head_parts, workshop, case.volume, case.no_go, MOST_TRIANGLES)
         self.parts = await asyncio.get_running_loop().run_in_executor(None, work)
@@ -262,7 +295,7 @@ class PlannerApp:
 
     async def _watch(self, **_: Any) -> None:
         """Show what another hand has written."""
-        self._watching = asyncio.current_task()
+        self._watching, self._loop = asyncio.current_task(), asyncio.get_running_loop()
         while True:
             await asyncio.sleep(LOOK_AGAIN_S)
             try:

@@ -19,7 +19,7 @@ MOST_PIXELS: Final = 1e5
 MOST_STEPS: Final = 1000.0
 """No wheel turns further at once."""
 
-STRICT: Final = ConfigDict(strict=True, str_max_length=LONGEST_TEXT, allow_inf_nan=False)
+STRICT: Final = ConfigDict(strict=True, str_max_length=LONGEST_TEXT, allow_inf_nan=False, defer_build=True)
 
 Pixels = Annotated[float, Field(ge=-MOST_PIXELS, le=MOST_PIXELS)]
 """A place or a length in a view."""

@@ -80,9 +80,12 @@ class HeadView:
     def _update(self, scene: Scene) -> bool:
         """Show surface, markers and proposals as they are now; tells whether any of them changed."""
         state = self.state
+        tracked = (state.case.registration, state.case.outdated)
         layers: dict[str, tuple[Any, Callable[[], None]]] = {
             "surface": ((state.look.surface, state.look.preset), lambda: self._show_surface(scene)),
-            "markers": (state.case.fiducials, scene.show_markers),
+            "markers": ((state.case.fiducials, state.look.marker), scene.show_markers),
+            "tools": (state.following.seen, lambda: scene.show_tools(state.following.seen)),
+            "tracker": (tracked, lambda: scene.show_tracker(state.following.ct_from_ots)),
             "robot": (state.case.placement, lambda: scene.show_robot(state.case.placement)),
             "proposals": (state.offers.proposals, lambda: scene.show_proposals(state.offers.proposals)),
             "placement": (state.offers.placement, lambda: scene.show_placement(state.offers.placement)),

@@ -23,8 +23,13 @@ SIDES: Final = {
 """Faces of the cube in the corner, and from where one then looks, LPS; never from straight above or below."""
 
 
-def seen_from(state: PlannerState, camera: Camera | None, panes: dict[str, Pane]) -> dict[str, Any]:
-    """Return eye, cube and opening as the page takes them, in LPS mm; empty until there is a camera."""
+def seen_from(
+    state: PlannerState, camera: Camera | None, panes: dict[str, Pane], reach_mm: float = 0.0
+) -> dict[str, Any]:
+    """Return eye, cube and opening as the page takes them, in LPS mm; empty until there is a camera.
+
+    What lies no further than ``reach_mm`` from what is looked at, or than the scan is large, is drawn.
+    """
     if camera is None:
         return {}
     low, high = state.look.bounds_mm
@@ -32,7 +37,7 @@ def seen_from(state: PlannerState, camera: Camera | None, panes: dict[str, Pane]
         "position": camera.position_mm.tolist(),
         "axes": camera.axes.ravel().tolist(),
         "away": float(np.linalg.norm(camera.position_mm - camera.focus_mm)),
-        "reach": float(np.linalg.norm(high - low)),
+        "reach": max(reach_mm, float(np.linalg.norm(high - low))),
         "cube": cube(camera.axes),
         "corner": None,
         "way": [1.0, 1.0, 1.0],

@@ -14,7 +14,7 @@ from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
 from ronnaplan.planning.contacts import contact_paths
 from ronnaplan.scene.cut import Cut
-from ronnaplan.scene.things import MARKER_COLOUR, PROPOSAL_COLOURS, REJECTED_COLOUR
+from ronnaplan.scene.things import MARKER_COLOUR, PROPOSAL_COLOURS, REJECTED_COLOUR, TOOL_COLOUR
 
 POINT_COLOUR, BEGUN_COLOUR = "#b2ff59", "#ffffff"
 
@@ -138,7 +138,7 @@ def _markers(
 
 
 def _points(state: PlannerState, cut: Cut, reach_mm: tuple[float, float]) -> list[dict[str, Any]]:
-    """Return the points of the AC-PC frame and proposed entries in the plane, and the entry that was clicked first."""
+    """Return points of the AC-PC frame and proposed entries in the plane, tips of tools, and the first click."""
     drawn = []
     for name, place in state.landmarks_mm.items():
         x, y, away = cut.on_screen_mm(place).tolist()
@@ -147,6 +147,11 @@ def _points(state: PlannerState, cut: Cut, reach_mm: tuple[float, float]) -> lis
     if state.look.begun_mm is not None:
         x, y, _ = cut.on_screen_mm(state.look.begun_mm).tolist()
         drawn.append({"label": "entry", "x": x, "y": y, "colour": BEGUN_COLOUR})
+    for one in state.following.seen:
+        x, y, away = cut.on_screen_mm(one.tip_mm).tolist()
+        far = "" if abs(away) < NEAR_MM else f" {away:+.0f} mm"
+        if abs(x) < reach_mm[0] and abs(y) < reach_mm[1]:
+            drawn.append({"label": f"{one.name}{far}", "x": x, "y": y, "colour": TOOL_COLOUR})
     for label, entry_mm in proposed(state):
         x, y, away = cut.on_screen_mm(entry_mm).tolist()
         if abs(away) < NEAR_MM and abs(x) < reach_mm[0] and abs(y) < reach_mm[1]:

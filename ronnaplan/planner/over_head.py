@@ -13,7 +13,7 @@ from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
 from ronnaplan.scene.camera import Camera
-from ronnaplan.scene.things import PROPOSAL_COLOURS, REJECTED_COLOUR
+from ronnaplan.scene.things import PROPOSAL_COLOURS, REJECTED_COLOUR, TOOL_COLOUR, spread_factor, spread_name
 
 CROSS_COLOUR, REGION_COLOUR = "#4fc3f7", "#ff8a80"
 
@@ -53,17 +53,29 @@ def over_head(
     points = [_point(camera, name, place, POINT_COLOUR) for name, place in state.landmarks_mm.items()]
     points += [_point(camera, name, place, REGION_COLOUR) for name, place in region_places_mm.items()]
     points += [_point(camera, label, entry, PROPOSAL_COLOURS[1]) for label, entry in proposed(state)]
+    points += [_point(camera, one.name, one.tip_mm, TOOL_COLOUR) for one in state.following.seen]
     points.append(_point(camera, "", state.look.crosshair_mm, CROSS_COLOUR))
     if state.look.begun_mm is not None:
         points.append(_point(camera, "entry", state.look.begun_mm, BEGUN_COLOUR))
     return {
         **drawn,
-        "title": wanting or f"3-D {state.look.preset or state.look.surface}; tubes hold the path with 95 %",
+        "title": wanting or _title(state),
         "markers": _markers(state, camera, show_rejected),
         "points": [one for one in points if one is not None],
         "paths": [_path(camera, one, state) for one in state.case.plan.trajectories],
         "rulers": drawn_rulers(state, lambda points: camera.on_screen(points)[:, :2], lambda _: True),
     }
+
+
+def _title(state: PlannerState) -> str:
+    """Return what the head is drawn as, and what tubes and the ellipsoid of the selected marker are."""
+    title = f"3-D {state.look.preset or state.look.surface}; tubes hold the path with 95 %"
+    found = state.case.fiducials.fiducials if state.case.fiducials else ()
+    for one in found:
+        if one.label == state.look.marker:
+            factor = spread_factor(np.array(one.covariance)[np.newaxis], one.diameter_mm)
+            title += f"; {spread_name(one.label, factor)}"
+    return title
 
 
 def _markers(state: PlannerState, camera: Camera, show_rejected: bool) -> list[dict[str, Any]]:

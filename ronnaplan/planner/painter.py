@@ -100,6 +100,7 @@ class Painter:
                 "landmarks": panels.landmark_rows(state),
                 "registration": panels.registration_panel(state),
                 "pointing": panels.pointing_panel(state),
+                "followed": panels.following_panel(state),
                 "proposals": panels.proposal_rows(state),
                 "placement": panels.placement_line(state),
                 "readings": state.storage.readings(),
@@ -130,7 +131,9 @@ class Painter:
 
     def refresh_head(self) -> None:
         """Draw what lies over the 3-D view, and tell from where it is seen."""
-        self.shown["eye"] = seen_from(self.state, self.head.camera, self.panes)
+        self.shown["eye"] = seen_from(
+            self.state, self.head.camera, self.panes, self.head.scene.reach_mm if self.head.scene else 0.0
+        )
         self.shown["drawn_head"] = over_head(
             self.state,
             self.head.camera,

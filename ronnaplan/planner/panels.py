@@ -10,6 +10,7 @@ import numpy as np
 from ronnaplan.case.surroundings import Judgement
 from ronnaplan.documents.registration import LabelPair, RegistrationDocument
 from ronnaplan.localization.fiducials import FiducialFlag
+from ronnaplan.planner.following import told
 from ronnaplan.planner.pixels import Pixel
 from ronnaplan.planner.state import LANDMARKS, PlannerState
 from ronnaplan.planning.electrodes import NO_ELECTRODE
@@ -125,6 +126,12 @@ def registration_panel(state: PlannerState) -> dict[str, Any]:
         "errors": [(name, f"{error:.3f}") for name, error in state.registering.expected_errors_mm().items()],
         "doubts": [*found.notes, *found.doubts],
     }
+
+
+def following_panel(state: PlannerState) -> dict[str, Any]:
+    """Return whether tools are followed, and a line on each."""
+    following = state.following
+    return {"active": following.active, "lines": [told(one, state.look.chosen) for one in following.seen]}
 
 
 def pointing_panel(state: PlannerState) -> dict[str, Any]:

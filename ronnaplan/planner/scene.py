@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import count
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from ronnaplan.documents.placement import PlacementDocument
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.cuts import jpeg
+from ronnaplan.planner.following import SeenTool
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Measures, Placement, Proposals
 from ronnaplan.planning.trajectory import Trajectory
@@ -23,6 +25,9 @@ from ronnaplan.scene.things import Thing
 TURN_DEG_PER_PIXEL = 0.4
 BACKGROUND = "#0b0e11"
 OPACITY = {"skin": 0.55, "skull": 0.8}
+
+SEEN_THROUGH = 0.4
+"""Opacity of the selected marker."""
 
 SPECK_MM = 1.2
 """Half width of a place of the map of entries."""
@@ -41,6 +46,7 @@ class Scene:
         self.camera = Camera(middle + np.array([-0.6, -1.0, 0.5]) * 1.25 * float((high - low).max()), middle)
         self._shown: dict[str, Thing] = {}
         self._keys: dict[str, str] = {}
+        self._corners_mm: dict[str, FloatArray] = {}
 
     def show_surface(self, kind: str, body: Body) -> None:
         """Show skin or skull in the place of the other."""
@@ -59,11 +65,29 @@ class Scene:
             self._show(things.no_go(name, body))
 
     def show_markers(self) -> None:
-        """Show the markers as balls of their size."""
+        """Show the markers as balls of their size; through the selected one the ellipsoid of its error is seen."""
         self._hide("marker ")
+        self._hide("95 % of ")
         found = self.state.case.fiducials
         for one in found.fiducials if found is not None else ():
-            self._show(things.marker(one.label, np.array(one.center), one.diameter_mm))
+            center, selected = np.array(one.center), one.label == self.state.look.marker
+            self._show(things.marker(one.label, center, one.diameter_mm, SEEN_THROUGH if selected else 1.0))
+            if selected:
+                covariance = np.array(one.covariance)
+                factor = things.spread_factor(covariance[np.newaxis], one.diameter_mm)
+                self._show(things.spread(one.label, center, covariance, factor))
+
+    def show_tools(self, tools: Sequence[SeenTool]) -> None:
+        """Show the tools that are followed."""
+        self._hide("tool ")
+        for one in tools:
+            self._show(things.tool(one.name, one.tip_mm, one.back))
+
+    def show_tracker(self, ct_from_ots: FloatArray | None) -> None:
+        """Show the tracker where it stood when the markers were registered."""
+        self._hide("tracker")
+        if ct_from_ots is not None:
+            self._show(things.tracker(ct_from_ots))
 
     def show_path(self, one: Trajectory, measured: Measures | None) -> None:
         """Show a trajectory, and the tube that it keeps within with a chance of 95 %."""
@@ -128,6 +152,12 @@ class Scene:
         return jpeg(np.ascontiguousarray(picture[..., 2::-1]))
 
     @property
+    def reach_mm(self) -> float:
+        """How far from what is looked at the farthest of what is shown lies, at most."""
+        corners = np.array([self._corners_mm[name] for name in self._shown]).reshape(-1, 3)
+        return float(np.linalg.norm(np.abs(corners - self.camera.focus_mm).max(axis=0, initial=0.0)))
+
+    @property
     def listed(self) -> list[dict[str, str]]:
         """What is shown, last what is seen through: names, and under which key `thing` has each."""
         return [{"name": one.name, "key": self._keys[one.name]} for one in self._in_order]
@@ -138,10 +168,12 @@ class Scene:
 
     @property
     def _in_order(self) -> list[Thing]:
-        return sorted(self._shown.values(), key=lambda one: one.name in OPACITY)
+        return sorted(self._shown.values(), key=lambda one: (one.name in OPACITY, one.opacity < 1.0))
 
     def _show(self, one: Thing) -> None:
         self._shown[one.name] = one
+        places = one.body.vertices_mm
+        self._corners_mm[one.name] = np.stack([places.min(axis=0), places.max(axis=0)])
         self._keys[one.name] = str(next(_NUMBERS))
 
     def _hide(self, beginning: str) -> None:

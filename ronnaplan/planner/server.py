@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import os
 import sys
-import threading
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -21,6 +19,7 @@ from ronnaplan.text import printable
 if TYPE_CHECKING:
     from ronnaplan.planner.handing import Origin
     from ronnaplan.planner.starting import StartPage
+    from ronnaplan.scene.vtk import Workshop
 
 EVERYWHERE = ("", "0.0.0.0", "::")
 
@@ -40,19 +39,21 @@ def serve(
     origin: Origin | None = None,
     address: Address | None = None,
     announce: Callable[[str], None] | None = None,
+    workshop: Workshop | None = None,
 ) -> bool:
     """Serve ``state`` until stopped, or until a page asks for the start page: then return True.
 
     ``announce`` is given the address, which holds the token.
 
     ``patient`` is the name to show, None to show none. ``origin`` says where the scan was read, for report and scene.
-    ``address`` is where a start page was, which the planner replaces and may go back to.
+    ``address`` is where a start page was, which the planner replaces and may go back to. ``workshop`` makes the
+    head's surfaces; without one it is begun when a page is open.
 
     Raises `InputError` where the port is taken or trame is not installed, `UsageError` for no single address.
     """
     check_place(host, port)
     try:
-        import trame.ui.vuetify3  # noqa: F401
+        import trame.ui.html  # noqa: F401
         import wslink.backends.aiohttp
         from trame.app import get_server
     except ModuleNotFoundError as error:
@@ -69,7 +70,7 @@ def serve(
     logging.getLogger("aiohttp.server").addFilter(is_worth_telling)
     server = get_server(f"ronnaplan {next(_NUMBERS)}", client_type="vue3")
     server.cli.prog = "ronnaplan view"
-    app = PlannerApp(state, server, tracker, patient, leavable=address is not None)
+    app = PlannerApp(state, server, tracker, patient, leavable=address is not None, workshop=workshop)
     # wslink offers no other place to set limits, or to answer each page for itself
     wslink.backends.aiohttp.AioHttpWsHandler = partial(Sockets, app)
     handing = Handing(state.storage, origin, app.show_readings)
@@ -105,17 +106,6 @@ def serve(
         ) from error
     app.forget()
     return app.left
-
-
-def load_libraries() -> None:
-    """Begin to load the libraries of the web server beside the scan, which takes as long: `serve` finds them there."""
-
-    def load() -> None:
-        with contextlib.suppress(ModuleNotFoundError):  # told by `serve`
-            import trame.ui.vuetify3  # noqa: F401
-            import wslink.backends.aiohttp  # noqa: F401
-
-    threading.Thread(target=load, daemon=True).start()
 
 
 def check_place(host: str, port: int) -> None:

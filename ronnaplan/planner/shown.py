@@ -23,7 +23,7 @@ class Shown:
     """Values of one page; `flush` sends those that the page does not have."""
 
     def __init__(self, send: Send) -> None:
-        self._send = send
+        self.send = send
         self._now: dict[str, Any] = {}
         self._unsent: dict[str, Any] = {}
 
@@ -49,7 +49,7 @@ class Shown:
     def flush(self) -> None:
         """Send what the page does not have."""
         if self._unsent:
-            self._send(self._unsent)
+            self.send(self._unsent)
             self._unsent = {}
 
     def whole(self) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from ronnaplan.ct import CTVolume
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray, as_points
 from ronnaplan.planner.aligning import Alignment
+from ronnaplan.planner.following import Following
 from ronnaplan.planner.looking import Looking
 from ronnaplan.planner.offers import Offers
 from ronnaplan.planner.outlines import Outlines
@@ -50,6 +51,7 @@ class PlannerState:
         """Another image of the same head, shown over the cuts."""
         self.outlines = Outlines(volume, self.case.no_go)
         self.registering = Registering(self.case, storage, lambda job: self.start(job))
+        self.following = Following(self.case, storage)
         self.offers = Offers(self.case, self.look, lambda job: self.start(job))
 
     def beside(self) -> PlannerState:

@@ -36,6 +36,10 @@ EMPTY: Mapping[str, Any] = {
 """What a page shows before anything is drawn."""
 
 
+def _send_nowhere(_: dict[str, Any]) -> None:
+    """Send nothing: no page shows the tab yet."""
+
+
 def _nothing() -> None:
     """Do nothing: what was told before goes away with whatever goes well."""
 
@@ -46,7 +50,7 @@ class Tab:
     def __init__(
         self,
         state: PlannerState,
-        send: Send,
+        send: Send = _send_nowhere,
         *,
         tracker: tuple[str, int] | None = None,
         measured: Callable[[], bool] = lambda: True,

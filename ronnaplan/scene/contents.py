@@ -18,11 +18,14 @@ OPACITY = {"skull": 0.3, "skin": 0.2}
 """So that trajectories are seen through the head."""
 
 
-def things_of(case: Case, most_triangles: int = MOST_TRIANGLES, *, robot: bool = False) -> list[Thing]:
+def things_of(
+    case: Case, most_triangles: int = MOST_TRIANGLES, *, robot: bool = False, spreads: bool = False
+) -> list[Thing]:
     """Return markers, rejected candidates, trajectories and regions of a case, its skull and its skin last.
 
-    With ``robot`` also the robot at its place, which is much larger than a head. Skin, skull and each region have at
-    most so many triangles.
+    With ``robot`` also the robot at its place, which is much larger than a head; with ``spreads`` the ellipsoids in
+    which the markers' centers lie with a chance of 95 %, enlarged as their names say. Skin, skull and each region
+    have at most so many triangles.
 
     Raises `InputError` where there is nothing to show, and where pyvista is not installed.
     """
@@ -30,6 +33,12 @@ def things_of(case: Case, most_triangles: int = MOST_TRIANGLES, *, robot: bool =
     if case.fiducials is not None:
         found = case.fiducials.fiducials
         shown += [things.marker(one.label, np.array(one.center), one.diameter_mm) for one in found]
+        if spreads and found:
+            covariances = np.array([one.covariance for one in found])
+            factor = things.spread_factor(covariances, case.fiducials.marker.diameter_mm)
+            shown += [
+                things.spread(one.label, np.array(one.center), np.array(one.covariance), factor) for one in found
+            ]
         if case.fiducials.rejected:
             shown.append(things.rejected([np.array(one.center) for one in case.fiducials.rejected]))
     if robot and case.placement is not None:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.ct import CTVolume, SliceGrid
+from ronnaplan.ct.reader import in_parallel
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning.sampling import AIR_HU, SliceSampler
 from ronnaplan.scene.cut import Cut
@@ -44,10 +45,13 @@ class Field:
         scan = SliceSampler.of(_blurred(volume, cell_mm))
         values = np.empty((planes, rows, columns), dtype=np.float32)
         middle = low + cell_mm * (np.array([columns, rows, 0]) - np.array([1, 1, 0])) / 2
-        for number in range(planes):
+
+        def fill(number: int) -> None:
             center = middle + np.array([0.0, 0.0, cell_mm * number])
             cut = Cut(np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), center, cell_mm * min(rows, columns))
             values[number] = values_hu(scan, cut, (rows, columns), AIR_HU)
+
+        in_parallel(fill, planes, progress=False)
         return cls(values, low, cell_mm)
 
 
@@ -74,11 +78,14 @@ def _blurred(volume: CTVolume, cell_mm: float) -> CTVolume:
     across = max(2, round(columns * min(1.0, grid.column_spacing_mm / cell_mm)))
     down = max(2, round(rows * min(1.0, grid.row_spacing_mm / cell_mm)))
     values = np.empty((len(volume.voxels_hu), down, across), dtype=np.float32)
-    for number, plane in enumerate(volume.voxels_hu):
-        whole = np.clip(plane.astype(np.float32), AIR_HU, GREATEST_HU)
+    blur = BLUR_CELLS * cell_mm * across / columns / grid.column_spacing_mm
+
+    def fill(number: int) -> None:
+        whole = np.clip(volume.voxels_hu[number].astype(np.float32), AIR_HU, GREATEST_HU)
         small = cv2.resize(whole, (across, down), interpolation=cv2.INTER_AREA)
-        blur = BLUR_CELLS * cell_mm * across / columns / grid.column_spacing_mm
         values[number] = cv2.GaussianBlur(small, (0, 0), blur)
+
+    in_parallel(fill, len(values), progress=False)
     blur_slices = max(BLUR_GAPS, BLUR_CELLS * cell_mm / grid.typical_gap_mm)
     gaussian_filter1d(values, blur_slices, axis=0, mode="nearest", output=values)
     wide, high = columns / across, rows / down

@@ -13,7 +13,7 @@ from ronnaplan.documents.placement import PlacementDocument
 from ronnaplan.documents.room import BoxEntry, CapsuleEntry
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import invert
-from ronnaplan.scene.shapes import Body, ball, box, joined, tube
+from ronnaplan.scene.shapes import Body, ball, box, joined, moved, tube
 from ronnaplan.scene.things import Thing, rgb
 
 ROBOT_COLOUR: Final = "#f57c00"
@@ -45,7 +45,7 @@ def robot_things(placement: PlacementDocument) -> list[Thing]:
     others = [ball(np.array(one.room_from_r)[:3, 3], TRACKER_MM) for one in placement.robot_from_ct[1:]]
     shown += [("robot room", things, ROOM_COLOUR, 0.5), ("robot other places", others, OTHER_COLOUR, 1.0)]
     return [
-        Thing(name, _moved(joined(bodies), ct_from_room), rgb(colour), opacity)
+        Thing(name, moved(joined(bodies), ct_from_room), rgb(colour), opacity)
         for name, bodies, colour, opacity in shown
         if bodies
     ]
@@ -55,7 +55,7 @@ def in_room(placement: PlacementDocument, things: Sequence[Thing]) -> list[Thing
     """Return things of the scan's coordinates as they lie in the room, where up is up."""
     best = placement.robot_from_ct[0]
     room_from_ct = np.array(best.room_from_r) @ np.array(best.r_from_ct)
-    return [replace(one, body=_moved(one.body, room_from_ct)) for one in things]
+    return [replace(one, body=moved(one.body, room_from_ct)) for one in things]
 
 
 def _capsule(one: CapsuleEntry) -> Body:
@@ -74,9 +74,3 @@ def _ring(shoulder_mm: FloatArray, reach_mm: float) -> Body:
     angle = 2 * np.pi * np.arange(REACH_SIDES + 1) / REACH_SIDES
     around = reach_mm * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     return joined([tube(np.stack(pair), LINE_MM) for pair in pairwise(shoulder_mm + around)])
-
-
-def _moved(body: Body, pose: FloatArray) -> Body:
-    """Return a body brought by a rigid ``pose`` (4, 4)."""
-    turn = pose[:3, :3].astype(np.float32)
-    return Body(body.vertices_mm @ turn.T + pose[:3, 3].astype(np.float32), body.normals @ turn.T, body.triangles)

@@ -60,6 +60,21 @@ def ball(center_mm: ArrayLike, radius_mm: float, sides: int = SIDES) -> Body:
     return _turned(points, radius_mm * np.sin(polar), axis, sides)
 
 
+def ellipsoid(center_mm: ArrayLike, axes_mm: FloatArray, sides: int = SIDES) -> Body:
+    """Return an ellipsoid whose half axes are the columns of ``axes_mm`` (3, 3)."""
+    round_one = ball(np.zeros(3), 1.0, sides)
+    axes = axes_mm if np.linalg.det(axes_mm) > 0 else -axes_mm  # else all would be turned inside out
+    places = round_one.vertices_mm.astype(np.float64) @ axes.T + np.asarray(center_mm)
+    return Body.of(places, round_one.triangles.astype(np.int64))
+
+
+def moved(body: Body, matrix: FloatArray) -> Body:
+    """Return a body in the coordinates to which a rigid ``matrix`` (4, 4) leads."""
+    turn = matrix[:3, :3].T
+    places, normals = body.vertices_mm @ turn + matrix[:3, 3], body.normals @ turn
+    return Body(places.astype(np.float32), normals.astype(np.float32), body.triangles)
+
+
 def box(center_mm: ArrayLike, size_mm: ArrayLike, turn_deg: float = 0.0) -> Body:
     """Return a box with sides (3,), turned about z; each face has corners of its own, so that edges are sharp."""
     c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))

@@ -12,7 +12,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import Measures
 from ronnaplan.planning.contacts import contact_paths
 from ronnaplan.planning.trajectory import Trajectory
-from ronnaplan.scene.shapes import Body, ball, joined, specks, tube
+from ronnaplan.scene.shapes import Body, ball, box, ellipsoid, joined, moved, specks, tube
 
 SKIN_COLOUR: Final = "#e0b89c"
 SKULL_COLOUR: Final = "#ece2cc"
@@ -36,6 +36,21 @@ REJECTED_MM: Final = 2.5
 """Half width of what stands for a rejected candidate."""
 
 TUBE_OPACITY: Final = 0.3
+RADII_95: Final = 2.7955
+"""Half axes, in standard deviations, of the ellipsoid that holds a place with a chance of 95 %."""
+
+SPREAD_COLOUR: Final = "#ffffff"
+SPREAD_FACTORS: Final = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+"""Ellipsoids are enlarged by one of these, all alike, to be seen beside their markers."""
+
+TOOL_COLOUR: Final = "#fff176"
+TRACKER_COLOUR: Final = "#90a4ae"
+TOOL_MM, TOOL_RADIUS_MM, TIP_MM = 130.0, 1.5, 12.0
+"""How long and thick a tracked tool is drawn, and over how long its tip narrows."""
+
+BAR_MM, EYE_MM = (550.0, 80.0, 80.0), 32.0
+"""A tracker is drawn as a bar of these sides, with two eyes of this radius."""
+
 VEIL_MM: Final = 0.3
 """A marker is drawn so much larger, to come out of its own surface among the skin's."""
 
@@ -73,11 +88,40 @@ def no_go(name: str, body: Body, opacity: float = 0.7) -> Thing:
     return Thing(f"no-go {name}", body, rgb(NO_GO_COLOUR), opacity)
 
 
-def marker(label: str, center_mm: FloatArray, diameter_mm: float) -> Thing:
+def marker(label: str, center_mm: FloatArray, diameter_mm: float, opacity: float = 1.0) -> Thing:
     """Return a marker as a ball of its size."""
-    return Thing(
-        f"marker {label}", ball(center_mm, diameter_mm / 2 + VEIL_MM, sides=32), rgb(MARKER_COLOUR), gloss=0.4
-    )
+    round_one = ball(center_mm, diameter_mm / 2 + VEIL_MM, sides=32)
+    return Thing(f"marker {label}", round_one, rgb(MARKER_COLOUR), opacity, gloss=0.4)
+
+
+def spread_factor(covariances_mm2: FloatArray, diameter_mm: float) -> int:
+    """Return how much the ellipsoids of markers (N, 3, 3) are enlarged so that none is thicker than a marker."""
+    greatest = RADII_95 * float(np.sqrt(np.linalg.eigvalsh(covariances_mm2).max()))
+    return max((factor for factor in SPREAD_FACTORS if factor * greatest <= diameter_mm / 2), default=1)
+
+
+def spread_name(label: str, factor: int) -> str:
+    """Return what an ellipsoid is, in words."""
+    return f"95 % of {label}" if factor == 1 else f"95 % of {label}, {factor} times as large"
+
+
+def spread(label: str, center_mm: FloatArray, covariance_mm2: FloatArray, factor: int) -> Thing:
+    """Return the ellipsoid that holds a marker's center with a chance of 95 %, enlarged by ``factor``."""
+    variances, directions = np.linalg.eigh(covariance_mm2)
+    axes = factor * RADII_95 * directions * np.sqrt(variances)
+    return Thing(spread_name(label, factor), ellipsoid(center_mm, axes, sides=24), rgb(SPREAD_COLOUR))
+
+
+def tool(name: str, tip_mm: FloatArray, back: FloatArray) -> Thing:
+    """Return a tracked tool that narrows to its tip, from there along the unit vector ``back`` (3,)."""
+    points = tip_mm + np.outer([0.0, TIP_MM, TOOL_MM], back)
+    return Thing(f"tool {name}", tube(points, [0.05, TOOL_RADIUS_MM, TOOL_RADIUS_MM]), rgb(TOOL_COLOUR))
+
+
+def tracker(ct_from_ots: FloatArray) -> Thing:
+    """Return a bar with two eyes at the origin of the tracker's frame, the bar along its x, the eyes towards its z."""
+    eyes = [ball([side * BAR_MM[0] / 3, 0.0, BAR_MM[2] / 2], EYE_MM) for side in (-1.0, 1.0)]
+    return Thing("tracker", moved(joined([box(np.zeros(3), BAR_MM), *eyes]), ct_from_ots), rgb(TRACKER_COLOUR))
 
 
 def rejected(centers_mm: Sequence[FloatArray]) -> Thing:

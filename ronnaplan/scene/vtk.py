@@ -42,6 +42,17 @@ class Workshop:
             env=_environment(),
         )
 
+    def __enter__(self) -> Workshop:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End it, whether it was needed or not."""
+        self._process.kill()
+        self._process.wait()
+        for stream in (self._process.stdin, self._process.stdout, self._told):
+            if stream is not None:
+                stream.close()
+
     def answer(self, task: str, given: dict[str, Any]) -> Any:
         """Return the answer to a task, the only one; raises `NoGraphicsError` where it could not be done."""
         late = threading.Timer(LONGEST_S, self._process.kill)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
@@ -37,8 +38,7 @@ EYE_LIGHTS = (
 def main() -> None:
     """Do one task."""
     os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow" if sys.platform == "linux" else "")
-    with suppress(ImportError):  # told by the task that needs it
-        import pyvista  # noqa: F401
+    threading.Thread(target=_load, daemon=True).start()
     import ronnaplan.scene.head
     import ronnaplan.scene.surfaces
     import ronnaplan.scene.volume  # noqa: F401
@@ -50,6 +50,12 @@ def main() -> None:
         except EOFError:
             return  # it was not needed
         send(out, TASKS[task](given))
+
+
+def _load() -> None:
+    """Load VTK's Python beside whatever else is done first."""
+    with suppress(ImportError):  # told by the task that needs it
+        import pyvista  # noqa: F401
 
 
 def head(given: dict[str, Any]) -> HeadParts:

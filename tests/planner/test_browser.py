@@ -139,7 +139,7 @@ def test_readings_are_registered_from_the_page(browser: Any, shared: Planner) ->
     file = shared.folder / "registration.json"
     file.unlink()
     page = opened(browser, shared.url)
-    page.click(".v-tab >> text=Registration")
+    page.click(".rp-tab >> text=Registration")
     page.click("text=readings.csv")
     eventually(page, file.exists)
     page.wait_for_function("window.trame.state.get('registration').pairs.length === 6")
@@ -160,11 +160,11 @@ def test_a_live_tracker_is_listened_to_and_entries_are_proposed(browser: Any, fo
     (folder / "registration.json").unlink()
     with planner(folder, "--tracker", f"127.0.0.1:{listener.getsockname()[1]}") as one:
         page = opened(browser, one.url)
-        page.click(".v-tab >> text=Registration")
+        page.click(".rp-tab >> text=Registration")
         page.click("text=listen to")
         page.wait_for_function("window.trame.state.get('registration').status === 'unique'")
         assert len(json.loads((folder / "registration.json").read_text())["pairs"]) == 6
-        page.click(".v-tab >> text=Trajectories")
+        page.click(".rp-tab >> text=Trajectories")
         page.click("text=propose entries")
         page.wait_for_selector("#proposals tbody tr >> nth=4", timeout=90_000)
         page.focus("#proposals th >> nth=2 >> button")
@@ -195,7 +195,7 @@ def test_the_wheel_scrolls_and_the_cuts_stay_linked(browser: Any, shared: Planne
 
 def test_no_other_host_is_asked_for_anything_and_no_patient_is_named(browser: Any, shared: Planner) -> None:
     page = opened(browser, shared.url)
-    page.click(".v-tab >> text=Markers")
+    page.click(".rp-tab >> text=Markers")
     page.wait_for_timeout(500)
     own = urlsplit(shared.url).netloc
     assert len(page.requested) > 3

@@ -36,14 +36,14 @@ def faults(page: Any) -> list[str]:
 
 @pytest.mark.parametrize("panel", ["Markers", "Registration", "Files", "Trajectories"])
 def test_no_serious_fault_keeps_anyone_out(page: Any, panel: str) -> None:
-    page.click(f".v-tab >> text={panel}")
+    page.click(f".rp-tab >> text={panel}")
     page.wait_for_selector("#markers, #register, #files, #paths")
     page.wait_for_timeout(300)  # the tab's colours are still changing
     assert faults(page) == []
 
 
 def test_what_can_be_clicked_is_reached_by_the_keyboard(page: Any) -> None:
-    page.click(".v-tab >> text=Markers")
+    page.click(".rp-tab >> text=Markers")
     page.wait_for_selector("#markers")
     assert page.evaluate("[...document.querySelectorAll('.rp-row')].every((row) => row.querySelector('button'))")
     page.locator("#markers button[aria-label='show F2']").focus()
@@ -62,7 +62,7 @@ def test_what_can_be_clicked_is_reached_by_the_keyboard(page: Any) -> None:
 
 
 def test_the_verdict_is_spoken(page: Any) -> None:
-    page.click(".v-tab >> text=Trajectories")
+    page.click(".rp-tab >> text=Trajectories")
     verdict = page.locator("#verdict[aria-live=polite]")
     eventually(page, lambda: "limits" in (verdict.text_content() or ""))
     rows = value(page, "chosen")["verdicts"]
@@ -75,11 +75,11 @@ def test_the_verdict_is_spoken(page: Any) -> None:
 
 
 def test_long_work_is_shown_cancelled_and_holds_nothing_up(page: Any) -> None:
-    page.click(".v-tab >> text=Markers")
+    page.click(".rp-tab >> text=Markers")
     before = value(page, "markers")
-    page.click("#markers .v-btn >> text=localize")
+    page.click("#markers .rp-btn >> text=localize")
     page.wait_for_selector("#work >> text=looking for balls of 11.5 mm")
-    assert page.locator("#markers .v-btn").is_disabled()
+    assert page.locator("#markers .rp-btn").is_disabled()
     cross = value(page, "drawn_coronal")["cross"]
     page.evaluate("window.trame.trigger('localize', [9.0])")
     page.wait_for_selector("#message >> text=wait for that, or cancel it first")
@@ -96,7 +96,7 @@ def test_long_work_is_shown_cancelled_and_holds_nothing_up(page: Any) -> None:
 
 
 def test_a_layout_shows_fewer_views_larger_and_names_stay_where_they_belong(page: Any) -> None:
-    page.click(".rp-bar .v-btn >> text=3-D")
+    page.click(".rp-bar .rp-btn >> text=3-D")
     page.wait_for_selector("svg[data-view=inline]", state="hidden")
     box = page.locator("svg[data-view=head]").bounding_box()
     assert box["height"] > 700
@@ -106,11 +106,11 @@ def test_a_layout_shows_fewer_views_larger_and_names_stay_where_they_belong(page
         return bool(abs(drawn["wide"] / drawn["high"] - box["width"] / box["height"]) < 0.01)
 
     eventually(page, fits)
-    page.click(".rp-bar .v-btn >> text=path")
+    page.click(".rp-bar .rp-btn >> text=path")
     page.wait_for_selector("svg[data-view=second]", state="visible")
     eventually(page, lambda: value(page, "drawn_second")["letters"] != value(page, "drawn_inline")["letters"])
     assert page.locator("svg[data-view=second] .rp-tick text").count() == 7
-    page.click(".rp-bar .v-btn >> text=six")
+    page.click(".rp-bar .rp-btn >> text=six")
     page.wait_for_selector("svg[data-view=inline]", state="visible")
     page.wait_for_selector("svg[data-view=second]", state="hidden")
 
@@ -161,7 +161,7 @@ def test_two_fingers_zoom_and_move_the_picture(page: Any) -> None:
 
 
 def test_an_electrode_is_chosen_by_the_keyboard_and_by_another_hand(page: Any, shared: Planner) -> None:
-    page.click(".v-tab >> text=Trajectories")
+    page.click(".rp-tab >> text=Trajectories")
     plan = shared.folder / "plan.json"
     before = len(read_plan(plan).history)
     chosen = page.get_by_role("combobox", name="Electrode that stays, its tip at the target")
@@ -181,7 +181,7 @@ def test_an_electrode_is_chosen_by_the_keyboard_and_by_another_hand(page: Any, s
 
 
 def test_a_distance_is_measured_by_two_clicks(page: Any) -> None:
-    page.click(".v-tab >> text=Trajectories")
+    page.click(".rp-tab >> text=Trajectories")
     page.click("#distance")
     page.wait_for_selector("#distance >> text=first point")
     page.mouse.click(*place(page, "axial", 0.5, 0.4))

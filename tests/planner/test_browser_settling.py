@@ -65,7 +65,7 @@ def test_an_ambiguity_is_settled_by_clicks_on_a_marker_and_a_reading(
     browser: Any, ambiguous: Planner, folder: Path
 ) -> None:
     page = with_head(opened(browser, ambiguous.url))
-    page.click(".v-tab >> text=Registration")
+    page.click(".rp-tab >> text=Registration")
     page.click("text=readings.csv")
     page.wait_for_selector("#ask")
     assert status(folder) == "ambiguous"
@@ -173,7 +173,7 @@ def test_markers_are_rejected_renamed_and_taken_back(browser: Any, kept: Planner
         return [one.label for one in read_fiducials(kept.folder / "fiducials.json").fiducials]
 
     page = opened(browser, kept.url)
-    page.click(".v-tab >> text=Markers")
+    page.click(".rp-tab >> text=Markers")
     page.click("#markers tr.rp-row >> nth=1 >> text=reject")
     eventually(page, lambda: "F2" not in labels())
     page.fill("#markers tr.rp-row >> nth=0 >> input", "nose")

@@ -87,7 +87,7 @@ def test_a_scan_is_dropped_opened_and_its_files_go_out_and_in(browser: Any, star
 
     page.click("#add")
     page.keyboard.press("Escape")
-    page.click(".v-tab >> text=Files")
+    page.click(".rp-tab >> text=Files")
     page.click("[data-download='plan.json']")
     page.wait_for_selector("#making >> text=the case holds no plan.json yet")
     shutil.copy(cases.write_case(scans) / "plan.json", home / "first" / "plan.json")

@@ -112,7 +112,10 @@ def test_a_case_is_exported_and_a_wrong_wish_is_refused(
     data = (tmp_path / "scene.glb").read_bytes()
     told = json.loads(data[20 : 20 + struct.unpack_from("<I", data, 12)[0]])
     names = [node["name"] for node in told["nodes"]]
+    spreads = names[6:12]
+    assert all(re.fullmatch(r"95 % of F\d, \d+ times as large", one) for one in spreads)
     assert names[:-1] == [f"marker F{n}" for n in range(1, 7)] + [
+        *spreads,
         "rejected",
         "path left",
         "tube left",

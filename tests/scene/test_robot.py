@@ -83,7 +83,7 @@ def test_the_report_tells_places_margins_and_what_they_do_not_cover() -> None:
     blocked = document(robot_from_ct=(), status="blocked", blocked=("joint 5 is beyond its limit",))
     part = placement_part(Case(plan=cases.plan(), placement=blocked))
     assert part.warnings == ["no place of the robot serves all: joint 5 is beyond its limit"]
-    assert placement_part(Case(plan=cases.plan())).body == []
+    assert not placement_part(Case(plan=cases.plan())).body
 
 
 def test_a_box_has_its_sides_and_looks_outwards() -> None:

@@ -7,6 +7,7 @@
   function begin(canvas) {
     viewer = window.ronnaplanViewer(canvas);
     if (!viewer) return leave(canvas);
+    viewer.screens = true;
     canvas.addEventListener("webglcontextlost", () => leave(canvas));
     canvas.closest(".rp-view").classList.add("rp-drawn-here");
     window.trame.state.watch(["things"], (listed) => load(canvas, listed ?? []));

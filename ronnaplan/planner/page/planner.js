@@ -216,8 +216,20 @@
   }
   setTimeout(ask, ASK_MS);
 
+  // Along the tabs of the panels, as in any list of tabs.
+  function steps(tab, event) {
+    const tabs = [...tab.parentElement.children], at = tabs.indexOf(tab), last = tabs.length - 1;
+    const to = { ArrowLeft: at ? at - 1 : last, ArrowRight: at < last ? at + 1 : 0, Home: 0, End: last }[event.key];
+    if (to === undefined) return false;
+    event.preventDefault();
+    tabs[to].focus();
+    tabs[to].click();
+    return true;
+  }
+
   window.addEventListener("keydown", (event) => {
     if (event.target.matches?.("svg[data-view]") && moves(event.target, event)) return;
+    if (event.target.matches?.("[role=tab]") && steps(event.target, event)) return;
     const field = event.target.closest && event.target.closest("input, textarea, select, dialog");
     if (field && field.type !== "checkbox") {
       if (event.key === "Enter" && field.matches("input")) field.blur();

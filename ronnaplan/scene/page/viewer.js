@@ -1,7 +1,7 @@
 // Draws things with WebGL2: for the page that `export --to html` writes, and for the planner. A thing is what packed.py
 // makes of it. Whoever uses it owns the eye, the list of things and the events.
 window.ronnaplanViewer = (canvas) => {
-  const gl = canvas.getContext("webgl2", { antialias: true });
+  const gl = canvas.getContext("webgl2", { antialias: true, stencil: true });
   if (!gl) return null;
   const HALF_VIEW = Math.tan((15 * Math.PI) / 180); // the picture's shorter side spans 30 degrees
   const NEAREST = 1, BACKGROUND = [0.043, 0.055, 0.067];
@@ -131,10 +131,10 @@ window.ronnaplanViewer = (canvas) => {
     gl.uniform4f(set("corner"), ...(view.corner ?? [0, 0, 0]), view.corner ? 1 : 0);
     gl.uniform3fv(set("way"), view.way);
   }
-  function faces(thing) {
+  function faces(thing, opacity = thing.opacity) {
     gl.uniform3fv(body.set("low"), thing.low);
     gl.uniform3fv(body.set("size"), thing.size);
-    gl.uniform4f(body.set("colour"), ...thing.colour, thing.opacity);
+    gl.uniform4f(body.set("colour"), ...thing.colour, opacity);
     gl.uniform4f(body.set("corner"), ...(view.corner ?? [0, 0, 0]), view.corner && thing.opens ? 1 : 0);
     gl.vertexAttrib4f(2, 1, 1, 1, 1);
     gl.bindVertexArray(thing.shape);
@@ -162,14 +162,25 @@ window.ronnaplanViewer = (canvas) => {
   function drawBodies(width, height) {
     gl.viewport(0, 0, width, height);
     gl.clearColor(...BACKGROUND, 1);
-    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     look(body, width, height);
     const shown = view.things.filter((thing) => thing.shown && thing.opacity > 0);
-    shown.filter((thing) => thing.opacity === 1).forEach(faces);
+    gl.enable(gl.STENCIL_TEST); // 1 where something is seen: skin and skull are seen through only there
+    gl.stencilOp(gl.KEEP, gl.KEEP, gl.REPLACE);
+    gl.stencilFunc(gl.ALWAYS, 1, 1);
+    shown.filter((thing) => thing.opacity === 1).forEach((thing) => faces(thing));
     if (view.corner) drawCuts(width, height);
     for (const thing of shown.filter((thing) => thing.opacity < 1)) {
+      const screen = view.screens && thing.opens;
+      gl.stencilFunc(screen ? gl.EQUAL : gl.ALWAYS, 1, 1);
+      if (screen) {
+        gl.stencilOp(gl.KEEP, gl.KEEP, gl.KEEP);
+        gl.stencilFunc(gl.EQUAL, 0, 1);
+        faces(thing, 1);
+        gl.stencilFunc(gl.EQUAL, 1, 1);
+      }
       // depth first, so that only the nearest of its layers is blended
       gl.colorMask(false, false, false, false);
       gl.disable(gl.BLEND);
@@ -180,7 +191,9 @@ window.ronnaplanViewer = (canvas) => {
       faces(thing);
       gl.depthFunc(gl.LESS);
       gl.disable(gl.BLEND);
+      gl.stencilOp(gl.KEEP, gl.KEEP, gl.REPLACE);
     }
+    gl.disable(gl.STENCIL_TEST);
   }
   let asked = false;
   view.redraw = () => {

@@ -1,0 +1,147 @@
+"""Tools that a tracker sees, as they move: their poses in the scan, and how far a tip is from the target."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ronnaplan.case.edits import OpenCase
+from ronnaplan.errors import RonnaplanError, UsageError
+from ronnaplan.geometry import FloatArray
+from ronnaplan.planner.storage import Storage
+from ronnaplan.planning import Trajectory
+from ronnaplan.pose import invert
+from ronnaplan.tracking.recording import Recording
+
+if TYPE_CHECKING:
+    from ronnaplan.documents.tool import PivotDocument
+
+MOMENT_S = 0.1
+"""What a tracker sends in this time is shown at once, the last of it."""
+
+LONGEST_S = 8 * 3600.0
+
+PIVOT_FILE = "pivot.json"
+
+Moments = Iterable[Recording]
+
+
+@dataclass(frozen=True, eq=False)
+class SeenTool:
+    """A tool in the scan: ``tip_mm`` (3,) and the unit vector ``back`` (3,) from the tip along its frame's z axis, LPS.
+
+    Without a pivot calibration the tip is the origin of the tool's own frame, and ``calibrated`` is False.
+    """
+
+    name: str
+    tip_mm: FloatArray
+    back: FloatArray
+    calibrated: bool
+
+
+class Following:
+    """Follows the tools of one tracker in an open case, in a thread; ``notify`` is called in it after each change."""
+
+    def __init__(self, case: OpenCase, storage: Storage) -> None:
+        self.case, self.storage = case, storage
+        self.notify: Callable[[], None] = lambda: None
+        self.seen: tuple[SeenTool, ...] = ()
+        self.ended: RonnaplanError | None = None
+        """Why no tool is followed any more, until it is told."""
+        self._thread: threading.Thread | None = None
+        self._stopping = threading.Event()
+
+    @property
+    def active(self) -> bool:
+        """Whether tools are being followed."""
+        return self._thread is not None
+
+    def start(self, moments: Callable[[], Moments]) -> None:
+        """Show every tool that ``moments`` tell of, in the tracker's frame, until `stop` or their end.
+
+        Raises `UsageError` without a registration that says where the tracker's frame is, `InputError` for a damaged
+        ``pivot.json``.
+        """
+        from ronnaplan.documents.tool import read_pivot
+
+        self._required()
+        file = self.storage.plan.with_name(PIVOT_FILE)
+        tip = read_pivot(file) if file.is_file() else None
+        self.stop()
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._follow, args=(moments, tip, self._stopping), daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Follow no longer."""
+        self._stopping.set()
+        self._thread, self.seen = None, ()
+
+    @property
+    def ct_from_ots(self) -> FloatArray | None:
+        """Where the tracker's frame lies in the scan (4, 4), None unless a registration of its markers says so."""
+        found = self.case.registration
+        if found is None or found.ots_from_ct is None or self.case.outdated:
+            return None
+        return invert(np.array(found.ots_from_ct))
+
+    def _required(self) -> FloatArray:
+        pose = self.ct_from_ots
+        if pose is None:
+            raise UsageError("tools are shown in the scan once its markers are registered with the tracker")
+        return pose
+
+    def _follow(
+        self, moments: Callable[[], Moments], tip: PivotDocument | None, stopping: threading.Event
+    ) -> None:
+        notes: tuple[str, ...] = ()
+        try:
+            for moment in moments():
+                if stopping.is_set():
+                    return
+                notes = moment.notes
+                self.seen = seen_tools(moment, self._required(), tip) or self.seen
+                self.notify()
+            self.ended = UsageError("; ".join(notes) or "the tracker sends no more")
+        except RonnaplanError as error:
+            self.ended = error
+        if not stopping.is_set():
+            self.stop()
+            self.notify()
+
+
+def seen_tools(moment: Recording, ct_from_ots: FloatArray, tip: PivotDocument | None) -> tuple[SeenTool, ...]:
+    """Return where each tool was seen last; one that was not seen is left out.
+
+    ``tip`` is that of the tool it names, and of the only tool where there is one.
+    """
+    found = []
+    for name in moment.tool_names:
+        poses = moment.poses(name)
+        if not len(poses):
+            continue
+        known = tip is not None and (tip.tool == name or len(moment.tool_names) == 1)
+        pose = ct_from_ots @ poses[-1]
+        at = tip.tip_mm if tip is not None and known else np.zeros(3)
+        found.append(SeenTool(name, pose[:3, :3] @ at + pose[:3, 3], pose[:3, 2].copy(), known))
+    return tuple(found)
+
+
+def told(one: SeenTool, path: Trajectory | None) -> str:
+    """Return where a tip is, and beside the selected trajectory how far from its target and how far beside it."""
+    x, y, z = one.tip_mm
+    end = "tip" if one.calibrated else f"origin of its frame (no {PIVOT_FILE})"
+    line = f"{one.name}: {end} at {x:.1f}, {y:.1f}, {z:.1f}"
+    if path is None:
+        return line
+    from_target = one.tip_mm - path.target_mm
+    beside = np.linalg.norm(from_target - (from_target @ path.inward) * path.inward)
+    angle = np.degrees(np.arccos(np.clip(abs(one.back @ path.inward), 0.0, 1.0)))
+    return (
+        f"{line}; {np.linalg.norm(from_target):.1f} mm from the target of {path.name}, "
+        f"{beside:.1f} mm beside its line, {angle:.1f} deg to it"
+    )

@@ -1,0 +1,106 @@
+"""Tools that a tracker sees are shown where they are in the scan, and told with their distance from the target."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from ronnaplan.documents.reading import to_json
+from ronnaplan.documents.tool import pivot_document
+from ronnaplan.errors import UsageError
+from ronnaplan.planner.following import Following, seen_tools, told
+from ronnaplan.planner.head_view import HeadView
+from ronnaplan.planner.over_cut import over_cut
+from ronnaplan.planner.panes import Pane
+from ronnaplan.planner.state import PlannerState
+from ronnaplan.planner.storage import Storage
+from ronnaplan.robot.pivot import PivotCalibration
+from ronnaplan.scene.head import HeadParts
+from ronnaplan.tracking.recording import Recording, ToolReading
+from tests import cases
+
+TIP_MM = np.array([1.0, -2.0, 90.0])
+
+
+@pytest.fixture
+def state(storage: Storage) -> PlannerState:
+    """A registered case with a calibrated pointer."""
+    cases.write_case(storage.plan.parent)
+    touched = PivotCalibration(
+        TIP_MM, np.eye(3), np.zeros(3), np.eye(3), np.zeros(20), np.zeros(20, dtype=bool), 0.1
+    )
+    storage.plan.with_name("pivot.json").write_text(to_json(pivot_document(touched, "pointer")))
+    return PlannerState(cases.volume(), storage)
+
+
+def touching(state: PlannerState, place_mm: np.ndarray, tool: str = "pointer") -> Recording:
+    """The tool as the tracker sees it while its tip touches a place in the scan."""
+    assert state.following.ct_from_ots is not None
+    ots_from_m = np.eye(4)
+    ots_from_m[:3, 3] = (np.linalg.inv(state.following.ct_from_ots) @ [*place_mm, 1.0])[:3] - TIP_MM
+    return Recording("test", tools=(ToolReading(0, tool, ots_from_m), ToolReading(1, "other", None)))
+
+
+def followed(state: PlannerState, *moments: Recording) -> Following:
+    """Follow until all has come; then the stream is held open."""
+    came, held = threading.Event(), threading.Event()
+
+    def stream() -> Iterator[Recording]:
+        yield from moments
+        came.set()
+        held.wait(20)
+
+    state.following.start(stream)
+    assert came.wait(20)
+    held.set()
+    return state.following
+
+
+def test_a_calibrated_tip_is_told_from_the_target_and_drawn_in_every_view(state: PlannerState) -> None:
+    state.look.select("left")
+    path, head = state.case.plan.trajectory("left"), HeadView(state)
+    head.open(HeadParts())
+    beside = path.target_mm + 3.0 * np.cross(path.inward, [1.0, 0.0, 0.0])
+    seen: list[str] = []
+
+    def notify() -> None:
+        if state.following.seen:
+            drawn = over_cut(state, "axial", False, Pane())["points"]
+            seen.extend(one["label"] for one in drawn)
+            head.update(state.case.plan)
+            assert head.scene is not None
+            seen.extend(one["name"] for one in head.scene.listed)
+            seen.append(told(state.following.seen[0], path))
+
+    state.following.notify = notify
+    state.look.jump(path.target_mm)
+    followed(state, touching(state, beside))
+    assert "pointer" in seen[0]
+    assert {"tool pointer", "tracker"} <= set(seen)
+    away = float(np.linalg.norm(beside - path.target_mm))
+    assert f"{away:.1f} mm from the target of left, {away:.1f} mm beside its line" in seen[-1]
+
+
+def test_a_tool_without_a_calibration_is_told_by_its_origin(state: PlannerState) -> None:
+    assert state.following.ct_from_ots is not None
+    (one,) = seen_tools(touching(state, np.zeros(3), "drill"), state.following.ct_from_ots, None)
+    assert not one.calibrated
+    assert "origin of its frame (no pivot.json)" in told(one, None)
+    np.testing.assert_allclose(one.tip_mm + state.following.ct_from_ots[:3, :3] @ TIP_MM, 0.0, atol=1e-9)
+
+
+def test_a_stream_that_ends_is_told_and_one_without_a_registration_not_begun(
+    state: PlannerState, storage: Storage
+) -> None:
+    told_after = threading.Event()
+    state.following.notify = lambda: None if state.following.active else told_after.set()
+    state.following.start(lambda: [Recording("test", notes=("the stream stopped",))])
+    assert told_after.wait(20)
+    assert str(state.following.ended) == "the stream stopped"
+    assert not state.following.seen
+    storage.registration.unlink()
+    with pytest.raises(UsageError, match="once its markers are registered"):
+        PlannerState(cases.volume(), storage).following.start(list)
