@@ -22,8 +22,8 @@ from ronnaplan.node.jobs import Foreman
 from ronnaplan.node.logs import Log
 from ronnaplan.node.sender import Sender
 from tests.node.audit_schema import conforming
-from tests.node.peers import configuration, until
-from tests.node.test_jobs import job, states
+from tests.node.peers import configuration
+from tests.node.test_jobs import job, work_off
 
 
 def test_a_message_to_syslog_is_one_of_rfc_5424_with_the_hashes(tmp_path: Path) -> None:
@@ -60,14 +60,7 @@ def test_the_trail_says_what_was_done_with_each_scan_and_how_it_ended(
     )
     foreman = Foreman(config, index, Log(io.StringIO()), "tests.node.fake_work")
 
-    def over() -> bool:
-        foreman.tick(time.time())
-        return all(state not in ("waiting", "running") for state, _ in states(index).values())
-
-    try:
-        until(over, 60.0)
-    finally:
-        foreman.close()
+    work_off(foreman, index, 60.0)
     (peer,) = config.peer
 
     @contextmanager

@@ -45,6 +45,19 @@ def states(index: Index) -> dict[str, tuple[str, int]]:
     return {SCANS[uid]: (state, attempts) for uid, state, attempts in rows}
 
 
+def work_off(foreman: Foreman, index: Index, seconds: float) -> None:
+    """Have all jobs done, or given up, and the workers ended."""
+
+    def over() -> bool:
+        foreman.tick(time.time())
+        return all(state not in ("waiting", "running") for state, _ in states(index).values())
+
+    try:
+        until(over, seconds)
+    finally:
+        foreman.close()
+
+
 def test_files_that_are_no_answers_are_removed_at_the_start_and_with_their_job(
     index: Index, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -81,14 +94,7 @@ def test_no_job_keeps_another_one_waiting_and_each_ends_as_it_should(
     config = configuration(tmp_path, jobs=limits, rule=[rule], peer=peers)
     foreman = Foreman(config, index, Log(said), "tests.node.fake_work")
 
-    def over() -> bool:
-        foreman.tick(time.time())
-        return all(state not in ("waiting", "running") for state, _ in states(index).values())
-
-    try:
-        until(over, 120.0)
-    finally:
-        foreman.close()
+    work_off(foreman, index, 120.0)
     expected = {"good": ("done", 1), "hangs": ("failed", 2), "dies": ("failed", 2), "refused": ("refused", 1)}
     if sys.platform != "win32":
         expected["greedy"] = ("failed", 2)
