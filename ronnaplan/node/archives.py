@@ -101,7 +101,11 @@ class _Dimse:
         self._config, self._peer, self._association, self._way, self._kept = config, peer, association, way, kept
 
     def find(self, level: str, keys: Mapping[str, str]) -> list[Dataset]:
-        return list(self._answers(self._association.send_c_find(_query(level, keys), FIND)))
+        told = self._told(self._association.send_c_find(_query(level, keys), FIND))
+        found = [one for one in told if one is not None]
+        if len(found) < len(told):
+            raise InputError(f"{self._peer.name} answered what cannot be read; expected a dataset for each match")
+        return found
 
     def fetch(self, uids: Sequence[str], folder: Path) -> set[Path]:
         self._kept.folder, self._kept.paths = folder, set()
@@ -111,19 +115,20 @@ class _Dimse:
             answers = self._association.send_c_get(order, GET)
         else:
             answers = self._association.send_c_move(order, self._config.titles[0], MOVE)
-        list(self._answers(answers))
+        self._told(answers)
         return self._kept.paths
 
-    def _answers(self, answers: Any) -> Iterator[Dataset]:
-        """Yield what matches; raises `InputError` for the end that is none."""
+    def _told(self, answers: Any) -> list[Dataset | None]:
+        """Return what was told before the end, None without a dataset; raises `InputError` for an end that is none."""
+        before = []
         for status, found in answers:
-            told = status.get("Status")
-            if told in PENDING:
-                if found is not None:
-                    yield found
-            elif told != 0:
-                said = "nothing more" if told is None else f"{told:04X}"
+            code = status.get("Status")
+            if code in PENDING:
+                before.append(found)
+            elif code != 0:
+                said = "nothing more" if code is None else f"{code:04X}"
                 raise InputError(f"{self._peer.name} answered {said}; expected all of the study")
+        return before
 
 
 class _Web:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -60,9 +61,46 @@ def associated(
         if not association.is_established:
             how = "refused the association" if association.is_rejected else "cannot be reached"
             raise InputError(f"{peer.name} ({peer.title} at {peer.host}:{peer.port}) {how}")
+        Checkpoint(association).guard()
         yield association
     finally:
         if association.is_established:
             association.release()
         else:
             association.abort()
+
+
+class Checkpoint(threading.Event):
+    """Where an association's own thread waits while an answer is awaited in another.
+
+    pynetdicom 3.0 lets that thread say that it waits a moment before and after it does (its issue 875): it then takes
+    the first answer and drops it, and a list lacks an entry that nobody misses. Here saying and waiting are one.
+    """
+
+    def __init__(self, association: Association) -> None:
+        super().__init__()
+        self._association = association
+        self._passing = threading.Lock()
+        self._reached = threading.Event()
+        self.set()
+
+    def guard(self) -> None:
+        """Take the place of the association's checkpoint; return when its thread has come here."""
+        self._association._reactor_checkpoint = self
+        while self._association.is_alive() and not self._reached.wait(0.01):
+            pass
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait until the thread may pass; it is no longer paused before another can ask it to be."""
+        self._reached.set()
+        while True:
+            super().wait(timeout)
+            with self._passing:
+                if self.is_set():
+                    self._association._is_paused = False
+                    return True
+
+    def clear(self) -> None:
+        """Let the thread pass no more."""
+        with self._passing:
+            super().clear()

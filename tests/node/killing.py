@@ -38,7 +38,7 @@ from ronnaplan.node.index import Index
 from ronnaplan.node.logs import LISTENING
 from ronnaplan.node.transport import quieten
 from tests.ct import makers
-from tests.node.peers import free_port, write_toml
+from tests.node.peers import associate, free_port, write_toml
 
 REST = """
 [jobs]
@@ -126,7 +126,7 @@ class Trial:
             tries += 1  # counted, not timed: a machine may stand still
             if tries > MOST_TRIES:
                 raise TimeoutError("the node takes nothing any more")
-            association = entity.associate("127.0.0.1", self.port, ae_title="RONNAPLAN")
+            association = associate(entity, self.port)
             with suppress(RuntimeError, ValueError, OSError):
                 while waiting and association.is_established:
                     answer = association.send_c_store(waiting[0])

@@ -21,7 +21,10 @@ from typing import Any
 import pytest
 from pydicom import dcmread
 from pydicom.dataset import FileDataset
+from pynetdicom import AE
+from pynetdicom.association import Association
 
+from ronnaplan.node.association import Checkpoint
 from ronnaplan.node.config import Config
 from ronnaplan.node.index import Index
 from ronnaplan.node.logs import Log
@@ -58,6 +61,13 @@ def write_toml(home: Path, port: int, rest: str = "", *, quiet_s: float = 0.5, s
     scanner = '[[peer]]\nname = "scanner"\ntitle = "CT1"\nsends = true'
     path.write_text(f"port = {port}\npage_port = 0\nquiet_s = {quiet_s}\n{limits}\n{scanner}\n{rest}")
     return path
+
+
+def associate(entity: AE, port: int, **more: Any) -> Association:
+    """Ask the node at ``port`` of this machine for an association, on which no answer is lost."""
+    association = entity.associate("127.0.0.1", port, ae_title="RONNAPLAN", **more)
+    Checkpoint(association).guard()
+    return association
 
 
 class Listening:

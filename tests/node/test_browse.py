@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from pydicom.uid import UID
+from pynetdicom.association import Association
 
 from ronnaplan.errors import InputError
 from ronnaplan.node.archives import open_archive
@@ -62,6 +64,33 @@ def test_series_are_listed_each_with_a_picture_of_its_middle(way: str, archive: 
         assert picture.shape == (96, 96)
         assert np.mean(picture > 128) == pytest.approx(3 / 8, abs=0.03)
         assert listed_series(opened, Wanted(patient_id="NOBODY")) == []
+
+
+def test_no_answer_is_lost_to_a_library_that_is_slow_to_wait(
+    archive: Orthanc, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def slow(association: Association, paused: bool) -> None:
+        end = time.monotonic() + 0.2
+        while not paused and time.monotonic() < end and association.dimse.msg_queue.empty():
+            pass  # as if another thread had the processor: pynetdicom's own took an answer then
+        association.__dict__["_is_paused"] = paused
+
+    monkeypatch.setattr(
+        Association, "_is_paused", property(lambda one: one.__dict__["_is_paused"], slow), raising=False
+    )
+    peer = Peer(name="pacs", title="ORTHANC", port=archive.port)
+    keys = {"StudyInstanceUID": STUDY, "SeriesInstanceUID": CT, "SOPInstanceUID": ""}
+    with open_archive(Config(home=tmp_path), peer) as opened:
+        assert [len(opened.find("IMAGE", keys)) for _ in range(3)] == 3 * [SLICES]
+
+
+def test_a_match_that_cannot_be_read_is_an_error(
+    archive: Orthanc, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pynetdicom.association.decode", lambda *_: 1 / 0)
+    peer = Peer(name="pacs", title="ORTHANC", port=archive.port)
+    with open_archive(Config(home=tmp_path), peer) as opened, pytest.raises(InputError, match="cannot be read"):
+        listed_series(opened, Wanted(patient_id="BROWSED"))
 
 
 def test_a_series_that_is_gone_has_no_picture(archive: Orthanc, tmp_path: Path) -> None:

@@ -19,7 +19,18 @@ from ronnaplan.node.sender import Sender
 from ronnaplan.node.series import SeriesWatch
 from ronnaplan.node.steps import PROCEDURE_STEP
 from tests.ct import makers
-from tests.node.peers import SENDER, Listening, Orthanc, configuration, listening, needs, save, send, until
+from tests.node.peers import (
+    SENDER,
+    Listening,
+    Orthanc,
+    associate,
+    configuration,
+    listening,
+    needs,
+    save,
+    send,
+    until,
+)
 from tests.node.test_series import RULE, add, facts, watch
 
 
@@ -77,7 +88,7 @@ def test_only_who_is_no_stranger_reports_and_who_sends_no_scans_stores_none(tmp_
         entity.add_requested_context(CTImageStorage)
         entity.add_requested_context(COMMITMENT)
         roles: list[Any] = [build_role(COMMITMENT, scp_role=True)]
-        association = entity.associate("127.0.0.1", node.port, ae_title="RONNAPLAN", ext_neg=roles)
+        association = associate(entity, node.port, ext_neg=roles)
         assert [one.abstract_syntax for one in association.accepted_contexts] == [COMMITMENT]
         report = Dataset()
         report.TransactionUID = "1.2.3"
@@ -90,7 +101,7 @@ def test_only_who_is_no_stranger_reports_and_who_sends_no_scans_stores_none(tmp_
 def test_a_scanner_that_says_it_is_done_completes_its_series(node: Listening, tmp_path: Path) -> None:
     entity = AE("CT1")
     entity.add_requested_context(PROCEDURE_STEP)
-    association = entity.associate("127.0.0.1", node.port, ae_title="RONNAPLAN")
+    association = associate(entity, node.port)
     begun, done, item = Dataset(), Dataset(), Dataset()
     begun.PerformedProcedureStepStatus = "IN PROGRESS"
     done.PerformedProcedureStepStatus = "COMPLETED"

@@ -31,7 +31,7 @@ from ronnaplan.node.receiver import CLASSES
 from ronnaplan.node.spool import Spool
 from tests.ct import makers
 from tests.node.audit_schema import conforming
-from tests.node.peers import Listening, association_request, listening, needs, save, send, until
+from tests.node.peers import Listening, associate, association_request, listening, needs, save, send, until
 
 pytestmark = needs("storescu", "echoscu")
 
@@ -70,7 +70,7 @@ def test_every_class_that_a_scan_or_an_answer_may_be_of_is_kept(node: Listening,
     entity = AE("CT1")
     for sop_class in CLASSES:
         entity.add_requested_context(sop_class)
-    association = entity.associate("127.0.0.1", node.port, ae_title="RONNAPLAN")
+    association = associate(entity, node.port)
     for k, sop_class in enumerate(CLASSES):
         made = makers.dataset(k)
         made.SOPClassUID = made.file_meta.MediaStorageSOPClassUID = UID(sop_class)
@@ -135,7 +135,7 @@ def send_as_is(port: int, path: Path, syntax: str, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(_config, "STORE_SEND_CHUNKED_DATASET", True)
     entity = AE("CT1")
     entity.add_requested_context(CTImageStorage, syntax)
-    association = entity.associate("127.0.0.1", port, ae_title="RONNAPLAN")
+    association = associate(entity, port)
     status = association.send_c_store(path)
     association.release()
     return int(status.Status)
@@ -308,7 +308,7 @@ def test_a_peer_that_falls_silent_is_cut_off(tmp_path: Path) -> None:
     with listening(tmp_path, limits={"silent_s": 1.0, "least_free_mib": 1}) as node:
         entity = AE("CT1")
         entity.add_requested_context(CTImageStorage)
-        association = entity.associate("127.0.0.1", node.port, ae_title="RONNAPLAN")
+        association = associate(entity, node.port)
         until(lambda: node.events("cut off"))
         assert node.events("cut off")[0]["reason"] == "nothing came for 1 s"
         assert node.events("cut off")[0]["calling"] == "CT1"
@@ -319,7 +319,7 @@ def test_a_message_begun_and_never_ended_leaves_nothing(tmp_path: Path) -> None:
     with listening(tmp_path, limits={"silent_s": 2.0, "least_free_mib": 1}) as node:
         entity = AE("CT1")
         entity.add_requested_context(CTImageStorage)
-        association = entity.associate("127.0.0.1", node.port, ae_title="RONNAPLAN")
+        association = associate(entity, node.port)
         sent: list[bytes] = []
         connection = association.dul.socket
         assert connection is not None
@@ -371,7 +371,7 @@ def test_more_associations_than_allowed_are_told_to_come_again(tmp_path: Path) -
     with listening(tmp_path, limits={"associations": 1, "least_free_mib": 1}) as node:
         entity = AE("CT1")
         entity.add_requested_context(CTImageStorage)
-        held = entity.associate("127.0.0.1", node.port, ae_title="RONNAPLAN")
+        held = associate(entity, node.port)
         said = send(node.port, instance(tmp_path))
         assert "Local Limit Exceeded" in said
         held.release()

@@ -16,7 +16,7 @@ from pynetdicom.association import Association
 from pynetdicom.dsutils import encode
 
 from tests.ct import makers
-from tests.node.peers import Listening, listening, needs, save, send, until
+from tests.node.peers import Listening, associate, listening, needs, save, send, until
 
 VERIFICATION = "1.2.840.10008.1.1"
 COMMAND, LAST = 1, 2
@@ -33,7 +33,7 @@ def associated(node: Listening) -> Iterator[Association]:
     entity = AE("CT1")
     entity.add_requested_context(CTImageStorage, "1.2.840.10008.1.2.1")
     entity.add_requested_context(VERIFICATION)
-    association = entity.associate("127.0.0.1", node.port, ae_title="RONNAPLAN")
+    association = associate(entity, node.port)
     yield association
     association.abort()
 
