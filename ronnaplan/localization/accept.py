@@ -87,6 +87,13 @@ class Evidence:
     unseen: float
     """Share of the ball's directions for which the scan has no voxels."""
     volume: CTVolume
+    usual_misfit: float = 0.0
+    """The misfit that markers of this scan have: it is the scan's and says nothing against one of them."""
+
+    @property
+    def own_misfit(self) -> float:
+        """The misfit beyond what is usual in the scan."""
+        return float(np.sqrt(max(self.fit.misfit**2 - self.usual_misfit**2, 0.0)))
 
     @cached_property
     def covariance_mm2(self) -> FloatArray:
@@ -164,7 +171,7 @@ def _coverage(evidence: Evidence) -> str | None:
         return f"only {of_all:.0%} of its surface is a sphere's{unseen}, {MIN_ROUND:.0%} expected"
     least = MIN_METAL_ROUND if has_streaks(fit.theta) else MIN_ROUND
     blurred = ROUND_WIDTH * max(float(fit.theta[WIDTH]) / evidence.diameter_mm - THIN_SHARE, 0.0)
-    expected = least + ROUND_MISFIT * fit.misfit + blurred
+    expected = least + ROUND_MISFIT * evidence.own_misfit + blurred
     if of_seen >= expected:
         return None
     return f"only {of_seen:.0%} of what is seen of its surface is a sphere's, {expected:.0%} expected"
@@ -187,9 +194,12 @@ def _informed(evidence: Evidence) -> str | None:
 def _roundness(evidence: Evidence) -> str | None:
     contrast = evidence.fit.contrast_hu
     limit = float(np.hypot(MAX_MISFIT, min(NOISE_MARGIN * evidence.noise_hu / contrast, MAX_NOISE)))
-    if evidence.fit.misfit <= limit:
+    if evidence.own_misfit <= limit:
         return None
-    return f"its surface departs from a sphere's by {evidence.fit.misfit:.1%} of its contrast, {limit:.1%} allowed"
+    allowed = float(np.hypot(limit, evidence.usual_misfit))
+    return (
+        f"its surface departs from a sphere's by {evidence.fit.misfit:.1%} of its contrast, {allowed:.1%} allowed"
+    )
 
 
 def _certainty(evidence: Evidence) -> str | None:

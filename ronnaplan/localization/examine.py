@@ -48,6 +48,12 @@ ALIKE_MM = 0.75
 ALIKE_SHARE = 0.6
 """Markers of one scan show the same slice profile, to within this or this share of its width."""
 
+FEWEST_USUAL = 3
+"""Fewer markers than these do not tell what is usual in a scan."""
+
+OF_THE_SURFACE = {"coverage", "roundness"}
+"""Tests that streaks of metal and of few views spoil in a whole scan, as in cone beams of a short turn."""
+
 SAME_PLACE = 0.5
 """Candidates nearer to each other than this share of the diameter are the same thing."""
 
@@ -181,12 +187,28 @@ def places_for(scan: Scan, diameter_mm: float, build: Build = SOLID) -> list[Flo
     return _apart(seen[shares >= MIN_COVERAGE], SAME_PLACE * diameter_mm)
 
 
+def usual_misfit(examined: Sequence[Examined]) -> float:
+    """Return the misfit (share of the contrast) that a scan's markers have; 0 where too few tell."""
+    misfits = [one.misfit for one in examined if one.is_marker]
+    return float(np.median(misfits)) if len(misfits) >= FEWEST_USUAL else 0.0
+
+
+def by_the_usual(scan: Scan, examined: Sequence[Examined], build: Build, usual: float) -> list[Examined]:
+    """Judge what was turned down for its surface alone once more, now that the scan's ``usual`` misfit is known."""
+    return [
+        examine_place(scan, one.candidate_mm, one.stated_mm, build, usual)
+        if usual > 0 and one.failures and {name for name, _ in one.failures} <= OF_THE_SURFACE
+        else one
+        for one in examined
+    ]
+
+
 def alike(accepted: Sequence[Examined]) -> list[Examined]:
     """Turn down what one scanner cannot have shown: a profile that is not that of the scan's other markers.
 
     One alone may be anything; of two nobody knows which is right.
     """
-    if len(accepted) < 3:
+    if len(accepted) < FEWEST_USUAL:
         return list(accepted)
     nominal = np.array([one.thickness_mm for one in accepted])  # not everywhere the same where gaps stand for it
     widths = np.array([one.parameters[WIDTH] for one in accepted])
@@ -242,12 +264,15 @@ def _fit(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build) ->
     return fit_ball(around, diameter_mm, build, float(scan.thickness_mm(center_mm)), scan.ceiling_hu)
 
 
-def examine_place(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build) -> Examined:
-    """Fit a ball of about ``diameter_mm`` at a place (3,) of the scan, and judge it."""
+def examine_place(
+    scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build, usual_misfit: float = 0.0
+) -> Examined:
+    """Fit a ball of about ``diameter_mm`` at a place (3,) of the scan, and judge it by what is usual there."""
     fit = fit_place(scan, center_mm, diameter_mm, build)
     unseen = unseen_share(scan.volume, fit.center_mm, fit.diameter_mm / 2.0)
     thickness_mm = float(scan.thickness_mm(center_mm))
-    evidence = Evidence(fit, diameter_mm, thickness_mm, scan.pixel_mm, noise_level(fit), unseen, scan.volume)
+    noise_hu = noise_level(fit)
+    evidence = Evidence(fit, diameter_mm, thickness_mm, scan.pixel_mm, noise_hu, unseen, scan.volume, usual_misfit)
     failed = tuple(failures(evidence))
     return Examined(
         center_mm,

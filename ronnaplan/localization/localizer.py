@@ -13,7 +13,16 @@ from ronnaplan.ct.progress import Progress
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import InputError, RefusedError, UsageError, check_type
 from ronnaplan.localization.build import SOLID, Build
-from ronnaplan.localization.examine import Examined, Scan, alike, distinct, examine, together
+from ronnaplan.localization.examine import (
+    Examined,
+    Scan,
+    alike,
+    by_the_usual,
+    distinct,
+    examine,
+    together,
+    usual_misfit,
+)
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
 from ronnaplan.localization.motion import suspected
 from ronnaplan.localization.size import proposal, sizes_seen
@@ -60,6 +69,7 @@ def localize(
     for diameter in diameters:
         _check_size(scan, diameter)
     examined = examine(scan, diameters, marker, progress)
+    examined = by_the_usual(scan, examined, marker, usual_misfit(examined))
     judged = alike(distinct(one for one in examined if one.is_marker))
     markers = _from_the_top(together(scan, [one for one in judged if one.is_marker]))
     examined = [*(one for one in examined if not one.is_marker), *judged]
