@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import atexit
 import gc
 import io
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from importlib import import_module
 
 from ronnaplan import __version__
@@ -36,6 +37,7 @@ class _Parser(argparse.ArgumentParser):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; returns the exit status: 0 done, 1 unusable input, 2 wrong usage, 3 refused."""
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
+    atexit.register(gc.freeze)  # else Python searches all that was imported for garbage, twice, before it ends
     _let_any_text_out()
     with guarded_output():
         try:
@@ -63,7 +65,9 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Return what a command line says; its ``run`` does it. Raises `UsageError`."""
-    return _parser().parse_args(arguments)
+    given = sys.argv[1:] if arguments is None else arguments
+    named = [verb for verb in VERBS if verb in given[:1]]
+    return _parser(named or VERBS).parse_args(given)
 
 
 def _let_any_text_out() -> None:
@@ -73,11 +77,11 @@ def _let_any_text_out() -> None:
             stream.reconfigure(errors="replace")
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(names: Iterable[str] = VERBS) -> argparse.ArgumentParser:
     parser = _Parser(prog="ronnaplan", description=DESCRIPTION, epilog=NOTICE)
     parser.add_argument("--version", action="version", version=f"ronnaplan {__version__}")
     verbs = parser.add_subparsers(metavar="VERB", required=True, parser_class=_Parser)
-    for name in VERBS:
+    for name in names:
         module = import_module(f"ronnaplan.cli.{name.replace('-', '_')}")
         verb = verbs.add_parser(name, help=module.HELP, description=module.HELP, epilog=NOTICE)
         module.configure(verb)

@@ -28,13 +28,15 @@ from ronnaplan.documents.fields import (
 )
 from ronnaplan.documents.reading import made, read_document
 from ronnaplan.errors import check_type
-from ronnaplan.geometry import Frame, Points
+from ronnaplan.geometry import FloatArray, Frame, Points
 from ronnaplan.localization.fiducials import UNSEEN_MOTION_MM, FiducialFlag, Fiducials
 
 FORMAT = "ronnaplan.fiducials"
 LEAST_APART = 0.25
 """Balls whose centers are nearer to each other than this share of the smallest diameter are one ball, named twice. The
 localizer keeps apart what is twice as far."""
+FEW = 200
+"""So many markers have all their distances taken; a tree is faster from some thousand on, but is long to load."""
 
 
 class Source(DocumentModel):
@@ -164,20 +166,29 @@ class FiducialsDocument(DocumentModel):
 
 
 def _check_apart(entries: tuple[FiducialEntry, ...]) -> None:
-    from scipy.spatial import KDTree
-
     if len(entries) < 2:
         return
-    centers_mm = np.array([one.center for one in entries])
-    distances_mm, nearest = (np.asarray(found) for found in KDTree(centers_mm).query(centers_mm, k=2))
-    first = int(distances_mm[:, 1].argmin())
+    apart_mm, first, other = _closest(np.array([one.center for one in entries]))
     least_mm = LEAST_APART * min(one.diameter_mm for one in entries)
-    if distances_mm[first, 1] < least_mm:
-        other = next(int(each) for each in nearest[first] if each != first)
+    if apart_mm < least_mm:
         raise ValueError(
-            f"the fiducials {entries[first].label} and {entries[other].label} are {distances_mm[first, 1]:.3g} mm "
+            f"the fiducials {entries[first].label} and {entries[other].label} are {apart_mm:.3g} mm "
             f"apart; expected {least_mm:.3g} mm at least"
         )
+
+
+def _closest(centers_mm: FloatArray) -> tuple[float, int, int]:
+    """Return how far apart the closest two of ``centers_mm`` (N, 3) are, and their numbers."""
+    if len(centers_mm) > FEW:
+        from scipy.spatial import KDTree
+
+        near_mm, near = (np.asarray(found) for found in KDTree(centers_mm).query(centers_mm, k=2))
+        first = int(near_mm[:, 1].argmin())
+        return float(near_mm[first, 1]), first, next(int(each) for each in near[first] if each != first)
+    distances_mm = np.linalg.norm(centers_mm[:, np.newaxis] - centers_mm, axis=-1)
+    np.fill_diagonal(distances_mm, np.inf)
+    first, other = divmod(int(distances_mm.argmin()), len(centers_mm))
+    return float(distances_mm[first, other]), first, other
 
 
 def fiducials_document(found: Fiducials) -> FiducialsDocument:

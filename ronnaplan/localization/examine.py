@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
+from numpy.lib.stride_tricks import sliding_window_view
 
 from ronnaplan.ct.progress import Progress, advancing
 from ronnaplan.ct.volume import CTVolume
@@ -82,7 +82,8 @@ class Scan:
     @cached_property
     def _wide_gaps_mm(self) -> FloatArray:
         """The widest of each gap (K - 1,) and its neighbours."""
-        widest_mm: FloatArray = maximum_filter1d(self.volume.grid.spacings_mm, 3)
+        padded_mm = np.pad(self.volume.grid.spacings_mm, 1, mode="edge")
+        widest_mm: FloatArray = sliding_window_view(padded_mm, 3).max(axis=1)
         return widest_mm
 
     @property

@@ -44,11 +44,21 @@ def test_help_loads_nothing_heavy() -> None:
 
 
 def test_localizing_loads_nothing_that_takes_longer_than_the_work(ct_folder: Path) -> None:
-    unneeded = ("scipy.stats", "scipy.optimize", "SimpleITK", "matplotlib", "skimage", "PIL")
+    unneeded = (
+        *("scipy.stats", "scipy.optimize", "scipy.ndimage", "scipy.spatial", "SimpleITK", "matplotlib", "skimage"),
+        *("PIL", "ronnaplan.cli.plan"),
+    )
     code = f"import sys\nfrom ronnaplan.cli import main\nmain(['localize', {str(ct_folder)!r}, '--diameter', '11.5'])\n"
     code += f"print('loaded', *[name for name in {unneeded} if name in sys.modules], file=sys.stderr)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stderr.splitlines()[-1] == "loaded"
+
+
+def test_python_searches_nothing_for_garbage_when_it_ends() -> None:
+    code = "import atexit, gc, sys\natexit.register(lambda: print(len(gc.get_objects())))\n"
+    code += "from ronnaplan.cli import main\nmain(['--version'])"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert int(done.stdout.splitlines()[-1]) < 1000
 
 
 def test_localize_prints_the_document_and_nothing_else(

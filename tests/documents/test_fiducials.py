@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ronnaplan.ct import SeriesSource
-from ronnaplan.documents.fiducials import fiducials_document, read_fiducials
+from ronnaplan.documents.fiducials import FEW, fiducials_document, read_fiducials
 from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import InputError
 from ronnaplan.localization import Fiducial, FiducialFlag, Fiducials, Rejected
@@ -108,14 +108,17 @@ def test_a_marker_that_cannot_be_is_refused(document: Path, entry: str, value: o
         read_fiducials(document)
 
 
+@pytest.mark.parametrize("others", [0, FEW])
 @pytest.mark.parametrize(("shift_mm", "is_one"), [(0.0, True), (2.8, True), (2.9, False)])
 def test_two_markers_at_one_place_are_refused_by_their_names(
-    document: Path, shift_mm: float, is_one: bool
+    document: Path, shift_mm: float, is_one: bool, others: int
 ) -> None:
     content = json.loads(document.read_text())
     first = content["fiducials"][0]
     x, y, z = first["center"]
     content["fiducials"].append(first | {"label": "again", "center": [x, y, z + shift_mm]})
+    for n in range(1, others + 1):
+        content["fiducials"].append(first | {"label": f"other {n}", "center": [x + 10.0 * n, y, z]})
     document.write_text(json.dumps(content))
     if not is_one:
         assert len(read_fiducials(document).fiducials) == len(content["fiducials"])
