@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from ronnaplan.cli.output import warn
-from ronnaplan.cli.robot_options import read_looks, rms, size_mm, tell, with_output, with_robot_sigmas
+from ronnaplan.cli.robot_options import degrees, read_looks, rms, size_mm, tell, with_output, with_robot_sigmas
 
 HELP = "Find the markers again in the cameras' images, in the robot's coordinates."
 
@@ -27,7 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--lamp-offset",
-        type=size_mm,
+        type=degrees,
         default=0.04,
         metavar="DEG",
         help="how far the middle of a lamp about a lens is from the lens, as seen from the marker, one standard "

@@ -182,6 +182,12 @@ def test_what_does_not_belong_together_is_refused(home: Path, capsys: pytest.Cap
     assert "frame 0: no sphere of 9 mm" in text
 
 
+def test_a_lamp_s_angle_is_judged_in_degrees(capsys: pytest.CaptureFixture[str]) -> None:
+    asked = ["relocate", "looks", "robot.csv", "--rig", "rig.json", "--diameter", "9", "--lamp-offset", "40"]
+    assert main(["robot", *asked]) == 2
+    assert "40 is no standard deviation in degrees" in capsys.readouterr().err
+
+
 def test_changed_documents_are_refused(home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     chain = read(home / "chain.json")
     chain["robot_from_ct"]["matrix"][0][3] += 0.01
