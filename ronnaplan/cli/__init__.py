@@ -6,6 +6,7 @@ import argparse
 import atexit
 import gc
 import io
+import os
 import sys
 from collections.abc import Iterable, Sequence
 from importlib import import_module
@@ -23,8 +24,9 @@ DESCRIPTION = "From a head CT with spherical markers to coordinates a robot can 
 NOTICE = "Research software, not a medical device."
 
 
-OBJECTS_BETWEEN_COLLECTIONS = 100_000
-"""Python looks for circles of garbage after so many new objects, not after 700: imports make many and drop none."""
+OBJECTS_BETWEEN_COLLECTIONS = 300_000
+"""Python looks for circles of garbage after so many new objects, not after 700: imports make many (those of localizing
+200,000) and drop none."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -38,6 +40,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; returns the exit status: 0 done, 1 unusable input, 2 wrong usage, 3 refused."""
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
     atexit.register(gc.freeze)  # else Python searches all that was imported for garbage, twice, before it ends
+    os.environ.setdefault(
+        "PYDANTIC_DISABLE_PLUGINS", "true"
+    )  # else it reads what every installed package declares
     _let_any_text_out()
     with guarded_output():
         try:
