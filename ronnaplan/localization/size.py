@@ -23,7 +23,9 @@ from ronnaplan.localization.coarse import COARSE_FLOOR_MM, blocks, coarse_voxel_
 from ronnaplan.localization.detect import detect_in
 from ronnaplan.localization.examine import Examined, Scan, distinct, examine_place
 from ronnaplan.localization.look import surface_shares
+from ronnaplan.localization.parameters import BACKGROUND, CONTRAST
 from ronnaplan.localization.parts import single_threaded_algebra
+from ronnaplan.localization.shading import PLATEAU_SHARE
 from ronnaplan.localization.sphere import LEAST_SHOWN, spheres_at
 
 SEARCHED_MM = (3.0, 26.0)
@@ -54,9 +56,14 @@ class Size:
 
     diameter_mm: float
     count: int
+    is_hidden: bool = False
+    """Whether the scale ends so far below their contrast that nobody sees how large they are."""
 
     def __str__(self) -> str:
-        return f"{self.count} sphere{'s' * (self.count > 1)} of {self.diameter_mm:.2f} mm"
+        spheres = f"{self.count} sphere{'s' * (self.count > 1)}"
+        if self.is_hidden:
+            return f"{spheres} of about {self.diameter_mm:.0f} mm, brighter than the scan's scale"
+        return f"{spheres} of {self.diameter_mm:.2f} mm"
 
 
 def sizes_seen(volume: CTVolume, marker: Build = SOLID, *, progress: bool = False) -> tuple[Size, ...]:
@@ -77,8 +84,11 @@ def sizes_seen(volume: CTVolume, marker: Build = SOLID, *, progress: bool = Fals
     with single_threaded_algebra(), ThreadPoolExecutor(os.cpu_count()) as pool:
         fitted = list(advancing(pool.map(fitted_at, places), len(places), progress, "fitting balls"))
     accepted = distinct(one for one in fitted if one.is_marker)
-    kinds = _kinds([one.diameter_mm for one in accepted])
-    sizes = [Size(float(np.median(kind)), len(kind)) for kind in kinds]
+    sizes = [
+        Size(float(np.median(kind)), len(kind), is_hidden)
+        for is_hidden in (False, True)
+        for kind in _kinds([one.diameter_mm for one in accepted if _is_hidden(one, scan) == is_hidden])
+    ]
     return tuple(sorted(sizes, key=lambda size: (-size.count, -size.diameter_mm)))
 
 
@@ -87,14 +97,16 @@ def common_diameter(
 ) -> float:
     """Return the diameter (mm) of the commonest kind of ball in a scan, or of the one that ``expected`` balls have.
 
-    Raises `RefusedError`, with the sizes that are there as proposals, when no `MIN_MARKERS` balls have one size or
-    several sizes are equally common.
+    Raises `RefusedError`, with the sizes that are there as proposals, when no `MIN_MARKERS` balls have one size,
+    several sizes are equally common, or the scale's end hides the size.
     """
     sizes = sizes_seen(volume, marker, progress=progress)
     sets = [size for size in sizes if size.count >= MIN_MARKERS]
     wanted = [size for size in sets if size.count == expected] or [
         size for size in sets if size.count == sets[0].count
     ]
+    if len(wanted) == 1 and wanted[0].is_hidden:
+        raise RefusedError(f"{wanted[0]}: that hides their size; state --diameter")
     if len(wanted) == 1:
         return wanted[0].diameter_mm
     if not sets:
@@ -107,8 +119,11 @@ def proposal(sizes: Iterable[Size]) -> str:
     seen = tuple(sizes)
     if not seen:
         return f"no sphere of {SEARCHED_MM[0]:g} to {SEARCHED_MM[1]:g} mm was seen"
-    tries = [f"{size.diameter_mm:.1f}" for size in seen if size.count >= MIN_MARKERS] or [
-        f"{seen[0].diameter_mm:.1f}"
+    told = [size for size in seen if not size.is_hidden]
+    if not told:
+        return f"seen: {', '.join(map(str, seen))}: state --diameter"
+    tries = [f"{size.diameter_mm:.1f}" for size in told if size.count >= MIN_MARKERS] or [
+        f"{told[0].diameter_mm:.1f}"
     ]
     both = f" or --diameter {','.join(tries)} for all" if len(tries) > 1 else ""
     return f"seen: {', '.join(map(str, seen))}: try {' or '.join(f'--diameter {one}' for one in tries)}{both}"
@@ -155,6 +170,10 @@ def _fitted(scan: Scan, center_mm: FloatArray, diameter_mm: float, marker: Build
     if first.is_marker or not {test for test, _ in first.failures} <= {"diameter", "certainty"}:
         return first
     return examine_place(scan, first.center_mm, first.diameter_mm, marker)
+
+
+def _is_hidden(one: Examined, scan: Scan) -> bool:
+    return bool(scan.ceiling_hu - one.parameters[BACKGROUND] < PLATEAU_SHARE * one.parameters[CONTRAST])
 
 
 def _kinds(diameters_mm: list[float]) -> list[list[float]]:

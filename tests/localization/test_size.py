@@ -41,6 +41,17 @@ def test_of_equally_common_sizes_the_expected_number_decides_or_both_are_propose
         common_diameter(volume)
 
 
+@pytest.mark.parametrize("stated_mm", [4.0, 11.5])
+def test_metal_that_the_scale_does_not_hold_has_no_size(stated_mm: float) -> None:
+    volume = scan(balls(PLACES[:4], stated_mm, "titanium"), small_stack(thickness_mm=0.6, spacing_mm=0.6))
+    with pytest.raises(
+        RefusedError, match=r"4 spheres of about (4|5|12) mm, .* hides their size; state --diameter"
+    ):
+        common_diameter(volume)
+    ceramic = scan(balls(PLACES[:4], stated_mm, "ceramic"), small_stack(thickness_mm=0.6, spacing_mm=0.6))
+    assert common_diameter(ceramic) == pytest.approx(stated_mm, abs=0.05)
+
+
 def test_nothing_seen_is_said() -> None:
     assert "no sphere" in proposal(sizes_seen(scan(balls(PLACES[:1], 1.0), small_stack(matrix=32))))
 
