@@ -113,7 +113,11 @@ class _Archive(zipfile.ZipFile):
 
     def __init__(self, raw: io.RawIOBase, name: str, most_directory_bytes: int) -> None:
         self._file = _BoundedReader(raw, max(most_directory_bytes, _UNPACKED_IN_MEMORY_BYTES))
-        super().__init__(self._file)
+        try:
+            super().__init__(self._file)
+        except BaseException:
+            self._file.close()
+            raise
         self.filename = name
 
     def close(self) -> None:
@@ -140,22 +144,7 @@ def zip_members(
 
     ``raw`` is the open archive where it is no file of this machine; only members in ``wanted`` are unpacked.
     """
-    try:
-        # stays open as long as one of its members is in use
-        archive = _Archive(io.FileIO(path) if raw is None else raw, str(path), limits.header_bytes)
-    except (zipfile.BadZipFile, OSError, NotImplementedError, ValueError) as error:
-        raise InputError(
-            f"{printable(path)} is a damaged zip archive ({printable(error)}); copy it again"
-        ) from error
-    count = len(archive.infolist())
-    if count > limits.files:
-        raise InputError(f"{printable(path)} declares {count} members; at most {limits.files} are read")
-    total = sum(info.file_size for info in archive.infolist())
-    if total > limits.archive_bytes:
-        raise InputError(
-            f"{printable(path)} unpacks to {total} bytes, more than the limit of {limits.archive_bytes}; "
-            "raise the limit if you trust it"
-        )
+    archive = _opened(path, limits, raw)
     for info in archive.infolist():
         member = ZipMember(archive, info)
         if info.filename.endswith("/") or (wanted is not None and info.filename not in wanted):
@@ -171,6 +160,34 @@ def zip_members(
                 yield _unpacked(member)
             except DamagedError as error:
                 skipped.append(Skipped(member.name, str(error), True))
+
+
+def _opened(path: Path, limits: Limits, raw: io.RawIOBase | None) -> _Archive:
+    """Return an archive within ``limits``, which stays open as long as one of its members is in use."""
+    try:
+        archive = _Archive(io.FileIO(path) if raw is None else raw, str(path), limits.header_bytes)
+    except (zipfile.BadZipFile, OSError, NotImplementedError, ValueError) as error:
+        raise InputError(
+            f"{printable(path)} is a damaged zip archive ({printable(error)}); copy it again"
+        ) from error
+    try:
+        _check_limits(archive, path, limits)
+    except InputError:
+        archive.close()  # the error's traceback would hold it
+        raise
+    return archive
+
+
+def _check_limits(archive: _Archive, path: Path, limits: Limits) -> None:
+    count = len(archive.infolist())
+    if count > limits.files:
+        raise InputError(f"{printable(path)} declares {count} members; at most {limits.files} are read")
+    total = sum(info.file_size for info in archive.infolist())
+    if total > limits.archive_bytes:
+        raise InputError(
+            f"{printable(path)} unpacks to {total} bytes, more than the limit of {limits.archive_bytes}; "
+            "raise the limit if you trust it"
+        )
 
 
 def _unpacked(member: ZipMember) -> UnpackedMember:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ronnaplan.ct import Limits, VolumeFlag, find_series, read_ct
+from ronnaplan.ct.archives import zip_members
 from ronnaplan.ct.folders import blobs_below
 from ronnaplan.ct.limits import DEFAULT_LIMITS
 from ronnaplan.errors import InputError
@@ -47,6 +48,23 @@ def test_a_zip_that_unpacks_to_more_than_the_limit_is_refused(tmp_path: Path) ->
         find_series(tmp_path / "bomb.zip", Limits(files=3))
     found = find_series(tmp_path / "bomb.zip", Limits(file_bytes=1 << 19))
     assert "above the limit" in found.skipped[0].reason
+
+
+@pytest.mark.parametrize(
+    ("kept", "limits"), [(None, Limits(files=1)), (None, Limits(archive_bytes=9)), (60, DEFAULT_LIMITS)]
+)
+def test_a_refused_zip_is_closed_while_its_error_is_still_looked_at(
+    tmp_path: Path, kept: int | None, limits: Limits
+) -> None:
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        archive.writestr("a", bytes(5))
+        archive.writestr("b", bytes(5))
+    (tmp_path / "a.zip").write_bytes((tmp_path / "a.zip").read_bytes()[:kept])
+    raw = io.FileIO(tmp_path / "a.zip")
+    with pytest.raises(InputError) as refused:
+        next(zip_members(tmp_path / "a.zip", limits, [], raw=raw))
+    assert raw.closed
+    assert refused.tb is not None
 
 
 def test_a_zip_with_a_longer_directory_than_it_declares_is_refused_before_it_is_read(tmp_path: Path) -> None:
