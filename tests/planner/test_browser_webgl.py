@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import cv2
 import numpy as np
 
+from tests.loops import apart
 from tests.planner.browser import Planner, chromium, eventually, needs_browser, opened, seen_at, value
 
 pytestmark = needs_browser
@@ -39,8 +39,7 @@ def changed(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def test_the_browser_draws_turns_and_opens_the_head_and_gets_pictures_where_it_cannot(kept: Planner) -> None:
-    with ThreadPoolExecutor(1) as thread:  # this one may hold another browser's event loop
-        thread.submit(look, kept.url).result()
+    apart(look, kept.url)
 
 
 def look(url: str) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +14,7 @@ from ronnaplan.report.overview import STYLE
 from ronnaplan.scene.files import html, view, viewer
 from ronnaplan.scene.shapes import ball
 from ronnaplan.scene.things import Thing
+from tests.loops import apart
 from tests.planner.browser import chromium, needs_browser
 
 pytestmark = needs_browser
@@ -40,12 +39,6 @@ def shown(page: Any) -> np.ndarray:
 def red_middle(picture: np.ndarray) -> float:
     """Where the red ball is seen across the page, beside the list."""
     return float(np.nonzero(picture[:, :350, 2] - picture[:, :350, 0] > 25)[1].mean())
-
-
-def apart(work: Callable[[Path], None], page_file: Path) -> None:
-    """Do something in a thread of its own: this one may hold another browser's event loop."""
-    with ThreadPoolExecutor(1) as thread:
-        thread.submit(work, page_file).result()
 
 
 def test_a_scene_is_turned_in_the_browser_and_what_is_hidden_goes(page_file: Path) -> None:
