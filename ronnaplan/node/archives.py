@@ -6,15 +6,15 @@ import io
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from pydicom.dataset import Dataset
 
-from ronnaplan.documents.files import write_atomically
-from ronnaplan.errors import InputError, RonnaplanError
+from ronnaplan.errors import InputError
+from ronnaplan.node.arrivals import Arrivals
 from ronnaplan.node.config import Config, Peer
-from ronnaplan.node.facts import UID
-from ronnaplan.text import printable
+from ronnaplan.node.matches import LEVELS, fitting
+from ronnaplan.node.web import web_client
 
 if TYPE_CHECKING:
     from pynetdicom.association import Association
@@ -23,9 +23,6 @@ FIND = "1.2.840.10008.5.1.4.1.2.2.1"
 GET = "1.2.840.10008.5.1.4.1.2.2.3"
 MOVE = "1.2.840.10008.5.1.4.1.2.2.2"
 PENDING = (0xFF00, 0xFF01)
-
-LEVELS: Final = {"STUDY": "StudyInstanceUID", "SERIES": "SeriesInstanceUID", "IMAGE": "SOPInstanceUID"}
-"""What can be asked for, from the whole to its parts, and what names one."""
 
 
 class Archive(Protocol):
@@ -54,14 +51,14 @@ def open_archive(config: Config, peer: Peer, by: str | None = None) -> Iterator[
     """
     if peer.url is not None:
         with _reachable(peer):
-            yield _Web(peer)
+            yield _Web(config, peer)
         return
     from pynetdicom import evt
 
     from ronnaplan.node.association import associated
     from ronnaplan.node.receiver import CLASSES, SYNTAXES
 
-    kept = _Kept()
+    kept = Arrivals()
     ways = {"get": GET, "move": MOVE}
     asked = [FIND, *([ways[by]] if by else ways.values())]
     stored = [] if by == "move" else list(CLASSES)
@@ -81,23 +78,8 @@ def open_archive(config: Config, peer: Peer, by: str | None = None) -> Iterator[
             yield _Dimse(config, peer, association, way, kept)
 
 
-class _Kept:
-    """Keeps what an archive sends."""
-
-    def __init__(self) -> None:
-        self.folder = Path()
-        self.paths: set[Path] = set()
-
-    def take(self, event: Any) -> int:
-        try:
-            self.paths.add(_keep(self.folder, event.request.AffectedSOPInstanceUID, event.encoded_dataset()))
-        except RonnaplanError:
-            return 0xA700
-        return 0x0000
-
-
 class _Dimse:
-    def __init__(self, config: Config, peer: Peer, association: Association, way: str, kept: _Kept) -> None:
+    def __init__(self, config: Config, peer: Peer, association: Association, way: str, kept: Arrivals) -> None:
         self._config, self._peer, self._association, self._way, self._kept = config, peer, association, way, kept
 
     def find(self, level: str, keys: Mapping[str, str]) -> list[Dataset]:
@@ -105,18 +87,19 @@ class _Dimse:
         found = [one for one in told if one is not None]
         if len(found) < len(told):
             raise InputError(f"{self._peer.name} answered what cannot be read; expected a dataset for each match")
-        return found
+        return fitting(self._peer.name, level, keys, found)
 
     def fetch(self, uids: Sequence[str], folder: Path) -> set[Path]:
-        self._kept.folder, self._kept.paths = folder, set()
+        self._kept.expect(uids, folder)
         level = list(LEVELS)[len(uids) - 1]
         order = _query(level, dict(zip(LEVELS.values(), uids, strict=False)))
         if self._way == GET:
-            answers = self._association.send_c_get(order, GET)
+            self._told(self._association.send_c_get(order, GET))
         else:
-            answers = self._association.send_c_move(order, self._config.titles[0], MOVE)
-        self._told(answers)
-        return self._kept.paths
+            self._told(self._association.send_c_move(order, self._config.titles[0], MOVE))
+        # an archive may answer C-MOVE before it has sent anything
+        patience_s = 0.0 if self._way == GET else self._config.limits.silent_s
+        return self._kept.all_of(self._peer.name, _instances(self, uids), patience_s)
 
     def _told(self, answers: Any) -> list[Dataset | None]:
         """Return what was told before the end, None without a dataset; raises `InputError` for an end that is none."""
@@ -132,10 +115,9 @@ class _Dimse:
 
 
 class _Web:
-    def __init__(self, peer: Peer) -> None:
-        from dicomweb_client.api import DICOMwebClient
-
-        self._client: Any = DICOMwebClient(str(peer.url))
+    def __init__(self, config: Config, peer: Peer) -> None:
+        self._peer, self._kept = peer, Arrivals()
+        self._client, self._heard = web_client(peer, config.limits.silent_s)
 
     def find(self, level: str, keys: Mapping[str, str]) -> list[Dataset]:
         above = [keys[name] for name in list(LEVELS.values())[: list(LEVELS).index(level)]]
@@ -146,25 +128,45 @@ class _Web:
         )
         filters = {name: value for name, value in keys.items() if value and value not in above}
         fields = [name for name, value in keys.items() if not value]
-        found = ways[len(above)](*above, search_filters=filters, fields=fields)
-        return [Dataset.from_json(one) for one in found]
+        found: list[Dataset] = []
+        while True:  # a list comes in pages, and not every archive says that there is another one
+            page = ways[len(above)](*above, search_filters=filters, fields=fields, offset=len(found) or None)
+            known, found = len(found), [*found, *(Dataset.from_json(one) for one in page)]
+            found = fitting(self._peer.name, level, keys, found)
+            if len(found) == known:
+                break
+        if self._heard.has_more:
+            raise InputError(f"{self._peer.name} has more matches than it tells; ask for fewer days")
+        return found
 
     def fetch(self, uids: Sequence[str], folder: Path) -> set[Path]:
+        self._kept.expect(uids, folder)
         if len(uids) == len(LEVELS):
             instances = [self._client.retrieve_instance(*uids)]
         else:
             instances = (self._client.iter_study, self._client.iter_series)[len(uids) - 1](*uids)
-        kept = set()
         for instance in instances:
             file = io.BytesIO()
             instance.save_as(file, enforce_file_format=True)
-            kept.add(_keep(folder, instance.SOPInstanceUID, file.getvalue()))
-        return kept
+            self._kept.keep(instance.SOPInstanceUID, file.getvalue())
+        return self._kept.all_of(self._peer.name, _instances(self, uids))
+
+
+def _instances(archive: Archive, uids: Sequence[str]) -> set[str]:
+    """Return the UIDs of all instances that an archive lists of a study, of one of its series, or the one named."""
+    if len(uids) == len(LEVELS):
+        return {uids[-1]}
+    given = dict(zip(LEVELS.values(), uids, strict=False))
+    level = list(LEVELS)[len(uids)]
+    found = [str(one[LEVELS[level]].value) for one in archive.find(level, {**given, LEVELS[level]: ""})]
+    return set(found) if level == "IMAGE" else set().union(*(_instances(archive, [*uids, one]) for one in found))
 
 
 def _query(level: str, keys: Mapping[str, str]) -> Dataset:
     query = Dataset()
     query.QueryRetrieveLevel = level
+    if not "".join(keys.values()).isascii():  # what the default set lacks would go out as ?, which fits anything
+        query.SpecificCharacterSet = "ISO_IR 192"
     for keyword, value in keys.items():
         setattr(query, keyword, value)
     return query
@@ -178,11 +180,3 @@ def _reachable(peer: Peer) -> Iterator[None]:
         yield
     except (requests.RequestException, OSError) as error:
         raise InputError(f"{peer.name} cannot be reached by DICOMweb: {error}") from error
-
-
-def _keep(folder: Path, sop_uid: str, content: bytes) -> Path:
-    if UID.fullmatch(str(sop_uid)) is None:
-        raise InputError(f"an instance has the UID '{printable(sop_uid, 80)}'; expected digits and points")
-    path = folder / f"{sop_uid}.dcm"
-    write_atomically(path, content)
-    return path

@@ -107,7 +107,7 @@ def begin_asking(index: Index, receiver: str, named: Sequence[Named]) -> tuple[s
 
 
 def note_report(index: Index, receiver: str, report: Dataset, now: float, retry_s: float) -> tuple[int, int]:
-    """Note what ``receiver`` keeps; what it does not keep is delivered again. Returns the numbers of both.
+    """Note what ``receiver`` keeps; all else that it was asked for is delivered again. Returns the numbers of both.
 
     Raises `InputError` for a transaction that it was not asked for.
     """
@@ -122,8 +122,9 @@ def note_report(index: Index, receiver: str, report: Dataset, now: float, retry_
         )
         if not waited:
             raise InputError(f"nothing was asked for in transaction '{printable(transaction, 80)}'")
-        kept = [uid for _, uid in _named(report, "ReferencedSOPSequence") if uid in waited]
-        failed = [uid for _, uid in _named(report, "FailedSOPSequence") if uid in waited]
+        refused = {uid for _, uid in _named(report, "FailedSOPSequence")}
+        kept = [uid for _, uid in _named(report, "ReferencedSOPSequence") if uid in waited and uid not in refused]
+        failed = [uid for uid in waited if uid not in kept]  # what it passes over it does not promise to keep
         for uid in kept:
             index.run("UPDATE deliveries SET state = 'kept' WHERE answer = ? AND receiver = ?", uid, receiver)
         for uid in failed:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Protocol
 
+from pydicom.dataset import Dataset
 from pydicom.uid import (
     Comprehensive3DSRStorage,
     EncapsulatedPDFStorage,
@@ -21,15 +22,24 @@ from pydicom.uid import (
 
 from ronnaplan.errors import InputError, RonnaplanError
 from ronnaplan.node.audit import Audit, Instances
-from ronnaplan.node.commitment import ASK, COMMITMENT, WELL_KNOWN, Named, Promise, begin_asking, outcome
+from ronnaplan.node.commitment import (
+    ASK,
+    COMMITMENT,
+    WELL_KNOWN,
+    Named,
+    Promise,
+    begin_asking,
+    note_report,
+    outcome,
+)
 from ronnaplan.node.config import Config, Peer
 from ronnaplan.node.index import Index
 from ronnaplan.node.jobs import wait_s
 from ronnaplan.node.logs import Log
+from ronnaplan.node.web import web_client
 from ronnaplan.text import printable
 
 if TYPE_CHECKING:
-    from pydicom.dataset import Dataset
     from pynetdicom.association import Association
 
 MOST_AT_ONCE: Final = 32
@@ -42,6 +52,8 @@ CLASSES: Final = (
 """What is sent."""
 WARNINGS: Final = frozenset({0xB000, 0xB006, 0xB007})
 """Statuses of C-STORE that say that the instance was kept, if not as it was."""
+STORED: Final = 200
+"""Status of HTTP that says that every instance was stored (PS3.18, 10.5.3)."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +73,7 @@ class Channel(Protocol):
     commits: bool
 
     def ask(self, request: Dataset) -> None:
-        """Ask for storage commitment; raises `InputError` where the request is not taken."""
+        """Ask for storage commitment; raises `InputError` where the request is not taken, others where nobody knows."""
 
     def send(self, path: Path) -> None:
         """Hand over a file; raises `InputError` where it is not taken."""
@@ -123,7 +135,7 @@ class Sender(threading.Thread):
                         taken.append((one.sop_class, one.answer))
                     del waiting[0]
                 if taken:
-                    self._ask(index, channel, taken)
+                    self._ask(index, channel, taken, now)
         except Exception as error:  # whatever a peer makes of it: told, and tried again
             for one in waiting:
                 self._later(index, one, str(error), now, sent)
@@ -137,8 +149,8 @@ class Sender(threading.Thread):
                 failure=failure,
             )
 
-    def _ask(self, index: Index, channel: Channel, taken: list[Named]) -> None:
-        """Ask the receiver to promise to keep what it has taken, where it offers that."""
+    def _ask(self, index: Index, channel: Channel, taken: list[Named], now: float) -> None:
+        """Ask the receiver to promise to keep what it has taken, where it offers that; sent again if it goes."""
         if not channel.commits:
             return
         with index.transaction():  # the report may come at once
@@ -148,6 +160,11 @@ class Sender(threading.Thread):
         except InputError as error:
             index.run("DELETE FROM asked WHERE transaction_uid = ?", transaction)
             self._log.tell("no commitment", receiver=self._peer.name, reason=str(error))
+        except (RuntimeError, ValueError, OSError) as error:  # no connection any more
+            asked = Dataset()
+            asked.TransactionUID = transaction
+            note_report(index, self._peer.name, asked, now, self._config.jobs.retry_s)
+            self._log.tell("no commitment", receiver=self._peer.name, reason=str(error), again=True)
 
     def report(self, index: Index, now: float) -> None:
         """Tell the peer what is kept of what it asked to have kept."""
@@ -220,7 +237,7 @@ def senders_of(config: Config, log: Log) -> list[Sender]:
 def open_channel(config: Config, peer: Peer) -> Iterator[Channel]:
     """Open a way to ``peer``; raises `InputError` where it cannot be reached."""
     if peer.url is not None:
-        yield _Web(peer)
+        yield _Web(config, peer)
         return
     from ronnaplan.node.association import associated
 
@@ -235,7 +252,9 @@ class _Storage:
 
     def ask(self, request: Dataset) -> None:
         status, _ = self._association.send_n_action(request, ASK, COMMITMENT, WELL_KNOWN)
-        if status.get("Status") != 0:
+        if "Status" not in status:
+            raise ConnectionError(f"{self._peer.name} went before it took a request for storage commitment")
+        if status.Status != 0:
             raise InputError(f"{self._peer.name} takes no request for storage commitment")
 
     def send(self, path: Path) -> None:
@@ -250,10 +269,9 @@ class _Storage:
 
 
 class _Web:
-    def __init__(self, peer: Peer) -> None:
-        from dicomweb_client.api import DICOMwebClient
-
-        self._client, self._peer, self.commits = DICOMwebClient(str(peer.url)), peer, False
+    def __init__(self, config: Config, peer: Peer) -> None:
+        self._peer, self.commits = peer, False
+        self._client, self._heard = web_client(peer, config.limits.silent_s)
 
     def ask(self, request: Dataset) -> None:
         raise InputError(f"{self._peer.name} is spoken to by DICOMweb, which has no storage commitment")
@@ -262,11 +280,17 @@ class _Web:
         import requests
         from pydicom import dcmread
 
+        sent = dcmread(path)
         try:
-            answer = self._client.store_instances([dcmread(path)])
+            answer = self._client.store_instances([sent])
         except (requests.RequestException, OSError) as error:
             raise InputError(f"{self._peer.name} cannot be reached by DICOMweb: {error}") from error
         for failed in answer.get("FailedSOPSequence") or []:
             raise InputError(
                 f"{self._peer.name} answered {failed.get('FailureReason', 0):04X}; expected no failure"
+            )
+        stored = {one.get("ReferencedSOPInstanceUID") for one in answer.get("ReferencedSOPSequence") or []}
+        if sent.SOPInstanceUID not in stored and (stored or self._heard.status != STORED):
+            raise InputError(
+                f"{self._peer.name} answered {self._heard.status} and does not say that it has stored the instance"
             )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,7 @@ from tests.node.peers import (
     send,
     until,
 )
+from tests.node.test_delivery import delivered, waiting_answer
 from tests.node.test_series import RULE, add, facts, watch
 
 
@@ -66,17 +68,20 @@ def test_an_archive_that_sends_is_told_what_is_kept(orthanc: Orthanc, tmp_path: 
 def test_what_a_receiver_does_not_keep_is_delivered_again(index: Index, tmp_path: Path) -> None:
     add(index, 1, 0.0)
     index.run("INSERT INTO jobs (series, revision, rule, state, due, completed) VALUES (1, 1, 'r', 'done', 0, 0)")
-    for uid in ("1.8", "1.9"):
+    named = [("1.2", "1.7"), ("1.2", "1.8"), ("1.2", "1.9")]
+    for _, uid in named:
         index.run("INSERT INTO answers VALUES (?, 1, 'sr', '1.2', 'x', 0)", uid)
         index.run("INSERT INTO deliveries (answer, receiver, state, due) VALUES (?, 'pacs', 'sent', 0)", uid)
-    transaction, request = begin_asking(index, "pacs", [("1.2", "1.8"), ("1.2", "1.9")])
+    transaction, request = begin_asking(index, "pacs", named)
     report = Dataset()
     report.TransactionUID = transaction
-    report.ReferencedSOPSequence, report.FailedSOPSequence = [[item] for item in request.ReferencedSOPSequence]
+    # of the first one it says nothing
+    report.ReferencedSOPSequence, report.FailedSOPSequence = [[item] for item in request.ReferencedSOPSequence[1:]]
     with pytest.raises(InputError, match="nothing was asked for"):
         note_report(index, "another", report, 10.0, 30.0)
-    assert note_report(index, "pacs", report, 10.0, 30.0) == (1, 1)
-    assert index.rows("SELECT answer, state FROM deliveries") == [("1.8", "kept"), ("1.9", "waiting")]
+    assert note_report(index, "pacs", report, 10.0, 30.0) == (1, 2)
+    states = index.rows("SELECT answer, state FROM deliveries ORDER BY answer")
+    assert states == [("1.7", "waiting"), ("1.8", "kept"), ("1.9", "waiting")]
     with pytest.raises(InputError, match="nothing was asked for"):
         note_report(index, "pacs", report, 10.0, 30.0)
 
@@ -138,3 +143,24 @@ def test_a_series_that_misses_instances_for_too_long_is_worked_on_all_the_same(
     watched.tick(221.0)
     assert index.rows("SELECT revision FROM jobs") == [(1,)]
     assert configuration(tmp_path, rule=[RULE]).missing_s == 120.0
+
+
+def test_a_receiver_that_goes_before_it_promises_anything_gets_the_answer_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Going:
+        commits = True
+
+        def send(self, path: Path) -> None:
+            pass
+
+        def ask(self, request: Dataset) -> None:
+            raise ConnectionError("it is gone")
+
+    monkeypatch.setattr("ronnaplan.node.sender.open_channel", lambda *_: nullcontext(Going()))
+    config = configuration(tmp_path, peer=[{"name": "archive", "port": 1}])
+    config.data.mkdir()
+    with Index(config.data) as index:
+        waiting_answer(config, index)
+        assert delivered(config, index, 1.0) == "waiting it was taken but is not kept"
+        assert index.rows("SELECT 1 FROM asked") == []
