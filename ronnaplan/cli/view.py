@@ -47,6 +47,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="IMAGE",
         help="another image of the same head (DICOM series of MR or CT; NIfTI, NRRD, MetaImage) to show over the cuts",
     )
+    parser.add_argument(
+        "--labels",
+        action="append",
+        default=[],
+        metavar="LABELS",
+        help="a label map (NIfTI, NRRD, MetaImage, DICOM SEG) to show; nothing is judged by it; repeatable",
+    )
     parser.add_argument("--tracker", metavar="HOST:PORT", help="an OpenIGTLink server to listen to when asked")
     parser.add_argument(
         "--patient", action="store_true", help="show the patient's name, which is left out otherwise"
@@ -84,7 +91,8 @@ def run(arguments: argparse.Namespace) -> int:
         with ExitStack() as undone:
             workshop = undone.enter_context(Workshop())  # its libraries are loaded while the scan is read
             volume = read_ct(ct, series, progress=True)
-            state = PlannerState(volume, storage, stated, read_labels(arguments.no_go, volume))
+            no_go, labels = (read_labels(paths, volume) for paths in (arguments.no_go, arguments.labels))
+            state = PlannerState(volume, storage, stated, no_go, labels)
             if arguments.second:
                 state.take_second(read_other_image(arguments.second, progress=True), Path(arguments.second).name)
             undone.pop_all()
@@ -147,7 +155,7 @@ def _require_no_case(arguments: argparse.Namespace) -> None:
         )
     named = {"CT": arguments.ct, "--series": arguments.series, "--fiducials": arguments.fiducials}
     named |= {"--registration": arguments.registration, "--no-go": arguments.no_go, "--plan": arguments.plan}
-    named |= {"--second": arguments.second}
+    named |= {"--second": arguments.second, "--labels": arguments.labels}
     given = [name for name, value in named.items() if value]
     if given:
         raise UsageError(f"{' and '.join(given)} belongs to one case; name its scan, too: ronnaplan view CT")

@@ -17,6 +17,7 @@ from ronnaplan.planner.following import LONGEST_S, MOMENT_S
 from ronnaplan.planner.opening import SIDES
 from ronnaplan.planner.pixels import Pixel
 from ronnaplan.planner.pointer import Pointer
+from ronnaplan.planner.regions import changed
 from ronnaplan.planner.state import PlannerState
 
 MIDDLE, RIGHT = 1, 2
@@ -87,6 +88,7 @@ class Actions:
             "size": self._size,
             "take": self._take,
             "second": self._second,
+            "region": self._region,
             "align": lambda: state.other.register(),
             "remove_ruler": state.remove_ruler,
             "show_ruler": state.show_ruler,
@@ -173,6 +175,11 @@ class Actions:
     def _second(self, share: Share, mode: str) -> None:
         """Show so much of the second image, as its mode says."""
         self.state.look.blend = Blend(share, mode)
+
+    def _region(self, name: str, colour: str, opacity: Share) -> None:
+        """Show a region in another colour, with another opacity."""
+        look = self.state.look
+        look.regions = changed(look.regions, name, colour.lower(), opacity)
 
     def _placement(self, count: Typed) -> None:
         self.state.offers.propose_markers(int(_number(count)))

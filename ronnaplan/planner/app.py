@@ -282,7 +282,7 @@ class PlannerApp:
         await asyncio.sleep(FIRST_LOOK_S)
         workshop, case = self._workshop or Workshop(), self.state.case
         self._measure_soon()
-        work = partial(head_parts, workshop, case.volume, case.no_go, MOST_TRIANGLES)
+        work = partial(head_parts, workshop, case.volume, self.state.masks, MOST_TRIANGLES)
         self.parts = await asyncio.get_running_loop().run_in_executor(None, work)
         for tab in self.tabs.values():
             self._open_head(tab)

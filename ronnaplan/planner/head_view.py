@@ -38,7 +38,6 @@ class HeadView:
             self.scene.show_surface("skin", parts.surfaces["skin"])
             self.scene.fill()
         for name, body in parts.regions.items():
-            self.scene.show_region(name, body)
             if len(body.triangles):
                 self.region_places_mm[name] = body.vertices_mm.mean(axis=0).astype(float)
 
@@ -84,6 +83,7 @@ class HeadView:
         layers: dict[str, tuple[Any, Callable[[], None]]] = {
             "surface": ((state.look.surface, state.look.preset), lambda: self._show_surface(scene)),
             "markers": ((state.case.fiducials, state.look.marker), scene.show_markers),
+            "regions": (state.look.regions, lambda: scene.show_regions(state.look.regions, self.parts.regions)),
             "tools": (state.following.seen, lambda: scene.show_tools(state.following.seen)),
             "tracker": (tracked, lambda: scene.show_tracker(state.following.ct_from_ots)),
             "robot": (state.case.placement, lambda: scene.show_robot(state.case.placement)),

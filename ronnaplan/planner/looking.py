@@ -14,6 +14,7 @@ from ronnaplan.geometry import FloatArray, as_points
 from ronnaplan.planner.blend import Blend
 from ronnaplan.planner.cuts import ACROSS, PATH_VIEWS, STANDARD, WINDOWS_HU, path_axes
 from ronnaplan.planner.head_look import HeadLooking
+from ronnaplan.planner.regions import Regions
 from ronnaplan.planner.storage import LAYOUTS, Look, PlacedImage, Storage
 from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.scene.cut import Cut
@@ -53,6 +54,8 @@ class Looking(HeadLooking):
         """The points of a distance or an angle whose last is still to be clicked."""
         self.blend = Blend()
         """How a second image is shown over the cuts."""
+        self.regions: Regions = {}
+        """How each region is shown."""
         self.points_mm: dict[str, FloatArray] = {}
         """AC, PC or midline point as far as they are set, until the plan holds all three; the same for all pages."""
         self.images: dict[str, PlacedImage] = {}

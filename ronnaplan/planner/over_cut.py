@@ -79,14 +79,24 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
         "cross": _pair(cut, state.look.crosshair_mm) if view in STANDARD_NAMES else None,
         "markers": _markers(state, cut, show_rejected, (wide, high)),
         "points": _points(state, cut, (wide, high)),
-        "paths": [_path(one, cut, one.name == state.look.selected) for one in state.case.plan.trajectories],
-        "regions": state.outlines.drawn(view, cut, pane),
+        "paths": apart(
+            [_path(one, cut, one.name == state.look.selected) for one in state.case.plan.trajectories], half
+        ),
+        "regions": [
+            {**one, "colour": shown.colour}
+            for one in state.outlines.drawn(view, cut, pane)
+            if (shown := state.look.regions[one["name"]]).opacity
+        ],
         "rulers": drawn_rulers(
             state,
             lambda points: cut.on_screen_mm(points)[:, :2],
             lambda points: bool((np.abs(cut.on_screen_mm(points)[:, 2]) < NEAR_MM).all()),
         ),
     }
+
+
+NAME_SHARES = (0.3, 0.07)
+"""Of half a view: names so near to each other, across and down, would cover each other."""
 
 
 def letters(direction: FloatArray) -> str:
@@ -184,6 +194,17 @@ def _path(one: Trajectory, cut: Cut, selected: bool) -> dict[str, Any]:
         "ticks": _ticks(one, cut) if selected else [],
         "contacts": _contacts(one, cut),
     }
+
+
+def apart(paths: list[dict[str, Any]], half: float) -> list[dict[str, Any]]:
+    """Give each path the ``line`` of text its name is written on, below those of entries that lie almost there.
+
+    Both sides of a plan are one behind the other in a sagittal cut.
+    """
+    for number, one in enumerate(paths):
+        away = (np.abs(np.subtract(one["entry"], other["entry"])) for other in paths[:number])
+        one["line"] = sum(bool((far < np.array(NAME_SHARES) * half).all()) for far in away)
+    return paths
 
 
 def _contacts(one: Trajectory, cut: Cut) -> list[dict[str, Any]]:

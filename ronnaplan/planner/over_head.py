@@ -15,7 +15,7 @@ from ronnaplan.planning import Trajectory
 from ronnaplan.scene.camera import Camera
 from ronnaplan.scene.things import PROPOSAL_COLOURS, REJECTED_COLOUR, TOOL_COLOUR, spread_factor, spread_name
 
-CROSS_COLOUR, REGION_COLOUR = "#4fc3f7", "#ff8a80"
+CROSS_COLOUR = "#4fc3f7"
 
 LEAST_DEPTH_MM = 1.0
 """What is nearer to the eye than this, or behind it, is not drawn."""
@@ -51,7 +51,11 @@ def over_head(
     if camera is None:
         return {**drawn, "title": "3-D is being made ready ..."}
     points = [_point(camera, name, place, POINT_COLOUR) for name, place in state.landmarks_mm.items()]
-    points += [_point(camera, name, place, REGION_COLOUR) for name, place in region_places_mm.items()]
+    points += [
+        _point(camera, name, place, state.look.regions[name].colour)
+        for name, place in region_places_mm.items()
+        if state.look.regions[name].opacity
+    ]
     points += [_point(camera, label, entry, PROPOSAL_COLOURS[1]) for label, entry in proposed(state)]
     points += [_point(camera, one.name, one.tip_mm, TOOL_COLOUR) for one in state.following.seen]
     points.append(_point(camera, "", state.look.crosshair_mm, CROSS_COLOUR))

@@ -22,6 +22,7 @@ from ronnaplan.planner.over_cut import over_cut
 from ronnaplan.planner.over_head import over_head
 from ronnaplan.planner.panes import GREATEST_RATIO, MOST_MOVING_PIXELS, MOST_STILL_PIXELS, Pane
 from ronnaplan.planner.pointer import Pointer
+from ronnaplan.planner.regions import region_rows
 from ronnaplan.planner.shown import Shown
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Plan
@@ -96,6 +97,7 @@ class Painter:
                 "rejected": panels.rejected_rows(state),
                 "paths": panels.path_rows(state),
                 "second": state.second.told(state.look.blend) if state.second else {"name": ""},
+                "regions": region_rows(state.look.regions),
                 "rulers": ruler_rows(state),
                 "landmarks": panels.landmark_rows(state),
                 "registration": panels.registration_panel(state),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import count
 
 import numpy as np
@@ -11,6 +11,7 @@ from ronnaplan.documents.placement import PlacementDocument
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.cuts import jpeg
 from ronnaplan.planner.following import SeenTool
+from ronnaplan.planner.regions import Regions
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Measures, Placement, Proposals
 from ronnaplan.planning.trajectory import Trajectory
@@ -59,10 +60,15 @@ class Scene:
         for name in OPACITY:
             self._shown.pop(name, None)
 
-    def show_region(self, name: str, body: Body) -> None:
-        """Show a no-go region."""
-        if len(body.triangles):
-            self._show(things.no_go(name, body))
+    def show_regions(self, regions: Regions, bodies: Mapping[str, Body]) -> None:
+        """Show the regions that are not hidden."""
+        self._hide("no-go ")
+        self._hide("region ")
+        for name, body in bodies.items():
+            one = regions[name]
+            if len(body.triangles) and one.opacity:
+                made = things.no_go if one.no_go else things.label_map
+                self._show(made(name, body, colour=one.colour, opacity=one.opacity))
 
     def show_markers(self) -> None:
         """Show the markers as balls of their size; through the selected one the ellipsoid of its error is seen."""

@@ -18,6 +18,7 @@ from ronnaplan.planner.following import Following
 from ronnaplan.planner.looking import Looking
 from ronnaplan.planner.offers import Offers
 from ronnaplan.planner.outlines import Outlines
+from ronnaplan.planner.regions import first_shown, joined
 from ronnaplan.planner.registering import Registering
 from ronnaplan.planner.second import Second
 from ronnaplan.planner.storage import PlacedImage, Storage
@@ -36,9 +37,14 @@ class PlannerState:
     """
 
     def __init__(
-        self, volume: CTVolume, storage: Storage, rules: Rules | None = None, no_go: Labels | None = None
+        self,
+        volume: CTVolume,
+        storage: Storage,
+        rules: Rules | None = None,
+        no_go: Labels | None = None,
+        labels: Labels | None = None,
     ) -> None:
-        """Open a case; ``no_go`` are masks (K, J, I) of the scan, by name.
+        """Open a case; ``no_go`` are masks (K, J, I) of the scan to keep away from, ``labels`` are shown only.
 
         Raises `FrameMismatchError` where a document is of another scan.
         """
@@ -49,7 +55,10 @@ class PlannerState:
         self.look = Looking(self.case, storage)
         self.second: Second | None = None
         """Another image of the same head, shown over the cuts."""
-        self.outlines = Outlines(volume, self.case.no_go)
+        self.masks = joined(self.case.no_go, labels or {})
+        """All regions that are shown, by name."""
+        self.look.regions = first_shown(self.case.no_go, self.masks)
+        self.outlines = Outlines(volume, self.masks)
         self.registering = Registering(self.case, storage, lambda job: self.start(job))
         self.following = Following(self.case, storage)
         self.offers = Offers(self.case, self.look, lambda job: self.start(job))
@@ -58,7 +67,7 @@ class PlannerState:
         """Return the same case for another page, which looks where it likes and selects for itself."""
         other = copy.copy(self)
         other.look = self.look.beside()
-        other.outlines = Outlines(self.case.volume, self.case.no_go)
+        other.outlines = Outlines(self.case.volume, self.masks)
         other.offers = Offers(self.case, other.look, self.offers.start, self.offers.offered)
         return other
 

@@ -83,9 +83,14 @@ def skull(body: Body, opacity: float = 1.0) -> Thing:
     return Thing("skull", body, rgb(SKULL_COLOUR), opacity, gloss=0.1, screen=True)
 
 
-def no_go(name: str, body: Body, opacity: float = 0.7) -> Thing:
+def no_go(name: str, body: Body, opacity: float = 0.7, colour: str = NO_GO_COLOUR) -> Thing:
     """Return a region to keep away from."""
-    return Thing(f"no-go {name}", body, rgb(NO_GO_COLOUR), opacity)
+    return Thing(f"no-go {name}", body, rgb(colour), opacity)
+
+
+def label_map(name: str, body: Body, colour: str, opacity: float = 0.7) -> Thing:
+    """Return a region that is shown only."""
+    return Thing(f"region {name}", body, rgb(colour), opacity)
 
 
 def marker(label: str, center_mm: FloatArray, diameter_mm: float, opacity: float = 1.0) -> Thing:

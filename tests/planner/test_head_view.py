@@ -10,6 +10,7 @@ from ronnaplan.planner.cuts import Picture
 from ronnaplan.planner.head_view import HeadView
 from ronnaplan.planner.over_head import over_head
 from ronnaplan.planner.panes import Pane
+from ronnaplan.planner.regions import Region
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Measures
 from ronnaplan.scene.field import Field
@@ -129,6 +130,7 @@ def test_names_stand_where_things_are_drawn(head: HeadView) -> None:
     state = head.state
     state.pick_marker("F3")
     state.set_landmark("AC", cases.TARGET_MM)
+    state.look.regions = {"vessels": Region("vessels", "#e53935")}
     drawn = over_head(state, head.camera, True, {"vessels": cases.ENTRY_MM}, Pane())
     assert [one["label"] for one in drawn["markers"] if one["ring"]] == ["F3", "x1"]
     places = {one["label"]: (one["x"], one["y"]) for one in drawn["points"]}

@@ -11,6 +11,7 @@ import pytest
 
 from ronnaplan.documents.reading import to_json
 from ronnaplan.planner.opening import cube
+from ronnaplan.planner.regions import Region
 from ronnaplan.planner.scene import Scene
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
@@ -53,7 +54,8 @@ def test_each_thing_shown_changes_the_picture_and_can_be_taken_away(scene: Scene
     scene.turn(60, 10)
     assert np.abs(drawn(scene) - marked).max() > 50
     before = drawn(scene)
-    scene.show_region("metal", ball(scene.camera.focus_mm, 70.0))
+    metal = Region("metal", "#e53935")
+    scene.show_regions({"metal": metal}, {"metal": ball(scene.camera.focus_mm, 70.0)})
     assert np.abs(drawn(scene) - before).max() > 50
     scene.zoom(1.2)
     assert drawn(scene, (300, 500)).shape == (300, 500, 3)

@@ -14,7 +14,10 @@ from ronnaplan.documents.plan import read_plan, write_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import FrameMismatchError, InputError, RefusedError, UsageError
 from ronnaplan.geometry import Points
+from ronnaplan.planner.over_cut import over_cut
 from ronnaplan.planner.panels import chosen_path, landmark_rows, placement_line, proposal_rows
+from ronnaplan.planner.panes import Pane
+from ronnaplan.planner.regions import changed
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
 from ronnaplan.planning import Limits
@@ -134,6 +137,36 @@ def test_a_no_go_region_on_the_path_is_a_broken_limit(storage: Storage) -> None:
     assert [one.measure for one in state.case.judge(state.case.plan.trajectory("left")).broken] == [
         "distance to vessel"
     ]
+
+
+def test_a_label_map_is_shown_and_judges_nothing(storage: Storage) -> None:
+    volume = cases.volume()
+    mask = np.zeros(volume.voxels_hu.shape, dtype=np.bool_)
+    k, j, i = np.rint(volume.grid.indices((E + T) / 2)).astype(int)
+    mask[k - 4 : k + 5, j - 4 : j + 5, i - 4 : i + 5] = True
+    state = PlannerState(volume, storage, no_go={"vessel": mask}, labels={"vessel": mask, "tumor": mask})
+    about = [one.measure for one in state.case.judge(state.case.plan.trajectory("left")).verdicts]
+    assert "distance to vessel" in about
+    assert not any("tumor" in measure for measure in about)
+    state.look.jump((E + T) / 2)
+    drawn = over_cut(state, "axial", False, Pane())["regions"]
+    assert [one["name"] for one in drawn] == ["vessel", "vessel (shown only)", "tumor"]
+    assert len({one["colour"] for one in drawn}) == 3
+    page, other = state.beside(), state.beside()
+    page.look.regions = changed(page.look.regions, "tumor", "#123456", 0.0)
+    assert "tumor" not in [one["name"] for one in over_cut(page, "axial", False, Pane())["regions"]]
+    assert "tumor" in [one["name"] for one in over_cut(other, "axial", False, Pane())["regions"]]
+
+
+def test_names_of_paths_one_behind_the_other_stand_below_each_other(state: PlannerState) -> None:
+    mirrored = np.array([-1.0, 1.0, 1.0])
+    left = state.case.plan.trajectory("left")
+    state.case.add(replace(left, name="right", entry_mm=E * mirrored, target_mm=T * mirrored))
+    lines = {
+        view: [one["line"] for one in over_cut(state, view, False, Pane())["paths"]]
+        for view in ("sagittal", "axial")
+    }
+    assert lines == {"sagittal": [0, 1], "axial": [0, 0]}
 
 
 def test_rejecting_markers_changes_the_expected_error(state: PlannerState) -> None:
