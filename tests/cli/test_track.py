@@ -36,7 +36,7 @@ def test_ctrl_c_ends_a_recording_and_keeps_it(tmp_path: Path) -> None:
         connection, _ = listener.accept()
         with connection:
             connection.sendall(points())
-            time.sleep(0.5)
+            time.sleep(2.0)  # for the message to be read
             process.send_signal(signal.SIGINT)
             _, told = process.communicate(timeout=60)
     assert process.returncode == 0, told

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import os
 import re
 import shutil
@@ -140,6 +141,12 @@ def settled(page: Any, folder: Path, name: str, which: str, before: list[float])
 
     eventually(page, same)
     return fields(page, which)
+
+
+def crosshair(folder: Path) -> list[float]:
+    """Where the planner keeps that it looks (LPS mm); written a little after the page shows it."""
+    kept = folder / "planner.json"
+    return list(json.loads(kept.read_text())["crosshair"]) if kept.is_file() else []
 
 
 def value(page: Any, name: str) -> Any:

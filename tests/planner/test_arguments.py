@@ -80,7 +80,7 @@ def test_badly_typed_actions_are_refused_one_by_one_and_change_nothing(kept: Pla
             for count, (name, arguments) in enumerate(BAD, start=1):
                 answer = await page.trigger(name, *arguments)
                 assert answer.get("result", "missing") is None, (name, arguments, answer)
-                for _ in range(100):  # slow actions answer before they are done
+                for _ in range(600):  # slow actions answer before they are done
                     if (told := await page.state())["refusals"] > refusals + count - 1:
                         break
                     await asyncio.sleep(0.05)

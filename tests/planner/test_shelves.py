@@ -60,7 +60,8 @@ def test_what_matters_comes_before_the_pictures_that_still_wait(tmp_path: Path) 
         assert await shelves.look(request("/archive")) == {"name": "pacs"}
         assert len((await shelves.look(request("/archive?patient=%20X%20")))["series"]) == 1
         pictures = [asyncio.create_task(shelves.picture(request("/archive/0", number="0"))) for _ in range(3)]
-        await asyncio.sleep(0.05)
+        while "picture 0" not in books.asked:
+            await asyncio.sleep(0.01)
         fetching = asyncio.create_task(shelves.fetch(request("/fetch?number=0"), tmp_path))
         await asyncio.sleep(0.05)
         books.may_go_on.set()

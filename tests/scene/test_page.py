@@ -15,7 +15,7 @@ from ronnaplan.scene.files import html, view, viewer
 from ronnaplan.scene.shapes import ball
 from ronnaplan.scene.things import Thing
 from tests.loops import apart
-from tests.planner.browser import chromium, needs_browser
+from tests.planner.browser import chromium, eventually, needs_browser
 
 pytestmark = needs_browser
 
@@ -32,13 +32,22 @@ def page_file(tmp_path: Path) -> Path:
 
 
 def shown(page: Any) -> np.ndarray:
-    page.wait_for_timeout(300)
-    return np.asarray(cv2.imdecode(np.frombuffer(page.screenshot(), dtype=np.uint8), cv2.IMREAD_COLOR), dtype=int)
+    """What is on the screen (H, W, 3) once it stands still."""
+    before = b""
+    while (shot := page.screenshot()) != before:
+        before = shot
+        page.wait_for_timeout(300)
+    return np.asarray(cv2.imdecode(np.frombuffer(shot, dtype=np.uint8), cv2.IMREAD_COLOR), dtype=int)
+
+
+def is_red(picture: np.ndarray) -> np.ndarray:
+    """Where the red ball is seen, beside the list."""
+    return np.asarray(picture[:, :350, 2] - picture[:, :350, 0] > 25)
 
 
 def red_middle(picture: np.ndarray) -> float:
-    """Where the red ball is seen across the page, beside the list."""
-    return float(np.nonzero(picture[:, :350, 2] - picture[:, :350, 0] > 25)[1].mean())
+    """Where it is seen across the page."""
+    return float(np.nonzero(is_red(picture))[1].mean())
 
 
 def test_a_scene_is_turned_in_the_browser_and_what_is_hidden_goes(page_file: Path) -> None:
@@ -64,16 +73,16 @@ def scroll_past(page_file: Path) -> None:
         told: list[str] = []
         page.on("console", lambda message: told.append(message.text) if message.type == "error" else None)
         page.goto(page_file.as_uri())
+        page.wait_for_selector("canvas", state="visible")
         before = shown(page)
-        assert page.locator("canvas").is_visible()
         page.mouse.move(200, 200)
         page.mouse.wheel(0, 120)
+        page.wait_for_function("window.scrollY > 50")
         shown(page)
-        assert page.evaluate("window.scrollY") > 50
         page.evaluate("window.scrollTo(0, 0)")
         page.locator("canvas").click(position={"x": 150, "y": 150})
         page.mouse.wheel(0, -300)
-        assert np.abs(shown(page) - before).max() > 50
+        eventually(page, lambda: bool(np.abs(shown(page) - before).max() > 50))
         assert page.evaluate("window.scrollY") == 0
         assert told == []
 
@@ -84,22 +93,21 @@ def turn_and_hide(page_file: Path) -> None:
         errors: list[str] = []
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.goto(page_file.as_uri())
-        first = shown(page)
-        assert page.locator("canvas").is_visible()
+        page.wait_for_selector("canvas", state="visible")
         assert not page.locator("#still").is_visible()
-        before = red_middle(first)
+        eventually(page, lambda: bool(is_red(shown(page)).any()))
+        before = red_middle(shown(page))
         page.mouse.move(150, 300)
         page.mouse.down()
         page.mouse.move(250, 300, steps=3)
         page.mouse.up()
-        assert red_middle(shown(page)) > before + 10  # the near side follows the hand
+        eventually(page, lambda: red_middle(shown(page)) > before + 10)  # the near side follows the hand
         page.locator("canvas").focus()
         page.keyboard.press("ArrowLeft")
         turned = shown(page)
         page.uncheck("text=marker F1")
-        hidden = shown(page)
-        assert (np.abs(hidden - turned).max(axis=2) > 25).mean() > 0.003
-        assert ((hidden[..., 2] - hidden[..., 0])[:, :350] <= 25).all()
+        eventually(page, lambda: not is_red(shown(page)).any())
+        assert (np.abs(shown(page) - turned).max(axis=2) > 25).mean() > 0.003
         page.evaluate(
             "document.querySelector('canvas').getContext('webgl2').getExtension('WEBGL_lose_context').loseContext()"
         )
@@ -111,6 +119,6 @@ def see_the_still(page_file: Path) -> None:
     with chromium("--disable-3d-apis") as browser:
         page = browser.new_page(viewport={"width": 500, "height": 400})
         page.goto(page_file.as_uri())
-        assert shown(page)[200, 200].tolist() == [255, 255, 255]
+        eventually(page, lambda: shown(page)[200, 200].tolist() == [255, 255, 255])
         assert page.locator("canvas").is_hidden()
         assert page.locator("fieldset").is_hidden()
