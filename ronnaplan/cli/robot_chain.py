@@ -91,8 +91,16 @@ def _by_tracker(arguments: argparse.Namespace) -> ChainDocument:
         robot_pose(driven, arguments.sigma_robot, arguments.sigma_robot_deg),
     )
     notes = (*registration.doubts, *registration.notes, *tracker.notes, *robot.notes)
+    notes += _other_tool(hand_eye.tool, tool or next(iter(tracker.tool_names), None))
     middle = np.array([pair.center for pair in registration.pairs]).mean(axis=0)
     return tracked_chain(registration.pose, capture, registration.source, middle, notes)
+
+
+def _other_tool(calibrated: str, seen: str | None) -> tuple[str, ...]:
+    """Say that the tool that was seen goes by another name than the one that was calibrated."""
+    if seen in (None, calibrated):
+        return ()
+    return (f"the calibration is of the tool '{calibrated}', the tracker's recording of '{seen}'",)
 
 
 def _by_stereo(arguments: argparse.Namespace) -> ChainDocument:

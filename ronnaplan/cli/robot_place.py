@@ -94,9 +94,10 @@ def _arm(arguments: argparse.Namespace) -> SerialArm:
     if arguments.arm == "kr6r900":
         return kr6_r900()
     read = read_urdf(arguments.arm, tip=arguments.tip)
-    if read.meshes:
+    if read.shapeless:
         warn(
-            f"the shapes of {', '.join(read.meshes)} are meshes, which are not read; state [[arm_body]] in the scene"
+            f"collisions of {', '.join(read.shapeless)} are not or not wholly looked at, as their shapes are meshes, "
+            "are not told for collisions, or are moved by joints apart; state [[arm_body]] in the scene"
         )
     return read.arm
 

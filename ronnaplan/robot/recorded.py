@@ -16,12 +16,15 @@ from ronnaplan.tracking import Recording, find_markers
 STILL_MM, STILL_DEG = 0.5, 0.5
 """Poses of something that rests scatter less about their mean than this: a tracker's noise, no movement."""
 
+NEAREST_MM = 10.0
+"""No tracker sees a tool so near to its origin, nor has a robot its TCP there: such poses are in metres."""
+
 
 def tool_poses(recording: Recording, tool: str | None = None) -> dict[int, FloatArray]:
     """Return the usable poses (4, 4) of ``tool`` by the number of their frame, in order.
 
-    ``tool`` may be left out where there is one only. Raises `InputError` where it is not there, or has two poses in a
-    frame.
+    ``tool`` may be left out where there is one only. Raises `InputError` where it is not there, has two poses in a
+    frame, or is so near to the origin in all of them that they are in metres.
     """
     names = recording.tool_names
     if tool is None and len(names) != 1:
@@ -39,6 +42,12 @@ def tool_poses(recording: Recording, tool: str | None = None) -> dict[int, Float
         found[reading.frame] = reading.matrix
     if not found:
         raise InputError(f"{recording.source} has no usable pose of {name}; record it again")
+    farthest_mm = max(float(np.linalg.norm(matrix[:3, 3])) for matrix in found.values())
+    if farthest_mm < NEAREST_MM:
+        raise InputError(
+            f"{recording.source} has {name} within {farthest_mm:.2g} mm of the origin in every pose, as if it were in "
+            "metres; expected mm"
+        )
     return found
 
 

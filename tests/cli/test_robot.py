@@ -164,6 +164,13 @@ def test_what_does_not_belong_together_is_refused(home: Path, capsys: pytest.Cap
     status, text = told("chain", *by_tracker, "--geometry", session / "tool.json", *moved)
     assert status == 3
     assert "moved while it was recorded" in text
+    other = read(home / "hand-eye.json")
+    (home / "other.json").write_text(json.dumps({**other, "tool": "another"}))
+    by_tracker = ("--registration", home / "registration.json", "--hand-eye", home / "other.json")
+    rested = ("--frame", 0, "-o", home / "other chain.json")
+    status, text = told("chain", *by_tracker, "--geometry", session / "tool.json", *moved, *rested)
+    assert status == 0
+    assert f"the calibration is of the tool 'another', the tracker's recording of '{other['tool']}'" in text
     status, text = told(
         "relocate",
         session / "sphere",

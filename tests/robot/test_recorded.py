@@ -52,6 +52,14 @@ def test_a_tool_that_is_not_told_is_not_guessed() -> None:
         tool_poses(recording((0, "a", None)))
 
 
+def test_poses_in_metres_are_no_poses_in_mm() -> None:
+    metres = [placed(n) for n in range(2)]
+    for matrix in metres:
+        matrix[:3, 3] /= 1000.0
+    with pytest.raises(InputError, match=r"within 1\.5 mm of the origin in every pose, as if it were in metres"):
+        tool_poses(recording((0, "a", metres[0]), (1, "a", metres[1])))
+
+
 def test_what_moved_has_no_place() -> None:
     rest = placed(1)
     shifted = rest.copy()

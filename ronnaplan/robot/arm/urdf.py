@@ -1,7 +1,7 @@
 """Reading an arm from a URDF file: one chain of joints that turn, its limits, its tools, and its simple bodies.
 
 A URDF is a small XML file, so it is read here and no library for it is needed. Lengths in it are metres. Meshes are
-not read: links whose only shape is a mesh have no body, and `UrdfArm.meshes` names them.
+not read: `UrdfArm.shapeless` names links that have some, and all others whose shape is not known to the arm.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ from ronnaplan.untrusted import read_whole
 MOST_BYTES = 4 << 20
 MM = 1000.0
 CONTINUOUS_RAD = 2 * np.pi
-"""A joint without limits is given a turn either way."""
+"""A joint that turns without end is given a turn either way."""
+LARGEST_LIMIT_RAD = 4 * np.pi
+"""No joint of an arm turns further either way; limits beyond are in degrees."""
 TURNING = ("revolute", "continuous")
 FLANGE = "tool0"
 """What makers' descriptions call the flange, with z pointing out of it."""
@@ -30,10 +32,10 @@ EXPECTED = "the URDF description of an arm"
 
 @dataclass(frozen=True, eq=False)
 class UrdfArm:
-    """An arm, and which of its links have a mesh for their only shape."""
+    """An arm, and the links of which it has no body, or not all: of meshes, or moved by joints outside the chain."""
 
     arm: SerialArm
-    meshes: tuple[str, ...]
+    shapeless: tuple[str, ...]
 
 
 def read_urdf(path: str | os.PathLike[str], *, tip: str | None = None) -> UrdfArm:
@@ -83,7 +85,8 @@ def _arm(root: ElementTree.Element, tip: str | None) -> UrdfArm:
         place[joint.find("child").attrib["link"]] = (len(names), before)  # type: ignore[union-attr]
     if not names:
         raise InputError("no joint of the chain turns; name the link at its end")
-    bodies, meshes = _bodies(links, place)
+    place = _with_fixed(joints, place)
+    bodies, shapeless = _bodies(links, place)
     arm = SerialArm(
         root.attrib.get("name", "arm"),
         tuple(names),
@@ -92,9 +95,9 @@ def _arm(root: ElementTree.Element, tip: str | None) -> UrdfArm:
         np.array(limits),
         before,
         bodies,
-        _tools(joints, len(names), place, before),
+        {name: np.linalg.inv(before) @ frame for name, (moved, frame) in place.items() if moved == len(names)},
     )
-    return UrdfArm(arm, meshes)
+    return UrdfArm(arm, shapeless)
 
 
 def _chain(
@@ -136,37 +139,38 @@ def _farthest(joints: dict[str, ElementTree.Element], links: dict[str, ElementTr
     )
 
 
-def _tools(
-    joints: dict[str, ElementTree.Element],
-    count: int,
-    place: dict[str, tuple[int, FloatArray]],
-    flange: FloatArray,
-) -> dict[str, FloatArray]:
-    """Return flange from every link that is fixed to the last one."""
-    fixed = {name: frame for name, (moved, frame) in place.items() if moved == count}
-    todo = list(fixed)
+def _with_fixed(
+    joints: dict[str, ElementTree.Element], place: dict[str, tuple[int, FloatArray]]
+) -> dict[str, tuple[int, FloatArray]]:
+    """Return ``place`` (number and pose in it of the chain's links) with every link that is fixed to one of them."""
+    found = dict(place)
+    todo = list(found)
     while todo:
         parent = todo.pop()
         for name, joint in joints.items():
             hangs = joint.find("parent").attrib["link"] == parent and joint.attrib["type"] == "fixed"  # type: ignore[union-attr]
-            if hangs and name not in fixed:
-                fixed[name] = fixed[parent] @ _origin(joint)
+            if hangs and name not in found:
+                number, frame = found[parent]
+                found[name] = number, frame @ _origin(joint)
                 todo.append(name)
-    return {name: np.linalg.inv(flange) @ frame for name, frame in fixed.items()}
+    return found
 
 
 def _bodies(
     links: dict[str, ElementTree.Element], place: dict[str, tuple[int, FloatArray]]
 ) -> tuple[tuple[Body, ...], tuple[str, ...]]:
+    """Return the capsules about all shapes, and the links that have others, or are placed by no joint of the arm."""
     bodies: list[Body] = []
-    meshes: list[str] = []
-    for name, (number, frame) in place.items():
-        shapes = links[name].findall("collision")
+    shapeless: list[str] = []
+    for name, link in links.items():
+        shapes = link.findall("collision")
+        number, frame = place.get(name, (0, np.eye(4)))
         found = [body for shape in shapes if (body := _body(name, number, frame, shape)) is not None]
-        bodies += found
-        if shapes and not found:
-            meshes.append(name)
-    return tuple(bodies), tuple(meshes)
+        if name in place:
+            bodies += found
+        if len(found) < len(shapes) or (shapes and name not in place) or (link.findall("visual") and not shapes):
+            shapeless.append(name)
+    return tuple(bodies), tuple(shapeless)
 
 
 def _body(name: str, number: int, frame: FloatArray, shape: ElementTree.Element) -> Body | None:
@@ -207,9 +211,15 @@ def _axis(joint: ElementTree.Element) -> FloatArray:
 
 def _limits(joint: ElementTree.Element) -> tuple[float, float]:
     limit = joint.find("limit")
-    if joint.attrib["type"] == "continuous" or limit is None:
+    if joint.attrib["type"] == "continuous":
         return -CONTINUOUS_RAD, CONTINUOUS_RAD
-    return float(limit.attrib.get("lower", "0")), float(limit.attrib.get("upper", "0"))
+    name = joint.attrib["name"]
+    if limit is None:
+        raise InputError(f"joint {name} has no limits; state them, or call it continuous")
+    least, greatest = float(limit.attrib.get("lower", "0")), float(limit.attrib.get("upper", "0"))
+    if max(abs(least), abs(greatest)) > LARGEST_LIMIT_RAD:
+        raise InputError(f"joint {name} has the limits {least:g} to {greatest:g} rad; are they in degrees?")
+    return least, greatest
 
 
 def _numbers(text: str) -> FloatArray:

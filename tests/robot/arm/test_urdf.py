@@ -15,13 +15,33 @@ from tests.robot.arm.arms import KR6
 def test_simple_shapes_become_capsules_and_meshes_are_named(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(KR6)
     read = read_urdf(tmp_path / "arm.urdf")
-    assert read.meshes == ("base",)
+    assert read.shapeless == ("base",)
     cylinder, box, ball = read.arm.bodies
     assert (cylinder.link, box.link, ball.link) == (2, 3, 5)
     np.testing.assert_allclose([cylinder.start_mm, cylinder.end_mm], [[0, 0, 0], [400, 0, 0]], atol=1e-9)
     np.testing.assert_allclose([box.start_mm, box.end_mm], [[0, -150, 0], [0, 150, 0]], atol=1e-9)
     assert box.radius_mm == pytest.approx(np.hypot(50, 100))
     assert (cylinder.radius_mm, ball.radius_mm) == (90, 60)
+
+
+def test_what_hangs_on_the_arm_is_a_body_too_or_is_named(tmp_path: Path) -> None:
+    ball = '<collision><geometry><sphere radius="0.05"/></geometry></collision>'
+    mesh = '<collision><geometry><mesh filename="x.stl"/></geometry></collision>'
+    finger = (
+        f'<link name="finger">{ball}</link><joint name="grip" type="prismatic"><parent link="camera"/>'
+        '<child link="finger"/><limit lower="0" upper="0.1"/></joint></robot>'
+    )
+    text = KR6.replace('<link name="camera"/>', f'<link name="camera">{ball}{mesh}</link>').replace(
+        "</robot>", finger
+    )
+    text = text.replace('<link name="l4"/>', '<link name="l4"><visual/></link>')
+    (tmp_path / "arm.urdf").write_text(text)
+    read = read_urdf(tmp_path / "arm.urdf", tip="tool0")
+    assert read.shapeless == ("base", "l4", "camera", "finger")
+    camera = next(body for body in read.arm.bodies if body.name == "camera")
+    place = read.arm.flange @ [0, 100, 50, 1]
+    np.testing.assert_allclose([camera.start_mm, camera.end_mm], [place[:3]] * 2, atol=1e-9)
+    assert camera.link == 6
 
 
 def test_the_flange_is_the_link_that_was_named(tmp_path: Path) -> None:
@@ -43,6 +63,8 @@ def test_the_flange_is_the_link_that_was_named(tmp_path: Path) -> None:
             "A4 mimics",
         ),
         ('upper="0.7853981633974483"', 'upper="-9"', "joint A2 of kr6 has the limits"),
+        ('lower="-2.9670597283903604"', 'lower="-170"', "A1 has the limits -170 .* in degrees"),
+        ('<limit lower="-2.9670597283903604" upper="2.9670597283903604"/>', "", "A1 has no limits"),
         ('xyz="0 0 0.4"', 'xyz="0 0 nan"', "no three numbers"),
         ('xyz="0 0 0.4"', 'xyz="0 0 400"', "longer than"),
         ('<child link="l1"/>', "", "is damaged"),
