@@ -17,7 +17,6 @@ from ronnaplan.planner.following import LONGEST_S, MOMENT_S
 from ronnaplan.planner.opening import SIDES
 from ronnaplan.planner.pixels import Pixel
 from ronnaplan.planner.pointer import Pointer
-from ronnaplan.planner.regions import changed
 from ronnaplan.planner.state import PlannerState
 
 MIDDLE, RIGHT = 1, 2
@@ -178,8 +177,7 @@ class Actions:
 
     def _region(self, name: str, colour: str, opacity: Share) -> None:
         """Show a region in another colour, with another opacity."""
-        look = self.state.look
-        look.regions = changed(look.regions, name, colour.lower(), opacity)
+        self.state.look.show_region(name, colour.lower(), opacity)
 
     def _placement(self, count: Typed) -> None:
         self.state.offers.propose_markers(int(_number(count)))

@@ -14,8 +14,8 @@ from ronnaplan.geometry import FloatArray, as_points
 from ronnaplan.planner.blend import Blend
 from ronnaplan.planner.cuts import ACROSS, PATH_VIEWS, STANDARD, WINDOWS_HU, path_axes
 from ronnaplan.planner.head_look import HeadLooking
-from ronnaplan.planner.regions import Regions
-from ronnaplan.planner.storage import LAYOUTS, Look, PlacedImage, Storage
+from ronnaplan.planner.regions import Regions, changed
+from ronnaplan.planner.storage import LAYOUTS, Look, PlacedImage, ShownRegion, Storage
 from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.scene.cut import Cut
 
@@ -56,11 +56,15 @@ class Looking(HeadLooking):
         """How a second image is shown over the cuts."""
         self.regions: Regions = {}
         """How each region is shown."""
+        self.chosen_regions: dict[str, ShownRegion] = {}
+        """What was chosen last of how regions are shown, by name, of those of earlier sessions, too; the same for all
+        pages."""
         self.points_mm: dict[str, FloatArray] = {}
         """AC, PC or midline point as far as they are set, until the plan holds all three; the same for all pages."""
         self.images: dict[str, PlacedImage] = {}
         """Other images that were registered, by the SHA-256 of their voxels; the same for all pages."""
         self._look(storage.read_look(case.volume.voxel_sha256) or self._first_look())
+        self._kept = self._now
         case.followers.append(self._follow)
 
     def beside(self) -> Looking:
@@ -170,6 +174,18 @@ class Looking(HeadLooking):
         """The selected trajectory."""
         return next((one for one in self.case.plan.trajectories if one.name == self.selected), None)
 
+    def show_region(self, name: str, colour: str, opacity: float) -> None:
+        """Show a region in another colour and opacity, and keep that; if it cannot be written, nothing is changed."""
+        regions, before = changed(self.regions, name, colour, opacity), dict(self.chosen_regions)
+        self.chosen_regions[name] = ShownRegion(colour=colour, opacity=opacity)
+        try:
+            self.save()
+        except RonnaplanError:
+            self.chosen_regions.clear()
+            self.chosen_regions.update(before)
+            raise
+        self.regions = regions
+
     def set_points(self, points_mm: dict[str, FloatArray]) -> None:
         """Keep the points (3,) of the AC-PC frame that are set so far; if they cannot be written, none is new."""
         before = dict(self.points_mm)
@@ -186,19 +202,30 @@ class Looking(HeadLooking):
 
     def save(self) -> None:
         """Write where one is looking, to find it again."""
-        self.storage.write_look(
-            Look(
-                voxel_sha256=self.case.volume.voxel_sha256,
-                crosshair=tuple(self.crosshair_mm),
-                center=tuple(self.center_mm),
-                field_mm=self.field_mm,
-                window=self.window,
-                window_hu=self.window_hu,
-                layout=self.layout,
-                selected=self.selected,
-                points={name: tuple(place) for name, place in self.points_mm.items()},
-                images=dict(self.images),
-            )
+        look = self._now
+        self.storage.write_look(look)
+        self._kept = look
+
+    def keep(self) -> None:
+        """The same where it has changed since."""
+        if self._kept != self._now:
+            self.save()
+
+    @property
+    def _now(self) -> Look:
+        return Look(
+            voxel_sha256=self.case.volume.voxel_sha256,
+            crosshair=tuple(self.crosshair_mm),
+            center=tuple(self.center_mm),
+            field_mm=self.field_mm,
+            window=self.window,
+            window_hu=self.window_hu,
+            layout=self.layout,
+            shown_as=self.preset or self.surface,
+            selected=self.selected,
+            points={name: tuple(place) for name, place in self.points_mm.items()},
+            images=dict(self.images),
+            regions=dict(self.chosen_regions),
         )
 
     def _follow(self, before: Plan, after: Plan) -> None:
@@ -227,6 +254,9 @@ class Looking(HeadLooking):
         self.layout = look.layout if look.layout in LAYOUTS else LAYOUTS[0]
         self._set_points({name: np.array(place) for name, place in look.points.items()})
         self.images.update(look.images)
+        self.chosen_regions.update(look.regions)
+        with contextlib.suppress(UsageError):
+            self.show_as(look.shown_as)
         self.selected = look.selected
         self.select_known()
 

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from ronnaplan.case.surroundings import Labels
 from ronnaplan.errors import UsageError
+from ronnaplan.planner.storage import ShownRegion
 from ronnaplan.planning.trajectory import COLOUR
 from ronnaplan.scene.things import NO_GO_COLOUR
 
@@ -39,11 +40,13 @@ def joined(no_go: Labels, labels: Labels) -> Labels:
     }
 
 
-def first_shown(no_go: Labels, masks: Labels) -> Regions:
-    """Return how the regions of ``masks`` are shown at first."""
+def first_shown(no_go: Labels, masks: Labels, chosen: Mapping[str, ShownRegion]) -> Regions:
+    """Return how the regions of ``masks`` are shown at first: as was ``chosen`` before, if it was."""
     shown = {name: Region(name, NO_GO_COLOUR, no_go=True) for name in no_go}
     for number, name in enumerate(name for name in masks if name not in no_go):
         shown[name] = Region(name, LABEL_COLOURS[number % len(LABEL_COLOURS)])
+    for name in shown.keys() & chosen.keys():
+        shown[name] = replace(shown[name], colour=chosen[name].colour, opacity=chosen[name].opacity)
     return shown
 
 

@@ -57,7 +57,7 @@ class PlannerState:
         """Another image of the same head, shown over the cuts."""
         self.masks = joined(self.case.no_go, labels or {})
         """All regions that are shown, by name."""
-        self.look.regions = first_shown(self.case.no_go, self.masks)
+        self.look.regions = first_shown(self.case.no_go, self.masks, self.look.chosen_regions)
         self.outlines = Outlines(volume, self.masks)
         self.registering = Registering(self.case, storage, lambda job: self.start(job))
         self.following = Following(self.case, storage)

@@ -17,6 +17,7 @@ from ronnaplan.documents.files import read_json, write_atomically
 from ronnaplan.documents.reading import to_json, validated
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.planner.address import ADDRESS_FILE
+from ronnaplan.planning.trajectory import COLOUR
 from ronnaplan.tracking import READERS
 
 LAYOUTS = ("six", "four", "path", "3-D")
@@ -31,6 +32,13 @@ class PlacedImage(DocumentModel):
     apart_mm: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 
 
+class ShownRegion(DocumentModel):
+    """How a region is shown; ``opacity`` 0 hides it."""
+
+    colour: Annotated[str, Field(pattern=rf"^{COLOUR.pattern}$")]
+    opacity: Annotated[float, Field(ge=0.0, le=1.0)]
+
+
 class Look(DocumentModel):
     """planner.json: where a person was looking, in the scan with these voxels."""
 
@@ -41,11 +49,15 @@ class Look(DocumentModel):
     window: Line
     window_hu: tuple[Hounsfield, Hounsfield] | None = None
     layout: Line = LAYOUTS[0]
+    shown_as: Line = "skin"
+    """A surface, or as what the scan is drawn whole."""
     selected: Line | None = None
     points: dict[str, Vector] = Field(default_factory=dict)
     """AC, PC or midline point as far as they are set, until the plan holds all three."""
     images: dict[str, PlacedImage] = Field(default_factory=dict)
     """Other images that were registered, by the SHA-256 of their voxels."""
+    regions: dict[str, ShownRegion] = Field(default_factory=dict)
+    """Regions that were given a colour or an opacity, by name."""
 
 
 @dataclass(frozen=True)

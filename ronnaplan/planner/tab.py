@@ -25,6 +25,9 @@ from ronnaplan.planner.worker import CancelledError
 FOLLOW_S = 0.15
 """While an end is dragged, measures and 3-D view follow after so long: the hand is followed at once."""
 
+KEEP_S = 0.5
+"""Where one looks is written once it has stayed the same for so long."""
+
 KEEP_MESSAGE = ("release", "pictures", "volume_is_slow")
 """What a page asks for by itself, or at the end of something else: what was told before it stays."""
 
@@ -62,6 +65,7 @@ class Tab:
         self.painter = Painter(state, self.shown, self.pointer, self.head, measured)
         self._others = others
         self._following: asyncio.Task[None] | None = None
+        self._keeping: asyncio.TimerHandle | None = None
         self._keys = key_actions(state, self.pointer)
         self._actions = Actions(state, self.pointer, tracker)
         self._answers = self._answered(cancel)
@@ -108,6 +112,10 @@ class Tab:
         self.painter.close()
         if self._following is not None:
             self._following.cancel()
+        if self._keeping is not None:
+            self._keeping.cancel()
+            with contextlib.suppress(RonnaplanError):
+                self.state.look.keep()
         with contextlib.suppress(RonnaplanError):  # an end in air goes back; nobody is there to be told
             self.pointer.release()
         self.state.look.leave()
@@ -126,6 +134,7 @@ class Tab:
                 self._let_go_elsewhere()
             with self.told(keep_message):
                 action(*arguments)
+            self._keep_soon()
             if scrolls and self.state.case.plan is before:
                 self.painter.refresh_views()  # the panels follow when it rests
                 return
@@ -176,6 +185,18 @@ class Tab:
                 self.shown.flush()
         finally:
             self._following = None
+
+    def _keep_soon(self) -> None:
+        """Keep where one looks, once that has stayed the same for a while: the wheel turns faster than a disk."""
+        if self._keeping is not None:
+            self._keeping.cancel()
+        self._keeping = asyncio.get_running_loop().call_later(KEEP_S, self._keep)
+
+    def _keep(self) -> None:
+        self._keeping = None
+        with self.told(keep_message=True):
+            self.state.look.keep()
+        self.shown.flush()
 
     def _let_go_elsewhere(self) -> None:
         """End what another page drags, before this one changes something; its next move begins anew."""

@@ -9,6 +9,7 @@ from ronnaplan.ct import CTVolume
 from ronnaplan.errors import InputError
 from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.scene import things
+from ronnaplan.scene.alone import alone
 from ronnaplan.scene.field import Field, bounds_mm, of_mask
 from ronnaplan.scene.robot import robot_things
 from ronnaplan.scene.surfaces import MOST_TRIANGLES, REGION, surfaces
@@ -54,7 +55,7 @@ def things_of(
                 of_mask(case.volume, mask), {name: REGION}, outside=0.0, most_triangles=most_triangles
             )
             shown.append(things.no_go(name, region[name]))
-        head = surfaces(Field.of(case.volume), most_triangles=most_triangles)
+        head = surfaces(alone(Field.of(case.volume)), most_triangles=most_triangles)
         shown += [things.skull(head["skull"], OPACITY["skull"]), things.skin(head["skin"], OPACITY["skin"])]
     whole = [one for one in shown if len(one.body.triangles)]
     if not whole:

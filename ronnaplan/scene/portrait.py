@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
+from ronnaplan.scene.alone import alone
 from ronnaplan.scene.camera import VIEW_DEG, Camera
 from ronnaplan.scene.field import Field
 from ronnaplan.scene.picture import Shades, picture
@@ -45,7 +46,8 @@ def head_picture(
     volume: CTVolume, centers_mm: FloatArray, diameter_mm: float, shape: tuple[int, int] = SHAPE
 ) -> HeadPicture:
     """Draw skin and markers (N, 3) from that side in front which shows most of them."""
-    found = surfaces(Field.of(volume, CELL_MM), {"skin": SURFACES["skin"]}, most_triangles=MOST_TRIANGLES)["skin"]
+    head = alone(Field.of(volume, CELL_MM))
+    found = surfaces(head, {"skin": SURFACES["skin"]}, most_triangles=MOST_TRIANGLES)["skin"]
     things = [marker(f"F{n + 1}", center, diameter_mm) for n, center in enumerate(centers_mm)]
     if len(found.triangles):
         things.append(skin(found))

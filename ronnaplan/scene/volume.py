@@ -8,7 +8,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.planning.sampling import AIR_HU
 from ronnaplan.scene.field import Field
 from ronnaplan.scene.things import rgb
 
@@ -20,10 +19,6 @@ MOST_CELLS: Final = 256
 
 BLOCK: Final = 8
 """Of so many cells along a side the greatest value is told, so that empty ones are skipped."""
-
-SKIN_HU, THIN_CELLS, VEIL_CELLS = -400.0, 2, 3
-"""What is denser belongs to a body; one that hangs on by no more than twice so many cells is another; and so far about
-the largest body all is shown."""
 
 Table = tuple[tuple[float, str, float], ...]
 
@@ -67,9 +62,9 @@ class Volume:
 
     @classmethod
     def of(cls, field: Field) -> Volume:
-        """Take a field, coarser where it has too many cells, without what lies beside the head (rest, cushions)."""
+        """Take a field, coarser where it has too many cells."""
         step = -(-max(field.values.shape) // MOST_CELLS)
-        values = without_rest(field.values[::step, ::step, ::step])
+        values = field.values[::step, ::step, ::step]
         shades = np.clip((values - LOW_HU) * (255.0 / (HIGH_HU - LOW_HU)), 0.0, 255.0).astype(np.uint8)
         cell = step * field.cell_mm
         return cls(shades, field.origin_mm - cell / 2, cell)
@@ -115,17 +110,3 @@ def table(preset: Preset, strength: float) -> NDArray[np.uint8]:
     parts = [np.interp(levels, at, colours[:, n]) for n in range(3)]
     found: NDArray[np.uint8] = np.rint(255 * np.stack([*parts, denser], axis=-1)).astype(np.uint8)
     return found
-
-
-def without_rest(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return a field with the largest body only, and air about it."""
-    from scipy.ndimage import binary_dilation, binary_erosion, label
-
-    dense = values >= SKIN_HU
-    pieces, count = label(binary_erosion(dense, iterations=THIN_CELLS))
-    if not count:
-        return values
-    sizes = np.bincount(pieces.ravel())
-    sizes[0] = 0
-    body = binary_dilation(pieces == sizes.argmax(), iterations=THIN_CELLS + VEIL_CELLS)
-    return np.where(body, values, np.float32(AIR_HU))

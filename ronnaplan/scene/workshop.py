@@ -60,13 +60,14 @@ def _load() -> None:
 
 def head(given: dict[str, Any]) -> HeadParts:
     """Return what a head is drawn from: as much as can be made here."""
+    from ronnaplan.scene.alone import alone
     from ronnaplan.scene.field import Field, of_mask
     from ronnaplan.scene.head import HeadParts
     from ronnaplan.scene.surfaces import REGION, SURFACES, bodies, task
     from ronnaplan.scene.volume import Volume
 
     scan, most = given["scan"], given["most"]
-    field = Field.of(scan)
+    field = alone(Field.of(scan))
     whole = Volume.of(field)
     try:
         made = bodies(surfaces(task(field, SURFACES, AIR_HU, most)), SURFACES)

@@ -17,7 +17,6 @@ from ronnaplan.geometry import Points
 from ronnaplan.planner.over_cut import over_cut
 from ronnaplan.planner.panels import chosen_path, landmark_rows, placement_line, proposal_rows
 from ronnaplan.planner.panes import Pane
-from ronnaplan.planner.regions import changed
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
 from ronnaplan.planning import Limits
@@ -47,13 +46,14 @@ def test_everything_is_found_again_after_a_crash(state: PlannerState) -> None:
     state.look.jump([1.0, 2.0, 3.0])
     state.look.choose_window("brain")
     state.look.choose_layout("four")
+    state.look.show_as("bone")
     state.look.zoom("axial", 2.0, T)
     state.look.save()
     state.case.reject_marker("F2")
     state.case.rename_marker("F1", "nose")
     again = reopened(state)
     assert again.look.selected == name == "T1"
-    assert again.look.layout == "four"
+    assert (again.look.layout, again.look.preset) == ("four", "bone")
     assert again.look.crosshair_mm == pytest.approx([1.0, 2.0, 3.0])
     assert (again.look.window, again.look.field_mm) == ("brain", state.look.field_mm)
     assert to_json(again.case.fiducials) == to_json(state.case.fiducials)  # type: ignore[arg-type]
@@ -153,9 +153,14 @@ def test_a_label_map_is_shown_and_judges_nothing(storage: Storage) -> None:
     assert [one["name"] for one in drawn] == ["vessel", "vessel (shown only)", "tumor"]
     assert len({one["colour"] for one in drawn}) == 3
     page, other = state.beside(), state.beside()
-    page.look.regions = changed(page.look.regions, "tumor", "#123456", 0.0)
+    page.look.show_region("tumor", "#123456", 0.0)
     assert "tumor" not in [one["name"] for one in over_cut(page, "axial", False, Pane())["regions"]]
     assert "tumor" in [one["name"] for one in over_cut(other, "axial", False, Pane())["regions"]]
+    other.look.show_region("vessel", "#654321", 0.5)
+    plain = PlannerState(volume, storage)
+    plain.look.save()
+    again = PlannerState(volume, storage, labels={"vessel": mask, "tumor": mask}).look.regions
+    assert [(one.colour, one.opacity) for one in again.values()] == [("#654321", 0.5), ("#123456", 0.0)]
 
 
 def test_names_of_paths_one_behind_the_other_stand_below_each_other(state: PlannerState) -> None:

@@ -14,6 +14,7 @@ from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.tab import FOLLOW_S, Tab
 from tests import cases
 from tests.loops import run
+from tests.planner.conftest import reopened
 
 VIEW = (400.0, 400.0)
 X = np.array([1.0, 0.0, 0.0])
@@ -40,6 +41,17 @@ def test_values_are_sent_when_they_change_and_a_page_sets_only_its_own() -> None
     shown["message"] = "taken away"
     shown.flush()
     assert len(sent) == 1
+
+
+def test_a_window_that_was_chosen_is_kept_also_where_the_page_is_closed_at_once(state: PlannerState) -> None:
+    async def use() -> None:
+        tab = Tab(state.beside())
+        tab.painter.refresh()
+        await tab.answer("window", ("brain",))
+        tab.close()
+
+    run(use())
+    assert reopened(state).look.window == "brain"
 
 
 def test_a_drag_of_one_page_is_let_go_before_another_page_changes_something(state: PlannerState) -> None:

@@ -1,4 +1,4 @@
-"""A whole scan for a graphics card: values where they are, nothing but the head, blocks that hide nothing, tables."""
+"""A whole scan for a graphics card: values where they are, blocks that hide nothing, tables."""
 
 from __future__ import annotations
 
@@ -11,23 +11,20 @@ from ronnaplan.scene.volume import BLOCK, HIGH_HU, LOW_HU, MOST_CELLS, PRESETS, 
 
 @pytest.fixture
 def field() -> Field:
-    """A ball of bone in skin, on a rest that a thin strap ties to it."""
+    """A ball of bone in skin."""
     z, y, x = np.meshgrid(*(np.arange(60.0),) * 3, indexing="ij")
     away = np.hypot(np.hypot(z - 30, y - 26), x - 30)
     values = np.where(away < 20, 40.0, -1000.0) + np.where(away < 14, 900.0, 0.0)
-    values[:, 54:, :] = 100.0
-    values[29:31, 40:54, 29:31] = 100.0
     return Field(values.astype(np.float32), np.array([-10.0, 5.0, 100.0]), 1.5)
 
 
-def test_the_head_is_kept_where_it_is_without_its_rest(field: Field) -> None:
+def test_a_scan_is_where_it_is_in_steps_of_a_few_hu(field: Field) -> None:
     found = Volume.of(field)
     assert found.low_mm.tolist() == [-10.75, 4.25, 99.25]
     assert found.shape["size"] == [90.0, 90.0, 90.0]
     hu = LOW_HU + found.values / 255.0 * (HIGH_HU - LOW_HU)
     assert hu[30, 26, 30] == pytest.approx(940.0, abs=12.0)
     assert hu[30, 26, 48] == pytest.approx(40.0, abs=12.0)
-    assert found.values[:, 54:, :].max() <= 2  # air
     assert len(found.packed) == 60**3 + 8**3
 
 
