@@ -252,6 +252,7 @@ class Peer:
         self.things += [
             self._capsule(np.array([*one.start_mm, *one.end_mm, one.radius_mm])) for one in given.room.capsules
         ]
+        self.floor = (coal.Box(1e5, 1e5, 1e3), self._at(np.eye(3), np.array([0.0, 0.0, -500.0])))
         self.head = (coal.Ellipsoid(*HEAD_MM), self._at(np.eye(3), CENTER_MM))
         instrument = problem.ways.instruments[0]
         self.bodies = [*problem.machine.bodies, instrument]
@@ -269,7 +270,11 @@ class Peer:
             for one in self.trolley
         ]
         for k, (body, link) in enumerate(zip(placed, self.links, strict=True)):
-            things = self.things + (under if link >= 2 else []) + ([self.head] if k < len(placed) - 1 else [])
+            things = (
+                self.things
+                + ([*under, self.floor] if link >= 2 else [])
+                + ([self.head] if k < len(placed) - 1 else [])
+            )
             things += [
                 placed[j]
                 for j in range(min(k, len(placed) - 1))

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 HELP = "Join the links from scan to robot, by the tracker or by re-localized markers, with covariance."
 BY_TRACKER = ("registration", "hand_eye", "tracker", "geometry", "robot")
 BY_STEREO = ("fiducials", "spheres")
+ELSEWHERE_MM, ELSEWHERE_DEG = 3.0, 1.0
+"""Robot and tracker that have not been moved come nearer than this to where the tool's calibration had them."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -75,7 +77,9 @@ def _by_tracker(arguments: argparse.Namespace) -> ChainDocument:
     from ronnaplan.documents.registration import read_registration
     from ronnaplan.documents.template import read_template_document
     from ronnaplan.documents.tool import read_hand_eye
+    from ronnaplan.errors import InputError
     from ronnaplan.robot.chain import Capture, M
+    from ronnaplan.robot.hand_eye import SAME_POSES
     from ronnaplan.robot.recorded import resting_matrix, robot_pose, seen_tool, tool_poses
     from ronnaplan.tracking import read_recording
 
@@ -85,13 +89,18 @@ def _by_tracker(arguments: argparse.Namespace) -> ChainDocument:
     robot = _only(read_recording(arguments.robot), arguments.frame)
     tool = arguments.tool or (hand_eye.tool if hand_eye.tool in tracker.tool_names else None)
     driven = resting_matrix(tool_poses(robot), "the robot")
+    seen = seen_tool(tracker, geometry, tool=tool, sigma_mm=arguments.sigma_ots)
+    if np.abs(seen.matrix - driven).max() < SAME_POSES:
+        raise InputError(
+            f"{arguments.tracker} and {arguments.robot} tell the same pose; expected the tool's in the tracker and the "
+            "TCP's in R"
+        )
     capture = Capture(
-        seen_tool(tracker, geometry, tool=tool, sigma_mm=arguments.sigma_ots),
-        hand_eye.tool_pose,
-        robot_pose(driven, arguments.sigma_robot, arguments.sigma_robot_deg),
+        seen, hand_eye.tool_pose, robot_pose(driven, arguments.sigma_robot, arguments.sigma_robot_deg)
     )
-    notes = (*registration.doubts, *registration.notes, *tracker.notes, *robot.notes)
+    notes = (*registration.doubts, *registration.notes, *hand_eye.notes, *tracker.notes, *robot.notes)
     notes += _other_tool(hand_eye.tool, tool or next(iter(tracker.tool_names), None))
+    notes += _elsewhere(*capture.moved_since(hand_eye.base_pose))
     middle = np.array([pair.center for pair in registration.pairs]).mean(axis=0)
     return tracked_chain(registration.pose, capture, registration.source, middle, notes)
 
@@ -101,6 +110,16 @@ def _other_tool(calibrated: str, seen: str | None) -> tuple[str, ...]:
     if seen in (None, calibrated):
         return ()
     return (f"the calibration is of the tool '{calibrated}', the tracker's recording of '{seen}'",)
+
+
+def _elsewhere(shift_mm: float, turn_deg: float) -> tuple[str, ...]:
+    """Say that robot and tracker do not stand to each other as they did when the tool was calibrated."""
+    if shift_mm < ELSEWHERE_MM and turn_deg < ELSEWHERE_DEG:
+        return ()
+    return (
+        f"robot and tracker stand {shift_mm:.0f} mm and {turn_deg:.1f} degrees otherwise to each other than in the "
+        "hand-eye calibration: if neither was moved since, recordings are mixed up or not in mm",
+    )
 
 
 def _by_stereo(arguments: argparse.Namespace) -> ChainDocument:

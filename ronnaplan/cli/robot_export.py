@@ -40,10 +40,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the plan's trajectories in R."""
+    from pathlib import Path
+
     from ronnaplan.documents.chain import read_chain
     from ronnaplan.documents.files import write_result
     from ronnaplan.documents.plan import read_plan
-    from ronnaplan.documents.robot_points import NOTICE, export_points
+    from ronnaplan.documents.robot_points import KRL_LIST, NOTICE, export_points
     from ronnaplan.errors import UsageError
     from ronnaplan.robot.trajectories import robot_trajectory
 
@@ -57,7 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
         )
         for one in plan.trajectories
     ]
-    write_result(arguments.output, export_points(trajectories, chain, arguments.to, arguments.approach))
+    named = Path(arguments.output).stem if arguments.output else KRL_LIST
+    write_result(arguments.output, export_points(trajectories, chain, arguments.to, arguments.approach, named))
     warn(*chain.notes)
     for one in trajectories:
         entry, target = one.expected_errors_mm

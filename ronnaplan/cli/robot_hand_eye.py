@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
     found = calibrate_hand_eye(ots_from_m, robot_from_tcp)
     if pivot is not None:
         found = with_tip(found, pivot.tip_mm, pivot.tip_covariance_mm2)
-    notes = (*tracker.notes, *robot.notes, *_alone(seen, driven))
+    notes = (*tracker.notes, *robot.notes, *_alone(seen, driven), *found.doubts)
     warn(*notes)
     tool = arguments.tool or tracker.tool_names[0]
     document = hand_eye_document(found, tool, len(frames), pivot=pivot is not None, notes=notes)

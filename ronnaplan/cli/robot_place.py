@@ -126,6 +126,7 @@ def _job(arguments: argparse.Namespace, arm: SerialArm, room: Room) -> tuple[Job
         ots_from_ct = case.registration.pose.matrix
         warn(*case.registration.doubts)
     job = Job.of_plan(arm, room, case.plan, _markers(case), head.boundary_mm, head.center_mm, ots_from_ct)
+    warn(*job.doubts)
     source = Source(
         frame_of_reference_uid=case.plan.source.frame_of_reference_uid, voxel_sha256=case.volume.voxel_sha256
     )

@@ -35,7 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.robot.chain import TCP
     from ronnaplan.robot.images import read_pairs
     from ronnaplan.robot.markers import in_rig
-    from ronnaplan.robot.stereo_calibration import calibrate_on_board, calibrate_tcp
+    from ronnaplan.robot.stereo_calibration import calibrate_on_board, calibrate_tcp, require_size
 
     boards = read_pairs(arguments.boards)
     looks, poses, notes = read_looks(arguments)
@@ -47,6 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     unplaced = StereoRig(cameras.left, cameras.right, Pose.exact(np.eye(4), TCP, RIG))
     spheres = in_rig(looks, unplaced, diameter_mm=arguments.diameter)
+    require_size(spheres, unplaced, arguments.diameter)
     tcp = calibrate_tcp(poses, [sphere.position_mm for sphere in spheres])
     warn(*notes)
     write_document(arguments.output, rig_document(cameras, tcp, len(looks), arguments.diameter, notes), read_rig)

@@ -35,6 +35,7 @@ RIG_FORMAT, SPHERES = "ronnaplan.rig", "ronnaplan.spheres"
 LARGEST_LENS = 1e6
 """No camera has so many pixels, and no lens such a distortion."""
 LensNumber = Annotated[float, Field(ge=-LARGEST_LENS, le=LARGEST_LENS)]
+Pixels = Annotated[int, Field(ge=1, le=1 << 16)]
 LensRow = tuple[LensNumber, LensNumber, LensNumber]
 Distortion = tuple[LensNumber, LensNumber, LensNumber, LensNumber, LensNumber]
 
@@ -46,6 +47,8 @@ class CameraEntry(DocumentModel):
     distortion: Distortion
     """k1, k2, p1, p2, k3."""
     rig_from_camera: Matrix4
+    size: tuple[Pixels, Pixels] | None = None
+    """Columns and rows of its images; not told by versions up to 0.2."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -58,7 +61,7 @@ class CameraEntry(DocumentModel):
     def camera(self) -> Camera:
         """Return the camera."""
         place = as_pose(self.rig_from_camera, "rig_from_camera")
-        return Camera(np.array(self.matrix), np.array(self.distortion), place)
+        return Camera(np.array(self.matrix), np.array(self.distortion), place, self.size)
 
 
 class RigDocument(DocumentModel):
@@ -209,4 +212,5 @@ def _camera(camera: Camera) -> dict[str, object]:
         "matrix": camera.matrix.tolist(),
         "distortion": camera.distortion.tolist(),
         "rig_from_camera": camera.rig_from_camera.tolist(),
+        "size": camera.size_px,
     }

@@ -5,8 +5,10 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Final, Literal
 
 import numpy as np
@@ -19,7 +21,7 @@ from ronnaplan.documents.poses import PoseEntry
 from ronnaplan.documents.reading import made, to_json
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import Pose, point_jacobian
+from ronnaplan.pose import Pose, as_pose, point_jacobian
 from ronnaplan.robot.chain import TCP, R
 from ronnaplan.robot.trajectories import RobotTrajectory
 
@@ -29,7 +31,10 @@ CSV_HEADER = (
     *("trajectory", "point", "x_mm", "y_mm", "z_mm", "q0", "qx", "qy", "qz"),
     *("expected_error_mm", "sd_x_mm", "sd_y_mm", "sd_z_mm", "notice"),
 )
+LOCKED = 1e-7
+"""Tool x axes nearer than this to the vertical leave A and C of a KUKA one free angle."""
 LONGEST_KRL_NAME = 24
+KRL_LIST = "ronnaplan_points"
 
 
 class PointEntry(DocumentModel):
@@ -67,12 +72,20 @@ class RobotPointsDocument(DocumentModel):
 
 
 def export_points(
-    trajectories: Sequence[RobotTrajectory], chain: ChainDocument, to: str, approach_mm: float
+    trajectories: Sequence[RobotTrajectory],
+    chain: ChainDocument,
+    to: str,
+    approach_mm: float,
+    name: str = KRL_LIST,
 ) -> str:
-    """Return ``trajectories`` in a format of `FORMATS`, each with a point ``approach_mm`` before its entry."""
+    """Return ``trajectories`` in a format of `FORMATS`, each with a point ``approach_mm`` before its entry.
+
+    ``name`` is the file's, which a KUKA's controller takes for that of the data list.
+    """
     if not trajectories:
         raise InputError("the plan has no trajectory; add one first")
-    return FORMATS[to](_document(trajectories, chain, approach_mm))
+    document = _document(trajectories, chain, approach_mm)
+    return _krl(document, name) if to == "krl" else FORMATS[to](document)
 
 
 def _document(
@@ -119,13 +132,16 @@ def _shift(place_mm: FloatArray) -> FloatArray:
     return carry
 
 
-def _points(document: RobotPointsDocument) -> list[tuple[str, str, Pose, float]]:
-    """Return (trajectory, entry or target, R from tool, expected error) of each point."""
-    return [
-        (one.name, end, point.robot_from_tool.pose(R, TCP), point.expected_error)
-        for one in document.trajectories
-        for end, point in (("entry", one.entry), ("target", one.target))
-    ]
+def _points(document: RobotPointsDocument) -> list[tuple[str, str, Pose]]:
+    """Return (trajectory, approach, entry or target, R from tool) of each point."""
+    found = []
+    for one in document.trajectories:
+        entry, target = (point.robot_from_tool.pose(R, TCP) for point in (one.entry, one.target))
+        approach = replace(
+            entry, matrix=as_pose(one.approach, "approach")
+        )  # errors about R's origin are the chain's
+        found += [(one.name, "approach", approach), (one.name, "entry", entry), (one.name, "target", target)]
+    return found
 
 
 def _about_tip(pose: Pose) -> FloatArray:
@@ -141,8 +157,9 @@ def _csv(document: RobotPointsDocument) -> str:
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(CSV_HEADER)
-    for name, end, pose, error in _points(document):
+    for name, end, pose in _points(document):
         sds = np.sqrt(np.diag(_about_tip(pose))[3:])
+        error = np.linalg.norm(sds)
         numbers = [*pose.translation_mm, *_quaternion(pose)]
         row = [*(f"{each:.9g}" for each in numbers), *(f"{each:.4f}" for each in (error, *sds))]
         writer.writerow([plain_text(name), end, *row, document.notice])
@@ -155,7 +172,7 @@ def _ros(document: RobotPointsDocument) -> str:
         f"# {document.notice}",
         "# geometry_msgs/PoseWithCovarianceStamped (m, rad), the tool advances along +z",
     ]
-    for name, end, pose, _ in _points(document):
+    for name, end, pose in _points(document):
         w, x, y, z = (f"{each:.12g}" for each in _quaternion(pose))
         px, py, pz = (f"{each / 1000:.12g}" for each in pose.translation_mm)
         order = np.array([3, 4, 5, 0, 1, 2])
@@ -174,14 +191,16 @@ def _ros(document: RobotPointsDocument) -> str:
     return "\n".join([*lines, ""])
 
 
-def _krl(document: RobotPointsDocument) -> str:
+def _krl(document: RobotPointsDocument, name: str = KRL_LIST) -> str:
     """Return a KRL data list of FRAMEs (mm, degrees; A about Z, B about Y, C about X) in $ROBROOT; it moves nothing."""
     names = krl_names([one.name for one in document.trajectories])
+    data_list = krl_names([name])[name]
     lines = [
         "&ACCESS R",
+        f"DEFDAT {data_list} PUBLIC",
         f"; {document.notice}",
+        f"; For the controller the file's name is {data_list}.dat.",
         "; Frames in $ROBROOT (mm, degrees). The tool's tip is its origin; it advances along +Z.",
-        "DEFDAT RONNAPLAN_POINTS PUBLIC",
     ]
     for one in document.trajectories:
         entry, target = one.entry.expected_error, one.target.expected_error
@@ -217,11 +236,23 @@ def krl_names(names: Sequence[str]) -> dict[str, str]:
 
 
 def _krl_frame(matrix: FloatArray) -> str:
-    from scipy.spatial.transform import Rotation
-
-    a, b, c = Rotation.from_matrix(matrix[:3, :3]).as_euler("ZYX", degrees=True)
-    values = dict(zip("XYZABC", (*matrix[:3, 3], a, b, c), strict=True))
+    values = dict(zip("XYZABC", (*matrix[:3, 3], *krl_angles(matrix)), strict=True))
     return ",".join(f"{axis} {value:.6f}" for axis, value in values.items())
+
+
+def krl_angles(matrix: FloatArray) -> tuple[float, float, float]:
+    """Return A, B and C (degrees) of a pose: turns about Z, then the new Y, then the newest X.
+
+    Where B is +-90 degrees, A and C turn about one line and C is 0.
+    """
+    (ux, vx, _), (uy, vy, _), (uz, vz, wz) = matrix[:3, :3].tolist()
+    level = math.hypot(ux, uy)
+    if level < LOCKED:
+        angles = math.atan2(-vx, vy), math.atan2(-uz, level), 0.0
+    else:
+        angles = math.atan2(uy, ux), math.atan2(-uz, level), math.atan2(vz, wz)
+    a, b, c = map(math.degrees, angles)
+    return a, b, c
 
 
 def _quaternion(pose: Pose) -> FloatArray:

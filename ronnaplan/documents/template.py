@@ -20,6 +20,10 @@ MOST_MARKERS = 64
 """No frame carries more."""
 
 
+SMALLEST_MM = 2.0
+"""No frame is so small; one in metres is, up to two of them."""
+
+
 class TemplateDocument(DocumentModel):
     """``{"format": "ronnaplan.template", "version": 1, "unit": "mm", "name", "labels", "distances" or "centers"}``."""
 
@@ -49,6 +53,8 @@ class TemplateDocument(DocumentModel):
             raise ValueError("the distances are not symmetric with a zero diagonal")
         if (matrix + np.eye(size) <= 0).any():
             raise ValueError("two markers are at the same place")
+        if matrix.max() < SMALLEST_MM:
+            raise ValueError(f"all markers lie within {matrix.max():.2g} mm of each other; is that in metres?")
         _, misfit = self._nearest_points()
         if misfit > self.tolerance:
             raise ValueError(

@@ -26,6 +26,8 @@ class Camera:
     distortion: FloatArray
     rig_from_camera: FloatArray
     """(4, 4), mm."""
+    size_px: tuple[int, int] | None = None
+    """Columns and rows of the images that it was calibrated on; others are cropped or scaled, and not of it."""
 
     def __post_init__(self) -> None:
         if self.matrix.shape != (3, 3) or not np.isfinite(self.matrix).all() or self.focal_px <= 0:
@@ -43,6 +45,14 @@ class Camera:
     def center_mm(self) -> FloatArray:
         """The camera's projection center (3,) in the rig."""
         return self.rig_from_camera[:3, 3]
+
+    def require_size(self, shape: tuple[int, ...]) -> None:
+        """Raise `InputError` for an image of another ``shape`` (rows, columns) than those of the calibration."""
+        if self.size_px is not None and shape[::-1] != self.size_px:
+            told, own = ("x".join(map(str, size)) for size in (shape[::-1], self.size_px))
+            raise InputError(
+                f"an image of {told} pixels is not of this camera, which was calibrated on {own}; do not crop or scale"
+            )
 
     def rays(self, pixels: ArrayLike) -> FloatArray:
         """Return the unit directions (N, 3), in the camera's own frame, that ``pixels`` (N, 2) look along."""

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import Frame, Points
-from ronnaplan.pose import Pose
+from ronnaplan.pose import Pose, invert
 
 OTS, M, TCP, R = Frame("OTS"), Frame("M"), Frame("TCP"), Frame("R")
 
@@ -49,6 +51,15 @@ class Capture:
     def robot_from_ots(self) -> Pose:
         """Eq. 7 after Eq. 6: ``robot_from_tcp @ ots_from_tcp^-1``."""
         return self.robot_from_tcp @ self.tcp_from_ots
+
+    def moved_since(self, robot_from_ots: Pose) -> tuple[float, float]:
+        """Return how far (mm, at the TCP, and degrees) the tracker stands from where ``robot_from_ots`` had it."""
+        from scipy.spatial.transform import Rotation
+
+        motion = self.robot_from_ots.matrix @ invert(robot_from_ots.matrix)
+        place = self.robot_from_tcp.translation_mm
+        shift_mm = float(np.linalg.norm(motion[:3, :3] @ place + motion[:3, 3] - place))
+        return shift_mm, float(np.degrees(Rotation.from_matrix(motion[:3, :3]).magnitude()))
 
 
 def to_frame(pose: Pose, points: Points) -> Points:

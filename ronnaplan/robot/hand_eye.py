@@ -25,6 +25,10 @@ LARGEST_ROTATION_DEG, LARGEST_TRANSLATION_MM = 3.0, 10.0
 """Poses of robot and tracker that are off by more (RMS) do not belong together: no tracker errs so much."""
 SAME_TIP_PROBABILITY = 1e-6
 """A pivot calibration that errors as stated would put so far off, and more rarely than this, is of another tip."""
+SWAPPED = 1.5
+"""The tracker's errors are least at its spheres; found larger at M than at the TCP by this, M may be the robot's."""
+SAME_POSES = 1e-6
+"""Poses that nowhere differ by more, in an entry, are of one recording."""
 REWEIGHTINGS = 3
 
 
@@ -37,6 +41,20 @@ class HandEye:
     rotation_rms_deg: float
     """RMS over the poses of the angle left."""
     translation_rms_mm: float
+    """At M's origin."""
+    tcp_rms_mm: float
+    """What is left at the TCP."""
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What makes the calibration look as if tracker and robot had changed places."""
+        if self.translation_rms_mm <= SWAPPED * self.tcp_rms_mm:
+            return ()
+        return (
+            f"the poses of M err by {self.translation_rms_mm:.3f} mm RMS at its origin and by {self.tcp_rms_mm:.3f} mm "
+            "at the TCP, as if the TCP were what the tracker sees: check which recording is the tracker's and which "
+            "the robot's",
+        )
 
 
 def calibrate_hand_eye(ots_from_m: ArrayLike, robot_from_tcp: ArrayLike) -> HandEye:
@@ -52,6 +70,8 @@ def calibrate_hand_eye(ots_from_m: ArrayLike, robot_from_tcp: ArrayLike) -> Hand
         raise InputError(
             f"{len(seen)} tracker and {len(driven)} robot poses were given; expected four or more of each"
         )
+    if np.abs(seen - driven).max() < SAME_POSES:
+        raise InputError("the poses of robot and tracker are the same; expected a recording of either")
     require_two_axes(driven[:, :3, :3], "M from TCP")
     left, right = _closed_form(seen, driven)
     found = _refine(seen, driven, left, right)
@@ -157,6 +177,7 @@ def _refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: Float
         Pose(robot_from_ots, _in_target_axes(robot_from_ots, covariance[:6, :6]), R, OTS),
         float(np.degrees(np.sqrt((error[:, :3] ** 2).sum(axis=1).mean()))),
         float(np.sqrt((error[:, 3:] ** 2).sum(axis=1).mean())),
+        float(np.sqrt(((error @ point_jacobian(m_from_tcp[:3, 3]).T) ** 2).sum(axis=1).mean())),
     )
 
 

@@ -67,6 +67,11 @@ class Moment:
     """What was missing."""
 
 
+def unseen(why: str) -> Moment:
+    """Return what is to be said when nothing comes any more, whatever was said last."""
+    return Moment(LiveStatus.UNSEEN, None, None, None, why)
+
+
 @dataclass(eq=False)
 class LiveChain:
     """A chain that was taken once, and is held against each moment's readings.

@@ -23,6 +23,9 @@ from ronnaplan.robot.images import ImagePair
 from ronnaplan.robot.shading import LAMP_SD_DEG
 from ronnaplan.robot.stereo import LARGEST_STATED_MM, StereoSphere, locate_sphere
 
+SAME_SPHERE_MM = 1.0
+"""Two looks at one sphere put it no further apart."""
+
 
 @dataclass(frozen=True, eq=False)
 class RobotMarkers:
@@ -107,13 +110,28 @@ def relocate(
         lacking = max(scatter_mm**2 - float(np.trace(own)) / 3, 0.0)
         places.append(sphere.position_mm)
         errors.append(own + lacking * np.eye(3))
-    return RobotMarkers(
+    found = RobotMarkers(
         tuple(str(number) for number in looks),
         np.array(places),
         np.array(errors),
         np.array([pose.matrix for pose in robot_from_tcp]),
         rig.tcp_from_rig,
     )
+    require_apart(found, diameter_mm)
+    return found
+
+
+def require_apart(found: RobotMarkers, diameter_mm: float) -> None:
+    """Raise `RefusedError` where two spheres that are not one and the same overlap."""
+    places = found.positions_mm
+    apart = np.linalg.norm(places[:, None] - places, axis=2)
+    overlap = (apart > SAME_SPHERE_MM) & (apart < diameter_mm)
+    if overlap.any():
+        one, other = np.argwhere(overlap)[0]
+        raise RefusedError(
+            f"the spheres of frames {found.labels[one]} and {found.labels[other]} are {apart[one, other]:.1f} mm "
+            f"apart, yet {diameter_mm:g} mm wide; check that the robot's poses are those of these looks"
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,13 +58,14 @@ def find_outlines(image: Image, camera: Camera, lamp_sd_deg: float = LAMP_SD_DEG
     """Return every outline in ``image`` (rows, columns; grey) that could be a bright sphere's, largest first.
 
     A lamp about the lens is off it by ``lamp_sd_deg``, as seen from the sphere.
-    Raises `InputError` for an image that is not two-dimensional or not finite.
+    Raises `InputError` for an image that is not two-dimensional or not finite, or not of the camera's size.
     """
     small = image.ndim != 2 or min(image.shape) < 4 * SMALLEST_RADIUS_PX
     if small or (image.dtype.kind == "f" and not np.isfinite(image).all()):
         raise InputError(
             f"a camera image has shape {image.shape}; expected grey values (rows, columns), all finite"
         )
+    camera.require_size(image.shape)
     outlines = [_outline(image, circle, camera, lamp_sd_deg) for circle in find_circles(image)]
     return sorted((one for one in outlines if one is not None), key=lambda one: -one.half_angle)
 

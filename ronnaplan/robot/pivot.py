@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import as_pose
 from ronnaplan.robot.memory import least_squares_covariance
@@ -24,6 +24,10 @@ MAXWELL_MEDIAN = 1.5382
 """Median length of a 3D normal vector of unit standard deviation per axis."""
 SMALLEST_TURN_DEG = 10.0
 """The tool's axes must spread by this much over the poses, or the tip is not determined."""
+LARGEST_RMS_MM = 10.0
+"""A tip whose places scatter by more did not rest in a divot, or the poses are no tool's: no tracker errs so much."""
+LONGEST_TOOL_MM = 800.0
+"""No tool's tip is farther from its markers; a tracker's divot is, and takes its place where poses are inverted."""
 SOFTENING_MM = 0.01
 """Rounds the length's kink at zero, well below any tracker's noise."""
 MAXIMUM_ITERATIONS = 300
@@ -65,7 +69,8 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
     """Return the tip of a tool from ``poses`` (N, 4, 4), tracker from tool in mm, in the order of recording.
 
     Raises `InputError` for a matrix that is no pose (left-handed, scaled, not finite), for fewer than ten
-    poses, and for poses that turn the tool too little, or about one axis only.
+    poses, and for poses that turn the tool too little, or about one axis only; `RefusedError` where no tip rested, or
+    it lies where no tool's is.
     """
     try:
         offered = np.asarray(poses, dtype=np.float64)
@@ -88,7 +93,7 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
         [design[kept], in_tool @ design[kept]], [residual[kept], (in_tool @ residual[kept, :, None])[..., 0]]
     )
     length = np.linalg.norm(residual, axis=1)
-    return PivotCalibration(
+    found = PivotCalibration(
         solution[:3],
         covariance[:3, :3],
         solution[3:6],
@@ -97,6 +102,23 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
         ~kept,
         float(np.median(length) / MAXWELL_MEDIAN),
     )
+    _require_tip(found)
+    return found
+
+
+def _require_tip(found: PivotCalibration) -> None:
+    """Raise `RefusedError` unless ``found`` is the tip of a tool that rested in a divot."""
+    if found.rms_mm > LARGEST_RMS_MM:
+        raise RefusedError(
+            f"the tip did not rest: its places scatter by {found.rms_mm:.2g} mm RMS, expected at most "
+            f"{LARGEST_RMS_MM:g}; check that the recording is of poses about one divot, tracker from tool in mm"
+        )
+    away_mm = float(np.linalg.norm(found.tip_mm))
+    if away_mm > LONGEST_TOOL_MM:
+        raise RefusedError(
+            f"the tip lies {away_mm:.0f} mm from the tool's origin, expected at most {LONGEST_TOOL_MM:g}; check that "
+            "the poses are tracker from tool, and not the other way round"
+        )
 
 
 def _without_slips(design: FloatArray, shift: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

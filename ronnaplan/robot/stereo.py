@@ -38,6 +38,14 @@ class StereoSphere:
     left: Outline
     right: Outline
 
+    def size_errors(self, rig: StereoRig, diameter_mm: float) -> tuple[float, float]:
+        """Return by what part a sphere of ``diameter_mm`` is farther, by its outline in either image, than found."""
+        left, right = (
+            outline.distance_mm(diameter_mm) / float(np.linalg.norm(self.position_mm - camera.center_mm)) - 1
+            for camera, outline in ((rig.left, self.left), (rig.right, self.right))
+        )
+        return left, right
+
     def in_robot(self, rig: StereoRig, robot_from_tcp: Pose, label: str = "sphere") -> Points:
         """Return the center in R, with the errors of the outlines, of ``tcp_from_rig`` and of the robot's pose."""
         TCP.require(rig.tcp_from_rig.to_frame)
@@ -69,7 +77,8 @@ def locate_sphere(
         sphere
         for one in lefts
         for other in rights
-        if (sphere := _meet(one, other, rig)) is not None and _has_size(sphere, rig, diameter_mm)
+        if (sphere := _meet(one, other, rig)) is not None
+        and max(map(abs, sphere.size_errors(rig, diameter_mm))) <= SIZE_TOLERANCE
     ]
     if not found:
         raise InputError(
@@ -123,14 +132,6 @@ def _meet(left: Outline, right: Outline, rig: StereoRig) -> StereoSphere | None:
         (camera.rig_from_camera[:3, 2] @ (position - camera.center_mm)) > 0 for camera in (rig.left, rig.right)
     )
     return StereoSphere(position, covariance, gap, left, right) if ahead and gap <= LARGEST_GAP_MM else None
-
-
-def _has_size(sphere: StereoSphere, rig: StereoRig, diameter_mm: float) -> bool:
-    for camera, outline in ((rig.left, sphere.left), (rig.right, sphere.right)):
-        distance = float(np.linalg.norm(sphere.position_mm - camera.center_mm))
-        if abs(outline.distance_mm(diameter_mm) / distance - 1) > SIZE_TOLERANCE:
-            return False
-    return True
 
 
 def _in_rig(camera: Camera, outline: Outline) -> tuple[FloatArray, FloatArray]:

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, as_points
 from ronnaplan.pose import Pose, adjoint, as_pose, exponential, invert, rigid
-from ronnaplan.robot.camera import RIG, Camera
+from ronnaplan.robot.camera import RIG, Camera, StereoRig
 from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.circles import Image
 from ronnaplan.robot.hand_eye import require_two_axes
+from ronnaplan.robot.stereo import StereoSphere
 
 FEWEST_BOARDS = 6
 FEWEST_SPHERES = 6
@@ -22,6 +23,10 @@ SMALLEST_TILT_DEG = 8.0
 """RMS tilt of the boards against each other that they need; parallel ones leave focal length and distance open."""
 LARGEST_RMS_PX = 1.0
 """Corners are found to a tenth of a pixel: boards that miss by more do not belong together."""
+LARGEST_SD_MM = 0.5
+"""A resting sphere's places scatter by less: those that do not come of poses of other moments, or in other units."""
+LARGEST_SIZE_ERROR = 0.01
+"""What a sphere's diameter and its outlines say of its distance is within 0.004 of what the cameras' lines say."""
 SMALLEST_INFORMATION = 1e-6
 """Smallest over largest eigenvalue of the scaled normal matrix for poses that determine ``tcp_from_rig``."""
 
@@ -68,7 +73,8 @@ def calibrate_on_board(
     grid = np.zeros((corners[0] * corners[1], 3), np.float32)
     grid[:, :2] = np.mgrid[: corners[0], : corners[1]].T.reshape(-1, 2) * square_mm
     boards = [grid] * len(seen)
-    size = np.asarray(left[0]).shape[::-1]
+    rows, columns = np.asarray(left[0]).shape
+    size = columns, rows
     firsts, seconds = [a for a, _ in seen], [b for _, b in seen]
     _, k_left, d_left, turns, _ = cv2.calibrateCamera(boards, firsts, size, None, None)
     _require_tilts(_turns(turns))
@@ -88,8 +94,8 @@ def calibrate_on_board(
         )
     right_from_left = rigid(_floats(rotation), _floats(shift).ravel())
     return StereoCalibration(
-        Camera(_floats(k_left), _floats(d_left).ravel(), np.eye(4)),
-        Camera(_floats(k_right), _floats(d_right).ravel(), invert(right_from_left)),
+        Camera(_floats(k_left), _floats(d_left).ravel(), np.eye(4), size),
+        Camera(_floats(k_right), _floats(d_right).ravel(), invert(right_from_left), size),
         float(rms),
         len(seen),
     )
@@ -100,7 +106,8 @@ def calibrate_tcp(robot_from_tcp: ArrayLike, spheres_mm: ArrayLike) -> TcpCalibr
 
     ``robot_from_tcp`` (N, 4, 4) are the robot's poses and ``spheres_mm`` (N, 3) the sphere's center in the rig at
     each. Every pose gives ``robot_from_tcp @ tcp_from_rig @ sphere = constant``. Raises `InputError` for
-    fewer than `FEWEST_SPHERES` poses or poses that turn or move too little.
+    fewer than `FEWEST_SPHERES` poses or poses that turn or move too little, `RefusedError` where the sphere did not
+    rest.
     """
     spheres = as_points(spheres_mm, "spheres")
     offered = np.asarray(robot_from_tcp, dtype=np.float64)
@@ -110,7 +117,25 @@ def calibrate_tcp(robot_from_tcp: ArrayLike, spheres_mm: ArrayLike) -> TcpCalibr
         )
     poses = np.array([as_pose(matrix, f"robot_from_tcp {i}") for i, matrix in enumerate(offered)])
     require_two_axes(poses[:, :3, :3], "where the rig is")
-    return _refine(poses, spheres, _start(poses, spheres))
+    found = _refine(poses, spheres, _start(poses, spheres))
+    if found.sd_mm > LARGEST_SD_MM:
+        raise RefusedError(
+            f"the sphere did not rest, or poses and images do not belong together: its places in R scatter by "
+            f"{found.sd_mm:.2g} mm per axis, expected at most {LARGEST_SD_MM:g}; check the frames' numbers, and that "
+            "the robot's poses are in mm"
+        )
+    return found
+
+
+def require_size(spheres: Sequence[StereoSphere], rig: StereoRig, diameter_mm: float) -> None:
+    """Raise `RefusedError` where spheres of ``diameter_mm`` contradict the scale that the board gave the cameras."""
+    ratio = 1 + float(np.mean([sphere.size_errors(rig, diameter_mm) for sphere in spheres]))
+    if abs(ratio - 1) > LARGEST_SIZE_ERROR:
+        side = "nearer" if ratio > 1 else "farther"
+        raise RefusedError(
+            f"the board puts the resting sphere {100 * abs(1 / ratio - 1):.1f} % {side} than a sphere of "
+            f"{diameter_mm:g} mm is by its outlines; check the side of the board's squares and the diameter"
+        )
 
 
 def _turns(vectors: object) -> FloatArray:

@@ -23,23 +23,36 @@ SILENCE_S = 2.0
 LONGEST_S = 86_400.0
 """No recording takes longer than a day."""
 POLL_S = 0.1
+CLOSED, STOPPED = "the server closed the stream", "the stream stopped"
+"""How the note begins that says why a stream ended."""
 
 
 def moments(host: str, port: int = DEFAULT_PORT, *, every_s: float, seconds: float) -> Iterator[Recording]:
     """Yield what a server at ``host`` sends in every ``every_s`` of its own time, for up to ``seconds`` of ours.
 
     A message that states no time counts as of its arrival. The last recording's note says why the stream ended before
-    the time was up, if it did. Raises `InputError` if no server answers.
+    the time was up, if it did; a stream whose own time stands still has ended. Raises `InputError` if no server
+    answers.
     """
     stream, until = Stream(), time.monotonic() + seconds
     source, cut = f"openigtlink://{host}:{port}", _Moments(every_s)
     with _connected(host, port) as connection:
         connection.settimeout(POLL_S)
-        note = None
+        note, count, heard_s, told_s = None, 0, time.monotonic(), time.monotonic()
         while note is None and time.monotonic() < until:
             note = _receive(connection, stream, min(until, time.monotonic() + POLL_S))
+            now = time.monotonic()
+            if stream.messages > count:
+                count, heard_s = stream.messages, now
             for points, tools in cut.add(*stream.taken()):
                 yield Recording(source, points, tools)
+                told_s = time.monotonic()
+            if note is None and now - heard_s > SILENCE_S:
+                note = f"{STOPPED}: silent for {SILENCE_S:g} s after {count} messages"
+            elif note is None and now - told_s > every_s + SILENCE_S:
+                note = f"{STOPPED}: its own time stands still after {count} messages"
+    if note is not None and not note.startswith((CLOSED, STOPPED)):
+        note = f"{STOPPED}: {note}"
     yield Recording(source, *cut.rest(), notes=(*stream.notes, *([note] if note else [])))
 
 
@@ -136,13 +149,13 @@ def _receive(connection: socket.socket, stream: Stream, until: float) -> str | N
             data = connection.recv(1 << 16)
         except TimeoutError:
             if time.monotonic() - last > SILENCE_S:
-                return f"the stream stopped: silent for {SILENCE_S:g} s after {stream.messages} messages"
+                return f"{STOPPED}: silent for {SILENCE_S:g} s after {stream.messages} messages"
             continue
         except OSError as error:
             return f"the connection broke after {stream.messages} messages ({error})"
         if not data:
             rest = " in the middle of a message" if stream.pending else ""
-            return f"the server closed the stream after {stream.messages} messages{rest}"
+            return f"{CLOSED} after {stream.messages} messages{rest}"
         last = time.monotonic()
         stream.feed(data)
         if stream.broken:

@@ -12,16 +12,24 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from phantoms.robot_session import write_session
 from ronnaplan.cli import main
 from ronnaplan.documents.reading import to_json
 from ronnaplan.documents.registered import registration_document
+from ronnaplan.documents.rig import read_rig
+from ronnaplan.documents.robot_points import krl_angles
+from ronnaplan.documents.template import read_template_document
 from ronnaplan.documents.tool import read_hand_eye, read_pivot
+from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.registration.marker_registration import register_markers
 from ronnaplan.robot.hand_eye import calibrate_hand_eye, with_tip
+from ronnaplan.robot.images import read_pairs
+from ronnaplan.robot.markers import in_rig
 from ronnaplan.robot.pivot import calibrate_pivot
+from ronnaplan.robot.stereo_calibration import require_size
 from ronnaplan.tracking import find_markers, read_recording
 from tests import cases
 
@@ -111,6 +119,7 @@ def test_every_export_says_the_same_points(home: Path) -> None:
         for one in points["trajectories"]
         for end in ("entry", "target")
     }
+    poses |= {(one["name"], "approach"): np.array(one["approach"]) for one in points["trajectories"]}
     for one in cases.plan().trajectories:
         np.testing.assert_allclose(poses[one.name, "target"][:3, 3], chain[:3] @ [*one.target_mm, 1], atol=1e-9)
     for message in yaml.safe_load((home / "points.yaml").read_text()):
@@ -123,9 +132,15 @@ def test_every_export_says_the_same_points(home: Path) -> None:
         errors = {
             (t["name"], e): t[e]["expected_error"] for t in points["trajectories"] for e in ("entry", "target")
         }
-        assert np.sqrt(np.trace(covariance[:3, :3])) * 1000 == pytest.approx(errors[name, end], rel=1e-6)
+        error = np.sqrt(np.trace(covariance[:3, :3])) * 1000
+        x, y, z = poses[name, end][:3, 3]
+        lever = np.hstack([[[0, z, -y], [-z, 0, x], [y, -x, 0]], np.eye(3)])
+        stated = lever @ np.array(read(home / "final.json")["robot_from_ct"]["covariance"]) @ lever.T
+        assert error == pytest.approx(np.sqrt(np.trace(stated)), rel=1e-6)
+        assert error == pytest.approx(errors.get((name, end), error), rel=1e-6)
     krl = (home / "points.dat").read_text()
     assert krl.splitlines()[-1] == "ENDDAT"
+    assert krl.splitlines()[1] == "DEFDAT POINTS PUBLIC"  # the controller takes the file's name for it
     assert "Research use only" in krl
     frames = re.findall(r"FRAME (\w+)_TGT=\{X (\S+),Y (\S+),Z (\S+),A (\S+),B (\S+),C (\S+)\}", krl)
     assert len(frames) == len(points["trajectories"])
@@ -143,8 +158,18 @@ def test_every_export_says_the_same_points(home: Path) -> None:
 def test_the_table_is_one_row_a_point(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["robot", "export", str(home / "final.json"), str(home / "plan.json"), "--to", "csv"]) == 0
     rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
-    assert len(rows) == 2 * len(cases.plan().trajectories)
+    assert len(rows) == 3 * len(cases.plan().trajectories)
     assert all("Research use only" in row["notice"] for row in rows)
+
+
+def test_the_angles_of_a_kuka_are_told_where_two_of_its_axes_meet() -> None:
+    for b in (90.0, -90.0, 30.0):
+        matrix = np.eye(4)
+        matrix[:3, :3] = Rotation.from_euler("ZYX", (40.0, b, -70.0), degrees=True).as_matrix()
+        angles = krl_angles(matrix)
+        again = Rotation.from_euler("ZYX", angles, degrees=True).as_matrix()
+        np.testing.assert_allclose(again, matrix[:3, :3], atol=1e-12)
+        assert angles[1] == pytest.approx(b, abs=1e-6)
 
 
 def test_what_does_not_belong_together_is_refused(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -187,6 +212,53 @@ def test_what_does_not_belong_together_is_refused(home: Path, capsys: pytest.Cap
     )
     assert status == 1
     assert "frame 0: no sphere of 9 mm" in text
+
+
+def test_recordings_that_are_mixed_up_are_refused_or_doubted(
+    home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def told(*arguments: object) -> tuple[int, str]:
+        status = main(["robot", *map(str, arguments)])
+        return status, capsys.readouterr().err
+
+    session, swapped = home / "session", tmp_path / "swapped.json"
+    tracker, robot = session / "hand_eye_tracker.csv", session / "hand_eye_robot.csv"
+    status, text = told("hand-eye", robot, tracker, "-o", swapped)
+    assert (status, "as if the TCP were what the tracker sees" in text) == (0, True)
+    assert "are the same; expected a recording of either" in told("hand-eye", tracker, tracker)[1]
+    chain = ("chain", "--registration", home / "registration.json", "--geometry", session / "tool.json")
+    rest = ("--tracker", session / "rest_tracker.csv", "--robot", session / "rest_robot.csv")
+    status, text = told(*chain, *rest, "--hand-eye", swapped)
+    assert "otherwise to each other than in the hand-eye calibration" in text
+    assert "otherwise to each other" not in told(*chain, *rest, "--hand-eye", home / "hand-eye.json")[1]
+    status, text = told(*chain, *rest[:3], rest[1], "--hand-eye", home / "hand-eye.json")
+    assert (status, "tell the same pose" in text) == (1, True)
+
+
+def test_images_that_were_cropped_are_refused(home: Path, tmp_path: Path) -> None:
+    """Beside the lens a crop moves both lines of sight alike: spheres were found 6 mm beside where they are."""
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+        whole = Image.open(home / "session" / "markers" / side / "000.png")
+        whole.crop((40, 0, *whole.size)).save(tmp_path / side / "000.png")
+    with pytest.raises(InputError, match="frame 0: an image of 600x512 pixels is not of this camera"):
+        in_rig(read_pairs(tmp_path), read_rig(home / "rig.json").rig, diameter_mm=11.5)
+
+
+def test_squares_of_another_size_than_stated_contradict_the_sphere(home: Path) -> None:
+    rig, looks = read_rig(home / "rig.json").rig, read_pairs(home / "session" / "markers")
+    spheres = in_rig({0: looks[0]}, rig, diameter_mm=11.5)
+    require_size(spheres, rig, 11.5)
+    with pytest.raises(RefusedError, match=r"puts the resting sphere 1.\d % farther than a sphere of 11.3 mm"):
+        require_size(spheres, rig, 11.3)
+
+
+def test_a_tool_in_metres_is_refused(home: Path, tmp_path: Path) -> None:
+    tool = read(home / "session" / "tool.json")
+    tool["centers"] = (np.array(tool["centers"]) / 1000).tolist()
+    (tmp_path / "tool.json").write_text(json.dumps(tool))
+    with pytest.raises(InputError, match="in metres"):
+        read_template_document(tmp_path / "tool.json")
 
 
 def test_a_lamp_s_angle_is_judged_in_degrees(capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from phantoms.live_room import LiveRoom, serve
+from phantoms.live_room import RATE_HZ, LiveRoom, serve
 from phantoms.robot_session import M_SPHERES_MM, READING_SD_MM, placed
 from ronnaplan.cli import main
 from ronnaplan.geometry import FloatArray, Frame, Points
@@ -23,7 +23,7 @@ from ronnaplan.registration import register_points
 from ronnaplan.robot.chain import OTS, TCP, Capture, M
 from ronnaplan.robot.live import LiveChain, LiveStatus
 from ronnaplan.robot.recorded import robot_pose, seen_tool
-from ronnaplan.tracking import Recording
+from ronnaplan.tracking import Recording, openigtlink
 from ronnaplan.tracking.recording import PointReading, ToolReading
 from tests.robot.live_documents import write_documents
 
@@ -191,3 +191,41 @@ def test_the_command_follows_a_stream_and_refuses_when_the_robot_moved(
     assert re.search(
         r"the head moved; register again; head: \d\.\d\d mm, 0\.\d\d degrees", capsys.readouterr().err
     )
+
+
+def test_a_stream_that_falls_silent_ends_without_a_pose(
+    room: LiveRoom, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The server stays connected, but sends no more: the last valid pose does not stand."""
+    monkeypatch.setattr(openigtlink, "SILENCE_S", 0.3)
+    write_documents(live(room), room, tmp_path)
+    told = [f"--{name}={tmp_path / name}.json" for name in ("chain", "registration")]
+    told += [
+        f"--geometry={tmp_path / 'tool.json'}",
+        "--tool",
+        "tool",
+        "--robot-device",
+        "robot",
+        "--seconds",
+        "30",
+    ]
+    out, over = tmp_path / "live.jsonl", threading.Event()
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        thread = threading.Thread(target=stall, args=(listener, room, over), daemon=True)
+        thread.start()
+        told += ["--sigma-ots", str(READING_SD_MM), "--port", str(listener.getsockname()[1]), "-o", str(out)]
+        assert main(["robot", "watch", *told]) == 3
+        over.set()
+        thread.join(10)
+    statuses = [json.loads(line)["status"] for line in out.read_text().splitlines()]
+    assert (statuses[0], statuses[-1]) == ("valid", "unseen")
+
+
+def stall(listener: socket.socket, room: LiveRoom, over: threading.Event) -> None:
+    """Send a second of a room at once, and then nothing."""
+    connection, _ = listener.accept()
+    with connection:
+        for frame in range(round(RATE_HZ)):
+            for message in room.messages(1e9 + frame / RATE_HZ):
+                connection.sendall(message)
+        over.wait(30)

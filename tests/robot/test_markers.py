@@ -1,5 +1,7 @@
 """Markers re-localized by the cameras: the registration to them and its error, one part of it common to all."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -9,7 +11,7 @@ from ronnaplan.geometry import Frame, Points
 from ronnaplan.pose import Pose, invert, transform_points
 from ronnaplan.robot.camera import RIG
 from ronnaplan.robot.chain import TCP
-from ronnaplan.robot.markers import RobotMarkers, register_robot_markers
+from ronnaplan.robot.markers import RobotMarkers, register_robot_markers, require_apart
 
 CT = Frame("CT", "1.2")
 HEAD_MM = np.array([[60.0, -50, 40], [-55, -60, 30], [70, 20, 50], [-40, 70, 60], [10, 90, 45]])
@@ -64,3 +66,13 @@ def test_spheres_of_another_head_are_refused() -> None:
     other = Points(ct.positions_mm * np.array([1.1, 0.9, 1.0]), ct.covariances_mm2, ct.labels, CT)
     with pytest.raises(RefusedError, match="re-localized spheres"):
         register_robot_markers(other, spheres, expected=5, sigma_ct_mm=0.1)
+
+
+def test_spheres_that_overlap_are_refused_but_not_two_looks_at_one() -> None:
+    _, spheres = looked(np.random.default_rng(1), 0.1, 0.03, np.diag(np.repeat([1e-8, 1e-4], 3)))
+    again = np.array([0, 1, 2, 3, 0])
+    twice = replace(spheres, in_rig_mm=spheres.in_rig_mm[again], robot_from_tcp=spheres.robot_from_tcp[again])
+    require_apart(twice, 11.5)
+    twice.in_rig_mm[4] += 2.0
+    with pytest.raises(RefusedError, match=r"of frames 0 and 4 are 3.5 mm apart, yet 11.5 mm wide"):
+        require_apart(twice, 11.5)

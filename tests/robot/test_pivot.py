@@ -5,7 +5,8 @@ import pytest
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, RefusedError
+from ronnaplan.pose import invert
 from ronnaplan.robot.pivot import calibrate_pivot
 
 TIP = np.array([-15.0, 240.0, -7.0])
@@ -126,3 +127,12 @@ def test_poses_that_hardly_turn_are_refused() -> None:
 def test_unusable_poses_are_named(spoil: object, says: str) -> None:
     with pytest.raises(InputError, match=says):
         calibrate_pivot(spoil(recording(5)))  # type: ignore[operator]
+
+
+def test_a_tip_that_did_not_rest_and_poses_the_other_way_round_are_refused() -> None:
+    two_divots = recording(6, count=100)
+    two_divots[50:, 2, 3] += 60.0
+    with pytest.raises(RefusedError, match="the tip did not rest: its places scatter by 15 mm"):
+        calibrate_pivot(two_divots)
+    with pytest.raises(RefusedError, match="check that the poses are tracker from tool"):
+        calibrate_pivot(invert(recording(6, count=100)))

@@ -325,3 +325,12 @@ def test_poses_that_cannot_place_the_rig_are_refused() -> None:
         calibrate_tcp(poses, spheres)
     with pytest.raises(InputError, match="5 robot poses came with 12 spheres"):
         calibrate_tcp(poses[:5], spheres)
+
+
+def test_looks_and_poses_that_do_not_belong_together_do_not_place_the_rig() -> None:
+    poses, spheres, _ = looks(0, 12, 0.05)
+    in_cm = poses.copy()
+    in_cm[:, :3, 3] /= 10
+    for wrong in (np.roll(poses, 1, axis=0), in_cm):
+        with pytest.raises(RefusedError, match="its places in R scatter by"):
+            calibrate_tcp(wrong, spheres)

@@ -15,7 +15,7 @@ from pyigtl.messages import CRC64
 from ronnaplan.errors import InputError
 from ronnaplan.tracking import find_markers, igtl_messages, openigtlink
 from ronnaplan.tracking.igtl_messages import Stream
-from ronnaplan.tracking.openigtlink import record
+from ronnaplan.tracking.openigtlink import moments, record
 
 POINTS = [[1.0, 2.0, -1000.0], [4.0, 5.0, -1001.0]]
 
@@ -137,6 +137,15 @@ def test_a_stream_that_falls_silent_says_so(monkeypatch: pytest.MonkeyPatch) -> 
     with server([points()]) as port:
         recording = record("127.0.0.1", port, seconds=10)
     assert "the stream stopped" in recording.notes[0]
+
+
+@pytest.mark.parametrize(("messages", "why"), [(1, "silent for 0.2 s"), (300, "its own time stands still")])
+def test_moments_end_where_nothing_new_comes(messages: int, why: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A frozen tracker repeats its last reading, time and all."""
+    monkeypatch.setattr(openigtlink, "SILENCE_S", 0.2)
+    with server([points()] * messages) as port:
+        last = list(moments("127.0.0.1", port, every_s=0.1, seconds=10))[-1]
+    assert last.notes[-1].startswith(f"the stream stopped: {why}")
 
 
 def named(kind: str, device: bytes, body: bytes, version: int = 1) -> bytes:

@@ -66,6 +66,13 @@ class SerialArm:
         for joint, (least, greatest) in zip(self.joints, self.limits_rad, strict=True):
             if not least < greatest:
                 raise InputError(f"joint {joint} of {self.name} has the limits {least:g} to {greatest:g} rad")
+        for body in self.bodies:
+            numbers = np.array([*body.start_mm, *body.end_mm, body.radius_mm])
+            if not (np.abs(numbers) < LARGEST_ARM_MM).all() or body.radius_mm <= 0:
+                raise InputError(
+                    f"the body {body.name} of the arm {self.name} has the radius {body.radius_mm:g} mm, or ends that "
+                    f"are not finite; expected sizes above zero, up to {LARGEST_ARM_MM:g} mm"
+                )
         if np.abs(self.origins[:, :3, 3]).max() > LARGEST_ARM_MM:
             raise InputError(
                 f"a link of the arm {self.name} is longer than {LARGEST_ARM_MM:g} mm; are its units mm?"

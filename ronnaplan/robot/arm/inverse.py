@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import invert
+from ronnaplan.pose import POSE_TOLERANCE, as_pose, invert
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.wrist import wrist_of
 
@@ -33,13 +33,14 @@ class Postures:
 def inverse(arm: SerialArm, poses: ArrayLike, tool: str | None = None) -> Postures:
     """Return all postures that bring ``tool``, or the flange, to ``poses`` (M, 4, 4), base from tool.
 
-    Raises `InputError` for an arm that has no closed form, and for ``poses`` of another shape.
+    Raises `InputError` for an arm that has no closed form, and for ``poses`` of another shape or that are not rigid.
     """
     from ronnaplan.robot.arm.compiled import all_postures
 
     asked = np.ascontiguousarray(poses, dtype=np.float64)
     if asked.ndim != 3 or asked.shape[1:] != (4, 4):
         raise InputError(f"poses of shape {asked.shape} were given; expected (M, 4, 4)")
+    _require_rigid(asked)
     if tool is not None:
         asked = np.ascontiguousarray(asked @ invert(arm.tool(tool)))
     angles, found = np.empty((len(asked), BRANCHES, 6)), np.empty(len(asked))
@@ -48,6 +49,19 @@ def inverse(arm: SerialArm, poses: ArrayLike, tool: str | None = None) -> Postur
     angles[bits == 0] = np.nan
     within = np.asarray(((angles >= arm.limits_rad[:, 0]) & (angles <= arm.limits_rad[:, 1])).all(axis=-1))
     return Postures(angles, within)
+
+
+def _require_rigid(poses: FloatArray) -> None:
+    """Raise `InputError`, as `as_pose` does, naming the first of ``poses`` (M, 4, 4) that is none."""
+    turns_ = poses[:, :3, :3]
+    off = np.abs(np.einsum("mab,mcb->mac", turns_, turns_) - np.eye(3)).max(axis=(1, 2))
+    handed = np.einsum("ma,ma->m", np.cross(turns_[:, 0], turns_[:, 1]), turns_[:, 2])
+    rigid = (
+        (off < POSE_TOLERANCE) & (handed > 0) & (np.abs(poses[:, 3] - (0, 0, 0, 1)).max(axis=1) < POSE_TOLERANCE)
+    )
+    wrong = np.flatnonzero(~(rigid & np.isfinite(poses[:, :3, 3]).all(axis=1)))
+    if len(wrong):
+        as_pose(poses[wrong[0]], f"pose {wrong[0]}")
 
 
 def turns(arm: SerialArm, angles_rad: ArrayLike) -> FloatArray:

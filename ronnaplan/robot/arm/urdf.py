@@ -15,7 +15,7 @@ import numpy as np
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, unit
 from ronnaplan.pose import rigid
-from ronnaplan.robot.arm.arm import Body, SerialArm
+from ronnaplan.robot.arm.arm import LARGEST_ARM_MM, Body, SerialArm
 from ronnaplan.untrusted import read_whole
 
 MOST_BYTES = 4 << 20
@@ -179,12 +179,14 @@ def _body(name: str, number: int, frame: FloatArray, shape: ElementTree.Element)
     geometry = shape.find("geometry")
     for kind in geometry if geometry is not None else ():
         if kind.tag == "sphere":
-            half, radius = np.zeros(3), MM * float(kind.attrib["radius"])
+            half, radius = np.zeros(3), _length(kind.attrib["radius"])
         elif kind.tag in ("cylinder", "capsule"):
-            half = np.array([0.0, 0.0, MM * float(kind.attrib["length"]) / 2])
-            radius = MM * float(kind.attrib["radius"])
+            half = np.array([0.0, 0.0, _length(kind.attrib["length"]) / 2])
+            radius = _length(kind.attrib["radius"])
         elif kind.tag == "box":
-            sides = MM * _numbers(kind.attrib["size"]) / 2
+            sides = np.array([_length(side) for side in kind.attrib["size"].split()]) / 2
+            if len(sides) != 3:
+                raise ValueError(f"the box '{kind.attrib['size']}' has no three sides")
             longest = int(sides.argmax())
             half = np.where(np.arange(3) == longest, sides, 0.0)
             radius = float(np.linalg.norm(np.delete(sides, longest)))
@@ -220,6 +222,14 @@ def _limits(joint: ElementTree.Element) -> tuple[float, float]:
     if max(abs(least), abs(greatest)) > LARGEST_LIMIT_RAD:
         raise InputError(f"joint {name} has the limits {least:g} to {greatest:g} rad; are they in degrees?")
     return least, greatest
+
+
+def _length(text: str) -> float:
+    """Return the size of a shape in mm."""
+    length_mm = MM * float(text)
+    if not 0 < length_mm < LARGEST_ARM_MM:
+        raise InputError(f"a shape for collisions has the size {text} m; expected one above zero and in metres")
+    return length_mm
 
 
 def _numbers(text: str) -> FloatArray:

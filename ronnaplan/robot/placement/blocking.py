@@ -49,7 +49,9 @@ class Blocked:
             return f"{self.margin:.0f} degrees from a singular posture {where}; {asked:g} are asked for"
         if self.stage == COLLISION:
             body = bodies[self.which] if self.which < len(bodies) else "the instrument"
-            thing = {-1: "what stands in the room", -2: "the head"}.get(self.other) or bodies[self.other]
+            thing = {-1: "what stands in the room, or the floor", -2: "the head"}.get(self.other) or bodies[
+                self.other
+            ]
             return f"{body} comes within {self.margin:.0f} mm of {thing} {where}; {clearance:g} are asked for"
         return f"the tracker does not see the tool's marker by {np.degrees(view):g} degrees or more {where}"
 

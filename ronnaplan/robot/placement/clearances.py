@@ -54,6 +54,15 @@ def to_things(world: World, capsule: FloatArray, trolley: FloatArray) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def to_room(world: World, capsule: FloatArray, trolley: FloatArray, high: bool) -> float:
+    """Return the distance (mm) to what stands in the room; of what is ``high`` on the arm, to trolley and floor too."""
+    if not high:
+        return to_things(world, capsule, trolley[:0])
+    least: float = min(min(capsule[2], capsule[5]) - capsule[6], to_things(world, capsule, trolley))
+    return least
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def place_bodies(machine: Machine, instrument: FloatArray, frames: FloatArray, bodies: FloatArray) -> None:
     """Fill ``bodies`` (K + 1, 7) with all capsules in the room, the instrument last."""
     for k in range(len(machine.links)):
@@ -67,17 +76,17 @@ def clearance(
 ) -> float:
     """Return the least distance (mm) that counts; below ``need`` the search ends and ``pair`` (2,) names the two.
 
-    The instrument is kept from everything but the head; the two lowest links are not kept from their trolley.
+    The instrument is kept from everything but the head; the two lowest links are not kept from their trolley, nor from
+    the floor.
     """
     count = len(machine.links)
-    nothing = trolley[:0]
     least = np.inf
     for back in range(count + 1):
         k = count - back
         if k == count and bodies[k, 6] <= 0.0:
             continue
         high = k >= machine.tool_from or machine.links[k] >= 2
-        near = to_things(world, bodies[k], trolley if high else nothing)
+        near = to_room(world, bodies[k], trolley, high)
         if near < least:
             least, pair[0], pair[1] = near, k, -1
         if k < count:
@@ -95,7 +104,7 @@ def clearance(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def seen(machine: Machine, world: World, frame: FloatArray, bodies: FloatArray) -> float:
+def seen(machine: Machine, world: World, trolley: FloatArray, frame: FloatArray, bodies: FloatArray) -> float:
     """Return by how much (rad) the tool's marker, on the last link at ``frame``, is seen; negative: hidden or far."""
     if world.sight[1] == 0.0:
         return np.inf
@@ -119,13 +128,13 @@ def seen(machine: Machine, world: World, frame: FloatArray, bodies: FloatArray) 
     for a in range(3):
         line[3 + a] -= (line[3 + a] - line[a]) * min(world.sight[2] / away, 1.0)
     line[6] = world.sight[3]
-    return -1.0 if _is_crossed(machine, world, line, bodies) else margin
+    return -1.0 if _is_crossed(machine, world, trolley, line, bodies) else margin
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _is_crossed(machine: Machine, world: World, line: FloatArray, bodies: FloatArray) -> bool:
+def _is_crossed(machine: Machine, world: World, trolley: FloatArray, line: FloatArray, bodies: FloatArray) -> bool:
     """Whether anything but tool and wrist stands in a line of sight (7,)."""
-    if to_things(world, line, world.boxes[:0]) < 0.0 or to_head(world, line, 0.0) < 0.0:
+    if to_things(world, line, trolley) < 0.0 or to_head(world, line, 0.0) < 0.0:
         return True
     for k in range(machine.tool_from):
         apart = segment_segment(line, bodies[k]) - line[6] - bodies[k, 6]
@@ -149,7 +158,7 @@ def posture_margins(
     """Return clearance (mm) and the tracker's margin (rad) of ``angles`` (6,); ``frames[0]`` is room from base."""
     place_links(machine.origins, machine.axes, angles, frames)
     place_bodies(machine, instrument, frames, bodies)
-    view = seen(machine, world, frames[-1], bodies) if tracked else np.inf
+    view = seen(machine, world, trolley, frames[-1], bodies) if tracked else np.inf
     if view < world.needs[3]:
         return np.inf, view
     return clearance(machine, world, trolley, bodies, world.needs[2], pair), view

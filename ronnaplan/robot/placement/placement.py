@@ -39,6 +39,8 @@ PLACES = 3
 """The best base and its alternatives."""
 SCATTERED = 16_384
 """Further bases that are tried where none of the grid serves all."""
+TRACKER_APART_MM = 300.0
+"""A tracker that was measured with a tape is nearer than this to where the registration puts it."""
 BLAMED = 300
 """Bases that are asked what stands in the way."""
 
@@ -124,6 +126,21 @@ class Job:
         """Return what bases are judged by, for all tasks or some."""
         ways = ways_of(self.tasks if tasks is None else tasks, self.arm, fineness)
         return Problem(machine_of(self.arm, self.room), self.world, ways, self.room.floor)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What makes the head look as if it lay otherwise than the room says."""
+        if self.room.tracker is None:
+            return ()
+        stated, placed = np.array(self.room.tracker.position_mm), self.world.tracker
+        apart_mm = float(np.linalg.norm(placed - stated))
+        if apart_mm <= TRACKER_APART_MM:
+            return ()
+        told = ", ".join(f"{value:.0f}" for value in placed)
+        return (
+            f"by the registration the tracker stands at ({told}) in the room, {apart_mm:.0f} mm from where [tracker] "
+            "has it; the former counts: check the head's center, anterior and superior, and the tracker's place",
+        )
 
     @property
     def body_names(self) -> tuple[str, ...]:

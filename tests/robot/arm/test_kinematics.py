@@ -106,6 +106,20 @@ def test_out_of_reach_has_no_posture() -> None:
     assert not inverse(kr6_r900(), far).within.any()
 
 
+def test_poses_that_no_tool_can_have_are_refused_by_number() -> None:
+    arm = kr6_r900()
+    pose = forward(arm, np.array([0.1, -1.5, 1.5, 0.2, 0.8, 0.3]))
+    scaled, mirrored = pose @ np.diag([1.01, 1.01, 1.01, 1]), pose @ np.diag([-1.0, 1, 1, 1])
+    for wrong, why in (
+        (mirrored, "left-handed"),
+        (scaled, "not rigid"),
+        (pose.T, "bottom row"),
+        (pose * np.nan, ""),
+    ):
+        with pytest.raises(InputError, match=f"pose 1 .*{why}"):
+            inverse(arm, np.array([pose, wrong]))
+
+
 def test_a_straight_wrist_is_reached_with_joint_4_at_rest() -> None:
     arm = kr6_r900()
     angles = np.radians([10.0, -80, 90, 0, 0, 30])

@@ -67,6 +67,8 @@ def test_the_flange_is_the_link_that_was_named(tmp_path: Path) -> None:
         ('<limit lower="-2.9670597283903604" upper="2.9670597283903604"/>', "", "A1 has no limits"),
         ('xyz="0 0 0.4"', 'xyz="0 0 nan"', "no three numbers"),
         ('xyz="0 0 0.4"', 'xyz="0 0 400"', "longer than"),
+        ('radius="0.06"', 'radius="nan"', "has the size nan m"),
+        ('radius="0.06"', 'radius="-0.06"', "has the size -0.06 m"),
         ('<child link="l1"/>', "", "is damaged"),
         ('<parent link="base"/>', '<parent link="l6"/>', "round in a circle"),
     ],
