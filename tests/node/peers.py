@@ -116,7 +116,7 @@ def send(
         [*command, "127.0.0.1", str(port), *map(str, paths)],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=120,
         check=False,
     )
     return done.stdout + done.stderr
@@ -127,7 +127,7 @@ def save(made: FileDataset, path: Path) -> Path:
     return path
 
 
-def until(condition: Callable[[], object], seconds: float = 20.0) -> None:
+def until(condition: Callable[[], object], seconds: float = 60.0) -> None:
     """Wait for a condition; fails the test where it does not come true."""
     last = time.monotonic() + seconds
     while not condition():
@@ -183,18 +183,18 @@ class Orthanc:
         return {"name": "pacs", "title": "ORTHANC", "port": self.port}
 
     def get(self, path: str) -> Any:
-        with urllib.request.urlopen(f"http://127.0.0.1:{self.http}{path}", timeout=20) as answer:
+        with urllib.request.urlopen(f"http://127.0.0.1:{self.http}{path}", timeout=60) as answer:
             content = answer.read()
         return content if path.endswith("/file") else json.loads(content)
 
     def post(self, path: str, content: bytes) -> Any:
         request = urllib.request.Request(f"http://127.0.0.1:{self.http}{path}", content, method="POST")
-        with urllib.request.urlopen(request, timeout=20) as answer:
+        with urllib.request.urlopen(request, timeout=60) as answer:
             return json.loads(answer.read())
 
     def tell(self, method: str, path: str, content: dict[str, Any]) -> Any:
         address, body = f"http://127.0.0.1:{self.http}{path}", json.dumps(content).encode()
-        with urllib.request.urlopen(urllib.request.Request(address, body, method=method), timeout=20) as answer:
+        with urllib.request.urlopen(urllib.request.Request(address, body, method=method), timeout=60) as answer:
             return json.loads(answer.read() or b"null")
 
     def know(self, name: str, title: str, port: int) -> None:
@@ -207,7 +207,7 @@ class Orthanc:
 
     def stop(self) -> None:
         self._process.terminate()
-        self._process.wait(30)
+        self._process.wait(120)
 
     def _answers(self) -> bool:
         try:

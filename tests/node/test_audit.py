@@ -29,7 +29,7 @@ from tests.node.test_jobs import job, work_off
 def test_a_message_to_syslog_is_one_of_rfc_5424_with_the_hashes(tmp_path: Path) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server:
         server.bind(("127.0.0.1", 0))
-        server.settimeout(10)
+        server.settimeout(60)
         audit = Audit(tmp_path, f"syslog://127.0.0.1:{server.getsockname()[1]}", "RONNAPLAN")
         moved = Instances("1.2.3")
         moved.add("1.2.840.10008.5.1.4.1.1.2", "ab" * 32)

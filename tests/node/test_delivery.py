@@ -53,7 +53,7 @@ def storescp(folder: Path, port: int, *options: str) -> Iterator[None]:
         yield
     finally:
         process.terminate()
-        process.wait(30)
+        process.wait(120)
 
 
 @needs("storescp")

@@ -40,7 +40,7 @@ def test_a_node_receives_through_its_receiver_s_death_and_ends_whole(tmp_path: P
         until(lambda: len(events("complete")) == 2)
     finally:
         node.terminate()
-        assert node.wait(30) == 0
+        assert node.wait(120) == 0
     assert events("stopped")
     with Index(tmp_path / "node-data") as index:
         assert index.rows("SELECT instances, revision, complete FROM series") == [(2, 2, 2)]

@@ -39,7 +39,7 @@ def page(tmp_path: Path) -> Iterator[Page]:
 
 
 def ask(page: Page, path: str, method: str = "GET", body: str = "", **headers: str) -> tuple[int, str]:
-    connection = http.client.HTTPConnection("127.0.0.1", page.port, timeout=10)
+    connection = http.client.HTTPConnection("127.0.0.1", page.port, timeout=60)
     connection.request(method, path, body, headers)
     answer = connection.getresponse()
     content = answer.read().decode()

@@ -71,7 +71,7 @@ def test_a_study_comes_from_dcmtk_s_archive_straight_into_localize(way: str, tmp
         assert main([*pulled, "--localize", "--diameter", "0,5", "-o", str(found)]) == 2
     finally:
         archive.terminate()
-        archive.wait(20)
+        archive.wait(60)
 
 
 def test_a_port_that_is_taken_is_told(tmp_path: Path) -> None:

@@ -201,16 +201,16 @@ def dimse(scan: list[Dataset], sent: list[Dataset], own: int) -> Iterator[tuple[
 def test_an_archive_that_says_done_too_early_is_waited_for_and_one_that_sends_less_is_told(
     scan: list[Dataset], tmp_path: Path
 ) -> None:
-    config = Config(port=free_port(), limits=Limits(silent_s=1.0))
+    config = Config(port=free_port())
     with dimse(scan, scan, config.port) as (peer, asked):
         assert pull(config, peer, Wanted(patient_id="MÜ漢1"), tmp_path, by="move") == len(scan)
         assert asked[0].PatientID == "MÜ漢1"  # not M??1, which fits others
-    for way in ("get", "move"):
+    for way, silent_s in (("get", 30.0), ("move", 5.0)):  # so long the second waits for more
         with (
             dimse(scan, scan[1:], config.port) as (peer, _),
             pytest.raises(InputError, match="lists 4 instances and sent 3"),
         ):
-            pull(config, peer, PATIENT, tmp_path, by=way)
+            pull(config.model_copy(update={"limits": Limits(silent_s=silent_s)}), peer, PATIENT, tmp_path, by=way)
 
 
 def test_an_answer_that_dicomweb_does_not_say_to_have_stored_is_not_delivered(

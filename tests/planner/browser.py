@@ -31,6 +31,10 @@ FLAGS = (
 """Without these Chromium itself would look for hosts of its maker."""
 
 
+PATIENCE_MS = 120_000
+"""How long a page is waited for: far longer than it takes, even where much else runs beside."""
+
+
 def skip_reason() -> str | None:
     """Why no browser test can run here, None if they can."""
     if BROWSER is None:
@@ -97,12 +101,13 @@ def chromium(*flags: str) -> Iterator[Any]:
 def opened(browser: Any, url: str, width: int = 1280, height: int = 800, script: str = "") -> Any:
     """A tab that shows the planner, after a ``script``; remembers in ``page.requested`` what it asked for."""
     page = browser.new_page(viewport={"width": width, "height": height})
+    page.set_default_timeout(PATIENCE_MS)
     page.add_init_script(script)
     page.requested = []
     page.on("request", lambda request: page.requested.append(request.url))
     page.on("websocket", lambda socket: page.requested.append(socket.url))
     page.goto(url)
-    page.wait_for_selector("canvas[data-picture=axial][data-number]", timeout=30_000)
+    page.wait_for_selector("canvas[data-picture=axial][data-number]")
     return page
 
 
@@ -124,7 +129,7 @@ def fields(page: Any, which: str) -> list[float]:
 
 def eventually(page: Any, holds: Callable[[], bool]) -> None:
     """Wait until something holds, as a person would, and fail where it never does."""
-    for _ in range(300):
+    for _ in range(PATIENCE_MS // 100):
         if holds():
             return
         page.wait_for_timeout(100)
@@ -163,6 +168,6 @@ def seen_at(page: Any, view: str, halves: tuple[float, float]) -> tuple[float, f
 
 def with_head(page: Any) -> Any:
     """Wait until the 3-D view shows something."""
-    page.wait_for_function("window.trame.state.get('picture_head')", timeout=60_000)
+    page.wait_for_function("window.trame.state.get('picture_head')")
     page.wait_for_function("window.trame.state.get('drawn_head').paths.length")
     return page

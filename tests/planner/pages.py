@@ -8,7 +8,7 @@ from urllib.parse import urlsplit
 import aiohttp
 import msgpack
 
-ANSWER_S = 20.0
+ANSWER_S = 120.0
 """How long to wait for an answer: far longer than any takes."""
 
 

@@ -106,10 +106,10 @@ def test_what_was_done_is_found_again_after_reload_and_after_a_crash(
     eventually(page, lambda: fields(page, "target") == after)
     assert not page.locator("#gone").is_visible()
     running.kill()
-    page.wait_for_selector("#gone >> text=What was done is kept", timeout=60_000)
+    page.wait_for_selector("#gone >> text=What was done is kept")
     with planner(folder) as second:
         assert second.url == running.url
-        page.wait_for_selector("#gone", state="detached", timeout=60_000)
+        page.wait_for_selector("#gone", state="detached")
         eventually(page, lambda: page.locator("#target-x").count() > 0 and fields(page, "target") == after)
 
 
@@ -166,7 +166,7 @@ def test_a_live_tracker_is_listened_to_and_entries_are_proposed(browser: Any, fo
         assert len(json.loads((folder / "registration.json").read_text())["pairs"]) == 6
         page.click(".rp-tab >> text=Trajectories")
         page.click("text=propose entries")
-        page.wait_for_selector("#proposals tbody tr >> nth=4", timeout=90_000)
+        page.wait_for_selector("#proposals tbody tr >> nth=4")
         page.focus("#proposals th >> nth=2 >> button")
         page.keyboard.press("Enter")
         page.wait_for_selector("#proposals th[aria-sort=ascending] >> text=mm")

@@ -47,7 +47,7 @@ def look(url: str) -> None:
         page = opened(browser, url, 1000, 700, IN_NO_TIME)
         faults: list[str] = []
         page.on("pageerror", lambda error: faults.append(str(error)))
-        page.wait_for_function(DRAWN, timeout=60_000)
+        page.wait_for_function(DRAWN)
         eventually(page, lambda: seen(page).max() > 150)
         first = seen(page)
         assert not value(page, "picture_head")

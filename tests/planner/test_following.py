@@ -51,10 +51,10 @@ def followed(state: PlannerState, *moments: Recording) -> Following:
     def stream() -> Iterator[Recording]:
         yield from moments
         came.set()
-        held.wait(20)
+        held.wait(60)
 
     state.following.start(stream)
-    assert came.wait(20)
+    assert came.wait(60)
     held.set()
     return state.following
 
@@ -98,7 +98,7 @@ def test_a_stream_that_ends_is_told_and_one_without_a_registration_not_begun(
     told_after = threading.Event()
     state.following.notify = lambda: None if state.following.active else told_after.set()
     state.following.start(lambda: [Recording("test", notes=("the stream stopped",))])
-    assert told_after.wait(20)
+    assert told_after.wait(60)
     assert str(state.following.ended) == "the stream stopped"
     assert not state.following.seen
     storage.registration.unlink()

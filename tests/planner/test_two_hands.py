@@ -19,7 +19,7 @@ from tests.planner.pages import Page
 
 async def shown(page: Page, holds: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
     """Wait until the page shows something, and return all that it shows."""
-    for _ in range(200):
+    for _ in range(600):
         state = await page.state()
         if holds(state):
             return state

@@ -78,7 +78,7 @@ def test_work_is_cancelled_at_once_and_nothing_else_is_begun_meanwhile() -> None
     with pytest.raises(UsageError, match="something else"):
         worker.answer(job(refuse), ignore)
     worker.cancel()
-    thread.join(20)
+    thread.join(60)
     assert [type(one) for one in ended] == [CancelledError]
 
 

@@ -228,4 +228,4 @@ def stall(listener: socket.socket, room: LiveRoom, over: threading.Event) -> Non
         for frame in range(round(RATE_HZ)):
             for message in room.messages(1e9 + frame / RATE_HZ):
                 connection.sendall(message)
-        over.wait(30)
+        over.wait(120)

@@ -77,7 +77,7 @@ def scroll_past(page_file: Path) -> None:
         before = shown(page)
         page.mouse.move(200, 200)
         page.mouse.wheel(0, 120)
-        page.wait_for_function("window.scrollY > 50")
+        eventually(page, lambda: bool(page.evaluate("window.scrollY > 50")))
         shown(page)
         page.evaluate("window.scrollTo(0, 0)")
         page.locator("canvas").click(position={"x": 150, "y": 150})
