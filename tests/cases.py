@@ -104,3 +104,19 @@ def write_readings(path: Path) -> Path:
     rows = [f"{number},{x},{y},{z}" for number, (x, y, z) in enumerate(seen_mm(), start=1)]
     path.write_text("\n".join(["label,x,y,z", *rows]) + "\n")
     return path
+
+
+def write_label_map(path: Path, side: int = 2) -> Path:
+    """Write a region of so many voxels a side about the middle of the scan, named like its file."""
+    import SimpleITK
+
+    scan, grid = volume(), volume().grid
+    mask = np.zeros(scan.voxels_hu.shape, dtype=np.uint8)
+    mask[60 : 60 + side, 128 : 128 + side, 128 : 128 + side] = 1
+    image = SimpleITK.GetImageFromArray(mask)
+    image.SetOrigin(grid.origins_mm[0].tolist())
+    image.SetSpacing((grid.column_spacing_mm, grid.row_spacing_mm, float(grid.spacings_mm[0])))
+    image.SetDirection(grid.axes.T.ravel().tolist())
+    path.parent.mkdir(exist_ok=True)
+    SimpleITK.WriteImage(image, str(path))
+    return path

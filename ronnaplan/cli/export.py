@@ -41,6 +41,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="the scan: whose patient and study a DICOM object is to name (default: none), whose voxels a map of the "
         "error is to have, or whose head a scene shows (default: the case's)",
     )
+    parser.add_argument(
+        "--series", metavar="UID", help="for a 3-D scene: the scan's series, where there are several"
+    )
+    for option, what_for in (("--no-go", "to keep away from"), ("--labels", "to show besides")):
+        parser.add_argument(
+            option,
+            action="append",
+            default=[],
+            metavar="LABELS",
+            help=f"for a 3-D scene: a label map (NIfTI, NRRD, MetaImage, DICOM SEG) {what_for}; repeatable",
+        )
     parser.add_argument("-o", "--output", metavar="OUT", help="file to write (default: standard output)")
 
 
@@ -58,6 +69,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(
             f"{arguments.file} cannot become '{to}'; choose one of {known}, or give a {_other(is_case)}"
         )
+    if not is_case and (arguments.no_go or arguments.labels or arguments.series):
+        raise UsageError("only a 3-D scene takes --series, --no-go and --labels; give a case's folder")
     if arguments.output is not None:
         check_target(arguments.output)
         if is_case:
@@ -78,15 +91,17 @@ def _other(is_case: bool) -> str:
 
 def _scene(arguments: argparse.Namespace) -> bytes:
     """Return the scene of a case as a file."""
-    from ronnaplan.case.folder import CaseFiles, read_case, read_scan
+    from ronnaplan.case.folder import CaseFiles, read_case, read_labels, read_scan
     from ronnaplan.scene.contents import things_of
     from ronnaplan.scene.files import WRITERS, html
     from ronnaplan.scene.portrait import still_png
 
     case = read_case(
-        CaseFiles.of_folder(arguments.file), lambda: read_scan(arguments.file, arguments.ct, None, progress=True)
+        CaseFiles.of_folder(arguments.file),
+        lambda: read_scan(arguments.file, arguments.ct, arguments.series, progress=True),
+        no_go=arguments.no_go,
     )
-    things = things_of(case, robot=True, spreads=True)
+    things = things_of(case, labels=read_labels(arguments.labels, case.volume), robot=True, spreads=True)
     if arguments.to in WRITERS:
         return WRITERS[arguments.to](things)
     return html(things, "ronnaplan", still_png(things))

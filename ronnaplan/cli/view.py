@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -96,7 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
             if arguments.second:
                 state.take_second(read_other_image(arguments.second, progress=True), Path(arguments.second).name)
             undone.pop_all()
-        read.append((Origin(ct, series, _stated(arguments)), workshop))
+        read.append((Origin(ct, series, _stated(arguments), _regions(arguments)), workshop))
         return state
 
     def served(state: PlannerState, address: Address | None) -> bool:
@@ -165,11 +166,19 @@ def _stated(arguments: argparse.Namespace) -> tuple[str, ...]:
     """Return what was stated as options of ``ronnaplan report``."""
     stated = ["--sigma-ct", str(arguments.sigma_ct), "--sigma-ots", str(arguments.sigma_ots)]
     stated += ["--limits", str(Path(arguments.limits).resolve())] if arguments.limits else []
-    for labels in arguments.no_go:
-        stated += ["--no-go", str(Path(labels).resolve())]
+    stated += _named("--no-go", arguments.no_go)
     if arguments.frame_axes:
         stated += ["--frame-axes", *map(str, arguments.frame_axes)]
     return tuple(stated)
+
+
+def _regions(arguments: argparse.Namespace) -> tuple[str, ...]:
+    """Return which label maps were named as options of ``ronnaplan export``."""
+    return (*_named("--no-go", arguments.no_go), *_named("--labels", arguments.labels))
+
+
+def _named(option: str, paths: Sequence[str]) -> list[str]:
+    return [part for path in paths for part in (option, str(Path(path).resolve()))]
 
 
 def _require_files(*named: str | None) -> None:

@@ -70,6 +70,7 @@ class Actions:
             "release": self._release,
             "wheel": self._wheel,
             "nudge": self.pointer.nudge,
+            "click": self._click,
             "window": state.look.choose_window,
             "window_hu": self._window_hu,
             "layout": state.look.choose_layout,
@@ -125,6 +126,9 @@ class Actions:
     ) -> None:
         at = Pixel(x, y, width, height)
         self.pointer.press(view, at, pan=button == MIDDLE or shift, window=button == RIGHT or control, free=alt)
+
+    def _click(self, view: str, alt: bool) -> None:
+        self.pointer.click(view, free=alt)
 
     def _look_from(self, side: str) -> None:
         """Turn the head so that one looks from a side."""

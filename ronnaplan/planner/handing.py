@@ -14,7 +14,7 @@ from typing import Final
 
 from aiohttp import web
 
-from ronnaplan.case.folder import FIDUCIALS, LIMITS, PLAN, REGISTRATION
+from ronnaplan.case.folder import FIDUCIALS, LIMITS, PLACEMENT, PLAN, REGISTRATION
 from ronnaplan.documents.files import write_atomically
 from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.planner.storage import Storage
@@ -35,11 +35,12 @@ MADE: Final = {
 
 @dataclass(frozen=True)
 class Origin:
-    """Where the scan was read, and what else was stated, as options of ``ronnaplan report``."""
+    """Where the scan was read, and what else was stated, as options of ``ronnaplan report`` and ``export``."""
 
     ct: Path
     series: str | None = None
     stated: tuple[str, ...] = ()
+    regions: tuple[str, ...] = ()
 
 
 class Handing:
@@ -78,6 +79,7 @@ class Handing:
             FIDUCIALS: known.fiducials,
             REGISTRATION: known.registration,
             LIMITS: known.limits,
+            PLACEMENT: known.placement,
         }
         return {name: path for name, path in named.items() if path is not None and path.is_file()}
 
@@ -91,7 +93,7 @@ class Handing:
                 target = Path(folder) / f"made-{name}"
                 options = [part.format(case=folder) for part in rest]
                 options += ["--ct", str(origin.ct), *(("--series", origin.series) if origin.series else ())]
-                options += origin.stated if verb == "report" else ()
+                options += origin.stated if verb == "report" else origin.regions
                 await _run(verb, *options, "-o", str(target))
                 return target.read_bytes()
 

@@ -39,6 +39,9 @@ LEAST_WINDOW_STEP_HU = 0.5
 NARROWEST_HU, WIDEST_HU, LEVELS_HU = 4.0, 8000.0, (-2000.0, 5000.0)
 """How far a drag can go."""
 
+UNSEEN_PIXELS = 600.0
+"""How large a view counts that is clicked without a pointer."""
+
 ON_SKIN_HU = 250.0
 """A place on the skin's surface has its value but for this, which rounding and steep edges take."""
 
@@ -167,6 +170,13 @@ class Pointer:
             self.state.look.zoom(view, ZOOM_STEP**-steps, at.place_mm(self.state.look.cut(view)))
         else:
             self.state.look.scroll(view, steps)
+
+    def click(self, view: str, *, free: bool = False) -> None:
+        """Press and let go without a pointer: at the crosshair in a cut, in the middle of the 3-D view."""
+        across, down = (0.0, 0.0) if view == HEAD else self._on_screen(view, self.state.look.crosshair_mm).tolist()
+        half = UNSEEN_PIXELS / 2
+        self.press(view, Pixel(half * (1 + across), half * (1 + down), 2 * half, 2 * half), free=free)
+        self.release()
 
     def nudge(self, view: str, across: Steps, down: Steps) -> None:
         """Move the crosshair in a cut by so many millimetres, or turn the head by so many steps."""

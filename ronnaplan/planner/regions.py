@@ -10,10 +10,7 @@ from ronnaplan.case.surroundings import Labels
 from ronnaplan.errors import UsageError
 from ronnaplan.planner.storage import ShownRegion
 from ronnaplan.planning.trajectory import COLOUR
-from ronnaplan.scene.things import NO_GO_COLOUR
-
-LABEL_COLOURS: Final = ("#b39ddb", "#a5d6a7", "#bcaaa4", "#90caf9", "#e6ee9c")
-"""Of label maps one after another, until others are chosen."""
+from ronnaplan.scene.things import LABEL_COLOURS, NO_GO_COLOUR
 
 OPACITY: Final = 0.7
 """With which a region begins."""

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ronnaplan.case.folder import Case
+from ronnaplan.case.surroundings import Labels
 from ronnaplan.ct import CTVolume
+from ronnaplan.documents.fiducials import FiducialsDocument
 from ronnaplan.errors import InputError
 from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.scene import things
 from ronnaplan.scene.alone import alone
 from ronnaplan.scene.field import Field, bounds_mm, of_mask
 from ronnaplan.scene.robot import robot_things
+from ronnaplan.scene.shapes import Body
 from ronnaplan.scene.surfaces import MOST_TRIANGLES, REGION, surfaces
 from ronnaplan.scene.things import Thing
 
@@ -20,28 +24,22 @@ OPACITY = {"skull": 0.3, "skin": 0.2}
 
 
 def things_of(
-    case: Case, most_triangles: int = MOST_TRIANGLES, *, robot: bool = False, spreads: bool = False
+    case: Case,
+    most_triangles: int = MOST_TRIANGLES,
+    *,
+    labels: Labels | None = None,
+    robot: bool = False,
+    spreads: bool = False,
 ) -> list[Thing]:
     """Return markers, rejected candidates, trajectories and regions of a case, its skull and its skin last.
 
-    With ``robot`` also the robot at its place, which is much larger than a head; with ``spreads`` the ellipsoids in
-    which the markers' centers lie with a chance of 95 %, enlarged as their names say. Skin, skull and each region
-    have at most so many triangles.
+    ``labels`` are regions that are shown beside those to keep away from. With ``robot`` also the robot at its place,
+    which is much larger than a head; with ``spreads`` the ellipsoids in which the markers' centers lie with a chance
+    of 95 %, enlarged as their names say. Skin, skull and each region have at most so many triangles.
 
     Raises `InputError` where there is nothing to show, and where pyvista is not installed.
     """
-    shown: list[Thing] = []
-    if case.fiducials is not None:
-        found = case.fiducials.fiducials
-        shown += [things.marker(one.label, np.array(one.center), one.diameter_mm) for one in found]
-        if spreads and found:
-            covariances = np.array([one.covariance for one in found])
-            factor = things.spread_factor(covariances, case.fiducials.marker.diameter_mm)
-            shown += [
-                things.spread(one.label, np.array(one.center), np.array(one.covariance), factor) for one in found
-            ]
-        if case.fiducials.rejected:
-            shown.append(things.rejected([np.array(one.center) for one in case.fiducials.rejected]))
+    shown = [] if case.fiducials is None else _markers(case.fiducials, spreads)
     if robot and case.placement is not None:
         shown += robot_things(case.placement)
     plan = case.plan
@@ -51,16 +49,36 @@ def things_of(
             shown += things.path(path, judged)
     if case.volume is not None:
         for name, mask in case.no_go.items():
-            region = surfaces(
-                of_mask(case.volume, mask), {name: REGION}, outside=0.0, most_triangles=most_triangles
-            )
-            shown.append(things.no_go(name, region[name]))
+            shown.append(things.no_go(name, _region(case.volume, mask, most_triangles)))
+        for number, (name, mask) in enumerate((labels or {}).items()):
+            colour = things.LABEL_COLOURS[number % len(things.LABEL_COLOURS)]
+            shown.append(things.label_map(name, _region(case.volume, mask, most_triangles), colour))
         head = surfaces(alone(Field.of(case.volume)), most_triangles=most_triangles)
         shown += [things.skull(head["skull"], OPACITY["skull"]), things.skin(head["skin"], OPACITY["skin"])]
     whole = [one for one in shown if len(one.body.triangles)]
     if not whole:
         raise InputError("the case holds nothing to show; give its scan with --ct")
     return whole
+
+
+def _markers(document: FiducialsDocument, spreads: bool) -> list[Thing]:
+    found = document.fiducials
+    shown = [things.marker(one.label, np.array(one.center), one.diameter_mm) for one in found]
+    if spreads and found:
+        covariances = np.array([one.covariance for one in found])
+        factor = things.spread_factor(covariances, document.marker.diameter_mm)
+        shown += [
+            things.spread(one.label, np.array(one.center), np.array(one.covariance), factor) for one in found
+        ]
+    if document.rejected:
+        shown.append(things.rejected([np.array(one.center) for one in document.rejected]))
+    return shown
+
+
+def _region(volume: CTVolume, mask: NDArray[np.bool_], most_triangles: int) -> Body:
+    """Return the surface of a region (K, J, I)."""
+    field = of_mask(volume, mask)
+    return surfaces(field, {"region": REGION}, outside=0.0, most_triangles=most_triangles)["region"]
 
 
 def _beside(plan: Plan, volume: CTVolume) -> list[Trajectory]:

@@ -19,6 +19,9 @@ SKULL_COLOUR: Final = "#ece2cc"
 MARKER_COLOUR: Final = "#ff9f1c"
 REJECTED_COLOUR: Final = "#ff5252"
 NO_GO_COLOUR: Final = "#e53935"
+LABEL_COLOURS: Final = ("#b39ddb", "#a5d6a7", "#bcaaa4", "#90caf9", "#e6ee9c")
+"""Of label maps one after another, until others are chosen."""
+
 CONTACT_COLOUR: Final = "#f5f7fa"
 PROPOSAL_COLOURS: Final = ("#3a0a2e", "#c2259a")
 """From the worst to the best; nothing else on the page is magenta, to colour-blind eyes neither."""

@@ -6,28 +6,11 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
-import SimpleITK
 
 from ronnaplan.case.folder import Case, CaseFiles, read_case
 from ronnaplan.errors import FrameMismatchError, InputError
 from tests import cases
-
-
-def label_map(path: Path) -> Path:
-    """A region of eight voxels in the middle of the scan, named like its file."""
-    volume = cases.volume()
-    mask = np.zeros(volume.voxels_hu.shape, dtype=np.uint8)
-    mask[60:62, 128:130, 128:130] = 1
-    image = SimpleITK.GetImageFromArray(mask)
-    grid = volume.grid
-    image.SetOrigin(grid.origins_mm[0].tolist())
-    image.SetSpacing((grid.column_spacing_mm, grid.row_spacing_mm, float(grid.spacings_mm[0])))
-    image.SetDirection(grid.axes.T.ravel().tolist())
-    path.parent.mkdir(exist_ok=True)
-    SimpleITK.WriteImage(image, str(path))
-    return path
 
 
 def test_everything_in_the_folder_and_what_was_stated_is_read_and_told(tmp_path: Path) -> None:
@@ -35,7 +18,7 @@ def test_everything_in_the_folder_and_what_was_stated_is_read_and_told(tmp_path:
     (tmp_path / "limits.json").write_text(
         json.dumps({"format": "ronnaplan.limits", "version": 1, "tolerance_mm": 1.5})
     )
-    maps = [label_map(tmp_path / hand / "vessel.nii.gz") for hand in ("one", "other")]
+    maps = [cases.write_label_map(tmp_path / hand / "vessel.nii.gz") for hand in ("one", "other")]
     case = read_case(CaseFiles.of_folder(tmp_path), cases.volume, no_go=maps)
     assert case.rules.limits.tolerance_mm == 1.5
     assert [name.partition(" (")[0] for name in case.no_go] == ["vessel", "vessel"], (

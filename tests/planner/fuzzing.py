@@ -82,6 +82,7 @@ SOUND: dict[str, tuple[Any, ...]] = {
     "sized": ("axial", 400.0, 400.0, 1.0),
     "hover": ("axial", 200.0, 190.0, 400.0, 400.0),
     "nudge": ("coronal", 1.0, -1.0),
+    "click": ("axial", False),
     "window_hu": ("40", 80),
     "layout": ("four",),
     "look_from": ("A",),

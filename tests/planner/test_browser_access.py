@@ -61,6 +61,12 @@ def test_what_can_be_clicked_is_reached_by_the_keyboard(page: Any) -> None:
     after = value(page, "drawn_coronal")["cross"]
     assert after[0] - before[0] == pytest.approx(1.0)
     assert abs(after[1] - before[1]) == pytest.approx(1.5)
+    for key in ("d", "Enter", "ArrowRight", "Enter"):  # a distance is measured
+        page.keyboard.press(key)
+    page.wait_for_function("window.trame.state.get('rulers').length === 1")
+    assert value(page, "rulers")[0]["value"] == "1.0 mm"
+    page.keyboard.press("Control+z")
+    page.wait_for_function("window.trame.state.get('rulers').length === 0")
 
 
 def test_the_verdict_is_spoken(page: Any) -> None:

@@ -55,6 +55,18 @@ def test_an_end_is_dragged_within_the_plane_of_the_screen(state: PlannerState, v
     assert len(state.case.plan.history) == 2
 
 
+def test_a_trajectory_is_made_without_a_pointer(state: PlannerState) -> None:
+    pointer, entry = Pointer(state), cases.ENTRY_MM - np.array([0.0, 0.0, 6.0])
+    pointer.add()
+    for view, place in (("axial", entry), ("coronal", cases.TARGET_MM)):
+        state.look.jump(place)
+        pointer.click(view, free=True)
+    made = state.look.chosen
+    assert made is not None
+    assert (made.entry_mm, made.target_mm) == (pytest.approx(entry), pytest.approx(cases.TARGET_MM))
+    assert not pointer.holding
+
+
 def test_two_presses_make_a_trajectory_and_escape_makes_none(state: PlannerState) -> None:
     pointer = Pointer(state)
     pointer.add()

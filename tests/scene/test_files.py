@@ -107,8 +107,17 @@ def test_a_case_is_exported_and_a_wrong_wish_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cases.write_case(tmp_path)
-    wish = ["export", str(tmp_path), "--ct", str(cases.CT), "--to"]
-    assert main([*wish, "gltf", "-o", str(tmp_path / "scene.glb")]) == 0
+    wish = [
+        "export",
+        str(tmp_path),
+        "--ct",
+        str(cases.CT),
+        "--series",
+        str(cases.volume().source.series_instance_uid),
+        "--to",
+    ]
+    vessel, tumor = (str(cases.write_label_map(tmp_path / f"{name}.nii.gz", 12)) for name in ("vessel", "tumor"))
+    assert main([*wish, "gltf", "--no-go", vessel, "--labels", tumor, "-o", str(tmp_path / "scene.glb")]) == 0
     data = (tmp_path / "scene.glb").read_bytes()
     told = json.loads(data[20 : 20 + struct.unpack_from("<I", data, 12)[0]])
     names = [node["name"] for node in told["nodes"]]
@@ -119,6 +128,8 @@ def test_a_case_is_exported_and_a_wrong_wish_is_refused(
         "rejected",
         "path left",
         "tube left",
+        "no-go vessel",
+        "region tumor",
         "skull",
         "skin",
     ]

@@ -174,7 +174,7 @@
   });
 
   // A view that has the focus: arrows move the crosshair or turn the head, Shift ten times as far; Page Up and Page Down go
-  // through, plus and minus come nearer.
+  // through, plus and minus come nearer, Enter clicks at the crosshair, or in the middle of the head.
   const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
   const THROUGH = { PageUp: [-1, false], PageDown: [1, false], "+": [-1, true], "-": [1, true] };
   function moves(view, event) {
@@ -183,7 +183,8 @@
     else if (THROUGH[event.key] && !event.ctrlKey) {
       const { width, height } = view.getBoundingClientRect(), [steps, nearer] = THROUGH[event.key];
       tell("wheel", [name, steps, nearer || name === "head", width / 2, height / 2, width, height]);
-    } else return false;
+    } else if (event.key === "Enter") tell("click", [name, event.altKey]);
+    else return false;
     event.preventDefault();
     return true;
   }
