@@ -5,7 +5,8 @@ it is their weighted sum. Slices that see different tissue are measured apart, s
 and the sum of their squares is the cluster-robust "sandwich" estimate of the covariance (K.-Y. Liang and S. Zeger,
 Biometrika 73:13, 1986): noise enters with its correlation within the slice as it is, and so does whatever else differs
 from slice to slice, such as streaks and a blur that is not quite Gaussian. Slices whose profiles overlap share their
-noise as far as they do (Bartlett's weights, as in W. Newey and K. West, Econometrica 55:703, 1987).
+noise as the profile's autocorrelation says (W. Newey and K. West, Econometrica 55:703, 1987, with a box's; D. Andrews,
+Econometrica 59:817, 1991, with others).
 
 What all slices share, no residual along them shows: a head that moves, a panel that lags, streaks, a cone of rays. But
 what displaces edges by the direction in which they face displaces the center (the first harmonic of that direction,
@@ -17,6 +18,7 @@ sources, each with one weight of `WEIGHTS`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Final
 
@@ -26,7 +28,17 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.cells import direction_cells
 from ronnaplan.localization.directions import cell_means, edge_depth
 from ronnaplan.localization.motion import LEAST_TOGETHER, Movement
-from ronnaplan.localization.parameters import BACKGROUND, CENTER, RADIUS, SHAPE, WIDTH, W
+from ronnaplan.localization.parameters import (
+    BACKGROUND,
+    BLUR,
+    CENTER,
+    LEAST_SPREAD_MM2,
+    RADIUS,
+    SHAPE,
+    WIDTH,
+    W,
+    profile_half_mm,
+)
 from ronnaplan.localization.refine import BallFit
 from ronnaplan.localization.shading import QUANTIZATION_NOISE_HU
 
@@ -38,6 +50,9 @@ MIN_FREEDOM = 0.3
 
 ADAPTED_SLICES = 2.0
 """To so many slices the fit adapts: its center along them, and the profile."""
+
+PROFILE_SAMPLES = 129
+"""A slice's profile is correlated with itself at so many places."""
 
 WEIGHTS = {"slices": 0.64, "odd": 0.61, "pole": 1.4e-6, "least": 0.31e-6}
 """How much of each source is error. The first two would be 1 if each were the whole truth, and independent; the last is
@@ -56,9 +71,9 @@ phantoms here. It depends on the machine's corrections, which no image tells."""
 NO_METAL: Final = np.zeros(3)
 
 LAG_MM = 0.005
-"""Standard error within the slices where profiles are bells: a flat panel keeps a part of what it saw before, which
-displaces all that turns past it in one sense, and bends it little. Two simulated panels, with 0.5 to 1.5 times the
-usual lag, moved markers by 3.7 and 12.7 um; no image tells how much a panel lags."""
+"""Standard error within the slices where the blur is a flat panel's (`_by_panel`): it keeps a part of what it saw
+before, which displaces all that turns past it in one sense, and bends it little. Two simulated panels, with 0.5 to 1.5
+times the usual lag, moved markers by 3.7 and 12.7 um; no image tells how much a panel lags."""
 
 HIDDEN_SHADING = 1.4
 """Factor of the covariance where clipping hides how the ball is shaded."""
@@ -78,8 +93,7 @@ def center_covariance(
     total = sum((WEIGHTS[name] * source for name, source in sources(fit, moved).items()), np.zeros((3, 3)))
     if not fit.is_shaded:
         total *= HIDDEN_SHADING
-    bell = min(float(fit.theta[SHAPE]), 1.0) ** 4  # the profile of a cone beam or a helix; 0 where it is a box
-    total += LAG_MM**2 * bell * np.diag([1.0, 1.0, 0.0])
+    total += LAG_MM**2 * _by_panel(fit) * np.diag([1.0, 1.0, 0.0])
     if is_off_size(excess_mm):
         total += _one_sided_covariance(fit, excess_mm)
     axes = fit.neighbourhood.axes
@@ -165,16 +179,36 @@ def _slices(fit: BallFit) -> FloatArray:
     sums = np.zeros((len(first), 3))
     np.add.at(sums, slices, fit.influence_mm_per_hu[fit.used] * fit.residuals_hu[fit.used, np.newaxis])
     places_mm = fit.neighbourhood.offsets_mm[fit.used][first, W]
-    shared = np.maximum(1.0 - np.abs(places_mm[:, np.newaxis] - places_mm) / fit.theta[WIDTH], 0.0)
+    shared = shared_noise(
+        np.abs(places_mm[:, np.newaxis] - places_mm), float(fit.theta[WIDTH]), float(fit.theta[SHAPE])
+    )
     apart = len(first) / float(shared.sum(axis=1).max(initial=1.0))
     freedom = apart / max(apart - ADAPTED_SLICES, 0.5)  # a few slices are fitted more closely than they are true
     covariance: FloatArray = freedom * sums.T @ shared @ sums
     return covariance
 
 
+def shared_noise(distances_mm: FloatArray, width_mm: float, shape: float) -> FloatArray:
+    """How far slices that are ``distances_mm`` apart share their noise: the slice profile's autocorrelation.
+
+    A box's is Bartlett's triangle.
+    """
+    along = np.linspace(-1.0, 1.0, PROFILE_SAMPLES)
+    profile = (1.0 - along**2) ** shape
+    correlated = np.correlate(profile, profile, "full")[PROFILE_SAMPLES - 1 :]
+    halves = distances_mm / profile_half_mm(width_mm, shape)
+    return np.interp(halves, along + 1.0, correlated / correlated[0], right=0.0)
+
+
 def is_off_size(excess_mm: float) -> bool:
     """Whether a diameter that is off by ``excess_mm`` says that something is not as stated."""
     return abs(excess_mm) > SIZE_TOLERANCE_MM
+
+
+def _by_panel(fit: BallFit) -> float:
+    """How much the blur is that of a flat panel, 0 to 1: no box along the slices' normal, and no wider than in them."""
+    across_mm = math.sqrt(float(fit.theta[WIDTH]) ** 2 / 12.0 + LEAST_SPREAD_MM2)
+    return (min(float(fit.theta[SHAPE]), 1.0) * min(float(fit.theta[BLUR]) / across_mm, 1.0)) ** 4
 
 
 def _one_sided_covariance(fit: BallFit, excess_mm: float) -> FloatArray:

@@ -11,11 +11,12 @@ from scipy.ndimage import convolve1d, gaussian_filter
 from phantoms.scene import Part, Scene
 from phantoms.solids import cylinder
 from ronnaplan.ct import CTVolume
+from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import localize, uncertainty
 from ronnaplan.localization.examine import Scan, fit_place
 from ronnaplan.localization.look import metal_axis
 from ronnaplan.localization.motion import movement
-from ronnaplan.localization.parameters import SHAPE
+from ronnaplan.localization.parameters import BLUR, SHAPE, WIDTH, profile_half_mm
 from ronnaplan.localization.refine import BallFit
 from ronnaplan.localization.uncertainty import (
     LAG_MM,
@@ -23,6 +24,7 @@ from ronnaplan.localization.uncertainty import (
     center_covariance,
     cramer_rao_bound,
     noise_level,
+    shared_noise,
     usual_odd_mm2,
     with_usual,
 )
@@ -140,12 +142,31 @@ def test_what_touches_the_ball_makes_it_less_certain() -> None:
     assert np.trace(center_covariance(held, movement(held))) > np.trace(center_covariance(free, movement(free)))
 
 
-def test_a_bell_shaped_profile_adds_what_a_lagging_panel_may_displace(quiet: CTVolume) -> None:
+def test_a_bell_no_wider_than_the_blur_within_slices_adds_what_a_lagging_panel_may_displace(
+    quiet: CTVolume,
+) -> None:
     fit = fit_of(with_white_noise(quiet, 10.0, 1))
-    box, bell = fit.theta.copy(), fit.theta.copy()
-    box[SHAPE], bell[SHAPE] = 0.0, 5.0
-    stated, more = (center_covariance(replace(fit, theta=theta), movement(fit)) for theta in (box, bell))
-    assert np.allclose(more - stated, LAG_MM**2 * np.diag([1.0, 1.0, 0.0]))
+
+    def stated(shape: float, blur_mm: float) -> FloatArray:
+        theta = fit.theta.copy()
+        theta[[SHAPE, WIDTH, BLUR]] = shape, 2.0, blur_mm  # 0.58 mm across
+        return center_covariance(replace(fit, theta=theta), movement(fit))
+
+    assert np.allclose(stated(5.0, 0.7) - stated(5.0, 0.0), LAG_MM**2 * np.diag([1.0, 1.0, 0.0]))
+    assert np.allclose(stated(5.0, 0.3), stated(5.0, 0.0), atol=0.1 * LAG_MM**2)
+    assert np.allclose(stated(0.0, 0.7), stated(0.0, 0.0))
+
+
+@pytest.mark.parametrize("shape", [0.0, 1.0, 4.0])
+def test_slices_share_noise_as_filtered_noise_does(shape: float) -> None:
+    width_mm, step_mm = 2.4, 0.05
+    half_mm = profile_half_mm(width_mm, shape)
+    along_mm = np.arange(-half_mm, half_mm + step_mm / 2, step_mm)
+    profile = np.maximum(1.0 - (along_mm / half_mm) ** 2, 0.0) ** shape
+    seen = np.convolve(np.random.default_rng(5).normal(0, 1, 400_000), profile, "valid")
+    distances_mm = np.array([0.0, 0.5, 1.0, 1.5, 2.5, 4.5])
+    measured = [np.corrcoef(seen, np.roll(seen, round(one / step_mm)))[0, 1] for one in distances_mm]
+    assert shared_noise(distances_mm, width_mm, shape) == pytest.approx(measured, abs=0.04)
 
 
 def test_a_screw_beyond_the_post_adds_error_along_it() -> None:
