@@ -39,7 +39,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--tip", metavar="LINK", help="the link of the URDF that is the flange")
     parser.add_argument("--scene", metavar="FILE", help="room.toml: what stands in the room")
-    parser.add_argument(
+    measured = parser.add_mutually_exclusive_group()
+    measured.add_argument(
+        "--chain",
+        metavar="FILE",
+        help="chain.json taken after parking: check the base where it was measured, instead of searching",
+    )
+    measured.add_argument(
         "--parked",
         nargs=4,
         type=number,
@@ -66,7 +72,8 @@ def run(arguments: argparse.Namespace) -> int:
     room, arm = read_room(arguments.scene), _arm(arguments)
     job, source = _job(arguments, arm, room)
     found = _found(arguments, job)
-    document = placement_document(found, room, arm, source, parked=arguments.parked is not None)
+    parked = arguments.parked is not None or arguments.chain is not None
+    document = placement_document(found, room, arm, source, parked=parked)
     print(placement_text(document), file=sys.stderr)
     write_document(arguments.output, document, read_placement)
     if document.status == "blocked":
@@ -78,9 +85,14 @@ def _found(arguments: argparse.Namespace, job: Job) -> Placement:
     """Search, or look at the base as it was measured."""
     import numpy as np
 
+    from ronnaplan.documents.chain import read_chain
     from ronnaplan.robot.placement.placement import check_parked, find_places
     from ronnaplan.robot.placement.search import base_pose
 
+    if arguments.chain is not None:
+        chain = read_chain(arguments.chain)
+        warn(*chain.notes)
+        return check_parked(job, job.base_of(chain.pose))
     if arguments.parked is None:
         return find_places(job)
     return check_parked(job, base_pose(np.array(arguments.parked)))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -54,6 +56,33 @@ def test_a_place_is_found_and_checked_after_parking(
     assert main([*case, "--parked", *parked, "-o", str(output)]) == 0
     again = read_placement(output)
     assert (again.status, again.revision, again.robot_from_ct[0].probability) == ("parked", 1, None)
+    chain: dict[str, Any] = {
+        **{
+            "format": "ronnaplan.chain",
+            "version": 1,
+            "unit": "mm",
+            "way": "stereo",
+            "middle": [0, 0, 0],
+            "shares": [],
+        },
+        "source": found.source.model_dump(),
+        "robot_from_ct": {"matrix": found.robot_from_ct[0].r_from_ct, "covariance": (1e-6 * np.eye(6)).tolist()},
+        "software": {"name": "ronnaplan", "version": "0.2.0"},
+    }
+    (tmp_path / "chain.json").write_text(json.dumps(chain))
+    assert main([*case, "--chain", str(tmp_path / "chain.json"), "-o", str(output)]) == 0
+    measured = read_placement(output)
+    assert measured.status == "parked"
+    np.testing.assert_allclose(measured.robot_from_ct[0].room_from_r, pose, atol=1e-6)
+    turned = np.diag([1.0, -1, -1, 1]) @ np.array(found.robot_from_ct[0].r_from_ct)
+    chain["robot_from_ct"]["matrix"] = turned.tolist()
+    (tmp_path / "chain.json").write_text(json.dumps(chain))
+    assert main([*case, "--chain", str(tmp_path / "chain.json"), "-o", str(output)]) == 1
+    assert "the robot's base is tilted by 180 degrees" in capsys.readouterr().err
+    chain["source"]["frame_of_reference_uid"] = "1.2.3"
+    (tmp_path / "chain.json").write_text(json.dumps(chain))
+    assert main([*case, "--chain", str(tmp_path / "chain.json"), "-o", str(output)]) == 1
+    assert "1.2.3" in capsys.readouterr().err
 
 
 def test_what_stands_in_the_way_is_written_and_refused(

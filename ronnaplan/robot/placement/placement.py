@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, Points
+from ronnaplan.geometry import FloatArray, Frame, Points
 from ronnaplan.planning import Plan
-from ronnaplan.pose import invert, transform_points
+from ronnaplan.pose import Pose, invert, transform_points
 from ronnaplan.robot.arm.arm import SerialArm
+from ronnaplan.robot.chain import R
 from ronnaplan.robot.placement import blocking
 from ronnaplan.robot.placement.parking import probability
 from ronnaplan.robot.placement.room import Room
@@ -41,6 +42,8 @@ SCATTERED = 16_384
 """Further bases that are tried where none of the grid serves all."""
 TRACKER_APART_MM = 300.0
 """A tracker that was measured with a tape is nearer than this to where the registration puts it."""
+LARGEST_TILT_DEG = 10.0
+"""Of a measured base: a trolley stands upright, and a head in its holder lies as told to within this."""
 BLAMED = 300
 """Bases that are asked what stands in the way."""
 
@@ -83,6 +86,8 @@ class Job:
     room_from_ct: FloatArray
     tasks: tuple[Task, ...]
     world: World
+    frame: Frame = field(default_factory=lambda: Frame("CT"))
+    """The plan's."""
 
     @classmethod
     def of_plan(
@@ -120,12 +125,28 @@ class Job:
         tracker = None if room.tracker is None else np.array(room.tracker.position_mm)
         if ots_from_ct is not None and room.tracker is not None:
             tracker = (room_from_ct @ invert(ots_from_ct))[:3, 3]
-        return cls(arm, room, room_from_ct, tuple(tasks), world_of(room, surface, tracker))
+        return cls(arm, room, room_from_ct, tuple(tasks), world_of(room, surface, tracker), plan.frame)
 
     def problem(self, fineness: Fineness, tasks: Sequence[Task] | None = None) -> Problem:
         """Return what bases are judged by, for all tasks or some."""
         ways = ways_of(self.tasks if tasks is None else tasks, self.arm, fineness)
         return Problem(machine_of(self.arm, self.room), self.world, ways, self.room.floor)
+
+    def base_of(self, robot_from_ct: Pose) -> FloatArray:
+        """Return room from R (4, 4) of a robot that was measured after parking.
+
+        Raises `FrameMismatchError` for a pose of another scan than the plan's, `InputError` for a base that lies.
+        """
+        R.require(robot_from_ct.to_frame)
+        self.frame.require(robot_from_ct.from_frame)
+        base = self.room_from_ct @ invert(robot_from_ct.matrix)
+        tilt_deg = float(np.degrees(np.arccos(np.clip(base[2, 2], -1.0, 1.0))))
+        if tilt_deg > LARGEST_TILT_DEG:
+            raise InputError(
+                f"the robot's base is tilted by {tilt_deg:.0f} degrees in the room; expected {LARGEST_TILT_DEG:g} or "
+                "less: check the head's anterior and superior in the room, and that R's z axis points up"
+            )
+        return base
 
     @property
     def doubts(self) -> tuple[str, ...]:
