@@ -32,6 +32,19 @@ from ronnaplan.scene.vtk import Workshop
 
 PAGE = files("ronnaplan.planner") / "page"
 SCENE_PAGE = files("ronnaplan.scene") / "page"
+SCRIPTS = (
+    *(f"scene_page/{name}.js" for name in ("viewer", "volume")),
+    *(f"planner_page/{name}.js" for name in ("planner", "pictures", "head", "files")),
+)
+STYLES = ("planner_page/planner.css",)
+FETCHED_AHEAD = ", ".join(
+    [
+        *(f"<{name}>; rel=preload; as=style" for name in STYLES),
+        *(f"<{name}>; rel=preload; as=script" for name in SCRIPTS),
+    ]
+)
+"""The page asks for these only when it has heard from the server: they come while it loads its libraries."""
+
 CHANGED = "another hand has changed the case; it is shown as it is now"
 
 FIRST_LOOK_S = 0.3
@@ -110,11 +123,8 @@ class PlannerApp:
         self.server.enable_module(
             {
                 "serve": {"planner_page": str(Path(str(PAGE))), "scene_page": str(Path(str(SCENE_PAGE)))},
-                "scripts": [
-                    *(f"scene_page/{name}.js" for name in ("viewer", "volume")),
-                    *(f"planner_page/{name}.js" for name in ("planner", "pictures", "head", "files")),
-                ],
-                "styles": ["planner_page/planner.css"],
+                "scripts": list(SCRIPTS),
+                "styles": list(STYLES),
             }
         )
         keys = key_actions(self.state, Pointer(self.state))

@@ -11,6 +11,8 @@ from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 from aiohttp.typedefs import Middleware
 
+INDEX = "/index.html"
+
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 HOST = re.compile(r"(?P<name>\[[0-9A-Fa-f:.]+\]|[^\s:@/\[\]]+)(?::(?P<port>[0-9]{1,5}))?")
@@ -23,11 +25,12 @@ POLICY = (
 """Nothing is fetched from any other host. The page's templates are compiled in the browser, hence 'unsafe-eval'."""
 
 
-def gate(token: str, hosts: frozenset[str]) -> Middleware:
+def gate(token: str, hosts: frozenset[str], ahead: str = "") -> Middleware:
     """Return a middleware that lets through what carries ``token`` and is addressed to one of ``hosts``.
 
     The token comes in the URL the first time and in a cookie from then on, also for the web socket. Names other
-    than ``hosts`` are refused, so that no foreign web page can reach the planner through a name of its own.
+    than ``hosts`` are refused, so that no foreign web page can reach the planner through a name of its own. ``ahead``
+    is sent with the page as its header Link: what the browser is to fetch before the page itself asks for it.
     """
 
     @web.middleware
@@ -49,6 +52,8 @@ def gate(token: str, hosts: frozenset[str]) -> Middleware:
             response.headers["Content-Security-Policy"] = POLICY
             response.headers["Referrer-Policy"] = "no-referrer"
             response.headers["Cache-Control"] = "no-store"
+            if ahead and request.path == INDEX:
+                response.headers["Link"] = ahead
         return response
 
     return check

@@ -58,7 +58,7 @@ def serve(
         from trame.app import get_server
     except ModuleNotFoundError as error:
         raise InputError(f"the planner needs {error.name}; install ronnaplan[planner]") from error
-    from ronnaplan.planner.app import PlannerApp
+    from ronnaplan.planner.app import FETCHED_AHEAD, PlannerApp
     from ronnaplan.planner.gate import gate, is_worth_telling
     from ronnaplan.planner.handing import Handing
     from ronnaplan.planner.head_routes import head_routes
@@ -76,7 +76,7 @@ def serve(
     handing = Handing(state.storage, origin, app.show_readings)
 
     def close(web_server: Any) -> None:
-        web_server.app.middlewares.append(gate(known.token, LOOPBACK | {host}))
+        web_server.app.middlewares.append(gate(known.token, LOOPBACK | {host}, FETCHED_AHEAD))
         web_server.app.add_routes(head_routes(lambda: (tab.head for tab in app.tabs.values())))
         web_server.app.add_routes(handing.routes())
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import socket
 import subprocess
 import sys
@@ -52,6 +53,10 @@ def test_without_the_token_or_by_another_name_nothing_is_served(running: Planner
     with urllib.request.urlopen(running.url) as answer:
         assert answer.status == 200
         assert "default-src 'self'" in answer.headers["Content-Security-Policy"]
+        ahead = re.findall("<(.*?)>", answer.headers["Link"])
+    assert "planner_page/planner.js" in ahead
+    for path in ahead:  # what the browser is told to fetch is there
+        urllib.request.urlopen(f"{base}/{path}?token={token}").close()
 
 
 def test_the_planner_listens_on_this_machine_only(running: Planner) -> None:
