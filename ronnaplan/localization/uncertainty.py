@@ -197,7 +197,8 @@ def shared_noise(distances_mm: FloatArray, width_mm: float, shape: float) -> Flo
     profile = (1.0 - along**2) ** shape
     correlated = np.correlate(profile, profile, "full")[PROFILE_SAMPLES - 1 :]
     halves = distances_mm / profile_half_mm(width_mm, shape)
-    return np.interp(halves, along + 1.0, correlated / correlated[0], right=0.0)
+    shared: FloatArray = np.interp(halves, along + 1.0, correlated / correlated[0], right=0.0)
+    return shared
 
 
 def is_off_size(excess_mm: float) -> bool:
