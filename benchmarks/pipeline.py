@@ -26,6 +26,7 @@ from phantoms.output import write_phantom
 from phantoms.scene import Scene
 from phantoms.stack import axial_stack
 from ronnaplan import CTVolume, localize, read_ct
+from ronnaplan.errors import RefusedError
 from ronnaplan.localization.accept import MIN_COVERAGE
 from ronnaplan.localization.build import SOLID
 from ronnaplan.localization.coarse import coarse_voxel_mm, coarsen
@@ -105,8 +106,11 @@ def measure(folder: Path, diameter_mm: float) -> None:
 
 
 def localize_any(volume: CTVolume) -> object:
-    """Find the commonest balls of a scan, whatever their size."""
-    return localize(volume, diameter_mm=common_diameter(volume))
+    """Find the commonest balls of a scan, whatever their size; None where the scale's end hides it, as with metal."""
+    try:
+        return localize(volume, diameter_mm=common_diameter(volume))
+    except RefusedError:
+        return None
 
 
 def stages(volume: CTVolume, diameter_mm: float) -> list[list[str]]:
