@@ -21,7 +21,7 @@ from tests import cases
 from tests.isolation import is_isolated
 from tests.loops import run
 from tests.node.peers import Orthanc, program
-from tests.planner.browser import environment, eventually, needs_browser
+from tests.planner.browser import PATIENCE_MS, environment, eventually, needs_browser
 
 
 class Books:
@@ -98,6 +98,7 @@ def test_a_click_fetches_a_series_from_an_archive_and_opens_it(browser: Any, tmp
             archive.post("/instances", path.read_bytes())
         assert process.stdout is not None
         page = browser.new_page(viewport={"width": 1440, "height": 900})
+        page.set_default_timeout(PATIENCE_MS)
         page.goto(process.stdout.readline().strip())
         page.wait_for_selector("#archive >> text=In ORTHANC")
         page.click("#look button")
@@ -106,7 +107,7 @@ def test_a_click_fetches_a_series_from_an_archive_and_opens_it(browser: Any, tmp
         page.click("#look button")
         eventually(page, lambda: page.evaluate("document.querySelector('#archive img')?.naturalWidth") == 96)
         page.click("#archive >> text=fetch and plan")
-        page.wait_for_selector("canvas[data-picture=axial][data-number]", timeout=60_000)
+        page.wait_for_selector("canvas[data-picture=axial][data-number]")
         assert len(list((home / "case-1" / "ct").iterdir())) == len(list(cases.CT.glob("*.dcm")))
     finally:
         process.kill()

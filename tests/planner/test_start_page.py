@@ -14,7 +14,7 @@ import pytest
 from ronnaplan.errors import UsageError
 from ronnaplan.planner.places import Places, case_of, rows, series_at
 from tests import cases
-from tests.planner.browser import environment, eventually, needs_browser
+from tests.planner.browser import PATIENCE_MS, environment, eventually, needs_browser
 
 
 @pytest.fixture
@@ -65,6 +65,7 @@ def started(scans: Path) -> Iterator[str]:
 @needs_browser
 def test_a_scan_is_dropped_opened_and_its_files_go_out_and_in(browser: Any, started: str, scans: Path) -> None:
     page, home = browser.new_page(viewport={"width": 1440, "height": 900}), scans.parent / "home"
+    page.set_default_timeout(PATIENCE_MS)
     page.goto(started)
     page.click("text=study/")
     page.click("text=look for series here")
@@ -81,7 +82,7 @@ def test_a_scan_is_dropped_opened_and_its_files_go_out_and_in(browser: Any, star
     page.wait_for_selector("#error >> text=name the case with letters")
     page.fill("#name", "first")
     page.click("#found tbody button")
-    page.wait_for_selector("canvas[data-picture=axial][data-number]", timeout=60_000)
+    page.wait_for_selector("canvas[data-picture=axial][data-number]")
     assert page.url == started
     assert sorted(one.name for one in (home / "first").iterdir()) == [".planner-address.json", "ct.zip"]
 
@@ -107,12 +108,12 @@ def test_a_scan_is_dropped_opened_and_its_files_go_out_and_in(browser: Any, star
 
     (home / "first" / "plan.json").write_bytes((scans / "plan.json").read_bytes())
     page.click("#leave")
-    page.wait_for_selector("text=Open a scan", timeout=60_000)
+    page.wait_for_selector("text=Open a scan")
     assert page.url == started
     page.click("text=study/")
     page.click("text=look for series here")
     page.click("#found >> text=go on")
-    page.wait_for_selector("canvas[data-picture=axial][data-number]", timeout=60_000)
+    page.wait_for_selector("canvas[data-picture=axial][data-number]")
     page.wait_for_function("window.trame.state.get('paths').length === 1")
     page.click("#leave")
-    page.wait_for_selector("text=Open a scan", timeout=60_000)
+    page.wait_for_selector("text=Open a scan")

@@ -15,7 +15,7 @@ from ronnaplan.scene.files import html, view, viewer
 from ronnaplan.scene.shapes import ball
 from ronnaplan.scene.things import Thing
 from tests.loops import apart
-from tests.planner.browser import chromium, eventually, needs_browser
+from tests.planner.browser import PATIENCE_MS, chromium, eventually, needs_browser
 
 pytestmark = needs_browser
 
@@ -70,6 +70,7 @@ def test_a_report_runs_its_viewer_and_leaves_the_wheel_to_the_page_until_it_is_c
 def scroll_past(page_file: Path) -> None:
     with chromium("--use-angle=swiftshader", "--enable-unsafe-swiftshader") as browser:
         page = browser.new_page(viewport={"width": 700, "height": 600})
+        page.set_default_timeout(PATIENCE_MS)
         told: list[str] = []
         page.on("console", lambda message: told.append(message.text) if message.type == "error" else None)
         page.goto(page_file.as_uri())
@@ -90,6 +91,7 @@ def scroll_past(page_file: Path) -> None:
 def turn_and_hide(page_file: Path) -> None:
     with chromium("--use-angle=swiftshader", "--enable-unsafe-swiftshader") as browser:
         page = browser.new_page(viewport={"width": 500, "height": 400})
+        page.set_default_timeout(PATIENCE_MS)
         errors: list[str] = []
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.goto(page_file.as_uri())
@@ -118,6 +120,7 @@ def turn_and_hide(page_file: Path) -> None:
 def see_the_still(page_file: Path) -> None:
     with chromium("--disable-3d-apis") as browser:
         page = browser.new_page(viewport={"width": 500, "height": 400})
+        page.set_default_timeout(PATIENCE_MS)
         page.goto(page_file.as_uri())
         eventually(page, lambda: shown(page)[200, 200].tolist() == [255, 255, 255])
         assert page.locator("canvas").is_hidden()
