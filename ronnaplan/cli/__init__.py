@@ -40,9 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; returns the exit status: 0 done, 1 unusable input, 2 wrong usage, 3 refused."""
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
     atexit.register(gc.freeze)  # else Python searches all that was imported for garbage, twice, before it ends
-    os.environ.setdefault(
-        "PYDANTIC_DISABLE_PLUGINS", "true"
-    )  # else it reads what every installed package declares
+    # else pydantic reads what every installed package declares
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "true")
     _let_any_text_out()
     with guarded_output():
         try:

@@ -202,14 +202,16 @@ class Looking(HeadLooking):
 
     def save(self) -> None:
         """Write where one is looking, to find it again."""
-        look = self._now
-        self.storage.write_look(look)
-        self._kept = look
+        self._write(self._now)
 
     def keep(self) -> None:
         """The same where it has changed since."""
-        if self._kept != self._now:
-            self.save()
+        if (look := self._now) != self._kept:
+            self._write(look)
+
+    def _write(self, look: Look) -> None:
+        self.storage.write_look(look)
+        self._kept = look
 
     @property
     def _now(self) -> Look:

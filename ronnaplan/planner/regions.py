@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any
 
 from ronnaplan.case.surroundings import Labels
 from ronnaplan.errors import UsageError
 from ronnaplan.planner.storage import ShownRegion
 from ronnaplan.planning.trajectory import COLOUR
-from ronnaplan.scene.things import LABEL_COLOURS, NO_GO_COLOUR
-
-OPACITY: Final = 0.7
-"""With which a region begins."""
+from ronnaplan.scene.things import NO_GO_COLOUR, REGION_OPACITY, label_colour
 
 
 @dataclass(frozen=True)
@@ -22,7 +19,7 @@ class Region:
 
     name: str
     colour: str
-    opacity: float = OPACITY
+    opacity: float = REGION_OPACITY
     no_go: bool = False
 
 
@@ -41,7 +38,7 @@ def first_shown(no_go: Labels, masks: Labels, chosen: Mapping[str, ShownRegion])
     """Return how the regions of ``masks`` are shown at first: as was ``chosen`` before, if it was."""
     shown = {name: Region(name, NO_GO_COLOUR, no_go=True) for name in no_go}
     for number, name in enumerate(name for name in masks if name not in no_go):
-        shown[name] = Region(name, LABEL_COLOURS[number % len(LABEL_COLOURS)])
+        shown[name] = Region(name, label_colour(number))
     for name in shown.keys() & chosen.keys():
         shown[name] = replace(shown[name], colour=chosen[name].colour, opacity=chosen[name].opacity)
     return shown

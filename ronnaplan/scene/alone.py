@@ -40,17 +40,17 @@ def alone(field: Field) -> Field:
 
     It stays as it is where there is none, or where something thinner has a larger outline.
     """
-    from scipy.ndimage import label
+    from scipy.ndimage import binary_dilation, binary_erosion, label
 
     dense = field.values >= SKIN_HU
     thin = max(1, round(THIN_MM / 2 / field.cell_mm))
-    core = _largest(_eroded(dense, thin))
+    core = _largest(binary_erosion(dense, iterations=thin))
     if core is None:
         return field
     pieces, _ = label(dense)
     number = int(pieces.flat[core.argmax()])
     whole = pieces == number
-    body = _dilated(core, thin + round(RIDGE_MM / field.cell_mm)) & whole
+    body = binary_dilation(core, iterations=thin + round(RIDGE_MM / field.cell_mm)) & whole
     outline = _filled(whole)
     if _has_larger(pieces, number, int(outline.sum())):
         return field
@@ -58,7 +58,7 @@ def alone(field: Field) -> Field:
         body = outline
     else:
         body |= _small_parts(whole & ~body, PART_MM / field.cell_mm)
-    kept = _dilated(body, round(VEIL_MM / field.cell_mm)) & (body | ~dense)
+    kept = binary_dilation(body, iterations=round(VEIL_MM / field.cell_mm)) & (body | ~dense)
     return replace(field, values=np.where(kept, field.values, np.float32(AIR_HU)))
 
 
@@ -107,20 +107,3 @@ def _filled(mask: Mask) -> Mask:
         lines, _ = cv2.findContours(outlined.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         cv2.drawContours(whole, lines, -1, 1, cv2.FILLED)
     return found.astype(np.bool_)
-
-
-def _eroded(mask: Mask, cells: int) -> Mask:
-    """Return what is further than so many steps along the axes from all that is outside, or beyond the field."""
-    return ~_dilated(np.pad(~mask, 1, constant_values=True), cells)[1:-1, 1:-1, 1:-1]
-
-
-def _dilated(mask: Mask, cells: int) -> Mask:
-    """Return what is no further than so many steps along the axes from the nearest cell inside."""
-    for _ in range(cells):
-        grown = mask.copy()
-        for axis in range(3):
-            here, there = np.moveaxis(grown, axis, 0), np.moveaxis(mask, axis, 0)
-            here[1:] |= there[:-1]
-            here[:-1] |= there[1:]
-        mask = grown
-    return mask

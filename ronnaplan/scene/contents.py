@@ -51,8 +51,8 @@ def things_of(
         for name, mask in case.no_go.items():
             shown.append(things.no_go(name, _region(case.volume, mask, most_triangles)))
         for number, (name, mask) in enumerate((labels or {}).items()):
-            colour = things.LABEL_COLOURS[number % len(things.LABEL_COLOURS)]
-            shown.append(things.label_map(name, _region(case.volume, mask, most_triangles), colour))
+            region = _region(case.volume, mask, most_triangles)
+            shown.append(things.label_map(name, region, things.label_colour(number)))
         head = surfaces(alone(Field.of(case.volume)), most_triangles=most_triangles)
         shown += [things.skull(head["skull"], OPACITY["skull"]), things.skin(head["skin"], OPACITY["skin"])]
     whole = [one for one in shown if len(one.body.triangles)]

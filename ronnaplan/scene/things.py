@@ -21,6 +21,8 @@ REJECTED_COLOUR: Final = "#ff5252"
 NO_GO_COLOUR: Final = "#e53935"
 LABEL_COLOURS: Final = ("#b39ddb", "#a5d6a7", "#bcaaa4", "#90caf9", "#e6ee9c")
 """Of label maps one after another, until others are chosen."""
+REGION_OPACITY: Final = 0.7
+"""Of regions, until another is chosen."""
 
 CONTACT_COLOUR: Final = "#f5f7fa"
 PROPOSAL_COLOURS: Final = ("#3a0a2e", "#c2259a")
@@ -86,12 +88,17 @@ def skull(body: Body, opacity: float = 1.0) -> Thing:
     return Thing("skull", body, rgb(SKULL_COLOUR), opacity, gloss=0.1, screen=True)
 
 
-def no_go(name: str, body: Body, opacity: float = 0.7, colour: str = NO_GO_COLOUR) -> Thing:
+def label_colour(number: int) -> str:
+    """Return the color of a label map, counted from 0, until another is chosen."""
+    return LABEL_COLOURS[number % len(LABEL_COLOURS)]
+
+
+def no_go(name: str, body: Body, opacity: float = REGION_OPACITY, colour: str = NO_GO_COLOUR) -> Thing:
     """Return a region to keep away from."""
     return Thing(f"no-go {name}", body, rgb(colour), opacity)
 
 
-def label_map(name: str, body: Body, colour: str, opacity: float = 0.7) -> Thing:
+def label_map(name: str, body: Body, colour: str, opacity: float = REGION_OPACITY) -> Thing:
     """Return a region that is shown only."""
     return Thing(f"region {name}", body, rgb(colour), opacity)
 

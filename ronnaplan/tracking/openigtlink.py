@@ -48,7 +48,7 @@ def moments(host: str, port: int = DEFAULT_PORT, *, every_s: float, seconds: flo
                 yield Recording(source, points, tools)
                 told_s = time.monotonic()
             if note is None and now - heard_s > SILENCE_S:
-                note = f"{STOPPED}: silent for {SILENCE_S:g} s after {count} messages"
+                note = _silent(count)
             elif note is None and now - told_s > every_s + SILENCE_S:
                 note = f"{STOPPED}: its own time stands still after {count} messages"
     if note is not None and not note.startswith((CLOSED, STOPPED)):
@@ -141,6 +141,10 @@ def _connected(host: str, port: int) -> socket.socket:
     raise InputError(f"no OpenIGTLink server answers at {host}:{port} ({reason}); start it, check host and port")
 
 
+def _silent(messages: int) -> str:
+    return f"{STOPPED}: silent for {SILENCE_S:g} s after {messages} messages"
+
+
 def _receive(connection: socket.socket, stream: Stream, until: float) -> str | None:
     """Feed ``stream`` until the time is up; return why it ended early, if it did."""
     last = time.monotonic()
@@ -149,7 +153,7 @@ def _receive(connection: socket.socket, stream: Stream, until: float) -> str | N
             data = connection.recv(1 << 16)
         except TimeoutError:
             if time.monotonic() - last > SILENCE_S:
-                return f"{STOPPED}: silent for {SILENCE_S:g} s after {stream.messages} messages"
+                return _silent(stream.messages)
             continue
         except OSError as error:
             return f"the connection broke after {stream.messages} messages ({error})"

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -152,6 +153,15 @@ def crosshair(folder: Path) -> list[float]:
     """Where the planner keeps that it looks (LPS mm); written a little after the page shows it."""
     kept = folder / "planner.json"
     return list(json.loads(kept.read_text())["crosshair"]) if kept.is_file() else []
+
+
+def at_rest(page: Any, screenshot: Callable[[], bytes]) -> np.ndarray:
+    """What a ``screenshot`` of a page, or of a place in it, shows (H, W, 3; blue first) once it stands still."""
+    before = b""
+    while (shot := screenshot()) != before:
+        before = shot
+        page.wait_for_timeout(300)
+    return np.asarray(cv2.imdecode(np.frombuffer(shot, dtype=np.uint8), cv2.IMREAD_COLOR), dtype=int)
 
 
 def value(page: Any, name: str) -> Any:

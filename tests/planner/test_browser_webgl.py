@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import cv2
 import numpy as np
 
 from tests.loops import apart
-from tests.planner.browser import Planner, chromium, eventually, needs_browser, opened, seen_at, value
+from tests.planner.browser import Planner, at_rest, chromium, eventually, needs_browser, opened, seen_at, value
 
 pytestmark = needs_browser
 
@@ -26,11 +25,7 @@ LOSE = """document.querySelector('canvas[data-scene]').getContext('webgl2').getE
 
 def seen(page: Any) -> np.ndarray:
     """The 3-D view as it is on the screen (H, W, 3), once it stands still."""
-    before = b""
-    while (shot := page.locator("canvas[data-scene]").screenshot()) != before:
-        before = shot
-        page.wait_for_timeout(300)
-    return np.asarray(cv2.imdecode(np.frombuffer(shot, dtype=np.uint8), cv2.IMREAD_COLOR), dtype=int)
+    return at_rest(page, page.locator("canvas[data-scene]").screenshot)
 
 
 def changed(one: np.ndarray, other: np.ndarray) -> float:

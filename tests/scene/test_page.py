@@ -15,7 +15,7 @@ from ronnaplan.scene.files import html, view, viewer
 from ronnaplan.scene.shapes import ball
 from ronnaplan.scene.things import Thing
 from tests.loops import apart
-from tests.planner.browser import PATIENCE_MS, chromium, eventually, needs_browser
+from tests.planner.browser import PATIENCE_MS, at_rest, chromium, eventually, needs_browser
 
 pytestmark = needs_browser
 
@@ -33,11 +33,7 @@ def page_file(tmp_path: Path) -> Path:
 
 def shown(page: Any) -> np.ndarray:
     """What is on the screen (H, W, 3) once it stands still."""
-    before = b""
-    while (shot := page.screenshot()) != before:
-        before = shot
-        page.wait_for_timeout(300)
-    return np.asarray(cv2.imdecode(np.frombuffer(shot, dtype=np.uint8), cv2.IMREAD_COLOR), dtype=int)
+    return at_rest(page, page.screenshot)
 
 
 def is_red(picture: np.ndarray) -> np.ndarray:

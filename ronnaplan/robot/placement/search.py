@@ -143,16 +143,7 @@ def within(floor: Floor, places: FloatArray) -> FloatArray:
 
 def refine(problem: Problem, start: FloatArray, worth: float) -> tuple[FloatArray, float]:
     """Return the best place (4,) found from ``start`` by steps to all 26 sides and in turn, and its worth."""
-    step = np.array(FIRST_STEP)
-    place = start
-    while step[0] >= LAST_STEP_MM:
-        tried = within(problem.floor, place + SIDES * step)
-        found = worths(problem, tried, least=worth) if len(tried) else np.full(1, -1.0)
-        if found.max() > worth:
-            place, worth = tried[found.argmax()], float(found.max())
-        else:
-            step = step / 2
-    return place, worth
+    return _bettered(problem, start, worth, np.array(FIRST_STEP), lambda: SIDES)
 
 
 def refined(problem: Problem, places: FloatArray, found: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -182,10 +173,25 @@ def polished(problem: Problem, place: FloatArray, worth: float) -> tuple[FloatAr
     Where two tasks limit the worth against each other, a place is better only in a narrow direction between the sides
     that `refine` goes to.
     """
-    rng, step = np.random.default_rng(0), np.array(POLISHING_STEP)
+    rng = np.random.default_rng(0)
+
+    def ways() -> FloatArray:
+        drawn = rng.normal(size=(POLISHING_WAYS, 4))
+        lengths: FloatArray = np.linalg.norm(drawn, axis=1, keepdims=True)
+        return np.asarray(drawn / lengths)
+
+    return _bettered(problem, place, worth, np.array(POLISHING_STEP), ways)
+
+
+def _bettered(
+    problem: Problem, place: FloatArray, worth: float, step: FloatArray, ways: Callable[[], FloatArray]
+) -> tuple[FloatArray, float]:
+    """Return the best place (4,) found by steps in ``ways`` (N, 4), asked for anew each time, and its worth.
+
+    The ``step`` (4,) is halved where none of them is better, down to `LAST_STEP_MM`.
+    """
     while step[0] >= LAST_STEP_MM:
-        ways = rng.normal(size=(POLISHING_WAYS, 4))
-        tried = within(problem.floor, place + ways / np.linalg.norm(ways, axis=1, keepdims=True) * step)
+        tried = within(problem.floor, place + ways() * step)
         found = worths(problem, tried, least=worth) if len(tried) else np.full(1, -1.0)
         if found.max() > worth:
             place, worth = tried[found.argmax()], float(found.max())
