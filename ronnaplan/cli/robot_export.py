@@ -7,9 +7,9 @@ import sys
 
 from ronnaplan.cli.output import warn
 from ronnaplan.cli.values import number
+from ronnaplan.documents.robot_formats import RobotFormat
 
 HELP = "Write a plan's trajectories in the robot's coordinates: JSON, CSV, YAML for ROS, points for a KUKA."
-FORMATS = ("json", "csv", "ros", "krl")
 LARGEST_APPROACH_MM = 500.0
 
 
@@ -18,7 +18,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("chain", metavar="CHAIN", help="chain.json")
     parser.add_argument("plan", metavar="PLAN", help="the plan of the same scan")
     parser.add_argument(
-        "--to", choices=FORMATS, default="json", help="krl: points for a KUKA; ros: YAML (default %(default)s)"
+        "--to",
+        choices=[one.value for one in RobotFormat],
+        default=RobotFormat.JSON.value,
+        help="krl: points for a KUKA; ros: YAML (default %(default)s)",
     )
     parser.add_argument(
         "--approach",
@@ -60,7 +63,9 @@ def run(arguments: argparse.Namespace) -> int:
         for one in plan.trajectories
     ]
     named = Path(arguments.output).stem if arguments.output else KRL_LIST
-    write_result(arguments.output, export_points(trajectories, chain, arguments.to, arguments.approach, named))
+    write_result(
+        arguments.output, export_points(trajectories, chain, RobotFormat(arguments.to), arguments.approach, named)
+    )
     warn(*chain.notes)
     for one in trajectories:
         entry, target = one.expected_errors_mm

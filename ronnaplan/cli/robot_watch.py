@@ -56,7 +56,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.chain import read_chain
     from ronnaplan.documents.files import write_atomically
     from ronnaplan.robot.live import LiveStatus, unseen
-    from ronnaplan.tracking.openigtlink import STOPPED, moments
+    from ronnaplan.tracking.openigtlink import moments
+    from ronnaplan.tracking.recording import StreamEnd
 
     chain = read_chain(arguments.chain)
     live = _live(arguments, chain)
@@ -66,10 +67,10 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.host, arguments.port, every_s=arguments.every, seconds=arguments.seconds
         ):
             tell(*(f"ronnaplan: warning: {note}" for note in recording.notes))
-            stopped = next((note for note in recording.notes if note.startswith(STOPPED)), None)
-            if stopped is None and not recording.points and not recording.tools and last is not None:
+            stopped = recording.end is StreamEnd.STOPPED
+            if not stopped and not recording.points and not recording.tools and last is not None:
                 continue  # the end of the time, or of the server's stream, told above
-            moment = live.judge(recording) if stopped is None else unseen(stopped)
+            moment = unseen(recording.notes[-1]) if stopped else live.judge(recording)
             if last is None or moment.status is not last.status:
                 tell(_sentence(moment, chain))
             last = moment

@@ -19,6 +19,7 @@ from ronnaplan.documents.fiducials import Software, Source
 from ronnaplan.documents.fields import DocumentModel, Label, LengthMm, Line, Matrix4, Vector
 from ronnaplan.documents.poses import PoseEntry
 from ronnaplan.documents.reading import made, to_json
+from ronnaplan.documents.robot_formats import RobotFormat
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import Pose, as_pose, point_jacobian
@@ -74,18 +75,18 @@ class RobotPointsDocument(DocumentModel):
 def export_points(
     trajectories: Sequence[RobotTrajectory],
     chain: ChainDocument,
-    to: str,
+    to: RobotFormat,
     approach_mm: float,
     name: str = KRL_LIST,
 ) -> str:
-    """Return ``trajectories`` in a format of `FORMATS`, each with a point ``approach_mm`` before its entry.
+    """Return ``trajectories`` in a format, each with a point ``approach_mm`` before its entry.
 
     ``name`` is the file's, which a KUKA's controller takes for that of the data list.
     """
     if not trajectories:
         raise InputError("the plan has no trajectory; add one first")
     document = _document(trajectories, chain, approach_mm)
-    return _krl(document, name) if to == "krl" else FORMATS[to](document)
+    return WRITERS[to](document, name)
 
 
 def _document(
@@ -191,7 +192,7 @@ def _ros(document: RobotPointsDocument) -> str:
     return "\n".join([*lines, ""])
 
 
-def _krl(document: RobotPointsDocument, name: str = KRL_LIST) -> str:
+def _krl(document: RobotPointsDocument, name: str) -> str:
     """Return a KRL data list of FRAMEs (mm, degrees; A about Z, B about Y, C about X) in $ROBROOT; it moves nothing."""
     names = krl_names([one.name for one in document.trajectories])
     data_list = krl_names([name])[name]
@@ -267,10 +268,10 @@ def _ascii(text: str) -> str:
     return text.encode("ascii", "replace").decode()
 
 
-FORMATS: Final[Mapping[str, Callable[[RobotPointsDocument], str]]] = {
-    "json": to_json,
-    "csv": _csv,
-    "ros": _ros,
-    "krl": _krl,
+WRITERS: Final[Mapping[RobotFormat, Callable[[RobotPointsDocument, str], str]]] = {
+    RobotFormat.JSON: lambda document, _: to_json(document),
+    RobotFormat.CSV: lambda document, _: _csv(document),
+    RobotFormat.ROS: lambda document, _: _ros(document),
+    RobotFormat.KRL: _krl,
 }
-"""What `export_points` writes."""
+"""Each writes a document into a file of a name."""

@@ -10,10 +10,11 @@ import socket
 import threading
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 from ronnaplan.errors import InputError
 from ronnaplan.tracking.igtl_messages import Stream
-from ronnaplan.tracking.recording import PointReading, Recording, ToolReading
+from ronnaplan.tracking.recording import PointReading, Recording, StreamEnd, ToolReading
 
 DEFAULT_PORT = 18944
 CONNECT_S = 5.0
@@ -23,37 +24,46 @@ SILENCE_S = 2.0
 LONGEST_S = 86_400.0
 """No recording takes longer than a day."""
 POLL_S = 0.1
-CLOSED, STOPPED = "the server closed the stream", "the stream stopped"
-"""How the note begins that says why a stream ended."""
+
+
+@dataclass(frozen=True)
+class _End:
+    """Why a stream ended, and ``how``, which follows that in its note."""
+
+    why: StreamEnd
+    how: str
+
+    @property
+    def note(self) -> str:
+        return f"{self.why.value}{self.how}"
 
 
 def moments(host: str, port: int = DEFAULT_PORT, *, every_s: float, seconds: float) -> Iterator[Recording]:
     """Yield what a server at ``host`` sends in every ``every_s`` of its own time, for up to ``seconds`` of ours.
 
-    A message that states no time counts as of its arrival. The last recording's note says why the stream ended before
-    the time was up, if it did; a stream whose own time stands still has ended. Raises `InputError` if no server
+    A message that states no time counts as of its arrival. The last recording says why the stream ended before the
+    time was up, if it did; a stream whose own time stands still has ended. Raises `InputError` if no server
     answers.
     """
     stream, until = Stream(), time.monotonic() + seconds
     source, cut = f"openigtlink://{host}:{port}", _Moments(every_s)
     with _connected(host, port) as connection:
         connection.settimeout(POLL_S)
-        note, count, heard_s, told_s = None, 0, time.monotonic(), time.monotonic()
-        while note is None and time.monotonic() < until:
-            note = _receive(connection, stream, min(until, time.monotonic() + POLL_S))
+        end, count, heard_s, told_s = None, 0, time.monotonic(), time.monotonic()
+        while end is None and time.monotonic() < until:
+            end = _receive(connection, stream, min(until, time.monotonic() + POLL_S))
             now = time.monotonic()
             if stream.messages > count:
                 count, heard_s = stream.messages, now
             for points, tools in cut.add(*stream.taken()):
                 yield Recording(source, points, tools)
                 told_s = time.monotonic()
-            if note is None and now - heard_s > SILENCE_S:
-                note = _silent(count)
-            elif note is None and now - told_s > every_s + SILENCE_S:
-                note = f"{STOPPED}: its own time stands still after {count} messages"
-    if note is not None and not note.startswith((CLOSED, STOPPED)):
-        note = f"{STOPPED}: {note}"
-    yield Recording(source, *cut.rest(), notes=(*stream.notes, *([note] if note else [])))
+            if end is None and now - heard_s > SILENCE_S:
+                end = _silent(count)
+            elif end is None and now - told_s > every_s + SILENCE_S:
+                end = _stopped(f"its own time stands still after {count} messages")
+    notes = (*stream.notes, *([end.note] if end else []))
+    yield Recording(source, *cut.rest(), notes=notes, end=end.why if end else None)
 
 
 class _Moments:
@@ -105,17 +115,24 @@ def record(host: str, port: int = DEFAULT_PORT, *, seconds: float = 5.0) -> Reco
     stream = Stream()
     with _connected(host, port) as connection:
         connection.settimeout(POLL_S)
+        end = None
         try:
-            note = _receive(connection, stream, time.monotonic() + seconds)
+            end = _receive(connection, stream, time.monotonic() + seconds)
+            told = [end.note] if end else []
         except KeyboardInterrupt:
             if not stream.messages:
                 raise
-            note = f"stopped by hand after {stream.messages} messages"
+            told = [f"stopped by hand after {stream.messages} messages"]
     if not stream.messages:
-        why = "; ".join([*([note] if note else []), *stream.notes])
+        why = "; ".join([*told, *stream.notes])
         raise InputError(f"{host}:{port} sent no readable message in {seconds:g} s{f' ({why})' if why else ''}")
-    notes = stream.notes + ([note] if note else [])
-    return Recording(f"openigtlink://{host}:{port}", tuple(stream.points), tuple(stream.tools), notes=tuple(notes))
+    return Recording(
+        f"openigtlink://{host}:{port}",
+        tuple(stream.points),
+        tuple(stream.tools),
+        notes=(*stream.notes, *told),
+        end=end.why if end else None,
+    )
 
 
 def _connected(host: str, port: int) -> socket.socket:
@@ -141,11 +158,15 @@ def _connected(host: str, port: int) -> socket.socket:
     raise InputError(f"no OpenIGTLink server answers at {host}:{port} ({reason}); start it, check host and port")
 
 
-def _silent(messages: int) -> str:
-    return f"{STOPPED}: silent for {SILENCE_S:g} s after {messages} messages"
+def _silent(messages: int) -> _End:
+    return _stopped(f"silent for {SILENCE_S:g} s after {messages} messages")
 
 
-def _receive(connection: socket.socket, stream: Stream, until: float) -> str | None:
+def _stopped(how: str) -> _End:
+    return _End(StreamEnd.STOPPED, f": {how}")
+
+
+def _receive(connection: socket.socket, stream: Stream, until: float) -> _End | None:
     """Feed ``stream`` until the time is up; return why it ended early, if it did."""
     last = time.monotonic()
     while time.monotonic() < until:
@@ -156,12 +177,12 @@ def _receive(connection: socket.socket, stream: Stream, until: float) -> str | N
                 return _silent(stream.messages)
             continue
         except OSError as error:
-            return f"the connection broke after {stream.messages} messages ({error})"
+            return _stopped(f"the connection broke after {stream.messages} messages ({error})")
         if not data:
             rest = " in the middle of a message" if stream.pending else ""
-            return f"{CLOSED} after {stream.messages} messages{rest}"
+            return _End(StreamEnd.CLOSED, f" after {stream.messages} messages{rest}")
         last = time.monotonic()
         stream.feed(data)
         if stream.broken:
-            return stream.broken
+            return _stopped(stream.broken)
     return None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from enum import Enum
 
 import numpy as np
 
@@ -25,6 +26,13 @@ QUATERNION_TOLERANCE = 1e-2
 ROTATION_TOLERANCE = 2e-3
 """Largest entry of ``R @ R.T - 1`` of a tracker's matrix that still stands for a rotation, the nearest one: PLUS
 writes matrices that are off by up to 5e-4 in an entry, a thousandth here. A tool scaled by 0.1 % is at the limit."""
+
+
+class StreamEnd(Enum):
+    """Why a live stream ended before its time was up."""
+
+    CLOSED = "the server closed the stream"
+    STOPPED = "the stream stopped"
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +89,8 @@ class Recording:
     frame: Frame = field(default=OTS)
     notes: tuple[str, ...] = ()
     """What the reader met and a person should know, one sentence each."""
+    end: StreamEnd | None = None
+    """Why there will be no more of a stream; its last note says it at length. None for a file, or a time that is up."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "notes", tuple(map(printable, self.notes)))

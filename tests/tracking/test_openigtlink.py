@@ -16,6 +16,7 @@ from ronnaplan.errors import InputError
 from ronnaplan.tracking import find_markers, igtl_messages, openigtlink
 from ronnaplan.tracking.igtl_messages import Stream
 from ronnaplan.tracking.openigtlink import moments, record
+from ronnaplan.tracking.recording import StreamEnd
 
 POINTS = [[1.0, 2.0, -1000.0], [4.0, 5.0, -1001.0]]
 
@@ -129,6 +130,7 @@ def test_a_stream_that_closes_midway_keeps_what_came_and_says_so() -> None:
     with server([points(), points()[:70]], hold=False) as port:
         recording = record("127.0.0.1", port, seconds=5)
     assert len(recording.points) == 2
+    assert recording.end is StreamEnd.CLOSED
     assert recording.notes == ("the server closed the stream after 1 messages in the middle of a message",)
 
 
@@ -145,6 +147,7 @@ def test_moments_end_where_nothing_new_comes(messages: int, why: str, monkeypatc
     monkeypatch.setattr(openigtlink, "SILENCE_S", 0.2)
     with server([points()] * messages) as port:
         last = list(moments("127.0.0.1", port, every_s=0.1, seconds=10))[-1]
+    assert last.end is StreamEnd.STOPPED
     assert last.notes[-1].startswith(f"the stream stopped: {why}")
 
 
