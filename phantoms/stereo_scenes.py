@@ -78,6 +78,7 @@ SCENES = (
     replace(BASE, name="cosine, uneven and hidden", shading="cosine", fall=(0.1, 0.3), hidden=(0.18, 0.22)),
     replace(BASE, name="lamp 1 degree beside the lens", verdict="either", shading="lamp", beside=(1.0, 1.0)),
     replace(BASE, name="lamp 2 to 10 degrees beside", verdict="either", shading="lamp", beside=(2.0, 10.0)),
+    replace(BASE, name="lamp 0 to 0.1 degrees beside", shading="lamp", beside=(0.0, 0.1)),
 )  # fmt: skip
 """The table's rows."""
 

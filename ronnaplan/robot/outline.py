@@ -7,7 +7,9 @@ rays, which gives the direction to the center without that bias.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +50,10 @@ class Outline:
     """The outline points (N, 2) that the fit used."""
     rms_px: float
     """RMS distance of those points from the fitted outline."""
+    lamp_evidence: FloatArray
+    """Logarithm (S) of how well lamps farther and farther off the lens explain the light, but for a constant."""
+    lit: Callable[[FloatArray], Outline]
+    """Returns the outline where other evidence (S) speaks for each of the lamps."""
 
     def distance_mm(self, diameter_mm: float) -> float:
         """Return how far the center of a sphere of ``diameter_mm`` is."""
@@ -88,27 +94,49 @@ def _outline(grey: Image, circle: Circle, camera: Camera, lamp_sd_deg: float) ->
     if np.linalg.norm(waves[:2]) > LARGEST_OVAL_PX + 3 * np.linalg.norm(waves_sd[:2]):
         return None
     scatter = float(((shifts / sds) ** 2).sum()) / (kept.sum() - 3)
-    covariance = found.covariance * max(scatter, float(((waves / waves_sd) ** 2).mean()), 1.0)
-    covariance[:2, :2] += (COMMON_PX / camera.focal_px) ** 2 * np.eye(2)
-    points = _shown(found, turn, found.half_angle + shifts / camera.focal_px, camera)
-    across = _across(found.axis)
+    excess = max(scatter, float(((waves / waves_sd) ** 2).mean()), 1.0)
+    axis, half_angle = _placed(found, np.zeros(3))
+    points = _shown(found, axis, turn, half_angle + shifts / camera.focal_px, camera)
+    return _outline_of(found, excess, camera.focal_px, points, rms_px, found.lamps.evidence)
+
+
+def _outline_of(
+    found: ShadedSphere, excess: float, focal_px: float, points: FloatArray, rms_px: float, evidence: FloatArray
+) -> Outline:
+    """Return the outline of a sphere where ``evidence`` (S) speaks for each of its `Lamps`."""
+    move, covariance = found.lamps.weighed(evidence)
+    covariance = excess * covariance
+    covariance[:2, :2] += (COMMON_PX / focal_px) ** 2 * np.eye(2)
+    axis, half_angle = _placed(found, move)
+    across = _across(axis)
     turned = across.T @ found.across
     return Outline(
-        found.axis,
+        axis,
         across @ turned @ covariance[:2, :2] @ turned.T @ across.T,
-        found.half_angle,
+        half_angle,
         float(np.sqrt(covariance[2, 2])),
         points,
         rms_px,
+        found.lamps.evidence,
+        partial(_outline_of, found, excess, focal_px, points, rms_px),
     )
 
 
-def _shown(found: ShadedSphere, turn: FloatArray, half_angles: FloatArray, camera: Camera) -> FloatArray:
-    """Return the pixels (N, 2) that show the outline at angles ``turn`` (N) about the axis."""
+def _placed(found: ShadedSphere, move: FloatArray) -> tuple[FloatArray, float]:
+    """Return the axis (3,) and the half-angle of a sphere that is moved by ``move`` (3)."""
+    place = found.place + move
+    axis = found.expected + found.across @ place[:2]
+    return axis / np.linalg.norm(axis), float(place[2])
+
+
+def _shown(
+    found: ShadedSphere, axis: FloatArray, turn: FloatArray, half_angles: FloatArray, camera: Camera
+) -> FloatArray:
+    """Return the pixels (N, 2) that show the outline at angles ``turn`` (N) about the ``axis``."""
     import cv2
 
     around = np.column_stack([np.cos(turn), np.sin(turn)]) @ found.across.T
-    rays = np.cos(half_angles)[:, None] * found.axis + np.sin(half_angles)[:, None] * around
+    rays = np.cos(half_angles)[:, None] * axis + np.sin(half_angles)[:, None] * around
     shown = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), camera.matrix, camera.distortion)[0][:, 0]
     return np.asarray(shown, dtype=np.float64)
 

@@ -75,20 +75,49 @@ times the share of light from aside and how much darker the limb is than the mid
 LAMP_SD_DEG = 0.04
 """How far the middle of a lamp about the lens is from the lens, as seen from the sphere, unless stated otherwise (one
 standard deviation, to either side): 0.2 mm at 300 mm. The image does not show it."""
+MISPLACED = 0.5
+"""Probability, before looking, that the lamp is farther from the lens than is said ..."""
+LAMP_SCALES = 13
+"""... by one of so many factors, evenly spaced in their logarithm."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lamps:
+    """What lamps (S) farther and farther off the lens make of a sphere's place; the first are as far as is said."""
+
+    moves: FloatArray
+    """(S, 3) of the axis along `ShadedSphere.across` and of the half-angle, rad."""
+    covariances: FloatArray
+    """(S, 3, 3) of the same, rad^2."""
+    evidence: FloatArray
+    """Logarithm (S) of how well each of them explains the light, but for a constant."""
+
+    def weighed(self, evidence: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return move (3) and covariance (3, 3) where ``evidence`` (S) speaks for each of the lamps.
+
+        Before looking, the lamp is farther off than is said with a probability of `MISPLACED`.
+        """
+        share = np.exp(evidence - evidence.max())
+        share *= np.array([1 - MISPLACED, *[MISPLACED / (LAMP_SCALES - 1)] * (LAMP_SCALES - 1)])
+        share /= share.sum()
+        move = share @ self.moves
+        apart = self.moves - move
+        return move, np.einsum("s,sij->ij", share, self.covariances + apart[:, :, None] * apart[:, None, :])
 
 
 @dataclass(frozen=True, eq=False)
 class ShadedSphere:
     """A sphere's place in one image."""
 
-    axis: FloatArray
-    """Unit direction (3,) from the camera to the center."""
+    expected: FloatArray
+    """Unit direction (3,) in which it was expected."""
     across: FloatArray
-    """Two unit vectors (3, 2) square to where it was expected; angles count from the first to the second."""
-    half_angle: float
-    """Half the angle (rad) under which it is seen."""
-    covariance: FloatArray
-    """(3, 3) of the axis along ``across`` and of the half-angle, rad^2."""
+    """Two unit vectors (3, 2) square to that; angles count from the first to the second."""
+    place: FloatArray
+    """Its center (2,) along ``across`` where its direction meets the plane at 1, and half the angle under which it is
+    seen (rad), wherever the lamp is."""
+    lamps: Lamps
+    """What is to be added to ``place`` for a lamp."""
     angles: FloatArray
     """Of the sectors (S), rad."""
     shifts_px: FloatArray
@@ -154,11 +183,7 @@ def find_shaded(
     if moved > UNSETTLED:
         return None
     covariance = np.asarray(np.linalg.inv(normal) * state.noise**2, dtype=np.float64)
-    aside = state.light[ASIDE - LIGHT : OVAL - LIGHT]
-    move, mixed, beside = _with_lens(aside, covariance, state.level, float(np.radians(lamp_sd_deg)))
-    dark = float(np.clip(1 - state.light[0] / state.level, 0, 1))
-    mixed[:2, :2] += (SHADOW_PX * beside * dark * float(np.linalg.norm(aside)) / state.level) ** 2 * np.eye(2)
-    return _result(state, move, mixed, told, axis, across)
+    return _result(state, told, axis, across, _lamps(state, covariance, float(np.radians(lamp_sd_deg))))
 
 
 def _pixels(grey: Image, camera: Camera, axis: FloatArray, across: FloatArray, half_angle: float) -> _Pixels:
@@ -269,43 +294,33 @@ def _expected_sds(state: _State, step: int) -> FloatArray:
 
 
 def _result(
-    state: _State,
-    move: FloatArray,
-    covariance: FloatArray,
-    told: tuple[FloatArray, FloatArray],
-    axis: FloatArray,
-    across: FloatArray,
+    state: _State, told: tuple[FloatArray, FloatArray], axis: FloatArray, across: FloatArray, lamps: Lamps
 ) -> ShadedSphere:
-    focal = state.geometry[3]
-    place = state.geometry[:3] + move
-    found = axis + across @ (place[:2] / focal)
     count = len(state.kept)
     return ShadedSphere(
-        found / np.linalg.norm(found),
+        axis,
         across,
-        float(place[2] / focal),
-        covariance / focal**2,
+        state.geometry[:3] / state.geometry[3],
+        lamps,
         ((np.arange(count) + 0.5) / count - 0.5) * 2 * np.pi,
         *told,
         state.kept,
     )
 
 
-def _with_lens(
-    aside: FloatArray, covariance: FloatArray, level: float, lamp_sd: float
-) -> tuple[FloatArray, FloatArray, float]:
-    """Return what the light's coming from the lens changes in place and radius (3), and their covariance (3, 3).
+def _lamps(state: _State, covariance: FloatArray, lamp_sd: float) -> Lamps:
+    """Return what lamps off the lens by ``lamp_sd`` (rad), and by more, make of a sphere.
 
-    The last is the probability that it does not come from there. ``aside`` (2) was found with the ``covariance`` of all
-    common unknowns; ``lamp_sd`` (rad) is how far from the lens a lamp about it may be. The evidence of either light is
-    that of no light from aside, before and after looking (Savage and Dickey).
+    ``covariance`` is that of all common unknowns, with nothing assumed of the lamp but that it is within `ASIDE_SD`.
     """
-    spread = covariance[ASIDE:OVAL, ASIDE:OVAL] + (lamp_sd * level) ** 2 * np.eye(2)
-    gain = covariance[:BLUR, ASIDE:OVAL] @ np.linalg.inv(spread)
-    move = -gain @ aside
-    known = covariance[:BLUR, :BLUR] - gain @ covariance[ASIDE:OVAL, :BLUR]
-    after = -0.5 * (aside @ np.linalg.solve(spread, aside) + np.linalg.slogdet(spread)[1])
-    before = -2 * np.log(ASIDE_SD * level)
-    share = float(1 / (1 + np.exp(np.clip(before - after, -50, 50))))
-    mixed = share * known + (1 - share) * covariance[:BLUR, :BLUR] + share * (1 - share) * np.outer(move, move)
-    return share * move, mixed, 1 - share
+    aside = state.light[ASIDE - LIGHT : OVAL - LIGHT]
+    sds = state.level * np.geomspace(lamp_sd, ASIDE_SD, LAMP_SCALES)
+    spreads = covariance[ASIDE:OVAL, ASIDE:OVAL] + sds[:, None, None] ** 2 * np.eye(2)
+    misfits = np.linalg.solve(spreads, aside[:, None])[:, :, 0] @ aside
+    gains = covariance[:BLUR, ASIDE:OVAL] @ np.linalg.inv(spreads)
+    known = covariance[:BLUR, :BLUR] - gains @ covariance[ASIDE:OVAL, :BLUR]
+    dark = float(np.clip(1 - state.light[0] / state.level, 0, 1))
+    shadow = SHADOW_PX * dark * float(np.linalg.norm(aside)) / state.level
+    known[1:, :2, :2] += shadow**2 * np.eye(2)
+    focal = state.geometry[3]
+    return Lamps(-gains @ aside / focal, known / focal**2, -0.5 * (misfits + np.linalg.slogdet(spreads)[1]))

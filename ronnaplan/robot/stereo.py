@@ -127,6 +127,9 @@ def _meet(left: Outline, right: Outline, rig: StereoRig) -> StereoSphere | None:
     turn = np.linalg.norm(cross_matrix(_in_rig(rig.left, left)[0]) @ _in_rig(rig.right, right)[0])
     if turn < 1e-3:
         return None
+    # the lamps of one rig are mounted alike: what either image tells of them goes for both
+    evidence = left.lamp_evidence + right.lamp_evidence
+    left, right = left.lit(evidence), right.lit(evidence)
     position, covariance, gap = triangulate(rig, left, right)
     ahead = all(
         (camera.rig_from_camera[:3, 2] @ (position - camera.center_mm)) > 0 for camera in (rig.left, rig.right)
