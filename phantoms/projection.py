@@ -13,12 +13,16 @@ from phantoms.ray_rows import Rays, mark_between, room_for
 from phantoms.rays import PackedSolids, along, put_unit
 from phantoms.solids import FloatArray
 
+BEND = 5e-3
+"""Elements about which the intensity bends by more than this share of itself are looked at closely, too: single rays
+tell too little of an edge that they run along, and a large disc of water would be brighter near its own."""
+
 
 class Detector(NamedTuple):
     """Elements ``bin_mm`` wide and ``row_mm`` high.
 
-    Near what is looked at closely each is sampled by ``samples`` squared rays, elsewhere by one. Only what lies within
-    ``bore_mm`` of the plane's center is seen.
+    Near what is looked at closely, and at edges, each is sampled by ``samples`` squared rays, elsewhere by one. Only
+    what lies within ``bore_mm`` of the plane's center is seen.
     """
 
     bin_mm: float
@@ -89,7 +93,9 @@ def _measure_view(
     total, ones = np.zeros(columns), np.ones(columns)
     rays = Rays(first_mm, detector.bin_mm, -bore, bore, ones, 0.5 * detector.row_mm)
     add_arriving(solids, matter, row, found, rays, ~fine, 1.0, total)
+    _mark_bends(total, fine)
     if fine.any():
+        total[fine] = 0.0
         middles = row.origins.copy()
         for sample in range(samples * samples):
             aside = ((sample % samples + 0.5) / samples - 0.5) * detector.bin_mm
@@ -98,3 +104,14 @@ def _measure_view(
             rays = Rays(first_mm + aside, detector.bin_mm, -bore, bore, ones, 0.5 * detector.row_mm / samples)
             add_arriving(solids, matter, row, found, rays, fine, 1.0 / samples**2, total)
     signal[:] = total
+
+
+@compiled()
+def _mark_bends(intensity: FloatArray, marks: NDArray[np.bool_]) -> None:
+    """Mark the elements, of those not yet marked, about which the intensity bends."""
+    known = ~marks
+    for n in range(1, len(intensity) - 1):
+        if known[n - 1] and known[n] and known[n + 1]:
+            bend = intensity[n - 1] - 2.0 * intensity[n] + intensity[n + 1]
+            if abs(bend) > BEND * intensity[n]:
+                marks[n - 1 : n + 2] = True

@@ -48,7 +48,7 @@ def depth(origin: FloatArray, direction: FloatArray, nearest: float, farthest: f
 def test_rows_of_parallel_rays_lose_what_single_rays_do() -> None:
     columns, bin_mm = 151, 1.3
     signal = np.empty((1, 1, columns), np.float32)
-    detector = Detector(bin_mm, 1e-7, 2, REACH)
+    detector = Detector(bin_mm, 1e-7, 1, REACH)
     frames = (np.tile(PLACE, (1, 1, 1)), np.tile(AXES, (1, 1, 1, 1)), np.array([ANGLE]))
     transmission(pack(SOLIDS), MATTER, detector, *frames, signal)
     places = (np.arange(columns) - (columns - 1) / 2) * bin_mm
@@ -71,17 +71,16 @@ def test_rows_of_a_fan_lose_what_single_rays_do() -> None:
         assert -np.log(signal[0, row]) == pytest.approx(expected, abs=1e-5)
 
 
-def test_where_it_matters_an_element_is_seen_by_more_rays() -> None:
+@pytest.mark.parametrize("fine", [False, True], ids=["an edge", "looked at closely"])
+def test_where_it_matters_an_element_is_seen_by_more_rays(fine: bool) -> None:
     """An element half in the shadow of a small ball reads the mean of what arrives, not of one ray."""
     ball: list[Solid] = [sphere((0, 0, 0), 6)]
-    seen = []
-    for fine in (False, True):
-        matter = Matter(np.zeros(1, np.int64), np.full((1, 1), 0.3), np.ones(1), np.array([fine]))
-        signal = np.empty((1, 1, 9), np.float32)
-        frames = (np.zeros((1, 1, 3)), np.eye(3)[np.newaxis, np.newaxis], np.zeros(1))
-        transmission(pack(ball), matter, Detector(2.0, 0.1, 8, REACH), *frames, signal)
-        seen.append(signal[0, 0])
+    matter = Matter(np.zeros(1, np.int64), np.full((1, 1), 0.3), np.ones(1), np.array([fine]))
+    frames = (np.zeros((1, 1, 3)), np.eye(3)[np.newaxis, np.newaxis], np.zeros(1))
+    seen = {rays: np.empty((1, 1, 9), np.float32) for rays in (1, 8)}
+    for rays, signal in seen.items():
+        transmission(pack(ball), matter, Detector(2.0, 0.1, rays, REACH), *frames, signal)
     within = np.linspace(1, 3, 4001)
-    assert seen[0][5] == pytest.approx(np.exp(-0.6 * np.sqrt(5)), abs=1e-3)
-    assert seen[1][5] == pytest.approx(np.exp(-0.6 * np.sqrt(9 - within**2)).mean(), abs=5e-3)
-    assert abs(seen[1][5] - seen[0][5]) > 0.02
+    assert seen[1][0, 0, 5] == pytest.approx(np.exp(-0.6 * np.sqrt(5)), abs=1e-3)
+    assert seen[8][0, 0, 5] == pytest.approx(np.exp(-0.6 * np.sqrt(9 - within**2)).mean(), abs=5e-3)
+    assert abs(seen[8][0, 0, 5] - seen[1][0, 0, 5]) > 0.02
