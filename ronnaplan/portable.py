@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import mmap
 import os
 import stat
 import sys
@@ -44,6 +45,31 @@ def read_into(descriptor: int, target: memoryview, offset: int) -> int:
             break
         done += count
     return done
+
+
+def reserve(descriptor: int, count: int) -> None:
+    """Make an open file ``count`` bytes long, on the disk where the system can; raises `OSError` where it is full."""
+    if hasattr(os, "posix_fallocate"):
+        os.posix_fallocate(descriptor, 0, count)
+    else:
+        os.ftruncate(descriptor, count)
+
+
+def give_back(room: mmap.mmap) -> None:
+    """Hold the pages of a mapped file no longer, until they are touched; Windows does so by itself alone."""
+    if hasattr(mmap, "MADV_DONTNEED"):
+        room.madvise(mmap.MADV_DONTNEED)
+
+
+def run_instead(arguments: list[str], *, keep: int) -> None:
+    """Run another program in this process, which keeps its number, its pipes and the open file ``keep``.
+
+    What it had loaded is gone. Windows cannot: there this returns.
+    """
+    if sys.platform == "win32":
+        return
+    os.set_inheritable(keep, True)
+    os.execv(arguments[0], arguments)
 
 
 def is_administrator() -> bool:

@@ -18,6 +18,7 @@ from ronnaplan.ct.images import is_image_file, read_image
 from ronnaplan.ct.limits import DEFAULT_LIMITS, GIB, Limits
 from ronnaplan.ct.pixels import INT16, DoesNotFitError, Voxels, may_be_int16, read_slice
 from ronnaplan.ct.progress import advancing
+from ronnaplan.ct.scratch import Scratch, one_by_one
 from ronnaplan.ct.slices import CT_ONLY, CT_OR_MR, SliceImage
 from ronnaplan.ct.volume import CTVolume, SeriesSource, VolumeFlag
 from ronnaplan.errors import InputError
@@ -37,14 +38,16 @@ def read_ct(
     *,
     limits: Limits = DEFAULT_LIMITS,
     progress: bool = False,
+    scratch: Scratch | None = None,
 ) -> CTVolume:
     """Read the CT series at ``path``: a DICOM folder, file or zip archive, or a NIfTI, NRRD or MetaImage file.
 
     ``series_uid`` chooses among several usable series (a key as listed by `find_series`); with
     ``progress`` a long read shows a bar on standard error. Voxels are HU, places LPS mm, each slice exactly
-    where its file puts it. Raises `InputError`, which names the series to choose from or the reason.
+    where its file puts it; those of DICOM lie in ``scratch``, where it has room. Raises `InputError`, which names the
+    series to choose from or the reason.
     """
-    return _read(path, series_uid, limits, CT_ONLY, progress)
+    return _read(path, series_uid, limits, CT_ONLY, progress, scratch)
 
 
 def read_other_image(
@@ -63,13 +66,15 @@ def _read(
     limits: Limits,
     kinds: Mapping[str, frozenset[str]],
     progress: bool,
+    scratch: Scratch | None = None,
 ) -> CTVolume:
     path = given_path(path)
     if is_image_file(path) and path.is_file():
         return _told(_without_unmeasured(read_image(path, limits)))
     found = find_series(path, limits, kinds=kinds, progress=progress)
     series = found.choose(series_uid)
-    return read_series(series, limits, troubled=any(one.is_trouble for one in found.skipped), progress=progress)
+    troubled = any(one.is_trouble for one in found.skipped)
+    return read_series(series, limits, troubled=troubled, progress=progress, scratch=scratch)
 
 
 def _told(volume: CTVolume) -> CTVolume:
@@ -84,7 +89,12 @@ def _without_unmeasured(volume: CTVolume) -> CTVolume:
 
 
 def read_series(
-    series: Series, limits: Limits = DEFAULT_LIMITS, *, troubled: bool = False, progress: bool = False
+    series: Series,
+    limits: Limits = DEFAULT_LIMITS,
+    *,
+    troubled: bool = False,
+    progress: bool = False,
+    scratch: Scratch | None = None,
 ) -> CTVolume:
     """Read a series that `find_series` or `catalogue_of` listed; ``troubled``: files beside it were unreadable.
 
@@ -95,7 +105,7 @@ def read_series(
         raise InputError(f"series {series} is not a usable CT")
     slices = stack.slices
     padding_hu = _padding_hu(slices)
-    voxels = _voxels(slices, padding_hu, limits, progress)
+    voxels = _voxels(slices, padding_hu, limits, progress, scratch)
     padding_hu = _mark_unmeasured_corners(voxels, padding_hu)
     first = slices[0].instance
     source = SeriesSource(
@@ -110,13 +120,19 @@ def read_series(
     return _told(CTVolume(voxels, stack.grid, source, padding_hu, flags))
 
 
-def _voxels(slices: Sequence[SliceImage], padding_hu: float | None, limits: Limits, progress: bool) -> Voxels:
+def _voxels(
+    slices: Sequence[SliceImage],
+    padding_hu: float | None,
+    limits: Limits,
+    progress: bool,
+    scratch: Scratch | None,
+) -> Voxels:
     if all(may_be_int16(image) for image in slices):
         try:
-            return _filled(slices, np.dtype(np.int16), padding_hu, limits, progress)
+            return _filled(slices, np.dtype(np.int16), padding_hu, limits, progress, scratch)
         except DoesNotFitError:
             pass  # an extended scale: read again, the first array is free by now
-    return _filled(slices, np.dtype(np.float32), padding_hu, limits, progress)
+    return _filled(slices, np.dtype(np.float32), padding_hu, limits, progress, scratch)
 
 
 def _filled(
@@ -125,9 +141,10 @@ def _filled(
     padding_hu: float | None,
     limits: Limits,
     progress: bool,
+    scratch: Scratch | None,
 ) -> Voxels:
     pixels = slices[0].pixels
-    voxels = _allocated((len(slices), pixels.rows, pixels.columns), dtype, limits)
+    voxels = _allocated((len(slices), pixels.rows, pixels.columns), dtype, limits, scratch)
 
     def fill(k: int) -> None:
         try:
@@ -142,7 +159,10 @@ def _filled(
 
 
 def _allocated(
-    shape: tuple[int, int, int], dtype: np.dtype[np.int16] | np.dtype[np.float32], limits: Limits
+    shape: tuple[int, int, int],
+    dtype: np.dtype[np.int16] | np.dtype[np.float32],
+    limits: Limits,
+    scratch: Scratch | None,
 ) -> Voxels:
     needed = int(np.prod(shape, dtype=object)) * dtype.itemsize
     if needed > limits.volume_bytes:
@@ -150,6 +170,11 @@ def _allocated(
             f"the volume needs {needed / GIB:.1f} GiB but the limit is {limits.volume_bytes / GIB:.1f} GiB; "
             "choose a smaller series or raise the limit"
         )
+    if scratch is not None:
+        try:
+            return np.ndarray(shape, dtype, scratch.take(needed))
+        except OSError as error:
+            LOG.warning("the voxels take memory, since the disk has no room for them: %s", error)
     try:
         return np.empty(shape, dtype)
     except MemoryError as error:
@@ -180,7 +205,7 @@ def _mark_unmeasured_corners(voxels: Voxels, padding_hu: float | None) -> float 
 
     It is the one value, below any that air can take, that stands in all corners of all slices.
     """
-    corners = voxels[:, [0, 0, -1, -1], [0, -1, 0, -1]]
+    corners = np.array([plane[[0, 0, -1, -1], [0, -1, 0, -1]] for plane in one_by_one(voxels)])
     value = float(corners.min())
     if value >= AIR_LIMIT_HU or value == padding_hu or not (corners == value).all():
         return padding_hu

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ronnaplan.ct.grid import SliceGrid
+from ronnaplan.ct.scratch import one_by_one
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.geometry import FloatArray, Frame
 
@@ -179,4 +180,7 @@ class CTVolume(Gridded):
     @cached_property
     def voxel_sha256(self) -> str:
         """SHA-256 of the voxel values in (slice, row, column) order: ties a result to its scan."""
-        return hashlib.sha256(np.ascontiguousarray(self.voxels_hu).data).hexdigest()
+        digest = hashlib.sha256()
+        for plane in one_by_one(self.voxels_hu):
+            digest.update(np.ascontiguousarray(plane).data)
+        return digest.hexdigest()

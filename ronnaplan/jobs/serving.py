@@ -28,10 +28,16 @@ class Tell(Protocol):
         ...
 
 
-def serve(memory_mib: int, warm_up: Callable[[], None], work: Callable[[dict[str, Any], Tell], None]) -> int:
+def serve(
+    memory_mib: int,
+    warm_up: Callable[[], None],
+    work: Callable[[dict[str, Any], Tell], None],
+    begun: dict[str, Any] | None = None,
+) -> int:
     """Work, within so much memory, until the parent closes this process's standard input, or dies.
 
-    ``work`` tells ``ended`` itself, unless it raises. An order is an object with its ``job``'s number.
+    ``work`` tells ``ended`` itself, unless it raises. An order is an object with its ``job``'s number. One that was
+    ``begun`` in this process, by another program, is worked on first; then this one is not told to be ready.
     """
     from ronnaplan.portable import limit_memory
 
@@ -41,7 +47,7 @@ def serve(memory_mib: int, warm_up: Callable[[], None], work: Callable[[dict[str
     def tell(event: str, **facts: Any) -> None:
         print(json.dumps({"event": event, **facts}), file=output, flush=True)
 
-    threading.Thread(target=_serve, args=(orders, tell, warm_up, work), daemon=True).start()
+    threading.Thread(target=_serve, args=(orders, tell, warm_up, work, begun), daemon=True).start()
     limit_memory(memory_mib * MIB)
     end_with_parent(orders.put)
     return 0
@@ -52,11 +58,13 @@ def _serve(
     tell: Tell,
     warm_up: Callable[[], None],
     work: Callable[[dict[str, Any], Tell], None],
+    begun: dict[str, Any] | None,
 ) -> None:
-    warm_up()
-    tell("ready")
+    if begun is None:
+        warm_up()
+        tell("ready")
     while True:
-        order = json.loads(orders.get())
+        order, begun = begun or json.loads(orders.get()), None
         try:
             work(order, tell)
         except RonnaplanError as error:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ronnaplan.ct.progress import Progress, advancing
+from ronnaplan.ct.scratch import one_by_one
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.accept import MIN_COVERAGE, Evidence, failures
@@ -105,7 +106,9 @@ class Scan:
     def ceiling_hu(self) -> float:
         """Value at which the scan clips, or infinity where its brightest voxels are not clipped."""
         voxels_hu = self.volume.voxels_hu
-        parts = in_parts(lambda first, end: [one.max() for one in voxels_hu[first:end]], len(voxels_hu))
+        parts = in_parts(
+            lambda first, end: [one.max() for one in one_by_one(voxels_hu[first:end])], len(voxels_hu)
+        )
         tops = np.array([top for part in parts for top in part], dtype=np.float64)
         top = float(tops.max())
         if top < MIN_CEILING_HU:

@@ -11,6 +11,7 @@ from pathlib import Path
 from ronnaplan.documents.files import make_folder
 from ronnaplan.errors import InputError
 from ronnaplan.jobs.processes import Child
+from ronnaplan.node import work
 from ronnaplan.node.audit import Audit
 from ronnaplan.node.config import Config, read_config
 from ronnaplan.node.index import Index
@@ -22,7 +23,7 @@ from ronnaplan.node.series import SeriesWatch
 from ronnaplan.portable import GIVING_BACK
 
 LOCK = "node.lock"
-LISTENER, WORKER = "ronnaplan.node.listening", "ronnaplan.node.work"
+LISTENER, WORKER = "ronnaplan.node.listening", work.MODULE
 """Modules that speak with peers and that work on scans, in processes of their own."""
 TICK_S = 0.2
 RESTART_S = 1.0

@@ -6,27 +6,35 @@ Beside what `ronnaplan.jobs.serving` tells, ``answer`` is told for each object a
 from __future__ import annotations
 
 import json
+import os
+import pickle
 import sys
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from ronnaplan.errors import RefusedError, RonnaplanError
 from ronnaplan.jobs.serving import DONE, Tell, serve
 from ronnaplan.node.config import AnswerKind, Rule
 from ronnaplan.node.lean import load_pydicom
 from ronnaplan.node.papers import KINDS, object_of
+from ronnaplan.portable import run_instead
 from ronnaplan.untrusted import checked
 
 if TYPE_CHECKING:
     from pydicom.dataset import Dataset, FileDataset
 
     from ronnaplan.ct import CTVolume
+    from ronnaplan.ct.scratch import Scratch
     from ronnaplan.documents.fiducials import FiducialsDocument
     from ronnaplan.localization import Fiducials
+
+
+MODULE: Final = "ronnaplan.node.work"
 
 
 @dataclass(frozen=True)
@@ -67,27 +75,52 @@ class Markers:
     images: list[Path]
 
 
+@dataclass(frozen=True, eq=False)
+class Begun:
+    """A job whose voxels are no longer needed: what is to be made by whom, and what was found."""
+
+    order: Order
+    makers: dict[str, Callable[[], FileDataset]]
+    reason: str
+
+
 def work(order: Order, tell: Tell) -> None:
     """Do a job; raises `RonnaplanError` where the scan or the rule allows no answer."""
+    finish(begin(order, tell), tell)
+
+
+def begin(order: Order, tell: Tell) -> Begun:
+    """Do what needs the voxels, and make the first answer.
+
+    What the others need of the scan is gathered, so that it is gone when they are drawn, which takes room of its own.
+    """
+    from ronnaplan.ct.scratch import Scratch
     from ronnaplan.documents.files import make_folder
 
     make_folder(order.output)
     wanted = [kind for kind in order.rule.answers if kind not in order.have]
     papers = _papers(order)
     reason = " and ".join(papers)
+    makers: dict[str, Callable[[], FileDataset]] = {}
     if wanted or not papers:
-        reason = _answer_scan(order, wanted, tell)
-    for paper, path in papers.items():
-        _answer(order, paper, partial(object_of, paper, path, order.folder), tell)
-    tell("ended", job=order.job, state=DONE, reason=reason)
+        with Scratch(order.output) as scratch:
+            reason, makers = _gather(order, wanted, tell, scratch)
+    made_of = {paper: partial(object_of, paper, path, order.folder) for paper, path in papers.items()}
+    return Begun(order, makers | made_of, reason)
 
 
-def _answer_scan(order: Order, wanted: Sequence[AnswerKind], tell: Tell) -> str:
-    """Make the answers of a scan; return what was found.
+def finish(begun: Begun, tell: Tell) -> None:
+    """Make the other answers, and tell that it is done."""
+    for kind, make in begun.makers.items():
+        _answer(begun.order, kind, make, tell)
+    tell("ended", job=begun.order.job, state=DONE, reason=begun.reason)
 
-    What needs the voxels is gathered first, so that they are gone when it is drawn, which takes room of its own.
-    """
-    volume, fiducials = _find(order)
+
+def _gather(
+    order: Order, wanted: Sequence[AnswerKind], tell: Tell, scratch: Scratch
+) -> tuple[str, dict[str, Callable[[], FileDataset]]]:
+    """Return what was found, and what makes the answers but for the first, which is made."""
+    volume, fiducials = _find(order, scratch)
     load_pydicom()
     from ronnaplan.case.folder import Case
     from ronnaplan.documents.fiducials import fiducials_document
@@ -100,21 +133,16 @@ def _answer_scan(order: Order, wanted: Sequence[AnswerKind], tell: Tell) -> str:
     found = Markers(document, patient, sorted(order.folder.glob("*.dcm")))
     if "fiducials" in wanted:
         _answer(order, "fiducials", partial(_fiducials, found), tell)
-    sheet, page = None, None
+    makers: dict[str, Callable[[], FileDataset]] = {}
+    if "sr" in wanted:
+        makers["sr"] = partial(_sr, found)
     if "sheet" in wanted:
         with _left_out(order, "sheet", tell):
-            sheet = partial(draw_sheet, gathered(volume, fiducials))
+            makers["sheet"] = partial(_sheet, found, partial(draw_sheet, gathered(volume, fiducials)))
     if "pdf" in wanted:
         with _left_out(order, "pdf", tell):
-            page = drafted(Case(volume=volume, fiducials=document))
-    del volume
-    if "sr" in wanted:
-        _answer(order, "sr", partial(_sr, found), tell)
-    if sheet is not None:
-        _answer(order, "sheet", partial(_sheet, found, sheet), tell)
-    if page is not None:
-        _answer(order, "pdf", partial(_report, found, page), tell)
-    return f"{len(fiducials)} markers"
+            makers["pdf"] = partial(_report, found, drafted(Case(volume=volume, fiducials=document)))
+    return f"{len(fiducials)} markers", makers
 
 
 def _papers(order: Order) -> dict[str, Path]:
@@ -148,7 +176,7 @@ def _left_out(order: Order, kind: str, tell: Tell) -> Iterator[None]:
         tell("left out", job=order.job, answer=kind, reason=str(error))
 
 
-def _find(order: Order) -> tuple[CTVolume, Fiducials]:
+def _find(order: Order, scratch: Scratch) -> tuple[CTVolume, Fiducials]:
     """Return the scan and its markers; raises `RonnaplanError` where there are none, or another number."""
     from ronnaplan.ct import read_ct
     from ronnaplan.documents.template import read_template
@@ -156,7 +184,7 @@ def _find(order: Order) -> tuple[CTVolume, Fiducials]:
     from ronnaplan.localization import require_count
 
     rule = order.rule
-    volume = read_ct(order.folder)
+    volume = read_ct(order.folder, scratch=scratch)
     template = None if rule.template is None else read_template(order.home / rule.template)
     found = find_markers(volume, rule, template)
     require_count(found, rule.expected)
@@ -192,13 +220,31 @@ def _report(found: Markers, page: Callable[[], str]) -> FileDataset:
     )
 
 
-def main(memory_mib: str) -> int:
-    """Work until the parent closes this process's standard input, or dies."""
+def main(memory_mib: str, begun: str = "") -> int:
+    """Work until the parent closes this process's standard input, or dies; first finish what is ``begun``, if any.
+
+    That is the number of an open file. What finds markers takes a hundred megabytes, and what draws as many: so the one
+    gives way to the other.
+    """
 
     def obey(given: dict[str, Any], tell: Tell) -> None:
-        work(Order.of(given), tell)
+        half = begin(Order.of(given), tell)
+        with tempfile.TemporaryFile(dir=half.order.output) as file:
+            pickle.dump(half, file)
+            file.flush()
+            file.seek(0)
+            arguments = [sys.executable, "-m", MODULE, memory_mib, str(file.fileno())]
+            run_instead(arguments, keep=file.fileno())
+        finish(half, tell)
 
-    return serve(int(memory_mib), _warm_up, obey)
+    if not begun:
+        return serve(int(memory_mib), _warm_up, obey)
+    import numpy as np  # noqa: F401  # before pydicom, which looks for it
+
+    load_pydicom()
+    with os.fdopen(int(begun), "rb") as file:
+        half: Begun = pickle.load(file)  # that was written above
+    return serve(int(memory_mib), lambda: None, lambda _, tell: finish(half, tell), begun={"job": half.order.job})
 
 
 def _warm_up() -> None:
@@ -209,4 +255,4 @@ def _warm_up() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1]))
+    sys.exit(main(*sys.argv[1:]))

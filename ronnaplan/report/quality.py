@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Final, Literal
 
@@ -41,7 +42,7 @@ def quality_report(
 
 def drafted(
     case: Case, name: str = "", seen: View | None = None, *, turns: bool = True, paper: Paper = "A4"
-) -> Callable[[], str]:
+) -> Draft:
     """Gather all that the report says of the scan; return what draws and writes it, and holds no voxels."""
     parts = [
         overview_part(case, seen, turns=turns),
@@ -52,27 +53,44 @@ def drafted(
         placement_part(case, seen.things if seen is not None else ()),
     ]
     title, made = (f"Quality report: {name}" if name else "Quality report"), f"ronnaplan {__version__}, {_now()}"
-    end, script = _end(case), overview.script(seen) if turns else ""
-    sheet = _sheet(paper, f"{title}, {made}. {NOTICE}")
+    return Draft(
+        title,
+        made,
+        parts,
+        _end(case),
+        _sheet(paper, f"{title}, {made}. {NOTICE}"),
+        overview.script(seen) if turns else "",
+    )
 
-    def written() -> str:
+
+@dataclass(frozen=True)
+class Draft:
+    """All that a report says, to be drawn and written when it is called; another process can do that."""
+
+    title: str
+    made: str
+    parts: Sequence[Part]
+    end: str
+    sheet: str
+    script: str
+
+    def __call__(self) -> str:
+        """Return the report as one HTML page."""
         return page(
-            title,
+            self.title,
             [
-                element("h1", title),
-                element("p", f"{made}. {NOTICE}", "note"),
-                _warnings(parts),
-                *(section(part.title, html_of(part.body)) for part in parts if part.body),
-                end,
+                element("h1", self.title),
+                element("p", f"{self.made}. {NOTICE}", "note"),
+                _warnings(self.parts),
+                *(section(part.title, html_of(part.body)) for part in self.parts if part.body),
+                self.end,
             ],
-            style="".join((sheet, STYLE, overview.STYLE, marker_part.STYLE, path_part.STYLE)),
-            script=script,
+            style="".join((self.sheet, STYLE, overview.STYLE, marker_part.STYLE, path_part.STYLE)),
+            script=self.script,
         )
 
-    return written
 
-
-def _warnings(parts: list[Part]) -> str:
+def _warnings(parts: Sequence[Part]) -> str:
     warnings = list(dict.fromkeys(warning for part in parts for warning in part.warnings))
     if not warnings:
         return box("clear", "No warnings.", [])

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from ronnaplan.ct.scratch import Scratch
 from ronnaplan.node import work as work_module
 from ronnaplan.node.config import Rule
 from ronnaplan.node.work import Order, work
@@ -60,8 +61,8 @@ def test_the_voxels_are_gone_before_what_needs_none_is_made(
     held: list[weakref.ref[Any]] = []
     find = work_module._find
 
-    def found(order: Order) -> Any:
-        volume, fiducials = find(order)
+    def found(order: Order, scratch: Scratch) -> Any:
+        volume, fiducials = find(order, scratch)
         held.append(weakref.ref(volume))
         return volume, fiducials
 
