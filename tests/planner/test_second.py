@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +18,6 @@ from ronnaplan.planner.storage import PlacedImage
 from ronnaplan.planner.worker import Job
 from ronnaplan.scene.cut import Cut
 from tests import cases
-from tests.planner.browser import eventually, needs_browser, opened, planner, value
 from tests.planner.conftest import reopened
 
 TURN, SHIFT_MM = Rotation.from_rotvec([0.06, -0.08, 0.1]).as_matrix(), np.array([7.0, -5.0, 4.0])
@@ -90,17 +87,3 @@ def test_an_image_of_the_same_frame_is_placed_at_once_and_blended_or_checkered()
     assert (squares[:20, :20] == whole[:20, :20]).all()
     with pytest.raises(UsageError, match="blend, checkerboard"):
         Blend(0.5, "dance")
-
-
-@needs_browser
-def test_the_page_shows_the_second_image_over_every_cut(browser: Any, folder: Path) -> None:
-    with planner(folder, "--second", str(cases.CT)) as running:
-        page = opened(browser, running.url)
-        page.wait_for_selector("#second >> text=own frame of reference")
-        page.click("text=brain")
-        page.wait_for_function("window.trame.state.get('look').window === 'brain'")
-        before = value(page, "picture_axial")
-        page.select_option("#second select", "checkerboard")
-        eventually(page, lambda: value(page, "second")["mode"] == "checkerboard")
-        eventually(page, lambda: value(page, "picture_axial") != before)
-        assert page.locator("#second input").count() == 0
