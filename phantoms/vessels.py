@@ -33,9 +33,9 @@ class Vessel:
         """
         way = np.cross(self.normal, _unit(generator))
         way /= np.linalg.norm(way)
-        steps = np.linspace(-60.0, 60.0, 12001)[:, np.newaxis]
+        steps = np.linspace(-60.0, 60.0, 2401)[:, np.newaxis]
         depths = self.depth(distance_mm * self.normal + steps * way)
-        return way if depths.min() >= depths[6000] - 1e-9 else None
+        return way if depths.min() >= depths[1200] - 1e-9 else None
 
 
 def straight(radius_mm: float, axis: FloatArray, generator: np.random.Generator) -> Vessel:

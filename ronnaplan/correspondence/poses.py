@@ -158,7 +158,8 @@ def find_poses(problem: Problem, acceptable: float, least_size: int = 0, work_do
     draw = seed_stream(rng, len(problem.ct))
     with ThreadPoolExecutor(PARTS) as pool:
         while len(seeds := draw(batch)):
-            trials = np.argsort(rng.random((TRIAL_ORDERS, len(problem.ct))), axis=1)[:, : MOST_TRIALS + 3]
+            orders = np.argsort(rng.random((TRIAL_ORDERS, len(problem.ct))), axis=1)
+            trials = np.ascontiguousarray(orders[:, : MOST_TRIALS + 3])  # one layout: compiled once
             known = np.array([pose.partner for pose in poses], dtype=np.int64).reshape(-1, len(problem.ct))
             found, work, finished = looked_up(search, seeds, trials, known, work_left, pool)
             done += len(seeds) if finished else 0

@@ -218,7 +218,7 @@ def markers_on(
 ) -> list[PostedMarker]:
     """Return markers at ``centers_mm`` (N, 3), each with a post to the nearest place of the head."""
     boundary = head.boundary_mm
-    nearest = [boundary[np.linalg.norm(boundary - center, axis=1).argmin()] for center in centers_mm]
+    nearest = [boundary[((boundary - center) ** 2).sum(axis=1).argmin()] for center in centers_mm]
     return [
         PostedMarker(name, center, foot, diameter_mm)
         for name, center, foot in zip(names, centers_mm, nearest, strict=True)

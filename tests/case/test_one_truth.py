@@ -31,6 +31,9 @@ from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 from tests import cases
 
 CASES = 200
+PLACES = 25
+"""Where each trajectory of a case may lie, so that surfaces are fitted so often only."""
+
 APART_MM = 12.0
 """Markers of 11.5 mm do not lie within each other."""
 LIMITS = ("greatest_target_error_mm", "greatest_angular_error_deg", "least_probability")
@@ -76,8 +79,9 @@ class RandomCase:
     def write_plan(self, count: int) -> None:
         self.plan = Plan.of_scan(cases.volume())
         for number in range(count):
-            entry = cases.ENTRY_MM + self.random.uniform(-1.5, 1.5, 3) + np.array([0.0, 6.0 * number, 0.0])
-            target = cases.TARGET_MM + self.random.uniform(-8.0, 8.0, 3)
+            place = np.random.default_rng([number, int(self.random.integers(PLACES))])
+            entry = cases.ENTRY_MM + place.uniform(-1.5, 1.5, 3) + np.array([0.0, 6.0 * number, 0.0])
+            target = cases.TARGET_MM + place.uniform(-8.0, 8.0, 3)
             self.plan = self.plan.add(Trajectory(f"T{number}", entry, target, self.plan.frame))
         write_plan(self.folder / "plan.json", self.plan)
 

@@ -102,6 +102,7 @@ class ImageBorder(Border):
     def feed(self, given: Any, folder: Path) -> str:
         suffix, content = given
         path = folder / f"image{suffix}"
+        path.unlink(missing_ok=True)  # what is written over is first brought to the disk
         path.write_bytes(content)
         return check(read_ct(path, limits=LIMITS), suffix, content)
 

@@ -13,16 +13,17 @@ from ronnaplan.documents.registration import read_registration
 from ronnaplan.documents.revision import write_document
 from tests import cases
 
-KINDS: list[tuple[Any, Callable[[Any], Any], dict[str, Any]]] = [
-    (cases.fiducials(), read_fiducials, {"rejected": ()}),
-    (cases.registration(), read_registration, {"doubt": "a person's"}),
+KINDS: list[tuple[Callable[[], Any], Callable[[Any], Any], dict[str, Any]]] = [
+    (cases.fiducials, read_fiducials, {"rejected": ()}),
+    (cases.registration, read_registration, {"doubt": "a person's"}),
 ]
 
 
-@pytest.mark.parametrize(("document", "read", "other"), KINDS)
+@pytest.mark.parametrize(("made", "read", "other"), KINDS)
 def test_the_revision_counts_the_changes(
-    document: Any, read: Callable[[Any], Any], other: dict[str, Any], tmp_path: Path
+    made: Callable[[], Any], read: Callable[[Any], Any], other: dict[str, Any], tmp_path: Path
 ) -> None:
+    document = made()
     path, seen = tmp_path / "document.json", []
     for given in (document, document, document.model_copy(update=other), document):
         write_document(path, given, read)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
+from ronnaplan.ct import CTVolume
 from ronnaplan.localization.accept import TESTS, Evidence, failures
 from ronnaplan.localization.build import SOLID
 from ronnaplan.localization.examine import Scan, fit_place
@@ -15,12 +17,15 @@ from ronnaplan.localization.parameters import BLUR, CONTRAST, RADIUS, WIDTH, U
 from ronnaplan.localization.refine import BallFit
 from tests.scans import balls, scan, small_stack
 
-VOLUME = scan(balls([(1.0, 2.0, 3.0)]), small_stack())
+
+@cache
+def volume() -> CTVolume:
+    return scan(balls([(1.0, 2.0, 3.0)]), small_stack())
 
 
 @pytest.fixture(scope="module")
 def fit() -> BallFit:
-    return fit_place(Scan(VOLUME), np.array([1.0, 2.0, 3.0]), 11.5)
+    return fit_place(Scan(volume()), np.array([1.0, 2.0, 3.0]), 11.5)
 
 
 def changed(fit: BallFit, parameter: int, value: float) -> BallFit:
@@ -47,7 +52,7 @@ def spoiled(name: str, fit: BallFit) -> BallFit:
 
 
 def evidence(fit: BallFit) -> Evidence:
-    return Evidence(fit, 11.5, 1.0, 0.5, 10.0, 0.0, VOLUME)
+    return Evidence(fit, 11.5, 1.0, 0.5, 10.0, 0.0, volume())
 
 
 @pytest.mark.parametrize("name", list(TESTS))
@@ -68,7 +73,7 @@ def test_a_ball_passes_them_all(fit: BallFit) -> None:
 
 def test_the_quick_look_sees_a_ball_and_not_its_flank() -> None:
     places = np.array([[1.0, 2.0, 3.0], [7.0, 2.0, 3.0], [500.0, 2.0, 3.0]])
-    ball, flank, outside = surface_shares(VOLUME, places, 11.5, SOLID, np.ones(len(places)), 0.6)
+    ball, flank, outside = surface_shares(volume(), places, 11.5, SOLID, np.ones(len(places)), 0.6)
     assert ball > 0.9
     assert flank < 0.6
     assert outside == 0.0

@@ -23,7 +23,7 @@ SOLIDS = [
 ]
 PER_MM = np.array([0.001, 0.02, 0.025, 0.04, 0.01, 0.024, 0.2, 0.03])
 MATTER = Matter(np.arange(len(SOLIDS)), PER_MM[:, np.newaxis], np.ones(1), np.zeros(len(SOLIDS), np.bool_))
-PLACE, AXES, ANGLE, REACH = np.array([3.0, -2.0, 1.5]), TURN.T, 0.7, 120.0
+PLACE, AXES, ANGLE, REACH = np.array([3.0, -2.0, 1.5]), np.ascontiguousarray(TURN.T), 0.7, 120.0
 ACROSS = np.cos(ANGLE) * AXES[0] + np.sin(ANGLE) * AXES[1]
 ALONG = np.cos(ANGLE) * AXES[1] - np.sin(ANGLE) * AXES[0]
 

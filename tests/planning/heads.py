@@ -55,7 +55,7 @@ def scanned(stack: str, *, post: bool = False, wire: bool = False) -> Head:
     """The layered head as one of the scans in `STACKS` shows it: blurred, noisy."""
     settings = {"matrix": 256, "field_of_view_mm": 190.0, **STACKS[stack]}
     # A coarser raster does for surfaces as large as these, and tilted slices take a quarter of the time.
-    with patch("phantoms.averages.RASTER_MM", 0.3):
+    with patch("phantoms.averages.RASTER_MM", 0.4):
         volume = scan(layered_head(post=post, wire=wire), axial_stack(**settings))  # type: ignore[arg-type]
     return Head.of(volume)
 

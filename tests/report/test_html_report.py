@@ -19,7 +19,9 @@ from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.planning import Limits
 from ronnaplan.planning.electrodes import ELECTRODES
+from ronnaplan.report import path_part
 from ronnaplan.report.html import STYLE, table
+from ronnaplan.report.marker_cuts import MarkerPicture
 from ronnaplan.report.overview import View
 from ronnaplan.report.pdf import find_browser, print_pdf
 from ronnaplan.report.quality import quality_report
@@ -45,6 +47,13 @@ def case(folder: Path) -> Case:
 @pytest.fixture(scope="module")
 def html(case: Case) -> str:
     return quality_report(case)
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cuts are not drawn: they say nothing of what is tested."""
+    monkeypatch.setattr(path_part, "path_picture", lambda *_: b"")
+    monkeypatch.setattr(MarkerPicture, "png", b"")
 
 
 def test_every_marker_pair_and_trajectory_is_reported(html: str) -> None:
@@ -77,6 +86,7 @@ def test_the_page_fetches_nothing(html: str) -> None:
     assert "script-src" not in html
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_head_is_turned_by_the_one_script_that_the_page_allows(case: Case) -> None:
     page = quality_report(case, "case <7>", SEEN)
     (run,) = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
@@ -110,6 +120,7 @@ def test_planned_and_registered_error_stand_beside_each_other(html: str) -> None
     assert "<th>expected error</th><th>as planned</th><th>as registered</th>" in html
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_contacts_are_listed_below_their_trajectory(case: Case) -> None:
     assert case.plan is not None
     chosen = case.plan.edit("left", electrode=ELECTRODES["Medtronic 3387"])
@@ -119,6 +130,7 @@ def test_contacts_are_listed_below_their_trajectory(case: Case) -> None:
     assert "<td>contacts to metal</td>" in page
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_broken_limits_stand_first_and_are_counted_on_page_one(case: Case) -> None:
     strict = replace(case, rules=replace(case.rules, limits=Limits(longest_path_mm=20.0)))
     page = quality_report(strict)
@@ -127,6 +139,7 @@ def test_broken_limits_stand_first_and_are_counted_on_page_one(case: Case) -> No
     assert verdicts.index("FAIL") < verdicts.index("pass")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_pages_are_numbered_on_the_paper_asked_for(html: str, case: Case) -> None:
     assert "@page { size: A4;" in html
     assert 'content: "page " counter(page) " of " counter(pages)' in html
@@ -149,6 +162,7 @@ def test_the_report_ends_with_room_for_signatures(html: str) -> None:
     assert "</table></div></div>\n" in html[html.index("<h2>Signatures</h2>") :]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_marker_that_is_not_where_the_document_says_is_the_first_thing_on_the_page(case: Case) -> None:
     assert case.fiducials is not None
     first, *others = case.fiducials.fiducials
@@ -163,6 +177,7 @@ def test_a_marker_that_is_not_where_the_document_says_is_the_first_thing_on_the_
     assert "the registration has marker F1 at another place; register again" in page
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_refused_registration_is_a_warning_and_not_a_transform(case: Case) -> None:
     refused = cases.registration().model_copy(
         update={"status": "ambiguous", "reason": "two ways fit", "ots_from_ct": None, "covariance": None}
@@ -180,6 +195,7 @@ def test_without_its_scan_a_case_is_reported_with_a_warning(folder: Path) -> Non
     assert f"<td>{np.linalg.norm(cases.ENTRY_MM - cases.TARGET_MM):.2f}</td>" in page
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_path_through_the_air_is_a_warning(case: Case) -> None:
     assert case.plan is not None
     stray = case.plan.edit("left", entry_mm=np.array([0.0, 0.0, 5000.0]))
