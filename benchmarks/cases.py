@@ -166,7 +166,7 @@ def whole_scan(condition: Condition, first: int, number: int, cache: Path | None
         voxels = patient.images()
         if kept is not None:
             np.save(kept, voxels)
-    return _case(patient, voxels, _kind(condition, number))
+    return case_of(patient, voxels, _kind(condition, number))
 
 
 def surroundings(condition: Condition, first: int, number: int) -> Iterator[Case]:
@@ -178,7 +178,7 @@ def surroundings(condition: Condition, first: int, number: int) -> Iterator[Case
     things: tuple[Marker | Decoy, ...] = (*patient.scene.markers, *patient.scene.decoys)
     for place, thing in enumerate(things):
         near = replace(patient.around(thing.center_mm, reach_mm, crop=True), seed=patient.seed * SEED_STEP + place)
-        yield _case(near, near.images(fast=True), kind)
+        yield case_of(near, near.images(fast=True), kind)
 
 
 def protocol_scan(condition: Condition, first: int, number: int, cache: Path | None = None) -> list[Case]:
@@ -203,7 +203,7 @@ def protocol_scan(condition: Condition, first: int, number: int, cache: Path | N
     things: list[Marker | Decoy] = [*patient.scene.markers, *patient.scene.decoys]
     reach_mm = marker_kind(kind).diameter_mm / 2 + REACH_MM + patient.profile_fwhm_mm
     crops = patient.crops([one.center_mm for one in things], reach_mm)
-    cases = [_case(near, voxels, kind) for near, voxels in crops]
+    cases = [case_of(near, voxels, kind) for near, voxels in crops]
     if kept is not None:
         keep(cases, kept)
     return cases
@@ -248,7 +248,8 @@ def kept_cases(file: Path) -> list[Case]:
     return cases
 
 
-def _case(patient: Examination, voxels: NDArray[np.int16], kind: str) -> Case:
+def case_of(patient: Examination, voxels: NDArray[np.int16], kind: str) -> Case:
+    """Return a scan as a case: its markers' places while it was made, on the grid that a reader would give."""
     whole: list[FloatArray] = []
     cut: list[FloatArray] = []
     for one in patient.shown.markers:

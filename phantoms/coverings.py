@@ -17,9 +17,9 @@ from phantoms.solids import FloatArray, box, cylinder, frame_along, sphere
 
 COATING_MM = 0.2
 """Thickness of a retro-reflective coat of glass beads in their binder."""
-FILM_MM = 0.5
+FILM_MM, THIN_FILM_MM, THICK_FILM_MM, FOIL_MM = 0.5, 0.2, 1.0, 0.05
 """A film's thickness where it is thickest; opposite it has none."""
-TAPE_MM, TAPE_WIDTH_MM = 0.2, 12.0
+TAPE_MM, THIN_TAPE_MM, TAPE_WIDTH_MM = 0.2, 0.05, 12.0
 DRAPE_MM, DRAPE_WIDTH_MM = 0.3, 16.0
 """Polyester tape and polyethylene sheet."""
 CLOTH_MM, GAUZE_MM, GEL_MM = 1.5, 4.0, 2.0
@@ -58,9 +58,10 @@ class Covering:
 
 def covering(name: str) -> Covering:
     """Return the covering called ``name``; raises `PhantomError` with the known names."""
-    if name not in COVERINGS:
-        raise PhantomError(f"unknown covering {name!r}; expected one of {', '.join(COVERINGS)}")
-    return COVERINGS[name]
+    known = COVERINGS | OTHERS
+    if name not in known:
+        raise PhantomError(f"unknown covering {name!r}; expected one of {', '.join(known)}")
+    return known[name]
 
 
 def bubble(under: Covered) -> Part:
@@ -70,10 +71,14 @@ def bubble(under: Covered) -> Part:
     return Part(sphere(under.center_mm + depth * under.direction(-1.0), size), "air", "bubble", embedded=True)
 
 
-def _film(under: Covered) -> list[Part]:
-    """A film whose thickness falls from `FILM_MM` to nothing: a larger ball that touches the marker from inside."""
-    center = under.center_mm + FILM_MM / 2 * under.direction(0.0)
-    return [Part(sphere(center, under.diameter_mm + FILM_MM), "polyester", "film", embedded=True)]
+def _film(thickness_mm: float) -> Callable[[Covered], list[Part]]:
+    """Make a film whose thickness falls to nothing: a larger ball that touches the marker from inside."""
+
+    def make(under: Covered) -> list[Part]:
+        center = under.center_mm + thickness_mm / 2 * under.direction(0.0)
+        return [Part(sphere(center, under.diameter_mm + thickness_mm), "polyester", "film", embedded=True)]
+
+    return make
 
 
 def _around(material: str, thickness_mm: float, uneven: float = 0.0) -> Callable[[Covered], list[Part]]:
@@ -110,8 +115,8 @@ def _across(under: Covered) -> FloatArray:
     return across
 
 
-def _tape(under: Covered) -> list[Part]:
-    return _strip(under, _across(under), TAPE_WIDTH_MM, TAPE_MM, "polyester")
+def _tape(thickness_mm: float) -> Callable[[Covered], list[Part]]:
+    return lambda under: _strip(under, _across(under), TAPE_WIDTH_MM, thickness_mm, "polyester")
 
 
 def _drape(under: Covered) -> list[Part]:
@@ -135,8 +140,8 @@ def _hair(under: Covered) -> list[Part]:
 
 
 COVERINGS = {
-    "film": Covering(_film, lift_mm=FILM_MM),
-    "tape": Covering(_tape),
+    "film": Covering(_film(FILM_MM), lift_mm=FILM_MM),
+    "tape": Covering(_tape(TAPE_MM)),
     "drape": Covering(_drape),
     "hair": Covering(_hair),
     "cloth": Covering(_around("cloth", CLOTH_MM, UNEVEN), lift_mm=CLOTH_MM * (1 + UNEVEN)),
@@ -144,3 +149,11 @@ COVERINGS = {
     "gel": Covering(_around("gel", GEL_MM), lift_mm=GEL_MM),
 }
 """What may cover a marker, by name."""
+
+OTHERS = {
+    "foil": Covering(_film(FOIL_MM), lift_mm=FOIL_MM),
+    "thin film": Covering(_film(THIN_FILM_MM), lift_mm=THIN_FILM_MM),
+    "thick film": Covering(_film(THICK_FILM_MM), lift_mm=THICK_FILM_MM),
+    "thin tape": Covering(_tape(THIN_TAPE_MM)),
+}
+"""Films and tapes of other thickness: they only come where they are asked for by name."""

@@ -47,6 +47,7 @@ def random_patient(
     kind: str = "post",
     as_made: bool = False,
     covering: str = "",
+    covered: float = 1.0,
     touching: int = 0,
     lifelike: bool = False,
     count: int | None = None,
@@ -70,8 +71,9 @@ def random_patient(
     `PROTOCOLS`) decides how the patient is scanned; its own settings are drawn from ``seed``, too.
 
     ``kind`` may be ``"any"``: one kind for all markers is drawn. ``as_made`` draws each marker's diameter and
-    roundness; ``covering`` is what lies on all of them, or ``"any"``, which draws for each (nothing, a bubble or
-    one of `COVERINGS`); the first ``touching`` markers have a second one at their side that touches them.
+    roundness; ``covering`` is what lies on (or, a ``"bubble"``, in) them, all or the share ``covered``, or ``"any"``,
+    which draws for each (nothing, a bubble or one of `COVERINGS`); the first ``touching`` markers have a second one at
+    their side that touches them.
     ``lifelike`` gives the patient a head of more than ellipsoids, and draws hair, an EEG cap, braces, a head frame,
     burr holes, a bone flap and a shunt.
     """
@@ -90,7 +92,7 @@ def random_patient(
     markers = [
         touching_pair((f"M{n + 1}", f"M{count + n + 1}"), foot, kind, float(makes.uniform(0, 180)))
         if n < touching
-        else marker(f"M{n + 1}", foot, kind, _condition(makes, as_made, covering))
+        else marker(f"M{n + 1}", foot, kind, _condition(makes, as_made, _covering(makes, covering, covered)))
         for n, foot in enumerate(feet[:count])
     ]
     names = generator.permutation(list(DECOYS))
@@ -185,12 +187,16 @@ def _places(generator: np.random.Generator, count: int, size: float) -> list[Flo
     )
 
 
+def _covering(generator: np.random.Generator, name: str, covered: float) -> str:
+    """Draw what lies on one marker, or in it."""
+    if covered < 1.0 and generator.random() >= covered:
+        return ""
+    return str(generator.choice(["", "bubble", *COVERINGS])) if name == "any" else name
+
+
 def _condition(generator: np.random.Generator, as_made: bool, name: str) -> Condition:
-    """Draw how one marker is made and what lies on it."""
-    bubble = False
-    if name == "any":
-        name = str(generator.choice(["", "bubble", *COVERINGS]))
-        bubble, name = name == "bubble", "" if name == "bubble" else name
+    """Draw how one marker is made, with what lies on it or in it."""
+    bubble, name = name == "bubble", "" if name == "bubble" else name
     if as_made:
         return made(generator, name, bubble)
     return Condition(covering=name, bubble=bubble, seed=int(generator.integers(2**31)))

@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -29,11 +29,10 @@ from ronnaplan.localization.parameters import CENTER, RADIUS, SHAPE, WIDTH, full
 from ronnaplan.localization.parts import in_parts, single_threaded_algebra
 from ronnaplan.localization.refine import BallFit, fit_ball
 from ronnaplan.localization.uncertainty import (
+    by_excess,
     cramer_rao_bound,
     is_off_size,
     noise_level,
-    usual_odd_mm2,
-    with_usual,
 )
 
 MIN_CEILING_HU = 2000.0
@@ -44,16 +43,6 @@ CLIP_SHOULDER_HU = 10
 
 BROADENING = 1.5
 """Slice profiles are broader than nominal by up to this factor."""
-
-ALIKE_MM = 0.75
-ALIKE_SHARE = 0.6
-"""Markers of one scan show the same slice profile, to within this or this share of its width."""
-
-FEWEST_USUAL = 3
-"""Fewer markers than these do not tell what is usual in a scan."""
-
-OF_THE_SURFACE = {"coverage", "roundness"}
-"""Tests that streaks of metal and of few views spoil in a whole scan, as in cone beams of a short turn."""
 
 SAME_PLACE = 0.5
 """Candidates nearer to each other than this share of the diameter are the same thing."""
@@ -145,7 +134,10 @@ class Examined:
     unseen: float
     misfit: float
     is_clipped: bool
-    is_off_size: bool
+    excess_mm: float
+    """Fitted minus stated diameter; 0 where clipping hides it."""
+    by_excess: FloatArray
+    """What that may do to the center: covariance (3, 3) for each mm^2; of markers only."""
     is_covered: bool
     movement: Movement | None
     """How far its edges seem to have moved; of markers only."""
@@ -160,6 +152,11 @@ class Examined:
     def diameter_mm(self) -> float:
         """Fitted diameter."""
         return float(2.0 * self.parameters[RADIUS])
+
+    @property
+    def is_off_size(self) -> bool:
+        """Whether its diameter is not the stated one."""
+        return is_off_size(self.excess_mm)
 
     @property
     def profile_mm(self) -> float:
@@ -189,56 +186,6 @@ def places_for(scan: Scan, diameter_mm: float, build: Build = SOLID) -> list[Flo
     seen = detect(scan.volume, diameter_mm).centers_mm
     shares = surface_shares(scan.volume, seen, diameter_mm, build, scan.thickness_mm(seen), MIN_COVERAGE)
     return _apart(seen[shares >= MIN_COVERAGE], SAME_PLACE * diameter_mm)
-
-
-def usual_misfit(examined: Sequence[Examined]) -> float:
-    """Return the misfit (share of the contrast) that a scan's markers have; 0 where too few tell."""
-    misfits = [one.misfit for one in examined if one.is_marker]
-    return float(np.median(misfits)) if len(misfits) >= FEWEST_USUAL else 0.0
-
-
-def by_the_usual(scan: Scan, examined: Sequence[Examined], build: Build, usual: float) -> list[Examined]:
-    """Judge what was turned down for its surface alone once more, now that the scan's ``usual`` misfit is known."""
-    return [
-        examine_place(scan, one.candidate_mm, one.stated_mm, build, usual)
-        if usual > 0 and one.failures and {name for name, _ in one.failures} <= OF_THE_SURFACE
-        else one
-        for one in examined
-    ]
-
-
-def alike(accepted: Sequence[Examined]) -> list[Examined]:
-    """Turn down what one scanner cannot have shown: a profile that is not that of the scan's other markers.
-
-    One alone may be anything; of two nobody knows which is right.
-    """
-    if len(accepted) < FEWEST_USUAL:
-        return list(accepted)
-    nominal = np.array([one.thickness_mm for one in accepted])  # not everywhere the same where gaps stand for it
-    widths = np.array([one.parameters[WIDTH] for one in accepted])
-    usual = nominal + np.median(widths - nominal)
-    off = np.abs(widths - usual) > np.maximum(ALIKE_MM, ALIKE_SHARE * usual)
-    return [
-        replace(
-            one,
-            failures=(("alike", f"its ends are blurred over {width:.1f} mm, the others' over {others:.1f} mm"),),
-        )
-        if is_off
-        else one
-        for one, width, others, is_off in zip(accepted, widths, usual, off, strict=True)
-    ]
-
-
-def together(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
-    """Let each marker's covariance count what is usual in the scan beside its own."""
-    movements = [one.movement for one in markers if one.movement is not None]
-    usual_mm2, axes = usual_odd_mm2(movements), scan.volume.grid.axes
-    if usual_mm2 is None:
-        return list(markers)
-    return [
-        replace(one, covariance_mm2=with_usual(one.covariance_mm2, moved, usual_mm2, axes))
-        for one, moved in zip(markers, movements, strict=True)
-    ]
 
 
 def distinct(accepted: Iterable[Examined]) -> list[Examined]:
@@ -290,7 +237,8 @@ def examine_place(
         unseen,
         fit.misfit,
         fit.is_clipped,
-        is_off_size(evidence.excess_mm),
+        evidence.excess_mm,
+        UNKNOWN if failed else by_excess(fit),
         fit.verdict.is_covered,
         None if failed else evidence.movement,
         failed,

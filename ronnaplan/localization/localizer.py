@@ -13,20 +13,12 @@ from ronnaplan.ct.progress import Progress
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import InputError, RefusedError, UsageError, check_type
 from ronnaplan.localization.build import SOLID, Build
-from ronnaplan.localization.examine import (
-    Examined,
-    Scan,
-    alike,
-    by_the_usual,
-    distinct,
-    examine,
-    together,
-    usual_misfit,
-)
+from ronnaplan.localization.examine import Examined, Scan, distinct, examine
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
 from ronnaplan.localization.motion import suspected
 from ronnaplan.localization.size import proposal, sizes_seen
 from ronnaplan.localization.template import Template, distance_error_mm, match_template
+from ronnaplan.localization.usual import alike, by_the_usual, together, usual_misfit
 
 LOG = logging.getLogger(__name__)
 

@@ -81,6 +81,13 @@ HIDDEN_SHADING = 1.4
 SIZE_TOLERANCE_MM = 0.06
 """A fitted diameter that is off by no more than this is the stated one: kernels that are not Gaussian make 0.04 mm."""
 
+UNUSUAL = 3.0
+"""A diameter is unlike the others' where it is off their median by so many of their own standard deviations."""
+
+ASIDE = 0.5
+"""A film that thins out towards the other side displaces a fitted center by this share of what it adds to the diameter;
+one over half the ball by 0.75 of that."""
+
 
 def center_covariance(
     fit: BallFit, moved: Movement, metal: FloatArray = NO_METAL, excess_mm: float = 0.0
@@ -94,10 +101,10 @@ def center_covariance(
     if not fit.is_shaded:
         total *= HIDDEN_SHADING
     total += LAG_MM**2 * _by_panel(fit) * np.diag([1.0, 1.0, 0.0])
-    if is_off_size(excess_mm):
-        total += _one_sided_covariance(fit, excess_mm)
     axes = fit.neighbourhood.axes
     rotated: FloatArray = axes.T @ total @ axes
+    if is_off_size(excess_mm):
+        rotated += excess_mm**2 * by_excess(fit)
     pull_mm2 = PULL_MM**2 + (PULL_WIDTH * float(fit.theta[WIDTH])) ** 2
     return (rotated + rotated.T) / 2.0 + pull_mm2 * np.outer(metal, metal)
 
@@ -134,6 +141,30 @@ def with_usual(covariance_mm2: FloatArray, moved: Movement, usual_mm2: FloatArra
     change = WEIGHTS["odd"] * (usual_mm2 - moved.odd_mm2) / 2.0
     pooled: FloatArray = covariance_mm2 + axes.T @ np.diag(change) @ axes
     return pooled
+
+
+def by_excess(fit: BallFit) -> FloatArray:
+    """Covariance (3, 3) in LPS for each mm^2 by which a diameter is off: something may lie on one side of the marker.
+
+    Where that is, is not known; and where something hides a side, a wrong size moves the center along it.
+    """
+    axes, toward = fit.neighbourhood.axes, fit.center_by_radius / 2.0
+    aside: FloatArray = axes.T @ (ASIDE**2 / 3.0 * np.eye(3) + np.outer(toward, toward)) @ axes
+    return aside
+
+
+def beyond_usual_mm(excesses_mm: FloatArray) -> FloatArray:
+    """By how much each diameter (M,) is off what the scan's markers have in common; 0 where that is no more than usual.
+
+    A scanner's kernel makes all of them alike, to a few micrometres in thin slices, so this tells a film that is too
+    thin to make a marker's diameter another than the stated one. What does make it so, is counted already.
+    """
+    if len(excesses_mm) < LEAST_TOGETHER:
+        return np.zeros(len(excesses_mm))
+    beyond_mm = excesses_mm - np.median(excesses_mm)
+    usual_mm = UNUSUAL * 1.4826 * float(np.median(np.abs(beyond_mm)))
+    counts = (np.abs(beyond_mm) > min(usual_mm, SIZE_TOLERANCE_MM)) & (np.abs(excesses_mm) <= SIZE_TOLERANCE_MM)
+    return np.where(counts, beyond_mm, 0.0)
 
 
 def cramer_rao_bound(fit: BallFit, noise_hu: float) -> FloatArray:
@@ -210,18 +241,6 @@ def _by_panel(fit: BallFit) -> float:
     """How much the blur is that of a flat panel, 0 to 1: no box along the slices' normal, and no wider than in them."""
     across_mm = math.sqrt(float(fit.theta[WIDTH]) ** 2 / 12.0 + LEAST_SPREAD_MM2)
     return (min(float(fit.theta[SHAPE]), 1.0) * min(float(fit.theta[BLUR]) / across_mm, 1.0)) ** 4
-
-
-def _one_sided_covariance(fit: BallFit, excess_mm: float) -> FloatArray:
-    """Covariance (3, 3) along u, v, w of what makes a marker look larger on one side, wherever that is.
-
-    A film over one half looks like a larger ball whose center lies half its thickness aside; and where something hides
-    a side, a wrong size moves the center along it.
-    """
-    aside: FloatArray = (excess_mm / 2.0) ** 2 * (
-        np.eye(3) / 3.0 + np.outer(fit.center_by_radius, fit.center_by_radius)
-    )
-    return aside
 
 
 def _rms(values: FloatArray) -> float:

@@ -11,7 +11,8 @@ from scipy import ndimage
 from phantoms.anatomy import scalp_foot
 from phantoms.fast import Renderer
 from phantoms.markers import Condition, marker, touching_pair
-from phantoms.scene import Scene
+from phantoms.scene import Part, Scene
+from phantoms.solids import sphere
 from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.errors import UsageError
 from ronnaplan.localization import Build, FiducialFlag, Fiducials, localize
@@ -127,6 +128,20 @@ def test_a_film_on_one_side_is_flagged_and_within_what_is_stated() -> None:
     assert FiducialFlag.DIAMETER in found.flags
     assert np.linalg.norm(error) > 0.1
     assert error @ np.linalg.solve(found.covariance_mm2, error) < 7.8
+
+
+def test_a_foil_too_thin_to_change_the_diameter_is_within_what_is_stated_where_others_have_none() -> None:
+    bare = [(9.0, 9.0, 1.0), (-9.0, 9.0, -2.0), (9.0, -9.0, 2.0)]
+    foil = Part(sphere((-9.0 + 0.025, -9.0, 0.0), 11.5 + 0.05), "polyester", embedded=True)
+    scene = Scene((foil,)) + balls([*bare, (-9.0, -9.0, 0.0)])
+    found = localize(scan(scene, small_stack()), diameter_mm=11.5, expected=4)
+    off_mm = np.linalg.norm(found.centers - np.array([-9.0, -9.0, 0.0]), axis=1)
+    covered = found.fiducials[int(off_mm.argmin())]
+    error = covered.center_mm - np.array([-9.0, -9.0, 0.0])
+    assert np.linalg.norm(error) > 0.015
+    assert FiducialFlag.DIAMETER not in covered.flags
+    assert error @ np.linalg.solve(covered.covariance_mm2, error) < 7.8
+    assert max(one.error_rms_mm for one in found if one is not covered) < 0.005
 
 
 @pytest.mark.parametrize("covering", ["tape", "drape"])
