@@ -166,7 +166,7 @@ def whole_scan(condition: Condition, first: int, number: int, cache: Path | None
         voxels = patient.images()
         if kept is not None:
             np.save(kept, voxels)
-    return case_of(patient, voxels, _kind(condition, number))
+    return _case(patient, voxels, _kind(condition, number))
 
 
 def surroundings(condition: Condition, first: int, number: int) -> Iterator[Case]:
@@ -178,7 +178,7 @@ def surroundings(condition: Condition, first: int, number: int) -> Iterator[Case
     things: tuple[Marker | Decoy, ...] = (*patient.scene.markers, *patient.scene.decoys)
     for place, thing in enumerate(things):
         near = replace(patient.around(thing.center_mm, reach_mm, crop=True), seed=patient.seed * SEED_STEP + place)
-        yield case_of(near, near.images(fast=True), kind)
+        yield _case(near, near.images(fast=True), kind)
 
 
 def protocol_scan(condition: Condition, first: int, number: int, cache: Path | None = None) -> list[Case]:
@@ -200,10 +200,15 @@ def protocol_scan(condition: Condition, first: int, number: int, cache: Path | N
     )
     if condition.jump_mm:
         patient = replace(patient, scanner=replace(patient.scanner, motion=_jump(condition.jump_mm, seed)))
+    return scanned(patient, kind, kept)
+
+
+def scanned(patient: Examination, kind: str, kept: Path | None) -> list[Case]:
+    """Scan a patient: the surroundings of each marker and decoy, all out of one scan, which is written to ``kept``."""
     things: list[Marker | Decoy] = [*patient.scene.markers, *patient.scene.decoys]
     reach_mm = marker_kind(kind).diameter_mm / 2 + REACH_MM + patient.profile_fwhm_mm
     crops = patient.crops([one.center_mm for one in things], reach_mm)
-    cases = [case_of(near, voxels, kind) for near, voxels in crops]
+    cases = [_case(near, voxels, kind) for near, voxels in crops]
     if kept is not None:
         keep(cases, kept)
     return cases
@@ -248,7 +253,7 @@ def kept_cases(file: Path) -> list[Case]:
     return cases
 
 
-def case_of(patient: Examination, voxels: NDArray[np.int16], kind: str) -> Case:
+def _case(patient: Examination, voxels: NDArray[np.int16], kind: str) -> Case:
     """Return a scan as a case: its markers' places while it was made, on the grid that a reader would give."""
     whole: list[FloatArray] = []
     cut: list[FloatArray] = []

@@ -17,12 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.cases import DECOYS_EACH, REACH_MM, SEED_STEP, Case, case_of, keep, kept_cases
+from benchmarks.cases import DECOYS_EACH, SEED_STEP, Case, kept_cases, scanned
 from benchmarks.localization import CHI2_95, FOUND_WITHIN_MM, markers_of
 from phantoms.errors import PhantomError
-from phantoms.markers import marker_kind
 from phantoms.patients import random_patient
-from phantoms.scene import Decoy, Marker
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.motion import suspected
 from ronnaplan.report.tables import align
@@ -151,13 +149,7 @@ def scan(row: Row, number: int, first: int, protocol: str, cache: Path | None) -
         touching=feet if row.touches else 0,
         decoys=DECOYS_EACH,
     )
-    things: list[Marker | Decoy] = [*patient.scene.markers, *patient.scene.decoys]
-    reach_mm = marker_kind(row.kind).diameter_mm / 2 + REACH_MM + patient.profile_fwhm_mm
-    crops = patient.crops([one.center_mm for one in things], reach_mm)
-    cases = [case_of(near, voxels, row.kind) for near, voxels in crops]
-    if kept is not None:
-        keep(cases, kept)
-    return cases
+    return scanned(patient, row.kind, kept)
 
 
 def main() -> None:

@@ -14,15 +14,13 @@ import numpy as np
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build
 from ronnaplan.localization.examine import Examined, Scan, examine_place
+from ronnaplan.localization.motion import LEAST_TOGETHER
 from ronnaplan.localization.parameters import WIDTH
 from ronnaplan.localization.uncertainty import beyond_usual_mm, usual_odd_mm2, with_usual
 
 ALIKE_MM = 0.75
 ALIKE_SHARE = 0.6
 """Markers of one scan show the same slice profile, to within this or this share of its width."""
-
-FEWEST_USUAL = 3
-"""Fewer markers than these do not tell what is usual in a scan."""
 
 OF_THE_SURFACE = {"coverage", "roundness"}
 """Tests that streaks of metal and of few views spoil in a whole scan, as in cone beams of a short turn."""
@@ -31,7 +29,7 @@ OF_THE_SURFACE = {"coverage", "roundness"}
 def usual_misfit(examined: Sequence[Examined]) -> float:
     """Return the misfit (share of the contrast) that a scan's markers have; 0 where too few tell."""
     misfits = [one.misfit for one in examined if one.is_marker]
-    return float(np.median(misfits)) if len(misfits) >= FEWEST_USUAL else 0.0
+    return float(np.median(misfits)) if len(misfits) >= LEAST_TOGETHER else 0.0
 
 
 def by_the_usual(scan: Scan, examined: Sequence[Examined], build: Build, usual: float) -> list[Examined]:
@@ -49,7 +47,7 @@ def alike(accepted: Sequence[Examined]) -> list[Examined]:
 
     One alone may be anything; of two nobody knows which is right.
     """
-    if len(accepted) < FEWEST_USUAL:
+    if len(accepted) < LEAST_TOGETHER:
         return list(accepted)
     nominal = np.array([one.thickness_mm for one in accepted])  # not everywhere the same where gaps stand for it
     widths = np.array([one.parameters[WIDTH] for one in accepted])

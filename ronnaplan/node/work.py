@@ -84,13 +84,8 @@ class Begun:
     reason: str
 
 
-def work(order: Order, tell: Tell) -> None:
-    """Do a job; raises `RonnaplanError` where the scan or the rule allows no answer."""
-    finish(begin(order, tell), tell)
-
-
 def begin(order: Order, tell: Tell) -> Begun:
-    """Do what needs the voxels, and make the first answer.
+    """Do what of a job needs the voxels, and make the first answer; `finish` does the rest.
 
     What the others need of the scan is gathered, so that it is gone when they are drawn, which takes room of its own.
     """

@@ -14,7 +14,7 @@ import pytest
 from ronnaplan.ct.scratch import Scratch
 from ronnaplan.node import work as work_module
 from ronnaplan.node.config import Rule
-from ronnaplan.node.work import Order, work
+from ronnaplan.node.work import Order, begin, finish
 from ronnaplan.report import contact, marker_cuts, pdf
 from ronnaplan.report.picture import png
 
@@ -79,5 +79,9 @@ def test_the_voxels_are_gone_before_what_needs_none_is_made(
     monkeypatch.setattr(pdf, "print_pdf", without_voxels(lambda page: b"%PDF-"))
     told: list[tuple[str, Any]] = []
     order = Order(1, SCAN, tmp_path, tmp_path / "answers", Rule(name="r", diameters=(11.5,), expected=6), ())
-    work(order, lambda event, **facts: told.append((event, facts.get("kind"))))
+
+    def tell(event: str, **facts: Any) -> None:
+        told.append((event, facts.get("kind")))
+
+    finish(begin(order, tell), tell)
     assert told == [*(("answer", kind) for kind in ("fiducials", "sr", "sheet", "pdf")), ("ended", None)]

@@ -18,7 +18,7 @@ from ronnaplan.node.config import Rule
 from ronnaplan.node.index import Index
 from ronnaplan.node.logs import Log
 from ronnaplan.node.papers import PapersWatch
-from ronnaplan.node.work import Order, work
+from ronnaplan.node.work import Order, begin, finish
 from ronnaplan.planning import Plan, Trajectory
 from tests.ct import makers
 from tests.documents.test_patient import document, identify
@@ -46,7 +46,11 @@ def order(tmp_path: Path) -> Order:
 
 def told(order: Order) -> list[dict[str, Any]]:
     lines: list[dict[str, Any]] = []
-    work(order, lambda event, **facts: lines.append({"event": event, **facts}))
+
+    def tell(event: str, **facts: Any) -> None:
+        lines.append({"event": event, **facts})
+
+    finish(begin(order, tell), tell)
     return lines
 
 
