@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +47,8 @@ class Row:
     is_as_made: bool = False
     touches: bool = False
     build: Build = SOLID
+    shown_mm: float | None = None
+    """Diameter of the ball that is looked for, where that is not the marker's."""
 
 
 def _wrapped(name: str, thickness_mm: float) -> tuple[Row, Row]:
@@ -60,6 +62,8 @@ ROWS = (
     *(Row(f"{name} on a third", covering=name, covered=1 / 3) for name in ("foil", "thin tape")),
     *(Row(name, covering=name) for name in ("thin film", "film", "thick film", "tape", "drape", "hair")),
     *(*_wrapped("gel", 2.0), *_wrapped("cloth", 1.5), *_wrapped("gauze", 4.0)),
+    Row("gel, as the ball it shows", covering="gel", shown_mm=15.5),
+    Row("cloth, as the ball it shows", covering="cloth", shown_mm=12.7),
     Row("anything, as made", covering="any", is_as_made=True),
     Row("touching", touches=True),
     Row("coated", "coated post"),
@@ -175,7 +179,7 @@ def main() -> None:
                 cases = scan(row, number, arguments.first, arguments.protocol, arguments.cache)
             except PhantomError:  # drawn with things inside each other: the next patient takes his place
                 continue
-            score.add(cases, row.build)
+            score.add([replace(case, diameter_mm=row.shown_mm or case.diameter_mm) for case in cases], row.build)
         lines.append(score.line(row.name))
         print("  ".join(lines[-1]), file=sys.stderr, flush=True)
     print(align(lines))

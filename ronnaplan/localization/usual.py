@@ -15,12 +15,16 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build
 from ronnaplan.localization.examine import Examined, Scan, examine_place
 from ronnaplan.localization.motion import LEAST_TOGETHER
-from ronnaplan.localization.parameters import WIDTH
+from ronnaplan.localization.parameters import EDGE, WIDTH
 from ronnaplan.localization.uncertainty import beyond_usual_mm, usual_odd_mm2, with_usual
 
 ALIKE_MM = 0.75
 ALIKE_SHARE = 0.6
 """Markers of one scan show the same slice profile, to within this or this share of its width."""
+
+SOFTEST_EDGE = -0.3
+"""The least edge enhancement of any kernel: below it the transfer function falls through zero where it still passes a
+fifth, exp(1 / (2 edge)). What is wrapped around balls, fainter than they are, makes two steps of their edges: -0.4."""
 
 OF_THE_SURFACE = {"coverage", "roundness"}
 """Tests that streaks of metal and of few views spoil in a whole scan, as in cone beams of a short turn."""
@@ -65,17 +69,24 @@ def alike(accepted: Sequence[Examined]) -> list[Examined]:
 
 
 def together(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
-    """Let each marker's covariance count what is usual in the scan beside its own."""
+    """Let each marker's covariance count what is usual in the scan, and doubt all where something lies on all."""
+    markers = _wrapped(markers)
     movements = [one.movement for one in markers if one.movement is not None]
     usual_mm2, axes = usual_odd_mm2(movements), scan.volume.grid.axes
     if usual_mm2 is None:
-        return list(markers)
+        return markers
     return [
         replace(
             one, covariance_mm2=with_usual(one.covariance_mm2, moved, usual_mm2, axes) + beyond**2 * one.by_excess
         )
         for one, moved, beyond in zip(markers, movements, _beyond_usual_mm(markers), strict=True)
     ]
+
+
+def _wrapped(markers: Sequence[Examined]) -> list[Examined]:
+    """Doubt all markers of a scan whose usual edge is no kernel's."""
+    is_no_kernel = bool(markers) and float(np.median([one.parameters[EDGE] for one in markers])) < SOFTEST_EDGE
+    return [replace(one, is_covered=one.is_covered or is_no_kernel) for one in markers]
 
 
 def _beyond_usual_mm(markers: Sequence[Examined]) -> FloatArray:

@@ -108,11 +108,15 @@ def test_hollow_markers_are_found_when_asked_for(kind: str, build: str) -> None:
     assert len(localize(volume, diameter_mm=scene.markers[0].diameter_mm)) == 0
 
 
-def test_a_ball_in_cloth_is_found_when_asked_for() -> None:
+def test_a_ball_in_cloth_is_found_when_asked_for_and_else_flagged() -> None:
     scene = marker("M", FOOT, "post", Condition(covering="cloth"))
     volume = scanned(scene, "gaussian", 0.6, 1.3, 0.6)
     found = localize(volume, diameter_mm=11.5, expected=1, marker=Build.parse("wrapped:1.5"))
     assert error_mm(found, tuple(scene.markers[0].center_mm)) < 0.1
+    # Cloth and ball together look like a larger ball, whose center lies aside.
+    as_larger = localize(volume, diameter_mm=12.7, expected=1)
+    assert FiducialFlag.COVERED in as_larger.fiducials[0].flags
+    assert error_mm(as_larger, tuple(scene.markers[0].center_mm)) > 0.05
 
 
 @pytest.mark.parametrize("text", ["shell", "shell:0", "shell:-1", "shell:thin", "wrapped:nan", "hollow:1", ""])
