@@ -26,15 +26,17 @@ def distort(x: FloatArray, y: FloatArray, d: FloatArray) -> tuple[FloatArray, Fl
 def pixel_rays(u: FloatArray, v: FloatArray, K: FloatArray, d: FloatArray) -> FloatArray:
     """Rays (..., 3) with z = 1 of pixel places ``u``, ``v``."""
     goal_x, goal_y = (u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1]
-    x, y, h = goal_x.copy(), goal_y.copy(), 1e-6
-    for _ in range(4):
-        fx, fy = distort(x, y, d)
-        ax, ay = distort(x + h, y, d)
-        bx, by = distort(x, y + h, d)
-        j11, j21, j12, j22 = (ax - fx) / h, (ay - fy) / h, (bx - fx) / h, (by - fy) / h
-        det = j11 * j22 - j12 * j21
-        ex, ey = goal_x - fx, goal_y - fy
-        x, y = x + (j22 * ex - j12 * ey) / det, y + (j11 * ey - j21 * ex) / det
+    k1, k2, p1, p2, k3 = d
+    x, y = goal_x, goal_y
+    for _ in range(4):  # the lens displaces little: each step squares what is left
+        r2 = x * x + y * y
+        radial, bent = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))
+        j11, j22 = radial + bent * x * x + 2 * p1 * y + 6 * p2 * x, radial + bent * y * y + 6 * p1 * y + 2 * p2 * x
+        j12 = bent * x * y + 2 * p1 * x + 2 * p2 * y  # both ways alike
+        at_x, at_y = distort(x, y, d)
+        off_x, off_y = goal_x - at_x, goal_y - at_y
+        det = j11 * j22 - j12 * j12
+        x, y = x + (j22 * off_x - j12 * off_y) / det, y + (j11 * off_y - j12 * off_x) / det
     return np.stack([x, y, np.ones_like(x)], axis=-1)
 
 
@@ -104,12 +106,13 @@ def board_image(
 ) -> FloatArray:
     """A chessboard whose first inner corner is the board's origin, on a white margin; 8-bit grey values."""
     image = np.zeros(size)
-    normal, origin = camera_from_board[:3, 2], camera_from_board[:3, 3]
+    along_x, along_y, normal, origin = camera_from_board[:3].T
     for dv in (-0.25, 0.25):
         for du in (-0.25, 0.25):
             ray = frame_rays(tuple(K.ravel()), tuple(d), size, du, dv)
-            hit = ray * ((normal @ origin) / (ray @ normal))[..., None] - origin
-            x, y = hit @ camera_from_board[:3, 0] / square_mm, hit @ camera_from_board[:3, 1] / square_mm
+            reach = (normal @ origin) / (ray @ normal)
+            x = (reach * (ray @ along_x) - origin @ along_x) / square_mm
+            y = (reach * (ray @ along_y) - origin @ along_y) / square_mm
             inside = (x > -1) & (x < corners[0]) & (y > -1) & (y < corners[1])
             margin = (x > -2) & (x < corners[0] + 1) & (y > -2) & (y < corners[1] + 1)
             dark = inside & ((np.floor(x) + np.floor(y)) % 2 == 0)

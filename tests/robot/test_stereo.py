@@ -17,7 +17,12 @@ from ronnaplan.robot.camera import RIG, Camera, StereoRig
 from ronnaplan.robot.chain import TCP, R
 from ronnaplan.robot.outline import find_outlines
 from ronnaplan.robot.stereo import StereoSphere, locate_sphere
-from ronnaplan.robot.stereo_calibration import _counted_from_the_other_end, calibrate_on_board, calibrate_tcp
+from ronnaplan.robot.stereo_calibration import (
+    FEWEST_BOARDS,
+    _counted_from_the_other_end,
+    calibrate_on_board,
+    calibrate_tcp,
+)
 
 DIAMETER = 11.5
 K = [
@@ -230,13 +235,13 @@ CORNERS, SQUARE = (9, 7), 6.0
 
 
 @cache
-def boards(largest_tilt_deg: float = 28) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Both cameras' views of a board at eight tilts about the working place."""
+def boards(count: int = 8, largest_tilt_deg: float = 28) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Both cameras' views of a board at so many tilts about the working place."""
     rng = np.random.default_rng(6)
     left: list[np.ndarray] = []
     right: list[np.ndarray] = []
     middle = np.array([(CORNERS[0] - 1) / 2, (CORNERS[1] - 1) / 2, 0]) * SQUARE
-    for _ in range(8):
+    for _ in range(count):
         tilt = Rotation.from_euler("xyz", rng.uniform(-1, 1, 3) * largest_tilt_deg, degrees=True).as_matrix()
         pose = np.eye(4)
         pose[:3, :3] = Rotation.from_rotvec([0, np.radians(-14.5), 0]).as_matrix() @ tilt
@@ -263,9 +268,9 @@ def test_cameras_calibrated_on_a_board_measure_the_sphere_to_a_fiftieth_of_a_mil
 
 def test_board_images_that_do_not_show_the_board_are_refused() -> None:
     left, right = boards()
-    blank = [np.full_like(left[0], 100)] * 8
-    with pytest.raises(InputError, match="in 3 image pairs"):
-        calibrate_on_board(left[:3] + blank[:5], right[:3] + blank[:5], corners=CORNERS, square_mm=SQUARE)
+    blank = [np.full_like(left[0], 100)] * FEWEST_BOARDS
+    with pytest.raises(InputError, match="in 1 image pairs"):
+        calibrate_on_board(left[:1] + blank[1:], right[:1] + blank[1:], corners=CORNERS, square_mm=SQUARE)
     with pytest.raises(InputError, match="pairs of one size"):
         calibrate_on_board(left, right[:5], corners=CORNERS, square_mm=SQUARE)
 
@@ -281,13 +286,14 @@ def test_a_board_that_looks_the_same_upside_down_is_counted_alike_by_both_camera
 def test_board_images_that_contradict_each_other_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """Boards that do are slow to fit, so the limit is lowered instead."""
     monkeypatch.setattr(stereo_calibration, "LARGEST_RMS_PX", 0.001)
+    left, right = boards()
     with pytest.raises(InputError, match="contradict each other by"):
-        calibrate_on_board(*boards(), corners=CORNERS, square_mm=SQUARE)
+        calibrate_on_board(left[:FEWEST_BOARDS], right[:FEWEST_BOARDS], corners=CORNERS, square_mm=SQUARE)
 
 
 def test_boards_that_hardly_tilt_are_refused() -> None:
     with pytest.raises(InputError, match="do not determine the cameras: the boards tilt by"):
-        calibrate_on_board(*boards(4), corners=CORNERS, square_mm=SQUARE)
+        calibrate_on_board(*boards(FEWEST_BOARDS, 4), corners=CORNERS, square_mm=SQUARE)
 
 
 def looks(seed: int, count: int, noise_mm: float, turn: float = 0.5) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
