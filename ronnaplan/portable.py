@@ -19,6 +19,9 @@ GIVING_BACK = {"MALLOC_ARENA_MAX": "2", "MALLOC_MMAP_THRESHOLD_": "400000", "MAL
 """Environment of a process that stays: has glibc give back what is freed, where it would keep tens of megabytes; other
 systems take no notice."""
 
+GIVING_WAY = 5
+"""Niceness of what works behind what a person waits for: a quarter of a processor that both want."""
+
 _SEEKING = threading.Lock()
 
 
@@ -59,6 +62,12 @@ def give_back(room: mmap.mmap) -> None:
     """Hold the pages of a mapped file no longer, until they are touched; Windows does so by itself alone."""
     if hasattr(mmap, "MADV_DONTNEED"):
         room.madvise(mmap.MADV_DONTNEED)
+
+
+def give_way() -> None:
+    """Let other processes have a processor first, where they want it; Windows knows other means."""
+    if hasattr(os, "nice"):
+        os.nice(GIVING_WAY)
 
 
 def run_instead(arguments: list[str], *, keep: int) -> None:

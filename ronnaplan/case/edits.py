@@ -7,14 +7,13 @@ from dataclasses import replace
 from typing import Any
 
 from ronnaplan.case import marker_edits
-from ronnaplan.case.folder import Case, CaseFiles
+from ronnaplan.case.folder import Case, CaseFiles, placement_at
 from ronnaplan.case.steps import MarkerStep, Steps
 from ronnaplan.case.surroundings import Judgement, Labels, Rules, Surroundings
 from ronnaplan.ct import CTVolume
 from ronnaplan.documents.agreement import disagreement
 from ronnaplan.documents.fiducials import FiducialsDocument, read_fiducials
 from ronnaplan.documents.kept import Kept
-from ronnaplan.documents.placement import read_placement
 from ronnaplan.documents.plan import plan_text, read_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.documents.registration import RegistrationDocument, read_registration
@@ -55,7 +54,7 @@ class OpenCase:
         self._kept_plan = Kept(files.plan, read_plan, plan_text, merged)
         self._kept_fiducials = Kept(files.fiducials, read_fiducials, to_json)
         self._kept_registration = Kept(files.registration, read_registration, to_json)
-        self.placement = read_placement(files.placement) if files.placement else None
+        self.placement = placement_at(files.placement)
         """Of the robot, as it was when the case was opened."""
         case = self._read(volume, rules or Rules(), no_go or {})
         self.volume, self.no_go, self.rules = volume, case.no_go, case.rules

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,6 @@ from ronnaplan.ct import CTVolume, find_series, read_ct
 from ronnaplan.ct.images import is_image_file
 from ronnaplan.documents.fiducials import FiducialsDocument, read_fiducials
 from ronnaplan.documents.limits import read_limits
-from ronnaplan.documents.placement import PlacementDocument, read_placement
 from ronnaplan.documents.plan import read_plan
 from ronnaplan.documents.registration import RegistrationDocument, read_registration
 from ronnaplan.errors import FrameMismatchError, InputError
@@ -26,6 +26,9 @@ from ronnaplan.geometry import Frame
 from ronnaplan.planning import Plan
 from ronnaplan.planning.labels import read_label_map
 from ronnaplan.planning.uncertainty import Expectation
+
+if TYPE_CHECKING:
+    from ronnaplan.documents.placement import PlacementDocument
 
 FIDUCIALS, REGISTRATION, PLAN, LIMITS = "fiducials.json", "registration.json", "plan.json", "limits.json"
 PLACEMENT = "placement.json"
@@ -132,8 +135,17 @@ def read_case(
         stated,
         read_labels(no_go, volume),
         tuple(hashes),
-        read_placement(files.placement) if files.placement else None,
+        placement_at(files.placement),
     )
+
+
+def placement_at(path: Path | None) -> PlacementDocument | None:
+    """Read where the robot shall stand, None without a file; raises `InputError`."""
+    if path is None:
+        return None
+    from ronnaplan.documents.placement import read_placement  # few cases have one
+
+    return read_placement(path)
 
 
 def scan_in(folder: AnyPath) -> Path | None:

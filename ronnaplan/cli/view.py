@@ -67,17 +67,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Open the case and serve it until stopped."""
-    from ronnaplan.planner.ahead import load_libraries
-
     _require_files(arguments.fiducials, arguments.registration)
-    load_libraries()
     from ronnaplan.case.folder import read_labels, scan_in, with_limits
     from ronnaplan.ct import read_ct
     from ronnaplan.ct.reader import read_other_image
     from ronnaplan.planner.address import Address
     from ronnaplan.planner.handing import Origin
     from ronnaplan.planner.server import serve, start
-    from ronnaplan.planner.starting import StartPage
     from ronnaplan.planner.state import PlannerState
     from ronnaplan.planner.storage import Storage
     from ronnaplan.scene.vtk import Workshop
@@ -120,6 +116,8 @@ def run(arguments: argparse.Namespace) -> int:
         served(opened(Path(ct), arguments.series, storage), None)
         return 0
     _require_no_case(arguments)
+    from ronnaplan.planner.starting import StartPage
+
     home, address = storage.plan.parent, None
     left = True
     while left:  # a case for the start page, until it is stopped

@@ -38,7 +38,7 @@ LARGEST_RATIO = 1e6
 class DocumentModel(BaseModel):
     """A document, or a part of one: nothing is changed in it, and every field is declared."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
 
 def flag_sentence(flags: type[StrEnum], name: str) -> str:

@@ -5,16 +5,16 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
 from ronnaplan.case.surroundings import Surroundings
 from ronnaplan.errors import RonnaplanError
 from ronnaplan.planner.actions import key_actions
-from ronnaplan.planner.cuts import HEAD, PATH_VIEWS, STANDARD, WINDOWS_HU
+from ronnaplan.planner.cuts import WINDOWS_HU
 from ronnaplan.planner.head_look import OPENINGS
+from ronnaplan.planner.page_files import MODULE, template
 from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.shown import Send
 from ronnaplan.planner.sockets import ASKING
@@ -30,21 +30,6 @@ from ronnaplan.scene.surfaces import SURFACES
 from ronnaplan.scene.volume import PRESETS
 from ronnaplan.scene.vtk import Workshop
 
-PAGE = files("ronnaplan.planner") / "page"
-SCENE_PAGE = files("ronnaplan.scene") / "page"
-SCRIPTS = (
-    *(f"scene_page/{name}.js" for name in ("viewer", "volume")),
-    *(f"planner_page/{name}.js" for name in ("planner", "pictures", "head", "files")),
-)
-STYLES = ("planner_page/planner.css",)
-FETCHED_AHEAD = ", ".join(
-    [
-        *(f"<{name}>; rel=preload; as=style" for name in STYLES),
-        *(f"<{name}>; rel=preload; as=script" for name in SCRIPTS),
-    ]
-)
-"""The page asks for these only when it has heard from the server: they come while it loads its libraries."""
-
 CHANGED = "another hand has changed the case; it is shown as it is now"
 
 FIRST_LOOK_S = 0.3
@@ -58,15 +43,6 @@ LEAVING_S = 0.1
 
 MOST_TRIANGLES = 40_000
 """Of a surface: as many as are drawn again and again while an end is dragged, without a graphics card."""
-
-
-def _template() -> str:
-    """Return the page; what is there for every view stands in it once, which is compiled sooner."""
-    page, view, cube = (
-        (PAGE / name).read_text(encoding="utf-8") for name in ("planner.html", "view.html", "cube.html")
-    )
-    views = ", ".join(f"['{name}', drawn_{name}]" for name in (*STANDARD, HEAD, *PATH_VIEWS))
-    return page.replace("<!-- views -->", view.replace("VIEWS", views).replace("<!-- head -->", cube))
 
 
 def _in_print(key: str) -> str:
@@ -92,6 +68,8 @@ class PlannerApp:
         self.tabs: dict[str, Tab] = {}
         self._spare: Tab | None = None
         """What the first page will show."""
+        self._ahead = ThreadPoolExecutor(1)
+        """Draws it while the browser is already answered."""
         self.parts: HeadParts | None = None
         """What the head is drawn from, None until it is made."""
         self.left = False
@@ -113,20 +91,13 @@ class PlannerApp:
         server.state.leavable = leavable
         if leavable:
             server.trigger("leave")(self._leave)
-        server.controller.on_server_ready.add_task(self._draw_ahead)
         server.controller.on_server_ready.add_task(self._watch)
         server.controller.on_client_connected.add_task(self._wake)
 
     def _set_up_page(self) -> None:
         from trame.ui.html import DivLayout
 
-        self.server.enable_module(
-            {
-                "serve": {"planner_page": str(Path(str(PAGE))), "scene_page": str(Path(str(SCENE_PAGE)))},
-                "scripts": list(SCRIPTS),
-                "styles": list(STYLES),
-            }
-        )
+        self.server.enable_module(MODULE)
         keys = key_actions(self.state, Pointer(self.state))
         self.server.state.trame__title = "ronnaplan"
         self.server.state.update(
@@ -145,7 +116,7 @@ class PlannerApp:
             }
         )
         with DivLayout(self.server, classes="rp-page") as page:
-            page.root.add_child(_template())
+            page.root.add_child(template())
 
     # --- pages -----------------------------------------------------------------------------------------------
 
@@ -170,11 +141,15 @@ class PlannerApp:
         tab.shown["diameter"] = found.marker.diameter_mm if found else USUAL_DIAMETER_MM
         return tab
 
-    async def _draw_ahead(self, **_: Any) -> None:
+    async def _draw_ahead(self) -> None:
         """Draw what the first page will show, while its browser still loads the page's own files."""
         if not self.tabs:
-            self._spare = self._tab()
-            self._spare.painter.refresh()
+            spare = self._tab()
+            await asyncio.get_running_loop().run_in_executor(self._ahead, spare.painter.refresh)
+            if self.tabs:  # one has begun without it
+                spare.close()
+            else:
+                self._spare = spare
 
     def closed(self, page: str) -> None:
         """Forget a page."""
@@ -213,6 +188,7 @@ class PlannerApp:
 
     def forget(self) -> None:
         """Let the case go: trame keeps its server, and with that this, for as long as the process lasts."""
+        self._ahead.shutdown()
         self.state.following.stop()
         self.tabs.clear()
         self.parts = self._spare = self._measured_against = None
@@ -304,8 +280,9 @@ class PlannerApp:
             tab.pointer.head = tab.head.scene
 
     async def _watch(self, **_: Any) -> None:
-        """Show what another hand has written."""
+        """Draw what the first page will show; from then on show what another hand has written."""
         self._watching, self._loop = asyncio.current_task(), asyncio.get_running_loop()
+        await self._draw_ahead()
         while True:
             await asyncio.sleep(LOOK_AGAIN_S)
             try:

@@ -19,7 +19,6 @@ from ronnaplan.documents.files import write_atomically
 from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.planner.storage import Storage
 from ronnaplan.text import printable
-from ronnaplan.tracking import READERS
 
 MOST_READINGS_BYTES: Final = 16 * 2**20
 """A recording of minutes has less."""
@@ -118,6 +117,8 @@ class Handing:
 
     def _new_name(self, given: str) -> str:
         """Return the name of a dropped file, which is that of readings and of no file there is."""
+        from ronnaplan.tracking import READERS
+
         name = Path(given.replace("\\", "/")).name
         plain = name.isprintable() and not name.startswith(".") and 0 < len(name.encode()) <= 200
         if not plain or Path(name).suffix.lower() not in READERS:

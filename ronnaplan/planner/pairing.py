@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ronnaplan.geometry import Points
-from ronnaplan.tracking import Recording, find_markers, readings_told
 
 if TYPE_CHECKING:
     from ronnaplan.registration.marker_registration import MarkerRegistration
+    from ronnaplan.tracking import Recording
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +33,8 @@ class Sought:
 
     def in_recording(self, record: Callable[[], Recording]) -> Paired:
         """Register with the markers that a tracker saw."""
+        from ronnaplan.tracking import find_markers, readings_told
+
         recording = record()
         seen = find_markers(recording, sigma_mm=self.sigma_ots_mm)
         return self.in_readings(seen.points, readings_told(recording, seen))

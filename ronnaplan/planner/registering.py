@@ -15,7 +15,6 @@ from ronnaplan.geometry import Points
 from ronnaplan.planner.pairing import Paired, Sought
 from ronnaplan.planner.storage import Storage
 from ronnaplan.planner.worker import Job, Start
-from ronnaplan.tracking import read_recording
 
 
 class Registering:
@@ -33,6 +32,8 @@ class Registering:
 
     def load_readings(self, name: str) -> None:
         """Register with the readings file ``name`` of the case's folder."""
+        from ronnaplan.tracking import read_recording
+
         path = self.storage.readings_path(name)
         self._register(
             f"registering with {name}", partial(self._sought.in_recording, partial(read_recording, path))

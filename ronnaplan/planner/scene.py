@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import count
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ronnaplan.documents.placement import PlacementDocument
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.cuts import jpeg
 from ronnaplan.planner.following import SeenTool
@@ -22,6 +22,9 @@ from ronnaplan.scene.portrait import filling
 from ronnaplan.scene.robot import robot_things
 from ronnaplan.scene.shapes import Body, ball, joined, specks
 from ronnaplan.scene.things import Thing
+
+if TYPE_CHECKING:
+    from ronnaplan.documents.placement import PlacementDocument
 
 TURN_DEG_PER_PIXEL = 0.4
 BACKGROUND = "#0b0e11"

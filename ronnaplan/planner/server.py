@@ -58,13 +58,15 @@ def serve(
         from trame.app import get_server
     except ModuleNotFoundError as error:
         raise InputError(f"the planner needs {error.name}; install ronnaplan[planner]") from error
-    from ronnaplan.planner.app import FETCHED_AHEAD, PlannerApp
+    from ronnaplan.planner.app import PlannerApp
     from ronnaplan.planner.gate import gate, is_worth_telling
     from ronnaplan.planner.handing import Handing
     from ronnaplan.planner.head_routes import head_routes
+    from ronnaplan.planner.page_files import FETCHED_AHEAD, page_routes
     from ronnaplan.planner.sockets import Sockets
 
     os.environ["WSLINK_READY_MSG"] = ""  # wslink would write it to standard output, behind the address
+    os.environ["WSLINK_WS_COMPRESS"] = "0"  # what takes room, the pictures, is compressed already
     kept = state.storage.address
     known = address or address_for(kept, host, port)
     logging.getLogger("aiohttp.server").addFilter(is_worth_telling)
@@ -77,6 +79,7 @@ def serve(
 
     def close(web_server: Any) -> None:
         web_server.app.middlewares.append(gate(known.token, LOOPBACK | {host}, FETCHED_AHEAD))
+        web_server.app.add_routes(page_routes())
         web_server.app.add_routes(head_routes(lambda: (tab.head for tab in app.tabs.values())))
         web_server.app.add_routes(handing.routes())
 

@@ -18,7 +18,6 @@ from ronnaplan.documents.reading import to_json, validated
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.planner.address import ADDRESS_FILE
 from ronnaplan.planning.trajectory import COLOUR
-from ronnaplan.tracking import READERS
 
 LAYOUTS = ("six", "four", "path", "3-D")
 """Standard cuts, head and two views of the path; the standard cuts and the head; both cuts in line with the path large;
@@ -129,8 +128,11 @@ class Storage:
 
     def may_be_readings(self, name: str) -> bool:
         """Whether a file of that name may hold readings, and is none of the case's documents."""
-        own = name in self._own_names or name.startswith(".")
-        return Path(name).suffix.lower() in READERS and not own
+        if name in self._own_names or name.startswith("."):
+            return False
+        from ronnaplan.tracking import READERS  # not until there is something to read
+
+        return Path(name).suffix.lower() in READERS
 
     def readings_path(self, name: str) -> Path:
         """Return where the readings file ``name`` lies; raises `UsageError` unless it is in the case's folder."""

@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from ronnaplan.documents.placement import PlacementDocument
-from ronnaplan.documents.room import BoxEntry, CapsuleEntry
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import invert
 from ronnaplan.scene.shapes import Body, ball, box, joined, moved, tube
 from ronnaplan.scene.things import Thing, rgb
+
+if TYPE_CHECKING:
+    from ronnaplan.documents.placement import PlacementDocument
+    from ronnaplan.documents.room import BoxEntry, CapsuleEntry
 
 ROBOT_COLOUR: Final = "#f57c00"
 ROOM_COLOUR: Final = "#78909c"

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ronnaplan.pipes import receive, send
 from ronnaplan.planning.sampling import AIR_HU
+from ronnaplan.portable import give_way
 from ronnaplan.scene.vtk import Arrays
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ EYE_LIGHTS = (
 
 def main() -> None:
     """Do one task."""
+    give_way()
     os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow" if sys.platform == "linux" else "")
     threading.Thread(target=_load, daemon=True).start()
     import ronnaplan.scene.head

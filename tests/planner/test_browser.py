@@ -37,6 +37,13 @@ BRIGHTEST = """view => {
 }"""
 """The greatest red of a picture."""
 
+FIRST_FRAME = """const look = () => {
+  const canvas = document.querySelector("canvas[data-picture=axial]");
+  if (canvas) window.firstHasPicture = "number" in canvas.dataset;
+  else requestAnimationFrame(look);
+};
+requestAnimationFrame(look);"""
+
 AXIAL = "document.querySelector('canvas[data-picture=axial]').dataset.number"
 """Which picture is drawn in the axial view."""
 
@@ -193,14 +200,15 @@ def test_the_wheel_scrolls_and_the_cuts_stay_linked(browser: Any, shared: Planne
     assert moved[0] == cross[0]
 
 
-def test_no_other_host_is_asked_for_anything_and_no_patient_is_named(browser: Any, shared: Planner) -> None:
-    page = opened(browser, shared.url)
+def test_pictures_come_with_the_page_and_no_other_host_is_asked_nor_a_patient_named(
+    browser: Any, shared: Planner
+) -> None:
+    page = opened(browser, shared.url, script=FIRST_FRAME)
+    assert page.evaluate("window.firstHasPicture")
     page.click(".rp-tab >> text=Markers")
     page.wait_for_timeout(500)
     own = urlsplit(shared.url).netloc
-    assert (
-        sum(url.endswith("/planner_page/planner.js") for url in page.requested) == 1
-    )  # and not again, once ahead
+    assert sum(url.endswith("/page.js") for url in page.requested) == 1  # and not again, once ahead
     assert {urlsplit(url).netloc for url in page.requested if not url.startswith(("data:", "blob:"))} == {own}
     name = "SYNTHETIC"
     assert name not in page.content().upper()

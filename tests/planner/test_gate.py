@@ -54,7 +54,7 @@ def test_without_the_token_or_by_another_name_nothing_is_served(running: Planner
         assert answer.status == 200
         assert "default-src 'self'" in answer.headers["Content-Security-Policy"]
         ahead = re.findall("<(.*?)>", answer.headers["Link"])
-    assert "planner_page/planner.js" in ahead
+    assert "page.js" in ahead
     for path in ahead:  # what the browser is told to fetch is there
         urllib.request.urlopen(f"{base}/{path}?token={token}").close()
 

@@ -1,12 +1,21 @@
 // The pictures of the views, drawn beneath what Vue draws over them: they come as bytes, and are decoded beside the page.
 (() => {
   const shown = new Map(), watchers = [];
+  const decoded = ({ bytes, kind }) => createImageBitmap(new Blob([bytes], { type: kind })).catch(() => null);
+
+  // The first ones are shown with the page, not after it: Vue makes it once they are decoded.
+  const ahead = new Map(), { app, state } = window.trame, mount = app.mount;
+  for (const [name, picture] of Object.entries(state.get())) {
+    if (name.startsWith("picture_") && picture) ahead.set(picture, decoded(picture));
+  }
+  app.mount = (place) => Promise.all(ahead.values()).then(() => mount(place));
 
   async function draw(canvas, picture) {
     const view = canvas.dataset.picture;
     canvas.hidden = !picture;
     if (!picture) return shown.delete(view);
-    const bitmap = await createImageBitmap(new Blob([picture.bytes], { type: picture.kind })).catch(() => null);
+    const bitmap = await (ahead.get(picture) ?? decoded(picture));
+    ahead.delete(picture);
     if (!bitmap) return;
     if (picture.number > (shown.get(view) ?? 0)) {
       if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) {
@@ -23,12 +32,10 @@
   const begun = new WeakSet();
   function begin(canvas) {
     begun.add(canvas);
-    const { state } = window.trame, name = `picture_${canvas.dataset.picture}`;
-    state.watch([name], (picture) => draw(canvas, picture));
-    draw(canvas, state.get(name));
+    const name = `picture_${canvas.dataset.picture}`;
+    state.watch([name], (picture) => draw(canvas, picture)); // with the present one at once
   }
   new MutationObserver(() => {
-    if (!window.trame?.state) return;
     for (const canvas of document.querySelectorAll("canvas[data-picture]")) if (!begun.has(canvas)) begin(canvas);
   }).observe(document.documentElement, { childList: true, subtree: true });
 
