@@ -21,9 +21,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--largest-error",
         type=size_mm,
-        default=0.02,
+        default=0.015,
         metavar="MM",
-        help="refuse a marker whose stated error in the rig (RMS) is larger (default: 0.02)",
+        help="refuse a marker whose stated error in the rig (RMS) is larger (default: 0.015)",
     )
     parser.add_argument(
         "--lamp-offset",

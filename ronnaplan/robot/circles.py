@@ -97,7 +97,8 @@ def _edges(grey: Image) -> _Edges:
     noise = max(noise, LEAST_NOISE * float(smooth.max() - smooth.min()), 1e-12)
     in_sds = [np.clip(one * (UNITS / noise), -32767, 32767).astype(np.int16) for one in (across, down)]
     mask = cv2.Canny(in_sds[0], in_sds[1], UNITS * EDGE_SDS / 2, UNITS * EDGE_SDS, L2gradient=True)
-    y, x = np.nonzero(mask)
+    shown = cv2.findNonZero(mask)
+    x, y = np.empty((2, 0), np.int64) if shown is None else shown.reshape(-1, 2).T
     step = max(-(-len(y) // MOST_EDGES), 1)
     y, x = y[::step], x[::step]
     gradients = np.column_stack([across[y, x], down[y, x]]).astype(np.float64)

@@ -20,7 +20,7 @@ from ronnaplan.registration.registration import Registration
 from ronnaplan.robot.camera import RIG, StereoRig
 from ronnaplan.robot.chain import TCP, R, to_frame
 from ronnaplan.robot.images import ImagePair
-from ronnaplan.robot.shading import LAMP_SD_DEG
+from ronnaplan.robot.lights import LAMP_SD_DEG
 from ronnaplan.robot.stereo import LARGEST_STATED_MM, StereoSphere, locate_sphere
 
 SAME_SPHERE_MM = 1.0

@@ -7,9 +7,7 @@ rays, which gives the direction to the center without that bias.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +16,13 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.camera import Camera
 from ronnaplan.robot.circles import SMALLEST_RADIUS_PX, Circle, Image, find_circles
-from ronnaplan.robot.shading import LAMP_SD_DEG, ShadedSphere, find_shaded
+from ronnaplan.robot.lights import LAMP_SD_DEG, Lights, in_each_light, weighed
+from ronnaplan.robot.shading import find_shaded
 
 CONSENSUS_PX = 2.0
 """A first outline is the one that most edges lie as near to, so that hidden or spoilt parts do not pull it."""
-FLOOR_PX, COMMON_PX = 0.01, 0.003
-"""What the model of the sphere errs at best: in a sector, and in the center."""
+FLOOR_PX = 0.01
+"""What the model of the sphere errs in a sector at best."""
 LARGEST_SD_PX = 0.5
 """Sectors that know their edge worse are left out."""
 SMALLEST_COVERAGE = 0.5
@@ -50,10 +49,8 @@ class Outline:
     """The outline points (N, 2) that the fit used."""
     rms_px: float
     """RMS distance of those points from the fitted outline."""
-    lamp_evidence: FloatArray
-    """Logarithm (S) of how well lamps farther and farther off the lens explain the light, but for a constant."""
-    lit: Callable[[FloatArray], Outline]
-    """Returns the outline where other evidence (S) speaks for each of the lamps."""
+    lights: Lights
+    """Where the sphere is in each light that may fall on it; direction and half-angle are those of all."""
 
     def distance_mm(self, diameter_mm: float) -> float:
         """Return how far the center of a sphere of ``diameter_mm`` is."""
@@ -80,7 +77,7 @@ def _outline(grey: Image, circle: Circle, camera: Camera, lamp_sd_deg: float) ->
     """Return the outline near ``circle``, if it is a sphere's."""
     rays = camera.rays(circle.edges_px)
     axis, half_angle, near = _consensus(rays, CONSENSUS_PX / camera.focal_px)
-    found = find_shaded(grey, camera, axis, half_angle, rays[near], lamp_sd_deg)
+    found = find_shaded(grey, camera, axis, half_angle, rays[near])
     if found is None:
         return None
     kept = found.kept & (found.sds_px < LARGEST_SD_PX)
@@ -95,48 +92,34 @@ def _outline(grey: Image, circle: Circle, camera: Camera, lamp_sd_deg: float) ->
         return None
     scatter = float(((shifts / sds) ** 2).sum()) / (kept.sum() - 3)
     excess = max(scatter, float(((waves / waves_sd) ** 2).mean()), 1.0)
-    axis, half_angle = _placed(found, np.zeros(3))
-    points = _shown(found, axis, turn, half_angle + shifts / camera.focal_px, camera)
-    return _outline_of(found, excess, camera.focal_px, points, rms_px, found.lamps.evidence)
-
-
-def _outline_of(
-    found: ShadedSphere, excess: float, focal_px: float, points: FloatArray, rms_px: float, evidence: FloatArray
-) -> Outline:
-    """Return the outline of a sphere where ``evidence`` (S) speaks for each of its `Lamps`."""
-    move, covariance = found.lamps.weighed(evidence)
-    covariance = excess * covariance
-    covariance[:2, :2] += (COMMON_PX / focal_px) ** 2 * np.eye(2)
-    axis, half_angle = _placed(found, move)
-    across = _across(axis)
-    turned = across.T @ found.across
+    lights = in_each_light(found, excess, camera.focal_px, lamp_sd_deg)
+    place, covariance = weighed(lights.prior + lights.evidence, lights.places, lights.covariances)
+    outward = np.column_stack([np.cos(turn), np.sin(turn)]) @ found.across.T
+    points = _shown(_toward(lights, found.place), outward, found.place[2] + shifts / camera.focal_px, camera)
+    axis = _toward(lights, place)
+    square = (np.eye(3) - np.outer(axis, axis)) @ found.across
     return Outline(
         axis,
-        across @ turned @ covariance[:2, :2] @ turned.T @ across.T,
-        half_angle,
+        square @ covariance[:2, :2] @ square.T,
+        float(place[2]),
         float(np.sqrt(covariance[2, 2])),
         points,
         rms_px,
-        found.lamps.evidence,
-        partial(_outline_of, found, excess, focal_px, points, rms_px),
+        lights,
     )
 
 
-def _placed(found: ShadedSphere, move: FloatArray) -> tuple[FloatArray, float]:
-    """Return the axis (3,) and the half-angle of a sphere that is moved by ``move`` (3)."""
-    place = found.place + move
-    axis = found.expected + found.across @ place[:2]
-    return axis / np.linalg.norm(axis), float(place[2])
+def _toward(lights: Lights, place: FloatArray) -> FloatArray:
+    """Return the unit direction (3,) of a ``place`` (3) along its axes."""
+    axis: FloatArray = lights.expected + lights.across @ place[:2]
+    return axis / np.linalg.norm(axis)
 
 
-def _shown(
-    found: ShadedSphere, axis: FloatArray, turn: FloatArray, half_angles: FloatArray, camera: Camera
-) -> FloatArray:
-    """Return the pixels (N, 2) that show the outline at angles ``turn`` (N) about the ``axis``."""
+def _shown(axis: FloatArray, outward: FloatArray, half_angles: FloatArray, camera: Camera) -> FloatArray:
+    """Return the pixels (N, 2) that show what lies ``half_angles`` (N) off the ``axis``, ``outward`` (N, 3)."""
     import cv2
 
-    around = np.column_stack([np.cos(turn), np.sin(turn)]) @ found.across.T
-    rays = np.cos(half_angles)[:, None] * axis + np.sin(half_angles)[:, None] * around
+    rays = np.cos(half_angles)[:, None] * axis + np.sin(half_angles)[:, None] * outward
     shown = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), camera.matrix, camera.distortion)[0][:, 0]
     return np.asarray(shown, dtype=np.float64)
 
@@ -164,11 +147,7 @@ def _consensus(rays: FloatArray, tolerance: float) -> tuple[FloatArray, float, N
     normals = np.linalg.solve(corners, np.ones((len(rays), 3, 1)))[..., 0]
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     axes, half_angles = normals / lengths, np.arccos(np.clip(1 / lengths, -1, 1))
-    near = np.abs(np.arccos(np.clip(axes @ rays.T, -1, 1)) - half_angles) < tolerance
+    cosines = axes @ rays.T
+    near = (cosines < np.cos(np.maximum(half_angles - tolerance, 0))) & (cosines > np.cos(half_angles + tolerance))
     best = int(near.sum(axis=1).argmax())
     return axes[best], float(half_angles[best, 0]), near[best]
-
-
-def _across(axis: FloatArray) -> FloatArray:
-    """Return two unit vectors (3, 2) square to ``axis`` and to each other."""
-    return np.linalg.svd(axis[None])[2][1:].T

@@ -6,9 +6,7 @@ sight (powers of its cosine: even brightness, a limb that darkens as the cosine 
 around lies a ground with its own brightness and slope in each sector. One blur makes the image of both. All pixels are
 fitted at once, so that light and edge are told apart as well as they can be.
 
-What a limb as dark as the ground shows of its place depends on the light: moved and lit a little from aside it looks
-almost the same. So light from aside is judged: a lamp is either at the lens, and its light then the same all around, or
-well beside it. Both are weighed by their evidence, and what they differ by is counted as error.
+What a limb as dark as the ground shows of its place depends on the light; `lights` judges that.
 """
 
 from __future__ import annotations
@@ -69,40 +67,6 @@ SMALLEST_COVERAGE = 0.4
 CURVED_SD, ASIDE_SD, TILT_SD, WAVE_SD = 0.2, 0.3, 0.5, 0.3
 """What is expected of the light, as shares of the brightness: the profile's curvature, light from aside, its tilt and
 its waves."""
-SHADOW_PX = 1.0
-"""A lamp beside the lens leaves a part of the limb in its own shadow, which no harmonic shows: the center errs by this,
-times the share of light from aside and how much darker the limb is than the middle."""
-LAMP_SD_DEG = 0.04
-"""How far the middle of a lamp about the lens is from the lens, as seen from the sphere, unless stated otherwise (one
-standard deviation, to either side): 0.2 mm at 300 mm. The image does not show it."""
-MISPLACED = 0.5
-"""Probability, before looking, that the lamp is farther from the lens than is said ..."""
-LAMP_SCALES = 13
-"""... by one of so many factors, evenly spaced in their logarithm."""
-
-
-@dataclass(frozen=True, eq=False)
-class Lamps:
-    """What lamps (S) farther and farther off the lens make of a sphere's place; the first are as far as is said."""
-
-    moves: FloatArray
-    """(S, 3) of the axis along `ShadedSphere.across` and of the half-angle, rad."""
-    covariances: FloatArray
-    """(S, 3, 3) of the same, rad^2."""
-    evidence: FloatArray
-    """Logarithm (S) of how well each of them explains the light, but for a constant."""
-
-    def weighed(self, evidence: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return move (3) and covariance (3, 3) where ``evidence`` (S) speaks for each of the lamps.
-
-        Before looking, the lamp is farther off than is said with a probability of `MISPLACED`.
-        """
-        share = np.exp(evidence - evidence.max())
-        share *= np.array([1 - MISPLACED, *[MISPLACED / (LAMP_SCALES - 1)] * (LAMP_SCALES - 1)])
-        share /= share.sum()
-        move = share @ self.moves
-        apart = self.moves - move
-        return move, np.einsum("s,sij->ij", share, self.covariances + apart[:, :, None] * apart[:, None, :])
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,9 +79,13 @@ class ShadedSphere:
     """Two unit vectors (3, 2) square to that; angles count from the first to the second."""
     place: FloatArray
     """Its center (2,) along ``across`` where its direction meets the plane at 1, and half the angle under which it is
-    seen (rad), wherever the lamp is."""
-    lamps: Lamps
-    """What is to be added to ``place`` for a lamp."""
+    seen (rad), in any light."""
+    light: FloatArray
+    """Its light's tilt (2,), and light from aside (2,), as shares of the brightness."""
+    covariance: FloatArray
+    """(7, 7) of place and light, with nothing assumed of the light but that it is within `TILT_SD` and `ASIDE_SD`."""
+    dark: float
+    """How much darker the limb is than the middle, as a share."""
     angles: FloatArray
     """Of the sectors (S), rad."""
     shifts_px: FloatArray
@@ -152,11 +120,11 @@ class _State:
 
 
 def find_shaded(
-    grey: Image, camera: Camera, axis: FloatArray, half_angle: float, seen: FloatArray, lamp_sd_deg: float
+    grey: Image, camera: Camera, axis: FloatArray, half_angle: float, seen: FloatArray
 ) -> ShadedSphere | None:
     """Return the sphere near ``axis`` (3,) and ``half_angle`` (rad), or None where there is none.
 
-    ``seen`` (N, 3) are rays to where its outline is known to show; ``lamp_sd_deg`` is as `LAMP_SD_DEG`.
+    ``seen`` (N, 3) are rays to where its outline is known to show.
     """
     across = np.linalg.svd(axis[None])[2][1:].T
     pixels = _pixels(grey, camera, axis, across, half_angle)
@@ -183,7 +151,7 @@ def find_shaded(
     if moved > UNSETTLED:
         return None
     covariance = np.asarray(np.linalg.inv(normal) * state.noise**2, dtype=np.float64)
-    return _result(state, told, axis, across, _lamps(state, covariance, float(np.radians(lamp_sd_deg))))
+    return _result(state, told, axis, across, covariance)
 
 
 def _pixels(grey: Image, camera: Camera, axis: FloatArray, across: FloatArray, half_angle: float) -> _Pixels:
@@ -294,33 +262,23 @@ def _expected_sds(state: _State, step: int) -> FloatArray:
 
 
 def _result(
-    state: _State, told: tuple[FloatArray, FloatArray], axis: FloatArray, across: FloatArray, lamps: Lamps
+    state: _State,
+    told: tuple[FloatArray, FloatArray],
+    axis: FloatArray,
+    across: FloatArray,
+    covariance: FloatArray,
 ) -> ShadedSphere:
-    count = len(state.kept)
+    count, focal = len(state.kept), state.geometry[3]
+    units = np.array([focal] * 3 + [1.0] * 2 + [state.level] * 2)
+    chosen = np.r_[0:BLUR, TILT:OVAL]
     return ShadedSphere(
         axis,
         across,
-        state.geometry[:3] / state.geometry[3],
-        lamps,
+        state.geometry[:3] / focal,
+        state.light[TILT - LIGHT : OVAL - LIGHT] / units[3:],
+        covariance[np.ix_(chosen, chosen)] / np.outer(units, units),
+        float(np.clip(1 - state.light[0] / state.level, 0, 1)),
         ((np.arange(count) + 0.5) / count - 0.5) * 2 * np.pi,
         *told,
         state.kept,
     )
-
-
-def _lamps(state: _State, covariance: FloatArray, lamp_sd: float) -> Lamps:
-    """Return what lamps off the lens by ``lamp_sd`` (rad), and by more, make of a sphere.
-
-    ``covariance`` is that of all common unknowns, with nothing assumed of the lamp but that it is within `ASIDE_SD`.
-    """
-    aside = state.light[ASIDE - LIGHT : OVAL - LIGHT]
-    sds = state.level * np.geomspace(lamp_sd, ASIDE_SD, LAMP_SCALES)
-    spreads = covariance[ASIDE:OVAL, ASIDE:OVAL] + sds[:, None, None] ** 2 * np.eye(2)
-    misfits = np.linalg.solve(spreads, aside[:, None])[:, :, 0] @ aside
-    gains = covariance[:BLUR, ASIDE:OVAL] @ np.linalg.inv(spreads)
-    known = covariance[:BLUR, :BLUR] - gains @ covariance[ASIDE:OVAL, :BLUR]
-    dark = float(np.clip(1 - state.light[0] / state.level, 0, 1))
-    shadow = SHADOW_PX * dark * float(np.linalg.norm(aside)) / state.level
-    known[1:, :2, :2] += shadow**2 * np.eye(2)
-    focal = state.geometry[3]
-    return Lamps(-gains @ aside / focal, known / focal**2, -0.5 * (misfits + np.linalg.slogdet(spreads)[1]))

@@ -9,20 +9,21 @@ import numpy as np
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, Points
-from ronnaplan.pose import Pose, cross_matrix
+from ronnaplan.pose import Pose
 from ronnaplan.robot.camera import RIG, Camera, StereoRig
 from ronnaplan.robot.chain import TCP, to_frame
 from ronnaplan.robot.circles import Image
+from ronnaplan.robot.lights import LAMP_SD_DEG, fit, weighed
 from ronnaplan.robot.outline import Outline, find_outlines
-from ronnaplan.robot.shading import LAMP_SD_DEG
 
 LARGEST_GAP_MM = 0.3
 """Two outlines whose lines of sight pass further from each other than this are not of one sphere."""
+RIG_PX = 0.03
+"""By so much the calibration makes lines of sight miss each other, which then tells nothing of the light."""
 SIZE_TOLERANCE = 0.05
 """Largest relative difference of an outline's apparent size from that of the sphere at the place found."""
-LARGEST_STATED_MM = 0.02
-"""A center whose stated error (RMS) is larger is refused, unless another limit is asked for."""
-ITERATIONS = 10
+LARGEST_STATED_MM = 0.015
+"""A center whose stated error (RMS) is larger is refused, unless another limit is asked for. Few err by 0.02 mm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,48 +97,64 @@ def locate_sphere(
     return found[0]
 
 
-def triangulate(rig: StereoRig, left: Outline, right: Outline) -> tuple[FloatArray, FloatArray, float]:
-    """Return where two lines of sight meet: position (3,) in the rig, covariance (3, 3), and their gap, mm.
-
-    Minimizes the angles off both lines, each in units of its own covariance (Gauss-Newton).
-    """
-    origins = np.array([rig.left.center_mm, rig.right.center_mm])
-    sights = [_in_rig(rig.left, left), _in_rig(rig.right, right)]
-    directions = np.array([direction for direction, _ in sights])
-    square = np.eye(3) - directions[:, :, None] * directions[:, None, :]
-    weights = square
-    for _ in range(ITERATIONS):
-        information = weights.sum(axis=0)
-        position = np.linalg.solve(information, (weights @ origins[:, :, None]).sum(axis=0)[:, 0])
-        distance = np.linalg.norm(position - origins, axis=1)
-        weights = np.array(
-            [
-                np.linalg.pinv(cov, rcond=1e-6, hermitian=True) / d**2
-                for (_, cov), d in zip(sights, distance, strict=True)
-            ]
-        )
-    information = weights.sum(axis=0)
-    position = np.linalg.solve(information, (weights @ origins[:, :, None]).sum(axis=0)[:, 0])
-    normal = np.cross(*directions)
-    gap = abs(float(normal @ (origins[1] - origins[0]))) / float(np.linalg.norm(normal))
-    return position, np.linalg.inv(information), gap
-
-
 def _meet(left: Outline, right: Outline, rig: StereoRig) -> StereoSphere | None:
-    turn = np.linalg.norm(cross_matrix(_in_rig(rig.left, left)[0]) @ _in_rig(rig.right, right)[0])
+    directions = np.array(
+        [camera.rig_from_camera[:3, :3] @ one.direction for camera, one in _seen(rig, left, right)]
+    )
+    normal = np.cross(directions[0], directions[1])
+    turn = float(np.linalg.norm(normal))
     if turn < 1e-3:
         return None
-    # the lamps of one rig are mounted alike: what either image tells of them goes for both
-    evidence = left.lamp_evidence + right.lamp_evidence
-    left, right = left.lit(evidence), right.lit(evidence)
-    position, covariance, gap = triangulate(rig, left, right)
+    near = _nearest(rig, directions)
+    gap_mm = abs(float(normal @ (rig.right.center_mm - rig.left.center_mm))) / turn
     ahead = all(
-        (camera.rig_from_camera[:3, 2] @ (position - camera.center_mm)) > 0 for camera in (rig.left, rig.right)
+        (camera.rig_from_camera[:3, 2] @ (near - camera.center_mm)) > 0 for camera in (rig.left, rig.right)
     )
-    return StereoSphere(position, covariance, gap, left, right) if ahead and gap <= LARGEST_GAP_MM else None
+    if not ahead or gap_mm > LARGEST_GAP_MM:
+        return None
+    position, covariance = weighed(*_in_each_light(rig, left, right, near))
+    return StereoSphere(position, covariance, gap_mm, left, right)
 
 
-def _in_rig(camera: Camera, outline: Outline) -> tuple[FloatArray, FloatArray]:
-    """Return an outline's direction (3,) and its covariance (3, 3) in the rig's axes."""
-    rotation = camera.rig_from_camera[:3, :3]
-    return rotation @ outline.direction, rotation @ outline.direction_covariance @ rotation.T
+def _seen(rig: StereoRig, left: Outline, right: Outline) -> tuple[tuple[Camera, Outline], tuple[Camera, Outline]]:
+    return (rig.left, left), (rig.right, right)
+
+
+def _nearest(rig: StereoRig, directions: FloatArray) -> FloatArray:
+    """Return the position (3,) nearest to both lines of sight, of unit ``directions`` (2, 3)."""
+    square = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+    origins = np.array([rig.left.center_mm, rig.right.center_mm])
+    return np.asarray(
+        np.linalg.solve(square.sum(axis=0), np.einsum("sij,sj->i", square, origins)), dtype=np.float64
+    )
+
+
+def _in_each_light(
+    rig: StereoRig, left: Outline, right: Outline, near: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the logarithm of each light's probability (H), and the position (H, 3) and covariance (H, 3, 3) in it.
+
+    Minimizes what the places in both images are off, in units of their covariance, linear about the position ``near``.
+    The lamps of one rig are mounted alike and the ball is the same, so what either image tells of them goes for both;
+    and in the right light the lines of sight meet.
+    """
+    slopes, misfits, spreads = [], [], []
+    logarithms = left.lights.prior.copy()
+    for camera, outline in _seen(rig, left, right):
+        lights, turn = outline.lights, camera.rig_from_camera[:3, :3].T
+        seen, slope = lights.seen(turn @ (near - camera.center_mm))
+        slopes.append(slope @ turn)
+        misfits.append(lights.places[:, :2] - seen)
+        spreads.append(lights.covariances[:, :2, :2])
+        logarithms += lights.evidence
+    slope = np.concatenate(slopes)
+    spread = np.zeros((len(logarithms), 4, 4))
+    spread[:, :2, :2], spread[:, 2:, 2:] = spreads
+    misfit = np.concatenate(misfits, axis=1)
+    weights = slope.T @ np.linalg.inv(spread)
+    covariances = np.asarray(np.linalg.inv(weights @ slope), dtype=np.float64)
+    moves = (covariances @ weights @ misfit[:, :, None])[:, :, 0]
+    apart = np.linalg.svd(slope)[0][:, 3]  # what no position explains
+    missed = apart @ spread @ apart + RIG_PX**2 / (rig.left.focal_px * rig.right.focal_px)
+    logarithms += fit((misfit @ apart)[:, None], missed[:, None, None])
+    return logarithms, near + moves, covariances

@@ -141,37 +141,41 @@ def rendered(name: str, seed: int) -> tuple[View, StereoRig]:
 
 
 def test_a_limb_as_dark_as_the_ground_is_measured_where_the_lamps_are_at_the_lenses() -> None:
-    """Fitted edge by edge, the first is 0.055 mm off."""
-    for seed in (17, 21):
+    """Fitted edge by edge, the first is 0.055 mm off; the second is refused where no ball is held to be even."""
+    for seed in (17, 2019):
         view, rig = rendered("limb darkens as the cosine", seed)
         found = locate_sphere(view.left, view.right, rig, diameter_mm=DIAMETER)
         assert np.linalg.norm(found.position_mm - view.center_mm) < 0.01
 
 
 def test_a_limb_as_dark_as_the_ground_is_refused_where_the_lamps_may_be_anywhere() -> None:
-    view, rig = rendered("limb darkens as the cosine", 17)
-    with pytest.raises(RefusedError, match=r"mm only; expected 0\.02 mm or less"):
+    view, rig = rendered("limb darkens as the cosine", 4018)
+    with pytest.raises(RefusedError, match=r"mm only; expected 0\.015 mm or less"):
         locate_sphere(view.left, view.right, rig, diameter_mm=DIAMETER, lamp_sd_deg=0.5)
     known = locate_sphere(view.left, view.right, rig, diameter_mm=DIAMETER, lamp_sd_deg=0.5, largest_mm=0.5)
     stated_mm = np.sqrt(np.trace(known.covariance_mm2))
-    assert 0.02 < stated_mm < 0.5
+    assert 0.015 < stated_mm < 0.5
     assert np.linalg.norm(known.position_mm - view.center_mm) < 4 * stated_mm
 
 
 def test_a_lamp_well_beside_the_lens_is_noticed() -> None:
     """As if it were at the lens, the center would be 0.1 mm off, and said to be known well."""
     view, rig = rendered("lamp 2 to 10 degrees beside", 0)
-    with pytest.raises(RefusedError, match=r"mm only; expected 0\.02 mm or less"):
+    with pytest.raises(RefusedError, match=r"mm only; expected 0\.015 mm or less"):
         locate_sphere(view.left, view.right, rig, diameter_mm=DIAMETER)
 
 
-@pytest.mark.parametrize("seed", [3, 6])
+@pytest.mark.parametrize("seed", [3, 4000])
 def test_a_lamp_a_degree_beside_the_lens_is_stated_in_the_error(seed: int) -> None:
-    """As long as the lamp is taken to be at the lens, or anywhere, the normalized error is 21 and 33."""
+    """Taken to be at the lens, the normalized error of the first is 21.
+
+    That of the second is 13 where each image is judged by itself and all unevenness is as likely, 3.5 where balls are
+    not held to be even, and 2.2 where the lines of sight need not meet.
+    """
     view, rig = rendered("lamp 1 degree beside the lens", seed)
-    found = locate_sphere(view.left, view.right, rig, diameter_mm=DIAMETER)
+    found = locate_sphere(view.left, view.right, rig, diameter_mm=DIAMETER, largest_mm=0.5)
     error = found.position_mm - view.center_mm
-    assert error @ np.linalg.solve(found.covariance_mm2, error) / 3 < 4
+    assert error @ np.linalg.solve(found.covariance_mm2, error) / 3 < 2
 
 
 def calibrated(rig: SceneRig) -> StereoRig:
