@@ -80,7 +80,7 @@ SCENES = (
     replace(BASE, name="lamp 2 to 10 degrees beside", verdict="either", shading="lamp", beside=(2.0, 10.0)),
     replace(BASE, name="lamp 0 to 0.1 degrees beside", shading="lamp", beside=(0.0, 0.1)),
     replace(BASE, name="cosine, slightly uneven", shading="cosine", fall=(0.0, 0.05)),
-    replace(BASE, name="so, lamp up to 1 degree off", verdict="either", shading="lamp", fall=(0, 0.05), beside=(0, 1)),
+    replace(BASE, name="slightly uneven, lamp beside", verdict="either", shading="lamp", fall=(0, 0.05), beside=(0, 1)),
 )  # fmt: skip
 """The table's rows."""
 
