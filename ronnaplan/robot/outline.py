@@ -40,17 +40,13 @@ class Outline:
 
     direction: FloatArray
     """Unit direction (3,) from the camera to the sphere's center, in the camera's own frame."""
-    direction_covariance: FloatArray
-    """Covariance (3, 3) of the direction; zero along it (rad^2)."""
     half_angle: float
     """Half the angle (rad) under which the sphere is seen."""
-    half_angle_sd: float
     points_px: FloatArray
     """The outline points (N, 2) that the fit used."""
-    rms_px: float
-    """RMS distance of those points from the fitted outline."""
     lights: Lights
-    """Where the sphere is in each light that may fall on it; direction and half-angle are those of all."""
+    """Where the sphere is in each light that may fall on it, with covariances; direction and half-angle are those of
+    all."""
 
     def distance_mm(self, diameter_mm: float) -> float:
         """Return how far the center of a sphere of ``diameter_mm`` is."""
@@ -93,20 +89,10 @@ def _outline(grey: Image, circle: Circle, camera: Camera, lamp_sd_deg: float) ->
     scatter = float(((shifts / sds) ** 2).sum()) / (kept.sum() - 3)
     excess = max(scatter, float(((waves / waves_sd) ** 2).mean()), 1.0)
     lights = in_each_light(found, excess, camera.focal_px, lamp_sd_deg)
-    place, covariance = weighed(lights.prior + lights.evidence, lights.places, lights.covariances)
+    place, _ = weighed(lights.prior + lights.evidence, lights.places, lights.covariances)
     outward = np.column_stack([np.cos(turn), np.sin(turn)]) @ found.across.T
     points = _shown(_toward(lights, found.place), outward, found.place[2] + shifts / camera.focal_px, camera)
-    axis = _toward(lights, place)
-    square = (np.eye(3) - np.outer(axis, axis)) @ found.across
-    return Outline(
-        axis,
-        square @ covariance[:2, :2] @ square.T,
-        float(place[2]),
-        float(np.sqrt(covariance[2, 2])),
-        points,
-        rms_px,
-        lights,
-    )
+    return Outline(_toward(lights, place), float(place[2]), points, lights)
 
 
 def _toward(lights: Lights, place: FloatArray) -> FloatArray:
