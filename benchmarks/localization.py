@@ -52,7 +52,7 @@ from ronnaplan.localization import localize
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import Examined, Scan, distinct, examine
 from ronnaplan.localization.motion import suspected
-from ronnaplan.localization.usual import alike, by_the_usual, together, usual_misfit
+from ronnaplan.localization.usual import alike, by_the_usual, together, usual_of
 from ronnaplan.report.tables import align
 
 FIRST_UNSEEN = {"accuracy": 15400, "rendered": 26000, "protocols": 31000}
@@ -149,7 +149,7 @@ def markers_of(cases: Sequence[Case], build: Build = SOLID) -> list[list[Examine
     """Return what `localize` finds in each part of one scan, its uncertainty as in the whole."""
     scans = [Scan(case.volume) for case in cases]
     seen = [examine(scan, (case.diameter_mm,), build) for case, scan in zip(cases, scans, strict=True)]
-    usual = usual_misfit([one for part in seen for one in part])
+    usual = usual_of([one for part in seen for one in part])
     seen = [by_the_usual(scan, part, build, usual) for scan, part in zip(scans, seen, strict=True)]
     parts = [distinct(one for one in part if one.is_marker) for part in seen]
     judged = alike([one for part in parts for one in part])

@@ -63,7 +63,7 @@ WIDTH_RATIO = 2.0
 WIDTH_MARGIN_SHARE = 0.2
 """The slice profile is no wider than the nominal thickness by this factor and this share of the diameter. Tags hold the
 width of the voxel or of the detector row, or nothing, and helical and interpolated profiles are broader; but a profile
-that is wide beside the ball makes a ball of anything."""
+that is wide beside the ball makes a ball of anything, unless all balls of the scan show it (`usual.usual_of`)."""
 
 NOISE_MARGIN = 1.3
 """Noise differs between places by up to this factor: it was measured where it is least."""
@@ -73,6 +73,16 @@ MAX_NOISE = 0.2
 
 MAX_STANDARD_ERROR = 0.03
 """Largest standard error of the center, as a share of the diameter, that is still called a localization."""
+
+
+@dataclass(frozen=True)
+class Usual:
+    """What the balls of a scan show in common: it is the scan's and says nothing against one of them."""
+
+    misfit: float = 0.0
+    """Their misfit, as a share of the contrast."""
+    broadening_mm: float = 0.0
+    """By how much their slice profiles are wider than the nominal thickness at most; 0 where too few tell."""
 
 
 @dataclass(frozen=True)
@@ -87,13 +97,12 @@ class Evidence:
     unseen: float
     """Share of the ball's directions for which the scan has no voxels."""
     volume: CTVolume
-    usual_misfit: float = 0.0
-    """The misfit that markers of this scan have: it is the scan's and says nothing against one of them."""
+    usual: Usual = Usual()
 
     @property
     def own_misfit(self) -> float:
         """The misfit beyond what is usual in the scan."""
-        return float(np.sqrt(max(self.fit.misfit**2 - self.usual_misfit**2, 0.0)))
+        return float(np.sqrt(max(self.fit.misfit**2 - self.usual.misfit**2, 0.0)))
 
     @cached_property
     def covariance_mm2(self) -> FloatArray:
@@ -148,7 +157,8 @@ def _blur(evidence: Evidence) -> str | None:
 
 def _thickness(evidence: Evidence) -> str | None:
     width = float(evidence.fit.theta[WIDTH])
-    widest = WIDTH_RATIO * evidence.thickness_mm + WIDTH_MARGIN_SHARE * evidence.diameter_mm
+    by_the_tag = WIDTH_RATIO * evidence.thickness_mm + WIDTH_MARGIN_SHARE * evidence.diameter_mm
+    widest = max(by_the_tag, evidence.thickness_mm + evidence.usual.broadening_mm)
     if width <= widest:
         return None
     return f"its ends are blurred over {width:.1f} mm, {widest:.1f} mm at most expected"
@@ -196,7 +206,7 @@ def _roundness(evidence: Evidence) -> str | None:
     limit = float(np.hypot(MAX_MISFIT, min(NOISE_MARGIN * evidence.noise_hu / contrast, MAX_NOISE)))
     if evidence.own_misfit <= limit:
         return None
-    allowed = float(np.hypot(limit, evidence.usual_misfit))
+    allowed = float(np.hypot(limit, evidence.usual.misfit))
     return (
         f"its surface departs from a sphere's by {evidence.fit.misfit:.1%} of its contrast, {allowed:.1%} allowed"
     )

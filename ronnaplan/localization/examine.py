@@ -17,7 +17,7 @@ from ronnaplan.ct.progress import Progress, advancing
 from ronnaplan.ct.scratch import one_by_one
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.accept import MIN_COVERAGE, Evidence, failures
+from ronnaplan.localization.accept import MIN_COVERAGE, Evidence, Usual, failures
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.descent import MAX_WANDER
 from ronnaplan.localization.detect import detect
@@ -111,6 +111,7 @@ class Scan:
 
 
 UNKNOWN: Final = np.full((3, 3), np.nan)
+NOTHING_USUAL: Final = Usual()
 
 
 @dataclass(frozen=True)
@@ -142,6 +143,11 @@ class Examined:
     movement: Movement | None
     """How far its edges seem to have moved; of markers only."""
     failures: tuple[tuple[str, str], ...]
+
+    @property
+    def failed(self) -> set[str]:
+        """Names of the tests it failed."""
+        return {name for name, _ in self.failures}
 
     @property
     def is_marker(self) -> bool:
@@ -216,14 +222,14 @@ def _fit(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build) ->
 
 
 def examine_place(
-    scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build, usual_misfit: float = 0.0
+    scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build, usual: Usual = NOTHING_USUAL
 ) -> Examined:
     """Fit a ball of about ``diameter_mm`` at a place (3,) of the scan, and judge it by what is usual there."""
     fit = fit_place(scan, center_mm, diameter_mm, build)
     unseen = unseen_share(scan.volume, fit.center_mm, fit.diameter_mm / 2.0)
     thickness_mm = float(scan.thickness_mm(center_mm))
     noise_hu = noise_level(fit)
-    evidence = Evidence(fit, diameter_mm, thickness_mm, scan.pixel_mm, noise_hu, unseen, scan.volume, usual_misfit)
+    evidence = Evidence(fit, diameter_mm, thickness_mm, scan.pixel_mm, noise_hu, unseen, scan.volume, usual)
     failed = tuple(failures(evidence))
     return Examined(
         center_mm,

@@ -18,7 +18,7 @@ from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, 
 from ronnaplan.localization.motion import suspected
 from ronnaplan.localization.size import proposal, sizes_seen
 from ronnaplan.localization.template import Template, distance_error_mm, match_template
-from ronnaplan.localization.usual import alike, by_the_usual, together, usual_misfit
+from ronnaplan.localization.usual import alike, by_the_usual, together, usual_of
 
 LOG = logging.getLogger(__name__)
 
@@ -61,7 +61,7 @@ def localize(
     for diameter in diameters:
         _check_size(scan, diameter)
     examined = examine(scan, diameters, marker, progress)
-    examined = by_the_usual(scan, examined, marker, usual_misfit(examined))
+    examined = by_the_usual(scan, examined, marker, usual_of(examined))
     judged = alike(distinct(one for one in examined if one.is_marker))
     markers = _from_the_top(together(scan, [one for one in judged if one.is_marker]))
     examined = [*(one for one in examined if not one.is_marker), *judged]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -27,6 +27,7 @@ from ronnaplan.localization.parameters import BACKGROUND, CONTRAST
 from ronnaplan.localization.parts import single_threaded_algebra
 from ronnaplan.localization.shading import PLATEAU_SHARE
 from ronnaplan.localization.sphere import LEAST_SHOWN, spheres_at
+from ronnaplan.localization.usual import by_the_usual, usual_of
 
 SEARCHED_MM = (3.0, 26.0)
 """Markers in use have diameters within this range."""
@@ -75,15 +76,18 @@ def sizes_seen(volume: CTVolume, marker: Build = SOLID, *, progress: bool = Fals
     scan, coarse = Scan(volume), Scan(coarsen(volume, COARSE_FLOOR_MM))
     places = _round_places(scan, coarse.volume, marker, progress)
 
+    def scan_for(diameter_mm: float) -> Scan:
+        return coarse if marker == SOLID and diameter_mm >= LARGE_MM else scan
+
     def fitted_at(place: tuple[FloatArray, float]) -> Examined:
-        center_mm, diameter_mm = place
-        shows_coarsely = marker == SOLID and diameter_mm >= LARGE_MM
-        return _fitted(coarse if shows_coarsely else scan, center_mm, diameter_mm, marker)
+        return _fitted(scan_for(place[1]), *place, marker)
 
     # numba's functions release the interpreter's lock
     with single_threaded_algebra(), ThreadPoolExecutor(os.cpu_count()) as pool:
         fitted = list(advancing(pool.map(fitted_at, places), len(places), progress, "fitting balls"))
-    accepted = distinct(one for one in fitted if one.is_marker)
+    usual = replace(usual_of(fitted), misfit=0.0)  # balls of several sizes have no misfit in common
+    judged = [by_the_usual(scan_for(one.stated_mm), [one], marker, usual)[0] for one in fitted]
+    accepted = distinct(one for one in judged if one.is_marker)
     sizes = [
         Size(float(np.median(kind)), len(kind), is_hidden)
         for is_hidden in (False, True)
@@ -167,7 +171,7 @@ def _round_places(scan: Scan, coarse: CTVolume, marker: Build, progress: bool) -
 def _fitted(scan: Scan, center_mm: FloatArray, diameter_mm: float, marker: Build) -> Examined:
     """Fit and judge a ball of about this size; once more where only the size was not right."""
     first = examine_place(scan, center_mm, diameter_mm, marker)
-    if first.is_marker or not {test for test, _ in first.failures} <= {"diameter", "certainty"}:
+    if first.is_marker or not first.failed <= {"diameter", "certainty"}:
         return first
     return examine_place(scan, first.center_mm, first.diameter_mm, marker)
 

@@ -159,12 +159,13 @@ def beyond_usual_mm(excesses_mm: FloatArray) -> FloatArray:
     A scanner's kernel makes all of them alike, to a few micrometres in thin slices, so this tells a film that is too
     thin to make a marker's diameter another than the stated one. What does make it so, is counted already.
     """
-    if len(excesses_mm) < LEAST_TOGETHER:
-        return np.zeros(len(excesses_mm))
-    beyond_mm = excesses_mm - np.median(excesses_mm)
-    usual_mm = UNUSUAL * 1.4826 * float(np.median(np.abs(beyond_mm)))
-    counts = (np.abs(beyond_mm) > min(usual_mm, SIZE_TOLERANCE_MM)) & (np.abs(excesses_mm) <= SIZE_TOLERANCE_MM)
-    return np.where(counts, beyond_mm, 0.0)
+    beyond_mm = np.zeros(len(excesses_mm))
+    plain = np.abs(excesses_mm) <= SIZE_TOLERANCE_MM
+    if np.count_nonzero(plain) < LEAST_TOGETHER:
+        return beyond_mm
+    beyond_mm[plain] = excesses_mm[plain] - np.median(excesses_mm[plain])
+    usual_mm = UNUSUAL * 1.4826 * float(np.median(np.abs(beyond_mm[plain])))
+    return np.where(np.abs(beyond_mm) > min(usual_mm, SIZE_TOLERANCE_MM), beyond_mm, 0.0)
 
 
 def cramer_rao_bound(fit: BallFit, noise_hu: float) -> FloatArray:

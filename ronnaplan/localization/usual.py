@@ -10,40 +10,71 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.accept import Usual
 from ronnaplan.localization.build import Build
-from ronnaplan.localization.examine import Examined, Scan, examine_place
+from ronnaplan.localization.examine import Examined, Scan, distinct, examine_place
 from ronnaplan.localization.motion import LEAST_TOGETHER
-from ronnaplan.localization.parameters import EDGE, WIDTH
+from ronnaplan.localization.parameters import BLUR, EDGE, WIDTH
 from ronnaplan.localization.uncertainty import beyond_usual_mm, usual_odd_mm2, with_usual
 
 ALIKE_MM = 0.75
 ALIKE_SHARE = 0.6
 """Markers of one scan show the same slice profile, to within this or this share of its width."""
 
-SOFTEST_EDGE = -0.3
-"""The least edge enhancement of any kernel: below it the transfer function falls through zero where it still passes a
-fifth, exp(1 / (2 edge)). What is wrapped around balls, fainter than they are, makes two steps of their edges: -0.4."""
+LOWEST_CUTOFF_PER_MM = 0.6
+"""No kernel passes nothing above so low a frequency: the softest of scanners end at 0.7 / mm. What is wrapped around
+balls, fainter than they are, makes two steps of their edges, which together pass nothing at 0.35 to 0.55 / mm."""
 
 OF_THE_SURFACE = {"coverage", "roundness"}
 """Tests that streaks of metal and of few views spoil in a whole scan, as in cone beams of a short turn."""
 
-
-def usual_misfit(examined: Sequence[Examined]) -> float:
-    """Return the misfit (share of the contrast) that a scan's markers have; 0 where too few tell."""
-    misfits = [one.misfit for one in examined if one.is_marker]
-    return float(np.median(misfits)) if len(misfits) >= LEAST_TOGETHER else 0.0
+OF_THE_PROFILE = {"thickness"}
+"""The test that a scan fails whose slices were computed from thicker ones, if its header does not say so."""
 
 
-def by_the_usual(scan: Scan, examined: Sequence[Examined], build: Build, usual: float) -> list[Examined]:
-    """Judge what was turned down for its surface alone once more, now that the scan's ``usual`` misfit is known."""
+def usual_of(examined: Sequence[Examined]) -> Usual:
+    """Return what is usual in a scan; nothing where too few balls tell.
+
+    Balls whose slice profile alone is too wide for the header tell, too, where all balls of the scan show the same.
+    """
+    markers = [one for one in examined if one.is_marker]
+    balls = distinct(one for one in examined if one.failed <= OF_THE_PROFILE)
+    if len(balls) >= LEAST_TOGETHER and not all(one.is_marker for one in balls):
+        broadenings_mm, off = _broadenings_mm(balls)
+        same = [one for one, is_off in zip(balls, off, strict=True) if not is_off]
+        is_the_scans = not any(one.is_marker and is_off for one, is_off in zip(balls, off, strict=True))
+        if len(same) >= LEAST_TOGETHER and is_the_scans:
+            return Usual(_usual_misfit(same), float(np.median(broadenings_mm)) + ALIKE_MM)
+    return Usual(_usual_misfit(markers))
+
+
+def by_the_usual(scan: Scan, examined: Sequence[Examined], build: Build, usual: Usual) -> list[Examined]:
+    """Judge what was turned down for what is ``usual`` in the scan alone once more, now that this is known."""
+    excused = OF_THE_SURFACE if usual.misfit > 0.0 else set()
+    if usual.broadening_mm > 0.0:
+        excused = excused | OF_THE_PROFILE
     return [
         examine_place(scan, one.candidate_mm, one.stated_mm, build, usual)
-        if usual > 0 and one.failures and {name for name, _ in one.failures} <= OF_THE_SURFACE
+        if one.failures and one.failed <= excused
         else one
         for one in examined
     ]
+
+
+def _usual_misfit(balls: Sequence[Examined]) -> float:
+    """Return the misfit (share of the contrast) that a scan's balls have; 0 where too few tell."""
+    return float(np.median([one.misfit for one in balls])) if len(balls) >= LEAST_TOGETHER else 0.0
+
+
+def _broadenings_mm(balls: Sequence[Examined]) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """By how much each ball's slice profile is wider than nominal (N,), and which are unlike the others' (N,)."""
+    nominal = np.array([one.thickness_mm for one in balls])  # not everywhere the same where gaps stand for it
+    broadenings: FloatArray = np.array([one.parameters[WIDTH] for one in balls]) - nominal
+    beyond = np.abs(broadenings - np.median(broadenings))
+    return broadenings, beyond > np.maximum(ALIKE_MM, ALIKE_SHARE * (nominal + np.median(broadenings)))
 
 
 def alike(accepted: Sequence[Examined]) -> list[Examined]:
@@ -53,18 +84,21 @@ def alike(accepted: Sequence[Examined]) -> list[Examined]:
     """
     if len(accepted) < LEAST_TOGETHER:
         return list(accepted)
-    nominal = np.array([one.thickness_mm for one in accepted])  # not everywhere the same where gaps stand for it
-    widths = np.array([one.parameters[WIDTH] for one in accepted])
-    usual = nominal + np.median(widths - nominal)
-    off = np.abs(widths - usual) > np.maximum(ALIKE_MM, ALIKE_SHARE * usual)
+    broadenings_mm, off = _broadenings_mm(accepted)
+    others_mm = [one.thickness_mm + float(np.median(broadenings_mm)) for one in accepted]
     return [
         replace(
             one,
-            failures=(("alike", f"its ends are blurred over {width:.1f} mm, the others' over {others:.1f} mm"),),
+            failures=(
+                (
+                    "alike",
+                    f"its ends are blurred over {one.parameters[WIDTH]:.1f} mm, the others' over {others:.1f} mm",
+                ),
+            ),
         )
         if is_off
         else one
-        for one, width, others, is_off in zip(accepted, widths, usual, off, strict=True)
+        for one, others, is_off in zip(accepted, others_mm, off, strict=True)
     ]
 
 
@@ -85,8 +119,18 @@ def together(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
 
 def _wrapped(markers: Sequence[Examined]) -> list[Examined]:
     """Doubt all markers of a scan whose usual edge is no kernel's."""
-    is_no_kernel = bool(markers) and float(np.median([one.parameters[EDGE] for one in markers])) < SOFTEST_EDGE
+    cutoffs_per_mm = [cutoff_per_mm(float(one.parameters[BLUR]), float(one.parameters[EDGE])) for one in markers]
+    is_no_kernel = bool(markers) and float(np.median(cutoffs_per_mm)) < LOWEST_CUTOFF_PER_MM
     return [replace(one, is_covered=one.is_covered or is_no_kernel) for one in markers]
+
+
+def cutoff_per_mm(blur_mm: float, edge: float) -> float:
+    """Return the frequency at which a kernel's transfer function, 1 + edge (2 pi f blur)^2 of a Gaussian's, is zero.
+
+    Infinite where it never is. A kernel that falls more steeply than a Gaussian is fitted as well with an ``edge``
+    below zero as with one above, so that the edge alone says nothing.
+    """
+    return 1.0 / (2.0 * math.pi * blur_mm * math.sqrt(-edge)) if edge < 0.0 else math.inf
 
 
 def _beyond_usual_mm(markers: Sequence[Examined]) -> FloatArray:

@@ -96,6 +96,17 @@ def test_a_kernel_that_is_not_gaussian_does_not_move_a_ball_beside_a_post(enhanc
     assert error_mm(found, center) < 0.006
 
 
+def test_slices_computed_from_thicker_ones_show_their_balls_though_no_header_says_so() -> None:
+    places = [(-16.0, 4.3, -0.7), (0.4, -9.1, 1.2), (15.2, 6.4, 0.3)]
+    thick = scanned(balls(places), "box", 3.0, 1.0, 3.0)
+    images = ndimage.zoom(thick.voxels_hu, ((3 * len(thick.voxels_hu) - 2) / len(thick.voxels_hu), 1, 1), order=1)
+    origins = thick.grid.origins_mm[0] + np.arange(len(images))[:, np.newaxis] * thick.grid.normal
+    thin = CTVolume(images, replace(thick.grid, origins_mm=origins, thickness_mm=None))
+    found = localize(thin, diameter_mm=11.5, expected=len(places))
+    for place in places:
+        assert error_mm(found, place) < 0.04
+
+
 @pytest.mark.parametrize(
     ("kind", "build"),
     [("hollow plastic post", "shell:1"), ("hollow glass post", "shell:0.8"), ("hollow ceramic", "shell:1")],

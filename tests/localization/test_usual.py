@@ -1,0 +1,54 @@
+"""What a scan's balls show in common is the scan's; what one alone shows is its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ronnaplan.localization.examine import Examined, Scan, examine
+from ronnaplan.localization.parameters import BLUR, EDGE, WIDTH
+from ronnaplan.localization.uncertainty import beyond_usual_mm
+from ronnaplan.localization.usual import together, usual_of
+from tests.scans import balls, scan, small_stack
+
+TOO_WIDE = (("thickness", "its ends are blurred"),)
+
+
+@pytest.fixture(scope="module")
+def scanned() -> Scan:
+    return Scan(scan(balls([(1.0, 2.0, 3.0)]), small_stack()))
+
+
+@pytest.fixture(scope="module")
+def ball(scanned: Scan) -> Examined:
+    return next(one for one in examine(scanned, (11.5,)) if one.is_marker)
+
+
+def at(ball: Examined, x_mm: float, **changes: float) -> Examined:
+    theta = ball.parameters.copy()
+    for name, value in changes.items():
+        theta[{"blur": BLUR, "edge": EDGE, "width": WIDTH}[name]] = value
+    return replace(ball, center_mm=ball.center_mm + np.array([x_mm, 0.0, 0.0]), parameters=theta)
+
+
+def test_a_profile_wider_than_the_header_says_is_the_scans_where_all_its_balls_show_it(ball: Examined) -> None:
+    wide = [replace(at(ball, 20.0 * n, width=5.0 + 0.1 * n), failures=TOO_WIDE) for n in range(1, 4)]
+    assert usual_of(wide).broadening_mm == pytest.approx(5.2 - ball.thickness_mm + 0.75)
+    assert usual_of(wide[:2]).broadening_mm == 0.0  # of two nobody knows
+    assert usual_of([wide[0], *wide[:2]]).broadening_mm == 0.0  # one place, seen twice
+    assert usual_of([ball, *wide]).broadening_mm == 0.0  # one ball is as the header says: the others are none
+
+
+@pytest.mark.parametrize(("blur_mm", "edge", "is_covered"), [(0.19, -0.39, False), (0.69, -0.45, True)])
+def test_cloth_covers_balls_and_a_kernel_that_falls_steeply_does_not(
+    scanned: Scan, ball: Examined, blur_mm: float, edge: float, is_covered: bool
+) -> None:
+    markers = [at(ball, 20.0 * n, blur=blur_mm, edge=edge) for n in range(3)]
+    assert [one.is_covered for one in together(scanned, markers)] == [is_covered] * 3
+
+
+def test_a_film_is_seen_beside_others_that_are_thicker() -> None:
+    beyond_mm = beyond_usual_mm(np.array([0.0, 0.001, -0.001, 0.055, 0.12, 0.42]))
+    np.testing.assert_allclose(beyond_mm, [0.0, 0.0, 0.0, 0.0545, 0.0, 0.0], atol=1e-9)
