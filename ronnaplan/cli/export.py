@@ -95,16 +95,19 @@ def _scene(arguments: argparse.Namespace) -> bytes:
     from ronnaplan.scene.contents import things_of
     from ronnaplan.scene.files import WRITERS, html
     from ronnaplan.scene.portrait import still_png
+    from ronnaplan.scene.vtk import Workshop
 
     case = read_case(
         CaseFiles.of_folder(arguments.file),
         lambda: read_scan(arguments.file, arguments.ct, arguments.series, progress=True),
         no_go=arguments.no_go,
     )
-    things = things_of(case, labels=read_labels(arguments.labels, case.volume), robot=True, spreads=True)
-    if arguments.to in WRITERS:
-        return WRITERS[arguments.to](things)
-    return html(things, "ronnaplan", still_png(things))
+    with Workshop() as workshop:
+        labels = read_labels(arguments.labels, case.volume)
+        things = things_of(workshop, case, labels=labels, robot=True, spreads=True)
+        if arguments.to in WRITERS:
+            return WRITERS[arguments.to](things)
+        return html(things, "ronnaplan", still_png(workshop, things))
 
 
 def _deidentify(arguments: argparse.Namespace) -> int:

@@ -13,6 +13,7 @@ from ronnaplan.report.html import picture, table
 from ronnaplan.report.part import Part
 from ronnaplan.scene.files import view, viewer
 from ronnaplan.scene.things import Thing
+from ronnaplan.scene.vtk import Workshop
 
 TITLE = "Overview"
 SHAPE = (700, 1000)
@@ -51,8 +52,9 @@ def view_of(case: Case) -> View:
     """Return what there is to see of a case with its scan; raises `InputError` where it cannot be made."""
     from ronnaplan.scene.contents import things_of
 
-    things = things_of(case, MOST_TRIANGLES)
-    return View(things, _named(case, things))
+    with Workshop() as workshop:
+        things = things_of(workshop, case, MOST_TRIANGLES)
+        return View(things, _named(workshop, case, things))
 
 
 def overview_part(case: Case, seen: View | None, *, turns: bool) -> Part:
@@ -99,7 +101,7 @@ def _errors(one: Measures | None) -> list[str]:
     return [number(error.target_rms_mm if error else None) for error in found]
 
 
-def _named(case: Case, things: Sequence[Thing]) -> bytes:
+def _named(workshop: Workshop, case: Case, things: Sequence[Thing]) -> bytes:
     """Return a picture of things with the names of the trajectories at their entries, as a PNG."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -113,7 +115,9 @@ def _named(case: Case, things: Sequence[Thing]) -> bytes:
     figure = Figure(figsize=(SHAPE[1] / 100, SHAPE[0] / 100), dpi=100, facecolor="none")
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.imshow(drawn(things, camera, SHAPE), extent=(-wide, wide, -1.0, 1.0), interpolation="antialiased")
+    axes.imshow(
+        drawn(workshop, things, camera, SHAPE), extent=(-wide, wide, -1.0, 1.0), interpolation="antialiased"
+    )
     axes.set_axis_off()
     outlined = [withStroke(linewidth=3, foreground=BACKGROUND)]
     for one in case.plan or ():

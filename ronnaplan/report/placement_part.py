@@ -58,12 +58,14 @@ def _drawn(found: PlacementDocument, seen: Sequence[Thing]) -> list[str]:
     """Return a picture of the robot beside the head, where the document holds it."""
     from ronnaplan.scene.portrait import still_png
     from ronnaplan.scene.robot import in_room, robot_things
+    from ronnaplan.scene.vtk import Workshop
 
     robot = robot_things(found)
     if not robot:
         return []
     caption = "the robot at the first place, in its reference posture; the ring is its reach about its shoulder"
-    return [picture(still_png(in_room(found, [*robot, *seen]), SHAPE, FROM), caption)]
+    with Workshop() as workshop:
+        return [picture(still_png(workshop, in_room(found, [*robot, *seen]), SHAPE, FROM), caption)]
 
 
 def _place(found: PlacementDocument, count: int, one: PlaceEntry) -> list[str]:

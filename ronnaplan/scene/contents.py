@@ -18,12 +18,14 @@ from ronnaplan.scene.robot import robot_things
 from ronnaplan.scene.shapes import Body
 from ronnaplan.scene.surfaces import MOST_TRIANGLES, REGION, surfaces
 from ronnaplan.scene.things import Thing
+from ronnaplan.scene.vtk import Workshop
 
 OPACITY = {"skull": 0.3, "skin": 0.2}
 """So that trajectories are seen through the head."""
 
 
 def things_of(
+    workshop: Workshop,
     case: Case,
     most_triangles: int = MOST_TRIANGLES,
     *,
@@ -49,11 +51,11 @@ def things_of(
             shown += things.path(path, judged)
     if case.volume is not None:
         for name, mask in case.no_go.items():
-            shown.append(things.no_go(name, _region(case.volume, mask, most_triangles)))
+            shown.append(things.no_go(name, _region(workshop, case.volume, mask, most_triangles)))
         for number, (name, mask) in enumerate((labels or {}).items()):
-            region = _region(case.volume, mask, most_triangles)
+            region = _region(workshop, case.volume, mask, most_triangles)
             shown.append(things.label_map(name, region, things.label_colour(number)))
-        head = surfaces(alone(Field.of(case.volume)), most_triangles=most_triangles)
+        head = surfaces(workshop, alone(Field.of(case.volume)), most_triangles=most_triangles)
         shown += [things.skull(head["skull"], OPACITY["skull"]), things.skin(head["skin"], OPACITY["skin"])]
     whole = [one for one in shown if len(one.body.triangles)]
     if not whole:
@@ -75,10 +77,10 @@ def _markers(document: FiducialsDocument, spreads: bool) -> list[Thing]:
     return shown
 
 
-def _region(volume: CTVolume, mask: NDArray[np.bool_], most_triangles: int) -> Body:
+def _region(workshop: Workshop, volume: CTVolume, mask: NDArray[np.bool_], most_triangles: int) -> Body:
     """Return the surface of a region (K, J, I)."""
     field = of_mask(volume, mask)
-    return surfaces(field, {"region": REGION}, outside=0.0, most_triangles=most_triangles)["region"]
+    return surfaces(workshop, field, {"region": REGION}, outside=0.0, most_triangles=most_triangles)["region"]
 
 
 def _beside(plan: Plan, volume: CTVolume) -> list[Trajectory]:

@@ -30,9 +30,13 @@ class HeadParts:
 def head_parts(
     workshop: Workshop, scan: CTVolume, regions: Mapping[str, NDArray[np.bool_]], most_triangles: int
 ) -> HeadParts:
-    """Have them made; each surface has at most so many triangles. ``regions`` are masks (K, J, I) of the scan."""
+    """Have them made as the workshop's last task; each surface has at most so many triangles.
+
+    ``regions`` are masks (K, J, I) of the scan.
+    """
     try:
-        parts: HeadParts = workshop.answer("head", {"scan": scan, "regions": regions, "most": most_triangles})
+        with workshop:
+            parts: HeadParts = workshop.answer("head", {"scan": scan, "regions": regions, "most": most_triangles})
     except NoGraphicsError as error:
         return HeadParts(wanting=str(error))
     return parts

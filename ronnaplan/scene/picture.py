@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 from ronnaplan.scene.camera import FURTHEST_MM, Camera
 from ronnaplan.scene.things import Thing
-from ronnaplan.scene.vtk import Arrays, NoGraphicsError, asked
+from ronnaplan.scene.vtk import Arrays, NoGraphicsError, Workshop
 
 Shades = NDArray[np.uint8]
 
@@ -18,15 +18,15 @@ EMPTY_MM = 0.99 * FURTHEST_MM
 """Where the depth is more, nothing was drawn: OpenCV leaves its own rounding there."""
 
 
-def picture(things: Sequence[Thing], camera: Camera, shape: tuple[int, int]) -> Shades:
+def picture(workshop: Workshop, things: Sequence[Thing], camera: Camera, shape: tuple[int, int]) -> Shades:
     """Return the picture (H, W, 4), red, green, blue and how much there is, of ``shape`` = (rows, columns)."""
     try:
-        return rendered(things, camera, shape)
+        return rendered(workshop, things, camera, shape)
     except NoGraphicsError:
         return filled_in(things, camera, shape)
 
 
-def rendered(things: Sequence[Thing], camera: Camera, shape: tuple[int, int]) -> Shades:
+def rendered(workshop: Workshop, things: Sequence[Thing], camera: Camera, shape: tuple[int, int]) -> Shades:
     """Return the picture that VTK makes; raises `NoGraphicsError` where it cannot load a graphics library."""
     task: Arrays = {
         "size": np.array(shape[::-1]),
@@ -43,7 +43,7 @@ def rendered(things: Sequence[Thing], camera: Camera, shape: tuple[int, int]) ->
             f"{number}/triangles": one.body.triangles,
             f"{number}/look": np.array([*one.colour, one.opacity, one.gloss]),
         }
-    shades: Shades = asked("picture", task)["picture"]
+    shades: Shades = workshop.arrays("picture", task)["picture"]
     return shades
 
 

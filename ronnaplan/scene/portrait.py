@@ -17,6 +17,7 @@ from ronnaplan.scene.picture import Shades, picture
 from ronnaplan.scene.shapes import Body
 from ronnaplan.scene.surfaces import SURFACES, surfaces
 from ronnaplan.scene.things import Thing, marker, skin
+from ronnaplan.scene.vtk import Workshop
 
 FRONTS = np.array([[-0.62, -0.72, 0.28], [0.62, -0.72, 0.28], [-0.5, -0.66, 0.56], [0.5, -0.66, 0.56]])
 """From the head to the eye, LPS: right front, left front, and both from further above."""
@@ -46,19 +47,20 @@ def head_picture(
     volume: CTVolume, centers_mm: FloatArray, diameter_mm: float, shape: tuple[int, int] = SHAPE
 ) -> HeadPicture:
     """Draw skin and markers (N, 3) from that side in front which shows most of them."""
-    head = alone(Field.of(volume, CELL_MM))
-    found = surfaces(head, {"skin": SURFACES["skin"]}, most_triangles=MOST_TRIANGLES)["skin"]
-    things = [marker(f"F{n + 1}", center, diameter_mm) for n, center in enumerate(centers_mm)]
-    if len(found.triangles):
-        things.append(skin(found))
-    best: tuple[Camera, NDArray[np.bool_]] | None = None
-    for direction in FRONTS:
-        camera = filling(things, direction)
-        seen = _seen(camera, found, centers_mm, diameter_mm / 2)
-        if best is None or seen.sum() > best[1].sum():
-            best = camera, seen
-    assert best is not None
-    return HeadPicture(picture(things, best[0], shape), *best)
+    with Workshop() as workshop:
+        head = alone(Field.of(volume, CELL_MM))
+        found = surfaces(workshop, head, {"skin": SURFACES["skin"]}, most_triangles=MOST_TRIANGLES)["skin"]
+        things = [marker(f"F{n + 1}", center, diameter_mm) for n, center in enumerate(centers_mm)]
+        if len(found.triangles):
+            things.append(skin(found))
+        best: tuple[Camera, NDArray[np.bool_]] | None = None
+        for direction in FRONTS:
+            camera = filling(things, direction)
+            seen = _seen(camera, found, centers_mm, diameter_mm / 2)
+            if best is None or seen.sum() > best[1].sum():
+                best = camera, seen
+        assert best is not None
+        return HeadPicture(picture(workshop, things, best[0], shape), *best)
 
 
 def _seen(camera: Camera, head: Body, centers_mm: FloatArray, radius_mm: float) -> NDArray[np.bool_]:
@@ -88,12 +90,14 @@ def filling(things: Sequence[Thing], direction: FloatArray = FRONTS[0]) -> Camer
     return Camera(middle + away * back, middle)
 
 
-def still_png(things: Sequence[Thing], shape: tuple[int, int] = SHAPE, direction: FloatArray = FRONTS[0]) -> bytes:
+def still_png(
+    workshop: Workshop, things: Sequence[Thing], shape: tuple[int, int] = SHAPE, direction: FloatArray = FRONTS[0]
+) -> bytes:
     """Return a picture of things, from ``direction`` (3,), that fills ``shape`` = (rows, columns), as a PNG.
 
     It is clear where nothing is.
     """
     import cv2
 
-    shades = picture(things, filling(things, direction), shape)
+    shades = picture(workshop, things, filling(things, direction), shape)
     return bytes(cv2.imencode(".png", np.ascontiguousarray(shades[..., [2, 1, 0, 3]]))[1])

@@ -11,7 +11,7 @@ import numpy as np
 from ronnaplan.planning.sampling import AIR_HU
 from ronnaplan.scene.field import Field
 from ronnaplan.scene.shapes import Body
-from ronnaplan.scene.vtk import Arrays, asked
+from ronnaplan.scene.vtk import Arrays, Workshop
 
 MOST_TRIANGLES: Final = 120_000
 """A surface with more is thinned out: a browser without a graphics card still draws this many."""
@@ -33,6 +33,7 @@ REGION: Final = Level(0.5)
 
 
 def surfaces(
+    workshop: Workshop,
     field: Field,
     levels: Mapping[str, Level] = SURFACES,
     *,
@@ -41,9 +42,9 @@ def surfaces(
 ) -> dict[str, Body]:
     """Return the bodies at some levels of a field, by name; one without triangles where nothing reaches its level.
 
-    They are made in another process. Raises `InputError` where pyvista is not installed.
+    Raises `InputError` where pyvista is not installed.
     """
-    return bodies(asked("surfaces", task(field, levels, outside, most_triangles)), levels)
+    return bodies(workshop.arrays("surfaces", task(field, levels, outside, most_triangles)), levels)
 
 
 def task(field: Field, levels: Mapping[str, Level], outside: float, most_triangles: int) -> Arrays:

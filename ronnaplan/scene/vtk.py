@@ -30,9 +30,13 @@ class NoGraphicsError(InputError):
 
 
 class Workshop:
-    """A process for one task. It loads its libraries from when it is begun, which takes as long as many a task."""
+    """A process for tasks, one after the other, until its context ends.
+
+    It loads its libraries from when it is begun, which takes as long as many a task.
+    """
 
     def __init__(self) -> None:
+        self._failed = ""
         self._told = tempfile.TemporaryFile()  # noqa: SIM115
         self._process = subprocess.Popen(
             [sys.executable, "-m", "ronnaplan.scene.workshop"],
@@ -54,39 +58,35 @@ class Workshop:
                 stream.close()
 
     def answer(self, task: str, given: dict[str, Any]) -> Any:
-        """Return the answer to a task, the only one; raises `NoGraphicsError` where it could not be done."""
-        late = threading.Timer(LONGEST_S, self._process.kill)
+        """Return the answer to a task; raises `NoGraphicsError` where it, or one before it, could not be done."""
+        if self._failed:
+            raise NoGraphicsError(self._failed)
+        process = self._process
+        assert process.stdin is not None
+        assert process.stdout is not None
+        late = threading.Timer(LONGEST_S, process.kill)
         late.start()
         try:
-            with self._process as process, self._told:
-                assert process.stdin is not None
-                assert process.stdout is not None
-                try:
-                    send(process.stdin, (task, given))
-                    return receive(process.stdout)
-                except (EOFError, OSError) as error:
-                    with suppress(OSError):
-                        process.stdin.close()
-                    status = process.wait()
-                    self._told.seek(0)
-                    last = self._told.read().decode(errors="replace").strip().rpartition("\n")[2]
-                    reason = last or (f"status {status}" if late.is_alive() else f"not done after {LONGEST_S:g} s")
-                    raise NoGraphicsError(
-                        f"VTK could not make {task} ({reason}); see docs/planner.md, 3-D"
-                    ) from error
+            send(process.stdin, (task, given))
+            return receive(process.stdout)
+        except (EOFError, OSError) as error:
+            with suppress(OSError):
+                process.stdin.close()
+            status = process.wait()
+            self._told.seek(0)
+            last = self._told.read().decode(errors="replace").strip().rpartition("\n")[2]
+            reason = last or (f"status {status}" if late.is_alive() else f"not done after {LONGEST_S:g} s")
+            self._failed = f"VTK could not make {task} ({reason}); see docs/planner.md, 3-D"
+            raise NoGraphicsError(self._failed) from error
         finally:
             late.cancel()
 
-
-def asked(task: str, arrays: Arrays) -> Arrays:
-    """Return the answer to a task of the workshop.
-
-    Raises `InputError` where pyvista is not installed, `NoGraphicsError` where the task could not be done.
-    """
-    if find_spec(NEEDED) is None:
-        raise InputError(f"3-D surfaces need {NEEDED}; install ronnaplan[scene]")
-    answer: Arrays = Workshop().answer(task, arrays)
-    return answer
+    def arrays(self, task: str, given: Arrays) -> Arrays:
+        """Return the answer to a task that needs pyvista; raises `InputError` where that is not installed."""
+        if find_spec(NEEDED) is None:
+            raise InputError(f"3-D surfaces need {NEEDED}; install ronnaplan[scene]")
+        answer: Arrays = self.answer(task, given)
+        return answer
 
 
 def _environment() -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""The process in which VTK works: one task from standard input, its answer to standard output, then it ends.
+"""The process in which VTK works: tasks from standard input, an answer each to standard output, to the input's end.
 
 VTK keeps the memory that it took, and ends a process in which no graphics library can be loaded: neither touches the
 process that asked.
@@ -37,7 +37,7 @@ EYE_LIGHTS = (
 
 
 def main() -> None:
-    """Do one task."""
+    """Do what is asked for."""
     give_way()
     os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow" if sys.platform == "linux" else "")
     threading.Thread(target=_load, daemon=True).start()
@@ -47,11 +47,10 @@ def main() -> None:
 
     with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as out:
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-        try:
-            task, given = receive(sys.stdin.buffer)
-        except EOFError:
-            return  # it was not needed
-        send(out, TASKS[task](given))
+        with suppress(EOFError):
+            while True:
+                task, given = receive(sys.stdin.buffer)
+                send(out, TASKS[task](given))
 
 
 def _load() -> None:

@@ -17,6 +17,7 @@ from ronnaplan.scene.field import Field
 from ronnaplan.scene.head import HeadParts
 from ronnaplan.scene.shapes import Body
 from ronnaplan.scene.surfaces import surfaces
+from ronnaplan.scene.vtk import Workshop
 from tests import cases
 
 SAME = 1e-4
@@ -25,7 +26,8 @@ SAME = 1e-4
 
 @pytest.fixture(scope="module")
 def made() -> dict[str, Body]:
-    return surfaces(Field.of(cases.volume(), 3.0))
+    with Workshop() as workshop:
+        return surfaces(workshop, Field.of(cases.volume(), 3.0))
 
 
 @pytest.fixture

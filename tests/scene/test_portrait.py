@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ronnaplan.scene import vtk
 from ronnaplan.scene.camera import VIEW_DEG
 from ronnaplan.scene.field import Field
 from ronnaplan.scene.picture import filled_in, rendered
 from ronnaplan.scene.portrait import filling, head_picture
 from ronnaplan.scene.shapes import ball
 from ronnaplan.scene.things import Thing
-from ronnaplan.scene.vtk import NoGraphicsError
+from ronnaplan.scene.vtk import NoGraphicsError, Workshop
 from tests.scans import balls, scan, small_stack
 
 CENTER = np.array([[3.0, -4.0, 2.0]])
@@ -24,13 +23,13 @@ def places(shades: np.ndarray, camera: object) -> tuple[float, float]:
     return across / (min(shades.shape[:2]) / 2), down / (min(shades.shape[:2]) / 2)
 
 
-def test_a_marker_is_drawn_where_the_camera_says_it_is_by_both_hands(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_marker_is_drawn_where_the_camera_says_it_is_by_both_hands(workshop: Workshop) -> None:
     things = [Thing("left", ball([8.0, 0.0, 0.0], 5.75), np.array([1.0, 0.2, 0.1]))]
     camera = filling([*things, Thing("right", ball([-9.0, 3.0, 4.0], 6.0), np.ones(3))])
     by_opencv = filled_in(things, camera, SHAPE)
     assert places(by_opencv, camera) == pytest.approx(camera.on_screen(np.array([8.0, 0.0, 0.0]))[:2], abs=0.02)
     try:
-        by_vtk = rendered(things, camera, SHAPE)
+        by_vtk = rendered(workshop, things, camera, SHAPE)
     except NoGraphicsError as error:
         pytest.skip(f"no graphics library can be loaded here: {error}")
     assert places(by_vtk, camera) == pytest.approx(places(by_opencv, camera), abs=0.02)
@@ -43,14 +42,10 @@ def test_a_marker_is_drawn_where_the_camera_says_it_is_by_both_hands(monkeypatch
 def test_a_head_is_seen_from_where_its_marker_is_seen_and_without_a_graphics_library(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    asked = vtk.asked
+    def without(*_: object) -> None:
+        raise NoGraphicsError("none here")
 
-    def without(task: str, arrays: vtk.Arrays) -> vtk.Arrays:
-        if task == "picture":
-            raise NoGraphicsError("none here")
-        return asked(task, arrays)
-
-    monkeypatch.setattr("ronnaplan.scene.picture.asked", without)
+    monkeypatch.setattr("ronnaplan.scene.picture.rendered", without)
     head = scan(balls([(0.0, 0.0, 0.0)], 30.0), small_stack())
     marker = np.array([[18.0, 3.0, 0.0]])  # on the left
     found = head_picture(head, marker, 4.0, SHAPE)

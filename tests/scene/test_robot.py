@@ -19,6 +19,7 @@ from ronnaplan.robot.placement.serving import Served
 from ronnaplan.scene.contents import things_of
 from ronnaplan.scene.robot import in_room, robot_things
 from ronnaplan.scene.shapes import box
+from ronnaplan.scene.vtk import Workshop
 from tests import cases
 from tests.robot.placement.cases import room
 
@@ -55,11 +56,11 @@ def test_the_arm_stretched_touches_its_ring_and_stands_on_its_trolley() -> None:
     assert not np.allclose(back["robot"].mean(axis=0), shown["robot"].mean(axis=0), atol=50.0)
 
 
-def test_a_case_shows_the_robot_only_where_it_is_asked_for() -> None:
+def test_a_case_shows_the_robot_only_where_it_is_asked_for(workshop: Workshop) -> None:
     case = Case(plan=cases.plan(), placement=document())
-    names = {one.name for one in things_of(case, robot=True)}
+    names = {one.name for one in things_of(workshop, case, robot=True)}
     assert {"robot", "robot reach"} <= names
-    assert not any(one.name.startswith("robot") for one in things_of(case))
+    assert not any(one.name.startswith("robot") for one in things_of(workshop, case))
     assert robot_things(document(robot_from_ct=(), status="blocked", blocked=("all",))) == []
 
 

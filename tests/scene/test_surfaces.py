@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import replace
 
 import numpy as np
@@ -20,9 +19,11 @@ CENTER = np.array([2.0, -3.0, 1.0])
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 15.0])
-def test_the_surface_of_a_ball_lies_at_its_radius_and_its_normals_point_outwards(tilt_deg: float) -> None:
+def test_the_surface_of_a_ball_lies_at_its_radius_and_its_normals_point_outwards(
+    workshop: vtk.Workshop, tilt_deg: float
+) -> None:
     volume = scan(balls([tuple(CENTER)], 20.0), small_stack(tilt_deg=tilt_deg))
-    ball = surfaces(Field.of(volume, 1.2), HALF_WAY)["ball"]
+    ball = surfaces(workshop, Field.of(volume, 1.2), HALF_WAY)["ball"]
     assert len(ball.triangles) > 500
     offsets = ball.vertices_mm - CENTER
     radii = np.linalg.norm(offsets, axis=1)
@@ -37,34 +38,34 @@ def test_the_surface_of_a_ball_lies_at_its_radius_and_its_normals_point_outwards
     )
 
 
-def test_crumbs_are_dropped_cavities_are_sealed_and_much_is_thinned_out() -> None:
+def test_crumbs_are_dropped_cavities_are_sealed_and_much_is_thinned_out(workshop: vtk.Workshop) -> None:
     values = np.full((40, 40, 40), -1024.0, dtype=np.float32)
     values[8:32, 8:32, 8:32] = 500.0
     values[16:24, 16:24, 16:24] = -1024.0
     values[2:4, 2:4, 2:4] = 500.0
     field = Field(values, np.zeros(3), 1.0)
-    found = surfaces(field, {"open": Level(0.0), "sealed": Level(0.0, sealed=True)})
+    found = surfaces(workshop, field, {"open": Level(0.0), "sealed": Level(0.0, sealed=True)})
     for name, inmost in (("open", 4.0), ("sealed", 11.0)):
         reach = np.abs(found[name].vertices_mm - 19.5).max(axis=1)
         assert reach.min() == pytest.approx(inmost, abs=1.0), name
         assert reach.max() < 13.0, name
-    few = surfaces(field, {"open": Level(0.0)}, most_triangles=1000)["open"]
+    few = surfaces(workshop, field, {"open": Level(0.0)}, most_triangles=1000)["open"]
     assert 500 < len(few.triangles) <= 1000 < len(found["open"].triangles)
     assert np.abs(few.vertices_mm - 19.5).max() == pytest.approx(12.0, abs=1.0)
 
 
-def test_a_region_and_an_empty_scan() -> None:
+def test_a_region_and_an_empty_scan(workshop: vtk.Workshop) -> None:
     volume = scan(balls([(300.0, 0.0, 0.0)]), small_stack())
-    assert all(len(part.triangles) == 0 for part in surfaces(Field.of(volume), SURFACES).values())
+    assert all(len(part.triangles) == 0 for part in surfaces(workshop, Field.of(volume), SURFACES).values())
     mask = np.zeros(volume.voxels_hu.shape, dtype=np.bool_)
     mask[10:30, 40:90, 30:80] = True
-    region = surfaces(of_mask(volume, mask), {"region": REGION}, outside=0.0)["region"]
+    region = surfaces(workshop, of_mask(volume, mask), {"region": REGION}, outside=0.0)["region"]
     corners = volume.grid.positions_mm(np.array([[9.5, 39.5, 29.5], [29.5, 89.5, 79.5]]))
     assert region.vertices_mm.min(axis=0) == pytest.approx(corners.min(axis=0), abs=0.8)
     assert region.vertices_mm.max(axis=0) == pytest.approx(corners.max(axis=0), abs=0.8)
 
 
-def test_all_that_a_head_is_drawn_from_comes_of_one_process_that_was_begun_before() -> None:
+def test_all_that_a_head_is_drawn_from_comes_of_one_process_that_was_begun_before(workshop: vtk.Workshop) -> None:
     volume = scan(balls([tuple(CENTER)], 20.0), small_stack())
     mask = np.zeros(volume.voxels_hu.shape, dtype=np.bool_)
     mask[10:30, 40:90, 30:80] = True
@@ -72,7 +73,7 @@ def test_all_that_a_head_is_drawn_from_comes_of_one_process_that_was_begun_befor
     assert parts.wanting == ""
     assert parts.volume is not None
     assert parts.volume.values.max() > parts.volume.values.min()
-    alone = surfaces(Field.of(volume), most_triangles=2000)
+    alone = surfaces(workshop, Field.of(volume), most_triangles=2000)
     for name, body in alone.items():
         np.testing.assert_allclose(parts.surfaces[name].vertices_mm, body.vertices_mm)
     assert len(parts.regions["region"].triangles) > 100
@@ -80,10 +81,11 @@ def test_all_that_a_head_is_drawn_from_comes_of_one_process_that_was_begun_befor
 
 
 def test_what_is_missing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
-    monkeypatch.setattr(vtk, "find_spec", lambda _: None)
-    with pytest.raises(InputError, match=r"install ronnaplan\[scene\]"):
-        vtk.asked("surfaces", {})
-    monkeypatch.undo()
-    with pytest.raises(vtk.NoGraphicsError, match=r"could not make what nobody knows .*KeyError"):
-        vtk.asked("what nobody knows", {})
+    with vtk.Workshop() as workshop:
+        with monkeypatch.context() as without:
+            without.setattr(vtk, "find_spec", lambda _: None)
+            with pytest.raises(InputError, match=r"install ronnaplan\[scene\]"):
+                workshop.arrays("surfaces", {})
+        for task in ("what nobody knows", "surfaces"):  # a process that has ended does no more
+            with pytest.raises(vtk.NoGraphicsError, match=r"could not make what nobody knows .*KeyError"):
+                workshop.arrays(task, {})
