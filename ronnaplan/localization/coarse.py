@@ -87,7 +87,8 @@ def _average(
     """Fill the slices ``first`` to ``end`` of ``coarse`` with means of so many voxels, from air upwards."""
     _, rows, columns = coarse.shape
     sums, means = np.empty(columns * by_i, dtype=np.float32), np.empty(columns, dtype=np.float32)
-    per_pixel, per_slice, highest = np.float32(1.0 / (by_j * by_i)), np.float32(1.0 / by_k), np.float32(HIGHEST_HU)
+    per_pixel, per_slice = np.float32(1.0 / (by_j * by_i)), np.float32(1.0 / by_k)
+    air, highest = np.float32(AIR_HU), np.float32(HIGHEST_HU)
     for k in range(first, end):
         for j in range(rows):
             means[:] = 0.0
@@ -96,7 +97,7 @@ def _average(
                 for b in range(by_j):
                     row = fine[k * by_k + a, j * by_j + b]
                     for i in range(len(sums)):
-                        sums[i] += np.float32(max(row[i], AIR_HU))
+                        sums[i] += max(np.float32(row[i]), air)
                 _add_means(sums, by_i, per_pixel, means)
             for i in range(columns):
                 coarse[k, j, i] = np.int16(min(means[i] * per_slice, highest))
@@ -105,12 +106,28 @@ def _average(
 @njit(cache=True, nogil=True)
 def _add_means(sums: NDArray[np.float32], by_i: int, per_pixel: np.float32, means: NDArray[np.float32]) -> None:
     """Add to ``means`` what each ``by_i`` of the ``sums`` tell, in whole HU."""
-    if by_i == 2:  # the commonest, and several at once
+    if by_i == 2:  # the commonest ones, several means at once
         for i in range(len(means)):
             means[i] += np.floor((sums[2 * i] + sums[2 * i + 1]) * per_pixel + np.float32(0.5))
     elif by_i == 1:
         for i in range(len(means)):
             means[i] += np.rint(sums[i] * per_pixel)
+    elif by_i == 3:
+        for i in range(len(means)):
+            means[i] += np.rint((sums[3 * i] + sums[3 * i + 1] + sums[3 * i + 2]) * per_pixel)
+    elif by_i == 4:
+        for i in range(len(means)):
+            total = (sums[4 * i] + sums[4 * i + 1]) + (sums[4 * i + 2] + sums[4 * i + 3])
+            means[i] += np.rint(total * per_pixel)
     else:
         for i in range(len(means)):
-            means[i] += np.rint(sums[i * by_i : (i + 1) * by_i].sum() * per_pixel)
+            means[i] += np.rint(_sum(sums, i * by_i, (i + 1) * by_i) * per_pixel)
+
+
+@njit(cache=True, nogil=True)
+def _sum(values: NDArray[np.float32], first: int, end: int) -> np.float32:
+    """Sum up without the array that a slice would make."""
+    total = np.float32(0.0)
+    for n in range(first, end):
+        total += values[n]
+    return total

@@ -19,7 +19,7 @@ from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import RefusedError, check_type
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import SOLID, Build
-from ronnaplan.localization.coarse import COARSE_FLOOR_MM, blocks, coarse_voxel_mm, coarsen
+from ronnaplan.localization.coarse import COARSE_FLOOR_MM, Blocks, blocks, coarse_voxel_mm, coarsen
 from ronnaplan.localization.detect import detect_in
 from ronnaplan.localization.examine import Examined, Scan, distinct, examine_place
 from ronnaplan.localization.look import surface_shares
@@ -74,7 +74,8 @@ def sizes_seen(volume: CTVolume, marker: Build = SOLID, *, progress: bool = Fals
     """
     check_type(volume, CTVolume, "the volume", "read_ct returns one")
     scan, coarse = Scan(volume), Scan(coarsen(volume, COARSE_FLOOR_MM))
-    places = _round_places(scan, coarse.volume, marker, progress)
+    with single_threaded_algebra():
+        places = _round_places(scan, coarse.volume, marker, progress)
 
     def scan_for(diameter_mm: float) -> Scan:
         return coarse if marker == SOLID and diameter_mm >= LARGE_MM else scan
@@ -142,18 +143,22 @@ def _round_places(scan: Scan, coarse: CTVolume, marker: Build, progress: bool) -
     smallest_mm = max(SEARCHED_MM[0], 3.0 * volume.grid.row_spacing_mm)
     diameters_mm = np.exp(np.arange(np.log(smallest_mm), np.log(SEARCHED_MM[1]), np.log(STEP))).tolist()
 
-    voxels_mm = [coarse_voxel_mm(diameter_mm, COARSEST_SHARE) for diameter_mm in diameters_mm]
-    copies = {blocks(coarse, voxel_mm): voxel_mm for voxel_mm in voxels_mm}  # several sizes share one
-    coarser = {block: coarsen(coarse, voxel_mm) for block, voxel_mm in copies.items()}
+    copies: dict[Blocks, list[float]] = {}  # several sizes share one
+    for diameter_mm in diameters_mm:
+        copies.setdefault(blocks(coarse, coarse_voxel_mm(diameter_mm, COARSEST_SHARE)), []).append(diameter_mm)
 
-    def voted(diameter_mm: float, voxel_mm: float) -> list[tuple[FloatArray, float]]:
-        copy = coarser[blocks(coarse, voxel_mm)]
-        places = detect_in(copy, diameter_mm).centers_mm[:MOST_LOOKED_AT]
-        shares = surface_shares(volume, places, diameter_mm, marker, scan.thickness_mm(places), LEAST_SHOWN)
-        return [(place, diameter_mm) for place in places[shares >= LEAST_SHOWN]]
+    def voted(sizes_mm: list[float]) -> list[tuple[FloatArray, float]]:
+        copy = coarsen(coarse, coarse_voxel_mm(sizes_mm[0], COARSEST_SHARE))
+        balls: list[tuple[FloatArray, float]] = []
+        for diameter_mm, candidates in zip(sizes_mm, detect_in(copy, sizes_mm), strict=True):
+            places = candidates.centers_mm[:MOST_LOOKED_AT]
+            thickness_mm = scan.thickness_mm(places)
+            shares = surface_shares(volume, places, diameter_mm, marker, thickness_mm, LEAST_SHOWN)
+            balls += [(place, diameter_mm) for place in places[shares >= LEAST_SHOWN]]
+        return balls
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        tried = advancing(pool.map(voted, diameters_mm, voxels_mm), len(diameters_mm), progress, "trying sizes")
+        tried = advancing(pool.map(voted, copies.values()), len(copies), progress, "trying sizes")
         found = [ball for some in tried for ball in some]
     if not found:
         return []

@@ -18,6 +18,7 @@ from ronnaplan.localization.build import Build
 from ronnaplan.localization.examine import Examined, Scan, distinct, examine_place
 from ronnaplan.localization.motion import LEAST_TOGETHER
 from ronnaplan.localization.parameters import BLUR, EDGE, WIDTH
+from ronnaplan.localization.parts import single_threaded_algebra
 from ronnaplan.localization.uncertainty import beyond_usual_mm, usual_odd_mm2, with_usual
 
 ALIKE_MM = 0.75
@@ -56,12 +57,13 @@ def by_the_usual(scan: Scan, examined: Sequence[Examined], build: Build, usual: 
     excused = OF_THE_SURFACE if usual.misfit > 0.0 else set()
     if usual.broadening_mm > 0.0:
         excused = excused | OF_THE_PROFILE
-    return [
-        examine_place(scan, one.candidate_mm, one.stated_mm, build, usual)
-        if one.failures and one.failed <= excused
-        else one
-        for one in examined
-    ]
+    with single_threaded_algebra():
+        return [
+            examine_place(scan, one.candidate_mm, one.stated_mm, build, usual)
+            if one.failures and one.failed <= excused
+            else one
+            for one in examined
+        ]
 
 
 def _usual_misfit(balls: Sequence[Examined]) -> float:

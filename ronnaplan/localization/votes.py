@@ -1,0 +1,218 @@
+"""Votes for the centers of balls: edges give them, and where most agree there may be a ball."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kernelcache import njit
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.parts import in_parts
+
+VOTE_CELLS_PER_DIAMETER = 6
+"""Votes are counted in cells of this share of the diameter, but never smaller than a pixel."""
+
+MIN_VOTE_SHARE = 0.3
+"""A candidate has at least this share of the votes of a complete, isolated ball of its size."""
+
+Edges = NDArray[np.int32]
+"""Voxels (N, 6) of a slab that may lie on a surface: slice, row and column, and by how many HU the image rises from the
+voxel before to the one behind along columns, rows and slices."""
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Places worth a fit: ``centers_mm`` (N, 3) in LPS, strongest first, with their share of a ball's votes."""
+
+    centers_mm: FloatArray
+    vote_shares: FloatArray
+
+
+@dataclass(frozen=True)
+class Ballot:
+    """The votes (z, y, x) for centers of balls of one size.
+
+    They are counted in cells of ``cell_mm``, the first of which lies at the ``corner`` (u, v, w).
+    """
+
+    diameter_mm: float
+    corner: FloatArray
+    cell_mm: float
+    votes: NDArray[np.uint16]
+
+    @classmethod
+    def over(cls, low: FloatArray, high: FloatArray, diameter_mm: float, least_mm: float) -> Ballot:
+        """Return one without votes over a scan from ``low`` (3,) to ``high``; no cell is smaller than ``least_mm``."""
+        cell_mm = max(diameter_mm / VOTE_CELLS_PER_DIAMETER, least_mm)
+        corner = low - cell_mm
+        shape = np.ceil((high - corner) / cell_mm).astype(int) + 2
+        return cls(diameter_mm, corner, cell_mm, np.zeros(shape[::-1], dtype=np.uint16))
+
+    def count(self, edges: Sequence[Edges], origins: FloatArray, steps: FloatArray, threshold: float) -> None:
+        """Count the votes of a slab's ``edges``, each layer of cells by one thread.
+
+        ``origins`` (K, 3) are those of its slices along u, v, w, ``steps`` (2,) the distances of columns and rows. Who
+        rises by less than ``threshold`` (HU/mm) has no vote.
+        """
+        radius_mm = self.diameter_mm / 2.0
+        reached_mm = np.array([origins[:, 2].min() - radius_mm, origins[:, 2].max() + radius_mm]) - self.corner[2]
+        reached = reached_mm / self.cell_mm
+        low, high = np.clip([int(reached[0]) - 1, int(reached[1]) + 2], 0, len(self.votes)).tolist()
+        ballot = self.corner, self.cell_mm, self.votes
+
+        def count(first: int, end: int) -> None:
+            for some in edges:
+                _vote(some, origins, steps, threshold, radius_mm, *ballot, low + first, low + end)
+
+        in_parts(count, high - low)
+
+    def counted(self, voxels_per_mm2: float, axes: FloatArray) -> Candidates:
+        """Return who was voted for, where a surface has so many voxels and ``axes`` (3, 3) are u, v, w in LPS."""
+        surface_voxels = np.pi * self.diameter_mm**2 * voxels_per_mm2
+        centers, shares = _peaks(self.votes, surface_voxels)
+        return Candidates((self.corner + centers * self.cell_mm) @ axes, shares)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _vote(
+    edges: Edges,
+    origins: FloatArray,
+    steps: FloatArray,
+    threshold: float,
+    radius: float,
+    corner: FloatArray,
+    cell: float,
+    votes: NDArray[np.uint16],
+    first: int,
+    end: int,
+) -> None:
+    """Let each edge whose gradient exceeds ``threshold`` (HU/mm) vote one ``radius`` up its gradient.
+
+    Only the votes for the layers ``first`` to ``end`` of cells are counted.
+    """
+    per_u, per_v, least = 0.5 / steps[0], 0.5 / steps[1], threshold * threshold
+    lowest, highest = corner[2] + (first - 1) * cell - radius, corner[2] + end * cell + radius
+    for n in range(len(edges)):
+        k, j, i = edges[n, 0], edges[n, 1], edges[n, 2]
+        if not lowest <= origins[k, 2] <= highest:
+            continue
+        gu, gv = per_u * edges[n, 3], per_v * edges[n, 4]
+        along = gu * (origins[k + 1, 0] - origins[k - 1, 0])
+        gw = (1.0 / (origins[k + 1, 2] - origins[k - 1, 2])) * (
+            edges[n, 5] - along - gv * (origins[k + 1, 1] - origins[k - 1, 1])
+        )
+        square = gu * gu + gv * gv + gw * gw
+        if square < least:
+            continue
+        reach = radius / np.sqrt(square)
+        x = int((origins[k, 0] + i * steps[0] + reach * gu - corner[0]) / cell + 0.5)
+        y = int((origins[k, 1] + j * steps[1] + reach * gv - corner[1]) / cell + 0.5)
+        z = int((origins[k, 2] + reach * gw - corner[2]) / cell + 0.5)
+        if first <= z < end and 0 <= y < votes.shape[1] and 0 <= x < votes.shape[2]:
+            votes[z, y, x] += 1
+
+
+def _peaks(votes: NDArray[np.uint16], full_count: float) -> tuple[FloatArray, FloatArray]:
+    """Local maxima of the votes gathered over 3 x 3 x 3 cells: cell coordinates (N, 3) = (x, y, z), and shares."""
+    parts = in_parts(lambda first, end: _gather_peaks(votes, MIN_VOTE_SHARE * full_count, first, end), len(votes))
+    places, strength, centers = (np.concatenate(some) for some in zip(*parts, strict=True))
+    best = np.lexsort((*places.T, -strength))
+    return centers[best], strength[best] / full_count
+
+
+@njit(cache=True, nogil=True)
+def _gather_peaks(
+    votes: NDArray[np.uint16], threshold: float, first: int, end: int
+) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+    """Cells (N, 3) = (z, y, x) whose 3 x 3 x 3 sum is a local maximum, that sum (N,), and its centroid (x, y, z).
+
+    Of the layers ``first`` to ``end``.
+    """
+    places = []
+    strengths = []
+    centers = []
+    depth, height, width = votes.shape
+    sums = np.empty((3, height, width), dtype=np.int32)  # of three layers, each at its number modulo 3
+    tops = np.empty((3, height), dtype=np.int32)
+    begin = max(first, 1)
+    if begin < min(end, depth - 1):
+        _sum_layer(votes, begin - 1, sums, tops)
+        _sum_layer(votes, begin, sums, tops)
+    for z in range(begin, min(end, depth - 1)):
+        _sum_layer(votes, z + 1, sums, tops)
+        for y in range(1, height - 1):
+            row = sums[z % 3, y]
+            if tops[z % 3, y] < threshold:
+                continue
+            for x in range(1, width - 1):
+                total = row[x]
+                if total < threshold or row[x - 1] >= total or row[x + 1] > total or not _is_peak(sums, z, y, x):
+                    continue
+                places.append((z, y, x))
+                strengths.append(float(total))
+                centers.append(_centroid(votes, z, y, x, float(total)))
+    count = len(places)
+    place_array = np.empty((count, 3), dtype=np.int64)
+    center_array = np.empty((count, 3))
+    strength_array = np.empty(count)
+    for n in range(count):
+        strength_array[n] = strengths[n]
+        for axis in range(3):
+            place_array[n, axis] = places[n][axis]
+            center_array[n, axis] = centers[n][axis]
+    return place_array, strength_array, center_array
+
+
+@njit(cache=True, nogil=True)
+def _sum_layer(votes: NDArray[np.uint16], z: int, sums: NDArray[np.int32], tops: NDArray[np.int32]) -> None:
+    """Fill the layer of ``sums`` with the votes in the 3 x 3 x 3 cells about each cell of layer ``z``.
+
+    ``tops`` gets the largest sum of each row. Of a cell that nobody voted for 0 is told: between two slices' votes it
+    would gather most, and nobody be the peak.
+    """
+    depth, height, width = votes.shape
+    across = np.empty(width, dtype=np.int32)
+    for y in range(height):
+        across[:] = 0
+        for c in range(max(z - 1, 0), min(z + 2, depth)):
+            for b in range(max(y - 1, 0), min(y + 2, height)):
+                row = votes[c, b]
+                for x in range(width):
+                    across[x] += row[x]
+        into, own = sums[z % 3, y], votes[z, y]
+        into[0], into[width - 1] = across[0] + across[1], across[width - 2] + across[width - 1]
+        for x in range(1, width - 1):
+            into[x] = across[x - 1] + across[x] + across[x + 1]
+        top = np.int32(0)
+        for x in range(width):
+            into[x] *= own[x] != 0
+            top = max(top, into[x])
+        tops[z % 3, y] = top
+
+
+@njit(cache=True, nogil=True)
+def _is_peak(sums: NDArray[np.int32], z: int, y: int, x: int) -> bool:
+    """Whether no neighbouring cell that was voted for gathers more (of equal ones, the first counts)."""
+    total = sums[z % 3, y, x]
+    for c in range(z - 1, z + 2):
+        for b in range(y - 1, y + 2):
+            for a in range(x - 1, x + 2):
+                other = sums[c % 3, b, a]
+                if other > total or (other == total and (c, b, a) < (z, y, x)):
+                    return False
+    return True
+
+
+@njit(cache=True)
+def _centroid(votes: NDArray[np.uint16], z: int, y: int, x: int, total: float) -> tuple[float, float, float]:
+    sums = np.zeros(3)
+    for c in range(z - 1, z + 2):
+        for b in range(y - 1, y + 2):
+            for a in range(x - 1, x + 2):
+                sums[0] += a * float(votes[c, b, a])
+                sums[1] += b * float(votes[c, b, a])
+                sums[2] += c * float(votes[c, b, a])
+    return sums[0] / total, sums[1] / total, sums[2] / total
