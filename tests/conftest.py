@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from tests import isolation
+from tests import isolation, shared
 
 
-def pytest_configure() -> None:
+def pytest_configure(config: pytest.Config) -> None:
     """Leave this machine's network before anything listens."""
     isolation.isolate()
+    shared.share(config)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

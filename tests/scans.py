@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phantoms.fast import render
 from phantoms.scene import Part, Scene
@@ -16,7 +17,11 @@ def scan(
     scene: Scene, stack: SliceStack, *, blur_mm: float = 0.5, noise_hu: float = 10.0, seed: int = 1
 ) -> CTVolume:
     """Render ``scene`` and lay the voxels on the grid that a reader would give them."""
-    images = render(scene, stack, blur_mm=blur_mm, noise_hu=noise_hu, seed=seed)
+    return on_grid(render(scene, stack, blur_mm=blur_mm, noise_hu=noise_hu, seed=seed), stack)
+
+
+def on_grid(images: NDArray[np.int16], stack: SliceStack) -> CTVolume:
+    """Lay rendered voxels (K, rows, columns) on the grid that a reader would give them."""
     order = np.argsort(stack.positions_mm)
     grid = SliceGrid(
         stack.origins_mm[order],

@@ -6,14 +6,17 @@ from functools import cache
 from unittest.mock import patch
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from phantoms.fast import render
 from phantoms.scene import Part, Scene
 from phantoms.solids import cylinder, ellipsoid
 from phantoms.stack import axial_stack
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import Head
-from tests.scans import scan
+from tests.scans import on_grid
+from tests.shared import once
 
 SCALP, SKULL, BRAIN = np.array([68.0, 84.0, 80.0]), np.array([63.0, 79.0, 75.0]), np.array([57.0, 73.0, 69.0])
 FOOT = np.array([0.0, -84.0, 0.0])
@@ -54,10 +57,14 @@ def layered_head(*, post: bool = False, wire: bool = False) -> Scene:
 def scanned(stack: str, *, post: bool = False, wire: bool = False) -> Head:
     """The layered head as one of the scans in `STACKS` shows it: blurred, noisy."""
     settings = {"matrix": 256, "field_of_view_mm": 190.0, **STACKS[stack]}
-    # A coarser raster does for surfaces as large as these, and tilted slices take a quarter of the time.
-    with patch("phantoms.averages.RASTER_MM", 0.4):
-        volume = scan(layered_head(post=post, wire=wire), axial_stack(**settings))  # type: ignore[arg-type]
-    return Head.of(volume)
+    slices = axial_stack(**settings)  # type: ignore[arg-type]
+
+    def images() -> NDArray[np.int16]:
+        # A coarser raster does for surfaces as large as these, and tilted slices take a quarter of the time.
+        with patch("phantoms.averages.RASTER_MM", 0.4):
+            return render(layered_head(post=post, wire=wire), slices, blur_mm=0.5, noise_hu=10.0, seed=1)
+
+    return Head.of(on_grid(once(f"head_{stack}_{post:d}{wire:d}", images), slices))
 
 
 def reach(start_mm: FloatArray, outward: FloatArray, half_axes_mm: FloatArray) -> float:
