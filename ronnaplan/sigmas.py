@@ -1,4 +1,6 @@
-"""The errors that are assumed where none are stated: standard deviations per axis, in this one place.
+"""The errors that are assumed where none are stated, and the largest that is accepted, in this one place.
+
+Standard deviations per axis.
 
 Nothing is imported here, so that the command line can name them in its help at once.
 """
@@ -19,3 +21,10 @@ SIGMA_ROBOT_DEG = 0.01
 
 SIGMA_GEOMETRY_MM = 0.05
 """Error per axis of a sphere's place on a tracked tool, as drawn or measured: a machined one."""
+
+SIGMA_LAMP_DEG = 0.04
+"""How far the middle of a lamp about a lens is from the lens, as seen from the sphere, to either side: 0.2 mm at
+300 mm. The image does not show it."""
+
+LARGEST_STATED_MM = 0.015
+"""A center that two cameras find with a larger stated error (RMS) is refused. Few err by 0.02 mm."""

@@ -6,6 +6,7 @@ import argparse
 
 from ronnaplan.cli.output import warn
 from ronnaplan.cli.robot_options import degrees, read_looks, rms, size_mm, tell, with_output, with_robot_sigmas
+from ronnaplan.sigmas import LARGEST_STATED_MM, SIGMA_LAMP_DEG
 
 HELP = "Find the markers again in the cameras' images, in the robot's coordinates."
 
@@ -21,17 +22,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--largest-error",
         type=size_mm,
-        default=0.015,
+        default=LARGEST_STATED_MM,
         metavar="MM",
-        help="refuse a marker whose stated error in the rig (RMS) is larger (default: 0.015)",
+        help="refuse a marker whose stated error in the rig (RMS) is larger (default: %(default)s)",
     )
     parser.add_argument(
         "--lamp-offset",
         type=degrees,
-        default=0.04,
+        default=SIGMA_LAMP_DEG,
         metavar="DEG",
         help="how far the middle of a lamp about a lens is from the lens, as seen from the marker, one standard "
-        "deviation (default: 0.04); decides where a marker's rim is as dark as what is behind it",
+        "deviation (default: %(default)s); decides where a marker's rim is as dark as what is behind it",
     )
     with_robot_sigmas(parser)
     with_output(parser, "spheres.json")

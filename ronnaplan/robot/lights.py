@@ -14,9 +14,6 @@ import numpy as np
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.shading import ASIDE_SD, TILT_SD, ShadedSphere
 
-LAMP_SD_DEG = 0.04
-"""How far the middle of a lamp about the lens is from the lens, as seen from the sphere, unless stated otherwise (one
-standard deviation, to either side): 0.2 mm at 300 mm. The image does not show it."""
 MISPLACED, LAMP_SCALES = 0.5, 13
 """Probability, before looking, that the lamp is farther from the lens than is said, and how many lamps are looked at:
 from where it is said up to `ASIDE_SD`, evenly spaced in the logarithm."""

@@ -20,8 +20,8 @@ from ronnaplan.registration.registration import Registration
 from ronnaplan.robot.camera import RIG, StereoRig
 from ronnaplan.robot.chain import TCP, R, to_frame
 from ronnaplan.robot.images import ImagePair
-from ronnaplan.robot.lights import LAMP_SD_DEG
-from ronnaplan.robot.stereo import LARGEST_STATED_MM, StereoSphere, locate_sphere
+from ronnaplan.robot.stereo import StereoSphere, locate_sphere
+from ronnaplan.sigmas import LARGEST_STATED_MM, SIGMA_LAMP_DEG
 
 SAME_SPHERE_MM = 1.0
 """Two looks at one sphere put it no further apart."""
@@ -68,7 +68,7 @@ def in_rig(
     *,
     diameter_mm: float,
     largest_mm: float = LARGEST_STATED_MM,
-    lamp_sd_deg: float = LAMP_SD_DEG,
+    lamp_sd_deg: float = SIGMA_LAMP_DEG,
 ) -> list[StereoSphere]:
     """Return the one sphere of ``diameter_mm`` of each look; what is refused names the look by its frame.
 
@@ -92,7 +92,7 @@ def relocate(
     diameter_mm: float,
     scatter_mm: float = 0.0,
     largest_mm: float = LARGEST_STATED_MM,
-    lamp_sd_deg: float = LAMP_SD_DEG,
+    lamp_sd_deg: float = SIGMA_LAMP_DEG,
 ) -> RobotMarkers:
     """Return the sphere of each look, labelled by its frame, taken from ``robot_from_tcp`` in the same order.
 

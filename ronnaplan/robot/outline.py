@@ -16,8 +16,9 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.camera import Camera
 from ronnaplan.robot.circles import SMALLEST_RADIUS_PX, Circle, Image, find_circles
-from ronnaplan.robot.lights import LAMP_SD_DEG, Lights, in_each_light, weighed
+from ronnaplan.robot.lights import Lights, in_each_light, weighed
 from ronnaplan.robot.shading import find_shaded
+from ronnaplan.sigmas import SIGMA_LAMP_DEG
 
 CONSENSUS_PX = 2.0
 """A first outline is the one that most edges lie as near to, so that hidden or spoilt parts do not pull it."""
@@ -53,7 +54,7 @@ class Outline:
         return float(diameter_mm / 2 / np.sin(self.half_angle))
 
 
-def find_outlines(image: Image, camera: Camera, lamp_sd_deg: float = LAMP_SD_DEG) -> list[Outline]:
+def find_outlines(image: Image, camera: Camera, lamp_sd_deg: float = SIGMA_LAMP_DEG) -> list[Outline]:
     """Return every outline in ``image`` (rows, columns; grey) that could be a bright sphere's, largest first.
 
     A lamp about the lens is off it by ``lamp_sd_deg``, as seen from the sphere.

@@ -13,8 +13,9 @@ from ronnaplan.pose import Pose
 from ronnaplan.robot.camera import RIG, Camera, StereoRig
 from ronnaplan.robot.chain import TCP, to_frame
 from ronnaplan.robot.circles import Image
-from ronnaplan.robot.lights import LAMP_SD_DEG, fit, weighed
+from ronnaplan.robot.lights import fit, weighed
 from ronnaplan.robot.outline import Outline, find_outlines
+from ronnaplan.sigmas import LARGEST_STATED_MM, SIGMA_LAMP_DEG
 
 LARGEST_GAP_MM = 0.3
 """Two outlines whose lines of sight pass further from each other than this are not of one sphere."""
@@ -22,8 +23,6 @@ RIG_PX = 0.03
 """By so much the calibration makes lines of sight miss each other, which then tells nothing of the light."""
 SIZE_TOLERANCE = 0.05
 """Largest relative difference of an outline's apparent size from that of the sphere at the place found."""
-LARGEST_STATED_MM = 0.015
-"""A center whose stated error (RMS) is larger is refused, unless another limit is asked for. Few err by 0.02 mm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +60,7 @@ def locate_sphere(
     *,
     diameter_mm: float,
     largest_mm: float = LARGEST_STATED_MM,
-    lamp_sd_deg: float = LAMP_SD_DEG,
+    lamp_sd_deg: float = SIGMA_LAMP_DEG,
 ) -> StereoSphere:
     """Return the one sphere of ``diameter_mm`` that both images (rows, columns; grey) show.
 
