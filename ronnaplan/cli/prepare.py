@@ -36,7 +36,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def place_robot() -> None:
-    """Find a place for one trajectory and one marker in the room of the example."""
+    """Find a place for one trajectory and one marker in the room of the example, on a little of its floor."""
+    from dataclasses import replace
+
     import numpy as np
 
     from ronnaplan.documents.room import example_room
@@ -45,7 +47,10 @@ def place_robot() -> None:
     from ronnaplan.robot.placement.tasks import drill_task, view_task
     from ronnaplan.robot.placement.world import world_of
 
-    room = example_room()
+    whole = example_room()
+    room = replace(
+        whole, floor=replace(whole.floor, x_mm=(-800.0, -700.0), y_mm=(-600.0, -500.0), z_mm=(900.0, 900.0))
+    )
     center = np.array(room.head.center_mm)
     tasks = (
         drill_task("", center + np.array([0.0, 0.0, 90.0]), center, room.tool, 150.0, 2.0),

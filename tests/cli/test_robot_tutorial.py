@@ -13,6 +13,7 @@ from ronnaplan.documents.template import read_template_document
 
 ROOT = Path(__file__).resolve().parents[2]
 HEADING = "### From a phantom scan to a placed robot and a printed template"
+HEIGHTS = "z = [800, 1000]"
 
 
 def commands() -> list[list[str]]:
@@ -34,7 +35,9 @@ def test_every_command_of_the_page_does_what_it_says(
         words, _, target = " ".join(line).partition(" > ")
         assert main(line[: len(line) - 2] if target else line) == 0, words
         if target:
-            Path(target).write_text(capsys.readouterr().out)
+            room = capsys.readouterr().out
+            assert HEIGHTS in room
+            Path(target).write_text(room.replace(HEIGHTS, "z = [800, 800]"))  # as the page says: "and edit it"
     placed = read_placement(tmp_path / "placement.json")
     assert placed.status == "placed"
     assert {one.name for one in placed.robot_from_ct[0].tasks} == {"LH", *(f"F{n}" for n in range(1, 7))}
