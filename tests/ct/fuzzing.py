@@ -10,6 +10,7 @@ import warnings
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -221,6 +222,7 @@ def _member(archive: zipfile.ZipFile, name: str) -> bytes | None:
         return None
 
 
+@lru_cache(maxsize=256)  # most files of an input are as they were
 def _images(content: bytes) -> list[_Image]:
     made = pydicom.dcmread(io.BytesIO(content), force=True)
     stored = made.pixel_array if made.file_meta.TransferSyntaxUID in PLAIN else None
