@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ TURN, SHIFT_MM = Rotation.from_rotvec([0.06, -0.08, 0.1]).as_matrix(), np.array(
 SPACING_MM = 3.0
 
 
+@cache
 def other_image(uid: str | None) -> CTVolume:
     """The head as another machine would show it: turned, moved, coarser, and with other brightness.
 
@@ -44,7 +46,10 @@ def other_image(uid: str | None) -> CTVolume:
     return CTVolume(values, grid, replace(scan.source, frame_of_reference_uid=uid))
 
 
-def test_registration_finds_where_the_head_lies_and_says_how_sure(state: PlannerState) -> None:
+def test_registration_finds_where_the_head_lies_and_says_how_sure(
+    state: PlannerState, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ronnaplan.planner.second.CELL_MM", SPACING_MM)  # finer cells cost more and show no more
     state.take_second(other_image(None), "mr.nii")
     second = state.other
     assert not second.placed
