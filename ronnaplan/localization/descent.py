@@ -13,7 +13,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.ball import Discs, discs
 from ronnaplan.localization.model import add_normal_equations, evaluate
 from ronnaplan.localization.neighbourhood import Neighbourhood
-from ronnaplan.localization.parameters import BLUR, CENTER, CONTRAST, EDGE, RADIUS, SHAPE, WIDTH
+from ronnaplan.localization.parameters import BLUR, CENTER, CONTRAST, EDGE, PARAMETERS, RADIUS, SHAPE, WIDTH
 
 BLUR_BOUNDS_MM = (0.12, 2.5)
 """In-plane blur of any CT at all; a fit that ends here is no ball seen by a scanner."""
@@ -203,6 +203,15 @@ def residuals_and_jacobian(
     residuals[clipped] = 0.0
     jacobian[clipped] = 0.0
     return residuals, jacobian
+
+
+def layer_jacobian(around: Neighbourhood, theta: FloatArray, layer_mm: float) -> FloatArray:
+    """How the model changes (N, 3) with the place of the second ball alone, of a marker that is wrapped, HU/mm."""
+    without = theta.copy()
+    without[len(PARAMETERS)] = 0.0
+    both, first = (evaluate(around.offsets_mm, one, layer_mm, *discs(one))[1] for one in (theta, without))
+    alone: FloatArray = (both - first)[:, CENTER]
+    return alone
 
 
 def influence(

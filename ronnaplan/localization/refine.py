@@ -16,7 +16,14 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build
 from ronnaplan.localization.cells import direction_cells
-from ronnaplan.localization.descent import MAX_WANDER, Prior, descend, influence, residuals_and_jacobian
+from ronnaplan.localization.descent import (
+    MAX_WANDER,
+    Prior,
+    descend,
+    influence,
+    layer_jacobian,
+    residuals_and_jacobian,
+)
 from ronnaplan.localization.directions import Verdict, edge_depth, judge, on_surface, within_reach
 from ronnaplan.localization.guess import ball_prior, first_guess, frozen, margin_mm
 from ronnaplan.localization.model import has_skin
@@ -76,8 +83,9 @@ class BallFit:
     where it lies on something), with the center relative to the neighbourhood's origin along u, v, w. ``used`` (N,)
     marks the voxels that informed the fit, ``residuals_hu`` (N,) is data minus model, ``jacobian`` (N, P) the model's
     derivatives, ``influence_mm_per_hu`` (N, 3) how far one HU at a voxel moves the center, ``center_by_radius`` (3,)
-    how far the fit would move it for each mm that the radius were held larger. ``is_shaded`` says whether the shading
-    was asked for, ``is_clipped`` whether voxels that informed the fit are at the top of the scale.
+    how far the fit would move it for each mm that the radius were held larger, ``center_by_layer`` (3, 3) how far it is
+    moved, in mm, where what is wrapped around lies aside by its whole thickness along u, v, w. ``is_shaded`` says
+    whether the shading was asked for, ``is_clipped`` whether voxels that informed the fit are at the top of the scale.
     """
 
     neighbourhood: Neighbourhood
@@ -87,6 +95,7 @@ class BallFit:
     jacobian: FloatArray
     influence_mm_per_hu: FloatArray
     center_by_radius: FloatArray
+    center_by_layer: FloatArray
     is_shaded: bool
     is_clipped: bool
     verdict: Verdict
@@ -221,6 +230,9 @@ def _ball_fit(
         shading = shaded(around, theta, residuals, jacobian, used, prior)
         theta = np.append(theta[CENTER] + shading.shift_mm, theta[RADIUS:])
         residuals, moves = shading.residuals_hu, shading.influence_mm_per_hu
+    by_layer = np.zeros((3, 3))
+    if converged and prior.layer_mm > 0.0:
+        by_layer = prior.layer_mm * moves.T @ layer_jacobian(around, theta, prior.layer_mm)
     return BallFit(
         neighbourhood=around,
         theta=theta,
@@ -229,6 +241,7 @@ def _ball_fit(
         jacobian=jacobian,
         influence_mm_per_hu=moves,
         center_by_radius=by_radius,
+        center_by_layer=by_layer,
         is_shaded=is_shaded,
         is_clipped=bool((around.values_hu[used] >= ceiling_hu).any()),
         verdict=verdict,

@@ -89,6 +89,10 @@ ASIDE = 0.5
 one over half the ball by 0.75 of that."""
 
 
+UNEVEN = 0.15
+"""What is wrapped around a ball lies off its center by this share of its thickness, in any direction: an assumption."""
+
+
 def center_covariance(
     fit: BallFit, moved: Movement, metal: FloatArray = NO_METAL, excess_mm: float = 0.0
 ) -> FloatArray:
@@ -100,6 +104,7 @@ def center_covariance(
     total = sum((WEIGHTS[name] * source for name, source in sources(fit, moved).items()), np.zeros((3, 3)))
     if not fit.is_shaded:
         total *= HIDDEN_SHADING
+    total += UNEVEN**2 / 3.0 * fit.center_by_layer @ fit.center_by_layer.T
     total += LAG_MM**2 * _by_panel(fit) * np.diag([1.0, 1.0, 0.0])
     axes = fit.neighbourhood.axes
     rotated: FloatArray = axes.T @ total @ axes

@@ -9,10 +9,11 @@ import pytest
 from scipy.ndimage import convolve1d, gaussian_filter
 
 from phantoms.scene import Part, Scene
-from phantoms.solids import cylinder
+from phantoms.solids import cylinder, sphere
 from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import localize, uncertainty
+from ronnaplan.localization.build import Build
 from ronnaplan.localization.examine import Scan, fit_place
 from ronnaplan.localization.look import metal_axis
 from ronnaplan.localization.motion import movement
@@ -29,6 +30,9 @@ from ronnaplan.localization.uncertainty import (
     with_usual,
 )
 from tests.scans import balls, offsets_mm, scan, small_stack
+
+CHI2_95 = 7.81
+"""What the square of an error, in its own covariance, stays below in 95 % of cases, in three dimensions."""
 
 
 def fit_of(volume: CTVolume) -> BallFit:
@@ -49,6 +53,24 @@ def quiet() -> CTVolume:
 def test_the_level_of_white_noise_is_measured_to_a_fifth(quiet: CTVolume, noise_hu: float) -> None:
     fit = fit_of(with_white_noise(quiet, noise_hu, 1))
     assert noise_level(fit) == pytest.approx(noise_hu, rel=0.2)
+
+
+def test_what_lies_unevenly_around_a_ball_moves_its_center_as_far_as_is_stated() -> None:
+    center, aside, thickness_mm = np.array([1.0, 2.0, 3.0]), np.array([0.2, -0.1, 0.0]), 1.5
+    parts = [
+        Part(sphere(center + aside, 11.5 + 2 * thickness_mm), "cloth", embedded=True),
+        Part(sphere(center, 11.5), "acrylic"),
+    ]
+    volume = Scan(scan(Scene(tuple(parts)), small_stack(), noise_hu=0.0))
+    fit = fit_place(volume, center + 0.2, 11.5, Build(thickness_mm))
+    axes = fit.neighbourhood.axes
+    stated = axes.T @ fit.center_by_layer @ axes @ (aside / thickness_mm)
+    assert np.linalg.norm(stated) > 0.01
+    np.testing.assert_allclose(fit.center_mm - center, stated, atol=0.3 * float(np.linalg.norm(stated)))
+    error = fit.center_mm - center
+    assert error @ np.linalg.solve(center_covariance(fit, movement(fit)), error) < CHI2_95
+    unaware = replace(fit, center_by_layer=np.zeros((3, 3)))
+    assert error @ np.linalg.solve(center_covariance(unaware, movement(fit)), error) > CHI2_95
 
 
 def test_the_scatter_over_noise_is_at_the_bound_and_within_the_stated_error(quiet: CTVolume) -> None:
