@@ -27,7 +27,7 @@ from ronnaplan.localization.parameters import BACKGROUND, CONTRAST
 from ronnaplan.localization.parts import single_threaded_algebra
 from ronnaplan.localization.shading import PLATEAU_SHARE
 from ronnaplan.localization.sphere import LEAST_SHOWN, spheres_at
-from ronnaplan.localization.usual import by_the_usual, usual_of
+from ronnaplan.localization.usual import judged_again, usual_of
 
 SEARCHED_MM = (3.0, 26.0)
 """Markers in use have diameters within this range."""
@@ -86,8 +86,8 @@ def sizes_seen(volume: CTVolume, marker: Build = SOLID, *, progress: bool = Fals
     # numba's functions release the interpreter's lock
     with single_threaded_algebra(), ThreadPoolExecutor(os.cpu_count()) as pool:
         fitted = list(advancing(pool.map(fitted_at, places), len(places), progress, "fitting balls"))
-    usual = replace(usual_of(fitted), misfit=0.0)  # balls of several sizes have no misfit in common
-    judged = [by_the_usual(scan_for(one.stated_mm), [one], marker, usual)[0] for one in fitted]
+        usual = replace(usual_of(fitted), misfit=0.0)  # balls of several sizes have no misfit in common
+        judged = [judged_again(scan_for(one.stated_mm), one, marker, usual) for one in fitted]
     accepted = distinct(one for one in judged if one.is_marker)
     sizes = [
         Size(float(np.median(kind)), len(kind), is_hidden)

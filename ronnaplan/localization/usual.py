@@ -44,26 +44,28 @@ def usual_of(examined: Sequence[Examined]) -> Usual:
     markers = [one for one in examined if one.is_marker]
     balls = distinct(one for one in examined if one.failed <= OF_THE_PROFILE)
     if len(balls) >= LEAST_TOGETHER and not all(one.is_marker for one in balls):
-        broadenings_mm, off = _broadenings_mm(balls)
+        broadening_mm, off = _broadening_mm(balls)
         same = [one for one, is_off in zip(balls, off, strict=True) if not is_off]
         is_the_scans = not any(one.is_marker and is_off for one, is_off in zip(balls, off, strict=True))
         if len(same) >= LEAST_TOGETHER and is_the_scans:
-            return Usual(_usual_misfit(same), float(np.median(broadenings_mm)) + ALIKE_MM)
+            return Usual(_usual_misfit(same), broadening_mm + ALIKE_MM)
     return Usual(_usual_misfit(markers))
 
 
 def by_the_usual(scan: Scan, examined: Sequence[Examined], build: Build, usual: Usual) -> list[Examined]:
     """Judge what was turned down for what is ``usual`` in the scan alone once more, now that this is known."""
-    excused = OF_THE_SURFACE if usual.misfit > 0.0 else set()
-    if usual.broadening_mm > 0.0:
-        excused = excused | OF_THE_PROFILE
     with single_threaded_algebra():
-        return [
-            examine_place(scan, one.candidate_mm, one.stated_mm, build, usual)
-            if one.failures and one.failed <= excused
-            else one
-            for one in examined
-        ]
+        return [judged_again(scan, one, build, usual) for one in examined]
+
+
+def judged_again(scan: Scan, one: Examined, build: Build, usual: Usual) -> Examined:
+    """Judge one place by what is usual, if it was turned down for nothing else."""
+    excused = (OF_THE_SURFACE if usual.misfit > 0.0 else set()) | (
+        OF_THE_PROFILE if usual.broadening_mm > 0.0 else set()
+    )
+    if not one.failures or not one.failed <= excused:
+        return one
+    return examine_place(scan, one.candidate_mm, one.stated_mm, build, usual)
 
 
 def _usual_misfit(balls: Sequence[Examined]) -> float:
@@ -71,12 +73,12 @@ def _usual_misfit(balls: Sequence[Examined]) -> float:
     return float(np.median([one.misfit for one in balls])) if len(balls) >= LEAST_TOGETHER else 0.0
 
 
-def _broadenings_mm(balls: Sequence[Examined]) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """By how much each ball's slice profile is wider than nominal (N,), and which are unlike the others' (N,)."""
+def _broadening_mm(balls: Sequence[Examined]) -> tuple[float, NDArray[np.bool_]]:
+    """By how much the balls' slice profiles usually are wider than nominal, and which are unlike the others' (N,)."""
     nominal = np.array([one.thickness_mm for one in balls])  # not everywhere the same where gaps stand for it
-    broadenings: FloatArray = np.array([one.parameters[WIDTH] for one in balls]) - nominal
-    beyond = np.abs(broadenings - np.median(broadenings))
-    return broadenings, beyond > np.maximum(ALIKE_MM, ALIKE_SHARE * (nominal + np.median(broadenings)))
+    broadenings = np.array([one.parameters[WIDTH] for one in balls]) - nominal
+    usual = float(np.median(broadenings))
+    return usual, np.abs(broadenings - usual) > np.maximum(ALIKE_MM, ALIKE_SHARE * (nominal + usual))
 
 
 def alike(accepted: Sequence[Examined]) -> list[Examined]:
@@ -86,22 +88,14 @@ def alike(accepted: Sequence[Examined]) -> list[Examined]:
     """
     if len(accepted) < LEAST_TOGETHER:
         return list(accepted)
-    broadenings_mm, off = _broadenings_mm(accepted)
-    others_mm = [one.thickness_mm + float(np.median(broadenings_mm)) for one in accepted]
-    return [
-        replace(
-            one,
-            failures=(
-                (
-                    "alike",
-                    f"its ends are blurred over {one.parameters[WIDTH]:.1f} mm, the others' over {others:.1f} mm",
-                ),
-            ),
-        )
-        if is_off
-        else one
-        for one, others, is_off in zip(accepted, others_mm, off, strict=True)
-    ]
+    broadening_mm, off = _broadening_mm(accepted)
+    return [_unlike(one, broadening_mm) if is_off else one for one, is_off in zip(accepted, off, strict=True)]
+
+
+def _unlike(one: Examined, broadening_mm: float) -> Examined:
+    width_mm, others_mm = one.parameters[WIDTH], one.thickness_mm + broadening_mm
+    reason = f"its ends are blurred over {width_mm:.1f} mm, the others' over {others_mm:.1f} mm"
+    return replace(one, failures=(("alike", reason),))
 
 
 def together(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
