@@ -8,11 +8,18 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, binary_erosion, gaussian_filter
 
 from phantoms.solids import FloatArray
 
 SIZE = (1024, 1280)
+
+BAND = 32
+"""Rows that are worked out together: what they take stays in a processor's cache."""
+
+NEIGHBORS = np.ones((3, 3), dtype=bool)
+"""A pixel with those that touch it; samples are taken only of pixels where these are not all alike."""
 
 
 def distort(x: FloatArray, y: FloatArray, d: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -45,14 +52,44 @@ def frame_rays(
     K: tuple[float, ...], d: tuple[float, ...], size: tuple[int, int], du: float, dv: float
 ) -> FloatArray:
     """Return the rays (rows, columns, 3) of all pixels, ``du`` and ``dv`` beside their centers."""
-    rows, columns = np.mgrid[: size[0], : size[1]].astype(float)
-    return pixel_rays(columns + du, rows + dv, np.array(K).reshape(3, 3), np.array(d))
+    columns = np.arange(size[1]) + du
+    rays = np.empty((*size, 3))
+    for first in range(0, size[0], BAND):
+        rows = np.arange(first, min(first + BAND, size[0]))[:, None] + dv
+        u, v = np.broadcast_arrays(columns, rows)
+        rays[first : first + BAND] = pixel_rays(u, v, np.array(K).reshape(3, 3), np.array(d))
+    return rays
 
 
 def project(point: FloatArray, K: FloatArray, d: FloatArray) -> FloatArray:
     """Return the pixels (..., 2) of places (..., 3) in the camera's frame."""
     x, y = distort(point[..., 0] / point[..., 2], point[..., 1] / point[..., 2], d)
     return np.stack([K[0, 0] * x + K[0, 2], K[1, 1] * y + K[1, 2]], axis=-1)
+
+
+def sphere_cover(
+    center_mm: FloatArray,
+    diameter_mm: float,
+    u: FloatArray,
+    v: FloatArray,
+    K: FloatArray,
+    d: FloatArray,
+    samples: int,
+) -> FloatArray:
+    """Return which share of each pixel (``u``, ``v``) of a part of the frame a sphere covers."""
+
+    def covered(u: FloatArray, v: FloatArray) -> NDArray[np.bool_]:
+        ray = pixel_rays(u, v, K, d)
+        along = (ray @ center_mm) / np.linalg.norm(ray, axis=-1)
+        hit: NDArray[np.bool_] = center_mm @ center_mm - along**2 <= (diameter_mm / 2) ** 2
+        return hit
+
+    inside = covered(u, v)
+    edge = binary_dilation(inside, NEIGHBORS) & ~binary_erosion(inside, NEIGHBORS)
+    cover = inside.astype(float)
+    offsets = (np.arange(samples) + 0.5) / samples - 0.5
+    cover[edge] = np.mean([covered(u[edge] + du, v[edge] + dv) for dv in offsets for du in offsets], axis=0)
+    return cover
 
 
 def sphere_image(
@@ -76,20 +113,15 @@ def sphere_image(
         reach = 1.3 * K[0, 0] * diameter_mm / 2 / center[2] + 10
         r0, r1 = max(int(at[1] - reach), 0), min(int(at[1] + reach) + 1, size[0])
         c0, c1 = max(int(at[0] - reach), 0), min(int(at[0] + reach) + 1, size[1])
-        cover = np.zeros((r1 - r0, c1 - c0))
-        offsets = (np.arange(samples) + 0.5) / samples - 0.5
-        for dv in offsets:
-            for du in offsets:
-                ray = pixel_rays(columns[r0:r1, c0:c1] + du, rows[r0:r1, c0:c1] + dv, K, d)
-                along = (ray @ center) / np.linalg.norm(ray, axis=-1)
-                cover += center @ center - along**2 <= (diameter_mm / 2) ** 2
-        cover /= samples**2
+        cover = sphere_cover(center, diameter_mm, columns[r0:r1, c0:c1], rows[r0:r1, c0:c1], K, d, samples)
         image[r0:r1, c0:c1] += cover * (190 - image[r0:r1, c0:c1])
     for _ in range(strays):  # glints: small discs and streaks away from the spheres
         at = rng.uniform((40, 40), (size[1] - 40, size[0] - 40))
         if min(np.linalg.norm(at - project(c, K, d)) for c in centers_mm) > 200:
             width, height = rng.uniform(2, 40), rng.uniform(2, 6)
-            image[((columns - at[0]) / width) ** 2 + ((rows - at[1]) / height) ** 2 < 1] = 230
+            left, top = at.astype(int) - 40
+            near = np.s_[top : top + 81, left : left + 81]
+            image[near][((columns[near] - at[0]) / width) ** 2 + ((rows[near] - at[1]) / height) ** 2 < 1] = 230
     return np.clip(np.round(gaussian_filter(image, blur_px) + rng.normal(size=size) * noise), 0, 255).astype(
         np.uint8
     )
@@ -105,16 +137,23 @@ def board_image(
     size: tuple[int, int] = SIZE,
 ) -> FloatArray:
     """A chessboard whose first inner corner is the board's origin, on a white margin; 8-bit grey values."""
-    image = np.zeros(size)
     along_x, along_y, normal, origin = camera_from_board[:3].T
+    # Columns: a ray's place on the board, times the ray's way along the normal; that way.
+    onto = np.array([along * (normal @ origin) - normal * (along @ origin) for along in (along_x, along_y)])
+    onto = np.vstack([onto / square_mm, normal]).T
+
+    def grey(rays: FloatArray) -> FloatArray:
+        x, y, depth = np.moveaxis(rays @ onto, -1, 0)
+        x, y = x / depth, y / depth
+        inside = (x > -1) & (x < corners[0]) & (y > -1) & (y < corners[1])
+        margin = (x > -2) & (x < corners[0] + 1) & (y > -2) & (y < corners[1] + 1)
+        dark = inside & ((np.floor(x) + np.floor(y)) % 2 == 0)
+        return np.where(dark, 30.0, np.where(margin, 210.0, 90.0))
+
+    image = np.zeros(size)
     for dv in (-0.25, 0.25):
         for du in (-0.25, 0.25):
-            ray = frame_rays(tuple(K.ravel()), tuple(d), size, du, dv)
-            reach = (normal @ origin) / (ray @ normal)
-            x = (reach * (ray @ along_x) - origin @ along_x) / square_mm
-            y = (reach * (ray @ along_y) - origin @ along_y) / square_mm
-            inside = (x > -1) & (x < corners[0]) & (y > -1) & (y < corners[1])
-            margin = (x > -2) & (x < corners[0] + 1) & (y > -2) & (y < corners[1] + 1)
-            dark = inside & ((np.floor(x) + np.floor(y)) % 2 == 0)
-            image += np.where(dark, 30.0, np.where(margin, 210.0, 90.0)) / 4
+            rays = frame_rays(tuple(K.ravel()), tuple(d), size, du, dv)
+            for row in range(0, size[0], BAND):
+                image[row : row + BAND] += grey(rays[row : row + BAND]) / 4
     return np.clip(gaussian_filter(image, 0.8) + rng.normal(size=size) * 1.5, 0, 255).astype(np.uint8)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -20,9 +22,12 @@ LIMITS = Limits(longest_path_mm=75.0, greatest_skull_angle_deg=25.0, least_no_go
 
 def vessel(center: tuple[float, float, float], radius_mm: float, stack: str = "plain") -> Voxels:
     head = scanned(stack)
-    shape = head.volume.voxels_hu.shape
-    index = np.stack(np.meshgrid(*(np.arange(n, dtype=np.float64) for n in shape), indexing="ij"), axis=-1)
-    mask = np.linalg.norm(head.volume.grid.positions_mm(index) - center, axis=-1) < radius_mm
+    grid, mask = head.volume.grid, np.zeros(head.volume.voxels_hu.shape, dtype=bool)
+    corners = grid.indices(np.array(center) + radius_mm * np.array(list(product((-1, 1), repeat=3))))
+    low, high = np.floor(corners.min(axis=0)).astype(int), np.ceil(corners.max(axis=0)).astype(int) + 1
+    box = tuple(slice(*ends) for ends in zip(low, high, strict=True))
+    index = np.moveaxis(np.mgrid[box].astype(np.float64), 0, -1)
+    mask[box] = np.linalg.norm(grid.positions_mm(index) - center, axis=-1) < radius_mm
     return Voxels.of(Kind.NO_GO, "vessel", mask, head)
 
 
