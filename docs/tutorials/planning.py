@@ -11,8 +11,8 @@ from ronnaplan import Plan, Trajectory, read_ct
 from ronnaplan.planning import INSTRUMENTS, Head, Limits, judge, measure
 
 ct = read_ct("data/synthetic_ct")
-entries_mm = np.array([[-40.0, -20.0, 75.0], [35.0, -25.0, 78.0]])  # LPS
-targets_mm = np.array([[-15.0, 5.0, 10.0], [15.0, 5.0, 10.0]])
+entries_mm = np.array([[35.0, -25.0, 78.0], [-40.0, -20.0, 75.0]])  # LPS: the patient's left is positive
+targets_mm = np.array([[15.0, 5.0, 10.0], [-15.0, 5.0, 10.0]])
 left = Trajectory("left", entries_mm[0], targets_mm[0], ct.frame, INSTRUMENTS["SEEG electrode"])
 right = Trajectory("right", entries_mm[1], targets_mm[1], ct.frame, INSTRUMENTS["SEEG electrode"])
 plan = Plan.of_scan(ct).add(left).add(right)

@@ -178,6 +178,7 @@ def run_propose(arguments: argparse.Namespace) -> int:
         raise RefusedError("no entry keeps every limit; loosen a limit or choose another target")
     if arguments.add:
         best = found.best[0].trajectory
+        warn(*(f"{best.name}: {doubt}" for doubt in found.best[0].measures.doubts))
 
         def add(now: Plan) -> Plan:
             if now.revision != plan.revision:
@@ -248,13 +249,18 @@ def _changed(arguments: argparse.Namespace, change: Callable[[Plan], Plan]) -> i
 
 
 def _changed_in_head(arguments: argparse.Namespace, change: Callable[[Plan], Plan]) -> int:
-    """Make a change to the plan if the ends that are new in it lie in the head."""
+    """Make a change to the plan if the ends that are new in it lie in the head; warn of a side other than named."""
     from ronnaplan.case.edits import sound
+    from ronnaplan.documents.plan import change_plan
     from ronnaplan.planning import Head
+    from ronnaplan.planning.sides import side_doubt
 
     change(_plan(arguments))  # what is wrong without the scan is told before it is read
     head = Head.of(_scan_of_plan(arguments))
-    return _changed(arguments, lambda plan: sound(plan, change(plan), head))
+    changed = change_plan(arguments.plan, lambda plan: sound(plan, change(plan), head))
+    doubts = ((one.name, side_doubt(one, head, changed.landmarks)) for one in changed.trajectories)
+    warn(*(f"{name}: {doubt}" for name, doubt in doubts if doubt is not None))
+    return 0
 
 
 def _lps(place: list[float], system: str | None) -> FloatArray:

@@ -16,6 +16,7 @@ from ronnaplan.planning.head import SKIN_HU, Head
 from ronnaplan.planning.obstacles import Clearance, Obstacle
 from ronnaplan.planning.plan import Landmarks
 from ronnaplan.planning.segments import segment_distances
+from ronnaplan.planning.sides import side_doubt
 from ronnaplan.planning.surface import Surface
 from ronnaplan.planning.trajectory import Trajectory
 from ronnaplan.planning.uncertainty import Expectation, PathError, path_error
@@ -42,6 +43,7 @@ class Measures:
 
     Depths run along the path. ``profile_mm`` (P,) and ``profile_hu`` (P,) sample it from the entry to the target.
     ``error`` is the expected one that limits count, ``planned_error`` the one as planned where a registered one counts.
+    ``side_doubt`` says where the path lies on another side than its name.
     """
 
     trajectory: Trajectory
@@ -55,6 +57,7 @@ class Measures:
     error: PathError | None
     planned_error: PathError | None = None
     contacts: tuple[ContactMeasures, ...] = ()
+    side_doubt: str | None = None
 
     @property
     def length_mm(self) -> float:
@@ -103,7 +106,8 @@ class Measures:
             for name, surface in surfaces.items()
             if surface is not None and not surface.clear
         ]
-        return (*unclear, *self._contact_doubts())
+        side = () if self.side_doubt is None else (self.side_doubt,)
+        return (*side, *unclear, *self._contact_doubts())
 
     def _contact_doubts(self) -> Iterator[str]:
         electrode, instrument = self.trajectory.electrode, self.trajectory.instrument
@@ -155,6 +159,7 @@ def measure(
         path_error(trajectory, expected.counted, tolerance_mm) if expected.counted else None,
         path_error(trajectory, expected.beside, tolerance_mm) if expected.beside else None,
         measure_contacts(trajectory, head, obstacles, crossings.inner, rough=rough),
+        side_doubt(trajectory, head, landmarks),
     )
 
 
