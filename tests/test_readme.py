@@ -59,6 +59,16 @@ def test_the_python_runs_as_printed(
     assert "expected error at a target" in told
 
 
+def test_every_command_of_the_pages_is_one_that_the_program_takes() -> None:
+    """But for the forms of a command, which show what may be left out or chosen."""
+    pages = [page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs").rglob("*.md"))]
+    shown = [one for page in pages for one in commands(page)]
+    asked = [one for one in shown if not re.search(r"[\[|]|\.\.\.|\d\.\.\d", " ".join(one))]
+    assert len(asked) > 50
+    for arguments in asked:
+        _parser().parse_args(arguments[: arguments.index(">")] if ">" in arguments else arguments)
+
+
 def test_every_link_leads_to_a_file() -> None:
     links = [link.split("#")[0] for link in re.findall(r"\]\(([^)]+)\)", README)]
     assert all("//" in link or (ROOT / link).exists() for link in links)
