@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.circles_compiled import supporters, votes
+from ronnaplan.robot.circles_compiled import halved, supporters, votes
 
 SMALLEST_RADIUS_PX = 8.0
 """Smaller circles are stray reflections, or too coarse to measure."""
@@ -88,14 +88,12 @@ def find_circles(grey: Image) -> list[Circle]:
 def _edges(grey: Image) -> _Edges:
     import cv2
 
-    rows, columns = np.array(grey.shape) // 2
-    whole = grey[: 2 * rows, : 2 * columns].astype(np.float32)
-    half = cv2.resize(whole, (int(columns), int(rows)), interpolation=cv2.INTER_AREA)
-    smooth = cv2.GaussianBlur(half, (0, 0), SMOOTHING_PX / 2)
+    half = halved(grey)
+    smooth = cv2.GaussianBlur(half, (0, 0), SMOOTHING_PX / 2, dst=half)
     across, down = (cv2.Sobel(smooth, cv2.CV_32F, *which, scale=1 / 8) for which in ((1, 0), (0, 1)))
-    noise = float(np.median(np.abs(across[::2, ::2]))) / 0.6745
-    noise = max(noise, LEAST_NOISE * float(smooth.max() - smooth.min()), 1e-12)
-    in_sds = [np.clip(one * (UNITS / noise), -32767, 32767).astype(np.int16) for one in (across, down)]
+    noise = float(np.median(np.abs(across[::4, ::4]))) / 0.6745
+    noise = max(noise, LEAST_NOISE * float(np.ptp(smooth[::4, ::4])), 1e-12)
+    in_sds = [cv2.addWeighted(one, UNITS / noise, one, 0, 0, dtype=cv2.CV_16S) for one in (across, down)]
     mask = cv2.Canny(in_sds[0], in_sds[1], UNITS * EDGE_SDS / 2, UNITS * EDGE_SDS, L2gradient=True)
     shown = cv2.findNonZero(mask)
     x, y = np.empty((2, 0), np.int64) if shown is None else shown.reshape(-1, 2).T

@@ -22,9 +22,10 @@ EVEN_SD = 0.003
 cosine, 0.025 rad of a ball at 0.04 rad off the axis)."""
 UNEVEN, TILT_SCALES = 0.5, 6
 """Probability, before looking, that it is less even, and how many tilts are looked at, up to `TILT_SD`."""
-SHADOW_PX = 1.0
+SHADOW_PX, MODELED_SHADOW_PX = 1.0, 0.1
 """A lamp beside the lens leaves a part of the limb in its own shadow, which no harmonic shows: the center errs by this,
-times the share of light from aside and how much darker the limb is than the middle."""
+times the share of light from aside and how much darker the limb is than the middle; by the second where the shadow is
+in the model."""
 COMMON_PX = 0.003
 """What the model of the sphere errs in the center at best."""
 
@@ -65,7 +66,9 @@ def in_each_light(found: ShadedSphere, excess: float, focal_px: float, lamp_sd_d
     spreads = covariance[3:, 3:] + np.repeat(sds, 2, axis=1)[:, None] ** 2 * np.eye(4)
     gains = covariance[:3, 3:] @ np.linalg.inv(spreads)
     known = covariance[:3, :3] - gains @ covariance[3:, :3]
-    shadow = SHADOW_PX * found.dark * float(np.linalg.norm(found.light[2:]))
+    shadow = (
+        (MODELED_SHADOW_PX if found.shadows else SHADOW_PX) * found.dark * float(np.linalg.norm(found.light[2:]))
+    )
     known[:, :2, :2] += (COMMON_PX / focal_px) ** 2 * np.eye(2)
     known[TILT_SCALES:, :2, :2] += (shadow / focal_px) ** 2 * np.eye(2)  # all but the lamp at the lens
     return Lights(

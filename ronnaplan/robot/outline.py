@@ -10,14 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.camera import Camera
-from ronnaplan.robot.circles import SMALLEST_RADIUS_PX, Circle, Image, find_circles
+from ronnaplan.robot.circles import SMALLEST_RADIUS_PX, Image, find_circles
 from ronnaplan.robot.lights import Lights, in_each_light, weighed
-from ronnaplan.robot.shading import find_shaded
+from ronnaplan.robot.shading import ShadedSphere, find_shaded
+from ronnaplan.robot.shading_compiled import Flags
 from ronnaplan.sigmas import SIGMA_LAMP_DEG
 
 CONSENSUS_PX = 2.0
@@ -33,6 +33,9 @@ LARGEST_RMS_PX = 0.3
 LARGEST_OVAL_PX = 0.15
 """Points of a flat disc's outline go in a wave about a cone: more than this, beyond its error, is no sphere's."""
 WAVES = (2, 3, 4)
+SHADOWED = 3.0
+"""A sphere is looked at as one in its own shadow where its errors are larger than noise by this factor (squared), and
+held to be so where they are smaller then by as much."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +57,43 @@ class Outline:
         return float(diameter_mm / 2 / np.sin(self.half_angle))
 
 
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """How well the model of a sphere explains its outline."""
+
+    kept: Flags
+    """Sectors (S) that know their edge."""
+    excess: float
+    """By so much their errors are larger than the noise alone makes them, squared; at least 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cone:
+    """A circular cone of rays that edges agree on: where a sphere's outline may be, to some pixels."""
+
+    direction: FloatArray
+    """Unit direction (3,) of its axis, in the camera's own frame."""
+    half_angle: float
+    """rad."""
+    rays: FloatArray
+    """Unit directions (N, 3) to the edges on it."""
+
+    def distance_mm(self, diameter_mm: float) -> float:
+        """Return how far the center of a sphere of ``diameter_mm`` is."""
+        return float(diameter_mm / 2 / np.sin(self.half_angle))
+
+
 def find_outlines(image: Image, camera: Camera, lamp_sd_deg: float = SIGMA_LAMP_DEG) -> list[Outline]:
     """Return every outline in ``image`` (rows, columns; grey) that could be a bright sphere's, largest first.
 
-    A lamp about the lens is off it by ``lamp_sd_deg``, as seen from the sphere.
+    A lamp about the lens is off it by ``lamp_sd_deg``, as seen from the sphere. Raises as `find_cones` does.
+    """
+    return outlines_of(find_cones(image, camera), image, camera, lamp_sd_deg)
+
+
+def find_cones(image: Image, camera: Camera) -> list[Cone]:
+    """Return every cone in ``image`` (rows, columns; grey) that edges agree on, best supported first.
+
     Raises `InputError` for an image that is not two-dimensional or not finite, or not of the camera's size.
     """
     small = image.ndim != 2 or min(image.shape) < 4 * SMALLEST_RADIUS_PX
@@ -66,17 +102,38 @@ def find_outlines(image: Image, camera: Camera, lamp_sd_deg: float = SIGMA_LAMP_
             f"a camera image has shape {image.shape}; expected grey values (rows, columns), all finite"
         )
     camera.require_size(image.shape)
-    outlines = [_outline(image, circle, camera, lamp_sd_deg) for circle in find_circles(image)]
+    return [_consensus(camera.rays(circle.edges_px), camera) for circle in find_circles(image)]
+
+
+def outlines_of(cones: list[Cone], image: Image, camera: Camera, lamp_sd_deg: float) -> list[Outline]:
+    """Return the outlines at those of the ``cones`` where there is a bright sphere's, largest first."""
+    outlines = [_outline(image, cone, camera, lamp_sd_deg) for cone in cones]
     return sorted((one for one in outlines if one is not None), key=lambda one: -one.half_angle)
 
 
-def _outline(grey: Image, circle: Circle, camera: Camera, lamp_sd_deg: float) -> Outline | None:
-    """Return the outline near ``circle``, if it is a sphere's."""
-    rays = camera.rays(circle.edges_px)
-    axis, half_angle, near = _consensus(rays, CONSENSUS_PX / camera.focal_px)
-    found = find_shaded(grey, camera, axis, half_angle, rays[near])
+def _outline(grey: Image, cone: Cone, camera: Camera, lamp_sd_deg: float) -> Outline | None:
+    """Return the outline near ``cone``, if it is a sphere's."""
+    found = find_shaded(grey, camera, cone.direction, cone.half_angle, cone.rays)
     if found is None:
         return None
+    told = _judge(found)
+    if told is not None and told.excess > SHADOWED:
+        again = find_shaded(grey, camera, cone.direction, cone.half_angle, cone.rays, shadows=True)
+        other = None if again is None else _judge(again)
+        if again is not None and other is not None and other.excess < told.excess / SHADOWED:
+            found, told = again, other
+    if told is None:
+        return None
+    turn, shifts = found.angles[told.kept], found.shifts_px[told.kept]
+    lights = in_each_light(found, told.excess, camera.focal_px, lamp_sd_deg)
+    place, _ = weighed(lights.prior + lights.evidence, lights.places, lights.covariances)
+    outward = np.column_stack([np.cos(turn), np.sin(turn)]) @ found.across.T
+    points = _shown(_toward(lights, found.place), outward, found.place[2] + shifts / camera.focal_px, camera)
+    return Outline(_toward(lights, place), float(place[2]), points, lights)
+
+
+def _judge(found: ShadedSphere) -> _Judged | None:
+    """Return how well a sphere's model explains the outline, or None where this is no sphere's."""
     kept = found.kept & (found.sds_px < LARGEST_SD_PX)
     if kept.sum() < SMALLEST_COVERAGE * len(kept):
         return None
@@ -88,12 +145,7 @@ def _outline(grey: Image, circle: Circle, camera: Camera, lamp_sd_deg: float) ->
     if np.linalg.norm(waves[:2]) > LARGEST_OVAL_PX + 3 * np.linalg.norm(waves_sd[:2]):
         return None
     scatter = float(((shifts / sds) ** 2).sum()) / (kept.sum() - 3)
-    excess = max(scatter, float(((waves / waves_sd) ** 2).mean()), 1.0)
-    lights = in_each_light(found, excess, camera.focal_px, lamp_sd_deg)
-    place, _ = weighed(lights.prior + lights.evidence, lights.places, lights.covariances)
-    outward = np.column_stack([np.cos(turn), np.sin(turn)]) @ found.across.T
-    points = _shown(_toward(lights, found.place), outward, found.place[2] + shifts / camera.focal_px, camera)
-    return Outline(_toward(lights, place), float(place[2]), points, lights)
+    return _Judged(kept, max(scatter, float(((waves / waves_sd) ** 2).mean()), 1.0))
 
 
 def _toward(lights: Lights, place: FloatArray) -> FloatArray:
@@ -123,13 +175,13 @@ def _waves(turn: FloatArray, shifts: FloatArray, sds: FloatArray) -> tuple[Float
     return (covariance @ design.T @ (shifts / sds))[3:], np.sqrt(np.diag(covariance)[3:])
 
 
-def _consensus(rays: FloatArray, tolerance: float) -> tuple[FloatArray, float, NDArray[np.bool_]]:
-    """Return axis and half-angle of the cone that most ``rays`` (N, 3) lie within ``tolerance`` (rad) of, and which do.
+def _consensus(rays: FloatArray, camera: Camera) -> Cone:
+    """Return the cone that most ``rays`` (N, 3) lie near to.
 
     The cone is sought among those through three rays a third of the outline apart: the tips of unit rays on a cone lie
     in one plane.
     """
-    third = len(rays) // 3
+    third, tolerance = len(rays) // 3, CONSENSUS_PX / camera.focal_px
     corners = np.stack([rays, np.roll(rays, third, axis=0), np.roll(rays, -third, axis=0)], axis=1)
     normals = np.linalg.solve(corners, np.ones((len(rays), 3, 1)))[..., 0]
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -137,4 +189,4 @@ def _consensus(rays: FloatArray, tolerance: float) -> tuple[FloatArray, float, N
     cosines = axes @ rays.T
     near = (cosines < np.cos(np.maximum(half_angles - tolerance, 0))) & (cosines > np.cos(half_angles + tolerance))
     best = int(near.sum(axis=1).argmax())
-    return axes[best], float(half_angles[best, 0]), near[best]
+    return Cone(axes[best], float(half_angles[best, 0]), rays[near[best]])

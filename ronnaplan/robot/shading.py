@@ -6,57 +6,45 @@ sight (powers of its cosine: even brightness, a limb that darkens as the cosine 
 around lies a ground with its own brightness and slope in each sector. One blur makes the image of both. All pixels are
 fitted at once, so that light and edge are told apart as well as they can be.
 
+Where light from aside leaves a part of the sphere in its own shadow, what darkens as the cosine and light from aside
+can be held to be of one lamp, which lights nothing that faces away from it.
+
 What a limb as dark as the ground shows of its place depends on the light; `lights` judges that.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.camera import Camera
 from ronnaplan.robot.circles import Image
-from ronnaplan.robot.shading_compiled import (
-    ASIDE,
-    BLUR,
-    COMMON,
-    LIGHT,
-    OVAL,
-    PROFILE,
-    TILT,
-    Flags,
-    Integers,
-    blurred,
-    equations,
-    gather,
-    table_of,
-)
+from ronnaplan.robot.profiles_compiled import PROFILE, blurred, shadowed, table_of
+from ronnaplan.robot.shading_compiled import ASIDE, BLUR, COMMON, LIGHT, OVAL, TILT, Flags, equations
+from ronnaplan.robot.shading_pixels import OUTWARD_PX, Pixels, pixels_near
 
-ARC_PX = 8.0
-FEWEST_SECTORS, MOST_SECTORS = 36, 72
 FEWEST_PIXELS = 20
 """Sectors with fewer pixels, as beyond the image's border, know no edge."""
-OUTWARD_PX, INWARD_PX = 6.0, 15.0
-"""How far beside the expected edge pixels are taken."""
-MOST_BESIDE, MOST_INSIDE = 6000, 2000
-"""So many of them, and so many of those further inside; the first steps take fewer."""
 FIRST_EVERY = 3
 FIRST_BLUR_PX, BLUR_SD_PX, BLUR_PX = 1.3, 0.5, (0.5, 4.0)
 """Standard deviation of the blur that is expected, how far it may be from that, and its bounds."""
 TABLE_STEP_PX = 0.1
-REBUILT_PX = 0.004
-"""The table is made anew where radius or blur change by more."""
+REBUILT_PX, FIRST_REBUILT_PX = 0.004, 0.04
+"""The table is made anew where radius or blur change by more; in the first steps by more than the second."""
 BEYOND_PX = 2.0
 """The table goes on outside for this far."""
 LARGEST_STEP_PX = 1.5
 STEPS, SETTLED_SDS, SETTLED_PX, UNSETTLED = 16, 0.05, 0.002, 10.0
 """The fit is settled when the outline moves by less than this share of its standard deviation, or this; when it moves
 by so many times more at the end, it is none."""
+STARTS, STRAYED_PX = 3, 2.5
+"""A fit starts anew, so many times together, where the outline is so far from where its pixels were taken."""
 EARLY = 4
 """In the first steps the light is held simple, and spoilt sectors are told by large misfits only."""
+DECIDED = 8
+"""From this step on sectors are left out only, so that none comes and goes for ever."""
 LARGEST_MISFITS = (2.5, 1.5)
 """Sectors that the model fits worse than the typical one by this factor are left out, first and later."""
 OUTLIER_SDS = 4.0
@@ -94,16 +82,8 @@ class ShadedSphere:
     """Standard deviation of that, by the pixels' noise."""
     kept: Flags
     """Sectors that were fitted."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Pixels:
-    """Places (B, 2) and brightness (B) sector by sector, where each starts (S + 1), and the focal length (px)."""
-
-    places: FloatArray
-    grey: FloatArray
-    starts: Integers
-    focal_px: float
+    shadows: bool
+    """Whether its own shadow is in the model of the light."""
 
 
 @dataclass(eq=False)
@@ -120,27 +100,38 @@ class _State:
 
 
 def find_shaded(
-    grey: Image, camera: Camera, axis: FloatArray, half_angle: float, seen: FloatArray
+    grey: Image,
+    camera: Camera,
+    axis: FloatArray,
+    half_angle: float,
+    seen: FloatArray,
+    *,
+    shadows: bool = False,
+    starts: int = STARTS,
 ) -> ShadedSphere | None:
     """Return the sphere near ``axis`` (3,) and ``half_angle`` (rad), or None where there is none.
 
-    ``seen`` (N, 3) are rays to where its outline is known to show.
+    ``seen`` (N, 3) are rays to where its outline is known to show. Where the outline turns out to be elsewhere, it is
+    looked for anew there, with so many ``starts`` together. With ``shadows`` what darkens as the cosine and light from
+    aside are of one lamp, and where the sphere turns away from it, it is in its own shadow.
     """
     across = np.linalg.svd(axis[None])[2][1:].T
-    pixels = _pixels(grey, camera, axis, across, half_angle)
+    pixels = pixels_near(grey, camera, axis, across, half_angle)
     count = len(pixels.starts) - 1
     state = _start(pixels, half_angle, _sectors_of((seen - axis) @ across, count))
     if state is None:
         return None
-    built, shapes = np.zeros(2), np.empty(0)
+    built, shapes, cast = np.zeros(2), np.empty(0), np.empty((0, 0, 0))
     for step in range(STEPS):
         size = state.geometry[[2, 4]]
-        if np.abs(size - built).max() > REBUILT_PX:
+        if np.abs(size - built).max() > (REBUILT_PX if step > EARLY else FIRST_REBUILT_PX):
             shapes = blurred(size[0], size[1], *_table_of(size[0]))
+            if shadows and step > EARLY:
+                cast = shadowed(size[0], size[0] / pixels.focal_px, size[1], *_table_of(size[0]))
             built = size
         fit = state.geometry, table_of(shapes, state.light), -OUTWARD_PX - BEYOND_PX, TABLE_STEP_PX, state.light
         every = FIRST_EVERY if step < EARLY else 1
-        reduced, answers = equations(pixels.places, pixels.grey, pixels.starts, every, *fit, state.grounds)
+        reduced, answers = equations(pixels.places, pixels.grey, pixels.starts, every, *fit, state.grounds, cast)
         before = state.kept
         told = _judge(state, reduced, np.diff(pixels.starts) / every, step)
         if state.kept.sum() < SMALLEST_COVERAGE * count:
@@ -148,40 +139,20 @@ def find_shaded(
         moved, normal = _advance(state, reduced, answers, step)
         if step > EARLY + 1 and (before == state.kept).all() and moved < 1:
             break
+        strayed = (
+            step == EARLY and np.abs(state.geometry[:3] - (0, 0, half_angle * pixels.focal_px)).max() > STRAYED_PX
+        )
+        if strayed and starts > 1:
+            break
+    if (strayed or moved > UNSETTLED) and starts > 1:
+        place = state.geometry[:3] / pixels.focal_px
+        found = axis + across @ place[:2]
+        found /= np.linalg.norm(found)
+        return find_shaded(grey, camera, found, float(place[2]), seen, shadows=shadows, starts=starts - 1)
     if moved > UNSETTLED:
         return None
     covariance = np.asarray(np.linalg.inv(normal) * state.noise**2, dtype=np.float64)
-    return _result(state, told, axis, across, covariance)
-
-
-def _pixels(grey: Image, camera: Camera, axis: FloatArray, across: FloatArray, half_angle: float) -> _Pixels:
-    import cv2
-
-    focal, radius = camera.focal_px, half_angle * camera.focal_px
-    middle = cv2.projectPoints(axis[None], np.zeros(3), np.zeros(3), camera.matrix, camera.distortion)[0][0, 0]
-    scale = 1.1 * radius + OUTWARD_PX + 6
-    grid, inverse = _bend()
-    rays = camera.rays(middle + scale * grid)
-    bend = np.ascontiguousarray(inverse @ ((rays @ across) / (rays @ axis)[:, None] * focal))
-    low = np.clip(np.floor(middle - scale), 0, grey.shape[::-1]).astype(np.int64)
-    high = np.clip(np.ceil(middle + scale) + 1, low, grey.shape[::-1]).astype(np.int64)
-    window = np.ascontiguousarray(grey[low[1] : high[1], low[0] : high[0]], dtype=np.float64)
-    count = int(np.clip(2 * np.pi * radius / ARC_PX, FEWEST_SECTORS, MOST_SECTORS))
-    inward = min(INWARD_PX, radius)
-    every = (
-        max(2 * np.pi * radius * (OUTWARD_PX + inward) / MOST_BESIDE, 1.0),
-        max(np.pi * (radius - inward) ** 2 / MOST_INSIDE, 1.0),
-    )
-    found = gather(window, bend, middle - low, scale, radius, (OUTWARD_PX, inward), count, every)
-    return _Pixels(*found, focal)
-
-
-@cache
-def _bend() -> tuple[FloatArray, FloatArray]:
-    """Return a grid (64, 2) and the matrix (10, 64) that fits a cubic polynomial to values there."""
-    a, b = (one.ravel() for one in np.meshgrid(*[np.array([-1, -0.9, -0.6, -0.2, 0.2, 0.6, 0.9, 1.0])] * 2))
-    terms = [np.ones_like(a), a, a**2, a**3, b, b**2, b**3, a * b, a**2 * b, a * b**2]
-    return np.column_stack([a, b]), np.linalg.pinv(np.column_stack(terms))
+    return _result(state, told, axis, across, covariance, shadows)
 
 
 def _table_of(radius: float) -> tuple[float, float, int]:
@@ -198,9 +169,9 @@ def _sectors_of(offsets: FloatArray, count: int) -> Flags:
     return there | np.roll(there, 1) | np.roll(there, -1)
 
 
-def _start(pixels: _Pixels, half_angle: float, seen: Flags) -> _State | None:
+def _start(pixels: Pixels, half_angle: float, seen: Flags) -> _State | None:
     radius = half_angle * pixels.focal_px
-    inside = np.hypot(*pixels.places.T) < radius - INWARD_PX / 3
+    inside = np.hypot(*pixels.places.T) < radius - 5.0
     kept = (np.diff(pixels.starts) > FEWEST_PIXELS) & seen
     if kept.sum() < SMALLEST_COVERAGE * len(kept) or not inside.any():
         return None
@@ -215,37 +186,47 @@ def _judge(state: _State, reduced: FloatArray, pixels: FloatArray, step: int) ->
     shifts = reduced[:, 2, -1] / sharp
     misfits = np.sqrt(np.maximum(reduced[:, -1, -1], 0) / np.maximum(pixels - 2, 1))
     if step >= 2:
-        typical = float(np.median(misfits[state.kept]))
+        typical = _middle(misfits[state.kept])
         state.noise = max(typical, 1e-3 * state.level)
         good = misfits < LARGEST_MISFITS[step >= EARLY] * typical
         if step >= EARLY:
             deviations = np.abs(shifts) / np.hypot(state.noise / np.sqrt(sharp), FLOOR_PX)
-            good &= deviations < OUTLIER_SDS * max(1.4826 * float(np.median(deviations[state.kept])), 1.0)
+            good &= deviations < OUTLIER_SDS * max(1.4826 * _middle(deviations[state.kept]), 1.0)
         good &= pixels * (FIRST_EVERY if step < EARLY else 1) > FEWEST_PIXELS
-        state.kept = good & np.roll(good, 1) & np.roll(good, -1)  # what spoils a sector reaches into the next
+        good = good & np.roll(good, 1) & np.roll(good, -1)  # what spoils a sector reaches into the next
+        state.kept = good if step < DECIDED else good & state.kept
     return shifts, state.noise / np.sqrt(sharp)
 
 
 def _advance(state: _State, reduced: FloatArray, answers: FloatArray, step: int) -> tuple[float, FloatArray]:
     """Take a step of Gauss-Newton; return how far the outline moved, 1 being settled, and the normal matrix."""
     weights = state.noise**2 / _expected_sds(state, step) ** 2
-    known = np.concatenate([[0, 0, 0, state.geometry[4] - FIRST_BLUR_PX], state.light])
-    together = reduced[state.kept].sum(axis=0)
+    known = np.array([0.0, 0.0, 0.0, state.geometry[4] - FIRST_BLUR_PX, *state.light])
+    together = (state.kept @ reduced.reshape(len(reduced), -1)).reshape(reduced.shape[1:])
     normal = together[:-1, :-1] + np.diag(weights)
     goal = together[:-1, -1] - weights * known
-    free = (slice(LIGHT, TILT), np.r_[0:BLUR, LIGHT:ASIDE])[step] if step < 2 else slice(0, COMMON)
-    free = np.arange(COMMON)[free]
-    change = np.zeros(COMMON)
-    change[free] = np.linalg.solve(normal[np.ix_(free, free)], goal[free])
-    change[:BLUR] = np.clip(change[:BLUR], -LARGEST_STEP_PX, LARGEST_STEP_PX)
-    blur = state.geometry[4]
-    change[BLUR] = np.clip(change[BLUR], max(-blur / 4, BLUR_PX[0] - blur), min(blur / 2, BLUR_PX[1] - blur))
+    inverse = np.linalg.inv(normal)
+    if step < 2:
+        free = (np.arange(LIGHT, TILT), np.r_[0:BLUR, LIGHT:ASIDE])[step]
+        change = np.zeros(COMMON)
+        change[free] = np.linalg.solve(normal[np.ix_(free, free)], goal[free])
+    else:
+        change = inverse @ goal
+    change[:BLUR] = np.minimum(np.maximum(change[:BLUR], -LARGEST_STEP_PX), LARGEST_STEP_PX)
+    blur = float(state.geometry[4])
+    change[BLUR] = min(max(change[BLUR], -blur / 4, BLUR_PX[0] - blur), blur / 2, BLUR_PX[1] - blur)
     state.grounds = state.grounds + answers[:, :, -1] - answers[:, :, :-1] @ change
     state.geometry = state.geometry + np.array([*change[:3], 0, change[BLUR]])
     state.light = state.light + change[LIGHT:]
     state.level = max(abs(float(state.light[:PROFILE].sum())), 0.1 * state.level)
-    sds = state.noise * np.sqrt(np.diag(np.linalg.inv(normal))[:BLUR])
+    sds = state.noise * np.sqrt(np.diag(inverse)[:BLUR])
     return float((np.abs(change[:BLUR]) / np.maximum(SETTLED_SDS * sds, SETTLED_PX)).max()), normal
+
+
+def _middle(values: FloatArray) -> float:
+    """Return the median of ``values`` (N), which for few is quicker than numpy's."""
+    ordered = np.sort(values)
+    return float(ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2
 
 
 def _expected_sds(state: _State, step: int) -> FloatArray:
@@ -267,6 +248,7 @@ def _result(
     axis: FloatArray,
     across: FloatArray,
     covariance: FloatArray,
+    shadows: bool,
 ) -> ShadedSphere:
     count, focal = len(state.kept), state.geometry[3]
     units = np.array([focal] * 3 + [1.0] * 2 + [state.level] * 2)
@@ -281,4 +263,5 @@ def _result(
         ((np.arange(count) + 0.5) / count - 0.5) * 2 * np.pi,
         *told,
         state.kept,
+        shadows,
     )

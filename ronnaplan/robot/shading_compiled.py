@@ -1,4 +1,4 @@
-"""The compiled kernels of the shaded sphere: its pixels by sector, its blurred profile, and what each unknown does."""
+"""The compiled kernels of the shaded sphere: its pixels by sector, and what each unknown does to them."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
+from ronnaplan.robot.profiles_compiled import COLUMNS, MOST_SLANT, PROFILE, SHADOW, SLANTS
 
-PROFILE = 4
-"""Constants of the profile: the powers of the cosine to the line of sight, from none to the third."""
 PLACE, BLUR, LIGHT = 0, 3, 4
 TILT = LIGHT + PROFILE
 ASIDE = TILT + 2
@@ -19,11 +18,6 @@ COMMON = OVAL + 4
 tilt (2), light from aside (2), and waves of two periods (4)."""
 OWN = 2
 """And of each sector: the ground, and its slope."""
-SHAPES = 2 + 2 * PROFILE + 2
-"""Blurred functions of the depth: ground, its slope, the profile's powers, the same times the distance from the center
-(in radii), and two for the waves."""
-COLUMNS = 21 + 2 * PROFILE
-"""Of the table: seven functions with two derivatives each, and the profile's powers."""
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
@@ -86,74 +80,6 @@ def gather(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def blurred(radius: float, blur_px: float, first_px: float, step_px: float, count: int) -> FloatArray:
-    """Return the shapes (SHAPES, N, 3) at depths from ``first_px`` on, blurred, with two derivatives."""
-    reach = int(4 * blur_px / step_px) + 1
-    wide = count + 2 * reach
-    sharp = np.zeros((SHAPES, wide))
-    for n in range(wide):
-        depth = first_px + (n - reach) * step_px
-        if depth <= 0.0:
-            sharp[0, n], sharp[1, n] = 1.0, depth
-            continue
-        u = 1.0 - depth / radius
-        z, power = np.sqrt(max(1.0 - u * u, 0.0)), 1.0
-        for k in range(PROFILE):
-            sharp[2 + k, n], sharp[2 + PROFILE + k, n] = power, u * power
-            power *= z
-        sharp[2 + 2 * PROFILE, n], sharp[3 + 2 * PROFILE, n] = u * u, u * u * z
-    weights = np.empty(2 * reach + 1)
-    for n in range(2 * reach + 1):
-        weights[n] = np.exp(-0.5 * ((n - reach) * step_px / blur_px) ** 2)
-    weights /= weights.sum()
-    found = np.zeros((SHAPES, count, 3))
-    smooth, slope = np.zeros(count), np.zeros(count)
-    for k in range(SHAPES):
-        smooth[:] = 0.0
-        for n in range(2 * reach + 1):
-            weight = weights[n]
-            for m in range(count):
-                smooth[m] += weight * sharp[k, m + n]
-        derivative(smooth, step_px, slope)
-        for m in range(count):  # the outline is bent, which the blur across it does not know
-            smooth[m] -= blur_px**2 / 2 * slope[m] / max(radius - first_px - m * step_px, 5.0)
-        found[k, :, 0] = smooth
-        derivative(smooth, step_px, slope)
-        found[k, :, 1] = slope
-        derivative(slope, step_px, smooth)
-        found[k, :, 2] = smooth
-    return found
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def derivative(values: FloatArray, step: float, found: FloatArray) -> None:
-    """Fill ``found`` (N) with the derivative of ``values`` (N)."""
-    last = len(values) - 1
-    for n in range(1, last):
-        found[n] = (values[n + 1] - values[n - 1]) / (2 * step)
-    found[0], found[last] = (values[1] - values[0]) / step, (values[last] - values[last - 1]) / step
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def table_of(shapes: FloatArray, light: FloatArray) -> FloatArray:
-    """Return the table (N, COLUMNS) of the ``shapes`` in this ``light``."""
-    count = shapes.shape[1]
-    table = np.zeros((count, COLUMNS))
-    plain, odd = 2, 2 + PROFILE
-    for n in range(count):
-        for d in range(3):
-            table[n, d], table[n, 3 + d] = shapes[0, n, d], shapes[1, n, d]
-            for k in range(PROFILE):
-                table[n, 6 + d] += light[k] * shapes[plain + k, n, d]
-                table[n, 9 + d] += light[k] * shapes[odd + k, n, d]
-            table[n, 12 + d] = shapes[odd, n, d]
-            table[n, 15 + d], table[n, 18 + d] = shapes[odd + PROFILE, n, d], shapes[odd + PROFILE + 1, n, d]
-        for k in range(PROFILE):
-            table[n, 21 + k], table[n, 21 + PROFILE + k] = shapes[plain + k, n, 0], shapes[odd + k, n, 0]
-    return table
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def model_rows(
     places: FloatArray,
     grey: FloatArray,
@@ -163,13 +89,19 @@ def model_rows(
     step_px: float,
     light: FloatArray,
     ground: FloatArray,
+    shadows: FloatArray,
     rows: FloatArray,
 ) -> None:
     """Fill ``rows`` (B, K) with what each unknown does to the pixels of a sector, and what the model leaves of them.
 
     ``geometry`` (5): where the axis meets the plane (2, px), the radius, the focal length and the blur (px); ``light``
-    is that of the profile, its tilt, from aside and the waves; ``ground`` (2) is level and slope.
+    is that of the profile, its tilt, from aside and the waves; ``ground`` (2) is level and slope. With ``shadows``
+    (SLANTS, N, 3) light from aside and what darkens as the cosine are of one lamp, which lights no place that it does
+    not see.
     """
+    casts = len(shadows) > 0 and light[1] > 0.0
+    columns = COLUMNS if casts else SHADOW
+    cast, half_angle = np.zeros(5), geometry[2] / geometry[3]
     f, ax, ay = geometry[3], geometry[0] / geometry[3], geometry[1] / geometry[3]
     of_axis, at = 1 + ax * ax + ay * ay, np.empty(COLUMNS)
     for n in range(len(places)):
@@ -180,7 +112,7 @@ def model_rows(
         place = min(max(place, 0.0), len(table) - 2.0)
         whole = int(place)
         share = place - whole
-        for k in range(COLUMNS):
+        for k in range(columns):
             at[k] = table[whole, k] + share * (table[whole + 1, k] - table[whole, k])
         away = np.sqrt(cx * cx + cy * cy) + 1e-15
         c, d = -cy / away, cx / away
@@ -189,17 +121,55 @@ def model_rows(
         aside = light[PROFILE + 2] * c + light[PROFILE + 3] * d
         wave = light[PROFILE + 4] * cc + light[PROFILE + 5] * dd
         other = light[PROFILE + 6] * cc + light[PROFILE + 7] * dd
+        if casts:
+            cast_by(shadows, light[1], aside, half_angle, whole, share, at, cast)
         for k in range(3):
-            told = ground[0] * at[k] + ground[1] * at[3 + k] + at[6 + k] + tilt * at[9 + k]
+            told = cast[k] + ground[0] * at[k] + ground[1] * at[3 + k] + at[6 + k] + tilt * at[9 + k]
             told += aside * at[12 + k] + wave * at[15 + k] + other * at[18 + k]
             row[k] = told
         left, edge, blur = grey[n] - row[0], row[1], row[2]
         row[0], row[1], row[2], row[BLUR] = edge * c, edge * d, edge, geometry[4] * blur
         for k in range(PROFILE):
             row[LIGHT + k] = at[21 + k] + tilt * at[21 + PROFILE + k]
-        row[TILT], row[TILT + 1], row[ASIDE], row[ASIDE + 1] = at[9] * c, at[9] * d, at[12] * c, at[12] * d
+        row[LIGHT + 1] += cast[3]
+        row[TILT], row[TILT + 1] = at[9] * c, at[9] * d
+        row[ASIDE], row[ASIDE + 1] = (at[12] + cast[4]) * c, (at[12] + cast[4]) * d
         row[OVAL], row[OVAL + 1], row[OVAL + 2], row[OVAL + 3] = at[15] * cc, at[15] * dd, at[18] * cc, at[18] * dd
         row[COMMON], row[COMMON + 1], row[COMMON + OWN] = at[0], at[3], left
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def cast_by(
+    shadows: FloatArray,
+    facing: float,
+    aside: float,
+    half_angle: float,
+    whole: int,
+    share: float,
+    at: FloatArray,
+    cast: FloatArray,
+) -> None:
+    """Fill ``cast`` (5) with what a lamp's shadows change at a depth: the brightness, two derivatives, two unknowns.
+
+    The lamp's light is ``facing`` and ``aside``, at this side of the sphere. ``at`` (COLUMNS) is the table there.
+    """
+    if aside >= 0.0:
+        for k in range(3):
+            cast[k] = facing * half_angle * at[15 + k]
+        cast[3], cast[4] = half_angle * at[15], 0.0
+        return
+    step = MOST_SLANT / (SLANTS - 1)
+    place = max((aside / facing + MOST_SLANT) / step, 0.0)
+    k = min(int(place), SLANTS - 2)
+    between = place - k
+    for n in range(3):
+        low = shadows[k, whole, n] + share * (shadows[k, whole + 1, n] - shadows[k, whole, n])
+        high = shadows[k + 1, whole, n] + share * (shadows[k + 1, whole + 1, n] - shadows[k + 1, whole, n])
+        lit = low + between * (high - low)
+        cast[n] = facing * lit - at[SHADOW + n] - aside * at[12 + n]
+        if n == 0:
+            by_slant = (high - low) / step
+            cast[3], cast[4] = lit - aside / facing * by_slant - at[22], by_slant - at[12]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -214,6 +184,7 @@ def equations(
     step_px: float,
     light: FloatArray,
     grounds: FloatArray,
+    shadows: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Return each sector's normal matrix (S, K, K) without its own ground, and that ground's answer (S, 2, K).
 
@@ -225,7 +196,7 @@ def equations(
     for s in range(count):
         of = rows[: (starts[s + 1] - starts[s] + every - 1) // every]
         taken = slice(starts[s], starts[s + 1], every)
-        model_rows(places[taken], grey[taken], geometry, table, first_px, step_px, light, grounds[s], of)
+        model_rows(places[taken], grey[taken], geometry, table, first_px, step_px, light, grounds[s], shadows, of)
         normal = of.T @ of
         a, b, c = normal[COMMON, COMMON], normal[COMMON, COMMON + 1], normal[COMMON + 1, COMMON + 1]
         a, c = a * (1 + 1e-6) + 1e-6, c * (1 + 1e-6) + 1e-6

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from ronnaplan.robot.camera import RIG, Camera, StereoRig
 from ronnaplan.robot.chain import TCP, to_frame
 from ronnaplan.robot.circles import Image
 from ronnaplan.robot.lights import fit, weighed
-from ronnaplan.robot.outline import Outline, find_outlines
+from ronnaplan.robot.outline import Cone, Outline, find_cones, outlines_of
 from ronnaplan.sigmas import LARGEST_STATED_MM, SIGMA_LAMP_DEG
 
 LARGEST_GAP_MM = 0.3
@@ -23,6 +24,11 @@ RIG_PX = 0.03
 """By so much the calibration makes lines of sight miss each other, which then tells nothing of the light."""
 SIZE_TOLERANCE = 0.05
 """Largest relative difference of an outline's apparent size from that of the sphere at the place found."""
+CONE_PX, CONE_SIZE = 10.0, 0.25
+"""The same for cones that edges agree on: lines of sight may be off by so many pixels more, sizes by this."""
+
+
+Sight = TypeVar("Sight", Cone, Outline)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +78,11 @@ def locate_sphere(
     if not (np.isfinite(diameter_mm) and diameter_mm > 0):
         raise InputError(f"a sphere diameter of {diameter_mm} mm was given; expected one above zero")
     with ThreadPoolExecutor(2) as pool:
-        lefts, rights = pool.map(find_outlines, (left, right), (rig.left, rig.right), (lamp_sd_deg, lamp_sd_deg))
+        seen = list(pool.map(find_cones, (left, right), (rig.left, rig.right)))
+        cones = _that_may_meet(seen[0], seen[1], rig, diameter_mm)
+        lefts, rights = pool.map(
+            outlines_of, cones, (left, right), (rig.left, rig.right), (lamp_sd_deg, lamp_sd_deg)
+        )
     found = [
         sphere
         for one in lefts
@@ -96,16 +106,40 @@ def locate_sphere(
     return found[0]
 
 
-def _meet(left: Outline, right: Outline, rig: StereoRig) -> StereoSphere | None:
+def _that_may_meet(
+    lefts: list[Cone], rights: list[Cone], rig: StereoRig, diameter_mm: float
+) -> tuple[list[Cone], list[Cone]]:
+    """Return the cones that are of one sphere of ``diameter_mm`` with one of the other image, or all if none are."""
+    may = np.zeros((len(lefts), len(rights)), dtype=bool)
+    for i, left in enumerate(lefts):
+        for j, right in enumerate(rights):
+            near, gap_mm = _crossing(rig, left, right)
+            far_mm = [float(np.linalg.norm(near - camera.center_mm)) for camera in (rig.left, rig.right)]
+            blurred_mm = CONE_PX * (far_mm[0] / rig.left.focal_px + far_mm[1] / rig.right.focal_px)
+            sizes = [
+                one.distance_mm(diameter_mm) / far - 1 for one, far in zip((left, right), far_mm, strict=True)
+            ]
+            may[i, j] = gap_mm < LARGEST_GAP_MM + blurred_mm and max(map(abs, sizes)) < CONE_SIZE
+    if not may.any():
+        return lefts, rights
+    return [lefts[i] for i in np.flatnonzero(may.any(1))], [rights[j] for j in np.flatnonzero(may.any(0))]
+
+
+def _crossing(rig: StereoRig, left: Sight, right: Sight) -> tuple[FloatArray, float]:
+    """Return the position (3,) nearest to both lines of sight, and how far they pass from each other (mm)."""
     directions = np.array(
         [camera.rig_from_camera[:3, :3] @ one.direction for camera, one in _seen(rig, left, right)]
     )
     normal = np.cross(directions[0], directions[1])
     turn = float(np.linalg.norm(normal))
     if turn < 1e-3:
-        return None
-    near = _nearest(rig, directions)
+        return rig.left.center_mm, np.inf
     gap_mm = abs(float(normal @ (rig.right.center_mm - rig.left.center_mm))) / turn
+    return _nearest(rig, directions), gap_mm
+
+
+def _meet(left: Outline, right: Outline, rig: StereoRig) -> StereoSphere | None:
+    near, gap_mm = _crossing(rig, left, right)
     ahead = all(
         (camera.rig_from_camera[:3, 2] @ (near - camera.center_mm)) > 0 for camera in (rig.left, rig.right)
     )
@@ -115,7 +149,7 @@ def _meet(left: Outline, right: Outline, rig: StereoRig) -> StereoSphere | None:
     return StereoSphere(position, covariance, gap_mm, left, right)
 
 
-def _seen(rig: StereoRig, left: Outline, right: Outline) -> tuple[tuple[Camera, Outline], tuple[Camera, Outline]]:
+def _seen(rig: StereoRig, left: Sight, right: Sight) -> tuple[tuple[Camera, Sight], tuple[Camera, Sight]]:
     return (rig.left, left), (rig.right, right)
 
 

@@ -1,0 +1,61 @@
+"""The pixels of a sphere in one image, sector by sector, where its line of sight is the middle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.robot.camera import Camera
+from ronnaplan.robot.circles import Image
+from ronnaplan.robot.shading_compiled import Integers, gather
+
+ARC_PX = 8.0
+FEWEST_SECTORS, MOST_SECTORS = 36, 72
+OUTWARD_PX, INWARD_PX = 6.0, 6.0
+"""How far beside the expected edge pixels are taken."""
+MOST_BESIDE, MOST_INSIDE = 7000, 4000
+"""So many of them, and so many of those further inside; the first steps take fewer."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """Places (B, 2) and brightness (B) sector by sector, where each starts (S + 1), and the focal length (px)."""
+
+    places: FloatArray
+    grey: FloatArray
+    starts: Integers
+    focal_px: float
+
+
+def pixels_near(grey: Image, camera: Camera, axis: FloatArray, across: FloatArray, half_angle: float) -> Pixels:
+    """Return the pixels where a sphere of ``half_angle`` (rad) about ``axis`` (3,) is seen, along ``across`` (3, 2)."""
+    import cv2
+
+    focal, radius = camera.focal_px, half_angle * camera.focal_px
+    middle = cv2.projectPoints(axis[None], np.zeros(3), np.zeros(3), camera.matrix, camera.distortion)[0][0, 0]
+    scale = 1.1 * radius + OUTWARD_PX + 6
+    grid, inverse = _bend()
+    rays = camera.rays(middle + scale * grid)
+    bend = np.ascontiguousarray(inverse @ ((rays @ across) / (rays @ axis)[:, None] * focal))
+    low = np.clip(np.floor(middle - scale), 0, grey.shape[::-1]).astype(np.int64)
+    high = np.clip(np.ceil(middle + scale) + 1, low, grey.shape[::-1]).astype(np.int64)
+    window = np.ascontiguousarray(grey[low[1] : high[1], low[0] : high[0]], dtype=np.float64)
+    count = int(np.clip(2 * np.pi * radius / ARC_PX, FEWEST_SECTORS, MOST_SECTORS))
+    inward = min(INWARD_PX, radius)
+    every = (
+        max(2 * np.pi * radius * (OUTWARD_PX + inward) / MOST_BESIDE, 1.0),
+        max(np.pi * (radius - inward) ** 2 / MOST_INSIDE, 1.0),
+    )
+    found = gather(window, bend, middle - low, scale, radius, (OUTWARD_PX, inward), count, every)
+    return Pixels(*found, focal)
+
+
+@cache
+def _bend() -> tuple[FloatArray, FloatArray]:
+    """Return a grid (64, 2) and the matrix (10, 64) that fits a cubic polynomial to values there."""
+    a, b = (one.ravel() for one in np.meshgrid(*[np.array([-1, -0.9, -0.6, -0.2, 0.2, 0.6, 0.9, 1.0])] * 2))
+    terms = [np.ones_like(a), a, a**2, a**3, b, b**2, b**3, a * b, a**2 * b, a * b**2]
+    return np.column_stack([a, b]), np.linalg.pinv(np.column_stack(terms))
