@@ -82,7 +82,7 @@ def localize(
         diameters,
         volume.source,
         volume.voxel_sha256,
-        volume.flags,
+        scan.volume.flags,
         marker,
         volume.grid.thickness_mm,
         departure_mm,

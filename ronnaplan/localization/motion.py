@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.cells import cell_directions, direction_cells
+from ronnaplan.localization.descent import residuals_and_jacobian
 from ronnaplan.localization.directions import (
     BACKGROUND_QUANTILE,
     INSERT_SHARE,
@@ -63,6 +64,9 @@ STANDS_SHARE = 0.1
 CLEAR_DEG = 30.0
 """Something stands in a direction that is brighter by this share of the contrast so far beyond the blurred edge, where
 the edge of a ball that moved does not reach; directions closer than this angle are left out with it."""
+
+STEP_MM = 0.05
+"""Step of the second derivatives."""
 
 LEAST_LEFT = 0.1
 """A pattern of which less than this share is left beside the ball's own parameters says nothing."""
@@ -116,7 +120,8 @@ def movement(fit: BallFit) -> Movement:
     turn = np.arctan2(offsets[:, 1], offsets[:, 0])
     jacobian, residuals = fit.jacobian[used], fit.residuals_hu[used]
     patterns = _patterns(jacobian, offsets[:, W] / fit.theta[RADIUS], turn, slices)
-    own, _ = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-30))
+    explained = np.hstack([jacobian, _slanted_blur(fit, used)])
+    own, _ = np.linalg.qr(explained / np.maximum(np.linalg.norm(explained, axis=0), 1e-30))
     left = patterns - own @ (own.T @ patterns)
     squares = np.sum(left**2, axis=0)
     tells = squares > LEAST_LEFT * np.sum(patterns**2, axis=0)
@@ -129,6 +134,25 @@ def movement(fit: BallFit) -> Movement:
     ) % SECTORS
     informed = fit.used[used]
     return Movement(amplitudes, ERROR_FACTOR * _scatter(left, residuals, sectors, informed) / squares)
+
+
+def _slanted_blur(fit: BallFit, used: NDArray[np.bool_]) -> FloatArray:
+    """What a blur whose axes are not those of the slices adds to the ``used`` voxels (N, 4), to first order.
+
+    A Gaussian's covariance changes an image by its second derivatives (the equation of heat): along u and w, v and w, u
+    and v, and the difference of those along u and along v.
+    """
+    changes, around = [], fit.neighbourhood.select(used)
+    for axis in (U, V):
+        step = np.zeros(len(fit.theta))
+        step[axis] = STEP_MM
+        sides = [
+            residuals_and_jacobian(around, fit.theta + side * step, fit.layer_mm, fit.ceiling_hu)[1]
+            for side in (1.0, -1.0)
+        ]
+        changes.append(sides[0][:, CENTER] - sides[1][:, CENTER])
+    by_u, by_v = changes
+    return np.column_stack([by_u[:, W], by_v[:, W], by_u[:, V], by_u[:, U] - by_v[:, V]])
 
 
 def suspected(movements: Sequence[Movement]) -> list[bool]:

@@ -100,6 +100,8 @@ class BallFit:
     is_clipped: bool
     verdict: Verdict
     converged: bool
+    layer_mm: float
+    ceiling_hu: float
 
     @property
     def center_mm(self) -> FloatArray:
@@ -246,6 +248,8 @@ def _ball_fit(
         is_clipped=bool((around.values_hu[used] >= ceiling_hu).any()),
         verdict=verdict,
         converged=converged,
+        layer_mm=prior.layer_mm,
+        ceiling_hu=ceiling_hu,
     )
 
 

@@ -73,7 +73,8 @@ def sizes_seen(volume: CTVolume, marker: Build = SOLID, *, progress: bool = Fals
     ``marker`` says how they are made.
     """
     check_type(volume, CTVolume, "the volume", "read_ct returns one")
-    scan, coarse = Scan(volume), Scan(coarsen(volume, COARSE_FLOOR_MM))
+    scan = Scan(volume)
+    coarse = Scan(coarsen(scan.volume, COARSE_FLOOR_MM))
     with single_threaded_algebra():
         places = _round_places(scan, coarse.volume, marker, progress)
 

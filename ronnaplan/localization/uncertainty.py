@@ -169,8 +169,13 @@ def beyond_usual_mm(excesses_mm: FloatArray) -> FloatArray:
     if np.count_nonzero(plain) < LEAST_TOGETHER:
         return beyond_mm
     beyond_mm[plain] = excesses_mm[plain] - np.median(excesses_mm[plain])
-    usual_mm = UNUSUAL * 1.4826 * float(np.median(np.abs(beyond_mm[plain])))
+    usual_mm = UNUSUAL * robust_spread(beyond_mm[plain])
     return np.where(np.abs(beyond_mm) > min(usual_mm, SIZE_TOLERANCE_MM), beyond_mm, 0.0)
+
+
+def robust_spread(values: FloatArray) -> float:
+    """Standard deviation of ``values`` (N,) by their median absolute deviation: a minority does not disturb it."""
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
 
 
 def cramer_rao_bound(fit: BallFit, noise_hu: float) -> FloatArray:

@@ -47,6 +47,16 @@ def test_a_jump_between_slices_is_told_by_the_ball_that_it_met(shift: tuple[floa
     assert flags(mixed(still, after, (heights > 14.0).astype(np.float64))) == [False, False, False]
 
 
+def test_a_still_scan_that_was_blurred_aslant_is_not_suspected() -> None:
+    still = seen()
+    voxels = still.voxels_hu.astype(float)
+    slanted = [
+        ndimage.shift(voxels, (0.8 * step, 0, 1.6 * step), order=1, mode="nearest") for step in (-1.0, 0.0, 1.0)
+    ]
+    voxels_hu = np.asarray(np.round(np.mean(slanted, axis=0)), dtype=np.int16)
+    assert flags(replace(still, voxels_hu=voxels_hu)) == [False] * 3
+
+
 def test_odd_and_even_slices_in_different_places_are_told() -> None:
     still, other = seen(), seen((0.06, 0.0, 0.0), seed=2)
     assert (

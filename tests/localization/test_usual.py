@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ronnaplan.localization.examine import Examined, Scan, examine
-from ronnaplan.localization.parameters import BLUR, EDGE, WIDTH
+from ronnaplan.localization.parameters import BLUR, EDGE, RADIUS, WIDTH
 from ronnaplan.localization.uncertainty import beyond_usual_mm
 from ronnaplan.localization.usual import together, usual_of
 from tests.scans import balls, scan, small_stack
@@ -29,7 +29,7 @@ def ball(scanned: Scan) -> Examined:
 def at(ball: Examined, x_mm: float, **changes: float) -> Examined:
     theta = ball.parameters.copy()
     for name, value in changes.items():
-        theta[{"blur": BLUR, "edge": EDGE, "width": WIDTH}[name]] = value
+        theta[{"blur": BLUR, "edge": EDGE, "width": WIDTH, "radius": RADIUS}[name]] = value
     return replace(ball, center_mm=ball.center_mm + np.array([x_mm, 0.0, 0.0]), parameters=theta)
 
 
@@ -52,3 +52,23 @@ def test_cloth_covers_balls_and_a_kernel_that_falls_steeply_does_not(
 def test_a_film_is_seen_beside_others_that_are_thicker() -> None:
     beyond_mm = beyond_usual_mm(np.array([0.0, 0.001, -0.001, 0.055, 0.12, 0.42]))
     np.testing.assert_allclose(beyond_mm, [0.0, 0.0, 0.0, 0.0545, 0.0, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("radii_mm", "blurs_mm", "is_covered"),
+    [
+        ((5.75, 5.8, 5.7, 5.78), (0.6, 0.75, 0.8, 0.6), True),  # cloth in lumps
+        ((5.75, 5.8, 5.7, 5.78), (0.6, 0.61, 0.6, 0.6), False),  # made to a tolerance, or films
+        ((5.75, 5.76, 5.75, 5.75), (0.6, 0.75, 0.8, 0.6), False),  # a kernel unlike the model's
+    ],
+)
+def test_balls_that_differ_both_in_size_and_in_blur_are_covered(
+    scanned: Scan, ball: Examined, radii_mm: tuple[float, ...], blurs_mm: tuple[float, ...], is_covered: bool
+) -> None:
+    shapes = list(enumerate(zip(radii_mm, blurs_mm, strict=True)))
+    markers = [at(ball, 20.0 * n, blur=blur_mm, radius=radius_mm) for n, (radius_mm, blur_mm) in shapes]
+    markers = [replace(one, excess_mm=one.diameter_mm - one.stated_mm) for one in markers]
+    judged = together(scanned, markers)
+    assert [one.is_covered for one in judged] == [is_covered] * 4
+    least_mm = min(float(np.sqrt(np.trace(one.covariance_mm2))) for one in judged)
+    assert least_mm > 0.03 or not is_covered  # half of what they scatter is stated

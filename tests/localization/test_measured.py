@@ -1,0 +1,55 @@
+"""Slices that were computed between others are left out; those that were measured never are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ronnaplan.ct import CTVolume
+from ronnaplan.ct.volume import VolumeFlag
+from ronnaplan.localization import localize
+from ronnaplan.localization.measured import measured
+from tests.scans import balls, scan, small_stack
+
+PLACES = [(-18.0, -8.3, -6.2), (17.4, -9.0, 4.1), (1.2, 11.5, 1.3)]
+
+
+@pytest.fixture(scope="module")
+def thick() -> CTVolume:
+    stack = small_stack(spacing_mm=5.0, thickness_mm=5.0, start_mm=-25, stop_mm=25)
+    return scan(balls(PLACES), stack, noise_hu=8.0)
+
+
+def resampled(volume: CTVolume, step_mm: float, slices: int) -> CTVolume:
+    """Slices every ``step_mm`` from the first one on, by straight lines; the header has their thickness."""
+    places = np.arange(slices) * step_mm / volume.grid.typical_gap_mm
+    below = np.minimum(places.astype(int), len(volume.voxels_hu) - 2)
+    share = (places - below)[:, np.newaxis, np.newaxis]
+    voxels_hu = volume.voxels_hu[below] * (1.0 - share) + volume.voxels_hu[below + 1] * share
+    origins_mm = volume.grid.origins_mm[0] + np.arange(slices)[:, np.newaxis] * step_mm * volume.grid.normal
+    grid = replace(volume.grid, origins_mm=origins_mm, thickness_mm=step_mm)
+    return replace(volume, voxels_hu=np.round(voxels_hu).astype(np.int16), grid=grid)
+
+
+@pytest.mark.parametrize(("step_mm", "slices"), [(1.0, 44), (2.5, 18)])
+def test_balls_in_slices_computed_from_thick_ones_are_found_as_in_these(
+    thick: CTVolume, step_mm: float, slices: int
+) -> None:
+    thin = resampled(thick, step_mm, slices)
+    kept = measured(thin)
+    np.testing.assert_allclose(
+        np.diff(kept.grid.slice_positions_mm), 5.0
+    )  # the last one, 3 mm beyond, was computed
+    found = localize(thin, diameter_mm=11.5, expected=3)
+    errors_mm = [np.linalg.norm(found.centers - place, axis=1).min() for place in PLACES]
+    assert max(errors_mm) < 0.05
+    assert VolumeFlag.REFORMATTED in found.volume_flags
+
+
+def test_slices_that_were_measured_are_all_kept(thick: CTVolume) -> None:
+    assert measured(thick) is thick
+    alike = np.repeat(thick.voxels_hu[4:5], len(thick.voxels_hu), axis=0)
+    still = replace(thick, voxels_hu=np.asarray(alike, dtype=np.int16))
+    assert measured(still) is still  # what does not change tells nothing
