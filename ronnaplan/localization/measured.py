@@ -1,14 +1,18 @@
-"""Which slices of a scan were measured, and which were computed between others.
+"""The slices of a scan that were measured, without those that were computed from them.
 
 Workstations resample thick slices to thinner ones, most by straight lines from slice to slice, and headers do not say
 so. What is seen of a ball then depends on where between two measured slices a computed one lies, so no slice profile
-describes them all. But such slices hold nothing of their own: each is the mean of its neighbours, to rounding, in every
-voxel, which a measured one, with its own noise, never is. Without them the scan is again the one that was made.
+describes them all. But such slices hold nothing of their own. One that lies between others of its line is, in every
+voxel and to rounding, what these say, as none is that has noise of its own; and where the lines of two slices here and
+of two slices there meet at one height in every voxel, there was a measured slice, which they tell. With these alone the
+scan is again the one that was made.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,69 +23,105 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.parts import in_parts
 
 ROUNDED_HU = 1.0
-"""Whole numbers that were computed from whole numbers are off by no more than this."""
+"""Whole numbers that lie on one line before they are rounded are off it by no more than this."""
 
 WITHIN_SCALE_HU = (-1000.0, 3000.0)
 """What a scale's end may have cut off after slices were computed is not asked: air, and metal."""
 
 CHANGE_HU = 10.0
-"""Neighbours that nowhere differ by more say nothing of what lies between them."""
+"""Where nothing changes by more, nothing is told."""
 
-LEAST_GAP_SHARE = 0.75
-"""Slices that were measured lie no closer to each other than this share of their usual distance; where they seem to,
-what was computed does not hold what was measured, but mixtures."""
+FIRST_ROWS = 8
+"""So many rows tell where lines meet, if they do."""
+
+AT_A_SLICE = 0.02
+"""Lines that meet closer to a slice than this share of the gap meet in it."""
+
+LEAST_GAP_SHARE = 0.95
+"""Measured slices lie no closer to each other than this share of their usual distance. Where some do but at the ends,
+they were not told from computed ones, and the scan is left as it is."""
+
+Voxels = NDArray[np.int16] | NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """A measured slice: ``share`` of the way from slice ``below`` to the next one; 0 where it is that slice itself."""
+
+    below: int
+    share: float
 
 
 def measured(volume: CTVolume) -> CTVolume:
     """Return the scan without the slices that were computed from others, flagged so; itself where there are none."""
-    if len(volume.voxels_hu) < 3:
+    count = len(volume.voxels_hu)
+    slices = _slices(volume)
+    if len(slices) == count or len(slices) < 3:
         return volume
-    kept = _without_ends(~computed_slices(volume), volume.grid.slice_positions_mm)
-    if kept.all():
+    places = np.array([one.below + one.share for one in slices])
+    heights_mm = np.interp(places, np.arange(count), volume.grid.slice_positions_mm)
+    gaps_mm = np.diff(heights_mm)
+    usual = np.flatnonzero(gaps_mm >= LEAST_GAP_SHARE * np.median(gaps_mm))
+    kept = slice(usual[0], usual[-1] + 2)  # what lies beyond was computed from slices that are not there
+    if len(usual) < usual[-1] + 1 - usual[0]:
         return volume
-    gaps_mm = np.diff(volume.grid.slice_positions_mm[kept])
-    if gaps_mm.min(initial=np.inf) < LEAST_GAP_SHARE * np.median(gaps_mm):
-        return volume
-    flags = dict.fromkeys([*volume.flags, VolumeFlag.REFORMATTED])
-    grid = replace(volume.grid, origins_mm=volume.grid.origins_mm[kept])
-    return replace(volume, voxels_hu=volume.voxels_hu[kept], grid=grid, flags=tuple(flags))
+    origins_mm = [np.interp(places[kept], np.arange(count), along) for along in volume.grid.origins_mm.T]
+    voxels_hu: NDArray[Any] = np.stack([_voxels(volume, one) for one in slices[kept]])
+    return replace(
+        volume,
+        voxels_hu=voxels_hu,
+        grid=replace(volume.grid, origins_mm=np.column_stack(origins_mm)),
+        flags=tuple(dict.fromkeys([*volume.flags, VolumeFlag.REFORMATTED])),
+    )
 
 
-def computed_slices(volume: CTVolume) -> NDArray[np.bool_]:
-    """Mark the slices (K,) that lie on straight lines between their neighbours in every voxel."""
-    voxels_hu, places_mm = volume.voxels_hu, volume.grid.slice_positions_mm
-    shares = np.zeros(len(places_mm))
-    shares[1:-1] = (places_mm[1:-1] - places_mm[:-2]) / (places_mm[2:] - places_mm[:-2])
-    computed = np.zeros(len(places_mm), dtype=np.bool_)
+def _slices(volume: CTVolume) -> list[_Measured]:
+    """Find all slices that were measured, in order."""
+    voxels_hu, heights_mm = volume.voxels_hu, volume.grid.slice_positions_mm
+    count = len(heights_mm)
+    computed, meeting = np.zeros(count, dtype=np.bool_), np.full(count, np.nan)
 
     def mark(first: int, end: int) -> None:
         for k in range(first + 1, end + 1):
-            computed[k] = _is_between(voxels_hu[k - 1], voxels_hu[k], voxels_hu[k + 1], shares[k])
+            share = (heights_mm[k] - heights_mm[k - 1]) / (heights_mm[k + 1] - heights_mm[k - 1])
+            computed[k] = _is_between(voxels_hu[k - 1], voxels_hu[k], voxels_hu[k + 1], share)
 
-    in_parts(mark, len(places_mm) - 2)
-    return computed
+    def meet(first: int, end: int) -> None:
+        for k in range(first + 1, end + 1):
+            if not (computed[k] or computed[k + 1]):
+                meeting[k] = _meet(voxels_hu[k - 1 : k + 3], *_ratios(heights_mm[k - 1 : k + 3]))
+
+    in_parts(mark, max(count - 2, 0))
+    in_parts(meet, max(count - 3, 0))
+    slices: list[_Measured] = []
+    for k in np.flatnonzero(~computed).tolist():
+        if k > 0 and meeting[k - 1] > 0.0:
+            continue  # both sides of the measured slice before
+        slices.append(_Measured(k, float(np.nan_to_num(meeting[k]))))
+    return slices
 
 
-def _without_ends(kept: NDArray[np.bool_], places_mm: FloatArray) -> NDArray[np.bool_]:
-    """Leave out a first or last slice, too, that lies closer to a measured one than these do: it was computed."""
-    chosen = np.flatnonzero(kept)
-    if kept.all() or len(chosen) < 4:
-        return kept
-    gaps_mm = np.diff(places_mm[chosen])
-    close_mm = LEAST_GAP_SHARE * np.median(gaps_mm)
-    trimmed = kept.copy()
-    trimmed[chosen[0]] = gaps_mm[0] >= close_mm
-    trimmed[chosen[-1]] = gaps_mm[-1] >= close_mm
-    return trimmed
+def _ratios(heights_mm: FloatArray) -> tuple[float, float]:
+    """Return the gap between the middle ones of four slices as a multiple of the one before and of the one behind."""
+    before, gap, behind = (float(gap_mm) for gap_mm in np.diff(heights_mm))
+    return gap / before, gap / behind
+
+
+def _voxels(volume: CTVolume, one: _Measured) -> Voxels:
+    """Return the measured slice's voxels (J, I): of both lines that meet in it, the one of the nearer slice more."""
+    k, share = one.below, one.share
+    here: Voxels = volume.voxels_hu[k]
+    if share == 0.0:
+        return here
+    before, behind = _ratios(volume.grid.slice_positions_mm[k - 1 : k + 3])
+    first, low, high, last = volume.voxels_hu[k - 1 : k + 3].astype(np.float32)
+    from_below, from_above = low + share * before * (low - first), high - (1.0 - share) * behind * (last - high)
+    told: FloatArray = (1.0 - share) * from_below + share * from_above
+    return told.astype(np.float32) if here.dtype == np.float32 else np.round(told).astype(np.int16)
 
 
 @njit(cache=True, nogil=True)
-def _is_between(
-    before: NDArray[np.int16] | NDArray[np.float32],
-    here: NDArray[np.int16] | NDArray[np.float32],
-    after: NDArray[np.int16] | NDArray[np.float32],
-    share: float,
-) -> bool:
+def _is_between(before: Voxels, here: Voxels, after: Voxels, share: float) -> bool:
     """Whether every voxel is what a straight line gives at this ``share`` of the way; the first ones tell most."""
     rows, columns = here.shape
     changes = False
@@ -95,3 +135,40 @@ def _is_between(
                 return False
             changes = changes or abs(high - low) > CHANGE_HU
     return changes
+
+
+@njit(cache=True, nogil=True)
+def _meet(four: Voxels, before: float, behind: float) -> float:
+    """Where, as a share of the middle gap, the lines of the first and the last two of ``four`` (4, J, I) slices meet.
+
+    NaN where they do not meet at one height in every voxel. ``before`` and ``behind`` are what `_ratios` gives.
+    """
+    rows = four.shape[1]
+    across = squares = 0.0
+    for j in range(rows // FIRST_ROWS // 2, rows, max(rows // FIRST_ROWS, 1)):
+        for i in range(four.shape[2]):
+            apart, closing = _lines(four[:, j, i], before, behind)
+            across += apart * closing
+            squares += closing * closing
+    share = -across / max(squares, 1e-9)
+    if squares <= CHANGE_HU * CHANGE_HU or not AT_A_SLICE < share < 1.0 - AT_A_SLICE:
+        return math.nan
+    for n in range(rows):
+        for i in range(four.shape[2]):
+            apart, closing = _lines(four[:, (n + rows // 2) % rows, i], before, behind)
+            if abs(apart + share * closing) > (1.0 + before + behind) * ROUNDED_HU:
+                return math.nan
+    return share
+
+
+@njit(cache=True, nogil=True)
+def _lines(four: Voxels, before: float, behind: float) -> tuple[float, float]:
+    """How far the lines of a voxel (4,) are apart at the second slice, and by how much less at the third.
+
+    Nothing where the scale may have ended.
+    """
+    first, low, high, last = float(four[0]), float(four[1]), float(four[2]), float(four[3])
+    if min(first, low, high, last) <= WITHIN_SCALE_HU[0] or max(first, low, high, last) >= WITHIN_SCALE_HU[1]:
+        return 0.0, 0.0
+    rise = behind * (last - high)
+    return low - high + rise, before * (low - first) - rise

@@ -65,6 +65,9 @@ CLEAR_DEG = 30.0
 """Something stands in a direction that is brighter by this share of the contrast so far beyond the blurred edge, where
 the edge of a ball that moved does not reach; directions closer than this angle are left out with it."""
 
+WORTH_A_LOOK = 1.0
+"""A pattern that is less than so many standard errors large needs no other explanation."""
+
 STEP_MM = 0.05
 """Step of the second derivatives."""
 
@@ -113,14 +116,21 @@ class Movement:
 
 
 def movement(fit: BallFit) -> Movement:
-    """Fit every pattern to the residuals of a ball."""
+    """Fit every pattern to the residuals of a ball; beside a slanted blur, where any stands out."""
     used = _unattached(fit)
+    plain = _movement(fit, used, fit.jacobian[used])
+    if plain.statistic <= WORTH_A_LOOK:
+        return plain
+    return _movement(fit, used, np.hstack([fit.jacobian[used], _slanted_blur(fit, used)]))
+
+
+def _movement(fit: BallFit, used: NDArray[np.bool_], explained: FloatArray) -> Movement:
+    """Fit every pattern to the residuals of the ``used`` voxels beside what is ``explained`` (N, Q) by other causes."""
     offsets = fit.neighbourhood.offsets_mm[used] - fit.theta[CENTER]
     slices = fit.neighbourhood.indices[used, 0]
     turn = np.arctan2(offsets[:, 1], offsets[:, 0])
     jacobian, residuals = fit.jacobian[used], fit.residuals_hu[used]
     patterns = _patterns(jacobian, offsets[:, W] / fit.theta[RADIUS], turn, slices)
-    explained = np.hstack([jacobian, _slanted_blur(fit, used)])
     own, _ = np.linalg.qr(explained / np.maximum(np.linalg.norm(explained, axis=0), 1e-30))
     left = patterns - own @ (own.T @ patterns)
     squares = np.sum(left**2, axis=0)
