@@ -218,7 +218,10 @@ def _contacts(one: Trajectory, cut: Cut) -> list[dict[str, Any]]:
 
 
 def _ticks(one: Trajectory, cut: Cut) -> list[dict[str, Any]]:
-    """Return a mark across the path every `TICK_MM` from the target outwards, where the path lies in the plane."""
+    """Return a mark across the path every `TICK_MM` from the target outwards, where the path lies in the plane.
+
+    Of its ends the left one comes first: depths stand there, for names stand to the right.
+    """
     if abs(one.inward @ cut.away) > IN_PLANE:
         return []
     along = cut.on_screen_mm(cut.center_mm + one.inward)[:2]
@@ -227,7 +230,7 @@ def _ticks(one: Trajectory, cut: Cut) -> list[dict[str, Any]]:
     for depth in np.arange(TICK_MM, one.length_mm, TICK_MM):
         middle = cut.on_screen_mm(one.target_mm - depth * one.inward)[:2]
         labelled = round(depth) % LABEL_MM == 0
-        ends = [(middle + sign * (1 + labelled) * side).tolist() for sign in (-1, 1)]
+        ends = sorted((middle + sign * (1 + labelled) * side).tolist() for sign in (-1, 1))
         marks.append({"ends": ends, "label": f"{depth:.0f}" if labelled else ""})
     return marks
 
