@@ -29,11 +29,11 @@ LOWEST_CUTOFF_PER_MM = 0.6
 """No kernel passes nothing above so low a frequency: the softest of scanners end at 0.7 / mm. What is wrapped around
 balls, fainter than they are, makes two steps of their edges, which together pass nothing at 0.35 to 0.55 / mm."""
 
-SCATTERED_MM, SCATTERED_MM2 = 0.03, 0.025
-"""Bare balls of one stated size show no more than one of these in any scan: a standard deviation of their diameters,
-and a robust one of the variance of their edges' blur. Balls made to a tolerance and balls under film differ in size (by
-0.1 mm) but not in blur (0.01 mm^2); kernels that are far from the model's are fitted now one way, now the other (0.04
-mm^2), with the same size (0.02 mm). What lies on them in lumps makes both differ (by 0.04 to 0.2 mm and mm^2)."""
+SCATTERED_MM, SCATTERED_MM2, RAGGED = 0.03, 0.025, 0.02
+"""Bare balls of one stated size do not exceed all of these in any scan: a standard deviation of their diameters, a
+robust one of the variance of their edges' blur, and the usual misfit. Balls made to a tolerance and balls under film
+differ in size (by 0.1 mm) but not in blur (0.01 mm^2); kernels that are far from the model's are fitted now one way,
+now the other (0.04 mm^2), but closely (0.01). What lies on them in lumps does all (0.04 to 0.2 mm and mm^2, 0.03)."""
 
 OF_THE_SURFACE = {"coverage", "roundness"}
 """Tests that streaks of metal and of few views spoil in a whole scan, as in cone beams of a short turn."""
@@ -127,9 +127,9 @@ def _wrapped(markers: Sequence[Examined]) -> list[Examined]:
 
 
 def _uneven(markers: Sequence[Examined]) -> list[Examined]:
-    """Doubt all markers of one stated size that differ both in size and in their edges' blur: something lies on each.
+    """Doubt all markers of one stated size that differ in size and in blur and are no close spheres: they are covered.
 
-    By how much it moves a center is not told by the marker's own diameter then, but by how far theirs scatter.
+    By how much that moves a center is not told by the marker's own diameter then, but by how far theirs scatter.
     """
     doubted = list(markers)
     for stated_mm in {one.stated_mm for one in markers}:
@@ -138,7 +138,8 @@ def _uneven(markers: Sequence[Examined]) -> list[Examined]:
             continue
         scatter_mm = float(np.std([markers[n].excess_mm for n in places]))
         scatter_mm2 = robust_spread(np.array([edge_variance_mm2(markers[n].parameters) for n in places]))
-        if scatter_mm <= SCATTERED_MM or scatter_mm2 <= SCATTERED_MM2:
+        ragged = float(np.median([markers[n].misfit for n in places]))
+        if scatter_mm <= SCATTERED_MM or scatter_mm2 <= SCATTERED_MM2 or ragged <= RAGGED:
             continue
         for n in places:
             covariance_mm2 = markers[n].covariance_mm2 + scatter_mm**2 * markers[n].by_excess

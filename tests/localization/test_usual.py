@@ -55,19 +55,25 @@ def test_a_film_is_seen_beside_others_that_are_thicker() -> None:
 
 
 @pytest.mark.parametrize(
-    ("radii_mm", "blurs_mm", "is_covered"),
+    ("radii_mm", "blurs_mm", "misfit", "is_covered"),
     [
-        ((5.75, 5.8, 5.7, 5.78), (0.6, 0.75, 0.8, 0.6), True),  # cloth in lumps
-        ((5.75, 5.8, 5.7, 5.78), (0.6, 0.61, 0.6, 0.6), False),  # made to a tolerance, or films
-        ((5.75, 5.76, 5.75, 5.75), (0.6, 0.75, 0.8, 0.6), False),  # a kernel unlike the model's
+        ((5.75, 5.8, 5.7, 5.78), (0.6, 0.75, 0.8, 0.6), 0.03, True),  # cloth in lumps
+        ((5.75, 5.8, 5.7, 5.78), (0.6, 0.61, 0.6, 0.6), 0.03, False),  # made to a tolerance, or films
+        ((5.75, 5.76, 5.75, 5.75), (0.6, 0.75, 0.8, 0.6), 0.03, False),  # a kernel unlike the model's
+        ((5.75, 5.75, 5.75, 5.85), (0.6, 0.75, 0.8, 0.6), 0.01, False),  # the same, and one film
     ],
 )
-def test_balls_that_differ_both_in_size_and_in_blur_are_covered(
-    scanned: Scan, ball: Examined, radii_mm: tuple[float, ...], blurs_mm: tuple[float, ...], is_covered: bool
+def test_balls_that_differ_in_size_and_in_blur_and_are_no_close_spheres_are_covered(
+    scanned: Scan,
+    ball: Examined,
+    radii_mm: tuple[float, ...],
+    blurs_mm: tuple[float, ...],
+    misfit: float,
+    is_covered: bool,
 ) -> None:
     shapes = list(enumerate(zip(radii_mm, blurs_mm, strict=True)))
     markers = [at(ball, 20.0 * n, blur=blur_mm, radius=radius_mm) for n, (radius_mm, blur_mm) in shapes]
-    markers = [replace(one, excess_mm=one.diameter_mm - one.stated_mm) for one in markers]
+    markers = [replace(one, excess_mm=one.diameter_mm - one.stated_mm, misfit=misfit) for one in markers]
     judged = together(scanned, markers)
     assert [one.is_covered for one in judged] == [is_covered] * 4
     least_mm = min(float(np.sqrt(np.trace(one.covariance_mm2))) for one in judged)
