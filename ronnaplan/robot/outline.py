@@ -33,9 +33,14 @@ LARGEST_RMS_PX = 0.3
 LARGEST_OVAL_PX = 0.15
 """Points of a flat disc's outline go in a wave about a cone: more than this, beyond its error, is no sphere's."""
 WAVES = (2, 3, 4)
-SHADOWED = 3.0
-"""A sphere is looked at as one in its own shadow where its errors are larger than noise by this factor (squared), and
-held to be so where they are smaller then by as much."""
+LARGEST_FIRST_WAVE = 4.0
+"""Where the light is not in the model, the wave of one period, which moves the center, is larger than those of more,
+by up to this factor (squared), as on balls lit from aside whose brightness does not fall off as the cosine."""
+SHADOWED, SHADOW_TILT, SHADOW_COVERAGE = 2.5, 0.05, 0.65
+"""A sphere is looked at as one in its own shadow where its errors are larger than noise by this factor (squared). It is
+held to be so where they are smaller then by as much, and not larger than noise by as much, where its light is else
+tilted by less than this share, and where this share of its outline agrees: several lamps, or light that does not fall
+off as the cosine, are not in the model, and show so."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +125,7 @@ def _outline(grey: Image, cone: Cone, camera: Camera, lamp_sd_deg: float) -> Out
     if told is not None and told.excess > SHADOWED:
         again = find_shaded(grey, camera, cone.direction, cone.half_angle, cone.rays, shadows=True)
         other = None if again is None else _judge(again)
-        if again is not None and other is not None and other.excess < told.excess / SHADOWED:
+        if again is not None and other is not None and _is_in_shadow(again, other, told.excess):
             found, told = again, other
     if told is None:
         return None
@@ -130,6 +135,15 @@ def _outline(grey: Image, cone: Cone, camera: Camera, lamp_sd_deg: float) -> Out
     outward = np.column_stack([np.cos(turn), np.sin(turn)]) @ found.across.T
     points = _shown(_toward(lights, found.place), outward, found.place[2] + shifts / camera.focal_px, camera)
     return Outline(_toward(lights, place), float(place[2]), points, lights)
+
+
+def _is_in_shadow(found: ShadedSphere, told: _Judged, excess: float) -> bool:
+    """Tell whether a sphere ``found`` with its own shadow is one, where without it the errors have this ``excess``."""
+    return (
+        told.excess < min(excess / SHADOWED, SHADOWED)
+        and float(np.hypot(*found.light[:2])) < SHADOW_TILT
+        and float(told.kept.mean()) > SHADOW_COVERAGE
+    )
 
 
 def _judge(found: ShadedSphere) -> _Judged | None:
@@ -145,7 +159,8 @@ def _judge(found: ShadedSphere) -> _Judged | None:
     if np.linalg.norm(waves[:2]) > LARGEST_OVAL_PX + 3 * np.linalg.norm(waves_sd[:2]):
         return None
     scatter = float(((shifts / sds) ** 2).sum()) / (kept.sum() - 3)
-    return _Judged(kept, max(scatter, float(((waves / waves_sd) ** 2).mean()), 1.0))
+    excess = max(scatter, float(((waves / waves_sd) ** 2).mean()), 1.0)
+    return _Judged(kept, excess * min(max(excess / SHADOWED, 1.0), LARGEST_FIRST_WAVE))
 
 
 def _toward(lights: Lights, place: FloatArray) -> FloatArray:
