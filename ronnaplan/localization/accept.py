@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -64,6 +65,11 @@ WIDTH_MARGIN_SHARE = 0.2
 """The slice profile is no wider than the nominal thickness by this factor and this share of the diameter. Tags hold the
 width of the voxel or of the detector row, or nothing, and helical and interpolated profiles are broader; but a profile
 that is wide beside the ball makes a ball of anything, unless all balls of the scan show it (`usual.usual_of`)."""
+
+METAL_WIDTH_SHARE = 0.5
+"""Of metal, whose inside is clipped and whose streaks hide an oval, the profile alone tells a ball from what is longer
+along the slices' normal: an ellipsoid longer by a third seems blurred by 0.7 of its diameter more. Its profile is no
+wider than the nominal thickness and this share of the diameter (added as variances), unless others show it, too."""
 
 NOISE_MARGIN = 1.3
 """Noise differs between places by up to this factor: it was measured where it is least."""
@@ -158,6 +164,8 @@ def _blur(evidence: Evidence) -> str | None:
 def _thickness(evidence: Evidence) -> str | None:
     width = float(evidence.fit.theta[WIDTH])
     by_the_tag = WIDTH_RATIO * evidence.thickness_mm + WIDTH_MARGIN_SHARE * evidence.diameter_mm
+    if has_streaks(evidence.fit.theta):
+        by_the_tag = min(by_the_tag, math.hypot(evidence.thickness_mm, METAL_WIDTH_SHARE * evidence.diameter_mm))
     widest = max(by_the_tag, evidence.thickness_mm + evidence.usual.broadening_mm)
     if width <= widest:
         return None

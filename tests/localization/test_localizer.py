@@ -170,6 +170,14 @@ def test_a_screws_head_is_no_ball() -> None:
         assert len(localize(scan(head, small_stack(spacing_mm=spacing_mm)), diameter_mm=5.0)) == 0
 
 
+def test_a_metal_egg_is_not_taken_for_a_ball_under_thick_slices() -> None:
+    """It is longer by a third along the slices' normal, as a wider slice profile would make a ball."""
+    egg = Scene((Part(ellipsoid((0.1, 0.4, -0.3), (1.2, 1.5, 2.025)), "titanium"),))
+    found = localize(scan(egg, small_stack(spacing_mm=1.25), blur_mm=0.5), diameter_mm=3.0)
+    assert len(found) == 0
+    assert "its ends are blurred over" in found.rejected[0].reason
+
+
 def test_a_ball_on_a_half_space_of_skin_is_found() -> None:
     scene = Scene((Part(half_space((0, 0, -5.1), (0, 0, 1)), "skin"),)) + balls(
         [(0.6, -0.3, 0.0)], 10.0, "ceramic"
