@@ -23,7 +23,6 @@ from ronnaplan.localization.descent import MAX_WANDER
 from ronnaplan.localization.detect import detect
 from ronnaplan.localization.guess import margin_mm
 from ronnaplan.localization.look import surface_shares, unseen_share
-from ronnaplan.localization.measured import measured
 from ronnaplan.localization.motion import Movement
 from ronnaplan.localization.neighbourhood import gather
 from ronnaplan.localization.parameters import CENTER, RADIUS, SHAPE, WIDTH, full_width_at_half_maximum_mm
@@ -50,10 +49,10 @@ SAME_PLACE = 0.5
 
 
 class Scan:
-    """A volume, of which only the slices that were measured, with the facts about it that every fit needs."""
+    """A volume with the facts about it that every fit needs."""
 
     def __init__(self, volume: CTVolume) -> None:
-        self.volume = measured(volume)
+        self.volume = volume
 
     def thickness_mm(self, centers_mm: FloatArray) -> FloatArray:
         """Nominal thickness (...) of the slices at ``centers_mm`` (..., 3).

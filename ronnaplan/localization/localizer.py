@@ -15,6 +15,7 @@ from ronnaplan.errors import InputError, RefusedError, UsageError, check_type
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import Examined, Scan, distinct, examine
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
+from ronnaplan.localization.measured import measured
 from ronnaplan.localization.motion import suspected
 from ronnaplan.localization.size import proposal, sizes_seen
 from ronnaplan.localization.template import Template, distance_error_mm, match_template
@@ -57,7 +58,7 @@ def localize(
     check_type(template, (Template, type(None)), "the template", "documents.template.read_template returns one")
     check_type(marker, Build, "the marker", "Build.parse('shell:1') returns one")
     diameters = check_request(diameter_mm, expected)
-    scan = Scan(volume)
+    scan = Scan(measured(volume))
     for diameter in diameters:
         _check_size(scan, diameter)
     examined = examine(scan, diameters, marker, progress)

@@ -37,9 +37,10 @@ FIRST_ROWS = 8
 AT_A_SLICE = 0.02
 """Lines that meet closer to a slice than this share of the gap meet in it."""
 
-LEAST_GAP_SHARE = 0.95
-"""Measured slices lie no closer to each other than this share of their usual distance. Where some do but at the ends,
-they were not told from computed ones, and the scan is left as it is."""
+UNEVEN, AT_AN_END = 0.05, 2
+"""Measured slices lie as far apart as is usual, to this share of it. So many at either end may lie closer, which were
+computed from slices that are not there. Where others do not, not all were told from computed ones, and the scan is left
+as it is: a mixture of both would show markers through different profiles."""
 
 Voxels = NDArray[np.int16] | NDArray[np.float32]
 
@@ -56,15 +57,19 @@ def measured(volume: CTVolume) -> CTVolume:
     """Return the scan without the slices that were computed from others, flagged so; itself where there are none."""
     count = len(volume.voxels_hu)
     slices = _slices(volume)
-    if len(slices) == count or len(slices) < 3:
+    if len(slices) == count or len(slices) < 4:
         return volume
     places = np.array([one.below + one.share for one in slices])
     heights_mm = np.interp(places, np.arange(count), volume.grid.slice_positions_mm)
     gaps_mm = np.diff(heights_mm)
-    usual = np.flatnonzero(gaps_mm >= LEAST_GAP_SHARE * np.median(gaps_mm))
-    kept = slice(usual[0], usual[-1] + 2)  # what lies beyond was computed from slices that are not there
-    if len(usual) < usual[-1] + 1 - usual[0]:
+    usual_mm = float(np.median(gaps_mm))
+    alike = np.flatnonzero(np.abs(gaps_mm - usual_mm) <= UNEVEN * usual_mm)
+    if len(alike) == 0 or gaps_mm.max() > (1.0 + UNEVEN) * usual_mm:
         return volume
+    first, last = int(alike[0]), int(alike[-1])
+    if len(alike) < last + 1 - first or max(first, len(gaps_mm) - 1 - last) > AT_AN_END:
+        return volume
+    kept = slice(first, last + 2)
     origins_mm = [np.interp(places[kept], np.arange(count), along) for along in volume.grid.origins_mm.T]
     voxels_hu: NDArray[Any] = np.stack([_voxels(volume, one) for one in slices[kept]])
     return replace(

@@ -23,6 +23,7 @@ from ronnaplan.localization.coarse import COARSE_FLOOR_MM, Blocks, blocks, coars
 from ronnaplan.localization.detect import detect_in
 from ronnaplan.localization.examine import Examined, Scan, distinct, examine_place
 from ronnaplan.localization.look import surface_shares
+from ronnaplan.localization.measured import measured
 from ronnaplan.localization.parameters import BACKGROUND, CONTRAST
 from ronnaplan.localization.parts import single_threaded_algebra
 from ronnaplan.localization.shading import PLATEAU_SHARE
@@ -73,7 +74,7 @@ def sizes_seen(volume: CTVolume, marker: Build = SOLID, *, progress: bool = Fals
     ``marker`` says how they are made.
     """
     check_type(volume, CTVolume, "the volume", "read_ct returns one")
-    scan = Scan(volume)
+    scan = Scan(measured(volume))
     coarse = Scan(coarsen(scan.volume, COARSE_FLOOR_MM))
     with single_threaded_algebra():
         places = _round_places(scan, coarse.volume, marker, progress)

@@ -59,8 +59,9 @@ def marker_pictures(volume: CTVolume, found: FiducialsDocument) -> list[MarkerPi
     """Fit every marker of a document again in its scan; the pictures hold what they show, and no voxels."""
     from ronnaplan.localization import Build
     from ronnaplan.localization.examine import Scan
+    from ronnaplan.localization.measured import measured
 
-    scan, build = Scan(volume), Build(found.marker.layer_mm)
+    scan, build = Scan(measured(volume)), Build(found.marker.layer_mm)
     return [_picture(scan, marker, build) for marker in found.fiducials]
 
 

@@ -54,3 +54,11 @@ def test_slices_that_were_measured_are_all_kept(thick: CTVolume) -> None:
     alike = np.repeat(thick.voxels_hu[4:5], len(thick.voxels_hu), axis=0)
     still = replace(thick, voxels_hu=np.asarray(alike, dtype=np.int16))
     assert measured(still) is still  # what does not change tells nothing
+
+
+def test_where_not_all_computed_slices_are_recognized_the_scan_is_left_as_it_is(thick: CTVolume) -> None:
+    thin = resampled(thick, 1.0, 0.0)
+    voxels_hu = thin.voxels_hu.copy()
+    voxels_hu[22:29, 5, 5] += np.array([0, 40, 0, 0, 40, 0, 0], dtype=np.int16)  # as a scale's end changes some
+    spoiled = replace(thin, voxels_hu=voxels_hu)
+    assert measured(spoiled) is spoiled
