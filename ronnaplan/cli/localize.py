@@ -7,6 +7,7 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from ronnaplan.cli.output import warn
 from ronnaplan.cli.values import whole
 from ronnaplan.text import plain_number
 
@@ -189,8 +190,8 @@ def _localized(volume: CTVolume, wanted: _Wanted, report: str | None) -> Fiducia
     except RefusedError:  # of several sizes none, or of a template
         _draw(report, volume, wanted)
         raise
-    for flag in [flag for flag in found.volume_flags if flag not in volume.flags]:
-        print(f"ronnaplan: warning: {flag}; those that were computed are left out", file=sys.stderr)
+    told = (flag for flag in found.volume_flags if flag not in volume.flags)
+    warn(*(f"{flag}; those that were computed are left out" for flag in told))
     _draw(report, volume, wanted, found)
     require_count(found, wanted.expected, volume, progress=True)
     return found

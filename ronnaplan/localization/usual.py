@@ -138,7 +138,7 @@ def _uneven(markers: Sequence[Examined]) -> list[Examined]:
             continue
         scatter_mm = float(np.std([markers[n].excess_mm for n in places]))
         scatter_mm2 = robust_spread(np.array([edge_variance_mm2(markers[n].parameters) for n in places]))
-        ragged = float(np.median([markers[n].misfit for n in places]))
+        ragged = _usual_misfit([markers[n] for n in places])
         if scatter_mm <= SCATTERED_MM or scatter_mm2 <= SCATTERED_MM2 or ragged <= RAGGED:
             continue
         for n in places:
