@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame, as_points
@@ -112,6 +112,26 @@ def as_pose(matrix: ArrayLike, name: str = "pose", *, tolerance: float = POSE_TO
     pose[:3, :3] = u @ vt
     pose[3] = (0, 0, 0, 1)
     return pose
+
+
+def as_poses(matrices: ArrayLike, name: str) -> FloatArray:
+    """Return ``matrices`` (N, 4, 4), each as `as_pose` makes it; its `InputError` names the first that is none."""
+    poses = np.array(matrices, dtype=np.float64)
+    sound = _are_poses(poses) if poses.shape[1:] == (4, 4) else np.zeros(len(poses), dtype=bool)
+    for wrong in np.flatnonzero(~sound):
+        as_pose(poses[wrong], f"{name} {wrong}")
+    u, _, vt = np.linalg.svd(poses[:, :3, :3])
+    return rigid(u @ vt, poses[:, :3, 3])
+
+
+def _are_poses(matrices: FloatArray) -> NDArray[np.bool_]:
+    """Return which of ``matrices`` (N, 4, 4) `as_pose` takes."""
+    near: NDArray[np.bool_] = np.asarray((np.abs(matrices) < FARTHEST_MM).all(axis=(1, 2)))
+    rotation = np.where(near[:, None, None], matrices[:, :3, :3], np.eye(3))
+    upright = np.abs(matrices[:, 3] - (0, 0, 0, 1)).max(axis=1) <= POSE_TOLERANCE
+    excess = np.abs(rotation @ rotation.swapaxes(-1, -2) - np.eye(3)).max(axis=(1, 2))
+    sound = near & upright & (np.linalg.det(rotation) >= 0) & (excess <= POSE_TOLERANCE)
+    return np.asarray(sound)
 
 
 def orthonormality_excess(rotation: FloatArray) -> float:

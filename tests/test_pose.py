@@ -8,7 +8,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import Frame
-from ronnaplan.pose import Pose, as_pose, exponential
+from ronnaplan.pose import Pose, as_pose, as_poses, exponential
 
 A, B, C = Frame("A"), Frame("B"), Frame("C")
 
@@ -91,3 +91,21 @@ def test_a_pose_printed_with_five_digits_is_made_a_rotation() -> None:
     printed[:3, :3] = np.round(Rotation.from_rotvec([0.3, 0.4, -0.7]).as_matrix(), 5)
     rotation = as_pose(printed)[:3, :3]
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)
+
+
+def test_many_poses_are_taken_as_each_alone_and_the_first_that_is_none_is_named() -> None:
+    printed = np.round([random_pose(np.random.default_rng(seed), A, B).matrix for seed in range(8)], 5)
+    np.testing.assert_allclose(as_poses(printed, "pose"), [as_pose(one) for one in printed], atol=1e-12)
+    for spoil in (
+        np.diag([-1.0, 1, 1, 1]),
+        np.diag([1.001, 1, 1, 1]),
+        np.diag([1.0, 1, 1, np.nan]),
+        2 * np.eye(4),
+    ):
+        wrong = printed.copy()
+        wrong[5:7] = printed[5:7] @ spoil
+        with pytest.raises(InputError, match="pose 5 "):
+            as_poses(wrong, "pose")
+    with pytest.raises(InputError, match=r"pose 0 has shape \(3, 4\)"):
+        as_poses(printed[:, :3], "pose")
+    assert as_poses(np.zeros((0, 4, 4)), "pose").shape == (0, 4, 4)

@@ -65,8 +65,9 @@ def test_every_command_of_the_pages_is_one_that_the_program_takes() -> None:
     shown = [one for page in pages for one in commands(page)]
     asked = [one for one in shown if not re.search(r"[\[|]|\.\.\.|\d\.\.\d", " ".join(one))]
     assert len(asked) > 50
+    parser = _parser()
     for arguments in asked:
-        _parser().parse_args(arguments[: arguments.index(">")] if ">" in arguments else arguments)
+        parser.parse_args(arguments[: arguments.index(">")] if ">" in arguments else arguments)
 
 
 def test_every_link_leads_to_a_file() -> None:

@@ -23,6 +23,9 @@ AGREEMENT_MM = 0.05
 LETTERS_PT = 14
 """On paper a picture is little more than half as large."""
 
+PLACES = {"left": 0.005, "right": 0.995, "bottom": 0.02, "top": 0.85, "wspace": 0.05}
+"""Of the cuts, in shares of the picture: a layout that is worked out anew for each takes as long as the rest."""
+
 
 @dataclass(frozen=True, eq=False)
 class MarkerPicture:
@@ -44,14 +47,14 @@ class MarkerPicture:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
-        figure = Figure(figsize=(12.0, 2.1), dpi=80, layout="constrained")
+        figure = Figure(figsize=(12.0, 2.1), dpi=80)
         FigureCanvasAgg(figure)
-        grid = figure.add_gridspec(1, 2 * len(CUTS))
+        grid = figure.add_gridspec(1, 2 * len(CUTS), **PLACES)
         for column, (cut, pair) in enumerate(zip(CUTS, self.pairs, strict=True)):
             data, residual = (figure.add_subplot(grid[0, 2 * column + n]) for n in (0, 1))
             draw_cut(data, residual, self.place, cut, pair)
-            data.set_title(cut, fontsize=LETTERS_PT)
-            residual.set_title("residual", fontsize=LETTERS_PT)
+            data.set_title(cut, fontsize=LETTERS_PT, y=1.0)
+            residual.set_title("residual", fontsize=LETTERS_PT, y=1.0)
         return png(figure)
 
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import Pose, adjoint, as_pose, exponential, invert, point_jacobian, rigid
+from ronnaplan.pose import Pose, adjoint, as_poses, exponential, invert, point_jacobian, rigid
 from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.memory import least_squares_covariance
 
@@ -115,7 +115,7 @@ def _poses(values: ArrayLike, name: str) -> FloatArray:
         raise InputError(f"{name} are not numbers; expected (N, 4, 4)") from error
     if offered.ndim != 3:
         raise InputError(f"{name} have shape {offered.shape}; expected (N, 4, 4)")
-    return np.array([as_pose(matrix, f"{name} {i}") for i, matrix in enumerate(offered)]).reshape(-1, 4, 4)
+    return as_poses(offered, name)
 
 
 def require_two_axes(rotations: FloatArray, unknown: str) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import as_pose
+from ronnaplan.pose import as_poses
 from ronnaplan.robot.memory import least_squares_covariance
 
 SLIP_SDS = 6.0
@@ -78,7 +78,7 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
         raise InputError("pivot poses are not numbers; expected (N, 4, 4)") from error
     if offered.ndim != 3 or len(offered) < 10:
         raise InputError(f"pivot poses have shape {offered.shape}; expected (N, 4, 4) with ten poses or more")
-    matrices = np.array([as_pose(matrix, f"pivot pose {i}") for i, matrix in enumerate(offered)])
+    matrices = as_poses(offered, "pivot pose")
     _require_turning(matrices[:, :3, :3])
     rotation, shift = matrices[:, :3, :3], -matrices[:, :3, 3]
     still = np.broadcast_to(-np.eye(3), rotation.shape)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, as_points
-from ronnaplan.pose import Pose, adjoint, as_pose, exponential, invert, rigid
+from ronnaplan.pose import Pose, adjoint, as_poses, exponential, invert, rigid
 from ronnaplan.robot.camera import RIG, Camera, StereoRig
 from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.circles import Image
@@ -115,7 +115,7 @@ def calibrate_tcp(robot_from_tcp: ArrayLike, spheres_mm: ArrayLike) -> TcpCalibr
         raise InputError(
             f"{len(offered)} robot poses came with {len(spheres)} spheres; expected {FEWEST_SPHERES} or more each"
         )
-    poses = np.array([as_pose(matrix, f"robot_from_tcp {i}") for i, matrix in enumerate(offered)])
+    poses = as_poses(offered, "robot_from_tcp")
     require_two_axes(poses[:, :3, :3], "where the rig is")
     found = _refine(poses, spheres, _start(poses, spheres))
     if found.sd_mm > LARGEST_SD_MM:

@@ -105,6 +105,14 @@ def test_the_study_writes_its_results_and_is_the_same_for_any_number_of_workers(
     assert names == {"journal.jsonl", "results.json", "table.md", "outcomes.png", "calibration.png"}
 
 
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plots take longer than what they show; another test looks for them."""
+    for name in ("plot_outcomes", "plot_calibration"):
+        monkeypatch.setattr(f"ronnaplan.studies.plots.{name}", lambda by_cell, path: None)
+
+
+@pytest.mark.usefixtures("undrawn")
 def test_a_cluster_of_two_workers_gets_the_same_numbers(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     here = run_simulation(tmp_path / "here", 2, 6, further=False, workers=1)
