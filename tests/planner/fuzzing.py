@@ -119,7 +119,7 @@ OTHERS: tuple[Any, ...] = (
 class PlannerBorder(ServerBorder):
     """A planner of its own on the case of the tests."""
 
-    inputs_in_tests = 200
+    inputs_in_tests = 120
     routes = (
         (b"GET", "/download/{}", ""),
         (b"PUT", "/readings", "name"),
