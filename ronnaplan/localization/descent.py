@@ -6,12 +6,11 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.ball import Discs, discs
-from ronnaplan.localization.model import add_normal_equations, evaluate
+from ronnaplan.localization.model import BLOCK, add_normal_equations, evaluate
 from ronnaplan.localization.neighbourhood import Neighbourhood
 from ronnaplan.localization.parameters import BLUR, CENTER, CONTRAST, EDGE, PARAMETERS, RADIUS, SHAPE, WIDTH
 
@@ -38,9 +37,6 @@ it cannot run away."""
 _BOUNDED = {SHAPE: SHAPE_BOUNDS, EDGE: EDGE_BOUNDS, CONTRAST: (-math.inf, MAX_CONTRAST_HU)}
 BOUNDS = tuple(_BOUNDED.get(p, (-math.inf, math.inf)) for p in range(CONTRAST + 1))
 """Those of the first parameters, of which some may end at one."""
-
-BLOCK = 512
-"""So many voxels' derivatives stay in the processor's cache until they are summed up."""
 
 PRIOR_NOISE_HU = 10.0
 """Noise at which the priors above are meant; it only sets their weight against the voxels."""
@@ -90,18 +86,15 @@ class Prior:
 
 
 def descend(
-    around: Neighbourhood,
-    used: NDArray[np.bool_],
-    theta: FloatArray,
-    prior: Prior,
-    ceiling_hu: float,
-    *,
-    is_look: bool = False,
+    used: Neighbourhood, theta: FloatArray, prior: Prior, ceiling_hu: float, *, is_look: bool = False
 ) -> tuple[FloatArray, bool]:
     """Levenberg-Marquardt from ``theta``; returns the best parameters and whether the steps came to rest."""
     steps, least_gain = (LOOK_STEPS, LOOK_GAIN) if is_look else (MAX_STEPS, 0.0)
-    voxels = around.offsets_mm[used], around.values_hu[used]
-    held, scale_hu = (prior.mean, prior.weight), (around.floor_hu, ceiling_hu)
+    voxels, held, scale_hu = (
+        (used.offsets_mm, used.values_hu),
+        (prior.mean, prior.weight),
+        (used.floor_hu, ceiling_hu),
+    )
     return _descend(*voxels, theta, *held, prior.layer_mm, discs(theta), *scale_hu, steps, least_gain)
 
 
@@ -214,16 +207,11 @@ def layer_jacobian(around: Neighbourhood, theta: FloatArray, layer_mm: float) ->
     return alone
 
 
-def influence(
-    jacobian: FloatArray, used: NDArray[np.bool_], prior_weight: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def influence(informed: FloatArray, prior_weight: FloatArray) -> tuple[FloatArray, FloatArray]:
     """How far one HU at each voxel moves the center, and how far it moves for each mm that the radius is held larger.
 
-    The first is (N, 3) in mm/HU, zero for voxels that were left out, the second (3,).
+    The first is (N, 3) in mm/HU, by the Jacobian (N, P) of the voxels that ``informed`` the fit, the second (3,).
     """
-    informed = jacobian[used]
     inverse = np.linalg.pinv(informed.T @ informed + np.diag(prior_weight), hermitian=True)
-    moves = np.zeros((len(jacobian), 3))
-    moves[used] = informed @ inverse[:, CENTER]
     by_radius: FloatArray = np.asarray(inverse[CENTER, RADIUS] / inverse[RADIUS, RADIUS], dtype=np.float64)
-    return moves, by_radius
+    return informed @ inverse[:, CENTER], by_radius

@@ -14,9 +14,30 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.cells import CELL_COUNT, cell_directions
+from ronnaplan.localization.ball import Discs, discs
+from ronnaplan.localization.cells import CELL_COUNT, cell_directions, direction_cells
+from ronnaplan.localization.model import BLOCK, evaluate, has_skin, is_beyond_scale
 from ronnaplan.localization.neighbourhood import Neighbourhood
-from ronnaplan.localization.parameters import BLUR, CONTRAST, LEAST_SPREAD_MM2, RADIUS, WIDTH, U, V, W
+from ronnaplan.localization.parameters import (
+    BLUR,
+    CENTER,
+    CONTRAST,
+    LEAST_SPREAD_MM2,
+    PARAMETERS,
+    RADIUS,
+    SKIN_PARAMETERS,
+    WIDTH,
+    U,
+    V,
+    W,
+)
+
+SURFACE_BLURS = 2.0
+"""The ball's blurred edge reaches so many times its blur to either side of the surface."""
+
+REACH_BLURS, REACH_MM = 3.0, 0.5
+"""The fit reaches so many times the blur and so much farther: beyond is what else is there, deep inside may be a metal
+insert."""
 
 OUTLIER_RATIO = 2.5
 """A direction disagrees when its residual exceeds the usual direction's by this factor."""
@@ -82,44 +103,91 @@ class Verdict:
 
 
 def judge(
-    around: Neighbourhood,
-    cells: NDArray[np.intp],
-    theta: FloatArray,
-    residuals_hu: FloatArray,
-    jacobian: FloatArray,
-    explained_hu: FloatArray,
-) -> Verdict:
-    """Judge every direction.
-
-    ``cells`` (N,) says in which each voxel lies, ``explained_hu`` (N,) what the model puts there beside the ball: its
-    streaks and the skin.
-    """
+    around: Neighbourhood, theta: FloatArray, layer_mm: float, ceiling_hu: float
+) -> tuple[Verdict, NDArray[np.intp]]:
+    """Judge every direction by the voxels within reach; returns the cell (N,) of each too, -1 of those beyond."""
     contrast = theta[CONTRAST]
-    depth, blur = edge_depth(around.offsets_mm, theta)
-    edge = _on_surface(depth, blur)
-    squares, seen = cell_means(residuals_hu**2, cells, edge)
-    rms = np.sqrt(squares)
+    scale_hu = around.floor_hu, ceiling_hu
+    cells, sums = _survey(around.offsets_mm, around.values_hu, theta, layer_mm, discs(theta), *scale_hu)
+    seen = sums[SEEN] > 0
+    rms = np.sqrt(_means(sums[SQUARES], sums[SEEN]))
     usual = _quantile(rms[seen], USUAL_QUANTILE) if seen.any() else 0.0
     foreign = seen & (rms > OUTLIER_RATIO * max(usual, MODEL_ERROR_SHARE * contrast))
 
-    excess = _excess_outside(around.values_hu - explained_hu, cells, _just_outside(depth, blur))
+    excess = _excess_outside(sums[UNEXPLAINED], sums[OUTSIDE])
     beside = excess > min(NEIGHBOUR_SHARE * contrast, NEIGHBOUR_HU)
     directions = cell_directions()
     bright = (foreign | beside) & (excess > SPREAD_SHARE * contrast)
     close = directions @ directions[bright].T > np.cos(np.radians(NEIGHBOUR_ANGLE_DEG))
-    inserts = _show_insert(residuals_hu, cells, _deep_inside(depth, blur), contrast)
+    inserts = _show_insert(sums[WITHIN], sums[INSIDE], contrast)
     left_out = foreign | beside | close.any(axis=1) | inserts
     state = np.where(seen, np.where(left_out, 0, 1), -1).astype(np.int8)
 
-    slope = jacobian[:, RADIUS]
-    shifts, _ = cell_means(residuals_hu * slope, cells, edge)
-    weights, _ = cell_means(slope**2, cells, edge)
+    shifts, weights = _means(sums[SHIFTS], sums[SEEN]), _means(sums[STEEPNESS], sums[SEEN])
     off_mm = np.abs(shifts) / np.maximum(weights, 1e-12)
     is_round = seen & (off_mm <= ROUND_SHARE * theta[RADIUS] + ROUND_MM)
     attached = excess > ATTACHED_SHARE * contrast
     round_share = float(is_round.sum() / max(int(seen.sum()), 1))
     covered = _is_covered(excess, COVER_SHARE * contrast)
-    return Verdict(state, round_share, float(attached.mean()), usual, beside, excess, covered)
+    return Verdict(state, round_share, float(attached.mean()), usual, beside, excess, covered), cells
+
+
+SEEN, SQUARES, SHIFTS, STEEPNESS, OUTSIDE, UNEXPLAINED, INSIDE, WITHIN = range(8)
+"""What is summed in each direction. On the surface: how many voxels there are, their squared residuals, and their
+residuals times and their squares of the slope by the radius; just outside and deep inside: how many there are, and what
+the model does not explain beside the ball, or at all."""
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _survey(
+    offsets_mm: FloatArray,
+    values_hu: FloatArray,
+    theta: FloatArray,
+    layer_mm: float,
+    looked_up: Discs,
+    floor_hu: float,
+    ceiling_hu: float,
+) -> tuple[NDArray[np.intp], FloatArray]:
+    """Cell (N,) of each voxel within reach, -1 of the others, and the sums over those (8, cells)."""
+    depth, blur = edge_depth(offsets_mm, theta)
+    cells, sums = np.full(len(depth), -1, dtype=np.intp), np.zeros((8, CELL_COUNT))
+    near = np.flatnonzero(np.abs(depth) < REACH_BLURS * blur + REACH_MM)
+    is_outside = depth > SURFACE_BLURS * blur
+    told = direction_cells(offsets_mm[near] - theta[CENTER])
+    for n in range(len(near)):
+        at, cell = near[n], told[n]
+        cells[at] = cell
+        if is_outside[at]:
+            sums[OUTSIDE, cell] += 1.0
+            sums[UNEXPLAINED, cell] += values_hu[at]
+    end = len(theta) - (len(SKIN_PARAMETERS) - 1 if has_skin(theta) else 0)
+    if end == len(PARAMETERS):  # the model explains nothing outside
+        near = near[~is_outside[near]]
+    for first in range(0, len(near), BLOCK):
+        some = near[first : first + BLOCK]
+        model, jacobian = evaluate(offsets_mm[some], theta, layer_mm, *looked_up)
+        for n in range(len(some)):
+            at, cell = some[n], cells[some[n]]
+            share = 0.0 if is_beyond_scale(values_hu[at], model[n], floor_hu, ceiling_hu) else 1.0
+            residual, slope = share * (values_hu[at] - model[n]), share * jacobian[n, RADIUS]
+            if is_outside[at]:
+                for p in range(len(PARAMETERS), end):  # streaks and skin
+                    sums[UNEXPLAINED, cell] -= share * jacobian[n, p] * theta[p]
+            elif depth[at] > -SURFACE_BLURS * blur[at]:
+                sums[SEEN, cell] += 1.0
+                sums[SQUARES, cell] += residual * residual
+                sums[SHIFTS, cell] += residual * slope
+                sums[STEEPNESS, cell] += slope * slope
+            else:
+                sums[INSIDE, cell] += 1.0
+                sums[WITHIN, cell] += residual
+    return cells, sums
+
+
+def _means(sums: FloatArray, counts: FloatArray) -> FloatArray:
+    """Mean in each cell (cells,); 0 where there is nothing."""
+    means: FloatArray = sums / np.maximum(counts, 1.0)
+    return means
 
 
 def _is_covered(excess_hu: FloatArray, bright_hu: float) -> bool:
@@ -130,20 +198,18 @@ def _is_covered(excess_hu: FloatArray, bright_hu: float) -> bool:
     return float(np.linalg.norm(cell_directions()[bright].mean(axis=0))) < COVERED_SPREAD
 
 
-def _excess_outside(unexplained_hu: FloatArray, cells: NDArray[np.intp], outside: NDArray[np.bool_]) -> FloatArray:
+def _excess_outside(sums_hu: FloatArray, counts: FloatArray) -> FloatArray:
     """How much brighter than the background each direction (cells,) is just outside the ball; 0 where unseen."""
-    means, seen = cell_means(unexplained_hu, cells, outside)
+    means, seen = _means(sums_hu, counts), counts > 0
     if not seen.any():
         return np.zeros(CELL_COUNT)
     background = _quantile(means[seen], BACKGROUND_QUANTILE)
     return np.where(seen, means - background, 0.0)
 
 
-def _show_insert(
-    residuals_hu: FloatArray, cells: NDArray[np.intp], inside: NDArray[np.bool_], contrast: float
-) -> NDArray[np.bool_]:
+def _show_insert(sums_hu: FloatArray, counts: FloatArray, contrast: float) -> NDArray[np.bool_]:
     """Directions (cells,) whose inside is brighter than the ball's usual one."""
-    means, seen = cell_means(residuals_hu, cells, inside)
+    means, seen = _means(sums_hu, counts), counts > 0
     if not seen.any():
         return seen
     bright: NDArray[np.bool_] = seen & (means - _quantile(means[seen], 0.5) > INSERT_SHARE * contrast)
@@ -181,42 +247,19 @@ def edge_depth(offsets_mm: FloatArray, theta: FloatArray) -> tuple[FloatArray, F
     return depth, blur
 
 
-def on_surface(offsets_mm: FloatArray, theta: FloatArray) -> NDArray[np.bool_]:
-    """Voxels (N,) in the blurred edge of the ball, where the center is told."""
-    return _on_surface(*edge_depth(offsets_mm, theta))
+def on_surface(depth: FloatArray, blur: FloatArray) -> NDArray[np.bool_]:
+    """Voxels (N,) in the blurred edge of the ball, where the center is told; by what `edge_depth` returns."""
+    near: NDArray[np.bool_] = np.abs(depth) < SURFACE_BLURS * blur
+    return near
 
 
-def just_outside(offsets_mm: FloatArray, theta: FloatArray) -> NDArray[np.bool_]:
-    """Voxels (N,) beyond the ball's blur but within the fit's reach: they show what touches the ball."""
-    return _just_outside(*edge_depth(offsets_mm, theta))
-
-
-def deep_inside(offsets_mm: FloatArray, theta: FloatArray) -> NDArray[np.bool_]:
-    """Voxels (N,) within the fit's reach, but inside the ball's blur: they show what is in the ball."""
-    return _deep_inside(*edge_depth(offsets_mm, theta))
-
-
-def within_reach(offsets_mm: FloatArray, theta: FloatArray) -> NDArray[np.bool_]:
+def within_reach(depth: FloatArray, blur: FloatArray) -> NDArray[np.bool_]:
     """Voxels (N,) near the surface: farther out is what else is there, deep inside may be a metal insert."""
-    depth, blur = edge_depth(offsets_mm, theta)
-    near: NDArray[np.bool_] = np.abs(depth) < _reach(blur)
+    near: NDArray[np.bool_] = np.abs(depth) < REACH_BLURS * blur + REACH_MM
     return near
 
 
-def _on_surface(depth: FloatArray, blur: FloatArray) -> NDArray[np.bool_]:
-    near: NDArray[np.bool_] = np.abs(depth) < 2.0 * blur
+def deep_inside(depth: FloatArray, blur: FloatArray) -> NDArray[np.bool_]:
+    """Voxels (N,) within the fit's reach, but inside the ball's blur: they show what is in the ball."""
+    near: NDArray[np.bool_] = within_reach(depth, blur) & (depth < -SURFACE_BLURS * blur)
     return near
-
-
-def _just_outside(depth: FloatArray, blur: FloatArray) -> NDArray[np.bool_]:
-    near: NDArray[np.bool_] = (depth > 2.0 * blur) & (depth < _reach(blur))
-    return near
-
-
-def _deep_inside(depth: FloatArray, blur: FloatArray) -> NDArray[np.bool_]:
-    near: NDArray[np.bool_] = (depth < -2.0 * blur) & (depth > -_reach(blur))
-    return near
-
-
-def _reach(blur: FloatArray) -> FloatArray:
-    return 3.0 * blur + 0.5

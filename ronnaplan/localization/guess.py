@@ -78,7 +78,8 @@ def first_guess(
     around: Neighbourhood, diameter_mm: float, build: Build, thickness_mm: float, ceiling_hu: float
 ) -> FloatArray:
     """First guess: the stated size, the candidate's center, and levels read off the inside and the outside."""
-    distance = np.linalg.norm(around.offsets_mm, axis=1)
+    u, v, w = around.offsets_mm.T
+    distance = np.sqrt(u * u + v * v + w * w)
     shell_mm = np.array(MIDWAY) * diameter_mm
     if build.wall_mm:
         shell_mm = (

@@ -40,6 +40,9 @@ SKIN_CURVATURE_PER_MM = 1.0 / 85.0
 """The skin falls away beside the ball like a sphere of a head's size. A ball of metal is 2 um off where the skin is
 fitted as if it were flat; a head of 70 instead of 100 mm makes 0.6 um."""
 
+BLOCK = 512
+"""So many voxels' derivatives stay in the processor's cache until they are summed up."""
+
 _LAYER_AT = len(PARAMETERS)
 _LAYER_COUNT, _STREAK_COUNT, _SKIN_COUNT = len(LAYER_PARAMETERS), len(STREAK_PARAMETERS), len(SKIN_PARAMETERS)
 """One, two and four: how many parameters there are says which."""
@@ -162,6 +165,12 @@ def _add_skin(offsets: FloatArray, theta: FloatArray, values: FloatArray, jacobi
         values[n] += theta[at] * share
 
 
+@njit(cache=True, nogil=True)
+def is_beyond_scale(value: float, model: float, floor: float, ceiling: float) -> bool:
+    """Whether a voxel and its model agree that they lie where the scale has ended: that says nothing more."""
+    return (value >= ceiling and model >= ceiling) or (value <= floor and model <= floor)
+
+
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "arcp", "nsz"})
 def add_normal_equations(
     values: FloatArray,
@@ -179,8 +188,7 @@ def add_normal_equations(
     count, size = jacobian.shape
     told = np.empty((count, size + 1))  # the derivatives, and the residual beside them
     for n in range(count):
-        is_cut = (values[n] >= ceiling and model[n] >= ceiling) or (values[n] <= floor and model[n] <= floor)
-        share = 0.0 if is_cut else 1.0
+        share = 0.0 if is_beyond_scale(values[n], model[n], floor, ceiling) else 1.0
         told[n, size] = share * (values[n] - model[n])
         for p in range(size):
             told[n, p] = share * jacobian[n, p]

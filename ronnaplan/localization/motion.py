@@ -13,12 +13,14 @@ beyond that (streaks, posts, slanted rays) is counted as `PATTERN_ERRORS_MM`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.cells import cell_directions, direction_cells
 from ronnaplan.localization.descent import residuals_and_jacobian
@@ -30,6 +32,7 @@ from ronnaplan.localization.directions import (
     edge_depth,
     within_reach,
 )
+from ronnaplan.localization.model import BLOCK
 from ronnaplan.localization.parameters import CENTER, RADIUS, WIDTH, U, V, W
 from ronnaplan.localization.refine import BallFit
 
@@ -117,42 +120,51 @@ class Movement:
 
 def movement(fit: BallFit) -> Movement:
     """Fit every pattern to the residuals of a ball; beside a slanted blur, where any stands out."""
-    used = _unattached(fit)
-    plain = _movement(fit, used, fit.jacobian[used])
+    used = np.flatnonzero(_unattached(fit))
+    plain = _movement(fit, used, np.empty((len(used), 0)))
     if plain.statistic <= WORTH_A_LOOK:
         return plain
-    return _movement(fit, used, np.hstack([fit.jacobian[used], _slanted_blur(fit, used)]))
+    return _movement(fit, used, _slanted_blur(fit, used))
 
 
-def _movement(fit: BallFit, used: NDArray[np.bool_], explained: FloatArray) -> Movement:
-    """Fit every pattern to the residuals of the ``used`` voxels beside what is ``explained`` (N, Q) by other causes."""
-    offsets = fit.neighbourhood.offsets_mm[used] - fit.theta[CENTER]
-    slices = fit.neighbourhood.indices[used, 0]
-    turn = np.arctan2(offsets[:, 1], offsets[:, 0])
-    jacobian, residuals = fit.jacobian[used], fit.residuals_hu[used]
-    patterns = _patterns(jacobian, offsets[:, W] / fit.theta[RADIUS], turn, slices)
-    own, _ = np.linalg.qr(explained / np.maximum(np.linalg.norm(explained, axis=0), 1e-30))
-    left = patterns - own @ (own.T @ patterns)
-    squares = np.sum(left**2, axis=0)
-    tells = squares > LEAST_LEFT * np.sum(patterns**2, axis=0)
+def _movement(fit: BallFit, used: NDArray[np.intp], more: FloatArray) -> Movement:
+    """Fit every pattern to the residuals of the ``used`` voxels (N,) beside all parameters of the ball.
+
+    And beside ``more`` (N, Q) that may be there. What is left of a pattern beside these is never laid out: sums of
+    products tell all that is asked of it.
+    """
+    offsets, slices = fit.neighbourhood.offsets_mm.take(used, axis=0), fit.neighbourhood.indices[used, 0]
+    voxels = offsets - fit.theta[CENTER], slices - slices.min(initial=0), fit.residuals_hu[used], fit.used[used]
+    products, squares, sums = _products(fit.jacobian, used, more, *voxels, float(fit.theta[RADIUS]))
+    count = products.shape[1]
+    both = products.sum(axis=0)
+    scale = 1.0 / np.maximum(np.sqrt(np.diag(both)), 1e-30)
+    inverse = np.linalg.pinv(scale[:, np.newaxis] * both[:, :count] * scale, hermitian=True)
+    shares = scale[:, np.newaxis] * (inverse @ (scale[:, np.newaxis] * both[:, count:]))
+    left, informed_left = (
+        one_squares
+        - 2.0 * np.sum(shares * one[:, count:], axis=0)
+        + np.sum(shares * (one[:, :count] @ shares), axis=0)
+        for one, one_squares in ((both, squares.sum(axis=0)), (products[1], squares[1]))
+    )
+    tells = left > LEAST_LEFT * squares.sum(axis=0)
     if float(fit.theta[WIDTH]) > SLICED_SHARE * float(fit.theta[RADIUS]):
         tells[:OF_SLICES] = False
-    squares = np.where(tells, squares, np.nan)
-    amplitudes = left.T @ residuals / squares
-    sectors = (slices - slices.min(initial=0)) * SECTORS + ((turn / (2 * np.pi) + 0.5) * SECTORS).astype(
-        int
-    ) % SECTORS
-    informed = fit.used[used]
-    return Movement(amplitudes, ERROR_FACTOR * _scatter(left, residuals, sectors, informed) / squares)
+    told = np.where(tells, left, np.nan)
+    sums = sums[..., count:] - sums[..., :count] @ shares
+    # Only voxels that informed the fit tell the scatter, in proportion: in the others a ball that moved leaves motion.
+    informed_share = np.maximum(informed_left / np.maximum(left, 1e-30), 1e-9)
+    scatter = np.sqrt(np.sum(sums[1] ** 2, axis=0) / informed_share)
+    return Movement(sums.sum(axis=(0, 1)) / told, ERROR_FACTOR * scatter / told)
 
 
-def _slanted_blur(fit: BallFit, used: NDArray[np.bool_]) -> FloatArray:
-    """What a blur whose axes are not those of the slices adds to the ``used`` voxels (N, 4), to first order.
+def _slanted_blur(fit: BallFit, used: NDArray[np.intp]) -> FloatArray:
+    """What a blur whose axes are not those of the slices adds to the ``used`` voxels (N,), to first order (N, 4).
 
     A Gaussian's covariance changes an image by its second derivatives (the equation of heat): along u and w, v and w, u
     and v, and the difference of those along u and along v.
     """
-    changes, around = [], fit.neighbourhood.select(used)
+    changes, around = [], fit.neighbourhood.take(used)
     for axis in (U, V):
         step = np.zeros(len(fit.theta))
         step[axis] = STEP_MM
@@ -192,38 +204,81 @@ def _unattached(fit: BallFit) -> NDArray[np.bool_]:
         return fit.used
     background = float(np.quantile(outside[seen], BACKGROUND_QUANTILE))
     stands = seen & (outside - background > STANDS_SHARE * fit.contrast_hu)
-    inside, known = cell_means(fit.residuals_hu, cells, deep_inside(around.offsets_mm, theta))
+    inside, known = cell_means(fit.residuals_hu, cells, deep_inside(depth, blur))
     if known.any():
         stands |= known & (inside - np.median(inside[known]) > INSERT_SHARE * fit.contrast_hu)
     directions = cell_directions()
     close = directions @ directions[stands].T > np.cos(np.radians(CLEAR_DEG))
     unattached: NDArray[np.bool_] = ~(stands | close.any(axis=1))
-    return within_reach(around.offsets_mm, theta) & (unattached[cells] | fit.used)
+    return within_reach(depth, blur) & (unattached[cells] | fit.used)
 
 
-def _patterns(jacobian: FloatArray, height: FloatArray, turn: FloatArray, slices: NDArray[np.intp]) -> FloatArray:
-    """What each pattern of 1 mm adds to the voxels (N, P); ``height`` is a share of the radius."""
-    by_u, by_v, by_w = jacobian[:, U], jacobian[:, V], jacobian[:, W]
-    outward = by_u * np.cos(turn) + by_v * np.sin(turn)
-    jumps = [by * np.where(height > place, 0.5, -0.5) for place in JUMPS for by in (by_u, by_v, by_w)]
-    odd = np.where(slices % 2 == 0, 0.5, -0.5)
-    turning = [outward * wave(order * turn) for order in (3, 5) for wave in (np.cos, np.sin)]
-    across = [by_w * wave(2 * turn) for wave in (np.cos, np.sin)]
-    columns = [*jumps, by_u * height, by_v * height, by_u * odd, by_v * odd, *turning, *across]
-    return np.stack(columns, axis=-1)
+@njit(cache=True, error_model="numpy", nogil=True)
+def _products(
+    jacobian: FloatArray,
+    used: NDArray[np.intp],
+    more: FloatArray,
+    offsets: FloatArray,
+    slices: NDArray[np.intp],
+    residuals: FloatArray,
+    informed: NDArray[np.bool_],
+    radius: float,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Sum products of what every pattern of 1 mm adds to the ``used`` voxels (N,), what is there anyway, and residuals.
 
-
-def _scatter(
-    left: FloatArray, residuals: FloatArray, sectors: NDArray[np.intp], informed: NDArray[np.bool_]
-) -> FloatArray:
-    """Root (P,) of the summed squares of what each sector adds to a pattern's amplitude.
-
-    Only voxels that ``informed`` the fit tell it, in proportion: in the others a ball that moved leaves its motion.
+    There anyway are the ball's ``jacobian``, which has rows for other voxels, too, and ``more`` columns for the used.
+    Returned are, of the voxels that did not inform the fit and of those that did, these times themselves and the
+    patterns (2, Q, Q + P), the patterns' squares (2, P), and the residuals times both in each sector (2, S, Q + P).
+    ``slices`` (N,) count from 0.
     """
-    sums = np.zeros((int(sectors.max(initial=0)) + 1, left.shape[1]))
-    np.add.at(sums, sectors[informed], (left * residuals[:, np.newaxis])[informed])
-    shares = np.sum(left[informed] ** 2, axis=0) / np.maximum(np.sum(left**2, axis=0), 1e-30)
-    return np.asarray(np.sqrt(np.sum(sums**2, axis=0) / np.maximum(shares, 1e-9)))
+    first_more = jacobian.shape[1]
+    count, size = first_more + more.shape[1], len(PATTERNS)
+    products, squares = np.zeros((2, count, count + size)), np.zeros((2, size))
+    sums = np.zeros((2, (slices.max() + 1 if len(slices) else 0) * SECTORS, count + size))
+    own, told = np.empty((BLOCK, count)), np.empty((BLOCK, count + size))
+    for which in range(2):
+        chosen = np.flatnonzero(informed == (which == 1))
+        for first in range(0, len(chosen), BLOCK):
+            some = chosen[first : first + BLOCK]
+            for row in range(len(some)):
+                n = some[row]
+                turn = math.atan2(offsets[n, 1], offsets[n, 0])
+                own[row, :first_more], own[row, first_more:] = jacobian[used[n]], more[n]
+                told[row, :count] = own[row]
+                _fill_patterns(own[row], offsets[n, W] / radius, turn, slices[n] % 2 == 0, told[row, count:])
+                sector = slices[n] * SECTORS + int((turn / (2.0 * math.pi) + 0.5) * SECTORS) % SECTORS
+                for p in range(size):
+                    squares[which, p] += told[row, count + p] ** 2
+                for p in range(count + size):
+                    sums[which, sector, p] += told[row, p] * residuals[n]
+            products[which] += own[: len(some)].T @ told[: len(some)]
+    return products, squares, sums
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _fill_patterns(
+    derivatives: FloatArray, height: float, turn: float, is_even: bool, patterns: FloatArray
+) -> None:
+    """Fill ``patterns`` with what each of 1 mm adds to a voxel; ``height`` is a share of the radius."""
+    by_u, by_v, by_w = derivatives[U], derivatives[V], derivatives[W]
+    cos, sin = math.cos(turn), math.sin(turn)
+    outward = by_u * cos + by_v * sin
+    twice_cos, twice_sin = cos * cos - sin * sin, 2.0 * sin * cos
+    place = 0
+    for jump in JUMPS:
+        side = 0.5 if height > jump else -0.5
+        for by in (by_u, by_v, by_w):
+            patterns[place] = side * by
+            place += 1
+    odd = 0.5 if is_even else -0.5
+    for pattern in (by_u * height, by_v * height, by_u * odd, by_v * odd):
+        patterns[place] = pattern
+        place += 1
+    for _ in range(2):  # the third and the fifth harmonic
+        cos, sin = cos * twice_cos - sin * twice_sin, sin * twice_cos + cos * twice_sin
+        patterns[place], patterns[place + 1] = outward * cos, outward * sin
+        place += 2
+    patterns[place], patterns[place + 1] = by_w * twice_cos, by_w * twice_sin
 
 
 def _largest(ratios: FloatArray) -> float:

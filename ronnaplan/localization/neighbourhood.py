@@ -29,7 +29,10 @@ class Neighbourhood:
 
     def select(self, chosen: NDArray[np.bool_]) -> Neighbourhood:
         """Keep only the ``chosen`` (N,) voxels."""
-        kept = np.flatnonzero(chosen)
+        return self.take(np.flatnonzero(chosen))
+
+    def take(self, kept: NDArray[np.intp]) -> Neighbourhood:
+        """Keep only the voxels at these places (M,)."""
         return replace(
             self,
             indices=self.indices.take(kept, axis=0),
@@ -66,21 +69,27 @@ def _gather(
     padding: float,
 ) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
     """Indices (N, 3), offsets (N, 3) and values (N,) of the voxels of slices from ``first`` on that are near."""
-    most = len(places) * (window[1, 1] - window[1, 0]) * (window[0, 1] - window[0, 0])
-    indices, offsets, values = np.empty((most, 3), np.intp), np.empty((most, 3)), np.empty(most)
     count = 0
-    for place in range(len(places)):
-        k, w = first + place, places[place]
-        for j in range(window[1, 0], window[1, 1]):
-            v = origins[place, 1] + j * steps[1]
-            for i in range(window[0, 0], window[0, 1]):
-                u = origins[place, 0] + i * steps[0]
-                if u * u + v * v + w * w <= reach * reach and voxels[k, j, i] != padding:
-                    indices[count, 0], indices[count, 1], indices[count, 2] = k, j, i
-                    offsets[count, 0], offsets[count, 1], offsets[count, 2] = u, v, w
-                    values[count] = voxels[k, j, i]
-                    count += 1
-    return indices[:count].copy(), offsets[:count].copy(), values[:count].copy()
+    indices, offsets, values = np.empty((0, 3), np.intp), np.empty((0, 3)), np.empty(0)
+    for is_counted in (False, True):  # memory that is touched for the first time costs more than to look twice
+        if is_counted:
+            indices, offsets, values = np.empty((count, 3), np.intp), np.empty((count, 3)), np.empty(count)
+        count = 0
+        for place in range(len(places)):
+            k, w = first + place, places[place]
+            for j in range(window[1, 0], window[1, 1]):
+                v = origins[place, 1] + j * steps[1]
+                if v * v + w * w > reach * reach:
+                    continue
+                for i in range(window[0, 0], window[0, 1]):
+                    u = origins[place, 0] + i * steps[0]
+                    if u * u + v * v + w * w <= reach * reach and voxels[k, j, i] != padding:
+                        if is_counted:
+                            indices[count, 0], indices[count, 1], indices[count, 2] = k, j, i
+                            offsets[count, 0], offsets[count, 1], offsets[count, 2] = u, v, w
+                            values[count] = voxels[k, j, i]
+                        count += 1
+    return indices, offsets, values
 
 
 def _window(centers: FloatArray, reach: FloatArray, shape: tuple[int, ...]) -> NDArray[np.intp]:

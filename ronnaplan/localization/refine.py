@@ -9,13 +9,13 @@ inform only as far as the model stays below the top of the scale.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build
-from ronnaplan.localization.cells import direction_cells
 from ronnaplan.localization.descent import (
     MAX_WANDER,
     Prior,
@@ -34,9 +34,7 @@ from ronnaplan.localization.parameters import (
     CENTER,
     CONTRAST,
     EDGE,
-    PARAMETERS,
     RADIUS,
-    SKIN_PLACE,
     WIDTH,
 )
 from ronnaplan.localization.shading import PLATEAU_SHARE, shaded
@@ -129,10 +127,10 @@ class BallFit:
         """Share that informed the fit of the ball's directions that hold voxels."""
         return float(np.sum(self.verdict.state == 1) / max(int(np.sum(self.verdict.state >= 0)), 1))
 
-    @property
+    @cached_property
     def misfit(self) -> float:
         """Root mean square residual on the surface that informed the fit, as a share of the contrast."""
-        near = self.used & on_surface(self.neighbourhood.offsets_mm, self.theta)
+        near = self.used & on_surface(*edge_depth(self.neighbourhood.offsets_mm, self.theta))
         if not near.any():
             return float("inf")
         return float(np.sqrt(np.mean(self.residuals_hu[near] ** 2)) / abs(self.contrast_hu))
@@ -152,19 +150,19 @@ def fit_ball(
     dimmed = replace(around, values_hu=np.minimum(around.values_hu, theta[CONTRAST] + theta[BACKGROUND]))
     few = _thinned(len(around.values_hu))
     start = theta
-    theta, verdict = _first_look(dimmed, few, around, theta, prior, ceiling_hu)
+    theta, verdict = _first_look(dimmed.select(few), around, theta, prior, ceiling_hu)
     is_poor = verdict.usual_rms_hu > HOPELESS_MISFIT * theta[CONTRAST]
     if is_poor and verdict.round_share >= ENHANCED_ROUND:
         enhanced = theta.copy()
         enhanced[EDGE] = ENHANCED_EDGE
-        other = _first_look(dimmed, few, around, enhanced, prior, ceiling_hu)
+        other = _first_look(dimmed.select(few), around, enhanced, prior, ceiling_hu)
         if other[1].usual_rms_hu < verdict.usual_rms_hu:
             theta, verdict = other
             dimmed = replace(
                 around, values_hu=np.minimum(around.values_hu, start[BACKGROUND] + OVERSHOOT * start[CONTRAST])
             )
     if verdict.usual_rms_hu <= FIRST_LOOK_MISFIT * theta[CONTRAST]:
-        theta, _ = descend(dimmed, few, theta, prior, ceiling_hu, is_look=True)
+        theta, _ = descend(dimmed.select(few), theta, prior, ceiling_hu, is_look=True)
         verdict, _ = _judged(around, theta, prior.layer_mm, ceiling_hu)
     if _is_hopeless(theta, verdict, start):
         return _ball_fit(around, theta, prior, verdict, few, ceiling_hu, converged=False)
@@ -179,15 +177,10 @@ def fit_ball(
 
 
 def _first_look(
-    dimmed: Neighbourhood,
-    few: NDArray[np.bool_],
-    around: Neighbourhood,
-    theta: FloatArray,
-    prior: Prior,
-    ceiling_hu: float,
+    dimmed: Neighbourhood, around: Neighbourhood, theta: FloatArray, prior: Prior, ceiling_hu: float
 ) -> tuple[FloatArray, Verdict]:
-    """Let the center find its place with the shape held; ``dimmed`` is ``around`` without what is brighter."""
-    theta, _ = descend(dimmed, few, theta, frozen(prior, theta), ceiling_hu, is_look=True)
+    """Let the center find its place with the shape held; ``dimmed`` are a few of ``around``, none brighter than it."""
+    theta, _ = descend(dimmed, theta, frozen(prior, theta), ceiling_hu, is_look=True)
     return theta, _judged(around, theta, prior.layer_mm, ceiling_hu)[0]
 
 
@@ -196,7 +189,8 @@ def _settle(
 ) -> BallFit:
     """Leave out the directions that disagree and fit again, until the choice is stable."""
     if has_skin(theta):  # the skin's level and place are a guess: fit them before judging by them
-        theta, _ = descend(around, within_reach(around.offsets_mm, theta), theta, prior, ceiling_hu)
+        near = around.select(within_reach(*edge_depth(around.offsets_mm, theta)))
+        theta, _ = descend(near, theta, prior, ceiling_hu)
     previous = np.empty(0, dtype=np.int8)
     converged = True
     for number in range(MAX_ROUNDS):
@@ -207,7 +201,7 @@ def _settle(
         if not converged or np.array_equal(verdict.state, previous):
             break
         previous = verdict.state
-        theta, converged = descend(around, used, theta, prior, ceiling_hu)
+        theta, converged = descend(around.select(used), theta, prior, ceiling_hu)
     return _ball_fit(around, theta, prior, verdict, used, ceiling_hu, converged=converged)
 
 
@@ -226,7 +220,7 @@ def _ball_fit(
     residuals, jacobian = residuals_and_jacobian(around, theta, prior.layer_mm, ceiling_hu)
     moves, by_radius = np.zeros_like(around.offsets_mm), np.zeros(3)
     if converged:
-        moves, by_radius = influence(jacobian, used, prior.weight)
+        moves[used], by_radius = influence(jacobian[used], prior.weight)
     is_shaded = converged and ceiling_hu - theta[BACKGROUND] >= PLATEAU_SHARE * theta[CONTRAST]
     if is_shaded:
         shading = shaded(around, theta, residuals, jacobian, used, prior)
@@ -255,8 +249,8 @@ def _ball_fit(
 
 def _thinned(count: int) -> NDArray[np.bool_]:
     """Mark about `FIRST_LOOK_VOXELS` of ``count`` voxels, spread evenly without a pattern (golden ratio)."""
-    spread = np.arange(count) * 0.6180339887498949 % 1.0
-    marked: NDArray[np.bool_] = spread < FIRST_LOOK_VOXELS / max(count, 1)
+    spread = np.arange(count) * 0.6180339887498949
+    marked: NDArray[np.bool_] = spread - np.floor(spread) < FIRST_LOOK_VOXELS / max(count, 1)
     return marked
 
 
@@ -272,12 +266,5 @@ def _judged(
     around: Neighbourhood, theta: FloatArray, layer_mm: float, ceiling_hu: float
 ) -> tuple[Verdict, NDArray[np.bool_]]:
     """Judge every direction by the voxels within reach; returns which voxels (N,) those that agree are."""
-    used = within_reach(around.offsets_mm, theta)
-    near = around.select(used)
-    cells = direction_cells(near.offsets_mm - theta[CENTER])
-    residuals, jacobian = residuals_and_jacobian(near, theta, layer_mm, ceiling_hu)
-    levels = slice(len(PARAMETERS), SKIN_PLACE.start if has_skin(theta) else None)
-    explained_hu = jacobian[:, levels] @ theta[levels]
-    verdict = judge(near, cells, theta, residuals, jacobian, explained_hu)
-    used[used] = verdict.state[cells] == 1
-    return verdict, used
+    verdict, cells = judge(around, theta, layer_mm, ceiling_hu)
+    return verdict, (cells >= 0) & (verdict.state[cells] == 1)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.descent import Prior
 from ronnaplan.localization.neighbourhood import Neighbourhood
@@ -54,31 +55,61 @@ def shaded(
     prior: Prior,
 ) -> Shading:
     """Give a fit at rest the shading that its residuals show."""
-    ball_hu = jacobian[:, [CONTRAST]] * theta[CONTRAST]
-    informed = np.hstack([jacobian, ball_hu * (around.offsets_mm - theta[CENTER])])
-    own, own_residuals_hu = informed[used], residuals_hu[used]
-    of_slice = np.column_stack([own[:, BACKGROUND], ball_hu[used]])
+    ball_hu = jacobian[:, CONTRAST] * theta[CONTRAST]
+    tilts = ball_hu[:, np.newaxis] * (around.offsets_mm - theta[CENTER])
+    kept = np.flatnonzero(used)
+    own = np.hstack([jacobian.take(kept, axis=0), tilts.take(kept, axis=0)])
+    own_residuals_hu = residuals_hu.take(kept)
     mean_square = max(float(np.mean(own_residuals_hu**2)), QUANTIZATION_NOISE_HU**2)
     firmness = mean_square / np.array([SLICE_LEVEL_HU, SLICE_CONTRAST]) ** 2
-    # The slices' effects are many and each concerns one slice only: they are eliminated slice by slice.
     freed, rest_hu = own.copy(), own_residuals_hu.copy()
-    for voxels in _slices(around.indices[used, 0]):
-        effect = of_slice[voxels]
-        both = np.column_stack([own[voxels], own_residuals_hu[voxels]])
-        explained = effect @ np.linalg.solve(effect.T @ effect + np.diag(firmness), effect.T @ both)
-        freed[voxels] -= explained[:, :-1]
-        rest_hu[voxels] -= explained[:, -1]
+    _free_slices(freed, rest_hu, ball_hu.take(kept), around.indices[kept, 0], firmness)
     tilt_weight = mean_square / (SLOPE_PER_MM_HU * theta[CONTRAST]) ** 2
     inverse = np.linalg.pinv(own.T @ freed + np.diag([*prior.weight, *[tilt_weight] * 3]), hermitian=True)
     pull = own.T @ rest_hu
     pull[:-3] -= own[:, :-3].T @ own_residuals_hu  # without shading the fit is at rest
     believed = inverse @ pull
-    moves, left_over = np.zeros_like(around.offsets_mm), residuals_hu - informed @ believed
-    moves[used], left_over[used] = freed @ inverse[:, :3], rest_hu - freed @ believed
+    moves, left_over = (
+        np.zeros_like(around.offsets_mm),
+        residuals_hu - jacobian @ believed[:-3] - tilts @ believed[-3:],
+    )
+    moves[kept], left_over[kept] = freed @ inverse[:, :3], rest_hu - freed @ believed
     return Shading(believed[:3], moves, left_over)
 
 
-def _slices(numbers: NDArray[np.intp]) -> list[slice]:
-    """The voxels of each slice, by their slices' ``numbers`` (N,); a neighbourhood holds them slice by slice."""
-    starts = np.flatnonzero(np.diff(numbers, prepend=-1))
-    return [slice(a, b) for a, b in zip(starts, [*starts[1:], len(numbers)], strict=True)]
+@njit(cache=True, error_model="numpy", nogil=True)
+def _free_slices(
+    freed: FloatArray, rest: FloatArray, ball: FloatArray, slices: NDArray[np.intp], firmness: FloatArray
+) -> None:
+    """Take from derivatives (N, Q) and residuals (N,) what level and contrast of each slice explain of them.
+
+    These are many and each concerns one slice only: they are eliminated slice by slice, as which the voxels come. The
+    ``ball`` (N,) is what a change of the contrast adds; level and contrast hold with ``firmness`` (2,).
+    """
+    last, size = 0, freed.shape[1]
+    by_level, by_ball = np.empty(size + 1), np.empty(size + 1)
+    while last < len(slices):
+        first = last
+        voxels = squares = shared = 0.0
+        by_level[:], by_ball[:] = 0.0, 0.0
+        while last < len(slices) and slices[last] == slices[first]:
+            level = freed[last, BACKGROUND]  # none where the scale has ended
+            voxels += level * level
+            shared += level * ball[last]
+            squares += ball[last] * ball[last]
+            for p in range(size + 1):
+                value = freed[last, p] if p < size else rest[last]
+                by_level[p] += level * value
+                by_ball[p] += ball[last] * value
+            last += 1
+        voxels, squares = voxels + firmness[0], squares + firmness[1]
+        scale = 1.0 / (voxels * squares - shared * shared)
+        for p in range(size + 1):
+            level_share = scale * (squares * by_level[p] - shared * by_ball[p])
+            ball_share = scale * (voxels * by_ball[p] - shared * by_level[p])
+            by_level[p], by_ball[p] = level_share, ball_share
+        for n in range(first, last):
+            level = freed[n, BACKGROUND]
+            for p in range(size):
+                freed[n, p] -= level * by_level[p] + ball[n] * by_ball[p]
+            rest[n] -= level * by_level[size] + ball[n] * by_ball[size]

@@ -198,15 +198,16 @@ def noise_level(fit: BallFit) -> float:
     half of the values counts); the quieter of inside and outside, for what disturbs only adds.
     """
     depth, blur = edge_depth(fit.neighbourhood.offsets_mm, fit.theta)
-    cells = direction_cells(fit.neighbourhood.offsets_mm - fit.theta[CENTER])
     measured = fit.jacobian[:, BACKGROUND] != 0.0  # clipped voxels have no noise
-    flat = fit.used & measured & (np.abs(depth) > 2.0 * blur)
+    flat = np.flatnonzero(fit.used & measured & (np.abs(depth) > 2.0 * blur))
+    cells = direction_cells(fit.neighbourhood.offsets_mm.take(flat, axis=0) - fit.theta[CENTER])
+    residuals_hu, is_outside = fit.residuals_hu.take(flat), depth.take(flat) > 0.0
     levels = []
-    for zone in (flat & (depth < 0), flat & (depth > 0)):
+    for zone in (~is_outside, is_outside):
         if np.count_nonzero(zone) < MIN_FLAT_VOXELS:
             continue
-        means, seen = cell_means(fit.residuals_hu, cells, zone)
-        left_over = (fit.residuals_hu - means[cells])[zone]
+        means, seen = cell_means(residuals_hu, cells, zone)
+        left_over = (residuals_hu - means[cells])[zone]
         middle = np.median(left_over)
         spread = 1.4826 * float(np.median(left_over[left_over >= middle] - middle))
         freedom = max(1.0 - np.count_nonzero(seen) / len(left_over), MIN_FREEDOM)
@@ -216,11 +217,11 @@ def noise_level(fit: BallFit) -> float:
 
 def _slices(fit: BallFit) -> FloatArray:
     """Covariance (3, 3) from what each slice's residuals do to the center: slices of one tissue are not independent."""
-    heights = fit.neighbourhood.indices[fit.used, 0]
-    _, first, slices = np.unique(heights, return_index=True, return_inverse=True)
-    sums = np.zeros((len(first), 3))
-    np.add.at(sums, slices, fit.influence_mm_per_hu[fit.used] * fit.residuals_hu[fit.used, np.newaxis])
-    places_mm = fit.neighbourhood.offsets_mm[fit.used][first, W]
+    kept = np.flatnonzero(fit.used)
+    first = np.flatnonzero(np.diff(fit.neighbourhood.indices[kept, 0], prepend=-1))  # they come slice by slice
+    told = fit.influence_mm_per_hu.take(kept, axis=0) * fit.residuals_hu.take(kept)[:, np.newaxis]
+    sums = np.add.reduceat(told, first, axis=0)
+    places_mm = fit.neighbourhood.offsets_mm[kept[first], W]
     shared = shared_noise(
         np.abs(places_mm[:, np.newaxis] - places_mm), float(fit.theta[WIDTH]), float(fit.theta[SHAPE])
     )
