@@ -51,7 +51,7 @@ def test_its_covariance_is_the_scatter_of_noisy_points() -> None:
     spread = np.diag([0.2, 0.1, 0.4]) ** 2
     both = np.tile(spread, (3, 1, 1))
     turns = []
-    for _ in range(3000):
+    for _ in range(1500):
         noisy = [points + rng.normal(size=(3, 3)) * np.sqrt(np.diag(spread)) for points in (seen, TRIANGLE)]
         off = tool_orientation(noisy[0], noisy[1], ots_from_m, robot_from_tcp) @ m_from_tcp[:3, :3].T
         turns.append(Rotation.from_matrix(off).as_rotvec())

@@ -261,21 +261,25 @@ def test_the_sphere_is_expressed_in_the_robots_frame_with_all_errors() -> None:
 CORNERS, SQUARE = (9, 7), 6.0
 
 
+def board_place(rng: np.random.Generator, largest_tilt_deg: float) -> np.ndarray:
+    """The pose of a board at some tilt about the working place."""
+    middle = np.array([(CORNERS[0] - 1) / 2, (CORNERS[1] - 1) / 2, 0]) * SQUARE
+    tilt = Rotation.from_euler("xyz", rng.uniform(-1, 1, 3) * largest_tilt_deg, degrees=True).as_matrix()
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_rotvec([0, np.radians(-14.5), 0]).as_matrix() @ tilt
+    pose[:3, 3] = np.array([*rng.uniform(-6, 6, 2), 300 + rng.uniform(-15, 15)]) - pose[:3, :3] @ middle
+    return pose
+
+
 @cache
-def boards(
-    count: int = 6, largest_tilt_deg: float = 28, cameras: int = 2
-) -> tuple[list[np.ndarray], list[np.ndarray]]:
+def boards() -> tuple[list[np.ndarray], list[np.ndarray]]:
     """The cameras' views of a board at so many tilts about the working place."""
     rng = np.random.default_rng(6)
     left: list[np.ndarray] = []
     right: list[np.ndarray] = []
-    middle = np.array([(CORNERS[0] - 1) / 2, (CORNERS[1] - 1) / 2, 0]) * SQUARE
-    for _ in range(count):
-        tilt = Rotation.from_euler("xyz", rng.uniform(-1, 1, 3) * largest_tilt_deg, degrees=True).as_matrix()
-        pose = np.eye(4)
-        pose[:3, :3] = Rotation.from_rotvec([0, np.radians(-14.5), 0]).as_matrix() @ tilt
-        pose[:3, 3] = np.array([*rng.uniform(-6, 6, 2), 300 + rng.uniform(-15, 15)]) - pose[:3, :3] @ middle
-        for images, place, k, d in ((left, np.eye(4), K[0], D[0]), (right, RIGHT, K[1], D[1]))[:cameras]:
+    for _ in range(6):
+        pose = board_place(rng, 28.0)
+        for images, place, k, d in ((left, np.eye(4), K[0], D[0]), (right, RIGHT, K[1], D[1])):
             images.append(rendering.board_image(invert(place) @ pose, CORNERS, SQUARE, k, d, rng))
     return left, right
 
@@ -339,10 +343,16 @@ def test_board_images_that_contradict_each_other_are_refused(monkeypatch: pytest
         calibrate_on_board(left[:FEWEST_BOARDS], right[:FEWEST_BOARDS], corners=CORNERS, square_mm=SQUARE)
 
 
-@pytest.mark.usefixtures("found_once")
-def test_boards_that_hardly_tilt_are_refused() -> None:
-    """One camera's pictures tell; the other's are not looked at."""
-    left, _ = boards(FEWEST_BOARDS, 4, cameras=1)
+def test_boards_that_hardly_tilt_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One camera's pictures tell; where their corners are needs no picture."""
+    rng, seen_at = np.random.default_rng(6), {}
+    for number in range(FEWEST_BOARDS):
+        grid = np.append(np.mgrid[: CORNERS[0], : CORNERS[1]].T.reshape(-1, 2) * SQUARE, np.zeros((63, 1)), axis=1)
+        pose = board_place(rng, 4.0)
+        at = rendering.project(grid @ pose[:3, :3].T + pose[:3, 3], K[0], D[0]) + rng.normal(size=(63, 2)) * 0.03
+        seen_at[number] = at[:, None].astype(np.float32)
+    monkeypatch.setattr(stereo_calibration, "_corners", lambda image, corners: seen_at[image[0, 0]])
+    left = [np.full(rendering.SIZE, number, dtype=np.uint8) for number in range(FEWEST_BOARDS)]
     with pytest.raises(InputError, match="do not determine the cameras: the boards tilt by"):
         calibrate_on_board(left, left, corners=CORNERS, square_mm=SQUARE)
 
