@@ -243,15 +243,11 @@ def test_the_sphere_is_expressed_in_the_robots_frame_with_all_errors() -> None:
     np.testing.assert_allclose(
         found.positions_mm[0], moved(robot_from_tcp @ tcp_from_rig, sphere.position_mm), atol=1e-9
     )
-    simulated = []
-    for _ in range(5000):
-        noise = [np.eye(4), np.eye(4)]
-        for one in noise:
-            one[:3, :3] = Rotation.from_rotvec(rng.normal(size=3) * 1e-4).as_matrix()
-            one[:3, 3] = rng.normal(size=3) * 0.01
-        start = rng.multivariate_normal(sphere.position_mm, sphere.covariance_mm2)
-        simulated.append(moved(noise[0] @ robot_from_tcp @ noise[1] @ tcp_from_rig, start))
-    scatter = np.cov(np.array(simulated).T)
+    simulated = rng.multivariate_normal(sphere.position_mm, sphere.covariance_mm2, 5000)
+    for place in (tcp_from_rig, robot_from_tcp):
+        turns = Rotation.from_rotvec(rng.normal(size=(5000, 3)) * 1e-4)
+        simulated = turns.apply(simulated @ place[:3, :3].T + place[:3, 3]) + rng.normal(size=(5000, 3)) * 0.01
+    scatter = np.cov(simulated.T)
     assert np.abs(found.covariances_mm2[0] - scatter).max() < 0.06 * np.trace(scatter)
     with pytest.raises(FrameMismatchError):
         sphere.in_robot(rig, Pose.exact(np.eye(4), TCP, R))
