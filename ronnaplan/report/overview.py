@@ -29,6 +29,9 @@ STYLE = """
 .scene { position: relative; height: 30rem; background: #0b0e11; color: #e6edf3 }
 .scene canvas, .scene #still { position: absolute; width: 100%; height: 100%; object-fit: contain }
 .scene canvas { touch-action: pan-y }
+.scene #names { position: absolute; inset: 0; overflow: hidden; pointer-events: none }
+.scene #names span { position: absolute; padding: 0 0 14px 10px; translate: 0 -100%; font-size: 13px;
+  text-shadow: 0 0 3px #000, 0 0 3px #000 }
 .scene fieldset { position: absolute; right: .5rem; top: .5rem; max-height: 90%; overflow: auto; border: 0;
   font-size: 12px; background: rgb(17 22 27 / 75%) } .scene label { display: block }
 .scene label i { display: inline-block; width: 11px; height: 11px; border-radius: 3px; margin: 0 6px 0 2px }

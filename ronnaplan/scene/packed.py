@@ -18,6 +18,7 @@ def packed(one: Thing) -> dict[str, Any]:
     normals = np.rint(127 * unit_normals(one)).astype(np.int8)
     colour = np.asarray(one.colour, dtype=np.float64)
     painted = {} if colour.ndim == 1 else {"paint": _text(_padded(np.rint(255 * colour).astype(np.uint8)))}
+    named = {} if one.label_mm is None else {"label": one.label, "labelAt": one.label_mm.round(2).tolist()}
     return {
         "name": one.name,
         "low": low.tolist(),
@@ -29,6 +30,7 @@ def packed(one: Thing) -> dict[str, Any]:
         "normals": _text(_padded(normals)),
         "triangles": _text(one.body.triangles.astype("<u4")),
         **painted,
+        **named,
     }
 
 

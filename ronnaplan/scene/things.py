@@ -71,6 +71,9 @@ class Thing:
     gloss: float = 0.25
     screen: bool = False
     """Seen through only where something lies behind: nothing else would be seen but the background."""
+    label: str = ""
+    label_mm: FloatArray | None = None
+    """What stands beside this place (3,) where names can be written."""
 
 
 def rgb(colour: str) -> FloatArray:
@@ -106,7 +109,9 @@ def label_map(name: str, body: Body, colour: str, opacity: float = REGION_OPACIT
 def marker(label: str, center_mm: FloatArray, diameter_mm: float, opacity: float = 1.0) -> Thing:
     """Return a marker as a ball of its size."""
     round_one = ball(center_mm, diameter_mm / 2 + VEIL_MM, sides=32)
-    return Thing(f"marker {label}", round_one, rgb(MARKER_COLOUR), opacity, gloss=0.4)
+    return Thing(
+        f"marker {label}", round_one, rgb(MARKER_COLOUR), opacity, gloss=0.4, label=label, label_mm=center_mm
+    )
 
 
 def spread_factor(covariances_mm2: FloatArray, diameter_mm: float) -> int:
@@ -147,7 +152,8 @@ def rejected(centers_mm: Sequence[FloatArray]) -> Thing:
 def path(one: Trajectory, measured: Measures | None = None) -> list[Thing]:
     """Return a trajectory as thick as its instrument, its contacts, and the tube it stays in with a chance of 95 %."""
     line = tube(np.stack([one.entry_mm, one.target_mm]), max(one.instrument.radius_mm, THINNEST_MM))
-    found = [Thing(f"path {one.name}", joined([line, ball(one.target_mm, TARGET_MM)]), rgb(one.colour))]
+    body = joined([line, ball(one.target_mm, TARGET_MM)])
+    found = [Thing(f"path {one.name}", body, rgb(one.colour), label=one.name, label_mm=one.entry_mm)]
     if one.electrode is not None:
         thick = CONTACT_SHARE * max(one.electrode.diameter_mm / 2, one.instrument.radius_mm, THINNEST_MM)
         bodies = [tube(np.stack([part.entry_mm, part.target_mm]), thick) for part in contact_paths(one)]

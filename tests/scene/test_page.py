@@ -19,7 +19,8 @@ from tests.planner.browser import PATIENCE_MS, at_rest, chromium, eventually, ne
 
 pytestmark = needs_browser
 
-RED = Thing("marker F1", ball([-26.0, -30.0, 0.0], 10.0), np.array([1.0, 0.1, 0.1]))
+AT_MM = np.array([-26.0, -30.0, 0.0])
+RED = Thing("marker F1", ball(AT_MM, 10.0), np.array([1.0, 0.1, 0.1]), label="F1", label_mm=AT_MM)
 SKIN = Thing("skin", ball([0.0, 0.0, 0.0], 50.0), np.array([0.2, 0.4, 0.9]), 0.5)
 
 
@@ -103,8 +104,12 @@ def turn_and_hide(page_file: Path) -> None:
         page.locator("canvas").focus()
         page.keyboard.press("ArrowLeft")
         turned = shown(page)
+        name = page.locator("#names span")
+        assert name.text_content() == "F1"
+        assert name.bounding_box()["x"] == pytest.approx(red_middle(turned), abs=8)  # it went with its marker
         page.uncheck("text=marker F1")
         eventually(page, lambda: not is_red(shown(page)).any())
+        assert not name.is_visible()
         assert (np.abs(shown(page) - turned).max(axis=2) > 25).mean() > 0.003
         page.evaluate(
             "document.querySelector('canvas').getContext('webgl2').getExtension('WEBGL_lose_context').loseContext()"

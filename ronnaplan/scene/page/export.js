@@ -9,6 +9,11 @@
   const eye = { across: -0.7, up: 0.45, away: (0.78 * reach) / Math.sin((15 * Math.PI) / 180) };
   viewer.reach = reach;
   viewer.things = scene.things.map(viewer.load);
+  const named = viewer.things.filter((thing) => thing.label);
+  for (const thing of named) {
+    thing.written = document.getElementById("names").appendChild(document.createElement("span"));
+    thing.written.textContent = thing.label;
+  }
 
   function redraw() {
     const flat = Math.cos(eye.up);
@@ -18,6 +23,11 @@
     const position = middle.map((at, n) => at + eye.away * back[n]);
     viewer.eye = { position, axes: [...right, ...top, ...back], away: eye.away };
     viewer.redraw();
+    for (const thing of named) {
+      const [across, down, away] = viewer.onScreen(thing.labelAt);
+      Object.assign(thing.written.style, { left: `${across}px`, top: `${down}px`, opacity: away > eye.away ? 0.45 : 1 });
+      thing.written.hidden = !thing.shown;
+    }
   }
   function turn(across, up) {
     eye.across -= across;
@@ -73,11 +83,11 @@
     share.addEventListener("input", () => ((thing.opacity = share.value / 100), redraw()));
   }
   canvas.addEventListener("webglcontextlost", () => {
-    canvas.hidden = list.hidden = true;
+    canvas.hidden = list.hidden = document.getElementById("names").hidden = true;
     document.getElementById("still").hidden = false;
   });
   canvas.hidden = list.hidden = false;
   document.getElementById("still").hidden = true;
   document.getElementById("how").textContent = "drag turns, wheel comes nearer \u00b7 ";
-  redraw();
+  new ResizeObserver(redraw).observe(canvas);
 })();

@@ -120,6 +120,14 @@ window.ronnaplanViewer = (canvas) => {
     return texture;
   };
 
+  view.onScreen = (place) => {
+    // across and down in the canvas, and how far before the eye
+    const { position, axes } = view.eye, { clientWidth: width, clientHeight: height } = canvas;
+    const from = place.map((at, n) => at - position[n]);
+    const [right, top, back] = [0, 3, 6].map((row) => from.reduce((sum, part, n) => sum + part * axes[row + n], 0));
+    const scale = Math.min(width, height) / (2 * HALF_VIEW * -back);
+    return [width / 2 + right * scale, height / 2 - top * scale, -back];
+  };
   view.look = look;
   function look({ made, set }, width, height) {
     gl.useProgram(made);
