@@ -50,8 +50,10 @@ from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import localize
 from ronnaplan.localization.build import SOLID, Build
-from ronnaplan.localization.examine import Examined, Scan, distinct, examine
+from ronnaplan.localization.examine import Examined, Scan, Slant, distinct, examine, examine_place
+from ronnaplan.localization.measured import measured
 from ronnaplan.localization.motion import suspected
+from ronnaplan.localization.slant import slant_seen
 from ronnaplan.localization.usual import alike, by_the_usual, together, usual_of
 from ronnaplan.report.tables import align
 
@@ -147,8 +149,24 @@ class Score:
 
 def markers_of(cases: Sequence[Case], build: Build = SOLID) -> list[list[Examined]]:
     """Return what `localize` finds in each part of one scan, its uncertainty as in the whole."""
-    scans = [Scan(case.volume) for case in cases]
+    scans = [Scan(measured(case.volume)) for case in cases]
+    if any(scan.volume is case.volume for scan, case in zip(scans, cases, strict=True)):
+        scans = [
+            Scan(case.volume) for case in cases
+        ]  # a part has slices that are not recognized: so has the whole
     seen = [examine(scan, (case.diameter_mm,), build) for case, scan in zip(cases, scans, strict=True)]
+
+    def refit(slant: Slant, balls: Sequence[Examined]) -> list[Examined]:
+        near = [min(scans, key=lambda scan: _apart_mm(scan.volume, one.center_mm)) for one in balls]
+        return [
+            examine_place(Scan(scan.volume, slant), one.center_mm, one.stated_mm, build)
+            for scan, one in zip(near, balls, strict=True)
+        ]
+
+    slant = slant_seen(scans[0].axes, [one for part in seen for one in part], refit)
+    if slant is not None:
+        scans = [Scan(scan.volume, slant) for scan in scans]
+        seen = [examine(scan, (case.diameter_mm,), build) for case, scan in zip(cases, scans, strict=True)]
     usual = usual_of([one for part in seen for one in part])
     seen = [by_the_usual(scan, part, build, usual) for scan, part in zip(scans, seen, strict=True)]
     parts = [distinct(one for one in part if one.is_marker) for part in seen]
@@ -231,6 +249,11 @@ def _compare(centers: FloatArray, truth: FloatArray) -> list[str]:
         return [f"0/{len(truth)}", str(false), "-", "-"]
     mean, worst = 1e3 * errors[found].mean(), 1e3 * errors[found].max()
     return [f"{found.sum()}/{len(truth)}", str(false), f"{mean:.1f}", f"{worst:.1f}"]
+
+
+def _apart_mm(part: CTVolume, place_mm: FloatArray) -> float:
+    middle = (np.array(part.voxels_hu.shape) - 1.0) / 2.0
+    return float(np.linalg.norm(part.grid.positions_mm(middle) - place_mm))
 
 
 def _nearest(truth_mm: FloatArray, center_mm: FloatArray) -> float:

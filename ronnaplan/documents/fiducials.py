@@ -13,6 +13,7 @@ from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.documents.fields import (
     Coordinate,
     Covariance,
+    Direction,
     DocumentModel,
     Hounsfield,
     Label,
@@ -75,6 +76,8 @@ class Resolution(DocumentModel):
     profile_shape: Ratio
     """0 is a box, from 4 on a bell."""
     stated_thickness_mm: PositiveMm | None = None
+    profile_axis: Direction | None = None
+    """Along what the profile blurs, where that is not the slices' normal: they were computed obliquely from others."""
 
 
 class Motion(DocumentModel):
@@ -238,7 +241,7 @@ def fiducials_document(found: Fiducials) -> FiducialsDocument:
     )
 
 
-def _resolution(found: Fiducials) -> dict[str, float | None] | None:
+def _resolution(found: Fiducials) -> dict[str, object] | None:
     seen = found.resolution
     if seen is None:
         return None
@@ -247,6 +250,7 @@ def _resolution(found: Fiducials) -> dict[str, float | None] | None:
         "profile_fwhm_mm": seen.profile_mm,
         "profile_shape": seen.shape,
         "stated_thickness_mm": seen.stated_mm,
+        "profile_axis": None if seen.profile_axis is None else seen.profile_axis.tolist(),
     }
 
 

@@ -6,6 +6,7 @@ field is passed over.
 
 from __future__ import annotations
 
+import math
 from datetime import datetime
 from enum import StrEnum
 from typing import Annotated
@@ -63,6 +64,9 @@ def _time(value: object) -> object:
     # pydantic's own reading takes numbers, and texts of digits, for seconds since 1970
     return datetime.fromisoformat(value) if isinstance(value, str) else value
 
+
+UNIT_TOLERANCE = 1e-6
+"""A direction's length is 1 to within this."""
 
 Line = Annotated[str, AfterValidator(_printable)]
 """Text for one line, without control, invisible or direction-changing characters."""
@@ -125,6 +129,14 @@ def _near(rows: Matrix3) -> Matrix3:
     return rows
 
 
+def _is_unit(vector: Vector) -> Vector:
+    length = math.hypot(*vector)
+    if abs(length - 1.0) > UNIT_TOLERANCE:
+        raise ValueError(f"has the length {length:.6g}; expected 1")
+    return vector
+
+
+Direction = Annotated[Vector, AfterValidator(_is_unit)]
 Covariance = Annotated[Matrix3, AfterValidator(_definite)]
 """Covariance of a place, mm^2."""
 MarkerCovariance = Annotated[Covariance, AfterValidator(_near)]

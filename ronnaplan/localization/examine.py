@@ -18,13 +18,14 @@ from ronnaplan.ct.scratch import one_by_one
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.accept import MIN_COVERAGE, Evidence, Usual, failures
+from ronnaplan.localization.blur import blur_mm2
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.descent import MAX_WANDER
 from ronnaplan.localization.detect import detect
 from ronnaplan.localization.guess import margin_mm
 from ronnaplan.localization.look import surface_shares, unseen_share
 from ronnaplan.localization.motion import Movement
-from ronnaplan.localization.neighbourhood import gather
+from ronnaplan.localization.neighbourhood import axes_along, gather
 from ronnaplan.localization.parameters import CENTER, RADIUS, SHAPE, WIDTH, full_width_at_half_maximum_mm
 from ronnaplan.localization.parts import in_parts, single_threaded_algebra
 from ronnaplan.localization.refine import BallFit, fit_ball
@@ -44,15 +45,35 @@ CLIP_SHOULDER_HU = 10
 BROADENING = 1.5
 """Slice profiles are broader than nominal by up to this factor."""
 
+OF_THE_SHAPE = {"thickness", "coverage", "roundness", "certainty"}
+"""Tests that balls fail whose blur is not along the slices' axes."""
+
 SAME_PLACE = 0.5
 """Candidates nearer to each other than this share of the diameter are the same thing."""
+
+
+@dataclass(frozen=True)
+class Slant:
+    """The profile of slices that others were computed from obliquely.
+
+    The unit vector ``axis`` (3,) in LPS along which it blurs, and how wide it is.
+    """
+
+    axis: FloatArray
+    width_mm: float
 
 
 class Scan:
     """A volume with the facts about it that every fit needs."""
 
-    def __init__(self, volume: CTVolume) -> None:
+    def __init__(self, volume: CTVolume, slant: Slant | None = None) -> None:
         self.volume = volume
+        self.slant = slant
+
+    @cached_property
+    def axes(self) -> FloatArray:
+        """Unit vectors u, v and w (3, 3) in LPS: along w the slices' profile blurs, across it the kernel."""
+        return axes_along(self.volume.grid.axes, None if self.slant is None else self.slant.axis)
 
     def thickness_mm(self, centers_mm: FloatArray) -> FloatArray:
         """Nominal thickness (...) of the slices at ``centers_mm`` (..., 3).
@@ -61,7 +82,7 @@ class Scan:
         often hold the pixel's size instead.
         """
         grid = self.volume.grid
-        stated_mm = grid.thickness_mm or 0.0
+        stated_mm = self._stated_mm
         if not grid.spacings_mm.size:
             return np.full(centers_mm.shape[:-1], stated_mm or grid.row_spacing_mm)
         gaps_mm = self._wide_gaps_mm
@@ -79,7 +100,12 @@ class Scan:
     @property
     def widest_mm(self) -> float:
         """Width of the slice profile that a fit must be able to see."""
-        return BROADENING * max(self.volume.grid.thickness_mm or 0.0, self.gap_mm, self.volume.grid.row_spacing_mm)
+        return BROADENING * max(self._stated_mm, self.gap_mm, self.volume.grid.row_spacing_mm)
+
+    @property
+    def _stated_mm(self) -> float:
+        """How thick the slices are said to be, or were that they were computed from; 0 where nobody knows."""
+        return max(self.volume.grid.thickness_mm or 0.0, 0.0 if self.slant is None else self.slant.width_mm)
 
     @cached_property
     def gap_mm(self) -> float:
@@ -142,6 +168,8 @@ class Examined:
     is_covered: bool
     movement: Movement | None
     """How far its edges seem to have moved; of markers only."""
+    blur_mm2: FloatArray
+    """Covariance (3, 3) of its blur in LPS; of markers and what failed tests of `OF_THE_SHAPE` only, unless clipped."""
     failures: tuple[tuple[str, str], ...]
 
     @property
@@ -180,10 +208,17 @@ def examine(
 ) -> list[Examined]:
     """Fit and judge every place of ``scan`` that may be a ball of one of ``diameters_mm``, strongest first of each."""
     wanted = [(place, diameter) for diameter in diameters_mm for place in places_for(scan, diameter, build)]
+    return examine_places(scan, wanted, build, progress)
+
+
+def examine_places(
+    scan: Scan, wanted: Sequence[tuple[FloatArray, float]], build: Build, progress: Progress = False
+) -> list[Examined]:
+    """Fit and judge a ball at every place (3,) for the diameter in mm that is ``wanted`` there."""
     # The fits release the interpreter's lock, and each is independent of the others: any order, same result.
     with single_threaded_algebra(), ThreadPoolExecutor(os.cpu_count()) as pool:
         fits = pool.map(lambda one: examine_place(scan, one[0], one[1], build), wanted)
-        sizes = " and ".join(f"{diameter:g}" for diameter in diameters_mm)
+        sizes = " and ".join(f"{diameter:g}" for diameter in dict.fromkeys(diameter for _, diameter in wanted))
         return list(advancing(fits, len(wanted), progress, f"fitting balls of {sizes} mm"))
 
 
@@ -217,7 +252,7 @@ def fit_place(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Buil
 
 def _fit(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build) -> BallFit:
     reach_mm = 0.625 * diameter_mm + max(build.layer_mm, 0.0) + margin_mm(scan.widest_mm)
-    around = gather(scan.volume, center_mm, reach_mm)
+    around = gather(scan.volume, center_mm, reach_mm, scan.axes)
     return fit_ball(around, diameter_mm, build, float(scan.thickness_mm(center_mm)), scan.ceiling_hu)
 
 
@@ -247,6 +282,7 @@ def examine_place(
         UNKNOWN if failed else by_excess(fit),
         fit.verdict.is_covered,
         None if failed else evidence.movement,
+        blur_mm2(fit) if {name for name, _ in failed} <= OF_THE_SHAPE and not fit.is_clipped else UNKNOWN,
         failed,
     )
 

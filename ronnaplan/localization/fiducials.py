@@ -125,18 +125,20 @@ class Rejected:
         return f"Rejected(at {place(self.center_mm)} mm: {self.reason})"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Resolution:
     """How sharp a scan's markers look, the middle of them, beside what its header says.
 
     ``blur_mm`` is the standard deviation within the slices, ``profile_mm`` the slice profile's full width at half
-    maximum, ``shape`` the profile's (0 a box, from 4 on a bell), ``stated_mm`` the header's slice thickness, if any.
+    maximum, ``shape`` the profile's (0 a box, from 4 on a bell), ``stated_mm`` the header's slice thickness, if any,
+    ``profile_axis`` the unit vector (3,) in LPS along which the profile blurs, where that is not the slices' normal.
     """
 
     blur_mm: float
     profile_mm: float
     shape: float
     stated_mm: float | None
+    profile_axis: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -153,6 +155,8 @@ class Fiducials(Shown[Fiducial]):
     stated_thickness_mm: float | None = None
     distance_error_mm: float | None = None
     """By how much the markers' distances depart from those of a template at most; None without one."""
+    profile_axis: FloatArray | None = None
+    """Unit vector (3,) in LPS along which the slices' profile blurs; None where that is their normal."""
 
     def _items(self) -> Sequence[Fiducial]:
         return self.fiducials
@@ -220,7 +224,7 @@ class Fiducials(Shown[Fiducial]):
         middle = np.median([found.parameters[: len(PARAMETERS)] for found in self.fiducials], axis=0)
         width_mm, shape = float(middle[WIDTH]), float(middle[SHAPE])
         profile_mm = full_width_at_half_maximum_mm(width_mm, shape)
-        return Resolution(float(middle[BLUR]), profile_mm, shape, self.stated_thickness_mm)
+        return Resolution(float(middle[BLUR]), profile_mm, shape, self.stated_thickness_mm, self.profile_axis)
 
     @property
     def labels(self) -> tuple[str, ...]:

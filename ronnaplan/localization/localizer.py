@@ -18,6 +18,7 @@ from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, 
 from ronnaplan.localization.measured import measured
 from ronnaplan.localization.motion import suspected
 from ronnaplan.localization.size import proposal, sizes_seen
+from ronnaplan.localization.slant import along_the_blur
 from ronnaplan.localization.template import Template, distance_error_mm, match_template
 from ronnaplan.localization.usual import alike, by_the_usual, together, usual_of
 
@@ -62,6 +63,9 @@ def localize(
     for diameter in diameters:
         _check_size(scan, diameter)
     examined = examine(scan, diameters, marker, progress)
+    turned = along_the_blur(scan, examined, marker)
+    if turned is not scan:
+        scan, examined = turned, examine(turned, diameters, marker, progress)
     examined = by_the_usual(scan, examined, marker, usual_of(examined))
     judged = alike(distinct(one for one in examined if one.is_marker))
     markers = _from_the_top(together(scan, [one for one in judged if one.is_marker]))
@@ -87,6 +91,7 @@ def localize(
         marker,
         volume.grid.thickness_mm,
         departure_mm,
+        None if scan.slant is None else scan.slant.axis,
     )
     _tell(result)
     require_count(result, expected, volume, progress)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.ct.volume import CTVolume, VolumeFlag
+from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.parts import in_parts
 
@@ -54,8 +55,13 @@ class _Measured:
 
 
 def measured(volume: CTVolume) -> CTVolume:
-    """Return the scan without the slices that were computed from others, flagged so; itself where there are none."""
+    """Return the scan without the slices that were computed from others, flagged so; itself where there are none.
+
+    Raises `InputError` for a single slice, in which nothing is told along its normal.
+    """
     count = len(volume.voxels_hu)
+    if count < 2:
+        raise InputError("the scan has a single slice; markers are found in two at least: give the whole series")
     slices = _slices(volume)
     if len(slices) == count or len(slices) < 4:
         return volume

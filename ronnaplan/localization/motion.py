@@ -22,16 +22,7 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.cells import cell_directions, direction_cells
-from ronnaplan.localization.descent import residuals_and_jacobian
-from ronnaplan.localization.directions import (
-    BACKGROUND_QUANTILE,
-    INSERT_SHARE,
-    cell_means,
-    deep_inside,
-    edge_depth,
-    within_reach,
-)
+from ronnaplan.localization.blur import slanted_blur, unattached
 from ronnaplan.localization.model import BLOCK
 from ronnaplan.localization.parameters import CENTER, RADIUS, WIDTH, U, V, W
 from ronnaplan.localization.refine import BallFit
@@ -62,17 +53,8 @@ PATTERN_ERRORS_MM = np.array([*[0.012, 0.012, 0.020] * 3, 0.012, 0.012, 0.003, 0
 ERROR_FACTOR = 1.5
 """Residuals are more alike than sectors of one slice show: their standard errors count so many times."""
 
-BEYOND_MM = (0.3, 1.5)
-STANDS_SHARE = 0.1
-CLEAR_DEG = 30.0
-"""Something stands in a direction that is brighter by this share of the contrast so far beyond the blurred edge, where
-the edge of a ball that moved does not reach; directions closer than this angle are left out with it."""
-
 WORTH_A_LOOK = 1.0
 """A pattern that is less than so many standard errors large needs no other explanation."""
-
-STEP_MM = 0.05
-"""Step of the second derivatives."""
 
 LEAST_LEFT = 0.1
 """A pattern of which less than this share is left beside the ball's own parameters says nothing."""
@@ -120,11 +102,11 @@ class Movement:
 
 def movement(fit: BallFit) -> Movement:
     """Fit every pattern to the residuals of a ball; beside a slanted blur, where any stands out."""
-    used = np.flatnonzero(_unattached(fit))
+    used = np.flatnonzero(unattached(fit))
     plain = _movement(fit, used, np.empty((len(used), 0)))
     if plain.statistic <= WORTH_A_LOOK:
         return plain
-    return _movement(fit, used, _slanted_blur(fit, used))
+    return _movement(fit, used, slanted_blur(fit, used))
 
 
 def _movement(fit: BallFit, used: NDArray[np.intp], more: FloatArray) -> Movement:
@@ -133,7 +115,7 @@ def _movement(fit: BallFit, used: NDArray[np.intp], more: FloatArray) -> Movemen
     And beside ``more`` (N, Q) that may be there. What is left of a pattern beside these is never laid out: sums of
     products tell all that is asked of it.
     """
-    offsets, slices = fit.neighbourhood.offsets_mm.take(used, axis=0), fit.neighbourhood.indices[used, 0]
+    offsets, slices = fit.neighbourhood.offsets_mm.take(used, axis=0), fit.neighbourhood.slices[used]
     voxels = offsets - fit.theta[CENTER], slices - slices.min(initial=0), fit.residuals_hu[used], fit.used[used]
     products, squares, sums = _products(fit.jacobian, used, more, *voxels, float(fit.theta[RADIUS]))
     count = products.shape[1]
@@ -158,25 +140,6 @@ def _movement(fit: BallFit, used: NDArray[np.intp], more: FloatArray) -> Movemen
     return Movement(sums.sum(axis=(0, 1)) / told, ERROR_FACTOR * scatter / told)
 
 
-def _slanted_blur(fit: BallFit, used: NDArray[np.intp]) -> FloatArray:
-    """What a blur whose axes are not those of the slices adds to the ``used`` voxels (N,), to first order (N, 4).
-
-    A Gaussian's covariance changes an image by its second derivatives (the equation of heat): along u and w, v and w, u
-    and v, and the difference of those along u and along v.
-    """
-    changes, around = [], fit.neighbourhood.take(used)
-    for axis in (U, V):
-        step = np.zeros(len(fit.theta))
-        step[axis] = STEP_MM
-        sides = [
-            residuals_and_jacobian(around, fit.theta + side * step, fit.layer_mm, fit.ceiling_hu)[1]
-            for side in (1.0, -1.0)
-        ]
-        changes.append(sides[0][:, CENTER] - sides[1][:, CENTER])
-    by_u, by_v = changes
-    return np.column_stack([by_u[:, W], by_v[:, W], by_u[:, V], by_u[:, U] - by_v[:, V]])
-
-
 def suspected(movements: Sequence[Movement]) -> list[bool]:
     """Whether each marker of a scan shows motion by itself, or all of them do together."""
     if len(movements) < LEAST_TOGETHER:
@@ -188,29 +151,6 @@ def suspected(movements: Sequence[Movement]) -> list[bool]:
     spread = MEDIAN_SPREAD * np.sqrt(np.median(np.nan_to_num(errors**2), axis=0) / len(movements))
     together = _largest(middle / np.hypot(spread, PATTERN_ERRORS_MM / SHARED)) > LIMIT
     return [together or one.statistic > LIMIT for one in movements]
-
-
-def _unattached(fit: BallFit) -> NDArray[np.bool_]:
-    """Voxels (N,) of the ball's edge in all directions in which nothing stands, whether these informed the fit or not.
-
-    A fit leaves out the directions that disagree: where a ball moved, those are half of it.
-    """
-    around, theta = fit.neighbourhood, fit.theta
-    depth, blur = edge_depth(around.offsets_mm, theta)
-    cells = direction_cells(around.offsets_mm - theta[CENTER])
-    beyond = (depth > 3.0 * blur + BEYOND_MM[0]) & (depth < 3.0 * blur + BEYOND_MM[1])
-    outside, seen = cell_means(around.values_hu, cells, beyond)
-    if not seen.any():
-        return fit.used
-    background = float(np.quantile(outside[seen], BACKGROUND_QUANTILE))
-    stands = seen & (outside - background > STANDS_SHARE * fit.contrast_hu)
-    inside, known = cell_means(fit.residuals_hu, cells, deep_inside(depth, blur))
-    if known.any():
-        stands |= known & (inside - np.median(inside[known]) > INSERT_SHARE * fit.contrast_hu)
-    directions = cell_directions()
-    close = directions @ directions[stands].T > np.cos(np.radians(CLEAR_DEG))
-    unattached: NDArray[np.bool_] = ~(stands | close.any(axis=1))
-    return within_reach(depth, blur) & (unattached[cells] | fit.used)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -14,15 +14,15 @@ from ronnaplan.geometry import FloatArray
 
 @dataclass(frozen=True)
 class Neighbourhood:
-    """Voxels near a place: values in HU, and offsets from ``origin_mm`` along the slice axes u, v, w.
+    """Voxels near a place: values in HU, and offsets from ``origin_mm`` along u, v, w, slice by slice.
 
-    ``indices`` (N, 3) are (slice, row, column) in the scan; ``offsets_mm`` (N, 3); ``values_hu`` (N,);
-    ``axes`` (3, 3) has u, v, w as rows in LPS. ``floor_hu`` is the lowest value about the place, where scales end.
+    ``slices`` (N,) are their slices' numbers; ``offsets_mm`` (N, 3); ``values_hu`` (N,); ``axes`` (3, 3) has u, v, w as
+    rows in LPS. ``floor_hu`` is the lowest value about the place, where scales end.
     """
 
     origin_mm: FloatArray
     axes: FloatArray
-    indices: NDArray[np.intp]
+    slices: NDArray[np.intp]
     offsets_mm: FloatArray
     values_hu: FloatArray
     floor_hu: float
@@ -35,26 +35,54 @@ class Neighbourhood:
         """Keep only the voxels at these places (M,)."""
         return replace(
             self,
-            indices=self.indices.take(kept, axis=0),
+            slices=self.slices.take(kept),
             offsets_mm=self.offsets_mm.take(kept, axis=0),
             values_hu=self.values_hu.take(kept),
         )
 
 
-def gather(volume: CTVolume, center_mm: FloatArray, reach_mm: float) -> Neighbourhood:
-    """Collect the measured voxels within ``reach_mm`` of ``center_mm`` (3,) in LPS."""
+def gather(volume: CTVolume, center_mm: FloatArray, reach_mm: float, axes: FloatArray) -> Neighbourhood:
+    """Collect the measured voxels within ``reach_mm`` of ``center_mm`` (3,) in LPS.
+
+    ``axes`` (3, 3) are u, v, w in LPS. Where they are not the slices' own, what is as thick as these and lies across w
+    stands for a slice.
+    """
     grid = volume.grid
-    axes = grid.axes
     places = grid.slice_positions_mm - center_mm @ grid.normal
     first, last = np.searchsorted(places, [-reach_mm, reach_mm])
-    origins_uv = grid.origins_mm[first:last] @ axes[:2].T - axes[:2] @ center_mm
+    origins_uv = grid.origins_mm[first:last] @ grid.axes[:2].T - grid.axes[:2] @ center_mm
     steps = np.array([grid.column_spacing_mm, grid.row_spacing_mm])
     window = _window(-origins_uv / steps, reach_mm / steps, volume.voxels_hu.shape)
     padding_hu = np.nan if volume.padding_hu is None else float(volume.padding_hu)
-    indices, offsets, values = _gather(
+    slices, offsets, values = _gather(
         *(volume.voxels_hu, int(first), origins_uv, places[first:last], steps, window, reach_mm, padding_hu)
     )
-    return Neighbourhood(center_mm, axes, indices, offsets, values, float(values.min(initial=np.inf)))
+    around = Neighbourhood(center_mm, grid.axes, slices, offsets, values, float(values.min(initial=np.inf)))
+    return around if axes is grid.axes else _turned(around, axes, float(np.median(grid.spacings_mm)))
+
+
+def axes_along(axes: FloatArray, w: FloatArray | None) -> FloatArray:
+    """Return ``axes`` (3, 3), turned as little as can be so that the last one is ``w`` (3,), if that is given."""
+    if w is None:
+        return axes
+    from scipy.spatial.transform import Rotation
+
+    turn, _ = Rotation.align_vectors(w[np.newaxis], axes[2:])
+    return np.asarray(turn.apply(axes))
+
+
+def _turned(around: Neighbourhood, axes: FloatArray, slab_mm: float) -> Neighbourhood:
+    """See the voxels along other ``axes``, in slabs across w."""
+    offsets_mm = around.offsets_mm @ (around.axes @ axes.T)
+    slabs = np.floor((offsets_mm[:, 2] - offsets_mm[:, 2].min(initial=0.0)) / slab_mm).astype(np.intp)
+    order = np.argsort(slabs, kind="stable")
+    return replace(
+        around,
+        axes=axes,
+        slices=slabs[order],
+        offsets_mm=np.ascontiguousarray(offsets_mm[order]),
+        values_hu=around.values_hu[order],
+    )
 
 
 @njit(cache=True, nogil=True)
@@ -68,12 +96,12 @@ def _gather(
     reach: float,
     padding: float,
 ) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
-    """Indices (N, 3), offsets (N, 3) and values (N,) of the voxels of slices from ``first`` on that are near."""
+    """Slices (N,), offsets (N, 3) and values (N,) of the voxels of slices from ``first`` on that are near."""
     count = 0
-    indices, offsets, values = np.empty((0, 3), np.intp), np.empty((0, 3)), np.empty(0)
+    slices, offsets, values = np.empty(0, np.intp), np.empty((0, 3)), np.empty(0)
     for is_counted in (False, True):  # memory that is touched for the first time costs more than to look twice
         if is_counted:
-            indices, offsets, values = np.empty((count, 3), np.intp), np.empty((count, 3)), np.empty(count)
+            slices, offsets, values = np.empty(count, np.intp), np.empty((count, 3)), np.empty(count)
         count = 0
         for place in range(len(places)):
             k, w = first + place, places[place]
@@ -85,11 +113,10 @@ def _gather(
                     u = origins[place, 0] + i * steps[0]
                     if u * u + v * v + w * w <= reach * reach and voxels[k, j, i] != padding:
                         if is_counted:
-                            indices[count, 0], indices[count, 1], indices[count, 2] = k, j, i
+                            slices[count], values[count] = k, voxels[k, j, i]
                             offsets[count, 0], offsets[count, 1], offsets[count, 2] = u, v, w
-                            values[count] = voxels[k, j, i]
                         count += 1
-    return indices, offsets, values
+    return slices, offsets, values
 
 
 def _window(centers: FloatArray, reach: FloatArray, shape: tuple[int, ...]) -> NDArray[np.intp]:

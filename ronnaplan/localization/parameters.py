@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from ronnaplan.geometry import FloatArray
+
 PARAMETERS = (
     *("u", "v", "w", "radius", "blur", "edge", "width", "shape", "contrast", "background"),
     *("slope_u", "slope_v", "slope_w"),
@@ -47,3 +49,8 @@ def full_width_at_half_maximum_mm(width_mm: float, shape: float) -> float:
     """The profile's width as scanners state their slice thickness; a Gaussian is a tenth narrower."""
     half_mm = profile_half_mm(width_mm, shape)
     return 2.0 * half_mm * (math.sqrt(1.0 - 0.5 ** (1.0 / shape)) if shape > 0.0 else 1.0)
+
+
+def edge_variance_mm2(theta: FloatArray) -> float:
+    """Variance of the blur within the slices: an ``edge`` takes part of the Gaussian's away, or adds to it."""
+    return float(theta[BLUR] ** 2 * (1.0 - 2.0 * theta[EDGE]))

@@ -63,7 +63,7 @@ def shaded(
     mean_square = max(float(np.mean(own_residuals_hu**2)), QUANTIZATION_NOISE_HU**2)
     firmness = mean_square / np.array([SLICE_LEVEL_HU, SLICE_CONTRAST]) ** 2
     freed, rest_hu = own.copy(), own_residuals_hu.copy()
-    _free_slices(freed, rest_hu, ball_hu.take(kept), around.indices[kept, 0], firmness)
+    _free_slices(freed, rest_hu, ball_hu.take(kept), around.slices[kept], firmness)
     tilt_weight = mean_square / (SLOPE_PER_MM_HU * theta[CONTRAST]) ** 2
     inverse = np.linalg.pinv(own.T @ freed + np.diag([*prior.weight, *[tilt_weight] * 3]), hermitian=True)
     pull = own.T @ rest_hu

@@ -27,6 +27,7 @@ from ronnaplan.localization.measured import measured
 from ronnaplan.localization.parameters import BACKGROUND, CONTRAST
 from ronnaplan.localization.parts import single_threaded_algebra
 from ronnaplan.localization.shading import PLATEAU_SHARE
+from ronnaplan.localization.slant import along_the_blur
 from ronnaplan.localization.sphere import LEAST_SHOWN, spheres_at
 from ronnaplan.localization.usual import judged_again, usual_of
 
@@ -88,6 +89,10 @@ def sizes_seen(volume: CTVolume, marker: Build = SOLID, *, progress: bool = Fals
     # numba's functions release the interpreter's lock
     with single_threaded_algebra(), ThreadPoolExecutor(os.cpu_count()) as pool:
         fitted = list(advancing(pool.map(fitted_at, places), len(places), progress, "fitting balls"))
+        turned = along_the_blur(scan, fitted, marker)
+        if turned is not scan:
+            scan = coarse = turned
+            fitted = list(pool.map(fitted_at, places))
         usual = replace(usual_of(fitted), misfit=0.0)  # balls of several sizes have no misfit in common
         judged = [judged_again(scan_for(one.stated_mm), one, marker, usual) for one in fitted]
     accepted = distinct(one for one in judged if one.is_marker)

@@ -218,7 +218,7 @@ def noise_level(fit: BallFit) -> float:
 def _slices(fit: BallFit) -> FloatArray:
     """Covariance (3, 3) from what each slice's residuals do to the center: slices of one tissue are not independent."""
     kept = np.flatnonzero(fit.used)
-    first = np.flatnonzero(np.diff(fit.neighbourhood.indices[kept, 0], prepend=-1))  # they come slice by slice
+    first = np.flatnonzero(np.diff(fit.neighbourhood.slices[kept], prepend=-1))  # they come slice by slice
     told = fit.influence_mm_per_hu.take(kept, axis=0) * fit.residuals_hu.take(kept)[:, np.newaxis]
     sums = np.add.reduceat(told, first, axis=0)
     places_mm = fit.neighbourhood.offsets_mm[kept[first], W]

@@ -17,7 +17,7 @@ from ronnaplan.localization.accept import Usual
 from ronnaplan.localization.build import Build
 from ronnaplan.localization.examine import Examined, Scan, distinct, examine_place
 from ronnaplan.localization.motion import LEAST_TOGETHER
-from ronnaplan.localization.parameters import BLUR, EDGE, WIDTH
+from ronnaplan.localization.parameters import BLUR, EDGE, WIDTH, edge_variance_mm2
 from ronnaplan.localization.parts import single_threaded_algebra
 from ronnaplan.localization.uncertainty import beyond_usual_mm, robust_spread, usual_odd_mm2, with_usual
 
@@ -108,7 +108,7 @@ def together(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
     """Let each marker's covariance count what is usual in the scan, and doubt all where something lies on all."""
     markers = _uneven(_wrapped(markers))
     movements = [one.movement for one in markers if one.movement is not None]
-    usual_mm2, axes = usual_odd_mm2(movements), scan.volume.grid.axes
+    usual_mm2, axes = usual_odd_mm2(movements), scan.axes
     if usual_mm2 is None:
         return markers
     return [
@@ -145,11 +145,6 @@ def _uneven(markers: Sequence[Examined]) -> list[Examined]:
             covariance_mm2 = markers[n].covariance_mm2 + scatter_mm**2 * markers[n].by_excess
             doubted[n] = replace(markers[n], is_covered=True, covariance_mm2=covariance_mm2)
     return doubted
-
-
-def edge_variance_mm2(theta: FloatArray) -> float:
-    """Variance of the blur within the slices: an ``edge`` takes part of the Gaussian's away, or adds to it."""
-    return float(theta[BLUR] ** 2 * (1.0 - 2.0 * theta[EDGE]))
 
 
 def cutoff_per_mm(blur_mm: float, edge: float) -> float:

@@ -44,6 +44,8 @@ class Candidate:
     parameters: FloatArray
     accepted: bool
     layer_mm: float = 0.0
+    profile_axis: FloatArray | None = None
+    """Unit vector (3,) in LPS along which the slices' profile blurs; None where that is their normal."""
 
 
 Pair = tuple[FloatArray, FloatArray]
@@ -145,6 +147,7 @@ def _rows(found: Fiducials) -> list[Candidate]:
             one.parameters,
             accepted=True,
             layer_mm=found.marker.layer_mm,
+            profile_axis=found.profile_axis,
         )
         for one in found.fiducials
     ]
@@ -155,6 +158,7 @@ def _rows(found: Fiducials) -> list[Candidate]:
             one.parameters,
             accepted=False,
             layer_mm=found.marker.layer_mm,
+            profile_axis=found.profile_axis,
         )
         for one in found.rejected[:NEARLY_SHOWN]
     ]
@@ -205,6 +209,7 @@ def _left_over(volume: CTVolume, row: Candidate, indices: FloatArray) -> FloatAr
     """The voxels about ``indices`` (..., 3) less the fitted model, in HU: compared voxel by voxel, as the fit does."""
     from ronnaplan.localization.ball import discs
     from ronnaplan.localization.model import evaluate
+    from ronnaplan.localization.neighbourhood import axes_along
 
     grid = volume.grid
     flat = indices.reshape(-1, 3)
@@ -214,6 +219,8 @@ def _left_over(volume: CTVolume, row: Candidate, indices: FloatArray) -> FloatAr
     places = grid.positions_mm(np.moveaxis(np.indices(box.shape), 0, -1) + low.astype(np.float64))
     at_center = row.parameters.copy()
     at_center[CENTER] = 0.0
-    offsets = np.ascontiguousarray((places - row.center_mm).reshape(-1, 3) @ grid.axes.T)
+    offsets = np.ascontiguousarray(
+        (places - row.center_mm).reshape(-1, 3) @ axes_along(grid.axes, row.profile_axis).T
+    )
     model, _ = evaluate(offsets, at_center, row.layer_mm, *discs(at_center))
     return sampled((box - model.reshape(box.shape)).astype(np.float32), indices - low, 0.0)

@@ -61,10 +61,15 @@ class MarkerPicture:
 def marker_pictures(volume: CTVolume, found: FiducialsDocument) -> list[MarkerPicture]:
     """Fit every marker of a document again in its scan; the pictures hold what they show, and no voxels."""
     from ronnaplan.localization import Build
-    from ronnaplan.localization.examine import Scan
+    from ronnaplan.localization.examine import Scan, Slant
     from ronnaplan.localization.measured import measured
+    from ronnaplan.localization.parameters import full_width_at_half_maximum_mm
 
-    scan, build = Scan(measured(volume)), Build(found.marker.layer_mm)
+    seen, slant = found.resolution, None
+    if seen is not None and seen.profile_axis is not None:
+        width_mm = seen.profile_fwhm_mm / full_width_at_half_maximum_mm(1.0, seen.profile_shape)
+        slant = Slant(np.array(seen.profile_axis), width_mm)
+    scan, build = Scan(measured(volume), slant), Build(found.marker.layer_mm)
     return [_picture(scan, marker, build) for marker in found.fiducials]
 
 
@@ -73,6 +78,13 @@ def _picture(scan: Scan, marker: FiducialEntry, build: Build) -> MarkerPicture:
 
     stated = np.array(marker.center, dtype=np.float64)
     fit = fit_place(scan, stated, marker.diameter_mm, build)
-    place = Candidate(marker.label, fit.center_mm, fit.theta, accepted=True, layer_mm=build.layer_mm)
+    place = Candidate(
+        marker.label,
+        fit.center_mm,
+        fit.theta,
+        accepted=True,
+        layer_mm=build.layer_mm,
+        profile_axis=None if scan.slant is None else scan.slant.axis,
+    )
     apart_mm = float(np.linalg.norm(fit.center_mm - stated))
     return MarkerPicture(marker.label, apart_mm, place, cut_pairs(scan.volume, place))

@@ -43,9 +43,12 @@ def resolution_line(found: Fiducials) -> list[str]:
     if seen is None:
         return []
     kind = "box-like" if seen.shape < BELL_SHAPE else "bell-shaped"
+    along = ""
+    if seen.profile_axis is not None:
+        along = f" along ({', '.join(f'{x:.2f}' for x in seen.profile_axis)}) and not their normal"
     stated = "nothing" if seen.stated_mm is None else f"{seen.stated_mm:.2f} mm"
     return [
-        f"slices: {seen.profile_mm:.2f} mm wide at half height, {kind}; the header says {stated}; "
+        f"slices: {seen.profile_mm:.2f} mm wide at half height{along}, {kind}; the header says {stated}; "
         f"blur within them {seen.blur_mm:.2f} mm"
     ]
 

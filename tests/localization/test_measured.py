@@ -9,6 +9,7 @@ import pytest
 
 from ronnaplan.ct import CTVolume
 from ronnaplan.ct.volume import VolumeFlag
+from ronnaplan.errors import InputError
 from ronnaplan.localization import localize
 from ronnaplan.localization.measured import measured
 from tests.scans import balls, scan, small_stack
@@ -62,3 +63,9 @@ def test_where_not_all_computed_slices_are_recognized_the_scan_is_left_as_it_is(
     voxels_hu[22:29, 5, 5] += np.array([0, 40, 0, 0, 40, 0, 0], dtype=np.int16)  # as a scale's end changes some
     spoiled = replace(thin, voxels_hu=voxels_hu)
     assert measured(spoiled) is spoiled
+
+
+def test_a_single_slice_is_refused(thick: CTVolume) -> None:
+    grid = replace(thick.grid, origins_mm=thick.grid.origins_mm[:1])
+    with pytest.raises(InputError, match="single slice"):
+        localize(replace(thick, voxels_hu=thick.voxels_hu[:1], grid=grid), diameter_mm=11.5)

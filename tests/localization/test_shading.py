@@ -85,9 +85,13 @@ def test_the_influence_tells_what_a_voxel_does_to_the_center(even: CTVolume) -> 
     noise = rng.normal(0.0, 2.0, even.voxels_hu.shape)
     noisy = fitted(replace(usual, voxels_hu=(usual.voxels_hu + noise).astype(np.float32)))
     moved = fit.neighbourhood.axes @ (noisy.center_mm - fit.center_mm)
-    kept = {tuple(index): n for n, index in enumerate(noisy.neighbourhood.indices)}
-    common = np.array([n for n, index in enumerate(fit.neighbourhood.indices) if tuple(index) in kept])
-    at = tuple(fit.neighbourhood.indices[common].T)
+    own, others = (
+        np.round(even.grid.indices(around.origin_mm + around.offsets_mm @ around.axes)).astype(int)
+        for around in (fit.neighbourhood, noisy.neighbourhood)
+    )
+    kept = set(map(tuple, others))
+    common = np.array([n for n, index in enumerate(own) if tuple(index) in kept])
+    at = tuple(own[common].T)
     expected = noise[at] @ fit.influence_mm_per_hu[common]
     assert moved == pytest.approx(expected, abs=0.2 * float(np.linalg.norm(expected)))
 

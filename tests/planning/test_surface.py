@@ -81,7 +81,7 @@ def test_voxels_about_a_place_are_those_that_the_compiled_way_gathers() -> None:
         (np.array([-95.0, 0.0, -20.0]), 20.0),
         (np.array([0.0, 0.0, 900.0]), 5.0),
     ):
-        compiled = gather(volume, place, reach)
+        compiled = gather(volume, place, reach, volume.grid.axes)
         offsets, values = surface._voxels_near(volume, place, reach)
         np.testing.assert_array_equal(values, compiled.values_hu)
         np.testing.assert_allclose(offsets, compiled.offsets_mm @ compiled.axes, atol=1e-9)

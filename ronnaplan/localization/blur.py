@@ -1,0 +1,88 @@
+"""The blur that a fitted ball shows beside what was fitted: the fit has the slices' axes, and the blur may have others.
+
+A Gaussian's covariance changes an image by its second derivatives (the equation of heat), so that the residuals tell
+what of the blur is not along the slices' axes, to first order.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.cells import cell_directions, direction_cells
+from ronnaplan.localization.descent import residuals_and_jacobian
+from ronnaplan.localization.directions import (
+    BACKGROUND_QUANTILE,
+    INSERT_SHARE,
+    cell_means,
+    deep_inside,
+    edge_depth,
+    within_reach,
+)
+from ronnaplan.localization.parameters import CENTER, LEAST_SPREAD_MM2, WIDTH, U, V, W, edge_variance_mm2
+from ronnaplan.localization.refine import BallFit
+
+BEYOND_MM = (0.3, 1.5)
+STANDS_SHARE = 0.1
+CLEAR_DEG = 30.0
+"""Something stands in a direction that is brighter by this share of the contrast so far beyond the blurred edge, where
+the edge of a ball that moved does not reach; directions closer than this angle are left out with it."""
+
+STEP_MM = 0.05
+"""Step of the second derivatives."""
+
+
+def blur_mm2(fit: BallFit) -> FloatArray:
+    """Covariance (3, 3) of a ball's blur in LPS, as its residuals show it beside what was fitted."""
+    used = np.flatnonzero(unattached(fit))
+    explained = np.hstack([fit.jacobian.take(used, axis=0), slanted_blur(fit, used)])
+    scale = np.maximum(np.linalg.norm(explained, axis=0), 1e-30)
+    (uw, vw, uv, oval) = (np.linalg.lstsq(explained / scale, fit.residuals_hu[used])[0] / scale)[-4:]
+    within, across = edge_variance_mm2(fit.theta), float(fit.theta[WIDTH]) ** 2 / 12.0 + LEAST_SPREAD_MM2
+    axes = fit.neighbourhood.axes
+    told: FloatArray = (
+        axes.T @ np.array([[within + oval, uv, uw], [uv, within - oval, vw], [uw, vw, across]]) @ axes
+    )
+    return told
+
+
+def slanted_blur(fit: BallFit, used: NDArray[np.intp]) -> FloatArray:
+    """What a blur whose axes are not those of the slices adds to the ``used`` voxels (N,), HU/mm^2 (N, 4).
+
+    Along u and w, v and w, u and v, and half the difference of those along u and along v.
+    """
+    changes, around = [], fit.neighbourhood.take(used)
+    for axis in (U, V):
+        step = np.zeros(len(fit.theta))
+        step[axis] = STEP_MM
+        sides = [
+            residuals_and_jacobian(around, fit.theta + side * step, fit.layer_mm, fit.ceiling_hu)[1]
+            for side in (1.0, -1.0)
+        ]
+        changes.append((sides[0][:, CENTER] - sides[1][:, CENTER]) / (2.0 * STEP_MM))
+    by_u, by_v = changes
+    return np.column_stack([by_u[:, W], by_v[:, W], by_u[:, V], (by_u[:, U] - by_v[:, V]) / 2.0])
+
+
+def unattached(fit: BallFit) -> NDArray[np.bool_]:
+    """Voxels (N,) of the ball's edge in all directions in which nothing stands, whether these informed the fit or not.
+
+    A fit leaves out the directions that disagree: where a ball moved, those are half of it.
+    """
+    around, theta = fit.neighbourhood, fit.theta
+    depth, blur = edge_depth(around.offsets_mm, theta)
+    cells = direction_cells(around.offsets_mm - theta[CENTER])
+    beyond = (depth > 3.0 * blur + BEYOND_MM[0]) & (depth < 3.0 * blur + BEYOND_MM[1])
+    outside, seen = cell_means(around.values_hu, cells, beyond)
+    if not seen.any():
+        return fit.used
+    background = float(np.quantile(outside[seen], BACKGROUND_QUANTILE))
+    stands = seen & (outside - background > STANDS_SHARE * fit.contrast_hu)
+    inside, known = cell_means(fit.residuals_hu, cells, deep_inside(depth, blur))
+    if known.any():
+        stands |= known & (inside - np.median(inside[known]) > INSERT_SHARE * fit.contrast_hu)
+    directions = cell_directions()
+    close = directions @ directions[stands].T > np.cos(np.radians(CLEAR_DEG))
+    unattached: NDArray[np.bool_] = ~(stands | close.any(axis=1))
+    return within_reach(depth, blur) & (unattached[cells] | fit.used)
