@@ -107,7 +107,7 @@ def slant_of(balls: Sequence[Examined], w: FloatArray) -> Slant | None:
     if variances_mm2[2] < LONGER * variances_mm2[1]:
         return None
     axis = axes[:, 2]
-    width_mm = math.sqrt(12.0 * float(variances_mm2[2]) - LEAST_SPREAD_MM2)
+    width_mm = math.sqrt(12.0 * max(float(variances_mm2[2]) - LEAST_SPREAD_MM2, 0.0))
     return Slant(np.asarray(axis * np.copysign(1.0, axis @ w)), width_mm)
 
 

@@ -75,6 +75,10 @@ def test_points_survive_the_file_to_the_last_bit(document: Path) -> None:
         ({"coordinate_system": "RAS"}, "coordinate_system"),
         ({"fiducials": [{"label": "F1"}]}, r"fiducials\.0\.center"),
         ({"marker": {"diameter_mm": -1}}, "marker.diameter_mm"),
+        (
+            {"resolution": {"blur_mm": 1, "profile_fwhm_mm": 3, "profile_shape": 4, "profile_axis": [0, 0, 2]}},
+            r"resolution\.profile_axis: has the length 2; expected 1",
+        ),
     ],
 )
 def test_a_wrong_document_is_refused_by_the_field(document: Path, change: dict[str, Any], complaint: str) -> None:
