@@ -151,9 +151,8 @@ def markers_of(cases: Sequence[Case], build: Build = SOLID) -> list[list[Examine
     """Return what `localize` finds in each part of one scan, its uncertainty as in the whole."""
     scans = [Scan(measured(case.volume)) for case in cases]
     if any(scan.volume is case.volume for scan, case in zip(scans, cases, strict=True)):
-        scans = [
-            Scan(case.volume) for case in cases
-        ]  # a part has slices that are not recognized: so has the whole
+        # a part has slices that are not recognized: so has the whole
+        scans = [Scan(case.volume) for case in cases]
     seen = [examine(scan, (case.diameter_mm,), build) for case, scan in zip(cases, scans, strict=True)]
 
     def refit(slant: Slant, balls: Sequence[Examined]) -> list[Examined]:

@@ -73,7 +73,12 @@ class Scan:
     @cached_property
     def axes(self) -> FloatArray:
         """Unit vectors u, v and w (3, 3) in LPS: along w the slices' profile blurs, across it the kernel."""
-        return axes_along(self.volume.grid.axes, None if self.slant is None else self.slant.axis)
+        return axes_along(self.volume.grid.axes, self.profile_axis)
+
+    @property
+    def profile_axis(self) -> FloatArray | None:
+        """Unit vector (3,) in LPS along which the slices' profile blurs; None where that is their normal."""
+        return None if self.slant is None else self.slant.axis
 
     def thickness_mm(self, centers_mm: FloatArray) -> FloatArray:
         """Nominal thickness (...) of the slices at ``centers_mm`` (..., 3).
@@ -169,7 +174,8 @@ class Examined:
     movement: Movement | None
     """How far its edges seem to have moved; of markers only."""
     blur_mm2: FloatArray
-    """Covariance (3, 3) of its blur in LPS; of markers and what failed tests of `OF_THE_SHAPE` only, unless clipped."""
+    """Covariance (3, 3) of its blur in LPS; of solid markers that are not clipped, and of such as failed tests of
+    `OF_THE_SHAPE` only."""
     failures: tuple[tuple[str, str], ...]
 
     @property
@@ -266,6 +272,9 @@ def examine_place(
     noise_hu = noise_level(fit)
     evidence = Evidence(fit, diameter_mm, thickness_mm, scan.pixel_mm, noise_hu, unseen, scan.volume, usual)
     failed = tuple(failures(evidence))
+    tells_blur = (
+        build == SOLID and not fit.is_clipped
+    )  # the two edges of a shell or a wrapping are too near each other
     return Examined(
         center_mm,
         diameter_mm,
@@ -282,7 +291,7 @@ def examine_place(
         UNKNOWN if failed else by_excess(fit),
         fit.verdict.is_covered,
         None if failed else evidence.movement,
-        blur_mm2(fit) if {name for name, _ in failed} <= OF_THE_SHAPE and not fit.is_clipped else UNKNOWN,
+        blur_mm2(fit) if tells_blur and {name for name, _ in failed} <= OF_THE_SHAPE else UNKNOWN,
         failed,
     )
 

@@ -91,7 +91,7 @@ def localize(
         marker,
         volume.grid.thickness_mm,
         departure_mm,
-        None if scan.slant is None else scan.slant.axis,
+        scan.profile_axis,
     )
     _tell(result)
     require_count(result, expected, volume, progress)

@@ -17,7 +17,7 @@ import numpy as np
 
 from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.build import SOLID, Build
+from ronnaplan.localization.build import Build
 from ronnaplan.localization.examine import Examined, Scan, Slant, distinct, examine_places
 from ronnaplan.localization.motion import LEAST_TOGETHER
 from ronnaplan.localization.parameters import LEAST_SPREAD_MM2
@@ -45,15 +45,12 @@ MAX_TURNS = 3
 
 
 def along_the_blur(scan: Scan, examined: Sequence[Examined], build: Build) -> Scan:
-    """Return the scan with w along its blur, if the balls among what was ``examined`` fit better so; else as it is.
-
-    Of solid balls only: the two edges of a shell or a wrapping are too near to each other to tell a profile.
-    """
+    """Return the scan with w along its blur, if the balls among what was ``examined`` fit better so; else as it is."""
 
     def refit(slant: Slant, balls: Sequence[Examined]) -> list[Examined]:
         return examine_places(Scan(scan.volume, slant), [(one.center_mm, one.stated_mm) for one in balls], build)
 
-    slant = slant_seen(scan.axes, examined, refit) if build == SOLID else None
+    slant = slant_seen(scan.axes, examined, refit)
     if slant is None:
         return scan
     flags = tuple(dict.fromkeys([*scan.volume.flags, VolumeFlag.REFORMATTED]))

@@ -84,7 +84,7 @@ def _picture(scan: Scan, marker: FiducialEntry, build: Build) -> MarkerPicture:
         fit.theta,
         accepted=True,
         layer_mm=build.layer_mm,
-        profile_axis=None if scan.slant is None else scan.slant.axis,
+        profile_axis=scan.profile_axis,
     )
     apart_mm = float(np.linalg.norm(fit.center_mm - stated))
     return MarkerPicture(marker.label, apart_mm, place, cut_pairs(scan.volume, place))
