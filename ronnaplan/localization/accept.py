@@ -11,6 +11,7 @@ import numpy as np
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.blur import Edge
 from ronnaplan.localization.cells import cell_directions
 from ronnaplan.localization.descent import BLUR_BOUNDS_MM, MAX_CONTRAST_HU, MAX_WANDER
 from ronnaplan.localization.detect import MIN_CONTRAST_HU
@@ -119,9 +120,14 @@ class Evidence:
         return center_covariance(fit, self.movement, metal, self.excess_mm)
 
     @cached_property
+    def edge(self) -> Edge:
+        """Its edge, which tells its movement and its blur."""
+        return Edge(self.fit)
+
+    @cached_property
     def movement(self) -> Movement:
         """How far its edges seem to have moved."""
-        return movement(self.fit)
+        return movement(self.edge)
 
     @property
     def excess_mm(self) -> float:

@@ -6,6 +6,9 @@ what of the blur is not along the slices' axes, to first order.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,12 +36,47 @@ STEP_MM = 0.05
 """Step of the second derivatives."""
 
 
-def blur_mm2(fit: BallFit) -> FloatArray:
-    """Covariance (3, 3) of a ball's blur in LPS, as its residuals show it beside what was fitted."""
-    used = np.flatnonzero(unattached(fit))
-    explained = np.hstack([fit.jacobian.take(used, axis=0), slanted_blur(fit, used)])
-    scale = np.maximum(np.linalg.norm(explained, axis=0), 1e-30)
-    (uw, vw, uv, oval) = (np.linalg.lstsq(explained / scale, fit.residuals_hu[used])[0] / scale)[-4:]
+@dataclass(frozen=True)
+class Edge:
+    """The edge of a fitted ball in all directions in which nothing stands."""
+
+    fit: BallFit
+
+    @cached_property
+    def used(self) -> NDArray[np.intp]:
+        """Which voxels (N,) of the fit's neighbourhood are of it, whether they informed the fit or not.
+
+        A fit leaves out the directions that disagree: where a ball moved, those are half of it.
+        """
+        return np.flatnonzero(_unattached(self.fit))
+
+    @cached_property
+    def slanted(self) -> FloatArray:
+        """What a blur whose axes are not those of the slices adds to these voxels, HU/mm^2 (N, 4).
+
+        Along u and w, v and w, u and v, and half the difference of those along u and along v.
+        """
+        fit = self.fit
+        changes, around = [], fit.neighbourhood.take(self.used)
+        for axis in (U, V):
+            step = np.zeros(len(fit.theta))
+            step[axis] = STEP_MM
+            sides = [
+                residuals_and_jacobian(around, fit.theta + side * step, fit.layer_mm, fit.ceiling_hu)[1]
+                for side in (1.0, -1.0)
+            ]
+            changes.append((sides[0][:, CENTER] - sides[1][:, CENTER]) / (2.0 * STEP_MM))
+        by_u, by_v = changes
+        return np.column_stack([by_u[:, W], by_v[:, W], by_u[:, V], (by_u[:, U] - by_v[:, V]) / 2.0])
+
+
+def blur_mm2(edge: Edge) -> FloatArray:
+    """Covariance (3, 3) of a ball's blur in LPS, as the residuals of its edge show it beside what was fitted."""
+    fit, used = edge.fit, edge.used
+    explained = np.hstack([fit.jacobian.take(used, axis=0), edge.slanted])
+    explained *= (scale := 1.0 / np.maximum(np.linalg.norm(explained, axis=0), 1e-30))
+    inverse = np.linalg.pinv(explained.T @ explained, hermitian=True)
+    (uw, vw, uv, oval) = (scale * (inverse @ (explained.T @ fit.residuals_hu[used])))[-4:]
     within, across = edge_variance_mm2(fit.theta), float(fit.theta[WIDTH]) ** 2 / 12.0 + LEAST_SPREAD_MM2
     axes = fit.neighbourhood.axes
     told: FloatArray = (
@@ -47,29 +85,8 @@ def blur_mm2(fit: BallFit) -> FloatArray:
     return told
 
 
-def slanted_blur(fit: BallFit, used: NDArray[np.intp]) -> FloatArray:
-    """What a blur whose axes are not those of the slices adds to the ``used`` voxels (N,), HU/mm^2 (N, 4).
-
-    Along u and w, v and w, u and v, and half the difference of those along u and along v.
-    """
-    changes, around = [], fit.neighbourhood.take(used)
-    for axis in (U, V):
-        step = np.zeros(len(fit.theta))
-        step[axis] = STEP_MM
-        sides = [
-            residuals_and_jacobian(around, fit.theta + side * step, fit.layer_mm, fit.ceiling_hu)[1]
-            for side in (1.0, -1.0)
-        ]
-        changes.append((sides[0][:, CENTER] - sides[1][:, CENTER]) / (2.0 * STEP_MM))
-    by_u, by_v = changes
-    return np.column_stack([by_u[:, W], by_v[:, W], by_u[:, V], (by_u[:, U] - by_v[:, V]) / 2.0])
-
-
-def unattached(fit: BallFit) -> NDArray[np.bool_]:
-    """Voxels (N,) of the ball's edge in all directions in which nothing stands, whether these informed the fit or not.
-
-    A fit leaves out the directions that disagree: where a ball moved, those are half of it.
-    """
+def _unattached(fit: BallFit) -> NDArray[np.bool_]:
+    """Which of all voxels (N,) of a fit are of its edge where nothing stands."""
     around, theta = fit.neighbourhood, fit.theta
     depth, blur = edge_depth(around.offsets_mm, theta)
     cells = direction_cells(around.offsets_mm - theta[CENTER])

@@ -291,7 +291,7 @@ def examine_place(
         UNKNOWN if failed else by_excess(fit),
         fit.verdict.is_covered,
         None if failed else evidence.movement,
-        blur_mm2(fit) if tells_blur and {name for name, _ in failed} <= OF_THE_SHAPE else UNKNOWN,
+        blur_mm2(evidence.edge) if tells_blur and {name for name, _ in failed} <= OF_THE_SHAPE else UNKNOWN,
         failed,
     )
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.blur import slanted_blur, unattached
+from ronnaplan.localization.blur import Edge
 from ronnaplan.localization.model import BLOCK
 from ronnaplan.localization.parameters import CENTER, RADIUS, WIDTH, U, V, W
 from ronnaplan.localization.refine import BallFit
@@ -100,24 +100,23 @@ class Movement:
         return np.array([within, within, across])
 
 
-def movement(fit: BallFit) -> Movement:
-    """Fit every pattern to the residuals of a ball; beside a slanted blur, where any stands out."""
-    used = np.flatnonzero(unattached(fit))
-    plain = _movement(fit, used, np.empty((len(used), 0)))
-    if plain.statistic <= WORTH_A_LOOK:
-        return plain
-    return _movement(fit, used, slanted_blur(fit, used))
-
-
-def _movement(fit: BallFit, used: NDArray[np.intp], more: FloatArray) -> Movement:
-    """Fit every pattern to the residuals of the ``used`` voxels (N,) beside all parameters of the ball.
-
-    And beside ``more`` (N, Q) that may be there. What is left of a pattern beside these is never laid out: sums of
-    products tell all that is asked of it.
-    """
+def movement(edge: Edge) -> Movement:
+    """Fit every pattern to what is left over at the edge of a ball; beside a slanted blur, where any stands out."""
+    fit, used = edge.fit, edge.used
     offsets, slices = fit.neighbourhood.offsets_mm.take(used, axis=0), fit.neighbourhood.slices[used]
     voxels = offsets - fit.theta[CENTER], slices - slices.min(initial=0), fit.residuals_hu[used], fit.used[used]
-    products, squares, sums = _products(fit.jacobian, used, more, *voxels, float(fit.theta[RADIUS]))
+    products, squares, sums = _products(fit.jacobian, used, edge.slanted, *voxels, float(fit.theta[RADIUS]))
+    parameters, patterns = fit.jacobian.shape[1], np.arange(products.shape[1], products.shape[2])
+    plain = np.r_[np.arange(parameters), patterns]
+    told = _movement(fit, products[:, :parameters, plain], squares, sums[..., plain])
+    return told if told.statistic <= WORTH_A_LOOK else _movement(fit, products, squares, sums)
+
+
+def _movement(fit: BallFit, products: FloatArray, squares: FloatArray, sums: FloatArray) -> Movement:
+    """Tell the patterns of a ball from what `_products` returns, beside all Q that is there anyway.
+
+    What is left of a pattern beside these is never laid out: sums of products tell all that is asked of it.
+    """
     count = products.shape[1]
     both = products.sum(axis=0)
     scale = 1.0 / np.maximum(np.sqrt(np.diag(both)), 1e-30)

@@ -13,6 +13,7 @@ from phantoms.solids import cylinder, sphere
 from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import localize, uncertainty
+from ronnaplan.localization.blur import Edge
 from ronnaplan.localization.build import Build
 from ronnaplan.localization.examine import Scan, fit_place
 from ronnaplan.localization.look import metal_axis
@@ -68,16 +69,16 @@ def test_what_lies_unevenly_around_a_ball_moves_its_center_as_far_as_is_stated()
     assert np.linalg.norm(stated) > 0.01
     np.testing.assert_allclose(fit.center_mm - center, stated, atol=0.3 * float(np.linalg.norm(stated)))
     error = fit.center_mm - center
-    assert error @ np.linalg.solve(center_covariance(fit, movement(fit)), error) < CHI2_95
+    assert error @ np.linalg.solve(center_covariance(fit, movement(Edge(fit))), error) < CHI2_95
     unaware = replace(fit, center_by_layer=np.zeros((3, 3)))
-    assert error @ np.linalg.solve(center_covariance(unaware, movement(fit)), error) > CHI2_95
+    assert error @ np.linalg.solve(center_covariance(unaware, movement(Edge(fit))), error) > CHI2_95
 
 
 def test_the_scatter_over_noise_is_at_the_bound_and_within_the_stated_error(quiet: CTVolume) -> None:
     fits = [fit_of(with_white_noise(quiet, 80.0, seed)) for seed in range(12)]
     scatter = np.std([fit.center_mm for fit in fits], axis=0, ddof=1)
     bound = np.sqrt(np.diag(np.mean([cramer_rao_bound(fit, noise_level(fit)) for fit in fits], axis=0)))
-    stated = np.sqrt(np.diag(np.mean([center_covariance(fit, movement(fit)) for fit in fits], axis=0)))
+    stated = np.sqrt(np.diag(np.mean([center_covariance(fit, movement(Edge(fit))) for fit in fits], axis=0)))
     # Twelve draws know a standard deviation to a fifth; three axes are judged together.
     assert np.sqrt(np.mean((scatter / bound) ** 2)) == pytest.approx(1.0, abs=0.45)
     assert np.sqrt(np.mean((scatter / stated) ** 2)) < 1.2
@@ -91,7 +92,7 @@ def test_noise_that_is_correlated_within_the_slice_counts_for_what_it_is(quiet: 
         noisy = quiet.voxels_hu + 20.0 * noise / noise.std()
         fits.append(fit_of(replace(quiet, voxels_hu=noisy.astype(np.float32))))
     scatter = np.std([fit.center_mm for fit in fits], axis=0, ddof=1)
-    stated = np.sqrt(np.diag(np.mean([center_covariance(fit, movement(fit)) for fit in fits], axis=0)))
+    stated = np.sqrt(np.diag(np.mean([center_covariance(fit, movement(Edge(fit))) for fit in fits], axis=0)))
     # Counted as if it were white, it would be stated too small by a factor of two to six.
     assert 0.6 < np.sqrt(np.mean((scatter / stated) ** 2)) < 1.4
 
@@ -106,7 +107,7 @@ def test_noise_of_overlapping_slices_counts_for_what_it_is(across_slices: tuple[
         noisy = ball.voxels_hu + 80.0 * noise / noise.std()
         fits.append(fit_of(replace(ball, voxels_hu=noisy.astype(np.float32))))
     scatter = np.std([fit.center_mm for fit in fits], axis=0, ddof=1)
-    stated = np.sqrt(np.diag(np.mean([center_covariance(fit, movement(fit)) for fit in fits], axis=0)))
+    stated = np.sqrt(np.diag(np.mean([center_covariance(fit, movement(Edge(fit))) for fit in fits], axis=0)))
     # Taken as shared, what alternates would be stated too large by a factor of six.
     assert 0.25 < np.sqrt(np.mean((scatter / stated) ** 2)) < 1.4
 
@@ -129,7 +130,7 @@ def bent(volume: CTVolume, bend_mm: float) -> CTVolume:
 def test_an_outline_that_is_bent_oddly_adds_error_within_the_slices(quiet: CTVolume) -> None:
     noisy = with_white_noise(quiet, 10.0, 1)
     fits = [fit_of(volume) for volume in (noisy, bent(noisy, 0.02))]
-    straight, curved = (np.sqrt(np.diag(center_covariance(fit, movement(fit)))) for fit in fits)
+    straight, curved = (np.sqrt(np.diag(center_covariance(fit, movement(Edge(fit))))) for fit in fits)
     # The mean square of four harmonics, one of which is 20 um.
     assert np.allclose(curved[:2], 0.02 / 2 * np.sqrt(uncertainty.WEIGHTS["odd"]), rtol=0.35)
     assert curved[2] < 1.5 * straight[2]
@@ -137,7 +138,7 @@ def test_an_outline_that_is_bent_oddly_adds_error_within_the_slices(quiet: CTVol
 
 def test_what_bends_the_other_markers_of_a_scan_counts_in_each_of_them(quiet: CTVolume) -> None:
     noisy = with_white_noise(quiet, 10.0, 1)
-    straight, curved = (movement(fit_of(volume)) for volume in (noisy, bent(noisy, 0.02)))
+    straight, curved = (movement(Edge(fit_of(volume))) for volume in (noisy, bent(noisy, 0.02)))
     usual_mm2 = usual_odd_mm2([straight, curved, curved])
     assert usual_mm2 is not None
     assert usual_odd_mm2([straight, curved]) is None
@@ -151,7 +152,7 @@ def test_what_bends_the_other_markers_of_a_scan_counts_in_each_of_them(quiet: CT
 def test_a_ball_whose_shading_is_hidden_is_less_certain(quiet: CTVolume) -> None:
     fit = fit_of(with_white_noise(quiet, 10.0, 1))
     hidden = replace(fit, is_shaded=False)
-    stated, more = (center_covariance(one, movement(one)) for one in (fit, hidden))
+    stated, more = (center_covariance(one, movement(Edge(one))) for one in (fit, hidden))
     assert np.all(np.linalg.eigvalsh(more - stated) > 0.2 * np.linalg.eigvalsh(stated).min())
 
 
@@ -161,7 +162,9 @@ def test_what_touches_the_ball_makes_it_less_certain() -> None:
         fit_of(scan(scene, small_stack(), seed=2)) for scene in (balls([(1, 2, 3)]), post + balls([(1, 2, 3)]))
     )
     assert held.coverage < free.coverage
-    assert np.trace(center_covariance(held, movement(held))) > np.trace(center_covariance(free, movement(free)))
+    assert np.trace(center_covariance(held, movement(Edge(held)))) > np.trace(
+        center_covariance(free, movement(Edge(free)))
+    )
 
 
 def test_a_bell_no_wider_than_the_blur_within_slices_adds_what_a_lagging_panel_may_displace(
@@ -172,7 +175,7 @@ def test_a_bell_no_wider_than_the_blur_within_slices_adds_what_a_lagging_panel_m
     def stated(shape: float, blur_mm: float) -> FloatArray:
         theta = fit.theta.copy()
         theta[[SHAPE, WIDTH, BLUR]] = shape, 2.0, blur_mm  # 0.58 mm across
-        return center_covariance(replace(fit, theta=theta), movement(fit))
+        return center_covariance(replace(fit, theta=theta), movement(Edge(fit)))
 
     assert np.allclose(stated(5.0, 0.7) - stated(5.0, 0.0), LAG_MM**2 * np.diag([1.0, 1.0, 0.0]))
     assert np.allclose(stated(5.0, 0.3), stated(5.0, 0.0), atol=0.1 * LAG_MM**2)
