@@ -62,6 +62,15 @@ FIRST_DAMPING, LEAST_DAMPING = 1e-5, 1e-9
 MAX_WANDER = 0.5
 """A fit that moves by more than this share of the radius has left its candidate, and is not pursued."""
 
+MAX_WIDTH_RATIO = 3.0
+MAX_WIDTH_SHARE = 0.3
+"""The fitted profile stays within this factor of the nominal thickness and this share of the diameter, which a post
+along the slices' normal needs before it is left out: no ball explains more."""
+
+HOPELESS_SIZE, HOPELESS_SIZE_MM = 0.15, 0.6
+"""A fit whose diameter is off by more than this share of the stated one, and by more than this, is not pursued: on the
+way, markers keep to 5 % of it, and are accepted within 6 % or 0.25 mm at most."""
+
 
 @dataclass(frozen=True)
 class Prior:
@@ -126,6 +135,8 @@ def _descend(
         if new[0] < cost:
             is_at_rest = cost - new[0] < (REST_GAIN if is_still else least_gain) * cost
             theta = trial
+            if is_no_marker(theta, mean):
+                return theta, False
             cost, slope, matrix = new
             damping = max(damping / 10.0, LEAST_DAMPING)
         else:
@@ -134,6 +145,14 @@ def _descend(
         if is_at_rest:
             return theta, True
     return theta, moved_mm < LAST_STEP_MM
+
+
+@njit(cache=True, nogil=True)
+def is_no_marker(theta: FloatArray, stated: FloatArray) -> bool:
+    """Whether size or slice profile are farther from what is ``stated`` (P,) than a marker's are, on the way, too."""
+    diameter_mm, apart_mm = 2.0 * stated[RADIUS], 2.0 * abs(theta[RADIUS] - stated[RADIUS])
+    widest_mm = MAX_WIDTH_RATIO * stated[WIDTH] + MAX_WIDTH_SHARE * diameter_mm
+    return bool(theta[WIDTH] > widest_mm or apart_mm > max(HOPELESS_SIZE * diameter_mm, HOPELESS_SIZE_MM))
 
 
 @njit(cache=True, nogil=True)

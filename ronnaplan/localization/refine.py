@@ -21,6 +21,7 @@ from ronnaplan.localization.descent import (
     Prior,
     descend,
     influence,
+    is_no_marker,
     layer_jacobian,
     residuals_and_jacobian,
 )
@@ -47,11 +48,6 @@ FIRST_LOOK_MISFIT = 0.35
 """With size and blur held at their first guesses, a good direction disagrees by no more than this share of the
 contrast."""
 
-MAX_WIDTH_RATIO = 3.0
-MAX_WIDTH_SHARE = 0.3
-"""The fitted profile stays within this factor of the nominal thickness and this share of the diameter, which a post
-along the slices' normal needs before it is left out: no ball explains more."""
-
 ENHANCED_ROUND = 0.2
 ENHANCED_EDGE = 2.5
 OVERSHOOT = 1.4
@@ -65,12 +61,11 @@ HOPELESS_ROUND = 0.45
 """Nor is a fit that, once its directions were chosen, is round in less than this share of them: markers are in 0.6 and
 most in 0.8 of them, posts in 0.3 to 0.5."""
 
-HOPELESS_SIZE, HOPELESS_SIZE_MM = 0.15, 0.6
-"""Nor is one whose diameter is off by more than this share of the stated one, and by more than this: on the way,
-markers keep to 5 % of it, and are accepted within 6 % or 0.25 mm at most."""
-
 MAX_ROUNDS = 8
 """Rounds of leaving directions out and fitting again; real markers settle in two to four."""
+
+Judged = tuple[Verdict, NDArray[np.bool_]]
+"""What the directions say, and which voxels (N,) of a neighbourhood are those of the directions that agree."""
 
 
 @dataclass(frozen=True)
@@ -150,53 +145,53 @@ def fit_ball(
     dimmed = replace(around, values_hu=np.minimum(around.values_hu, theta[CONTRAST] + theta[BACKGROUND]))
     few = _thinned(len(around.values_hu))
     start = theta
-    theta, verdict = _first_look(dimmed.select(few), around, theta, prior, ceiling_hu)
+    theta, (verdict, used) = _first_look(dimmed.select(few), around, theta, prior, ceiling_hu)
     is_poor = verdict.usual_rms_hu > HOPELESS_MISFIT * theta[CONTRAST]
     if is_poor and verdict.round_share >= ENHANCED_ROUND:
         enhanced = theta.copy()
         enhanced[EDGE] = ENHANCED_EDGE
         other = _first_look(dimmed.select(few), around, enhanced, prior, ceiling_hu)
-        if other[1].usual_rms_hu < verdict.usual_rms_hu:
-            theta, verdict = other
+        if other[1][0].usual_rms_hu < verdict.usual_rms_hu:
+            theta, (verdict, used) = other
             dimmed = replace(
                 around, values_hu=np.minimum(around.values_hu, start[BACKGROUND] + OVERSHOOT * start[CONTRAST])
             )
     if verdict.usual_rms_hu <= FIRST_LOOK_MISFIT * theta[CONTRAST]:
         theta, _ = descend(dimmed.select(few), theta, prior, ceiling_hu, is_look=True)
-        verdict, _ = _judged(around, theta, prior.layer_mm, ceiling_hu)
-    if _is_hopeless(theta, verdict, start):
+        verdict, used = _judged(around, theta, prior.layer_mm, ceiling_hu)
+    if _is_hopeless(theta, verdict, prior):
         return _ball_fit(around, theta, prior, verdict, few, ceiling_hu, converged=False)
-    around = around.select(
-        np.abs(edge_depth(around.offsets_mm, theta)[0]) < margin_mm(theta[WIDTH], theta[BLUR]) + 1.0
-    )
-    fits = [_settle(around, theta, prior, ceiling_hu, start)]
+    near = np.abs(edge_depth(around.offsets_mm, theta)[0]) < margin_mm(theta[WIDTH], theta[BLUR]) + 1.0
+    around, judged = around.select(near), (verdict, used[near])
+    fits = [_settle(around, theta, prior, ceiling_hu, judged)]
     if fits[0].verdict.round_share >= HOPELESS_ROUND and lies_on_something(theta, verdict):
-        on_skin = _settle(around, *with_skin(theta, prior, verdict, around), ceiling_hu, start)
+        on_skin = _settle(around, *with_skin(theta, prior, verdict, around), ceiling_hu, judged)
         fits += [on_skin] if is_beneath(on_skin.theta) else []
     return max(fits, key=lambda fit: (fit.converged, fit.coverage))
 
 
 def _first_look(
     dimmed: Neighbourhood, around: Neighbourhood, theta: FloatArray, prior: Prior, ceiling_hu: float
-) -> tuple[FloatArray, Verdict]:
+) -> tuple[FloatArray, Judged]:
     """Let the center find its place with the shape held; ``dimmed`` are a few of ``around``, none brighter than it."""
     theta, _ = descend(dimmed, theta, frozen(prior, theta), ceiling_hu, is_look=True)
-    return theta, _judged(around, theta, prior.layer_mm, ceiling_hu)[0]
+    return theta, _judged(around, theta, prior.layer_mm, ceiling_hu)
 
 
-def _settle(
-    around: Neighbourhood, theta: FloatArray, prior: Prior, ceiling_hu: float, start: FloatArray
-) -> BallFit:
-    """Leave out the directions that disagree and fit again, until the choice is stable."""
+def _settle(around: Neighbourhood, theta: FloatArray, prior: Prior, ceiling_hu: float, judged: Judged) -> BallFit:
+    """Leave out the directions that disagree and fit again, until the choice is stable; ``judged`` is the first one."""
+    verdict, used = judged
     if has_skin(theta):  # the skin's level and place are a guess: fit them before judging by them
         near = around.select(within_reach(*edge_depth(around.offsets_mm, theta)))
         theta, _ = descend(near, theta, prior, ceiling_hu)
+        verdict, used = _judged(around, theta, prior.layer_mm, ceiling_hu)
     previous = np.empty(0, dtype=np.int8)
     converged = True
     for number in range(MAX_ROUNDS):
-        verdict, used = _judged(around, theta, prior.layer_mm, ceiling_hu)
+        if number > 0:
+            verdict, used = _judged(around, theta, prior.layer_mm, ceiling_hu)
         is_no_ball = number > 0 and verdict.round_share < HOPELESS_ROUND
-        if is_no_ball or _is_hopeless(theta, verdict, start) or used.sum() < 3 * len(theta):
+        if is_no_ball or _is_hopeless(theta, verdict, prior) or used.sum() < 3 * len(theta):
             converged = False
         if not converged or np.array_equal(verdict.state, previous):
             break
@@ -254,17 +249,13 @@ def _thinned(count: int) -> NDArray[np.bool_]:
     return marked
 
 
-def _is_hopeless(theta: FloatArray, verdict: Verdict, start: FloatArray) -> bool:
-    wandered = float(np.linalg.norm(theta[CENTER])) > MAX_WANDER * start[RADIUS]
-    smeared = bool(theta[WIDTH] > MAX_WIDTH_RATIO * start[WIDTH] + 2.0 * MAX_WIDTH_SHARE * start[RADIUS])
-    apart_mm = 2.0 * abs(float(theta[RADIUS] - start[RADIUS]))
-    resized = apart_mm > max(HOPELESS_SIZE * 2.0 * float(start[RADIUS]), HOPELESS_SIZE_MM)
-    return wandered or smeared or resized or bool(verdict.usual_rms_hu > HOPELESS_MISFIT * theta[CONTRAST])
+def _is_hopeless(theta: FloatArray, verdict: Verdict, prior: Prior) -> bool:
+    wandered = float(np.linalg.norm(theta[CENTER])) > MAX_WANDER * prior.mean[RADIUS]
+    ragged = bool(verdict.usual_rms_hu > HOPELESS_MISFIT * theta[CONTRAST])
+    return wandered or ragged or is_no_marker(theta, prior.mean)
 
 
-def _judged(
-    around: Neighbourhood, theta: FloatArray, layer_mm: float, ceiling_hu: float
-) -> tuple[Verdict, NDArray[np.bool_]]:
+def _judged(around: Neighbourhood, theta: FloatArray, layer_mm: float, ceiling_hu: float) -> Judged:
     """Judge every direction by the voxels within reach; returns which voxels (N,) those that agree are."""
     verdict, cells = judge(around, theta, layer_mm, ceiling_hu)
     return verdict, (cells >= 0) & (verdict.state[cells] == 1)
