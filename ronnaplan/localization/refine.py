@@ -158,7 +158,8 @@ def fit_ball(
             )
     if verdict.usual_rms_hu <= FIRST_LOOK_MISFIT * theta[CONTRAST]:
         theta, _ = descend(dimmed.select(few), theta, prior, ceiling_hu, is_look=True)
-        verdict, used = _judged(around, theta, prior.layer_mm, ceiling_hu)
+        if not is_no_marker(theta, prior.mean):  # else it is given up, and what was told last will do
+            verdict, used = _judged(around, theta, prior.layer_mm, ceiling_hu)
     if _is_hopeless(theta, verdict, prior):
         return _ball_fit(around, theta, prior, verdict, few, ceiling_hu, converged=False)
     near = np.abs(edge_depth(around.offsets_mm, theta)[0]) < margin_mm(theta[WIDTH], theta[BLUR]) + 1.0
