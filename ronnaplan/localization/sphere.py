@@ -54,29 +54,38 @@ def spheres_at(
 
 @njit(cache=True, nogil=True)
 def _look(found: FloatArray, directions: FloatArray, is_hollow: bool, voxel_mm: float, lookup: Lookup) -> None:
-    """Turn places and diameters (N, 5) along u, v, w into spheres, each with its share of the surface or 0."""
+    """Turn places and diameters (N, 5) along u, v, w into spheres, each with its share of the surface or 0.
+
+    Written out, as all below: what numba makes of whole arrays' arithmetic takes it many seconds to compile.
+    """
     for n in range(len(found)):
-        center, diameter = found[n, :3].copy(), found[n, 3]
-        falls = np.empty((0, 3))
-        is_one = True
+        center, diameter, share = found[n, :3].copy(), found[n, 3], 1.0
         for _ in range(2):  # the second time from the sphere's own center
-            falls = _falls(center, diameter / 2.0, directions, is_hollow, lookup)
-            is_one = len(falls) >= LEAST_SHOWN * len(directions)
-            if not is_one:
-                break
-            aside, radius = _sphere_through(falls)
-            is_one = SAME_RATIO[0] < 2.0 * radius / diameter < SAME_RATIO[1]
-            if not is_one:
-                break
-            falls -= aside
-            center, diameter = center + aside, 2.0 * radius
-        if not is_one:
-            continue
-        near_mm = max(NEAR_SHARE * diameter / 2.0, NEAR_VOXELS * voxel_mm)
-        off_mm = np.abs(np.sqrt((falls**2).sum(axis=1)) - diameter / 2.0)
-        share = np.sum(off_mm <= near_mm) / len(directions)
+            if share > 0.0:
+                diameter, share = _closer(center, diameter, directions, is_hollow, voxel_mm, lookup)
         if share >= LEAST_ROUND:
-            found[n, :3], found[n, 3], found[n, 4] = center, diameter, share
+            for a in range(3):
+                found[n, a] = center[a]
+            found[n, 3], found[n, 4] = diameter, share
+
+
+@njit(cache=True, nogil=True)
+def _closer(
+    center: FloatArray, diameter: float, directions: FloatArray, is_hollow: bool, voxel_mm: float, lookup: Lookup
+) -> tuple[float, float]:
+    """Move ``center`` (3,) to that of the sphere that is seen from it; return its diameter and share, or 0 for none."""
+    falls = _falls(center, diameter / 2.0, directions, is_hollow, lookup)
+    if len(falls) < LEAST_SHOWN * len(directions):
+        return diameter, 0.0
+    aside, radius = _sphere_through(falls)
+    if not SAME_RATIO[0] < 2.0 * radius / diameter < SAME_RATIO[1]:
+        return diameter, 0.0
+    off_mm, near_mm, near = _off_sphere(falls, aside, radius), max(NEAR_SHARE * radius, NEAR_VOXELS * voxel_mm), 0
+    for n in range(len(off_mm)):
+        near += off_mm[n] <= near_mm
+    for a in range(3):
+        center[a] += aside[a]
+    return 2.0 * radius, near / len(directions)
 
 
 @njit(cache=True, nogil=True)
@@ -84,35 +93,60 @@ def _falls(
     center: FloatArray, radius: float, directions: FloatArray, is_hollow: bool, lookup: Lookup
 ) -> FloatArray:
     """Return, from the center, the places (N, 3) at which the image first falls to half its step, where it does."""
-    reach = np.linspace(0.3, 1.8, BALL_RADII) * radius
-    values = np.empty((BALL_RADII, len(directions)))
+    reach = np.linspace(0.3, 1.8, BALL_RADII)
+    values, places = np.empty((BALL_RADII, len(directions))), np.empty_like(directions)
+    start, highest = 0, -np.inf
     for r in range(BALL_RADII):
-        fill_nearest(center, reach[r] * directions, *lookup, values[r])
-    start = 0
-    if is_hollow:  # what is hollow is dark within
-        usual = np.array([_quantile(values[r], 0.5) for r in range(BALL_RADII)])
-        start = int(np.argmax(np.where(np.isnan(usual), -np.inf, usual)))
+        reach[r] *= radius
+        for n in range(len(directions)):
+            _go(directions[n], reach[r], places[n])
+        fill_nearest(center, places, *lookup, values[r])
+        usual = _quantile(values[r], 0.5) if is_hollow else -np.inf
+        if usual > highest:  # what is hollow is dark within
+            start, highest = r, usual
     level = (_quantile(values[start], 0.5) + _quantile(values[-1], SURROUNDINGS_SHARE)) / 2.0
-    falls, count = np.empty_like(directions), 0
+    count = 0
     for n in range(len(directions)):
         first = start
         while first < BALL_RADII and not values[first, n] < level:
             first += 1
         if start < first < BALL_RADII:
-            falls[count] = (reach[first] - (reach[1] - reach[0]) / 2.0) * directions[n]
+            _go(directions[n], reach[first] - (reach[1] - reach[0]) / 2.0, places[count])
             count += 1
-    return falls[:count].copy()
+    return places[:count].copy()
+
+
+@njit(cache=True, nogil=True)
+def _go(direction: FloatArray, far: float, place: FloatArray) -> None:
+    """Fill ``place`` (3,) with what lies so far in a direction (3,)."""
+    for a in range(3):
+        place[a] = far * direction[a]
 
 
 @njit(cache=True, nogil=True)
 def _quantile(values: FloatArray, share: float) -> float:
     """What this ``share`` of the known values (N,) reach at most; NaN where none is known."""
-    known = np.sort(values[~np.isnan(values)])
-    if len(known) == 0:
+    known, count = np.empty(len(values)), 0
+    for value in values:
+        if not math.isnan(value):
+            known[count] = value
+            count += 1
+    if count == 0:
         return math.nan
-    place = share * (len(known) - 1)
+    known = np.sort(known[:count])
+    place = share * (count - 1)
     below = int(place)
-    return float(known[below] + (place - below) * (known[min(below + 1, len(known) - 1)] - known[below]))
+    return float(known[below] + (place - below) * (known[min(below + 1, count - 1)] - known[below]))
+
+
+@njit(cache=True, nogil=True)
+def _off_sphere(points: FloatArray, center: FloatArray, radius: float) -> FloatArray:
+    """Return how far each of the points (N, 3) lies from a sphere."""
+    off = np.empty(len(points))
+    for n in range(len(points)):
+        x, y, z = points[n, 0] - center[0], points[n, 1] - center[1], points[n, 2] - center[2]
+        off[n] = abs(math.sqrt(x * x + y * y + z * z) - radius)
+    return off
 
 
 @njit(cache=True, nogil=True)
@@ -121,12 +155,35 @@ def _sphere_through(points: FloatArray) -> tuple[FloatArray, float]:
 
     Least squares of |p|^2 = 2 c . p + r^2 - |c|^2, twice, the second time without what lies off the first sphere.
     """
-    used, center, radius = points, np.zeros(3), 0.0
+    solved, radius, off, most = np.zeros(4), 0.0, np.zeros(len(points)), 0.0
     for _ in range(2):
-        design = np.ones((len(used), 4))
-        design[:, :3] = 2.0 * used
-        solved = np.linalg.lstsq(design, (used**2).sum(axis=1))[0]
-        center, radius = solved[:3], math.sqrt(max(solved[3] + (solved[:3] ** 2).sum(), 1e-12))
-        off = np.abs(np.sqrt(((points - center) ** 2).sum(axis=1)) - radius)
-        used = points[off <= 2.0 * np.median(off)]
-    return center, radius
+        normal, row = np.zeros((4, 5)), np.ones(5)
+        for n in range(len(points)):
+            if off[n] <= most:
+                x, y, z = points[n, 0], points[n, 1], points[n, 2]
+                row[0], row[1], row[2], row[4] = 2.0 * x, 2.0 * y, 2.0 * z, x * x + y * y + z * z
+                for a in range(4):
+                    for b in range(5):
+                        normal[a, b] += row[a] * row[b]
+        _solve(normal, solved)
+        radius = math.sqrt(max(solved[3] + solved[0] ** 2 + solved[1] ** 2 + solved[2] ** 2, 1e-12))
+        off = _off_sphere(points, solved, radius)
+        most = 2.0 * _quantile(off, 0.5)
+    return solved[:3].copy(), radius
+
+
+@njit(cache=True, nogil=True)
+def _solve(normal: FloatArray, solved: FloatArray) -> None:
+    """Fill ``solved`` (P,) from normal equations with their right side (P, P + 1), which are eliminated in place."""
+    count = len(solved)
+    for p in range(count):
+        for q in range(p + 1, count):
+            share = normal[q, p] / normal[p, p]
+            for c in range(p, count + 1):
+                normal[q, c] -= share * normal[p, c]
+    for back in range(count):
+        p = count - 1 - back
+        left = normal[p, count]
+        for c in range(p + 1, count):
+            left -= normal[p, c] * solved[c]
+        solved[p] = left / normal[p, p]
