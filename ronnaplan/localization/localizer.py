@@ -61,9 +61,8 @@ def localize(
     check_type(marker, Build, "the marker", "Build.parse('shell:1') returns one")
     diameters = check_request(diameter_mm, expected)
     with ThreadPoolExecutor(1) as beside:
-        beside.submit(
-            lambda: volume.voxel_sha256
-        )  # to say which scan it is takes half as long as to find its markers
+        # To say which scan it is takes half as long as to find its markers.
+        beside.submit(lambda: volume.voxel_sha256)
         scan, examined = _examined(volume, diameters, marker, progress)
     examined = by_the_usual(scan, examined, marker, usual_of(examined))
     judged = alike(distinct(one for one in examined if one.is_marker))
