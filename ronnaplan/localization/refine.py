@@ -27,7 +27,6 @@ from ronnaplan.localization.descent import (
 )
 from ronnaplan.localization.directions import Verdict, edge_depth, judge, on_surface, within_reach
 from ronnaplan.localization.guess import ball_prior, first_guess, frozen, margin_mm
-from ronnaplan.localization.model import has_skin
 from ronnaplan.localization.neighbourhood import Neighbourhood
 from ronnaplan.localization.parameters import (
     BACKGROUND,
@@ -163,10 +162,10 @@ def fit_ball(
     if _is_hopeless(theta, verdict, prior):
         return _ball_fit(around, theta, prior, verdict, few, ceiling_hu, converged=False)
     near = np.abs(edge_depth(around.offsets_mm, theta)[0]) < margin_mm(theta[WIDTH], theta[BLUR]) + 1.0
-    around, judged = around.select(near), (verdict, used[near])
-    fits = [_settle(around, theta, prior, ceiling_hu, judged)]
+    around = around.select(near)
+    fits = [_settle(around, theta, prior, ceiling_hu, (verdict, used[near]))]
     if fits[0].verdict.round_share >= HOPELESS_ROUND and lies_on_something(theta, verdict):
-        on_skin = _settle(around, *with_skin(theta, prior, verdict, around), ceiling_hu, judged)
+        on_skin = _settle_on_skin(around, *with_skin(theta, prior, verdict, around), ceiling_hu)
         fits += [on_skin] if is_beneath(on_skin.theta) else []
     return max(fits, key=lambda fit: (fit.converged, fit.coverage))
 
@@ -182,10 +181,6 @@ def _first_look(
 def _settle(around: Neighbourhood, theta: FloatArray, prior: Prior, ceiling_hu: float, judged: Judged) -> BallFit:
     """Leave out the directions that disagree and fit again, until the choice is stable; ``judged`` is the first one."""
     verdict, used = judged
-    if has_skin(theta):  # the skin's level and place are a guess: fit them before judging by them
-        near = around.select(within_reach(*edge_depth(around.offsets_mm, theta)))
-        theta, _ = descend(near, theta, prior, ceiling_hu)
-        verdict, used = _judged(around, theta, prior.layer_mm, ceiling_hu)
     previous = np.empty(0, dtype=np.int8)
     converged = True
     for number in range(MAX_ROUNDS):
@@ -199,6 +194,13 @@ def _settle(around: Neighbourhood, theta: FloatArray, prior: Prior, ceiling_hu: 
         previous = verdict.state
         theta, converged = descend(around.select(used), theta, prior, ceiling_hu)
     return _ball_fit(around, theta, prior, verdict, used, ceiling_hu, converged=converged)
+
+
+def _settle_on_skin(around: Neighbourhood, theta: FloatArray, prior: Prior, ceiling_hu: float) -> BallFit:
+    """Settle on a guessed skin, whose level and place are fitted before directions are judged by them."""
+    near = around.select(within_reach(*edge_depth(around.offsets_mm, theta)))
+    theta, _ = descend(near, theta, prior, ceiling_hu)
+    return _settle(around, theta, prior, ceiling_hu, _judged(around, theta, prior.layer_mm, ceiling_hu))
 
 
 def _ball_fit(
