@@ -7,6 +7,10 @@ import pytest
 from tests import isolation, shared
 
 
+LONG = ("browser", "test_readme")
+"""Parts of the names of files that take longest."""
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Leave this machine's network before anything listens."""
     isolation.isolate()
@@ -14,5 +18,5 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the browser's files, which take longest: so no core waits long for the other's last one."""
-    items.sort(key=lambda item: "browser" not in item.path.name)
+    """Begin with the files that take longest: so no core waits long for the other's last one."""
+    items.sort(key=lambda item: not any(part in item.path.name for part in LONG))
