@@ -6,7 +6,6 @@ import pytest
 
 from tests import isolation, shared
 
-
 LONG = ("browser", "test_readme")
 """Parts of the names of files that take longest."""
 
