@@ -13,8 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from enum import Enum, EnumMeta
 from functools import cache
 from pathlib import Path
@@ -24,6 +23,8 @@ from typing import Any, TypeVar, cast
 import numba
 import numpy as np
 from numba.core import caching
+from numba.core.dispatcher import Dispatcher
+from numba.core.runtime.nrt import rtsys
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -31,26 +32,16 @@ PLAIN = (bool, int, float, complex, str, bytes, np.generic)
 """Constants whose text tells their value."""
 
 
-def njit(**options: Any) -> Callable[[Function], Function]:
-    """Compile a function of numbers and arrays to machine code; ``options`` are those of `numba.njit`."""
+def njit(*, cache: bool = False, **options: Any) -> Callable[[Function], Function]:
+    """Compile a function of numbers and arrays to machine code; the options are those of `numba.njit`."""
 
     def compiled(function: Function) -> Function:
-        with _own_locators():
-            return cast(Function, numba.njit(**options)(function))
+        kernel: Any = numba.njit(**options)(function)
+        if cache and isinstance(kernel, Dispatcher):  # it is none where numba was told to compile nothing
+            kernel._cache = Copies(function)  # type: ignore[attr-defined, no-untyped-call]
+        return cast(Function, kernel)
 
     return compiled
-
-
-@contextmanager
-def _own_locators() -> Iterator[None]:
-    """Let numba keep the copies of what is compiled just now by these rules, unless a person has stated others."""
-    config: Any = numba.config
-    stated = config.CACHE_LOCATOR_CLASSES
-    config.CACHE_LOCATOR_CLASSES = stated or ",".join(f"{__name__}.{one.__name__}" for one in LOCATORS)
-    try:
-        yield
-    finally:
-        config.CACHE_LOCATOR_CLASSES = stated
 
 
 def _never_stale(locator: type) -> type:
@@ -96,9 +87,33 @@ def _module(name: str) -> str:
     return hashlib.sha256(source).hexdigest() + imported(vars(module))
 
 
-UserProvidedCacheLocator = _never_stale(caching.UserProvidedCacheLocator)
-InTreeCacheLocator = _never_stale(caching.InTreeCacheLocator)
-UserWideCacheLocator = _never_stale(caching.UserWideCacheLocator)
-ZipCacheLocator = _never_stale(caching.ZipCacheLocator)
-LOCATORS = (UserProvidedCacheLocator, InTreeCacheLocator, UserWideCacheLocator, ZipCacheLocator)
+LOCATORS: list[type[object]] = [
+    _never_stale(caching.UserProvidedCacheLocator),
+    _never_stale(caching.InTreeCacheLocator),
+    _never_stale(caching.UserWideCacheLocator),
+    _never_stale(caching.ZipCacheLocator),
+]
 """Where copies are looked for, in numba's order."""
+
+
+class _Copy(caching.CompileResultCacheImpl):
+    """Where a copy lies, unless a person has stated other places to numba, and what is in it."""
+
+    _locator_classes = LOCATORS
+
+
+class Copies(caching.FunctionCache):
+    """A kernel's copies on disk.
+
+    To read one, numba would load all that any kernel could be compiled with, which takes longer than most kernels run.
+    A copy is machine code and names itself the modules that it needs; that is loaded and no more, until something is
+    compiled.
+    """
+
+    _impl_class = _Copy
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        """Return the kernel for ``signature`` as it was compiled once, or None."""
+        rtsys.initialize(context)  # its memory management, which every kernel is linked to
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(signature, context)  # type: ignore[no-untyped-call]

@@ -38,6 +38,30 @@ MODULES = {
 }
 RUN = "import pack.aside; from pack.top import outer; print(outer(3.0), sum(outer.stats.cache_hits.values()))"
 
+MIXED = """
+import sys
+
+from kernelcache import njit
+import numpy as np
+@njit(cache=True)
+def mixed(n: int) -> tuple[int, float, int]:
+    seen = {}
+    chosen = set()
+    for k in range(n):
+        seen[str(k)] = k
+        chosen.add(k % 3)
+    solved = np.linalg.solve(np.eye(n) * 2.0, np.ones(n))
+    if n > 9:
+        raise ValueError("too many")
+    return len(seen) + len(chosen), solved.sum(), np.argsort(np.sort(-np.arange(n)))[0]
+@njit()
+def around(n: int) -> float:
+    return mixed(n)[1] + 1.0
+first = mixed(4)
+compiler = "numba.np.polynomial.polynomial_core" in sys.modules
+print(*first, *mixed.stats.cache_hits.values(), compiler, around(6), sep=", ")
+"""
+
 
 @pytest.fixture
 def pack(tmp_path: Path) -> Path:
@@ -48,18 +72,22 @@ def pack(tmp_path: Path) -> Path:
     return folder
 
 
-def answer(pack: Path) -> tuple[float, int]:
-    """What a new process computes, and how often it took a copy from the disk."""
-    paths = [str(pack.parent), str(Path(__file__).parents[1])]
-    done = subprocess.run(
-        [sys.executable, "-c", RUN],
-        cwd=pack.parent,
+def told(folder: Path, *arguments: str) -> str:
+    """What Python prints in a new process."""
+    paths = [str(folder), str(Path(__file__).parents[1])]
+    return subprocess.run(
+        [sys.executable, *arguments],
+        cwd=folder,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(paths), "PYTHONDONTWRITEBYTECODE": "1"},
         capture_output=True,
         text=True,
         check=True,
-    )
-    value, hits = done.stdout.split()
+    ).stdout.strip()
+
+
+def answer(pack: Path) -> tuple[float, int]:
+    """What a new process computes, and how often it took a copy from the disk."""
+    value, hits = told(pack.parent, "-c", RUN).split()
     return float(value), int(hits)
 
 
@@ -77,3 +105,10 @@ def test_a_copy_is_made_anew_where_a_constant_or_a_kernel_of_another_module_chan
     assert answer(pack) == (12.0, 0)
     change(pack / "constants.py", "10.0", "20.0")
     assert answer(pack) == (22.0, 0)
+
+
+def test_a_copy_runs_as_before_and_loads_nothing_that_only_compiling_takes(tmp_path: Path) -> None:
+    """What is compiled after it, and calls it, is none the worse."""
+    (tmp_path / "mixed.py").write_text(MIXED)
+    assert told(tmp_path, "mixed.py") == "7, 2.0, 0, True, 4.0"
+    assert told(tmp_path, "mixed.py") == "7, 2.0, 0, 1, False, 4.0"
