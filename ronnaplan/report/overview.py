@@ -45,19 +45,25 @@ STYLE = """
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What there is to see of a case: its things, and a picture of them with the trajectories' names (PNG)."""
+    """What there is to see of a case: its things, and a picture of them with the trajectories' names (PNG).
+
+    ``robot_png`` is a picture of the robot beside them, empty where it has no place.
+    """
 
     things: Sequence[Thing]
     still_png: bytes
+    robot_png: bytes = b""
 
 
 def view_of(case: Case) -> View:
     """Return what there is to see of a case with its scan; raises `InputError` where it cannot be made."""
+    from ronnaplan.scene import robot
     from ronnaplan.scene.contents import things_of
 
     with Workshop() as workshop:
         things = things_of(workshop, case, MOST_TRIANGLES)
-        return View(things, _named(workshop, case, things))
+        beside = robot.still_png(workshop, case.placement, things) if case.placement else b""
+        return View(things, _named(workshop, case, things), beside)
 
 
 def overview_part(case: Case, seen: View | None, *, turns: bool) -> Part:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,20 +11,19 @@ from ronnaplan.documents.placement import PlaceEntry, PlacementDocument
 from ronnaplan.planning.rows import number
 from ronnaplan.report.html import element, picture, table
 from ronnaplan.report.part import Part
-from ronnaplan.scene.things import Thing
+
+if TYPE_CHECKING:
+    from ronnaplan.report.overview import View
 
 TITLE = "Placement of the robot"
 PLACES = ("", "x mm", "y mm", "z mm", "turn deg", "least joint margin deg", "serves all after parking")
 TASKS = ("task", "", "joints deg", "singular deg", "clearance mm", "tracker deg")
-SHAPE = (600, 1000)
-FROM = np.array([-0.55, -0.65, 0.52])
-"""From what is shown to the eye, in the room."""
 
 
-def placement_part(case: Case, seen: Sequence[Thing] = ()) -> Part:
+def placement_part(case: Case, seen: View | None = None) -> Part:
     """Tell the places found, and of the best one every task's margins; what blocks is a warning.
 
-    ``seen`` is what there is to see of the head.
+    ``seen`` is what there is to see of the case; without it the robot is shown alone.
     """
     found = case.placement
     if found is None:
@@ -54,18 +53,20 @@ def placement_part(case: Case, seen: Sequence[Thing] = ()) -> Part:
     return Part(TITLE, body, _warnings(case, found, best))
 
 
-def _drawn(found: PlacementDocument, seen: Sequence[Thing]) -> list[str]:
+def _drawn(found: PlacementDocument, seen: View | None) -> list[str]:
     """Return a picture of the robot beside the head, where the document holds it."""
-    from ronnaplan.scene.portrait import still_png
-    from ronnaplan.scene.robot import in_room, robot_things
+    from ronnaplan.scene import robot
     from ronnaplan.scene.vtk import Workshop
 
-    robot = robot_things(found)
-    if not robot:
+    if not robot.robot_things(found):
         return []
+    if seen is not None:
+        still = seen.robot_png
+    else:
+        with Workshop() as workshop:
+            still = robot.still_png(workshop, found)
     caption = "the robot at the first place, in its reference posture; the ring is its reach about its shoulder"
-    with Workshop() as workshop:
-        return [picture(still_png(workshop, in_room(found, [*robot, *seen]), SHAPE, FROM), caption)]
+    return [picture(still, caption)]
 
 
 def _place(found: PlacementDocument, count: int, one: PlaceEntry) -> list[str]:

@@ -50,7 +50,7 @@ def drafted(
         markers_part(case),
         paths_part(case),
         registration_part(case),
-        placement_part(case, seen.things if seen is not None else ()),
+        placement_part(case, seen),
     ]
     title, made = (f"Quality report: {name}" if name else "Quality report"), f"ronnaplan {__version__}, {_now()}"
     return Draft(

@@ -17,6 +17,7 @@ from ronnaplan.scene.things import Thing, rgb
 if TYPE_CHECKING:
     from ronnaplan.documents.placement import PlacementDocument
     from ronnaplan.documents.room import BoxEntry, CapsuleEntry
+    from ronnaplan.scene.vtk import Workshop
 
 ROBOT_COLOUR: Final = "#f57c00"
 ROOM_COLOUR: Final = "#78909c"
@@ -25,6 +26,10 @@ OTHER_COLOUR: Final = "#ffcc80"
 TRACKER_MM: Final = 60.0
 REACH_SIDES: Final = 72
 LINE_MM: Final = 6.0
+SHAPE: Final = (600, 1000)
+"""Rows and columns of the picture."""
+FROM: Final = np.array([-0.55, -0.65, 0.52])
+"""From what is shown to the eye, in the room."""
 
 
 def robot_things(placement: PlacementDocument) -> list[Thing]:
@@ -58,6 +63,14 @@ def in_room(placement: PlacementDocument, things: Sequence[Thing]) -> list[Thing
     best = placement.robot_from_ct[0]
     room_from_ct = np.array(best.room_from_r) @ np.array(best.r_from_ct)
     return [replace(one, body=moved(one.body, room_from_ct)) for one in things]
+
+
+def still_png(workshop: Workshop, placement: PlacementDocument, things: Sequence[Thing] = ()) -> bytes:
+    """Return a picture (PNG) of the robot with things of the scan's coordinates, empty where there is no robot."""
+    from ronnaplan.scene import portrait
+
+    robot = robot_things(placement)
+    return portrait.still_png(workshop, in_room(placement, [*robot, *things]), SHAPE, FROM) if robot else b""
 
 
 def _capsule(one: CapsuleEntry) -> Body:

@@ -1,5 +1,6 @@
 """The robot in the scene of a head stands where the placement says, and only where there is one."""
 
+import base64
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from ronnaplan.case.folder import Case
 from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.placement import PlacementDocument, placement_document
 from ronnaplan.errors import FrameMismatchError
+from ronnaplan.report.overview import View
 from ronnaplan.report.part import html_of
 from ronnaplan.report.placement_part import placement_part
 from ronnaplan.robot.arm.kuka import kr6_r900
@@ -81,6 +83,8 @@ def test_the_report_tells_places_margins_and_what_they_do_not_cover() -> None:
     assert [one for one in part.warnings if "trajectory" in one] == [
         "the robot's place was not found for trajectory later; run 'robot place' again"
     ]
+    part = placement_part(Case(plan=plan, placement=document()), View([], b"", b"beside the head"))
+    assert base64.b64encode(b"beside the head").decode() in "".join(html_of(part.body))
     blocked = document(robot_from_ct=(), status="blocked", blocked=("joint 5 is beyond its limit",))
     part = placement_part(Case(plan=cases.plan(), placement=blocked))
     assert part.warnings == ["no place of the robot serves all: joint 5 is beyond its limit"]
