@@ -33,7 +33,7 @@ from ronnaplan.scene.vtk import Workshop
 CHANGED = "another hand has changed the case; it is shown as it is now"
 
 FIRST_LOOK_S = 0.3
-"""The browser has this long to draw the cuts before the rest is loaded."""
+"""The browser has this long to draw the cuts before what measures is loaded."""
 
 LOOK_AGAIN_S = 0.5
 """How often the files are looked at for what another hand has written; shown within 2 s, drawing included."""
@@ -69,7 +69,7 @@ class PlannerApp:
         self._spare: Tab | None = None
         """What the first page will show."""
         self._ahead = ThreadPoolExecutor(1)
-        """Draws it while the browser is already answered."""
+        """Draws it while the browser is already answered, and waits for the head then."""
         self.parts: HeadParts | None = None
         """What the head is drawn from, None until it is made."""
         self.left = False
@@ -82,6 +82,7 @@ class PlannerApp:
         self._latest = state
         self._waking = False
         self._workshop = workshop
+        self._making: asyncio.Task[None] | None = None
         self._measuring: asyncio.Task[None] | None = None
         self._measured_against: Surroundings | None = None
         self._watching: asyncio.Task[None] | None = None
@@ -182,12 +183,15 @@ class PlannerApp:
     def leave(self) -> None:
         """Stop the server for the start page."""
         self.left = True
-        if self._watching is not None:
-            self._watching.cancel()
+        for task in (self._watching, self._making):
+            if task is not None:
+                task.cancel()
         asyncio.ensure_future(self.server.stop())  # noqa: RUF006  # ends with the loop
 
     def forget(self) -> None:
         """Let the case go: trame keeps its server, and with that this, for as long as the process lasts."""
+        if self._workshop is not None:
+            self._workshop.end()  # which holds the scan, and may not be done
         self._ahead.shutdown()
         self.state.following.stop()
         self.tabs.clear()
@@ -261,15 +265,19 @@ class PlannerApp:
         self.refresh()
 
     async def _wake(self, **_: Any) -> None:
-        """Once the first picture is seen: load what measures and what draws in 3-D, which takes seconds."""
+        """Once the first picture is seen: load what measures, which takes seconds."""
         if self._waking:
             return
         self._waking = True
         await asyncio.sleep(FIRST_LOOK_S)
-        workshop, case = self._workshop or Workshop(), self.state.case
         self._measure_soon()
-        work = partial(head_parts, workshop, case.volume, self.state.masks, MOST_TRIANGLES)
-        self.parts = await asyncio.get_running_loop().run_in_executor(None, work)
+
+    async def _make_head(self) -> None:
+        """Have what is drawn in 3-D made by a process that gives way to whatever is waited for."""
+        self._workshop = self._workshop or Workshop()
+        self.parts = await asyncio.get_running_loop().run_in_executor(
+            self._ahead, head_parts, self._workshop, self.state.case.volume, self.state.masks, MOST_TRIANGLES
+        )
         for tab in self.tabs.values():
             self._open_head(tab)
         self.refresh()
@@ -280,9 +288,10 @@ class PlannerApp:
             tab.pointer.head = tab.head.scene
 
     async def _watch(self, **_: Any) -> None:
-        """Draw what the first page will show; from then on show what another hand has written."""
+        """Draw what the first page will show, have the head made, and show what another hand writes from then on."""
         self._watching, self._loop = asyncio.current_task(), asyncio.get_running_loop()
         await self._draw_ahead()
+        self._making = self._loop.create_task(self._make_head())
         while True:
             await asyncio.sleep(LOOK_AGAIN_S)
             try:

@@ -47,7 +47,7 @@ def serve(
 
     ``patient`` is the name to show, None to show none. ``origin`` says where the scan was read, for report and scene.
     ``address`` is where a start page was, which the planner replaces and may go back to. ``workshop`` makes the
-    head's surfaces; without one it is begun when a page is open.
+    head's surfaces; without one it is begun here.
 
     Raises `InputError` where the port is taken or trame is not installed, `UsageError` for no single address.
     """

@@ -51,11 +51,16 @@ class Workshop:
 
     def __exit__(self, *_: object) -> None:
         """End it, whether it was needed or not."""
+        self.end()
+
+    def end(self) -> None:
+        """End it; a task that another thread waits for fails."""
         self._process.kill()
         self._process.wait()
         for stream in (self._process.stdin, self._process.stdout, self._told):
             if stream is not None:
-                stream.close()
+                with suppress(OSError):  # what was not yet written goes nowhere
+                    stream.close()
 
     def answer(self, task: str, given: dict[str, Any]) -> Any:
         """Return the answer to a task; raises `NoGraphicsError` where it, or one before it, could not be done."""
@@ -69,17 +74,23 @@ class Workshop:
         try:
             send(process.stdin, (task, given))
             return receive(process.stdout)
-        except (EOFError, OSError) as error:
+        except (EOFError, OSError, ValueError) as error:  # the last one where it was ended meanwhile
             with suppress(OSError):
                 process.stdin.close()
             status = process.wait()
-            self._told.seek(0)
-            last = self._told.read().decode(errors="replace").strip().rpartition("\n")[2]
-            reason = last or (f"status {status}" if late.is_alive() else f"not done after {LONGEST_S:g} s")
+            how = f"status {status}" if late.is_alive() else f"not done after {LONGEST_S:g} s"
+            reason = self._last_words() or how
             self._failed = f"VTK could not make {task} ({reason}); see docs/planner.md, 3-D"
             raise NoGraphicsError(self._failed) from error
         finally:
             late.cancel()
+
+    def _last_words(self) -> str:
+        """Return the last line that it told, empty where nobody listens any more."""
+        with suppress(ValueError):
+            self._told.seek(0)
+            return self._told.read().decode(errors="replace").strip().rpartition("\n")[2]
+        return ""
 
     def arrays(self, task: str, given: Arrays) -> Arrays:
         """Return the answer to a task that needs pyvista; raises `InputError` where that is not installed."""

@@ -27,7 +27,7 @@ app = PlannerApp(state, get_server("test", client_type="vue3"))
 
 async def use():
     app.opened("one", lambda values: None)
-    await app._wake()
+    await asyncio.gather(app._wake(), app._make_head())
     assert not app.parts.wanting
     (tab,) = app.tabs.values()
     tab.painter.pictures = True
