@@ -89,7 +89,9 @@ def _plane(scan: SliceSampler, axis: int, place: FloatArray) -> NDArray[np.float
     first = min(int(at), max(last - 1, 0))
     both = [slice(None)] * axis + [slice(first, first + 2)]
     pair = np.moveaxis(scan.voxels[tuple(both)], axis, 0).astype(np.float32)
-    plane: NDArray[np.float32] = pair[0] + np.float32(at - first) * (pair[-1] - pair[0])
+    plane: NDArray[np.float32] = pair[-1] - pair[0]
+    plane *= np.float32(at - first)
+    plane += pair[0]
     return plane
 
 
@@ -102,8 +104,8 @@ def _interpolate_level(
     y, x = places
     inside = (y >= 0.0) & (y <= plane.shape[0] - 1) & (x >= 0.0) & (x <= plane.shape[1] - 1)
     maps = [np.ascontiguousarray(np.broadcast_to(one.astype(np.float32), values.shape)) for one in (x, y)]
-    found = cv2.remap(plane, maps[0], maps[1], cv2.INTER_LINEAR)
-    values[:] = np.where(inside, found, np.float32(beyond_hu))
+    values[:] = cv2.remap(plane, maps[0], maps[1], cv2.INTER_LINEAR)
+    np.copyto(values, np.float32(beyond_hu), where=~inside)
 
 
 def _steps_mm(cut: Cut, shape: tuple[int, int], axis: int) -> FloatArray:
