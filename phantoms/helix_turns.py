@@ -121,11 +121,10 @@ class HalfTurns:
             if n not in self._read:
                 self._read[n] = self._readings(n)
         around = np.concatenate([self._read[n] for n in (k - 1, k, k + 1)])
-        parallel = np.zeros((half, scanner.rows, self._spots * self._samples), dtype=np.float32)
-        for spot in range(self._spots):
-            places = self._places(spot)
-            rebin(around[spot :: self._spots], *places, self._spots, parallel[:, :, spot :: self._spots])
-        rows = parallel.reshape(half * scanner.rows, -1)
+        parallel = np.zeros((self._spots, half, scanner.rows, self._samples), dtype=np.float32)
+        for spot, one in enumerate(parallel):
+            rebin(np.ascontiguousarray(around[spot :: self._spots]), *self._places(spot), self._spots, one)
+        rows = np.moveaxis(parallel, 0, -1).reshape(half * scanner.rows, -1)
         filtered = filter_projections(rows, self._bin_t_mm, kernel(scanner.kernel)) * np.float32(scanner.rows)
         filtered = filtered.reshape(half, scanner.rows, -1)
         return np.ascontiguousarray(np.moveaxis(filtered, 1, 2))
