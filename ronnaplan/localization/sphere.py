@@ -172,9 +172,12 @@ def _sphere_through(points: FloatArray) -> tuple[FloatArray, float]:
     return solved[:3].copy(), radius
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _solve(normal: FloatArray, solved: FloatArray) -> None:
-    """Fill ``solved`` (P,) from normal equations with their right side (P, P + 1), which are eliminated in place."""
+    """Fill ``solved`` (P,) from normal equations with their right side (P, P + 1), which are eliminated in place.
+
+    What is not finite solves equations that tell nothing: it is no sphere's.
+    """
     count = len(solved)
     for p in range(count):
         for q in range(p + 1, count):
