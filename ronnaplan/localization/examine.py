@@ -276,9 +276,8 @@ def examine_place(
     noise_hu = noise_level(fit)
     evidence = Evidence(fit, diameter_mm, thickness_mm, scan.pixel_mm, noise_hu, unseen, scan.volume, usual)
     failed = tuple(failures(evidence))
-    tells_blur = (
-        build == SOLID and not fit.is_clipped
-    )  # the two edges of a shell or a wrapping are too near each other
+    # The two edges of a shell or a wrapping are too near each other.
+    tells_blur = build == SOLID and not fit.is_clipped
     return Examined(
         center_mm,
         diameter_mm,

@@ -149,9 +149,9 @@ def fit_ball(
     if is_poor and verdict.round_share >= ENHANCED_ROUND:
         enhanced = theta.copy()
         enhanced[EDGE] = ENHANCED_EDGE
-        other = _first_look(dimmed.select(few), around, enhanced, prior, ceiling_hu)
-        if other[1][0].usual_rms_hu < verdict.usual_rms_hu:
-            theta, (verdict, used) = other
+        enhanced, (other, agreeing) = _first_look(dimmed.select(few), around, enhanced, prior, ceiling_hu)
+        if other.usual_rms_hu < verdict.usual_rms_hu:
+            theta, verdict, used = enhanced, other, agreeing
             dimmed = replace(
                 around, values_hu=np.minimum(around.values_hu, start[BACKGROUND] + OVERSHOOT * start[CONTRAST])
             )

@@ -77,10 +77,10 @@ def _closer(
     falls = _falls(center, diameter / 2.0, directions, is_hollow, lookup)
     if len(falls) < LEAST_SHOWN * len(directions):
         return diameter, 0.0
-    aside, radius = _sphere_through(falls)
+    aside, radius, off_mm = _sphere_through(falls)
     if not SAME_RATIO[0] < 2.0 * radius / diameter < SAME_RATIO[1]:
         return diameter, 0.0
-    off_mm, near_mm, near = _off_sphere(falls, aside, radius), max(NEAR_SHARE * radius, NEAR_VOXELS * voxel_mm), 0
+    near_mm, near = max(NEAR_SHARE * radius, NEAR_VOXELS * voxel_mm), 0
     for n in range(len(off_mm)):
         near += off_mm[n] <= near_mm
     for a in range(3):
@@ -150,8 +150,8 @@ def _off_sphere(points: FloatArray, center: FloatArray, radius: float) -> FloatA
 
 
 @njit(cache=True, nogil=True)
-def _sphere_through(points: FloatArray) -> tuple[FloatArray, float]:
-    """Return center and radius of the sphere through most points (N, 3).
+def _sphere_through(points: FloatArray) -> tuple[FloatArray, float, FloatArray]:
+    """Return center and radius of the sphere through most points (N, 3), and how far off it each of them (N,) is.
 
     Least squares of |p|^2 = 2 c . p + r^2 - |c|^2, twice, the second time without what lies off the first sphere.
     """
@@ -169,7 +169,7 @@ def _sphere_through(points: FloatArray) -> tuple[FloatArray, float]:
         radius = math.sqrt(max(solved[3] + solved[0] ** 2 + solved[1] ** 2 + solved[2] ** 2, 1e-12))
         off = _off_sphere(points, solved, radius)
         most = 2.0 * _quantile(off, 0.5)
-    return solved[:3].copy(), radius
+    return solved[:3].copy(), radius, off
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -58,15 +58,14 @@ def _drawn(found: PlacementDocument, seen: View | None) -> list[str]:
     from ronnaplan.scene import robot
     from ronnaplan.scene.vtk import Workshop
 
-    if not robot.robot_things(found):
-        return []
+    still = b""
     if seen is not None:
         still = seen.robot_png
-    else:
+    elif robot.robot_things(found):
         with Workshop() as workshop:
             still = robot.still_png(workshop, found)
     caption = "the robot at the first place, in its reference posture; the ring is its reach about its shoulder"
-    return [picture(still, caption)]
+    return [picture(still, caption)] if still else []
 
 
 def _place(found: PlacementDocument, count: int, one: PlaceEntry) -> list[str]:
