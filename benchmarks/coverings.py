@@ -92,7 +92,7 @@ class Score:
             found = [(one, next(doubts)) for one in part]
             known = np.concatenate([case.truth_mm, case.cut_mm])
             apart = [np.linalg.norm(known - one.center_mm, axis=1).min(initial=np.inf) for one, _ in found]
-            self.false += sum(each > FOUND_WITHIN_MM for each in apart)
+            self.false += sum(bool(each > FOUND_WITHIN_MM) for each in apart)
             for center_mm in case.truth_mm:
                 own = [pair for pair in found if np.linalg.norm(pair[0].center_mm - center_mm) <= FOUND_WITHIN_MM]
                 if not own:

@@ -55,7 +55,7 @@ def cone_beam(quick: bool) -> Iterator[Row]:
         "cone beam, noise at dose 1 and 0.25, 0.4 mm voxels",
         text,
         "x 2 +- 5 %",
-        abs(levels[1] / levels[0] - 2) < 0.1,
+        bool(abs(levels[1] / levels[0] - 2) < 0.1),
     )
 
 

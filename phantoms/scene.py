@@ -168,6 +168,9 @@ def _round_surface(top_ratio: float) -> FloatArray:
         np.linspace(-1, 1, 15),
         (0.0, 0.35, 0.7),
     )
-    rings = [((1 - z) / 2 + top_ratio * (1 + z) / 2, z) for z in heights]
-    rings += [(r, -1.0) for r in radii] + [(r * top_ratio, 1.0) for r in radii]
+    rings = [
+        *[((1 - z) / 2 + top_ratio * (1 + z) / 2, z) for z in heights],
+        *[(r, -1.0) for r in radii],
+        *[(r * top_ratio, 1.0) for r in radii],
+    ]
     return np.array([(r * np.cos(a), r * np.sin(a), z) for r, z in rings for a in angles])

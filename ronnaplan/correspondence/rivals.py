@@ -47,7 +47,7 @@ def mirror_is_better(
     mirrored[:, 0] = -mirrored[:, 0]
     larger[: size + 1] = -np.inf
     found = search(mirrored, ots, weight, node_value, larger, known, spread, 1.0, log_evidence)[0]
-    return len(found) > 0 and found.max() > log_evidence
+    return len(found) > 0 and bool(found.max() > log_evidence)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -55,7 +55,7 @@ class Field:
         owner = np.full(shape, -1)
         owner[tuple(cells.T)] = np.arange(len(points))
         nearest = distance_transform_edt(owner < 0, return_distances=False, return_indices=True)
-        nodes = corner + FIELD_MM * np.moveaxis(np.indices(shape), 0, -1)
+        nodes = corner + FIELD_MM * np.moveaxis(np.indices(owner.shape), 0, -1)
         sizes = np.concatenate([(o.high_mm - o.low_mm).mean(axis=1) for o in obstacles])[near]
         at = owner[tuple(nearest)]
         distances = np.linalg.norm(nodes - points[at], axis=-1) - sizes[at] / 2

@@ -216,7 +216,7 @@ def _left_over(volume: CTVolume, row: Candidate, indices: FloatArray) -> FloatAr
     low = np.clip(np.floor(flat.min(axis=0)), 0, np.subtract(volume.voxels_hu.shape, 1)).astype(int)
     high = np.clip(np.ceil(flat.max(axis=0)) + 1, low + 1, volume.voxels_hu.shape).astype(int)
     box = volume.voxels_hu[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
-    places = grid.positions_mm(np.moveaxis(np.indices(box.shape), 0, -1) + low.astype(np.float64))
+    places = grid.positions_mm(low.astype(np.float64) + np.moveaxis(np.indices(box.shape), 0, -1))
     at_center = row.parameters.copy()
     at_center[CENTER] = 0.0
     offsets = np.ascontiguousarray(

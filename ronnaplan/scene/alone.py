@@ -92,7 +92,7 @@ def _small_parts(mask: Mask, most_cells: float) -> Mask:
 
     pieces, count = label(mask)
     small = np.zeros(count + 1, dtype=np.bool_)
-    for number, places in enumerate(find_objects(pieces), start=1):
+    for number, places in enumerate(filter(None, find_objects(pieces)), start=1):
         small[number] = max(each.stop - each.start for each in places) <= most_cells
     found: Mask = small[pieces]
     return found

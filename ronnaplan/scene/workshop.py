@@ -130,7 +130,7 @@ def _cleaned(values: NDArray[np.float32], level: float, sealed: bool, outside: f
     pieces, count = label(inside)
     sizes = np.bincount(pieces.ravel(), minlength=count + 1)
     sizes[0] = 0
-    loose = sizes < LEAST_SHARE * max(sizes.max(), 1)
+    loose = sizes < LEAST_SHARE * sizes.max(initial=1)
     loose[0] = False
     cleaned[loose[pieces]] = outside
     if sealed:

@@ -125,7 +125,8 @@ def test_penalized_least_squares_keeps_edges() -> None:
 def values_at(points_mm: FloatArray, stack: SliceStack, voxels: NDArray[np.int16]) -> NDArray[np.int16]:
     distance, nearest = KDTree(places(stack).reshape(-1, 3)).query(points_mm)
     assert np.max(distance) < 1e-6
-    return voxels.ravel()[nearest]
+    found: NDArray[np.int16] = voxels.ravel()[nearest]
+    return found
 
 
 @pytest.mark.parametrize(
