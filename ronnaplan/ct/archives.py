@@ -10,7 +10,6 @@ import tempfile
 import zipfile
 import zlib
 from collections.abc import Container, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +23,7 @@ SIGNATURE = b"PK"
 """How zip archives start."""
 
 _ENCRYPTED = 0x1
+_DAMAGE = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, RuntimeError, ValueError)
 _UNPACKED_IN_MEMORY_BYTES = 4 << 20
 """A single slice fits; larger members hold many frames, each of which would unpack all of them before it."""
 
@@ -52,7 +52,7 @@ class ZipMember:
 
     def read(self, offset: int, count: int) -> bytes:
         """Return ``count`` bytes from ``offset``, fewer at the end."""
-        with _unpacking(), self.archive.open(self.info) as stream:
+        with _Unpacking(), self.archive.open(self.info) as stream:
             stream.seek(offset)
             return stream.read(count)
 
@@ -84,13 +84,18 @@ class UnpackedMember:
         return read_into(self.descriptor, target, offset)
 
 
-@contextmanager
-def _unpacking() -> Iterator[None]:
-    """Turn what `zipfile` raises for a damaged member into one sentence."""
-    try:
-        yield
-    except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, RuntimeError, ValueError) as error:
-        raise DamagedError(f"it cannot be unpacked ({printable(error)})") from error
+class _Unpacking:
+    """Turns what `zipfile` raises for a damaged member into one sentence.
+
+    No generator: in Python 3.13 the error would lie in a circle with its frames, and keep the archive open.
+    """
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, _DAMAGE):
+            raise DamagedError(f"it cannot be unpacked ({printable(error)})") from error
 
 
 class _BoundedReader(io.BufferedReader):
@@ -191,7 +196,7 @@ def _check_limits(archive: _Archive, path: Path, limits: Limits) -> None:
 
 
 def _unpacked(member: ZipMember) -> UnpackedMember:
-    with _unpacking(), tempfile.TemporaryFile() as file, member.archive.open(member.info) as stream:
+    with _Unpacking(), tempfile.TemporaryFile() as file, member.archive.open(member.info) as stream:
         shutil.copyfileobj(stream, file, 1 << 20)
         file.flush()
         return UnpackedMember(member.name, os.dup(file.fileno()), member.size, member.member)

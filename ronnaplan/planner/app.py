@@ -196,6 +196,7 @@ class PlannerApp:
         self.state.following.stop()
         self.tabs.clear()
         self.parts = self._spare = self._measured_against = None
+        self._watching = self._making = self._measuring = None  # the frames of a canceled one hold the case
         del self.state, self._latest, self.working
 
     def refresh(self) -> None:
