@@ -102,6 +102,12 @@ def cofactors(m: FloatArray) -> FloatArray:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def determinant(m: FloatArray, c: FloatArray) -> float:
+    """Return the determinant of a 3x3 matrix with the cofactors ``c``."""
+    return float(m[0, 0] * c[0, 0] + m[0, 1] * c[0, 1] + m[0, 2] * c[0, 2])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def largest_overlap(m: FloatArray, bound: float) -> float:
     """Return the largest trace(R m) over the proper rotations R, given an upper bound of it.
 
@@ -110,9 +116,13 @@ def largest_overlap(m: FloatArray, bound: float) -> float:
     above (Theobald 2005) descends to it monotonically.  Mirror images are no rotation, so they are never fitted.
     """
     c = cofactors(m)
-    square = (m * m).sum()
-    p2, p1 = -2.0 * square, -8.0 * (m[0] * c[0]).sum()
-    p0 = square * square - 4.0 * (c * c).sum()
+    square = of_cofactors = 0.0
+    for a in range(3):
+        for b in range(3):
+            square += m[a, b] * m[a, b]
+            of_cofactors += c[a, b] * c[a, b]
+    p2, p1 = -2.0 * square, -8.0 * determinant(m, c)
+    p0 = square * square - 4.0 * of_cofactors
     x = min(bound, math.sqrt(3.0 * square))
     for _ in range(60):
         slope = (4.0 * x * x + 2.0 * p2) * x + p1
@@ -175,8 +185,8 @@ def fit(
     s = -s
     for c in range(3):
         s[c, c] += trace + ROTATION_PRECISION
-    det = (s[0] * cofactors(s)[0]).sum()
-    return chi2, -1.5 * math.log(total) - 0.5 * math.log(det) - 0.5 * scatter / (spread * spread)
+    log_det = math.log(determinant(s, cofactors(s)))
+    return chi2, -1.5 * math.log(total) - 0.5 * log_det - 0.5 * scatter / (spread * spread)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import gammaincinv, ndtri
 
 from kernelcache import njit
-from ronnaplan.correspondence.evidence import COLLINEAR_SIGMAS, fit, log_misfit
+from ronnaplan.correspondence.evidence import COLLINEAR_SIGMAS, SCALES, fit, log_misfit
 from ronnaplan.correspondence.exact import distances
 from ronnaplan.correspondence.inputs import checked_points
 from ronnaplan.correspondence.pairing import LEAST_PROBABILITY, IntArray
@@ -27,7 +26,8 @@ MOST_LAYOUT_VISITS = 1_000_000
 MIRROR = np.array([-1.0, 1.0, 1.0])
 
 QUADRATURE_STEPS = 60
-"""Equally probable values of each chi^2 at which a refusal is looked at."""
+LOWEST_SIGMAS = 2.4
+"""Equally probable values of each chi^2 at which a refusal is looked at; the lowest lies so far below the mean."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +73,11 @@ class Layout:
             return 1.0
         d, size = max(self.rival_distance_mm / sigma, 1e-9), len(self.rival)
         needed = math.log(least_probability / (1.0 - least_probability))
+        # Of errors of the largest scale that is admitted a gap tells least: where it still does, nothing is refused.
+        if d * (d - 2.0 * LOWEST_SIGMAS) > 2.0 * max(SCALES) ** 2 * needed:
+            return 0.0
+        from scipy.special import gammaincinv, ndtri  # which take longer to load than most layouts to judge
+
         levels = (np.arange(QUADRATURE_STEPS) + 0.5) / QUADRATURE_STEPS
         truths = np.asarray(2.0 * gammaincinv((3 * size - 6) / 2.0, levels), dtype=np.float64)
         gaps = d * d + 2.0 * d * ndtri(levels)
@@ -163,12 +168,21 @@ def nearest_rival(points: FloatArray, goals: FloatArray) -> tuple[float, IntArra
             if chi2 >= best:
                 continue
             if depth == n - 1:
-                if not (order == index).all():
+                if is_another(order, index):
                     best, rival = chi2, order.copy()
                 continue
         used[order[depth]] = True
         depth += 1
     return best, rival
+
+
+@njit(cache=True, nogil=True)
+def is_another(order: IntArray, index: IntArray) -> bool:
+    """Return whether two orders differ."""
+    differing = 0
+    for a in range(len(index)):
+        differing += order[a] != index[a]
+    return differing > 0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

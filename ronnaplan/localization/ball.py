@@ -1,8 +1,7 @@
 """A blurred ball: how much of a solid sphere each voxel sees, and how that changes with the ball and the scanner.
 
-A slice through a ball is a pile of discs; each disc blurred by a circular Gaussian is a non-central chi-square
-probability with two degrees of freedom (Marcum's Q function, J. Marcum, IRE Trans. IT-6, 1960), and the average over
-the slice's profile is a Gauss sum over a few discs. No voxel is resampled: each is evaluated at its true place.
+A slice through a ball is a pile of blurred discs (`ronnaplan.localization.disc`), and the average over the slice's
+profile is a Gauss sum over a few of them. No voxel is resampled: each is evaluated at its true place.
 
 Slice profiles range from the box of an axial scan to the bells of helical and cone-beam ones (W. Kalender, Computed
 Tomography, 2011, section 3.3), and the header's thickness is not their width. They are taken as (1 - x^2)^shape on
@@ -21,6 +20,7 @@ import numpy as np
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.disc import CURVATURE_STEPS, EDGE_REACH, EDGE_STEPS, disc_table
 from ronnaplan.localization.parameters import BLUR, EDGE, RADIUS, SHAPE, WIDTH, U, V, W
 
 FEW_DISCS, SOME_DISCS = 3, 5
@@ -35,57 +35,8 @@ beyond."""
 THIN_SHARE = 0.6
 """Slices are thin beside the ball up to this share of its radius."""
 
-EDGE_REACH = 5.0
-"""Distance from the edge, in units of sigma, beyond which a blurred disc is 0 or 1 to within 1e-6."""
-
 _STEP = 1e-4
 """Step of the derivatives of log-gamma."""
-
-_EDGE_STEPS = 200
-_CURVATURE_STEPS = 128
-_COLUMNS = 8
-"""Seven of the disc's figures, and one to fill up a line of the processor's cache."""
-
-
-@cache
-def disc_table() -> FloatArray:
-    """Tabulate the blurred unit disc and its derivatives over (curvature, signed edge distance), in units of sigma.
-
-    Row m holds radius position r = 2 / t - 2 with t = m / steps (so that row 0 is the straight edge), column n
-    the distance a - r of the disc's edge from -`EDGE_REACH` to `EDGE_REACH`. The last axis (of 8) has the disc D, its
-    derivative by a over a, by r, and along both, E = a D_a + r D_r, which is what the edge parameter adds; then E's
-    derivatives in the same order.
-    """
-    from scipy.special import chndtr, i0e, i1e, ndtr  # not scipy.stats, which takes longer to load than a scan
-
-    t = np.arange(1, _CURVATURE_STEPS + 1)[:, np.newaxis] / _CURVATURE_STEPS
-    distance = np.linspace(-EDGE_REACH, EDGE_REACH, _EDGE_STEPS + 1)[np.newaxis, :]
-    r = 2.0 / t - 2.0
-    a = np.maximum(r + distance, 0.0)
-    z, square = r * a, a**2 + r**2
-    density = np.exp(-0.5 * (a - r) ** 2)
-    i0, i1 = density * i0e(z), density * i1e(z)
-    along = a**2 * i0 - z * i1
-    along_by_a = (2.0 - square) * i0 + 2.0 * z * i1
-    along_by_r = a * (square * i1 - 2.0 * z * i0)
-    curved = (
-        chndtr(a**2, 2, r**2),
-        i0,
-        -a * i1,
-        along,
-        along_by_a,
-        along_by_r,
-        a**2 * along_by_a + r * along_by_r,
-    )
-    normal = np.exp(-0.5 * distance**2) / np.sqrt(2.0 * np.pi)
-    turned = (1.0 - distance**2) * normal
-    nothing = np.zeros_like(normal)
-    straight = (ndtr(distance), nothing, -normal, distance * normal, nothing, -turned, distance * turned)
-    table = np.zeros((_CURVATURE_STEPS + 1, _EDGE_STEPS + 1, _COLUMNS))
-    for column, (first, others) in enumerate(zip(straight, curved, strict=True)):
-        table[:, :, column] = np.vstack([first, others])
-    return table
-
 
 Discs = tuple[FloatArray, FloatArray, FloatArray]
 """What the compiled functions look up: the table of blurred discs, and places and weights of the discs at the poles."""
@@ -225,8 +176,8 @@ def add_ball(
         if narrowest - r >= reach:
             shares[n] = 1.0
             continue
-        y = 2.0 * _CURVATURE_STEPS / (r * inverse + 2.0)
-        i = min(int(y), _CURVATURE_STEPS - 1)
+        y = 2.0 * CURVATURE_STEPS / (r * inverse + 2.0)
+        i = min(int(y), CURVATURE_STEPS - 1)
         y -= i
         value = by_r = by_radius = by_blur = by_edge = by_w = by_width = by_shape = 0.0
         for q in range(count):
@@ -238,8 +189,8 @@ def add_ball(
                 value += weight
                 by_shape += weight_by_shape
                 continue
-            x = (distance + EDGE_REACH) * (_EDGE_STEPS / (2.0 * EDGE_REACH))
-            j = min(int(x), _EDGE_STEPS - 1)
+            x = (distance + EDGE_REACH) * (EDGE_STEPS / (2.0 * EDGE_REACH))
+            j = min(int(x), EDGE_STEPS - 1)
             x -= j
             low, high = table[i, j], table[i, j + 1]
             far_low, far_high = table[i + 1, j], table[i + 1, j + 1]

@@ -9,10 +9,23 @@ import numpy as np
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.algebra import solve
 from ronnaplan.localization.ball import Discs, discs
 from ronnaplan.localization.model import BLOCK, add_normal_equations, evaluate
 from ronnaplan.localization.neighbourhood import Neighbourhood
-from ronnaplan.localization.parameters import BLUR, CENTER, CONTRAST, EDGE, PARAMETERS, RADIUS, SHAPE, WIDTH
+from ronnaplan.localization.parameters import (
+    BLUR,
+    CENTER,
+    CONTRAST,
+    EDGE,
+    PARAMETERS,
+    RADIUS,
+    SHAPE,
+    WIDTH,
+    U,
+    V,
+    W,
+)
 
 BLUR_BOUNDS_MM = (0.12, 2.5)
 """In-plane blur of any CT at all; a fit that ends here is no ball seen by a scanner."""
@@ -125,11 +138,12 @@ def _descend(
     cost, slope, matrix = _equations(offsets, values, theta, mean, weight, layer_mm, looked_up, floor, ceiling)
     for _ in range(steps):
         trial = theta + _step(matrix, slope, damping, theta)
+        if not math.isfinite(trial[U]):
+            return theta, False
         _bind(trial, theta)
-        away = trial[CENTER] - theta[CENTER]
-        moved_mm = np.abs(away).max()
+        moved_mm = max(abs(trial[U] - theta[U]), abs(trial[V] - theta[V]), abs(trial[W] - theta[W]))
         is_still = moved_mm < STEP_TOLERANCE_MM
-        if math.sqrt(np.sum(trial[CENTER] ** 2)) > 2.0 * MAX_WANDER * theta[RADIUS]:
+        if math.sqrt(trial[U] ** 2 + trial[V] ** 2 + trial[W] ** 2) > 2.0 * MAX_WANDER * theta[RADIUS]:
             return trial, False
         new = _equations(offsets, values, trial, mean, weight, layer_mm, looked_up, floor, ceiling)
         if new[0] < cost:
@@ -168,10 +182,9 @@ def _equations(
     ceiling: float,
 ) -> tuple[float, FloatArray, FloatArray]:
     """Half the squared residuals of voxels and prior, their gradient (P,) and Gauss-Newton matrix (P, P)."""
-    pull = mean - theta
-    cost = 0.5 * np.sum(weight * pull**2)
-    slope = weight * pull
-    matrix = np.diag(weight)
+    slope, matrix, cost = weight * (mean - theta), np.diag(weight), 0.0
+    for p in range(len(theta)):
+        cost += 0.5 * slope[p] * (mean[p] - theta[p])
     for first in range(0, len(values), BLOCK):
         some = slice(first, min(first + BLOCK, len(values)))
         model, jacobian = evaluate(offsets[some], theta, layer_mm, *looked_up)
@@ -181,16 +194,19 @@ def _equations(
 
 @njit(cache=True, nogil=True)
 def _step(matrix: FloatArray, slope: FloatArray, damping: float, theta: FloatArray) -> FloatArray:
-    damped, step = matrix.copy(), slope.copy()
-    for p in range(len(slope)):
+    count = len(slope)
+    damped, step = np.empty((count, count + 1)), np.empty(count)
+    damped[:, :count], damped[:, count] = matrix, slope
+    for p in range(count):
         damped[p, p] += damping * (matrix[p, p] + 1e-9)
         low, high = BOUNDS[p] if p < len(BOUNDS) else (-np.inf, np.inf)
         # What is at its bound and pushes against it stands still; the others move without it.
         if (theta[p] <= low and slope[p] < 0.0) or (theta[p] >= high and slope[p] > 0.0):
             damped[p, :] = 0.0
             damped[:, p] = 0.0
-            damped[p, p], step[p] = 1.0, 0.0
-    return np.linalg.solve(damped, step).astype(np.float64)
+            damped[p, p] = 1.0
+    solve(damped, step)
+    return step
 
 
 @njit(cache=True, nogil=True)

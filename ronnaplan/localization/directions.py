@@ -151,7 +151,7 @@ def _survey(
     """Cell (N,) of each voxel within reach, -1 of the others, and the sums over those (8, cells)."""
     depth, blur = edge_depth(offsets_mm, theta)
     cells, sums = np.full(len(depth), -1, dtype=np.intp), np.zeros((8, CELL_COUNT))
-    near = np.flatnonzero(np.abs(depth) < REACH_BLURS * blur + REACH_MM)
+    near = np.nonzero(np.abs(depth) < REACH_BLURS * blur + REACH_MM)[0]
     is_outside = depth > SURFACE_BLURS * blur
     told = direction_cells(offsets_mm[near] - theta[CENTER])
     for n in range(len(near)):

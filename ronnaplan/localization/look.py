@@ -149,8 +149,10 @@ def _share(inside: FloatArray, outside: FloatArray) -> float:
     high, low = bright[len(bright) // 2], dark[int(BACKGROUND_SHARE * (len(dark) - 1))]
     if high - low < MIN_CONTRAST_HU:
         return 0.0
-    middle = (high + low) / 2.0
-    return float(np.mean((inside > middle) & (outside < middle)))
+    middle, fallen = (high + low) / 2.0, 0
+    for n in range(len(inside)):
+        fallen += inside[n] > middle and outside[n] < middle
+    return fallen / len(inside)
 
 
 @njit(cache=True, nogil=True)
@@ -169,7 +171,8 @@ def fill_nearest(
     """
     count, rows, columns = voxels.shape
     last = count - 1
-    k = int(np.searchsorted(origins[:, 2], place[2]))
+    k = int((place[2] - origins[0, 2]) / max(origins[last, 2] - origins[0, 2], 1e-9) * last)
+    k = min(max(k, 0), last)
     for n in range(len(offsets)):
         values[n] = np.nan
         w = place[2] + offsets[n, 2]

@@ -16,6 +16,7 @@ import numpy as np
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.algebra import add_products
 from ronnaplan.localization.ball import add_ball
 from ronnaplan.localization.parameters import (
     BACKGROUND,
@@ -40,8 +41,9 @@ SKIN_CURVATURE_PER_MM = 1.0 / 85.0
 """The skin falls away beside the ball like a sphere of a head's size. A ball of metal is 2 um off where the skin is
 fitted as if it were flat; a head of 70 instead of 100 mm makes 0.6 um."""
 
-BLOCK = 512
-"""So many voxels' derivatives stay in the processor's cache until they are summed up."""
+BLOCK = 504
+"""So many voxels' derivatives stay in the processor's cache until they are summed up, in rows of an odd number of its
+lines, which do not displace each other."""
 
 _LAYER_AT = len(PARAMETERS)
 _LAYER_COUNT, _STREAK_COUNT, _SKIN_COUNT = len(LAYER_PARAMETERS), len(STREAK_PARAMETERS), len(SKIN_PARAMETERS)
@@ -186,13 +188,14 @@ def add_normal_equations(
     Values at or beyond ``floor`` and ``ceiling`` inform only where the model lies within.
     """
     count, size = jacobian.shape
-    told = np.empty((count, size + 1))  # the derivatives, and the residual beside them
+    told = np.empty((size + 1, count))  # the derivatives, and the residual below them
     for n in range(count):
         share = 0.0 if is_beyond_scale(values[n], model[n], floor, ceiling) else 1.0
-        told[n, size] = share * (values[n] - model[n])
+        told[size, n] = share * (values[n] - model[n])
         for p in range(size):
-            told[n, p] = share * jacobian[n, p]
-    products = told.T @ told
+            told[p, n] = share * jacobian[n, p]
+    products = np.zeros((size + 1, size + 1))
+    add_products(told, products)
     slope += products[size, :size]
     matrix += products[:size, :size]
     return 0.5 * float(products[size, size])

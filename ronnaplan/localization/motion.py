@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.algebra import add_products
 from ronnaplan.localization.blur import Edge
 from ronnaplan.localization.model import BLOCK
 from ronnaplan.localization.parameters import CENTER, RADIUS, WIDTH, U, V, W
@@ -104,8 +105,10 @@ def movement(edge: Edge) -> Movement:
     """Fit every pattern to what is left over at the edge of a ball; beside a slanted blur, where any stands out."""
     fit, used = edge.fit, edge.used
     offsets, slices = fit.neighbourhood.offsets_mm.take(used, axis=0), fit.neighbourhood.slices[used]
-    voxels = offsets - fit.theta[CENTER], slices - slices.min(initial=0), fit.residuals_hu[used], fit.used[used]
-    products, squares, sums = _products(fit.jacobian, used, edge.slanted, *voxels, float(fit.theta[RADIUS]))
+    first, end = (int(slices.min()), int(slices.max()) + 1) if len(slices) else (0, 0)
+    voxels = offsets - fit.theta[CENTER], slices - first, fit.residuals_hu[used], fit.used[used]
+    sizes = end - first, float(fit.theta[RADIUS])
+    products, squares, sums = _products(fit.jacobian, used, edge.slanted, *voxels, *sizes)
     parameters, patterns = fit.jacobian.shape[1], np.arange(products.shape[1], products.shape[2])
     plain = np.r_[np.arange(parameters), patterns]
     told = _movement(fit, products[:, :parameters, plain], squares, sums[..., plain])
@@ -161,6 +164,7 @@ def _products(
     slices: NDArray[np.intp],
     residuals: FloatArray,
     informed: NDArray[np.bool_],
+    levels: int,
     radius: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Sum products of what every pattern of 1 mm adds to the ``used`` voxels (N,), what is there anyway, and residuals.
@@ -168,29 +172,29 @@ def _products(
     There anyway are the ball's ``jacobian``, which has rows for other voxels, too, and ``more`` columns for the used.
     Returned are, of the voxels that did not inform the fit and of those that did, these times themselves and the
     patterns (2, Q, Q + P), the patterns' squares (2, P), and the residuals times both in each sector (2, S, Q + P).
-    ``slices`` (N,) count from 0.
+    ``slices`` (N,) count from 0, below ``levels``.
     """
     first_more = jacobian.shape[1]
     count, size = first_more + more.shape[1], len(PATTERNS)
     products, squares = np.zeros((2, count, count + size)), np.zeros((2, size))
-    sums = np.zeros((2, (slices.max() + 1 if len(slices) else 0) * SECTORS, count + size))
-    own, told = np.empty((BLOCK, count)), np.empty((BLOCK, count + size))
+    sums, one = np.zeros((2, levels * SECTORS, count + size)), np.empty(count + size)
     for which in range(2):
-        chosen = np.flatnonzero(informed == (which == 1))
+        chosen = np.nonzero(informed == (which == 1))[0]
         for first in range(0, len(chosen), BLOCK):
             some = chosen[first : first + BLOCK]
-            for row in range(len(some)):
-                n = some[row]
+            told = np.empty((count + size, len(some)))
+            for column in range(len(some)):
+                n = some[column]
                 turn = math.atan2(offsets[n, 1], offsets[n, 0])
-                own[row, :first_more], own[row, first_more:] = jacobian[used[n]], more[n]
-                told[row, :count] = own[row]
-                _fill_patterns(own[row], offsets[n, W] / radius, turn, slices[n] % 2 == 0, told[row, count:])
+                one[:first_more], one[first_more:count] = jacobian[used[n]], more[n]
+                _fill_patterns(one[:count], offsets[n, W] / radius, turn, slices[n] % 2 == 0, one[count:])
                 sector = slices[n] * SECTORS + int((turn / (2.0 * math.pi) + 0.5) * SECTORS) % SECTORS
                 for p in range(size):
-                    squares[which, p] += told[row, count + p] ** 2
+                    squares[which, p] += one[count + p] ** 2
                 for p in range(count + size):
-                    sums[which, sector, p] += told[row, p] * residuals[n]
-            products[which] += own[: len(some)].T @ told[: len(some)]
+                    sums[which, sector, p] += one[p] * residuals[n]
+                    told[p, column] = one[p]
+            add_products(told, products[which])
     return products, squares, sums
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from kernelcache import njit
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.algebra import solve
 from ronnaplan.localization.build import Build
 from ronnaplan.localization.cells import cell_directions
 from ronnaplan.localization.look import Lookup, fill_nearest, lookup_of
@@ -165,28 +166,8 @@ def _sphere_through(points: FloatArray) -> tuple[FloatArray, float, FloatArray]:
                 for a in range(4):
                     for b in range(5):
                         normal[a, b] += row[a] * row[b]
-        _solve(normal, solved)
+        solve(normal, solved)
         radius = math.sqrt(max(solved[3] + solved[0] ** 2 + solved[1] ** 2 + solved[2] ** 2, 1e-12))
         off = _off_sphere(points, solved, radius)
         most = 2.0 * _quantile(off, 0.5)
     return solved[:3].copy(), radius, off
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _solve(normal: FloatArray, solved: FloatArray) -> None:
-    """Fill ``solved`` (P,) from normal equations with their right side (P, P + 1), which are eliminated in place.
-
-    What is not finite solves equations that tell nothing: it is no sphere's.
-    """
-    count = len(solved)
-    for p in range(count):
-        for q in range(p + 1, count):
-            share = normal[q, p] / normal[p, p]
-            for c in range(p, count + 1):
-                normal[q, c] -= share * normal[p, c]
-    for back in range(count):
-        p = count - 1 - back
-        left = normal[p, count]
-        for c in range(p + 1, count):
-            left -= normal[p, c] * solved[c]
-        solved[p] = left / normal[p, p]

@@ -1,4 +1,5 @@
 import itertools
+import math
 from typing import Any
 
 import numpy as np
@@ -6,8 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from scipy.special import ndtri
 
 from ronnaplan.correspondence import describe_layout, match_points, rival_distance
+from ronnaplan.correspondence.evidence import SCALES
+from ronnaplan.correspondence.layout import LOWEST_SIGMAS, QUADRATURE_STEPS, Layout
 from ronnaplan.errors import InputError
 from tests.correspondence.scenes import HEAD, SIGMA_CT, SIGMA_OTS
 
@@ -68,6 +72,16 @@ def test_the_refusal_probability_is_what_simulation_finds(difference: Any) -> No
         ct, ots = (triangle + sigma * rng.normal(size=(3, 3)) for sigma in (SIGMA_CT, SIGMA_OTS))
         refused += match_points(ct, ots, expected=3).status != "unique"
     assert refused / 2000 == pytest.approx(describe_layout(triangle).refusal_probability(), abs=0.08)
+
+
+@pytest.mark.parametrize("markers", [3, 6, 32])
+def test_a_rival_too_far_to_be_looked_at_would_refuse_nothing(markers: int) -> None:
+    least = 0.99
+    far = math.sqrt(2.0 * max(SCALES) ** 2 * math.log(least / (1.0 - least)) + LOWEST_SIGMAS**2) + LOWEST_SIGMAS
+    sigma_mm = math.hypot(SIGMA_CT, SIGMA_OTS)
+    nearer = Layout(0.999 * far * sigma_mm, np.arange(markers), 50.0)
+    assert nearer.refusal_probability(SIGMA_CT, SIGMA_OTS, least) == 0.0
+    assert -ndtri(0.5 / QUADRATURE_STEPS) < LOWEST_SIGMAS
 
 
 def test_a_point_cloud_is_no_layout() -> None:
