@@ -24,13 +24,18 @@ def one_by_one(voxels: NDArray[Any]) -> Iterator[NDArray[Any]]:
 
     For who goes through all of a scan faster than its pages are given back by themselves.
     """
+    for plane in voxels:
+        yield plane
+        let_go(voxels)
+
+
+def let_go(voxels: NDArray[Any]) -> None:
+    """Hold nothing of ``voxels`` that lie in a `Scratch`, until they are touched again."""
     base: Any = voxels
     while isinstance(base, np.ndarray):
         base = base.base
-    for plane in voxels:
-        yield plane
-        if isinstance(base, mmap.mmap):
-            give_back(base)
+    if isinstance(base, mmap.mmap):
+        give_back(base)
 
 
 class Scratch:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 
-import numpy as np
 from pydicom.dataset import Dataset, FileDataset
 from pydicom.uid import UID
 
@@ -36,22 +35,30 @@ def secondary_capture(
     png: bytes, document: FiducialsDocument, patient: Dataset | None = None, *, title: str
 ) -> FileDataset:
     """Return the picture ``png`` of ``document`` as a DICOM object; ``patient`` holds the modules to copy."""
-    from PIL import Image
-
-    with Image.open(io.BytesIO(png)) as picture:
-        pixels = np.asarray(picture.convert("RGB"), dtype=np.uint8)
+    rows, columns, pixels = _decoded(png)
     made = begin_object(SECONDARY_CAPTURE, "OT", document.source, f"sheet {document.model_dump_json()}", patient)
     _converted(made)
     made.SeriesDescription = title
     made.BurnedInAnnotation = "NO"
     made.PatientOrientation = None
     made.SamplesPerPixel, made.PhotometricInterpretation, made.PlanarConfiguration = 3, "RGB", 0
-    made.Rows, made.Columns = pixels.shape[:2]
+    made.Rows, made.Columns = rows, columns
     made.BitsAllocated, made.BitsStored, made.HighBit, made.PixelRepresentation = 8, 8, 7, 0
-    content = pixels.tobytes()
-    made.PixelData = content + b"\0" * (len(content) % 2)
+    made.PixelData = pixels + b"\0" * (len(pixels) % 2)
     made["PixelData"].VR = "OB"
     return made
+
+
+def _decoded(png: bytes) -> tuple[int, int, bytes]:
+    """Return how many rows and columns a picture has, and its pixels as RGB, of which there is one copy then."""
+    from PIL import Image
+
+    with Image.open(io.BytesIO(png)) as picture:
+        return (
+            picture.height,
+            picture.width,
+            (picture if picture.mode == "RGB" else picture.convert("RGB")).tobytes(),
+        )
 
 
 def _converted(made: FileDataset) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ronnaplan.jobs.rules import ScanRule
+from ronnaplan.portable import give_back_code
 
 if TYPE_CHECKING:
     from ronnaplan.ct import CTVolume
@@ -12,6 +13,9 @@ if TYPE_CHECKING:
 
 WARMING_BALL_MM = 11.5
 """Diameter of the ball that is found before there is a scan."""
+
+COMPILER = "llvmlite"
+"""Name of numba's compiler's library, of which 50 MB stay otherwise."""
 
 
 def find_markers(volume: CTVolume, rule: ScanRule, template: Template | None) -> Fiducials:
@@ -33,7 +37,8 @@ def find_markers(volume: CTVolume, rule: ScanRule, template: Template | None) ->
 def warm_up() -> tuple[CTVolume, Fiducials]:
     """Load what finding markers needs, and the compiled code, before there is a scan.
 
-    Returns a scan of one ball in air, and the marker that was found in it.
+    Returns a scan of one ball in air, and the marker that was found in it. What compiled, or loaded what was compiled
+    before, is hardly needed again.
     """
     import numpy as np
 
@@ -49,4 +54,6 @@ def warm_up() -> tuple[CTVolume, Fiducials]:
     origins = np.stack([np.zeros(24), np.zeros(24), places], axis=1)
     grid = SliceGrid(origins, np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
     volume = CTVolume(ball, grid, SeriesSource())
-    return volume, localize(volume, diameter_mm=WARMING_BALL_MM)
+    found = localize(volume, diameter_mm=WARMING_BALL_MM)
+    give_back_code(COMPILER)
+    return volume, found

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
+from ronnaplan.ct.scratch import let_go
 from ronnaplan.ct.volume import CTVolume, VolumeFlag
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
@@ -96,11 +97,13 @@ def _slices(volume: CTVolume) -> list[_Measured]:
         for k in range(first + 1, end + 1):
             share = (heights_mm[k] - heights_mm[k - 1]) / (heights_mm[k + 1] - heights_mm[k - 1])
             computed[k] = _is_between(voxels_hu[k - 1], voxels_hu[k], voxels_hu[k + 1], share)
+            let_go(voxels_hu)
 
     def meet(first: int, end: int) -> None:
         for k in range(first + 1, end + 1):
             if not (computed[k] or computed[k + 1]):
                 meeting[k] = _meet(voxels_hu[k - 1 : k + 3], *_ratios(heights_mm[k - 1 : k + 3]))
+                let_go(voxels_hu)
 
     in_parts(mark, max(count - 2, 0))
     in_parts(meet, max(count - 3, 0))

@@ -15,7 +15,7 @@ from ronnaplan.ct.header import EXPLICIT_LITTLE, IMPLICIT_LITTLE
 from ronnaplan.errors import InputError
 from ronnaplan.node.config import Config, Peer
 from ronnaplan.node.tls import context
-from ronnaplan.node.transport import LARGEST_PDU, quieten
+from ronnaplan.node.transport import LARGEST_PDU, set_up_pynetdicom
 
 SYNTAXES = (EXPLICIT_LITTLE, IMPLICIT_LITTLE)
 
@@ -37,7 +37,7 @@ def associated(
 
     Raises `InputError` where it comes to none.
     """
-    quieten()
+    set_up_pynetdicom()
     entity = AE(config.titles[0])
     entity.maximum_pdu_size = LARGEST_PDU
     silent_s = config.limits.silent_s

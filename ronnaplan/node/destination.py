@@ -14,13 +14,13 @@ from ronnaplan.node.config import Config, Peer
 from ronnaplan.node.receiver import CLASSES, SYNTAXES, is_at
 from ronnaplan.node.store import MIB
 from ronnaplan.node.tls import context
-from ronnaplan.node.transport import LARGEST_PDU, PENDING_PER_ASSOCIATION, Server, quieten
+from ronnaplan.node.transport import LARGEST_PDU, PENDING_PER_ASSOCIATION, Server, set_up_pynetdicom
 
 
 @contextmanager
 def destination(config: Config, peer: Peer, handlers: Sequence[Any]) -> Iterator[None]:
     """Take instances from ``peer`` meanwhile, each by ``handlers``; raises `InputError` where the port is taken."""
-    quieten()
+    set_up_pynetdicom()
     entity = AE(config.titles[0])
     entity.maximum_pdu_size, entity.require_called_aet = LARGEST_PDU, True
     limits = config.limits

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from typing import Final
 
-HEAVY: Final = ("PIL", "gdcm", "jpeg_ls", "libjpeg", "numpy", "openjpeg", "pylibjpeg", "requests")
-"""What pydicom loads for pixels, and to fetch example files: 25 MB in each process, which most never use."""
+HEAVY: Final = ("PIL", "gdcm", "jpeg_ls", "libjpeg", "numpy", "openjpeg", "pylibjpeg", "requests", "tqdm")
+"""What pydicom loads for pixels, and to fetch example files: 27 MB in each process, which most never use."""
 
 
 def load_pydicom() -> None:

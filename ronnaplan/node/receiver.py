@@ -33,7 +33,7 @@ from ronnaplan.node.transport import (
     PENDING_PER_ASSOCIATION,
     Server,
     give_up_waiting,
-    quieten,
+    set_up_pynetdicom,
     titles,
 )
 
@@ -91,7 +91,7 @@ class Receiver:
     def start(self) -> None:
         """Listen; raises `InputError` where the port is taken or a certificate cannot be used."""
         config = self.config
-        quieten()
+        set_up_pynetdicom()
         encrypted = context(config.tls, config.home, server=True) if config.tls else None
         self._store.start()
         try:

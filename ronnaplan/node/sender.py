@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Protocol
 
+from pydicom import dcmread
 from pydicom.dataset import Dataset
 from pydicom.uid import (
     Comprehensive3DSRStorage,
@@ -20,6 +21,7 @@ from pydicom.uid import (
     SpatialRegistrationStorage,
 )
 
+from ronnaplan.ct.header import EXPLICIT_LITTLE
 from ronnaplan.errors import InputError, RonnaplanError
 from ronnaplan.node.audit import Audit, Instances
 from ronnaplan.node.commitment import (
@@ -249,6 +251,8 @@ class _Storage:
     def __init__(self, association: Association, peer: Peer) -> None:
         self._association, self._peer = association, peer
         self.commits = any(one.abstract_syntax == COMMITMENT for one in association.accepted_contexts)
+        # pynetdicom sends a file as it lies there, piece by piece, and what must be encoded anew, from a copy of it all
+        self._as_it_is = all(one.transfer_syntax[0] == EXPLICIT_LITTLE for one in association.accepted_contexts)
 
     def ask(self, request: Dataset) -> None:
         status, _ = self._association.send_n_action(request, ASK, COMMITMENT, WELL_KNOWN)
@@ -259,7 +263,7 @@ class _Storage:
 
     def send(self, path: Path) -> None:
         try:
-            answer = self._association.send_c_store(path)
+            answer = self._association.send_c_store(path if self._as_it_is else dcmread(path))
         except (ValueError, RuntimeError, OSError) as error:  # no context for its class, no connection any more
             raise InputError(f"{self._peer.name} takes it not: {error}") from error
         status = answer.Status if "Status" in answer else None
@@ -278,7 +282,6 @@ class _Web:
 
     def send(self, path: Path) -> None:
         import requests
-        from pydicom import dcmread
 
         sent = dcmread(path)
         try:

@@ -48,9 +48,10 @@ def titles(association: Association) -> tuple[str, str]:
     return str(request.calling_ae_title).strip(), str(request.called_ae_title).strip()
 
 
-def quieten() -> None:
-    """Keep pynetdicom from writing messages of its own: they would hold what peers send."""
+def set_up_pynetdicom() -> None:
+    """Keep pynetdicom from messages of its own, which hold what peers send, and from loading whole what it sends."""
     _config.LOG_HANDLER_LEVEL = "none"
+    _config.STORE_SEND_CHUNKED_DATASET = True
     logger = logging.getLogger("pynetdicom")
     logger.addHandler(logging.NullHandler())
     logger.propagate = False

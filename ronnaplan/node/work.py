@@ -105,38 +105,42 @@ def begin(order: Order, tell: Tell) -> Begun:
 
 
 def finish(begun: Begun, tell: Tell) -> None:
-    """Make the other answers, and tell that it is done."""
-    for kind, make in begun.makers.items():
-        _answer(begun.order, kind, make, tell)
+    """Make the other answers, of which each lets go of what it shows, and tell that it is done."""
+    for kind in tuple(begun.makers):
+        _answer(begun.order, kind, begun.makers.pop(kind), tell)
     tell("ended", job=begun.order.job, state=DONE, reason=begun.reason)
 
 
 def _gather(
     order: Order, wanted: Sequence[AnswerKind], tell: Tell, scratch: Scratch
 ) -> tuple[str, dict[str, Callable[[], FileDataset]]]:
-    """Return what was found, and what makes the answers but for the first, which is made."""
-    volume, fiducials = _find(order, scratch)
-    load_pydicom()
+    """Return what was found, and what makes the answers but for the first, which is made.
+
+    What is drawn of the voxels is gathered before pydicom is loaded, which takes room of its own.
+    """
     from ronnaplan.case.folder import Case
     from ronnaplan.documents.fiducials import fiducials_document
-    from ronnaplan.documents.patient import patient_of_scan
     from ronnaplan.report.contact import draw_sheet, gathered
     from ronnaplan.report.quality import drafted
 
+    volume, fiducials = _find(order, scratch)
     document = fiducials_document(fiducials)
+    drawn: dict[str, Callable[[Markers], FileDataset]] = {}
+    if "sheet" in wanted:
+        with _left_out(order, "sheet", tell):
+            drawn["sheet"] = partial(_sheet, partial(draw_sheet, gathered(volume, fiducials)))
+    if "pdf" in wanted:
+        with _left_out(order, "pdf", tell):
+            drawn["pdf"] = partial(_report, drafted(Case(volume=volume, fiducials=document)))
+    load_pydicom()
+    from ronnaplan.documents.patient import patient_of_scan
+
     patient = patient_of_scan(order.folder, document.source)
     found = Markers(document, patient, sorted(order.folder.glob("*.dcm")))
     if "fiducials" in wanted:
         _answer(order, "fiducials", partial(_fiducials, found), tell)
-    makers: dict[str, Callable[[], FileDataset]] = {}
-    if "sr" in wanted:
-        makers["sr"] = partial(_sr, found)
-    if "sheet" in wanted:
-        with _left_out(order, "sheet", tell):
-            makers["sheet"] = partial(_sheet, found, partial(draw_sheet, gathered(volume, fiducials)))
-    if "pdf" in wanted:
-        with _left_out(order, "pdf", tell):
-            makers["pdf"] = partial(_report, found, drafted(Case(volume=volume, fiducials=document)))
+    makers: dict[str, Callable[[], FileDataset]] = {"sr": partial(_sr, found)} if "sr" in wanted else {}
+    makers |= {kind: partial(make, found) for kind, make in drawn.items()}
     return f"{len(fiducials)} markers", makers
 
 
@@ -194,7 +198,7 @@ def _fiducials(found: Markers) -> FileDataset:
     return spatial_fiducials(found.document, found.patient)
 
 
-def _sheet(found: Markers, draw: Callable[[], bytes]) -> FileDataset:
+def _sheet(draw: Callable[[], bytes], found: Markers) -> FileDataset:
     from ronnaplan.documents.dicom_enclosed import secondary_capture
 
     return secondary_capture(draw(), found.document, found.patient, title="Contact sheet of the markers")
@@ -206,7 +210,7 @@ def _sr(found: Markers) -> FileDataset:
     return structured_report(found.document, found.patient, found.images)
 
 
-def _report(found: Markers, page: Callable[[], str]) -> FileDataset:
+def _report(page: Callable[[], str], found: Markers) -> FileDataset:
     from ronnaplan.documents.dicom_enclosed import encapsulated_pdf
     from ronnaplan.report.pdf import print_pdf
 

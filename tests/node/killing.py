@@ -36,7 +36,7 @@ from pynetdicom import AE, evt
 
 from ronnaplan.node.index import Index
 from ronnaplan.node.logs import LISTENING
-from ronnaplan.node.transport import quieten
+from ronnaplan.node.transport import set_up_pynetdicom
 from tests.ct import makers
 from tests.node.peers import associate, free_port, write_toml
 
@@ -63,7 +63,7 @@ class Archive:
     """Takes answers and counts how often each series was answered, and by how many objects."""
 
     def __init__(self) -> None:
-        quieten()
+        set_up_pynetdicom()
         entity = AE("ARCHIVE")
         entity.add_supported_context("1.2.840.10008.5.1.4.1.1.66.2")
         self.got: dict[str, set[str]] = {}

@@ -31,6 +31,7 @@ HEAVY = {
     "requests",
     "scipy",
     "SimpleITK",
+    "tqdm",
     "vtk",
 }
 LOADED = """
