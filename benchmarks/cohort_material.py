@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from phantoms.fast import render
+from phantoms.fast import render_hu
 from phantoms.series import SeriesOptions, write_series
 from phantoms.stack import SliceStack, axial_stack
 from tests.cohort.scans import CENTERS_MM, tiny
@@ -77,7 +77,7 @@ def make_series(root: Path, count: int) -> None:
     for place, (name, condition) in enumerate(CONDITIONS.items()):
         stack = _stack(condition)
         scene = balls(CENTERS_MM, condition.diameter_mm, condition.material)
-        clean = render(scene, stack, blur_mm=condition.blur_mm, noise_hu=0.0, seed=1)
+        clean = render_hu(scene, stack, blur_mm=condition.blur_mm, noise_hu=0.0, seed=1)
         for number in range(place, count, len(CONDITIONS)):
             folder = root / name / f"{number:04d}"
             folder.mkdir(parents=True)

@@ -122,18 +122,17 @@ def _sheet(row: Row, out: Path) -> str:
     found = "" if row.get("found") is None else f"{row['found']}{expected} markers"
     told = "; ".join(part for part in (where, scanner_of(row), found, printable(row["reason"] or "")) if part)
     try:
-        content = _smaller((out / row["sheet"]).read_bytes())
+        content = _small_jpeg((out / row["sheet"]).read_bytes())
     except OSError:
         return element("p", f"{told}: its sheet is gone")
-    return f"{element('h3', told)}<p>{link(row['sheet'], 'whole sheet')}</p>{picture(content, where)}"
+    return f"{element('h3', told)}<p>{link(row['sheet'], 'whole sheet')}</p>{picture(content, where, 'jpeg')}"
 
 
-def _smaller(content: bytes) -> bytes:
+def _small_jpeg(content: bytes) -> bytes:
     from PIL import Image
 
+    stream = io.BytesIO()
     with Image.open(io.BytesIO(content)) as sheet:
         size = (SHEET_PIXELS, round(sheet.height * SHEET_PIXELS / sheet.width))
-        reduced = sheet.convert("RGB").resize(size).quantize(64)
-    stream = io.BytesIO()
-    reduced.save(stream, "PNG", optimize=True)
+        sheet.convert("RGB").resize(size).save(stream, "JPEG", quality=85)
     return stream.getvalue()

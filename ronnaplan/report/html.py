@@ -86,11 +86,11 @@ def link(path: str, text: str) -> str:
     return f'<a href="{escape(quote(path), quote=True)}">{escape(text)}</a>'
 
 
-def picture(png: bytes, caption: str) -> str:
-    """Return a PNG that is part of the page, with its caption."""
-    data = base64.b64encode(png).decode()
-    alt = escape(caption, quote=True)
-    return f'<figure><img src="data:image/png;base64,{data}" alt="{alt}">{element("figcaption", caption)}</figure>'
+def picture(image: bytes, caption: str, kind: str = "png") -> str:
+    """Return a picture of this ``kind`` (png, jpeg) that is part of the page, with its caption."""
+    data = base64.b64encode(image).decode()
+    shown = f'<img src="data:image/{kind};base64,{data}" alt="{escape(caption, quote=True)}">'
+    return f"<figure>{shown}{element('figcaption', caption)}</figure>"
 
 
 def _css(cell: str) -> str:
