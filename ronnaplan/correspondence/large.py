@@ -6,18 +6,17 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
+from ronnaplan.correspondence.chance import Chance
 from ronnaplan.correspondence.evidence import SCALES, fits_as_well, is_collinear
 from ronnaplan.correspondence.lookup import point_grid
 from ronnaplan.correspondence.pairing import MOST_RIVALS, Pairing, Rival, no_pairs
 from ronnaplan.correspondence.poses import Found, find_poses
-from ronnaplan.correspondence.problem import Problem
+from ronnaplan.correspondence.problem import Problem, pairs_of
 from ronnaplan.correspondence.refining import PAIR_SIGMAS, refined
 from ronnaplan.correspondence.rivals import LOG_ODDS_PER_PAIR
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.correspondence.weighing import Pose, pose_evidence
-from ronnaplan.geometry import FloatArray
 
 MISSED_SHARE = 0.1
 """Poses are sought until an equal of the best is missed with at most this share of the doubt that is allowed."""
@@ -46,7 +45,7 @@ def match_large(problem: Problem, least_probability: float) -> Pairing:
         return match_large(problem.swapped(), least_probability).swapped()
     acceptable = MISSED_SHARE * (1.0 - least_probability)
     found = find_poses(problem, acceptable)
-    if found.poses and (scale := scale_of_errors(problem, found.poses[0])) > LEAST_SCALE:
+    if found.poses and (scale := scale_of_errors(found.chance, found.poses[0])) > LEAST_SCALE:
         problem = problem.with_errors(scale)
         found = find_poses(problem, acceptable, work_done=found.work)
     if not found.poses:
@@ -56,8 +55,8 @@ def match_large(problem: Problem, least_probability: float) -> Pairing:
     rivals = tuple(
         Rival(pose.pairs, float(gap)) for pose, gap in zip(found.poses[: MOST_RIVALS + 1], below, strict=False)
     )
-    of_pairs = pair_probabilities(problem, best)
-    others = sum(rival_odds(problem, best, float(of_pairs.sum()), pose) for pose in found.poses[1:])
+    of_pairs = found.chance.pair_probabilities(best.matrix, best.partner)
+    others = sum(rival_odds(found.chance, best, float(of_pairs.sum()), pose) for pose in found.poses[1:])
     probability = 1.0 / (1.0 + others + found.missed + math.exp(min(-best.log_evidence, 700.0)))
     if probability < least_probability:
         reason = f"the best pose has probability {probability:.4g}, at least {least_probability:g} is required"
@@ -81,22 +80,28 @@ def match_large(problem: Problem, least_probability: float) -> Pairing:
     return Pairing("unique", given, probability, rivals[1:], doubtful=doubtful)
 
 
-def scale_of_errors(problem: Problem, pose: Pose) -> float:
+def scale_of_errors(chance: Chance, pose: Pose) -> float:
     """Return how many times as large as stated the errors are, from the pairs that a pose makes when its reach grows.
 
-    From their median, for outliers that meet by chance lie farther; never less than 1, nor more than is believed.
+    From their median, for outliers that meet by chance lie farther; each counts with its probability under errors
+    twice as large as taken so far, for where outliers are dense most meet.  Never less than 1, nor more than believed.
     """
-    scale = 1.0
+    problem, scale = chance.problem, 1.0
     for _ in range(SCALE_ROUNDS):
         reach = scale * PAIR_SIGMAS * problem.sigma_mm
         grid = point_grid(problem.ots, problem.sigma_mm, reach)
         matrix, partner = refined(problem.ct, problem.ots, grid, pose.matrix, np.full(3, reach))
-        i = np.flatnonzero(partner >= 0)
-        if len(i) < LEAST_PAIRS:
+        pairs = pairs_of(partner)
+        larger = replace(chance, problem=problem.with_errors(2.0 * scale))
+        right = larger.pair_probabilities(matrix, partner)
+        if len(pairs) < LEAST_PAIRS or right.sum() <= 2.0:
             break
-        off = problem.ots[partner[i]] - problem.ct[i] @ matrix[:, :3].T - matrix[:, 3]
-        variance = problem.ct_errors.variances[i] + problem.ots_errors.variances[partner[i]]
-        middle = float(np.median((off**2).sum(axis=1) / variance)) / CHI2_MEDIAN * len(i) / max(len(i) - 2, 1)
+        off = problem.ots[pairs[:, 1]] - problem.ct[pairs[:, 0]] @ matrix[:, :3].T - matrix[:, 3]
+        variance = problem.ct_errors.variances[pairs[:, 0]] + problem.ots_errors.variances[pairs[:, 1]]
+        chi2 = (off**2).sum(axis=1) / variance
+        order = np.argsort(chi2)
+        half = int(np.searchsorted(np.cumsum(right[order]), 0.5 * right.sum()))
+        middle = chi2[order[half]] / CHI2_MEDIAN * right.sum() / max(right.sum() - 2.0, 1.0)
         before, scale = scale, min(max(math.sqrt(middle), 1.0), SCALES[-1])
         if scale < 1.1 * before:
             break
@@ -111,7 +116,7 @@ def nothing_found(found: Found) -> str:
     return f"{reason}; the search was given up before poses of fewer than {found.least_sure} pairs were sure to be seen"
 
 
-def rival_odds(problem: Problem, best: Pose, of_best: float, rival: Pose) -> float:
+def rival_odds(chance: Chance, best: Pose, of_best: float, rival: Pose) -> float:
     """Return the odds of a rival pose to the best, of whose pairs ``of_best`` are right, as an expectation.
 
     Two poses explain the same points by their evidence.  But where the rival pairs points that the best leaves,
@@ -121,7 +126,7 @@ def rival_odds(problem: Problem, best: Pose, of_best: float, rival: Pose) -> flo
     noise alone makes evidences differ by many nats.
     """
     by_evidence = math.exp(min(rival.log_evidence - best.log_evidence, 0.0))
-    fewer = of_best - float(pair_probabilities(problem, rival).sum())
+    fewer = of_best - float(chance.pair_probabilities(rival.matrix, rival.partner).sum())
     by_pairs = math.exp(-LOG_ODDS_PER_PAIR * max(fewer, 0.0))
     if fits_as_well(best.chi2, len(best.pairs), rival.chi2, len(rival.pairs)):
         return max(by_evidence, by_pairs)
@@ -130,7 +135,7 @@ def rival_odds(problem: Problem, best: Pose, of_best: float, rival: Pose) -> flo
     rest = np.where(np.isin(rest, pairs[:, 1]), -1, rest)
     if (rest >= 0).sum() < LEAST_PAIRS:
         return by_evidence
-    alone = pose_evidence(problem, rest, len(pairs))[1]
+    alone = pose_evidence(chance.problem, rest, len(pairs))[1]
     real = 1.0 / (1.0 + math.exp(min(-alone, 700.0)))
     return max(by_evidence, real * by_pairs)
 
@@ -148,26 +153,6 @@ def is_mirrored(problem: Problem, best: Pose) -> bool:
         replace(problem, ct=problem.ct * np.array([-1.0, 1.0, 1.0])), MISSED_MIRROR, len(best.pairs) + 1
     )
     return bool(mirrored.poses) and mirrored.poses[0].log_evidence > best.log_evidence
-
-
-def pair_probabilities(problem: Problem, pose: Pose) -> FloatArray:
-    """Return the probability of each pair of a pose, against a chance meeting of outliers and its neighbours.
-
-    The odds of points (i, j) at distance r are V N(r; 0, c) times the prior odds k / ((n - k + 1) (m - k + 1)).
-    """
-    n, m, k = *problem.counts, len(pose.pairs)
-    prior = problem.volume_mm3 * k / ((n - k + 1) * (m - k + 1))
-    moved = problem.ct @ pose.matrix[:, :3].T + pose.matrix[:, 3]
-    reach = 1.5 * PAIR_SIGMAS * problem.sigma_mm
-    near = cKDTree(moved).sparse_distance_matrix(cKDTree(problem.ots), reach, output_type="coo_matrix")
-    variance = problem.ct_errors.variances[near.row] + problem.ots_errors.variances[near.col]
-    odds = prior * (2.0 * np.pi * variance) ** -1.5 * np.exp(-0.5 * near.data**2 / variance)
-    of_ct, of_ots = np.bincount(near.row, odds, n), np.bincount(near.col, odds, m)
-    own = {(i, j): value for i, j, value in zip(near.row.tolist(), near.col.tolist(), odds, strict=True)}
-    share = [own.get((i, j), 0.0) for i, j in pose.pairs.tolist()]
-    return np.array(
-        [value / (1.0 + of_ct[i] + of_ots[j] - value) for value, (i, j) in zip(share, pose.pairs, strict=True)]
-    )
 
 
 def telling_point(poses: list[Pose]) -> int | None:

@@ -19,11 +19,12 @@ Grid = tuple[Any, ...]
 Table = tuple[Any, ...]
 """Points by distance, see `distance_table`."""
 
-Row = tuple[Any, Any, Any]
-"""One row of each part of a table."""
+STEP_SIGMAS, MOST_STEPS = 0.5, 2048
+"""Each point's neighbours, sorted by distance, are entered at steps of so many standard deviations, or at larger ones
+that so many reach the longest distance."""
 
-STEP_MM = 1.5
-"""Each point's neighbours, sorted by distance, are entered at steps of this."""
+FAR_MM = 1e9
+"""Where the point stands that is no point."""
 
 LEAST_CELL_SIGMAS = 2.5
 CELLS_PER_AXIS, MOST_CELLS_PER_AXIS = 12.0, 96
@@ -45,41 +46,31 @@ def square_to(points: FloatArray, p: int, x: float, y: float, z: float) -> float
     return square
 
 
-def distance_table(points: FloatArray) -> Table:
+def distance_table(points: FloatArray, sigma_mm: float) -> Table:
     """Return what triangles are looked up in.
 
-    Each point's others by distance (m, m), those distances, and where these reach each step (`row_starts`).
+    Each point's others by distance (m, m), those distances, where these reach each step, and the step.
     """
     d = distances(points)
     row_order = np.argsort(d, axis=1).astype(np.int32)
     row_sorted = np.take_along_axis(d, row_order, axis=1)
-    return row_order, row_sorted, row_starts(row_sorted)
+    step = max(STEP_SIGMAS * sigma_mm, float(row_sorted[:, -1].max()) / MOST_STEPS)
+    return row_order, row_sorted, row_starts(row_sorted, step), step
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def row_starts(row_sorted: FloatArray) -> NDArray[np.int32]:
-    """Return where the distances of each row (m, m) reach each multiple of `STEP_MM`."""
-    steps = int(row_sorted[:, -1].max() / STEP_MM) + 1
-    start = np.empty((len(row_sorted), steps), np.int32)
+def row_starts(row_sorted: FloatArray, step: float) -> NDArray[np.int16]:
+    """Return where the distances of each row (m, m) reach each multiple of ``step``, and the end of the row."""
+    steps = int(row_sorted[:, -1].max() / step) + 1
+    start = np.empty((len(row_sorted), steps + 1), np.int16)
     for p in range(len(row_sorted)):
         position = 0
-        for step in range(steps):
-            while position < len(row_sorted) and row_sorted[p, position] < step * STEP_MM:
+        for at in range(steps):
+            while position < len(row_sorted) and row_sorted[p, position] < at * step:
                 position += 1
-            start[p, step] = position
+            start[p, at] = position
+        start[p, steps] = len(row_sorted)
     return start
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def row_range(row: FloatArray, row_start: NDArray[np.int32], low: float, high: float) -> tuple[int, int]:
-    """Return where the distances of a row that lie from ``low`` to ``high`` begin and end."""
-    first = row_start[min(max(int(low / STEP_MM), 0), len(row_start) - 1)]
-    while first < len(row) and row[first] < low:
-        first += 1
-    last = first
-    while last < len(row) and row[last] <= high:
-        last += 1
-    return first, last
 
 
 def point_grid(points: FloatArray, sigma_mm: float, reach_mm: float) -> Grid:
@@ -90,7 +81,7 @@ def point_grid(points: FloatArray, sigma_mm: float, reach_mm: float) -> Grid:
     cell = max(LEAST_CELL_SIGMAS * sigma_mm, float(extent.max()) / most)
     shape = (extent / cell).astype(np.int64) + 1
     start, order, near = fill_grid(points, low, cell, shape, reach_mm)
-    return start, order, near, low, cell, shape
+    return start, order, near, np.vstack((points, np.full(3, FAR_MM))), low, cell, shape
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -99,10 +90,10 @@ def fill_grid(
 ) -> tuple[IntArray, IntArray, NDArray[np.int16]]:
     """Sort points into cubic cells: each cell's start, the points in that order, and who is near each cell.
 
-    The last is the point nearest to the cell's middle, -1 where none comes within ``reach`` of the cell.
+    The last is the point nearest to the cell's middle, the number of points where none comes within ``reach`` of it.
     """
     count = np.zeros(shape[0] * shape[1] * shape[2] + 1, np.int32)
-    near = np.full((shape[0], shape[1], shape[2]), -1, np.int16)
+    near = np.full((shape[0], shape[1], shape[2]), len(points), np.int16)
     home, at = np.empty(len(points), np.int64), np.empty(3, np.int64)
     first, last = np.empty(3, np.int64), np.empty(3, np.int64)
     for p in range(len(points)):
@@ -116,7 +107,7 @@ def fill_grid(
                 for c in range(first[2], last[2] + 1):
                     x, y, z = low[0] + (a + 0.5) * cell, low[1] + (b + 0.5) * cell, low[2] + (c + 0.5) * cell
                     q = near[a, b, c]
-                    if q < 0 or square_to(points, p, x, y, z) < square_to(points, q, x, y, z):
+                    if q == len(points) or square_to(points, p, x, y, z) < square_to(points, q, x, y, z):
                         near[a, b, c] = p
         home[p] = (at[0] * shape[1] + at[1]) * shape[2] + at[2]
         count[home[p] + 1] += 1
@@ -126,7 +117,7 @@ def fill_grid(
 @njit(cache=True, nogil=True, error_model="numpy")
 def nearest(grid: Grid, points: FloatArray, x: float, y: float, z: float, radius: float) -> tuple[int, float]:
     """Return the point nearest to (x, y, z) and its squared distance, -1 when none lies within ``radius``."""
-    start, order, _, low, cell, shape = grid
+    start, order, _, _, low, cell, shape = grid
     best, square = -1, radius * radius
     a0, a1 = max(int((x - radius - low[0]) / cell), 0), min(int((x + radius - low[0]) / cell), shape[0] - 1)
     b0, b1 = max(int((y - radius - low[1]) / cell), 0), min(int((y + radius - low[1]) / cell), shape[1] - 1)

@@ -11,19 +11,14 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 from scipy.special import bdtrc, comb
 
+from ronnaplan.correspondence.chance import Chance
 from ronnaplan.correspondence.lookup import Grid, Table, distance_table, point_grid
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.problem import Problem
 from ronnaplan.correspondence.refining import REFINING_SIGMAS, refined
-from ronnaplan.correspondence.seeds import (
-    FIRST_TRIALS,
-    MOST_TRIANGLES,
-    REACH_SIGMAS,
-    WIDEST_REACH_SIGMAS,
-    poses_of_seeds,
-    seed_stream,
-)
+from ronnaplan.correspondence.seeds import MOST_TRIANGLES, poses_of_seeds, seed_stream
 from ronnaplan.correspondence.told import LEAST_PAIRS
+from ronnaplan.correspondence.trials import REACH_SIGMAS, STOPPED, WIDEST_REACH_SIGMAS
 from ronnaplan.correspondence.weighing import Pose, add_pose
 from ronnaplan.geometry import FloatArray
 
@@ -34,17 +29,18 @@ seeds are drawn, a strict limit finds more in a given time; where every triangle
 SEED_SUCCESS = ((0.25, 0.4), (0.6, 0.75))
 SUCCESS_SIZES = (14.0, 40.0)
 """Share of the triangles within a body of so many points that lead to its pose, for these two limits, where enough of
-the points tried are of the body.  `scripts/fit_seed_success.py` measures 0.44 and 0.84 and more for 40 points on balls,
+the points tried are of the body.  `scripts/fit_seed_success.py` measures 0.43 and 0.77 and more for 40 points on balls,
 heads, plates and rods; rivals of 14 points planted in a test are found at 0.3."""
 
 PREDICTED = 0.6
 """Share of a body's points whose place one of its triangles predicts well enough to try them."""
 
-MOST_TRIALS = 64
+MOST_TRIALS = 128
 """CT points on which the pose of a seed is tried."""
 
-TRIALS_PER_HIT = 24
-"""Of the trial points one in so many must meet an OTS point at least: smaller bodies could not be found in time."""
+TRIALS_PER_HIT, LEAST_HITS = 24, 2
+"""Of the trial points one in so many must meet an OTS point at least, up to so many: smaller bodies could not be found
+in time."""
 
 CHANCE_PASSES = (1e-2, 1e-5)
 """So many hits are needed that a false pose passes the trial, and then that of all points, with these probabilities."""
@@ -52,13 +48,13 @@ CHANCE_PASSES = (1e-2, 1e-5)
 CROWDING_SIGMAS = 15.0
 """How crowded the OTS points are is told from their neighbours within this."""
 
-FIRST_BATCH, LEAST_BATCH, LARGEST_BATCH = 16, 8, 256
+FIRST_BATCH, LEAST_BATCH, LARGEST_BATCH = 16, 8, 1024
 BATCH_SHARE = 0.2
 TRIAL_ORDERS = 32
 """Seeds looked up at once, so many that they take this share of the work that is left; and orders of the trial points
 among them."""
 
-WORK_PER_POINT, WORK_POWER = 50_000.0, 1.4
+WORK_PER_POINT, WORK_POWER = 24_500.0, 1.67
 """The search is given up after this work (1 to 2 ns each) times the larger set's size to this power."""
 
 PARTS = 2
@@ -76,7 +72,7 @@ class Found:
     """The distinct poses, best first; the probability that an equal of the best was missed; how far it was sought.
 
     ``complete``: every triangle was drawn.  ``least_sure``: a pose with so many pairs would not have been missed.
-    ``work``: what was done, see `WORK_PER_POINT`.
+    ``work``: what was done, see `WORK_PER_POINT`.  ``chance``: what tells the poses' pairs from chance.
     """
 
     poses: list[Pose]
@@ -84,6 +80,7 @@ class Found:
     complete: bool
     least_sure: int
     work: float
+    chance: Chance
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,13 +91,16 @@ class Search:
     table: Table
     grid: Grid
     needed: tuple[int, int]
+    chance: float
     every: bool
 
     @classmethod
     def of(cls, problem: Problem, every: bool) -> Search:
         """Return the search in which ``every`` seed is drawn, or only some."""
         grid = point_grid(problem.ots, problem.sigma_mm, WIDEST_REACH_SIGMAS * problem.sigma_mm)
-        return cls(problem, distance_table(problem.ots), grid, needed_hits(problem), every)
+        table = distance_table(problem.ots, problem.sigma_mm)
+        chance = chance_of_hit(problem)
+        return cls(problem, table, grid, needed_hits(len(problem.ct) - 3, chance), chance, every)
 
     @property
     def sides_chi2(self) -> float:
@@ -121,13 +121,18 @@ class Search:
     def passes(self, size: FloatArray) -> FloatArray:
         """Return the probability that enough of the points tried are of a body of ``size`` points."""
         rest, of_body = len(self.problem.ct) - 3, np.maximum(size - 3.0, 0.0)
-        tried, share = min(MOST_TRIALS, rest), PREDICTED * of_body / max(rest, 1)
+        tried, share = min(MOST_TRIALS, rest), self.share(size)
+        left = 1.0 if self.every else 1.0 - STOPPED
         if tried == rest:
-            return np.asarray(of_body >= max(self.needed), dtype=np.float64)
+            return np.asarray(left * (of_body >= max(self.needed)))
         first, all_points = (
             at_least(n, count, share) for n, count in zip(self.needed, (tried, rest), strict=True)
         )
-        return np.asarray(first * all_points * (1.0 - (1.0 - share) ** FIRST_TRIALS))
+        return np.asarray(first * all_points * left)
+
+    def share(self, size: FloatArray | float) -> FloatArray:
+        """Return the share of the trial points that are of a body of ``size`` points, and tried."""
+        return np.asarray(PREDICTED * np.maximum(np.asarray(size) - 3.0, 0.0) / max(len(self.problem.ct) - 3, 1))
 
 
 def at_least(needed: ArrayLike, count: int, share: FloatArray | float) -> FloatArray:
@@ -144,9 +149,9 @@ def work_allowed(problem: Problem) -> float:
 def find_poses(problem: Problem, acceptable: float, least_size: int = 0, work_done: float = 0.0) -> Found:
     """Return the poses that pair more points than chance would.
 
-    Seeds are drawn until a pose with as many pairs as the best, and with ``least_size``, is missed with at most the
-    ``acceptable`` probability, or the work allowed, less the ``work_done`` before, is done.  They are triangles drawn
-    alike from all of the CT points', so that any body is found, compact or wide.
+    Seeds are drawn until a pose with as many right pairs as the best, and with ``least_size``, is missed with at most
+    the ``acceptable`` probability, or the work allowed, less the ``work_done`` before, is done.  They are triangles
+    drawn alike from all of the CT points', so that any body is found, compact or wide.
     """
     triangles = math.comb(len(problem.ct), 3)
     every = triangles <= MOST_TRIANGLES
@@ -154,6 +159,7 @@ def find_poses(problem: Problem, acceptable: float, least_size: int = 0, work_do
     rng = np.random.default_rng(len(problem.ct) * 10_007 + len(problem.ots))
     work_left = work_allowed(problem) - work_done
     poses: list[Pose] = []
+    chance, best, size = Chance.of(problem), None, float(least_size)
     done, missed, batch = 0, 1.0, FIRST_BATCH
     draw = seed_stream(rng, len(problem.ct))
     with ThreadPoolExecutor(PARTS) as pool:
@@ -161,64 +167,75 @@ def find_poses(problem: Problem, acceptable: float, least_size: int = 0, work_do
             orders = np.argsort(rng.random((TRIAL_ORDERS, len(problem.ct))), axis=1)
             trials = np.ascontiguousarray(orders[:, : MOST_TRIALS + 3])  # one layout: compiled once
             known = np.array([pose.partner for pose in poses], dtype=np.int64).reshape(-1, len(problem.ct))
-            found, work, finished = looked_up(search, seeds, trials, known, work_left, pool)
+            found, work, finished = looked_up(search, seeds, trials, known, size, work_left, pool)
             done += len(seeds) if finished else 0
             for pose in found:
                 add_pose(poses, pose)
             work_left -= work
             batch = int(np.clip(BATCH_SHARE * work_left * len(seeds) / max(work, 1), LEAST_BATCH, LARGEST_BATCH))
-            size = max([len(pose.pairs) for pose in poses] + [least_size])
+            if poses and (top := max(poses, key=lambda pose: pose.log_evidence)) is not best:
+                best, size = top, max(float(chance.pair_probabilities(top.matrix, top.partner).sum()), least_size)
             missed = float(search.missed(size, min(done / triangles, 1.0)))
             if missed < acceptable or work_left <= 0:
                 break
     poses.sort(key=lambda pose: -pose.log_evidence)
     unsure = search.missed(np.arange(len(problem.ct)), min(done / triangles, 1.0)) >= MISSED_FOR_SURE
     sure = int(np.flatnonzero(unsure).max(initial=LEAST_PAIRS - 1)) + 1
-    return Found(poses, missed, done >= triangles, sure, work_allowed(problem) - work_left)
+    return Found(poses, missed, done >= triangles, sure, work_allowed(problem) - work_left, chance)
 
 
 def looked_up(
-    search: Search, seeds: IntArray, trials: IntArray, known: IntArray, most_work: float, pool: Executor
+    search: Search,
+    seeds: IntArray,
+    trials: IntArray,
+    known: IntArray,
+    size: float,
+    most_work: float,
+    pool: Executor,
 ) -> tuple[list[Pose | None], float, bool]:
     """Return the refined poses that seeds (S, 3) lead to, the work, and whether all of it was done.
 
-    After the first batch, which settles most sets, in `PARTS` parts, however many cores there are: every machine
-    finds the same.
+    Poses are left soon that do not promise as many pairs as ``size``, or as any that could be handed on.
+    In `PARTS` parts, however many cores there are: every machine finds the same.
     """
     problem = search.problem
-    parts = PARTS if len(seeds) > FIRST_BATCH else 1
+    share = 0.0 if search.every else float(search.share(max(size, search.needed[1] + 3)))
 
     def of_part(part: IntArray) -> tuple[list[Pose | None], float, bool]:
         matrices, hits, work, finished = poses_of_seeds(
-            problem.ct, problem.ots, search.grid, part, trials, search.needed, search.table, problem.sigma_mm,
-            search.sides_chi2, known, most_work / parts,
+            problem.ct, problem.ots, search.grid, part, trials, search.needed, (search.chance, share),
+            search.table, problem.sigma_mm, search.sides_chi2, known, most_work / PARTS,
         )  # fmt: skip
         refined_poses = [refine(search, matrix) for matrix in matrices[hits > 0]]
         return refined_poses, work + REFINING_WORK * len(problem.ct) * len(refined_poses), finished
 
-    results = list((pool.map if parts > 1 else map)(of_part, np.array_split(seeds, parts)))
+    results = list(pool.map(of_part, np.array_split(seeds, PARTS)))
     poses = [pose for found, _, _ in results for pose in found]
     return poses, sum(work for _, work, _ in results), all(finished for *_, finished in results)
 
 
-def needed_hits(problem: Problem) -> tuple[int, int]:
-    """Return how many of the trial points, and of all points, must meet an OTS point before chance is unlikely.
+def chance_of_hit(problem: Problem) -> float:
+    """Return how often a point meets an OTS point by chance.
 
-    By chance a point meets another about as often as the points of the set with its outliers crowded meet their
-    neighbours.
+    It does about as often as the points of the set with its outliers crowded meet their neighbours.
     """
-    rest = len(problem.ct) - 3
-    if rest <= 0:
-        return 0, 0
     tree = cKDTree(problem.ots)
     reach, wide = 1.5 * REACH_SIGMAS * problem.sigma_mm, CROWDING_SIGMAS * problem.sigma_mm
     crowding = (tree.count_neighbors(tree, wide) / len(problem.ots) - 1.0) * (reach / wide) ** 3
+    return float(min(max(crowding, 1e-6), 0.5))
+
+
+def needed_hits(rest: int, chance: float) -> tuple[int, int]:
+    """Return how many of the trial points, and of the ``rest``, must meet an OTS point before chance is unlikely."""
+    if rest <= 0:
+        return 0, 0
     tried = min(MOST_TRIALS, rest)
     first, all_points = (
-        int((at_least(np.arange(count + 1), count, min(crowding, 0.5)) > chance).sum())
-        for chance, count in zip(CHANCE_PASSES, (tried, rest), strict=True)
+        int((at_least(np.arange(count + 1), count, chance) > unlikely).sum())
+        for unlikely, count in zip(CHANCE_PASSES, (tried, rest), strict=True)
     )
-    return max(first, tried // TRIALS_PER_HIT), max(all_points, tried // TRIALS_PER_HIT)
+    least = min(tried // TRIALS_PER_HIT, LEAST_HITS)
+    return max(first, least), max(all_points, least)
 
 
 def refine(search: Search, matrix: FloatArray) -> Pose | None:

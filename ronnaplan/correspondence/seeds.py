@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
-from ronnaplan.correspondence.lookup import Grid, Row, Table, row_range, side, square_to
+from ronnaplan.correspondence.lookup import Grid, Table, side
 from ronnaplan.correspondence.pairing import IntArray
+from ronnaplan.correspondence.trials import MOST_SHARE, NO_LINE, count_hits, stopping_line, trial_points
 from ronnaplan.geometry import FloatArray
-
-Corners = tuple[int, int, int]
 
 MOST_TRIANGLES = 8_000
 """Sets with no more triangles than this have them all drawn."""
@@ -28,19 +27,9 @@ MOST_TRIANGLES = 8_000
 MOST_POSES = 3
 """Poses that one seed hands on: those with the most hits."""
 
-REACH_SIGMAS = 3.2
-"""A trial point meets an OTS point within this many standard deviations of its predicted place."""
-
-WIDEST_REACH_SIGMAS = 8.0
-"""Trial points whose place a seed predicts so poorly that they need a wider reach are not tried."""
-
-FIRST_TRIALS = 24
-"""A pose that brings none of the first so many trial points onto an OTS point is left at once."""
-
-
-SCAN_WORK, ROW_WORK, POSE_WORK, TRIAL_WORK, POINT_WORK = 2, 25, 120, 10, 25
-"""Work of looking at a distance, of entering a row, of making a pose, of carrying a trial point, and of preparing
-one: about nanoseconds."""
+SCAN_WORK, ROW_WORK, POSE_WORK, POINT_WORK, HAND_WORK = 2, 20, 40, 5, 800
+"""Work of looking at a distance, of entering a row, of making a pose, of preparing a trial point, and of handing a pose
+on: about nanoseconds."""
 
 
 def seed_stream(rng: np.random.Generator, count: int) -> Callable[[int], IntArray]:
@@ -70,13 +59,12 @@ def all_triangles(count: int) -> IntArray:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def triangle_frame(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
-    """Return the right-handed axes (columns) of a triangle, the first along its first side."""
-    frame = np.empty((3, 3))
-    x0, x1, x2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+def triangle_frame(points: FloatArray, a: int, b: int, c: int, frame: FloatArray) -> None:
+    """Enter (3, 4) the right-handed axes (columns) of a triangle, the first along its first side, and its centroid."""
+    x0, x1, x2 = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
     norm = 1.0 / max(math.sqrt(x0 * x0 + x1 * x1 + x2 * x2), 1e-12)
     x0, x1, x2 = x0 * norm, x1 * norm, x2 * norm
-    w0, w1, w2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    w0, w1, w2 = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
     along = w0 * x0 + w1 * x1 + w2 * x2
     y0, y1, y2 = w0 - along * x0, w1 - along * x1, w2 - along * x2
     norm = 1.0 / max(math.sqrt(y0 * y0 + y1 * y1 + y2 * y2), 1e-12)
@@ -84,7 +72,8 @@ def triangle_frame(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
     frame[0, 0], frame[1, 0], frame[2, 0] = x0, x1, x2
     frame[0, 1], frame[1, 1], frame[2, 1] = y0, y1, y2
     frame[0, 2], frame[1, 2], frame[2, 2] = x1 * y2 - x2 * y1, x2 * y0 - x0 * y2, x0 * y1 - x1 * y0
-    return frame
+    for d in range(3):
+        frame[d, 3] = (points[a, d] + points[b, d] + points[c, d]) / 3.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -102,65 +91,9 @@ def longest_side_first(points: FloatArray, seed: IntArray) -> tuple[int, int, in
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def trial_points(
-    ct: FloatArray, corners: Corners, frame: FloatArray, trial: IntArray, sigma: float, local: FloatArray
-) -> int:
-    """Enter (T, 4) the places in a seed's frame of the CT points to try, and how near they have to come; return T.
-
-    A seed with the longest side l and the height h over it predicts a point at (x, y, z) from its centroid with
-    the variance (1/3 + (y^2 + z^2) / (2/3 h^2) + r^2 / (l^2 / 2)) of a pair's, at most.
-    """
-    a, b, c = corners
-    found = 0
-    long2 = max(side(ct, a, b) ** 2, 1e-12)
-    height = 0.0
-    for d in range(3):
-        height += frame[d, 1] * (ct[c, d] - ct[a, d])
-    high2 = max(height * height, 1e-12)
-    for i in trial:
-        if i in (a, b, c):
-            continue
-        u0 = ct[i, 0] - (ct[a, 0] + ct[b, 0] + ct[c, 0]) / 3.0
-        u1 = ct[i, 1] - (ct[a, 1] + ct[b, 1] + ct[c, 1]) / 3.0
-        u2 = ct[i, 2] - (ct[a, 2] + ct[b, 2] + ct[c, 2]) / 3.0
-        x = frame[0, 0] * u0 + frame[1, 0] * u1 + frame[2, 0] * u2
-        y = frame[0, 1] * u0 + frame[1, 1] * u1 + frame[2, 1] * u2
-        z = frame[0, 2] * u0 + frame[1, 2] * u1 + frame[2, 2] * u2
-        aside2 = y * y + z * z
-        reach = REACH_SIGMAS * math.sqrt(4.0 / 3.0 + 1.5 * aside2 / high2 + 2.0 * (x * x + aside2) / long2)
-        if reach <= WIDEST_REACH_SIGMAS:
-            local[found, 0], local[found, 1], local[found, 2], local[found, 3] = x, y, z, reach * sigma
-            found += 1
-    return found
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def count_hits(
-    ots: FloatArray, grid: Grid, frame: FloatArray, center: FloatArray, local: FloatArray, total: int, least: int
-) -> tuple[int, int]:
-    """Return how many of ``total`` trial points meet an OTS point, -1 once ``least`` is out of reach; and the work."""
-    near, low, cell, shape = grid[2], grid[3], grid[4], grid[5]
-    hits = 0
-    step = 1.0 / cell
-    for t in range(total):
-        if hits + total - t < least or (t == FIRST_TRIALS and hits == 0):
-            return -1, TRIAL_WORK * t
-        u, v, w = local[t, 0], local[t, 1], local[t, 2]
-        x = center[0] + frame[0, 0] * u + frame[0, 1] * v + frame[0, 2] * w
-        y = center[1] + frame[1, 0] * u + frame[1, 1] * v + frame[1, 2] * w
-        z = center[2] + frame[2, 0] * u + frame[2, 1] * v + frame[2, 2] * w
-        a, b, c = int((x - low[0]) * step), int((y - low[1]) * step), int((z - low[2]) * step)
-        if not (0 <= a < shape[0] and 0 <= b < shape[1] and 0 <= c < shape[2]):
-            continue
-        q = near[a, b, c]
-        if q >= 0 and square_to(ots, q, x, y, z) < local[t, 3] * local[t, 3]:
-            hits += 1
-    return hits, TRIAL_WORK * total
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def is_known(known: IntArray, a: int, b: int, c: int, p: int, q: int, r: int) -> bool:
+def is_known(known: IntArray, corners: IntArray, p: int, q: int, r: int) -> bool:
     """Tell whether a pose that was found before (its partners, (P, n)) pairs these corners already."""
+    a, b, c = corners
     found = False
     for pose in range(len(known)):
         found |= known[pose, a] == p and known[pose, b] == q and known[pose, c] == r
@@ -169,83 +102,75 @@ def is_known(known: IntArray, a: int, b: int, c: int, p: int, q: int, r: int) ->
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def prepare_seeds(
-    ct: FloatArray, seeds: IntArray, trials: IntArray, sigma: float
-) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, IntArray]:
-    """Return each seed's corners (S, 3), sides (S, 3), frame (S, 3, 3), trial points (S, T, 4) and their number."""
+    ct: FloatArray, seeds: IntArray, trials: IntArray, shares: tuple[float, float], sigma: float
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, IntArray, FloatArray]:
+    """Return each seed's corners (S, 3), sides (S, 3), frame (S, 3, 4), trial points (S, T, 4), their number and line.
+
+    ``shares`` of the trial points are met by chance, and by a right pose.
+    """
     corners, sides = np.empty((len(seeds), 3), np.int64), np.empty((len(seeds), 3))
-    frames, local = np.empty((len(seeds), 3, 3)), np.empty((len(seeds), trials.shape[1], 4))
-    tried = np.empty(len(seeds), np.int64)
+    frames, local = np.empty((len(seeds), 3, 4)), np.empty((len(seeds), trials.shape[1], 4))
+    tried, lines = np.empty(len(seeds), np.int64), np.empty((len(seeds), 2))
     for s in range(len(seeds)):
         a, b, c, ab, ac, bc = longest_side_first(ct, seeds[s])
         corners[s, 0], corners[s, 1], corners[s, 2] = a, b, c
         sides[s, 0], sides[s, 1], sides[s, 2] = ab, ac, bc
-        frames[s] = triangle_frame(ct[a], ct[b], ct[c])
-        tried[s] = trial_points(ct, (a, b, c), frames[s], trials[s % len(trials)], sigma, local[s])
-    return corners, sides, frames, local, tried
+        triangle_frame(ct, a, b, c, frames[s])
+        tried[s] = trial_points(ct, corners[s], frames[s], trials[s % len(trials)], sigma, local[s])
+        share = shares[1] * (trials.shape[1] - 3) / max(tried[s], 1)
+        lines[s] = stopping_line(shares[0], min(share, MOST_SHARE))
+    return corners, sides, frames, local, tried, lines
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def steps_of(sides: FloatArray, widest: float, step: float, steps: int) -> NDArray[np.int32]:
+    """Return (S, 4) at which steps of a row the distances begin and end that agree with each seed's first two sides."""
+    found = np.empty((len(sides), 4), np.int32)
+    for s in range(len(sides)):
+        for e in range(2):
+            found[s, 2 * e] = min(int(max(sides[s, e] - widest, 0.0) / step), steps - 1)
+            found[s, 2 * e + 1] = min(int((sides[s, e] + widest) / step) + 1, steps - 1)
+    return found
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def triangles_at(
-    ots: FloatArray, row: Row, sides: FloatArray, limit: float, found: NDArray[np.int32]
-) -> tuple[int, int]:
-    """Enter (q, r) of the OTS triangles (p, q, r) with these sides into ``found``; return their number and the work.
+    around: FloatArray, first: tuple[int, int], last: tuple[int, int], sides: FloatArray, limit: float,
+    found: NDArray[np.int32],
+) -> int:  # fmt: skip
+    """Enter where in a row (q, r) of the OTS triangles (p, q, r) with these sides stand; return their number.
 
-    ``row``: p's others by distance, those distances, and where these reach each step.
+    ``around`` (4, m): p's others by distance, and that distance.  q and r stand from ``first`` to ``last``.
     """
-    order, between, start = row
     ab, ac, bc = sides
-    widest, count = math.sqrt(limit), 0
-    first_q, last_q = row_range(between, start, ab - widest, ab + widest)
-    if first_q == last_q:
-        return 0, ROW_WORK
-    first_r, last_r = row_range(between, start, ac - widest, ac + widest)
-    least, most = max(bc - widest, 0.0) ** 2, (bc + widest) ** 2
-    for at_q in range(first_q, last_q):
-        q, left_q = order[at_q], limit - (between[at_q] - ab) ** 2
-        x, y, z = ots[q]
-        for at_r in range(first_r, last_r):
-            r = order[at_r]
-            square = square_to(ots, r, x, y, z)
-            if not least <= square <= most or r == q:
-                continue
-            if (math.sqrt(square) - bc) ** 2 <= left_q - (between[at_r] - ac) ** 2:
+    square_bc, scale, count = bc * bc, 0.5 / max(bc, math.sqrt(limit)), 0
+    for q in range(first[0], last[0]):
+        left = limit - (around[3, q] - ab) ** 2
+        x, y, z = around[0, q], around[1, q], around[2, q]
+        for r in range(first[1], last[1]):
+            u, v, w = around[0, r] - x, around[1, r] - y, around[2, r] - z
+            of_bc, of_ac = scale * (u * u + v * v + w * w - square_bc), around[3, r] - ac
+            if of_bc * of_bc + of_ac * of_ac <= left and r != q:  # one comparison, hardly ever true
                 found[count, 0], found[count, 1] = q, r
                 count += 1
-    return count, ROW_WORK + SCAN_WORK * (last_q - first_q) * (last_r - first_r)
+    return count
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def try_triangle(
-    ct: FloatArray,
-    ots: FloatArray,
-    grid: Grid,
-    corners: Corners,
-    met: Corners,
-    frame: FloatArray,
-    local: FloatArray,
-    needed: tuple[int, int],
-    sigma: float,
-    poses: FloatArray,
-    hits: IntArray,
-) -> int:
-    """Enter the pose that brings ``corners`` onto the points ``met`` if it brings enough others; return the work."""
-    a, b, c = corners
-    p, q, r = met
-    turned, center = triangle_frame(ots[p], ots[q], ots[r]), (ots[p] + ots[q] + ots[r]) / 3.0
-    count, work = count_hits(ots, grid, turned, center, local, len(local), needed[0])
-    if count < needed[0]:
-        return POSE_WORK + work
-    everyone = np.empty((len(ct), 4))
-    total = trial_points(ct, (a, b, c), frame, np.arange(len(ct)), sigma, everyone)
+def hand_on(
+    ct: FloatArray, grid: Grid, corners: IntArray, frame: FloatArray, met: FloatArray, least: int, sigma: float,
+    everyone: FloatArray, poses: FloatArray, hits: IntArray,
+) -> int:  # fmt: skip
+    """Enter the pose that brings the seed's ``frame`` onto ``met`` if it brings enough of all; return the work."""
+    total = trial_points(ct, corners, frame, np.arange(len(ct)), sigma, everyone)
     lowest = np.argmin(hits)
-    least = max(needed[1], hits[lowest] + 1)
-    count, more = count_hits(ots, grid, turned, center, everyone, total, least)
-    if count >= least or (total == 0 and needed[1] == 0):
+    count, work = count_hits(grid, met, everyone, total, max(least, hits[lowest] + 1), NO_LINE)
+    if count > max(least - 1, hits[lowest]) or (total == 0 and least == 0):
         hits[lowest] = max(count, 1)
-        rotation = turned @ frame.T
+        rotation = np.ascontiguousarray(met[:, :3]) @ np.ascontiguousarray(frame[:, :3].T)
         poses[lowest, :, :3] = rotation
-        poses[lowest, :, 3] = center - rotation @ ((ct[a] + ct[b] + ct[c]) / 3.0)
-    return POSE_WORK + work + more + POINT_WORK * len(ct)
+        poses[lowest, :, 3] = met[:, 3] - rotation @ np.ascontiguousarray(frame[:, 3])
+    return HAND_WORK + work + POINT_WORK * len(ct)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -256,6 +181,7 @@ def poses_of_seeds(
     seeds: IntArray,
     trials: IntArray,
     needed: tuple[int, int],
+    shares: tuple[float, float],
     table: Table,
     sigma: float,
     sides_chi2: float,
@@ -264,27 +190,43 @@ def poses_of_seeds(
 ) -> tuple[FloatArray, IntArray, float, bool]:
     """Return the poses (S, MOST_POSES, 3, 4) of seeds (S, 3) that meet the most points, their hits, and the work.
 
-    ``needed``: hits among the ``trials`` and among all points at least.  ``sides_chi2``: sum of squared differences
-    of the three sides, in variances of a side's difference, up to which triangles agree.  ``table``: see
-    `lookup.distance_table`.  ``hits`` (S, MOST_POSES) is 0 where no pose was entered.  The fourth result tells
-    whether the seeds were looked up in all of the OTS points, before ``most_work`` was done.
+    ``needed``: hits among the ``trials`` and among all points at least.  ``shares``: those of the trials that hit by
+    chance, and under a right pose.  ``sides_chi2``: sum of squared differences of the three sides, in variances of a
+    side's difference, up to which triangles agree.  ``table``: see `lookup.distance_table`.  ``hits`` (S, MOST_POSES)
+    is 0 where no pose was entered.  The fourth result tells whether the seeds were looked up in all of the OTS points,
+    before ``most_work`` was done.
     """
+    order, distance, starts, step = table
     poses, hits = np.empty((len(seeds), MOST_POSES, 3, 4)), np.zeros((len(seeds), MOST_POSES), np.int64)
-    corners, sides, frames, local, tried = prepare_seeds(ct, seeds, trials, sigma)
-    found, limit = np.empty((len(ots) * len(ots), 2), np.int32), sides_chi2 * 2.0 * sigma * sigma
+    corners, sides, frames, local, tried, lines = prepare_seeds(ct, seeds, trials, shares, sigma)
+    limit = sides_chi2 * 2.0 * sigma * sigma
+    steps = steps_of(sides, math.sqrt(limit), step, starts.shape[1])
+    around, everyone, met = np.empty((4, len(ots))), np.empty((len(ct), 4)), np.empty((3, 4))
+    found = np.empty((len(ots) * len(ots), 2), np.int32)
     work = POINT_WORK * len(seeds) * trials.shape[1]
     for p in range(len(ots)):  # a row of distances is read once for all seeds
-        row = table[0][p], table[1][p], table[2][p]
+        for at in range(len(ots)):
+            q = order[p, at]
+            around[0, at], around[1, at], around[2, at] = ots[q, 0], ots[q, 1], ots[q, 2]
+            around[3, at] = distance[p, at]
         for s in range(len(seeds)):
-            count, done = triangles_at(ots, row, sides[s], limit, found)
-            work += done
-            a, b, c = corners[s]
-            for q, r in found[:count]:
-                if not is_known(known, a, b, c, p, q, r):
-                    work += try_triangle(
-                        ct, ots, grid, (a, b, c), (p, q, r), frames[s], local[s, : tried[s]], needed, sigma,
-                        poses[s], hits[s],
-                    )  # fmt: skip
-        if work > most_work:
-            return poses, hits, work, False
-    return poses, hits, work, True
+            first = starts[p, steps[s, 0]], starts[p, steps[s, 2]]
+            last = starts[p, steps[s, 1]], starts[p, steps[s, 3]]
+            work += ROW_WORK + SCAN_WORK * (last[0] - first[0]) * (last[1] - first[1])
+            if work > most_work:
+                return poses, hits, work, False
+            if first[0] == last[0] or first[1] == last[1]:
+                continue
+            count = triangles_at(around, first, last, sides[s], limit, found)
+            for e in range(count):
+                q, r = order[p, found[e, 0]], order[p, found[e, 1]]
+                triangle_frame(ots, p, q, r, met)
+                number, done = count_hits(grid, met, local[s], tried[s], needed[0], lines[s])
+                work += POSE_WORK + done
+                if number >= needed[0] and not is_known(known, corners[s], p, q, r):
+                    work += hand_on(
+                        ct, grid, corners[s], frames[s], met, needed[1], sigma, everyone, poses[s], hits[s]
+                    )
+                if work > most_work:
+                    return poses, hits, work, False
+    return poses, hits, work, work <= most_work

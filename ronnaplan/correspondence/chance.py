@@ -1,0 +1,80 @@
+"""How probable each pair of a pose is, against outliers that meet by chance where both sets hold many."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ronnaplan.correspondence.pairing import IntArray
+from ronnaplan.correspondence.problem import Problem
+from ronnaplan.correspondence.refining import PAIR_SIGMAS
+from ronnaplan.geometry import FloatArray
+
+ROUNDS = 4
+"""Which points are outliers, and how dense these are, are told from each other so often."""
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbourhood:
+    """Each point's nearest others of its own set (n, K), and the volume of the ball (n,) that they fill.
+
+    Twice the square root of their number: fewer know a density too poorly, more know it too far away.
+    """
+
+    near: IntArray
+    volume_mm3: FloatArray
+
+    @classmethod
+    def of(cls, points: FloatArray, sigma_mm: float) -> Neighbourhood:
+        """Return the neighbourhoods of points (n, 3)."""
+        count = min(2 * math.isqrt(len(points)) + 1, len(points))
+        distance, index = map(np.asarray, cKDTree(points).query(points, count))
+        radius = np.maximum(distance[:, -1], PAIR_SIGMAS * sigma_mm)
+        return cls(index[:, 1:], 4.0 / 3.0 * math.pi * radius**3)
+
+    def density(self, share: FloatArray) -> FloatArray:
+        """Return how dense at each point those are that count with ``share`` (n,); their mean counts as one more."""
+        mean = (share.sum() + 1.0) / (len(share) + 1.0)
+        return np.asarray((share[self.near].sum(axis=1) + mean) / self.volume_mm3)
+
+
+@dataclass(frozen=True, eq=False)
+class Chance:
+    """What tells the pairs of a problem's poses from chance: its points' neighbourhoods, the same under every pose."""
+
+    problem: Problem
+    ct: Neighbourhood
+    ots: Neighbourhood
+
+    @classmethod
+    def of(cls, problem: Problem) -> Chance:
+        """Return it for a problem."""
+        return cls(problem, *(Neighbourhood.of(points, problem.sigma_mm) for points in (problem.ct, problem.ots)))
+
+    def pair_probabilities(self, matrix: FloatArray, partner: IntArray) -> FloatArray:
+        """Return the probability of each pair of a pose (3, 4), against outliers that meet and against its neighbours.
+
+        Markers of both sets, and the outliers of each, lie with densities of their own: the odds of points (i, j) at
+        the distance r are those of the markers times N(r; 0, c), over the product of the outliers' there.  The
+        densities about each point are taken from its neighbours, which count as outliers with what is left of their
+        own probability.
+        """
+        problem, (n, m) = self.problem, self.problem.counts
+        moved = problem.ct @ matrix[:, :3].T + matrix[:, 3]
+        reach = 1.5 * PAIR_SIGMAS * problem.sigma_mm
+        near = cKDTree(moved).sparse_distance_matrix(cKDTree(problem.ots), reach, output_type="coo_matrix")
+        variance = problem.ct_errors.variances[near.row] + problem.ots_errors.variances[near.col]
+        likelihood = (2.0 * np.pi * variance) ** -1.5 * np.exp(-0.5 * near.data**2 / variance)
+        is_pair = partner[near.row] == near.col
+        i, j = near.row[is_pair], near.col[is_pair]
+        probabilities, of_ots = (partner >= 0).astype(np.float64), np.bincount(j, minlength=m).astype(np.float64)
+        for _ in range(ROUNDS):
+            ct, ots = self.ct.density(1.0 - probabilities), self.ots.density(1.0 - of_ots)
+            odds = likelihood * self.ct.density(probabilities)[near.row] / (ct[near.row] * ots[near.col])
+            sums = np.bincount(near.row, odds, n)[i] + np.bincount(near.col, odds, m)[j]
+            probabilities[:], of_ots[:] = 0.0, 0.0
+            probabilities[i] = of_ots[j] = odds[is_pair] / (1.0 + sums - odds[is_pair])
+        return probabilities[partner >= 0]
