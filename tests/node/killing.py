@@ -25,6 +25,7 @@ import tempfile
 import threading
 import time
 from collections import Counter
+from collections.abc import Iterator
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
@@ -117,27 +118,11 @@ class Trial:
         """
         entity = AE("CT1")
         entity.add_requested_context(CTImageStorage)
-        entity.connection_timeout = entity.dimse_timeout = entity.acse_timeout = 5
         waiting = [self._instance(number, k) for k in range(SLICES)]
         for made in waiting if other else []:
             made.SeriesDescription = f"other {time.time()}"
-        tries = 0
-        while waiting:
-            tries += 1  # counted, not timed: a machine may stand still
-            if tries > MOST_TRIES:
-                raise TimeoutError("the node takes nothing any more")
-            association = associate(entity, self.port)
-            with suppress(RuntimeError, ValueError, OSError):
-                while waiting and association.is_established:
-                    answer = association.send_c_store(waiting[0])
-                    if answer.get("Status") != (DUPLICATE if other else 0):
-                        break
-                    made = waiting.pop(0)
-                    self.acknowledged[str(made.SOPInstanceUID)] = hashlib.sha256(made.PixelData).hexdigest()
-            if association.is_established:
-                association.release()
-            if waiting:
-                time.sleep(0.1)
+        for made in send_all(entity, self.port, waiting, DUPLICATE if other else 0):
+            self.acknowledged[str(made.SOPInstanceUID)] = hashlib.sha256(made.PixelData).hexdigest()
 
     def _instance(self, number: int, k: int) -> Any:
         made = makers.dataset(k)
@@ -219,6 +204,26 @@ class Trial:
             last = max(at for at in received + began if at <= completed)
             found.append(completed if completed - last >= self.quiet_s else -completed)
         return found
+
+
+def send_all(entity: AE, port: int, waiting: list[Any], status: int = 0) -> Iterator[Any]:
+    """Send until all is acknowledged by ``status``, over as many associations as it takes; yields what was."""
+    entity.connection_timeout = entity.dimse_timeout = entity.acse_timeout = 5
+    tries = 0
+    while waiting:
+        tries += 1  # counted, not timed: a machine may stand still
+        if tries > MOST_TRIES:
+            raise TimeoutError("the node takes nothing any more")
+        association = associate(entity, port)
+        with suppress(RuntimeError, ValueError, OSError):
+            while waiting and association.is_established:
+                if association.send_c_store(waiting[0]).get("Status") != status:
+                    break
+                yield waiting.pop(0)
+        if association.is_established:
+            association.release()
+        if waiting:
+            time.sleep(0.1)
 
 
 def is_announced(series_uid: str) -> bool:

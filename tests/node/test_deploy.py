@@ -28,11 +28,19 @@ def test_systemd_finds_no_fault_with_the_service(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_the_container_is_made_of_what_there_is_and_runs_as_no_root() -> None:
-    steps = [line.split(maxsplit=1) for line in CONTAINER.read_text().splitlines() if re.match("[A-Z]+ ", line)]
-    for name, rest in steps:
-        if name == "COPY" and "--from" not in rest:
-            assert all(Path(source).exists() for source in rest.split()[:-1])
-    said = dict(steps)  # the last of each
-    assert int(said["USER"]) > 0
+def steps_of(container: Path) -> list[list[str]]:
+    return [line.split(maxsplit=1) for line in container.read_text().splitlines() if re.match("[A-Z]+ ", line)]
+
+
+@pytest.mark.parametrize("container", [CONTAINER, Path("Containerfile")], ids=str)
+def test_a_container_is_made_of_what_there_is_and_runs_as_no_root(container: Path) -> None:
+    steps = steps_of(container)
+    sources = [rest.split()[:-1] for name, rest in steps if name == "COPY" and "--from" not in rest]
+    assert all(Path(source).exists() for each in sources for source in each)
+    assert len(sources) > 1
+    assert dict(steps)["USER"] not in ("0", "root")  # the last of each
+
+
+def test_the_container_starts_the_node() -> None:
+    said = dict(steps_of(CONTAINER))
     assert parse(json.loads(said["ENTRYPOINT"])[1:] + json.loads(said["CMD"])).config == "/data/node.toml"
