@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -14,12 +13,12 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ronnaplan.ct.progress import Progress, advancing
-from ronnaplan.ct.scratch import one_by_one
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.accept import MIN_COVERAGE, Evidence, Usual, failures
 from ronnaplan.localization.blur import blur_mm2
 from ronnaplan.localization.build import SOLID, Build
+from ronnaplan.localization.ceiling import scale_end_hu
 from ronnaplan.localization.descent import MAX_WANDER
 from ronnaplan.localization.detect import detect
 from ronnaplan.localization.guess import margin_mm
@@ -27,7 +26,7 @@ from ronnaplan.localization.look import surface_shares, unseen_share
 from ronnaplan.localization.motion import Movement
 from ronnaplan.localization.neighbourhood import axes_along, gather
 from ronnaplan.localization.parameters import CENTER, RADIUS, SHAPE, WIDTH, full_width_at_half_maximum_mm
-from ronnaplan.localization.parts import in_parts, single_threaded_algebra
+from ronnaplan.localization.parts import single_threaded_algebra
 from ronnaplan.localization.refine import BallFit, fit_ball
 from ronnaplan.localization.uncertainty import (
     by_excess,
@@ -35,12 +34,6 @@ from ronnaplan.localization.uncertainty import (
     is_off_size,
     noise_level,
 )
-
-MIN_CEILING_HU = 2000.0
-"""No scanner's scale ends below this."""
-
-CLIP_SHOULDER_HU = 10
-"""A scale ends where its largest value is commoner than all the values this far below it taken together."""
 
 BROADENING = 1.5
 """Slice profiles are broader than nominal by up to this factor."""
@@ -64,11 +57,12 @@ class Slant:
 
 
 class Scan:
-    """A volume with the facts about it that every fit needs."""
+    """A volume with the facts about it that every fit needs; a coarse copy has its scale's end of the ``whole``."""
 
-    def __init__(self, volume: CTVolume, slant: Slant | None = None) -> None:
+    def __init__(self, volume: CTVolume, slant: Slant | None = None, whole: Scan | None = None) -> None:
         self.volume = volume
         self.slant = slant
+        self._whole = whole
 
     @cached_property
     def axes(self) -> FloatArray:
@@ -125,20 +119,7 @@ class Scan:
     @cached_property
     def ceiling_hu(self) -> float:
         """Value at which the scan clips, or infinity where its brightest voxels are not clipped."""
-        voxels_hu = self.volume.voxels_hu
-        parts = in_parts(
-            lambda first, end: [one.max() for one in one_by_one(voxels_hu[first:end])], len(voxels_hu)
-        )
-        tops = np.array([top for part in parts for top in part], dtype=np.float64)
-        top = float(tops.max())
-        if top < MIN_CEILING_HU:
-            return math.inf
-        at_top = near_top = 0
-        for k in np.flatnonzero(tops >= top - CLIP_SHOULDER_HU):
-            bright = voxels_hu[k][voxels_hu[k] >= top - CLIP_SHOULDER_HU]
-            at_top += int(np.count_nonzero(bright == top))
-            near_top += len(bright)
-        return top if at_top > 1 and 2 * at_top > near_top else math.inf
+        return scale_end_hu(self.volume.voxels_hu) if self._whole is None else self._whole.ceiling_hu
 
 
 UNKNOWN: Final = np.full((3, 3), np.nan)

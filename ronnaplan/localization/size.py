@@ -76,7 +76,7 @@ def sizes_seen(volume: CTVolume, marker: Build = SOLID, *, progress: bool = Fals
     """
     check_type(volume, CTVolume, "the volume", "read_ct returns one")
     scan = Scan(measured(volume))
-    coarse = Scan(coarsen(scan.volume, COARSE_FLOOR_MM))
+    coarse = Scan(coarsen(scan.volume, COARSE_FLOOR_MM), whole=scan)
     with single_threaded_algebra():
         places = _round_places(scan, coarse.volume, marker, progress)
 
