@@ -18,7 +18,7 @@ from ronnaplan.localization.detect import MIN_CONTRAST_HU
 from ronnaplan.localization.look import metal_axis
 from ronnaplan.localization.model import has_streaks
 from ronnaplan.localization.motion import Movement, movement
-from ronnaplan.localization.parameters import CENTER, WIDTH
+from ronnaplan.localization.parameters import BACKGROUND, CENTER, WIDTH
 from ronnaplan.localization.refine import BallFit
 from ronnaplan.localization.uncertainty import center_covariance
 
@@ -71,6 +71,10 @@ METAL_WIDTH_SHARE = 0.5
 """Of metal, whose inside is clipped and whose streaks hide an oval, the profile alone tells a ball from what is longer
 along the slices' normal: an ellipsoid longer by a third seems blurred by 0.7 of its diameter more. Its profile is no
 wider than the nominal thickness and this share of the diameter (added as variances), unless others show it, too."""
+
+NO_AIR_HU = -600.0
+"""A scale that begins above this shows no air. Of what is cut off at its other end, too, the edge alone is seen in
+passing: balls of metal came out 0.1 mm off, and nothing told."""
 
 NOISE_MARGIN = 1.3
 """Noise differs between places by up to this factor: it was measured where it is least."""
@@ -154,6 +158,9 @@ def _contrast(evidence: Evidence) -> str | None:
     contrast = evidence.fit.contrast_hu
     if contrast >= MAX_CONTRAST_HU:  # what is larger than it should be, and clipped, looks ever brighter instead
         return f"contrast {contrast:.0f} HU, below {MAX_CONTRAST_HU:.0f} expected"
+    floor_hu = evidence.fit.neighbourhood.floor_hu
+    if evidence.fit.is_clipped and evidence.fit.theta[BACKGROUND] <= floor_hu and floor_hu > NO_AIR_HU:
+        return f"the scale shows neither itself nor what is around it, for it begins at {floor_hu:.0f} HU"
     if contrast >= MIN_CONTRAST_HU:
         return None
     return f"contrast {contrast:.0f} HU, at least {MIN_CONTRAST_HU:.0f} expected"

@@ -11,18 +11,21 @@ from ronnaplan.ct.scratch import one_by_one
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.parts import in_parts
 
-MIN_CEILING_HU = 2000.0
-"""No scanner's scale ends below this."""
+MIN_CEILING_HU, SCANNERS_CEILING_HU = 300.0, 2000.0
+"""Nobody cuts a scale off below the first, and no scanner below the second; exports for soft tissue or bone may do."""
 
-CLIP_SHOULDER_HU = 10
+CLIP_SHOULDER_HU = 10.0
 """A scale ends where its largest value is commoner than all the values this far below it taken together."""
 
 RAGGED_HU = 30.0
 """Lossy compression, resampling and denoising leave an end so ragged at most where they follow after it. What is bright
 and not cut off scatters farther by its own noise, of 10 HU and more."""
 
+NEAR_HU = 5.0 * RAGGED_HU
+"""So far below the largest value what is there tells whether and how the scale ends."""
+
 STRAY_SHARE = 0.005
-"""Share of the bright voxels that ringing may lift beyond a ragged end."""
+"""Share of these voxels that ringing may lift beyond a ragged end."""
 
 LEAST_AT_END, ENDS_MORE = 30, 4.0
 """A ragged end holds so many voxels, and so many times those of the band below it, which is as wide as it."""
@@ -33,26 +36,25 @@ def scale_end_hu(voxels_hu: Voxels) -> float:
 
     Of a ragged end the lower side is told: what lies above tells no more than that it is bright.
     """
-    parts = in_parts(lambda first, end: _bright(voxels_hu[first:end]), len(voxels_hu))
-    bright = np.sort(np.concatenate([some for part in parts for some in part]))
-    top = float(bright[-1]) if len(bright) else -math.inf
+    parts = in_parts(lambda first, end: [one.max() for one in one_by_one(voxels_hu[first:end])], len(voxels_hu))
+    tops = np.array([top for part in parts for top in part], dtype=np.float64)
+    top = float(tops.max())
     if top < MIN_CEILING_HU:
         return math.inf
-    at_top = len(bright) - int(np.searchsorted(bright, top))
-    is_sharp = at_top > 1 and 2 * at_top > len(bright) - int(np.searchsorted(bright, top - CLIP_SHOULDER_HU))
-    end = top if is_sharp else max(float(bright[int((1.0 - STRAY_SHARE) * (len(bright) - 1))]), MIN_CEILING_HU)
-    below, lower, last, upper = np.searchsorted(
-        bright, [end - 3.0 * RAGGED_HU, end - RAGGED_HU, end, end + RAGGED_HU]
-    )
-    around = int((last if is_sharp else upper) - lower)
-    if around >= max(LEAST_AT_END, STRAY_SHARE * len(bright)) and around > ENDS_MORE * (lower - below):
+    slices = [voxels_hu[k] for k in np.flatnonzero(tops >= top - NEAR_HU)]
+    near = np.sort(np.concatenate([one[one >= top - NEAR_HU] for one in slices])).astype(np.float64)
+    at_top, beside = (len(near) - int(np.searchsorted(near, least)) for least in (top, top - CLIP_SHOULDER_HU))
+    is_scanners = top >= SCANNERS_CEILING_HU
+    is_sharp = at_top >= (2 if is_scanners else LEAST_AT_END) and 2 * at_top > beside
+    end = top if is_sharp else float(near[int((1.0 - STRAY_SHARE) * (len(near) - 1))])
+    if is_scanners and _is_ragged(near, end, is_sharp):
         return end - RAGGED_HU
     return top if is_sharp else math.inf
 
 
-def _bright(slices_hu: Voxels) -> list[FloatArray]:
-    """Return what may lie at a scale's end or just below, of each of the slices that show any."""
-    least_hu = MIN_CEILING_HU - 3.0 * RAGGED_HU
-    return [one[one >= least_hu].astype(np.float64) for one in one_by_one(slices_hu) if one.max() >= least_hu] or [
-        np.empty(0)
-    ]
+def _is_ragged(near: FloatArray, end_hu: float, is_sharp: bool) -> bool:
+    """Whether the sorted values ``near`` the largest gather about an end, or below it where it is sharp."""
+    reach = (end_hu - 3.0 * RAGGED_HU, end_hu - RAGGED_HU, end_hu if is_sharp else end_hu + RAGGED_HU)
+    below, lower, upper = np.searchsorted(near, reach).tolist()
+    gathered = upper - lower
+    return bool(gathered >= max(LEAST_AT_END, STRAY_SHARE * len(near)) and gathered > ENDS_MORE * (lower - below))

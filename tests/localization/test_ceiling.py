@@ -51,7 +51,22 @@ def test_what_is_bright_and_not_cut_off_is_no_end(noise_hu: float) -> None:
     ball = render_hu(balls([(0.0, 0.0, 0.0)], 11.5, "ceramic"), STACK, blur_mm=0.5, noise_hu=noise_hu)
     assert float(np.percentile(ball, 99.9)) > 2000.0
     assert scale_end_hu(ball.astype(np.float32)) == math.inf
-    assert scale_end_hu(np.minimum(ball, 1900.0).astype(np.int16)) == math.inf
+
+
+@pytest.mark.parametrize("top_hu", [400.0, 1000.0, 1900.0])
+def test_metal_is_found_in_exports_whose_scale_was_cut_off(metal: FloatArray, top_hu: float) -> None:
+    images = np.minimum(after_the_end(metal, 0.0, cut_again=False), top_hu).astype(np.int16)
+    assert scale_end_hu(images) == top_hu
+    (found,) = localize(on_grid(images, STACK), diameter_mm=4.0)
+    assert np.linalg.norm(found.center_mm - [3.0, -4.0, 1.0]) < 0.02
+    assert FiducialFlag.CLIPPED in found.flags
+
+
+def test_metal_is_refused_where_air_was_cut_off_too(metal: FloatArray) -> None:
+    images = np.clip(after_the_end(metal, 0.0, cut_again=False), -200.0, 1000.0).astype(np.int16)
+    found = localize(on_grid(images, STACK), diameter_mm=4.0)
+    assert not len(found)
+    assert "begins at -200 HU" in found.rejected[0].reason
 
 
 def test_an_extended_scale_whose_metal_thins_out_has_no_end() -> None:
