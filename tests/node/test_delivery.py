@@ -95,6 +95,29 @@ def test_an_answer_waits_for_its_receiver_and_goes_encrypted_to_the_right_one_on
             assert len(list(got.iterdir())) == (told == "sent")
 
 
+@needs("storescp")
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize(("options", "is_implicit"), [((), False), (("+xi",), True)])
+def test_a_receiver_gets_the_encoding_that_it_takes(
+    tmp_path: Path, options: tuple[str, ...], is_implicit: bool
+) -> None:
+    port = free_port()
+    config = configuration(tmp_path, peer=[{"name": "archive", "port": port}], jobs={"retry_s": 10.0})
+    config.data.mkdir()
+    with storescp(tmp_path / "got", port, *options), Index(config.data) as index:
+        waiting_answer(config, index)
+
+        def state() -> str:
+            index.run("UPDATE deliveries SET due = 0")
+            return delivered(config, index, 2.0)
+
+        until(lambda: state() == "sent")
+    (path,) = (tmp_path / "got").iterdir()
+    got, made = dcmread(path), dcmread(config.data / "answer.dcm")
+    assert got.file_meta.TransferSyntaxUID.is_implicit_VR == is_implicit
+    assert got == made
+
+
 @needs("findscu", "getscu", "movescu")
 def test_an_archive_s_own_tools_find_and_bring_the_same(orthanc: Orthanc, tmp_path: Path) -> None:
     study = "1.2.3.700"
