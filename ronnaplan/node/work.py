@@ -118,12 +118,12 @@ def _gather(
 
     What is drawn of the voxels is gathered before pydicom is loaded, which takes room of its own.
     """
+    volume, fiducials = _find(order, scratch)
     from ronnaplan.case.folder import Case
     from ronnaplan.documents.fiducials import fiducials_document
     from ronnaplan.report.contact import draw_sheet, gathered
     from ronnaplan.report.quality import drafted
 
-    volume, fiducials = _find(order, scratch)
     document = fiducials_document(fiducials)
     drawn: dict[str, Callable[[Markers], FileDataset]] = {}
     if "sheet" in wanted:
