@@ -54,11 +54,8 @@ def _decoded(png: bytes) -> tuple[int, int, bytes]:
     from PIL import Image
 
     with Image.open(io.BytesIO(png)) as picture:
-        return (
-            picture.height,
-            picture.width,
-            (picture if picture.mode == "RGB" else picture.convert("RGB")).tobytes(),
-        )
+        colours = picture if picture.mode == "RGB" else picture.convert("RGB")
+        return colours.height, colours.width, colours.tobytes()
 
 
 def _converted(made: FileDataset) -> None:

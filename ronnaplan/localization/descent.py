@@ -138,7 +138,7 @@ def _descend(
     cost, slope, matrix = _equations(offsets, values, theta, mean, weight, layer_mm, looked_up, floor, ceiling)
     for _ in range(steps):
         trial = theta + _step(matrix, slope, damping, theta)
-        if not math.isfinite(trial[U]):
+        if not math.isfinite(trial[U]):  # the equations told nothing
             return theta, False
         _bind(trial, theta)
         moved_mm = max(abs(trial[U] - theta[U]), abs(trial[V] - theta[V]), abs(trial[W] - theta[W]))

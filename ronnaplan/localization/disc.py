@@ -61,7 +61,7 @@ def _fill(rows: FloatArray, first: int, nodes: FloatArray, weights: FloatArray) 
 def _fill_straight(told: FloatArray, distance: float) -> None:
     normal = math.exp(-0.5 * distance * distance) / math.sqrt(2.0 * math.pi)
     turned = (1.0 - distance * distance) * normal
-    told[0], told[2], told[3] = _below(distance), -normal, distance * normal
+    told[0], told[2], told[3] = share_below(distance), -normal, distance * normal
     told[5], told[6] = -turned, distance * turned
 
 
@@ -81,7 +81,7 @@ def _fill_curved(told: FloatArray, a: float, r: float, nodes: FloatArray, weight
         i0 += density
         i1 += density * (1.0 - 2.0 * sine * sine)
         up, across = a * math.sin(half * nodes[k]), a * math.cos(half * nodes[k])
-        seen = _below(across - r) - _below(-across - r)
+        seen = share_below(across - r) - share_below(-across - r)
         disc += 2.0 * weights[k] * half * across * seen * math.exp(-0.5 * up * up) / math.sqrt(2.0 * math.pi)
     along_by_a = (2.0 - square) * i0 + 2.0 * z * i1
     along_by_r = a * (square * i1 - 2.0 * z * i0)
@@ -90,6 +90,6 @@ def _fill_curved(told: FloatArray, a: float, r: float, nodes: FloatArray, weight
 
 
 @njit(cache=True, nogil=True)
-def _below(x: float) -> float:
+def share_below(x: float) -> float:
     """Return the share of a normal distribution that lies below ``x``."""
     return 0.5 * math.erfc(-x * math.sqrt(0.5))

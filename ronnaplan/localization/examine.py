@@ -57,7 +57,7 @@ class Slant:
 
 
 class Scan:
-    """A volume with the facts about it that every fit needs; a coarse copy has its scale's end of the ``whole``."""
+    """A volume with the facts about it that every fit needs; what is made of a ``whole`` scan has its scale's end."""
 
     def __init__(self, volume: CTVolume, slant: Slant | None = None, whole: Scan | None = None) -> None:
         self.volume = volume

@@ -18,6 +18,7 @@ from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.algebra import add_products
 from ronnaplan.localization.ball import add_ball
+from ronnaplan.localization.disc import share_below
 from ronnaplan.localization.parameters import (
     BACKGROUND,
     BLUR,
@@ -151,7 +152,7 @@ def _add_skin(offsets: FloatArray, theta: FloatArray, values: FloatArray, jacobi
         sag = 0.5 * SKIN_CURVATURE_PER_MM * (beside_u**2 + beside_v**2 + beside_w**2)
         height = length * (depth - sag) - 1.0
         t = height / (length * blur)
-        share = 0.5 * math.erfc(-t * math.sqrt(0.5))
+        share = share_below(t)
         density = theta[at] * math.exp(-0.5 * t * t) / (math.sqrt(2.0 * math.pi) * length * blur)
         by_blur = -density * height / blur
         turn = 1.0 + SKIN_CURVATURE_PER_MM * depth

@@ -48,13 +48,14 @@ def along_the_blur(scan: Scan, examined: Sequence[Examined], build: Build) -> Sc
     """Return the scan with w along its blur, if the balls among what was ``examined`` fit better so; else as it is."""
 
     def refit(slant: Slant, balls: Sequence[Examined]) -> list[Examined]:
-        return examine_places(Scan(scan.volume, slant), [(one.center_mm, one.stated_mm) for one in balls], build)
+        turned = Scan(scan.volume, slant, whole=scan)
+        return examine_places(turned, [(one.center_mm, one.stated_mm) for one in balls], build)
 
     slant = slant_seen(scan.axes, examined, refit)
     if slant is None:
         return scan
     flags = tuple(dict.fromkeys([*scan.volume.flags, VolumeFlag.REFORMATTED]))
-    return Scan(replace(scan.volume, flags=flags), slant)
+    return Scan(replace(scan.volume, flags=flags), slant, whole=scan)
 
 
 def slant_seen(

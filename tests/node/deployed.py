@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 from pydicom import Dataset, dcmread
-from pydicom.uid import UID, CTImageStorage, JPEGLSLossless, generate_uid
+from pydicom.uid import UID, CTImageStorage, JPEGLSLossless, SpatialFiducialsStorage, generate_uid
 from pynetdicom import AE, StoragePresentationContexts, evt
 
 from ronnaplan import localize, read_ct
@@ -34,7 +34,6 @@ from tests.node.killing import send_all
 
 SCAN = Path("data/synthetic_ct")
 DIAMETER_MM = 11.5
-FIDUCIALS = "1.2.840.10008.5.1.4.1.1.66.2"
 KILLED_WITHIN_S = 2.0
 """Of when the first instance is sent; less than sending takes."""
 
@@ -90,7 +89,7 @@ def fault(answers: list[Dataset], kinds: int, centers_mm: np.ndarray) -> str | N
     classes = {str(one.SOPClassUID) for one in answers}
     if len(answers) != kinds or len(classes) != kinds:
         return f"{len(answers)} answers of {len(classes)} kinds"
-    (made,) = (one for one in answers if one.SOPClassUID == FIDUCIALS)
+    (made,) = (one for one in answers if one.SOPClassUID == SpatialFiducialsStorage)
     points = [one.ContourData for one in made.FiducialSetSequence[0].FiducialSequence]
     if np.shape(points) != centers_mm.shape or np.abs(np.array(points, float) - centers_mm).max() > CLOSE_MM:
         return "other markers"

@@ -32,7 +32,7 @@ from pathlib import Path
 from typing import Any
 
 from pydicom import dcmread
-from pydicom.uid import UID, CTImageStorage
+from pydicom.uid import UID, CTImageStorage, SpatialFiducialsStorage
 from pynetdicom import AE, evt
 
 from ronnaplan.node.index import Index
@@ -66,7 +66,7 @@ class Archive:
     def __init__(self) -> None:
         set_up_pynetdicom()
         entity = AE("ARCHIVE")
-        entity.add_supported_context("1.2.840.10008.5.1.4.1.1.66.2")
+        entity.add_supported_context(SpatialFiducialsStorage)
         self.got: dict[str, set[str]] = {}
         self.port = free_port()
         self._server = entity.start_server(
