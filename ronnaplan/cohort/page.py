@@ -16,8 +16,6 @@ from ronnaplan.report.html import box, element, link, page, picture, section, ta
 from ronnaplan.text import printable
 
 PAGE: Final = "index.html"
-SHEET_PIXELS: Final = 900
-"""Width of the sheets on the page; the whole one is a click away."""
 MOST_ROWS: Final = 15
 MOST_CHARTS: Final = 40
 NOTICE: Final = "Research software, not a medical device."
@@ -122,17 +120,17 @@ def _sheet(row: Row, out: Path) -> str:
     found = "" if row.get("found") is None else f"{row['found']}{expected} markers"
     told = "; ".join(part for part in (where, scanner_of(row), found, printable(row["reason"] or "")) if part)
     try:
-        content = _small_jpeg((out / row["sheet"]).read_bytes())
+        content = _jpeg((out / row["sheet"]).read_bytes())
     except OSError:
         return element("p", f"{told}: its sheet is gone")
     return f"{element('h3', told)}<p>{link(row['sheet'], 'whole sheet')}</p>{picture(content, where, 'jpeg')}"
 
 
-def _small_jpeg(content: bytes) -> bytes:
+def _jpeg(content: bytes) -> bytes:
+    """Return a sheet as a quarter of its bytes; the exact one is a click away."""
     from PIL import Image
 
     stream = io.BytesIO()
     with Image.open(io.BytesIO(content)) as sheet:
-        size = (SHEET_PIXELS, round(sheet.height * SHEET_PIXELS / sheet.width))
-        sheet.convert("RGB").resize(size).save(stream, "JPEG", quality=85)
+        sheet.convert("RGB").save(stream, "JPEG", quality=85)
     return stream.getvalue()

@@ -20,11 +20,14 @@ from ronnaplan.cohort.results import keep
 from ronnaplan.cohort.rules import Rules, Task
 from ronnaplan.errors import InputError
 from ronnaplan.jobs.serving import BROKEN
+from ronnaplan.threads import cores
 
 if TYPE_CHECKING:
     from distributed import Client
 
 CONNECT: Final = "10s"
+QUIET: Final = {"distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "1s"}
+"""Dask settings of a cluster within this process, which otherwise takes a look at itself a hundred times a second."""
 ASK_AGAIN_S: Final = 5.0
 AHEAD: Final = 2
 """Series that are sent ahead for each thread of a worker: it never waits for the next."""
@@ -59,16 +62,18 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
     Raises `InputError` where Dask is not installed or no scheduler answers.
     """
     try:
+        import dask
         import distributed
     except ImportError as error:
         raise InputError("Dask is not installed; install ronnaplan[cohort]") from error
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # a lost scheduler is told in one sentence
     if scheduler is None:
-        count = workers or os.cpu_count() or 1
+        count = workers or cores()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
             distributed.utils.get_ip()  # a machine without a network would be warned of it
         with (
+            dask.config.set(QUIET),
             distributed.LocalCluster(
                 n_workers=1, threads_per_worker=count, processes=False, dashboard_address=None, memory_limit=0
             ) as cluster,

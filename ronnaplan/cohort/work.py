@@ -62,7 +62,6 @@ def work(order: dict[str, Any], tell: Tell) -> None:
 
 def _wanted(order: dict[str, Any]) -> _Wanted:
     from ronnaplan.documents.fiducials import FORMAT, FiducialsDocument
-    from ronnaplan.documents.phantom_check import known_phantom
     from ronnaplan.documents.template import TemplateDocument
 
     rule = checked(order["rule"], CohortRule)
@@ -70,6 +69,8 @@ def _wanted(order: dict[str, Any]) -> _Wanted:
     truth = order["phantom"]
     if truth is None:
         return _Wanted(rule, template, None)
+    from ronnaplan.documents.phantom_check import known_phantom  # which takes as long to load as all else
+
     is_scan = truth["format"] == FORMAT
     document = checked(truth, FiducialsDocument) if is_scan else checked(truth, TemplateDocument)
     return _Wanted(rule, template, known_phantom(document, rule.phantom or ""))
@@ -166,7 +167,8 @@ def _content(series: Series, voxels_sha256: str) -> str:
 
 def _warm_up() -> None:
     """Load what a series needs, and the compiled code, before there is one."""
-    import ronnaplan.documents.phantom_check
+    import ronnaplan.documents.fiducials
+    import ronnaplan.documents.template
     import ronnaplan.report.contact  # noqa: F401
     from ronnaplan.jobs.localizing import warm_up
 

@@ -6,7 +6,6 @@ import logging
 import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Final
 
@@ -22,6 +21,7 @@ from ronnaplan.ct.scratch import Scratch, one_by_one
 from ronnaplan.ct.slices import CT_ONLY, CT_OR_MR, SliceImage
 from ronnaplan.ct.volume import CTVolume, SeriesSource, VolumeFlag
 from ronnaplan.errors import InputError
+from ronnaplan.threads import in_threads
 
 LOG = logging.getLogger(__name__)
 
@@ -183,12 +183,8 @@ def _allocated(
 
 def in_parallel(work: Callable[[int], None], count: int, progress: bool) -> None:
     """Call ``work`` for 0..count-1 in threads; the first error, or Ctrl-C, drops what has not begun."""
-    pool = ThreadPoolExecutor(min(MOST_THREADS, os.cpu_count() or 1))
-    try:
-        for _ in advancing(pool.map(work, range(count)), count, progress, "reading slices"):
-            pass
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
+    for _ in advancing(in_threads(work, range(count), MOST_THREADS), count, progress, "reading slices"):
+        pass
 
 
 def _padding_hu(slices: Sequence[SliceImage]) -> float | None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -34,6 +32,7 @@ from ronnaplan.localization.uncertainty import (
     is_off_size,
     noise_level,
 )
+from ronnaplan.threads import in_threads
 
 BROADENING = 1.5
 """Slice profiles are broader than nominal by up to this factor."""
@@ -194,11 +193,8 @@ def examine(
     scan: Scan, diameters_mm: Sequence[float], build: Build = SOLID, progress: Progress = False
 ) -> list[Examined]:
     """Fit and judge every place of ``scan`` that may be a ball of one of ``diameters_mm``, strongest first of each."""
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        seen = pool.map(lambda diameter: places_for(scan, diameter, build), diameters_mm)
-        wanted = [
-            (place, diameter) for diameter, places in zip(diameters_mm, seen, strict=True) for place in places
-        ]
+    seen = in_threads(lambda diameter: places_for(scan, diameter, build), diameters_mm)
+    wanted = [(place, diameter) for diameter, places in zip(diameters_mm, seen, strict=True) for place in places]
     return examine_places(scan, wanted, build, progress)
 
 
@@ -207,8 +203,8 @@ def examine_places(
 ) -> list[Examined]:
     """Fit and judge a ball at every place (3,) for the diameter in mm that is ``wanted`` there."""
     # The fits release the interpreter's lock, and each is independent of the others: any order, same result.
-    with single_threaded_algebra(), ThreadPoolExecutor(os.cpu_count()) as pool:
-        fits = pool.map(lambda one: examine_place(scan, one[0], one[1], build), wanted)
+    with single_threaded_algebra():
+        fits = in_threads(lambda one: examine_place(scan, one[0], one[1], build), wanted)
         sizes = " and ".join(f"{diameter:g}" for diameter in dict.fromkeys(diameter for _, diameter in wanted))
         return list(advancing(fits, len(wanted), progress, f"fitting balls of {sizes} mm"))
 

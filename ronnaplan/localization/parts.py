@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from functools import cache
+from itertools import pairwise
 from typing import Any, TypeVar
 
 from threadpoolctl import ThreadpoolController
+
+from ronnaplan.threads import cores, in_threads
 
 Result = TypeVar("Result")
 
@@ -22,11 +23,9 @@ def in_parts(work: Callable[[int, int], Result], count: int) -> list[Result]:
 
     For work that releases the interpreter's lock, and whose result does not depend on where the parts begin.
     """
-    cores = os.cpu_count() or 1
-    parts = max(min(PARTS_PER_CORE * cores, count), 1)
+    parts = max(min(PARTS_PER_CORE * cores(), count), 1)
     ends = [count * n // parts for n in range(parts + 1)]
-    with ThreadPoolExecutor(cores) as pool:
-        return list(pool.map(work, ends[:-1], ends[1:]))
+    return list(in_threads(lambda part: work(*part), pairwise(ends)))
 
 
 def single_threaded_algebra() -> AbstractContextManager[Any]:

@@ -6,9 +6,7 @@ sphere, and so its size; only what looks like a sphere is fitted, once.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -30,6 +28,7 @@ from ronnaplan.localization.shading import PLATEAU_SHARE
 from ronnaplan.localization.slant import along_the_blur
 from ronnaplan.localization.sphere import LEAST_SHOWN, spheres_at
 from ronnaplan.localization.usual import judged_again, usual_of
+from ronnaplan.threads import in_threads
 
 SEARCHED_MM = (3.0, 26.0)
 """Markers in use have diameters within this range."""
@@ -87,12 +86,12 @@ def sizes_seen(volume: CTVolume, marker: Build = SOLID, *, progress: bool = Fals
         return _fitted(scan_for(place[1]), *place, marker)
 
     # numba's functions release the interpreter's lock
-    with single_threaded_algebra(), ThreadPoolExecutor(os.cpu_count()) as pool:
-        fitted = list(advancing(pool.map(fitted_at, places), len(places), progress, "fitting balls"))
+    with single_threaded_algebra():
+        fitted = list(advancing(in_threads(fitted_at, places), len(places), progress, "fitting balls"))
         turned = along_the_blur(scan, fitted, marker)
         if turned is not scan:
             scan = coarse = turned
-            fitted = list(pool.map(fitted_at, places))
+            fitted = list(in_threads(fitted_at, places))
         usual = replace(usual_of(fitted), misfit=0.0)  # balls of several sizes have no misfit in common
         judged = [judged_again(scan_for(one.stated_mm), one, marker, usual) for one in fitted]
     accepted = distinct(one for one in judged if one.is_marker)
@@ -164,9 +163,8 @@ def _round_places(scan: Scan, coarse: CTVolume, marker: Build, progress: bool) -
             balls += [(place, diameter_mm) for place in places[shares >= LEAST_SHOWN]]
         return balls
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        tried = advancing(pool.map(voted, copies.values()), len(copies), progress, "trying sizes")
-        found = [ball for some in tried for ball in some]
+    tried = advancing(in_threads(voted, copies.values()), len(copies), progress, "trying sizes")
+    found = [ball for some in tried for ball in some]
     if not found:
         return []
     looked_at = np.array([place for place, _ in found]), np.array([size for _, size in found])

@@ -5,9 +5,7 @@ What is found here ranks candidates; those that are proposed are measured anew w
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +14,7 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning.head import Head
 from ronnaplan.planning.obstacles import Voxels
+from ronnaplan.threads import in_threads
 
 FIELD_MM = 2.0
 """Spacing of the nodes of the distance field."""
@@ -128,8 +127,7 @@ def cast(head: Head, target_mm: FloatArray, outward: FloatArray, field: Field) -
             states[part],
         )
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        list(pool.map(run, range(0, count, CHUNK)))
+    list(in_threads(run, range(0, count, CHUNK)))
     scalp, outer, inner, angle, distance = numbers.T
     clean = states[:, 1] > 0
     return Candidates(target_mm, outward, states[:, 0], scalp, outer, inner, angle, distance, clean)

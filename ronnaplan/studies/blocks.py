@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ronnaplan.errors import InputError
+from ronnaplan.threads import cores
 
 Record = dict[str, Any]
 
@@ -55,7 +55,7 @@ def run_blocks(
 def executor(workers: int | None, scheduler: str | None) -> Iterator[Executor]:
     """Give the pool that runs the blocks; waiting blocks are dropped when the run is stopped."""
     if scheduler is None:
-        pool = ThreadPoolExecutor(workers or os.cpu_count())
+        pool = ThreadPoolExecutor(workers or cores())
         try:
             yield pool
         finally:

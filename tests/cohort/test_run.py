@@ -198,3 +198,11 @@ def test_series_of_no_rule_are_left_and_the_last_listing_can_be_taken(
     assert begun(log) == {"8": 1}
     with Index(tmp_path / "out") as index:
         assert index.count("done") == 3
+
+
+def test_the_cluster_of_this_process_takes_no_samples_of_itself() -> None:
+    with run.connected(None, 1) as client:
+        assert client.cluster is not None
+        (worker,) = client.cluster.workers.values()
+        assert not {"profile", "profile-cycle"} & set(worker.periodic_callbacks)
+        assert worker.periodic_callbacks["tick"].callback_time == 1000.0

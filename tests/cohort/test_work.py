@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import base64
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -91,3 +93,12 @@ def test_a_wrong_number_is_refused_with_its_sheet_and_no_ct_is_unusable(scan: Pa
     (tmp_path / "other").mkdir()
     (part,) = told(tmp_path / "mr", tmp_path / "other", rule)
     assert (part["state"], part["reason"]) == ("unusable", "the modality is MR, not CT")
+
+
+def test_a_process_loads_what_pairs_points_for_phantoms_only() -> None:
+    code = (
+        "import sys; from ronnaplan.cohort import work; work._warm_up(); work._wanted({'rule': {'name': 'x'},"
+        " 'template': None, 'phantom': None}); print(*sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert not {"scipy.spatial", "ronnaplan.correspondence.large"} & set(done.stdout.split())

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +13,7 @@ from ronnaplan.pose import rigid
 from ronnaplan.robot.placement.room import Floor
 from ronnaplan.robot.placement.tasks import Ways
 from ronnaplan.robot.placement.world import Machine, World
+from ronnaplan.threads import cores, in_threads
 
 GRID_MM = 100.0
 GRID_Z_MM = 150.0
@@ -94,10 +93,8 @@ def serves(problem: Problem, places: FloatArray) -> NDArray[np.bool_]:
 
 def in_parts(work: Callable[[NDArray[np.int64]], None], count: int) -> None:
     """Call ``work`` with all numbers below ``count``, shared out among the cores."""
-    cores = os.cpu_count() or 1
-    parts = [part for part in (np.arange(n, count, cores) for n in range(cores)) if len(part)]
-    with ThreadPoolExecutor(cores) as pool:
-        list(pool.map(work, parts))
+    parts = cores()
+    list(in_threads(work, [np.arange(n, count, parts) for n in range(min(parts, count))]))
 
 
 def grid(problem: Problem) -> FloatArray:
