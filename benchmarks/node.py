@@ -45,6 +45,7 @@ RATE_GOAL, ANSWER_GOAL_S, MEMORY_GOAL = 150.0, 5.0, 2.0
 QUIET_S = 2.0
 CONFIGURATION = """
 port = {port}
+page_port = 0
 quiet_s = {quiet_s}
 [limits]
 least_free_mib = 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import mmap
 import os
+import re
 import stat
 import sys
 import threading
@@ -64,10 +65,17 @@ def give_back(room: mmap.mmap) -> None:
         room.madvise(mmap.MADV_DONTNEED)
 
 
-def give_back_code(library: str) -> None:
-    """Hold the code of a loaded ``library`` no longer, until it runs again: it is read anew from its file.
+def hold_singly(room: mmap.mmap) -> None:
+    """Hold of a mapped file the pages that are touched, not the megabytes around each; Windows does so by itself."""
+    if hasattr(mmap, "MADV_RANDOM"):
+        room.madvise(mmap.MADV_RANDOM)
 
-    Linux keeps what it once read of it, and tens of megabytes around that; other systems take no notice.
+
+def give_back_code() -> None:
+    """Hold nothing of the program and its libraries that lies in their files as it is, until it is needed again.
+
+    Linux keeps what it once read of code and constants, and tens of megabytes around that; other systems take no
+    notice.
     """
     if sys.platform != "linux":
         return
@@ -75,11 +83,19 @@ def give_back_code(library: str) -> None:
 
     advise = ctypes.CDLL(None).madvise
     advise.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int)
-    for line in Path("/proc/self/maps").read_text().splitlines():
-        place, access, *_, path = line.split(maxsplit=5)
-        if access == "r-xp" and library in Path(path).name:
+    for begin, end in _as_in_files():
+        advise(begin, end - begin, mmap.MADV_DONTNEED)
+
+
+def _as_in_files() -> list[tuple[int, int]]:
+    """Return where files lie that cannot be written and never were: addresses are put into the rest of a library."""
+    found = []
+    for part in re.split(r"^(?=[0-9a-f]+-)", Path("/proc/self/smaps").read_text(), flags=re.MULTILINE)[1:]:
+        place, access, _, _, inode = part.split(maxsplit=5)[:5]
+        if "w" not in access and inode != "0" and re.search(r"^Anonymous: +0 kB$", part, re.MULTILINE):
             begin, end = (int(one, 16) for one in place.split("-"))
-            advise(begin, end - begin, mmap.MADV_DONTNEED)
+            found.append((begin, end))
+    return found
 
 
 def give_way() -> None:

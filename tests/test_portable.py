@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import mmap
 import os
 import sys
 import zipfile
@@ -24,6 +25,8 @@ from ronnaplan.errors import InputError
 from ronnaplan.tracking import read_recording
 from tests import cases
 from tests.ct.makers import write_series
+
+ON_LINUX = pytest.mark.skipif(sys.platform != "linux", reason="other systems do not tell")
 
 POSIX = frozenset(
     {
@@ -138,16 +141,30 @@ def test_readings_are_read(tmp_path: Path) -> None:
     assert len(read_recording(cases.write_readings(tmp_path / "readings.csv")).points) == len(cases.readings())
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not tell")
-def test_the_code_of_a_library_is_given_back_and_runs_all_the_same() -> None:
-    name = "_multiarray_umath"  # of NumPy
+def held_kb(name: str, access: str) -> int:
+    """Return what this process holds of the mapped files with a name, where they have an access."""
+    blocks = Path("/proc/self/smaps").read_text().split("VmFlags:")
+    return sum(int(one.split("Rss:")[1].split()[0]) for one in blocks if name in one and f" {access} " in one)
 
-    def held_kb() -> int:
-        blocks = Path("/proc/self/smaps").read_text().split("VmFlags:")
-        return sum(int(one.split("Rss:")[1].split()[0]) for one in blocks if name in one and " r-xp " in one)
 
-    values = np.sort(np.arange(1000.0)[::-1])
-    before = held_kb()
-    portable.give_back_code(name)
-    assert held_kb() < before / 4
+@ON_LINUX
+def test_code_and_constants_of_libraries_are_given_back_and_serve_all_the_same() -> None:
+    name, code, constants = "_multiarray_umath", "r-xp", "r--p"  # of NumPy
+    values = np.sort(np.sin(np.arange(1000.0)))
+    before = {access: held_kb(name, access) for access in (code, constants)}
+    portable.give_back_code()
+    assert all(held_kb(name, access) < before[access] / 4 for access in before)
     np.testing.assert_array_equal(np.sort(values[::-1]), values)
+
+
+@ON_LINUX
+def test_of_a_mapped_file_what_is_touched_is_held_and_not_what_lies_around(tmp_path: Path) -> None:
+    path, size, step = tmp_path / "held.bin", 64 << 20, 4 << 20
+    with path.open("w+b") as file:
+        file.truncate(size)
+        with mmap.mmap(file.fileno(), size) as room:
+            portable.hold_singly(room)
+            room[:] = bytes(size)
+            portable.give_back(room)
+            assert not any(room[place] for place in range(step // 2, size, step))
+            assert 0 < held_kb(path.name, "rw-s") <= 64 * size // step  # 64 KiB around each are the system's habit

@@ -13,7 +13,7 @@ from typing import Any, Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.portable import give_back, reserve
+from ronnaplan.portable import give_back, hold_singly, reserve
 
 GIVEN_BACK_S: Final = 0.01
 """So often the pages that were touched are given back; those that are needed again come from the system's cache."""
@@ -56,6 +56,7 @@ class Scratch:
         with tempfile.TemporaryFile(dir=self._folder) as file:
             reserve(file.fileno(), count)
             self._map = mmap.mmap(file.fileno(), count)
+            hold_singly(self._map)
         return self._map
 
     def __enter__(self) -> Self:

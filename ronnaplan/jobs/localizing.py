@@ -14,9 +14,6 @@ if TYPE_CHECKING:
 WARMING_BALL_MM = 11.5
 """Diameter of the ball that is found before there is a scan."""
 
-COMPILER = "llvmlite"
-"""Name of numba's compiler's library, of which 50 MB stay otherwise."""
-
 
 def find_markers(volume: CTVolume, rule: ScanRule, template: Template | None) -> Fiducials:
     """Find the markers of ``rule``, whose ``template`` was read, whatever their number.
@@ -37,14 +34,15 @@ def find_markers(volume: CTVolume, rule: ScanRule, template: Template | None) ->
 def warm_up() -> tuple[CTVolume, Fiducials]:
     """Load what finding markers needs, and the compiled code, before there is a scan.
 
-    Returns a scan of one ball in air, and the marker that was found in it. What compiled, or loaded what was compiled
-    before, is hardly needed again.
+    Returns a scan of one ball in air, and the marker that was found in it. Numba's compiler, which loads what it
+    compiled before, would hold 80 MB meanwhile, of which little is needed again: each step's are given back.
     """
     import numpy as np
 
     from ronnaplan.ct import CTVolume, SeriesSource
     from ronnaplan.ct.grid import SliceGrid
     from ronnaplan.localization import localize
+    from ronnaplan.localization.measured import measured
 
     places = np.arange(24.0)
     i, j, k = np.meshgrid(places, places, places, indexing="ij")
@@ -54,6 +52,9 @@ def warm_up() -> tuple[CTVolume, Fiducials]:
     origins = np.stack([np.zeros(24), np.zeros(24), places], axis=1)
     grid = SliceGrid(origins, np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
     volume = CTVolume(ball, grid, SeriesSource())
+    give_back_code()  # of the compiler, what the system's linker touched
+    measured(volume)  # loads a first kernel
+    give_back_code()  # and what set the compiler up
     found = localize(volume, diameter_mm=WARMING_BALL_MM)
-    give_back_code(COMPILER)
+    give_back_code()
     return volume, found

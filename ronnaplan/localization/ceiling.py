@@ -41,8 +41,11 @@ def scale_end_hu(voxels_hu: Voxels) -> float:
     top = float(tops.max())
     if top < MIN_CEILING_HU:
         return math.inf
-    slices = [voxels_hu[k] for k in np.flatnonzero(tops >= top - NEAR_HU)]
-    near = np.sort(np.concatenate([one[one >= top - NEAR_HU] for one in slices])).astype(np.float64)
+    least = top - NEAR_HU
+    bright = [
+        one[one >= least] for one, its_top in zip(one_by_one(voxels_hu), tops, strict=True) if its_top >= least
+    ]
+    near = np.sort(np.concatenate(bright)).astype(np.float64)
     at_top, beside = (len(near) - int(np.searchsorted(near, least)) for least in (top, top - CLIP_SHOULDER_HU))
     is_scanners = top >= SCANNERS_CEILING_HU
     is_sharp = at_top >= (2 if is_scanners else LEAST_AT_END) and 2 * at_top > beside

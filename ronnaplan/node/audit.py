@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from hashlib import sha256
+from hashlib import file_digest, sha256
 from ipaddress import ip_address
 from pathlib import Path
 from typing import Final
@@ -65,7 +65,11 @@ class Instances:
 
     def add_file(self, sop_class: str, path: Path) -> None:
         """Count an instance that lies in a file; one that is gone has the hash of nothing."""
-        self.add(sop_class, sha256(path.read_bytes() if path.is_file() else b"").hexdigest())
+        try:
+            with path.open("rb") as file:
+                self.add(sop_class, file_digest(file, "sha256").hexdigest())
+        except FileNotFoundError:
+            self.add(sop_class, sha256().hexdigest())
 
     @classmethod
     def received(cls, index: Index, study_uid: str, series: int) -> Instances:

@@ -104,43 +104,43 @@ def begin(order: Order, tell: Tell) -> Begun:
     return Begun(order, makers | made_of, reason)
 
 
-def finish(begun: Begun, tell: Tell) -> None:
-    """Make the other answers, of which each lets go of what it shows, and tell that it is done."""
+def finish(begun: Begun, tell: Tell, give_way: Callable[[Begun], None]) -> None:
+    """Make the other answers, of which each lets go of what it shows, and tell that it is done.
+
+    ``give_way``, called between them, may have another program finish it.
+    """
     for kind in tuple(begun.makers):
         _answer(begun.order, kind, begun.makers.pop(kind), tell)
+        if begun.makers:
+            give_way(begun)
     tell("ended", job=begun.order.job, state=DONE, reason=begun.reason)
 
 
 def _gather(
     order: Order, wanted: Sequence[AnswerKind], tell: Tell, scratch: Scratch
 ) -> tuple[str, dict[str, Callable[[], FileDataset]]]:
-    """Return what was found, and what makes the answers but for the first, which is made.
-
-    What is drawn of the voxels is gathered before pydicom is loaded, which takes room of its own.
-    """
+    """Return what was found, and what makes the answers but for the first, which is made at once."""
     volume, fiducials = _find(order, scratch)
-    from ronnaplan.case.folder import Case
-    from ronnaplan.documents.fiducials import fiducials_document
-    from ronnaplan.report.contact import draw_sheet, gathered
-    from ronnaplan.report.quality import drafted
-
-    document = fiducials_document(fiducials)
-    drawn: dict[str, Callable[[Markers], FileDataset]] = {}
-    if "sheet" in wanted:
-        with _left_out(order, "sheet", tell):
-            drawn["sheet"] = partial(_sheet, partial(draw_sheet, gathered(volume, fiducials)))
-    if "pdf" in wanted:
-        with _left_out(order, "pdf", tell):
-            drawn["pdf"] = partial(_report, drafted(Case(volume=volume, fiducials=document)))
     load_pydicom()
+    from ronnaplan.documents.fiducials import fiducials_document
     from ronnaplan.documents.patient import patient_of_scan
 
+    document = fiducials_document(fiducials)
     patient = patient_of_scan(order.folder, document.source)
     found = Markers(document, patient, sorted(order.folder.glob("*.dcm")))
     if "fiducials" in wanted:
         _answer(order, "fiducials", partial(_fiducials, found), tell)
+    from ronnaplan.case.folder import Case
+    from ronnaplan.report.contact import draw_sheet, gathered
+    from ronnaplan.report.quality import drafted
+
     makers: dict[str, Callable[[], FileDataset]] = {"sr": partial(_sr, found)} if "sr" in wanted else {}
-    makers |= {kind: partial(make, found) for kind, make in drawn.items()}
+    if "sheet" in wanted:
+        with _left_out(order, "sheet", tell):
+            makers["sheet"] = partial(_sheet, partial(draw_sheet, gathered(volume, fiducials)), found)
+    if "pdf" in wanted:
+        with _left_out(order, "pdf", tell):
+            makers["pdf"] = partial(_report, drafted(Case(volume=volume, fiducials=document)), found)
     return f"{len(fiducials)} markers", makers
 
 
@@ -222,19 +222,22 @@ def _report(page: Callable[[], str], found: Markers) -> FileDataset:
 def main(memory_mib: str, begun: str = "") -> int:
     """Work until the parent closes this process's standard input, or dies; first finish what is ``begun``, if any.
 
-    That is the number of an open file. What finds markers takes a hundred megabytes, and what draws as many: so the one
-    gives way to the other.
+    That is the number of an open file. What finds markers takes a hundred megabytes, and what makes each of the answers
+    as many: so the one gives way to the other.
     """
 
-    def obey(given: dict[str, Any], tell: Tell) -> None:
-        half = begin(Order.of(given), tell)
+    def give_way(half: Begun) -> None:
         with tempfile.TemporaryFile(dir=half.order.output) as file:
             pickle.dump(half, file)
             file.flush()
             file.seek(0)
             arguments = [sys.executable, "-m", MODULE, memory_mib, str(file.fileno())]
             run_instead(arguments, keep=file.fileno())
-        finish(half, tell)
+
+    def obey(given: dict[str, Any], tell: Tell) -> None:
+        half = begin(Order.of(given), tell)
+        give_way(half)
+        finish(half, tell, give_way)
 
     if not begun:
         return serve(int(memory_mib), _warm_up, obey)
@@ -243,7 +246,12 @@ def main(memory_mib: str, begun: str = "") -> int:
     load_pydicom()
     with os.fdopen(int(begun), "rb") as file:
         half: Begun = pickle.load(file)  # that was written above
-    return serve(int(memory_mib), lambda: None, lambda _, tell: finish(half, tell), begun={"job": half.order.job})
+    return serve(
+        int(memory_mib),
+        lambda: None,
+        lambda _, tell: finish(half, tell, give_way),
+        begun={"job": half.order.job},
+    )
 
 
 def _warm_up() -> None:

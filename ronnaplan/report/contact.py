@@ -48,7 +48,7 @@ class Candidate:
     """Unit vector (3,) in LPS along which the slices' profile blurs; None where that is their normal."""
 
 
-Pair = tuple[FloatArray, FloatArray]
+Pair = tuple[NDArray[np.float32], NDArray[np.float32]]
 """A cut through a fitted place, in HU, and what the model leaves over of it."""
 
 Row = tuple[Candidate, list[Pair]]
@@ -126,8 +126,8 @@ def _tiles(row: Candidate, pairs: list[Pair]) -> Iterator[NDArray[np.uint8]]:
     from matplotlib import colormaps
     from PIL import Image
 
-    def scaled(image: FloatArray, low: float, high: float) -> FloatArray:
-        tile = np.asarray(Image.fromarray(image.astype(np.float32)).resize((TILE, TILE), Image.Resampling.BICUBIC))
+    def scaled(image: NDArray[np.float32], low: float, high: float) -> FloatArray:
+        tile = np.asarray(Image.fromarray(image).resize((TILE, TILE), Image.Resampling.BICUBIC))
         return np.asarray((tile - low) / (high - low) if high > low else np.zeros(tile.shape))
 
     lowest_hu, highest_hu, limit_hu = _windows(row)
@@ -205,7 +205,7 @@ def _windows(row: Candidate) -> tuple[float, float, float]:
     return low, high, RESIDUAL_SHARE * abs(contrast_hu)
 
 
-def _left_over(volume: CTVolume, row: Candidate, indices: FloatArray) -> FloatArray:
+def _left_over(volume: CTVolume, row: Candidate, indices: FloatArray) -> NDArray[np.float32]:
     """The voxels about ``indices`` (..., 3) less the fitted model, in HU: compared voxel by voxel, as the fit does."""
     from ronnaplan.localization.ball import discs
     from ronnaplan.localization.model import evaluate

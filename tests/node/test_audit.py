@@ -109,6 +109,14 @@ def test_what_kind_of_place_a_peer_has_is_told(address: str, kind: int, tmp_path
     assert f'NetworkAccessPointID="{address}" NetworkAccessPointTypeCode="{kind}"' in line
 
 
+def test_a_file_counts_by_its_content_and_one_that_is_gone_by_that_of_nothing(tmp_path: Path) -> None:
+    (tmp_path / "answer.dcm").write_bytes(b"answer")
+    moved = Instances("1.2.3")
+    moved.add_file("1.2.840.10008.5.1.4.1.1.66.2", tmp_path / "answer.dcm")
+    moved.add_file("1.2.840.10008.5.1.4.1.1.66.2", tmp_path / "gone.dcm")
+    assert moved.hashes == [hashlib.sha256(content).hexdigest() for content in (b"answer", b"")]
+
+
 def test_an_address_without_a_host_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="syslog://HOST:PORT"):
         Audit(tmp_path, "syslog://", "RONNAPLAN")

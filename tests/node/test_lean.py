@@ -84,5 +84,7 @@ def test_the_voxels_are_gone_before_what_needs_none_is_made(
     def tell(event: str, **facts: Any) -> None:
         told.append((event, facts.get("kind")))
 
-    finish(begin(order, tell), tell)
+    left: list[tuple[str, ...]] = []
+    finish(begin(order, tell), tell, lambda begun: left.append(tuple(begun.makers)))
+    assert left == [("sheet", "pdf"), ("pdf",)]  # each is made by a program of its own
     assert told == [*(("answer", kind) for kind in ("fiducials", "sr", "sheet", "pdf")), ("ended", None)]

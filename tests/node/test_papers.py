@@ -50,7 +50,7 @@ def told(order: Order) -> list[dict[str, Any]]:
     def tell(event: str, **facts: Any) -> None:
         lines.append({"event": event, **facts})
 
-    finish(begin(order, tell), tell)
+    finish(begin(order, tell), tell, lambda _: None)
     return lines
 
 
