@@ -15,11 +15,13 @@ from ronnaplan.localization.blur import Edge
 from ronnaplan.localization.cells import cell_directions
 from ronnaplan.localization.descent import BLUR_BOUNDS_MM, MAX_CONTRAST_HU, MAX_WANDER
 from ronnaplan.localization.detect import MIN_CONTRAST_HU
+from ronnaplan.localization.directions import MAX_RAGGED
 from ronnaplan.localization.look import metal_axis
 from ronnaplan.localization.model import has_streaks
 from ronnaplan.localization.motion import Movement, movement
 from ronnaplan.localization.parameters import BACKGROUND, CENTER, WIDTH
 from ronnaplan.localization.refine import BallFit
+from ronnaplan.localization.skin import share_on_skin
 from ronnaplan.localization.uncertainty import center_covariance
 
 DIAMETER_TOLERANCE = 0.06
@@ -45,9 +47,13 @@ MIN_METAL_ROUND = 0.66
 """... a ball of metal in at least this share of those that the scan shows: all that is bright beside it is fitted with
 it, and its scale's end makes the head of a screw look clean."""
 
-MAX_ATTACHED = 0.14
-"""A post is attached to a small part of a marker's surface (a post of 4 mm to 3 % of one of 11.5 mm, skin that it lies
-on to 10 %); a capsule or a rod goes on in far more of it."""
+MAX_ATTACHED, SKIN_MARGIN = 0.14, 0.02
+"""A post is attached to a small part of a marker's surface (a post of 4 mm to 3 % of one of 11.5 mm), skin that it lies
+on to no more than a plane would be and this margin (to 10 % of one of 11.5 mm, to 22 % of one of 4 mm); a capsule or a
+rod goes on in far more of it."""
+
+POST_SHARE = 0.08
+"""What is attached to more of a marker's surface than this is thicker than any post; if skin, all the rest is round."""
 
 MIN_INFORMED = 0.3
 """With less of the surface free of neighbours the center is not told in all directions."""
@@ -209,10 +215,17 @@ def _coverage(evidence: Evidence) -> str | None:
 
 
 def _free(evidence: Evidence) -> str | None:
-    attached = evidence.fit.verdict.attached_share
-    if attached <= MAX_ATTACHED:
+    verdict = evidence.fit.verdict
+    attached = verdict.attached_share
+    allowed = max(MAX_ATTACHED, share_on_skin(evidence.fit.theta) + SKIN_MARGIN)
+    if attached > allowed:
+        return f"{attached:.0%} of its surface is attached to something as bright, {allowed:.0%} allowed"
+    if attached <= POST_SHARE or verdict.ragged_share <= MAX_RAGGED:
         return None
-    return f"{attached:.0%} of its surface is attached to something as bright, {MAX_ATTACHED:.0%} allowed"
+    return (
+        f"it goes on into something as bright, and {verdict.ragged_share:.0%} of its surface beside that is no "
+        f"sphere's, {MAX_RAGGED:.0%} allowed"
+    )
 
 
 def _informed(evidence: Evidence) -> str | None:

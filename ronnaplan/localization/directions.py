@@ -70,6 +70,9 @@ ROUND_SHARE = 0.015
 ROUND_MM = 0.06
 """An edge that is off by no more than this share of the radius plus this is where the ball's edge should be."""
 
+MAX_RAGGED = 0.14
+"""A ball on skin is round wherever it does not go on into it, but for this share at most: balls of plastic show 0.11,
+pegs with round ends 0.17 to 0.30."""
 
 COVER_SHARE = 0.04
 COVER_TO_DARK = 3.0
@@ -100,6 +103,12 @@ class Verdict:
     beside: NDArray[np.bool_]
     excess_hu: FloatArray
     is_covered: bool
+
+    @property
+    def ragged_share(self) -> float:
+        """Share of the directions seen in which there is neither a sphere's edge nor a body that goes on outward."""
+        seen = float(np.mean(self.state >= 0))
+        return 1.0 - self.round_share - (self.attached_share / seen if seen > 0.0 else 0.0)
 
 
 def judge(

@@ -25,7 +25,14 @@ from ronnaplan.localization.descent import (
     layer_jacobian,
     residuals_and_jacobian,
 )
-from ronnaplan.localization.directions import Verdict, edge_depth, judge, on_surface, within_reach
+from ronnaplan.localization.directions import (
+    MAX_RAGGED,
+    Verdict,
+    edge_depth,
+    judge,
+    on_surface,
+    within_reach,
+)
 from ronnaplan.localization.guess import ball_prior, first_guess, frozen, margin_mm
 from ronnaplan.localization.neighbourhood import Neighbourhood
 from ronnaplan.localization.parameters import (
@@ -156,9 +163,7 @@ def fit_ball(
                 around, values_hu=np.minimum(around.values_hu, start[BACKGROUND] + OVERSHOOT * start[CONTRAST])
             )
     if verdict.usual_rms_hu <= FIRST_LOOK_MISFIT * theta[CONTRAST]:
-        theta, _ = descend(dimmed.select(few), theta, prior, ceiling_hu, is_look=True)
-        if not is_no_marker(theta, prior.mean):  # else it is given up, and what was told last will do
-            verdict, used = _judged(around, theta, prior.layer_mm, ceiling_hu)
+        theta, (verdict, used) = _free_look(dimmed, around, theta, prior, ceiling_hu, (verdict, used))
     if _is_hopeless(theta, verdict, prior):
         return _ball_fit(around, theta, prior, verdict, few, ceiling_hu, converged=False)
     near = np.abs(edge_depth(around.offsets_mm, theta)[0]) < margin_mm(theta[WIDTH], theta[BLUR]) + 1.0
@@ -176,6 +181,35 @@ def _first_look(
     """Let the center find its place with the shape held; ``dimmed`` are a few of ``around``, none brighter than it."""
     theta, _ = descend(dimmed, theta, frozen(prior, theta), ceiling_hu, is_look=True)
     return theta, _judged(around, theta, prior.layer_mm, ceiling_hu)
+
+
+def _free_look(
+    dimmed: Neighbourhood,
+    around: Neighbourhood,
+    held: FloatArray,
+    prior: Prior,
+    ceiling_hu: float,
+    judged: Judged,
+) -> tuple[FloatArray, Judged]:
+    """Free the shape, which was ``held`` when directions were ``judged``; a wrong shape leaves out too many of them.
+
+    So all voxels are looked at. Where that makes a good look worse, what stands beside the ball has led it astray, as
+    skin does beside a small one: then only those of the directions that agreed are, if that shows a ball on skin.
+    """
+    few = _thinned(len(around.values_hu))
+
+    def freed(voxels: NDArray[np.bool_]) -> tuple[FloatArray, Judged]:
+        theta, _ = descend(dimmed.select(voxels), held, prior, ceiling_hu, is_look=True)
+        is_given_up = is_no_marker(theta, prior.mean)  # then what was told last will do
+        return theta, judged if is_given_up else _judged(around, theta, prior.layer_mm, ceiling_hu)
+
+    theta, told = freed(few)
+    before = judged[0].usual_rms_hu / held[CONTRAST]
+    if before > HOPELESS_MISFIT or (told is not judged and told[0].usual_rms_hu <= before * theta[CONTRAST]):
+        return theta, told
+    other, other_told = freed(few & judged[1])
+    is_on_skin = other_told is not judged and other_told[0].ragged_share <= MAX_RAGGED
+    return (other, other_told) if is_on_skin else (theta, told)
 
 
 def _settle(around: Neighbourhood, theta: FloatArray, prior: Prior, ceiling_hu: float, judged: Judged) -> BallFit:

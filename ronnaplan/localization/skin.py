@@ -7,10 +7,19 @@ import numpy as np
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.cells import cell_directions
 from ronnaplan.localization.descent import Prior
-from ronnaplan.localization.directions import Verdict
+from ronnaplan.localization.directions import REACH_BLURS, REACH_MM, SURFACE_BLURS, Verdict
 from ronnaplan.localization.model import has_streaks
 from ronnaplan.localization.neighbourhood import Neighbourhood
-from ronnaplan.localization.parameters import BACKGROUND, CONTRAST, PARAMETERS, RADIUS, SKIN_PLACE
+from ronnaplan.localization.parameters import (
+    BACKGROUND,
+    BLUR,
+    CONTRAST,
+    LEAST_SPREAD_MM2,
+    PARAMETERS,
+    RADIUS,
+    SKIN_PLACE,
+    WIDTH,
+)
 
 SKIN_PRIOR_HU = 2000.0
 SKIN_PRIOR_PLACE = 0.3
@@ -43,6 +52,17 @@ def is_beneath(theta: FloatArray) -> bool:
     """Whether the skin lies beneath the ball, instead of cutting through it."""
     depth_mm = 1.0 / max(float(np.linalg.norm(theta[SKIN_PLACE])), 1e-9)
     return depth_mm >= MIN_SKIN_DEPTH * float(theta[RADIUS])
+
+
+def share_on_skin(theta: FloatArray) -> float:
+    """Share of a ball's directions in which skin that it touches, as flat as a plane, is met just outside its blur.
+
+    That is where `directions.judge` looks for what goes on outward: a ball of so much more in radius reaches as deep
+    into the plane, and half of that depth by its radius is the share of it that lies beneath.
+    """
+    blur_mm = float(np.sqrt((2.0 * theta[BLUR] ** 2 + theta[WIDTH] ** 2 / 12.0) / 3.0 + LEAST_SPREAD_MM2))
+    outside_mm = (SURFACE_BLURS + REACH_BLURS) / 2.0 * blur_mm + REACH_MM / 2.0
+    return outside_mm / (float(theta[RADIUS]) + outside_mm) / 2.0
 
 
 def with_skin(

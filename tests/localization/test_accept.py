@@ -62,6 +62,15 @@ def test_every_test_can_fail_and_gives_its_reason(name: str, fit: BallFit) -> No
     assert len(reason) > 15
 
 
+def test_what_is_attached_to_more_than_a_post_leaves_a_round_rest(fit: BallFit) -> None:
+    on_skin = replace(fit.verdict, attached_share=0.12, round_share=0.85)
+    assert TESTS["free"](evidence(replace(fit, verdict=on_skin))) is None
+    peg = replace(on_skin, round_share=0.65)
+    assert TESTS["free"](evidence(replace(fit, verdict=peg))) == (
+        "it goes on into something as bright, and 23% of its surface beside that is no sphere's, 14% allowed"
+    )
+
+
 def test_a_contrast_that_no_scale_holds_is_no_markers(fit: BallFit) -> None:
     reason = TESTS["contrast"](evidence(changed(fit, CONTRAST, 32000.0)))
     assert reason == "contrast 32000 HU, below 32000 expected"

@@ -186,6 +186,36 @@ def test_a_ball_on_a_half_space_of_skin_is_found() -> None:
     assert found.centers[0] == pytest.approx([0.6, -0.3, 0.0], abs=0.03)
 
 
+@pytest.mark.parametrize("gap_mm", [0.0, 0.6])
+@pytest.mark.parametrize("diameter_mm", [4.0, 6.0])
+def test_a_small_plastic_ball_on_skin_is_found(diameter_mm: float, gap_mm: float) -> None:
+    """Skin is as bright as the ball, and reaches through the blur to a quarter of the surface of one of 4 mm."""
+    generator = np.random.default_rng(5)
+    for seed in range(4):
+        center, outward = generator.uniform(-0.5, 0.5, 3), np.array([0.5, -0.7, generator.uniform(-0.6, 0.6)])
+        outward /= np.linalg.norm(outward)
+        head = sphere(tuple(center - (70.0 + gap_mm + diameter_mm / 2) * outward), 140.0)
+        scene = Scene((Part(head, "skin"),)) + balls([tuple(center)], diameter_mm)
+        volume = scan(scene, small_stack(spacing_mm=0.8), blur_mm=0.55, seed=seed)
+        found = localize(volume, diameter_mm=diameter_mm, expected=1)[0]
+        error_mm = found.center_mm - center
+        assert np.linalg.norm(error_mm) < 0.03
+        assert error_mm @ np.linalg.solve(found.covariance_mm2, error_mm) < chi2.ppf(0.999, 3)
+
+
+@pytest.mark.parametrize("diameter_mm", [4.0, 6.0])
+def test_a_peg_with_a_round_end_is_no_ball_on_skin(diameter_mm: float) -> None:
+    """It goes on to the skin as wide as its end, so that a ring of the surface is no sphere's."""
+    for seed in range(3):
+        skin = Part(half_space((0.0, 0.0, -0.7 * diameter_mm), (0.0, 0.0, 1.0)), "skin")
+        peg = cylinder((0.2, 0.1, -0.7 * diameter_mm), (0.0, 0.0, 1.0), 0.7 * diameter_mm, diameter_mm)
+        scene = Scene((skin, Part(peg, "acrylic"))) + balls([(0.2, 0.1, 0.0)], diameter_mm)
+        found = localize(
+            scan(scene, small_stack(spacing_mm=0.8), blur_mm=0.55, seed=seed), diameter_mm=diameter_mm
+        )
+        assert len(found) == 0
+
+
 @pytest.mark.parametrize(("material", "diameter_mm"), [("titanium", 4.0), ("steel", 5.0), ("ceramic", 10.0)])
 def test_a_ball_on_a_round_head_is_not_drawn_to_the_skin(material: str, diameter_mm: float) -> None:
     generator = np.random.default_rng(8)

@@ -1,0 +1,23 @@
+"""Skin that a ball lies on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ronnaplan.localization.parameters import BLUR, PARAMETERS, RADIUS, WIDTH
+from ronnaplan.localization.skin import share_on_skin
+
+
+@pytest.mark.parametrize(("radius_mm", "blur_mm"), [(2.0, 0.6), (2.0, 0.3), (5.75, 0.5), (12.5, 0.8)])
+def test_a_plane_that_the_ball_touches_is_met_in_this_share_of_the_directions(
+    radius_mm: float, blur_mm: float
+) -> None:
+    theta = np.zeros(len(PARAMETERS))
+    theta[[RADIUS, BLUR, WIDTH]] = radius_mm, blur_mm, np.sqrt(12.0) * blur_mm
+    directions = np.random.default_rng(3).normal(size=(200_000, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, np.newaxis]
+    places = (
+        radius_mm + 2.5 * np.hypot(blur_mm, 0.1) + 0.25
+    ) * directions  # where `judge` looks, two to three blurs out
+    assert share_on_skin(theta) == pytest.approx(np.mean(places[:, 2] < -radius_mm), abs=0.004)
