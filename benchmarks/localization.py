@@ -265,16 +265,17 @@ def main() -> None:
     verbs = parser.add_subparsers(dest="verb", required=True)
     again = verbs.add_parser("kept")
     again.add_argument("folder", type=Path)
-    studies = [again]
+    studies: dict[argparse.ArgumentParser, tuple[Condition, ...]] = {again: PROTOCOLS}
     for name, markers in (("accuracy", 40), ("rendered", 500), ("protocols", 40)):
         study = verbs.add_parser(name)
-        studies.append(study)
+        studies[study] = PROTOCOLS if name == "protocols" else CONDITIONS
         study.add_argument("--markers", type=int, default=markers)
         study.add_argument("--first", type=int, default=FIRST_UNSEEN[name], metavar="SEED")
         if name != "rendered":
             study.add_argument("--cache", type=Path, help="keep the scans there, and take those kept")
-    for study in studies:
-        study.add_argument("--condition", action="append", default=[])
+    for study, of_study in studies.items():
+        names = [condition.name for condition in of_study]
+        study.add_argument("--condition", action="append", default=[], choices=names, metavar="NAME")
         study.add_argument(
             "--pull-mm", type=float, default=0.0, help="error along posts that is added when judging"
         )
