@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -69,6 +70,21 @@ LOOK_STEPS, LOOK_GAIN = 12, 0.001
 """A look, after which the fit goes on or is given up, ends after so many steps or with one that gains less than this
 share of the squared residuals: what is no ball never comes to rest."""
 
+
+class Effort(NamedTuple):
+    """How far a descent goes: so many steps at most, or to one that gains less than this share."""
+
+    steps: int
+    least_gain: float
+    last_step_mm: float
+    """It came to rest, too, if the last of all its steps moved the center by less than this."""
+
+
+LOOK: Final = Effort(LOOK_STEPS, LOOK_GAIN, LAST_STEP_MM)
+BEGIN: Final = Effort(LOOK_STEPS, 0.0, 0.0)
+"""The first steps of the whole, to the digit: most balls come to rest with them."""
+WHOLE: Final = Effort(MAX_STEPS, 0.0, LAST_STEP_MM)
+
 FIRST_DAMPING, LEAST_DAMPING = 1e-5, 1e-9
 """Levenberg-Marquardt damping at the start of a descent, and at least, as a share of the matrix's diagonal."""
 
@@ -108,16 +124,18 @@ class Prior:
 
 
 def descend(
-    used: Neighbourhood, theta: FloatArray, prior: Prior, ceiling_hu: float, *, is_look: bool = False
+    used: Neighbourhood, theta: FloatArray, prior: Prior, ceiling_hu: float, effort: Effort = WHOLE
 ) -> tuple[FloatArray, bool]:
     """Levenberg-Marquardt from ``theta``; returns the best parameters and whether the steps came to rest."""
-    steps, least_gain = (LOOK_STEPS, LOOK_GAIN) if is_look else (MAX_STEPS, 0.0)
     voxels, held, scale_hu = (
         (used.offsets_mm, used.values_hu),
         (prior.mean, prior.weight),
         (used.floor_hu, ceiling_hu),
     )
-    return _descend(*voxels, theta, *held, prior.layer_mm, discs(theta), *scale_hu, steps, least_gain)
+    steps, least_gain, last_step_mm = effort
+    return _descend(
+        *voxels, theta, *held, prior.layer_mm, discs(theta), *scale_hu, steps, least_gain, last_step_mm
+    )
 
 
 @njit(cache=True, nogil=True)
@@ -133,6 +151,7 @@ def _descend(
     ceiling: float,
     steps: int,
     least_gain: float,
+    last_step_mm: float,
 ) -> tuple[FloatArray, bool]:
     damping, moved_mm = FIRST_DAMPING, np.inf
     cost, slope, matrix = _equations(offsets, values, theta, mean, weight, layer_mm, looked_up, floor, ceiling)
@@ -158,7 +177,7 @@ def _descend(
             damping *= 10.0
         if is_at_rest:
             return theta, True
-    return theta, moved_mm < LAST_STEP_MM
+    return theta, moved_mm < last_step_mm
 
 
 @njit(cache=True, nogil=True)

@@ -193,7 +193,7 @@ def examine(
     scan: Scan, diameters_mm: Sequence[float], build: Build = SOLID, progress: Progress = False
 ) -> list[Examined]:
     """Fit and judge every place of ``scan`` that may be a ball of one of ``diameters_mm``, strongest first of each."""
-    seen = in_threads(lambda diameter: places_for(scan, diameter, build), diameters_mm)
+    seen = [places_for(scan, diameter, build) for diameter in diameters_mm]
     wanted = [(place, diameter) for diameter, places in zip(diameters_mm, seen, strict=True) for place in places]
     return examine_places(scan, wanted, build, progress)
 

@@ -6,6 +6,7 @@ sphere, and so its size; only what looks like a sphere is fitted, once.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -163,7 +164,7 @@ def _round_places(scan: Scan, coarse: CTVolume, marker: Build, progress: bool) -
             balls += [(place, diameter_mm) for place in places[shares >= LEAST_SHOWN]]
         return balls
 
-    tried = advancing(in_threads(voted, copies.values()), len(copies), progress, "trying sizes")
+    tried = advancing(map(voted, copies.values()), len(copies), progress, "trying sizes")
     found = [ball for some in tried for ball in some]
     if not found:
         return []
@@ -173,7 +174,7 @@ def _round_places(scan: Scan, coarse: CTVolume, marker: Build, progress: bool) -
     for center_mm, diameter_mm, share in sorted(spheres, key=lambda sphere: -sphere[2]):
         if share == 0.0:
             break
-        if all(np.linalg.norm(center_mm - other) >= size / 2.0 for other, size in kept):
+        if all(math.dist(center_mm, other) >= size / 2.0 for other, size in kept):
             kept.append((center_mm, float(diameter_mm)))
     return kept
 

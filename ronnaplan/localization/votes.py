@@ -52,22 +52,13 @@ class Ballot:
         return cls(diameter_mm, corner, cell_mm, np.zeros(shape[::-1], dtype=np.uint16))
 
     def count(self, edges: Sequence[Edges], origins: FloatArray, steps: FloatArray, threshold: float) -> None:
-        """Count the votes of a slab's ``edges``, each layer of cells by one thread.
+        """Count the votes of a slab's ``edges``; by one thread, for two would write to the same cells.
 
         ``origins`` (K, 3) are those of its slices along u, v, w, ``steps`` (2,) the distances of columns and rows. Who
         rises by less than ``threshold`` (HU/mm) has no vote.
         """
-        radius_mm = self.diameter_mm / 2.0
-        reached_mm = np.array([origins[:, 2].min() - radius_mm, origins[:, 2].max() + radius_mm]) - self.corner[2]
-        reached = reached_mm / self.cell_mm
-        low, high = np.clip([int(reached[0]) - 1, int(reached[1]) + 2], 0, len(self.votes)).tolist()
-        ballot = self.corner, self.cell_mm, self.votes
-
-        def count(first: int, end: int) -> None:
-            for some in edges:
-                _vote(some, origins, steps, threshold, radius_mm, *ballot, low + first, low + end)
-
-        in_parts(count, high - low)
+        for some in edges:
+            _vote(some, origins, steps, threshold, self.diameter_mm / 2.0, self.corner, self.cell_mm, self.votes)
 
     def counted(self, voxels_per_mm2: float, axes: FloatArray) -> Candidates:
         """Return who was voted for, where a surface has so many voxels and ``axes`` (3, 3) are u, v, w in LPS."""
@@ -86,19 +77,11 @@ def _vote(
     corner: FloatArray,
     cell: float,
     votes: NDArray[np.uint16],
-    first: int,
-    end: int,
 ) -> None:
-    """Let each edge whose gradient exceeds ``threshold`` (HU/mm) vote one ``radius`` up its gradient.
-
-    Only the votes for the layers ``first`` to ``end`` of cells are counted.
-    """
+    """Let each edge whose gradient exceeds ``threshold`` (HU/mm) vote one ``radius`` up its gradient."""
     per_u, per_v, least = 0.5 / steps[0], 0.5 / steps[1], threshold * threshold
-    lowest, highest = corner[2] + (first - 1) * cell - radius, corner[2] + end * cell + radius
     for n in range(len(edges)):
         k, j, i = edges[n, 0], edges[n, 1], edges[n, 2]
-        if not lowest <= origins[k, 2] <= highest:
-            continue
         gu, gv = per_u * edges[n, 3], per_v * edges[n, 4]
         along = gu * (origins[k + 1, 0] - origins[k - 1, 0])
         gw = (1.0 / (origins[k + 1, 2] - origins[k - 1, 2])) * (
@@ -111,7 +94,7 @@ def _vote(
         x = int((origins[k, 0] + i * steps[0] + reach * gu - corner[0]) / cell + 0.5)
         y = int((origins[k, 1] + j * steps[1] + reach * gv - corner[1]) / cell + 0.5)
         z = int((origins[k, 2] + reach * gw - corner[2]) / cell + 0.5)
-        if first <= z < end and 0 <= y < votes.shape[1] and 0 <= x < votes.shape[2]:
+        if 0 <= z < votes.shape[0] and 0 <= y < votes.shape[1] and 0 <= x < votes.shape[2]:
             votes[z, y, x] += 1
 
 
