@@ -135,7 +135,8 @@ class Foreman:
         have = tuple(kind for (kind,) in self._index.rows("SELECT kind FROM answers WHERE job = ?", job.id))
         data = self._config.data
         folder = data / INSTANCES / series.study_uid / series.series_uid
-        order = Order(job.id, folder, self._config.home, data / ANSWERS / str(job.id), rule, have)
+        output = data / ANSWERS / str(job.id)
+        order = Order(job.id, folder, series.instances, self._config.home, output, rule, have)
         self._index.run("UPDATE jobs SET state = 'running', attempts = attempts + 1 WHERE id = ?", job.id)
         worker.job, worker.fault = replace(job, attempts=job.attempts + 1), ""
         worker.last = now + self._config.jobs.seconds

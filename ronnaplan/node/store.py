@@ -134,17 +134,20 @@ class Store:
         known = index.known([one.facts.sop_uid for one in arrivals])
         told, moves, entries = [], [], []
         for one in arrivals:
-            sop_uid, sha256 = one.facts.sop_uid, one.facts.sha256
+            sop_uid, sha256, place = one.facts.sop_uid, one.facts.sha256, self._place(one.facts)
             is_new = sop_uid not in known
             if is_new:
                 known[sop_uid] = sha256
-                entries.append((one, self._place(one.facts)))
-                moves.append((one.path, entries[-1][1]))
+                entries.append((one, place))
+                moves.append((one.path, place))
             elif known[sop_uid] != sha256:
                 moves.append((one.path, self.folder / ASIDE / f"{sop_uid}.{sha256[:16]}.dcm"))
-            else:
+            elif place.is_file() or any(target == place for _, target in moves):
                 one.path.unlink()
                 self._log.tell("known already", sop_instance=sop_uid, calling=one.calling)
+            else:  # somebody removed the file
+                moves.append((one.path, place))
+                self._log.tell("kept anew", sop_instance=sop_uid, calling=one.calling)
             told.append(Status.SUCCESS if is_new or known[sop_uid] == sha256 else Status.DUPLICATE)
         now = time.time()
         try:

@@ -39,10 +39,11 @@ MODULE: Final = "ronnaplan.node.work"
 
 @dataclass(frozen=True)
 class Order:
-    """A job: the scan in ``folder``, what is to be done with it, and the answers that there are already."""
+    """A job: the ``instances`` in ``folder``, what is to be done with them, and the answers that there are already."""
 
     job: int
     folder: Path
+    instances: int
     home: Path
     output: Path
     rule: Rule
@@ -57,13 +58,15 @@ class Order:
     def of(cls, given: dict[str, Any]) -> Order:
         """Return the order that came as an object."""
         folder, home, output = (Path(given[name]) for name in ("folder", "home", "output"))
-        return cls(given["job"], folder, home, output, checked(given["rule"], Rule), tuple(given["have"]))
+        rule, have = checked(given["rule"], Rule), tuple(given["have"])
+        return cls(given["job"], folder, given["instances"], home, output, rule, have)
 
     @property
     def text(self) -> str:
         """The order as a line."""
         paths = {"folder": str(self.folder), "home": str(self.home), "output": str(self.output)}
-        return json.dumps({"job": self.job, **paths, "rule": self.rule.model_dump(mode="json"), "have": self.have})
+        known = {"job": self.job, "instances": self.instances, **paths}
+        return json.dumps({**known, "rule": self.rule.model_dump(mode="json"), "have": self.have})
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +91,13 @@ def begin(order: Order, tell: Tell) -> Begun:
     """Do what of a job needs the voxels, and make the first answer; `finish` does the rest.
 
     What the others need of the scan is gathered, so that it is gone when they are drawn, which takes room of its own.
+    Raises `RefusedError` where files are gone that were received.
     """
+    gone = order.instances - len(_images(order))
+    if gone > 0:
+        raise RefusedError(
+            f"{gone} of its {order.instances} files are gone from the node's folder; send it again, then retry"
+        )
     from ronnaplan.ct.scratch import Scratch
     from ronnaplan.documents.files import make_folder
 
@@ -127,7 +136,7 @@ def _gather(
 
     document = fiducials_document(fiducials)
     patient = patient_of_scan(order.folder, document.source)
-    found = Markers(document, patient, sorted(order.folder.glob("*.dcm")))
+    found = Markers(document, patient, _images(order))
     if "fiducials" in wanted:
         _answer(order, "fiducials", partial(_fiducials, found), tell)
     from ronnaplan.case.folder import Case
@@ -142,6 +151,10 @@ def _gather(
         with _left_out(order, "pdf", tell):
             makers["pdf"] = partial(_report, drafted(Case(volume=volume, fiducials=document)), found)
     return f"{len(fiducials)} markers", makers
+
+
+def _images(order: Order) -> list[Path]:
+    return sorted(order.folder.glob("*.dcm"))
 
 
 def _papers(order: Order) -> dict[str, Path]:

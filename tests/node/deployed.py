@@ -19,18 +19,17 @@ import subprocess
 import sys
 import threading
 import time
-from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydicom import Dataset, dcmread
 from pydicom.uid import UID, CTImageStorage, JPEGLSLossless, SpatialFiducialsStorage, generate_uid
-from pynetdicom import AE, StoragePresentationContexts, evt
+from pynetdicom import AE
 
 from ronnaplan import localize, read_ct
-from ronnaplan.node.transport import set_up_pynetdicom
 from tests.node.killing import send_all
+from tests.node.peers import Archive
 
 SCAN = Path("data/synthetic_ct")
 DIAMETER_MM = 11.5
@@ -45,28 +44,6 @@ SECOND_ANSWER_S = 10.0
 
 CLOSE_MM = 1e-3
 """Another machine's arithmetic moves a marker less."""
-
-
-class Archive:
-    """Takes answers and notes them by their study."""
-
-    def __init__(self, host: str, port: int) -> None:
-        set_up_pynetdicom()
-        entity = AE("ORTHANC")
-        entity.supported_contexts = StoragePresentationContexts
-        self.got: dict[str, list[Dataset]] = defaultdict(list)
-        self._server = entity.start_server((host, port), block=False, evt_handlers=[(evt.EVT_C_STORE, self._take)])
-
-    def _take(self, event: evt.Event) -> int:
-        self.got[str(event.dataset.StudyInstanceUID)].append(event.dataset)
-        return 0
-
-    def count(self) -> int:
-        return sum(map(len, self.got.values()))
-
-    def stop(self) -> None:
-        if self._server is not None:
-            self._server.shutdown()
 
 
 def scan_of(patient: int) -> list[Any]:
@@ -111,7 +88,7 @@ def main() -> int:
     given = parser.parse_args()
     chance = random.Random(given.seed)
     centers_mm = localize(read_ct(SCAN), diameter_mm=DIAMETER_MM).centers
-    archive = Archive(given.listen, given.archive)
+    archive = Archive("ORTHANC", lambda made: str(made.StudyInstanceUID), given.listen, given.archive)
     entity = AE("CT1")
     entity.add_requested_context(CTImageStorage, JPEGLSLossless)
 
@@ -129,14 +106,10 @@ def main() -> int:
         for made in send_all(entity, given.port, scan):
             acknowledged[str(made.SOPInstanceUID)] = sha256_of(made)
         killer.join()
-    known, last = 0, time.monotonic()
-    while known < given.kinds * given.series and time.monotonic() < last + WAIT_S:
-        if archive.count() > known:
-            known, last = archive.count(), time.monotonic()
-        time.sleep(0.1)
+    archive.wait_for(given.series, given.kinds, WAIT_S)
     time.sleep(SECOND_ANSWER_S)
     archive.stop()
-    faults = {study: fault(archive.got[study], given.kinds, centers_mm) for study in studies}
+    faults = {study: fault([*archive.got.get(study, {}).values()], given.kinds, centers_mm) for study in studies}
     wrong = [f"study {study}: {what}" for study, what in faults.items() if what is not None]
     kept = {
         str(made.SOPInstanceUID): sha256_of(made)
@@ -145,9 +118,8 @@ def main() -> int:
     wrong += [
         f"acknowledged instance {uid} is not there" for uid, sha in acknowledged.items() if kept.get(uid) != sha
     ]
-    print(
-        json.dumps({"killed": given.series, "acknowledged": len(acknowledged), "answers": known, "wrong": wrong})
-    )
+    told = {"killed": given.series, "acknowledged": len(acknowledged), "answers": archive.count(), "wrong": wrong}
+    print(json.dumps(told))
     return 1 if wrong else 0
 
 

@@ -24,7 +24,7 @@ from pathlib import Path
 from statistics import median
 
 from ronnaplan.node.index import Index
-from tests.node.killing import Trial
+from tests.node.killing import WAIT_S, Trial
 
 CLOCK = """
 import os, time
@@ -87,7 +87,7 @@ def watch(home: Path, hours: float, speed: float) -> tuple[list[Look], int, list
                 number += 1
             looks.append(look(trial.node, home / "node-data"))
             time.sleep(LOOK_S)
-        trial.archive.wait_for(number)
+        trial.archive.wait_for(number, 1, WAIT_S)
         time.sleep(SETTLE_S)
         wrong = [f"{name} is in no index" for name in unknown_files(home / "node-data")]
         if len(trial.archive.got) != number:

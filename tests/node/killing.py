@@ -32,14 +32,13 @@ from pathlib import Path
 from typing import Any
 
 from pydicom import dcmread
-from pydicom.uid import UID, CTImageStorage, SpatialFiducialsStorage
-from pynetdicom import AE, evt
+from pydicom.uid import UID, CTImageStorage
+from pynetdicom import AE
 
 from ronnaplan.node.index import Index
 from ronnaplan.node.logs import LISTENING
-from ronnaplan.node.transport import set_up_pynetdicom
 from tests.ct import makers
-from tests.node.peers import associate, free_port, write_toml
+from tests.node.peers import Archive, associate, free_port, write_toml
 
 REST = """
 [jobs]
@@ -55,47 +54,19 @@ answers = ["fiducials"]
 receivers = ["archive"]
 """
 SLICES = 3
+WAIT_S = 120.0
+"""For the next answer."""
 MOST_TRIES = 1200
 """A tenth of a second each."""
 DUPLICATE = 0x0111
-
-
-class Archive:
-    """Takes answers and counts how often each series was answered, and by how many objects."""
-
-    def __init__(self) -> None:
-        set_up_pynetdicom()
-        entity = AE("ARCHIVE")
-        entity.add_supported_context(SpatialFiducialsStorage)
-        self.got: dict[str, set[str]] = {}
-        self.port = free_port()
-        self._server = entity.start_server(
-            ("127.0.0.1", self.port), block=False, evt_handlers=[(evt.EVT_C_STORE, self._take)]
-        )
-
-    def _take(self, event: evt.Event) -> int:
-        made = event.dataset
-        self.got.setdefault(str(made.ContentDescription), set()).add(str(made.SOPInstanceUID))
-        return 0
-
-    def wait_for(self, series: int) -> None:
-        """Wait until so many series were answered; give up when none was for two minutes."""
-        known, waits = 0, 0
-        while len(self.got) < series and waits < MOST_TRIES:
-            waits = 0 if len(self.got) > known else waits + 1
-            known = len(self.got)
-            time.sleep(0.1)
-
-    def stop(self) -> None:
-        if self._server is not None:
-            self._server.shutdown()
 
 
 class Trial:
     """A node under fire."""
 
     def __init__(self, home: Path, seed: int, more: str = "", quiet_s: float = 1.0) -> None:
-        self.random, self.home, self.archive = random.Random(seed), home, Archive()
+        self.random, self.home = random.Random(seed), home
+        self.archive = Archive("ARCHIVE", lambda made: str(made.ContentDescription))
         self.port = free_port()
         rest = REST.format(archive=self.archive.port)
         self.quiet_s = quiet_s
@@ -162,7 +133,7 @@ class Trial:
 
     def faults(self, series: int) -> list[str]:
         """Wait until all is answered; return what is wrong in the end."""
-        self.archive.wait_for(series)
+        self.archive.wait_for(series, 1, WAIT_S)
         time.sleep(1.0)  # for a second answer, which there must not be
         self.end()
         wrong = []

@@ -20,8 +20,8 @@ from typing import Any
 
 import pytest
 from pydicom import dcmread
-from pydicom.dataset import FileDataset
-from pynetdicom import AE
+from pydicom.dataset import Dataset, FileDataset
+from pynetdicom import AE, StoragePresentationContexts, evt
 from pynetdicom.association import Association
 
 from ronnaplan.node.association import Checkpoint
@@ -29,6 +29,7 @@ from ronnaplan.node.config import Config
 from ronnaplan.node.index import Index
 from ronnaplan.node.logs import Log
 from ronnaplan.node.receiver import Receiver
+from ronnaplan.node.transport import set_up_pynetdicom
 from ronnaplan.untrusted import checked
 
 SENDER: dict[str, Any] = {"name": "scanner", "title": "CT1", "host": "127.0.0.1", "sends": True}
@@ -68,6 +69,42 @@ def associate(entity: AE, port: int, **more: Any) -> Association:
     association = entity.associate("127.0.0.1", port, ae_title="RONNAPLAN", **more)
     Checkpoint(association).guard()
     return association
+
+
+class Archive:
+    """Takes answers as ``title`` and notes them by what each is `of`; one that is delivered again counts once."""
+
+    def __init__(self, title: str, of: Callable[[Dataset], str], host: str = "127.0.0.1", port: int = 0) -> None:
+        set_up_pynetdicom()
+        self.port, self._of = port or free_port(), of
+        self.got: dict[str, dict[str, Dataset]] = {}
+        entity = AE(title)
+        entity.supported_contexts = StoragePresentationContexts
+        self._server = entity.start_server(
+            (host, self.port), block=False, evt_handlers=[(evt.EVT_C_STORE, self._take)]
+        )
+
+    def _take(self, event: evt.Event) -> int:
+        made = event.dataset
+        self.got.setdefault(self._of(made), {})[str(made.SOPInstanceUID)] = made
+        return 0
+
+    def count(self) -> int:
+        """How many answers there are."""
+        return sum(map(len, self.got.values()))
+
+    def wait_for(self, count: int, each: int, most_s: float) -> None:
+        """Wait until so many have ``each`` answers, or no answer came for so long."""
+        known, last = 0, time.monotonic()
+        while sum(len(one) >= each for one in self.got.values()) < count and time.monotonic() < last + most_s:
+            if self.count() > known:
+                known, last = self.count(), time.monotonic()
+            time.sleep(0.1)
+
+    def stop(self) -> None:
+        """Take no more."""
+        if self._server is not None:
+            self._server.shutdown()
 
 
 class Listening:

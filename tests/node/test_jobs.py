@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import json
 import os
+import shutil
+import signal
 import sys
 import time
 from collections.abc import Iterator
@@ -13,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from ronnaplan.node import jobs as jobs_module
+from ronnaplan.node import work
 from ronnaplan.node.index import Index
 from ronnaplan.node.jobs import Foreman, retry, wait_s
 from ronnaplan.node.logs import Log
@@ -165,6 +168,36 @@ def test_what_a_killed_node_was_working_on_is_done_again(index: Index, tmp_path:
     index.run("UPDATE jobs SET state = 'running'")
     Foreman(configuration(tmp_path), index, Log(io.StringIO()), "tests.node.fake_work").close()
     assert states(index) == {"good": ("waiting", 0)}
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are killed in another way")
+def test_a_worker_that_is_killed_amid_its_answers_makes_the_others_and_none_twice(
+    index: Index, tmp_path: Path
+) -> None:
+    job(index, "1.4.0")
+    rule = {"name": "all", "diameters": [11.5], "answers": ["fiducials", "sr", "sheet"]}
+    config = configuration(tmp_path, rule=[rule], jobs={"retry_s": 0.1})
+    shutil.copytree("data/synthetic_ct", config.data / "instances" / "1.3" / "1.4.0")
+    said = io.StringIO()
+    foreman = Foreman(config, index, Log(said), work.MODULE)
+    killed: list[int] = []
+
+    def over() -> bool:
+        foreman.tick(time.time())
+        made = index.value("SELECT count(*) FROM answers")
+        if len(killed) < made < 3:  # by the program that found the markers, and by one that made an answer
+            killed.extend(foreman.pids)
+            os.kill(foreman.pids[0], signal.SIGKILL)
+        return states(index)["good"][0] == "done"
+
+    try:
+        until(over, 120.0)
+    finally:
+        foreman.close()
+    assert states(index) == {"good": ("done", 3)}
+    told = [line["kind"] for line in map(json.loads, said.getvalue().splitlines()) if line["event"] == "answer"]
+    assert told == ["fiducials", "sr", "sheet"]
+    assert len(list((config.data / "answers").rglob("*.dcm"))) == 3
 
 
 def test_waits_double_up_to_an_hour() -> None:

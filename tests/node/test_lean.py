@@ -79,7 +79,8 @@ def test_the_voxels_are_gone_before_what_needs_none_is_made(
     monkeypatch.setattr(marker_cuts, "png", without_voxels(png))
     monkeypatch.setattr(pdf, "print_pdf", without_voxels(lambda page: b"%PDF-"))
     told: list[tuple[str, Any]] = []
-    order = Order(1, SCAN, tmp_path, tmp_path / "answers", Rule(name="r", diameters=(11.5,), expected=6), ())
+    rule = Rule(name="r", diameters=(11.5,), expected=6)
+    order = Order(1, SCAN, len(list(SCAN.glob("*.dcm"))), tmp_path, tmp_path / "answers", rule, ())
 
     def tell(event: str, **facts: Any) -> None:
         told.append((event, facts.get("kind")))

@@ -14,6 +14,7 @@ from pydicom import dcmread
 
 from ronnaplan.ct import read_ct
 from ronnaplan.documents.plan import write_plan
+from ronnaplan.errors import RefusedError
 from ronnaplan.node.config import Rule
 from ronnaplan.node.index import Index
 from ronnaplan.node.logs import Log
@@ -41,7 +42,7 @@ def order(tmp_path: Path) -> Order:
     left = Trajectory("left", np.array([0.0, 0, 30]), np.array([20.0, 30, 90]), frame=volume.frame)
     write_plan(papers / "plan.json", Plan.of_scan(volume).add(left))
     rule = Rule(name="r", documents="documents")
-    return Order(1, scan, tmp_path, tmp_path / "answers", rule, rule.answers)
+    return Order(1, scan, len(list(scan.iterdir())), tmp_path, tmp_path / "answers", rule, rule.answers)
 
 
 def told(order: Order) -> list[dict[str, Any]]:
@@ -52,6 +53,12 @@ def told(order: Order) -> list[dict[str, Any]]:
 
     finish(begin(order, tell), tell, lambda _: None)
     return lines
+
+
+def test_a_scan_of_which_files_are_gone_is_refused(order: Order) -> None:
+    next(order.folder.iterdir()).unlink()
+    with pytest.raises(RefusedError, match=f"1 of its {order.instances} files are gone"):
+        told(order)
 
 
 def test_registration_and_plan_become_objects_of_the_patient_s_study(order: Order) -> None:

@@ -114,6 +114,20 @@ def test_the_same_instance_twice_is_kept_once_in_whatever_meta_part(node: Listen
     assert (send(node.port, path) + send(node.port, path)).count("(Success)") == 2
     assert node.rows("SELECT instances, revision FROM series") == [(1, 1)]
     assert len(node.events("known already")) == 1
+
+
+def test_an_instance_whose_file_was_removed_is_kept_anew_when_it_comes_again(
+    node: Listening, tmp_path: Path
+) -> None:
+    path = instance(tmp_path)
+    send(node.port, path)
+    (kept,) = (node.folder / "instances").rglob("*.dcm")
+    content = kept.read_bytes()
+    kept.unlink()
+    assert "(Success)" in send(node.port, path)
+    assert kept.read_bytes() == content
+    assert node.rows("SELECT instances, revision FROM series") == [(1, 1)]
+    assert len(node.events("kept anew")) == 1
     assert len(node.files()) == 1
 
 
