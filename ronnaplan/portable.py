@@ -173,6 +173,13 @@ def sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
+def processors() -> int:
+    """Return how many processors this process may use: a part of the machine's may be all that it was given."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def peak_memory_bytes() -> int | None:
     """Return the most memory that this process had at one time; Windows does not tell."""
     if sys.platform == "win32":

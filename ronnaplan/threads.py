@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+from ronnaplan.portable import processors
+
 TOLD = "OMP_NUM_THREADS"
 """Environment variable by which schedulers, and whoever starts several processes, say how many threads one may have."""
 
@@ -19,9 +21,7 @@ def cores() -> int:
     told = os.environ.get(TOLD, "").partition(",")[0].strip()
     if told.isascii() and told.isdigit() and int(told) > 0:
         return int(told)
-    if hasattr(os, "sched_getaffinity"):  # a part of the machine may be all that it was given
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return processors()
 
 
 def in_threads(work: Callable[[Item], Result], items: Iterable[Item], most: int | None = None) -> Iterator[Result]:

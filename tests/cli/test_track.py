@@ -31,14 +31,17 @@ def heed_ctrl_c() -> None:
 
 @POSIX
 def test_ctrl_c_ends_a_recording_and_keeps_it(tmp_path: Path) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        process = started(listener.getsockname()[1], tmp_path / "readings.csv")
-        connection, _ = listener.accept()
-        with connection:
-            connection.sendall(points())
-            time.sleep(2.0)  # for the message to be read
-            process.send_signal(signal.SIGINT)
-            _, told = process.communicate(timeout=60)
+    for seconds in (2.0, 10.0, 30.0):  # for the message to be read: the machine may be busy
+        with socket.create_server(("127.0.0.1", 0)) as listener:
+            process = started(listener.getsockname()[1], tmp_path / "readings.csv")
+            connection, _ = listener.accept()
+            with connection:
+                connection.sendall(points())
+                time.sleep(seconds)
+                process.send_signal(signal.SIGINT)
+                _, told = process.communicate(timeout=60)
+        if process.returncode == 0:
+            break
     assert process.returncode == 0, told
     assert "stopped by hand after 1 messages" in told
     assert len(read_recording(tmp_path / "readings.csv").points) == 2
