@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tomllib
 import zipfile
+from collections.abc import Iterator
 from importlib.machinery import SourceFileLoader
 from importlib.util import module_from_spec, spec_from_loader
 from pathlib import Path
@@ -30,17 +31,41 @@ def test_one_version_stands_everywhere() -> None:
     assert re.findall(r"^## (.*)$", changes, re.M)[0] == "Unreleased"
 
 
-def test_the_wheel_holds_what_is_no_python(tmp_path: Path) -> None:
-    build = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(tmp_path)]
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[zipfile.ZipFile]:
+    folder = tmp_path_factory.mktemp("wheel")
+    build = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(folder)]
     subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
-    with zipfile.ZipFile(next(tmp_path.glob("*.whl"))) as wheel:
-        held = set(wheel.namelist())
+    with zipfile.ZipFile(next(folder.glob("*.whl"))) as opened:
+        yield opened
+
+
+def test_the_wheel_holds_what_is_no_python(wheel: zipfile.ZipFile) -> None:
+    held = set(wheel.namelist())
     sources = {one for room in ("ronnaplan", "phantoms", "kernelcache") for one in (ROOT / room).rglob("*")}
     needed = {
         one.relative_to(ROOT).as_posix() for one in sources if one.is_file() and "__pycache__" not in one.parts
     }
     assert needed <= held
     assert {"ronnaplan/py.typed", "ronnaplan/documents/schema/plan.schema.json"} <= held
+
+
+def test_no_link_of_the_published_readme_leads_to_a_file(wheel: zipfile.ZipFile) -> None:
+    """Who reads it has no files beside it; the text and the disclaimer are all there."""
+    told = wheel.read(f"ronnaplan-{__version__}.dist-info/METADATA").decode()
+    assert "Description-Content-Type: text/markdown" in told
+    assert "not a medical device" in told
+    assert "[`refine.py`]" not in told
+    assert "(`refine.py`)" in told
+    assert all(target.startswith("https://") for target in re.findall(r"\]\(([^)]*)\)", told))
+
+
+def test_links_of_the_readme_lead_to_this_version_once_the_source_has_an_address() -> None:
+    readme = "![A head](docs/a.png) [more](docs/b.md#c) [paper](https://doi.org/1) [top](#more)"
+    assert _script("published_readme.py").published(readme, "1.2.3", "https://host/us") == (
+        "![A head](https://host/us/blob/v1.2.3/docs/a.png?raw=true) [more](https://host/us/blob/v1.2.3/docs/b.md#c)"
+        " [paper](https://doi.org/1) [top](#more)"
+    )
 
 
 def test_the_bill_of_materials_lists_every_pinned_package() -> None:
