@@ -32,13 +32,13 @@ STYLE = """
 .scene #names { position: absolute; inset: 0; overflow: hidden; pointer-events: none }
 .scene #names span { position: absolute; padding: 0 0 14px 10px; translate: 0 -100%; font-size: 13px;
   text-shadow: 0 0 3px #000, 0 0 3px #000 }
-.scene fieldset { position: absolute; right: .5rem; top: .5rem; max-height: 90%; overflow: auto; border: 0;
-  font-size: 12px; background: rgb(17 22 27 / 75%) } .scene label { display: block }
+.scene details { position: absolute; right: .5rem; top: .5rem; max-height: 90%; overflow: auto; padding: .2rem .6rem;
+  font-size: 12px; background: rgb(17 22 27 / 75%) } .scene summary { cursor: pointer } .scene label { display: block }
 .scene label i { display: inline-block; width: 11px; height: 11px; border-radius: 3px; margin: 0 6px 0 2px }
 .scene input[type=range] { width: 70px; vertical-align: middle; margin-left: 8px }
 @media print {
   .scene { height: 100mm; background: none } .head img { display: block; margin: auto; max-height: 100mm }
-  .scene #still { display: block !important } .scene canvas, .scene fieldset { display: none }
+  .scene #still { display: block !important } .scene canvas, .scene details { display: none }
 }
 """
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.scene.packed import packed, unit_normals
+from ronnaplan.scene.portrait import filling
 from ronnaplan.scene.shapes import joined
 from ronnaplan.scene.things import Thing
 
@@ -134,7 +135,11 @@ def view(things: Sequence[Thing], title: str, still_png: bytes) -> str:
     """Return what stands in a page where things are seen: the still, the canvas for `viewer`, and the things."""
     low = np.min([one.body.vertices_mm.min(axis=0) for one in things], axis=0)
     high = np.max([one.body.vertices_mm.max(axis=0) for one in things], axis=0)
+    camera = filling(things)
+    back = camera.position_mm - camera.focus_mm
+    away = float(np.linalg.norm(back))
     scene = {
+        "eye": {"middle": camera.focus_mm.tolist(), "back": (back / away).tolist(), "away": away},
         "low": low.tolist(),
         "size": (high - low).tolist(),
         "things": [packed(one) for one in things],

@@ -4,9 +4,9 @@
   const canvas = document.querySelector("canvas");
   const viewer = window.ronnaplanViewer(canvas);
   if (!viewer) return; // the still stays
-  const middle = scene.low.map((low, n) => low + scene.size[n] / 2);
-  const reach = Math.hypot(...scene.size) / 2;
-  const eye = { across: -0.7, up: 0.45, away: (0.78 * reach) / Math.sin((15 * Math.PI) / 180) };
+  const { middle, back, away } = scene.eye; // as the still is seen
+  const reach = Math.hypot(...scene.size) / 2 + Math.hypot(...middle.map((at, n) => at - scene.low[n] - scene.size[n] / 2));
+  const eye = { across: Math.atan2(back[0], -back[1]), up: Math.asin(back[2]), away };
   viewer.reach = reach;
   viewer.things = scene.things.map(viewer.load);
   const named = viewer.things.filter((thing) => thing.label);
@@ -68,7 +68,7 @@
     event.preventDefault();
   });
 
-  const list = document.querySelector("fieldset");
+  const list = document.getElementById("shown");
   for (const thing of viewer.things) {
     const line = list.appendChild(document.createElement("label"));
     const box = line.appendChild(document.createElement("input"));

@@ -167,6 +167,28 @@ window.ronnaplanViewer = (canvas) => {
     if (view.whole?.ready) view.whole.draw(width, height, () => drawBodies(width, height));
     else drawBodies(width, height);
   };
+  // Depth first, so that of its layers only the nearest is blended, or the farthest.
+  function layer(thing, before, orThere) {
+    gl.depthFunc(before);
+    gl.colorMask(false, false, false, false);
+    faces(thing);
+    gl.colorMask(true, true, true, true);
+    gl.enable(gl.BLEND);
+    gl.depthFunc(orThere);
+    faces(thing);
+    gl.disable(gl.BLEND);
+    gl.depthFunc(gl.LESS);
+  }
+  // The far sides of what is seen through lie behind all that is in it; without them a head is as dark as the background.
+  function farSides(things) {
+    gl.clearDepth(0);
+    for (const thing of things) {
+      gl.clear(gl.DEPTH_BUFFER_BIT);
+      layer(thing, gl.GREATER, gl.GEQUAL);
+    }
+    gl.clearDepth(1);
+    gl.clear(gl.DEPTH_BUFFER_BIT);
+  }
   function drawBodies(width, height) {
     gl.viewport(0, 0, width, height);
     gl.clearColor(...BACKGROUND, 1);
@@ -175,12 +197,14 @@ window.ronnaplanViewer = (canvas) => {
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     look(body, width, height);
     const shown = view.things.filter((thing) => thing.shown && thing.opacity > 0);
+    const sheer = shown.filter((thing) => thing.opacity < 1);
+    if (!view.screens) farSides([...sheer].reverse());
     gl.enable(gl.STENCIL_TEST); // 1 where something is seen: skin and skull are seen through only there
     gl.stencilOp(gl.KEEP, gl.KEEP, gl.REPLACE);
     gl.stencilFunc(gl.ALWAYS, 1, 1);
     shown.filter((thing) => thing.opacity === 1).forEach((thing) => faces(thing));
     if (view.corner) drawCuts(width, height);
-    for (const thing of shown.filter((thing) => thing.opacity < 1)) {
+    for (const thing of sheer) {
       const screen = view.screens && thing.opens;
       gl.stencilFunc(screen ? gl.EQUAL : gl.ALWAYS, 1, 1);
       if (screen) {
@@ -189,16 +213,7 @@ window.ronnaplanViewer = (canvas) => {
         faces(thing, 1);
         gl.stencilFunc(gl.EQUAL, 1, 1);
       }
-      // depth first, so that only the nearest of its layers is blended
-      gl.colorMask(false, false, false, false);
-      gl.disable(gl.BLEND);
-      faces(thing);
-      gl.colorMask(true, true, true, true);
-      gl.enable(gl.BLEND);
-      gl.depthFunc(gl.LEQUAL);
-      faces(thing);
-      gl.depthFunc(gl.LESS);
-      gl.disable(gl.BLEND);
+      layer(thing, gl.LESS, gl.LEQUAL);
       gl.stencilOp(gl.KEEP, gl.KEEP, gl.REPLACE);
     }
     gl.disable(gl.STENCIL_TEST);
