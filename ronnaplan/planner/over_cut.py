@@ -9,6 +9,7 @@ import numpy as np
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.cuts import ACROSS
 from ronnaplan.planner.measuring import drawn_rulers
+from ronnaplan.planner.names import write_names
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
@@ -68,6 +69,8 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
     cut = state.look.cut(view)
     half = cut.field_mm / 2
     wide, high = (half * share for share in pane.halves)
+    markers = _markers(state, cut, show_rejected, (wide, high))
+    paths = [_path(one, cut, one.name == state.look.selected) for one in state.case.plan.trajectories]
     return {
         "box": f"{-wide} {-high} {2 * wide} {2 * high}",
         "half": half,
@@ -77,11 +80,9 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
         "scale": max((mm for mm in SCALES_MM if mm <= LONGEST_SCALE * cut.field_mm), default=SCALES_MM[0]),
         "title": _title(state, view, cut),
         "cross": _pair(cut, state.look.crosshair_mm) if view in STANDARD_NAMES else None,
-        "markers": _markers(state, cut, show_rejected, (wide, high)),
+        "markers": markers,
         "points": _points(state, cut, (wide, high)),
-        "paths": apart(
-            [_path(one, cut, one.name == state.look.selected) for one in state.case.plan.trajectories], half
-        ),
+        "paths": write_names(paths, markers, pane, half),
         "regions": [
             {**one, "colour": shown.colour}
             for one in state.outlines.drawn(view, cut, pane)
@@ -93,10 +94,6 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
             lambda points: bool((np.abs(cut.on_screen_mm(points)[:, 2]) < NEAR_MM).all()),
         ),
     }
-
-
-NAME_SHARES = (0.3, 0.07)
-"""Of half a view: names so near to each other, across and down, would cover each other."""
 
 
 def letters(direction: FloatArray) -> str:
@@ -194,17 +191,6 @@ def _path(one: Trajectory, cut: Cut, selected: bool) -> dict[str, Any]:
         "ticks": _ticks(one, cut) if selected else [],
         "contacts": _contacts(one, cut),
     }
-
-
-def apart(paths: list[dict[str, Any]], half: float) -> list[dict[str, Any]]:
-    """Give each path the ``line`` of text its name is written on, below those of entries that lie almost there.
-
-    Both sides of a plan are one behind the other in a sagittal cut.
-    """
-    for number, one in enumerate(paths):
-        away = (np.abs(np.subtract(one["entry"], other["entry"])) for other in paths[:number])
-        one["line"] = sum(bool((far < np.array(NAME_SHARES) * half).all()) for far in away)
-    return paths
 
 
 def _contacts(one: Trajectory, cut: Cut) -> list[dict[str, Any]]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.measuring import drawn_rulers
+from ronnaplan.planner.names import write_names
 from ronnaplan.planner.over_cut import BEGUN_COLOUR, POINT_COLOUR, balls, proposed
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
@@ -58,15 +59,18 @@ def over_head(
     ]
     points += [_point(camera, label, entry, PROPOSAL_COLOURS[1]) for label, entry in proposed(state)]
     points += [_point(camera, one.name, one.tip_mm, TOOL_COLOUR) for one in state.following.seen]
+    markers = _markers(state, camera, show_rejected)
     points.append(_point(camera, "", state.look.crosshair_mm, CROSS_COLOUR))
     if state.look.begun_mm is not None:
         points.append(_point(camera, "entry", state.look.begun_mm, BEGUN_COLOUR))
     return {
         **drawn,
         "title": wanting or _title(state),
-        "markers": _markers(state, camera, show_rejected),
+        "markers": markers,
         "points": [one for one in points if one is not None],
-        "paths": [_path(camera, one, state) for one in state.case.plan.trajectories],
+        "paths": write_names(
+            [_path(camera, one, state) for one in state.case.plan.trajectories], markers, pane, 1.0
+        ),
         "rulers": drawn_rulers(state, lambda points: camera.on_screen(points)[:, :2], lambda _: True),
     }
 

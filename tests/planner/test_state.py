@@ -163,17 +163,6 @@ def test_a_label_map_is_shown_and_judges_nothing(storage: Storage) -> None:
     assert [(one.colour, one.opacity) for one in again.values()] == [("#654321", 0.5), ("#123456", 0.0)]
 
 
-def test_names_of_paths_one_behind_the_other_stand_below_each_other(state: PlannerState) -> None:
-    mirrored = np.array([-1.0, 1.0, 1.0])
-    left = state.case.plan.trajectory("left")
-    state.case.add(replace(left, name="right", entry_mm=E * mirrored, target_mm=T * mirrored))
-    lines = {
-        view: [one["line"] for one in over_cut(state, view, False, Pane())["paths"]]
-        for view in ("sagittal", "axial")
-    }
-    assert lines == {"sagittal": [0, 1], "axial": [0, 0]}
-
-
 def test_rejecting_markers_changes_the_expected_error(state: PlannerState) -> None:
     def error_mm() -> float:
         measures = state.case.judge(state.case.plan.trajectory("left")).measures
