@@ -174,7 +174,7 @@ def fit_ball(
                 around, values_hu=np.minimum(around.values_hu, start[BACKGROUND] + OVERSHOOT * start[CONTRAST])
             )
     if verdict.usual_rms_hu <= FIRST_LOOK_MISFIT * theta[CONTRAST]:
-        theta, (verdict, used) = _free_look(dimmed, around, theta, prior, ceiling_hu, (verdict, used))
+        theta, (verdict, used) = _free_look(dimmed, around, few, theta, prior, ceiling_hu, (verdict, used))
     if _is_hopeless(theta, verdict, prior):
         return _ball_fit(around, theta, prior, verdict, few, ceiling_hu, converged=False)
     near = np.abs(edge_depth(around.offsets_mm, theta)[0]) < margin_mm(theta[WIDTH], theta[BLUR]) + 1.0
@@ -204,6 +204,7 @@ def _first_look(
 def _free_look(
     dimmed: Neighbourhood,
     around: Neighbourhood,
+    few: NDArray[np.bool_],
     held: FloatArray,
     prior: Prior,
     ceiling_hu: float,
@@ -214,7 +215,6 @@ def _free_look(
     So all voxels are looked at. Where that makes a good look worse, what stands beside the ball has led it astray, as
     skin does beside a small one: then only those of the directions that agreed are, if that shows a ball on skin.
     """
-    few = _thinned(len(around.values_hu))
 
     def freed(voxels: NDArray[np.bool_]) -> tuple[FloatArray, Judged]:
         theta, _ = descend(dimmed.select(voxels), held, prior, ceiling_hu, LOOK)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray, unit
 from ronnaplan.planning import Measures, Trajectory
 from ronnaplan.planning.contacts import contact_paths
-from ronnaplan.report.picture import WINDOW_HU, png
+from ronnaplan.report.picture import WINDOW_HU, png, sampled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -70,16 +71,12 @@ def sideways_axes(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
     return first, np.cross(trajectory.inward, first)
 
 
-def path_cut(volume: CTVolume, trajectory: Trajectory, sideways: FloatArray) -> FloatArray:
+def path_cut(volume: CTVolume, trajectory: Trajectory, sideways: FloatArray) -> NDArray[np.float32]:
     """Sample the plane of the path and ``sideways`` (3,), in HU: rows along the path, columns across it."""
-    from scipy.ndimage import map_coordinates
-
     along = np.arange(-BEYOND_MM, trajectory.length_mm + BEYOND_MM, PIXEL_MM)
     across = np.arange(-REACH_MM, REACH_MM + PIXEL_MM / 2, PIXEL_MM)
     places = trajectory.at_depth(along)[:, np.newaxis] + across[:, np.newaxis] * sideways
-    indices = np.moveaxis(volume.grid.indices(places), -1, 0)
-    image: FloatArray = map_coordinates(volume.voxels_hu, indices, output=np.float64, order=1, cval=WINDOW_HU[0])
-    return image
+    return sampled(volume.voxels_hu, volume.grid.indices(places), WINDOW_HU[0])
 
 
 def _draw_cut(axes: Axes, volume: CTVolume, trajectory: Trajectory, sideways: FloatArray) -> None:
