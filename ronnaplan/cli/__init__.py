@@ -10,6 +10,7 @@ import os
 import sys
 from collections.abc import Iterable, Sequence
 from importlib import import_module
+from typing import Any
 
 from ronnaplan import __version__
 from ronnaplan.cli.output import discard_output, guarded_output
@@ -28,9 +29,34 @@ OBJECTS_BETWEEN_COLLECTIONS = 300_000
 """Python looks for circles of garbage after so many new objects, not after 700: imports make many (those of localizing
 200,000) and drop none."""
 
+GIVEN = "_given"
+"""Where parsing keeps which options it met."""
+
+
+class _Once(argparse.Action):
+    """Keeps an option's value; the option given again is wrong usage, for argparse would keep the last silently."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option: str | None = None,
+    ) -> None:
+        given: set[str] = vars(namespace).setdefault(GIVEN, set())
+        if option is not None and self.dest in given:
+            raise argparse.ArgumentError(self, "is given twice; give it once")
+        given.add(self.dest)
+        setattr(namespace, self.dest, values)
+
 
 class _Parser(argparse.ArgumentParser):
     """Reports wrong usage as one sentence and exit status 2, like every other error."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        for action in (None, "store"):  # an option that may be repeated says so by another action
+            self.register("action", action, _Once)
 
     def error(self, message: str) -> None:  # type: ignore[override]
         raise UsageError(f"{message} (see '{self.prog} --help')")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -32,7 +33,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "paths", nargs="+", metavar="PATH", help="a DICOM folder, file or zip archive, or an image"
     )
     parser.add_argument(
-        "--diameter", required=True, metavar="MM", help="diameter of the markers, several as 11.5,5, or 'auto'"
+        "--diameter",
+        required=True,
+        action="append",
+        metavar="MM",
+        help="diameter of the markers, several as 11.5,5 or one after another, or 'auto'; repeatable",
     )
     parser.add_argument("--expected", type=whole(), metavar="N", help="refuse (exit 3) unless N markers are found")
     parser.add_argument(
@@ -102,24 +107,34 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
                 check_target(path)
 
 
-def _diameters(text: str) -> tuple[float, ...] | None:
-    """Parse ``--diameter``; None stands for 'auto'.
+def _diameters(texts: Sequence[str]) -> tuple[float, ...] | None:
+    """Parse all that ``--diameter`` was given; None stands for 'auto', which stands alone."""
+    from ronnaplan.errors import UsageError
+
+    if "auto" not in texts:
+        return tuple(diameter for text in texts for diameter in _listed(text))
+    if len(texts) > 1:
+        raise UsageError(f"--diameter is both {' and '.join(texts)}; state the sizes, or 'auto' alone")
+    return None
+
+
+def _listed(text: str) -> list[float]:
+    """Return the diameters of one ``--diameter``.
 
     A comma may be a decimal one: several diameters are told by a point in at least one of them.
     """
     from ronnaplan.errors import UsageError
 
-    if text == "auto":
-        return None
-    found = [plain_number(part) for part in text.split(",")]
-    if None in found:
+    parts = [plain_number(part) for part in text.split(",")]
+    found = [value for value in parts if value is not None]
+    if len(found) < len(parts):
         raise UsageError(f"--diameter is '{text}'; a positive number of mm, several as 11.5,5, or 'auto'")
     if len(found) > 1 and "." not in text:
         raise UsageError(
             f"--diameter is '{text}', which may be {text.replace(',', '.', 1)} mm or {len(found)} diameters; "
             f"write a point, or for several {','.join(f'{part}.0' for part in text.split(','))}"
         )
-    return tuple(value for value in found if value is not None)
+    return found
 
 
 def _template(path: str | None) -> Template | None:
@@ -132,12 +147,14 @@ def _template(path: str | None) -> Template | None:
 
 def _localize_one(arguments: argparse.Namespace, wanted: _Wanted) -> None:
     from ronnaplan.ct.catalogue import SeveralSeriesError
+    from ronnaplan.localization import require_count
 
     try:
         volume = _read(arguments.paths[0], arguments.series)
     except SeveralSeriesError as error:
         raise SeveralSeriesError(f"{error}; --all-series does them all") from error
     found = _localized(volume, wanted, arguments.report)
+    require_count(found, wanted.expected, volume, progress=True)
     print(_summary(found), file=sys.stderr)
     for line in _other_sizes(volume, found):
         print(f"ronnaplan: {line}", file=sys.stderr)
@@ -145,23 +162,39 @@ def _localize_one(arguments: argparse.Namespace, wanted: _Wanted) -> None:
 
 
 def _localize_many(arguments: argparse.Namespace, wanted: _Wanted) -> int:
-    from ronnaplan.cli.localize_batch import jobs_of, localize_all
-    from ronnaplan.documents.files import make_folder
+    from ronnaplan.cli.localize_batch import jobs_of, localize_all, results_folder
     from ronnaplan.errors import UsageError
 
     if arguments.output is None:
         raise UsageError("several scans were asked for; name a folder for their results with -o")
+    folder = results_folder(arguments.output)
+    jobs = jobs_of(arguments.paths, arguments.series, arguments.all_series)
+    return localize_all(jobs, folder, _Steps(wanted, folder, arguments.report is not None))
 
-    def localize_job(job: Job, folder: Path) -> Fiducials:
-        volume = _read(job.path, job.series, f"{job.name}: ")
-        found = _localized(volume, wanted, str(folder / f"{job.name}.png") if arguments.report else None)
+
+@dataclass(frozen=True)
+class _Steps:
+    """What is done with each scan of a batch."""
+
+    wanted: _Wanted
+    folder: Path
+    report: bool
+
+    def read(self, job: Job) -> CTVolume:
+        return _read(job.path, job.series, f"{job.name}: ")
+
+    def find(self, job: Job, volume: CTVolume) -> Fiducials:
+        return _localized(volume, self.wanted, str(self.folder / f"{job.name}.png") if self.report else None)
+
+    def keep(self, job: Job, volume: CTVolume, found: Fiducials) -> str:
+        from ronnaplan.localization import require_count
+
+        require_count(found, self.wanted.expected, volume, progress=True)
         for line in _other_sizes(volume, found):
             print(f"{job.name}: {line}", file=sys.stderr)
-        _write(str(folder / f"{job.name}.fiducials.json"), found)
-        return found
-
-    jobs = jobs_of(arguments.paths, arguments.series, arguments.all_series)
-    return localize_all(jobs, make_folder(arguments.output), localize_job)
+        name = f"{job.name}.fiducials.json"
+        _write(str(self.folder / name), found)
+        return name
 
 
 def _read(path: str, series: str | None, name: str = "ronnaplan: ") -> CTVolume:
@@ -174,9 +207,9 @@ def _read(path: str, series: str | None, name: str = "ronnaplan: ") -> CTVolume:
 
 
 def _localized(volume: CTVolume, wanted: _Wanted, report: str | None) -> Fiducials:
-    """Localize, draw the report whatever is refused, and only then refuse it."""
+    """Localize, however many markers there are, and draw the report, also where the answer is refused."""
     from ronnaplan.errors import RefusedError
-    from ronnaplan.localization import common_diameter, localize, require_count
+    from ronnaplan.localization import common_diameter, localize
 
     try:
         found = localize(
@@ -193,7 +226,6 @@ def _localized(volume: CTVolume, wanted: _Wanted, report: str | None) -> Fiducia
     told = (flag for flag in found.volume_flags if flag not in volume.flags)
     warn(*(f"{flag}; those that were computed are left out" for flag in told))
     _draw(report, volume, wanted, found)
-    require_count(found, wanted.expected, volume, progress=True)
     return found
 
 

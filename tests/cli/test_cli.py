@@ -14,6 +14,7 @@ import pytest
 from phantoms.fast import render
 from phantoms.output import write_phantom
 from phantoms.series import SeriesOptions
+from ronnaplan import read_ct
 from ronnaplan.cli import main
 from tests.scans import balls, small_stack
 
@@ -80,6 +81,17 @@ def test_localize_then_export(ct_folder: Path, tmp_path: Path, capsys: pytest.Ca
     assert capsys.readouterr().out == ""
 
 
+def test_diameters_given_one_after_another_are_all_looked_for(
+    ct_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, out, err = run(
+        ["localize", str(ct_folder), "--diameter", "8", "--diameter", "11.5,20", "--diameter", "11.5"], capsys
+    )
+    assert status == 0
+    assert json.loads(out)["marker"]["diameters_mm"] == [8.0, 11.5, 20.0]
+    assert "1 markers of 8 or 11.5 or 20 mm" in err
+
+
 def test_an_empty_scan_is_an_answer(ct_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     status, out, err = run(["localize", str(ct_folder), "--diameter", "5"], capsys)
     assert status == 0
@@ -114,6 +126,14 @@ def test_a_refusal_says_what_there_is_and_leaves_a_picture(
         (["localize", "{ct}"], 2, "--diameter"),
         (["export", "{ct}/truth.json", "--to", "csv"], 1, "not a fiducials document"),
         (["export", "{ct}/truth.json", "--to", "stl"], 2, "give a case's folder"),
+        (["localize", "{ct}", "--diameter", "11.5", "--diameter", "auto"], 2, "both 11.5 and auto"),
+        (
+            ["localize", "{ct}", "--diameter", "11.5", "--expected", "1", "--expected", "1"],
+            2,
+            "--expected: is given twice",
+        ),
+        (["export", "{ct}", "--to", "csv", "--to", "itk"], 2, "--to: is given twice"),
+        (["robot", "pivot", "{ct}", "-o", "a", "-o", "b"], 2, "-o/--output: is given twice"),
         (["fly"], 2, "invalid choice"),
         ([], 2, "VERB"),
     ],
@@ -187,6 +207,36 @@ def test_a_batch_goes_on_after_a_bad_scan(
     assert "name a folder" in err
 
 
+def test_a_batch_is_refused_where_an_earlier_one_left_its_results(
+    ct_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    results = tmp_path / "results"
+    results.mkdir()
+    (results / "fiducials.json").write_text("of a person")  # a batch writes no such file
+    call = ["localize", str(ct_folder), str(ct_folder), "--diameter", "11.5", "-o", str(results)]
+    assert run(call, capsys)[0] == 0
+    written = {path: path.read_bytes() for path in results.iterdir()}
+    status, _, err = run([*call, "--expected", "2"], capsys)
+    assert (status, err.count("\n")) == (1, 1)
+    assert "results of an earlier run (summary.json)" in err
+    assert {path: path.read_bytes() for path in results.iterdir()} == written
+    for name in ("summary.json", "summary.csv"):
+        (results / name).unlink()  # of a batch that was stopped, the documents alone lie there
+    assert "earlier run (001-ct.fiducials.json)" in run(call, capsys)[2]
+
+
+def test_the_summary_tells_what_was_found_of_each_size_and_of_a_refused_scan(
+    ct_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = str(ct_folder)
+    call = ["localize", folder, folder, "--diameter", "8,11.5", "--expected", "2", "-o", str(tmp_path / "results")]
+    assert run(call, capsys)[0] == 3
+    scan, _ = json.loads((tmp_path / "results" / "summary.json").read_text())["scans"]
+    assert (scan["status"], scan["markers"], scan["markers_by_diameter"]) == (3, 1, "8:0 11.5:1")
+    assert (scan["diameters_mm"], scan["fiducials"]) == ("8 or 11.5", None)
+    assert scan["series"] == read_ct(ct_folder).source.series_instance_uid is not None
+
+
 def test_every_series_of_a_folder_is_done_when_asked_for(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -205,6 +255,7 @@ def test_every_series_of_a_folder_is_done_when_asked_for(
     assert all(line.startswith(("001-exam: ", "002-exam: ")) for line in err.splitlines())
     scans = json.loads((results / "summary.json").read_text())["scans"]
     assert len({one["series"] for one in scans}) == 2
+    assert {Path(one["first_file"]).parent for one in scans} == {exam / "0", exam / "1"}
 
 
 def test_a_symmetric_layout_is_warned_of_before_the_operation(
