@@ -99,7 +99,10 @@ def match_points(
     if answer is None:
         answer = match_large(problem, least_probability)
     if listed and answer.status == "unmatched" and not answer.rivals:
-        reason = "too many pairings fit almost equally well to list them all"
+        reason = (
+            f"too many pairings of {counts[0]} CT points with {counts[1]} readings fit almost equally well to list "
+            "them all; have more of the markers read, or state pairs that are known"
+        )
         answer = Pairing("ambiguous", no_pairs(), 0.0, reason=reason)
     LOG.info("paired %d CT with %d tracker points: %r", *counts, answer)
     for rival in answer.rivals:

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 DICOM = "dicom"
 TRE_MAP = "tre-map"
+ENDINGS = {"itk": (".tfm", ".txt"), "markups": (".mrk.json", ".json")}
+"""What files must be called where the program that reads them goes by the name: ITK takes a `.h5` for HDF5."""
 
 Exportable = FiducialsDocument | RegistrationDocument
 
@@ -61,9 +63,9 @@ def write_as(
 ) -> None:
     """Write a document, or the one at a path, to ``path`` in another tool's format ``to``.
 
-    Fiducials become ``markups``, ``csv`` or ``dicom``; a registration these, ``itk`` (.tfm), ``ros``, or a ``tre-map``:
-    the error to expect (mm RMS) at every voxel of the scan ``ct``, as .nii.gz, .nii, .nrrd or .mha. Raises `UsageError`
-    for a format that the document cannot become.
+    Fiducials become ``markups`` (.mrk.json), ``csv`` or ``dicom``; a registration these, ``itk`` (.tfm), ``ros``, or a
+    ``tre-map``: the error to expect (mm RMS) at every voxel of the scan ``ct``, as .nii.gz, .nii, .nrrd or .mha. Raises
+    `UsageError` for a format that the document cannot become, and for a name by which it could not be read again.
     """
     if to == TRE_MAP:
         from ronnaplan.documents.tre_image import tre_image
@@ -73,7 +75,14 @@ def write_as(
             raise _cannot(to, registration)
         write_atomically(path, tre_image(registration, ct, os.fspath(path)))
     else:
-        write_atomically(path, export(document, to, ct))
+        exported = export(document, to, ct)
+        endings = ENDINGS.get(to, ("",))
+        if not os.fspath(path).lower().endswith(endings):
+            raise UsageError(
+                f"the file to write is '{os.fspath(path)}'; expected a name that ends in {' or '.join(endings)}, "
+                f"by which programs tell '{to}'"
+            )
+        write_atomically(path, exported)
 
 
 def _content(document: str | os.PathLike[str] | Exportable) -> Exportable:

@@ -21,7 +21,7 @@ CENTROID = "markers' centroid"
 
 
 def registration_text(document: RegistrationDocument) -> str:
-    """Return the pairs, the fit and the expected errors as text; if refused, the reason and the rivals."""
+    """Return the pairs, the fit and the expected errors as text; if refused, the rivals (the reason is the error's)."""
     if document.ots_from_ct is None:
         return _refusal(document)
     lines = ["CT marker  reading    residual  left out", "                             mm        mm"]
@@ -57,7 +57,7 @@ def _expected_errors(document: RegistrationDocument) -> dict[str, tuple[float, f
 
 
 def _refusal(document: RegistrationDocument) -> str:
-    lines = [f"no registration: the pairing is {document.status}", document.reason]
+    lines = [f"no registration: the pairing is {document.status}"]
     for number, rival in enumerate(document.rivals, start=1):
         pairs = ", ".join(f"{pair.ct}={pair.ots}" for pair in rival.pairs)
         lines.append(f"rival {number}: {pairs} ({rival.log_evidence_below:.1f} nats below the first)")

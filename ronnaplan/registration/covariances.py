@@ -19,7 +19,7 @@ SMALLEST_VARIANCE_MM2 = 1e-18
 Covariances = ArrayLike | tuple[ArrayLike | None, ArrayLike | None] | None
 """Errors of paired points: None (equal, isotropic, unknown), those of the fixed points with the moving ones
 exact, or a tuple (moving, fixed). Each is a variance per axis, in mm^2 and its own frame: (N, 3, 3), or (3, 3) for
-all points."""
+all points; of a standard deviation ``s`` mm along every axis it is ``s**2 * numpy.eye(3)``."""
 
 
 def as_pair(covariances: Covariances, count: int) -> tuple[FloatArray, FloatArray] | None:
@@ -55,7 +55,8 @@ def _one_side(values: ArrayLike | None, count: int, name: str) -> FloatArray:
     if given.ndim == 0:
         raise InputError(
             f"{name} came as the number {given:g}; expected (3, 3) or ({count}, 3, 3) in mm^2: "
-            f"a variance of {given:g} mm^2 along every axis is {given:g} * numpy.eye(3)"
+            f"a standard deviation of {given:g} mm along every axis is {given:g}**2 * numpy.eye(3), "
+            f"a variance of {given:g} mm^2 is {given:g} * numpy.eye(3)"
         )
     if given.shape not in ((3, 3), (count, 3, 3)):
         raise InputError(f"{name} have shape {given.shape}; expected (3, 3) or ({count}, 3, 3) in mm^2")

@@ -23,9 +23,10 @@ def predict_tre(markers_mm: ArrayLike, covariances_mm2: Covariances, targets_mm:
     """Return the TRE covariance (T, 3, 3) to expect at ``targets_mm`` (T, 3) before anything is measured.
 
     ``markers_mm`` (N, 3) are planned markers in the targets' frame. ``covariances_mm2`` is what each marker errs by in
-    the scan plus what it errs by before the tracker, mm^2 in that frame: (N, 3, 3), or (3, 3) for all markers. A tuple
-    (scan, tracker) tells more: where a rotation is uncertain by some degrees, the errors of both turn against each
-    other (second order). `predict_tre_map` tells the error at every voxel of a scan, `radius_95_mm` how far off a
+    the scan plus what it errs by before the tracker, mm^2 in that frame: (N, 3, 3), or (3, 3) for all markers; of
+    standard deviations ``s`` and ``t`` mm per axis it is ``(s**2 + t**2) * numpy.eye(3)``. A tuple (scan, tracker)
+    tells more: where a rotation is uncertain by some degrees, the errors of both turn against each other (second
+    order). `predict_tre_map` tells the error at every voxel of a scan, `radius_95_mm` how far off a
     target stays with a chance of 95 %.
     """
     return planned_pose(markers_mm, covariances_mm2).point_covariances(targets_mm)

@@ -103,6 +103,7 @@ def test_readings_that_do_not_fit_are_refused_with_a_document(
     printed = capsys.readouterr()
     assert json.loads(printed.out)["status"] != "unique"
     assert json.loads(printed.out)["ots_from_ct"] is None
+    assert printed.err.count(json.loads(printed.out)["reason"]) == 1
 
 
 @pytest.mark.parametrize(

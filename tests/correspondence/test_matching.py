@@ -165,6 +165,14 @@ def test_a_mirror_image_never_passes(seed: int, expected: Any) -> None:
     assert match_points(layout * [1, 1, -1], layout, expected).status != "unique"
 
 
+def test_three_readings_of_many_markers_are_refused_with_cause_and_remedy() -> None:
+    rng = np.random.default_rng(4)
+    pairing = match_points(rng.normal(size=(6, 3)) * 60, rng.normal(size=(3, 3)) * 60)
+    assert pairing.status == "ambiguous"
+    assert "6 CT points with 3 readings" in pairing.reason
+    assert "have more of the markers read" in pairing.reason
+
+
 def test_collinear_markers_are_refused() -> None:
     line = np.array([[0, 0, 0], [50, 0.2, 0], [80, 0, 0.3], [170, 0, 0.0]])
     pairing = match_points(line, line, expected=4)

@@ -83,6 +83,11 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     "no name": (lambda path: main(["export", str(path), "--to", "tre-map", "--ct", "x"]), "name its file with -o"),
     "no scan": (lambda path: write_as(path.with_name("m.nii"), path, "tre-map"), "no scan was given"),
     "no image": (lambda path: write_as(path.with_name("m.png"), path, "tre-map", "x"), r"ends in \.nii\.gz"),
+    "no transform's name": (lambda path: write_as(path.with_name("m.h5"), path, "itk"), r"ends in \.tfm or \.txt"),
+    "no point list's name": (
+        lambda path: write_as(path.with_name("m.fcsv"), path, "markups"),
+        r"ends in \.mrk\.json",
+    ),
     "of fiducials": (
         lambda path: write_as(path.with_name("m.nii"), cases.fiducials(), "tre-map", "x"),
         "fiducials cannot become 'tre-map'; choose one of markups, csv, dicom",
@@ -105,6 +110,7 @@ def test_what_cannot_be_written_is_refused(name: str, tmp_path: Path, capsys: py
     else:
         with pytest.raises(UsageError, match=told):
             call(file)
+        assert [path.name for path in tmp_path.iterdir()] == ["registration.json"]
 
 
 def test_the_markers_of_another_scan_are_refused(tmp_path: Path) -> None:

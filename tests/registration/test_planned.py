@@ -60,7 +60,10 @@ def test_the_errors_of_both_readings_turn_against_each_other(count: int) -> None
 
 
 def test_errors_in_no_shape_of_covariances_are_named_as_they_were_given() -> None:
-    with pytest.raises(InputError, match=r"the number 0\.34; .* is 0\.34 \* numpy\.eye\(3\)"):
+    with pytest.raises(
+        InputError,
+        match=r"the number 0\.34; .* standard deviation of 0\.34 mm .* is 0\.34\*\*2 \* numpy\.eye\(3\), ",
+    ):
         predict_tre(HEAD, 0.34, TARGETS)
     with pytest.raises(InputError, match=r"^covariances have shape \(3,\)"):
         predict_tre(HEAD, [0.1, 0.1, 0.1], TARGETS)
