@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,15 +11,18 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import FloatArray, Frame
 
 VIEWS = {"axial": (0, 1), "coronal": (0, 2), "sagittal": (1, 2)}
 """The two axes of a view, across and upwards (downwards for axial, as radiologists look)."""
 
 IN_PATIENT = ("x mm (right to left)", "y mm (front to back)", "z mm (feet to head)")
-ELSEWHERE = ("x mm", "y mm", "z mm")
+
+FIELD_TICKS, FIELD_LEVELS = 61, 10
+"""Places along each axis at which a field is looked at, and how many levels its contours have at most."""
 
 MARKER_COLOUR, QUIET_COLOUR, DOUBT_COLOUR = "#d1495b", "#7a8b99", "#00798c"
 MARGIN_MM, WIDER = 25.0, 1.2
@@ -44,19 +47,22 @@ class Picture(Figure):
 
 
 class ThreeViews:
-    """Three projections of one scene, beside each other; points are (N, 3) in mm."""
+    """Three projections of one scene, beside each other; points are (N, 3) in mm.
 
-    def __init__(self, title: str, *, in_patient: bool) -> None:
+    They are in the patient's axes, or in those of ``frame``, where that is another's.
+    """
+
+    def __init__(self, title: str, *, frame: Frame | None = None) -> None:
         self.picture = Picture(11.0, 3.9)
         self.picture.suptitle(title, fontsize=10)
-        names = IN_PATIENT if in_patient else ELSEWHERE
+        names = IN_PATIENT if frame is None else tuple(f"{axis} mm in {frame}" for axis in "xyz")
         self._panes: dict[tuple[int, int], Any] = {}
         for axes, (view, (across, up)) in zip(self.picture.subplots(1, 3), VIEWS.items(), strict=True):
             axes.set_xlabel(names[across], fontsize=8)
             axes.set_ylabel(names[up], fontsize=8)
             axes.tick_params(labelsize=7)
             axes.set_aspect("equal")
-            if in_patient:
+            if frame is None:
                 axes.set_title(view, fontsize=9)
                 if view == "axial":
                     axes.invert_yaxis()
@@ -119,20 +125,33 @@ class ThreeViews:
             if upside_down and not axes.yaxis_inverted():
                 axes.invert_yaxis()
 
-    def fields(self, values: Any, middle_mm: FloatArray, reach_mm: float, label: str) -> None:
-        """Draw contours of ``values`` (points (N, 3) -> (N,)) in the three planes through ``middle_mm`` (3,)."""
-        ticks = np.linspace(-reach_mm, reach_mm, 41)
+    def fields(
+        self,
+        values: Callable[[FloatArray], FloatArray],
+        middle_mm: FloatArray,
+        low_mm: FloatArray,
+        high_mm: FloatArray,
+        label: str,
+    ) -> None:
+        """Draw contours of ``values`` (points (N, 3) -> (N,)) in the three planes through ``middle_mm`` (3,).
+
+        They reach from the corner ``low_mm`` (3,) to the corner ``high_mm`` (3,) and leave out what is NaN.
+        Dotted lines show where they meet.
+        """
+        ticks = np.linspace(low_mm, high_mm, FIELD_TICKS)
         planes = []
         for across, up in self._panes:
-            places = np.broadcast_to(middle_mm, (ticks.size, ticks.size, 3)).copy()
-            places[..., across] += ticks
-            places[..., up] += ticks[:, np.newaxis]
-            planes.append(values(places.reshape(-1, 3)).reshape(ticks.size, ticks.size))
-        levels = np.linspace(min(p.min() for p in planes), max(p.max() for p in planes) + 1e-9, 12)
+            places = np.broadcast_to(middle_mm, (FIELD_TICKS, FIELD_TICKS, 3)).copy()
+            places[..., across] = ticks[:, across]
+            places[..., up] = ticks[:, up, np.newaxis]
+            planes.append(values(places.reshape(-1, 3)).reshape(FIELD_TICKS, FIELD_TICKS))
+        levels = MaxNLocator(FIELD_LEVELS, steps=[1, 2, 5, 10]).tick_values(np.nanmin(planes), np.nanmax(planes))
         for ((across, up), axes), plane in zip(self._panes.items(), planes, strict=True):
             drawn = axes.contourf(
-                middle_mm[across] + ticks, middle_mm[up] + ticks, plane, levels, cmap="Blues", zorder=-1
+                ticks[:, across], ticks[:, up], np.ma.masked_invalid(plane), levels, cmap="Blues", zorder=-1
             )
+            axes.axvline(middle_mm[across], color=QUIET_COLOUR, linewidth=0.6, linestyle=":")
+            axes.axhline(middle_mm[up], color=QUIET_COLOUR, linewidth=0.6, linestyle=":")
         bar = self.picture.colorbar(drawn, ax=list(self._panes.values()), shrink=0.8)
         bar.set_label(label, fontsize=8)
         bar.ax.tick_params(labelsize=7)

@@ -40,6 +40,7 @@ from ronnaplan.localization import Fiducial, FiducialFlag, Rejected
 from ronnaplan.planning import Plan, measure
 from ronnaplan.registration import predict_tre, register_batch
 from ronnaplan.tracking import PointReading, Recording, find_markers, read_recording
+from tests import cases
 from tests.cases import ball_parameters
 
 POINTS = np.array([[60.0, 0.0, 20.0], [-50.0, 10.0, 30.0], [5.0, 70.0, -20.0], [0.0, -60.0, 70.0]])
@@ -116,6 +117,8 @@ SHORT: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: register_markers(some_fiducials().points, some_fiducials().points, sigma_ct_mm=0.1),
         "MarkerRegistration(Pairing(unique, 4 pairs, ",
     ),
+    "a registration's document": (cases.registration, "RegistrationDocument(unique, 6 pairs, FRE "),
+    "fiducials' document": (cases.fiducials, "FiducialsDocument(6 markers of 11.5 mm, 1 candidates rejected)"),
     "a layout": (lambda: describe_layout(POINTS), "Layout(4 markers, nearest rival order "),
     "a marker": (
         lambda: some_fiducials()[1],

@@ -50,7 +50,8 @@ registration.plot()
 # ([registration](../registration.md)); give the latter `moving_frame=ct.frame`, so that it knows which scan it is of.
 #
 # The residuals tell how well the markers agree, not the error at a target. That is `tre_rms_mm`, at any point of the scan;
-# `radius_95_mm` is how far off a target stays with a chance of 95 %. `tre_map` is the RMS error at every voxel.
+# `radius_95_mm` is how far off a target stays with a chance of 95 %. `tre_map` is the RMS error at every voxel; its
+# `plot` shows the planes through a place. What `plot` returns is a matplotlib figure: `.savefig("error.png")` writes it.
 
 # %%
 from ronnaplan.registration import radius_95_mm
@@ -59,7 +60,7 @@ targets = [[-15.0, 5.0, 10.0], [0.0, 90.0, -50.0]]
 print(registration.tre_rms_mm(targets).round(2), "mm RMS")
 print(radius_95_mm(registration.tre(targets)).round(2), "mm hold 95 %")
 error_map = registration.tre_map(ct)
-error_map
+error_map.plot(targets[0], found.centers)
 
 # %% [markdown]
 # ## To files

@@ -22,9 +22,8 @@ spread = np.array([[60.0, 20, 40], [-55, 45, 30], [-20, -70, 55], [10, 35, 95]])
 
 # %%
 target = np.array([[5.0, 10.0, 0.0]])
-error = (0.56**2 + 0.17**2) * np.eye(
-    3
-)  # variance in CT (markers on skin) + variance of the tracker, per axis, mm^2
+in_ct_mm, tracker_mm = 0.56, 0.17  # standard deviations per axis: markers on skin, tracker
+error = (in_ct_mm**2 + tracker_mm**2) * np.eye(3)  # variances add up, mm^2
 for name, markers in {"square": square, "moved square": loose, "row": row, "spread": spread}.items():
     layout = describe_layout(markers)
     expected = np.sqrt(np.trace(predict_tre(markers, error, target)[0]))
@@ -48,7 +47,8 @@ print(f"{np.sqrt(np.trace(covariance)):.2f} mm RMS, {radius_95_mm(covariance):.2
 # %% [markdown]
 # The same at every voxel is a map. It needs no scan: any grid will do, here voxels of 4 mm about the head. The affine maps voxel
 # indices (slice, row, column) to LPS mm. The markers' places are LPS, too (a viewer in RAS shows the first two with the other
-# sign). `error` is one matrix for all markers, or one each, or a tuple of both sides (in CT, of the tracker).
+# sign). `error` is one matrix for all markers, or one each, or a tuple of both sides (in CT, of the tracker). `plot` shows the
+# map in the three planes through a place, here the target, with the markers before them, wherever they lie.
 
 # %%
 import SimpleITK as sitk
@@ -60,7 +60,7 @@ affine = [[0, 0, 4, -100], [0, 4, 0, -120], [4, 0, 0, -80], [0, 0, 0, 1]]
 grid = CTVolume.from_array(np.zeros((50, 60, 50), np.int16), affine)
 expected_mm = predict_tre_map(six[:5], error, grid)
 sitk.WriteImage(expected_mm.to_sitk(), "expected_error.nii.gz")
-expected_mm
+expected_mm.plot(target[0], six[:5])
 
 # %% [markdown]
 # The map is written in any format that SimpleITK knows, and lies where the markers are in any viewer. With a scan at hand, give

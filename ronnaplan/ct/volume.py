@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +15,15 @@ from numpy.typing import ArrayLike, NDArray
 from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.scratch import one_by_one
 from ronnaplan.errors import InputError, UsageError
-from ronnaplan.geometry import FloatArray, Frame
+from ronnaplan.geometry import FloatArray, Frame, as_points
+from ronnaplan.text import place
+
+if TYPE_CHECKING:
+    from ronnaplan.figures import Picture
+
+
+INDEX_DIGITS = 6
+"""Voxel indices are rounded to so many digits, so that the outermost voxels are not outside of their grid."""
 
 
 class VolumeFlag(StrEnum):
@@ -110,6 +119,30 @@ class ScalarMap(Gridded):
         least, most = self.values.min(), self.values.max()
         return f"ScalarMap({self.name}, {self.values.shape}, {least:.3g} to {most:.3g} {self.unit})"
 
+    def plot(self, through_mm: Sequence[float] | FloatArray | None = None, points_mm: ArrayLike = ()) -> Picture:
+        """Return the map in the three planes through a place (3,) in LPS mm, else through its middle.
+
+        ``points_mm`` (N, 3), say the markers, are drawn before it, wherever they lie. Planes are interpolated, for the
+        eye only. Raises `InputError` for a place outside of the map.
+        """
+        from ronnaplan.ct.sampling import sampled
+        from ronnaplan.figures import ThreeViews
+
+        def values(places_mm: FloatArray) -> FloatArray:
+            return sampled(self.data, self.grid.indices(places_mm).round(INDEX_DIGITS), np.nan).astype(np.float64)
+
+        slices, rows, columns = self.data.shape
+        kji = np.array([(k, j, i) for k in range(slices) for j in (0, rows - 1) for i in (0, columns - 1)])
+        corners_mm = self.grid.positions_mm(kji.astype(np.float64))
+        low_mm, high_mm = corners_mm.min(axis=0), corners_mm.max(axis=0)
+        middle_mm = (low_mm + high_mm) / 2 if through_mm is None else as_points([[*through_mm]], "through_mm")[0]
+        if np.isnan(values(middle_mm[np.newaxis])[0]):
+            raise InputError(f"{place(middle_mm)} mm is outside of the map; give a place within, LPS mm")
+        views = ThreeViews(f"{self!r} through {place(middle_mm)} mm")
+        views.fields(values, middle_mm, low_mm, high_mm, f"{self.name}, {self.unit}")
+        views.points(as_points(points_mm, "points_mm"))
+        return views.picture
+
 
 @dataclass(frozen=True, eq=False)
 class CTVolume(Gridded):
@@ -130,7 +163,7 @@ class CTVolume(Gridded):
         spacing = (
             f"{self.grid.typical_gap_mm:.3g} x {self.grid.row_spacing_mm:.3g} x {self.grid.column_spacing_mm:.3g}"
         )
-        flags = f", {len(self.flags)} flags" if self.flags else ""
+        flags = "".join(f", {flag.name.lower()}" for flag in self.flags)
         return f"CTVolume({slices} slices of {rows} x {columns}, {spacing} mm{flags})"
 
     @classmethod

@@ -148,6 +148,15 @@ class FiducialsDocument(DocumentModel):
         _check_apart(self.fiducials)
         return self
 
+    def __repr__(self) -> str:
+        sizes = " or ".join(f"{size_mm:g}" for size_mm in self.marker.diameters_mm or (self.marker.diameter_mm,))
+        doubted = sum(bool(entry.flags) for entry in self.fiducials)
+        flags = f", {doubted} flagged" if doubted else ""
+        count = len(self.fiducials)
+        return f"FiducialsDocument({count} markers of {sizes} mm{flags}, {len(self.rejected)} candidates rejected)"
+
+    __str__ = __repr__
+
     @property
     def points(self) -> Points:
         """The markers as labelled points of the scan's frame."""

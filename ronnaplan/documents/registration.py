@@ -137,6 +137,15 @@ class RegistrationDocument(DocumentModel):
             _check_targets(self)
         return self
 
+    def __repr__(self) -> str:
+        if self.status != "unique":
+            return f"RegistrationDocument({self.status}: {self.reason}; {len(self.rivals)} rivals)"
+        fre = "" if self.fre_rms is None else f", FRE {self.fre_rms:.3g} mm"
+        flags = "".join(f", {flag}" for flag in self.flags)
+        return f"RegistrationDocument(unique, {len(self.pairs)} pairs{fre}, {len(self.targets)} targets{flags})"
+
+    __str__ = __repr__
+
     @property
     def ct_frame(self) -> Frame:
         """The scan's frame of reference."""

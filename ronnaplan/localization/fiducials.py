@@ -198,7 +198,7 @@ class Fiducials(Shown[Fiducial]):
         from ronnaplan.ct.silhouette import silhouettes
         from ronnaplan.figures import ThreeViews
 
-        views = ThreeViews(self._headline(), in_patient=True)
+        views = ThreeViews(self._headline())
         views.points(self.centers, self.labels)
         if volume is None:
             views.frame(self.centers)

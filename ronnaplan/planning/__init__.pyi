@@ -7,3 +7,4 @@ from .plan import Landmarks as Landmarks, Plan as Plan
 from .proposals import Proposals as Proposals, propose as propose
 from .rulers import Ruler as Ruler
 from .trajectory import INSTRUMENTS as INSTRUMENTS, Instrument as Instrument, Trajectory as Trajectory
+from .uncertainty import ExpectedPose as ExpectedPose

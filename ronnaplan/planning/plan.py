@@ -107,7 +107,7 @@ class Plan(Shown[Trajectory]):
         from ronnaplan.ct.silhouette import silhouettes
         from ronnaplan.figures import ThreeViews
 
-        views = ThreeViews(self._headline(), in_patient=True)
+        views = ThreeViews(self._headline())
         entries, targets = (
             np.array([getattr(one, end) for one in self], dtype=np.float64).reshape(-1, 3)
             for end in ("entry_mm", "target_mm")

@@ -118,12 +118,13 @@ class Registration(Shown[RegisteredPair]):
         middle, ends = self.fixed_mm.mean(axis=0), self.fixed_mm - self.residual_vectors_mm
         reach_mm = float(np.abs(self.fixed_mm - middle).max()) + MARGIN_MM
         magnified = 10.0 ** np.floor(np.log10(reach_mm / 2 / max(float(self.residuals_mm.max()), 1e-6)))
-        views = ThreeViews(f"{self._headline()}; residuals x {magnified:g}", in_patient=False)
+        views = ThreeViews(f"{self._headline()}; residuals x {magnified:g}", frame=self.pose.to_frame)
         moving_from_fixed = invert(self.transform)
         views.fields(
             lambda places: self.tre_rms_mm(transform_points(moving_from_fixed, places)),
             middle,
-            reach_mm,
+            middle - reach_mm,
+            middle + reach_mm,
             "expected error, mm RMS",
         )
         drawn = ends + magnified * self.residual_vectors_mm

@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.ct import CTVolume
+from ronnaplan.ct.sampling import sampled
 from ronnaplan.errors import check_type
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import Fiducials
 from ronnaplan.localization.parameters import BACKGROUND, CENTER, CONTRAST, RADIUS
-from ronnaplan.report.picture import CUTS, OUTLINE_COLOUR, WINDOW_HU, cut_places, sampled
+from ronnaplan.report.picture import CUTS, OUTLINE_COLOUR, WINDOW_HU, cut_places
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.ct import CTVolume
+from ronnaplan.ct.sampling import sampled
 from ronnaplan.geometry import FloatArray, unit
 from ronnaplan.planning import Measures, Trajectory
 from ronnaplan.planning.contacts import contact_paths
-from ronnaplan.report.picture import WINDOW_HU, png, sampled
+from ronnaplan.report.picture import WINDOW_HU, png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,13 +6,13 @@ Cuts are resampled for the eye only; every measurement is made on the voxels the
 from __future__ import annotations
 
 import io
-from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.ct import CTVolume
+from ronnaplan.ct.sampling import sampled
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import Fiducial, Fiducials
 from ronnaplan.scene.portrait import head_picture
@@ -61,22 +61,6 @@ def cut_image(
     """Sample a square cut of half width ``reach_mm`` through ``center_mm``, in HU (linear interpolation)."""
     places = cut_places(center_mm, axes, reach_mm)
     return sampled(volume.voxels_hu, volume.grid.indices(places), WINDOW_HU[0])
-
-
-def sampled(voxels: NDArray[Any], indices: FloatArray, outside: float) -> NDArray[np.float32]:
-    """Return ``voxels`` (K, J, I) at fractional ``indices`` (..., 3), linearly interpolated; ``outside`` beyond them.
-
-    SciPy, which does the same, takes 10 MB of a process that looks at some cuts.
-    """
-    last = np.subtract(voxels.shape, 1)
-    sides = []
-    for axis, end in enumerate(last):
-        at = np.clip(indices[..., axis], 0, end)
-        low = at.astype(np.intp)
-        sides.append(((low, low + 1 - at), (np.minimum(low + 1, end), at - low)))
-    image = sum(a * b * c * voxels[k, j, i] for (k, a), (j, b), (i, c) in product(*sides))
-    is_inside = np.all((indices >= 0) & (indices <= last), axis=-1)
-    return np.where(is_inside, image, outside).astype(np.float32)
 
 
 def cut_places(center_mm: FloatArray, axes: tuple[int, int], reach_mm: float) -> FloatArray:

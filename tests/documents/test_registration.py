@@ -93,6 +93,11 @@ def test_a_refused_pairing_is_a_document_with_rivals_and_no_transform(tmp_path: 
         with pytest.raises(InputError, match="refused"):
             export(file, to)
     assert "rival 2" in registration_text(document)
+    assert (
+        repr(document)
+        == str(document)
+        == f"RegistrationDocument(ambiguous: {document.reason}; {len(document.rivals)} rivals)"
+    )
 
 
 @pytest.mark.parametrize(
