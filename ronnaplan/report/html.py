@@ -14,7 +14,8 @@ h1 { font-size: 1.6rem; margin-bottom: 0 } h2 { margin-top: 2rem; border-bottom:
 h3 { margin-bottom: .3rem } h1, h2, h3 { break-after: avoid }
 table { border-collapse: collapse; margin: .6rem 0; font-variant-numeric: tabular-nums }
 th, td { text-align: left; padding: .15rem .9rem .15rem 0; border-bottom: 1px solid #e4e9ee; vertical-align: top }
-th { font-weight: 600; color: #4a5a6a } td.long { overflow-wrap: anywhere } td.value { white-space: nowrap }
+th { font-weight: 600; color: #4a5a6a } td { white-space: nowrap }
+td:first-child, td.text, td.long { white-space: normal } td.long { overflow-wrap: anywhere }
 figure { margin: .6rem 0 } figure img { max-width: 100% } figcaption { color: #4a5a6a }
 .warnings { background: #fff3e0; border-left: 5px solid #e07b00; padding: .4rem 1rem; margin: 1rem 0 }
 .clear { background: #eaf5ea; border-left: 5px solid #3d8b40; padding: .4rem 1rem; margin: 1rem 0 }
@@ -32,8 +33,8 @@ POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 LONGEST_WORD = 30
 """A word that is longer (a UID, a hash) may be broken anywhere, no other: a number stays whole."""
 
-LONGEST_VALUE = 18
-"""A text with a figure that is no longer stands in one line: numbers stay with their unit and with each other."""
+LONGEST_VALUE = 24
+"""A cell with no more letters stands in one line, unless it is a row's first: numbers stay whole, with their unit."""
 
 
 def page(title: str, body: Iterable[str], *, style: str = "", script: str = "") -> str:
@@ -99,6 +100,6 @@ def picture(image: bytes, caption: str, kind: str = "png") -> str:
 def _css(cell: str) -> str:
     if cell.startswith(("FAIL", "not judged")):
         return "fail"
-    if len(cell) <= LONGEST_VALUE and any(map(str.isdigit, cell)):
-        return "value"
-    return "long" if max(map(len, cell.split()), default=0) > LONGEST_WORD else ""
+    if max(map(len, cell.split()), default=0) > LONGEST_WORD:
+        return "long"
+    return "text" if len(cell) > LONGEST_VALUE else ""

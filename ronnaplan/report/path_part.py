@@ -32,7 +32,6 @@ STYLE = """
   .path th, .path td { padding: 0 .6rem 0 0 }
   .beside:has(.contacts) { font-size: 7pt; grid-template-columns: minmax(0, 12fr) minmax(0, 10fr); gap: 0 1rem }
   .beside:has(.contacts) :is(th, td) { padding-right: .3rem }
-  .contacts td:nth-child(2) { white-space: nowrap }
 }
 """
 
