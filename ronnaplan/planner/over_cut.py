@@ -22,8 +22,14 @@ POINT_COLOUR, BEGUN_COLOUR = "#b2ff59", "#ffffff"
 NEAR_MM = 3.0
 """What of a trajectory lies this near to the plane is drawn in full, the rest faintly and dashed."""
 
-TICK_MM, LABEL_MM, TICK_HALF_MM = 5.0, 10, 0.8
-"""Depths from the target are marked so often, told so often; half the width of a mark, twice that where it is told."""
+TICK_MM, TICK_HALF_MM = 5.0, 0.8
+"""Depths from the target are marked so often; half the width of a mark, twice that where it is told."""
+
+TOLD_MM, LINE_PIXELS, NUMBER_PIXELS = (10, 20, 50, 100), 14.0, 26.0
+"""Depths are told as often as there is room: each takes so many pixels of a path upwards, and so many of one across."""
+
+BESIDE_PIXELS = 4.0
+"""From a mark to its depth."""
 
 IN_PLANE = 1e-3
 """A path whose direction has no larger share out of a plane lies along it."""
@@ -70,7 +76,7 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
     half = cut.field_mm / 2
     wide, high = (half * share for share in pane.halves)
     markers = _markers(state, cut, show_rejected, (wide, high))
-    paths = [_path(one, cut, one.name == state.look.selected) for one in state.case.plan.trajectories]
+    paths = [_path(one, cut, pane, one.name == state.look.selected) for one in state.case.plan.trajectories]
     return {
         "box": f"{-wide} {-high} {2 * wide} {2 * high}",
         "half": half,
@@ -172,7 +178,7 @@ def proposed(state: PlannerState) -> list[tuple[str, FloatArray]]:
     return [(f"{n}", one.trajectory.entry_mm) for n, one in enumerate(found.best if found else (), start=1)]
 
 
-def _path(one: Trajectory, cut: Cut, selected: bool) -> dict[str, Any]:
+def _path(one: Trajectory, cut: Cut, pane: Pane, selected: bool) -> dict[str, Any]:
     ends = cut.on_screen_mm(np.stack([one.entry_mm, one.target_mm]))
     near = [bool(abs(away) < NEAR_MM) for away in ends[:, 2]]
     places = {"entry": ends[0, :2].tolist(), "target": ends[1, :2].tolist(), "part": _near_part(ends)}
@@ -188,7 +194,7 @@ def _path(one: Trajectory, cut: Cut, selected: bool) -> dict[str, Any]:
         "colour": one.colour,
         **look,
         **places,
-        "ticks": _ticks(one, cut) if selected else [],
+        "ticks": _ticks(one, cut, pane) if selected else [],
         "contacts": _contacts(one, cut),
     }
 
@@ -203,21 +209,36 @@ def _contacts(one: Trajectory, cut: Cut) -> list[dict[str, Any]]:
     ]
 
 
-def _ticks(one: Trajectory, cut: Cut) -> list[dict[str, Any]]:
+def _ticks(one: Trajectory, cut: Cut, pane: Pane) -> list[dict[str, Any]]:
     """Return a mark across the path every `TICK_MM` from the target outwards, where the path lies in the plane.
 
-    Of its ends the left one comes first: depths stand there, for names stand to the right.
+    Depths stand to the left of a path upwards, for names stand to the right, and below one across.
     """
     if abs(one.inward @ cut.away) > IN_PLANE:
         return []
     along = cut.on_screen_mm(cut.center_mm + one.inward)[:2]
     side = TICK_HALF_MM * np.array([-along[1], along[0]])
+    pixel = cut.field_mm / max(min(pane.width, pane.height), 1.0)
+    across = bool(abs(along[0]) > abs(along[1]))
+    room = pixel * (NUMBER_PIXELS if across else LINE_PIXELS)
+    told = next((mm for mm in TOLD_MM if mm >= room), TOLD_MM[-1])
+    away = pixel * np.array([0.0, LINE_PIXELS] if across else [-BESIDE_PIXELS, BESIDE_PIXELS])
     marks = []
     for depth in np.arange(TICK_MM, one.length_mm, TICK_MM):
         middle = cut.on_screen_mm(one.target_mm - depth * one.inward)[:2]
-        labelled = round(depth) % LABEL_MM == 0
-        ends = sorted((middle + sign * (1 + labelled) * side).tolist() for sign in (-1, 1))
-        marks.append({"ends": ends, "label": f"{depth:.0f}" if labelled else ""})
+        labelled = round(depth) % told == 0
+        ends = sorted(
+            (middle + sign * (1 + labelled) * side for sign in (-1, 1)),
+            key=lambda end: -end[1] if across else end[0],
+        )
+        marks.append(
+            {
+                "ends": [end.tolist() for end in ends],
+                "label": f"{depth:.0f}" if labelled else "",
+                "at": (ends[0] + away).tolist(),
+                "anchor": "middle" if across else "end",
+            }
+        )
     return marks
 
 

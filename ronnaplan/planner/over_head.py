@@ -29,10 +29,12 @@ def over_head(
     region_places_mm: dict[str, FloatArray],
     pane: Pane,
     wanting: str = "",
+    *,
+    drawn_here: bool = True,
 ) -> dict[str, Any]:
     """Return what is drawn over the 3-D view, in halves of its picture; ``camera`` is None until it is ready.
 
-    ``wanting`` says why there are no surfaces, where there are none.
+    ``wanting`` says why there are no surfaces, where there are none; ``drawn_here`` is whether the browser draws it.
     """
     wide, high = pane.halves
     drawn: dict[str, Any] = {
@@ -65,7 +67,7 @@ def over_head(
         points.append(_point(camera, "entry", state.look.begun_mm, BEGUN_COLOUR))
     return {
         **drawn,
-        "title": wanting or _title(state),
+        "title": wanting or _title(state, drawn_here=drawn_here),
         "markers": markers,
         "points": [one for one in points if one is not None],
         "paths": write_names(
@@ -75,9 +77,13 @@ def over_head(
     }
 
 
-def _title(state: PlannerState) -> str:
-    """Return what the head is drawn as, and what tubes and the ellipsoid of the selected marker are."""
-    title = f"3-D {state.look.preset or state.look.surface}; tubes hold the path with 95 %"
+def _title(state: PlannerState, *, drawn_here: bool) -> str:
+    """Return what the head is drawn as, and by whom, and what tubes and the ellipsoid of the selected marker are."""
+    title = f"3-D {state.look.preset or state.look.surface}"
+    if not drawn_here:
+        title += ", drawn by the server"  # where the whole scan and the opened head are not to be had
+    if state.case.plan.trajectories:
+        title += "; tubes hold the path with 95 %"
     found = state.case.fiducials.fiducials if state.case.fiducials else ()
     for one in found:
         if one.label == state.look.marker:

@@ -143,6 +143,7 @@ class Painter:
             self.head.region_places_mm,
             self.panes[HEAD],
             self.head.parts.wanting,
+            drawn_here=not self.pictures,
         )
 
     @property

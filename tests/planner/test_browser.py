@@ -114,6 +114,7 @@ def test_what_was_done_is_found_again_after_reload_and_after_a_crash(
     assert not page.locator("#gone").is_visible()
     running.kill()
     page.wait_for_selector("#gone >> text=What was done is kept")
+    assert "sans-serif" in page.evaluate("getComputedStyle(document.getElementById('gone')).fontFamily")
     with planner(folder) as second:
         assert second.url == running.url
         page.wait_for_selector("#gone", state="detached")

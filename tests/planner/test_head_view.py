@@ -135,6 +135,7 @@ def test_names_stand_where_things_are_drawn(head: HeadView) -> None:
     state.look.regions = {"vessels": Region("vessels", "#e53935")}
     drawn = over_head(state, head.camera, True, {"vessels": cases.ENTRY_MM}, Pane())
     assert [one["label"] for one in drawn["markers"] if one["ring"]] == ["F3", "x1"]
+    assert drawn["title"].startswith("3-D skin; tubes hold the path")
     places = {one["label"]: (one["x"], one["y"]) for one in drawn["points"]}
     (path,) = drawn["paths"]
     assert places["AC"] == pytest.approx(path["target"])
@@ -144,3 +145,9 @@ def test_names_stand_where_things_are_drawn(head: HeadView) -> None:
     row, column = (round((marker[axis] + 1) * len(picture) / 2) for axis in ("y", "x"))
     blue, _, red = picture[row, column]
     assert red - blue > 80  # the orange of a marker
+
+
+def test_the_title_tells_who_draws_and_of_tubes_where_there_are_some(head: HeadView) -> None:
+    head.state.case.remove("left")
+    title = over_head(head.state, head.camera, False, {}, Pane(), drawn_here=False)["title"]
+    assert title == "3-D skin, drawn by the server"

@@ -1,4 +1,4 @@
-"""Names of trajectories are written within the pane, and none on another."""
+"""Names of trajectories and depths are written within the pane, and none on another."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from ronnaplan.planner.names import EM_PIXELS, LINE_EM, write_names
 from ronnaplan.planner.over_cut import over_cut
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
+from tests import cases
 
 PANE = Pane(400.0, 200.0)
 """Wider than high: in halves of the shorter side, two to the right and one down."""
@@ -65,3 +66,33 @@ def test_both_sides_of_a_plan_are_told_apart_in_a_sagittal_cut(state: PlannerSta
     above, below = (one["written"] for one in over_cut(state, "sagittal", False, Pane())["paths"])
     assert above["x"] == below["x"]
     assert below["y"] > above["y"] + 1.0
+
+
+def lie_across(state: PlannerState) -> None:
+    """Lay the path to the left, through the target's axial cut, which is shown."""
+    state.case.edit("left", entry_mm=cases.TARGET_MM + np.array([55.0, 0.0, 0.0]))
+    state.look.select("left")
+    state.look.jump(cases.TARGET_MM)
+
+
+def told(state: PlannerState, view: str, side: float) -> list[dict[str, Any]]:
+    """The depths that are told along the path in a view of so many pixels a side."""
+    (path,) = over_cut(state, view, False, Pane(side, side))["paths"]
+    return [tick for tick in path["ticks"] if tick["label"]]
+
+
+def test_depths_stand_below_a_path_across_and_to_the_left_of_one_upwards(state: PlannerState) -> None:
+    lie_across(state)
+    across = told(state, "axial", 1000.0)
+    assert {one["anchor"] for one in across} == {"middle"}
+    assert all(one["at"][1] > max(end[1] for end in one["ends"]) for one in across)
+    upwards = told(state, "inline", 1000.0)
+    assert {one["anchor"] for one in upwards} == {"end"}
+    assert all(one["at"][0] < min(end[0] for end in one["ends"]) for one in upwards)
+
+
+def test_depths_are_told_as_often_as_there_is_room(state: PlannerState) -> None:
+    lie_across(state)
+    wide, narrow = told(state, "axial", 1000.0), told(state, "axial", 250.0)
+    assert [one["label"] for one in wide] == ["10", "20", "30", "40", "50"]
+    assert [one["label"] for one in narrow] == ["50"]
