@@ -29,6 +29,12 @@ OBJECTS_BETWEEN_COLLECTIONS = 300_000
 """Python looks for circles of garbage after so many new objects, not after 700: imports make many (those of localizing
 200,000) and drop none."""
 
+KEPT_SMALL = {
+    "PYDANTIC_DISABLE_PLUGINS": "true",  # else pydantic reads what every installed package declares
+    "OPENBLAS_NUM_THREADS": "1",  # else numpy and scipy keep each further processor busy for 0.1 s, waiting for work
+}
+"""Of the libraries, for this process and those that it begins; what a person has set stays."""
+
 GIVEN = "_given"
 """Where parsing keeps which options it met."""
 
@@ -66,8 +72,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; returns the exit status: 0 done, 1 unusable input, 2 wrong usage, 3 refused."""
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
     atexit.register(gc.freeze)  # else Python searches all that was imported for garbage, twice, before it ends
-    # else pydantic reads what every installed package declares
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "true")
+    for name, value in KEPT_SMALL.items():
+        os.environ.setdefault(name, value)
     _let_any_text_out()
     with guarded_output():
         try:

@@ -14,7 +14,7 @@ from ronnaplan.errors import RonnaplanError
 from ronnaplan.planner.actions import key_actions
 from ronnaplan.planner.cuts import WINDOWS_HU
 from ronnaplan.planner.head_look import OPENINGS
-from ronnaplan.planner.page_files import MODULE, template
+from ronnaplan.planner.page_files import MODULE, templates
 from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.shown import Send
 from ronnaplan.planner.sockets import ASKING
@@ -116,8 +116,9 @@ class PlannerApp:
                 "openings": list(OPENINGS),
             }
         )
-        with DivLayout(self.server, classes="rp-page") as page:
-            page.root.add_child(template())
+        for name, text in templates().items():
+            with DivLayout(self.server, name, classes=f"rp-{name}") as part:
+                part.root.add_child(text)
 
     # --- pages -----------------------------------------------------------------------------------------------
 

@@ -24,13 +24,17 @@ MODULE = {"serve": {"planner_page": str(Path(str(PAGE)))}, "scripts": [SCRIPT], 
 """What trame serves and loads before it makes the page."""
 
 
-def template() -> str:
-    """Return the page; what is there for every view stands in it once, which is compiled sooner."""
-    page, view, cube = (
-        (PAGE / name).read_text(encoding="utf-8") for name in ("planner.html", "view.html", "cube.html")
+def templates() -> dict[str, str]:
+    """Return the parts of the page by name: the browser compiles each when it first shows it.
+
+    What is there for every view stands in it once, which is compiled sooner.
+    """
+    page, panels, view, cube = (
+        (PAGE / f"{name}.html").read_text(encoding="utf-8") for name in ("planner", "panels", "view", "cube")
     )
     views = ", ".join(f"['{name}', drawn_{name}]" for name in (*STANDARD, HEAD, *PATH_VIEWS))
-    return page.replace("<!-- views -->", view.replace("VIEWS", views).replace("<!-- head -->", cube))
+    view = view.replace("VIEWS", views).replace("<!-- head -->", cube)
+    return {"main": page.replace("<!-- views -->", view), "panels": panels}
 
 
 def page_routes() -> list[web.RouteDef]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -54,6 +55,19 @@ def test_localizing_loads_nothing_that_takes_longer_than_the_work(ct_folder: Pat
     for _ in range(2):  # what compiles, loads more
         done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stderr.splitlines()[-1] == "loaded"
+
+
+def test_linear_algebra_starts_no_threads_of_its_own_unless_told_to() -> None:
+    code = "import os\nfrom ronnaplan.cli import main\ntry: main(['--version'])\nexcept SystemExit: pass\n"
+    code += "import numpy, threadpoolctl\nprint(os.environ['OPENBLAS_NUM_THREADS'])\n"
+    code += "print(max((one['num_threads'] for one in threadpoolctl.threadpool_info()), default=1))"
+    unset = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    for environment, told in ((unset, "1"), ({**unset, "OPENBLAS_NUM_THREADS": "2"}, "2")):
+        command = [sys.executable, "-c", code]
+        done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=True)
+        setting, threads = done.stdout.splitlines()[-2:]
+        assert setting == told
+        assert int(threads) <= int(told)
 
 
 def test_python_searches_nothing_for_garbage_when_it_ends() -> None:

@@ -39,7 +39,7 @@ BRIGHTEST = """view => {
 
 FIRST_FRAME = """const look = () => {
   const canvas = document.querySelector("canvas[data-picture=axial]");
-  if (canvas) window.firstHasPicture = "number" in canvas.dataset;
+  if (canvas) window.firstHas = ["number" in canvas.dataset, document.querySelector(".rp-tab") !== null];
   else requestAnimationFrame(look);
 };
 requestAnimationFrame(look);"""
@@ -205,7 +205,7 @@ def test_pictures_come_with_the_page_and_no_other_host_is_asked_nor_a_patient_na
     browser: Any, shared: Planner
 ) -> None:
     page = opened(browser, shared.url, script=FIRST_FRAME)
-    assert page.evaluate("window.firstHasPicture")
+    assert page.evaluate("window.firstHas") == [True, False]  # the panels are made after the pictures
     page.click(".rp-tab >> text=Markers")
     page.wait_for_timeout(500)
     own = urlsplit(shared.url).netloc

@@ -30,7 +30,7 @@
     window.addEventListener(name, (event) => {
       if (![...event.dataTransfer.types].includes("Files")) return;
       event.preventDefault();
-      document.querySelector(".rp-page")?.classList.toggle("rp-over", name === "dragover");
+      document.querySelector(".rp-main")?.classList.toggle("rp-over", name === "dragover");
     });
   }
   window.addEventListener("drop", (event) => [...event.dataTransfer.files].slice(0, 1).forEach(take));

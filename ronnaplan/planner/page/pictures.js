@@ -8,7 +8,16 @@
   for (const [name, picture] of Object.entries(state.get())) {
     if (name.startsWith("picture_") && picture) ahead.set(picture, decoded(picture));
   }
-  app.mount = (place) => Promise.all(ahead.values()).then(() => mount(place));
+  const idle = window.requestIdleCallback ?? setTimeout;
+  let painted;
+  const seen = new Promise((resolve) => (painted = resolve));
+  app.mount = async (place) => {
+    await Promise.all(ahead.values());
+    mount(place);
+    requestAnimationFrame(() => setTimeout(idle, 0, painted)); // the frame with them is out of the way then
+  };
+  // What stands in <after-pictures> is compiled and made once they are painted.
+  app.component("after-pictures", Vue.defineAsyncComponent(() => seen.then(() => ({ template: "<slot />" }))));
 
   async function draw(canvas, picture) {
     const view = canvas.dataset.picture;
