@@ -22,6 +22,8 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 TUTORIALS = ROOT / "docs" / "tutorials"
 LONGEST_OUTPUT = 6000
+OUTPUT = "``` { .text .no-copy }"
+"""Opens what a cell printed; a button to copy it would cover it."""
 EQUATION = re.compile(r"^```math\n(?P<block>.*?)^```$|\$`(?P<inline>[^`]+)`\$", re.MULTILINE | re.DOTALL)
 
 
@@ -76,7 +78,7 @@ def _output(code: str, names: dict[str, Any], page: Page, stem: str) -> str:
     elif value is not None:
         printed.write(f"{value!r}\n" if not hasattr(value, "to_string") else f"{value.round(3).to_string()}\n")
     shown = printed.getvalue().rstrip()[:LONGEST_OUTPUT]
-    return (f"```text\n{shown}\n```\n\n" if shown else "") + text
+    return (f"{OUTPUT}\n{shown}\n```\n\n" if shown else "") + text
 
 
 def commands_page() -> str:
@@ -147,7 +149,11 @@ def on_files(files: Any, config: Any) -> Any:
     """Add what is made to the site's files (called by mkdocs)."""
     from mkdocs.structure.files import File
 
-    made: dict[str, str | bytes] = {"reference/commands.md": commands_page(), "reference/files.md": schemas_page()}
+    made: dict[str, str | bytes] = {
+        "reference/commands.md": commands_page(),
+        "reference/files.md": schemas_page(),
+        "changelog.md": (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"),
+    }
     for tutorial in sorted(TUTORIALS.glob("*.py")):
         page = rendered(tutorial)
         made[f"tutorials/{tutorial.stem}.md"] = page.text

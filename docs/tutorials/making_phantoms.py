@@ -10,7 +10,7 @@ from phantoms.patients import random_patient
 patient = random_patient(7, kind="post with insert", count=5, thickness_mm=1.25)
 marker = patient.scene.markers[0]
 print(marker.label, marker.center_mm, marker.diameter_mm, "mm of", marker.material)
-print(len(patient.scene.markers), "markers; the scan is written by patient.write(folder), slices in parallel")
+print(len(patient.scene.markers), "markers; patient.write(folder) writes the scan")
 
 # %% [markdown]
 # On the command line:

@@ -1,8 +1,9 @@
 # %% [markdown]
 # # From a scan to a transform
 #
-# Read the scan that comes with the source, find its markers, pair them with a tracker's readings, register, see the
-# error to expect, and write all of it to files. Every block below was run when this page was made.
+# Read the scan that comes with the source (run this in the source's folder, or give `read_ct` another path), find its
+# markers, pair them with a tracker's readings, register, see the error to expect, and write all of it to files. Every
+# block below was run when this page was made.
 
 # %%
 from ronnaplan import find_markers, localize, read_ct, read_recording, register_markers
@@ -20,7 +21,9 @@ found.plot(ct)
 # marker and is none keeps its reason.
 
 # %%
-found.to_dataframe()[["label", "x_mm", "y_mm", "z_mm", "sigma_x_mm", "sigma_z_mm", "diameter_mm"]]
+found.to_dataframe()[
+    ["label", "x_mm", "y_mm", "z_mm", "sigma_x_mm", "sigma_z_mm", "diameter_mm"]
+]
 
 # %%
 print(found[0])
@@ -77,7 +80,8 @@ write_as("ct_from_ots.tfm", document, "itk")
 write_as("expected_error.nii.gz", document, "tre-map", ct="data/synthetic_ct")
 
 read = read_registration("registration.json")
-print("rotation:", read.pose.rotation.round(3).tolist(), "translation:", read.pose.translation_mm.round(2), "mm")
+print("rotation:", read.pose.rotation.round(3).tolist())
+print("translation:", read.pose.translation_mm.round(2), "mm")
 read.tre_map(ct)
 
 # %% [markdown]

@@ -15,8 +15,11 @@ from ronnaplan.robot import Capture, robot_from_ct, robot_trajectory
 CT, OTS, M, TCP, R = Frame("CT", "1.2.3"), Frame("OTS"), Frame("M"), Frame("TCP"), Frame("R")
 markers = np.array([[60.0, 20, 40], [-55, 45, 30], [-20, -70, 55], [10, 35, 95], [70, -40, 30]])
 turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-read = markers @ turn.T + [100.0, -50.0, -1500.0] + np.random.default_rng(3).normal(0.0, 0.3, markers.shape)
-registration = register_points(markers, read, 0.3**2 * np.eye(3), moving_frame=CT, fixed_frame=OTS)
+noise_mm = np.random.default_rng(3).normal(0.0, 0.3, markers.shape)
+read = markers @ turn.T + [100.0, -50.0, -1500.0] + noise_mm
+registration = register_points(
+    markers, read, 0.3**2 * np.eye(3), moving_frame=CT, fixed_frame=OTS
+)
 registration
 
 
@@ -34,9 +37,8 @@ moment = Capture(
 )
 chain = robot_from_ct(registration.pose, moment)
 path = robot_trajectory("left", [40.0, 30, 90], [10.0, 5, 20], chain, frame=CT)
-print(
-    path.target_mm.round(2), f"in R; {path.lateral_sd_mm:.2f} mm standard deviation across the path at the target"
-)
+print(path.target_mm.round(2), "mm in R is the target;", end=" ")
+print(f"{path.lateral_sd_mm:.2f} mm standard deviation across the path there")
 
 # %% [markdown]
 # A pose of other frames is refused, so that no chain is joined the wrong way round:

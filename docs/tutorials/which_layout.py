@@ -22,15 +22,15 @@ spread = np.array([[60.0, 20, 40], [-55, 45, 30], [-20, -70, 55], [10, 35, 95]])
 
 # %%
 target = np.array([[5.0, 10.0, 0.0]])
-in_ct_mm, tracker_mm = 0.56, 0.17  # standard deviations per axis: markers on skin, tracker
+in_ct_mm, tracker_mm = 0.56, 0.17  # standard deviation per axis (markers on skin)
 error = (in_ct_mm**2 + tracker_mm**2) * np.eye(3)  # variances add up, mm^2
-for name, markers in {"square": square, "moved square": loose, "row": row, "spread": spread}.items():
+layouts = {"square": square, "moved square": loose, "row": row, "spread": spread}
+for name, markers in layouts.items():
     layout = describe_layout(markers)
-    expected = np.sqrt(np.trace(predict_tre(markers, error, target)[0]))
-    print(
-        f"{name:13s} rival {layout.rival_distance_mm:5.1f} mm away, refused {layout.refusal_probability():4.0%}, "
-        f"error at the target {expected:.2f} mm RMS"
-    )
+    rms_mm = np.sqrt(np.trace(predict_tre(markers, error, target)[0]))
+    refused = layout.refusal_probability()
+    print(f"{name:13s} rival {layout.rival_distance_mm:5.1f} mm away, ", end="")
+    print(f"refused {refused:4.0%}, error at the target {rms_mm:.2f} mm RMS")
 
 # %% [markdown]
 # RMS is the root of the mean square over all three axes. How far off the target stays with a chance of 95 % is another figure,
@@ -42,7 +42,8 @@ for name, markers in {"square": square, "moved square": loose, "row": row, "spre
 # %%
 six = np.vstack([spread, [[70.0, -40, 30]], [[-65, -15, 75]]])
 covariance = predict_tre(six, error, target)[0]
-print(f"{np.sqrt(np.trace(covariance)):.2f} mm RMS, {radius_95_mm(covariance):.2f} mm hold 95 %")
+rms_mm, radius_mm = np.sqrt(np.trace(covariance)), radius_95_mm(covariance)
+print(f"{rms_mm:.2f} mm RMS, {radius_mm:.2f} mm hold 95 %")
 
 # %% [markdown]
 # The same at every voxel is a map. It needs no scan: any grid will do, here voxels of 4 mm about the head. The affine maps voxel
@@ -67,10 +68,10 @@ expected_mm.plot(target[0], six[:5])
 # `read_ct("data/synthetic_ct")` in the grid's place, or `CTVolume.from_sitk(image)`: then the map has the scan's voxels.
 
 # %%
-at_target = sitk.ReadImage("expected_error.nii.gz").EvaluateAtPhysicalPoint(target[0].tolist())
-print(
-    f"{at_target:.2f} mm RMS in the map, {np.sqrt(np.trace(predict_tre(six[:5], error, target)[0])):.2f} mm computed there"
-)
+written = sitk.ReadImage("expected_error.nii.gz")
+in_map_mm = written.EvaluateAtPhysicalPoint(target[0].tolist())
+there_mm = np.sqrt(np.trace(predict_tre(six[:5], error, target)[0]))
+print(f"{in_map_mm:.2f} mm RMS in the map, {there_mm:.2f} mm computed there")
 
 # %% [markdown]
 # `ronnaplan plan markers` chooses places on the scalp of a scan by the same figures ([planning](../planning.md)).

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import shutil
+import sys
 from pathlib import Path
 
 HELP = "Localize the markers of data/synthetic_ct, compare with the known truth, and draw them."
 DATA = Path(__file__).resolve().parents[2] / "data" / "synthetic_ct"
 
 NEXT = """
-What to try next (after '. .venv/bin/activate'):
+What to try next{first}:
   ronnaplan register {folder}/fiducials.json {data}/readings.csv -o {folder}/registration.json
   ronnaplan export {folder}/fiducials.json --to markups -o {folder}/fiducials.mrk.json    # for 3D Slicer
   ronnaplan localize YOUR_SCAN --diameter auto -o fiducials.json
@@ -44,9 +46,18 @@ def run(arguments: argparse.Namespace) -> int:
     write_document(folder / "fiducials.json", fiducials_document(found), read_fiducials)
     write_atomically(folder / "markers.png", marker_sheet(volume, found))
     print(f"\nFiducials: {folder / 'fiducials.json'}\nPicture:   {folder / 'markers.png'}")
-    print(NEXT.format(data=_shown(DATA), folder=folder))
+    print(NEXT.format(first=_first(), data=_shown(DATA), folder=folder))
     print("Research software, not a medical device.")
     return 0
+
+
+def _first() -> str:
+    """Say how the command is found, where it is not: `scripts/demo` calls it in an environment that is not active."""
+    if shutil.which("ronnaplan"):
+        return ""
+    here = {"bin": ". ", "Scripts": ""}  # POSIX; Windows
+    ways = [(word, Path(sys.prefix) / folder / "activate") for folder, word in here.items()]
+    return "".join(f" (after '{word}{_shown(script)}')" for word, script in ways if script.is_file())
 
 
 def _shown(path: Path) -> Path:

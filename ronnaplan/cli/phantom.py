@@ -137,8 +137,12 @@ def _list() -> int:
 
     for name, (text, _) in READY.items():
         examination = ready(name)
-        print(f"{name}: {text}\n\n{draw(examination.scene, examination.stack)}\n")
-    print("● marker   █ metal   ▒ bone, tooth   ░ plastic   · tissue      larger pictures: docs/phantoms.md")
+        sizes = " and ".join(
+            f"{size:g}" for size in sorted({one.diameter_mm for one in examination.scene.markers})
+        )
+        told = f"{text}; markers of {sizes} mm" if sizes else text
+        print(f"{name}: {told}\n\n{draw(examination.scene, examination.stack)}\n")
+    print("● marker   █ metal   ▒ bone, tooth   ░ plastic   · tissue")
     print("\nprotocols, for random-patient:")
     for name, (text, _) in PROTOCOLS.items():
         print(f"  {name}: {text}")

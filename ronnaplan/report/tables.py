@@ -15,7 +15,18 @@ BELL_SHAPE = 1.0
 
 def fiducials_table(found: Fiducials, truth_mm: ArrayLike | None = None) -> str:
     """List centers (LPS mm), sigmas per axis (micrometres) and, where the truth (M, 3) is known, the distance."""
-    heading = ["", "x", "y", "z", "sigma x", "sigma y", "sigma z um", "diameter", "contrast HU", "flags"]
+    heading = [
+        "",
+        "x mm",
+        "y mm",
+        "z mm",
+        "sigma x um",
+        "sigma y um",
+        "sigma z um",
+        "diameter mm",
+        "contrast HU",
+        "flags",
+    ]
     rows = [_row(one) for one in found.fiducials]
     if truth_mm is not None:
         heading.insert(7, "off truth um")

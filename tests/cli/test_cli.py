@@ -16,7 +16,7 @@ from phantoms.fast import render
 from phantoms.output import write_phantom
 from phantoms.series import SeriesOptions
 from ronnaplan import read_ct
-from ronnaplan.cli import main
+from ronnaplan.cli import demo, main
 from tests.scans import balls, small_stack
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -186,6 +186,24 @@ def test_the_demo_finds_every_marker_within_0_03_mm(tmp_path: Path, capsys: pyte
     assert (tmp_path / "demo" / "markers.png").read_bytes().startswith(b"\x89PNG")
     assert "markers.png" in out
     assert "not a medical device" in out
+
+
+def test_the_demo_says_how_the_command_is_found_only_where_it_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.prefix", str(tmp_path / ".venv"))
+    monkeypatch.setattr("shutil.which", lambda _: None)
+    assert demo._first() == ""
+    for folder, shown in (
+        ("Scripts", " (after '.venv/Scripts/activate')"),
+        ("bin", " (after '. .venv/bin/activate')"),
+    ):
+        (tmp_path / ".venv" / folder).mkdir(parents=True)
+        (tmp_path / ".venv" / folder / "activate").touch()
+        assert shown in demo._first()
+    monkeypatch.setattr("shutil.which", lambda _: "/somewhere/ronnaplan")
+    assert demo._first() == ""
 
 
 def test_a_batch_goes_on_after_a_bad_scan(

@@ -61,6 +61,7 @@ def test_the_list_shows_every_scene_with_its_picture(capsys: pytest.CaptureFixtu
     shown = capsys.readouterr().out
     assert all(f"{name}: " in shown for name in READY)
     assert shown.count("●") > 40
+    assert "patient-3: patient with 3 freely placed markers on bone screws; markers of 11.5 mm\n" in shown
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
@@ -14,6 +15,7 @@ import ronnaplan
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 MADE = {
+    "changelog.md",
     "reference/commands.md",
     "reference/files.md",
     *(f"tutorials/{one.stem}.md" for one in DOCS.glob("tutorials/*.py")),
@@ -68,11 +70,30 @@ def test_the_reference_has_all_that_the_package_offers() -> None:
     assert set(dir(ronnaplan)) <= described
 
 
+def test_each_name_of_the_reference_is_imported_from_where_its_heading_says() -> None:
+    package, seen = "", 0
+    for line in (DOCS / "reference" / "python.md").read_text(encoding="utf-8").splitlines():
+        if line.startswith("## "):
+            package = line.removeprefix("## ")
+        elif line.startswith("::: ") and line != f"::: {package}":
+            name = line.rpartition(".")[2]
+            assert hasattr(import_module(package), name), (package, name)
+            seen += 1
+    assert seen > 60
+
+
+def test_the_search_needs_no_host() -> None:
+    """The plugin "offline" names one for what runs the search in files, unless the site has it."""
+    (script,) = re.findall(r"polyfills: \[(.*)\]", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
+    assert "iframe-worker" in script
+    assert "window.Worker=" in (DOCS / script).read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize("name", QUICK)
 def test_a_tutorial_runs(maker: ModuleType, name: str) -> None:
     page = maker.rendered(DOCS / "tutorials" / f"{name}.py")
     assert page.text.startswith("# ")
-    assert page.text.count("```text") >= 2
+    assert page.text.count(maker.OUTPUT) >= 2
 
 
 def test_every_equation_becomes_mathml_and_none_is_left_as_latex(maker: ModuleType) -> None:
