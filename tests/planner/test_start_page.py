@@ -68,6 +68,8 @@ def test_a_scan_is_dropped_opened_and_its_files_go_out_and_in(browser: Any, star
     page.set_default_timeout(PATIENCE_MS)
     page.goto(started)
     page.click("text=study/")
+    page.click("#entries >> text=ct/")
+    page.wait_for_selector("#entries >> text=the button above shows what scans its files are")
     page.click("text=look for series here")
     page.wait_for_selector("#found >> text=go on")
     assert page.locator("#found img").count() == 1

@@ -50,7 +50,7 @@
       if (entry.case) label.append(made("span", { className: "case" }, "case"));
       return made("li", {}, label);
     });
-    if (!entries.length) entries.push(made("li", {}, made("span", { className: "empty" }, "no folders, archives or images in here")));
+    if (!entries.length) entries.push(made("li", {}, made("span", { className: "empty" }, "no folders in here; the button above shows what scans its files are")));
     if (listed.more) entries.push(made("li", {}, made("span", { className: "empty" }, `and ${listed.more} more`)));
     one("entries").replaceChildren(...entries);
   }
