@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,11 +28,20 @@ NEARLY_SHOWN = 8
 RESIDUAL_SHARE = 0.1
 """Residuals are drawn from minus to plus this share of the contrast."""
 
+LEGEND = (
+    "orange: the fitted outline   red title: rejected   left over: the scan less the model, "
+    f"red where it is brighter, blue where darker, full at {RESIDUAL_SHARE:.0%} of the marker's contrast"
+)
+
 TILE = 150
 """Pixels of a cut on the sheet, across and down."""
 
 _PITCH_ACROSS, _PITCH_DOWN, _MARGIN, _DPI = 180, 171, 19, 90
 _WIDTH = 2 * len(CUTS) * _PITCH_ACROSS
+_LEFTS = range(_MARGIN, _WIDTH, _PITCH_ACROSS)
+"""Where the tiles of a row begin."""
+_HEADING = 48
+"""Pixels of the sheet's heading, above the first row."""
 _ROUNDING = 0.01
 """Pixels: matplotlib cuts what is a little less than a whole number of them."""
 
@@ -74,52 +84,67 @@ def draw_sheet(gathered: list[Row]) -> bytes:
     from PIL import Image
 
     rows: list[Row | None] = [*gathered] or [None]
-    sheet = Image.new("RGB", (_WIDTH, len(rows) * _PITCH_DOWN + _MARGIN), "white")
+    sheet = Image.new("RGB", (_WIDTH, _HEADING + len(rows) * _PITCH_DOWN + _MARGIN), "white")
+    heading = Image.fromarray(_drawn(_HEADING, _write_heading))
+    sheet.paste(heading, mask=heading)
     for number, row in enumerate(rows):
         strip = Image.new("RGBA", (_WIDTH, _PITCH_DOWN), "white")
         for column, tile in enumerate(() if row is None else _tiles(*row)):
-            strip.paste(Image.fromarray(tile), (_MARGIN + column * _PITCH_ACROSS, _MARGIN))
-        strip.alpha_composite(Image.fromarray(_drawn_over(None if row is None else row[0])))
-        sheet.paste(strip.convert("RGB"), (0, number * _PITCH_DOWN))
+            strip.paste(Image.fromarray(tile), (_LEFTS[column], _MARGIN))
+        candidate = None if row is None else row[0]
+        strip.alpha_composite(Image.fromarray(_drawn(_PITCH_DOWN, partial(_draw_over, row=candidate))))
+        sheet.paste(strip.convert("RGB"), (0, _HEADING + number * _PITCH_DOWN))
     stream = io.BytesIO()
     sheet.save(stream, format="png")
     return stream.getvalue()
 
 
-def _drawn_over(row: Candidate | None) -> NDArray[np.uint8]:
-    """Return title and outlines of a row (`_PITCH_DOWN`, `_WIDTH`, RGBA).
+def _drawn(height: int, draw: Callable[[Axes], None]) -> NDArray[np.uint8]:
+    """Return what ``draw`` draws in axes of pixels, as (height, `_WIDTH`, RGBA).
 
-    All are in one pair of axes, and the tiles in none: a pair for each of a hundred takes seconds to lay out and to
-    draw, and an image in one takes thirty times its bytes meanwhile.
+    All of a row are in one pair of axes, and the tiles in none: a pair for each of a hundred takes seconds to lay out
+    and to draw, and an image in one takes thirty times its bytes meanwhile.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.collections import EllipseCollection
     from matplotlib.figure import Figure
 
-    size = ((_WIDTH + _ROUNDING) / _DPI, (_PITCH_DOWN + _ROUNDING) / _DPI)
+    size = ((_WIDTH + _ROUNDING) / _DPI, (height + _ROUNDING) / _DPI)
     figure = Figure(figsize=size, dpi=_DPI, facecolor="none")
     FigureCanvasAgg(figure)
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0, _WIDTH), ylim=(_PITCH_DOWN, 0))  # in pixels
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0, _WIDTH), ylim=(height, 0))
     axes.set_axis_off()
-    if row is None:
-        figure.text(0.5, 0.5, "no candidate was looked at closely", ha="center")
-    else:
-        axes.text(_MARGIN, _MARGIN - 6, row.title, fontsize=7, color="black" if row.accepted else "firebrick")
-        lefts = _MARGIN + _PITCH_ACROSS * np.arange(2 * len(CUTS))
-        sizes = np.full(len(lefts), row.parameters[RADIUS] / _reach_mm(row) * TILE)
-        outlines = EllipseCollection(
-            *(sizes, sizes, np.zeros(len(sizes))),
-            units="xy",
-            offsets=np.stack([lefts, np.full(len(lefts), _MARGIN)], axis=1) + TILE / 2,
-            offset_transform=axes.transData,
-            facecolors="none",
-            edgecolors=OUTLINE_COLOUR,
-            linewidths=0.8,
-        )
-        axes.add_collection(outlines, autolim=False)
+    draw(axes)
     stream = io.BytesIO()
     figure.savefig(stream, format="rgba", facecolor="none")
-    return np.frombuffer(stream.getbuffer(), np.uint8).reshape(_PITCH_DOWN, _WIDTH, 4)
+    return np.frombuffer(stream.getbuffer(), np.uint8).reshape(height, _WIDTH, 4)
+
+
+def _write_heading(axes: Axes) -> None:
+    """Say what the colours mean, and what is in each column."""
+    axes.text(_MARGIN, _MARGIN, LEGEND, fontsize=7, va="center")
+    for left, name in zip(_LEFTS, (name for cut in CUTS for name in (cut, "left over")), strict=True):
+        axes.text(left + TILE / 2, _HEADING - 8, name, fontsize=8, ha="center", va="center")
+
+
+def _draw_over(axes: Axes, row: Candidate | None) -> None:
+    """Draw title and outlines of a row."""
+    from matplotlib.collections import EllipseCollection
+
+    if row is None:
+        axes.text(_WIDTH / 2, _PITCH_DOWN / 2, "no candidate was looked at closely", ha="center")
+        return
+    axes.text(_MARGIN, _MARGIN - 6, row.title, fontsize=7, color="black" if row.accepted else "firebrick")
+    sizes = np.full(len(_LEFTS), row.parameters[RADIUS] / _reach_mm(row) * TILE)
+    outlines = EllipseCollection(
+        *(sizes, sizes, np.zeros(len(sizes))),
+        units="xy",
+        offsets=np.array([(left, _MARGIN) for left in _LEFTS]) + TILE / 2,
+        offset_transform=axes.transData,
+        facecolors="none",
+        edgecolors=OUTLINE_COLOUR,
+        linewidths=0.8,
+    )
+    axes.add_collection(outlines, autolim=False)
 
 
 def _tiles(row: Candidate, pairs: list[Pair]) -> Iterator[NDArray[np.uint8]]:

@@ -14,8 +14,8 @@ from ronnaplan.report.picture import CUTS
 from tests.scans import balls, scan, small_stack
 
 CENTER = (3.0, -4.0, 2.0)
-MARGIN, ACROSS, DOWN = 19, 180, 171
-"""Pixels before the first tile, and from one tile to the next."""
+HEADING, MARGIN, ACROSS, DOWN = 48, 19, 180, 171
+"""Pixels of the heading, before the first tile, and from one tile to the next."""
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 12.0])
@@ -37,7 +37,12 @@ def test_the_sheet_has_each_cut_where_it_belongs_and_an_outline_on_the_edge() ->
     found = localize(volume, diameter_mm=11.5, expected=1)
     sheet = np.asarray(Image.open(io.BytesIO(contact_sheet(volume, found))).convert("RGB"), dtype=float)
     rows = 1 + min(len(found.rejected), NEARLY_SHOWN)
-    assert sheet.shape == (MARGIN + rows * DOWN, 6 * ACROSS, 3)
+    assert sheet.shape == (HEADING + rows * DOWN + MARGIN, 6 * ACROSS, 3)
+    names = sheet[HEADING - 16 : HEADING]
+    assert all(
+        names[:, MARGIN + column * ACROSS :][:, :TILE].min() < 100 for column in range(6)
+    )  # each has a title
+    sheet = sheet[HEADING:]
     reach_mm = 1.6 * 5.75 + 1.0
     for column in range(6):
         tile = sheet[MARGIN:, MARGIN + column * ACROSS :][:TILE, :TILE]
