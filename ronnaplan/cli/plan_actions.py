@@ -249,17 +249,21 @@ def _changed(arguments: argparse.Namespace, change: Callable[[Plan], Plan]) -> i
 
 
 def _changed_in_head(arguments: argparse.Namespace, change: Callable[[Plan], Plan]) -> int:
-    """Make a change to the plan if the ends that are new in it lie in the head; warn of a side other than named."""
+    """Make a change to the plan if the ends that are new in it lie in the head; warn of what makes them doubtful."""
     from ronnaplan.case.edits import sound
     from ronnaplan.documents.plan import change_plan
     from ronnaplan.planning import Head
+    from ronnaplan.planning.crossings import find_crossings
+    from ronnaplan.planning.measures import entry_doubt
     from ronnaplan.planning.sides import side_doubt
 
     change(_plan(arguments))  # what is wrong without the scan is told before it is read
     head = Head.of(_scan_of_plan(arguments))
     changed = change_plan(arguments.plan, lambda plan: sound(plan, change(plan), head))
-    doubts = ((one.name, side_doubt(one, head, changed.landmarks)) for one in changed.trajectories)
-    warn(*(f"{name}: {doubt}" for name, doubt in doubts if doubt is not None))
+    for one in changed.trajectories:
+        above = find_crossings(head, one.target_mm, -one.inward)
+        doubts = (entry_doubt(one, above), side_doubt(one, head, changed.landmarks))
+        warn(*(f"{one.name}: {doubt}" for doubt in doubts if doubt is not None))
     return 0
 
 

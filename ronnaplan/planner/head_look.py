@@ -7,14 +7,15 @@ import numpy as np
 from ronnaplan.ct import CTVolume
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray
+from ronnaplan.planning.measures import DEEPEST_ENTRY_MM
 from ronnaplan.planning.sampling import AIR_HU, SliceSampler
 from ronnaplan.scene.cut import Cut
 from ronnaplan.scene.field import bounds_mm
 from ronnaplan.scene.surfaces import SURFACES
 from ronnaplan.scene.volume import PRESETS
 
-SNAP_MM, SNAP_STEP_MM, SNAP_WAYS = 12.0, 0.25, 64
-"""An entry that is clicked or dragged so near to the scalp goes onto it; looked for in such steps and so many ways."""
+SNAP_STEP_MM, SNAP_WAYS = 0.25, 64
+"""The scalp near an entry that is clicked or dragged is looked for in such steps and so many ways."""
 
 OPENINGS: dict[str, int | None] = {"corner": None, "axial": 2, "coronal": 1, "sagittal": 0}
 """What may be taken away before the crosshair: the corner, or all on one side of a cut, whose axis is told."""
@@ -81,10 +82,13 @@ class HeadLooking:
         return place
 
     def onto_scalp(self, place_mm: FloatArray, plane: Cut) -> FloatArray:
-        """Return the place (3,) on the skin nearest to another in a plane, or the other if none is within `SNAP_MM`."""
+        """Return the place (3,) on the skin nearest to another in a plane, or the other if none is near.
+
+        That is within `DEEPEST_ENTRY_MM`: from further, an entry is doubted.
+        """
         angles = np.linspace(0.0, 2 * np.pi, SNAP_WAYS, endpoint=False)[:, np.newaxis]
         ways = np.cos(angles) * plane.right + np.sin(angles) * plane.down
-        reaches = np.arange(0.0, SNAP_MM + SNAP_STEP_MM, SNAP_STEP_MM)
+        reaches = np.arange(0.0, DEEPEST_ENTRY_MM + SNAP_STEP_MM, SNAP_STEP_MM)
         places = place_mm + ways[:, np.newaxis] * reaches[:, np.newaxis]
         level = SURFACES["skin"].value
         above = (

@@ -99,11 +99,13 @@ def _outcome(verdict: Verdict) -> str:
 
 
 def _spoken(name: str, judged: Judgement) -> str:
-    """Return the verdict on a trajectory in one sentence, for those who listen to the page."""
+    """Return the verdict on a trajectory and its doubts in one sentence, for those who listen to the page."""
+    if not judged.verdicts:
+        return ""
     broken = ", ".join(verdict.measure for verdict in judged.broken)
-    if broken:
-        return f"{name} breaks {len(judged.broken)} of {len(judged.verdicts)} limits: {broken}"
-    return f"{name} keeps all {len(judged.verdicts)} limits" if judged.verdicts else ""
+    kept = f"breaks {len(judged.broken)} of {len(judged.verdicts)} limits: {broken}"
+    kept = kept if broken else f"keeps all {len(judged.verdicts)} limits"
+    return "; ".join([f"{name} {kept}", *(judged.measures.doubts if judged.measures else ())])
 
 
 def registration_panel(state: PlannerState) -> dict[str, Any]:

@@ -24,6 +24,10 @@ from ronnaplan.planning.uncertainty import Expectation, PathError, path_error
 ENTRY_TOLERANCE_MM = 5.0
 """An entry point may lie this far outside the scalp (a click on a surface view); further out it is in air."""
 
+DEEPEST_ENTRY_MM = 12.0
+"""An entry this far beneath the scalp, along the path, may stand on the skull; a deeper one is doubted, for what is
+above it is not judged: it was clicked or typed in the brain. An entry is clicked onto the scalp from as far."""
+
 PROFILE_STEP_MM = 0.5
 
 
@@ -77,8 +81,7 @@ class Measures:
     @property
     def entry_below_scalp_mm(self) -> float | None:
         """How far the planned entry lies inside the scalp (negative: outside)."""
-        depth = self.depth_below_scalp_mm
-        return None if depth is None else depth - self.length_mm
+        return entry_below_scalp_mm(self.trajectory, self.crossings)
 
     @property
     def skull_thickness_mm(self) -> float | None:
@@ -106,8 +109,8 @@ class Measures:
             for name, surface in surfaces.items()
             if surface is not None and not surface.clear
         ]
-        side = () if self.side_doubt is None else (self.side_doubt,)
-        return (*side, *unclear, *self._contact_doubts())
+        ends = (entry_doubt(self.trajectory, self.crossings), self.side_doubt)
+        return (*(one for one in ends if one is not None), *unclear, *self._contact_doubts())
 
     def _contact_doubts(self) -> Iterator[str]:
         electrode, instrument = self.trajectory.electrode, self.trajectory.instrument
@@ -194,6 +197,22 @@ def check_ends(trajectory: Trajectory, head: Head) -> Crossings:
             "choose a place on the scalp"
         )
     return crossings
+
+
+def entry_below_scalp_mm(trajectory: Trajectory, crossings: Crossings) -> float | None:
+    """Return how far the entry lies inside the scalp, along the path; None where the path meets no scalp."""
+    return None if crossings.scalp is None else crossings.scalp.reach_mm - trajectory.length_mm
+
+
+def entry_doubt(trajectory: Trajectory, crossings: Crossings) -> str | None:
+    """Return what is wrong with an entry deeper than `DEEPEST_ENTRY_MM` beneath the scalp; None for another."""
+    below_mm = entry_below_scalp_mm(trajectory, crossings)
+    if below_mm is None or below_mm <= DEEPEST_ENTRY_MM:
+        return None
+    return (
+        f"the entry lies {below_mm:.0f} mm beneath the scalp, and the way through there is not judged; "
+        "move it onto the scalp"
+    )
 
 
 def spacings(trajectory: Trajectory, others: Sequence[Trajectory]) -> tuple[Spacing, ...]:

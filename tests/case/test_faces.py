@@ -108,6 +108,29 @@ def test_what_is_doubtful_about_scan_markers_and_registration_is_told_by_every_f
     assert registration_panel(state)["doubts"] == [*found.notes, *found.doubts]
 
 
+def test_an_entry_deep_beneath_the_scalp_is_doubted_by_every_face(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As a click in the brain makes it: every limit is kept by what is left of the path."""
+    path = str(folder / "plan.json")
+    inward = read_plan(path).trajectory("left").inward
+    deep = [str(value) for value in cases.ENTRY_MM + 40.0 * inward]
+    edit = ["plan", "edit", path, "left", "--ct", "ct", "--entry", *deep, "--coordinates", "LPS"]
+    assert main(edit) == 0
+    warned = capsys.readouterr().err
+    state = planner(folder)
+    judged = state.case.judge(state.case.plan.trajectory("left"))
+    assert judged.measures is not None
+    assert judged.measures.entry_below_scalp_mm is not None
+    said = f"the entry lies {judged.measures.entry_below_scalp_mm:.0f} mm beneath the scalp"
+    assert f"left: {said}" in warned
+    assert sum(one.startswith(said) for one in doubts(state)) == 1
+    assert said in chosen_path(state, judged)["spoken"]
+    assert main(["plan", "check", path, *named(folder)]) == 0
+    assert f"warning: left: {said}" in capsys.readouterr().err
+    assert f"<li>trajectory left: {said}" in report(folder)
+
+
 def test_the_planner_tells_what_was_left_out_of_the_readings_it_loads(folder: Path) -> None:
     rows = cases.write_readings(folder / "readings.csv").read_text().splitlines()
     seen = [f"{row},{'OCCLUDED' if n == 6 else 'OK'}" for n, row in enumerate(rows)]

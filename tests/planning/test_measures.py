@@ -12,6 +12,7 @@ from phantoms.materials import material
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.planning import Instrument, Landmarks, Trajectory, measure
+from ronnaplan.planning.measures import DEEPEST_ENTRY_MM
 from ronnaplan.planning.obstacles import POST_RADIUS_MM, Kind, PostedMarker, Voxels, markers_on, metal
 from tests.planning.heads import BRAIN, FOOT, SCALP, SKULL, STACKS, normal, paths, reach, scanned
 
@@ -48,6 +49,15 @@ def test_a_surface_that_is_not_clear_gives_no_angle_and_says_so() -> None:
     doubted = replace(measured, crossings=unclear)
     assert doubted.skull_angle_deg is None
     assert "outer table is not clear" in doubted.doubts[0]
+
+
+@pytest.mark.parametrize("below_mm", [0.0, DEEPEST_ENTRY_MM - 1.0, DEEPEST_ENTRY_MM + 1.0, 37.0])
+def test_an_entry_deeper_than_the_skull_is_doubted(below_mm: float) -> None:
+    target, outward = np.array([5.0, 3.0, 10.0]), np.array([0.0, 0.6, 0.8])
+    whole = path(target, outward)
+    told = measure(replace(whole, entry_mm=whole.entry_mm - below_mm * outward), scanned("plain")).doubts
+    said = f"the entry lies {below_mm:.0f} mm beneath the scalp"
+    assert [one.startswith(said) for one in told] == ([True] if below_mm > DEEPEST_ENTRY_MM else [])
 
 
 def test_the_profile_shows_each_tissue_at_its_depth() -> None:
