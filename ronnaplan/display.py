@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import html
+import logging
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
@@ -11,10 +12,12 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ronnaplan.errors import UsageError
+from ronnaplan.errors import InputError, UsageError
 
 if TYPE_CHECKING:
-    from ronnaplan.figures import Picture
+    from ronnaplan.figures import Head, Picture
+
+LOG = logging.getLogger(__name__)
 
 Item = TypeVar("Item")
 
@@ -79,6 +82,19 @@ class Shown(Sequence[Item], Generic[Item]):
             f"<div><p><b>{html.escape(repr(self))}</b></p><table><thead><tr>{heading}</tr></thead>"
             f'<tbody>{rows}</tbody></table><img alt="" src="data:image/png;base64,{picture}"></div>'
         )
+
+
+def head_in_3d(result: object, volume: object) -> Head | None:
+    """Return the head in a scan with fiducials or a plan; None where pyvista is not installed or cannot draw.
+
+    Who draws it rests on the rooms of both, which therefore do not know it: it is asked by name.
+    """
+    try:
+        head: Head = import_module("ronnaplan.scene.results").head_with(result, volume)
+    except InputError:  # its reason may name a library's path
+        LOG.info("no head in 3-D: pyvista is not installed (the extra ronnaplan[scene]), or VTK cannot be loaded")
+        return None
+    return head
 
 
 def coordinates(name: str, points_mm: ArrayLike) -> dict[str, list[float]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,8 @@ FIELD_TICKS, FIELD_LEVELS = 61, 10
 """Places along each axis at which a field is looked at, and how many levels its contours have at most."""
 
 MARKER_COLOUR, QUIET_COLOUR, DOUBT_COLOUR = "#d1495b", "#7a8b99", "#00798c"
+OUTLINED = [withStroke(linewidth=2.5, foreground="white")]
+"""Of letters, to be read before any background."""
 MARGIN_MM, WIDER = 25.0, 1.2
 """Shown about the outermost points, and by how much more where nothing else gives the frame: labels stand there."""
 
@@ -46,18 +49,37 @@ class Picture(Figure):
         return self.png()
 
 
+@dataclass(frozen=True, eq=False)
+class Head:
+    """A picture (H, W, 4) of a head in 3-D, what to call it, and names to write on it, each in its colour.
+
+    They stand at places (N, 2), to the right and down from its middle in halves of its shorter side.
+    """
+
+    shades: NDArray[np.uint8]
+    title: str
+    names: Sequence[str]
+    colours: Sequence[str]
+    places: FloatArray
+
+
 class ThreeViews:
     """Three projections of one scene, beside each other; points are (N, 3) in mm.
 
-    They are in the patient's axes, or in those of ``frame``, where that is another's.
+    They are in the patient's axes, or in those of ``frame``, where that is another's. With a ``head``, that is a
+    fourth, before them.
     """
 
-    def __init__(self, title: str, *, frame: Frame | None = None) -> None:
-        self.picture = Picture(11.0, 3.9)
+    def __init__(self, title: str, *, frame: Frame | None = None, head: Head | None = None) -> None:
+        height, rows, columns = (3.9, 1, 3) if head is None else (9.8, 2, 2)
+        self.picture = Picture(11.0, height)
         self.picture.suptitle(title, fontsize=10)
+        all_axes = list(self.picture.subplots(rows, columns).flat)
+        if head is not None:
+            _draw_head(all_axes.pop(0), head)
         names = IN_PATIENT if frame is None else tuple(f"{axis} mm in {frame}" for axis in "xyz")
         self._panes: dict[tuple[int, int], Any] = {}
-        for axes, (view, (across, up)) in zip(self.picture.subplots(1, 3), VIEWS.items(), strict=True):
+        for axes, (view, (across, up)) in zip(all_axes, VIEWS.items(), strict=True):
             axes.set_xlabel(names[across], fontsize=8)
             axes.set_ylabel(names[up], fontsize=8)
             axes.tick_params(labelsize=7)
@@ -80,7 +102,6 @@ class ThreeViews:
         self, places_mm: FloatArray, labels: Sequence[str], colours: Sequence[str], beyond_mm: FloatArray
     ) -> None:
         """Write labels above or below places, away from others (N, 3), to be read before any background."""
-        outlined = [withStroke(linewidth=2.5, foreground="white")]
         for (across, up), axes in self._panes.items():
             turn = -1 if axes.yaxis_inverted() else 1
             for place, label, colour, other in zip(places_mm, labels, colours, beyond_mm, strict=True):
@@ -95,7 +116,7 @@ class ThreeViews:
                     fontsize=8,
                     color=_dark(colour),
                     zorder=4,
-                    path_effects=outlined,
+                    path_effects=OUTLINED,
                 )
 
     def frame(self, places_mm: FloatArray) -> None:
@@ -155,6 +176,24 @@ class ThreeViews:
         bar = self.picture.colorbar(drawn, ax=list(self._panes.values()), shrink=0.8)
         bar.set_label(label, fontsize=8)
         bar.ax.tick_params(labelsize=7)
+
+
+def _draw_head(axes: Any, head: Head) -> None:
+    """Show a head in 3-D, with its names."""
+    high, wide = np.array(head.shades.shape[:2]) / min(head.shades.shape[:2])
+    axes.imshow(head.shades, extent=(-wide, wide, -high, high), interpolation="antialiased")
+    axes.set_title(head.title, fontsize=9)
+    axes.set_axis_off()
+    for name, colour, (across, down) in zip(head.names, head.colours, head.places, strict=True):
+        axes.annotate(
+            name,
+            (across, -down),
+            xytext=(8, 8),
+            textcoords="offset points",
+            fontsize=9,
+            color=_dark(colour),
+            path_effects=OUTLINED,
+        )
 
 
 def _dark(colour: str) -> tuple[float, float, float]:

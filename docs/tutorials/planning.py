@@ -2,7 +2,8 @@
 # # Planning
 #
 # A trajectory is two points of the scan and an instrument. It is measured in the scan itself: where it crosses skin and
-# skull, at what angle, and what the registration's error means for it.
+# skull, at what angle, and what the registration's error means for it. `plan.plot(ct)` shows it from three sides and, where
+# pyvista is installed (the extra `arrays` or `scene`), within the head.
 
 # %%
 import numpy as np

@@ -16,6 +16,10 @@ found = localize(ct, diameter_mm=11.5)
 found.plot(ct)
 
 # %% [markdown]
+# With the scan the markers are shown on the head, too, where pyvista is installed (the extra `arrays` or `scene`): each with its
+# ellipsoid, so many times enlarged as the title says, which points where the scan and what lies beside the marker leave its center
+# least certain.
+#
 # Each marker has a place (LPS, mm) and the error to expect of it, a standard deviation along each axis. (`to_dataframe` needs
 # pandas, which the extra `arrays` brings: [installation](../installation.md). `found[0]` needs nothing.) What looked like a
 # marker and is none keeps its reason.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ronnaplan.ct.volume import CTVolume, SeriesSource, VolumeFlag
-from ronnaplan.display import Shown, coordinates
+from ronnaplan.display import Shown, coordinates, head_in_3d
 from ronnaplan.geometry import FloatArray, Frame, Points
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.parameters import (
@@ -194,11 +194,14 @@ class Fiducials(Shown[Fiducial]):
         }
 
     def plot(self, volume: CTVolume | None = None) -> Picture:
-        """Return the markers from three sides, before their scan's silhouette where the ``volume`` is given."""
+        """Return the markers from three sides; given their scan's ``volume``, before its silhouette.
+
+        Then they are shown on its head in 3-D, too, where pyvista is installed.
+        """
         from ronnaplan.ct.silhouette import silhouettes
         from ronnaplan.figures import ThreeViews
 
-        views = ThreeViews(self._headline())
+        views = ThreeViews(self._headline(), head=None if volume is None else head_in_3d(self, volume))
         views.points(self.centers, self.labels)
         if volume is None:
             views.frame(self.centers)

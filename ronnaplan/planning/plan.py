@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from ronnaplan.ct.volume import CTVolume, SeriesSource
-from ronnaplan.display import Shown, coordinates
+from ronnaplan.display import Shown, coordinates, head_in_3d
 from ronnaplan.errors import FrameMismatchError, InputError, check_type
 from ronnaplan.geometry import FloatArray, Frame, Points, as_points
 from ronnaplan.planning.rulers import Ruler
@@ -103,11 +103,16 @@ class Plan(Shown[Trajectory]):
         }
 
     def plot(self, volume: CTVolume | None = None) -> Picture:
-        """Return the trajectories from three sides, before their scan's silhouette where the ``volume`` is given."""
+        """Return the trajectories from three sides; given their scan's ``volume``, before its silhouette.
+
+        Then they are shown in its head in 3-D, too, where pyvista is installed.
+        """
         from ronnaplan.ct.silhouette import silhouettes
         from ronnaplan.figures import ThreeViews
 
-        views = ThreeViews(self._headline())
+        if volume is not None:
+            self.require_scan(volume)
+        views = ThreeViews(self._headline(), head=None if volume is None else head_in_3d(self, volume))
         entries, targets = (
             np.array([getattr(one, end) for one in self], dtype=np.float64).reshape(-1, 3)
             for end in ("entry_mm", "target_mm")
@@ -119,7 +124,6 @@ class Plan(Shown[Trajectory]):
         if volume is None:
             views.frame(np.concatenate([entries, targets]))
         else:
-            self.require_scan(volume)
             views.silhouettes(silhouettes(volume))
         return views.picture
 

@@ -46,7 +46,7 @@ def things_of(
         shown += robot_things(case.placement)
     plan = case.plan
     if plan is not None:
-        for path in plan if case.volume is None else _beside(plan, case.volume):
+        for path in plan if case.volume is None else beside(plan, case.volume):
             judged = case.surroundings.judge(path, plan).measures if case.volume is not None else None
             shown += things.path(path, judged)
     if case.volume is not None:
@@ -55,12 +55,17 @@ def things_of(
         for number, (name, mask) in enumerate((labels or {}).items()):
             region = _region(workshop, case.volume, mask, most_triangles)
             shown.append(things.label_map(name, region, things.label_colour(number)))
-        head = surfaces(workshop, alone(Field.of(case.volume)), most_triangles=most_triangles)
-        shown += [things.skull(head["skull"], OPACITY["skull"]), things.skin(head["skin"], OPACITY["skin"])]
+        shown += head_things(workshop, case.volume, most_triangles)
     whole = [one for one in shown if len(one.body.triangles)]
     if not whole:
         raise InputError("the case holds nothing to show; give its scan with --ct")
     return whole
+
+
+def head_things(workshop: Workshop, volume: CTVolume, most_triangles: int) -> list[Thing]:
+    """Return skull and skin, each of at most so many triangles, through which trajectories are seen."""
+    head = surfaces(workshop, alone(Field.of(volume)), most_triangles=most_triangles)
+    return [things.skull(head["skull"], OPACITY["skull"]), things.skin(head["skin"], OPACITY["skin"])]
 
 
 def _markers(document: FiducialsDocument, spreads: bool) -> list[Thing]:
@@ -83,7 +88,7 @@ def _region(workshop: Workshop, volume: CTVolume, mask: NDArray[np.bool_], most_
     return surfaces(workshop, field, {"region": REGION}, outside=0.0, most_triangles=most_triangles)["region"]
 
 
-def _beside(plan: Plan, volume: CTVolume) -> list[Trajectory]:
+def beside(plan: Plan, volume: CTVolume) -> list[Trajectory]:
     """Return the trajectories that lie in the scan or near it: among others nothing would be seen of the head."""
     low, high = bounds_mm(volume)
     reach = high - low

@@ -44,13 +44,18 @@ class HeadPicture:
 
 
 def head_picture(
-    volume: CTVolume, centers_mm: FloatArray, diameter_mm: float, shape: tuple[int, int] = SHAPE
+    volume: CTVolume,
+    centers_mm: FloatArray,
+    diameter_mm: float,
+    shape: tuple[int, int] = SHAPE,
+    beside: Sequence[Thing] = (),
 ) -> HeadPicture:
-    """Draw skin and markers (N, 3) from that side in front which shows most of them."""
+    """Draw skin, markers (N, 3) and what is shown ``beside`` them from that side in front which shows most of them."""
     with Workshop() as workshop:
         head = alone(Field.of(volume, CELL_MM))
         found = surfaces(workshop, head, {"skin": SURFACES["skin"]}, most_triangles=MOST_TRIANGLES)["skin"]
         things = [marker(f"F{n + 1}", center, diameter_mm) for n, center in enumerate(centers_mm)]
+        things += beside
         if len(found.triangles):
             things.append(skin(found))
         best: tuple[Camera, NDArray[np.bool_]] | None = None

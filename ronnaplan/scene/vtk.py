@@ -25,6 +25,12 @@ LONGEST_S = 300.0
 NEEDED = "pyvista"
 
 
+def require_pyvista() -> None:
+    """Raise `InputError` where pyvista is not installed."""
+    if find_spec(NEEDED) is None:
+        raise InputError(f"3-D surfaces need {NEEDED}; install ronnaplan[scene]")
+
+
 class NoGraphicsError(InputError):
     """VTK could not do a task, for want of a graphics library, say."""
 
@@ -94,8 +100,7 @@ class Workshop:
 
     def arrays(self, task: str, given: Arrays) -> Arrays:
         """Return the answer to a task that needs pyvista; raises `InputError` where that is not installed."""
-        if find_spec(NEEDED) is None:
-            raise InputError(f"3-D surfaces need {NEEDED}; install ronnaplan[scene]")
+        require_pyvista()
         answer: Arrays = self.answer(task, given)
         return answer
 
