@@ -47,7 +47,7 @@ MIN_METAL_ROUND = 0.66
 """... a ball of metal in at least this share of those that the scan shows: all that is bright beside it is fitted with
 it, and its scale's end makes the head of a screw look clean."""
 
-MAX_ATTACHED, SKIN_MARGIN = 0.14, 0.02
+MAX_ATTACHED, SKIN_MARGIN = 0.14, 0.03
 """A post is attached to a small part of a marker's surface (a post of 4 mm to 3 % of one of 11.5 mm), skin that it lies
 on to no more than a plane would be and this margin (to 10 % of one of 11.5 mm, to 22 % of one of 4 mm); a capsule or a
 rod goes on in far more of it."""

@@ -28,8 +28,9 @@ from ronnaplan.localization.parameters import (
     W,
 )
 
-BLUR_BOUNDS_MM = (0.12, 2.5)
-"""In-plane blur of any CT at all; a fit that ends here is no ball seen by a scanner."""
+BLUR_BOUNDS_MM = (0.03, 2.5)
+"""In-plane blur of any CT at all, of which photon counting detectors come near 0.06 mm; a fit that ends here is no ball
+seen by a scanner."""
 
 BLUR_STEP = 1.5
 """One step changes the blur by no more than this factor: edge enhancement and blur look alike, and from a blur of

@@ -13,6 +13,7 @@ from ronnaplan.localization.directions import BACKGROUND_QUANTILE
 from ronnaplan.localization.model import has_layer, has_streaks
 from ronnaplan.localization.neighbourhood import Neighbourhood
 from ronnaplan.localization.parameters import (
+    BLUR,
     CONTRAST,
     EDGE,
     PARAMETERS,
@@ -25,6 +26,10 @@ from ronnaplan.localization.parameters import (
 
 TYPICAL_BLUR_MM = 0.5
 """Where the search for the in-plane blur begins; CT kernels lie between 0.25 and 0.9 mm."""
+
+SHARP_BLUR_PIXELS = 1.5
+"""Where pixels are so small that this many are less, it begins there as well: a photon counting detector's kernels, for
+which pixels are made small, lie near 0.1 mm, and beside skin a small ball is not seen for what it is with 0.5."""
 
 RADIUS_PRIOR = 0.1
 """Standard deviation of the radius about the stated one, as a share of it: the data decide unless they cannot."""
@@ -94,6 +99,13 @@ def first_guess(
     streaks = [0.0] * len(STREAK_PARAMETERS) if contrast > METAL_HU else []
     ball = [0, 0, 0, diameter_mm / 2, TYPICAL_BLUR_MM, 0.0, thickness_mm, SHAPE_PRIOR[0], contrast, low]
     return np.array([*ball, 0, 0, 0, *layer, *streaks], np.float64)
+
+
+def first_guesses(start: FloatArray, pixel_mm: float) -> list[FloatArray]:
+    """Return the guesses to begin with, for pixels of this size: ``start``, and a sharper one where they are small."""
+    sharp = start.copy()
+    sharp[BLUR] = SHARP_BLUR_PIXELS * pixel_mm
+    return [start, sharp] if sharp[BLUR] < start[BLUR] else [start]
 
 
 def ball_prior(start: FloatArray, build: Build, *, is_clipped: bool) -> Prior:

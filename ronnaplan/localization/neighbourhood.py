@@ -17,7 +17,8 @@ class Neighbourhood:
     """Voxels near a place: values in HU, and offsets from ``origin_mm`` along u, v, w, slice by slice.
 
     ``slices`` (N,) are their slices' numbers; ``offsets_mm`` (N, 3); ``values_hu`` (N,); ``axes`` (3, 3) has u, v, w as
-    rows in LPS. ``floor_hu`` is the lowest value about the place, where scales end.
+    rows in LPS. ``pixel_mm`` is the larger distance of rows or columns, ``floor_hu`` the lowest value about the place,
+    where scales end.
     """
 
     origin_mm: FloatArray
@@ -25,6 +26,7 @@ class Neighbourhood:
     slices: NDArray[np.intp]
     offsets_mm: FloatArray
     values_hu: FloatArray
+    pixel_mm: float
     floor_hu: float
 
     def select(self, chosen: NDArray[np.bool_]) -> Neighbourhood:
@@ -57,7 +59,8 @@ def gather(volume: CTVolume, center_mm: FloatArray, reach_mm: float, axes: Float
     slices, offsets, values = _gather(
         *(volume.voxels_hu, int(first), origins_uv, places[first:last], steps, window, reach_mm, padding_hu)
     )
-    around = Neighbourhood(center_mm, grid.axes, slices, offsets, values, float(values.min(initial=np.inf)))
+    scale = float(steps.max()), float(values.min(initial=np.inf))
+    around = Neighbourhood(center_mm, grid.axes, slices, offsets, values, *scale)
     return around if axes is grid.axes else _turned(around, axes, float(np.median(grid.spacings_mm)))
 
 

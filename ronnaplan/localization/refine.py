@@ -35,7 +35,7 @@ from ronnaplan.localization.directions import (
     on_surface,
     within_reach,
 )
-from ronnaplan.localization.guess import ball_prior, first_guess, frozen, margin_mm
+from ronnaplan.localization.guess import ball_prior, first_guess, first_guesses, frozen, margin_mm
 from ronnaplan.localization.neighbourhood import Neighbourhood
 from ronnaplan.localization.parameters import (
     BACKGROUND,
@@ -156,13 +156,16 @@ def fit_ball(
     ``thickness_mm`` is the nominal slice thickness, ``ceiling_hu`` the value at which the scan clips (infinite
     where it does not).
     """
-    theta = first_guess(around, diameter_mm, build, thickness_mm, ceiling_hu)
-    prior = ball_prior(theta, build, is_clipped=theta[CONTRAST] + theta[BACKGROUND] > ceiling_hu)
+    start = first_guess(around, diameter_mm, build, thickness_mm, ceiling_hu)
+    prior = ball_prior(start, build, is_clipped=start[CONTRAST] + start[BACKGROUND] > ceiling_hu)
     # What is brighter than the ball (an insert, a screw) must not draw the first fit to itself.
-    dimmed = replace(around, values_hu=np.minimum(around.values_hu, theta[CONTRAST] + theta[BACKGROUND]))
+    dimmed = replace(around, values_hu=np.minimum(around.values_hu, start[CONTRAST] + start[BACKGROUND]))
     few = _thinned(len(around.values_hu))
-    start = theta
-    theta, (verdict, used) = _first_look(dimmed.select(few), around, theta, prior, ceiling_hu)
+    looks = [
+        _first_look(dimmed.select(few), around, guess, prior, ceiling_hu)
+        for guess in first_guesses(start, around.pixel_mm)
+    ]
+    theta, (verdict, used) = min(looks, key=lambda look: look[1][0].usual_rms_hu)
     is_poor = verdict.usual_rms_hu > HOPELESS_MISFIT * theta[CONTRAST]
     if is_poor and verdict.round_share >= ENHANCED_ROUND:
         enhanced = theta.copy()

@@ -12,7 +12,7 @@ from phantoms.anatomy import scalp_foot
 from phantoms.fast import Renderer
 from phantoms.markers import Condition, marker, touching_pair
 from phantoms.scene import Part, Scene
-from phantoms.solids import sphere
+from phantoms.solids import half_space, sphere
 from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.errors import UsageError
 from ronnaplan.localization import Build, FiducialFlag, Fiducials, localize
@@ -94,6 +94,20 @@ def test_a_kernel_that_is_not_gaussian_does_not_move_a_ball_beside_a_post(enhanc
     changed = np.clip(images - enhancement * curved, -1024, 3071)
     found = localize(replace(volume, voxels_hu=changed.astype(np.int16)), diameter_mm=11.5, expected=1)
     assert error_mm(found, center) < 0.006
+
+
+@pytest.mark.parametrize("blur_mm", [0.08, 0.1])
+@pytest.mark.parametrize("on_skin", [False, True], ids=["bare", "on skin"])
+def test_a_ball_is_found_in_a_picture_as_sharp_as_photon_counting_makes_them(
+    on_skin: bool, blur_mm: float
+) -> None:
+    skin = Part(half_space((0.0, 0.0, CENTER[2] - 1.5), (0.0, 0.0, 1.0)), "skin")
+    ultra_sharp = small_stack(
+        start_mm=-6.0, stop_mm=6.0, spacing_mm=0.35, field_of_view_mm=20.0, center_mm=(*CENTER[:2], 0.0)
+    )
+    scene = Scene((skin,) * on_skin) + balls([CENTER], 3.0)
+    found = localize(scan(scene, ultra_sharp, blur_mm=blur_mm, noise_hu=15.0), diameter_mm=3.0, expected=1)
+    assert error_mm(found, CENTER) < 0.005
 
 
 def test_slices_computed_from_thicker_ones_show_their_balls_though_no_header_says_so() -> None:
