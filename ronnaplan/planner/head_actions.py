@@ -22,6 +22,7 @@ class HeadActions:
         """Return the actions."""
         return {
             "pictures": self._send_pictures,
+            "drawn_here": self._send_things,
             "open_head": self._open_head,
             "show_as": self._show_as,
             "strength": self._set_strength,
@@ -29,10 +30,14 @@ class HeadActions:
         }
 
     def _send_pictures(self) -> None:
-        """A page cannot draw in 3-D itself: it is sent pictures from now on."""
+        """A page cannot draw in 3-D itself: it is sent pictures until it can."""
         self._painter.pictures = True
         self._state.look.open_head("")
         self._state.look.show_as(self._state.look.surface)
+
+    def _send_things(self) -> None:
+        """A page that was too slow to draw in 3-D itself does so now."""
+        self._painter.pictures = False
 
     def _open_head(self, name: str) -> None:
         """Take a part of the head before the crosshair away, or put it back."""

@@ -90,6 +90,7 @@ SOUND: dict[str, tuple[Any, ...]] = {
     "strength": (1.5,),
     "open_head": ("corner",),
     "pictures": (),
+    "drawn_here": (),
     "dismiss": (),
     "cancel": (),
 }

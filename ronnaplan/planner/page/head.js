@@ -2,27 +2,42 @@
 (() => {
   const SLOWEST_MS = 150, TIMED = 5; // a frame that takes longer is drawn sooner by the server
   const things = new Map(), pictures = {};
-  let viewer = null, wanted = [], timed = [], loading = 0;
+  let viewer = null, slow = null, wanted = [], timed = [], loading = 0; // slow: a viewer that was found to be
 
   function begin(canvas) {
     viewer = window.ronnaplanViewer(canvas);
+    show(canvas);
     if (!viewer) return leave(canvas);
     viewer.screens = true;
     canvas.addEventListener("webglcontextlost", () => leave(canvas));
-    canvas.closest(".rp-view").classList.add("rp-drawn-here");
+    window.addEventListener("click", (event) => event.target.closest?.("[data-again]") && again(canvas));
     window.trame.state.watch(["things"], (listed) => load(canvas, listed ?? []));
     window.trame.state.watch(["eye"], look);
     window.trame.state.watch(["volume"], whole);
     load(canvas, window.trame.state.get("things") ?? []);
     look(window.trame.state.get("eye"));
     whole(window.trame.state.get("volume"));
-    window.ronnaplanPictures((name, drawn) => viewer && ["axial", "coronal", "sagittal"].includes(name) && picture(name, drawn));
+    window.ronnaplanPictures((name, drawn) => (viewer ?? slow) && ["axial", "coronal", "sagittal"].includes(name) && picture(name, drawn));
   }
-  function leave(canvas) {
-    viewer = null;
-    canvas.hidden = true;
-    canvas.closest(".rp-view").classList.remove("rp-drawn-here");
+  function show(canvas) {
+    canvas.hidden = !viewer;
+    canvas.closest(".rp-view").classList.toggle("rp-drawn-here", !!viewer);
+    canvas.closest(".rp-view").classList.toggle("rp-slow", !!slow);
+  }
+  function leave(canvas, kept = null) {
+    [viewer, slow] = [null, kept];
+    show(canvas);
     window.trame.trigger("pictures");
+  }
+  // The machine may have been busy when it was timed: the reader may have it timed anew.
+  async function again(canvas) {
+    if (!slow) return;
+    [viewer, slow, timed] = [slow, null, []];
+    show(canvas);
+    look(window.trame.state.get("eye"));
+    await load(canvas, window.trame.state.get("things") ?? []);
+    if (viewer) window.trame.trigger("drawn_here");
+    else window.trame.state.set("news", `3-D still takes ${Math.round(Math.min(...timed))} ms a frame in this browser; the server draws it`);
   }
 
   async function load(canvas, listed) {
@@ -41,7 +56,7 @@
     viewer.things = wanted.map((one) => things.get(one.key)).filter(Boolean);
     if (timed.length < TIMED && viewer.things.length && viewer.eye) {
       timed = Array.from({ length: TIMED }, () => viewer.timed());
-      if (Math.min(...timed) > SLOWEST_MS) return leave(canvas);
+      if (Math.min(...timed) > SLOWEST_MS) return leave(canvas, viewer);
     }
     viewer.redraw();
   }
@@ -52,7 +67,7 @@
     finely();
   }
   function picture(name, drawn) {
-    pictures[name] = viewer.picture(drawn, pictures[name]);
+    pictures[name] = (viewer ?? slow).picture(drawn, pictures[name]);
     look(window.trame.state.get("eye"));
   }
 
