@@ -9,12 +9,12 @@ import numpy as np
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.cuts import ACROSS
 from ronnaplan.planner.measuring import drawn_rulers
-from ronnaplan.planner.names import write_names
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
 from ronnaplan.planning.contacts import contact_paths
 from ronnaplan.scene.cut import Cut
+from ronnaplan.scene.names import write_names
 from ronnaplan.scene.things import MARKER_COLOUR, PROPOSAL_COLOURS, REJECTED_COLOUR, TOOL_COLOUR
 
 POINT_COLOUR, BEGUN_COLOUR = "#b2ff59", "#ffffff"
@@ -88,7 +88,7 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
         "cross": _pair(cut, state.look.crosshair_mm) if view in STANDARD_NAMES else None,
         "markers": markers,
         "points": _points(state, cut, (wide, high)),
-        "paths": write_names(paths, markers, pane, half),
+        "paths": write_names(paths, markers, pane.room(half)),
         "regions": [
             {**one, "colour": shown.colour}
             for one in state.outlines.drawn(view, cut, pane)

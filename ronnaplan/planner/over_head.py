@@ -8,12 +8,12 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.measuring import drawn_rulers
-from ronnaplan.planner.names import write_names
 from ronnaplan.planner.over_cut import BEGUN_COLOUR, POINT_COLOUR, balls, proposed
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
 from ronnaplan.scene.camera import Camera
+from ronnaplan.scene.names import write_names
 from ronnaplan.scene.things import PROPOSAL_COLOURS, REJECTED_COLOUR, TOOL_COLOUR, spread_factor, spread_name
 
 CROSS_COLOUR = "#4fc3f7"
@@ -71,7 +71,7 @@ def over_head(
         "markers": markers,
         "points": [one for one in points if one is not None],
         "paths": write_names(
-            [_path(camera, one, state) for one in state.case.plan.trajectories], markers, pane, 1.0
+            [_path(camera, one, state) for one in state.case.plan.trajectories], markers, pane.room(1.0)
         ),
         "rulers": drawn_rulers(state, lambda points: camera.on_screen(points)[:, :2], lambda _: True),
     }

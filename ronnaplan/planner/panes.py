@@ -4,6 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ronnaplan.scene.names import Room
+
+EM_PIXELS = 12.0
+"""Height of the letters."""
+
 LEAST_PIXELS = 16
 """Of a side of a picture."""
 
@@ -27,6 +32,11 @@ class Pane:
         """Half the width and half the height, in halves of the shorter side."""
         shorter = max(min(self.width, self.height), 1.0)
         return max(self.width, 1.0) / shorter, max(self.height, 1.0) / shorter
+
+    def room(self, half: float) -> Room:
+        """Return the room for names, in units of which ``half`` are half the shorter side."""
+        wide, high = self.halves
+        return Room(half * wide, half * high, 2 * half * EM_PIXELS / max(min(self.width, self.height), 1.0))
 
     def shape(self, most_pixels: int) -> tuple[int, int]:
         """Return rows and columns of a picture with the screen's pixels, or with fewer where they are too many."""

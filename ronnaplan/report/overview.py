@@ -4,20 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ronnaplan.case.folder import Case
 from ronnaplan.case.surroundings import Judgement
-from ronnaplan.planning import Measures
+from ronnaplan.planning import Measures, Trajectory
 from ronnaplan.planning.rows import errors_by_basis, number
 from ronnaplan.report.html import picture, table
 from ronnaplan.report.part import Part
+from ronnaplan.scene.camera import Camera
 from ronnaplan.scene.files import view, viewer
+from ronnaplan.scene.names import Room, write_names
+from ronnaplan.scene.picture import Shades
 from ronnaplan.scene.things import Thing
 from ronnaplan.scene.vtk import Workshop
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 TITLE = "Overview"
 SHAPE = (700, 1000)
 """Rows and columns of the picture."""
+
+NAME_POINTS, NAME_LETTER_EM = 15, 0.7
+"""Size of the names in the picture, and how wide their bold letters are on average, in heights."""
 
 MOST_TRIANGLES = 40_000
 """Of skin and skull: a report is mailed."""
@@ -30,7 +42,7 @@ STYLE = """
 .scene canvas, .scene #still { position: absolute; width: 100%; height: 100%; object-fit: contain }
 .scene canvas { touch-action: pan-y }
 .scene #names { position: absolute; inset: 0; overflow: hidden; pointer-events: none }
-.scene #names span { position: absolute; padding: 0 0 14px 10px; translate: 0 -100%; font-size: 13px;
+.scene #names span { position: absolute; white-space: nowrap; font-size: 13px; line-height: 15px;
   text-shadow: 0 0 3px #000, 0 0 3px #000 }
 .scene details { position: absolute; right: .5rem; top: .5rem; max-height: 90%; overflow: auto; padding: .2rem .6rem;
   font-size: 12px; background: rgb(17 22 27 / 75%) } .scene summary { cursor: pointer } .scene label { display: block }
@@ -112,34 +124,45 @@ def _errors(one: Measures | None) -> list[str]:
 
 def _named(workshop: Workshop, case: Case, things: Sequence[Thing]) -> bytes:
     """Return a picture of things with the names of the trajectories at their entries, as a PNG."""
+    from ronnaplan.report.picture import png
+    from ronnaplan.scene.picture import picture as drawn
+    from ronnaplan.scene.portrait import filling
+
+    camera = filling(things)
+    return png(named_figure(drawn(workshop, things, camera, SHAPE), camera, tuple(case.plan or ())))
+
+
+def named_figure(shades: Shades, camera: Camera, paths: Sequence[Trajectory]) -> Figure:
+    """Return a picture of `SHAPE` that a camera took, with the names of trajectories at their entries."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.patheffects import withStroke
 
-    from ronnaplan.report.picture import BACKGROUND, png
-    from ronnaplan.scene.picture import picture as drawn
-    from ronnaplan.scene.portrait import filling
+    from ronnaplan.report.picture import BACKGROUND
 
-    camera, wide = filling(things), SHAPE[1] / SHAPE[0]
+    wide = SHAPE[1] / SHAPE[0]
     figure = Figure(figsize=(SHAPE[1] / 100, SHAPE[0] / 100), dpi=100, facecolor="none")
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.imshow(
-        drawn(workshop, things, camera, SHAPE), extent=(-wide, wide, -1.0, 1.0), interpolation="antialiased"
-    )
+    axes.imshow(shades, extent=(-wide, wide, -1.0, 1.0), interpolation="antialiased")
     axes.set_axis_off()
-    outlined = [withStroke(linewidth=3, foreground=BACKGROUND)]
-    for one in case.plan or ():
-        across, down, _ = camera.on_screen(one.entry_mm)
-        if max(abs(across) / wide, abs(down)) < 1.0:
-            axes.annotate(
-                one.name,
-                (across, -down),
-                xytext=(10, 8),
-                textcoords="offset points",
-                fontsize=15,
-                weight="bold",
-                color=one.colour,
-                path_effects=outlined,
-            )
-    return png(figure)
+    room = Room(wide, 1.0, 2 * NAME_POINTS * figure.dpi / 72 / SHAPE[0], NAME_LETTER_EM)
+    at = camera.on_screen(np.array([one.entry_mm for one in paths]).reshape(-1, 3))[:, :2].tolist()
+    named = [
+        {"name": one.name, "entry": place, "colour": one.colour}
+        for one, place in zip(paths, at, strict=True)
+        if abs(place[0]) < wide and abs(place[1]) < 1.0
+    ]
+    for one in write_names(named, (), room):
+        written = one["written"]
+        axes.text(
+            written["x"],
+            -written["y"],
+            one["name"],
+            ha="left" if written["anchor"] == "start" else "right",
+            fontsize=NAME_POINTS,
+            weight="bold",
+            color=one["colour"],
+            path_effects=[withStroke(linewidth=3, foreground=BACKGROUND)],
+        )
+    return figure

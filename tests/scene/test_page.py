@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,18 @@ def red_middle(picture: np.ndarray) -> float:
 
 def test_a_scene_is_turned_in_the_browser_and_what_is_hidden_goes(page_file: Path) -> None:
     apart(turn_and_hide, page_file)
+
+
+def test_no_name_covers_another_nor_leaves_the_page(tmp_path: Path) -> None:
+    near = [
+        replace(
+            RED, label=f"a path with a long name {n}", label_mm=AT_MM + np.array([50.0 * (n > 2), 0.0, 2.0 * n])
+        )
+        for n in range(6)
+    ]
+    file = tmp_path / "scene.html"
+    file.write_bytes(html([*near, SKIN], "a case", b""))
+    apart(read_names, file)
 
 
 def test_the_far_side_of_what_is_seen_through_is_seen(tmp_path: Path) -> None:
@@ -112,7 +125,7 @@ def turn_and_hide(page_file: Path) -> None:
         turned = shown(page)
         name = page.locator("#names span")
         assert name.text_content() == "F1"
-        assert name.bounding_box()["x"] == pytest.approx(red_middle(turned), abs=8)  # it went with its marker
+        assert name.bounding_box()["x"] == pytest.approx(red_middle(turned) + 10, abs=8)  # it went with its marker
         page.click("summary")  # the list covers nothing until it is asked for
         page.uncheck("text=marker F1")
         eventually(page, lambda: not is_red(shown(page)).any())
@@ -123,6 +136,22 @@ def turn_and_hide(page_file: Path) -> None:
         )
         page.wait_for_selector("#still", state="visible")
         assert errors == []
+
+
+def read_names(page_file: Path) -> None:
+    with chromium("--use-angle=swiftshader", "--enable-unsafe-swiftshader") as browser:
+        page = browser.new_page(viewport={"width": 500, "height": 400})
+        page.set_default_timeout(PATIENCE_MS)
+        page.goto(page_file.as_uri())
+        page.wait_for_selector("canvas", state="visible")
+        shown(page)
+        boxes = [name.bounding_box() for name in page.locator("#names span").all()]
+        assert len(boxes) == 6
+        assert all(one["x"] >= 0 and one["x"] + one["width"] <= 500 for one in boxes)
+        for number, one in enumerate(boxes):
+            for other in boxes[:number]:
+                beside = abs(one["x"] - other["x"]) >= min(one["width"], other["width"]) - 0.5
+                assert beside or abs(one["y"] - other["y"]) >= one["height"] - 0.5
 
 
 def see_the_far_side(page_file: Path) -> None:

@@ -1,0 +1,85 @@
+"""Where names of trajectories are written over a picture: beside their entries, within it, and none on another.
+
+The page of an exported scene does the same by itself (``page/export.js``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+LETTER_EM = 0.54
+"""How wide a letter is on average, in heights of the letters: no more than an estimate, fonts differ."""
+
+LINE_EM, GAP = 1.15, 0.025
+"""From one line of text to the next; and from an entry to its name, in halves of the picture's shorter side."""
+
+LINES = (0, 1, -1, 2, -2, 3, -3)
+"""So many lines down or up a name is tried; where all are taken it stands on another."""
+
+Box = tuple[float, float, float, float]
+"""Left, top, right and bottom."""
+
+
+@dataclass(frozen=True)
+class Room:
+    """A picture about the origin in its own units: half its width and height, how high its letters are, and how wide.
+
+    ``em`` is their height, ``letter_em`` their average width in heights.
+    """
+
+    wide: float
+    high: float
+    em: float
+    letter_em: float = LETTER_EM
+
+    def length(self, name: str) -> float:
+        """Return how long a name is."""
+        return self.letter_em * self.em * len(name)
+
+    def box(self, name: str, left: float, base: float) -> Box:
+        """Return what a name covers that begins at ``left`` and stands on ``base``."""
+        return left, base - self.em, left + self.length(name), base
+
+
+def write_names(
+    paths: Sequence[dict[str, Any]], markers: Sequence[dict[str, Any]], room: Room
+) -> list[dict[str, Any]]:
+    """Return the paths, each with where its name begins or ends: ``written`` = x, y and the text's anchor.
+
+    A name stands to the right of its entry, or to the left where the picture ends, lines away until it covers no other,
+    nor that of a marker. That of an entry outside the picture goes with it.
+    """
+    gap = GAP * min(room.wide, room.high)
+    taken = [room.box(one["label"], one["x"] + one["r"], one["y"] - one["r"]) for one in markers]
+    drawn = []
+    for one in paths:
+        x, y = one["entry"]
+        anchor, across = "start", x + gap
+        if abs(x) < room.wide and abs(y) < room.high:
+            anchor, across, left = _across(x, room.length(one["name"]), gap, room.wide)
+            lines = [max(y - gap, room.em - room.high) + n * LINE_EM * room.em for n in LINES]
+            boxes = {down: room.box(one["name"], left, down) for down in lines}
+            y = next(
+                (down for down, box in boxes.items() if box[1] >= -room.high and not _covers(box, taken)), lines[0]
+            )
+            taken.append(boxes[y])
+        drawn.append(one | {"written": {"x": across, "y": y, "anchor": anchor}})
+    return drawn
+
+
+def _across(x: float, length: float, gap: float, wide: float) -> tuple[str, float, float]:
+    """Return the anchor of a name so long that belongs to ``x``, where that is, and where the name begins."""
+    if x + gap + length <= wide:
+        return "start", x + gap, x + gap
+    if x - gap - length >= -wide:
+        return "end", x - gap, x - gap - length
+    left = max(-wide, wide - length)
+    return "start", left, left
+
+
+def _covers(one: Box, others: Sequence[Box]) -> bool:
+    return any(
+        one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3] for other in others
+    )
