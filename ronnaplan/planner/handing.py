@@ -14,7 +14,6 @@ from typing import Final
 
 from aiohttp import web
 
-from ronnaplan.case.folder import FIDUCIALS, LIMITS, PLACEMENT, PLAN, REGISTRATION
 from ronnaplan.documents.files import write_atomically
 from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.planner.storage import Storage
@@ -56,7 +55,7 @@ class Handing:
 
     async def _download(self, request: web.Request) -> web.StreamResponse:
         name = request.match_info["name"]
-        files = self._files()
+        files = self._storage.found
         if name in MADE and self._origin is not None:
             content = await self._made(name, self._origin)
         elif name in files:
@@ -70,24 +69,12 @@ class Handing:
             headers={"Content-Disposition": f'attachment; filename="{name}"'},
         )
 
-    def _files(self) -> dict[str, Path]:
-        """The documents that there are now, by the names they have in a case."""
-        known = self._storage.documents
-        named = {
-            PLAN: known.plan,
-            FIDUCIALS: known.fiducials,
-            REGISTRATION: known.registration,
-            LIMITS: known.limits,
-            PLACEMENT: known.placement,
-        }
-        return {name: path for name, path in named.items() if path is not None and path.is_file()}
-
     async def _made(self, name: str, origin: Origin) -> bytes:
         """Have a file made of the case as it is now, by a process of its own; one at a time."""
         verb, *rest = MADE[name]
         async with self._making:
             with tempfile.TemporaryDirectory() as folder:
-                for document, path in self._files().items():
+                for document, path in self._storage.found.items():
                     shutil.copyfile(path, Path(folder) / document)
                 target = Path(folder) / f"made-{name}"
                 options = [part.format(case=folder) for part in rest]

@@ -106,6 +106,7 @@ class Painter:
                 "proposals": panels.proposal_rows(state),
                 "placement": panels.placement_line(state),
                 "readings": state.storage.readings(),
+                "documents": list(state.storage.found),
             }
         )
         self.refresh_measures(state.case.plan)

@@ -88,6 +88,19 @@ class Storage:
         )
 
     @property
+    def found(self) -> dict[str, Path]:
+        """The documents that there are now, by the names they have in a case."""
+        known = self.documents
+        named = {
+            PLAN: known.plan,
+            FIDUCIALS: known.fiducials,
+            REGISTRATION: known.registration,
+            LIMITS: known.limits,
+            PLACEMENT: known.placement,
+        }
+        return {name: path for name, path in named.items() if path is not None and path.is_file()}
+
+    @property
     def _own_names(self) -> set[str]:
         """The documents of the case, which are no readings."""
         here = (

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 LEAST_SHARE = 0.02
 """Pieces with fewer cells than this share of the largest are loose, and dropped."""
 
+NOTHING = "3-D: nothing in this scan is as dense as skin"
+
 EYE_LIGHTS = (
     ((-0.5, 0.6, 0.9), 0.92, "#fff6ea"),
     ((0.9, 0.1, 0.5), 0.34, "#dfe9ff"),
@@ -80,7 +82,8 @@ def head(given: dict[str, Any]) -> HeadParts:
         return HeadParts(whole, wanting=f"3-D surfaces need {error.name}; install ronnaplan[scene]")
     except ImportError as error:
         return HeadParts(whole, wanting=f"VTK cannot be loaded ({error}); see docs/planner.md, 3-D")
-    return HeadParts(whole, made, regions)
+    drawn = any(len(body.triangles) for body in made.values())
+    return HeadParts(whole, made, regions, "" if drawn else NOTHING)
 
 
 def surfaces(task: Arrays) -> Arrays:

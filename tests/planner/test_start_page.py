@@ -91,8 +91,8 @@ def test_a_scan_is_dropped_opened_and_its_files_go_out_and_in(browser: Any, star
     page.click("#add")
     page.keyboard.press("Escape")
     page.click(".rp-tab >> text=Files")
-    page.click("[data-download='plan.json']")
-    page.wait_for_selector("#making >> text=the case holds no plan.json yet")
+    page.wait_for_selector("#files >> text=plan.json: none yet")
+    assert page.locator("[data-download='plan.json']").count() == 0
     shutil.copy(cases.write_case(scans) / "plan.json", home / "first" / "plan.json")
     eventually(page, lambda: page.evaluate("window.trame.state.get('paths').length") == 1)
     with page.expect_download() as coming:

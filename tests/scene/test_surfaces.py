@@ -65,6 +65,11 @@ def test_a_region_and_an_empty_scan(workshop: vtk.Workshop) -> None:
     assert region.vertices_mm.max(axis=0) == pytest.approx(corners.max(axis=0), abs=0.8)
 
 
+def test_a_scan_of_air_says_that_nothing_is_seen() -> None:
+    empty = scan(balls([(300.0, 0.0, 0.0)]), small_stack())
+    assert "nothing in this scan is as dense as skin" in head_parts(vtk.Workshop(), empty, {}, 2000).wanting
+
+
 def test_all_that_a_head_is_drawn_from_comes_of_one_process_that_was_begun_before(workshop: vtk.Workshop) -> None:
     volume = scan(balls([tuple(CENTER)], 20.0), small_stack())
     mask = np.zeros(volume.voxels_hu.shape, dtype=np.bool_)
