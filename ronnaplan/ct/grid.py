@@ -75,6 +75,11 @@ class SliceGrid:
         return float(np.linalg.norm(self.column_step_mm))
 
     @property
+    def pixel_mm(self) -> float:
+        """The larger of the distances between rows and between columns."""
+        return max(self.row_spacing_mm, self.column_spacing_mm)
+
+    @property
     def is_evenly_spaced(self) -> bool:
         """Whether all gaps agree within `UNIFORM_SPACING_TOLERANCE_MM`."""
         gaps = self.spacings_mm

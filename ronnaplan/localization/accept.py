@@ -49,7 +49,7 @@ it, and its scale's end makes the head of a screw look clean."""
 
 MAX_ATTACHED, SKIN_MARGIN = 0.14, 0.03
 """A post is attached to a small part of a marker's surface (a post of 4 mm to 3 % of one of 11.5 mm), skin that it lies
-on to no more than a plane would be and this margin (to 10 % of one of 11.5 mm, to 22 % of one of 4 mm); a capsule or a
+on to no more than a plane would be and this margin (to 11 % of one of 11.5 mm, to 23 % of one of 4 mm); a capsule or a
 rod goes on in far more of it."""
 
 POST_SHARE = 0.08
@@ -109,7 +109,6 @@ class Evidence:
     fit: BallFit
     diameter_mm: float
     thickness_mm: float
-    pixel_mm: float
     noise_hu: float
     unseen: float
     """Share of the ball's directions for which the scan has no voxels."""
@@ -173,8 +172,8 @@ def _contrast(evidence: Evidence) -> str | None:
 
 
 def _blur(evidence: Evidence) -> str | None:
-    sigma = evidence.fit.sigma_mm
-    largest = min(max(MAX_BLUR_MM, MAX_BLUR_PIXELS * evidence.pixel_mm), MAX_BLUR_SHARE * evidence.diameter_mm)
+    sigma, pixel_mm = evidence.fit.sigma_mm, evidence.fit.neighbourhood.pixel_mm
+    largest = min(max(MAX_BLUR_MM, MAX_BLUR_PIXELS * pixel_mm), MAX_BLUR_SHARE * evidence.diameter_mm)
     if BLUR_BOUNDS_MM[0] < sigma < largest:
         return None
     return f"its edge is blurred by {sigma:.2f} mm, {BLUR_BOUNDS_MM[0]} to {largest:.2f} mm expected"

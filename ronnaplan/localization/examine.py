@@ -110,11 +110,6 @@ class Scan:
         """Widest distance between neighbouring slices."""
         return float(self.volume.grid.spacings_mm.max(initial=0.0))
 
-    @property
-    def pixel_mm(self) -> float:
-        """The larger of the distances between rows and between columns."""
-        return max(self.volume.grid.row_spacing_mm, self.volume.grid.column_spacing_mm)
-
     @cached_property
     def ceiling_hu(self) -> float:
         """Value at which the scan clips, or infinity where its brightest voxels are not clipped."""
@@ -251,7 +246,7 @@ def examine_place(
     unseen = unseen_share(scan.volume, fit.center_mm, fit.diameter_mm / 2.0)
     thickness_mm = float(scan.thickness_mm(center_mm))
     noise_hu = noise_level(fit)
-    evidence = Evidence(fit, diameter_mm, thickness_mm, scan.pixel_mm, noise_hu, unseen, scan.volume, usual)
+    evidence = Evidence(fit, diameter_mm, thickness_mm, noise_hu, unseen, scan.volume, usual)
     failed = tuple(failures(evidence))
     # The two edges of a shell or a wrapping are too near each other.
     tells_blur = build == SOLID and not fit.is_clipped

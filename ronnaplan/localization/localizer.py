@@ -159,10 +159,10 @@ def _check_size(scan: Scan, diameter_mm: float) -> None:
             f"a marker of {diameter_mm:g} mm fills more than half of this scan's {extent_mm:.0f} mm; "
             "check the diameter"
         )
-    if diameter_mm < MIN_VOXELS_PER_DIAMETER * scan.pixel_mm:
+    if diameter_mm < MIN_VOXELS_PER_DIAMETER * volume.grid.pixel_mm:
         raise InputError(
             f"a marker of {diameter_mm:g} mm is smaller than {MIN_VOXELS_PER_DIAMETER:g} pixels of this scan "
-            f"({scan.pixel_mm:.3f} mm each); scan with a smaller field of view"
+            f"({volume.grid.pixel_mm:.3f} mm each); scan with a smaller field of view"
         )
 
 

@@ -17,8 +17,7 @@ class Neighbourhood:
     """Voxels near a place: values in HU, and offsets from ``origin_mm`` along u, v, w, slice by slice.
 
     ``slices`` (N,) are their slices' numbers; ``offsets_mm`` (N, 3); ``values_hu`` (N,); ``axes`` (3, 3) has u, v, w as
-    rows in LPS. ``pixel_mm`` is the larger distance of rows or columns, ``floor_hu`` the lowest value about the place,
-    where scales end.
+    rows in LPS. ``pixel_mm`` is the grid's, ``floor_hu`` the lowest value about the place, where scales end.
     """
 
     origin_mm: FloatArray
@@ -59,8 +58,8 @@ def gather(volume: CTVolume, center_mm: FloatArray, reach_mm: float, axes: Float
     slices, offsets, values = _gather(
         *(volume.voxels_hu, int(first), origins_uv, places[first:last], steps, window, reach_mm, padding_hu)
     )
-    scale = float(steps.max()), float(values.min(initial=np.inf))
-    around = Neighbourhood(center_mm, grid.axes, slices, offsets, values, *scale)
+    lowest_hu = float(values.min(initial=np.inf))
+    around = Neighbourhood(center_mm, grid.axes, slices, offsets, values, grid.pixel_mm, lowest_hu)
     return around if axes is grid.axes else _turned(around, axes, float(np.median(grid.spacings_mm)))
 
 

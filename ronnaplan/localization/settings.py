@@ -45,7 +45,7 @@ def recommended_settings(grid: SliceGrid, found: Fiducials) -> tuple[Advice, ...
     smallest_mm = min(found.diameters_mm)
     thick_mm, coarse_mm = THICK_SHARE * smallest_mm, COARSE_SHARE * smallest_mm
     gap_mm = float(grid.spacings_mm.max(initial=0.0))
-    pixel_mm = max(grid.row_spacing_mm, grid.column_spacing_mm)
+    pixel_mm = grid.pixel_mm
     edge = float(np.median([one.parameters[EDGE] for one in found.fiducials]))
     advice = []
     if seen.profile_mm > thick_mm:

@@ -218,7 +218,7 @@ def _ticks(one: Trajectory, cut: Cut, pane: Pane) -> list[dict[str, Any]]:
         return []
     along = cut.on_screen_mm(cut.center_mm + one.inward)[:2]
     side = TICK_HALF_MM * np.array([-along[1], along[0]])
-    pixel = cut.field_mm / max(min(pane.width, pane.height), 1.0)
+    pixel = pane.pixel(cut.field_mm / 2)
     across = bool(abs(along[0]) > abs(along[1]))
     room = pixel * (NUMBER_PIXELS if across else LINE_PIXELS)
     told = next((mm for mm in TOLD_MM if mm >= room), TOLD_MM[-1])

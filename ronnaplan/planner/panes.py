@@ -36,7 +36,11 @@ class Pane:
     def room(self, half: float) -> Room:
         """Return the room for names, in units of which ``half`` are half the shorter side."""
         wide, high = self.halves
-        return Room(half * wide, half * high, 2 * half * EM_PIXELS / max(min(self.width, self.height), 1.0))
+        return Room(half * wide, half * high, EM_PIXELS * self.pixel(half))
+
+    def pixel(self, half: float) -> float:
+        """Return how wide a pixel of the page is, in the same units."""
+        return 2 * half / max(min(self.width, self.height), 1.0)
 
     def shape(self, most_pixels: int) -> tuple[int, int]:
         """Return rows and columns of a picture with the screen's pixels, or with fewer where they are too many."""

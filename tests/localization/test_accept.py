@@ -52,7 +52,7 @@ def spoiled(name: str, fit: BallFit) -> BallFit:
 
 
 def evidence(fit: BallFit) -> Evidence:
-    return Evidence(fit, 11.5, 1.0, 0.5, 10.0, 0.0, volume())
+    return Evidence(fit, 11.5, 1.0, 10.0, 0.0, volume())
 
 
 @pytest.mark.parametrize("name", list(TESTS))

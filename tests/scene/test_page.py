@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +25,17 @@ pytestmark = needs_browser
 AT_MM = np.array([-26.0, -30.0, 0.0])
 RED = Thing("marker F1", ball(AT_MM, 10.0), np.array([1.0, 0.1, 0.1]), label="F1", label_mm=AT_MM)
 SKIN = Thing("skin", ball([0.0, 0.0, 0.0], 50.0), np.array([0.2, 0.4, 0.9]), 0.5)
+
+
+@contextmanager
+def drawn(page_file: Path) -> Iterator[Any]:
+    """A page that the browser draws by itself."""
+    with chromium("--use-angle=swiftshader", "--enable-unsafe-swiftshader") as browser:
+        page = browser.new_page(viewport={"width": 500, "height": 400})
+        page.set_default_timeout(PATIENCE_MS)
+        page.goto(page_file.as_uri())
+        page.wait_for_selector("canvas", state="visible")
+        yield page
 
 
 @pytest.fixture
@@ -139,11 +152,7 @@ def turn_and_hide(page_file: Path) -> None:
 
 
 def read_names(page_file: Path) -> None:
-    with chromium("--use-angle=swiftshader", "--enable-unsafe-swiftshader") as browser:
-        page = browser.new_page(viewport={"width": 500, "height": 400})
-        page.set_default_timeout(PATIENCE_MS)
-        page.goto(page_file.as_uri())
-        page.wait_for_selector("canvas", state="visible")
+    with drawn(page_file) as page:
         shown(page)
         boxes = [name.bounding_box() for name in page.locator("#names span").all()]
         assert len(boxes) == 6
@@ -155,11 +164,7 @@ def read_names(page_file: Path) -> None:
 
 
 def see_the_far_side(page_file: Path) -> None:
-    with chromium("--use-angle=swiftshader", "--enable-unsafe-swiftshader") as browser:
-        page = browser.new_page(viewport={"width": 500, "height": 400})
-        page.set_default_timeout(PATIENCE_MS)
-        page.goto(page_file.as_uri())
-        page.wait_for_selector("canvas", state="visible")
+    with drawn(page_file) as page:
         # one half of a blue of about 200, and another half of that which is left
         eventually(page, lambda: shown(page)[200, 250, 0] > 130)
         assert shown(page)[200, 20, 0] < 30
