@@ -15,7 +15,7 @@ from ronnaplan.localization.blur import Edge
 from ronnaplan.localization.cells import cell_directions
 from ronnaplan.localization.descent import BLUR_BOUNDS_MM, MAX_CONTRAST_HU, MAX_WANDER
 from ronnaplan.localization.detect import MIN_CONTRAST_HU
-from ronnaplan.localization.directions import MAX_RAGGED
+from ronnaplan.localization.directions import MAX_RAGGED, Verdict
 from ronnaplan.localization.look import metal_axis
 from ronnaplan.localization.model import has_streaks
 from ronnaplan.localization.motion import Movement, movement
@@ -121,6 +121,11 @@ class Evidence:
         return float(np.sqrt(max(self.fit.misfit**2 - self.usual.misfit**2, 0.0)))
 
     @cached_property
+    def verdict(self) -> Verdict:
+        """What the ball's directions say in this noise."""
+        return self.fit.verdict.in_noise(self.noise_hu)
+
+    @cached_property
     def covariance_mm2(self) -> FloatArray:
         """Covariance (3, 3) of the center in LPS."""
         fit = self.fit
@@ -200,7 +205,7 @@ def _diameter(evidence: Evidence) -> str | None:
 
 def _coverage(evidence: Evidence) -> str | None:
     fit = evidence.fit
-    of_seen = fit.verdict.round_share
+    of_seen = evidence.verdict.round_share
     of_all = of_seen * (1.0 - evidence.unseen)
     if of_all < MIN_ROUND:
         unseen = f", {evidence.unseen:.0%} is outside the scan" if evidence.unseen > 0 else ""
@@ -214,7 +219,7 @@ def _coverage(evidence: Evidence) -> str | None:
 
 
 def _free(evidence: Evidence) -> str | None:
-    verdict = evidence.fit.verdict
+    verdict = evidence.verdict
     attached = verdict.attached_share
     allowed = max(MAX_ATTACHED, share_on_skin(evidence.fit.theta) + SKIN_MARGIN)
     if attached > allowed:

@@ -7,7 +7,8 @@ residuals on the ball's surface and by what lies just outside it, and the fit do
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,6 +71,9 @@ ROUND_SHARE = 0.015
 ROUND_MM = 0.06
 """An edge that is off by no more than this share of the radius plus this is where the ball's edge should be."""
 
+NOISE_ERRORS = 2.0
+"""Nor does it tell where noise alone puts it: so many standard errors are allowed for besides."""
+
 MAX_RAGGED = 0.14
 """A ball on skin is round wherever it does not go on into it, but for this share at most: balls of plastic show 0.11,
 pegs with round ends 0.17 to 0.30."""
@@ -90,25 +94,40 @@ class Verdict:
     """What the directions say.
 
     ``state`` (cells,) is 1 where a direction informs the fit, 0 where it is left out, -1 where no voxel lies on the
-    surface. ``round_share`` is the share of the others whose edge is where the ball's should be, ``attached_share``
-    the share of all in which a body as bright as the ball goes on outward. ``usual_rms_hu`` is a good direction's
-    residual. ``beside`` (cells,) marks those with something just outside, ``excess_hu`` (cells,) how bright it is;
-    ``is_covered`` says whether that lies to all sides instead of one.
+    surface. ``off_mm`` (cells,) is how far the edge is from where the ball's should be, ``off_mm_per_hu`` (cells,) what
+    noise adds to that, ``allowed_mm`` how much is allowed without noise, ``noise_hu`` the noise that is allowed for.
+    ``attached_share`` is the share of all in which a body as bright as the ball goes on outward. ``usual_rms_hu`` is a
+    good direction's residual. ``beside`` (cells,) marks those with something just outside, ``excess_hu`` (cells,) how
+    bright it is; ``is_covered`` says whether that lies to all sides instead of one.
     """
 
     state: NDArray[np.int8]
-    round_share: float
+    off_mm: FloatArray
+    off_mm_per_hu: FloatArray
+    allowed_mm: float
     attached_share: float
     usual_rms_hu: float
     beside: NDArray[np.bool_]
     excess_hu: FloatArray
     is_covered: bool
+    noise_hu: float = 0.0
+
+    @cached_property
+    def round_share(self) -> float:
+        """Share of the directions seen whose edge is where the ball's should be."""
+        seen = self.state >= 0
+        allowed_mm = np.hypot(self.allowed_mm, NOISE_ERRORS * self.noise_hu * self.off_mm_per_hu)
+        return float((seen & (self.off_mm <= allowed_mm)).sum() / max(int(seen.sum()), 1))
 
     @property
     def ragged_share(self) -> float:
         """Share of the directions seen in which there is neither a sphere's edge nor a body that goes on outward."""
         seen = float(np.mean(self.state >= 0))
         return 1.0 - self.round_share - (self.attached_share / seen if seen > 0.0 else 0.0)
+
+    def in_noise(self, noise_hu: float) -> Verdict:
+        """Return what the directions say where voxels are as noisy as this."""
+        return replace(self, noise_hu=noise_hu)
 
 
 def judge(
@@ -132,13 +151,20 @@ def judge(
     left_out = foreign | beside | close.any(axis=1) | inserts
     state = np.where(seen, np.where(left_out, 0, 1), -1).astype(np.int8)
 
-    shifts, weights = _means(sums[SHIFTS], sums[SEEN]), _means(sums[STEEPNESS], sums[SEEN])
-    off_mm = np.abs(shifts) / np.maximum(weights, 1e-12)
-    is_round = seen & (off_mm <= ROUND_SHARE * theta[RADIUS] + ROUND_MM)
+    steepness = np.maximum(sums[STEEPNESS], 1e-12)
     attached = excess > ATTACHED_SHARE * contrast
-    round_share = float(is_round.sum() / max(int(seen.sum()), 1))
-    covered = _is_covered(excess, COVER_SHARE * contrast)
-    return Verdict(state, round_share, float(attached.mean()), usual, beside, excess, covered), cells
+    verdict = Verdict(
+        state=state,
+        off_mm=np.abs(sums[SHIFTS]) / steepness,
+        off_mm_per_hu=1.0 / np.sqrt(steepness),
+        allowed_mm=ROUND_SHARE * theta[RADIUS] + ROUND_MM,
+        attached_share=float(attached.mean()),
+        usual_rms_hu=usual,
+        beside=beside,
+        excess_hu=excess,
+        is_covered=_is_covered(excess, COVER_SHARE * contrast),
+    )
+    return verdict, cells
 
 
 SEEN, SQUARES, SHIFTS, STEEPNESS, OUTSIDE, UNEXPLAINED, INSIDE, WITHIN = range(8)

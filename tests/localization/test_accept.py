@@ -11,6 +11,7 @@ import pytest
 from ronnaplan.ct import CTVolume
 from ronnaplan.localization.accept import TESTS, Evidence, failures
 from ronnaplan.localization.build import SOLID
+from ronnaplan.localization.directions import Verdict
 from ronnaplan.localization.examine import Scan, fit_place
 from ronnaplan.localization.look import surface_shares
 from ronnaplan.localization.parameters import BLUR, CONTRAST, RADIUS, WIDTH, U
@@ -34,6 +35,13 @@ def changed(fit: BallFit, parameter: int, value: float) -> BallFit:
     return replace(fit, theta=theta)
 
 
+def round_in(verdict: Verdict, share: float) -> Verdict:
+    """Return a verdict in which the edges are a ball's in this share of the directions."""
+    count = len(verdict.state)
+    off_mm = np.where(np.arange(count) < int(share * count), 0.0, 5.0)
+    return replace(verdict, state=np.ones_like(verdict.state), off_mm=off_mm)
+
+
 def spoiled(name: str, fit: BallFit) -> BallFit:
     verdict = fit.verdict
     return {
@@ -42,7 +50,7 @@ def spoiled(name: str, fit: BallFit) -> BallFit:
         "blur": lambda: changed(fit, BLUR, 2.5),
         "thickness": lambda: changed(fit, WIDTH, 5.0),
         "diameter": lambda: changed(fit, RADIUS, 6.3),
-        "coverage": lambda: replace(fit, verdict=replace(verdict, round_share=0.5)),
+        "coverage": lambda: replace(fit, verdict=round_in(verdict, 0.5)),
         "free": lambda: replace(fit, verdict=replace(verdict, attached_share=0.4)),
         "informed": lambda: replace(fit, verdict=replace(verdict, state=np.zeros_like(verdict.state))),
         "roundness": lambda: replace(fit, residuals_hu=fit.residuals_hu + 150.0),
@@ -63,9 +71,9 @@ def test_every_test_can_fail_and_gives_its_reason(name: str, fit: BallFit) -> No
 
 
 def test_what_is_attached_to_more_than_a_post_leaves_a_round_rest(fit: BallFit) -> None:
-    on_skin = replace(fit.verdict, attached_share=0.12, round_share=0.85)
+    on_skin = replace(round_in(fit.verdict, 0.85), attached_share=0.12)
     assert TESTS["free"](evidence(replace(fit, verdict=on_skin))) is None
-    peg = replace(on_skin, round_share=0.65)
+    peg = round_in(on_skin, 0.65)
     assert TESTS["free"](evidence(replace(fit, verdict=peg))) == (
         "it goes on into something as bright, and 23% of its surface beside that is no sphere's, 14% allowed"
     )
@@ -89,8 +97,19 @@ def test_the_quick_look_sees_a_ball_and_not_its_flank() -> None:
 
 
 def test_thick_slices_must_show_more_of_a_sphere(fit: BallFit) -> None:
-    ragged = replace(fit, verdict=replace(fit.verdict, round_share=0.625))
+    ragged = replace(fit, verdict=round_in(fit.verdict, 0.625))
     assert TESTS["coverage"](evidence(ragged)) is None
     reason = TESTS["coverage"](replace(evidence(changed(ragged, WIDTH, 5.0)), thickness_mm=5.0))
     assert reason is not None
     assert "is a sphere's" in reason
+
+
+@pytest.mark.parametrize("noise_hu", [5.0, 40.0, 60.0])
+def test_noise_does_not_make_a_ball_ragged(noise_hu: float) -> None:
+    """In coarse voxels 40 HU move an edge by a tenth of a millimeter, so that a fifth of them lie elsewhere."""
+    stack = small_stack(matrix=52, spacing_mm=3.0)
+    volume = scan(balls([(1.0, 2.0, 3.0)], 10.0), stack, blur_mm=0.8, noise_hu=noise_hu)
+    fit = fit_place(Scan(volume), np.array([1.0, 2.0, 3.0]), 10.0)
+    assert fit.verdict.in_noise(noise_hu).round_share > 0.94
+    if noise_hu >= 40.0:
+        assert fit.verdict.round_share < 0.85

@@ -203,6 +203,20 @@ def test_a_small_plastic_ball_on_skin_is_found(diameter_mm: float, gap_mm: float
         assert error_mm @ np.linalg.solve(found.covariance_mm2, error_mm) < chi2.ppf(0.999, 3)
 
 
+def test_a_ball_on_skin_is_found_in_coarse_and_noisy_voxels() -> None:
+    """As PET/CT scans have them: 40 HU in pixels of 1.2 mm and slices of 3 mm."""
+    generator = np.random.default_rng(5)
+    for seed in range(4):
+        center, outward = generator.uniform(-0.5, 0.5, 3), np.array([0.5, -0.7, generator.uniform(-0.6, 0.6)])
+        outward /= np.linalg.norm(outward)
+        head = sphere(tuple(center - 75.0 * outward), 140.0)
+        scene = Scene((Part(head, "skin"),)) + balls([tuple(center)], 10.0)
+        volume = scan(scene, small_stack(matrix=52, spacing_mm=3.0), blur_mm=0.8, noise_hu=40.0, seed=seed)
+        found = localize(volume, diameter_mm=10.0, expected=1)[0]
+        error_mm = found.center_mm - center
+        assert error_mm @ np.linalg.solve(found.covariance_mm2, error_mm) < chi2.ppf(0.999, 3)
+
+
 @pytest.mark.parametrize("diameter_mm", [4.0, 6.0])
 def test_a_peg_with_a_round_end_is_no_ball_on_skin(diameter_mm: float) -> None:
     """It goes on to the skin as wide as its end, so that a ring of the surface is no sphere's."""
