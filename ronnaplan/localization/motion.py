@@ -44,6 +44,9 @@ odd and even slices; and places that differ with the direction of the edges, wit
 
 OF_SLICES = PATTERNS.index("third cos")
 ACROSS = PATTERNS.index("across cos") - OF_SLICES
+SIDEWAYS = [n for n, name in enumerate(PATTERNS[:OF_SLICES]) if " w " not in name]
+"""What differs from slice to slice within them; along w cone beams show as much where nothing moves."""
+
 SLICED_SHARE = 0.7
 """The first ones differ from slice to slice, which two or three slices do not tell from the shape of their profile:
 they are not looked for where that is wider than this share of the radius."""
@@ -67,6 +70,9 @@ fewer than one in two hundred are."""
 SHARED = 1.5
 """What is alike in all markers of a scan is less by this factor than what differs between them, in still scans."""
 
+ALIKE_LIMIT = 3.0
+"""A scan moved when `LEAST_TOGETHER` markers show one of `SIDEWAYS` to the same side, each by so many standard errors:
+in 28 still scans the third of them showed 2.4 at most, by a cone beam."""
 
 MEDIAN_SPREAD = 1.25
 """Standard error of a median over that of a mean. One marker that met a jump does not speak for the others."""
@@ -143,7 +149,10 @@ def _movement(fit: BallFit, products: FloatArray, squares: FloatArray, sums: Flo
 
 
 def suspected(movements: Sequence[Movement]) -> list[bool]:
-    """Whether each marker of a scan shows motion by itself, or all of them do together."""
+    """Whether each marker of a scan shows motion by itself, all of them do together, or some tell of all.
+
+    What several show alike is the head's: those above and below them were not scanned in one place.
+    """
     if len(movements) < LEAST_TOGETHER:
         return [one.statistic > LIMIT for one in movements]
     amplitudes = np.array([one.amplitudes_mm for one in movements])
@@ -151,7 +160,11 @@ def suspected(movements: Sequence[Movement]) -> list[bool]:
     told = np.isfinite(amplitudes).all(axis=0)
     middle = np.where(told, np.median(np.nan_to_num(amplitudes), axis=0), np.nan)
     spread = MEDIAN_SPREAD * np.sqrt(np.median(np.nan_to_num(errors**2), axis=0) / len(movements))
-    together = _largest(middle / np.hypot(spread, PATTERN_ERRORS_MM / SHARED)) > LIMIT
+    ratios = np.sort(np.nan_to_num(amplitudes[:, SIDEWAYS] / errors[:, SIDEWAYS]), axis=0)
+    together = (
+        _largest(middle / np.hypot(spread, PATTERN_ERRORS_MM / SHARED)) > LIMIT
+        or max(ratios[-LEAST_TOGETHER].max(), -ratios[LEAST_TOGETHER - 1].min()) > ALIKE_LIMIT
+    )
     return [together or one.statistic > LIMIT for one in movements]
 
 

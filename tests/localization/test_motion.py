@@ -11,6 +11,7 @@ from scipy import fft, ndimage
 from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import FiducialFlag, Fiducials, localize
+from ronnaplan.localization.motion import PATTERN_ERRORS_MM, PATTERNS, Movement, suspected
 from tests.scans import balls, scan, small_stack
 
 PLACES = np.array([(-18.0, -15.3, -6.2), (17.4, -14.0, 3.1), (1.2, 16.5, 7.3)])
@@ -82,3 +83,19 @@ def test_a_jump_within_one_half_turn_is_told_by_the_directions_of_the_edges() ->
     late = turn > 0.45
     spectrum = np.where(late, fft.fft2(after.voxels_hu.astype(float)), fft.fft2(still.voxels_hu.astype(float)))
     assert any(flags(replace(still, voxels_hu=np.round(fft.ifft2(spectrum).real).astype(np.int16))))
+
+
+def showing(pattern: str, errors: float) -> Movement:
+    """Return a marker that shows one pattern by so many standard errors, and no other."""
+    amplitudes_mm = np.where(np.array(PATTERNS) == pattern, errors * PATTERN_ERRORS_MM, 0.0)
+    return Movement(amplitudes_mm, np.zeros(len(PATTERNS)))
+
+
+def test_a_jump_that_three_markers_show_alike_is_told_by_all() -> None:
+    """Each by itself shows too little; markers above and below stood in two places, though they show nothing."""
+    still = [showing("drift u", 0.0)] * 3
+    some = [showing("jump u at +0.0", 3.2)] * 2
+    assert suspected([*still, *some, showing("jump u at +0.0", 3.2)]) == [True] * 6
+    assert suspected([*still, *some, showing("jump u at +0.0", -3.2)]) == [False] * 6
+    assert suspected([*still, *some]) == [False] * 5
+    assert suspected([*still, *[showing("jump w at +0.0", 3.2)] * 3]) == [False] * 6
