@@ -93,7 +93,8 @@ def begin(order: Order, tell: Tell) -> Begun:
     What the others need of the scan is gathered, so that it is gone when they are drawn, which takes room of its own.
     Raises `RefusedError` where files are gone that were received.
     """
-    gone = order.instances - len(_images(order))
+    images = sorted(order.folder.glob("*.dcm"))
+    gone = order.instances - len(images)
     if gone > 0:
         raise RefusedError(
             f"{gone} of its {order.instances} files are gone from the node's folder; send it again, then retry"
@@ -108,7 +109,7 @@ def begin(order: Order, tell: Tell) -> Begun:
     makers: dict[str, Callable[[], FileDataset]] = {}
     if wanted or not papers:
         with Scratch(order.output) as scratch:
-            reason, makers = _gather(order, wanted, tell, scratch)
+            reason, makers = _gather(order, images, wanted, tell, scratch)
     made_of = {paper: partial(object_of, paper, path, order.folder) for paper, path in papers.items()}
     return Begun(order, makers | made_of, reason)
 
@@ -126,7 +127,7 @@ def finish(begun: Begun, tell: Tell, give_way: Callable[[Begun], None]) -> None:
 
 
 def _gather(
-    order: Order, wanted: Sequence[AnswerKind], tell: Tell, scratch: Scratch
+    order: Order, images: list[Path], wanted: Sequence[AnswerKind], tell: Tell, scratch: Scratch
 ) -> tuple[str, dict[str, Callable[[], FileDataset]]]:
     """Return what was found, and what makes the answers but for the first, which is made at once."""
     volume, fiducials = _find(order, scratch)
@@ -136,7 +137,7 @@ def _gather(
 
     document = fiducials_document(fiducials)
     patient = patient_of_scan(order.folder, document.source)
-    found = Markers(document, patient, _images(order))
+    found = Markers(document, patient, images)
     if "fiducials" in wanted:
         _answer(order, "fiducials", partial(_fiducials, found), tell)
     from ronnaplan.case.folder import Case
@@ -151,10 +152,6 @@ def _gather(
         with _left_out(order, "pdf", tell):
             makers["pdf"] = partial(_report, drafted(Case(volume=volume, fiducials=document)), found)
     return f"{len(fiducials)} markers", makers
-
-
-def _images(order: Order) -> list[Path]:
-    return sorted(order.folder.glob("*.dcm"))
 
 
 def _papers(order: Order) -> dict[str, Path]:

@@ -44,22 +44,36 @@ off as the cosine, are not in the model, and show so."""
 
 
 @dataclass(frozen=True, eq=False)
-class Outline:
-    """One sphere-like outline."""
+class _Seen:
+    """Where a sphere is seen."""
 
     direction: FloatArray
     """Unit direction (3,) from the camera to the sphere's center, in the camera's own frame."""
     half_angle: float
     """Half the angle (rad) under which the sphere is seen."""
+
+    def distance_mm(self, diameter_mm: float) -> float:
+        """Return how far from the camera the center of a sphere of ``diameter_mm`` is."""
+        return float(diameter_mm / 2 / np.sin(self.half_angle))
+
+
+@dataclass(frozen=True, eq=False)
+class Cone(_Seen):
+    """A circular cone of rays that edges agree on: where a sphere's outline may be, to some pixels."""
+
+    rays: FloatArray
+    """Unit directions (N, 3) to the edges on it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outline(_Seen):
+    """One sphere-like outline."""
+
     points_px: FloatArray
     """The outline points (N, 2) that the fit used."""
     lights: Lights
     """Where the sphere is in each light that may fall on it, with covariances; direction and half-angle are those of
     all."""
-
-    def distance_mm(self, diameter_mm: float) -> float:
-        """Return how far the center of a sphere of ``diameter_mm`` is."""
-        return float(diameter_mm / 2 / np.sin(self.half_angle))
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,22 +84,6 @@ class _Judged:
     """Sectors (S) that know their edge."""
     excess: float
     """By so much their errors are larger than the noise alone makes them, squared; at least 1."""
-
-
-@dataclass(frozen=True, eq=False)
-class Cone:
-    """A circular cone of rays that edges agree on: where a sphere's outline may be, to some pixels."""
-
-    direction: FloatArray
-    """Unit direction (3,) of its axis, in the camera's own frame."""
-    half_angle: float
-    """rad."""
-    rays: FloatArray
-    """Unit directions (N, 3) to the edges on it."""
-
-    def distance_mm(self, diameter_mm: float) -> float:
-        """Return how far the center of a sphere of ``diameter_mm`` is."""
-        return float(diameter_mm / 2 / np.sin(self.half_angle))
 
 
 def find_outlines(image: Image, camera: Camera, lamp_sd_deg: float = SIGMA_LAMP_DEG) -> list[Outline]:
