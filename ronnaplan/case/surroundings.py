@@ -71,6 +71,11 @@ class Judgement:
         """The verdicts that do not pass."""
         return tuple(verdict for verdict in self.verdicts if not verdict.passes)
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Reasons to doubt the measures, one sentence each."""
+        return self.measures.doubts if self.measures else ()
+
 
 class Terrain:
     """What does not change while a case is open: the head in its scan, metal and no-go regions."""

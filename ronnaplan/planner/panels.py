@@ -79,10 +79,7 @@ def chosen_path(state: PlannerState, judged: Judgement | None) -> dict[str, Any]
         "target": one.target_mm.round(3).tolist(),
         "problem": judged.problem,
         "spoken": "" if state.case.dragging else _spoken(one.name, judged),
-        "doubts": [
-            *state.case.surroundings.doubts,
-            *(judged.measures.doubts if judged.measures else ()),
-        ],
+        "doubts": [*state.case.surroundings.doubts, *judged.doubts],
         "measures": shape_rows(judged.measures) if judged.measures else [],
         "errors": error_table(judged.measures) if judged.measures else [],
         "verdicts": [
@@ -105,7 +102,7 @@ def _spoken(name: str, judged: Judgement) -> str:
     broken = ", ".join(verdict.measure for verdict in judged.broken)
     kept = f"breaks {len(judged.broken)} of {len(judged.verdicts)} limits: {broken}"
     kept = kept if broken else f"keeps all {len(judged.verdicts)} limits"
-    return "; ".join([f"{name} {kept}", *(judged.measures.doubts if judged.measures else ())])
+    return "; ".join([f"{name} {kept}", *judged.doubts])
 
 
 def registration_panel(state: PlannerState) -> dict[str, Any]:

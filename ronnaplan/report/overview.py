@@ -103,11 +103,15 @@ def _head(seen: View, *, turns: bool) -> str:
 def _row(case: Case, judged: Judgement, name: str) -> list[str]:
     assert case.plan is not None
     length = number(case.plan.trajectory(name).length_mm, 1)
-    verdict = "not judged"
-    if not judged.problem:
-        broken = len(judged.broken)
-        verdict = f"FAIL: {broken} of {len(judged.verdicts)}" if broken else f"{len(judged.verdicts)} kept"
-    return [name, length, *_angles(judged.measures), *_errors(judged.measures), verdict]
+    return [name, length, *_angles(judged.measures), *_errors(judged.measures), _verdict(judged)]
+
+
+def _verdict(judged: Judgement) -> str:
+    if judged.problem:
+        return "not judged"
+    broken, count = len(judged.broken), len(judged.verdicts)
+    kept = f"FAIL: {broken} of {count}" if broken else f"{count} kept"
+    return f"{kept}, doubted" if judged.doubts else kept
 
 
 def _angles(one: Measures | None) -> tuple[str, str]:

@@ -61,7 +61,7 @@ def paths_part(case: Case) -> Part:
         else:
             look = "path measured"
             body += _measured(case.volume, judged.measures, judged.verdicts)
-            part.warnings.extend(f"trajectory {trajectory.name}: {doubt}" for doubt in judged.measures.doubts)
+        part.warnings.extend(f"trajectory {trajectory.name}: {doubt}" for doubt in judged.doubts)
         part.warnings.extend(map(_fault, judged.broken))
         pieces.append(f'<div class="{look}">{"".join(body)}</div>')
     measured = [judged.measures for judged in judgements if judged.measures is not None]

@@ -128,7 +128,9 @@ def test_an_entry_deep_beneath_the_scalp_is_doubted_by_every_face(
     assert said in chosen_path(state, judged)["spoken"]
     assert main(["plan", "check", path, *named(folder)]) == 0
     assert f"warning: left: {said}" in capsys.readouterr().err
-    assert f"<li>trajectory left: {said}" in report(folder)
+    page = report(folder)
+    assert f"<li>trajectory left: {said}" in page
+    assert f"<td>{len(judged.verdicts)} kept, doubted</td>" in page
 
 
 def test_the_planner_tells_what_was_left_out_of_the_readings_it_loads(folder: Path) -> None:
