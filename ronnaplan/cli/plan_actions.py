@@ -29,16 +29,21 @@ def run_new(arguments: argparse.Namespace) -> int:
 def run_add(arguments: argparse.Namespace) -> int:
     """Add a trajectory."""
     from ronnaplan.planning import Trajectory
-    from ronnaplan.planning.trajectory import next_colour
 
     entry_mm, target_mm = (_lps(place, arguments.coordinates) for place in (arguments.entry, arguments.target))
     instrument = _instrument(arguments) or Trajectory.instrument
     options = _electrode(arguments)
 
     def add(plan: Plan) -> Plan:
-        colour, notes = arguments.colour or next_colour(len(plan.trajectories)), arguments.notes or ""
         added = Trajectory(
-            arguments.name, entry_mm, target_mm, plan.frame, instrument, colour=colour, notes=notes, **options
+            arguments.name,
+            entry_mm,
+            target_mm,
+            plan.frame,
+            instrument,
+            arguments.colour or "",
+            notes=arguments.notes or "",
+            **options,
         )
         return plan.add(added)
 

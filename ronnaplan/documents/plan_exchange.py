@@ -189,12 +189,10 @@ def _from_line(
         raise InputError(
             f"the points of line {name} are not labelled entry and target; state which of them comes first"
         )
-    colour = line.display.selectedColor
-    shown: dict[str, Any] = (
-        {"colour": "#" + "".join(f"{round(255 * part):02x}" for part in colour)} if colour else {}
-    )
+    shade = line.display.selectedColor
+    colour = "#" + "".join(f"{round(255 * part):02x}" for part in shade) if shade else ""
     entry_mm, target_mm = line.positions_mm[1 - target], line.positions_mm[target]
-    return Trajectory(name, entry_mm, target_mm, frame, instrument, locked=line.locked, **shown)
+    return Trajectory(name, entry_mm, target_mm, frame, instrument, colour, line.locked)
 
 
 def _from_row(
@@ -224,16 +222,14 @@ def _from_row(
     if locked not in LOCKED:
         raise InputError(f"{place} says '{locked}' under locked; expected yes or no")
     entry, target = to_lps(places, stated)
-    options: dict[str, Any] = {"colour": row["colour"]} if row.get("colour") else {}
-    if row.get("electrode"):
-        options["electrode"] = electrode_named(unescaped(row["electrode"]))
     return Trajectory(
         unescaped(row["name"]),
         entry,
         target,
         frame,
         instrument,
-        locked=LOCKED[locked],
-        notes=unescaped(row.get("notes", "")),
-        **options,
+        row.get("colour") or "",
+        LOCKED[locked],
+        unescaped(row.get("notes", "")),
+        electrode_named(unescaped(row["electrode"])) if row.get("electrode") else None,
     )

@@ -24,7 +24,6 @@ from ronnaplan.planner.second import Second
 from ronnaplan.planner.storage import PlacedImage, Storage
 from ronnaplan.planner.worker import Job, Start
 from ronnaplan.planning import Landmarks, Ruler, Trajectory
-from ronnaplan.planning.trajectory import next_colour
 
 LANDMARKS = ("AC", "PC", "midline")
 
@@ -99,7 +98,7 @@ class PlannerState:
         plan = self.case.plan
         taken = {one.name for one in plan.trajectories}
         free = next(f"T{n}" for n in range(1, len(taken) + 2) if f"T{n}" not in taken)
-        added = Trajectory(name or free, entry_mm, target_mm, plan.frame, colour=next_colour(len(taken)))
+        added = Trajectory(name or free, entry_mm, target_mm, plan.frame)
         self.case.add(added)
         self.look.select(added.name)
         return added.name

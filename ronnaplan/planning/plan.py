@@ -14,7 +14,7 @@ from ronnaplan.display import Shown, coordinates, head_in_3d
 from ronnaplan.errors import FrameMismatchError, InputError, check_type
 from ronnaplan.geometry import FloatArray, Frame, Points, as_points
 from ronnaplan.planning.rulers import Ruler
-from ronnaplan.planning.trajectory import Trajectory
+from ronnaplan.planning.trajectory import Trajectory, next_colour
 
 if TYPE_CHECKING:
     from ronnaplan.figures import Picture
@@ -65,7 +65,8 @@ class Plan(Shown[Trajectory]):
     """Trajectories of one scan, a sequence of them. Every method returns a new plan; nothing is changed in place.
 
     ``history`` holds the changes in order; ``undone`` those taken back, the latest last. ``revision`` counts all
-    changes ever made, those that take back or make again among them.
+    changes ever made, those that take back or make again among them. A trajectory without a colour gets
+    that of its place.
     """
 
     source: SeriesSource
@@ -76,6 +77,10 @@ class Plan(Shown[Trajectory]):
     undone: tuple[Change, ...] = ()
     revision: int = 0
     rulers: tuple[Ruler, ...] = ()
+
+    def __post_init__(self) -> None:
+        coloured = tuple(_coloured(one, index) for index, one in enumerate(self.trajectories))
+        object.__setattr__(self, "trajectories", coloured)
 
     @classmethod
     def of_scan(cls, volume: CTVolume) -> Plan:
@@ -170,12 +175,13 @@ class Plan(Shown[Trajectory]):
             trajectory, Trajectory, "what is added", "make it with Trajectory(name, entry_mm, target_mm, frame)"
         )
         self._check_new(trajectory, ())
-        return self._changed("add", len(self.trajectories), None, trajectory)
+        index = len(self.trajectories)
+        return self._changed("add", index, None, _coloured(trajectory, index))
 
     def edit(self, name: str, /, **changes: Any) -> Plan:
         """Return the plan with fields of a trajectory replaced; a locked one is refused (`InputError`)."""
         index = self._unlocked(name)
-        edited = replace(self.trajectories[index], **changes)
+        edited = _coloured(replace(self.trajectories[index], **changes), index)
         self._check_new(edited, (name,))
         return self._changed("edit", index, self.trajectories[index], edited)
 
@@ -269,6 +275,11 @@ def _exchanged(items: Sequence[One], change: Change, kind: type[One]) -> tuple[O
         assert isinstance(change.after, kind)
         kept.insert(change.index, change.after)
     return tuple(kept)
+
+
+def _coloured(trajectory: Trajectory, index: int) -> Trajectory:
+    """Return a trajectory with the colour of the one at ``index``, if it has none."""
+    return trajectory if trajectory.colour else replace(trajectory, colour=next_colour(index))
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -21,11 +21,12 @@ COLOUR = re.compile(r"#[0-9a-f]{6}")
 
 
 COLOURS = ("#2dd4a7", "#f0e442", "#f28ac8", "#7c9cff", "#e6edf3")
-"""Given to new trajectories in turn: told apart by colour-blind eyes, none of them the markers' or the crosshair's."""
+"""A plan gives them to its trajectories in turn: told apart by colour-blind eyes, none of them the markers' or the
+crosshair's."""
 
 
 def next_colour(number: int) -> str:
-    """Return the color of a plan's trajectory after ``number`` others."""
+    """Return the colour of a plan's trajectory after ``number`` others."""
     return COLOURS[number % len(COLOURS)]
 
 
@@ -77,7 +78,8 @@ def instrument_named(name: str) -> Instrument:
 class Trajectory:
     """A straight path from ``entry_mm`` (3,), at the scalp, to ``target_mm`` (3,), LPS mm in ``frame``.
 
-    ``instrument`` goes along it; ``electrode`` is what stays there, its tip at the target.
+    ``instrument`` goes along it; ``electrode`` is what stays there, its tip at the target. Without a ``colour``
+    it gets that of its place in the plan that it is added to.
 
     Raises `InputError` for points that are not finite or nearer than `SHORTEST_PATH_MM`, an empty name, or a
     colour that is not ``#rrggbb``.
@@ -88,7 +90,7 @@ class Trajectory:
     target_mm: FloatArray
     frame: Frame = field(default_factory=lambda: Frame("CT"))
     instrument: Instrument = INSTRUMENTS["pointer"]
-    colour: str = COLOURS[0]
+    colour: str = ""
     locked: bool = False
     notes: str = ""
     electrode: Electrode | None = None
@@ -112,7 +114,7 @@ class Trajectory:
             raise InputError(
                 f"entry and target of {self.name} are {self.length_mm:.2f} mm apart; expected two different points"
             )
-        if not COLOUR.fullmatch(self.colour):
+        if self.colour and not COLOUR.fullmatch(self.colour):
             raise InputError(f"colour {self.colour!r} of {self.name} is not of the form #rrggbb (lower case)")
 
     @property

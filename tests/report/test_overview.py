@@ -6,6 +6,7 @@ import numpy as np
 
 from ronnaplan.geometry import Frame
 from ronnaplan.planning import Trajectory
+from ronnaplan.planning.trajectory import COLOURS
 from ronnaplan.report.overview import SHAPE, named_figure
 from ronnaplan.scene.camera import Camera
 
@@ -15,7 +16,9 @@ CAMERA = Camera(np.array([0.0, -400.0, 0.0]), np.zeros(3))
 
 def path(name: str, x_mm: float, z_mm: float) -> Trajectory:
     """A path into the head from in front."""
-    return Trajectory(name, np.array([x_mm, -80.0, z_mm]), np.array([x_mm / 2, 0.0, 0.0]), FRAME)
+    return Trajectory(
+        name, np.array([x_mm, -80.0, z_mm]), np.array([x_mm / 2, 0.0, 0.0]), FRAME, colour=COLOURS[0]
+    )
 
 
 def test_no_name_in_the_still_covers_another_nor_leaves_it() -> None:
