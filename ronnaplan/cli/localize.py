@@ -39,7 +39,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="MM",
         help="diameter of the markers, several as 11.5,5 or one after another, or 'auto'; repeatable",
     )
-    parser.add_argument("--expected", type=whole(), metavar="N", help="refuse (exit 3) unless N markers are found")
+    parser.add_argument(
+        "--expected", type=whole(0), metavar="N", help="refuse (exit 3) unless N markers are found"
+    )
     parser.add_argument(
         "--marker",
         default="solid",

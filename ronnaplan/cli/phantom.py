@@ -43,7 +43,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default="projection",
         help="full physics (default), or the quick renderer without streaks",
     )
-    parser.add_argument("--seed", type=whole(), metavar="N", help="seed of the noise, and of random-patient")
+    parser.add_argument("--seed", type=whole(0), metavar="N", help="seed of the noise, and of random-patient")
     parser.add_argument("--kernel", metavar="NAME", help="reconstruction kernel, from very soft to strong edge")
     parser.add_argument("--matrix", type=whole(), metavar="N", help="pixels along each edge of the image")
     for name, (option, text) in {**STACK_OPTIONS, **SCANNER_OPTIONS}.items():
@@ -63,8 +63,6 @@ def run(arguments: argparse.Namespace) -> int:
 
     if not arguments.list and not (arguments.scene and arguments.output):
         raise UsageError("a scene and -o DIR are needed (see 'ronnaplan phantom --list' for ready-made scenes)")
-    if arguments.seed is not None and arguments.seed < 0:
-        raise UsageError(f"the seed is {arguments.seed}; expected zero or more")
     try:
         return _list() if arguments.list else _make(arguments)
     except PhantomError as error:

@@ -149,7 +149,12 @@ def configure_markers(parser: argparse.ArgumentParser) -> None:
     _with_scan(parser)
     parser.add_argument("--count", type=whole(3), required=True, metavar="N", help="markers to place")
     parser.add_argument(
-        "--target", nargs=3, type=number, action="append", metavar=("X", "Y", "Z"), help="another target; repeat"
+        "--target",
+        nargs=3,
+        type=number,
+        action="append",
+        metavar=("X", "Y", "Z"),
+        help="another target; repeatable",
     )
     parser.add_argument("--coordinates", choices=("LPS", "RAS"), help="the system of the targets given")
     parser.add_argument("--tracker", choices=tuple(SIDES), help="side of the head on which the tracker stands")

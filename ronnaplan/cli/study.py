@@ -26,37 +26,30 @@ def configure(parser: argparse.ArgumentParser) -> None:
     for name, study in STUDIES.items():
         sub = studies.add_parser(name, help=study.help, description=study.help)
         sub.add_argument("-o", "--output", type=Path, default=Path(f"study-{name}"), metavar="FOLDER")
-        sub.add_argument("--seed", type=whole(), default=2018, help="the results depend on it and on nothing else")
-        sub.add_argument("--workers", type=whole(), metavar="N", help="threads; default: all cores")
+        sub.add_argument(
+            "--seed", type=whole(0), default=2018, help="the results depend on it and on nothing else"
+        )
+        sub.add_argument("--workers", type=whole(1), metavar="N", help="threads; default: all cores")
         sub.add_argument("--scheduler", metavar="ADDRESS", help="run on this Dask cluster (ronnaplan[cluster])")
         study.configure(sub)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the chosen study."""
-    from ronnaplan.errors import UsageError
-
-    if arguments.workers is not None and arguments.workers < 1:
-        raise UsageError(f"--workers is {arguments.workers}; expected at least 1")
-    if arguments.seed < 0:
-        raise UsageError(f"--seed is {arguments.seed}; expected zero or more")
     return STUDIES[arguments.study].run(arguments)
 
 
 def _configure_simulation(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--tests", type=whole(), default=10_000, help="tests a cell (default %(default)s)")
+    parser.add_argument("--tests", type=whole(1), default=10_000, help="tests a cell (default %(default)s)")
     parser.add_argument(
         "--protocol-only", action="store_true", help="leave out the cells beyond the paper's protocol"
     )
 
 
 def _run_simulation(arguments: argparse.Namespace) -> int:
-    from ronnaplan.errors import UsageError
     from ronnaplan.studies.simulation import run_simulation
     from ronnaplan.studies.tables import tables
 
-    if arguments.tests < 1:
-        raise UsageError(f"--tests is {arguments.tests}; expected at least 1")
     by_cell = run_simulation(
         arguments.output,
         arguments.tests,
@@ -80,15 +73,12 @@ def _run_tracking(arguments: argparse.Namespace) -> int:
 
 
 def _configure_chain(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--sessions", type=whole(), default=400, help="sessions a scan (default %(default)s)")
+    parser.add_argument("--sessions", type=whole(1), default=400, help="sessions a scan (default %(default)s)")
 
 
 def _run_chain(arguments: argparse.Namespace) -> int:
-    from ronnaplan.errors import UsageError
     from ronnaplan.studies.chain import chain_table, run_chain
 
-    if arguments.sessions < 1:
-        raise UsageError(f"--sessions is {arguments.sessions}; expected at least 1")
     rows = run_chain(
         arguments.output,
         arguments.sessions,

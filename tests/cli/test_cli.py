@@ -206,6 +206,14 @@ def test_the_demo_says_how_the_command_is_found_only_where_it_is_not(
     assert demo._first() == ""
 
 
+def test_fewer_than_no_markers_are_expected_of_no_scan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Told before any scan is read: this one is not there."""
+    call = ["localize", str(tmp_path / "none"), "--diameter", "auto", "--expected", "-1"]
+    status, _, err = run(call, capsys)
+    assert status == 2
+    assert "--expected: -1 is out of range" in err
+
+
 def test_a_batch_goes_on_after_a_bad_scan(
     ct_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pydicom
 import pytest
 
-from ronnaplan.cli import phantom
+from ronnaplan.cli import main, phantom
 from ronnaplan.errors import InputError, UsageError
 
 
@@ -88,8 +88,11 @@ def test_bad_input_is_one_sentence_and_writes_nothing(tmp_path: Path, arguments:
 def test_scene_and_folder_are_both_needed() -> None:
     with pytest.raises(UsageError, match="a scene and -o DIR are needed"):
         run("patient-3")
-    with pytest.raises(UsageError, match="seed is -1"):
-        run("patient-3", "-o", "x", "--seed", "-1")
+
+
+def test_a_seed_below_zero_is_wrong_usage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["phantom", "patient-3", "-o", str(tmp_path / "x"), "--seed", "-1"]) == 2
+    assert "--seed: -1 is out of range" in capsys.readouterr().err
 
 
 def test_a_foreign_folder_is_left_alone(tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ronnaplan.cli import main
 from ronnaplan.geometry import Frame, Points
 from ronnaplan.registration import register_points
 from ronnaplan.studies import chain
@@ -50,8 +49,3 @@ def test_the_shares_of_both_sides_make_the_whole_covariance() -> None:
     registration = register_points(MARKERS, MARKERS + rng.normal(size=MARKERS.shape) * 0.1, (both[0], both[1]))
     moving, fixed = chain._shares(registration)
     np.testing.assert_allclose(moving + fixed, registration.pose.covariance, rtol=1e-6, atol=1e-9)
-
-
-def test_no_sessions_is_wrong_usage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["study", "chain", "--sessions", "0", "-o", str(tmp_path)]) == 2
-    assert "--sessions is 0" in capsys.readouterr().err
