@@ -3,8 +3,10 @@
     python -m benchmarks.scale_prior [--tests N] [--seed N] [-o docs/images/correspondence_scale.png]
 
 Every pairing of a test is weighed at each scale of the errors; then rules decide on the same tests: a prior of the
-scale and a level each, and one that knows what it is judged by: the likelihood as stated of the best pairing against
-that of the others were the errors four times as large. What ``match_points`` looks at more closely is not counted.
+scale and a level each, one that knows what it is judged by (the likelihood as stated of the best pairing against that
+of the others were the errors four times as large), and the matcher's: its prior at 0.99, and the best has to stand
+against the others at four times (`MOST_ODDS_IF_LARGER`, the dot).  What ``match_points`` looks at more closely is not
+counted.
 """
 
 from __future__ import annotations
@@ -12,13 +14,15 @@ from __future__ import annotations
 import argparse
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ronnaplan.correspondence.evidence import SCALE_PRIORS, SCALES, filled_volume, log_misfit
+from ronnaplan.correspondence.evidence import MOST_ODDS_IF_LARGER, SCALE_PRIORS, SCALES, filled_volume, log_misfit
 from ronnaplan.correspondence.exact import LISTED_NATS, search
+from ronnaplan.correspondence.pairing import LEAST_PROBABILITY
 from ronnaplan.correspondence.priors import size_priors
-from ronnaplan.correspondence.rivals import chi2_of
 from ronnaplan.correspondence.told import Told
 from ronnaplan.geometry import FloatArray
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
@@ -27,13 +31,17 @@ from ronnaplan.studies.plots import new_figure, save
 from ronnaplan.studies.scenes import simulate_scenes
 
 MARKERS, OUTLIERS = 3, (0, 2, 4)
-TRUE_SCALES = (1.0, 2.0, 4.0)
 WEIGHED = (0.5, 2**-0.5, 1.0, 2**0.5, 2.0, 8**0.5, 4.0)
 LEVELS = 1.0 - np.geomspace(0.2, 2e-4, 31)
-SHOWN = (0.98, 0.99, 0.995)
+SHOWN = {f"{level:g}": level for level in (0.98, 0.99, 0.995)}
 GOAL, LEAST_DRAWN = 0.05, 0.015
 """Of the answers, percent: the goal, and what so many tests can tell."""
-Tests = list[tuple[FloatArray, FloatArray]]
+
+BoolArray = NDArray[np.bool_]
+Judged = dict[float, tuple[FloatArray, BoolArray]]
+"""Of each true scale what `judge` returns."""
+
+Tests = list[tuple[FloatArray, BoolArray]]
 """Of each test the log evidence of every pairing at each of `WEIGHED` (L, S), and which is right (L,)."""
 
 
@@ -49,9 +57,12 @@ RULES = {
     "log-uniform": (on(dict.fromkeys(WEIGHED, 1 / len(WEIGHED))),) * 2,
     "the matcher's prior": (MATCHER, MATCHER),
     "the best as stated, others four times": (on({0.5: 0.15, 1.0: 0.85}), on({1.0: 0.3, 4.0: 0.7})),
-    "others weighed with 4 x the prior at four times": (MATCHER, on({0.5: 0.1, 1.0: 0.5, 2.0: 0.2, 4.0: 1.0})),
 }
 """Weights of the scales for the best pairing, and for all others."""
+
+BOTH = "the matcher's prior at 0.99, and others at four times"
+ODDS_OF_BOTH = {f"1/{against}": against / (1.0 + against) for against in (25, 40, 50, 75, 100, 150)}
+"""Of the others at four times, at most, as levels; 0.99 refuses already where they have 1/25."""
 
 
 def main() -> None:
@@ -62,33 +73,41 @@ def main() -> None:
     parser.add_argument("-o", type=Path, default=Path("correspondence_scale.png"), metavar="PNG")
     arguments = parser.parse_args()
     figure, axes = new_figure(1, len(OUTLIERS), 11.0, 4.0)
-    lines = [
-        "| markers + outliers | rule, level | refused, errors as stated | wrong, as stated, twice, four times |",
-        "|---|---|---|---|",
-    ]
+    print(
+        "| markers + outliers | rule, level | refused, errors as stated | wrong of the answers, half to four times |"
+    )
+    print("|---|---|---|---|")
     for axis, outliers in zip(np.ravel(axes), OUTLIERS, strict=True):
-        cells, background = {}, 0.0
-        for scale in TRUE_SCALES:
-            cells[scale], background = weighed_tests(outliers, scale, arguments.tests, arguments.seed)
+        cells = {scale: weighed_tests(outliers, scale, arguments.tests, arguments.seed) for scale in SCALES}
         for name, weights in RULES.items():
-            judged = {scale: judge(tests, background, *weights) for scale, tests in cells.items()}
-            refused, wrong = (
-                np.array(share) for share in zip(*(rates(judged, level) for level in LEVELS), strict=True)
-            )
-            axis.plot(refused, np.where(wrong[:, -1] > LEAST_DRAWN, wrong[:, -1], np.nan), label=name, lw=1.5)
-            for level in SHOWN:
-                share, errors = rates(judged, level)
-                shown = ", ".join(f"{error:.3f}" for error in errors)
-                lines.append(f"| {MARKERS} + {outliers} | {name}, {level:g} | {share:.1f} | {shown} |")
-                if name == "the matcher's prior" and level == 0.99:
-                    axis.plot(share, max(errors[-1], 1e-3), "ko", ms=7, zorder=5)
+            judged = {scale: judge(*tests, *weights) for scale, tests in cells.items()}
+            draw(axis, name, judged, LEVELS)
+            write(outliers, name, judged, SHOWN)
+        both = {scale: judge_both(*tests) for scale, tests in cells.items()}
+        draw(axis, BOTH, both, 1.0 / (1.0 + np.geomspace(0.04, 0.002, 31)))
+        write(outliers, BOTH, both, ODDS_OF_BOTH)
+        share, errors = rates(both, 1.0 / (1.0 + MOST_ODDS_IF_LARGER))
+        axis.plot(share, max(errors[-1], 1e-3), "ko", ms=7, zorder=5)
         axis.axhline(GOAL, color="0.6", ls=":", lw=1)
         axis.set(title=f"{MARKERS} markers + {outliers} outliers", yscale="log", xlim=(0, 40), ylim=(1e-2, 30))
         axis.set_xlabel("refused, errors as stated, %")
     np.ravel(axes)[0].set_ylabel("wrong of the answers, errors four times, %")
-    np.ravel(axes)[0].legend(fontsize=7, loc="upper right")
+    figure.legend(*np.ravel(axes)[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
     save(figure, arguments.o)
-    print("\n".join(lines))
+
+
+def draw(axis: Any, name: str, judged: Judged, levels: FloatArray) -> None:
+    """Draw what a rule refuses and gets wrong over its levels."""
+    refused, wrong = (np.array(share) for share in zip(*(rates(judged, level) for level in levels), strict=True))
+    axis.plot(refused, np.where(wrong[:, -1] > LEAST_DRAWN, wrong[:, -1], np.nan), label=name, lw=1.5)
+
+
+def write(outliers: int, name: str, judged: Judged, levels: dict[str, float]) -> None:
+    """Print a row of the table for each level."""
+    for text, level in levels.items():
+        share, errors = rates(judged, level)
+        shown = ", ".join(f"{error:.3f}" for error in errors)
+        print(f"| {MARKERS} + {outliers} | {name}, {text} | {share:.1f} | {shown} |", flush=True)
 
 
 def weighed_tests(outliers: int, scale: float, tests: int, seed: int) -> tuple[Tests, float]:
@@ -103,9 +122,8 @@ def weighed_tests(outliers: int, scale: float, tests: int, seed: int) -> tuple[T
         scenes = simulate_scenes(rng, layout, tests // len(HEADS_MM), MARKERS, outliers, noise=scale)
         for ct, ots, partner in zip(scenes.ct, scenes.ots, scenes.partner, strict=True):
             own = constants + (np.arange(len(constants)) - 1.0) * math.log(filled_volume(ct, ots))
-            evidence, partners, _ = search(ct, ots, weight, node, own, known, spread, LISTED_NATS, -np.inf)
+            evidence, chi2, partners, _ = search(ct, ots, weight, node, own, known, spread, LISTED_NATS, -np.inf)
             sizes = (partners >= 0).sum(axis=1)
-            chi2 = np.array([chi2_of(ct, ots, weight, one, spread) for one in partners])
             base = evidence - [log_misfit(square, size) for square, size in zip(chi2, sizes, strict=True)]
             at = np.array(WEIGHED)
             freedom = 3.0 * sizes[:, None] - 6.0
@@ -114,7 +132,7 @@ def weighed_tests(outliers: int, scale: float, tests: int, seed: int) -> tuple[T
     return found, background
 
 
-def judge(tests: Tests, background: float, best: FloatArray, others: FloatArray) -> tuple[FloatArray, FloatArray]:
+def judge(tests: Tests, background: float, best: FloatArray, others: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Return the probability (T,) of each test's best pairing under a rule, and whether it is right (T,)."""
     odds, right = np.full(len(tests), -np.inf), np.zeros(len(tests), dtype=bool)
     for t, (evidence, is_right) in enumerate(tests):
@@ -127,7 +145,14 @@ def judge(tests: Tests, background: float, best: FloatArray, others: FloatArray)
     return 1.0 / (1.0 + np.exp(-np.clip(odds, -700, 700))), right
 
 
-def rates(judged: dict[float, tuple[FloatArray, FloatArray]], level: float) -> tuple[float, list[float]]:
+def judge_both(tests: Tests, background: float) -> tuple[FloatArray, BoolArray]:
+    """Return what `judge` does, of others at four times only; 0 where the matcher's prior refuses already."""
+    probability = judge(tests, background, MATCHER, MATCHER)[0]
+    against_larger, right = judge(tests, -np.inf, MATCHER, on({SCALES[-1]: 1.0}))
+    return np.where(probability >= LEAST_PROBABILITY, against_larger, 0.0), right
+
+
+def rates(judged: Judged, level: float) -> tuple[float, list[float]]:
     """Return the share refused where errors are as stated, and of the answers the wrong at each scale, in percent."""
     refused = 100.0 * float((judged[1.0][0] < level).mean())
     wrong = [

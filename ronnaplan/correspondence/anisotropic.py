@@ -12,21 +12,23 @@ from ronnaplan.pose import point_jacobian, transform_points
 from ronnaplan.rigid import fit_likelihood
 
 
-def anisotropic_log_evidence(problem: Problem, partners: IntArray, constants: FloatArray) -> FloatArray:
-    """Return the log evidence (L,) of pairings given as the OTS partner of each CT point (L, n)."""
+def anisotropic_log_evidence(
+    problem: Problem, partners: IntArray, constants: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the log evidence (L,) and the chi^2 (L,) of pairings given as the OTS partner of each CT point (L, n)."""
     ct_mm2, ots_mm2 = problem.ct_errors.full(), problem.ots_errors.full()
-    result = np.empty(len(partners))
+    log_evidence, chi2 = np.empty(len(partners)), np.empty(len(partners))
     sizes = (partners >= 0).sum(axis=1)
     for size in np.unique(sizes):
         alike = np.flatnonzero(sizes == size)
         i = np.nonzero(partners[alike] >= 0)[1].reshape(-1, size)
         j = np.take_along_axis(partners[alike], i, axis=1)
         ct = problem.ct[i]
-        chi2, volume = fit_anisotropic(ct, problem.ots[j], ct_mm2[i], ots_mm2[j])
+        chi2[alike], volume = fit_anisotropic(ct, problem.ots[j], ct_mm2[i], ots_mm2[j])
         scatter = ((ct - ct.mean(axis=1, keepdims=True)) ** 2).sum(axis=(1, 2))
-        misfit = np.array([log_misfit(one, size) for one in chi2])
-        result[alike] = constants[size] + volume - 0.5 * scatter / problem.spread_mm**2 + misfit
-    return result
+        misfit = np.array([log_misfit(one, size) for one in chi2[alike]])
+        log_evidence[alike] = constants[size] + volume - 0.5 * scatter / problem.spread_mm**2 + misfit
+    return log_evidence, chi2
 
 
 def fit_anisotropic(

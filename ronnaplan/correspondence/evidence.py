@@ -44,6 +44,15 @@ more often; with more, three markers with honest errors are refused more often (
 ROTATION_PRECISION = 1.0 / (2.0 * math.pi)
 """Added to the information on the rotation (rad^-2): no axis is less certain than a full turn."""
 
+FEW_PAIRS = 3
+MOST_ODDS_IF_LARGER = 1.0 / 50.0
+"""So few pairs have to stand against errors of the largest of `SCALES`, too: what pairs otherwise has these odds to
+them at most were it certain that its errors are so large.
+
+Where all errors are, a wrong pairing that happens to fit as if they were not passes by the posterior alone: three pairs
+say too little of the scale.  Of more, their residuals tell it.  Smaller odds let fewer wrong answers pass where errors
+are so large, and refuse more where they are as stated: `benchmarks/scale_prior.py` has both."""
+
 AS_WELL_SIGMAS = 3.7
 """A rival fits as well as the best where its residuals would be as large in more than 1 in 10,000 cases."""
 
@@ -64,12 +73,17 @@ def filled_volume(ct: FloatArray, ots: FloatArray) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def log_misfit_at(chi2: float, size: int, scale: float) -> float:
+    """Return the log likelihood of a fit's chi^2 were the errors ``scale`` times as large as stated."""
+    return -(3.0 * size - 6.0) * math.log(scale) - 0.5 * chi2 / (scale * scale)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def log_misfit(chi2: float, size: int) -> float:
     """Return the log likelihood of a fit's chi^2, the scale of the errors integrated out over its prior."""
-    freedom = 3.0 * size - 6.0
     top, total = -np.inf, 0.0
     for a in range(len(SCALES)):
-        here = math.log(SCALE_PRIORS[a]) - freedom * math.log(SCALES[a]) - 0.5 * chi2 / (SCALES[a] * SCALES[a])
+        here = math.log(SCALE_PRIORS[a]) + log_misfit_at(chi2, size, SCALES[a])
         if here > top:
             total = total * math.exp(top - here) + 1.0
             top = here

@@ -134,12 +134,12 @@ def count_rows(bits: NDArray[np.uint64], node_i: IntArray, seen: NDArray[np.bool
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def keep_listed(log_evidence: FloatArray, partners: NDArray[np.int16], floor: float) -> int:
+def keep_listed(log_evidence: FloatArray, chi2: FloatArray, partners: NDArray[np.int16], floor: float) -> int:
     """Move the entries above ``floor`` to the front; return their number."""
     kept = 0
     for a in range(len(log_evidence)):
         if log_evidence[a] >= floor:
-            log_evidence[kept] = log_evidence[a]
+            log_evidence[kept], chi2[kept] = log_evidence[a], chi2[a]
             partners[kept] = partners[a]
             kept += 1
     return kept
@@ -148,9 +148,11 @@ def keep_listed(log_evidence: FloatArray, partners: NDArray[np.int16], floor: fl
 @njit(cache=True, nogil=True, error_model="numpy")
 def enter(
     log_evidence: FloatArray,
+    chi2: FloatArray,
     partners: NDArray[np.int16],
     found: int,
     here: float,
+    its_chi2: float,
     floor: float,
     lost: FloatArray,
     i: IntArray,
@@ -168,11 +170,11 @@ def enter(
         for value in log_evidence:
             if floor <= value < middle:
                 lost[0] = max(lost[0], value)
-        found = keep_listed(log_evidence, partners, middle)
+        found = keep_listed(log_evidence, chi2, partners, middle)
     if found == MOST_LISTED:
         lost[0] = max(lost[0], here)
         return found
-    log_evidence[found], partners[found] = here, -1
+    log_evidence[found], chi2[found], partners[found] = here, its_chi2, -1
     for a in range(size):
         partners[found, i[a]] = j[a]
     return found + 1
@@ -206,8 +208,8 @@ def weigh(
     size: int,
     reach: int,
     spread: float,
-) -> tuple[float, float]:
-    """Return a clique's log evidence, and the most that a clique of up to ``reach`` pairs around it can have."""
+) -> tuple[float, float, float]:
+    """Return a clique's log evidence, its chi^2, and the most that one of up to ``reach`` pairs around it can have."""
     chi2, volume = fit(points[0], points[1], weight, i, j, size, spread)
     here = volume
     for a in range(size):
@@ -216,7 +218,7 @@ def weigh(
     top = node_value.max()
     for k in range(size, reach + 1):
         bound = max(bound, constants[k] + (k - size) * top + log_misfit(chi2, k))
-    return here + constants[size] + log_misfit(chi2, size), here + bound
+    return here + constants[size] + log_misfit(chi2, size), chi2, here + bound
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -230,27 +232,31 @@ def search(
     spread: float,
     nats: float,
     best: float,
-) -> tuple[FloatArray, NDArray[np.int16], bool]:
+) -> tuple[FloatArray, FloatArray, NDArray[np.int16], bool]:
     """List every pairing within ``nats`` of the most probable one.
 
     ``weight`` and ``node_value`` (n, m): 1/variance of a pair, and the pair's own share -3/2 ln c of the log
     evidence; ``constants``: see `size_priors`; ``known`` (K, 2): pairs that every pairing must hold; ``best``: a
-    log evidence to start from.  Returns the log evidences (L,), the partner of each CT point in each pairing
-    (L, n), -1 for none, and whether the list is complete.
+    log evidence to start from.  Returns the log evidences (L,), the chi^2 (L,), the partner of each CT point in each
+    pairing (L, n), -1 for none, and whether the list is complete.
     """
     n, most, given = len(ct), min(len(ct), len(ots)), len(known)
     node_i, node_j, adjacent = consistency_graph(ct, ots, weight)
     i, j = np.zeros(most + 1, np.int64), np.zeros(most + 1, np.int64)
     candidates = np.zeros((most + 2, adjacent.shape[1]), np.uint64)
     candidates[given] = start_from_known(known, node_i, node_j, adjacent, i, j)
-    log_evidence, partners = np.empty(MOST_LISTED), np.empty((MOST_LISTED, n), np.int16)
+    log_evidence, chi2, partners = (
+        np.empty(MOST_LISTED),
+        np.empty(MOST_LISTED),
+        np.empty((MOST_LISTED, n), np.int16),
+    )
     seen = np.zeros(n, np.bool_)
     found, visited, lost = 0, 0, np.full(1, -np.inf)
     least = np.argmax(np.isfinite(constants))
     if given >= LEAST_PAIRS:
-        here = weigh((ct, ots), weight, node_value, constants, i, j, given, given, spread)[0]
+        here, misfit, _ = weigh((ct, ots), weight, node_value, constants, i, j, given, given, spread)
         best = max(best, here)
-        found = enter(log_evidence, partners, 0, here, best - nats, lost, i, j, given)
+        found = enter(log_evidence, chi2, partners, 0, here, misfit, best - nats, lost, i, j, given)
     depth = given
     while depth >= given:
         node = pop_first(candidates[depth])
@@ -265,17 +271,17 @@ def search(
             continue
         if size >= LEAST_PAIRS:
             visited += 1
-            here, bound = weigh((ct, ots), weight, node_value, constants, i, j, size, reach, spread)
+            here, misfit, bound = weigh((ct, ots), weight, node_value, constants, i, j, size, reach, spread)
             best = max(best, here)
             if bound < best - nats:
                 continue
-            found = enter(log_evidence, partners, found, here, best - nats, lost, i, j, size)
+            found = enter(log_evidence, chi2, partners, found, here, misfit, best - nats, lost, i, j, size)
             if visited > MOST_VISITED:
                 break
         depth = size
-    found = keep_listed(log_evidence[:found], partners[:found], best - nats)
+    found = keep_listed(log_evidence[:found], chi2[:found], partners[:found], best - nats)
     complete = visited <= MOST_VISITED and lost[0] < best - nats
-    return log_evidence[:found], partners[:found], complete
+    return log_evidence[:found], chi2[:found], partners[:found], complete
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -9,7 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kernelcache import njit
-from ronnaplan.correspondence.evidence import COLLINEAR_SIGMAS, SCALES, fit, log_misfit
+from ronnaplan.correspondence.evidence import (
+    COLLINEAR_SIGMAS,
+    FEW_PAIRS,
+    MOST_ODDS_IF_LARGER,
+    SCALE_PRIORS,
+    SCALES,
+    fit,
+    log_misfit,
+    log_misfit_at,
+)
 from ronnaplan.correspondence.exact import distances
 from ronnaplan.correspondence.inputs import checked_points
 from ronnaplan.correspondence.pairing import LEAST_PROBABILITY, IntArray
@@ -66,7 +75,8 @@ class Layout:
 
         With d the rival distance over the standard deviation of a pair's difference, the rival's chi^2 lies above
         the truth's by d^2 on average, with standard deviation 2 d; the truth's own has 3 n - 6 degrees of freedom,
-        and both count as the evidence counts them, the scale of the errors unknown.
+        and both count as the evidence counts them, the scale of the errors unknown; of few pairs, the rival also as
+        were its errors the largest.
         """
         sigma = math.hypot(sigma_ct_mm, sigma_ots_mm)
         if self.line_distance_mm < COLLINEAR_SIGMAS * sigma:
@@ -74,7 +84,10 @@ class Layout:
         d, size = max(self.rival_distance_mm / sigma, 1e-9), len(self.rival)
         needed = math.log(least_probability / (1.0 - least_probability))
         # Of errors of the largest scale that is admitted a gap tells least: where it still does, nothing is refused.
-        if d * (d - 2.0 * LOWEST_SIGMAS) > 2.0 * max(SCALES) ** 2 * needed:
+        most_needed = needed
+        if size <= FEW_PAIRS:
+            most_needed = max(needed, -math.log(SCALE_PRIORS[-1] * MOST_ODDS_IF_LARGER))
+        if d * (d - 2.0 * LOWEST_SIGMAS) > 2.0 * max(SCALES) ** 2 * most_needed:
             return 0.0
         from scipy.special import gammaincinv, ndtri  # which take longer to load than most layouts to judge
 
@@ -86,12 +99,18 @@ class Layout:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def refused_share(truths: FloatArray, gaps: FloatArray, size: int, needed: float) -> float:
-    """Return the share of the truth's chi^2 and the rival's excess at which neither is ``needed`` nats ahead."""
-    refused = 0
+    """Return the share of the truth's chi^2 and the rival's excess at which neither is ``needed`` nats ahead.
+
+    Or, of few pairs, not ahead as `MOST_ODDS_IF_LARGER` wants it.
+    """
+    refused, if_larger = 0, -math.log(MOST_ODDS_IF_LARGER) if size <= FEW_PAIRS else -np.inf
     for truth in truths:
         for gap in gaps:
             rival = max(truth + gap, 0.0)
-            if abs(log_misfit(truth, size) - log_misfit(rival, size)) < needed:
+            best, other = min(truth, rival), max(truth, rival)
+            ahead = log_misfit(best, size) - log_misfit(other, size)
+            ahead_if_larger = log_misfit(best, size) - log_misfit_at(other, size, SCALES[-1])
+            if ahead < needed or ahead_if_larger < if_larger:
                 refused += 1
     return refused / (len(truths) * len(gaps))
 

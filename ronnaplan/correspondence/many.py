@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from kernelcache import njit
 from ronnaplan.correspondence.evidence import filled_volume, is_collinear
 from ronnaplan.correspondence.exact import LISTED_NATS, best_of, search
-from ronnaplan.correspondence.rivals import mirror_is_better, other_body, regular_odds
+from ronnaplan.correspondence.rivals import mirror_is_better, odds_if_larger, other_body, regular_odds
 from ronnaplan.geometry import FloatArray
 
 CLEAR_OF_OTHERS = 1e-5
@@ -25,23 +25,24 @@ def match_many(
     sizes: tuple[FloatArray, float],
     residual: tuple[FloatArray, FloatArray],
     spread: float,
-) -> tuple[NDArray[np.int16], FloatArray]:
-    """Match T sets (T, n, 3), (T, m, 3) of one variance: partners (T, n) and probability (T,) of the best.
+) -> tuple[NDArray[np.int16], FloatArray, FloatArray]:
+    """Match T sets (T, n, 3), (T, m, 3) of one variance: partners (T, n) of the best, and how sure it is.
 
-    ``sizes`` and ``residual``: what `priors.size_priors` and `priors.residual_priors` return.  A probability of 0
-    marks what has to be looked at more closely: a search that gave up, points on a line, a set whose mirror image
-    fits better, a second body, and regular markers.
+    ``sizes`` and ``residual``: what `priors.size_priors` and `priors.residual_priors` return.  Of the best, the others
+    are the probability (T,) and `rivals.odds_if_larger` (T,).  A probability of 0 marks what has to be looked at more
+    closely: a search that gave up, points on a line, a set whose mirror image fits better, a second body, and regular
+    markers.
     """
     tests, n, m = len(ct), ct.shape[1], ots.shape[1]
     weight, node_value = np.full((n, m), 1.0 / variance), np.full((n, m), -1.5 * math.log(variance))
     known = np.zeros((0, 2), np.int64)
-    partners, probability = np.full((tests, n), -1, np.int16), np.zeros(tests)
+    partners, probability, larger = np.full((tests, n), -1, np.int16), np.zeros(tests), np.zeros(tests)
     size_constants, background = sizes
     steps = np.arange(len(size_constants)) - 1.0
     for t in range(tests):
         volume = filled_volume(ct[t], ots[t])
         constants = size_constants + steps * math.log(volume)
-        log_evidence, listed, complete = search(
+        log_evidence, chi2, listed, complete = search(
             ct[t], ots[t], weight, node_value, constants, known, spread, LISTED_NATS, -np.inf
         )
         best, p = best_of(log_evidence, background)
@@ -52,10 +53,11 @@ def match_many(
         if not complete or is_collinear(ct[t][paired], math.sqrt(variance)):
             continue
         body = other_body(ct[t], ots[t], weight, node_value, residual[0], residual[1], volume, listed[best])
-        regular = regular_odds(ct[t], ots[t], weight, spread, log_evidence, listed, best, background)
+        regular = regular_odds(log_evidence, chi2, listed, best, background)
         if max(body[1], regular) > CLEAR_OF_OTHERS:
             continue
         size = paired.sum()
         if not mirror_is_better(ct[t], ots[t], weight, node_value, constants, known, spread, size, top):
             probability[t] = p
-    return partners, probability
+            larger[t] = odds_if_larger(log_evidence, chi2, listed, listed[best])
+    return partners, probability, larger

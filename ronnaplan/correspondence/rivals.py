@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
-from ronnaplan.correspondence.evidence import fit, fits_as_well
+from ronnaplan.correspondence.evidence import FEW_PAIRS, SCALES, fits_as_well, log_misfit, log_misfit_at
 from ronnaplan.correspondence.exact import best_of, search
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.told import LEAST_PAIRS
@@ -76,7 +76,7 @@ def other_body(
     size = len(ct) - len(i)
     own = constants[size, : min(len(i), len(j)) + 1].copy()
     own += (np.arange(len(own)) - 1.0) * math.log(volume)
-    log_evidence, partners, _ = search(
+    log_evidence, _, partners, _ = search(
         ct[i],
         ots[j],
         weight[i][:, j],
@@ -95,11 +95,8 @@ def other_body(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def regular_odds(
-    ct: FloatArray,
-    ots: FloatArray,
-    weight: FloatArray,
-    spread: float,
     log_evidence: FloatArray,
+    chi2: FloatArray,
     partners: IntArray | NDArray[np.int16],
     best: int,
     background: float,
@@ -109,10 +106,9 @@ def regular_odds(
     Such points are laid out regularly, and the noise of many makes evidences differ by more than is told apart: only
     pairs more count, by `LOG_ODDS_PER_PAIR` each.  0 where nothing fits as well.
     """
-    size = (partners[best] >= 0).sum()
+    size, odds = (partners[best] >= 0).sum(), 0.0
     if size < LEAST_REGULAR:
         return 0.0
-    chi2, odds = chi2_of(ct, ots, weight, partners[best], spread), 0.0
     for a in range(len(partners)):
         other = (partners[a] >= 0).sum()
         agree = ((partners[a] >= 0) & (partners[a] == partners[best])).sum()
@@ -120,15 +116,30 @@ def regular_odds(
             continue
         real = 1.0 / (1.0 + math.exp(min(background - log_evidence[a], 700.0)))
         here = real * math.exp(-LOG_ODDS_PER_PAIR * max(size - other, 0))
-        if here > odds and fits_as_well(chi2, size, chi2_of(ct, ots, weight, partners[a], spread), other):
+        if here > odds and fits_as_well(chi2[best], size, chi2[a], other):
             odds = here
     return odds
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def chi2_of(
-    ct: FloatArray, ots: FloatArray, weight: FloatArray, partner: IntArray | NDArray[np.int16], spread: float
+def odds_if_larger(
+    log_evidence: FloatArray,
+    chi2: FloatArray,
+    partners: IntArray | NDArray[np.int16],
+    core: IntArray | NDArray[np.int16],
 ) -> float:
-    """Return the chi^2 of a pairing, given as the partner of each CT point."""
-    i = np.flatnonzero(partner >= 0)
-    return fit(ct, ots, weight, i, partner[i].astype(np.int64), len(i), spread)[0]
+    """Return the odds, to the pairs of ``core`` (n,), of what pairs otherwise were its errors the largest of `SCALES`.
+
+    ``log_evidence`` and ``chi2`` (L,) and ``partners`` (L, n): what `exact.search` lists.  0 for more than `FEW_PAIRS`.
+    """
+    top, held, others = log_evidence.max(), 0.0, 0.0
+    if (core >= 0).sum() > FEW_PAIRS:
+        return 0.0
+    for a in range(len(partners)):
+        if ((core < 0) | (partners[a] == core)).all():
+            held += math.exp(log_evidence[a] - top)
+        else:
+            size = (partners[a] >= 0).sum()
+            larger = log_misfit_at(chi2[a], size, SCALES[-1]) - log_misfit(chi2[a], size)
+            others += math.exp(log_evidence[a] + larger - top)
+    return others / held

@@ -8,21 +8,31 @@ from dataclasses import dataclass
 import numpy as np
 
 from ronnaplan.correspondence.anisotropic import anisotropic_log_evidence
-from ronnaplan.correspondence.evidence import is_collinear
+from ronnaplan.correspondence.evidence import MOST_ODDS_IF_LARGER, SCALES, is_collinear
 from ronnaplan.correspondence.exact import LISTED_NATS, search
 from ronnaplan.correspondence.pairing import MOST_RIVALS, IntArray, Pairing, Rival, no_pairs
 from ronnaplan.correspondence.priors import residual_priors, size_priors
 from ronnaplan.correspondence.problem import Problem, moved_pairs, pairs_of
-from ronnaplan.correspondence.rivals import LOG_ODDS_PER_PAIR, mirror_is_better, other_body, regular_odds
+from ronnaplan.correspondence.rivals import (
+    LOG_ODDS_PER_PAIR,
+    mirror_is_better,
+    odds_if_larger,
+    other_body,
+    regular_odds,
+)
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.geometry import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """Pairings by falling log evidence (L,), as OTS partner of each CT point (L, n), and what weighed them."""
+    """Pairings by falling log evidence (L,), with their chi^2 (L,), and what weighed them.
+
+    ``partners``: the OTS partner of each CT point in each of them (L, n), -1 for none.
+    """
 
     log_evidence: FloatArray
+    chi2: FloatArray
     partners: IntArray
     constants: FloatArray
     background: float
@@ -49,7 +59,7 @@ def weigh_all(problem: Problem) -> Weighed | None:
     """Enumerate and weigh every pairing of a small problem; None when there are too many."""
     constants, background = size_priors(problem.counts, problem.told, len(problem.known))
     constants = constants + (np.arange(len(constants)) - 1.0) * math.log(problem.volume_mm3)
-    log_evidence, listed, complete = search(
+    log_evidence, chi2, listed, complete = search(
         problem.ct,
         problem.ots,
         *problem.pair_weights(),
@@ -63,9 +73,9 @@ def weigh_all(problem: Problem) -> Weighed | None:
         return None
     partners = listed.astype(np.int64)
     if problem.is_anisotropic:
-        log_evidence = anisotropic_log_evidence(problem, partners, constants)
+        log_evidence, chi2 = anisotropic_log_evidence(problem, partners, constants)
     order = np.argsort(-log_evidence, kind="stable")
-    return Weighed(log_evidence[order], partners[order], constants, background)
+    return Weighed(log_evidence[order], chi2[order], partners[order], constants, background)
 
 
 def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pairing:
@@ -73,7 +83,7 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
     if len(weighed.log_evidence) == 0:
         return Pairing("unmatched", no_pairs(), 0.0, reason="no three pairs agree in their distances")
     other = odds_of_another_body(problem, weighed)
-    regular = odds_of_regular_markers(problem, weighed)
+    regular = regular_odds(weighed.log_evidence, weighed.chi2, weighed.partners, 0, weighed.background)
     posterior = weighed.posterior(other + regular)
     core, probability = certain_core(weighed.partners, posterior, problem, least_probability)
     rivals, pairs = weighed.rivals(), pairs_of(core)
@@ -91,6 +101,12 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
             reason = "the points hold two rigid bodies, and neither is clearly the larger; remove one of them"
         elif regular > 1.0 - least_probability:
             reason = "the markers are laid out regularly and fit in more than one order; point at one, or move one"
+        return Pairing("ambiguous", no_pairs(), probability, rivals, reason, best_touch(weighed, posterior))
+    if odds_if_larger(weighed.log_evidence, weighed.chi2, weighed.partners, core) > MOST_ODDS_IF_LARGER:
+        reason = (
+            f"were the errors {SCALES[-1]:g} times as large as stated, another pairing might be the right one; "
+            "have one more marker read, or point at one"
+        )
         return Pairing("ambiguous", no_pairs(), probability, rivals, reason, best_touch(weighed, posterior))
     if is_collinear(problem.ct[pairs[:, 0]], problem.sigma_mm):
         reason = (
@@ -152,22 +168,6 @@ def odds_of_another_body(problem: Problem, weighed: Weighed) -> float:
     prior = problem.told.prior(range(LEAST_PAIRS, min(problem.counts) + 1))
     size = int((best >= 0).sum())
     return float(real * math.exp(LOG_ODDS_PER_PAIR * (count - size)) * prior[count] / prior[size])
-
-
-def odds_of_regular_markers(problem: Problem, weighed: Weighed) -> float:
-    """Return the odds, to the best pairing, of one that pairs the points otherwise and fits as well."""
-    return float(
-        regular_odds(
-            problem.ct,
-            problem.ots,
-            problem.pair_weights()[0],
-            problem.spread_mm,
-            weighed.log_evidence,
-            weighed.partners,
-            0,
-            weighed.background,
-        )
-    )
 
 
 def is_mirrored(problem: Problem, weighed: Weighed) -> bool:

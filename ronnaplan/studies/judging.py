@@ -22,19 +22,21 @@ def judge_exact(scenes: Scenes, told: Told) -> Record:
 
     The best pairings come from one kernel for all tests; what is not clear at once is asked of `match_points`.
     """
+    from ronnaplan.correspondence.evidence import MOST_ODDS_IF_LARGER
     from ronnaplan.correspondence.many import match_many
     from ronnaplan.correspondence.pairing import LEAST_PROBABILITY
     from ronnaplan.correspondence.priors import residual_priors, size_priors
 
     counts = (scenes.ct.shape[1], scenes.ots.shape[1])
     variance = SIGMA_CT_MM**2 + SIGMA_OTS_MM**2
-    partner, probability = match_many(
+    partner, probability, larger = match_many(
         scenes.ct, scenes.ots, variance, size_priors(counts, told), residual_priors(counts), SPREAD_MM
     )
     allowed = np.array([told.allows(size) for size in range(min(counts) + 1)])[(partner >= 0).sum(axis=1)]
+    stands = allowed & (larger <= MOST_ODDS_IF_LARGER)
     record: Record = {}
     for name, level in (("exact", LEAST_PROBABILITY), ("strict", STRICT_PROBABILITY)):
-        given = np.where((allowed & (probability >= level))[:, None], partner, -1)
+        given = np.where((stands & (probability >= level))[:, None], partner, -1)
         for test in np.flatnonzero((given < 0).all(axis=1)):
             given[test] = pairing_of(scenes, int(test), told, level)
         record[name] = outcomes(given, scenes.partner)

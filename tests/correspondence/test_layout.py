@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ndtri
 
 from ronnaplan.correspondence import describe_layout, match_points, rival_distance
-from ronnaplan.correspondence.evidence import SCALES
+from ronnaplan.correspondence.evidence import FEW_PAIRS, MOST_ODDS_IF_LARGER, SCALE_PRIORS, SCALES
 from ronnaplan.correspondence.layout import LOWEST_SIGMAS, QUADRATURE_STEPS, Layout
 from ronnaplan.errors import InputError
 from tests.correspondence.scenes import HEAD, SIGMA_CT, SIGMA_OTS
@@ -77,7 +77,8 @@ def test_the_refusal_probability_is_what_simulation_finds(difference: Any) -> No
 @pytest.mark.parametrize("markers", [3, 6, 32])
 def test_a_rival_too_far_to_be_looked_at_would_refuse_nothing(markers: int) -> None:
     least = 0.99
-    far = math.sqrt(2.0 * max(SCALES) ** 2 * math.log(least / (1.0 - least)) + LOWEST_SIGMAS**2) + LOWEST_SIGMAS
+    odds = min((1.0 - least) / least, SCALE_PRIORS[-1] * MOST_ODDS_IF_LARGER if markers <= FEW_PAIRS else 1.0)
+    far = math.sqrt(-2.0 * max(SCALES) ** 2 * math.log(odds) + LOWEST_SIGMAS**2) + LOWEST_SIGMAS
     sigma_mm = math.hypot(SIGMA_CT, SIGMA_OTS)
     nearer = Layout(0.999 * far * sigma_mm, np.arange(markers), 50.0)
     assert nearer.refusal_probability(SIGMA_CT, SIGMA_OTS, least) == 0.0

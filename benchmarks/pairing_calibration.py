@@ -1,0 +1,102 @@
+"""Whether what is stated of three markers' pairing is a probability: wrong answers against stated doubt, by bin.
+
+    python -m benchmarks.pairing_calibration [--tests N] [--seed N]
+
+What is stated is the posterior under a belief: true errors of half to four times the stated ones (`evidence.SCALES`),
+and now and then another patient's markers (`told.OTHER_PATIENT`).  So it is looked at under that belief, without its
+second part (then another patient is neither simulated nor believed in), and under others.  Each scale is simulated
+alike often and counts with its share.  Whole answers count, accepted or not; of another patient, all are wrong.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ronnaplan.correspondence.evidence import SCALE_PRIORS, SCALES
+from ronnaplan.correspondence.many import match_many
+from ronnaplan.correspondence.priors import residual_priors, size_priors
+from ronnaplan.correspondence.told import OTHER_PATIENT, Told
+from ronnaplan.geometry import FloatArray
+from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
+from ronnaplan.studies.heads import HEADS_MM
+from ronnaplan.studies.judging import PROBABILITY_EDGES, SPREAD_MM
+from ronnaplan.studies.scenes import simulate_scenes
+
+MARKERS, OUTLIERS = 3, (0, 2, 4)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What is true: the shares of `SCALES` and of another patient; and whether the latter is believed in."""
+
+    name: str
+    scales: tuple[float, ...]
+    stranger: float = 0.0
+    is_stranger_believed: bool = True
+
+
+TRUTHS = (
+    Truth("as believed, but never another patient, nor believed", SCALE_PRIORS, is_stranger_believed=False),
+    Truth("as believed, another patient in 1 of 20", SCALE_PRIORS, OTHER_PATIENT),
+    Truth("scales in equal shares", (1.0 / len(SCALES),) * len(SCALES)),
+    Truth("errors as stated", tuple(float(scale == 1.0) for scale in SCALES)),
+)
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--tests", type=int, default=120_000, help="tests of each scale and number of outliers")
+    parser.add_argument("--seed", type=int, default=51_993)
+    arguments = parser.parse_args()
+    cells = " | ".join(f"{MARKERS} + {outliers}" for outliers in OUTLIERS)
+    for truth in TRUTHS:
+        columns = [lines(truth, outliers, arguments.tests, arguments.seed) for outliers in OUTLIERS]
+        print(f"\n{truth.name}: wrong as stated / wrong, %\n\n| stated | {cells} |\n|---|---|---|---|")
+        for low, high, *cell in zip(PROBABILITY_EDGES, PROBABILITY_EDGES[1:], *columns, strict=False):
+            print(f"| {low:g} to {high:g} | {' | '.join(cell)} |")
+
+
+def lines(truth: Truth, outliers: int, tests: int, seed: int) -> list[str]:
+    """Return, for each bin, the stated and the observed share of wrong answers with its sampling error, in percent."""
+    total = variance = np.zeros((len(PROBABILITY_EDGES) - 1, 3))
+    for scale, share in zip(SCALES, truth.scales, strict=True):
+        for is_stranger, weight in ((False, share * (1.0 - truth.stranger)), (True, share * truth.stranger)):
+            if weight:
+                here = counts(truth, outliers, scale, is_stranger, tests, seed)
+                total, variance = total + weight * here, variance + weight**2 * here
+    found = 100.0 * total[:, 1:] / np.maximum(total[:, :1], 1e-9)
+    error = 100.0 * np.sqrt(variance[:, 2]) / np.maximum(total[:, 0], 1e-9)
+    return [f"{doubt:.2g} / {wrong:.2g} ± {by:.2g}" for (doubt, wrong), by in zip(found, error, strict=True)]
+
+
+def counts(truth: Truth, outliers: int, scale: float, is_stranger: bool, tests: int, seed: int) -> FloatArray:
+    """Return (B, 3) for each bin: answers, the sum of their stated doubts, and how many are wrong."""
+    size, variance = MARKERS + outliers, SIGMA_CT_MM**2 + SIGMA_OTS_MM**2
+    constants, background = size_priors((size, size), Told(expected=MARKERS))
+    if not truth.is_stranger_believed:
+        background = math.log(math.exp(background) - OTHER_PATIENT)
+    priors = (constants, background), residual_priors((size, size))
+    total = np.zeros((len(PROBABILITY_EDGES) - 1, 3))
+    for head, layout in enumerate(HEADS_MM):
+        rng = np.random.default_rng([seed, outliers, int(10 * scale), is_stranger, head])
+        scenes = simulate_scenes(rng, layout, tests // len(HEADS_MM), MARKERS, outliers, noise=scale)
+        ots = scenes.ots
+        if is_stranger:
+            another = HEADS_MM[(head + 1) % len(HEADS_MM)]
+            ots = simulate_scenes(rng, another, len(ots), MARKERS, outliers, noise=scale).ots
+        partner, probability, _ = match_many(scenes.ct, ots, variance, *priors, SPREAD_MM)
+        wrong = (partner != scenes.partner).any(axis=1) | is_stranger
+        stated = probability > 0
+        bins = np.digitize(probability[stated], PROBABILITY_EDGES[1:-1])
+        for column, weights in enumerate((None, 1.0 - probability[stated], wrong[stated].astype(np.float64))):
+            total[:, column] += np.bincount(bins, weights, len(total))
+    return total
+
+
+if __name__ == "__main__":
+    main()
