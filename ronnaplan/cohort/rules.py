@@ -80,16 +80,10 @@ class Task:
 
 def read_rules(path: str | Path) -> Rules:
     """Read rules.toml; raises `InputError` naming the first thing that is wrong."""
-    source = Path(path)
-    rules = read_settings(
-        source,
-        Rules,
-        expected="a cohort's rules",
-        otherwise="are no rules for a cohort",
-        remedy="--init writes an example",
-        own=("home",),
+    remedy = "--init writes an example"
+    return read_settings(
+        path, Rules, expected="a cohort's rules", otherwise="are no rules for a cohort", remedy=remedy
     )
-    return rules.model_copy(update={"home": source.resolve().parent})
 
 
 EXAMPLE = """\

@@ -8,9 +8,18 @@ from typing import Any, Literal, Self
 import numpy as np
 from pydantic import model_validator
 
-from ronnaplan import __version__
-from ronnaplan.documents.fiducials import Software, Source
-from ronnaplan.documents.fields import DocumentModel, Label, LengthMm, Line, Probability, Revision, Vector
+from ronnaplan.documents.fiducials import Source
+from ronnaplan.documents.fields import (
+    SOFTWARE,
+    DocumentModel,
+    Label,
+    LengthMm,
+    Line,
+    Probability,
+    Revision,
+    Software,
+    Vector,
+)
 from ronnaplan.documents.poses import PoseEntry, pose_entry, same_pose
 from ronnaplan.documents.reading import made, read_document
 from ronnaplan.geometry import FloatArray, Frame
@@ -158,7 +167,7 @@ def _document(
         **{"format": FORMAT, "version": 1, "unit": "mm", "notes": notes},
         "source": source.model_dump(),
         "middle": middle_mm.tolist(),
-        "software": {"name": "ronnaplan", "version": __version__},
+        "software": SOFTWARE,
     }
     return made(ChainDocument, always | content)
 

@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 from pydantic import model_validator
 
-from ronnaplan import __version__
 from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.documents.fields import (
+    SOFTWARE,
     Coordinate,
     Covariance,
     Direction,
@@ -24,6 +24,7 @@ from ronnaplan.documents.fields import (
     Probability,
     Ratio,
     Revision,
+    Software,
     Vector,
     flag_sentence,
 )
@@ -115,13 +116,6 @@ class RejectedEntry(DocumentModel):
     """The localizer's test that it failed."""
     marker: FiducialEntry | None = None
     """The whole marker, where a person turned it down: it can be taken back."""
-
-
-class Software(DocumentModel):
-    """What wrote the document."""
-
-    name: Line
-    version: Line
 
 
 class FiducialsDocument(DocumentModel):
@@ -245,7 +239,7 @@ def fiducials_document(found: Fiducials) -> FiducialsDocument:
                 {"center": one.center_mm.tolist(), "reason": one.reason, "test": one.test}
                 for one in found.rejected
             ],
-            "software": {"name": "ronnaplan", "version": __version__},
+            "software": SOFTWARE,
         },
     )
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from datetime import datetime
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Final
 
 from pydantic import (
     AfterValidator,
@@ -22,6 +22,7 @@ from pydantic import (
     Strict,
 )
 
+from ronnaplan import __version__
 from ronnaplan.bounds import FARTHEST_POINT_MM, LARGEST_HU, LARGEST_SIGMA_MM, SMALLEST_SIGMA_MM
 
 SYMMETRY_TOLERANCE = 1e-9
@@ -143,3 +144,14 @@ Covariance = Annotated[Matrix3, AfterValidator(_definite)]
 MarkerCovariance = Annotated[Covariance, AfterValidator(_near)]
 PoseCovariance = Annotated[Matrix6, AfterValidator(_definite)]
 """Covariance of a pose: rotation vector in rad, then translation in mm."""
+
+
+class Software(DocumentModel):
+    """What wrote the document."""
+
+    name: Line
+    version: Line
+
+
+SOFTWARE: Final = {"name": "ronnaplan", "version": __version__}
+"""What writes a document here."""

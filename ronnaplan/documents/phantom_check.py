@@ -9,10 +9,19 @@ from typing import Literal
 
 import numpy as np
 
-from ronnaplan import __version__
 from ronnaplan.documents.fiducials import FORMAT as FIDUCIALS
-from ronnaplan.documents.fiducials import FiducialsDocument, Resolution, Software, Source, read_fiducials
-from ronnaplan.documents.fields import DocumentModel, Label, LengthMm, Line, PositiveMm, Probability, Ratio
+from ronnaplan.documents.fiducials import FiducialsDocument, Resolution, Source, read_fiducials
+from ronnaplan.documents.fields import (
+    SOFTWARE,
+    DocumentModel,
+    Label,
+    LengthMm,
+    Line,
+    PositiveMm,
+    Probability,
+    Ratio,
+    Software,
+)
 from ronnaplan.documents.files import read_json
 from ronnaplan.documents.reading import made
 from ronnaplan.documents.template import TemplateDocument, read_template_document
@@ -155,7 +164,7 @@ def phantom_check_document(phantom: KnownPhantom, scans: list[CheckedScan]) -> P
             "scans": [_scan(one) for one in scans],
             "normalized_error": _estimate(normalized_error([one.check.judged for one in scans])),
             "within_95": _estimate(share_within([one.check.within for one in scans])),
-            "software": {"name": "ronnaplan", "version": __version__},
+            "software": SOFTWARE,
         },
     )
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, FiniteFloat, model_validator
 
-from ronnaplan import __version__
-from ronnaplan.documents.fiducials import Software, Source
+from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.fields import (
+    SOFTWARE,
     DocumentModel,
     Label,
     LengthMm,
@@ -19,6 +19,7 @@ from ronnaplan.documents.fields import (
     Probability,
     Revision,
     Row6,
+    Software,
     Vector,
 )
 from ronnaplan.documents.reading import made, read_document
@@ -160,7 +161,7 @@ def placement_document(
             "tracker": None if room.tracker is None else room.tracker.position_mm,
         },
         "blocked": list(found.blocked),
-        "software": {"name": "ronnaplan", "version": __version__},
+        "software": SOFTWARE,
     }
     return made(PlacementDocument, content)
 

@@ -9,10 +9,19 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from ronnaplan import __version__
 from ronnaplan.ct.volume import SeriesSource
-from ronnaplan.documents.fiducials import Software
-from ronnaplan.documents.fields import DocumentModel, Label, Line, Notes, PositiveMm, Revision, Time, Vector
+from ronnaplan.documents.fields import (
+    SOFTWARE,
+    DocumentModel,
+    Label,
+    Line,
+    Notes,
+    PositiveMm,
+    Revision,
+    Software,
+    Time,
+    Vector,
+)
 from ronnaplan.documents.files import change_document, write_atomically
 from ronnaplan.documents.reading import made, read_document, to_json
 from ronnaplan.errors import InputError, RonnaplanError
@@ -122,7 +131,7 @@ def plan_document(plan: Plan) -> PlanDocument:
             "history": [_change_entry(change) for change in plan.history],
             "undone": [_change_entry(change) for change in plan.undone],
             "measurements": [_entry(one) for one in plan.rulers],
-            "software": {"name": "ronnaplan", "version": __version__},
+            "software": SOFTWARE,
         },
     )
 

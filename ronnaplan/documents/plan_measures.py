@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from ronnaplan import __version__
+from ronnaplan.documents.fields import SOFTWARE
 from ronnaplan.documents.markups import LPS_AXES, SCHEMA
 from ronnaplan.documents.reading import plain_json
 from ronnaplan.planning.limits import Verdict
@@ -29,7 +29,7 @@ def measures_document(plan: Plan, measured: Sequence[Measures], verdicts: Sequen
         "source": {"frame_of_reference_uid": plan.frame.uid, "voxel_sha256": plan.voxel_sha256},
         "trajectories": [_measures(one) for one in measured],
         "verdicts": [asdict(verdict) for verdict in verdicts],
-        "software": {"name": "ronnaplan", "version": __version__},
+        "software": SOFTWARE,
     }
     return plain_json(document)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import os
+from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
@@ -22,6 +23,9 @@ Document = TypeVar("Document", bound=BaseModel)
 
 MOST_SETTINGS_BYTES = 1 << 20
 """Settings that a person wrote are not larger."""
+
+HOME = "home"
+"""Settings that name files say by this field where relative paths start from."""
 
 VERSION = 1
 """The version of every document that this release writes and reads."""
@@ -56,9 +60,8 @@ def read_settings(
     expected: str,
     otherwise: str,
     remedy: str,
-    own: tuple[str, ...] = (),
 ) -> Document:
-    """Read the TOML file of settings at ``path``; ``own`` names fields of ``model`` that no file may give.
+    """Read the TOML file of settings at ``path``; a field ``home`` of ``model`` is the file's folder, given by no file.
 
     Raises `InputError` when it is not what is ``expected``: its name, ``otherwise`` ("is no room"), the first thing
     that is wrong, and ``remedy``.
@@ -68,12 +71,14 @@ def read_settings(
     content = read_whole(path, MOST_SETTINGS_BYTES, expected=f"{expected}; {remedy}")
     try:
         given = tomllib.loads(content.decode())
-        for name in own:
-            if name in given:
-                raise ValueError(f"{name}: no field of this document")
-        return checked(given, model)
+        if HOME in given:
+            raise ValueError(f"{HOME}: no field of this document")
+        settings = checked(given, model)
     except (ValueError, TypeError) as error:  # TypeError: a date, which no field is
         raise InputError(f"{os.fspath(path)} {otherwise} ({printable(error)}); {remedy}") from error
+    if HOME not in model.model_fields:
+        return settings
+    return settings.model_copy(update={HOME: Path(path).resolve().parent})
 
 
 def validated(content: Any, model: type[Document], name: str, remedy: str) -> Document:

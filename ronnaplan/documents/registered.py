@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ronnaplan import __version__
 from ronnaplan.documents.fiducials import Source
+from ronnaplan.documents.fields import SOFTWARE
 from ronnaplan.documents.reading import made
 from ronnaplan.documents.registration import FORMAT, RegistrationDocument, TargetEntry
 from ronnaplan.geometry import FloatArray, Points
@@ -40,7 +40,7 @@ def registration_document(
             for rival in found.pairing.rivals
         ],
         "notes": [*notes, *found.notes],
-        "software": {"name": "ronnaplan", "version": __version__},
+        "software": SOFTWARE,
     }
     if found.registration is None:
         return made(RegistrationDocument, content)

@@ -11,7 +11,7 @@ from pydantic import model_validator
 
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.ct.volume import CTVolume, ScalarMap
-from ronnaplan.documents.fiducials import Software, Source
+from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.fields import (
     Covariance,
     DocumentModel,
@@ -23,6 +23,7 @@ from ronnaplan.documents.fields import (
     PoseCovariance,
     Probability,
     Revision,
+    Software,
     Vector,
     flag_sentence,
 )

@@ -8,9 +8,8 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from ronnaplan import __version__
-from ronnaplan.documents.fiducials import Software
 from ronnaplan.documents.fields import (
+    SOFTWARE,
     DocumentModel,
     Label,
     LengthMm,
@@ -20,6 +19,7 @@ from ronnaplan.documents.fields import (
     PositiveMm,
     Ratio,
     Revision,
+    Software,
     Vector,
 )
 from ronnaplan.documents.poses import SAME_POSE_MM, PoseEntry, pose_entry
@@ -157,7 +157,7 @@ def rig_document(
             "scatter": tcp.sd_mm,
             "looks": looks,
             "diameter_mm": diameter_mm,
-            "software": {"name": "ronnaplan", "version": __version__},
+            "software": SOFTWARE,
         },
     )
 
@@ -191,7 +191,7 @@ def spheres_document(found: RobotMarkers, diameter_mm: float, notes: tuple[str, 
                 }
                 for k, label in enumerate(found.labels)
             ],
-            "software": {"name": "ronnaplan", "version": __version__},
+            "software": SOFTWARE,
         },
     )
 

@@ -13,10 +13,9 @@ from typing import Final, Literal
 
 import numpy as np
 
-from ronnaplan import __version__
 from ronnaplan.documents.chain import ChainDocument
-from ronnaplan.documents.fiducials import Software, Source
-from ronnaplan.documents.fields import DocumentModel, Label, LengthMm, Line, Matrix4, Vector
+from ronnaplan.documents.fiducials import Source
+from ronnaplan.documents.fields import SOFTWARE, DocumentModel, Label, LengthMm, Line, Matrix4, Software, Vector
 from ronnaplan.documents.poses import PoseEntry
 from ronnaplan.documents.reading import made, to_json
 from ronnaplan.documents.robot_formats import RobotFormat
@@ -108,7 +107,7 @@ def _document(
                 }
                 for one in trajectories
             ],
-            "software": {"name": "ronnaplan", "version": __version__},
+            "software": SOFTWARE,
         },
     )
 

@@ -8,9 +8,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from ronnaplan import __version__
-from ronnaplan.documents.fiducials import Software
 from ronnaplan.documents.fields import (
+    SOFTWARE,
     Covariance,
     DocumentModel,
     Label,
@@ -18,6 +17,7 @@ from ronnaplan.documents.fields import (
     Line,
     Ratio,
     Revision,
+    Software,
     Vector,
 )
 from ronnaplan.documents.poses import PoseEntry, pose_entry
@@ -107,7 +107,7 @@ def pivot_document(found: PivotCalibration, tool: str, notes: tuple[str, ...] = 
             "rms": found.rms_mm,
             "poses": len(found.residuals_mm),
             "slipped": found.slips,
-            "software": {"name": "ronnaplan", "version": __version__},
+            "software": SOFTWARE,
         },
     )
 
@@ -136,7 +136,7 @@ def hand_eye_document(
             "rotation_rms_deg": found.rotation_rms_deg,
             "translation_rms": found.translation_rms_mm,
             "notes": notes,
-            "software": {"name": "ronnaplan", "version": __version__},
+            "software": SOFTWARE,
         },
     )
 

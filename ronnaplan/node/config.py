@@ -154,16 +154,10 @@ class Config(DocumentModel):
 
 def read_config(path: str | Path) -> Config:
     """Read node.toml; raises `InputError` naming the first thing that is wrong."""
-    source = Path(path)
-    config = read_settings(
-        source,
-        Config,
-        expected="a node's configuration",
-        otherwise="is not a node's configuration",
-        remedy="--init writes an example",
-        own=("home",),
+    remedy = "--init writes an example"
+    return read_settings(
+        path, Config, expected="a node's configuration", otherwise="is not a node's configuration", remedy=remedy
     )
-    return config.model_copy(update={"home": source.resolve().parent})
 
 
 EXAMPLE = """\
