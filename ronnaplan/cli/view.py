@@ -14,7 +14,12 @@ from ronnaplan.cli.values import whole
 from ronnaplan.text import whole_number
 
 if TYPE_CHECKING:
+    from ronnaplan.planner.address import Address
+    from ronnaplan.planner.handing import Origin
     from ronnaplan.planner.shelves import Shelf
+    from ronnaplan.planner.state import PlannerState
+    from ronnaplan.planner.storage import Storage
+    from ronnaplan.scene.vtk import Workshop
 
 HELP = "Open the planner: a local web page with the scan, its markers, trajectories and registration."
 
@@ -68,70 +73,87 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Open the case and serve it until stopped."""
     _require_files(arguments.fiducials, arguments.registration)
-    from ronnaplan.case.folder import read_labels, scan_in, with_limits
-    from ronnaplan.ct import read_ct
-    from ronnaplan.ct.reader import read_other_image
-    from ronnaplan.planner.address import Address
-    from ronnaplan.planner.handing import Origin
-    from ronnaplan.planner.server import serve, start
-    from ronnaplan.planner.state import PlannerState
+    from ronnaplan.case.folder import scan_in
     from ronnaplan.planner.storage import Storage
-    from ronnaplan.scene.vtk import Workshop
 
     storage = Storage.of(arguments.plan, arguments.fiducials, arguments.registration)
-    tracker = _address(arguments.tracker) if arguments.tracker else None
-    read: list[tuple[Origin, Workshop]] = []
+    planner = _Planner(arguments)
+    ct = None if arguments.root or arguments.peer else arguments.ct or scan_in(storage.plan.parent)
+    if ct is not None:
+        planner.serve(planner.open(Path(ct), arguments.series, storage), None)
+    else:
+        _require_no_case(arguments)
+        planner.serve_any(storage.plan.parent)
+    return 0
 
-    def opened(ct: Path, series: str | None, storage: Storage) -> PlannerState:
-        limits = Path(arguments.limits) if arguments.limits else storage.documents.limits
-        stated = with_limits(rules(arguments), limits)
+
+class _Planner:
+    """Opens and serves cases as the options say; ``origin`` and ``workshop`` are those of the case opened last."""
+
+    origin: Origin
+    workshop: Workshop
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        self.arguments = arguments
+        self.tracker = _address(arguments.tracker) if arguments.tracker else None
+
+    def open(self, ct: Path, series: str | None, storage: Storage) -> PlannerState:
+        """Read a scan and return its case, which is to be served next."""
+        from ronnaplan.case.folder import read_labels, with_limits
+        from ronnaplan.ct import read_ct
+        from ronnaplan.ct.reader import read_other_image
+        from ronnaplan.planner.handing import Origin
+        from ronnaplan.planner.state import PlannerState
+        from ronnaplan.scene.vtk import Workshop
+
+        given = self.arguments
+        limits = Path(given.limits) if given.limits else storage.documents.limits
+        stated = with_limits(rules(given), limits)
         with ExitStack() as undone:
             workshop = undone.enter_context(Workshop())  # its libraries are loaded while the scan is read
             volume = read_ct(ct, series, progress=True)
-            no_go, labels = (read_labels(paths, volume) for paths in (arguments.no_go, arguments.labels))
+            no_go, labels = (read_labels(paths, volume) for paths in (given.no_go, given.labels))
             state = PlannerState(volume, storage, stated, no_go, labels)
-            if arguments.second:
-                state.take_second(read_other_image(arguments.second, progress=True), Path(arguments.second).name)
+            if given.second:
+                state.take_second(read_other_image(given.second, progress=True), Path(given.second).name)
             undone.pop_all()
-        read.append((Origin(ct, series, _stated(arguments), _regions(arguments)), workshop))
+        self.origin, self.workshop = Origin(ct, series, _stated(given), _regions(given)), workshop
         return state
 
-    def served(state: PlannerState, address: Address | None) -> bool:
-        origin, workshop = read[-1]
-        patient = _patient(origin.ct, origin.series) if arguments.patient else None
-        with workshop:
+    def serve(self, state: PlannerState, address: Address | None) -> bool:
+        """Serve the case opened last, where a start page was if there is an ``address``; as `server.serve` does."""
+        from ronnaplan.planner.server import serve
+
+        with self.workshop:
             return serve(
                 state,
-                host=arguments.host,
-                port=arguments.port,
-                tracker=tracker,
-                patient=patient,
-                origin=origin,
+                host=self.arguments.host,
+                port=self.arguments.port,
+                tracker=self.tracker,
+                patient=_patient(self.origin.ct, self.origin.series) if self.arguments.patient else None,
+                origin=self.origin,
                 address=address,
-                workshop=workshop,
+                workshop=self.workshop,
             )
 
-    ct = None if arguments.root or arguments.peer else arguments.ct or scan_in(storage.plan.parent)
-    if ct is not None:
-        served(opened(Path(ct), arguments.series, storage), None)
-        return 0
-    _require_no_case(arguments)
-    from ronnaplan.planner.starting import StartPage
+    def serve_any(self, home: Path) -> None:
+        """Serve the start page, then the case that is opened there, and so on until it is stopped."""
+        from ronnaplan.planner.server import start
+        from ronnaplan.planner.starting import StartPage
+        from ronnaplan.planner.storage import Storage
 
-    home, address = storage.plan.parent, None
-    left = True
-    while left:  # a case for the start page, until it is stopped
-        page = StartPage(
-            home,
-            Path(arguments.root or home),
-            lambda ct, series, plan: opened(ct, series, Storage.of(str(plan), None, None)),
-            _shelf(arguments) if arguments.peer else None,
-        )
-        state, address = start(page, host=arguments.host, port=arguments.port, address=address)
-        del page
-        left = served(state, address)
-        del state
-    return 0
+        given, address, left = self.arguments, None, True
+        while left:
+            page = StartPage(
+                home,
+                Path(given.root or home),
+                lambda ct, series, plan: self.open(ct, series, Storage.of(str(plan), None, None)),
+                _shelf(given) if given.peer else None,
+            )
+            state, address = start(page, host=given.host, port=given.port, address=address)
+            del page  # which holds the case
+            left = self.serve(state, address)
+            del state
 
 
 def _shelf(arguments: argparse.Namespace) -> Shelf:

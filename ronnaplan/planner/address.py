@@ -7,6 +7,7 @@ import os
 import secrets
 import socket
 import stat
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -69,6 +70,15 @@ def keep(file: Path, address: Address) -> None:
         file.unlink(missing_ok=True)
         with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as stream:
             stream.write(to_json(_Kept(port=address.port, token=address.token)))
+
+
+@contextlib.contextmanager
+def needed_place(host: str, port: int) -> Iterator[None]:
+    """Raise `InputError` where what is done cannot listen at this place."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"cannot listen on {host}:{port} ({error.strerror}); choose another --port") from error
 
 
 def _read(file: Path) -> Address | None:

@@ -9,11 +9,11 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
-from ronnaplan.case.surroundings import Surroundings
 from ronnaplan.errors import RonnaplanError
 from ronnaplan.planner.actions import key_actions
 from ronnaplan.planner.cuts import WINDOWS_HU
 from ronnaplan.planner.head_look import OPENINGS
+from ronnaplan.planner.judging import Judging
 from ronnaplan.planner.page_files import MODULE, templates
 from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.shown import Send
@@ -31,9 +31,6 @@ from ronnaplan.scene.volume import PRESETS
 from ronnaplan.scene.vtk import Workshop
 
 CHANGED = "another hand has changed the case; it is shown as it is now"
-
-FIRST_LOOK_S = 0.3
-"""The browser has this long to draw the cuts before what measures is loaded."""
 
 LOOK_AGAIN_S = 0.5
 """How often the files are looked at for what another hand has written; shown within 2 s, drawing included."""
@@ -76,15 +73,13 @@ class PlannerApp:
         """Whether a page asked for the start page."""
         self.working = Working(self.tell_all, self._told, self.refresh)
         state.start = self.working.start
+        self.judging = Judging(state.case, self.refresh)
         state.following.notify = self._tools_moved
         self._tools_due = False
         self._loop: asyncio.AbstractEventLoop | None = None
         self._latest = state
-        self._waking = False
         self._workshop = workshop
         self._making: asyncio.Task[None] | None = None
-        self._measuring: asyncio.Task[None] | None = None
-        self._measured_against: Surroundings | None = None
         self._watching: asyncio.Task[None] | None = None
         self._set_up_page()
         for name in Tab(state).names:
@@ -135,7 +130,7 @@ class PlannerApp:
         tab = Tab(
             self._latest.beside(),
             tracker=self.tracker,
-            measured=self.is_measured,
+            measured=self.judging.is_done,
             cancel=self.working.cancel,
             others=self._draw_others,
         )
@@ -171,7 +166,7 @@ class PlannerApp:
         tab = self.tabs[ASKING.get()]
         self._latest = tab.state
         await tab.answer(name, arguments)
-        self._measure_soon()
+        self.judging.soon()
 
     async def _leave(self) -> None:
         """Close the case, all of which is kept: the start page takes the place of the planner."""
@@ -196,15 +191,15 @@ class PlannerApp:
         self._ahead.shutdown()
         self.state.following.stop()
         self.tabs.clear()
-        self.parts = self._spare = self._measured_against = None
-        self._watching = self._making = self._measuring = None  # the frames of a canceled one hold the case
-        del self.state, self._latest, self.working
+        self.parts = self._spare = None
+        self._watching = self._making = None  # the frames of a canceled one hold the case
+        del self.state, self._latest, self.working, self.judging
 
     def refresh(self) -> None:
         """Draw whatever is not as the pages have it; what takes long to measure follows."""
         for tab in self.tabs.values():
             tab.refresh()
-        self._measure_soon()
+        self.judging.soon()
 
     def tell_all(self, values: Mapping[str, Any]) -> None:
         """Show something on every page."""
@@ -249,30 +244,8 @@ class PlannerApp:
 
     # --- what takes long -------------------------------------------------------------------------------------
 
-    def is_measured(self) -> bool:
-        """Tell whether to measure a trajectory takes no long time by now."""
-        return self._measured_against is self.state.case.surroundings
-
-    def _measure_soon(self) -> None:
-        if self._waking and self._measuring is None and not self.is_measured():
-            self._measuring = asyncio.get_running_loop().create_task(self._measure())
-
-    async def _measure(self) -> None:
-        """Measure all trajectories beside the pages, for as long as what they are measured against changes."""
-        while not self.is_measured():
-            around, plan = self.state.case.surroundings, self.state.case.plan
-            await asyncio.get_running_loop().run_in_executor(None, around.judge_all, plan)
-            self._measured_against = around
-        self._measuring = None
-        self.refresh()
-
     async def _wake(self, **_: Any) -> None:
-        """Once the first picture is seen: load what measures, which takes seconds."""
-        if self._waking:
-            return
-        self._waking = True
-        await asyncio.sleep(FIRST_LOOK_S)
-        self._measure_soon()
+        await self.judging.begin()
 
     async def _make_head(self) -> None:
         """Have what is drawn in 3-D made by a process that gives way to whatever is waited for."""

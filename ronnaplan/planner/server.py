@@ -12,12 +12,15 @@ from itertools import count
 from typing import TYPE_CHECKING, Any
 
 from ronnaplan.errors import InputError, UsageError
-from ronnaplan.planner.address import ADDRESS_FILE, GREATEST_PORT, Address, address_for, keep
+from ronnaplan.planner.address import ADDRESS_FILE, GREATEST_PORT, Address, address_for, keep, needed_place
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.text import printable
 
 if TYPE_CHECKING:
-    from ronnaplan.planner.handing import Origin
+    from aiohttp import web
+
+    from ronnaplan.planner.app import PlannerApp
+    from ronnaplan.planner.handing import Handing, Origin
     from ronnaplan.planner.starting import StartPage
     from ronnaplan.scene.vtk import Workshop
 
@@ -52,49 +55,29 @@ def serve(
     Raises `InputError` where the port is taken or trame is not installed, `UsageError` for no single address.
     """
     check_place(host, port)
-    try:
-        import trame.ui.html  # noqa: F401
-        import wslink.backends.aiohttp
-        from trame.app import get_server
-    except ModuleNotFoundError as error:
-        raise InputError(f"the planner needs {error.name}; install ronnaplan[planner]") from error
+    server = _trame_server()
+    import wslink.backends.aiohttp
+
     from ronnaplan.planner.app import PlannerApp
-    from ronnaplan.planner.gate import gate, is_worth_telling
     from ronnaplan.planner.handing import Handing
-    from ronnaplan.planner.head_routes import head_routes
-    from ronnaplan.planner.page_files import FETCHED_AHEAD, page_routes
     from ronnaplan.planner.sockets import Sockets
 
-    os.environ["WSLINK_READY_MSG"] = ""  # wslink would write it to standard output, behind the address
-    os.environ["WSLINK_WS_COMPRESS"] = "0"  # what takes room, the pictures, is compressed already
     kept = state.storage.address
     known = address or address_for(kept, host, port)
-    logging.getLogger("aiohttp.server").addFilter(is_worth_telling)
-    server = get_server(f"ronnaplan {next(_NUMBERS)}", client_type="vue3")
-    server.cli.prog = "ronnaplan view"
     app = PlannerApp(state, server, tracker, patient, leavable=address is not None, workshop=workshop)
     # wslink offers no other place to set limits, or to answer each page for itself
     wslink.backends.aiohttp.AioHttpWsHandler = partial(Sockets, app)
     handing = Handing(state.storage, origin, app.show_readings)
-
-    def close(web_server: Any) -> None:
-        web_server.app.middlewares.append(gate(known.token, LOOPBACK | {host}, FETCHED_AHEAD))
-        web_server.app.add_routes(page_routes())
-        web_server.app.add_routes(head_routes(lambda: (tab.head for tab in app.tabs.values())))
-        web_server.app.add_routes(handing.routes())
-
-    def repeat(message: str) -> None:
-        print(f"ronnaplan: the page says: {printable(message)}", file=sys.stderr)
 
     def tell(**_: Any) -> None:
         keep(kept, replace(known, port=server.port))
         if address is None:
             (announce or print_address)(_url(host, replace(known, port=server.port)))
 
-    server.controller.on_server_bind.add(close)
+    server.controller.on_server_bind.add(lambda web_server: _bind(web_server.app, app, handing, known.token, host))
     server.controller.on_server_ready.add(tell)
-    server.controller.on_error = repeat
-    try:
+    server.controller.on_error = _repeat
+    with needed_place(host, known.port):
         server.start(
             host=host,
             port=known.port,
@@ -103,12 +86,42 @@ def serve(
             show_connection_info=False,
             disable_logging=True,
         )
-    except OSError as error:
-        raise InputError(
-            f"cannot listen on {host}:{known.port} ({error.strerror}); choose another --port"
-        ) from error
     app.forget()
     return app.left
+
+
+def _trame_server() -> Any:
+    """Return a server that says nothing by itself; raises `InputError` where trame is not installed."""
+    try:
+        import trame.ui.html  # noqa: F401
+        import wslink.backends.aiohttp  # noqa: F401
+        from trame.app import get_server
+    except ModuleNotFoundError as error:
+        raise InputError(f"the planner needs {error.name}; install ronnaplan[planner]") from error
+    from ronnaplan.planner.gate import is_worth_telling
+
+    os.environ["WSLINK_READY_MSG"] = ""  # wslink would write it to standard output, behind the address
+    os.environ["WSLINK_WS_COMPRESS"] = "0"  # what takes room, the pictures, is compressed already
+    logging.getLogger("aiohttp.server").addFilter(is_worth_telling)
+    server = get_server(f"ronnaplan {next(_NUMBERS)}", client_type="vue3")
+    server.cli.prog = "ronnaplan view"
+    return server
+
+
+def _bind(application: web.Application, app: PlannerApp, handing: Handing, token: str, host: str) -> None:
+    """Let in only who knows the ``token``, and answer for page, head and files."""
+    from ronnaplan.planner.gate import gate
+    from ronnaplan.planner.head_routes import head_routes
+    from ronnaplan.planner.page_files import FETCHED_AHEAD, page_routes
+
+    application.middlewares.append(gate(token, LOOPBACK | {host}, FETCHED_AHEAD))
+    application.add_routes(page_routes())
+    application.add_routes(head_routes(lambda: (tab.head for tab in app.tabs.values())))
+    application.add_routes(handing.routes())
+
+
+def _repeat(message: str) -> None:
+    print(f"ronnaplan: the page says: {printable(message)}", file=sys.stderr)
 
 
 def check_place(host: str, port: int) -> None:

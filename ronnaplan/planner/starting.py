@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ronnaplan.case.folder import PLAN
 from ronnaplan.errors import InputError, RonnaplanError, UsageError
-from ronnaplan.planner.address import Address
+from ronnaplan.planner.address import Address, needed_place
 from ronnaplan.planner.dropped import Dropped
 from ronnaplan.planner.gate import gate, is_worth_telling
 from ronnaplan.planner.places import Found, Places, case_of, rows, series_at
@@ -168,12 +168,8 @@ def choose(
             await runner.cleanup()
         return known
 
-    try:
+    with needed_place(host, address.port):
         known = asyncio.run(serve())
-    except OSError as error:
-        raise InputError(
-            f"cannot listen on {host}:{address.port} ({error.strerror}); choose another --port"
-        ) from error
     assert page.state is not None
     return page.state, known
 

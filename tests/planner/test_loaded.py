@@ -31,7 +31,7 @@ async def use():
     assert not app.parts.wanting
     (tab,) = app.tabs.values()
     tab.painter.pictures = True
-    while not app.is_measured():
+    while not app.judging.is_done():
         await asyncio.sleep(0.1)
     state.case.begin_drag("left")
     state.case.drag("left", "target", state.case.plan.trajectory("left").target_mm + 1.0)

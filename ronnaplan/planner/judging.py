@@ -1,0 +1,47 @@
+"""Measures all trajectories beside the pages, so that what is asked of one of them later takes no long time."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from ronnaplan.case.edits import OpenCase
+from ronnaplan.case.surroundings import Surroundings
+
+FIRST_LOOK_S = 0.3
+"""The browser has this long to draw the cuts before what measures is loaded."""
+
+
+class Judging:
+    """Begins once the first picture is seen, and again whenever what is measured against has changed."""
+
+    def __init__(self, case: OpenCase, done: Callable[[], None]) -> None:
+        """Measure the trajectories of ``case``; ``done`` is called after each time."""
+        self.case, self.done = case, done
+        self._begun = False
+        self._task: asyncio.Task[None] | None = None
+        self._against: Surroundings | None = None
+
+    def is_done(self) -> bool:
+        """Tell whether to measure a trajectory takes no long time by now."""
+        return self._against is self.case.surroundings
+
+    async def begin(self) -> None:
+        """Load what measures, which takes seconds, for the first time."""
+        if not self._begun:
+            self._begun = True
+            await asyncio.sleep(FIRST_LOOK_S)
+            self.soon()
+
+    def soon(self) -> None:
+        """Measure anew what is to be measured, if it has begun and is not under way."""
+        if self._begun and self._task is None and not self.is_done():
+            self._task = asyncio.get_running_loop().create_task(self._measure())
+
+    async def _measure(self) -> None:
+        while not self.is_done():
+            around, plan = self.case.surroundings, self.case.plan
+            await asyncio.get_running_loop().run_in_executor(None, around.judge_all, plan)
+            self._against = around
+        self._task = None
+        self.done()
