@@ -102,7 +102,7 @@ def read_series(
     """
     stack = series.stack
     if stack is None or stack.grid is None:  # `choose` lets none pass
-        raise InputError(f"series {series} is not a usable CT")
+        raise InputError(f"series {series} is not a usable CT: {', '.join(series.problems)}")
     slices = stack.slices
     padding_hu = _padding_hu(slices)
     voxels = _voxels(slices, padding_hu, limits, progress, scratch)
@@ -178,7 +178,9 @@ def _allocated(
     try:
         return np.empty(shape, dtype)
     except MemoryError as error:
-        raise InputError(f"the volume needs {needed / GIB:.1f} GiB of memory, more than there is") from error
+        raise InputError(
+            f"the volume needs {needed / GIB:.1f} GiB of memory, more than there is; choose a smaller series"
+        ) from error
 
 
 def in_parallel(work: Callable[[int], None], count: int, progress: bool) -> None:

@@ -35,7 +35,7 @@ def spatial_fiducials(document: FiducialsDocument, patient: Dataset | None = Non
 
     Raises `InputError` when the document has no frame of reference or no marker.
     """
-    frame = _frame(document.source)
+    frame = frame_uid(document.source)
     if not document.fiducials:
         raise InputError("the document holds no fiducials; a Spatial Fiducials object needs at least one")
     dataset = begin_object(SPATIAL_FIDUCIALS, "FID", document.source, document.model_dump_json(), patient)
@@ -63,7 +63,7 @@ def spatial_registration(document: RegistrationDocument, patient: Dataset | None
     dataset.ContentLabel = "CT_TO_TRACKER"
     dataset.ContentDescription = f"{len(document.pairs)} marker pairs, FRE {document.fre_rms:.3f} mm RMS"
     to_itself = _matrix(dataset.FrameOfReferenceUID, IDENTITY)
-    dataset.RegistrationSequence = [_matrix(_frame(document.source), transform.ravel()), to_itself]
+    dataset.RegistrationSequence = [_matrix(frame_uid(document.source), transform.ravel()), to_itself]
     return dataset
 
 
@@ -74,7 +74,8 @@ def dicom_bytes(dataset: FileDataset) -> bytes:
     return file.getvalue()
 
 
-def _frame(source: Source) -> str:
+def frame_uid(source: Source) -> str:
+    """Return the Frame of Reference UID of a scan; raises `InputError` where it has none that DICOM can hold."""
     if not source.frame_of_reference_uid:
         raise InputError("the scan has no Frame of Reference UID, so nothing in DICOM can be tied to it")
     return _checked_uid(source.frame_of_reference_uid)

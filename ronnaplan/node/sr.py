@@ -23,7 +23,7 @@ from pydicom.sr.codedict import codes
 from pydicom.uid import Comprehensive3DSRStorage, generate_uid
 
 from ronnaplan import __version__
-from ronnaplan.documents.dicom_spatial import begin_object
+from ronnaplan.documents.dicom_spatial import begin_object, frame_uid
 from ronnaplan.documents.fiducials import FiducialEntry, FiducialsDocument, Source
 from ronnaplan.documents.plan import plan_text
 from ronnaplan.errors import InputError
@@ -49,9 +49,7 @@ def structured_report(document: FiducialsDocument, patient: Dataset, images: lis
 
     Raises `InputError` where the scan has no frame of reference.
     """
-    frame = document.source.frame_of_reference_uid
-    if not frame:
-        raise InputError("the scan has no Frame of Reference UID, so nothing in DICOM can be tied to it")
+    frame = frame_uid(document.source)
     content = document.model_dump_json()
     groups = [_group(one, frame, content) for one in document.fiducials]
     made = _report(groups, MARKERS, document.source, content, patient, images)
@@ -64,9 +62,9 @@ def planned_trajectories(plan: Plan, source: Source, patient: Dataset, images: l
 
     Raises `InputError` where there is none, or the scan has no frame of reference.
     """
-    frame = source.frame_of_reference_uid
-    if not frame or not plan.trajectories:
-        raise InputError("the plan has no trajectory or no Frame of Reference UID; an object needs both")
+    frame = frame_uid(source)
+    if not plan.trajectories:
+        raise InputError("the plan has no trajectory; add one first")
     content = plan_text(plan)
     groups = [_path(one, frame, content) for one in plan.trajectories]
     made = _report(groups, PLANNED, source, content, patient, images)

@@ -116,10 +116,7 @@ class PlannerState:
 
     def show_ruler(self, name: str) -> None:
         """Put the crosshair at the second point of a distance or an angle."""
-        found = next((one for one in self.case.plan.rulers if one.name == name), None)
-        if found is None:
-            raise UsageError(f"there is no measurement {name}")
-        self.look.show(found.points_mm[1])
+        self.look.show(self.case.plan.ruler(name).points_mm[1])
 
     def localize(self, diameter_mm: float) -> None:
         """Look for markers of a diameter, made as those there are, which then take their place."""

@@ -169,6 +169,15 @@ class Plan(Shown[Trajectory]):
         """Return the trajectory called ``name``; raises `InputError` with the known names."""
         return self.trajectories[self._index(name)]
 
+    def ruler(self, name: str) -> Ruler:
+        """Return the measurement called ``name``; raises `InputError` with the known names."""
+        for one in self.rulers:
+            if one.name == name:
+                return one
+        raise InputError(
+            f"the plan has no measurement {name!r}; it has {_listed(one.name for one in self.rulers)}"
+        )
+
     def add(self, trajectory: Trajectory) -> Plan:
         """Return the plan with one more trajectory; `InputError` for a name in use, else `FrameMismatchError`."""
         check_type(
@@ -208,11 +217,8 @@ class Plan(Shown[Trajectory]):
 
     def remove_ruler(self, name: str) -> Plan:
         """Return the plan without a measurement; `InputError` where there is none of that name."""
-        names = [one.name for one in self.rulers]
-        if name not in names:
-            raise InputError(f"the plan has no measurement {name!r}; it has {_listed(names)}")
-        index = names.index(name)
-        return self._changed("remove measurement", index, self.rulers[index], None)
+        removed = self.ruler(name)
+        return self._changed("remove measurement", self.rulers.index(removed), removed, None)
 
     def undo(self) -> Plan:
         """Return the plan before its last change; raises `InputError` when there is none."""

@@ -253,7 +253,7 @@ def register_points(
     check_type(labels, (Sequence, type(None)), "labels", "give a name for each pair")
     names = tuple(labels) if labels is not None else tuple(str(i + 1) for i in range(len(moving_mm)))
     if len(names) != len(moving_mm):
-        raise InputError(f"{len(names)} labels were given for {len(moving_mm)} pairs")
+        raise InputError(f"{len(names)} labels were given for {len(moving_mm)} pairs; give one for each")
     stated = as_pair(covariances, len(moving_mm))
     if stated is None:
         matrix, settled = fit_closed_form(moving_mm, fixed_mm), True

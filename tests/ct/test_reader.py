@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ronnaplan.ct import Limits, VolumeFlag, find_series, read_ct
+from ronnaplan.ct.reader import read_series
 from ronnaplan.ct.slices import SliceImage
 from ronnaplan.errors import InputError
 from tests.ct.makers import FRAME, SERIES, STUDY, dataset, pattern, save, write_series
@@ -127,5 +128,8 @@ def test_progress_is_shown_on_standard_error_only_on_a_terminal(
 
 def test_a_localizer_named_by_its_uid_is_refused_with_the_reason(tmp_path: Path) -> None:
     write_series(tmp_path, 1, lambda made, k: setattr(made, "ImageType", ["ORIGINAL", "PRIMARY", "LOCALIZER"]))
+    (listed,) = find_series(tmp_path).series
     with pytest.raises(InputError, match="is not a usable CT: a localizer"):
         read_ct(tmp_path, SERIES)
+    with pytest.raises(InputError, match="is not a usable CT: a localizer"):
+        read_series(listed)

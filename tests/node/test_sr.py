@@ -8,10 +8,13 @@ import pytest
 from highdicom.sr import Comprehensive3DSR
 from pydicom.dataset import Dataset
 
+from ronnaplan.ct.volume import SeriesSource
 from ronnaplan.documents.fiducials import Source, fiducials_document
 from ronnaplan.documents.patient import PATIENT, STUDY, patient_of_scan
+from ronnaplan.errors import InputError
 from ronnaplan.jobs.localizing import warm_up
-from ronnaplan.node.sr import structured_report
+from ronnaplan.node.sr import planned_trajectories, structured_report
+from ronnaplan.planning import Plan
 from tests.ct import makers
 from tests.node.peers import save
 
@@ -56,3 +59,9 @@ def test_highdicom_takes_the_object_for_one_of_its_own(tmp_path: Path) -> None:
     assert [str(item.name.meaning) for item in Comprehensive3DSR.from_dataset(made).content] == [
         "Imaging Measurement Report"
     ]
+
+
+def test_a_plan_without_trajectories_or_a_frame_makes_no_object() -> None:
+    for uid, lacking in (("1.2.3", "no trajectory"), (None, "no Frame of Reference UID")):
+        with pytest.raises(InputError, match=lacking):
+            planned_trajectories(Plan(SeriesSource()), Source(frame_of_reference_uid=uid), Dataset(), [])

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from ronnaplan.ct.volume import SeriesSource
-from ronnaplan.planning import Plan, Trajectory
+from ronnaplan.errors import InputError
+from ronnaplan.planning import Plan, Ruler, Trajectory
 from ronnaplan.planning.trajectory import COLOURS
 
 
@@ -20,3 +22,12 @@ def test_trajectories_without_a_colour_get_one_each_and_keep_it() -> None:
     assert [one.colour for one in plan.remove("A")] == [COLOURS[0], COLOURS[2]]
     assert [one.colour for one in plan.undo().undo().redo()] == [COLOURS[0], COLOURS[0], COLOURS[2]]
     assert plan.edit("B", colour="").trajectory("B").colour == COLOURS[1]
+
+
+def test_a_measurement_that_is_not_there_is_refused_by_the_names_of_those_that_are() -> None:
+    plan = Plan(SeriesSource()).add_ruler(Ruler("D1", np.array([[0.0, 0, 0], [3.0, 4, 0]])))
+    assert plan.ruler("D1") is plan.rulers[0]
+    for ask in (plan.ruler, plan.remove_ruler):
+        with pytest.raises(InputError, match=r"no measurement 'D2'; it has D1"):
+            ask("D2")
+    assert plan.remove_ruler("D1").rulers == ()

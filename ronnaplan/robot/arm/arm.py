@@ -62,10 +62,13 @@ class SerialArm:
         if count == 0:
             raise InputError(f"the arm {self.name} has no joints; expected one or more that turn")
         if np.abs(np.linalg.norm(self.axes, axis=1) - 1.0).max() > 1e-9:
-            raise InputError(f"an axis of the arm {self.name} is no unit vector")
+            raise InputError(f"an axis of the arm {self.name} is no unit vector; divide each by its length")
         for joint, (least, greatest) in zip(self.joints, self.limits_rad, strict=True):
             if not least < greatest:
-                raise InputError(f"joint {joint} of {self.name} has the limits {least:g} to {greatest:g} rad")
+                raise InputError(
+                    f"joint {joint} of {self.name} has the limits {least:g} to {greatest:g} rad; expected the lower "
+                    "one first"
+                )
         for body in self.bodies:
             numbers = np.array([*body.start_mm, *body.end_mm, body.radius_mm])
             if not (np.abs(numbers) < LARGEST_ARM_MM).all() or body.radius_mm <= 0:

@@ -113,7 +113,7 @@ def _chain(
             kind = "mimics another" if joint.find("mimic") is not None else f"is {joint.attrib['type']}"
             raise InputError(f"joint {joint.attrib['name']} {kind}; only joints that turn can be planned with")
         if joint in chain:
-            raise InputError(f"the links go round in a circle at {tip!r}")
+            raise InputError(f"the links go round in a circle at {tip!r}; expected each one nearer to the base")
         chain.insert(0, joint)
         tip = joint.find("parent").attrib["link"]  # type: ignore[union-attr]
     if not chain:

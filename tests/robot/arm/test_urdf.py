@@ -62,7 +62,11 @@ def test_the_flange_is_the_link_that_was_named(tmp_path: Path) -> None:
             '<mimic joint="A1"/><axis xyz="-1 0 0"/><limit lower="-3',
             "A4 mimics",
         ),
-        ('upper="0.7853981633974483"', 'upper="-9"', "joint A2 of kr6 has the limits"),
+        (
+            'upper="0.7853981633974483"',
+            'upper="-9"',
+            "joint A2 of kr6 has the limits .* expected the lower one first",
+        ),
         ('lower="-2.9670597283903604"', 'lower="-170"', "A1 has the limits -170 .* in degrees"),
         ('<limit lower="-2.9670597283903604" upper="2.9670597283903604"/>', "", "A1 has no limits"),
         ('xyz="0 0 0.4"', 'xyz="0 0 nan"', "no three numbers"),
