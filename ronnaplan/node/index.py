@@ -98,11 +98,6 @@ class SeriesRow:
     revision: int
     complete: int
 
-    @property
-    def is_complete(self) -> bool:
-        """Whether nothing came after it was found complete."""
-        return self.complete == self.revision
-
 
 class Index(Database):
     """One connection to the index of the node that keeps its data in ``folder``; one thread at a time uses it."""

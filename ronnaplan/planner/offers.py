@@ -94,10 +94,6 @@ class Offers:
 
         self.start(Job(f"finding places for {count} markers", work, show, tells=True))
 
-    def forget_placement(self) -> None:
-        """Show no places for markers."""
-        self.offered.placed = None
-
     @property
     def placement(self) -> Placement | None:
         """Proposed places for markers, None where there are none or they no longer hold."""

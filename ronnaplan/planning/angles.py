@@ -12,9 +12,6 @@ from ronnaplan.planning.plan import Landmarks
 RAS_IN_LPS = np.diag([-1.0, -1.0, 1.0])
 """Rows right, anterior, superior in LPS: the axes of a frame that sits square to the scanner."""
 
-FRAME_CENTER_MM = 100.0
-"""Leksell coordinates of the frame's center, the same for X, Y and Z."""
-
 
 @dataclass(frozen=True)
 class AcPcAngles:
@@ -74,19 +71,4 @@ def arc_angles(entry_mm: FloatArray, target_mm: FloatArray, axes: FloatArray = R
     return ArcAngles(
         float(np.degrees(np.arccos(np.clip(right, -1.0, 1.0)))),
         float(np.degrees(np.arctan2(superior, anterior))),
-    )
-
-
-def frame_coordinates(
-    place_mm: FloatArray, center_mm: FloatArray, axes: FloatArray = RAS_IN_LPS
-) -> tuple[float, float, float]:
-    """Return Leksell X (towards the left), Y (anterior), Z (inferior) of a place, in mm.
-
-    ``center_mm`` is the frame's center (100, 100, 100) in LPS.
-    """
-    right, anterior, superior = axes @ (np.asarray(place_mm) - center_mm)
-    return (
-        float(FRAME_CENTER_MM - right),
-        float(FRAME_CENTER_MM + anterior),
-        float(FRAME_CENTER_MM - superior),
     )

@@ -107,7 +107,7 @@ def test_a_series_that_no_rule_fits_is_complete_without_a_job(index: Index, tmp_
     watched.tick(120.0)
     assert jobs(index) == []
     (series,) = index.records(SeriesRow, "FROM series")
-    assert series.is_complete
+    assert series.complete == series.revision
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,7 @@ def test_proposed_places_and_markers_come_and_go(head: HeadView) -> None:
     state, plain = head.state, pixels(head)
     state.offers.propose_markers(4)
     assert difference(pixels(head), plain) > 0.001
-    state.offers.forget_placement()
+    state.offers.offered.placed = None
     assert difference(pixels(head), plain) < SAME
     state.case.reject_marker("F2")
     assert difference(pixels(head), plain) > 0.001

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from ronnaplan.errors import InputError
 from ronnaplan.planning import Landmarks
-from ronnaplan.planning.angles import RAS_IN_LPS, acpc_angles, arc_angles, frame_coordinates
+from ronnaplan.planning.angles import RAS_IN_LPS, acpc_angles, arc_angles
 
 SQUARE = Landmarks(np.array([0.0, -12.5, 0]), np.array([0.0, 12.5, 0]), np.array([0.0, 5, 50]))
 
@@ -67,8 +67,3 @@ def test_arc_and_ring_lead_back_to_the_direction(arc: float, ring: float) -> Non
     outward = np.array([np.cos(a), np.sin(a) * np.cos(r), np.sin(a) * np.sin(r)]) @ RAS_IN_LPS
     angles = arc_angles(outward * 60.0, np.zeros(3))
     assert (angles.arc_deg, angles.ring_deg) == pytest.approx((arc, ring), abs=1e-6)
-
-
-def test_frame_coordinates_grow_to_the_left_front_and_foot() -> None:
-    place = frame_coordinates(np.array([10.0, -20.0, 30.0]), np.zeros(3))
-    assert place == pytest.approx((110.0, 120.0, 70.0))

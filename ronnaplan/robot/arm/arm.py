@@ -84,11 +84,6 @@ class SerialArm:
     def __len__(self) -> int:
         return len(self.joints)
 
-    @property
-    def limits_deg(self) -> FloatArray:
-        """The limits (N, 2) in degrees."""
-        return np.degrees(self.limits_rad)
-
     def tool(self, name: str) -> FloatArray:
         """Return ``flange_from_tool`` (4, 4); raises `InputError` naming the tools that there are."""
         try:
@@ -100,7 +95,3 @@ class SerialArm:
     def with_tool(self, name: str, flange_from_tool: ArrayLike) -> SerialArm:
         """Return the arm with one more tool or camera frame; raises `InputError` for a pose that is not rigid."""
         return replace(self, frames={**self.frames, name: as_pose(flange_from_tool, f"tool {name}")})
-
-    def with_bodies(self, bodies: tuple[Body, ...]) -> SerialArm:
-        """Return the arm with other bodies."""
-        return replace(self, bodies=bodies)

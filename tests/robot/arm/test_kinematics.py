@@ -63,7 +63,7 @@ def test_the_built_in_arm_is_that_of_its_description(tmp_path: Path) -> None:
     built_in, described = kr6_r900(), read(KR6, tmp_path)
     angles = random_angles(built_in, 20)
     assert np.abs(forward(built_in, angles) - forward(described, angles)).max() < 1e-9
-    np.testing.assert_allclose(built_in.limits_deg, described.limits_deg, atol=1e-9)
+    np.testing.assert_allclose(built_in.limits_rad, described.limits_rad, atol=1e-9)
     stretched = forward(built_in, np.radians([0, 0, 0, 0, 0, 0]))[:3, 3]
     np.testing.assert_allclose(stretched, [25 + 455 + 420 + 80, 0, 400 + 35], atol=1e-9)
 
