@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ronnaplan.cli.output import warn
-from ronnaplan.cli.values import whole
-from ronnaplan.text import plain_number
+from ronnaplan.cli.values import diameters, whole
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -72,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.localization import Build, check_request
 
     wanted = _Wanted(
-        _diameters(arguments.diameter),
+        diameters(arguments.diameter),
         arguments.expected,
         _template(arguments.template),
         Build.parse(arguments.marker),
@@ -107,36 +105,6 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
         for path in (arguments.output, arguments.report):
             if path is not None:
                 check_target(path)
-
-
-def _diameters(texts: Sequence[str]) -> tuple[float, ...] | None:
-    """Parse all that ``--diameter`` was given; None stands for 'auto', which stands alone."""
-    from ronnaplan.errors import UsageError
-
-    if "auto" not in texts:
-        return tuple(diameter for text in texts for diameter in _listed(text))
-    if len(texts) > 1:
-        raise UsageError(f"--diameter is both {' and '.join(texts)}; state the sizes, or 'auto' alone")
-    return None
-
-
-def _listed(text: str) -> list[float]:
-    """Return the diameters of one ``--diameter``.
-
-    A comma may be a decimal one: several diameters are told by a point in at least one of them.
-    """
-    from ronnaplan.errors import UsageError
-
-    parts = [plain_number(part) for part in text.split(",")]
-    found = [value for value in parts if value is not None]
-    if len(found) < len(parts):
-        raise UsageError(f"--diameter is '{text}'; a positive number of mm, several as 11.5,5, or 'auto'")
-    if len(found) > 1 and "." not in text:
-        raise UsageError(
-            f"--diameter is '{text}', which may be {text.replace(',', '.', 1)} mm or {len(found)} diameters; "
-            f"write a point, or for several {','.join(f'{part}.0' for part in text.split(','))}"
-        )
-    return found
 
 
 def _template(path: str | None) -> Template | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from ronnaplan.text import LONGEST_NUMBER, plain_number, printable, whole_number
 
@@ -54,6 +54,39 @@ def whole(least: int | None = None, most: int | None = None) -> Callable[[str], 
         return value
 
     return check
+
+
+def diameters(texts: Sequence[str]) -> tuple[float, ...] | None:
+    """Return the diameters (mm) that all ``--diameter`` state, None for 'auto', which stands alone.
+
+    Raises `UsageError` for other texts.
+    """
+    from ronnaplan.errors import UsageError
+
+    if "auto" not in texts:
+        return tuple(diameter for text in texts for diameter in _listed(text))
+    if len(texts) > 1:
+        raise UsageError(f"--diameter is both {' and '.join(texts)}; state the sizes, or 'auto' alone")
+    return None
+
+
+def _listed(text: str) -> list[float]:
+    """Return the diameters of one ``--diameter``.
+
+    A comma may be a decimal one: several diameters are told by a point in at least one of them.
+    """
+    from ronnaplan.errors import UsageError
+
+    parts = [plain_number(part) for part in text.split(",")]
+    found = [value for value in parts if value is not None]
+    if len(found) < len(parts):
+        raise UsageError(f"--diameter is '{text}'; a positive number of mm, several as 11.5,5, or 'auto'")
+    if len(found) > 1 and "." not in text:
+        raise UsageError(
+            f"--diameter is '{text}', which may be {text.replace(',', '.', 1)} mm or {len(found)} diameters; "
+            f"write a point, or for several {','.join(f'{part}.0' for part in text.split(','))}"
+        )
+    return found
 
 
 def _short(text: str) -> str:
