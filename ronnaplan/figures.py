@@ -91,7 +91,7 @@ class ThreeViews:
             self._panes[across, up] = axes
 
     def points(self, places_mm: FloatArray, labels: Sequence[str] = (), colours: Sequence[str] = ()) -> None:
-        """Draw points, named where there are labels, each of its own colour where there are colours."""
+        """Draw points (N, 3), named where there are labels, each of its own colour where there are colours."""
         shown = colours or [MARKER_COLOUR] * len(places_mm)
         for (across, up), axes in self._panes.items():
             axes.scatter(places_mm[:, across], places_mm[:, up], s=36, c=shown, zorder=3)
@@ -101,7 +101,7 @@ class ThreeViews:
     def names(
         self, places_mm: FloatArray, labels: Sequence[str], colours: Sequence[str], beyond_mm: FloatArray
     ) -> None:
-        """Write labels above or below places, away from others (N, 3), to be read before any background."""
+        """Write labels above or below places (N, 3), away from others (N, 3), to be read before any background."""
         for (across, up), axes in self._panes.items():
             turn = -1 if axes.yaxis_inverted() else 1
             for place, label, colour, other in zip(places_mm, labels, colours, beyond_mm, strict=True):
@@ -131,7 +131,7 @@ class ThreeViews:
             axes.set_ylim(middle[up] - turn * reach, middle[up] + turn * reach)
 
     def segments(self, starts_mm: FloatArray, ends_mm: FloatArray, colours: Sequence[str]) -> None:
-        """Draw a line from each start to its end."""
+        """Draw a line from each start (N, 3) to its end (N, 3)."""
         for (across, up), axes in self._panes.items():
             for start, end, colour in zip(starts_mm, ends_mm, colours, strict=True):
                 axes.plot([start[across], end[across]], [start[up], end[up]], color=colour, linewidth=1.6)

@@ -172,7 +172,7 @@ class OpenCase:
         self.before_drag = self.plan
 
     def drag(self, name: str, end: str, place_mm: FloatArray) -> None:
-        """Move one end of a trajectory, anywhere; the whole drag is one step that can be undone."""
+        """Move one end of a trajectory to any place (3,), LPS mm; the whole drag is one step that can be undone."""
         if end not in ENDS:
             raise UsageError(f"a trajectory has no end {end}; it has entry and target")
         if self.before_drag is None:

@@ -191,7 +191,10 @@ class Surroundings:
         targets_mm: Sequence[FloatArray] = (),
         progress: Progress = False,
     ) -> Placement:
-        """Propose places for ``count`` markers, for the plan's targets and ``targets_mm``, away from its entries."""
+        """Propose places for ``count`` markers, away from the plan's entries.
+
+        They are for its targets and ``targets_mm``, (3,) each in LPS.
+        """
         stated = rules or PlacementRules()
         stated = replace(stated, sigma_ct_mm=self.rules.sigma_ct_mm, sigma_ots_mm=self.rules.sigma_ots_mm)
         targets = [*(one.target_mm for one in plan.trajectories), *targets_mm]

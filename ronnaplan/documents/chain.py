@@ -133,7 +133,7 @@ def tracked_chain(
 def stereo_chain(
     found: RobotRegistration, source: Source, middle_mm: FloatArray, notes: tuple[str, ...] = ()
 ) -> ChainDocument:
-    """Return the document of the final registration, to re-localized markers."""
+    """Return the document of the final registration, to re-localized markers; ``middle_mm`` (3,) is theirs in CT."""
     return _document(
         {
             "way": "stereo",

@@ -115,7 +115,7 @@ class Following:
 
 
 def seen_tools(moment: Recording, ct_from_ots: FloatArray, tip: PivotDocument | None) -> tuple[SeenTool, ...]:
-    """Return where each tool was seen last; one that was not seen is left out.
+    """Return where each tool was seen last, mapped by ``ct_from_ots`` (4, 4); one that was not seen is left out.
 
     ``tip`` is that of the tool it names, and of the only tool where there is one.
     """

@@ -34,7 +34,8 @@ def over_head(
 ) -> dict[str, Any]:
     """Return what is drawn over the 3-D view, in halves of its picture; ``camera`` is None until it is ready.
 
-    ``wanting`` says why there are no surfaces, where there are none; ``drawn_here`` is whether the browser draws it.
+    ``wanting`` says why there are no surfaces, where there are none; ``drawn_here`` is whether the browser draws it;
+    regions are named at ``region_places_mm`` (3,), LPS mm.
     """
     wide, high = pane.halves
     drawn: dict[str, Any] = {

@@ -93,7 +93,7 @@ class Scene:
             self._show(things.tool(one.name, one.tip_mm, one.back))
 
     def show_tracker(self, ct_from_ots: FloatArray | None) -> None:
-        """Show the tracker where it stood when the markers were registered."""
+        """Show the tracker where it stood when the markers were registered, by ``ct_from_ots`` (4, 4), or hide it."""
         self._hide("tracker")
         if ct_from_ots is not None:
             self._show(things.tracker(ct_from_ots))

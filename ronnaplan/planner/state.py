@@ -94,7 +94,7 @@ class PlannerState:
         return self.second
 
     def add_trajectory(self, entry_mm: FloatArray, target_mm: FloatArray, name: str | None = None) -> str:
-        """Add a trajectory and select it; returns its name."""
+        """Add a trajectory from entry (3,) to target (3,), LPS mm, and select it; returns its name."""
         plan = self.case.plan
         taken = {one.name for one in plan.trajectories}
         free = next(f"T{n}" for n in range(1, len(taken) + 2) if f"T{n}" not in taken)

@@ -64,7 +64,7 @@ def cut_image(
 
 
 def cut_places(center_mm: FloatArray, axes: tuple[int, int], reach_mm: float) -> FloatArray:
-    """Places (H, W, 3) in LPS of the pixels of a cut."""
+    """Places (H, W, 3) in LPS of the pixels of a cut through ``center_mm`` (3,)."""
     steps = np.arange(-reach_mm, reach_mm + CUT_PIXEL_MM / 2, CUT_PIXEL_MM)
     places = np.tile(center_mm, (len(steps), len(steps), 1))
     places[..., axes[0]] += steps[np.newaxis, :]

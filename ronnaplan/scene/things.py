@@ -107,7 +107,7 @@ def label_map(name: str, body: Body, colour: str, opacity: float = REGION_OPACIT
 
 
 def marker(label: str, center_mm: FloatArray, diameter_mm: float, opacity: float = 1.0) -> Thing:
-    """Return a marker as a ball of its size."""
+    """Return a marker at a place (3,), LPS mm, as a ball of its size."""
     round_one = ball(center_mm, diameter_mm / 2 + VEIL_MM, sides=32)
     return Thing(
         f"marker {label}", round_one, rgb(MARKER_COLOUR), opacity, gloss=0.4, label=label, label_mm=center_mm
@@ -126,7 +126,10 @@ def spread_name(label: str, factor: int) -> str:
 
 
 def spread(label: str, center_mm: FloatArray, covariance_mm2: FloatArray, factor: int) -> Thing:
-    """Return the ellipsoid that holds a marker's center with a chance of 95 %, enlarged by ``factor``."""
+    """Return the ellipsoid that holds a marker's center with a chance of 95 %, enlarged by ``factor``.
+
+    ``center_mm`` (3,) in LPS, ``covariance_mm2`` (3, 3).
+    """
     variances, directions = np.linalg.eigh(covariance_mm2)
     axes = factor * RADII_95 * directions * np.sqrt(variances)
     return Thing(spread_name(label, factor), ellipsoid(center_mm, axes, sides=24), rgb(SPREAD_COLOUR))
@@ -139,13 +142,16 @@ def tool(name: str, tip_mm: FloatArray, back: FloatArray) -> Thing:
 
 
 def tracker(ct_from_ots: FloatArray) -> Thing:
-    """Return a bar with two eyes at the origin of the tracker's frame, the bar along its x, the eyes towards its z."""
+    """Return a bar with two eyes at the origin of the tracker's frame, the bar along its x, the eyes towards its z.
+
+    ``ct_from_ots`` (4, 4) says where that is.
+    """
     eyes = [ball([side * BAR_MM[0] / 3, 0.0, BAR_MM[2] / 2], EYE_MM) for side in (-1.0, 1.0)]
     return Thing("tracker", moved(joined([box(np.zeros(3), BAR_MM), *eyes]), ct_from_ots), rgb(TRACKER_COLOUR))
 
 
 def rejected(centers_mm: Sequence[FloatArray]) -> Thing:
-    """Return what stands for the candidates that were turned down."""
+    """Return what stands for the candidates that were turned down, at places (3,) in LPS mm."""
     return Thing("rejected", specks(np.array(centers_mm).reshape(-1, 3), REJECTED_MM), rgb(REJECTED_COLOUR))
 
 
