@@ -32,20 +32,10 @@ def run_add(arguments: argparse.Namespace) -> int:
 
     entry_mm, target_mm = (_lps(place, arguments.coordinates) for place in (arguments.entry, arguments.target))
     instrument = _instrument(arguments) or Trajectory.instrument
-    options = _electrode(arguments)
+    further = {"colour": arguments.colour or "", "notes": arguments.notes or "", **_electrode(arguments)}
 
     def add(plan: Plan) -> Plan:
-        added = Trajectory(
-            arguments.name,
-            entry_mm,
-            target_mm,
-            plan.frame,
-            instrument,
-            arguments.colour or "",
-            notes=arguments.notes or "",
-            **options,
-        )
-        return plan.add(added)
+        return plan.add(Trajectory(arguments.name, entry_mm, target_mm, plan.frame, instrument, **further))
 
     return _changed_in_head(arguments, add)
 
