@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -22,6 +23,15 @@ Edges = NDArray[np.int32]
 """Voxels (N, 6) of a slab that may lie on a surface: slice, row and column, and by how many HU the image rises from the
 voxel before to the one behind along columns, rows and slices."""
 
+Votes = NDArray[np.uint8]
+"""Votes (z, y, x) by cells."""
+
+Sums = NDArray[np.uint16]
+"""What 3 x 3 x 3 cells gather."""
+
+MOST_VOTES = 255
+"""No cell counts more: balls gather up to a hundred in one, and one with so many is a peak whatever else it gets."""
+
 
 @dataclass(frozen=True)
 class Candidates:
@@ -41,7 +51,7 @@ class Ballot:
     diameter_mm: float
     corner: FloatArray
     cell_mm: float
-    votes: NDArray[np.uint16]
+    votes: Votes
 
     @classmethod
     def over(cls, low: FloatArray, high: FloatArray, diameter_mm: float, least_mm: float) -> Ballot:
@@ -49,7 +59,7 @@ class Ballot:
         cell_mm = max(diameter_mm / VOTE_CELLS_PER_DIAMETER, least_mm)
         corner = low - cell_mm
         shape = np.ceil((high - corner) / cell_mm).astype(int) + 2
-        return cls(diameter_mm, corner, cell_mm, np.zeros(shape[::-1], dtype=np.uint16))
+        return cls(diameter_mm, corner, cell_mm, np.zeros(shape[::-1], dtype=np.uint8))
 
     def count(self, edges: Sequence[Edges], origins: FloatArray, steps: FloatArray, threshold: float) -> None:
         """Count the votes of a slab's ``edges``; by one thread, for two would write to the same cells.
@@ -76,29 +86,28 @@ def _vote(
     radius: float,
     corner: FloatArray,
     cell: float,
-    votes: NDArray[np.uint16],
+    votes: Votes,
 ) -> None:
     """Let each edge whose gradient exceeds ``threshold`` (HU/mm) vote one ``radius`` up its gradient."""
-    per_u, per_v, least = 0.5 / steps[0], 0.5 / steps[1], threshold * threshold
+    per_u, per_v, per_cell, least = 0.5 / steps[0], 0.5 / steps[1], 1.0 / cell, threshold * threshold
+    slants = origins[2:] - origins[:-2]
+    per_w = 1.0 / slants[:, 2]
     for n in range(len(edges)):
         k, j, i = edges[n, 0], edges[n, 1], edges[n, 2]
         gu, gv = per_u * edges[n, 3], per_v * edges[n, 4]
-        along = gu * (origins[k + 1, 0] - origins[k - 1, 0])
-        gw = (1.0 / (origins[k + 1, 2] - origins[k - 1, 2])) * (
-            edges[n, 5] - along - gv * (origins[k + 1, 1] - origins[k - 1, 1])
-        )
+        gw = per_w[k - 1] * (edges[n, 5] - gu * slants[k - 1, 0] - gv * slants[k - 1, 1])
         square = gu * gu + gv * gv + gw * gw
         if square < least:
             continue
         reach = radius / np.sqrt(square)
-        x = int((origins[k, 0] + i * steps[0] + reach * gu - corner[0]) / cell + 0.5)
-        y = int((origins[k, 1] + j * steps[1] + reach * gv - corner[1]) / cell + 0.5)
-        z = int((origins[k, 2] + reach * gw - corner[2]) / cell + 0.5)
+        x = int((origins[k, 0] + i * steps[0] + reach * gu - corner[0]) * per_cell + 0.5)
+        y = int((origins[k, 1] + j * steps[1] + reach * gv - corner[1]) * per_cell + 0.5)
+        z = int((origins[k, 2] + reach * gw - corner[2]) * per_cell + 0.5)
         if 0 <= z < votes.shape[0] and 0 <= y < votes.shape[1] and 0 <= x < votes.shape[2]:
-            votes[z, y, x] += 1
+            votes[z, y, x] += votes[z, y, x] < MOST_VOTES
 
 
-def _peaks(votes: NDArray[np.uint16], full_count: float) -> tuple[FloatArray, FloatArray]:
+def _peaks(votes: Votes, full_count: float) -> tuple[FloatArray, FloatArray]:
     """Local maxima of the votes gathered over 3 x 3 x 3 cells: cell coordinates (N, 3) = (x, y, z), and shares."""
     parts = in_parts(lambda first, end: _gather_peaks(votes, MIN_VOTE_SHARE * full_count, first, end), len(votes))
     places, strength, centers = (np.concatenate(some) for some in zip(*parts, strict=True))
@@ -108,7 +117,7 @@ def _peaks(votes: NDArray[np.uint16], full_count: float) -> tuple[FloatArray, Fl
 
 @njit(cache=True, nogil=True)
 def _gather_peaks(
-    votes: NDArray[np.uint16], threshold: float, first: int, end: int
+    votes: Votes, threshold: float, first: int, end: int
 ) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
     """Cells (N, 3) = (z, y, x) whose 3 x 3 x 3 sum is a local maximum, that sum (N,), and its centroid (x, y, z).
 
@@ -118,8 +127,9 @@ def _gather_peaks(
     strengths = []
     centers = []
     depth, height, width = votes.shape
-    sums = np.empty((3, height, width), dtype=np.int32)  # of three layers, each at its number modulo 3
-    tops = np.empty((3, height), dtype=np.int32)
+    least = np.uint16(math.ceil(threshold))
+    sums = np.empty((3, height, width), dtype=np.uint16)  # of three layers, each at its number modulo 3
+    tops = np.empty((3, height), dtype=np.uint16)
     begin = max(first, 1)
     if begin < min(end, depth - 1):
         _sum_layer(votes, begin - 1, sums, tops)
@@ -128,11 +138,11 @@ def _gather_peaks(
         _sum_layer(votes, z + 1, sums, tops)
         for y in range(1, height - 1):
             row = sums[z % 3, y]
-            if tops[z % 3, y] < threshold:
+            if tops[z % 3, y] < least:
                 continue
             for x in range(1, width - 1):
                 total = row[x]
-                if total < threshold or row[x - 1] >= total or row[x + 1] > total or not _is_peak(sums, z, y, x):
+                if total < least or row[x - 1] >= total or row[x + 1] > total or not _is_peak(sums, z, y, x):
                     continue
                 places.append((z, y, x))
                 strengths.append(float(total))
@@ -150,14 +160,14 @@ def _gather_peaks(
 
 
 @njit(cache=True, nogil=True)
-def _sum_layer(votes: NDArray[np.uint16], z: int, sums: NDArray[np.int32], tops: NDArray[np.int32]) -> None:
+def _sum_layer(votes: Votes, z: int, sums: Sums, tops: Sums) -> None:
     """Fill the layer of ``sums`` with the votes in the 3 x 3 x 3 cells about each cell of layer ``z``.
 
     ``tops`` gets the largest sum of each row. Of a cell that nobody voted for 0 is told: between two slices' votes it
     would gather most, and nobody be the peak.
     """
     depth, height, width = votes.shape
-    across = np.empty(width, dtype=np.int32)
+    across = np.empty(width, dtype=np.uint16)
     for y in range(height):
         across[:] = 0
         for c in range(max(z - 1, 0), min(z + 2, depth)):
@@ -169,7 +179,7 @@ def _sum_layer(votes: NDArray[np.uint16], z: int, sums: NDArray[np.int32], tops:
         into[0], into[width - 1] = across[0] + across[1], across[width - 2] + across[width - 1]
         for x in range(1, width - 1):
             into[x] = across[x - 1] + across[x] + across[x + 1]
-        top = np.int32(0)
+        top = np.uint16(0)
         for x in range(width):
             into[x] *= own[x] != 0
             top = max(top, into[x])
@@ -177,7 +187,7 @@ def _sum_layer(votes: NDArray[np.uint16], z: int, sums: NDArray[np.int32], tops:
 
 
 @njit(cache=True, nogil=True)
-def _is_peak(sums: NDArray[np.int32], z: int, y: int, x: int) -> bool:
+def _is_peak(sums: Sums, z: int, y: int, x: int) -> bool:
     """Whether no neighbouring cell that was voted for gathers more (of equal ones, the first counts)."""
     total = sums[z % 3, y, x]
     for c in range(z - 1, z + 2):
@@ -190,7 +200,7 @@ def _is_peak(sums: NDArray[np.int32], z: int, y: int, x: int) -> bool:
 
 
 @njit(cache=True)
-def _centroid(votes: NDArray[np.uint16], z: int, y: int, x: int, total: float) -> tuple[float, float, float]:
+def _centroid(votes: Votes, z: int, y: int, x: int, total: float) -> tuple[float, float, float]:
     sums = np.zeros(3)
     for c in range(z - 1, z + 2):
         for b in range(y - 1, y + 2):
