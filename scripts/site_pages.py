@@ -145,6 +145,11 @@ def _equation(found: re.Match[str]) -> str:
     return f"<span>{convert(found['inline'])}</span>"  # else a line that begins with it would be a block
 
 
+def changelog_page() -> str:
+    """Return the changelog, whose links lead from the source's folder, with links from the pages'."""
+    return (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").replace("](docs/", "](")
+
+
 def on_files(files: Any, config: Any) -> Any:
     """Add what is made to the site's files (called by mkdocs)."""
     from mkdocs.structure.files import File
@@ -152,7 +157,7 @@ def on_files(files: Any, config: Any) -> Any:
     made: dict[str, str | bytes] = {
         "reference/commands.md": commands_page(),
         "reference/files.md": schemas_page(),
-        "changelog.md": (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"),
+        "changelog.md": changelog_page(),
     }
     for tutorial in sorted(TUTORIALS.glob("*.py")):
         page = rendered(tutorial)

@@ -56,6 +56,12 @@ def test_every_internal_link_leads_to_a_page_and_its_heading() -> None:
             assert not anchor or anchor in anchors(place), (page, target)
 
 
+def test_links_of_the_changelog_lead_to_pages(maker: ModuleType) -> None:
+    targets = re.findall(r"\]\(([^)\s#]+)", maker.changelog_page())
+    assert "tables.md" in targets
+    assert all((DOCS / target).is_file() for target in targets if not target.startswith("https:"))
+
+
 def test_every_page_is_in_the_navigation() -> None:
     navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:")[2]
     listed = set(re.findall(r": (\S+\.md)$", navigation, re.M))
