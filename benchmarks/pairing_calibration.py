@@ -23,7 +23,7 @@ from ronnaplan.correspondence.told import OTHER_PATIENT, Told
 from ronnaplan.geometry import FloatArray
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 from ronnaplan.studies.heads import HEADS_MM
-from ronnaplan.studies.judging import PROBABILITY_EDGES, SPREAD_MM
+from ronnaplan.studies.judging import PROBABILITY_EDGES, SPREAD_MM, calibration
 from ronnaplan.studies.scenes import simulate_scenes
 
 MARKERS, OUTLIERS = 3, (0, 2, 4)
@@ -92,9 +92,8 @@ def counts(truth: Truth, outliers: int, scale: float, is_stranger: bool, tests: 
         partner, probability, _ = match_many(scenes.ct, ots, variance, *priors, SPREAD_MM)
         wrong = (partner != scenes.partner).any(axis=1) | is_stranger
         stated = probability > 0
-        bins = np.digitize(probability[stated], PROBABILITY_EDGES[1:-1])
-        for column, weights in enumerate((None, 1.0 - probability[stated], wrong[stated].astype(np.float64))):
-            total[:, column] += np.bincount(bins, weights, len(total))
+        answers, right, sure = np.array(calibration(probability[stated], ~wrong[stated])).T
+        total += np.column_stack([answers, answers - sure, answers - right])
     return total
 
 

@@ -83,10 +83,9 @@ class Layout:
             return 1.0
         d, size = max(self.rival_distance_mm / sigma, 1e-9), len(self.rival)
         needed = math.log(least_probability / (1.0 - least_probability))
+        if_larger = -math.log(MOST_ODDS_IF_LARGER) if size <= FEW_PAIRS else -math.inf
         # Of errors of the largest scale that is admitted a gap tells least: where it still does, nothing is refused.
-        most_needed = needed
-        if size <= FEW_PAIRS:
-            most_needed = max(needed, -math.log(SCALE_PRIORS[-1] * MOST_ODDS_IF_LARGER))
+        most_needed = max(needed, if_larger - math.log(SCALE_PRIORS[-1]))
         if d * (d - 2.0 * LOWEST_SIGMAS) > 2.0 * max(SCALES) ** 2 * most_needed:
             return 0.0
         from scipy.special import gammaincinv, ndtri  # which take longer to load than most layouts to judge
@@ -94,23 +93,24 @@ class Layout:
         levels = (np.arange(QUADRATURE_STEPS) + 0.5) / QUADRATURE_STEPS
         truths = np.asarray(2.0 * gammaincinv((3 * size - 6) / 2.0, levels), dtype=np.float64)
         gaps = d * d + 2.0 * d * ndtri(levels)
-        return float(refused_share(truths, gaps, size, needed))
+        return float(refused_share(truths, gaps, size, needed, if_larger))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def refused_share(truths: FloatArray, gaps: FloatArray, size: int, needed: float) -> float:
+def refused_share(truths: FloatArray, gaps: FloatArray, size: int, needed: float, if_larger: float) -> float:
     """Return the share of the truth's chi^2 and the rival's excess at which neither is ``needed`` nats ahead.
 
-    Or, of few pairs, not ahead as `MOST_ODDS_IF_LARGER` wants it.
+    Or not ``if_larger`` nats ahead of the other were its errors the largest of `SCALES`.
     """
-    refused, if_larger = 0, -math.log(MOST_ODDS_IF_LARGER) if size <= FEW_PAIRS else -np.inf
+    refused = 0
     for truth in truths:
         for gap in gaps:
             rival = max(truth + gap, 0.0)
-            best, other = min(truth, rival), max(truth, rival)
-            ahead = log_misfit(best, size) - log_misfit(other, size)
-            ahead_if_larger = log_misfit(best, size) - log_misfit_at(other, size, SCALES[-1])
-            if ahead < needed or ahead_if_larger < if_larger:
+            best, other = log_misfit(min(truth, rival), size), max(truth, rival)
+            if (
+                best - log_misfit(other, size) < needed
+                or best - log_misfit_at(other, size, SCALES[-1]) < if_larger
+            ):
                 refused += 1
     return refused / (len(truths) * len(gaps))
 

@@ -184,13 +184,12 @@ class Plan(Shown[Trajectory]):
             trajectory, Trajectory, "what is added", "make it with Trajectory(name, entry_mm, target_mm, frame)"
         )
         self._check_new(trajectory, ())
-        index = len(self.trajectories)
-        return self._changed("add", index, None, _coloured(trajectory, index))
+        return self._changed("add", len(self.trajectories), None, trajectory)
 
     def edit(self, name: str, /, **changes: Any) -> Plan:
         """Return the plan with fields of a trajectory replaced; a locked one is refused (`InputError`)."""
         index = self._unlocked(name)
-        edited = _coloured(replace(self.trajectories[index], **changes), index)
+        edited = replace(self.trajectories[index], **changes)
         self._check_new(edited, (name,))
         return self._changed("edit", index, self.trajectories[index], edited)
 
@@ -258,6 +257,8 @@ class Plan(Shown[Trajectory]):
         before: Item | None,
         after: Item | None,
     ) -> Plan:
+        if isinstance(after, Trajectory):
+            after = _coloured(after, index)
         change = Change(datetime.now(UTC), action, index, before, after)
         return replace(self._with(change), history=(*self.history, change), undone=())
 

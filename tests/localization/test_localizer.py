@@ -15,6 +15,7 @@ from phantoms.markers import marker
 from phantoms.scene import Part, Scene
 from phantoms.solids import cylinder, ellipsoid, half_space, sphere
 from ronnaplan.errors import InputError, RefusedError, UsageError
+from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import FiducialFlag, localize
 from tests.scans import balls, offsets_mm, scan, small_stack
 
@@ -186,16 +187,28 @@ def test_a_ball_on_a_half_space_of_skin_is_found() -> None:
     assert found.centers[0] == pytest.approx([0.6, -0.3, 0.0], abs=0.03)
 
 
+def on_a_head(
+    generator: np.random.Generator,
+    head_radius_mm: float,
+    diameter_mm: float,
+    material: str = "acrylic",
+    gap_mm: float = 0.0,
+) -> tuple[Scene, FloatArray, FloatArray]:
+    """Return a ball beside a round head of skin, its center (3,), and the direction (3,) away from the head."""
+    center, outward = generator.uniform(-0.5, 0.5, 3), np.array([0.5, -0.7, generator.uniform(-0.6, 0.6)])
+    outward /= np.linalg.norm(outward)
+    middle = center - (head_radius_mm + gap_mm + diameter_mm / 2) * outward
+    head = Scene((Part(sphere(tuple(middle), 2 * head_radius_mm), "skin"),))
+    return head + balls([tuple(center)], diameter_mm, material), center, outward
+
+
 @pytest.mark.parametrize("gap_mm", [0.0, 0.6])
 @pytest.mark.parametrize("diameter_mm", [4.0, 6.0])
 def test_a_small_plastic_ball_on_skin_is_found(diameter_mm: float, gap_mm: float) -> None:
     """Skin is as bright as the ball, and reaches through the blur to a quarter of the surface of one of 4 mm."""
     generator = np.random.default_rng(5)
     for seed in range(4):
-        center, outward = generator.uniform(-0.5, 0.5, 3), np.array([0.5, -0.7, generator.uniform(-0.6, 0.6)])
-        outward /= np.linalg.norm(outward)
-        head = sphere(tuple(center - (70.0 + gap_mm + diameter_mm / 2) * outward), 140.0)
-        scene = Scene((Part(head, "skin"),)) + balls([tuple(center)], diameter_mm)
+        scene, center, _ = on_a_head(generator, 70.0, diameter_mm, gap_mm=gap_mm)
         volume = scan(scene, small_stack(spacing_mm=0.8), blur_mm=0.55, seed=seed)
         found = localize(volume, diameter_mm=diameter_mm, expected=1)[0]
         error_mm = found.center_mm - center
@@ -207,10 +220,7 @@ def test_a_ball_on_skin_is_found_in_coarse_and_noisy_voxels() -> None:
     """As PET/CT scans have them: 40 HU in pixels of 1.2 mm and slices of 3 mm."""
     generator = np.random.default_rng(5)
     for seed in range(4):
-        center, outward = generator.uniform(-0.5, 0.5, 3), np.array([0.5, -0.7, generator.uniform(-0.6, 0.6)])
-        outward /= np.linalg.norm(outward)
-        head = sphere(tuple(center - 75.0 * outward), 140.0)
-        scene = Scene((Part(head, "skin"),)) + balls([tuple(center)], 10.0)
+        scene, center, _ = on_a_head(generator, 70.0, 10.0)
         volume = scan(scene, small_stack(matrix=52, spacing_mm=3.0), blur_mm=0.8, noise_hu=40.0, seed=seed)
         found = localize(volume, diameter_mm=10.0, expected=1)[0]
         error_mm = found.center_mm - center
@@ -235,10 +245,7 @@ def test_a_ball_on_a_round_head_is_not_drawn_to_the_skin(material: str, diameter
     generator = np.random.default_rng(8)
     errors_mm = []
     for seed in range(6):
-        center, outward = generator.uniform(-0.5, 0.5, 3), np.array([0.5, -0.7, generator.uniform(-0.6, 0.6)])
-        outward /= np.linalg.norm(outward)
-        head = sphere(tuple(center - (85.0 + diameter_mm / 2) * outward), 170.0)
-        scene = Scene((Part(head, "skin"),)) + balls([tuple(center)], diameter_mm, material)
+        scene, center, outward = on_a_head(generator, 85.0, diameter_mm, material)
         stack = small_stack(spacing_mm=0.6, thickness_mm=0.6)
         found = localize(scan(scene, stack, blur_mm=0.65, seed=seed), diameter_mm=diameter_mm, expected=1)
         errors_mm.append((found.centers[0] - center) @ outward)
