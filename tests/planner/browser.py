@@ -100,7 +100,7 @@ def chromium(*flags: str) -> Iterator[Any]:
 
 
 def opened(browser: Any, url: str, width: int = 1280, height: int = 800, script: str = "") -> Any:
-    """A tab that shows the planner, after a ``script``; remembers in ``page.requested`` what it asked for."""
+    """A tab that shows the planner whole, after a ``script``; remembers in ``page.requested`` what it asked for."""
     page = browser.new_page(viewport={"width": width, "height": height})
     page.set_default_timeout(PATIENCE_MS)
     page.add_init_script(script)
@@ -109,6 +109,7 @@ def opened(browser: Any, url: str, width: int = 1280, height: int = 800, script:
     page.on("websocket", lambda socket: page.requested.append(socket.url))
     page.goto(url)
     page.wait_for_selector("canvas[data-picture=axial][data-number]")
+    page.wait_for_selector(".rp-tab")  # the panels follow the first pictures
     return page
 
 
