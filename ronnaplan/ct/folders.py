@@ -55,7 +55,7 @@ class _Entry(NamedTuple):
 
 def _files_below(root: str, limits: Limits, skipped: list[Skipped]) -> Iterator[Blob]:
     top = os.path.join(os.path.realpath(root), "")  # noqa: PTH118
-    seen: set[tuple[int, int]] = set()  # folders, and files that may have other names
+    seen = {_identity(Path(root).stat())}  # folders, and files that may have other names
     count = 0
     pending = [_Folder(root, 0, False)]
     while pending:
@@ -66,10 +66,9 @@ def _files_below(root: str, limits: Limits, skipped: list[Skipped]) -> Iterator[
             if entry.is_link and not is_folder and os.path.realpath(entry.path).startswith(top):
                 continue  # it is met where it lies
             if is_folder or entry.is_link or folder.linked or status.st_nlink != 1:
-                identity = (status.st_dev, status.st_ino)
-                if identity in seen:
+                if _identity(status) in seen:
                     continue
-                seen.add(identity)
+                seen.add(_identity(status))
             count += 1
             if count > limits.files:
                 raise InputError(
@@ -83,6 +82,10 @@ def _files_below(root: str, limits: Limits, skipped: list[Skipped]) -> Iterator[
                 skipped.append(Skipped(printable(entry.path), "the folders nest too deeply", True))
             else:
                 pending.append(_Folder(entry.path, folder.depth + 1, folder.linked or entry.is_link))
+
+
+def _identity(status: os.stat_result) -> tuple[int, int]:
+    return status.st_dev, status.st_ino
 
 
 def _entries(folder: str, skipped: list[Skipped]) -> Iterator[_Entry]:

@@ -199,7 +199,7 @@ def test_each_file_is_met_once_by_whatever_names_and_only_those_of_several_are_r
     inside, outside = tmp_path / "scans", tmp_path / "elsewhere"
     (inside / "a").mkdir(parents=True)
     outside.mkdir()
-    for name in (inside / "a" / "1", inside / "2", outside / "3", outside / "4"):
+    for name in (inside / "a" / "1", inside / "2", outside / "3", outside / "4", inside / "5"):
         name.write_text(name.name)
     (inside / "hard").hardlink_to(inside / "2")
     (inside / "to a file").symlink_to(inside / "a" / "1")
@@ -209,4 +209,4 @@ def test_each_file_is_met_once_by_whatever_names_and_only_those_of_several_are_r
     (inside / "a" / "out, too").symlink_to(outside)
     (inside / "a" / "out to a file").symlink_to(outside / "4")
     met = [Path(one.name) for one in blobs_below(inside, DEFAULT_LIMITS, [])]
-    assert sorted(one.read_text() for one in met) == ["1", "2", "3", "4"]
+    assert sorted(one.read_text() for one in met) == ["1", "2", "3", "4", "5"]
