@@ -75,7 +75,7 @@ def _told(counts: Counts, out: str) -> str:
     if len(listed.skipped) > MOST_SHOWN:
         lines.append(f"and {len(listed.skipped) - MOST_SHOWN} more")
     if listed.files:
-        lines.append(f"{listed.files} files, {listed.changed} of them new or changed")
+        lines.append(f"{listed.files} files, {listed.changed} of them new, changed or not read before")
     lines.append(
         f"{counts.worked} series worked on; in all {counts.done} done, {counts.aside} set aside, "
         f"{counts.left} that no rule fits: {Path(out) / 'index.html'}"

@@ -11,7 +11,7 @@ from pathlib import Path
 from ronnaplan.cohort import children
 from ronnaplan.cohort.index import ASIDE, DONE, LEFT, WAITING, Index
 from ronnaplan.cohort.listing import Listed, bring_up_to_date
-from ronnaplan.cohort.places import is_url
+from ronnaplan.cohort.places import is_url, kept_name
 from ronnaplan.cohort.planning import decide, tasks_of
 from ronnaplan.cohort.rules import Rules
 from ronnaplan.cohort.run import connected, work_off
@@ -54,7 +54,10 @@ def run_cohort(
     from ronnaplan.cohort.tables import write_tables
 
     tasks = tasks_of(rules)
-    places = [root if is_url(root) else os.path.abspath(given_path(root)) for root in roots]  # noqa: PTH100
+    places = [
+        kept_name(root if is_url(root) else os.path.abspath(given_path(root)))  # noqa: PTH100
+        for root in roots
+    ]
     make_folder(out)
     with _locked(out), Index(out) as index:
         listed = bring_up_to_date(index, places, progress=progress) if list_roots else Listed()

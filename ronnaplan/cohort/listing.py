@@ -44,6 +44,8 @@ class _LookedInto(NamedTuple):
     instance: Instance | None
     reason: str = ""
     is_trouble: bool = False
+    told: str = ""
+    """What the user is told of a file that may hold images and was not looked into."""
     is_archive: bool = False
 
 
@@ -73,28 +75,40 @@ def _list_root(index: Index, place: Place, listed: Listed, progress: bool) -> No
             "CREATE TEMP TABLE changed AS SELECT met.* FROM met LEFT JOIN files AS old"
             " ON old.place = ? AND old.folder = met.folder AND old.name = met.name"
             " WHERE old.name IS NULL OR old.size != met.size OR old.stamp != met.stamp"
+            " OR old.trouble OR (old.archive IS NOT NULL AND old.reason != '')"  # a disk or a network may have failed
             " ORDER BY met.folder, met.name",
             number,
         )
-        trouble = [f"{one.name}: {one.reason}" for one in skipped if one.is_trouble]
-        if not trouble:  # a folder that cannot be opened now has not lost its files
-            _remove(
-                index,
-                "place = ? AND NOT EXISTS"
-                " (SELECT 1 FROM met WHERE met.folder = files.folder AND met.name = files.name)",
-                number,
-            )
-    count = index.value("SELECT COUNT(*) FROM changed")
-    listed.files += index.value("SELECT COUNT(*) FROM met")
-    listed.changed += count
-    listed.skipped += trouble
-    looked = _look_into(place, _shown(_changed(index), count, progress, "reading headers"))
+        count = index.value("SELECT COUNT(*) FROM met")
+        if not count and index.value("SELECT 1 FROM files WHERE place = ? LIMIT 1", number):
+            skipped.append(Skipped(printable(place.root), "it is empty, and was not; is its disk there?", True))
+        trouble = [one for one in skipped if one.is_trouble]
+        _remove_lost(index, number, {place.below(one.path) for one in trouble})
+    changed = index.value("SELECT COUNT(*) FROM changed")
+    listed.files += count
+    listed.changed += changed
+    listed.skipped += [f"{one.name}: {one.reason}" for one in trouble]
+    looked = _look_into(place, _shown(_changed(index), changed, progress, "reading headers"))
     for chunk in _chunks(looked, CHUNK):
         with index.transaction():
-            _enter(index, number, [one for one in chunk if not one.is_archive])
+            _enter(index, number, [one for one in chunk if not one.is_archive], listed)
         for one in chunk:
             if one.is_archive:
                 _list_archive(index, number, place.root, one.met, listed)
+
+
+def _remove_lost(index: Index, number: int, unopened: set[str]) -> None:
+    """Remove the files of a root that were not met, within a transaction, but for those below what is ``unopened``."""
+    index.run("CREATE TEMP TABLE IF NOT EXISTS unopened (path)")
+    index.run("DELETE FROM unopened")
+    index.run_many("INSERT INTO unopened VALUES (?)", [(path,) for path in unopened])
+    _remove(
+        index,
+        "place = ? AND NOT EXISTS (SELECT 1 FROM met WHERE met.folder = files.folder AND met.name = files.name)"
+        " AND NOT EXISTS (SELECT 1 FROM unopened WHERE path = ''"
+        " OR instr(ltrim(files.folder || '/', '/') || files.name || '/', path || '/') = 1)",
+        number,
+    )
 
 
 def _changed(index: Index) -> Iterator[Met]:
@@ -124,7 +138,13 @@ def _looked_into(place: Place, met: Met, blob: Blob) -> _LookedInto:
         return _LookedInto(met, instance)
     if place.is_archive(met.folder, met.name, met.size):
         return _LookedInto(met, None, is_archive=True)
-    return _LookedInto(met, None, skipped[0].reason, skipped[0].is_trouble)
+    (why,) = skipped
+    reason = why.reason
+    is_nested = bool(place.archive) and met.name.lower().endswith(".zip")
+    if is_nested:
+        reason = "an archive within an archive is not unpacked; unpack the outer one"
+    told = f"{why.name}: {reason}" if why.is_trouble or is_nested else ""
+    return _LookedInto(met, None, reason, why.is_trouble, told)
 
 
 def _list_archive(index: Index, number: int, root: str, met: Met, listed: Listed) -> None:
@@ -138,7 +158,7 @@ def _list_archive(index: Index, number: int, root: str, met: Met, listed: Listed
         try:
             looked = (_looked_into(place, member, blob) for member, blob in place.members(skipped))
             for chunk in _chunks(looked, CHUNK):
-                _enter(index, inside, chunk)
+                _enter(index, inside, chunk, listed)
         except InputError as error:
             reason = str(error)
             listed.skipped.append(reason)
@@ -150,7 +170,7 @@ def _list_archive(index: Index, number: int, root: str, met: Met, listed: Listed
         )
 
 
-def _enter(index: Index, place: int, looked: Sequence[_LookedInto]) -> None:
+def _enter(index: Index, place: int, looked: Sequence[_LookedInto], listed: Listed) -> None:
     """Enter files that were looked into, within a transaction; the series that they are of, or were, have changed."""
     for one in looked:
         _remove(index, "place = ? AND folder = ? AND name = ?", place, one.met.folder, one.met.name)
@@ -163,6 +183,7 @@ def _enter(index: Index, place: int, looked: Sequence[_LookedInto]) -> None:
             series = known.get(uids) or _series(index, place, uids, one.instance, one.met.folder)
             known[uids] = series
         rows.append((place, *one.met, series, one.is_trouble, one.reason))
+    listed.skipped += [one.told for one in looked if one.told]
     index.run_many(
         "INSERT INTO files (place, folder, name, size, stamp, series, trouble, reason) VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
         rows,

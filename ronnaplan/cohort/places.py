@@ -20,6 +20,22 @@ from ronnaplan.text import printable
 LIMITS: Final = replace(DEFAULT_LIMITS, files=10**10)
 """A folder may hold any number of files: they are not kept in memory."""
 
+_KEPT_BYTES: Final = {0xDC80 + n: 0xF780 + n for n in range(128)}
+_DISK_BYTES: Final = {kept: byte for byte, kept in _KEPT_BYTES.items()}
+
+
+def kept_name(path: str) -> str:
+    """Return a path as index and tables keep it: with characters of private use for bytes that are no UTF-8.
+
+    Names from old systems have such bytes. Python has lone surrogates for them, which neither index nor tables take.
+    """
+    return path.translate(_KEPT_BYTES)
+
+
+def disk_name(path: str) -> str:
+    """Return a kept path as the system knows it."""
+    return path.translate(_DISK_BYTES)
+
 
 def is_url(root: str) -> bool:
     """Whether a root is a URL."""
@@ -66,7 +82,7 @@ class RemoteFile(_Copied):
         """Return ``count`` bytes from ``offset``, fewer at the end."""
         try:
             return bytes(self.files.cat_file(self.path, start=offset, end=min(offset + count, self.size)))
-        except (OSError, ValueError) as error:
+        except Exception as error:  # each store's library has errors of its own
             raise DamagedError(f"it cannot be fetched ({printable(error)})") from error
 
 
@@ -105,7 +121,7 @@ class Place:
         try:
             from fsspec.core import url_to_fs
 
-            files, path = url_to_fs(self.root)
+            files, path = url_to_fs(disk_name(self.root))
         except (ImportError, ValueError) as error:
             raise InputError(f"{printable(self.root)} cannot be opened ({printable(error)})") from error
         return files, path.rstrip("/")
@@ -116,12 +132,12 @@ class Place:
         if self.is_remote:
             files, path = self._remote
             return path if not files.isfile(path) else path.rpartition("/")[0]
-        local = folder_of_index(given_path(self.root))
-        return str(local if local.is_dir() else local.parent)
+        local = folder_of_index(given_path(disk_name(self.root)))
+        return str(local.parent if local.is_file() else local)
 
     def path(self, folder: str, name: str) -> str:
         """Return where a file of this root lies."""
-        return "/".join(part for part in (self._base, folder, name) if part)
+        return "/".join(part for part in (self._base, disk_name(folder), disk_name(name)) if part)
 
     def files(self, skipped: list[Skipped]) -> Iterator[Met]:
         """Yield every file of a root, one by one; what cannot be opened is appended to ``skipped``.
@@ -129,18 +145,22 @@ class Place:
         Raises `InputError` where there is no such place.
         """
         if self.is_remote:
-            yield from self._remote_files()
+            yield from self._remote_files(skipped)
         else:
-            path = folder_of_index(given_path(self.root))
+            path = folder_of_index(given_path(disk_name(self.root)))
             if path.is_file():
                 status = path.stat()
-                yield Met("", path.name, status.st_size, str(status.st_mtime_ns))
+                yield Met("", kept_name(path.name), status.st_size, str(status.st_mtime_ns))
                 return
-            start = len(os.path.join(self._base, ""))  # noqa: PTH118
             for blob in blobs_below(path, LIMITS, skipped):
                 if isinstance(blob, DiskFile):
-                    folder, _, name = blob.path[start:].replace(os.sep, "/").rpartition("/")
+                    folder, _, name = self.below(blob.path).rpartition("/")
                     yield Met(folder, name, blob.size, str(blob.changed_ns))
+
+    def below(self, path: str) -> str:
+        """Return, of a whole path, what is below this root; "" for an empty path and the root itself."""
+        separator = "/" if self.is_remote else os.sep
+        return kept_name(path[len(self._base.rstrip(separator)) + 1 :].replace(separator, "/"))
 
     def members(self, skipped: list[Skipped]) -> Iterator[tuple[Met, Blob]]:
         """Yield every file of an archive; raises `InputError` where it cannot be read."""
@@ -165,7 +185,7 @@ class Place:
         files = self._remote[0]
         try:  # together, for each request waits
             content = files.cat([self.path(folder, name) for folder, name, _ in given], on_error="return")
-        except OSError as error:
+        except Exception as error:
             raise InputError(f"{printable(self.root)} cannot be read ({printable(error)})") from error
         found: list[Blob] = []
         for path, value in content.items():
@@ -182,21 +202,35 @@ class Place:
         except DamagedError:
             return False
 
-    def _remote_files(self) -> Iterator[Met]:
+    def _remote_files(self, skipped: list[Skipped]) -> Iterator[Met]:
         files, path = self._remote
         try:
             if files.isfile(path):
-                yield Met("", path.rpartition("/")[2], int(files.size(path) or 0), _stamp(files.info(path)))
+                info = files.info(path)
+                yield Met("", kept_name(path.rpartition("/")[2]), int(info.get("size") or 0), _stamp(info))
                 return
             if not files.exists(path):
                 raise InputError(f"there is no file or folder {printable(self.root)}")
-            for folder, _, found in files.walk(path, detail=True):
-                below = folder.rstrip("/")[len(path) :].strip("/")
-                for name, info in found.items():
-                    if name:
-                        yield Met(below, name, int(info.get("size") or 0), _stamp(info))
-        except OSError as error:
+        except InputError:
+            raise
+        except Exception as error:  # each store's library has errors of its own
             raise InputError(f"{printable(self.root)} cannot be listed ({printable(error)})") from error
+        pending = [path]
+        while pending:
+            folder = pending.pop()
+            try:
+                listed = files.ls(folder, detail=True)
+            except Exception as error:
+                reason = f"the folder cannot be opened ({printable(error)})"
+                skipped.append(Skipped(printable(folder), reason, True, folder))
+                continue
+            below = self.below(folder)
+            for info in listed:
+                whole = info["name"].rstrip("/")
+                if info["type"] == "directory" and whole != folder:
+                    pending.append(whole)
+                elif whole != folder and (info["type"] == "file" or info.get("islink")):  # a pipe may never end
+                    yield Met(below, kept_name(whole.rpartition("/")[2]), int(info.get("size") or 0), _stamp(info))
 
     def _archive_blobs(
         self, skipped: list[Skipped], wanted: set[str] | None
@@ -206,7 +240,7 @@ class Place:
         if self.is_remote:
             try:
                 raw = self._remote[0].open(path, "rb")
-            except OSError as error:
+            except Exception as error:
                 raise InputError(f"{printable(path)} cannot be opened ({printable(error)})") from error
         return zip_members(Path(path), LIMITS, skipped, raw=raw, wanted=wanted)
 

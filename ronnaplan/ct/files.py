@@ -101,11 +101,15 @@ def _open_descriptor(path: str | os.PathLike[str], shown: str) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Skipped:
-    """A file that was left out, and why; ``is_trouble`` when it may have held a wanted image."""
+    """A file or folder that was left out, and why; ``is_trouble`` when it may have held a wanted image.
+
+    ``path`` is where it lies, of what a walk through folders could not open.
+    """
 
     name: str
     reason: str
     is_trouble: bool
+    path: str = ""
 
 
 def given_path(path: str | os.PathLike[str]) -> Path:

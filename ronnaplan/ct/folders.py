@@ -79,7 +79,7 @@ def _files_below(root: str, limits: Limits, skipped: list[Skipped]) -> Iterator[
                 if stat.S_ISREG(status.st_mode):
                     yield DiskFile(entry.path, status.st_size, status.st_mtime_ns)
             elif folder.depth == limits.folder_depth:
-                skipped.append(Skipped(printable(entry.path), "the folders nest too deeply", True))
+                skipped.append(Skipped(printable(entry.path), "the folders nest too deeply", True, entry.path))
             else:
                 pending.append(_Folder(entry.path, folder.depth + 1, folder.linked or entry.is_link))
 
@@ -98,6 +98,10 @@ def _entries(folder: str, skipped: list[Skipped]) -> Iterator[_Entry]:
                         status = os.stat(entry.path)  # noqa: PTH116
                     yield _Entry(entry.path, status, entry.is_symlink())
                 except OSError as error:
-                    skipped.append(Skipped(printable(entry.path), f"it cannot be opened ({error.strerror})", True))
+                    skipped.append(_unopened("it", entry.path, error))
     except OSError as error:
-        skipped.append(Skipped(printable(folder), f"the folder cannot be opened ({error.strerror})", True))
+        skipped.append(_unopened("the folder", folder, error))
+
+
+def _unopened(what: str, path: str, error: OSError) -> Skipped:
+    return Skipped(printable(path), f"{what} cannot be opened ({error.strerror})", True, path)

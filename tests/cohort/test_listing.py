@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import shutil
+import sys
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,7 +17,7 @@ import pytest
 from ronnaplan.cohort import listing
 from ronnaplan.cohort.index import Index
 from ronnaplan.cohort.listing import bring_up_to_date
-from ronnaplan.cohort.places import LIMITS, Place
+from ronnaplan.cohort.places import LIMITS, Place, kept_name
 from ronnaplan.ct import read_ct
 from ronnaplan.ct.catalogue import catalogue_of, read_instance
 from ronnaplan.ct.reader import read_series
@@ -109,11 +111,13 @@ def test_a_dicomdir_stands_for_its_folder(index: Index) -> None:
     assert by_index == by_folder
 
 
+@pytest.mark.parametrize("protocol", ["", "file://"])
 def test_a_folder_that_cannot_be_opened_loses_nothing(
-    index: Index, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    index: Index, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, protocol: str
 ) -> None:
     tiny(tmp_path / "in" / "a", "1")
-    bring_up_to_date(index, [str(tmp_path / "in")])
+    root = f"{protocol}{tmp_path / 'in'}"
+    bring_up_to_date(index, [root])
     scan = os.scandir
 
     def failing(path: str) -> object:
@@ -122,7 +126,7 @@ def test_a_folder_that_cannot_be_opened_loses_nothing(
         return scan(path)
 
     monkeypatch.setattr(os, "scandir", failing)
-    listed = bring_up_to_date(index, [str(tmp_path / "in")])
+    listed = bring_up_to_date(index, [root])
     assert "cannot be opened" in listed.skipped[0]
     assert found(index)["1"][1] == SLICES
     with pytest.raises(InputError, match="there is no file or folder"):
@@ -130,12 +134,81 @@ def test_a_folder_that_cannot_be_opened_loses_nothing(
     assert found(index)["1"][1] == SLICES
 
 
-def test_a_damaged_archive_is_told_and_stops_nothing(index: Index, tmp_path: Path) -> None:
+@pytest.mark.skipif(sys.platform == "win32", reason="links need rights on Windows")
+def test_a_link_that_leads_nowhere_keeps_no_file_elsewhere(index: Index, tmp_path: Path) -> None:
+    root = tiny(tmp_path / "in", "1")
+    tiny(root / "a", "2")
+    (root / "disk").mkdir()
+    tiny(root / "disk" / "b", "3")
+    bring_up_to_date(index, [str(root)])
+    for name in ("a", "disk"):
+        shutil.rmtree(root / name)
+    (root / "disk").symlink_to(tmp_path / "not mounted")
+    (listed,) = bring_up_to_date(index, [str(root)]).skipped
+    assert "disk: it cannot be opened" in listed
+    assert set(found(index)) == {"1", "3"}
+
+
+def test_a_root_whose_files_are_all_gone_is_told_and_loses_nothing(index: Index, tmp_path: Path) -> None:
+    root = tiny(tmp_path / "in", "1")
+    bring_up_to_date(index, [str(root)])
+    root.rename(tmp_path / "unmounted")
+    root.mkdir()
+    assert "it is empty, and was not" in bring_up_to_date(index, [str(root)]).skipped[0]
+    assert found(index)["1"][1] == SLICES
+
+
+def test_a_damaged_archive_is_told_each_time_and_stops_nothing(index: Index, tmp_path: Path) -> None:
     tiny(tmp_path / "in", "1")
     (tmp_path / "in" / "x.zip").write_bytes(b"PK\x03\x04 and no more")
-    listed = bring_up_to_date(index, [str(tmp_path / "in")])
-    assert "damaged zip archive" in listed.skipped[0]
-    assert set(found(index)) == {"1"}
+    for _ in range(2):
+        listed = bring_up_to_date(index, [str(tmp_path / "in")])
+        assert "damaged zip archive" in listed.skipped[0]
+        assert set(found(index)) == {"1"}
+
+
+def test_an_archive_within_an_archive_is_told(index: Index, tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    zipped(tiny(tmp_path / "elsewhere", "1"), tmp_path / "in" / "a.zip")
+    with zipfile.ZipFile(tmp_path / "in" / "outer.zip", "w") as made:
+        made.write(tmp_path / "in" / "a.zip", "study/a.zip")
+    (told,) = bring_up_to_date(index, [str(tmp_path / "in")]).skipped
+    assert "outer.zip:study/a.zip: an archive within an archive" in told
+
+
+def test_files_that_cannot_be_read_are_told_and_tried_again(
+    index: Index, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = tiny(tmp_path / "in", "1").parent
+    zipped(tiny(tmp_path / "elsewhere", "2"), root / "in" / "b.zip")
+    opened = os.open
+
+    def refusing(path: str, *rest: int) -> int:
+        if str(path).endswith(("1-002", "b.zip")):
+            raise PermissionError(13, "Permission denied")
+        return opened(path, *rest)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "open", refusing)
+        skipped = bring_up_to_date(index, [str(root / "in")]).skipped
+        assert ["1-002: it cannot be opened" in skipped[0], "b.zip: it cannot be opened" in skipped[1]] == [
+            True,
+            True,
+        ]
+        assert {name: files for name, (_, files, _) in found(index).items()} == {"1": SLICES - 1}
+    assert not bring_up_to_date(index, [str(root / "in")]).skipped
+    assert {name: files for name, (_, files, _) in found(index).items()} == {"1": SLICES, "2": SLICES}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
+@pytest.mark.parametrize("protocol", ["", "file://"])
+def test_names_that_are_no_utf_8_are_as_good_as_others(index: Index, tmp_path: Path, protocol: str) -> None:
+    root = tmp_path / os.fsdecode(b"M\xfcller")
+    tiny(root / os.fsdecode(b"\xe4"), "1")
+    place = Place(kept_name(f"{protocol}{root}"))
+    bring_up_to_date(index, [place.root])
+    files = index.rows("SELECT folder, name, size FROM files ORDER BY name")
+    assert len(catalogue_of(tmp_path, place.blobs(files, []), LIMITS).series[0].stack.slices) == SLICES  # type: ignore[union-attr]
 
 
 @pytest.mark.parametrize("protocol", ["file", "memory"])
@@ -168,6 +241,20 @@ def test_what_lies_behind_a_url_is_listed_and_read_as_if_it_lay_here(
         assert np.array_equal(volume.grid.origins_mm, expected.grid.origins_mm)
 
 
-def test_a_url_that_nothing_opens_is_told(index: Index) -> None:
+def test_a_url_that_nothing_opens_is_told(index: Index, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match="cannot be opened"):
         bring_up_to_date(index, ["nonsense://x"])
+
+    def failing(*_: object) -> bool:
+        raise RuntimeError("no credentials")  # each store's library has errors of its own
+
+    monkeypatch.setattr(type(fsspec.filesystem("memory")), "exists", failing)
+    with pytest.raises(InputError, match="cannot be listed"):
+        bring_up_to_date(index, ["memory://x"])
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no such files")
+def test_a_pipe_behind_a_url_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "file").touch()
+    assert [one.name for one in Place(f"file://{tmp_path}").files([])] == ["file"]
