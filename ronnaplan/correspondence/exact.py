@@ -280,7 +280,7 @@ def search(
                 break
         depth = size
     found = keep_listed(log_evidence[:found], chi2[:found], partners[:found], best - nats)
-    complete = visited <= MOST_VISITED and lost[0] < best - nats
+    complete = visited <= MOST_VISITED and (found == 0 or lost[0] < best - nats)
     return log_evidence[:found], chi2[:found], partners[:found], complete
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from numbers import Real
 from operator import index
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike
 from ronnaplan.bounds import LARGEST_SIGMA_MM, SMALLEST_SIGMA_MM
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.told import LEAST_PAIRS, Told
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray, as_points
 
 SMALLEST_SPREAD_MM = 1.0
@@ -40,8 +41,11 @@ class ErrorModel:
 
 
 def checked_points(values: ArrayLike, name: str) -> FloatArray:
-    """Return points (N, 3) in mm; raises `InputError` for fewer than three or for a spread that cannot be mm."""
-    points = np.ascontiguousarray(as_points(values, name))
+    """Return points (N, 3) in mm; raises `InputError` for fewer than three or for a spread that cannot be mm.
+
+    Writeable, as the compiled kernels take them: what other libraries hand on often is not.
+    """
+    points = np.require(as_points(values, name), requirements=["C", "W"])
     if len(points) < LEAST_PAIRS:
         raise InputError(f"{name} are {len(points)}; a rigid registration needs at least {LEAST_PAIRS}")
     extent = float(np.linalg.norm(np.ptp(points, axis=0)))
@@ -96,7 +100,8 @@ def checked_number(number: int | None, counts: tuple[int, int], meaning: str = "
     """Return a number of pairs that was told; raises `InputError` when the sets cannot hold it."""
     if number is None:
         return None
-    if number != int(number) or number < LEAST_PAIRS:
+    check_type(number, Real, f"the number of pairs that are {meaning}", "give a whole number")
+    if number % 1 != 0 or number < LEAST_PAIRS:
         raise InputError(
             f"{number} pairs are {meaning}; a registration needs a whole number of at least {LEAST_PAIRS}"
         )

@@ -12,7 +12,7 @@ from ronnaplan.correspondence.evidence import SCALES, fits_as_well, is_collinear
 from ronnaplan.correspondence.lookup import point_grid
 from ronnaplan.correspondence.pairing import MOST_RIVALS, Pairing, Rival, no_pairs
 from ronnaplan.correspondence.poses import Found, find_poses
-from ronnaplan.correspondence.problem import Problem, pairs_of
+from ronnaplan.correspondence.problem import Problem, moved_pairs, pairs_of
 from ronnaplan.correspondence.refining import PAIR_SIGMAS, refined
 from ronnaplan.correspondence.rivals import LOG_ODDS_PER_PAIR
 from ronnaplan.correspondence.told import LEAST_PAIRS
@@ -77,7 +77,8 @@ def match_large(problem: Problem, least_probability: float) -> Pairing:
     if not problem.told.allows(len(given)):
         reason = f"{len(given)} pairs fit but {problem.told} are expected; check the expected number"
         return Pairing("unmatched", no_pairs(), probability, rivals, reason)
-    return Pairing("unique", given, probability, rivals[1:], doubtful=doubtful)
+    moved = moved_pairs(problem, best.partner)
+    return Pairing("unique", given, probability, rivals[1:], doubtful=doubtful, moved=moved)
 
 
 def scale_of_errors(chance: Chance, pose: Pose) -> float:

@@ -79,7 +79,8 @@ def match_points(
     for name, number in (("least_probability", least_probability), ("spread_mm", spread_mm)):
         check_type(number, Real, name, "give a number")
     check_type(field_radius_mm, (Real, type(None)), "field_radius_mm", "give a number")
-    if not (0.5 < least_probability < 1 and (field_radius_mm is None or field_radius_mm > 0) and spread_mm > 0):
+    field_is_sound = field_radius_mm is None or 0 < field_radius_mm < math.inf
+    if not (0.5 < least_probability < 1 and field_is_sound and spread_mm > 0):
         raise InputError(
             f"least_probability {least_probability}, field_radius_mm {field_radius_mm}, spread_mm {spread_mm}: "
             "expected a probability between 0.5 and 1 and positive lengths"
@@ -98,12 +99,12 @@ def match_points(
     answer = match_small(problem, least_probability) if listed else None
     if answer is None:
         answer = match_large(problem, least_probability)
-    if listed and answer.status == "unmatched" and not answer.rivals:
-        reason = (
-            f"too many pairings of {counts[0]} CT points with {counts[1]} readings fit almost equally well to list "
-            "them all; have more of the markers read, or state pairs that are known"
-        )
-        answer = Pairing("ambiguous", no_pairs(), 0.0, reason=reason)
+        if listed and answer.status == "unmatched" and not answer.rivals:
+            reason = (
+                f"too many pairings of {counts[0]} CT points with {counts[1]} readings fit almost equally well to list "
+                "them all; have more of the markers read, or state pairs that are known"
+            )
+            answer = Pairing("ambiguous", no_pairs(), 0.0, reason=reason)
     LOG.info("paired %d CT with %d tracker points: %r", *counts, answer)
     for rival in answer.rivals:
         LOG.debug("a rival %.1f nats below: %s", rival.log_evidence_below, rival.pairs.tolist())

@@ -81,7 +81,8 @@ def weigh_all(problem: Problem) -> Weighed | None:
 def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pairing:
     """Accept the pairs that are certain together, or refuse them with their rivals."""
     if len(weighed.log_evidence) == 0:
-        return Pairing("unmatched", no_pairs(), 0.0, reason="no three pairs agree in their distances")
+        reason = "no three pairs agree in their distances; check that both sets are of this patient, and in mm"
+        return Pairing("unmatched", no_pairs(), 0.0, reason=reason)
     other = odds_of_another_body(problem, weighed)
     regular = regular_odds(weighed.log_evidence, weighed.chi2, weighed.partners, 0, weighed.background)
     posterior = weighed.posterior(other + regular)

@@ -287,3 +287,16 @@ def test_larger_errors_than_stated_lose_no_pairs() -> None:
         assert pairing.status == "unique", pairing.reason
         assert (pairing.pairs[:, 0] == pairing.pairs[:, 1]).all()
         assert len(pairing.pairs) >= 16
+
+
+def test_a_marker_of_many_that_moved_is_named() -> None:
+    """Of more than 16 points it was left out without a word."""
+    named = 0
+    for seed in range(20):
+        ct, ots, partner = scene(seed, 24, 4, layout=ball(np.random.default_rng(seed), 24, 90.0))
+        direction = np.random.default_rng([1, seed]).normal(size=3)
+        ct[1] += 8.0 * direction / np.linalg.norm(direction)
+        for pairing in (match_points(ct, ots, expected=24), match_points(ots, ct, expected=24).swapped()):
+            assert 1 not in pairing.pairs[:, 0]
+            named += pairing.moved.tolist() == [[1, partner[1]]]
+    assert named >= 36

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ronnaplan.correspondence import match_points
+from ronnaplan.correspondence import match_by_similarity, match_points
 from ronnaplan.correspondence.evidence import SCALE_PRIORS, SCALES
 from ronnaplan.correspondence.priors import tail_beyond_gate
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, RonnaplanError
 from tests.correspondence.scenes import HEAD, SIGMA_CT, SIGMA_OTS, ball, is_right, scene
 
 
@@ -165,11 +165,16 @@ def test_a_mirror_image_never_passes(seed: int, expected: Any) -> None:
     assert match_points(layout * [1, 1, -1], layout, expected).status != "unique"
 
 
-def test_three_readings_of_many_markers_are_refused_with_cause_and_remedy() -> None:
-    rng = np.random.default_rng(4)
-    pairing = match_points(rng.normal(size=(6, 3)) * 60, rng.normal(size=(3, 3)) * 60)
+def test_readings_of_another_patient_are_told_from_too_few_of_this_one() -> None:
+    """Where no three pairs agreed, too many pairings were said to fit, and more readings asked for."""
+    for count in (3, 6):
+        pairing = match_points(HEAD[:count], 5.0 * HEAD[:3])
+        assert pairing.status == "unmatched"
+        assert "no three pairs agree in their distances; check" in pairing.reason
+    crowd = np.random.default_rng(4).normal(size=(400, 3)) * 60
+    pairing = match_points(crowd[:3], crowd)
     assert pairing.status == "ambiguous"
-    assert "6 CT points with 3 readings" in pairing.reason
+    assert "3 CT points with 400 readings" in pairing.reason
     assert "have more of the markers read" in pairing.reason
 
 
@@ -259,6 +264,7 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "complex": ({"ots_points": HEAD + 1j}, "complex"),
     "sigma without end": ({"sigma_ct_mm": 1e300}, "positive"),
     "level above one": ({"least_probability": 1.5}, "probability"),
+    "field without end": ({"field_radius_mm": float("inf")}, "positive lengths"),
 }
 
 
@@ -268,6 +274,22 @@ def test_bad_input_is_told_in_one_sentence(name: str) -> None:
     arguments: dict[str, Any] = {"ct_points": HEAD, "ots_points": HEAD} | wrong
     with pytest.raises(InputError, match=message):
         match_points(**arguments)
+
+
+@pytest.mark.parametrize("number", ["5", float("nan"), float("inf"), 4.5])
+def test_a_number_of_pairs_that_is_none_is_told_in_one_sentence(number: Any) -> None:
+    for name in ("expected", "at_least"):
+        with pytest.raises(RonnaplanError, match="whole number"):
+            match_points(HEAD, HEAD, **{name: number})
+
+
+def test_points_that_may_not_be_written_to_are_matched() -> None:
+    """As pandas, xarray and memory maps hand them on; kernels compiled for others raised numba's error."""
+    for points in (HEAD, ball(np.random.default_rng(1), 40, 90.0)):
+        fixed = points.copy()
+        fixed.setflags(write=False)
+        assert len(match_points(fixed, fixed + 3.0)) == len(points)
+        assert len(match_by_similarity(fixed, fixed + 3.0, len(points))) == len(points)
 
 
 def test_importing_the_room_does_not_load_numba() -> None:
