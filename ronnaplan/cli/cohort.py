@@ -77,7 +77,7 @@ def _told(counts: Counts, out: str) -> str:
     if listed.files:
         lines.append(f"{listed.files} files, {listed.changed} of them new, changed or not read before")
     lines.append(
-        f"{counts.worked} series worked on; in all {counts.done} done, {counts.aside} set aside, "
-        f"{counts.left} that no rule fits: {Path(out) / 'index.html'}"
+        f"{counts.worked} series worked on; in all {counts.done} done, {counts.refused} refused, {counts.unusable} "
+        f"unusable, {counts.aside} set aside, {counts.left} that no rule fits: {Path(out) / 'index.html'}"
     )
     return "\n".join(lines)

@@ -9,26 +9,30 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ronnaplan.cohort import children
-from ronnaplan.cohort.index import ASIDE, DONE, LEFT, WAITING, Index
+from ronnaplan.cohort.index import ASIDE, LEFT, WAITING, Index
 from ronnaplan.cohort.listing import Listed, bring_up_to_date
 from ronnaplan.cohort.places import is_url, kept_name
 from ronnaplan.cohort.planning import decide, tasks_of
 from ronnaplan.cohort.rules import Rules
 from ronnaplan.cohort.run import connected, work_off
+from ronnaplan.cohort.work import UNUSABLE
 from ronnaplan.ct.files import given_path
 from ronnaplan.documents.files import make_folder
 from ronnaplan.errors import InputError
+from ronnaplan.jobs.serving import DONE, REFUSED
 
 LOCK = "cohort.lock"
 
 
 @dataclass(frozen=True)
 class Counts:
-    """What a run met and did."""
+    """What a run met and did: how many series it worked on, and how many are in each state now (parts of them)."""
 
     listed: Listed
     worked: int
     done: int
+    refused: int
+    unusable: int
     aside: int
     left: int
 
@@ -69,7 +73,9 @@ def run_cohort(
         write_tables(index, out)
         write_page(index, out)
 
-        return Counts(listed, waiting, index.count(DONE), index.count(ASIDE), index.count(LEFT))
+        parts = dict(index.rows("SELECT state, COUNT(*) FROM parts GROUP BY state"))
+        done, refused, unusable = (parts.get(state, 0) for state in (DONE, REFUSED, UNUSABLE))
+        return Counts(listed, waiting, done, refused, unusable, index.count(ASIDE), index.count(LEFT))
 
 
 @contextmanager

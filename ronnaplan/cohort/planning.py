@@ -10,6 +10,8 @@ from ronnaplan.cohort.rules import Limits, Rules, Task
 from ronnaplan.jobs.rules import first_fitting
 
 CHUNK: Final = 1000
+TO_DO_AGAIN: Final = ""
+"""Settings of a series that the next run does again, whatever its own are."""
 
 
 def tasks_of(rules: Rules) -> dict[str, Task]:

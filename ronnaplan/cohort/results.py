@@ -12,7 +12,7 @@ from typing import Any, Final
 from ronnaplan.cohort.children import Outcome
 from ronnaplan.cohort.index import ASIDE, DONE, Index, SeriesRow
 from ronnaplan.cohort.places import Place
-from ronnaplan.cohort.work import UNCHANGED, UNUSABLE
+from ronnaplan.cohort.work import GONE, UNCHANGED, UNUSABLE
 from ronnaplan.documents.files import make_folder, write_atomically
 from ronnaplan.jobs.serving import BROKEN, REFUSED
 
@@ -27,11 +27,16 @@ def folder_of(series: SeriesRow, place: Place) -> str:
     return f"{SERIES}/{name[:2]}/{name}"
 
 
+def state_of(outcome: Outcome) -> str:
+    """Return the state of the series that an order's outcome is of."""
+    return ASIDE if outcome["state"] in (BROKEN, GONE) else DONE
+
+
 def keep(index: Index, out: Path, series: SeriesRow, settings: str, outcome: Outcome) -> None:
     """Keep the outcome of a series, as it was when its order was made."""
     place = index.place_of(series.place)
     below = folder_of(series, place)
-    state = ASIDE if outcome["state"] == BROKEN else DONE
+    state = state_of(outcome)
     parts = _parts(outcome)
     before = {
         row[0]: row[1:]
@@ -64,7 +69,7 @@ def keep(index: Index, out: Path, series: SeriesRow, settings: str, outcome: Out
 
 def _parts(outcome: Outcome) -> list[dict[str, Any]]:
     """Return the parts; a series that was refused as a whole is one part."""
-    if outcome["state"] == BROKEN:
+    if state_of(outcome) == ASIDE:
         return []
     if outcome["state"] == REFUSED:
         whole = {"number": 1, "key": "", "state": UNUSABLE, "reason": outcome["reason"], "content": "", "scan": {}}

@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 from ronnaplan.cohort import children
 from ronnaplan.cohort.children import Outcome
-from ronnaplan.cohort.index import ASIDE, DONE, WAITING, Index, SeriesRow
-from ronnaplan.cohort.planning import orders, settings_of
-from ronnaplan.cohort.results import keep
+from ronnaplan.cohort.index import WAITING, Index, SeriesRow
+from ronnaplan.cohort.planning import TO_DO_AGAIN, orders, settings_of
+from ronnaplan.cohort.results import keep, state_of
 from ronnaplan.cohort.rules import Rules, Task
+from ronnaplan.cohort.work import GONE
 from ronnaplan.errors import InputError
 from ronnaplan.jobs.serving import BROKEN
 from ronnaplan.threads import cores
@@ -133,8 +134,8 @@ def work_off(
                 continue
             if outcome["is_lost"]:
                 outcome["reason"] += f", {one.attempts} times"
-            state = ASIDE if outcome["state"] == BROKEN else DONE
-            keep(index, out, one.series, settings_of(tasks[one.series.rule], rules.limits, state), outcome)
+            settings = settings_of(tasks[one.series.rule], rules.limits, state_of(outcome))
+            keep(index, out, one.series, TO_DO_AGAIN if outcome["state"] == GONE else settings, outcome)
             bar.update()
             _fill(client, threads, waiting, sent, queue, module)
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from ronnaplan.cohort.facts import grid_facts, scan_facts
 from ronnaplan.cohort.places import LIMITS, Place
 from ronnaplan.cohort.rules import CohortRule
-from ronnaplan.errors import RefusedError, RonnaplanError
+from ronnaplan.errors import InputError, RefusedError, RonnaplanError
 from ronnaplan.jobs.serving import DONE, REFUSED, Tell, serve
 from ronnaplan.untrusted import checked
 
@@ -27,6 +27,12 @@ if TYPE_CHECKING:
 
 UNUSABLE, UNCHANGED = "unusable", "unchanged"
 """States of a part beside those of a job: what cannot be read, and what was worked on before."""
+GONE = "gone"
+"""How an order ends whose files cannot be read now."""
+
+
+class _GoneError(Exception):
+    """A file that was read when it was listed cannot be read now: its disk or a network may be down."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,26 +44,40 @@ class _Wanted:
 
 def work(order: dict[str, Any], tell: Tell) -> None:
     """Work on a series; tells of each part, in the order of their keys."""
-    from ronnaplan.ct.catalogue import catalogue_of
-    from ronnaplan.ct.files import Skipped
     from ronnaplan.portable import peak_memory_bytes
 
     wanted = _wanted(order)
-    place = Place(order["root"], order["archive"])
-    skipped: list[Skipped] = []
-    blobs = place.blobs([(folder, name, size) for folder, name, size in order["files"]], skipped)
-    listed = catalogue_of(Path(place.archive or place.root), blobs, LIMITS, skipped)
-    gone = [one for one in listed.skipped if one.is_trouble]
-    series = [one for one in listed.series if (one.first.series_uid or "") == order["series_uid"]]
-    if not series:
-        why = f"{gone[0].name}: {gone[0].reason}" if gone else "its files are of another series now"
-        raise RefusedError(f"nothing of it is left ({why})")
-    troubled = order["troubled"] or bool(gone)
+    try:
+        series = _series_of(order)
+    except _GoneError as error:
+        tell("ended", job=order["job"], state=GONE, reason=str(error))
+        return
     for number, one in enumerate(series, start=1):
-        told = _part(one, wanted, troubled, order["known"].get(one.key, ""))
+        told = _part(one, wanted, order["troubled"], order["known"].get(one.key, ""))
         tell("part", job=order["job"], number=number, key=one.key, **told)
     peak = peak_memory_bytes()
     tell("ended", job=order["job"], state=DONE, reason="", peak_bytes=peak)
+
+
+def _series_of(order: dict[str, Any]) -> list[Series]:
+    """Return what the files of an order hold; raises `_GoneError`, and `RefusedError` for files that were changed."""
+    from ronnaplan.ct.catalogue import catalogue_of
+    from ronnaplan.ct.files import Skipped
+
+    place = Place(order["root"], order["archive"])
+    skipped: list[Skipped] = []
+    try:
+        blobs = place.blobs([(folder, name, size) for folder, name, size in order["files"]], skipped)
+    except InputError as error:
+        raise _GoneError(str(error)) from error
+    listed = catalogue_of(Path(place.archive or place.root), blobs, LIMITS, skipped)
+    for one in listed.skipped:
+        if one.is_trouble:
+            raise _GoneError(f"{one.name}: {one.reason}")
+    series = [one for one in listed.series if (one.first.series_uid or "") == order["series_uid"]]
+    if not series:
+        raise RefusedError("nothing of it is left (its files are of another series now)")
+    return series
 
 
 def _wanted(order: dict[str, Any]) -> _Wanted:

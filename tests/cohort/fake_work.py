@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from ronnaplan.cohort.work import GONE
 from ronnaplan.errors import RefusedError
 from ronnaplan.jobs.serving import DONE, Tell, serve
 
@@ -28,6 +29,9 @@ def work(order: dict[str, Any], tell: Tell) -> None:
         raise RefusedError("nothing of it is left")
     if what == "5":
         raise KeyError("a fault of ours")
+    if "FAKE_OUTAGE" in os.environ:
+        tell("ended", job=order["job"], state=GONE, reason="its disk is not there")
+        return
     time.sleep(float(os.environ.get("FAKE_SECONDS", "0")))
     content = "".join(name for _, name, _ in order["files"])
     if order["known"].get(uid) == content:

@@ -59,7 +59,7 @@ def test_a_series_that_hangs_dies_or_takes_too_much_is_set_aside_and_stops_no_ot
         tiny(tmp_path / "in", name)
     limits = Limits(seconds=3.0, memory_mib=256, attempts=2)
     counts = cohort(tmp_path, limits=limits)
-    assert (counts.worked, counts.done, counts.aside) == (8, 4, 4)
+    assert (counts.worked, counts.done, counts.unusable, counts.aside) == (8, 3, 1, 4)
     found = {row["series_uid"][-1]: (row["state"], row["reason"]) for row in table(tmp_path)}
     assert found["1"] == ("aside", "it took longer than 3 s")
     assert found["4"] == ("unusable", "nothing of it is left")
@@ -73,6 +73,22 @@ def test_a_series_that_hangs_dies_or_takes_too_much_is_set_aside_and_stops_no_ot
     assert not begun(log)  # neither what was done nor what was set aside
     cohort(tmp_path, limits=Limits(seconds=2.0, memory_mib=256, attempts=1))
     assert begun(log) == dict.fromkeys("1235", 1)  # other limits may be enough
+
+
+def test_what_could_not_be_read_in_one_run_is_done_in_the_next(
+    tmp_path: Path, log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in "67":
+        tiny(tmp_path / "in", name)
+    with monkeypatch.context() as patched:
+        patched.setenv("FAKE_OUTAGE", "1")
+        counts = cohort(tmp_path)
+    assert (counts.worked, counts.aside) == (2, 2)
+    assert {row["reason"] for row in table(tmp_path)} == {"its disk is not there"}
+    counts = cohort(tmp_path)
+    assert (counts.worked, counts.done, counts.aside) == (2, 2, 0)
+    cohort(tmp_path)
+    assert begun(log) == {"6": 2, "7": 2}
 
 
 def test_only_what_changed_is_done_again(tmp_path: Path, log: Path) -> None:

@@ -54,7 +54,7 @@ def test_a_cohort_in_a_bucket_is_worked_off_and_only_what_changed_is_read_again(
     (tmp_path / "in" / "notes.txt").write_text("no scan")
     bucket.put(f"{tmp_path / 'in'}/", "heads/lab/", recursive=True)
     counts = run_cohort([ROOT], tmp_path / "out", RULES, workers=1)
-    assert (counts.listed.files, counts.worked, counts.done) == (35, 2, 2)
+    assert (counts.listed.files, counts.worked, counts.done, counts.unusable) == (35, 2, 1, 1)
     series = parquet.read_table(tmp_path / "out" / "series.parquet").to_pylist()
     assert {one["folder"]: one["state"] for one in series} == {"2026/scan": "done", "2026/tiny": "unusable"}
     markers = parquet.read_table(tmp_path / "out" / "markers.parquet").to_pylist()

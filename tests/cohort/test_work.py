@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -93,6 +94,23 @@ def test_a_wrong_number_is_refused_with_its_sheet_and_no_ct_is_unusable(scan: Pa
     (tmp_path / "other").mkdir()
     (part,) = told(tmp_path / "mr", tmp_path / "other", rule)
     assert (part["state"], part["reason"]) == ("unusable", "the modality is MR, not CT")
+
+
+def test_files_that_cannot_be_read_now_are_a_fault_of_their_disk_and_no_answer(scan: Path, tmp_path: Path) -> None:
+    rules = Rules(rule=(CohortRule(name="x", diameters=(11.5,)),))
+    shutil.copytree(scan, tmp_path / "in")
+    shutil.make_archive(str(tmp_path / "in" / "zipped"), "zip", scan)
+    with Index(tmp_path) as index:
+        bring_up_to_date(index, [str(tmp_path / "in")])
+        tasks = tasks_of(rules)
+        decide(index, rules, tasks)
+        given = [order for _, order, _ in orders(index, rules, tasks)]
+    (tmp_path / "in").rename(tmp_path / "not mounted")
+    said: list[dict[str, Any]] = []
+    for order in given:
+        work(order, lambda event, **facts: said.append({"event": event, **facts}))
+    assert [(one["event"], one["state"]) for one in said] == [("ended", "gone")] * 2
+    assert all("No such file" in one["reason"] for one in said)
 
 
 def test_a_process_loads_what_pairs_points_for_phantoms_only() -> None:
