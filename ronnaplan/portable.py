@@ -7,11 +7,13 @@ import mmap
 import os
 import re
 import stat
+import subprocess
 import sys
 import threading
 import time
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 OPENED_ELSEWHERE_S = 2.0
 """Windows replaces no file that another program has open: how long to wait until it has read it."""
@@ -22,6 +24,11 @@ systems take no notice."""
 
 GIVING_WAY = 5
 """Niceness of what works behind what a person waits for: a quarter of a processor that both want."""
+
+OWN_GROUP: dict[str, Any] = {"process_group": 0}
+"""How `subprocess.Popen` begins a process that does not hear a terminal's Ctrl-C: who began it hears it."""
+if sys.platform == "win32":
+    OWN_GROUP = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
 
 _SEEKING = threading.Lock()
 

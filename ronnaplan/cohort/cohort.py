@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from ronnaplan.cohort import children
-from ronnaplan.cohort.index import ASIDE, LEFT, WAITING, Index
+from ronnaplan.cohort.index import ASIDE, FILE, LEFT, WAITING, Index
 from ronnaplan.cohort.listing import Listed, bring_up_to_date
 from ronnaplan.cohort.places import is_url, kept_name
 from ronnaplan.cohort.planning import decide, tasks_of
@@ -52,7 +53,8 @@ def run_cohort(
     """Find the markers of every series below ``roots``; results, tables and page go to the folder ``out``.
 
     Without ``list_roots`` the series are those of the last listing; ``again`` tries once more what was set aside.
-    Raises `InputError` for a root that is not there, a folder that another run has, a scheduler that is lost.
+    Raises `InputError` for a root that is not there, a folder that another run has or nobody can write in, a scheduler
+    that is lost.
     """
     from ronnaplan.cohort.page import write_page
     from ronnaplan.cohort.tables import write_tables
@@ -63,7 +65,7 @@ def run_cohort(
         for root in roots
     ]
     make_folder(out)
-    with _locked(out), Index(out) as index:
+    with _opened(out) as index:
         listed = bring_up_to_date(index, places, progress=progress) if list_roots else Listed()
         decide(index, rules, tasks, again=again)
         waiting = index.count(WAITING)
@@ -79,11 +81,23 @@ def run_cohort(
 
 
 @contextmanager
-def _locked(out: Path) -> Iterator[None]:
+def _opened(out: Path) -> Iterator[Index]:
+    """Give the index of a folder that no other run has meanwhile."""
     from filelock import FileLock, Timeout
 
+    lock = FileLock(out / LOCK, timeout=0)
     try:
-        with FileLock(out / LOCK, timeout=0):
-            yield
+        lock.acquire()
     except Timeout as error:
         raise InputError(f"another run has the folder {out}; let it finish, or name another folder") from error
+    except OSError as error:
+        raise InputError(f"cannot write {out / LOCK}: {error.strerror}; choose another folder") from error
+    try:
+        with Index(out) as index:
+            yield index
+    except sqlite3.Error as error:  # a full disk, damage, an index of another version
+        raise InputError(
+            f"the index {out / FILE} cannot be used ({error}); see to its disk, or name another folder"
+        ) from error
+    finally:
+        lock.release()

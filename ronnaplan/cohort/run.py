@@ -69,6 +69,7 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
         raise InputError("Dask is not installed; install ronnaplan[cohort]") from error
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # a lost scheduler is told in one sentence
     if scheduler is None:
+        logging.getLogger("distributed.worker").setLevel(logging.ERROR)  # nor what Ctrl-C interrupts
         count = workers or cores()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)

@@ -72,7 +72,7 @@ Row = dict[str, Any]
 
 
 def write_tables(index: Index, out: Path) -> None:
-    """Write both tables anew from the index; raises `InputError` where pyarrow is not installed."""
+    """Write both tables anew from the index; raises `InputError` where they cannot be, or pyarrow is not installed."""
     try:
         import pyarrow  # noqa: F401
     except ImportError as error:
@@ -156,8 +156,13 @@ def _write(path: Path, columns: dict[str, str], rows: Iterator[Row]) -> None:
 
     schema = _schema(columns)
     beside = path.with_name(f".{path.name}.part")
-    with ParquetWriter(beside, schema, compression="zstd") as writer:
-        while batch := list(islice(rows, BATCH)):
-            table = pa.Table.from_pylist([{name: row.get(name) for name in columns} for row in batch], schema)
-            writer.write_table(table)
-    replace(beside, path)
+    try:
+        with ParquetWriter(beside, schema, compression="zstd") as writer:
+            while batch := list(islice(rows, BATCH)):
+                table = pa.Table.from_pylist([{name: row.get(name) for name in columns} for row in batch], schema)
+                writer.write_table(table)
+        replace(beside, path)
+    except OSError as error:
+        raise InputError(
+            f"cannot write {path}: {error}; make room on its disk, then run the same again"
+        ) from error

@@ -9,6 +9,8 @@ import sys
 import threading
 from collections.abc import Callable, Mapping
 
+from ronnaplan.portable import OWN_GROUP
+
 END_S = 10.0
 """How long a child may take to finish what it holds when its parent stops."""
 
@@ -30,6 +32,7 @@ class Child:
             encoding="utf-8",
             errors="replace",
             env=None if environment is None else {**os.environ, **environment},
+            **OWN_GROUP,
         )
         self._line = line
         self._reader = threading.Thread(target=self._read, name=module, daemon=True)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
+import time
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -194,6 +196,48 @@ def test_a_folder_that_another_run_has_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     with FileLock(tmp_path / "out" / "cohort.lock"), pytest.raises(InputError, match="another run has the folder"):
         cohort(tmp_path)
+
+
+def test_a_folder_that_cannot_be_used_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tiny(tmp_path / "in", "6")
+    cohort(tmp_path)
+
+    def full(*_: Any, **__: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(parquet, "ParquetWriter", full)
+        with pytest.raises(InputError, match=r"cannot write .*series\.parquet: .*No space left"):
+            cohort(tmp_path)
+    with Index(tmp_path / "out") as index:
+        index.run("ALTER TABLE series DROP COLUMN reason")  # as another version may have it
+    with pytest.raises(InputError, match="no such column: reason"):
+        cohort(tmp_path)
+    (tmp_path / "out" / "index.sqlite").write_bytes(b"damaged" * 1000)
+    with pytest.raises(InputError, match="not a database"):
+        cohort(tmp_path)
+    (tmp_path / "out" / "cohort.lock").unlink()
+    (tmp_path / "out" / "cohort.lock").mkdir()
+    with pytest.raises(InputError, match=r"cannot write .*cohort\.lock"):
+        cohort(tmp_path)
+
+
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="the system has no groups of processes")
+def test_a_run_that_is_interrupted_at_the_terminal_says_no_more_than_that(tmp_path: Path, log: Path) -> None:
+    tiny(tmp_path / "in", "1")  # hangs
+    code = (
+        "import pathlib, sys\n"
+        "from ronnaplan.cohort.cohort import run_cohort\n"
+        "from ronnaplan.cohort.rules import Rules\n"
+        f"try: run_cohort(['in'], pathlib.Path('out'), Rules(), module={FAKE!r}, workers=1)\n"
+        "except KeyboardInterrupt: print('stopped', file=sys.stderr)"
+    )
+    command = [sys.executable, "-c", code]
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    while process.poll() is None and not log.read_text():
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all of its group
+    assert process.communicate(timeout=60)[1] == "stopped\n"
 
 
 def test_series_of_no_rule_are_left_and_the_last_listing_can_be_taken(
