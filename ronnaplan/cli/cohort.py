@@ -74,6 +74,7 @@ def _told(counts: Counts, out: str) -> str:
     lines = [f"not looked at: {one}" for one in listed.skipped[:MOST_SHOWN]]
     if len(listed.skipped) > MOST_SHOWN:
         lines.append(f"and {len(listed.skipped) - MOST_SHOWN} more")
+    lines += [f"no series goes by the rule '{name}'" for name in counts.idle_rules]
     if listed.files:
         lines.append(f"{listed.files} files, {listed.changed} of them new, changed or not read before")
     lines.append(

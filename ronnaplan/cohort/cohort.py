@@ -36,6 +36,8 @@ class Counts:
     unusable: int
     aside: int
     left: int
+    idle_rules: tuple[str, ...]
+    """Names of rules that no series goes by."""
 
 
 def run_cohort(
@@ -66,6 +68,8 @@ def run_cohort(
     ]
     make_folder(out)
     with _opened(out) as index:
+        if not list_roots and index.value("SELECT 1 FROM places LIMIT 1") is None:
+            raise InputError(f"nothing has been listed in {out} yet; name the roots, without --as-listed")
         listed = bring_up_to_date(index, places, progress=progress) if list_roots else Listed()
         decide(index, rules, tasks, again=again)
         waiting = index.count(WAITING)
@@ -77,7 +81,9 @@ def run_cohort(
 
         parts = dict(index.rows("SELECT state, COUNT(*) FROM parts GROUP BY state"))
         done, refused, unusable = (parts.get(state, 0) for state in (DONE, REFUSED, UNUSABLE))
-        return Counts(listed, waiting, done, refused, unusable, index.count(ASIDE), index.count(LEFT))
+        used = {name for (name,) in index.rows("SELECT DISTINCT rule FROM series")}
+        idle = tuple(rule.name for rule in rules.rule if rule.name not in used)
+        return Counts(listed, waiting, done, refused, unusable, index.count(ASIDE), index.count(LEFT), idle)
 
 
 @contextmanager

@@ -118,7 +118,8 @@ def _sheet(row: Row, out: Path) -> str:
     where = printable("/".join(part for part in (row["archive"], row["folder"]) if part) or row["root"])
     expected = "" if row.get("expected") is None else f" of {row['expected']}"
     found = "" if row.get("found") is None else f"{row['found']}{expected} markers"
-    told = "; ".join(part for part in (where, scanner_of(row), found, printable(row["reason"] or "")) if part)
+    reasons = (printable(one) for one in (row["reason"], *(row.get("phantom_reasons") or ())) if one)
+    told = "; ".join(part for part in (where, scanner_of(row), found, *reasons) if part)
     try:
         content = _jpeg((out / row["sheet"]).read_bytes())
     except OSError:

@@ -27,7 +27,7 @@ def decide(index: Index, rules: Rules, tasks: Mapping[str, Task], *, again: bool
     for chunk in _chunks(index, "1"):
         changes = []
         for series in chunk:
-            rule = first_fitting(rules.rule, {name: getattr(series, name) for name in TEXTS})
+            rule = first_fitting(rules.rule, _texts(index, series))
             if rule is None:
                 changes.append((LEFT, "", "no rule fits", series.id))
                 continue
@@ -50,6 +50,13 @@ def orders(
     for chunk in _chunks(index, f"state = '{WAITING}'"):
         for series in chunk:
             yield series, _order(index, series, tasks[series.rule]), limits
+
+
+def _texts(index: Index, series: SeriesRow) -> dict[str, str]:
+    """Return what rules look at; an archive below the root counts as one of the folders that the series lies in."""
+    place = index.place_of(series.place)
+    folders = [series.folder] if place.root.endswith(place.archive) else [place.archive, series.folder]
+    return {name: getattr(series, name) for name in TEXTS} | {"folder": "/".join(filter(None, folders))}
 
 
 def _state(series: SeriesRow, settings: str, limits: Limits, again: bool) -> str:

@@ -90,6 +90,7 @@ def misfit_plot(misfits: list[float]) -> bytes:
     figure, axes = new_figure(5.2, 3.2)
     axes.hist(100 * np.array(misfits), bins=40, color=COLOR)
     axes.set(xlabel="misfit of a scan's worst marker, % of its contrast", ylabel="series")
+    axes.locator_params(axis="y", integer=True)
     return png(figure)
 
 

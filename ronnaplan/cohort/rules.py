@@ -97,6 +97,7 @@ attempts = 3                    # of a series whose process died, for somebody e
 [[rule]]                        # the first rule that fits a series decides; what fits none is left alone
 name = "daily phantom"
 folder = "*phantom*"            # patterns, * and ? as in file names, any case: the folder below the root,
+                                # archives in it too ("phantoms/2026.zip/1"),
 device = "*"                    # "maker model serial number",
 station = "*"                   # station name,
 study = "*"                     # study description,

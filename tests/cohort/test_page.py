@@ -37,7 +37,12 @@ def rows(out: Path) -> list[dict[str, Any]]:
                 **shared,
                 **{"series": f"1.{day}", "folder": f"qa/{day}", "state": "done", "reason": "", "model": "A"},
                 **{"found": 6, "expected": 6, "error_rms_mm": 0.004, "misfit": 0.02, "rejected": ["round"]},
-                **{"phantom": "daily", "phantom_reasons": [], "acquired": date, **checked},
+                **{
+                    "phantom": "daily",
+                    "phantom_reasons": ["it is stretched"] * (day == 119),
+                    "acquired": date,
+                    **checked,
+                },
             }
         )
     for number in range(30):
@@ -73,7 +78,7 @@ def test_the_page_tells_the_drift_and_shows_the_worst_sheet_first(
     summary = summarize(given)
     worst = summary.worst_first
     assert len(worst) == WORST
-    assert [one["series"] for one in worst[:3]] == ["2.7", "2.29", "2.28"]
+    assert [one["series"] for one in worst[:3]] == ["2.7", "1.119", "2.29"]
     first, *_ = summary.charts
     assert "drifts since" in first.verdict
     assert first.quantity.startswith("mean")
@@ -84,6 +89,7 @@ def test_the_page_tells_the_drift_and_shows_the_worst_sheet_first(
     text = (tmp_path / "index.html").read_text()
     assert "drifts since 2026" in text
     assert "p&lt;b&gt;/7" in text
+    assert "6 of 6 markers; it is stretched" in text
     assert "<b>" not in text
     sources = re.findall(r'(?:src|href)="([^"]{0,40})', text)
     assert {one.partition(":")[0] for one in sources} == {"data", "series.parquet", "markers.parquet", "sheet.png"}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,8 +17,11 @@ import pytest
 from ronnaplan.cohort import run
 from ronnaplan.cohort.cohort import Counts, run_cohort
 from ronnaplan.cohort.index import Index
+from ronnaplan.cohort.listing import bring_up_to_date
+from ronnaplan.cohort.planning import decide, tasks_of
 from ronnaplan.cohort.results import keep
 from ronnaplan.cohort.rules import CohortRule, Limits, Rules
+from ronnaplan.documents.files import make_folder
 from ronnaplan.errors import InputError
 from ronnaplan.jobs.processes import Child
 from tests.cohort.scans import SLICES, tiny
@@ -247,17 +251,33 @@ def test_series_of_no_rule_are_left_and_the_last_listing_can_be_taken(
     tiny(tmp_path / "in" / "b", "7")
     rule = CohortRule(name="a", diameters=(11.5,), folder="A*")
     counts = cohort(tmp_path, rule)
-    assert (counts.done, counts.left) == (1, 1)
+    assert (counts.done, counts.left, counts.idle_rules) == (1, 1, ())
     assert {row["folder"]: row["state"] for row in table(tmp_path)} == {"a": "done", "b": "left"}
     tiny(tmp_path / "in" / "a", "8")
     begun(log)
     cohort(tmp_path, RULE, list_roots=False)
     assert begun(log) == {"7": 1}
+    counts = cohort(tmp_path, CohortRule(name="misspelt", diameters=(11.5,), folder="c*"), list_roots=False)
+    assert counts.idle_rules == ("misspelt",)
     monkeypatch.chdir(tmp_path / "in" / "a")  # the same root by another name
     run_cohort(["../../in/"], tmp_path / "out", Rules(rule=(RULE,)), module=FAKE, workers=1)
     assert begun(log) == {"8": 1}
     with Index(tmp_path / "out") as index:
         assert index.count("done") == 3
+    with pytest.raises(InputError, match="nothing has been listed"):
+        run_cohort([], tmp_path / "misspelt", Rules(rule=(RULE,)), list_roots=False)
+
+
+def test_an_archive_counts_as_a_folder_but_for_a_root_that_is_one(tmp_path: Path) -> None:
+    shutil.make_archive(
+        str(tmp_path / "in" / "Phantoms" / "2026"), "zip", tiny(tmp_path / "files" / "a", "6").parent
+    )
+    for root, folder in (("in", "phantoms/2026.zip/a"), ("in/Phantoms/2026.zip", "a")):
+        with Index(make_folder(tmp_path / folder)) as index:
+            bring_up_to_date(index, [str(tmp_path / root)])
+            rules = Rules(rule=(CohortRule(name="x", folder=folder),))
+            decide(index, rules, tasks_of(rules))
+            assert index.count("waiting") == 1
 
 
 def test_the_cluster_of_this_process_takes_no_samples_of_itself() -> None:
