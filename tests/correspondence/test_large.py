@@ -60,6 +60,26 @@ def test_a_mirror_image_is_refused_even_where_a_flat_part_of_it_fits() -> None:
         assert "left-handed" in pairing.reason or pairing.status == "ambiguous"
 
 
+@pytest.mark.parametrize("count", [16, 24, 40])
+def test_flat_markers_are_paired_though_their_mirror_image_fits_as_well(count: int) -> None:
+    """Half of these were refused as left-handed: noise alone decides whether they or their mirror image fit better."""
+    for seed in range(12):
+        flat = ball(np.random.default_rng([7, seed]), count, 90.0) * [1, 1, 0]
+        ct, ots, partner = scene(seed, count, 0, layout=flat)
+        pairing = match_points(ct, ots)
+        assert pairing.status == "unique", (seed, pairing.reason)
+        assert (partner[pairing.pairs[:, 0]] == pairing.pairs[:, 1]).all()
+
+
+def test_flat_markers_and_two_more_of_a_mirror_image_are_refused() -> None:
+    for seed in range(6):
+        points = ball(np.random.default_rng([8, seed]), 24, 90.0)
+        points[2:, 2] = 0.0
+        points[:2, 2] = 30.0
+        ct, ots, _ = scene(seed, 24, 0, layout=points)
+        assert "left-handed" in match_points(ct * [1, 1, -1], ots).reason, seed
+
+
 def test_a_lattice_is_ambiguous() -> None:
     axis = 30.0 * np.arange(6)
     lattice = np.array(np.meshgrid(axis, axis, axis)).reshape(3, -1).T
