@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import floor
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +12,14 @@ from numpy.typing import NDArray
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray, unit
 from ronnaplan.pose import invert
-from ronnaplan.robot.placement.clearances import place_trolley, posture_margins
+from ronnaplan.robot.placement.clearances import HEAD, parked, place_trolley, posture_margins
+from ronnaplan.robot.placement.distances import segment_box, segment_segment
 from ronnaplan.robot.placement.judging import follow
 from ronnaplan.robot.placement.search import Problem, base_pose
 from ronnaplan.robot.placement.tasks import Ways
-from ronnaplan.robot.placement.world import Machine, World
+from ronnaplan.robot.placement.world import HEAD_SPACING_MM, Machine, World
 
-UNREACHED, LIMIT, SINGULAR, COLLISION, HIDDEN, SERVED = range(6)
+UNPARKED, UNREACHED, LIMIT, SINGULAR, COLLISION, HIDDEN, SERVED = range(7)
 """How far a task comes, from a base."""
 TURNS_DEG = np.arange(3.0, 46.0, 3.0)
 AROUND = 12
@@ -26,33 +28,40 @@ AROUND = 12
 
 @dataclass(frozen=True)
 class Blocked:
-    """How far the best base comes with a task: the stage, its margin (degrees or mm), and what joint or body it is."""
+    """How far the best base comes with a task: the stage, its margin (degrees or mm), and what joint or body it is of.
+
+    ``other`` is what a body comes near to: another body, -1 for the head, -2 and below for the room's things.
+    """
 
     stage: int
     margin: float
     which: int
     other: int
 
-    def sentence(self, problem: Problem, bodies: Sequence[str], where: str) -> str:
-        """Say it; ``bodies`` are the names of the machine's, ``where`` is of every base or of one."""
+    def sentence(self, problem: Problem, bodies: Sequence[str], things: Sequence[str], where: str) -> str:
+        """Say it; ``bodies`` and ``things`` are the names of the machine's and the room's, ``where`` of what bases.
+
+        Margins are rounded down, so that none looks as if it were enough.
+        """
         joint, singular, clearance, view = problem.world.needs
+        if self.stage == UNPARKED:
+            return f"the trolley would stand nearer than {clearance:g} mm to the head or the room's things {where}"
         if self.stage == UNREACHED:
             return f"out of the arm's reach {where}"
         if self.stage == LIMIT:
             if self.margin < 0:
                 return f"joint {self.which + 1} beyond its limit by {-self.margin:.0f} degrees {where}"
             asked = np.degrees(joint)
-            near = f"joint {self.which + 1} within {self.margin:.0f} degrees of its limit"
+            near = f"joint {self.which + 1} within {floor(self.margin)} degrees of its limit"
             return f"{near} {where}; {asked:g} are asked for"
         if self.stage == SINGULAR:
             asked = np.degrees(singular)
-            return f"{self.margin:.0f} degrees from a singular posture {where}; {asked:g} are asked for"
+            return f"{floor(self.margin)} degrees from a singular posture {where}; {asked:g} are asked for"
         if self.stage == COLLISION:
             body = bodies[self.which] if self.which < len(bodies) else "the instrument"
-            thing = {-1: "what stands in the room, or the floor", -2: "the head"}.get(self.other) or bodies[
-                self.other
-            ]
-            return f"{body} comes within {self.margin:.0f} mm of {thing} {where}; {clearance:g} are asked for"
+            other = bodies[self.other] if self.other >= 0 else ("the head", *things)[-1 - self.other]
+            near = f"comes within {floor(self.margin)} mm of" if self.margin >= 0 else "would meet"
+            return f"{body} {near} {other} {where}; {clearance:g} mm are asked for"
         return f"the tracker does not see the tool's marker by {np.degrees(view):g} degrees or more {where}"
 
 
@@ -79,7 +88,9 @@ def state(
     task: int,
 ) -> tuple[int, float, int, int]:
     """Return the stage that the best way and posture of ``task`` reaches, its margin there, and what it is of."""
-    stage, margin, which, other = 0, -np.inf, 0, 0
+    if not parked(world, trolley):
+        return UNPARKED, -np.inf, 0, 0
+    stage, margin, which, other = UNREACHED, -np.inf, 0, 0
     steps = ways.steps[task]
     frames, bodies = np.empty((len(machine.axes) + 1, 4, 4)), np.empty((len(machine.links) + 1, 7))
     frames[0] = base
@@ -119,12 +130,39 @@ def _reached(
     if margins[1] < world.needs[1]:
         return SINGULAR, np.degrees(margins[1]), 0
     for p in range(len(angles)):
-        away, view = posture_margins(machine, world, trolley, instrument, angles[p], frames, bodies, pair, True)
+        away, _ = posture_margins(machine, world, trolley, instrument, angles[p], frames, bodies, pair, False)
+        if away < world.needs[2]:
+            if pair[1] < 0:
+                high = pair[0] >= machine.tool_from or machine.links[pair[0]] >= 2
+                pair[1] = -1 if pair[1] == HEAD else -2 - _thing(world, trolley, bodies[pair[0]], high)
+            return COLLISION, away, pair[0]
+    for p in range(len(angles)):
+        _, view = posture_margins(machine, world, trolley, instrument, angles[p], frames, bodies, pair, True)
         if view < world.needs[3]:
             return HIDDEN, np.degrees(view), 0
-        if away < world.needs[2]:
-            return COLLISION, away, pair[0]
     return SERVED, np.inf, 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _thing(world: World, trolley: FloatArray, capsule: FloatArray, high: bool) -> int:
+    """Return the number of what stands nearest to a capsule (7,): the room's boxes, capsules, the trolley's, the floor.
+
+    Those of the trolley, and the floor, count only for what is ``high`` on the arm.
+    """
+    boxes, capsules = len(world.boxes), len(world.capsules)
+    least, nearest = np.inf, 0
+    for n in range(boxes + capsules + (len(trolley) + 1 if high else 0)):
+        if n < boxes:
+            away = segment_box(capsule, world.boxes[n])
+        elif n < boxes + capsules:
+            away = segment_segment(capsule, world.capsules[n - boxes]) - world.capsules[n - boxes, 6]
+        elif n < boxes + capsules + len(trolley):
+            away = segment_box(capsule, trolley[n - boxes - capsules])
+        else:
+            away = min(capsule[2], capsule[5])
+        if away < least:
+            least, nearest = away, n
+    return nearest
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -139,8 +177,13 @@ def _tightest(machine: Machine, angles: FloatArray) -> int:
     return joint
 
 
-def turned_entries(entry_mm: FloatArray, target_mm: FloatArray) -> tuple[FloatArray, NDArray[np.float64]]:
-    """Return entries (N, 3) about ``target_mm``, as far from it as ``entry_mm``, and their turns (N,) in degrees."""
+def turned_entries(
+    entry_mm: FloatArray, target_mm: FloatArray, head_mm: FloatArray
+) -> tuple[FloatArray, NDArray[np.float64]]:
+    """Return entries (N, 3) about ``target_mm`` and their turns (N,) in degrees.
+
+    They lie as far above or beneath the head's surface, of which ``head_mm`` (H, 3) are places, as ``entry_mm``.
+    """
     out = entry_mm - target_mm
     length, axis = float(np.linalg.norm(out)), unit(out)
     side = unit(np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())]))
@@ -149,4 +192,20 @@ def turned_entries(entry_mm: FloatArray, target_mm: FloatArray) -> tuple[FloatAr
     turns = np.radians(np.repeat(TURNS_DEG, AROUND))
     spread = np.tile(across, (len(TURNS_DEG), 1))
     directions = np.cos(turns)[:, None] * axis + np.sin(turns)[:, None] * spread
-    return target_mm + length * directions, np.degrees(turns)
+    scalp_mm = _surface(np.concatenate([axis[None], directions]), target_mm, head_mm)
+    deeper_mm = np.nan_to_num(scalp_mm[1:] - scalp_mm[0])
+    return target_mm + (length + deeper_mm)[:, None] * directions, np.degrees(turns)
+
+
+def _surface(directions: FloatArray, target_mm: FloatArray, head_mm: FloatArray) -> FloatArray:
+    """Return how far (N,) the head's surface is from ``target_mm`` along ``directions`` (N, 3); NaN where it has none.
+
+    It is the mean of the places about the line, so that a slope does not count.
+    """
+    places = head_mm - target_mm
+    along = places @ directions.T
+    aside = np.linalg.norm(places[:, None] - along[:, :, None] * directions, axis=2)
+    about = (along > 0) & (aside < HEAD_SPACING_MM)
+    counts = about.sum(axis=0)
+    found: FloatArray = np.where(counts > 0, (along * about).sum(axis=0) / np.maximum(counts, 1), np.nan)
+    return found

@@ -13,6 +13,8 @@ from ronnaplan.robot.placement.world import Machine, World
 
 APART_LINKS = 3
 """Links of the arm with so many joints between them are kept apart; nearer ones are by the joints' limits."""
+ROOM, HEAD = -1, -2
+"""What a body comes near to, where it is no other body."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -88,11 +90,11 @@ def clearance(
         high = k >= machine.tool_from or machine.links[k] >= 2
         near = to_room(world, bodies[k], trolley, high)
         if near < least:
-            least, pair[0], pair[1] = near, k, -1
+            least, pair[0], pair[1] = near, k, ROOM
         if k < count:
             near = to_head(world, bodies[k], least)
             if near < least:
-                least, pair[0], pair[1] = near, k, -2
+                least, pair[0], pair[1] = near, k, HEAD
             for j in range(k):
                 if machine.links[k] - machine.links[j] >= APART_LINKS:
                     near = segment_segment(bodies[k], bodies[j]) - bodies[k, 6] - bodies[j, 6]

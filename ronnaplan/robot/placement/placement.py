@@ -169,6 +169,17 @@ class Job:
         of_links = [one.name for _, one in self.room.arm_bodies] or [one.name for one in self.arm.bodies]
         return (*of_links, *(one.name for one in self.room.tool.bodies))
 
+    @property
+    def thing_names(self) -> tuple[str, ...]:
+        """The names of what stands in the room, and under the robot."""
+        boxes, capsules, under = self.room.boxes, self.room.capsules, self.room.floor.trolley
+        return (
+            *(one.name for one in boxes),
+            *(one.name for one in capsules),
+            *(one.name for one in under),
+            "the floor",
+        )
+
 
 def find_places(job: Job) -> Placement:
     """Return the best bases on the room's floor, apart from each other, or what stands in the way."""
@@ -202,7 +213,7 @@ def check_parked(job: Job, room_from_r: FloatArray) -> Placement:
         return Placement(job.room_from_ct, (place,), ())
     turn = np.degrees(np.arctan2(room_from_r[1, 0], room_from_r[0, 0]))
     here = np.array([[*room_from_r[:3, 3], turn]])
-    told = [_sentence(job, fine, n, here, "from here") for n in place]
+    told = [_sentence(job, fine, n, here, "from here", here) for n in place]
     return Placement(job.room_from_ct, (), tuple(told))
 
 
@@ -242,13 +253,11 @@ def _served_alone(problem: Problem, task: int, bases: FloatArray) -> NDArray[np.
     return serves(replace(problem, ways=alone), bases)
 
 
-def _sentence(
-    job: Job, problem: Problem, number: int, bases: FloatArray, where: str, best: FloatArray | None = None
-) -> str:
+def _sentence(job: Job, problem: Problem, number: int, bases: FloatArray, where: str, best: FloatArray) -> str:
     task = job.tasks[number]
-    why = blocking.best_of(problem, number, bases).sentence(problem, job.body_names, where)
+    why = blocking.best_of(problem, number, bases).sentence(problem, job.body_names, job.thing_names, where)
     told = f"{task.kind} {task.name}: {why}"
-    if best is None or task.kind == "marker":
+    if task.kind == "marker":
         return told
     return f"{told}; {_other_entry(job, task, best)}"
 
@@ -256,7 +265,7 @@ def _sentence(
 def _other_entry(job: Job, task: Task, best: FloatArray) -> str:
     """Say which entry near that of a blocked trajectory the ``best`` base (1, 4) serves."""
     target = task.ends_mm[0]
-    starts, turns = blocking.turned_entries(task.starts_mm[0], target)
+    starts, turns = blocking.turned_entries(task.starts_mm[0], target, job.world.head)
     for turn in np.unique(turns):
         ring = [replace(task, starts_mm=start[None]) for start in starts[turns == turn]]
         problem = job.problem(COARSE, ring)

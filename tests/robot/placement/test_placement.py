@@ -16,12 +16,14 @@ from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.robot.arm.forward import forward
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.arm.quality import joint_margins_deg, singularity_deg
+from ronnaplan.robot.placement.blocking import turned_entries
 from ronnaplan.robot.placement.parking import strayed
 from ronnaplan.robot.placement.placement import COARSE, Job, Placement, check_parked, find_places
-from ronnaplan.robot.placement.room import Floor, HeadPose, Margins, Parking
+from ronnaplan.robot.placement.room import Box, Capsule, Floor, HeadPose, Margins, Parking
 from ronnaplan.robot.placement.search import asking, worths
 from ronnaplan.robot.placement.tasks import drill_task
-from tests.robot.placement.cases import CENTER_MM, job, room
+from ronnaplan.robot.placement.world import world_of
+from tests.robot.placement.cases import CENTER_MM, HEAD_MM, job, room, surface
 
 SMALL = Floor((-800.0, -650.0), (-600.0, -500.0), (850.0, 900.0))
 
@@ -174,8 +176,39 @@ def test_an_instrument_too_short_meets_the_head_with_its_holder() -> None:
     given = job(0, 1, 0, floor=SMALL, tracker=None)
     task = drill_task("LH", *FROM_ABOVE, given.room.tool, 95.0, 2.4)
     (sentence,) = find_places(replace(given, tasks=(task,))).blocked
-    assert "holder comes within" in sentence
-    assert "of the head for every base; 20 are asked for" in sentence
+    assert "holder would meet the head for every base; 20 mm are asked for" in sentence
+
+
+@pytest.mark.usefixtures("few_further_bases")
+def test_what_a_body_would_meet_is_named_though_the_tracker_sees_not_every_roll() -> None:
+    board = Box("board", (0.0, 0.0, 1190.0), (400.0, 400.0, 20.0))
+    sentence = blocked(FROM_ABOVE, boxes=(*room().boxes, board))
+    assert "board for every base; 20 mm are asked for" in sentence
+    low = Capsule("rail", (-150.0, -300.0, 1180.0), (-150.0, 300.0, 1180.0), 200.0)
+    assert "would meet rail" in blocked(FROM_ABOVE, boxes=(), capsules=(low,))
+
+
+def test_a_trolley_that_cannot_stand_there_is_named_from_a_base_that_was_measured(
+    found: tuple[Job, Placement],
+) -> None:
+    given, placement = found
+    base = placement.places[0].room_from_r
+    cart = Box("cart", (*base[:2, 3], 200.0), (200.0, 200.0, 200.0))
+    placed = replace(given.room, boxes=(*given.room.boxes, cart))
+    blocked_by = check_parked(replace(given, room=placed, world=world_of(placed, given.world.head, None)), base)
+    assert "the trolley would stand nearer than 20 mm" in blocked_by.blocked[0]
+
+
+def test_the_entry_that_is_proposed_lies_as_deep_beneath_the_scalp() -> None:
+    target = CENTER_MM + np.array([30.0, 10, -5])
+    head = world_of(room(), surface(np.random.default_rng(1)), None).head
+    starts, _ = turned_entries(CENTER_MM + np.array([0.0, 0, HEAD_MM[2] + 30]), target, head)
+    away_mm = np.linalg.norm(starts - target, axis=1)
+    out, inside = (starts - target) / away_mm[:, None] / HEAD_MM, (target - CENTER_MM) / HEAD_MM
+    half, square = out @ inside, (out**2).sum(axis=1)
+    scalp_mm = (-half + np.sqrt(half**2 + square * (1 - inside @ inside))) / square
+    assert np.ptp(scalp_mm) > 40.0
+    np.testing.assert_allclose(away_mm - scalp_mm, 30.0, atol=3.0)
 
 
 def test_the_head_lies_in_the_room_as_stated() -> None:
