@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
+from ronnaplan import __version__
 from ronnaplan.cohort.index import ASIDE, DONE, LEFT, TEXTS, WAITING, Index, SeriesRow
 from ronnaplan.cohort.rules import Limits, Rules, Task
 from ronnaplan.jobs.rules import first_fitting
@@ -88,6 +89,7 @@ def _order(index: Index, series: SeriesRow, task: Task) -> dict[str, Any]:
         "files": files,
         "troubled": troubled is not None,
         "known": known,
+        "version": __version__,
         **task.order,
     }
 

@@ -27,8 +27,16 @@ if TYPE_CHECKING:
     from distributed import Client
 
 CONNECT: Final = "10s"
-QUIET: Final = {"distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "1s"}
-"""Dask settings of a cluster within this process, which otherwise takes a look at itself a hundred times a second."""
+QUIET: Final = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
+}
+"""Dask settings of a cluster within this process, which otherwise takes a look at itself a hundred times a second, and
+shows to whoever asks."""
+HIDDEN: Final = "127.0.0.1:0"
+"""Where its two web servers, which Dask does not do without, are: any free port of this machine, not of the network."""
 ASK_AGAIN_S: Final = 5.0
 AHEAD: Final = 2
 """Series that are sent ahead for each thread of a worker: it never waits for the next."""
@@ -77,7 +85,13 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
         with (
             dask.config.set(QUIET),
             distributed.LocalCluster(
-                n_workers=1, threads_per_worker=count, processes=False, dashboard_address=None, memory_limit=0
+                n_workers=1,
+                threads_per_worker=count,
+                processes=False,
+                dashboard_address=HIDDEN,
+                worker_dashboard_address=HIDDEN,
+                scheduler_kwargs={"dashboard": False},
+                memory_limit=0,
             ) as cluster,
             distributed.Client(cluster) as client,
         ):

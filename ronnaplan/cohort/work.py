@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ronnaplan import __version__
 from ronnaplan.cohort.facts import grid_facts, scan_facts
 from ronnaplan.cohort.places import LIMITS, Place
 from ronnaplan.cohort.rules import CohortRule
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 UNUSABLE, UNCHANGED = "unusable", "unchanged"
 """States of a part beside those of a job: what cannot be read, and what was worked on before."""
 GONE = "gone"
-"""How an order ends whose files cannot be read now."""
+"""How an order ends that cannot be worked on now: its files cannot be read, or this program is another version."""
 
 
 class _GoneError(Exception):
@@ -46,6 +47,10 @@ def work(order: dict[str, Any], tell: Tell) -> None:
     """Work on a series; tells of each part, in the order of their keys."""
     from ronnaplan.portable import peak_memory_bytes
 
+    if order["version"] != __version__:
+        reason = f"the worker has ronnaplan {__version__}, the command {order['version']}; install the same"
+        tell("ended", job=order["job"], state=GONE, reason=reason)
+        return
     wanted = _wanted(order)
     try:
         series = _series_of(order)

@@ -280,9 +280,11 @@ def test_an_archive_counts_as_a_folder_but_for_a_root_that_is_one(tmp_path: Path
             assert index.count("waiting") == 1
 
 
-def test_the_cluster_of_this_process_takes_no_samples_of_itself() -> None:
+def test_the_cluster_of_this_process_takes_no_samples_of_itself_and_is_none_of_the_network() -> None:
     with run.connected(None, 1) as client:
         assert client.cluster is not None
         (worker,) = client.cluster.workers.values()
+        servers = (worker.http_server, client.cluster.scheduler.http_server)
+        assert {server.address for server in servers} == {"127.0.0.1"}
         assert not {"profile", "profile-cycle"} & set(worker.periodic_callbacks)
         assert worker.periodic_callbacks["tick"].callback_time == 1000.0

@@ -111,6 +111,9 @@ def test_files_that_cannot_be_read_now_are_a_fault_of_their_disk_and_no_answer(s
         work(order, lambda event, **facts: said.append({"event": event, **facts}))
     assert [(one["event"], one["state"]) for one in said] == [("ended", "gone")] * 2
     assert all("No such file" in one["reason"] for one in said)
+    work({**given[0], "version": "0.0.1"}, lambda event, **facts: said.append({"event": event, **facts}))
+    assert said[-1]["state"] == "gone"
+    assert "the command 0.0.1" in said[-1]["reason"]
 
 
 def test_a_process_loads_what_pairs_points_for_phantoms_only() -> None:
