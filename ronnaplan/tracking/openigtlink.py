@@ -42,11 +42,12 @@ def moments(host: str, port: int = DEFAULT_PORT, *, every_s: float, seconds: flo
     """Yield what a server at ``host`` sends in every ``every_s`` of its own time, for up to ``seconds`` of ours.
 
     A message that states no time counts as of its arrival. The last recording says why the stream ended before the
-    time was up, if it did; a stream whose own time stands still has ended. Raises `InputError` if no server
+    time was up, if it did; a stream whose own time stands still has ended. Where the time is up, a moment that had only
+    begun is left out: of its last frame there may be the points and not yet the tools. Raises `InputError` if no server
     answers.
     """
     stream, until = Stream(), time.monotonic() + seconds
-    source, cut = f"openigtlink://{host}:{port}", _Moments(every_s)
+    source, cut, told = f"openigtlink://{host}:{port}", _Moments(every_s), 0
     with _connected(host, port) as connection:
         connection.settimeout(POLL_S)
         end, count, heard_s, told_s = None, 0, time.monotonic(), time.monotonic()
@@ -57,13 +58,14 @@ def moments(host: str, port: int = DEFAULT_PORT, *, every_s: float, seconds: flo
                 count, heard_s = stream.messages, now
             for points, tools in cut.add(*stream.taken()):
                 yield Recording(source, points, tools)
-                told_s = time.monotonic()
+                told, told_s = told + 1, time.monotonic()
             if end is None and now - heard_s > SILENCE_S:
                 end = _silent(count)
             elif end is None and now - told_s > every_s + SILENCE_S:
                 end = _stopped(f"its own time stands still after {count} messages")
     notes = (*stream.notes, *([end.note] if end else []))
-    yield Recording(source, *cut.rest(), notes=notes, end=end.why if end else None)
+    points, tools = ((), ()) if told and end is None else cut.rest()
+    yield Recording(source, points, tools, notes=notes, end=end.why if end else None)
 
 
 class _Moments:

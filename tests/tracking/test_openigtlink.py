@@ -46,9 +46,9 @@ def server(chunks: list[bytes], hold: bool = True) -> Iterator[int]:
         listener.close()
 
 
-def points(positions: object = POINTS, device: str = "Polaris") -> bytes:
+def points(positions: object = POINTS, device: str = "Polaris", time_s: float = 12.5) -> bytes:
     packed: bytes = pyigtl.PointMessage(
-        positions=positions, names=["", "A"], device_name=device, timestamp=12.5
+        positions=positions, names=["", "A"], device_name=device, timestamp=time_s
     ).pack()
     return packed
 
@@ -149,6 +149,19 @@ def test_moments_end_where_nothing_new_comes(messages: int, why: str, monkeypatc
         last = list(moments("127.0.0.1", port, every_s=0.1, seconds=10))[-1]
     assert last.end is StreamEnd.STOPPED
     assert last.notes[-1].startswith(f"the stream stopped: {why}")
+
+
+def test_a_moment_that_had_only_begun_when_the_time_was_up_is_left_out() -> None:
+    frames = [points(time_s=1e9 + 0.05 * frame) for frame in range(3)]
+    with server(frames) as port:
+        told = list(moments("127.0.0.1", port, every_s=0.1, seconds=0.5))
+        assert [len(one.points) for one in told] == [4, 0]
+    with server(frames) as port:
+        (only,) = moments("127.0.0.1", port, every_s=10, seconds=0.5)
+        assert len(only.points) == 6
+    with server(frames, hold=False) as port:
+        told = list(moments("127.0.0.1", port, every_s=0.1, seconds=10))
+        assert [len(one.points) for one in told] == [4, 2]
 
 
 def named(kind: str, device: bytes, body: bytes, version: int = 1) -> bytes:
