@@ -8,6 +8,7 @@ from typing import Final
 
 from ronnaplan import __version__
 from ronnaplan.cohort import plots
+from ronnaplan.cohort.charts import LEAST
 from ronnaplan.cohort.index import ASIDE, Index
 from ronnaplan.cohort.summary import Row, Summary, scanner_of, summarize
 from ronnaplan.cohort.tables import MARKERS, SERIES, series_rows
@@ -66,9 +67,13 @@ def _numbers(index: Index, summary: Summary) -> list[str]:
 
 
 def _quality(summary: Summary) -> list[str]:
-    charts = summary.charts
+    charts, uncharted = summary.charts, summary.uncharted
+    few = []
+    if uncharted:
+        told = "; ".join(map(printable, uncharted[:MOST_ROWS]))
+        few = [element("p", f"Scans of phantoms, too few for a chart, which takes {LEAST}: {told}.", "note")]
     if not charts:
-        return []
+        return [section("Quality over time", few)] if few else []
     alarms = [
         f"{one.scanner}, {one.quantity}: {one.verdict}" for one in charts if one.drifts.any() or one.leaps.any()
     ]
@@ -82,7 +87,7 @@ def _quality(summary: Summary) -> list[str]:
         "their moving average and the band its limits, which a drift leaves first. Limits come from the first 40 scans."
     )
     pictures = [picture(plots.chart_plot(one), f"{one.scanner}: {one.quantity}") for one in charts[:MOST_CHARTS]]
-    return [section("Quality over time", [top, element("p", text, "note"), *pictures])]
+    return [section("Quality over time", [top, *few, element("p", text, "note"), *pictures])]
 
 
 def _figures(summary: Summary) -> list[str]:

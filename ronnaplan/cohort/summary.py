@@ -63,6 +63,15 @@ class Summary:
         ]
         return sorted(found, key=lambda one: not (one.drifts.any() or one.leaps.any()))
 
+    @property
+    def uncharted(self) -> list[str]:
+        """Scanners that scanned a phantom too rarely for a chart, with how often."""
+        return [
+            f"{scanner}, {phantom}: {len(rows)}"
+            for (scanner, phantom), rows in sorted(self.phantoms.items())
+            if len(rows) < LEAST
+        ]
+
 
 def summarize(rows: Iterable[Row]) -> Summary:
     """Gather the page's contents."""

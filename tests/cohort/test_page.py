@@ -95,6 +95,15 @@ def test_the_page_tells_the_drift_and_shows_the_worst_sheet_first(
     assert {one.partition(":")[0] for one in sources} == {"data", "series.parquet", "markers.parquet", "sheet.png"}
 
 
+def test_a_phantom_that_was_scanned_too_rarely_for_a_chart_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(page_module, "series_rows", lambda _: iter(rows(tmp_path)[:5]))
+    with Index(tmp_path) as index:
+        write_page(index, tmp_path)
+    assert "too few for a chart, which takes 8: Maker A, daily: 5." in (tmp_path / "index.html").read_text()
+
+
 def test_a_cohort_without_series_has_a_page(tmp_path: Path) -> None:
     with Index(tmp_path) as index:
         write_page(index, tmp_path)
