@@ -69,7 +69,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.placement import placement_document, placement_text, read_placement
     from ronnaplan.documents.revision import write_document
 
-    room, arm = read_room(arguments.scene), _arm(arguments)
+    room = read_room(arguments.scene)
+    arm = _arm(arguments, room)
     job, source = _job(arguments, arm, room)
     found = _found(arguments, job)
     parked = arguments.parked is not None or arguments.chain is not None
@@ -98,15 +99,18 @@ def _found(arguments: argparse.Namespace, job: Job) -> Placement:
     return check_parked(job, base_pose(np.array(arguments.parked)))
 
 
-def _arm(arguments: argparse.Namespace) -> SerialArm:
+def _arm(arguments: argparse.Namespace, room: Room) -> SerialArm:
     """Return the built-in arm, or that of a file."""
+    from ronnaplan.errors import UsageError
     from ronnaplan.robot.arm.kuka import kr6_r900
     from ronnaplan.robot.arm.urdf import read_urdf
 
     if arguments.arm == "kr6r900":
+        if arguments.tip is not None:
+            raise UsageError("--tip is a link of a URDF file, and kr6r900 is none; give the file with --arm")
         return kr6_r900()
     read = read_urdf(arguments.arm, tip=arguments.tip)
-    if read.shapeless:
+    if read.shapeless and not room.arm_bodies:
         warn(
             f"collisions of {', '.join(read.shapeless)} are not or not wholly looked at, as their shapes are meshes, "
             "are not told for collisions, or are moved by joints apart; state [[arm_body]] in the scene"

@@ -252,6 +252,14 @@ at = [0, 90, 60]
 normal = [0, 1, -1]
 seen_deg = 75                   # how obliquely it is still seen
 
+# Of a --arm whose links are meshes; these take the place of all shapes that it has.
+# [[arm_body]]
+# link = 2                        # 0 is the foot, 6 the last
+# name = "upper arm"
+# start = [0, 0, 0]               # in the link's frame
+# end = [455, 0, 0]
+# radius = 95
+
 [camera]                        # the stereo cameras' center point
 tcp = [0, 0, 280]
 direction = [0, 0, 1]

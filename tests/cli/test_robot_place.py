@@ -15,7 +15,9 @@ from phantoms.stack import axial_stack
 from ronnaplan.cli import main
 from ronnaplan.documents.placement import read_placement
 from ronnaplan.documents.room import EXAMPLE
+from tests.documents.test_room import with_arm_body
 from tests.planning.heads import layered_head
+from tests.robot.arm.arms import KR6
 
 POINTS = ["--entry", "-20", "10", "77", "--target", "-10", "5", "20", "--coordinates", "LPS"]
 NARROW = {
@@ -101,3 +103,18 @@ def test_what_is_missing_is_named(case: list[str], capsys: pytest.CaptureFixture
     assert "robot place needs --scene" in capsys.readouterr().err
     assert main([*case, "--arm", "nowhere.urdf"]) == 1
     assert "nowhere.urdf cannot be read" in capsys.readouterr().err
+    assert main([*case, "--tip", "tool0"]) == 2
+    assert "--tip is a link of a URDF file" in capsys.readouterr().err
+
+
+def test_links_of_meshes_are_named_unless_the_room_states_bodies(
+    case: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arm, room, output = tmp_path / "arm.urdf", tmp_path / "room.toml", str(tmp_path / "placement.json")
+    arm.write_text(KR6)
+    far = ["--arm", str(arm), "--parked", "3000", "0", "900", "0", "-o", output]
+    assert main([*case, *far]) == 3
+    assert "collisions of base are not or not wholly looked at" in capsys.readouterr().err
+    room.write_text(with_arm_body(EXAMPLE))
+    assert main([*case[:-1], str(room), *far]) == 3
+    assert "collisions of" not in capsys.readouterr().err

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,18 @@ def test_the_example_is_read_as_it_is_annotated(tmp_path: Path) -> None:
     assert room.tool.marker is not None
     assert room.parking == Parking()
     np.testing.assert_allclose(room.head.room_from_ct(np.zeros(3))[:3, 1], [0, 0, -1], atol=1e-12)
+
+
+def with_arm_body(example: str) -> str:
+    """Return the example with the capsule about a link that it shows as a comment."""
+    before, after = example.split("# [[arm_body]]")
+    return before + "[[arm_body]]" + re.sub("^# ", "", after, flags=re.MULTILINE)
+
+
+def test_the_example_shows_how_an_arm_of_meshes_is_told(tmp_path: Path) -> None:
+    (tmp_path / "room.toml").write_text(with_arm_body(EXAMPLE))
+    ((link, body),) = read_room(tmp_path / "room.toml").arm_bodies
+    assert (link, body.name, body.end_mm, body.radius_mm) == (2, "upper arm", (455.0, 0.0, 0.0), 95.0)
 
 
 @pytest.mark.parametrize(

@@ -39,11 +39,10 @@ class UrdfArm:
 
 
 def read_urdf(path: str | os.PathLike[str], *, tip: str | None = None) -> UrdfArm:
-    """Read the chain from the file's base link to the link ``tip``, or to the one that most joints move.
+    """Read the chain from the file's base link to the flange: ``tip``, else `FLANGE`, else what most joints move.
 
-    ``tip`` is the flange (else `FLANGE`, else the last link itself); what is fixed to the last link becomes a tool of
-    the arm, by its name. Raises `InputError` for what is no URDF, for chains with joints that slide or mimic others,
-    and where several chains are equally long and no ``tip`` is named.
+    What is fixed to the last link becomes a tool of the arm, by its name. Raises `InputError` for what is no URDF, for
+    chains with joints that slide or mimic others, and where several chains are equally long and no ``tip`` is named.
     """
     name = os.fspath(path)
     root = _parsed(read_whole(path, MOST_BYTES, expected=EXPECTED), name)
@@ -64,13 +63,22 @@ def _parsed(content: bytes, name: str) -> ElementTree.Element:
         raise InputError(f"{name} is no XML ({error}); expected {EXPECTED}") from error
     if root.tag != "robot":
         raise InputError(f"{name} holds <{root.tag}>; expected <robot>, {EXPECTED} (run xacro first)")
+    if b"${" in content or any("xacro" in element.tag for element in root.iter()):
+        raise InputError(f"{name} holds what xacro has to work out; run xacro first, and give what it writes")
     return root
 
 
 def _arm(root: ElementTree.Element, tip: str | None) -> UrdfArm:
-    joints = {joint.find("child").attrib["link"]: joint for joint in root.findall("joint")}  # type: ignore[union-attr]
+    joints: dict[str, ElementTree.Element] = {}
+    for joint in root.findall("joint"):
+        first = joints.setdefault(joint.find("child").attrib["link"], joint)  # type: ignore[union-attr]
+        if first is not joint:
+            raise InputError(
+                f"joints {first.attrib['name']} and {joint.attrib['name']} carry one link; expected a joint for each"
+            )
     links = {link.attrib["name"]: link for link in root.findall("link")}
     chain = _chain(joints, tip or _farthest(joints, links), links)
+    _require_turning(chain)
     origins, axes, limits, names = [], [], [], []
     before = np.eye(4)
     place: dict[str, tuple[int, FloatArray]] = {chain[0].find("parent").attrib["link"]: (0, before)}  # type: ignore[union-attr]
@@ -109,9 +117,6 @@ def _chain(
     chain: list[ElementTree.Element] = []
     while tip in joints:
         joint = joints[tip]
-        if joint.attrib["type"] not in (*TURNING, "fixed") or joint.find("mimic") is not None:
-            kind = "mimics another" if joint.find("mimic") is not None else f"is {joint.attrib['type']}"
-            raise InputError(f"joint {joint.attrib['name']} {kind}; only joints that turn can be planned with")
         if joint in chain:
             raise InputError(f"the links go round in a circle at {tip!r}; expected each one nearer to the base")
         chain.insert(0, joint)
@@ -121,8 +126,24 @@ def _chain(
     return chain
 
 
+def _require_turning(chain: list[ElementTree.Element]) -> None:
+    for joint in chain:
+        mimics = joint.find("mimic") is not None
+        if mimics or joint.attrib["type"] not in (*TURNING, "fixed"):
+            kind = "mimics another" if mimics else f"is {joint.attrib['type']}"
+            raise InputError(
+                f"joint {joint.attrib['name']} {kind}; only joints that turn can be planned with: name the flange as "
+                "the tip where it comes before"
+            )
+
+
 def _farthest(joints: dict[str, ElementTree.Element], links: dict[str, ElementTree.Element]) -> str:
-    """Return the link that most joints move: `FLANGE` where that is one, else the one on the last joint itself."""
+    """Return `FLANGE` where there is one, else the link on the last joint of the chain in which most turn.
+
+    What hangs on a flange, as the fingers of a gripper, is not the arm's.
+    """
+    if FLANGE in links:
+        return FLANGE
     moved: dict[str, tuple[str, ...]] = {}
     for link in links:
         if link in joints:
@@ -134,9 +155,7 @@ def _farthest(joints: dict[str, ElementTree.Element], links: dict[str, ElementTr
     farthest = [link for link, names in moved.items() if len(names) == most]
     if len({moved[link] for link in farthest}) > 1:
         raise InputError(f"the chains to {', '.join(farthest)} are equally long; name the link at the end")
-    return (
-        FLANGE if FLANGE in farthest else next(link for link in farthest if joints[link].attrib["type"] in TURNING)
-    )
+    return next(link for link in farthest if joints[link].attrib["type"] in TURNING)
 
 
 def _with_fixed(
@@ -216,7 +235,7 @@ def _limits(joint: ElementTree.Element) -> tuple[float, float]:
     if joint.attrib["type"] == "continuous":
         return -CONTINUOUS_RAD, CONTINUOUS_RAD
     name = joint.attrib["name"]
-    if limit is None:
+    if limit is None or not {"lower", "upper"} & set(limit.attrib):
         raise InputError(f"joint {name} has no limits; state them, or call it continuous")
     least, greatest = float(limit.attrib.get("lower", "0")), float(limit.attrib.get("upper", "0"))
     if max(abs(least), abs(greatest)) > LARGEST_LIMIT_RAD:

@@ -15,6 +15,8 @@ ANGLE_TOLERANCE = 1e-7
 """Axes whose cosine or sine is below this are perpendicular or parallel, to the digits of a description."""
 MEETING_MM = 1e-4
 """Axes that pass each other nearer than this meet."""
+OTHERWISE = "`inverse_numeric` solves it, `robot place` needs a closed form"
+"""What is left of an arm that has none."""
 
 
 class Wrist(NamedTuple):
@@ -54,7 +56,7 @@ class Wrist(NamedTuple):
 def wrist_of(arm: SerialArm) -> Wrist:
     """Return the closed-form geometry of ``arm``; raises `InputError` saying what it lacks."""
     if len(arm) != 6:
-        raise InputError(f"the arm {arm.name} has {len(arm)} joints; the closed form needs six")
+        raise InputError(f"the arm {arm.name} has {len(arm)} joints, a closed form needs six; {OTHERWISE}")
     frames = link_frames(arm, np.zeros(6))
     places = frames[1:, :3, 3]
     axes = np.einsum("nij,nj->ni", frames[1:, :3, :3], arm.axes)
@@ -98,4 +100,4 @@ def _meeting(places: FloatArray, axes: FloatArray) -> FloatArray:
 
 def _require(arm: SerialArm, miss: float, what: str) -> None:
     if not miss < ANGLE_TOLERANCE:
-        raise InputError(f"the arm {arm.name} has no closed form: {what}; use the numerical inverse")
+        raise InputError(f"the arm {arm.name} has no closed form: {what}; {OTHERWISE}")

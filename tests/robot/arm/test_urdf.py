@@ -51,8 +51,42 @@ def test_the_flange_is_the_link_that_was_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "joint",
+    [
+        'type="prismatic"><parent link="camera"/><child link="finger"/>',
+        'type="revolute"><parent link="camera"/><child link="finger"/><limit lower="0" upper="1"/>',
+        'type="revolute"><parent link="camera"/><child link="finger"/><mimic joint="A1"/>',
+    ],
+)
+def test_a_gripper_on_the_flange_is_not_of_the_arm(joint: str, tmp_path: Path) -> None:
+    gripper = f'<link name="finger"/><joint name="grip" {joint}</joint></robot>'
+    (tmp_path / "arm.urdf").write_text(KR6.replace("</robot>", gripper))
+    (tmp_path / "bare.urdf").write_text(KR6)
+    arm, bare = (read_urdf(tmp_path / name).arm for name in ("arm.urdf", "bare.urdf"))
+    assert arm.joints == bare.joints
+    np.testing.assert_array_equal(arm.flange, bare.flange)
+
+
+def test_what_slides_within_the_arm_is_refused_and_what_slides_at_its_end_is_not_of_it(tmp_path: Path) -> None:
+    bare = KR6.replace('name="tool0"', 'name="plate"').replace('link="tool0"', 'link="plate"')
+    jaw = '<link name="jaw"/><joint name="grip" type="prismatic"><parent link="plate"/><child link="jaw"/></joint>'
+    (tmp_path / "arm.urdf").write_text(bare.replace("</robot>", f"{jaw}</robot>"))
+    assert len(read_urdf(tmp_path / "arm.urdf").arm) == 6
+    with pytest.raises(InputError, match=r"joint grip is prismatic.*name the flange as the tip"):
+        read_urdf(tmp_path / "arm.urdf", tip="jaw")
+
+
+@pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
+        ('xyz="0 0 0.4"', 'xyz="0 0 ${height}"', "run xacro first"),
+        ("</robot>", '<xacro:kr6 xmlns:xacro="http://www.ros.org/wiki/xacro"/></robot>', "run xacro first"),
+        (
+            '<limit lower="-2.9670597283903604" upper="2.9670597283903604"/>',
+            '<limit effort="1"/>',
+            "A1 has no limits",
+        ),
+        ('<child link="l5"/>', '<child link="l4"/>', "joints A4 and A5 carry one link"),
         ("<robot", "<!DOCTYPE robot [<!ENTITY a 'b'>]><robot", "declares a document type"),
         ("</robot>", "", "is no XML"),
         ("robot", "arm", "holds <arm>; expected <robot>"),
