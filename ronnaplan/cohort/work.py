@@ -35,6 +35,9 @@ GONE = "gone"
 class _GoneError(Exception):
     """A file that was read when it was listed cannot be read now: its disk or a network may be down."""
 
+    def __str__(self) -> str:
+        return f"its files cannot be read now; {self.args[0]}"
+
 
 @dataclass(frozen=True, eq=False)
 class _Wanted:
@@ -74,7 +77,7 @@ def _series_of(order: dict[str, Any]) -> list[Series]:
     try:
         blobs = place.blobs([(folder, name, size) for folder, name, size in order["files"]], skipped)
     except InputError as error:
-        raise _GoneError(str(error)) from error
+        raise _GoneError(error) from error
     listed = catalogue_of(Path(place.archive or place.root), blobs, LIMITS, skipped)
     for one in listed.skipped:
         if one.is_trouble:

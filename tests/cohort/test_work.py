@@ -110,6 +110,7 @@ def test_files_that_cannot_be_read_now_are_a_fault_of_their_disk_and_no_answer(s
     for order in given:
         work(order, lambda event, **facts: said.append({"event": event, **facts}))
     assert [(one["event"], one["state"]) for one in said] == [("ended", "gone")] * 2
+    assert all(one["reason"].startswith("its files cannot be read now; ") for one in said)
     assert all("No such file" in one["reason"] for one in said)
     work({**given[0], "version": "0.0.1"}, lambda event, **facts: said.append({"event": event, **facts}))
     assert said[-1]["state"] == "gone"
