@@ -110,9 +110,10 @@ def _shape(arguments: argparse.Namespace) -> tuple[Bridge, Fitted | None]:
 
     if (arguments.at is None) != (arguments.coordinates is None) or (arguments.at and not arguments.ct):
         raise UsageError("--at is a place of the scan; it needs --ct and --coordinates LPS or RAS")
+    radius_mm = STANDARD_RADIUS_MM if arguments.radius is None else arguments.radius
     bridge = Bridge(
         size_mm=tuple(arguments.size),
-        radius_mm=None if arguments.flat else arguments.radius or STANDARD_RADIUS_MM,
+        radius_mm=None if arguments.flat else radius_mm,
         thickness_mm=arguments.thickness,
         marker_diameter_mm=arguments.diameter,
         marker_height_mm=arguments.height,

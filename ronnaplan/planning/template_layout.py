@@ -29,6 +29,8 @@ STARTS, ROUNDS, TRIALS = 8, 12, 12
 """Starts of the search, rounds from each, places tried for a marker in a round."""
 CT_DISTANCE_SD_MM = 0.15
 """Of a marker of a rigid frame in a scan, per axis: the scanner's scale and noise (the paper's phantom)."""
+ENGRAVED_MM = 0.8
+"""How deep labels are engraved: a plate is thicker."""
 TOLERANCE_SDS = 4.0
 """A distance in a scan departs from the drawing's by less, in standard deviations."""
 STANDARD_RADIUS_MM = 80.0
@@ -86,6 +88,18 @@ class Bridge:
     def check(self) -> None:
         """Raise `InputError` where no plate or no marker can be so."""
         width, depth = self.size_mm
+        least = min(self.marker_diameter_mm, self.clearance_mm, self.print_tolerance_mm, self.screw_play_mm)
+        if least < 0 or self.marker_diameter_mm == 0:
+            raise InputError(
+                f"markers of {self.marker_diameter_mm:g} mm, {self.clearance_mm:g} mm apart, printed within "
+                f"{self.print_tolerance_mm:g} mm and screwed within {self.screw_play_mm:g} mm were asked for; expected "
+                "nothing below zero, and a diameter above"
+            )
+        if self.thickness_mm <= ENGRAVED_MM:
+            raise InputError(
+                f"a template {self.thickness_mm:g} mm thick was asked for; expected more than {ENGRAVED_MM:g} mm, the "
+                "depth of its labels"
+            )
         if min(self.reach_mm) <= 0:
             raise InputError(
                 f"a template of {width:g} x {depth:g} mm has no room for a pad of {2 * self.pad_radius_mm:g} mm; "
@@ -165,7 +179,7 @@ class TemplateLayout:
 
 def refusal_text(probability: float) -> str:
     """Return a probability in percent, not smaller than it can be told."""
-    return "less than 0.001 %" if probability < 1e-5 else f"{100 * probability:.2g} %"
+    return "less than 0.001 %" if probability < 1e-5 else f"{100 * probability:.3g} %"
 
 
 def design_template(

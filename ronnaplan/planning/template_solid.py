@@ -10,14 +10,13 @@ import numpy as np
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.planning.template_layout import TemplateLayout
+from ronnaplan.planning.template_layout import ENGRAVED_MM, TemplateLayout
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 BAR_WIDTH_MM = 10.0
 LETTER_MM = 5.0
-ENGRAVED_MM = 0.8
 LETTER_FROM_HOLE_MM = 5.2
 CORNERS = 64
 """Of a pad."""

@@ -31,6 +31,8 @@ def test_a_standard_head_gives_body_document_and_drawing(
     ("options", "status", "sentence"),
     [
         (["--markers", "7"], 1, "3 to 6"),
+        (["--markers", "3", "--radius", "0"], 1, "bent to a radius of 0 mm"),
+        (["--markers", "3", "--thickness", "0"], 1, "0 mm thick"),
         (["--markers", "3", "--at", "0", "0", "0"], 2, "--at is a place of the scan"),
         (["--markers", "3", "--size", "55", "40", "--screw-play", "3"], 3, "expected"),
     ],

@@ -27,6 +27,7 @@ from ronnaplan.planning.template_layout import (
     TemplateLayout,
     design_template,
     random_holes,
+    refusal_text,
     require_unmistakable,
 )
 from ronnaplan.planning.template_solid import outline, template_solid
@@ -202,11 +203,25 @@ def test_places_off_the_scalp_or_on_the_face_are_refused() -> None:
         (Bridge(marker_height_mm=3.0), "at least their radius"),
         (Bridge(size_mm=(30.0, 22.0)), "do not fit"),
         (Bridge(hole_diameter_mm=0.0), "holes of 0 mm"),
+        (Bridge(thickness_mm=0.0), "0 mm thick was asked for; expected more than 0.8 mm"),
+        (Bridge(marker_diameter_mm=0.0), "markers of 0 mm"),
+        (Bridge(clearance_mm=-5.0), "-5 mm apart"),
+        (Bridge(print_tolerance_mm=-1.0), "nothing below zero"),
+        (Bridge(screw_play_mm=-1.0), "nothing below zero"),
     ],
 )
 def test_plates_that_cannot_be_are_refused(bridge: Bridge, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         design_template(3, bridge)
+
+
+def test_a_probability_is_told_in_percent() -> None:
+    assert [refusal_text(one) for one in (1e-6, 0.00123, 0.998, 1.0)] == [
+        "less than 0.001 %",
+        "0.123 %",
+        "99.8 %",
+        "100 %",
+    ]
 
 
 def test_the_drawing_is_to_scale_and_the_same_each_time(four: TemplateLayout) -> None:
