@@ -79,6 +79,11 @@ def hard_sets(count: int) -> Iterator[tuple[str, Sets]]:
         yield f"errors {errors:g} times as stated", read(ball(count, 90.0), errors)
     flat = ball(count, 60.0) * [1.0, 1.0, 0.0]
     yield "flat", read(flat)
+    yield "unrelated on planes", (flat, ball(count, 60.0) * [1.0, 1.0, 0.0])
+    spheres = [
+        80.0 * points / np.linalg.norm(points, axis=1, keepdims=True) for points in rng.normal(size=(2, count, 3))
+    ]
+    yield "unrelated on spheres", (spheres[0], spheres[1])
     half = ball(count, 60.0)
     half[: count // 2, 2] = 0.0
     yield "half flat and mirrored", (half * [1.0, 1.0, -1.0], half)

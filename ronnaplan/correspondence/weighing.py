@@ -36,11 +36,6 @@ class Pose:
         """The pairs (L, 2)."""
         return pairs_of(self.partner)
 
-    def is_same_as(self, other: Pose) -> bool:
-        """Tell whether two poses pair mostly the same points."""
-        agree = int(((self.partner >= 0) & (self.partner == other.partner)).sum())
-        return 2 * agree > min(len(self.pairs), len(other.pairs))
-
 
 def pose_evidence(problem: Problem, partner: IntArray, taken: int = 0) -> tuple[float, float]:
     """Return the chi^2 of a pairing, and its log evidence as in `evidence`, with markers as wide as the outliers.
@@ -67,15 +62,20 @@ def pose_evidence(problem: Problem, partner: IntArray, taken: int = 0) -> tuple[
 
 
 def add_pose(poses: list[Pose], pose: Pose | None) -> None:
-    """Add a pose, or let it replace the same pose with less evidence; one that chance explains is dropped."""
+    """Add a pose, or let it replace the same pose with less evidence; one that chance explains is dropped.
+
+    Poses are the same that pair mostly the same points.
+    """
     if pose is None or pose.log_evidence < 0:
         return
-    for index, other in enumerate(poses):
-        if pose.is_same_as(other):
-            if pose.log_evidence > other.log_evidence:
-                poses[index] = pose
-            return
-    poses.append(pose)
+    partners = np.array([other.partner for other in poses], dtype=np.int64).reshape(-1, len(pose.partner))
+    agreeing = ((pose.partner >= 0) & (partners == pose.partner)).sum(axis=1)
+    of_fewer = np.minimum((partners >= 0).sum(axis=1), (pose.partner >= 0).sum())
+    same = np.flatnonzero(2 * agreeing > of_fewer)
+    if len(same) == 0:
+        poses.append(pose)
+    elif pose.log_evidence > poses[same[0]].log_evidence:
+        poses[same[0]] = pose
     if len(poses) > MOST_POSES:
         poses.sort(key=lambda one: -one.log_evidence)
         poses.pop()
