@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import sqlite3
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 from ronnaplan.cohort import children
@@ -21,8 +22,10 @@ from ronnaplan.ct.files import given_path
 from ronnaplan.documents.files import make_folder
 from ronnaplan.errors import InputError
 from ronnaplan.jobs.serving import DONE, REFUSED
+from ronnaplan.text import printable
 
 LOCK = "cohort.lock"
+_ROOTS = "SELECT DISTINCT root FROM places WHERE EXISTS (SELECT 1 FROM files WHERE place = places.id)"
 
 
 @dataclass(frozen=True)
@@ -62,14 +65,13 @@ def run_cohort(
     from ronnaplan.cohort.tables import write_tables
 
     tasks = tasks_of(rules)
-    places = [
-        kept_name(root if is_url(root) else os.path.abspath(given_path(root)))  # noqa: PTH100
-        for root in roots
-    ]
+    places = [_whole(root) for root in roots]
     make_folder(out)
     with _opened(out) as index:
-        if not list_roots and index.value("SELECT 1 FROM places LIMIT 1") is None:
+        known = {root for (root,) in index.rows(_ROOTS)}
+        if not list_roots and not known:
             raise InputError(f"nothing has been listed in {out} yet; name the roots, without --as-listed")
+        _require_apart({*places, *known})
         listed = bring_up_to_date(index, places, progress=progress) if list_roots else Listed()
         decide(index, rules, tasks, again=again)
         waiting = index.count(WAITING)
@@ -78,12 +80,34 @@ def run_cohort(
                 work_off(client, index, out, rules, tasks, module=module, progress=progress)
         write_tables(index, out)
         write_page(index, out)
+        return _counts(index, rules, listed, waiting)
 
-        parts = dict(index.rows("SELECT state, COUNT(*) FROM parts GROUP BY state"))
-        done, refused, unusable = (parts.get(state, 0) for state in (DONE, REFUSED, UNUSABLE))
-        used = {name for (name,) in index.rows("SELECT DISTINCT rule FROM series")}
-        idle = tuple(rule.name for rule in rules.rule if rule.name not in used)
-        return Counts(listed, waiting, done, refused, unusable, index.count(ASIDE), index.count(LEFT), idle)
+
+def _counts(index: Index, rules: Rules, listed: Listed, worked: int) -> Counts:
+    parts = dict(index.rows("SELECT state, COUNT(*) FROM parts GROUP BY state"))
+    done, refused, unusable = (parts.get(state, 0) for state in (DONE, REFUSED, UNUSABLE))
+    used = {name for (name,) in index.rows("SELECT DISTINCT rule FROM series")}
+    idle = tuple(rule.name for rule in rules.rule if rule.name not in used)
+    return Counts(listed, worked, done, refused, unusable, index.count(ASIDE), index.count(LEFT), idle)
+
+
+def _whole(root: str) -> str:
+    """Return a root by the one name that the index has for it."""
+    if not is_url(root):
+        return kept_name(os.path.abspath(given_path(root)))  # noqa: PTH100
+    protocol, _, path = root.partition("://")
+    return kept_name(f"{protocol}://{path.rstrip('/')}")
+
+
+def _require_apart(roots: Iterable[str]) -> None:
+    """Raise `InputError` where a root lies below another: its series would be there twice."""
+    parts = sorted(root.replace(os.sep, "/").rstrip("/").split("/") for root in roots)
+    for outer, inner in pairwise(parts):
+        if inner[: len(outer)] == outer:
+            one, other = (printable("/".join(names)) for names in (inner, outer))
+            raise InputError(
+                f"{one} lies below {other}, so that its series would count twice; name one, in an OUT of its own"
+            )
 
 
 @contextmanager

@@ -202,6 +202,24 @@ def test_a_folder_that_another_run_has_is_left_alone(tmp_path: Path) -> None:
         cohort(tmp_path)
 
 
+@pytest.mark.parametrize("protocol", ["", "file://"])
+def test_a_root_below_another_is_refused_for_its_series_would_count_twice(tmp_path: Path, protocol: str) -> None:
+    tiny(tmp_path / "in" / "a", "6")
+    tiny(tmp_path / "in b", "7")
+
+    def run(*names: str) -> Counts:
+        roots = [f"{protocol}{tmp_path}/{name}" for name in names]
+        return run_cohort(roots, tmp_path / "out", Rules(rule=(RULE,)), module=FAKE, workers=1)
+
+    with pytest.raises(InputError, match=r"in/a lies below .*/in,"):
+        run("in", "in b", "in/a/")
+    with pytest.raises(InputError, match="no file or folder"):
+        run("in/misspelt")
+    assert run("in", "in/", "in b").done == 2  # the same by two names
+    with pytest.raises(InputError, match=r"in/a lies below .*/in,"):  # of an earlier run, too
+        run("in/a")
+
+
 def test_a_folder_that_cannot_be_used_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tiny(tmp_path / "in", "6")
     cohort(tmp_path)
