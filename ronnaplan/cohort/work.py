@@ -120,6 +120,8 @@ def _part(series: Series, wanted: _Wanted, troubled: bool, known: str) -> dict[s
         told["scan"].update(grid_facts(volume))
         return {**told, **_localized(volume, wanted)}
     except RonnaplanError as error:
+        if isinstance(error.__cause__, MemoryError):  # nothing is wrong with the series: it is set aside
+            raise MemoryError(str(error)) from error
         state = REFUSED if isinstance(error, RefusedError) else UNUSABLE
         return {**told, "state": state, "reason": str(error)}
 

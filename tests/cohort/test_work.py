@@ -19,8 +19,10 @@ from ronnaplan.cohort.listing import bring_up_to_date
 from ronnaplan.cohort.planning import decide, orders, tasks_of
 from ronnaplan.cohort.rules import CohortRule, Rules
 from ronnaplan.cohort.work import work
+from ronnaplan.ct import reader
 from ronnaplan.documents.fiducials import fiducials_document
 from ronnaplan.documents.reading import to_json
+from ronnaplan.errors import InputError
 from tests.cohort.scans import CENTERS_MM, phantom
 from tests.ct.makers import write_series
 
@@ -115,6 +117,17 @@ def test_files_that_cannot_be_read_now_are_a_fault_of_their_disk_and_no_answer(s
     work({**given[0], "version": "0.0.1"}, lambda event, **facts: said.append({"event": event, **facts}))
     assert said[-1]["state"] == "gone"
     assert "the command 0.0.1" in said[-1]["reason"]
+
+
+def test_a_series_that_takes_too_much_memory_is_a_fault_and_not_unusable(
+    scan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def failing(*_: Any, **__: Any) -> None:
+        raise InputError("the volume needs more memory than there is") from MemoryError("no room")
+
+    monkeypatch.setattr(reader, "read_series", failing)
+    with pytest.raises(MemoryError, match="more memory than there is"):
+        told(scan, tmp_path, CohortRule(name="x", diameters=(11.5,)))
 
 
 def test_a_process_loads_what_pairs_points_for_phantoms_only() -> None:
