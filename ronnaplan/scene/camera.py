@@ -18,6 +18,9 @@ VIEW_DEG = 30.0
 NEAREST_MM, FURTHEST_MM = 1.0, 4000.0
 """Only what lies this far in front of the eye is drawn."""
 
+CUT_MM = 2.0
+"""Surfaces are cut off this far before the eye, a little more than what OpenCV draws."""
+
 STEEPEST = 0.98
 """The eye comes no nearer to straight above or below than this cosine, where it would not know what is up."""
 
@@ -28,6 +31,7 @@ LIGHT = np.array([-0.3, 0.4, 0.87])
 """Where the light comes from, in the eye's axes: from behind it, above and to the left."""
 
 Picture = NDArray[np.float32]
+Corners = NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,9 +107,13 @@ class Camera:
         world_to_eye[:3, 3] = -self.axes @ self.position_mm
         bright = AMBIENT + (1.0 - AMBIENT) * np.clip(body.normals @ (LIGHT @ self.axes), 0.0, 1.0)
         colours = (bright[:, np.newaxis] * colour).astype(np.float32)
+        before_mm = (self.position_mm - body.vertices_mm) @ self.axes[2]
+        vertices, triangles, colours = _before_eye(body.vertices_mm, body.triangles, colours, before_mm)
+        if not len(triangles):
+            return
         cv2.triangleRasterize(
-            body.vertices_mm[np.newaxis],
-            body.triangles[np.newaxis],
+            vertices[np.newaxis],
+            triangles[np.newaxis],
             colours[np.newaxis],
             picture,
             depths,
@@ -115,3 +123,31 @@ class Camera:
             FURTHEST_MM,
             settings,
         )
+
+
+def _before_eye(
+    vertices: Picture, triangles: Corners, colours: Picture, before_mm: FloatArray
+) -> tuple[Picture, Corners, Picture]:
+    """Return vertices (V, 3), triangles (T, 3) and colours (V, 3) of what lies `CUT_MM` and more before the eye.
+
+    ``before_mm`` (V,) is where the vertices lie. OpenCV fills a triangle that reaches behind the eye with whatever comes
+    of dividing by its depth.
+    """
+    behind = before_mm[triangles] < CUT_MM
+    if not behind.any():
+        return vertices, triangles, colours
+    count = behind.sum(axis=1)
+    corners, kept = np.column_stack([vertices, colours, before_mm]), [triangles[count == 0]]
+    for odd in (1, 2):
+        cut, alone = triangles[count == odd], (behind if odd == 1 else ~behind)[count == odd].argmax(axis=1)
+        apex, left, right = np.take_along_axis(cut, (alone[:, np.newaxis] + np.arange(3)) % 3, axis=1).T
+        ends = []
+        for other in (left, right):
+            ends.append(np.arange(len(corners), len(corners) + len(apex), dtype=np.int32))
+            way = corners[other] - corners[apex]
+            share = (CUT_MM - corners[apex, -1]) / way[:, -1]
+            corners = np.concatenate([corners, corners[apex] + share[:, np.newaxis] * way])
+        pieces = [(ends[0], left, right), (ends[0], right, ends[1])] if odd == 1 else [(apex, *ends)]
+        kept += [np.stack(piece, axis=1) for piece in pieces]
+    whole = np.ascontiguousarray(corners, dtype=np.float32)
+    return whole[:, :3].copy(), np.concatenate(kept), whole[:, 3:6].copy()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ronnaplan.scene.camera import Camera
-from ronnaplan.scene.shapes import ball
+from ronnaplan.scene.shapes import Body, ball
 
 PIXELS = 100
 EYE = Camera(np.array([0.0, -400.0, 0.0]), np.zeros(3))
@@ -38,3 +38,30 @@ def test_turning_keeps_the_distance_and_never_goes_over_the_top() -> None:
 
 def test_coming_nearer_keeps_the_direction() -> None:
     assert EYE.nearer(2.0).position_mm == pytest.approx([0.0, -200.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    "corners",
+    [
+        [[-2000.0, -2000, -100], [2000, -2000, -100], [0, 3900, -100]],  # two of them behind the eye
+        [[2000.0, 3000, -100], [-2000, 3000, -100], [0, -2000, -100]],  # one
+    ],
+)
+def test_of_a_floor_that_reaches_behind_the_eye_the_part_before_it_is_drawn(corners: list[list[float]]) -> None:
+    floor = Body.of(np.array(corners), np.array([[0, 1, 2]]))
+    eye = Camera(np.zeros(3), np.array([0.0, 100.0, 0.0]))
+    picture, depths = np.zeros((90, 90, 3), dtype=np.float32), eye.depths((90, 90))
+    eye.draw(floor, np.array([1.0, 0.5, 0.0]), picture, depths)
+    assert not picture[:45].any()
+    np.testing.assert_allclose(picture[60:, 40:50], picture[80, 45] * np.ones((30, 10, 3)), atol=1e-3)
+    assert picture[80, 45, 0] == pytest.approx(2 * picture[80, 45, 1])
+    assert 0.3 < picture[80, 45, 0] <= 1.0
+    down = (80.5 - 45) / 45 * np.tan(np.radians(15))
+    assert depths[80, 45] == pytest.approx(100 / down, rel=0.01)
+
+
+def test_nothing_is_drawn_of_what_lies_behind_the_eye() -> None:
+    eye = Camera(np.zeros(3), np.array([0.0, 100.0, 0.0]))
+    picture, depths = np.zeros((90, 90, 3), dtype=np.float32), eye.depths((90, 90))
+    eye.draw(ball(np.array([0.0, -300.0, 20.0]), 60.0), np.ones(3), picture, depths)
+    assert not picture.any()
