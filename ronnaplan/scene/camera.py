@@ -130,8 +130,8 @@ def _before_eye(
 ) -> tuple[Picture, Corners, Picture]:
     """Return vertices (V, 3), triangles (T, 3) and colours (V, 3) of what lies `CUT_MM` and more before the eye.
 
-    ``before_mm`` (V,) is where the vertices lie. OpenCV fills a triangle that reaches behind the eye with whatever comes
-    of dividing by its depth.
+    ``before_mm`` (V,) is where the vertices lie. OpenCV fills a triangle that reaches behind the eye with what comes of
+    dividing by its depth.
     """
     behind = before_mm[triangles] < CUT_MM
     if not behind.any():
