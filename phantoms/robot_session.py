@@ -29,6 +29,10 @@ MATRICES = (
 DISTORTIONS = (np.array([-0.12, 0.2, 8e-4, -5e-4, 0.05]), np.array([-0.15, 0.1, -6e-4, 7e-4, 0]))
 M_SPHERES_MM = np.array([[0.0, 60, 0], [45, 0, 0], [0, -75, 0], [-90, 0, 0]])
 """The spheres on the robot's tool, in its frame M."""
+SUPINE = np.array([[0.0, 0, -1], [1, 0, 0], [0, -1, 0]])
+"""A room from CT: the patient on the back, the crown towards -x."""
+HEAD_MM, TURN_DEG = np.array([1045.0, -25, 250]), 8.0
+"""The middle of the head's markers in R, and the turn of the robot at the crown: near what `robot place` finds."""
 PIVOT_POSES, HAND_EYE_POSES, REST_FRAMES, BOARDS, LOOKS = 150, 40, 20, 7, 9
 READING_SD_MM, ROBOT_SD_MM, ROBOT_SD_DEG = 0.1, 0.03, 0.01
 
@@ -59,8 +63,9 @@ class Session:
 
     def __post_init__(self) -> None:
         head = self.markers_ots_mm.mean(axis=0)
-        turn = Rotation.from_euler("xyz", (75, 20, 130), degrees=True)
-        self.robot_from_ots = placed(turn, np.array([620.0, 80, 500]) - turn.apply(head))
+        ct_from_ots = Rotation.from_matrix(self.ots_from_ct[:3, :3]).inv()
+        turn = Rotation.from_euler("z", -TURN_DEG, degrees=True) * Rotation.from_matrix(SUPINE) * ct_from_ots
+        self.robot_from_ots = placed(turn, HEAD_MM - turn.apply(head))
 
     @classmethod
     def of_case(cls, case: Path, seed: int) -> Session:

@@ -227,7 +227,7 @@ center = [0, 0, -400]
 size = [500, 500, 800]
 
 [tracker]                       # with --registration it stands where it was registered
-position = [-1800, 600, 1900]
+position = [-970, 1340, 1010]
 nearest_mm = 950
 farthest_mm = 2400
 body_mm = 250                   # the last of a line of sight is the tracker itself

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from phantoms.robot_session import Session
 from ronnaplan.cli import main
 from ronnaplan.documents.placement import read_placement
 from ronnaplan.documents.template import read_template_document
@@ -30,8 +33,9 @@ def test_every_command_of_the_page_does_what_it_says(
     monkeypatch.chdir(tmp_path)
     run = [[str(ROOT / word) if word.startswith("data/") else word for word in line] for line in commands()]
     assert {tuple(line[:2]) for line in run} >= {("robot", "place"), ("plan", "template"), ("report", ".")}
+    told = ""
     for line in run:
-        capsys.readouterr()
+        told += capsys.readouterr().err
         words, _, target = " ".join(line).partition(" > ")
         assert main(line[: len(line) - 2] if target else line) == 0, words
         if target:
@@ -46,3 +50,16 @@ def test_every_command_of_the_page_does_what_it_says(
     assert "the robot at the first place" in page
     assert len(read_template_document(tmp_path / "template.json").labels) == 4
     assert (tmp_path / "template.stl").stat().st_size > 10_000
+    assert "the tracker stands at" not in told
+    session = Session.of_case(ROOT / "data" / "synthetic_ct", 7)
+    pose = {"matrix": (session.robot_from_ots @ session.ots_from_ct).tolist(), "covariance": np.eye(6).tolist()}
+    chain = {"format": "ronnaplan.chain", "version": 1, "unit": "mm", "way": "stereo", "middle": [0, 0, 0]}
+    chain |= {"shares": [], "software": {"name": "ronnaplan", "version": "0.2.0"}}
+    chain |= {"source": placed.source.model_dump(), "robot_from_ct": pose}
+    (tmp_path / "chain.json").write_text(json.dumps(chain))
+    (place,) = (line for line in run if "placement.json" in line)
+    assert main([*place, "--chain", "chain.json"]) == 0
+    parked = read_placement(tmp_path / "placement.json")
+    assert parked.status == "parked"
+    bases_mm = [np.array(one.robot_from_ct[0].room_from_r)[:3, 3] for one in (placed, parked)]
+    assert np.linalg.norm(bases_mm[1] - bases_mm[0]) < 60.0
