@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,10 @@ from ronnaplan.correspondence.rivals import (
 )
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.geometry import FloatArray
+
+MOST_ODDS_AGAINST_KNOWN = 100.0
+"""Known pairs are not believed where pairings that contradict them are so many times as probable without them: about as
+rarely does a person point at the wrong marker."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +56,13 @@ class Weighed:
 def match_small(problem: Problem, least_probability: float) -> Pairing | None:
     """Weigh every pairing and decide; None when there are too many to list."""
     weighed = weigh_all(problem)
-    return None if weighed is None else decide(problem, weighed, least_probability)
+    if weighed is None:
+        return None
+    answer = decide(problem, weighed, least_probability)
+    if answer.status == "unique" and contradicts_known(problem):
+        reason = "the points fit far better without the pairs that were given; check what was pointed at"
+        return Pairing("ambiguous", no_pairs(), answer.probability, weighed.rivals(), reason)
+    return answer
 
 
 def weigh_all(problem: Problem) -> Weighed | None:
@@ -119,6 +129,26 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
         return Pairing("unmatched", no_pairs(), probability, rivals, reason)
     left_out = pairs_of(np.where(core < 0, weighed.partners[0], -1))
     return Pairing("unique", pairs, probability, rivals[1:], doubtful=left_out, moved=moved_pairs(problem, core))
+
+
+def contradicts_known(problem: Problem) -> bool:
+    """Tell whether, without the known pairs, pairings that contradict one of them are far more probable than theirs.
+
+    Those that leave both of its points do not contradict it, for the marker may have moved; nor do the other orders of
+    regular markers, which known pairs are to settle. Nothing is told where there are too many pairings to list.
+    """
+    free = weigh_all(replace(problem, known=no_pairs())) if len(problem.known) else None
+    if free is None:
+        return False
+    regular = regular_odds(free.log_evidence, free.chi2, free.partners, 0, free.background)
+    if regular > 1.0 / MOST_ODDS_AGAINST_KNOWN:
+        return False
+    i, j = problem.known.T
+    holds = free.partners[:, i] == j
+    paired = (free.partners[:, i] >= 0) | (free.partners[:, :, None] == j).any(axis=1)
+    weight = np.exp(free.log_evidence - free.log_evidence[0])
+    against, held = weight[(paired & ~holds).any(axis=1)].sum(), weight[holds.all(axis=1)].sum()
+    return bool(against > MOST_ODDS_AGAINST_KNOWN * held)
 
 
 def certain_core(

@@ -148,6 +148,26 @@ def test_a_pair_pointed_at_wrongly_is_not_believed() -> None:
     assert pairing.status != "unique"
 
 
+def test_one_pair_pointed_at_wrongly_does_not_outweigh_all_others() -> None:
+    """Of these, 19 were answered wrongly: all pairings that were considered held the pair given."""
+    refused = 0
+    for seed in range(300):
+        ct, ots, partner = scene(seed, markers=6, outliers=2)
+        i, other = np.random.default_rng(seed).permutation(6)[:2]
+        pairing = match_points(ct, ots, expected=6, known_pairs=[(i, partner[other])])
+        assert pairing.status != "unique", seed
+        refused += "check what was pointed at" in pairing.reason
+    assert refused > 0
+
+
+def test_pairs_pointed_at_settle_regular_markers_however_the_noise_falls() -> None:
+    corners = np.array(list(itertools.product([0.0, 60.0], repeat=3)))
+    for seed in range(20):
+        ct, ots, partner = scene(seed, 8, 0, layout=corners)
+        pairing = match_points(ct, ots, known_pairs=[(i, partner[i]) for i in (0, 1)])
+        assert is_right(pairing, partner), (seed, pairing.reason)
+
+
 def test_touching_the_named_point_resolves_what_was_ambiguous() -> None:
     triangle = np.array([[0, 0, 0], [100, 0, 0], [50.5, 86.6, 0.0]])
     ambiguous = match_points(triangle, triangle, expected=3)
