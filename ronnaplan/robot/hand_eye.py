@@ -77,8 +77,8 @@ def calibrate_hand_eye(ots_from_m: ArrayLike, robot_from_tcp: ArrayLike) -> Hand
     found = _refine(seen, driven, left, right)
     if found.rotation_rms_deg > LARGEST_ROTATION_DEG or found.translation_rms_mm > LARGEST_TRANSLATION_MM:
         raise RefusedError(
-            f"the poses of robot and tracker contradict each other by {found.rotation_rms_deg:.2g} degrees and "
-            f"{found.translation_rms_mm:.2g} mm RMS, expected at most {LARGEST_ROTATION_DEG:g} and "
+            f"the poses of robot and tracker contradict each other by {found.rotation_rms_deg:.2f} degrees and "
+            f"{found.translation_rms_mm:.2f} mm RMS, expected at most {LARGEST_ROTATION_DEG:g} and "
             f"{LARGEST_TRANSLATION_MM:g}; record both at the same moments"
         )
     return found

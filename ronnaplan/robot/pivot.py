@@ -18,6 +18,8 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import as_poses
 from ronnaplan.robot.memory import least_squares_covariance
 
+FEWEST_POSES = 10
+"""Of fewer the scatter is not known."""
 SLIP_SDS = 6.0
 """A pose whose residual is longer than this many robust standard deviations (per axis) has slipped."""
 MAXWELL_MEDIAN = 1.5382
@@ -76,8 +78,13 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
         offered = np.asarray(poses, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError("pivot poses are not numbers; expected (N, 4, 4)") from error
-    if offered.ndim != 3 or len(offered) < 10:
-        raise InputError(f"pivot poses have shape {offered.shape}; expected (N, 4, 4) with ten poses or more")
+    if offered.ndim != 3:
+        raise InputError(f"pivot poses have shape {offered.shape}; expected (N, 4, 4)")
+    if len(offered) < FEWEST_POSES:
+        raise InputError(
+            f"the pivot has {len(offered)} pose{'s' * (len(offered) != 1)}, expected {FEWEST_POSES} or more; turn the "
+            "tool about the divot to all sides while it is recorded"
+        )
     matrices = as_poses(offered, "pivot pose")
     _require_turning(matrices[:, :3, :3])
     rotation, shift = matrices[:, :3, :3], -matrices[:, :3, 3]
@@ -110,7 +117,7 @@ def _require_tip(found: PivotCalibration) -> None:
     """Raise `RefusedError` unless ``found`` is the tip of a tool that rested in a divot."""
     if found.rms_mm > LARGEST_RMS_MM:
         raise RefusedError(
-            f"the tip did not rest: its places scatter by {found.rms_mm:.2g} mm RMS, expected at most "
+            f"the tip did not rest: its places scatter by {found.rms_mm:.2f} mm RMS, expected at most "
             f"{LARGEST_RMS_MM:g}; check that the recording is of poses about one divot, tracker from tool in mm"
         )
     away_mm = float(np.linalg.norm(found.tip_mm))

@@ -119,7 +119,7 @@ def test_poses_that_hardly_turn_are_refused() -> None:
             lambda poses: np.where(np.arange(len(poses))[:, None, None] == 7, np.nan, poses),
             "pivot pose 7 .* not finite",
         ),
-        (lambda poses: poses[:5], "ten poses"),
+        (lambda poses: poses[:5], "the pivot has 5 poses, expected 10 or more"),
         (lambda poses: poses[0], "shape"),
         (lambda poses: "poses", "not numbers"),
     ],
@@ -132,7 +132,7 @@ def test_unusable_poses_are_named(spoil: object, says: str) -> None:
 def test_a_tip_that_did_not_rest_and_poses_the_other_way_round_are_refused() -> None:
     two_divots = recording(6, count=100)
     two_divots[50:, 2, 3] += 60.0
-    with pytest.raises(RefusedError, match="the tip did not rest: its places scatter by 15 mm"):
+    with pytest.raises(RefusedError, match=r"the tip did not rest: its places scatter by 1[45]\.\d\d mm"):
         calibrate_pivot(two_divots)
     with pytest.raises(RefusedError, match="check that the poses are tracker from tool"):
         calibrate_pivot(invert(recording(6, count=100)))
