@@ -9,7 +9,7 @@ import numpy as np
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import point_jacobian, transform_points
-from ronnaplan.registration.covariances import combined_covariances
+from ronnaplan.registration.covariances import SMALLEST_VARIANCE_MM2, combined_covariances
 from ronnaplan.registration.registration import MISFIT_PROBABILITY, Registration
 from ronnaplan.rigid import fit_closed_form, fit_likelihood, pose_covariance, spans_a_plane
 
@@ -119,7 +119,7 @@ def _leave_out(registration: Registration, index: int) -> tuple[FloatArray, Floa
     excess = max(registration.chi_square - chi_square, 0.0)
     freedom = 3 * len(moving) - 6
     if stated is None:  # scale by what the others scatter, so that the suspect does not hide itself
-        scale = max(chi_square / freedom, np.finfo(float).tiny)
+        scale = max(chi_square / freedom, SMALLEST_VARIANCE_MM2 / float(combined[index, 0, 0]))
         combined, excess = combined * scale, excess / scale
     jacobian = point_jacobian(mapped[index])
     covariance = jacobian @ pose_covariance(mapped[keep], combined[keep]) @ jacobian.T + combined[index]

@@ -55,9 +55,12 @@ class Drift:
 def check_drift(reference: Points, later: Points) -> Drift:
     """Compare ``later`` with ``reference``, the markers (same frame, same labels) as they were registered.
 
-    Raises `FrameMismatchError` for readings of another frame.
+    Raises `FrameMismatchError` for readings of another frame, `InputError` where two markers have one label.
     """
     reference.frame.require(later.frame)
+    for labels in (reference.labels, later.labels):
+        if len(set(labels)) < len(labels):
+            raise InputError(f"labels of readings are {', '.join(labels)}; expected another one for each marker")
     then = {label: i for i, label in enumerate(reference.labels)}
     shared = [(then[label], i) for i, label in enumerate(later.labels) if label in then]
     missing = tuple(label for label in reference.labels if label not in later.labels)

@@ -60,6 +60,13 @@ def test_good_markers_are_not_doubted() -> None:
     assert sum(doubt is not None for doubt in doubts) <= 1
 
 
+def test_rounding_is_no_reason_to_doubt_a_marker() -> None:
+    """Of points that fit exactly, their errors not stated, the last digits told one from the others."""
+    for seed in range(20):
+        exact = np.random.default_rng(seed).normal(size=(6, 3)) * 50
+        assert doubted_marker(register_points(exact, exact + 3.0)) is None, seed
+
+
 @pytest.mark.parametrize("off_line_mm", [3.0, 1.0, 0.2])
 @pytest.mark.parametrize("stated", [True, False])
 def test_a_marker_is_not_doubted_because_the_others_lie_nearly_on_a_line(off_line_mm: float, stated: bool) -> None:

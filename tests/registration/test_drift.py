@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from ronnaplan.errors import FrameMismatchError
+from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import Frame, Points
 from ronnaplan.pose import exponential
 from ronnaplan.registration import DriftStatus, check_drift
@@ -73,6 +73,14 @@ def test_hidden_markers_are_listed_and_too_few_are_said() -> None:
     drift = check_drift(reading(HEAD), reading(HEAD[:2], LABELS[:2]))
     assert drift.status is DriftStatus.TOO_FEW
     assert drift.missing == ("F3", "F4", "F5", "F6")
+
+
+def test_two_markers_of_one_label_are_refused() -> None:
+    """A marker was said to be loose: each was held against the last of its label."""
+    twice = reading(HEAD, ("F1", "F1", *LABELS[2:]))
+    for first, second in ((twice, twice), (reading(HEAD), twice)):
+        with pytest.raises(InputError, match="another one for each"):
+            check_drift(first, second)
 
 
 def test_readings_of_another_frame_are_refused() -> None:
