@@ -15,8 +15,8 @@ from ronnaplan.scene.shapes import Body
 VIEW_DEG = 30.0
 """The angle that the picture's shorter side spans."""
 
-NEAREST_MM, FURTHEST_MM = 1.0, 4000.0
-"""Only what lies this far in front of the eye is drawn."""
+NEAREST_MM, FURTHEST_MM = 1.0, 20_000.0
+"""Only what lies this far in front of the eye is drawn: from there a room with its robot is small."""
 
 CUT_MM = 2.0
 """Surfaces are cut off this far before the eye, a little more than what OpenCV draws."""

@@ -65,3 +65,11 @@ def test_nothing_is_drawn_of_what_lies_behind_the_eye() -> None:
     picture, depths = np.zeros((90, 90, 3), dtype=np.float32), eye.depths((90, 90))
     eye.draw(ball(np.array([0.0, -300.0, 20.0]), 60.0), np.ones(3), picture, depths)
     assert not picture.any()
+
+
+def test_a_whole_room_is_seen_from_far_enough_away() -> None:
+    far = Camera(np.array([0.0, -8000.0, 0.0]), np.zeros(3))
+    picture, depths = np.zeros((90, 90, 3), dtype=np.float32), far.depths((90, 90))
+    far.draw(ball(np.zeros(3), 500.0), np.ones(3), picture, depths)
+    assert picture[45, 45].all()
+    assert depths[45, 45] == pytest.approx(7500.0, abs=10.0)
