@@ -22,7 +22,8 @@ from benchmarks.localization import CHI2_95, FOUND_WITHIN_MM, markers_of
 from phantoms.errors import PhantomError
 from phantoms.patients import random_patient
 from ronnaplan.localization.build import SOLID, Build
-from ronnaplan.localization.motion import suspected
+from ronnaplan.localization.examine import Scan
+from ronnaplan.localization.usual import moved
 from ronnaplan.report.tables import align
 
 FIRST_UNSEEN = 53000
@@ -86,8 +87,10 @@ class Score:
         """Localize one patient's markers and compare with their truth."""
         parts = markers_of(cases, build)
         found_all = [one for part in parts for one in part]
-        moved = suspected([one.movement for one in found_all if one.movement is not None])
-        doubts = iter(has or one.is_off_size or one.is_covered for has, one in zip(moved, found_all, strict=True))
+        has_moved = moved(Scan(cases[0].volume), found_all)
+        doubts = iter(
+            has or one.is_off_size or one.is_covered for has, one in zip(has_moved, found_all, strict=True)
+        )
         for case, part in zip(cases, parts, strict=True):
             found = [(one, next(doubts)) for one in part]
             known = np.concatenate([case.truth_mm, case.cut_mm])

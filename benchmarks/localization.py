@@ -52,9 +52,8 @@ from ronnaplan.localization import localize
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import Examined, Scan, Slant, distinct, examine, examine_place
 from ronnaplan.localization.measured import measured
-from ronnaplan.localization.motion import suspected
 from ronnaplan.localization.slant import slant_seen
-from ronnaplan.localization.usual import alike, by_the_usual, together, usual_of
+from ronnaplan.localization.usual import alike, by_the_usual, moved, together, usual_of
 from ronnaplan.report.tables import align
 
 FIRST_UNSEEN = {"accuracy": 15400, "rendered": 26000, "protocols": 31000}
@@ -102,8 +101,8 @@ class Score:
         """
         self.patients += 1
         parts = markers_of(cases)
-        moved = suspected([one.movement for part in parts for one in part if one.movement is not None])
-        told = dict(zip((id(one) for part in parts for one in part), moved, strict=True))
+        markers = [one for part in parts for one in part]
+        told = dict(zip(map(id, markers), moved(Scan(cases[0].volume), markers), strict=True))
         for case, found in zip(cases, parts, strict=True):
             known = np.concatenate([case.truth_mm, case.cut_mm])
             self.false += sum(_nearest(known, one.center_mm) > FOUND_WITHIN_MM for one in found)
@@ -111,7 +110,7 @@ class Score:
                 self._compare(case, center_mm, found, told)
 
     def _compare(
-        self, case: Case, center_mm: FloatArray, found: Sequence[Examined], moved: Mapping[int, bool]
+        self, case: Case, center_mm: FloatArray, found: Sequence[Examined], told: Mapping[int, bool]
     ) -> None:
         own = [one for one in found if np.linalg.norm(one.center_mm - center_mm) <= FOUND_WITHIN_MM]
         if not own:
@@ -124,7 +123,7 @@ class Score:
         self.ideal_mm.append(float(np.linalg.norm(ideal - center_mm)))
         self.normalized.append(float(pulled @ np.linalg.solve(own[0].covariance_mm2, pulled)))
         self.efficiencies.append(float(np.trace(own[0].bound_mm2) / np.trace(own[0].covariance_mm2)))
-        self.moved.append(moved[id(own[0])])
+        self.moved.append(told[id(own[0])])
 
     def row(self, condition: Condition) -> list[str]:
         """One line of the table."""
@@ -166,8 +165,8 @@ def markers_of(cases: Sequence[Case], build: Build = SOLID) -> list[list[Examine
     if slant is not None:
         scans = [Scan(scan.volume, slant) for scan in scans]
         seen = [examine(scan, (case.diameter_mm,), build) for case, scan in zip(cases, scans, strict=True)]
-    usual = usual_of([one for part in seen for one in part])
-    seen = [by_the_usual(scan, part, build, usual) for scan, part in zip(scans, seen, strict=True)]
+    shown = usual_of([one for part in seen for one in part])
+    seen = [by_the_usual(scan, part, build, shown) for scan, part in zip(scans, seen, strict=True)]
     parts = [distinct(one for one in part if one.is_marker) for part in seen]
     judged = alike([one for part in parts for one in part])
     stated = iter(together(scans[0], [one for one in judged if one.is_marker]))

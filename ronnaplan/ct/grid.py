@@ -18,6 +18,9 @@ from ronnaplan.geometry import FloatArray, unit
 UNIFORM_SPACING_TOLERANCE_MM = 1e-3
 """Slice gaps that differ by less than this are called equal (DICOM writes positions with 3 to 6 decimals)."""
 
+CUBE_TOLERANCE = 0.01
+"""Voxels whose edges differ by this share at most are cubes."""
+
 SMALLEST_VOXEL_MM3 = 1e-9
 """No voxel is smaller."""
 
@@ -84,6 +87,12 @@ class SliceGrid:
         """Whether all gaps agree within `UNIFORM_SPACING_TOLERANCE_MM`."""
         gaps = self.spacings_mm
         return bool(gaps.size == 0 or np.ptp(gaps) < UNIFORM_SPACING_TOLERANCE_MM)
+
+    @property
+    def is_in_cubes(self) -> bool:
+        """Whether slices, rows and columns are equally far apart, to `CUBE_TOLERANCE`."""
+        steps_mm = (self.row_spacing_mm, self.column_spacing_mm, self.typical_gap_mm)
+        return max(steps_mm) - min(steps_mm) <= CUBE_TOLERANCE * min(steps_mm)
 
     @property
     def affine(self) -> FloatArray:

@@ -17,11 +17,10 @@ from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import Examined, Scan, distinct, examine
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
 from ronnaplan.localization.measured import measured
-from ronnaplan.localization.motion import suspected
 from ronnaplan.localization.size import proposal, sizes_seen
 from ronnaplan.localization.slant import along_the_blur
 from ronnaplan.localization.template import Template, distance_error_mm, match_template
-from ronnaplan.localization.usual import alike, by_the_usual, together, usual_of
+from ronnaplan.localization.usual import alike, by_the_usual, moved, together, usual_of
 
 LOG = logging.getLogger(__name__)
 
@@ -68,10 +67,9 @@ def localize(
     judged = alike(distinct(one for one in examined if one.is_marker))
     markers = _from_the_top(together(scan, [one for one in judged if one.is_marker]))
     examined = [*(one for one in examined if not one.is_marker), *judged]
-    moved = suspected([one.movement for one in markers if one.movement is not None])
     fiducials = [
         _fiducial(f"F{number}", one, scan, has_moved=has_moved)
-        for number, (one, has_moved) in enumerate(zip(markers, moved, strict=True), start=1)
+        for number, (one, has_moved) in enumerate(zip(markers, moved(scan, markers), strict=True), start=1)
     ]
     rejected = _rejected(examined, markers)
     departure_mm = None

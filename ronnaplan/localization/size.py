@@ -93,8 +93,8 @@ def sizes_seen(volume: CTVolume, marker: Build = SOLID, *, progress: bool = Fals
         if turned is not scan:
             scan = coarse = turned
             fitted = list(in_threads(fitted_at, places))
-        usual = replace(usual_of(fitted), misfit=0.0)  # balls of several sizes have no misfit in common
-        judged = [judged_again(scan_for(one.stated_mm), one, marker, usual) for one in fitted]
+        shown = replace(usual_of(fitted), balls=())  # balls of several sizes have no misfit in common
+        judged = [judged_again(scan_for(one.stated_mm), one, marker, shown) for one in fitted]
     accepted = distinct(one for one in judged if one.is_marker)
     sizes = [
         Size(float(np.median(kind)), len(kind), is_hidden)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,10 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.accept import Usual
 from ronnaplan.localization.build import Build
 from ronnaplan.localization.examine import Examined, Scan, distinct, examine_place
-from ronnaplan.localization.motion import LEAST_TOGETHER
+from ronnaplan.localization.motion import LEAST_TOGETHER, suspected
 from ronnaplan.localization.parameters import BLUR, EDGE, WIDTH, edge_variance_mm2
 from ronnaplan.localization.parts import single_threaded_algebra
+from ronnaplan.localization.smear import are_smeared
 from ronnaplan.localization.uncertainty import beyond_usual_mm, robust_spread, usual_odd_mm2, with_usual
 
 ALIKE_MM = 0.75
@@ -42,7 +43,23 @@ OF_THE_PROFILE = {"thickness"}
 """The test that a scan fails whose slices were computed from thicker ones, if its header does not say so."""
 
 
-def usual_of(examined: Sequence[Examined]) -> Usual:
+@dataclass(frozen=True)
+class Shown:
+    """The balls of a scan, which tell what is usual at any height, and how much wider than nominal profiles may be."""
+
+    balls: Sequence[Examined]
+    broadening_mm: float = 0.0
+
+    def near(self, one: Examined, normal: FloatArray) -> Usual:
+        """Return what is usual about one place: of the misfit, what those show that are nearest along the ``normal``.
+
+        Cone beams make edges the more ragged the farther these are from the plane of the source, metal in its slices.
+        """
+        nearest = sorted(self.balls, key=lambda ball: abs(float((ball.center_mm - one.center_mm) @ normal)))
+        return Usual(_usual_misfit(nearest[:LEAST_TOGETHER]), self.broadening_mm)
+
+
+def usual_of(examined: Sequence[Examined]) -> Shown:
     """Return what is usual in a scan; nothing where too few balls tell.
 
     Balls whose slice profile alone is too wide for the header tell, too, where all balls of the scan show the same.
@@ -54,18 +71,19 @@ def usual_of(examined: Sequence[Examined]) -> Usual:
         same = [one for one, is_off in zip(balls, off, strict=True) if not is_off]
         is_the_scans = not any(one.is_marker and is_off for one, is_off in zip(balls, off, strict=True))
         if len(same) >= LEAST_TOGETHER and is_the_scans:
-            return Usual(_usual_misfit(same), broadening_mm + ALIKE_MM)
-    return Usual(_usual_misfit(markers))
+            return Shown(same, broadening_mm + ALIKE_MM)
+    return Shown(markers)
 
 
-def by_the_usual(scan: Scan, examined: Sequence[Examined], build: Build, usual: Usual) -> list[Examined]:
-    """Judge what was turned down for what is ``usual`` in the scan alone once more, now that this is known."""
+def by_the_usual(scan: Scan, examined: Sequence[Examined], build: Build, shown: Shown) -> list[Examined]:
+    """Judge what was turned down for what is usual in the scan alone once more, now that this is ``shown``."""
     with single_threaded_algebra():
-        return [judged_again(scan, one, build, usual) for one in examined]
+        return [judged_again(scan, one, build, shown) for one in examined]
 
 
-def judged_again(scan: Scan, one: Examined, build: Build, usual: Usual) -> Examined:
-    """Judge one place by what is usual, if it was turned down for nothing else."""
+def judged_again(scan: Scan, one: Examined, build: Build, shown: Shown) -> Examined:
+    """Judge one place by what is usual about it, if it was turned down for nothing else."""
+    usual = shown.near(one, scan.volume.grid.normal)
     excused = (OF_THE_SURFACE if usual.misfit > 0.0 else set()) | (
         OF_THE_PROFILE if usual.broadening_mm > 0.0 else set()
     )
@@ -102,6 +120,17 @@ def _unlike(one: Examined, broadening_mm: float) -> Examined:
     width_mm, others_mm = one.parameters[WIDTH], one.thickness_mm + broadening_mm
     reason = f"its ends are blurred over {width_mm:.1f} mm, the others' over {others_mm:.1f} mm"
     return replace(one, failures=(("alike", reason),))
+
+
+def moved(scan: Scan, markers: Sequence[Examined]) -> list[bool]:
+    """Whether each marker of a scan is suspected to have moved while it was made."""
+    in_cubes = scan.volume.grid.is_in_cubes
+    movements = [one.movement for one in markers if one.movement is not None]
+    smeared = in_cubes and are_smeared(
+        np.array([scan.axes @ one.center_mm for one in markers]).reshape(-1, 3),
+        np.array([scan.axes @ one.blur_mm2 @ scan.axes.T for one in markers]).reshape(-1, 3, 3),
+    )
+    return [smeared or one for one in suspected(movements, in_cubes=in_cubes)]
 
 
 def together(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:

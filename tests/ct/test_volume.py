@@ -59,3 +59,11 @@ def test_a_maps_picture_has_the_place_the_points_and_round_figures() -> None:
 def test_a_scan_names_its_flags_in_its_line() -> None:
     scan = CTVolume.from_array(np.zeros((6, 7, 8), np.int16), np.eye(4))
     assert repr(replace(scan, flags=(VolumeFlag.DERIVED,))).endswith(" mm, derived)")
+
+
+def test_voxels_that_are_cubes_are_told() -> None:
+    def in_cubes(pixel_mm: float, gap_mm: float) -> bool:
+        voxels_hu = np.zeros((4, 5, 6), np.int16)
+        return CTVolume.from_array(voxels_hu, np.diag([pixel_mm, pixel_mm, gap_mm, 1.0])).grid.is_in_cubes
+
+    assert [in_cubes(0.4, 0.4), in_cubes(0.4, 0.403), in_cubes(0.4, 0.5)] == [True, True, False]

@@ -99,3 +99,14 @@ def test_a_jump_that_two_markers_show_alike_is_told_by_all() -> None:
     assert suspected([*still, moved]) == [False] * 5
     assert suspected([*still, *[showing("jump w at +0.0", 2.5)] * 2]) == [False] * 6
     assert suspected([*[showing("drift u", 0.8)] * 4, moved, moved]) == [False] * 6
+
+
+def test_what_all_markers_of_a_cone_beam_show_from_slice_to_slice_is_told_by_none() -> None:
+    """Rays that slant make it, in one direction here and in another there; edges within the slices tell as ever."""
+    usual = [showing("drift u", sign * 2.5) for sign in (1.0, -1.0, 1.0, -1.0, 1.0)]
+    assert suspected([*usual, showing("drift u", -6.0)]) == [*[False] * 5, True]
+    assert suspected([*usual, showing("drift u", -6.0)], in_cubes=True) == [False] * 6
+    assert suspected([*usual, showing("drift u", -9.0)], in_cubes=True) == [*[False] * 5, True]
+    assert suspected([*usual, showing("third cos", 6.0)], in_cubes=True) == [*[False] * 5, True]
+    still = [showing("drift u", sign * 0.5) for sign in (1.0, -1.0, 1.0, -1.0, 1.0)]
+    assert suspected([*still, showing("drift u", -6.0)], in_cubes=True) == [*[False] * 5, True]

@@ -41,6 +41,19 @@ def test_a_profile_wider_than_the_header_says_is_the_scans_where_all_its_balls_s
     assert usual_of([ball, *wide]).broadening_mm == 0.0  # one ball is as the header says: the others are none
 
 
+def test_a_ragged_edge_is_usual_where_the_markers_nearest_in_height_show_it(ball: Examined) -> None:
+    """Cone beams make edges ragged far from the plane of their source, and leave those near it clean."""
+
+    def lifted(height_mm: float, misfit: float) -> Examined:
+        return replace(ball, center_mm=ball.center_mm + np.array([0.0, 0.0, height_mm]), misfit=misfit)
+
+    shown = usual_of([lifted(height_mm, (100.0 - height_mm) / 2000.0) for height_mm in range(10, 100, 10)])
+    normal = np.array([0.0, 0.0, 1.0])
+    assert shown.near(lifted(0.0, 0.06), normal).misfit == pytest.approx(0.04)
+    assert shown.near(lifted(95.0, 0.06), normal).misfit == pytest.approx(0.01)
+    assert usual_of([ball, lifted(30.0, 0.05)]).near(ball, normal).misfit == 0.0  # two tell nothing
+
+
 @pytest.mark.parametrize(("blur_mm", "edge", "is_covered"), [(0.19, -0.39, False), (0.69, -0.45, True)])
 def test_cloth_covers_balls_and_a_kernel_that_falls_steeply_does_not(
     scanned: Scan, ball: Examined, blur_mm: float, edge: float, is_covered: bool
