@@ -58,8 +58,8 @@ def run_cohort(
     """Find the markers of every series below ``roots``; results, tables and page go to the folder ``out``.
 
     Without ``list_roots`` the series are those of the last listing; ``again`` tries once more what was set aside.
-    Raises `InputError` for a root that is not there, a folder that another run has or nobody can write in, a scheduler
-    that is lost.
+    Raises `InputError` for a root that is not there or lies below another, a folder that another run has, that nobody
+    can write in or whose index is damaged, no last listing, and a scheduler that is lost.
     """
     from ronnaplan.cohort.page import write_page
     from ronnaplan.cohort.tables import write_tables

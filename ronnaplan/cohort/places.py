@@ -205,16 +205,15 @@ class Place:
     def _remote_files(self, skipped: list[Skipped]) -> Iterator[Met]:
         files, path = self._remote
         try:
-            if files.isfile(path):
-                info = files.info(path)
-                yield Met("", kept_name(path.rpartition("/")[2]), int(info.get("size") or 0), _stamp(info))
-                return
-            if not files.exists(path):
-                raise InputError(f"there is no file or folder {printable(self.root)}")
-        except InputError:
-            raise
+            of_file = files.info(path) if files.isfile(path) else None
+            is_there = of_file is not None or files.exists(path)
         except Exception as error:  # each store's library has errors of its own
             raise InputError(f"{printable(self.root)} cannot be listed ({printable(error)})") from error
+        if not is_there:
+            raise InputError(f"there is no file or folder {printable(self.root)}")
+        if of_file is not None:
+            yield Met("", kept_name(path.rpartition("/")[2]), int(of_file.get("size") or 0), _stamp(of_file))
+            return
         pending = [path]
         while pending:
             folder = pending.pop()
@@ -227,9 +226,11 @@ class Place:
             below = self.below(folder)
             for info in listed:
                 whole = info["name"].rstrip("/")
-                if info["type"] == "directory" and whole != folder:
+                if whole == folder:
+                    continue  # stores have empty objects that stand for folders
+                if info["type"] == "directory":
                     pending.append(whole)
-                elif whole != folder and (info["type"] == "file" or info.get("islink")):  # a pipe may never end
+                elif info["type"] == "file" or info.get("islink"):  # a pipe may never end
                     yield Met(below, kept_name(whole.rpartition("/")[2]), int(info.get("size") or 0), _stamp(info))
 
     def _archive_blobs(

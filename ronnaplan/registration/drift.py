@@ -60,7 +60,8 @@ def check_drift(reference: Points, later: Points) -> Drift:
     reference.frame.require(later.frame)
     for labels in (reference.labels, later.labels):
         if len(set(labels)) < len(labels):
-            raise InputError(f"labels of readings are {', '.join(labels)}; expected another one for each marker")
+            told = ", ".join(labels)
+            raise InputError(f"readings are labelled {told}; expected another label for each, name them apart")
     then = {label: i for i, label in enumerate(reference.labels)}
     shared = [(then[label], i) for i, label in enumerate(later.labels) if label in then]
     missing = tuple(label for label in reference.labels if label not in later.labels)

@@ -16,7 +16,7 @@ VIEW_DEG = 30.0
 """The angle that the picture's shorter side spans."""
 
 NEAREST_MM, FURTHEST_MM = 1.0, 20_000.0
-"""Only what lies this far in front of the eye is drawn: from there a room with its robot is small."""
+"""Only what lies this far in front of the eye is drawn: from the furthest a room with its robot is small."""
 
 CUT_MM = 2.0
 """Surfaces are cut off this far before the eye, a little more than what OpenCV draws."""
@@ -31,7 +31,8 @@ LIGHT = np.array([-0.3, 0.4, 0.87])
 """Where the light comes from, in the eye's axes: from behind it, above and to the left."""
 
 Picture = NDArray[np.float32]
-Corners = NDArray[np.int32]
+Vertices = NDArray[np.float32]
+Triangles = NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,11 +109,11 @@ class Camera:
         bright = AMBIENT + (1.0 - AMBIENT) * np.clip(body.normals @ (LIGHT @ self.axes), 0.0, 1.0)
         colours = (bright[:, np.newaxis] * colour).astype(np.float32)
         before_mm = (self.position_mm - body.vertices_mm) @ self.axes[2]
-        vertices, triangles, colours = _before_eye(body.vertices_mm, body.triangles, colours, before_mm)
+        vertices_mm, triangles, colours = _before_eye(body.vertices_mm, body.triangles, colours, before_mm)
         if not len(triangles):
             return
         cv2.triangleRasterize(
-            vertices[np.newaxis],
+            vertices_mm[np.newaxis],
             triangles[np.newaxis],
             colours[np.newaxis],
             picture,
@@ -126,18 +127,18 @@ class Camera:
 
 
 def _before_eye(
-    vertices: Picture, triangles: Corners, colours: Picture, before_mm: FloatArray
-) -> tuple[Picture, Corners, Picture]:
+    vertices_mm: Vertices, triangles: Triangles, colours: Vertices, before_mm: FloatArray
+) -> tuple[Vertices, Triangles, Vertices]:
     """Return vertices (V, 3), triangles (T, 3) and colours (V, 3) of what lies `CUT_MM` and more before the eye.
 
-    ``before_mm`` (V,) is where the vertices lie. OpenCV fills a triangle that reaches behind the eye with what comes of
-    dividing by its depth.
+    ``before_mm`` (V,) is how far before it the vertices lie. OpenCV fills a triangle that reaches behind the eye with
+    what comes of dividing by its depth.
     """
     behind = before_mm[triangles] < CUT_MM
     if not behind.any():
-        return vertices, triangles, colours
+        return vertices_mm, triangles, colours
     count = behind.sum(axis=1)
-    corners, kept = np.column_stack([vertices, colours, before_mm]), [triangles[count == 0]]
+    corners, kept = np.column_stack([vertices_mm, colours, before_mm]), [triangles[count == 0]]
     for odd in (1, 2):
         cut, alone = triangles[count == odd], (behind if odd == 1 else ~behind)[count == odd].argmax(axis=1)
         apex, left, right = np.take_along_axis(cut, (alone[:, np.newaxis] + np.arange(3)) % 3, axis=1).T

@@ -47,7 +47,7 @@ def moments(host: str, port: int = DEFAULT_PORT, *, every_s: float, seconds: flo
     answers.
     """
     stream, until = Stream(), time.monotonic() + seconds
-    source, cut, told = f"openigtlink://{host}:{port}", _Moments(every_s), 0
+    source, cut, told = f"openigtlink://{host}:{port}", _Moments(every_s), False
     with _connected(host, port) as connection:
         connection.settimeout(POLL_S)
         end, count, heard_s, told_s = None, 0, time.monotonic(), time.monotonic()
@@ -58,7 +58,7 @@ def moments(host: str, port: int = DEFAULT_PORT, *, every_s: float, seconds: flo
                 count, heard_s = stream.messages, now
             for points, tools in cut.add(*stream.taken()):
                 yield Recording(source, points, tools)
-                told, told_s = told + 1, time.monotonic()
+                told, told_s = True, time.monotonic()
             if end is None and now - heard_s > SILENCE_S:
                 end = _silent(count)
             elif end is None and now - told_s > every_s + SILENCE_S:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ from phantoms.stack import axial_stack
 from ronnaplan.cli import main
 from ronnaplan.documents.placement import read_placement
 from ronnaplan.documents.room import EXAMPLE
+from tests.cli.chains import parked_chain
 from tests.documents.test_room import with_arm_body
 from tests.planning.heads import layered_head
 from tests.robot.arm.arms import KR6
@@ -58,19 +58,7 @@ def test_a_place_is_found_and_checked_after_parking(
     assert main([*case, "--parked", *parked, "-o", str(output)]) == 0
     again = read_placement(output)
     assert (again.status, again.revision, again.robot_from_ct[0].probability) == ("parked", 1, None)
-    chain: dict[str, Any] = {
-        **{
-            "format": "ronnaplan.chain",
-            "version": 1,
-            "unit": "mm",
-            "way": "stereo",
-            "middle": [0, 0, 0],
-            "shares": [],
-        },
-        "source": found.source.model_dump(),
-        "robot_from_ct": {"matrix": found.robot_from_ct[0].r_from_ct, "covariance": (1e-6 * np.eye(6)).tolist()},
-        "software": {"name": "ronnaplan", "version": "0.2.0"},
-    }
+    chain = parked_chain(found.source.model_dump(), found.robot_from_ct[0].r_from_ct)
     (tmp_path / "chain.json").write_text(json.dumps(chain))
     assert main([*case, "--chain", str(tmp_path / "chain.json"), "-o", str(output)]) == 0
     measured = read_placement(output)

@@ -13,6 +13,7 @@ from phantoms.robot_session import Session
 from ronnaplan.cli import main
 from ronnaplan.documents.placement import read_placement
 from ronnaplan.documents.template import read_template_document
+from tests.cli.chains import parked_chain
 
 ROOT = Path(__file__).resolve().parents[2]
 HEADING = "### From a phantom scan to a placed robot and a printed template"
@@ -35,13 +36,13 @@ def test_every_command_of_the_page_does_what_it_says(
     assert {tuple(line[:2]) for line in run} >= {("robot", "place"), ("plan", "template"), ("report", ".")}
     told = ""
     for line in run:
-        told += capsys.readouterr().err
         words, _, target = " ".join(line).partition(" > ")
         assert main(line[: len(line) - 2] if target else line) == 0, words
+        said = capsys.readouterr()
+        told += said.err
         if target:
-            room = capsys.readouterr().out
-            assert HEIGHTS in room
-            Path(target).write_text(room.replace(HEIGHTS, "z = [800, 800]"))  # as the page says: "and edit it"
+            assert HEIGHTS in said.out
+            Path(target).write_text(said.out.replace(HEIGHTS, "z = [800, 800]"))  # as the page says: "and edit it"
     placed = read_placement(tmp_path / "placement.json")
     assert placed.status == "placed"
     assert {one.name for one in placed.robot_from_ct[0].tasks} == {"LH", *(f"F{n}" for n in range(1, 7))}
@@ -52,10 +53,7 @@ def test_every_command_of_the_page_does_what_it_says(
     assert (tmp_path / "template.stl").stat().st_size > 10_000
     assert "the tracker stands at" not in told
     session = Session.of_case(ROOT / "data" / "synthetic_ct", 7)
-    pose = {"matrix": (session.robot_from_ots @ session.ots_from_ct).tolist(), "covariance": np.eye(6).tolist()}
-    chain = {"format": "ronnaplan.chain", "version": 1, "unit": "mm", "way": "stereo", "middle": [0, 0, 0]}
-    chain |= {"shares": [], "software": {"name": "ronnaplan", "version": "0.2.0"}}
-    chain |= {"source": placed.source.model_dump(), "robot_from_ct": pose}
+    chain = parked_chain(placed.source.model_dump(), session.robot_from_ots @ session.ots_from_ct)
     (tmp_path / "chain.json").write_text(json.dumps(chain))
     (place,) = (line for line in run if "placement.json" in line)
     assert main([*place, "--chain", "chain.json"]) == 0

@@ -191,10 +191,8 @@ def test_files_that_cannot_be_read_are_told_and_tried_again(
     with monkeypatch.context() as patched:
         patched.setattr(os, "open", refusing)
         skipped = bring_up_to_date(index, [str(root / "in")]).skipped
-        assert ["1-002: it cannot be opened" in skipped[0], "b.zip: it cannot be opened" in skipped[1]] == [
-            True,
-            True,
-        ]
+        assert "1-002: it cannot be opened" in skipped[0]
+        assert "b.zip: it cannot be opened" in skipped[1]
         assert {name: files for name, (_, files, _) in found(index).items()} == {"1": SLICES - 1}
     assert not bring_up_to_date(index, [str(root / "in")]).skipped
     assert {name: files for name, (_, files, _) in found(index).items()} == {"1": SLICES, "2": SLICES}

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
 
-from ronnaplan.cohort.planning import tasks_of
+from ronnaplan.cohort.index import Index
+from ronnaplan.cohort.listing import bring_up_to_date
+from ronnaplan.cohort.planning import decide, tasks_of
 from ronnaplan.cohort.rules import EXAMPLE, CohortRule, Rules, Task, read_rules
+from ronnaplan.documents.files import make_folder
 from ronnaplan.errors import InputError
 from ronnaplan.jobs.rules import first_fitting
+from tests.cohort.scans import tiny
 
 SERIES = {
     **{"modality": "CT", "description": "Head 0.6", "protocol": "Head", "station": "CT1", "study": "QA"},
@@ -60,3 +65,15 @@ def test_settings_change_with_what_is_looked_for_and_not_with_the_patterns() -> 
     assert settings() == settings(name="y", station="CT*", folder="a")
     different = [settings(), settings(diameters=(5.0,)), settings(expected=4), settings(marker="shell:1")]
     assert len({*different, settings(sheet=False)}) == 5
+
+
+def test_an_archive_counts_as_a_folder_but_for_a_root_that_is_one(tmp_path: Path) -> None:
+    shutil.make_archive(
+        str(tmp_path / "in" / "Phantoms" / "2026"), "zip", tiny(tmp_path / "files" / "a", "6").parent
+    )
+    for root, folder in (("in", "phantoms/2026.zip/a"), ("in/Phantoms/2026.zip", "a")):
+        with Index(make_folder(tmp_path / folder)) as index:
+            bring_up_to_date(index, [str(tmp_path / root)])
+            rules = Rules(rule=(CohortRule(name="x", folder=folder),))
+            decide(index, rules, tasks_of(rules))
+            assert index.count("waiting") == 1

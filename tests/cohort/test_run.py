@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -17,11 +16,8 @@ import pytest
 from ronnaplan.cohort import run
 from ronnaplan.cohort.cohort import Counts, run_cohort
 from ronnaplan.cohort.index import Index
-from ronnaplan.cohort.listing import bring_up_to_date
-from ronnaplan.cohort.planning import decide, tasks_of
 from ronnaplan.cohort.results import keep
 from ronnaplan.cohort.rules import CohortRule, Limits, Rules
-from ronnaplan.documents.files import make_folder
 from ronnaplan.errors import InputError
 from ronnaplan.jobs.processes import Child
 from tests.cohort.scans import SLICES, tiny
@@ -284,18 +280,6 @@ def test_series_of_no_rule_are_left_and_the_last_listing_can_be_taken(
         assert index.count("done") == 3
     with pytest.raises(InputError, match="nothing has been listed"):
         run_cohort([], tmp_path / "misspelt", Rules(rule=(RULE,)), list_roots=False)
-
-
-def test_an_archive_counts_as_a_folder_but_for_a_root_that_is_one(tmp_path: Path) -> None:
-    shutil.make_archive(
-        str(tmp_path / "in" / "Phantoms" / "2026"), "zip", tiny(tmp_path / "files" / "a", "6").parent
-    )
-    for root, folder in (("in", "phantoms/2026.zip/a"), ("in/Phantoms/2026.zip", "a")):
-        with Index(make_folder(tmp_path / folder)) as index:
-            bring_up_to_date(index, [str(tmp_path / root)])
-            rules = Rules(rule=(CohortRule(name="x", folder=folder),))
-            decide(index, rules, tasks_of(rules))
-            assert index.count("waiting") == 1
 
 
 def test_the_cluster_of_this_process_takes_no_samples_of_itself_and_is_none_of_the_network() -> None:

@@ -74,7 +74,8 @@ def _arm(root: ElementTree.Element, tip: str | None) -> UrdfArm:
         first = joints.setdefault(joint.find("child").attrib["link"], joint)  # type: ignore[union-attr]
         if first is not joint:
             raise InputError(
-                f"joints {first.attrib['name']} and {joint.attrib['name']} carry one link; expected a joint for each"
+                f"joints {first.attrib['name']} and {joint.attrib['name']} carry one link; expected each link on one "
+                "joint, correct the file"
             )
     links = {link.attrib["name"]: link for link in root.findall("link")}
     chain = _chain(joints, tip or _farthest(joints, links), links)

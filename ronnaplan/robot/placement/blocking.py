@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray, unit
 from ronnaplan.pose import invert
-from ronnaplan.robot.placement.clearances import HEAD, parked, place_trolley, posture_margins
+from ronnaplan.robot.placement.clearances import HEAD, ROOM, is_high, parked, place_trolley, posture_margins
 from ronnaplan.robot.placement.distances import segment_box, segment_segment
 from ronnaplan.robot.placement.judging import follow
 from ronnaplan.robot.placement.search import Problem, base_pose
@@ -30,7 +30,7 @@ AROUND = 12
 class Blocked:
     """How far the best base comes with a task: the stage, its margin (degrees or mm), and what joint or body it is of.
 
-    ``other`` is what a body comes near to: another body, -1 for the head, -2 and below for the room's things.
+    ``other`` is what a body comes near to: another body, `HEAD`, or from `ROOM` down the room's things.
     """
 
     stage: int
@@ -59,7 +59,7 @@ class Blocked:
             return f"{floor(self.margin)} degrees from a singular posture {where}; {asked:g} are asked for"
         if self.stage == COLLISION:
             body = bodies[self.which] if self.which < len(bodies) else "the instrument"
-            other = bodies[self.other] if self.other >= 0 else ("the head", *things)[-1 - self.other]
+            other = bodies[self.other] if self.other >= 0 else ("the head", *things)[HEAD - self.other]
             near = f"comes within {floor(self.margin)} mm of" if self.margin >= 0 else "would meet"
             return f"{body} {near} {other} {where}; {clearance:g} mm are asked for"
         return f"the tracker does not see the tool's marker by {np.degrees(view):g} degrees or more {where}"
@@ -132,9 +132,8 @@ def _reached(
     for p in range(len(angles)):
         away, _ = posture_margins(machine, world, trolley, instrument, angles[p], frames, bodies, pair, False)
         if away < world.needs[2]:
-            if pair[1] < 0:
-                high = pair[0] >= machine.tool_from or machine.links[pair[0]] >= 2
-                pair[1] = -1 if pair[1] == HEAD else -2 - _thing(world, trolley, bodies[pair[0]], high)
+            if pair[1] == ROOM:
+                pair[1] -= _thing(world, trolley, bodies[pair[0]], is_high(machine, pair[0]))
             return COLLISION, away, pair[0]
     for p in range(len(angles)):
         _, view = posture_margins(machine, world, trolley, instrument, angles[p], frames, bodies, pair, True)

@@ -13,7 +13,7 @@ from ronnaplan.robot.placement.world import Machine, World
 
 APART_LINKS = 3
 """Links of the arm with so many joints between them are kept apart; nearer ones are by the joints' limits."""
-ROOM, HEAD = -1, -2
+HEAD, ROOM = -1, -2
 """What a body comes near to, where it is no other body."""
 
 
@@ -65,6 +65,13 @@ def to_room(world: World, capsule: FloatArray, trolley: FloatArray, high: bool) 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def is_high(machine: Machine, body: int) -> bool:
+    """Whether a body is kept from trolley and floor: all are but those of the two lowest links, which stand there."""
+    high: bool = body >= machine.tool_from or machine.links[body] >= 2
+    return high
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def place_bodies(machine: Machine, instrument: FloatArray, frames: FloatArray, bodies: FloatArray) -> None:
     """Fill ``bodies`` (K + 1, 7) with all capsules in the room, the instrument last."""
     for k in range(len(machine.links)):
@@ -78,8 +85,7 @@ def clearance(
 ) -> float:
     """Return the least distance (mm) that counts; below ``need`` the search ends and ``pair`` (2,) names the two.
 
-    The instrument is kept from everything but the head; the two lowest links are not kept from their trolley, nor from
-    the floor.
+    The instrument is kept from everything but the head.
     """
     count = len(machine.links)
     least = np.inf
@@ -87,8 +93,7 @@ def clearance(
         k = count - back
         if k == count and bodies[k, 6] <= 0.0:
             continue
-        high = k >= machine.tool_from or machine.links[k] >= 2
-        near = to_room(world, bodies[k], trolley, high)
+        near = to_room(world, bodies[k], trolley, is_high(machine, k))
         if near < least:
             least, pair[0], pair[1] = near, k, ROOM
         if k < count:
