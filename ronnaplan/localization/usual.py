@@ -83,13 +83,13 @@ def by_the_usual(scan: Scan, examined: Sequence[Examined], build: Build, shown: 
 
 def judged_again(scan: Scan, one: Examined, build: Build, shown: Shown) -> Examined:
     """Judge one place by what is usual about it, if it was turned down for nothing else."""
+    if not one.failures or not one.failed <= OF_THE_SURFACE | OF_THE_PROFILE:
+        return one
     usual = shown.near(one, scan.volume.grid.normal)
     excused = (OF_THE_SURFACE if usual.misfit > 0.0 else set()) | (
         OF_THE_PROFILE if usual.broadening_mm > 0.0 else set()
     )
-    if not one.failures or not one.failed <= excused:
-        return one
-    return examine_place(scan, one.candidate_mm, one.stated_mm, build, usual)
+    return examine_place(scan, one.candidate_mm, one.stated_mm, build, usual) if one.failed <= excused else one
 
 
 def _usual_misfit(balls: Sequence[Examined]) -> float:
