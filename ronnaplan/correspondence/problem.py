@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.distance import cdist
 
 from ronnaplan.correspondence.inputs import ErrorModel
 from ronnaplan.correspondence.pairing import IntArray
@@ -102,7 +101,7 @@ def moved_pairs(problem: Problem, partner: IntArray) -> IntArray:
         return np.zeros((0, 2), dtype=np.int64)
     chance_mm = (CHANCE_NEIGHBOUR * problem.volume_mm3 / (4.0 / 3.0 * math.pi * len(i) * len(j))) ** (1.0 / 3.0)
     pose = fit_closed_form(problem.ct[pairs[:, 0]], problem.ots[pairs[:, 1]])
-    gap = cdist(transform_points(pose, problem.ct[i]), problem.ots[j])
+    gap = np.linalg.norm(transform_points(pose, problem.ct[i])[:, None] - problem.ots[j][None], axis=2)
     nearest = gap.argmin(axis=1)
     mutual = (gap.argmin(axis=0)[nearest] == np.arange(len(i))) & (gap.min(axis=1) < min(MOVED_MM, chance_mm))
     return np.column_stack((i[mutual], j[nearest[mutual]]))
