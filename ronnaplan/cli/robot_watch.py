@@ -57,7 +57,6 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.files import write_atomically
     from ronnaplan.robot.live import LiveStatus, unseen
     from ronnaplan.tracking.openigtlink import moments
-    from ronnaplan.tracking.recording import StreamEnd
 
     chain = read_chain(arguments.chain)
     live = _live(arguments, chain)
@@ -67,10 +66,10 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.host, arguments.port, every_s=arguments.every, seconds=arguments.seconds
         ):
             tell(*(f"ronnaplan: warning: {note}" for note in recording.notes))
-            stopped = recording.end is StreamEnd.STOPPED
-            if not stopped and not recording.points and not recording.tools and last is not None:
-                continue  # the end of the time, or of the server's stream, told above
-            moment = unseen(recording.notes[-1]) if stopped else live.judge(recording)
+            ended = recording.end is not None
+            if not ended and not recording.points and not recording.tools and last is not None:
+                continue  # the time is up, and what the last whole moment told still stands
+            moment = unseen(recording.notes[-1]) if ended else live.judge(recording)
             if last is None or moment.status is not last.status:
                 tell(_sentence(moment, chain))
             last = moment

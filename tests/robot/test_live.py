@@ -6,6 +6,7 @@ import json
 import re
 import socket
 import threading
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
@@ -157,40 +158,65 @@ def test_what_is_hidden_or_moving_is_not_judged(room: LiveRoom) -> None:
     assert chain.judge(moving).status is LiveStatus.MOVING
 
 
-def test_the_command_follows_a_stream_and_refuses_when_the_robot_moved(
+def watched(
+    room: LiveRoom, folder: Path, send: Callable[[socket.socket], None], *options: str
+) -> tuple[int, Path]:
+    """Watch what ``send`` does to who connects to a listener; return the exit status and the lines that were written.
+
+    The documents are those of the chain in ``room``.
+    """
+    write_documents(live(room), room, folder)
+    told = [f"--{name}={folder / name}.json" for name in ("chain", "registration")]
+    told += [f"--geometry={folder / 'tool.json'}", "--tool=tool", "--robot-device=robot"]
+    out = folder / "live.jsonl"
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        thread = threading.Thread(target=send, args=(listener,), daemon=True)
+        thread.start()
+        told += [
+            f"--sigma-ots={READING_SD_MM}",
+            f"--port={listener.getsockname()[1]}",
+            f"--output={out}",
+            *options,
+        ]
+        status = main(["robot", "watch", *told])
+    return status, out
+
+
+def statuses(lines: Path) -> list[str]:
+    """Return what was told, without what was told again."""
+    return [status for status, _ in groupby(json.loads(line)["status"] for line in lines.read_text().splitlines())]
+
+
+def test_the_command_follows_a_stream_to_its_end_which_is_no_pose(
     room: LiveRoom, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_documents(live(room), room, tmp_path)
-    told = ["--chain", "chain.json", "--registration", "registration.json", "--geometry", "tool.json"]
-    told = [str(tmp_path / one) if one.endswith(".json") else one for one in told]
-    script = [
+    """The server closes while all is well: nobody looks any more, so that the last valid pose does not stand."""
+    parts = [
         (room, 1.5),
         (replace(room, head_moved=TURN), 1.0),
         (room, 1.0),
         (replace(room, base_moved=TURN), 1.0),
     ]
-    for parts, status in ((script[:1], 0), (script, 3)):
-        with socket.create_server(("127.0.0.1", 0)) as listener:
-            thread = threading.Thread(
-                target=serve, args=(listener, parts), kwargs={"in_real_time": False}, daemon=True
-            )
-            thread.start()
-            options = ["--tool", "tool", "--robot-device", "robot", "--sigma-ots", str(READING_SD_MM)]
-            out = tmp_path / "live.jsonl"
-            port = str(listener.getsockname()[1])
-            assert main(["robot", "watch", *told, *options, "--port", port, "-o", str(out)]) == status
-            thread.join(10)
-    rows = [json.loads(line) for line in out.read_text().splitlines()]
-    assert [status for status, _ in groupby(row["status"] for row in rows)] == [
-        "valid",
-        "head_moved",
-        "valid",
-        "robot_moved",
-    ]
-    assert all((row["robot_from_ct"] is None) == (row["status"] != "valid") for row in rows)
-    assert re.search(
-        r"the head moved; register again; head: \d\.\d\d mm, 0\.\d\d degrees", capsys.readouterr().err
+    status, out = watched(
+        room, tmp_path, lambda listener: serve(listener, [*parts, (room, 1.0)], in_real_time=False)
     )
+    assert status == 3
+    assert statuses(out) == ["valid", "head_moved", "valid", "robot_moved", "valid", "unseen"]
+    rows = [json.loads(line) for line in out.read_text().splitlines()]
+    assert all((row["robot_from_ct"] is None) == (row["status"] != "valid") for row in rows)
+    told = capsys.readouterr().err
+    assert re.search(r"the head moved; register again; head: \d\.\d\d mm, 0\.\d\d degrees", told)
+    assert re.search(r"nothing is known; the server closed the stream after \d+ messages\n$", told)
+
+
+@pytest.mark.parametrize(("changes", "status"), [({}, 0), ({"base_moved": TURN}, 3)])
+def test_what_was_told_last_stands_where_the_time_was_up_before_the_stream(
+    room: LiveRoom, tmp_path: Path, changes: dict[str, FloatArray], status: int
+) -> None:
+    over = threading.Event()
+    now = replace(room, **changes)  # type: ignore[arg-type]
+    assert watched(room, tmp_path, lambda listener: stall(listener, now, over), "--seconds=1")[0] == status
+    over.set()
 
 
 def test_a_stream_that_falls_silent_ends_without_a_pose(
@@ -198,27 +224,10 @@ def test_a_stream_that_falls_silent_ends_without_a_pose(
 ) -> None:
     """The server stays connected, but sends no more: the last valid pose does not stand."""
     monkeypatch.setattr(openigtlink, "SILENCE_S", 0.3)
-    write_documents(live(room), room, tmp_path)
-    told = [f"--{name}={tmp_path / name}.json" for name in ("chain", "registration")]
-    told += [
-        f"--geometry={tmp_path / 'tool.json'}",
-        "--tool",
-        "tool",
-        "--robot-device",
-        "robot",
-        "--seconds",
-        "30",
-    ]
-    out, over = tmp_path / "live.jsonl", threading.Event()
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        thread = threading.Thread(target=stall, args=(listener, room, over), daemon=True)
-        thread.start()
-        told += ["--sigma-ots", str(READING_SD_MM), "--port", str(listener.getsockname()[1]), "-o", str(out)]
-        assert main(["robot", "watch", *told]) == 3
-        over.set()
-        thread.join(10)
-    statuses = [json.loads(line)["status"] for line in out.read_text().splitlines()]
-    assert (statuses[0], statuses[-1]) == ("valid", "unseen")
+    over = threading.Event()
+    status, out = watched(room, tmp_path, lambda listener: stall(listener, room, over), "--seconds=30")
+    over.set()
+    assert (status, statuses(out)) == (3, ["valid", "unseen"])
 
 
 def stall(listener: socket.socket, room: LiveRoom, over: threading.Event) -> None:
