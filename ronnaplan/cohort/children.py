@@ -20,6 +20,8 @@ MOST_ORDERS: Final = 200
 """Series that one child works on before a fresh one takes its place."""
 READY_S: Final = 300.0
 """How long a child may take to begin: on a crowded machine its imports take long."""
+IDLE_S: Final = 60.0
+"""A child that gets no work for so long ends: whoever sent it may have gone without a word."""
 POLL_S: Final = 0.2
 ONE_THREAD: Final = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
@@ -39,6 +41,7 @@ class _Hand:
         self.child = Child(module, [str(memory_mib)], self._said.put, ONE_THREAD)
         self.orders = 0
         self.is_ready = False
+        self.end_of_idling = threading.Timer(IDLE_S, _let_go, [self])
 
     def hear(self, last: float) -> dict[str, Any] | None:
         """Return the next thing that it says; None once it has ended, or at the time ``last`` (monotonic)."""
@@ -74,10 +77,23 @@ def work_on(order: dict[str, Any], limits: dict[str, Any], module: str = WORKER)
             _busy.remove(hand)
             if is_sound:
                 _idle.append(hand)
+                hand.end_of_idling = threading.Timer(IDLE_S, _let_go, [hand])
+                hand.end_of_idling.daemon = True
+                hand.end_of_idling.start()
         if not is_sound:
             hand.child.kill()
             hand.child.end()
     return outcome
+
+
+def _let_go(hand: _Hand) -> None:
+    """End a child if it still waits for work."""
+    with _lock:
+        if hand not in _idle:
+            return
+        _idle.remove(hand)
+    hand.child.kill()
+    hand.child.end()
 
 
 def dismiss(*, busy: bool = False) -> None:
@@ -85,6 +101,8 @@ def dismiss(*, busy: bool = False) -> None:
     with _lock:
         gone = list(_idle)
         _idle.clear()
+        for hand in gone:
+            hand.end_of_idling.cancel()
         working = list(_busy) if busy else []
     for hand in working:
         hand.child.kill()  # who waits for it notices
@@ -99,6 +117,7 @@ def _taken(module: str, memory_mib: int) -> _Hand:
         hand = fitting[0] if fitting else _Hand(module, memory_mib)
         if fitting:
             _idle.remove(hand)
+            hand.end_of_idling.cancel()
         _busy.append(hand)
     return hand
 

@@ -26,6 +26,8 @@ from ronnaplan.threads import cores
 if TYPE_CHECKING:
     from distributed import Client
 
+LOG = logging.getLogger(__name__)
+
 CONNECT: Final = "10s"
 QUIET: Final = {
     "distributed.worker.profile.enabled": False,
@@ -105,6 +107,8 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError(f"no Dask scheduler answers at {scheduler}; check the address") from error
     with client:
+        if not client.nthreads():
+            LOG.warning("the Dask scheduler at %s has no workers yet; waiting for the first", scheduler)
         yield client
         with suppress(Exception):  # a worker that does not answer has no children to end
             client.run(children.dismiss)

@@ -76,15 +76,7 @@ def match_points(
     """
     ct, ots = checked_points(ct_points, "CT points"), checked_points(ots_points, "OTS points")
     counts = (len(ct), len(ots))
-    for name, number in (("least_probability", least_probability), ("spread_mm", spread_mm)):
-        check_type(number, Real, name, "give a number")
-    check_type(field_radius_mm, (Real, type(None)), "field_radius_mm", "give a number")
-    field_is_sound = field_radius_mm is None or 0 < field_radius_mm < math.inf
-    if not (0.5 < least_probability < 1 and field_is_sound and spread_mm > 0):
-        raise InputError(
-            f"least_probability {least_probability}, field_radius_mm {field_radius_mm}, spread_mm {spread_mm}: "
-            "expected a probability between 0.5 and 1 and positive lengths"
-        )
+    _check_settings(least_probability, field_radius_mm, spread_mm)
     problem = Problem(
         ct,
         ots,
@@ -109,6 +101,18 @@ def match_points(
     for rival in answer.rivals:
         LOG.debug("a rival %.1f nats below: %s", rival.log_evidence_below, rival.pairs.tolist())
     return answer
+
+
+def _check_settings(least_probability: float, field_radius_mm: float | None, spread_mm: float) -> None:
+    for name, number in (("least_probability", least_probability), ("spread_mm", spread_mm)):
+        check_type(number, Real, name, "give a number")
+    check_type(field_radius_mm, (Real, type(None)), "field_radius_mm", "give a number")
+    field_is_sound = field_radius_mm is None or 0 < field_radius_mm < math.inf
+    if not (0.5 < least_probability < 1 and field_is_sound and spread_mm > 0):
+        raise InputError(
+            f"least_probability {least_probability}, field_radius_mm {field_radius_mm}, spread_mm {spread_mm}: "
+            "expected a probability between 0.5 and 1 and positive lengths"
+        )
 
 
 def is_small(counts: tuple[int, int]) -> bool:

@@ -40,8 +40,11 @@ def match_by_similarity(
     """
     ct, ots = checked_points(ct_points, "CT points"), checked_points(ots_points, "OTS points")
     count = checked_number(expected, (len(ct), len(ots)))
-    assert count is not None
-    if not (0 < e_start_mm <= e_stop_mm and e_step_mm > 0):
+    if count is None:
+        raise InputError(
+            "no number of pairs is expected; the published algorithm needs it, so give a whole number"
+        )
+    if not (0 < e_start_mm <= e_stop_mm < math.inf and e_step_mm > 0):
         raise InputError(
             f"the tolerance runs from {e_start_mm} to {e_stop_mm} mm by {e_step_mm}; "
             "expected 0 < start <= stop and a positive step"

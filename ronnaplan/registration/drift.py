@@ -13,6 +13,7 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Points
 from ronnaplan.registration.movement import explain_movement
 from ronnaplan.registration.registration import register_points
+from ronnaplan.rigid import spans_a_plane
 
 DRIFT_PROBABILITY = 1e-6
 """A displacement rarer than this by the markers' errors alone is a movement. Small, as every frame is tested."""
@@ -29,7 +30,7 @@ class DriftStatus(StrEnum):
     STILL = "nothing moved"
     PATIENT_MOVED = "all markers moved together: the patient or the tracker moved; register again"
     MARKER_MOVED = "the markers moved against each other: a marker is loose; do not trust the registration"
-    TOO_FEW = "fewer than three of the markers are seen, so a movement cannot be told"
+    TOO_FEW = "no three markers off one line are seen, so a movement cannot be told"
 
 
 @dataclass(frozen=True)
@@ -65,10 +66,10 @@ def check_drift(reference: Points, later: Points) -> Drift:
     then = {label: i for i, label in enumerate(reference.labels)}
     shared = [(then[label], i) for i, label in enumerate(later.labels) if label in then]
     missing = tuple(label for label in reference.labels if label not in later.labels)
-    if len(shared) < 3:
-        return Drift(DriftStatus.TOO_FEW, np.nan, np.nan, np.nan, np.nan, np.nan, (), missing)
-    before, after = (np.array(index) for index in zip(*shared, strict=True))
+    before, after = np.array(shared, dtype=np.intp).reshape(-1, 2).T
     places = (reference.positions_mm[before], later.positions_mm[after])
+    if len(shared) < 3 or not all(spans_a_plane(seen) for seen in places):
+        return Drift(DriftStatus.TOO_FEW, np.nan, np.nan, np.nan, np.nan, np.nan, (), missing)
     errors = (reference.covariances_mm2[before], later.covariances_mm2[after])
     moved = places[1] - places[0]
     probability = _chance(moved, errors[0] + errors[1])

@@ -107,7 +107,9 @@ class LiveChain:
             return Moment(LiveStatus.UNSEEN, head, None, None, str(error))
         robot = self._movement(capture)
         if seen is None or head is None or head.status is DriftStatus.TOO_FEW:
-            return Moment(LiveStatus.UNSEEN, head, robot, None, "fewer than three of the head's markers are seen")
+            return Moment(
+                LiveStatus.UNSEEN, head, robot, None, "no three of the head's markers off one line are seen"
+            )
         status = self._status(head, robot, seen)
         valid = status is LiveStatus.VALID
         return Moment(status, head, robot, robot_from_ct(self.ots_from_ct, capture) if valid else None)

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from ronnaplan.cohort import run
+from ronnaplan.cohort import children, run
 from ronnaplan.cohort.cohort import Counts, run_cohort
 from ronnaplan.cohort.index import Index
 from ronnaplan.cohort.results import keep
@@ -187,6 +187,32 @@ def test_a_cluster_gives_the_same_table_and_a_lost_or_absent_scheduler_is_told(
     tiny(tmp_path / "in", "25")
     with pytest.raises(InputError, match="no Dask scheduler answers"):
         run_cohort(given, tmp_path / "out", rules, scheduler="tcp://127.0.0.1:1", module=FAKE)
+
+
+def test_a_cluster_without_workers_is_told_of_before_it_is_waited_for(caplog: pytest.LogCaptureFixture) -> None:
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=None, processes=True) as cluster:
+        with run.connected(cluster.scheduler_address, None):
+            pass
+        assert [record.message for record in caplog.records if record.name == run.__name__] == [
+            f"the Dask scheduler at {cluster.scheduler_address} has no workers yet; waiting for the first"
+        ]
+
+
+def test_a_child_that_gets_no_more_work_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a cluster it stayed, with its memory, until another run came, where a client was interrupted or killed."""
+    monkeypatch.setattr(children, "IDLE_S", 0.3)
+    order = {"job": 1, "series_uid": "1.20", "files": [["f", "content", 1]], "known": {"1.20": "content"}}
+    limits = {"seconds": 60, "memory_mib": 4096}
+    assert children.work_on(order, limits, FAKE)["state"] == "done"
+    (hand,) = children._idle
+    assert children.work_on(order, limits, FAKE)["state"] == "done"
+    assert children._idle == [hand]  # in time
+    while children._idle:
+        time.sleep(0.05)
+    while hand.child.status is None:
+        time.sleep(0.05)
 
 
 def test_a_folder_that_another_run_has_is_left_alone(tmp_path: Path) -> None:

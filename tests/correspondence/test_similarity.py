@@ -93,7 +93,14 @@ def test_many_sets_at_once_give_the_same_answers() -> None:
         assert np.array_equal(partner[partner >= 0], pairs[:, 1])
 
 
-@pytest.mark.parametrize("arguments", [{"e_start_mm": 0.0}, {"e_start_mm": 7.0}, {"e_step_mm": 0.0}])
+@pytest.mark.parametrize(
+    "arguments", [{"e_start_mm": 0.0}, {"e_start_mm": 7.0}, {"e_step_mm": 0.0}, {"e_stop_mm": np.inf}]
+)
 def test_an_impossible_range_of_tolerances_is_an_error(arguments: Any) -> None:
     with pytest.raises(InputError, match="tolerance"):
         match_by_similarity(HEAD, HEAD, 8, **arguments)
+
+
+def test_without_a_number_it_is_not_run() -> None:
+    with pytest.raises(InputError, match="give a whole number"):
+        match_by_similarity(HEAD, HEAD, None)  # type: ignore[arg-type]

@@ -75,6 +75,15 @@ def test_hidden_markers_are_listed_and_too_few_are_said() -> None:
     assert drift.missing == ("F3", "F4", "F5", "F6")
 
 
+def test_of_markers_on_one_line_nothing_is_told() -> None:
+    """Whatever turns about it; a reading of no others was an error, which ended the comparison of all later ones."""
+    row = np.array([[-60.0, 0, 0], [0, 0, 0], [70, 0, 0], [0, 80, 30]])
+    line = reading(row[:3], LABELS[:3])
+    first, other = drift_over_time(reading(row, LABELS[:4]), [line, reading(row, LABELS[:4])])
+    assert first.status is DriftStatus.TOO_FEW
+    assert other.status is DriftStatus.STILL
+
+
 def test_two_markers_of_one_label_are_refused() -> None:
     """A marker was said to be loose: each was held against the last of its label."""
     twice = reading(HEAD, ("F1", "F1", *LABELS[2:]))
