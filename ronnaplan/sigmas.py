@@ -26,5 +26,5 @@ SIGMA_LAMP_DEG = 0.04
 """How far the middle of a lamp about a lens is from the lens, as seen from the sphere, to either side: 0.2 mm at
 300 mm. The image does not show it."""
 
-LARGEST_STATED_MM = 0.015
+LARGEST_STATED_MM = 0.013
 """A center that two cameras find with a larger stated error (RMS) is refused. Few err by 0.02 mm."""

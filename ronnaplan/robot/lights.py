@@ -3,18 +3,23 @@
 Moved, lit a little from aside, and a little uneven, a limb as dark as the ground looks almost the same. So a sphere is
 not measured in one light but in each of a family: lamps about the lens, as far off it as is said or farther, on a ball
 that is as even as balls are, or less. All are weighed by their evidence, and what they differ by counts as error.
+
+Two images of one sphere are weighed together: their lamps are mounted alike, and the ball is the same. Where it is
+uneven, either image shows that from its own side, so that what one tells of the unevenness goes for the other.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.shading import ASIDE_SD, TILT_SD, ShadedSphere
+from ronnaplan.robot.shading import ASIDE_SD, TILT_SD
 
-MISPLACED, LAMP_SCALES = 0.5, 13
+MISPLACED, LAMP_SCALES = 0.6, 13
 """Probability, before looking, that the lamp is farther from the lens than is said, and how many lamps are looked at:
 from where it is said up to `ASIDE_SD`, evenly spaced in the logarithm."""
 EVEN_SD = 0.003
@@ -22,6 +27,8 @@ EVEN_SD = 0.003
 cosine, 0.025 rad of a ball at 0.04 rad off the axis)."""
 UNEVEN, TILT_SCALES = 0.5, 6
 """Probability, before looking, that it is less even, and how many tilts are looked at, up to `TILT_SD`."""
+ONE_BALL = 0.5
+"""Probability, before looking, that both images show one unevenness, to `EVEN_SD`: the ball's, not its lamps'."""
 SHADOW_PX, MODELED_SHADOW_PX = 1.0, 0.1
 """A lamp beside the lens leaves a part of the limb in its own shadow, which no harmonic shows: the center errs by this,
 times the share of light from aside and how much darker the limb is than the middle; by the second where the shadow is
@@ -31,54 +38,86 @@ COMMON_PX = 0.003
 
 
 @dataclass(frozen=True, eq=False)
-class Lights:
-    """A sphere's place in one image in each light (H)."""
+class Sight:
+    """A sphere as one image shows it in any light. Directions are in the rig's frame."""
 
     expected: FloatArray
-    """Unit direction (3,) in which it was expected."""
+    """Unit direction (3,) from the camera in which it was expected."""
     across: FloatArray
     """Two unit vectors (3, 2) square to that."""
-    places: FloatArray
-    """Its center (H, 2) along ``across`` where its direction meets the plane at 1, and half the angle under which it is
+    place: FloatArray
+    """Its center (2,) along ``across`` where its direction meets the plane at 1, and half the angle under which it is
     seen, rad."""
+    light: FloatArray
+    """Its light's tilt (2,), and light from aside (2,), as shares of the brightness."""
+    covariance: FloatArray
+    """(7, 7) of place and light."""
+    shadow_px: float
+    """Error of the center by the ball's own shadow where the lamp is not at the lens."""
+    focal_px: float
+
+    def seen(self, away_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return where what is ``away_mm`` (3,) from the camera is seen (2,), and the derivatives (2, 3) of that."""
+        along = float(away_mm @ self.expected)
+        place = away_mm @ self.across / along
+        return place, (self.across.T - place[:, None] * self.expected) / along
+
+
+@dataclass(frozen=True, eq=False)
+class Lights:
+    """A sphere's places in K images in each light (H)."""
+
+    places: FloatArray
+    """(H, 3 K), image by image as those of a `Sight`."""
     covariances: FloatArray
-    """(H, 3, 3) of the same, rad^2."""
-    prior: FloatArray
-    """Logarithm (H) of each light's probability before looking."""
-    evidence: FloatArray
-    """Logarithm (H) of how well each explains the image, but for a constant."""
-
-    def seen(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return where a ``point`` (3,) of the camera's frame is seen (2,), and the derivatives (2, 3) of that."""
-        away = float(point @ self.expected)
-        place = point @ self.across / away
-        return place, (self.across.T - place[:, None] * self.expected) / away
+    """(H, 3 K, 3 K) of the same."""
+    logarithms: FloatArray
+    """Of each light's probability (H), but for a constant: before looking, and by how well it explains the images."""
 
 
-def in_each_light(found: ShadedSphere, excess: float, focal_px: float, lamp_sd_deg: float) -> Lights:
-    """Return the places of a sphere whose covariance is that ``found``, times ``excess``."""
+def in_each_light(sights: Sequence[Sight], lamp_sd_deg: float) -> Lights:
+    """Return the places of one sphere in each light that may fall on it."""
+    spreads, near_lens, logarithms = _family(sights, lamp_sd_deg)
+    count = len(sights)
+    known, gains = np.zeros((count, 3, count, 3)), np.zeros((count, 3, count, 4))
+    told = np.zeros((count, 4, count, 4))
+    for k, sight in enumerate(sights):
+        known[k, :, k], gains[k, :, k] = sight.covariance[:3, :3], sight.covariance[:3, 3:]
+        told[k, :, k] = sight.covariance[3:, 3:]
+    places = np.concatenate([sight.place for sight in sights])
+    light = np.concatenate([sight.light for sight in sights])
+    spreads = spreads + told.reshape(4 * count, 4 * count)
+    both = gains.reshape(3 * count, 4 * count)
+    turned = both @ np.linalg.inv(spreads)
+    covariances = known.reshape(3 * count, 3 * count) - turned @ both.T
+    for k, sight in enumerate(sights):
+        for axis in (3 * k, 3 * k + 1):
+            covariances[:, axis, axis] += (COMMON_PX / sight.focal_px) ** 2
+            covariances[~near_lens, axis, axis] += (sight.shadow_px / sight.focal_px) ** 2
+    return Lights(places - turned @ light, covariances, logarithms + fit(light, spreads))
+
+
+def _family(sights: Sequence[Sight], lamp_sd_deg: float) -> tuple[FloatArray, NDArray[np.bool_], FloatArray]:
+    """Return each light's covariance (H, 4 K, 4 K), whether its lamp is where it is said to be, and its prior.
+
+    The prior is the logarithm (H) of its probability before looking.
+    """
     lamps = np.geomspace(np.radians(lamp_sd_deg), ASIDE_SD, LAMP_SCALES)
     tilts = np.geomspace(EVEN_SD, TILT_SD, TILT_SCALES)
-    sds = np.stack(np.meshgrid(tilts, lamps), axis=-1).reshape(-1, 2)
+    tilt, lamp = (one.ravel()[:, None, None] ** 2 for one in np.meshgrid(tilts, lamps))
     prior = np.outer(_one_or_more(MISPLACED, LAMP_SCALES), _one_or_more(UNEVEN, TILT_SCALES)).ravel()
-
-    covariance = excess * found.covariance
-    spreads = covariance[3:, 3:] + np.repeat(sds, 2, axis=1)[:, None] ** 2 * np.eye(4)
-    gains = covariance[:3, 3:] @ np.linalg.inv(spreads)
-    known = covariance[:3, :3] - gains @ covariance[3:, :3]
-    shadow = (
-        (MODELED_SHADOW_PX if found.shadows else SHADOW_PX) * found.dark * float(np.linalg.norm(found.light[2:]))
-    )
-    known[:, :2, :2] += (COMMON_PX / focal_px) ** 2 * np.eye(2)
-    known[TILT_SCALES:, :2, :2] += (shadow / focal_px) ** 2 * np.eye(2)  # all but the lamp at the lens
-    return Lights(
-        found.expected,
-        found.across,
-        found.place - gains @ found.light,
-        known,
-        np.log(prior),
-        fit(found.light, spreads),
-    )
+    count = len(sights)
+    apart, one_ball = np.zeros((2, len(prior), count, 4, count, 4))
+    for k, of in enumerate(sights):
+        for m, other in enumerate(sights):
+            one_ball[:, k, :2, m, :2] = tilt * (of.across.T @ other.across)
+        apart[:, k, :2, k, :2] = tilt * np.eye(2)
+        apart[:, k, 2:, k, 2:] = one_ball[:, k, 2:, k, 2:] = lamp * np.eye(2)
+        one_ball[:, k, :2, k, :2] += EVEN_SD**2 * np.eye(2)
+    families = [(1 - ONE_BALL, apart), (ONE_BALL, one_ball)] if count > 1 else [(1.0, apart)]
+    spreads = np.concatenate([spread for _, spread in families]).reshape(-1, 4 * count, 4 * count)
+    logarithms = np.concatenate([np.log(share * prior) for share, _ in families])
+    return spreads, np.tile(lamp.ravel() == lamp.min(), len(families)), logarithms
 
 
 def fit(misfits: FloatArray, covariances: FloatArray) -> FloatArray:

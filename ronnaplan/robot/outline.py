@@ -15,7 +15,7 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.camera import Camera
 from ronnaplan.robot.circles import SMALLEST_RADIUS_PX, Image, find_circles
-from ronnaplan.robot.lights import Lights, in_each_light, weighed
+from ronnaplan.robot.lights import MODELED_SHADOW_PX, SHADOW_PX, Sight, in_each_light, weighed
 from ronnaplan.robot.shading import ShadedSphere, find_shaded
 from ronnaplan.robot.shading_compiled import Flags
 from ronnaplan.sigmas import SIGMA_LAMP_DEG
@@ -71,9 +71,8 @@ class Outline(_Seen):
 
     points_px: FloatArray
     """The outline points (N, 2) that the fit used."""
-    lights: Lights
-    """Where the sphere is in each light that may fall on it, with covariances; direction and half-angle are those of
-    all."""
+    sight: Sight
+    """Where the sphere is in any light; direction and half-angle are those in all lights that may fall on it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,11 +127,26 @@ def _outline(grey: Image, cone: Cone, camera: Camera, lamp_sd_deg: float) -> Out
     if told is None:
         return None
     turn, shifts = found.angles[told.kept], found.shifts_px[told.kept]
-    lights = in_each_light(found, told.excess, camera.focal_px, lamp_sd_deg)
-    place, _ = weighed(lights.prior + lights.evidence, lights.places, lights.covariances)
     outward = np.column_stack([np.cos(turn), np.sin(turn)]) @ found.across.T
-    points = _shown(_toward(lights, found.place), outward, found.place[2] + shifts / camera.focal_px, camera)
-    return Outline(_toward(lights, place), float(place[2]), points, lights)
+    points = _shown(_toward(found, found.place), outward, found.place[2] + shifts / camera.focal_px, camera)
+    sight = _sight(found, told.excess, camera)
+    lights = in_each_light([sight], lamp_sd_deg)
+    place, _ = weighed(lights.logarithms, lights.places, lights.covariances)
+    return Outline(_toward(found, place), float(place[2]), points, sight)
+
+
+def _sight(found: ShadedSphere, excess: float, camera: Camera) -> Sight:
+    """Return the sphere ``found``, whose errors (squared) are larger than noise by ``excess``, in the rig's frame."""
+    turn = camera.rig_from_camera[:3, :3]
+    return Sight(
+        turn @ found.expected,
+        turn @ found.across,
+        found.place,
+        found.light,
+        excess * found.covariance,
+        (MODELED_SHADOW_PX if found.shadows else SHADOW_PX) * found.dark * float(np.linalg.norm(found.light[2:])),
+        camera.focal_px,
+    )
 
 
 def _is_in_shadow(found: ShadedSphere, told: _Judged, excess: float) -> bool:
@@ -151,19 +165,19 @@ def _judge(found: ShadedSphere) -> _Judged | None:
         return None
     turn, shifts, sds = found.angles[kept], found.shifts_px[kept], np.hypot(found.sds_px[kept], FLOOR_PX)
     rms_px = float(np.sqrt((shifts**2).mean()))
-    waves, waves_sd = _waves(turn, shifts, sds)
+    waves, covariance = _waves(turn, shifts, sds)
     if rms_px > LARGEST_RMS_PX + 3 * float(np.sqrt((sds**2).mean())):
         return None
-    if np.linalg.norm(waves[:2]) > LARGEST_OVAL_PX + 3 * np.linalg.norm(waves_sd[:2]):
+    if np.linalg.norm(waves[:2]) > LARGEST_OVAL_PX + 3 * np.sqrt(np.trace(covariance[:2, :2])):
         return None
     scatter = float(((shifts / sds) ** 2).sum()) / (kept.sum() - 3)
-    excess = max(scatter, float(((waves / waves_sd) ** 2).mean()), 1.0)
+    excess = max(scatter, float(waves @ np.linalg.solve(covariance, waves)) / len(waves), 1.0)
     return _Judged(kept, excess * min(max(excess / SHADOWED, 1.0), LARGEST_FIRST_WAVE))
 
 
-def _toward(lights: Lights, place: FloatArray) -> FloatArray:
+def _toward(found: ShadedSphere, place: FloatArray) -> FloatArray:
     """Return the unit direction (3,) of a ``place`` (3) along its axes."""
-    axis: FloatArray = lights.expected + lights.across @ place[:2]
+    axis: FloatArray = found.expected + found.across @ place[:2]
     return axis / np.linalg.norm(axis)
 
 
@@ -177,15 +191,16 @@ def _shown(axis: FloatArray, outward: FloatArray, half_angles: FloatArray, camer
 
 
 def _waves(turn: FloatArray, shifts: FloatArray, sds: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return how much ``shifts`` (N) go in waves of two, three and four periods about the axis (6), and their sds.
+    """Return how much ``shifts`` (N) go in waves of two, three and four periods about the axis (6), and the covariance.
 
     An error of the light shifts the edge slowly along the outline. What of it has one period shifts the center and is
-    not seen; it is taken to be as large as those of more.
+    not seen; it is taken to be as large as those of more. On a part of the outline waves look like each other, so that
+    by their covariance only it is told how large they are.
     """
     columns = [wave(k * turn) for k in WAVES for wave in (np.cos, np.sin)]
     design = np.column_stack([np.ones_like(turn), np.cos(turn), np.sin(turn), *columns]) / sds[:, None]
-    covariance = np.linalg.inv(design.T @ design)
-    return (covariance @ design.T @ (shifts / sds))[3:], np.sqrt(np.diag(covariance)[3:])
+    covariance = np.asarray(np.linalg.inv(design.T @ design), dtype=np.float64)
+    return (covariance @ design.T @ (shifts / sds))[3:], covariance[3:, 3:]
 
 
 def _consensus(rays: FloatArray, camera: Camera) -> Cone:

@@ -29,16 +29,14 @@ def blurred(radius: float, blur_px: float, first_px: float, step_px: float, coun
     wide = count + 2 * reach
     sharp = np.zeros((SHAPES, wide))
     for n in range(wide):
-        depth = first_px + (n - reach) * step_px
-        if depth <= 0.0:
-            sharp[0, n], sharp[1, n] = 1.0, depth
-            continue
+        depth, inside = within(first_px + (n - reach) * step_px, step_px)
+        sharp[0, n], sharp[1, n] = 1.0 - inside, min(depth, 0.0)
         u = 1.0 - depth / radius
-        z, power = np.sqrt(max(1.0 - u * u, 0.0)), 1.0
+        z, power = np.sqrt(max(1.0 - u * u, 0.0)), inside
         for k in range(PROFILE):
             sharp[2 + k, n], sharp[2 + PROFILE + k, n] = power, u * power
             power *= z
-        sharp[2 + 2 * PROFILE, n], sharp[3 + 2 * PROFILE, n] = u * u, u * u * z
+        sharp[2 + 2 * PROFILE, n], sharp[3 + 2 * PROFILE, n] = inside * u * u, inside * u * u * z
     found = np.zeros((SHAPES, count, 3))
     for k in range(SHAPES):
         blur_one(sharp[k], radius, blur_px, first_px, step_px, False, found[k])
@@ -60,13 +58,22 @@ def shadowed(
     for k in range(SLANTS):
         slant = (k / (SLANTS - 1) - 1) * MOST_SLANT
         for n in range(len(sharp)):
-            depth = first_px + (n - reach) * step_px
+            depth, inside = within(first_px + (n - reach) * step_px, step_px)
             u = 1.0 - depth / radius
-            sharp[n] = (
-                0.0 if depth <= 0.0 else max(np.sqrt(max(1.0 - u * u, 0.0)) + (half_angle * u + slant) * u, 0.0)
-            )
+            sharp[n] = inside * max(np.sqrt(max(1.0 - u * u, 0.0)) + (half_angle * u + slant) * u, 0.0)
         blur_one(sharp, radius, blur_px, first_px, step_px, True, found[k])
     return found
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def within(depth: float, step: float) -> tuple[float, float]:
+    """Return the middle depth of what lies within the outline of a cell one ``step`` wide, and its share of the cell.
+
+    Where nothing does, the depth is the cell's own. The outline itself, at no depth, halves a cell: else it would lie
+    half a step too deep.
+    """
+    share = min(max(depth / step + 0.5, 0.0), 1.0)
+    return (depth + (1.0 - share) * step / 2 if share > 0.0 else depth), share
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)

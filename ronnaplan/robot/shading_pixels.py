@@ -14,9 +14,10 @@ from ronnaplan.robot.shading_compiled import Integers, gather
 
 ARC_PX = 8.0
 FEWEST_SECTORS, MOST_SECTORS = 36, 72
-OUTWARD_PX, INWARD_PX = 6.0, 6.0
-"""How far beside the expected edge pixels are taken."""
-MOST_BESIDE, MOST_INSIDE = 7000, 4000
+OUTWARD_PX, INWARD_PX = 10.0, 6.0
+"""How far beside the expected edge pixels are taken. The blur takes four of them outside; the others tell the ground,
+each sector's own, on whose level the edge's place depends."""
+MOST_BESIDE, MOST_INSIDE = 9000, 4000
 """So many of them, and so many of those further inside; the first steps take fewer."""
 
 

@@ -14,7 +14,7 @@ from ronnaplan.pose import Pose
 from ronnaplan.robot.camera import RIG, Camera, StereoRig
 from ronnaplan.robot.chain import TCP, to_frame
 from ronnaplan.robot.circles import Image
-from ronnaplan.robot.lights import fit, weighed
+from ronnaplan.robot.lights import fit, in_each_light, weighed
 from ronnaplan.robot.outline import Cone, Outline, find_cones, outlines_of
 from ronnaplan.sigmas import LARGEST_STATED_MM, SIGMA_LAMP_DEG
 
@@ -26,6 +26,8 @@ SIZE_TOLERANCE = 0.05
 """Largest relative difference of an outline's apparent size from that of the sphere at the place found."""
 CONE_PX, CONE_SIZE = 10.0, 0.25
 """The same for cones that edges agree on: lines of sight may be off by so many pixels more, sizes by this."""
+CENTERS = np.array([0, 1, 3, 4])
+"""Of the places in two images, those of the center."""
 
 
 Sight = TypeVar("Sight", Cone, Outline)
@@ -87,7 +89,7 @@ def locate_sphere(
         sphere
         for one in lefts
         for other in rights
-        if (sphere := _meet(one, other, rig)) is not None
+        if (sphere := _meet(one, other, rig, lamp_sd_deg)) is not None
         and max(map(abs, sphere.size_errors(rig, diameter_mm))) <= SIZE_TOLERANCE
     ]
     if not found:
@@ -100,7 +102,7 @@ def locate_sphere(
     stated_mm = float(np.sqrt(np.trace(found[0].covariance_mm2)))
     if not stated_mm <= largest_mm:
         raise RefusedError(
-            f"the sphere's center is known to {stated_mm:.3f} mm only; expected {largest_mm:g} mm or less: "
+            f"the sphere's center is known to {stated_mm:.4f} mm only; expected {largest_mm:g} mm or less: "
             "light the sphere evenly and brighter than what is behind it, or move the cameras closer"
         )
     return found[0]
@@ -138,14 +140,14 @@ def _crossing(rig: StereoRig, left: Sight, right: Sight) -> tuple[FloatArray, fl
     return _nearest(rig, directions), gap_mm
 
 
-def _meet(left: Outline, right: Outline, rig: StereoRig) -> StereoSphere | None:
+def _meet(left: Outline, right: Outline, rig: StereoRig, lamp_sd_deg: float) -> StereoSphere | None:
     near, gap_mm = _crossing(rig, left, right)
     ahead = all(
         (camera.rig_from_camera[:3, 2] @ (near - camera.center_mm)) > 0 for camera in (rig.left, rig.right)
     )
     if not ahead or gap_mm > LARGEST_GAP_MM:
         return None
-    position, covariance = weighed(*_in_each_light(rig, left, right, near))
+    position, covariance = weighed(*_in_each_light(rig, left, right, near, lamp_sd_deg))
     return StereoSphere(position, covariance, gap_mm, left, right)
 
 
@@ -163,31 +165,22 @@ def _nearest(rig: StereoRig, directions: FloatArray) -> FloatArray:
 
 
 def _in_each_light(
-    rig: StereoRig, left: Outline, right: Outline, near: FloatArray
+    rig: StereoRig, left: Outline, right: Outline, near: FloatArray, lamp_sd_deg: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the logarithm of each light's probability (H), and the position (H, 3) and covariance (H, 3, 3) in it.
 
     Minimizes what the places in both images are off, in units of their covariance, linear about the position ``near``.
-    The lamps of one rig are mounted alike and the ball is the same, so what either image tells of them goes for both;
-    and in the right light the lines of sight meet.
+    In the right light the lines of sight meet.
     """
-    slopes, misfits, spreads = [], [], []
-    logarithms = left.lights.prior.copy()
-    for camera, outline in _seen(rig, left, right):
-        lights, turn = outline.lights, camera.rig_from_camera[:3, :3].T
-        seen, slope = lights.seen(turn @ (near - camera.center_mm))
-        slopes.append(slope @ turn)
-        misfits.append(lights.places[:, :2] - seen)
-        spreads.append(lights.covariances[:, :2, :2])
-        logarithms += lights.evidence
-    slope = np.concatenate(slopes)
-    spread = np.zeros((len(logarithms), 4, 4))
-    spread[:, :2, :2], spread[:, 2:, 2:] = spreads
-    misfit = np.concatenate(misfits, axis=1)
+    lights = in_each_light((left.sight, right.sight), lamp_sd_deg)
+    seen = [one.sight.seen(near - camera.center_mm) for camera, one in _seen(rig, left, right)]
+    slope = np.concatenate([slope for _, slope in seen])
+    misfit = lights.places[:, CENTERS] - np.concatenate([place for place, _ in seen])
+    spread = lights.covariances[:, CENTERS][:, :, CENTERS]
     weights = slope.T @ np.linalg.inv(spread)
     covariances = np.asarray(np.linalg.inv(weights @ slope), dtype=np.float64)
     moves = (covariances @ weights @ misfit[:, :, None])[:, :, 0]
     apart = np.linalg.svd(slope)[0][:, 3]  # what no position explains
     missed = apart @ spread @ apart + RIG_PX**2 / (rig.left.focal_px * rig.right.focal_px)
-    logarithms += fit((misfit @ apart)[:, None], missed[:, None, None])
+    logarithms = lights.logarithms + fit((misfit @ apart)[:, None], missed[:, None, None])
     return logarithms, near + moves, covariances

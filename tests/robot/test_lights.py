@@ -1,0 +1,55 @@
+"""The lights that may fall on a sphere, weighed by what its images tell of them."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ronnaplan.robot.lights import Lights, Sight, in_each_light, weighed
+
+FOCAL_PX, LAMP_SD_DEG = 4000.0, 0.04
+TURNS = [np.eye(3), Rotation.from_rotvec([0, np.radians(-25), 0]).as_matrix()]
+GAIN = 2e-3
+"""By so much (on the plane at 1) a tilt that is not known of moves the center."""
+
+
+def sight(turn: np.ndarray, uneven: np.ndarray) -> Sight:
+    """Return what a camera so turned sees of a ball whose brightness grows along ``uneven`` (3,), in the rig's frame.
+
+    Tilt and light from aside are known to 0.01, and what they err by moves the center.
+    """
+    across = turn[:, :2]
+    errs = np.diag([1e-5] * 3 + [0.01] * 4)
+    errs[:2, 3:5] = errs[:2, 5:] = 0.01 * GAIN * np.eye(2)
+    light = np.concatenate([across.T @ uneven, np.zeros(2)])
+    return Sight(turn[:, 2], across, np.array([0, 0, 0.02]), light, errs @ errs.T, 0.0, FOCAL_PX)
+
+
+def evidence(lights: Lights) -> float:
+    return float(np.logaddexp.reduce(lights.logarithms))
+
+
+def test_images_that_show_one_unevenness_are_likelier_than_such_that_do_not() -> None:
+    uneven = np.array([0.08, 0.05, 0])
+    one = in_each_light([sight(turn, uneven) for turn in TURNS], LAMP_SD_DEG)
+    two = in_each_light([sight(TURNS[0], uneven), sight(TURNS[1], -uneven)], LAMP_SD_DEG)
+    assert evidence(one) > evidence(two) + 2
+
+
+def test_what_one_image_tells_of_the_unevenness_goes_for_the_other() -> None:
+    """So the centers err alike, most of all square to the turn between the cameras, where both see the same of it."""
+    sights = [sight(turn, np.array([0.08, 0.05, 0])) for turn in TURNS]
+    both = in_each_light(sights, LAMP_SD_DEG)
+    _, together = weighed(both.logarithms, both.places, both.covariances)
+    for axis, most in ((0, 1.0), (1, 0.5)):
+        apart = 0.0
+        for one in (in_each_light([each], LAMP_SD_DEG) for each in sights):
+            apart += weighed(one.logarithms, one.places, one.covariances)[1][axis, axis]
+        difference = np.zeros(6)
+        difference[[axis, 3 + axis]] = 1, -1
+        assert difference @ together @ difference < most * apart
+
+
+def test_one_image_has_one_family_of_lights_and_two_have_two() -> None:
+    sights = [sight(turn, np.zeros(3)) for turn in TURNS]
+    one, both = in_each_light(sights[:1], LAMP_SD_DEG), in_each_light(sights, LAMP_SD_DEG)
+    assert (one.places.shape, both.places.shape) == ((78, 3), (156, 6))
+    assert np.all(np.linalg.eigvalsh(both.covariances) > 0)
