@@ -33,8 +33,8 @@ SKIN_PARAMETERS = ("skin", "skin_u", "skin_v", "skin_w")
 """Four more, the last ones, where the ball lies on skin: its level over the background (HU), and the vector g (1/mm)
 that puts the skin nearest to the ball at g . x = 1, x from the ball's center; it fills the far side."""
 
-SKIN_PLACE = slice(1 - len(SKIN_PARAMETERS), None)
-"""Where the vector to the skin stands, where there is one."""
+SKIN_LEVEL_AT, SKIN_PLACE = -len(SKIN_PARAMETERS), slice(1 - len(SKIN_PARAMETERS), None)
+"""Where the skin's level and the vector to it stand, where there is any."""
 
 LEAST_SPREAD_MM2 = 0.01
 """Added to the variance of the blur across the slices, so that no edge is endlessly sharp however thin the slices."""

@@ -47,7 +47,7 @@ from ronnaplan.localization.parameters import (
     WIDTH,
 )
 from ronnaplan.localization.shading import PLATEAU_SHARE, shaded
-from ronnaplan.localization.skin import is_beneath, lies_on_something, with_skin
+from ronnaplan.localization.skin import is_skin, lies_on_something, with_skin
 
 FIRST_LOOK_VOXELS = 1500
 """The first descents use about this many of the voxels: enough to see that most candidates are no balls."""
@@ -186,7 +186,7 @@ def fit_ball(
     if plain.verdict.round_share < HOPELESS_ROUND or not lies_on_something(theta, verdict):
         return plain
     on_skin = _settle_on_skin(around, *with_skin(theta, prior, verdict, around), ceiling_hu)
-    return on_skin if is_beneath(on_skin.theta) and _tells_more(on_skin, plain) else plain
+    return on_skin if is_skin(on_skin.theta) and _tells_more(on_skin, plain) else plain
 
 
 def _tells_more(on_skin: BallFit, plain: BallFit) -> bool:

@@ -8,7 +8,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.cells import cell_directions
 from ronnaplan.localization.descent import Prior
 from ronnaplan.localization.directions import REACH_BLURS, REACH_MM, SURFACE_BLURS, Verdict
-from ronnaplan.localization.model import has_streaks
+from ronnaplan.localization.model import has_layer, has_streaks
 from ronnaplan.localization.neighbourhood import Neighbourhood
 from ronnaplan.localization.parameters import (
     BACKGROUND,
@@ -17,6 +17,7 @@ from ronnaplan.localization.parameters import (
     LEAST_SPREAD_MM2,
     PARAMETERS,
     RADIUS,
+    SKIN_LEVEL_AT,
     SKIN_PLACE,
     WIDTH,
 )
@@ -38,6 +39,11 @@ SKIN_LEVEL = 0.35
 SKIN_QUANTILE = 0.8
 """The skin's level is read off the brighter of the neighbouring directions."""
 
+MIN_SKIN_HU = 250.0
+"""What a ball lies on is brighter than its background by this at least: skin was fitted with 290 HU and more beside
+metal's streaks and 700 and more elsewhere, the haze to one side of a ball in cone beams and helices as skin of -130 to
+190, which displaced balls by up to 0.1 mm."""
+
 MIN_SKIN_DEPTH = 0.7
 """What a ball lies on is no nearer to its center than this share of its radius; a cone standing there looks sunk."""
 
@@ -48,10 +54,14 @@ def lies_on_something(theta: FloatArray, verdict: Verdict) -> bool:
     return SKIN_SHARES[0] <= share <= SKIN_SHARES[1] and _level_beside(verdict) < SKIN_LEVEL * theta[CONTRAST]
 
 
-def is_beneath(theta: FloatArray) -> bool:
-    """Whether the skin lies beneath the ball, instead of cutting through it."""
+def is_skin(theta: FloatArray) -> bool:
+    """Whether what was fitted as skin is dense enough for it, and lies beneath the ball instead of cutting through.
+
+    What is wrapped around a ball may lie on one side as faint skin would.
+    """
     depth_mm = 1.0 / max(float(np.linalg.norm(theta[SKIN_PLACE])), 1e-9)
-    return depth_mm >= MIN_SKIN_DEPTH * float(theta[RADIUS])
+    is_dense = has_layer(theta) or float(theta[SKIN_LEVEL_AT]) >= MIN_SKIN_HU
+    return is_dense and depth_mm >= MIN_SKIN_DEPTH * float(theta[RADIUS])
 
 
 def share_on_skin(theta: FloatArray) -> float:

@@ -285,6 +285,19 @@ def test_a_metal_balls_streaks_do_not_pull_it_towards_the_skin(bright_along_deg:
     assert found.centers[0] == pytest.approx(center, abs=0.008)  # 0.013 to 0.09 if streaks are taken for skin
 
 
+def test_haze_to_one_side_of_a_ball_is_no_skin() -> None:
+    """Cone beams make it, where few rays pass the head."""
+    center, towards = np.array([0.6, -0.3, 0.2]), np.radians(30.0)
+    clean = scan(balls([tuple(center)], 11.5), small_stack(spacing_mm=0.6, thickness_mm=0.6), blur_mm=0.65)
+    u, v, w = offsets_mm(clean, center)
+    radius = np.sqrt(u**2 + v**2 + w**2)
+    aside = np.clip((u * np.cos(towards) + v * np.sin(towards)) / np.maximum(radius, 1e-6), 0.0, 1.0) ** 2
+    outside = np.clip(radius - 5.25, 0.0, 1.0) * np.exp(-np.clip(radius - 5.75, 0.0, None) / 4.0)
+    hazy = (clean.voxels_hu + 220.0 * aside * outside).astype(np.int16)
+    found = localize(dataclasses.replace(clean, voxels_hu=hazy), diameter_mm=11.5, expected=1)
+    assert found.centers[0] == pytest.approx(center, abs=0.006)  # 0.023 if the haze is taken for skin
+
+
 def test_a_metal_insert_does_not_pull_at_the_center() -> None:
     scene = marker("M1", scalp_foot((0.2, 0.1, 1.0), 0.3), "post with insert")
     center = scene.markers[0].center_mm

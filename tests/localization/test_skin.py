@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 
 from ronnaplan.localization.parameters import BLUR, PARAMETERS, RADIUS, WIDTH
-from ronnaplan.localization.skin import share_on_skin
+from ronnaplan.localization.skin import is_skin, share_on_skin
+
+
+@pytest.mark.parametrize(
+    ("level_hu", "depth_mm", "expected"),
+    [(900.0, 5.75, True), (290.0, 5.75, True), (190.0, 5.75, False), (-130.0, 5.75, False), (900.0, 3.5, False)],
+)
+def test_skin_is_no_haze_and_lies_beneath_the_ball(level_hu: float, depth_mm: float, expected: bool) -> None:
+    theta = np.concatenate([np.zeros(len(PARAMETERS)), [level_hu, 0.0, -1.0 / depth_mm, 0.0]])
+    theta[RADIUS] = 5.75
+    assert is_skin(theta) is expected
 
 
 @pytest.mark.parametrize(("radius_mm", "blur_mm"), [(2.0, 0.6), (2.0, 0.3), (5.75, 0.5), (12.5, 0.8)])
