@@ -22,7 +22,7 @@ from ronnaplan.localization.motion import Movement, movement
 from ronnaplan.localization.parameters import BACKGROUND, CENTER, WIDTH
 from ronnaplan.localization.refine import BallFit
 from ronnaplan.localization.skin import share_on_skin
-from ronnaplan.localization.uncertainty import center_covariance
+from ronnaplan.localization.uncertainty import SIZE_TOLERANCE_MM, center_covariance
 
 DIAMETER_TOLERANCE = 0.06
 """A marker's fitted diameter lies within this share of the stated one ..."""
@@ -38,6 +38,11 @@ ROUND_MISFIT = 2.0
 """A marker's edge is a sphere's in at least this share of the directions, and of those that the scan shows in more by
 this many times its misfit: heads of screws and cones come near 0.6, but raggedly; metal in its own streaks does so
 cleanly ..."""
+
+RAGGED, ALIKE_ROUND, ALIKE_INFORMED, ALIKE_MISFIT = 0.03, 0.5, 0.25, 1.25
+"""Where a scan's balls misfit usually by more than the first share of the contrast, the scan makes them ragged. There,
+what is as large as they are, to `SIZE_TOLERANCE_MM` (of ten others of about a marker's size one is, by chance), has to
+be a sphere's and to be used in no more of its surface, and may misfit by so many times what is usual."""
 
 ROUND_WIDTH, THIN_SHARE = 0.3, 0.25
 """Slices blur what tells a sphere from other things: the share that is needed grows by this many times the slice
@@ -100,6 +105,8 @@ class Usual:
     """Their misfit, as a share of the contrast."""
     broadening_mm: float = 0.0
     """By how much their slice profiles are wider than the nominal thickness at most; 0 where too few tell."""
+    diameter_mm: float = math.nan
+    """The diameter they are fitted with; NaN where too few tell."""
 
 
 @dataclass(frozen=True)
@@ -117,8 +124,19 @@ class Evidence:
 
     @property
     def own_misfit(self) -> float:
-        """The misfit beyond what is usual in the scan."""
-        return float(np.sqrt(max(self.fit.misfit**2 - self.usual.misfit**2, 0.0)))
+        """The misfit beyond what the scan excuses."""
+        return float(np.sqrt(max(self.fit.misfit**2 - self.excused_misfit**2, 0.0)))
+
+    @property
+    def excused_misfit(self) -> float:
+        """The misfit that is the scan's."""
+        return self.usual.misfit * (ALIKE_MISFIT if self.is_alike else 1.0)
+
+    @property
+    def is_alike(self) -> bool:
+        """Whether it is as large as the balls of a scan that makes them ragged."""
+        off_mm = abs(self.fit.diameter_mm - self.usual.diameter_mm)
+        return self.usual.misfit > RAGGED and off_mm <= SIZE_TOLERANCE_MM
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -207,10 +225,12 @@ def _coverage(evidence: Evidence) -> str | None:
     fit = evidence.fit
     of_seen = evidence.verdict.round_share
     of_all = of_seen * (1.0 - evidence.unseen)
-    if of_all < MIN_ROUND:
+    least = ALIKE_ROUND if evidence.is_alike else MIN_ROUND
+    if of_all < least:
         unseen = f", {evidence.unseen:.0%} is outside the scan" if evidence.unseen > 0 else ""
-        return f"only {of_all:.0%} of its surface is a sphere's{unseen}, {MIN_ROUND:.0%} expected"
-    least = MIN_METAL_ROUND if has_streaks(fit.theta) else MIN_ROUND
+        return f"only {of_all:.0%} of its surface is a sphere's{unseen}, {least:.0%} expected"
+    if has_streaks(fit.theta):
+        least = MIN_METAL_ROUND
     blurred = ROUND_WIDTH * max(float(fit.theta[WIDTH]) / evidence.diameter_mm - THIN_SHARE, 0.0)
     expected = least + ROUND_MISFIT * evidence.own_misfit + blurred
     if of_seen >= expected:
@@ -234,9 +254,8 @@ def _free(evidence: Evidence) -> str | None:
 
 def _informed(evidence: Evidence) -> str | None:
     informed = evidence.fit.coverage * (1.0 - evidence.unseen)
-    if informed >= MIN_INFORMED:
-        return None
-    return f"only {informed:.0%} of its surface can be used, {MIN_INFORMED:.0%} expected"
+    least = ALIKE_INFORMED if evidence.is_alike else MIN_INFORMED
+    return None if informed >= least else f"only {informed:.0%} of its surface can be used, {least:.0%} expected"
 
 
 def _roundness(evidence: Evidence) -> str | None:
@@ -244,10 +263,8 @@ def _roundness(evidence: Evidence) -> str | None:
     limit = float(np.hypot(MAX_MISFIT, min(NOISE_MARGIN * evidence.noise_hu / contrast, MAX_NOISE)))
     if evidence.own_misfit <= limit:
         return None
-    allowed = float(np.hypot(limit, evidence.usual.misfit))
-    return (
-        f"its surface departs from a sphere's by {evidence.fit.misfit:.1%} of its contrast, {allowed:.1%} allowed"
-    )
+    found, allowed = evidence.fit.misfit, float(np.hypot(limit, evidence.excused_misfit))
+    return f"its surface departs from a sphere's by {found:.1%} of its contrast, {allowed:.1%} allowed"
 
 
 def _certainty(evidence: Evidence) -> str | None:

@@ -36,7 +36,7 @@ robust one of the variance of their edges' blur, and the usual misfit. Balls mad
 differ in size (by 0.1 mm) but not in blur (0.01 mm^2); kernels that are far from the model's are fitted now one way,
 now the other (0.04 mm^2), but closely (0.01). What lies on them in lumps does all (0.04 to 0.2 mm and mm^2, 0.03)."""
 
-OF_THE_SURFACE = {"coverage", "roundness"}
+OF_THE_SURFACE = {"coverage", "informed", "roundness"}
 """Tests that streaks of metal and of few views spoil in a whole scan, as in cone beams of a short turn."""
 
 OF_THE_PROFILE = {"thickness"}
@@ -51,12 +51,13 @@ class Shown:
     broadening_mm: float = 0.0
 
     def near(self, one: Examined, normal: FloatArray) -> Usual:
-        """Return what is usual about one place: of the misfit, what those show that are nearest along the ``normal``.
+        """Return what is usual about one place: misfit and size of those that are nearest along the ``normal``.
 
         Cone beams make edges the more ragged the farther these are from the plane of the source, metal in its slices.
         """
         nearest = sorted(self.balls, key=lambda ball: abs(float((ball.center_mm - one.center_mm) @ normal)))
-        return Usual(_usual_misfit(nearest[:LEAST_TOGETHER]), self.broadening_mm)
+        nearest = nearest[:LEAST_TOGETHER]
+        return Usual(_usual_misfit(nearest), self.broadening_mm, _usual_diameter_mm(nearest, one.stated_mm))
 
 
 def usual_of(examined: Sequence[Examined]) -> Shown:
@@ -95,6 +96,12 @@ def judged_again(scan: Scan, one: Examined, build: Build, shown: Shown) -> Exami
 def _usual_misfit(balls: Sequence[Examined]) -> float:
     """Return the misfit (share of the contrast) that a scan's balls have; 0 where too few tell."""
     return float(np.median([one.misfit for one in balls])) if len(balls) >= LEAST_TOGETHER else 0.0
+
+
+def _usual_diameter_mm(balls: Sequence[Examined], stated_mm: float) -> float:
+    """Return the diameter as which a scan's balls of the stated one are fitted; NaN where too few tell."""
+    fitted_mm = [one.diameter_mm for one in balls if one.stated_mm == stated_mm and not one.is_clipped]
+    return float(np.median(fitted_mm)) if len(fitted_mm) >= LEAST_TOGETHER else math.nan
 
 
 def _broadening_mm(balls: Sequence[Examined]) -> tuple[float, NDArray[np.bool_]]:

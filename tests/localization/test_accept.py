@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ronnaplan.ct import CTVolume
-from ronnaplan.localization.accept import TESTS, Evidence, failures
+from ronnaplan.localization.accept import TESTS, Evidence, Usual, failures
 from ronnaplan.localization.build import SOLID
 from ronnaplan.localization.directions import Verdict
 from ronnaplan.localization.examine import Scan, fit_place
@@ -102,6 +102,22 @@ def test_thick_slices_must_show_more_of_a_sphere(fit: BallFit) -> None:
     reason = TESTS["coverage"](replace(evidence(changed(ragged, WIDTH, 5.0)), thickness_mm=5.0))
     assert reason is not None
     assert "is a sphere's" in reason
+
+
+@pytest.mark.parametrize("name", ["coverage", "informed", "roundness"])
+def test_less_has_to_be_round_where_the_scan_makes_all_ragged_and_the_size_is_theirs(
+    name: str, fit: BallFit
+) -> None:
+    informed = np.where(np.arange(len(fit.verdict.state)) < 0.27 * len(fit.verdict.state), 1, 0).astype(np.int8)
+    ragged = {
+        "coverage": lambda: replace(fit, verdict=round_in(fit.verdict, 0.53)),
+        "informed": lambda: replace(fit, verdict=replace(fit.verdict, state=informed)),
+        "roundness": lambda: replace(fit, residuals_hu=fit.residuals_hu + 0.075 * fit.contrast_hu),
+    }[name]()
+    assert TESTS[name](evidence(ragged)) is not None
+    assert TESTS[name](replace(evidence(ragged), usual=Usual(0.04, diameter_mm=fit.diameter_mm + 0.05))) is None
+    for usual in (Usual(0.02, diameter_mm=fit.diameter_mm), Usual(0.04, diameter_mm=fit.diameter_mm - 0.1)):
+        assert TESTS[name](replace(evidence(ragged), usual=usual)) is not None
 
 
 @pytest.mark.parametrize("noise_hu", [5.0, 40.0, 60.0])

@@ -51,7 +51,10 @@ def test_a_ragged_edge_is_usual_where_the_markers_nearest_in_height_show_it(ball
     normal = np.array([0.0, 0.0, 1.0])
     assert shown.near(lifted(0.0, 0.06), normal).misfit == pytest.approx(0.04)
     assert shown.near(lifted(95.0, 0.06), normal).misfit == pytest.approx(0.01)
-    assert usual_of([ball, lifted(30.0, 0.05)]).near(ball, normal).misfit == 0.0  # two tell nothing
+    assert shown.near(ball, normal).diameter_mm == pytest.approx(ball.diameter_mm)
+    two = usual_of([ball, lifted(30.0, 0.05)]).near(ball, normal)  # tell nothing
+    assert two.misfit == 0.0
+    assert np.isnan(two.diameter_mm)
 
 
 @pytest.mark.parametrize(("blur_mm", "edge", "is_covered"), [(0.19, -0.39, False), (0.69, -0.45, True)])
