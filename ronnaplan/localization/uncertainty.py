@@ -62,6 +62,9 @@ on scanners that were left out."""
 MEDIAN_SHARE = 0.69
 """Median of a mean square of few normal values, as a share of its expectation (of two: ln 2)."""
 
+NEAR = 5
+"""So many markers of a cone beam, those nearest in height, tell what is usual at their height."""
+
 PULL_MM, PULL_WIDTH = 0.012, 0.004
 """Standard error along a post that a screw holds: a constant, and a share of the slice profile's width. A screw weakens
 the beam more than in proportion, so that the post seems to reach elsewhere, and all markers of a scan err alike; 15 um
@@ -130,12 +133,21 @@ def sources(fit: BallFit, moved: Movement) -> dict[str, FloatArray]:
     }
 
 
-def usual_odd_mm2(movements: Sequence[Movement]) -> FloatArray | None:
-    """What is usual in a scan (3,) of `Movement.odd_mm2`; None where there are fewer than `LEAST_TOGETHER` markers."""
+def usual_odd_mm2(movements: Sequence[Movement], heights_mm: FloatArray | None = None) -> FloatArray | None:
+    """What is usual in a scan of `Movement.odd_mm2`, (M, 3); None where there are fewer than `LEAST_TOGETHER` markers.
+
+    Cone beams bend what stands higher or lower more: where ``heights_mm`` (M,) are given and those nearest show more,
+    that is usual there.
+    """
     if len(movements) < LEAST_TOGETHER:
         return None
-    usual: FloatArray = np.median([moved.odd_mm2 for moved in movements], axis=0) / MEDIAN_SHARE
-    return usual
+    odd_mm2 = np.array([moved.odd_mm2 for moved in movements])
+    usual_mm2 = np.tile(np.median(odd_mm2, axis=0) / MEDIAN_SHARE, (len(movements), 1))
+    if heights_mm is None:
+        return usual_mm2
+    nearest = np.argsort(np.abs(heights_mm[:, np.newaxis] - heights_mm), axis=1)[:, :NEAR]
+    most_mm2: FloatArray = np.maximum(usual_mm2, odd_mm2[nearest].mean(axis=1))
+    return most_mm2
 
 
 def with_usual(covariance_mm2: FloatArray, moved: Movement, usual_mm2: FloatArray, axes: FloatArray) -> FloatArray:

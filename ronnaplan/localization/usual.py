@@ -144,14 +144,14 @@ def together(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
     """Let each marker's covariance count what is usual in the scan, and doubt all where something lies on all."""
     markers = _uneven(_wrapped(markers))
     movements = [one.movement for one in markers if one.movement is not None]
-    usual_mm2, axes = usual_odd_mm2(movements), scan.axes
+    grid = scan.volume.grid
+    heights_mm = np.array([one.center_mm @ grid.normal for one in markers]) if grid.is_in_cubes else None
+    usual_mm2, axes = usual_odd_mm2(movements, heights_mm), scan.axes
     if usual_mm2 is None:
         return markers
     return [
-        replace(
-            one, covariance_mm2=with_usual(one.covariance_mm2, moved, usual_mm2, axes) + beyond**2 * one.by_excess
-        )
-        for one, moved, beyond in zip(markers, movements, _beyond_usual_mm(markers), strict=True)
+        replace(one, covariance_mm2=with_usual(one.covariance_mm2, moved, usual, axes) + beyond**2 * one.by_excess)
+        for one, moved, usual, beyond in zip(markers, movements, usual_mm2, _beyond_usual_mm(markers), strict=True)
     ]
 
 

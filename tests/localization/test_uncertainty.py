@@ -144,9 +144,23 @@ def test_what_bends_the_other_markers_of_a_scan_counts_in_each_of_them(quiet: CT
     assert usual_odd_mm2([straight, curved]) is None
     own = center_covariance(fit_of(noisy), straight)
     turned = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # u, v, w along y, z, x
-    added = with_usual(own, straight, usual_mm2, turned) - own
+    added = with_usual(own, straight, usual_mm2[0], turned) - own
     expected = uncertainty.WEIGHTS["odd"] * (curved.odd_mm2 / uncertainty.MEDIAN_SHARE - straight.odd_mm2) / 2
     assert np.allclose(added, turned.T @ np.diag(expected) @ turned)
+
+
+def test_what_bends_the_markers_of_a_cone_beam_counts_at_their_height(quiet: CTVolume) -> None:
+    noisy = with_white_noise(quiet, 10.0, 1)
+    straight, curved = (movement(Edge(fit_of(volume))) for volume in (noisy, bent(noisy, 0.02)))
+    heights_mm = np.array([0.0, 100.0, 10.0, 110.0, 20.0, 120.0, 30.0, 130.0, 40.0, 140.0, 45.0, 50.0])
+    movements = [*[straight, curved] * 5, straight, straight]
+    usual_mm2 = usual_odd_mm2(movements, heights_mm)
+    everywhere_mm2 = usual_odd_mm2(movements)
+    assert usual_mm2 is not None
+    assert everywhere_mm2 is not None
+    assert np.allclose(usual_mm2[1::2][:5, :2], curved.odd_mm2[:2])
+    assert np.allclose(usual_mm2[::2], everywhere_mm2[::2])  # no less than in the whole scan
+    assert np.all(everywhere_mm2[:, :2] < curved.odd_mm2[:2] / 2)
 
 
 def test_a_ball_whose_shading_is_hidden_is_less_certain(quiet: CTVolume) -> None:
