@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.shading import ASIDE_SD, TILT_SD
 
-MISPLACED, LAMP_SCALES = 0.6, 13
+MISPLACED, LAMP_SCALES = 0.7, 13
 """Probability, before looking, that the lamp is farther from the lens than is said, and how many lamps are looked at:
 from where it is said up to `ASIDE_SD`, evenly spaced in the logarithm."""
 EVEN_SD = 0.003
