@@ -286,7 +286,7 @@ def test_a_metal_balls_streaks_do_not_pull_it_towards_the_skin(bright_along_deg:
 
 
 def test_haze_to_one_side_of_a_ball_is_no_skin() -> None:
-    """Cone beams make it, where few rays pass the head."""
+    """Cone beams cast it, most of all at low voltages and with much scatter."""
     center, towards = np.array([0.6, -0.3, 0.2]), np.radians(30.0)
     clean = scan(balls([tuple(center)], 11.5), small_stack(spacing_mm=0.6, thickness_mm=0.6), blur_mm=0.65)
     u, v, w = offsets_mm(clean, center)
