@@ -17,27 +17,20 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import invert
+from ronnaplan.geometry import FloatArray, unit
+from ronnaplan.pose import Pose, invert, rigid
 from ronnaplan.report.tables import align
 from ronnaplan.robot.hand_eye import calibrate_hand_eye
 from ronnaplan.robot.pivot import calibrate_pivot
 from ronnaplan.tracking import read_recording
 
-TIP_MM = np.array([-15.0, 240, -7])
-NOISES: dict[str, tuple[float | str, bool]] = {
-    "white": ("white", False),
-    "AR(1) 0.5": (0.5, False),
-    "AR(1) 0.9": (0.9, False),
-    "AR(1) 0.9, tool's axes": (0.9, True),
-    "AR(1) 0.97": (0.97, False),
-    "random walk": ("walk", False),
-    "steady drift": ("drift", False),
-}
-
-
-BLOCK = 4
-"""Recordings of one stream of random numbers, so that a table may grow."""
+PIVOT_MM = np.array([-800.0, -85, -2100])
+ORIENTATION_DEG = 0.06
+PLACE_MM = 0.25
+"""A tracker's errors, standard deviations per axis."""
+TOOL_MM = (100.0, 400.0)
+"""Lengths of the tools that are pivoted."""
+NOISES = ("white", "AR(1) 0.5", "AR(1) 0.9", "AR(1) 0.97", "random walk", "steady drift")
 
 
 def main() -> None:
@@ -56,37 +49,47 @@ def main() -> None:
 
 
 def honesty_table(kind: str, counts: list[int], recordings: int, seed: int) -> str:
-    """Mean normalized squared error of pivot or hand-eye calibrations."""
-    measure = {"pivot": pivot_error, "hand-eye": hand_eye_error}[kind]
+    """Mean normalized squared error of pivot or hand-eye calibrations, and its standard error."""
+    measure = {"pivot": pivot_error, "hand-eye": hand_eye_errors}[kind]
+    said = {"pivot": "of the tip", "hand-eye": "of M from TCP, of R from OTS"}[kind]
     rows = [[kind, *(f"{count} poses" for count in counts), ""]]
-    for name, (memory, in_tool) in NOISES.items():
-        means = []
+    for name, in_tool in itertools.product(NOISES, (False, True)):
+        row = [f"{name}, {'tool' if in_tool else 'tracker'}'s axes"]
         for count in counts:
-            streams = [
-                np.random.default_rng([seed, block, count, sum(map(ord, name))])
-                for block in range(recordings // BLOCK)
-            ]
-            means.append(np.mean([measure(rng, count, memory, in_tool) for rng in streams for _ in range(BLOCK)]))
-        rows.append([name, *(f"{mean:.2f}" for mean in means), ""])
+            streams = [np.random.default_rng([seed, i, count, in_tool, *name.encode()]) for i in range(recordings)]
+            squares = np.array([measure(rng, count, name, in_tool) for rng in streams])
+            spread = squares.std(axis=0, ddof=1) / np.sqrt(recordings)
+            row.append(", ".join(f"{m:.2f} ({s:.2f})" for m, s in zip(squares.mean(axis=0), spread, strict=True)))
+        rows.append([*row, ""])
         print(rows[-1], flush=True)
-    return f"{align(rows)}\n({recordings // BLOCK * BLOCK} recordings a cell)"
+    return f"{align(rows)}\n({said}; {recordings} recordings a cell, standard errors in brackets)"
 
 
-def noise(rng: np.random.Generator, shape: tuple[int, int], memory: float | str) -> FloatArray:
-    """Return noise of unit variance, the first axis being time; a walk or drift spans two units more."""
-    count = shape[0]
-    white = rng.normal(size=shape)
-    if memory == "walk":
-        found: FloatArray = 0.3 * white + np.cumsum(rng.normal(size=shape), axis=0) * 2 / np.sqrt(count)
-        return found
-    if memory == "drift":
-        return white + 2 * np.linspace(-1, 1, count)[:, None] * rng.normal(size=shape[1])
-    if memory == "white":
-        return white
-    before = rng.normal(size=(int(20 / (1 - float(memory))), shape[1]))
-    joined = np.concatenate([before, white]) * np.sqrt(1 - float(memory) ** 2)
-    filtered: FloatArray = lfilter([1], [1, -float(memory)], joined, axis=0)[-count:]
-    return filtered
+def tracker_errors(rng: np.random.Generator, count: int, name: str) -> FloatArray:
+    """Return errors (count, 6), rotation vectors in rad and places in mm, of one of the `NOISES`.
+
+    Each is of unit variance times `ORIENTATION_DEG` and `PLACE_MM`; a walk starts at zero and a drift passes zero in
+    the middle, so that what is true of a pose is that without its errors; both go two standard deviations far.
+    """
+    white = rng.normal(size=(count, 6))
+    found = white
+    if name == "random walk":
+        found = 0.3 * white + np.cumsum(rng.normal(size=white.shape), axis=0) * 2 / np.sqrt(count)
+    elif name == "steady drift":
+        found = white + 2 * np.linspace(-1, 1, count)[:, None] * rng.normal(size=6)
+    elif name.startswith("AR(1)"):
+        memory = float(name.split()[1])
+        before = rng.normal(size=(int(20 / (1 - memory)), 6))
+        found = lfilter([np.sqrt(1 - memory**2)], [1, -memory], np.concatenate([before, white]), axis=0)[-count:]
+    errors: FloatArray = found * np.repeat([np.radians(ORIENTATION_DEG), PLACE_MM], 3)
+    return errors
+
+
+def seen_with(poses: FloatArray, errors: FloatArray, in_tool: bool) -> FloatArray:
+    """Return ``poses`` (N, 4, 4) with ``errors`` (N, 6), about the tool's origin, in its axes or the tracker's."""
+    turns, rotations = Rotation.from_rotvec(errors[:, :3]).as_matrix(), poses[:, :3, :3]
+    shifts = np.einsum("nij,nj->ni", rotations, errors[:, 3:]) if in_tool else errors[:, 3:]
+    return rigid(rotations @ turns if in_tool else turns @ rotations, poses[:, :3, 3] + shifts)
 
 
 def swing(rng: np.random.Generator, count: int) -> FloatArray:
@@ -97,33 +100,30 @@ def swing(rng: np.random.Generator, count: int) -> FloatArray:
     return rotations
 
 
-def pivot_error(rng: np.random.Generator, count: int, memory: float | str, in_tool: bool) -> float:
-    """Return the normalized squared error of one pivot calibration with noise of 0.3 mm an axis."""
-    poses = np.tile(np.eye(4), (count, 1, 1))
-    poses[:, :3, :3] = swing(rng, count)
-    errors = 0.3 * noise(rng, (count, 3), memory)
-    errors = np.einsum("nij,nj->ni", poses[:, :3, :3], errors) if in_tool else errors
-    poses[:, :3, 3] = np.array([-800.0, -85, -2100]) - poses[:, :3, :3] @ TIP_MM + errors
-    found = calibrate_pivot(poses)
-    error = found.tip_mm - TIP_MM
-    return float(error @ np.linalg.solve(found.tip_covariance_mm2, error)) / 3
+def pivot_error(rng: np.random.Generator, count: int, name: str, in_tool: bool) -> tuple[float]:
+    """Return the normalized squared error of one pivot calibration's tip."""
+    tip_mm = rng.uniform(*TOOL_MM) * unit(rng.normal(size=3))
+    rotations = swing(rng, count)
+    poses = rigid(rotations, PIVOT_MM - rotations @ tip_mm)
+    found = calibrate_pivot(seen_with(poses, tracker_errors(rng, count, name), in_tool))
+    error = found.tip_mm - tip_mm
+    return (float(error @ np.linalg.solve(found.tip_covariance_mm2, error)) / 3,)
 
 
-def hand_eye_error(rng: np.random.Generator, count: int, memory: float | str, in_tool: bool) -> float:
-    """Return the normalized squared error of M from TCP, for 0.06 degrees and 0.2 mm an axis."""
+def hand_eye_errors(rng: np.random.Generator, count: int, name: str, in_tool: bool) -> tuple[float, float]:
+    """Return the normalized squared errors of M from TCP and of R from OTS."""
     m_from_tcp, robot_from_ots = random_pose(rng, 100), random_pose(rng, 2000)
-    driven = np.tile(np.eye(4), (count, 1, 1))
-    driven[:, :3, :3] = swing(rng, count)
     t = np.linspace(0, 12 * np.pi, count)
-    driven[:, :3, 3] = 200 * np.column_stack([np.cos(0.6 * t), np.sin(0.8 * t), np.cos(0.35 * t + 1)])
+    places_mm = 200 * np.column_stack([np.cos(0.6 * t), np.sin(0.8 * t), np.cos(0.35 * t + 1)])
+    driven = rigid(swing(rng, count), places_mm)
     seen = invert(robot_from_ots) @ driven @ invert(m_from_tcp)
-    errors = noise(rng, (count, 6), memory)
-    turns, shifts = Rotation.from_rotvec(1e-3 * errors[:, :3]).as_matrix(), 0.2 * errors[:, 3:]
-    rotations = seen[:, :3, :3].copy()
-    seen[:, :3, 3] += np.einsum("nij,nj->ni", rotations, shifts) if in_tool else shifts
-    seen[:, :3, :3] = rotations @ turns if in_tool else turns @ rotations
-    found = calibrate_hand_eye(seen, driven).m_from_tcp
-    off = m_from_tcp @ invert(found.matrix)
+    found = calibrate_hand_eye(seen_with(seen, tracker_errors(rng, count, name), in_tool), driven)
+    return normalized(found.m_from_tcp, m_from_tcp), normalized(found.robot_from_ots, robot_from_ots)
+
+
+def normalized(found: Pose, truth: FloatArray) -> float:
+    """Return the normalized squared error of a pose per degree of freedom."""
+    off = truth @ invert(found.matrix)
     error = np.concatenate([Rotation.from_matrix(off[:3, :3]).as_rotvec(), off[:3, 3]])
     return float(error @ np.linalg.solve(found.covariance, error)) / 6
 

@@ -1,9 +1,9 @@
 """Hand-eye calibration over many poses: M from TCP and robot from tracker together.
 
 At every pose ``robot_from_tcp = robot_from_ots @ ots_from_m @ m_from_tcp``. The start is Shah's closed form (2013,
-J. Mech. Robot. 5:031007); then all twelve unknowns are fitted together with a steady drift of the tracker, rotations
-and translations weighted by the scatter they turn out to have. The errors are taken as the tracker's, and the
-covariance counts that those of successive poses may be correlated.
+J. Mech. Robot. 5:031007); then all twelve unknowns are fitted together with steady drifts of the tracker and of M on
+the tool, rotations and translations weighted by the scatter they turn out to have. The errors are taken as the
+tracker's, and the covariance counts that those of successive poses may be correlated.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import Pose, adjoint, as_poses, exponential, invert, point_jacobian, rigid
+from ronnaplan.pose import Pose, adjoint, as_poses, cross_matrix, exponential, invert, point_jacobian, rigid
 from ronnaplan.robot.chain import OTS, TCP, M, R
-from ronnaplan.robot.memory import least_squares_covariance
+from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
 
 SMALLEST_TURN_DEG = 5.0
 """RMS turn about the second axis that the poses need; below it the translation along the first is undetermined."""
@@ -29,7 +29,15 @@ SWAPPED = 1.5
 """The tracker's errors are least at its spheres; found larger at M than at the TCP by this, M may be the robot's."""
 SAME_POSES = 1e-6
 """Poses that nowhere differ by more, in an entry, are of one recording."""
-REWEIGHTINGS = 3
+STARTING_SDS = (1e-3, 1.0)
+"""Errors of rotation, in rad, and translation, in mm, that the first step is weighed by."""
+FINEST = (1e-9, 1e-6)
+"""No tracker errs less; poses without errors are taken to err by so much."""
+ITERATIONS = 6
+"""Each weighs rotations and translations by the scatter that the one before it left."""
+CONSTANTS = 12
+IN_TRACKER, IN_TOOL = slice(12, 21), slice(21, 27)
+"""Which unknowns are drifts in the tracker's axes and in the tool's."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +46,7 @@ class HandEye:
 
     m_from_tcp: Pose
     robot_from_ots: Pose
+    """Both are without the errors of the poses seen; where these drift steadily, as in the middle of the recording."""
     rotation_rms_deg: float
     """RMS over the poses of the angle left."""
     translation_rms_mm: float
@@ -133,8 +142,8 @@ def require_two_axes(rotations: FloatArray, unknown: str) -> None:
 
 def _closed_form(seen: FloatArray, driven: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return ``robot_from_ots`` and ``m_from_tcp`` (4, 4): rotations from a Kronecker sum, then translations."""
-    kronecker = sum(np.kron(d, s) for d, s in zip(driven[:, :3, :3], seen[:, :3, :3], strict=True))
-    u, _, vt = np.linalg.svd(np.asarray(kronecker))
+    kronecker = np.einsum("nij,nkl->ikjl", driven[:, :3, :3], seen[:, :3, :3]).reshape(9, 9)
+    u, _, vt = np.linalg.svd(kronecker)
     rotations = [_nearest_rotation(vector.reshape(3, 3)) for vector in (u[:, 0], vt[0])]
     left, right = rotations[0], rotations[1].T
     design = np.concatenate([np.broadcast_to(np.eye(3), (len(seen), 3, 3)), left @ seen[:, :3, :3]], axis=2)
@@ -150,49 +159,64 @@ def _nearest_rotation(matrix: FloatArray) -> FloatArray:
 
 
 def _refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> HandEye:
-    from scipy.optimize import least_squares
-
-    time = np.linspace(-1, 1, len(seen))[:, None]
-
-    def moved(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return left @ _motion(first), right @ _motion(second)
-
-    def misfit(x: FloatArray, weights: FloatArray) -> FloatArray:
-        drifting, second = moved(x[:6] + time * x[12:], x[6:12])
-        return (_discrepancy(invert(drifting) @ driven @ invert(second), seen) * weights).ravel()
-
-    weights = np.array([1e3, 1e3, 1e3, 1.0, 1.0, 1.0])
-    solution = np.zeros(18)
-    for _ in range(REWEIGHTINGS):
-        fit = least_squares(misfit, solution, args=(weights,), x_scale=np.tile(np.repeat([1e-3, 1], 3), 3))
-        solution = fit.x
-        error = misfit(solution, np.ones(6)).reshape(-1, 6)
-        freedom = 1 - solution.size / error.size
-        spread = np.sqrt((error**2).mean(axis=0).reshape(2, 3).mean(axis=1) / freedom)
-        weights = np.repeat(1 / np.maximum(spread, 1e-12), 3)
-    covariance = _covariance(np.asarray(fit.jac).reshape(-1, 6, 18), np.asarray(fit.fun).reshape(-1, 6), seen)
-    robot_from_ots, m_from_tcp = moved(solution[:6], solution[6:12])
+    """Return the least squares, by Gauss and Newton, from R from OTS ``left`` and M from TCP ``right``."""
+    sds = np.repeat(STARTING_SDS, 3)
+    for _ in range(ITERATIONS):
+        error = _discrepancy(invert(left) @ driven @ invert(right), seen)
+        design = _design(seen, right, sds)
+        step, freedom = least_squares(design, -error / sds, CONSTANTS)
+        residual = error / sds + design @ step
+        left, right = left @ _motion(step[:6]), right @ _motion(step[6:CONSTANTS])
+        error = residual * sds
+        spread = np.sqrt((error**2).sum(axis=0).reshape(2, 3).sum(axis=1) / freedom.reshape(2, 3).sum(axis=1))
+        sds = np.repeat(np.maximum(spread, FINEST), 3)
+    covariance = _covariance(design, residual, seen, step)
     return HandEye(
-        Pose(m_from_tcp, _in_target_axes(m_from_tcp, covariance[6:12, 6:12]), M, TCP),
-        Pose(robot_from_ots, _in_target_axes(robot_from_ots, covariance[:6, :6]), R, OTS),
+        Pose(right, _in_target_axes(right, covariance[6:12, 6:12]), M, TCP),
+        Pose(left, _in_target_axes(left, covariance[:6, :6]), R, OTS),
         float(np.degrees(np.sqrt((error[:, :3] ** 2).sum(axis=1).mean()))),
         float(np.sqrt((error[:, 3:] ** 2).sum(axis=1).mean())),
-        float(np.sqrt(((error @ point_jacobian(m_from_tcp[:3, 3]).T) ** 2).sum(axis=1).mean())),
+        float(np.sqrt(((error @ point_jacobian(right[:3, 3]).T) ** 2).sum(axis=1).mean())),
     )
 
 
 def _motion(twist: FloatArray) -> FloatArray:
-    """Return the motions (..., 4, 4) by rotation vectors in rad and translations in mm (..., 6)."""
-    return rigid(exponential(twist[..., :3]), twist[..., 3:])
+    """Return the motion (4, 4) by a rotation vector in rad and a translation in mm (6,)."""
+    return rigid(exponential(twist[:3]), twist[3:])
 
 
-def _covariance(jacobian: FloatArray, residual: FloatArray, seen: FloatArray) -> FloatArray:
-    """Return the covariance (18, 18) of the fit; the noise's memory is in the tool's axes or in the tracker's."""
-    turned = np.zeros((len(seen), 6, 6))
-    turned[:, :3, :3] = turned[:, 3:, 3:] = seen[:, :3, :3]
-    return least_squares_covariance(
-        [jacobian, turned @ jacobian], [residual, (turned @ residual[..., None])[..., 0]]
-    )
+def _design(seen: FloatArray, right: FloatArray, sds: FloatArray) -> FloatArray:
+    """Return (N, 6, 27): how the discrepancies, in ``sds`` (6,), change with the unknowns.
+
+    These are right-hand increments of R from OTS and of M from TCP, then drifts over half the recording: of M's pose as
+    it is seen and of the tracker's own orientation (`IN_TRACKER`), and of M on the tool (`IN_TOOL`).
+    """
+    in_tool = _turned(seen.swapaxes(1, 2))
+    time = np.linspace(-1, 1, len(seen))[:, None, None]
+    levers = np.zeros((len(seen), 6, 3))
+    levers[:, 3:] = in_tool[:, :3, :3] @ cross_matrix(seen[:, :3, 3] - seen[:, :3, 3].mean(axis=0))
+    levers *= sds[0] / sds[3]
+    on_tool = np.broadcast_to(np.eye(6), in_tool.shape)
+    of_right = np.broadcast_to(adjoint(right), in_tool.shape)
+    constants = -np.concatenate([adjoint(invert(seen)), of_right], axis=2) / sds[:, None]
+    return np.concatenate([constants, time * in_tool, time * levers, time * on_tool], axis=2)
+
+
+def _turned(poses: FloatArray) -> FloatArray:
+    """Return (N, 6, 6) that turn rotations and translations by the rotations of ``poses`` (N, 4, 4)."""
+    turned = np.zeros((len(poses), 6, 6))
+    turned[:, :3, :3] = turned[:, 3:, 3:] = poses[:, :3, :3]
+    return turned
+
+
+def _covariance(design: FloatArray, residual: FloatArray, seen: FloatArray, estimate: FloatArray) -> FloatArray:
+    """Return the covariance of the fit; noise and drift are in the tool's axes or in the tracker's."""
+    turned = _turned(seen)
+    frames = [
+        Equations(design, residual, IN_TOOL),
+        Equations(turned @ design, (turned @ residual[..., None])[..., 0], IN_TRACKER),
+    ]
+    return least_squares_covariance(frames, estimate, CONSTANTS)
 
 
 def _discrepancy(predicted: FloatArray, observed: FloatArray) -> FloatArray:

@@ -1,25 +1,39 @@
-"""What a least-squares estimate is worth when its noise has a memory, as a tracker's filtered and drifting poses have.
+"""Least squares when the noise has a memory, as a tracker's filtered, wandering and drifting poses have.
 
-The noise is taken as part white, part with a memory of unknown length (a first- or second-order Markov process, up to
-a drift over the whole recording). In the frequencies of the discrete cosine transform such noise is all but
-uncorrelated, whatever its memory (Ahmed, Natarajan & Rao 1974, IEEE Trans. Comput. C-23:90), so every member of the
-family is a list of variances. Each is weighed by its restricted likelihood (Harville 1977, JASA 72:320), which counts
-what the fit itself took away. Only the slow frequencies that the estimate uses are judged: nothing is concluded from
-the fast ones, where a tracker's filter hides the noise.
+The noise is stationary in the tracker's axes or in the tool's: part white, part with a memory of unknown length (a
+first-order Markov process, up to a walk over the whole recording, or the smoother one that a filter leaves), with or
+without a steady drift. In the frequencies of the discrete cosine transform such noise is all but uncorrelated,
+whatever its memory (Ahmed, Natarajan & Rao 1974, IEEE Trans. Comput. C-23:90), so every member of the family is a list
+of variances. Each is weighed by its restricted likelihood (Harville 1977, JASA 72:320), which counts what the fit
+itself took away. Only the slow frequencies that the estimate uses are judged: nothing is concluded from the fast
+ones, where a tracker's filter hides the noise.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
 
-WHITE_SHARES = (0.0, 0.003, 0.03, 0.1, 0.3, 0.5, 0.7, 0.9)
-MEMORIES = 10
-"""Lengths of memory that are tried, from one pose to half the recording."""
-ORDERS = (1, 2)
+WHITE_SHARES = (0.0, 0.01, 0.1, 0.3, 0.6)
+MEMORIES = 16
+"""Lengths of memory that are tried, from one pose to the whole recording."""
+FILTER_MEMORY = 0.03
+"""A filter's memory, and that of noise beside a steady drift, is at most so much of the recording: what is as smooth
+and lasts longer is a steady drift, what wanders beside one is a walk."""
+DRIFT_SDS = 4.0
+"""A steady drift over half the recording, one standard deviation, in those of the noise."""
+DRIFT_PROBABILITY = 0.1
+"""Steady drifts are the rarer thing: a walk's first half-wave looks like one, and a walk's level errs far more."""
+SLOW_HALF_WAVES = 8
+"""So many of the slowest half-waves over the recording are followed through axes that turn."""
+SLOW_SHARES = (0.3, 3.0)
+"""Variances of noise in axes that turn, in those of the noise that is stationary."""
 USED_LEVERAGE = 0.99
 """The estimate uses the lowest frequencies that make up so much of its leverage ..."""
 BAND = 3
@@ -30,110 +44,205 @@ FEWEST_FOR_SHAPE = 4
 """Unlike components are only considered with so many frequencies for each of them."""
 
 
-def least_squares_covariance(designs: Sequence[FloatArray], residuals: Sequence[FloatArray]) -> FloatArray:
-    """Return the covariance (p, p) of a least-squares estimate from N successive vector equations.
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """N successive vector equations of least squares in axes in which their noise may be stationary."""
 
-    ``designs`` (N, c, p) and ``residuals`` (N, c) are the same equations in one frame or more (of the tracker, of the
-    tool). The noise is stationary in one of them, its components alike or not: each is a candidate, and the
-    result is the average over all candidates and spectra by their likelihood.
+    design: FloatArray
+    """(N, c, p): the columns of the constant unknowns, then of all steady drifts; noise has about unit variance."""
+    residual: FloatArray
+    """(N, c): ``design @ estimate`` less what was observed."""
+    drifts: slice
+    """Which columns are a steady drift in these axes."""
+    turning: FloatArray | None = None
+    """(N, c, s): what noise in other axes, which turn against these, adds; of about unit size."""
+
+
+def least_squares(design: FloatArray, observed: FloatArray, constants: int) -> tuple[FloatArray, FloatArray]:
+    """Return the (p,) that fits ``design`` (N, c, p) to ``observed`` (N, c), and what freedom (c,) it leaves each row.
+
+    All unknowns but the first ``constants`` are drifts, which are held near zero by what is known of them beforehand.
+    """
+    normal = np.einsum("nci,ncj->ij", design, design) + _drift_precision(design, constants)
+    solution: FloatArray = np.linalg.solve(normal, np.einsum("nci,nc->i", design, observed))
+    return solution, len(design) - np.einsum("nci,nci->c", design @ np.linalg.inv(normal), design)
+
+
+def least_squares_covariance(frames: Sequence[Equations], estimate: FloatArray, constants: int) -> FloatArray:
+    """Return the covariance (p, p) of the ``estimate`` (p,) that `least_squares` makes.
+
+    ``frames`` are the same equations in one frame or more (of the tracker, of the tool). The noise is stationary in
+    one of them, its components alike or not, it drifts steadily or not: each is a candidate, and the result is the
+    average over all candidates and spectra by their likelihood.
     """
     weights, covariances = [], []
-    frames = [_Equations(design, residual) for design, residual in zip(designs, residuals, strict=True)]
-    count = max(
-        frame.used for frame in frames
-    )  # alike in all frames, or their likelihoods would be of unlike data
-    for slow in [_SlowEquations(frame, count) for frame in frames]:
-        for shape in slow.component_shapes():
-            log_weights, variances = slow.judge(shape)
-            top = log_weights.max()
-            share = np.exp(log_weights - top)
-            weights.append(top + np.log(share.sum()))
-            covariances.append(slow.covariance(shape, (share * variances) @ slow.spectra / share.sum()))
-    share = np.exp(np.array(weights) - max(weights))
-    averaged: FloatArray = np.einsum("m,mij->ij", share / share.sum(), np.array(covariances))
+    seen = [_Frequencies(frame, constants) for frame in frames]
+    count = max(frame.used for frame in seen)  # alike in all frames, or their likelihoods would be of unlike data
+    for frame in seen:
+        shares = (0.0,) if frame.turning is None else (0.0, *SLOW_SHARES)
+        for share, drifting in product(shares, (False, True)):
+            candidate = _Candidate(frame, estimate, count, share, drifting)
+            for shape, parameters in candidate.component_shapes():
+                judged = candidate.judge(shape)
+                top = judged.log_weights.max()
+                likely = np.exp(judged.log_weights - top)
+                weights.append(top + np.log(likely.sum()) - 0.5 * parameters * np.log(count))  # Schwarz's penalty
+                covariances.append(candidate.covariance(shape, likely * judged.variances / likely.sum()))
+    likely = np.exp(np.array(weights) - max(weights))
+    averaged: FloatArray = np.einsum("m,mij->ij", likely / likely.sum(), np.array(covariances))
     return averaged
 
 
-class _Equations:
-    """The frequencies of equations (N, c, p), the estimate's covariance for noise of unit variance, and who is used."""
+def _drift_precision(design: FloatArray, constants: int) -> FloatArray:
+    """Return what is known (p, p) of the unknowns beforehand: drifts are of about `DRIFT_SDS`."""
+    unknowns = design.shape[2]
+    return np.diag(np.where(np.arange(unknowns) < constants, 0.0, DRIFT_SDS**-2))
 
-    def __init__(self, design: FloatArray, residual: FloatArray) -> None:
+
+class _Frequencies:
+    """Equations (N, c, p) by frequency, the estimate's covariance for noise of unit variance, and which are used."""
+
+    def __init__(self, frame: Equations, constants: int) -> None:
         from scipy.fft import dct
 
-        self.design = dct(design, axis=0, norm="ortho")
-        self.residual = dct(residual, axis=0, norm="ortho")
-        self.bread = np.linalg.inv(np.einsum("kci,kcj->ij", self.design, self.design))
+        self.design = dct(frame.design, axis=0, norm="ortho")
+        self.residual = dct(frame.residual, axis=0, norm="ortho")
+        self.constants, self.drifts = constants, frame.drifts
+        self.known = _drift_precision(frame.design, constants)
+        self.bread = np.linalg.inv(np.einsum("kci,kcj->ij", self.design, self.design) + self.known)
         leverage = np.einsum("kci,ij,kcj->k", self.design, self.bread, self.design)
         lowest = int(np.searchsorted(np.cumsum(leverage), USED_LEVERAGE * leverage.sum()))
-        self.used = min(BAND * lowest + FEWEST_FREQUENCIES, len(design))
+        poses = len(self.design)
+        self.used = min(BAND * lowest + FEWEST_FREQUENCIES, poses)
+        self.turning = None
+        """The slowest half-waves of noise in axes that turn: (N, c, waves * s)."""
+        if frame.turning is not None:
+            waves = dct(np.eye(min(SLOW_HALF_WAVES, poses), poses), type=3, axis=1, norm="ortho")
+            mixed = waves.T[:, None, :, None] * frame.turning[:, :, None]
+            self.turning = dct(mixed.reshape(*frame.residual.shape, -1), axis=0, norm="ortho")
 
 
-class _SlowEquations:
-    """The slowest ``count`` frequencies of equations, and the family of M noise spectra over them."""
+class _Judged(NamedTuple):
+    """What M spectra are worth: log weights (M,), variances (M,), normal matrices (M, q, q), solutions (M, q)."""
 
-    def __init__(self, frame: _Equations, count: int) -> None:
-        self.bread = frame.bread
-        self.design, self.residual = frame.design[:count], frame.residual[:count]
-        self.spectra = _spectra(len(frame.design))[:, :count]
+    log_weights: FloatArray
+    variances: FloatArray
+    normal: FloatArray
+    solutions: FloatArray
 
-    def judge(self, shape: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the log weight (M,) and the variance (M,) of every spectrum, for components of ``shape`` (c, c)."""
-        (count, size), unknowns = self.residual.shape, self.design.shape[2]
-        normal, score, square = self._normal_equations(shape, self.spectra)
-        misfit = square - (score * np.linalg.solve(normal, score[..., None])[..., 0]).sum(axis=1)
-        freedom = count * size - unknowns
+
+class _Candidate:
+    """One kind of noise over the slowest ``count`` frequencies of a frame, and its family of M spectra.
+
+    ``share`` is the variance of the noise in axes that turn; what it and the drift add to the equations are further
+    unknowns, of which their variance is known.
+    """
+
+    def __init__(
+        self, frame: _Frequencies, estimate: FloatArray, count: int, share: float, drifting: bool
+    ) -> None:
+        self.frame, self.poses = frame, len(frame.design)
+        self.design = frame.design[:count]
+        modelled = np.zeros(len(estimate), dtype=bool)
+        modelled[: frame.constants] = True
+        modelled[frame.drifts] = drifting
+        self.residual = frame.residual[:count] - self.design[..., ~modelled] @ estimate[~modelled]
+        self.spectra = _spectra(self.poses, FILTER_MEMORY if drifting else 1.0)[:, :count]
+        random = np.full((len(self.spectra), modelled.sum() - frame.constants), DRIFT_SDS**2)
+        self.turning = None
+        self.fitted = self.design[..., modelled]
+        if share and frame.turning is not None:
+            self.turning = frame.turning[:count]
+            waves = self.spectra[:, : min(SLOW_HALF_WAVES, self.poses)]
+            self.turning_variances = share * np.repeat(waves, self.turning.shape[2] // waves.shape[1], axis=1)
+            random = np.hstack([random, self.turning_variances])
+            self.fitted = np.concatenate([self.fitted, self.turning], axis=2)
+        self.precision = np.hstack([np.zeros((len(random), frame.constants)), 1 / random])
+        # White noise is as likely beforehand as all with a memory.
+        self.log_prior = 0.5 * np.log(1 / random).sum(axis=1) + np.log(
+            DRIFT_PROBABILITY if drifting else 1 - DRIFT_PROBABILITY
+        )
+        self.log_prior[1:] -= np.log(len(random) - 1)
+
+    def judge(self, shape: FloatArray) -> _Judged:
+        """Return how well every spectrum explains the equations, for components of ``shape`` (c, c)."""
+        count, size = self.residual.shape
+        joined = np.concatenate([self.fitted, self.residual[..., None]], axis=2)
+        whitened = np.linalg.inv(np.linalg.cholesky(shape)) @ joined
+        products = whitened.transpose(0, 2, 1) @ whitened
+        sums = ((1 / self.spectra) @ products.reshape(count, -1)).reshape(-1, *products.shape[1:])
+        normal, score, square = sums[:, :-1, :-1], sums[:, :-1, -1], sums[:, -1, -1]
+        unknowns = np.arange(normal.shape[1])
+        normal[:, unknowns, unknowns] += self.precision
+        solutions = np.linalg.solve(normal, score[..., None])[..., 0]
+        misfit = square - (score * solutions).sum(axis=1)
+        freedom = count * size - self.frame.constants
         volume = size * np.log(self.spectra).sum(axis=1) + np.linalg.slogdet(normal)[1]
-        parameters = 0 if np.array_equal(shape, np.eye(size)) else size * (size + 1) / 2 - 1
-        log_weights = -0.5 * (freedom * np.log(misfit) + volume + parameters * np.log(count))  # Schwarz's penalty
-        log_weights[0] += np.log(len(self.spectra) - 1)  # white noise is as likely beforehand as all with a memory
-        return log_weights, misfit / freedom
+        log_weights = self.log_prior - 0.5 * (freedom * np.log(misfit) + volume)
+        return _Judged(log_weights, misfit / freedom, normal, solutions)
 
-    def covariance(self, shape: FloatArray, spectrum: FloatArray) -> FloatArray:
-        """Return the estimate's covariance (p, p) under noise of ``spectrum`` (K,) and ``shape`` (c, c).
+    def covariance(self, shape: FloatArray, variances: FloatArray) -> FloatArray:
+        """Return the estimate's covariance (p, p) under noise of ``shape`` (c, c) and ``variances`` (M,) of spectra.
 
         A shape that was itself estimated makes the covariance's inverse too large on average (Kaufman 1967; the mean
         of an inverse Wishart matrix), so it is widened by as much.
         """
         count, size = self.residual.shape
-        freedom = count - self.design.shape[2] / size
-        widened = 1.0 if np.array_equal(shape, np.eye(size)) else freedom / (freedom - size - 1)
-        scores = (
-            np.einsum("kai,ab->kbi", self.design, np.linalg.cholesky(shape)) * np.sqrt(spectrum)[:, None, None]
-        )
-        spread: FloatArray = self.bread @ np.einsum("kbi,kbj->ij", scores, scores) @ self.bread
-        return widened * spread
+        freedom = count - self.fitted.shape[2] / size
+        widened = freedom / (freedom - size - 1) if np.count_nonzero(shape) > size else 1.0
+        deviations = np.sqrt(variances @ self.spectra)[:, None, None]
+        scores = np.einsum("kai,ab->kbi", self.design, np.linalg.cholesky(shape)) * deviations
+        spread = widened * np.einsum("kbi,kbj->ij", scores, scores) + variances.sum() * self.frame.known
+        if self.turning is not None:
+            carried = np.einsum("kci,kcs->is", self.design, self.turning)
+            spread += (carried * (variances @ self.turning_variances)) @ carried.T
+        covariance: FloatArray = self.frame.bread @ spread @ self.frame.bread
+        return covariance
 
-    def component_shapes(self) -> list[FloatArray]:
-        """Return the candidates (c, c), of determinant one, for the covariance of the noise's components."""
+    def component_shapes(self) -> list[tuple[FloatArray, int]]:
+        """Return the candidates (c, c), of determinant one, for the covariance of the noise's components.
+
+        They are alike, within rotations and within places, or unlike; with how many numbers each takes.
+        """
         count, size = self.residual.shape
-        shapes = [np.eye(size)]
-        for _ in range(SHAPE_ROUNDS if count >= FEWEST_FOR_SHAPE * size else 0):
-            best = self.spectra[[self.judge(shapes[-1])[0].argmax()]]
-            normal, score, _ = self._normal_equations(shapes[-1], best)
-            left = self.residual - self.design @ np.linalg.solve(normal[0], score[0])
-            covariance = (left.T / best) @ left
-            shapes.append(covariance / np.exp(np.linalg.slogdet(covariance)[1] / size))
-        return [shapes[0], *shapes[1:][-1:]]
+        kinds = size // 3
+        alike = np.eye(size)
+        for _ in range(SHAPE_ROUNDS if kinds > 1 else 0):
+            of_kinds = np.diag(self._noise_shape(alike)).reshape(kinds, 3).mean(axis=1)
+            alike = np.diag(np.repeat(of_kinds / np.exp(np.log(of_kinds).mean()), 3))
+        if self.turning is not None or count < FEWEST_FOR_SHAPE * size:
+            return [(alike, kinds - 1)]
+        unlike = alike
+        for _ in range(SHAPE_ROUNDS):
+            covariance = self._noise_shape(unlike)
+            unlike = covariance / np.exp(np.linalg.slogdet(covariance)[1] / size)
+        return [(alike, kinds - 1), (unlike, size * (size + 1) // 2 - 1)]
 
-    def _normal_equations(
-        self, shape: FloatArray, spectra: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return normal matrices (M, p, p), right sides (M, p) and squares (M,), one for each spectrum."""
-        joined = np.concatenate([self.design, self.residual[..., None]], axis=2)
-        whitened = np.linalg.inv(np.linalg.cholesky(shape)) @ joined
-        rows, columns = np.triu_indices(joined.shape[2])
-        sums = (1 / spectra) @ np.einsum("kci,kci->ki", whitened[..., rows], whitened[..., columns])
-        full = np.empty((len(spectra), joined.shape[2], joined.shape[2]))
-        full[:, rows, columns] = full[:, columns, rows] = sums
-        return full[:, :-1, :-1], full[:, :-1, -1], full[:, -1, -1]
+    def _noise_shape(self, shape: FloatArray) -> FloatArray:
+        """Return the covariance (c, c) of the noise's components that is expected under ``shape`` (c, c).
+
+        It counts what the fit leaves and what it took away (Dempster, Laird & Rubin 1977, JRSS B 39:1).
+        """
+        judged = self.judge(shape)
+        best = int(judged.log_weights.argmax())
+        left = self.residual - self.fitted @ judged.solutions[best]
+        scaled = self.fitted / np.sqrt(self.spectra[best])[:, None, None]
+        taken = np.tensordot(scaled @ np.linalg.inv(judged.normal[best]), scaled, axes=([0, 2], [0, 2]))
+        expected: FloatArray = (left.T / self.spectra[best]) @ left + judged.variances[best] * taken
+        return expected
 
 
-def _spectra(count: int) -> FloatArray:
-    """Return the family's variances (M, count), one for each frequency, of mean one; white noise first."""
+def _spectra(count: int, longest: float) -> FloatArray:
+    """Return the family's variances (M, count), one for each frequency, of mean one; white noise first.
+
+    No memory is longer than ``longest`` of the recording.
+    """
     frequency = 2 * np.sin(np.pi * np.arange(count) / (2 * count))
     family = [np.ones(count)]
-    for memory in np.geomspace(1.0, count / 2, MEMORIES):
-        for order in ORDERS:
+    for memory in np.geomspace(1.0, count, MEMORIES):
+        for order, limit in ((1, longest), (2, FILTER_MEMORY)):
+            if memory > max(1.0, limit * count):
+                continue
             with_memory = (memory**-2 + frequency**2) ** -float(order)
             with_memory /= with_memory.mean()
             family += [white + (1 - white) * with_memory for white in WHITE_SHARES]

@@ -2,8 +2,8 @@
 
 Every pose gives ``rotation @ tip + translation = pivot``. Slips are told from the fit that minimizes the sum of the
 residuals' *lengths* (the spatial median's criterion), which is convex and lets no pose pull harder than another. The
-other poses are fitted by least squares, the pivot drifting steadily. Trackers filter their poses, so residuals are
-correlated in time, and the covariance counts that.
+other poses are fitted by least squares; places and orientations may drift steadily. Trackers filter their poses, so
+residuals are correlated in time, and the covariance counts that.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import as_poses
-from ronnaplan.robot.memory import least_squares_covariance
+from ronnaplan.pose import as_poses, cross_matrix
+from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
 
 FEWEST_POSES = 10
 """Of fewer the scatter is not known."""
@@ -34,6 +34,10 @@ SOFTENING_MM = 0.01
 """Rounds the length's kink at zero, well below any tracker's noise."""
 MAXIMUM_ITERATIONS = 300
 CONVERGED_MM = 1e-7
+CONSTANTS = 6
+"""The unknowns are tip and pivot, ..."""
+IN_TRACKER, IN_TOOL = slice(6, 12), slice(12, 15)
+"""... steady drifts of place and orientation in the tracker's axes, and of the tip in the tool's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +45,7 @@ class PivotCalibration:
     """The tip found by pivoting, what it is worth, and which poses were left out."""
 
     tip_mm: FloatArray
-    """Tip (3,) in the tool's frame."""
+    """Tip (3,) in the tool's frame; if the tool's own errors drift steadily, in the middle of the recording."""
     tip_covariance_mm2: FloatArray
     """Covariance (3, 3) of the tip, correlations between successive poses counted."""
     pivot_mm: FloatArray
@@ -89,17 +93,16 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
     _require_turning(matrices[:, :3, :3])
     rotation, shift = matrices[:, :3, :3], -matrices[:, :3, 3]
     still = np.broadcast_to(-np.eye(3), rotation.shape)
-    kept = _without_slips(np.concatenate([rotation, still], axis=2), shift)
-    drift = np.linspace(-1, 1, len(matrices))[:, None, None] * still
-    design = np.concatenate([rotation, still, drift], axis=2)
-    normal = np.einsum("nij,nik->jk", design[kept], design[kept])
-    solution = np.linalg.solve(normal, np.einsum("nij,ni->j", design[kept], shift[kept]))
-    residual = design @ solution - shift
-    in_tool = rotation[kept].transpose(0, 2, 1)
-    covariance = least_squares_covariance(
-        [design[kept], in_tool @ design[kept]], [residual[kept], (in_tool @ residual[kept, :, None])[..., 0]]
-    )
-    length = np.linalg.norm(residual, axis=1)
+    design = np.concatenate([rotation, still], axis=2)
+    kept, steady = _without_slips(design, shift)
+    sd_mm = max(float(np.median(np.linalg.norm(design @ steady - shift, axis=1))) / MAXWELL_MEDIAN, SOFTENING_MM)
+    levers = cross_matrix(rotation @ (steady[:3] / max(float(np.linalg.norm(steady[:3])), SOFTENING_MM)))
+    time = np.linspace(-1, 1, len(matrices))[:, None, None]
+    design = np.concatenate([design / sd_mm, time * still, time * levers, time * rotation], axis=2)
+    solution, _ = least_squares(design[kept], shift[kept] / sd_mm, CONSTANTS)
+    residual = design @ solution - shift / sd_mm
+    covariance = _covariance(design[kept], residual[kept], rotation[kept], levers[kept], solution)
+    length = np.linalg.norm(residual, axis=1) * sd_mm
     found = PivotCalibration(
         solution[:3],
         covariance[:3, :3],
@@ -111,6 +114,22 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
     )
     _require_tip(found)
     return found
+
+
+def _covariance(
+    design: FloatArray, residual: FloatArray, rotation: FloatArray, levers: FloatArray, solution: FloatArray
+) -> FloatArray:
+    """Return the covariance of the ``solution``; noise and drift are in the tracker's axes or in the tool's.
+
+    In the tool's axes an orientation that errs moves the tip as a place that errs does; in the tracker's it acts on
+    the tip by ``levers`` (N, 3, 3), which turn with the tool.
+    """
+    in_tool = rotation.transpose(0, 2, 1)
+    frames = [
+        Equations(design, residual, IN_TRACKER, levers),
+        Equations(in_tool @ design, (in_tool @ residual[..., None])[..., 0], IN_TOOL),
+    ]
+    return least_squares_covariance(frames, solution, CONSTANTS)
 
 
 def _require_tip(found: PivotCalibration) -> None:
@@ -128,8 +147,10 @@ def _require_tip(found: PivotCalibration) -> None:
         )
 
 
-def _without_slips(design: FloatArray, shift: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Return which poses (N,) did not slip."""
+def _without_slips(
+    design: FloatArray, shift: FloatArray
+) -> tuple[np.ndarray[tuple[int], np.dtype[np.bool_]], FloatArray]:
+    """Return which poses (N,) did not slip, and the tip and the pivot (6,) that they tell."""
     kept = np.ones(len(design), dtype=bool)
     solution = _least_lengths(design, shift)
     for _ in range(MAXIMUM_ITERATIONS):
@@ -139,7 +160,7 @@ def _without_slips(design: FloatArray, shift: FloatArray) -> np.ndarray[tuple[in
             break
         kept = closer
         solution = _least_lengths(design[kept], shift[kept])
-    return kept
+    return kept, solution
 
 
 def _least_lengths(design: FloatArray, shift: FloatArray) -> FloatArray:

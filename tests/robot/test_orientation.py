@@ -133,6 +133,27 @@ def test_hand_eye_with_a_slow_error_in_the_tools_axes_states_its_own_error() -> 
     assert 0.4 < np.mean(squares) < 1.6
 
 
+@pytest.mark.parametrize("in_tool", [False, True])
+def test_hand_eye_under_a_steady_drift_states_its_own_error(in_tool: bool) -> None:
+    """Of R from OTS it was stated up to a hundred times too large; true is what holds in the recording's middle."""
+    squares = []
+    time = np.linspace(-1, 1, 100)[:, None]
+    for seed in range(100, 130):
+        seen, driven, m_from_tcp, robot_from_ots = hand_eye_poses(seed, 100, 0.0, 0.0)
+        rng = np.random.default_rng(seed)
+        errors = (rng.normal(size=(100, 6)) + 2 * time * rng.normal(size=6)) * np.repeat([1e-3, 0.2], 3)
+        turns, rotations = Rotation.from_rotvec(errors[:, :3]).as_matrix(), seen[:, :3, :3].copy()
+        seen[:, :3, 3] += np.einsum("nij,nj->ni", rotations, errors[:, 3:]) if in_tool else errors[:, 3:]
+        seen[:, :3, :3] = rotations @ turns if in_tool else turns @ rotations
+        found = calibrate_hand_eye(seen, driven)
+        for pose, truth in ((found.m_from_tcp, m_from_tcp), (found.robot_from_ots, robot_from_ots)):
+            off = truth @ invert(pose.matrix)
+            error = np.append(Rotation.from_matrix(off[:3, :3]).as_rotvec(), off[:3, 3])
+            squares.append(error @ np.linalg.solve(pose.covariance, error) / 6)
+    assert 0.6 < np.mean(squares[::2]) < 1.4  # M from TCP; one standard deviation of the mean: 0.12
+    assert 0.6 < np.mean(squares[1::2]) < 1.4  # R from OTS
+
+
 def test_many_poses_beat_one() -> None:
     """The point of the modern solution: Eq. 5 keeps the error of the one moment it uses."""
     seen, driven, m_from_tcp, robot_from_ots = hand_eye_poses(5, 30, 1e-3, 0.2)
@@ -143,6 +164,18 @@ def test_many_poses_beat_one() -> None:
         return float(Rotation.from_matrix(rotation @ m_from_tcp[:3, :3].T).magnitude())
 
     assert off(calibrate_hand_eye(seen, driven).m_from_tcp.rotation) < 0.5 * off(one)
+
+
+def test_hand_eye_of_few_poses_states_its_own_error() -> None:
+    """Drifts can follow four poses almost anywhere; what is left does not say how well they are known."""
+    squares = []
+    for seed in range(40):
+        seen, driven, m_from_tcp, _ = hand_eye_poses(seed, 4, 1e-3, 0.2)
+        found = calibrate_hand_eye(seen, driven).m_from_tcp
+        off = m_from_tcp @ invert(found.matrix)
+        error = np.append(Rotation.from_matrix(off[:3, :3]).as_rotvec(), off[:3, 3])
+        squares.append(error @ np.linalg.solve(found.covariance, error) / 6)
+    assert 0.3 < np.mean(squares) < 1.5
 
 
 def test_unusable_calibrations_are_named() -> None:
