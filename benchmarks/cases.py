@@ -99,6 +99,18 @@ PROTOCOLS = (
     Condition("axial, jump", 0.015, 0.060, jump_mm=0.5),
     Condition("helix 32 x 0.6, jump", 0.015, 0.060, jump_mm=0.5),
     Condition("cone beam, jump", 0.020, 0.060, jump_mm=0.5),
+    Condition("axial slope 2", 0.015, 0.060),
+    Condition("axial gapped", 0.025, 0.080),
+    Condition("axial motion", 0.015, 0.060),
+    Condition("cone beam truncated", 0.020, 0.060),
+    Condition("cone beam motion", 0.020, 0.060),
+    Condition("helix 16 x 0.75", 0.015, 0.060),
+    Condition("helix 64 x 0.6", 0.015, 0.060),
+    Condition("helix 32 x 0.6, thick", 0.025, 0.080),
+    Condition("helix 32 x 0.6, edge", 0.020, 0.060),
+    Condition("helix 32 x 0.6, denoised", 0.020, 0.060),
+    Condition("helix 32 x 0.6, fast", 0.020, 0.060),
+    Condition("helix motion", 0.015, 0.060),
 )
 """Scans as hospitals make them, by the names of `phantoms.protocols`; their tags are often wrong or missing."""
 

@@ -70,10 +70,19 @@ fewer than one in two hundred are."""
 SHARED = 1.5
 """What is alike in all markers of a scan is less by this factor than what differs between them, in still scans."""
 
+STEADY_ERRORS_MM = PATTERN_ERRORS_MM / [1.0 if " w " in name else 2.0 for name in PATTERNS]
+"""What markers have in common where voxels are no cubes, as cone beams have them, is told by less: the medians of 31
+still scans of twenty were within 1 um for harmonics and 3 um (10 in oblique slices) for what differs by slice. Jumps
+along w are what slices with a lopsided profile show, too."""
+
+OF_SLICES_ALIKE, OF_TURNS_ALIKE = 2, 3
+"""So many markers tell of all by what they show alike from slice to slice, and by harmonics: of these two may show the
+same beside the edge of the field of view."""
+
 LEAST_USUAL = 0.5
-"""What a scan's markers usually show of `SIDEWAYS` is their median, but no less than so many standard errors. Two show
-one of them to the same side by 2.6 times that at most in 38 still scans, and by 5.1 to 12 times in five where the head
-jumped while a helix or slices passed it."""
+"""What a scan's markers usually show is their median, but no less than so many standard errors. Two show one of
+`SIDEWAYS` to the same side by 2.6 times that at most in 38 still scans, and by 5.1 to 12 times in five where the head
+jumped while a helix or slices passed it; three a harmonic by 2.6 times in 85 and by 6.7 where it jumped in a turn."""
 
 MOST_EXCUSED = 2.0
 """Cone beams show differences between slices where nothing moves, for their rays slant: 1.2 to 2.6 standard errors
@@ -155,29 +164,45 @@ def _movement(fit: BallFit, products: FloatArray, squares: FloatArray, sums: Flo
 
 
 def suspected(movements: Sequence[Movement], *, in_cubes: bool = False) -> list[bool]:
-    """Whether each marker of a scan shows motion by itself, all of them do together, or two tell of all.
+    """Whether each marker of a scan shows motion by itself, all of them do together, or a few tell of all.
 
-    What two show alike, and the others do not, is the head's: those above and below them were not scanned in one place.
-    Voxels that are cubes (``in_cubes``) are cone beams', of which less is believed from slice to slice.
+    What two show alike from slice to slice, or three within one turn, and the others do not, is the head's: those above
+    and below them were not scanned in one place. Voxels that are cubes (``in_cubes``) are cone beams', of which less is
+    believed: all is made in one turn there.
     """
     if len(movements) < LEAST_TOGETHER:
         return [one.statistic > LIMIT for one in movements]
     amplitudes = np.array([one.amplitudes_mm for one in movements])
-    errors = np.hypot(np.array([one.errors_mm for one in movements]), PATTERN_ERRORS_MM)
-    told = np.isfinite(amplitudes).all(axis=0)
-    middle = np.where(told, np.median(np.nan_to_num(amplitudes), axis=0), np.nan)
-    sideways = np.nan_to_num(amplitudes / errors)[:, SIDEWAYS]
-    usual = max(_usual(sideways), LEAST_USUAL)
-    low, high = np.sort(sideways, axis=0)[[1, -2]]
+    noise = np.array([one.errors_mm for one in movements])
+    errors = np.hypot(noise, PATTERN_ERRORS_MM)
+    ratios = np.nan_to_num(amplitudes / errors)
+    of_few = _alike(ratios[:, SIDEWAYS], OF_SLICES_ALIKE)
     if in_cubes:
-        beside = np.nan_to_num((amplitudes - middle) / errors)[:, SIDEWAYS]
+        beside = np.nan_to_num((amplitudes - _middle(amplitudes)) / errors)[:, SIDEWAYS]
         errors[:, :OF_SLICES] *= min(max(_usual(beside), 1.0), MOST_EXCUSED)
-    spread = MEDIAN_SPREAD * np.sqrt(np.median(np.nan_to_num(errors**2), axis=0) / len(movements))
-    together = (
-        _largest(middle / np.hypot(spread, PATTERN_ERRORS_MM / SHARED)) > LIMIT
-        or max(high.max(), -low.min()) > LIMIT * usual
-    )
-    return [together or _largest(ratios) > LIMIT for ratios in amplitudes / errors]
+        of_all = _in_common(amplitudes, errors, PATTERN_ERRORS_MM)
+    else:
+        of_few = max(of_few, _alike(ratios[:, OF_SLICES:], OF_TURNS_ALIKE))
+        of_all = _in_common(amplitudes, np.hypot(noise, STEADY_ERRORS_MM), STEADY_ERRORS_MM)
+    return [max(of_all, of_few) > LIMIT or _largest(own) > LIMIT for own in amplitudes / errors]
+
+
+def _alike(ratios: FloatArray, count: int) -> float:
+    """Return how many times as large as usual a pattern (N, P) is that ``count`` markers show to the same side."""
+    ordered = np.sort(ratios, axis=0)
+    return float(max(ordered[-count].max(), -ordered[count - 1].min())) / max(_usual(ratios), LEAST_USUAL)
+
+
+def _in_common(amplitudes: FloatArray, errors: FloatArray, still_mm: FloatArray) -> float:
+    """Return the largest median of patterns (N, P) in standard errors, beside what still scans show (P,)."""
+    spread = MEDIAN_SPREAD * np.sqrt(np.median(np.nan_to_num(errors**2), axis=0) / len(amplitudes))
+    return _largest(_middle(amplitudes) / np.hypot(spread, still_mm / SHARED))
+
+
+def _middle(amplitudes: FloatArray) -> FloatArray:
+    """Return the median of each pattern (N, P); NaN for those that not all voxels tell."""
+    told = np.isfinite(amplitudes).all(axis=0)
+    return np.where(told, np.median(np.nan_to_num(amplitudes), axis=0), np.nan)
 
 
 def _usual(ratios: FloatArray) -> float:

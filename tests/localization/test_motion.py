@@ -110,3 +110,20 @@ def test_what_all_markers_of_a_cone_beam_show_from_slice_to_slice_is_told_by_non
     assert suspected([*usual, showing("third cos", 6.0)], in_cubes=True) == [*[False] * 5, True]
     still = [showing("drift u", sign * 0.5) for sign in (1.0, -1.0, 1.0, -1.0, 1.0)]
     assert suspected([*still, showing("drift u", -6.0)], in_cubes=True) == [*[False] * 5, True]
+
+
+def test_little_that_all_markers_show_is_told_unless_a_cone_beam_makes_it() -> None:
+    """A head that drifts in the turns of an axial scan bends every ball by 7 um in one sense; no still scan by 1."""
+    bent = [showing("third sin", 1.75)] * 20
+    assert suspected(bent) == [True] * 20
+    assert suspected(bent, in_cubes=True) == [False] * 20
+    assert suspected([*bent[:9], *[showing("third sin", 0.2)] * 11]) == [False] * 20
+
+
+def test_what_three_markers_of_one_turn_show_alike_is_told_by_all() -> None:
+    """A head that jumped while one turn made 20 mm of slices: their markers, off by 0.2 mm, each show too little."""
+    still, bent = [showing("drift u", 0.4)] * 5, showing("across sin", 3.3)
+    assert suspected([*still, bent, bent, bent]) == [True] * 8
+    assert suspected([*still, bent, bent]) == [False] * 7
+    assert suspected([*still, bent, bent, showing("across sin", -3.3)]) == [False] * 8
+    assert suspected([*still, bent, bent, bent], in_cubes=True) == [False] * 8
