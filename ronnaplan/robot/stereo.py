@@ -30,7 +30,7 @@ CENTERS = np.array([0, 1, 3, 4])
 """Of the places in two images, those of the center."""
 
 
-Sight = TypeVar("Sight", Cone, Outline)
+Found = TypeVar("Found", Cone, Outline)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +127,7 @@ def _that_may_meet(
     return [lefts[i] for i in np.flatnonzero(may.any(1))], [rights[j] for j in np.flatnonzero(may.any(0))]
 
 
-def _crossing(rig: StereoRig, left: Sight, right: Sight) -> tuple[FloatArray, float]:
+def _crossing(rig: StereoRig, left: Found, right: Found) -> tuple[FloatArray, float]:
     """Return the position (3,) nearest to both lines of sight, and how far they pass from each other (mm)."""
     directions = np.array(
         [camera.rig_from_camera[:3, :3] @ one.direction for camera, one in _seen(rig, left, right)]
@@ -151,7 +151,7 @@ def _meet(left: Outline, right: Outline, rig: StereoRig, lamp_sd_deg: float) -> 
     return StereoSphere(position, covariance, gap_mm, left, right)
 
 
-def _seen(rig: StereoRig, left: Sight, right: Sight) -> tuple[tuple[Camera, Sight], tuple[Camera, Sight]]:
+def _seen(rig: StereoRig, left: Found, right: Found) -> tuple[tuple[Camera, Found], tuple[Camera, Found]]:
     return (rig.left, left), (rig.right, right)
 
 
