@@ -1,7 +1,6 @@
 """Correspondence against its peers: right, refused and false answers, and time, on the same simulated heads.
 
-    python -m benchmarks.correspondence peers [--tests N]
-    python -m benchmarks.correspondence large [--tests N]
+    python -m benchmarks.correspondence peers|large [--tests N] [--seed N]
 
 The peers align point clouds and state neither a probability nor a refusal.  Each is given the same acceptance
 test: its answer counts when its pose brings exactly the expected number of mutually nearest points within 3 mm,
@@ -44,7 +43,6 @@ LARGE_CASES = (
     (24, 40, 300.0, 20),
     (20, 0, 300.0, 20),
 )
-SEED = 20_260
 
 Matcher = Callable[[FloatArray, FloatArray, int], Pairs]
 
@@ -54,11 +52,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("peers", "large"), help="small sets and all matchers, or large sets")
     parser.add_argument("--tests", type=int, default=200, help="tests a case")
+    parser.add_argument("--seed", type=int, default=20_260)
     arguments = parser.parse_args()
-    print(small_table(arguments.tests) if arguments.what == "peers" else large_table(arguments.tests))
+    table = {"peers": small_table, "large": large_table}[arguments.what]
+    print(table(arguments.tests, arguments.seed))
 
 
-def small_table(tests: int) -> str:
+def small_table(tests: int, seed: int) -> str:
     """Return the table of all matchers on marker sets."""
     matchers: dict[str, Matcher] = {
         "exact": exact,
@@ -75,7 +75,7 @@ def small_table(tests: int) -> str:
         "|---|---|---|---|---|---|---|",
     ]
     for markers, outliers in CASES:
-        scenes = simulate_scenes(np.random.default_rng(SEED), HEADS_MM[0], tests, markers, outliers)
+        scenes = simulate_scenes(np.random.default_rng(seed), HEADS_MM[0], tests, markers, outliers)
         for name, matcher in matchers.items():
             matcher(scenes.ct[0], scenes.ots[0], markers)
             right = refused = 0
@@ -221,7 +221,7 @@ def accept(ct: FloatArray, ots: FloatArray, matrix: FloatArray, expected: int) -
     return np.column_stack((i, forth[i])) if len(i) == expected else np.zeros((0, 2), dtype=np.int64)
 
 
-def large_table(tests: int) -> str:
+def large_table(tests: int, seed: int) -> str:
     """Return the table of larger sets: compact markers, wider, equal and narrower outliers, second bodies."""
     lines = [
         "| markers | outliers | in a field of mm | second body | right | refused | too few given | wrong "
@@ -233,7 +233,7 @@ def large_table(tests: int) -> str:
         right = refused = few = sound = chance = 0
         times = []
         for test in range(tests):
-            ct, ots, partner = body_scene(np.random.default_rng([SEED, test]), markers, outliers, field, second)
+            ct, ots, partner = body_scene(np.random.default_rng([seed, test]), markers, outliers, field, second)
             start = time.process_time()
             pairs = match_points(ct, ots).pairs
             times.append(1000 * (time.process_time() - start))

@@ -202,17 +202,18 @@ def test_a_cluster_without_workers_is_told_of_before_it_is_waited_for(caplog: py
 
 def test_a_child_that_gets_no_more_work_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     """On a cluster it stayed, with its memory, until another run came, where a client was interrupted or killed."""
-    monkeypatch.setattr(children, "IDLE_S", 0.3)
     order = {"job": 1, "series_uid": "1.20", "files": [["f", "content", 1]], "known": {"1.20": "content"}}
     limits = {"seconds": 60, "memory_mib": 4096}
     assert children.work_on(order, limits, FAKE)["state"] == "done"
     (hand,) = children._idle
+    monkeypatch.setattr(children, "IDLE_S", 0.3)
     assert children.work_on(order, limits, FAKE)["state"] == "done"
-    assert children._idle == [hand]  # in time
-    while children._idle:
+    assert hand.orders == 2  # it was there for the next
+    last = time.monotonic() + 30
+    while hand.child.status is None and time.monotonic() < last:
         time.sleep(0.05)
-    while hand.child.status is None:
-        time.sleep(0.05)
+    assert hand.child.status is not None
+    assert children._idle == []
 
 
 def test_a_folder_that_another_run_has_is_left_alone(tmp_path: Path) -> None:
