@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -39,19 +40,23 @@ def run(arguments: argparse.Namespace) -> int:
         return _init(arguments.rules)
     if arguments.output is None or (not arguments.roots and not arguments.as_listed):
         raise UsageError("a ROOT and -o OUT are needed; --rules FILE --init writes example rules")
+    from tqdm.contrib.logging import logging_redirect_tqdm
+
     from ronnaplan.cohort.cohort import run_cohort
     from ronnaplan.cohort.rules import Rules, read_rules
 
-    counts = run_cohort(
-        arguments.roots,
-        Path(arguments.output),
-        Rules() if arguments.rules is None else read_rules(arguments.rules),
-        scheduler=arguments.scheduler,
-        workers=arguments.workers,
-        list_roots=not arguments.as_listed,
-        again=arguments.again,
-        progress=True,
-    )
+    rules = Rules() if arguments.rules is None else read_rules(arguments.rules)
+    with logging_redirect_tqdm([logging.getLogger("ronnaplan")]):  # warnings are shown, above the bar
+        counts = run_cohort(
+            arguments.roots,
+            Path(arguments.output),
+            rules,
+            scheduler=arguments.scheduler,
+            workers=arguments.workers,
+            list_roots=not arguments.as_listed,
+            again=arguments.again,
+            progress=True,
+        )
     print(_told(counts, arguments.output), file=sys.stderr)
     return 0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 import time
 import warnings
@@ -40,6 +41,10 @@ shows to whoever asks."""
 HIDDEN: Final = "127.0.0.1:0"
 """Where its two web servers, which Dask does not do without, are: any free port of this machine, not of the network."""
 ASK_AGAIN_S: Final = 5.0
+"""How often it is asked how many workers there are."""
+GONE_S: Final = 30.0
+"""That all workers are gone is told after so long: who restarts one, or a cluster's manager, takes some seconds."""
+POLL_S: Final = 0.02
 AHEAD: Final = 2
 """Series that are sent ahead for each thread of a worker: it never waits for the next."""
 
@@ -52,18 +57,31 @@ class _Sent:
     attempts: int = 1
 
 
-class _Threads:
-    """How many threads the workers have, asked for now and then: workers come and go."""
+class _Workers:
+    """The workers' threads, counted now and then: workers come and go. That there are none is told, once each time."""
 
     def __init__(self, client: Client) -> None:
-        self._client, self._count, self._asked = client, 1, -ASK_AGAIN_S
+        self._client, self._threads, self._is_told = client, 0, False
+        self._asked = self._seen = -math.inf
 
-    def count(self) -> int:
-        """Return their number, at least one."""
+    def threads(self) -> int:
+        """Return how many threads they have, at least one."""
         now = time.monotonic()
-        if now > self._asked + ASK_AGAIN_S:
-            self._count, self._asked = max(sum(self._client.nthreads().values()), 1), now
-        return self._count
+        if now >= self._asked + ASK_AGAIN_S:
+            self._asked = now
+            with suppress(OSError):  # of a scheduler that is lost the futures tell
+                self._threads = sum(self._client.nthreads().values())
+                self._tell(now)
+        return max(self._threads, 1)
+
+    def _tell(self, now: float) -> None:
+        if self._threads:
+            if self._is_told:
+                LOG.warning("the Dask cluster has workers now: the run goes on")
+            self._seen, self._is_told = now, False
+        elif not self._is_told and now >= self._seen + GONE_S:
+            LOG.warning("the Dask cluster has no workers; the run waits, and goes on when some come")
+            self._is_told = True
 
 
 @contextmanager
@@ -107,8 +125,6 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError(f"no Dask scheduler answers at {scheduler}; check the address") from error
     with client:
-        if not client.nthreads():
-            LOG.warning("the Dask scheduler at %s has no workers yet; waiting for the first", scheduler)
         yield client
         with suppress(Exception):  # a worker that does not answer has no children to end
             client.run(children.dismiss)
@@ -132,14 +148,14 @@ def work_off(
     from tqdm import tqdm
 
     waiting = orders(index, rules, tasks)
-    threads = _Threads(client)
+    workers = _Workers(client)
     sent: dict[str, _Sent] = {}
     queue = as_completed(raise_errors=False)
     with tqdm(
         total=index.count(WAITING), unit=" series", smoothing=0.02, disable=None if progress else True
     ) as bar:
-        _fill(client, threads, waiting, sent, queue, module)
-        for future in queue:
+        _fill(client, workers, waiting, sent, queue, module)
+        for future in _ended(queue, workers):
             one = sent.pop(future.key)
             outcome = _outcome(future)
             if outcome is None:
@@ -156,19 +172,19 @@ def work_off(
             settings = settings_of(tasks[one.series.rule], rules.limits, state_of(outcome))
             keep(index, out, one.series, TO_DO_AGAIN if outcome["state"] == GONE else settings, outcome)
             bar.update()
-            _fill(client, threads, waiting, sent, queue, module)
+            _fill(client, workers, waiting, sent, queue, module)
 
 
 def _fill(
     client: Client,
-    threads: _Threads,
+    workers: _Workers,
     waiting: Iterator[tuple[SeriesRow, dict[str, Any], dict[str, Any]]],
     sent: dict[str, _Sent],
     queue: Any,
     module: str,
 ) -> None:
     """Send as many series as the workers' threads need, and no more: neither orders nor results pile up."""
-    while len(sent) < AHEAD * threads.count():
+    while len(sent) < AHEAD * workers.threads():
         given = next(waiting, None)
         if given is None:
             return
@@ -180,6 +196,16 @@ def _send(client: Client, one: _Sent, sent: dict[str, _Sent], queue: Any, module
     future = client.submit(children.work_on, one.order, one.limits, module, key=key, pure=False)
     sent[key] = one
     queue.add(future)
+
+
+def _ended(queue: Any, workers: _Workers) -> Iterator[Any]:
+    """Yield each future as it ends, and see meanwhile whether there are workers."""
+    while not queue.is_empty():
+        if queue.has_ready():
+            yield next(queue)
+        else:
+            time.sleep(POLL_S)
+            workers.threads()
 
 
 def _outcome(future: Any) -> Outcome | None:

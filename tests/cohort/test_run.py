@@ -8,11 +8,14 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from ronnaplan.cli import main
 from ronnaplan.cohort import children, run
 from ronnaplan.cohort.cohort import Counts, run_cohort
 from ronnaplan.cohort.index import Index
@@ -189,15 +192,50 @@ def test_a_cluster_gives_the_same_table_and_a_lost_or_absent_scheduler_is_told(
         run_cohort(given, tmp_path / "out", rules, scheduler="tcp://127.0.0.1:1", module=FAKE)
 
 
-def test_a_cluster_without_workers_is_told_of_before_it_is_waited_for(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_cluster_without_workers_is_told_of_once_each_time_and_the_run_goes_on_when_some_come(
+    tmp_path: Path, log: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     from distributed import LocalCluster
 
-    with LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=None, processes=True) as cluster:
-        with run.connected(cluster.scheduler_address, None):
-            pass
-        assert [record.message for record in caplog.records if record.name == run.__name__] == [
-            f"the Dask scheduler at {cluster.scheduler_address} has no workers yet; waiting for the first"
-        ]
+    monkeypatch.setattr(run, "ASK_AGAIN_S", 0.05)
+    monkeypatch.setattr(run, "GONE_S", 0.2)
+    monkeypatch.setenv("FAKE_SECONDS", "0.3")
+    for name in range(20, 24):
+        tiny(tmp_path / "in", str(name))
+
+    def told() -> list[str]:
+        return [record.message for record in caplog.records if record.name == run.__name__]
+
+    def see(what: Callable[[], str | list[str]], count: int) -> None:
+        last = time.monotonic() + 30
+        while len(what()) < count:
+            assert time.monotonic() < last
+            time.sleep(0.02)
+
+    here = {"host": "127.0.0.1", "protocol": "tcp://", "processes": False, "dashboard_address": None}
+    with LocalCluster(n_workers=0, threads_per_worker=1, **here) as cluster, ThreadPoolExecutor(1) as pool:
+        given = [str(tmp_path / "in")], tmp_path / "out", Rules(rule=(RULE,))
+        ended = pool.submit(run_cohort, *given, scheduler=cluster.scheduler_address, module=FAKE)
+        for count, workers in enumerate((1, 0, 1), start=1):
+            see(told, count)
+            if not workers:
+                see(log.read_text, 1)
+            cluster.scale(workers)
+        assert ended.result(30).done == 4
+    none = "the Dask cluster has no workers; the run waits, and goes on when some come"
+    assert told() == 2 * [none, "the Dask cluster has workers now: the run goes on"]
+
+
+def test_what_a_cohort_warns_of_is_shown_where_it_is_run_from_a_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def warned(*_: Any, **__: Any) -> Counts:
+        run.LOG.warning("no workers")
+        raise InputError("ended")
+
+    monkeypatch.setattr("ronnaplan.cohort.cohort.run_cohort", warned)
+    assert main(["cohort", str(tmp_path), "-o", str(tmp_path / "out")]) == 1
+    assert capsys.readouterr().err == "no workers\nronnaplan: ended\n"
 
 
 def test_a_child_that_gets_no_more_work_ends(monkeypatch: pytest.MonkeyPatch) -> None:
