@@ -73,10 +73,10 @@ phantoms here. It depends on the machine's corrections, which no image tells."""
 
 NO_METAL: Final = np.zeros(3)
 
-LAG_MM = 0.005
+LAG_MM = 0.006
 """Standard error within the slices where the blur is a flat panel's (`_by_panel`): it keeps a part of what it saw
-before, which displaces all that turns past it in one sense, and bends it little. Two simulated panels, with 0.5 to 1.5
-times the usual lag, moved markers by 3.7 and 12.7 um; no image tells how much a panel lags."""
+before, which displaces all that turns past it in one sense, and bends it little. Nine simulated panels here moved all
+markers of a scan by 3 to 7 um, two of another simulator by 3.7 and 12.7; no image tells how much a panel lags."""
 
 HIDDEN_SHADING = 1.4
 """Factor of the covariance where clipping hides how the ball is shaded."""
