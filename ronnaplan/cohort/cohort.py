@@ -84,7 +84,10 @@ def run_cohort(
 
 
 def _counts(index: Index, rules: Rules, listed: Listed, worked: int) -> Counts:
-    parts = dict(index.rows("SELECT state, COUNT(*) FROM parts GROUP BY state"))
+    kept = (
+        "SELECT parts.state, COUNT(*) FROM parts JOIN series ON series.id = parts.series WHERE series.state != ?"
+    )
+    parts = dict(index.rows(f"{kept} GROUP BY parts.state", LEFT))
     done, refused, unusable = (parts.get(state, 0) for state in (DONE, REFUSED, UNUSABLE))
     used = {name for (name,) in index.rows("SELECT DISTINCT rule FROM series")}
     idle = tuple(rule.name for rule in rules.rule if rule.name not in used)

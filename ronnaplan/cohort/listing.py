@@ -24,6 +24,8 @@ CHUNK: Final = 1000
 """Files whose headers are read between two commits: what a killed listing has to do again."""
 REQUESTS: Final = 32
 """Headers that are fetched at one time from behind a URL."""
+PARTLY: Final = "some of its files cannot be read"
+"""What the index has of an archive of which some members are missing."""
 
 Item = TypeVar("Item")
 
@@ -148,21 +150,32 @@ def _looked_into(place: Place, met: Met, blob: Blob) -> _LookedInto:
 
 
 def _list_archive(index: Index, number: int, root: str, met: Met, listed: Listed) -> None:
-    """Enter a new or changed archive, as a place of its own, with all its members, or nothing of it."""
+    """Enter a new or changed archive, as a place of its own, with all its members, or nothing of it.
+
+    Of one that is as it was, only the members that could not be read are looked into.
+    """
     place = Place(root, f"{met.folder}/{met.name}".lstrip("/"))
     skipped: list[Skipped] = []
     with index.transaction():
         inside = index.place(place)
-        _remove(index, "place = ?", inside)
+        is_same = index.value(
+            "SELECT 1 FROM files WHERE (place, folder, name, size, stamp, reason) = (?, ?, ?, ?, ?, ?)",
+            *(number, *met, PARTLY),
+        )
+        _remove(index, "place = ? AND (trouble OR NOT ?)", inside, bool(is_same))
+        known = set(index.rows("SELECT folder, name FROM files WHERE place = ?", inside))
         reason = ""
         try:
-            looked = (_looked_into(place, member, blob) for member, blob in place.members(skipped))
-            for chunk in _chunks(looked, CHUNK):
+            members = (one for one in place.members(skipped) if one[0][:2] not in known)
+            for chunk in _chunks((_looked_into(place, *member) for member in members), CHUNK):
                 _enter(index, inside, chunk, listed)
         except InputError as error:
             reason = str(error)
             listed.skipped.append(reason)
-        listed.skipped += [f"{one.name}: {one.reason}" for one in skipped if one.is_trouble]
+        told = [f"{one.name}: {one.reason}" for one in skipped if one.is_trouble]
+        listed.skipped += told
+        if told or index.value("SELECT 1 FROM files WHERE place = ? AND trouble LIMIT 1", inside):
+            reason = reason or PARTLY
         _remove(index, "place = ? AND folder = ? AND name = ?", number, met.folder, met.name)
         index.run(
             "INSERT INTO files (place, folder, name, size, stamp, archive, reason) VALUES (?, ?, ?, ?, ?, ?, ?)",
@@ -184,8 +197,9 @@ def _enter(index: Index, place: int, looked: Sequence[_LookedInto], listed: List
             known[uids] = series
         rows.append((place, *one.met, series, one.is_trouble, one.reason))
     listed.skipped += [one.told for one in looked if one.told]
-    index.run_many(
-        "INSERT INTO files (place, folder, name, size, stamp, series, trouble, reason) VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+    index.run_many(  # archives may have several members of one name
+        "INSERT OR REPLACE INTO files (place, folder, name, size, stamp, series, trouble, reason)"
+        " VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
         rows,
     )
     index.run_many("UPDATE series SET revision = revision + 1 WHERE id = ?", [(each,) for each in known.values()])

@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 import math
 import os
+import signal
+import threading
 import time
 import warnings
 from collections.abc import Iterator, Mapping
@@ -103,6 +105,7 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
             warnings.simplefilter("ignore", RuntimeWarning)
             distributed.utils.get_ip()  # a machine without a network would be warned of it
         with (
+            _interrupted_once(),
             dask.config.set(QUIET),
             distributed.LocalCluster(
                 n_workers=1,
@@ -128,6 +131,25 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
         yield client
         with suppress(Exception):  # a worker that does not answer has no children to end
             client.run(children.dismiss)
+
+
+@contextmanager
+def _interrupted_once() -> Iterator[None]:
+    """After one Ctrl-C hear no other: to end takes a moment, and ended amidst that Dask leaves tracebacks."""
+
+    def interrupt(*_: object) -> None:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    is_heard = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if not is_heard or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def work_off(

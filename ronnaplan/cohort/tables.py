@@ -64,7 +64,8 @@ SELECT places.root, places.archive, series.folder, series.study_uid, series.seri
     parts.key, parts.state, parts.reason, parts.content, parts.found, parts.expected, parts.scan, parts.markers,
     parts.rejected, parts.checked, parts.fiducials, parts.sheet,
     series.modality, series.description, series.protocol, series.station
-FROM series JOIN places ON places.id = series.place LEFT JOIN parts ON parts.series = series.id
+FROM series JOIN places ON places.id = series.place
+    LEFT JOIN parts ON parts.series = series.id AND series.state != 'left' -- which has the results of an earlier rule
 ORDER BY places.root, places.archive, series.study_uid, series.series_uid, parts.number
 """
 

@@ -176,6 +176,40 @@ def test_an_archive_within_an_archive_is_told(index: Index, tmp_path: Path) -> N
     assert "outer.zip:study/a.zip: an archive within an archive" in told
 
 
+def test_members_that_cannot_be_read_are_told_each_time_and_alone_tried_again(
+    index: Index, tmp_path: Path, read: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "in").mkdir()
+    archive = zipped(tiny(tmp_path / "elsewhere", "1"), tmp_path / "in" / "a.zip")
+    opened = zipfile.ZipFile.open
+
+    def failing(self: zipfile.ZipFile, info: zipfile.ZipInfo) -> object:
+        if info.filename.endswith("1-002"):
+            raise OSError(5, "Input/output error")
+        return opened(self, info)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(zipfile.ZipFile, "open", failing)
+        for _ in range(2):
+            (told,) = bring_up_to_date(index, [str(tmp_path / "in")]).skipped
+            assert "a.zip:study/1-002: it cannot be unpacked ([Errno 5] Input/output error)" in told
+            assert found(index) == {"1": ("study", SLICES - 1, 1)}
+    read.clear()
+    for _ in range(2):
+        assert not bring_up_to_date(index, [str(tmp_path / "in")]).skipped
+        assert found(index) == {"1": ("study", SLICES, 2)}
+    assert read == [str(archive), f"{archive}:study/1-002"]
+
+
+def test_an_archive_with_two_members_of_one_name_stops_nothing(index: Index, tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    archive = zipped(tiny(tmp_path / "elsewhere", "1"), tmp_path / "in" / "a.zip")
+    with zipfile.ZipFile(archive, "a") as made, pytest.warns(UserWarning, match="Duplicate name"):
+        made.write(tmp_path / "elsewhere" / "1-002", "study/1-002")
+    assert not bring_up_to_date(index, [str(tmp_path / "in")]).skipped
+    assert found(index) == {"1": ("study", SLICES, 1)}
+
+
 def test_files_that_cannot_be_read_are_told_and_tried_again(
     index: Index, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
