@@ -126,14 +126,17 @@ def _fallen(
     directions must show ``least``.
     """
     shares = np.zeros(len(places))
-    inside, outside = np.empty(len(inner)), np.empty(len(inner))
+    count = len(inner)
+    inside, outside, known, beyond = np.empty(count), np.empty(count), np.empty(count), np.empty((count, 3))
     for n in range(len(places)):
         first = 0
-        for end in (GLANCE, len(inner)):
-            beyond = outer[first:end] + thickness[n] * per_thickness[first:end]
+        for end in (GLANCE, count):
+            for m in range(first, end):
+                for a in range(3):
+                    beyond[m, a] = outer[m, a] + thickness[n] * per_thickness[m, a]
             fill_nearest(places[n], inner[first:end], voxels, origins, steps, padding, inside[first:end])
-            fill_nearest(places[n], beyond, voxels, origins, steps, padding, outside[first:end])
-            shares[n] = _share(inside[:end], outside[:end])
+            fill_nearest(places[n], beyond[first:end], voxels, origins, steps, padding, outside[first:end])
+            shares[n] = _share(inside[:end], outside[:end], known)
             if shares[n] < least:
                 break
             first = end
@@ -141,18 +144,59 @@ def _fallen(
 
 
 @njit(cache=True, nogil=True)
-def _share(inside: FloatArray, outside: FloatArray) -> float:
-    """Share of directions that are bright ``inside`` (M,) and dark ``outside`` (M,); NaN is unknown."""
-    bright, dark = np.sort(inside[~np.isnan(inside)]), np.sort(outside[~np.isnan(outside)])
-    if len(bright) == 0 or len(dark) == 0:
+def _share(inside: FloatArray, outside: FloatArray, known: FloatArray) -> float:
+    """Share of directions that are bright ``inside`` (M,) and dark ``outside`` (M,); NaN is unknown.
+
+    ``known`` (M or more,) is room to work in.
+    """
+    bright = _known(inside, known)
+    if bright == 0:
         return 0.0
-    high, low = bright[len(bright) // 2], dark[int(BACKGROUND_SHARE * (len(dark) - 1))]
+    high = _ranked(known[:bright], bright // 2)
+    dark = _known(outside, known)
+    if dark == 0:
+        return 0.0
+    low = _ranked(known[:dark], int(BACKGROUND_SHARE * (dark - 1)))
     if high - low < MIN_CONTRAST_HU:
         return 0.0
     middle, fallen = (high + low) / 2.0, 0
     for n in range(len(inside)):
         fallen += inside[n] > middle and outside[n] < middle
     return fallen / len(inside)
+
+
+@njit(cache=True, nogil=True)
+def _known(values: FloatArray, known: FloatArray) -> int:
+    """Fill ``known`` with those of ``values`` (M,) that are no NaN; return how many there are."""
+    count = 0
+    for value in values:
+        known[count] = value
+        count += not math.isnan(value)
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _ranked(values: FloatArray, rank: int) -> float:
+    """Return what would have the ``rank`` of ``values`` (M,) if they were sorted; puts them in another order.
+
+    By Hoare's FIND, Comm. ACM 4:321, 1961.
+    """
+    low, high = 0, len(values) - 1
+    while low < high:
+        pivot, i, j = values[rank], low, high
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while pivot < values[j]:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i, j = i + 1, j - 1
+        if j < rank:
+            low = i
+        if rank < i:
+            high = j
+    return float(values[rank])
 
 
 @njit(cache=True, nogil=True)

@@ -164,7 +164,7 @@ def _round_places(scan: Scan, coarse: CTVolume, marker: Build, progress: bool) -
             balls += [(place, diameter_mm) for place in places[shares >= LEAST_SHOWN]]
         return balls
 
-    tried = advancing(map(voted, copies.values()), len(copies), progress, "trying sizes")
+    tried = advancing(in_threads(voted, copies.values()), len(copies), progress, "trying sizes")
     found = [ball for some in tried for ball in some]
     if not found:
         return []
