@@ -20,6 +20,9 @@ SMALLEST_SPREAD_MM = 1.0
 LARGEST_SPREAD_MM = 20_000.0
 """Sets whose extent lies outside these cannot be a head or a tracker's field in mm (metres? micrometres?)."""
 
+MIRROR = np.array([-1.0, 1.0, 1.0])
+"""Turns points into their mirror image."""
+
 
 @dataclass(frozen=True, eq=False)
 class ErrorModel:
@@ -38,6 +41,11 @@ class ErrorModel:
         """Return errors so many times as large."""
         covariances = None if self.covariances is None else scale**2 * self.covariances
         return ErrorModel(scale**2 * self.variances, covariances)
+
+    def mirrored(self) -> ErrorModel:
+        """Return the errors of the points' mirror image."""
+        covariances = None if self.covariances is None else self.covariances * np.outer(MIRROR, MIRROR)
+        return ErrorModel(self.variances, covariances)
 
 
 def checked_points(values: ArrayLike, name: str) -> FloatArray:

@@ -10,7 +10,7 @@ import numpy as np
 from ronnaplan.correspondence.chance import Chance
 from ronnaplan.correspondence.evidence import SCALES, fits_as_well, is_collinear
 from ronnaplan.correspondence.lookup import point_grid
-from ronnaplan.correspondence.pairing import MOST_RIVALS, Pairing, Rival, no_pairs
+from ronnaplan.correspondence.pairing import LEFT_HANDED, MOST_RIVALS, Pairing, Rival, no_pairs
 from ronnaplan.correspondence.poses import Found, find_poses
 from ronnaplan.correspondence.problem import Problem, moved_pairs, pairs_of
 from ronnaplan.correspondence.refining import PAIR_SIGMAS, refined
@@ -70,9 +70,8 @@ def match_large(problem: Problem, least_probability: float) -> Pairing:
                 f"missed (probability {found.missed:.2g}); leave out what is no marker, or state known pairs"
             )
         return Pairing("ambiguous", no_pairs(), probability, rivals, reason, telling_point(found.poses))
-    if is_flat(problem, best) and is_mirrored(problem, best, float(of_pairs.sum())):
-        reason = "the mirror image fits more points: the coordinates of one set are left-handed; check its axes"
-        return Pairing("unmatched", no_pairs(), probability, rivals, reason)
+    if is_mirrored(problem, best, float(of_pairs.sum())):
+        return Pairing("unmatched", no_pairs(), probability, rivals, LEFT_HANDED)
     certain = of_pairs >= least_probability
     given, doubtful = best.pairs[certain], best.pairs[~certain]
     if len(given) < LEAST_PAIRS or is_collinear(problem.ct[given[:, 0]], problem.sigma_mm):
@@ -145,20 +144,12 @@ def rival_odds(chance: Chance, best: Pose, of_best: float, rival: Pose) -> float
     return max(by_evidence, real * by_pairs)
 
 
-def is_flat(problem: Problem, best: Pose) -> bool:
-    """Tell whether the paired points lie on a plane within their reach: only those fit their mirror image."""
-    points = problem.ct[best.pairs[:, 0]]
-    values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(values[2] < PAIR_SIGMAS * problem.sigma_mm * math.sqrt(len(points)))
-
-
 def is_mirrored(problem: Problem, best: Pose, of_best: float) -> bool:
     """Tell whether a reflection, which no patient undergoes, would pair more points than the best pose does.
 
     ``of_best`` of the best pose's pairs are right, as an expectation.
     """
-    reflected = replace(problem, ct=problem.ct * np.array([-1.0, 1.0, 1.0]))
-    found = find_poses(reflected, MISSED_MIRROR, len(best.pairs) + 1)
+    found = find_poses(problem.mirrored(), MISSED_MIRROR, len(best.pairs) + 1)
     if not found.poses or found.poses[0].log_evidence < best.log_evidence:
         return False
     mirrored = found.poses[0]

@@ -49,7 +49,7 @@ def match_many(
         if best < 0:
             continue
         partners[t] = listed[best]
-        paired, top = listed[best] >= 0, log_evidence[best]
+        paired, to_beat = listed[best] >= 0, max(log_evidence[best], background)
         if not complete or is_collinear(ct[t][paired], math.sqrt(variance)):
             continue
         body = other_body(ct[t], ots[t], weight, node_value, residual[0], residual[1], volume, listed[best])
@@ -57,7 +57,7 @@ def match_many(
         if max(body[1], regular) > CLEAR_OF_OTHERS:
             continue
         size = paired.sum()
-        if not mirror_is_better(ct[t], ots[t], weight, node_value, constants, known, spread, size, top):
+        if not mirror_is_better(ct[t], ots[t], weight, node_value, constants, known, spread, size, to_beat):
             probability[t] = p
             larger[t] = odds_if_larger(log_evidence, chi2, listed, listed[best])
     return partners, probability, larger

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ronnaplan.correspondence.evidence import filled_volume
 from ronnaplan.correspondence.inputs import checked_errors, checked_known, checked_points, checked_told
 from ronnaplan.correspondence.large import match_large
-from ronnaplan.correspondence.pairing import LEAST_PROBABILITY, Pairing, no_pairs
+from ronnaplan.correspondence.pairing import LEAST_PROBABILITY, LEFT_HANDED, Pairing, no_pairs
 from ronnaplan.correspondence.problem import Problem
 from ronnaplan.correspondence.small import match_small
 from ronnaplan.errors import InputError, check_type
@@ -91,15 +91,25 @@ def match_points(
     answer = match_small(problem, least_probability) if listed else None
     if answer is None:
         answer = match_large(problem, least_probability)
-        if listed and answer.status == "unmatched" and not answer.rivals:
-            reason = (
-                f"too many pairings of {counts[0]} CT points with {counts[1]} readings fit almost equally well to list "
-                "them all; have more of the markers read, or state pairs that are known"
-            )
-            answer = Pairing("ambiguous", no_pairs(), 0.0, reason=reason)
+        if listed and answer.status != "unique":
+            answer = _refused(problem, least_probability, answer)
     LOG.info("paired %d CT with %d tracker points: %r", *counts, answer)
     for rival in answer.rivals:
         LOG.debug("a rival %.1f nats below: %s", rival.log_evidence_below, rival.pairs.tolist())
+    return answer
+
+
+def _refused(problem: Problem, least_probability: float, answer: Pairing) -> Pairing:
+    """Return the refusal of small sets with a better reason, where there is one."""
+    is_short = max(problem.counts) <= MOST_LISTED_POINTS
+    if is_short and match_large(problem.mirrored(), least_probability).status == "unique":
+        return Pairing("unmatched", no_pairs(), answer.probability, answer.rivals, LEFT_HANDED)
+    if answer.status == "unmatched" and not answer.rivals:
+        reason = (
+            f"too many pairings of {len(problem.ct)} CT points with {len(problem.ots)} readings fit almost equally "
+            "well to list them all; have more of the markers read, or state pairs that are known"
+        )
+        return Pairing("ambiguous", no_pairs(), 0.0, reason=reason)
     return answer
 
 

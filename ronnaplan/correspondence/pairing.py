@@ -25,6 +25,8 @@ wrong, in the worst cell too (three markers, four outliers); see docs/correspond
 MOST_RIVALS = 10
 """Rivals listed in an answer."""
 
+LEFT_HANDED = "the mirror image fits far better: the coordinates of one set are left-handed; check its axes"
+
 Status = Literal["unique", "ambiguous", "unmatched"]
 
 

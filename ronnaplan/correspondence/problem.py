@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ronnaplan.correspondence.inputs import ErrorModel
+from ronnaplan.correspondence.inputs import MIRROR, ErrorModel
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.told import Told
 from ronnaplan.geometry import FloatArray
@@ -59,6 +59,10 @@ class Problem:
             ots_errors=self.ct_errors,
             known=np.ascontiguousarray(self.known[:, ::-1]),
         )
+
+    def mirrored(self) -> Problem:
+        """Return the problem with the CT's mirror image."""
+        return replace(self, ct=self.ct * MIRROR, ct_errors=self.ct_errors.mirrored())
 
     def with_errors(self, scale: float) -> Problem:
         """Return the problem with errors so many times as large."""

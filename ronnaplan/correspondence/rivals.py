@@ -21,6 +21,10 @@ LOG_ODDS_PER_PAIR = 1.6
 """Of two bodies that both sets hold, the one with more pairs is the patient, by these log odds for each pair more:
 three pairs more are needed for 0.99, and equal bodies are always refused."""
 
+LOG_ODDS_OF_MIRROR = math.log(100.0)
+"""A mirror image is believed where it is so much more probable. Noise makes that of flat markers so in fewer than one
+of a hundred cases: it fits them as well on average (Markov's inequality)."""
+
 LEAST_REGULAR = 5
 """Fewer pairs fit otherwise, too, by chance; of so many it shows that the markers are laid out regularly."""
 
@@ -37,17 +41,16 @@ def mirror_is_better(
     size: int,
     log_evidence: float,
 ) -> bool:
-    """Tell whether the mirror image of the CT points pairs more than ``size`` points, and with more evidence.
+    """Tell whether the mirror image of the CT points pairs ``size`` or more points far better than ``log_evidence``.
 
-    Then one of the sets is left-handed, and what fits without a reflection is only a flat part of it.
+    Then one of the sets is left-handed, and what fits without a reflection is a flat part of it, or nearly flat.
     """
-    if size >= min(len(ct), len(ots)):
-        return False
-    mirrored, larger = ct.copy(), constants.copy()
+    mirrored, as_large = ct.copy(), constants.copy()
     mirrored[:, 0] = -mirrored[:, 0]
-    larger[: size + 1] = -np.inf
-    found = search(mirrored, ots, weight, node_value, larger, known, spread, 1.0, log_evidence)[0]
-    return len(found) > 0 and bool(found.max() > log_evidence)
+    as_large[:size] = -np.inf
+    better = log_evidence + LOG_ODDS_OF_MIRROR
+    found = search(mirrored, ots, weight, node_value, as_large, known, spread, 1.0, better)[0]
+    return len(found) > 0 and bool(found.max() > better)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -10,10 +10,11 @@ import numpy as np
 from ronnaplan.correspondence.anisotropic import anisotropic_log_evidence
 from ronnaplan.correspondence.evidence import MOST_ODDS_IF_LARGER, SCALES, is_collinear
 from ronnaplan.correspondence.exact import LISTED_NATS, search
-from ronnaplan.correspondence.pairing import MOST_RIVALS, IntArray, Pairing, Rival, no_pairs
+from ronnaplan.correspondence.pairing import LEFT_HANDED, MOST_RIVALS, IntArray, Pairing, Rival, no_pairs
 from ronnaplan.correspondence.priors import residual_priors, size_priors
 from ronnaplan.correspondence.problem import Problem, moved_pairs, pairs_of
 from ronnaplan.correspondence.rivals import (
+    LOG_ODDS_OF_MIRROR,
     LOG_ODDS_PER_PAIR,
     mirror_is_better,
     odds_if_larger,
@@ -90,14 +91,17 @@ def weigh_all(problem: Problem) -> Weighed | None:
 
 def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pairing:
     """Accept the pairs that are certain together, or refuse them with their rivals."""
+    mirrored = is_mirrored(problem, weighed)
     if len(weighed.log_evidence) == 0:
         reason = "no three pairs agree in their distances; check that both sets are of this patient, and in mm"
-        return Pairing("unmatched", no_pairs(), 0.0, reason=reason)
+        return Pairing("unmatched", no_pairs(), 0.0, reason=LEFT_HANDED if mirrored else reason)
     other = odds_of_another_body(problem, weighed)
     regular = regular_odds(weighed.log_evidence, weighed.chi2, weighed.partners, 0, weighed.background)
     posterior = weighed.posterior(other + regular)
     core, probability = certain_core(weighed.partners, posterior, problem, least_probability)
     rivals, pairs = weighed.rivals(), pairs_of(core)
+    if mirrored:
+        return Pairing("unmatched", no_pairs(), probability, rivals, LEFT_HANDED)
     if weighed.background >= weighed.log_evidence[0]:
         reason = "the best pairing explains the points no better than chance does"
         return Pairing("unmatched", no_pairs(), probability, rivals, reason)
@@ -124,9 +128,6 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
             "the paired points lie on one line, so the rotation about it is unknown; add a marker off the line"
         )
         return Pairing("ambiguous", no_pairs(), probability, rivals, reason)
-    if is_mirrored(problem, weighed):
-        reason = "the mirror image fits more points: the coordinates of one set are left-handed; check its axes"
-        return Pairing("unmatched", no_pairs(), probability, rivals, reason)
     left_out = pairs_of(np.where(core < 0, weighed.partners[0], -1))
     return Pairing("unique", pairs, probability, rivals[1:], doubtful=left_out, moved=moved_pairs(problem, core))
 
@@ -202,19 +203,24 @@ def odds_of_another_body(problem: Problem, weighed: Weighed) -> float:
 
 
 def is_mirrored(problem: Problem, weighed: Weighed) -> bool:
-    """Tell whether a reflection, which no patient undergoes, would pair more points than the best pairing does."""
-    return bool(
-        mirror_is_better(
-            problem.ct,
-            problem.ots,
-            *problem.pair_weights(),
-            weighed.constants,
-            problem.known,
-            problem.spread_mm,
-            int((weighed.partners[0] >= 0).sum()),
-            float(weighed.log_evidence[0]),
-        )
-    )
+    """Tell whether a reflection, which no patient undergoes, pairs as many points or more, and far more probably."""
+    size = int((weighed.partners[:1] >= 0).sum())
+    to_beat = max(float(weighed.log_evidence.max(initial=-np.inf)), weighed.background)
+    if not mirror_is_better(
+        problem.ct,
+        problem.ots,
+        *problem.pair_weights(),
+        weighed.constants,
+        problem.known,
+        problem.spread_mm,
+        size,
+        to_beat,
+    ):
+        return False
+    if not problem.is_anisotropic:
+        return True
+    seen = weigh_all(problem.mirrored())  # the kernel's weights bound anisotropic evidence from above
+    return seen is not None and bool(seen.log_evidence.max(initial=-np.inf) > to_beat + LOG_ODDS_OF_MIRROR)
 
 
 def best_touch(weighed: Weighed, posterior: FloatArray) -> int | None:
