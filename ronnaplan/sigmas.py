@@ -22,9 +22,9 @@ SIGMA_ROBOT_DEG = 0.01
 SIGMA_GEOMETRY_MM = 0.05
 """Error per axis of a sphere's place on a tracked tool, as drawn or measured: a machined one."""
 
-SIGMA_LAMP_DEG = 0.04
-"""How far the middle of a lamp about a lens is from the lens, as seen from the sphere, to either side: 0.2 mm at
+SIGMA_LAMP_DEG = 0.02
+"""How far the middle of a lamp about a lens is from the lens, as seen from the sphere, to either side: 0.1 mm at
 300 mm. The image does not show it."""
 
-LARGEST_STATED_MM = 0.013
+LARGEST_STATED_MM = 0.012
 """A center that two cameras find with a larger stated error (RMS) is refused. Few err by 0.02 mm."""

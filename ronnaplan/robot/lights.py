@@ -19,17 +19,16 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.shading import ASIDE_SD, TILT_SD
 
-MISPLACED, LAMP_SCALES = 0.7, 13
+MISPLACED, LAMP_SCALES = 0.6, 13
 """Probability, before looking, that the lamp is farther from the lens than is said, and how many lamps are looked at:
 from where it is said up to `ASIDE_SD`, evenly spaced in the logarithm."""
-EVEN_SD = 0.003
-"""Tilt of the light on a ball that is even: the lens alone makes one side darker by as much (fourth power of the
-cosine, 0.025 rad of a ball at 0.04 rad off the axis)."""
+EVEN_SD = 0.001
+"""Tilt of the light on a ball that is even, beside what the lens makes of it."""
 UNEVEN, TILT_SCALES = 0.5, 6
-"""Probability, before looking, that it is less even, and how many tilts are looked at, up to `TILT_SD`."""
+"""Probability, before looking, that it is less even, and how many tilts are looked at: none, and up to `TILT_SD`."""
 ONE_BALL = 0.5
 """Probability, before looking, that both images show one unevenness, to `EVEN_SD`: the ball's, not its lamps'."""
-SHADOW_PX, MODELED_SHADOW_PX = 1.0, 0.1
+SHADOW_PX, MODELED_SHADOW_PX = 1.0, 0.03
 """A lamp beside the lens leaves a part of the limb in its own shadow, which no harmonic shows: the center errs by this,
 times the share of light from aside and how much darker the limb is than the middle; by the second where the shadow is
 in the model."""
@@ -52,6 +51,8 @@ class Sight:
     """Its light's tilt (2,), and light from aside (2,), as shares of the brightness."""
     covariance: FloatArray
     """(7, 7) of place and light."""
+    lens: FloatArray
+    """The tilt (2,) by as much as which the lens may make the side away from its axis darker."""
     shadow_px: float
     """Error of the center by the ball's own shadow where the lamp is not at the lens."""
     focal_px: float
@@ -103,17 +104,18 @@ def _family(sights: Sequence[Sight], lamp_sd_deg: float) -> tuple[FloatArray, ND
     The prior is the logarithm (H) of its probability before looking.
     """
     lamps = np.geomspace(np.radians(lamp_sd_deg), ASIDE_SD, LAMP_SCALES)
-    tilts = np.geomspace(EVEN_SD, TILT_SD, TILT_SCALES)
+    tilts = np.array([0.0, *np.geomspace(EVEN_SD, TILT_SD, TILT_SCALES)[1:]])
     tilt, lamp = (one.ravel()[:, None, None] ** 2 for one in np.meshgrid(tilts, lamps))
     prior = np.outer(_one_or_more(MISPLACED, LAMP_SCALES), _one_or_more(UNEVEN, TILT_SCALES)).ravel()
     count = len(sights)
     apart, one_ball = np.zeros((2, len(prior), count, 4, count, 4))
     for k, of in enumerate(sights):
+        even = EVEN_SD**2 * np.eye(2) + np.outer(of.lens, of.lens)
         for m, other in enumerate(sights):
             one_ball[:, k, :2, m, :2] = tilt * (of.across.T @ other.across)
-        apart[:, k, :2, k, :2] = tilt * np.eye(2)
+        apart[:, k, :2, k, :2] = tilt * np.eye(2) + even
         apart[:, k, 2:, k, 2:] = one_ball[:, k, 2:, k, 2:] = lamp * np.eye(2)
-        one_ball[:, k, :2, k, :2] += EVEN_SD**2 * np.eye(2)
+        one_ball[:, k, :2, k, :2] += even
     families = [(1 - ONE_BALL, apart), (ONE_BALL, one_ball)] if count > 1 else [(1.0, apart)]
     spreads = np.concatenate([spread for _, spread in families]).reshape(-1, 4 * count, 4 * count)
     logarithms = np.concatenate([np.log(share * prior) for share, _ in families])

@@ -36,6 +36,8 @@ WAVES = (2, 3, 4)
 LARGEST_FIRST_WAVE = 4.0
 """Where the light is not in the model, the wave of one period, which moves the center, is larger than those of more,
 by up to this factor (squared), as on balls lit from aside whose brightness does not fall off as the cosine."""
+LENS_FALL = 4
+"""A lens makes what is off its axis darker by up to this power of the cosine."""
 SHADOWED, SHADOW_TILT, SHADOW_COVERAGE = 2.5, 0.05, 0.65
 """A sphere is looked at as one in its own shadow where its errors are larger than noise by this factor (squared). It is
 held to be so where they are smaller then by as much, and not larger than noise by as much, where its light is else
@@ -144,6 +146,7 @@ def _sight(found: ShadedSphere, excess: float, camera: Camera) -> Sight:
         found.place,
         found.light,
         excess * found.covariance,
+        LENS_FALL * found.place[2] * found.across[2] / found.expected[2],
         (MODELED_SHADOW_PX if found.shadows else SHADOW_PX) * found.dark * float(np.linalg.norm(found.light[2:])),
         camera.focal_px,
     )

@@ -131,7 +131,9 @@ def find_shaded(
             built = size
         fit = state.geometry, table_of(shapes, state.light), -OUTWARD_PX - BEYOND_PX, TABLE_STEP_PX, state.light
         every = FIRST_EVERY if step < EARLY else 1
-        reduced, answers = equations(pixels.places, pixels.grey, pixels.starts, every, *fit, state.grounds, cast)
+        reduced, answers = equations(
+            pixels.places, pixels.grey, pixels.weights, pixels.starts, every, *fit, state.grounds, cast
+        )
         before = state.kept
         told = _judge(state, reduced, np.diff(pixels.starts) / every, step)
         if state.kept.sum() < SMALLEST_COVERAGE * count:

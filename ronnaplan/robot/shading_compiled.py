@@ -31,58 +31,57 @@ def gather(
     radius: float,
     bounds: tuple[float, float],
     sectors: int,
-    every: tuple[float, float],
-) -> tuple[FloatArray, FloatArray, Integers]:
-    """Return places (B, 2) and brightness (B) of pixels of ``grey``, sector by sector, and each's start (S + 1).
+    block: int,
+) -> tuple[FloatArray, FloatArray, FloatArray, Integers]:
+    """Return places (B, 2), brightness (B) and weights (B) of pixels of ``grey``, by sector, and each's start (S + 1).
 
     ``bend`` (10, 2) makes places (px, in a plane square to the line of sight) of columns and rows less ``middle`` (2),
-    over ``scale``. Of the pixels between the ``bounds`` about the ``radius`` one of the first of ``every`` is taken,
-    of those further inside one of the second.
+    over ``scale``. Pixels are taken up to the first of ``bounds`` outside the ``radius``; those further inside than the
+    second are averaged over squares of ``block`` pixels a side, where they fill one.
     """
     size = grey.size
     places, values, sector = np.empty((size, 2)), np.empty(size), np.empty(size, np.int64)
-    starts = np.zeros(sectors + 1, np.int64)
-    count = 0
-    passed = np.zeros(2)
-    for row in range(grey.shape[0]):
-        for column in range(grey.shape[1]):
-            a, b = (column - middle[0]) / scale, (row - middle[1]) / scale
-            if a * a + b * b > 1.0:
-                continue
-            x = bend[0, 0] + a * (bend[1, 0] + a * (bend[2, 0] + a * bend[3, 0]))
-            x += b * (bend[4, 0] + b * (bend[5, 0] + b * bend[6, 0])) + a * b * (
-                bend[7, 0] + a * bend[8, 0] + b * bend[9, 0]
-            )
-            y = bend[0, 1] + a * (bend[1, 1] + a * (bend[2, 1] + a * bend[3, 1]))
-            y += b * (bend[4, 1] + b * (bend[5, 1] + b * bend[6, 1])) + a * b * (
-                bend[7, 1] + a * bend[8, 1] + b * bend[9, 1]
-            )
-            far = np.hypot(x, y)
-            if far > radius + bounds[0]:
-                continue
-            which = int(far < radius - bounds[1])
-            passed[which] += 1.0
-            if passed[which] < every[which]:
-                continue
-            passed[which] -= every[which]
-            places[count, 0], places[count, 1], values[count] = x, y, grey[row, column]
-            sector[count] = int((np.arctan2(y, x) / (2 * np.pi) + 0.5) * sectors) % sectors
-            starts[sector[count] + 1] += 1
-            count += 1
+    weights, starts = np.empty(size), np.zeros(sectors + 1, np.int64)
+    count, half, at = 0, (block - 1) / 2, np.empty(2)
+    for top in range(0, grey.shape[0], block):
+        for left in range(0, grey.shape[1], block):
+            low, right = min(top + block, grey.shape[0]), min(left + block, grey.shape[1])
+            bent(left + half, top + half, bend, middle, scale, at)
+            whole = np.hypot(at[0], at[1]) < radius - bounds[1] - block and low - top == right - left == block
+            step = block if whole else 1
+            for row in range(top, low, step):
+                for column in range(left, right, step):
+                    if not whole and not bent(column, row, bend, middle, scale, at):
+                        continue
+                    if np.hypot(at[0], at[1]) > radius + bounds[0]:
+                        continue
+                    places[count] = at
+                    values[count] = grey[row : row + step, column : column + step].mean()
+                    weights[count] = step
+                    sector[count] = int((np.arctan2(at[1], at[0]) / (2 * np.pi) + 0.5) * sectors) % sectors
+                    starts[sector[count] + 1] += 1
+                    count += 1
     starts = np.cumsum(starts)
-    free = starts.copy()
-    sorted_places, sorted_values = np.empty((count, 2)), np.empty(count)
-    for n in range(count):
-        at = free[sector[n]]
-        free[sector[n]] += 1
-        sorted_places[at], sorted_values[at] = places[n], values[n]
-    return sorted_places, sorted_values, starts
+    order = np.argsort(sector[:count], kind="mergesort")
+    return places[:count][order], values[:count][order], weights[:count][order], starts
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def bent(column: float, row: float, bend: FloatArray, middle: FloatArray, scale: float, found: FloatArray) -> bool:
+    """Fill ``found`` (2,) with the place of a pixel, as `gather` takes it; tell whether the bend is known there."""
+    a, b = (column - middle[0]) / scale, (row - middle[1]) / scale
+    for k in range(2):
+        found[k] = bend[0, k] + a * (bend[1, k] + a * (bend[2, k] + a * bend[3, k]))
+        found[k] += b * (bend[4, k] + b * (bend[5, k] + b * bend[6, k]))
+        found[k] += a * b * (bend[7, k] + a * bend[8, k] + b * bend[9, k])
+    return bool(a * a + b * b <= 1.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def model_rows(
     places: FloatArray,
     grey: FloatArray,
+    weights: FloatArray,
     geometry: FloatArray,
     table: FloatArray,
     first_px: float,
@@ -136,6 +135,8 @@ def model_rows(
         row[ASIDE], row[ASIDE + 1] = (at[12] + cast[4]) * c, (at[12] + cast[4]) * d
         row[OVAL], row[OVAL + 1], row[OVAL + 2], row[OVAL + 3] = at[15] * cc, at[15] * dd, at[18] * cc, at[18] * dd
         row[COMMON], row[COMMON + 1], row[COMMON + OWN] = at[0], at[3], left
+        if weights[n] != 1.0:
+            row *= weights[n]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -176,6 +177,7 @@ def cast_by(
 def equations(
     places: FloatArray,
     grey: FloatArray,
+    weights: FloatArray,
     starts: Integers,
     every: int,
     geometry: FloatArray,
@@ -196,7 +198,8 @@ def equations(
     for s in range(count):
         of = rows[: (starts[s + 1] - starts[s] + every - 1) // every]
         taken = slice(starts[s], starts[s + 1], every)
-        model_rows(places[taken], grey[taken], geometry, table, first_px, step_px, light, grounds[s], shadows, of)
+        fit = geometry, table, first_px, step_px, light, grounds[s], shadows
+        model_rows(places[taken], grey[taken], weights[taken], *fit, of)
         normal = of.T @ of
         a, b, c = normal[COMMON, COMMON], normal[COMMON, COMMON + 1], normal[COMMON + 1, COMMON + 1]
         a, c = a * (1 + 1e-6) + 1e-6, c * (1 + 1e-6) + 1e-6

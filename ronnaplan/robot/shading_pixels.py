@@ -14,19 +14,23 @@ from ronnaplan.robot.shading_compiled import Integers, gather
 
 ARC_PX = 8.0
 FEWEST_SECTORS, MOST_SECTORS = 36, 72
-OUTWARD_PX, INWARD_PX = 10.0, 6.0
+OUTWARD_PX, INWARD_PX = 14.0, 6.0
 """How far beside the expected edge pixels are taken. The blur takes four of them outside; the others tell the ground,
 each sector's own, on whose level the edge's place depends."""
-MOST_BESIDE, MOST_INSIDE = 9000, 4000
-"""So many of them, and so many of those further inside; the first steps take fewer."""
+MOST_INSIDE = 16000
+"""Of those further inside, where brightness changes slowly, about so many are taken at most: means over squares."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
-    """Places (B, 2) and brightness (B) sector by sector, where each starts (S + 1), and the focal length (px)."""
+    """Places (B, 2), brightness (B) and weights (B), 1 being one pixel's, sector by sector.
+
+    Also where each sector starts (S + 1), and the focal length (px).
+    """
 
     places: FloatArray
     grey: FloatArray
+    weights: FloatArray
     starts: Integers
     focal_px: float
 
@@ -46,11 +50,8 @@ def pixels_near(grey: Image, camera: Camera, axis: FloatArray, across: FloatArra
     window = np.ascontiguousarray(grey[low[1] : high[1], low[0] : high[0]], dtype=np.float64)
     count = int(np.clip(2 * np.pi * radius / ARC_PX, FEWEST_SECTORS, MOST_SECTORS))
     inward = min(INWARD_PX, radius)
-    every = (
-        max(2 * np.pi * radius * (OUTWARD_PX + inward) / MOST_BESIDE, 1.0),
-        max(np.pi * (radius - inward) ** 2 / MOST_INSIDE, 1.0),
-    )
-    found = gather(window, bend, middle - low, scale, radius, (OUTWARD_PX, inward), count, every)
+    block = int(np.ceil((radius - inward) * np.sqrt(np.pi / MOST_INSIDE)))
+    found = gather(window, bend, middle - low, scale, radius, (OUTWARD_PX, inward), count, max(block, 1))
     return Pixels(*found, focal)
 
 

@@ -11,16 +11,16 @@ GAIN = 2e-3
 """By so much (on the plane at 1) a tilt that is not known of moves the center."""
 
 
-def sight(turn: np.ndarray, uneven: np.ndarray) -> Sight:
+def sight(turn: np.ndarray, uneven: np.ndarray, lens: tuple[float, float] = (0.0, 0.0)) -> Sight:
     """Return what a camera so turned sees of a ball whose brightness grows along ``uneven`` (3,), in the rig's frame.
 
-    Tilt and light from aside are known to 0.01, and what they err by moves the center.
+    Tilt and light from aside are known to 0.01, and what they err by moves the center. So much tilt the ``lens`` makes.
     """
     across = turn[:, :2]
     errs = np.diag([1e-5] * 3 + [0.01] * 4)
     errs[:2, 3:5] = errs[:2, 5:] = 0.01 * GAIN * np.eye(2)
     light = np.concatenate([across.T @ uneven, np.zeros(2)])
-    return Sight(turn[:, 2], across, np.array([0, 0, 0.02]), light, errs @ errs.T, 0.0, FOCAL_PX)
+    return Sight(turn[:, 2], across, np.array([0, 0, 0.02]), light, errs @ errs.T, np.array(lens), 0.0, FOCAL_PX)
 
 
 def evidence(lights: Lights) -> float:
@@ -53,3 +53,13 @@ def test_one_image_has_one_family_of_lights_and_two_have_two() -> None:
     one, both = in_each_light(sights[:1], LAMP_SD_DEG), in_each_light(sights, LAMP_SD_DEG)
     assert (one.places.shape, both.places.shape) == ((78, 3), (156, 6))
     assert np.all(np.linalg.eigvalsh(both.covariances) > 0)
+
+
+def test_where_the_lens_may_make_one_side_darker_the_center_is_known_less_there() -> None:
+    """By so much as it may, when the ball is even and the lamp at the lens."""
+    plain, beside = (
+        in_each_light([sight(np.eye(3), np.zeros(3), lens)], LAMP_SD_DEG) for lens in ((0.0, 0.0), (0.004, 0.0))
+    )
+    more = beside.covariances[0] - plain.covariances[0]
+    assert 0.7 < np.sqrt(more[0, 0]) / (0.004 * GAIN) < 1
+    assert abs(more[1, 1]) < 1e-3 * more[0, 0]
