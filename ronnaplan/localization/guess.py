@@ -63,6 +63,9 @@ MIDWAY = (0.2, 0.4)
 """The ball's own level is read off between these distances from the candidate, as shares of the diameter: nearer to it
 there may be an insert, farther out there is the blurred edge."""
 
+WALL_QUANTILE = 0.8
+"""Where a candidate is aside by a shell's wall, half of what should be wall is not: its level is read off the rest."""
+
 FROZEN_WEIGHT = 1e15
 """Weight (HU^2 per mm^2) against which no data move a parameter."""
 
@@ -92,7 +95,10 @@ def first_guess(
         )
     inside = around.values_hu[(distance > shell_mm[0]) & (distance < shell_mm[1])]
     outside = around.values_hu[distance > diameter_mm / 2 + max(build.layer_mm, 0.0) + TYPICAL_BLUR_MM]
-    high = float(np.median(inside)) if inside.size else float(around.values_hu.max())
+    if not inside.size:
+        high = float(around.values_hu.max())
+    else:
+        high = float(np.quantile(inside, WALL_QUANTILE) if build.wall_mm else np.median(inside))
     low = float(np.quantile(outside, BACKGROUND_QUANTILE)) if outside.size else float(around.values_hu.min())
     contrast = max(high - low, 1.0) * (CLIPPED_START if high >= ceiling_hu else 1.0)
     layer = [-contrast if build.wall_mm else 0.0] if build.layer_mm else []

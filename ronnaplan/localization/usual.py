@@ -26,6 +26,10 @@ ALIKE_MM = 0.75
 ALIKE_SHARE = 0.6
 """Markers of one scan show the same slice profile, to within this or this share of its width."""
 
+BLURRED_MM2 = 0.25
+"""Nor is the variance of an edge's blur larger than theirs at the median by more than this: one kernel makes all. Of
+600 balls in 87 scans none is by 0.12, and a head that jumps by 1 mm adds so much along the jump at most."""
+
 LOWEST_CUTOFF_PER_MM = 0.6
 """No kernel passes nothing above so low a frequency: the softest of scanners end at 0.7 / mm. What is wrapped around
 balls, fainter than they are, makes two steps of their edges, which together pass nothing at 0.35 to 0.55 / mm."""
@@ -113,20 +117,32 @@ def _broadening_mm(balls: Sequence[Examined]) -> tuple[float, NDArray[np.bool_]]
 
 
 def alike(accepted: Sequence[Examined]) -> list[Examined]:
-    """Turn down what one scanner cannot have shown: a profile that is not that of the scan's other markers.
+    """Turn down what one scanner cannot have shown: a profile, or a softer edge, than the scan's other markers have.
 
     One alone may be anything; of two nobody knows which is right.
     """
     if len(accepted) < LEAST_TOGETHER:
         return list(accepted)
     broadening_mm, off = _broadening_mm(accepted)
-    return [_unlike(one, broadening_mm) if is_off else one for one, is_off in zip(accepted, off, strict=True)]
+    judged = [_unlike(one, broadening_mm) if is_off else one for one, is_off in zip(accepted, off, strict=True)]
+    return _as_sharp(judged)
 
 
 def _unlike(one: Examined, broadening_mm: float) -> Examined:
     width_mm, others_mm = one.parameters[WIDTH], one.thickness_mm + broadening_mm
     reason = f"its ends are blurred over {width_mm:.1f} mm, the others' over {others_mm:.1f} mm"
     return replace(one, failures=(("alike", reason),))
+
+
+def _as_sharp(judged: Sequence[Examined]) -> list[Examined]:
+    """Turn down what has a softer edge than the others; where metal is clipped, its contrast hides its blur."""
+    tells = [one.is_marker and not one.is_clipped for one in judged]
+    if sum(tells) < LEAST_TOGETHER:
+        return list(judged)
+    blurs_mm2 = np.array([edge_variance_mm2(one.parameters) for one in judged])
+    soft = tells & (blurs_mm2 > np.median(blurs_mm2[tells]) + BLURRED_MM2)
+    failed = (("alike", f"its edge is softer than the others' by more than {BLURRED_MM2:g} mm^2 of variance"),)
+    return [replace(one, failures=failed) if is_soft else one for one, is_soft in zip(judged, soft, strict=True)]
 
 
 def moved(scan: Scan, markers: Sequence[Examined]) -> list[bool]:

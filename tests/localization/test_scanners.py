@@ -16,6 +16,7 @@ from phantoms.solids import half_space, sphere
 from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.errors import UsageError
 from ronnaplan.localization import Build, FiducialFlag, Fiducials, localize
+from ronnaplan.localization.examine import Scan, fit_place
 from tests.scans import balls, scan, small_stack
 
 CENTER = (1.2, -2.3, 0.4)
@@ -131,6 +132,18 @@ def test_hollow_markers_are_found_when_asked_for(kind: str, build: str) -> None:
     found = localize(volume, diameter_mm=scene.markers[0].diameter_mm, expected=1, marker=Build.parse(build))
     assert error_mm(found, tuple(scene.markers[0].center_mm)) < 0.008
     assert len(localize(volume, diameter_mm=scene.markers[0].diameter_mm)) == 0
+
+
+@pytest.mark.parametrize("aside_mm", [(-1.1, 0.0, 0.0), (0.5, 0.8, -0.6)])
+def test_a_hollow_marker_is_found_from_a_candidate_as_far_aside_as_its_wall(aside_mm: tuple[float, ...]) -> None:
+    scene = marker("M", FOOT, "hollow plastic post")
+    center_mm = scene.markers[0].center_mm
+    volume = scanned(scene, "gaussian", 0.6, 1.3, 0.6)
+    fit = fit_place(
+        Scan(volume), center_mm + np.array(aside_mm), scene.markers[0].diameter_mm, Build.parse("shell:1")
+    )
+    assert fit.converged
+    assert float(np.linalg.norm(fit.center_mm - center_mm)) < 0.008
 
 
 def test_a_ball_in_cloth_is_found_when_asked_for_and_else_flagged() -> None:

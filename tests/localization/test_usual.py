@@ -10,7 +10,7 @@ import pytest
 from ronnaplan.localization.examine import Examined, Scan, examine
 from ronnaplan.localization.parameters import BLUR, EDGE, RADIUS, WIDTH
 from ronnaplan.localization.uncertainty import beyond_usual_mm
-from ronnaplan.localization.usual import together, usual_of
+from ronnaplan.localization.usual import BLURRED_MM2, alike, together, usual_of
 from tests.scans import balls, scan, small_stack
 
 TOO_WIDE = (("thickness", "its ends are blurred"),)
@@ -55,6 +55,16 @@ def test_a_ragged_edge_is_usual_where_the_markers_nearest_in_height_show_it(ball
     two = usual_of([ball, lifted(30.0, 0.05)]).near(ball, normal)  # tell nothing
     assert two.misfit == 0.0
     assert np.isnan(two.diameter_mm)
+
+
+def test_what_is_softer_than_the_others_is_none_unless_metal_is_clipped(ball: Examined) -> None:
+    """An egg in thick slices passes for a ball behind a softer kernel."""
+    softer_mm = float(np.hypot(ball.parameters[BLUR], np.sqrt(1.1 * BLURRED_MM2)))
+    others = [at(ball, 20.0 * n, edge=0.0) for n in range(3)]
+    egg = at(ball, 80.0, edge=0.0, blur=softer_mm)
+    assert [one.is_marker for one in alike([*others, egg])] == [True, True, True, False]
+    assert all(one.is_marker for one in alike([*others, replace(egg, is_clipped=True)]))
+    assert all(one.is_marker for one in alike([*others[:1], egg]))  # of two nobody knows
 
 
 @pytest.mark.parametrize(("blur_mm", "edge", "is_covered"), [(0.19, -0.39, False), (0.69, -0.45, True)])
