@@ -72,9 +72,11 @@ were seen in thin slices, 20 in cone beams and 25 in 5 mm slices of one independ
 phantoms here. It depends on the machine's corrections, which no image tells."""
 
 NO_METAL: Final = np.zeros(3)
+WITHIN: Final = np.diag([1.0, 1.0, 0.0])
+"""The directions within the slices, of u, v, w."""
 
 LAG_MM = 0.006
-"""Standard error within the slices where the blur is a flat panel's (`_by_panel`): it keeps a part of what it saw
+"""Standard error within the slices where the blur is a flat panel's (`by_panel`): it keeps a part of what it saw
 before, which displaces all that turns past it in one sense, and bends it little. Nine simulated panels here moved all
 markers of a scan by 3 to 7 um, two of another simulator by 3.7 and 12.7; no image tells how much a panel lags."""
 
@@ -114,7 +116,7 @@ def center_covariance(
     if not fit.is_shaded:
         total += HIDDEN_SHADING_MM**2 * np.eye(3)
     total += UNEVEN**2 / 3.0 * fit.center_by_layer @ fit.center_by_layer.T
-    total += LAG_MM**2 * _by_panel(fit) * np.diag([1.0, 1.0, 0.0])
+    total += LAG_MM**2 * by_panel(fit.theta) * WITHIN
     total[W, W] += (SUMMED_PER_MM * float(fit.theta[WIDTH]) ** 2) ** 2
     axes = fit.neighbourhood.axes
     rotated: FloatArray = axes.T @ total @ axes
@@ -165,6 +167,16 @@ def with_usual(covariance_mm2: FloatArray, moved: Movement, usual_mm2: FloatArra
     change = WEIGHTS["odd"] * (usual_mm2 - moved.odd_mm2) / 2.0
     pooled: FloatArray = covariance_mm2 + axes.T @ np.diag(change) @ axes
     return pooled
+
+
+def with_usual_lag(covariance_mm2: FloatArray, theta: FloatArray, usual: float, axes: FloatArray) -> FloatArray:
+    """Return the covariance (3, 3) with what lag adds where the scan's markers are usually blurred by a panel.
+
+    ``usual`` is the median of `by_panel`. Slices that are thin beside the blur tell little of their profile's shape.
+    """
+    more = max(usual - by_panel(theta), 0.0)
+    added: FloatArray = covariance_mm2 + LAG_MM**2 * more * axes.T @ WITHIN @ axes
+    return added
 
 
 def by_excess(fit: BallFit) -> FloatArray:
@@ -263,15 +275,15 @@ def shared_noise(distances_mm: FloatArray, width_mm: float, shape: float) -> Flo
     return shared
 
 
+def by_panel(theta: FloatArray) -> float:
+    """How much the blur is that of a flat panel, 0 to 1: no box along the slices' normal, and no wider than in them."""
+    across_mm = math.sqrt(float(theta[WIDTH]) ** 2 / 12.0 + LEAST_SPREAD_MM2)
+    return (min(float(theta[SHAPE]), 1.0) * min(float(theta[BLUR]) / across_mm, 1.0)) ** 4
+
+
 def is_off_size(excess_mm: float) -> bool:
     """Whether a diameter that is off by ``excess_mm`` says that something is not as stated."""
     return abs(excess_mm) > SIZE_TOLERANCE_MM
-
-
-def _by_panel(fit: BallFit) -> float:
-    """How much the blur is that of a flat panel, 0 to 1: no box along the slices' normal, and no wider than in them."""
-    across_mm = math.sqrt(float(fit.theta[WIDTH]) ** 2 / 12.0 + LEAST_SPREAD_MM2)
-    return (min(float(fit.theta[SHAPE]), 1.0) * min(float(fit.theta[BLUR]) / across_mm, 1.0)) ** 4
 
 
 def _rms(values: FloatArray) -> float:

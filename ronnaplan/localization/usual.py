@@ -20,7 +20,14 @@ from ronnaplan.localization.motion import LEAST_TOGETHER, suspected
 from ronnaplan.localization.parameters import BLUR, EDGE, WIDTH, edge_variance_mm2
 from ronnaplan.localization.parts import single_threaded_algebra
 from ronnaplan.localization.smear import are_smeared
-from ronnaplan.localization.uncertainty import beyond_usual_mm, robust_spread, usual_odd_mm2, with_usual
+from ronnaplan.localization.uncertainty import (
+    beyond_usual_mm,
+    by_panel,
+    robust_spread,
+    usual_odd_mm2,
+    with_usual,
+    with_usual_lag,
+)
 
 ALIKE_MM = 0.75
 ALIKE_SHARE = 0.6
@@ -165,10 +172,13 @@ def together(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
     usual_mm2, axes = usual_odd_mm2(movements, heights_mm), scan.axes
     if usual_mm2 is None:
         return markers
-    return [
-        replace(one, covariance_mm2=with_usual(one.covariance_mm2, moved, usual, axes) + beyond**2 * one.by_excess)
-        for one, moved, usual, beyond in zip(markers, movements, usual_mm2, _beyond_usual_mm(markers), strict=True)
-    ]
+    panel = float(np.median([by_panel(one.parameters) for one in markers]))
+    counted = []
+    for one, moved, usual, beyond in zip(markers, movements, usual_mm2, _beyond_usual_mm(markers), strict=True):
+        covariance_mm2 = with_usual_lag(one.covariance_mm2, one.parameters, panel, axes)
+        covariance_mm2 = with_usual(covariance_mm2, moved, usual, axes) + beyond**2 * one.by_excess
+        counted.append(replace(one, covariance_mm2=covariance_mm2))
+    return counted
 
 
 def _wrapped(markers: Sequence[Examined]) -> list[Examined]:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ronnaplan.localization.examine import Examined, Scan, examine
-from ronnaplan.localization.parameters import BLUR, EDGE, RADIUS, WIDTH
-from ronnaplan.localization.uncertainty import beyond_usual_mm
+from ronnaplan.localization.parameters import BLUR, EDGE, RADIUS, SHAPE, WIDTH
+from ronnaplan.localization.uncertainty import LAG_MM, beyond_usual_mm
 from ronnaplan.localization.usual import BLURRED_MM2, alike, together, usual_of
 from tests.scans import balls, scan, small_stack
 
@@ -29,7 +29,7 @@ def ball(scanned: Scan) -> Examined:
 def at(ball: Examined, x_mm: float, **changes: float) -> Examined:
     theta = ball.parameters.copy()
     for name, value in changes.items():
-        theta[{"blur": BLUR, "edge": EDGE, "width": WIDTH, "radius": RADIUS}[name]] = value
+        theta[{"blur": BLUR, "edge": EDGE, "width": WIDTH, "radius": RADIUS, "shape": SHAPE}[name]] = value
     return replace(ball, center_mm=ball.center_mm + np.array([x_mm, 0.0, 0.0]), parameters=theta)
 
 
@@ -55,6 +55,18 @@ def test_a_ragged_edge_is_usual_where_the_markers_nearest_in_height_show_it(ball
     two = usual_of([ball, lifted(30.0, 0.05)]).near(ball, normal)  # tell nothing
     assert two.misfit == 0.0
     assert np.isnan(two.diameter_mm)
+
+
+def test_a_marker_of_a_panels_scan_counts_lag_though_its_own_profile_looks_like_a_box(
+    scanned: Scan, ball: Examined
+) -> None:
+    """Four of 40 in two scans by lagging panels were outside their 95 % for want of it."""
+    bells = [at(ball, 20.0 * n, shape=5.0, width=0.3, blur=0.4) for n in range(4)]
+    box = at(ball, 80.0, shape=0.0, width=0.3, blur=0.4)
+    added_mm2 = (
+        together(scanned, [*bells, box])[-1].covariance_mm2 - together(scanned, 5 * [box])[-1].covariance_mm2
+    )
+    assert added_mm2 == pytest.approx(LAG_MM**2 * scanned.axes.T @ np.diag([1, 1, 0]) @ scanned.axes, abs=1e-12)
 
 
 def test_what_is_softer_than_the_others_is_none_unless_metal_is_clipped(ball: Examined) -> None:
