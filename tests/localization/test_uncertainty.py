@@ -21,7 +21,7 @@ from ronnaplan.localization.motion import movement
 from ronnaplan.localization.parameters import BLUR, RADIUS, SHAPE, WIDTH, profile_half_mm
 from ronnaplan.localization.refine import BallFit
 from ronnaplan.localization.uncertainty import (
-    HIDDEN_SHADING_MM,
+    HIDDEN_SHADING,
     LAG_MM,
     PULL_MM,
     SUMMED_PER_MM,
@@ -169,7 +169,7 @@ def test_a_ball_whose_shading_is_hidden_is_less_certain(quiet: CTVolume) -> None
     fit = fit_of(with_white_noise(quiet, 10.0, 1))
     hidden = replace(fit, is_shaded=False)
     stated, more = (center_covariance(one, movement(Edge(one))) for one in (fit, hidden))
-    assert np.allclose(more - stated, HIDDEN_SHADING_MM**2 * np.eye(3))
+    assert np.allclose(more - stated, (HIDDEN_SHADING * fit.theta[RADIUS]) ** 2 * np.eye(3))
 
 
 def test_thick_slices_add_what_is_lost_where_they_are_summed_before_the_logarithm(quiet: CTVolume) -> None:
