@@ -116,8 +116,7 @@ def center_covariance(
     (`look.metal_axis`), ``excess_mm`` is the fitted minus the stated diameter.
     """
     total = sum((WEIGHTS[name] * source for name, source in sources(fit, moved).items()), np.zeros((3, 3)))
-    if not fit.is_shaded:
-        total += (HIDDEN_SHADING * float(fit.theta[RADIUS])) ** 2 * np.eye(3)
+    total += hidden_shading_mm2(fit) * np.eye(3)
     total += UNEVEN**2 / 3.0 * fit.center_by_layer @ fit.center_by_layer.T
     total += LAG_MM**2 * by_panel(fit.theta) * WITHIN
     total[W, W] += (SUMMED_PER_MM * float(fit.theta[WIDTH]) ** 2) ** 2
@@ -180,6 +179,11 @@ def with_usual_lag(covariance_mm2: FloatArray, theta: FloatArray, usual: float, 
     more = max(usual - by_panel(theta), 0.0)
     added: FloatArray = covariance_mm2 + LAG_MM**2 * more * axes.T @ WITHIN @ axes
     return added
+
+
+def hidden_shading_mm2(fit: BallFit) -> float:
+    """Variance (mm^2), in every direction, of a ball whose shading is hidden; 0 of others."""
+    return 0.0 if fit.is_shaded else (HIDDEN_SHADING * float(fit.theta[RADIUS])) ** 2
 
 
 def by_excess(fit: BallFit) -> FloatArray:
