@@ -154,7 +154,7 @@ def view(things: Sequence[Thing], title: str, still_png: bytes) -> str:
 
 def viewer() -> str:
     """Return the script of a page that holds a `view`."""
-    return "".join((PAGE / name).read_text(encoding="utf-8") for name in ("viewer.js", "export.js"))
+    return "".join((PAGE / name).read_text(encoding="utf-8") for name in ("viewer.js", "names.js", "export.js"))
 
 
 def _filled(name: str, pieces: Mapping[str, str]) -> str:

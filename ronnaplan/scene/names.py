@@ -1,6 +1,7 @@
 """Where names of trajectories are written over a picture: beside their entries, within it, and none on another.
 
-The page of an exported scene does the same by itself (``page/export.js``).
+The page of an exported scene does the same by itself, in the browser (``page/names.js``): what changes here changes
+there, too.
 """
 
 from __future__ import annotations

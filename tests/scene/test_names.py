@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
-from ronnaplan.scene.names import LINE_EM, Room, write_names
+from ronnaplan.scene.files import PAGE
+from ronnaplan.scene.names import GAP, LINE_EM, Room, write_names
+from tests.loops import apart
+from tests.planner.browser import chromium, needs_browser
 
 ROOM = Room(2.0, 1.0, 0.12)
 LINE = LINE_EM * ROOM.em
@@ -48,3 +52,54 @@ def test_a_name_at_the_upper_edge_is_whole() -> None:
 def test_the_name_of_an_entry_outside_goes_with_it() -> None:
     (one,) = written(("left", 2.5, 0.0))
     assert one["x"] > 2.5
+
+
+PIXELS, LINE_PIXELS, GAP_PIXELS = 800, 15, 10
+"""A square page on which lines and gaps of `names.js` are as large, beside it, as those of `names.py`."""
+STEP = 7.5
+"""Names stand whole or half lines apart: the page takes a line to be full, the picture leaves a gap between two."""
+
+
+def left_and_base(names: list[tuple[str, float, float]], room: Room) -> list[tuple[float, float]]:
+    """Where names begin and stand by `names.py`, in a page's pixels from its upper left corner."""
+    paths = [{"name": name, "entry": [x - room.wide, y - room.high]} for name, x, y in names]
+    lefts = []
+    for one in write_names(paths, [], room):
+        ends = one["written"]["anchor"] == "end"
+        left = one["written"]["x"] - (room.length(one["name"]) if ends else 0.0)
+        lefts.append((left + room.wide, one["written"]["y"] + room.high))
+    return lefts
+
+
+def by_the_page(widths: list[float], places: list[tuple[float, float]]) -> list[list[float]]:
+    """Left and top of names so wide by `names.js`."""
+    with chromium() as browser:
+        page = browser.new_page()
+        page.add_script_tag(content=(PAGE / "names.js").read_text(encoding="utf-8"))
+        found: list[list[float]] = page.evaluate(
+            """([size, widths, places]) => {
+                const beside = window.ronnaplanNames({ clientWidth: size, clientHeight: size });
+                return widths.map((width, n) => beside(width, ...places[n]));
+            }""",
+            [PIXELS, widths, places],
+        )
+    return found
+
+
+@needs_browser
+def test_the_page_of_a_scene_writes_names_where_a_picture_has_them() -> None:
+    room = Room(PIXELS / 2, PIXELS / 2, LINE_PIXELS / LINE_EM)
+    assert pytest.approx(GAP_PIXELS) == GAP * PIXELS / 2
+    generator = np.random.default_rng(5)
+    lengths = [*generator.integers(3, 40, 60), 100, 130]  # the last two fit on neither side, and not at all
+    places = STEP * generator.integers(6, int(PIXELS / STEP) - 1, (len(lengths), 2))
+    places[-2:, 0] = PIXELS / 2
+    names = [("n" * int(length), float(x), float(y)) for length, (x, y) in zip(lengths, places, strict=True)]
+    pictured = left_and_base(names, room)
+    written_by_page = apart(
+        by_the_page, [room.length(name) for name, _, _ in names], [(x, y) for _, x, y in names]
+    )
+    for (left, base), (page_left, page_top) in zip(pictured, written_by_page, strict=True):
+        assert (page_left, page_top + LINE_PIXELS) == pytest.approx((left, base), abs=1e-6)
+    lines = {base - y for (_, base), (_, _, y) in zip(pictured, names, strict=True)}
+    assert len(lines) > 3  # so many were tried

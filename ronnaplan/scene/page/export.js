@@ -23,26 +23,14 @@
     const position = middle.map((at, n) => at + eye.away * back[n]);
     viewer.eye = { position, axes: [...right, ...top, ...back], away: eye.away };
     viewer.redraw();
-    const taken = [];
+    const beside = window.ronnaplanNames(canvas);
     for (const thing of named) {
       const [across, down, away] = viewer.onScreen(thing.labelAt);
       thing.written.hidden = !thing.shown;
       if (!thing.shown) continue;
-      const [left, top] = beside(thing.written.offsetWidth, across, down, taken);
+      const [left, top] = beside(thing.written.offsetWidth, across, down);
       Object.assign(thing.written.style, { left: `${left}px`, top: `${top}px`, opacity: away > eye.away ? 0.45 : 1 });
     }
-  }
-  // Where a name so wide stands, as names.py writes them: to the right of its place, else to the left, lines away from others.
-  const LINE = 15, APART = 10;
-  function beside(width, across, down, taken) {
-    const room = canvas.clientWidth, right = across + APART;
-    if (across < 0 || across > room || down < 0 || down > canvas.clientHeight) return [right, down - APART - LINE]; // not seen
-    const left = right + width <= room ? right : Math.max(0, across - APART - width);
-    const first = Math.max(0, down - APART - LINE);
-    const free = (top) => top >= 0 && !taken.some((one) => left < one.right && one.left < left + width && top < one.top + LINE && one.top < top + LINE);
-    const top = [0, 1, -1, 2, -2, 3, -3].map((lines) => first + lines * LINE).find(free) ?? first;
-    taken.push({ left, right: left + width, top });
-    return [left, top];
   }
   function turn(across, up) {
     eye.across -= across;
