@@ -18,8 +18,8 @@ ROUNDS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Neighbourhood:
-    """Each point's nearest others of its own set (n, K), and the volume of the ball (n,) that they fill.
+class Densities:
+    """How dense a set lies about each point: its nearest others (n, K), and the volume of the ball (n,) that they fill.
 
     Twice the square root of their number: fewer know a density too poorly, more know it too far away.
     """
@@ -28,8 +28,8 @@ class Neighbourhood:
     volume_mm3: FloatArray
 
     @classmethod
-    def of(cls, points: FloatArray, sigma_mm: float) -> Neighbourhood:
-        """Return the neighbourhoods of points (n, 3)."""
+    def of(cls, points: FloatArray, sigma_mm: float) -> Densities:
+        """Return those of points (n, 3)."""
         count = min(2 * math.isqrt(len(points)) + 1, len(points))
         distance, index = map(np.asarray, cKDTree(points).query(points, count))
         radius = np.maximum(distance[:, -1], PAIR_SIGMAS * sigma_mm)
@@ -43,16 +43,16 @@ class Neighbourhood:
 
 @dataclass(frozen=True, eq=False)
 class Chance:
-    """What tells the pairs of a problem's poses from chance: its points' neighbourhoods, the same under every pose."""
+    """What tells the pairs of a problem's poses from chance: how dense its points lie, the same under every pose."""
 
     problem: Problem
-    ct: Neighbourhood
-    ots: Neighbourhood
+    ct: Densities
+    ots: Densities
 
     @classmethod
     def of(cls, problem: Problem) -> Chance:
         """Return it for a problem."""
-        return cls(problem, *(Neighbourhood.of(points, problem.sigma_mm) for points in (problem.ct, problem.ots)))
+        return cls(problem, *(Densities.of(points, problem.sigma_mm) for points in (problem.ct, problem.ots)))
 
     def pair_probabilities(self, matrix: FloatArray, partner: IntArray) -> FloatArray:
         """Return the probability of each pair of a pose (3, 4), against outliers that meet and against its neighbours.
