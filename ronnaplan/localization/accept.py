@@ -11,6 +11,7 @@ import numpy as np
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.blur import Edge
 from ronnaplan.localization.cells import cell_directions
 from ronnaplan.localization.descent import BLUR_BOUNDS_MM, MAX_CONTRAST_HU, MAX_WANDER
@@ -20,7 +21,6 @@ from ronnaplan.localization.look import metal_axis
 from ronnaplan.localization.model import has_streaks
 from ronnaplan.localization.motion import Movement, movement
 from ronnaplan.localization.parameters import BACKGROUND, CENTER, WIDTH
-from ronnaplan.localization.refine import BallFit
 from ronnaplan.localization.skin import share_on_skin
 from ronnaplan.localization.uncertainty import SIZE_TOLERANCE_MM, center_covariance
 

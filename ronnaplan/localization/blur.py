@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.cells import cell_directions, direction_cells
 from ronnaplan.localization.descent import residuals_and_jacobian
 from ronnaplan.localization.directions import (
@@ -24,7 +25,6 @@ from ronnaplan.localization.directions import (
     within_reach,
 )
 from ronnaplan.localization.parameters import CENTER, LEAST_SPREAD_MM2, WIDTH, U, V, W, edge_variance_mm2
-from ronnaplan.localization.refine import BallFit
 
 BEYOND_MM = (0.3, 1.5)
 STANDS_SHARE = 0.1

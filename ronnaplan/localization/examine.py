@@ -14,6 +14,7 @@ from ronnaplan.ct.progress import Progress, advancing
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.accept import MIN_COVERAGE, Evidence, Usual, failures
+from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.blur import blur_mm2
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.ceiling import scale_end_hu
@@ -25,7 +26,7 @@ from ronnaplan.localization.motion import Movement
 from ronnaplan.localization.neighbourhood import axes_along, gather
 from ronnaplan.localization.parameters import CENTER, RADIUS, SHAPE, WIDTH, full_width_at_half_maximum_mm
 from ronnaplan.localization.parts import single_threaded_algebra
-from ronnaplan.localization.refine import BallFit, fit_ball
+from ronnaplan.localization.refine import fit_ball
 from ronnaplan.localization.uncertainty import (
     by_excess,
     cramer_rao_bound,

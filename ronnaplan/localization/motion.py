@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.algebra import add_products
+from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.blur import Edge
 from ronnaplan.localization.model import BLOCK
 from ronnaplan.localization.parameters import CENTER, RADIUS, WIDTH, U, V, W
-from ronnaplan.localization.refine import BallFit
 
 SECTORS = 8
 """Each slice is cut into so many sectors, whose residuals are taken to be independent."""

@@ -25,6 +25,7 @@ from typing import Final
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.cells import direction_cells
 from ronnaplan.localization.directions import cell_means, edge_depth
 from ronnaplan.localization.motion import LEAST_TOGETHER, Movement
@@ -39,7 +40,6 @@ from ronnaplan.localization.parameters import (
     W,
     profile_half_mm,
 )
-from ronnaplan.localization.refine import BallFit
 from ronnaplan.localization.shading import QUANTIZATION_NOISE_HU
 
 MIN_FLAT_VOXELS = 30

@@ -10,12 +10,12 @@ import pytest
 
 from ronnaplan.ct import CTVolume
 from ronnaplan.localization.accept import TESTS, Evidence, Usual, failures
+from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.build import SOLID
 from ronnaplan.localization.directions import Verdict
 from ronnaplan.localization.examine import Scan, fit_place
 from ronnaplan.localization.look import surface_shares
 from ronnaplan.localization.parameters import BLUR, CONTRAST, RADIUS, WIDTH, U
-from ronnaplan.localization.refine import BallFit
 from tests.scans import balls, scan, small_stack
 
 

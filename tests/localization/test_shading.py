@@ -9,9 +9,9 @@ import pytest
 
 from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization import refine
+from ronnaplan.localization import ball_fit
+from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.examine import Scan, fit_place
-from ronnaplan.localization.refine import BallFit
 from tests.scans import balls, offsets_mm, scan, small_stack
 
 CENTER = np.array([1.0, 2.0, 3.0])
@@ -40,7 +40,7 @@ def fitted(volume: CTVolume) -> BallFit:
 
 def unshaded(volume: CTVolume, monkeypatch: pytest.MonkeyPatch) -> BallFit:
     with monkeypatch.context() as context:
-        context.setattr(refine, "PLATEAU_SHARE", np.nan)  # no scale reaches it
+        context.setattr(ball_fit, "PLATEAU_SHARE", np.nan)  # no scale reaches it
         return fitted(volume)
 
 

@@ -13,13 +13,13 @@ from phantoms.solids import cylinder, sphere
 from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import localize, uncertainty
+from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.blur import Edge
 from ronnaplan.localization.build import Build
 from ronnaplan.localization.examine import Scan, fit_place
 from ronnaplan.localization.look import metal_axis
 from ronnaplan.localization.motion import movement
 from ronnaplan.localization.parameters import BLUR, RADIUS, SHAPE, WIDTH, profile_half_mm
-from ronnaplan.localization.refine import BallFit
 from ronnaplan.localization.uncertainty import (
     HIDDEN_SHADING,
     LAG_MM,
