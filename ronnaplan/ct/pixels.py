@@ -50,7 +50,7 @@ def read_slice(image: SliceImage, target: Voxels, padding_hu: float | None, limi
         stored = _stored(image, limits)
     padded = _padded(stored, image.pixels)
     if image.pixels.tag not in FLOAT_BYTES:
-        stored = _significant_bits(stored, image.pixels, padded)
+        stored = _significant_bits(stored, image.pixels)
     _rescale(stored, image, target, padded)
     if padded is not None and padding_hu is not None:
         target[padded] = padding_hu
@@ -106,7 +106,7 @@ def _padded(stored: Stored, pixels: PixelFormat) -> NDArray[np.bool_] | None:
     return padded if padded.any() else None
 
 
-def _significant_bits(stored: Stored, pixels: PixelFormat, padded: NDArray[np.bool_] | None) -> Stored:
+def _significant_bits(stored: Stored, pixels: PixelFormat) -> Stored:
     """Clear what some scanners keep above the stored bits (overlays), extending the sign."""
     low, high = stored_range(pixels)
     unused = 8 * stored.dtype.itemsize - pixels.bits_stored

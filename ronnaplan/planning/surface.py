@@ -140,7 +140,7 @@ def fit_crossing(
     patch = _fit(volume, place, outward, depth, limits_hu)
     if patch is None:
         return Surface(place, reach_mm, outward, depth, clear=False)
-    shift, normal = _meet(patch, place, outward)
+    shift, normal = _meet(patch, outward)
     obliquity = abs(float(patch.normal @ outward))
     step = float(patch.parameters[OUTER] - patch.parameters[INNER])
     odd = (step > 0) != brighter_outside or patch.parameters[BLUR] > ODD_BLUR
@@ -284,8 +284,8 @@ def _solve(
     return best, covariance
 
 
-def _meet(patch: _Patch, place: FloatArray, outward: FloatArray) -> tuple[float, FloatArray]:
-    """Return where the ray through ``place`` crosses the patch (mm from ``place``), and the normal (3,) there."""
+def _meet(patch: _Patch, outward: FloatArray) -> tuple[float, FloatArray]:
+    """Return where the ray through the patch's place crosses it (mm from that place), and the normal (3,) there."""
     direction = patch.axes @ outward
     reach, by_a, by_b = 0.0, np.zeros(()), np.zeros(())
     for _ in range(20):

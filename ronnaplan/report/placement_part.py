@@ -50,7 +50,7 @@ def placement_part(case: Case, seen: View | None = None) -> Part:
             "p", f"order: {', '.join(best.route.order)}; joints turn by {best.route.travel_deg:.0f} degrees in all"
         ),
     ]
-    return Part(TITLE, body, _warnings(case, found, best))
+    return Part(TITLE, body, _warnings(case, best))
 
 
 def _drawn(found: PlacementDocument, seen: View | None) -> list[str]:
@@ -85,7 +85,7 @@ def _rests_on(found: PlacementDocument) -> str:
     )
 
 
-def _warnings(case: Case, found: PlacementDocument, best: PlaceEntry) -> list[str]:
+def _warnings(case: Case, best: PlaceEntry) -> list[str]:
     """Return what the placement does not cover: tasks without a free way, trajectories that it does not know."""
     told = [f"the robot has no free way to {name}" for name in best.route.stuck]
     known = {one.name for one in best.tasks if one.kind == "trajectory"}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Final, Literal
+from typing import Literal
 
 from ronnaplan import __version__
 from ronnaplan.case.folder import Case
@@ -22,7 +22,6 @@ from ronnaplan.report.scan_part import scan_part
 NOTICE = "Research software, not a medical device."
 
 Paper = Literal["A4", "Letter"]
-PAPERS: Final[tuple[Paper, ...]] = ("A4", "Letter")
 
 SIGNERS = ("planned by", "checked by")
 SIGNATURE = ("", "name", "date", "signature")
