@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.cases import DECOYS_EACH, SEED_STEP, Case, kept_cases, scanned
-from benchmarks.localization import CHI2_95, FOUND_WITHIN_MM, markers_of
+from benchmarks.scores import CHI2_95, FOUND_WITHIN_MM, markers_of
 from phantoms.errors import PhantomError
 from phantoms.patients import random_patient
 from ronnaplan.localization.build import SOLID, Build

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.cases import CONDITIONS, PROTOCOLS, Case, Condition, keep, kept_cases, kept_scans, surroundings
-from benchmarks.localization import Score
+from benchmarks.scores import Score
 from ronnaplan.ct import CTVolume, SliceGrid
 
 TUNED = 8000
