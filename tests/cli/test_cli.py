@@ -2,39 +2,19 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from phantoms.fast import render
-from phantoms.output import write_phantom
-from phantoms.series import SeriesOptions
-from ronnaplan import read_ct
-from ronnaplan.cli import demo, main
-from tests.scans import balls, small_stack
+from ronnaplan.cli import main
+from tests.cli.calls import run
 
 ROOT = Path(__file__).resolve().parents[2]
 HEAVY = ("numpy", "scipy", "pydicom", "SimpleITK", "numba", "matplotlib", "pydantic", "cv2", "skimage")
-
-
-@pytest.fixture(scope="module")
-def ct_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("scan") / "ct"
-    scene, stack = balls([(5.0, -4.0, 2.0)]), small_stack(spacing_mm=2.0, matrix=64)
-    write_phantom(folder, scene, stack, render(scene, stack, seed=1))
-    return folder
-
-
-def run(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
-    status = main(arguments)
-    printed = capsys.readouterr()
-    return status, printed.out, printed.err
 
 
 def test_help_loads_nothing_heavy() -> None:
@@ -75,54 +55,6 @@ def test_python_searches_nothing_for_garbage_when_it_ends() -> None:
     code += "from ronnaplan.cli import main\nmain(['--version'])"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert int(done.stdout.splitlines()[-1]) < 1000
-
-
-def test_localize_prints_the_document_and_nothing_else(
-    ct_folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    status, out, err = run(["localize", str(ct_folder), "--diameter", "11.5"], capsys)
-    assert status == 0
-    (found,) = json.loads(out)["fiducials"]
-    assert np.linalg.norm(np.array(found["center"]) - [5.0, -4.0, 2.0]) < 0.05
-    assert "1 markers of 11.5 mm" in err
-
-
-def test_localize_then_export(ct_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    fiducials, markups = tmp_path / "f.json", tmp_path / "f.mrk.json"
-    assert main(["localize", str(ct_folder), "--diameter", "11.5", "--expected", "1", "-o", str(fiducials)]) == 0
-    assert main(["export", str(fiducials), "--to", "markups", "-o", str(markups)]) == 0
-    assert json.loads(markups.read_text())["markups"][0]["controlPoints"][0]["label"] == "F1"
-    assert capsys.readouterr().out == ""
-
-
-def test_diameters_given_one_after_another_are_all_looked_for(
-    ct_folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    status, out, err = run(
-        ["localize", str(ct_folder), "--diameter", "8", "--diameter", "11.5,20", "--diameter", "11.5"], capsys
-    )
-    assert status == 0
-    assert json.loads(out)["marker"]["diameters_mm"] == [8.0, 11.5, 20.0]
-    assert "1 markers of 8 or 11.5 or 20 mm" in err
-
-
-def test_an_empty_scan_is_an_answer(ct_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    status, out, err = run(["localize", str(ct_folder), "--diameter", "5"], capsys)
-    assert status == 0
-    assert json.loads(out)["fiducials"] == []
-    assert "seen: 1 sphere of 11.50 mm: try --diameter 11.5" in err
-
-
-def test_a_refusal_says_what_there_is_and_leaves_a_picture(
-    ct_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    sheet = tmp_path / "sheet.png"
-    call = ["localize", str(ct_folder), "--diameter", "8", "--expected", "1", "--report", str(sheet)]
-    status, out, err = run(call, capsys)
-    assert (status, out) == (3, "")
-    assert "0 markers of 8 mm were found, 1 expected" in err
-    assert "try --diameter 11.5" in err
-    assert sheet.read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize(
@@ -172,140 +104,6 @@ def test_a_bad_call_ends_in_one_sentence_and_writes_nothing(
     assert err.startswith("ronnaplan: ")
     assert sentence in err
     assert output.read_text() == "as before"
-
-
-def test_the_demo_finds_every_marker_within_0_03_mm(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    status, out, _ = run(["demo", "--output-dir", str(tmp_path / "demo")], capsys)
-    assert status == 0
-    truth = json.loads((ROOT / "data" / "synthetic_ct" / "truth.json").read_text())["markers"]
-    found = json.loads((tmp_path / "demo" / "fiducials.json").read_text())["fiducials"]
-    assert len(found) == len(truth)
-    centers = np.array([marker["center"] for marker in truth])
-    for one in found:
-        assert np.linalg.norm(centers - one["center"], axis=1).min() < 0.03
-    assert (tmp_path / "demo" / "markers.png").read_bytes().startswith(b"\x89PNG")
-    assert "markers.png" in out
-    assert "not a medical device" in out
-
-
-def test_the_demo_says_how_the_command_is_found_only_where_it_is_not(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.prefix", str(tmp_path / ".venv"))
-    monkeypatch.setattr("shutil.which", lambda _: None)
-    assert demo._first() == ""
-    for folder, shown in (
-        ("Scripts", " (after '.venv/Scripts/activate')"),
-        ("bin", " (after '. .venv/bin/activate')"),
-    ):
-        (tmp_path / ".venv" / folder).mkdir(parents=True)
-        (tmp_path / ".venv" / folder / "activate").touch()
-        assert shown in demo._first()
-    monkeypatch.setattr("shutil.which", lambda _: "/somewhere/ronnaplan")
-    assert demo._first() == ""
-
-
-def test_fewer_than_no_markers_are_expected_of_no_scan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Told before any scan is read: this one is not there."""
-    call = ["localize", str(tmp_path / "none"), "--diameter", "auto", "--expected", "-1"]
-    status, _, err = run(call, capsys)
-    assert status == 2
-    assert "--expected: -1 is out of range" in err
-
-
-def test_a_batch_goes_on_after_a_bad_scan(
-    ct_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    bad, results = tmp_path / "bad", tmp_path / "results"
-    bad.mkdir()
-    call = [
-        "localize",
-        str(bad),
-        str(ct_folder),
-        "--diameter",
-        "11.5",
-        "-o",
-        str(results),
-        "--report",
-        "sheet.png",
-    ]
-    status, _, err = run(call, capsys)
-    assert status == 1
-    assert "001-bad: " in err
-    assert "002-ct: 1 markers" in err
-    names = ["002-ct.fiducials.json", "002-ct.png", "summary.csv", "summary.json"]
-    assert sorted(path.name for path in results.iterdir()) == names
-    first, second = json.loads((results / "summary.json").read_text())["scans"]
-    assert (first["scan"], first["status"], first["markers"]) == ("001-bad", 1, None)
-    assert (second["scan"], second["status"], second["markers"]) == ("002-ct", 0, 1)
-    assert second["fiducials"] == "002-ct.fiducials.json"
-    rows = list(csv.DictReader((results / "summary.csv").read_text().splitlines()))
-    assert [row["message"] for row in rows] == [first["message"], second["message"]]
-    status, _, err = run(call[:5], capsys)
-    assert status == 2
-    assert "name a folder" in err
-
-
-def test_a_batch_is_refused_where_an_earlier_one_left_its_results(
-    ct_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    results = tmp_path / "results"
-    results.mkdir()
-    (results / "fiducials.json").write_text("of a person")  # a batch writes no such file
-    call = ["localize", str(ct_folder), str(ct_folder), "--diameter", "11.5", "-o", str(results)]
-    assert run(call, capsys)[0] == 0
-    written = {path: path.read_bytes() for path in results.iterdir()}
-    status, _, err = run([*call, "--expected", "2"], capsys)
-    assert (status, err.count("\n")) == (1, 1)
-    assert "results of an earlier run (summary.json)" in err
-    assert {path: path.read_bytes() for path in results.iterdir()} == written
-    for name in ("summary.json", "summary.csv"):
-        (results / name).unlink()  # of a batch that was stopped, the documents alone lie there
-    assert "earlier run (001-ct.fiducials.json)" in run(call, capsys)[2]
-
-
-def test_the_summary_tells_what_was_found_of_each_size_and_of_a_refused_scan(
-    ct_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = str(ct_folder)
-    call = ["localize", folder, folder, "--diameter", "8,11.5", "--expected", "2", "-o", str(tmp_path / "results")]
-    assert run(call, capsys)[0] == 3
-    scan, _ = json.loads((tmp_path / "results" / "summary.json").read_text())["scans"]
-    assert (scan["status"], scan["markers"], scan["markers_by_diameter"]) == (3, 1, "8:0 11.5:1")
-    assert (scan["diameters_mm"], scan["fiducials"]) == ("8 or 11.5", None)
-    assert scan["series"] == read_ct(ct_folder).source.series_instance_uid is not None
-
-
-def test_every_series_of_a_folder_is_done_when_asked_for(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    exam, results = tmp_path / "exam", tmp_path / "results"
-    for number, place in enumerate([(5.0, -4.0, 2.0), (-5.0, 4.0, -2.0)]):
-        scene, stack = balls([place]), small_stack(spacing_mm=2.0, matrix=64)
-        write_phantom(exam / str(number), scene, stack, render(scene, stack, seed=1), SeriesOptions(seed=number))
-    call = ["localize", str(exam), "--diameter", "11.5"]
-    status, _, err = run(call, capsys)
-    assert status == 1
-    assert "--series" in err
-    assert "--all-series does them all" in err
-    status, _, err = run([*call, "--all-series", "-o", str(results)], capsys)
-    assert status == 0
-    assert "001-exam: 1 markers" in err
-    assert all(line.startswith(("001-exam: ", "002-exam: ")) for line in err.splitlines())
-    scans = json.loads((results / "summary.json").read_text())["scans"]
-    assert len({one["series"] for one in scans}) == 2
-    assert {Path(one["first_file"]).parent for one in scans} == {exam / "0", exam / "1"}
-
-
-def test_a_symmetric_layout_is_warned_of_before_the_operation(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    square = [(-15.0, -15.0, 0.0), (15.0, -15.0, 0.0), (15.0, 15.0, 0.0), (-15.0, 15.0, 0.0)]
-    scene, stack = balls(square), small_stack(spacing_mm=2.0, matrix=64)
-    write_phantom(tmp_path / "ct", scene, stack, render(scene, stack, seed=1))
-    assert main(["localize", str(tmp_path / "ct"), "--diameter", "11.5", "--expected", "4"]) == 0
-    assert "would be refused" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

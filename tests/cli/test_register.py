@@ -16,7 +16,7 @@ from ronnaplan.documents.reading import to_json
 from ronnaplan.geometry import Frame
 from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.tracking import read_recording
-from tests.documents.test_registration import fiducials
+from tests.documents.registrations import fiducials
 from tests.registration import scene
 
 

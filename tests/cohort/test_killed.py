@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import random
 import sys
 from pathlib import Path
@@ -11,13 +10,10 @@ import pytest
 
 from ronnaplan.cohort.cohort import run_cohort
 from ronnaplan.cohort.rules import CohortRule, Limits, Rules
+from tests.cohort.runs import FAKE, parquet
 from tests.cohort.scans import tiny
 from tests.cohort.under_fire import UnderFire
 
-pytest.importorskip("distributed")
-parquet = pytest.importorskip("pyarrow.parquet")
-
-FAKE = "tests.cohort.fake_work"
 SEED = 5
 SERIES = 20
 EVERY = 2
@@ -33,12 +29,8 @@ def client(folder: str, scheduler: str) -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="children are found in /proc")
 def test_whoever_is_killed_the_tables_are_those_of_a_run_in_peace(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    log = tmp_path / "log"
-    log.touch()
-    monkeypatch.setenv("FAKE_LOG", str(log))
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path.cwd()), os.environ.get("PYTHONPATH", "")]))
     for number in range(100, 100 + SERIES):
         tiny(tmp_path / "in", str(number))
     run_cohort([str(tmp_path / "in")], tmp_path / "peace", RULES, workers=2, module=FAKE)

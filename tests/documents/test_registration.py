@@ -3,42 +3,22 @@
 import csv
 import io
 import json
-import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 import SimpleITK
-from pydicom import dcmread
 
-from ronnaplan.documents.dicom_spatial import dicom_bytes, spatial_fiducials, spatial_registration
 from ronnaplan.documents.export import export
-from ronnaplan.documents.fiducials import FiducialsDocument, Source
 from ronnaplan.documents.reading import to_json
 from ronnaplan.documents.registered import registration_document
-from ronnaplan.documents.registration import RegistrationDocument, read_registration
+from ronnaplan.documents.registration import read_registration
 from ronnaplan.documents.registration_text import registration_text
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import Frame, Points
 from ronnaplan.registration.marker_registration import register_markers
+from tests.documents.registrations import SOURCE, refused, registered
 from tests.registration import scene
-
-SOURCE = Source(study_instance_uid="1.2.3", frame_of_reference_uid=scene.CT.uid)
-TARGETS = Points(np.array([[10.0, -5, -20], [0, 0, 0]]), np.zeros((2, 3, 3)), ("left target", "center"), scene.CT)
-
-
-def registered() -> RegistrationDocument:
-    found = register_markers(scene.ct_points(), scene.readings(), sigma_ct_mm=0.1)
-    return registration_document(found, SOURCE, TARGETS)
-
-
-def refused() -> RegistrationDocument:
-    square = np.array([[60.0, 0, 0], [0, 60, 0], [-60, 0, 0], [0, -60, 0]])
-    small = np.tile(0.01 * np.eye(3), (4, 1, 1))
-    ct = Points(square, small, ("A", "B", "C", "D"), scene.CT)
-    ots = Points(square @ scene.TURN.T + scene.SHIFT, small, ("1", "2", "3", "4"), scene.OTS)
-    return registration_document(register_markers(ct, ots, sigma_ct_mm=0.1), SOURCE)
 
 
 @pytest.fixture
@@ -169,16 +149,6 @@ def test_only_a_unique_registration_gives_a_pose() -> None:
         _ = registered().model_copy(update={"status": "ambiguous"}).pose
 
 
-@pytest.mark.parametrize("uid", ["bad\\x", "1" * 65, "1.2 3"])
-@pytest.mark.parametrize("field", ["frame_of_reference_uid", "study_instance_uid"])
-def test_no_dicom_object_is_written_with_an_invalid_uid(uid: str, field: str) -> None:
-    source = SOURCE.model_copy(update={field: uid})
-    with pytest.raises(InputError, match="not a DICOM UID"):
-        spatial_registration(registered().model_copy(update={"source": source}))
-    with pytest.raises(InputError, match="not a DICOM UID"):
-        spatial_fiducials(fiducials().model_copy(update={"source": source}))
-
-
 def test_the_text_tells_residuals_targets_and_that_fre_is_not_the_target_error() -> None:
     text = registration_text(registered())
     assert "do not measure the error at a target" in text
@@ -243,77 +213,3 @@ def test_markups_are_coloured_by_residual(tmp_path: Path) -> None:
             assert point["position"] == scene.HEAD[int(point["label"][1]) - 1].tolist()
     assert len(colours) == 5
     assert colours["F4"] != colours["F3"]
-
-
-def fiducials() -> FiducialsDocument:
-    entries = [
-        {
-            "label": f"F{k + 1}",
-            "center": place.tolist(),
-            "covariance": (1e-4 * np.eye(3)).tolist(),
-            "diameter_mm": 11.5,
-            "contrast_hu": 900.0,
-        }
-        for k, place in enumerate(scene.HEAD / 3)
-    ]
-    return FiducialsDocument.model_validate(
-        {
-            "format": "ronnaplan.fiducials",
-            "version": 1,
-            "coordinate_system": "LPS",
-            "unit": "mm",
-            "source": SOURCE.model_dump(),
-            "marker": {"diameter_mm": 11.5},
-            "fiducials": entries,
-            "software": {"name": "ronnaplan", "version": "0"},
-        }
-    )
-
-
-def test_the_spatial_registration_maps_the_scan_into_its_own_frame(tmp_path: Path) -> None:
-    file = tmp_path / "registration.dcm"
-    document = registered()
-    file.write_bytes(dicom_bytes(spatial_registration(document)))
-    dataset = dcmread(file)
-    assert dataset.SOPClassUID.name == "Spatial Registration Storage"
-    scan, itself = dataset.RegistrationSequence
-    assert scan.FrameOfReferenceUID == scene.CT.uid
-    assert itself.FrameOfReferenceUID == dataset.FrameOfReferenceUID != scene.CT.uid
-    step = scan.MatrixRegistrationSequence[0].MatrixSequence[0]
-    matrix = np.array(step.FrameOfReferenceTransformationMatrix, dtype=float).reshape(4, 4)
-    np.testing.assert_allclose(matrix, document.pose.matrix, atol=1e-8)
-    again = spatial_registration(document)
-    assert (again.SOPInstanceUID, again.FrameOfReferenceUID) == (
-        dataset.SOPInstanceUID,
-        dataset.FrameOfReferenceUID,
-    )
-
-
-def test_the_spatial_fiducials_are_the_markers(tmp_path: Path) -> None:
-    file = tmp_path / "fiducials.dcm"
-    file.write_bytes(dicom_bytes(spatial_fiducials(fiducials())))
-    (markers,) = dcmread(file).FiducialSetSequence
-    assert markers.FrameOfReferenceUID == scene.CT.uid
-    places = np.array([item.ContourData for item in markers.FiducialSequence], dtype=float)
-    np.testing.assert_allclose(places, scene.HEAD / 3, atol=1e-9)
-    assert [item.FiducialIdentifier for item in markers.FiducialSequence] == ["F1", "F2", "F3", "F4", "F5"]
-    assert markers.FiducialSequence[0].ContourUncertaintyRadius == pytest.approx(np.sqrt(3e-4))
-
-
-@pytest.mark.skipif(shutil.which("dciodvfy") is None, reason="dciodvfy (dicom3tools) is not installed")
-def test_both_objects_satisfy_an_independent_validator(tmp_path: Path) -> None:
-    for dataset in (spatial_registration(registered()), spatial_fiducials(fiducials())):
-        file = tmp_path / "object.dcm"
-        file.write_bytes(dicom_bytes(dataset))
-        told = subprocess.run(["dciodvfy", "-new", str(file)], capture_output=True, text=True, check=False).stderr
-        assert "Error" not in told, told
-
-
-def test_without_a_frame_of_reference_there_is_no_dicom_object() -> None:
-    nowhere = registered().model_copy(update={"source": Source()})
-    with pytest.raises(InputError, match="no Frame of Reference UID"):
-        spatial_registration(nowhere)
-    with pytest.raises(InputError, match="no Frame of Reference UID"):
-        spatial_fiducials(fiducials().model_copy(update={"source": Source()}))
-    with pytest.raises(InputError, match="no fiducials"):
-        spatial_fiducials(fiducials().model_copy(update={"fiducials": ()}))

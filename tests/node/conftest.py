@@ -7,13 +7,20 @@ import pytest
 
 from ronnaplan.node.index import Index
 from tests.isolation import is_isolated
-from tests.node.peers import Orthanc, program
+from tests.node.peers import Listening, Orthanc, listening, program
 
 
 @pytest.fixture
 def index(tmp_path: Path) -> Iterator[Index]:
     """An empty index."""
     with Index(tmp_path) as found:
+        yield found
+
+
+@pytest.fixture
+def node(tmp_path: Path) -> Iterator[Listening]:
+    """A receiver with one scanner that may send."""
+    with listening(tmp_path / "home") as found:
         yield found
 
 

@@ -31,6 +31,7 @@ from ronnaplan.node.logs import Log
 from ronnaplan.node.receiver import Receiver
 from ronnaplan.node.transport import set_up_pynetdicom
 from ronnaplan.untrusted import checked
+from tests.ct import makers
 
 SENDER: dict[str, Any] = {"name": "scanner", "title": "CT1", "host": "127.0.0.1", "sends": True}
 _ELSEWHERE = os.pathsep.join(
@@ -162,6 +163,15 @@ def send(
 def save(made: FileDataset, path: Path) -> Path:
     made.save_as(path, enforce_file_format=True)
     return path
+
+
+def instance(folder: Path, k: int = 0, **changes: Any) -> Path:
+    """Write slice ``k`` of a scan to be sent, changed."""
+    made = makers.dataset(k)
+    for keyword, value in changes.items():
+        setattr(made, keyword, value)
+    made.file_meta.MediaStorageSOPInstanceUID = made.SOPInstanceUID
+    return save(made, folder / f"{k}.dcm")
 
 
 def until(condition: Callable[[], object], seconds: float = 60.0) -> None:

@@ -16,16 +16,10 @@ from pynetdicom.association import Association
 from pynetdicom.dsutils import encode
 
 from tests.ct import makers
-from tests.node.peers import Listening, associate, listening, needs, save, send, until
+from tests.node.peers import Listening, associate, needs, save, send, until
 
 VERIFICATION = "1.2.840.10008.1.1"
 COMMAND, LAST = 1, 2
-
-
-@pytest.fixture
-def node(tmp_path: Path) -> Iterator[Listening]:
-    with listening(tmp_path / "home") as found:
-        yield found
 
 
 @contextmanager

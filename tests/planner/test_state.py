@@ -13,15 +13,11 @@ from ronnaplan.case.surroundings import Judgement, Rules
 from ronnaplan.documents.plan import read_plan, write_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import FrameMismatchError, InputError, RefusedError, UsageError
-from ronnaplan.geometry import Points
-from ronnaplan.planner.over_cut import over_cut
-from ronnaplan.planner.panels import chosen_path, landmark_rows, placement_line, proposal_rows
-from ronnaplan.planner.panes import Pane
+from ronnaplan.planner.panels import chosen_path, landmark_rows
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
 from ronnaplan.planning import Limits
 from ronnaplan.planning.electrodes import ELECTRODES
-from ronnaplan.planning.uncertainty import ExpectedPose
 from tests import cases
 from tests.planner.conftest import reopened
 
@@ -79,39 +75,6 @@ def test_a_locked_trajectory_cannot_be_moved(state: PlannerState) -> None:
     assert read_plan(state.storage.plan).trajectory("left").target_mm == pytest.approx(T + 1)
 
 
-def test_the_view_does_not_jump_when_an_end_is_dragged(state: PlannerState) -> None:
-    before = {view: state.look.cut(view).center_mm for view in ("axial", "coronal", "sagittal")}
-    state.case.drag("left", "target", T + 9)
-    state.case.end_drag()
-    for view, center in before.items():
-        assert state.look.cut(view).center_mm == pytest.approx(center, abs=0)
-
-
-def test_the_place_under_the_pointer_stays_there_when_zooming(state: PlannerState) -> None:
-    state.look.jump(T)
-    before = state.look.cut("coronal").on_screen_mm(T) / state.look.field_mm
-    state.look.zoom("coronal", 1.7, T)
-    after = state.look.cut("coronal").on_screen_mm(T) / state.look.field_mm
-    assert after == pytest.approx(before)
-    for _ in range(50):
-        state.look.zoom("axial", 1.7, T)
-    assert state.look.field_mm == 10.0
-    state.look.fit()
-    assert state.look.field_mm == pytest.approx(256 * 250 / 256, rel=0.01)
-
-
-def test_the_cuts_are_linked_by_the_crosshair(state: PlannerState) -> None:
-    state.look.jump([10.0, 20.0, 30.0])
-    for view in ("axial", "coronal", "sagittal"):
-        assert state.look.cut(view).on_screen_mm(state.look.crosshair_mm)[2] == pytest.approx(0.0, abs=1e-9)
-    state.look.scroll("axial", 2)
-    assert abs(state.look.crosshair_mm[2] - 30.0) == pytest.approx(2 * 1.5)
-    for _ in range(500):
-        state.look.scroll("axial", 1)
-    low, high = state.look.bounds_mm
-    assert low[2] <= state.look.crosshair_mm[2] <= high[2]
-
-
 def test_the_measures_follow_the_trajectory_and_limits_are_held_against_it(storage: Storage) -> None:
     state = PlannerState(cases.volume(), storage, Rules(Limits(longest_path_mm=75.0)))
     path = state.case.plan.trajectory("left")
@@ -137,30 +100,6 @@ def test_a_no_go_region_on_the_path_is_a_broken_limit(storage: Storage) -> None:
     assert [one.measure for one in state.case.judge(state.case.plan.trajectory("left")).broken] == [
         "distance to vessel"
     ]
-
-
-def test_a_label_map_is_shown_and_judges_nothing(storage: Storage) -> None:
-    volume = cases.volume()
-    mask = np.zeros(volume.voxels_hu.shape, dtype=np.bool_)
-    k, j, i = np.rint(volume.grid.indices((E + T) / 2)).astype(int)
-    mask[k - 4 : k + 5, j - 4 : j + 5, i - 4 : i + 5] = True
-    state = PlannerState(volume, storage, no_go={"vessel": mask}, labels={"vessel": mask, "tumor": mask})
-    about = [one.measure for one in state.case.judge(state.case.plan.trajectory("left")).verdicts]
-    assert "distance to vessel" in about
-    assert not any("tumor" in measure for measure in about)
-    state.look.jump((E + T) / 2)
-    drawn = over_cut(state, "axial", False, Pane())["regions"]
-    assert [one["name"] for one in drawn] == ["vessel", "vessel (shown only)", "tumor"]
-    assert len({one["colour"] for one in drawn}) == 3
-    page, other = state.beside(), state.beside()
-    page.look.show_region("tumor", "#123456", 0.0)
-    assert "tumor" not in [one["name"] for one in over_cut(page, "axial", False, Pane())["regions"]]
-    assert "tumor" in [one["name"] for one in over_cut(other, "axial", False, Pane())["regions"]]
-    other.look.show_region("vessel", "#654321", 0.5)
-    plain = PlannerState(volume, storage)
-    plain.look.save()
-    again = PlannerState(volume, storage, labels={"vessel": mask, "tumor": mask}).look.regions
-    assert [(one.colour, one.opacity) for one in again.values()] == [("#654321", 0.5), ("#123456", 0.0)]
 
 
 def test_rejecting_markers_changes_the_expected_error(state: PlannerState) -> None:
@@ -195,16 +134,6 @@ def test_what_cannot_be_done_is_told_in_a_sentence(state: PlannerState) -> None:
         with pytest.raises((InputError, UsageError, RefusedError), match=";"):
             act()
     assert read_plan(state.storage.plan).trajectory("left").target_mm == pytest.approx(T, abs=0)
-
-
-def test_without_a_trajectory_there_is_nothing_to_look_along(state: PlannerState) -> None:
-    state.case.remove("left")
-    assert state.look.selected is None
-    with pytest.raises(UsageError, match="select one"):
-        state.look.cut("inline")
-    state.case.undo()
-    assert state.look.selected == "left"
-    assert state.look.cut("probe").away == pytest.approx(state.case.plan.trajectory("left").inward)
 
 
 def test_another_diameter_takes_the_place_of_the_markers(state: PlannerState) -> None:
@@ -317,52 +246,6 @@ def test_points_of_the_ac_pc_frame_are_undone_and_refused_on_one_line(state: Pla
         state.jump_to_landmark("midline")
     with pytest.raises(UsageError, match="no point XY"):
         state.set_landmark("XY", T)
-
-
-def test_proposals_hold_only_for_what_they_were_asked_for(state: PlannerState) -> None:
-    with pytest.raises(InputError, match="another target"):
-        state.offers.take_proposal(0)
-    state.offers.propose("left")
-    assert state.offers.proposals is not None
-    best = state.offers.proposals.best[0].trajectory.entry_mm
-    state.add_trajectory(E + np.array([5, 0, 0]), T + np.array([5, 0, 0]))
-    assert state.offers.proposals is None  # another trajectory is selected
-    with pytest.raises(InputError, match="another target"):
-        state.offers.take_proposal(0)
-    state.look.select("left")
-    assert state.offers.proposals is None  # and there is one more to keep away from
-    state.case.undo()
-    state.offers.take_proposal(0)
-    assert state.case.plan.trajectory("left").entry_mm == pytest.approx(best, abs=0)
-    assert state.offers.proposals is not None
-    promised, kept = (
-        state.offers.proposals.best[0].measures,
-        state.case.judge(state.case.plan.trajectory("left")).measures,
-    )
-    assert kept is not None
-    assert kept.error is not None
-    assert promised.error is not None
-    np.testing.assert_array_equal(promised.error.tre_rms_mm, kept.error.tre_rms_mm)
-    assert promised.error.probability == kept.error.probability
-    state.case.edit("left", target_mm=T + np.array([0, 0, 1]))
-    assert proposal_rows(state) == {"rows": [], "none": ""}
-    state.case.undo()
-    assert len(proposal_rows(state)["rows"]) > 0
-    state.case.reject_marker("F2")
-    assert state.offers.proposals is None
-
-
-def test_marker_places_hold_for_the_trajectories_they_were_asked_for(state: PlannerState) -> None:
-    state.offers.propose_markers(4)
-    assert state.offers.placement is not None
-    assert len(state.offers.placement.centers_mm) == 4
-    placed = state.offers.placement
-    points = Points(placed.centers_mm, np.zeros((4, 3, 3)), tuple("ABCD"))
-    told = ExpectedPose.planned(points).tre_rms_mm([cases.TARGET_MM])
-    assert placed.largest_tre_mm == told[0]  # as `plan check` tells it of markers that stand there
-    assert "4 places" in placement_line(state)
-    state.case.edit("left", target_mm=T + np.array([0, 0, 1]))
-    assert placement_line(state) == ""
 
 
 def test_a_limit_on_what_is_not_known_is_told_beside_the_measures(storage: Storage) -> None:

@@ -20,7 +20,7 @@ from ronnaplan.tracking.csv_file import write_csv
 from ronnaplan.tracking.igtl_messages import HEADER, Stream
 from tests.fuzz.border import Border, WrongValueError
 from tests.fuzz.mutations import ANYWHERE, NUMBERS, mutate
-from tests.tracking.test_readers import MARKUPS, NDI, as_nrrd, matrix_rows, plus, sequence, turned
+from tests.tracking.files import MARKUPS, NDI, as_nrrd, matrix_rows, plus, sequence, turned
 
 CSV = (
     "kind,frame,time_s,label,x [mm],y,z,q0,qx,qy,qz,sigma,status,unit\n"

@@ -1,0 +1,81 @@
+"""The verb localize writes its document and nothing else; what it refuses, it shows."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from phantoms.fast import render
+from phantoms.output import write_phantom
+from ronnaplan.cli import main
+from tests.cli.calls import run
+from tests.scans import balls, small_stack
+
+
+def test_localize_prints_the_document_and_nothing_else(
+    ct_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, out, err = run(["localize", str(ct_folder), "--diameter", "11.5"], capsys)
+    assert status == 0
+    (found,) = json.loads(out)["fiducials"]
+    assert np.linalg.norm(np.array(found["center"]) - [5.0, -4.0, 2.0]) < 0.05
+    assert "1 markers of 11.5 mm" in err
+
+
+def test_localize_then_export(ct_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    fiducials, markups = tmp_path / "f.json", tmp_path / "f.mrk.json"
+    assert main(["localize", str(ct_folder), "--diameter", "11.5", "--expected", "1", "-o", str(fiducials)]) == 0
+    assert main(["export", str(fiducials), "--to", "markups", "-o", str(markups)]) == 0
+    assert json.loads(markups.read_text())["markups"][0]["controlPoints"][0]["label"] == "F1"
+    assert capsys.readouterr().out == ""
+
+
+def test_diameters_given_one_after_another_are_all_looked_for(
+    ct_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, out, err = run(
+        ["localize", str(ct_folder), "--diameter", "8", "--diameter", "11.5,20", "--diameter", "11.5"], capsys
+    )
+    assert status == 0
+    assert json.loads(out)["marker"]["diameters_mm"] == [8.0, 11.5, 20.0]
+    assert "1 markers of 8 or 11.5 or 20 mm" in err
+
+
+def test_an_empty_scan_is_an_answer(ct_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, err = run(["localize", str(ct_folder), "--diameter", "5"], capsys)
+    assert status == 0
+    assert json.loads(out)["fiducials"] == []
+    assert "seen: 1 sphere of 11.50 mm: try --diameter 11.5" in err
+
+
+def test_a_refusal_says_what_there_is_and_leaves_a_picture(
+    ct_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sheet = tmp_path / "sheet.png"
+    call = ["localize", str(ct_folder), "--diameter", "8", "--expected", "1", "--report", str(sheet)]
+    status, out, err = run(call, capsys)
+    assert (status, out) == (3, "")
+    assert "0 markers of 8 mm were found, 1 expected" in err
+    assert "try --diameter 11.5" in err
+    assert sheet.read_bytes().startswith(b"\x89PNG")
+
+
+def test_fewer_than_no_markers_are_expected_of_no_scan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Told before any scan is read: this one is not there."""
+    call = ["localize", str(tmp_path / "none"), "--diameter", "auto", "--expected", "-1"]
+    status, _, err = run(call, capsys)
+    assert status == 2
+    assert "--expected: -1 is out of range" in err
+
+
+def test_a_symmetric_layout_is_warned_of_before_the_operation(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    square = [(-15.0, -15.0, 0.0), (15.0, -15.0, 0.0), (15.0, 15.0, 0.0), (-15.0, 15.0, 0.0)]
+    scene, stack = balls(square), small_stack(spacing_mm=2.0, matrix=64)
+    write_phantom(tmp_path / "ct", scene, stack, render(scene, stack, seed=1))
+    assert main(["localize", str(tmp_path / "ct"), "--diameter", "11.5", "--expected", "4"]) == 0
+    assert "would be refused" in capsys.readouterr().err

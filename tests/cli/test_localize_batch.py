@@ -1,0 +1,100 @@
+"""Several scans, or series, at once: each has its result, and a summary tells what became of all."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from phantoms.fast import render
+from phantoms.output import write_phantom
+from phantoms.series import SeriesOptions
+from ronnaplan import read_ct
+from tests.cli.calls import run
+from tests.scans import balls, small_stack
+
+
+def test_a_batch_goes_on_after_a_bad_scan(
+    ct_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad, results = tmp_path / "bad", tmp_path / "results"
+    bad.mkdir()
+    call = [
+        "localize",
+        str(bad),
+        str(ct_folder),
+        "--diameter",
+        "11.5",
+        "-o",
+        str(results),
+        "--report",
+        "sheet.png",
+    ]
+    status, _, err = run(call, capsys)
+    assert status == 1
+    assert "001-bad: " in err
+    assert "002-ct: 1 markers" in err
+    names = ["002-ct.fiducials.json", "002-ct.png", "summary.csv", "summary.json"]
+    assert sorted(path.name for path in results.iterdir()) == names
+    first, second = json.loads((results / "summary.json").read_text())["scans"]
+    assert (first["scan"], first["status"], first["markers"]) == ("001-bad", 1, None)
+    assert (second["scan"], second["status"], second["markers"]) == ("002-ct", 0, 1)
+    assert second["fiducials"] == "002-ct.fiducials.json"
+    rows = list(csv.DictReader((results / "summary.csv").read_text().splitlines()))
+    assert [row["message"] for row in rows] == [first["message"], second["message"]]
+    status, _, err = run(call[:5], capsys)
+    assert status == 2
+    assert "name a folder" in err
+
+
+def test_a_batch_is_refused_where_an_earlier_one_left_its_results(
+    ct_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    results = tmp_path / "results"
+    results.mkdir()
+    (results / "fiducials.json").write_text("of a person")  # a batch writes no such file
+    call = ["localize", str(ct_folder), str(ct_folder), "--diameter", "11.5", "-o", str(results)]
+    assert run(call, capsys)[0] == 0
+    written = {path: path.read_bytes() for path in results.iterdir()}
+    status, _, err = run([*call, "--expected", "2"], capsys)
+    assert (status, err.count("\n")) == (1, 1)
+    assert "results of an earlier run (summary.json)" in err
+    assert {path: path.read_bytes() for path in results.iterdir()} == written
+    for name in ("summary.json", "summary.csv"):
+        (results / name).unlink()  # of a batch that was stopped, the documents alone lie there
+    assert "earlier run (001-ct.fiducials.json)" in run(call, capsys)[2]
+
+
+def test_the_summary_tells_what_was_found_of_each_size_and_of_a_refused_scan(
+    ct_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = str(ct_folder)
+    call = ["localize", folder, folder, "--diameter", "8,11.5", "--expected", "2", "-o", str(tmp_path / "results")]
+    assert run(call, capsys)[0] == 3
+    scan, _ = json.loads((tmp_path / "results" / "summary.json").read_text())["scans"]
+    assert (scan["status"], scan["markers"], scan["markers_by_diameter"]) == (3, 1, "8:0 11.5:1")
+    assert (scan["diameters_mm"], scan["fiducials"]) == ("8 or 11.5", None)
+    assert scan["series"] == read_ct(ct_folder).source.series_instance_uid is not None
+
+
+def test_every_series_of_a_folder_is_done_when_asked_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    exam, results = tmp_path / "exam", tmp_path / "results"
+    for number, place in enumerate([(5.0, -4.0, 2.0), (-5.0, 4.0, -2.0)]):
+        scene, stack = balls([place]), small_stack(spacing_mm=2.0, matrix=64)
+        write_phantom(exam / str(number), scene, stack, render(scene, stack, seed=1), SeriesOptions(seed=number))
+    call = ["localize", str(exam), "--diameter", "11.5"]
+    status, _, err = run(call, capsys)
+    assert status == 1
+    assert "--series" in err
+    assert "--all-series does them all" in err
+    status, _, err = run([*call, "--all-series", "-o", str(results)], capsys)
+    assert status == 0
+    assert "001-exam: 1 markers" in err
+    assert all(line.startswith(("001-exam: ", "002-exam: ")) for line in err.splitlines())
+    scans = json.loads((results / "summary.json").read_text())["scans"]
+    assert len({one["series"] for one in scans}) == 2
+    assert {Path(one["first_file"]).parent for one in scans} == {exam / "0", exam / "1"}

@@ -1,0 +1,94 @@
+"""A cohort's folder, roots and rules: what cannot be used is refused, and what no rule fits is left."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ronnaplan.cohort.cohort import Counts, run_cohort
+from ronnaplan.cohort.index import Index
+from ronnaplan.cohort.rules import CohortRule, Rules
+from ronnaplan.errors import InputError
+from tests.cohort.runs import FAKE, RULE, begun, cohort, parquet, table
+from tests.cohort.scans import tiny
+
+pytestmark = pytest.mark.usefixtures("log")
+
+
+def test_a_folder_that_another_run_has_is_left_alone(tmp_path: Path) -> None:
+    from filelock import FileLock
+
+    tiny(tmp_path / "in", "6")
+    (tmp_path / "out").mkdir()
+    with FileLock(tmp_path / "out" / "cohort.lock"), pytest.raises(InputError, match="another run has the folder"):
+        cohort(tmp_path)
+
+
+@pytest.mark.parametrize("protocol", ["", "file://"])
+def test_a_root_below_another_is_refused_for_its_series_would_count_twice(tmp_path: Path, protocol: str) -> None:
+    tiny(tmp_path / "in" / "a", "6")
+    tiny(tmp_path / "in b", "7")
+
+    def run(*names: str) -> Counts:
+        roots = [f"{protocol}{tmp_path}/{name}" for name in names]
+        return run_cohort(roots, tmp_path / "out", Rules(rule=(RULE,)), module=FAKE, workers=1)
+
+    with pytest.raises(InputError, match=r"in/a lies below .*/in,"):
+        run("in", "in b", "in/a/")
+    with pytest.raises(InputError, match="no file or folder"):
+        run("in/misspelt")
+    assert run("in", "in/", "in b").done == 2  # the same by two names
+    with pytest.raises(InputError, match=r"in/a lies below .*/in,"):  # of an earlier run, too
+        run("in/a")
+
+
+def test_a_folder_that_cannot_be_used_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tiny(tmp_path / "in", "6")
+    cohort(tmp_path)
+
+    def full(*_: Any, **__: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(parquet, "ParquetWriter", full)
+        with pytest.raises(InputError, match=r"cannot write .*series\.parquet: .*No space left"):
+            cohort(tmp_path)
+    with Index(tmp_path / "out") as index:
+        index.run("ALTER TABLE series DROP COLUMN reason")  # as another version may have it
+    with pytest.raises(InputError, match="no such column: reason"):
+        cohort(tmp_path)
+    (tmp_path / "out" / "index.sqlite").write_bytes(b"damaged" * 1000)
+    with pytest.raises(InputError, match="not a database"):
+        cohort(tmp_path)
+    (tmp_path / "out" / "cohort.lock").unlink()
+    (tmp_path / "out" / "cohort.lock").mkdir()
+    with pytest.raises(InputError, match=r"cannot write .*cohort\.lock"):
+        cohort(tmp_path)
+
+
+def test_series_of_no_rule_are_left_and_the_last_listing_can_be_taken(
+    tmp_path: Path, log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tiny(tmp_path / "in" / "a", "6")
+    tiny(tmp_path / "in" / "b", "7")
+    rule = CohortRule(name="a", diameters=(11.5,), folder="A*")
+    counts = cohort(tmp_path, rule)
+    assert (counts.done, counts.left, counts.idle_rules) == (1, 1, ())
+    assert {row["folder"]: row["state"] for row in table(tmp_path)} == {"a": "done", "b": "left"}
+    tiny(tmp_path / "in" / "a", "8")
+    begun(log)
+    cohort(tmp_path, RULE, list_roots=False)
+    assert begun(log) == {"7": 1}
+    counts = cohort(tmp_path, CohortRule(name="misspelt", diameters=(11.5,), folder="c*"), list_roots=False)
+    assert (counts.done, counts.left, counts.idle_rules) == (0, 2, ("misspelt",))
+    assert {row["state"] for row in table(tmp_path)} == {"left"}
+    assert not table(tmp_path, "markers")
+    monkeypatch.chdir(tmp_path / "in" / "a")  # the same root by another name
+    run_cohort(["../../in/"], tmp_path / "out", Rules(rule=(RULE,)), module=FAKE, workers=1)
+    assert begun(log) == {"8": 1}
+    with Index(tmp_path / "out") as index:
+        assert index.count("done") == 3
+    with pytest.raises(InputError, match="nothing has been listed"):
+        run_cohort([], tmp_path / "misspelt", Rules(rule=(RULE,)), list_roots=False)

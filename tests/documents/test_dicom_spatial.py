@@ -1,0 +1,74 @@
+"""Registrations and markers as DICOM objects, which an independent validator finds nothing wrong with."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydicom import dcmread
+
+from ronnaplan.documents.dicom_spatial import dicom_bytes, spatial_fiducials, spatial_registration
+from ronnaplan.documents.fiducials import Source
+from ronnaplan.errors import InputError
+from tests.documents.registrations import SOURCE, fiducials, registered
+from tests.registration import scene
+
+
+@pytest.mark.parametrize("uid", ["bad\\x", "1" * 65, "1.2 3"])
+@pytest.mark.parametrize("field", ["frame_of_reference_uid", "study_instance_uid"])
+def test_no_dicom_object_is_written_with_an_invalid_uid(uid: str, field: str) -> None:
+    source = SOURCE.model_copy(update={field: uid})
+    with pytest.raises(InputError, match="not a DICOM UID"):
+        spatial_registration(registered().model_copy(update={"source": source}))
+    with pytest.raises(InputError, match="not a DICOM UID"):
+        spatial_fiducials(fiducials().model_copy(update={"source": source}))
+
+
+def test_the_spatial_registration_maps_the_scan_into_its_own_frame(tmp_path: Path) -> None:
+    file = tmp_path / "registration.dcm"
+    document = registered()
+    file.write_bytes(dicom_bytes(spatial_registration(document)))
+    dataset = dcmread(file)
+    assert dataset.SOPClassUID.name == "Spatial Registration Storage"
+    scan, itself = dataset.RegistrationSequence
+    assert scan.FrameOfReferenceUID == scene.CT.uid
+    assert itself.FrameOfReferenceUID == dataset.FrameOfReferenceUID != scene.CT.uid
+    step = scan.MatrixRegistrationSequence[0].MatrixSequence[0]
+    matrix = np.array(step.FrameOfReferenceTransformationMatrix, dtype=float).reshape(4, 4)
+    np.testing.assert_allclose(matrix, document.pose.matrix, atol=1e-8)
+    again = spatial_registration(document)
+    assert (again.SOPInstanceUID, again.FrameOfReferenceUID) == (
+        dataset.SOPInstanceUID,
+        dataset.FrameOfReferenceUID,
+    )
+
+
+def test_the_spatial_fiducials_are_the_markers(tmp_path: Path) -> None:
+    file = tmp_path / "fiducials.dcm"
+    file.write_bytes(dicom_bytes(spatial_fiducials(fiducials())))
+    (markers,) = dcmread(file).FiducialSetSequence
+    assert markers.FrameOfReferenceUID == scene.CT.uid
+    places = np.array([item.ContourData for item in markers.FiducialSequence], dtype=float)
+    np.testing.assert_allclose(places, scene.HEAD / 3, atol=1e-9)
+    assert [item.FiducialIdentifier for item in markers.FiducialSequence] == ["F1", "F2", "F3", "F4", "F5"]
+    assert markers.FiducialSequence[0].ContourUncertaintyRadius == pytest.approx(np.sqrt(3e-4))
+
+
+@pytest.mark.skipif(shutil.which("dciodvfy") is None, reason="dciodvfy (dicom3tools) is not installed")
+def test_both_objects_satisfy_an_independent_validator(tmp_path: Path) -> None:
+    for dataset in (spatial_registration(registered()), spatial_fiducials(fiducials())):
+        file = tmp_path / "object.dcm"
+        file.write_bytes(dicom_bytes(dataset))
+        told = subprocess.run(["dciodvfy", "-new", str(file)], capture_output=True, text=True, check=False).stderr
+        assert "Error" not in told, told
+
+
+def test_without_a_frame_of_reference_there_is_no_dicom_object() -> None:
+    nowhere = registered().model_copy(update={"source": Source()})
+    with pytest.raises(InputError, match="no Frame of Reference UID"):
+        spatial_registration(nowhere)
+    with pytest.raises(InputError, match="no Frame of Reference UID"):
+        spatial_fiducials(fiducials().model_copy(update={"source": Source()}))
+    with pytest.raises(InputError, match="no fiducials"):
+        spatial_fiducials(fiducials().model_copy(update={"fiducials": ()}))

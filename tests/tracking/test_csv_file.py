@@ -1,0 +1,160 @@
+"""Tables of readings: columns are found by name, and what is doubtful is kept with its reason."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ronnaplan.errors import FrameMismatchError, InputError
+from ronnaplan.tracking import PointReading, Recording, ToolReading, read_recording
+from ronnaplan.tracking.csv_file import write_csv
+from tests.tracking.files import matrix_rows, written
+
+
+def test_csv_columns_are_found_by_name_and_bad_rows_are_kept_with_a_reason(tmp_path: Path) -> None:
+    text = (
+        "Sigma_mm,Z [mm],label,X [mm],Y [mm],frame,status\n0.2,3,A,1,2,7,\n0.2,,B,1,2,7,\n0.2,6,C,4,5,7,Missing\n"
+    )
+    recording = read_recording(written(tmp_path, "r.csv", text))
+    np.testing.assert_array_equal(recording.points[0].position_mm, [1, 2, 3])
+    assert [(p.label, p.frame, p.sigma_mm, p.usable) for p in recording.points] == [
+        ("A", 7, 0.2, True),
+        ("B", 7, 0.2, False),
+        ("C", 7, 0.2, False),
+    ]
+    assert recording.flagged() == {"no position": 1, "missing": 1}
+
+
+def test_damaged_numbers_are_flagged_not_used(tmp_path: Path) -> None:
+    bad = (
+        *("1,2,3,-1", "1e300,2,3,0.1", "1,inf,3,0.1", "1e12,2,3,0.1", "1_0,2,3,0.1", "1,\u0664,3,0.1", "9" * 400),
+        *(
+            "1\x1c,2,3,0.1",
+            "1,\x1e.5,3,0.1",
+            "1,2,\xa03,0.1",
+            "1,2,3,0.1\x1f",
+        ),  # a bit of a digit's was turned over
+    )
+    text = "\n".join(["x,y,z,sigma", *bad, "1,2,3,0.1"])
+    recording = read_recording(written(tmp_path, "r.csv", text))
+    assert [point.usable for point in recording.points] == [False] * len(bad) + [True]
+    assert "sigma is '-1' mm" in recording.flagged()
+
+
+@pytest.mark.parametrize(
+    ("name", "cell"),
+    [
+        ("sigma", "0,1mm"),
+        ("sigma", "0"),
+        ("state", "Missing"),
+        ("Valid", "false"),
+        ("visible", "0"),
+        ("status", "lost"),
+    ],
+)
+def test_what_a_row_says_against_its_reading_is_heard(tmp_path: Path, name: str, cell: str) -> None:
+    text = f"label;x;y;z;{name}\nA;1;2;3;{cell}\nB;1;2;3;\n"
+    assert [point.usable for point in read_recording(written(tmp_path, "r.csv", text)).points] == [False, True]
+    header, first, second, _ = matrix_rows(0, 3).split("\n")
+    text = f"{header},{name}\n{first},{cell.replace(',', '.')}\n{second},\n"
+    tools = read_recording(written(tmp_path, "r.csv", text)).tools
+    assert [tool.usable for tool in tools] == [name == "sigma", True]
+
+
+def test_semicolons_with_decimal_commas_and_a_byte_order_mark(tmp_path: Path) -> None:
+    recording = read_recording(written(tmp_path, "r.csv", "\ufefflabel;x;y;z\nA;1,5;-2,25;3\n"))
+    np.testing.assert_array_equal(recording.points[0].position_mm, [1.5, -2.25, 3])
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("x,y,z,unit\n1,2,3,mm\n1,2,3,m\n", "row 2 below the header says its unit is 'm'"),
+        ("x,y,z,Units\n1,2,3,inch\n", "unit is 'inch'"),
+        ("x,y,z,length_unit\n1,2,3,cm\n", "unit is 'cm'"),
+        ("x,y,z,frame\n1,2,3,1.5\n", "frame number '1.5'"),
+        ("x,y,z,frame\n1,2,3,1e300\n", "frame number '1e300'"),
+        ("x,y,z,frame\n1,2,3,1\n1,2,3,l2\n", "the frames 1, l2"),
+        ("state,tx,ty,tz,frame\nOK,1,2,3,l2\n", "frame number 'l2'"),
+        ("x,y,z,coordinate_system\n1,2,3,RAS\n1,2,3,LPS\n", "the frames LPS, RAS"),
+        ("x,y,z,sigma_x,sigma_y,sigma_z\n1,2,3,1,1,9\n", "expected one sigma"),
+        (matrix_rows(0, 3).replace("m03", "m03 [m]"), r"m03 \[m\]"),
+        ("x,y,z,frame\n1,2,3," + "9" * 5000 + "\n", "expected a whole number or a name"),
+        ("x,y,z,kind\n1,2,3,pose\n", "the kind 'pose'"),
+        ("x,y,z\n11,5,22,0,30,1\n", "decimal comma"),
+        ("x,y,z,X [mm]\n1,2,3,4\n", "more than one column named x"),
+        ("x (cm),y (cm),z (cm)\n1,2,3\n", r"x \(cm\)"),
+        ("x [m],y,z\n1,2,3\n", r"x \[m\]"),
+        ("x,y,z,sigma_um\n1,2,3,100\n", "sigma_um"),
+        ("x cm,y,z\n1,2,3\n", "x cm"),
+        ("x,y,z,time (ms)\n1,2,3,4\n", r"time \(ms\)"),
+    ],
+)
+def test_columns_that_could_be_taken_for_others_are_refused(tmp_path: Path, text: str, says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        read_recording(written(tmp_path, "r.csv", text))
+
+
+@pytest.mark.parametrize("table", ["x,y,z,frame\n1,2,3,{}\n", "state,tx,ty,tz,frame\nOK,1,2,3,{}\n"])
+def test_a_frame_number_is_the_one_that_is_written_or_refused(tmp_path: Path, table: str) -> None:
+    largest = 2**53 - 1
+    for known in (largest, -largest):
+        recording = read_recording(written(tmp_path, "r.csv", table.format(known)))
+        assert [one.frame for one in recording.points] + [one.frame for one in recording.tools] == [known]
+    for beyond in (2**53, 2**53 + 1, -(2**53), -(2**53) - 1):  # 2**53 + 1 is 2**53 as a float
+        with pytest.raises(InputError, match=f"frame number '{beyond}'"):
+            read_recording(written(tmp_path, "r.csv", table.format(beyond)))
+
+
+def test_empty_cells_behind_the_last_column_are_nothing(tmp_path: Path) -> None:
+    recording = read_recording(written(tmp_path, "r.csv", "x,y,z\n1,2,3,, \n"))
+    np.testing.assert_array_equal(recording.points[0].position_mm, [1, 2, 3])
+
+
+def test_csv_of_two_coordinate_frames_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(FrameMismatchError, match="OTS, R"):
+        read_recording(written(tmp_path, "r.csv", "frame,x,y,z\nOTS,1,2,3\nR,4,5,6\n"))
+    assert read_recording(written(tmp_path, "r.csv", "frame,x,y,z\nR,1,2,3\n")).frame.name == "R"
+
+
+def test_what_is_written_is_read_back(tmp_path: Path) -> None:
+    first = read_recording(
+        written(
+            tmp_path,
+            "r.csv",
+            "frame,time_s,label,x,y,z,q0,qx,qy,qz,sigma,status\n0,1.25,A,0.1,2,3,,,,,0.17,ok\n1,,,,2,3,,,,,,missing\n"
+            "0,1.5,probe,1,2,3,0.5,0.5,-0.5,0.5,,ok\n1,1.6,probe,,,,,,,,,no pose\n2,1.7,probe,,,,,,,,,missing\n",
+        )
+    )
+    again = read_recording(written(tmp_path, "again.csv", write_csv(first)))
+    assert write_csv(again) == write_csv(first)
+    assert len(again.points) == 2
+    assert [tool.usable for tool in again.tools] == [True, False, False]
+    np.testing.assert_allclose(again.poses("probe")[0][:3, 3], [1, 2, 3])
+
+
+def test_readings_of_every_kind_come_back_from_csv_as_they_were(tmp_path: Path) -> None:
+    points = (
+        PointReading(3, np.array([0.1, 1 / 3, -1000.0]), "=A", 1.5, 0.2),
+        PointReading(4, np.full(3, np.nan), "'n", status="missing"),
+    )
+    tools = (
+        ToolReading(0, "probe", None, 0.5, None, "no pose: it has 2 numbers; expected 16"),
+        ToolReading(1, "never seen", None, status="missing"),
+        ToolReading(2, "probe", np.eye(4), 0.75, 0.11),
+    )
+    again = read_recording(written(tmp_path, "r.csv", write_csv(Recording("test", points, tools))))
+    for first, second in zip((*points, *tools), (*again.points, *again.tools), strict=True):
+        for name, value in vars(first).items():
+            np.testing.assert_equal(getattr(second, name), value)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_csv_as_a_spreadsheet_saves_it_in_utf_16(tmp_path: Path, encoding: str) -> None:
+    text = "label;x;y;z\r\nÅ;1,5;-2;3\r\n"
+    if encoding != "utf-16":
+        text = "\ufeff" + text
+    path = tmp_path / "r.csv"
+    path.write_bytes(text.encode(encoding))
+    (point,) = read_recording(path).points
+    assert (point.label, point.position_mm.tolist()) == ("Å", [1.5, -2, 3])

@@ -1,0 +1,25 @@
+"""Rows of 4 x 4 matrices are poses."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ronnaplan.tracking import read_recording
+from tests.tracking.files import matrix_rows, turned, written
+
+
+@pytest.mark.parametrize(("first", "rows"), [(0, 4), (0, 3), (1, 4)])
+def test_rows_of_matrices_are_poses(tmp_path: Path, first: int, rows: int) -> None:
+    recording = read_recording(written(tmp_path, "poses.csv", matrix_rows(first, rows)))
+    np.testing.assert_allclose(recording.poses("tool"), [turned(k) for k in range(3)], atol=1e-12)
+    assert [tool.frame for tool in recording.tools] == [0, 1, 2]
+    assert recording.tools[1].time_s == pytest.approx(1378476417.9227552, abs=1e-6)
+    assert recording.notes == ()
+
+
+def test_matrices_by_columns_are_flagged_not_turned_round(tmp_path: Path) -> None:
+    names = ",".join(f"m{r}{c}" for r in range(4) for c in range(4))
+    numbers = ",".join(map(repr, turned(1).T.ravel().tolist()))
+    (tool,) = read_recording(written(tmp_path, "poses.csv", f"{names}\n{numbers}\n")).tools
+    assert "is it transposed" in tool.status

@@ -1,0 +1,34 @@
+"""Tables of NDI's own tools are read by their columns' names."""
+
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ronnaplan.tracking import read_recording
+from tests.tracking.files import NDI, written
+
+
+def test_ndi_combined_api_csv(tmp_path: Path) -> None:
+    recording = read_recording(written(tmp_path, "ndi.csv", NDI))
+    assert [(t.frame, t.status, t.error_mm) for t in recording.tools] == [
+        (100, "ok", 0.12),
+        (101, "missing", None),
+    ]
+    expected = Rotation.from_quat([0.5, 0.5, 0.5, 0.5]).as_matrix()
+    np.testing.assert_allclose(recording.poses(recording.tool_names[0])[0][:3, :3], expected, atol=1e-12)
+    assert [p.status for p in recording.points] == ["ok", "ok", "missing", "outofvolume", "ok", "ok", "ok", "ok"]
+    np.testing.assert_array_equal(recording.points[5].position_mm, [4, 5, 6])
+
+
+def test_ndi_columns_are_found_by_name_for_several_tools_and_strays(tmp_path: Path) -> None:
+    tool = "Port,Frame,Face,State,Q0,Qx,Qy,Qz,Tx,Ty,Tz,Error"
+    text = (
+        f"Tools,{tool},{tool},Stray markers,State,Tx,Ty,Tz,State,Tx,Ty,Tz\n"
+        "2,Port 1,5,0,OK,1,0,0,0,1,2,3,0.1,Port 2,5,0,OK,1,0,0,0,4,5,6,0.1,2,OK,7,8,9,Missing,,,\n"
+    )
+    recording = read_recording(written(tmp_path, "tools.csv", text))
+    assert recording.tool_names == ("Port 1", "Port 2")
+    np.testing.assert_array_equal(recording.poses("Port 2")[0][:3, 3], [4, 5, 6])
+    assert [p.label for p in recording.points if p.usable] == [""]
+    np.testing.assert_array_equal(recording.points[0].position_mm, [7, 8, 9])

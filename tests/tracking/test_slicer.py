@@ -1,0 +1,65 @@
+"""Slicer's markups are taken at their word: system, unit and types."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ronnaplan.errors import InputError
+from ronnaplan.tracking import read_recording
+from tests.tracking.files import MARKUPS, written
+
+
+@pytest.mark.parametrize(("system", "sign"), [("LPS", 1), ("RAS", -1)])
+def test_slicer_markups_are_read_in_lps(tmp_path: Path, system: str, sign: int) -> None:
+    points = [
+        {"label": "F-1", "position": [1.0, 2.0, 3.0], "positionStatus": "defined"},
+        {"label": "F-2", "position": [0.0, 0.0, 0.0], "positionStatus": "undefined"},
+    ]
+    document = {"markups": [{"type": "Fiducial", "coordinateSystem": system, "controlPoints": points}]}
+    recording = read_recording(written(tmp_path, "m.mrk.json", json.dumps(document)))
+    np.testing.assert_array_equal(recording.points[0].position_mm, [sign * 1, sign * 2, 3])
+    assert recording.points[1].status == "undefined"
+    code = {"LPS": "1", "RAS": "0"}[system]
+    fcsv = f"# Markups fiducial file version = 4.11\n# CoordinateSystem = {code}\n# columns = id,x,y,z,ow,label\n"
+    recording = read_recording(written(tmp_path, "m.fcsv", fcsv + "1,1,2,3,0,F-1\n"))
+    np.testing.assert_array_equal(recording.points[0].position_mm, [sign * 1, sign * 2, 3])
+    assert recording.points[0].label == "F-1"
+
+
+@pytest.mark.parametrize(
+    ("there", "instead"),
+    [
+        ("[1, 2, 3]", '"123"'),
+        ("[1, 2, 3]", '{"0": 1, "1": 2, "2": 3}'),
+        ("[1, 2, 3]", '["1", 2, 3]'),
+        ("[1, 2, 3]", "[true, 2, 3]"),
+        ("[1, 2, 3]", "[1, 2]"),
+        ("[1, 2, 3]", f"[{'9' * 400}, 2, 3]"),
+        ("[1, 2, 3]", f"[{'9' * 5000}, 2, 3]"),
+        ("[1, 2, 3]", "[1e999, 2, 3]"),
+        ('"F"', "5"),
+        ('"F"', '"\\ud800"'),
+        ('"LPS"', '"LPS", "coordinateSystem": "RAS"'),
+        ('"LPS"', '"LPS", "coordinateUnits": "cmm"'),
+        ('"LPS"', '"LPS", "coordinateUnits": "m"'),
+        ('"LPS"', '"LPS", "coordinateUnits": ["cm", "UCUM", "mm"]'),
+        ('"LPS"', '"lps"'),
+    ],
+)
+def test_markups_are_taken_at_their_word(tmp_path: Path, there: str, instead: str) -> None:
+    read_recording(written(tmp_path, "m.mrk.json", MARKUPS))
+    with pytest.raises(InputError, match="not a Slicer markups file"):
+        read_recording(written(tmp_path, "m.mrk.json", MARKUPS.replace(there, instead)))
+
+
+def test_markups_that_name_millimetres_by_their_code_are_read(tmp_path: Path) -> None:
+    text = MARKUPS.replace('"LPS"', '"LPS", "coordinateUnits": ["mm", "UCUM", "millimeter"]')
+    assert read_recording(written(tmp_path, "m.mrk.json", text)).points[0].position_mm.tolist() == [1, 2, 3]
+
+
+def test_an_fcsv_that_names_two_systems_is_refused(tmp_path: Path) -> None:
+    text = "# CoordinateSystem = LPS\n# CoordinateSystem = RAS\n# columns = id,x,y,z,label\n1,1,2,3,F\n"
+    with pytest.raises(InputError, match="each once"):
+        read_recording(written(tmp_path, "m.fcsv", text))
