@@ -27,7 +27,7 @@ KILOVOLTS = (60.0, 150.0)
 
 @dataclass(frozen=True)
 class Beam:
-    """Spectrum as the detector weighs it: ``weights`` (B,) sum to one, ``edges_kev`` (B + 1,) bound the bins."""
+    """Spectrum as the detector weighs it: ``weights`` (B,) of the ``bins`` sum to one."""
 
     kilovolts: float
     weights: FloatArray
@@ -36,6 +36,7 @@ class Beam:
     signal: FloatArray
     """(E,) relative detected energy at each fine energy"""
     bins: tuple[slice, ...]
+    """Which of the fine energies each bin stands for."""
 
     def attenuation_per_mm(self, names: tuple[str, ...]) -> FloatArray:
         """Return the attenuation (M, B) of the named materials over that of air, per mm."""

@@ -26,11 +26,11 @@ from phantoms.errors import PhantomError
 from phantoms.examination import Examination
 from phantoms.lifelike import lifelike_head
 from phantoms.markers import KINDS, Condition, Post, made, marker, marker_kind, touching_pair
-from phantoms.protocols import draw
+from phantoms.protocols import Protocol, draw
 from phantoms.scanner import Scanner
 from phantoms.scene import Scene, join
 from phantoms.solids import FloatArray, Vector
-from phantoms.stack import axial_stack
+from phantoms.stack import SliceStack, axial_stack
 from phantoms.surgery import bone_flap, burr_hole, shunt
 from phantoms.worn import braces, eeg_cap, hair, head_frame
 
@@ -89,12 +89,7 @@ def random_patient(
     feet = [scalp_foot(at, size) for at in _places(generator, count + decoys, size)]
     makes = np.random.default_rng([seed, 20260103])
     kind = str(makes.choice(list(KINDS))) if kind == "any" else kind
-    markers = [
-        touching_pair((f"M{n + 1}", f"M{count + n + 1}"), foot, kind, float(makes.uniform(0, 180)))
-        if n < touching
-        else marker(f"M{n + 1}", foot, kind, _condition(makes, as_made, _covering(makes, covering, covered)))
-        for n, foot in enumerate(feet[:count])
-    ]
+    markers = _markers(makes, feet[:count], kind, as_made, covering, covered, touching)
     names = generator.permutation(list(DECOYS))
     others = [decoy(str(names[n % len(names)]), foot, kind) for n, foot in enumerate(feet[count:])]
     post = marker_kind(kind).post
@@ -107,29 +102,63 @@ def random_patient(
     scene = scene.moved(_lie(generator), generator.uniform(-12, 12, 3))
     thickness = float(generator.choice([0.5, 0.6, 0.75, 1.0, 1.25])) if thickness_mm is None else thickness_mm
     chosen = str(generator.choice(["soft", "standard", "bone"], p=[0.25, 0.6, 0.15])) if kernel is None else kernel
-    turn = np.eye(3) if plan is None else plan.orientation
     machine = Scanner(kernel=chosen, dose=dose) if plan is None else plan.scanner_at(dose)
-    positions = _slice_positions(generator, scene.moved(turn.T), spacing_mm or thickness, 0.1 if uneven else 0.0)
+    stack = _stack(generator, scene, plan, thickness, spacing_mm or thickness, uneven, matrix, tilt_deg)
+    machine = machine.aimed(stack)
+    stack = replace(stack, field_radius_mm=machine.field_radius_mm)
+    if plan is None:
+        return Examination(scene, stack, machine, seed)
+    return Examination(scene, stack, machine, seed, plan.finish, plan.name)
+
+
+def _markers(
+    generator: np.random.Generator,
+    feet: list[Foot],
+    kind: str,
+    as_made: bool,
+    covering: str,
+    covered: float,
+    touching: int,
+) -> list[Scene]:
+    """Draw a marker on each foot, made and covered as `random_patient` says; the first ones touch a second one."""
+    return [
+        touching_pair((f"M{n + 1}", f"M{len(feet) + n + 1}"), foot, kind, float(generator.uniform(0, 180)))
+        if n < touching
+        else marker(
+            f"M{n + 1}", foot, kind, _condition(generator, as_made, _covering(generator, covering, covered))
+        )
+        for n, foot in enumerate(feet)
+    ]
+
+
+def _stack(
+    generator: np.random.Generator,
+    scene: Scene,
+    plan: Protocol | None,
+    thickness_mm: float,
+    spacing_mm: float,
+    uneven: bool,
+    matrix: int,
+    tilt_deg: float,
+) -> SliceStack:
+    """Draw which slices show the scene, and their field of view; a ``plan`` says how they lie, and in what voxels."""
+    turn = np.eye(3) if plan is None else plan.orientation
+    positions = _slice_positions(generator, scene.moved(turn.T), spacing_mm, 0.1 if uneven else 0.0)
     field_mm = float(generator.uniform(255, 290))
     if plan is not None and plan.cubic:
-        matrix = int(np.ceil(field_mm / thickness))
-        field_mm = matrix * thickness
-    stack = axial_stack(
+        matrix = int(np.ceil(field_mm / thickness_mm))
+        field_mm = matrix * thickness_mm
+    return axial_stack(
         start_mm=0.0,
         stop_mm=0.0,
         positions_mm=positions,
-        thickness_mm=thickness,
+        thickness_mm=thickness_mm,
         matrix=matrix,
         field_of_view_mm=field_mm,
         center_mm=(*generator.uniform(-6, 6, 2), 0.0),
         tilt_deg=tilt_deg,
         orientation=turn,
     )
-    machine = machine.aimed(stack)
-    stack = replace(stack, field_radius_mm=machine.field_radius_mm)
-    if plan is None:
-        return Examination(scene, stack, machine, seed)
-    return Examination(scene, stack, machine, seed, plan.finish, plan.name)
 
 
 class _Person(NamedTuple):
