@@ -24,51 +24,33 @@ def rows(out: Path) -> list[dict[str, Any]]:
     Image.new("RGB", (1200, 300), "white").save(sheet, "PNG")
     (out / "sheet.png").write_bytes(sheet.getvalue())
     shared = {"root": "/in", "archive": "", "manufacturer": "Maker", "sheet": "sheet.png", "thickness_mm": 0.6}
-    found: list[dict[str, Any]] = []
-    for day in range(120):
-        drift_mm = 0.001 * max(day - 60, 0)
-        date = f"2026-{1 + day // 28:02d}-{1 + day % 28:02d}"
-        checked = {
-            "distance_mean_mm": 0.01 * random.standard_normal() + drift_mm,
-            "distance_rms_mm": 0.02 + 0.002 * random.standard_normal(),
-        }
-        found.append(
-            {
-                **shared,
-                **{"series": f"1.{day}", "folder": f"qa/{day}", "state": "done", "reason": "", "model": "A"},
-                **{"found": 6, "expected": 6, "error_rms_mm": 0.004, "misfit": 0.02, "rejected": ["round"]},
-                **{
-                    "phantom": "daily",
-                    "phantom_reasons": ["it is stretched"] * (day == 119),
-                    "acquired": date,
-                    **checked,
-                },
-            }
-        )
-    for number in range(30):
-        count = 5 if number == 7 else 6
-        found.append(
-            {
-                **shared,
-                **{
-                    "series": f"2.{number}",
-                    "folder": f"p<b>/{number}",
-                    "model": "B",
-                    "found": count,
-                    "expected": 6,
-                },
-                **{
-                    "state": "done" if count == 6 else "refused",
-                    "reason": "" if count == 6 else "5 markers, not 6",
-                },
-                **{
-                    "error_rms_mm": 0.01 * (1 + random.random()),
-                    "misfit": 0.03 + 0.001 * number,
-                    "rejected": [],
-                },
-            }
-        )
-    return found
+    days = [{**shared, **day_of_a_phantom(random, day)} for day in range(120)]
+    return [*days, *({**shared, **patient(random, number)} for number in range(30))]
+
+
+def day_of_a_phantom(random: np.random.Generator, day: int) -> dict[str, Any]:
+    """A phantom's scan, on a scanner that drifts from the 60th day on."""
+    drift_mm = 0.001 * max(day - 60, 0)
+    return {
+        **{"series": f"1.{day}", "folder": f"qa/{day}", "state": "done", "reason": "", "model": "A"},
+        **{"found": 6, "expected": 6, "error_rms_mm": 0.004, "misfit": 0.02, "rejected": ["round"]},
+        "phantom": "daily",
+        "phantom_reasons": ["it is stretched"] * (day == 119),
+        "acquired": f"2026-{1 + day // 28:02d}-{1 + day % 28:02d}",
+        "distance_mean_mm": 0.01 * random.standard_normal() + drift_mm,
+        "distance_rms_mm": 0.02 + 0.002 * random.standard_normal(),
+    }
+
+
+def patient(random: np.random.Generator, number: int) -> dict[str, Any]:
+    """A patient's scan; in one of them a marker is missing."""
+    count = 5 if number == 7 else 6
+    return {
+        **{"series": f"2.{number}", "folder": f"p<b>/{number}", "model": "B", "found": count, "expected": 6},
+        "state": "done" if count == 6 else "refused",
+        "reason": "" if count == 6 else "5 markers, not 6",
+        **{"error_rms_mm": 0.01 * (1 + random.random()), "misfit": 0.03 + 0.001 * number, "rejected": []},
+    }
 
 
 def test_the_page_tells_the_drift_and_shows_the_worst_sheet_first(

@@ -46,49 +46,64 @@ def look(url: str) -> None:
         eventually(page, lambda: seen(page).max() > 150)
         first = seen(page)
         assert not value(page, "picture_head")
-
-        page.mouse.move(*seen_at(page, "head", (-0.7, 0.6)))
-        page.mouse.down()
-        page.mouse.move(*seen_at(page, "head", (-0.4, 0.6)), steps=3)
-        page.mouse.up()
-        eventually(page, lambda: changed(seen(page), first) > 0.05)
-        page.click(".rp-cube >> text=A")
-        eventually(page, lambda: np.allclose(np.array(value(page, "eye")["axes"][6:]), [0, -1, 0], atol=1e-6))
-        whole = seen(page)
-
-        page.select_option("#shown-as", "bone")
-        page.wait_for_function("window.trame.state.get('volume').table")
-        assert all(one["name"] not in ("skin", "skull") for one in value(page, "things"))
-        eventually(page, lambda: changed(seen(page), whole) > 0.05)
-        dense = value(page, "volume")["table"]
-        page.locator("#strength").fill("-2")
-        eventually(page, lambda: value(page, "volume")["table"] != dense)
-        page.select_option("#opened", "sagittal")
-        eventually(page, lambda: len(value(page, "eye")["planes"]) == 1)
-        page.select_option("#shown-as", "skin")
-        eventually(page, lambda: any(one["name"] == "skin" for one in value(page, "things")))
-
-        page.select_option("#opened", "corner")
-        eventually(page, lambda: len(value(page, "eye")["planes"]) == 3)
-        eventually(page, lambda: changed(seen(page), whole) > 0.05)
-        corner, way = np.array(value(page, "eye")["corner"]), np.array(value(page, "eye")["way"])
-        page.mouse.click(*seen_at(page, "head", (0.0, -0.2)))
-        eventually(page, lambda: value(page, "eye")["corner"] != corner.tolist())
-        picked = np.array(value(page, "eye")["corner"])
-        assert ((picked - corner) * way).min() < 0.6  # nothing that was taken away is picked
-
+        whole = turn(page, first)
+        show_bone(page, whole)
+        open_the_corner(page, whole)
         page.evaluate(LOSE)
         page.wait_for_function("window.trame.state.get('picture_head')")
         eventually(page, lambda: not page.evaluate(HERE) and not value(page, "look")["opened"])
         assert faults == []
         page.close()
-        page = opened(browser, url, 1000, 700, SLOWLY)
-        page.wait_for_function("document.querySelector('canvas[data-scene]').hidden")
-        page.wait_for_selector(".rp-head canvas[data-picture]", state="visible")
-        page.click("text=draw in this browser")
-        page.wait_for_selector("#news >> text=still takes 1000 ms a frame")
-        page.evaluate(IN_NO_TIME)  # what kept the machine busy is done
-        page.click("text=draw in this browser")
-        page.wait_for_function(f"{HERE} && !window.trame.state.get('picture_head')")
-        eventually(page, lambda: seen(page).max() > 150)
-        page.wait_for_selector(".rp-again", state="hidden")
+        time_it_anew(opened(browser, url, 1000, 700, SLOWLY))
+
+
+def turn(page: Any, first: np.ndarray) -> np.ndarray:
+    """Turn the head, and look at its front; return how it is seen there."""
+    page.mouse.move(*seen_at(page, "head", (-0.7, 0.6)))
+    page.mouse.down()
+    page.mouse.move(*seen_at(page, "head", (-0.4, 0.6)), steps=3)
+    page.mouse.up()
+    eventually(page, lambda: changed(seen(page), first) > 0.05)
+    page.click(".rp-cube >> text=A")
+    eventually(page, lambda: np.allclose(np.array(value(page, "eye")["axes"][6:]), [0, -1, 0], atol=1e-6))
+    return seen(page)
+
+
+def show_bone(page: Any, whole: np.ndarray) -> None:
+    """Draw the whole scan in the place of the surface, as dense as is asked for, and cut."""
+    page.select_option("#shown-as", "bone")
+    page.wait_for_function("window.trame.state.get('volume').table")
+    assert all(one["name"] not in ("skin", "skull") for one in value(page, "things"))
+    eventually(page, lambda: changed(seen(page), whole) > 0.05)
+    dense = value(page, "volume")["table"]
+    page.locator("#strength").fill("-2")
+    eventually(page, lambda: value(page, "volume")["table"] != dense)
+    page.select_option("#opened", "sagittal")
+    eventually(page, lambda: len(value(page, "eye")["planes"]) == 1)
+    page.select_option("#shown-as", "skin")
+    eventually(page, lambda: any(one["name"] == "skin" for one in value(page, "things")))
+
+
+def open_the_corner(page: Any, whole: np.ndarray) -> None:
+    """Take the corner before the crosshair away; what is gone is not picked."""
+    page.select_option("#opened", "corner")
+    eventually(page, lambda: len(value(page, "eye")["planes"]) == 3)
+    eventually(page, lambda: changed(seen(page), whole) > 0.05)
+    corner, way = np.array(value(page, "eye")["corner"]), np.array(value(page, "eye")["way"])
+    page.mouse.click(*seen_at(page, "head", (0.0, -0.2)))
+    eventually(page, lambda: value(page, "eye")["corner"] != corner.tolist())
+    picked = np.array(value(page, "eye")["corner"])
+    assert ((picked - corner) * way).min() < 0.6  # nothing that was taken away is picked
+
+
+def time_it_anew(page: Any) -> None:
+    """A browser that was slow gets pictures, until it is found to be quick."""
+    page.wait_for_function("document.querySelector('canvas[data-scene]').hidden")
+    page.wait_for_selector(".rp-head canvas[data-picture]", state="visible")
+    page.click("text=draw in this browser")
+    page.wait_for_selector("#news >> text=still takes 1000 ms a frame")
+    page.evaluate(IN_NO_TIME)  # what kept the machine busy is done
+    page.click("text=draw in this browser")
+    page.wait_for_function(f"{HERE} && !window.trame.state.get('picture_head')")
+    eventually(page, lambda: seen(page).max() > 150)
+    page.wait_for_selector(".rp-again", state="hidden")

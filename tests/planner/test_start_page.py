@@ -67,6 +67,18 @@ def test_a_scan_is_dropped_opened_and_its_files_go_out_and_in(browser: Any, star
     page, home = browser.new_page(viewport={"width": 1440, "height": 900}), scans.parent / "home"
     page.set_default_timeout(PATIENCE_MS)
     page.goto(started)
+    drop_a_scan(page, scans)
+    assert page.url == started
+    assert sorted(one.name for one in (home / "first").iterdir()) == [".planner-address.json", "ct.zip"]
+    download_its_files(page, home / "first", scans)
+    put_in_readings(page, home / "first", scans)
+    (home / "first" / "plan.json").write_bytes((scans / "plan.json").read_bytes())
+    leave_and_come_back(page)
+    assert page.url == started
+
+
+def drop_a_scan(page: Any, scans: Path) -> None:
+    """Look through folders, then drop what is no scan, an archive, and open it as a case."""
     page.click("text=study/")
     page.click("#entries >> text=ct/")
     page.wait_for_selector("#entries >> text=the button above shows what scans its files are")
@@ -85,33 +97,38 @@ def test_a_scan_is_dropped_opened_and_its_files_go_out_and_in(browser: Any, star
     page.fill("#name", "first")
     page.click("#found tbody button")
     page.wait_for_selector("canvas[data-picture=axial][data-number]")
-    assert page.url == started
-    assert sorted(one.name for one in (home / "first").iterdir()) == [".planner-address.json", "ct.zip"]
 
+
+def download_its_files(page: Any, case: Path, scans: Path) -> None:
+    """Take the plan and a report out of the page."""
     page.click("#add")
     page.keyboard.press("Escape")
     page.click(".rp-tab >> text=Files")
     page.wait_for_selector("#files >> text=plan.json: none yet")
     assert page.locator("[data-download='plan.json']").count() == 0
-    shutil.copy(cases.write_case(scans) / "plan.json", home / "first" / "plan.json")
+    shutil.copy(cases.write_case(scans) / "plan.json", case / "plan.json")
     eventually(page, lambda: page.evaluate("window.trame.state.get('paths').length") == 1)
     with page.expect_download() as coming:
         page.click("[data-download='plan.json']")
-    assert coming.value.path().read_bytes() == (home / "first" / "plan.json").read_bytes()
+    assert coming.value.path().read_bytes() == (case / "plan.json").read_bytes()
     with page.expect_download(timeout=120_000) as made:
         page.click("[data-download='report.html']")
     assert "ronnaplan" in made.value.path().read_text()
 
+
+def put_in_readings(page: Any, case: Path, scans: Path) -> None:
+    """Put readings into the case; no file that is there is replaced."""
     page.set_input_files("#readings-file", cases.write_readings(scans / "readings.csv"))
     page.wait_for_selector("#news >> text=readings were put into the case")
-    assert (home / "first" / "readings.csv").read_text() == (scans / "readings.csv").read_text()
+    assert (case / "readings.csv").read_text() == (scans / "readings.csv").read_text()
     page.set_input_files("#readings-file", scans / "plan.json")
     page.wait_for_selector("#message >> text=is in the case already")
 
-    (home / "first" / "plan.json").write_bytes((scans / "plan.json").read_bytes())
+
+def leave_and_come_back(page: Any) -> None:
+    """Go to the start page, open the case again from there, and leave it."""
     page.click("#leave")
     page.wait_for_selector("text=Open a scan")
-    assert page.url == started
     page.click("text=study/")
     page.click("text=look for series here")
     page.click("#found >> text=go on")
