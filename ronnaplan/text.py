@@ -6,6 +6,9 @@ import math
 import re
 from collections.abc import Iterable
 
+NOTICE = "Research software, not a medical device."
+"""What pages, reports and the command say of all this."""
+
 LONGEST_TEXT = 500
 """Characters kept of a text from a file (DICOM's own limit for descriptions is 64, a path may be longer)."""
 

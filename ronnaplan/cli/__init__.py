@@ -15,6 +15,7 @@ from typing import Any
 from ronnaplan import __version__
 from ronnaplan.cli.output import discard_output, guarded_output
 from ronnaplan.errors import RonnaplanError, UsageError
+from ronnaplan.text import NOTICE
 
 VERBS = (
     *("series", "localize", "plan", "track", "register", "view", "report", "export", "robot"),
@@ -22,8 +23,6 @@ VERBS = (
 )
 
 DESCRIPTION = "From a head CT with spherical markers to coordinates a robot can trust."
-NOTICE = "Research software, not a medical device."
-
 
 OBJECTS_BETWEEN_COLLECTIONS = 300_000
 """Python looks for circles of garbage after so many new objects, not after 700: imports make many (those of localizing

@@ -35,6 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.localization import localize
     from ronnaplan.report.picture import marker_sheet
     from ronnaplan.report.tables import fiducials_table
+    from ronnaplan.text import NOTICE
 
     if not DATA.is_dir():
         raise InputError(f"{DATA} does not exist; run the demo from a clone of the project's source")
@@ -47,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     write_atomically(folder / "markers.png", marker_sheet(volume, found))
     print(f"\nFiducials: {folder / 'fiducials.json'}\nPicture:   {folder / 'markers.png'}")
     print(NEXT.format(first=_first(), data=_shown(DATA), folder=folder))
-    print("Research software, not a medical device.")
+    print(NOTICE)
     return 0
 
 

@@ -14,12 +14,11 @@ from ronnaplan.cohort.summary import Row, Summary, scanner_of, summarize
 from ronnaplan.cohort.tables import MARKERS, SERIES, series_rows
 from ronnaplan.documents.files import write_atomically
 from ronnaplan.report.html import box, element, link, page, picture, section, table
-from ronnaplan.text import printable
+from ronnaplan.text import NOTICE, printable
 
 PAGE: Final = "index.html"
 MOST_ROWS: Final = 15
 MOST_CHARTS: Final = 40
-NOTICE: Final = "Research software, not a medical device."
 STATES: Final = {
     "done": "localized, with the number of markers that was expected, where one was",
     "refused": "refused: not the expected number, or no single answer",

@@ -18,8 +18,7 @@ from ronnaplan.report.path_part import paths_part
 from ronnaplan.report.placement_part import placement_part
 from ronnaplan.report.registration_part import registration_part
 from ronnaplan.report.scan_part import scan_part
-
-NOTICE = "Research software, not a medical device."
+from ronnaplan.text import NOTICE
 
 Paper = Literal["A4", "Letter"]
 

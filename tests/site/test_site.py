@@ -11,6 +11,7 @@ from types import ModuleType
 import pytest
 
 import ronnaplan
+from ronnaplan.text import NOTICE
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
@@ -86,6 +87,10 @@ def test_each_name_of_the_reference_is_imported_from_where_its_heading_says() ->
             assert hasattr(import_module(package), name), (package, name)
             seen += 1
     assert seen > 60
+
+
+def test_each_page_says_at_its_foot_what_this_is_not() -> None:
+    assert f"\ncopyright: {NOTICE} " in (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
 
 
 def test_the_search_needs_no_host() -> None:
