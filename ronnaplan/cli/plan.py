@@ -9,6 +9,7 @@ from typing import NamedTuple
 from ronnaplan.cli import plan_actions as actions
 from ronnaplan.cli import plan_options as options
 from ronnaplan.cli import plan_template
+from ronnaplan.text import NOTICE
 
 HELP = "Plan trajectories, check them against limits, propose entries and marker places."
 
@@ -25,7 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the sub-verbs."""
     verbs = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     for name, action in ACTIONS.items():
-        sub = verbs.add_parser(name, help=action.help, description=action.help)
+        sub = verbs.add_parser(name, help=action.help, description=action.help, epilog=NOTICE)
         action.configure(sub)
 
 

@@ -6,6 +6,8 @@ import argparse
 from importlib import import_module
 from types import ModuleType
 
+from ronnaplan.text import NOTICE
+
 HELP = "Calibrate the robot's tools, follow the chain to the robot, and find where it shall stand."
 
 ACTIONS = ("pivot", "hand-eye", "stereo-calibrate", "relocate", "chain", "watch", "place", "export")
@@ -17,7 +19,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     verbs = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     for name in ACTIONS:
         module = _module(name)
-        sub = verbs.add_parser(name, help=module.HELP, description=module.HELP)
+        sub = verbs.add_parser(name, help=module.HELP, description=module.HELP, epilog=NOTICE)
         module.configure(sub)
 
 

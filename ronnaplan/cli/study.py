@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ronnaplan.cli.values import whole
+from ronnaplan.text import NOTICE
 
 HELP = "Run a Monte Carlo study: its table goes to standard output, plots and results to a folder; resumable."
 
@@ -24,7 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the sub-verbs and the arguments that all studies share."""
     studies = parser.add_subparsers(dest="study", metavar="STUDY", required=True)
     for name, study in STUDIES.items():
-        sub = studies.add_parser(name, help=study.help, description=study.help)
+        sub = studies.add_parser(name, help=study.help, description=study.help, epilog=NOTICE)
         sub.add_argument("-o", "--output", type=Path, default=Path(f"study-{name}"), metavar="FOLDER")
         sub.add_argument(
             "--seed", type=whole(0), default=2018, help="the results depend on it and on nothing else"

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from ronnaplan.cli import main
+from ronnaplan.cli import _parser, main
+from ronnaplan.text import NOTICE
 from tests.cli.calls import run
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -23,6 +26,19 @@ def test_help_loads_nothing_heavy() -> None:
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stderr.strip() == ""
     assert "not a medical device" in done.stdout
+
+
+def test_every_help_says_what_this_is_not() -> None:
+    def parsers(one: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+        yield one
+        for action in one._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                for other in action.choices.values():
+                    yield from parsers(other)
+
+    found = list(parsers(_parser()))
+    assert len(found) > 40
+    assert {one.epilog for one in found} == {NOTICE}
 
 
 def test_localizing_loads_nothing_that_takes_longer_than_the_work(ct_folder: Path) -> None:
