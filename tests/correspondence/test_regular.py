@@ -1,0 +1,70 @@
+"""Markers that are laid out regularly pair in several ways, and are refused."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ronnaplan.correspondence import match_points
+from ronnaplan.geometry import FloatArray
+from tests.correspondence.scenes import SIGMA_CT, SIGMA_OTS
+
+
+def test_a_lattice_is_ambiguous() -> None:
+    axis = 30.0 * np.arange(6)
+    lattice = np.array(np.meshgrid(axis, axis, axis)).reshape(3, -1).T
+    turned = Rotation.from_rotvec([0.3, 0.2, 0.1]).apply(lattice)
+    pairing = match_points(lattice, turned)
+    assert pairing.status == "ambiguous"
+    assert len(pairing.pairs) == 0
+
+
+REGULAR = {
+    "lattice": np.array(np.meshgrid(*[20.0 * np.arange(3)] * 2, 20.0 * np.arange(4))).reshape(3, -1).T[:32],
+    "circle": 80.0
+    * np.column_stack((np.cos(np.arange(32) * np.pi / 16), np.sin(np.arange(32) * np.pi / 16), np.zeros(32))),
+    "small circle": 80.0
+    * np.column_stack((np.cos(np.arange(12) * np.pi / 6), np.sin(np.arange(12) * np.pi / 6), np.zeros(12))),
+}
+
+
+@pytest.mark.parametrize("name", REGULAR)
+def test_a_regular_set_is_ambiguous(name: str) -> None:
+    pairing = match_points(REGULAR[name], REGULAR[name] + 3.0)
+    assert pairing.status == "ambiguous"
+    assert pairing.reason
+
+
+def circle(count: int, radius: float) -> FloatArray:
+    angles = np.arange(count) * 2.0 * np.pi / count
+    return radius * np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])
+
+
+def with_a_half_turn(count: int) -> FloatArray:
+    half = np.random.default_rng(count).normal(size=(count // 2, 3)) * 45.0
+    return np.vstack([half, half * np.array([-1.0, -1.0, 1.0])])
+
+
+@pytest.mark.parametrize(
+    "points",
+    [with_a_half_turn(10), with_a_half_turn(12), with_a_half_turn(40), circle(100, 90.0), circle(200, 80.0)],
+    ids=["10 twofold", "12 twofold", "40 twofold", "circle of 100", "dense circle of 200"],
+)
+def test_regular_markers_are_refused_however_the_noise_falls(points: FloatArray) -> None:
+    for seed in range(40 if len(points) < 20 else 12):
+        rng = np.random.default_rng(seed)
+        ct = points + SIGMA_CT * rng.normal(size=points.shape)
+        ots = Rotation.random(rng=rng).apply(points + SIGMA_OTS * rng.normal(size=points.shape)) + 30.0
+        found = match_points(ct, rng.permutation(ots))
+        assert found.status == "ambiguous", found.reason
+
+
+@pytest.mark.parametrize("count", [28, 40])
+def test_regular_markers_are_refused_when_errors_are_larger_than_stated(count: int) -> None:
+    """With the reach of errors as stated, one order lost more pairs than the other by chance and one was accepted."""
+    points = with_a_half_turn(count)
+    for seed in range(12):
+        rng = np.random.default_rng([99, seed, count])
+        noise = float(rng.uniform(2.0, 4.0))
+        ct = points + noise * SIGMA_CT * rng.normal(size=points.shape)
+        ots = Rotation.random(rng=rng).apply(points + noise * SIGMA_OTS * rng.normal(size=points.shape)) + 30.0
+        assert match_points(ct, rng.permutation(ots)).status == "ambiguous", seed
