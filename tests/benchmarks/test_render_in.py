@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy import special
 
-from benchmarks.render_in import Series, edge_blur_mm, tissue_noise_hu, with_balls
+from benchmarks.render_in import Series, with_balls
+from benchmarks.seen_blur import edge_blur_mm, tissue_noise_hu
 from ronnaplan.ct import CTVolume, SliceGrid
 
 TILT = np.array([0.0, 0.4, 1.0])
