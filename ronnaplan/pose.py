@@ -51,15 +51,13 @@ class Pose:
     def __matmul__(self, other: Pose) -> Pose:
         """Return ``a_from_b @ b_from_c = a_from_c``; their errors are independent. Raises `FrameMismatchError`."""
         self.from_frame.require(other.to_frame)
-        carry = adjoint(self.matrix)
-        covariance = self.covariance + carry @ other.covariance @ carry.T
+        covariance = self.covariance + carried(self.matrix, other.covariance)
         return Pose(self.matrix @ other.matrix, covariance, self.to_frame, other.from_frame)
 
     def inverse(self) -> Pose:
         """Return ``from_frame`` from ``to_frame``."""
         matrix = invert(self.matrix)
-        carry = adjoint(matrix)
-        return Pose(matrix, carry @ self.covariance @ carry.T, self.from_frame, self.to_frame)
+        return Pose(matrix, carried(matrix, self.covariance), self.from_frame, self.to_frame)
 
     def apply(self, points_mm: ArrayLike, frame: Frame | None = None) -> FloatArray:
         """Return ``points_mm`` (N, 3) of ``from_frame`` in ``to_frame``.
@@ -178,11 +176,17 @@ def point_jacobian(points_mm: FloatArray) -> FloatArray:
 def adjoint(matrix: FloatArray) -> FloatArray:
     """Return the (..., 6, 6) that carries ``xi`` of frame B's axes and origin into frame A by ``a_from_b``."""
     rotation = matrix[..., :3, :3]
-    carried = np.zeros((*matrix.shape[:-2], 6, 6))
-    carried[..., :3, :3] = rotation
-    carried[..., 3:, 3:] = rotation
-    carried[..., 3:, :3] = cross_matrix(matrix[..., :3, 3]) @ rotation
-    return carried
+    carry = np.zeros((*matrix.shape[:-2], 6, 6))
+    carry[..., :3, :3] = rotation
+    carry[..., 3:, 3:] = rotation
+    carry[..., 3:, :3] = cross_matrix(matrix[..., :3, 3]) @ rotation
+    return carry
+
+
+def carried(matrix: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return the covariance (6, 6) of a ``xi`` of frame B in frame A, by ``a_from_b`` (4, 4)."""
+    carry = adjoint(matrix)
+    return np.asarray(carry @ covariance @ carry.T)
 
 
 def exponential(rotation_vectors: FloatArray) -> FloatArray:

@@ -23,7 +23,7 @@ from ronnaplan.documents.fields import (
     Vector,
 )
 from ronnaplan.documents.files import change_document, write_atomically
-from ronnaplan.documents.reading import made, read_document, to_json
+from ronnaplan.documents.reading import VERSION, made, read_document, to_json
 from ronnaplan.errors import InputError, RonnaplanError
 from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.planning.electrodes import electrode_named
@@ -32,7 +32,6 @@ from ronnaplan.planning.rulers import Ruler
 from ronnaplan.planning.trajectory import Instrument, Trajectory
 
 FORMAT = "ronnaplan.plan"
-VERSION = 1
 
 
 class InstrumentEntry(DocumentModel):

@@ -15,7 +15,17 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import Pose, adjoint, as_poses, cross_matrix, exponential, invert, point_jacobian, rigid
+from ronnaplan.pose import (
+    Pose,
+    adjoint,
+    as_poses,
+    carried,
+    cross_matrix,
+    exponential,
+    invert,
+    point_jacobian,
+    rigid,
+)
 from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
 
@@ -170,10 +180,10 @@ def _refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: Float
         error = residual * sds
         spread = np.sqrt((error**2).sum(axis=0).reshape(2, 3).sum(axis=1) / freedom.reshape(2, 3).sum(axis=1))
         sds = np.repeat(np.maximum(spread, FINEST), 3)
-    covariance = _covariance(design, residual, seen, step)
+    covariance = _covariance(design, residual, seen, step)  # of increments on the right
     return HandEye(
-        Pose(right, _in_target_axes(right, covariance[6:12, 6:12]), M, TCP),
-        Pose(left, _in_target_axes(left, covariance[:6, :6]), R, OTS),
+        Pose(right, carried(right, covariance[6:12, 6:12]), M, TCP),
+        Pose(left, carried(left, covariance[:6, :6]), R, OTS),
         float(np.degrees(np.sqrt((error[:, :3] ** 2).sum(axis=1).mean()))),
         float(np.sqrt((error[:, 3:] ** 2).sum(axis=1).mean())),
         float(np.sqrt(((error @ point_jacobian(right[:3, 3]).T) ** 2).sum(axis=1).mean())),
@@ -225,10 +235,3 @@ def _discrepancy(predicted: FloatArray, observed: FloatArray) -> FloatArray:
 
     off = invert(observed) @ predicted
     return np.concatenate([Rotation.from_matrix(off[:, :3, :3]).as_rotvec(), off[:, :3, 3]], axis=1)
-
-
-def _in_target_axes(matrix: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Carry a covariance of right-hand increments ``matrix @ exp(x)`` to the convention of `ronnaplan.pose`."""
-    carry = adjoint(matrix)
-    carried: FloatArray = carry @ covariance @ carry.T
-    return carried

@@ -14,7 +14,7 @@ import numpy as np
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, Points
-from ronnaplan.pose import Pose, adjoint, invert
+from ronnaplan.pose import Pose, adjoint, carried, invert
 from ronnaplan.registration import Drift, DriftStatus, check_drift, register_points
 from ronnaplan.registration.drift import DRIFT_PROBABILITY
 from ronnaplan.robot.chain import OTS, Capture, robot_from_ct
@@ -150,12 +150,12 @@ class LiveChain:
         then = self.capture
         matrix = now.ots_from_tcp.matrix @ invert(now.robot_from_tcp.matrix)
         matrix = matrix @ then.robot_from_tcp.matrix @ invert(then.ots_from_tcp.matrix)
-        covariance = now.ots_from_m.covariance + _carried(matrix, then.ots_from_m.covariance)
+        covariance = now.ots_from_m.covariance + carried(matrix, then.ots_from_m.covariance)
         tool = adjoint(now.ots_from_m.matrix) - adjoint(matrix @ then.ots_from_m.matrix)
         covariance = covariance + tool @ now.m_from_tcp.covariance @ tool.T
         if self.robot_device is not None:
             driven = now.robot_from_tcp.covariance + then.robot_from_tcp.covariance
-            covariance = covariance + _carried(now.ots_from_tcp.matrix @ invert(now.robot_from_tcp.matrix), driven)
+            covariance = covariance + carried(now.ots_from_tcp.matrix @ invert(now.robot_from_tcp.matrix), driven)
         pose = Pose(matrix, covariance, OTS, OTS)
         place = then.ots_from_m.translation_mm
         shift = float(np.linalg.norm(pose.apply(place[None])[0] - place))
@@ -174,12 +174,6 @@ class LiveChain:
         of_head = Pose(motion.matrix, motion.covariance, OTS, OTS)
         as_one = _chance_of_rest(robot.pose @ of_head.inverse()) >= DRIFT_PROBABILITY
         return LiveStatus.TRACKER_MOVED if as_one else LiveStatus.BOTH_MOVED
-
-
-def _carried(matrix: FloatArray, covariance: FloatArray) -> FloatArray:
-    carry = adjoint(matrix)
-    carried: FloatArray = carry @ covariance @ carry.T
-    return carried
 
 
 def _vector(matrix: FloatArray) -> FloatArray:

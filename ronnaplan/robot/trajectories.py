@@ -9,11 +9,9 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame, as_points, unit
+from ronnaplan.planning.trajectory import SHORTEST_PATH_MM
 from ronnaplan.pose import Pose, point_jacobian, rigid
 from ronnaplan.robot.chain import R
-
-SHORTEST_PATH_MM = 1.0
-"""An entry and a target closer than this give no direction to advance along."""
 
 
 @dataclass(frozen=True, eq=False)
