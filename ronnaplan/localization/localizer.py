@@ -1,4 +1,14 @@
-"""From a scan to its markers: detect, fit, accept. This file is the pipeline's own description."""
+"""From a scan to its markers: detect, fit, accept. `localize` is the pipeline's own description:
+
+1. Slices that were computed are left out (`measured`), and what blurs aslant of the slices is found (`slant`).
+2. Each candidate is detected, fitted and judged by itself (`examine`).
+3. What was turned down only for what is usual in the scan is judged again (`by_the_usual`).
+4. What is unlike the scan's other markers is turned down (`alike`).
+5. Each marker's covariance counts what is usual in the scan (`together`), and motion is suspected (`moved`).
+6. Markers are numbered from the top; another number than expected is refused.
+
+`docs/localization.md` tells what each step rests on.
+"""
 
 from __future__ import annotations
 
