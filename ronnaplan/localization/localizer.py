@@ -1,4 +1,4 @@
-"""From a scan to its markers: detect, fit, accept. `localize` is the pipeline's own description:
+"""From a scan to its markers: detect, fit, accept. `localize` is the pipeline's own description.
 
 1. Slices that were computed are left out (`measured`), and what blurs aslant of the slices is found (`slant`).
 2. Each candidate is detected, fitted and judged by itself (`examine`).
