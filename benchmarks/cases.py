@@ -22,6 +22,7 @@ from phantoms.library import laboratory_phantom
 from phantoms.markers import marker_kind
 from phantoms.motion import Motion
 from phantoms.patients import random_patient
+from phantoms.scanner import Scanner
 from phantoms.scene import Decoy, Marker, join
 from phantoms.stack import SliceStack, axial_stack
 from ronnaplan.ct import CTVolume, SliceGrid
@@ -55,6 +56,8 @@ class Condition:
     options: dict[str, float | bool] = field(default_factory=dict)
     markers: int = 12
     laboratory: bool = False
+    one_row: bool = False
+    """Whether the scanner has one row of detectors, as tall as a slice."""
     jump_mm: float = 0.0
     """How far the head jumps, in a direction of its own, somewhere in the middle half of the scan."""
 
@@ -72,6 +75,13 @@ CONDITIONS = (
     Condition("uneven", 0.020, 0.060, options={"uneven": True}),
     Condition("no markers", 0.0, 0.0, ("post", "ceramic", "steel", "titanium 4", "titanium 3"), markers=0),
 )
+
+ONE_ROW = Condition("one row", 0.025, 0.080, thicknesses_mm=(3.0, 5.0), one_row=True)
+"""Slices of a scanner whose rays are summed before the logarithm; only whole scans tell what lies beside the ball."""
+
+WHOLE = (*CONDITIONS, ONE_ROW)
+"""What whole scans are made of."""
+
 SEED_STEP = 20
 """Each condition has patients of its own: the seeds of its patients are so far apart; no scene has as many things."""
 
@@ -127,12 +137,14 @@ class Case:
 
 def examination(condition: Condition, first: int, number: int) -> Examination:
     """Draw the patient ``number`` of ``condition``, counted from the seed ``first``."""
-    seed = first + SEED_STEP * number + CONDITIONS.index(condition)
+    seed = first + SEED_STEP * number + WHOLE.index(condition)
     kind, thickness = _kind(condition, number), condition.thicknesses_mm[number % len(condition.thicknesses_mm)]
     if condition.laboratory:
         return _laboratory(seed, kind, thickness)
     options: dict[str, float | bool] = {"thickness_mm": thickness, **condition.options}
     patient = random_patient(seed, kind=kind, count=condition.markers, **options)  # type: ignore[arg-type]
+    if condition.one_row:
+        patient = replace(patient, scanner=Scanner(kernel=patient.scanner.kernel, one_row=True))
     return replace(patient, stack=_slab(patient))
 
 

@@ -30,6 +30,7 @@ import numpy as np
 from benchmarks.cases import (
     CONDITIONS,
     PROTOCOLS,
+    WHOLE,
     Case,
     Condition,
     kept_cases,
@@ -52,6 +53,9 @@ from ronnaplan.report.tables import align
 
 FIRST_UNSEEN = {"accuracy": 15400, "rendered": 26000, "protocols": 31000}
 """Patients with lower seeds were looked at while tuning, scanned or rendered."""
+
+STUDIED = {"accuracy": WHOLE, "rendered": CONDITIONS, "protocols": PROTOCOLS}
+"""What each study scans."""
 
 BARE_SCANS = 5
 """Heads without markers that are searched, one for each kind of marker."""
@@ -141,7 +145,7 @@ def main() -> None:
     studies: dict[argparse.ArgumentParser, tuple[Condition, ...]] = {again: PROTOCOLS}
     for name, markers in (("accuracy", 40), ("rendered", 500), ("protocols", 40)):
         study = verbs.add_parser(name)
-        studies[study] = PROTOCOLS if name == "protocols" else CONDITIONS
+        studies[study] = STUDIED[name]
         study.add_argument("--markers", type=int, default=markers)
         study.add_argument("--first", type=int, default=FIRST_UNSEEN[name], metavar="SEED")
         if name != "rendered":
@@ -161,8 +165,9 @@ def main() -> None:
     elif arguments.first < FIRST_UNSEEN[arguments.verb]:
         parser.error(f"the seeds below {FIRST_UNSEEN[arguments.verb]} were used for tuning; choose others")
     else:
-        conditions = PROTOCOLS if arguments.verb == "protocols" else CONDITIONS
-        accuracy(conditions, _scans(arguments), arguments.markers, arguments.condition, arguments.pull_mm)
+        accuracy(
+            STUDIED[arguments.verb], _scans(arguments), arguments.markers, arguments.condition, arguments.pull_mm
+        )
 
 
 def _scans(arguments: argparse.Namespace) -> Scans:

@@ -46,6 +46,8 @@ class Scanner(Machine):
 
     views: int = 720
     bin_mm: float = 0.5
+    one_row: bool = False
+    """Slices are one detector row each, as tall as they are: what it receives is summed before the logarithm."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -162,7 +164,8 @@ class _Measurement:
         total = np.zeros((len(self.angles), self.bins))
         for row in plan:
             total += self._kept[row]
-        return total / len(plan)
+        middle = plan[len(plan) // 2]
+        return self._in_water(total / len(plan), middle, len(plan)) if self._scanner.one_row else total / len(plan)
 
     def _measured(self, rows: list[_Row]) -> list[FloatArray]:
         signal = np.empty((len(rows), len(self.angles), self.bins), dtype=np.float32)
@@ -171,13 +174,16 @@ class _Measurement:
         times = np.array([self._scanner.times(np.array(row.center_mm) @ self._axes[2]) for row in rows])
         planes, axes = self._scanner.motion.frames(centers, self._axes, times)
         transmission(self._solids, self._matter, detector, planes, axes, self.angles, signal)
-        return [self._in_water(signal[n].astype(np.float64), row) for n, row in enumerate(rows)]
+        arrived = [signal[n].astype(np.float64) for n in range(len(rows))]
+        if self._scanner.one_row:
+            return arrived
+        return [self._in_water(one, row) for one, row in zip(arrived, rows, strict=True)]
 
-    def _in_water(self, signal: FloatArray, row: _Row) -> FloatArray:
+    def _in_water(self, signal: FloatArray, row: _Row, tall: int = 1) -> FloatArray:
         scanner = self._scanner
         if scanner.scatter:
             signal = signal + scattered(signal, scanner.scatter, scanner.bin_mm)
-        quanta = PHOTONS_PER_MM2 * scanner.dose * scanner.bin_mm * self._row_mm * 720 / scanner.views
+        quanta = PHOTONS_PER_MM2 * scanner.dose * scanner.bin_mm * tall * self._row_mm * 720 / scanner.views
         scanner.as_read(signal, quanta, self._seed, row.number + 2**31)
         return self._water(-np.log(np.maximum(signal, 1e-12)))
 

@@ -79,6 +79,8 @@ class Resolution(DocumentModel):
     stated_thickness_mm: PositiveMm | None = None
     profile_axis: Direction | None = None
     """Along what the profile blurs, where that is not the slices' normal: they were computed obliquely from others."""
+    summed_first: bool | None = None
+    """Whether rays were summed before the logarithm was taken, which is made good; null where nothing tells."""
 
 
 class Motion(DocumentModel):
@@ -254,6 +256,7 @@ def _resolution(found: Fiducials) -> dict[str, object] | None:
         "profile_shape": seen.shape,
         "stated_thickness_mm": seen.stated_mm,
         "profile_axis": None if seen.profile_axis is None else seen.profile_axis.tolist(),
+        "summed_first": seen.summed_first,
     }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -27,6 +27,7 @@ from ronnaplan.localization.neighbourhood import axes_along, gather
 from ronnaplan.localization.parameters import CENTER, RADIUS, SHAPE, WIDTH, full_width_at_half_maximum_mm
 from ronnaplan.localization.parts import single_threaded_algebra
 from ronnaplan.localization.refine import fit_ball
+from ronnaplan.localization.summed import UNTOLD, Summed, lost_hu, slope_per_mm
 from ronnaplan.localization.uncertainty import (
     by_excess,
     cramer_rao_bound,
@@ -59,9 +60,12 @@ class Slant:
 class Scan:
     """A volume with the facts about it that every fit needs; what is made of a ``whole`` scan has its scale's end."""
 
-    def __init__(self, volume: CTVolume, slant: Slant | None = None, whole: Scan | None = None) -> None:
+    def __init__(
+        self, volume: CTVolume, slant: Slant | None = None, whole: Scan | None = None, summed: Summed = UNTOLD
+    ) -> None:
         self.volume = volume
         self.slant = slant
+        self.summed = summed
         self._whole = whole
 
     @cached_property
@@ -236,7 +240,20 @@ def fit_place(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Buil
 def _fit(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build) -> BallFit:
     reach_mm = 0.625 * diameter_mm + max(build.layer_mm, 0.0) + margin_mm(scan.widest_mm)
     around = gather(scan.volume, center_mm, reach_mm, scan.axes)
-    return fit_ball(around, diameter_mm, build, float(scan.thickness_mm(center_mm)), scan.ceiling_hu)
+    fit = fit_ball(around, diameter_mm, build, float(scan.thickness_mm(center_mm)), scan.ceiling_hu)
+    is_first = scan.summed.first and fit.converged and not fit.is_clipped
+    return with_what_is_lost(scan, fit, diameter_mm, build)[0] if is_first else fit
+
+
+def with_what_is_lost(
+    scan: Scan, fit: BallFit, diameter_mm: float, build: Build = SOLID
+) -> tuple[BallFit, FloatArray]:
+    """Fit a ball anew to its voxels (N,) with what is lost where rays are summed first, and return that, too, in HU."""
+    slope = slope_per_mm(scan.volume, fit.center_mm, fit.diameter_mm / 2.0)
+    around, lost = fit.neighbourhood, lost_hu(fit.neighbourhood, fit.theta, slope)
+    whole = replace(around, values_hu=around.values_hu + lost)
+    thickness_mm = float(scan.thickness_mm(fit.center_mm))
+    return fit_ball(whole, diameter_mm, build, thickness_mm, scan.ceiling_hu), lost
 
 
 def examine_place(

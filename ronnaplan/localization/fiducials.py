@@ -131,7 +131,8 @@ class Resolution:
 
     ``blur_mm`` is the standard deviation within the slices, ``profile_mm`` the slice profile's full width at half
     maximum, ``shape`` the profile's (0 a box, from 4 on a bell), ``stated_mm`` the header's slice thickness, if any,
-    ``profile_axis`` the unit vector (3,) in LPS along which the profile blurs, where that is not the slices' normal.
+    ``profile_axis`` the unit vector (3,) in LPS along which the profile blurs, where that is not the slices' normal,
+    ``summed_first`` whether rays were summed before the logarithm, which is made good; None where nothing tells.
     """
 
     blur_mm: float
@@ -139,6 +140,7 @@ class Resolution:
     shape: float
     stated_mm: float | None
     profile_axis: FloatArray | None = None
+    summed_first: bool | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -157,6 +159,8 @@ class Fiducials(Shown[Fiducial]):
     """By how much the markers' distances depart from those of a template at most; None without one."""
     profile_axis: FloatArray | None = None
     """Unit vector (3,) in LPS along which the slices' profile blurs; None where that is their normal."""
+    summed_first: bool | None = None
+    """Whether rays were summed before the logarithm, which is made good; None where nothing tells."""
 
     def _items(self) -> Sequence[Fiducial]:
         return self.fiducials
@@ -227,7 +231,8 @@ class Fiducials(Shown[Fiducial]):
         middle = np.median([found.parameters[: len(PARAMETERS)] for found in self.fiducials], axis=0)
         width_mm, shape = float(middle[WIDTH]), float(middle[SHAPE])
         profile_mm = full_width_at_half_maximum_mm(width_mm, shape)
-        return Resolution(float(middle[BLUR]), profile_mm, shape, self.stated_thickness_mm, self.profile_axis)
+        stated = self.stated_thickness_mm, self.profile_axis, self.summed_first
+        return Resolution(float(middle[BLUR]), profile_mm, shape, *stated)
 
     @property
     def labels(self) -> tuple[str, ...]:

@@ -26,9 +26,11 @@ from ronnaplan.errors import InputError, RefusedError, UsageError, check_type
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import Examined, Scan, distinct, examine
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
+from ronnaplan.localization.logarithm import as_summed
 from ronnaplan.localization.measured import measured
 from ronnaplan.localization.size import proposal, sizes_seen
 from ronnaplan.localization.slant import along_the_blur
+from ronnaplan.localization.summed import UNTOLD
 from ronnaplan.localization.template import Template, distance_error_mm, match_template
 from ronnaplan.localization.usual import alike, by_the_usual, moved, together, usual_of
 
@@ -98,6 +100,7 @@ def localize(
         volume.grid.thickness_mm,
         departure_mm,
         scan.profile_axis,
+        None if scan.summed == UNTOLD else scan.summed.first,
     )
     _tell(result)
     require_count(result, expected, volume, progress)
@@ -107,11 +110,18 @@ def localize(
 def _examined(
     volume: CTVolume, diameters: Sequence[float], marker: Build, progress: Progress
 ) -> tuple[Scan, list[Examined]]:
-    """Return what was measured of a scan, along whatever blurs it, and its candidates, fitted and judged one by one."""
+    """Return what was measured of a scan, and its candidates, fitted and judged one by one.
+
+    What their balls together say of the scan is made good: rays that were summed before the logarithm was taken, or
+    slices that blur in another direction than their normal.
+    """
     scan = Scan(measured(volume))
     for diameter in diameters:
         _check_size(scan, diameter)
     examined = examine(scan, diameters, marker, progress)
+    scan = as_summed(scan, examined, marker)
+    if scan.summed.first:
+        examined = examine(scan, diameters, marker, progress)
     turned = along_the_blur(scan, examined, marker)
     return (scan, examined) if turned is scan else (turned, examine(turned, diameters, marker, progress))
 

@@ -80,13 +80,6 @@ LAG_MM = 0.006
 before, which displaces all that turns past it in one sense, and bends it little. Nine simulated panels here moved all
 markers of a scan by 3 to 7 um, two of another simulator by 3.7 and 12.7; no image tells how much a panel lags."""
 
-SUMMED_PER_MM = 3.5e-4
-"""Standard error along the slices' normal (mm) for each mm^2 of their profile's squared width. A detector as wide as
-the slice sums what it receives before the logarithm is taken: what rays lose in the head changes by 0.02 for each mm of
-height, which displaces a marker in these rays, half of them or fewer, by that times a twelfth of the squared width: by
-anything up to 8e-4 of it. No image tells whether slices were summed before or after, which is taken to be as likely. Of
-what that does to the marker's own poles a part is stated."""
-
 HIDDEN_SHADING = 0.001
 """Standard error, as a share of the radius, where clipping hides how the ball is shaded. The head hardens the beam on
 one side of it, and the larger it is, the more its two sides differ: 4 to 6 um were seen in balls of 8 mm, nothing in
@@ -119,7 +112,6 @@ def center_covariance(
     total += hidden_shading_mm2(fit) * np.eye(3)
     total += UNEVEN**2 / 3.0 * fit.center_by_layer @ fit.center_by_layer.T
     total += LAG_MM**2 * by_panel(fit.theta) * WITHIN
-    total[W, W] += (SUMMED_PER_MM * float(fit.theta[WIDTH]) ** 2) ** 2
     axes = fit.neighbourhood.axes
     rotated: FloatArray = axes.T @ total @ axes
     if is_off_size(excess_mm):

@@ -17,9 +17,10 @@ from ronnaplan.localization.accept import Usual
 from ronnaplan.localization.build import Build
 from ronnaplan.localization.examine import Examined, Scan, distinct, examine_place
 from ronnaplan.localization.motion import LEAST_TOGETHER, suspected
-from ronnaplan.localization.parameters import BLUR, EDGE, WIDTH, edge_variance_mm2
+from ronnaplan.localization.parameters import BLUR, EDGE, WIDTH, W, edge_variance_mm2
 from ronnaplan.localization.parts import single_threaded_algebra
 from ronnaplan.localization.smear import are_smeared
+from ronnaplan.localization.summed import slope_per_mm
 from ronnaplan.localization.uncertainty import (
     beyond_usual_mm,
     by_panel,
@@ -165,7 +166,7 @@ def moved(scan: Scan, markers: Sequence[Examined]) -> list[bool]:
 
 def together(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
     """Let each marker's covariance count what is usual in the scan, and doubt all where something lies on all."""
-    markers = _uneven(_wrapped(markers))
+    markers = _summed(scan, _uneven(_wrapped(markers)))
     movements = [one.movement for one in markers if one.movement is not None]
     grid = scan.volume.grid
     heights_mm = np.array([one.center_mm @ grid.normal for one in markers]) if grid.is_in_cubes else None
@@ -179,6 +180,18 @@ def together(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
         covariance_mm2 = with_usual(covariance_mm2, moved, usual, axes) + beyond**2 * one.by_excess
         counted.append(replace(one, covariance_mm2=covariance_mm2))
     return counted
+
+
+def _summed(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
+    """State what is left of what summing rays before the logarithm may do."""
+    slopes_per_mm = [slope_per_mm(scan.volume, one.center_mm, one.diameter_mm / 2.0) for one in markers]
+    widths_mm = [float(one.parameters[WIDTH]) for one in markers]
+    errors_mm = [scan.summed.error_mm(*seen) for seen in zip(widths_mm, slopes_per_mm, strict=True)]
+    along_mm2 = np.outer(scan.axes[W], scan.axes[W])
+    return [
+        replace(one, covariance_mm2=one.covariance_mm2 + error_mm**2 * along_mm2)
+        for one, error_mm in zip(markers, errors_mm, strict=True)
+    ]
 
 
 def _wrapped(markers: Sequence[Examined]) -> list[Examined]:

@@ -64,12 +64,15 @@ def marker_pictures(volume: CTVolume, found: FiducialsDocument) -> list[MarkerPi
     from ronnaplan.localization.examine import Scan, Slant
     from ronnaplan.localization.measured import measured
     from ronnaplan.localization.parameters import full_width_at_half_maximum_mm
+    from ronnaplan.localization.summed import UNTOLD, Summed
 
-    seen, slant = found.resolution, None
+    seen, slant, summed = found.resolution, None, UNTOLD
     if seen is not None and seen.profile_axis is not None:
         width_mm = seen.profile_fwhm_mm / full_width_at_half_maximum_mm(1.0, seen.profile_shape)
         slant = Slant(np.array(seen.profile_axis), width_mm)
-    scan, build = Scan(measured(volume), slant), Build(found.marker.layer_mm)
+    if seen is not None and seen.summed_first:
+        summed = Summed(first=True, error=0.0)
+    scan, build = Scan(measured(volume), slant, summed=summed), Build(found.marker.layer_mm)
     return [_picture(scan, marker, build) for marker in found.fiducials]
 
 

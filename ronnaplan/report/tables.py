@@ -57,9 +57,10 @@ def resolution_line(found: Fiducials) -> list[str]:
     along = ""
     if seen.profile_axis is not None:
         along = f" along ({', '.join(f'{x:.2f}' for x in seen.profile_axis)}) and not their normal"
+    summed = ", their rays summed before the logarithm, which is made good" if seen.summed_first else ""
     stated = "nothing" if seen.stated_mm is None else f"{seen.stated_mm:.2f} mm"
     return [
-        f"slices: {seen.profile_mm:.2f} mm wide at half height{along}, {kind}; the header says {stated}; "
+        f"slices: {seen.profile_mm:.2f} mm wide at half height{along}, {kind}{summed}; the header says {stated}; "
         f"blur within them {seen.blur_mm:.2f} mm"
     ]
 

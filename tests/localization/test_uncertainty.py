@@ -24,7 +24,6 @@ from ronnaplan.localization.uncertainty import (
     HIDDEN_SHADING,
     LAG_MM,
     PULL_MM,
-    SUMMED_PER_MM,
     center_covariance,
     cramer_rao_bound,
     noise_level,
@@ -170,20 +169,6 @@ def test_a_ball_whose_shading_is_hidden_is_less_certain(quiet: CTVolume) -> None
     hidden = replace(fit, is_shaded=False)
     stated, more = (center_covariance(one, movement(Edge(one))) for one in (fit, hidden))
     assert np.allclose(more - stated, (HIDDEN_SHADING * fit.theta[RADIUS]) ** 2 * np.eye(3))
-
-
-def test_thick_slices_add_what_is_lost_where_they_are_summed_before_the_logarithm(quiet: CTVolume) -> None:
-    """A head loses so much more for each mm of height that 5 mm displace a marker by 0.01 mm along the normal."""
-    fit = fit_of(with_white_noise(quiet, 10.0, 1))
-    fit = replace(fit, influence_mm_per_hu=np.zeros_like(fit.influence_mm_per_hu))
-
-    def stated_mm2(width_mm: float) -> float:
-        theta = fit.theta.copy()
-        theta[[RADIUS, WIDTH, SHAPE]] = 1e3, width_mm, 0.0  # so large that its poles are no matter
-        return float(center_covariance(replace(fit, theta=theta), movement(Edge(fit)))[2, 2])
-
-    added_mm2 = stated_mm2(5.0) - stated_mm2(0.1)
-    assert added_mm2 == pytest.approx((SUMMED_PER_MM * 25.0) ** 2, rel=0.01)
 
 
 def test_what_touches_the_ball_makes_it_less_certain() -> None:

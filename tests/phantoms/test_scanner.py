@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from skimage.transform import iradon
 
 from phantoms.errors import PhantomError
 from phantoms.examination import Examination
@@ -106,6 +107,21 @@ def test_overlapping_slices_share_detector_rows() -> None:
     stack = axial_stack(start_mm=0, stop_mm=9, spacing_mm=1.0, thickness_mm=2.0)
     assert rows_per_slice(stack) == 4
     assert rows_per_slice(axial_stack(start_mm=0, stop_mm=9, spacing_mm=0.6)) == 1
+
+
+def test_a_scanner_of_one_row_sums_before_the_logarithm() -> None:
+    """Water to the middle of a slice: half of it if the rows' logarithms are summed, less if what they receive is."""
+    scene = Scene((Part(cylinder((0, 0, 0), (0, 0, 1), 60, 40), "water"),))
+    stack = axial_stack(start_mm=0, stop_mm=0, spacing_mm=3, matrix=100, field_of_view_mm=150)
+    several, one = (images(scene, stack, Scanner(dose=0.0, one_row=is_one))[0] for is_one in (False, True))
+    assert several[50, 45:55].mean() == pytest.approx(-500, abs=2)
+    chords_mm = 2 * np.sqrt(np.maximum(20.0**2 - np.arange(-40.0, 41.0) ** 2, 0))
+    told_mm = -np.log((1 + np.exp(-0.0195 * chords_mm)) / 2) / 0.0195
+    expected = iradon(np.repeat(told_mm[:, np.newaxis], 180, axis=1), np.arange(180.0), circle=False)
+    middle = len(expected) // 2
+    assert one[50, 45:55].mean() == pytest.approx(
+        1000 * (expected[middle, middle - 3 : middle + 4].mean() - 1), abs=25
+    )
 
 
 def test_a_half_space_fills_the_bore_up_to_its_face() -> None:
