@@ -22,7 +22,7 @@ WHY = {
 
 
 DARK_LIMB = "limb darkens as the cosine"
-"""Mostly refused, as not known to a fiftieth of a millimeter: tests/robot/test_stereo.py has one of each."""
+"""Mostly refused, as not known to a fiftieth of a millimeter: tests/robot/test_stereo_light.py has one of each."""
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,57 @@
+"""Views of a ball before two cameras, by code that shares nothing with what measures it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from phantoms import cameras as rendering
+from phantoms.stereo_scenes import SCENES, SceneRig, View, random_rig, render
+from ronnaplan.pose import Pose, invert
+from ronnaplan.robot.camera import RIG, Camera, StereoRig
+from ronnaplan.robot.chain import TCP
+
+DIAMETER = 11.5
+K = [
+    np.array([[4200.0, 0, 650], [0, 4195, 500], [0, 0, 1]]),
+    np.array([[4230.0, 0, 630], [0, 4240, 520], [0, 0, 1]]),
+]
+D = [np.array([-0.12, 0.2, 8e-4, -5e-4, 0.05]), np.array([-0.15, 0.1, -6e-4, 7e-4, 0])]
+
+
+def placed(x_mm: float, turn_deg: float) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_rotvec([0, np.radians(turn_deg), 0]).as_matrix()
+    matrix[:3, 3] = (x_mm, 0, 0)
+    return matrix
+
+
+RIGHT = placed(155.0, -29.0)
+RIG_EXACT = StereoRig(Camera(K[0], D[0], np.eye(4)), Camera(K[1], D[1], RIGHT), Pose.exact(np.eye(4), TCP, RIG))
+
+
+def moved(matrix: np.ndarray, point: np.ndarray) -> np.ndarray:
+    found: np.ndarray = matrix[:3, :3] @ point + matrix[:3, 3]
+    return found
+
+
+def seen(centers: list[np.ndarray], rng: np.random.Generator, **how: Any) -> tuple[np.ndarray, np.ndarray]:
+    left, right = (
+        rendering.sphere_image([moved(invert(place), c) for c in centers], DIAMETER, K[i], D[i], rng, **how)
+        for i, place in enumerate((np.eye(4), RIGHT))
+    )
+    return left, right
+
+
+def rendered(name: str, seed: int) -> tuple[View, StereoRig]:
+    scene = next(one for one in SCENES if one.name == name)
+    rng = np.random.default_rng([seed, SCENES.index(scene)])
+    drawn = random_rig(rng)
+    return render(scene, drawn, rng), calibrated(drawn)
+
+
+def calibrated(rig: SceneRig) -> StereoRig:
+    left, right = (Camera(*one) for one in zip(rig.matrices, rig.distortions, rig.places, strict=True))
+    return StereoRig(left, right, Pose.exact(np.eye(4), TCP, RIG))
