@@ -53,6 +53,8 @@ class Scene:
     glints: int = 0
     beside: tuple[float, float] = (0.0, 0.0)
     """Range of the angle (degrees) between the lines from the ball to a lamp and to the camera."""
+    power: float = 1.0
+    """Light of a lamp beside the camera falls off as the cosine to this power."""
 
 
 BASE = Scene("evenly bright")
@@ -81,6 +83,8 @@ SCENES = (
     replace(BASE, name="lamp 0 to 0.1 degrees beside", shading="lamp", beside=(0.0, 0.1)),
     replace(BASE, name="cosine, slightly uneven", shading="cosine", fall=(0.0, 0.05)),
     replace(BASE, name="slightly uneven, lamp beside", verdict="either", shading="lamp", fall=(0, 0.05), beside=(0, 1)),
+    replace(BASE, name="cosine to 1.5, lamp beside", verdict="either", shading="lamp", beside=(0, 10), power=1.5),
+    replace(BASE, name="cosine to 2, lamp beside", verdict="either", shading="lamp", beside=(0, 10), power=2.0),
 )  # fmt: skip
 """The table's rows."""
 
@@ -158,7 +162,7 @@ def render(scene: Scene, rig: SceneRig, rng: np.random.Generator) -> View:
         for center in seen:
             lamp = _beside(center, rng.uniform(*scene.beside), rng) if scene.shading == "lamp" else turn @ light
             solid = np.concatenate([center, turn @ down, turn @ facing, lamp, turn @ lost])
-            _draw_solid(image, solid, scene, (bright, ambient, post), K, d)
+            _draw_solid(image, solid, scene, (bright, ambient, post, scene.power), K, d)
         at = project(seen[0] if seen else turn @ (centers[0] - place[:3, 3]), K, d)
         radius_px = K[0, 0] * scene.diameter_mm / 2 / (turn @ (centers[0] - place[:3, 3]))[2]
         if scene.hidden[1] and (both_hidden or side == hidden_side):
@@ -189,7 +193,7 @@ def _draw_solid(
     image: FloatArray,
     solid: FloatArray,
     scene: Scene,
-    light: tuple[float, float, float],
+    light: tuple[float, float, float, float],
     K: FloatArray,
     d: FloatArray,
 ) -> None:
@@ -213,6 +217,7 @@ def _trace(
     bright: float,
     ambient: float,
     post: float,
+    power: float,
 ) -> None:
     """Draw a ball or a disc, and its post, over ``window``; ``corners`` hold the rays' x and y there."""
     for i in range(window.shape[0]):
@@ -231,7 +236,7 @@ def _trace(
                     value = window[i, j]
                     if post > 0 and _meets_post(ray, solid, post):
                         value = 0.95 * bright
-                    total += _brightness(ray, solid, radius, shading, bright, ambient, value)
+                    total += _brightness(ray, solid, radius, shading, bright, ambient, power, value)
             window[i, j] = total / SAMPLES**2
 
 
@@ -243,6 +248,7 @@ def _brightness(
     shading: int,
     bright: float,
     ambient: float,
+    power: float,
     behind: float,
 ) -> float:
     """Return what a ray sees of the ball or the disc, or what is ``behind`` it."""
@@ -262,7 +268,7 @@ def _brightness(
     if shading == 1:
         lit = ambient + (1 - ambient) * abs(nx * x + ny * y + nz * z)
     elif shading == 2:
-        lit = ambient + (1 - ambient) * max(nx * solid[9] + ny * solid[10] + nz * solid[11], 0.0)
+        lit = ambient + (1 - ambient) * max(nx * solid[9] + ny * solid[10] + nz * solid[11], 0.0) ** power
     return float(bright * lit * (1 + (nx * solid[12] + ny * solid[13] + nz * solid[14]) / 2))
 
 

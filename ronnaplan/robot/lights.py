@@ -2,7 +2,8 @@
 
 Moved, lit a little from aside, and a little uneven, a limb as dark as the ground looks almost the same. So a sphere is
 not measured in one light but in each of a family: lamps about the lens, as far off it as is said or farther, on a ball
-that is as even as balls are, or less. All are weighed by their evidence, and what they differ by counts as error.
+that is as even as balls are, or less. All are weighed by their evidence, and what they differ by counts as error. How
+light from aside is spread over the ball follows from how it darkens to its limb, as far as laws of nature tell.
 
 Two images of one sphere are weighed together: their lamps are mounted alike, and the ball is the same. Where it is
 uneven, either image shows that from its own side, so that what one tells of the unevenness goes for the other.
@@ -19,9 +20,14 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.shading import ASIDE_SD, TILT_SD
 
-MISPLACED, LAMP_SCALES = 0.6, 13
+MISPLACED, LAMP_SCALES = 0.5, 13
 """Probability, before looking, that the lamp is farther from the lens than is said, and how many lamps are looked at:
 from where it is said up to `ASIDE_SD`, evenly spaced in the logarithm."""
+LOWERED = np.array([[7.3, 1.0, 0.0, -0.22], [-8.6, 0.0, 1.0, 1.04]])
+"""Powers of the cosine, each by one less than those of the profile, as sums of what is even and what falls off as the
+cosine: least squares over a sphere lit from aside."""
+ANY_SD = 12**-0.5
+"""Standard deviation of a share that may be anything from none to all."""
 EVEN_SD = 0.001
 """Tilt of the light on a ball that is even, beside what the lens makes of it."""
 UNEVEN, TILT_SCALES = 0.5, 6
@@ -30,7 +36,7 @@ ONE_BALL = 0.5
 """Probability, before looking, that both images show one unevenness, to `EVEN_SD`: the ball's, not its lamps'."""
 SHADOW_PX, MODELED_SHADOW_PX = 1.0, 0.03
 """A lamp beside the lens leaves a part of the limb in its own shadow, which no harmonic shows: the center errs by this,
-times the share of light from aside and how much darker the limb is than the middle; by the second where the shadow is
+times the tangent of the lamp's angle and how much darker the limb is than the middle; by the second where the shadow is
 in the model."""
 COMMON_PX = 0.003
 """What the model of the sphere errs in the center at best."""
@@ -48,9 +54,11 @@ class Sight:
     """Its center (2,) along ``across`` where its direction meets the plane at 1, and half the angle under which it is
     seen, rad."""
     light: FloatArray
-    """Its light's tilt (2,), and light from aside (2,), as shares of the brightness."""
+    """Its light's tilt (2,), light from aside (2,), and such as falls off to the limb (2,): shares of brightness."""
     covariance: FloatArray
-    """(7, 7) of place and light."""
+    """(9, 9) of place and light."""
+    turned: FloatArray
+    """(2, 2): what the two lights from aside are, squared, of a lamp whose angle to the lens has tangent 1."""
     lens: FloatArray
     """The tilt (2,) by as much as which the lens may make the side away from its axis darker."""
     shadow_px: float
@@ -80,15 +88,15 @@ def in_each_light(sights: Sequence[Sight], lamp_sd_deg: float) -> Lights:
     """Return the places of one sphere in each light that may fall on it."""
     spreads, near_lens, logarithms = _family(sights, lamp_sd_deg)
     count = len(sights)
-    known, gains = np.zeros((count, 3, count, 3)), np.zeros((count, 3, count, 4))
-    told = np.zeros((count, 4, count, 4))
+    known, gains = np.zeros((count, 3, count, 3)), np.zeros((count, 3, count, 6))
+    told = np.zeros((count, 6, count, 6))
     for k, sight in enumerate(sights):
         known[k, :, k], gains[k, :, k] = sight.covariance[:3, :3], sight.covariance[:3, 3:]
         told[k, :, k] = sight.covariance[3:, 3:]
     places = np.concatenate([sight.place for sight in sights])
     light = np.concatenate([sight.light for sight in sights])
-    spreads = spreads + told.reshape(4 * count, 4 * count)
-    both = gains.reshape(3 * count, 4 * count)
+    spreads = spreads + told.reshape(6 * count, 6 * count)
+    both = gains.reshape(3 * count, 6 * count)
     turned = both @ np.linalg.inv(spreads)
     covariances = known.reshape(3 * count, 3 * count) - turned @ both.T
     for k, sight in enumerate(sights):
@@ -98,8 +106,22 @@ def in_each_light(sights: Sequence[Sight], lamp_sd_deg: float) -> Lights:
     return Lights(places - turned @ light, covariances, logarithms + fit(light, spreads))
 
 
+def by_turning(profile: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the light from aside (2) of a lamp whose angle to the lens has tangent 1, and its covariance (2, 2).
+
+    It follows from how a sphere lit from the lens darkens to its limb, its ``profile`` (K): surfaces return as much
+    light when lamp and lens change places, which makes it the mean of the profile's derivative and of the profile over
+    the cosine. What is drawn otherwise may be anywhere between these, and light at the limb the lamp's or the room's.
+    """
+    power = np.arange(len(profile))
+    halves = np.array([np.clip(profile[0], 0, 1), *profile[1:]]) / 2
+    limb, drawn = LOWERED[:, 0] * halves[0], LOWERED[:, 1:] @ (2 * (power - 1) * halves)[1:]
+    told = limb / 2 + LOWERED[:, 1:] @ ((1 + power) * halves)[1:]
+    return told, ANY_SD**2 * (np.outer(limb, limb) + np.outer(drawn, drawn))
+
+
 def _family(sights: Sequence[Sight], lamp_sd_deg: float) -> tuple[FloatArray, NDArray[np.bool_], FloatArray]:
-    """Return each light's covariance (H, 4 K, 4 K), whether its lamp is where it is said to be, and its prior.
+    """Return each light's covariance (H, 6 K, 6 K), whether its lamp is where it is said to be, and its prior.
 
     The prior is the logarithm (H) of its probability before looking.
     """
@@ -108,16 +130,16 @@ def _family(sights: Sequence[Sight], lamp_sd_deg: float) -> tuple[FloatArray, ND
     tilt, lamp = (one.ravel()[:, None, None] ** 2 for one in np.meshgrid(tilts, lamps))
     prior = np.outer(_one_or_more(MISPLACED, LAMP_SCALES), _one_or_more(UNEVEN, TILT_SCALES)).ravel()
     count = len(sights)
-    apart, one_ball = np.zeros((2, len(prior), count, 4, count, 4))
+    apart, one_ball = np.zeros((2, len(prior), count, 6, count, 6))
     for k, of in enumerate(sights):
         even = EVEN_SD**2 * np.eye(2) + np.outer(of.lens, of.lens)
         for m, other in enumerate(sights):
             one_ball[:, k, :2, m, :2] = tilt * (of.across.T @ other.across)
         apart[:, k, :2, k, :2] = tilt * np.eye(2) + even
-        apart[:, k, 2:, k, 2:] = one_ball[:, k, 2:, k, 2:] = lamp * np.eye(2)
+        apart[:, k, 2:, k, 2:] = one_ball[:, k, 2:, k, 2:] = lamp * np.kron(of.turned, np.eye(2))
         one_ball[:, k, :2, k, :2] += even
     families = [(1 - ONE_BALL, apart), (ONE_BALL, one_ball)] if count > 1 else [(1.0, apart)]
-    spreads = np.concatenate([spread for _, spread in families]).reshape(-1, 4 * count, 4 * count)
+    spreads = np.concatenate([spread for _, spread in families]).reshape(-1, 6 * count, 6 * count)
     logarithms = np.concatenate([np.log(share * prior) for share, _ in families])
     return spreads, np.tile(lamp.ravel() == lamp.min(), len(families)), logarithms
 

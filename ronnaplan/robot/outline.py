@@ -15,7 +15,7 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.camera import Camera
 from ronnaplan.robot.circles import SMALLEST_RADIUS_PX, Image, find_circles
-from ronnaplan.robot.lights import MODELED_SHADOW_PX, SHADOW_PX, Sight, in_each_light, weighed
+from ronnaplan.robot.lights import MODELED_SHADOW_PX, SHADOW_PX, Sight, by_turning, in_each_light, weighed
 from ronnaplan.robot.shading import ShadedSphere, find_shaded
 from ronnaplan.robot.shading_compiled import Flags
 from ronnaplan.sigmas import SIGMA_LAMP_DEG
@@ -140,14 +140,18 @@ def _outline(grey: Image, cone: Cone, camera: Camera, lamp_sd_deg: float) -> Out
 def _sight(found: ShadedSphere, excess: float, camera: Camera) -> Sight:
     """Return the sphere ``found``, whose errors (squared) are larger than noise by ``excess``, in the rig's frame."""
     turn = camera.rig_from_camera[:3, :3]
+    told, doubt = (np.array([1.0, 0.0]), np.zeros((2, 2))) if found.shadows else by_turning(found.profile)
+    seen = found.light[2:].reshape(2, 2)  # at the limb, or as a lamp spreads it
+    aside = max(float(np.linalg.norm(seen[0])), float(np.linalg.norm(told @ seen)) / float(told @ told))
     return Sight(
         turn @ found.expected,
         turn @ found.across,
         found.place,
         found.light,
         excess * found.covariance,
+        np.outer(told, told) + doubt,
         LENS_FALL * found.place[2] * found.across[2] / found.expected[2],
-        (MODELED_SHADOW_PX if found.shadows else SHADOW_PX) * found.dark * float(np.linalg.norm(found.light[2:])),
+        (MODELED_SHADOW_PX if found.shadows else SHADOW_PX) * found.dark * aside,
         camera.focal_px,
     )
 

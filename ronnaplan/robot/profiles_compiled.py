@@ -12,9 +12,10 @@ PROFILE = 4
 SHAPES = 2 + 2 * PROFILE + 2
 """Blurred functions of the depth: ground, its slope, the profile's powers, the same times the distance from the center
 (in radii), and two for the waves."""
-SHADOW = 21 + 2 * PROFILE
+POWERS = 24
+SHADOW = POWERS + 2 * PROFILE
 COLUMNS = SHADOW + 3
-"""Of the table: seven functions with two derivatives each, the profile's powers, and the light that casts shadows, with
+"""Of the table: eight functions with two derivatives each, the profile's powers, and the light that casts shadows, with
 two derivatives."""
 STEEP_SDS, BEND = 6.0, 5
 """What lies deeper than so many blurs is blurred by its curvature, which is taken over so many steps to either side."""
@@ -136,9 +137,9 @@ def table_of(shapes: FloatArray, light: FloatArray) -> FloatArray:
             for k in range(PROFILE):
                 table[n, 6 + d] += light[k] * shapes[plain + k, n, d]
                 table[n, 9 + d] += light[k] * shapes[odd + k, n, d]
-            table[n, 12 + d] = shapes[odd, n, d]
-            table[n, 15 + d], table[n, 18 + d] = shapes[odd + PROFILE, n, d], shapes[odd + PROFILE + 1, n, d]
+            table[n, 12 + d], table[n, 15 + d] = shapes[odd, n, d], shapes[odd + 1, n, d]
+            table[n, 18 + d], table[n, 21 + d] = shapes[odd + PROFILE, n, d], shapes[odd + PROFILE + 1, n, d]
             table[n, SHADOW + d] = light[1] * shapes[plain + 1, n, d]
         for k in range(PROFILE):
-            table[n, 21 + k], table[n, 21 + PROFILE + k] = shapes[plain + k, n, 0], shapes[odd + k, n, 0]
+            table[n, POWERS + k], table[n, POWERS + PROFILE + k] = shapes[plain + k, n, 0], shapes[odd + k, n, 0]
     return table

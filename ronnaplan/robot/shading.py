@@ -2,9 +2,9 @@
 
 Brightness within the outline is that of a few constants which mean something: a profile of the angle to the line of
 sight (powers of its cosine: even brightness, a limb that darkens as the cosine or otherwise), the profile's tilt
-(reflectance or light that falls from one side to the other), light from aside of the lens, and two waves around. All
-around lies a ground with its own brightness and slope in each sector. One blur makes the image of both. All pixels are
-fitted at once, so that light and edge are told apart as well as they can be.
+(reflectance or light that falls from one side to the other), light from aside of the lens (even, and falling off as the
+cosine), and two waves around. All around lies a ground with its own brightness and slope in each sector. One blur makes
+the image of both. All pixels are fitted at once, so that light and edge are told apart as well as they can be.
 
 Where light from aside leaves a part of the sphere in its own shadow, what darkens as the cosine and light from aside
 can be held to be of one lamp, which lights nothing that faces away from it.
@@ -22,7 +22,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.camera import Camera
 from ronnaplan.robot.circles import Image
 from ronnaplan.robot.profiles_compiled import PROFILE, blurred, shadowed, table_of
-from ronnaplan.robot.shading_compiled import ASIDE, BLUR, COMMON, LIGHT, OVAL, TILT, Flags, equations
+from ronnaplan.robot.shading_compiled import ASIDE, BLUR, COMMON, FALLING, LIGHT, OVAL, TILT, Flags, equations
 from ronnaplan.robot.shading_pixels import OUTWARD_PX, Pixels, pixels_near
 
 FEWEST_PIXELS = 20
@@ -52,9 +52,11 @@ FLOOR_PX = 0.01
 """What the model errs in a sector at best."""
 SMALLEST_COVERAGE = 0.4
 """Share of the sectors that must be fitted."""
-CURVED_SD, ASIDE_SD, TILT_SD, WAVE_SD = 0.2, 0.3, 0.5, 0.3
-"""What is expected of the light, as shares of the brightness: the profile's curvature, light from aside, its tilt and
-its waves."""
+CURVED_SD, ASIDE_SD, FALLING_SD, TILT_SD, WAVE_SD = 0.2, 0.3, 0.2, 0.5, 0.3
+"""What is expected of the light, as shares of the brightness: the profile's curvature, light from aside, what of it
+falls off to the limb, its tilt and its waves."""
+HELD = 0.001
+"""The same of what is held at none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,9 +71,11 @@ class ShadedSphere:
     """Its center (2,) along ``across`` where its direction meets the plane at 1, and half the angle under which it is
     seen (rad), in any light."""
     light: FloatArray
-    """Its light's tilt (2,), and light from aside (2,), as shares of the brightness."""
+    """Its light's tilt (2,), light from aside (2,), and such as falls off to the limb (2,): shares of brightness."""
     covariance: FloatArray
-    """(7, 7) of place and light, with nothing assumed of the light but that it is within `TILT_SD` and `ASIDE_SD`."""
+    """(9, 9) of place and light, with nothing assumed of the light but what is expected of it."""
+    profile: FloatArray
+    """What of the brightness goes with each power (PROFILE) of the cosine, as shares."""
     dark: float
     """How much darker the limb is than the middle, as a share."""
     angles: FloatArray
@@ -138,7 +142,7 @@ def find_shaded(
         told = _judge(state, reduced, np.diff(pixels.starts) / every, step)
         if state.kept.sum() < SMALLEST_COVERAGE * count:
             return None
-        moved, normal = _advance(state, reduced, answers, step)
+        moved, normal = _advance(state, reduced, answers, step, shadows)
         if step > EARLY + 1 and (before == state.kept).all() and moved < 1:
             break
         strayed = (
@@ -200,9 +204,11 @@ def _judge(state: _State, reduced: FloatArray, pixels: FloatArray, step: int) ->
     return shifts, state.noise / np.sqrt(sharp)
 
 
-def _advance(state: _State, reduced: FloatArray, answers: FloatArray, step: int) -> tuple[float, FloatArray]:
+def _advance(
+    state: _State, reduced: FloatArray, answers: FloatArray, step: int, shadows: bool
+) -> tuple[float, FloatArray]:
     """Take a step of Gauss-Newton; return how far the outline moved, 1 being settled, and the normal matrix."""
-    weights = state.noise**2 / _expected_sds(state, step) ** 2
+    weights = state.noise**2 / _expected_sds(state, step, shadows) ** 2
     known = np.array([0.0, 0.0, 0.0, state.geometry[4] - FIRST_BLUR_PX, *state.light])
     together = (state.kept @ reduced.reshape(len(reduced), -1)).reshape(reduced.shape[1:])
     normal = together[:-1, :-1] + np.diag(weights)
@@ -231,7 +237,7 @@ def _middle(values: FloatArray) -> float:
     return float(ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2
 
 
-def _expected_sds(state: _State, step: int) -> FloatArray:
+def _expected_sds(state: _State, step: int, shadows: bool) -> FloatArray:
     """Return how far each common unknown may be from zero, and the blur from that expected."""
     sds = np.full(COMMON, 10.0)
     early = step <= EARLY
@@ -239,7 +245,8 @@ def _expected_sds(state: _State, step: int) -> FloatArray:
     sds[LIGHT : LIGHT + 2] = 3 * state.level
     sds[LIGHT + 2 : TILT] = (0.05 if early else CURVED_SD) * state.level
     sds[TILT:ASIDE] = TILT_SD
-    sds[ASIDE:OVAL] = (0.01 if step <= 2 else ASIDE_SD) * state.level
+    sds[ASIDE:FALLING] = (0.01 if step <= 2 else ASIDE_SD) * state.level
+    sds[FALLING:OVAL] = (HELD if early or shadows else FALLING_SD) * state.level
     sds[OVAL:] = WAVE_SD * state.level
     return sds
 
@@ -253,7 +260,7 @@ def _result(
     shadows: bool,
 ) -> ShadedSphere:
     count, focal = len(state.kept), state.geometry[3]
-    units = np.array([focal] * 3 + [1.0] * 2 + [state.level] * 2)
+    units = np.array([focal] * 3 + [1.0] * 2 + [state.level] * 4)
     chosen = np.r_[0:BLUR, TILT:OVAL]
     return ShadedSphere(
         axis,
@@ -261,6 +268,7 @@ def _result(
         state.geometry[:3] / focal,
         state.light[TILT - LIGHT : OVAL - LIGHT] / units[3:],
         covariance[np.ix_(chosen, chosen)] / np.outer(units, units),
+        state.light[:PROFILE] / state.level,
         float(np.clip(1 - state.light[0] / state.level, 0, 1)),
         ((np.arange(count) + 0.5) / count - 0.5) * 2 * np.pi,
         *told,

@@ -7,15 +7,16 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.profiles_compiled import COLUMNS, MOST_SLANT, PROFILE, SHADOW, SLANTS
+from ronnaplan.robot.profiles_compiled import COLUMNS, MOST_SLANT, POWERS, PROFILE, SHADOW, SLANTS
 
 PLACE, BLUR, LIGHT = 0, 3, 4
 TILT = LIGHT + PROFILE
 ASIDE = TILT + 2
-OVAL = ASIDE + 2
+FALLING = ASIDE + 2
+OVAL = FALLING + 2
 COMMON = OVAL + 4
 """Unknowns of the whole sphere, by where they stand: its place and radius (3), the blur, the light: the profile, its
-tilt (2), light from aside (2), and waves of two periods (4)."""
+tilt (2), light from aside (2), such as falls off to the limb (2), and waves of two periods (4)."""
 OWN = 2
 """And of each sector: the ground, and its slope."""
 Integers = NDArray[np.int64]
@@ -94,9 +95,9 @@ def model_rows(
     """Fill ``rows`` (B, K) with what each unknown does to the pixels of a sector, and what the model leaves of them.
 
     ``geometry`` (5): where the axis meets the plane (2, px), the radius, the focal length and the blur (px); ``light``
-    is that of the profile, its tilt, from aside and the waves; ``ground`` (2) is level and slope. With ``shadows``
-    (SLANTS, N, 3) light from aside and what darkens as the cosine are of one lamp, which lights no place that it does
-    not see.
+    is that of the profile, its tilt, from aside (even, and falling off) and the waves; ``ground`` (2) is level and
+    slope. With ``shadows`` (SLANTS, N, 3) light from aside and what darkens as the cosine are of one lamp, which lights
+    no place that it does not see.
     """
     casts = len(shadows) > 0 and light[1] > 0.0
     columns = COLUMNS if casts else SHADOW
@@ -118,22 +119,24 @@ def model_rows(
         cc, dd = c * c - d * d, 2 * c * d
         tilt = light[PROFILE] * c + light[PROFILE + 1] * d
         aside = light[PROFILE + 2] * c + light[PROFILE + 3] * d
-        wave = light[PROFILE + 4] * cc + light[PROFILE + 5] * dd
-        other = light[PROFILE + 6] * cc + light[PROFILE + 7] * dd
+        falling = light[PROFILE + 4] * c + light[PROFILE + 5] * d
+        wave = light[PROFILE + 6] * cc + light[PROFILE + 7] * dd
+        other = light[PROFILE + 8] * cc + light[PROFILE + 9] * dd
         if casts:
             cast_by(shadows, light[1], aside, half_angle, whole, share, at, cast)
         for k in range(3):
             told = cast[k] + ground[0] * at[k] + ground[1] * at[3 + k] + at[6 + k] + tilt * at[9 + k]
-            told += aside * at[12 + k] + wave * at[15 + k] + other * at[18 + k]
+            told += aside * at[12 + k] + falling * at[15 + k] + wave * at[18 + k] + other * at[21 + k]
             row[k] = told
         left, edge, blur = grey[n] - row[0], row[1], row[2]
         row[0], row[1], row[2], row[BLUR] = edge * c, edge * d, edge, geometry[4] * blur
         for k in range(PROFILE):
-            row[LIGHT + k] = at[21 + k] + tilt * at[21 + PROFILE + k]
+            row[LIGHT + k] = at[POWERS + k] + tilt * at[POWERS + PROFILE + k]
         row[LIGHT + 1] += cast[3]
         row[TILT], row[TILT + 1] = at[9] * c, at[9] * d
         row[ASIDE], row[ASIDE + 1] = (at[12] + cast[4]) * c, (at[12] + cast[4]) * d
-        row[OVAL], row[OVAL + 1], row[OVAL + 2], row[OVAL + 3] = at[15] * cc, at[15] * dd, at[18] * cc, at[18] * dd
+        row[FALLING], row[FALLING + 1] = at[15] * c, at[15] * d
+        row[OVAL], row[OVAL + 1], row[OVAL + 2], row[OVAL + 3] = at[18] * cc, at[18] * dd, at[21] * cc, at[21] * dd
         row[COMMON], row[COMMON + 1], row[COMMON + OWN] = at[0], at[3], left
         if weights[n] != 1.0:
             row *= weights[n]
@@ -156,8 +159,8 @@ def cast_by(
     """
     if aside >= 0.0:
         for k in range(3):
-            cast[k] = facing * half_angle * at[15 + k]
-        cast[3], cast[4] = half_angle * at[15], 0.0
+            cast[k] = facing * half_angle * at[18 + k]
+        cast[3], cast[4] = half_angle * at[18], 0.0
         return
     step = MOST_SLANT / (SLANTS - 1)
     place = max((aside / facing + MOST_SLANT) / step, 0.0)
@@ -170,7 +173,7 @@ def cast_by(
         cast[n] = facing * lit - at[SHADOW + n] - aside * at[12 + n]
         if n == 0:
             by_slant = (high - low) / step
-            cast[3], cast[4] = lit - aside / facing * by_slant - at[22], by_slant - at[12]
+            cast[3], cast[4] = lit - aside / facing * by_slant - at[POWERS + 1], by_slant - at[12]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -1,9 +1,10 @@
 """The lights that may fall on a sphere, weighed by what its images tell of them."""
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
-from ronnaplan.robot.lights import Lights, Sight, in_each_light, weighed
+from ronnaplan.robot.lights import LOWERED, Lights, Sight, by_turning, in_each_light, weighed
 
 FOCAL_PX, LAMP_SD_DEG = 4000.0, 0.04
 TURNS = [np.eye(3), Rotation.from_rotvec([0, np.radians(-25), 0]).as_matrix()]
@@ -17,10 +18,11 @@ def sight(turn: np.ndarray, uneven: np.ndarray, lens: tuple[float, float] = (0.0
     Tilt and light from aside are known to 0.01, and what they err by moves the center. So much tilt the ``lens`` makes.
     """
     across = turn[:, :2]
-    errs = np.diag([1e-5] * 3 + [0.01] * 4)
-    errs[:2, 3:5] = errs[:2, 5:] = 0.01 * GAIN * np.eye(2)
-    light = np.concatenate([across.T @ uneven, np.zeros(2)])
-    return Sight(turn[:, 2], across, np.array([0, 0, 0.02]), light, errs @ errs.T, np.array(lens), 0.0, FOCAL_PX)
+    errs = np.diag([1e-5] * 3 + [0.01] * 6)
+    errs[:2, 3:5] = errs[:2, 5:7] = 0.01 * GAIN * np.eye(2)
+    light, by_lamp = np.concatenate([across.T @ uneven, np.zeros(4)]), np.diag([1.0, 0.0])
+    place = np.array([0, 0, 0.02])
+    return Sight(turn[:, 2], across, place, light, errs @ errs.T, by_lamp, np.array(lens), 0.0, FOCAL_PX)
 
 
 def evidence(lights: Lights) -> float:
@@ -63,3 +65,35 @@ def test_where_the_lens_may_make_one_side_darker_the_center_is_known_less_there(
     more = beside.covariances[0] - plain.covariances[0]
     assert 0.7 < np.sqrt(more[0, 0]) / (0.004 * GAIN) < 1
     assert abs(more[1, 1]) < 1e-3 * more[0, 0]
+
+
+def test_a_lamp_beside_makes_as_much_light_from_aside_as_lambert_says() -> None:
+    """Whatever the law: with all light from the lamp, and the limb as dark as the ground, there is one only."""
+    told, covariance = by_turning(np.array([0.0, 1, 0, 0]))
+    np.testing.assert_allclose(told, (1, 0))
+    np.testing.assert_allclose(covariance, 0)
+
+
+@pytest.mark.parametrize("falls", [1.0, 2.0])
+def test_a_limb_that_darkens_as_the_cosine_squared_is_lit_from_aside_as_the_cosine(falls: float) -> None:
+    """By the angle to the lamp alone (2), by that to lamp and lens alike (1.5), or by that to the lens (1)."""
+    told, covariance = by_turning(np.array([0.0, 0, 1, 0]))
+    np.testing.assert_allclose(told, (0, 1.5))
+    assert abs(told[1] - falls) < 2 * np.sqrt(covariance[1, 1]) < 1
+
+
+def test_light_at_the_limb_may_be_the_lamps_or_the_rooms() -> None:
+    of_room, of_lamp = by_turning(np.array([0.0, 0.7, 0, 0]))[0], by_turning(np.array([0.3, 0.7, 0, 0]))[0]
+    doubt = np.sqrt(np.diag(by_turning(np.array([0.3, 0.7, 0, 0]))[1]))
+    assert np.all(np.abs(of_lamp - of_room) < 2 * doubt)
+    assert np.all(doubt > 0.3)
+
+
+def test_the_powers_are_fitted_best_where_a_sphere_shows_light_from_aside() -> None:
+    """By the area that shows them, times the distance from the center, squared."""
+    cosine = (np.arange(100000) + 0.5) / 100000
+    weight = np.sqrt(cosine * (1 - cosine**2))
+    design = np.column_stack([np.ones_like(cosine), cosine]) * weight[:, None]
+    for power, told in zip((-1, 0, 1, 2), LOWERED.T, strict=True):
+        best = np.linalg.lstsq(design, cosine**power * weight)[0]
+        np.testing.assert_allclose(told, best, atol=0.05)

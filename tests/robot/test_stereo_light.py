@@ -48,11 +48,11 @@ def test_a_part_of_the_outline_that_fits_now_and_then_does_not_keep_the_sphere_f
     ],
 )
 def test_what_the_images_tell_is_used(name: str, seed: int, before_mm: float) -> None:
-    """Each was refused where its error was stated ``before_mm`` instead."""
+    """Each was stated to err by ``before_mm`` where that was not."""
     view, rig = rendered(name, seed)
-    found = locate_sphere(view.left, view.right, rig, diameter_mm=DIAMETER)
+    found = locate_sphere(view.left, view.right, rig, diameter_mm=DIAMETER, largest_mm=before_mm)
     error = found.position_mm - view.center_mm
-    assert np.sqrt(np.trace(found.covariance_mm2)) < 0.012 < 0.9 * before_mm
+    assert np.sqrt(np.trace(found.covariance_mm2)) < 0.8 * before_mm
     assert np.linalg.norm(error) < 0.02
     assert error @ np.linalg.solve(found.covariance_mm2, error) / 3 < 3
 
@@ -85,3 +85,12 @@ def test_a_lamp_a_degree_beside_the_lens_is_stated_in_the_error(seed: int) -> No
     found = locate_sphere(view.left, view.right, rig, diameter_mm=DIAMETER, largest_mm=0.5)
     error = found.position_mm - view.center_mm
     assert error @ np.linalg.solve(found.covariance_mm2, error) / 3 < 2
+
+
+@pytest.mark.parametrize("seed", [9, 23, 25])
+def test_light_from_aside_falls_off_to_the_limb_as_the_sphere_darkens(seed: int) -> None:
+    """Held to be even, it was 0.093, 0.023 and 0.039 mm off, stated as 0.009 at most, and accepted."""
+    view, rig = rendered("cosine to 2, lamp beside", seed)
+    found = locate_sphere(view.left, view.right, rig, diameter_mm=DIAMETER, largest_mm=0.5)
+    error = found.position_mm - view.center_mm
+    assert error @ np.linalg.solve(found.covariance_mm2, error) / 3 < 3
