@@ -240,20 +240,19 @@ def fit_place(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Buil
 def _fit(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build) -> BallFit:
     reach_mm = 0.625 * diameter_mm + max(build.layer_mm, 0.0) + margin_mm(scan.widest_mm)
     around = gather(scan.volume, center_mm, reach_mm, scan.axes)
-    fit = fit_ball(around, diameter_mm, build, float(scan.thickness_mm(center_mm)), scan.ceiling_hu)
-    is_first = scan.summed.first and fit.converged and not fit.is_clipped
-    return with_what_is_lost(scan, fit, diameter_mm, build)[0] if is_first else fit
+    thickness_mm = float(scan.thickness_mm(center_mm))
+    fit = fit_ball(around, diameter_mm, build, thickness_mm, scan.ceiling_hu)
+    if not scan.summed.first or not fit.converged or fit.is_clipped:
+        return fit
+    around = fit.neighbourhood
+    whole = replace(around, values_hu=around.values_hu + what_is_lost_hu(scan, fit))
+    return fit_ball(whole, diameter_mm, build, thickness_mm, scan.ceiling_hu)
 
 
-def with_what_is_lost(
-    scan: Scan, fit: BallFit, diameter_mm: float, build: Build = SOLID
-) -> tuple[BallFit, FloatArray]:
-    """Fit a ball anew to its voxels (N,) with what is lost where rays are summed first, and return that, too, in HU."""
+def what_is_lost_hu(scan: Scan, fit: BallFit) -> FloatArray:
+    """HU (N,) by which the voxels of a ball's fit are darker where rays were summed first."""
     slope = slope_per_mm(scan.volume, fit.center_mm, fit.diameter_mm / 2.0)
-    around, lost = fit.neighbourhood, lost_hu(fit.neighbourhood, fit.theta, slope)
-    whole = replace(around, values_hu=around.values_hu + lost)
-    thickness_mm = float(scan.thickness_mm(fit.center_mm))
-    return fit_ball(whole, diameter_mm, build, thickness_mm, scan.ceiling_hu), lost
+    return lost_hu(fit.neighbourhood, fit.theta, slope)
 
 
 def examine_place(

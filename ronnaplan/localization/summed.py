@@ -146,6 +146,8 @@ def _loss(volume: CTVolume, number: int, center_mm: FloatArray, radius_mm: float
     down_mm = v_mm + np.arange(seen_hu.shape[0]) * every * grid.row_spacing_mm
     distances_mm = np.hypot(across_mm, down_mm[:, np.newaxis])
     counts = (seen_hu > AIR_HU) & (distances_mm > BESIDE * radius_mm + BESIDE_MM)
+    if volume.padding_hu is not None:
+        counts &= seen_hu != volume.padding_hu
     density = (seen_hu[counts].astype(np.float64) + 1000.0) / 1000.0
     pixel_mm2 = every**2 * grid.column_spacing_mm * grid.row_spacing_mm
     return WATER_PER_MM / math.pi * float(np.sum(density / distances_mm[counts])) * pixel_mm2

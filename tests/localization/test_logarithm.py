@@ -11,7 +11,9 @@ from ronnaplan.ct import CTVolume
 from ronnaplan.documents.fiducials import fiducials_document
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import Build, Fiducials, localize
+from ronnaplan.localization.detect import detect
 from ronnaplan.localization.logarithm import summed_told
+from ronnaplan.localization.votes import Candidates
 from ronnaplan.report.marker_cuts import marker_pictures
 from ronnaplan.report.tables import resolution_line
 from tests.localization.test_summed import WIDTH_MM, summed_picture_hu
@@ -91,6 +93,20 @@ def test_the_document_the_table_and_the_report_say_that_it_was_made_good(
     assert max(picture.apart_mm for picture in marker_pictures(before, document)) < 0.005
 
 
+def test_what_was_made_good_is_fitted_where_candidates_were_seen_before(
+    before: CTVolume, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    searched = []
+
+    def counted(volume: CTVolume, diameter_mm: float) -> Candidates:
+        searched.append(diameter_mm)
+        return detect(volume, diameter_mm)
+
+    monkeypatch.setattr("ronnaplan.localization.examine.detect", counted)
+    assert localize(before, diameter_mm=DIAMETER_MM).summed_first
+    assert searched == [DIAMETER_MM]
+
+
 def test_hollow_markers_and_too_few_tell_nothing(before: CTVolume) -> None:
     assert localize(before, diameter_mm=DIAMETER_MM, marker=Build.parse("wrapped:2")).summed_first is None
     assert summed_told([(1.0, 1.0), None, (1.0, 1.0)]) is None
@@ -103,6 +119,7 @@ def test_hollow_markers_and_too_few_tell_nothing(before: CTVolume) -> None:
         ([(5.0, 100.0), (-7.0, 100.0), (15.0, 100.0)], False),
         ([(-20.0, 10.0), (5.0, 10.0), (30.0, 10.0), (15.0, 10.0)], None),  # they do not agree
         ([(60.0, 100.0), (60.0, 100.0), (60.0, 100.0)], None),  # neither the one nor the other
+        ([(27.1, 37.0), (32.4, 40.0), (-63.5, 144.5)], None),  # three in noise that happen to agree
     ],
 )
 def test_most_of_the_balls_decide(told: list[tuple[float, float]], is_first: bool | None) -> None:

@@ -60,6 +60,11 @@ def test_balls_in_oblique_slices_computed_from_thick_ones_are_found_and_the_old_
     assert VolumeFlag.REFORMATTED in found.volume_flags
 
 
+def test_nobody_asks_them_how_rays_were_summed(oblique: CTVolume, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr("ronnaplan.localization.localizer.as_summed")
+    assert localize(oblique, diameter_mm=11.5).summed_first is None
+
+
 def test_where_their_profile_lies_is_written_and_told(found: Fiducials) -> None:
     written = fiducials_document(found).resolution
     assert written is not None

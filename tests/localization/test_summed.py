@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from skimage.transform import iradon
@@ -56,7 +58,12 @@ def test_what_lies_beside_a_ball_is_told_by_its_mean_over_all_rays() -> None:
     origins = np.array([[-100.0, -100.0, height] for height in heights_mm])
     grid = SliceGrid(origins, np.array([0.0, 0.5, 0.0]), np.array([0.5, 0.0, 0.0]), 2.0)
     volume = CTVolume(np.where(inside, 0, -1000).astype(np.int16), grid)
-    assert slope_per_mm(volume, np.array([0.0, 0.0, 0.7]), 6.0) == pytest.approx(WATER_PER_MM, rel=0.05)
+    place_mm = np.array([0.0, 0.0, 0.7])
+    assert slope_per_mm(volume, place_mm, 6.0) == pytest.approx(WATER_PER_MM, rel=0.05)
+    unmeasured = volume.voxels_hu.copy()
+    unmeasured[6:, :40] = 3000
+    cut = replace(volume, voxels_hu=unmeasured, padding_hu=3000.0)
+    assert slope_per_mm(cut, place_mm, 6.0) == slope_per_mm(volume, place_mm, 6.0)
 
 
 def test_slices_of_which_nothing_is_told_leave_an_error_and_those_known_to_be_summed_after_do_not() -> None:
