@@ -109,6 +109,12 @@ def markers_of(cases: Sequence[Case], build: Build = SOLID) -> list[list[Examine
         # a part has slices that are not recognized: so has the whole
         scans = [Scan(case.volume) for case in cases]
     seen = [examine(scan, (case.diameter_mm,), build) for case, scan in zip(cases, scans, strict=True)]
+    asking = [(scan, one) for scan, part in zip(scans, seen, strict=True) for one in asked(part, build)]
+    summed = summed_told([told_by(scan, one) for scan, one in asking])
+    if summed is not None:
+        scans = [Scan(scan.volume, summed=summed) for scan in scans]
+    if summed is not None and summed.first:
+        seen = [examine(scan, (case.diameter_mm,), build) for case, scan in zip(cases, scans, strict=True)]
 
     def refit(slant: Slant, balls: Sequence[Examined]) -> list[Examined]:
         near = [min(scans, key=lambda scan: _apart_mm(scan.volume, one.center_mm)) for one in balls]
@@ -121,13 +127,6 @@ def markers_of(cases: Sequence[Case], build: Build = SOLID) -> list[list[Examine
     if slant is not None:
         scans = [Scan(scan.volume, slant) for scan in scans]
         seen = [examine(scan, (case.diameter_mm,), build) for case, scan in zip(cases, scans, strict=True)]
-    else:
-        asking = [(scan, one) for scan, part in zip(scans, seen, strict=True) for one in asked(part, build)]
-        summed = summed_told([told_by(scan, one) for scan, one in asking])
-        if summed is not None:
-            scans = [Scan(scan.volume, summed=summed) for scan in scans]
-        if summed is not None and summed.first:
-            seen = [examine(scan, (case.diameter_mm,), build) for case, scan in zip(cases, scans, strict=True)]
     shown = usual_of([one for part in seen for one in part])
     seen = [by_the_usual(scan, part, build, shown) for scan, part in zip(scans, seen, strict=True)]
     parts = [distinct(one for one in part if one.is_marker) for part in seen]

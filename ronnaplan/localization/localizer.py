@@ -1,8 +1,8 @@
 """From a scan to its markers: detect, fit, accept. `localize` is the pipeline's own description.
 
-1. Slices that were computed are left out (`measured`), and what blurs aslant of the slices is found (`slant`).
+1. Slices that were computed are left out (`measured`).
 2. Each candidate is detected, fitted and judged by itself (`examine`), and again where rays were summed before the
-   logarithm was taken (`logarithm`).
+   logarithm was taken (`logarithm`), or where slices blur aslant (`slant`).
 3. What was turned down only for what is usual in the scan is judged again (`by_the_usual`).
 4. What is unlike the scan's other markers is turned down (`alike`).
 5. Each marker's covariance counts what is usual in the scan (`together`), and motion is suspected (`moved`).
@@ -113,21 +113,20 @@ def _examined(
 ) -> tuple[Scan, list[Examined]]:
     """Return what was measured of a scan, and its candidates, fitted and judged one by one.
 
-    What their balls together say of the scan is made good: slices that blur in another direction than their normal, or
-    rays that were summed before the logarithm was taken. Of slices that were computed aslant nobody asks that: what
-    was summed did not lie as they do.
+    What their balls together say of the scan is made good: rays that were summed before the logarithm was taken, or
+    slices that blur in another direction than their normal, which summed rays can feign. Where they still do, nothing
+    is made good of summing: what was summed did not lie as they do.
     """
     scan = Scan(measured(volume))
     for diameter in diameters:
         _check_size(scan, diameter)
     examined = examine(scan, diameters, marker, progress)
-    turned = along_the_blur(scan, examined, marker)
-    if turned is not scan:
-        return turned, examine(turned, diameters, marker, progress)
     scan = as_summed(scan, examined, marker)
-    if not scan.summed.first:
-        return scan, examined
-    return scan, examine_places(scan, [(one.candidate_mm, one.stated_mm) for one in examined], marker, progress)
+    if scan.summed.first:
+        wanted = [(one.candidate_mm, one.stated_mm) for one in examined]
+        examined = examine_places(scan, wanted, marker, progress)
+    turned = along_the_blur(scan, examined, marker)
+    return (scan, examined) if turned is scan else (turned, examine(turned, diameters, marker, progress))
 
 
 def _tell(found: Fiducials) -> None:

@@ -17,6 +17,7 @@ from ronnaplan.documents.fiducials import fiducials_document
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import Fiducials, common_diameter, localize
 from ronnaplan.localization.neighbourhood import axes_along, gather
+from ronnaplan.localization.summed import Summed
 from ronnaplan.report.contact import gathered
 from ronnaplan.report.marker_cuts import marker_pictures
 from ronnaplan.report.tables import resolution_line
@@ -60,9 +61,14 @@ def test_balls_in_oblique_slices_computed_from_thick_ones_are_found_and_the_old_
     assert VolumeFlag.REFORMATTED in found.volume_flags
 
 
-def test_nobody_asks_them_how_rays_were_summed(oblique: CTVolume, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delattr("ronnaplan.localization.localizer.as_summed")
-    assert localize(oblique, diameter_mm=11.5).summed_first is None
+def test_they_tell_nothing_of_how_rays_were_summed(
+    oblique: CTVolume, found: Fiducials, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert found.summed_first is None
+    monkeypatch.setattr("ronnaplan.localization.logarithm.summed_told", lambda told: Summed(first=True, error=0.3))
+    misled = localize(oblique, diameter_mm=11.5)
+    assert misled.summed_first is None
+    assert np.abs(misled.centers - found.centers).max() < 0.004
 
 
 def test_where_their_profile_lies_is_written_and_told(found: Fiducials) -> None:
