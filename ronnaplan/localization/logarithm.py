@@ -23,8 +23,8 @@ from ronnaplan.localization.summed import Summed
 from ronnaplan.localization.uncertainty import robust_spread
 from ronnaplan.threads import in_threads
 
-THICK_MM = 1.5
-"""Thinner slices hold too little of a head for its slope to displace a ball by more than 2 um."""
+THICK_MM = 1.2
+"""Thinner slices hold too little of a head for its slope to displace a ball by more than 2 um, 6 on its top."""
 
 ASKED = 12
 """So many balls are asked, those that fit best: they tell the share to 0.1."""
