@@ -13,7 +13,7 @@ from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import Examined, Scan, Slant, distinct, examine, examine_place
-from ronnaplan.localization.logarithm import asked, summed_told, told_by
+from ronnaplan.localization.logarithm import summed_seen
 from ronnaplan.localization.measured import measured
 from ronnaplan.localization.slant import slant_seen
 from ronnaplan.localization.usual import alike, by_the_usual, moved, together, usual_of
@@ -109,8 +109,7 @@ def markers_of(cases: Sequence[Case], build: Build = SOLID) -> list[list[Examine
         # a part has slices that are not recognized: so has the whole
         scans = [Scan(case.volume) for case in cases]
     seen = [examine(scan, (case.diameter_mm,), build) for case, scan in zip(cases, scans, strict=True)]
-    asking = [(scan, one) for scan, part in zip(scans, seen, strict=True) for one in asked(part, build)]
-    summed = summed_told([told_by(scan, one) for scan, one in asking])
+    summed = summed_seen(list(zip(scans, seen, strict=True)), build)
     if summed is not None:
         scans = [Scan(scan.volume, summed=summed) for scan in scans]
     if summed is not None and summed.first:

@@ -27,7 +27,7 @@ from ronnaplan.localization.neighbourhood import axes_along, gather
 from ronnaplan.localization.parameters import CENTER, RADIUS, SHAPE, WIDTH, full_width_at_half_maximum_mm
 from ronnaplan.localization.parts import single_threaded_algebra
 from ronnaplan.localization.refine import fit_ball
-from ronnaplan.localization.summed import UNTOLD, Summed, lost_hu, slope_per_mm
+from ronnaplan.localization.summed import UNTOLD, Summed, lost_hu, slope_beside_per_mm
 from ronnaplan.localization.uncertainty import (
     by_excess,
     cramer_rao_bound,
@@ -251,8 +251,8 @@ def _fit(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build) ->
 
 def what_is_lost_hu(scan: Scan, fit: BallFit) -> FloatArray:
     """HU (N,) by which the voxels of a ball's fit are darker where rays were summed first."""
-    slope = slope_per_mm(scan.volume, fit.center_mm, fit.diameter_mm / 2.0)
-    return lost_hu(fit.neighbourhood, fit.theta, slope)
+    slope_per_mm = slope_beside_per_mm(scan.volume, fit.center_mm, fit.diameter_mm / 2.0)
+    return lost_hu(fit.neighbourhood, fit.theta, slope_per_mm)
 
 
 def examine_place(

@@ -119,7 +119,7 @@ def _pictures_hu(lost: FloatArray, theta: FloatArray, radii_mm: FloatArray) -> F
     return pictures_hu
 
 
-def slope_per_mm(volume: CTVolume, center_mm: FloatArray, radius_mm: float) -> float:
+def slope_beside_per_mm(volume: CTVolume, center_mm: FloatArray, radius_mm: float) -> float:
     """How much more of a ray's logarithm all but a ball takes for each mm along the slices' normal.
 
     The mean over all rays through the ball's center: that of lines through a place is the sum of all else in the

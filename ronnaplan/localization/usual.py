@@ -20,7 +20,7 @@ from ronnaplan.localization.motion import LEAST_TOGETHER, suspected
 from ronnaplan.localization.parameters import BLUR, EDGE, WIDTH, W, edge_variance_mm2
 from ronnaplan.localization.parts import single_threaded_algebra
 from ronnaplan.localization.smear import are_smeared
-from ronnaplan.localization.summed import slope_per_mm
+from ronnaplan.localization.summed import slope_beside_per_mm
 from ronnaplan.localization.uncertainty import (
     beyond_usual_mm,
     by_panel,
@@ -184,14 +184,13 @@ def together(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
 
 def _summed(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
     """State what is left of what summing rays before the logarithm may do."""
-    slopes_per_mm = [slope_per_mm(scan.volume, one.center_mm, one.diameter_mm / 2.0) for one in markers]
-    widths_mm = [float(one.parameters[WIDTH]) for one in markers]
-    errors_mm = [scan.summed.error_mm(*seen) for seen in zip(widths_mm, slopes_per_mm, strict=True)]
     along_mm2 = np.outer(scan.axes[W], scan.axes[W])
-    return [
-        replace(one, covariance_mm2=one.covariance_mm2 + error_mm**2 * along_mm2)
-        for one, error_mm in zip(markers, errors_mm, strict=True)
-    ]
+    stated = []
+    for one in markers:
+        slope_per_mm = slope_beside_per_mm(scan.volume, one.center_mm, one.diameter_mm / 2.0)
+        error_mm = scan.summed.error_mm(float(one.parameters[WIDTH]), slope_per_mm)
+        stated.append(replace(one, covariance_mm2=one.covariance_mm2 + error_mm**2 * along_mm2))
+    return stated
 
 
 def _wrapped(markers: Sequence[Examined]) -> list[Examined]:

@@ -11,7 +11,7 @@ from skimage.transform import iradon
 from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.neighbourhood import Neighbourhood
-from ronnaplan.localization.summed import UNTOLD, WATER_PER_MM, Summed, lost_hu, slope_per_mm
+from ronnaplan.localization.summed import UNTOLD, WATER_PER_MM, Summed, lost_hu, slope_beside_per_mm
 
 PIXEL_MM, PIXELS = 0.25, 97
 RADIUS_MM, BLUR_MM, WIDTH_MM, CONTRAST_HU = 6.0, 0.6, 3.0, 1300.0
@@ -59,11 +59,11 @@ def test_what_lies_beside_a_ball_is_told_by_its_mean_over_all_rays() -> None:
     grid = SliceGrid(origins, np.array([0.0, 0.5, 0.0]), np.array([0.5, 0.0, 0.0]), 2.0)
     volume = CTVolume(np.where(inside, 0, -1000).astype(np.int16), grid)
     place_mm = np.array([0.0, 0.0, 0.7])
-    assert slope_per_mm(volume, place_mm, 6.0) == pytest.approx(WATER_PER_MM, rel=0.05)
+    assert slope_beside_per_mm(volume, place_mm, 6.0) == pytest.approx(WATER_PER_MM, rel=0.05)
     unmeasured = volume.voxels_hu.copy()
     unmeasured[6:, :40] = 3000
     cut = replace(volume, voxels_hu=unmeasured, padding_hu=3000.0)
-    assert slope_per_mm(cut, place_mm, 6.0) == slope_per_mm(volume, place_mm, 6.0)
+    assert slope_beside_per_mm(cut, place_mm, 6.0) == slope_beside_per_mm(volume, place_mm, 6.0)
 
 
 def test_slices_of_which_nothing_is_told_leave_an_error_and_those_known_to_be_summed_after_do_not() -> None:
