@@ -8,6 +8,7 @@ import numpy as np
 
 from ronnaplan.ct.pixels import Voxels
 from ronnaplan.ct.scratch import one_by_one
+from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.parts import in_parts
 
@@ -34,11 +35,16 @@ LEAST_AT_END, ENDS_MORE = 30, 4.0
 def scale_end_hu(voxels_hu: Voxels) -> float:
     """Value at which the scale of ``voxels_hu`` (K, J, I) ends, or infinity where its brightest are not cut off.
 
-    Of a ragged end the lower side is told: what lies above tells no more than that it is bright.
+    Of a ragged end the lower side is told: what lies above tells no more than that it is bright. Raises `InputError`
+    where a voxel is no number.
     """
     parts = in_parts(lambda first, end: [one.max() for one in one_by_one(voxels_hu[first:end])], len(voxels_hu))
     tops = np.array([top for part in parts for top in part], dtype=np.float64)
     top = float(tops.max())
+    if math.isnan(top):
+        raise InputError(
+            "voxels hold values that are no numbers; expected HU, and air's where nothing was measured"
+        )
     if top < MIN_CEILING_HU:
         return math.inf
     least = top - NEAR_HU

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from phantoms.fast import render_hu
+from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import FiducialFlag, localize
 from ronnaplan.localization.ceiling import RAGGED_HU, scale_end_hu
@@ -80,3 +81,10 @@ def test_a_few_voxels_of_enamel_are_no_end() -> None:
     images = np.full((4, 64, 64), -1000, dtype=np.int16)
     images[2, 10, 10:15] = (1850, 1930, 2005, 2020, 2030)
     assert scale_end_hu(images) == math.inf
+
+
+def test_voxels_that_are_no_numbers_are_refused(metal: FloatArray) -> None:
+    images = metal.copy()
+    images[0, 0, 0] = np.nan
+    with pytest.raises(InputError, match="no numbers"):
+        scale_end_hu(images.astype(np.float32))
