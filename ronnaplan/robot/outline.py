@@ -16,7 +16,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.camera import Camera
 from ronnaplan.robot.circles import SMALLEST_RADIUS_PX, Image, find_circles
 from ronnaplan.robot.lights import MODELED_SHADOW_PX, SHADOW_PX, Sight, by_turning, in_each_light, weighed
-from ronnaplan.robot.shading import ShadedSphere, find_shaded
+from ronnaplan.robot.shading import ShadedSphere, find_shaded, in_own_shadow
 from ronnaplan.robot.shading_compiled import Flags
 from ronnaplan.sigmas import SIGMA_LAMP_DEG
 
@@ -122,7 +122,7 @@ def _outline(grey: Image, cone: Cone, camera: Camera, lamp_sd_deg: float) -> Out
         return None
     told = _judge(found)
     if told is not None and told.excess > SHADOWED:
-        again = find_shaded(grey, camera, cone.direction, cone.half_angle, cone.rays, shadows=True)
+        again = in_own_shadow(found)
         other = None if again is None else _judge(again)
         if again is not None and other is not None and _is_in_shadow(again, other, told.excess):
             found, told = again, other

@@ -14,7 +14,7 @@ What a limb as dark as the ground shows of its place depends on the light; `ligh
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,8 +41,9 @@ STEPS, SETTLED_SDS, SETTLED_PX, UNSETTLED = 16, 0.05, 0.002, 10.0
 by so many times more at the end, it is none."""
 STARTS, STRAYED_PX = 3, 2.5
 """A fit starts anew, so many times together, where the outline is so far from where its pixels were taken."""
-EARLY = 4
-"""In the first steps the light is held simple, and spoilt sectors are told by large misfits only."""
+EARLY, AGAIN = 4, 1
+"""In the first steps the light is held simple, and spoilt sectors are told by large misfits only. A fit that goes on
+from another starts with the second of these."""
 DECIDED = 8
 """From this step on sectors are left out only, so that none comes and goes for ever."""
 LARGEST_MISFITS = (2.5, 1.5)
@@ -88,6 +89,8 @@ class ShadedSphere:
     """Sectors that were fitted."""
     shadows: bool
     """Whether its own shadow is in the model of the light."""
+    fitted: tuple[Pixels, _State]
+    """Its pixels, and what is known of it there."""
 
 
 @dataclass(eq=False)
@@ -103,34 +106,69 @@ class _State:
     level: float
 
 
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """What a fit tells beside the state that it leaves."""
+
+    shifts_px: FloatArray
+    """Each sector's own shift of the edge (S), and its standard deviation."""
+    sds_px: FloatArray
+    normal: FloatArray
+    """Normal matrix of the common unknowns."""
+    moved: float
+    """How far the outline moved last, 1 being settled."""
+    strayed: bool
+    """Whether it was left early, as the outline is too far from where its pixels were taken."""
+
+
 def find_shaded(
-    grey: Image,
-    camera: Camera,
-    axis: FloatArray,
-    half_angle: float,
-    seen: FloatArray,
-    *,
-    shadows: bool = False,
-    starts: int = STARTS,
+    grey: Image, camera: Camera, axis: FloatArray, half_angle: float, seen: FloatArray, *, starts: int = STARTS
 ) -> ShadedSphere | None:
     """Return the sphere near ``axis`` (3,) and ``half_angle`` (rad), or None where there is none.
 
     ``seen`` (N, 3) are rays to where its outline is known to show. Where the outline turns out to be elsewhere, it is
-    looked for anew there, with so many ``starts`` together. With ``shadows`` what darkens as the cosine and light from
-    aside are of one lamp, and where the sphere turns away from it, it is in its own shadow.
+    looked for anew there, with so many ``starts`` together.
     """
     across = np.linalg.svd(axis[None])[2][1:].T
     pixels = pixels_near(grey, camera, axis, across, half_angle)
-    count = len(pixels.starts) - 1
-    state = _start(pixels, half_angle, _sectors_of((seen - axis) @ across, count))
-    if state is None:
+    state = _start(pixels, half_angle, _sectors_of((seen - axis) @ across, len(pixels.starts) - 1))
+    fitted = None if state is None else _fit(pixels, state, may_stray=starts > 1)
+    if state is None or fitted is None:
         return None
-    built, shapes, cast = np.zeros(2), np.empty(0), np.empty((0, 0, 0))
-    for step in range(STEPS):
+    if (fitted.strayed or fitted.moved > UNSETTLED) and starts > 1:
+        place = state.geometry[:3] / pixels.focal_px
+        found = axis + across @ place[:2]
+        found /= np.linalg.norm(found)
+        return find_shaded(grey, camera, found, float(place[2]), seen, starts=starts - 1)
+    return _result(pixels, state, fitted, axis, across, shadows=False)
+
+
+def in_own_shadow(found: ShadedSphere) -> ShadedSphere | None:
+    """Return the sphere ``found`` as one that is partly in its own shadow, or None where it is none.
+
+    What darkens as the cosine and light from aside are of one lamp, which lights nothing that faces away from it. Goes
+    on from where the sphere was found, at the same pixels: what the limb shows on the dark side is taken to be there
+    all around, and what it shows more on the bright side to be the lamp's.
+    """
+    pixels, before = found.fitted
+    uneven = before.light[0] * found.light[:2] + found.light[2:4] * before.level
+    light = np.zeros(COMMON - LIGHT)
+    light[0] = before.light[0] - np.linalg.norm(uneven)
+    light[1] = before.level - light[0]
+    light[ASIDE - LIGHT : FALLING - LIGHT] = 2 * uneven
+    state = replace(before, light=light)
+    fitted = _fit(pixels, state, shadows=True)
+    return None if fitted is None else _result(pixels, state, fitted, found.expected, found.across, shadows=True)
+
+
+def _fit(pixels: Pixels, state: _State, *, shadows: bool = False, may_stray: bool = False) -> _Fitted | None:
+    """Fit the sphere's ``state`` to the ``pixels``; return what is told of it, or None where too little agrees."""
+    first, built, shapes, cast = state.geometry[:3], np.zeros(2), np.empty(0), np.empty((0, 0, 0))
+    for step in range(AGAIN if shadows else 0, STEPS):
         size = state.geometry[[2, 4]]
         if np.abs(size - built).max() > (REBUILT_PX if step > EARLY else FIRST_REBUILT_PX):
             shapes = blurred(size[0], size[1], *_table_of(size[0]))
-            if shadows and step > EARLY:
+            if shadows:
                 cast = shadowed(size[0], size[0] / pixels.focal_px, size[1], *_table_of(size[0]))
             built = size
         fit = state.geometry, table_of(shapes, state.light), -OUTWARD_PX - BEYOND_PX, TABLE_STEP_PX, state.light
@@ -139,26 +177,16 @@ def find_shaded(
             pixels.places, pixels.grey, pixels.weights, pixels.starts, every, *fit, state.grounds, cast
         )
         before = state.kept
-        told = _judge(state, reduced, np.diff(pixels.starts) / every, step)
-        if state.kept.sum() < SMALLEST_COVERAGE * count:
+        shifts, sds = _judge(state, reduced, np.diff(pixels.starts) / every, step)
+        if state.kept.sum() < SMALLEST_COVERAGE * len(state.kept):
             return None
         moved, normal = _advance(state, reduced, answers, step, shadows)
         if step > EARLY + 1 and (before == state.kept).all() and moved < 1:
             break
-        strayed = (
-            step == EARLY and np.abs(state.geometry[:3] - (0, 0, half_angle * pixels.focal_px)).max() > STRAYED_PX
-        )
-        if strayed and starts > 1:
+        strayed = step == EARLY and may_stray and bool(np.abs(state.geometry[:3] - first).max() > STRAYED_PX)
+        if strayed:
             break
-    if (strayed or moved > UNSETTLED) and starts > 1:
-        place = state.geometry[:3] / pixels.focal_px
-        found = axis + across @ place[:2]
-        found /= np.linalg.norm(found)
-        return find_shaded(grey, camera, found, float(place[2]), seen, shadows=shadows, starts=starts - 1)
-    if moved > UNSETTLED:
-        return None
-    covariance = np.asarray(np.linalg.inv(normal) * state.noise**2, dtype=np.float64)
-    return _result(state, told, axis, across, covariance, shadows)
+    return _Fitted(shifts, sds, normal, moved, strayed)
 
 
 def _table_of(radius: float) -> tuple[float, float, int]:
@@ -214,7 +242,7 @@ def _advance(
     normal = together[:-1, :-1] + np.diag(weights)
     goal = together[:-1, -1] - weights * known
     inverse = np.linalg.inv(normal)
-    if step < 2:
+    if step < 2 and not shadows:
         free = (np.arange(LIGHT, TILT), np.r_[0:BLUR, LIGHT:ASIDE])[step]
         change = np.zeros(COMMON)
         change[free] = np.linalg.solve(normal[np.ix_(free, free)], goal[free])
@@ -245,23 +273,22 @@ def _expected_sds(state: _State, step: int, shadows: bool) -> FloatArray:
     sds[LIGHT : LIGHT + 2] = 3 * state.level
     sds[LIGHT + 2 : TILT] = (0.05 if early else CURVED_SD) * state.level
     sds[TILT:ASIDE] = TILT_SD
-    sds[ASIDE:FALLING] = (0.01 if step <= 2 else ASIDE_SD) * state.level
+    sds[ASIDE:FALLING] = (0.01 if step <= 2 and not shadows else ASIDE_SD) * state.level
     sds[FALLING:OVAL] = (HELD if early or shadows else FALLING_SD) * state.level
     sds[OVAL:] = WAVE_SD * state.level
     return sds
 
 
 def _result(
-    state: _State,
-    told: tuple[FloatArray, FloatArray],
-    axis: FloatArray,
-    across: FloatArray,
-    covariance: FloatArray,
-    shadows: bool,
-) -> ShadedSphere:
+    pixels: Pixels, state: _State, fitted: _Fitted, axis: FloatArray, across: FloatArray, *, shadows: bool
+) -> ShadedSphere | None:
+    """Return the fitted sphere, or None where the fit did not settle."""
+    if fitted.moved > UNSETTLED:
+        return None
     count, focal = len(state.kept), state.geometry[3]
     units = np.array([focal] * 3 + [1.0] * 2 + [state.level] * 4)
     chosen = np.r_[0:BLUR, TILT:OVAL]
+    covariance = np.asarray(np.linalg.inv(fitted.normal) * state.noise**2, dtype=np.float64)
     return ShadedSphere(
         axis,
         across,
@@ -271,7 +298,9 @@ def _result(
         state.light[:PROFILE] / state.level,
         float(np.clip(1 - state.light[0] / state.level, 0, 1)),
         ((np.arange(count) + 0.5) / count - 0.5) * 2 * np.pi,
-        *told,
+        fitted.shifts_px,
+        fitted.sds_px,
         state.kept,
         shadows,
+        (pixels, state),
     )

@@ -37,18 +37,21 @@ def gather(
     """Return places (B, 2), brightness (B) and weights (B) of pixels of ``grey``, by sector, and each's start (S + 1).
 
     ``bend`` (10, 2) makes places (px, in a plane square to the line of sight) of columns and rows less ``middle`` (2),
-    over ``scale``. Pixels are taken up to the first of ``bounds`` outside the ``radius``; those further inside than the
-    second are averaged over squares of ``block`` pixels a side, where they fill one.
+    over ``scale``. Pixels are taken up to the first of ``bounds`` outside the ``radius``; those further beside it than
+    the second are averaged over squares of ``block`` pixels a side, where they fill one.
     """
     size = grey.size
     places, values, sector = np.empty((size, 2)), np.empty(size), np.empty(size, np.int64)
     weights, starts = np.empty(size), np.zeros(sectors + 1, np.int64)
     count, half, at = 0, (block - 1) / 2, np.empty(2)
+    reach = np.sqrt(2) * half
     for top in range(0, grey.shape[0], block):
         for left in range(0, grey.shape[1], block):
             low, right = min(top + block, grey.shape[0]), min(left + block, grey.shape[1])
             bent(left + half, top + half, bend, middle, scale, at)
-            whole = np.hypot(at[0], at[1]) < radius - bounds[1] - block and low - top == right - left == block
+            away = np.hypot(at[0], at[1]) - radius
+            whole = -away > bounds[1] + reach or bounds[1] + reach < away < bounds[0] - reach
+            whole = whole and low - top == right - left == block
             step = block if whole else 1
             for row in range(top, low, step):
                 for column in range(left, right, step):
@@ -63,8 +66,11 @@ def gather(
                     starts[sector[count] + 1] += 1
                     count += 1
     starts = np.cumsum(starts)
-    order = np.argsort(sector[:count], kind="mergesort")
-    return places[:count][order], values[:count][order], weights[:count][order], starts
+    order, following = np.empty(count, np.int64), starts.copy()
+    for n in range(count):
+        order[following[sector[n]]] = n
+        following[sector[n]] += 1
+    return places[order], values[order], weights[order], starts
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

@@ -14,11 +14,12 @@ from ronnaplan.robot.shading_compiled import Integers, gather
 
 ARC_PX = 8.0
 FEWEST_SECTORS, MOST_SECTORS = 36, 72
-OUTWARD_PX, INWARD_PX = 14.0, 6.0
-"""How far beside the expected edge pixels are taken. The blur takes four of them outside; the others tell the ground,
-each sector's own, on whose level the edge's place depends."""
-MOST_INSIDE = 16000
-"""Of those further inside, where brightness changes slowly, about so many are taken at most: means over squares."""
+OUTWARD_PX, EDGE_PX = 14.0, 6.0
+"""How far outside the expected edge pixels are taken, and how far beside it one by one. The blur takes four of them
+outside; the others tell the ground, each sector's own, on whose level the edge's place depends."""
+MOST_INSIDE = 4000
+"""Of those further inside, where brightness changes slowly, about so many are taken at most: means over squares, and
+over such of the ground."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,9 +50,9 @@ def pixels_near(grey: Image, camera: Camera, axis: FloatArray, across: FloatArra
     high = np.clip(np.ceil(middle + scale) + 1, low, grey.shape[::-1]).astype(np.int64)
     window = np.ascontiguousarray(grey[low[1] : high[1], low[0] : high[0]], dtype=np.float64)
     count = int(np.clip(2 * np.pi * radius / ARC_PX, FEWEST_SECTORS, MOST_SECTORS))
-    inward = min(INWARD_PX, radius)
-    block = int(np.ceil((radius - inward) * np.sqrt(np.pi / MOST_INSIDE)))
-    found = gather(window, bend, middle - low, scale, radius, (OUTWARD_PX, inward), count, max(block, 1))
+    edge = min(EDGE_PX, radius)
+    block = int(np.ceil((radius - edge) * np.sqrt(np.pi / MOST_INSIDE)))
+    found = gather(window, bend, middle - low, scale, radius, (OUTWARD_PX, edge), count, max(block, 1))
     return Pixels(*found, focal)
 
 
