@@ -36,8 +36,9 @@ WAVES = (2, 3, 4)
 LARGEST_FIRST_WAVE = 4.0
 """Where the light is not in the model, the wave of one period, which moves the center, is larger than those of more,
 by up to this factor (squared), as on balls lit from aside whose brightness does not fall off as the cosine."""
-LENS_FALL = 4
-"""A lens makes what is off its axis darker by up to this power of the cosine."""
+LENS_FALL, LENS_SHARE = 4, 3**-0.5
+"""A lens makes what is off its axis darker by up to this power of the cosine: by anything from none to all of it, of
+which the second is the RMS."""
 SHADOWED, SHADOW_TILT, SHADOW_COVERAGE = 2.5, 0.05, 0.65
 """A sphere is looked at as one in its own shadow where its errors are larger than noise by this factor (squared). It is
 held to be so where they are smaller then by as much, and not larger than noise by as much, where its light is else
@@ -150,7 +151,7 @@ def _sight(found: ShadedSphere, excess: float, camera: Camera) -> Sight:
         found.light,
         excess * found.covariance,
         np.outer(told, told) + doubt,
-        LENS_FALL * found.place[2] * found.across[2] / found.expected[2],
+        LENS_FALL * LENS_SHARE * found.place[2] * found.across[2] / found.expected[2],
         (MODELED_SHADOW_PX if found.shadows else SHADOW_PX) * found.dark * aside,
         camera.focal_px,
     )

@@ -41,7 +41,7 @@ STEPS, SETTLED_SDS, SETTLED_PX, UNSETTLED = 16, 0.05, 0.002, 10.0
 by so many times more at the end, it is none."""
 STARTS, STRAYED_PX = 3, 2.5
 """A fit starts anew, so many times together, where the outline is so far from where its pixels were taken."""
-EARLY, AGAIN = 4, 1
+EARLY, AGAIN = 4, 2
 """In the first steps the light is held simple, and spoilt sectors are told by large misfits only. A fit that goes on
 from another starts with the second of these."""
 DECIDED = 8
@@ -104,6 +104,8 @@ class _State:
     kept: Flags
     noise: float
     level: float
+    last: FloatArray
+    """The step that was taken last."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,24 +124,36 @@ class _Fitted:
 
 
 def find_shaded(
-    grey: Image, camera: Camera, axis: FloatArray, half_angle: float, seen: FloatArray, *, starts: int = STARTS
+    grey: Image,
+    camera: Camera,
+    axis: FloatArray,
+    half_angle: float,
+    seen: FloatArray,
+    *,
+    starts: int = STARTS,
+    strayed: _State | None = None,
 ) -> ShadedSphere | None:
     """Return the sphere near ``axis`` (3,) and ``half_angle`` (rad), or None where there is none.
 
     ``seen`` (N, 3) are rays to where its outline is known to show. Where the outline turns out to be elsewhere, it is
-    looked for anew there, with so many ``starts`` together.
+    looked for anew there, with so many ``starts`` together, in the light of the one that ``strayed``.
     """
     across = np.linalg.svd(axis[None])[2][1:].T
     pixels = pixels_near(grey, camera, axis, across, half_angle)
     state = _start(pixels, half_angle, _sectors_of((seen - axis) @ across, len(pixels.starts) - 1))
-    fitted = None if state is None else _fit(pixels, state, may_stray=starts > 1)
-    if state is None or fitted is None:
+    if state is None:
+        return None
+    if strayed is not None:
+        state.geometry[4], state.light, state.level = strayed.geometry[4], strayed.light, strayed.level
+    fitted = _fit(pixels, state, 0 if strayed is None else AGAIN, may_stray=starts > 1)
+    if fitted is None:
         return None
     if (fitted.strayed or fitted.moved > UNSETTLED) and starts > 1:
         place = state.geometry[:3] / pixels.focal_px
         found = axis + across @ place[:2]
         found /= np.linalg.norm(found)
-        return find_shaded(grey, camera, found, float(place[2]), seen, starts=starts - 1)
+        strayed = state if fitted.strayed else None
+        return find_shaded(grey, camera, found, float(place[2]), seen, starts=starts - 1, strayed=strayed)
     return _result(pixels, state, fitted, axis, across, shadows=False)
 
 
@@ -156,15 +170,20 @@ def in_own_shadow(found: ShadedSphere) -> ShadedSphere | None:
     light[0] = before.light[0] - np.linalg.norm(uneven)
     light[1] = before.level - light[0]
     light[ASIDE - LIGHT : FALLING - LIGHT] = 2 * uneven
-    state = replace(before, light=light)
-    fitted = _fit(pixels, state, shadows=True)
+    state = replace(before, light=light, last=np.zeros(COMMON))
+    fitted = _fit(pixels, state, AGAIN, shadows=True)
     return None if fitted is None else _result(pixels, state, fitted, found.expected, found.across, shadows=True)
 
 
-def _fit(pixels: Pixels, state: _State, *, shadows: bool = False, may_stray: bool = False) -> _Fitted | None:
-    """Fit the sphere's ``state`` to the ``pixels``; return what is told of it, or None where too little agrees."""
+def _fit(
+    pixels: Pixels, state: _State, start: int, *, shadows: bool = False, may_stray: bool = False
+) -> _Fitted | None:
+    """Fit the sphere's ``state`` to the ``pixels``, from step ``start`` on; return what is told of it.
+
+    None where too little agrees.
+    """
     first, built, shapes, cast = state.geometry[:3], np.zeros(2), np.empty(0), np.empty((0, 0, 0))
-    for step in range(AGAIN if shadows else 0, STEPS):
+    for step in range(start, STEPS):
         size = state.geometry[[2, 4]]
         if np.abs(size - built).max() > (REBUILT_PX if step > EARLY else FIRST_REBUILT_PX):
             shapes = blurred(size[0], size[1], *_table_of(size[0]))
@@ -211,7 +230,8 @@ def _start(pixels: Pixels, half_angle: float, seen: Flags) -> _State | None:
         return None
     level = float(np.median(np.abs(pixels.grey[inside]))) + 1e-9
     geometry = np.array([0.0, 0.0, radius, pixels.focal_px, FIRST_BLUR_PX])
-    return _State(geometry, np.zeros(COMMON - LIGHT), np.zeros((len(kept), 2)), kept, 0.1 * level, level)
+    grounds, last = np.zeros((len(kept), 2)), np.zeros(COMMON)
+    return _State(geometry, np.zeros(COMMON - LIGHT), grounds, kept, 0.1 * level, level, last)
 
 
 def _judge(state: _State, reduced: FloatArray, pixels: FloatArray, step: int) -> tuple[FloatArray, FloatArray]:
@@ -242,18 +262,20 @@ def _advance(
     normal = together[:-1, :-1] + np.diag(weights)
     goal = together[:-1, -1] - weights * known
     inverse = np.linalg.inv(normal)
-    if step < 2 and not shadows:
+    if step < 2:
         free = (np.arange(LIGHT, TILT), np.r_[0:BLUR, LIGHT:ASIDE])[step]
         change = np.zeros(COMMON)
         change[free] = np.linalg.solve(normal[np.ix_(free, free)], goal[free])
     else:
         change = inverse @ goal
+        if change @ normal @ state.last < 0:
+            change /= 2  # a dark limb's edge bends so much that whole steps may go to and fro for ever
     change[:BLUR] = np.minimum(np.maximum(change[:BLUR], -LARGEST_STEP_PX), LARGEST_STEP_PX)
     blur = float(state.geometry[4])
     change[BLUR] = min(max(change[BLUR], -blur / 4, BLUR_PX[0] - blur), blur / 2, BLUR_PX[1] - blur)
     state.grounds = state.grounds + answers[:, :, -1] - answers[:, :, :-1] @ change
     state.geometry = state.geometry + np.array([*change[:3], 0, change[BLUR]])
-    state.light = state.light + change[LIGHT:]
+    state.light, state.last = state.light + change[LIGHT:], change
     state.level = max(abs(float(state.light[:PROFILE].sum())), 0.1 * state.level)
     sds = state.noise * np.sqrt(np.diag(inverse)[:BLUR])
     return float((np.abs(change[:BLUR]) / np.maximum(SETTLED_SDS * sds, SETTLED_PX)).max()), normal
