@@ -60,7 +60,7 @@ class Sight:
     turned: FloatArray
     """(2, 2): what the two lights from aside are, squared, of a lamp whose angle to the lens has tangent 1."""
     lens: FloatArray
-    """The tilt (2,) by as much as which the lens may make the side away from its axis darker."""
+    """How much darker the lens makes the side away from its axis, as a tilt (2,): RMS of what it may be."""
     shadow_px: float
     """Error of the center by the ball's own shadow where the lamp is not at the lens."""
     focal_px: float
