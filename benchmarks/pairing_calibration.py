@@ -3,9 +3,11 @@
     python -m benchmarks.pairing_calibration [--tests N] [--seed N]
 
 What is stated is the posterior under a belief: true errors of half to four times the stated ones (`evidence.SCALES`),
-and now and then another patient's markers (`told.OTHER_PATIENT`).  So it is looked at under that belief, without its
-second part (then another patient is neither simulated nor believed in), and under others.  Each scale is simulated
-alike often and counts with its share.  Whole answers count, accepted or not; of another patient, all are wrong.
+markers that lie about their center with `SPREAD_MM` per axis, and now and then another patient's
+(`told.OTHER_PATIENT`).  So it is looked at under that belief whole but for its last part (another patient is neither
+simulated nor believed in), which asks the sums alone; then on the study's heads, whose markers lie closer together;
+and under other errors.  Each scale is simulated alike often and counts with its share.  Whole answers count, accepted
+or not; of another patient, all are wrong.
 """
 
 from __future__ import annotations
@@ -24,23 +26,31 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 from ronnaplan.studies.heads import HEADS_MM
 from ronnaplan.studies.judging import PROBABILITY_EDGES, SPREAD_MM, calibration
-from ronnaplan.studies.scenes import simulate_scenes
+from ronnaplan.studies.scenes import OUTLIER_RADIUS_MM, Scenes, simulate_scenes, uniform_in_ball
 
 MARKERS, OUTLIERS = 3, (0, 2, 4)
 
 
 @dataclass(frozen=True)
 class Truth:
-    """What is true: the shares of `SCALES` and of another patient; and whether the latter is believed in."""
+    """What is true: the shares of `SCALES` and of another patient, and where markers lie; and what else is believed.
+
+    ``is_layout_believed``: markers are drawn from the belief in place of the study's heads.  ``spread_mm``: what is
+    stated of how widely they lie.
+    """
 
     name: str
     scales: tuple[float, ...]
     stranger: float = 0.0
     is_stranger_believed: bool = True
+    is_layout_believed: bool = False
+    spread_mm: float = SPREAD_MM
 
 
 TRUTHS = (
-    Truth("as believed, but never another patient, nor believed", SCALE_PRIORS, is_stranger_believed=False),
+    Truth("all as believed, but never another patient, nor believed", SCALE_PRIORS, 0.0, False, True),
+    Truth("errors as believed, never another patient, nor believed", SCALE_PRIORS, 0.0, False),
+    Truth("the same, a spread of 50 mm stated", SCALE_PRIORS, 0.0, False, spread_mm=50.0),
     Truth("as believed, another patient in 1 of 20", SCALE_PRIORS, OTHER_PATIENT),
     Truth("scales in equal shares", (1.0 / len(SCALES),) * len(SCALES)),
     Truth("errors as stated", tuple(float(scale == 1.0) for scale in SCALES)),
@@ -84,17 +94,47 @@ def counts(truth: Truth, outliers: int, scale: float, is_stranger: bool, tests: 
     total = np.zeros((len(PROBABILITY_EDGES) - 1, 3))
     for head, layout in enumerate(HEADS_MM):
         rng = np.random.default_rng([seed, outliers, int(10 * scale), is_stranger, head])
-        scenes = simulate_scenes(rng, layout, tests // len(HEADS_MM), MARKERS, outliers, noise=scale)
+        count = tests // len(HEADS_MM)
+        if truth.is_layout_believed:
+            scenes = believed_scenes(rng, count, outliers, scale)
+        else:
+            scenes = simulate_scenes(rng, layout, count, MARKERS, outliers, noise=scale)
         ots = scenes.ots
         if is_stranger:
             another = HEADS_MM[(head + 1) % len(HEADS_MM)]
             ots = simulate_scenes(rng, another, len(ots), MARKERS, outliers, noise=scale).ots
-        partner, probability, _ = match_many(scenes.ct, ots, variance, *priors, SPREAD_MM)
+        partner, probability, _ = match_many(scenes.ct, ots, variance, *priors, truth.spread_mm)
         wrong = (partner != scenes.partner).any(axis=1) | is_stranger
         stated = probability > 0
         answers, right, sure = np.array(calibration(probability[stated], ~wrong[stated])).T
         total += np.column_stack([answers, answers - sure, answers - right])
     return total
+
+
+def believed_scenes(rng: np.random.Generator, tests: int, outliers: int, scale: float) -> Scenes:
+    """Simulate what the evidence takes for true: normal markers anywhere in a field that holds all points.
+
+    Turning the readings would change nothing, for all this looks alike from all sides.
+    """
+    drawn = 6 * tests
+    layout = SPREAD_MM * rng.standard_normal((drawn, MARKERS, 3))
+    layout -= layout.mean(axis=1, keepdims=True)
+    read = [
+        layout
+        + uniform_in_ball(rng, (drawn, 1), OUTLIER_RADIUS_MM)
+        + scale * sigma * rng.standard_normal(layout.shape)
+        for sigma in (SIGMA_CT_MM, SIGMA_OTS_MM)
+    ]
+    farthest = np.max([np.linalg.norm(points, axis=2).max(axis=1) for points in read], axis=0)
+    inside = np.flatnonzero(farthest < OUTLIER_RADIUS_MM)[:tests]
+    ct, ots = (
+        np.concatenate((points[inside], uniform_in_ball(rng, (len(inside), outliers), OUTLIER_RADIUS_MM)), axis=1)
+        for points in read
+    )
+    order = np.argsort(rng.random(ots.shape[:2]), axis=1)
+    partner = np.argsort(order, axis=1)
+    partner[:, MARKERS:] = -1
+    return Scenes(ct, np.ascontiguousarray(np.take_along_axis(ots, order[:, :, None], axis=1)), partner)
 
 
 if __name__ == "__main__":

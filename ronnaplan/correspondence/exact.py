@@ -63,11 +63,11 @@ def list_edges(dx: FloatArray, dy: FloatArray, gate: FloatArray, edges: NDArray[
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def consistency_graph(
-    ct: FloatArray, ots: FloatArray, weight: FloatArray
+    ct: FloatArray, ots: FloatArray, weight: FloatArray, gate_chi2: float
 ) -> tuple[IntArray, IntArray, NDArray[np.uint64]]:
     """Return i and j of each node, the best connected first, and the adjacency as rows of bits."""
     n, m = len(ct), len(ots)
-    dx, dy, gate = distances(ct), distances(ots), GATE_CHI2 / weight
+    dx, dy, gate = distances(ct), distances(ots), gate_chi2 / weight
     edges = np.empty((16 * n * m, 2), np.int32)
     count = list_edges(dx, dy, gate, edges)
     if count > len(edges):
@@ -232,16 +232,17 @@ def search(
     spread: float,
     nats: float,
     best: float,
+    gate_chi2: float = GATE_CHI2,
 ) -> tuple[FloatArray, FloatArray, NDArray[np.int16], bool]:
     """List every pairing within ``nats`` of the most probable one.
 
     ``weight`` and ``node_value`` (n, m): 1/variance of a pair, and the pair's own share -3/2 ln c of the log
     evidence; ``constants``: see `size_priors`; ``known`` (K, 2): pairs that every pairing must hold; ``best``: a
-    log evidence to start from.  Returns the log evidences (L,), the chi^2 (L,), the partner of each CT point in each
-    pairing (L, n), -1 for none, and whether the list is complete.
+    log evidence to start from; ``gate_chi2``: of two pairs, at most.  Returns the log evidences (L,), the chi^2 (L,),
+    the partner of each CT point in each pairing (L, n), -1 for none, and whether the list is complete.
     """
     n, most, given = len(ct), min(len(ct), len(ots)), len(known)
-    node_i, node_j, adjacent = consistency_graph(ct, ots, weight)
+    node_i, node_j, adjacent = consistency_graph(ct, ots, weight, gate_chi2)
     i, j = np.zeros(most + 1, np.int64), np.zeros(most + 1, np.int64)
     candidates = np.zeros((most + 2, adjacent.shape[1]), np.uint64)
     candidates[given] = start_from_known(known, node_i, node_j, adjacent, i, j)

@@ -7,7 +7,7 @@ from functools import cache, lru_cache
 
 import numpy as np
 
-from ronnaplan.correspondence.evidence import GATE_CHI2, SCALE_PRIORS, SCALES
+from ronnaplan.correspondence.evidence import FEW_PAIRS, GATE_CHI2, LOOSE_CHI2, SCALE_PRIORS, SCALES
 from ronnaplan.correspondence.told import LEAST_PAIRS, Told
 from ronnaplan.geometry import FloatArray
 
@@ -64,9 +64,15 @@ def residual_priors(counts: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
 
 @cache
 def tail_beyond_gate(size: int) -> float:
-    """Return the probability that a true pairing of ``size`` pairs has a chi^2 beyond the gate."""
+    """Return the probability that the gate leaves a true pairing of ``size`` pairs out, at most.
+
+    Of a true pairing, the difference of the two distances between two pairs is normal, so its chi^2 has one degree of
+    freedom; a pairing is left out where any two of its pairs exceed the gate (Boole's inequality).  Of more than
+    `FEW_PAIRS` pairs the bound is looser, see `LOOSE_CHI2`.
+    """
     from scipy.special import gammaincc
 
-    half_freedom = 1.5 * size - 3.0
-    tails = [gammaincc(half_freedom, 0.5 * GATE_CHI2 / scale**2) for scale in SCALES]
-    return float(np.dot(SCALE_PRIORS, tails))
+    of_few = size <= FEW_PAIRS
+    half_freedom, beyond = (0.5, GATE_CHI2) if of_few else (1.5 * size - 3.0, LOOSE_CHI2)
+    tails = [gammaincc(half_freedom, 0.5 * beyond / scale**2) for scale in SCALES]
+    return float(np.dot(SCALE_PRIORS, tails)) * (math.comb(size, 2) if of_few else 1)

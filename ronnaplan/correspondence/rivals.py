@@ -25,6 +25,9 @@ LOG_ODDS_OF_MIRROR = math.log(100.0)
 """A mirror image is believed where it is so much more probable. Noise makes that of flat markers so in fewer than one
 of a hundred cases: it fits them as well on average (Markov's inequality)."""
 
+BODY_GATE_CHI2 = 200.0
+"""Pairs of a second body exceed this chi^2 nowhere: a wider gate finds more of them among outliers by chance."""
+
 LEAST_REGULAR = 5
 """Fewer pairs fit otherwise, too, by chance; of so many it shows that the markers are laid out regularly."""
 
@@ -89,6 +92,7 @@ def other_body(
         np.inf,
         1.0,
         backgrounds[size] - 5.0,
+        BODY_GATE_CHI2,
     )
     best, p = best_of(log_evidence, backgrounds[size])
     if best < 0:

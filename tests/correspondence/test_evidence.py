@@ -9,7 +9,9 @@ from scipy.stats import chi2 as chi2_distribution
 
 from ronnaplan.correspondence.anisotropic import fit_anisotropic
 from ronnaplan.correspondence.evidence import (
+    FEW_PAIRS,
     GATE_CHI2,
+    LOOSE_CHI2,
     SCALE_PRIORS,
     SCALES,
     filled_volume,
@@ -19,7 +21,7 @@ from ronnaplan.correspondence.evidence import (
     log_misfit,
 )
 from ronnaplan.correspondence.priors import log_pairings, tail_beyond_gate
-from tests.correspondence.scenes import HEAD, ball
+from tests.correspondence.scenes import HEAD, SIGMA_CT, SIGMA_OTS, ball
 
 
 @settings(max_examples=100, deadline=None)
@@ -102,9 +104,25 @@ def test_the_scale_of_the_errors_is_integrated_out() -> None:
         assert log_misfit(chi2, size) == pytest.approx(np.log(expected))
 
 
-def test_the_tail_beyond_the_gate_is_the_chi2_tail() -> None:
+@pytest.mark.parametrize("size", [3, 8])
+def test_the_tail_beyond_the_gate_is_what_the_search_leaves_out(size: int) -> None:
+    """A true pairing is left out where two of its pairs differ too much in distance; of three, the bound is close."""
+    rng, tests, a, b = np.random.default_rng(6), 200_000, *np.triu_indices(size, 1)
+    left_out = 0.0
+    for share, scale in zip(SCALE_PRIORS, SCALES, strict=True):
+        if scale > 1.0:
+            read = (HEAD[:size] + scale * s * rng.normal(size=(tests, size, 3)) for s in (SIGMA_CT, SIGMA_OTS))
+            ct, ots = (np.linalg.norm(points[:, a] - points[:, b], axis=2) for points in read)
+            beyond = (ct - ots) ** 2 > GATE_CHI2 * 2.0 * (SIGMA_CT**2 + SIGMA_OTS**2)
+            left_out += share * beyond.any(axis=1).mean()
+    sampling = np.sqrt(SCALE_PRIORS[-1] * left_out / tests)
+    assert left_out < tail_beyond_gate(size) + 3.0 * sampling
+    assert size > FEW_PAIRS or left_out > 0.7 * tail_beyond_gate(size)
+
+
+def test_of_more_than_three_pairs_the_tail_of_the_whole_chi2_is_left_to_chance() -> None:
     weights = zip(SCALE_PRIORS, SCALES, strict=True)
-    expected = sum(w * chi2_distribution.sf(GATE_CHI2 / s**2, 18) for w, s in weights)
+    expected = sum(w * chi2_distribution.sf(LOOSE_CHI2 / s**2, 18) for w, s in weights)
     assert tail_beyond_gate(8) == pytest.approx(expected)
 
 
