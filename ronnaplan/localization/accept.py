@@ -17,12 +17,12 @@ from ronnaplan.localization.cells import cell_directions
 from ronnaplan.localization.descent import BLUR_BOUNDS_MM, MAX_CONTRAST_HU, MAX_WANDER
 from ronnaplan.localization.detect import MIN_CONTRAST_HU
 from ronnaplan.localization.directions import MAX_RAGGED, Verdict
-from ronnaplan.localization.look import metal_axis
+from ronnaplan.localization.look import held_by
 from ronnaplan.localization.model import has_streaks
 from ronnaplan.localization.motion import Movement, movement
 from ronnaplan.localization.parameters import BACKGROUND, CENTER, WIDTH
 from ronnaplan.localization.skin import share_on_skin
-from ronnaplan.localization.uncertainty import SIZE_TOLERANCE_MM, center_covariance
+from ronnaplan.localization.uncertainty import SIZE_TOLERANCE_MM, center_covariance, pulled_mm2
 
 DIAMETER_TOLERANCE = 0.06
 """A marker's fitted diameter lies within this share of the stated one ..."""
@@ -148,8 +148,9 @@ class Evidence:
         """Covariance (3, 3) of the center in LPS."""
         fit = self.fit
         left_out = cell_directions()[fit.verdict.state == 0] @ fit.neighbourhood.axes
-        metal = metal_axis(self.volume, fit.center_mm, left_out, fit.diameter_mm / 2.0)
-        return center_covariance(fit, self.movement, metal, self.excess_mm)
+        axis, is_metal = held_by(self.volume, fit.center_mm, left_out, fit.diameter_mm / 2.0, fit.ceiling_hu)
+        pull_mm2 = pulled_mm2(fit, axis, is_metal=is_metal)
+        return center_covariance(fit, self.movement, pull_mm2, self.excess_mm)
 
     @cached_property
     def edge(self) -> Edge:

@@ -23,6 +23,9 @@ METAL_HU = 2500.0
 SCREW_REACH_MM, SCREW_MM, SCREW_STEP_MM = 25.0, 2.0, 0.5
 """A screw is looked for so far beyond the ball, so far beside each direction in every way, in these steps."""
 
+LEAST_HELD = 0.05
+"""What touches fewer of a ball's directions than this share does not hold it: noise leaves out single ones."""
+
 MARGIN_SHARE = 0.7
 """Where this share of the blur's reach is left behind, it is as dark as the surroundings."""
 
@@ -80,19 +83,25 @@ def sample_nearest(volume: CTVolume, places_mm: FloatArray) -> FloatArray:
     return values
 
 
-def metal_axis(volume: CTVolume, center_mm: FloatArray, directions: FloatArray, radius_mm: float) -> FloatArray:
-    """Return the unit vector (3,) towards the metal that lies beyond the ball in any of ``directions`` (N, 3), in LPS.
+def held_by(
+    volume: CTVolume, center_mm: FloatArray, touching: FloatArray, radius_mm: float, ceiling_hu: float
+) -> tuple[FloatArray, bool]:
+    """Return the unit vector (3,) in LPS towards what holds a ball, and whether there is metal in it.
 
-    It is the mean of those in which there is some; zero where there is none.
+    It is the mean of those directions ``touching`` (N, 3) it in which metal lies beyond, or else of all of them; zero
+    where these are too few. Where the scale ends below metal, at ``ceiling_hu``, what reaches its end may be metal.
     """
     along = radius_mm + np.arange(0.0, SCREW_REACH_MM, SCREW_STEP_MM)
     beside = SCREW_MM * np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=3)))
-    places = center_mm + along[:, np.newaxis, np.newaxis] * directions[:, np.newaxis, np.newaxis] + beside
-    values = sample_nearest(volume, places.reshape(-1, 3)).reshape(len(directions), len(along) * len(beside))
-    toward = directions[(values > METAL_HU).any(axis=1)].sum(axis=0)
+    places = center_mm + along[:, np.newaxis, np.newaxis] * touching[:, np.newaxis, np.newaxis] + beside
+    values = sample_nearest(volume, places.reshape(-1, 3)).reshape(len(touching), len(along) * len(beside))
+    of_metal = (values >= min(METAL_HU, ceiling_hu)).any(axis=1)
+    is_metal = bool(of_metal.any())
+    toward = touching[of_metal if is_metal else slice(None)].sum(axis=0)
     length = float(np.linalg.norm(toward))
-    axis: FloatArray = toward / length if length > 0.0 else np.zeros(3)
-    return axis
+    holds = length > 0.0 if is_metal else length > LEAST_HELD * CELL_COUNT
+    axis: FloatArray = toward / length if holds else np.zeros(3)
+    return axis, is_metal
 
 
 Lookup = tuple[NDArray[np.int16] | NDArray[np.float32], FloatArray, FloatArray, float]

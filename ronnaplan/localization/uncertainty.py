@@ -65,13 +65,19 @@ MEDIAN_SHARE = 0.69
 NEAR = 5
 """So many markers of a cone beam, those nearest in height, tell what is usual at their height."""
 
-PULL_MM, PULL_WIDTH = 0.012, 0.004
+SCREW_PULL_MM, SCREW_PULL_WIDTH = 0.012, 0.004
 """Standard error along a post that a screw holds: a constant, and a share of the slice profile's width. A screw weakens
 the beam more than in proportion, so that the post seems to reach elsewhere, and all markers of a scan err alike; 15 um
 were seen in thin slices, 20 in cone beams and 25 in 5 mm slices of one independent simulation, next to nothing in the
 phantoms here. It depends on the machine's corrections, which no image tells."""
 
-NO_METAL: Final = np.zeros(3)
+POST_PULL_MM, POST_ASIDE = 0.005, 0.35
+"""The same where what holds the ball is no metal, and the share of it across that direction, as the head pulls, too. A
+detector's cell adds up what it receives before the logarithm is taken, across the slices as along them: 7 to 11 um
+towards the head were seen in 0.6 mm slices of another independent simulation, whose cells were 0.6 mm wide, and a
+third of that with cells of half the width; nothing in the phantoms here."""
+
+NO_PULL: Final = np.zeros((3, 3))
 WITHIN: Final = np.diag([1.0, 1.0, 0.0])
 """The directions within the slices, of u, v, w."""
 
@@ -101,12 +107,12 @@ UNEVEN = 0.15
 
 
 def center_covariance(
-    fit: BallFit, moved: Movement, metal: FloatArray = NO_METAL, excess_mm: float = 0.0
+    fit: BallFit, moved: Movement, pull_mm2: FloatArray = NO_PULL, excess_mm: float = 0.0
 ) -> FloatArray:
     """Covariance (3, 3) of the fitted center in LPS, mm^2: noise, model error and what may cover it.
 
-    ``moved`` is what `motion.movement` finds, ``metal`` (3,) in LPS points towards the screw beneath
-    (`look.metal_axis`), ``excess_mm`` is the fitted minus the stated diameter.
+    ``moved`` is what `motion.movement` finds, ``pull_mm2`` (3, 3) what `pulled_mm2` states, ``excess_mm`` the fitted
+    minus the stated diameter.
     """
     total = sum((WEIGHTS[name] * source for name, source in sources(fit, moved).items()), np.zeros((3, 3)))
     total += hidden_shading_mm2(fit) * np.eye(3)
@@ -116,8 +122,18 @@ def center_covariance(
     rotated: FloatArray = axes.T @ total @ axes
     if is_off_size(excess_mm):
         rotated += excess_mm**2 * by_excess(fit)
-    pull_mm2 = PULL_MM**2 + (PULL_WIDTH * float(fit.theta[WIDTH])) ** 2
-    return (rotated + rotated.T) / 2.0 + pull_mm2 * np.outer(metal, metal)
+    return (rotated + rotated.T) / 2.0 + pull_mm2
+
+
+def pulled_mm2(fit: BallFit, axis: FloatArray, *, is_metal: bool) -> FloatArray:
+    """Covariance (3, 3) in LPS, mm^2, by what holds a ball in the direction ``axis`` (3,) of `look.held_by`."""
+    along = np.outer(axis, axis)
+    if is_metal:
+        by_screw: FloatArray = (SCREW_PULL_MM**2 + (SCREW_PULL_WIDTH * float(fit.theta[WIDTH])) ** 2) * along
+        return by_screw
+    across = float(axis @ axis) * np.eye(3) - along
+    by_post: FloatArray = POST_PULL_MM**2 * (along + POST_ASIDE**2 * across)
+    return by_post
 
 
 def sources(fit: BallFit, moved: Movement) -> dict[str, FloatArray]:

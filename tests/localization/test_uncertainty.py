@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -17,13 +18,14 @@ from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.blur import Edge
 from ronnaplan.localization.build import Build
 from ronnaplan.localization.examine import Scan, fit_place
-from ronnaplan.localization.look import metal_axis
+from ronnaplan.localization.look import held_by
 from ronnaplan.localization.motion import movement
 from ronnaplan.localization.parameters import BLUR, RADIUS, SHAPE, WIDTH, profile_half_mm
 from ronnaplan.localization.uncertainty import (
     HIDDEN_SHADING,
     LAG_MM,
-    PULL_MM,
+    POST_PULL_MM,
+    SCREW_PULL_MM,
     center_covariance,
     cramer_rao_bound,
     noise_level,
@@ -209,17 +211,45 @@ def test_slices_share_noise_as_filtered_noise_does(shape: float) -> None:
     assert shared_noise(distances_mm, width_mm, shape) == pytest.approx(measured, abs=0.04)
 
 
-def test_a_screw_beyond_the_post_adds_error_along_it() -> None:
+def test_what_holds_a_ball_adds_error_along_it_and_a_screw_adds_more() -> None:
     plastic = on_a_post((0.0, 0.0, -1.0))
     screw = Scene((Part(cylinder((1.0, 2.0, -11.0), (0.0, 0.0, -1.0), 10.0, 3.0), "titanium"),))
     post = Scene((Part(cylinder((1.0, 2.0, 3.0), (0, 0, -1), 14.0, 6.0), "acrylic"),))
-    held = scan(screw + post + balls([(1.0, 2.0, 3.0)]), small_stack(), seed=2)
-    assert metal_axis(held, np.array([1.0, 2.0, 3.0]), np.eye(3), 5.75).tolist() == [0, 0, 0]
-    assert metal_axis(held, np.array([1.0, 2.0, 3.0]), -np.eye(3), 5.75).tolist() == [0, 0, -1]
-    free_mm, held_mm = (
-        np.sqrt(np.diag(localize(volume, diameter_mm=11.5).fiducials[0].covariance_mm2))
-        for volume in (plastic, held)
-    )
-    assert free_mm.max() < 0.006
-    assert held_mm[2] > PULL_MM
-    assert held_mm[:2].max() < 0.006
+    screwed = scan(screw + post + balls([(1.0, 2.0, 3.0)]), small_stack(), seed=2)
+    bare = scan(balls([(1.0, 2.0, 3.0)]), small_stack(), seed=2)
+
+    held_mm, screwed_mm, bare_mm = map(stated_mm, (plastic, screwed, bare))
+    assert POST_PULL_MM < held_mm[2] < SCREW_PULL_MM < screwed_mm[2]
+    assert max(held_mm[:2].max(), screwed_mm[:2].max(), bare_mm.max()) < POST_PULL_MM
+
+
+def test_a_screw_is_known_where_the_scale_ends_below_metal() -> None:
+    post = Scene((Part(cylinder((1.0, 2.0, 3.0), (0, 0, -1), 14.0, 6.0), "acrylic"),))
+    screw = Scene((Part(cylinder((1.0, 2.0, -11.0), (0.0, 0.0, -1.0), 10.0, 3.0), "titanium"),))
+    whole = scan(screw + post + balls([(1.0, 2.0, 3.0)]), small_stack(), seed=2)
+    for top_hu in (3071, 1500, 800):
+        cut = replace(whole, voxels_hu=np.minimum(whole.voxels_hu, np.int16(top_hu)))
+        assert stated_mm(cut)[2] > SCREW_PULL_MM
+
+
+def test_what_holds_a_ball_is_sought_where_something_touches_it() -> None:
+    place_mm, up = (1.0, 2.0, 3.0), np.array([[0.0, 0.0, 1.0]])
+    screw = Scene((Part(cylinder((1.0, 2.0, -11.0), (0.0, 0.0, -1.0), 10.0, 3.0), "titanium"),))
+    screwed = scan(screw + balls([place_mm]), small_stack(), seed=2)
+
+    def held(touching: FloatArray) -> tuple[list[float], bool]:
+        axis, is_metal = held_by(screwed, np.array(place_mm), touching, 5.75, math.inf)
+        return axis.tolist(), is_metal
+
+    many_up = np.repeat(up, 6, axis=0)
+    assert held(many_up) == ([0, 0, 1], False)
+    assert held(np.vstack([many_up, -up])) == ([0, 0, -1], True)
+    assert held(up) == ([0, 0, 0], False)  # noise
+    assert held(np.empty((0, 3))) == ([0, 0, 0], False)
+
+
+def stated_mm(volume: CTVolume) -> FloatArray:
+    """Return the standard errors (3,) along x, y and z that are stated for the volume's only ball."""
+    (ball,) = localize(volume, diameter_mm=11.5)
+    errors_mm: FloatArray = np.sqrt(np.diag(ball.covariance_mm2))
+    return errors_mm
