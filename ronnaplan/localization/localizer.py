@@ -33,7 +33,8 @@ from ronnaplan.localization.size import proposal, sizes_seen
 from ronnaplan.localization.slant import along_the_blur
 from ronnaplan.localization.summed import UNTOLD
 from ronnaplan.localization.template import Template, distance_error_mm, match_template
-from ronnaplan.localization.usual import alike, by_the_usual, moved, together, usual_of
+from ronnaplan.localization.thick import as_thick
+from ronnaplan.localization.usual import alike, by_the_usual, moved, together, usual_of, usual_profiles_mm
 
 LOG = logging.getLogger(__name__)
 
@@ -80,9 +81,10 @@ def localize(
     judged = alike(distinct(one for one in examined if one.is_marker))
     markers = _from_the_top(together(scan, [one for one in judged if one.is_marker]))
     examined = [*(one for one in examined if not one.is_marker), *judged]
+    told = zip(markers, usual_profiles_mm(markers), moved(scan, markers), strict=True)
     fiducials = [
-        _fiducial(f"F{number}", one, scan, has_moved=has_moved)
-        for number, (one, has_moved) in enumerate(zip(markers, moved(scan, markers), strict=True), start=1)
+        _fiducial(f"F{number}", one, scan, profile_mm, has_moved=has_moved)
+        for number, (one, profile_mm, has_moved) in enumerate(told, start=1)
     ]
     rejected = _rejected(examined, markers)
     departure_mm = None
@@ -113,14 +115,18 @@ def _examined(
 ) -> tuple[Scan, list[Examined]]:
     """Return what was measured of a scan, and its candidates, fitted and judged one by one.
 
-    What their balls together say of the scan is made good: rays that were summed before the logarithm was taken, or
-    slices that blur in another direction than their normal, which summed rays can feign. Where they still do, nothing
+    What their balls together say of the scan is made good: slices far thicker than the header says, rays that were
+    summed before the logarithm was taken, or slices that blur in another direction than their normal, which summed rays
+    can feign. Where they still do, nothing
     is made good of summing: what was summed did not lie as they do.
     """
     scan = Scan(measured(volume))
     for diameter in diameters:
         _check_size(scan, diameter)
     examined = examine(scan, diameters, marker, progress)
+    thick = as_thick(scan, examined, marker)
+    if thick is not scan:
+        scan, examined = thick, examine(thick, diameters, marker, progress)
     scan = as_summed(scan, examined, marker)
     if scan.summed.first:
         wanted = [(one.candidate_mm, one.stated_mm) for one in examined]
@@ -203,7 +209,12 @@ def _rejected(examined: Iterable[Examined], markers: Sequence[Examined]) -> tupl
     )
 
 
-def _fiducial(label: str, one: Examined, scan: Scan, *, has_moved: bool) -> Fiducial:
+def _fiducial(label: str, one: Examined, scan: Scan, profile_mm: float, *, has_moved: bool) -> Fiducial:
+    """Return a marker with the reasons to doubt it; ``profile_mm`` is the slice profile's width, as the scan shows it.
+
+    Slices that the header says touch do not leave gaps: few markers, or such as are clipped, tell a profile badly.
+    """
+    seen_mm = max(profile_mm, scan.volume.grid.thickness_mm or 0.0)
     flags = {
         FiducialFlag.CUT: one.unseen > 0,
         FiducialFlag.NEIGHBOUR: one.coverage < NEIGHBOUR_COVERAGE,
@@ -211,8 +222,8 @@ def _fiducial(label: str, one: Examined, scan: Scan, *, has_moved: bool) -> Fidu
         FiducialFlag.DIAMETER: one.is_off_size,
         FiducialFlag.COVERED: one.is_covered,
         FiducialFlag.MOTION_SUSPECTED: has_moved,
-        FiducialFlag.THICK_SLICES: one.profile_mm > one.diameter_mm / 2.0,
-        FiducialFlag.GAPPED: scan.gap_mm > TOUCHING_SLICES * one.profile_mm,
+        FiducialFlag.THICK_SLICES: profile_mm > one.stated_mm / 2.0,
+        FiducialFlag.GAPPED: scan.gap_mm > TOUCHING_SLICES * seen_mm,
     }
     return Fiducial(
         label=label,

@@ -136,6 +136,15 @@ def alike(accepted: Sequence[Examined]) -> list[Examined]:
     return _as_sharp(judged)
 
 
+def usual_profiles_mm(markers: Sequence[Examined]) -> list[float]:
+    """Return for each marker how wide the slices' profile is (full width at half maximum).
+
+    Of one scanner that is what the markers show at the median; where too few tell, each tells for itself.
+    """
+    shown_mm = [one.profile_mm for one in markers]
+    return len(shown_mm) * [float(np.median(shown_mm))] if len(shown_mm) >= LEAST_TOGETHER else shown_mm
+
+
 def _unlike(one: Examined, broadening_mm: float) -> Examined:
     width_mm, others_mm = one.parameters[WIDTH], one.thickness_mm + broadening_mm
     reason = f"its ends are blurred over {width_mm:.1f} mm, the others' over {others_mm:.1f} mm"

@@ -12,11 +12,12 @@ from phantoms.anatomy import scalp_foot
 from phantoms.fast import Renderer
 from phantoms.markers import Condition, marker, touching_pair
 from phantoms.scene import Part, Scene
-from phantoms.solids import half_space, sphere
+from phantoms.solids import ellipsoid, half_space, sphere
 from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.errors import UsageError
 from ronnaplan.localization import Build, FiducialFlag, Fiducials, localize
 from ronnaplan.localization.examine import Scan, fit_place
+from ronnaplan.localization.parameters import SHAPE, WIDTH, full_width_at_half_maximum_mm
 from tests.scans import balls, scan, small_stack
 
 CENTER = (1.2, -2.3, 0.4)
@@ -207,6 +208,29 @@ def test_a_whole_ball_in_thick_or_gapped_slices_is_not_cut() -> None:
     gapped = localize(scanned(balls([CENTER]), "box", 2.0, 1.0, 2.0, 3.0), diameter_mm=11.5, expected=1)
     assert FiducialFlag.CUT not in gapped.fiducials[0].flags
     assert FiducialFlag.GAPPED in gapped.fiducials[0].flags
+
+
+@pytest.mark.parametrize(
+    "places", [((-14.0, -14.0, 0.0), (0.0, -14.0, 0.3), (14.0, -14.0, 0.6)), ((0.0, 4.0, 1.2),)]
+)
+def test_slices_that_touch_are_not_gapped_though_flat_markers_of_metal_show_a_narrow_profile(
+    places: tuple[tuple[float, float, float], ...],
+) -> None:
+    flat = Scene(tuple(Part(ellipsoid(place, (2.7, 2.7, 2.3)), "titanium") for place in places))
+    round_ones = [(-14.0, 4.0, 0.9), (14.0, 4.0, 1.5), (0.0, 16.0, 0.2), (14.0, 16.0, 0.7)] * (len(places) > 1)
+    volume = scan(flat + balls(round_ones, 5.0, "titanium"), small_stack(spacing_mm=1.25, thickness_mm=1.25))
+    found = localize(volume, diameter_mm=5.0, expected=len(places) + len(round_ones))
+    profiles_mm = [
+        full_width_at_half_maximum_mm(one.parameters[WIDTH], one.parameters[SHAPE]) for one in found.fiducials
+    ]
+    assert min(profiles_mm) < 1.0
+    assert not any(FiducialFlag.GAPPED in one.flags for one in found)
+
+
+def test_gaps_are_told_where_the_markers_usually_show_a_profile_that_leaves_them() -> None:
+    places = [(-16.0, 4.3, -0.7), (0.4, -9.1, 1.2), (15.2, 6.4, 0.3)]
+    found = localize(scanned(balls(places), "box", 2.0, 1.0, None, 3.0), diameter_mm=11.5, expected=len(places))
+    assert all(FiducialFlag.GAPPED in one.flags for one in found)
 
 
 def test_balls_are_found_wherever_they_lie_between_slices_of_seven_mm() -> None:

@@ -10,7 +10,7 @@ import pytest
 from ronnaplan.localization.examine import Examined, Scan, examine
 from ronnaplan.localization.parameters import BLUR, EDGE, RADIUS, SHAPE, WIDTH
 from ronnaplan.localization.uncertainty import LAG_MM, beyond_usual_mm
-from ronnaplan.localization.usual import BLURRED_MM2, alike, together, usual_of
+from ronnaplan.localization.usual import BLURRED_MM2, alike, together, usual_of, usual_profiles_mm
 from tests.scans import balls, scan, small_stack
 
 TOO_WIDE = (("thickness", "its ends are blurred"),)
@@ -39,6 +39,12 @@ def test_a_profile_wider_than_the_header_says_is_the_scans_where_all_its_balls_s
     assert usual_of(wide[:2]).broadening_mm == 0.0  # of two nobody knows
     assert usual_of([wide[0], *wide[:2]]).broadening_mm == 0.0  # one place, seen twice
     assert usual_of([ball, *wide]).broadening_mm == 0.0  # one ball is as the header says: the others are none
+
+
+def test_the_slices_are_as_thick_as_the_markers_show_at_the_median(ball: Examined) -> None:
+    shown = [at(ball, 20.0 * n, width=width_mm, shape=0.0) for n, width_mm in enumerate((0.6, 0.7, 2.4, 0.6))]
+    assert usual_profiles_mm(shown) == pytest.approx([0.65] * 4)
+    assert usual_profiles_mm(shown[1:3]) == pytest.approx([0.7, 2.4])  # of two nobody knows
 
 
 def test_a_ragged_edge_is_usual_where_the_markers_nearest_in_height_show_it(ball: Examined) -> None:
