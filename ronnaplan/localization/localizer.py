@@ -118,8 +118,7 @@ def _examined(
 
     What their balls together say of the scan is made good: slices far thicker than the header says, rays that were
     summed before the logarithm was taken, or slices that blur in another direction than their normal, which summed rays
-    can feign. Where they still do, nothing
-    is made good of summing: what was summed did not lie as they do.
+    can feign. Where they still do, nothing is made good of summing: what was summed did not lie as they do.
     """
     scan = Scan(measured(volume))
     for diameter in diameters:

@@ -43,12 +43,12 @@ def as_thick(scan: Scan, examined: Sequence[Examined], build: Build) -> Scan:
         return scan
     seems_mm = float(np.median([one.parameters[WIDTH] for one in too_wide]))
     wanted = [(one.candidate_mm, one.stated_mm) for one in too_wide]
-    again = examine_places(_of_thickness(scan, seems_mm), wanted, build)
+    again = examine_places(of_thickness(scan, seems_mm), wanted, build)
     balls = distinct(one for one in again if one.failed <= OF_THE_PROFILE)
     if len(balls) < LEAST_TOGETHER:
         return scan
     shown_mm = float(np.median([one.parameters[WIDTH] for one in balls]))
-    return _of_thickness(scan, shown_mm) if noise_alike(scan.volume, shown_mm / 2.0) >= ALIKE_NOISE else scan
+    return of_thickness(scan, shown_mm) if noise_alike(scan.volume, shown_mm / 2.0) >= ALIKE_NOISE else scan
 
 
 def noise_alike(volume: CTVolume, apart_mm: float) -> float:
@@ -74,6 +74,7 @@ def noise_alike(volume: CTVolume, apart_mm: float) -> float:
     return float(one @ other) / noise_hu2 if noise_hu2 > 0.0 else 0.0
 
 
-def _of_thickness(scan: Scan, thickness_mm: float) -> Scan:
+def of_thickness(scan: Scan, thickness_mm: float) -> Scan:
+    """Return the scan as if its header said that the slices are so thick."""
     grid = replace(scan.volume.grid, thickness_mm=thickness_mm)
-    return Scan(replace(scan.volume, grid=grid), whole=scan)
+    return Scan(replace(scan.volume, grid=grid), scan.slant, whole=scan, summed=scan.summed)

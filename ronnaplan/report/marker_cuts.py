@@ -65,22 +65,29 @@ def marker_pictures(volume: CTVolume, found: FiducialsDocument) -> list[MarkerPi
     from ronnaplan.localization.measured import measured
     from ronnaplan.localization.parameters import full_width_at_half_maximum_mm
     from ronnaplan.localization.summed import UNTOLD, Summed
+    from ronnaplan.localization.thick import of_thickness
 
-    seen, slant, summed = found.resolution, None, UNTOLD
-    if seen is not None and seen.profile_axis is not None:
+    seen = found.resolution
+    if seen is None:
+        scan = thick = Scan(measured(volume))
+    else:
         width_mm = seen.profile_fwhm_mm / full_width_at_half_maximum_mm(1.0, seen.profile_shape)
-        slant = Slant(np.array(seen.profile_axis), width_mm)
-    if seen is not None and seen.summed_first:
-        summed = Summed(first=True, error=0.0)
-    scan, build = Scan(measured(volume), slant, summed=summed), Build(found.marker.layer_mm)
-    return [_picture(scan, marker, build) for marker in found.fiducials]
+        slant = None if seen.profile_axis is None else Slant(np.array(seen.profile_axis), width_mm)
+        summed = Summed(first=True, error=0.0) if seen.summed_first else UNTOLD
+        scan = Scan(measured(volume), slant, summed=summed)
+        thick = of_thickness(scan, width_mm)
+    build = Build(found.marker.layer_mm)
+    return [_picture(scan, thick, marker, build) for marker in found.fiducials]
 
 
-def _picture(scan: Scan, marker: FiducialEntry, build: Build) -> MarkerPicture:
+def _picture(scan: Scan, thick: Scan, marker: FiducialEntry, build: Build) -> MarkerPicture:
+    """Fit a marker again, in slices as ``thick`` as the markers showed where their header hides it."""
     from ronnaplan.localization.examine import fit_place
 
     stated = np.array(marker.center, dtype=np.float64)
     fit = fit_place(scan, stated, marker.diameter_mm, build)
+    if not fit.converged:
+        fit = fit_place(thick, stated, marker.diameter_mm, build)
     place = Candidate(
         marker.label,
         fit.center_mm,
