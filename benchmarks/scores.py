@@ -112,8 +112,8 @@ def markers_of(cases: Sequence[Case], build: Build = SOLID) -> list[list[Examine
     summed = summed_seen(list(zip(scans, seen, strict=True)), build)
     if summed is not None:
         scans = [Scan(scan.volume, summed=summed) for scan in scans]
-    if summed is not None and summed.first:
-        seen = [examine(scan, (case.diameter_mm,), build) for case, scan in zip(cases, scans, strict=True)]
+        if summed.first:
+            seen = [examine(scan, (case.diameter_mm,), build) for case, scan in zip(cases, scans, strict=True)]
 
     def refit(slant: Slant, balls: Sequence[Examined]) -> list[Examined]:
         near = [min(scans, key=lambda scan: _apart_mm(scan.volume, one.center_mm)) for one in balls]

@@ -34,8 +34,8 @@ SUMMED_SHARE = 0.4
 others 0.6 to 1.7: the balls of these scatter more than twice as far, so that the line lies nearer to none."""
 
 CLEAR = 1.5
-"""A share says something where it is off `SUMMED_SHARE` by so many of its standard errors. Drawn from 82 scans, 3 to 12
-balls then tell it wrongly in at most 1 of 100 draws."""
+"""A share says something where it is off `SUMMED_SHARE` by so many of its standard errors. Drawn from 112 scans, 3 to
+12 balls then tell it wrongly in at most 1 of 100 draws."""
 
 SCATTER = 0.3
 """Single balls scatter by so much about the scan's share where their noise does not count: what touches them bends

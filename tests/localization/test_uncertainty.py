@@ -38,6 +38,9 @@ from tests.scans import balls, offsets_mm, scan, small_stack
 CHI2_95 = 7.81
 """What the square of an error, in its own covariance, stays below in 95 % of cases, in three dimensions."""
 
+POST = Scene((Part(cylinder((1.0, 2.0, 3.0), (0.0, 0.0, -1.0), 14.0, 6.0), "acrylic"),))
+SCREW = Scene((Part(cylinder((1.0, 2.0, -11.0), (0.0, 0.0, -1.0), 10.0, 3.0), "titanium"),))
+
 
 def fit_of(volume: CTVolume) -> BallFit:
     return fit_place(Scan(volume), np.array([1.2, 1.9, 2.8]), 11.5)
@@ -174,9 +177,8 @@ def test_a_ball_whose_shading_is_hidden_is_less_certain(quiet: CTVolume) -> None
 
 
 def test_what_touches_the_ball_makes_it_less_certain() -> None:
-    post = Scene((Part(cylinder((1.0, 2.0, 3.0), (0, 0, -1), 14.0, 6.0), "acrylic"),))
     free, held = (
-        fit_of(scan(scene, small_stack(), seed=2)) for scene in (balls([(1, 2, 3)]), post + balls([(1, 2, 3)]))
+        fit_of(scan(scene, small_stack(), seed=2)) for scene in (balls([(1, 2, 3)]), POST + balls([(1, 2, 3)]))
     )
     assert held.coverage < free.coverage
     assert np.trace(center_covariance(held, movement(Edge(held)))) > np.trace(
@@ -213,9 +215,7 @@ def test_slices_share_noise_as_filtered_noise_does(shape: float) -> None:
 
 def test_what_holds_a_ball_adds_error_along_it_and_a_screw_adds_more() -> None:
     plastic = on_a_post((0.0, 0.0, -1.0))
-    screw = Scene((Part(cylinder((1.0, 2.0, -11.0), (0.0, 0.0, -1.0), 10.0, 3.0), "titanium"),))
-    post = Scene((Part(cylinder((1.0, 2.0, 3.0), (0, 0, -1), 14.0, 6.0), "acrylic"),))
-    screwed = scan(screw + post + balls([(1.0, 2.0, 3.0)]), small_stack(), seed=2)
+    screwed = scan(SCREW + POST + balls([(1.0, 2.0, 3.0)]), small_stack(), seed=2)
     bare = scan(balls([(1.0, 2.0, 3.0)]), small_stack(), seed=2)
 
     held_mm, screwed_mm, bare_mm = map(stated_mm, (plastic, screwed, bare))
@@ -224,9 +224,7 @@ def test_what_holds_a_ball_adds_error_along_it_and_a_screw_adds_more() -> None:
 
 
 def test_a_screw_is_known_where_the_scale_ends_below_metal() -> None:
-    post = Scene((Part(cylinder((1.0, 2.0, 3.0), (0, 0, -1), 14.0, 6.0), "acrylic"),))
-    screw = Scene((Part(cylinder((1.0, 2.0, -11.0), (0.0, 0.0, -1.0), 10.0, 3.0), "titanium"),))
-    whole = scan(screw + post + balls([(1.0, 2.0, 3.0)]), small_stack(), seed=2)
+    whole = scan(SCREW + POST + balls([(1.0, 2.0, 3.0)]), small_stack(), seed=2)
     for top_hu in (3071, 1500, 800):
         cut = replace(whole, voxels_hu=np.minimum(whole.voxels_hu, np.int16(top_hu)))
         assert stated_mm(cut)[2] > SCREW_PULL_MM
@@ -234,8 +232,7 @@ def test_a_screw_is_known_where_the_scale_ends_below_metal() -> None:
 
 def test_what_holds_a_ball_is_sought_where_something_touches_it() -> None:
     place_mm, up = (1.0, 2.0, 3.0), np.array([[0.0, 0.0, 1.0]])
-    screw = Scene((Part(cylinder((1.0, 2.0, -11.0), (0.0, 0.0, -1.0), 10.0, 3.0), "titanium"),))
-    screwed = scan(screw + balls([place_mm]), small_stack(), seed=2)
+    screwed = scan(SCREW + balls([place_mm]), small_stack(), seed=2)
 
     def held(touching: FloatArray) -> tuple[list[float], bool]:
         axis, is_metal = held_by(screwed, np.array(place_mm), touching, 5.75, math.inf)
