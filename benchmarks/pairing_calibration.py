@@ -26,7 +26,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 from ronnaplan.studies.heads import HEADS_MM
 from ronnaplan.studies.judging import PROBABILITY_EDGES, SPREAD_MM, calibration
-from ronnaplan.studies.scenes import OUTLIER_RADIUS_MM, Scenes, simulate_scenes, uniform_in_ball
+from ronnaplan.studies.scenes import OUTLIER_RADIUS_MM, Scenes, shuffled, simulate_scenes, uniform_in_ball
 
 MARKERS, OUTLIERS = 3, (0, 2, 4)
 
@@ -131,10 +131,7 @@ def believed_scenes(rng: np.random.Generator, tests: int, outliers: int, scale: 
         np.concatenate((points[inside], uniform_in_ball(rng, (len(inside), outliers), OUTLIER_RADIUS_MM)), axis=1)
         for points in read
     )
-    order = np.argsort(rng.random(ots.shape[:2]), axis=1)
-    partner = np.argsort(order, axis=1)
-    partner[:, MARKERS:] = -1
-    return Scenes(ct, np.ascontiguousarray(np.take_along_axis(ots, order[:, :, None], axis=1)), partner)
+    return shuffled(rng, ct, ots, MARKERS)
 
 
 if __name__ == "__main__":

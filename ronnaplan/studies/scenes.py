@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,12 +52,21 @@ def simulate_scenes(
         strays = center + uniform_in_ball(rng, (tests, outliers), OUTLIER_RADIUS_MM)
         sets.append(np.concatenate((read, strays), axis=1))
     ct, ots = sets
+    scenes = shuffled(rng, ct, ots, markers, hidden)
+    turned = np.einsum("tab,tnb->tna", random_rotations(rng, tests), scenes.ots)
+    return replace(scenes, ots=turned + rng.uniform(-1000, 1000, (tests, 1, 3)))
+
+
+def shuffled(rng: np.random.Generator, ct: FloatArray, ots: FloatArray, markers: int, hidden: int = 0) -> Scenes:
+    """Return scenes of ``ct`` (T, n, 3) and of ``ots`` (T, m, 3), whose points get a random order in each test.
+
+    The first ``markers`` of ``ct`` are markers, and the first of ``ots`` are the same without the first ``hidden``;
+    all others are outliers.
+    """
     order = np.argsort(rng.random(ots.shape[:2]), axis=1)
-    ots = np.take_along_axis(ots, order[:, :, None], axis=1)
-    ots = np.einsum("tab,tnb->tna", random_rotations(rng, tests), ots) + rng.uniform(-1000, 1000, (tests, 1, 3))
     partner = np.full(ct.shape[:2], -1)
     partner[:, hidden:markers] = np.argsort(order, axis=1)[:, : markers - hidden]
-    return Scenes(ct, ots, partner)
+    return Scenes(ct, np.ascontiguousarray(np.take_along_axis(ots, order[:, :, None], axis=1)), partner)
 
 
 def uniform_in_ball(rng: np.random.Generator, shape: tuple[int, ...], radius_mm: float) -> FloatArray:
