@@ -54,6 +54,7 @@ TRUTHS = (
     Truth("as believed, another patient in 1 of 20", SCALE_PRIORS, OTHER_PATIENT),
     Truth("scales in equal shares", (1.0 / len(SCALES),) * len(SCALES)),
     Truth("errors as stated", tuple(float(scale == 1.0) for scale in SCALES)),
+    Truth("errors four times as stated", tuple(float(scale == 4.0) for scale in SCALES)),
 )
 
 
