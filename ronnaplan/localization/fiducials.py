@@ -17,7 +17,6 @@ from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.parameters import (
     BLUR,
     CONTRAST,
-    PARAMETERS,
     RADIUS,
     SHAPE,
     WIDTH,
@@ -101,6 +100,11 @@ class Fiducial:
     def sigma_mm(self) -> float:
         """Fitted in-plane blur of the scanner (standard deviation)."""
         return float(self.parameters[BLUR])
+
+    @property
+    def profile_mm(self) -> float:
+        """Full width at half maximum of the fitted slice profile."""
+        return full_width_at_half_maximum_mm(float(self.parameters[WIDTH]), float(self.parameters[SHAPE]))
 
     @property
     def contrast_hu(self) -> float:
@@ -228,11 +232,10 @@ class Fiducials(Shown[Fiducial]):
         """How sharp the markers look; None without markers."""
         if not self.fiducials:
             return None
-        middle = np.median([found.parameters[: len(PARAMETERS)] for found in self.fiducials], axis=0)
-        width_mm, shape = float(middle[WIDTH]), float(middle[SHAPE])
-        profile_mm = full_width_at_half_maximum_mm(width_mm, shape)
+        blur_mm, shape = np.median([found.parameters[[BLUR, SHAPE]] for found in self.fiducials], axis=0)
+        profile_mm = float(np.median([found.profile_mm for found in self.fiducials]))
         stated = self.stated_thickness_mm, self.profile_axis, self.summed_first
-        return Resolution(float(middle[BLUR]), profile_mm, shape, *stated)
+        return Resolution(float(blur_mm), profile_mm, float(shape), *stated)
 
     @property
     def labels(self) -> tuple[str, ...]:
