@@ -79,7 +79,7 @@ def see_sphere() -> None:
 
 
 def made_scan() -> CTVolume:
-    """Return a noisy scan of balls in air above a slab; the voxels' shares of a ball are counted, not computed."""
+    """Return a noisy scan of balls in air, above a slab and beside bone; their shares of voxels are counted."""
     import numpy as np
 
     from ronnaplan.ct import CTVolume
@@ -89,6 +89,7 @@ def made_scan() -> CTVolume:
     generator = np.random.default_rng(0)
     hu = np.full(shape, -1000.0) + generator.normal(0.0, 10.0, shape)
     hu[:3] += 1000.0
+    hu[:, 82:] += 2000.0
     parts = (np.indices((2, 3, 3)).reshape(3, -1).T + 0.5) / (2, 3, 3) - 0.5
     kji = np.moveaxis(np.indices(shape), 0, -1).astype(np.float64)
     for x, y, z in MARKERS_MM:

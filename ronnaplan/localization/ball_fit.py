@@ -41,7 +41,7 @@ class BallFit:
     is_clipped: bool
     verdict: Verdict
     converged: bool
-    layer_mm: float
+    prior: Prior
     ceiling_hu: float
 
     @property
@@ -88,10 +88,12 @@ def fit_at(
     ceiling_hu: float,
     *,
     converged: bool,
+    slopes: bool = True,
 ) -> BallFit:
     """Return what a fit tells that ends at ``theta`` (P,); ``used`` (N,) marks the voxels ``around`` that informed it.
 
-    What moves the center, and its shading, are told only of a fit that has ``converged``.
+    What moves the center, and its shading, are told only of a fit that has ``converged``; ``slopes`` says whether its
+    contrast may slope.
     """
     if not converged:  # its tests ask for nothing else
         around, used = around.select(used), np.ones(np.count_nonzero(used), dtype=np.bool_)
@@ -101,7 +103,7 @@ def fit_at(
         moves[used], by_radius = influence(jacobian[used], prior.weight)
     is_shaded = converged and ceiling_hu - theta[BACKGROUND] >= PLATEAU_SHARE * theta[CONTRAST]
     if is_shaded:
-        shading = shaded(around, theta, residuals, jacobian, used, prior)
+        shading = shaded(around, theta, residuals, jacobian, used, prior, slopes=slopes)
         theta = np.append(theta[CENTER] + shading.shift_mm, theta[RADIUS:])
         residuals, moves = shading.residuals_hu, shading.influence_mm_per_hu
     by_layer = np.zeros((3, 3))
@@ -120,6 +122,6 @@ def fit_at(
         is_clipped=bool((around.values_hu[used] >= ceiling_hu).any()),
         verdict=verdict,
         converged=converged,
-        layer_mm=prior.layer_mm,
+        prior=prior,
         ceiling_hu=ceiling_hu,
     )

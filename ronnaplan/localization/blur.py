@@ -62,7 +62,7 @@ class Edge:
             step = np.zeros(len(fit.theta))
             step[axis] = STEP_MM
             sides = [
-                residuals_and_jacobian(around, fit.theta + side * step, fit.layer_mm, fit.ceiling_hu)[1]
+                residuals_and_jacobian(around, fit.theta + side * step, fit.prior.layer_mm, fit.ceiling_hu)[1]
                 for side in (1.0, -1.0)
             ]
             changes.append((sides[0][:, CENTER] - sides[1][:, CENTER]) / (2.0 * STEP_MM))

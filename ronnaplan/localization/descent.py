@@ -128,14 +128,10 @@ def descend(
     used: Neighbourhood, theta: FloatArray, prior: Prior, ceiling_hu: float, effort: Effort = WHOLE
 ) -> tuple[FloatArray, bool]:
     """Levenberg-Marquardt from ``theta``; returns the best parameters and whether the steps came to rest."""
-    voxels, held, scale_hu = (
-        (used.offsets_mm, used.values_hu),
-        (prior.mean, prior.weight),
-        (used.floor_hu, ceiling_hu),
-    )
+    voxels, held = (used.offsets_mm, used.values_hu, used.floors_hu), (prior.mean, prior.weight)
     steps, least_gain, last_step_mm = effort
     return _descend(
-        *voxels, theta, *held, prior.layer_mm, discs(theta), *scale_hu, steps, least_gain, last_step_mm
+        *voxels, theta, *held, prior.layer_mm, discs(theta), ceiling_hu, steps, least_gain, last_step_mm
     )
 
 
@@ -143,19 +139,19 @@ def descend(
 def _descend(
     offsets: FloatArray,
     values: FloatArray,
+    floors: FloatArray,
     theta: FloatArray,
     mean: FloatArray,
     weight: FloatArray,
     layer_mm: float,
     looked_up: Discs,
-    floor: float,
     ceiling: float,
     steps: int,
     least_gain: float,
     last_step_mm: float,
 ) -> tuple[FloatArray, bool]:
     damping, moved_mm = FIRST_DAMPING, np.inf
-    cost, slope, matrix = _equations(offsets, values, theta, mean, weight, layer_mm, looked_up, floor, ceiling)
+    cost, slope, matrix = _equations(offsets, values, floors, theta, mean, weight, layer_mm, looked_up, ceiling)
     for _ in range(steps):
         trial = theta + _step(matrix, slope, damping, theta)
         if not math.isfinite(trial[U]):  # the equations told nothing
@@ -165,7 +161,7 @@ def _descend(
         is_still = moved_mm < STEP_TOLERANCE_MM
         if math.sqrt(trial[U] ** 2 + trial[V] ** 2 + trial[W] ** 2) > 2.0 * MAX_WANDER * theta[RADIUS]:
             return trial, False
-        new = _equations(offsets, values, trial, mean, weight, layer_mm, looked_up, floor, ceiling)
+        new = _equations(offsets, values, floors, trial, mean, weight, layer_mm, looked_up, ceiling)
         if new[0] < cost:
             is_at_rest = cost - new[0] < (REST_GAIN if is_still else least_gain) * cost
             theta = trial
@@ -193,12 +189,12 @@ def is_no_marker(theta: FloatArray, stated: FloatArray) -> bool:
 def _equations(
     offsets: FloatArray,
     values: FloatArray,
+    floors: FloatArray,
     theta: FloatArray,
     mean: FloatArray,
     weight: FloatArray,
     layer_mm: float,
     looked_up: Discs,
-    floor: float,
     ceiling: float,
 ) -> tuple[float, FloatArray, FloatArray]:
     """Half the squared residuals of voxels and prior, their gradient (P,) and Gauss-Newton matrix (P, P)."""
@@ -208,7 +204,7 @@ def _equations(
     for first in range(0, len(values), BLOCK):
         some = slice(first, min(first + BLOCK, len(values)))
         model, jacobian = evaluate(offsets[some], theta, layer_mm, *looked_up)
-        cost += add_normal_equations(values[some], model, jacobian, floor, ceiling, slope, matrix)
+        cost += add_normal_equations(values[some], floors[some], model, jacobian, ceiling, slope, matrix)
     return cost, slope, matrix
 
 
@@ -247,7 +243,7 @@ def residuals_and_jacobian(
     model, jacobian = evaluate(around.offsets_mm, theta, layer_mm, *discs(theta))
     residuals = around.values_hu - model
     clipped = (around.values_hu >= ceiling_hu) & (model >= ceiling_hu)
-    clipped |= (around.values_hu <= around.floor_hu) & (model <= around.floor_hu)
+    clipped |= (around.values_hu <= around.floors_hu) & (model <= around.floors_hu)
     residuals[clipped] = 0.0
     jacobian[clipped] = 0.0
     return residuals, jacobian

@@ -135,8 +135,8 @@ def judge(
 ) -> tuple[Verdict, NDArray[np.intp]]:
     """Judge every direction by the voxels within reach; returns the cell (N,) of each too, -1 of those beyond."""
     contrast = theta[CONTRAST]
-    scale_hu = around.floor_hu, ceiling_hu
-    cells, sums = _survey(around.offsets_mm, around.values_hu, theta, layer_mm, discs(theta), *scale_hu)
+    voxels = around.offsets_mm, around.values_hu, around.floors_hu
+    cells, sums = _survey(*voxels, theta, layer_mm, discs(theta), ceiling_hu)
     seen = sums[SEEN] > 0
     rms = np.sqrt(_means(sums[SQUARES], sums[SEEN]))
     usual = _quantile(rms[seen], USUAL_QUANTILE) if seen.any() else 0.0
@@ -177,10 +177,10 @@ the model does not explain beside the ball, or at all."""
 def _survey(
     offsets_mm: FloatArray,
     values_hu: FloatArray,
+    floors_hu: FloatArray,
     theta: FloatArray,
     layer_mm: float,
     looked_up: Discs,
-    floor_hu: float,
     ceiling_hu: float,
 ) -> tuple[NDArray[np.intp], FloatArray]:
     """Cell (N,) of each voxel within reach, -1 of the others, and the sums over those (8, cells)."""
@@ -203,7 +203,7 @@ def _survey(
         model, jacobian = evaluate(offsets_mm[some], theta, layer_mm, *looked_up)
         for n in range(len(some)):
             at, cell = some[n], cells[some[n]]
-            share = 0.0 if is_beyond_scale(values_hu[at], model[n], floor_hu, ceiling_hu) else 1.0
+            share = 0.0 if is_beyond_scale(values_hu[at], model[n], floors_hu[at], ceiling_hu) else 1.0
             residual, slope = share * (values_hu[at] - model[n]), share * jacobian[n, RADIUS]
             if is_outside[at]:
                 for p in range(len(PARAMETERS), end):  # streaks and skin

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -21,6 +21,7 @@ from ronnaplan.localization.ceiling import scale_end_hu
 from ronnaplan.localization.descent import MAX_WANDER
 from ronnaplan.localization.detect import detect
 from ronnaplan.localization.guess import margin_mm
+from ronnaplan.localization.hardened import without_the_head
 from ronnaplan.localization.look import surface_shares, unseen_share
 from ronnaplan.localization.motion import Movement
 from ronnaplan.localization.neighbourhood import axes_along, gather
@@ -242,11 +243,11 @@ def _fit(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build) ->
     around = gather(scan.volume, center_mm, reach_mm, scan.axes)
     thickness_mm = float(scan.thickness_mm(center_mm))
     fit = fit_ball(around, diameter_mm, build, thickness_mm, scan.ceiling_hu)
-    if not scan.summed.first or not fit.converged or fit.is_clipped:
-        return fit
-    around = fit.neighbourhood
-    whole = replace(around, values_hu=around.values_hu + what_is_lost_hu(scan, fit))
-    return fit_ball(whole, diameter_mm, build, thickness_mm, scan.ceiling_hu)
+    if scan.summed.first and fit.converged and not fit.is_clipped:
+        whole = fit.neighbourhood.given_back(what_is_lost_hu(scan, fit), scan.ceiling_hu)
+        fit = fit_ball(whole, diameter_mm, build, thickness_mm, scan.ceiling_hu)
+    # Rays do not run in slices that were computed aslant.
+    return fit if scan.slant is not None else without_the_head(scan.volume, fit)
 
 
 def what_is_lost_hu(scan: Scan, fit: BallFit) -> FloatArray:

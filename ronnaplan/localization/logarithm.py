@@ -19,7 +19,7 @@ from ronnaplan.localization.examine import Examined, Scan, distinct, fit_place, 
 from ronnaplan.localization.motion import LEAST_TOGETHER
 from ronnaplan.localization.parameters import WIDTH
 from ronnaplan.localization.parts import single_threaded_algebra
-from ronnaplan.localization.summed import Summed
+from ronnaplan.localization.summed import ALIKE_VOXELS, Summed
 from ronnaplan.localization.uncertainty import robust_spread
 from ronnaplan.threads import in_threads
 
@@ -40,9 +40,6 @@ CLEAR = 1.5
 SCATTER = 0.3
 """Single balls scatter by so much about the scan's share where their noise does not count: what touches them bends
 their outline, too. A few that scatter by less than half of it and their noise do so by chance."""
-
-ALIKE_VOXELS = 6.0
-"""Noise is alike in so many neighbouring voxels, which tell no more than one (5 to 12, by 230 balls of 60 scans)."""
 
 KNOWN_TO = 0.2
 """What summing does is known to this share of it: beams harden, rows differ, heads are not sloping planes, and one scan
@@ -81,7 +78,9 @@ def told_by(scan: Scan, one: Examined) -> Told | None:
     fit = fit_place(scan, one.center_mm, one.stated_mm)
     if not fit.converged or fit.is_clipped:
         return None
-    residuals_hu, jacobian = residuals_and_jacobian(fit.neighbourhood, fit.theta, fit.layer_mm, fit.ceiling_hu)
+    residuals_hu, jacobian = residuals_and_jacobian(
+        fit.neighbourhood, fit.theta, fit.prior.layer_mm, fit.ceiling_hu
+    )
     seen = np.column_stack([what_is_lost_hu(scan, fit), residuals_hu])[fit.used]
     by_other_balls = jacobian[fit.used]
     # The model is all but linear in so little; a second fit would leave other directions out, which changes more.

@@ -177,21 +177,21 @@ def is_beyond_scale(value: float, model: float, floor: float, ceiling: float) ->
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "arcp", "nsz"})
 def add_normal_equations(
     values: FloatArray,
+    floors: FloatArray,
     model: FloatArray,
     jacobian: FloatArray,
-    floor: float,
     ceiling: float,
     slope: FloatArray,
     matrix: FloatArray,
 ) -> float:
     """Return half the squared residuals of ``values`` (N,); add their gradient (P,) and Gauss-Newton matrix (P, P).
 
-    Values at or beyond ``floor`` and ``ceiling`` inform only where the model lies within.
+    Values at or beyond their ``floors`` (N,) and the ``ceiling`` inform only where the model lies within.
     """
     count, size = jacobian.shape
     told = np.empty((size + 1, count))  # the derivatives, and the residual below them
     for n in range(count):
-        share = 0.0 if is_beyond_scale(values[n], model[n], floor, ceiling) else 1.0
+        share = 0.0 if is_beyond_scale(values[n], model[n], floors[n], ceiling) else 1.0
         told[size, n] = share * (values[n] - model[n])
         for p in range(size):
             told[p, n] = share * jacobian[n, p]

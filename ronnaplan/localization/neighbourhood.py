@@ -17,7 +17,7 @@ class Neighbourhood:
     """Voxels near a place: values in HU, and offsets from ``origin_mm`` along u, v, w, slice by slice.
 
     ``slices`` (N,) are their slices' numbers; ``offsets_mm`` (N, 3); ``values_hu`` (N,); ``axes`` (3, 3) has u, v, w as
-    rows in LPS. ``pixel_mm`` is the grid's, ``floor_hu`` the lowest value about the place, where scales end.
+    rows in LPS. ``pixel_mm`` is the grid's, ``floors_hu`` (N,) the lowest value about the place, where scales end.
     """
 
     origin_mm: FloatArray
@@ -25,8 +25,8 @@ class Neighbourhood:
     slices: NDArray[np.intp]
     offsets_mm: FloatArray
     values_hu: FloatArray
+    floors_hu: FloatArray
     pixel_mm: float
-    floor_hu: float
 
     def select(self, chosen: NDArray[np.bool_]) -> Neighbourhood:
         """Keep only the ``chosen`` (N,) voxels."""
@@ -39,7 +39,17 @@ class Neighbourhood:
             slices=self.slices.take(kept),
             offsets_mm=self.offsets_mm.take(kept, axis=0),
             values_hu=self.values_hu.take(kept),
+            floors_hu=self.floors_hu.take(kept),
         )
+
+    def given_back(self, lost_hu: FloatArray, ceiling_hu: float) -> Neighbourhood:
+        """Give the voxels what they have lost (N,); where the scale had ended below, it ends as much higher.
+
+        What had reached its upper end, ``ceiling_hu``, still has.
+        """
+        values_hu = self.values_hu + lost_hu
+        values_hu = np.where(self.values_hu >= ceiling_hu, np.maximum(values_hu, self.values_hu), values_hu)
+        return replace(self, values_hu=values_hu, floors_hu=self.floors_hu + lost_hu)
 
 
 def gather(volume: CTVolume, center_mm: FloatArray, reach_mm: float, axes: FloatArray) -> Neighbourhood:
@@ -58,8 +68,8 @@ def gather(volume: CTVolume, center_mm: FloatArray, reach_mm: float, axes: Float
     slices, offsets, values = _gather(
         *(volume.voxels_hu, int(first), origins_uv, places[first:last], steps, window, reach_mm, padding_hu)
     )
-    lowest_hu = float(values.min(initial=np.inf))
-    around = Neighbourhood(center_mm, grid.axes, slices, offsets, values, grid.pixel_mm, lowest_hu)
+    floors = np.full(len(values), values.min(initial=np.inf))
+    around = Neighbourhood(center_mm, grid.axes, slices, offsets, values, floors, grid.pixel_mm)
     return around if axes is grid.axes else _turned(around, axes, float(np.median(grid.spacings_mm)))
 
 

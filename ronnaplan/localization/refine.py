@@ -100,6 +100,12 @@ def fit_ball(
     return on_skin if is_skin(on_skin.theta) and _tells_more(on_skin, plain) else plain
 
 
+def refit(fit: BallFit, around: Neighbourhood) -> BallFit:
+    """Fit a ball anew, from where ``fit`` came to rest, to voxels to which is given back why its contrast sloped."""
+    judged = _judged(around, fit.theta, fit.prior.layer_mm, fit.ceiling_hu)
+    return _settle(around, fit.theta, fit.prior, fit.ceiling_hu, judged, slopes=False)
+
+
 def _tells_more(on_skin: BallFit, plain: BallFit) -> bool:
     """Whether the skin explains directions that ``plain`` leaves out, about as well as that explains the others."""
     if not on_skin.converged or not plain.converged:
@@ -144,7 +150,15 @@ def _free_look(
     return (other, other_told) if is_on_skin else (theta, told)
 
 
-def _settle(around: Neighbourhood, theta: FloatArray, prior: Prior, ceiling_hu: float, judged: Judged) -> BallFit:
+def _settle(
+    around: Neighbourhood,
+    theta: FloatArray,
+    prior: Prior,
+    ceiling_hu: float,
+    judged: Judged,
+    *,
+    slopes: bool = True,
+) -> BallFit:
     """Leave out the directions that disagree and fit again, until the choice is stable; ``judged`` is the first one."""
     verdict, used = judged
     previous = np.empty(0, dtype=np.int8)
@@ -163,7 +177,7 @@ def _settle(around: Neighbourhood, theta: FloatArray, prior: Prior, ceiling_hu: 
             theta, converged = descend(some, theta, prior, ceiling_hu)
         else:
             theta, converged = _first_descent(around, some, theta, prior, ceiling_hu)
-    return fit_at(around, theta, prior, verdict, used, ceiling_hu, converged=converged)
+    return fit_at(around, theta, prior, verdict, used, ceiling_hu, converged=converged, slopes=slopes)
 
 
 def _first_descent(

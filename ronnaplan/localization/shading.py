@@ -3,7 +3,8 @@
 The side of a ball that faces the head is seen by a harder beam, so its contrast slopes, the more the denser the ball
 is. And streaks are alike within a slice, not from slice to slice: each slice has a level and a contrast of its own.
 All of these are random effects: each is believed only as far as it stands out from the residuals (C. Henderson,
-Biometrics 31:423, 1975), so what a scan does not show does not disturb its fit.
+Biometrics 31:423, 1975), so what a scan does not show does not disturb its fit. Where what a head does to the image
+is made good (`ronnaplan.localization.hardened`), the contrast does not slope.
 """
 
 from __future__ import annotations
@@ -53,10 +54,13 @@ def shaded(
     jacobian: FloatArray,
     used: NDArray[np.bool_],
     prior: Prior,
+    *,
+    slopes: bool,
 ) -> Shading:
-    """Give a fit at rest the shading that its residuals show."""
+    """Give a fit at rest the shading that its residuals show; ``slopes`` says whether the contrast may."""
     ball_hu = jacobian[:, CONTRAST] * theta[CONTRAST]
-    tilts = ball_hu[:, np.newaxis] * (around.offsets_mm - theta[CENTER])
+    tilts = ball_hu[:, np.newaxis] * (around.offsets_mm - theta[CENTER])[:, : 3 * slopes]
+    count = len(theta)
     kept = np.flatnonzero(used)
     own = np.hstack([jacobian.take(kept, axis=0), tilts.take(kept, axis=0)])
     own_residuals_hu = residuals_hu.take(kept)
@@ -65,13 +69,15 @@ def shaded(
     freed, rest_hu = own.copy(), own_residuals_hu.copy()
     _free_slices(freed, rest_hu, ball_hu.take(kept), around.slices[kept], firmness)
     tilt_weight = mean_square / (SLOPE_PER_MM_HU * theta[CONTRAST]) ** 2
-    inverse = np.linalg.pinv(own.T @ freed + np.diag([*prior.weight, *[tilt_weight] * 3]), hermitian=True)
+    inverse = np.linalg.pinv(
+        own.T @ freed + np.diag([*prior.weight, *[tilt_weight] * tilts.shape[1]]), hermitian=True
+    )
     pull = own.T @ rest_hu
-    pull[:-3] -= own[:, :-3].T @ own_residuals_hu  # without shading the fit is at rest
+    pull[:count] -= own[:, :count].T @ own_residuals_hu  # without shading the fit is at rest
     believed = inverse @ pull
     moves, left_over = (
         np.zeros_like(around.offsets_mm),
-        residuals_hu - jacobian @ believed[:-3] - tilts @ believed[-3:],
+        residuals_hu - jacobian @ believed[:count] - tilts @ believed[count:],
     )
     moves[kept], left_over[kept] = freed @ inverse[:, :3], rest_hu - freed @ believed
     return Shading(believed[:3], moves, left_over)

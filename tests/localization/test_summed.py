@@ -43,7 +43,13 @@ def test_what_summing_takes_is_what_back_projection_makes_of_it(place_mm: float,
     near = np.hypot(u, v) < 10.0
     offsets_mm = np.stack([u[near], v[near], np.full(near.sum(), place_mm)], axis=-1)
     around = Neighbourhood(
-        np.zeros(3), np.eye(3), np.zeros(near.sum(), np.intp), offsets_mm, picture_hu[near], PIXEL_MM, -1000.0
+        np.zeros(3),
+        np.eye(3),
+        np.zeros(near.sum(), np.intp),
+        offsets_mm,
+        picture_hu[near],
+        np.full(near.sum(), -1000.0),
+        PIXEL_MM,
     )
     told_hu = lost_hu(around, THETA, slope)
     assert np.abs(told_hu - picture_hu[near]).max() < 0.05 * np.abs(picture_hu).max() + 0.3
