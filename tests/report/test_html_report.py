@@ -171,13 +171,11 @@ def test_a_marker_that_is_not_where_the_document_says_is_the_first_thing_on_the_
     assert case.fiducials is not None
     first, *others = case.fiducials.fiducials
     x, y, z = first.center
-    moved = first.model_copy(update={"center": (x + 0.4, y, z), "flags": ("cut",)})
+    moved = first.model_copy(update={"center": (x, y + 0.4, z), "flags": ("cut",)})
     page = quality_report(
         replace(case, fiducials=case.fiducials.model_copy(update={"fiducials": (moved, *others)}))
     )
-    told = re.search(r"marker F1 was found again 0\.4[01] mm from its stated center", page)
-    assert told is not None
-    assert told.start() < page.index("<h2>")
+    assert page.index("marker F1 was found again 0.40 mm from its stated center") < page.index("<h2>")
     assert "marker F1: part of the marker lies outside the scan" in page
     assert "marker F2 was found" not in page
     assert "the registration has marker F1 at another place; register again" in page
