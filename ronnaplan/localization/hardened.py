@@ -24,14 +24,14 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.descent import residuals_and_jacobian
 from ronnaplan.localization.model import has_layer, has_streaks
-from ronnaplan.localization.parameters import BACKGROUND, BLUR, CENTER, CONTRAST, EDGE, RADIUS, W
+from ronnaplan.localization.parameters import BACKGROUND, BLUR, CENTER, RADIUS, W
 from ronnaplan.localization.refine import refit
 from ronnaplan.localization.summed import (
     AIR_HU,
     ALIKE_VOXELS,
-    HIGHEST_PER_MM,
-    HIGHEST_SIGMAS,
     WATER_PER_MM,
+    chord_losses,
+    kernel_passed,
     profile_seen,
 )
 
@@ -167,19 +167,16 @@ def pictures_hu(beside: Beside, fit: BallFit) -> tuple[FloatArray, FloatArray]:
 def _chords(theta: FloatArray, height_mm: float, across_mm: FloatArray) -> FloatArray:
     """What rays (S,) across a slice at this height from the ball's center lose to it."""
     heights_mm, weights = profile_seen(theta)
-    squares_mm2 = theta[RADIUS] ** 2 - (height_mm + heights_mm) ** 2 - across_mm[:, np.newaxis] ** 2
-    lengths_mm: FloatArray = 2.0 * np.sqrt(np.maximum(squares_mm2, 0.0)) @ weights
-    return lengths_mm * float(theta[CONTRAST]) / 1000.0 * WATER_PER_MM
+    losses: FloatArray = chord_losses(theta, across_mm[:, np.newaxis], height_mm + heights_mm) @ weights
+    return losses
 
 
 def _kernel(theta: FloatArray, apart_mm: FloatArray) -> FloatArray:
     """What filtered back-projection makes (...) of a ray at a distance (...), 1/mm^2, with the fitted blur and edge."""
-    highest_per_mm = min(HIGHEST_SIGMAS / float(theta[BLUR]), HIGHEST_PER_MM)
-    frequencies = (np.arange(FREQUENCIES) + 0.5) * highest_per_mm / FREQUENCIES
-    squares = (2.0 * np.pi * frequencies * theta[BLUR]) ** 2
-    passed = frequencies * np.exp(-0.5 * squares) * (1.0 + theta[EDGE] * squares)
+    frequencies, passed = kernel_passed(theta, FREQUENCIES)
+    step_per_mm = 2.0 * frequencies[0]
     distances_mm, back = np.unique(np.round(np.abs(apart_mm), 6), return_inverse=True)
-    told = np.cos(2.0 * np.pi * np.outer(distances_mm, frequencies)) @ passed * 2.0 * highest_per_mm / FREQUENCIES
+    told = np.cos(2.0 * np.pi * np.outer(distances_mm, frequencies)) @ (frequencies * passed) * 2.0 * step_per_mm
     response: FloatArray = told[back].reshape(apart_mm.shape)
     return response
 

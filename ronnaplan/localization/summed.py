@@ -95,13 +95,21 @@ def _lost(places_mm: FloatArray, theta: FloatArray, slope_per_mm: float) -> Floa
     """How much of the logarithm is lost to each chord (K, `CHORDS`) of a ball in slices at ``places_mm`` (K,)."""
     heights_mm, profile = profile_seen(theta)
     from_middle_mm = places_mm[:, np.newaxis, np.newaxis] + heights_mm
-    squares_mm2 = theta[RADIUS] ** 2 - _beside_mm(theta)[:, np.newaxis] ** 2 - from_middle_mm**2
-    losses = float(theta[CONTRAST]) / 1000.0 * WATER_PER_MM * 2.0 * np.sqrt(np.maximum(squares_mm2, 0.0))
+    losses = chord_losses(theta, _beside_mm(theta)[:, np.newaxis], from_middle_mm)
     other = slope_per_mm * heights_mm
     lost: FloatArray = (
         losses @ profile + np.log(np.exp(-losses - other) @ profile) - np.log(np.exp(-other) @ profile)
     )
     return lost
+
+
+def chord_losses(theta: FloatArray, beside_mm: FloatArray, from_middle_mm: FloatArray) -> FloatArray:
+    """What a ball takes of the logarithm of rays (...) that pass so far beside and above its center."""
+    squares_mm2 = theta[RADIUS] ** 2 - beside_mm**2 - from_middle_mm**2
+    losses: FloatArray = (
+        float(theta[CONTRAST]) / 1000.0 * WATER_PER_MM * 2.0 * np.sqrt(np.maximum(squares_mm2, 0.0))
+    )
+    return losses
 
 
 def profile_seen(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -111,13 +119,20 @@ def profile_seen(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
     return profile_half_mm(float(theta[WIDTH]), float(theta[SHAPE])) * nodes, profile / profile.sum()
 
 
+def kernel_passed(theta: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+    """So many frequencies (count,), 1/mm, evenly spaced from half a step on, and what the kernel passes of each."""
+    blur_mm = float(theta[BLUR])
+    step_per_mm = min(HIGHEST_SIGMAS / blur_mm, HIGHEST_PER_MM) / count
+    frequencies = (np.arange(count, dtype=np.float64) + 0.5) * step_per_mm
+    phases = 2.0 * np.pi * blur_mm * frequencies
+    passed: FloatArray = np.exp(-0.5 * phases**2) * (1.0 + float(theta[EDGE]) * phases**2)
+    return frequencies, passed
+
+
 def _pictures_hu(lost: FloatArray, theta: FloatArray, radii_mm: FloatArray) -> FloatArray:
     """What back-projection through the kernel makes (K, R) of what is lost to a ball's chords (K, `CHORDS`)."""
-    blur_mm = float(theta[BLUR])
-    step_per_mm = min(HIGHEST_SIGMAS / blur_mm, HIGHEST_PER_MM) / FREQUENCIES
-    frequencies = (np.arange(FREQUENCIES) + 0.5) * step_per_mm
-    phases = 2.0 * np.pi * blur_mm * frequencies
-    passed = np.exp(-0.5 * phases**2) * (1.0 + float(theta[EDGE]) * phases**2)
+    frequencies, passed = kernel_passed(theta, FREQUENCIES)
+    step_per_mm = 2.0 * frequencies[0]
     chord_mm = float(theta[RADIUS]) / CHORDS
     spectrum = 2.0 * chord_mm * lost @ np.cos(2.0 * np.pi * np.outer(_beside_mm(theta), frequencies)) * passed
     rings = np.interp(2.0 * np.pi * np.outer(frequencies, radii_mm), *_bessel())
