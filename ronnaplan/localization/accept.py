@@ -187,9 +187,10 @@ def _contrast(evidence: Evidence) -> str | None:
     contrast = evidence.fit.contrast_hu
     if contrast >= MAX_CONTRAST_HU:  # what is larger than it should be, and clipped, looks ever brighter instead
         return f"contrast {contrast:.0f} HU, below {MAX_CONTRAST_HU:.0f} expected"
-    floor_hu = float(evidence.fit.neighbourhood.floors_hu.min())
-    if evidence.fit.is_clipped and evidence.fit.theta[BACKGROUND] <= floor_hu and floor_hu > NO_AIR_HU:
-        return f"the scale shows neither itself nor what is around it, for it begins at {floor_hu:.0f} HU"
+    if evidence.fit.is_clipped:
+        floor_hu = float(evidence.fit.neighbourhood.floors_hu.min())
+        if evidence.fit.theta[BACKGROUND] <= floor_hu and floor_hu > NO_AIR_HU:
+            return f"the scale shows neither itself nor what is around it, for it begins at {floor_hu:.0f} HU"
     if contrast >= MIN_CONTRAST_HU:
         return None
     return f"contrast {contrast:.0f} HU, at least {MIN_CONTRAST_HU:.0f} expected"

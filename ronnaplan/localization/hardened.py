@@ -23,6 +23,7 @@ from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.descent import residuals_and_jacobian
+from ronnaplan.localization.guess import METAL_HU
 from ronnaplan.localization.model import has_layer, has_streaks
 from ronnaplan.localization.parameters import BACKGROUND, BLUR, CENTER, RADIUS, W
 from ronnaplan.localization.refine import refit
@@ -53,6 +54,9 @@ LEAST_LOSS = 1.0
 VIEWS, STEP_MM, APART_MM = 60, 2.0, 0.75
 """Directions in which all else is summed up, in these steps along rays that are so far apart."""
 
+VACUUM_HU = -1000.0
+"""Where Hounsfield's scale begins."""
+
 HEIGHTS = 0.5
 """All else changes slowly from slice to slice: it is summed up at heights so many radii apart."""
 
@@ -81,7 +85,8 @@ def without_the_head(volume: CTVolume, fit: BallFit) -> BallFit:
     That is so of balls whose contrast is clipped, and of metal, hollow or wrapped ones: other things bend their image,
     too. The contrast does not slope then (`ronnaplan.localization.shading`), for why it does is given back.
     """
-    if not fit.is_shaded or has_streaks(fit.theta) or has_layer(fit.theta):
+    is_metal = has_streaks(fit.theta) and fit.contrast_hu > METAL_HU
+    if not fit.is_shaded or is_metal or has_layer(fit.theta):
         return fit
     seen, share = fit.neighbourhood, 0.0
     beside = all_beside(volume, fit)
@@ -117,7 +122,11 @@ def _share(fit: BallFit, hardened_hu: FloatArray, before: float) -> float:
 
 
 def all_beside(volume: CTVolume, fit: BallFit) -> Beside:
-    """Sum up what rays through a ball lose to all else, in the picture, at some of the heights that show it."""
+    """Sum up what rays through a ball lose to all else, in the picture, at some of the heights that show it.
+
+    What surrounds the ball is taken for air, if it is nearer to air than to water: the scales of cone beams begin
+    elsewhere.
+    """
     grid, radius_mm = volume.grid, float(fit.theta[RADIUS])
     above_mm = grid.slice_positions_mm - fit.center_mm @ grid.normal
     wanted_mm = np.arange(-radius_mm, radius_mm + 1e-9, HEIGHTS * radius_mm)
@@ -126,10 +135,12 @@ def all_beside(volume: CTVolume, fit: BallFit) -> Beside:
     places_mm = np.arange(-radius_mm - APART_MM, radius_mm + 2.0 * APART_MM, APART_MM)
     steps_mm = np.array([grid.column_spacing_mm, grid.row_spacing_mm])
     padding_hu = np.nan if volume.padding_hu is None else float(volume.padding_hu)
+    around_hu = float(fit.theta[BACKGROUND])
+    air_hu = around_hu if around_hu < 0.5 * VACUUM_HU else VACUUM_HU
     losses = np.zeros((len(numbers), VIEWS, len(places_mm)))
     for n, number in enumerate(numbers):
         corner_mm = grid.axes[:2] @ (grid.origins_mm[number] - fit.center_mm)
-        _sum_up(volume.voxels_hu[number], corner_mm, steps_mm, padding_hu, clear_mm, places_mm, losses[n])
+        _sum_up(volume.voxels_hu[number], corner_mm, steps_mm, air_hu, padding_hu, clear_mm, places_mm, losses[n])
     return Beside(above_mm[numbers], places_mm, losses)
 
 
@@ -191,6 +202,7 @@ def _sum_up(
     picture: FloatArray,
     corner: FloatArray,
     steps: FloatArray,
+    air: float,
     padding: float,
     clear: float,
     places: FloatArray,
@@ -223,8 +235,8 @@ def _sum_up(
                 i, j = int(column + n * by_column), int(row + n * by_row)
                 if 0 <= i < columns and 0 <= j < rows:
                     value = picture[j, i]
-                    if value > AIR_HU and value != padding:
-                        total += value + 1000.0
+                    if value - air > AIR_HU - VACUUM_HU and value != padding:
+                        total += value - air
             losses[view, s] = total * STEP_MM * WATER_PER_MM / 1000.0
 
 

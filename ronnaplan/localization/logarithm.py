@@ -86,8 +86,12 @@ def told_by(scan: Scan, one: Examined) -> Told | None:
     # The model is all but linear in so little; a second fit would leave other directions out, which changes more.
     lost, rest = (seen - by_other_balls @ np.linalg.lstsq(by_other_balls, seen)[0]).T
     part, whole = -float(lost @ rest), float(lost @ lost)
+    if whole == 0.0:  # nothing beside the ball takes anything of its rays
+        return None
     noise = rest + part / whole * lost
     noise_hu2 = float(noise @ noise) / len(noise)
+    if noise_hu2 == 0.0:  # nothing tells how sure it is
+        return None
     return part / noise_hu2, whole / noise_hu2
 
 

@@ -52,6 +52,11 @@ SKIN_MISFIT = 1.4
 that leaves the skin out, and is drawn to it by 10 to 30 um, where the other is off by 2 to 5; without a post, by a
 fifth."""
 
+LONG_TAILS, OVERSHOOTING, SHARP_MM = -0.3, 0.8, 1.0
+"""An edge that comes to rest below the first may be that of a kernel which overshoots. It is tried from
+the second, too, if the blur is no larger than the third then: softer ones do not overshoot, and what is wrapped around
+a ball makes long tails indeed."""
+
 MAX_ROUNDS = 8
 """Rounds of leaving directions out and fitting again; real markers settle in two to four."""
 
@@ -91,11 +96,12 @@ def fit_ball(
         theta, (verdict, used) = _free_look(dimmed, around, few, theta, prior, ceiling_hu, (verdict, used))
     if _is_hopeless(theta, verdict, prior):
         return fit_at(around, theta, prior, verdict, few, ceiling_hu, converged=False)
-    near = np.abs(edge_depth(around.offsets_mm, theta)[0]) < margin_mm(theta[WIDTH], theta[BLUR]) + 1.0
-    around = around.select(near)
-    plain = _settle(around, theta, prior, ceiling_hu, (verdict, used[near]))
+    near = _near(around, theta)
+    plain = _settle(around.select(near), theta, prior, ceiling_hu, (verdict, used[near]))
+    plain = _of_either_kernel(plain, around)
     if plain.verdict.round_share < HOPELESS_ROUND or not lies_on_something(theta, verdict):
         return plain
+    around = around.select(near)
     on_skin = _settle_on_skin(around, *with_skin(theta, prior, verdict, around), ceiling_hu)
     return on_skin if is_skin(on_skin.theta) and _tells_more(on_skin, plain) else plain
 
@@ -104,6 +110,30 @@ def refit(fit: BallFit, around: Neighbourhood) -> BallFit:
     """Fit a ball anew, from where ``fit`` came to rest, to voxels to which is given back why its contrast sloped."""
     judged = _judged(around, fit.theta, fit.prior.layer_mm, fit.ceiling_hu)
     return _settle(around, fit.theta, fit.prior, fit.ceiling_hu, judged, slopes=False)
+
+
+def _of_either_kernel(fit: BallFit, around: Neighbourhood) -> BallFit:
+    """Return the better of a ``fit`` whose edges have long tails and of one from edges as steep that overshoot instead.
+
+    Both are minima where the kernel is sharp, and in the wrong one the fit does without directions that are the ball's.
+    """
+    theta = fit.theta.copy()
+    theta[EDGE] = OVERSHOOTING
+    theta[BLUR] *= (1.0 + OVERSHOOTING) / (1.0 + fit.theta[EDGE])  # a straight edge's slope is (1 + edge) / blur
+    if not fit.converged or fit.theta[EDGE] > LONG_TAILS or theta[BLUR] > SHARP_MM:
+        return fit
+    around = around.select(_near(around, theta))
+    judged = _judged(around, theta, fit.prior.layer_mm, fit.ceiling_hu)
+    other = _settle(around, theta, fit.prior, fit.ceiling_hu, judged)
+    return other if other.converged and other.misfit < fit.misfit else fit
+
+
+def _near(around: Neighbourhood, theta: FloatArray) -> NDArray[np.bool_]:
+    """Which voxels (N,) are of a ball's edge, or beside it."""
+    is_near: NDArray[np.bool_] = (
+        np.abs(edge_depth(around.offsets_mm, theta)[0]) < margin_mm(theta[WIDTH], theta[BLUR]) + 1.0
+    )
+    return is_near
 
 
 def _tells_more(on_skin: BallFit, plain: BallFit) -> bool:

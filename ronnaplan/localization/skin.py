@@ -33,6 +33,10 @@ this fraction of itself (a half) weighs as much as one voxel that is off by the 
 SKIN_SHARES = (0.08, 0.65)
 """A ball that lies on skin has neighbours in a share of its directions between these."""
 
+ONE_SIDED = 0.1
+"""Directions whose mean is shorter than this are those of things around a ball, not of one that it lies on: skin fills
+two thirds of all at most, whose mean is 0.35 long."""
+
 SKIN_LEVEL = 0.35
 """What a ball lies on is no brighter than this share of the ball's own contrast."""
 
@@ -49,9 +53,11 @@ MIN_SKIN_DEPTH = 0.7
 
 
 def lies_on_something(theta: FloatArray, verdict: Verdict) -> bool:
-    """Whether the ball has neighbours as skin would be."""
+    """Whether the ball has neighbours as skin would be, which is not to all sides alike."""
     share = float(verdict.beside.mean())
-    return SKIN_SHARES[0] <= share <= SKIN_SHARES[1] and _level_beside(verdict) < SKIN_LEVEL * theta[CONTRAST]
+    if not SKIN_SHARES[0] <= share <= SKIN_SHARES[1] or np.linalg.norm(_toward(verdict)) < ONE_SIDED:
+        return False
+    return bool(_level_beside(verdict) < SKIN_LEVEL * theta[CONTRAST])
 
 
 def is_skin(theta: FloatArray) -> bool:
@@ -79,7 +85,7 @@ def with_skin(
     theta: FloatArray, prior: Prior, verdict: Verdict, around: Neighbourhood
 ) -> tuple[FloatArray, Prior]:
     """Add skin that the ball touches, on the side where the neighbours are."""
-    toward = cell_directions()[verdict.beside].mean(axis=0)
+    toward = _toward(verdict)
     place = toward / np.linalg.norm(toward) / theta[RADIUS]
     spread = np.array([SKIN_PRIOR_HU, *[SKIN_PRIOR_PLACE / theta[RADIUS]] * 3])
     skin = np.array([_level_beside(verdict), *place])
@@ -89,6 +95,12 @@ def with_skin(
     lowest = float(np.quantile(around.values_hu, 0.05))
     start = np.concatenate([theta[:BACKGROUND], [lowest, 0.0, 0.0, 0.0], theta[len(PARAMETERS) :], skin])
     return start, prior.extended(added)
+
+
+def _toward(verdict: Verdict) -> FloatArray:
+    """Return the mean (3,) of the directions in which the neighbours are."""
+    toward: FloatArray = cell_directions()[verdict.beside].mean(axis=0)
+    return toward
 
 
 def _level_beside(verdict: Verdict) -> float:

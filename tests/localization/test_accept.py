@@ -10,7 +10,7 @@ import pytest
 
 from ronnaplan.ct import CTVolume
 from ronnaplan.localization.accept import TESTS, Evidence, Usual, failures
-from ronnaplan.localization.ball_fit import BallFit
+from ronnaplan.localization.ball_fit import BallFit, fit_at
 from ronnaplan.localization.build import SOLID
 from ronnaplan.localization.directions import Verdict
 from ronnaplan.localization.examine import Scan, fit_place
@@ -82,6 +82,13 @@ def test_what_is_attached_to_more_than_a_post_leaves_a_round_rest(fit: BallFit) 
 def test_a_contrast_that_no_scale_holds_is_no_markers(fit: BallFit) -> None:
     reason = TESTS["contrast"](evidence(changed(fit, CONTRAST, 32000.0)))
     assert reason == "contrast 32000 HU, below 32000 expected"
+
+
+def test_a_fit_that_no_voxel_informed_is_turned_down(fit: BallFit) -> None:
+    nothing = np.zeros(len(fit.used), dtype=np.bool_)
+    empty = fit_at(fit.neighbourhood, fit.theta, fit.prior, fit.verdict, nothing, np.inf, converged=False)
+    assert len(empty.neighbourhood.values_hu) == 0
+    assert "converged" in dict(failures(Evidence(empty, 11.5, 1.0, 10.0, 0.0, volume())))
 
 
 def test_a_ball_passes_them_all(fit: BallFit) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter1d
@@ -12,6 +14,7 @@ from ronnaplan.localization import examine
 from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.examine import Scan, fit_place
 from ronnaplan.localization.hardened import APERTURE_MM2, all_beside
+from ronnaplan.localization.model import has_streaks
 from ronnaplan.localization.summed import WATER_PER_MM
 
 CENTER_MM, RADIUS_MM = np.array([0.13, 66.21, 0.17]), 4.0
@@ -20,6 +23,9 @@ HEAD_MM, POST_MM = 45.0, 3.0
 
 WATER_PER_MM_AT, GLASS_PER_MM_AT = np.array([0.025, 0.017]), np.array([0.115, 0.052])
 """What water and glass take at two energies of equal strength, of a mm."""
+
+CLIPPED_HU = np.int16(2600)
+"""Where a scale ends, just below the ball of glass."""
 
 ONE_ENERGY = np.array([0.02, 0.02])
 
@@ -122,6 +128,23 @@ def test_a_dense_ball_on_a_post_is_not_pulled_to_the_head_that_hardens_its_rays(
     assert pulled_mm(before) > 0.008
     assert abs(pulled_mm(after)) < 0.35 * pulled_mm(before)
     assert after.misfit < before.misfit
+
+
+def test_a_ball_of_ceramic_that_the_scale_clips_is_not_pulled_either(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is looked for as if it were metal: how bright it is, is told by the fit alone."""
+    volume = scanned(GLASS_PER_MM_AT, WATER_PER_MM_AT, 0.5)
+    clipped = replace(volume, voxels_hu=np.minimum(volume.voxels_hu, CLIPPED_HU))
+    before, after = untouched(clipped, monkeypatch), fitted(clipped)
+    assert has_streaks(before.theta)
+    assert before.is_clipped
+    assert pulled_mm(before) > 0.005
+    assert abs(pulled_mm(after)) < 0.6 * pulled_mm(before)
+
+
+def test_what_rays_lose_is_told_whatever_scale_air_begins_at(by_one_energy: CTVolume) -> None:
+    elsewhere = replace(by_one_energy, voxels_hu=by_one_energy.voxels_hu + np.int16(200))
+    one, other = (all_beside(volume, fitted(volume)).losses for volume in (by_one_energy, elsewhere))
+    assert other == pytest.approx(one, abs=0.15)
 
 
 def test_what_cells_add_up_before_the_logarithm_is_made_good(

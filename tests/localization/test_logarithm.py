@@ -10,9 +10,12 @@ import pytest
 from ronnaplan.ct import CTVolume
 from ronnaplan.documents.fiducials import fiducials_document
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization import Build, Fiducials, localize
+from ronnaplan.localization import Build, Fiducials, localize, logarithm
+from ronnaplan.localization.build import SOLID
+from ronnaplan.localization.descent import residuals_and_jacobian
 from ronnaplan.localization.detect import detect
-from ronnaplan.localization.logarithm import summed_told
+from ronnaplan.localization.examine import Scan, examine_place
+from ronnaplan.localization.logarithm import summed_told, told_by
 from ronnaplan.localization.votes import Candidates
 from ronnaplan.report.marker_cuts import marker_pictures
 from ronnaplan.report.tables import resolution_line
@@ -125,3 +128,14 @@ def test_hollow_markers_and_too_few_tell_nothing(before: CTVolume) -> None:
 def test_most_of_the_balls_decide(told: list[tuple[float, float]], is_first: bool | None) -> None:
     summed = summed_told(told)
     assert (None if summed is None else summed.first) is is_first
+
+
+def test_a_fit_that_leaves_nothing_over_tells_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    thick = Scan(scan(balls([(1.0, 2.0, 3.0)]), small_stack(spacing_mm=2.0, thickness_mm=2.0)))
+    one = examine_place(thick, np.array([1.0, 2.0, 3.0]), 11.5, SOLID)
+    assert told_by(thick, one) is not None
+    real = residuals_and_jacobian
+    monkeypatch.setattr(
+        logarithm, "residuals_and_jacobian", lambda *given: (0.0 * real(*given)[0], real(*given)[1])
+    )
+    assert told_by(thick, one) is None

@@ -1,17 +1,18 @@
-"""A fit that is no ball's is given up soon."""
+"""A fit that is no ball's is given up soon, and one of a sharp kernel finds the better of its minima."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.localization import refine
 from ronnaplan.localization.build import SOLID
 from ronnaplan.localization.descent import BEGIN, HOPELESS_SIZE, LOOK, WHOLE, Effort, descend
 from ronnaplan.localization.examine import Scan, fit_place
 from ronnaplan.localization.guess import ball_prior, first_guess
 from ronnaplan.localization.neighbourhood import gather
-from ronnaplan.localization.parameters import RADIUS
+from ronnaplan.localization.parameters import EDGE, RADIUS
 from tests.scans import balls, scan, small_stack
 
 
@@ -73,3 +74,43 @@ def test_what_turns_out_to_be_of_another_size_is_given_up_on_the_way_there() -> 
     theta, is_at_rest = descend(around, start, ball_prior(start, SOLID, is_clipped=False), np.inf)
     assert abs(2.0 * theta[RADIUS] - 11.5) > HOPELESS_SIZE * 11.5
     assert not is_at_rest  # left to itself, it would come to rest as the ball that is there
+
+
+CENTER_MM, RADIUS_MM, POST_MM = np.array([0.2, -0.13, 0.31]), 4.0, 1.6
+"""A ball, and the radius of a post that leads from it along x."""
+
+
+def by_a_sharp_kernel() -> CTVolume:
+    """Images of a ball on its post by a kernel that overshoots, drawn finely, filtered and averaged to pixels."""
+    pixel_mm, fine, spacing_mm, count = 0.4, 5, 0.7, 60
+    places_mm = (np.arange(count * fine) - (count * fine - 1) / 2) * pixel_mm / fine
+    x, y = np.meshgrid(places_mm - CENTER_MM[0], places_mm - CENTER_MM[1])
+    frequencies = np.fft.fftfreq(count * fine, pixel_mm / fine)
+    squares = (frequencies**2 + frequencies[:, np.newaxis] ** 2) / 1.2**2
+    passed = (1.0 + 3.0 * squares) * np.exp(-2.2 * squares)
+    heights_mm = np.arange(-14, 15) * spacing_mm
+    pictures_hu = []
+    for height_mm in heights_mm:
+        shares = np.zeros_like(x)
+        for z in height_mm - CENTER_MM[2] + spacing_mm * np.array([-0.375, -0.125, 0.125, 0.375]):
+            in_ball = x**2 + y**2 < RADIUS_MM**2 - z**2
+            shares += 0.25 * (in_ball | ((x > 0.0) & (y**2 < POST_MM**2 - z**2)))
+        seen = np.fft.ifft2(np.fft.fft2(shares) * passed).real
+        pictures_hu.append(1500.0 * seen.reshape(count, fine, count, fine).mean(axis=(1, 3)) - 1000.0)
+    noise_hu = 15.0 * np.random.default_rng(4).standard_normal((len(heights_mm), count, count))
+    first_mm = -(count - 1) / 2 * pixel_mm
+    origins_mm = np.array([[first_mm, first_mm, height_mm] for height_mm in heights_mm])
+    grid = SliceGrid(origins_mm, np.array([0.0, pixel_mm, 0.0]), np.array([pixel_mm, 0.0, 0.0]), spacing_mm)
+    return CTVolume(np.round(np.array(pictures_hu) + noise_hu).astype(np.int16), grid)
+
+
+def test_a_kernel_that_overshoots_is_not_taken_for_one_with_long_tails(monkeypatch: pytest.MonkeyPatch) -> None:
+    scan_ = Scan(by_a_sharp_kernel())
+    fit = fit_place(scan_, CENTER_MM, 2.0 * RADIUS_MM)
+    assert fit.converged
+    assert fit.theta[EDGE] > 0.3
+    assert np.linalg.norm(fit.center_mm - CENTER_MM) < 0.002
+    monkeypatch.setattr(refine, "_of_either_kernel", lambda fit, around: fit)
+    other = fit_place(scan_, CENTER_MM, 2.0 * RADIUS_MM)
+    assert other.theta[EDGE] < refine.LONG_TAILS
+    assert other.misfit > 1.1 * fit.misfit

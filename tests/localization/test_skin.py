@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from ronnaplan.localization.cells import cell_directions
+from ronnaplan.localization.examine import Scan, fit_place
 from ronnaplan.localization.parameters import BLUR, PARAMETERS, RADIUS, WIDTH
-from ronnaplan.localization.skin import is_skin, share_on_skin
+from ronnaplan.localization.skin import is_skin, lies_on_something, share_on_skin
+from tests.scans import balls, scan, small_stack
 
 
 @pytest.mark.parametrize(
@@ -31,3 +36,13 @@ def test_a_plane_that_the_ball_touches_is_met_in_this_share_of_the_directions(
         radius_mm + 2.5 * np.hypot(blur_mm, 0.1) + 0.25
     ) * directions  # where `judge` looks, two to three blurs out
     assert share_on_skin(theta) == pytest.approx(np.mean(places[:, 2] < -radius_mm), abs=0.004)
+
+
+def test_what_stands_on_two_sides_alike_is_no_skin() -> None:
+    fit = fit_place(Scan(scan(balls([(1.0, 2.0, 3.0)]), small_stack())), np.array([1.0, 2.0, 3.0]), 11.5)
+    heights = cell_directions()[:, 2]
+    above, below = heights > np.sort(heights)[-13], heights < np.sort(heights)[12]
+    faint_hu = np.full(len(heights), 300.0)
+    beneath = replace(fit.verdict, beside=below, excess_hu=faint_hu)
+    assert lies_on_something(fit.theta, beneath)
+    assert not lies_on_something(fit.theta, replace(beneath, beside=above | below))
