@@ -59,7 +59,7 @@ def minimize(
     for _ in range(most_steps):
         diagonal = curvature * np.eye(curvature.shape[-1])
         damped = curvature + dampings[..., None, None] * diagonal
-        step: FloatArray = np.asarray(np.linalg.solve(damped, descent[..., None])[..., 0], dtype=np.float64)
+        step = _solved(damped, descent)
         settled |= at_rest(step, (step * descent).sum(axis=-1), cost)
         if settled.all():
             break
@@ -71,6 +71,15 @@ def minimize(
         curvature = np.where(better[..., None, None], bend, curvature)
         dampings = np.where(better, dampings / 10.0, np.maximum(10.0 * dampings, DAMPING))
     return Minimum(place, cost, curvature, settled)
+
+
+def _solved(damped: FloatArray, descent: FloatArray) -> FloatArray:
+    """Return the step (..., P); where the cost does not tell a direction (points on a line), there is none along it."""
+    try:
+        step = np.linalg.solve(damped, descent[..., None])
+    except np.linalg.LinAlgError:
+        step = np.linalg.pinv(damped, hermitian=True) @ descent[..., None]
+    return np.asarray(step[..., 0], dtype=np.float64)
 
 
 def _stacked(

@@ -60,3 +60,13 @@ def test_a_place_may_be_more_than_numbers() -> None:
 
     found = minimize(off, np.tile(np.eye(2), (2, 1, 1)), near, most_steps=5, moved=turned)
     np.testing.assert_allclose(np.arccos(found.place[:, 0, 0]), [0.4, 1.0])
+
+
+def test_where_the_cost_tells_nothing_of_a_direction_there_is_no_step_along_it() -> None:
+    def valley(at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        off = at[..., 0] - 2.0
+        return off**2, np.stack([-off, 0.0 * off], axis=-1), np.broadcast_to(np.diag([1.0, 0.0]), (len(at), 2, 2))
+
+    found = minimize(valley, np.array([[5.0, 7.0], [-1.0, 3.0]]), near, most_steps=20)
+    assert found.settled.all()
+    np.testing.assert_allclose(found.place, [[2.0, 7.0], [2.0, 3.0]])

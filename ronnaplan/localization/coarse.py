@@ -44,10 +44,13 @@ def coarsen(volume: CTVolume, voxel_mm: float) -> CTVolume:
 
 
 def blocks(volume: CTVolume, voxel_mm: float) -> Blocks:
-    """Return how many slices, rows and columns of a scan make one voxel of a copy that is that coarse."""
+    """Return how many slices, rows and columns of a scan, of which there are so many, make one voxel so coarse."""
     grid = volume.grid
     sizes_mm = grid.typical_gap_mm, grid.row_spacing_mm, grid.column_spacing_mm
-    by_k, by_j, by_i = (max(1, int(voxel_mm / size_mm)) for size_mm in sizes_mm)
+    by_k, by_j, by_i = (
+        min(max(1, int(voxel_mm / size_mm)), count)
+        for size_mm, count in zip(sizes_mm, volume.voxels_hu.shape, strict=True)
+    )
     return by_k, by_j, by_i
 
 

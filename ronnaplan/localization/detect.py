@@ -28,9 +28,6 @@ MIN_CONTRAST_HU = 300.0
 SLAB_SLICES = 32
 """So many slices of the coarse copy vote at a time; there never is more of it."""
 
-LEAST_SLICES = 3
-"""Fewer slices of a copy have no gradient between them, nor show a ball."""
-
 ALMOST = 0.999
 """Gradients are first taken in single precision, which tells all but those within this of the threshold."""
 
@@ -59,8 +56,6 @@ def _search(
 
     Its edges are looked for once, and vote for each of the diameters.
     """
-    if len(grid.origins_mm) < LEAST_SLICES:
-        return [Candidates(np.empty((0, 3)), np.empty(0)) for _ in diameters_mm]
     axes = grid.axes
     origins = grid.origins_mm @ axes.T
     steps = np.array([grid.column_spacing_mm, grid.row_spacing_mm])
@@ -70,7 +65,7 @@ def _search(
     ballots = [Ballot.over(low, high, diameter_mm, float(steps.min())) for diameter_mm in diameters_mm]
     edge_mm = float(np.mean([*steps, grid.typical_gap_mm]))
     threshold = MIN_CONTRAST_HU / (4.0 * edge_mm)
-    for first in range(0, len(origins) - 2, SLAB_SLICES):
+    for first in range(0, max(len(origins) - 2, 0), SLAB_SLICES):
         part = slice(first, min(first + SLAB_SLICES + 2, len(origins)))
         _let_vote(slab(part.start, part.stop), origins[part], steps, threshold, ballots)
     voxels_per_mm2 = 2.0 * edge_mm / (steps.prod() * grid.typical_gap_mm)

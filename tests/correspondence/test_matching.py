@@ -279,3 +279,10 @@ def test_points_that_may_not_be_written_to_are_matched() -> None:
 def test_importing_the_room_does_not_load_numba() -> None:
     code = "import sys, ronnaplan.correspondence; sys.exit('numba' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_points_on_a_line_whose_errors_differ_are_refused() -> None:
+    along = np.array([[-80.0, 0.0, 0.0], [-20.0, 0.0, 0.0], [35.0, 0.0, 0.0], [90.0, 0.0, 0.0]])
+    errors_mm2 = np.array([np.diag([0.01, 0.02, 0.03]) * (1 + n) for n in range(4)])
+    answer = match_points(along, along + 5.0, covariances_ct_mm2=errors_mm2, covariances_ots_mm2=errors_mm2)
+    assert answer.status == "ambiguous"
