@@ -78,10 +78,10 @@ MAX_RAGGED = 0.14
 """A ball on skin is round wherever it does not go on into it, but for this share at most: balls of plastic show 0.11,
 pegs with round ends 0.17 to 0.30."""
 
-COVER_SHARE = 0.04
+COVER_SHARE = 0.06
 COVER_TO_DARK = 3.0
 """What lies on a marker is brighter just outside it by this share of the contrast, in more directions by this factor
-than are as dark: streaks are both."""
+than are as dark: streaks are both. Haze is brighter by 0.04 to 0.06 beside a third of the markers of cone beams."""
 
 COVERED_SHARE = 0.15
 COVERED_SPREAD = 0.6
