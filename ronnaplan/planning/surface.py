@@ -248,7 +248,7 @@ def _solve(
     box: float,
     shape: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Return the parameters (13,) and their covariance (13, 13), or None when there is no step.
+    """Return the parameters (13,) and their covariance (13, 13), or None when there is no step, or too little to tell.
 
     The squared misfit with the priors is least there. With ``shape`` (13,) only height, levels and blur are free, the
     rest stays.
@@ -280,7 +280,10 @@ def _solve(
     if not (np.isfinite(best).all() and abs(best[OUTER] - best[INNER]) >= LEAST_CONTRAST_HU):
         return None
     spread = ALIKE_VOXELS * max(float(found.cost) / max(len(values) - PARAMETERS, 1), 1e-6)
-    covariance = spread * np.asarray(np.linalg.inv(found.curvature), dtype=np.float64)
+    try:
+        covariance = spread * np.asarray(np.linalg.inv(found.curvature), dtype=np.float64)
+    except np.linalg.LinAlgError:  # few voxels on a line do not tell how the surface bends
+        return None
     return best, covariance
 
 

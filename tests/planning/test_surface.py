@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from ronnaplan.localization.neighbourhood import gather
+from ronnaplan.minimize import minimize
 from ronnaplan.planning import patch, surface
 from ronnaplan.planning.crossings import find_crossings
 from tests import cases
@@ -85,3 +87,23 @@ def test_voxels_about_a_place_are_those_that_the_compiled_way_gathers() -> None:
         offsets, values = surface._voxels_near(volume, place, reach)
         np.testing.assert_array_equal(values, compiled.values_hu)
         np.testing.assert_allclose(offsets, compiled.offsets_mm @ compiled.axes, atol=1e-9)
+
+
+def test_where_too_little_tells_how_a_surface_bends_it_is_met_without_a_fit(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    target, outward = paths(1, seed=4)[0]
+    fitted = find_crossings(scanned("plain"), target, outward)
+    least = minimize
+
+    def flat(*arguments: Any, **options: Any) -> Any:
+        found = least(*arguments, **options)
+        return replace(found, curvature=np.zeros_like(found.curvature))
+
+    monkeypatch.setattr(surface, "minimize", flat)
+    met = find_crossings(scanned("plain"), target, outward)
+    assert fitted.scalp is not None
+    assert met.scalp is not None
+    assert fitted.scalp.clear
+    assert not met.scalp.clear
+    assert met.scalp.reach_mm == pytest.approx(fitted.scalp.reach_mm, abs=3.0)
