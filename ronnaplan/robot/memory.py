@@ -42,6 +42,8 @@ FEWEST_FREQUENCIES = 8
 SHAPE_ROUNDS = 4
 FEWEST_FOR_SHAPE = 4
 """Unlike components are only considered with so many frequencies for each of them."""
+LEAST_VARIANCE = 1e-12
+"""Of the noise, in equations in which it is about one: of poses without any, round-off is left, of either sign."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,8 +177,8 @@ class _Candidate:
         unknowns = np.arange(normal.shape[1])
         normal[:, unknowns, unknowns] += self.precision
         solutions = np.linalg.solve(normal, score[..., None])[..., 0]
-        misfit = square - (score * solutions).sum(axis=1)
         freedom = count * size - self.frame.constants
+        misfit = np.maximum(square - (score * solutions).sum(axis=1), freedom * LEAST_VARIANCE)
         volume = size * np.log(self.spectra).sum(axis=1) + np.linalg.slogdet(normal)[1]
         log_weights = self.log_prior - 0.5 * (freedom * np.log(misfit) + volume)
         return _Judged(log_weights, misfit / freedom, normal, solutions)

@@ -197,6 +197,7 @@ def _start(poses: FloatArray, spheres: FloatArray) -> FloatArray:
         -1, 15
     )
     scale = np.linalg.norm(design, axis=0)
+    scale[scale == 0.0] = 1.0  # of spheres that are all in one plane, or place, the rank tells
     solution, _, rank, _ = np.linalg.lstsq(design / scale, -poses[:, :3, 3].ravel(), rcond=1e-9)
     if rank < 15:
         raise InputError(

@@ -165,6 +165,15 @@ def test_poses_that_cannot_place_the_rig_are_refused() -> None:
         calibrate_tcp(poses[:5], spheres)
 
 
+@pytest.mark.parametrize("axes", [[], [0, 1]])
+def test_spheres_in_one_place_or_plane_of_the_rig_do_not_place_it(axes: list[int]) -> None:
+    poses, spheres, _ = looks(0, 12, 0.05)
+    flat = np.zeros_like(spheres)
+    flat[:, axes] = spheres[:, axes]
+    with pytest.raises(InputError, match="do not determine"):
+        calibrate_tcp(poses, flat)
+
+
 def test_looks_and_poses_that_do_not_belong_together_do_not_place_the_rig() -> None:
     poses, spheres, _ = looks(0, 12, 0.05)
     in_cm = poses.copy()
