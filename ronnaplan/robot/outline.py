@@ -218,10 +218,14 @@ def _consensus(rays: FloatArray, camera: Camera) -> Cone:
     in one plane.
     """
     third, tolerance = len(rays) // 3, CONSENSUS_PX / camera.focal_px
-    corners = np.stack([rays, np.roll(rays, third, axis=0), np.roll(rays, -third, axis=0)], axis=1)
-    normals = np.linalg.solve(corners, np.ones((len(rays), 3, 1)))[..., 0]
+    normals = np.cross(np.roll(rays, third, axis=0) - rays, np.roll(rays, -third, axis=0) - rays)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    axes, half_angles = normals / lengths, np.arccos(np.clip(1 / lengths, -1, 1))
+    heights = (normals * rays).sum(axis=1, keepdims=True)
+    told = lengths > 0  # of two rays that are one, no cone is
+    axes = np.copysign(1.0, heights) * np.divide(normals, lengths, where=told, out=np.zeros_like(normals))
+    half_angles = np.arccos(
+        np.clip(np.divide(np.abs(heights), lengths, where=told, out=np.ones_like(heights)), 0, 1)
+    )
     cosines = axes @ rays.T
     near = (cosines < np.cos(np.maximum(half_angles - tolerance, 0))) & (cosines > np.cos(half_angles + tolerance))
     best = int(near.sum(axis=1).argmax())

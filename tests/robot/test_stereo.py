@@ -1,6 +1,7 @@
 """Stereo re-localization of an evenly bright sphere, on images rendered by independent code."""
 
 from functools import cache
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -12,7 +13,7 @@ from ronnaplan.errors import FrameMismatchError, InputError, RefusedError
 from ronnaplan.pose import Pose, invert
 from ronnaplan.robot.camera import RIG, Camera, StereoRig
 from ronnaplan.robot.chain import TCP, R
-from ronnaplan.robot.outline import find_outlines
+from ronnaplan.robot.outline import find_cones, find_outlines
 from ronnaplan.robot.stereo import StereoSphere, locate_sphere
 from tests.robot.stereo_views import DIAMETER, RIG_EXACT, RIGHT, D, K, moved, placed, rendered, seen
 
@@ -152,3 +153,14 @@ def test_the_sphere_is_expressed_in_the_robots_frame_with_all_errors() -> None:
     with pytest.raises(FrameMismatchError):
         sphere.in_robot(rig, Pose.exact(np.eye(4), TCP, R))
     assert np.linalg.norm(sphere.position_mm - center) < 0.02
+
+
+def test_edges_that_coincide_do_not_hide_the_outline_of_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    angles = 2.0 * np.pi * np.arange(90) / 90
+    edges_px = K[0][:2, 2] + 60.0 * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    edges_px[[30, 60]] = edges_px[0]  # a third of the outline apart
+    monkeypatch.setattr("ronnaplan.robot.outline.find_circles", lambda image: [SimpleNamespace(edges_px=edges_px)])
+    camera = Camera(K[0], np.zeros(5), np.eye(4))
+    (cone,) = find_cones(np.zeros(rendering.SIZE[::-1]), camera)
+    assert cone.half_angle == pytest.approx(np.arctan(60.0 / camera.focal_px), rel=1e-3)
+    assert cone.direction == pytest.approx([0.0, 0.0, 1.0], abs=1e-3)
