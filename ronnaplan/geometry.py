@@ -73,6 +73,8 @@ def as_points(values: ArrayLike, name: str = "points") -> FloatArray:
 
     Raises `InputError` naming the shape or the first row that is not finite or beyond `FARTHEST_POINT_MM`.
     """
+    if np.ma.is_masked(values):  # what is masked would count as what lies beneath
+        raise InputError(f"{name} are masked in part; leave out the rows that are")
     try:
         given = np.asarray(values)
         if np.iscomplexobj(given):

@@ -15,6 +15,7 @@ from tests.registration import scene
     [
         ([[1 + 2j, 0, 0]], "complex"),
         (np.zeros((2, 3), dtype=complex), "complex"),
+        (np.ma.masked_greater(np.eye(3), 0.5), "masked in part"),
         ([[0, 0, 0], [0, 1e300, 0]], "row 1.*millimetres"),
         ([[0, -1.01 * FARTHEST_POINT_MM, 0]], "row 0.*millimetres"),
         ([[0, 0, 10**400]], "not numbers"),

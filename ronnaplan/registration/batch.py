@@ -52,9 +52,15 @@ def register_batch(
     else:
         if not isinstance(covariances, tuple) or len(covariances) != 2:
             raise UsageError("the covariances of a batch are no tuple of two; expected (moving, fixed), in mm^2")
-        sides = [
-            np.broadcast_to(np.asarray(side, dtype=np.float64), (*moving_mm.shape, 3)) for side in covariances
-        ]
+        try:
+            sides = [
+                np.broadcast_to(np.asarray(side, dtype=np.float64), (*moving_mm.shape, 3)) for side in covariances
+            ]
+        except (TypeError, ValueError) as error:
+            raise InputError(
+                f"a batch's covariances do not fit its shape {moving_mm.shape}; "
+                "expected (N, 3, 3) or (B, N, 3, 3) a side"
+            ) from error
         if not np.isfinite(sides[0]).all() or np.linalg.eigvalsh(sides[0] + sides[1]).min() <= 0:
             raise InputError("a batch's covariances are not positive definite; expected (N, 3, 3) in mm^2 a side")
         parts = [slice(start, start + CHUNK) for start in range(0, len(moving_mm), CHUNK)]

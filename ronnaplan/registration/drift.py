@@ -9,7 +9,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray, Points
 from ronnaplan.registration.movement import explain_movement
 from ronnaplan.registration.registration import register_points
@@ -58,6 +58,8 @@ def check_drift(reference: Points, later: Points) -> Drift:
 
     Raises `FrameMismatchError` for readings of another frame, `InputError` where two markers have one label.
     """
+    for points, what in ((reference, "the reference"), (later, "the later reading")):
+        check_type(points, Points, what, "give the points of what find_markers returned: found.points")
     reference.frame.require(later.frame)
     for labels in (reference.labels, later.labels):
         if len(set(labels)) < len(labels):

@@ -110,8 +110,13 @@ def calibrate_tcp(robot_from_tcp: ArrayLike, spheres_mm: ArrayLike) -> TcpCalibr
     rest.
     """
     spheres = as_points(spheres_mm, "spheres")
-    offered = np.asarray(robot_from_tcp, dtype=np.float64)
-    if offered.ndim != 3 or len(offered) != len(spheres) or len(spheres) < FEWEST_SPHERES:
+    try:
+        offered = np.asarray(robot_from_tcp, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError("the robot poses are not numbers; expected (N, 4, 4)") from error
+    if offered.ndim != 3:
+        raise InputError(f"the robot poses have shape {offered.shape}; expected (N, 4, 4)")
+    if len(offered) != len(spheres) or len(spheres) < FEWEST_SPHERES:
         raise InputError(
             f"{len(offered)} robot poses came with {len(spheres)} spheres; expected {FEWEST_SPHERES} or more each"
         )

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from ronnaplan.errors import FrameMismatchError, InputError
+from ronnaplan.errors import FrameMismatchError, InputError, UsageError
 from ronnaplan.geometry import Frame, Points
 from ronnaplan.pose import exponential
 from ronnaplan.registration import DriftStatus, check_drift
@@ -145,3 +145,8 @@ def test_false_alarms_are_one_in_a_million() -> None:
     error = np.std(counted) / np.sqrt(len(counted))
     assert error < 0.15 * DRIFT_PROBABILITY
     assert 0.8 * DRIFT_PROBABILITY - 3 * error < np.mean(counted) < DRIFT_PROBABILITY + 3 * error
+
+
+def test_what_is_no_reading_is_told_in_one_sentence() -> None:
+    with pytest.raises(UsageError, match="the later reading is of type list, expected Points"):
+        check_drift(Points(np.eye(3), np.tile(np.eye(3), (3, 1, 1)), ("a", "b", "c")), [])  # type: ignore[arg-type]

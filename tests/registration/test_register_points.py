@@ -269,6 +269,8 @@ def test_unusable_batches_are_named() -> None:
         register_batch(stack, np.where(stack == 95, np.inf, stack))
     with pytest.raises(InputError, match="positive definite"):
         register_batch(stack, stack, (np.zeros((3, 3)), np.zeros((3, 3))))
+    with pytest.raises(InputError, match="do not fit its shape"):
+        register_batch(stack, stack, (np.eye(4), np.eye(3)))
     with pytest.raises(UsageError, match=r"no tuple of two; expected \(moving, fixed\)"):
         register_batch(stack, stack, np.tile(np.eye(3), (len(HEAD), 1, 1)))  # type: ignore[arg-type]
 
