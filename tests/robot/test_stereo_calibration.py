@@ -165,7 +165,7 @@ def test_poses_that_cannot_place_the_rig_are_refused() -> None:
         calibrate_tcp(poses[:5], spheres)
     for wrong, told in (("none", "are not numbers"), (7.0, r"have shape \(\)")):
         with pytest.raises(InputError, match=told):
-            calibrate_tcp(wrong, spheres)  # type: ignore[arg-type]
+            calibrate_tcp(wrong, spheres)
 
 
 @pytest.mark.parametrize("axes", [[], [0, 1]])
