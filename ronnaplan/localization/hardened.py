@@ -159,20 +159,27 @@ def pictures_hu(beside: Beside, fit: BallFit) -> tuple[FloatArray, FloatArray]:
     places_mm = np.arange(-farthest_mm, farthest_mm + 2.0 * step_mm, step_mm)
     passed = _kernel(theta, places_mm[:, np.newaxis] - across_mm) * step_mm
     pictures = np.zeros((2, len(offsets_mm)))
-    ray = np.interp(across_mm, beside.places_mm, np.arange(len(beside.places_mm)))
-    before = np.minimum(ray.astype(np.intp), len(beside.places_mm) - 2)
+    faded, slopes = _effects(beside, across_mm, step_mm)
     starts = np.flatnonzero(np.diff(around.slices, prepend=-1))
     for first, end in zip(starts, [*starts[1:], len(offsets_mm)], strict=True):
         height_mm = float(np.mean(offsets_mm[first:end, W]))
         chords = _chords(theta, height_mm, across_mm)
         if not chords.any():
             continue
-        of_rays = beside.losses[np.abs(beside.heights_mm - height_mm).argmin()]
-        lost = of_rays[:, before] + (ray - before) * (of_rays[:, before + 1] - of_rays[:, before])
-        shadows = np.stack([chords * (1.0 - np.exp(-lost)), -_slopes(chords, step_mm) * _slopes(lost, step_mm)])
+        nearest = np.abs(beside.heights_mm - height_mm).argmin()
+        shadows = np.stack([chords * faded[nearest], -_slopes(chords, step_mm) * slopes[nearest]])
         pictures[:, first:end] = _back_projected(within_mm[first:end], shadows @ passed.T, places_mm)
     pictures *= 1000.0 / WATER_PER_MM * math.pi / VIEWS
     return pictures[0], pictures[1]
+
+
+def _effects(beside: Beside, across_mm: FloatArray, step_mm: float) -> tuple[FloatArray, FloatArray]:
+    """By which share the ball is fainter in rays (K, `VIEWS`, S) if all is, and the slopes of what these lose, 1/mm."""
+    ray = np.interp(across_mm, beside.places_mm, np.arange(len(beside.places_mm)))
+    before = np.minimum(ray.astype(np.intp), len(beside.places_mm) - 2)
+    first, second = beside.losses[..., before], beside.losses[..., before + 1]
+    lost = first + (ray - before) * (second - first)
+    return 1.0 - np.exp(-lost), _slopes(lost, step_mm)
 
 
 def _chords(theta: FloatArray, height_mm: float, across_mm: FloatArray) -> FloatArray:
