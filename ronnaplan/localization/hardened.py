@@ -51,7 +51,7 @@ this, which displaces no center by more than 2 um."""
 LEAST_LOSS = 1.0
 """Where no ray through the ball loses more than this to all else, some 50 mm of water, there is no head beside it."""
 
-VIEWS, STEP_MM, APART_MM = 60, 2.0, 0.75
+VIEWS, STEP_MM, APART_MM = 45, 2.0, 0.75
 """Directions in which all else is summed up, in these steps along rays that are so far apart."""
 
 VACUUM_HU = -1000.0
