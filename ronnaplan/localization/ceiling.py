@@ -38,8 +38,8 @@ def scale_end_hu(voxels_hu: Voxels) -> float:
     Of a ragged end the lower side is told: what lies above tells no more than that it is bright. Raises `InputError`
     where a voxel is no number.
     """
-    parts = in_parts(lambda first, end: [one.max() for one in one_by_one(voxels_hu[first:end])], len(voxels_hu))
-    tops = np.array([top for part in parts for top in part], dtype=np.float64)
+    highest = in_parts(lambda first, end: [one.max() for one in one_by_one(voxels_hu[first:end])], len(voxels_hu))
+    tops = np.array([top for part in highest for top in part], dtype=np.float64)
     top = float(tops.max())
     if math.isnan(top):
         raise InputError(
@@ -48,10 +48,13 @@ def scale_end_hu(voxels_hu: Voxels) -> float:
     if top < MIN_CEILING_HU:
         return math.inf
     least = top - NEAR_HU
-    bright = [
-        one[one >= least] for one, its_top in zip(one_by_one(voxels_hu), tops, strict=True) if its_top >= least
-    ]
-    near = np.sort(np.concatenate(bright)).astype(np.float64)
+
+    def bright(first: int, end: int) -> list[Voxels]:
+        each = zip(one_by_one(voxels_hu[first:end]), tops[first:end], strict=True)
+        return [one[one >= least] for one, its_top in each if its_top >= least]
+
+    parts = in_parts(bright, len(voxels_hu))
+    near = np.sort(np.concatenate([one for part in parts for one in part])).astype(np.float64)
     at_top, beside = (len(near) - int(np.searchsorted(near, least)) for least in (top, top - CLIP_SHOULDER_HU))
     is_scanners = top >= SCANNERS_CEILING_HU
     is_sharp = at_top >= (2 if is_scanners else LEAST_AT_END) and 2 * at_top > beside
