@@ -71,7 +71,8 @@ class Points:
 def as_points(values: ArrayLike, name: str = "points") -> FloatArray:
     """Return ``values`` as a finite float64 array of shape (N, 3), in mm.
 
-    Raises `InputError` naming the shape or the first row that is not finite or beyond `FARTHEST_POINT_MM`.
+    Raises `InputError` naming the shape or the first row that is not finite or beyond `FARTHEST_POINT_MM`, and for
+    arrays that are masked in part.
     """
     if np.ma.is_masked(values):  # what is masked would count as what lies beneath
         raise InputError(f"{name} are masked in part; leave out the rows that are")

@@ -82,8 +82,9 @@ class Beside:
 def without_the_head(volume: CTVolume, fit: BallFit) -> BallFit:
     """Return the fit of a ball with what the head does to its image made good; as it is, where that is not known.
 
-    That is so of balls whose contrast is clipped, and of metal, hollow or wrapped ones: other things bend their image,
-    too. The contrast does not slope then (`ronnaplan.localization.shading`), for why it does is given back.
+    That is so of balls whose contrast the scale's end hides, and of metal, hollow or wrapped ones: other things bend
+    their image, too. What is clipped has been looked for as if it were metal. The contrast does not slope then
+    (`ronnaplan.localization.shading`), for why it does is given back.
     """
     is_metal = has_streaks(fit.theta) and fit.contrast_hu > METAL_HU
     if not fit.is_shaded or is_metal or has_layer(fit.theta):
@@ -174,7 +175,7 @@ def pictures_hu(beside: Beside, fit: BallFit) -> tuple[FloatArray, FloatArray]:
 
 
 def _effects(beside: Beside, across_mm: FloatArray, step_mm: float) -> tuple[FloatArray, FloatArray]:
-    """By which share the ball is fainter in rays (K, `VIEWS`, S) if all is, and the slopes of what these lose, 1/mm."""
+    """How far rays (K, `VIEWS`, S) are hardened, as a share of the most, and the slopes of what they lose, 1/mm."""
     ray = np.interp(across_mm, beside.places_mm, np.arange(len(beside.places_mm)))
     before = np.minimum(ray.astype(np.intp), len(beside.places_mm) - 2)
     first, second = beside.losses[..., before], beside.losses[..., before + 1]

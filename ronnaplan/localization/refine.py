@@ -53,9 +53,9 @@ that leaves the skin out, and is drawn to it by 10 to 30 um, where the other is 
 fifth."""
 
 LONG_TAILS, OVERSHOOTING, SHARP_MM = -0.3, 0.8, 1.0
-"""An edge that comes to rest below the first may be that of a kernel which overshoots. It is tried from
-the second, too, if the blur is no larger than the third then: softer ones do not overshoot, and what is wrapped around
-a ball makes long tails indeed."""
+"""An edge that comes to rest below the first may be that of a kernel which overshoots. It is tried from the second,
+too, if the blur is no larger than the third then: softer ones do not overshoot, and what is wrapped around a ball makes
+long tails indeed."""
 
 MAX_ROUNDS = 8
 """Rounds of leaving directions out and fitting again; real markers settle in two to four."""

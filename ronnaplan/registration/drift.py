@@ -56,7 +56,8 @@ class Drift:
 def check_drift(reference: Points, later: Points) -> Drift:
     """Compare ``later`` with ``reference``, the markers (same frame, same labels) as they were registered.
 
-    Raises `FrameMismatchError` for readings of another frame, `InputError` where two markers have one label.
+    Raises `FrameMismatchError` for readings of another frame, `InputError` where two markers have one label, and
+    `UsageError` for what is no `Points`.
     """
     for points, what in ((reference, "the reference"), (later, "the later reading")):
         check_type(points, Points, what, "give the points of what find_markers returned: found.points")
