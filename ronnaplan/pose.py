@@ -114,12 +114,23 @@ def as_pose(matrix: ArrayLike, name: str = "pose", *, tolerance: float = POSE_TO
 
 def as_poses(matrices: ArrayLike, name: str) -> FloatArray:
     """Return ``matrices`` (N, 4, 4), each as `as_pose` makes it; its `InputError` names the first that is none."""
-    poses = np.array(matrices, dtype=np.float64)
+    poses = as_stack(matrices, name)
     sound = _are_poses(poses) if poses.shape[1:] == (4, 4) else np.zeros(len(poses), dtype=bool)
     for wrong in np.flatnonzero(~sound):
         as_pose(poses[wrong], f"{name} {wrong}")
     u, _, vt = np.linalg.svd(poses[:, :3, :3])
     return rigid(u @ vt, poses[:, :3, 3])
+
+
+def as_stack(matrices: ArrayLike, name: str) -> FloatArray:
+    """Return ``matrices`` (N, ., .) as numbers, be they poses or not; `InputError` for what is no stack."""
+    try:
+        stack = np.asarray(matrices, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} are not numbers; expected (N, 4, 4)") from error
+    if stack.ndim != 3:
+        raise InputError(f"{name} have shape {stack.shape}; expected (N, 4, 4)")
+    return stack
 
 
 def _are_poses(matrices: FloatArray) -> NDArray[np.bool_]:

@@ -25,7 +25,7 @@ from ronnaplan.localization.hardened import without_the_head
 from ronnaplan.localization.look import surface_shares, unseen_share
 from ronnaplan.localization.motion import Movement
 from ronnaplan.localization.neighbourhood import axes_along, gather
-from ronnaplan.localization.parameters import CENTER, RADIUS, SHAPE, WIDTH, full_width_at_half_maximum_mm
+from ronnaplan.localization.parameters import CENTER, RADIUS, profile_fwhm_mm
 from ronnaplan.localization.parts import single_threaded_algebra
 from ronnaplan.localization.refine import fit_ball
 from ronnaplan.localization.summed import UNTOLD, Summed, lost_hu, slope_beside_per_mm
@@ -182,7 +182,7 @@ class Examined:
     @property
     def profile_mm(self) -> float:
         """Full width at half maximum of the fitted slice profile."""
-        return full_width_at_half_maximum_mm(float(self.parameters[WIDTH]), float(self.parameters[SHAPE]))
+        return profile_fwhm_mm(self.parameters)
 
     def is_same_place(self, other: Examined) -> bool:
         """Whether both are about the same ball."""

@@ -19,8 +19,7 @@ from ronnaplan.localization.parameters import (
     CONTRAST,
     RADIUS,
     SHAPE,
-    WIDTH,
-    full_width_at_half_maximum_mm,
+    profile_fwhm_mm,
 )
 from ronnaplan.text import place
 
@@ -104,7 +103,7 @@ class Fiducial:
     @property
     def profile_mm(self) -> float:
         """Full width at half maximum of the fitted slice profile."""
-        return full_width_at_half_maximum_mm(float(self.parameters[WIDTH]), float(self.parameters[SHAPE]))
+        return profile_fwhm_mm(self.parameters)
 
     @property
     def contrast_hu(self) -> float:

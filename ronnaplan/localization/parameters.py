@@ -51,6 +51,11 @@ def full_width_at_half_maximum_mm(width_mm: float, shape: float) -> float:
     return 2.0 * half_mm * (math.sqrt(1.0 - 0.5 ** (1.0 / shape)) if shape > 0.0 else 1.0)
 
 
+def profile_fwhm_mm(theta: FloatArray) -> float:
+    """Full width at half maximum of the fitted slice profile."""
+    return full_width_at_half_maximum_mm(float(theta[WIDTH]), float(theta[SHAPE]))
+
+
 def edge_variance_mm2(theta: FloatArray) -> float:
     """Variance of the blur within the slices: an ``edge`` takes part of the Gaussian's away, or adds to it."""
     return float(theta[BLUR] ** 2 * (1.0 - 2.0 * theta[EDGE]))

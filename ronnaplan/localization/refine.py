@@ -108,8 +108,7 @@ def fit_ball(
 
 def refit(fit: BallFit, around: Neighbourhood) -> BallFit:
     """Fit a ball anew, from where ``fit`` came to rest, to voxels to which is given back why its contrast sloped."""
-    judged = _judged(around, fit.theta, fit.prior.layer_mm, fit.ceiling_hu)
-    return _settle(around, fit.theta, fit.prior, fit.ceiling_hu, judged, slopes=False)
+    return _settle(around, fit.theta, fit.prior, fit.ceiling_hu, slopes=False)
 
 
 def _of_either_kernel(fit: BallFit, around: Neighbourhood) -> BallFit:
@@ -122,9 +121,7 @@ def _of_either_kernel(fit: BallFit, around: Neighbourhood) -> BallFit:
     theta[BLUR] *= (1.0 + OVERSHOOTING) / (1.0 + fit.theta[EDGE])  # a straight edge's slope is (1 + edge) / blur
     if not fit.converged or fit.theta[EDGE] > LONG_TAILS or theta[BLUR] > SHARP_MM:
         return fit
-    around = around.select(_near(around, theta))
-    judged = _judged(around, theta, fit.prior.layer_mm, fit.ceiling_hu)
-    other = _settle(around, theta, fit.prior, fit.ceiling_hu, judged)
+    other = _settle(around.select(_near(around, theta)), theta, fit.prior, fit.ceiling_hu)
     return other if other.converged and other.misfit < fit.misfit else fit
 
 
@@ -185,12 +182,15 @@ def _settle(
     theta: FloatArray,
     prior: Prior,
     ceiling_hu: float,
-    judged: Judged,
+    judged: Judged | None = None,
     *,
     slopes: bool = True,
 ) -> BallFit:
-    """Leave out the directions that disagree and fit again, until the choice is stable; ``judged`` is the first one."""
-    verdict, used = judged
+    """Leave out the directions that disagree and fit again, until the choice is stable.
+
+    The first choice is ``judged``, or that of ``theta``.
+    """
+    verdict, used = judged or _judged(around, theta, prior.layer_mm, ceiling_hu)
     previous = np.empty(0, dtype=np.int8)
     converged = True
     for number in range(MAX_ROUNDS):
@@ -224,7 +224,7 @@ def _settle_on_skin(around: Neighbourhood, theta: FloatArray, prior: Prior, ceil
     """Settle on a guessed skin, whose level and place are fitted before directions are judged by them."""
     near = around.select(within_reach(*edge_depth(around.offsets_mm, theta)))
     theta, _ = descend(near, theta, prior, ceiling_hu)
-    return _settle(around, theta, prior, ceiling_hu, _judged(around, theta, prior.layer_mm, ceiling_hu))
+    return _settle(around, theta, prior, ceiling_hu)
 
 
 def _thinned(count: int) -> NDArray[np.bool_]:

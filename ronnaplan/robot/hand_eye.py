@@ -83,8 +83,8 @@ def calibrate_hand_eye(ots_from_m: ArrayLike, robot_from_tcp: ArrayLike) -> Hand
     unequal numbers, matrices that are no poses, and motions that turn about one axis only; `RefusedError` where the
     poses do not belong together.
     """
-    seen = _poses(ots_from_m, "ots_from_m")
-    driven = _poses(robot_from_tcp, "robot_from_tcp")
+    seen = as_poses(ots_from_m, "ots_from_m")
+    driven = as_poses(robot_from_tcp, "robot_from_tcp")
     if len(seen) != len(driven) or len(seen) < 4:
         raise InputError(
             f"{len(seen)} tracker and {len(driven)} robot poses were given; expected four or more of each"
@@ -125,16 +125,6 @@ def with_tip(found: HandEye, tip_mm: FloatArray, tip_mm2: FloatArray) -> HandEye
     rest = np.eye(6) - gain @ jacobian
     covariance = rest @ pose.covariance @ rest.T + gain @ tip_mm2 @ gain.T
     return replace(found, m_from_tcp=Pose(_motion(gain @ off) @ pose.matrix, covariance, M, TCP))
-
-
-def _poses(values: ArrayLike, name: str) -> FloatArray:
-    try:
-        offered = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} are not numbers; expected (N, 4, 4)") from error
-    if offered.ndim != 3:
-        raise InputError(f"{name} have shape {offered.shape}; expected (N, 4, 4)")
-    return as_poses(offered, name)
 
 
 def require_two_axes(rotations: FloatArray, unknown: str) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import as_poses, cross_matrix
+from ronnaplan.pose import as_poses, as_stack, cross_matrix
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
 
 FEWEST_POSES = 10
@@ -78,12 +78,7 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
     poses, and for poses that turn the tool too little, or about one axis only; `RefusedError` where no tip rested, or
     it lies where no tool's is.
     """
-    try:
-        offered = np.asarray(poses, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError("pivot poses are not numbers; expected (N, 4, 4)") from error
-    if offered.ndim != 3:
-        raise InputError(f"pivot poses have shape {offered.shape}; expected (N, 4, 4)")
+    offered = as_stack(poses, "pivot poses")
     if len(offered) < FEWEST_POSES:
         raise InputError(
             f"the pivot has {len(offered)} pose{'s' * (len(offered) != 1)}, expected {FEWEST_POSES} or more; turn the "

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, as_points
-from ronnaplan.pose import Pose, adjoint, as_poses, exponential, invert, rigid
+from ronnaplan.pose import Pose, adjoint, as_poses, as_stack, exponential, invert, rigid
 from ronnaplan.robot.camera import RIG, Camera, StereoRig
 from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.circles import Image
@@ -110,12 +110,7 @@ def calibrate_tcp(robot_from_tcp: ArrayLike, spheres_mm: ArrayLike) -> TcpCalibr
     rest.
     """
     spheres = as_points(spheres_mm, "spheres")
-    try:
-        offered = np.asarray(robot_from_tcp, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError("the robot poses are not numbers; expected (N, 4, 4)") from error
-    if offered.ndim != 3:
-        raise InputError(f"the robot poses have shape {offered.shape}; expected (N, 4, 4)")
+    offered = as_stack(robot_from_tcp, "the robot poses")
     if len(offered) != len(spheres) or len(spheres) < FEWEST_SPHERES:
         raise InputError(
             f"{len(offered)} robot poses came with {len(spheres)} spheres; expected {FEWEST_SPHERES} or more each"
