@@ -124,7 +124,7 @@ def _examined(
     for diameter in diameters:
         _check_size(scan, diameter)
     examined = examine(scan, diameters, marker, progress)
-    thick = as_thick(scan, examined, marker)
+    thick = as_thick(scan, examined, lambda thick, wanted: examine_places(thick, wanted, marker, progress))
     if thick is not scan:
         scan, examined = thick, examine(thick, diameters, marker, progress)
     scan = as_summed(scan, examined, marker)

@@ -7,7 +7,7 @@ sphere, and so its size; only what looks like a sphere is fitted, once.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -28,7 +28,8 @@ from ronnaplan.localization.parts import single_threaded_algebra
 from ronnaplan.localization.shading import PLATEAU_SHARE
 from ronnaplan.localization.slant import along_the_blur
 from ronnaplan.localization.sphere import LEAST_SHOWN, spheres_at
-from ronnaplan.localization.usual import judged_again, usual_of
+from ronnaplan.localization.thick import as_thick
+from ronnaplan.localization.usual import OF_THE_PROFILE, judged_again, usual_of
 from ronnaplan.threads import in_threads
 
 SEARCHED_MM = (3.0, 26.0)
@@ -83,16 +84,21 @@ def sizes_seen(volume: CTVolume, marker: Build = SOLID, *, progress: bool = Fals
     def scan_for(diameter_mm: float) -> Scan:
         return coarse if marker == SOLID and diameter_mm >= LARGE_MM else scan
 
-    def fitted_at(place: tuple[FloatArray, float]) -> Examined:
-        return _fitted(scan_for(place[1]), *place, marker)
+    def fitted_in(scan: Scan, places: Sequence[tuple[FloatArray, float]]) -> list[Examined]:
+        return list(in_threads(lambda place: _fitted(scan, *place, marker), places))
 
     # numba's functions release the interpreter's lock
     with single_threaded_algebra():
-        fitted = list(advancing(in_threads(fitted_at, places), len(places), progress, "fitting balls"))
+        fits = in_threads(lambda place: _fitted(scan_for(place[1]), *place, marker), places)
+        fitted = list(advancing(fits, len(places), progress, "fitting balls"))
+        thick = as_thick(scan, fitted, fitted_in)
+        if thick is not scan:
+            scan = coarse = thick
+            fitted = fitted_in(scan, places)
         turned = along_the_blur(scan, fitted, marker)
         if turned is not scan:
             scan = coarse = turned
-            fitted = list(in_threads(fitted_at, places))
+            fitted = fitted_in(scan, places)
         shown = replace(usual_of(fitted), balls=())  # balls of several sizes have no misfit in common
         judged = [judged_again(scan_for(one.stated_mm), one, marker, shown) for one in fitted]
     accepted = distinct(one for one in judged if one.is_marker)
@@ -182,7 +188,7 @@ def _round_places(scan: Scan, coarse: CTVolume, marker: Build, progress: bool) -
 def _fitted(scan: Scan, center_mm: FloatArray, diameter_mm: float, marker: Build) -> Examined:
     """Fit and judge a ball of about this size; once more where only the size was not right."""
     first = examine_place(scan, center_mm, diameter_mm, marker)
-    if first.is_marker or not first.failed <= {"diameter", "certainty"}:
+    if first.is_marker or not first.failed <= {"diameter", "certainty"} | OF_THE_PROFILE:
         return first
     return examine_place(scan, first.center_mm, first.diameter_mm, marker)
 

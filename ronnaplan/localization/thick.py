@@ -9,14 +9,14 @@ that stand along the slices' normal look like balls in thick slices, too, but no
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ronnaplan.ct.volume import CTVolume
-from ronnaplan.localization.build import Build
-from ronnaplan.localization.examine import Examined, Scan, distinct, examine_places
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.examine import Examined, Scan, distinct
 from ronnaplan.localization.motion import LEAST_TOGETHER
 from ronnaplan.localization.parameters import WIDTH
 from ronnaplan.localization.usual import OF_THE_PROFILE
@@ -31,11 +31,15 @@ where it is a Gaussian, and not where slices are thin. Half of this is asked for
 PAIRS, NOISE_ENDS = 16, 5.0
 """So many pairs of slices tell how alike noise is, by what differs by less than this many medians of what differs."""
 
+Examine = Callable[[Scan, Sequence[tuple[FloatArray, float]]], list[Examined]]
+"""Fits and judges a ball at each place (3,) of a scan, for the diameter in mm that is wanted there."""
 
-def as_thick(scan: Scan, examined: Sequence[Examined], build: Build) -> Scan:
+
+def as_thick(scan: Scan, examined: Sequence[Examined], examine: Examine) -> Scan:
     """Return the scan with slices as thick as its balls and noise show them; as it is, if they do not.
 
-    Nothing changes in a scan that shows a marker, nor where all fits went to their ends (`usual.usual_of`).
+    ``examined`` is what ``examine`` made of the scan as it is. Nothing changes in a scan that shows a marker, nor where
+    all fits went to their ends (`usual.usual_of`).
     """
     too_wide = [one for one in examined if one.failed >= OF_THE_PROFILE and not one.failed & NO_BALL]
     is_given_up = any("converged" in one.failed for one in too_wide)
@@ -43,7 +47,7 @@ def as_thick(scan: Scan, examined: Sequence[Examined], build: Build) -> Scan:
         return scan
     seems_mm = float(np.median([one.parameters[WIDTH] for one in too_wide]))
     wanted = [(one.candidate_mm, one.stated_mm) for one in too_wide]
-    again = examine_places(of_thickness(scan, seems_mm), wanted, build)
+    again = examine(of_thickness(scan, seems_mm), wanted)
     balls = distinct(one for one in again if one.failed <= OF_THE_PROFILE)
     if len(balls) < LEAST_TOGETHER:
         return scan

@@ -13,6 +13,7 @@ from phantoms.scene import Part, Scene
 from phantoms.solids import ellipsoid
 from ronnaplan.ct import CTVolume
 from ronnaplan.localization import localize
+from ronnaplan.localization.size import common_diameter, sizes_seen
 from ronnaplan.localization.thick import noise_alike
 from tests.scans import balls, on_grid, scan, small_stack
 
@@ -41,10 +42,18 @@ def test_small_balls_are_found_in_slices_blurred_far_beyond_their_header(
     assert found.resolution.profile_mm == pytest.approx(2.355 * 1.3, rel=0.15)
 
 
+@pytest.mark.parametrize("sigma_mm", [0.9, 1.3])
+def test_nor_need_their_size_be_told(sigma_mm: float) -> None:
+    volume = smoothed(balls(PLACES, 6.0), sigma_mm)
+    assert common_diameter(volume, expected=len(PLACES)) == pytest.approx(6.0, abs=0.05)
+
+
 def test_eggs_of_one_size_along_the_normal_are_no_balls_in_thick_slices() -> None:
     half_mm = (2.5, 2.5, 1.42 * 2.5)
     eggs = Scene(tuple(Part(ellipsoid(place, half_mm), "ceramic") for place in PLACES))
-    assert len(localize(scan(eggs, THIN), diameter_mm=5.0)) == 0
+    volume = scan(eggs, THIN)
+    assert len(localize(volume, diameter_mm=5.0)) == 0
+    assert sizes_seen(volume) == ()
 
 
 def test_noise_is_alike_as_far_as_it_is_blurred() -> None:
