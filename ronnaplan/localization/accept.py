@@ -17,6 +17,7 @@ from ronnaplan.localization.cells import cell_directions
 from ronnaplan.localization.descent import BLUR_BOUNDS_MM, MAX_CONTRAST_HU, MAX_WANDER
 from ronnaplan.localization.detect import MIN_CONTRAST_HU
 from ronnaplan.localization.directions import MAX_RAGGED, Verdict
+from ronnaplan.localization.guess import margin_mm
 from ronnaplan.localization.look import held_by
 from ronnaplan.localization.model import has_streaks
 from ronnaplan.localization.motion import Movement, movement
@@ -148,8 +149,9 @@ class Evidence:
         """Covariance (3, 3) of the center in LPS."""
         fit = self.fit
         left_out = cell_directions()[fit.verdict.state == 0] @ fit.neighbourhood.axes
-        axis, is_metal = held_by(self.volume, fit.center_mm, left_out, fit.diameter_mm / 2.0, fit.ceiling_hu)
-        pull_mm2 = pulled_mm2(fit, axis, is_metal=is_metal)
+        clear_mm = fit.diameter_mm / 2.0 + margin_mm(float(fit.theta[WIDTH]), fit.sigma_mm)
+        axis, is_metal = held_by(self.volume, fit.center_mm, left_out, clear_mm, fit.ceiling_hu)
+        pull_mm2 = pulled_mm2(fit, axis, is_metal=is_metal or fit.may_be_metal)
         return center_covariance(fit, self.movement, pull_mm2, self.excess_mm)
 
     @cached_property

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.descent import Prior, influence, layer_jacobian, residuals_and_jacobian
 from ronnaplan.localization.directions import Verdict, edge_depth, on_surface
+from ronnaplan.localization.guess import METAL_HU
+from ronnaplan.localization.model import has_streaks
 from ronnaplan.localization.neighbourhood import Neighbourhood
 from ronnaplan.localization.parameters import BACKGROUND, BLUR, CENTER, CONTRAST, RADIUS
 from ronnaplan.localization.shading import PLATEAU_SHARE, shaded
@@ -27,6 +29,8 @@ class BallFit:
     how far the fit would move it for each mm that the radius were held larger, ``center_by_layer`` (3, 3) how far it is
     moved, in mm, where what is wrapped around lies aside by its whole thickness along u, v, w. ``is_shaded`` says
     whether the shading was asked for, ``is_clipped`` whether voxels that informed the fit are at the top of the scale.
+    ``made_good_mm`` (3,) is how far the center was moved, in LPS, by what a head does to the image being made good, and
+    None where that was not done.
     """
 
     neighbourhood: Neighbourhood
@@ -43,6 +47,7 @@ class BallFit:
     converged: bool
     prior: Prior
     ceiling_hu: float
+    made_good_mm: FloatArray | None = None
 
     @property
     def center_mm(self) -> FloatArray:
@@ -64,6 +69,11 @@ class BallFit:
     def contrast_hu(self) -> float:
         """Ball above background."""
         return float(self.theta[CONTRAST])
+
+    @property
+    def may_be_metal(self) -> bool:
+        """Whether the ball is metal, or the scale's end hides whether it is."""
+        return not self.is_shaded or (has_streaks(self.theta) and self.contrast_hu > METAL_HU)
 
     @property
     def coverage(self) -> float:

@@ -14,7 +14,7 @@ cell times the variance of what is added up. No image tells that; scanners hardl
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,8 +23,7 @@ from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.descent import residuals_and_jacobian
-from ronnaplan.localization.guess import METAL_HU
-from ronnaplan.localization.model import has_layer, has_streaks
+from ronnaplan.localization.model import has_layer
 from ronnaplan.localization.parameters import BACKGROUND, BLUR, CENTER, RADIUS, W
 from ronnaplan.localization.refine import refit
 from ronnaplan.localization.summed import (
@@ -86,10 +85,9 @@ def without_the_head(volume: CTVolume, fit: BallFit) -> BallFit:
     their image, too. What is clipped has been looked for as if it were metal. The contrast does not slope then
     (`ronnaplan.localization.shading`), for why it does is given back.
     """
-    is_metal = has_streaks(fit.theta) and fit.contrast_hu > METAL_HU
-    if not fit.is_shaded or is_metal or has_layer(fit.theta):
+    if fit.may_be_metal or has_layer(fit.theta):
         return fit
-    seen, share = fit.neighbourhood, 0.0
+    seen, before_mm, share = fit.neighbourhood, fit.center_mm, 0.0
     beside = all_beside(volume, fit)
     if beside.losses.max() < LEAST_LOSS:
         return fit
@@ -98,8 +96,8 @@ def without_the_head(volume: CTVolume, fit: BallFit) -> BallFit:
         before, share = share, _share(fit, hardened_hu, share)
         again = refit(fit, seen.given_back(-share * hardened_hu - APERTURE_MM2 * pulled_hu, fit.ceiling_hu))
         if not again.converged:
-            return fit
-        fit = again
+            break
+        fit = replace(again, made_good_mm=again.center_mm - before_mm)
         if abs(share - before) < CLOSE:
             break
     return fit

@@ -84,18 +84,22 @@ def sample_nearest(volume: CTVolume, places_mm: FloatArray) -> FloatArray:
 
 
 def held_by(
-    volume: CTVolume, center_mm: FloatArray, touching: FloatArray, radius_mm: float, ceiling_hu: float
+    volume: CTVolume, center_mm: FloatArray, touching: FloatArray, clear_mm: float, ceiling_hu: float
 ) -> tuple[FloatArray, bool]:
     """Return the unit vector (3,) in LPS towards what holds a ball, and whether there is metal in it.
 
     It is the mean of those directions ``touching`` (N, 3) it in which metal lies beyond, or else of all of them; zero
-    where these are too few. Where the scale ends below metal, at ``ceiling_hu``, what reaches its end may be metal.
+    where these are too few. What lies no farther than ``clear_mm`` from the center is the ball, or its blur. Where the
+    scale ends below metal, at ``ceiling_hu``, what reaches its end may be metal.
     """
-    along = radius_mm + np.arange(0.0, SCREW_REACH_MM, SCREW_STEP_MM)
+    along = clear_mm + np.arange(0.0, SCREW_REACH_MM, SCREW_STEP_MM)
     beside = SCREW_MM * np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=3)))
-    places = center_mm + along[:, np.newaxis, np.newaxis] * touching[:, np.newaxis, np.newaxis] + beside
-    values = sample_nearest(volume, places.reshape(-1, 3)).reshape(len(touching), len(along) * len(beside))
-    of_metal = (values >= min(METAL_HU, ceiling_hu)).any(axis=1)
+    apart = (along[:, np.newaxis, np.newaxis] * touching[:, np.newaxis, np.newaxis] + beside).reshape(-1, 3)
+    values = np.where(
+        np.linalg.norm(apart, axis=1) > clear_mm, sample_nearest(volume, center_mm + apart), -math.inf
+    )
+    is_bright = values.reshape(len(touching), len(along) * len(beside)) >= min(METAL_HU, ceiling_hu)
+    of_metal = is_bright.any(axis=1)
     is_metal = bool(of_metal.any())
     toward = touching[of_metal if is_metal else slice(None)].sum(axis=0)
     length = float(np.linalg.norm(toward))

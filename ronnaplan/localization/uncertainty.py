@@ -66,16 +66,19 @@ NEAR = 5
 """So many markers of a cone beam, those nearest in height, tell what is usual at their height."""
 
 SCREW_PULL_MM, SCREW_PULL_WIDTH = 0.012, 0.004
-"""Standard error along a post that a screw holds: a constant, and a share of the slice profile's width. A screw weakens
-the beam more than in proportion, so that the post seems to reach elsewhere, and all markers of a scan err alike; 15 um
-were seen in thin slices, 20 in cone beams and 25 in 5 mm slices of one independent simulation, next to nothing in the
-phantoms here. It depends on the machine's corrections, which no image tells."""
+"""Standard error along a post that a screw holds, and of a ball that is metal itself: a constant, and a share of the
+slice profile's width. A screw weakens the beam more than in proportion, so that the post seems to reach elsewhere, and
+all markers of a scan err alike; 15 um were seen in thin slices, 20 in cone beams and 25 in 5 mm slices of one
+independent simulation, next to nothing in three others and in the phantoms here. It depends on the machine's
+corrections, which no image tells."""
 
 POST_PULL_MM, POST_ASIDE = 0.005, 0.35
-"""The same where what holds the ball is no metal, and the share of it across that direction, as the head pulls, too. A
-head hardens rays, and a detector's cell adds up what it receives before the logarithm is taken: where that is made good
-(`hardened`), 0 to 4 um towards the head are left of plastic and 2 to 9 of glass and alumina in 0.6 mm slices of another
-independent simulation; nothing in the phantoms here."""
+"""The same where what holds the ball is no metal, and the share of it across that direction, as the head pulls, too."""
+
+STILL_PULLED, STILL_HARDENED = 0.5, 0.4
+"""Where what a head does to the image is made good (`hardened`), this share of these is stated, and the second share of
+how far the center was moved by it: of 2.5 to 20 um that were made good of plastic, glass and alumina in two independent
+simulations, 0.38 and 0.44 RMS are left."""
 
 NO_PULL: Final = np.zeros((3, 3))
 WITHIN: Final = np.diag([1.0, 1.0, 0.0])
@@ -126,14 +129,21 @@ def center_covariance(
 
 
 def pulled_mm2(fit: BallFit, axis: FloatArray, *, is_metal: bool) -> FloatArray:
-    """Covariance (3, 3) in LPS, mm^2, by what holds a ball in the direction ``axis`` (3,) of `look.held_by`."""
+    """Covariance (3, 3) in LPS, mm^2, by what holds a ball in the direction ``axis`` (3,) of `look.held_by`.
+
+    ``is_metal`` says whether that is metal, or may be the ball itself.
+    """
     along = np.outer(axis, axis)
     if is_metal:
-        by_screw: FloatArray = (SCREW_PULL_MM**2 + (SCREW_PULL_WIDTH * float(fit.theta[WIDTH])) ** 2) * along
-        return by_screw
-    across = float(axis @ axis) * np.eye(3) - along
-    by_post: FloatArray = POST_PULL_MM**2 * (along + POST_ASIDE**2 * across)
-    return by_post
+        pull_mm2: FloatArray = (SCREW_PULL_MM**2 + (SCREW_PULL_WIDTH * float(fit.theta[WIDTH])) ** 2) * along
+    else:
+        across = float(axis @ axis) * np.eye(3) - along
+        pull_mm2 = POST_PULL_MM**2 * (along + POST_ASIDE**2 * across)
+    if fit.made_good_mm is None:
+        return pull_mm2
+    left_mm = STILL_HARDENED * fit.made_good_mm
+    left: FloatArray = STILL_PULLED**2 * pull_mm2 + np.outer(left_mm, left_mm)
+    return left
 
 
 def sources(fit: BallFit, moved: Movement) -> dict[str, FloatArray]:

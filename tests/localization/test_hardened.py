@@ -128,6 +128,8 @@ def test_a_dense_ball_on_a_post_is_not_pulled_to_the_head_that_hardens_its_rays(
     assert pulled_mm(before) > 0.008
     assert abs(pulled_mm(after)) < 0.35 * pulled_mm(before)
     assert after.misfit < before.misfit
+    assert before.made_good_mm is None
+    assert after.made_good_mm == pytest.approx(after.center_mm - before.center_mm, abs=1e-12)
 
 
 def test_a_ball_of_ceramic_that_the_scale_clips_is_not_pulled_either(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -162,6 +164,7 @@ def test_what_cells_add_up_before_the_logarithm_is_made_good(
 def test_without_a_head_beside_it_a_ball_is_fitted_as_ever(monkeypatch: pytest.MonkeyPatch) -> None:
     volume = scanned(GLASS_PER_MM_AT, WATER_PER_MM_AT, 0.5, head_mm=0.0)
     assert (fitted(volume).theta == untouched(volume, monkeypatch).theta).all()
+    assert fitted(volume).made_good_mm is None
 
 
 def test_what_rays_lose_beside_a_ball_is_what_they_pass_there(by_one_energy: CTVolume) -> None:

@@ -139,3 +139,10 @@ def test_a_fit_that_leaves_nothing_over_tells_nothing(monkeypatch: pytest.Monkey
         logarithm, "residuals_and_jacobian", lambda *given: (0.0 * real(*given)[0], real(*given)[1])
     )
     assert told_by(thick, one) is None
+
+
+def test_a_ball_of_which_summing_takes_nothing_tells_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    thick = Scan(scan(balls([(1.0, 2.0, 3.0)]), small_stack(spacing_mm=2.0, thickness_mm=2.0)))
+    one = examine_place(thick, np.array([1.0, 2.0, 3.0]), 11.5, SOLID)
+    monkeypatch.setattr(logarithm, "what_is_lost_hu", lambda scan, fit: np.zeros(len(fit.used)))
+    assert told_by(thick, one) is None

@@ -29,6 +29,7 @@ from ronnaplan.localization.uncertainty import (
     center_covariance,
     cramer_rao_bound,
     noise_level,
+    pulled_mm2,
     shared_noise,
     usual_odd_mm2,
     with_usual,
@@ -39,6 +40,7 @@ CHI2_95 = 7.81
 """What the square of an error, in its own covariance, stays below in 95 % of cases, in three dimensions."""
 
 POST = Scene((Part(cylinder((1.0, 2.0, 3.0), (0.0, 0.0, -1.0), 14.0, 6.0), "acrylic"),))
+SHORT_POST = Scene((Part(cylinder((1.0, 2.0, -2.8), (0.0, 0.0, -1.0), 8.0, 6.0), "acrylic"),))
 SCREW = Scene((Part(cylinder((1.0, 2.0, -11.0), (0.0, 0.0, -1.0), 10.0, 3.0), "titanium"),))
 
 
@@ -243,6 +245,26 @@ def test_what_holds_a_ball_is_sought_where_something_touches_it() -> None:
     assert held(np.vstack([many_up, -up])) == ([0, 0, -1], True)
     assert held(up) == ([0, 0, 0], False)  # noise
     assert held(np.empty((0, 3))) == ([0, 0, 0], False)
+
+
+def test_a_bright_ball_is_not_held_by_itself() -> None:
+    """Ceramic is as bright as screws are."""
+    held_mm = stated_mm(scan(SHORT_POST + balls([(1.0, 2.0, 3.0)], material="ceramic"), small_stack(), seed=2))
+    assert POST_PULL_MM < held_mm[2] < SCREW_PULL_MM
+
+
+@pytest.mark.parametrize(("material", "may_be"), [("acrylic", False), ("ceramic", False), ("titanium", True)])
+def test_only_the_brightest_balls_may_be_metal(material: str, may_be: bool) -> None:
+    assert fit_of(scan(balls([(1.0, 2.0, 3.0)], material=material), small_stack())).may_be_metal == may_be
+
+
+def test_of_a_pull_that_is_made_good_a_part_is_stated() -> None:
+    fit, up = fit_of(scan(balls([(1.0, 2.0, 3.0)]), small_stack())), np.array([0.0, 0.0, 1.0])
+    moved_mm = np.array([0.003, 0.0, -0.010])
+    for is_metal in (False, True):
+        as_it_was = pulled_mm2(fit, up, is_metal=is_metal)
+        left = pulled_mm2(replace(fit, made_good_mm=moved_mm), up, is_metal=is_metal)
+        assert left == pytest.approx(0.25 * as_it_was + 0.16 * np.outer(moved_mm, moved_mm))
 
 
 def stated_mm(volume: CTVolume) -> FloatArray:
