@@ -17,6 +17,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.ct.volume import CTVolume
@@ -24,7 +26,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.descent import residuals_and_jacobian
 from ronnaplan.localization.model import has_layer
-from ronnaplan.localization.parameters import BACKGROUND, BLUR, CENTER, RADIUS, W
+from ronnaplan.localization.parameters import BACKGROUND, BLUR, CENTER, RADIUS, U, V, W
 from ronnaplan.localization.refine import refit
 from ronnaplan.localization.summed import (
     AIR_HU,
@@ -151,23 +153,22 @@ def pictures_hu(beside: Beside, fit: BallFit) -> tuple[FloatArray, FloatArray]:
     """
     theta, around = fit.theta, fit.neighbourhood
     offsets_mm = around.offsets_mm - theta[CENTER]
-    within_mm = np.ascontiguousarray(offsets_mm[:, :W])
     step_mm = max(0.5 * float(theta[BLUR]), float(theta[RADIUS]) / 64.0)
-    farthest_mm = float(np.hypot(*within_mm.T).max()) + step_mm
+    farthest_mm = float(np.hypot(offsets_mm[:, U], offsets_mm[:, V]).max()) + step_mm
     across_mm = np.arange(-theta[RADIUS] - step_mm, theta[RADIUS] + 2.0 * step_mm, step_mm)
     places_mm = np.arange(-farthest_mm, farthest_mm + 2.0 * step_mm, step_mm)
-    passed = _kernel(theta, places_mm[:, np.newaxis] - across_mm) * step_mm
-    pictures = np.zeros((2, len(offsets_mm)))
     faded, slopes = _effects(beside, across_mm, step_mm)
-    starts = np.flatnonzero(np.diff(around.slices, prepend=-1))
-    for first, end in zip(starts, [*starts[1:], len(offsets_mm)], strict=True):
-        height_mm = float(np.mean(offsets_mm[first:end, W]))
-        chords = _chords(theta, height_mm, across_mm)
-        if not chords.any():
-            continue
-        nearest = np.abs(beside.heights_mm - height_mm).argmin()
-        shadows = np.stack([chords * faded[nearest], -_slopes(chords, step_mm) * slopes[nearest]])
-        pictures[:, first:end] = _back_projected(within_mm[first:end], shadows @ passed.T, places_mm)
+
+    slices, first = np.unique(around.slices, return_index=True)
+    heights_mm = offsets_mm[first, W]
+    chords = _chords(theta, heights_mm, across_mm)
+    nearest = np.abs(beside.heights_mm - heights_mm[:, np.newaxis]).argmin(axis=1)
+    shadows = np.stack(
+        [chords[:, np.newaxis] * faded[nearest], -_slopes(chords, step_mm)[:, np.newaxis] * slopes[nearest]]
+    )
+    filtered = np.moveaxis(shadows @ _kernel(theta, places_mm, across_mm).T, 0, -1)
+    numbers = np.searchsorted(slices, around.slices)
+    pictures = _back_projected(offsets_mm, numbers, np.ascontiguousarray(filtered), places_mm)
     pictures *= 1000.0 / WATER_PER_MM * math.pi / VIEWS
     return pictures[0], pictures[1]
 
@@ -181,20 +182,24 @@ def _effects(beside: Beside, across_mm: FloatArray, step_mm: float) -> tuple[Flo
     return 1.0 - np.exp(-lost), _slopes(lost, step_mm)
 
 
-def _chords(theta: FloatArray, height_mm: float, across_mm: FloatArray) -> FloatArray:
-    """What rays (S,) across a slice at this height from the ball's center lose to it."""
-    heights_mm, weights = profile_seen(theta)
-    losses: FloatArray = chord_losses(theta, across_mm[:, np.newaxis], height_mm + heights_mm) @ weights
+def _chords(theta: FloatArray, heights_mm: FloatArray, across_mm: FloatArray) -> FloatArray:
+    """What rays across slices at these heights (K,) from the ball's center lose to it, (K, S)."""
+    within_mm, weights = profile_seen(theta)
+    above_mm = heights_mm[:, np.newaxis, np.newaxis] + within_mm
+    losses: FloatArray = chord_losses(theta, across_mm[:, np.newaxis], above_mm) @ weights
     return losses
 
 
-def _kernel(theta: FloatArray, apart_mm: FloatArray) -> FloatArray:
-    """What filtered back-projection makes (...) of a ray at a distance (...), 1/mm^2, with the fitted blur and edge."""
+def _kernel(theta: FloatArray, places_mm: FloatArray, across_mm: FloatArray) -> FloatArray:
+    """What filtered back-projection makes (T, S) of rays at ``across_mm`` (S,) in places (T,), 1/mm.
+
+    Both are evenly spaced alike; the blur and the edge are those that were fitted.
+    """
     frequencies, passed = kernel_passed(theta, FREQUENCIES)
-    step_per_mm = 2.0 * frequencies[0]
-    distances_mm, back = np.unique(np.round(np.abs(apart_mm), 6), return_inverse=True)
-    told = np.cos(2.0 * np.pi * np.outer(distances_mm, frequencies)) @ (frequencies * passed) * 2.0 * step_per_mm
-    response: FloatArray = told[back].reshape(apart_mm.shape)
+    step_per_mm, step_mm, count = 2.0 * frequencies[0], across_mm[1] - across_mm[0], len(across_mm)
+    apart_mm = places_mm[0] - across_mm[-1] + step_mm * np.arange(len(places_mm) + count - 1)
+    told = np.cos(2.0 * np.pi * np.outer(apart_mm, frequencies)) @ (frequencies * passed) * 2.0 * step_per_mm
+    response: FloatArray = sliding_window_view(told, count)[:, ::-1] * step_mm
     return response
 
 
@@ -247,17 +252,22 @@ def _sum_up(
 
 
 @njit(cache=True, nogil=True)
-def _back_projected(offsets: FloatArray, filtered: FloatArray, places: FloatArray) -> FloatArray:
-    """Sum over the views (B, N) of ``filtered`` (B, `VIEWS`, T), known at ``places`` (T,), at ``offsets`` (N, 2)."""
-    pictures = np.zeros((len(filtered), len(offsets)))
-    step = places[1] - places[0]
+def _back_projected(
+    offsets: FloatArray, numbers: NDArray[np.intp], filtered: FloatArray, places: FloatArray
+) -> FloatArray:
+    """Sum over the views (2, N) of ``filtered`` (K, `VIEWS`, T, 2), known at ``places`` (T,), at ``offsets`` (N, 3).
+
+    Each lies in the slice of its number (N,).
+    """
+    pictures = np.zeros((2, len(offsets)))
+    per_step = 1.0 / (places[1] - places[0])
     for view in range(VIEWS):
         angle = (view + 0.5) * math.pi / VIEWS
         across_u, across_v = math.cos(angle), math.sin(angle)
         for n in range(len(offsets)):
-            at = (offsets[n, 0] * across_u + offsets[n, 1] * across_v - places[0]) / step
-            low = min(max(int(at), 0), len(places) - 2)
-            share = at - low
-            for b in range(len(filtered)):
-                pictures[b, n] += (1.0 - share) * filtered[b, view, low] + share * filtered[b, view, low + 1]
+            at = (offsets[n, U] * across_u + offsets[n, V] * across_v - places[0]) * per_step
+            low = int(at)
+            share, of_view = at - low, filtered[numbers[n], view]
+            for b in range(2):
+                pictures[b, n] += (1.0 - share) * of_view[low, b] + share * of_view[low + 1, b]
     return pictures
