@@ -85,8 +85,7 @@ def is_inside(
 
 def crossing(values: FloatArray, n: int, level: float) -> float:
     """Return the reach in mm at which ``values`` passes ``level`` between samples n - 1 and n."""
-    reach: float = (n - 1 + (values[n - 1] - level) / (values[n - 1] - values[n])) * STEP_MM
-    return reach
+    return float((n - 1 + (values[n - 1] - level) / (values[n - 1] - values[n])) * STEP_MM)
 
 
 def bone(values: FloatArray, scalp: int) -> tuple[int, int]:

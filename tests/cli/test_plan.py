@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -18,7 +19,11 @@ from phantoms.stack import axial_stack
 from ronnaplan.cli import main
 from ronnaplan.ct import CTVolume, read_ct
 from ronnaplan.documents.plan import change_plan, read_plan
+from ronnaplan.planning import Trajectory
+from tests import cases
 from tests.planning.heads import layered_head
+
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "planning.md").read_text(encoding="utf-8")
 
 POINTS = ["--entry", "-20", "10", "77", "--target", "-10", "5", "20", "--coordinates", "LPS"]
 
@@ -91,6 +96,35 @@ def test_check_passes_then_refuses_with_a_table(
     printed = capsys.readouterr()
     assert "FAIL" in printed.out
     assert "1 of 3 limits are broken" in printed.err
+
+
+def test_every_limit_of_the_documentation_s_example_is_judged_in_the_measures(tmp_path: Path) -> None:
+    limits, output = tmp_path / "limits.json", tmp_path / "measures.json"
+    (example,) = re.findall(r'\{"format": "ronnaplan.limits".*?\}', PAGE, re.DOTALL)
+    limits.write_text(example)
+    cases.write_case(tmp_path)
+    other = Trajectory("other", cases.ENTRY_MM - [60, 0, 0], cases.TARGET_MM - [25, 0, 0], cases.volume().frame)
+    change_plan(tmp_path / "plan.json", lambda now: now.add(other))
+    beside = ["--fiducials", str(tmp_path / "fiducials.json"), "--limits", str(limits)]
+    no_go = ["--no-go", str(cases.write_label_map(tmp_path / "vessel.nii.gz"))]
+    check = ["plan", "check", str(tmp_path / "plan.json"), "--ct", str(cases.CT), *beside, *no_go]
+    assert main([*check, "-o", str(output)]) == 0
+    verdicts = [one for one in json.loads(output.read_text())["verdicts"] if one["trajectory"] == "left"]
+    assert {one["measure"]: one["limit"] for one in verdicts if not re.search(r" F\d", one["measure"])} == {
+        "way out of the head": None,
+        "path within the instrument": 200,
+        "path length": 90,
+        "angle to skull normal": 30,
+        "skull along the path": 12,
+        "distance to vessel": 3,
+        "distance to metal": 2,
+        "distance to other": 4,
+        "expected error at target": 1,
+        "expected angular error": 1,
+        "chance to stay within 2 mm": 0.95,
+    }
+    assert [one["limit"] for one in verdicts if re.search(r" F\d", one["measure"])] == [5] * 6
+    assert [one["passes"] for one in verdicts] == [True] * len(verdicts)
 
 
 def test_arc_and_ring_follow_the_frame_s_own_axes(plan: Path, ct: Path, tmp_path: Path) -> None:
