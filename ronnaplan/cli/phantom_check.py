@@ -92,7 +92,7 @@ def _checked(
 
     volume = read_ct(path, series, progress=True)
     found = localize(volume, diameter_mm=diameter_mm, marker=build)
-    check = check_phantom(phantom, found.points, volume.grid.axes)
+    check = check_phantom(phantom, found.points, volume.grid.axes, volume.voxel_sha256)
     advice = recommended_settings(volume.grid, found)
     return CheckedScan(path, found, check, reasons_against(check), advice)
 

@@ -172,7 +172,7 @@ def _checked(volume: CTVolume, found: Fiducials, phantom: KnownPhantom) -> dict[
     from ronnaplan.registration.phantom_check import check_phantom
     from ronnaplan.registration.phantom_verdict import reasons_against
 
-    check = check_phantom(phantom, found.points, volume.grid.axes)
+    check = check_phantom(phantom, found.points, volume.grid.axes, volume.voxel_sha256)
     fit = check.registration
     errors_mm = pdist(fit.fixed_mm) - pdist(fit.moving_mm)
     return {

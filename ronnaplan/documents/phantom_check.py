@@ -145,10 +145,10 @@ def known_phantom(
         return KnownPhantom.of(
             truth.name, truth.labels, truth.centers_mm, sigma_mm or 0.0, has_hand=bool(truth.centers)
         )
-    points = truth.points
+    points, scan = truth.points, truth.source.voxel_sha256
     if sigma_mm is None:
-        return KnownPhantom(name, points.labels, points.positions_mm, points.covariances_mm2)
-    return KnownPhantom.of(name, points.labels, points.positions_mm, sigma_mm)
+        return KnownPhantom(name, points.labels, points.positions_mm, points.covariances_mm2, voxel_sha256=scan)
+    return KnownPhantom.of(name, points.labels, points.positions_mm, sigma_mm, voxel_sha256=scan)
 
 
 def phantom_check_document(phantom: KnownPhantom, scans: list[CheckedScan]) -> PhantomCheckDocument:

@@ -8,7 +8,7 @@ gantry tilt makes it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -50,6 +50,7 @@ class KnownPhantom:
     """Markers ``centers_mm`` (N, 3), known up to ``covariances_mm2`` (N, 3, 3), in any frame of their own.
 
     ``has_hand`` is False where only distances are known, which do not tell a phantom from its mirror image.
+    ``voxel_sha256`` names the scan in which the markers were found; None where their places come from no scan.
     """
 
     name: str
@@ -57,6 +58,7 @@ class KnownPhantom:
     centers_mm: FloatArray
     covariances_mm2: FloatArray
     has_hand: bool = True
+    voxel_sha256: str | None = None
 
     @classmethod
     def of(
@@ -67,16 +69,17 @@ class KnownPhantom:
         sigma_mm: float = 0.0,
         *,
         has_hand: bool = True,
+        voxel_sha256: str | None = None,
     ) -> KnownPhantom:
         """Return a phantom whose places are right within ``sigma_mm`` an axis."""
         centers = as_points(centers_mm, "the phantom's markers")
         covariances = np.tile(max(sigma_mm, PHANTOM_ERROR_MM) ** 2 * np.eye(3), (len(centers), 1, 1))
-        return cls(name, tuple(labels), centers, covariances, has_hand)
+        return cls(name, tuple(labels), centers, covariances, has_hand, voxel_sha256)
 
     @property
     def mirrored(self) -> KnownPhantom:
         """The mirror image."""
-        return KnownPhantom(self.name, self.labels, -self.centers_mm, self.covariances_mm2, self.has_hand)
+        return replace(self, centers_mm=-self.centers_mm)
 
 
 @dataclass(frozen=True)
@@ -185,12 +188,19 @@ class PhantomCheck:
         return told, chi_square, freedom
 
 
-def check_phantom(phantom: KnownPhantom, found: Points, axes: FloatArray) -> PhantomCheck:
+def check_phantom(
+    phantom: KnownPhantom, found: Points, axes: FloatArray, voxel_sha256: str | None = None
+) -> PhantomCheck:
     """Pair ``phantom`` with the markers ``found`` in a scan with the slice axes ``axes`` (3, 3), and fit it rigidly.
 
-    Raises `InputError` where phantom or scan have fewer than `LEAST_MARKERS` markers, `RefusedError` where they do not
-    pair in exactly one way.
+    ``voxel_sha256`` names the scan. Raises `InputError` where the phantom is known from that very scan, and where
+    phantom or scan have fewer than `LEAST_MARKERS` markers; `RefusedError` where they do not pair in exactly one way.
     """
+    if voxel_sha256 is not None and voxel_sha256 == phantom.voxel_sha256:
+        raise InputError(
+            f"the truth '{phantom.name}' was found in this very scan, which would be compared with itself; "
+            "give a template, or the markers of another scan"
+        )
     for count, what in ((len(phantom.labels), f"phantom '{phantom.name}' has"), (len(found), "the scan shows")):
         if count < LEAST_MARKERS:
             raise InputError(f"{what} {count} markers; a check needs {LEAST_MARKERS} or more")

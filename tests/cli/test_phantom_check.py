@@ -58,6 +58,24 @@ def test_a_scan_that_holds_what_it_states_passes_and_one_with_another_truth_does
     assert not json.loads(out.read_text())["scans"][0]["passed"]
 
 
+def test_a_scan_is_not_compared_with_what_was_found_in_itself(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truth, out = tmp_path / "fiducials.json", tmp_path / "check.json"
+    assert main(["localize", str(SCAN), "--diameter", "11.5", "-o", str(truth)]) == 0
+    check = ["phantom-check", str(SCAN), "--truth", str(truth), "--diameter", "11.5", "-o", str(out)]
+    for sigma in ([], ["--sigma-truth", "0.01"]):
+        capsys.readouterr()
+        assert main([*check, *sigma]) == 1
+        assert "the truth 'fiducials.json' was found in this very scan" in capsys.readouterr().err
+        assert not out.exists()
+
+    document = json.loads(truth.read_text())
+    document["source"]["voxel_sha256"] = "0" * 64
+    truth.write_text(json.dumps(document))
+    assert main(check) == 0
+
+
 def test_a_truth_that_is_none_is_told_before_the_scan_is_read(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

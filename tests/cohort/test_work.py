@@ -85,6 +85,15 @@ def test_a_series_gives_the_document_that_localize_gives_and_is_compared_with_it
     assert same["state"] == "unchanged"
 
 
+def test_a_phantom_s_truth_is_not_compared_with_the_scan_that_it_was_found_in(scan: Path, tmp_path: Path) -> None:
+    found = localize(read_ct(scan), diameter_mm=11.5)
+    (tmp_path / "phantom.json").write_text(to_json(fiducials_document(found)))
+    (part,) = told(scan, tmp_path, CohortRule(name="x", diameters=(11.5,), phantom="phantom.json"))
+    assert (part["state"], part["found"]) == ("refused", 4)
+    assert "the truth 'phantom.json' was found in this very scan" in part["reason"]
+    assert "checked" not in part
+
+
 def test_a_wrong_number_is_refused_with_its_sheet_and_no_ct_is_unusable(scan: Path, tmp_path: Path) -> None:
     (part,) = told(scan, tmp_path, CohortRule(name="x", diameters=(11.5,), expected=5))
     assert part["state"] == "refused"
