@@ -32,6 +32,7 @@ from ronnaplan.robot.pivot import calibrate_pivot
 from ronnaplan.robot.stereo_calibration import require_size
 from ronnaplan.tracking import find_markers, read_recording
 from tests import cases
+from tests.robot.test_pivot import recording
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "robot.md").read_text(encoding="utf-8")
@@ -94,6 +95,18 @@ def test_the_tutorial_brings_the_plan_to_where_it_is_in_the_robots_frame(home: P
             jacobian = np.hstack([[[0, z, -y], [-z, 0, x], [y, -x, 0]], np.eye(3)])
             spread = jacobian @ np.array(chain["robot_from_ct"]["covariance"]) @ jacobian.T
             assert off @ np.linalg.solve(spread, off) < 16.3
+
+
+def test_the_scatter_of_a_pivot_is_told_of_the_poses_that_were_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for slipped, told in ((0, "over 600 poses\n"), (40, "over 560 of 600 poses; left out as slipped: 100-139\n")):
+        poses = recording(2)
+        poses[100 : 100 + slipped, :3, 3] += (6.0, -4.0, 5.0)
+        header = ",".join(f"m{row}{column}" for row in range(4) for column in range(4))
+        np.savetxt(tmp_path / "poses.csv", poses.reshape(-1, 16), delimiter=",", header=header, comments="")
+        assert main(["robot", "pivot", str(tmp_path / "poses.csv"), "-o", str(tmp_path / "pivot.json")]) == 0
+        assert told in "".join(capsys.readouterr())
 
 
 def test_the_commands_write_what_the_functions_return(home: Path) -> None:
