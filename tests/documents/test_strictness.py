@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import time
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from functools import cache
@@ -41,6 +42,7 @@ from ronnaplan.robot.placement.placement import Placement
 from ronnaplan.robot.placement.route import Route
 from ronnaplan.robot.placement.serving import Served
 from ronnaplan.robot.stereo_calibration import StereoCalibration, TcpCalibration
+from ronnaplan.untrusted import parse_json
 from tests import cases
 from tests.documents.test_fiducials import FOUND
 from tests.robot.placement.cases import room
@@ -228,6 +230,15 @@ def test_no_field_is_unknown_or_stands_twice(name: str, tmp_path: Path) -> None:
         write(file, twice)
         with pytest.raises(InputError, match="'twice' stands twice"):
             reader(file)
+
+
+def test_a_member_that_stands_twice_among_many_is_told_at_once() -> None:
+    names = [f"m{number}" for number in range(20_000)]
+    content = ", ".join(f'"{name}": 1' for name in (*names, names[-1], names[-2])).encode()
+    began = time.process_time()
+    with pytest.raises(ValueError, match="'m19998' stands twice in one object"):
+        parse_json(b"{" + content + b"}")
+    assert time.process_time() - began < 1.0
 
 
 @pytest.mark.parametrize("time", [5, "5", "1700000000", "2026-01-31", "2026-01-31T12:00:00", "yesterday"])
