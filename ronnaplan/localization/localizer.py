@@ -239,7 +239,8 @@ def _fiducial(label: str, one: Examined, scan: Scan, profile_mm: float, *, has_m
 
 def _explain_count(result: Fiducials, expected: int) -> str:
     sizes = " or ".join(f"{diameter:g}" for diameter in result.diameters_mm)
-    found = f"{len(result)} markers of {sizes} mm were found, {expected} expected"
+    were = "marker of {} mm was" if len(result) == 1 else "markers of {} mm were"
+    found = f"{len(result)} {were.format(sizes)} found, {expected} expected"
     if len(result) > expected or not result.rejected:
         return f"{found}; check the diameter and the number"
     near = ", ".join(

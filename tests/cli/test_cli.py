@@ -76,7 +76,7 @@ def test_python_searches_nothing_for_garbage_when_it_ends() -> None:
 @pytest.mark.parametrize(
     ("arguments", "status", "sentence"),
     [
-        (["localize", "{ct}", "--diameter", "11.5", "--expected", "2"], 3, "1 markers of 11.5 mm were found"),
+        (["localize", "{ct}", "--diameter", "11.5", "--expected", "2"], 3, "1 marker of 11.5 mm was found"),
         (["localize", "{ct}/nowhere", "--diameter", "11.5"], 1, "nowhere"),
         (["localize", "{empty}", "--diameter", "11.5"], 1, ""),
         (["localize", "{ct}", "--diameter", "11.5", "--series", "1.2.3"], 1, "1.2.3"),

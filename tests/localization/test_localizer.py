@@ -203,7 +203,7 @@ def test_an_unexpected_number_is_refused_with_what_was_nearest() -> None:
         match=r"0 markers of 11.5 mm were found, 1 expected; nearest .* were \(.*: .*; (seen|no sphere)",
     ):
         localize(scan(egg, small_stack()), diameter_mm=11.5, expected=1)
-    with pytest.raises(RefusedError, match=r"1 markers of 11.5 mm were found, 0 expected"):
+    with pytest.raises(RefusedError, match=r"1 marker of 11.5 mm was found, 0 expected"):
         localize(scan(balls(PLACES[:1]), small_stack()), diameter_mm=11.5, expected=0)
 
 
