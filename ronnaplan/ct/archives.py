@@ -13,7 +13,7 @@ from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from ronnaplan.ct.files import DamagedError, Skipped
+from ronnaplan.ct.files import Blob, DamagedError, Skipped
 from ronnaplan.ct.limits import Limits
 from ronnaplan.errors import InputError
 from ronnaplan.portable import read_at, read_into
@@ -135,6 +135,14 @@ def is_archive(path: Path) -> bool:
     """Whether a file starts as zip archives do."""
     with path.open("rb") as stream:
         return stream.read(len(SIGNATURE)) == SIGNATURE
+
+
+def starts_as_archive(blob: Blob) -> bool:
+    """Whether a file, on the disk or not, starts as zip archives do; False where it cannot be read."""
+    try:
+        return blob.read(0, len(SIGNATURE)) == SIGNATURE
+    except DamagedError:
+        return False
 
 
 def zip_members(

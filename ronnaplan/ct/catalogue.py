@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from ronnaplan.ct.archives import starts_as_archive
 from ronnaplan.ct.files import Blob, DamagedError, DiskFile, NotDicomError, Skipped, given_path
 from ronnaplan.ct.folders import blobs_below
 from ronnaplan.ct.frames import images_of, why_not_scan
@@ -184,10 +185,8 @@ def read_instance(blob: Blob, limits: Limits, skipped: list[Skipped]) -> Instanc
     try:
         instance = instance_from_header(blob, read_header(blob, limits))
     except NotDicomError as error:
-        suffix = blob.name.lower()
-        is_other = isinstance(blob, DiskFile) and (is_image_file(Path(blob.path)) or suffix.endswith(".zip"))
-        reason = "it is an image file or archive; name it by itself" if is_other else str(error)
-        skipped.append(Skipped(blob.name, reason, is_trouble=suffix.endswith(".dcm")))
+        is_trouble = blob.name.lower().endswith(".dcm")
+        skipped.append(Skipped(blob.name, _why_no_dicom(blob) or str(error), is_trouble))
     except DamagedError as error:
         skipped.append(Skipped(blob.name, str(error), True))
     else:
@@ -195,6 +194,16 @@ def read_instance(blob: Blob, limits: Limits, skipped: list[Skipped]) -> Instanc
             return instance
         skipped.append(Skipped(blob.name, "it is an index or belongs to no series", False))
     return None
+
+
+def _why_no_dicom(blob: Blob) -> str:
+    """Return what a file on the disk is that is no DICOM file, as far as its name tells; "" for any other."""
+    if not isinstance(blob, DiskFile):
+        return ""
+    is_zip = blob.name.lower().endswith(".zip")
+    if is_zip and not starts_as_archive(blob):
+        return "it is no zip archive in spite of its name; copy it again"
+    return "it is an image file or archive; name it by itself" if is_zip or is_image_file(Path(blob.path)) else ""
 
 
 def _parts(instances: list[Instance], kinds: Mapping[str, frozenset[str]]) -> list[Series]:

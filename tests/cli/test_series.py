@@ -1,4 +1,5 @@
 import json
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -28,6 +29,7 @@ def test_the_table_shows_each_series_and_why_one_cannot_be_used(
     assert "yes  CT        4       8 x 10  0.500 x 0.750  2.000   0.0       H30     Head 2 mm" in shown
     assert SERIES in shown
     assert "cannot be used: a localizer (projection image)" in shown
+    assert "\n1 other file:\n" in shown
     assert "readme.txt: it is not a DICOM file" in shown
     assert "\x1b" not in shown
 
@@ -62,3 +64,19 @@ def test_what_holds_no_series_is_one_sentence_and_exit_status_1(
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("content", [b"", b"x"])
+def test_what_is_named_like_an_archive_and_is_none_is_told(
+    content: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "bad.zip").write_bytes(content)
+    assert main(["series", str(tmp_path / "bad.zip")]) == 1
+    assert "holds no DICOM series (it is no zip archive in spite of its name; copy it" in capsys.readouterr().err
+    write_series(tmp_path / "ct")
+    with zipfile.ZipFile(tmp_path / "good.zip", "w") as made:
+        made.write(next((tmp_path / "ct").iterdir()))
+    assert main(["series", str(tmp_path)]) == 0
+    shown = capsys.readouterr().out
+    assert "bad.zip: it is no zip archive in spite of its name" in shown
+    assert "good.zip: it is an image file or archive; name it by itself" in shown
