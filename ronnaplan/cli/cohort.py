@@ -81,7 +81,8 @@ def _told(counts: Counts, out: str) -> str:
         lines.append(f"and {len(listed.skipped) - MOST_SHOWN} more")
     lines += [f"no series goes by the rule '{name}'" for name in counts.idle_rules]
     if listed.files:
-        lines.append(f"{listed.files} files, {listed.changed} of them new, changed or not read before")
+        files = f"{listed.files} file{'s' * (listed.files > 1)}"
+        lines.append(f"{files}, {listed.changed} of them new, changed or not read before")
     lines.append(
         f"{counts.worked} series worked on; in all {counts.done} done, {counts.refused} refused, {counts.unusable} "
         f"unusable, {counts.aside} set aside, {counts.left} that no rule fits: {Path(out) / 'index.html'}"

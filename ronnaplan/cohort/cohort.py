@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ronnaplan.cohort import children
 from ronnaplan.cohort.index import ASIDE, FILE, LEFT, WAITING, Index
-from ronnaplan.cohort.listing import Listed, bring_up_to_date
+from ronnaplan.cohort.listing import Listed, bring_up_to_date, require_usable
 from ronnaplan.cohort.places import is_url, kept_name
 from ronnaplan.cohort.planning import decide, tasks_of
 from ronnaplan.cohort.rules import Rules
@@ -58,19 +58,23 @@ def run_cohort(
     """Find the markers of every series below ``roots``; results, tables and page go to the folder ``out``.
 
     Without ``list_roots`` the series are those of the last listing; ``again`` tries once more what was set aside.
-    Raises `InputError` for a root that is not there or lies below another, a folder that another run has, that nobody
-    can write in or whose index is damaged, no last listing, and a scheduler that is lost.
+    Raises `InputError` for a root that is not there, holds no images, is ``out`` or lies below another, a folder that
+    another run has, that nobody can write in or whose index is damaged, no last listing, and a scheduler that is lost.
     """
     from ronnaplan.cohort.page import write_page
     from ronnaplan.cohort.tables import write_tables
 
     tasks = tasks_of(rules)
-    places = [_whole(root) for root in roots]
+    places = list(dict.fromkeys(_whole(root) for root in roots))
+    if list_roots:
+        _check_roots(places, out)  # before there is a folder that tells of a run
+    elif not (out / FILE).exists():
+        raise _nothing_listed(out)
     make_folder(out)
     with _opened(out) as index:
         known = {root for (root,) in index.rows(_ROOTS)}
         if not list_roots and not known:
-            raise InputError(f"nothing has been listed in {out} yet; name the roots, without --as-listed")
+            raise _nothing_listed(out)
         _require_apart({*places, *known})
         listed = bring_up_to_date(index, places, progress=progress) if list_roots else Listed()
         decide(index, rules, tasks, again=again)
@@ -100,6 +104,21 @@ def _whole(root: str) -> str:
         return kept_name(os.path.abspath(given_path(root)))  # noqa: PTH100
     protocol, _, path = root.partition("://")
     return kept_name(f"{protocol}://{path.rstrip('/')}")
+
+
+def _nothing_listed(out: Path) -> InputError:
+    return InputError(f"nothing has been listed in {out} yet; name the roots, without --as-listed")
+
+
+def _check_roots(roots: Sequence[str], out: Path) -> None:
+    """Raise `InputError` for roots that cannot be listed into ``out``, which need not be there."""
+    if _whole(str(out)) in roots:
+        raise InputError(
+            f"{printable(out)} is a root, too, so that results would lie among scans; name another OUT"
+        )
+    _require_apart(roots)
+    for root in roots:
+        require_usable(root)
 
 
 def _require_apart(roots: Iterable[str]) -> None:

@@ -81,6 +81,7 @@ class Index(Database):
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder / FILE, SCHEMA)
+        self.folder = folder
 
     def place(self, place: Place) -> int:
         """Return the number of a place, which is entered if it is new."""

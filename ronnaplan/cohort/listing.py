@@ -52,7 +52,10 @@ class _LookedInto(NamedTuple):
 
 
 def bring_up_to_date(index: Index, roots: Sequence[str], *, progress: bool = False) -> Listed:
-    """List ``roots`` and enter what changed; raises `InputError` for a root that is not there."""
+    """List ``roots`` and enter what changed; raises `InputError` for a root that is not there.
+
+    The index's own folder is left out, should it lie below a root: it holds results.
+    """
     listed = Listed()
     for root in roots:
         _list_root(index, Place(root), listed, progress)
@@ -64,13 +67,27 @@ def bring_up_to_date(index: Index, roots: Sequence[str], *, progress: bool = Fal
     return listed
 
 
+def require_usable(root: str) -> None:
+    """Raise `InputError` for a root that is not there, or is a file that holds no DICOM images."""
+    place = Place(root)
+    first = next(place.files([]), None)
+    if first is None or not place.is_file:
+        return
+    looked = _looked_into(place, first, place.blob(first.folder, first.name, first.size))
+    if looked.instance is None and not looked.is_archive and not looked.is_trouble:
+        raise InputError(
+            f"{printable(root)} is neither a DICOM image nor a zip archive; name a folder, an archive, a DICOMDIR or "
+            "a URL"
+        )
+
+
 def _list_root(index: Index, place: Place, listed: Listed, progress: bool) -> None:
     number = index.place(place)
     skipped: list[Skipped] = []
     with index.transaction():
         index.run("DROP TABLE IF EXISTS temp.met")
         index.run("CREATE TEMP TABLE met (folder, name, size, stamp, PRIMARY KEY (folder, name)) WITHOUT ROWID")
-        met = _shown(place.files(skipped), None, progress, f"listing {printable(place.root)}")
+        met = _shown(place.files(skipped, index.folder), None, progress, f"listing {printable(place.root)}")
         index.run_many("INSERT OR REPLACE INTO met VALUES (?, ?, ?, ?)", met)
         index.run("DROP TABLE IF EXISTS temp.changed")
         index.run(
@@ -138,11 +155,14 @@ def _looked_into(place: Place, met: Met, blob: Blob) -> _LookedInto:
     instance = read_instance(blob, LIMITS, skipped)
     if instance is not None:
         return _LookedInto(met, instance)
-    if place.is_archive(met.folder, met.name, met.size):
-        return _LookedInto(met, None, is_archive=True)
     (why,) = skipped
+    is_zip = met.name.lower().endswith(
+        ".zip"
+    )  # one that holds something else is told as damaged when it is opened
+    if place.is_archive(met.folder, met.name, met.size) or (is_zip and not place.archive and not why.is_trouble):
+        return _LookedInto(met, None, is_archive=True)
     reason = why.reason
-    is_nested = bool(place.archive) and met.name.lower().endswith(".zip")
+    is_nested = bool(place.archive) and is_zip
     if is_nested:
         reason = "an archive within an archive is not unpacked; unpack the outer one"
     told = f"{why.name}: {reason}" if why.is_trouble or is_nested else ""

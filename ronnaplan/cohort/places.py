@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from ronnaplan.ct.archives import SIGNATURE, UnpackedMember, ZipMember, zip_members
+from ronnaplan.ct.archives import UnpackedMember, ZipMember, starts_as_archive, zip_members
 from ronnaplan.ct.catalogue import folder_of_index
 from ronnaplan.ct.files import Blob, DamagedError, DiskFile, Skipped, given_path
 from ronnaplan.ct.folders import blobs_below
@@ -126,33 +126,46 @@ class Place:
             raise InputError(f"{printable(self.root)} cannot be opened ({printable(error)})") from error
         return files, path.rstrip("/")
 
+    @property
+    def _local(self) -> Path:
+        """Path of a root that is no URL."""
+        return folder_of_index(given_path(disk_name(self.root)))
+
+    @cached_property
+    def is_file(self) -> bool:
+        """Whether the root is a single file."""
+        if self.is_remote:
+            files, path = self._remote
+            return bool(files.isfile(path))
+        return self._local.is_file()
+
     @cached_property
     def _base(self) -> str:
         """The folder that paths of files start from; of a single file, that of the file."""
         if self.is_remote:
-            files, path = self._remote
-            return path if not files.isfile(path) else path.rpartition("/")[0]
-        local = folder_of_index(given_path(disk_name(self.root)))
-        return str(local.parent if local.is_file() else local)
+            path = self._remote[1]
+            return path.rpartition("/")[0] if self.is_file else path
+        return str(self._local.parent if self.is_file else self._local)
 
     def path(self, folder: str, name: str) -> str:
         """Return where a file of this root lies."""
         return "/".join(part for part in (self._base, disk_name(folder), disk_name(name)) if part)
 
-    def files(self, skipped: list[Skipped]) -> Iterator[Met]:
+    def files(self, skipped: list[Skipped], without: Path | None = None) -> Iterator[Met]:
         """Yield every file of a root, one by one; what cannot be opened is appended to ``skipped``.
 
-        Raises `InputError` where there is no such place.
+        The folder ``without`` of this machine is not looked into, unless the root is a URL. Raises `InputError` where
+        there is no such place.
         """
         if self.is_remote:
             yield from self._remote_files(skipped)
         else:
-            path = folder_of_index(given_path(disk_name(self.root)))
-            if path.is_file():
+            path = self._local
+            if self.is_file:
                 status = path.stat()
                 yield Met("", kept_name(path.name), status.st_size, str(status.st_mtime_ns))
                 return
-            for blob in blobs_below(path, LIMITS, skipped):
+            for blob in blobs_below(path, LIMITS, skipped, without):
                 if isinstance(blob, DiskFile):
                     folder, _, name = self.below(blob.path).rpartition("/")
                     yield Met(folder, name, blob.size, str(blob.changed_ns))
@@ -197,10 +210,7 @@ class Place:
 
     def is_archive(self, folder: str, name: str, size: int) -> bool:
         """Whether a file of this root is a zip archive."""
-        try:
-            return not self.archive and self.blob(folder, name, size).read(0, len(SIGNATURE)) == SIGNATURE
-        except DamagedError:
-            return False
+        return not self.archive and starts_as_archive(self.blob(folder, name, size))
 
     def _remote_files(self, skipped: list[Skipped]) -> Iterator[Met]:
         files, path = self._remote

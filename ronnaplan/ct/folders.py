@@ -15,8 +15,10 @@ from ronnaplan.errors import InputError
 from ronnaplan.text import printable
 
 
-def blobs_below(path: Path, limits: Limits, skipped: list[Skipped]) -> Iterator[Blob]:
+def blobs_below(path: Path, limits: Limits, skipped: list[Skipped], without: Path | None = None) -> Iterator[Blob]:
     """Yield every file of ``path``: a folder (links are followed, each file once), a zip archive or one file.
+
+    The folder ``without``, which must be there, is left out wherever it is met.
 
     Files of a folder come as they are met: what is kept of them does not grow with their number.
 
@@ -30,7 +32,8 @@ def blobs_below(path: Path, limits: Limits, skipped: list[Skipped]) -> Iterator[
     except (OSError, ValueError) as error:
         raise InputError(f"{printable(path)} cannot be opened ({printable(error)})") from error
     if stat.S_ISDIR(status.st_mode):
-        yield from _files_below(str(path), limits, skipped)
+        left_out = () if without is None else (without,)
+        yield from _files_below(str(path), limits, skipped, {_identity(one.stat()) for one in (path, *left_out)})
     elif is_zip:
         yield from zip_members(path, limits, skipped)
     elif stat.S_ISREG(status.st_mode):
@@ -53,9 +56,9 @@ class _Entry(NamedTuple):
     is_link: bool
 
 
-def _files_below(root: str, limits: Limits, skipped: list[Skipped]) -> Iterator[Blob]:
+def _files_below(root: str, limits: Limits, skipped: list[Skipped], seen: set[tuple[int, int]]) -> Iterator[Blob]:
+    """Yield the files below a folder that are not ``seen``: folders, and files that may have other names."""
     top = os.path.join(os.path.realpath(root), "")  # noqa: PTH118
-    seen = {_identity(Path(root).stat())}  # folders, and files that may have other names
     count = 0
     pending = [_Folder(root, 0, False)]
     while pending:

@@ -7,12 +7,13 @@ from typing import Any
 
 import pytest
 
+from ronnaplan.cli import main
 from ronnaplan.cohort.cohort import Counts, run_cohort
 from ronnaplan.cohort.index import Index
 from ronnaplan.cohort.rules import CohortRule, Rules
 from ronnaplan.errors import InputError
 from tests.cohort.runs import FAKE, RULE, begun, cohort, parquet, table
-from tests.cohort.scans import tiny
+from tests.cohort.scans import SLICES, tiny
 
 pytestmark = pytest.mark.usefixtures("log")
 
@@ -39,9 +40,34 @@ def test_a_root_below_another_is_refused_for_its_series_would_count_twice(tmp_pa
         run("in", "in b", "in/a/")
     with pytest.raises(InputError, match="no file or folder"):
         run("in/misspelt")
-    assert run("in", "in/", "in b").done == 2  # the same by two names
+    counts = run("in", "in/", "in b")  # the same by two names
+    assert (counts.done, counts.listed.files, counts.listed.changed) == (2, 2 * SLICES, 2 * SLICES)
     with pytest.raises(InputError, match=r"in/a lies below .*/in,"):  # of an earlier run, too
         run("in/a")
+
+
+@pytest.mark.parametrize(
+    ("roots", "reason"),
+    [
+        (["in", "misspelt"], "there is no file or folder"),
+        (["nonsense://x"], "cannot be opened"),
+        (["in/notes.txt"], r"in/notes\.txt is neither a DICOM image nor a zip archive; name a folder"),
+        (["file://{here}/in/notes.txt"], r"notes\.txt is neither a DICOM image nor a zip archive; name a folder"),
+        (["in", "in/a"], "in/a lies below"),
+        (["in", "out/"], "out is a root, too"),
+        ([], "nothing has been listed"),
+    ],
+)
+def test_what_cannot_be_listed_is_refused_before_there_is_a_folder_of_results(
+    tmp_path: Path, roots: list[str], reason: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tiny(tmp_path / "in" / "a", "6")
+    (tmp_path / "in" / "notes.txt").write_text("no scan")
+    monkeypatch.chdir(tmp_path)
+    given = [root.format(here=tmp_path) for root in roots]
+    with pytest.raises(InputError, match=reason):
+        run_cohort(given, Path("out"), Rules(rule=(RULE,)), module=FAKE, workers=1, list_roots=bool(roots))
+    assert not Path("out").exists()
 
 
 def test_a_folder_that_cannot_be_used_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -66,6 +92,13 @@ def test_a_folder_that_cannot_be_used_is_told(tmp_path: Path, monkeypatch: pytes
     (tmp_path / "out" / "cohort.lock").mkdir()
     with pytest.raises(InputError, match=r"cannot write .*cohort\.lock"):
         cohort(tmp_path)
+
+
+def test_one_file_is_counted_as_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "notes.txt").write_text("no scan")
+    assert main(["cohort", str(tmp_path / "in"), "-o", str(tmp_path / "out")]) == 0
+    assert "1 file, 1 of them new" in capsys.readouterr().err
 
 
 def test_series_of_no_rule_are_left_and_the_last_listing_can_be_taken(

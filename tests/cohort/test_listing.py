@@ -167,6 +167,27 @@ def test_a_damaged_archive_is_told_each_time_and_stops_nothing(index: Index, tmp
         assert set(found(index)) == {"1"}
 
 
+@pytest.mark.parametrize("content", [b"", b"x"])
+@pytest.mark.parametrize("protocol", ["", "file://"])
+def test_what_is_named_like_an_archive_and_is_none_is_told_as_a_damaged_one(
+    index: Index, tmp_path: Path, content: bytes, protocol: str
+) -> None:
+    tiny(tmp_path / "in", "1")
+    (tmp_path / "in" / "x.zip").write_bytes(content)
+    for root in (tmp_path / "in", tmp_path / "in", tmp_path / "in" / "x.zip"):
+        (told,) = bring_up_to_date(index, [f"{protocol}{root}"]).skipped
+        assert "x.zip is a damaged zip archive" in told
+        assert set(found(index)) == {"1"}
+
+
+def test_results_below_a_root_are_not_listed(index: Index, tmp_path: Path) -> None:
+    tiny(tmp_path / "in", "1")
+    (tmp_path / "out" / "series").mkdir()
+    (tmp_path / "out" / "series" / "fiducials.json").write_text("{}")
+    assert bring_up_to_date(index, [str(tmp_path)]).files == SLICES
+    assert {folder for (folder,) in index.rows("SELECT folder FROM files")} == {"in"}
+
+
 def test_an_archive_within_an_archive_is_told(index: Index, tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
     zipped(tiny(tmp_path / "elsewhere", "1"), tmp_path / "in" / "a.zip")
