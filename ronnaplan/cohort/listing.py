@@ -156,9 +156,7 @@ def _looked_into(place: Place, met: Met, blob: Blob) -> _LookedInto:
     if instance is not None:
         return _LookedInto(met, instance)
     (why,) = skipped
-    is_zip = met.name.lower().endswith(
-        ".zip"
-    )  # one that holds something else is told as damaged when it is opened
+    is_zip = met.name.lower().endswith(".zip")  # if it holds something else, it is told as damaged when opened
     if place.is_archive(met.folder, met.name, met.size) or (is_zip and not place.archive and not why.is_trouble):
         return _LookedInto(met, None, is_archive=True)
     reason = why.reason
