@@ -16,6 +16,7 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, unit
 from ronnaplan.pose import rigid
 from ronnaplan.robot.arm.arm import LARGEST_ARM_MM, Body, SerialArm
+from ronnaplan.text import plain_number
 from ronnaplan.untrusted import read_whole
 
 MOST_BYTES = 4 << 20
@@ -24,10 +25,28 @@ CONTINUOUS_RAD = 2 * np.pi
 """A joint that turns without end is given a turn either way."""
 LARGEST_LIMIT_RAD = 4 * np.pi
 """No joint of an arm turns further either way; limits beyond are in degrees."""
+LARGEST_NUMBER = 1e6
+"""No length in metres, no angle in rad and no part of an axis is larger; nor is an axis shorter than one over it."""
 TURNING = ("revolute", "continuous")
 FLANGE = "tool0"
 """What makers' descriptions call the flange, with z pointing out of it."""
 EXPECTED = "the URDF description of an arm"
+
+
+@dataclass(frozen=True, eq=False)
+class _Joint:
+    """A joint, and the links of the file that it holds (``child``) and hangs on (``parent``)."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    element: ElementTree.Element
+
+    @property
+    def turns(self) -> bool:
+        """Whether it turns without end, or between limits."""
+        return self.kind in TURNING
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,48 +69,49 @@ def read_urdf(path: str | os.PathLike[str], *, tip: str | None = None) -> UrdfAr
         return _arm(root, tip)
     except InputError as error:
         raise InputError(f"{name}: {error}") from error
-    except (ValueError, KeyError, AttributeError, TypeError) as error:
+    except ValueError as error:
         raise InputError(f"{name} is damaged ({error}); expected {EXPECTED}") from error
 
 
 def _parsed(content: bytes, name: str) -> ElementTree.Element:
-    if b"<!" in content.replace(b"<!--", b""):
+    try:
+        text = content.decode("utf-8-sig")
+        if "\0" in text:  # the parser takes them for UTF-16, and no XML holds them
+            raise ValueError("it holds null characters")
+    except ValueError as error:
+        raise InputError(
+            f"{name} is not written in UTF-8 ({error}); expected {EXPECTED}, save it as UTF-8"
+        ) from error
+    if "<!" in text.replace("<!--", ""):
         raise InputError(f"{name} declares a document type or entities; expected {EXPECTED} without them")
     try:
-        root = ElementTree.fromstring(content)
+        root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
         raise InputError(f"{name} is no XML ({error}); expected {EXPECTED}") from error
     if root.tag != "robot":
         raise InputError(f"{name} holds <{root.tag}>; expected <robot>, {EXPECTED} (run xacro first)")
-    if b"${" in content or any("xacro" in element.tag for element in root.iter()):
+    if "${" in text or any("xacro" in element.tag for element in root.iter()):
         raise InputError(f"{name} holds what xacro has to work out; run xacro first, and give what it writes")
     return root
 
 
 def _arm(root: ElementTree.Element, tip: str | None) -> UrdfArm:
-    joints: dict[str, ElementTree.Element] = {}
-    for joint in root.findall("joint"):
-        first = joints.setdefault(joint.find("child").attrib["link"], joint)  # type: ignore[union-attr]
-        if first is not joint:
-            raise InputError(
-                f"joints {first.attrib['name']} and {joint.attrib['name']} carry one link; expected each link on one "
-                "joint, correct the file"
-            )
-    links = {link.attrib["name"]: link for link in root.findall("link")}
+    links = {_attribute(link, "name", "a link"): link for link in root.findall("link")}
+    joints = _joints(root, links)
     chain = _chain(joints, tip or _farthest(joints, links), links)
     _require_turning(chain)
     origins, axes, limits, names = [], [], [], []
     before = np.eye(4)
-    place: dict[str, tuple[int, FloatArray]] = {chain[0].find("parent").attrib["link"]: (0, before)}  # type: ignore[union-attr]
+    place: dict[str, tuple[int, FloatArray]] = {chain[0].parent: (0, before)}
     for joint in chain:
-        before = before @ _origin(joint)
-        if joint.attrib["type"] in TURNING:
+        before = before @ _origin(joint.element)
+        if joint.turns:
             origins.append(before)
             axes.append(_axis(joint))
             limits.append(_limits(joint))
-            names.append(joint.attrib["name"])
+            names.append(joint.name)
             before = np.eye(4)
-        place[joint.find("child").attrib["link"]] = (len(names), before)  # type: ignore[union-attr]
+        place[joint.child] = (len(names), before)
     if not names:
         raise InputError("no joint of the chain turns; name the link at its end")
     place = _with_fixed(joints, place)
@@ -109,70 +129,119 @@ def _arm(root: ElementTree.Element, tip: str | None) -> UrdfArm:
     return UrdfArm(arm, shapeless)
 
 
-def _chain(
-    joints: dict[str, ElementTree.Element], tip: str, links: dict[str, ElementTree.Element]
-) -> list[ElementTree.Element]:
+def _joints(root: ElementTree.Element, links: dict[str, ElementTree.Element]) -> dict[str, _Joint]:
+    """Return the joints by the links that they hold; raises `InputError` where two hold one, or one is not there."""
+    joints: dict[str, _Joint] = {}
+    for element in root.findall("joint"):
+        name = _attribute(element, "name", "a joint")
+        parent, child = (_named_link(element, end, name, links) for end in ("parent", "child"))
+        joint = _Joint(name, _attribute(element, "type", f"joint {name}"), parent, child, element)
+        first = joints.setdefault(child, joint)
+        if first is not joint:
+            raise InputError(
+                f"joints {first.name} and {name} carry one link; expected each link on one joint, correct the file"
+            )
+    return joints
+
+
+def _named_link(element: ElementTree.Element, end: str, joint: str, links: dict[str, ElementTree.Element]) -> str:
+    """Return the link that a joint names as its ``end``, parent or child."""
+    found = element.find(end)
+    if found is None:
+        raise ValueError(f"joint {joint} has no <{end}>")
+    link = _attribute(found, "link", f"the {end} of joint {joint}")
+    if link not in links:
+        raise InputError(f"joint {joint} names the {end} {link!r}, but there is no such link; correct the file")
+    return link
+
+
+def _chain(joints: dict[str, _Joint], tip: str, links: dict[str, ElementTree.Element]) -> list[_Joint]:
     """Return the joints from the base to the link ``tip``."""
     if tip not in links:
         raise InputError(f"there is no link {tip!r}; the links are {', '.join(links) or 'none'}")
-    chain: list[ElementTree.Element] = []
+    passed: dict[str, _Joint] = {}
     while tip in joints:
-        joint = joints[tip]
-        if joint in chain:
-            raise InputError(f"the links go round in a circle at {tip!r}; expected each one nearer to the base")
-        chain.insert(0, joint)
-        tip = joint.find("parent").attrib["link"]  # type: ignore[union-attr]
-    if not chain:
+        if tip in passed:
+            raise _circle(tip)
+        passed[tip] = joints[tip]
+        tip = joints[tip].parent
+    if not passed:
         raise InputError("the chain has no joints; name the link at its end")
-    return chain
+    return list(passed.values())[::-1]
 
 
-def _require_turning(chain: list[ElementTree.Element]) -> None:
+def _circle(link: str) -> InputError:
+    return InputError(f"the links go round in a circle at {link!r}; expected each one nearer to the base")
+
+
+def _require_turning(chain: list[_Joint]) -> None:
     for joint in chain:
-        mimics = joint.find("mimic") is not None
-        if mimics or joint.attrib["type"] not in (*TURNING, "fixed"):
-            kind = "mimics another" if mimics else f"is {joint.attrib['type']}"
+        mimics = joint.element.find("mimic") is not None
+        if mimics or not (joint.turns or joint.kind == "fixed"):
+            kind = "mimics another" if mimics else f"is {joint.kind}"
             raise InputError(
-                f"joint {joint.attrib['name']} {kind}; only joints that turn can be planned with: name the flange as "
+                f"joint {joint.name} {kind}; only joints that turn can be planned with: name the flange as "
                 "the tip where it comes before"
             )
 
 
-def _farthest(joints: dict[str, ElementTree.Element], links: dict[str, ElementTree.Element]) -> str:
+def _farthest(joints: dict[str, _Joint], links: dict[str, ElementTree.Element]) -> str:
     """Return `FLANGE` where there is one, else the link on the last joint of the chain in which most turn.
 
     What hangs on a flange, as the fingers of a gripper, is not the arm's.
     """
     if FLANGE in links:
         return FLANGE
-    moved: dict[str, tuple[str, ...]] = {}
-    for link in links:
-        if link in joints:
-            chain = [joint for joint in _chain(joints, link, links) if joint.attrib["type"] in TURNING]
-            moved[link] = tuple(joint.attrib["name"] for joint in chain)
-    most = max((len(names) for names in moved.values()), default=0)
+    turned = _turned(joints)
+    most = max((count for count, _ in turned.values()), default=0)
     if most == 0:
         raise InputError("no joint turns a link; expected a chain of joints")
-    farthest = [link for link, names in moved.items() if len(names) == most]
-    if len({moved[link] for link in farthest}) > 1:
+    farthest = [link for link in links if link in turned and turned[link][0] == most]
+    lasts = {turned[link][1] for link in farthest}
+    if len(lasts) > 1:
         raise InputError(f"the chains to {', '.join(farthest)} are equally long; name the link at the end")
-    return next(link for link in farthest if joints[link].attrib["type"] in TURNING)
+    return lasts.pop()
+
+
+def _turned(joints: dict[str, _Joint]) -> dict[str, tuple[int, str]]:
+    """Return of each link on a joint how many joints turn it, and the link on the last of them.
+
+    Each chain is followed up to what is known already, as there may be thousands of links.
+    """
+    found: dict[str, tuple[int, str]] = {}
+    for link in joints:
+        new: dict[str, _Joint] = {}
+        at = link
+        while at in joints and at not in found:
+            if at in new:
+                raise _circle(at)
+            new[at] = joints[at]
+            at = joints[at].parent
+        count, last = found.get(at, (0, at))
+        for held, joint in reversed(new.items()):
+            if joint.turns:
+                count, last = count + 1, held
+            found[held] = count, last
+    return found
 
 
 def _with_fixed(
-    joints: dict[str, ElementTree.Element], place: dict[str, tuple[int, FloatArray]]
+    joints: dict[str, _Joint], place: dict[str, tuple[int, FloatArray]]
 ) -> dict[str, tuple[int, FloatArray]]:
     """Return ``place`` (number and pose in it of the chain's links) with every link that is fixed to one of them."""
+    fixed: dict[str, list[_Joint]] = {}
+    for joint in joints.values():
+        if joint.kind == "fixed":
+            fixed.setdefault(joint.parent, []).append(joint)
     found = dict(place)
     todo = list(found)
     while todo:
         parent = todo.pop()
-        for name, joint in joints.items():
-            hangs = joint.find("parent").attrib["link"] == parent and joint.attrib["type"] == "fixed"  # type: ignore[union-attr]
-            if hangs and name not in found:
-                number, frame = found[parent]
-                found[name] = number, frame @ _origin(joint)
-                todo.append(name)
+        number, frame = found[parent]
+        for joint in fixed.get(parent, ()):
+            if joint.child not in found:
+                found[joint.child] = number, frame @ _origin(joint.element)
+                todo.append(joint.child)
     return found
 
 
@@ -198,15 +267,17 @@ def _body(name: str, number: int, frame: FloatArray, shape: ElementTree.Element)
     placed = frame @ _origin(shape)
     geometry = shape.find("geometry")
     for kind in geometry if geometry is not None else ():
+        told = f"the {kind.tag} of link {name}"
         if kind.tag == "sphere":
-            half, radius = np.zeros(3), _length(kind.attrib["radius"])
+            half, radius = np.zeros(3), _length(_attribute(kind, "radius", told))
         elif kind.tag in ("cylinder", "capsule"):
-            half = np.array([0.0, 0.0, _length(kind.attrib["length"]) / 2])
-            radius = _length(kind.attrib["radius"])
+            half = np.array([0.0, 0.0, _length(_attribute(kind, "length", told)) / 2])
+            radius = _length(_attribute(kind, "radius", told))
         elif kind.tag == "box":
-            sides = np.array([_length(side) for side in kind.attrib["size"].split()]) / 2
+            size = _attribute(kind, "size", told)
+            sides = np.array([_length(side) for side in size.split()]) / 2
             if len(sides) != 3:
-                raise ValueError(f"the box '{kind.attrib['size']}' has no three sides")
+                raise ValueError(f"the box '{size}' has no three sides")
             longest = int(sides.argmax())
             half = np.where(np.arange(3) == longest, sides, 0.0)
             radius = float(np.linalg.norm(np.delete(sides, longest)))
@@ -226,34 +297,49 @@ def _origin(element: ElementTree.Element) -> FloatArray:
     return rigid(turn, MM * _numbers(given.get("xyz", "0 0 0")))
 
 
-def _axis(joint: ElementTree.Element) -> FloatArray:
-    axis = joint.find("axis")
-    return unit(_numbers("1 0 0" if axis is None else axis.attrib["xyz"]))
+def _axis(joint: _Joint) -> FloatArray:
+    axis = joint.element.find("axis")
+    told = "1 0 0" if axis is None else _attribute(axis, "xyz", f"the axis of joint {joint.name}")
+    direction = _numbers(told)
+    if np.linalg.norm(direction) < 1 / LARGEST_NUMBER:
+        raise InputError(f"joint {joint.name} has the axis '{told}'; expected one that points somewhere")
+    return unit(direction)
 
 
-def _limits(joint: ElementTree.Element) -> tuple[float, float]:
-    limit = joint.find("limit")
-    if joint.attrib["type"] == "continuous":
+def _limits(joint: _Joint) -> tuple[float, float]:
+    limit = joint.element.find("limit")
+    if joint.kind == "continuous":
         return -CONTINUOUS_RAD, CONTINUOUS_RAD
-    name = joint.attrib["name"]
+    name = joint.name
     if limit is None or not {"lower", "upper"} & set(limit.attrib):
         raise InputError(f"joint {name} has no limits; state them, or call it continuous")
-    least, greatest = float(limit.attrib.get("lower", "0")), float(limit.attrib.get("upper", "0"))
+    least, greatest = (plain_number(limit.attrib.get(end, "0")) for end in ("lower", "upper"))
+    if least is None or greatest is None:
+        raise ValueError(f"a limit of joint {name} is no number")
     if max(abs(least), abs(greatest)) > LARGEST_LIMIT_RAD:
         raise InputError(f"joint {name} has the limits {least:g} to {greatest:g} rad; are they in degrees?")
     return least, greatest
 
 
+def _attribute(element: ElementTree.Element, key: str, of: str) -> str:
+    """Return an attribute that has to be there; raises ValueError that says ``of`` what it is missing."""
+    found = element.attrib.get(key)
+    if found is None:
+        raise ValueError(f"{of} has no {key}")
+    return found
+
+
 def _length(text: str) -> float:
     """Return the size of a shape in mm."""
-    length_mm = MM * float(text)
-    if not 0 < length_mm < LARGEST_ARM_MM:
+    length_m = plain_number(text)
+    if length_m is None or not 0 < MM * length_m < LARGEST_ARM_MM:
         raise InputError(f"a shape for collisions has the size {text} m; expected one above zero and in metres")
-    return length_mm
+    return MM * length_m
 
 
 def _numbers(text: str) -> FloatArray:
-    numbers = np.array([float(one) for one in text.split()])
-    if numbers.shape != (3,) or not np.isfinite(numbers).all():
-        raise ValueError(f"'{text}' are no three numbers")
-    return numbers
+    numbers = [plain_number(one) for one in text.split()]
+    kept = [one for one in numbers if one is not None and abs(one) <= LARGEST_NUMBER]
+    if len(numbers) != 3 or len(kept) != 3:
+        raise ValueError(f"'{text}' are no three numbers of up to {LARGEST_NUMBER:g}")
+    return np.array(kept)

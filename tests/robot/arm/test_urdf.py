@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from ronnaplan.errors import InputError
 from ronnaplan.robot.arm.urdf import read_urdf
-from tests.robot.arm.arms import KR6
+from tests.robot.arm.arms import KR6, SEVEN
 
 
 def test_simple_shapes_become_capsules_and_meshes_are_named(tmp_path: Path) -> None:
@@ -108,6 +109,30 @@ def test_what_slides_within_the_arm_is_refused_and_what_slides_at_its_end_is_not
         ('radius="0.06"', 'radius="nan"', "has the size nan m"),
         ('radius="0.06"', 'radius="-0.06"', "has the size -0.06 m"),
         ('<child link="l1"/>', "", "is damaged"),
+        ('<child link="l1"/>', "", r"joint A1 has no <child>"),
+        ('<parent link="base"/>', "", r"joint A1 has no <parent>"),
+        ('<parent link="base"/>', "<parent/>", r"the parent of joint A1 has no link"),
+        ('name="A1" type="revolute"', 'name="A1"', "joint A1 has no type"),
+        ('name="A1" type="revolute"', 'type="revolute"', "a joint has no name"),
+        ('<link name="l1"/>', "<link/>", "a link has no name"),
+        ('<axis xyz="0 0 -1"/>', "<axis/>", "the axis of joint A1 has no xyz"),
+        ('<sphere radius="0.06"/>', "<sphere/>", "the sphere of link l5 has no radius"),
+        (
+            '<child link="camera"/>',
+            '<child link="lamp"/>',
+            "joint mount names the child 'lamp', but there is no such link",
+        ),
+        (
+            '<parent link="base"/>',
+            '<parent link="lamp"/>',
+            "joint A1 names the parent 'lamp', but there is no such",
+        ),
+        ('<axis xyz="0 0 -1"/>', '<axis xyz="0 0 1e300"/>', "'0 0 1e300' are no three numbers of up to"),
+        ('<axis xyz="0 0 -1"/>', '<axis xyz="0 0 1e-200"/>', "joint A1 has the axis '0 0 1e-200'"),
+        ('xyz="0 0 0.4"', 'xyz="0 0 1e308"', "'0 0 1e308' are no three numbers of up to"),
+        ('xyz="0 0 0.4"', 'xyz="0 0 1_0"', "'0 0 1_0' are no three numbers"),
+        ('upper="0.7853981633974483"', 'upper="1_0"', "a limit of joint A2 is no number"),
+        ('radius="0.06"', 'radius="1_0"', "has the size 1_0 m"),
         ('<parent link="base"/>', '<parent link="l6"/>', "round in a circle"),
     ],
 )
@@ -116,6 +141,43 @@ def test_what_is_no_arm_is_refused(old: str, new: str, sentence: str, tmp_path: 
     (tmp_path / "arm.urdf").write_text(KR6.replace(old, new))
     with pytest.raises(InputError, match=sentence):
         read_urdf(tmp_path / "arm.urdf")
+
+
+def test_a_joint_to_a_link_that_is_not_there_is_named_where_the_chain_goes_by_it(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(
+        '<robot name="r"><link name="base"/><joint name="j1" type="revolute"><parent link="base"/><child link="l1"/>'
+        '<limit lower="-1" upper="1"/></joint><joint name="j2" type="fixed"><parent link="l1"/>'
+        '<child link="l2"/></joint><link name="l2"/></robot>'
+    )
+    with pytest.raises(InputError, match=r"joint j1 names the child 'l1', but there is no such link; correct"):
+        read_urdf(tmp_path / "arm.urdf")
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-32"])
+def test_entities_are_not_hidden_by_an_encoding(encoding: str, tmp_path: Path) -> None:
+    text = "<!DOCTYPE robot [<!ENTITY a 'b'>]>" + KR6.replace('name="kr6"', 'name="&a;"')
+    (tmp_path / "arm.urdf").write_bytes(text.encode(encoding))
+    with pytest.raises(InputError, match=r"arm\.urdf is not written in UTF-8 .* save it as UTF-8"):
+        read_urdf(tmp_path / "arm.urdf")
+
+
+def test_a_byte_order_mark_and_names_in_any_script_are_read(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(KR6.replace('name="kr6"', 'name="Arm für Köln"'), encoding="utf-8-sig")
+    assert read_urdf(tmp_path / "arm.urdf").arm.name == "Arm für Köln"
+
+
+def test_thousands_of_links_take_seconds(tmp_path: Path) -> None:
+    """Twice as many take twice as long; each link's chain walked anew took two minutes for these."""
+    parents = ["l7", *(f"f{n}" for n in range(3999))]
+    fixed = [
+        f'<link name="f{n}"/><joint name="g{n}" type="fixed"><parent link="{parent}"/><child link="f{n}"/></joint>'
+        for n, parent in enumerate(parents)
+    ]
+    (tmp_path / "arm.urdf").write_text(SEVEN.replace("</robot>", "".join(fixed) + "</robot>"))
+    began = time.process_time()
+    arm = read_urdf(tmp_path / "arm.urdf").arm
+    assert time.process_time() - began < 10.0
+    assert (len(arm), len(arm.frames)) == (7, 4001)
 
 
 def test_a_link_that_is_not_there_is_named(tmp_path: Path) -> None:
