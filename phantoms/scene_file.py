@@ -23,6 +23,10 @@ from phantoms.stack import SliceStack, axial_stack
 Triple = tuple[float, float, float]
 Length = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
+MOST_BYTES = 1 << 18
+"""A scene that a person wrote is not larger."""
+MOST_DOTS = 200
+"""A line of a scene has fewer: a key of so many parts takes time that grows with their square."""
 MARGIN_MM = 20.0
 """Scanned above and below the markers when the file does not say from where to where."""
 
@@ -251,18 +255,31 @@ def read_scene(path: str | Path) -> Examination:
     """
     path = Path(path)
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        # by way of JSON, since pydantic's strict mode takes a list for a tuple only there
+        document = json.dumps(_parsed(path), default=str)
     except OSError as error:
         raise PhantomError(f"cannot read {path}: {error.strerror}; expected a scene file") from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except ValueError as error:
         raise PhantomError(f"{path} is not TOML: {error}; expected a scene file") from error
+    except RecursionError as error:
+        raise PhantomError(f"{path} is nested too deeply; expected a scene file") from error
     try:
-        # by way of JSON, since pydantic's strict mode takes a list for a tuple only there
-        return _File.model_validate_json(json.dumps(document, default=str), strict=True).examination(path.stem)
+        return _File.model_validate_json(document, strict=True).examination(path.stem)
     except ValidationError as error:
         raise PhantomError(f"{path}: {_first(error)}") from error
     except PhantomError as error:
         raise PhantomError(f"{path}: {error}") from error
+
+
+def _parsed(path: Path) -> dict[str, Any]:
+    """Return a file's tables; raises PhantomError for one that is too large, ValueError for one that is no TOML."""
+    with path.open("rb") as stream:
+        content = stream.read(MOST_BYTES + 1)
+    if len(content) > MOST_BYTES:
+        raise PhantomError(f"{path} is larger than {MOST_BYTES} bytes; expected a scene file")
+    if max(line.count(b".") for line in content.split(b"\n")) > MOST_DOTS:
+        raise PhantomError(f"{path} has a line of more than {MOST_DOTS} dots; expected a scene file")
+    return tomllib.loads(content.decode("utf-8"))
 
 
 def _first(error: ValidationError) -> str:

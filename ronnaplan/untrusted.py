@@ -16,6 +16,8 @@ from ronnaplan.text import LONGEST_NUMBER, MOST_DIGITS, printable
 
 Model = TypeVar("Model", bound=BaseModel)
 
+TOO_DEEP = "it is nested too deeply"
+
 
 def read_whole(path: str | os.PathLike[str], most_bytes: int, *, expected: str) -> bytes:
     """Return the bytes of the regular file at ``path``.
@@ -62,20 +64,22 @@ def parse_json(content: bytes) -> Any:
         )
         json.dumps(value, ensure_ascii=False).encode()
     except RecursionError as error:
-        raise ValueError("it is nested too deeply") from error
+        raise ValueError(TOO_DEEP) from error
     return value
 
 
 def checked(content: Any, model: type[Model]) -> Model:
     """Return JSON's ``content`` as ``model``, strictly: no text or truth value passes for a number.
 
-    Raises ValueError naming the first field that is wrong.
+    Raises ValueError naming the first field that is wrong, and for nesting beyond reason.
     """
     try:
         # by way of a text, since pydantic's strict mode knows JSON's types (a list for a tuple) only there
         return model.model_validate_json(json.dumps(content), strict=True)
     except ValidationError as error:
         raise ValueError(first_fault(error)) from error
+    except RecursionError as error:
+        raise ValueError(TOO_DEEP) from error
 
 
 def first_fault(error: ValidationError) -> str:

@@ -17,12 +17,15 @@ from pydantic import BaseModel, ValidationError
 from ronnaplan.documents.files import read_json
 from ronnaplan.errors import InputError, check_type
 from ronnaplan.text import printable
-from ronnaplan.untrusted import checked, first_fault, read_whole
+from ronnaplan.untrusted import TOO_DEEP, checked, first_fault, read_whole
 
 Document = TypeVar("Document", bound=BaseModel)
 
-MOST_SETTINGS_BYTES = 1 << 20
+MOST_SETTINGS_BYTES = 1 << 18
 """Settings that a person wrote are not larger."""
+
+MOST_DOTS = 200
+"""A line of settings has fewer: a key of so many parts takes time that grows with their square."""
 
 HOME = "home"
 """Settings that name files say by this field where relative paths start from."""
@@ -66,11 +69,9 @@ def read_settings(
     Raises `InputError` when it is not what is ``expected``: its name, ``otherwise`` ("is no room"), the first thing
     that is wrong, and ``remedy``.
     """
-    import tomllib
-
     content = read_whole(path, MOST_SETTINGS_BYTES, expected=f"{expected}; {remedy}")
     try:
-        given = tomllib.loads(content.decode())
+        given = _parsed_toml(content.decode())
         if HOME in given:
             raise ValueError(f"{HOME}: no field of this document")
         settings = checked(given, model)
@@ -79,6 +80,19 @@ def read_settings(
     if HOME not in model.model_fields:
         return settings
     return settings.model_copy(update={HOME: Path(path).resolve().parent})
+
+
+def _parsed_toml(text: str) -> dict[str, Any]:
+    """Return the tables of a TOML text; raises ValueError for what is none, and for nesting beyond reason."""
+    import tomllib
+
+    for number, line in enumerate(text.split("\n"), start=1):
+        if line.count(".") > MOST_DOTS:
+            raise ValueError(f"line {number} holds more than {MOST_DOTS} dots")
+    try:
+        return tomllib.loads(text)
+    except RecursionError as error:
+        raise ValueError(TOO_DEEP) from error
 
 
 def validated(content: Any, model: type[Document], name: str, remedy: str) -> Document:

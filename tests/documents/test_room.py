@@ -12,6 +12,9 @@ from ronnaplan.documents.room import EXAMPLE, read_room
 from ronnaplan.errors import InputError
 from ronnaplan.robot.placement.room import Parking
 
+TABLES_IN_LISTS = "x = " + ("{" + "a." * 99 + "a = [\n") * 30 + "]}" * 30
+"""Three thousand levels, of which no line shows more than a hundred."""
+
 
 def test_the_example_is_read_as_it_is_annotated(tmp_path: Path) -> None:
     (tmp_path / "room.toml").write_text(EXAMPLE)
@@ -52,5 +55,21 @@ def test_the_example_shows_how_an_arm_of_meshes_is_told(tmp_path: Path) -> None:
 def test_what_is_no_room_is_refused(old: str, new: str, sentence: str, tmp_path: Path) -> None:
     assert old in EXAMPLE
     (tmp_path / "room.toml").write_text(EXAMPLE.replace(old, new, 1))
+    with pytest.raises(InputError, match=sentence):
+        read_room(tmp_path / "room.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("x = " + "[" * 20_000, "is no room .it is nested too deeply"),
+        (TABLES_IN_LISTS, "is no room .it is nested too deeply"),
+        (f"version = 1\n{'.'.join('a' * 3_000)} = 1", "is no room .line 2 holds more than 200 dots"),
+        (f"x = {{{'.'.join('a' * 3_000)} = 1}}", "is no room .line 1 holds more than 200 dots"),
+        ("#" * 300_000, "is larger than 262144 bytes; expected a room"),
+    ],
+)
+def test_what_would_take_a_reader_long_or_down_is_refused(text: str, sentence: str, tmp_path: Path) -> None:
+    (tmp_path / "room.toml").write_text(text)
     with pytest.raises(InputError, match=sentence):
         read_room(tmp_path / "room.toml")
