@@ -98,16 +98,23 @@ def in_parts(work: Callable[[NDArray[np.int64]], None], count: int) -> None:
 
 
 def grid(problem: Problem) -> FloatArray:
-    """Return the places (N, 4) of the floor to begin with, each with the turns that face the head or lean from it."""
+    """Return the places (N, 4) of the floor to begin with, each with the turns that face the head or lean from it.
+
+    Turns that are not allowed are brought to where the allowed ones end, so that every place has one or more.
+    """
     floor, head = problem.floor, problem.world.head_ball[:3]
     reach = _reach(problem)
-    xs, ys, zs = (_spaced(*ends, step) for ends, step in _ranges(floor))
-    x, y, z = (axis.ravel() for axis in np.meshgrid(xs, ys, zs, indexing="ij"))
+    axes = [_spaced(*ends, step) for ends, step in _ranges(floor)]
+    # of each axis first, as a floor of two hundred metres can be stated
+    close = [axis[np.abs(axis - middle) < reach] for axis, middle in zip(axes, head, strict=True)]
+    x, y, z = (axis.ravel() for axis in np.meshgrid(*close, indexing="ij"))
     near = np.linalg.norm(np.stack([x, y, z], axis=1) - head, axis=1) < reach
     x, y, z = x[near], y[near], z[near]
     facing = np.degrees(np.arctan2(head[1] - y, head[0] - x))
-    found = [np.stack([x, y, z, facing + turn], axis=1) for turn in FACING_DEG]
-    return within(floor, np.concatenate(found))
+    found = [np.stack([x, y, z, _turned(floor, facing + turn)], axis=1) for turn in FACING_DEG]
+    places = np.concatenate(found)
+    _, firsts = np.unique(places, axis=0, return_index=True)
+    return places[np.sort(firsts)]
 
 
 def scattered(problem: Problem, count: int) -> FloatArray:
@@ -126,12 +133,22 @@ def scattered(problem: Problem, count: int) -> FloatArray:
     return kept
 
 
+def _turned(floor: Floor, turns: FloatArray) -> FloatArray:
+    """Return ``turns`` (N,) in degrees by whole turns among those allowed, or else the nearer end of these."""
+    least, greatest = floor.turn_deg
+    ahead = np.mod(turns - least, 360.0)
+    beyond = ahead - (greatest - least)
+    end = np.where(beyond < 360.0 - ahead, greatest, least)
+    return np.where(beyond > 0.0, end, np.minimum(least + ahead, greatest))
+
+
 def within(floor: Floor, places: FloatArray) -> FloatArray:
     """Return the places (N, 4) whose turn, by whole turns, is allowed; no more than the floor's own are left."""
     least, greatest = floor.turn_deg
     turned = places.copy()
-    turned[:, 3] = least + np.mod(places[:, 3] - least, 360.0)
-    kept = turned[:, 3] <= greatest
+    turned[:, 3] = _turned(floor, places[:, 3])
+    # by how far they are ahead, as what is added to an end and taken off again may miss it by a rounding
+    kept = np.mod(places[:, 3] - least, 360.0) <= greatest - least
     for axis, ends in enumerate((floor.x_mm, floor.y_mm, floor.z_mm)):
         kept &= (turned[:, axis] >= ends[0]) & (turned[:, axis] <= ends[1])
     chosen: FloatArray = turned[kept]
