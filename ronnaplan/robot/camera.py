@@ -13,6 +13,8 @@ from ronnaplan.pose import Pose, as_pose
 
 RIG = Frame("RIG")
 """The stereo pair's own frame: that of its left camera (x right, y down, z forward), mm."""
+SMALLEST_FOCAL_PX = 1.0
+"""With a shorter focal length all that there is would be in one pixel."""
 UNDISTORTION_STEPS = 100
 UNDISTORTED = 1e-10
 """Undistortion stops when no point moves by more on the plane at unit distance."""
@@ -30,9 +32,10 @@ class Camera:
     """Columns and rows of the images that it was calibrated on; others are cropped or scaled, and not of it."""
 
     def __post_init__(self) -> None:
-        if self.matrix.shape != (3, 3) or not np.isfinite(self.matrix).all() or self.focal_px <= 0:
+        if self.matrix.shape != (3, 3) or not np.isfinite(self.matrix).all() or self._too_short:
             raise InputError(
-                f"a camera matrix is {self.matrix.tolist()}; expected 3 x 3 with positive focal lengths"
+                f"a camera matrix is {self.matrix.tolist()}; expected 3 x 3 with positive focal lengths, of "
+                f"{SMALLEST_FOCAL_PX:g} pixel or more"
             )
         as_pose(self.rig_from_camera, "rig_from_camera")
 
@@ -40,6 +43,10 @@ class Camera:
     def focal_px(self) -> float:
         """Mean focal length in pixels."""
         return float((self.matrix[0, 0] + self.matrix[1, 1]) / 2)
+
+    @property
+    def _too_short(self) -> bool:
+        return bool(np.diag(self.matrix)[:2].min() < SMALLEST_FOCAL_PX)
 
     @property
     def center_mm(self) -> FloatArray:

@@ -270,6 +270,13 @@ def test_a_covariance_that_is_none_is_refused(name: str, place: Place, matrix: o
         reader(tmp_path / "d.json")
 
 
+def test_a_camera_without_a_focal_length_is_refused_by_its_name(tmp_path: Path) -> None:
+    content, reader = documents()["rig"]
+    (tmp_path / "d.json").write_text(changed(content, ("left", "matrix", 0, 0), 0))
+    with pytest.raises(InputError, match=r"left: .*positive focal lengths"):
+        reader(tmp_path / "d.json")
+
+
 def test_a_marker_known_exactly_and_a_blank_name_are_refused(tmp_path: Path) -> None:
     content, reader = documents()["fiducials"]
     exact = (1e-300 * np.eye(3)).tolist()

@@ -131,6 +131,9 @@ def test_what_is_no_grey_image_or_camera_is_named() -> None:
     assert find_outlines(np.zeros((100, 100)), RIG_EXACT.left) == []
     with pytest.raises(InputError, match="camera matrix"):
         Camera(np.zeros((3, 3)), np.zeros(5), np.eye(4))
+    for focal_px in (0.0, -2000.0, 1e-300):  # the other one's, though their mean is positive
+        with pytest.raises(InputError, match="positive focal lengths, of 1 pixel or more"):
+            Camera(np.diag([focal_px, 2100.0, 1.0]), np.zeros(5), np.eye(4))
 
 
 def test_the_sphere_is_expressed_in_the_robots_frame_with_all_errors() -> None:
