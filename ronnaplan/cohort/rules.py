@@ -10,9 +10,9 @@ from typing import Annotated, Any, ClassVar, Self
 from pydantic import Field, model_validator
 
 from ronnaplan import __version__
-from ronnaplan.documents.fields import DocumentModel, Line
+from ronnaplan.documents.fields import DocumentModel, Line, require_different_names
 from ronnaplan.documents.reading import read_settings
-from ronnaplan.jobs.rules import ScanRule, require_different_names
+from ronnaplan.jobs.rules import ScanRule
 
 RESULTS = 1
 """Counts the changes of what is kept of a series: another number has all done anew."""

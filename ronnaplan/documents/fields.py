@@ -7,6 +7,7 @@ field is passed over.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from datetime import datetime
 from enum import StrEnum
 from typing import Annotated, Final
@@ -47,6 +48,12 @@ def flag_sentence(flags: type[StrEnum], name: str) -> str:
     """Return what the flag called ``name`` in a document says; one of another version stands for itself."""
     known = flags.__members__.get(name.upper())
     return name if known is None else known.value
+
+
+def require_different_names(what: str, names: Sequence[str]) -> None:
+    """Raise ValueError where two ``what`` have one name."""
+    if len(set(names)) != len(names):
+        raise ValueError(f"two {what} have the same name")
 
 
 def _printable(text: str) -> str:

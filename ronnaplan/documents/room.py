@@ -2,21 +2,45 @@
 
 from __future__ import annotations
 
+import math
 import os
 import tomllib
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from ronnaplan.documents.fields import DocumentModel, Label, LengthMm, PositiveMm, Vector
+from ronnaplan.documents.fields import (
+    DocumentModel,
+    Label,
+    LengthMm,
+    PositiveMm,
+    Vector,
+    require_different_names,
+)
 from ronnaplan.documents.reading import read_settings
+from ronnaplan.errors import InputError
 from ronnaplan.robot.placement import room as parts
 from ronnaplan.untrusted import checked
 
 MOST_THINGS = 200
 """More boxes or capsules than this make the search slow; thin a room to what is near."""
 
-Degrees = Annotated[float, Field(ge=-360, le=360)]
+LARGEST_STANDOFF_MM = 1000.0
+"""An arm beside a patient does not come from a metre off; all of its way is looked at, every few millimetres."""
+SHORTEST_DIRECTION = 1e-6
+"""A direction may have any length, but none so small that it was meant to be zero."""
+LARGEST_TURN_DEG = 360
+
+
+def _pointing(vector: Vector) -> Vector:
+    if math.hypot(*vector) < SHORTEST_DIRECTION:
+        raise ValueError(f"is {vector}; expected a direction, one that points somewhere")
+    return vector
+
+
+Pointing = Annotated[Vector, AfterValidator(_pointing)]
+StandoffMm = Annotated[float, Field(ge=0, le=LARGEST_STANDOFF_MM)]
+Degrees = Annotated[float, Field(ge=-LARGEST_TURN_DEG, le=LARGEST_TURN_DEG)]
 Angle = Annotated[float, Field(ge=0, le=90)]
 Sides = tuple[PositiveMm, PositiveMm, PositiveMm]
 Range = tuple[Annotated[float, Field(ge=-1e5, le=1e5)], Annotated[float, Field(ge=-1e5, le=1e5)]]
@@ -60,8 +84,20 @@ class HeadEntry(DocumentModel):
     """Where the head is."""
 
     center: Vector
-    anterior: Vector
-    superior: Vector
+    anterior: Pointing
+    superior: Pointing
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        try:
+            self.pose()
+        except InputError as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    def pose(self) -> parts.HeadPose:
+        """Where the head lies."""
+        return parts.HeadPose(self.center, self.anterior, self.superior)
 
 
 class FloorEntry(DocumentModel):
@@ -85,7 +121,7 @@ class ToolMarkerEntry(DocumentModel):
     """The tracker's marker on the tool."""
 
     at: Vector
-    normal: Vector
+    normal: Pointing
     seen_deg: Angle = 70.0
 
 
@@ -93,8 +129,8 @@ class ToolEntry(DocumentModel):
     """The instrument holder, in the flange's frame."""
 
     start: Vector = (0.0, 0.0, 100.0)
-    direction: Vector = (0.0, 0.0, 1.0)
-    standoff_mm: LengthMm = 30.0
+    direction: Pointing = (0.0, 0.0, 1.0)
+    standoff_mm: StandoffMm = 30.0
     body: tuple[CapsuleEntry, ...] = Field(default=(), max_length=MOST_THINGS)
     marker: ToolMarkerEntry | None = None
 
@@ -103,9 +139,9 @@ class CameraEntry(DocumentModel):
     """The stereo cameras, in the flange's frame."""
 
     tcp: Vector = (0.0, 0.0, 300.0)
-    direction: Vector = (0.0, 0.0, 1.0)
+    direction: Pointing = (0.0, 0.0, 1.0)
     tilt_deg: Angle = 30.0
-    standoff_mm: LengthMm = 50.0
+    standoff_mm: StandoffMm = 50.0
 
 
 class TrackerEntry(DocumentModel):
@@ -116,6 +152,14 @@ class TrackerEntry(DocumentModel):
     farthest_mm: PositiveMm = 2400.0
     body_mm: LengthMm = 250.0
     beam_mm: LengthMm = 30.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.nearest_mm >= self.farthest_mm:
+            raise ValueError(
+                f"it sees from {self.nearest_mm:g} to {self.farthest_mm:g} mm; expected farthest_mm beyond nearest_mm"
+            )
+        return self
 
 
 class MarginsEntry(DocumentModel):
@@ -161,16 +205,15 @@ class RoomDocument(DocumentModel):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        directions = [self.head.anterior, self.head.superior, self.tool.direction, self.camera.direction]
-        directions += [self.tool.marker.normal] if self.tool.marker else []
-        if any(not any(one) for one in directions):
-            raise ValueError("a direction is (0, 0, 0); expected one that points somewhere")
+        # a sentence says by its name what stands in the way
+        boxes = [one.name for one in (*self.box, *self.base.trolley)]
+        require_different_names("boxes or capsules", [*boxes, *(one.name for one in self.capsule)])
         return self
 
     @property
     def room(self) -> parts.Room:
         """The room."""
-        head, base, tool, camera = self.head, self.base, self.tool, self.camera
+        base, tool, camera = self.base, self.tool, self.camera
         marker = (
             None
             if tool.marker is None
@@ -178,7 +221,7 @@ class RoomDocument(DocumentModel):
         )
         bodies = tuple(one.capsule for one in tool.body)
         return parts.Room(
-            head=parts.HeadPose(head.center, head.anterior, head.superior),
+            head=self.head.pose(),
             floor=parts.Floor(base.x, base.y, base.z, base.turn_deg, tuple(one.box for one in base.trolley)),
             tracker=None if self.tracker is None else _tracker(self.tracker),
             tool=parts.Tool(tool.start, tool.direction, tool.standoff_mm, bodies, marker),

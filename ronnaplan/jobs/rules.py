@@ -39,9 +39,3 @@ AnyRule = TypeVar("AnyRule", bound=ScanRule)
 def first_fitting(rules: Sequence[AnyRule], texts: Mapping[str, str]) -> AnyRule | None:
     """Return the first rule that fits the texts about a series, by the names of its patterns; None without one."""
     return next((rule for rule in rules if rule.fits(texts)), None)
-
-
-def require_different_names(what: str, names: Sequence[str]) -> None:
-    """Raise ValueError where two ``what`` have one name."""
-    if len(set(names)) != len(names):
-        raise ValueError(f"two {what} have the same name")

@@ -8,9 +8,9 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from ronnaplan.documents.fields import DocumentModel, Label, Line
+from ronnaplan.documents.fields import DocumentModel, Label, Line, require_different_names
 from ronnaplan.documents.reading import read_settings
-from ronnaplan.jobs.rules import ScanRule, require_different_names
+from ronnaplan.jobs.rules import ScanRule
 
 ANY_ADDRESS = "any"
 """A peer's host that stands for every address."""

@@ -39,20 +39,22 @@ class Capsule:
 
 @dataclass(frozen=True)
 class HeadPose:
-    """Where the middle of the head lies in the room, and where nose and crown point."""
+    """Where the middle of the head lies in the room, and where nose and crown point, at right angles."""
 
     center_mm: tuple[float, float, float]
     anterior: tuple[float, float, float]
     superior: tuple[float, float, float]
 
-    def room_from_ct(self, center_ct_mm: FloatArray) -> FloatArray:
-        """Return the room from CT (4, 4), given the head's middle (3,) in LPS; raises `InputError`."""
-        nose, crown = unit(self.anterior), unit(self.superior)
-        if abs(nose @ crown) > SQUARE:
+    def __post_init__(self) -> None:
+        if abs(unit(self.anterior) @ unit(self.superior)) > SQUARE:
             raise InputError(
                 f"the head's anterior {self.anterior} and superior {self.superior} are not perpendicular; "
                 "expected two directions at right angles"
             )
+
+    def room_from_ct(self, center_ct_mm: FloatArray) -> FloatArray:
+        """Return the room from CT (4, 4), given the head's middle (3,) in LPS."""
+        nose, crown = unit(self.anterior), unit(self.superior)
         crown = unit(crown - nose * (nose @ crown))
         rotation = np.column_stack([np.cross(-nose, crown), -nose, crown])
         return rigid(rotation, np.array(self.center_mm) - rotation @ center_ct_mm)

@@ -59,8 +59,12 @@ class World(NamedTuple):
 
 
 def machine_of(arm: SerialArm, room: Room) -> Machine:
-    """Return the robot with the room's tool; raises `InputError` for an arm that has no closed form, or no bodies."""
+    """Return the robot with the room's tool.
+
+    Raises `InputError` for an arm that has no closed form, no bodies, or does not reach the room's reference posture.
+    """
     wrist = wrist_of(arm)
+    _require_posture(arm, room.reference_deg)
     of_links = [(body.link, _row(body.start_mm, body.end_mm, body.radius_mm)) for body in arm.bodies]
     if room.arm_bodies:
         of_links = [(link, capsule_row(one)) for link, one in room.arm_bodies]
@@ -84,6 +88,18 @@ def machine_of(arm: SerialArm, room: Room) -> Machine:
         box_rows(room.floor.trolley),
         marker,
     )
+
+
+def _require_posture(arm: SerialArm, reference_deg: Sequence[float]) -> None:
+    """Raise `InputError` for a joint beyond its limits; joint 1 counts from the tasks, and is kept within its own."""
+    limits_deg = np.degrees(arm.limits_rad).tolist()
+    told = zip(arm.joints, reference_deg, limits_deg, strict=True)
+    for number, (joint, angle, (least, greatest)) in list(enumerate(told, start=1))[1:]:
+        if not least <= angle <= greatest:
+            raise InputError(
+                f"reference_deg in the room has {angle:g} degrees for joint {number} of {arm.name}, {joint}; expected "
+                f"{least:.1f} to {greatest:.1f}"
+            )
 
 
 def world_of(room: Room, head_mm: FloatArray, tracker_mm: FloatArray | None) -> World:

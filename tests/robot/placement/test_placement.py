@@ -20,7 +20,7 @@ from ronnaplan.robot.placement.blocking import turned_entries
 from ronnaplan.robot.placement.parking import strayed
 from ronnaplan.robot.placement.placement import COARSE, Job, Placement, check_parked, find_places
 from ronnaplan.robot.placement.room import Box, Capsule, Floor, HeadPose, Margins, Parking
-from ronnaplan.robot.placement.search import asking, worths
+from ronnaplan.robot.placement.search import asking, grid, within, worths
 from ronnaplan.robot.placement.tasks import drill_task
 from ronnaplan.robot.placement.world import world_of
 from tests.robot.placement.cases import CENTER_MM, HEAD_MM, job, room, surface
@@ -93,6 +93,52 @@ def test_places_that_the_tracker_sees_as_poorly_are_told_apart_by_the_joints() -
     joints = [min(one.joint_deg, one.singularity_deg) for one in place.served]
     assert min(joints) > 2 * worth
     assert worths(asking(coarse, worth), others[alike]).max() <= worths(asking(coarse, worth), there)[0]
+
+
+@pytest.mark.parametrize("allowed", [(0.0, 1.0), (-1.0, 0.0), (360.0, 360.0), (0.1, 0.3)])
+def test_where_only_a_few_turns_are_allowed_these_are_tried(
+    allowed: tuple[float, float], found: tuple[Job, Placement]
+) -> None:
+    """Of turns that a place is found with, some that no place of the grid faces the head at."""
+    given, placement = found
+    turn = float(np.degrees(np.arctan2(*placement.places[0].room_from_r[[1, 0], 0])))
+    ends = (turn + allowed[0], turn + allowed[1])
+    floor = replace(given.room.floor, turn_deg=ends)
+    narrow = replace(given, room=replace(given.room, floor=floor))
+    bases = grid(narrow.problem(COARSE))
+    assert len(bases) >= 12
+    assert len(np.unique(bases, axis=0)) == len(bases)
+    assert ((bases[:, 3] >= ends[0]) & (bases[:, 3] <= ends[1])).all()
+    np.testing.assert_array_equal(within(floor, bases), bases)
+    assert find_places(narrow).places
+
+
+def test_a_turn_that_is_not_allowed_becomes_the_nearer_end_of_those_that_are(found: tuple[Job, Placement]) -> None:
+    given, _ = found
+    every = grid(given.problem(COARSE))
+    floor = replace(given.room.floor, turn_deg=(-20.0, 60.0))
+    some = grid(replace(given, room=replace(given.room, floor=floor)).problem(COARSE))
+    from_middle = np.mod(every[:, 3] - 20.0 + 180.0, 360.0) - 180.0
+    assert (np.abs(from_middle) > 40.0).any()
+    expected = np.column_stack([every[:, :3], 20.0 + np.clip(from_middle, -40.0, 40.0)])
+    assert {tuple(row) for row in some.round(6)} == {tuple(row) for row in expected.round(6)}
+
+
+def test_a_floor_far_wider_than_the_arm_is_searched_where_the_arm_reaches(found: tuple[Job, Placement]) -> None:
+    given, _ = found
+    wide = replace(given.room.floor, x_mm=(-1e5, 1e5), y_mm=(-1e5, 1e5), z_mm=(-1e5, 1e5))
+    bases = grid(replace(given, room=replace(given.room, floor=wide)).problem(COARSE))
+    assert 0 < len(bases) < 1e6
+
+
+def test_a_reference_posture_beyond_the_arm_is_refused_by_the_joint(found: tuple[Job, Placement]) -> None:
+    given, _ = found
+    for reference, told in (
+        ((360.0, -360.0, 120.0, 0.0, 60.0, 0.0), r"-360 degrees for joint 2 of .*; expected -190\.0 to 45\.0"),
+        ((0.0, -120.0, 120.0, 0.0, 130.0, 0.0), r"130 degrees for joint 5 of .*; expected -120\.0 to 120\.0"),
+    ):
+        with pytest.raises(InputError, match=told):
+            find_places(replace(given, room=replace(given.room, reference_deg=reference)))
 
 
 def place_of(base: FloatArray) -> FloatArray:
