@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ronnaplan.cli.output import warn
@@ -66,6 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     missing = [name for name in ("plan", "ct", "scene") if getattr(arguments, name) is None]
     if missing:
         raise UsageError(f"robot place needs --{missing[0]} (see 'ronnaplan robot place --help')")
+    _check_parked(arguments.parked)
     from ronnaplan.documents.placement import placement_document, placement_text, read_placement
     from ronnaplan.documents.revision import write_document
 
@@ -80,6 +82,22 @@ def run(arguments: argparse.Namespace) -> int:
     if document.status == "blocked":
         raise RefusedError("no place serves every task; " + document.blocked[0])
     return 0
+
+
+def _check_parked(parked: Sequence[float] | None) -> None:
+    """Raise `UsageError` for a base that no room could state."""
+    from ronnaplan.bounds import FARTHEST_POINT_MM
+    from ronnaplan.documents.room import LARGEST_TURN_DEG
+    from ronnaplan.errors import UsageError
+
+    if parked is None:
+        return
+    *place, turn = parked
+    if max(abs(value) for value in place) > FARTHEST_POINT_MM or abs(turn) > LARGEST_TURN_DEG:
+        told = " ".join(f"{value:g}" for value in parked)
+        raise UsageError(
+            f"--parked is {told}; expected up to {FARTHEST_POINT_MM:g} mm and {LARGEST_TURN_DEG:g} degrees either way"
+        )
 
 
 def _found(arguments: argparse.Namespace, job: Job) -> Placement:

@@ -84,6 +84,16 @@ def test_what_stands_in_the_way_is_written_and_refused(
     assert read_placement(output).status == "blocked"
 
 
+@pytest.mark.parametrize(
+    "parked", [["-1072", "-117", "833", "1e17"], ["-1072", "1.1e5", "833", "0"], ["0", "0", "800", "-361"]]
+)
+def test_a_base_that_no_room_holds_is_wrong_usage(
+    parked: list[str], case: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*case, "--parked", *parked]) == 2
+    assert "expected up to 100000 mm and 360 degrees either way" in capsys.readouterr().err
+
+
 def test_what_is_missing_is_named(case: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["robot", "place", "--example"]) == 0
     assert capsys.readouterr().out == EXAMPLE
