@@ -25,7 +25,7 @@ Length = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 MOST_BYTES = 1 << 18
 """A scene that a person wrote is not larger."""
-MOST_DOTS = 200
+MOST_DOTS = 600
 """A line of a scene has fewer: a key of so many parts takes time that grows with their square."""
 MARGIN_MM = 20.0
 """Scanned above and below the markers when the file does not say from where to where."""

@@ -24,7 +24,7 @@ Document = TypeVar("Document", bound=BaseModel)
 MOST_SETTINGS_BYTES = 1 << 18
 """Settings that a person wrote are not larger."""
 
-MOST_DOTS = 200
+MOST_DOTS = 600
 """A line of settings has fewer: a key of so many parts takes time that grows with their square."""
 
 HOME = "home"

@@ -85,8 +85,8 @@ def test_what_is_no_room_is_refused(old: str, new: str, sentence: str, tmp_path:
     [
         ("x = " + "[" * 20_000, "is no room .it is nested too deeply"),
         (TABLES_IN_LISTS, "is no room .it is nested too deeply"),
-        (f"version = 1\n{'.'.join('a' * 3_000)} = 1", "is no room .line 2 holds more than 200 dots"),
-        (f"x = {{{'.'.join('a' * 3_000)} = 1}}", "is no room .line 1 holds more than 200 dots"),
+        (f"version = 1\n{'.'.join('a' * 3_000)} = 1", "is no room .line 2 holds more than 600 dots"),
+        (f"x = {{{'.'.join('a' * 3_000)} = 1}}", "is no room .line 1 holds more than 600 dots"),
         ("#" * 300_000, "is larger than 262144 bytes; expected a room"),
     ],
 )
