@@ -83,12 +83,25 @@ def checked(content: Any, model: type[Model]) -> Model:
 
 
 def first_fault(error: ValidationError) -> str:
-    """Name the first field that is wrong, and why."""
+    """Name the first field that is wrong, why, and what was found there."""
     first = error.errors(include_url=False)[0]
     where = ".".join(printable(part) for part in first["loc"]) or "the document"
     if first["type"] == "extra_forbidden":
         return f"{where}: no field of this document"
-    return f"{where}: {first['msg'].removeprefix('Value error, ')}"
+    return f"{where}: {first['msg'].removeprefix('Value error, ')}{_found(first['type'], first['input'])}"
+
+
+def _found(kind: str, value: Any) -> str:
+    """Say what was found, if that is a number or one of JSON's constants, or a word in place of certain others.
+
+    Other texts may name a patient, and checks of this project say by themselves what they found.
+    """
+    is_word = kind == "literal_error" and isinstance(value, str)
+    if kind in ("missing", "value_error") or not (
+        is_word or value is None or isinstance(value, bool | int | float)
+    ):
+        return ""
+    return f", found {printable(json.dumps(value)[:LONGEST_NUMBER])}"
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -277,6 +277,23 @@ def test_a_camera_without_a_focal_length_is_refused_by_its_name(tmp_path: Path) 
         reader(tmp_path / "d.json")
 
 
+@pytest.mark.parametrize(
+    ("field", "value", "told"),
+    [
+        ("misfit", 1e18, r"fiducials\.0\.misfit: Input should be .*, found 1e\+18"),
+        ("label", None, r"fiducials\.0\.label: Input should be a valid string, found null"),
+        ("misfit", "Doe^John", r"fiducials\.0\.misfit: Input should be a valid number; "),  # may be anybody's name
+    ],
+)
+def test_a_refusal_says_what_number_was_found(field: str, value: object, told: str, tmp_path: Path) -> None:
+    document = json.loads(to_json(fiducials_document(FOUND)))
+    document["fiducials"][0][field] = value
+    path = tmp_path / "fiducials.json"
+    path.write_text(json.dumps(document))
+    with pytest.raises(InputError, match=told):
+        read_fiducials(path)
+
+
 def test_a_marker_known_exactly_and_a_blank_name_are_refused(tmp_path: Path) -> None:
     content, reader = documents()["fiducials"]
     exact = (1e-300 * np.eye(3)).tolist()

@@ -96,7 +96,7 @@ def _parsed(content: bytes, name: str) -> ElementTree.Element:
 
 
 def _arm(root: ElementTree.Element, tip: str | None) -> UrdfArm:
-    links = {_attribute(link, "name", "a link"): link for link in root.findall("link")}
+    links = _links(root)
     joints = _joints(root, links)
     chain = _chain(joints, tip or _farthest(joints, links), links)
     _require_turning(chain)
@@ -127,6 +127,16 @@ def _arm(root: ElementTree.Element, tip: str | None) -> UrdfArm:
         {name: np.linalg.inv(before) @ frame for name, (moved, frame) in place.items() if moved == len(names)},
     )
     return UrdfArm(arm, shapeless)
+
+
+def _links(root: ElementTree.Element) -> dict[str, ElementTree.Element]:
+    """Return the links by their names; raises `InputError` where two have one."""
+    links: dict[str, ElementTree.Element] = {}
+    for link in root.findall("link"):
+        name = _attribute(link, "name", "a link")
+        if links.setdefault(name, link) is not link:
+            raise InputError(f"two links are called {name!r}; expected each name once, correct the file")
+    return links
 
 
 def _joints(root: ElementTree.Element, links: dict[str, ElementTree.Element]) -> dict[str, _Joint]:

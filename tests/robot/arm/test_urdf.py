@@ -88,6 +88,7 @@ def test_what_slides_within_the_arm_is_refused_and_what_slides_at_its_end_is_not
             "A1 has no limits",
         ),
         ('<child link="l5"/>', '<child link="l4"/>', "joints A4 and A5 carry one link"),
+        ("</robot>", '<link name="l4"/></robot>', "two links are called 'l4'"),
         ("<robot", "<!DOCTYPE robot [<!ENTITY a 'b'>]><robot", "declares a document type"),
         ("</robot>", "", "is no XML"),
         ("robot", "arm", "holds <arm>; expected <robot>"),
