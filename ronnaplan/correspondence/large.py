@@ -11,10 +11,10 @@ from ronnaplan.correspondence.chance import Chance
 from ronnaplan.correspondence.evidence import SCALES, fits_as_well, is_collinear
 from ronnaplan.correspondence.lookup import point_grid
 from ronnaplan.correspondence.pairing import LEFT_HANDED, MOST_RIVALS, Pairing, Rival, no_pairs
-from ronnaplan.correspondence.poses import Found, find_poses
+from ronnaplan.correspondence.poses import Found, find_poses, work_allowed
 from ronnaplan.correspondence.problem import Problem, moved_pairs, pairs_of
 from ronnaplan.correspondence.refining import PAIR_SIGMAS, refined
-from ronnaplan.correspondence.rivals import LOG_ODDS_PER_PAIR
+from ronnaplan.correspondence.rivals import LOG_ODDS_OF_MIRROR, LOG_ODDS_PER_PAIR
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.correspondence.weighing import Pose, pose_evidence
 
@@ -33,6 +33,9 @@ CHI2_MEDIAN = 2.366
 MISSED_MIRROR = 0.01
 """A mirror image that pairs more points is missed with at most this probability."""
 
+MIRROR_SHARE = 0.05
+"""Share of the work allowed that is kept for the mirror image of what is refused."""
+
 MORE_IF_MIRRORED = 1.5
 """Right pairs that a mirror image has to have more. That of flat markers has as many, but for those of which noise and
 outliers decide: more than this in 8 of 769 scenes of 20 to 200 markers, half of them the densest."""
@@ -48,10 +51,21 @@ def match_large(problem: Problem, least_probability: float) -> Pairing:
     if len(problem.ct) > len(problem.ots):  # seeds from the smaller set find more
         return match_large(problem.swapped(), least_probability).swapped()
     acceptable = MISSED_SHARE * (1.0 - least_probability)
-    found = find_poses(problem, acceptable)
+    kept_back = MIRROR_SHARE * work_allowed(problem)
+    found = find_poses(problem, acceptable, work_done=kept_back)
     if found.poses and (scale := scale_of_errors(found.chance, found.poses[0])) > LEAST_SCALE:
         problem = problem.with_errors(scale)
         found = find_poses(problem, acceptable, work_done=found.work)
+    answer = weighed(problem, found, least_probability)
+    # What is given has its mirror image looked for as thoroughly; a refusal only gets its reason from it.
+    work_done = 0.0 if answer.status == "unique" else found.work - kept_back
+    if is_mirrored(problem, found, work_done):
+        return Pairing("unmatched", no_pairs(), answer.probability, answer.rivals, LEFT_HANDED)
+    return answer
+
+
+def weighed(problem: Problem, found: Found, least_probability: float) -> Pairing:
+    """Return the pairs of the best pose that was found, or the reason why they are not given."""
     if not found.poses:
         return Pairing("unmatched", no_pairs(), 0.0, reason=nothing_found(found))
     best = found.poses[0]
@@ -70,8 +84,6 @@ def match_large(problem: Problem, least_probability: float) -> Pairing:
                 f"missed (probability {found.missed:.2g}); leave out what is no marker, or state known pairs"
             )
         return Pairing("ambiguous", no_pairs(), probability, rivals, reason, telling_point(found.poses))
-    if is_mirrored(problem, best, float(of_pairs.sum())):
-        return Pairing("unmatched", no_pairs(), probability, rivals, LEFT_HANDED)
     certain = of_pairs >= least_probability
     given, doubtful = best.pairs[certain], best.pairs[~certain]
     if len(given) < LEAST_PAIRS or is_collinear(problem.ct[given[:, 0]], problem.sigma_mm):
@@ -144,16 +156,21 @@ def rival_odds(chance: Chance, best: Pose, of_best: float, rival: Pose) -> float
     return max(by_evidence, real * by_pairs)
 
 
-def is_mirrored(problem: Problem, best: Pose, of_best: float) -> bool:
+def is_mirrored(problem: Problem, found: Found, work_done: float) -> bool:
     """Tell whether a reflection, which no patient undergoes, would pair more points than the best pose does.
 
-    ``of_best`` of the best pose's pairs are right, as an expectation.
+    It is not looked for beyond the work allowed, of which ``work_done`` is done.
     """
-    found = find_poses(problem.mirrored(), MISSED_MIRROR, len(best.pairs) + 1)
-    if not found.poses or found.poses[0].log_evidence < best.log_evidence:
+    best = found.poses[0] if found.poses else None
+    size, log_evidence, of_best = 0, LOG_ODDS_OF_MIRROR, 0.0
+    if best is not None:
+        size, log_evidence = len(best.pairs), best.log_evidence
+        of_best = float(found.chance.pair_probabilities(best.matrix, best.partner).sum())
+    seen = find_poses(problem.mirrored(), MISSED_MIRROR, size + 1, work_done)
+    if not seen.poses or seen.poses[0].log_evidence < log_evidence:
         return False
-    mirrored = found.poses[0]
-    of_mirrored = float(found.chance.pair_probabilities(mirrored.matrix, mirrored.partner).sum())
+    mirrored = seen.poses[0]
+    of_mirrored = float(seen.chance.pair_probabilities(mirrored.matrix, mirrored.partner).sum())
     return of_mirrored - of_best > MORE_IF_MIRRORED
 
 

@@ -91,26 +91,21 @@ def match_points(
     answer = match_small(problem, least_probability) if listed else None
     if answer is None:
         answer = match_large(problem, least_probability)
-        if listed and answer.status != "unique":
-            answer = _refused(problem, least_probability, answer)
+        if listed and answer.status == "unmatched" and not answer.rivals and answer.reason != LEFT_HANDED:
+            answer = _not_listed(problem)
     LOG.info("paired %d CT with %d tracker points: %r", *counts, answer)
     for rival in answer.rivals:
         LOG.debug("a rival %.1f nats below: %s", rival.log_evidence_below, rival.pairs.tolist())
     return answer
 
 
-def _refused(problem: Problem, least_probability: float, answer: Pairing) -> Pairing:
-    """Return the refusal of small sets with a better reason, where there is one."""
-    is_short = max(problem.counts) <= MOST_LISTED_POINTS
-    if is_short and match_large(problem.mirrored(), least_probability).status == "unique":
-        return Pairing("unmatched", no_pairs(), answer.probability, answer.rivals, LEFT_HANDED)
-    if answer.status == "unmatched" and not answer.rivals:
-        reason = (
-            f"too many pairings of {len(problem.ct)} CT points with {len(problem.ots)} readings fit almost equally "
-            "well to list them all; have more of the markers read, or state pairs that are known"
-        )
-        return Pairing("ambiguous", no_pairs(), 0.0, reason=reason)
-    return answer
+def _not_listed(problem: Problem) -> Pairing:
+    """Return the refusal of small sets that fit in too many ways, where no pose tells more."""
+    reason = (
+        f"too many pairings of {len(problem.ct)} CT points with {len(problem.ots)} readings fit almost equally "
+        "well to list them all; have more of the markers read, or state pairs that are known"
+    )
+    return Pairing("ambiguous", no_pairs(), 0.0, reason=reason)
 
 
 def _check_settings(least_probability: float, field_radius_mm: float | None, spread_mm: float) -> None:

@@ -80,3 +80,13 @@ def test_a_part_of_many_markers_that_fits_its_mirror_image_is_not_taken_for_them
     """5 to 13 of them were paired, each with a probability of 0.99 and more."""
     ct, ots = head(seed, markers, 0)
     assert "left-handed" in match_points(ct, ots * FLIPPED).reason
+
+
+@pytest.mark.parametrize(("markers", "outliers"), [(17, 0), (32, 0), (50, 0), (40, 60)])
+def test_many_left_handed_readings_are_told_as_such_too(markers: int, outliers: int) -> None:
+    """Most were refused as ambiguous: of so many markers some parts fit their mirror image."""
+    for seed in range(6):
+        ct, ots = head(seed, markers, outliers)
+        pairing = match_points(ct, ots * FLIPPED)
+        assert pairing.status == "unmatched", seed
+        assert "left-handed" in pairing.reason, seed
