@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import as_pose
+from ronnaplan.pose import as_pose, exponential, rigid, transform_points
 
 LARGEST_ARM_MM = 20_000.0
 """No arm beside a patient has links of twenty metres."""
@@ -30,13 +31,35 @@ class Body:
 
 
 @dataclass(frozen=True, eq=False)
+class HeldJoint:
+    """A joint that does not turn: what it would move, link ``link`` of the arm before, is part of the link before it.
+
+    ``pose`` (4, 4) is that link in the one before, with the joint at ``angle_rad``.
+    """
+
+    joint: str
+    angle_rad: float
+    link: int
+    pose: FloatArray
+
+    def carried(self, body: Body) -> Body:
+        """Return ``body``, of the arm before, on the link that carries it now."""
+        if body.link < self.link:
+            return body
+        if body.link > self.link:
+            return replace(body, link=body.link - 1)
+        start_mm, end_mm = transform_points(self.pose, np.stack([body.start_mm, body.end_mm]))
+        return replace(body, link=body.link - 1, start_mm=start_mm, end_mm=end_mm)
+
+
+@dataclass(frozen=True, eq=False)
 class SerialArm:
     """Revolute joints one after the other, in mm and rad.
 
     ``origins`` (N, 4, 4) place each joint's frame in that of the link before it, at angle zero; the joint turns its
     link about ``axes`` (N, 3), unit vectors in the joint's own frame. ``limits_rad`` (N, 2) are the least and the
     greatest angles. ``flange`` (4, 4) is the flange in the last link; ``frames`` are tools and cameras, each
-    ``flange_from_tool`` (4, 4) by name.
+    ``flange_from_tool`` (4, 4) by name. ``held`` are the joints that were there, in the order in which they were held.
     """
 
     name: str
@@ -47,6 +70,7 @@ class SerialArm:
     flange: FloatArray = field(default_factory=lambda: np.eye(4))
     bodies: tuple[Body, ...] = ()
     frames: dict[str, FloatArray] = field(default_factory=dict)
+    held: tuple[HeldJoint, ...] = ()
 
     def __post_init__(self) -> None:
         count = len(self.joints)
@@ -69,13 +93,7 @@ class SerialArm:
                     f"joint {joint} of {self.name} has the limits {least:g} to {greatest:g} rad; expected the lower "
                     "one first"
                 )
-        for body in self.bodies:
-            numbers = np.array([*body.start_mm, *body.end_mm, body.radius_mm])
-            if not (np.abs(numbers) < LARGEST_ARM_MM).all() or body.radius_mm <= 0:
-                raise InputError(
-                    f"the body {body.name} of the arm {self.name} has the radius {body.radius_mm:g} mm, or ends that "
-                    f"are not finite; expected sizes above zero, up to {LARGEST_ARM_MM:g} mm"
-                )
+        self._require_bodies()
         if np.abs(self.origins[:, :3, 3]).max() > LARGEST_ARM_MM:
             raise InputError(
                 f"a link of the arm {self.name} is longer than {LARGEST_ARM_MM:g} mm; are its units mm?"
@@ -83,6 +101,23 @@ class SerialArm:
 
     def __len__(self) -> int:
         return len(self.joints)
+
+    def _require_bodies(self) -> None:
+        for body in self.bodies:
+            self._require_link(body, len(self))
+            numbers = np.array([*body.start_mm, *body.end_mm, body.radius_mm])
+            if not (np.abs(numbers) < LARGEST_ARM_MM).all() or body.radius_mm <= 0:
+                raise InputError(
+                    f"the body {body.name} of the arm {self.name} has the radius {body.radius_mm:g} mm, or ends that "
+                    f"are not finite; expected sizes above zero, up to {LARGEST_ARM_MM:g} mm"
+                )
+
+    def _require_link(self, body: Body, last: int) -> None:
+        if not 0 <= body.link <= last:
+            raise InputError(
+                f"the body {body.name} is on link {body.link} of the arm {self.name}; expected 0, the base, to "
+                f"{last}, the last that a joint moves"
+            )
 
     def tool(self, name: str) -> FloatArray:
         """Return ``flange_from_tool`` (4, 4); raises `InputError` naming the tools that there are."""
@@ -95,3 +130,46 @@ class SerialArm:
     def with_tool(self, name: str, flange_from_tool: ArrayLike) -> SerialArm:
         """Return the arm with one more tool or camera frame; raises `InputError` for a pose that is not rigid."""
         return replace(self, frames={**self.frames, name: as_pose(flange_from_tool, f"tool {name}")})
+
+    def holding(self, joint: str, angle_rad: float) -> SerialArm:
+        """Return the arm with ``joint`` held at ``angle_rad``: one joint less, and all bodies on the links that remain.
+
+        Raises `InputError` for a joint that it has not, and for an angle beyond the joint's limits.
+        """
+        if joint not in self.joints:
+            others = "".join(f", and holds {one.joint}" for one in self.held)
+            raise InputError(
+                f"the arm {self.name} turns no joint {joint!r}; it turns {', '.join(self.joints)}{others}"
+            )
+        n = self.joints.index(joint)
+        least, greatest = self.limits_rad[n].tolist()
+        if not least <= angle_rad <= greatest:
+            raise InputError(
+                f"joint {joint} of {self.name} cannot be held at {np.degrees(angle_rad):g} degrees; expected "
+                f"{np.degrees(least):g} to {np.degrees(greatest):g}"
+            )
+        pose = self.origins[n] @ rigid(exponential(angle_rad * self.axes[n]), np.zeros(3))
+        held = HeldJoint(joint, angle_rad, n + 1, pose)
+        following = [*self.origins[n + 1 :], self.flange]
+        following[0] = pose @ following[0]
+        return replace(
+            self,
+            joints=(*self.joints[:n], *self.joints[n + 1 :]),
+            origins=np.array([*self.origins[:n], *following[:-1]]).reshape(-1, 4, 4),
+            axes=np.delete(self.axes, n, axis=0),
+            limits_rad=np.delete(self.limits_rad, n, axis=0),
+            flange=following[-1],
+            bodies=tuple(held.carried(body) for body in self.bodies),
+            held=(*self.held, held),
+        )
+
+    def with_bodies(self, bodies: Sequence[Body]) -> SerialArm:
+        """Return the arm with ``bodies`` in place of its own, their links counted as before any joint was held.
+
+        Raises `InputError` for a body on a link that was not there.
+        """
+        for body in bodies:
+            self._require_link(body, len(self) + len(self.held))
+        for held in self.held:
+            bodies = [held.carried(body) for body in bodies]
+        return replace(self, bodies=tuple(bodies))

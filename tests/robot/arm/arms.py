@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
+
 KR6 = """<robot name="kr6">
   <link name="base"><collision><geometry><mesh filename="base.stl"/></geometry></collision></link>
   <link name="l1"/>
@@ -49,6 +53,76 @@ TILTED = """<robot name="tilted">
     <child link="tip"/></joint>
 </robot>"""
 """A spherical wrist on everything askew: a tilted foot, a lateral offset, an axis 3 against axis 2, a bent zero."""
+
+HALF = "1.5707963267948966"
+UR5E_M = (0.1625, 0.425, 0.3922, 0.1333, 0.0997, 0.0996)
+UR10E_M = (0.1807, 0.6127, 0.57155, 0.17415, 0.11985, 0.11655)
+"""The maker's lengths: of the foot, upper arm and forearm, and from axis 3 to axis 5, 5 to 6 and 6 to the flange."""
+
+
+def ur(lengths_m: tuple[float, ...]) -> str:
+    """Return a UR-like arm of such lengths: axes 2, 3 and 4 are parallel, and only axes 5 and 6 meet."""
+    foot, upper, fore, side, wrist, end = lengths_m
+    joints = (
+        ("pan", f"0 0 {foot}", "0 0 0", 6.2831, "0 0 1"),
+        ("lift", "0 0 0", f"{HALF} 0 0", 6.2831, "0 0 1"),
+        ("elbow", f"{-upper} 0 0", "0 0 0", 3.1415, "0 0 1"),
+        ("wrist_1", f"{-fore} 0 {side}", "0 0 0", 6.2831, "0 0 1"),
+        ("wrist_2", f"0 {-wrist} 0", f"{HALF} 0 0", 6.2831, "0 0 1"),
+        ("wrist_3", f"0 {end} 0", f"-{HALF} 0 0", 6.2831, "0 0 1"),
+    )
+    shapes = (
+        _tube(f"0 0 {foot / 2}", foot / 2, 0.09),
+        "",
+        _tube(f"{-upper / 2} 0 {side}", upper, 0.07, f"0 {HALF} 0"),
+        _tube(f"{-fore / 2} 0 0.03", fore, 0.06, f"0 {HALF} 0"),
+        _tube("0 0 0", 0.08, 0.05),
+        _tube("0 0 0", 0.08, 0.05),
+        "",
+    )
+    return _described("ur", shapes, joints, "0 0 0")
+
+
+IIWA_M = (0.36, 0.42, 0.4, 0.126)
+"""The maker's lengths of the LBR iiwa 14 R820: to the shoulder, elbow, wrist and flange, all in one line at zero."""
+
+
+def iiwa() -> str:
+    """Return that arm: seven joints, whose axes are along z and y in turn."""
+    foot, upper, fore, end = IIWA_M
+    up = (foot / 2, foot / 2, upper / 2, upper / 2, fore / 2, fore / 2, 0.0)
+    axes = ("0 0 1", "0 1 0", "0 0 1", "0 -1 0", "0 0 1", "0 1 0", "0 0 1")
+    limits = np.radians([170, 120, 170, 120, 170, 120, 175]).tolist()
+    joints = [
+        (f"joint_a{n}", f"0 0 {z}", "0 0 0", limit, axis)
+        for n, (z, limit, axis) in enumerate(zip(up, limits, axes, strict=True), start=1)
+    ]
+    lengths = (0.12, 0.0, 0.12, 0.12, 0.12, 0.12, 0.0, 0.0)
+    shapes = [_tube(f"0 0 {length / 2}", length, 0.08) if length else "" for length in lengths]
+    return _described("iiwa", shapes, joints, f"0 0 {end}")
+
+
+def _tube(at: str, length_m: float, radius_m: float, turn: str = "0 0 0") -> str:
+    return (
+        f'<collision><origin xyz="{at}" rpy="{turn}"/><geometry><cylinder length="{length_m}" radius="{radius_m}"/>'
+        "</geometry></collision>"
+    )
+
+
+def _described(name: str, shapes: Sequence[str], joints: Sequence[tuple[object, ...]], flange: str) -> str:
+    """Return the URDF of links of such ``shapes`` on ``joints`` (name, place, turn, limit either way, axis)."""
+    links = "".join(f'<link name="l{n}">{shape}</link>' for n, shape in enumerate(shapes))
+    turning = "".join(
+        f'<joint name="{joint}" type="revolute"><origin xyz="{at}" rpy="{turn}"/><parent link="l{n}"/>'
+        f'<child link="l{n + 1}"/><axis xyz="{axis}"/><limit lower="-{limit}" upper="{limit}"/></joint>'
+        for n, (joint, at, turn, limit, axis) in enumerate(joints)
+    )
+    end = (
+        f'<link name="tool0"/><joint name="end" type="fixed"><origin xyz="{flange}"/><parent link="l{len(joints)}"/>'
+        '<child link="tool0"/></joint>'
+    )
+    return f'<robot name="{name}">{links}{turning}{end}</robot>'
+
 
 _LINKS = "".join(f'<link name="l{n}"/>' for n in range(8))
 _JOINT = """<joint name="j{n}" type="revolute"><origin xyz="0 0 0.17" rpy="{turn} 0 0"/>
