@@ -1,4 +1,7 @@
-"""The compiled kernels of the arm: the eight postures that reach a pose, and where the links are."""
+"""The compiled kernels of the arm: the eight postures that reach a pose, and where the links are.
+
+What `postures` is made of is inlined: to hand over the wrist takes longer than most of it.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.arm.wrist import Wrist
 
 STRAIGHT = 1e-9
-"""Below this sine of joint 5, joints 4 and 6 turn about one line: joint 4 is left at zero."""
+"""Below this sine of joint 5, axes 4 and 6 point one way: the turn about axis 4 is left at zero."""
 TURN = 2.0 * np.pi
 
 
@@ -25,6 +28,13 @@ def times(left: FloatArray, right: FloatArray, product: FloatArray) -> None:
     for a in range(3):
         for b in range(3):
             product[a, b] = left[a, 0] * right[0, b] + left[a, 1] * right[1, b] + left[a, 2] * right[2, b]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def swung(vector: FloatArray, angle: float) -> tuple[float, float]:
+    """Return ``vector`` (x, z) turned by ``angle`` about y."""
+    c, s = np.cos(angle), np.sin(angle)
+    return c * vector[0] + s * vector[1], c * vector[1] - s * vector[0]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -49,11 +59,6 @@ def postures(wrist: Wrist, pose: FloatArray, angles: FloatArray) -> int:
     if across < 0.0:
         return 0
     forwards = np.sqrt(across)
-    reach_u = wrist.upper[0] * wrist.upper[0] + wrist.upper[1] * wrist.upper[1]
-    reach_l = wrist.lower[0] * wrist.lower[0] + wrist.lower[1] * wrist.lower[1]
-    along = wrist.upper[0] * wrist.lower[0] + wrist.upper[1] * wrist.lower[1]
-    turned = wrist.upper[0] * wrist.lower[1] - wrist.upper[1] * wrist.lower[0]
-    start = np.arctan2(turned, along)
     turned_pose, seen = np.empty((3, 3)), np.empty((3, 3))
     times(pose, wrist.from_flange, turned_pose)
     times(wrist.shoulder, turned_pose, seen)
@@ -61,28 +66,85 @@ def postures(wrist: Wrist, pose: FloatArray, angles: FloatArray) -> int:
         forward = forwards if side == 0 else -forwards
         first = np.arctan2(y, x) - np.arctan2(wrist.beside, forward)
         px, pz = forward - wrist.axis_2[0], z - wrist.axis_2[1]
-        cosine = (px * px + pz * pz - reach_u - reach_l) / (2.0 * np.sqrt(reach_u * reach_l))
-        if not abs(cosine) <= 1.0:
-            continue
-        opened = np.arccos(cosine)
-        for elbow in range(2):
-            bent = start + opened if elbow == 0 else start - opened
-            c, s = np.cos(bent), np.sin(bent)
-            gx = wrist.upper[0] + c * wrist.lower[0] + s * wrist.lower[1]
-            gz = wrist.upper[1] - s * wrist.lower[0] + c * wrist.lower[1]
-            second = np.arctan2(-pz, px) - np.arctan2(-gz, gx)
-            _wrist_postures(wrist, seen, first, second, bent, angles[4 * side + 2 * elbow :])
-            found |= 3 << (4 * side + 2 * elbow)
+        rows = angles[4 * side : 4 * side + 4]
+        if wrist.parallel:
+            found |= _wrist_before_elbow(wrist, seen, first, px, pz, rows) << (4 * side)
+        else:
+            found |= _elbow_before_wrist(wrist, seen, first, px, pz, rows) << (4 * side)
     return found
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _elbow_before_wrist(
+    wrist: Wrist, seen: FloatArray, first: float, px: float, pz: float, rows: FloatArray
+) -> int:
+    """Fill ``rows`` (4, 6) of a spherical wrist, whose center is at (px, pz) from axis 2; return which are answers."""
+    bends = _bends(wrist, px, pz)
+    if np.isnan(bends[0]):
+        return 0
+    for elbow in range(2):
+        bent = bends[elbow]
+        second = _second(wrist, bent, px, pz)
+        fourth, tilt, sixth = _wrist_angles(wrist, seen, first, second + bent)
+        for flip in range(2):
+            _fill(wrist, flip, first, second, bent, fourth + flip * np.pi, tilt, sixth, rows[2 * elbow + flip])
+    return 15
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def _wrist_postures(
-    wrist: Wrist, seen: FloatArray, first: float, second: float, bent: float, angles: FloatArray
-) -> None:
-    """Fill the first two rows of ``angles`` with the two ways of the wrist that show the axes ``seen`` (3, 3)."""
+def _wrist_before_elbow(
+    wrist: Wrist, seen: FloatArray, first: float, px: float, pz: float, rows: FloatArray
+) -> int:
+    """Do the same of a parallel wrist: it tells how far joints 2, 3 and 4 turn together, and so where axis 4 is."""
+    found = 0
+    fourth, tilt, sixth = _wrist_angles(wrist, seen, first, 0.0)
+    for flip in range(2):
+        together = fourth + flip * np.pi
+        hx, hz = swung(wrist.hand, wrist.hand_sign * together)
+        bends = _bends(wrist, px - hx, pz - hz)
+        if np.isnan(bends[0]):
+            continue
+        for elbow in range(2):
+            bent = bends[elbow]
+            second = _second(wrist, bent, px - hx, pz - hz)
+            left = together - wrist.hand_sign * (second + bent)
+            _fill(wrist, flip, first, second, bent, left, tilt, sixth, rows[2 * elbow + flip])
+            found |= 1 << (2 * elbow + flip)
+    return found
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _bends(wrist: Wrist, px: float, pz: float) -> tuple[float, float]:
+    """Return both turns of the elbow about axis 2's direction that reach (px, pz) from axis 2; NaN out of reach."""
+    reach_u = wrist.upper[0] * wrist.upper[0] + wrist.upper[1] * wrist.upper[1]
+    reach_l = wrist.lower[0] * wrist.lower[0] + wrist.lower[1] * wrist.lower[1]
+    cosine = (px * px + pz * pz - reach_u - reach_l) / (2.0 * np.sqrt(reach_u * reach_l))
+    if not abs(cosine) <= 1.0:
+        return np.nan, np.nan
+    along = wrist.upper[0] * wrist.lower[0] + wrist.upper[1] * wrist.lower[1]
+    turned = wrist.upper[0] * wrist.lower[1] - wrist.upper[1] * wrist.lower[0]
+    start, opened = np.arctan2(turned, along), np.arccos(cosine)
+    return start + opened, start - opened
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _second(wrist: Wrist, bent: float, px: float, pz: float) -> float:
+    """Return the angle of joint 2 that brings the end of an elbow ``bent`` so far to (px, pz)."""
+    c, s = np.cos(bent), np.sin(bent)
+    gx = wrist.upper[0] + c * wrist.lower[0] + s * wrist.lower[1]
+    gz = wrist.upper[1] - s * wrist.lower[0] + c * wrist.lower[1]
+    second: float = np.arctan2(-pz, px) - np.arctan2(-gz, gx)
+    return second
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _wrist_angles(wrist: Wrist, seen: FloatArray, first: float, turned: float) -> tuple[float, float, float]:
+    """Return what axes 4, 5 and 6 turn by (rad) to show the axes ``seen`` (3, 3) from the shoulder.
+
+    Joint 1 has turned by ``first``, the arm about axis 2's direction by ``turned``; axis 5 counts from straight.
+    """
     c1, s1 = np.cos(first), np.sin(first)
-    c2, s2 = np.cos(second + bent), np.sin(second + bent)
+    c2, s2 = np.cos(turned), np.sin(turned)
     held, r = np.empty((3, 3)), np.empty((3, 3))
     for n in range(3):
         x = c1 * seen[0, n] + s1 * seen[1, n]
@@ -93,17 +155,29 @@ def _wrist_postures(
     sine = np.hypot(r[0, 2], r[1, 2])
     tilt = np.arctan2(sine, r[2, 2])
     if sine > STRAIGHT:
-        fourth, sixth = np.arctan2(r[1, 2], r[0, 2]), np.arctan2(r[2, 1], -r[2, 0])
-    else:
-        fourth, sixth = 0.0, np.arctan2(r[1, 0], r[1, 1])
-    for flip in range(2):
-        row = angles[flip]
-        row[0], row[1], row[2] = first, second, wrist.elbow_sign * bent
-        row[3] = fourth + flip * np.pi
-        row[4] = (tilt if flip == 0 else -tilt) - wrist.bend
-        row[5] = sixth + flip * np.pi
-        for n in range(6):
-            row[n] = nearest_turn(row[n], wrist.middles[n])
+        return np.arctan2(r[1, 2], r[0, 2]), tilt, np.arctan2(r[2, 1], -r[2, 0])
+    return 0.0, tilt, np.arctan2(r[1, 0], r[1, 1])
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _fill(
+    wrist: Wrist,
+    flip: int,
+    first: float,
+    second: float,
+    bent: float,
+    fourth: float,
+    tilt: float,
+    sixth: float,
+    row: FloatArray,
+) -> None:
+    """Fill ``row`` (6,) with the joints' angles, the wrist one way or flipped."""
+    row[0], row[1], row[2] = first, second, wrist.elbow_sign * bent
+    row[3] = fourth
+    row[4] = (tilt if flip == 0 else -tilt) - wrist.bend
+    row[5] = sixth + flip * np.pi
+    for n in range(6):
+        row[n] = nearest_turn(row[n], wrist.middles[n])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -137,15 +211,21 @@ def place_links(origins: FloatArray, axes: FloatArray, angles: FloatArray, frame
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def singularity(wrist: Wrist, angles: FloatArray) -> float:
-    """Return the angle in rad from ``angles`` (6,) to the nearest singular posture."""
+    """Return the angle in rad from ``angles`` (6,) to the nearest singular posture.
+
+    The determinant of the Jacobian is a product of three factors with either wrist: how far axis 6 is from axis 4's
+    direction, the elbow, and the wrist's center, which along axis 2 must not be seen over axis 1.
+    """
     straight = abs(np.arcsin(min(max(np.sin(angles[4] + wrist.bend), -1.0), 1.0)))
     bent = wrist.elbow_sign * angles[2]
-    c, s = np.cos(bent), np.sin(bent)
-    lx, lz = c * wrist.lower[0] + s * wrist.lower[1], c * wrist.lower[1] - s * wrist.lower[0]
+    lx, lz = swung(wrist.lower, bent)
     cross = abs(wrist.upper[0] * lz - wrist.upper[1] * lx)
     along = abs(wrist.upper[0] * lx + wrist.upper[1] * lz)
     elbow = np.arctan2(cross, along)
     gx, gz = wrist.upper[0] + lx, wrist.upper[1] + lz
+    if wrist.parallel:
+        hx, hz = swung(wrist.hand, bent + wrist.hand_sign * angles[3])
+        gx, gz = gx + hx, gz + hz
     c, s = np.cos(angles[1]), np.sin(angles[1])
     x, z = c * gx + s * gz, c * gz - s * gx
     over = np.arctan2(abs(x + wrist.axis_2[0]), abs(z))

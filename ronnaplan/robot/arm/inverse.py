@@ -1,4 +1,4 @@
-"""Inverse kinematics: every posture of an arm with a spherical wrist, in closed form."""
+"""Inverse kinematics: every posture of an arm with a spherical or a parallel wrist, in closed form."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ class Postures:
 
     ``within`` (M, 8) says which keep the joints' limits. Branch n is the same posture for all poses: bit 2 tells that
     the arm reaches back over its shoulder, bit 1 the elbow, bit 0 the flipped wrist. Each angle is the turn of it that
-    is nearest to the middle of its limits.
+    is nearest to the middle of its limits. Where axis 6 points along axis 4, of all ways to share their turn one is
+    told: with a spherical wrist joint 4 at zero, with a parallel one joints 2, 3 and 4 at zero together.
     """
 
     angles_rad: FloatArray

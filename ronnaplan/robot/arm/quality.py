@@ -31,10 +31,10 @@ def weakest_direction(arm: SerialArm, angles_rad: ArrayLike, tool: str | None = 
 
 
 def singularity_deg(arm: SerialArm, angles_rad: ArrayLike) -> FloatArray:
-    """Return the angle (...) in degrees to the nearest singular posture of an arm with a spherical wrist.
+    """Return the angle (...) in degrees to the nearest singular posture of an arm that has a closed form.
 
-    Three there are: joint 5 straight, the elbow stretched or folded, the wrist over axis 1 (told as the angle that it
-    is seen under from axis 2). Raises `InputError` for an arm without a closed form.
+    Three there are: joint 5 straight (axis 6 along axis 4), the elbow stretched or folded, the wrist's center over axis
+    1 (told as the angle that it is seen under from axis 2). Raises `InputError` for an arm without a closed form.
     """
     from ronnaplan.robot.arm.compiled import singularity
     from ronnaplan.robot.arm.wrist import wrist_of

@@ -1,4 +1,10 @@
-"""What lets an arm be solved in closed form: a spherical wrist on a shoulder and elbow that lie in a plane."""
+"""What lets an arm be solved in closed form: a shoulder, an elbow in a plane, and a wrist that is one of two kinds.
+
+Axis 1 is perpendicular to axis 2, axis 3 parallel to axis 2, axis 5 perpendicular to axes 4 and 6. A *spherical* wrist
+is one whose three axes meet. A *parallel* one is that of UR-like arms: axis 4 is parallel to axes 2 and 3, and only
+axes 5 and 6 meet. In both the place where they meet tells joint 1 and, with the elbow, the joints of the plane, and the
+flange's axes, seen from the shoulder, turn about axes 4, 5 and 6 as Euler's angles about z, y and z.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +17,11 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.forward import link_frames
 
+JOINTS = 6
 ANGLE_TOLERANCE = 1e-7
 """Axes whose cosine or sine is below this are perpendicular or parallel, to the digits of a description."""
+ROUNDED = 1e-4
+"""Axes that miss by less were meant to be so: 1.5708 was written for half of pi."""
 MEETING_MM = 1e-4
 """Axes that pass each other nearer than this meet."""
 OTHERWISE = "`inverse_numeric` solves it, `robot place` needs a closed form"
@@ -25,6 +34,8 @@ class Wrist(NamedTuple):
     A tuple of arrays, because the compiled kernels take it.
     """
 
+    parallel: bool
+    """Whether axis 4 is parallel to axes 2 and 3; otherwise axes 4, 5 and 6 meet."""
     shoulder: FloatArray
     """Shoulder from base (3, 3), its rows the shoulder's axes."""
     origin: FloatArray
@@ -36,11 +47,15 @@ class Wrist(NamedTuple):
     upper: FloatArray
     """(x, z) from axis 2 to axis 3."""
     lower: FloatArray
-    """(x, z) from axis 3 to the wrist's center."""
+    """(x, z) from axis 3 to the wrist's center, or to an axis 4 that is parallel."""
+    hand: FloatArray
+    """(x, z) from an axis 4 that is parallel to the wrist's center; zero where axis 4 goes through it."""
     beside: float
     """y of the wrist's center."""
     elbow_sign: float
     """1 when axis 3 points along axis 2, -1 when against it."""
+    hand_sign: float
+    """The same of an axis 4 that is parallel."""
     to_wrist: FloatArray
     """The wrist's axes from the shoulder (3, 3) at angle zero: z along axis 4, y along axis 5."""
     from_flange: FloatArray
@@ -54,35 +69,34 @@ class Wrist(NamedTuple):
 
 
 def wrist_of(arm: SerialArm) -> Wrist:
-    """Return the closed-form geometry of ``arm``; raises `InputError` saying what it lacks."""
-    if len(arm) != 6:
-        raise InputError(f"the arm {arm.name} has {len(arm)} joints, a closed form needs six; {OTHERWISE}")
-    frames = link_frames(arm, np.zeros(6))
+    """Return the geometry by which ``arm`` is solved; raises `InputError` saying what it lacks."""
+    if len(arm) != JOINTS:
+        raise InputError(f"the arm {arm.name} has {len(arm)} joints, a closed form needs six; {_way_out(arm)}")
+    frames = link_frames(arm, np.zeros(JOINTS))
     places = frames[1:, :3, 3]
     axes = np.einsum("nij,nj->ni", frames[1:, :3, :3], arm.axes)
-    flange = frames[-1] @ arm.flange
-    center = _meeting(places[3:], axes[3:])
-    _require(arm, float(np.linalg.norm(np.cross(axes[1], axes[2]))), "axes 2 and 3 are not parallel")
-    _require(arm, abs(axes[0] @ axes[1]), "axes 1 and 2 are not perpendicular")
-    _require(arm, abs(axes[3] @ axes[4]), "axes 4 and 5 are not perpendicular")
-    _require(arm, abs(axes[4] @ axes[5]), "axes 5 and 6 are not perpendicular")
-    apart = np.linalg.norm(np.cross(center - places[3:], axes[3:]), axis=1).max()
-    _require(arm, apart / MEETING_MM * ANGLE_TOLERANCE, f"axes 4, 5 and 6 pass each other by {apart:.3g} mm")
+    _require_angles(arm, axes)
+    parallel, center = _wrist(arm, places, axes)
     shoulder = np.stack([np.cross(axes[1], axes[0]), axes[1], axes[0]])
-    two, three, wrist = (shoulder @ (place - places[0]) for place in (places[1], places[2], center))
+    two, three, four, wrist = (shoulder @ (place - places[0]) for place in (*places[1:4], center))
+    end = four if parallel else wrist
     at_wrist = np.column_stack([np.cross(axes[4], axes[3]), axes[4], axes[3]])
     bend = float(np.arctan2(axes[5] @ at_wrist[:, 0], axes[5] @ at_wrist[:, 2]))
     cosine, sine = np.cos(bend), np.sin(bend)
     turn = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
+    flange = frames[-1] @ arm.flange
     return Wrist(
+        parallel,
         shoulder,
         places[0].copy(),
         flange[:3, :3].T @ (center - flange[:3, 3]),
         two[[0, 2]],
         (three - two)[[0, 2]],
-        (wrist - three)[[0, 2]],
+        (end - three)[[0, 2]],
+        (wrist - end)[[0, 2]],
         float(wrist[1]),
         float(np.sign(axes[1] @ axes[2])),
+        float(np.sign(axes[1] @ axes[3])) if parallel else 0.0,
         (shoulder @ at_wrist).T.copy(),
         flange[:3, :3].T @ at_wrist @ turn,
         bend,
@@ -91,13 +105,89 @@ def wrist_of(arm: SerialArm) -> Wrist:
     )
 
 
-def _meeting(places: FloatArray, axes: FloatArray) -> FloatArray:
-    """Return the place (3,) nearest to all lines through ``places`` (N, 3) along ``axes`` (N, 3)."""
+def stretched_mm(wrist: Wrist) -> float:
+    """Return how far from axis 2 the wrist's center comes in the arm's plane."""
+    return float(sum(np.linalg.norm(part) for part in (wrist.upper, wrist.lower, wrist.hand)))
+
+
+def _require_angles(arm: SerialArm, axes: FloatArray) -> None:
+    """Raise `InputError` naming the first two joints whose axes (6, 3) do not stand as both kinds need it."""
+    for a, b, stand in (
+        (1, 2, "parallel"),
+        (0, 1, "perpendicular"),
+        (3, 4, "perpendicular"),
+        (4, 5, "perpendicular"),
+    ):
+        miss = _off_parallel(axes[a], axes[b]) if stand == "parallel" else abs(float(axes[a] @ axes[b]))
+        if miss >= ANGLE_TOLERANCE:
+            what = f"the axes of {arm.joints[a]} and {arm.joints[b]} are {_degrees(miss)} from {stand}"
+            remedy = "give its angles all their digits" if miss < ROUNDED else _otherwise(arm)
+            raise _refused(arm, f"{what}, expected {stand}; {remedy}")
+
+
+def _wrist(arm: SerialArm, places: FloatArray, axes: FloatArray) -> tuple[bool, FloatArray]:
+    """Return whether axis 4 is parallel to axis 2, and where (3,) the axes of the wrist meet.
+
+    Raises `InputError` for a wrist of neither kind.
+    """
+    center, apart_mm = _meeting(places[3:], axes[3:])
+    if apart_mm < MEETING_MM:
+        return False, center
+    center, apart_two_mm = _meeting(places[4:], axes[4:])
+    miss = _off_parallel(axes[1], axes[3])
+    if miss < ANGLE_TOLERANCE and apart_two_mm < MEETING_MM:
+        return True, center
+    _, two, _, four, five, six = arm.joints
+    raise _refused(
+        arm,
+        f"the axes of {four}, {five} and {six} pass each other by {apart_mm:.3g} mm, those of {five} and {six} by "
+        f"{apart_two_mm:.3g} mm, and that of {four} is {_degrees(miss)} from parallel to that of {two}; expected all "
+        f"three to meet, or the last two and a parallel one; {_otherwise(arm)}",
+    )
+
+
+def _otherwise(arm: SerialArm) -> str:
+    """Say what to do with an arm of six joints that has no closed form."""
+    held = " and ".join(one.joint for one in arm.held)
+    return f"hold {held} at another angle, or another joint" if held else OTHERWISE
+
+
+def _refused(arm: SerialArm, what: str) -> InputError:
+    return InputError(f"the arm {arm.name} has no closed form: {what}")
+
+
+def _off_parallel(one: FloatArray, other: FloatArray) -> float:
+    """Return the sine between two axes (3,)."""
+    return float(np.linalg.norm(np.cross(one, other)))
+
+
+def _degrees(sine: float) -> str:
+    return f"{np.degrees(np.arcsin(min(sine, 1.0))):.3g} degrees"
+
+
+def _meeting(places: FloatArray, axes: FloatArray) -> tuple[FloatArray, float]:
+    """Return the place (3,) nearest to all lines through ``places`` (N, 3) along ``axes`` (N, 3), and how near (mm)."""
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     found: FloatArray = np.linalg.lstsq(across.sum(axis=0), (across @ places[:, :, None]).sum(axis=0)[:, 0])[0]
-    return found
+    return found, float(np.linalg.norm(np.cross(found - places, axes), axis=1).max())
 
 
-def _require(arm: SerialArm, miss: float, what: str) -> None:
-    if not miss < ANGLE_TOLERANCE:
-        raise InputError(f"the arm {arm.name} has no closed form: {what}; {OTHERWISE}")
+def _way_out(arm: SerialArm) -> str:
+    """Say what to do with an arm that has not six joints: where it has one too many, which of them to hold."""
+    if len(arm) < JOINTS:
+        return OTHERWISE
+    if len(arm) > JOINTS + 1:
+        return f"hold {len(arm) - JOINTS} of {', '.join(arm.joints)} (`--hold JOINT=DEGREES`)"
+    held = " or ".join(f"--hold {joint}=0" for joint in arm.joints if _is_solved_holding(arm, joint))
+    if held:
+        return f"hold one where it shall stay ({held})"
+    return "hold one that leaves a closed form (`--hold JOINT=DEGREES`; at 0 degrees none does)"
+
+
+def _is_solved_holding(arm: SerialArm, joint: str) -> bool:
+    """Whether the arm with a joint more than six has a closed form while that is held at zero."""
+    try:
+        wrist_of(arm.holding(joint, 0.0))
+    except InputError:
+        return False
+    return True

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import rigid
+from ronnaplan.robot.arm.wrist import stretched_mm
 from ronnaplan.robot.placement.room import Floor
 from ronnaplan.robot.placement.tasks import Ways
 from ronnaplan.robot.placement.world import Machine, World
@@ -242,8 +243,8 @@ def _reach(problem: Problem) -> float:
     """Return how far (mm) from the head's middle a base can stand at all: the arm stretched, and the longest tool."""
     wrist, ways = problem.machine.wrist, problem.ways
     tool = np.abs(ways.instruments[:, :6]).max(initial=0.0) + 300.0
-    arm = np.linalg.norm(wrist.upper) + np.linalg.norm(wrist.lower) + np.linalg.norm(wrist.axis_2)
-    return float(arm + tool + problem.world.head_ball[3] + wrist.origin[2])
+    arm = stretched_mm(wrist) + np.linalg.norm(wrist.axis_2) + abs(wrist.beside)
+    return float(arm + tool + problem.world.head_ball[3] + np.linalg.norm(wrist.origin))
 
 
 def _ranges(floor: Floor) -> list[tuple[tuple[float, float], float]]:

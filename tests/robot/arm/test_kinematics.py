@@ -142,7 +142,7 @@ def test_turns_are_all_that_the_limits_allow() -> None:
         (
             '<axis xyz="0 1 0"/><limit lower="-2.0943951023931953" upper="2.722',
             '<axis xyz="0 1 0.1"/><limit lower="-1" upper="2.722',
-            "2 and 3",
+            "A2 and A3 are 5.71 degrees from parallel, expected parallel",
         ),
     ],
 )

@@ -1,0 +1,199 @@
+"""Arms with either wrist in closed form, whatever their offsets; and what is told of arms that have none."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray, unit
+from ronnaplan.pose import exponential, invert, rigid
+from ronnaplan.robot.arm.arm import SerialArm
+from ronnaplan.robot.arm.forward import forward
+from ronnaplan.robot.arm.inverse import inverse
+from ronnaplan.robot.arm.numeric import inverse_numeric
+from ronnaplan.robot.arm.quality import singularity_deg, weakest_direction
+from ronnaplan.robot.arm.wrist import wrist_of
+from tests.robot.arm.arms import HALF, SEVEN, UR5E_M, UR10E_M, iiwa, ur
+from tests.robot.arm.test_kinematics import peer_poses, random_angles, read
+
+PER_ARM = 40
+"""Poses that each random arm is asked for."""
+
+
+def across(rng: np.random.Generator, axis: FloatArray) -> FloatArray:
+    """Return a random direction (3,) perpendicular to ``axis``."""
+    return unit(np.cross(axis, rng.normal(size=3)))
+
+
+def drawn(seed: int, *, parallel: bool = True, meeting: bool = False) -> SerialArm:
+    """Return an arm whose every offset is random and whose frames are askew, with a wrist of the kind asked for.
+
+    ``meeting``: axes 1 and 2 meet.
+    """
+    rng = np.random.default_rng(seed)
+    one = unit(rng.normal(size=3))
+    two = across(rng, one)
+    three = two * rng.choice([-1.0, 1.0])
+    four = two * rng.choice([-1.0, 1.0]) if parallel else unit(rng.normal(size=3))
+    five = across(rng, four)
+    axes = np.stack([one, two, three, four, five, across(rng, five)])
+    places = rng.uniform(-300.0, 300.0, (6, 3))
+    if meeting:
+        places[1] = places[0]
+    places[5] = places[4]
+    if not parallel:
+        places[3] = places[4]
+    places += rng.uniform(-200.0, 200.0, (6, 1)) * axes
+    frames = rigid(exponential(rng.uniform(-2.0, 2.0, (6, 3))), places)
+    origins = np.array([frames[0], *(invert(a) @ b for a, b in pairwise(frames))])
+    own = np.einsum("nji,nj->ni", frames[:, :3, :3], axes)
+    flange = rigid(exponential(rng.uniform(-2.0, 2.0, 3)), rng.uniform(-100.0, 100.0, 3))
+    limits = np.tile([-np.pi, np.pi], (6, 1)) + rng.uniform(-1.0, 1.0, (6, 1))
+    return SerialArm(f"drawn {seed}", tuple("abcdef"), origins, own, limits, flange)
+
+
+def turned(found: FloatArray, angles: FloatArray) -> FloatArray:
+    """Return by how much (...) joint vectors differ at most in any joint, whole turns aside."""
+    return np.asarray(np.abs((found - angles + np.pi) % (2 * np.pi) - np.pi).max(axis=-1))
+
+
+@pytest.mark.parametrize("parallel", [True, False])
+def test_every_branch_of_any_arm_of_either_kind_reaches_the_pose(parallel: bool) -> None:
+    counts = []
+    for seed in range(60):
+        arm = drawn(seed, parallel=parallel)
+        assert wrist_of(arm).parallel is parallel
+        angles = random_angles(arm, PER_ARM, seed)
+        asked = forward(arm, angles)
+        found = inverse(arm, asked).angles_rad
+        there = np.isfinite(found[..., 0])
+        miss = np.abs(forward(arm, found[there]) - np.repeat(asked[:, None], 8, axis=1)[there]).max(axis=(1, 2))
+        # nearer to a singular posture the last digits of a pose tell the angles less well
+        assert miss[singularity_deg(arm, found[there]) > 0.1].max() < 1e-9, f"seed {seed}"
+        assert miss.max() < 1e-6, f"seed {seed}"
+        clear = singularity_deg(arm, angles) > 0.1
+        assert np.nanmin(turned(found, angles[:, None])[clear], axis=1).max() < 1e-8, f"seed {seed}"
+        apart = turned(found[:, :, None], found[:, None])[clear][:, ~np.eye(8, dtype=bool)]
+        assert np.nanmin(apart) > 1e-4, f"seed {seed}"
+        counts += there.sum(axis=1).tolist()
+    assert set(counts) <= {2, 4, 6, 8}
+    assert np.mean(np.array(counts) == 8) > 0.1
+
+
+@pytest.mark.parametrize("lengths_m", [UR5E_M, UR10E_M])
+def test_a_ur_is_solved_as_pinocchio_moves_it(lengths_m: tuple[float, ...], tmp_path: Path) -> None:
+    text = ur(lengths_m)
+    arm = read(text, tmp_path)
+    asked = peer_poses(text, "tool0", random_angles(arm, 60))
+    found = inverse(arm, asked)
+    there = np.isfinite(found.angles_rad[..., 0])
+    assert (there.sum(axis=1) == 8).mean() > 0.5
+    back = peer_poses(text, "tool0", found.angles_rad[there])
+    assert np.abs(back - np.repeat(asked[:, None], 8, axis=1)[there]).max() < 1e-9
+    foot, upper, fore, side, wrist, end = (1000.0 * length for length in lengths_m)
+    stretched = forward(arm, np.zeros(6))[:3, 3]
+    np.testing.assert_allclose(stretched, [-upper - fore, -side - end, foot - wrist], atol=1e-9)
+
+
+def test_all_that_the_numerical_inverse_finds_is_among_the_eight() -> None:
+    found = []
+    for seed in range(6):
+        arm = drawn(seed)
+        asked = forward(arm, random_angles(arm, 1, seed + 10)[0])
+        closed = inverse(arm, asked[None])
+        numeric = inverse_numeric(arm, asked, starts=64)
+        here = closed.angles_rad[0][closed.within[0]]
+        assert turned(numeric[:, None], here).min(axis=1).max() < 1e-6, f"seed {seed}"
+        found.append((len(numeric), len(here)))
+    assert sum(some for some, _ in found) > 10, found
+
+
+def test_a_branch_keeps_its_posture_along_a_way() -> None:
+    """Joints move by as little as the flange does, but where two branches meet in a singular posture."""
+    arm = drawn(3)
+    start = forward(arm, random_angles(arm, 1, seed=3)[0])
+    way = np.tile(start, (400, 1, 1))
+    way[:, :3, 3] += np.linspace(0.0, 100.0, 400)[:, None] * unit([1.0, 2.0, -1.0])
+    found = inverse(arm, way).angles_rad
+    clear = np.nan_to_num(singularity_deg(arm, np.nan_to_num(found))) > 3.0
+    steps = turned(found[1:], found[:-1])[clear[1:] & clear[:-1]]
+    steps = steps[np.isfinite(steps)]
+    assert len(steps) > 300
+    assert steps.max() < 0.05
+
+
+def test_with_axis_6_along_axis_4_one_way_to_share_the_turn_is_told(tmp_path: Path) -> None:
+    arm = read(ur(UR5E_M), tmp_path)
+    asked = forward(arm, np.radians([20.0, -70.0, 90.0, -20.0, 0.0, 30.0]))
+    found = inverse(arm, asked[None]).angles_rad[0]
+    there = np.isfinite(found[:, 0])
+    assert there.any()
+    assert np.abs(forward(arm, found[there]) - asked).max() < 1e-9
+
+
+@pytest.mark.parametrize("parallel", [True, False])
+def test_by_as_much_as_is_told_one_joint_turns_into_a_singular_posture(parallel: bool) -> None:
+    checked = 0
+    for seed in range(20):
+        arm = drawn(seed, parallel=parallel, meeting=True)
+        angles = random_angles(arm, 10, seed)
+        told = np.radians(singularity_deg(arm, angles))
+        moved = np.repeat(angles[:, None], 6, axis=1)
+        for n, (joint, sign) in enumerate((joint, sign) for joint in (1, 2, 4) for sign in (-1, 1)):
+            moved[:, n, joint] += sign * told
+        weakest = weakest_direction(arm, moved)
+        assert (weakest.min(axis=1) < 1e-9).all(), f"seed {seed}"
+        assert (weakest_direction(arm, angles)[told > 0.05] > 1e-4).all(), f"seed {seed}"
+        checked += int((weakest < 1e-9).any(axis=1).sum())
+    assert checked == 200
+
+
+def test_only_where_it_is_told_the_jacobian_of_a_ur_loses_a_direction(tmp_path: Path) -> None:
+    arm = read(ur(UR10E_M), tmp_path)
+    angles = random_angles(arm, 4000, seed=5)
+    near, weak = singularity_deg(arm, angles), weakest_direction(arm, angles)
+    assert (near < 0.5).sum() > 10
+    assert weak[near < 0.5].max() < 0.02
+    assert (near[weak < 1e-3] < 3).all()
+
+
+@pytest.mark.parametrize(
+    ("joint", "old", "new", "sentence"),
+    [
+        ("wrist_2", "0 -0.0997 0", "0.01 -0.0997 0", None),
+        ("wrist_3", "0 0.0996 0", "0.01 0.0996 0", "by 5 mm, and that of wrist_1 is 0 degrees from parallel"),
+        ("wrist_1", 'rpy="0 0 0', 'rpy="0.1 0 0', "wrist_1 is 5.73 degrees from parallel to that of lift"),
+        ("elbow", 'rpy="0 0 0', 'rpy="0.1 0 0', "lift and elbow are 5.73 degrees from parallel, expected"),
+        ("lift", HALF, "1.4", "pan and lift are 9.79 degrees from perpendicular"),
+        ("lift", HALF, "1.5708", "0.00021 degrees .*; give its angles all their digits"),
+    ],
+)
+def test_of_other_arms_is_told_what_they_lack(
+    joint: str, old: str, new: str, sentence: str | None, tmp_path: Path
+) -> None:
+    before, after = ur(UR5E_M).split(f'<joint name="{joint}"')
+    assert old in after
+    arm = read(f'{before}<joint name="{joint}"{after.replace(old, new, 1)}', tmp_path)
+    if sentence is None:  # any offset between axes 4 and 5 will do
+        assert wrist_of(arm).parallel
+        return
+    with pytest.raises(InputError, match=sentence):
+        wrist_of(arm)
+
+
+def test_of_seven_joints_is_told_which_to_hold(tmp_path: Path) -> None:
+    arm = read(iiwa(), tmp_path)
+    with pytest.raises(InputError, match=r"has 7 joints.*; hold one where it shall stay \(--hold joint_a3=0\)$"):
+        wrist_of(arm)
+    with pytest.raises(
+        InputError, match=r"hold one that leaves a closed form \(`--hold JOINT=DEGREES`; at 0 degrees"
+    ):
+        wrist_of(read(SEVEN, tmp_path))
+    with pytest.raises(InputError, match=r"29\.8.*parallel, expected parallel; hold joint_a3 at another angle"):
+        wrist_of(arm.holding("joint_a3", 0.52))
+    with pytest.raises(InputError, match="has 5 joints, a closed form needs six; `inverse_numeric` solves it"):
+        wrist_of(arm.holding("joint_a3", 0.0).holding("joint_a7", 0.0))
