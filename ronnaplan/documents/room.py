@@ -25,6 +25,8 @@ from ronnaplan.untrusted import checked
 MOST_THINGS = 200
 """More boxes or capsules than this make the search slow; thin a room to what is near."""
 
+MOST_LINKS = 7
+"""The last link's number of an arm with a joint that is held; the arm itself says how many it has."""
 LARGEST_STANDOFF_MM = 1000.0
 """An arm beside a patient does not come from a metre off; all of its way is looked at, every few millimetres."""
 SHORTEST_DIRECTION = 1e-6
@@ -75,9 +77,9 @@ class CapsuleEntry(DocumentModel):
 
 
 class ArmBodyEntry(CapsuleEntry):
-    """A capsule about a link of the arm, in the link's frame."""
+    """A capsule about a link of the arm, in the link's frame; links count as before any joint was held."""
 
-    link: Annotated[int, Field(ge=0, le=6)]
+    link: Annotated[int, Field(ge=0, le=MOST_LINKS)]
 
 
 class HeadEntry(DocumentModel):
@@ -297,7 +299,7 @@ seen_deg = 75                   # how obliquely it is still seen
 
 # Of a --arm whose links are meshes; these take the place of all shapes that it has.
 # [[arm_body]]
-# link = 2                        # 0 is the foot, 6 the last
+# link = 2                        # 0 is the foot, 6 or 7 the last; links on joints that are held count, too
 # name = "upper arm"
 # start = [0, 0, 0]               # in the link's frame
 # end = [455, 0, 0]

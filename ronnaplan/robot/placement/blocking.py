@@ -38,8 +38,12 @@ class Blocked:
     which: int
     other: int
 
-    def sentence(self, problem: Problem, bodies: Sequence[str], things: Sequence[str], where: str) -> str:
-        """Say it; ``bodies`` and ``things`` are the names of the machine's and the room's, ``where`` of what bases.
+    def sentence(
+        self, problem: Problem, joints: Sequence[str], bodies: Sequence[str], things: Sequence[str], where: str
+    ) -> str:
+        """Say it with the names of ``joints``, of the machine's ``bodies`` and the room's ``things``.
+
+        ``where`` says of what bases it is told.
 
         Margins are rounded down, so that none looks as if it were enough.
         """
@@ -50,9 +54,9 @@ class Blocked:
             return f"out of the arm's reach {where}"
         if self.stage == LIMIT:
             if self.margin < 0:
-                return f"joint {self.which + 1} beyond its limit by {-self.margin:.0f} degrees {where}"
+                return f"joint {joints[self.which]} beyond its limit by {-self.margin:.0f} degrees {where}"
             asked = np.degrees(joint)
-            near = f"joint {self.which + 1} within {floor(self.margin)} degrees of its limit"
+            near = f"joint {joints[self.which]} within {floor(self.margin)} degrees of its limit"
             return f"{near} {where}; {asked:g} are asked for"
         if self.stage == SINGULAR:
             asked = np.degrees(singular)

@@ -30,7 +30,7 @@ from ronnaplan.robot.placement.search import (
 )
 from ronnaplan.robot.placement.serving import Served, serve
 from ronnaplan.robot.placement.tasks import Fineness, Task, drill_task, view_task, ways_of
-from ronnaplan.robot.placement.world import World, machine_of, world_of
+from ronnaplan.robot.placement.world import World, clad, machine_of, world_of
 
 COARSE = Fineness(24, 60.0)
 """What bases are searched with."""
@@ -166,8 +166,8 @@ class Job:
     @property
     def body_names(self) -> tuple[str, ...]:
         """The names of the machine's bodies."""
-        of_links = [one.name for _, one in self.room.arm_bodies] or [one.name for one in self.arm.bodies]
-        return (*of_links, *(one.name for one in self.room.tool.bodies))
+        of_links = clad(self.arm, self.room.arm_bodies).bodies
+        return (*(one.name for one in of_links), *(one.name for one in self.room.tool.bodies))
 
     @property
     def thing_names(self) -> tuple[str, ...]:
@@ -255,7 +255,9 @@ def _served_alone(problem: Problem, task: int, bases: FloatArray) -> NDArray[np.
 
 def _sentence(job: Job, problem: Problem, number: int, bases: FloatArray, where: str, best: FloatArray) -> str:
     task = job.tasks[number]
-    why = blocking.best_of(problem, number, bases).sentence(problem, job.body_names, job.thing_names, where)
+    why = blocking.best_of(problem, number, bases).sentence(
+        problem, job.arm.joints, job.body_names, job.thing_names, where
+    )
     told = f"{task.kind} {task.name}: {why}"
     if task.kind == "marker":
         return told

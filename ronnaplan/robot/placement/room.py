@@ -151,7 +151,10 @@ class Room:
     boxes: tuple[Box, ...] = ()
     capsules: tuple[Capsule, ...] = ()
     arm_bodies: tuple[tuple[int, Capsule], ...] = ()
-    """Capsules about links of the arm, with the link's number, that replace the arm's own."""
+    """Capsules about links of the arm, with the link's number, that replace the arm's own.
+
+    Links count as before any joint was held.
+    """
     margins: Margins = field(default_factory=Margins)
     parking: Parking = field(default_factory=Parking)
     reference_deg: tuple[float, ...] = (0.0, -120.0, 120.0, 0.0, 60.0, 0.0)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, unit
-from ronnaplan.robot.arm.arm import SerialArm
+from ronnaplan.robot.arm.arm import Body, SerialArm
 from ronnaplan.robot.arm.wrist import Wrist, wrist_of
 from ronnaplan.robot.placement.room import Box, Capsule, Room
 
@@ -65,9 +65,9 @@ def machine_of(arm: SerialArm, room: Room) -> Machine:
     """
     wrist = wrist_of(arm)
     _require_posture(arm, room.reference_deg)
-    of_links = [(body.link, _row(body.start_mm, body.end_mm, body.radius_mm)) for body in arm.bodies]
-    if room.arm_bodies:
-        of_links = [(link, capsule_row(one)) for link, one in room.arm_bodies]
+    of_links = [
+        (body.link, _row(body.start_mm, body.end_mm, body.radius_mm)) for body in clad(arm, room.arm_bodies).bodies
+    ]
     if not of_links:
         raise InputError(
             f"the links of {arm.name} have no simple shapes; state capsules as [[arm_body]] in the room"
@@ -87,6 +87,15 @@ def machine_of(arm: SerialArm, room: Room) -> Machine:
         len(of_links),
         box_rows(room.floor.trolley),
         marker,
+    )
+
+
+def clad(arm: SerialArm, told: Sequence[tuple[int, Capsule]]) -> SerialArm:
+    """Return the arm with the bodies that a room has ``told`` of, with each link's number, or else with its own."""
+    if not told:
+        return arm
+    return arm.with_bodies(
+        [Body(one.name, link, np.array(one.start_mm), np.array(one.end_mm), one.radius_mm) for link, one in told]
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,13 +17,15 @@ from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.robot.arm.forward import forward
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.arm.quality import joint_margins_deg, singularity_deg
+from ronnaplan.robot.arm.urdf import read_urdf
 from ronnaplan.robot.placement.blocking import turned_entries
 from ronnaplan.robot.placement.parking import strayed
 from ronnaplan.robot.placement.placement import COARSE, Job, Placement, check_parked, find_places
 from ronnaplan.robot.placement.room import Box, Capsule, Floor, HeadPose, Margins, Parking
-from ronnaplan.robot.placement.search import asking, grid, within, worths
+from ronnaplan.robot.placement.search import asking, base_pose, grid, within, worths
 from ronnaplan.robot.placement.tasks import drill_task
 from ronnaplan.robot.placement.world import world_of
+from tests.robot.arm.arms import UR10E_M, iiwa, ur
 from tests.robot.placement.cases import CENTER_MM, HEAD_MM, job, room, surface
 
 SMALL = Floor((-800.0, -650.0), (-600.0, -500.0), (850.0, 900.0))
@@ -58,6 +61,51 @@ def test_every_task_is_reached_all_along_its_way_within_the_margins(found: tuple
     assert place.worst_joint_deg == min(one.joint_deg for one in place.served)
     assert set(place.route.order) | set(place.route.stuck) == {task.name for task in given.tasks}
     assert [name[0] for name in place.route.order] == sorted(name[0] for name in place.route.order)
+
+
+OTHERS = {
+    "ur": (ur(UR10E_M), (), (0.0, -120.0, 120.0, -90.0, -90.0, 0.0)),
+    "iiwa": (iiwa(), ("joint_a3",), (0.0, -30.0, 90.0, 0.0, 60.0, 0.0)),
+}
+"""Arms of other kinds, which of their joints are held, and their postures of reference."""
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_other_arms_are_placed_and_reach_every_task_by_their_own_joints(name: str, tmp_path: Path) -> None:
+    text, held, reference_deg = OTHERS[name]
+    (tmp_path / "arm.urdf").write_text(text)
+    whole = read_urdf(tmp_path / "arm.urdf").arm
+    arm = whole
+    for joint in held:
+        arm = arm.holding(joint, 0.0)
+    given = replace(job(0, 2, 1, floor=SMALL, reference_deg=reference_deg), arm=arm)
+    (place, *_) = find_places(given).places
+    for task, served in zip(given.tasks, place.served, strict=True):
+        every_deg = served.angles_deg
+        for joint in held:
+            every_deg = np.insert(every_deg, whole.joints.index(joint), 0.0, axis=1)
+        tips = place.room_from_r @ forward(whole, np.radians(every_deg)) @ task.flange_from_tip
+        away = np.linalg.norm(tips[[0, -1], None, :3, 3] - np.array([task.starts_mm, task.ends_mm]), axis=-1)
+        assert away.max(axis=0).min() < 1e-6
+        assert joint_margins_deg(whole, np.radians(every_deg)).min() >= served.joint_deg - 1e-6
+        assert singularity_deg(arm, np.radians(served.angles_deg)).min() == pytest.approx(served.singularity_deg)
+        assert served.singularity_deg >= given.room.margins.singularity_deg
+        assert served.clearance_mm >= given.room.margins.clearance_mm
+
+
+def test_what_blocks_a_held_arm_is_told_by_the_names_of_its_joints_and_links(tmp_path: Path) -> None:
+    text, (joint,), reference_deg = OTHERS["iiwa"]
+    (tmp_path / "arm.urdf").write_text(text)
+    arm = read_urdf(tmp_path / "arm.urdf").arm.holding(joint, 0.0)
+    on_last = Capsule("fist", (0.0, 0.0, 0.0), (0.0, 0.0, 100.0), 400.0)
+    given = replace(job(0, 1, 0, floor=SMALL, reference_deg=reference_deg), arm=arm)
+    base = base_pose(np.array([-800.0, -600.0, 900.0, 102.0]))
+    assert check_parked(given, base).places
+    told = check_parked(replace(given, room=replace(given.room, arm_bodies=((7, on_last),))), base)
+    assert "fist would meet" in told.blocked[0]
+    tight = replace(given.room, margins=Margins(joint_deg=89.0))
+    told = check_parked(replace(given, room=tight, world=world_of(tight, given.world.head, None)), base)
+    assert "joint joint_a" in told.blocked[0]
 
 
 def test_no_place_of_the_floor_is_better(found: tuple[Job, Placement]) -> None:
