@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ronnaplan.cli.output import warn
-from ronnaplan.cli.values import number
+from ronnaplan.cli.values import held, number
 
 if TYPE_CHECKING:
     from ronnaplan.case.folder import Case
@@ -39,6 +39,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--arm", default="kr6r900", metavar="ARM", help="kr6r900 or a URDF file (default %(default)s)"
     )
     parser.add_argument("--tip", metavar="LINK", help="the link of the URDF that is the flange")
+    parser.add_argument(
+        "--hold",
+        action="append",
+        default=[],
+        type=held,
+        metavar="JOINT=DEGREES",
+        help="a joint of the arm that stays at an angle, so that one of seven joints is planned with as one of six "
+        "(repeatable)",
+    )
     parser.add_argument("--scene", metavar="FILE", help="room.toml: what stands in the room")
     measured = parser.add_mutually_exclusive_group()
     measured.add_argument(
@@ -118,6 +127,16 @@ def _found(arguments: argparse.Namespace, job: Job) -> Placement:
 
 
 def _arm(arguments: argparse.Namespace, room: Room) -> SerialArm:
+    """Return the built-in arm, or that of a file, with the joints held that are to be."""
+    import numpy as np
+
+    arm = _described(arguments, room)
+    for joint, angle_deg in arguments.hold:
+        arm = arm.holding(joint, float(np.radians(angle_deg)))
+    return arm
+
+
+def _described(arguments: argparse.Namespace, room: Room) -> SerialArm:
     """Return the built-in arm, or that of a file."""
     from ronnaplan.errors import UsageError
     from ronnaplan.robot.arm.kuka import kr6_r900

@@ -41,6 +41,17 @@ def number(text: str) -> float:
     return value
 
 
+def held(text: str) -> tuple[str, float]:
+    """Return a joint and the angle in degrees at which it is held, written JOINT=DEGREES."""
+    joint, _, angle = text.rpartition("=")
+    angle_deg = plain_number(angle)
+    if not joint or angle_deg is None:
+        raise argparse.ArgumentTypeError(
+            f"'{_short(text)}' names no joint and angle; expected a joint of the arm and degrees, as joint_3=0"
+        )
+    return joint, angle_deg
+
+
 def whole(least: int | None = None, most: int | None = None) -> Callable[[str], int]:
     """Return the check of a whole number from ``least`` to ``most``."""
     bounds = ("" if least is None else f" from {least}") + ("" if most is None else f" to {most}")

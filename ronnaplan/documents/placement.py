@@ -6,7 +6,7 @@ import os
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, FiniteFloat, model_validator
+from pydantic import Field, FiniteFloat, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.fields import (
@@ -21,6 +21,7 @@ from ronnaplan.documents.fields import (
     Row6,
     Software,
     Vector,
+    require_different_names,
 )
 from ronnaplan.documents.reading import made, read_document
 from ronnaplan.documents.room import MOST_THINGS, BoxEntry, CapsuleEntry
@@ -35,6 +36,8 @@ if TYPE_CHECKING:  # loading them compiles the arm's kernels
     from ronnaplan.robot.placement.serving import Served
 
 FORMAT = "ronnaplan.placement"
+MOST_HELD = 100
+"""No arm has so many joints to hold."""
 Degrees = Annotated[float, Field(ge=-720, le=720)]
 
 
@@ -109,8 +112,19 @@ class ParkingEntry(DocumentModel):
     sigma_deg: LengthMm
 
 
+class HeldEntry(DocumentModel):
+    """A joint that does not turn, and the angle at which the robot has to hold it."""
+
+    joint: Label
+    angle_deg: Degrees
+
+
 class PlacementDocument(DocumentModel):
-    """The whole of placement.json, version 1."""
+    """The whole of placement.json, version 1.
+
+    Where joints are held, angles are those of the six ``joints`` that turn, and each of ``held`` stays at its own.
+    Otherwise neither is written, and the angles are those of all joints in their order.
+    """
 
     format: Literal["ronnaplan.placement"]
     version: Literal[1]
@@ -119,6 +133,8 @@ class PlacementDocument(DocumentModel):
     status: Literal["placed", "parked", "blocked"]
     source: Source = Source()
     arm: Label
+    joints: tuple[Label, Label, Label, Label, Label, Label] | None = None
+    held: tuple[HeldEntry, ...] = Field(default=(), max_length=MOST_HELD)
     parking: ParkingEntry
     robot_from_ct: tuple[PlaceEntry, ...] = ()
     """The best place first, then alternatives apart from it."""
@@ -132,7 +148,22 @@ class PlacementDocument(DocumentModel):
             self.blocked
         ):
             raise ValueError(f"the status is {self.status}, with {len(self.robot_from_ct)} places")
+        if (self.joints is None) == bool(self.held):
+            raise ValueError("joints that turn and joints that are held do not stand together")
+        require_different_names("joints", [*(self.joints or ()), *(one.joint for one in self.held)])
         return self
+
+    @model_serializer(mode="wrap")
+    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out what older readers do not know where nothing is held."""
+        content: dict[str, Any] = write(self)
+        return content if self.held else {key: content[key] for key in content if key not in ("joints", "held")}
+
+    @property
+    def arm_text(self) -> str:
+        """The arm, and what of it is held."""
+        told = [f"{one.joint} held at {one.angle_deg:g} degrees" for one in self.held]
+        return f"{self.arm}, {' and '.join(told)}" if told else self.arm
 
     @property
     def ct_frame(self) -> Frame:
@@ -151,6 +182,10 @@ def placement_document(
         "status": ("parked" if parked else "placed") if found.places else "blocked",
         "source": source.model_dump(),
         "arm": arm.name,
+        "joints": arm.joints if arm.held else None,
+        "held": [
+            {"joint": one.joint, "angle_deg": round(float(np.degrees(one.angle_rad)), 9)} for one in arm.held
+        ],
         "parking": {"sigma_mm": room.parking.sigma_mm, "sigma_deg": room.parking.sigma_deg},
         "robot_from_ct": [{**_place(found, place), "robot": _robot(arm, room, place)} for place in found.places],
         "room": {
@@ -179,7 +214,7 @@ def read_placement(path: str | os.PathLike[str]) -> PlacementDocument:
 
 def placement_text(document: PlacementDocument) -> str:
     """Return what a person should know of a placement, some lines."""
-    lines = []
+    lines = [document.arm_text] if document.held else []
     for number, place in enumerate(document.robot_from_ct, 1):
         pose = np.array(place.room_from_r)
         turn = np.degrees(np.arctan2(pose[1, 0], pose[0, 0]))
@@ -221,12 +256,14 @@ def _place(found: Placement, place: Place) -> dict[str, Any]:
 def _robot(arm: SerialArm, room: Room, place: Place) -> dict[str, Any]:
     """Return the robot at ``place`` as capsules and boxes of the room."""
     from ronnaplan.robot.arm.forward import link_frames
-    from ronnaplan.robot.arm.wrist import wrist_of
+    from ronnaplan.robot.arm.wrist import stretched_mm
     from ronnaplan.robot.placement.world import machine_of
 
-    machine, wrist = machine_of(arm, room), wrist_of(arm)
+    machine = machine_of(arm, room)
+    wrist = machine.wrist
     frames = place.room_from_r @ link_frames(arm, np.radians(place.route.reference_deg)[None])[0]
-    lengths = (wrist.upper, wrist.lower, np.array(room.tool.start_mm) - wrist.center)
+    tool_mm = float(np.linalg.norm(np.array(room.tool.start_mm) - wrist.center))
+    shoulder_mm = wrist.origin + wrist.axis_2[1] * wrist.shoulder[2]
     rows = []
     for link, row in zip(machine.links, machine.bodies, strict=True):
         ends = transform_points(frames[link], row[:6].reshape(2, 3))
@@ -242,8 +279,8 @@ def _robot(arm: SerialArm, room: Room, place: Place) -> dict[str, Any]:
             }
             for one in room.floor.trolley
         ],
-        "shoulder": tuple(transform_points(place.room_from_r, wrist.origin[None])[0].tolist()),
-        "reach": float(abs(wrist.axis_2[0]) + sum(np.linalg.norm(part) for part in lengths)),
+        "shoulder": tuple(transform_points(place.room_from_r, shoulder_mm[None])[0].tolist()),
+        "reach": float(np.hypot(abs(wrist.axis_2[0]) + stretched_mm(wrist), wrist.beside)) + tool_mm,
     }
 
 

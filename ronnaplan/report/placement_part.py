@@ -77,7 +77,7 @@ def _place(found: PlacementDocument, count: int, one: PlaceEntry) -> list[str]:
 
 
 def _rests_on(found: PlacementDocument) -> str:
-    told = f"{found.arm}; coordinates of the base in the room"
+    told = f"{found.arm_text}; coordinates of the base in the room"
     if found.status == "parked":
         return told
     return (

@@ -17,7 +17,7 @@ from ronnaplan.documents.room import EXAMPLE
 from tests.cli.chains import parked_chain
 from tests.documents.test_room import with_arm_body
 from tests.planning.heads import layered_head
-from tests.robot.arm.arms import KR6
+from tests.robot.arm.arms import KR6, iiwa
 
 POINTS = ["--entry", "-20", "10", "77", "--target", "-10", "5", "20", "--coordinates", "LPS"]
 NARROW = {
@@ -116,3 +116,35 @@ def test_links_of_meshes_are_named_unless_the_room_states_bodies(
     room.write_text(with_arm_body(EXAMPLE))
     assert main([*case[:-1], str(room), *far]) == 3
     assert "collisions of" not in capsys.readouterr().err
+
+
+def test_an_arm_of_seven_joints_is_served_with_one_held_and_refused_with_the_way_out_otherwise(
+    case: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arm, room, output = tmp_path / "arm.urdf", tmp_path / "room.toml", tmp_path / "placement.json"
+    arm.write_text(iiwa())
+    room.write_text(
+        EXAMPLE.replace("reference_deg = [0, -120, 120, 0, 60, 0]", "reference_deg = [0, -30, 90, 0, 60, 0]")
+    )
+    there = [*case[:-1], str(room), "--arm", str(arm), "--parked", "-700", "-500", "900", "60", "-o", str(output)]
+    assert main(there) == 1
+    assert "has 7 joints, a closed form needs six; hold one where it shall stay (--hold joint_a3=0)" in (
+        capsys.readouterr().err
+    )
+    assert main([*there, "--hold", "joint_a3=0"]) == 0
+    assert "iiwa, joint_a3 held at 0 degrees" in capsys.readouterr().err
+    found = read_placement(output)
+    assert found.joints == ("joint_a1", "joint_a2", "joint_a4", "joint_a5", "joint_a6", "joint_a7")
+    assert [(one.joint, one.angle_deg) for one in found.held] == [("joint_a3", 0.0)]
+    assert main([*there, "--hold", "joint_a3=171"]) == 1
+    assert "joint_a3 of iiwa cannot be held at 171 degrees; expected -170 to 170" in capsys.readouterr().err
+    assert main([*there, "--hold", "joint_a3=0", "--hold", "joint_a3=1"]) == 1
+    assert "turns no joint 'joint_a3'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("held", ["joint_a3", "=3", "joint_a3=", "joint_a3=1,5", "joint_a3=nan"])
+def test_what_names_no_joint_and_angle_is_wrong_usage(
+    held: str, case: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*case, "--hold", held]) == 2
+    assert "expected a joint of the arm and degrees, as joint_3=0" in capsys.readouterr().err

@@ -6,6 +6,7 @@ import copy
 import json
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -31,6 +32,7 @@ from ronnaplan.geometry import Frame, Points
 from ronnaplan.planner.storage import Look
 from ronnaplan.pose import Pose, rigid
 from ronnaplan.registration.marker_registration import register_markers
+from ronnaplan.robot.arm.arm import HeldJoint
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.camera import RIG, Camera
 from ronnaplan.robot.chain import OTS, TCP, Capture, M, R
@@ -51,7 +53,10 @@ SERVED = Served("LH", "trajectory", np.zeros((2, 6)), 20.0, 30.0, 40.0, 50.0)
 ROUTE = Route(("LH",), 90.0, ("LH",), ("F1",), np.zeros(6))
 PLACES = (RobotPlace(np.eye(4), (SERVED,), ROUTE, 0.9),)
 PLACEMENT = placement_document(
-    Placement(np.eye(4), PLACES, ()), room(), kr6_r900(), fiducials_document(FOUND).source
+    Placement(np.eye(4), PLACES, ()),
+    room(),
+    replace(kr6_r900(), held=(HeldJoint("A0", 0.1, 1, np.eye(4)),)),
+    fiducials_document(FOUND).source,
 )
 
 Reader = Callable[[Path], object]

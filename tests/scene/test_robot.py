@@ -8,7 +8,7 @@ import pytest
 
 from ronnaplan.case.folder import Case
 from ronnaplan.documents.fiducials import Source
-from ronnaplan.documents.placement import PlacementDocument, placement_document
+from ronnaplan.documents.placement import HeldEntry, PlacementDocument, placement_document
 from ronnaplan.errors import FrameMismatchError
 from ronnaplan.report.overview import View
 from ronnaplan.report.part import html_of
@@ -85,6 +85,10 @@ def test_the_report_tells_places_margins_and_what_they_do_not_cover() -> None:
     ]
     part = placement_part(Case(plan=plan, placement=document()), View([], b"", b"beside the head"))
     assert base64.b64encode(b"beside the head").decode() in "".join(html_of(part.body))
+    held = document(joints=tuple("abcdef"), held=(HeldEntry(joint="g", angle_deg=12.5),))
+    assert "kr6r900, g held at 12.5 degrees; coordinates" in "".join(
+        html_of(placement_part(Case(plan=plan, placement=held)).body)
+    )
     blocked = document(robot_from_ct=(), status="blocked", blocked=("joint 5 is beyond its limit",))
     part = placement_part(Case(plan=cases.plan(), placement=blocked))
     assert part.warnings == ["no place of the robot serves all: joint 5 is beyond its limit"]
