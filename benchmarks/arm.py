@@ -1,63 +1,87 @@
 """Forward and inverse kinematics against Pinocchio, and solutions a second, on all cores.
 
-    python -m benchmarks.arm [--poses N] [--seed S]
+    python -m benchmarks.arm [--arm kr6r900|ur5e|iiwa] [--poses N] [--seed S]
 
-Needs `pin`. Solutions are counted over wall and over processor time: on a loaded machine only the latter tells much.
+Of the iiwa the third joint is held at zero. Needs `pin`. Solutions are counted over wall and over processor time: on a
+loaded machine only the latter tells much.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import tempfile
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.compiled import all_postures
 from ronnaplan.robot.arm.forward import forward
 from ronnaplan.robot.arm.inverse import BRANCHES, inverse
-from ronnaplan.robot.arm.kuka import AXES, OFFSETS_MM, kr6_r900
+from ronnaplan.robot.arm.kuka import kr6_r900
+from ronnaplan.robot.arm.urdf import read_urdf
 from ronnaplan.robot.arm.wrist import wrist_of
+from tests.robot.arm.arms import UR5E_M, iiwa, ur
 
 REPEATS = 10
+
+
+def described(text: str) -> SerialArm:
+    """Return the arm of a URDF's ``text``."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "arm.urdf")
+        path.write_text(text)
+        return read_urdf(path).arm
+
+
+ARMS: dict[str, Callable[[], SerialArm]] = {
+    "kr6r900": kr6_r900,
+    "ur5e": lambda: described(ur(UR5E_M)),
+    "iiwa": lambda: described(iiwa()).holding("joint_a3", 0.0),
+}
 
 
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--arm", choices=ARMS, default="kr6r900")
     parser.add_argument("--poses", type=int, default=100_000, help="random poses")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
-    arm = kr6_r900()
+    arm = ARMS[arguments.arm]()
     least, greatest = arm.limits_rad.T
     angles = np.random.default_rng(arguments.seed).uniform(least, greatest, (arguments.poses, 6))
     poses = forward(arm, angles)
-    print(f"forward: largest difference from Pinocchio {np.abs(poses - peer(angles)).max():.1e} (rotation, mm)")
+    print(
+        f"forward: largest difference from Pinocchio {np.abs(poses - peer(arm, angles)).max():.1e} (rotation, mm)"
+    )
     found = inverse(arm, poses).angles_rad
     there = np.isfinite(found[..., 0])
-    back = peer(found[there])
+    back = peer(arm, found[there])
     missed = np.abs(back - np.repeat(poses[:, None], BRANCHES, axis=1)[there]).max()
     print(
         f"inverse: {there.sum()} solutions of {len(poses)} poses, farthest from the pose by Pinocchio {missed:.1e}"
     )
     away = np.abs((found - angles[:, None] + np.pi) % (2 * np.pi) - np.pi).max(axis=-1)
     print(f"         the angles a pose was made of are missed by at most {np.nanmin(away, axis=1).max():.1e} rad")
-    speed(poses, int(there.sum()))
+    speed(arm, poses, int(there.sum()))
 
 
-def peer(angles: FloatArray) -> FloatArray:
+def peer(arm: SerialArm, angles: FloatArray) -> FloatArray:
     """Return Pinocchio's flange (M, 4, 4) in mm, of a model that is put together joint by joint."""
     import pinocchio as pin
 
     model, before = pin.Model(), 0
-    for offset, axis in zip(OFFSETS_MM, AXES, strict=True):
-        joint = pin.JointModelRevoluteUnaligned(np.array(axis, dtype=np.float64))
-        place = pin.SE3(np.eye(3), np.array(offset) / 1000.0)
-        before = model.addJoint(before, joint, place, f"A{before + 1}")
+    for name, origin, axis in zip(arm.joints, arm.origins, arm.axes, strict=True):
+        joint = pin.JointModelRevoluteUnaligned(axis)
+        before = model.addJoint(before, joint, pin.SE3(origin[:3, :3], origin[:3, 3] / 1000.0), name)
     model.addFrame(
-        pin.Frame("flange", before, pin.SE3(pin.rpy.rpyToMatrix(0, np.pi / 2, 0), np.zeros(3)), pin.OP_FRAME)
+        pin.Frame("flange", before, pin.SE3(arm.flange[:3, :3], arm.flange[:3, 3] / 1000.0), pin.OP_FRAME)
     )
     data, flange = model.createData(), model.getFrameId("flange")
     found = np.empty((len(angles), 4, 4))
@@ -68,9 +92,9 @@ def peer(angles: FloatArray) -> FloatArray:
     return found
 
 
-def speed(poses: FloatArray, solutions: int) -> None:
+def speed(arm: SerialArm, poses: FloatArray, solutions: int) -> None:
     """Print how many solutions are found a second by as many threads as there are cores."""
-    wrist, cores = wrist_of(kr6_r900()), os.cpu_count() or 1
+    wrist, cores = wrist_of(arm), os.cpu_count() or 1
     parts = np.array_split(np.ascontiguousarray(poses), cores)
     rooms = [(np.empty((len(part), BRANCHES, 6)), np.empty(len(part))) for part in parts]
 
