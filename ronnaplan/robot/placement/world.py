@@ -101,13 +101,12 @@ def clad(arm: SerialArm, told: Sequence[tuple[int, Capsule]]) -> SerialArm:
 
 def _require_posture(arm: SerialArm, reference_deg: Sequence[float]) -> None:
     """Raise `InputError` for a joint beyond its limits; joint 1 counts from the tasks, and is kept within its own."""
-    limits_deg = np.degrees(arm.limits_rad).tolist()
-    told = zip(arm.joints, reference_deg, limits_deg, strict=True)
+    told = zip(arm.joints, reference_deg, arm.limits_rad.tolist(), strict=True)
     for number, (joint, angle, (least, greatest)) in list(enumerate(told, start=1))[1:]:
-        if not least <= angle <= greatest:
+        if not least <= np.radians(angle) <= greatest:
             raise InputError(
                 f"reference_deg in the room has {angle:g} degrees for joint {number} of {arm.name}, {joint}; expected "
-                f"{least:.1f} to {greatest:.1f}"
+                f"{np.degrees(least):.1f} to {np.degrees(greatest):.1f}"
             )
 
 

@@ -24,7 +24,7 @@ from ronnaplan.robot.placement.placement import COARSE, Job, Placement, check_pa
 from ronnaplan.robot.placement.room import Box, Capsule, Floor, HeadPose, Margins, Parking
 from ronnaplan.robot.placement.search import asking, base_pose, grid, within, worths
 from ronnaplan.robot.placement.tasks import drill_task
-from ronnaplan.robot.placement.world import world_of
+from ronnaplan.robot.placement.world import machine_of, world_of
 from tests.robot.arm.arms import UR10E_M, iiwa, ur
 from tests.robot.placement.cases import CENTER_MM, HEAD_MM, job, room, surface
 
@@ -187,6 +187,12 @@ def test_a_reference_posture_beyond_the_arm_is_refused_by_the_joint(found: tuple
     ):
         with pytest.raises(InputError, match=told):
             find_places(replace(given, room=replace(given.room, reference_deg=reference)))
+
+
+def test_a_reference_posture_may_be_at_a_limit() -> None:
+    limits_deg = np.array([[-170, 170], [-120, 120], [-100, 120], [-185, 185], [-120, 120], [-350, 350]])
+    arm = replace(kr6_r900(), limits_rad=np.radians(limits_deg))
+    assert machine_of(arm, room()).tool_from == len(arm.bodies)
 
 
 def place_of(base: FloatArray) -> FloatArray:
