@@ -12,6 +12,7 @@ Two packages stand on this one, `ronnaplan` and `phantoms`, which share nothing 
 from __future__ import annotations
 
 import hashlib
+import pickle
 import sys
 from collections.abc import Callable, Mapping
 from enum import Enum, EnumMeta
@@ -28,6 +29,9 @@ from numba.core.runtime.nrt import rtsys
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
+UNREADABLE = (pickle.UnpicklingError, EOFError, AttributeError, ImportError, IndexError, TypeError, ValueError)
+"""What reading an index ends in that was cut off, or names a type that another version has no more."""
+
 PLAIN = (bool, int, float, complex, str, bytes, np.generic)
 """Constants whose text tells their value."""
 
@@ -38,7 +42,7 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Function], Functio
     def compiled(function: Function) -> Function:
         kernel: Any = numba.njit(**options)(function)
         if cache and isinstance(kernel, Dispatcher):  # it is none where numba was told to compile nothing
-            kernel._cache = Copies(function)  # type: ignore[attr-defined, no-untyped-call]
+            kernel._cache = Copies(function)  # type: ignore[attr-defined]
         return cast(Function, kernel)
 
     return compiled
@@ -102,6 +106,16 @@ class _Copy(caching.CompileResultCacheImpl):
     _locator_classes = LOCATORS
 
 
+class _Index(caching.IndexDataCacheFile):
+    """The list of a kernel's copies: none where it cannot be read."""
+
+    def _load_index(self) -> Any:
+        try:
+            return super()._load_index()  # type: ignore[no-untyped-call]
+        except UNREADABLE:
+            return {}
+
+
 class Copies(caching.FunctionCache):
     """A kernel's copies on disk.
 
@@ -111,6 +125,12 @@ class Copies(caching.FunctionCache):
     """
 
     _impl_class = _Copy
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)  # type: ignore[no-untyped-call]
+        self._cache_file = _Index(  # type: ignore[no-untyped-call]
+            self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp()
+        )
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         """Return the kernel for ``signature`` as it was compiled once, or None."""

@@ -112,3 +112,20 @@ def test_a_copy_runs_as_before_and_loads_nothing_that_only_compiling_takes(tmp_p
     (tmp_path / "mixed.py").write_text(MIXED)
     assert told(tmp_path, "mixed.py") == "7, 2.0, 0, True, 4.0"
     assert told(tmp_path, "mixed.py") == "7, 2.0, 0, 1, False, 4.0"
+
+
+def test_an_index_that_names_a_type_of_another_version_is_no_index(pack: Path) -> None:
+    """It ended in a traceback: numba reads the whole index before it asks whether it is stale."""
+    (pack / "shapes.py").write_text(
+        "from typing import NamedTuple\nfrom kernelcache import njit\nclass Arm(NamedTuple):\n    reach: float\n"
+        "@njit(cache=True)\ndef reached(arm: Arm) -> float:\n    return 2.0 * arm.reach\n"
+    )
+    run = "import pack.shapes as s; print(s.reached(s.{}(3.0)), sum(s.reached.stats.cache_hits.values()))"
+    assert told(pack.parent, "-c", run.format("Arm")) == "6.0 0"
+    assert told(pack.parent, "-c", run.format("Arm")) == "6.0 1"
+    shapes = (pack / "shapes.py").read_text()
+    (pack / "shapes.py").write_text(shapes.replace("Arm", "Robot"))
+    assert told(pack.parent, "-c", run.format("Robot")) == "6.0 0"
+    for index in pack.rglob("*.nbi"):
+        index.write_bytes(index.read_bytes()[:20])
+    assert told(pack.parent, "-c", run.format("Robot")) == "6.0 0"
