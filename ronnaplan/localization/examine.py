@@ -226,28 +226,32 @@ def distinct(accepted: Iterable[Examined]) -> list[Examined]:
     return kept
 
 
-def fit_place(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build = SOLID) -> BallFit:
+def fit_place(
+    scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build = SOLID, *, rows_add_up: bool = True
+) -> BallFit:
     """Fit a ball of about ``diameter_mm`` at a place (3,) of the scan.
 
     Edges between slices tell a place to half their distance only: a fit that moves away no farther starts anew there.
+    Whether what a detector's rows add up is made good, too, beside a head, ``rows_add_up`` says.
     """
-    fit = _fit(scan, center_mm, diameter_mm, build)
+    fit = _fit(scan, center_mm, diameter_mm, build, rows_add_up)
     moved_mm, near_mm = float(np.linalg.norm(fit.theta[CENTER])), MAX_WANDER * diameter_mm / 2.0
     if near_mm < moved_mm <= near_mm + scan.gap_mm / 2.0 and scan.gap_mm > near_mm:
-        fit = _fit(scan, fit.center_mm, diameter_mm, build)
+        fit = _fit(scan, fit.center_mm, diameter_mm, build, rows_add_up)
     return fit
 
 
-def _fit(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build) -> BallFit:
+def _fit(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build, rows_add_up: bool) -> BallFit:
     reach_mm = 0.625 * diameter_mm + max(build.layer_mm, 0.0) + margin_mm(scan.widest_mm)
     around = gather(scan.volume, center_mm, reach_mm, scan.axes)
     thickness_mm = float(scan.thickness_mm(center_mm))
     fit = fit_ball(around, diameter_mm, build, thickness_mm, scan.ceiling_hu)
     if scan.summed.first and fit.converged and not fit.is_clipped:
+        rows_add_up = False  # all of it is made good here
         whole = fit.neighbourhood.given_back(what_is_lost_hu(scan, fit), scan.ceiling_hu)
         fit = fit_ball(whole, diameter_mm, build, thickness_mm, scan.ceiling_hu)
     # Rays do not run in slices that were computed aslant.
-    return fit if scan.slant is not None else without_the_head(scan.volume, fit)
+    return fit if scan.slant is not None else without_the_head(scan.volume, fit, rows_add_up=rows_add_up)
 
 
 def what_is_lost_hu(scan: Scan, fit: BallFit) -> FloatArray:

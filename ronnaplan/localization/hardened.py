@@ -6,9 +6,10 @@ dark sides towards the head and away from it and bright ones across (J. Barrett 
 2004). To a whole ball that is the same on either side; where a post hides one of them, it displaces the center of a
 dense ball by up to 30 um towards the head. By how much the ball is fainter is told by its own image.
 
-A detector's cell adds up what it receives before the logarithm is taken, across the slices as along them
-(`ronnaplan.localization.summed`): that displaces each shadow towards where all else takes more, by its slope over the
-cell times the variance of what is added up. No image tells that; scanners hardly differ in it.
+A detector's cell adds up what it receives before the logarithm is taken: that displaces each shadow towards where all
+else takes more, by its slope over the cell times the variance of what is added up. Within the slices no image tells
+that, but scanners hardly differ in it. Across them a cell is as high as its row, which may be the whole slice: where
+the scan's balls tell that it is, this was made good before (`ronnaplan.localization.summed`), else for a usual row.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.descent import residuals_and_jacobian
 from ronnaplan.localization.model import has_layer
-from ronnaplan.localization.parameters import BACKGROUND, BLUR, CENTER, RADIUS, U, V, W
+from ronnaplan.localization.parameters import BACKGROUND, BLUR, CENTER, RADIUS, WIDTH, U, V, W
 from ronnaplan.localization.refine import refit
 from ronnaplan.localization.summed import (
     AIR_HU,
@@ -34,7 +35,9 @@ from ronnaplan.localization.summed import (
     WATER_PER_MM,
     chord_losses,
     kernel_passed,
+    lost_hu,
     profile_seen,
+    slope_beside_per_mm,
 )
 
 HARDENED_PER_HU = 4e-5
@@ -44,6 +47,10 @@ plastic, 0.1 of silicon nitride and alumina and 0.13 of glass were seen, with 1,
 APERTURE_MM2 = 0.035
 """Variance, at the center of rotation, of the rays that one cell adds up, within the slices: cells of 0.5 to 0.65 mm
 and focal spots of 0.5 to 1 mm, which are half as wide there, make 0.025 to 0.05."""
+
+ROW_MM2 = 0.05
+"""The same across the slices, or the profile's variance, where that is less: rows of 0.5 to 1.25 mm, which are as high
+there, make 0.02 to 0.13."""
 
 ROUNDS, CLOSE = 4, 0.01
 """So many times at most what the head does is made good and the ball fitted anew: until the share changes by less than
@@ -80,12 +87,13 @@ class Beside:
     losses: FloatArray
 
 
-def without_the_head(volume: CTVolume, fit: BallFit) -> BallFit:
+def without_the_head(volume: CTVolume, fit: BallFit, *, rows_add_up: bool) -> BallFit:
     """Return the fit of a ball with what the head does to its image made good; as it is, where that is not known.
 
     That is so of balls whose contrast the scale's end hides, and of metal, hollow or wrapped ones: other things bend
     their image, too. What is clipped has been looked for as if it were metal. The contrast does not slope then
-    (`ronnaplan.localization.shading`), for why it does is given back.
+    (`ronnaplan.localization.shading`), for why it does is given back. ``rows_add_up``: what a row adds up is not made
+    good yet.
     """
     if fit.may_be_metal or has_layer(fit.theta):
         return fit
@@ -93,16 +101,25 @@ def without_the_head(volume: CTVolume, fit: BallFit) -> BallFit:
     beside = all_beside(volume, fit)
     if beside.losses.max() < LEAST_LOSS:
         return fit
+    rows_hu = rows_lost_hu(volume, fit) if rows_add_up else np.zeros(len(seen.values_hu))
     for _ in range(ROUNDS):
         hardened_hu, pulled_hu = pictures_hu(beside, fit)
         before, share = share, _share(fit, hardened_hu, share)
-        again = refit(fit, seen.given_back(-share * hardened_hu - APERTURE_MM2 * pulled_hu, fit.ceiling_hu))
+        whole_hu = rows_hu - share * hardened_hu - APERTURE_MM2 * pulled_hu
+        again = refit(fit, seen.given_back(whole_hu, fit.ceiling_hu))
         if not again.converged:
             break
         fit = replace(again, made_good_mm=again.center_mm - before_mm)
         if abs(share - before) < CLOSE:
             break
     return fit
+
+
+def rows_lost_hu(volume: CTVolume, fit: BallFit) -> FloatArray:
+    """HU (N,) by which the voxels of a ball's fit are darker as each row of the detector adds up over its height."""
+    slope_per_mm = slope_beside_per_mm(volume, fit.center_mm, float(fit.theta[RADIUS]))
+    share = min(ROW_MM2 / (float(fit.theta[WIDTH]) ** 2 / 12.0), 1.0)
+    return share * lost_hu(fit.neighbourhood, fit.theta, slope_per_mm)
 
 
 def _share(fit: BallFit, hardened_hu: FloatArray, before: float) -> float:

@@ -75,7 +75,7 @@ def _asked(examined: Sequence[Examined], build: Build) -> list[Examined]:
 
 def told_by(scan: Scan, one: Examined) -> Told | None:
     """Ask a ball how much of what summing first would take of it is in the residuals of its fit."""
-    fit = fit_place(scan, one.center_mm, one.stated_mm)
+    fit = fit_place(scan, one.center_mm, one.stated_mm, rows_add_up=False)
     if not fit.converged or fit.is_clipped:
         return None
     residuals_hu, jacobian = residuals_and_jacobian(

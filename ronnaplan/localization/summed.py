@@ -75,15 +75,18 @@ def lost_hu(around: Neighbourhood, theta: FloatArray, slope_per_mm: float) -> Fl
 
     ``slope_per_mm`` says how much more of the logarithm all else takes for each mm of height.
     """
-    _, first, slices = np.unique(around.slices, return_index=True, return_inverse=True)
+    first = np.flatnonzero(np.diff(around.slices, prepend=-1))  # they come slice by slice
     from_axis_mm = np.hypot(around.offsets_mm[:, U] - theta[U], around.offsets_mm[:, V] - theta[V])
     radii_mm = np.linspace(0.0, float(from_axis_mm.max()), RADII)
     lost = _lost(around.offsets_mm[first, W] - theta[W], theta, slope_per_mm)
-    told = np.empty(len(from_axis_mm))
-    for number, picture_hu in enumerate(_pictures_hu(lost, theta, radii_mm)):
-        of_slice = slices == number
-        told[of_slice] = np.interp(from_axis_mm[of_slice], radii_mm, picture_hu)
-    return told
+    pictures_hu = _pictures_hu(lost, theta, radii_mm)
+    of_slices_mm = np.split(from_axis_mm, first[1:])
+    return np.concatenate(
+        [
+            np.interp(seen_mm, radii_mm, picture_hu)
+            for seen_mm, picture_hu in zip(of_slices_mm, pictures_hu, strict=True)
+        ]
+    )
 
 
 def _beside_mm(theta: FloatArray) -> FloatArray:

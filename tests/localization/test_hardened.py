@@ -13,7 +13,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import examine
 from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.examine import Scan, fit_place
-from ronnaplan.localization.hardened import APERTURE_MM2, all_beside
+from ronnaplan.localization.hardened import APERTURE_MM2, ROW_MM2, all_beside
 from ronnaplan.localization.model import has_streaks
 from ronnaplan.localization.summed import WATER_PER_MM
 
@@ -55,11 +55,19 @@ def in_post(angle: float, across_mm: FloatArray, half_mm: float) -> FloatArray:
 
 
 def scanned(
-    ball: FloatArray, water: FloatArray, cell_mm: float, *, head_mm: float = HEAD_MM, post_mm: float = POST_MM
+    ball: FloatArray,
+    water: FloatArray,
+    cell_mm: float,
+    *,
+    head_mm: float = HEAD_MM,
+    post_mm: float = POST_MM,
+    row_mm: float = 0.0,
+    taper: float = 0.0,
 ) -> CTVolume:
     """Scan a ball on its post beside a head by parallel rays in cells so wide; water is corrected for.
 
-    ``ball`` (2,) and ``water`` (2,) say what they take of a mm at each energy.
+    ``ball`` (2,) and ``water`` (2,) say what they take of a mm at each energy, ``row_mm`` how high a row of cells is,
+    and ``taper`` by how much the head becomes narrower for each mm of height.
 
     Only near the ball the image is reconstructed, elsewhere it is as it should be.
     """
@@ -73,22 +81,25 @@ def scanned(
     x, y = np.meshgrid(places_mm, places_mm)
     is_near = np.hypot(x - CENTER_MM[0], y - CENTER_MM[1]) < NEAR_MM
     pictures_hu = []
+    nodes, weights = np.polynomial.legendre.leggauss(4) if row_mm else (np.zeros(1), np.full(1, 2.0))
     for height_mm in HEIGHTS_MM - CENTER_MM[2]:
-        half_mm = np.sqrt(max(post_mm**2 - height_mm**2, 0.0))
         near_mm = np.zeros(np.count_nonzero(is_near))
         for angle in angles:
             turned = np.array([np.cos(angle), np.sin(angle)])
-            glass_mm = in_disc(across_mm - CENTER_MM[:2] @ turned, RADIUS_MM**2 - height_mm**2)
-            water_mm = in_disc(across_mm, head_mm**2)
-            if half_mm > 0.0:
-                water_mm = water_mm + in_post(angle, across_mm, half_mm)
-            arrives = np.exp(-np.outer(glass_mm, ball) - np.outer(water_mm, water)).mean(axis=1)
+            arrives = np.zeros(len(across_mm))
+            for within_mm, weight in zip(height_mm + row_mm / 2.0 * nodes, weights / 2.0, strict=True):
+                half_mm = np.sqrt(max(post_mm**2 - within_mm**2, 0.0))
+                glass_mm = in_disc(across_mm - CENTER_MM[:2] @ turned, RADIUS_MM**2 - within_mm**2)
+                water_mm = in_disc(across_mm, (head_mm - taper * within_mm) ** 2)
+                if half_mm > 0.0:
+                    water_mm = water_mm + in_post(angle, across_mm, half_mm)
+                arrives += weight * np.exp(-np.outer(glass_mm, ball) - np.outer(water_mm, water)).mean(axis=1)
             lost_mm = np.interp(
                 -np.log(uniform_filter1d(arrives, 2 * int(cell_mm / RAY_MM / 2.0) + 1)), of_water, depths_mm
             )
             filtered = np.fft.irfft(np.fft.rfft(lost_mm, 2 * len(lost_mm)) * passed)[: len(lost_mm)]
             near_mm += np.interp(x[is_near] * turned[0] + y[is_near] * turned[1], across_mm, filtered)
-        picture_hu = np.where(np.hypot(x, y) < head_mm, 0.0, -1000.0)
+        picture_hu = np.where(np.hypot(x, y) < head_mm - taper * height_mm, 0.0, -1000.0)
         picture_hu[is_near] = 1000.0 * near_mm * np.pi / VIEWS - 1000.0
         pictures_hu.append(np.clip(picture_hu, -1024, 30000))
     origins_mm = np.array([[-SEEN_MM, -SEEN_MM, height] for height in HEIGHTS_MM])
@@ -111,7 +122,7 @@ def fitted(volume: CTVolume) -> BallFit:
 def untouched(volume: CTVolume, monkeypatch: pytest.MonkeyPatch) -> BallFit:
     """The fit without what is made good."""
     with monkeypatch.context() as context:
-        context.setattr(examine, "without_the_head", lambda volume, fit: fit)
+        context.setattr(examine, "without_the_head", lambda volume, fit, **_: fit)
         return fitted(volume)
 
 
@@ -159,6 +170,27 @@ def test_what_cells_add_up_before_the_logarithm_is_made_good(
     pull_mm = 2.0 * APERTURE_MM2 * slope_per_mm
     assert pulled_mm(untouched(by_one_energy, monkeypatch)) == pytest.approx(pull_mm, rel=0.2)
     assert pulled_mm(fitted(by_one_energy)) == pytest.approx(0.0, abs=0.3 * pull_mm)
+
+
+def test_what_a_row_adds_up_before_the_logarithm_is_made_good_across_the_slices(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of a head that becomes narrower upwards rays lose more in a row's lower half; its shadow's slope is Radon's."""
+    row_mm, taper = float(np.sqrt(12.0 * ROW_MM2)), 0.8
+    places = np.stack(np.meshgrid(np.arange(-55.0, 55.0, 0.25), np.arange(-55.0, 55.0, 0.25)))
+    from_ball_mm = np.hypot(*(places - CENTER_MM[:2, np.newaxis, np.newaxis]))
+    above, below = (
+        float(np.sum((np.hypot(*places) < HEAD_MM - taper * height_mm) / from_ball_mm))
+        for height_mm in (4.0, -4.0)
+    )
+    pull_mm = ROW_MM2 * ONE_ENERGY[0] / np.pi * (below - above) * 0.25**2 / 8.0
+    heights_mm = []
+    for way in (taper, -taper):  # what slices as thick as this do to any ball is the same for both
+        volume = scanned(3.0 * ONE_ENERGY, ONE_ENERGY, 0.0, post_mm=0.0, row_mm=row_mm, taper=way)
+        heights_mm.append([fit.center_mm[2] for fit in (untouched(volume, monkeypatch), fitted(volume))])
+    before_mm, after_mm = (np.array(heights_mm[1]) - heights_mm[0]) / 2.0
+    assert before_mm == pytest.approx(pull_mm, rel=0.4)
+    assert after_mm == pytest.approx(0.0, abs=0.25 * pull_mm)
 
 
 def test_without_a_head_beside_it_a_ball_is_fitted_as_ever(monkeypatch: pytest.MonkeyPatch) -> None:
