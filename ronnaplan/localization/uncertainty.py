@@ -69,8 +69,8 @@ SCREW_PULL_MM, SCREW_PULL_WIDTH = 0.012, 0.004
 """Standard error along a post that a screw holds, and of a ball that is metal itself: a constant, and a share of the
 slice profile's width. A screw weakens the beam more than in proportion, so that the post seems to reach elsewhere, and
 all markers of a scan err alike; 15 um were seen in thin slices, 20 in cone beams and 25 in 5 mm slices of one
-independent simulation, next to nothing in three others and in the phantoms here. It depends on the machine's
-corrections, which no image tells."""
+independent simulation, next to nothing in three others and in the phantoms here. Cells and focal spots of 1.4 mm make
+so much in another one: how wide they are no image tells."""
 
 POST_PULL_MM, POST_ASIDE = 0.005, 0.35
 """The same where what holds the ball is no metal, and the share of it across that direction, as the head pulls, too."""
