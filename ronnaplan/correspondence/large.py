@@ -58,7 +58,7 @@ def match_large(problem: Problem, least_probability: float) -> Pairing:
         found = find_poses(problem, acceptable, work_done=found.work)
     answer = weighed(problem, found, least_probability)
     # What is given has its mirror image looked for as thoroughly; a refusal only gets its reason from it.
-    work_done = 0.0 if answer.status == "unique" else found.work - kept_back
+    work_done = 0.0 if answer.status == "unique" else work_allowed(problem) - kept_back
     if is_mirrored(problem, found, work_done):
         return Pairing("unmatched", no_pairs(), answer.probability, answer.rivals, LEFT_HANDED)
     return answer

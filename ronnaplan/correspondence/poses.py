@@ -48,7 +48,7 @@ CHANCE_PASSES = (1e-2, 1e-5)
 CROWDING_SIGMAS = 15.0
 """How crowded the OTS points are is told from their neighbours within this."""
 
-FIRST_BATCH, LEAST_BATCH, LARGEST_BATCH = 16, 8, 1024
+FIRST_BATCH, LEAST_BATCH, LARGEST_BATCH = 16, 32, 1024
 BATCH_SHARE = 0.2
 TRIAL_ORDERS = 32
 """Seeds looked up at once, so many that they take this share of the work that is left; and orders of the trial points
@@ -209,7 +209,8 @@ def looked_up(
         refined_poses = [refine(search, matrix) for matrix in matrices[hits > 0]]
         return refined_poses, work + REFINING_WORK * len(problem.ct) * len(refined_poses), finished
 
-    results = list(pool.map(of_part, np.array_split(seeds, PARTS)))
+    run = pool.map if len(seeds) > LEAST_BATCH else map  # to start threads takes longer than few seeds
+    results = list(run(of_part, np.array_split(seeds, PARTS)))
     poses = [pose for found, _, _ in results for pose in found]
     return poses, sum(work for _, work, _ in results), all(finished for *_, finished in results)
 
