@@ -224,8 +224,8 @@ def _place(job: Job, fine: Problem, base: FloatArray, sure: float | None) -> Pla
     if missing:
         return missing
     whole = tuple(one for one in served if one is not None)
-    route = plan_route(fine, base, whole, np.array(job.room.reference_deg))
-    return Place(base, whole, route, sure)
+    route, turned = plan_route(fine, base, whole, np.array(job.room.reference_deg))
+    return Place(base, turned, route, sure)
 
 
 def _blocked(job: Job, coarse: Problem, bases: FloatArray) -> tuple[str, ...]:
