@@ -30,6 +30,8 @@ LARGEST_NUMBER = 1e6
 TURNING = ("revolute", "continuous")
 FLANGE = "tool0"
 """What makers' descriptions call the flange, with z pointing out of it."""
+MOST_NAMED = 8
+"""So many links are named where any may be the flange."""
 EXPECTED = "the URDF description of an arm"
 
 
@@ -61,7 +63,8 @@ def read_urdf(path: str | os.PathLike[str], *, tip: str | None = None) -> UrdfAr
     """Read the chain from the file's base link to the flange: ``tip``, else `FLANGE`, else what most joints move.
 
     What is fixed to the last link becomes a tool of the arm, by its name. Raises `InputError` for what is no URDF, for
-    chains with joints that slide or mimic others, and where several chains are equally long and no ``tip`` is named.
+    chains with joints that slide or mimic others, and where no ``tip`` is named and several links may be the flange:
+    several chains are equally long, or something is fixed to the last link.
     """
     name = os.fspath(path)
     root = _parsed(read_whole(path, MOST_BYTES, expected=EXPECTED), name)
@@ -198,7 +201,8 @@ def _require_turning(chain: list[_Joint]) -> None:
 def _farthest(joints: dict[str, _Joint], links: dict[str, ElementTree.Element]) -> str:
     """Return `FLANGE` where there is one, else the link on the last joint of the chain in which most turn.
 
-    What hangs on a flange, as the fingers of a gripper, is not the arm's.
+    What hangs on a flange, as the fingers of a gripper, is not the arm's. Raises `InputError` naming the links that may
+    be the flange, where more than one may.
     """
     if FLANGE in links:
         return FLANGE
@@ -210,7 +214,21 @@ def _farthest(joints: dict[str, _Joint], links: dict[str, ElementTree.Element]) 
     lasts = {turned[link][1] for link in farthest}
     if len(lasts) > 1:
         raise InputError(f"the chains to {', '.join(farthest)} are equally long; name the link at the end")
-    return lasts.pop()
+    last = lasts.pop()
+    _require_last(joints, last)
+    return last
+
+
+def _require_last(joints: dict[str, _Joint], last: str) -> None:
+    """Raise `InputError` where links are fixed to the ``last`` that turns, as any may be the flange."""
+    placed = _with_fixed(joints, {last: (0, np.eye(4))})
+    others = [link for link, (_, pose) in placed.items() if not np.allclose(pose, np.eye(4), atol=1e-9)]
+    if others:
+        more = f" and {len(others) - MOST_NAMED} more" if len(others) > MOST_NAMED else ""
+        raise InputError(
+            f"no link is called {FLANGE}, and other links are fixed to the last that turns, {last}: "
+            f"{', '.join(others[:MOST_NAMED])}{more}; name the one that is the flange (`--tip LINK`), {last} or another"
+        )
 
 
 def _turned(joints: dict[str, _Joint]) -> dict[str, tuple[int, str]]:

@@ -68,11 +68,11 @@ def test_the_built_in_arm_is_that_of_its_description(tmp_path: Path) -> None:
     np.testing.assert_allclose(stretched, [25 + 455 + 420 + 80, 0, 400 + 35], atol=1e-9)
 
 
-@pytest.mark.parametrize("text", [KR6, TILTED])
+@pytest.mark.parametrize(("text", "tip"), [(KR6, "tool0"), (TILTED, "tip")])
 def test_every_posture_reaches_the_pose_and_the_one_it_was_made_of_is_among_them(
-    text: str, tmp_path: Path
+    text: str, tip: str, tmp_path: Path
 ) -> None:
-    arm = read(text, tmp_path)
+    arm = read(text, tmp_path, tip)
     angles = random_angles(arm, 2000, seed=1)
     asked = forward(arm, angles)
     found = inverse(arm, asked)

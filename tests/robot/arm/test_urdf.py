@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from ronnaplan.errors import InputError
+from ronnaplan.robot.arm.forward import forward
 from ronnaplan.robot.arm.urdf import read_urdf
-from tests.robot.arm.arms import KR6, SEVEN
+from tests.robot.arm.arms import IIWA_M, KR6, SEVEN, iiwa
 
 
 def test_simple_shapes_become_capsules_and_meshes_are_named(tmp_path: Path) -> None:
@@ -68,11 +69,35 @@ def test_a_gripper_on_the_flange_is_not_of_the_arm(joint: str, tmp_path: Path) -
     np.testing.assert_array_equal(arm.flange, bare.flange)
 
 
+def test_a_flange_is_not_guessed_where_something_is_fixed_to_the_last_link(tmp_path: Path) -> None:
+    """As on an iiwa, whose link 7 ends 45 mm before its flange, and on Franka's."""
+    text = iiwa().replace("tool0", "link_ee")
+    (tmp_path / "arm.urdf").write_text(text)
+    told = r"no link is called tool0, and .* the last that turns, l7: link_ee; name .* \(`--tip LINK`\), l7 or another"
+    with pytest.raises(InputError, match=told):
+        read_urdf(tmp_path / "arm.urdf")
+    arm = read_urdf(tmp_path / "arm.urdf", tip="link_ee").arm
+    np.testing.assert_allclose(forward(arm, np.zeros(7))[:3, 3], [0.0, 0.0, 1000.0 * sum(IIWA_M)], atol=1e-9)
+    hand = (
+        '<link name="hand"/><joint name="bolt" type="fixed"><parent link="link_ee"/><child link="hand"/></joint>'
+        '<link name="jaw"/><joint name="grip" type="prismatic"><parent link="hand"/><child link="jaw"/></joint></robot>'
+    )
+    (tmp_path / "arm.urdf").write_text(text.replace("</robot>", hand))
+    with pytest.raises(InputError, match=r"the last that turns, l7: link_ee, hand; name"):
+        read_urdf(tmp_path / "arm.urdf")
+
+
+def test_where_nothing_is_fixed_to_the_last_link_it_is_the_flange(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(SEVEN)
+    arm = read_urdf(tmp_path / "arm.urdf").arm
+    np.testing.assert_array_equal(arm.flange, np.eye(4))
+
+
 def test_what_slides_within_the_arm_is_refused_and_what_slides_at_its_end_is_not_of_it(tmp_path: Path) -> None:
     bare = KR6.replace('name="tool0"', 'name="plate"').replace('link="tool0"', 'link="plate"')
     jaw = '<link name="jaw"/><joint name="grip" type="prismatic"><parent link="plate"/><child link="jaw"/></joint>'
     (tmp_path / "arm.urdf").write_text(bare.replace("</robot>", f"{jaw}</robot>"))
-    assert len(read_urdf(tmp_path / "arm.urdf").arm) == 6
+    assert len(read_urdf(tmp_path / "arm.urdf", tip="plate").arm) == 6
     with pytest.raises(InputError, match=r"joint grip is prismatic.*name the flange as the tip"):
         read_urdf(tmp_path / "arm.urdf", tip="jaw")
 
@@ -171,12 +196,15 @@ def test_thousands_of_links_take_seconds(tmp_path: Path) -> None:
     """Twice as many take twice as long; each link's chain walked anew took two minutes for these."""
     parents = ["l7", *(f"f{n}" for n in range(3999))]
     fixed = [
-        f'<link name="f{n}"/><joint name="g{n}" type="fixed"><parent link="{parent}"/><child link="f{n}"/></joint>'
+        f'<link name="f{n}"/><joint name="g{n}" type="fixed"><origin xyz="0.001 0 0"/><parent link="{parent}"/>'
+        f'<child link="f{n}"/></joint>'
         for n, parent in enumerate(parents)
     ]
     (tmp_path / "arm.urdf").write_text(SEVEN.replace("</robot>", "".join(fixed) + "</robot>"))
     began = time.process_time()
-    arm = read_urdf(tmp_path / "arm.urdf").arm
+    with pytest.raises(InputError, match=r"l7: f0, f1, f2, f3, f4, f5, f6, f7 and 3992 more; name"):
+        read_urdf(tmp_path / "arm.urdf")
+    arm = read_urdf(tmp_path / "arm.urdf", tip="l7").arm
     assert time.process_time() - began < 10.0
     assert (len(arm), len(arm.frames)) == (7, 4001)
 
