@@ -93,9 +93,14 @@ def _parsed(content: bytes, name: str) -> ElementTree.Element:
         raise InputError(f"{name} is no XML ({error}); expected {EXPECTED}") from error
     if root.tag != "robot":
         raise InputError(f"{name} holds <{root.tag}>; expected <robot>, {EXPECTED} (run xacro first)")
-    if "${" in text or any("xacro" in element.tag for element in root.iter()):
+    if any("xacro" in element.tag or _is_left_to_work_out(element) for element in root.iter()):
         raise InputError(f"{name} holds what xacro has to work out; run xacro first, and give what it writes")
     return root
+
+
+def _is_left_to_work_out(element: ElementTree.Element) -> bool:
+    """Whether an attribute or a text beside ``element`` holds what xacro replaces; comments may."""
+    return any("${" in (told or "") for told in (*element.attrib.values(), element.text, element.tail))
 
 
 def _arm(root: ElementTree.Element, tip: str | None) -> UrdfArm:
@@ -120,7 +125,7 @@ def _arm(root: ElementTree.Element, tip: str | None) -> UrdfArm:
     place = _with_fixed(joints, place)
     bodies, shapeless = _bodies(links, place)
     arm = SerialArm(
-        root.attrib.get("name", "arm"),
+        _name(root, "the robot") if "name" in root.attrib else "arm",
         tuple(names),
         np.array(origins),
         np.array(axes),
@@ -136,17 +141,24 @@ def _links(root: ElementTree.Element) -> dict[str, ElementTree.Element]:
     """Return the links by their names; raises `InputError` where two have one."""
     links: dict[str, ElementTree.Element] = {}
     for link in root.findall("link"):
-        name = _attribute(link, "name", "a link")
+        name = _name(link, "a link")
         if links.setdefault(name, link) is not link:
             raise InputError(f"two links are called {name!r}; expected each name once, correct the file")
     return links
 
 
 def _joints(root: ElementTree.Element, links: dict[str, ElementTree.Element]) -> dict[str, _Joint]:
-    """Return the joints by the links that they hold; raises `InputError` where two hold one, or one is not there."""
+    """Return the joints by the links that they hold; raises `InputError` where two hold one or have one name.
+
+    It also does for a link that is not there.
+    """
     joints: dict[str, _Joint] = {}
+    names: set[str] = set()
     for element in root.findall("joint"):
-        name = _attribute(element, "name", "a joint")
+        name = _name(element, "a joint")
+        if name in names:
+            raise InputError(f"two joints are called {name!r}; expected each name once, correct the file")
+        names.add(name)
         parent, child = (_named_link(element, end, name, links) for end in ("parent", "child"))
         joint = _Joint(name, _attribute(element, "type", f"joint {name}"), parent, child, element)
         first = joints.setdefault(child, joint)
@@ -355,6 +367,16 @@ def _attribute(element: ElementTree.Element, key: str, of: str) -> str:
     if found is None:
         raise ValueError(f"{of} has no {key}")
     return found
+
+
+def _name(element: ElementTree.Element, of: str) -> str:
+    """Return the name of an element, which documents and sentences show in one line; raises `InputError` otherwise."""
+    name = _attribute(element, "name", of)
+    if not name.strip() or not name.isprintable():
+        raise InputError(
+            f"{of} is called {name!r}; expected a name that a line of text can show, correct the file"
+        )
+    return name
 
 
 def _length(text: str) -> float:

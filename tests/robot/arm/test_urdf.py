@@ -114,6 +114,13 @@ def test_what_slides_within_the_arm_is_refused_and_what_slides_at_its_end_is_not
         ),
         ('<child link="l5"/>', '<child link="l4"/>', "joints A4 and A5 carry one link"),
         ("</robot>", '<link name="l4"/></robot>', "two links are called 'l4'"),
+        ('name="A2"', 'name="A1"', "two joints are called 'A1'; expected each name once"),
+        ('name="kr6"', 'name=""', "the robot is called ''; expected a name that"),
+        ('name="A2"', 'name=" "', "a joint is called ' '; expected a name that"),
+        ('name="A2"', 'name="A&#9;2"', r"a joint is called 'A\\t2'; expected a name that"),
+        ('name="A2"', 'name="A&#10;2"', r"a joint is called 'A\\n2'; expected a name that"),
+        ('<link name="l1"/>', '<link name=""/>', "a link is called ''; expected a name that"),
+        ('name="kr6">', 'name="kr6">${prefix}', "run xacro first"),
         ("<robot", "<!DOCTYPE robot [<!ENTITY a 'b'>]><robot", "declares a document type"),
         ("</robot>", "", "is no XML"),
         ("robot", "arm", "holds <arm>; expected <robot>"),
@@ -177,6 +184,11 @@ def test_a_joint_to_a_link_that_is_not_there_is_named_where_the_chain_goes_by_it
     )
     with pytest.raises(InputError, match=r"joint j1 names the child 'l1', but there is no such link; correct"):
         read_urdf(tmp_path / "arm.urdf")
+
+
+def test_a_comment_may_hold_what_xacro_would_have_replaced(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(KR6.replace("</robot>", "<!-- of ${prefix}arm -->\n</robot>"))
+    assert read_urdf(tmp_path / "arm.urdf").arm.name == "kr6"
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-32"])
