@@ -34,13 +34,15 @@ class Body:
 class HeldJoint:
     """A joint that does not turn: what it would move, link ``link`` of the arm before, is part of the link before it.
 
-    ``pose`` (4, 4) is that link in the one before, with the joint at ``angle_rad``.
+    ``pose`` (4, 4) is that link in the one before, with the joint at ``angle_rad``. ``before`` is the arm that still
+    turned it.
     """
 
     joint: str
     angle_rad: float
     link: int
     pose: FloatArray
+    before: SerialArm | None = None
 
     def carried(self, body: Body) -> Body:
         """Return ``body``, of the arm before, on the link that carries it now."""
@@ -149,7 +151,7 @@ class SerialArm:
                 f"{np.degrees(least):g} to {np.degrees(greatest):g}"
             )
         pose = self.origins[n] @ rigid(exponential(angle_rad * self.axes[n]), np.zeros(3))
-        held = HeldJoint(joint, angle_rad, n + 1, pose)
+        held = HeldJoint(joint, angle_rad, n + 1, pose, self)
         following = [*self.origins[n + 1 :], self.flange]
         following[0] = pose @ following[0]
         return replace(

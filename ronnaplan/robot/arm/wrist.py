@@ -8,6 +8,7 @@ flange's axes, seen from the shoulder, turn about axes 4, 5 and 6 as Euler's ang
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,12 +21,16 @@ from ronnaplan.robot.arm.forward import link_frames
 JOINTS = 6
 ANGLE_TOLERANCE = 1e-7
 """Axes whose cosine or sine is below this are perpendicular or parallel, to the digits of a description."""
-ROUNDED = 1e-4
-"""Axes that miss by less were meant to be so: 1.5708 was written for half of pi."""
+NEARLY = 2e-3
+"""Axes that miss by less were meant to be so: 1.57 was written for half of pi, or the robot's own errors are in it."""
 MEETING_MM = 1e-4
 """Axes that pass each other nearer than this meet."""
+NEARLY_MM = 2.0
+"""Axes that pass each other nearer than this were meant to meet."""
 OTHERWISE = "`inverse_numeric` solves it, `robot place` needs a closed form"
 """What is left of an arm that has none."""
+EXACTLY = "give its angles all their digits, or, where the robot was calibrated, the maker's nominal description"
+"""What to do where axes are as they have to be but for `NEARLY`."""
 
 
 class Wrist(NamedTuple):
@@ -121,7 +126,7 @@ def _require_angles(arm: SerialArm, axes: FloatArray) -> None:
         miss = _off_parallel(axes[a], axes[b]) if stand == "parallel" else abs(float(axes[a] @ axes[b]))
         if miss >= ANGLE_TOLERANCE:
             what = f"the axes of {arm.joints[a]} and {arm.joints[b]} are {_degrees(miss)} from {stand}"
-            remedy = "give its angles all their digits" if miss < ROUNDED else _otherwise(arm)
+            remedy = EXACTLY if miss < NEARLY else _otherwise(arm)
             raise _refused(arm, f"{what}, expected {stand}; {remedy}")
 
 
@@ -137,19 +142,27 @@ def _wrist(arm: SerialArm, places: FloatArray, axes: FloatArray) -> tuple[bool, 
     miss = _off_parallel(axes[1], axes[3])
     if miss < ANGLE_TOLERANCE and apart_two_mm < MEETING_MM:
         return True, center
+    remedy = EXACTLY if miss < NEARLY and apart_two_mm < NEARLY_MM else _otherwise(arm)
     _, two, _, four, five, six = arm.joints
     raise _refused(
         arm,
         f"the axes of {four}, {five} and {six} pass each other by {apart_mm:.3g} mm, those of {five} and {six} by "
         f"{apart_two_mm:.3g} mm, and that of {four} is {_degrees(miss)} from parallel to that of {two}; expected all "
-        f"three to meet, or the last two and a parallel one; {_otherwise(arm)}",
+        f"three to meet, or the last two and a parallel one; {remedy}",
     )
 
 
 def _otherwise(arm: SerialArm) -> str:
     """Say what to do with an arm of six joints that has no closed form."""
-    held = " and ".join(one.joint for one in arm.held)
-    return f"hold {held} at another angle, or another joint" if held else OTHERWISE
+    if not arm.held:
+        return OTHERWISE
+    before = arm.held[-1].before
+    others = "" if before is None else _told_held({joint: _lacking(before, joint) for joint in before.joints})
+    return f"hold {_held(arm)} at another angle, or another joint{f' ({others})' if others else ''}"
+
+
+def _held(arm: SerialArm) -> str:
+    return " and ".join(one.joint for one in arm.held)
 
 
 def _refused(arm: SerialArm, what: str) -> InputError:
@@ -175,19 +188,29 @@ def _meeting(places: FloatArray, axes: FloatArray) -> tuple[FloatArray, float]:
 def _way_out(arm: SerialArm) -> str:
     """Say what to do with an arm that has not six joints: where it has one too many, which of them to hold."""
     if len(arm) < JOINTS:
-        return OTHERWISE
+        spare = min(JOINTS - len(arm), len(arm.held))
+        return f"hold {spare} fewer (of {_held(arm)}), so that six turn" if spare else OTHERWISE
     if len(arm) > JOINTS + 1:
         return f"hold {len(arm) - JOINTS} of {', '.join(arm.joints)} (`--hold JOINT=DEGREES`)"
-    held = " or ".join(f"--hold {joint}=0" for joint in arm.joints if _is_solved_holding(arm, joint))
+    lacking = {joint: _lacking(arm, joint) for joint in arm.joints}
+    held = _told_held(lacking)
     if held:
         return f"hold one where it shall stay ({held})"
+    nearly = " or ".join(f"--hold {joint}=0" for joint, what in lacking.items() if EXACTLY in what)
+    if nearly:
+        return f"but for rounded angles {nearly} would leave one: {EXACTLY}"
     return "hold one that leaves a closed form (`--hold JOINT=DEGREES`; at 0 degrees none does)"
 
 
-def _is_solved_holding(arm: SerialArm, joint: str) -> bool:
-    """Whether the arm with a joint more than six has a closed form while that is held at zero."""
+def _told_held(lacking: dict[str, str]) -> str:
+    """Return the options that hold any of the joints that leave an arm ``lacking`` nothing."""
+    return " or ".join(f"--hold {joint}=0" for joint, what in lacking.items() if not what)
+
+
+def _lacking(arm: SerialArm, joint: str) -> str:
+    """Return what the arm with a joint more than six lacks of a closed form while that is held at zero, if anything."""
     try:
-        wrist_of(arm.holding(joint, 0.0))
-    except InputError:
-        return False
-    return True
+        wrist_of(replace(arm.holding(joint, 0.0), held=()))  # of which no other joint is asked in turn
+    except InputError as error:
+        return str(error)
+    return ""

@@ -170,6 +170,14 @@ def test_only_where_it_is_told_the_jacobian_of_a_ur_loses_a_direction(tmp_path: 
         ("elbow", 'rpy="0 0 0', 'rpy="0.1 0 0', "lift and elbow are 5.73 degrees from parallel, expected"),
         ("lift", HALF, "1.4", "pan and lift are 9.79 degrees from perpendicular"),
         ("lift", HALF, "1.5708", "0.00021 degrees .*; give its angles all their digits"),
+        ("lift", HALF, "1.57", "0.0456 degrees .*; give its angles all their digits, or, .* nominal description"),
+        ("elbow", 'rpy="0 0 0', 'rpy="1e-4 0 0', "0.00573 degrees .* where the robot was calibrated, the maker's"),
+        (
+            "wrist_1",
+            'rpy="0 0 0',
+            'rpy="1e-4 0 0',
+            "0.00573 degrees from parallel to that of lift.*the maker's nomi",
+        ),
     ],
 )
 def test_of_other_arms_is_told_what_they_lack(
@@ -195,5 +203,25 @@ def test_of_seven_joints_is_told_which_to_hold(tmp_path: Path) -> None:
         wrist_of(read(SEVEN, tmp_path))
     with pytest.raises(InputError, match=r"29\.8.*parallel, expected parallel; hold joint_a3 at another angle"):
         wrist_of(arm.holding("joint_a3", 0.52))
-    with pytest.raises(InputError, match="has 5 joints, a closed form needs six; `inverse_numeric` solves it"):
-        wrist_of(arm.holding("joint_a3", 0.0).holding("joint_a7", 0.0))
+
+
+def test_of_seven_joints_with_rounded_angles_is_told_that_they_are(tmp_path: Path) -> None:
+    arm = read(iiwa().replace('rpy="0 0 0"/><parent link="l3"', 'rpy="1e-5 0 0"/><parent link="l3"'), tmp_path)
+    told = r"but for rounded angles --hold joint_a3=0 would leave one: give its angles all their digits, or"
+    with pytest.raises(InputError, match=told):
+        wrist_of(arm)
+
+
+def test_of_a_joint_that_leaves_no_closed_form_is_told_which_other_would(tmp_path: Path) -> None:
+    with pytest.raises(
+        InputError, match=r"hold joint_a4 at another angle, or another joint \(--hold joint_a3=0\)$"
+    ):
+        wrist_of(read(iiwa(), tmp_path).holding("joint_a4", 0.5))
+
+
+def test_of_too_many_joints_held_is_told_to_hold_fewer(tmp_path: Path) -> None:
+    told = r"has 5 joints, a closed form needs six; hold 1 fewer \(of joint_a3 and joint_a7\), so that six turn"
+    with pytest.raises(InputError, match=told):
+        wrist_of(read(iiwa(), tmp_path).holding("joint_a3", 0.0).holding("joint_a7", 0.0))
+    with pytest.raises(InputError, match=r"has 5 joints.*hold 1 fewer \(of elbow\), so that six turn$"):
+        wrist_of(read(ur(UR5E_M), tmp_path).holding("elbow", 0.0))
