@@ -38,7 +38,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--arm", default="kr6r900", metavar="ARM", help="kr6r900 or a URDF file (default %(default)s)"
     )
-    parser.add_argument("--tip", metavar="LINK", help="the link of the URDF that is the flange")
+    parser.add_argument(
+        "--tip", metavar="LINK", help="the link of the URDF that is the flange, z pointing out of it"
+    )
     parser.add_argument(
         "--hold",
         action="append",

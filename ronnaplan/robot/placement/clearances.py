@@ -12,7 +12,11 @@ from ronnaplan.robot.placement.distances import box_box, segment_box, segment_po
 from ronnaplan.robot.placement.world import Machine, World
 
 APART_LINKS = 3
-"""Links of the arm with so many joints between them are kept apart; nearer ones are by the joints' limits."""
+"""Links of the arm with so many joints between them are kept apart.
+
+Nearer ones are not looked at, as their capsules may overlap in every posture. Limits of joints need not keep them
+apart.
+"""
 HEAD, ROOM = -1, -2
 """What a body comes near to, where it is no other body."""
 
