@@ -128,8 +128,9 @@ class Copies(caching.FunctionCache):
 
     def __init__(self, function: Any) -> None:
         super().__init__(function)  # type: ignore[no-untyped-call]
+        made = self._cache_file
         self._cache_file = _Index(  # type: ignore[no-untyped-call]
-            self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp()
+            self._cache_path, self._impl.filename_base, made._source_stamp
         )
 
     def load_overload(self, signature: Any, context: Any) -> Any:

@@ -17,6 +17,7 @@ from ronnaplan.correspondence.refining import PAIR_SIGMAS, refined
 from ronnaplan.correspondence.rivals import LOG_ODDS_OF_MIRROR, LOG_ODDS_PER_PAIR
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.correspondence.weighing import Pose, pose_evidence
+from ronnaplan.geometry import FloatArray
 
 MISSED_SHARE = 0.1
 """Poses are sought until an equal of the best is missed with at most this share of the doubt that is allowed."""
@@ -56,24 +57,25 @@ def match_large(problem: Problem, least_probability: float) -> Pairing:
     if found.poses and (scale := scale_of_errors(found.chance, found.poses[0])) > LEAST_SCALE:
         problem = problem.with_errors(scale)
         found = find_poses(problem, acceptable, work_done=found.work)
-    answer = weighed(problem, found, least_probability)
+    best = found.poses[0] if found.poses else None
+    of_pairs = np.zeros(0) if best is None else found.chance.pair_probabilities(best.matrix, best.partner)
+    answer = weighed(problem, found, of_pairs, least_probability)
     # What is given has its mirror image looked for as thoroughly; a refusal only gets its reason from it.
     work_done = 0.0 if answer.status == "unique" else work_allowed(problem) - kept_back
-    if is_mirrored(problem, found, work_done):
-        return Pairing("unmatched", no_pairs(), answer.probability, answer.rivals, LEFT_HANDED)
+    if is_mirrored(problem, best, float(of_pairs.sum()), work_done):
+        return Pairing("unmatched", no_pairs(), answer.probability, rivals_of(found.poses), LEFT_HANDED)
     return answer
 
 
-def weighed(problem: Problem, found: Found, least_probability: float) -> Pairing:
-    """Return the pairs of the best pose that was found, or the reason why they are not given."""
+def weighed(problem: Problem, found: Found, of_pairs: FloatArray, least_probability: float) -> Pairing:
+    """Return the pairs of the best pose that was found, or the reason why they are not given.
+
+    ``of_pairs`` are their probabilities.
+    """
     if not found.poses:
         return Pairing("unmatched", no_pairs(), 0.0, reason=nothing_found(found))
     best = found.poses[0]
-    below = np.array([best.log_evidence - pose.log_evidence for pose in found.poses])
-    rivals = tuple(
-        Rival(pose.pairs, float(gap)) for pose, gap in zip(found.poses[: MOST_RIVALS + 1], below, strict=False)
-    )
-    of_pairs = found.chance.pair_probabilities(best.matrix, best.partner)
+    rivals = rivals_of(found.poses)
     others = sum(rival_odds(found.chance, best, float(of_pairs.sum()), pose) for pose in found.poses[1:])
     probability = 1.0 / (1.0 + others + found.missed + math.exp(min(-best.log_evidence, 700.0)))
     if probability < least_probability:
@@ -94,6 +96,13 @@ def weighed(problem: Problem, found: Found, least_probability: float) -> Pairing
         return Pairing("unmatched", no_pairs(), probability, rivals, reason)
     moved = moved_pairs(problem, best.partner)
     return Pairing("unique", given, probability, rivals[1:], doubtful=doubtful, moved=moved)
+
+
+def rivals_of(poses: list[Pose]) -> tuple[Rival, ...]:
+    """Return the best of ``poses`` as rivals, the very best among them."""
+    return tuple(
+        Rival(pose.pairs, float(poses[0].log_evidence - pose.log_evidence)) for pose in poses[: MOST_RIVALS + 1]
+    )
 
 
 def scale_of_errors(chance: Chance, pose: Pose) -> float:
@@ -156,21 +165,18 @@ def rival_odds(chance: Chance, best: Pose, of_best: float, rival: Pose) -> float
     return max(by_evidence, real * by_pairs)
 
 
-def is_mirrored(problem: Problem, found: Found, work_done: float) -> bool:
-    """Tell whether a reflection, which no patient undergoes, would pair more points than the best pose does.
+def is_mirrored(problem: Problem, best: Pose | None, of_best: float, work_done: float) -> bool:
+    """Tell whether a reflection, which no patient undergoes, would pair more points than the best pose does, if any.
 
-    It is not looked for beyond the work allowed, of which ``work_done`` is done.
+    ``of_best`` of its pairs are right, as an expectation. It is not looked for beyond the work allowed, of which
+    ``work_done`` is done.
     """
-    best = found.poses[0] if found.poses else None
-    size, log_evidence, of_best = 0, LOG_ODDS_OF_MIRROR, 0.0
-    if best is not None:
-        size, log_evidence = len(best.pairs), best.log_evidence
-        of_best = float(found.chance.pair_probabilities(best.matrix, best.partner).sum())
-    seen = find_poses(problem.mirrored(), MISSED_MIRROR, size + 1, work_done)
-    if not seen.poses or seen.poses[0].log_evidence < log_evidence:
+    size, log_evidence = (0, LOG_ODDS_OF_MIRROR) if best is None else (len(best.pairs), best.log_evidence)
+    found = find_poses(problem.mirrored(), MISSED_MIRROR, size + 1, work_done)
+    if not found.poses or found.poses[0].log_evidence < log_evidence:
         return False
-    mirrored = seen.poses[0]
-    of_mirrored = float(seen.chance.pair_probabilities(mirrored.matrix, mirrored.partner).sum())
+    mirrored = found.poses[0]
+    of_mirrored = float(found.chance.pair_probabilities(mirrored.matrix, mirrored.partner).sum())
     return of_mirrored - of_best > MORE_IF_MIRRORED
 
 

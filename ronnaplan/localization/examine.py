@@ -28,7 +28,7 @@ from ronnaplan.localization.neighbourhood import axes_along, gather
 from ronnaplan.localization.parameters import CENTER, RADIUS, profile_fwhm_mm
 from ronnaplan.localization.parts import single_threaded_algebra
 from ronnaplan.localization.refine import fit_ball
-from ronnaplan.localization.summed import UNTOLD, Summed, lost_hu, slope_beside_per_mm
+from ronnaplan.localization.summed import UNTOLD, Summed, what_is_lost_hu
 from ronnaplan.localization.uncertainty import (
     by_excess,
     cramer_rao_bound,
@@ -248,16 +248,10 @@ def _fit(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build, ro
     fit = fit_ball(around, diameter_mm, build, thickness_mm, scan.ceiling_hu)
     if scan.summed.first and fit.converged and not fit.is_clipped:
         rows_add_up = False  # all of it is made good here
-        whole = fit.neighbourhood.given_back(what_is_lost_hu(scan, fit), scan.ceiling_hu)
+        whole = fit.neighbourhood.given_back(what_is_lost_hu(scan.volume, fit), scan.ceiling_hu)
         fit = fit_ball(whole, diameter_mm, build, thickness_mm, scan.ceiling_hu)
     # Rays do not run in slices that were computed aslant.
     return fit if scan.slant is not None else without_the_head(scan.volume, fit, rows_add_up=rows_add_up)
-
-
-def what_is_lost_hu(scan: Scan, fit: BallFit) -> FloatArray:
-    """HU (N,) by which the voxels of a ball's fit are darker where rays were summed first."""
-    slope_per_mm = slope_beside_per_mm(scan.volume, fit.center_mm, fit.diameter_mm / 2.0)
-    return lost_hu(fit.neighbourhood, fit.theta, slope_per_mm)
 
 
 def examine_place(

@@ -35,9 +35,8 @@ from ronnaplan.localization.summed import (
     WATER_PER_MM,
     chord_losses,
     kernel_passed,
-    lost_hu,
     profile_seen,
-    slope_beside_per_mm,
+    what_is_lost_hu,
 )
 
 HARDENED_PER_HU = 4e-5
@@ -117,9 +116,8 @@ def without_the_head(volume: CTVolume, fit: BallFit, *, rows_add_up: bool) -> Ba
 
 def rows_lost_hu(volume: CTVolume, fit: BallFit) -> FloatArray:
     """HU (N,) by which the voxels of a ball's fit are darker as each row of the detector adds up over its height."""
-    slope_per_mm = slope_beside_per_mm(volume, fit.center_mm, float(fit.theta[RADIUS]))
     share = min(ROW_MM2 / (float(fit.theta[WIDTH]) ** 2 / 12.0), 1.0)
-    return share * lost_hu(fit.neighbourhood, fit.theta, slope_per_mm)
+    return share * what_is_lost_hu(volume, fit)
 
 
 def _share(fit: BallFit, hardened_hu: FloatArray, before: float) -> float:

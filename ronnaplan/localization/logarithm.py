@@ -15,11 +15,11 @@ import numpy as np
 
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.descent import residuals_and_jacobian
-from ronnaplan.localization.examine import Examined, Scan, distinct, fit_place, what_is_lost_hu
+from ronnaplan.localization.examine import Examined, Scan, distinct, fit_place
 from ronnaplan.localization.motion import LEAST_TOGETHER
 from ronnaplan.localization.parameters import WIDTH
 from ronnaplan.localization.parts import single_threaded_algebra
-from ronnaplan.localization.summed import ALIKE_VOXELS, Summed
+from ronnaplan.localization.summed import ALIKE_VOXELS, Summed, what_is_lost_hu
 from ronnaplan.localization.uncertainty import robust_spread
 from ronnaplan.threads import in_threads
 
@@ -81,7 +81,7 @@ def told_by(scan: Scan, one: Examined) -> Told | None:
     residuals_hu, jacobian = residuals_and_jacobian(
         fit.neighbourhood, fit.theta, fit.prior.layer_mm, fit.ceiling_hu
     )
-    seen = np.column_stack([what_is_lost_hu(scan, fit), residuals_hu])[fit.used]
+    seen = np.column_stack([what_is_lost_hu(scan.volume, fit), residuals_hu])[fit.used]
     by_other_balls = jacobian[fit.used]
     # The model is all but linear in so little; a second fit would leave other directions out, which changes more.
     lost, rest = (seen - by_other_balls @ np.linalg.lstsq(by_other_balls, seen)[0]).T

@@ -17,6 +17,7 @@ import numpy as np
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.neighbourhood import Neighbourhood
 from ronnaplan.localization.parameters import BLUR, CONTRAST, EDGE, RADIUS, SHAPE, WIDTH, U, V, W, profile_half_mm
 
@@ -87,6 +88,12 @@ def lost_hu(around: Neighbourhood, theta: FloatArray, slope_per_mm: float) -> Fl
             for seen_mm, picture_hu in zip(of_slices_mm, pictures_hu, strict=True)
         ]
     )
+
+
+def what_is_lost_hu(volume: CTVolume, fit: BallFit) -> FloatArray:
+    """HU (N,) by which the voxels of a ball's fit are darker where rays were summed first."""
+    slope_per_mm = slope_beside_per_mm(volume, fit.center_mm, fit.diameter_mm / 2.0)
+    return lost_hu(fit.neighbourhood, fit.theta, slope_per_mm)
 
 
 def _beside_mm(theta: FloatArray) -> FloatArray:

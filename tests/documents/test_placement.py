@@ -16,22 +16,17 @@ from ronnaplan.pose import transform_points
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.forward import link_frames
 from ronnaplan.robot.arm.kuka import kr6_r900
-from ronnaplan.robot.arm.urdf import read_urdf
 from ronnaplan.robot.placement.placement import Place, Placement
 from ronnaplan.robot.placement.room import Capsule
 from ronnaplan.robot.placement.route import Route
 from ronnaplan.robot.placement.search import base_pose
 from ronnaplan.robot.placement.serving import Served
 from tests.robot.arm.arms import IIWA_M, UR5E_M, iiwa, ur
+from tests.robot.arm.test_kinematics import read
 from tests.robot.placement.cases import room
 
 BASE = base_pose(np.array([-700.0, -300.0, 900.0, 30.0]))
 REFERENCE_DEG = np.array([10.0, -30.0, 90.0, 20.0, 60.0, 40.0])
-
-
-def read(text: str, folder: Path) -> SerialArm:
-    (folder / "arm.urdf").write_text(text)
-    return read_urdf(folder / "arm.urdf").arm
 
 
 def document(arm: SerialArm, *bodies: tuple[int, Capsule]) -> PlacementDocument:

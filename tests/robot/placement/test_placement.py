@@ -17,7 +17,6 @@ from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.robot.arm.forward import forward
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.arm.quality import joint_margins_deg, singularity_deg
-from ronnaplan.robot.arm.urdf import read_urdf
 from ronnaplan.robot.placement.blocking import turned_entries
 from ronnaplan.robot.placement.parking import strayed
 from ronnaplan.robot.placement.placement import COARSE, Job, Placement, check_parked, find_places
@@ -26,6 +25,7 @@ from ronnaplan.robot.placement.search import asking, base_pose, grid, within, wo
 from ronnaplan.robot.placement.tasks import drill_task
 from ronnaplan.robot.placement.world import machine_of, world_of
 from tests.robot.arm.arms import UR10E_M, iiwa, ur
+from tests.robot.arm.test_kinematics import read
 from tests.robot.placement.cases import CENTER_MM, HEAD_MM, job, room, surface
 
 SMALL = Floor((-800.0, -650.0), (-600.0, -500.0), (850.0, 900.0))
@@ -73,8 +73,7 @@ OTHERS = {
 @pytest.mark.parametrize("name", OTHERS)
 def test_other_arms_are_placed_and_reach_every_task_by_their_own_joints(name: str, tmp_path: Path) -> None:
     text, held, reference_deg = OTHERS[name]
-    (tmp_path / "arm.urdf").write_text(text)
-    whole = read_urdf(tmp_path / "arm.urdf").arm
+    whole = read(text, tmp_path)
     arm = whole
     for joint in held:
         arm = arm.holding(joint, 0.0)
@@ -95,8 +94,7 @@ def test_other_arms_are_placed_and_reach_every_task_by_their_own_joints(name: st
 
 def test_what_blocks_a_held_arm_is_told_by_the_names_of_its_joints_and_links(tmp_path: Path) -> None:
     text, (joint,), reference_deg = OTHERS["iiwa"]
-    (tmp_path / "arm.urdf").write_text(text)
-    arm = read_urdf(tmp_path / "arm.urdf").arm.holding(joint, 0.0)
+    arm = read(text, tmp_path).holding(joint, 0.0)
     on_last = Capsule("fist", (0.0, 0.0, 0.0), (0.0, 0.0, 100.0), 400.0)
     given = replace(job(0, 1, 0, floor=SMALL, reference_deg=reference_deg), arm=arm)
     base = base_pose(np.array([-800.0, -600.0, 900.0, 102.0]))
