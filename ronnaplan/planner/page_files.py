@@ -1,7 +1,8 @@
-"""The page's own files: its template, and its scripts as one, fetched before the page asks for them."""
+"""The page's own files: what it begins with, its template, and its scripts as one, fetched before it asks for them."""
 
 from __future__ import annotations
 
+import re
 from importlib.resources import files
 from pathlib import Path
 
@@ -13,15 +14,17 @@ PAGE = files("ronnaplan.planner") / "page"
 SCENE_PAGE = files("ronnaplan.scene") / "page"
 
 SCRIPT, STYLE = "page.js", "planner_page/planner.css"
-FETCHED_AHEAD = ", ".join(
-    f"<{name}>; rel=preload; as={kind}"
-    for name, kind in (("vue.global.js", "script"), (STYLE, "style"), (SCRIPT, "script"))
-)
-"""The page asks for its style and script only when it has heard from the server: they come sooner, behind what it needs
-for that."""
+FETCHED_AHEAD = ", ".join(f"<{name}>; rel=preload; as=script" for name in ("vue.global.js", SCRIPT))
+"""The page asks for its script only when it has heard from the server: it comes sooner, behind what that needs."""
 
-MODULE = {"serve": {"planner_page": str(Path(str(PAGE)))}, "scripts": [SCRIPT], "styles": [STYLE]}
+MODULE = {"serve": {"planner_page": str(Path(str(PAGE)))}, "scripts": [SCRIPT]}
 """What trame serves and loads before it makes the page."""
+
+LOADER = re.compile(r"<script>\s*fetch\(\"\./loading\.tpl\".*?</script>", re.DOTALL)
+"""trame's index writes a picture of waiting over whatever stands in the page once it has come. Where much else runs, or
+over a slow line, that is the page itself."""
+
+WAITING = "ronnaplan is loading ... (research software, not a medical device)"
 
 
 def templates() -> dict[str, str]:
@@ -37,15 +40,31 @@ def templates() -> dict[str, str]:
     return {"main": page.replace("<!-- views -->", view), "panels": panels}
 
 
+def index() -> str:
+    """Return what a browser is given first: trame's page, which says that it loads and looks whether that fails."""
+    from trame_client.module import vue3
+
+    text = LOADER.sub("", (Path(vue3.www) / "index.html").read_text(encoding="utf-8"))
+    reach = (PAGE / "reach.js").read_text(encoding="utf-8")
+    text = re.sub("<title>.*?</title>", f'<title>ronnaplan</title><link rel="stylesheet" href="{STYLE}">', text)
+    text = text.replace('<div id="app">', f'<div id="app">{WAITING}')
+    return text.replace("</body>", f"<script>{reach}</script></body>")
+
+
 def page_routes() -> list[web.RouteDef]:
-    """Return what is answered beside trame's own: all scripts at once."""
+    """Return what is answered beside trame's own: what the page begins with, and all its scripts at once."""
     parts = [
         *(SCENE_PAGE / f"{name}.js" for name in ("viewer", "volume")),
         *(PAGE / f"{name}.js" for name in ("planner", "head", "files", "pictures")),
     ]
     text = "".join(part.read_text(encoding="utf-8") for part in parts)
 
+    first = index()
+
+    async def page(_: web.Request) -> web.Response:
+        return web.Response(text=first, content_type="text/html")
+
     async def script(_: web.Request) -> web.Response:
         return web.Response(text=text, content_type="text/javascript")
 
-    return [web.get(f"/{SCRIPT}", script)]
+    return [web.get("/index.html", page), web.get(f"/{SCRIPT}", script)]

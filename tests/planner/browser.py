@@ -108,9 +108,13 @@ def opened(browser: Any, url: str, width: int = 1280, height: int = 800, script:
     page.on("request", lambda request: page.requested.append(request.url))
     page.on("websocket", lambda socket: page.requested.append(socket.url))
     page.goto(url)
+    wait_until_whole(page)
+    return page
+
+
+def wait_until_whole(page: Any) -> None:
     page.wait_for_selector("canvas[data-picture=axial][data-number]")
     page.wait_for_selector(".rp-tab")  # the panels follow the first pictures
-    return page
 
 
 def place(page: Any, view: str, across: float, down: float) -> tuple[float, float]:

@@ -8,13 +8,13 @@
   for (const [name, picture] of Object.entries(state.get())) {
     if (name.startsWith("picture_") && picture) ahead.set(picture, decoded(picture));
   }
-  const idle = window.requestIdleCallback ?? setTimeout;
+  const idle = window.requestIdleCallback ?? setTimeout, SOON = { timeout: 1000 }; // where much else runs, nothing is ever idle
   let painted;
   const seen = new Promise((resolve) => (painted = resolve));
   app.mount = async (place) => {
     await Promise.all(ahead.values());
     mount(place);
-    requestAnimationFrame(() => setTimeout(idle, 0, painted)); // the frame with them is out of the way then
+    requestAnimationFrame(() => setTimeout(idle, 0, painted, SOON)); // the frame with them is out of the way then
   };
   // What stands in <after-pictures> is compiled and made once they are painted.
   app.component("after-pictures", Vue.defineAsyncComponent(() => seen.then(() => ({ template: "<slot />" }))));

@@ -189,34 +189,6 @@
     return true;
   }
 
-  // A planner that does not answer is asked for; once it answers again, its state is loaded anew.
-  const ASK_MS = 1000, MISSES = 3;
-  const GONE = `<h3>The planner cannot be reached</h3>
-    <p>It has ended, or does not answer. What was done is kept in the case's folder; only a drag that was not let go is gone.</p>
-    <p id="gone-how">Start it again with <kbd>ronnaplan view</kbd>: this page goes on by itself, as it does where the planner was only held
-    up.</p>`;
-  const ELSEWHERE = "Another planner answers here: open the address that yours printed.";
-  let missed = 0;
-  async function ask() {
-    const limit = AbortSignal.timeout(4 * ASK_MS); // one that is busy answers late
-    const status = await fetch("planner_page/planner.css", { method: "HEAD", cache: "no-store", signal: limit }).then(
-      (answer) => answer.status,
-      () => 0,
-    );
-    const there = status === 200;
-    missed = there ? 0 : missed + 1;
-    const gone = document.getElementById("gone");
-    if (status === 404 || (there && gone)) return location.reload(); // 404: the start page took the planner's place
-    if (gone && status === 403) gone.querySelector("#gone-how").textContent = ELSEWHERE;
-    if (missed >= MISSES && !gone) {
-      const told = Object.assign(document.createElement("dialog"), { id: "gone", className: "rp-help", innerHTML: GONE });
-      document.documentElement.append(told); // beside the body, which trame empties when the connection is lost
-      told.showModal();
-    }
-    setTimeout(ask, ASK_MS);
-  }
-  setTimeout(ask, ASK_MS);
-
   // Along the tabs of the panels, as in any list of tabs.
   function steps(tab, event) {
     const tabs = [...tab.parentElement.children], at = tabs.indexOf(tab), last = tabs.length - 1;

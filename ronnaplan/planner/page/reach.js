@@ -1,0 +1,49 @@
+// Whether the planner can be reached, asked from the page's first moment: before anything else of it has come, and when
+// all else of it is lost. A planner that does not answer is asked for; once it answers again, its state is loaded anew.
+(() => {
+  const ASK_MS = 1000, MISSES = 3, AGAIN_MS = 5000;
+  const GONE = `<h3>The planner cannot be reached</h3>
+    <p>It has ended, or does not answer. What was done is kept in the case's folder; only a drag that was not let go is gone.</p>
+    <p id="gone-how">Start it again with <kbd>ronnaplan view</kbd>: this page goes on by itself, as it does where the planner was only held
+    up.</p>`;
+  const ELSEWHERE = "Another planner answers here: open the address that yours printed.";
+  const KEPT_OUT = "The planner answers, but took no connection from this page: it may be open in too many. Trying again ...";
+  let missed = 0, lostAt = null;
+
+  // The page shows what comes through one socket: one that never opened, or was closed, is as good as no page.
+  const Socket = window.WebSocket;
+  window.WebSocket = class extends Socket {
+    constructor(...given) {
+      super(...given);
+      this.addEventListener("close", () => (lostAt = performance.now()));
+    }
+  };
+  const place = () => document.getElementById("app");
+  const shown = () => place().hasAttribute("data-v-app"); // set by Vue
+  function lost() {
+    if (lostAt === null) return false;
+    if (shown()) return true;
+    place().textContent = KEPT_OUT;
+    return performance.now() - lostAt > AGAIN_MS;
+  }
+
+  async function ask() {
+    const limit = AbortSignal.timeout(4 * ASK_MS); // one that is busy answers late
+    const status = await fetch("planner_page/planner.css", { method: "HEAD", cache: "no-store", signal: limit }).then(
+      (answer) => answer.status,
+      () => 0,
+    );
+    const there = status === 200;
+    missed = there ? 0 : missed + 1;
+    const gone = document.getElementById("gone");
+    if (status === 404 || (there && (gone || lost()))) return location.reload(); // 404: the start page took the planner's place
+    if (gone && status === 403) gone.querySelector("#gone-how").textContent = ELSEWHERE;
+    if (missed >= MISSES && !gone) {
+      const told = Object.assign(document.createElement("dialog"), { id: "gone", className: "rp-help", innerHTML: GONE });
+      document.documentElement.append(told); // beside the body, whose content trame takes away when the connection is lost
+      told.showModal();
+    }
+    setTimeout(ask, ASK_MS);
+  }
+  setTimeout(ask, ASK_MS);
+})();
