@@ -6,7 +6,7 @@ import pytest
 
 from tests import isolation, shared
 
-LONG = ("browser", "test_readme")
+LONG = ("browser", "test_readme", "test_kernelcache")
 """Parts of the names of files that take longest."""
 
 

@@ -68,7 +68,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Search, or check; a placement that is blocked is written with its reasons and returns 3."""
+    """Search, or check; a placement that is blocked, or from where no way is free, is written and refused."""
     from ronnaplan.documents.room import EXAMPLE, read_room
     from ronnaplan.errors import RefusedError, UsageError
 
@@ -92,6 +92,11 @@ def run(arguments: argparse.Namespace) -> int:
     write_document(arguments.output, document, read_placement)
     if document.status == "blocked":
         raise RefusedError("no place serves every task; " + document.blocked[0])
+    if stuck := document.robot_from_ct[0].route.stuck:
+        raise RefusedError(
+            f"no free way leads from the reference posture to {', '.join(stuck)}; state another reference_deg in the "
+            "room, from where the arm reaches them without passing head, table or itself"
+        )
     return 0
 
 

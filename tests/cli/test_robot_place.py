@@ -84,6 +84,22 @@ def test_what_stands_in_the_way_is_written_and_refused(
     assert read_placement(output).status == "blocked"
 
 
+def test_a_place_from_where_the_way_is_not_free_is_written_and_refused(
+    case: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An arm whose reference posture lies within what stands about gets nowhere."""
+    room, output = tmp_path / "room.toml", tmp_path / "placement.json"
+    text = Path(case[-1]).read_text()
+    assert "reference_deg = [0, -120, 120, 0, 60, 0]" in text
+    room.write_text(text.replace("[0, -120, 120, 0, 60, 0]", "[0, 40, 120, 0, 60, 0]"))
+    assert main([*case[:-1], str(room), "-o", str(output)]) == 3
+    assert "no free way leads from the reference posture to LH; state another reference_deg" in (
+        capsys.readouterr().err
+    )
+    found = read_placement(output)
+    assert (found.status, found.robot_from_ct[0].route.stuck) == ("placed", ("LH",))
+
+
 @pytest.mark.parametrize(
     "parked", [["-1072", "-117", "833", "1e17"], ["-1072", "1.1e5", "833", "0"], ["0", "0", "800", "-361"]]
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -20,6 +21,7 @@ from ronnaplan.robot.placement.room import Room
 from ronnaplan.robot.placement.route import Route, plan_route
 from ronnaplan.robot.placement.search import (
     Problem,
+    alternatives,
     base_pose,
     best_apart,
     grid,
@@ -36,8 +38,8 @@ COARSE = Fineness(24, 60.0)
 """What bases are searched with."""
 FINE = Fineness(36, 5.0)
 """What is told of a base is measured with."""
-PLACES = 3
-"""The best base and its alternatives."""
+PLACES, TRIED = 3, 6
+"""The best base and its alternatives; so many are looked at closely until as many have free ways to all tasks."""
 SCATTERED = 16_384
 """Further bases that are tried where none of the grid serves all."""
 TRACKER_APART_MM = 300.0
@@ -182,7 +184,10 @@ class Job:
 
 
 def find_places(job: Job) -> Placement:
-    """Return the best bases on the room's floor, apart from each other, or what stands in the way."""
+    """Return the best bases on the room's floor, apart from each other, or what stands in the way.
+
+    One with free ways to all tasks comes before any that has none to some.
+    """
     coarse, fine = job.problem(COARSE), job.problem(FINE)
     bases = grid(coarse)
     if not len(bases):
@@ -194,15 +199,20 @@ def find_places(job: Job) -> Placement:
     tops, values = refined(coarse, bases, found)
     if not len(tops):
         return Placement(job.room_from_ct, (), _blocked(job, coarse, bases))
-    places = []
-    for n in best_apart(tops, values, PLACES):
-        sure = probability(coarse, tops[n], job.room.parking)
-        place = _place(job, fine, base_pose(tops[n]), sure)
+    best = [tops[n] for n in best_apart(tops, values, TRIED)]
+    others = alternatives(replace(coarse, taken=tuple(best)), bases, found)
+    places: list[Place] = []
+    for base in itertools.islice(itertools.chain(best, others), TRIED):
+        sure = probability(coarse, base, job.room.parking)
+        place = _place(job, fine, base_pose(base), sure)
         if isinstance(place, Place):
             places.append(place)
+        if sum(not one.route.stuck for one in places) == PLACES:
+            break
     if not places:
         return Placement(job.room_from_ct, (), ("looked at closely, no base serves every task all along its way",))
-    return Placement(job.room_from_ct, tuple(places), ())
+    first = sorted(places, key=lambda one: len(one.route.stuck))
+    return Placement(job.room_from_ct, tuple(first[:PLACES]), ())
 
 
 def check_parked(job: Job, room_from_r: FloatArray) -> Placement:

@@ -234,7 +234,9 @@ def _cheapest(costs: Sequence[FloatArray]) -> list[int]:
 
 
 def _through(moves: _Moves, turned: Sequence[FloatArray], order: Sequence[int], at: Sequence[int]) -> float:
-    """Return the length of the way from the reference through all of ``order`` and back."""
+    """Return the length of the way from the reference through all of ``order`` and back; of none nothing moves."""
+    if not order:
+        return 0.0
     postures = [moves.reference, *(turned[n][at[n]] for n in order), moves.reference]
     return float(sum(moves.least(a, b) for a, b in itertools.pairwise(postures)))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,12 +47,13 @@ SIDES = np.concatenate(
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """All that bases are judged by."""
+    """All that bases are judged by; those that are sought stay apart from places (4,) that are ``taken``."""
 
     machine: Machine
     world: World
     ways: Ways
     floor: Floor
+    taken: tuple[FloatArray, ...] = ()
 
     def __len__(self) -> int:
         return len(self.ways.steps)
@@ -207,6 +208,7 @@ def _bettered(
     """
     while step[0] >= LAST_STEP_MM:
         tried = within(problem.floor, place + ways() * step)
+        tried = tried[_is_apart(tried, problem.taken, APART_MM)]
         found = worths(problem, tried, least=worth) if len(tried) else np.full(1, -1.0)
         if found.max() > worth:
             place, worth = tried[found.argmax()], float(found.max())
@@ -228,15 +230,43 @@ def asking(problem: Problem, worth: float) -> Problem:
     return replace(problem, world=world._replace(needs=np.concatenate([world.needs[:2], allowed]), plenty=allowed))
 
 
-def best_apart(places: FloatArray, found: FloatArray, count: int, apart_mm: float = APART_MM) -> list[int]:
-    """Return the numbers of up to ``count`` of the best places (N, 4) that serve all, ``apart_mm`` from each other."""
+def alternatives(problem: Problem, places: FloatArray, found: FloatArray) -> Iterator[FloatArray]:
+    """Yield the best place (4,) apart from all that are taken, refined from the best of ``places`` (N, 4), and so on.
+
+    ``found`` (N,) are their worths.
+    """
+    while chosen := best_apart(places, found, 1, taken=problem.taken):
+        place, _ = refine(problem, places[chosen[0]], float(found[chosen[0]]))
+        yield place
+        problem = replace(problem, taken=(*problem.taken, place))
+
+
+def best_apart(
+    places: FloatArray,
+    found: FloatArray,
+    count: int,
+    apart_mm: float = APART_MM,
+    taken: Sequence[FloatArray] = (),
+) -> list[int]:
+    """Return the numbers of up to ``count`` of the best places (N, 4) that serve all, the best first.
+
+    They are ``apart_mm`` from each other, and from what is ``taken``.
+    """
     chosen: list[int] = []
     for n in np.argsort(-found, kind="stable"):
         if found[n] < 0.0 or len(chosen) == count:
             break
-        if all(np.linalg.norm(places[n, :3] - places[other, :3]) >= apart_mm for other in chosen):
+        if _is_apart(places[[n]], [*taken, *places[chosen]], apart_mm)[0]:
             chosen.append(int(n))
     return chosen
+
+
+def _is_apart(places: FloatArray, others: Sequence[FloatArray], apart_mm: float) -> NDArray[np.bool_]:
+    """Whether each of ``places`` (N, 4) is so far from all ``others`` (4,)."""
+    apart = np.ones(len(places), dtype=np.bool_)
+    for other in others:
+        apart &= np.linalg.norm(places[:, :3] - other[:3], axis=1) >= apart_mm
+    return apart
 
 
 def _reach(problem: Problem) -> float:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.distance import pdist
 
 from ronnaplan.ct.volume import SeriesSource
 from ronnaplan.documents.fiducials import Source
@@ -21,7 +23,9 @@ from ronnaplan.robot.placement.blocking import turned_entries
 from ronnaplan.robot.placement.parking import strayed
 from ronnaplan.robot.placement.placement import COARSE, Job, Placement, check_parked, find_places
 from ronnaplan.robot.placement.room import Box, Capsule, Floor, HeadPose, Margins, Parking
-from ronnaplan.robot.placement.search import asking, base_pose, grid, within, worths
+from ronnaplan.robot.placement.route import Route, plan_route
+from ronnaplan.robot.placement.search import Problem, asking, base_pose, grid, within, worths
+from ronnaplan.robot.placement.serving import Served
 from ronnaplan.robot.placement.tasks import drill_task
 from ronnaplan.robot.placement.world import machine_of, world_of
 from tests.robot.arm.arms import UR10E_M, iiwa, ur
@@ -207,6 +211,33 @@ def test_what_lies_between_the_places_of_the_grid_is_found(
     again = find_places(given)
     assert again.places
     assert again.places[0].worst_joint_deg > 0.5 * placement.places[0].worst_joint_deg
+
+
+WIDE = replace(SMALL, x_mm=(-1000.0, -700.0), y_mm=(-700.0, -300.0))
+
+
+def test_alternatives_stand_apart_where_the_best_ones_lie_around_one_place() -> None:
+    given = job(0, 1, 0, floor=WIDE)
+    places = find_places(given).places
+    at = np.array([place.room_from_r[:3, 3] for place in places])
+    assert len(places) == 3
+    assert pdist(at).min() >= 150.0
+    assert all(one.joint_deg > 45.0 for place in places for one in place.served)  # refined as the best is
+
+
+def test_a_base_from_where_all_ways_are_free_comes_before_one_that_is_better_but_stuck(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bases: list[FloatArray] = []
+
+    def stuck_at_first(problem: Problem, base: FloatArray, *given: Any) -> tuple[Route, tuple[Served, ...]]:
+        route, turned = plan_route(problem, base, *given)
+        bases.append(base)
+        return replace(route, stuck=("T0",)) if len(bases) == 1 else route, turned
+
+    monkeypatch.setattr("ronnaplan.robot.placement.placement.plan_route", stuck_at_first)
+    places = find_places(job(0, 1, 0, floor=WIDE)).places
+    assert [place.room_from_r.tolist() for place in places] == [bases[n].tolist() for n in (1, 2, 3)]
 
 
 def test_the_document_says_the_same(found: tuple[Job, Placement]) -> None:
