@@ -156,7 +156,7 @@ class Pointer:
             self.state.look.jump(getattr(self.state.case.plan.trajectory(held[0]), f"{held[1]}_mm"))
         elif at is not None and self.head is not None:
             self.picking.in_head(self.head.camera, at)
-        self.state.look.save()
+        self.state.look.keep()
 
     def wheel(self, view: str, steps: float, at: Pixel, *, zoom: bool = False) -> None:
         """Scroll through the slices, zoom about the pointer, or come nearer to the head."""

@@ -17,7 +17,8 @@ from tests.cli.chains import parked_chain
 
 ROOT = Path(__file__).resolve().parents[2]
 HEADING = "### From a phantom scan to a placed robot and a printed template"
-HEIGHTS = "z = [800, 1000]"
+EDITED = {"x = [-1100, 700]": "x = [-1100, -500]", "z = [800, 1000]": "z = [800, 800]"}
+"""A smaller floor of the room, as the page says: "and edit it"."""
 
 
 def commands() -> list[list[str]]:
@@ -41,8 +42,11 @@ def test_every_command_of_the_page_does_what_it_says(
         said = capsys.readouterr()
         told += said.err
         if target:
-            assert HEIGHTS in said.out
-            Path(target).write_text(said.out.replace(HEIGHTS, "z = [800, 800]"))  # as the page says: "and edit it"
+            room = said.out
+            for old, new in EDITED.items():
+                assert old in room
+                room = room.replace(old, new)
+            Path(target).write_text(room)
     placed = read_placement(tmp_path / "placement.json")
     assert placed.status == "placed"
     assert {one.name for one in placed.robot_from_ct[0].tasks} == {"LH", *(f"F{n}" for n in range(1, 7))}

@@ -82,7 +82,7 @@ BINARY: Sequence[Mutation] = (*ANYWHERE, *(set_float, set_code) * 3)
 class ImageBorder(Border):
     """An image file of each format, with one to three changes."""
 
-    inputs_in_tests = 2500
+    inputs_in_tests = 1500
 
     def __init__(self) -> None:
         self.files = seeds()

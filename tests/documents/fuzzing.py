@@ -75,7 +75,7 @@ LOOK = {
 class DocumentBorder(Border):
     """Every kind of document and of plan table, with one to three changes of its values, its structure or its bytes."""
 
-    inputs_in_tests = 600
+    inputs_in_tests = 400
 
     def __init__(self) -> None:
         self.texts = {name: json.dumps(content, indent=1) for name, (content, _) in documents().items()}

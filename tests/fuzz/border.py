@@ -31,7 +31,7 @@ class Border(ABC):
     """An input that takes more of the processor is a hang, and one that waits several times as long."""
     most_bytes: ClassVar[int] = 2 * GIB
     """Resident memory of the whole process that no input may exceed."""
-    inputs_in_tests: ClassVar[int] = 500
+    inputs_in_tests: ClassVar[int] = 300
     """Inputs that the tests try: a few seconds' worth."""
     expected_outcomes: ClassVar[tuple[str, ...]] = ("refused", "read")
     """Each must be a tenth of all at least, else the inputs are too wild or too tame to find much."""

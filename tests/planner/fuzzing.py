@@ -120,7 +120,7 @@ OTHERS: tuple[Any, ...] = (
 class PlannerBorder(ServerBorder):
     """A planner of its own on the case of the tests."""
 
-    inputs_in_tests = 120
+    inputs_in_tests = 80
     routes = (
         (b"GET", "/download/{}", ""),
         (b"PUT", "/readings", "name"),
@@ -191,7 +191,7 @@ class PlannerBorder(ServerBorder):
 class StartBorder(ServerBorder):
     """A start page above folders in which nothing can be planned: no answer leads to a planner."""
 
-    inputs_in_tests = 150
+    inputs_in_tests = 100
     routes = (
         (b"GET", "/folders", "at"),
         (b"GET", "/series", "at"),

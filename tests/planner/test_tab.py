@@ -54,6 +54,20 @@ def test_a_window_that_was_chosen_is_kept_also_where_the_page_is_closed_at_once(
     assert reopened(state).look.window == "brain"
 
 
+def test_a_page_that_was_only_opened_writes_nothing_into_the_case(state: PlannerState) -> None:
+    """Nor does one whose browser draws nothing in 3-D, which asks for pictures by itself."""
+
+    async def use() -> None:
+        tab = Tab(state.beside())
+        tab.painter.refresh()
+        await tab.answer("pictures", ())
+        tab.close()
+
+    before = sorted(state.storage.plan.parent.iterdir())
+    run(use())
+    assert sorted(state.storage.plan.parent.iterdir()) == before
+
+
 def test_a_drag_of_one_page_is_let_go_before_another_page_changes_something(state: PlannerState) -> None:
     async def use() -> None:
         here, there = (Tab(state.beside(), lambda _: None) for _ in range(2))

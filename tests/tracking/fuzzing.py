@@ -69,7 +69,7 @@ def _number(data: bytearray, chance: random.Random) -> None:
 class ReadingsBorder(Border):
     """A readings file of each format."""
 
-    inputs_in_tests = 600
+    inputs_in_tests = 400
 
     def check_seeds(self, folder: Path) -> None:
         for name, content in SEEDS.items():
@@ -148,7 +148,7 @@ def check(recording: Recording, stated: set[float]) -> None:
 class StreamBorder(Border):
     """An OpenIGTLink stream of every kind of message, its checksums made good again half of the time."""
 
-    inputs_in_tests = 600
+    inputs_in_tests = 400
     expected_outcomes = ("read", "broken")
 
     def __init__(self) -> None:
