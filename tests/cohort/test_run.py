@@ -155,7 +155,8 @@ def test_a_child_that_gets_no_more_work_ends(monkeypatch: pytest.MonkeyPatch) ->
 def test_a_run_that_is_interrupted_at_the_terminal_says_no_more_than_that(tmp_path: Path, log: Path) -> None:
     tiny(tmp_path / "in", "1")  # hangs
     code = (
-        "import pathlib, sys\n"
+        "import pathlib, signal, sys\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # tests in the background ignore it
         "from ronnaplan.cohort.cohort import run_cohort\n"
         "from ronnaplan.cohort.rules import Rules\n"
         f"try: run_cohort(['in'], pathlib.Path('out'), Rules(), module={FAKE!r}, workers=1)\n"
