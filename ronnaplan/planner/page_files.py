@@ -9,6 +9,7 @@ from pathlib import Path
 from aiohttp import web
 
 from ronnaplan.planner.cuts import HEAD, PATH_VIEWS, STANDARD
+from ronnaplan.planner.gate import INDEX
 
 PAGE = files("ronnaplan.planner") / "page"
 SCENE_PAGE = files("ronnaplan.scene") / "page"
@@ -57,9 +58,7 @@ def page_routes() -> list[web.RouteDef]:
         *(SCENE_PAGE / f"{name}.js" for name in ("viewer", "volume")),
         *(PAGE / f"{name}.js" for name in ("planner", "head", "files", "pictures")),
     ]
-    text = "".join(part.read_text(encoding="utf-8") for part in parts)
-
-    first = index()
+    text, first = "".join(part.read_text(encoding="utf-8") for part in parts), index()
 
     async def page(_: web.Request) -> web.Response:
         return web.Response(text=first, content_type="text/html")
@@ -67,4 +66,4 @@ def page_routes() -> list[web.RouteDef]:
     async def script(_: web.Request) -> web.Response:
         return web.Response(text=text, content_type="text/javascript")
 
-    return [web.get("/index.html", page), web.get(f"/{SCRIPT}", script)]
+    return [web.get(INDEX, page), web.get(f"/{SCRIPT}", script)]

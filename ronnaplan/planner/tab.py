@@ -28,11 +28,8 @@ FOLLOW_S = 0.15
 KEEP_S = 0.5
 """Where one looks is written once it has stayed the same for so long."""
 
-BY_ITSELF = ("pictures", "volume_is_slow")
-"""What a page asks for by itself: nobody looks elsewhere for it, so that nothing of that is to be kept."""
-
-KEEP_MESSAGE = (*BY_ITSELF, "release")
-"""The same, and what is at the end of something else: what was told before it stays."""
+KEEP_MESSAGE = ("release", "pictures", "volume_is_slow")
+"""What a page asks for by itself, or at the end of something else: what was told before it stays."""
 
 EMPTY: Mapping[str, Any] = {
     **OWN,
@@ -137,8 +134,7 @@ class Tab:
                 self._let_go_elsewhere()
             with self.told(keep_message):
                 action(*arguments)
-            if name not in BY_ITSELF:
-                self._keep_soon()
+            self._keep_soon()
             if scrolls and self.state.case.plan is before:
                 self.painter.refresh_views()  # the panels follow when it rests
                 return

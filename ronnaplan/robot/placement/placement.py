@@ -211,8 +211,8 @@ def find_places(job: Job) -> Placement:
             break
     if not places:
         return Placement(job.room_from_ct, (), ("looked at closely, no base serves every task all along its way",))
-    first = sorted(places, key=lambda one: len(one.route.stuck))
-    return Placement(job.room_from_ct, tuple(first[:PLACES]), ())
+    places.sort(key=lambda one: len(one.route.stuck))
+    return Placement(job.room_from_ct, tuple(places[:PLACES]), ())
 
 
 def check_parked(job: Job, room_from_r: FloatArray) -> Placement:

@@ -208,7 +208,7 @@ def _bettered(
     """
     while step[0] >= LAST_STEP_MM:
         tried = within(problem.floor, place + ways() * step)
-        tried = tried[_is_apart(tried, problem.taken, APART_MM)]
+        tried = tried[_is_apart(tried, problem.taken)]
         found = worths(problem, tried, least=worth) if len(tried) else np.full(1, -1.0)
         if found.max() > worth:
             place, worth = tried[found.argmax()], float(found.max())
@@ -235,38 +235,33 @@ def alternatives(problem: Problem, places: FloatArray, found: FloatArray) -> Ite
 
     ``found`` (N,) are their worths.
     """
-    while chosen := best_apart(places, found, 1, taken=problem.taken):
-        place, _ = refine(problem, places[chosen[0]], float(found[chosen[0]]))
+    while True:
+        free = np.where(_is_apart(places, problem.taken), found, -1.0)
+        best = int(free.argmax())
+        if free[best] < 0.0:
+            return
+        place, _ = refine(problem, places[best], float(found[best]))
         yield place
         problem = replace(problem, taken=(*problem.taken, place))
 
 
-def best_apart(
-    places: FloatArray,
-    found: FloatArray,
-    count: int,
-    apart_mm: float = APART_MM,
-    taken: Sequence[FloatArray] = (),
-) -> list[int]:
-    """Return the numbers of up to ``count`` of the best places (N, 4) that serve all, the best first.
+def _is_apart(places: FloatArray, others: Sequence[FloatArray]) -> NDArray[np.bool_]:
+    """Whether each of ``places`` (N, 4) is `APART_MM` from all ``others`` (4,)."""
+    apart = np.ones(len(places), dtype=np.bool_)
+    for other in others:
+        apart &= np.linalg.norm(places[:, :3] - other[:3], axis=1) >= APART_MM
+    return apart
 
-    They are ``apart_mm`` from each other, and from what is ``taken``.
-    """
+
+def best_apart(places: FloatArray, found: FloatArray, count: int, apart_mm: float = APART_MM) -> list[int]:
+    """Return the numbers of up to ``count`` of the best places (N, 4) that serve all, ``apart_mm`` from each other."""
     chosen: list[int] = []
     for n in np.argsort(-found, kind="stable"):
         if found[n] < 0.0 or len(chosen) == count:
             break
-        if _is_apart(places[[n]], [*taken, *places[chosen]], apart_mm)[0]:
+        if all(np.linalg.norm(places[n, :3] - places[other, :3]) >= apart_mm for other in chosen):
             chosen.append(int(n))
     return chosen
-
-
-def _is_apart(places: FloatArray, others: Sequence[FloatArray], apart_mm: float) -> NDArray[np.bool_]:
-    """Whether each of ``places`` (N, 4) is so far from all ``others`` (4,)."""
-    apart = np.ones(len(places), dtype=np.bool_)
-    for other in others:
-        apart &= np.linalg.norm(places[:, :3] - other[:3], axis=1) >= apart_mm
-    return apart
 
 
 def _reach(problem: Problem) -> float:
