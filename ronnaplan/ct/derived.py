@@ -8,6 +8,7 @@ that are not original anyway.
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 from typing import Final
 
 from ronnaplan.ct.volume import VolumeFlag
@@ -38,6 +39,7 @@ _VIRTUAL: Final = frozenset(
 )
 
 
+@lru_cache(64)  # all slices of a series say the same
 def why_not_slices(image_type: tuple[str, ...], technique: str = "", description: str = "") -> str | None:
     """Return why an image is no slice of the patient, so that nothing in it may be measured, or None.
 

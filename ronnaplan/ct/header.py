@@ -28,6 +28,27 @@ Elements = dict[int, Any]
 _LONG_FORMS: Final = frozenset(
     {b"OB", b"OD", b"OF", b"OL", b"OV", b"OW", b"SQ", b"SV", b"UC", b"UN", b"UR", b"UT", b"UV"}
 )
+_SHORT_FORMS: Final = frozenset(
+    {
+        b"AE",
+        b"AS",
+        b"AT",
+        b"CS",
+        b"DA",
+        b"DS",
+        b"DT",
+        b"FD",
+        b"FL",
+        b"IS",
+        b"LO",
+        b"LT",
+        b"PN",
+        b"SH",
+        b"SL",
+        b"SS",
+    }
+    | {b"ST", b"TM", b"UI", b"UL", b"US"}
+)
 _UNDEFINED: Final = 0xFFFFFFFF
 _FIRST_READ_BYTES: Final = 1 << 15
 _PREAMBLE_BYTES: Final = 128
@@ -219,7 +240,8 @@ class _Scanner:
 
     def _element(self, position: int, explicit: bool) -> tuple[int, bytes, int, int]:
         """Return tag, value representation, length and where the value starts."""
-        self._require(position + 8)
+        if position + 8 > len(self.buffer):
+            self._require(position + 8)
         self.seen += 1
         if self.seen > self.limits.header_elements:
             raise DamagedError(f"its header has more than {self.limits.header_elements} elements")
@@ -227,6 +249,8 @@ class _Scanner:
             group, element, length = self.plain_form(self.buffer, position)
             return group << 16 | element, b"", length, position + 8
         group, element, form, length = self.short_form(self.buffer, position)
+        if form in _SHORT_FORMS:
+            return group << 16 | element, form, length, position + 8
         if group == 0xFFFE:
             return group << 16 | element, b"", self.long_length(self.buffer, position + 4)[0], position + 8
         if form in _LONG_FORMS:

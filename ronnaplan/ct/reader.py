@@ -16,12 +16,12 @@ from ronnaplan.ct.files import DamagedError, given_path
 from ronnaplan.ct.images import is_image_file, read_image
 from ronnaplan.ct.limits import DEFAULT_LIMITS, GIB, Limits
 from ronnaplan.ct.pixels import INT16, DoesNotFitError, Voxels, may_be_int16, read_slice
-from ronnaplan.ct.progress import advancing
+from ronnaplan.ct.progress import Progress, advancing
 from ronnaplan.ct.scratch import Scratch, one_by_one
 from ronnaplan.ct.slices import CT_ONLY, CT_OR_MR, SliceImage
 from ronnaplan.ct.volume import CTVolume, SeriesSource, VolumeFlag
 from ronnaplan.errors import InputError
-from ronnaplan.threads import in_threads
+from ronnaplan.threads import cores, in_threads
 
 LOG = logging.getLogger(__name__)
 
@@ -30,6 +30,10 @@ AIR_LIMIT_HU: Final = -1024.0
 UNREPRESENTABLE_PADDING_HU: Final = -32768.0
 """Stands for padding whose own rescaled value is beyond int16."""
 MOST_THREADS: Final = 8
+MOST_AT_ONCE: Final = 8
+LEAST_RUNS: Final = 4
+"""A thread is handed so many slices at most, and at least so many times some: to hand out each by itself takes as long
+as to read it."""
 
 
 def read_ct(
@@ -183,9 +187,18 @@ def _allocated(
         ) from error
 
 
-def in_parallel(work: Callable[[int], None], count: int, progress: bool) -> None:
+def in_parallel(work: Callable[[int], None], count: int, progress: Progress) -> None:
     """Call ``work`` for 0..count-1 in threads; the first error, or Ctrl-C, drops what has not begun."""
-    for _ in advancing(in_threads(work, range(count), MOST_THREADS), count, progress, "reading slices"):
+    at_once = max(min(count // (LEAST_RUNS * min(cores(), MOST_THREADS)), MOST_AT_ONCE), 1)
+    runs = [range(first, min(first + at_once, count)) for first in range(0, count, at_once)]
+
+    def work_off(run: range) -> range:
+        for number in run:
+            work(number)
+        return run
+
+    done = (number for run in in_threads(work_off, runs, MOST_THREADS) for number in run)
+    for _ in advancing(done, count, progress, "reading slices"):
         pass
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import math
 import struct
+from functools import lru_cache
 from typing import Final
 
 from ronnaplan.ct import tags
@@ -25,12 +26,18 @@ _PLAIN_CHARSETS: Final = {
 }
 
 
+SEEN_BEFORE: Final = 256
+"""So many texts are kept: the files of a series say most things alike."""
+
+
 def text(elements: Elements, tag: int) -> str:
     """Return an element as one line of printable text, empty if absent."""
     raw = elements.get(tag)
-    if not raw:
-        return ""
-    charset = elements.get(tags.SPECIFIC_CHARACTER_SET, b"")
+    return _text(raw, elements.get(tags.SPECIFIC_CHARACTER_SET, b"")) if raw else ""
+
+
+@lru_cache(SEEN_BEFORE)
+def _text(raw: bytes, charset: bytes) -> str:
     return printable(_decode(raw.rstrip(b"\0 "), charset)).strip()
 
 

@@ -82,9 +82,10 @@ class Effort(NamedTuple):
 
 
 LOOK: Final = Effort(LOOK_STEPS, LOOK_GAIN, LAST_STEP_MM)
-BEGIN: Final = Effort(LOOK_STEPS, 0.0, 0.0)
-"""The first steps of the whole, to the digit: most balls come to rest with them."""
 WHOLE: Final = Effort(MAX_STEPS, 0.0, LAST_STEP_MM)
+BEGIN: Final = Effort(LOOK_STEPS, 0.0, 0.0)
+REST: Final = Effort(MAX_STEPS - LOOK_STEPS, 0.0, LAST_STEP_MM)
+"""The first steps of the whole, with which most balls come to rest, and what is left of it then."""
 
 FIRST_DAMPING, LEAST_DAMPING = 1e-5, 1e-9
 """Levenberg-Marquardt damping at the start of a descent, and at least, as a share of the matrix's diagonal."""
@@ -128,10 +129,17 @@ def descend(
     used: Neighbourhood, theta: FloatArray, prior: Prior, ceiling_hu: float, effort: Effort = WHOLE
 ) -> tuple[FloatArray, bool]:
     """Levenberg-Marquardt from ``theta``; returns the best parameters and whether the steps came to rest."""
+    return go_on(used, theta, FIRST_DAMPING, prior, ceiling_hu, effort)[:2]
+
+
+def go_on(
+    used: Neighbourhood, theta: FloatArray, damping: float, prior: Prior, ceiling_hu: float, effort: Effort
+) -> tuple[FloatArray, bool, float]:
+    """Descend from ``theta`` with the ``damping`` of its last step; returns that of the next one as well."""
     voxels, held = (used.offsets_mm, used.values_hu, used.floors_hu), (prior.mean, prior.weight)
     steps, least_gain, last_step_mm = effort
     return _descend(
-        *voxels, theta, *held, prior.layer_mm, discs(theta), ceiling_hu, steps, least_gain, last_step_mm
+        *voxels, theta, damping, *held, prior.layer_mm, discs(theta), ceiling_hu, steps, least_gain, last_step_mm
     )
 
 
@@ -141,6 +149,7 @@ def _descend(
     values: FloatArray,
     floors: FloatArray,
     theta: FloatArray,
+    damping: float,
     mean: FloatArray,
     weight: FloatArray,
     layer_mm: float,
@@ -149,32 +158,32 @@ def _descend(
     steps: int,
     least_gain: float,
     last_step_mm: float,
-) -> tuple[FloatArray, bool]:
-    damping, moved_mm = FIRST_DAMPING, np.inf
+) -> tuple[FloatArray, bool, float]:
+    moved_mm = np.inf
     cost, slope, matrix = _equations(offsets, values, floors, theta, mean, weight, layer_mm, looked_up, ceiling)
     for _ in range(steps):
         trial = theta + _step(matrix, slope, damping, theta)
         if not math.isfinite(trial[U]):  # the equations told nothing
-            return theta, False
+            return theta, False, damping
         _bind(trial, theta)
         moved_mm = max(abs(trial[U] - theta[U]), abs(trial[V] - theta[V]), abs(trial[W] - theta[W]))
         is_still = moved_mm < STEP_TOLERANCE_MM
         if math.sqrt(trial[U] ** 2 + trial[V] ** 2 + trial[W] ** 2) > 2.0 * MAX_WANDER * theta[RADIUS]:
-            return trial, False
+            return trial, False, damping
         new = _equations(offsets, values, floors, trial, mean, weight, layer_mm, looked_up, ceiling)
         if new[0] < cost:
             is_at_rest = cost - new[0] < (REST_GAIN if is_still else least_gain) * cost
             theta = trial
             if is_no_marker(theta, mean):
-                return theta, False
+                return theta, False, damping
             cost, slope, matrix = new
             damping = max(damping / 10.0, LEAST_DAMPING)
         else:
             is_at_rest = is_still
             damping *= 10.0
         if is_at_rest:
-            return theta, True
-    return theta, moved_mm < last_step_mm
+            return theta, True, damping
+    return theta, moved_mm < last_step_mm, damping
 
 
 @njit(cache=True, nogil=True)

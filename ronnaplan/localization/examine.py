@@ -21,7 +21,7 @@ from ronnaplan.localization.ceiling import scale_end_hu
 from ronnaplan.localization.descent import MAX_WANDER
 from ronnaplan.localization.detect import detect
 from ronnaplan.localization.guess import margin_mm
-from ronnaplan.localization.hardened import without_the_head
+from ronnaplan.localization.hardened import Head, without_the_head
 from ronnaplan.localization.look import surface_shares, unseen_share
 from ronnaplan.localization.motion import Movement
 from ronnaplan.localization.neighbourhood import axes_along, gather
@@ -227,38 +227,43 @@ def distinct(accepted: Iterable[Examined]) -> list[Examined]:
 
 
 def fit_place(
-    scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build = SOLID, *, rows_add_up: bool = True
+    scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build = SOLID, head: Head = Head.MADE_GOOD
 ) -> BallFit:
     """Fit a ball of about ``diameter_mm`` at a place (3,) of the scan.
 
     Edges between slices tell a place to half their distance only: a fit that moves away no farther starts anew there.
-    Whether what a detector's rows add up is made good, too, beside a head, ``rows_add_up`` says.
+    What is made good of what a ``head`` does to its image can be told.
     """
-    fit = _fit(scan, center_mm, diameter_mm, build, rows_add_up)
+    fit = _fit(scan, center_mm, diameter_mm, build, head)
     moved_mm, near_mm = float(np.linalg.norm(fit.theta[CENTER])), MAX_WANDER * diameter_mm / 2.0
     if near_mm < moved_mm <= near_mm + scan.gap_mm / 2.0 and scan.gap_mm > near_mm:
-        fit = _fit(scan, fit.center_mm, diameter_mm, build, rows_add_up)
+        fit = _fit(scan, fit.center_mm, diameter_mm, build, head)
     return fit
 
 
-def _fit(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build, rows_add_up: bool) -> BallFit:
+def _fit(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build, head: Head) -> BallFit:
     reach_mm = 0.625 * diameter_mm + max(build.layer_mm, 0.0) + margin_mm(scan.widest_mm)
     around = gather(scan.volume, center_mm, reach_mm, scan.axes)
     thickness_mm = float(scan.thickness_mm(center_mm))
     fit = fit_ball(around, diameter_mm, build, thickness_mm, scan.ceiling_hu)
     if scan.summed.first and fit.converged and not fit.is_clipped:
-        rows_add_up = False  # all of it is made good here
         whole = fit.neighbourhood.given_back(what_is_lost_hu(scan.volume, fit), scan.ceiling_hu)
         fit = fit_ball(whole, diameter_mm, build, thickness_mm, scan.ceiling_hu)
+        head = Head.BUT_ROWS if head is Head.MADE_GOOD else head  # all that they add up was made good here
     # Rays do not run in slices that were computed aslant.
-    return fit if scan.slant is not None else without_the_head(scan.volume, fit, rows_add_up=rows_add_up)
+    return fit if scan.slant is not None else without_the_head(scan.volume, fit, head)
 
 
 def examine_place(
-    scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build, usual: Usual = NOTHING_USUAL
+    scan: Scan,
+    center_mm: FloatArray,
+    diameter_mm: float,
+    build: Build,
+    usual: Usual = NOTHING_USUAL,
+    head: Head = Head.MADE_GOOD,
 ) -> Examined:
     """Fit a ball of about ``diameter_mm`` at a place (3,) of the scan, and judge it by what is usual there."""
-    fit = fit_place(scan, center_mm, diameter_mm, build)
+    fit = fit_place(scan, center_mm, diameter_mm, build, head)
     unseen = unseen_share(scan.volume, fit.center_mm, fit.diameter_mm / 2.0)
     thickness_mm = float(scan.thickness_mm(center_mm))
     noise_hu = noise_level(fit)

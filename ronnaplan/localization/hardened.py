@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from enum import Enum
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -58,7 +59,7 @@ this, which displaces no center by more than 2 um."""
 LEAST_LOSS = 1.0
 """Where no ray through the ball loses more than this to all else, some 50 mm of water, there is no head beside it."""
 
-VIEWS, STEP_MM, APART_MM = 45, 2.0, 0.75
+VIEWS, STEP_MM, APART_MM = 45, 3.0, 0.75
 """Directions in which all else is summed up, in these steps along rays that are so far apart."""
 
 VACUUM_HU = -1000.0
@@ -74,6 +75,14 @@ FREQUENCIES = 160
 """So many tell what the kernel passes."""
 
 
+class Head(Enum):
+    """What a head does to the image of a ball beside it: made good, but for what rows add up, or left as it is."""
+
+    MADE_GOOD = "made good"
+    BUT_ROWS = "but rows"
+    LEFT = "left"
+
+
 @dataclass(frozen=True)
 class Beside:
     """What rays lose to all but a ball, (K, `VIEWS`, S), in slices at ``heights_mm`` (K,) from its center.
@@ -86,21 +95,20 @@ class Beside:
     losses: FloatArray
 
 
-def without_the_head(volume: CTVolume, fit: BallFit, *, rows_add_up: bool) -> BallFit:
-    """Return the fit of a ball with what the head does to its image made good; as it is, where that is not known.
+def without_the_head(volume: CTVolume, fit: BallFit, head: Head) -> BallFit:
+    """Return the fit of a ball with what the ``head`` does to its image made good; as it is, where that is not known.
 
     That is so of balls whose contrast the scale's end hides, and of metal, hollow or wrapped ones: other things bend
     their image, too. What is clipped has been looked for as if it were metal. The contrast does not slope then
-    (`ronnaplan.localization.shading`), for why it does is given back. ``rows_add_up``: what a row adds up is not made
-    good yet.
+    (`ronnaplan.localization.shading`), for why it does is given back.
     """
-    if fit.may_be_metal or has_layer(fit.theta):
+    if head is Head.LEFT or fit.may_be_metal or has_layer(fit.theta):
         return fit
     seen, before_mm, share = fit.neighbourhood, fit.center_mm, 0.0
     beside = all_beside(volume, fit)
     if beside.losses.max() < LEAST_LOSS:
         return fit
-    rows_hu = rows_lost_hu(volume, fit) if rows_add_up else np.zeros(len(seen.values_hu))
+    rows_hu = rows_lost_hu(volume, fit) if head is Head.MADE_GOOD else np.zeros(len(seen.values_hu))
     for _ in range(ROUNDS):
         hardened_hu, pulled_hu = pictures_hu(beside, fit)
         before, share = share, _share(fit, hardened_hu, share)

@@ -16,6 +16,7 @@ import numpy as np
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.descent import residuals_and_jacobian
 from ronnaplan.localization.examine import Examined, Scan, distinct, fit_place
+from ronnaplan.localization.hardened import Head
 from ronnaplan.localization.motion import LEAST_TOGETHER
 from ronnaplan.localization.parameters import WIDTH
 from ronnaplan.localization.parts import single_threaded_algebra
@@ -75,7 +76,7 @@ def _asked(examined: Sequence[Examined], build: Build) -> list[Examined]:
 
 def told_by(scan: Scan, one: Examined) -> Told | None:
     """Ask a ball how much of what summing first would take of it is in the residuals of its fit."""
-    fit = fit_place(scan, one.center_mm, one.stated_mm, rows_add_up=False)
+    fit = fit_place(scan, one.center_mm, one.stated_mm, head=Head.BUT_ROWS)
     if not fit.converged or fit.is_clipped:
         return None
     residuals_hu, jacobian = residuals_and_jacobian(

@@ -16,7 +16,17 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.ball_fit import BallFit, fit_at
 from ronnaplan.localization.build import Build
-from ronnaplan.localization.descent import BEGIN, LOOK, MAX_WANDER, Prior, descend, is_no_marker
+from ronnaplan.localization.descent import (
+    BEGIN,
+    FIRST_DAMPING,
+    LOOK,
+    MAX_WANDER,
+    REST,
+    Prior,
+    descend,
+    go_on,
+    is_no_marker,
+)
 from ronnaplan.localization.directions import MAX_RAGGED, Verdict, edge_depth, judge, within_reach
 from ronnaplan.localization.guess import ball_prior, first_guess, first_guesses, frozen, margin_mm
 from ronnaplan.localization.neighbourhood import Neighbourhood
@@ -108,7 +118,7 @@ def fit_ball(
 
 def refit(fit: BallFit, around: Neighbourhood) -> BallFit:
     """Fit a ball anew, from where ``fit`` came to rest, to voxels to which is given back why its contrast sloped."""
-    return _settle(around, fit.theta, fit.prior, fit.ceiling_hu, slopes=False)
+    return _settle(around, fit.theta, fit.prior, fit.ceiling_hu, (fit.verdict, fit.used), slopes=False)
 
 
 def _of_either_kernel(fit: BallFit, around: Neighbourhood) -> BallFit:
@@ -214,10 +224,10 @@ def _first_descent(
     around: Neighbourhood, some: Neighbourhood, theta: FloatArray, prior: Prior, ceiling_hu: float
 ) -> tuple[FloatArray, bool]:
     """Descend by ``some`` of the voxels ``around``, no farther than the beginning where that shows no ball."""
-    soon, is_at_rest = descend(some, theta, prior, ceiling_hu, BEGIN)
+    soon, is_at_rest, damping = go_on(some, theta, FIRST_DAMPING, prior, ceiling_hu, BEGIN)
     if is_at_rest or _judged(around, soon, prior.layer_mm, ceiling_hu)[0].round_share < HOPELESS_SOON:
         return soon, is_at_rest
-    return descend(some, theta, prior, ceiling_hu)
+    return go_on(some, soon, damping, prior, ceiling_hu, REST)[:2]
 
 
 def _settle_on_skin(around: Neighbourhood, theta: FloatArray, prior: Prior, ceiling_hu: float) -> BallFit:

@@ -21,6 +21,7 @@ from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.coarse import COARSE_FLOOR_MM, Blocks, blocks, coarse_voxel_mm, coarsen
 from ronnaplan.localization.detect import detect_in
 from ronnaplan.localization.examine import Examined, Scan, distinct, examine_place
+from ronnaplan.localization.hardened import Head
 from ronnaplan.localization.look import surface_shares
 from ronnaplan.localization.measured import measured
 from ronnaplan.localization.parameters import BACKGROUND, CONTRAST
@@ -186,11 +187,18 @@ def _round_places(scan: Scan, coarse: CTVolume, marker: Build, progress: bool) -
 
 
 def _fitted(scan: Scan, center_mm: FloatArray, diameter_mm: float, marker: Build) -> Examined:
-    """Fit and judge a ball of about this size; once more where only the size was not right."""
-    first = examine_place(scan, center_mm, diameter_mm, marker)
+    """Fit and judge a ball of about this size; once more where only the size was not right.
+
+    What a head does to its image moves its center, but hardly changes its size.
+    """
+
+    def at(center_mm: FloatArray, diameter_mm: float) -> Examined:
+        return examine_place(scan, center_mm, diameter_mm, marker, head=Head.LEFT)
+
+    first = at(center_mm, diameter_mm)
     if first.is_marker or not first.failed <= {"diameter", "certainty"} | OF_THE_PROFILE:
         return first
-    return examine_place(scan, first.center_mm, first.diameter_mm, marker)
+    return at(first.center_mm, first.diameter_mm)
 
 
 def _is_hidden(one: Examined, scan: Scan) -> bool:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ronnaplan.ct import Limits, VolumeFlag, find_series, read_ct
-from ronnaplan.ct.reader import read_series
+from ronnaplan.ct.reader import in_parallel, read_series
 from ronnaplan.ct.slices import SliceImage
 from ronnaplan.errors import InputError
 from tests.ct.makers import FRAME, SERIES, STUDY, dataset, pattern, save, write_series
@@ -105,6 +105,19 @@ def test_ctrl_c_stops_the_read_at_once_and_leaves_no_thread_and_no_file(
     assert len(begun) < 60
     assert sorted(tmp_path.rglob("*")) == before
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("ThreadPool")]
+
+
+@pytest.mark.parametrize("count", [0, 1, 7, 8, 9, 100, 1003])
+@pytest.mark.parametrize("threads", ["1", "2", "8"])
+def test_each_slice_is_worked_at_once_and_in_runs(
+    count: int, threads: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", threads)
+    worked: list[int] = []
+    shares: list[float] = []
+    in_parallel(worked.append, count, shares.append)
+    assert sorted(worked) == list(range(count))
+    assert shares == [pytest.approx((number + 1) / count) for number in range(count)]
 
 
 def test_peak_memory_stays_below_1_3_times_the_voxels(tmp_path: Path) -> None:

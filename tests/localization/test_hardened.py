@@ -10,10 +10,9 @@ from scipy.ndimage import uniform_filter1d
 
 from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization import examine
 from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.examine import Scan, fit_place
-from ronnaplan.localization.hardened import APERTURE_MM2, ROW_MM2, all_beside
+from ronnaplan.localization.hardened import APERTURE_MM2, ROW_MM2, Head, all_beside
 from ronnaplan.localization.model import has_streaks
 from ronnaplan.localization.summed import WATER_PER_MM
 
@@ -113,17 +112,15 @@ def by_one_energy() -> CTVolume:
     return scanned(3.0 * ONE_ENERGY, ONE_ENERGY, float(np.sqrt(12.0 * APERTURE_MM2)), post_mm=0.0)
 
 
-def fitted(volume: CTVolume) -> BallFit:
-    fit = fit_place(Scan(volume), CENTER_MM + np.array([0.1, -0.1, 0.05]), 2.0 * RADIUS_MM)
+def fitted(volume: CTVolume, head: Head = Head.MADE_GOOD) -> BallFit:
+    fit = fit_place(Scan(volume), CENTER_MM + np.array([0.1, -0.1, 0.05]), 2.0 * RADIUS_MM, head=head)
     assert fit.converged
     return fit
 
 
-def untouched(volume: CTVolume, monkeypatch: pytest.MonkeyPatch) -> BallFit:
+def untouched(volume: CTVolume) -> BallFit:
     """The fit without what is made good."""
-    with monkeypatch.context() as context:
-        context.setattr(examine, "without_the_head", lambda volume, fit, **_: fit)
-        return fitted(volume)
+    return fitted(volume, Head.LEFT)
 
 
 def pulled_mm(fit: BallFit) -> float:
@@ -131,11 +128,9 @@ def pulled_mm(fit: BallFit) -> float:
     return float(CENTER_MM[1] - fit.center_mm[1])
 
 
-def test_a_dense_ball_on_a_post_is_not_pulled_to_the_head_that_hardens_its_rays(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_dense_ball_on_a_post_is_not_pulled_to_the_head_that_hardens_its_rays() -> None:
     volume = scanned(GLASS_PER_MM_AT, WATER_PER_MM_AT, 0.5)
-    before, after = untouched(volume, monkeypatch), fitted(volume)
+    before, after = untouched(volume), fitted(volume)
     assert pulled_mm(before) > 0.008
     assert abs(pulled_mm(after)) < 0.35 * pulled_mm(before)
     assert after.misfit < before.misfit
@@ -143,11 +138,11 @@ def test_a_dense_ball_on_a_post_is_not_pulled_to_the_head_that_hardens_its_rays(
     assert after.made_good_mm == pytest.approx(after.center_mm - before.center_mm, abs=1e-12)
 
 
-def test_a_ball_of_ceramic_that_the_scale_clips_is_not_pulled_either(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_ball_of_ceramic_that_the_scale_clips_is_not_pulled_either() -> None:
     """It is looked for as if it were metal: how bright it is, is told by the fit alone."""
     volume = scanned(GLASS_PER_MM_AT, WATER_PER_MM_AT, 0.5)
     clipped = replace(volume, voxels_hu=np.minimum(volume.voxels_hu, CLIPPED_HU))
-    before, after = untouched(clipped, monkeypatch), fitted(clipped)
+    before, after = untouched(clipped), fitted(clipped)
     assert has_streaks(before.theta)
     assert before.is_clipped
     assert pulled_mm(before) > 0.005
@@ -160,21 +155,17 @@ def test_what_rays_lose_is_told_whatever_scale_air_begins_at(by_one_energy: CTVo
     assert other == pytest.approx(one, abs=0.15)
 
 
-def test_what_cells_add_up_before_the_logarithm_is_made_good(
-    by_one_energy: CTVolume, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cells_add_up_before_the_logarithm_is_made_good(by_one_energy: CTVolume) -> None:
     """Radon (1917): the mean slope of the head's shadow is that of 1 / distance, summed over the head."""
     x, y = np.meshgrid(np.arange(-45.0, 45.0, 0.25), np.arange(-45.0, 45.0, 0.25))
     head_mm = np.stack([x, y])[:, np.hypot(x, y) < HEAD_MM] - CENTER_MM[:2, np.newaxis]
     slope_per_mm = ONE_ENERGY[0] / np.pi * float(np.sum(-head_mm[1] / np.hypot(*head_mm) ** 3)) * 0.25**2
     pull_mm = 2.0 * APERTURE_MM2 * slope_per_mm
-    assert pulled_mm(untouched(by_one_energy, monkeypatch)) == pytest.approx(pull_mm, rel=0.2)
+    assert pulled_mm(untouched(by_one_energy)) == pytest.approx(pull_mm, rel=0.2)
     assert pulled_mm(fitted(by_one_energy)) == pytest.approx(0.0, abs=0.3 * pull_mm)
 
 
-def test_what_a_row_adds_up_before_the_logarithm_is_made_good_across_the_slices(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_a_row_adds_up_before_the_logarithm_is_made_good_across_the_slices() -> None:
     """Of a head that becomes narrower upwards rays lose more in a row's lower half; its shadow's slope is Radon's."""
     row_mm, taper = float(np.sqrt(12.0 * ROW_MM2)), 0.8
     places = np.stack(np.meshgrid(np.arange(-55.0, 55.0, 0.25), np.arange(-55.0, 55.0, 0.25)))
@@ -187,15 +178,15 @@ def test_what_a_row_adds_up_before_the_logarithm_is_made_good_across_the_slices(
     heights_mm = []
     for way in (taper, -taper):  # what slices as thick as this do to any ball is the same for both
         volume = scanned(3.0 * ONE_ENERGY, ONE_ENERGY, 0.0, post_mm=0.0, row_mm=row_mm, taper=way)
-        heights_mm.append([fit.center_mm[2] for fit in (untouched(volume, monkeypatch), fitted(volume))])
+        heights_mm.append([fit.center_mm[2] for fit in (untouched(volume), fitted(volume))])
     before_mm, after_mm = (np.array(heights_mm[1]) - heights_mm[0]) / 2.0
     assert before_mm == pytest.approx(pull_mm, rel=0.4)
     assert after_mm == pytest.approx(0.0, abs=0.25 * pull_mm)
 
 
-def test_without_a_head_beside_it_a_ball_is_fitted_as_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_head_beside_it_a_ball_is_fitted_as_ever() -> None:
     volume = scanned(GLASS_PER_MM_AT, WATER_PER_MM_AT, 0.5, head_mm=0.0)
-    assert (fitted(volume).theta == untouched(volume, monkeypatch).theta).all()
+    assert (fitted(volume).theta == untouched(volume).theta).all()
     assert fitted(volume).made_good_mm is None
 
 

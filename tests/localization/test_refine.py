@@ -8,7 +8,7 @@ import pytest
 from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.localization import refine
 from ronnaplan.localization.build import SOLID
-from ronnaplan.localization.descent import BEGIN, HOPELESS_SIZE, LOOK, WHOLE, Effort, descend
+from ronnaplan.localization.descent import BEGIN, FIRST_DAMPING, HOPELESS_SIZE, REST, Effort, descend, go_on
 from ronnaplan.localization.examine import Scan, fit_place
 from ronnaplan.localization.guess import ball_prior, first_guess
 from ronnaplan.localization.neighbourhood import gather
@@ -23,15 +23,15 @@ def test_what_is_not_round_once_its_directions_were_chosen_is_not_pursued(
     settled = []
 
     def counting(*given):  # type: ignore[no-untyped-def]
-        settled.append(given[-1] is not LOOK)
-        return descend(*given)
+        settled.append(given[-1])
+        return go_on(*given)
 
-    monkeypatch.setattr(refine, "descend", counting)
+    monkeypatch.setattr(refine, "go_on", counting)
     monkeypatch.setattr(refine, "HOPELESS_ROUND", hopeless)
     volume = scan(balls([(0.3, 0.2, 1.0)]), small_stack())
     fit = fit_place(Scan(volume), np.array([0.5, 0.0, 1.2]), 11.5)
     assert fit.converged == is_pursued
-    assert is_pursued or sum(settled) == 1
+    assert is_pursued or settled == [BEGIN]
 
 
 @pytest.mark.parametrize(("share", "is_pursued"), [(0.0, True), (1.01, False)])
@@ -41,17 +41,17 @@ def test_what_is_neither_at_rest_nor_round_after_the_first_steps_is_not_pursued(
     efforts = []
 
     def noting(*given):  # type: ignore[no-untyped-def]
-        efforts.append(given[4] if len(given) > 4 else WHOLE)
-        return descend(*given)
+        efforts.append(given[-1])
+        return go_on(*given)
 
-    monkeypatch.setattr(refine, "descend", noting)
+    monkeypatch.setattr(refine, "go_on", noting)
     monkeypatch.setattr(refine, "BEGIN", Effort(1, 0.0, 0.0))
     monkeypatch.setattr(refine, "HOPELESS_SOON", share)
     monkeypatch.setattr(refine, "HOPELESS_ROUND", 1.01)  # what was given up stays so
     volume = scan(balls([(0.3, 0.2, 1.0)]), small_stack())
     fit = fit_place(Scan(volume), np.array([0.5, 0.0, 1.2]), 11.5)
     assert not fit.converged
-    assert (WHOLE in efforts) == is_pursued
+    assert (REST in efforts) == is_pursued
 
 
 def test_the_first_steps_are_those_of_the_whole_descent() -> None:
@@ -63,6 +63,10 @@ def test_the_first_steps_are_those_of_the_whole_descent() -> None:
     assert whole[1]
     assert soon[1]
     assert np.array_equal(whole[0], soon[0])
+    begun = go_on(*given[:2], FIRST_DAMPING, *given[2:], Effort(2, 0.0, 0.0))
+    rest = go_on(around, begun[0], begun[2], *given[2:], REST)
+    assert not begun[1]
+    assert np.array_equal(whole[0], rest[0])
     assert not descend(*given, Effort(1, 0.0, 0.0))[1]
     assert descend(*given, Effort(1, 0.0, np.inf))[1]
 
