@@ -91,6 +91,8 @@ class PlaceEntry(DocumentModel):
     tasks: tuple[ServedEntry, ...]
     route: RouteEntry
     robot: RobotEntry | None = None
+    near: tuple[Line, ...] = ()
+    """What comes near on the way of what it is not kept from."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -103,6 +105,12 @@ class PlaceEntry(DocumentModel):
         if not np.isclose(least, self.worst_margin_deg, atol=1e-6):
             raise ValueError(f"worst_margin_deg is {self.worst_margin_deg:g}, but the tasks say {least:g}")
         return self
+
+    @model_serializer(mode="wrap")
+    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out what older readers do not know where nothing comes near."""
+        content: dict[str, Any] = write(self)
+        return content if self.near else {key: content[key] for key in content if key != "near"}
 
 
 class ParkingEntry(DocumentModel):
@@ -232,6 +240,7 @@ def placement_text(document: PlacementDocument) -> str:
         lines.append(f"  order: {', '.join(place.route.order)} ({place.route.travel_deg:.0f} degrees)")
         if place.route.stuck:
             lines.append(f"  no free way from the reference posture to {', '.join(place.route.stuck)}")
+        lines += [f"  {sentence}" for sentence in place.near]
     return "\n".join([*lines, *document.blocked])
 
 
@@ -250,6 +259,7 @@ def _place(found: Placement, place: Place) -> dict[str, Any]:
             "by_reference": route.by_reference,
             "stuck": route.stuck,
         },
+        "near": place.near,
     }
 
 

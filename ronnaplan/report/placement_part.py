@@ -86,8 +86,12 @@ def _rests_on(found: PlacementDocument) -> str:
 
 
 def _warnings(case: Case, best: PlaceEntry) -> list[str]:
-    """Return what the placement does not cover: tasks without a free way, trajectories that it does not know."""
+    """Return what the placement does not cover.
+
+    Tasks without a free way, what comes near on the robot itself, and trajectories that it does not know.
+    """
     told = [f"the robot has no free way to {name}" for name in best.route.stuck]
+    told += [f"on the robot, {sentence}" for sentence in best.near]
     known = {one.name for one in best.tasks if one.kind == "trajectory"}
     new = [one.name for one in case.plan or () if one.name not in known]
     return told + [

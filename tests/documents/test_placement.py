@@ -29,10 +29,10 @@ BASE = base_pose(np.array([-700.0, -300.0, 900.0, 30.0]))
 REFERENCE_DEG = np.array([10.0, -30.0, 90.0, 20.0, 60.0, 40.0])
 
 
-def document(arm: SerialArm, *bodies: tuple[int, Capsule]) -> PlacementDocument:
+def document(arm: SerialArm, *bodies: tuple[int, Capsule], near: tuple[str, ...] = ()) -> PlacementDocument:
     """Return the document of ``arm`` at `BASE`, in the posture `REFERENCE_DEG`."""
     served = Served("left", "trajectory", np.zeros((2, 6)), 20.0, 30.0, 40.0, np.inf)
-    place = Place(BASE, (served,), Route(("left",), 90.0, (), (), REFERENCE_DEG), 0.9)
+    place = Place(BASE, (served,), Route(("left",), 90.0, (), (), REFERENCE_DEG, REFERENCE_DEG[None]), 0.9, near)
     there = room(reference_deg=tuple(REFERENCE_DEG.tolist()), arm_bodies=bodies)
     return placement_document(Placement(np.eye(4), (place,), ()), there, arm, Source())
 
@@ -97,3 +97,14 @@ def test_the_ring_lies_about_axis_2_and_as_far_as_the_arm_reaches(tmp_path: Path
     assert robot is not None
     assert robot.shoulder == pytest.approx((-700.0, -300.0, 900.0 + foot))
     assert robot.reach == pytest.approx(np.hypot(upper + fore + wrist, side) + end + tool_mm)
+
+
+def test_what_comes_near_on_the_robot_is_written_and_told_and_only_there(tmp_path: Path) -> None:
+    near = ("cameras and forearm overlap by 8 mm on the way of left, where nothing keeps them apart",)
+    text = to_json(document(kr6_r900(), near=near))
+    (tmp_path / "placement.json").write_text(text)
+    found = read_placement(tmp_path / "placement.json")
+    assert found.robot_from_ct[0].near == near
+    assert to_json(found) == text
+    assert placement_text(found).splitlines()[-1] == f"  {near[0]}"
+    assert "near" not in json.loads(to_json(document(kr6_r900())))["robot_from_ct"][0]

@@ -27,13 +27,16 @@ from tests.robot.placement.cases import room
 
 BASE = np.array([-700.0, -300.0, 900.0, 30.0])
 STRETCHED = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+NEAR = ("cameras and forearm touch between the tasks, where nothing keeps them apart",)
 
 
 def document(**changes: object) -> PlacementDocument:
     room_from_ct = np.array([[0.0, 0, -1, 10], [-1, 0, 0, 20], [0, 1, 0, 1050], [0, 0, 0, 1]])
     served = Served("left", "trajectory", np.zeros((2, 6)), 20.0, 30.0, 40.0, np.inf)
-    route = Route(("left",), 90.0, (), ("left",), STRETCHED)
-    places = tuple(Place(base_pose(BASE + shift), (served,), route, 0.9) for shift in (0.0, [300.0, 0, 0, 0]))
+    route = Route(("left",), 90.0, (), ("left",), STRETCHED, STRETCHED[None])
+    places = tuple(
+        Place(base_pose(BASE + shift), (served,), route, 0.9, NEAR) for shift in (0.0, [300.0, 0, 0, 0])
+    )
     source = Source(**cases.fiducials().source.model_dump())
     found = placement_document(Placement(room_from_ct, places, ()), room(), kr6_r900(), source)
     return found.model_copy(update=changes)
@@ -79,7 +82,7 @@ def test_the_report_tells_places_margins_and_what_they_do_not_cover() -> None:
     told = "".join(html_of(part.body))
     for text in ("place 2", "0.900", "least joint margin", "data:image/png", "joints turn by 90 degrees"):
         assert text in told
-    assert "the robot has no free way to left" in part.warnings
+    assert part.warnings[:2] == ["the robot has no free way to left", f"on the robot, {NEAR[0]}"]
     assert [one for one in part.warnings if "trajectory" in one] == [
         "the robot's place was not found for trajectory later; run 'robot place' again"
     ]

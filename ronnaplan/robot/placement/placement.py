@@ -16,6 +16,7 @@ from ronnaplan.pose import Pose, invert, transform_points
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.chain import R
 from ronnaplan.robot.placement import blocking
+from ronnaplan.robot.placement.near import what_comes_near
 from ronnaplan.robot.placement.parking import probability
 from ronnaplan.robot.placement.room import Room
 from ronnaplan.robot.placement.route import Route, plan_route
@@ -59,6 +60,8 @@ class Place:
     route: Route
     probability: float | None
     """None where the base was measured."""
+    near: tuple[str, ...]
+    """What comes near on the way of what it is not kept from, in sentences."""
 
     @property
     def worst_joint_deg(self) -> float:
@@ -235,7 +238,10 @@ def _place(job: Job, fine: Problem, base: FloatArray, sure: float | None) -> Pla
         return missing
     whole = tuple(one for one in served if one is not None)
     route, turned = plan_route(fine, base, whole, np.array(job.room.reference_deg))
-    return Place(base, turned, route, sure)
+    ways = [(f"on the way of {one.name}", one.angles_deg) for one in turned]
+    ways.append(("between the tasks", route.corners_deg))
+    near = what_comes_near(fine.machine, ways, job.body_names, job.room.margins.clearance_mm)
+    return Place(base, turned, route, sure, near)
 
 
 def _blocked(job: Job, coarse: Problem, bases: FloatArray) -> tuple[str, ...]:

@@ -32,7 +32,8 @@ LESS = 1e-9
 class Route:
     """The tasks in order, from and to the ``reference_deg`` (6,) posture; ``by_reference`` names those reached by it.
 
-    ``stuck`` names tasks to which no free way was found.
+    ``stuck`` names tasks to which no free way was found. Between ``corners_deg`` (M, 6), all of which it passes in
+    their order, its moves are straight.
     """
 
     order: tuple[str, ...]
@@ -40,6 +41,7 @@ class Route:
     by_reference: tuple[str, ...]
     stuck: tuple[str, ...]
     reference_deg: FloatArray
+    corners_deg: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,17 +108,21 @@ def plan_route(
     postures = [
         choices[at] if len(choices) else first for choices, at, first in zip(turned, tour.at, own, strict=True)
     ]
-    around = tuple(
-        served[b].name
+    around = [
+        b
         for a, b in itertools.pairwise(tour.order)
         if moves.by_reference(postures[a], postures[b]) < moves.direct(postures[a], postures[b])
-    )
+    ]
+    corners = [reference]
+    for n in tour.order:
+        corners += [reference, postures[n]] if n in around else [postures[n]]
     route = Route(
         tuple(served[n].name for n in tour.order),
         tour.length,
-        around,
+        tuple(served[n].name for n in around),
         tuple(served[n].name for n in stuck),
         reference,
+        np.array([*corners, reference]),
     )
     return route, tuple(_shifted(problem, one, to) for one, to in zip(served, postures, strict=True))
 
