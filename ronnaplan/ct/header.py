@@ -28,27 +28,7 @@ Elements = dict[int, Any]
 _LONG_FORMS: Final = frozenset(
     {b"OB", b"OD", b"OF", b"OL", b"OV", b"OW", b"SQ", b"SV", b"UC", b"UN", b"UR", b"UT", b"UV"}
 )
-_SHORT_FORMS: Final = frozenset(
-    {
-        b"AE",
-        b"AS",
-        b"AT",
-        b"CS",
-        b"DA",
-        b"DS",
-        b"DT",
-        b"FD",
-        b"FL",
-        b"IS",
-        b"LO",
-        b"LT",
-        b"PN",
-        b"SH",
-        b"SL",
-        b"SS",
-    }
-    | {b"ST", b"TM", b"UI", b"UL", b"US"}
-)
+_SHORT_FORMS: Final = frozenset(b"AE AS AT CS DA DS DT FD FL IS LO LT PN SH SL SS ST TM UI UL US".split())
 _UNDEFINED: Final = 0xFFFFFFFF
 _FIRST_READ_BYTES: Final = 1 << 15
 _PREAMBLE_BYTES: Final = 128

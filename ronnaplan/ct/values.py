@@ -24,9 +24,7 @@ _PLAIN_CHARSETS: Final = {
     "ISO_IR 144": "iso8859_5",
     "ISO_IR 13": "shift_jis",
 }
-
-
-SEEN_BEFORE: Final = 256
+_SEEN_BEFORE: Final = 256
 """So many texts are kept: the files of a series say most things alike."""
 
 
@@ -36,7 +34,7 @@ def text(elements: Elements, tag: int) -> str:
     return _text(raw, elements.get(tags.SPECIFIC_CHARACTER_SET, b"")) if raw else ""
 
 
-@lru_cache(SEEN_BEFORE)
+@lru_cache(_SEEN_BEFORE)
 def _text(raw: bytes, charset: bytes) -> str:
     return printable(_decode(raw.rstrip(b"\0 "), charset)).strip()
 

@@ -17,10 +17,8 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.arm.compiled import place_links
 from ronnaplan.robot.placement.clearances import APART_LINKS, place_bodies
 from ronnaplan.robot.placement.distances import segment_segment
+from ronnaplan.robot.placement.route import STEP_DEG
 from ronnaplan.robot.placement.world import Machine
-
-STEP_RAD = float(np.radians(2.0))
-"""Postures on a way are looked at this closely."""
 
 SAMPLED = 512
 """In so many postures between the limits of the joints two bodies are apart in one, if ever: two joints part them."""
@@ -61,7 +59,7 @@ def _apart(left_mm: float) -> str:
 def nearest_mm(machine: Machine, postures_deg: FloatArray) -> FloatArray:
     """Return how near each body of the tool comes to each of the arm (T, A) on the way by ``postures_deg`` (P, 6)."""
     corners = np.radians(postures_deg)
-    counts = [int(np.ceil(np.abs(b - a).max() / STEP_RAD)) for a, b in itertools.pairwise(corners)]
+    counts = [int(np.ceil(np.abs(b - a).max() / np.radians(STEP_DEG))) for a, b in itertools.pairwise(corners)]
     parts = [
         a + (b - a) * (np.arange(count) / max(count, 1))[:, np.newaxis]
         for (a, b), count in zip(itertools.pairwise(corners), counts, strict=True)
