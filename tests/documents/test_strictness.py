@@ -50,7 +50,7 @@ from tests.documents.test_fiducials import FOUND
 from tests.robot.placement.cases import room
 
 SERVED = Served("LH", "trajectory", np.zeros((2, 6)), 20.0, 30.0, 40.0, 50.0)
-ROUTE = Route(("LH",), 90.0, ("LH",), ("F1",), np.zeros(6), np.zeros((2, 6)))
+ROUTE = Route(("LH",), 90.0, ("LH",), ("F1",), np.zeros(6), ())
 PLACES = (RobotPlace(np.eye(4), (SERVED,), ROUTE, 0.9, ("cameras and forearm touch",)),)
 PLACEMENT = placement_document(
     Placement(np.eye(4), PLACES, ()),

@@ -33,7 +33,7 @@ NEAR = ("cameras and forearm touch between the tasks, where nothing keeps them a
 def document(**changes: object) -> PlacementDocument:
     room_from_ct = np.array([[0.0, 0, -1, 10], [-1, 0, 0, 20], [0, 1, 0, 1050], [0, 0, 0, 1]])
     served = Served("left", "trajectory", np.zeros((2, 6)), 20.0, 30.0, 40.0, np.inf)
-    route = Route(("left",), 90.0, (), ("left",), STRETCHED, STRETCHED[None])
+    route = Route(("left",), 90.0, (), ("left",), STRETCHED, ())
     places = tuple(
         Place(base_pose(BASE + shift), (served,), route, 0.9, NEAR) for shift in (0.0, [300.0, 0, 0, 0])
     )

@@ -239,7 +239,10 @@ def _place(job: Job, fine: Problem, base: FloatArray, sure: float | None) -> Pla
     whole = tuple(one for one in served if one is not None)
     route, turned = plan_route(fine, base, whole, np.array(job.room.reference_deg))
     ways = [(f"on the way of {one.name}", one.angles_deg) for one in turned]
-    ways.append(("between the tasks", route.corners_deg))
+    ways += [
+        (f"between {a} and {b}", np.array([start, end]))
+        for (a, start), (b, end) in itertools.pairwise(route.corners)
+    ]
     near = what_comes_near(fine.machine, ways, job.body_names, job.room.margins.clearance_mm)
     return Place(base, turned, route, sure, near)
 

@@ -28,12 +28,15 @@ LESS = 1e-9
 """A way is shorter than another by more than this (degrees)."""
 
 
+Corner = tuple[str, FloatArray]
+
+
 @dataclass(frozen=True, eq=False)
 class Route:
     """The tasks in order, from and to the ``reference_deg`` (6,) posture; ``by_reference`` names those reached by it.
 
-    ``stuck`` names tasks to which no free way was found. Between ``corners_deg`` (M, 6), all of which it passes in
-    their order, its moves are straight.
+    ``stuck`` names tasks to which no free way was found. It goes straight from each of its ``corners`` to the next:
+    what is there, and the posture (6,) in degrees.
     """
 
     order: tuple[str, ...]
@@ -41,7 +44,7 @@ class Route:
     by_reference: tuple[str, ...]
     stuck: tuple[str, ...]
     reference_deg: FloatArray
-    corners_deg: FloatArray
+    corners: tuple[Corner, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,16 +116,17 @@ def plan_route(
         for a, b in itertools.pairwise(tour.order)
         if moves.by_reference(postures[a], postures[b]) < moves.direct(postures[a], postures[b])
     ]
-    corners = [reference]
+    rest = ("the reference posture", reference)
+    corners = [rest]
     for n in tour.order:
-        corners += [reference, postures[n]] if n in around else [postures[n]]
+        corners += [*([rest] if n in around else []), (served[n].name, postures[n])]
     route = Route(
         tuple(served[n].name for n in tour.order),
         tour.length,
         tuple(served[n].name for n in around),
         tuple(served[n].name for n in stuck),
         reference,
-        np.array([*corners, reference]),
+        (*corners, rest),
     )
     return route, tuple(_shifted(problem, one, to) for one, to in zip(served, postures, strict=True))
 

@@ -97,7 +97,9 @@ def test_each_place_that_is_found_tells_it(seed: int, is_near: bool) -> None:
     machine, places = machine_of(given.arm, given.room), find_places(given).places
     assert places
     for place in places:
-        postures = np.concatenate([*(one.angles_deg for one in place.served), place.route.corners_deg])
+        postures = np.concatenate(
+            [*(one.angles_deg for one in place.served), *(np.array([one]) for _, one in place.route.corners)]
+        )
         least_mm = np.min([sampled_mm(machine, one)[:, NAMES.index("forearm")] for one in postures])
         assert (least_mm < 20.0) == is_near
         assert any(" and forearm " in sentence for sentence in place.near) == is_near

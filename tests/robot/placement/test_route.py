@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import pytest
@@ -46,6 +47,11 @@ def served(name: str, *angles_deg: float, margin_deg: float = 30.0) -> Served:
     return Served(name, "trajectory", way, margin_deg, 60.0, 40.0, np.inf)
 
 
+def moved_deg(route: Route) -> float:
+    postures = np.array([posture for _, posture in route.corners])
+    return float(np.abs(np.diff(postures, axis=0)).max(axis=1).sum())
+
+
 def routed(given: Problem, *tasks: Served) -> tuple[Route, list[FloatArray]]:
     route, turned = plan_route(given, BASE, tasks, REFERENCE_DEG)
     return route, [one.angles_deg for one in turned]
@@ -55,8 +61,26 @@ def test_a_joint_goes_on_through_half_a_turn_within_its_limits() -> None:
     task = [0.0, -90.0, 90.0, -90.0, -90.0]
     route, (one, other) = routed(problem(ur5e()), served("A", *task, 100.0), served("B", *task, -170.0))
     assert route.travel_deg == pytest.approx(100.0 + 90.0 + 190.0)
+    assert [name for name, _ in route.corners] == ["the reference posture", *route.order, "the reference posture"]
+    assert moved_deg(route) == pytest.approx(route.travel_deg)
     np.testing.assert_allclose(sorted([one[0, 5], other[0, 5]]), [100.0, 190.0])
     assert route.stuck == ()
+
+
+def test_where_no_straight_way_is_free_it_goes_by_the_reference_posture(monkeypatch: pytest.MonkeyPatch) -> None:
+    reference = np.radians(routed(problem(ur5e()))[0].reference_deg)
+
+    def is_at_the_reference(*given: Any) -> bool:
+        return any(np.allclose(end[1:], reference[1:]) for end in given[4])
+
+    monkeypatch.setattr("ronnaplan.robot.placement.route.is_free", is_at_the_reference)
+    task = [0.0, -90.0, 80.0, -90.0, -90.0]
+    route, _ = routed(problem(ur5e()), served("A", *task, 40.0), served("B", *task, -30.0))
+    first, second = route.order
+    rest = "the reference posture"
+    assert route.by_reference == (second,)
+    assert [name for name, _ in route.corners] == [rest, first, rest, second, rest]
+    assert moved_deg(route) == pytest.approx(route.travel_deg) == pytest.approx(2 * 40.0 + 2 * 30.0)
 
 
 def test_a_task_that_one_turn_cannot_reach_freely_is_reached_by_another_all_along_its_way() -> None:
