@@ -25,6 +25,7 @@ from ronnaplan.report.path_cuts import path_picture
 
 STYLE = """
 .beside { display: flex; flex-wrap: wrap; gap: 0 2.5rem; align-items: start } .beside p { max-width: 26rem }
+.beside > * { max-width: 100% }
 @media print {
   .path { font-size: 8.5pt } .path + .measured, h2:has(+ .measured) { break-before: page }
   .beside { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: 0 1.5rem }

@@ -8,6 +8,8 @@ import hypothesis.strategies as st
 from hypothesis import given
 
 from ronnaplan.report.html import box, element, page, picture, section, table, unseen
+from tests.loops import apart
+from tests.planner.browser import chromium, needs_browser
 
 HOSTILE = '<script>alert("x")</script>&amp;'
 
@@ -57,3 +59,21 @@ def test_hostile_text_is_text_wherever_it_stands() -> None:
 
 def test_a_failed_limit_stands_out() -> None:
     assert '<td class="fail">FAIL</td>' in table(["limit", ""], [["length", "FAIL"]])
+
+
+def columns_hidden(width: int) -> tuple[int, int]:
+    """By how many pixels a page with a table of many columns is wider than its window, and the table than its room."""
+    names = [f"column {n} mm" for n in range(8)]
+    with chromium() as browser:
+        shown = browser.new_page(viewport={"width": width, "height": 800})
+        shown.set_content(page("Report", [section("Part", [table(names, [names])])]))
+        of_page = shown.evaluate("document.documentElement.scrollWidth - innerWidth")
+        return of_page, shown.locator("table").evaluate("(table) => table.scrollWidth - table.clientWidth")
+
+
+@needs_browser
+def test_a_table_wider_than_a_phone_is_scrolled_by_itself() -> None:
+    for width, least, most in ((390, 300, 2000), (1600, 0, 0)):
+        of_page, of_table = apart(columns_hidden, width)
+        assert of_page <= 0
+        assert least <= of_table <= most
