@@ -28,7 +28,6 @@ Elements = dict[int, Any]
 _LONG_FORMS: Final = frozenset(
     {b"OB", b"OD", b"OF", b"OL", b"OV", b"OW", b"SQ", b"SV", b"UC", b"UN", b"UR", b"UT", b"UV"}
 )
-_SHORT_FORMS: Final = frozenset(b"AE AS AT CS DA DS DT FD FL IS LO LT PN SH SL SS ST TM UI UL US".split())
 _UNDEFINED: Final = 0xFFFFFFFF
 _FIRST_READ_BYTES: Final = 1 << 15
 _PREAMBLE_BYTES: Final = 128
@@ -220,8 +219,7 @@ class _Scanner:
 
     def _element(self, position: int, explicit: bool) -> tuple[int, bytes, int, int]:
         """Return tag, value representation, length and where the value starts."""
-        if position + 8 > len(self.buffer):
-            self._require(position + 8)
+        self._require(position + 8)
         self.seen += 1
         if self.seen > self.limits.header_elements:
             raise DamagedError(f"its header has more than {self.limits.header_elements} elements")
@@ -229,8 +227,6 @@ class _Scanner:
             group, element, length = self.plain_form(self.buffer, position)
             return group << 16 | element, b"", length, position + 8
         group, element, form, length = self.short_form(self.buffer, position)
-        if form in _SHORT_FORMS:
-            return group << 16 | element, form, length, position + 8
         if group == 0xFFFE:
             return group << 16 | element, b"", self.long_length(self.buffer, position + 4)[0], position + 8
         if form in _LONG_FORMS:

@@ -8,7 +8,17 @@ import pytest
 from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.localization import refine
 from ronnaplan.localization.build import SOLID
-from ronnaplan.localization.descent import BEGIN, FIRST_DAMPING, HOPELESS_SIZE, REST, Effort, descend, go_on
+from ronnaplan.localization.descent import (
+    BEGIN,
+    FIRST_DAMPING,
+    HOPELESS_SIZE,
+    LOOK,
+    REST,
+    WHOLE,
+    Effort,
+    descend,
+    go_on,
+)
 from ronnaplan.localization.examine import Scan, fit_place
 from ronnaplan.localization.guess import ball_prior, first_guess
 from ronnaplan.localization.neighbourhood import gather
@@ -23,15 +33,20 @@ def test_what_is_not_round_once_its_directions_were_chosen_is_not_pursued(
     settled = []
 
     def counting(*given):  # type: ignore[no-untyped-def]
-        settled.append(given[-1])
+        settled.append(given[-1] is not LOOK)
+        return descend(*given)
+
+    def counting_on(*given):  # type: ignore[no-untyped-def]
+        settled.append(True)
         return go_on(*given)
 
-    monkeypatch.setattr(refine, "go_on", counting)
+    monkeypatch.setattr(refine, "descend", counting)
+    monkeypatch.setattr(refine, "go_on", counting_on)
     monkeypatch.setattr(refine, "HOPELESS_ROUND", hopeless)
     volume = scan(balls([(0.3, 0.2, 1.0)]), small_stack())
     fit = fit_place(Scan(volume), np.array([0.5, 0.0, 1.2]), 11.5)
     assert fit.converged == is_pursued
-    assert is_pursued or settled == [BEGIN]
+    assert is_pursued or sum(settled) == 1
 
 
 @pytest.mark.parametrize(("share", "is_pursued"), [(0.0, True), (1.01, False)])
@@ -41,10 +56,15 @@ def test_what_is_neither_at_rest_nor_round_after_the_first_steps_is_not_pursued(
     efforts = []
 
     def noting(*given):  # type: ignore[no-untyped-def]
+        efforts.append(given[4] if len(given) > 4 else WHOLE)
+        return descend(*given)
+
+    def noting_on(*given):  # type: ignore[no-untyped-def]
         efforts.append(given[-1])
         return go_on(*given)
 
-    monkeypatch.setattr(refine, "go_on", noting)
+    monkeypatch.setattr(refine, "descend", noting)
+    monkeypatch.setattr(refine, "go_on", noting_on)
     monkeypatch.setattr(refine, "BEGIN", Effort(1, 0.0, 0.0))
     monkeypatch.setattr(refine, "HOPELESS_SOON", share)
     monkeypatch.setattr(refine, "HOPELESS_ROUND", 1.01)  # what was given up stays so
@@ -52,6 +72,7 @@ def test_what_is_neither_at_rest_nor_round_after_the_first_steps_is_not_pursued(
     fit = fit_place(Scan(volume), np.array([0.5, 0.0, 1.2]), 11.5)
     assert not fit.converged
     assert (REST in efforts) == is_pursued
+    assert is_pursued or WHOLE not in efforts
 
 
 def test_the_first_steps_are_those_of_the_whole_descent() -> None:
