@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.placement.clearances import APART_LINKS
+from ronnaplan.robot.placement.machine import FREE
 from ronnaplan.robot.placement.placement import Job
 from ronnaplan.robot.placement.search import Problem
 from tests.robot.placement.cases import CENTER_MM, HEAD_MM
@@ -50,9 +50,7 @@ class Peer:
                 + ([self.head] if k < len(placed) - 1 else [])
             )
             things += [
-                placed[j]
-                for j in range(min(k, len(placed) - 1))
-                if link - self.links[j] >= APART_LINKS and k < len(placed) - 1
+                placed[j] for j in range(k if k < len(placed) - 1 else 0) if self.machine.kept[k, j] != FREE
             ]
             if any(self._meet(body, thing) for thing in things):
                 return True

@@ -92,7 +92,7 @@ class PlaceEntry(DocumentModel):
     route: RouteEntry
     robot: RobotEntry | None = None
     near: tuple[Line, ...] = ()
-    """What comes near on the way of what it is not kept from."""
+    """What of the tool comes near the wrist on the way."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -267,7 +267,7 @@ def _robot(arm: SerialArm, room: Room, place: Place) -> dict[str, Any]:
     """Return the robot at ``place`` as capsules and boxes of the room."""
     from ronnaplan.robot.arm.forward import link_frames
     from ronnaplan.robot.arm.wrist import stretched_mm
-    from ronnaplan.robot.placement.world import machine_of
+    from ronnaplan.robot.placement.machine import machine_of
 
     machine = machine_of(arm, room)
     wrist = machine.wrist

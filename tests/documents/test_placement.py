@@ -100,7 +100,7 @@ def test_the_ring_lies_about_axis_2_and_as_far_as_the_arm_reaches(tmp_path: Path
 
 
 def test_what_comes_near_on_the_robot_is_written_and_told_and_only_there(tmp_path: Path) -> None:
-    near = ("cameras and forearm overlap by 8 mm on the way of left, where nothing keeps them apart",)
+    near = ("cameras comes within 8 mm of forearm on the way of left: the two are only kept from overlapping",)
     text = to_json(document(kr6_r900(), near=near))
     (tmp_path / "placement.json").write_text(text)
     found = read_placement(tmp_path / "placement.json")

@@ -27,7 +27,7 @@ from tests.robot.placement.cases import room
 
 BASE = np.array([-700.0, -300.0, 900.0, 30.0])
 STRETCHED = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-NEAR = ("cameras and forearm touch between F6 and F2, where nothing keeps them apart",)
+NEAR = ("cameras comes within 0 mm of forearm between F6 and F2: the two are only kept from overlapping",)
 
 
 def document(**changes: object) -> PlacementDocument:

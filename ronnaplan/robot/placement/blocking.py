@@ -15,11 +15,12 @@ from ronnaplan.pose import invert
 from ronnaplan.robot.placement.clearances import HEAD, ROOM, is_high, parked, place_trolley, posture_margins
 from ronnaplan.robot.placement.distances import segment_box, segment_segment
 from ronnaplan.robot.placement.judging import follow
+from ronnaplan.robot.placement.machine import APART, Machine
 from ronnaplan.robot.placement.search import Problem, base_pose
 from ronnaplan.robot.placement.tasks import Ways
-from ronnaplan.robot.placement.world import HEAD_SPACING_MM, Machine, World
+from ronnaplan.robot.placement.world import HEAD_SPACING_MM, World
 
-UNPARKED, UNREACHED, LIMIT, SINGULAR, COLLISION, HIDDEN, SERVED = range(7)
+UNPARKED, UNREACHED, LIMIT, SINGULAR, OVERLAP, COLLISION, HIDDEN, SERVED = range(8)
 """How far a task comes, from a base."""
 TURNS_DEG = np.arange(3.0, 46.0, 3.0)
 AROUND = 12
@@ -61,6 +62,8 @@ class Blocked:
         if self.stage == SINGULAR:
             asked = np.degrees(singular)
             return f"{floor(self.margin)} degrees from a singular posture {where}; {asked:g} are asked for"
+        if self.stage == OVERLAP:
+            return f"{bodies[self.which]} would meet {bodies[self.other]} {where}"
         if self.stage == COLLISION:
             body = bodies[self.which] if self.which < len(bodies) else "the instrument"
             other = bodies[self.other] if self.other >= 0 else ("the head", *things)[HEAD - self.other]
@@ -138,7 +141,8 @@ def _reached(
         if away < world.needs[2]:
             if pair[1] == ROOM:
                 pair[1] -= _thing(world, trolley, bodies[pair[0]], is_high(machine, pair[0]))
-            return COLLISION, away, pair[0]
+            of_wrist = pair[1] >= 0 and machine.kept[pair[0], pair[1]] == APART
+            return OVERLAP if of_wrist else COLLISION, away, pair[0]
     for p in range(len(angles)):
         _, view = posture_margins(machine, world, trolley, instrument, angles[p], frames, bodies, pair, True)
         if view < world.needs[3]:

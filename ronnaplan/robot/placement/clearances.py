@@ -9,27 +9,11 @@ from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.arm.compiled import place_links
 from ronnaplan.robot.placement.distances import box_box, segment_box, segment_point, segment_segment
-from ronnaplan.robot.placement.world import Machine, World
+from ronnaplan.robot.placement.machine import APART, FREE, Machine, place_bodies
+from ronnaplan.robot.placement.world import World
 
-APART_LINKS = 3
-"""Links of the arm with so many joints between them are kept apart.
-
-Nearer ones are not looked at, as their capsules may overlap in every posture. Limits of joints need not keep them
-apart.
-"""
 HEAD, ROOM = -1, -2
 """What a body comes near to, where it is no other body."""
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def moved_capsule(pose: FloatArray, capsule: FloatArray, moved: FloatArray) -> None:
-    """Fill ``moved`` (7,) with ``capsule`` (7,) brought by ``pose`` (4, 4)."""
-    for a in range(3):
-        for end in (0, 3):
-            moved[end + a] = pose[a, 3]
-            for b in range(3):
-                moved[end + a] += pose[a, b] * capsule[end + b]
-    moved[6] = capsule[6]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -76,14 +60,6 @@ def is_high(machine: Machine, body: int) -> bool:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def place_bodies(machine: Machine, instrument: FloatArray, frames: FloatArray, bodies: FloatArray) -> None:
-    """Fill ``bodies`` (K + 1, 7) with all capsules in the room, the instrument last."""
-    for k in range(len(machine.links)):
-        moved_capsule(frames[machine.links[k]], machine.bodies[k], bodies[k])
-    moved_capsule(frames[-1], instrument, bodies[-1])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def clearance(
     machine: Machine, world: World, trolley: FloatArray, bodies: FloatArray, need: float, pair: NDArray[np.int64]
 ) -> float:
@@ -105,10 +81,11 @@ def clearance(
             if near < least:
                 least, pair[0], pair[1] = near, k, HEAD
             for j in range(k):
-                if machine.links[k] - machine.links[j] >= APART_LINKS:
-                    near = segment_segment(bodies[k], bodies[j]) - bodies[k, 6] - bodies[j, 6]
-                    if near < least:
-                        least, pair[0], pair[1] = near, k, j
+                if machine.kept[k, j] == FREE:
+                    continue
+                near = segment_segment(bodies[k], bodies[j]) - bodies[k, 6] - bodies[j, 6]
+                if near < least and (near < 0.0 or machine.kept[k, j] != APART):
+                    least, pair[0], pair[1] = near, k, j
         if least < need:
             break
     return least

@@ -14,8 +14,9 @@ from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.arm.compiled import nearest_turn, postures, singularity, times
 from ronnaplan.robot.placement.clearances import parked, place_trolley, posture_margins
+from ronnaplan.robot.placement.machine import Machine
 from ronnaplan.robot.placement.tasks import Ways
-from ronnaplan.robot.placement.world import Machine, World
+from ronnaplan.robot.placement.world import World
 
 LARGEST_STEP_RAD = 1.5
 """A joint that turns further between two poses of a way has gone through a singular posture."""

@@ -16,6 +16,7 @@ from ronnaplan.pose import Pose, invert, transform_points
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.chain import R
 from ronnaplan.robot.placement import blocking
+from ronnaplan.robot.placement.machine import clad, machine_of
 from ronnaplan.robot.placement.near import what_comes_near
 from ronnaplan.robot.placement.parking import probability
 from ronnaplan.robot.placement.room import Room
@@ -33,7 +34,7 @@ from ronnaplan.robot.placement.search import (
 )
 from ronnaplan.robot.placement.serving import Served, serve
 from ronnaplan.robot.placement.tasks import Fineness, Task, drill_task, view_task, ways_of
-from ronnaplan.robot.placement.world import World, clad, machine_of, world_of
+from ronnaplan.robot.placement.world import World, world_of
 
 COARSE = Fineness(24, 60.0)
 """What bases are searched with."""
@@ -61,7 +62,7 @@ class Place:
     probability: float | None
     """None where the base was measured."""
     near: tuple[str, ...]
-    """What comes near on the way of what it is not kept from, in sentences."""
+    """What of the tool comes near the wrist on the way, in sentences."""
 
     @property
     def worst_joint_deg(self) -> float:

@@ -16,9 +16,10 @@ import numpy as np
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.placement.clearances import place_trolley, posture_margins
+from ronnaplan.robot.placement.machine import Machine
 from ronnaplan.robot.placement.search import Problem
 from ronnaplan.robot.placement.serving import Served
-from ronnaplan.robot.placement.world import Machine, World
+from ronnaplan.robot.placement.world import World
 
 STEP_DEG = 2.0
 """Postures on a move are looked at this closely."""

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import rigid
 from ronnaplan.robot.arm.wrist import stretched_mm
+from ronnaplan.robot.placement.machine import Machine
 from ronnaplan.robot.placement.room import Floor
 from ronnaplan.robot.placement.tasks import Ways
-from ronnaplan.robot.placement.world import Machine, World
+from ronnaplan.robot.placement.world import World
 from ronnaplan.threads import cores, in_threads
 
 GRID_MM = 100.0

@@ -1,6 +1,10 @@
-"""What the flange carries and comes near the wrist is told, for nothing keeps it apart."""
+"""What the flange carries never overlaps the wrist, and is told where it comes nearer than all else may."""
 
 from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from math import floor
 
 import numpy as np
 import pytest
@@ -10,10 +14,12 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import transform_points
 from ronnaplan.robot.arm.forward import link_frames
 from ronnaplan.robot.arm.kuka import kr6_r900
+from ronnaplan.robot.placement.clearances import posture_margins
+from ronnaplan.robot.placement.machine import FREE, Machine, machine_of
 from ronnaplan.robot.placement.near import nearest_mm, what_comes_near
-from ronnaplan.robot.placement.placement import find_places
+from ronnaplan.robot.placement.placement import COARSE, check_parked, find_places
 from ronnaplan.robot.placement.room import Capsule, Room, Tool
-from ronnaplan.robot.placement.world import Machine, machine_of
+from ronnaplan.robot.placement.search import base_pose
 from tests.robot.placement.cases import job, room
 from tests.robot.placement.test_placement import WIDE
 
@@ -59,18 +65,19 @@ def test_how_near_they_come_is_that_of_places_along_them(seed: int) -> None:
 
 
 def test_cameras_that_a_bent_wrist_brings_to_the_forearm_are_told_once_and_where_they_are_nearest() -> None:
-    less_deg = np.array([0.0, -120.0, 120.0, 0.0, 105.0, 0.0])
+    less_deg = np.array([0.0, -120.0, 120.0, 0.0, 95.0, 0.0])
+    more_deg = np.array([0.0, -120.0, 120.0, 0.0, 100.0, 0.0])
     machine = machine_of(kr6_r900(), BESIDE)
-    overlap_mm = -sampled_mm(machine, BENT_DEG)[0, NAMES.index("forearm")]
-    assert overlap_mm > 5.0
+    left_mm = sampled_mm(machine, more_deg)[0, NAMES.index("forearm")]
+    assert 1.0 < left_mm < sampled_mm(machine, less_deg)[0, NAMES.index("forearm")] < 20.0
     (sentence,) = told(
-        ("on the way of A", np.array([REFERENCE_DEG, less_deg])), ("on the way of B", BENT_DEG[None])
+        ("on the way of A", np.array([REFERENCE_DEG, less_deg])), ("on the way of B", more_deg[None])
     )
     assert sentence == (
-        f"cameras and forearm overlap by {overlap_mm:.0f} mm on the way of B, where nothing keeps them apart"
+        f"cameras comes within {floor(left_mm)} mm of forearm on the way of B: the two are only kept from overlapping"
     )
     (sentence,) = told(("on the way of A", np.array([REFERENCE_DEG, less_deg])))
-    assert "mm apart on the way of A" in sentence
+    assert "of forearm on the way of A" in sentence
     assert told(("on the way of A", REFERENCE_DEG[None])) == ()
 
 
@@ -91,6 +98,46 @@ def test_what_is_as_near_in_every_posture_is_how_the_tool_is_drawn_and_not_told(
     assert not any("wrist" in sentence for sentence in told(("there", BENT_DEG[None]), there=holder))
 
 
+def test_a_posture_in_which_the_tool_overlaps_the_wrist_is_a_collision_and_named() -> None:
+    given = job(0, 1, 0, floor=WIDE, **{"tool": BESIDE.tool})
+    problem = given.problem(COARSE)
+    frames, bodies = np.empty((7, 4, 4)), np.empty((len(problem.machine.links) + 1, 7))
+    frames[0] = base_pose(np.array([-3000.0, 0.0, 900.0, 180.0]))
+    pair, trolley = np.zeros(2, dtype=np.int64), np.empty((0, 8))
+
+    def clearance_mm(posture_deg: FloatArray) -> float:
+        near, _ = posture_margins(
+            problem.machine,
+            problem.world,
+            trolley,
+            np.zeros(7),
+            np.radians(posture_deg),
+            frames,
+            bodies,
+            pair,
+            False,
+        )
+        return near
+
+    assert clearance_mm(REFERENCE_DEG) > given.room.margins.clearance_mm
+    overlap_mm = -sampled_mm(problem.machine, BENT_DEG)[0, NAMES.index("forearm")]
+    assert overlap_mm > 5.0
+    assert clearance_mm(BENT_DEG) == pytest.approx(-overlap_mm, abs=0.01)
+    assert [NAMES[k] for k in pair] == ["cameras", "forearm"]
+
+
+@pytest.mark.parametrize("seed", [3, 5])
+def test_no_place_that_is_found_has_the_tool_overlap_the_wrist(seed: int) -> None:
+    given = job(seed, 1, 0, floor=WIDE)
+    machine, places = machine_of(given.arm, given.room), find_places(given).places
+    assert places
+    kept = machine.kept[machine.tool_from :, : machine.tool_from] != FREE
+    for place in places:
+        ways = [one.angles_deg for one in place.served]
+        ways += [np.array([a, b]) for (_, a), (_, b) in itertools.pairwise(place.route.corners)]
+        assert min(nearest_mm(machine, way)[kept].min() for way in ways) > -0.5
+
+
 @pytest.mark.parametrize(("seed", "is_near"), [(0, False), (3, True)])
 def test_each_place_that_is_found_tells_it(seed: int, is_near: bool) -> None:
     given = job(seed, 1, 0, floor=WIDE)
@@ -102,4 +149,16 @@ def test_each_place_that_is_found_tells_it(seed: int, is_near: bool) -> None:
         )
         least_mm = np.min([sampled_mm(machine, one)[:, NAMES.index("forearm")] for one in postures])
         assert (least_mm < 20.0) == is_near
-        assert any(" and forearm " in sentence for sentence in place.near) == is_near
+        assert any(" of forearm " in sentence for sentence in place.near) == is_near
+
+
+def test_a_tool_that_meets_the_wrist_with_any_roll_is_told() -> None:
+    given = job(3, 1, 0, floor=WIDE, tracker=None)
+    base = find_places(given).places[0].room_from_r
+    spokes = [110.0 * np.array([np.cos(turn), np.sin(turn), 0.0]) for turn in np.arange(6) * np.pi / 6]
+    star = [Capsule("spoke", (-x, -y, 20.0), (x, y, 20.0), 35.0) for x, y, _ in spokes]
+    tool = Tool(
+        (0.0, 0.0, 120.0), bodies=tuple(replace(one, name=f"{one.name} {n}") for n, one in enumerate(star))
+    )
+    (sentence,) = check_parked(replace(given, room=room(tool=tool)), base).blocked
+    assert "would meet forearm from here; the nearest entry" in sentence

@@ -20,6 +20,7 @@ from ronnaplan.robot.arm.forward import forward
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.arm.quality import joint_margins_deg, singularity_deg
 from ronnaplan.robot.placement.blocking import turned_entries
+from ronnaplan.robot.placement.machine import machine_of
 from ronnaplan.robot.placement.parking import strayed
 from ronnaplan.robot.placement.placement import COARSE, Job, Placement, check_parked, find_places
 from ronnaplan.robot.placement.room import Box, Capsule, Floor, HeadPose, Margins, Parking
@@ -27,7 +28,7 @@ from ronnaplan.robot.placement.route import Route, plan_route
 from ronnaplan.robot.placement.search import Problem, asking, base_pose, grid, within, worths
 from ronnaplan.robot.placement.serving import Served
 from ronnaplan.robot.placement.tasks import drill_task
-from ronnaplan.robot.placement.world import machine_of, world_of
+from ronnaplan.robot.placement.world import world_of
 from tests.robot.arm.arms import UR10E_M, iiwa, ur
 from tests.robot.arm.test_kinematics import read
 from tests.robot.placement.cases import CENTER_MM, HEAD_MM, job, room, surface

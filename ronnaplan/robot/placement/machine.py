@@ -1,0 +1,154 @@
+"""The arm with what its flange carries as a tuple of arrays, which the compiled kernels take; mm and rad."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kernelcache import njit
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray, unit
+from ronnaplan.robot.arm.arm import Body, SerialArm
+from ronnaplan.robot.arm.compiled import place_links
+from ronnaplan.robot.arm.wrist import Wrist, wrist_of
+from ronnaplan.robot.placement.distances import segment_segment
+from ronnaplan.robot.placement.room import Capsule, Room
+from ronnaplan.robot.placement.world import box_rows, capsule_row
+
+APART_LINKS = 3
+"""Bodies of links with so many joints between them are kept apart.
+
+Of nearer ones only the tool's are, and only from overlapping, as capsules of links that few joints part may overlap in
+every posture. Of the arm itself the maker's limits or its controller keep those apart, but neither knows the tool.
+"""
+SAMPLED = 512
+"""In so many postures between the limits of the joints two bodies are apart in one, if ever: two joints part them."""
+PARTED_MM = 10.0
+"""Two bodies that are nowhere so far apart are drawn so, and not kept apart."""
+
+FREE, CLEAR, APART = range(3)
+"""How two bodies are kept from each other: not at all, by the clearance that is asked for, or from overlapping."""
+
+
+class Machine(NamedTuple):
+    """The arm with what its flange carries. Bodies are in their links' frames; the last ones are the tool's."""
+
+    wrist: Wrist
+    origins: FloatArray
+    axes: FloatArray
+    links: NDArray[np.int64]
+    bodies: FloatArray
+    """Capsules (K, 7)."""
+    tool_from: int
+    """Bodies from this one on belong to the tool."""
+    kept: NDArray[np.int8]
+    """How each body is kept from those before it (K, K)."""
+    trolley: FloatArray
+    """Boxes (V, 8) in the base's frame."""
+    marker: FloatArray
+    """Place and normal (2, 3) of the tool's marker, in the last link."""
+
+
+def machine_of(arm: SerialArm, room: Room) -> Machine:
+    """Return the robot with the room's tool.
+
+    Raises `InputError` for an arm that has no closed form, no bodies, or does not reach the room's reference posture.
+    """
+    wrist = wrist_of(arm)
+    _require_posture(arm, room.reference_deg)
+    of_links = [
+        (body.link, np.array([*body.start_mm, *body.end_mm, body.radius_mm]))
+        for body in clad(arm, room.arm_bodies).bodies
+    ]
+    if not of_links:
+        raise InputError(
+            f"the links of {arm.name} have no simple shapes; state capsules as [[arm_body]] in the room"
+        )
+    carried = [(len(arm), _moved(arm.flange, capsule_row(one))) for one in room.tool.bodies]
+    marker = np.zeros((2, 3))
+    if room.tool.marker is not None:
+        marker[0] = arm.flange[:3, :3] @ np.array(room.tool.marker.at_mm) + arm.flange[:3, 3]
+        marker[1] = arm.flange[:3, :3] @ unit(room.tool.marker.normal)
+    every = of_links + carried
+    links = np.array([link for link, _ in every], dtype=np.int64)
+    machine = Machine(
+        wrist,
+        np.ascontiguousarray(arm.origins),
+        np.ascontiguousarray(arm.axes),
+        links,
+        np.array([row for _, row in every]),
+        len(of_links),
+        np.where(links[:, None] - links >= APART_LINKS, CLEAR, FREE).astype(np.int8),
+        box_rows(room.floor.trolley),
+        marker,
+    )
+    tool = slice(len(of_links), None), slice(len(of_links))
+    low, high = wrist.limits.T
+    postures = np.random.default_rng(0).uniform(low, high, (SAMPLED, len(low)))
+    parted = tool_distances(machine, postures).max(axis=0) >= PARTED_MM
+    machine.kept[tool][parted & (machine.kept[tool] == FREE)] = APART
+    return machine
+
+
+def clad(arm: SerialArm, told: Sequence[tuple[int, Capsule]]) -> SerialArm:
+    """Return the arm with the bodies that a room has ``told`` of, with each link's number, or else with its own."""
+    if not told:
+        return arm
+    return arm.with_bodies(
+        [Body(one.name, link, np.array(one.start_mm), np.array(one.end_mm), one.radius_mm) for link, one in told]
+    )
+
+
+def _require_posture(arm: SerialArm, reference_deg: Sequence[float]) -> None:
+    """Raise `InputError` for a joint beyond its limits; joint 1 counts from the tasks, and is kept within its own."""
+    told = zip(arm.joints, reference_deg, arm.limits_rad.tolist(), strict=True)
+    for number, (joint, angle, (least, greatest)) in list(enumerate(told, start=1))[1:]:
+        if not least <= np.radians(angle) <= greatest:
+            raise InputError(
+                f"reference_deg in the room has {angle:g} degrees for joint {number} of {arm.name}, {joint}; expected "
+                f"{np.degrees(least):.1f} to {np.degrees(greatest):.1f}"
+            )
+
+
+def _moved(pose: FloatArray, row: FloatArray) -> FloatArray:
+    ends = row[:6].reshape(2, 3) @ pose[:3, :3].T + pose[:3, 3]
+    return np.array([*ends.ravel(), row[6]])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def moved_capsule(pose: FloatArray, capsule: FloatArray, moved: FloatArray) -> None:
+    """Fill ``moved`` (7,) with ``capsule`` (7,) brought by ``pose`` (4, 4)."""
+    for a in range(3):
+        for end in (0, 3):
+            moved[end + a] = pose[a, 3]
+            for b in range(3):
+                moved[end + a] += pose[a, b] * capsule[end + b]
+    moved[6] = capsule[6]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def place_bodies(machine: Machine, instrument: FloatArray, frames: FloatArray, bodies: FloatArray) -> None:
+    """Fill ``bodies`` (K + 1, 7) with all capsules in the room, the instrument last."""
+    for k in range(len(machine.links)):
+        moved_capsule(frames[machine.links[k]], machine.bodies[k], bodies[k])
+    moved_capsule(frames[-1], instrument, bodies[-1])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def tool_distances(machine: Machine, postures: FloatArray) -> FloatArray:
+    """Return the distances (P, T, A) of the tool's bodies from the arm's in ``postures`` (P, 6), rad."""
+    first, count = machine.tool_from, len(machine.links)
+    frames, bodies = np.zeros((len(machine.axes) + 1, 4, 4)), np.empty((count + 1, 7))
+    for a in range(4):
+        frames[0, a, a] = 1.0
+    apart = np.empty((len(postures), count - first, first))
+    for p in range(len(postures)):
+        place_links(machine.origins, machine.axes, postures[p], frames)
+        place_bodies(machine, np.zeros(7), frames, bodies)
+        for k in range(first, count):
+            for j in range(first):
+                apart[p, k - first, j] = segment_segment(bodies[k], bodies[j]) - bodies[k, 6] - bodies[j, 6]
+    return apart
