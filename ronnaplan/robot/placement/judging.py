@@ -151,59 +151,37 @@ def judge_task(
 
     ``chosen`` (2,) names way and posture; the way that it names beforehand is tried first where any will do.
     """
-    if enough < np.inf:
-        told = judge_way(
-            machine, world, ways, from_room, trolley, task, int(chosen[0]), least, frames, bodies, chosen
-        )
-        if told >= enough:
-            return told
     first, count, steps = ways.firsts[task], ways.firsts[task + 1] - ways.firsts[task], ways.steps[task]
     angles, margins, hopes = np.empty((steps, 8, 6)), np.empty((8, 2)), np.empty((count, 8))
-    best = NOTHING
-    for n in range(count):
+    instrument, best, begin = ways.instruments[task], NOTHING, chosen[0]
+    for k in range(count):
+        n = (begin + k) % count
         hoped(machine, world, from_room, ways.flanges[first + n], steps, angles, margins, hopes[n])
-    while best < enough:
+        while enough < np.inf:
+            b = int(hopes[n].argmax())
+            hope = hopes[n, b]
+            if hope < enough or hope <= max(best, least):
+                break
+            hopes[n, b] = NOTHING
+            found = worth_along(
+                machine, world, trolley, instrument, angles[:, b], hope, max(best, least), frames, bodies
+            )
+            if found > best:
+                best, chosen[0], chosen[1] = found, n, b
+            if best >= enough:
+                return best
+    while True:
         n, b = divmod(int(hopes.argmax()), 8)
         hope = hopes[n, b]
         if hope <= max(best, least):
-            break
+            return best
         hopes[n, b] = NOTHING
         follow(machine, from_room, ways.flanges[first + n], steps, angles, margins)
         found = worth_along(
-            machine, world, trolley, ways.instruments[task], angles[:, b], hope, max(best, least), frames, bodies
+            machine, world, trolley, instrument, angles[:, b], hope, max(best, least), frames, bodies
         )
         if found > best:
-            best = found
-            chosen[0], chosen[1] = n, b
-    return best
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def judge_way(
-    machine: Machine,
-    world: World,
-    ways: Ways,
-    from_room: FloatArray,
-    trolley: FloatArray,
-    task: int,
-    way: int,
-    least: float,
-    frames: FloatArray,
-    bodies: FloatArray,
-    chosen: NDArray[np.int64],
-) -> float:
-    """Return the worth of ``task`` by the posture that its joints like best on one ``way``, and name both."""
-    steps = ways.steps[task]
-    angles, margins, hopes = np.empty((steps, 8, 6)), np.empty((8, 2)), np.empty(8)
-    flanges = ways.flanges[ways.firsts[task] + way]
-    hoped(machine, world, from_room, flanges, steps, angles, margins, hopes)
-    b = int(hopes.argmax())
-    if hopes[b] <= least:
-        return NOTHING
-    chosen[0], chosen[1] = way, b
-    return worth_along(
-        machine, world, trolley, ways.instruments[task], angles[:, b], hopes[b], least, frames, bodies
-    )
+            best, chosen[0], chosen[1] = found, n, b
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -35,6 +35,7 @@ from ronnaplan.robot.placement.search import (
 from ronnaplan.robot.placement.serving import Served, serve
 from ronnaplan.robot.placement.tasks import Fineness, Task, drill_task, view_task, ways_of
 from ronnaplan.robot.placement.world import World, world_of
+from ronnaplan.threads import in_threads
 
 COARSE = Fineness(24, 60.0)
 """What bases are searched with."""
@@ -205,14 +206,16 @@ def find_places(job: Job) -> Placement:
         return Placement(job.room_from_ct, (), _blocked(job, coarse, bases))
     best = [tops[n] for n in best_apart(tops, values, TRIED)]
     others = alternatives(replace(coarse, taken=tuple(best)), bases, found)
+    tried = itertools.islice(itertools.chain(best, others), TRIED)
+
+    def looked_at(base: FloatArray) -> Place | list[int]:
+        return _place(job, fine, base_pose(base), probability(coarse, base, job.room.parking))
+
     places: list[Place] = []
-    for base in itertools.islice(itertools.chain(best, others), TRIED):
-        sure = probability(coarse, base, job.room.parking)
-        place = _place(job, fine, base_pose(base), sure)
-        if isinstance(place, Place):
-            places.append(place)
-        if sum(not one.route.stuck for one in places) == PLACES:
-            break
+    missing = PLACES
+    while looked := list(itertools.islice(tried, missing)):
+        places += [one for one in in_threads(looked_at, looked) if isinstance(one, Place)]
+        missing = PLACES - sum(not one.route.stuck for one in places)
     if not places:
         return Placement(job.room_from_ct, (), ("looked at closely, no base serves every task all along its way",))
     places.sort(key=lambda one: len(one.route.stuck))

@@ -202,7 +202,7 @@ def _in_order(
         cost[a + 1, b + 1] = cost[b + 1, a + 1] = moves.least(postures[a], postures[b])
     order: list[int] = []
     for group in groups:
-        order += _shortest(cost, order[-1] if order else 0, [n + 1 for n in group])
+        order += _shortest(cost.tolist(), order[-1] if order else 0, [n + 1 for n in group])
     found = tuple(n - 1 for n in order)
     return _Tour(found, at, _through(moves, turned, found, at))
 
@@ -273,14 +273,14 @@ def is_free(
     return True
 
 
-def _shortest(cost: FloatArray, start: int, group: list[int]) -> list[int]:
+def _shortest(cost: Sequence[Sequence[float]], start: int, group: list[int]) -> list[int]:
     """Return ``group`` in the order of least cost from ``start``: nearest first from every one, parts then reversed."""
     best: list[int] = []
     least = np.inf
     for first in group:
         order, left = [first], set(group) - {first}
         while left:
-            nearest = min(left, key=lambda n: (cost[order[-1], n], n))
+            nearest = min(left, key=lambda n: (cost[order[-1]][n], n))
             order.append(nearest)
             left.remove(nearest)
         order = _reversed_parts(cost, start, order)
@@ -290,7 +290,7 @@ def _shortest(cost: FloatArray, start: int, group: list[int]) -> list[int]:
     return best
 
 
-def _reversed_parts(cost: FloatArray, start: int, order: list[int]) -> list[int]:
+def _reversed_parts(cost: Sequence[Sequence[float]], start: int, order: list[int]) -> list[int]:
     """Reverse or move parts of ``order`` as long as that shortens it."""
     length, better = _length(cost, start, order), True
     while better:
@@ -312,6 +312,9 @@ def _reversed_parts(cost: FloatArray, start: int, order: list[int]) -> list[int]
     return order
 
 
-def _length(cost: FloatArray, start: int, order: list[int]) -> float:
-    through = [start, *order]
-    return float(sum(cost[a, b] for a, b in itertools.pairwise(through)))
+def _length(cost: Sequence[Sequence[float]], start: int, order: list[int]) -> float:
+    length, here = 0.0, start
+    for there in order:
+        length += cost[here][there]
+        here = there
+    return length
