@@ -39,8 +39,8 @@ from ronnaplan.threads import in_threads
 
 COARSE = Fineness(24, 60.0)
 """What bases are searched with."""
-FINE = Fineness(36, 5.0)
-"""What is told of a base is measured with."""
+FINE = Fineness(48, 5.0)
+"""What is told of a base is measured with; the search's rolls are among these: what serves there serves here."""
 PLACES, TRIED = 3, 6
 """The best base and its alternatives; so many are looked at closely until as many have free ways to all tasks."""
 SCATTERED = 16_384

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ronnaplan.robot.placement.judging import judge_base
-from ronnaplan.robot.placement.placement import COARSE
+from ronnaplan.robot.placement.placement import COARSE, FINE
 from ronnaplan.robot.placement.search import base_pose, serves, worths
 from tests.robot.placement.cases import job
 
@@ -36,3 +38,10 @@ def test_what_saves_time_changes_no_worth(seed: int) -> None:
     np.testing.assert_array_equal(found[least >= 0.0], least[least >= 0.0])
     assert (found[least < 0.0] < 0.0).all()
     assert (serves(problem, places) == (least >= 0.0)).all()
+
+
+def test_who_looks_closely_at_a_base_tries_the_rolls_by_which_the_search_found_it() -> None:
+    given, place = job(5022, 16, 8), np.array([[-812.0, -92.0, 917.0, 49.0]])
+    (found,) = worths(given.problem(COARSE), place)
+    assert found > 15.0
+    assert worths(given.problem(replace(COARSE, rolls=FINE.rolls)), place) >= found
