@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.placement.machine import FREE
 from ronnaplan.robot.placement.placement import Job
 from ronnaplan.robot.placement.search import Problem
 from tests.robot.placement.cases import CENTER_MM, HEAD_MM
+
+TOOL_AND_FOREARM = ((6, 4),)
+"""Links with fewer than three joints between them that may not overlap: the wrist, link 5, is drawn into the tool."""
 
 
 class Peer:
@@ -50,7 +52,9 @@ class Peer:
                 + ([self.head] if k < len(placed) - 1 else [])
             )
             things += [
-                placed[j] for j in range(k if k < len(placed) - 1 else 0) if self.machine.kept[k, j] != FREE
+                placed[j]
+                for j in range(k if k < len(placed) - 1 else 0)
+                if link - self.links[j] >= 3 or (link, self.links[j]) in TOOL_AND_FOREARM
             ]
             if any(self._meet(body, thing) for thing in things):
                 return True

@@ -157,7 +157,7 @@ def judge_task(
     for k in range(count):
         n = (begin + k) % count
         hoped(machine, world, from_room, ways.flanges[first + n], steps, angles, margins, hopes[n])
-        while enough < np.inf:
+        while True:
             b = int(hopes[n].argmax())
             hope = hopes[n, b]
             if hope < enough or hope <= max(best, least):

@@ -18,8 +18,8 @@ from ronnaplan.robot.placement.distances import segment_segment
 from ronnaplan.robot.placement.room import Capsule, Room
 from ronnaplan.robot.placement.world import box_rows, capsule_row
 
-APART_LINKS = 3
-"""Bodies of links with so many joints between them are kept apart.
+CLEAR_LINKS = 3
+"""Bodies of links with so many joints between them are kept clear of each other.
 
 Of nearer ones only the tool's are, and only from overlapping, as capsules of links that few joints part may overlap in
 every posture. Of the arm itself the maker's limits or its controller keep those apart, but neither knows the tool.
@@ -81,7 +81,7 @@ def machine_of(arm: SerialArm, room: Room) -> Machine:
         links,
         np.array([row for _, row in every]),
         len(of_links),
-        np.where(links[:, None] - links >= APART_LINKS, CLEAR, FREE).astype(np.int8),
+        np.where(links[:, None] - links >= CLEAR_LINKS, CLEAR, FREE).astype(np.int8),
         box_rows(room.floor.trolley),
         marker,
     )

@@ -99,7 +99,7 @@ def test_what_is_as_near_in_every_posture_is_how_the_tool_is_drawn_and_not_told(
 
 
 def test_a_posture_in_which_the_tool_overlaps_the_wrist_is_a_collision_and_named() -> None:
-    given = job(0, 1, 0, floor=WIDE, **{"tool": BESIDE.tool})
+    given = job(0, 1, 0, floor=WIDE, tool=BESIDE.tool)
     problem = given.problem(COARSE)
     frames, bodies = np.empty((7, 4, 4)), np.empty((len(problem.machine.links) + 1, 7))
     frames[0] = base_pose(np.array([-3000.0, 0.0, 900.0, 180.0]))
