@@ -20,11 +20,11 @@ figure { margin: .6rem 0 } figure img { max-width: 100% } figcaption { color: #4
 .warnings { background: #fff3e0; border-left: 5px solid #e07b00; padding: .4rem 1rem; margin: 1rem 0 }
 .clear { background: #eaf5ea; border-left: 5px solid #3d8b40; padding: .4rem 1rem; margin: 1rem 0 }
 .fail { color: #b3261e; font-weight: 600 } .note { color: #4a5a6a }
-@media screen and (max-width: 45rem) { table { display: block; overflow-x: auto } }
+@media screen { table { display: block; overflow-x: auto } }
 @media print {
   body { font-size: 9.5pt; margin: 0; max-width: none; padding: 0; print-color-adjust: exact }
   h2 { margin-top: 1rem } th, td { padding: .1rem .7rem .1rem 0 }
-  figure, tr, .whole, section:not(:has(figure)) { break-inside: avoid }
+  figure, table, tr, .whole, section:not(:has(figure)) { break-inside: avoid }
 }
 """
 

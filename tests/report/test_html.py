@@ -61,9 +61,9 @@ def test_a_failed_limit_stands_out() -> None:
     assert '<td class="fail">FAIL</td>' in table(["limit", ""], [["length", "FAIL"]])
 
 
-def columns_hidden(width: int) -> tuple[int, int]:
+def columns_hidden(width: int, columns: int) -> tuple[int, int]:
     """By how many pixels a page with a table of many columns is wider than its window, and the table than its room."""
-    names = [f"column {n} mm" for n in range(8)]
+    names = [f"column {n} mm" for n in range(columns)]
     with chromium() as browser:
         shown = browser.new_page(viewport={"width": width, "height": 800})
         shown.set_content(page("Report", [section("Part", [table(names, [names])])]))
@@ -72,8 +72,8 @@ def columns_hidden(width: int) -> tuple[int, int]:
 
 
 @needs_browser
-def test_a_table_wider_than_a_phone_is_scrolled_by_itself() -> None:
-    for width, least, most in ((390, 300, 2000), (1600, 0, 0)):
-        of_page, of_table = apart(columns_hidden, width)
+def test_a_table_wider_than_its_page_is_scrolled_by_itself() -> None:
+    for width, columns, least, most in ((390, 8, 300, 2000), (1600, 8, 0, 0), (1600, 24, 300, 4000)):
+        of_page, of_table = apart(columns_hidden, width, columns)
         assert of_page <= 0
         assert least <= of_table <= most

@@ -20,7 +20,7 @@ from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.planning import Limits
 from ronnaplan.planning.electrodes import ELECTRODES
 from ronnaplan.report import path_part
-from ronnaplan.report.html import STYLE, table
+from ronnaplan.report.html import STYLE, page, picture, section, table
 from ronnaplan.report.marker_cuts import MarkerPicture
 from ronnaplan.report.overview import View
 from ronnaplan.report.pdf import find_browser, print_pdf
@@ -28,6 +28,7 @@ from ronnaplan.report.quality import quality_report
 from ronnaplan.scene.shapes import ball
 from ronnaplan.scene.things import Thing
 from tests import cases
+from tests.planner.browser import needs_browser
 
 A4_PT = (595.3, 841.9)
 
@@ -243,6 +244,15 @@ def test_a_path_with_an_electrode_of_many_contacts_takes_one_page(case: Case, pr
     chosen = case.plan.edit("left", electrode=ELECTRODES["DIXI D08-18AM"])
     with_contacts = print_pdf(quality_report(replace(case, plan=chosen)))
     assert with_contacts.count(b"/MediaBox") == printed.count(b"/MediaBox")
+
+
+@needs_browser
+def test_a_table_that_fits_on_a_page_is_not_cut_by_the_end_of_one() -> None:
+    """Beneath a picture the first row of a table stood at the end of a page, the others on the next."""
+    robot = picture(b"", "the robot")  # a part without one is whole anyway
+    large = table(["place", "x mm"], [[f"place {n}", f"{n}"] for n in range(23)])
+    printed = print_pdf(page("Report", [section("Placement", [robot, *[large] * 3])]))
+    assert printed.count(b"/MediaBox") == 3
 
 
 def test_the_page_is_printed_as_pdf(printed: bytes) -> None:
