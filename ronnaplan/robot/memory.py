@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 from typing import NamedTuple
 
@@ -150,6 +151,7 @@ class _Candidate:
         modelled[frame.drifts] = drifting
         self.residual = frame.residual[:count] - self.design[..., ~modelled] @ estimate[~modelled]
         self.spectra = _spectra(self.poses, FILTER_MEMORY if drifting else 1.0)[:, :count]
+        self.inverse_spectra, self.log_volumes = 1 / self.spectra, np.log(self.spectra).sum(axis=1)
         random = np.full((len(self.spectra), modelled.sum() - frame.constants), DRIFT_SDS**2)
         self.turning = None
         self.fitted = self.design[..., modelled]
@@ -172,14 +174,14 @@ class _Candidate:
         joined = np.concatenate([self.fitted, self.residual[..., None]], axis=2)
         whitened = np.linalg.inv(np.linalg.cholesky(shape)) @ joined
         products = whitened.transpose(0, 2, 1) @ whitened
-        sums = ((1 / self.spectra) @ products.reshape(count, -1)).reshape(-1, *products.shape[1:])
+        sums = (self.inverse_spectra @ products.reshape(count, -1)).reshape(-1, *products.shape[1:])
         normal, score, square = sums[:, :-1, :-1], sums[:, :-1, -1], sums[:, -1, -1]
         unknowns = np.arange(normal.shape[1])
         normal[:, unknowns, unknowns] += self.precision
         solutions = np.linalg.solve(normal, score[..., None])[..., 0]
         freedom = count * size - self.frame.constants
         misfit = np.maximum(square - (score * solutions).sum(axis=1), freedom * LEAST_VARIANCE)
-        volume = size * np.log(self.spectra).sum(axis=1) + np.linalg.slogdet(normal)[1]
+        volume = size * self.log_volumes + np.linalg.slogdet(normal)[1]
         log_weights = self.log_prior - 0.5 * (freedom * np.log(misfit) + volume)
         return _Judged(log_weights, misfit / freedom, normal, solutions)
 
@@ -234,10 +236,12 @@ class _Candidate:
         return expected
 
 
+@lru_cache(maxsize=4)
 def _spectra(count: int, longest: float) -> FloatArray:
     """Return the family's variances (M, count), one for each frequency, of mean one; white noise first.
 
-    No memory is longer than ``longest`` of the recording.
+    No memory is longer than ``longest`` of the recording. All kinds of noise ask for the same ones; not to be written
+    to.
     """
     frequency = 2 * np.sin(np.pi * np.arange(count) / (2 * count))
     family = [np.ones(count)]
@@ -248,4 +252,6 @@ def _spectra(count: int, longest: float) -> FloatArray:
             with_memory = (memory**-2 + frequency**2) ** -float(order)
             with_memory /= with_memory.mean()
             family += [white + (1 - white) * with_memory for white in WHITE_SHARES]
-    return np.array(family)
+    variances = np.array(family)
+    variances.setflags(write=False)
+    return variances
