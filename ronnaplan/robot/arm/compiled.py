@@ -1,6 +1,6 @@
 """The compiled kernels of the arm: the eight postures that reach a pose, and where the links are.
 
-What `postures` is made of is inlined: to hand over the wrist takes longer than most of it.
+What `near_postures` is made of is inlined, and so is it: to hand over the wrist takes longer than most of it.
 """
 
 from __future__ import annotations
@@ -9,11 +9,17 @@ import numpy as np
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
+from ronnaplan.robot.arm.refined import refined
 from ronnaplan.robot.arm.wrist import Wrist
 
 STRAIGHT = 1e-9
 """Below this sine of joint 5, axes 4 and 6 point one way: the turn about axis 4 is left at zero."""
 TURN = 2.0 * np.pi
+BEYOND = 8.0
+"""So many times what an arm is off, its nearest geometry may miss the pose by, in squares of lengths.
+
+It then begins as far within its reach: where both ends of a joint's way meet, it tells nothing of what is near.
+"""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -37,12 +43,15 @@ def swung(vector: FloatArray, angle: float) -> tuple[float, float]:
     return c * vector[0] + s * vector[1], c * vector[1] - s * vector[0]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def postures(wrist: Wrist, pose: FloatArray, angles: FloatArray) -> int:
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def near_postures(wrist: Wrist, pose: FloatArray, angles: FloatArray) -> int:
     """Fill ``angles`` (8, 6) with the joints that bring the flange to ``pose`` (4, 4) in the base.
 
     Bit n of what is returned says that row n is an answer. Rows 0 to 3 reach forwards, 4 to 7 over the shoulder; of
     each four, two have one bend of the elbow; of each two, the wrist is one way or flipped. Limits are not looked at.
+
+    All is by the nearest geometry that has a closed form. Where an arm is ``off`` that, `refined` begins with it and
+    tells which are answers.
     """
     found = 0
     offset = np.empty(3)
@@ -57,7 +66,10 @@ def postures(wrist: Wrist, pose: FloatArray, angles: FloatArray) -> int:
         z += wrist.shoulder[2, a] * offset[a]
     across = x * x + y * y - wrist.beside * wrist.beside
     if across < 0.0:
-        return 0
+        beyond = BEYOND * wrist.off * (x * x + y * y)
+        if across < -beyond:
+            return 0
+        across = beyond
     forwards = np.sqrt(across)
     turned_pose, seen = np.empty((3, 3)), np.empty((3, 3))
     times(pose, wrist.from_flange, turned_pose)
@@ -120,7 +132,10 @@ def _bends(wrist: Wrist, px: float, pz: float) -> tuple[float, float]:
     reach_l = wrist.lower[0] * wrist.lower[0] + wrist.lower[1] * wrist.lower[1]
     cosine = (px * px + pz * pz - reach_u - reach_l) / (2.0 * np.sqrt(reach_u * reach_l))
     if not abs(cosine) <= 1.0:
-        return np.nan, np.nan
+        beyond = BEYOND * wrist.off
+        if not abs(cosine) <= 1.0 + beyond:
+            return np.nan, np.nan
+        cosine = (1.0 - beyond) * np.sign(cosine)
     along = wrist.upper[0] * wrist.lower[0] + wrist.upper[1] * wrist.lower[1]
     turned = wrist.upper[0] * wrist.lower[1] - wrist.upper[1] * wrist.lower[0]
     start, opened = np.arctan2(turned, along), np.arccos(cosine)
@@ -184,7 +199,14 @@ def _fill(
 def all_postures(wrist: Wrist, poses: FloatArray, angles: FloatArray, found: FloatArray) -> None:
     """Fill ``angles`` (M, 8, 6) and ``found`` (M,), bits in a number, for ``poses`` (M, 4, 4)."""
     for m in range(len(poses)):
-        found[m] = postures(wrist, poses[m], angles[m])
+        found[m] = near_postures(wrist, poses[m], angles[m])
+    if wrist.off == 0.0:
+        return
+    for m in range(len(poses)):
+        found[m] = refined(wrist.chain, wrist.elbow_sign, poses[m], angles[m], int(found[m]))
+        for n in range(8):
+            for joint in range(6):
+                angles[m, n, joint] = nearest_turn(angles[m, n, joint], wrist.middles[joint])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

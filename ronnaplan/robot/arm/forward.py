@@ -10,6 +10,9 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import exponential, rigid
 from ronnaplan.robot.arm.arm import SerialArm
 
+LENGTH_MM = 300.0
+"""What a radian counts for beside a length, where both are measured as one: a tool's usual length."""
+
 
 def as_angles(arm: SerialArm, angles_rad: ArrayLike) -> FloatArray:
     """Return ``angles_rad`` (..., N) as an array; raises `InputError` for another length or what is not finite."""

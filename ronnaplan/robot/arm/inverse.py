@@ -1,4 +1,4 @@
-"""Inverse kinematics: every posture of an arm with a spherical or a parallel wrist, in closed form."""
+"""Inverse kinematics: every posture of an arm with a spherical or a parallel wrist, or one that nearly has it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ class Postures:
     ``within`` (M, 8) says which keep the joints' limits. Branch n is the same posture for all poses: bit 2 tells that
     the arm reaches back over its shoulder, bit 1 the elbow, bit 0 the flipped wrist. Each angle is the turn of it that
     is nearest to the middle of its limits. Where axis 6 points along axis 4, of all ways to share their turn one is
-    told: with a spherical wrist joint 4 at zero, with a parallel one joints 2, 3 and 4 at zero together.
+    told: with a spherical wrist joint 4 at zero, with a parallel one joints 2, 3 and 4 at zero together. Where the axes
+    stand so but for errors there is no such way, and of postures there, or nearly there, some may be missing.
     """
 
     angles_rad: FloatArray
@@ -33,6 +34,8 @@ class Postures:
 
 def inverse(arm: SerialArm, poses: ArrayLike, tool: str | None = None) -> Postures:
     """Return all postures that bring ``tool``, or the flange, to ``poses`` (M, 4, 4), base from tool.
+
+    All are of the arm as it is described, to `refined.REACHED` where its axes stand otherwise than a closed form needs.
 
     Raises `InputError` for an arm that has no closed form, and for ``poses`` of another shape or that are not rigid.
     """

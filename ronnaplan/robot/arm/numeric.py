@@ -13,8 +13,7 @@ from ronnaplan.errors import RefusedError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import as_pose
 from ronnaplan.robot.arm.arm import SerialArm
-from ronnaplan.robot.arm.forward import forward, jacobian
-from ronnaplan.robot.arm.quality import LENGTH_MM
+from ronnaplan.robot.arm.forward import LENGTH_MM, forward, jacobian
 
 STARTS = 128
 STEPS = 60

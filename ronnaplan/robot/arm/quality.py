@@ -7,10 +7,7 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.arm.arm import SerialArm
-from ronnaplan.robot.arm.forward import as_angles, jacobian
-
-LENGTH_MM = 300.0
-"""What a radian counts for beside a length, in `manipulability` and `weakest_direction`: a tool's usual length."""
+from ronnaplan.robot.arm.forward import LENGTH_MM, as_angles, jacobian
 
 
 def joint_margins_deg(arm: SerialArm, angles_rad: ArrayLike) -> FloatArray:
@@ -34,7 +31,8 @@ def singularity_deg(arm: SerialArm, angles_rad: ArrayLike) -> FloatArray:
     """Return the angle (...) in degrees to the nearest singular posture of an arm that has a closed form.
 
     Three there are: joint 5 straight (axis 6 along axis 4), the elbow stretched or folded, the wrist's center over axis
-    1 (told as the angle that it is seen under from axis 2). Raises `InputError` for an arm without a closed form.
+    1 (told as the angle that it is seen under from axis 2). Of an arm that is nearly of a closed form they are those of
+    the nearest that is. Raises `InputError` for an arm without a closed form.
     """
     from ronnaplan.robot.arm.compiled import singularity
     from ronnaplan.robot.arm.wrist import wrist_of

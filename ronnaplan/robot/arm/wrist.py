@@ -4,6 +4,9 @@ Axis 1 is perpendicular to axis 2, axis 3 parallel to axis 2, axis 5 perpendicul
 is one whose three axes meet. A *parallel* one is that of UR-like arms: axis 4 is parallel to axes 2 and 3, and only
 axes 5 and 6 meet. In both the place where they meet tells joint 1 and, with the elbow, the joints of the plane, and the
 flange's axes, seen from the shoulder, turn about axes 4, 5 and 6 as Euler's angles about z, y and z.
+
+Where an arm's axes are so but for errors, as a calibration finds them, the nearest that are so begin what `refined`
+ends.
 """
 
 from __future__ import annotations
@@ -14,23 +17,22 @@ from typing import NamedTuple
 import numpy as np
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import FloatArray, unit
 from ronnaplan.robot.arm.arm import SerialArm
-from ronnaplan.robot.arm.forward import link_frames
+from ronnaplan.robot.arm.forward import LENGTH_MM, link_frames
+from ronnaplan.robot.arm.refined import chain_of
 
 JOINTS = 6
 ANGLE_TOLERANCE = 1e-7
 """Axes whose cosine or sine is below this are perpendicular or parallel, to the digits of a description."""
-NEARLY = 2e-3
-"""Axes that miss by less were meant to be so: 1.57 was written for half of pi, or the robot's own errors are in it."""
+NEARLY = 1e-2
+"""Axes that miss by less were meant to be so: robots are built, and calibrated, some thousandths off."""
 MEETING_MM = 1e-4
-"""Axes that pass each other nearer than this meet."""
-NEARLY_MM = 2.0
-"""Axes that pass each other nearer than this were meant to meet."""
+"""Axes meet that all pass one place nearer than this."""
+NEARLY_MM = 3.0
+"""Axes were meant to meet that all pass one place nearer than this."""
 OTHERWISE = "`inverse_numeric` solves it, `robot place` needs a closed form"
 """What is left of an arm that has none."""
-EXACTLY = "give its angles all their digits, or, where the robot was calibrated, the maker's nominal description"
-"""What to do where axes are as they have to be but for `NEARLY`."""
 
 
 class Wrist(NamedTuple):
@@ -39,6 +41,11 @@ class Wrist(NamedTuple):
     A tuple of arrays, because the compiled kernels take it.
     """
 
+    off: float
+    """By how much the arm's axes stand and meet otherwise (rad, mm per `LENGTH_MM`); zero to the digits.
+
+    All but ``chain`` is of the nearest that stand and meet so.
+    """
     parallel: bool
     """Whether axis 4 is parallel to axes 2 and 3; otherwise axes 4, 5 and 6 meet."""
     shoulder: FloatArray
@@ -71,6 +78,8 @@ class Wrist(NamedTuple):
     """The middles (6,) of the joints' limits."""
     limits: FloatArray
     """The limits (6, 2)."""
+    chain: FloatArray
+    """The arm as it is described (7, 4, 4), by `chain_of`."""
 
 
 def wrist_of(arm: SerialArm) -> Wrist:
@@ -80,8 +89,11 @@ def wrist_of(arm: SerialArm) -> Wrist:
     frames = link_frames(arm, np.zeros(JOINTS))
     places = frames[1:, :3, 3]
     axes = np.einsum("nij,nj->ni", frames[1:, :3, :3], arm.axes)
-    _require_angles(arm, axes)
-    parallel, center = _wrist(arm, places, axes)
+    angles_off = _angles_off(arm, axes)
+    wrist_off, parallel, center = _wrist(arm, places, axes)
+    off = max(angles_off, wrist_off)
+    if off:
+        places, axes = _nearest(places, axes, parallel, center)
     shoulder = np.stack([np.cross(axes[1], axes[0]), axes[1], axes[0]])
     two, three, four, wrist = (shoulder @ (place - places[0]) for place in (*places[1:4], center))
     end = four if parallel else wrist
@@ -91,6 +103,7 @@ def wrist_of(arm: SerialArm) -> Wrist:
     turn = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
     flange = frames[-1] @ arm.flange
     return Wrist(
+        off,
         parallel,
         shoulder,
         places[0].copy(),
@@ -107,6 +120,7 @@ def wrist_of(arm: SerialArm) -> Wrist:
         bend,
         arm.limits_rad.mean(axis=1),
         np.ascontiguousarray(arm.limits_rad),
+        chain_of(arm),
     )
 
 
@@ -115,8 +129,12 @@ def stretched_mm(wrist: Wrist) -> float:
     return float(sum(np.linalg.norm(part) for part in (wrist.upper, wrist.lower, wrist.hand)))
 
 
-def _require_angles(arm: SerialArm, axes: FloatArray) -> None:
-    """Raise `InputError` naming the first two joints whose axes (6, 3) do not stand as both kinds need it."""
+def _angles_off(arm: SerialArm, axes: FloatArray) -> float:
+    """Return by how much the axes (6, 3) stand otherwise than both kinds need it (rad), zero to the digits.
+
+    Raises `InputError` naming the first two joints where that is not even nearly so.
+    """
+    largest = 0.0
     for a, b, stand in (
         (1, 2, "parallel"),
         (0, 1, "perpendicular"),
@@ -124,32 +142,57 @@ def _require_angles(arm: SerialArm, axes: FloatArray) -> None:
         (4, 5, "perpendicular"),
     ):
         miss = _off_parallel(axes[a], axes[b]) if stand == "parallel" else abs(float(axes[a] @ axes[b]))
-        if miss >= ANGLE_TOLERANCE:
+        if miss >= NEARLY:
             what = f"the axes of {arm.joints[a]} and {arm.joints[b]} are {_degrees(miss)} from {stand}"
-            remedy = EXACTLY if miss < NEARLY else _otherwise(arm)
-            raise _refused(arm, f"{what}, expected {stand}; {remedy}")
+            raise _refused(arm, f"{what}, expected {stand}; {_otherwise(arm)}")
+        largest = max(largest, miss)
+    return 0.0 if largest < ANGLE_TOLERANCE else largest
 
 
-def _wrist(arm: SerialArm, places: FloatArray, axes: FloatArray) -> tuple[bool, FloatArray]:
-    """Return whether axis 4 is parallel to axis 2, and where (3,) the axes of the wrist meet.
+def _wrist(arm: SerialArm, places: FloatArray, axes: FloatArray) -> tuple[float, bool, FloatArray]:
+    """Return how far the wrist is off its kind (rad, mm per `LENGTH_MM`), whether that is parallel, and its center.
 
-    Raises `InputError` for a wrist of neither kind.
+    Raises `InputError` for a wrist that is not even nearly of either kind.
     """
     center, apart_mm = _meeting(places[3:], axes[3:])
-    if apart_mm < MEETING_MM:
-        return False, center
-    center, apart_two_mm = _meeting(places[4:], axes[4:])
+    center_two, apart_two_mm = _meeting(places[4:], axes[4:])
     miss = _off_parallel(axes[1], axes[3])
+    if apart_mm < MEETING_MM:
+        return 0.0, False, center
     if miss < ANGLE_TOLERANCE and apart_two_mm < MEETING_MM:
-        return True, center
-    remedy = EXACTLY if miss < NEARLY and apart_two_mm < NEARLY_MM else _otherwise(arm)
+        return 0.0, True, center_two
+    if apart_mm < NEARLY_MM:
+        return apart_mm / LENGTH_MM, False, center
+    if miss < NEARLY and apart_two_mm < NEARLY_MM:
+        return max(miss, apart_two_mm / LENGTH_MM), True, center_two
     _, two, _, four, five, six = arm.joints
     raise _refused(
         arm,
         f"the axes of {four}, {five} and {six} pass each other by {apart_mm:.3g} mm, those of {five} and {six} by "
         f"{apart_two_mm:.3g} mm, and that of {four} is {_degrees(miss)} from parallel to that of {two}; expected all "
-        f"three to meet, or the last two and a parallel one; {remedy}",
+        f"three to meet, or the last two and a parallel one; {_otherwise(arm)}",
     )
+
+
+def _nearest(
+    places: FloatArray, axes: FloatArray, parallel: bool, center: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return places (6, 3) on the axes, and axes (6, 3) near to ``axes`` that stand as they have to.
+
+    Those parallel to axis 2 are met abreast of the wrist's ``center`` (3,), as axes that are not quite parallel come
+    near to others wherever their frames happen to lie.
+    """
+    placed, stood = places.copy(), axes.copy()
+    abreast = [1, 2, 3] if parallel else [1, 2]
+    signs = np.sign(axes[abreast] @ axes[1])
+    along = signs @ axes[abreast]
+    two = unit(along - (along @ axes[0]) * axes[0])
+    stood[abreast] = signs[:, None] * two
+    for n in abreast:
+        placed[n] += ((center - places[n]) @ two) / (axes[n] @ two) * axes[n]
+    for n in (4, 5):
+        stood[n] = unit(axes[n] - (axes[n] @ stood[n - 1]) * stood[n - 1])
+    return placed, stood
 
 
 def _otherwise(arm: SerialArm) -> str:
@@ -157,7 +200,7 @@ def _otherwise(arm: SerialArm) -> str:
     if not arm.held:
         return OTHERWISE
     before = arm.held[-1].before
-    others = "" if before is None else _told_held({joint: _lacking(before, joint) for joint in before.joints})
+    others = "" if before is None else _told_held(before)
     return f"hold {_held(arm)} at another angle, or another joint{f' ({others})' if others else ''}"
 
 
@@ -192,25 +235,21 @@ def _way_out(arm: SerialArm) -> str:
         return f"hold {spare} fewer (of {_held(arm)}), so that six turn" if spare else OTHERWISE
     if len(arm) > JOINTS + 1:
         return f"hold {len(arm) - JOINTS} of {', '.join(arm.joints)} (`--hold JOINT=DEGREES`)"
-    lacking = {joint: _lacking(arm, joint) for joint in arm.joints}
-    held = _told_held(lacking)
+    held = _told_held(arm)
     if held:
         return f"hold one where it shall stay ({held})"
-    nearly = " or ".join(f"--hold {joint}=0" for joint, what in lacking.items() if EXACTLY in what)
-    if nearly:
-        return f"but for rounded angles {nearly} would leave one: {EXACTLY}"
     return "hold one that leaves a closed form (`--hold JOINT=DEGREES`; at 0 degrees none does)"
 
 
-def _told_held(lacking: dict[str, str]) -> str:
-    """Return the options that hold any of the joints that leave an arm ``lacking`` nothing."""
-    return " or ".join(f"--hold {joint}=0" for joint, what in lacking.items() if not what)
+def _told_held(arm: SerialArm) -> str:
+    """Return the options that hold at zero any of the joints that then leave a closed form."""
+    return " or ".join(f"--hold {joint}=0" for joint in arm.joints if _is_served(arm, joint))
 
 
-def _lacking(arm: SerialArm, joint: str) -> str:
-    """Return what the arm with a joint more than six lacks of a closed form while that is held at zero, if anything."""
+def _is_served(arm: SerialArm, joint: str) -> bool:
+    """Whether an arm that has one joint too many is served with ``joint`` held at zero."""
     try:
         wrist_of(replace(arm.holding(joint, 0.0), held=()))  # of which no other joint is asked in turn
-    except InputError as error:
-        return str(error)
-    return ""
+    except InputError:
+        return False
+    return True

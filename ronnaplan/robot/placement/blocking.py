@@ -14,7 +14,7 @@ from ronnaplan.geometry import FloatArray, unit
 from ronnaplan.pose import invert
 from ronnaplan.robot.placement.clearances import HEAD, ROOM, is_high, parked, place_trolley, posture_margins
 from ronnaplan.robot.placement.distances import segment_box, segment_segment
-from ronnaplan.robot.placement.judging import follow
+from ronnaplan.robot.placement.judging import follow, settle
 from ronnaplan.robot.placement.machine import APART, Machine
 from ronnaplan.robot.placement.search import Problem, base_pose
 from ronnaplan.robot.placement.tasks import Ways
@@ -106,6 +106,9 @@ def state(
     for n in range(ways.firsts[task], ways.firsts[task + 1]):
         follow(machine, from_room, ways.flanges[n], steps, angles, margins)
         for b in range(8):
+            if margins[b, 0] == -np.inf:
+                continue
+            settle(machine, from_room, ways.flanges[n], b, angles, margins)
             if margins[b, 0] == -np.inf:
                 continue
             kept = np.ascontiguousarray(angles[:, b])

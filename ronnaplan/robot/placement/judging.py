@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.arm.compiled import nearest_turn, postures, singularity, times
+from ronnaplan.robot.arm.compiled import near_postures, nearest_turn, singularity, times
+from ronnaplan.robot.arm.refined import refined
 from ronnaplan.robot.placement.clearances import parked, place_trolley, posture_margins
 from ronnaplan.robot.placement.machine import Machine
 from ronnaplan.robot.placement.tasks import Ways
@@ -47,18 +48,15 @@ def follow(
     """Fill ``angles`` (P, 8, 6) along a ``way`` (P, 4, 4) and ``margins`` (8, 2) of each posture kept throughout.
 
     ``margins`` are those of joints and of singular postures in rad, the least along the way; minus infinity where the
-    pose is not reached. ``from_room`` (4, 4) is the base from the room.
+    pose is not reached. ``from_room`` (4, 4) is the base from the room. All is by the nearest geometry that has a
+    closed form: `settle` tells what a posture is by the arm as it is described.
     """
     pose = np.zeros((4, 4))
     alive = 255
     margins[:] = np.inf
     for p in range(steps):
-        times(from_room, way[p], pose)
-        for a in range(3):
-            pose[a, 3] = from_room[a, 3]
-            for b in range(3):
-                pose[a, 3] += from_room[a, b] * way[p, b, 3]
-        alive &= postures(machine.wrist, pose, angles[p])
+        _seen_from_base(from_room, way[p], pose)
+        alive &= near_postures(machine.wrist, pose, angles[p])
         for n in range(8):
             if not (alive >> n) & 1:
                 continue
@@ -69,6 +67,59 @@ def follow(
     for n in range(8):
         if not (alive >> n) & 1:
             margins[n] = -np.inf
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def settle(
+    machine: Machine, from_room: FloatArray, way: FloatArray, posture: int, angles: FloatArray, margins: FloatArray
+) -> None:
+    """Bring one ``posture`` that `follow` told of to the ``way`` (P, 4, 4) by the arm as it is described.
+
+    ``angles`` (P, 8, 6) and ``margins`` (8, 2) are what `follow` filled, and what is corrected.
+    """
+    for p in range(len(angles)):
+        if not settled_at(machine, from_room, way, p, posture, angles, margins[posture]):
+            margins[posture] = -np.inf
+            return
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def settled_at(
+    machine: Machine,
+    from_room: FloatArray,
+    way: FloatArray,
+    p: int,
+    posture: int,
+    angles: FloatArray,
+    margins: FloatArray,
+) -> bool:
+    """Do so at pose ``p``, with ``margins`` (2,) the least up to there; false where the pose is not reached.
+
+    It is left for last, as it takes longest, and most postures are given up at a way's beginning for what they meet.
+    """
+    if machine.wrist.off == 0.0:
+        return True
+    if p == 0:
+        margins[:] = np.inf
+    pose = np.zeros((4, 4))
+    _seen_from_base(from_room, way[p], pose)
+    if refined(machine.wrist.chain, machine.wrist.elbow_sign, pose, angles[p], 1 << posture) == 0:
+        return False
+    if p > 0 and not _goes_on(angles[p - 1, posture], angles[p, posture]):
+        return False
+    margins[0] = min(margins[0], joint_margin(machine, angles[p, posture]))
+    margins[1] = min(margins[1], singularity(machine.wrist, angles[p, posture]))
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _seen_from_base(from_room: FloatArray, flange: FloatArray, pose: FloatArray) -> None:
+    """Fill ``pose`` (4, 4) with ``flange`` (4, 4), room from flange, seen from the base."""
+    times(from_room, flange, pose)
+    for a in range(3):
+        pose[a, 3] = from_room[a, 3]
+        for b in range(3):
+            pose[a, 3] += from_room[a, b] * flange[b, 3]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -164,7 +215,18 @@ def judge_task(
                 break
             hopes[n, b] = NOTHING
             found = worth_along(
-                machine, world, trolley, instrument, angles[:, b], hope, max(best, least), frames, bodies
+                machine,
+                world,
+                ways.flanges[first + n],
+                from_room,
+                trolley,
+                instrument,
+                b,
+                angles,
+                margins[b],
+                max(best, least),
+                frames,
+                bodies,
             )
             if found > best:
                 best, chosen[0], chosen[1] = found, n, b
@@ -178,7 +240,18 @@ def judge_task(
         hopes[n, b] = NOTHING
         follow(machine, from_room, ways.flanges[first + n], steps, angles, margins)
         found = worth_along(
-            machine, world, trolley, instrument, angles[:, b], hope, max(best, least), frames, bodies
+            machine,
+            world,
+            ways.flanges[first + n],
+            from_room,
+            trolley,
+            instrument,
+            b,
+            angles,
+            margins[b],
+            max(best, least),
+            frames,
+            bodies,
         )
         if found > best:
             best, chosen[0], chosen[1] = found, n, b
@@ -198,30 +271,48 @@ def hoped(
     """Follow a ``way`` (P, 4, 4), and fill ``hopes`` (8,) with what the joints of each posture are worth along it."""
     follow(machine, from_room, way, steps, angles, margins)
     for b in range(8):
-        hopes[b] = NOTHING
-        if margins[b, 0] >= world.needs[0] and margins[b, 1] >= world.needs[1]:
-            hopes[b] = np.degrees(min(margins[b, 0], margins[b, 1]))
+        hopes[b] = worth_of_joints(world, margins[b])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def worth_of_joints(world: World, margins: FloatArray) -> float:
+    """Return what the ``margins`` (2,) of joints and of singular postures are worth; `NOTHING` below what is asked."""
+    if margins[0] < world.needs[0] or margins[1] < world.needs[1]:
+        return NOTHING
+    return float(np.degrees(min(margins[0], margins[1])))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def worth_along(
     machine: Machine,
     world: World,
+    way: FloatArray,
+    from_room: FloatArray,
     trolley: FloatArray,
     instrument: FloatArray,
+    posture: int,
     angles: FloatArray,
-    hope: float,
+    margins: FloatArray,
     least: float,
     frames: FloatArray,
     bodies: FloatArray,
 ) -> float:
-    """Return what is left of ``hope``, the joints' worth, along ``angles`` (P, 6); `NOTHING` if not above ``least``."""
+    """Return what a ``posture`` that `follow` told of is worth along its ``way``; `NOTHING` if not above ``least``.
+
+    ``margins`` (2,) are those of its joints. They and ``angles`` (P, 8, 6) are settled on the way.
+    """
     pair = np.empty(2, dtype=np.int64)
+    left = worth = np.inf
     for p in range(len(angles)):
-        away, view = posture_margins(machine, world, trolley, instrument, angles[p], frames, bodies, pair, True)
+        if not settled_at(machine, from_room, way, p, posture, angles, margins):
+            return NOTHING
+        away, view = posture_margins(
+            machine, world, trolley, instrument, angles[p, posture], frames, bodies, pair, True
+        )
         if away < world.needs[2] or view < world.needs[3]:
             return NOTHING
-        hope = min(hope, min(soft(away, world.plenty[0]), np.degrees(soft(view, world.plenty[1]))))
-        if hope <= least:
+        left = min(left, min(soft(away, world.plenty[0]), np.degrees(soft(view, world.plenty[1]))))
+        worth = min(worth_of_joints(world, margins), left)
+        if worth <= least:
             return NOTHING
-    return hope
+    return worth

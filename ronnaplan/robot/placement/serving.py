@@ -41,12 +41,14 @@ def serve(problem: Problem, tasks: tuple[Task, ...], base: FloatArray) -> tuple[
 
 def _served(problem: Problem, task: Task, number: int, base: FloatArray, way: int, posture: int) -> Served:
     from ronnaplan.robot.placement.clearances import place_trolley, posture_margins
-    from ronnaplan.robot.placement.judging import follow
+    from ronnaplan.robot.placement.judging import follow, settle
 
     machine, world, ways = problem.machine, problem.world, problem.ways
     steps = int(ways.steps[number])
     angles, margins = np.empty((steps, 8, 6)), np.empty((8, 2))
-    follow(machine, invert(base), ways.flanges[ways.firsts[number] + way], steps, angles, margins)
+    flanges, from_room = ways.flanges[ways.firsts[number] + way], invert(base)
+    follow(machine, from_room, flanges, steps, angles, margins)
+    settle(machine, from_room, flanges, posture, angles, margins)
     kept = np.ascontiguousarray(angles[:, posture])
     trolley = place_trolley(machine, base)
     frames, bodies = np.empty((7, 4, 4)), np.empty((len(machine.links) + 1, 7))
