@@ -1,10 +1,14 @@
-"""Arms as URDF texts, in metres as makers write them."""
+"""Arms as URDF texts, in metres as makers write them, and with the errors that a calibration finds."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
+
+from ronnaplan.pose import exponential, rigid
+from ronnaplan.robot.arm.arm import SerialArm
 
 KR6 = """<robot name="kr6">
   <link name="base"><collision><geometry><mesh filename="base.stl"/></geometry></collision></link>
@@ -63,14 +67,43 @@ UR10E_M = (0.1807, 0.6127, 0.57155, 0.17415, 0.11985, 0.11655)
 def ur(lengths_m: tuple[float, ...]) -> str:
     """Return a UR-like arm of such lengths: axes 2, 3 and 4 are parallel, and only axes 5 and 6 meet."""
     foot, upper, fore, side, wrist, end = lengths_m
-    joints = (
-        ("pan", f"0 0 {foot}", "0 0 0", 6.2831, "0 0 1"),
-        ("lift", "0 0 0", f"{HALF} 0 0", 6.2831, "0 0 1"),
-        ("elbow", f"{-upper} 0 0", "0 0 0", 3.1415, "0 0 1"),
-        ("wrist_1", f"{-fore} 0 {side}", "0 0 0", 6.2831, "0 0 1"),
-        ("wrist_2", f"0 {-wrist} 0", f"{HALF} 0 0", 6.2831, "0 0 1"),
-        ("wrist_3", f"0 {end} 0", f"-{HALF} 0 0", 6.2831, "0 0 1"),
+    return _ur(
+        lengths_m,
+        (f"0 0 {foot}", "0 0 0"),
+        ("0 0 0", f"{HALF} 0 0"),
+        (f"{-upper} 0 0", "0 0 0"),
+        (f"{-fore} 0 {side}", "0 0 0"),
+        (f"0 {-wrist} 0", f"{HALF} 0 0"),
+        (f"0 {end} 0", f"-{HALF} 0 0"),
     )
+
+
+def calibrated_ur5e() -> str:
+    """Return a UR5e with the errors of one that left its factory: axes 3 and 4 are 0.003 rad from parallel."""
+    return _ur(
+        UR5E_M,
+        ("0 0 0.162712", "0 0 0"),
+        ("0.000182 0 0", "1.571315 0 0.000001"),
+        ("-0.425170 0 0", "0.001444 -0.000426 0.000005"),
+        ("-0.392647 -0.000403 0.133106", "0.003028 -0.001186 -0.000003"),
+        ("-0.000007 -0.099604 0", "1.570800 0 0.000001"),
+        ("0.000014 0.099585 0.000095", f"1.571752 {2 * float(HALF)} {2 * float(HALF)}"),
+    )
+
+
+def calibrated(arm: SerialArm, seed: int, off_rad: float = 1e-3, off_mm: float = 0.3) -> SerialArm:
+    """Return ``arm`` with every joint's frame turned and moved at random by up to so much about and along each axis."""
+    rng = np.random.default_rng(seed)
+    turns, ways = rng.uniform(-off_rad, off_rad, (len(arm), 3)), rng.uniform(-off_mm, off_mm, (len(arm), 3))
+    return replace(arm, name=f"{arm.name}, calibrated", origins=arm.origins @ rigid(exponential(turns), ways))
+
+
+def _ur(lengths_m: tuple[float, ...], *frames: tuple[str, str]) -> str:
+    """Return a UR-like arm of such ``lengths_m``, whose six joints have such ``frames``, place and turn."""
+    foot, upper, fore, side, _, _ = lengths_m
+    names = ("pan", "lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+    limits = (6.2831, 6.2831, 3.1415, 6.2831, 6.2831, 6.2831)
+    joints = [(name, *frame, limit, "0 0 1") for name, frame, limit in zip(names, frames, limits, strict=True)]
     shapes = (
         _tube(f"0 0 {foot / 2}", foot / 2, 0.09),
         "",

@@ -17,7 +17,7 @@ from ronnaplan.robot.arm.inverse import inverse
 from ronnaplan.robot.arm.numeric import inverse_numeric
 from ronnaplan.robot.arm.quality import singularity_deg, weakest_direction
 from ronnaplan.robot.arm.wrist import wrist_of
-from tests.robot.arm.arms import HALF, SEVEN, UR5E_M, UR10E_M, iiwa, ur
+from tests.robot.arm.arms import HALF, SEVEN, UR5E_M, UR10E_M, calibrated, iiwa, ur
 from tests.robot.arm.test_kinematics import peer_poses, random_angles, read
 
 PER_ARM = 40
@@ -165,18 +165,19 @@ def test_only_where_it_is_told_the_jacobian_of_a_ur_loses_a_direction(tmp_path: 
     ("joint", "old", "new", "sentence"),
     [
         ("wrist_2", "0 -0.0997 0", "0.01 -0.0997 0", None),
+        ("wrist_3", "0 0.0996 0", "0.001 0.0996 0", None),
+        ("lift", HALF, "1.57", None),
+        ("elbow", 'rpy="0 0 0', 'rpy="9e-3 0 0', None),
+        ("wrist_1", 'rpy="0 0 0', 'rpy="9e-3 0 0', None),
         ("wrist_3", "0 0.0996 0", "0.01 0.0996 0", "by 5 mm, and that of wrist_1 is 0 degrees from parallel"),
         ("wrist_1", 'rpy="0 0 0', 'rpy="0.1 0 0', "wrist_1 is 5.73 degrees from parallel to that of lift"),
         ("elbow", 'rpy="0 0 0', 'rpy="0.1 0 0', "lift and elbow are 5.73 degrees from parallel, expected"),
         ("lift", HALF, "1.4", "pan and lift are 9.79 degrees from perpendicular"),
-        ("lift", HALF, "1.5708", "0.00021 degrees .*; give its angles all their digits"),
-        ("lift", HALF, "1.57", "0.0456 degrees .*; give its angles all their digits, or, .* nominal description"),
-        ("elbow", 'rpy="0 0 0', 'rpy="1e-4 0 0', "0.00573 degrees .* where the robot was calibrated, the maker's"),
         (
-            "wrist_1",
+            "elbow",
             'rpy="0 0 0',
-            'rpy="1e-4 0 0',
-            "0.00573 degrees from parallel to that of lift.*the maker's nomi",
+            'rpy="0.011 0 0',
+            "lift and elbow are 0.63 degrees from parallel, expected parallel",
         ),
     ],
 )
@@ -186,7 +187,7 @@ def test_of_other_arms_is_told_what_they_lack(
     before, after = ur(UR5E_M).split(f'<joint name="{joint}"')
     assert old in after
     arm = read(f'{before}<joint name="{joint}"{after.replace(old, new, 1)}', tmp_path)
-    if sentence is None:  # any offset between axes 4 and 5 will do
+    if sentence is None:  # any offset between axes 4 and 5 will do, and what a calibration may find
         assert wrist_of(arm).parallel
         return
     with pytest.raises(InputError, match=sentence):
@@ -205,11 +206,9 @@ def test_of_seven_joints_is_told_which_to_hold(tmp_path: Path) -> None:
         wrist_of(arm.holding("joint_a3", 0.52))
 
 
-def test_of_seven_joints_with_rounded_angles_is_told_that_they_are(tmp_path: Path) -> None:
-    arm = read(iiwa().replace('rpy="0 0 0"/><parent link="l3"', 'rpy="1e-5 0 0"/><parent link="l3"'), tmp_path)
-    told = r"but for rounded angles --hold joint_a3=0 would leave one: give its angles all their digits, or"
-    with pytest.raises(InputError, match=told):
-        wrist_of(arm)
+def test_of_seven_joints_that_were_calibrated_is_told_which_to_hold(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"; hold one where it shall stay \(--hold joint_a3=0\)$"):
+        wrist_of(calibrated(read(iiwa(), tmp_path), 0))
 
 
 def test_of_a_joint_that_leaves_no_closed_form_is_told_which_other_would(tmp_path: Path) -> None:
