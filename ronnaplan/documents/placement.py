@@ -266,14 +266,13 @@ def _place(found: Placement, place: Place) -> dict[str, Any]:
 def _robot(arm: SerialArm, room: Room, place: Place) -> dict[str, Any]:
     """Return the robot at ``place`` as capsules and boxes of the room."""
     from ronnaplan.robot.arm.forward import link_frames
-    from ronnaplan.robot.arm.wrist import stretched_mm
+    from ronnaplan.robot.arm.wrist import center_mm, shoulder_mm, stretched_mm
     from ronnaplan.robot.placement.machine import machine_of
 
     machine = machine_of(arm, room)
     wrist = machine.wrist
     frames = place.room_from_r @ link_frames(arm, np.radians(place.route.reference_deg)[None])[0]
-    tool_mm = float(np.linalg.norm(np.array(room.tool.start_mm) - wrist.center))
-    shoulder_mm = wrist.origin + wrist.axis_2[1] * wrist.shoulder[2]
+    tool_mm = float(np.linalg.norm(np.array(room.tool.start_mm) - center_mm(wrist)))
     rows = []
     for link, row in zip(machine.links, machine.bodies, strict=True):
         ends = transform_points(frames[link], row[:6].reshape(2, 3))
@@ -289,7 +288,7 @@ def _robot(arm: SerialArm, room: Room, place: Place) -> dict[str, Any]:
             }
             for one in room.floor.trolley
         ],
-        "shoulder": tuple(transform_points(place.room_from_r, shoulder_mm[None])[0].tolist()),
+        "shoulder": tuple(transform_points(place.room_from_r, shoulder_mm(wrist)[None])[0].tolist()),
         "reach": float(np.hypot(abs(wrist.axis_2[0]) + stretched_mm(wrist), wrist.beside)) + tool_mm,
     }
 

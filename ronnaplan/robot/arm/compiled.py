@@ -53,27 +53,14 @@ def near_postures(wrist: Wrist, pose: FloatArray, angles: FloatArray) -> int:
     All is by the nearest geometry that has a closed form. Where an arm is ``off`` that, `refined` begins with it and
     tells which are answers.
     """
+    if wrist.backwards:
+        return _from_flange(wrist, pose, angles)
+    seen = np.empty((3, 3))
+    x, y, z = _seen_from_shoulder(wrist, pose, seen)
+    forwards = _forwards(wrist, x, y, wrist.beside)
+    if np.isnan(forwards):
+        return 0
     found = 0
-    offset = np.empty(3)
-    for a in range(3):
-        offset[a] = pose[a, 3] - wrist.origin[a]
-        for b in range(3):
-            offset[a] += pose[a, b] * wrist.center[b]
-    x = y = z = 0.0
-    for a in range(3):
-        x += wrist.shoulder[0, a] * offset[a]
-        y += wrist.shoulder[1, a] * offset[a]
-        z += wrist.shoulder[2, a] * offset[a]
-    across = x * x + y * y - wrist.beside * wrist.beside
-    if across < 0.0:
-        beyond = BEYOND * wrist.off * (x * x + y * y)
-        if across < -beyond:
-            return 0
-        across = beyond
-    forwards = np.sqrt(across)
-    turned_pose, seen = np.empty((3, 3)), np.empty((3, 3))
-    times(pose, wrist.from_flange, turned_pose)
-    times(wrist.shoulder, turned_pose, seen)
     for side in range(2):
         forward = forwards if side == 0 else -forwards
         first = np.arctan2(y, x) - np.arctan2(wrist.beside, forward)
@@ -87,6 +74,25 @@ def near_postures(wrist: Wrist, pose: FloatArray, angles: FloatArray) -> int:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _seen_from_shoulder(wrist: Wrist, pose: FloatArray, seen: FloatArray) -> tuple[float, float, float]:
+    """Return where the wrist's center is at ``pose`` (4, 4), from the shoulder; fill ``seen`` (3, 3) with its axes."""
+    offset = np.empty(3)
+    for a in range(3):
+        offset[a] = pose[a, 3] - wrist.origin[a]
+        for b in range(3):
+            offset[a] += pose[a, b] * wrist.center[b]
+    x = y = z = 0.0
+    for a in range(3):
+        x += wrist.shoulder[0, a] * offset[a]
+        y += wrist.shoulder[1, a] * offset[a]
+        z += wrist.shoulder[2, a] * offset[a]
+    turned_pose = np.empty((3, 3))
+    times(pose, wrist.from_flange, turned_pose)
+    times(wrist.shoulder, turned_pose, seen)
+    return x, y, z
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _elbow_before_wrist(
     wrist: Wrist, seen: FloatArray, first: float, px: float, pz: float, rows: FloatArray
 ) -> int:
@@ -97,7 +103,7 @@ def _elbow_before_wrist(
     for elbow in range(2):
         bent = bends[elbow]
         second = _second(wrist, bent, px, pz)
-        fourth, tilt, sixth = _wrist_angles(wrist, seen, first, second + bent)
+        fourth, tilt, sixth = _wrist_angles(wrist.to_wrist, seen, first, second + bent)
         for flip in range(2):
             _fill(wrist, flip, first, second, bent, fourth + flip * np.pi, tilt, sixth, rows[2 * elbow + flip])
     return 15
@@ -109,7 +115,7 @@ def _wrist_before_elbow(
 ) -> int:
     """Do the same of a parallel wrist: it tells how far joints 2, 3 and 4 turn together, and so where axis 4 is."""
     found = 0
-    fourth, tilt, sixth = _wrist_angles(wrist, seen, first, 0.0)
+    fourth, tilt, sixth = _wrist_angles(wrist.to_wrist, seen, first, 0.0)
     for flip in range(2):
         together = fourth + flip * np.pi
         hx, hz = swung(wrist.hand, wrist.hand_sign * together)
@@ -123,6 +129,59 @@ def _wrist_before_elbow(
             _fill(wrist, flip, first, second, bent, left, tilt, sixth, rows[2 * elbow + flip])
             found |= 1 << (2 * elbow + flip)
     return found
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _from_flange(wrist: Wrist, pose: FloatArray, angles: FloatArray) -> int:
+    """Do as `near_postures` of an arm with a spherical shoulder, which is solved backwards, from its flange.
+
+    How far off its shoulder's center is tells the elbow, as that turns in a plane through it; axes 6 and 5 then turn
+    that plane to where the center is seen, of each bend in two ways: rows 0 to 3 and 4 to 7.
+    """
+    base, seen = np.empty((3, 4)), np.empty((3, 3))
+    for a in range(3):
+        base[a, 3] = 0.0
+        for b in range(3):
+            base[a, b] = pose[b, a]
+            base[a, 3] -= pose[b, a] * pose[b, 3]
+    x, y, z = _seen_from_shoulder(wrist, base, seen)
+    bends = _bends(wrist, np.sqrt(x * x + y * y), z)
+    if np.isnan(bends[0]):
+        return 0
+    found = 0
+    unbent, to_wrist = np.eye(3), np.empty((3, 3))
+    for elbow in range(2):
+        bent = bends[elbow]
+        beside, away = swung(wrist.lower, bent)
+        beside, away = wrist.upper[0] + beside, wrist.upper[1] + away
+        forwards = _forwards(wrist, x, y, beside)
+        if np.isnan(forwards):
+            continue
+        unbent[0, 0], unbent[0, 1] = np.cos(bent), np.sin(bent)
+        unbent[1, 0], unbent[1, 1] = -np.sin(bent), np.cos(bent)
+        times(wrist.to_wrist, unbent, to_wrist)
+        for side in range(2):
+            forward = forwards if side == 0 else -forwards
+            first = np.arctan2(y, x) - np.arctan2(beside, forward)
+            turned = np.arctan2(-z, forward) - np.arctan2(0.0, away)
+            fourth, tilt, sixth = _wrist_angles(to_wrist, seen, first, turned)
+            for flip in range(2):
+                n = 4 * side + 2 * elbow + flip
+                third = fourth + flip * np.pi
+                _fill(wrist, flip, first, turned - wrist.plane, bent, third, tilt, sixth, angles[n])
+                found |= 1 << n
+    return found
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _forwards(wrist: Wrist, x: float, y: float, beside: float) -> float:
+    """Return how far forward of axis 1 a place is, ``beside`` the arm's plane, that is seen at (x, y); NaN if never."""
+    across = x * x + y * y - beside * beside
+    if across < 0.0:
+        beyond = BEYOND * wrist.off * (x * x + y * y)
+        across = beyond if across >= -beyond else np.nan
+    forwards: float = np.sqrt(across)
+    return forwards
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -153,7 +212,7 @@ def _second(wrist: Wrist, bent: float, px: float, pz: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _wrist_angles(wrist: Wrist, seen: FloatArray, first: float, turned: float) -> tuple[float, float, float]:
+def _wrist_angles(to_wrist: FloatArray, seen: FloatArray, first: float, turned: float) -> tuple[float, float, float]:
     """Return what axes 4, 5 and 6 turn by (rad) to show the axes ``seen`` (3, 3) from the shoulder.
 
     Joint 1 has turned by ``first``, the arm about axis 2's direction by ``turned``; axis 5 counts from straight.
@@ -166,7 +225,7 @@ def _wrist_angles(wrist: Wrist, seen: FloatArray, first: float, turned: float) -
         held[1, n] = c1 * seen[1, n] - s1 * seen[0, n]
         held[0, n] = c2 * x - s2 * seen[2, n]
         held[2, n] = s2 * x + c2 * seen[2, n]
-    times(wrist.to_wrist, held, r)
+    times(to_wrist, held, r)
     sine = np.hypot(r[0, 2], r[1, 2])
     tilt = np.arctan2(sine, r[2, 2])
     if sine > STRAIGHT:
@@ -191,6 +250,9 @@ def _fill(
     row[3] = fourth
     row[4] = (tilt if flip == 0 else -tilt) - wrist.bend
     row[5] = sixth + flip * np.pi
+    if wrist.backwards:
+        for n in range(3):
+            row[n], row[5 - n] = row[5 - n], row[n]
     for n in range(6):
         row[n] = nearest_turn(row[n], wrist.middles[n])
 
@@ -203,7 +265,7 @@ def all_postures(wrist: Wrist, poses: FloatArray, angles: FloatArray, found: Flo
     if wrist.off == 0.0:
         return
     for m in range(len(poses)):
-        found[m] = refined(wrist.chain, wrist.elbow_sign, poses[m], angles[m], int(found[m]))
+        found[m] = refined(wrist.chain, wrist.handed, poses[m], angles[m], int(found[m]))
         for n in range(8):
             for joint in range(6):
                 angles[m, n, joint] = nearest_turn(angles[m, n, joint], wrist.middles[joint])
@@ -229,26 +291,3 @@ def place_links(origins: FloatArray, axes: FloatArray, angles: FloatArray, frame
         after[3, 3] = 1.0
         times(before, origin, placed)
         times(placed, turn, after)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def singularity(wrist: Wrist, angles: FloatArray) -> float:
-    """Return the angle in rad from ``angles`` (6,) to the nearest singular posture.
-
-    The determinant of the Jacobian is a product of three factors with either wrist: how far axis 6 is from axis 4's
-    direction, the elbow, and the wrist's center, which along axis 2 must not be seen over axis 1.
-    """
-    straight = abs(np.arcsin(min(max(np.sin(angles[4] + wrist.bend), -1.0), 1.0)))
-    bent = wrist.elbow_sign * angles[2]
-    lx, lz = swung(wrist.lower, bent)
-    cross = abs(wrist.upper[0] * lz - wrist.upper[1] * lx)
-    along = abs(wrist.upper[0] * lx + wrist.upper[1] * lz)
-    elbow = np.arctan2(cross, along)
-    gx, gz = wrist.upper[0] + lx, wrist.upper[1] + lz
-    if wrist.parallel:
-        hx, hz = swung(wrist.hand, bent + wrist.hand_sign * angles[3])
-        gx, gz = gx + hx, gz + hz
-    c, s = np.cos(angles[1]), np.sin(angles[1])
-    x, z = c * gx + s * gz, c * gz - s * gx
-    over = np.arctan2(abs(x + wrist.axis_2[0]), abs(z))
-    return float(min(straight, elbow, over))

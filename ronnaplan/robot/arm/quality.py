@@ -34,7 +34,7 @@ def singularity_deg(arm: SerialArm, angles_rad: ArrayLike) -> FloatArray:
     1 (told as the angle that it is seen under from axis 2). Of an arm that is nearly of a closed form they are those of
     the nearest that is. Raises `InputError` for an arm without a closed form.
     """
-    from ronnaplan.robot.arm.compiled import singularity
+    from ronnaplan.robot.arm.singular import singularity
     from ronnaplan.robot.arm.wrist import wrist_of
 
     wrist, angles = wrist_of(arm), as_angles(arm, angles_rad)

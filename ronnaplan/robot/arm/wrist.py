@@ -1,9 +1,14 @@
-"""What lets an arm be solved in closed form: a shoulder, an elbow in a plane, and a wrist that is one of two kinds.
+"""What lets an arm be solved in closed form: a wrist, a shoulder, and an elbow between them, of one of three kinds.
 
-Axis 1 is perpendicular to axis 2, axis 3 parallel to axis 2, axis 5 perpendicular to axes 4 and 6. A *spherical* wrist
-is one whose three axes meet. A *parallel* one is that of UR-like arms: axis 4 is parallel to axes 2 and 3, and only
-axes 5 and 6 meet. In both the place where they meet tells joint 1 and, with the elbow, the joints of the plane, and the
-flange's axes, seen from the shoulder, turn about axes 4, 5 and 6 as Euler's angles about z, y and z.
+With a *spherical* wrist axes 4, 5 and 6 meet, with a *parallel* one, that of UR-like arms, only axes 5 and 6 do, and
+axis 4 is parallel to axes 2 and 3. With either axis 1 is perpendicular to axis 2, axis 3 parallel to axis 2, axis 5
+perpendicular to axes 4 and 6. The place where they meet tells joint 1 and, with the elbow, the joints of the plane, and
+the flange's axes, seen from the shoulder, turn about axes 4, 5 and 6 as Euler's angles about z, y and z.
+
+With a *spherical shoulder*, Franka's with joint 7 held, axes 1, 2 and 3 meet, and axes 5 and 6, each perpendicular to
+the one before, and axis 4 is perpendicular to axis 5. Both places lie in one plane across axis 4. Seen from its flange
+such an arm has a spherical wrist, and an elbow that turns in a plane through axis 2 in place of one across it. (For
+Franka's numbers: He and Liu, Analytical inverse kinematics for Franka Emika Panda, ICCMA 2021.)
 
 Where an arm's axes are so but for errors, as a calibration finds them, the nearest that are so begin what `refined`
 ends.
@@ -17,20 +22,14 @@ from typing import NamedTuple
 import numpy as np
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, unit
+from ronnaplan.geometry import FloatArray
+from ronnaplan.pose import invert, transform_points
+from ronnaplan.robot.arm import kinds
 from ronnaplan.robot.arm.arm import SerialArm
-from ronnaplan.robot.arm.forward import LENGTH_MM, link_frames
+from ronnaplan.robot.arm.forward import link_frames
 from ronnaplan.robot.arm.refined import chain_of
 
 JOINTS = 6
-ANGLE_TOLERANCE = 1e-7
-"""Axes whose cosine or sine is below this are perpendicular or parallel, to the digits of a description."""
-NEARLY = 1e-2
-"""Axes that miss by less were meant to be so: robots are built, and calibrated, some thousandths off."""
-MEETING_MM = 1e-4
-"""Axes meet that all pass one place nearer than this."""
-NEARLY_MM = 3.0
-"""Axes were meant to meet that all pass one place nearer than this."""
 OTHERWISE = "`inverse_numeric` solves it, `robot place` needs a closed form"
 """What is left of an arm that has none."""
 
@@ -48,6 +47,11 @@ class Wrist(NamedTuple):
     """
     parallel: bool
     """Whether axis 4 is parallel to axes 2 and 3; otherwise axes 4, 5 and 6 meet."""
+    backwards: bool
+    """Whether it is a spherical shoulder: all but the joints' limits and ``chain`` is seen from the flange.
+
+    The flange is then the base, and the base the flange; joint 6 is the first and joint 1 the last.
+    """
     shoulder: FloatArray
     """Shoulder from base (3, 3), its rows the shoulder's axes."""
     origin: FloatArray
@@ -57,17 +61,21 @@ class Wrist(NamedTuple):
     axis_2: FloatArray
     """(x, z) of axis 2."""
     upper: FloatArray
-    """(x, z) from axis 2 to axis 3."""
+    """(x, z) from axis 2 to axis 3; backwards (y, x) in the elbow's plane, from the place on axis 1."""
     lower: FloatArray
-    """(x, z) from axis 3 to the wrist's center, or to an axis 4 that is parallel."""
+    """The same from axis 3 to the wrist's center, or to an axis 4 that is parallel."""
     hand: FloatArray
     """(x, z) from an axis 4 that is parallel to the wrist's center; zero where axis 4 goes through it."""
     beside: float
-    """y of the wrist's center."""
+    """y of the wrist's center; zero backwards, where it follows from the elbow."""
+    plane: float
+    """Backwards: the angle about y of the elbow's plane at angle zero, from x to its own, with axis 3 as its z."""
     elbow_sign: float
-    """1 when axis 3 points along axis 2, -1 when against it."""
+    """1 when axis 3 points along axis 2, -1 when against it; 1 backwards."""
     hand_sign: float
     """The same of an axis 4 that is parallel."""
+    handed: float
+    """The sign of the Jacobian's determinant in posture 0; it changes with every bit of a posture's number."""
     to_wrist: FloatArray
     """The wrist's axes from the shoulder (3, 3) at angle zero: z along axis 4, y along axis 5."""
     from_flange: FloatArray
@@ -89,34 +97,50 @@ def wrist_of(arm: SerialArm) -> Wrist:
     frames = link_frames(arm, np.zeros(JOINTS))
     places = frames[1:, :3, 3]
     axes = np.einsum("nij,nj->ni", frames[1:, :3, :3], arm.axes)
-    angles_off = _angles_off(arm, axes)
-    wrist_off, parallel, center = _wrist(arm, places, axes)
-    off = max(angles_off, wrist_off)
-    if off:
-        places, axes = _nearest(places, axes, parallel, center)
+    flange = frames[-1] @ arm.flange
+    backwards = kinds.shoulder_is_spherical(axes)
+    try:
+        if backwards:
+            base, flange = flange, invert(flange)
+            axes = -axes[::-1] @ base[:3, :3]
+            found = kinds.from_flange(arm.joints[::-1], transform_points(flange, places[::-1]), axes)
+        else:
+            found = kinds.from_base(arm.joints, places, axes)
+    except InputError as error:
+        raise InputError(f"the arm {arm.name} has no closed form: {error}; {_otherwise(arm)}") from None
+    return _seen(arm, found, flange, backwards)
+
+
+def _seen(arm: SerialArm, found: kinds.Axes, flange: FloatArray, backwards: bool) -> Wrist:
+    """Return the wrist of axes that are ``found``, at the other end of which is the ``flange`` (4, 4)."""
+    places, axes = found.places, found.axes
     shoulder = np.stack([np.cross(axes[1], axes[0]), axes[1], axes[0]])
-    two, three, four, wrist = (shoulder @ (place - places[0]) for place in (*places[1:4], center))
-    end = four if parallel else wrist
+    plane = float(np.arctan2(shoulder[0] @ axes[2], shoulder[2] @ axes[2])) if backwards else 0.0
+    in_plane = _about_y(-plane) @ shoulder if backwards else shoulder
+    elbow_sign = 1.0 if backwards else float(np.sign(axes[1] @ axes[2]))
+    two_of = [1, 0] if backwards else [0, 2]
+    two, three, four, wrist = (in_plane @ (place - places[0]) for place in (*places[1:4], found.center))
+    end = four if found.parallel else wrist
     at_wrist = np.column_stack([np.cross(axes[4], axes[3]), axes[4], axes[3]])
     bend = float(np.arctan2(axes[5] @ at_wrist[:, 0], axes[5] @ at_wrist[:, 2]))
-    cosine, sine = np.cos(bend), np.sin(bend)
-    turn = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
-    flange = frames[-1] @ arm.flange
     return Wrist(
-        off,
-        parallel,
+        found.off,
+        found.parallel,
+        backwards,
         shoulder,
         places[0].copy(),
-        flange[:3, :3].T @ (center - flange[:3, 3]),
-        two[[0, 2]],
-        (three - two)[[0, 2]],
-        (end - three)[[0, 2]],
-        (wrist - end)[[0, 2]],
-        float(wrist[1]),
-        float(np.sign(axes[1] @ axes[2])),
-        float(np.sign(axes[1] @ axes[3])) if parallel else 0.0,
-        (shoulder @ at_wrist).T.copy(),
-        flange[:3, :3].T @ at_wrist @ turn,
+        flange[:3, :3].T @ (found.center - flange[:3, 3]),
+        two[two_of],
+        (three - two)[two_of],
+        (end - three)[two_of],
+        (wrist - end)[two_of],
+        0.0 if backwards else float(wrist[1]),
+        plane,
+        elbow_sign,
+        float(np.sign(axes[1] @ axes[3])) if found.parallel else 0.0,
+        -elbow_sign if backwards else elbow_sign,
+        (in_plane @ at_wrist).T.copy(),
+        flange[:3, :3].T @ at_wrist @ _about_y(bend),
         bend,
         arm.limits_rad.mean(axis=1),
         np.ascontiguousarray(arm.limits_rad),
@@ -124,75 +148,28 @@ def wrist_of(arm: SerialArm) -> Wrist:
     )
 
 
+def _about_y(angle: float) -> FloatArray:
+    """Return the turn (3, 3) about y by ``angle``."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
+
+
+def shoulder_mm(wrist: Wrist) -> FloatArray:
+    """Return the place (3,) in the base about which the arm reaches: abreast of axis 2 on axis 1, or where all meet."""
+    if wrist.backwards:
+        return wrist.center
+    abreast: FloatArray = wrist.origin + wrist.axis_2[1] * wrist.shoulder[2]
+    return abreast
+
+
+def center_mm(wrist: Wrist) -> FloatArray:
+    """Return where axes 5 and 6 meet (3,), in the flange."""
+    return wrist.origin if wrist.backwards else wrist.center
+
+
 def stretched_mm(wrist: Wrist) -> float:
-    """Return how far from axis 2 the wrist's center comes in the arm's plane."""
+    """Return how far from axis 2 the wrist's center comes in the arm's plane, or from where a shoulder's axes meet."""
     return float(sum(np.linalg.norm(part) for part in (wrist.upper, wrist.lower, wrist.hand)))
-
-
-def _angles_off(arm: SerialArm, axes: FloatArray) -> float:
-    """Return by how much the axes (6, 3) stand otherwise than both kinds need it (rad), zero to the digits.
-
-    Raises `InputError` naming the first two joints where that is not even nearly so.
-    """
-    largest = 0.0
-    for a, b, stand in (
-        (1, 2, "parallel"),
-        (0, 1, "perpendicular"),
-        (3, 4, "perpendicular"),
-        (4, 5, "perpendicular"),
-    ):
-        miss = _off_parallel(axes[a], axes[b]) if stand == "parallel" else abs(float(axes[a] @ axes[b]))
-        if miss >= NEARLY:
-            what = f"the axes of {arm.joints[a]} and {arm.joints[b]} are {_degrees(miss)} from {stand}"
-            raise _refused(arm, f"{what}, expected {stand}; {_otherwise(arm)}")
-        largest = max(largest, miss)
-    return 0.0 if largest < ANGLE_TOLERANCE else largest
-
-
-def _wrist(arm: SerialArm, places: FloatArray, axes: FloatArray) -> tuple[float, bool, FloatArray]:
-    """Return how far the wrist is off its kind (rad, mm per `LENGTH_MM`), whether that is parallel, and its center.
-
-    Raises `InputError` for a wrist that is not even nearly of either kind.
-    """
-    center, apart_mm = _meeting(places[3:], axes[3:])
-    center_two, apart_two_mm = _meeting(places[4:], axes[4:])
-    miss = _off_parallel(axes[1], axes[3])
-    if apart_mm < MEETING_MM:
-        return 0.0, False, center
-    if miss < ANGLE_TOLERANCE and apart_two_mm < MEETING_MM:
-        return 0.0, True, center_two
-    if apart_mm < NEARLY_MM:
-        return apart_mm / LENGTH_MM, False, center
-    if miss < NEARLY and apart_two_mm < NEARLY_MM:
-        return max(miss, apart_two_mm / LENGTH_MM), True, center_two
-    _, two, _, four, five, six = arm.joints
-    raise _refused(
-        arm,
-        f"the axes of {four}, {five} and {six} pass each other by {apart_mm:.3g} mm, those of {five} and {six} by "
-        f"{apart_two_mm:.3g} mm, and that of {four} is {_degrees(miss)} from parallel to that of {two}; expected all "
-        f"three to meet, or the last two and a parallel one; {_otherwise(arm)}",
-    )
-
-
-def _nearest(
-    places: FloatArray, axes: FloatArray, parallel: bool, center: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return places (6, 3) on the axes, and axes (6, 3) near to ``axes`` that stand as they have to.
-
-    Those parallel to axis 2 are met abreast of the wrist's ``center`` (3,), as axes that are not quite parallel come
-    near to others wherever their frames happen to lie.
-    """
-    placed, stood = places.copy(), axes.copy()
-    abreast = [1, 2, 3] if parallel else [1, 2]
-    signs = np.sign(axes[abreast] @ axes[1])
-    along = signs @ axes[abreast]
-    two = unit(along - (along @ axes[0]) * axes[0])
-    stood[abreast] = signs[:, None] * two
-    for n in abreast:
-        placed[n] += ((center - places[n]) @ two) / (axes[n] @ two) * axes[n]
-    for n in (4, 5):
-        stood[n] = unit(axes[n] - (axes[n] @ stood[n - 1]) * stood[n - 1])
-    return placed, stood
 
 
 def _otherwise(arm: SerialArm) -> str:
@@ -206,26 +183,6 @@ def _otherwise(arm: SerialArm) -> str:
 
 def _held(arm: SerialArm) -> str:
     return " and ".join(one.joint for one in arm.held)
-
-
-def _refused(arm: SerialArm, what: str) -> InputError:
-    return InputError(f"the arm {arm.name} has no closed form: {what}")
-
-
-def _off_parallel(one: FloatArray, other: FloatArray) -> float:
-    """Return the sine between two axes (3,)."""
-    return float(np.linalg.norm(np.cross(one, other)))
-
-
-def _degrees(sine: float) -> str:
-    return f"{np.degrees(np.arcsin(min(sine, 1.0))):.3g} degrees"
-
-
-def _meeting(places: FloatArray, axes: FloatArray) -> tuple[FloatArray, float]:
-    """Return the place (3,) nearest to all lines through ``places`` (N, 3) along ``axes`` (N, 3), and how near (mm)."""
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    found: FloatArray = np.linalg.lstsq(across.sum(axis=0), (across @ places[:, :, None]).sum(axis=0)[:, 0])[0]
-    return found, float(np.linalg.norm(np.cross(found - places, axes), axis=1).max())
 
 
 def _way_out(arm: SerialArm) -> str:

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.arm.compiled import near_postures, nearest_turn, singularity, times
+from ronnaplan.robot.arm.compiled import near_postures, nearest_turn, times
 from ronnaplan.robot.arm.refined import refined
+from ronnaplan.robot.arm.singular import singularity
 from ronnaplan.robot.placement.clearances import parked, place_trolley, posture_margins
 from ronnaplan.robot.placement.machine import Machine
 from ronnaplan.robot.placement.tasks import Ways
@@ -103,7 +104,7 @@ def settled_at(
         margins[:] = np.inf
     pose = np.zeros((4, 4))
     _seen_from_base(from_room, way[p], pose)
-    if refined(machine.wrist.chain, machine.wrist.elbow_sign, pose, angles[p], 1 << posture) == 0:
+    if refined(machine.wrist.chain, machine.wrist.handed, pose, angles[p], 1 << posture) == 0:
         return False
     if p > 0 and not _goes_on(angles[p - 1, posture], angles[p, posture]):
         return False

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import rigid
-from ronnaplan.robot.arm.wrist import stretched_mm
+from ronnaplan.robot.arm.wrist import shoulder_mm, stretched_mm
 from ronnaplan.robot.placement.machine import Machine
 from ronnaplan.robot.placement.room import Floor
 from ronnaplan.robot.placement.tasks import Ways
@@ -270,7 +270,8 @@ def _reach(problem: Problem) -> float:
     wrist, ways = problem.machine.wrist, problem.ways
     tool = np.abs(ways.instruments[:, :6]).max(initial=0.0) + 300.0
     arm = stretched_mm(wrist) + np.linalg.norm(wrist.axis_2) + abs(wrist.beside)
-    return float(arm + tool + problem.world.head_ball[3] + np.linalg.norm(wrist.origin))
+    foot = shoulder_mm(wrist) if wrist.backwards else wrist.origin
+    return float(arm + tool + problem.world.head_ball[3] + np.linalg.norm(foot))
 
 
 def _ranges(floor: Floor) -> list[tuple[tuple[float, float], float]]:

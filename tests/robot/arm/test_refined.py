@@ -92,10 +92,10 @@ def test_a_flange_that_is_turned_by_half_a_turn_is_not_there(tmp_path: Path) -> 
     wrist = wrist_of(arm)
     angles = np.tile(np.radians([20.0, -80, 100, 30, 50, -60]), (8, 1))
     pose = forward(arm, angles[0])
-    number = 1 if np.linalg.det(jacobian(arm, angles[0])) * wrist.elbow_sign < 0 else 0
-    assert refined(wrist.chain, wrist.elbow_sign, pose, angles, 1 << number) == 1 << number
+    number = 1 if np.linalg.det(jacobian(arm, angles[0])) * wrist.handed < 0 else 0
+    assert refined(wrist.chain, wrist.handed, pose, angles, 1 << number) == 1 << number
     half_a_turn = pose @ rigid(exponential(np.array([0.0, 0.0, np.pi])), np.zeros(3))
-    assert refined(wrist.chain, wrist.elbow_sign, half_a_turn, angles, 1 << number) == 0
+    assert refined(wrist.chain, wrist.handed, half_a_turn, angles, 1 << number) == 0
 
 
 def test_a_ur_from_the_factory_is_solved_as_pinocchio_moves_it(tmp_path: Path) -> None:
