@@ -59,14 +59,14 @@ def from_flange(joints: tuple[str, ...], places: FloatArray, axes: FloatArray) -
     center, apart_mm = _meeting(places[3:], axes[3:])
     origin, apart_two_mm = _meeting(places[:2], axes[:2])
     beside_mm = abs(float((center - origin) @ axes[2]))
-    miss_mm = max(apart_mm, apart_two_mm, beside_mm)
+    six, five, four, three, two, one = joints
+    miss_mm, what, expected = max(
+        (apart_mm, f"the axes of {one}, {two} and {three} pass each other by", "expected all three to meet"),
+        (apart_two_mm, f"the axes of {five} and {six} pass each other by", "expected both to meet"),
+        (beside_mm, f"along the axis of {four} wrist and shoulder are apart by", "expected them in one plane"),
+    )
     if miss_mm >= NEARLY_MM:
-        six, five, four, three, two, one = joints
-        raise InputError(
-            f"the axes of {one}, {two} and {three} pass each other by {apart_mm:.3g} mm, those of {five} and {six} by "
-            f"{apart_two_mm:.3g} mm, and along that of {four} these places are {beside_mm:.3g} mm apart; expected the "
-            "first three to meet, and the last two, with the elbow in line"
-        )
+        raise InputError(f"{what} {miss_mm:.3g} mm, {expected}")
     if miss_mm >= MEETING_MM:
         off = max(off, miss_mm / LENGTH_MM)
     stood = axes.copy()

@@ -103,7 +103,9 @@ def _ur(lengths_m: tuple[float, ...], *frames: tuple[str, str]) -> str:
     foot, upper, fore, side, _, _ = lengths_m
     names = ("pan", "lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
     limits = (6.2831, 6.2831, 3.1415, 6.2831, 6.2831, 6.2831)
-    joints = [(name, *frame, limit, "0 0 1") for name, frame, limit in zip(names, frames, limits, strict=True)]
+    joints = [
+        (name, *frame, -limit, limit, "0 0 1") for name, frame, limit in zip(names, frames, limits, strict=True)
+    ]
     shapes = (
         _tube(f"0 0 {foot / 2}", foot / 2, 0.09),
         "",
@@ -127,12 +129,41 @@ def iiwa() -> str:
     axes = ("0 0 1", "0 1 0", "0 0 1", "0 -1 0", "0 0 1", "0 1 0", "0 0 1")
     limits = np.radians([170, 120, 170, 120, 170, 120, 175]).tolist()
     joints = [
-        (f"joint_a{n}", f"0 0 {z}", "0 0 0", limit, axis)
+        (f"joint_a{n}", f"0 0 {z}", "0 0 0", -limit, limit, axis)
         for n, (z, limit, axis) in enumerate(zip(up, limits, axes, strict=True), start=1)
     ]
     lengths = (0.12, 0.0, 0.12, 0.12, 0.12, 0.12, 0.0, 0.0)
     shapes = [_tube(f"0 0 {length / 2}", length, 0.08) if length else "" for length in lengths]
     return _described("iiwa", shapes, joints, f"0 0 {end}")
+
+
+PANDA_M = (0.333, 0.316, 0.0825, 0.384, 0.088, 0.107)
+"""The maker's lengths of Franka's arms: to the shoulder, elbow and aside to it, to the wrist, aside to 7, the flange."""
+
+
+def panda() -> str:
+    """Return that arm: axes 1, 2 and 3 meet, and 5 and 6; axis 4 passes both beside, and axis 7 the wrist."""
+    foot, upper, aside, fore, hand, end = PANDA_M
+    joints = [
+        ("panda_joint1", f"0 0 {foot}", "0 0 0", -2.8973, 2.8973, "0 0 1"),
+        ("panda_joint2", "0 0 0", f"-{HALF} 0 0", -1.7628, 1.7628, "0 0 1"),
+        ("panda_joint3", f"0 {-upper} 0", f"{HALF} 0 0", -2.8973, 2.8973, "0 0 1"),
+        ("panda_joint4", f"{aside} 0 0", f"{HALF} 0 0", -3.0718, -0.0698, "0 0 1"),
+        ("panda_joint5", f"{-aside} {fore} 0", f"-{HALF} 0 0", -2.8973, 2.8973, "0 0 1"),
+        ("panda_joint6", "0 0 0", f"{HALF} 0 0", -0.0175, 3.7525, "0 0 1"),
+        ("panda_joint7", f"{hand} 0 0", f"{HALF} 0 0", -2.8973, 2.8973, "0 0 1"),
+    ]
+    shapes = (
+        _tube(f"0 0 {foot / 2}", 0.2, 0.07),
+        "",
+        "",
+        _tube(f"0 0 {-upper / 2}", 0.2, 0.07),
+        "",
+        _tube(f"0 0 {-fore / 2}", 0.2, 0.06),
+        _tube("0 0 0", 0.06, 0.05),
+        "",
+    )
+    return _described("panda", shapes, joints, f"0 0 {end}")
 
 
 def _tube(at: str, length_m: float, radius_m: float, turn: str = "0 0 0") -> str:
@@ -143,12 +174,12 @@ def _tube(at: str, length_m: float, radius_m: float, turn: str = "0 0 0") -> str
 
 
 def _described(name: str, shapes: Sequence[str], joints: Sequence[tuple[object, ...]], flange: str) -> str:
-    """Return the URDF of links of such ``shapes`` on ``joints`` (name, place, turn, limit either way, axis)."""
+    """Return the URDF of links of such ``shapes`` on ``joints`` (name, place, turn, both limits, axis)."""
     links = "".join(f'<link name="l{n}">{shape}</link>' for n, shape in enumerate(shapes))
     turning = "".join(
         f'<joint name="{joint}" type="revolute"><origin xyz="{at}" rpy="{turn}"/><parent link="l{n}"/>'
-        f'<child link="l{n + 1}"/><axis xyz="{axis}"/><limit lower="-{limit}" upper="{limit}"/></joint>'
-        for n, (joint, at, turn, limit, axis) in enumerate(joints)
+        f'<child link="l{n + 1}"/><axis xyz="{axis}"/><limit lower="{least}" upper="{greatest}"/></joint>'
+        for n, (joint, at, turn, least, greatest, axis) in enumerate(joints)
     )
     end = (
         f'<link name="tool0"/><joint name="end" type="fixed"><origin xyz="{flange}"/><parent link="l{len(joints)}"/>'

@@ -17,7 +17,7 @@ from ronnaplan.robot.arm.numeric import inverse_numeric
 from ronnaplan.robot.arm.quality import singularity_deg
 from ronnaplan.robot.arm.refined import REACHED, refined
 from ronnaplan.robot.arm.wrist import wrist_of
-from tests.robot.arm.arms import KR6, UR5E_M, calibrated, calibrated_ur5e, iiwa, ur
+from tests.robot.arm.arms import KR6, UR5E_M, calibrated, calibrated_ur5e, iiwa, panda, ur
 from tests.robot.arm.test_kinematics import peer_poses, random_angles, read
 from tests.robot.arm.test_wrist import turned
 
@@ -25,6 +25,17 @@ CLEAR_DEG = 8.0
 """As far from singular postures as a room asks for by default: nothing is missed there."""
 TOLD = 2.0 * REACHED
 """So far off an entry of a pose may be, in mm per `LENGTH_MM` of the place: the turn's three parts, and rounding."""
+
+
+MEANT = {"kr6": (KR6, None), "ur5e": (ur(UR5E_M), None), "panda": (panda(), "panda_joint7")}
+"""Arms of each kind, and which of their joints is held."""
+
+
+def meant(name: str, folder: Path) -> SerialArm:
+    """Return one of the arms of `MEANT` as its maker means it."""
+    text, held = MEANT[name]
+    arm = read(text, folder)
+    return arm if held is None else arm.holding(held, 0.5)
 
 
 def missed(arm: SerialArm, found: FloatArray, asked: FloatArray) -> float:
@@ -35,12 +46,12 @@ def missed(arm: SerialArm, found: FloatArray, asked: FloatArray) -> float:
     return float(np.abs(apart).max())
 
 
-@pytest.mark.parametrize("text", [KR6, ur(UR5E_M)], ids=["kr6", "ur5e"])
+@pytest.mark.parametrize("name", MEANT)
 @pytest.mark.parametrize("seed", range(3))
 def test_what_is_told_of_a_calibrated_arm_reaches_the_pose_and_hardly_anything_is_missed(
-    text: str, seed: int, tmp_path: Path
+    name: str, seed: int, tmp_path: Path
 ) -> None:
-    arm = calibrated(read(text, tmp_path), seed)
+    arm = calibrated(meant(name, tmp_path), seed)
     assert 1e-4 < wrist_of(arm).off < 1e-2
     angles = random_angles(arm, 2000, seed)
     asked = forward(arm, angles)
@@ -55,16 +66,16 @@ def test_what_is_told_of_a_calibrated_arm_reaches_the_pose_and_hardly_anything_i
     assert np.nanmin(apart) > 1e-6
 
 
-@pytest.mark.parametrize("text", [KR6, ur(UR5E_M)], ids=["kr6", "ur5e"])
-def test_a_posture_has_the_number_that_the_maker_s_arm_has_it_by(text: str, tmp_path: Path) -> None:
-    nominal = read(text, tmp_path)
+@pytest.mark.parametrize("name", MEANT)
+def test_a_posture_has_the_number_that_the_maker_s_arm_has_it_by(name: str, tmp_path: Path) -> None:
+    nominal = meant(name, tmp_path)
     arm = calibrated(nominal, 3)
     asked = forward(arm, random_angles(arm, 500, seed=3))
-    meant, found = inverse(nominal, asked).angles_rad, inverse(arm, asked).angles_rad
-    clear = np.nan_to_num(singularity_deg(nominal, np.nan_to_num(meant))) > CLEAR_DEG
-    clear &= np.isfinite(meant[..., 0])
-    assert clear.mean() > 0.5
-    assert turned(found, meant)[clear].max() < 0.25  # others, so far from singular postures, are farther
+    by_the_makers, found = inverse(nominal, asked).angles_rad, inverse(arm, asked).angles_rad
+    clear = np.nan_to_num(singularity_deg(nominal, np.nan_to_num(by_the_makers))) > CLEAR_DEG
+    clear &= np.isfinite(by_the_makers[..., 0])
+    assert clear.mean() > 0.4
+    assert turned(found, by_the_makers)[clear].max() < 0.25  # others, so far from singular postures, are farther
 
 
 @pytest.mark.parametrize("seed", [1, 2])
