@@ -20,6 +20,8 @@ BEYOND = 8.0
 
 It then begins as far within its reach: where both ends of a joint's way meet, it tells nothing of what is near.
 """
+NEARER = 0.25
+"""Of that, so much backwards, as there the square is of the whole arm's length. Found by what is missed."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -57,7 +59,7 @@ def near_postures(wrist: Wrist, pose: FloatArray, angles: FloatArray) -> int:
         return _from_flange(wrist, pose, angles)
     seen = np.empty((3, 3))
     x, y, z = _seen_from_shoulder(wrist, pose, seen)
-    forwards = _forwards(wrist, x, y, wrist.beside)
+    forwards = _forwards(wrist, x, y, wrist.beside, 1.0)
     if np.isnan(forwards):
         return 0
     found = 0
@@ -154,7 +156,7 @@ def _from_flange(wrist: Wrist, pose: FloatArray, angles: FloatArray) -> int:
         bent = bends[elbow]
         beside, away = swung(wrist.lower, bent)
         beside, away = wrist.upper[0] + beside, wrist.upper[1] + away
-        forwards = _forwards(wrist, x, y, beside)
+        forwards = _forwards(wrist, x, y, beside, NEARER)
         if np.isnan(forwards):
             continue
         unbent[0, 0], unbent[0, 1] = np.cos(bent), np.sin(bent)
@@ -174,12 +176,15 @@ def _from_flange(wrist: Wrist, pose: FloatArray, angles: FloatArray) -> int:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _forwards(wrist: Wrist, x: float, y: float, beside: float) -> float:
-    """Return how far forward of axis 1 a place is, ``beside`` the arm's plane, that is seen at (x, y); NaN if never."""
+def _forwards(wrist: Wrist, x: float, y: float, beside: float, begin: float) -> float:
+    """Return how far forward of axis 1 a place is, ``beside`` the arm's plane, that is seen at (x, y); NaN if never.
+
+    It begins by ``begin`` of what it may be beyond.
+    """
     across = x * x + y * y - beside * beside
     if across < 0.0:
         beyond = BEYOND * wrist.off * (x * x + y * y)
-        across = beyond if across >= -beyond else np.nan
+        across = begin * beyond if across >= -beyond else np.nan
     forwards: float = np.sqrt(across)
     return forwards
 

@@ -29,7 +29,7 @@ from ronnaplan.robot.placement.search import Problem, asking, base_pose, grid, w
 from ronnaplan.robot.placement.serving import Served
 from ronnaplan.robot.placement.tasks import drill_task
 from ronnaplan.robot.placement.world import world_of
-from tests.robot.arm.arms import UR10E_M, calibrated_ur5e, iiwa, ur
+from tests.robot.arm.arms import UR10E_M, calibrated_ur5e, iiwa, panda, ur
 from tests.robot.arm.test_kinematics import read
 from tests.robot.placement.cases import CENTER_MM, HEAD_MM, job, room, surface
 
@@ -72,6 +72,7 @@ OTHERS = {
     "ur": (ur(UR10E_M), (), (0.0, -120.0, 120.0, -90.0, -90.0, 0.0)),
     "calibrated": (calibrated_ur5e(), (), (0.0, -120.0, 120.0, -90.0, -90.0, 0.0)),
     "iiwa": (iiwa(), ("joint_a3",), (0.0, -30.0, 90.0, 0.0, 60.0, 0.0)),
+    "panda": (panda(), ("panda_joint7",), (0.0, -45.0, 0.0, -135.0, 0.0, 90.0)),
 }
 """Arms of other kinds, which of their joints are held, and their postures of reference."""
 
