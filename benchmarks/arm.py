@@ -1,9 +1,9 @@
 """Forward and inverse kinematics against Pinocchio, and solutions a second, on all cores.
 
-    python -m benchmarks.arm [--arm kr6r900|ur5e|iiwa|kr6r900-calibrated|ur5e-calibrated] [--poses N] [--seed S]
+    python -m benchmarks.arm [--arm kr6r900|ur5e|iiwa|panda|...-calibrated] [--poses N] [--seed S]
 
-Of the iiwa the third joint is held at zero. The calibrated KR 6 has random errors of up to 1e-3 rad and 0.3 mm in every
-joint's frame, the calibrated UR5e those that one left its factory with. Needs `pin`. Solutions are counted over wall
+Of the iiwa the third joint is held at zero, of the Panda the last. The calibrated KR 6 and Panda have random errors of
+up to 1e-3 rad and 0.3 mm in every joint's frame, the calibrated UR5e those that one left its factory with. Needs `pin`. Solutions are counted over wall
 and over processor time: on a loaded machine only the latter tells much.
 """
 
@@ -28,7 +28,7 @@ from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.arm.quality import singularity_deg
 from ronnaplan.robot.arm.urdf import read_urdf
 from ronnaplan.robot.arm.wrist import wrist_of
-from tests.robot.arm.arms import UR5E_M, calibrated, calibrated_ur5e, iiwa, ur
+from tests.robot.arm.arms import UR5E_M, calibrated, calibrated_ur5e, iiwa, panda, ur
 
 REPEATS = 10
 FOUND_RAD = 1e-6
@@ -49,8 +49,10 @@ ARMS: dict[str, Callable[[], SerialArm]] = {
     "kr6r900": kr6_r900,
     "ur5e": lambda: described(ur(UR5E_M)),
     "iiwa": lambda: described(iiwa()).holding("joint_a3", 0.0),
+    "panda": lambda: described(panda()).holding("panda_joint7", 0.0),
     "kr6r900-calibrated": lambda: calibrated(kr6_r900(), 1),
     "ur5e-calibrated": lambda: described(calibrated_ur5e()),
+    "panda-calibrated": lambda: calibrated(ARMS["panda"](), 1),
 }
 
 

@@ -8,7 +8,7 @@ the flange's axes, seen from the shoulder, turn about axes 4, 5 and 6 as Euler's
 With a *spherical shoulder*, Franka's with joint 7 held, axes 1, 2 and 3 meet, and axes 5 and 6, each perpendicular to
 the one before, and axis 4 is perpendicular to axis 5. Both places lie in one plane across axis 4. Seen from its flange
 such an arm has a spherical wrist, and an elbow that turns in a plane through axis 2 in place of one across it. (For
-Franka's numbers: He and Liu, Analytical inverse kinematics for Franka Emika Panda, ICCMA 2021.)
+Franka's numbers: Y. He and S. Liu, Analytical inverse kinematics for Franka Emika Panda, 2021.)
 
 Where an arm's axes are so but for errors, as a calibration finds them, the nearest that are so begin what `refined`
 ends.

@@ -85,12 +85,18 @@ def test_other_arms_are_placed_and_reach_every_task_by_their_own_joints(name: st
     for joint in held:
         arm = arm.holding(joint, 0.0)
     given = replace(job(0, 2, 1, floor=SMALL, reference_deg=reference_deg), arm=arm)
-    (place, *_) = find_places(given).places
+    placement = find_places(given)
+    place = placement.places[0]
+    drawn = placement_document(placement, given.room, arm, Source()).robot_from_ct[0].robot
+    assert drawn is not None
     for task, served in zip(given.tasks, place.served, strict=True):
         every_deg = served.angles_deg
         for joint in held:
             every_deg = np.insert(every_deg, whole.joints.index(joint), 0.0, axis=1)
-        tips = place.room_from_r @ forward(whole, np.radians(every_deg)) @ task.flange_from_tip
+        flanges = place.room_from_r @ forward(whole, np.radians(every_deg))
+        holders_mm = flanges[:, :3, :3] @ given.room.tool.start_mm + flanges[:, :3, 3]
+        assert np.linalg.norm(holders_mm - drawn.shoulder, axis=1).max() <= drawn.reach
+        tips = flanges @ task.flange_from_tip
         away = np.linalg.norm(tips[[0, -1], None, :3, 3] - np.array([task.starts_mm, task.ends_mm]), axis=-1)
         assert away.max(axis=0).min() < 1e-6
         assert joint_margins_deg(whole, np.radians(every_deg)).min() >= served.joint_deg - 1e-6
