@@ -3,8 +3,8 @@
     python -m benchmarks.arm [--arm kr6r900|ur5e|iiwa|panda|...-calibrated] [--poses N] [--seed S]
 
 Of the iiwa the third joint is held at zero, of the Panda the last. The calibrated KR 6 and Panda have random errors of
-up to 1e-3 rad and 0.3 mm in every joint's frame, the calibrated UR5e those that one left its factory with. Needs `pin`. Solutions are counted over wall
-and over processor time: on a loaded machine only the latter tells much.
+up to 1e-3 rad and 0.3 mm in every joint's frame, the calibrated UR5e those that one left its factory with. Needs `pin`.
+Solutions are counted over wall and over processor time: on a loaded machine only the latter tells much.
 """
 
 from __future__ import annotations

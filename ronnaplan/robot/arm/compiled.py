@@ -21,7 +21,10 @@ BEYOND = 8.0
 It then begins as far within its reach: where both ends of a joint's way meet, it tells nothing of what is near.
 """
 NEARER = 0.25
-"""Of that, so much backwards, as there the square is of the whole arm's length. Found by what is missed."""
+"""Of that, so much an arm begins within its reach that is solved from its flange: its squares are of its whole length.
+
+Of 0.05 to 1 it is among those by which a calibrated Franka misses least.
+"""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -137,8 +140,8 @@ def _wrist_before_elbow(
 def _from_flange(wrist: Wrist, pose: FloatArray, angles: FloatArray) -> int:
     """Do as `near_postures` of an arm with a spherical shoulder, which is solved backwards, from its flange.
 
-    How far off its shoulder's center is tells the elbow, as that turns in a plane through it; axes 6 and 5 then turn
-    that plane to where the center is seen, of each bend in two ways: rows 0 to 3 and 4 to 7.
+    How far off the shoulder is tells the elbow, which turns in a plane through it and axis 5; joints 6 and 5 bring that
+    plane to where the shoulder is seen, with either side of it towards axis 6: rows 0 to 3 and 4 to 7.
     """
     base, seen = np.empty((3, 4)), np.empty((3, 3))
     for a in range(3):
@@ -179,7 +182,7 @@ def _from_flange(wrist: Wrist, pose: FloatArray, angles: FloatArray) -> int:
 def _forwards(wrist: Wrist, x: float, y: float, beside: float, begin: float) -> float:
     """Return how far forward of axis 1 a place is, ``beside`` the arm's plane, that is seen at (x, y); NaN if never.
 
-    It begins by ``begin`` of what it may be beyond.
+    Where it is a little beyond, the place is taken to be within by ``begin`` of what is allowed for.
     """
     across = x * x + y * y - beside * beside
     if across < 0.0:
@@ -217,7 +220,9 @@ def _second(wrist: Wrist, bent: float, px: float, pz: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _wrist_angles(to_wrist: FloatArray, seen: FloatArray, first: float, turned: float) -> tuple[float, float, float]:
+def _wrist_angles(
+    to_wrist: FloatArray, seen: FloatArray, first: float, turned: float
+) -> tuple[float, float, float]:
     """Return what axes 4, 5 and 6 turn by (rad) to show the axes ``seen`` (3, 3) from the shoulder.
 
     Joint 1 has turned by ``first``, the arm about axis 2's direction by ``turned``; axis 5 counts from straight.

@@ -1,4 +1,4 @@
-"""Inverse kinematics: every posture of an arm with a spherical or a parallel wrist, or one that nearly has it."""
+"""Inverse kinematics: every posture of an arm of one of three kinds (`wrist`), or one that nearly is."""
 
 from __future__ import annotations
 
@@ -22,10 +22,13 @@ class Postures:
     """What brings the flange to M poses: ``angles_rad`` (M, 8, 6), NaN where there is no answer.
 
     ``within`` (M, 8) says which keep the joints' limits. Branch n is the same posture for all poses: bit 2 tells that
-    the arm reaches back over its shoulder, bit 1 the elbow, bit 0 the flipped wrist. Each angle is the turn of it that
-    is nearest to the middle of its limits. Where axis 6 points along axis 4, of all ways to share their turn one is
-    told: with a spherical wrist joint 4 at zero, with a parallel one joints 2, 3 and 4 at zero together. Where the axes
-    stand so but for errors there is no such way, and of postures there, or nearly there, some may be missing.
+    the arm reaches back over its shoulder, bit 1 the elbow, bit 0 the flipped wrist. With a spherical shoulder bit 2
+    tells on which side of the plane of axes 5 and 6 the shoulder is, and bit 0 that it is the shoulder that is flipped.
+    The Jacobian's determinant changes its sign with every bit. Each angle is the turn of it that is nearest to the
+    middle of its limits. Where axis 6 points along axis 4, of all ways to share their turn one is told: with a
+    spherical wrist joint 4 at zero, with a parallel one joints 2, 3 and 4 at zero together; and joint 3 at zero where
+    axis 3 of a spherical shoulder points along axis 1. Where the axes stand so but for errors there is no such way, and
+    of postures there, or nearly there, some may be missing.
     """
 
     angles_rad: FloatArray

@@ -31,8 +31,11 @@ def singularity_deg(arm: SerialArm, angles_rad: ArrayLike) -> FloatArray:
     """Return the angle (...) in degrees to the nearest singular posture of an arm that has a closed form.
 
     Three there are: joint 5 straight (axis 6 along axis 4), the elbow stretched or folded, the wrist's center over axis
-    1 (told as the angle that it is seen under from axis 2). Of an arm that is nearly of a closed form they are those of
-    the nearest that is. Raises `InputError` for an arm without a closed form.
+    1 (told as the angle that it is seen under from axis 2). With a spherical shoulder they are joint 2 straight (axis 3
+    along axis 1), the elbow, and the shoulder in the plane of axes 5 and 6, where joint 5 turns it or, onto axis 5,
+    joint 4. Of an arm that is nearly of a closed form they are those of the nearest that is.
+
+    Raises `InputError` for an arm without a closed form.
     """
     from ronnaplan.robot.arm.singular import singularity
     from ronnaplan.robot.arm.wrist import wrist_of

@@ -14,18 +14,17 @@ from ronnaplan.robot.arm.wrist import Wrist
 def _singular_backwards(wrist: Wrist, angles: FloatArray) -> float:
     """Do as `singularity` of an arm with a spherical shoulder.
 
-    The factors are axis 3 along axis 1, the elbow, and the shoulder's center, which must not be in the plane of axes 5
-    and 6: joint 5 turns it there, or joint 4 onto axis 5.
+    The determinant of the Jacobian is the product of four factors: the sine between axes 3 and 1, the area that the
+    elbow spans, how far the shoulder is from axis 5, and the sine between the elbow's plane and that of axes 5 and 6.
     """
-    bent = wrist.elbow_sign * angles[3]
     straight = abs(np.arcsin(min(max(np.sin(angles[1] + wrist.bend), -1.0), 1.0)))
-    by, bx = swung(wrist.lower, bent)
+    by, bx = swung(wrist.lower, angles[3])
     cross = abs(wrist.upper[0] * bx - wrist.upper[1] * by)
     along = abs(wrist.upper[0] * by + wrist.upper[1] * bx)
     turned = angles[4] + wrist.plane
     least = min(straight, np.arctan2(cross, along), np.arctan2(abs(np.cos(turned)), abs(np.sin(turned))))
     cosine = -wrist.upper[1] / np.hypot(bx, by)
-    if abs(cosine) <= 1.0:
+    if abs(cosine) <= 1.0:  # joint 4 can turn the shoulder onto axis 5
         least = min(least, abs(np.arccos(cosine) - abs(np.arctan2(by, bx))))
     return float(least)
 

@@ -138,7 +138,7 @@ def _seen(arm: SerialArm, found: kinds.Axes, flange: FloatArray, backwards: bool
         plane,
         elbow_sign,
         float(np.sign(axes[1] @ axes[3])) if found.parallel else 0.0,
-        -elbow_sign if backwards else elbow_sign,
+        -1.0 if backwards else elbow_sign,
         (in_plane @ at_wrist).T.copy(),
         flange[:3, :3].T @ at_wrist @ _about_y(bend),
         bend,

@@ -138,7 +138,7 @@ def iiwa() -> str:
 
 
 PANDA_M = (0.333, 0.316, 0.0825, 0.384, 0.088, 0.107)
-"""The maker's lengths of Franka's arms: to the shoulder, elbow and aside to it, to the wrist, aside to 7, the flange."""
+"""The maker's lengths of Franka's arms: to shoulder, elbow and aside to it, wrist, aside to axis 7, and flange."""
 
 
 def panda() -> str:

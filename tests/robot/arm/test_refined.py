@@ -66,7 +66,9 @@ def test_what_is_told_of_a_calibrated_arm_reaches_the_pose_and_hardly_anything_i
     assert np.nanmin(apart) > 1e-6
 
 
-@pytest.mark.parametrize(("name", "clear_deg"), [("kr6", CLEAR_DEG), ("ur5e", CLEAR_DEG), ("panda", 2 * CLEAR_DEG)])
+@pytest.mark.parametrize(
+    ("name", "clear_deg"), [("kr6", CLEAR_DEG), ("ur5e", CLEAR_DEG), ("panda", 2 * CLEAR_DEG)]
+)
 def test_a_posture_has_the_number_that_the_maker_s_arm_has_it_by(
     name: str, clear_deg: float, tmp_path: Path
 ) -> None:

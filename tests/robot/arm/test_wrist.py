@@ -202,6 +202,16 @@ def test_a_panda_with_joint_7_held_is_solved_as_pinocchio_moves_it(held_deg: flo
     np.testing.assert_allclose(stretched, [hand, 0.0, foot + upper + fore - end], atol=1e-9)
 
 
+def test_an_lbr_is_solved_with_its_last_joint_held_anywhere(tmp_path: Path) -> None:
+    arm = read(iiwa(), tmp_path).holding("joint_a7", 0.7)
+    angles = random_angles(arm, 200, seed=7)
+    asked = forward(arm, angles)
+    found = inverse(arm, asked).angles_rad
+    assert np.isfinite(found).all()
+    assert np.abs(forward(arm, found) - asked[:, None]).max() < 1e-8
+    assert turned(found, angles[:, None]).min(axis=1).max() < 1e-8
+
+
 def test_with_axis_3_along_axis_1_one_way_to_share_the_turn_is_told(tmp_path: Path) -> None:
     arm = held_panda(tmp_path)
     asked = forward(arm, np.radians([20.0, 0.0, 10.0, -100.0, 30.0, 80.0]))
@@ -227,10 +237,30 @@ def test_the_wrist_of_a_panda_comes_as_far_from_its_shoulder_as_is_told(tmp_path
     ("joint", "old", "new", "sentence"),
     [
         ("panda_joint4", "0.0825 0 0", "0.2 0 0.07", None),
-        ("panda_joint5", f'rpy="-{HALF} 0 0', 'rpy="-1 0 0', "axes of panda_joint5 and panda_joint4 are 32.7 degrees"),
-        ("panda_joint6", "0 0 0", "0.01 0 0", "panda_joint5 and panda_joint6 pass each other by 5 mm, expected both to"),
-        ("panda_joint3", "0 -0.316 0", "0.01 -0.316 0", "panda_joint2 and panda_joint3 pass each other by .* expected all three"),
-        ("panda_joint5", "-0.0825 0.384 0", "-0.0825 0.384 0.05", "along the axis of panda_joint4 wrist and shoulder are apart by 50 mm"),
+        (
+            "panda_joint5",
+            f'rpy="-{HALF} 0 0',
+            'rpy="-1 0 0',
+            "axes of panda_joint5 and panda_joint4 are 32.7 degrees",
+        ),
+        (
+            "panda_joint6",
+            "0 0 0",
+            "0.01 0 0",
+            "panda_joint5 and panda_joint6 pass each other by 5 mm, expected both to",
+        ),
+        (
+            "panda_joint3",
+            "0 -0.316 0",
+            "0.01 -0.316 0",
+            "panda_joint2 and panda_joint3 pass each other by .* expected all three",
+        ),
+        (
+            "panda_joint5",
+            "-0.0825 0.384 0",
+            "-0.0825 0.384 0.05",
+            "along the axis of panda_joint4 wrist and shoulder are apart by 50 mm",
+        ),
     ],
 )
 def test_of_other_arms_with_a_shoulder_is_told_what_they_lack(
@@ -282,7 +312,10 @@ def test_of_other_arms_is_told_what_they_lack(
 
 def test_of_seven_joints_is_told_which_to_hold(tmp_path: Path) -> None:
     arm = read(iiwa(), tmp_path)
-    with pytest.raises(InputError, match=r"has 7 joints.*; hold one where it shall stay \(--hold joint_a3=0 or --hold joint_a7=0\)$"):
+    with pytest.raises(
+        InputError,
+        match=r"has 7 joints.*; hold one where it shall stay \(--hold joint_a3=0 or --hold joint_a7=0\)$",
+    ):
         wrist_of(arm)
     with pytest.raises(InputError, match=r"; hold one where it shall stay \(--hold panda_joint7=0\)$"):
         wrist_of(read(panda(), tmp_path))
@@ -295,13 +328,16 @@ def test_of_seven_joints_is_told_which_to_hold(tmp_path: Path) -> None:
 
 
 def test_of_seven_joints_that_were_calibrated_is_told_which_to_hold(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"; hold one where it shall stay \(--hold joint_a3=0 or --hold joint_a7=0\)$"):
+    with pytest.raises(
+        InputError, match=r"; hold one where it shall stay \(--hold joint_a3=0 or --hold joint_a7=0\)$"
+    ):
         wrist_of(calibrated(read(iiwa(), tmp_path), 0))
 
 
 def test_of_a_joint_that_leaves_no_closed_form_is_told_which_other_would(tmp_path: Path) -> None:
     with pytest.raises(
-        InputError, match=r"hold joint_a4 at another angle, or another joint \(--hold joint_a3=0 or --hold joint_a7=0\)$"
+        InputError,
+        match=r"hold joint_a4 at another angle, or another joint \(--hold joint_a3=0 or --hold joint_a7=0\)$",
     ):
         wrist_of(read(iiwa(), tmp_path).holding("joint_a4", 0.5))
 
