@@ -165,6 +165,19 @@ def test_by_as_much_as_is_told_one_joint_turns_into_a_singular_posture(kind: str
     assert checked == 200
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_by_less_than_is_told_no_joint_turns_a_spherical_shoulder_into_a_singular_posture(seed: int) -> None:
+    arm = drawn(seed, "shoulder")
+    angles = random_angles(arm, 200, seed)
+    told = np.radians(singularity_deg(arm, angles))
+    here = np.sign(np.linalg.det(jacobian(arm, angles)))
+    for joint in range(6):
+        for share in np.linspace(-0.999, 0.999, 40):
+            moved = angles.copy()
+            moved[:, joint] += share * told
+            np.testing.assert_array_equal(np.sign(np.linalg.det(jacobian(arm, moved))), here)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_determinant_of_the_jacobian_changes_its_sign_with_every_bit_of_a_posture_s_number(kind: str) -> None:
     bits = np.array([(-1) ** number.bit_count() for number in range(8)])

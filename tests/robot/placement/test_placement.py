@@ -89,6 +89,7 @@ def test_other_arms_are_placed_and_reach_every_task_by_their_own_joints(name: st
     place = placement.places[0]
     drawn = placement_document(placement, given.room, arm, Source()).robot_from_ct[0].robot
     assert drawn is not None
+    assert drawn.shoulder[:2] == pytest.approx(place.room_from_r[:2, 3])
     for task, served in zip(given.tasks, place.served, strict=True):
         every_deg = served.angles_deg
         for joint in held:
