@@ -78,7 +78,7 @@ def test_a_posture_has_the_number_that_the_maker_s_arm_has_it_by(
     by_the_makers, found = inverse(nominal, asked).angles_rad, inverse(arm, asked).angles_rad
     clear = np.nan_to_num(singularity_deg(nominal, np.nan_to_num(by_the_makers))) > clear_deg
     clear &= np.isfinite(by_the_makers[..., 0])
-    assert clear.mean() > 0.3
+    assert clear.mean() > (0.3 if name == "panda" else 0.5)
     assert turned(found, by_the_makers)[clear].max() < 0.25  # others, so far from singular postures, are farther
 
 

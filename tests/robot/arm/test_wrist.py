@@ -86,7 +86,8 @@ def test_every_branch_of_any_arm_of_each_kind_reaches_the_pose(kind: str) -> Non
         assert miss[singularity_deg(arm, found[there]) > 0.1].max() < 1e-9, f"seed {seed}"
         assert miss.max() < 1e-6, f"seed {seed}"
         clear = singularity_deg(arm, angles) > 0.1
-        assert np.nanmin(turned(found, angles[:, None])[clear], axis=1).max() < 2e-8, f"seed {seed}"
+        own = np.nanmin(turned(found, angles[:, None])[clear], axis=1)
+        assert own.max() < (2e-8 if kind == "shoulder" else 1e-8), f"seed {seed}"
         apart = turned(found[:, :, None], found[:, None])[clear][:, ~np.eye(8, dtype=bool)]
         assert np.nanmin(apart) > 1e-4, f"seed {seed}"
         counts += there.sum(axis=1).tolist()
@@ -196,7 +197,8 @@ def test_only_where_it_is_told_the_jacobian_loses_a_direction(name: str, tmp_pat
     near, weak = singularity_deg(arm, angles), weakest_direction(arm, angles)
     assert (near < 0.5).sum() > 10
     assert weak[near < 0.5].max() < 0.02
-    assert (near[weak < 1e-3] < 5).all()  # where several kinds of singular posture are near at once
+    several_deg = 5 if name == "panda" else 3  # several kinds of singular posture may be near at once
+    assert (near[weak < 1e-3] < several_deg).all()
 
 
 @pytest.mark.parametrize("held_deg", [0.0, 45.0, -160.0])
