@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, Frame, as_points
+from ronnaplan.geometry import FloatArray, Frame, as_points, unit
 
 POSE_TOLERANCE = 1e-4
 """Largest entry of ``R @ R.T - 1`` accepted in a pose that is offered (trackers print rotations with 4 to 6
@@ -155,6 +155,13 @@ def rigid(rotation: FloatArray, translation_mm: FloatArray) -> FloatArray:
     matrix[..., :3, 3] = translation_mm
     matrix[..., 3, 3] = 1.0
     return matrix
+
+
+def frame_along(origin_mm: FloatArray, direction: FloatArray) -> FloatArray:
+    """Return a frame (4, 4) at ``origin_mm`` (3,) whose z points along ``direction`` (3,)."""
+    z = unit(direction)
+    x = unit(np.cross(np.eye(3)[int(np.abs(z).argmin())], z))
+    return rigid(np.column_stack([x, np.cross(z, x), z]), np.asarray(origin_mm, dtype=np.float64))
 
 
 def invert(matrix: FloatArray) -> FloatArray:

@@ -42,6 +42,16 @@ def times(left: FloatArray, right: FloatArray, product: FloatArray) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def invert_into(inverse: FloatArray, pose: FloatArray) -> None:
+    """Fill the upper three rows of ``inverse`` with those of a pose's (4, 4)."""
+    for a in range(3):
+        inverse[a, 3] = 0.0
+        for b in range(3):
+            inverse[a, b] = pose[b, a]
+            inverse[a, 3] -= pose[b, a] * pose[b, 3]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def swung(vector: FloatArray, angle: float) -> tuple[float, float]:
     """Return ``vector`` (x, z) turned by ``angle`` about y."""
     c, s = np.cos(angle), np.sin(angle)
@@ -144,11 +154,7 @@ def _from_flange(wrist: Wrist, pose: FloatArray, angles: FloatArray) -> int:
     plane to where the shoulder is seen, with either side of it towards axis 6: rows 0 to 3 and 4 to 7.
     """
     base, seen = np.empty((3, 4)), np.empty((3, 3))
-    for a in range(3):
-        base[a, 3] = 0.0
-        for b in range(3):
-            base[a, b] = pose[b, a]
-            base[a, 3] -= pose[b, a] * pose[b, 3]
+    invert_into(base, pose)
     x, y, z = _seen_from_shoulder(wrist, base, seen)
     bends = _bends(wrist, np.sqrt(x * x + y * y), z)
     if np.isnan(bends[0]):

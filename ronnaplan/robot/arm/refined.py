@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from kernelcache import njit
-from ronnaplan.geometry import FloatArray, unit
-from ronnaplan.pose import invert, rigid
+from ronnaplan.geometry import FloatArray
+from ronnaplan.pose import frame_along, invert
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.forward import LENGTH_MM
 
@@ -26,16 +26,10 @@ SAME_RAD = 1e-6
 
 def chain_of(arm: SerialArm) -> FloatArray:
     """Return poses (N + 1, 4, 4) between which the joints turn about z: the flange is their product, turns between."""
-    about_z = [rigid(_frame_along(axis), np.zeros(3)) for axis in arm.axes]
+    about_z = [frame_along(np.zeros(3), axis) for axis in arm.axes]
     before = [np.eye(4), *(invert(one) for one in about_z)]
     fixed, after = [*arm.origins, arm.flange], [*about_z, np.eye(4)]
     return np.stack([a @ b @ c for a, b, c in zip(before, fixed, after, strict=True)])
-
-
-def _frame_along(axis: FloatArray) -> FloatArray:
-    """Return any axes (3, 3) of which z is ``axis`` (3,)."""
-    x = unit(np.cross(np.eye(3)[int(np.abs(axis).argmin())], axis))
-    return np.column_stack([x, np.cross(axis, x), axis])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

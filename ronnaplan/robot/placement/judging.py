@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.arm.compiled import near_postures, nearest_turn, times
+from ronnaplan.robot.arm.compiled import invert_into, near_postures, nearest_turn, times
 from ronnaplan.robot.arm.refined import refined
 from ronnaplan.robot.arm.singular import singularity
 from ronnaplan.robot.placement.clearances import parked, place_trolley, posture_margins
@@ -160,10 +160,7 @@ def judge_base(
     frames, bodies = np.empty((len(machine.axes) + 1, 4, 4)), np.empty((len(machine.links) + 1, 7))
     frames[0] = base
     inverse = np.zeros((4, 4))
-    for a in range(3):
-        for b in range(3):
-            inverse[a, b] = base[b, a]
-            inverse[a, 3] -= base[b, a] * base[b, 3]
+    invert_into(inverse, base)
     worst, unserved, decides = plenty, 0, 0
     for place in range(len(order)):
         task = order[place]
@@ -208,26 +205,16 @@ def judge_task(
     instrument, best, begin = ways.instruments[task], NOTHING, chosen[0]
     for k in range(count):
         n = (begin + k) % count
-        hoped(machine, world, from_room, ways.flanges[first + n], steps, angles, margins, hopes[n])
+        way = ways.flanges[first + n]
+        hoped(machine, world, from_room, way, steps, angles, margins, hopes[n])
         while True:
             b = int(hopes[n].argmax())
-            hope = hopes[n, b]
-            if hope < enough or hope <= max(best, least):
+            hope, beyond = hopes[n, b], max(best, least)
+            if hope < enough or hope <= beyond:
                 break
             hopes[n, b] = NOTHING
             found = worth_along(
-                machine,
-                world,
-                ways.flanges[first + n],
-                from_room,
-                trolley,
-                instrument,
-                b,
-                angles,
-                margins[b],
-                max(best, least),
-                frames,
-                bodies,
+                machine, world, way, from_room, trolley, instrument, b, angles, margins[b], beyond, frames, bodies
             )
             if found > best:
                 best, chosen[0], chosen[1] = found, n, b
@@ -235,24 +222,14 @@ def judge_task(
                 return best
     while True:
         n, b = divmod(int(hopes.argmax()), 8)
-        hope = hopes[n, b]
-        if hope <= max(best, least):
+        beyond = max(best, least)
+        if hopes[n, b] <= beyond:
             return best
         hopes[n, b] = NOTHING
-        follow(machine, from_room, ways.flanges[first + n], steps, angles, margins)
+        way = ways.flanges[first + n]
+        follow(machine, from_room, way, steps, angles, margins)
         found = worth_along(
-            machine,
-            world,
-            ways.flanges[first + n],
-            from_room,
-            trolley,
-            instrument,
-            b,
-            angles,
-            margins[b],
-            max(best, least),
-            frames,
-            bodies,
+            machine, world, way, from_room, trolley, instrument, b, angles, margins[b], beyond, frames, bodies
         )
         if found > best:
             best, chosen[0], chosen[1] = found, n, b

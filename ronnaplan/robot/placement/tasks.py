@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray, unit
-from ronnaplan.pose import invert, rigid
+from ronnaplan.pose import frame_along, invert, rigid
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.placement.room import Camera, Tool
 
@@ -64,7 +64,7 @@ def drill_task(
 ) -> Task:
     """Return the task of a trajectory (3,) to (3,) in the room, with an instrument of that usable length."""
     inward = unit(target_mm - entry_mm)
-    holder = _along(np.array(tool.start_mm), np.array(tool.direction))
+    holder = frame_along(np.array(tool.start_mm), np.array(tool.direction))
     tip = holder @ rigid(np.eye(3), np.array([0.0, 0.0, length_mm]))
     instrument = np.array([*holder[:3, 3], *tip[:3, 3], diameter_mm / 2])
     start = entry_mm - tool.standoff_mm * inward
@@ -73,12 +73,12 @@ def drill_task(
 
 def view_task(name: str, marker_mm: FloatArray, head_center_mm: FloatArray, camera: Camera) -> Task:
     """Return the task of viewing a marker (3,) of a head about ``head_center_mm`` (3,), both in the room."""
-    frame = _along(np.zeros(3), marker_mm - head_center_mm)[:3, :3]
+    frame = frame_along(np.zeros(3), marker_mm - head_center_mm)[:3, :3]
     tilt, about = np.radians(camera.tilt_deg), np.arange(SIDES) * 2 * np.pi / SIDES
     tilted = np.stack([np.sin(tilt) * np.cos(about), np.sin(tilt) * np.sin(about), np.full(SIDES, np.cos(tilt))])
     outward = np.concatenate([[[0.0, 0.0, 1.0]], tilted.T]) @ frame.T
     ends = np.broadcast_to(marker_mm, outward.shape).copy()
-    tcp = _along(np.array(camera.tcp_mm), np.array(camera.direction))
+    tcp = frame_along(np.array(camera.tcp_mm), np.array(camera.direction))
     return Task(name, "marker", ends + camera.standoff_mm * outward, ends, tcp, np.zeros(7))
 
 
@@ -104,20 +104,13 @@ def _poses(task: Task, steps: int, most: int, rolls: int) -> FloatArray:
     turns[:, 0, 0] = turns[:, 1, 1] = np.cos(angles)
     turns[:, 1, 0], turns[:, 0, 1], turns[:, 2, 2] = np.sin(angles), -np.sin(angles), 1.0
     for w, (start, end) in enumerate(zip(task.starts_mm, task.ends_mm, strict=True)):
-        rolled = _along(start, end - start)[:3, :3] @ turns
+        rolled = frame_along(start, end - start)[:3, :3] @ turns
         places = start + np.linspace(0.0, 1.0, steps)[:, None] * (end - start)
         at = rigid(
             np.broadcast_to(rolled[:, None], (rolls, steps, 3, 3)), np.broadcast_to(places, (rolls, steps, 3))
         )
         found[w, :, :steps] = at @ tip_from_flange
     return found.reshape(-1, most, 4, 4)
-
-
-def _along(origin_mm: FloatArray, direction: FloatArray) -> FloatArray:
-    """Return a frame (4, 4) at ``origin_mm`` whose z points along ``direction``."""
-    z = unit(direction)
-    x = unit(np.cross(np.eye(3)[int(np.abs(z).argmin())], z))
-    return rigid(np.column_stack([x, np.cross(z, x), z]), np.asarray(origin_mm, dtype=np.float64))
 
 
 def _in_last_link(arm: SerialArm, capsule: FloatArray) -> FloatArray:
