@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Set
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -292,15 +292,15 @@ TESTS: dict[str, Test] = {
 }
 
 
-def failures(evidence: Evidence) -> Iterator[tuple[str, str]]:
-    """Yield (name, reason) of each test that the candidate fails, in order.
+def failures(evidence: Evidence, but: Set[str] = frozenset()) -> Iterator[tuple[str, str]]:
+    """Yield (name, reason) of each test that the candidate fails, in order; those named in ``but`` are not asked.
 
     How certain it is, is asked of what passes all others: hundreds of candidates need no covariance.
     """
     passes = True
     for name, test in TESTS.items():
-        if name == "certainty" and not passes:
-            return
+        if name in but or (name == "certainty" and not passes):
+            continue
         reason = test(evidence)
         if reason is not None:
             passes = False

@@ -132,8 +132,8 @@ class Examined:
 
     ``stated_mm`` is the diameter that was looked for, ``thickness_mm`` the slices' nominal thickness there.
 
-    Covariance and bound are `UNKNOWN` where it is no marker. The voxels and derivatives of the fit are not kept:
-    hundreds of them would outweigh the scan.
+    Covariance and bound are `UNKNOWN` where it is no marker, or was looked at for its size alone. The voxels and
+    derivatives of the fit are not kept: hundreds of them would outweigh the scan.
     """
 
     candidate_mm: FloatArray
@@ -260,15 +260,21 @@ def examine_place(
     diameter_mm: float,
     build: Build,
     usual: Usual = NOTHING_USUAL,
-    head: Head = Head.MADE_GOOD,
+    *,
+    for_its_size: bool = False,
 ) -> Examined:
-    """Fit a ball of about ``diameter_mm`` at a place (3,) of the scan, and judge it by what is usual there."""
-    fit = fit_place(scan, center_mm, diameter_mm, build, head)
+    """Fit a ball of about ``diameter_mm`` at a place (3,) of the scan, and judge it by what is usual there.
+
+    Of one that is looked at ``for_its_size`` alone nobody asks how certain its center is, which what a head does to its
+    image moves; its size hardly changes with that.
+    """
+    fit = fit_place(scan, center_mm, diameter_mm, build, Head.LEFT if for_its_size else Head.MADE_GOOD)
     unseen = unseen_share(scan.volume, fit.center_mm, fit.diameter_mm / 2.0)
     thickness_mm = float(scan.thickness_mm(center_mm))
     noise_hu = noise_level(fit)
     evidence = Evidence(fit, diameter_mm, thickness_mm, noise_hu, unseen, scan.volume, usual)
-    failed = tuple(failures(evidence))
+    failed = tuple(failures(evidence, but={"certainty"} if for_its_size else frozenset()))
+    is_center_told = not failed and not for_its_size
     # The two edges of a shell or a wrapping are too near each other.
     tells_blur = build == SOLID and not fit.is_clipped
     return Examined(
@@ -276,17 +282,17 @@ def examine_place(
         diameter_mm,
         thickness_mm,
         fit.center_mm,
-        UNKNOWN if failed else evidence.covariance_mm2,
-        UNKNOWN if failed else cramer_rao_bound(fit, evidence.noise_hu),
+        evidence.covariance_mm2 if is_center_told else UNKNOWN,
+        cramer_rao_bound(fit, evidence.noise_hu) if is_center_told else UNKNOWN,
         fit.theta,
         fit.coverage,
         unseen,
         fit.misfit,
         fit.is_clipped,
         evidence.excess_mm,
-        UNKNOWN if failed else by_excess(fit),
+        by_excess(fit) if is_center_told else UNKNOWN,
         fit.verdict.is_covered,
-        None if failed else evidence.movement,
+        evidence.movement if is_center_told else None,
         blur_mm2(evidence.edge) if tells_blur and {name for name, _ in failed} <= OF_THE_SHAPE else UNKNOWN,
         failed,
     )

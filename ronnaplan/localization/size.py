@@ -1,14 +1,14 @@
 """The sizes of the balls in a scan, found without being told.
 
-Votes for balls of a few sizes give places; where half the image's step lies in every direction from there gives each a
-sphere, and so its size; only what looks like a sphere is fitted, once.
+Only what looks like a sphere is fitted (`anysize`), once. Where only the commonest size is asked for, what can no
+longer change it is not fitted.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -17,39 +17,30 @@ from ronnaplan.ct.progress import advancing
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import RefusedError, check_type
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.anysize import SEARCHED_MM, Place, round_places
 from ronnaplan.localization.build import SOLID, Build
-from ronnaplan.localization.coarse import COARSE_FLOOR_MM, Blocks, blocks, coarse_voxel_mm, coarsen
-from ronnaplan.localization.detect import detect_in
+from ronnaplan.localization.coarse import COARSE_FLOOR_MM, coarsen
 from ronnaplan.localization.examine import Examined, Scan, distinct, examine_place
-from ronnaplan.localization.hardened import Head
-from ronnaplan.localization.look import surface_shares
 from ronnaplan.localization.measured import measured
 from ronnaplan.localization.parameters import BACKGROUND, CONTRAST
 from ronnaplan.localization.parts import single_threaded_algebra
 from ronnaplan.localization.shading import PLATEAU_SHARE
 from ronnaplan.localization.slant import along_the_blur
-from ronnaplan.localization.sphere import LEAST_SHOWN, spheres_at
 from ronnaplan.localization.thick import as_thick
 from ronnaplan.localization.usual import OF_THE_PROFILE, judged_again, usual_of
 from ronnaplan.threads import in_threads
-
-SEARCHED_MM = (3.0, 26.0)
-"""Markers in use have diameters within this range."""
-
-STEP = 1.25
-"""Each size voted for is this much larger than the last: votes gather in cells of a sixth of the diameter."""
-
-COARSEST_SHARE = 1.0 / 2.9
-"""Voxels in which a ball of any size is still seen, as a share of its diameter: its sphere is sought in finer ones."""
-
-MOST_LOOKED_AT = 1500
-"""The strongest candidates of each size that are looked at; noise has thousands of small ones."""
 
 LARGE_MM = 8.0 * COARSE_FLOOR_MM
 """The size of a ball as large as this shows as well in a copy of voxels of `COARSE_FLOOR_MM`."""
 
 SAME_SIZE = 0.03
 """Balls whose diameters differ by at most this share are of one kind."""
+
+MAY_BE_SAME = 0.25
+"""What has not been fitted may come out as large as what differs by at most this share: fits are given up at 0.15."""
+
+FIRST_FITTED = 8
+"""So many of the roundest places are fitted before anybody asks which of the others can still matter."""
 
 MIN_MARKERS = 3
 """Fewer balls of one size could be anything; a registration needs three."""
@@ -76,39 +67,7 @@ def sizes_seen(volume: CTVolume, marker: Build = SOLID, *, progress: bool = Fals
 
     ``marker`` says how they are made.
     """
-    check_type(volume, CTVolume, "the volume", "read_ct returns one")
-    scan = Scan(measured(volume))
-    coarse = Scan(coarsen(scan.volume, COARSE_FLOOR_MM), whole=scan)
-    with single_threaded_algebra():
-        places = _round_places(scan, coarse.volume, marker, progress)
-
-    def scan_for(diameter_mm: float) -> Scan:
-        return coarse if marker == SOLID and diameter_mm >= LARGE_MM else scan
-
-    def fitted_in(scan: Scan, places: Sequence[tuple[FloatArray, float]]) -> list[Examined]:
-        return list(in_threads(lambda place: _fitted(scan, *place, marker), places))
-
-    # numba's functions release the interpreter's lock
-    with single_threaded_algebra():
-        fits = in_threads(lambda place: _fitted(scan_for(place[1]), *place, marker), places)
-        fitted = list(advancing(fits, len(places), progress, "fitting balls"))
-        thick = as_thick(scan, fitted, fitted_in)
-        if thick is not scan:
-            scan = coarse = thick
-            fitted = fitted_in(scan, places)
-        turned = along_the_blur(scan, fitted, marker)
-        if turned is not scan:
-            scan = coarse = turned
-            fitted = fitted_in(scan, places)
-        shown = replace(usual_of(fitted), balls=())  # balls of several sizes have no misfit in common
-        judged = [judged_again(scan_for(one.stated_mm), one, marker, shown) for one in fitted]
-    accepted = distinct(one for one in judged if one.is_marker)
-    sizes = [
-        Size(float(np.median(kind)), len(kind), is_hidden)
-        for is_hidden in (False, True)
-        for kind in _kinds([one.diameter_mm for one in accepted if _is_hidden(one, scan) == is_hidden])
-    ]
-    return tuple(sorted(sizes, key=lambda size: (-size.count, -size.diameter_mm)))
+    return _sizes(volume, marker, progress, lambda _, places, fitted: _left(places, fitted))
 
 
 def common_diameter(
@@ -119,7 +78,14 @@ def common_diameter(
     Raises `RefusedError`, with the sizes that are there as proposals, when no `MIN_MARKERS` balls have one size,
     several sizes are equally common, or the scale's end hides the size.
     """
-    sizes = sizes_seen(volume, marker, progress=progress)
+    return commonest(_sizes(volume, marker, progress, partial(_undecided, expected)), expected)
+
+
+def commonest(sizes: Sequence[Size], expected: int | None) -> float:
+    """Return the diameter (mm) of the first of ``sizes``, or of the one that ``expected`` balls have.
+
+    Refuses as `common_diameter` does.
+    """
     sets = [size for size in sizes if size.count >= MIN_MARKERS]
     wanted = [size for size in sets if size.count == expected] or [
         size for size in sets if size.count == sets[0].count
@@ -148,69 +114,137 @@ def proposal(sizes: Iterable[Size]) -> str:
     return f"seen: {', '.join(map(str, seen))}: try {' or '.join(f'--diameter {one}' for one in tries)}{both}"
 
 
-def _round_places(scan: Scan, coarse: CTVolume, marker: Build, progress: bool) -> list[tuple[FloatArray, float]]:
-    """Return center (3,) and diameter (mm) of what looks like a sphere, whatever its size.
+def _sizes(
+    volume: CTVolume,
+    marker: Build,
+    progress: bool,
+    wanted: Callable[[Scan, Sequence[Place], Mapping[int, Examined]], list[int]],
+) -> tuple[Size, ...]:
+    """Return the kinds of balls in a scan, by fits at those of its round places that are ``wanted``.
 
-    Votes are taken from the ``coarse`` copy; those for large balls from a coarser copy of it.
+    That tells which have to be fitted next, by their numbers, once some of them are.
     """
-    volume = scan.volume
-    smallest_mm = max(SEARCHED_MM[0], 3.0 * volume.grid.row_spacing_mm)
-    diameters_mm = np.exp(np.arange(np.log(smallest_mm), np.log(SEARCHED_MM[1]), np.log(STEP))).tolist()
+    check_type(volume, CTVolume, "the volume", "read_ct returns one")
+    scan = Scan(measured(volume))
+    coarse = Scan(coarsen(scan.volume, COARSE_FLOOR_MM), whole=scan)
 
-    copies: dict[Blocks, list[float]] = {}  # several sizes share one
-    for diameter_mm in diameters_mm:
-        copies.setdefault(blocks(coarse, coarse_voxel_mm(diameter_mm, COARSEST_SHARE)), []).append(diameter_mm)
+    def scan_for(diameter_mm: float) -> Scan:
+        return coarse if marker == SOLID and diameter_mm >= LARGE_MM else scan
 
-    def voted(sizes_mm: list[float]) -> list[tuple[FloatArray, float]]:
-        copy = coarsen(coarse, coarse_voxel_mm(sizes_mm[0], COARSEST_SHARE))
-        balls: list[tuple[FloatArray, float]] = []
-        for diameter_mm, candidates in zip(sizes_mm, detect_in(copy, sizes_mm), strict=True):
-            places = candidates.centers_mm[:MOST_LOOKED_AT]
-            thickness_mm = scan.thickness_mm(places)
-            shares = surface_shares(volume, places, diameter_mm, marker, thickness_mm, LEAST_SHOWN)
-            balls += [(place, diameter_mm) for place in places[shares >= LEAST_SHOWN]]
-        return balls
+    def fitted_in(scan: Scan, places: Sequence[Place]) -> list[Examined]:
+        return list(in_threads(lambda place: _fitted(scan, *place, marker), places))
 
-    tried = advancing(in_threads(voted, copies.values()), len(copies), progress, "trying sizes")
-    found = [ball for some in tried for ball in some]
-    if not found:
-        return []
-    looked_at = np.array([place for place, _ in found]), np.array([size for _, size in found])
-    spheres = list(zip(*spheres_at(volume, *looked_at, marker), strict=True))
-    kept: list[tuple[FloatArray, float]] = []
-    for center_mm, diameter_mm, share in sorted(spheres, key=lambda sphere: -sphere[2]):
-        if share == 0.0:
-            break
-        if all(math.dist(center_mm, other) >= size / 2.0 for other, size in kept):
-            kept.append((center_mm, float(diameter_mm)))
-    return kept
+    # numba's functions release the interpreter's lock
+    with single_threaded_algebra():
+        places = round_places(scan, coarse.volume, marker, progress)
+        fitted = _fitted_at(
+            places,
+            lambda place: _fitted(scan_for(place[1]), *place, marker),
+            partial(wanted, scan),
+            progress,
+        )
+        thick = as_thick(scan, fitted, fitted_in)
+        if thick is not scan:
+            scan = coarse = thick
+            fitted = fitted_in(scan, places)
+        turned = along_the_blur(scan, fitted, marker)
+        if turned is not scan:
+            scan = coarse = turned
+            fitted = fitted_in(scan, places)
+        shown = replace(usual_of(fitted), balls=())  # balls of several sizes have no misfit in common
+        judged = [judged_again(scan_for(one.stated_mm), one, marker, shown) for one in fitted]
+    return _sizes_of(judged, scan)
+
+
+def _sizes_of(judged: Iterable[Examined], scan: Scan) -> tuple[Size, ...]:
+    """Return the kinds of the balls among what was ``judged``, commonest first, of equally common ones the largest."""
+    accepted = distinct(one for one in judged if one.is_marker)
+    kinds = [[accepted[n] for n in kind] for kind in _runs([one.diameter_mm for one in accepted], SAME_SIZE)]
+    sizes = [
+        Size(float(np.median([one.diameter_mm for one in kind])), len(kind), _are_hidden(kind, scan))
+        for kind in kinds
+    ]
+    return tuple(sorted(sizes, key=lambda size: (-size.count, -size.diameter_mm)))
+
+
+def _fitted_at(
+    places: Sequence[Place],
+    fit: Callable[[Place], Examined],
+    wanted: Callable[[Sequence[Place], Mapping[int, Examined]], list[int]],
+    progress: bool,
+) -> list[Examined]:
+    """Fit balls at those of the ``places``, roundest first, that are ``wanted``; return the fits in their order."""
+    fitted: dict[int, Examined] = {}
+
+    def fits() -> Iterator[Examined]:
+        while asked := wanted(places, fitted):
+            for n, one in zip(asked, in_threads(fit, [places[n] for n in asked]), strict=True):
+                fitted[n] = one
+                yield one
+
+    for _ in advancing(fits(), len(places), progress, "fitting balls"):
+        pass
+    return [fitted[n] for n in sorted(fitted)]
+
+
+def _left(places: Sequence[Place], fitted: Mapping[int, Examined]) -> list[int]:
+    """Return which of the ``places`` have not been ``fitted``."""
+    return [n for n in range(len(places)) if n not in fitted]
+
+
+def _undecided(
+    expected: int | None, scan: Scan, places: Sequence[Place], fitted: Mapping[int, Examined]
+) -> list[int]:
+    """Return which of the ``places`` have to be fitted next to know the commonest kind, or that of ``expected`` balls.
+
+    First the roundest, then all of a kind that is common enough to be it; of others as many as may not be balls before
+    it is sure that they are too few. Where no kind is common enough all are fitted, to be proposed.
+    """
+    if any(one.failures and one.failed <= OF_THE_PROFILE for one in fitted.values()):
+        return _left(places, fitted)  # these may be balls, if all of the scan are such
+    most = max((size.count for size in _sizes_of(fitted.values(), scan)), default=0)
+    enough = max(most if expected is None else min(most, expected), MIN_MARKERS)
+    may_be = [n for n in range(len(places)) if n not in fitted or fitted[n].is_marker]
+    kinds = _runs([fitted[n].diameter_mm if n in fitted else places[n][1] for n in may_be], MAY_BE_SAME)
+    common: list[int] = []
+    others: list[int] = []
+    for kind in kinds:
+        left = sorted(may_be[n] for n in kind if may_be[n] not in fitted)
+        if len(kind) - len(left) >= enough or (not fitted and len(kind) >= enough):
+            common += left
+        else:
+            others += left[: max(len(kind) - enough + 1, 0)]
+    if not fitted and common:
+        return sorted(common)[:FIRST_FITTED]
+    return sorted(common or others) or ([] if most >= MIN_MARKERS else _left(places, fitted))
 
 
 def _fitted(scan: Scan, center_mm: FloatArray, diameter_mm: float, marker: Build) -> Examined:
-    """Fit and judge a ball of about this size; once more where only the size was not right.
-
-    What a head does to its image moves its center, but hardly changes its size.
-    """
+    """Fit and judge a ball of about this size; once more where only the size was not right."""
 
     def at(center_mm: FloatArray, diameter_mm: float) -> Examined:
-        return examine_place(scan, center_mm, diameter_mm, marker, head=Head.LEFT)
+        return examine_place(scan, center_mm, diameter_mm, marker, for_its_size=True)
 
     first = at(center_mm, diameter_mm)
-    if first.is_marker or not first.failed <= {"diameter", "certainty"} | OF_THE_PROFILE:
+    if first.is_marker or not first.failed <= {"diameter"} | OF_THE_PROFILE:
         return first
     return at(first.center_mm, first.diameter_mm)
 
 
-def _is_hidden(one: Examined, scan: Scan) -> bool:
-    return bool(scan.ceiling_hu - one.parameters[BACKGROUND] < PLATEAU_SHARE * one.parameters[CONTRAST])
+def _are_hidden(kind: Sequence[Examined], scan: Scan) -> bool:
+    """Whether the scale's end hides the size of half of a kind, or more."""
+    hidden = [
+        scan.ceiling_hu - one.parameters[BACKGROUND] < PLATEAU_SHARE * one.parameters[CONTRAST] for one in kind
+    ]
+    return bool(2 * sum(hidden) >= len(kind))
 
 
-def _kinds(diameters_mm: list[float]) -> list[list[float]]:
-    """Sort diameters into runs without a gap larger than `SAME_SIZE`."""
-    ordered = sorted(diameters_mm)
-    kinds = [[first] for first in ordered[:1]]
+def _runs(diameters_mm: Sequence[float], apart: float) -> list[list[int]]:
+    """Sort diameters into runs without a gap larger than the share ``apart``; return each one's numbers."""
+    ordered = sorted(range(len(diameters_mm)), key=lambda n: diameters_mm[n])
+    runs = [[first] for first in ordered[:1]]
     for smaller, larger in pairwise(ordered):
-        if larger > smaller * (1.0 + SAME_SIZE):
-            kinds.append([])
-        kinds[-1].append(larger)
-    return kinds
+        if diameters_mm[larger] > diameters_mm[smaller] * (1.0 + apart):
+            runs.append([])
+        runs[-1].append(larger)
+    return runs

@@ -41,6 +41,11 @@ class Candidates:
     vote_shares: FloatArray
 
 
+def cell_mm(diameter_mm: float, least_mm: float) -> float:
+    """Return how large the cells are in which votes for balls of ``diameter_mm`` are counted."""
+    return max(diameter_mm / VOTE_CELLS_PER_DIAMETER, least_mm)
+
+
 @dataclass(frozen=True)
 class Ballot:
     """The votes (z, y, x) for centers of balls of one size.
@@ -56,10 +61,10 @@ class Ballot:
     @classmethod
     def over(cls, low: FloatArray, high: FloatArray, diameter_mm: float, least_mm: float) -> Ballot:
         """Return one without votes over a scan from ``low`` (3,) to ``high``; no cell is smaller than ``least_mm``."""
-        cell_mm = max(diameter_mm / VOTE_CELLS_PER_DIAMETER, least_mm)
-        corner = low - cell_mm
-        shape = np.ceil((high - corner) / cell_mm).astype(int) + 2
-        return cls(diameter_mm, corner, cell_mm, np.zeros(shape[::-1], dtype=np.uint8))
+        edge_mm = cell_mm(diameter_mm, least_mm)
+        corner = low - edge_mm
+        shape = np.ceil((high - corner) / edge_mm).astype(int) + 2
+        return cls(diameter_mm, corner, edge_mm, np.zeros(shape[::-1], dtype=np.uint8))
 
     def count(self, edges: Sequence[Edges], origins: FloatArray, steps: FloatArray, threshold: float) -> None:
         """Count the votes of a slab's ``edges``; by one thread, for two would write to the same cells.

@@ -6,8 +6,12 @@ import pytest
 
 from phantoms.scene import Part, Scene
 from phantoms.solids import sphere
+from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import RefusedError
-from ronnaplan.localization import Build, Size, common_diameter, proposal, sizes_seen
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization import Build, Size, common_diameter, proposal, size, sizes_seen
+from ronnaplan.localization.examine import Examined, Scan
+from ronnaplan.localization.size import commonest
 from tests.scans import balls, scan, small_stack
 
 PLACES = [(-14.3, -12.2, -3.1), (13.6, 11.7, 2.4), (15.1, -13.8, 5.3), (-13.0, 12.5, -6.0), (0.3, 0.8, 15.2)]
@@ -28,17 +32,54 @@ def test_too_few_balls_of_one_size_are_refused_with_what_there_is() -> None:
         common_diameter(scan(scene, small_stack()))
 
 
-def test_of_equally_common_sizes_the_expected_number_decides_or_both_are_proposed(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_of_equally_common_sizes_the_expected_number_decides_or_both_are_proposed() -> None:
     seen = (Size(11.5, 4), Size(9.0, 4), Size(5.0, 3))
-    monkeypatch.setattr("ronnaplan.localization.size.sizes_seen", lambda *_, **__: seen)
-    volume = scan(balls(PLACES[:1], 1.0), small_stack(matrix=16))
-    assert common_diameter(volume, expected=3) == 5.0
+    assert commonest(seen, expected=3) == 5.0
     with pytest.raises(
         RefusedError, match=r"try --diameter 11.5 or --diameter 9.0 or --diameter 11.5,9.0 for all"
     ):
-        common_diameter(volume)
+        commonest(seen, expected=None)
+
+
+CROWD = [(x, y, z) for x in (-16.0, 0.0, 16.0) for y in (-16.0, 0.0, 16.0) for z in (-7.0, 7.0)]
+
+
+def fitted_for(
+    monkeypatch: pytest.MonkeyPatch, volume: CTVolume, expected: int | None
+) -> tuple[float, list[float]]:
+    """Return the commonest diameter, and those that were fitted to know it."""
+    sizes_mm: list[float] = []
+
+    def counted(scan: Scan, center_mm: FloatArray, diameter_mm: float, marker: Build) -> Examined:
+        sizes_mm.append(round(diameter_mm))
+        return fit(scan, center_mm, diameter_mm, marker)
+
+    fit = size._fitted
+    with monkeypatch.context() as patched:
+        patched.setattr(size, "_fitted", counted)
+        return common_diameter(volume, expected), sizes_mm
+
+
+def test_what_cannot_change_the_commonest_size_is_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    volume = scan(balls(CROWD[:6], 9.0) + balls(CROWD[6:10], 5.0) + balls(CROWD[10:11], 13.0), small_stack())
+    common_mm, fitted_mm = fitted_for(monkeypatch, volume, None)
+    assert common_mm == pytest.approx(9.0, abs=0.03)
+    assert fitted_mm.count(9.0) == 6
+    assert fitted_mm.count(13.0) == 0
+    expected_mm, fitted_mm = fitted_for(monkeypatch, volume, 4)
+    assert expected_mm == pytest.approx(5.0, abs=0.03)
+    assert fitted_mm.count(5.0) == 4
+
+
+@pytest.mark.parametrize("more", [3, 4])
+def test_a_size_that_is_as_common_but_less_round_is_fitted_to_the_end(more: int) -> None:
+    scene = balls(CROWD[:3], 9.0) + balls(CROWD[4 : 4 + more], 5.0)
+    volume = scan(scene, small_stack())
+    if more > 3:
+        assert common_diameter(volume) == pytest.approx(5.0, abs=0.03)
+    else:
+        with pytest.raises(RefusedError, match="2 sizes of balls are equally common"):
+            common_diameter(volume)
 
 
 @pytest.mark.parametrize("stated_mm", [4.0, 11.5])
