@@ -28,6 +28,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.descent import residuals_and_jacobian
 from ronnaplan.localization.model import has_layer
+from ronnaplan.localization.neighbourhood import first_of_each
 from ronnaplan.localization.parameters import BACKGROUND, BLUR, CENTER, RADIUS, WIDTH, U, V, W
 from ronnaplan.localization.refine import refit
 from ronnaplan.localization.summed import (
@@ -182,7 +183,7 @@ def pictures_hu(beside: Beside, fit: BallFit) -> tuple[FloatArray, FloatArray]:
     places_mm = np.arange(-farthest_mm, farthest_mm + 2.0 * step_mm, step_mm)
     faded, slopes = _effects(beside, across_mm, step_mm)
 
-    slices, first = np.unique(around.slices, return_index=True)
+    first = first_of_each(around.slices)
     heights_mm = offsets_mm[first, W]
     chords = _chords(theta, heights_mm, across_mm)
     nearest = np.abs(beside.heights_mm - heights_mm[:, np.newaxis]).argmin(axis=1)
@@ -190,7 +191,7 @@ def pictures_hu(beside: Beside, fit: BallFit) -> tuple[FloatArray, FloatArray]:
         [chords[:, np.newaxis] * faded[nearest], -_slopes(chords, step_mm)[:, np.newaxis] * slopes[nearest]]
     )
     filtered = np.moveaxis(shadows @ _kernel(theta, places_mm, across_mm).T, 0, -1)
-    numbers = np.searchsorted(slices, around.slices)
+    numbers = np.searchsorted(around.slices[first], around.slices)
     pictures = _back_projected(offsets_mm, numbers, np.ascontiguousarray(filtered), places_mm)
     pictures *= 1000.0 / WATER_PER_MM * math.pi / VIEWS
     return pictures[0], pictures[1]

@@ -73,6 +73,11 @@ def gather(volume: CTVolume, center_mm: FloatArray, reach_mm: float, axes: Float
     return around if axes is grid.axes else _turned(around, axes, float(np.median(grid.spacings_mm)))
 
 
+def first_of_each(slices: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return where each slice's voxels begin among those of ``slices`` (N,): they come slice by slice."""
+    return np.flatnonzero(np.diff(slices, prepend=-1))
+
+
 def axes_along(axes: FloatArray, w: FloatArray | None) -> FloatArray:
     """Return ``axes`` (3, 3), turned as little as can be so that the last one is ``w`` (3,), if that is given."""
     if w is None:

@@ -18,7 +18,7 @@ import numpy as np
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.ball_fit import BallFit
-from ronnaplan.localization.neighbourhood import Neighbourhood
+from ronnaplan.localization.neighbourhood import Neighbourhood, first_of_each
 from ronnaplan.localization.parameters import BLUR, CONTRAST, EDGE, RADIUS, SHAPE, WIDTH, U, V, W, profile_half_mm
 
 WATER_PER_MM = 0.0195
@@ -76,7 +76,7 @@ def lost_hu(around: Neighbourhood, theta: FloatArray, slope_per_mm: float) -> Fl
 
     ``slope_per_mm`` says how much more of the logarithm all else takes for each mm of height.
     """
-    first = np.flatnonzero(np.diff(around.slices, prepend=-1))  # they come slice by slice
+    first = first_of_each(around.slices)
     from_axis_mm = np.hypot(around.offsets_mm[:, U] - theta[U], around.offsets_mm[:, V] - theta[V])
     radii_mm = np.linspace(0.0, float(from_axis_mm.max()), RADII)
     lost = _lost(around.offsets_mm[first, W] - theta[W], theta, slope_per_mm)

@@ -29,6 +29,7 @@ from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.cells import direction_cells
 from ronnaplan.localization.directions import cell_means, edge_depth
 from ronnaplan.localization.motion import LEAST_TOGETHER, Movement
+from ronnaplan.localization.neighbourhood import first_of_each
 from ronnaplan.localization.parameters import (
     BACKGROUND,
     BLUR,
@@ -274,7 +275,7 @@ def noise_level(fit: BallFit) -> float:
 def _slices(fit: BallFit) -> FloatArray:
     """Covariance (3, 3) from what each slice's residuals do to the center: slices of one tissue are not independent."""
     kept = np.flatnonzero(fit.used)
-    first = np.flatnonzero(np.diff(fit.neighbourhood.slices[kept], prepend=-1))  # they come slice by slice
+    first = first_of_each(fit.neighbourhood.slices[kept])
     told = fit.influence_mm_per_hu.take(kept, axis=0) * fit.residuals_hu.take(kept)[:, np.newaxis]
     sums = np.add.reduceat(told, first, axis=0)
     places_mm = fit.neighbourhood.offsets_mm[kept[first], W]
