@@ -82,12 +82,7 @@ def localize(
     judged = alike(distinct(one for one in examined if one.is_marker))
     markers = _from_the_top(together(scan, [one for one in judged if one.is_marker]))
     examined = [*(one for one in examined if not one.is_marker), *judged]
-    told = zip(markers, usual_profiles_mm(markers), moved(scan, markers), strict=True)
-    fiducials = [
-        _fiducial(f"F{number}", one, scan, profile_mm, has_moved=has_moved)
-        for number, (one, profile_mm, has_moved) in enumerate(told, start=1)
-    ]
-    rejected = _rejected(examined, markers)
+    fiducials, rejected = _numbered(scan, markers), _rejected(examined, markers)
     departure_mm = None
     if template is not None:
         fiducials, others = match_template(template, fiducials)
@@ -99,12 +94,12 @@ def localize(
         diameters,
         volume.source,
         volume.voxel_sha256,
-        scan.volume.flags,
-        marker,
-        volume.grid.thickness_mm,
-        departure_mm,
-        scan.profile_axis,
-        None if scan.summed == UNTOLD else scan.summed.first,
+        volume_flags=scan.volume.flags,
+        marker=marker,
+        stated_thickness_mm=volume.grid.thickness_mm,
+        distance_error_mm=departure_mm,
+        profile_axis=scan.profile_axis,
+        summed_first=None if scan.summed == UNTOLD else scan.summed.first,
     )
     _tell(result)
     require_count(result, expected, volume, progress)
@@ -196,6 +191,15 @@ def _check_size(scan: Scan, diameter_mm: float) -> None:
 def _from_the_top(markers: Iterable[Examined]) -> list[Examined]:
     """Sort markers from the top of the head down."""
     return sorted(markers, key=lambda one: tuple(-one.center_mm[::-1]))
+
+
+def _numbered(scan: Scan, markers: Sequence[Examined]) -> list[Fiducial]:
+    """Number the markers in their order, with what all of them together say of each one's profile and motion."""
+    told = zip(markers, usual_profiles_mm(markers), moved(scan, markers), strict=True)
+    return [
+        _fiducial(f"F{number}", one, scan, profile_mm, has_moved=has_moved)
+        for number, (one, profile_mm, has_moved) in enumerate(told, start=1)
+    ]
 
 
 def _rejected(examined: Iterable[Examined], markers: Sequence[Examined]) -> tuple[Rejected, ...]:
