@@ -17,6 +17,7 @@ from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.placement.clearances import place_trolley, posture_margins
 from ronnaplan.robot.placement.machine import Machine
+from ronnaplan.robot.placement.order import LESS, cheapest, shortest
 from ronnaplan.robot.placement.search import Problem
 from ronnaplan.robot.placement.serving import Served
 from ronnaplan.robot.placement.world import World
@@ -25,9 +26,6 @@ STEP_DEG = 2.0
 """Postures on a move are looked at this closely."""
 MOST_TURNS = 64
 """So many whole turns of a posture are tried, those nearest to the reference: all that six joints of two turns have."""
-LESS = 1e-9
-"""A way is shorter than another by more than this (degrees)."""
-
 
 Corner = tuple[str, FloatArray]
 
@@ -203,7 +201,7 @@ def _in_order(
     costs: list[list[float]] = cost.tolist()  # read far faster than an array, element by element
     order: list[int] = []
     for group in groups:
-        order += _shortest(costs, order[-1] if order else 0, [n + 1 for n in group])
+        order += shortest(costs, order[-1] if order else 0, [n + 1 for n in group])
     found = tuple(n - 1 for n in order)
     return _Tour(found, at, _through(moves, turned, found, at))
 
@@ -220,7 +218,7 @@ def _best_turns(moves: _Moves, turned: Sequence[FloatArray], tour: _Tour) -> tup
         for (a, b), (to_a, to_b) in zip(itertools.pairwise(layers), itertools.pairwise(around), strict=True)
     ]
     while True:
-        way = _cheapest(costs)
+        way = cheapest(costs)
         longer = False
         for k, (a, b) in enumerate(itertools.pairwise(way)):
             least = moves.least(layers[k][a], layers[k + 1][b])
@@ -232,17 +230,6 @@ def _best_turns(moves: _Moves, turned: Sequence[FloatArray], tour: _Tour) -> tup
     for n, choice in zip(tour.order, way[1:-1], strict=True):
         at[n] = choice
     return tuple(at)
-
-
-def _cheapest(costs: Sequence[FloatArray]) -> list[int]:
-    """Return the way of least cost through layers, from the only place of the first to the only one of the last."""
-    left = [np.zeros(1)]
-    for cost in reversed(costs):
-        left.append((cost + left[-1]).min(axis=1))
-    way = [0]
-    for cost, ahead in zip(costs, left[-2::-1], strict=True):
-        way.append(int((cost[way[-1]] + ahead).argmin()))
-    return way
 
 
 def _through(moves: _Moves, turned: Sequence[FloatArray], order: Sequence[int], at: Sequence[int]) -> float:
@@ -272,50 +259,3 @@ def is_free(
         if away < world.needs[2]:
             return False
     return True
-
-
-def _shortest(cost: Sequence[Sequence[float]], start: int, group: list[int]) -> list[int]:
-    """Return ``group`` in the order of least cost from ``start``: nearest first from every one, parts then reversed."""
-    best: list[int] = []
-    least = np.inf
-    for first in group:
-        order, left = [first], set(group) - {first}
-        while left:
-            nearest = min(left, key=lambda n: (cost[order[-1]][n], n))
-            order.append(nearest)
-            left.remove(nearest)
-        order = _reversed_parts(cost, start, order)
-        total = _length(cost, start, order)
-        if total < least:
-            best, least = order, total
-    return best
-
-
-def _reversed_parts(cost: Sequence[Sequence[float]], start: int, order: list[int]) -> list[int]:
-    """Reverse or move parts of ``order`` as long as that shortens it."""
-    length, better = _length(cost, start, order), True
-    while better:
-        better = False
-        for a in range(len(order)):
-            for b in range(a + 1, len(order) + 1):
-                part, rest = order[a:b], order[:a] + order[b:]
-                others = [order[:a] + part[::-1] + order[b:]]
-                others += [rest[:c] + part + rest[c:] for c in range(len(rest) + 1)] if b - a <= 3 else []
-                for other in others:
-                    total = _length(cost, start, other)
-                    if total < length - 1e-9:
-                        order, length, better = other, total, True
-                        break
-                if better:
-                    break
-            if better:
-                break
-    return order
-
-
-def _length(cost: Sequence[Sequence[float]], start: int, order: list[int]) -> float:
-    length, here = 0.0, start
-    for there in order:
-        length += cost[here][there]
-        here = there
-    return length
