@@ -266,15 +266,15 @@ def _place(found: Placement, place: Place) -> dict[str, Any]:
 def _robot(arm: SerialArm, room: Room, place: Place) -> dict[str, Any]:
     """Return the robot at ``place`` as capsules and boxes of the room."""
     from ronnaplan.robot.arm.forward import link_frames
-    from ronnaplan.robot.arm.wrist import center_mm, shoulder_mm, stretched_mm
-    from ronnaplan.robot.placement.machine import machine_of
+    from ronnaplan.robot.arm.wrist import center_mm, shoulder_mm, stretched_mm, wrist_of
+    from ronnaplan.robot.placement.machine import bodies_of
 
-    machine = machine_of(arm, room)
-    wrist = machine.wrist
+    wrist = wrist_of(arm)
     frames = place.room_from_r @ link_frames(arm, np.radians(place.route.reference_deg)[None])[0]
     tool_mm = float(np.linalg.norm(np.array(room.tool.start_mm) - center_mm(wrist)))
     rows = []
-    for link, row in zip(machine.links, machine.bodies, strict=True):
+    links, bodies, _ = bodies_of(arm, room)
+    for link, row in zip(links, bodies, strict=True):
         ends = transform_points(frames[link], row[:6].reshape(2, 3))
         rows.append(np.array([*ends.ravel(), row[6]]))
     turn = float(np.degrees(np.arctan2(place.room_from_r[1, 0], place.room_from_r[0, 0])))

@@ -59,6 +59,35 @@ def machine_of(arm: SerialArm, room: Room) -> Machine:
     """
     wrist = wrist_of(arm)
     _require_posture(arm, room.reference_deg)
+    links, bodies, tool_from = bodies_of(arm, room)
+    marker = np.zeros((2, 3))
+    if room.tool.marker is not None:
+        marker[0] = arm.flange[:3, :3] @ np.array(room.tool.marker.at_mm) + arm.flange[:3, 3]
+        marker[1] = arm.flange[:3, :3] @ unit(room.tool.marker.normal)
+    machine = Machine(
+        wrist,
+        np.ascontiguousarray(arm.origins),
+        np.ascontiguousarray(arm.axes),
+        links,
+        bodies,
+        tool_from,
+        np.where(links[:, None] - links >= CLEAR_LINKS, CLEAR, FREE).astype(np.int8),
+        box_rows(room.floor.trolley),
+        marker,
+    )
+    tool = slice(tool_from, None), slice(tool_from)
+    low, high = wrist.limits.T
+    postures = np.random.default_rng(0).uniform(low, high, (SAMPLED, len(low)))
+    parted = tool_distances(machine, postures).max(axis=0) >= PARTED_MM
+    machine.kept[tool][parted & (machine.kept[tool] == FREE)] = APART
+    return machine
+
+
+def bodies_of(arm: SerialArm, room: Room) -> tuple[NDArray[np.int64], FloatArray, int]:
+    """Return the links (K,) of all bodies, these in their links' frames (K, 7), and from which on they are the tool's.
+
+    Raises `InputError` for an arm that has none.
+    """
     of_links = [
         (body.link, np.array([*body.start_mm, *body.end_mm, body.radius_mm]))
         for body in clad(arm, room.arm_bodies).bodies
@@ -68,29 +97,8 @@ def machine_of(arm: SerialArm, room: Room) -> Machine:
             f"the links of {arm.name} have no simple shapes; state capsules as [[arm_body]] in the room"
         )
     carried = [(len(arm), _moved(arm.flange, capsule_row(one))) for one in room.tool.bodies]
-    marker = np.zeros((2, 3))
-    if room.tool.marker is not None:
-        marker[0] = arm.flange[:3, :3] @ np.array(room.tool.marker.at_mm) + arm.flange[:3, 3]
-        marker[1] = arm.flange[:3, :3] @ unit(room.tool.marker.normal)
-    every = of_links + carried
-    links = np.array([link for link, _ in every], dtype=np.int64)
-    machine = Machine(
-        wrist,
-        np.ascontiguousarray(arm.origins),
-        np.ascontiguousarray(arm.axes),
-        links,
-        np.array([row for _, row in every]),
-        len(of_links),
-        np.where(links[:, None] - links >= CLEAR_LINKS, CLEAR, FREE).astype(np.int8),
-        box_rows(room.floor.trolley),
-        marker,
-    )
-    tool = slice(len(of_links), None), slice(len(of_links))
-    low, high = wrist.limits.T
-    postures = np.random.default_rng(0).uniform(low, high, (SAMPLED, len(low)))
-    parted = tool_distances(machine, postures).max(axis=0) >= PARTED_MM
-    machine.kept[tool][parted & (machine.kept[tool] == FREE)] = APART
-    return machine
+    links, rows = zip(*of_links, *carried, strict=True)
+    return np.array(links, dtype=np.int64), np.array(rows), len(of_links)
 
 
 def clad(arm: SerialArm, told: Sequence[tuple[int, Capsule]]) -> SerialArm:
