@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, FiniteFloat, SerializerFunctionWrapHandler, model_serializer, model_validator
@@ -81,8 +81,21 @@ class RobotEntry(DocumentModel):
     """Of the arm stretched, from its first axis to where an instrument leaves its holder."""
 
 
-class PlaceEntry(DocumentModel):
+class _Grown(DocumentModel):
+    """What has fields, the ``newer`` ones, that older readers do not know: where empty they are not written."""
+
+    newer: ClassVar[tuple[str, ...]]
+
+    @model_serializer(mode="wrap")
+    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        content: dict[str, Any] = write(self)
+        return {key: value for key, value in content.items() if value or key not in self.newer}
+
+
+class PlaceEntry(_Grown):
     """One base: R from CT and room from R, mm, and all it does."""
+
+    newer = ("near",)
 
     r_from_ct: Matrix4
     room_from_r: Matrix4
@@ -106,12 +119,6 @@ class PlaceEntry(DocumentModel):
             raise ValueError(f"worst_margin_deg is {self.worst_margin_deg:g}, but the tasks say {least:g}")
         return self
 
-    @model_serializer(mode="wrap")
-    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out what older readers do not know where nothing comes near."""
-        content: dict[str, Any] = write(self)
-        return content if self.near else {key: content[key] for key in content if key != "near"}
-
 
 class ParkingEntry(DocumentModel):
     """What the probabilities rest on: one standard deviation each."""
@@ -127,12 +134,14 @@ class HeldEntry(DocumentModel):
     angle_deg: Degrees
 
 
-class PlacementDocument(DocumentModel):
+class PlacementDocument(_Grown):
     """The whole of placement.json, version 1.
 
     Where joints are held, angles are those of the six ``joints`` that turn, and each of ``held`` stays at its own.
     Otherwise neither is written, and the angles are those of all joints in their order.
     """
+
+    newer = ("joints", "held")
 
     format: Literal["ronnaplan.placement"]
     version: Literal[1]
@@ -160,12 +169,6 @@ class PlacementDocument(DocumentModel):
             raise ValueError("joints that turn and joints that are held do not stand together")
         require_different_names("joints", [*(self.joints or ()), *(one.joint for one in self.held)])
         return self
-
-    @model_serializer(mode="wrap")
-    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out what older readers do not know where nothing is held."""
-        content: dict[str, Any] = write(self)
-        return content if self.held else {key: content[key] for key in content if key not in ("joints", "held")}
 
     @property
     def arm_text(self) -> str:
