@@ -9,6 +9,7 @@ are added.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,17 @@ MOST_LISTED = 2048
 
 MOST_VISITED = 8_000
 """More cliques than this (about 10 ms): the list is given up, and poses are searched instead."""
+
+
+class Listed(NamedTuple):
+    """Room for the pairings that are listed, for the kernels: as many as have been found count."""
+
+    log_evidence: FloatArray
+    chi2: FloatArray
+    partners: NDArray[np.int16]
+    """Of each CT point in each pairing, -1 for none."""
+    lost: FloatArray
+    """The highest log evidence that was given up (1,)."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -134,49 +146,40 @@ def count_rows(bits: NDArray[np.uint64], node_i: IntArray, seen: NDArray[np.bool
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def keep_listed(log_evidence: FloatArray, chi2: FloatArray, partners: NDArray[np.int16], floor: float) -> int:
-    """Move the entries above ``floor`` to the front; return their number."""
+def keep_listed(listed: Listed, found: int, floor: float) -> int:
+    """Move those of the pairings ``found`` that are above ``floor`` to the front; return their number."""
     kept = 0
-    for a in range(len(log_evidence)):
-        if log_evidence[a] >= floor:
-            log_evidence[kept], chi2[kept] = log_evidence[a], chi2[a]
-            partners[kept] = partners[a]
+    for a in range(found):
+        if listed.log_evidence[a] >= floor:
+            listed.log_evidence[kept], listed.chi2[kept] = listed.log_evidence[a], listed.chi2[a]
+            listed.partners[kept] = listed.partners[a]
             kept += 1
     return kept
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def enter(
-    log_evidence: FloatArray,
-    chi2: FloatArray,
-    partners: NDArray[np.int16],
-    found: int,
-    here: float,
-    its_chi2: float,
-    floor: float,
-    lost: FloatArray,
-    i: IntArray,
-    j: IntArray,
-    size: int,
+    listed: Listed, found: int, here: float, its_chi2: float, floor: float, i: IntArray, j: IntArray, size: int
 ) -> int:
-    """Add a pairing above ``floor`` to the list; return the new length.
+    """Add a pairing above ``floor`` to those ``found``; return how many there are then.
 
-    A full list gives up its lower half; ``lost[0]`` remembers the highest log evidence given up.
+    A full list gives up its lower half.
     """
+    lost = listed.lost
     if here < floor or here <= lost[0]:
         return found
     if found == MOST_LISTED:
-        middle = max(floor, np.median(log_evidence))
-        for value in log_evidence:
+        middle = max(floor, np.median(listed.log_evidence))
+        for value in listed.log_evidence:
             if floor <= value < middle:
                 lost[0] = max(lost[0], value)
-        found = keep_listed(log_evidence, chi2, partners, middle)
+        found = keep_listed(listed, found, middle)
     if found == MOST_LISTED:
         lost[0] = max(lost[0], here)
         return found
-    log_evidence[found], chi2[found], partners[found] = here, its_chi2, -1
+    listed.log_evidence[found], listed.chi2[found], listed.partners[found] = here, its_chi2, -1
     for a in range(size):
-        partners[found, i[a]] = j[a]
+        listed.partners[found, i[a]] = j[a]
     return found + 1
 
 
@@ -246,18 +249,14 @@ def search(
     i, j = np.zeros(most + 1, np.int64), np.zeros(most + 1, np.int64)
     candidates = np.zeros((most + 2, adjacent.shape[1]), np.uint64)
     candidates[given] = start_from_known(known, node_i, node_j, adjacent, i, j)
-    log_evidence, chi2, partners = (
-        np.empty(MOST_LISTED),
-        np.empty(MOST_LISTED),
-        np.empty((MOST_LISTED, n), np.int16),
-    )
-    seen = np.zeros(n, np.bool_)
-    found, visited, lost = 0, 0, np.full(1, -np.inf)
+    partners, lost = np.empty((MOST_LISTED, n), np.int16), np.full(1, -np.inf)
+    listed = Listed(np.empty(MOST_LISTED), np.empty(MOST_LISTED), partners, lost)
+    found, visited, seen = 0, 0, np.zeros(n, np.bool_)
     least = np.argmax(np.isfinite(constants))
     if given >= LEAST_PAIRS:
         here, misfit, _ = weigh((ct, ots), weight, node_value, constants, i, j, given, given, spread)
         best = max(best, here)
-        found = enter(log_evidence, chi2, partners, 0, here, misfit, best - nats, lost, i, j, given)
+        found = enter(listed, 0, here, misfit, best - nats, i, j, given)
     depth = given
     while depth >= given:
         node = pop_first(candidates[depth])
@@ -276,13 +275,13 @@ def search(
             best = max(best, here)
             if bound < best - nats:
                 continue
-            found = enter(log_evidence, chi2, partners, found, here, misfit, best - nats, lost, i, j, size)
+            found = enter(listed, found, here, misfit, best - nats, i, j, size)
             if visited > MOST_VISITED:
                 break
         depth = size
-    found = keep_listed(log_evidence[:found], chi2[:found], partners[:found], best - nats)
+    found = keep_listed(listed, found, best - nats)
     complete = visited <= MOST_VISITED and (found == 0 or lost[0] < best - nats)
-    return log_evidence[:found], chi2[:found], partners[:found], complete
+    return listed.log_evidence[:found], listed.chi2[:found], partners[:found], complete
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
