@@ -93,7 +93,7 @@ class SerialArm:
             if not least < greatest:
                 raise InputError(
                     f"joint {joint} of {self.name} has the limits {least:g} to {greatest:g} rad; expected the lower "
-                    "one first"
+                    "one first, and room between them"
                 )
         self._require_bodies()
         if np.abs(self.origins[:, :3, 3]).max() > LARGEST_ARM_MM:

@@ -27,6 +27,7 @@ from ronnaplan.robot.arm.urdf_elements import (
     name_of,
     origin_of,
     parsed,
+    place_of,
 )
 from ronnaplan.untrusted import read_whole
 
@@ -71,7 +72,7 @@ def _arm(root: ElementTree.Element, tip: str | None) -> UrdfArm:
     before = np.eye(4)
     place: dict[str, tuple[int, FloatArray]] = {chain[0].parent: (0, before)}
     for joint in chain:
-        before = before @ origin_of(joint.element)
+        before = before @ place_of(joint)
         if joint.turns:
             origins.append(before)
             axes.append(axis_of(joint))
@@ -122,7 +123,7 @@ def _require_turning(chain: list[Joint]) -> None:
             kind = "mimics another" if mimics else f"is {joint.kind}"
             raise InputError(
                 f"joint {joint.name} {kind}; only joints that turn can be planned with: name the flange as "
-                "the tip where it comes before"
+                "the tip where it comes before, or call the joint fixed where it stays"
             )
 
 
@@ -196,7 +197,7 @@ def _with_fixed(
         number, frame = found[parent]
         for joint in fixed.get(parent, ()):
             if joint.child not in found:
-                found[joint.child] = number, frame @ origin_of(joint.element)
+                found[joint.child] = number, frame @ place_of(joint)
                 todo.append(joint.child)
     return found
 
@@ -220,7 +221,7 @@ def _bodies(
 
 def _body(name: str, number: int, frame: FloatArray, shape: ElementTree.Element) -> Body | None:
     """Return the capsule about a cylinder, sphere or box; None for a mesh."""
-    placed = frame @ origin_of(shape)
+    placed = frame @ origin_of(shape, f"a shape of link {name}")
     geometry = shape.find("geometry")
     for kind in geometry if geometry is not None else ():
         told = f"the {kind.tag} of link {name}"

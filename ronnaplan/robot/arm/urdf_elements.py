@@ -18,8 +18,12 @@ CONTINUOUS_RAD = 2 * np.pi
 """A joint that turns without end is given a turn either way."""
 LARGEST_LIMIT_RAD = 4 * np.pi
 """No joint of an arm turns further either way; limits beyond are in degrees."""
+LARGEST_TURN_RAD = 4 * np.pi
+"""No description turns a frame further; rpy beyond are in degrees."""
 LARGEST_NUMBER = 1e6
-"""No length in metres, no angle in rad and no part of an axis is larger; nor is an axis shorter than one over it."""
+"""No part of an axis is larger, nor is an axis shorter than one over it."""
+PLACED_BY = frozenset({"xyz", "rpy"})
+"""What is read of an origin; newer descriptions may turn it otherwise, too (``quat_xyzw``)."""
 TURNING = ("revolute", "continuous")
 EXPECTED = "the URDF description of an arm"
 
@@ -50,7 +54,7 @@ def parsed(content: bytes, name: str) -> ElementTree.Element:
         raise InputError(
             f"{name} is not written in UTF-8 ({error}); expected {EXPECTED}, save it as UTF-8"
         ) from error
-    if "<!" in text.replace("<!--", ""):
+    if "<!" in text.replace("<!--", "").replace("<![CDATA[", ""):
         raise InputError(f"{name} declares a document type or entities; expected {EXPECTED} without them")
     try:
         root = ElementTree.fromstring(text)
@@ -111,21 +115,35 @@ def _named_link(element: ElementTree.Element, end: str, joint: str, links: dict[
     return link
 
 
-def origin_of(element: ElementTree.Element) -> FloatArray:
-    """Return the pose (4, 4), in mm, at which an element stands in what holds it."""
+def place_of(joint: Joint) -> FloatArray:
+    """Return a joint's frame (4, 4) in the link that it hangs on, at angle zero."""
+    return origin_of(joint.element, f"joint {joint.name}")
+
+
+def origin_of(element: ElementTree.Element, of: str) -> FloatArray:
+    """Return the pose (4, 4) that an element states; raises ValueError or `InputError` that says ``of`` what."""
     from scipy.spatial.transform import Rotation
 
     origin = element.find("origin")
     given = {} if origin is None else origin.attrib
-    turn = Rotation.from_euler("xyz", _numbers(given.get("rpy", "0 0 0"))).as_matrix()
-    return rigid(turn, MM * _numbers(given.get("xyz", "0 0 0")))
+    others = sorted(set(given) - PLACED_BY)
+    if others:
+        raise InputError(
+            f"the origin of {of} has {', '.join(map(repr, others))}, which is not read; expected xyz and rpy"
+        )
+    place_m, turn_rad = (_numbers(given.get(key, "0 0 0"), f"{key} of {of}") for key in ("xyz", "rpy"))
+    if np.abs(place_m).max() * MM > LARGEST_ARM_MM:
+        raise InputError(f"{of} has the origin {given['xyz']!r} m; is it in mm? Expected metres")
+    if np.abs(turn_rad).max() > LARGEST_TURN_RAD:
+        raise InputError(f"{of} is turned by rpy {given['rpy']!r} rad; is it in degrees? Expected radians")
+    return rigid(Rotation.from_euler("xyz", turn_rad).as_matrix(), MM * place_m)
 
 
 def axis_of(joint: Joint) -> FloatArray:
     """Return the direction (3,) about which a joint turns; raises `InputError` for one that points nowhere."""
     axis = joint.element.find("axis")
     told = "1 0 0" if axis is None else attribute(axis, "xyz", f"the axis of joint {joint.name}")
-    direction = _numbers(told)
+    direction = _numbers(told, f"the axis of joint {joint.name}")
     if np.linalg.norm(direction) < 1 / LARGEST_NUMBER:
         raise InputError(f"joint {joint.name} has the axis '{told}'; expected one that points somewhere")
     return unit(direction)
@@ -173,9 +191,9 @@ def length_mm(text: str) -> float:
     return MM * length_m
 
 
-def _numbers(text: str) -> FloatArray:
+def _numbers(text: str, of: str) -> FloatArray:
     numbers = [plain_number(one) for one in text.split()]
     kept = [one for one in numbers if one is not None and abs(one) <= LARGEST_NUMBER]
     if len(numbers) != 3 or len(kept) != 3:
-        raise ValueError(f"'{text}' are no three numbers of up to {LARGEST_NUMBER:g}")
+        raise ValueError(f"{of}: '{text}' are no three numbers of up to {LARGEST_NUMBER:g}")
     return np.array(kept)

@@ -98,7 +98,9 @@ def test_what_slides_within_the_arm_is_refused_and_what_slides_at_its_end_is_not
     jaw = '<link name="jaw"/><joint name="grip" type="prismatic"><parent link="plate"/><child link="jaw"/></joint>'
     (tmp_path / "arm.urdf").write_text(bare.replace("</robot>", f"{jaw}</robot>"))
     assert len(read_urdf(tmp_path / "arm.urdf", tip="plate").arm) == 6
-    with pytest.raises(InputError, match=r"joint grip is prismatic.*name the flange as the tip"):
+    with pytest.raises(
+        InputError, match=r"joint grip is prismatic.*name the flange as the tip.*or call the joint fixed"
+    ):
         read_urdf(tmp_path / "arm.urdf", tip="jaw")
 
 
@@ -138,7 +140,23 @@ def test_what_slides_within_the_arm_is_refused_and_what_slides_at_its_end_is_not
         ('lower="-2.9670597283903604"', 'lower="-170"', "A1 has the limits -170 .* in degrees"),
         ('<limit lower="-2.9670597283903604" upper="2.9670597283903604"/>', "", "A1 has no limits"),
         ('xyz="0 0 0.4"', 'xyz="0 0 nan"', "no three numbers"),
-        ('xyz="0 0 0.4"', 'xyz="0 0 400"', "longer than"),
+        ('xyz="0 0 0.4"', 'xyz="0 0 400"', r"joint A1 has the origin '0 0 400' m; is it in mm\? Expected metres"),
+        (
+            'xyz="0 0 0.4"',
+            'xyz="0 0 0.4" rpy="0 90 0"',
+            r"joint A1 is turned by rpy '0 90 0' rad; is it in degrees",
+        ),
+        (
+            'xyz="0 0 0.4"',
+            'xyz="0 0 0.4" quat_xyzw="0 0 0 1"',
+            "the origin of joint A1 has 'quat_xyzw', which is not",
+        ),
+        ('xyz="0 0 0.4"', 'xyz="0 0 0.4" rpy="0 pi 0"', "rpy of joint A1: '0 pi 0' are no three numbers"),
+        (
+            'lower="-2.9670597283903604" upper="2.9670597283903604"',
+            'lower="0" upper="0"',
+            "joint A1 of kr6 has the limits 0 to 0 rad; .* room between them",
+        ),
         ('radius="0.06"', 'radius="nan"', "has the size nan m"),
         ('radius="0.06"', 'radius="-0.06"', "has the size -0.06 m"),
         ('<child link="l1"/>', "", "is damaged"),
@@ -184,6 +202,11 @@ def test_a_joint_to_a_link_that_is_not_there_is_named_where_the_chain_goes_by_it
     )
     with pytest.raises(InputError, match=r"joint j1 names the child 'l1', but there is no such link; correct"):
         read_urdf(tmp_path / "arm.urdf")
+
+
+def test_text_of_a_simulators_plugin_may_be_marked_as_text(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(KR6.replace("</robot>", "<gazebo><![CDATA[a < b]]></gazebo></robot>"))
+    assert len(read_urdf(tmp_path / "arm.urdf").arm) == 6
 
 
 def test_a_comment_may_hold_what_xacro_would_have_replaced(tmp_path: Path) -> None:
