@@ -71,10 +71,11 @@ def read_looks(arguments: argparse.Namespace) -> tuple[dict[int, ImagePair], Flo
     """Return the looks, the robot's pose (4, 4) at each, and what is to be told of the recording."""
     from ronnaplan.errors import InputError
     from ronnaplan.robot.images import read_pairs
-    from ronnaplan.robot.recorded import simultaneous, tool_poses
+    from ronnaplan.robot.recorded import require_numbered, simultaneous, tool_poses
     from ronnaplan.tracking import read_recording
 
     looks, robot = read_pairs(arguments.looks), read_recording(arguments.robot)
+    require_numbered(robot)
     driven = tool_poses(robot)
     lacking = next((frame for frame in looks if frame not in driven), None)
     if lacking is not None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 
 from ronnaplan.errors import InputError, RefusedError
@@ -28,27 +30,41 @@ def tool_poses(recording: Recording, tool: str | None = None) -> dict[int, Float
     """
     names = recording.tool_names
     if tool is None and len(names) != 1:
-        told = f"the tools {', '.join(names)}; name one" if names else "no poses; expected those of a tool"
-        raise InputError(f"{recording.source} holds {told}")
+        held = f"the tools {', '.join(names)}; name one" if names else "no poses; expected those of a tool"
+        raise InputError(f"{recording.source} holds {held}")
     name = names[0] if tool is None else tool
     if name not in names:
         raise InputError(f"{recording.source} has no tool '{name}'; it has {', '.join(names) or 'none'}")
+    told = name or "the tool"
     found: dict[int, FloatArray] = {}
     for reading in recording.tools:
         if reading.tool != name or not reading.usable or reading.matrix is None:
             continue
         if reading.frame in found:
-            raise InputError(f"{recording.source} has two poses of {name} in frame {reading.frame}; expected one")
+            raise InputError(f"{recording.source} has two poses of {told} in frame {reading.frame}; expected one")
         found[reading.frame] = reading.matrix
     if not found:
-        raise InputError(f"{recording.source} has no usable pose of {name}; record it again")
+        said = Counter(reading.status for reading in recording.tools if reading.tool == name).most_common(1)[0][0]
+        raise InputError(
+            f"{recording.source} has no usable pose of {told}, most readings say '{said}'; record it again, or correct "
+            "its numbers (a decimal comma needs ';' between the columns)"
+        )
     farthest_mm = max(float(np.linalg.norm(matrix[:3, 3])) for matrix in found.values())
     if farthest_mm < NEAREST_MM:
         raise InputError(
-            f"{recording.source} has {name} within {farthest_mm:.2g} mm of the origin in every pose, as if it were in "
+            f"{recording.source} has {told} within {farthest_mm:.2g} mm of the origin in every pose, as if it were in "
             "metres; expected mm"
         )
     return found
+
+
+def require_numbered(recording: Recording) -> None:
+    """Raise `InputError` where the source numbers no frames: their order does not say what belongs together."""
+    if not recording.numbered:
+        raise InputError(
+            f"{recording.source} does not number its poses; expected the number of its moment with each, in a column "
+            "'frame', for nothing is paired by its order"
+        )
 
 
 def simultaneous(

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
+from collections import Counter
 from collections.abc import Mapping, Set
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -49,9 +51,10 @@ def read_csv(path: Path) -> Recording:
 
     ``frame`` is the tracker's frame number; words there name the coordinate frame, which must be one for all rows
     (`FrameMismatchError`). ``kind`` says whether a row is a point or a tool's pose; without it, a row with any of q0,
-    qx, qy, qz is a pose, and so is each row with the label of one. Rows without a position are kept, flagged. Raises
-    `InputError` for a file without a header or without x, y, z, with two columns of one name, with a row longer than
-    the header, or with a frame number that is not whole.
+    qx, qy, qz is a pose, and so is each row with the label of one. Without ``frame`` all points are of one frame, and
+    each tool's poses are counted. Rows without a position are kept, flagged. Raises `InputError` for a file without a
+    header or without x, y, z, with a part of a quaternion, with two columns of one name, with a row longer than the
+    header, or with a frame number that is not whole.
     """
     header, rows, delimiter = read_rows(path)
     missing = [axis for axis in "xyz" if axis not in header]
@@ -60,6 +63,12 @@ def read_csv(path: Path) -> Recording:
             f"{path} has columns {', '.join(header)} but no {', '.join(missing)}; expected x, y, z in mm"
         )
     require_table(path, header, rows)
+    parts = [name for name in QUATERNION_NAMES if name in header]
+    if parts and len(parts) < len(QUATERNION_NAMES):
+        raise InputError(
+            f"{path} has {', '.join(parts)} of a quaternion; expected all of {', '.join(QUATERNION_NAMES)}, q0 (or qw) "
+            "its scalar"
+        )
     unknown = [name for name in header if name.startswith("sigma") and name != "sigma"]
     if unknown:
         raise InputError(
@@ -68,15 +77,18 @@ def read_csv(path: Path) -> Recording:
     cells = [dict(zip(header, row, strict=False)) for row in rows]
     frame = _coordinate_frame(path, cells, delimiter)
     poses = {_label(row) for row in cells if any(row.get(name, "").strip() for name in QUATERNION_NAMES)} - {""}
+    numbered = any(number(row.get("frame", ""), delimiter) is not None for row in cells)
     points: list[PointReading] = []
     tools: list[ToolReading] = []
+    counts: Counter[str] = Counter()
     for row in cells:
         reading = _reading(path, row, delimiter, poses)
-        if isinstance(reading, ToolReading):
-            tools.append(reading)
-        else:
+        if isinstance(reading, PointReading):
             points.append(reading)
-    return Recording(str(path), tuple(points), tuple(tools), frame)
+            continue
+        tools.append(reading if numbered else replace(reading, frame=counts[reading.tool]))
+        counts[reading.tool] += 1
+    return Recording(str(path), tuple(points), tuple(tools), frame, numbered=numbered)
 
 
 def write_csv(recording: Recording) -> str:

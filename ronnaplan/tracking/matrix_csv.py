@@ -43,7 +43,7 @@ def read_matrices(path: Path) -> Recording:
         reading, excess = tool_reading(frame, tool, matrix, time_s, stated_status(cells))
         tools.append(reading)
         excesses.append(excess)
-    return Recording(str(path), tools=tuple(tools), notes=rounding_notes(excesses))
+    return Recording(str(path), tools=tuple(tools), notes=rounding_notes(excesses), numbered="frame" in header)
 
 
 def _names(first: int) -> list[str]:

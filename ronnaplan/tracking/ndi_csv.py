@@ -19,6 +19,7 @@ from ronnaplan.tracking.tables import frame_number, number, read_rows
 
 POSE = ("q0", "qx", "qy", "qz", "tx", "ty", "tz")
 POSITION = ("tx", "ty", "tz")
+FRAMES = frozenset({"frame", "frame_number"})
 FACE_STATES = frozenset({"ok", "enabled", "valid", "partially_out_of_volume"})
 
 
@@ -55,7 +56,7 @@ def read_ndi(path: Path) -> Recording:
         for number_in_line, (column, owner) in enumerate(_markers(layout, header, row)):
             tool = seen[owner] if owner >= 0 else None
             points.append(cells.marker(column, tool, number_in_line))
-    return Recording(str(path), tuple(points), tuple(tools))
+    return Recording(str(path), tuple(points), tuple(tools), numbered=not FRAMES.isdisjoint(header))
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ class _Row:
 
     @property
     def frame(self) -> int:
-        cell = self.text(next((k for k, name in enumerate(self.header) if name in ("frame", "frame_number")), -1))
+        cell = self.text(next((k for k, name in enumerate(self.header) if name in FRAMES), -1))
         return frame_number(self.path, cell, self.delimiter, self.index)
 
     @property

@@ -89,6 +89,8 @@ class Recording:
     frame: Frame = field(default=OTS)
     notes: tuple[str, ...] = ()
     """What the reader met and a person should know, one sentence each."""
+    numbered: bool = True
+    """Whether the source numbers its frames; where it does not, readings are counted, and none belong to another's."""
     end: StreamEnd | None = None
     """Why there will be no more of a stream; its last note says it at length. None for a file, or a time that is up."""
 

@@ -45,7 +45,10 @@ def read_text(path: Path) -> str:
     try:
         text = content.decode("utf-16" if content.startswith(marks) else "utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path} is not a text file; expected tracker readings") from error
+        raise InputError(
+            f"{path} is not a text file in UTF-8, nor in UTF-16 with its mark; expected tracker readings, save them as "
+            "'CSV UTF-8'"
+        ) from error
     if "\0" in text:
         raise InputError(f"{path} is not a text file, it holds null characters; expected tracker readings")
     return text
@@ -137,9 +140,12 @@ def column_name(cell: str) -> str:
 
     >>> column_name(" X (mm)"), column_name("Frame#"), column_name("sigma_mm"), column_name("time_s")
     ('x', 'frame', 'sigma', 'time')
+
+    A quaternion's scalar has two names that mean the same: ``"qw"`` becomes ``"q0"``.
     """
     bare = re.sub(r"[\[(].*?[\])]", "", cell).replace("#", "").strip().lower()
-    return re.sub(r"_(mm|s)$", "", bare.replace(" ", "_")).strip("_")
+    name = re.sub(r"_(mm|s)$", "", bare.replace(" ", "_")).strip("_")
+    return "q0" if name == "qw" else name
 
 
 def number(cell: str, delimiter: str = ",") -> float | None:

@@ -11,7 +11,14 @@ from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import Points
 from ronnaplan.robot.chain import M
 from ronnaplan.robot.images import read_pairs
-from ronnaplan.robot.recorded import resting_matrix, robot_pose, seen_tool, simultaneous, tool_poses
+from ronnaplan.robot.recorded import (
+    require_numbered,
+    resting_matrix,
+    robot_pose,
+    seen_tool,
+    simultaneous,
+    tool_poses,
+)
 from ronnaplan.tracking import PointReading, Recording, ToolReading
 
 SPHERES = np.array([[0.0, 60, 0], [45, 0, 0], [0, -75, 0], [-90, 0, 0]])
@@ -39,6 +46,12 @@ def test_poses_are_paired_by_their_frame_and_no_other_way() -> None:
         simultaneous({0: placed(0)}, {1: placed(1)})
 
 
+def test_poses_that_are_only_counted_belong_to_no_others() -> None:
+    require_numbered(Recording("r"))
+    with pytest.raises(InputError, match=r"r does not number its poses; expected .* in a column 'frame'"):
+        require_numbered(Recording("r", numbered=False))
+
+
 def test_a_tool_that_is_not_told_is_not_guessed() -> None:
     two = recording((0, "a", placed(0)), (0, "b", placed(1)))
     with pytest.raises(InputError, match="the tools a, b; name one"):
@@ -48,8 +61,11 @@ def test_a_tool_that_is_not_told_is_not_guessed() -> None:
         tool_poses(two, "c")
     with pytest.raises(InputError, match="two poses of a in frame 0"):
         tool_poses(recording((0, "a", placed(0)), (0, "a", placed(1))))
-    with pytest.raises(InputError, match="no usable pose"):
-        tool_poses(recording((0, "a", None)))
+    missing = Recording("r", tools=(ToolReading(0, "", None, status="missing"),))
+    with pytest.raises(
+        InputError, match="no usable pose of the tool, most readings say 'missing'; record it again"
+    ):
+        tool_poses(missing)
 
 
 def test_poses_in_metres_are_no_poses_in_mm() -> None:

@@ -158,3 +158,30 @@ def test_csv_as_a_spreadsheet_saves_it_in_utf_16(tmp_path: Path, encoding: str) 
     path.write_bytes(text.encode(encoding))
     (point,) = read_recording(path).points
     assert (point.label, point.position_mm.tolist()) == ("Å", [1.5, -2, 3])
+
+
+def test_a_tools_poses_are_counted_where_their_moments_have_no_numbers(tmp_path: Path) -> None:
+    table = "x,y,z,qw,qx,qy,qz,label\n" + "1,2,-1500,1,0,0,0,a\n5,6,-1500,1,0,0,0,b\n" * 2
+    recording = read_recording(written(tmp_path, "t.csv", table))
+    assert [(reading.frame, reading.tool) for reading in recording.tools] == [
+        (0, "a"),
+        (0, "b"),
+        (1, "a"),
+        (1, "b"),
+    ]
+    assert all(reading.usable for reading in recording.tools)
+    assert not recording.numbered
+    numbered = read_recording(written(tmp_path, "n.csv", "frame,x,y,z,q0,qx,qy,qz\n7,1,2,-1500,1,0,0,0\n"))
+    assert numbered.numbered
+    assert numbered.tools[0].frame == 7
+
+
+def test_a_part_of_a_quaternion_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="has qx, qy, qz of a quaternion; expected all of q0, qx, qy, qz"):
+        read_recording(written(tmp_path, "t.csv", "x,y,z,qx,qy,qz\n1,2,3,0,0,0\n"))
+
+
+def test_text_of_another_encoding_is_told_how_to_save_it(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_bytes("label,x,y,z\nZähler,1,2,3\n".encode("cp1252"))
+    with pytest.raises(InputError, match=r"is not a text file in UTF-8, .* save them as 'CSV UTF-8'"):
+        read_recording(tmp_path / "t.csv")

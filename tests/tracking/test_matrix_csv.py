@@ -23,3 +23,11 @@ def test_matrices_by_columns_are_flagged_not_turned_round(tmp_path: Path) -> Non
     numbers = ",".join(map(repr, turned(1).T.ravel().tolist()))
     (tool,) = read_recording(written(tmp_path, "poses.csv", f"{names}\n{numbers}\n")).tools
     assert "is it transposed" in tool.status
+
+
+def test_matrices_are_counted_where_their_moments_have_no_numbers(tmp_path: Path) -> None:
+    rows = matrix_rows(0, 4)
+    assert not read_recording(written(tmp_path, "m.csv", rows)).numbered
+    assert read_recording(
+        written(tmp_path, "n.csv", "frame,m" + rows.split(",m", 1)[1].replace("13784764", ""))
+    ).numbered
