@@ -10,5 +10,9 @@ LARGEST_SIGMA_MM = 1000.0
 FARTHEST_POINT_MM = 1e5
 """No scanner or tracker sees a hundred metres far: such a coordinate is damage, or not in mm."""
 
+SMALLEST_SPREAD_MM = 1.0
+LARGEST_SPREAD_MM = 20_000.0
+"""Points whose extent lies outside these are no head, no tool and no tracker's field in mm (metres? micrometres?)."""
+
 LARGEST_HU = 1e6
 """No scale of a scanner reaches a million; nor do a rescale's slope and intercept."""

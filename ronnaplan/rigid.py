@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ronnaplan.bounds import LARGEST_SPREAD_MM, SMALLEST_SPREAD_MM
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.minimize import minimize
@@ -24,7 +25,7 @@ LARGEST_SPURIOUS_SHARE = 0.9
 
 
 def require_spread(points_mm: FloatArray, name: str) -> None:
-    """Raise `InputError` unless ``points_mm`` (..., N, 3) are three or more points off one line."""
+    """Raise `InputError` unless ``points_mm`` (..., N, 3) are three or more points off one line, and in mm."""
     count = points_mm.shape[-2]
     if count < 3:
         raise InputError(
@@ -34,6 +35,18 @@ def require_spread(points_mm: FloatArray, name: str) -> None:
         raise InputError(
             f"the {name} lie on one line (or coincide), so the rotation about it is undetermined; "
             "use at least three markers that form a triangle"
+        )
+    require_millimetres(points_mm, f"the {name}")
+
+
+def require_millimetres(points_mm: FloatArray, name: str) -> None:
+    """Raise `InputError` where a set of ``points_mm`` (..., N, 3) spreads over less or more than can be in mm."""
+    extents = np.linalg.norm(np.ptp(points_mm, axis=-2), axis=-1).ravel()
+    beyond = extents[~((extents >= SMALLEST_SPREAD_MM) & (extents <= LARGEST_SPREAD_MM))]
+    if beyond.size:
+        raise InputError(
+            f"{name} spread over {beyond[0]:.6g}, expected {SMALLEST_SPREAD_MM:g} to {LARGEST_SPREAD_MM:g} mm; "
+            "convert the coordinates to millimetres"
         )
 
 

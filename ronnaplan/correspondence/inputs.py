@@ -15,10 +15,7 @@ from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.told import LEAST_PAIRS, Told
 from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray, as_points
-
-SMALLEST_SPREAD_MM = 1.0
-LARGEST_SPREAD_MM = 20_000.0
-"""Sets whose extent lies outside these cannot be a head or a tracker's field in mm (metres? micrometres?)."""
+from ronnaplan.rigid import require_millimetres
 
 MIRROR = np.array([-1.0, 1.0, 1.0])
 """Turns points into their mirror image."""
@@ -56,12 +53,7 @@ def checked_points(values: ArrayLike, name: str) -> FloatArray:
     points = np.require(as_points(values, name), requirements=["C", "W"])
     if len(points) < LEAST_PAIRS:
         raise InputError(f"{name} are {len(points)}; a rigid registration needs at least {LEAST_PAIRS}")
-    extent = float(np.linalg.norm(np.ptp(points, axis=0)))
-    if not SMALLEST_SPREAD_MM <= extent <= LARGEST_SPREAD_MM:
-        raise InputError(
-            f"{name} spread over {extent:.6g}, expected {SMALLEST_SPREAD_MM:g} to {LARGEST_SPREAD_MM:g} mm; "
-            "convert the coordinates to millimetres"
-        )
+    require_millimetres(points, name)
     return points
 
 

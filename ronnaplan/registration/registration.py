@@ -224,6 +224,14 @@ class Registration(Shown[RegisteredPair]):
         return self.fre_rms_mm > MIRROR_GAIN * float(np.sqrt((residual**2).sum(axis=1).mean())) and len(self) > 3
 
 
+def _require_once(pairs_mm: FloatArray) -> None:
+    """Raise `InputError` where two of ``pairs_mm`` (N, 6) are the same to the digit: one marker would count as two."""
+    _, first = np.unique(pairs_mm, axis=0, return_index=True)
+    again = np.setdiff1d(np.arange(len(pairs_mm)), first)
+    if again.size:
+        raise InputError(f"pair {again[0]} is given twice, with the same numbers; expected each marker once")
+
+
 def register_points(
     moving: ArrayLike,
     fixed: ArrayLike,
@@ -240,14 +248,15 @@ def register_points(
     errors that differ from point to point on both sides. The result is a rotation and a translation, never a
     reflection. ``labels`` name the pairs in reports.
 
-    Raises `InputError` for fewer than three pairs, sets of unequal length, collinear points, numbers that are not
-    finite and covariances that are not positive definite.
+    Raises `InputError` for fewer than three pairs, sets of unequal length, a pair given twice, collinear points,
+    numbers that are not finite or not in mm, and covariances that are not positive definite.
     """
     moving_mm, fixed_mm = as_points(moving, "moving points"), as_points(fixed, "fixed points")
     if len(moving_mm) != len(fixed_mm):
         raise InputError(f"{len(moving_mm)} moving and {len(fixed_mm)} fixed points were given; expected pairs")
     require_spread(moving_mm, "moving points")
     require_spread(fixed_mm, "fixed points")
+    _require_once(np.hstack([moving_mm, fixed_mm]))
     for frame in (moving_frame, fixed_frame):
         check_type(frame, Frame, "a frame", "give Frame('CT'), say")
     check_type(labels, (Sequence, type(None)), "labels", "give a name for each pair")

@@ -254,6 +254,9 @@ def test_batch_and_single_agree() -> None:
         (HEAD, HEAD, np.eye(2), "shape"),
         (HEAD, HEAD, (np.eye(3), np.eye(3), np.eye(3)), "tuple of 3"),
         (HEAD, HEAD, "large", "not numbers"),
+        (HEAD / 1000, HEAD / 1000, None, r"the moving points spread over 0\.\d+, expected 1 to 20000 mm"),
+        (HEAD, HEAD / 1000, np.eye(3), r"the fixed points spread over 0\.\d+, expected 1 to 20000 mm"),
+        (np.vstack([HEAD, HEAD[:1]]), np.vstack([HEAD, HEAD[:1]]), None, "pair 6 is given twice"),
     ],
 )
 def test_unusable_input_is_named(moving: np.ndarray, fixed: np.ndarray, errors: object, says: str) -> None:
