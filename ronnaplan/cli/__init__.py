@@ -7,9 +7,11 @@ import atexit
 import gc
 import io
 import os
+import stat
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 from ronnaplan import __version__
@@ -33,6 +35,9 @@ KEPT_SMALL = {
     "OPENBLAS_NUM_THREADS": "1",  # else numpy and scipy keep each further processor busy for 0.1 s, waiting for work
 }
 """Of the libraries, for this process and those that it begins; what a person has set stays."""
+
+NO_INPUTS = frozenset({"output", "to", "name"})
+"""What may be the name of a file that is written, but names none that is read: formats, and kinds of documents."""
 
 GIVEN = "_given"
 """Where parsing keeps which options it met."""
@@ -92,6 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(arguments: Sequence[str] | None) -> int:
     try:
         parsed = parse(arguments)
+        _require_inputs_kept(vars(parsed))
         status: int = parsed.run(parsed)
     finally:  # of --help, too
         sys.stdout.flush()
@@ -103,6 +109,26 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     given = sys.argv[1:] if arguments is None else arguments
     named = [verb for verb in VERBS if verb in given[:1]]
     return _parser(named or VERBS).parse_args(given)
+
+
+def _require_inputs_kept(given: Mapping[str, object]) -> None:
+    """Raise `UsageError` where the file to write is one that is read: a recording that is replaced is lost."""
+    output = _file(given.get("output"))
+    for name, value in given.items():
+        named = value if isinstance(value, (list, tuple)) else (value,)
+        if output is not None and name not in NO_INPUTS and output in map(_file, named):
+            raise UsageError(
+                f"-o {given['output']} is a file that is read here, and would be lost; name another one"
+            )
+
+
+def _file(named: object) -> tuple[int, int] | None:
+    """Return what tells the regular file that an argument names from all others; None where it names none."""
+    try:
+        found = Path(named).stat() if isinstance(named, str) else None
+    except (OSError, ValueError):  # as where it is no name of a file at all
+        return None
+    return (found.st_dev, found.st_ino) if found is not None and stat.S_ISREG(found.st_mode) else None
 
 
 def _let_any_text_out() -> None:

@@ -54,6 +54,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     if not 0 <= arguments.approach <= LARGEST_APPROACH_MM:
         raise UsageError(f"--approach {arguments.approach:g} is no distance of 0 to {LARGEST_APPROACH_MM:g} mm")
+    if not any(arguments.x_axis):
+        raise UsageError("--x-axis 0 0 0 has no direction; give one in R")
     chain, plan = read_chain(arguments.chain), read_plan(arguments.plan)
     plan.require_source(chain.ct_frame, chain.source.voxel_sha256)
     trajectories = [

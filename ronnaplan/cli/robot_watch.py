@@ -38,6 +38,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--sigma-ots",
         type=sigma_mm,
         default=SIGMA_OTS_MM,
+        metavar="MM",
         help="the tracker's error per axis (default %(default)s)",
     )
     parser.add_argument(

@@ -165,6 +165,36 @@ VERBS_THAT_PRINT = {
 }
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        "register fiducials.json readings.csv",
+        "robot pivot readings.csv",
+        "robot hand-eye other.csv readings.csv",
+        "export readings.csv --to csv",
+    ],
+)
+def test_no_file_that_is_read_is_replaced(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "readings.csv").write_text("x,y,z\n")
+    (tmp_path / "link.csv").symlink_to(tmp_path / "readings.csv")
+    for name in ("readings.csv", "./readings.csv", "link.csv"):
+        status, _, told = run([*command.split(), "-o", name], capsys)
+        assert (status, told.count("\n")) == (2, 1)
+        assert f"-o {name} is a file that is read here" in told
+    assert (tmp_path / "readings.csv").read_text() == "x,y,z\n"
+
+
+def test_a_result_may_be_replaced_by_a_newer_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for _ in range(2):
+        assert run(["schema", "plan", "-o", "plan"], capsys)[0] == 0
+
+
 @pytest.mark.parametrize("ending", ["> /dev/full", ">&-"])
 def test_a_full_disk_or_a_closed_output_is_said_plainly(ending: str, ct_folder: Path, tmp_path: Path) -> None:
     fiducials = tmp_path / "f.json"

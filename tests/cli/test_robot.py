@@ -297,3 +297,9 @@ def test_changed_documents_are_refused(home: Path, tmp_path: Path, capsys: pytes
     files = ["--fiducials", str(home / "fiducials.json"), "--spheres", str(tmp_path / "spheres.json")]
     assert main(["robot", "chain", *files]) == 1
     assert "not where its look puts it" in capsys.readouterr().err
+
+
+def test_an_axis_of_no_length_is_wrong_usage(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["robot", "export", str(home / "final.json"), str(home / "plan.json"), "--x-axis", "0", "0", "0"]
+    assert main(command) == 2
+    assert "--x-axis 0 0 0 has no direction" in capsys.readouterr().err
