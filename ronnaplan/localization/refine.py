@@ -26,6 +26,7 @@ from ronnaplan.localization.descent import (
     descend,
     go_on,
     is_no_marker,
+    residuals_and_jacobian,
 )
 from ronnaplan.localization.directions import MAX_RAGGED, Verdict, edge_depth, judge, within_reach
 from ronnaplan.localization.guess import ball_prior, first_guess, first_guesses, frozen, margin_mm
@@ -132,7 +133,19 @@ def _of_either_kernel(fit: BallFit, around: Neighbourhood) -> BallFit:
     if not fit.converged or fit.theta[EDGE] > LONG_TAILS or theta[BLUR] > SHARP_MM:
         return fit
     other = _settle(around.select(_near(around, theta)), theta, fit.prior, fit.ceiling_hu)
-    return other if other.converged and other.misfit < fit.misfit else fit
+    return other if other.converged and _is_nearer(other, fit, around) else fit
+
+
+def _is_nearer(one: BallFit, other: BallFit, around: Neighbourhood) -> bool:
+    """Whether ``one`` leaves less over than the ``other`` where either sees the ball's edge.
+
+    By its own directions alone, a fit that does without those it cannot explain would seem the better.
+    """
+    thetas, layer_mm, ceiling_hu = (one.theta, other.theta), one.prior.layer_mm, one.ceiling_hu
+    told = np.any([_judged(around, theta, layer_mm, ceiling_hu)[1] for theta in thetas], axis=0)
+    seen = around.select(told)
+    left = [residuals_and_jacobian(seen, theta, layer_mm, ceiling_hu)[0] for theta in thetas]
+    return bool(left[0] @ left[0] < left[1] @ left[1])
 
 
 def _near(around: Neighbourhood, theta: FloatArray) -> NDArray[np.bool_]:

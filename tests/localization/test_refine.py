@@ -101,32 +101,46 @@ def test_what_turns_out_to_be_of_another_size_is_given_up_on_the_way_there() -> 
     assert not is_at_rest  # left to itself, it would come to rest as the ball that is there
 
 
-CENTER_MM, RADIUS_MM, POST_MM = np.array([0.2, -0.13, 0.31]), 4.0, 1.6
-"""A ball, and the radius of a post that leads from it along x."""
+CENTER_MM, RADIUS_MM, POST_SHARE = np.array([0.2, -0.13, 0.31]), 4.0, 0.4
+"""A ball, and the radius of a post that leads from it along x, as a share of the ball's."""
 
 
-def by_a_sharp_kernel() -> CTVolume:
-    """Images of a ball on its post by a kernel that overshoots, drawn finely, filtered and averaged to pixels."""
-    pixel_mm, fine, spacing_mm, count = 0.4, 5, 0.7, 60
+def by_a_sharp_kernel(
+    pixel_mm: float = 0.4,
+    passes_per_mm: float = 1.2,
+    radius_mm: float = RADIUS_MM,
+    *,
+    averaged: bool = True,
+    noise_hu: float = 15.0,
+    turned: float = 0.0,
+) -> CTVolume:
+    """Images of a ball on its post by a kernel that overshoots, drawn finely, filtered, and averaged to pixels.
+
+    Or they are read off at the pixels' centers.
+    """
+    fine, spacing_mm, count = 5, 0.7, round(24.0 / pixel_mm)
     places_mm = (np.arange(count * fine) - (count * fine - 1) / 2) * pixel_mm / fine
     x, y = np.meshgrid(places_mm - CENTER_MM[0], places_mm - CENTER_MM[1])
+    x, y = x * np.cos(turned) + y * np.sin(turned), y * np.cos(turned) - x * np.sin(turned)
     frequencies = np.fft.fftfreq(count * fine, pixel_mm / fine)
-    squares = (frequencies**2 + frequencies[:, np.newaxis] ** 2) / 1.2**2
+    squares = (frequencies**2 + frequencies[:, np.newaxis] ** 2) / passes_per_mm**2
     passed = (1.0 + 3.0 * squares) * np.exp(-2.2 * squares)
     heights_mm = np.arange(-14, 15) * spacing_mm
     pictures_hu = []
     for height_mm in heights_mm:
         shares = np.zeros_like(x)
         for z in height_mm - CENTER_MM[2] + spacing_mm * np.array([-0.375, -0.125, 0.125, 0.375]):
-            in_ball = x**2 + y**2 < RADIUS_MM**2 - z**2
-            shares += 0.25 * (in_ball | ((x > 0.0) & (y**2 < POST_MM**2 - z**2)))
+            in_ball = x**2 + y**2 < radius_mm**2 - z**2
+            shares += 0.25 * (in_ball | ((x > 0.0) & (y**2 < (POST_SHARE * radius_mm) ** 2 - z**2)))
         seen = np.fft.ifft2(np.fft.fft2(shares) * passed).real
-        pictures_hu.append(1500.0 * seen.reshape(count, fine, count, fine).mean(axis=(1, 3)) - 1000.0)
-    noise_hu = 15.0 * np.random.default_rng(4).standard_normal((len(heights_mm), count, count))
+        pixels = seen.reshape(count, fine, count, fine)
+        told = pixels.mean(axis=(1, 3)) if averaged else pixels[:, fine // 2, :, fine // 2]
+        pictures_hu.append(1500.0 * told - 1000.0)
+    noise = noise_hu * np.random.default_rng(4).standard_normal((len(heights_mm), count, count))
     first_mm = -(count - 1) / 2 * pixel_mm
     origins_mm = np.array([[first_mm, first_mm, height_mm] for height_mm in heights_mm])
     grid = SliceGrid(origins_mm, np.array([0.0, pixel_mm, 0.0]), np.array([pixel_mm, 0.0, 0.0]), spacing_mm)
-    return CTVolume(np.round(np.array(pictures_hu) + noise_hu).astype(np.int16), grid)
+    return CTVolume(np.round(np.array(pictures_hu) + noise).astype(np.int16), grid)
 
 
 def test_a_kernel_that_overshoots_is_not_taken_for_one_with_long_tails(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -139,3 +153,15 @@ def test_a_kernel_that_overshoots_is_not_taken_for_one_with_long_tails(monkeypat
     other = fit_place(scan_, CENTER_MM, 2.0 * RADIUS_MM)
     assert other.theta[EDGE] < refine.LONG_TAILS
     assert other.misfit > 1.1 * fit.misfit
+
+
+def test_long_tails_are_not_better_by_the_directions_that_they_leave_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    coarse = by_a_sharp_kernel(1.0, 0.9, 3.0, averaged=False, noise_hu=25.0, turned=1.4)
+    fit = fit_place(Scan(coarse), CENTER_MM, 6.0)
+    assert fit.converged
+    assert fit.theta[EDGE] > 0.3
+    monkeypatch.setattr(refine, "_of_either_kernel", lambda fit, around: fit)
+    other = fit_place(Scan(coarse), CENTER_MM, 6.0)
+    assert other.theta[EDGE] < refine.LONG_TAILS
+    assert other.used.sum() < 0.6 * fit.used.sum()
+    assert other.misfit < fit.misfit  # where it looks, it is the better
