@@ -73,6 +73,11 @@ MAX_BLUR_SHARE = 0.3
 """In-plane blur is no more than the softest kernels give, or this many pixels where these are large; and with more
 than this share of the diameter there is no shape to recognize."""
 
+PASTED_PIXELS, PASTED_THICKNESS = 0.5, 0.1
+"""Clipped balls whose edge is blurred by less than this many pixels, and their ends over less than this share of the
+slices' thickness, end from one voxel to the next in all directions, as no scanner shows them: metal artifact reduction
+cut them out and put them back in. What is left of their surface is where its threshold lay."""
+
 WIDTH_RATIO = 2.0
 WIDTH_MARGIN_SHARE = 0.2
 """The slice profile is no wider than the nominal thickness by this factor and this share of the diameter. Tags hold the
@@ -201,6 +206,11 @@ def _contrast(evidence: Evidence) -> str | None:
 def _blur(evidence: Evidence) -> str | None:
     sigma, pixel_mm = evidence.fit.sigma_mm, evidence.fit.neighbourhood.pixel_mm
     largest = min(max(MAX_BLUR_MM, MAX_BLUR_PIXELS * pixel_mm), MAX_BLUR_SHARE * evidence.diameter_mm)
+    is_steep = (
+        sigma < PASTED_PIXELS * pixel_mm and evidence.fit.theta[WIDTH] < PASTED_THICKNESS * evidence.thickness_mm
+    )
+    if evidence.fit.is_clipped and is_steep:
+        return "it ends from one voxel to the next, as what artifact reduction puts back in"
     if BLUR_BOUNDS_MM[0] < sigma < largest:
         return None
     return f"its edge is blurred by {sigma:.2f} mm, {BLUR_BOUNDS_MM[0]} to {largest:.2f} mm expected"
