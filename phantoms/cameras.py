@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, binary_erosion, gaussian_filter
+from scipy.ndimage import binary_dilation, binary_erosion, gaussian_filter, maximum_filter, minimum_filter
 
 from phantoms.solids import FloatArray
 
@@ -47,15 +47,13 @@ def pixel_rays(u: FloatArray, v: FloatArray, K: FloatArray, d: FloatArray) -> Fl
     return np.stack([x, y, np.ones_like(x)], axis=-1)
 
 
-@lru_cache(maxsize=8)
-def frame_rays(
-    K: tuple[float, ...], d: tuple[float, ...], size: tuple[int, int], du: float, dv: float
-) -> FloatArray:
-    """Return the rays (rows, columns, 3) of all pixels, ``du`` and ``dv`` beside their centers."""
-    columns = np.arange(size[1]) + du
+@lru_cache(maxsize=2)
+def frame_rays(K: tuple[float, ...], d: tuple[float, ...], size: tuple[int, int]) -> FloatArray:
+    """Return the rays (rows, columns, 3) of all pixels' centers."""
+    columns = np.arange(size[1])
     rays = np.empty((*size, 3))
     for first in range(0, size[0], BAND):
-        rows = np.arange(first, min(first + BAND, size[0]))[:, None] + dv
+        rows = np.arange(first, min(first + BAND, size[0]))[:, None]
         u, v = np.broadcast_arrays(columns, rows)
         rays[first : first + BAND] = pixel_rays(u, v, np.array(K).reshape(3, 3), np.array(d))
     return rays
@@ -150,10 +148,12 @@ def board_image(
         dark = inside & ((np.floor(x) + np.floor(y)) % 2 == 0)
         return np.where(dark, 30.0, np.where(margin, 210.0, 90.0))
 
-    image = np.zeros(size)
-    for dv in (-0.25, 0.25):
-        for du in (-0.25, 0.25):
-            rays = frame_rays(tuple(K.ravel()), tuple(d), size, du, dv)
-            for row in range(0, size[0], BAND):
-                image[row : row + BAND] += grey(rays[row : row + BAND]) / 4
+    image, rays = np.empty(size), frame_rays(tuple(K.ravel()), tuple(d), size)
+    for row in range(0, size[0], BAND):
+        image[row : row + BAND] = grey(rays[row : row + BAND])
+    edge = np.nonzero(maximum_filter(image, 5) != minimum_filter(image, 5))  # no other pixel meets one
+    v, u = np.array(edge, dtype=np.float64)
+    image[edge] = np.mean(
+        [grey(pixel_rays(u + du, v + dv, K, d)) for dv in (-0.25, 0.25) for du in (-0.25, 0.25)], axis=0
+    )
     return np.clip(gaussian_filter(image, 0.8) + rng.normal(size=size) * 1.5, 0, 255).astype(np.uint8)
