@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -23,14 +24,15 @@ def has_matrices(header: list[str]) -> bool:
 def read_matrices(path: Path) -> Recording:
     """Read a pose from each row of ``path``; what is no pose is kept, flagged.
 
-    Optional columns are ``tool`` (else all are of one), ``frame`` (else the row's number) and ``time`` (s) or
+    Optional columns are ``tool`` (else all are of one), ``frame`` (else each tool's poses are counted), ``time`` (s) or
     ``timestamp_ns``. Raises `InputError` for two columns of one name or rows longer than the header.
     """
     header, rows, delimiter = read_rows(path)
     require_table(path, header, rows)
     names = next(_names(first) for first in FIRSTS if set(_names(first)[:12]) <= set(header))
     tools, excesses = [], []
-    for index, row in enumerate(rows):
+    counts: Counter[str] = Counter()
+    for row in rows:
         cells = dict(zip(header, row, strict=False))
         values = [number(cells.get(name, ""), delimiter) for name in names]
         last = [0.0, 0.0, 0.0, 1.0] if names[12] not in header else values[12:]
@@ -39,9 +41,10 @@ def read_matrices(path: Path) -> Recording:
         times = [number(cells[name], delimiter) for name in SECONDS if name in cells]
         scale = next((SECONDS[name] for name in SECONDS if name in cells), 1.0)
         time_s = scale * times[0] if times and times[0] is not None else float("nan")
-        frame = frame_number(path, cells.get("frame", ""), delimiter, index)
+        frame = frame_number(path, cells.get("frame", ""), delimiter, counts[tool])
         reading, excess = tool_reading(frame, tool, matrix, time_s, stated_status(cells))
         tools.append(reading)
+        counts[tool] += 1
         excesses.append(excess)
     return Recording(str(path), tools=tuple(tools), notes=rounding_notes(excesses), numbered="frame" in header)
 

@@ -18,6 +18,10 @@ from ronnaplan.untrusted import checked, parse_json, read_whole
 LPS_FROM_RAS = np.array([-1.0, -1.0, 1.0])
 """RAS and LPS differ in the sign of the first two axes, either way."""
 FCSV_SYSTEMS = {"0": "RAS", "1": "LPS", "RAS": "RAS", "LPS": "LPS"}
+FCSV_LAST = "associatedNodeID"
+FCSV_UNNAMED = ("position status", "auto created")
+"""What Slicer 5 writes behind the last column that the header of a ``.fcsv`` names."""
+FCSV_STATUS = {"0": "undefined", "1": "preview", "2": OK, "3": "missing"}
 MOST_MARKUPS_BYTES = 2**26
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -88,8 +92,12 @@ def read_markups(path: Path) -> Recording:
 
 
 def read_fcsv(path: Path) -> Recording:
-    """Read a ``.fcsv`` fiducial list, in LPS. Raises `InputError` without its ``# columns`` and system header."""
-    rows = split_rows(path, read_text(path), ",")
+    """Read a ``.fcsv`` fiducial list, in LPS; points that are not set are flagged.
+
+    Raises `InputError` without its ``# columns`` and system header.
+    """
+    text = read_text(path).replace("\r", "")  # Slicer 5 leaves some of a file's earlier line ends within the rows
+    rows = split_rows(path, text, ",")
     comments = [",".join(row).lstrip("# ") for row in rows if row[0].startswith("#")]
     settings = [_setting(text) for text in comments if "=" in text]
     named = dict(settings)
@@ -100,14 +108,21 @@ def read_fcsv(path: Path) -> Recording:
             f"{path} lacks the header of a Slicer .fcsv; expected '# CoordinateSystem' and '# columns', each once"
         )
     data = [row for row in rows if not row[0].startswith("#")]
+    if columns[-1] == FCSV_LAST and any(len(row) == len(columns) + len(FCSV_UNNAMED) for row in data):
+        columns += FCSV_UNNAMED
     require_table(path, columns, data)
     sign = LPS_FROM_RAS if system == "RAS" else 1.0
     points = []
     for cells in data:
         row = dict(zip(columns, cells, strict=False))
         position = np.array([number(row.get(axis, "")) for axis in "xyz"], dtype=np.float64)
-        points.append(_point(sign * position, row.get("label", ""), OK))
+        points.append(_point(sign * position, row.get("label", ""), _fcsv_status(row.get(FCSV_UNNAMED[0], ""))))
     return Recording(str(path), tuple(points))
+
+
+def _fcsv_status(cell: str) -> str:
+    code = cell.strip()
+    return FCSV_STATUS.get(code, f"{FCSV_UNNAMED[0]} {code}") if code else OK
 
 
 def _point(position_mm: FloatArray, label: str, status: str) -> PointReading:

@@ -51,7 +51,7 @@ def read_text(path: Path) -> str:
         ) from error
     if "\0" in text:
         raise InputError(f"{path} is not a text file, it holds null characters; expected tracker readings")
-    return text
+    return text if "\n" in text else text.replace("\r", "\n")  # as spreadsheets save "CSV (Macintosh)"
 
 
 def read_rows(path: Path) -> tuple[list[str], list[list[str]], str]:

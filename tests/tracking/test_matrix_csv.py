@@ -31,3 +31,10 @@ def test_matrices_are_counted_where_their_moments_have_no_numbers(tmp_path: Path
     assert read_recording(
         written(tmp_path, "n.csv", "frame,m" + rows.split(",m", 1)[1].replace("13784764", ""))
     ).numbered
+
+
+def test_poses_of_several_tools_without_numbers_are_counted_for_each(tmp_path: Path) -> None:
+    header, *rows = matrix_rows(0, 4).splitlines()
+    text = "\n".join([f"tool,{header}", *(f"{name},{row}" for row in rows for name in "AB")])
+    tools = read_recording(written(tmp_path, "m.csv", text)).tools
+    assert [(tool.tool, tool.frame) for tool in tools] == [(name, k) for k in range(3) for name in "AB"]

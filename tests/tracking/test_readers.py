@@ -51,3 +51,9 @@ def test_names_from_a_file_cannot_steer_a_terminal(tmp_path: Path) -> None:
     )
     assert recording.points[0].label == r"\x1b]0;owned\x07A\u2028B"
     assert recording.flagged() == {r"\x1b[2j": 1}
+
+
+def test_lines_may_end_as_on_an_old_mac(tmp_path: Path) -> None:
+    path = tmp_path / "r.csv"
+    path.write_bytes(b"label,x,y,z\rA,1,2,3\rB,4,5,6\r")
+    assert [point.label for point in read_recording(path).points] == ["A", "B"]

@@ -63,3 +63,23 @@ def test_an_fcsv_that_names_two_systems_is_refused(tmp_path: Path) -> None:
     text = "# CoordinateSystem = LPS\n# CoordinateSystem = RAS\n# columns = id,x,y,z,label\n1,1,2,3,F\n"
     with pytest.raises(InputError, match="each once"):
         read_recording(written(tmp_path, "m.fcsv", text))
+
+
+COLUMNS = "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID"
+
+
+def test_the_two_columns_that_slicer_5_does_not_name_say_whether_a_point_is_set(tmp_path: Path) -> None:
+    text = f"# Markups fiducial file version = 5.2\n# CoordinateSystem = LPS\n# columns = {COLUMNS}\n"
+    for status, ending in enumerate((",0,0", ",1,0", ",2,0", "\r,2,0", ",3,0", ",9,0", "")):
+        text += f"{status + 1},1,2,{status},0,0,0,1,1,1,0,F-{status + 1},,{ending}\n"
+    points = read_recording(written(tmp_path, "m.fcsv", text)).points
+    said = ["undefined", "preview", "ok", "ok", "missing", "position status 9", "ok"]
+    assert [point.status for point in points] == said
+    np.testing.assert_array_equal(points[3].position_mm, [1, 2, 3])
+
+
+@pytest.mark.parametrize("ending", [",2", ",2,0,0"])
+def test_other_cells_beyond_the_columns_of_an_fcsv_are_refused(tmp_path: Path, ending: str) -> None:
+    text = f"# CoordinateSystem = LPS\n# columns = {COLUMNS}\n1,1,2,3,0,0,0,1,1,1,0,F-1,,{ending}\n"
+    with pytest.raises(InputError, match="cells under"):
+        read_recording(written(tmp_path, "m.fcsv", text))
