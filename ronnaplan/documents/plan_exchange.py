@@ -213,7 +213,10 @@ def _from_row(
         return found
 
     places = np.array([value(column) for column in NEEDED[1:]]).reshape(2, 3)
-    if row.get("diameter") and row.get("length"):
+    has_diameter, has_length = (bool(row.get(column)) for column in ("diameter", "length"))
+    if has_diameter != has_length:
+        raise InputError(f"{place} states only one of an instrument's diameter and length; state both, or neither")
+    if has_diameter:
         name = unescaped(row.get("instrument", "")) or "instrument"
         instrument = Instrument(name, value("diameter"), value("length"))
     elif row.get("instrument"):

@@ -130,6 +130,8 @@ def test_a_plain_table_needs_its_system(tmp_path: Path) -> None:
         (f"{HEADER}\nA,1,2,x,4,5,6\n", "line 2"),
         (f"{HEADER}\nA,1,2\n", "line 2"),
         (f"{HEADER},instrument\nA,1,2,3,4,5,6,laser\n", "laser"),
+        (f"{HEADER},diameter_mm\nA,1,2,3,4,5,6,2.5\n", "line 2 states only one of"),
+        (f"{HEADER},diameter,length\nA,1,2,3,4,5,6,,90\n", "states only one of"),
     ],
 )
 def test_a_table_that_is_wrong_is_refused(text: str, words: str, tmp_path: Path) -> None:
