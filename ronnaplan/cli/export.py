@@ -63,6 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.files import check_target, write_atomically
     from ronnaplan.errors import UsageError
 
+    if arguments.secret is not None:
+        raise UsageError("--secret goes with --deidentify; leave it out")
     to, is_case = arguments.to, Path(arguments.file).is_dir()
     if is_case != (to in SCENES):
         known = ", ".join(SCENES if is_case else DOCUMENTS)
@@ -117,8 +119,11 @@ def _deidentify(arguments: argparse.Namespace) -> int:
     from ronnaplan.errors import InputError, UsageError
     from ronnaplan.untrusted import read_whole
 
-    if arguments.output is None or arguments.ct is not None:
-        raise UsageError("--deidentify writes a folder: name it with -o, and leave out --ct")
+    if arguments.output is None or arguments.ct or arguments.series or arguments.no_go or arguments.labels:
+        raise UsageError(
+            "--deidentify writes all of FILE to a folder: name it with -o, and leave out --ct, --series, --no-go "
+            "and --labels"
+        )
     secret = secrets.token_bytes(LEAST_SECRET_BYTES)
     if arguments.secret is not None:
         secret = read_whole(arguments.secret, 1 << 16, expected="a file with a secret")

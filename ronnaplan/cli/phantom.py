@@ -72,8 +72,13 @@ def run(arguments: argparse.Namespace) -> int:
 def _make(arguments: argparse.Namespace) -> int:
     from dataclasses import replace
 
+    from phantoms.errors import PhantomError
+    from phantoms.fast import Renderer
+
     examination = _examination(arguments)
     fast = arguments.scanner == "fast"
+    if arguments.scatter is not None and (fast or isinstance(examination.scanner, Renderer)):
+        raise PhantomError("the fast renderer scatters nothing; leave --scatter out, or choose another scanner")
     options = replace(
         examination.options(fast=fast),
         order=arguments.order,

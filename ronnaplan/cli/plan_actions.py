@@ -7,7 +7,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from ronnaplan.cli.output import warn
-from ronnaplan.cli.plan_options import SIDES
+from ronnaplan.cli.plan_options import SIDES, VISIBLE_DEG
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -89,11 +89,15 @@ def run_list(arguments: argparse.Namespace) -> int:
 def run_import(arguments: argparse.Namespace) -> int:
     """Add trajectories from a file."""
     from ronnaplan.documents.plan_exchange import read_line_markups, read_plan_table
+    from ronnaplan.errors import UsageError
     from ronnaplan.planning import Trajectory
 
+    is_markups = arguments.file.lower().endswith(".json")
+    if arguments.first and not is_markups:
+        raise UsageError("--first is of a line's points; a table names entry and target by its columns")
     plan = _plan(arguments)
     instrument = _instrument(arguments) or Trajectory.instrument
-    if arguments.file.lower().endswith(".json"):
+    if is_markups:
         read = read_line_markups(
             arguments.file, plan.frame, instrument, system=arguments.coordinates, first=arguments.first
         )
@@ -189,11 +193,14 @@ def run_markers(arguments: argparse.Namespace) -> int:
     from ronnaplan.case.surroundings import Rules, Surroundings, Terrain
     from ronnaplan.documents.files import write_atomically
     from ronnaplan.documents.plan_measures import placement_markups
+    from ronnaplan.errors import UsageError
     from ronnaplan.planning import Plan
     from ronnaplan.planning.rows import placement_sentence
     from ronnaplan.planning.sites import PlacementRules
     from ronnaplan.planning.tables import placement_table
 
+    if arguments.visible is not None and not arguments.tracker:
+        raise UsageError("--visible is how far a marker may lean away from the tracker; it needs --tracker")
     volume = _scan_of_plan(arguments)
     plan = _plan(arguments) if arguments.plan else Plan.of_scan(volume)
     targets = [_lps(target, arguments.coordinates) for target in arguments.target or ()]
@@ -204,7 +211,7 @@ def run_markers(arguments: argparse.Namespace) -> int:
         least_apart_mm=arguments.apart,
         least_from_entries_mm=arguments.from_entries,
         tracker=SIDES[arguments.tracker] if arguments.tracker else None,
-        visible_deg=arguments.visible,
+        visible_deg=VISIBLE_DEG if arguments.visible is None else arguments.visible,
         lowest_mm=arguments.lowest,
     )
     around = Surroundings(Terrain(volume), Rules(sigma_ct_mm=arguments.sigma_ct, sigma_ots_mm=arguments.sigma_ots))

@@ -16,6 +16,9 @@ SIDES = {
 }
 """Directions from the head to the tracker, LPS."""
 
+VISIBLE_DEG = 80.0
+"""How far a marker may lean away from the tracker unless something else is said."""
+
 
 def with_plan(parser: argparse.ArgumentParser) -> None:
     """Declare what every action on a plan needs."""
@@ -158,8 +161,12 @@ def configure_markers(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--coordinates", choices=("LPS", "RAS"), help="the system of the targets given")
     parser.add_argument("--tracker", choices=tuple(SIDES), help="side of the head on which the tracker stands")
+    parser.add_argument(
+        "--visible",
+        type=number,
+        help=f"how far (degrees) a marker may lean away from it (default {VISIBLE_DEG:g})",
+    )
     for name, default, text in (
-        ("visible", 80.0, "how far (degrees) a marker may lean away from the tracker"),
         ("apart", 30.0, "least distance between markers, mm"),
         ("from-entries", 25.0, "least distance from entries, mm"),
         ("diameter", 11.5, "diameter of a marker, mm"),

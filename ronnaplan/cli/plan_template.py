@@ -110,6 +110,8 @@ def _shape(arguments: argparse.Namespace) -> tuple[Bridge, Fitted | None]:
 
     if (arguments.at is None) != (arguments.coordinates is None) or (arguments.at and not arguments.ct):
         raise UsageError("--at is a place of the scan; it needs --ct and --coordinates LPS or RAS")
+    if arguments.series and not arguments.ct:
+        raise UsageError("--series is one of the scan; it needs --ct")
     radius_mm = STANDARD_RADIUS_MM if arguments.radius is None else arguments.radius
     bridge = Bridge(
         size_mm=tuple(arguments.size),

@@ -88,6 +88,9 @@ def test_python_searches_nothing_for_garbage_when_it_ends() -> None:
         (["localize", "{ct}"], 2, "--diameter"),
         (["export", "{ct}/truth.json", "--to", "csv"], 1, "not a fiducials document"),
         (["export", "{ct}/truth.json", "--to", "stl"], 2, "give a case's folder"),
+        (["export", "{ct}/truth.json", "--to", "csv", "--secret", "s"], 2, "--secret goes with --deidentify"),
+        (["export", "{ct}", "--deidentify", "-o", "a", "--series", "1.2.3"], 2, "all of FILE"),
+        (["export", "{ct}", "--deidentify", "-o", "a", "--labels", "b.nii"], 2, "all of FILE"),
         (["localize", "{ct}", "--diameter", "11.5", "--diameter", "auto"], 2, "both 11.5 and auto"),
         (
             ["localize", "{ct}", "--diameter", "11.5", "--expected", "1", "--expected", "1"],

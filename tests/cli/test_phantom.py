@@ -77,6 +77,11 @@ def test_the_list_shows_every_scene_with_its_picture(capsys: pytest.CaptureFixtu
         (["patient-3", "--transfer-syntax", "jpeg"], "unknown transfer syntax 'jpeg'"),
         (["patient-3", "--kilovolts", "20", "--matrix", "32"], "tube voltage is 20.0 kV"),
         (["patient-3", "--kilovolts", "20", "--scanner", "fast"], "tube voltage is 20.0 kV"),
+        (["patient-3", "--scatter", "0.02", "--scanner", "fast"], "the fast renderer scatters nothing"),
+        (
+            ["random-patient", "--protocol", "rendered triangle", "--scatter", "0.02"],
+            "the fast renderer scatters nothing",
+        ),
     ],
 )
 def test_bad_input_is_one_sentence_and_writes_nothing(tmp_path: Path, arguments: list[str], sentence: str) -> None:

@@ -270,6 +270,8 @@ BAD = [
     (["propose", "{plan}", "B", *POINTS[4:], "--count", "0"], 2, "--count: 0"),
     (["markers", "--plan", "{plan}", "--count", "-1"], 2, "--count: -1"),
     (["markers", "--count", "5", "--sigma-ct", "0"], 2, "--sigma-ct: 0"),
+    (["markers", "--count", "5", "--visible", "40"], 2, "--visible"),
+    (["import", "{plan}", "paths.csv", "--coordinates", "LPS", "--first", "target"], 2, "--first"),
     (["add", "{newer}", "B", *POINTS], 1, "version 2"),
     (["check", "{foreign}"], 1, "frame"),
     (["add", "{foreign}", "B", *POINTS], 1, "frame"),

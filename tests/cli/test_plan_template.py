@@ -34,6 +34,7 @@ def test_a_standard_head_gives_body_document_and_drawing(
         (["--markers", "3", "--radius", "0"], 1, "bent to a radius of 0 mm"),
         (["--markers", "3", "--thickness", "0"], 1, "0 mm thick"),
         (["--markers", "3", "--at", "0", "0", "0"], 2, "--at is a place of the scan"),
+        (["--markers", "3", "--flat", "--series", "1.2.3"], 2, "--series is one of the scan"),
         (["--markers", "3", "--size", "55", "40", "--screw-play", "3"], 3, "expected"),
     ],
 )
