@@ -193,17 +193,19 @@ def check_phantom(
 ) -> PhantomCheck:
     """Pair ``phantom`` with the markers ``found`` in a scan with the slice axes ``axes`` (3, 3), and fit it rigidly.
 
-    ``voxel_sha256`` names the scan. Raises `InputError` where the phantom is known from that very scan, and where
-    phantom or scan have fewer than `LEAST_MARKERS` markers; `RefusedError` where they do not pair in exactly one way.
+    ``voxel_sha256`` names the scan. Raises `InputError` where the phantom is known from that very scan, or has fewer
+    than `LEAST_MARKERS` markers; `RefusedError` where the scan shows fewer, or they do not pair in exactly one way.
     """
     if voxel_sha256 is not None and voxel_sha256 == phantom.voxel_sha256:
         raise InputError(
             f"the truth '{phantom.name}' was found in this very scan, which would be compared with itself; "
             "give a template, or the markers of another scan"
         )
-    for count, what in ((len(phantom.labels), f"phantom '{phantom.name}' has"), (len(found), "the scan shows")):
-        if count < LEAST_MARKERS:
-            raise InputError(f"{what} {count} markers; a check needs {LEAST_MARKERS} or more")
+    needed = f"a check needs {LEAST_MARKERS} or more"
+    if len(phantom.labels) < LEAST_MARKERS:
+        raise InputError(f"phantom '{phantom.name}' has {len(phantom.labels)} markers; {needed}")
+    if len(found) < LEAST_MARKERS:
+        raise RefusedError(f"the scan shows {len(found)} markers; {needed}")
     one, pairs = _paired(phantom, found.positions_mm)
     if len(pairs) < LEAST_MARKERS:
         raise RefusedError(

@@ -107,8 +107,10 @@ def test_distances_pair_with_either_hand_and_coordinates_with_their_own() -> Non
 def test_what_cannot_be_judged_is_refused() -> None:
     seen = scanned()
     few = Points(seen.positions_mm[:3], seen.covariances_mm2[:3], seen.labels[:3])
-    with pytest.raises(InputError, match="the scan shows 3 markers; a check needs 4"):
+    with pytest.raises(RefusedError, match="the scan shows 3 markers; a check needs 4"):
         check_phantom(PHANTOM, few, AXES)
+    with pytest.raises(InputError, match="phantom 'three' has 3 markers; a check needs 4"):
+        check_phantom(KnownPhantom.of("three", LABELS[:3], PLACES[:3]), seen, AXES)
     square = np.array([[0.0, 0, 0], [50, 0, 0], [50, 50, 0], [0, 50, 0]])
     regular = KnownPhantom.of("square", LABELS[:4], square)
     found = Points(square, np.tile(np.eye(3) * 1e-4, (4, 1, 1)), LABELS[:4])
