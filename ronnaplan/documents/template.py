@@ -80,7 +80,8 @@ class TemplateDocument(DocumentModel):
     @property
     def template(self) -> Template:
         """What the localizer looks for."""
-        return Template(self.name, self.labels, self.distances_mm, self.tolerance)
+        centers = np.array(self.centers) if self.centers else None
+        return Template(self.name, self.labels, self.distances_mm, self.tolerance, centers)
 
     def placed(self, frame: Frame, sigma_mm: float) -> Points:
         """Return the markers at their stated places in ``frame``, which err by ``sigma_mm`` per axis.

@@ -10,24 +10,30 @@ import numpy as np
 from ronnaplan.errors import RefusedError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fiducials import Fiducial, Rejected
+from ronnaplan.rigid import fit_closed_form
 
 DISTANCE_TOLERANCE_MM = 0.5
 """Distances in CT and on the drawing agree within this, unless the template says otherwise. (Šuligoj et al. 2018
 measured 0.11 +- 0.10 mm on their phantom.)"""
+
+MIRROR = np.array([-1.0, 1.0, 1.0])
+"""Turns places into their mirror image."""
 
 
 @dataclass(frozen=True)
 class Template:
     """``distances_mm`` (N, N) between the markers called ``labels``, right within ``tolerance_mm``.
 
-    Distances do not tell a frame from its mirror image; a frame whose mirror image has the same distances in
-    another order is refused as ambiguous, like any other that fits in two ways.
+    Distances do not tell a frame from its mirror image, but ``centers_mm`` (N, 3), in any right-handed frame, do. A
+    frame whose mirror image has the same distances in another order is refused as ambiguous, like any other that fits
+    in two ways.
     """
 
     name: str
     labels: tuple[str, ...]
     distances_mm: FloatArray
     tolerance_mm: float = DISTANCE_TOLERANCE_MM
+    centers_mm: FloatArray | None = None
 
 
 def match_template(
@@ -35,7 +41,8 @@ def match_template(
 ) -> tuple[list[Fiducial], tuple[Rejected, ...]]:
     """Return the markers of ``template``, in its order and under its labels, and all others as rejected.
 
-    Raises `RefusedError` when no choice of markers has the template's distances, or more than one has.
+    Raises `RefusedError` when no choice of markers has the template's distances, or more than one has, or the one is
+    its mirror image.
     """
     centers = np.array([one.center_mm for one in fiducials], dtype=np.float64).reshape(-1, 3)
     distances = np.linalg.norm(centers[:, np.newaxis] - centers, axis=-1)
@@ -47,6 +54,7 @@ def match_template(
             f"{template.tolerance_mm:g} mm, exactly one choice is needed; check the template and the scan"
         )
     (chosen,) = matches
+    _require_hand(template, centers[list(chosen)])
     labelled = [replace(fiducials[n], label=label) for n, label in zip(chosen, template.labels, strict=True)]
     others = tuple(
         Rejected(
@@ -67,6 +75,25 @@ def distance_error_mm(template: Template, fiducials: Sequence[Fiducial]) -> floa
     centers = np.array([one.center_mm for one in fiducials])
     distances = np.linalg.norm(centers[:, np.newaxis] - centers, axis=-1)
     return float(np.max(np.abs(distances - template.distances_mm)))
+
+
+def _require_hand(template: Template, found_mm: FloatArray) -> None:
+    """Raise `RefusedError` where the markers found (N, 3) are the mirror image of the template's places, if known."""
+    if template.centers_mm is None:
+        return
+    as_stated, mirrored = (_missed_mm(template.centers_mm * hand, found_mm) for hand in (1.0, MIRROR))
+    if as_stated > max(template.tolerance_mm, 2.0 * mirrored):
+        raise RefusedError(
+            f"the markers found are the mirror image of template '{template.name}': it misses them by "
+            f"{as_stated:.2f} mm RMS, its mirror image by {mirrored:.2f} mm; one of the two is left-handed, check which"
+        )
+
+
+def _missed_mm(places_mm: FloatArray, found_mm: FloatArray) -> float:
+    """Return by how much ``places_mm`` (N, 3) miss ``found_mm``, moved onto them as a rigid body, RMS."""
+    moved = fit_closed_form(places_mm, found_mm)
+    residuals_mm = places_mm @ moved[:3, :3].T + moved[:3, 3] - found_mm
+    return float(np.sqrt(np.mean(np.sum(residuals_mm**2, axis=1))))
 
 
 def _assignments(template: Template, distances: FloatArray, chosen: tuple[int, ...]) -> Iterator[tuple[int, ...]]:

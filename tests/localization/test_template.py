@@ -47,6 +47,31 @@ def test_a_frame_that_is_not_there_or_there_twice_is_refused() -> None:
         match_template(TEMPLATE, markers(np.vstack([FRAME, FRAME + 200.0])))
 
 
+@pytest.mark.parametrize("flat", [False, True])
+def test_a_frame_whose_places_are_stated_is_told_from_its_mirror_image(tmp_path: Path, flat: bool) -> None:
+    centers = FRAME * [1, 1, 0] if flat else FRAME
+    header = {
+        "format": "ronnaplan.template",
+        "version": 1,
+        "unit": "mm",
+        "name": "frame",
+        "labels": ["A", "B", "C", "D"],
+    }
+    path = tmp_path / "frame.json"
+    path.write_text(json.dumps({**header, "centers": centers.tolist()}))
+    stated = read_template(path)
+    turned = centers[:, [1, 2, 0]] + SHIFT
+    seen = turned + np.random.default_rng(1).normal(0.0, 0.1, (4, 3))
+    assert len(match_template(stated, markers(seen))[0]) == 4
+    mirrored = markers(seen * [-1, 1, 1])
+    if flat:
+        assert len(match_template(stated, mirrored)[0]) == 4
+        return
+    assert len(match_template(TEMPLATE, mirrored)[0]) == 4
+    with pytest.raises(RefusedError, match="mirror image of template 'frame'"):
+        match_template(stated, mirrored)
+
+
 def test_a_template_file_is_checked(tmp_path: Path) -> None:
     good = {
         "format": "ronnaplan.template",
