@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
         Build.parse(arguments.marker),
     )
     if wanted.diameters_mm is not None:
-        check_request(wanted.diameters_mm, arguments.expected)
+        check_request(wanted.diameters_mm, wanted.expected, wanted.build)
     _check_outputs(arguments)
     if arguments.all_series or len(arguments.paths) > 1:
         return _localize_many(arguments, wanted)

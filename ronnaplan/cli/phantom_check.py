@@ -52,8 +52,8 @@ def run(arguments: argparse.Namespace) -> int:
     diameter = plain_number(arguments.diameter)
     if diameter is None:
         raise UsageError(f"--diameter is '{arguments.diameter}'; a positive number of mm is needed")
-    check_request(diameter, None)
     build = Build.parse(arguments.marker)
+    check_request(diameter, None, build)
     phantom = read_known_phantom(arguments.truth, arguments.sigma_truth)
     if arguments.output is not None:
         check_target(arguments.output)

@@ -62,9 +62,9 @@ class Task:
         from ronnaplan.documents.template import read_template_document
         from ronnaplan.localization import Build, check_request
 
+        marker = Build.parse(rule.marker)
         if rule.diameters:
-            check_request(rule.diameters, rule.expected)
-        Build.parse(rule.marker)
+            check_request(rule.diameters, rule.expected, marker)
         template = None if rule.template is None else read_template_document(home / rule.template)
         phantom = None if rule.phantom is None else read_truth(home / rule.phantom)
         self.rule = rule

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from ronnaplan.errors import UsageError
+from ronnaplan.text import plain_number
 
 KINDS = {"shell": -1.0, "wrapped": 1.0}
 """What may be said beside 'solid', and on which side of the surface its layer lies."""
@@ -28,11 +28,8 @@ class Build:
         kind, _, number = text.partition(":")
         if text == "solid":
             return cls()
-        try:
-            layer_mm = float(number)
-        except ValueError:
-            layer_mm = math.nan
-        if kind not in KINDS or not (math.isfinite(layer_mm) and layer_mm > 0):
+        layer_mm = plain_number(number)
+        if kind not in KINDS or layer_mm is None or layer_mm <= 0:
             raise UsageError(f"the marker is '{text}'; expected solid, shell:WALL or wrapped:THICKNESS in mm")
         return cls(KINDS[kind] * layer_mm)
 

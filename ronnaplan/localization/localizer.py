@@ -73,7 +73,7 @@ def localize(
     check_type(volume, CTVolume, "the volume", "read_ct returns one")
     check_type(template, (Template, type(None)), "the template", "documents.template.read_template returns one")
     check_type(marker, Build, "the marker", "Build.parse('shell:1') returns one")
-    diameters = check_request(diameter_mm, expected)
+    diameters = check_request(diameter_mm, expected, marker)
     with ThreadPoolExecutor(1) as beside:
         # To say which scan it is takes half as long as to find its markers.
         beside.submit(lambda: volume.voxel_sha256)
@@ -153,8 +153,10 @@ def require_count(
     raise RefusedError(told)
 
 
-def check_request(diameter_mm: float | Sequence[float], expected: int | None) -> tuple[float, ...]:
-    """Return the diameters as a tuple; raise `UsageError` for diameters or a number that no scan can have."""
+def check_request(
+    diameter_mm: float | Sequence[float], expected: int | None, marker: Build = SOLID
+) -> tuple[float, ...]:
+    """Return the diameters as a tuple; raise `UsageError` for diameters, walls or a number that no scan can have."""
     given = (
         (diameter_mm,) if isinstance(diameter_mm, Real) or not isinstance(diameter_mm, Sequence) else diameter_mm
     )
@@ -166,6 +168,11 @@ def check_request(diameter_mm: float | Sequence[float], expected: int | None) ->
     for diameter in diameters:
         if not (math.isfinite(diameter) and diameter > 0):
             raise UsageError(f"the marker diameter is {diameter}; a positive number of mm is needed")
+        if marker.wall_mm >= diameter / 2:
+            raise UsageError(
+                f"the wall of {marker.wall_mm:g} mm leaves nothing hollow in a marker of {diameter:g} mm; check both, "
+                "or say 'solid'"
+            )
     if expected is not None and (isinstance(expected, bool) or not isinstance(expected, Integral) or expected < 0):
         raise UsageError(f"{expected!r} markers were expected; a whole number from 0 upwards is needed")
     return diameters

@@ -85,6 +85,7 @@ def test_python_searches_nothing_for_garbage_when_it_ends() -> None:
         (["localize", "{ct}", "--diameter", "nan"], 2, "positive number of mm"),
         (["localize", "{ct}", "--diameter", "large"], 2, "several as 11.5,5"),
         (["localize", "{ct}", "--diameter", "1.5"], 1, "smaller than 2 pixels"),
+        (["localize", "{ct}/nowhere", "--diameter", "5", "--marker", "shell:2.5"], 2, "leaves nothing hollow"),
         (["localize", "{ct}"], 2, "--diameter"),
         (["export", "{ct}/truth.json", "--to", "csv"], 1, "not a fiducials document"),
         (["export", "{ct}/truth.json", "--to", "stl"], 2, "give a case's folder"),

@@ -158,10 +158,19 @@ def test_a_ball_in_cloth_is_found_when_asked_for_and_else_flagged() -> None:
     assert error_mm(as_larger, tuple(scene.markers[0].center_mm)) > 0.05
 
 
-@pytest.mark.parametrize("text", ["shell", "shell:0", "shell:-1", "shell:thin", "wrapped:nan", "hollow:1", ""])
+@pytest.mark.parametrize(
+    "text", ["shell", "shell:0", "shell:-1", "shell:thin", "shell:1_0", "wrapped:nan", "hollow:1", ""]
+)
 def test_a_build_that_is_none_is_refused(text: str) -> None:
     with pytest.raises(UsageError, match="expected solid, shell:WALL or wrapped:THICKNESS"):
         Build.parse(text)
+
+
+@pytest.mark.parametrize("diameters_mm", [11.5, (5.0, 13.0)])
+def test_a_shell_whose_wall_leaves_nothing_hollow_is_refused(diameters_mm: float | tuple[float, ...]) -> None:
+    volume = scanned(marker("M", FOOT), "gaussian", 0.6, 1.3, 0.6)
+    with pytest.raises(UsageError, match="leaves nothing hollow in a marker of"):
+        localize(volume, diameter_mm=diameters_mm, marker=Build.parse("shell:5.75"))
 
 
 def test_a_film_on_one_side_is_flagged_and_within_what_is_stated() -> None:
