@@ -140,7 +140,7 @@ def _outcome(job: Job, steps: Steps) -> Outcome:
     series, file, found = job.series, None, None
     try:
         volume = steps.read(job)
-        series = volume.source.series_instance_uid or series
+        series = series or volume.source.series_instance_uid
         found = steps.find(job, volume)
         file = steps.keep(job, volume, found)
         status, message = 0, _counted(found)

@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 
 import pytest
+from pydicom import dcmread
 
 from phantoms.fast import render
 from phantoms.output import write_phantom
@@ -98,3 +99,21 @@ def test_every_series_of_a_folder_is_done_when_asked_for(
     scans = json.loads((results / "summary.json").read_text())["scans"]
     assert len({one["series"] for one in scans}) == 2
     assert {Path(one["first_file"]).parent for one in scans} == {exam / "0", exam / "1"}
+
+
+def test_the_parts_of_one_series_are_told_apart_by_the_name_that_asks_for_them_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    exam, results = tmp_path / "exam", tmp_path / "results"
+    for number, place in enumerate([(5.0, -4.0, 2.0), (-5.0, 4.0, -2.0)]):
+        scene, stack = balls([place]), small_stack(spacing_mm=2.0, matrix=64)
+        write_phantom(exam / str(number), scene, stack, render(scene, stack, seed=1), SeriesOptions(seed=1))
+        for path in (exam / str(number)).glob("*.dcm"):
+            image = dcmread(path)
+            image.AcquisitionNumber = number + 1
+            image.save_as(path)
+    call = ["localize", str(exam), "--diameter", "11.5"]
+    assert run([*call, "--all-series", "-o", str(results)], capsys)[0] == 0
+    for scan in json.loads((results / "summary.json").read_text())["scans"]:
+        status, out, _ = run([*call, "--series", scan["series"]], capsys)
+        assert (status, out) == (0, (results / scan["fiducials"]).read_text())
