@@ -25,9 +25,13 @@ from ronnaplan.tracking.recording import (
     rounding_notes,
     tool_reading,
 )
+from ronnaplan.tracking.tables import stated_status
 
 HEADER = struct.Struct(">H12s20sIIQQ")
 EXTENDED_HEADER = struct.Struct(">HHII")
+METADATA_ITEM = struct.Struct(">HHI")
+POSE_STATUS, POSE_VALID = "TransformStatus", "TransformValid"
+"""What PLUS says of a pose in a message's metadata."""
 VERSIONS = (1, 2, 3)
 LARGEST_BODY = 1 << 26
 """A longer message body (64 MB) is not tracker data but a lost byte count."""
@@ -65,13 +69,29 @@ class Message:
 
     def content(self, body: bytes) -> bytes:
         """Return ``body`` without the extended header and the metadata of versions 2 and 3."""
+        return self._parts(body)[0]
+
+    def pose_status(self, body: bytes) -> str:
+        """Return what the metadata say of the poses in ``body``: `OK` where they say nothing."""
+        _, header, data = self._parts(body)
+        told, at = {}, 0
+        for item in range(int.from_bytes(header[:2])):
+            key_size, _, value_size = METADATA_ITEM.unpack_from(header, 2 + item * METADATA_ITEM.size)
+            middle, end = at + key_size, at + key_size + value_size
+            told[text(data[at:middle])] = text(data[middle:end])
+            at = end
+        valid = told.get(POSE_VALID, "1") or "0"  # a truth value may be a byte that is no text
+        return stated_status({"status": told.get(POSE_STATUS, ""), "valid": valid})
+
+    def _parts(self, body: bytes) -> tuple[bytes, bytes, bytes]:
+        """Return the content of ``body``, the header of the metadata, and their keys and values."""
         if self.version == 1:
-            return body
+            return body, b"", b""
         size, metadata_header, metadata, _ = EXTENDED_HEADER.unpack_from(body)
-        end = len(body) - metadata_header - metadata
+        end, data = len(body) - metadata_header - metadata, len(body) - metadata
         if not EXTENDED_HEADER.size <= size <= end:
             raise ValueError("an extended header beyond the body")
-        return body[size:end]
+        return body[size:end], body[end:data], body[data:]
 
 
 def text(field: bytes) -> str:
@@ -145,13 +165,14 @@ class Stream:
             self._left_out[f"{what} failed their checksum and were left out"] += 1
             return
         try:
-            unpack[message.kind](message, message.content(body))
+            unpack[message.kind](message, body)
         except (ValueError, struct.error) as error:
             self._left_out[f"{what} cannot be read ({error}) and were left out"] += 1
             return
         self.messages += 1
 
-    def _take_points(self, message: Message, content: bytes) -> None:
+    def _take_points(self, message: Message, body: bytes) -> None:
+        content = message.content(body)
         if len(content) % POINT_ITEM.itemsize:
             raise ValueError(f"{len(content)} bytes")
         items: NDArray[np.void] = np.frombuffer(content, dtype=POINT_ITEM)
@@ -162,21 +183,23 @@ class Stream:
             self.points.append(PointReading(self._point_frames, place, text(name), message.time_s, None, status))
         self._point_frames += 1
 
-    def _take_transform(self, message: Message, content: bytes) -> None:
+    def _take_transform(self, message: Message, body: bytes) -> None:
+        content, status = message.content(body), message.pose_status(body)
         if len(content) != 48:
             raise ValueError(f"{len(content)} bytes")
         matrix = np.eye(4)
         matrix[:3] = _doubles(np.frombuffer(content, dtype=">f4")).reshape(4, 3).T
         tool = message.device
-        reading, excess = tool_reading(self._next_frame(tool), tool, matrix, message.time_s)
+        reading, excess = tool_reading(self._next_frame(tool), tool, matrix, message.time_s, status)
         self.tools.append(reading)
         self._excesses.append(excess)
 
-    def _take_positions(self, message: Message, content: bytes) -> None:
-        for name, position, quaternion in _positions(content):
+    def _take_positions(self, message: Message, body: bytes) -> None:
+        stated = message.pose_status(body)
+        for name, position, quaternion in _positions(message.content(body)):
             tool = name or message.device
             matrix = quaternion_pose(quaternion, position)
-            status = OK if matrix is not None else "no pose"
+            status = "no pose" if matrix is None and stated == OK else stated
             self.tools.append(ToolReading(self._next_frame(tool), tool, matrix, message.time_s, None, status))
 
     def _next_frame(self, tool: str) -> int:

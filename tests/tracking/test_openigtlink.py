@@ -214,6 +214,42 @@ def test_a_message_with_metadata_is_read_as_pyigtl_packs_it() -> None:
     assert recording.points[0].time_s == pytest.approx(7.25)
 
 
+@pytest.mark.parametrize(
+    ("metadata", "status"),
+    [
+        ({"TransformStatus": "OUT_OF_VIEW", "TransformValid": "0"}, "out_of_view"),
+        ({"TransformValid": "False"}, "not valid"),
+        ({"TransformValid": "\0"}, "not valid"),
+        ({"TransformStatus": "OK", "TransformValid": "\1", "Other": "MISSING"}, "ok"),
+        ({}, "ok"),
+    ],
+)
+def test_a_pose_that_plus_calls_invalid_is_flagged(metadata: dict[str, str], status: str) -> None:
+    sent = pyigtl.TransformMessage(matrix=np.eye(4), device_name="ProbeToTracker")
+    sent.header_version, sent.metadata = 2, metadata
+    packed = sent.pack()
+    body = packed[58:70] + np.array([1.0, 2, 3], dtype=">f4").tobytes() + packed[70 + 48 :]
+    where = struct.pack(">H12s20sIIQQ", 2, b"POSITION", b"Pointer", 3, 0, len(body), CRC64(body)) + body
+    with server([packed, where], hold=False) as port:
+        recording = record("127.0.0.1", port, seconds=5)
+    assert [(tool.tool, tool.status) for tool in recording.tools] == [
+        ("ProbeToTracker", status),
+        ("Pointer", status),
+    ]
+
+
+def test_a_message_whose_metadata_end_early_is_left_out_with_a_note() -> None:
+    sent = pyigtl.TransformMessage(matrix=np.eye(4), device_name="Probe")
+    sent.header_version, sent.metadata = 2, {"TransformStatus": "OK"}
+    packed = bytearray(sent.pack())
+    packed[58 + 12 + 48 + 1] = 9  # entries, of which there is one
+    packed[50:58] = CRC64(bytes(packed[58:])).to_bytes(8, "big")
+    with server([bytes(packed), points()], hold=False) as port:
+        recording = record("127.0.0.1", port, seconds=5)
+    assert recording.tools == ()
+    assert "TRANSFORM messages of Probe cannot be read" in recording.notes[0]
+
+
 def test_matrices_that_are_nearly_rotations_are_the_nearest() -> None:
     rough = np.eye(4)
     rough[0, 1] = 5e-4
