@@ -38,6 +38,7 @@ LARGEST_BODY = 1 << 26
 MOST_READINGS = 1_000_000
 """A recording that holds more (0.8 GB of memory) is ended: half a day of one tool at 20 Hz."""
 MOST_NOTES = 20
+MOST_KINDS = 5
 POINT_ITEM = np.dtype(
     [("name", "S64"), ("group", "S32"), ("rgba", "u1", 4), ("place", ">f4", 3), ("size", ">f4"), ("owner", "S20")]
 )
@@ -108,6 +109,7 @@ class Stream:
         self.messages = 0
         self.broken: str | None = None
         self._left_out: Counter[str] = Counter()
+        self._passed_over: Counter[str] = Counter()
         self._excesses: list[float] = []
         self._buffer = bytearray()
         self._next: Message | None = None
@@ -127,6 +129,12 @@ class Stream:
         if others:
             told.append(f"{others} more messages were left out for other reasons")
         return [*told, *rounding_notes(self._excesses)]
+
+    @property
+    def passed_over(self) -> list[str]:
+        """What came of other kinds than those that are read, in a sentence where there is any."""
+        told = ", ".join(f"{count} {kind}" for kind, count in self._passed_over.most_common(MOST_KINDS))
+        return [f"{told} came; POINT, TRANSFORM and POSITION are read"] if told else []
 
     def taken(self) -> tuple[list[PointReading], list[ToolReading]]:
         """Return the readings that came since this was last asked, and keep them no longer."""
@@ -159,6 +167,7 @@ class Stream:
     def _take(self, message: Message, body: bytes) -> None:
         unpack = {"POINT": self._take_points, "TRANSFORM": self._take_transform, "POSITION": self._take_positions}
         if message.kind not in unpack:
+            self._passed_over[message.kind] += 1
             return
         what = f"{message.kind} messages of {message.device}"
         if message.checksum not in (0, CRC64(body)):

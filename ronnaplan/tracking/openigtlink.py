@@ -126,7 +126,7 @@ def record(host: str, port: int = DEFAULT_PORT, *, seconds: float = 5.0) -> Reco
                 raise
             told = [f"stopped by hand after {stream.messages} messages"]
     if not stream.messages:
-        why = "; ".join([*told, *stream.notes])
+        why = "; ".join([*told, *stream.passed_over, *stream.notes])
         raise InputError(f"{host}:{port} sent no readable message in {seconds:g} s{f' ({why})' if why else ''}")
     return Recording(
         f"openigtlink://{host}:{port}",

@@ -326,7 +326,14 @@ def test_other_messages_are_passed_over() -> None:
 
 @pytest.mark.parametrize(
     ("chunks", "says"),
-    [([b"HTTP/1.1 400 Bad Request\r\n" * 10], "not OpenIGTLink"), ([], "no readable message")],
+    [
+        ([b"HTTP/1.1 400 Bad Request\r\n" * 10], "not OpenIGTLink"),
+        ([], "no readable message"),
+        (
+            [pyigtl.StringMessage("a", device_name="S").pack()] * 3,
+            "3 STRING came; POINT, TRANSFORM and POSITION are read",
+        ),
+    ],
 )
 def test_a_server_that_speaks_something_else_is_named(chunks: list[bytes], says: str) -> None:
     with server(chunks, hold=False) as port, pytest.raises(InputError, match=says):
