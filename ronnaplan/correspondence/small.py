@@ -50,7 +50,7 @@ class Weighed:
 
     def rivals(self) -> tuple[Rival, ...]:
         """Return the most probable pairings, the best itself first."""
-        below = self.log_evidence[0] - self.log_evidence[: MOST_RIVALS + 1]
+        below = self.log_evidence[:1] - self.log_evidence[: MOST_RIVALS + 1]
         return tuple(Rival(pairs_of(one), float(gap)) for one, gap in zip(self.partners, below, strict=False))
 
 
@@ -60,7 +60,7 @@ def match_small(problem: Problem, least_probability: float) -> Pairing | None:
     if weighed is None:
         return None
     answer = decide(problem, weighed, least_probability)
-    if answer.status == "unique" and contradicts_known(problem):
+    if answer.reason != LEFT_HANDED and contradicts_known(problem):
         reason = "the points fit far better without the pairs that were given; check what was pointed at"
         return Pairing("ambiguous", no_pairs(), answer.probability, weighed.rivals(), reason)
     return answer
@@ -133,13 +133,13 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
 
 
 def contradicts_known(problem: Problem) -> bool:
-    """Tell whether, without the known pairs, pairings that contradict one of them are far more probable than theirs.
+    """Tell whether pairings that contradict a known pair are, without it, far more probable than its own, and chance.
 
     Those that leave both of its points do not contradict it, for the marker may have moved; nor do the other orders of
     regular markers, which known pairs are to settle. Nothing is told where there are too many pairings to list.
     """
     free = weigh_all(replace(problem, known=no_pairs())) if len(problem.known) else None
-    if free is None:
+    if free is None or free.log_evidence.max(initial=-np.inf) <= free.background:
         return False
     regular = regular_odds(free.log_evidence, free.chi2, free.partners, 0, free.background)
     if regular > 1.0 / MOST_ODDS_AGAINST_KNOWN:
@@ -149,7 +149,7 @@ def contradicts_known(problem: Problem) -> bool:
     paired = (free.partners[:, i] >= 0) | (free.partners[:, :, None] == j).any(axis=1)
     weight = np.exp(free.log_evidence - free.log_evidence[0])
     against, held = weight[(paired & ~holds).any(axis=1)].sum(), weight[holds.all(axis=1)].sum()
-    return bool(against > MOST_ODDS_AGAINST_KNOWN * held)
+    return bool(against > MOST_ODDS_AGAINST_KNOWN * (held + math.exp(free.background - free.log_evidence[0])))
 
 
 def certain_core(

@@ -16,6 +16,17 @@ def test_a_pair_pointed_at_wrongly_is_not_believed() -> None:
     ct, ots, partner = scene(5, markers=6, outliers=0)
     pairing = match_points(ct, ots, known_pairs=[(0, int(partner[1])), (1, int(partner[2])), (2, int(partner[0]))])
     assert pairing.status != "unique"
+    assert "check what was pointed at" in pairing.reason
+
+
+def test_a_pair_pointed_at_is_not_blamed_where_nothing_fits() -> None:
+    rng = np.random.default_rng(8)
+    for _ in range(20):
+        ct, ots = rng.normal(0.0, 50.0, (2, 6, 3))
+        for known in ([(0, 1)], [(0, 1), (1, 0), (2, 5)]):
+            pairing = match_points(ct, ots, known_pairs=known)
+            assert pairing.status != "unique"
+            assert "pointed at" not in pairing.reason
 
 
 def test_one_pair_pointed_at_wrongly_does_not_outweigh_all_others() -> None:
