@@ -22,6 +22,7 @@ def run_new(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.plan import write_plan
     from ronnaplan.planning import Plan
 
+    _require_none_lost(arguments.output)
     write_plan(arguments.output, Plan.of_scan(_volume(arguments)))
     return 0
 
@@ -221,6 +222,22 @@ def run_markers(arguments: argparse.Namespace) -> int:
     if arguments.output:
         write_atomically(arguments.output, placement_markups(placed))
     return 0
+
+
+def _require_none_lost(path: str) -> None:
+    """Raise `InputError` where a plan with trajectories lies at ``path``: its history would be lost with it."""
+    from ronnaplan.documents.plan import read_plan
+    from ronnaplan.errors import InputError
+
+    try:
+        count = len(read_plan(path).trajectories)
+    except InputError:  # there is no plan
+        return
+    if count:
+        raise InputError(
+            f"{path} holds a plan of {count} {'trajectory' if count == 1 else 'trajectories'}, which would be lost; "
+            "name another file, or take it away"
+        )
 
 
 def _volume(arguments: argparse.Namespace) -> CTVolume:

@@ -60,6 +60,17 @@ def test_a_plan_is_tied_to_its_scan_and_ras_is_turned_to_lps(plan: Path, ct: Pat
     assert read.trajectory("B").instrument.diameter_mm == 1.27
 
 
+def test_a_plan_with_trajectories_is_not_begun_anew(
+    plan: Path, ct: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = plan.read_bytes()
+    assert main(["plan", "new", str(ct), "-o", str(plan)]) == 1
+    assert "holds a plan of 1 trajectory, which would be lost" in capsys.readouterr().err
+    assert plan.read_bytes() == before
+    assert main(["plan", "remove", str(plan), "A"]) == 0
+    assert main(["plan", "new", str(ct), "-o", str(plan)]) == 0
+
+
 def test_edit_lock_undo_redo_and_remove(plan: Path, ct: Path, capsys: pytest.CaptureFixture[str]) -> None:
     moved = ["--target", "-8", "4", "18", "--coordinates", "LPS", "--rename", "A2", "--notes", "deeper"]
     assert main(["plan", "edit", str(plan), "A", "--ct", str(ct), *moved]) == 0
@@ -166,7 +177,7 @@ def test_markers_are_proposed_and_written_for_slicer(
 def test_export_and_import_round_trip(plan: Path, ct: Path, tmp_path: Path) -> None:
     for to, name in (("markups", "lines.mrk.json"), ("csv", "lines.csv")):
         assert main(["plan", "export", str(plan), "--to", to, "-o", str(tmp_path / name)]) == 0
-        other = tmp_path / "other.json"
+        other = tmp_path / f"{to}.json"
         assert main(["plan", "new", str(ct), "-o", str(other)]) == 0
         assert main(["plan", "import", str(other), str(tmp_path / name), "--ct", str(ct)]) == 0
         np.testing.assert_allclose(read_plan(other).trajectory("A").entry_mm, [-20, 10, 77])
