@@ -85,6 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
     if body.suffix.lower() not in WRITERS:
         raise UsageError(f"-o is '{body}'; expected a name that ends in {' or '.join(WRITERS)}")
     check_target(body)
+    _require_none_lost(body.with_suffix(".json"))
     bridge, fitted = _shape(arguments)
     found = design_template(
         arguments.markers,
@@ -100,6 +101,18 @@ def run(arguments: argparse.Namespace) -> int:
         write_atomically(body.with_suffix(f".{kind}"), drawing_file(drawing, kind))
     print(_summary(found, fitted))
     return 0
+
+
+def _require_none_lost(document: Path) -> None:
+    """Raise `InputError` where something else than an earlier template lies in the place of its document."""
+    from ronnaplan.documents.template import read_template
+    from ronnaplan.errors import InputError
+
+    if document.exists():
+        try:
+            read_template(document)
+        except InputError as error:
+            raise InputError(f"{document} is no template, and would be lost; name the body otherwise") from error
 
 
 def _shape(arguments: argparse.Namespace) -> tuple[Bridge, Fitted | None]:

@@ -47,3 +47,16 @@ def test_what_cannot_be_is_refused(
 
 def test_another_kind_of_body_is_refused(tmp_path: Path) -> None:
     assert main(["plan", "template", "--markers", "3", "-o", str(tmp_path / "t.obj")]) == 2
+
+
+def test_no_other_document_is_replaced_by_the_one_beside_the_body(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    beside = tmp_path / "plan.json"
+    beside.write_text('{"format": "ronnaplan.plan"}')
+    command = ["plan", "template", "--markers", "3", "--flat", "-o", str(tmp_path / "plan.stl")]
+    assert main(command) == 1
+    assert "plan.json is no template, and would be lost" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["plan.json"]
+    beside.unlink()
+    assert main(command) == main(command) == 0
