@@ -149,7 +149,7 @@ def _outcome(job: Job, steps: Steps) -> Outcome:
     flags = {flag.name.lower() for one in found or () for flag in one.flags}
     return Outcome(
         scan=job.name,
-        path=job.path,
+        path=printable(job.path, LONGEST_SENTENCE),
         series=series,
         status=status,
         markers=None if found is None else len(found),

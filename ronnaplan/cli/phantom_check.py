@@ -89,12 +89,13 @@ def _checked(
     from ronnaplan.localization.settings import recommended_settings
     from ronnaplan.registration.phantom_check import check_phantom
     from ronnaplan.registration.phantom_verdict import reasons_against
+    from ronnaplan.text import printable
 
     volume = read_ct(path, series, progress=True)
     found = localize(volume, diameter_mm=diameter_mm, marker=build)
     check = check_phantom(phantom, found.points, volume.grid.axes, volume.voxel_sha256)
     advice = recommended_settings(volume.grid, found)
-    return CheckedScan(path, found, check, reasons_against(check), advice)
+    return CheckedScan(printable(path), found, check, reasons_against(check), advice)
 
 
 def _told(one: CheckedScan) -> str:

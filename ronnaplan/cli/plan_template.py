@@ -94,9 +94,10 @@ def run(arguments: argparse.Namespace) -> int:
         sigma_ots_mm=arguments.sigma_ots,
         seed=arguments.seed,
     )
+    document = printed_template_document(found, arguments.name)
     drawing = template_drawing(found, f"{arguments.name}: {arguments.markers} markers")
     write_atomically(body, WRITERS[body.suffix.lower()](template_solid(found), arguments.name))
-    write_atomically(body.with_suffix(".json"), printed_template_document(found, arguments.name))
+    write_atomically(body.with_suffix(".json"), document)
     for kind in ("svg", "pdf"):
         write_atomically(body.with_suffix(f".{kind}"), drawing_file(drawing, kind))
     print(_summary(found, fitted))

@@ -39,6 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.errors import UsageError
     from ronnaplan.report.pdf import print_pdf
     from ronnaplan.report.quality import quality_report
+    from ronnaplan.text import printable
 
     kind = Path(arguments.output).suffix.lower()
     if kind not in (".html", ".pdf"):
@@ -54,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     printed = kind == ".pdf"
     name = Path(arguments.case).resolve().name if arguments.name is None else arguments.name
-    html = quality_report(case, name, _seen(case), turns=not printed, paper=arguments.paper)
+    html = quality_report(case, printable(name), _seen(case), turns=not printed, paper=arguments.paper)
     write_atomically(arguments.output, print_pdf(html) if printed else html)
     return 0
 

@@ -65,6 +65,8 @@ def _printable(text: str) -> str:
 def _plain_notes(text: str) -> str:
     if any((ord(each) < 32 and each not in "\n\t") or 0x7F <= ord(each) < 0xA0 for each in text):
         raise ValueError("holds control characters")
+    if any(0xD800 <= ord(each) < 0xE000 for each in text):  # as Python reads what is no text of a command line
+        raise ValueError("holds characters that are no text")
     return text
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ronnaplan.documents.fields import DocumentModel, Label, LengthMm, PositiveMm, Vector
-from ronnaplan.documents.reading import read_document
+from ronnaplan.documents.reading import made, read_document
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame, Points
 from ronnaplan.localization import Template
@@ -114,16 +114,20 @@ def read_template_document(path: str | os.PathLike[str]) -> TemplateDocument:
 
 
 def printed_template_document(found: TemplateLayout, name: str) -> str:
-    """Return the document of a template that is printed: places as drawn, the tolerance of print and screws."""
-    document = TemplateDocument(
-        format="ronnaplan.template",
-        version=1,
-        unit="mm",
-        name=name,
-        labels=found.labels,
-        centers=tuple((x, y, z) for x, y, z in found.centers_mm.round(4).tolist()),
-        tolerance=round(found.bridge.distance_tolerance_mm, 4),
-    )
+    """Return the document of a template that is printed: places as drawn, the tolerance of print and screws.
+
+    Raises `InputError` for a ``name`` that no document holds.
+    """
+    content = {
+        "format": "ronnaplan.template",
+        "version": 1,
+        "unit": "mm",
+        "name": name,
+        "labels": found.labels,
+        "centers": found.centers_mm.round(4).tolist(),
+        "tolerance": round(found.bridge.distance_tolerance_mm, 4),
+    }
+    document = made(TemplateDocument, content)
     return document.model_dump_json(indent=1, exclude={"distances"}) + "\n"
 
 

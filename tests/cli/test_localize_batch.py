@@ -117,3 +117,15 @@ def test_the_parts_of_one_series_are_told_apart_by_the_name_that_asks_for_them_a
     for scan in json.loads((results / "summary.json").read_text())["scans"]:
         status, out, _ = run([*call, "--series", scan["series"]], capsys)
         assert (status, out) == (0, (results / scan["fiducials"]).read_text())
+
+
+def test_a_path_that_is_no_text_is_told_escaped(
+    ct_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scan, results = tmp_path / "\udcffct", tmp_path / "results"
+    scan.symlink_to(ct_folder)
+    assert run(["localize", str(scan), str(scan), "--diameter", "11.5", "-o", str(results)], capsys)[0] == 0
+    told = str(tmp_path / r"\udcffct")
+    assert [one["path"] for one in json.loads((results / "summary.json").read_text())["scans"]] == [told] * 2
+    rows = list(csv.DictReader((results / "summary.csv").read_text().splitlines()))
+    assert [row["path"] for row in rows] == [told] * 2

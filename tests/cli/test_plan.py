@@ -269,6 +269,7 @@ BAD = [
     (["add", "{plan}", "B", *POINTS[:4], "--target", "90", "0", "20", *POINTS[8:]], 1, "in air"),
     (["add", "{plan}", "B", *POINTS, "--instrument", "laser"], 1, "unknown instrument 'laser'"),
     (["add", "{plan}", "B", *POINTS, "--diameter", "2"], 2, "--length"),
+    (["add", "{plan}", "B", *POINTS, "--notes", "\udcff"], 1, "notes: holds characters that are no text"),
     (["add", "{plan}", "B", *POINTS[:-2]], 2, "--coordinates"),
     (["add", "{plan}", "A", *POINTS], 1, "already has"),
     (["edit", "{plan}", "A", "--target", "0", "0", "20"], 2, "--coordinates"),

@@ -33,6 +33,11 @@ def test_a_standard_head_gives_body_document_and_drawing(
         (["--markers", "7"], 1, "3 to 6"),
         (["--markers", "3", "--radius", "0"], 1, "bent to a radius of 0 mm"),
         (["--markers", "3", "--thickness", "0"], 1, "0 mm thick"),
+        (
+            ["--markers", "3", "--flat", "--name", "a\nb"],
+            1,
+            "name: holds characters that no line of text can show",
+        ),
         (["--markers", "3", "--at", "0", "0", "0"], 2, "--at is a place of the scan"),
         (["--markers", "3", "--flat", "--series", "1.2.3"], 2, "--series is one of the scan"),
         (["--markers", "3", "--size", "55", "40", "--screw-play", "3"], 3, "expected"),
@@ -43,6 +48,7 @@ def test_what_cannot_be_is_refused(
 ) -> None:
     assert main(["plan", "template", *options, "-o", str(tmp_path / "t.stl")]) == status
     assert sentence in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_another_kind_of_body_is_refused(tmp_path: Path) -> None:

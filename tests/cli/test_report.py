@@ -29,10 +29,10 @@ def test_the_head_is_shown_and_where_it_cannot_be_made_the_report_is_written_wit
     monkeypatch.setattr("ronnaplan.report.overview.SHAPE", (70, 100))
     (cases.write_case(tmp_path) / "fiducials.json").unlink()  # cuts of markers take long to draw
     out = tmp_path / "report.html"
-    ask = ["report", str(tmp_path), "--ct", str(cases.CT), "--name", "case <7>", "-o", str(out)]
+    ask = ["report", str(tmp_path), "--ct", str(cases.CT), "--name", "case <7>\udcff", "-o", str(out)]
     assert main(ask) == 0
     page = out.read_text()
-    assert "<h1>Quality report: case &lt;7&gt;</h1>" in page
+    assert r"<h1>Quality report: case &lt;7&gt;\udcff</h1>" in page
     scene = re.findall(r'id="scene">(.*?)</script>', page, re.DOTALL)
     assert {"path left", "skull", "skin"} <= {thing["name"] for thing in json.loads(scene[0])["things"]}
 
