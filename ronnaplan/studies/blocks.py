@@ -10,6 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from ronnaplan.documents.files import make_folder, write_atomically
 from ronnaplan.errors import InputError
 from ronnaplan.threads import cores
 
@@ -93,24 +94,22 @@ def open_journal(
     journal: Path, settings: Record, done: dict[tuple[Any, ...], Record]
 ) -> Iterator[Callable[[tuple[Any, ...], Record], None]]:
     """Rewrite the journal without torn lines and give the function that adds a finished block."""
-    try:
-        journal.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{journal.parent} cannot be a folder ({error.strerror}); name another one") from error
     whole = [settings, *({"block": block, "record": record} for block, record in done.items())]
     write_whole(journal, "".join(json.dumps(line) + "\n" for line in whole))
-    with journal.open("a", encoding="utf-8") as file:
+    with journal.open("ab", buffering=0) as file:
 
         def note(block: tuple[Any, ...], record: Record) -> None:
-            file.write(json.dumps({"block": block, "record": record}) + "\n")
-            file.flush()
+            try:
+                file.write(f"{json.dumps({'block': block, 'record': record})}\n".encode())
+            except OSError as error:
+                raise InputError(
+                    f"cannot write {journal}: {error.strerror}; make room, then run it again: it goes on where it was"
+                ) from error
 
         yield note
 
 
-def write_whole(path: Path, text: str) -> None:
-    """Write a file beside its place, then move it there: it is never half a file."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(path.name + ".part")
-    beside.write_text(text, encoding="utf-8")
-    beside.replace(path)
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a file, and the folder it lies in: never half a file. Raises `InputError` where it cannot be written."""
+    make_folder(path.parent)
+    write_atomically(path, content)

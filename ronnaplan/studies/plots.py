@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.studies.blocks import Record
+from ronnaplan.studies.blocks import Record, write_whole
 from ronnaplan.studies.cells import DRAWN, Cell, all_heads, calibration_of
 
 OUTLIER_COLOURS = ("#c6dbef", "#9ecae1", "#6baed6", "#3182bd", "#08519c")
@@ -27,12 +27,10 @@ def new_figure(rows: int, columns: int, width: float, height: float) -> tuple[An
 
 
 def save(figure: Any, path: Path) -> None:
-    """Write a figure beside its place, then move it there."""
+    """Write a figure as a PNG."""
     buffer = BytesIO()
     figure.savefig(buffer, dpi=130, format="png")
-    beside = path.with_name(path.name + ".part")
-    beside.write_bytes(buffer.getvalue())
-    beside.replace(path)
+    write_whole(path, buffer.getvalue())
 
 
 def plot_outcomes(by_cell: dict[Cell, Record], path: Path) -> None:

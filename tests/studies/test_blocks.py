@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 
 from ronnaplan.errors import InputError
-from ronnaplan.studies import blocks
-from ronnaplan.studies.blocks import run_blocks
+from ronnaplan.studies import blocks, plots
+from ronnaplan.studies.blocks import run_blocks, write_whole
 
 SETTINGS = {"study": "squares", "seed": 1}
 BLOCKS = [(k, "x") for k in range(6)]
@@ -76,3 +76,26 @@ def test_an_absent_scheduler_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 def json_lines(path: Any) -> Any:
     return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def test_a_full_disk_is_told_and_the_run_goes_on_where_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    journal, full, opened = tmp_path / "journal.jsonl", Path("/dev/full"), Path.open
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            Path, "open", lambda path, *rest, **named: opened(full if path == journal else path, *rest, **named)
+        )
+        with pytest.raises(InputError, match="No space left on device; make room"):
+            run_blocks(square, BLOCKS, journal, SETTINGS, workers=1)
+    assert [path.name for path in tmp_path.iterdir()] == ["journal.jsonl"]
+    assert len(run_blocks(square, BLOCKS, journal, SETTINGS, workers=1)) == len(BLOCKS)
+
+
+def test_a_place_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    (tmp_path / "study").mkdir()
+    (tmp_path / "study" / "table.md").mkdir()
+    with pytest.raises(InputError, match="no regular file"):
+        write_whole(tmp_path / "study" / "table.md", "text")
+    with pytest.raises(InputError, match="no regular file"):
+        plots.save(plots.new_figure(1, 1, 2, 2)[0], tmp_path / "study" / "table.md")

@@ -29,7 +29,7 @@ def test_the_simulation_prints_its_tables_and_keeps_progress_off_standard_output
 
 def test_a_folder_that_is_a_file_is_told(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="cannot be a folder"):
+    with pytest.raises(InputError, match="cannot make the folder"):
         study.run(parse("tracking", "-o", str(tmp_path / "file")))
 
 
