@@ -25,6 +25,7 @@ from ronnaplan.tracking.recording import (
 )
 from ronnaplan.tracking.tables import (
     MISSING,
+    NO_NUMBER,
     frame_number,
     number,
     plain_text,
@@ -86,7 +87,11 @@ def read_csv(path: Path) -> Recording:
         if isinstance(reading, PointReading):
             points.append(reading)
             continue
-        tools.append(reading if numbered else replace(reading, frame=counts[reading.tool]))
+        if not numbered:
+            reading = replace(reading, frame=counts[reading.tool])
+        elif reading.status == OK and number(row.get("frame", ""), delimiter) is None:
+            reading = replace(reading, status=NO_NUMBER)
+        tools.append(reading)
         counts[reading.tool] += 1
     return Recording(str(path), tuple(points), tuple(tools), frame, numbered=numbered)
 

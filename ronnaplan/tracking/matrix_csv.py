@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from ronnaplan.tracking.recording import Recording, rounding_notes, tool_reading
-from ronnaplan.tracking.tables import frame_number, number, read_rows, require_table, stated_status
+from ronnaplan.tracking.recording import OK, Recording, rounding_notes, tool_reading
+from ronnaplan.tracking.tables import NO_NUMBER, frame_number, number, read_rows, require_table, stated_status
 
 FIRSTS = (0, 1)
 """Rows and columns are counted from either; which one is told by the first column's name."""
@@ -30,10 +31,11 @@ def read_matrices(path: Path) -> Recording:
     header, rows, delimiter = read_rows(path)
     require_table(path, header, rows)
     names = next(_names(first) for first in FIRSTS if set(_names(first)[:12]) <= set(header))
+    table = [dict(zip(header, row, strict=False)) for row in rows]
+    numbered = any(number(cells.get("frame", ""), delimiter) is not None for cells in table)
     tools, excesses = [], []
     counts: Counter[str] = Counter()
-    for row in rows:
-        cells = dict(zip(header, row, strict=False))
+    for cells in table:
         values = [number(cells.get(name, ""), delimiter) for name in names]
         last = [0.0, 0.0, 0.0, 1.0] if names[12] not in header else values[12:]
         matrix = np.array([*values[:12], *last], dtype=np.float64).reshape(4, 4)
@@ -43,10 +45,12 @@ def read_matrices(path: Path) -> Recording:
         time_s = scale * times[0] if times and times[0] is not None else float("nan")
         frame = frame_number(path, cells.get("frame", ""), delimiter, counts[tool])
         reading, excess = tool_reading(frame, tool, matrix, time_s, stated_status(cells))
+        if numbered and reading.status == OK and number(cells.get("frame", ""), delimiter) is None:
+            reading = replace(reading, status=NO_NUMBER)
         tools.append(reading)
         counts[tool] += 1
         excesses.append(excess)
-    return Recording(str(path), tools=tuple(tools), notes=rounding_notes(excesses), numbered="frame" in header)
+    return Recording(str(path), tools=tuple(tools), notes=rounding_notes(excesses), numbered=numbered)
 
 
 def _names(first: int) -> list[str]:

@@ -27,6 +27,8 @@ LENGTHS = frozenset(
 MOST_FRAMES = 2**53 - 1
 """Beyond, a number that is read as a float may be a neighbour of the one that is written."""
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "missing", "-"})
+NO_NUMBER = "no frame number"
+"""Status of a pose of no numbered frame among numbered ones: it would be taken for another frame's."""
 UNIT_WORDS = frozenset({"unit", "units"})
 STATUS_COLUMNS = ("status", "state")
 TRUTH_COLUMNS = ("valid", "visible", "seen", "usable")
