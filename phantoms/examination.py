@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
+from hashlib import sha256
 from pathlib import Path
 from typing import NamedTuple
 
@@ -116,12 +117,14 @@ class Examination:
     ) -> None:
         """Scan and write the DICOM series and ``truth.json`` to ``folder``, whole or not at all."""
         check_target(Path(folder))
+        images = self.images(fast=fast, progress=progress)
+        scan = sha256(repr(self.stack).encode() + images.tobytes()).hexdigest()
         write_phantom(
             folder,
             self.shown,
             self.stack,
-            self.images(fast=fast, progress=progress),
-            options or self.options(fast=fast),
+            images,
+            replace(options or self.options(fast=fast), scan=scan),
             protocol=self.protocol,
             renderer="fast" if fast or isinstance(self.scanner, Renderer) else "projection",
             profile_fwhm_mm=round(self.profile_fwhm_mm, 4),

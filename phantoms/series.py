@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -52,6 +52,8 @@ class SeriesOptions:
     description: str = "Phantom"
     seed: int = 0
     """Fixes the UIDs and the shuffle."""
+    scan: str = field(default="", repr=False)
+    """What tells the scan from others that are written so: its UIDs are others, too."""
 
     def __post_init__(self) -> None:
         if self.transfer_syntax not in TRANSFER_SYNTAXES:
@@ -182,5 +184,5 @@ def _decimal(value: float) -> str:
 
 def _uid(options: SeriesOptions, role: str) -> UID:
     """Return a UID that depends on the options alone: the same scan is written with the same UIDs."""
-    key = zlib.crc32(repr(options).encode())
+    key = zlib.crc32(f"{options!r}{options.scan}".encode())
     return generate_uid(entropy_srcs=["ronnaplan phantoms", str(key), role])

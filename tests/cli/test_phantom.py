@@ -35,6 +35,23 @@ def test_the_fast_scanner_writes_series_and_truth(tmp_path: Path, capsys: pytest
     assert "wrote 3 slices" in output.err
 
 
+def test_another_scan_is_another_series_in_another_frame_of_reference(tmp_path: Path) -> None:
+    scene = tmp_path / "ball.toml"
+    scene.write_text(
+        '[[part]]\nshape = "sphere"\ncenter = [0, 0, 62]\ndiameter = 5\nmaterial = "steel"\nmarker = "S"\n'
+    )
+
+    def written(name: str, *options: str) -> tuple[str, str, str]:
+        assert run(str(scene), "-o", str(tmp_path / name), "--scanner", "fast", *SMALL, *options) == 0
+        dataset = pydicom.dcmread(tmp_path / name / "CT0001.dcm")
+        return dataset.SeriesInstanceUID, dataset.FrameOfReferenceUID, dataset.SOPInstanceUID
+
+    first = written("first")
+    assert written("again") == first
+    others = [written(option, option, "0.5") for option in ("--dose", "--tilt")]
+    assert all(len(set(uids)) == 3 for uids in zip(first, *others, strict=True))
+
+
 def test_the_full_scanner_follows_its_options(tmp_path: Path) -> None:
     options = ("--kernel", "bone", "--dose", "0.3", "--seed", "9", "--tilt", "10", "--transfer-syntax", "rle")
     assert run("random-patient", "-o", str(tmp_path / "ct"), *SMALL, *options) == 0
