@@ -42,6 +42,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.tracking.openigtlink import record
 
     registered = read_registration(arguments.registration) if arguments.registration else None
+    if registered is not None:
+        registered.require_unique()
     recording = record(arguments.host, arguments.port, seconds=arguments.seconds)
     write_result(arguments.output, write_csv(recording))
     for note in recording.notes:

@@ -155,8 +155,8 @@ class RegistrationDocument(DocumentModel):
     @property
     def pose(self) -> Pose:
         """``ots_from_ct`` with its covariance; raises `InputError` for a registration that was refused."""
-        if self.status != "unique" or self.ots_from_ct is None or self.covariance is None:
-            raise InputError(f"this registration was refused ({self.status}: {self.reason}); register again")
+        self.require_unique()
+        assert self.ots_from_ct is not None
         matrix = as_pose(self.ots_from_ct, "ots_from_ct")
         return Pose(matrix, np.array(self.covariance), Frame(self.frames.ots), self.ct_frame)
 
@@ -176,7 +176,11 @@ class RegistrationDocument(DocumentModel):
 
     @property
     def readings(self) -> Points:
-        """The paired readings, labelled like their CT markers, with the mean error that the registration gave them."""
+        """The paired readings, labelled like their CT markers, with the mean error that the registration gave them.
+
+        Raises `InputError` for a registration that was refused.
+        """
+        self.require_unique()
         count = len(self.pairs)
         sigma_mm = SIGMA_OTS_MM if self.sigma_ots_mm is None else self.sigma_ots_mm
         return Points(
@@ -185,6 +189,11 @@ class RegistrationDocument(DocumentModel):
             tuple(pair.ct for pair in self.pairs),
             Frame(self.frames.ots),
         )
+
+    def require_unique(self) -> None:
+        """Raise `InputError` for a registration that was refused: it has no pairs, and no transform."""
+        if self.status != "unique" or self.ots_from_ct is None or self.covariance is None:
+            raise InputError(f"this registration was refused ({self.status}: {self.reason}); register again")
 
     def require_frame(self, frame: Frame) -> None:
         """Raise `FrameMismatchError` unless this registration is of the scan ``frame``."""

@@ -19,7 +19,11 @@ PAIR_COLUMNS = ("ct", "ots", "residual", "leave_one_out", *("ct_x", "ct_y", "ct_
 
 
 def registration_markups(document: RegistrationDocument) -> str:
-    """Return the paired CT markers as Slicer markups (JSON text, LPS), one list for each colour."""
+    """Return the paired CT markers as Slicer markups (JSON text, LPS), one list for each colour.
+
+    Raises `InputError` for a registration that was refused.
+    """
+    document.require_unique()
     bands: dict[str, tuple[list[float], list[PairEntry]]] = {}
     for pair in document.pairs:
         words, colour = _band(pair.residual)
@@ -29,7 +33,11 @@ def registration_markups(document: RegistrationDocument) -> str:
 
 
 def registration_csv(document: RegistrationDocument) -> str:
-    """Return the pairs as CSV: labels, residuals, places in CT (LPS) and in the tracker's frame, mm."""
+    """Return the pairs as CSV: labels, residuals, places in CT (LPS) and in the tracker's frame, mm.
+
+    Raises `InputError` for a registration that was refused.
+    """
+    document.require_unique()
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(PAIR_COLUMNS)

@@ -12,7 +12,9 @@ from pathlib import Path
 import pytest
 
 from ronnaplan.cli import main
+from ronnaplan.documents.reading import to_json
 from ronnaplan.tracking import read_recording
+from tests.documents.registrations import refused
 from tests.tracking.test_openigtlink import points, server
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -68,3 +70,12 @@ def test_thousands_of_names_are_told_in_a_few_lines(tmp_path: Path, capsys: pyte
     told = capsys.readouterr().err
     assert told.count("\n") < 60
     assert "more messages were left out" in told
+
+
+def test_a_registration_that_was_refused_is_told_before_anything_is_recorded(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "registration.json").write_text(to_json(refused()))
+    call = ["track", "--port", "1", "--registration", str(tmp_path / "registration.json")]
+    assert main(call) == 1
+    assert "this registration was refused" in capsys.readouterr().err

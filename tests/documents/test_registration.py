@@ -69,7 +69,9 @@ def test_a_refused_pairing_is_a_document_with_rivals_and_no_transform(tmp_path: 
     assert document.ots_from_ct is None
     with pytest.raises(InputError, match="refused"):
         _ = document.pose
-    for to in ("itk", "dicom"):
+    with pytest.raises(InputError, match="refused"):
+        _ = document.readings
+    for to in ("itk", "dicom", "ros", "csv", "markups"):
         with pytest.raises(InputError, match="refused"):
             export(file, to)
     assert "rival 2" in registration_text(document)
