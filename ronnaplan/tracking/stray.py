@@ -42,6 +42,8 @@ MOST_STRAYS = 200
 """No tracker lists more unnamed readings in one frame; the time to follow them grows with their cube."""
 MOST_TRACKS = 20_000
 """An hour of frames, each with a reflection elsewhere, has fewer."""
+MOST_REASONS = 5
+"""Kinds of flagged readings that are told one by one; more are summed up."""
 FAR = 1e6
 """Cost of a pair beyond the gate: more than any sum of distances within it."""
 
@@ -283,4 +285,7 @@ def _tool_origins(recording: Recording) -> list[PointReading]:
 
 
 def _reasons(recording: Recording) -> str:
-    return ", ".join(f"{count} {reason}" for reason, count in recording.flagged().items()) or "it is empty"
+    told = [f"{count} {reason}" for reason, count in recording.flagged().items()]
+    if len(told) > MOST_REASONS:
+        told = [*told[:MOST_REASONS], f"and {len(told) - MOST_REASONS} more reasons"]
+    return ", ".join(told) or "it is empty"

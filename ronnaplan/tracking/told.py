@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 from ronnaplan.tracking.recording import Recording
-from ronnaplan.tracking.stray import MarkerFlag, MarkerReadings
-
-MOST_REASONS = 5
-"""Kinds of flagged readings that are told one by one; more are summed up."""
+from ronnaplan.tracking.stray import MOST_REASONS, MarkerFlag, MarkerReadings
 
 
 def readings_told(recording: Recording, found: MarkerReadings) -> tuple[str, ...]:

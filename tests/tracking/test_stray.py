@@ -207,3 +207,9 @@ def test_a_label_read_in_places_that_do_not_agree_is_no_marker() -> None:
     found = find_markers(Recording("test", tuple(readings)))
     assert [marker.label for marker in found.markers] == ["B"]
     assert found.rejected[0].reason == "no two of its coordinates agree"
+
+
+def test_of_many_reasons_why_nothing_is_usable_some_are_told() -> None:
+    points = [PointReading(0, np.zeros(3), status=f"fault {number}") for number in range(9)]
+    with pytest.raises(InputError, match=r"\(1 fault 0, .*, 1 fault 4, and 4 more reasons\)"):
+        find_markers(Recording("r", tuple(points)))
