@@ -7,7 +7,7 @@ import sys
 
 from ronnaplan.cli.output import warn
 from ronnaplan.cli.values import number
-from ronnaplan.documents.robot_formats import RobotFormat
+from ronnaplan.documents.robot_formats import ENDINGS, RobotFormat
 
 HELP = "Write a plan's trajectories in the robot's coordinates: JSON, CSV, YAML for ROS, points for a KUKA."
 LARGEST_APPROACH_MM = 500.0
@@ -56,6 +56,12 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(f"--approach {arguments.approach:g} is no distance of 0 to {LARGEST_APPROACH_MM:g} mm")
     if not any(arguments.x_axis):
         raise UsageError("--x-axis 0 0 0 has no direction; give one in R")
+    to = RobotFormat(arguments.to)
+    if arguments.output and not arguments.output.lower().endswith(ENDINGS.get(to, "")):
+        raise UsageError(
+            f"-o is '{arguments.output}'; expected a name that ends in {ENDINGS[to]}, by which the controller tells a "
+            "data list"
+        )
     chain, plan = read_chain(arguments.chain), read_plan(arguments.plan)
     plan.require_source(chain.ct_frame, chain.source.voxel_sha256)
     trajectories = [
@@ -65,9 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         for one in plan.trajectories
     ]
     named = Path(arguments.output).stem if arguments.output else KRL_LIST
-    write_result(
-        arguments.output, export_points(trajectories, chain, RobotFormat(arguments.to), arguments.approach, named)
-    )
+    write_result(arguments.output, export_points(trajectories, chain, to, arguments.approach, named))
     warn(*chain.notes)
     for one in trajectories:
         entry, target = one.expected_errors_mm

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
+from typing import Final
 
 
 class RobotFormat(StrEnum):
@@ -14,3 +16,7 @@ class RobotFormat(StrEnum):
     """YAML of geometry_msgs/PoseWithCovarianceStamped."""
     KRL = "krl"
     """A data list of a KUKA's controller."""
+
+
+ENDINGS: Final[Mapping[RobotFormat, str]] = {RobotFormat.KRL: ".dat"}
+"""What files must be called where what reads them goes by the name."""

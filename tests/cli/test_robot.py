@@ -168,6 +168,18 @@ def test_every_export_says_the_same_points(home: Path) -> None:
         np.testing.assert_allclose(about[0] @ about[1] @ about[2], target[:3, :3], atol=1e-6)
 
 
+@pytest.mark.parametrize("name", ["points.txt", "points", "points.dat.json"])
+def test_a_data_list_has_the_ending_by_which_the_controller_takes_it(
+    home: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    named = ("-o", str(home / name))
+    assert main(["robot", "export", str(home / "final.json"), str(home / "plan.json"), "--to", "krl", *named]) == 2
+    assert "expected a name that ends in .dat" in capsys.readouterr().err
+    assert not (home / name).exists()
+    named = ("-o", str(home / "Other.DAT"))
+    assert main(["robot", "export", str(home / "final.json"), str(home / "plan.json"), "--to", "krl", *named]) == 0
+
+
 def test_the_table_is_one_row_a_point(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["robot", "export", str(home / "final.json"), str(home / "plan.json"), "--to", "csv"]) == 0
     rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
