@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol
 
 from ronnaplan.cli.values import number, sigma_mm
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
@@ -15,8 +15,21 @@ if TYPE_CHECKING:
     from ronnaplan.geometry import FloatArray
 
 
-def with_sigmas(parser: argparse.ArgumentParser) -> None:
+class Declares(Protocol):
+    """A parser, or a group of its arguments."""
+
+    def add_argument(self, *names: str, **how: Any) -> argparse.Action:
+        """Declare an argument."""
+
+
+def with_sigmas(parser: Declares) -> None:
     """Declare the errors of the markers that count where a document states no others."""
+    with_sigma_ct(parser)
+    with_sigma_ots(parser)
+
+
+def with_sigma_ct(parser: Declares) -> None:
+    """Declare the error of a marker in CT."""
     parser.add_argument(
         "--sigma-ct",
         type=sigma_mm,
@@ -24,6 +37,10 @@ def with_sigmas(parser: argparse.ArgumentParser) -> None:
         metavar="MM",
         help="a marker's error in CT per axis, beyond CT noise (default %(default)s: skin markers)",
     )
+
+
+def with_sigma_ots(parser: Declares) -> None:
+    """Declare the error of what the tracker reads."""
     parser.add_argument(
         "--sigma-ots",
         type=sigma_mm,

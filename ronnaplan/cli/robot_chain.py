@@ -6,7 +6,8 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from ronnaplan.cli.case_options import with_sigmas
+from ronnaplan.cli import GIVEN
+from ronnaplan.cli.case_options import with_sigma_ct, with_sigma_ots
 from ronnaplan.cli.output import warn
 from ronnaplan.cli.robot_options import with_robot_sigmas, with_tool
 from ronnaplan.cli.values import sigma_mm, whole
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 HELP = "Join the links from scan to robot, by the tracker or by re-localized markers, with covariance."
 BY_TRACKER = ("registration", "hand_eye", "tracker", "geometry", "robot")
 BY_STEREO = ("fiducials", "spheres")
+OF_TRACKER = ("frame", "tool", "sigma_geometry", "sigma_ots", "sigma_robot", "sigma_robot_deg")
+OF_STEREO = ("expected", "sigma_ct")
 ELSEWHERE_MM, ELSEWHERE_DEG = 3.0, 1.0
 """Robot and tracker that have not been moved come nearer than this to where the tool's calibration had them."""
 
@@ -39,13 +42,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="MM",
         help="error of those centers per axis (default %(default)s)",
     )
+    with_sigma_ots(tracker)
     with_tool(tracker)
     with_robot_sigmas(tracker)
     stereo = parser.add_argument_group("by the cameras")
     stereo.add_argument("--fiducials", metavar="FILE", help="fiducials.json of the scan")
     stereo.add_argument("--spheres", metavar="FILE", help="spheres.json of relocate")
     stereo.add_argument("--expected", type=whole(3), metavar="N", help="the number of markers in both")
-    with_sigmas(parser)
+    with_sigma_ct(stereo)
     parser.add_argument("-o", "--output", metavar="FILE", help="chain.json (default: standard output)")
 
 
@@ -55,19 +59,28 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.revision import write_document
     from ronnaplan.errors import UsageError
 
-    given = {name for name in (*BY_TRACKER, *BY_STEREO) if getattr(arguments, name) is not None}
-    if given == set(BY_TRACKER):
-        document = _by_tracker(arguments)
-    elif given == set(BY_STEREO):
-        document = _by_stereo(arguments)
-    else:
-        ways = (" ".join(f"--{name.replace('_', '-')}" for name in way) for way in (BY_TRACKER, BY_STEREO))
+    given: set[str] = vars(arguments).get(GIVEN, set())
+    named = given & {*BY_TRACKER, *BY_STEREO}
+    if named not in (set(BY_TRACKER), set(BY_STEREO)):
+        ways = (" ".join(map(_option, way)) for way in (BY_TRACKER, BY_STEREO))
         raise UsageError(f"robot chain goes one of two ways; give all of {' or all of '.join(ways)}")
+    tracked = named == set(BY_TRACKER)
+    idle = [_option(name) for name in (OF_STEREO if tracked else OF_TRACKER) if name in given]
+    if idle:
+        other = "cameras" if tracked else "tracker"
+        raise UsageError(
+            f"{idle[0]} belongs to the way by the {other}, and would change nothing here; leave it out"
+        )
+    document = _by_tracker(arguments) if tracked else _by_stereo(arguments)
     warn(*document.notes)
     write_document(arguments.output, document, read_chain)
     for share in document.shares:
         print(f"{share.link:<24} {share.rms:.3f} mm RMS at the markers' middle", file=sys.stderr)
     return 0
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
 
 
 def _by_tracker(arguments: argparse.Namespace) -> ChainDocument:

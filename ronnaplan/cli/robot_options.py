@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import sys
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING
 
+from ronnaplan.cli.case_options import Declares
 from ronnaplan.cli.values import number, sigma_mm
 from ronnaplan.sigmas import SIGMA_ROBOT_DEG, SIGMA_ROBOT_MM
 
@@ -14,13 +15,6 @@ if TYPE_CHECKING:
     from ronnaplan.robot.images import ImagePair
 
 RECORDED = "a recording of poses (rows of 4 x 4 matrices, CSV with quaternions, NDI CSV, PLUS sequence)"
-
-
-class Declares(Protocol):
-    """A parser, or a group of its arguments."""
-
-    def add_argument(self, *names: str, **how: Any) -> argparse.Action:
-        """Declare an argument."""
 
 
 def with_tool(parser: Declares) -> None:

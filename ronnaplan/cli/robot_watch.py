@@ -6,9 +6,10 @@ import argparse
 import json
 from typing import TYPE_CHECKING
 
+from ronnaplan.cli.case_options import with_sigma_ots
 from ronnaplan.cli.robot_options import rms, tell, with_output, with_robot_sigmas, with_tool
 from ronnaplan.cli.values import seconds, sigma_mm, whole
-from ronnaplan.sigmas import SIGMA_GEOMETRY_MM, SIGMA_OTS_MM
+from ronnaplan.sigmas import SIGMA_GEOMETRY_MM
 
 if TYPE_CHECKING:
     from ronnaplan.documents.chain import ChainDocument
@@ -34,13 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--every", type=seconds, default=0.5, metavar="S", help="length of a moment (default %(default)s)"
     )
-    parser.add_argument(
-        "--sigma-ots",
-        type=sigma_mm,
-        default=SIGMA_OTS_MM,
-        metavar="MM",
-        help="the tracker's error per axis (default %(default)s)",
-    )
+    with_sigma_ots(parser)
     parser.add_argument(
         "--sigma-geometry",
         type=sigma_mm,

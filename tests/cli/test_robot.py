@@ -180,6 +180,29 @@ def test_a_data_list_has_the_ending_by_which_the_controller_takes_it(
     assert main(["robot", "export", str(home / "final.json"), str(home / "plan.json"), "--to", "krl", *named]) == 0
 
 
+@pytest.mark.parametrize(
+    ("option", "way"),
+    [("--sigma-ct", "tracker"), ("--expected", "tracker"), ("--sigma-ots", "stereo"), ("--frame", "stereo")],
+)
+def test_an_option_of_the_other_way_is_no_option_of_this(
+    home: Path, capsys: pytest.CaptureFixture[str], option: str, way: str
+) -> None:
+    """It changed nothing, without a word: least of all the stated errors."""
+    session, out = home / "session", home / "none.json"
+    ways = {
+        "tracker": {
+            **{"registration": home / "registration.json", "hand-eye": home / "hand-eye.json"},
+            **{"tracker": session / "rest_tracker.csv", "geometry": session / "tool.json"},
+            "robot": session / "rest_robot.csv",
+        },
+        "stereo": {"fiducials": home / "fiducials.json", "spheres": home / "spheres.json"},
+    }
+    named = [f"--{name}={path}" for name, path in ways[way].items()]
+    assert main(["robot", "chain", *named, f"{option}=3", "-o", str(out)]) == 2
+    assert f"{option} belongs to the way by the" in capsys.readouterr().err
+    assert not out.exists()
+
+
 def test_the_table_is_one_row_a_point(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["robot", "export", str(home / "final.json"), str(home / "plan.json"), "--to", "csv"]) == 0
     rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
