@@ -50,10 +50,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Watch; tell every change of the verdict; 3 when the last one is not that nothing moved."""
     from ronnaplan.documents.chain import read_chain
-    from ronnaplan.documents.files import write_atomically
+    from ronnaplan.documents.files import check_target, write_atomically
     from ronnaplan.robot.live import LiveStatus, unseen
     from ronnaplan.tracking.openigtlink import moments
 
+    if arguments.output is not None:
+        check_target(arguments.output)
     chain = read_chain(arguments.chain)
     live = _live(arguments, chain)
     last, lines = None, []
@@ -131,11 +133,14 @@ def _sentence(moment: Moment, chain: ChainDocument) -> str:
 
 
 def _row(moment: Moment) -> dict[str, object]:
-    """Return a moment as one line of JSON holds it."""
+    """Return a moment, judged now, as one line of JSON holds it."""
+    from datetime import UTC, datetime
+
     from ronnaplan.documents.poses import pose_entry
 
     head, robot, pose = moment.head, moment.robot, moment.robot_from_ct
     return {
+        "time": datetime.now(UTC).isoformat(timespec="milliseconds"),
         "status": moment.status.name.lower(),
         "told": str(moment.status),
         "robot_from_ct": None if pose is None else pose_entry(pose),

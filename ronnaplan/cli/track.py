@@ -34,13 +34,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Record, write every reading, and say on standard error what was seen."""
-    from ronnaplan.documents.files import write_result
+    from ronnaplan.documents.files import check_target, write_result
     from ronnaplan.documents.registration import read_registration
     from ronnaplan.errors import InputError
     from ronnaplan.tracking import find_markers
     from ronnaplan.tracking.csv_file import write_csv
     from ronnaplan.tracking.openigtlink import record
 
+    if arguments.output is not None:
+        check_target(arguments.output)
     registered = read_registration(arguments.registration) if arguments.registration else None
     if registered is not None:
         registered.require_unique()

@@ -49,6 +49,13 @@ def test_ctrl_c_ends_a_recording_and_keeps_it(tmp_path: Path) -> None:
     assert len(read_recording(tmp_path / "readings.csv").points) == 2
 
 
+def test_a_place_that_cannot_be_written_is_told_before_anything_is_recorded(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["track", "--port", "1", "-o", str(tmp_path / "none" / "readings.csv")]) == 1
+    assert f"the folder {tmp_path / 'none'} does not exist" in capsys.readouterr().err
+
+
 @POSIX
 def test_ctrl_c_before_anything_came_leaves_nothing(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:

@@ -8,6 +8,7 @@ import socket
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from itertools import groupby
 from pathlib import Path
 
@@ -158,6 +159,7 @@ def test_the_command_follows_a_stream_to_its_end_which_is_no_pose(
     room: LiveRoom, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The server closes while all is well: nobody looks any more, so that the last valid pose does not stand."""
+    begun = datetime.now(UTC) - timedelta(milliseconds=1)  # in which the lines are told
     parts = [
         (room, 1.5),
         (replace(room, head_moved=TURN), 1.0),
@@ -171,9 +173,23 @@ def test_the_command_follows_a_stream_to_its_end_which_is_no_pose(
     assert statuses(out) == ["valid", "head_moved", "valid", "robot_moved", "valid", "unseen"]
     rows = [json.loads(line) for line in out.read_text().splitlines()]
     assert all((row["robot_from_ct"] is None) == (row["status"] != "valid") for row in rows)
+    times = [datetime.fromisoformat(row["time"]) for row in rows]
+    assert times == sorted(times)
+    assert begun <= times[0] <= times[-1] <= datetime.now(UTC)
     told = capsys.readouterr().err
     assert re.search(r"the head moved; register again; head: \d\.\d\d mm, 0\.\d\d degrees", told)
     assert re.search(r"nothing is known; the server closed the stream after \d+ messages\n$", told)
+
+
+def test_a_place_that_cannot_be_written_is_told_before_anything_is_watched(
+    room: LiveRoom, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Else it is told when the time is up, and the lines of an hour are lost."""
+    write_documents(live(room), room, tmp_path)
+    told = [f"--{name}={tmp_path / name}.json" for name in ("chain", "registration")]
+    told += [f"--geometry={tmp_path / 'tool.json'}", "--port=1", f"--output={tmp_path / 'none' / 'live.jsonl'}"]
+    assert main(["robot", "watch", *told]) == 1
+    assert f"the folder {tmp_path / 'none'} does not exist" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("changes", "status"), [({}, 0), ({"base_moved": TURN}, 3)])
