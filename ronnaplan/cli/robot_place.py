@@ -84,10 +84,10 @@ def run(arguments: argparse.Namespace) -> int:
 
     room = read_room(arguments.scene)
     arm = _arm(arguments, room)
-    job, source = _job(arguments, arm, room)
+    job, case = _job(arguments, arm, room)
     found = _found(arguments, job)
     parked = arguments.parked is not None or arguments.chain is not None
-    document = placement_document(found, room, arm, source, parked=parked)
+    document = placement_document(found, room, arm, _source(case), case.plan, parked=parked)
     print(placement_text(document), file=sys.stderr)
     write_document(arguments.output, document, read_placement)
     if document.status == "blocked":
@@ -162,13 +162,12 @@ def _described(arguments: argparse.Namespace, room: Room) -> SerialArm:
     return read.arm
 
 
-def _job(arguments: argparse.Namespace, arm: SerialArm, room: Room) -> tuple[Job, Source]:
-    """Read the case, and return what the robot has to do, with the scan that it is of."""
+def _job(arguments: argparse.Namespace, arm: SerialArm, room: Room) -> tuple[Job, Case]:
+    """Read the case, and return what the robot has to do in it."""
     from pathlib import Path
 
     from ronnaplan.case.folder import CaseFiles, read_case
     from ronnaplan.ct import read_ct
-    from ronnaplan.documents.fiducials import Source
     from ronnaplan.errors import InputError
     from ronnaplan.planning.head import Head
     from ronnaplan.robot.placement.placement import Job
@@ -187,10 +186,18 @@ def _job(arguments: argparse.Namespace, arm: SerialArm, room: Room) -> tuple[Job
         warn(*case.registration.doubts)
     job = Job.of_plan(arm, room, case.plan, _markers(case), head.boundary_mm, head.center_mm, ots_from_ct)
     warn(*job.doubts)
-    source = Source(
+    return job, case
+
+
+def _source(case: Case) -> Source:
+    """Return the scan that a case is of."""
+    from ronnaplan.documents.fiducials import Source
+
+    assert case.plan is not None
+    assert case.volume is not None
+    return Source(
         frame_of_reference_uid=case.plan.source.frame_of_reference_uid, voxel_sha256=case.volume.voxel_sha256
     )
-    return job, source
 
 
 def _markers(case: Case) -> Points | None:

@@ -16,6 +16,7 @@ from ronnaplan.documents.fields import (
     LengthMm,
     Line,
     Matrix4,
+    PositiveMm,
     Probability,
     Revision,
     Row6,
@@ -29,7 +30,8 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.pose import as_pose, transform_points
 
-if TYPE_CHECKING:  # loading them compiles the arm's kernels
+if TYPE_CHECKING:  # loading the arm's compiles its kernels
+    from ronnaplan.planning import Plan, Trajectory
     from ronnaplan.robot.arm.arm import SerialArm
     from ronnaplan.robot.placement.placement import Place, Placement
     from ronnaplan.robot.placement.room import Box, Room
@@ -92,6 +94,27 @@ class _Grown(DocumentModel):
         return {key: value for key, value in content.items() if value or key not in self.newer}
 
 
+class PathEntry(DocumentModel):
+    """A trajectory as it was served, LPS mm; the instrument is what goes along it."""
+
+    name: Label
+    entry: Vector
+    target: Vector
+    diameter_mm: PositiveMm
+    length_mm: PositiveMm
+
+    @classmethod
+    def of(cls, one: Trajectory) -> Self:
+        """Return the entry of a trajectory."""
+        return cls(
+            name=one.name,
+            entry=tuple(one.entry_mm.tolist()),
+            target=tuple(one.target_mm.tolist()),
+            diameter_mm=one.instrument.diameter_mm,
+            length_mm=one.instrument.length_mm,
+        )
+
+
 class PlaceEntry(_Grown):
     """One base: R from CT and room from R, mm, and all it does."""
 
@@ -137,11 +160,12 @@ class HeldEntry(DocumentModel):
 class PlacementDocument(_Grown):
     """The whole of placement.json, version 1.
 
-    Where joints are held, angles are those of the six ``joints`` that turn, and each of ``held`` stays at its own.
+    ``trajectories`` are those that were to be served, as they were then; versions up to 0.2 do not tell them. Where
+    joints are held, angles are those of the six ``joints`` that turn, and each of ``held`` stays at its own.
     Otherwise neither is written, and the angles are those of all joints in their order.
     """
 
-    newer = ("joints", "held")
+    newer = ("joints", "held", "trajectories")
 
     format: Literal["ronnaplan.placement"]
     version: Literal[1]
@@ -149,6 +173,8 @@ class PlacementDocument(_Grown):
     revision: Revision = 0
     status: Literal["placed", "parked", "blocked"]
     source: Source = Source()
+    trajectories: tuple[PathEntry, ...] = ()
+    """What was to be served."""
     arm: Label
     joints: tuple[Label, Label, Label, Label, Label, Label] | None = None
     held: tuple[HeldEntry, ...] = Field(default=(), max_length=MOST_HELD)
@@ -183,15 +209,22 @@ class PlacementDocument(_Grown):
 
 
 def placement_document(
-    found: Placement, room: Room, arm: SerialArm, source: Source, *, parked: bool = False
+    found: Placement,
+    room: Room,
+    arm: SerialArm,
+    source: Source,
+    plan: Plan | None = None,
+    *,
+    parked: bool = False,
 ) -> PlacementDocument:
-    """Turn a placement into its document; ``parked``: the base was measured."""
+    """Turn a placement for a ``plan`` into its document; ``parked``: the base was measured."""
     content: dict[str, Any] = {
         "format": FORMAT,
         "version": 1,
         "unit": "mm",
         "status": ("parked" if parked else "placed") if found.places else "blocked",
         "source": source.model_dump(),
+        "trajectories": [PathEntry.of(one).model_dump() for one in plan or ()],
         "arm": arm.name,
         "joints": arm.joints if arm.held else None,
         "held": [

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ronnaplan.case.folder import Case
-from ronnaplan.documents.placement import PlaceEntry, PlacementDocument
+from ronnaplan.documents.placement import PathEntry, PlaceEntry, PlacementDocument
 from ronnaplan.planning.rows import number
 from ronnaplan.report.html import element, picture, table
 from ronnaplan.report.part import Part
@@ -50,7 +50,7 @@ def placement_part(case: Case, seen: View | None = None) -> Part:
             "p", f"order: {', '.join(best.route.order)}; joints turn by {best.route.travel_deg:.0f} degrees in all"
         ),
     ]
-    return Part(TITLE, body, _warnings(case, best))
+    return Part(TITLE, body, _warnings(case, found, best))
 
 
 def _drawn(found: PlacementDocument, seen: View | None) -> list[str]:
@@ -85,15 +85,16 @@ def _rests_on(found: PlacementDocument) -> str:
     )
 
 
-def _warnings(case: Case, best: PlaceEntry) -> list[str]:
+def _warnings(case: Case, found: PlacementDocument, best: PlaceEntry) -> list[str]:
     """Return what the placement does not cover.
 
-    Tasks without a free way, what comes near on the robot itself, and trajectories that it does not know.
+    Tasks without a free way, what comes near on the robot itself, and trajectories that it does not know as they are.
     """
     told = [f"the robot has no free way to {name}" for name in best.route.stuck]
     told += [f"on the robot, {sentence}" for sentence in best.near]
-    known = {one.name for one in best.tasks if one.kind == "trajectory"}
-    new = [one.name for one in case.plan or () if one.name not in known]
+    known = {one.name: one for one in found.trajectories}
+    new = [one.name for one in case.plan or () if known.get(one.name) != PathEntry.of(one)]
     return told + [
-        f"the robot's place was not found for trajectory {name}; run 'robot place' again" for name in new
+        f"nothing says that the robot's place serves trajectory {name} as it is now; run 'robot place' again"
+        for name in new
     ]

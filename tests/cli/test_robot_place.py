@@ -52,6 +52,7 @@ def test_a_place_is_found_and_checked_after_parking(
     assert "serves all after parking with probability" in capsys.readouterr().err
     found = read_placement(output)
     assert found.status == "placed"
+    assert [(one.name, one.length_mm) for one in found.trajectories] == [("LH", 200.0)]
     pose = np.array(found.robot_from_ct[0].room_from_r)
     turn = np.degrees(np.arctan2(pose[1, 0], pose[0, 0]))
     parked = [f"{value:.3f}" for value in (*pose[:3, 3], turn)]

@@ -10,6 +10,7 @@ from ronnaplan.case.folder import Case
 from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.placement import HeldEntry, PlacementDocument, placement_document
 from ronnaplan.errors import FrameMismatchError
+from ronnaplan.planning import Plan
 from ronnaplan.report.overview import View
 from ronnaplan.report.part import html_of
 from ronnaplan.report.placement_part import placement_part
@@ -38,7 +39,7 @@ def document(**changes: object) -> PlacementDocument:
         Place(base_pose(BASE + shift), (served,), route, 0.9, NEAR) for shift in (0.0, [300.0, 0, 0, 0])
     )
     source = Source(**cases.fiducials().source.model_dump())
-    found = placement_document(Placement(room_from_ct, places, ()), room(), kr6_r900(), source)
+    found = placement_document(Placement(room_from_ct, places, ()), room(), kr6_r900(), source, cases.plan())
     return found.model_copy(update=changes)
 
 
@@ -84,7 +85,7 @@ def test_the_report_tells_places_margins_and_what_they_do_not_cover() -> None:
         assert text in told
     assert part.warnings[:2] == ["the robot has no free way to left", f"on the robot, {NEAR[0]}"]
     assert [one for one in part.warnings if "trajectory" in one] == [
-        "the robot's place was not found for trajectory later; run 'robot place' again"
+        "nothing says that the robot's place serves trajectory later as it is now; run 'robot place' again"
     ]
     part = placement_part(Case(plan=plan, placement=document()), View([], b"", b"beside the head"))
     assert base64.b64encode(b"beside the head").decode() in "".join(html_of(part.body))
@@ -96,6 +97,23 @@ def test_the_report_tells_places_margins_and_what_they_do_not_cover() -> None:
     part = placement_part(Case(plan=cases.plan(), placement=blocked))
     assert part.warnings == ["no place of the robot serves all: joint 5 is beyond its limit"]
     assert not placement_part(Case(plan=cases.plan())).body
+
+
+def test_a_trajectory_that_was_changed_since_is_not_said_to_be_served() -> None:
+    plan, left = cases.plan(), cases.plan().trajectory("left")
+    longer = replace(left.instrument, length_mm=left.instrument.length_mm + 1.0)
+
+    def told(given: Plan, placement: PlacementDocument) -> list[str]:
+        return [
+            one for one in placement_part(Case(plan=given, placement=placement)).warnings if "trajectory" in one
+        ]
+
+    sentence = "nothing says that the robot's place serves trajectory left as it is now; run 'robot place' again"
+    assert told(plan.edit("left", target_mm=left.target_mm * 1.001), document()) == [sentence]
+    assert told(plan.edit("left", entry_mm=left.entry_mm * 0.999), document()) == [sentence]
+    assert told(plan.edit("left", instrument=longer), document()) == [sentence]
+    assert told(plan, document(trajectories=())) == [sentence]  # as older versions wrote it
+    assert told(plan.edit("left", notes="looked at twice"), document()) == []
 
 
 def test_a_box_has_its_sides_and_looks_outwards() -> None:
