@@ -58,10 +58,13 @@ def test_every_view_shows_something(browser: Any, shared: Planner) -> None:
         assert box["height"] > 200, view
 
 
-@pytest.mark.parametrize(("width", "height"), [(1280, 800), (2560, 1440)])
+@pytest.mark.parametrize(("width", "height"), [(1280, 800), (2560, 1440), (390, 600)])
 def test_nothing_falls_off_the_screen(browser: Any, shared: Planner, width: int, height: int) -> None:
     page = opened(browser, shared.url, width, height)
-    over = page.evaluate("[document.body.scrollWidth - innerWidth, document.body.scrollHeight - innerHeight]")
+    page.wait_for_function("document.getElementById('verdict')?.textContent")  # at the end of the panel, unseen
+    over = page.evaluate(
+        "(page => [page.scrollWidth - innerWidth, page.scrollHeight - innerHeight])(document.documentElement)"
+    )
     assert max(over) <= 0
     for view in ("axial", "probe", "head"):
         box = page.locator(f"[data-view={view}]").bounding_box()
