@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
 MOMENT_S = 0.1
 """What a tracker sends in this time is shown at once, the last of it."""
 
+HIDDEN_S = 0.5
+"""A tool that was not seen for so long is shown no longer: it may be anywhere."""
+
 LONGEST_S = 8 * 3600.0
 
 PIVOT_FILE = "pivot.json"
@@ -32,9 +36,10 @@ Moments = Iterable[Recording]
 
 @dataclass(frozen=True, eq=False)
 class SeenTool:
-    """A tool in the scan: ``tip_mm`` (3,) and the unit vector ``back`` (3,) from the tip along its frame's z axis, LPS.
+    """A tool in the scan: ``tip_mm`` (3,) and the unit vector ``back`` (3,) along its frame's z axis, LPS.
 
-    Without a pivot calibration the tip is the origin of the tool's own frame, and ``calibrated`` is False.
+    ``back`` points from the tip to the side on which the frame's origin is. Without a pivot calibration the tip is the
+    origin of the tool's own frame, and ``calibrated`` is False.
     """
 
     name: str
@@ -99,12 +104,15 @@ class Following:
         self, moments: Callable[[], Moments], tip: PivotDocument | None, stopping: threading.Event
     ) -> None:
         notes: tuple[str, ...] = ()
+        last: dict[str, tuple[float, SeenTool]] = {}
         try:
             for moment in moments():
                 if stopping.is_set():
                     return
                 notes = moment.notes
-                self.seen = seen_tools(moment, self._required(), tip) or self.seen
+                now = time.monotonic()
+                last |= {one.name: (now, one) for one in seen_tools(moment, self._required(), tip)}
+                self.seen = tuple(one for at, one in last.values() if now - at <= HIDDEN_S)
                 self.notify()
             self.ended = UsageError("; ".join(notes) or "the tracker sends no more")
         except RonnaplanError as error:
@@ -117,24 +125,25 @@ class Following:
 def seen_tools(moment: Recording, ct_from_ots: FloatArray, tip: PivotDocument | None) -> tuple[SeenTool, ...]:
     """Return where each tool was seen last, mapped by ``ct_from_ots`` (4, 4); one that was not seen is left out.
 
-    ``tip`` is that of the tool it names, and of the only tool where there is one.
+    ``tip`` is that of the tool it names, and of no other.
     """
     found = []
     for name in moment.tool_names:
         poses = moment.poses(name)
         if not len(poses):
             continue
-        known = tip is not None and (tip.tool == name or len(moment.tool_names) == 1)
+        known = tip is not None and tip.tool == name
         pose = ct_from_ots @ poses[-1]
         at = tip.tip_mm if tip is not None and known else np.zeros(3)
-        found.append(SeenTool(name, pose[:3, :3] @ at + pose[:3, 3], pose[:3, 2].copy(), known))
+        back = -pose[:3, 2] if at[2] > 0 else pose[:3, 2].copy()
+        found.append(SeenTool(name, pose[:3, :3] @ at + pose[:3, 3], back, known))
     return tuple(found)
 
 
 def told(one: SeenTool, path: Trajectory | None) -> str:
     """Return where a tip is, and beside the selected trajectory how far from its target and how far beside it."""
     x, y, z = one.tip_mm
-    end = "tip" if one.calibrated else f"origin of its frame (no {PIVOT_FILE})"
+    end = "tip" if one.calibrated else f"origin of its frame (no {PIVOT_FILE} of it)"
     line = f"{one.name}: {end} at {x:.1f}, {y:.1f}, {z:.1f}"
     if path is None:
         return line
@@ -143,5 +152,5 @@ def told(one: SeenTool, path: Trajectory | None) -> str:
     angle = np.degrees(np.arccos(np.clip(abs(one.back @ path.inward), 0.0, 1.0)))
     return (
         f"{line}; {np.linalg.norm(from_target):.1f} mm from the target of {path.name}, "
-        f"{beside:.1f} mm beside its line, {angle:.1f} deg to it"
+        f"{beside:.1f} mm beside its line, z axis of its frame {angle:.1f} deg to that"
     )

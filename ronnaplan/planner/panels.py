@@ -128,9 +128,10 @@ def registration_panel(state: PlannerState) -> dict[str, Any]:
 
 
 def following_panel(state: PlannerState) -> dict[str, Any]:
-    """Return whether tools are followed, and a line on each."""
+    """Return whether tools are followed, and a line on each that is seen, or that none is."""
     following = state.following
-    return {"active": following.active, "lines": [told(one, state.look.chosen) for one in following.seen]}
+    lines = [told(one, state.look.chosen) for one in following.seen]
+    return {"active": following.active, "lines": lines or ["no tool is seen"] * following.active}
 
 
 def pointing_panel(state: PlannerState) -> dict[str, Any]:

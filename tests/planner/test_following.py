@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from ronnaplan.documents.reading import to_json
-from ronnaplan.documents.tool import pivot_document
+from ronnaplan.documents.tool import pivot_document, read_pivot
 from ronnaplan.errors import UsageError
 from ronnaplan.planner.following import Following, seen_tools, told
 from ronnaplan.planner.head_view import HeadView
 from ronnaplan.planner.over_cut import over_cut
+from ronnaplan.planner.panels import following_panel
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
@@ -88,8 +89,39 @@ def test_a_tool_without_a_calibration_is_told_by_its_origin(state: PlannerState)
     assert state.following.ct_from_ots is not None
     (one,) = seen_tools(touching(state, np.zeros(3), "drill"), state.following.ct_from_ots, None)
     assert not one.calibrated
-    assert "origin of its frame (no pivot.json)" in told(one, None)
+    assert "origin of its frame (no pivot.json of it)" in told(one, None)
     np.testing.assert_allclose(one.tip_mm + state.following.ct_from_ots[:3, :3] @ TIP_MM, 0.0, atol=1e-9)
+
+
+def test_a_tip_is_of_the_tool_that_its_calibration_names_also_where_no_other_is_seen(state: PlannerState) -> None:
+    """As where the calibrated pointer is hidden, and the reference on the head is not."""
+    tip, pose = read_pivot(state.storage.plan.with_name("pivot.json")), state.following.ct_from_ots
+    assert pose is not None
+    for name, known in (("pointer", True), ("reference", False)):
+        alone = Recording("test", tools=(ToolReading(0, name, np.eye(4)),))
+        (one,) = seen_tools(alone, pose, tip)
+        assert one.calibrated == known
+        np.testing.assert_allclose(one.tip_mm, (pose @ [*(known * TIP_MM), 1.0])[:3], atol=1e-9)
+
+
+def test_a_tool_is_drawn_from_its_tip_to_where_its_markers_are(state: PlannerState) -> None:
+    tip = read_pivot(state.storage.plan.with_name("pivot.json"))
+    seen = Recording("test", tools=(ToolReading(0, "pointer", np.eye(4)),))
+    for side in (1.0, -1.0):
+        (one,) = seen_tools(seen, np.eye(4), tip.model_copy(update={"tip": tuple(side * TIP_MM)}))
+        assert one.back.tolist() == [0.0, 0.0, -side]  # the frame's origin is there, 90 mm from the tip
+
+
+@pytest.mark.parametrize(("hidden_s", "shown"), [(60.0, ["pointer:", "drill:"]), (0.0, ["no"])])
+def test_a_tool_that_is_hidden_is_shown_no_longer_while_others_are(
+    state: PlannerState, monkeypatch: pytest.MonkeyPatch, hidden_s: float, shown: list[str]
+) -> None:
+    monkeypatch.setattr("ronnaplan.planner.following.HIDDEN_S", hidden_s)
+    seen: list[list[str]] = []
+    state.following.notify = lambda: seen.append([line.split()[0] for line in following_panel(state)["lines"]])
+    place = np.zeros(3)
+    followed(state, touching(state, place), touching(state, place, "drill"), Recording("test"))
+    assert seen[2] == shown
 
 
 def test_a_stream_that_ends_is_told_and_one_without_a_registration_not_begun(
