@@ -6,12 +6,15 @@ import argparse
 import sys
 from pathlib import Path
 
+from ronnaplan.cli.output import warn
+
 HELP = (
     "Turn fiducials or a registration into markups, CSV, DICOM, an ITK transform, ROS or a map of the expected error, "
     "a case into a 3-D scene, or name nobody in a scan."
 )
 DOCUMENTS = ("markups", "csv", "dicom", "itk", "ros", "tre-map")
-SCENES = ("gltf", "stl", "vtp", "html")
+SCENES = {"gltf": (".glb",), "stl": (".stl",), "vtp": (".vtp",), "html": (".html", ".htm")}
+"""Files of a 3-D scene, and what they must be called."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -24,7 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument(
         "--to",
-        choices=DOCUMENTS + SCENES,
+        choices=(*DOCUMENTS, *SCENES),
         help="the format to write; tre-map: the error to expect (mm RMS) at every voxel of --ct, .nii.gz, .nrrd, .mha",
     )
     what.add_argument(
@@ -60,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.deidentify:
         return _deidentify(arguments)
     from ronnaplan.documents.export import export, write_as
-    from ronnaplan.documents.files import check_target, write_atomically
+    from ronnaplan.documents.files import check_target, require_ending, write_atomically
     from ronnaplan.errors import UsageError
 
     if arguments.secret is not None:
@@ -76,6 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.output is not None:
         check_target(arguments.output)
         if is_case:
+            require_ending(arguments.output, to, SCENES[to])
             write_atomically(arguments.output, _scene(arguments))
         else:
             write_as(arguments.output, arguments.file, to, arguments.ct)
@@ -104,6 +108,8 @@ def _scene(arguments: argparse.Namespace) -> bytes:
         lambda: read_scan(arguments.file, arguments.ct, arguments.series, progress=True),
         no_go=arguments.no_go,
     )
+    if case.volume is None:
+        warn("the scan is not at hand, so that no head is shown; give it with --ct")
     with Workshop() as workshop:
         labels = read_labels(arguments.labels, case.volume)
         things = things_of(workshop, case, labels=labels, robot=True, spreads=True)

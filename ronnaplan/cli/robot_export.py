@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     from pathlib import Path
 
     from ronnaplan.documents.chain import read_chain
-    from ronnaplan.documents.files import write_result
+    from ronnaplan.documents.files import require_ending, write_result
     from ronnaplan.documents.plan import read_plan
     from ronnaplan.documents.robot_points import KRL_LIST, NOTICE, export_points
     from ronnaplan.errors import UsageError
@@ -57,11 +57,8 @@ def run(arguments: argparse.Namespace) -> int:
     if not any(arguments.x_axis):
         raise UsageError("--x-axis 0 0 0 has no direction; give one in R")
     to = RobotFormat(arguments.to)
-    if arguments.output and not arguments.output.lower().endswith(ENDINGS.get(to, "")):
-        raise UsageError(
-            f"-o is '{arguments.output}'; expected a name that ends in {ENDINGS[to]}, by which the controller tells a "
-            "data list"
-        )
+    if arguments.output:
+        require_ending(arguments.output, to, ENDINGS.get(to, ("",)))
     chain, plan = read_chain(arguments.chain), read_plan(arguments.plan)
     plan.require_source(chain.ct_frame, chain.source.voxel_sha256)
     trajectories = [

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from ronnaplan.documents.fiducials import FiducialsDocument, Source, read_fiducials
-from ronnaplan.documents.files import read_json, write_atomically
+from ronnaplan.documents.files import read_json, require_ending, write_atomically
 from ronnaplan.documents.itk_transform import itk_transform
 from ronnaplan.documents.markups import markups
 from ronnaplan.documents.registration import FORMAT as REGISTRATION
@@ -76,12 +76,7 @@ def write_as(
         write_atomically(path, tre_image(registration, ct, os.fspath(path)))
     else:
         exported = export(document, to, ct)
-        endings = ENDINGS.get(to, ("",))
-        if not os.fspath(path).lower().endswith(endings):
-            raise UsageError(
-                f"the file to write is '{os.fspath(path)}'; expected a name that ends in {' or '.join(endings)}, "
-                f"by which programs tell '{to}'"
-            )
+        require_ending(path, to, ENDINGS.get(to, ("",)))
         write_atomically(path, exported)
 
 

@@ -15,7 +15,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, UsageError
 from ronnaplan.portable import keep_access, replace, sync_folder
 from ronnaplan.untrusted import parse_json, read_whole
 
@@ -143,6 +143,15 @@ def check_target(path: str | os.PathLike[str]) -> None:
     if not target.parent.is_dir():
         raise InputError(
             f"cannot write {os.fspath(path)}: the folder {target.parent} does not exist; make it first"
+        )
+
+
+def require_ending(path: str | os.PathLike[str], kind: str, endings: tuple[str, ...]) -> None:
+    """Raise `UsageError` for a name that ends otherwise than programs want it of a file of a ``kind``."""
+    if not os.fspath(path).lower().endswith(endings):
+        raise UsageError(
+            f"the file to write is '{os.fspath(path)}'; expected a name that ends in {' or '.join(endings)}, by which "
+            f"programs tell '{kind}'"
         )
 
 

@@ -18,5 +18,5 @@ class RobotFormat(StrEnum):
     """A data list of a KUKA's controller."""
 
 
-ENDINGS: Final[Mapping[RobotFormat, str]] = {RobotFormat.KRL: ".dat"}
+ENDINGS: Final[Mapping[RobotFormat, tuple[str, ...]]] = {RobotFormat.KRL: (".dat",)}
 """What files must be called where what reads them goes by the name."""

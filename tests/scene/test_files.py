@@ -137,3 +137,15 @@ def test_a_case_is_exported_and_a_wrong_wish_is_refused(
     assert main([*wish, "csv", "-o", str(tmp_path / "x")]) == 2
     assert main(["export", str(tmp_path / "fiducials.json"), "--to", "stl", "-o", str(tmp_path / "x")]) == 2
     assert "case's folder" in capsys.readouterr().err
+    for kind, ending in (("gltf", ".glb"), ("stl", ".stl"), ("vtp", ".vtp"), ("html", ".html or .htm")):
+        assert main([*wish, kind, "-o", str(tmp_path / "scene.gltf")]) == 2
+        assert f"expected a name that ends in {ending}, by which" in capsys.readouterr().err
+    assert not (tmp_path / "scene.gltf").exists()
+
+
+def test_a_scene_without_the_scan_says_that_it_has_no_head(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cases.write_case(tmp_path)
+    assert main(["export", str(tmp_path), "--to", "stl", "-o", str(tmp_path / "scene.stl")]) == 0
+    assert "no head is shown; give it with --ct" in capsys.readouterr().err
