@@ -68,9 +68,14 @@ def _numbers(index: Index, summary: Summary) -> list[str]:
 def _quality(summary: Summary) -> list[str]:
     charts, uncharted = summary.charts, summary.uncharted
     few = []
-    if uncharted:
-        told = "; ".join(map(printable, uncharted[:MOST_ROWS]))
-        few = [element("p", f"Scans of phantoms, too few for a chart, which takes {LEAST}: {told}.", "note")]
+    undated = [f"{scanner}, {phantom}: {count}" for (scanner, phantom), count in sorted(summary.undated.items())]
+    for what, scans in (
+        (f", too few for a chart, which takes {LEAST}", uncharted),
+        (" that tell no day, and are in no chart", undated),
+    ):
+        if scans:
+            told = "; ".join(map(printable, scans[:MOST_ROWS]))
+            few.append(element("p", f"Scans of phantoms{what}: {told}.", "note"))
     if not charts:
         return [section("Quality over time", few)] if few else []
     alarms = [

@@ -39,7 +39,9 @@ class Summary:
     """Slice thickness and worst error, RMS, mm."""
     misfits: list[float] = field(default_factory=list)
     phantoms: dict[tuple[str, str], list[Row]] = field(default_factory=lambda: defaultdict(list))
-    """(Scanner, phantom) -> its scans."""
+    """(Scanner, phantom) -> its scans of which the day is told."""
+    undated: Counter[tuple[str, str]] = field(default_factory=Counter)
+    """(Scanner, phantom) -> scans that have no place in time, and so none in a chart."""
     worst: list[tuple[tuple[float, ...], int, Row]] = field(default_factory=list)
 
     @property
@@ -54,7 +56,7 @@ class Summary:
             control_chart(
                 f"{scanner}, {phantom}",
                 quantity,
-                [row["acquired"] or "" for row in rows],
+                [row["acquired"] for row in rows],
                 [row[name] for row in rows],
             )
             for (scanner, phantom), rows in sorted(self.phantoms.items())
@@ -103,8 +105,11 @@ def _add(summary: Summary, row: Row, number: int) -> None:
         if thickness_mm is not None:
             summary.thicknesses.append((thickness_mm, error_mm))
     if row.get("phantom") is not None:
-        kept = ("acquired", "series", *CHARTED)
-        summary.phantoms[scanner_of(row), row["phantom"]].append({name: row.get(name) for name in kept})
+        scanned = scanner_of(row), row["phantom"]
+        if row.get("acquired"):
+            summary.phantoms[scanned].append({name: row.get(name) for name in ("acquired", "series", *CHARTED)})
+        else:
+            summary.undated[scanned] += 1
     if row.get("sheet"):
         add = heappush if len(summary.worst) < WORST else heappushpop
         add(summary.worst, (badness(row), -number, row))

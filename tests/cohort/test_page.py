@@ -86,6 +86,23 @@ def test_a_phantom_that_was_scanned_too_rarely_for_a_chart_is_told(
     assert "too few for a chart, which takes 8: Maker A, daily: 5." in (tmp_path / "index.html").read_text()
 
 
+def test_scans_of_a_phantom_whose_day_is_not_told_are_in_no_chart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They have no order; before the others they would set the limits, and a drift would have no day."""
+    days = rows(tmp_path)[:120]
+    undated = [{**one, "acquired": None} for one in days[-30:]]
+    charts, alone = summarize([*undated, *days[:90]]).charts, summarize(days[:90]).charts
+    assert [one.days for one in charts] == [one.days for one in alone]
+    assert [one.verdict for one in charts] == [one.verdict for one in alone]
+    monkeypatch.setattr(page_module, "series_rows", lambda _: iter(undated))
+    with Index(tmp_path) as index:
+        write_page(index, tmp_path)
+    text = (tmp_path / "index.html").read_text()
+    assert "Scans of phantoms that tell no day, and are in no chart: Maker A, daily: 30." in text
+    assert "drifts" not in text
+
+
 def test_a_cohort_without_series_has_a_page(tmp_path: Path) -> None:
     with Index(tmp_path) as index:
         write_page(index, tmp_path)
