@@ -30,7 +30,7 @@ def tool_poses(recording: Recording, tool: str | None = None) -> dict[int, Float
     """
     names = recording.tool_names
     if tool is None and len(names) != 1:
-        held = f"the tools {', '.join(names)}; name one" if names else "no poses; expected those of a tool"
+        held = f"the tools {', '.join(names)}; name one" if names else _lacking(recording)
         raise InputError(f"{recording.source} holds {held}")
     name = names[0] if tool is None else tool
     if name not in names:
@@ -56,6 +56,16 @@ def tool_poses(recording: Recording, tool: str | None = None) -> dict[int, Float
             "metres; expected mm"
         )
     return found
+
+
+def _lacking(recording: Recording) -> str:
+    """Say what a recording without poses holds, and what was expected."""
+    if not recording.points:
+        return "no poses; expected those of a tool"
+    return (
+        f"{len(recording.points)} points and no poses; expected rows of 4 x 4 matrices, or x, y, z with a quaternion "
+        "(q0, qx, qy, qz): turn angles, as a KUKA's A, B, C or a UR's rx, ry, rz, into one of these"
+    )
 
 
 def require_numbered(recording: Recording) -> None:

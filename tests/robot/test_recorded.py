@@ -52,6 +52,15 @@ def test_poses_that_are_only_counted_belong_to_no_others() -> None:
         require_numbered(Recording("r", numbered=False))
 
 
+def test_places_without_a_rotation_are_told_what_they_lack() -> None:
+    """As a KUKA's and a UR's own X, Y, Z beside angles, whose columns are not read."""
+    places = Recording("r", (PointReading(0, np.zeros(3)), PointReading(1, np.ones(3))))
+    with pytest.raises(
+        InputError, match=r"2 points and no poses; .* a quaternion .*a KUKA's A, B, C or a UR's rx"
+    ):
+        tool_poses(places)
+
+
 def test_a_tool_that_is_not_told_is_not_guessed() -> None:
     two = recording((0, "a", placed(0)), (0, "b", placed(1)))
     with pytest.raises(InputError, match="the tools a, b; name one"):
