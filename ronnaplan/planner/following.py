@@ -13,7 +13,7 @@ import numpy as np
 from ronnaplan.case.edits import OpenCase
 from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.planner.storage import Storage
+from ronnaplan.planner.storage import PIVOT, Storage
 from ronnaplan.planning import Trajectory
 from ronnaplan.pose import invert
 from ronnaplan.tracking.recording import Recording
@@ -28,8 +28,6 @@ HIDDEN_S = 0.5
 """A tool that was not seen for so long is shown no longer: it may be anywhere."""
 
 LONGEST_S = 8 * 3600.0
-
-PIVOT_FILE = "pivot.json"
 
 Moments = Iterable[Recording]
 
@@ -74,7 +72,7 @@ class Following:
         from ronnaplan.documents.tool import read_pivot
 
         self._required()
-        file = self.storage.plan.with_name(PIVOT_FILE)
+        file = self.storage.plan.with_name(PIVOT)
         tip = read_pivot(file) if file.is_file() else None
         self.stop()
         self._stopping = threading.Event()
@@ -143,7 +141,7 @@ def seen_tools(moment: Recording, ct_from_ots: FloatArray, tip: PivotDocument | 
 def told(one: SeenTool, path: Trajectory | None) -> str:
     """Return where a tip is, and beside the selected trajectory how far from its target and how far beside it."""
     x, y, z = one.tip_mm
-    end = "tip" if one.calibrated else f"origin of its frame (no {PIVOT_FILE} of it)"
+    end = "tip" if one.calibrated else f"origin of its frame (no {PIVOT} of it)"
     line = f"{one.name}: {end} at {x:.1f}, {y:.1f}, {z:.1f}"
     if path is None:
         return line

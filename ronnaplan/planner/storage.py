@@ -19,6 +19,9 @@ from ronnaplan.errors import InputError, UsageError
 from ronnaplan.planner.address import ADDRESS_FILE
 from ronnaplan.planning.trajectory import COLOUR
 
+PIVOT = "pivot.json"
+"""The tip of a tool that is followed, in the case's folder."""
+
 LAYOUTS = ("six", "four", "path", "3-D")
 """Standard cuts, head and two views of the path; the standard cuts and the head; both cuts in line with the path large;
 the head large beside the cuts."""
@@ -108,7 +111,7 @@ class Storage:
             self.fiducials,
             self.registration,
             self.look,
-            *map(self.plan.with_name, (LIMITS, PLACEMENT)),
+            *map(self.plan.with_name, (LIMITS, PLACEMENT, PIVOT)),
         )
         return {path.name for path in here if path.parent == self.plan.parent}
 

@@ -64,7 +64,7 @@ def test_the_page_offers_what_register_reads_and_none_of_the_cases_own_documents
 ) -> None:
     state.case.keep_registration(cases.registration())
     names = [f"readings{suffix}" for suffix in READERS]
-    for name in (*names, "limits.json", "readings.pdf"):
+    for name in (*names, "limits.json", "pivot.json", "readings.pdf"):
         (tmp_path / name).write_text("x")
     assert {"readings.csv", "readings.fcsv", "readings.nrrd", "readings.json", "readings.txt"} <= set(names)
     assert state.storage.readings() == sorted(names)
