@@ -77,3 +77,16 @@ def test_a_table_wider_than_its_page_is_scrolled_by_itself() -> None:
         of_page, of_table = apart(columns_hidden, width, columns)
         assert of_page <= 0
         assert least <= of_table <= most
+
+
+def width_on_a_phone() -> int:
+    """How many of its own pixels a page is laid out on by a browser whose screen has 390."""
+    with chromium() as browser:
+        shown = browser.new_context(viewport={"width": 390, "height": 844}, is_mobile=True).new_page()
+        shown.set_content(page("Report", [element("p", "as large as on a screen")]))
+        return int(shown.evaluate("innerWidth"))
+
+
+@needs_browser
+def test_a_phone_shows_the_page_as_wide_as_its_screen_and_no_smaller() -> None:
+    assert apart(width_on_a_phone) == 390
