@@ -168,6 +168,7 @@ def _job(arguments: argparse.Namespace, arm: SerialArm, room: Room) -> tuple[Job
 
     from ronnaplan.case.folder import CaseFiles, read_case
     from ronnaplan.ct import read_ct
+    from ronnaplan.documents.agreement import disagreement
     from ronnaplan.errors import InputError
     from ronnaplan.planning.head import Head
     from ronnaplan.robot.placement.placement import Job
@@ -183,7 +184,8 @@ def _job(arguments: argparse.Namespace, arm: SerialArm, room: Room) -> tuple[Job
         if room.tracker is None:
             raise InputError(f"{arguments.scene} names no [tracker], which the registration places; add one")
         ots_from_ct = case.registration.pose.matrix
-        warn(*case.registration.doubts)
+        outdated = disagreement(case.fiducials, case.registration) if case.fiducials is not None else None
+        warn(*([outdated] if outdated else []), *case.registration.doubts)
     job = Job.of_plan(arm, room, case.plan, _markers(case), head.boundary_mm, head.center_mm, ots_from_ct)
     warn(*job.doubts)
     return job, case

@@ -14,6 +14,7 @@ from phantoms.stack import axial_stack
 from ronnaplan.cli import main
 from ronnaplan.documents.placement import read_placement
 from ronnaplan.documents.room import EXAMPLE
+from tests import cases
 from tests.cli.chains import parked_chain
 from tests.documents.test_room import with_arm_body
 from tests.planning.heads import layered_head
@@ -109,6 +110,24 @@ def test_a_base_that_no_room_holds_is_wrong_usage(
 ) -> None:
     assert main([*case, "--parked", *parked]) == 2
     assert "expected up to 100000 mm and 360 degrees either way" in capsys.readouterr().err
+
+
+def test_a_registration_of_markers_that_were_found_anew_since_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cases.write_case(tmp_path)
+    (tmp_path / "room.toml").write_text(EXAMPLE)
+    names = ("plan", "fiducials", "registration")
+    given = [f"--{name}={tmp_path / name}.json" for name in names] + [f"--scene={tmp_path / 'room.toml'}"]
+    parked = ["--parked", "90000", "0", "800", "0"]  # out of reach: what is told comes before
+    told = "warning: the registration has marker F1 at another place; register again"
+    assert main(["robot", "place", "--ct", str(cases.CT), *given, *parked]) == 3
+    assert told not in capsys.readouterr().err
+    found = json.loads((tmp_path / "fiducials.json").read_text())
+    found["fiducials"][0]["center"][0] += 3.0
+    (tmp_path / "fiducials.json").write_text(json.dumps(found))
+    assert main(["robot", "place", "--ct", str(cases.CT), *given, *parked]) == 3
+    assert told in capsys.readouterr().err
 
 
 def test_what_is_missing_is_named(case: list[str], capsys: pytest.CaptureFixture[str]) -> None:
