@@ -30,7 +30,11 @@ class ScanRule(DocumentModel):
 
     def fits(self, texts: Mapping[str, str]) -> bool:
         """Whether all patterns fit the texts about a series."""
-        return all(fnmatchcase(texts[name].casefold(), getattr(self, name).casefold()) for name in self.patterns)
+        return all(_fits(getattr(self, name), texts[name]) for name in self.patterns)
+
+
+def _fits(pattern: str, told: str) -> bool:
+    return fnmatchcase(told.casefold(), pattern.casefold().replace("[", "[[]"))  # brackets stand for themselves
 
 
 AnyRule = TypeVar("AnyRule", bound=ScanRule)

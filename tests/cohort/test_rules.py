@@ -36,6 +36,13 @@ def test_the_example_is_read_and_its_first_fitting_rule_decides(tmp_path: Path) 
     assert set(tasks_of(rules)) == {"daily phantom", "all others"}
 
 
+def test_brackets_in_a_pattern_stand_for_themselves() -> None:
+    """Only * and ? do not, as the page says: descriptions such as these are common."""
+    rule = CohortRule(name="x", description="Head [Bone] *")
+    assert first_fitting((rule,), {**SERIES, "description": "HEAD [bone] 0.6"}) is not None
+    assert first_fitting((rule,), {**SERIES, "description": "Head B 0.6"}) is None
+
+
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
