@@ -67,6 +67,11 @@ class Peer(DocumentModel):
     """Where it takes answers by DICOMweb (STOW-RS), instead of C-STORE."""
 
     @property
+    def reachable(self) -> bool:
+        """Whether there is somewhere to send answers to."""
+        return self.url is not None or (bool(self.port) and self.host != ANY_ADDRESS)
+
+    @property
     def speaks(self) -> bool:
         """Whether it may ask for an association: to send, or to tell what it keeps."""
         return self.sends or bool(self.port)
@@ -111,8 +116,8 @@ class Config(DocumentModel):
     titles: tuple[AeTitle, ...] = ("RONNAPLAN",)
     host: Line = "127.0.0.1"
     port: Port = 11112
-    page_port: Port | None = 11180
-    """Of the status page on this machine; 0 any that is free."""
+    page_port: Port | None = None
+    """Of the status page on this machine; 0 any that is free, None for no page."""
     quiet_s: Seconds = 10.0
     """A series to which nothing was added for so long is complete."""
     missing_s: Seconds = 120.0
@@ -136,6 +141,12 @@ class Config(DocumentModel):
             unknown = sorted(set(rule.receivers) - set(names))
             if unknown:
                 raise ValueError(f"rule {rule.name} names a receiver {unknown[0]} that is no peer")
+            lost = [one.name for one in self.peer if one.name in rule.receivers and not one.reachable]
+            if lost:
+                raise ValueError(
+                    f"rule {rule.name} names the receiver {lost[0]}, but its peer states nowhere to send to; give its "
+                    "host and port, or its url"
+                )
         if not self.titles:
             raise ValueError("titles: at least one AE title is needed")
         if self.tls is None and any(one.tls for one in self.peer):

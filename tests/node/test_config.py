@@ -31,6 +31,10 @@ def test_the_example_is_a_configuration_that_listens_on_this_machine_only(tmp_pa
         ("titles = []", "at least one AE title"),
         ("titles = ['a\\\\b']", "is no AE title"),
         ("[[rule]]\nname = 'a'\nreceivers = ['pacs']", "no peer"),
+        (
+            "[[peer]]\nname = 'ct'\nsends = true\n[[rule]]\nname = 'a'\nreceivers = ['ct']",
+            "nowhere to send to",
+        ),
         ("[[peer]]\nname = 'a'\n[[peer]]\nname = 'a'", "same name"),
         ("[[peer]]\nname = 'a'\ntls = true", "asks for TLS"),
         ("[[peer]]\nname = 'a'\nurl = 'ftp://x'", "http"),
@@ -43,3 +47,10 @@ def test_what_a_configuration_cannot_say_is_refused_by_name(text: str, says: str
     path.write_text(text)
     with pytest.raises(InputError, match=says):
         read_config(path)
+
+
+def test_a_page_port_that_is_left_out_is_none(tmp_path: Path) -> None:
+    """As the example says; TOML has no word for none."""
+    path = tmp_path / "node.toml"
+    path.write_text("port = 0")
+    assert read_config(path).page_port is None
