@@ -85,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
     room = read_room(arguments.scene)
     arm = _arm(arguments, room)
     job, case = _job(arguments, arm, room)
-    found = _found(arguments, job)
+    found = _found(arguments, job, case)
     parked = arguments.parked is not None or arguments.chain is not None
     document = placement_document(found, room, arm, _source(case), case.plan, parked=parked)
     print(placement_text(document), file=sys.stderr)
@@ -116,7 +116,7 @@ def _check_parked(parked: Sequence[float] | None) -> None:
         )
 
 
-def _found(arguments: argparse.Namespace, job: Job) -> Placement:
+def _found(arguments: argparse.Namespace, job: Job, case: Case) -> Placement:
     """Search, or look at the base as it was measured."""
     import numpy as np
 
@@ -126,6 +126,8 @@ def _found(arguments: argparse.Namespace, job: Job) -> Placement:
 
     if arguments.chain is not None:
         chain = read_chain(arguments.chain)
+        assert case.plan is not None
+        case.plan.require_source(chain.ct_frame, chain.source.voxel_sha256)
         warn(*chain.notes)
         return check_parked(job, job.base_of(chain.pose))
     if arguments.parked is None:

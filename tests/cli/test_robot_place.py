@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import SimpleITK as sitk
 
 from phantoms.fast import render
 from phantoms.output import write_phantom
 from phantoms.stack import axial_stack
 from ronnaplan.cli import main
+from ronnaplan.ct import read_ct
 from ronnaplan.documents.placement import read_placement
 from ronnaplan.documents.room import EXAMPLE
 from tests import cases
@@ -110,6 +112,25 @@ def test_a_base_that_no_room_holds_is_wrong_usage(
 ) -> None:
     assert main([*case, "--parked", *parked]) == 2
     assert "expected up to 100000 mm and 360 degrees either way" in capsys.readouterr().err
+
+
+def test_a_chain_of_another_scan_is_refused_also_where_no_frame_of_reference_tells_it(
+    case: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As of NIfTI; by the voxels, which every document holds."""
+    scan, plan, chain = tmp_path / "scan.nii", tmp_path / "plan.json", tmp_path / "chain.json"
+    sitk.WriteImage(read_ct(case[case.index("--ct") + 1]).to_sitk(), scan)
+    assert main(["plan", "new", str(scan), "-o", str(plan)]) == 0
+    assert main(["plan", "add", str(plan), "LH", "--ct", str(scan), *POINTS]) == 0
+    asked = ["robot", "place", "--plan", str(plan), "--ct", str(scan), *case[case.index("--scene") :]]
+    asked += ["--chain", str(chain), "-o", str(tmp_path / "placement.json")]
+    for voxels, told in (
+        (read_ct(scan).voxel_sha256, "the robot's base is tilted"),
+        ("0" * 64, "their voxels differ"),
+    ):
+        chain.write_text(json.dumps(parked_chain({"voxel_sha256": voxels}, np.eye(4))))
+        assert main(asked) == 1
+        assert told in capsys.readouterr().err
 
 
 def test_a_registration_of_markers_that_were_found_anew_since_is_told(
