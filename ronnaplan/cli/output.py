@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, TextIO, cast
@@ -26,6 +28,21 @@ def guarded_output() -> Iterator[None]:
         yield
     finally:
         sys.stdout, sys.stderr = output, error
+
+
+@contextmanager
+def ended_gently() -> Iterator[None]:
+    """Have SIGTERM and a lost terminal end what runs within as Ctrl-C does, so that what came until then is kept."""
+    named = (getattr(signal, name, None) for name in ("SIGTERM", "SIGHUP"))
+    found = [one for one in named if one is not None and signal.getsignal(one) is signal.SIG_DFL]
+    heeded = found if threading.current_thread() is threading.main_thread() else []  # no other may set them
+    for one in heeded:
+        signal.signal(one, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for one in heeded:
+            signal.signal(one, signal.SIG_DFL)
 
 
 def discard_output() -> None:

@@ -7,6 +7,7 @@ import json
 from typing import TYPE_CHECKING
 
 from ronnaplan.cli.case_options import with_sigma_ots
+from ronnaplan.cli.output import ended_gently
 from ronnaplan.cli.robot_options import rms, tell, with_output, with_robot_sigmas, with_tool
 from ronnaplan.cli.values import seconds, sigma_mm, whole
 from ronnaplan.sigmas import SIGMA_GEOMETRY_MM
@@ -47,6 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     with_output(parser, "a line of JSON a moment")
 
 
+@ended_gently()
 def run(arguments: argparse.Namespace) -> int:
     """Watch; tell every change of the verdict; 3 when the last one is not that nothing moved."""
     from ronnaplan.documents.chain import read_chain

@@ -6,6 +6,7 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
+from ronnaplan.cli.output import ended_gently
 from ronnaplan.cli.values import seconds, whole
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", metavar="FILE", help="readings CSV (default: standard output)")
 
 
+@ended_gently()
 def run(arguments: argparse.Namespace) -> int:
     """Record, write every reading, and say on standard error what was seen."""
     from ronnaplan.documents.files import check_target, write_result

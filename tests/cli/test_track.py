@@ -32,7 +32,9 @@ def heed_ctrl_c() -> None:
 
 
 @POSIX
-def test_ctrl_c_ends_a_recording_and_keeps_it(tmp_path: Path) -> None:
+@pytest.mark.parametrize("ends", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_ctrl_c_and_the_like_end_a_recording_and_keep_it(tmp_path: Path, ends: str) -> None:
+    """SIGTERM is what `timeout` and a service's end send, SIGHUP a lost terminal."""
     for seconds in (2.0, 10.0, 30.0):  # for the message to be read: the machine may be busy
         with socket.create_server(("127.0.0.1", 0)) as listener:
             process = started(listener.getsockname()[1], tmp_path / "readings.csv")
@@ -40,7 +42,7 @@ def test_ctrl_c_ends_a_recording_and_keeps_it(tmp_path: Path) -> None:
             with connection:
                 connection.sendall(points())
                 time.sleep(seconds)
-                process.send_signal(signal.SIGINT)
+                process.send_signal(getattr(signal, ends))
                 _, told = process.communicate(timeout=60)
         if process.returncode == 0:
             break

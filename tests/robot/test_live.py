@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import signal
 import socket
 import threading
 from collections.abc import Callable
@@ -179,6 +180,19 @@ def test_the_command_follows_a_stream_to_its_end_which_is_no_pose(
     told = capsys.readouterr().err
     assert re.search(r"the head moved; register again; head: \d\.\d\d mm, 0\.\d\d degrees", told)
     assert re.search(r"nothing is known; the server closed the stream after \d+ messages\n$", told)
+
+
+def test_what_ends_a_service_keeps_what_was_watched_as_ctrl_c_does(room: LiveRoom, tmp_path: Path) -> None:
+    heeded = []
+
+    def send(listener: socket.socket) -> None:
+        connection, _ = listener.accept()
+        with connection:
+            heeded.append(signal.getsignal(signal.SIGTERM))
+
+    watched(room, tmp_path, send)
+    assert heeded == [signal.default_int_handler]
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
 
 def test_a_place_that_cannot_be_written_is_told_before_anything_is_watched(
