@@ -193,6 +193,7 @@ def _ros(document: RobotPointsDocument) -> str:
 
 def _krl(document: RobotPointsDocument, name: str) -> str:
     """Return a KRL data list of FRAMEs (mm, degrees; A about Z, B about Y, C about X) in $ROBROOT; it moves nothing."""
+    _require_told_apart([one.name for one in document.trajectories])
     names = krl_names([one.name for one in document.trajectories])
     data_list = krl_names([name])[name]
     lines = [
@@ -214,6 +215,17 @@ def _krl(document: RobotPointsDocument, name: str) -> str:
         for label, matrix in ends.items():
             lines.append(f"DECL GLOBAL FRAME {names[one.name]}_{label}={{{_krl_frame(np.array(matrix))}}}")
     return "\n".join([*lines, "ENDDAT", ""])
+
+
+def _require_told_apart(names: Sequence[str]) -> None:
+    """Raise `InputError` for two names that are the same in ASCII, the letters of KRL."""
+    alike: dict[str, str] = {}
+    for name in names:
+        other = alike.setdefault(_ascii(name), name)
+        if other != name:
+            raise InputError(
+                f"the trajectories {other} and {name} look alike in the letters that KRL has (ASCII); rename one"
+            )
 
 
 def krl_names(names: Sequence[str]) -> dict[str, str]:

@@ -6,6 +6,7 @@ import csv
 import json
 import re
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from phantoms.robot_session import write_session
 from ronnaplan.cli import main
+from ronnaplan.documents.plan import write_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.documents.registered import registration_document
 from ronnaplan.documents.rig import read_rig
@@ -56,8 +58,6 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     readings = find_markers(read_recording(CASE / "readings.csv")).points
     found = register_markers(fiducials.points, readings)
     (folder / "registration.json").write_text(to_json(registration_document(found, fiducials.source)))
-    from ronnaplan.documents.plan import write_plan
-
     write_plan(folder / "plan.json", cases.plan())
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
@@ -166,6 +166,24 @@ def test_every_export_says_the_same_points(home: Path) -> None:
         target = poses[one["name"], "target"]
         np.testing.assert_allclose([x, y, z], target[:3, 3], atol=1e-5)
         np.testing.assert_allclose(about[0] @ about[1] @ about[2], target[:3, :3], atol=1e-6)
+
+
+@pytest.mark.parametrize(("names", "status"), [(("左", "右"), 1), (("Ärm", "Örm"), 1), (("左 1", "右 2"), 0)])
+def test_trajectories_that_a_kukas_letters_do_not_tell_apart_are_refused(
+    home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], names: tuple[str, str], status: int
+) -> None:
+    """They came out as T and T_2, and as question marks in the comments: left for right."""
+    plan, (first, *_) = cases.plan(), cases.plan().trajectories
+    for name in names:
+        plan = plan.add(replace(first, name=name, colour=""))
+    write_plan(tmp_path / "plan.json", plan)
+    out = str(tmp_path / "points.dat")
+    assert (
+        main(["robot", "export", str(home / "final.json"), str(tmp_path / "plan.json"), "--to", "krl", "-o", out])
+        == status
+    )
+    told = capsys.readouterr().err
+    assert (f"{names[0]} and {names[1]} look alike" in told) == bool(status)
 
 
 @pytest.mark.parametrize("name", ["points.txt", "points", "points.dat.json"])
