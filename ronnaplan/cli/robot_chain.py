@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ronnaplan.cli import GIVEN
 from ronnaplan.cli.case_options import with_sigma_ct, with_sigma_ots
 from ronnaplan.cli.output import warn
-from ronnaplan.cli.robot_options import with_robot_sigmas, with_tool
+from ronnaplan.cli.robot_options import other_tool, with_robot_sigmas, with_tool
 from ronnaplan.cli.values import sigma_mm, whole
 from ronnaplan.sigmas import SIGMA_GEOMETRY_MM
 
@@ -112,17 +112,10 @@ def _by_tracker(arguments: argparse.Namespace) -> ChainDocument:
         seen, hand_eye.tool_pose, robot_pose(driven, arguments.sigma_robot, arguments.sigma_robot_deg)
     )
     notes = (*registration.doubts, *registration.notes, *hand_eye.notes, *tracker.notes, *robot.notes)
-    notes += _other_tool(hand_eye.tool, tool or next(iter(tracker.tool_names), None))
+    notes += other_tool(hand_eye.tool, tool or next(iter(tracker.tool_names), None))
     notes += _elsewhere(*capture.moved_since(hand_eye.base_pose))
     middle = np.array([pair.center for pair in registration.pairs]).mean(axis=0)
     return tracked_chain(registration.pose, capture, registration.source, middle, notes)
-
-
-def _other_tool(calibrated: str, seen: str | None) -> tuple[str, ...]:
-    """Say that the tool that was seen goes by another name than the one that was calibrated."""
-    if seen in (None, calibrated):
-        return ()
-    return (f"the calibration is of the tool '{calibrated}', the tracker's recording of '{seen}'",)
 
 
 def _elsewhere(shift_mm: float, turn_deg: float) -> tuple[str, ...]:

@@ -77,6 +77,13 @@ def read_looks(arguments: argparse.Namespace) -> tuple[dict[int, ImagePair], Flo
     return looks, simultaneous({frame: driven[frame] for frame in looks}, driven)[1], robot.notes
 
 
+def other_tool(calibrated: str, seen: str | None) -> tuple[str, ...]:
+    """Say that the tool that was seen goes by another name than the one that was calibrated."""
+    if seen in (None, calibrated):
+        return ()
+    return (f"the calibration is of the tool '{calibrated}', the tracker's recording of '{seen}'",)
+
+
 def worth(what: str, covariances: FloatArray) -> str:
     """Say the error of the first of ``covariances`` (N, 3, 3)."""
     return f"{what}: {rms(covariances[0]):.4f} mm RMS"

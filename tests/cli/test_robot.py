@@ -262,6 +262,13 @@ def test_what_does_not_belong_together_is_refused(home: Path, capsys: pytest.Cap
     status, text = told("chain", *by_tracker, "--geometry", session / "tool.json", *moved, *rested)
     assert status == 0
     assert f"the calibration is of the tool 'another', the tracker's recording of '{other['tool']}'" in text
+    pivot = {**read(home / "pivot.json"), "tool": "pointer", "notes": ["3 poses are none"]}
+    (home / "other pivot.json").write_text(json.dumps(pivot))
+    seen = (session / "hand_eye_tracker.csv", session / "hand_eye_robot.csv", "--pivot", home / "other pivot.json")
+    status, text = told("hand-eye", *seen, "-o", home / "other hand-eye.json")
+    assert status == 0
+    assert f"the calibration is of the tool 'pointer', the tracker's recording of '{other['tool']}'" in text
+    assert "3 poses are none" in read(home / "other hand-eye.json")["notes"]  # a chain hands them on
     status, text = told(
         "relocate",
         session / "sphere",
