@@ -140,6 +140,12 @@ def _arm(arguments: argparse.Namespace, room: Room) -> SerialArm:
     import numpy as np
 
     arm = _described(arguments, room)
+    bare = set(range(len(arm.joints))) - {link for link, _ in room.arm_bodies}  # the last link is a mere flange
+    if room.arm_bodies and bare:
+        warn(
+            "[[arm_body]] in the scene take the place of all shapes of the arm, and there are none of link "
+            f"{', '.join(map(str, sorted(bare)))}: collisions of these are not looked at"
+        )
     for joint, angle_deg in arguments.hold:
         arm = arm.holding(joint, float(np.radians(angle_deg)))
     return arm

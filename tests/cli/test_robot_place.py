@@ -170,9 +170,17 @@ def test_links_of_meshes_are_named_unless_the_room_states_bodies(
     far = ["--arm", str(arm), "--parked", "3000", "0", "900", "0", "-o", output]
     assert main([*case, *far]) == 3
     assert "collisions of base are not or not wholly looked at" in capsys.readouterr().err
-    room.write_text(with_arm_body(EXAMPLE))
-    assert main([*case[:-1], str(room), *far]) == 3
-    assert "collisions of" not in capsys.readouterr().err
+    one = with_arm_body(EXAMPLE)
+    body = one[one.index("[[arm_body]]") : one.index("[camera]")]
+    others = [body.replace("link = 2", f"link = {n}").replace("upper arm", f"part {n}") for n in (0, 1, 3, 4, 5)]
+    every = one.replace(body, "\n".join([body, *others]))
+    for arm_named in (far, far[2:]):  # of its file, and built in
+        room.write_text(one)
+        assert main([*case[:-1], str(room), *arm_named]) == 3
+        assert "none of link 0, 1, 3, 4, 5: collisions of these are not looked at" in capsys.readouterr().err
+        room.write_text(every)
+        assert main([*case[:-1], str(room), *arm_named]) == 3
+        assert "collisions of" not in capsys.readouterr().err
 
 
 def test_an_arm_of_seven_joints_is_served_with_one_held_and_refused_with_the_way_out_otherwise(
