@@ -12,6 +12,7 @@ from ronnaplan.cli.values import held, number
 
 if TYPE_CHECKING:
     from ronnaplan.case.folder import Case
+    from ronnaplan.documents.chain import ChainDocument
     from ronnaplan.documents.fiducials import Source
     from ronnaplan.geometry import Points
     from ronnaplan.robot.arm.arm import SerialArm
@@ -83,11 +84,14 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.revision import write_document
 
     room = read_room(arguments.scene)
-    arm = _arm(arguments, room)
-    job, case = _job(arguments, arm, room)
-    found = _found(arguments, job, case)
-    parked = arguments.parked is not None or arguments.chain is not None
-    document = placement_document(found, room, arm, _source(case), case.plan, parked=parked)
+    arm, of_arm = _arm(arguments, room)
+    job, case, of_case = _job(arguments, arm, room)
+    chain = _chain(arguments, case)
+    notes = (*of_arm, *of_case, *(chain.notes if chain is not None else ()))
+    warn(*notes)
+    found = _found(arguments, job, chain)
+    parked = arguments.parked is not None or chain is not None
+    document = placement_document(found, room, arm, _source(case), case.plan, parked=parked, notes=notes)
     print(placement_text(document), file=sys.stderr)
     write_document(arguments.output, document, read_placement)
     if document.status == "blocked":
@@ -116,43 +120,50 @@ def _check_parked(parked: Sequence[float] | None) -> None:
         )
 
 
-def _found(arguments: argparse.Namespace, job: Job, case: Case) -> Placement:
+def _chain(arguments: argparse.Namespace, case: Case) -> ChainDocument | None:
+    """Return the chain that was taken after parking, of the same scan; None where there is none."""
+    from ronnaplan.documents.chain import read_chain
+
+    if arguments.chain is None:
+        return None
+    chain = read_chain(arguments.chain)
+    assert case.plan is not None
+    case.plan.require_source(chain.ct_frame, chain.source.voxel_sha256)
+    return chain
+
+
+def _found(arguments: argparse.Namespace, job: Job, chain: ChainDocument | None) -> Placement:
     """Search, or look at the base as it was measured."""
     import numpy as np
 
-    from ronnaplan.documents.chain import read_chain
     from ronnaplan.robot.placement.placement import check_parked, find_places
     from ronnaplan.robot.placement.search import base_pose
 
-    if arguments.chain is not None:
-        chain = read_chain(arguments.chain)
-        assert case.plan is not None
-        case.plan.require_source(chain.ct_frame, chain.source.voxel_sha256)
-        warn(*chain.notes)
+    if chain is not None:
         return check_parked(job, job.base_of(chain.pose))
     if arguments.parked is None:
         return find_places(job)
     return check_parked(job, base_pose(np.array(arguments.parked)))
 
 
-def _arm(arguments: argparse.Namespace, room: Room) -> SerialArm:
-    """Return the built-in arm, or that of a file, with the joints held that are to be."""
+def _arm(arguments: argparse.Namespace, room: Room) -> tuple[SerialArm, list[str]]:
+    """Return the built-in arm, or that of a file, with the joints held that are to be, and what of it is not known."""
     import numpy as np
 
-    arm = _described(arguments, room)
+    arm, notes = _described(arguments, room)
     bare = set(range(len(arm.joints))) - {link for link, _ in room.arm_bodies}  # the last link is a mere flange
     if room.arm_bodies and bare:
-        warn(
+        notes.append(
             "[[arm_body]] in the scene take the place of all shapes of the arm, and there are none of link "
             f"{', '.join(map(str, sorted(bare)))}: collisions of these are not looked at"
         )
     for joint, angle_deg in arguments.hold:
         arm = arm.holding(joint, float(np.radians(angle_deg)))
-    return arm
+    return arm, notes
 
 
-def _described(arguments: argparse.Namespace, room: Room) -> SerialArm:
-    """Return the built-in arm, or that of a file."""
+def _described(arguments: argparse.Namespace, room: Room) -> tuple[SerialArm, list[str]]:
+    """Return the built-in arm, or that of a file, and what of its shapes is not known."""
     from ronnaplan.errors import UsageError
     from ronnaplan.robot.arm.kuka import kr6_r900
     from ronnaplan.robot.arm.urdf import read_urdf
@@ -160,18 +171,19 @@ def _described(arguments: argparse.Namespace, room: Room) -> SerialArm:
     if arguments.arm == "kr6r900":
         if arguments.tip is not None:
             raise UsageError("--tip is a link of a URDF file, and kr6r900 is none; give the file with --arm")
-        return kr6_r900()
+        return kr6_r900(), []
     read = read_urdf(arguments.arm, tip=arguments.tip)
-    if read.shapeless and not room.arm_bodies:
-        warn(
-            f"collisions of {', '.join(read.shapeless)} are not or not wholly looked at, as their shapes are meshes, "
-            "are not told for collisions, or are moved by joints apart; state [[arm_body]] in the scene"
-        )
-    return read.arm
+    if not read.shapeless or room.arm_bodies:
+        return read.arm, []
+    note = (
+        f"collisions of {', '.join(read.shapeless)} are not or not wholly looked at, as their shapes are meshes, "
+        "are not told for collisions, or are moved by joints apart; state [[arm_body]] in the scene"
+    )
+    return read.arm, [note]
 
 
-def _job(arguments: argparse.Namespace, arm: SerialArm, room: Room) -> tuple[Job, Case]:
-    """Read the case, and return what the robot has to do in it."""
+def _job(arguments: argparse.Namespace, arm: SerialArm, room: Room) -> tuple[Job, Case, tuple[str, ...]]:
+    """Read the case, and return what the robot has to do in it, and what makes that doubtful."""
     from pathlib import Path
 
     from ronnaplan.case.folder import CaseFiles, read_case
@@ -188,15 +200,15 @@ def _job(arguments: argparse.Namespace, arm: SerialArm, room: Room) -> tuple[Job
     assert case.volume is not None
     head = Head.of(case.volume)
     ots_from_ct = None
+    doubts: tuple[str, ...] = ()
     if case.registration is not None:
         if room.tracker is None:
             raise InputError(f"{arguments.scene} names no [tracker], which the registration places; add one")
         ots_from_ct = case.registration.pose.matrix
         outdated = disagreement(case.fiducials, case.registration) if case.fiducials is not None else None
-        warn(*([outdated] if outdated else []), *case.registration.doubts)
+        doubts = (*([outdated] if outdated else []), *case.registration.doubts)
     job = Job.of_plan(arm, room, case.plan, _markers(case), head.boundary_mm, head.center_mm, ots_from_ct)
-    warn(*job.doubts)
-    return job, case
+    return job, case, (*doubts, *job.doubts)
 
 
 def _source(case: Case) -> Source:

@@ -165,7 +165,7 @@ class PlacementDocument(_Grown):
     Otherwise neither is written, and the angles are those of all joints in their order.
     """
 
-    newer = ("joints", "held", "trajectories")
+    newer = ("joints", "held", "trajectories", "notes")
 
     format: Literal["ronnaplan.placement"]
     version: Literal[1]
@@ -183,6 +183,8 @@ class PlacementDocument(_Grown):
     """The best place first, then alternatives apart from it."""
     blocked: tuple[Line, ...] = ()
     room: RoomEntry | None = None
+    notes: tuple[Line, ...] = ()
+    """What was not looked at, and what makes the rest doubtful."""
     software: Software
 
     @model_validator(mode="after")
@@ -216,6 +218,7 @@ def placement_document(
     plan: Plan | None = None,
     *,
     parked: bool = False,
+    notes: tuple[str, ...] = (),
 ) -> PlacementDocument:
     """Turn a placement for a ``plan`` into its document; ``parked``: the base was measured."""
     content: dict[str, Any] = {
@@ -240,6 +243,7 @@ def placement_document(
             "tracker": None if room.tracker is None else room.tracker.position_mm,
         },
         "blocked": list(found.blocked),
+        "notes": notes,
         "software": SOFTWARE,
     }
     return made(PlacementDocument, content)

@@ -88,9 +88,11 @@ def _rests_on(found: PlacementDocument) -> str:
 def _warnings(case: Case, found: PlacementDocument, best: PlaceEntry) -> list[str]:
     """Return what the placement does not cover.
 
-    Tasks without a free way, what comes near on the robot itself, and trajectories that it does not know as they are.
+    What was not looked at, tasks without a free way, what comes near on the robot itself, and trajectories that it does
+    not know as they are.
     """
-    told = [f"the robot has no free way to {name}" for name in best.route.stuck]
+    told = [f"the robot's place: {note}" for note in found.notes]
+    told += [f"the robot has no free way to {name}" for name in best.route.stuck]
     told += [f"on the robot, {sentence}" for sentence in best.near]
     known = {one.name: one for one in found.trajectories}
     new = [one.name for one in case.plan or () if known.get(one.name) != PathEntry.of(one)]

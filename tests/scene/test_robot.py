@@ -89,6 +89,8 @@ def test_the_report_tells_places_margins_and_what_they_do_not_cover() -> None:
     ]
     part = placement_part(Case(plan=plan, placement=document()), View([], b"", b"beside the head"))
     assert base64.b64encode(b"beside the head").decode() in "".join(html_of(part.body))
+    part = placement_part(Case(plan=plan, placement=document(notes=("collisions of base are not looked at",))))
+    assert "the robot's place: collisions of base are not looked at" in part.warnings
     held = document(joints=tuple("abcdef"), held=(HeldEntry(joint="g", angle_deg=12.5),))
     assert "kr6r900, g held at 12.5 degrees; coordinates" in "".join(
         html_of(placement_part(Case(plan=plan, placement=held)).body)
