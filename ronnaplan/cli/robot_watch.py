@@ -6,6 +6,7 @@ import argparse
 import json
 from typing import TYPE_CHECKING
 
+from ronnaplan.cli import GIVEN
 from ronnaplan.cli.case_options import with_sigma_ots
 from ronnaplan.cli.output import ended_gently
 from ronnaplan.cli.robot_options import rms, tell, with_output, with_robot_sigmas, with_tool
@@ -53,9 +54,13 @@ def run(arguments: argparse.Namespace) -> int:
     """Watch; tell every change of the verdict; 3 when the last one is not that nothing moved."""
     from ronnaplan.documents.chain import read_chain
     from ronnaplan.documents.files import check_target, write_atomically
+    from ronnaplan.errors import UsageError
     from ronnaplan.robot.live import LiveStatus, unseen
     from ronnaplan.tracking.openigtlink import moments
 
+    idle = [name for name in ("sigma_robot", "sigma_robot_deg") if name in vars(arguments).get(GIVEN, ())]
+    if idle and arguments.robot_device is None:
+        raise UsageError(f"--{idle[0].replace('_', '-')} is of the poses of --robot-device; name that, too")
     if arguments.output is not None:
         check_target(arguments.output)
     chain = read_chain(arguments.chain)

@@ -182,6 +182,12 @@ def test_the_command_follows_a_stream_to_its_end_which_is_no_pose(
     assert re.search(r"nothing is known; the server closed the stream after \d+ messages\n$", told)
 
 
+def test_an_error_of_poses_that_are_not_read_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
+    named = [f"--{name}=x.json" for name in ("chain", "registration", "geometry")]
+    assert main(["robot", "watch", *named, "--sigma-robot-deg=1"]) == 2
+    assert "--sigma-robot-deg is of the poses of --robot-device; name that, too" in capsys.readouterr().err
+
+
 def test_what_ends_a_service_keeps_what_was_watched_as_ctrl_c_does(room: LiveRoom, tmp_path: Path) -> None:
     heeded = []
 
