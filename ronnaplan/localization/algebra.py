@@ -1,10 +1,14 @@
-"""Sums of products and small equations for compiled functions.
+"""Sums of products, small equations and quantiles for compiled functions.
 
 Numba's own go through LAPACK, for which it loads SciPy: that takes longer than finding a scan's markers, and a dozen
 megabytes.
 """
 
 from __future__ import annotations
+
+import math
+
+import numpy as np
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
@@ -43,3 +47,49 @@ def solve(equations: FloatArray, solved: FloatArray) -> None:
         for c in range(p + 1, count):
             left -= equations[p, c] * solved[c]
         solved[p] = left / equations[p, p]
+
+
+LEAST_LEFT = 1e-12
+"""What is left of a parameter's information beside the other parameters', as a share, if these do not tell it."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def inverse(information: FloatArray) -> FloatArray:
+    """Return the inverse of normal equations (P, P) whose parameters have any units.
+
+    A parameter of which they tell nothing, or nothing beside those before it, is held: its row and column are zero
+    (the sweep operator; J. Goodnight, The American Statistician 33:149, 1979).
+    """
+    count, swept = len(information), information.copy()
+    for p in range(count):
+        pivot = swept[p, p]
+        if not pivot > LEAST_LEFT * information[p, p]:
+            swept[p, :] = 0.0
+            swept[:, p] = 0.0
+            continue
+        for c in range(count):
+            swept[p, c] /= pivot
+        for q in range(count):
+            share = swept[q, p]
+            if q != p and share != 0.0:
+                for c in range(count):
+                    swept[q, c] -= share * swept[p, c]
+                swept[q, p] = -share / pivot
+        swept[p, p] = 1.0 / pivot
+    return swept
+
+
+@njit(cache=True, nogil=True)
+def quantile(values: FloatArray, share: float) -> float:
+    """Return what this ``share`` of the known values (N,) reach at most; NaN where none is known."""
+    known, count = np.empty(len(values)), 0
+    for value in values:
+        if not math.isnan(value):
+            known[count] = value
+            count += 1
+    if count == 0:
+        return math.nan
+    known = np.sort(known[:count])
+    place = share * (count - 1)
+    below = int(place)
+    return float(known[below] + (place - below) * (known[min(below + 1, count - 1)] - known[below]))

@@ -6,6 +6,7 @@ what of the blur is not along the slices' axes, to first order.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.algebra import inverse, quantile
 from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.cells import cell_directions, direction_cells
 from ronnaplan.localization.descent import residuals_and_jacobian
@@ -22,6 +24,7 @@ from ronnaplan.localization.directions import (
     cell_means,
     deep_inside,
     edge_depth,
+    near_any,
     within_reach,
 )
 from ronnaplan.localization.parameters import CENTER, LEAST_SPREAD_MM2, WIDTH, U, V, W, edge_variance_mm2
@@ -74,9 +77,7 @@ def blur_mm2(edge: Edge) -> FloatArray:
     """Covariance (3, 3) of a ball's blur in LPS, as the residuals of its edge show it beside what was fitted."""
     fit, used = edge.fit, edge.used
     explained = np.hstack([fit.jacobian.take(used, axis=0), edge.slanted])
-    explained *= (scale := 1.0 / np.maximum(np.linalg.norm(explained, axis=0), 1e-30))
-    inverse = np.linalg.pinv(explained.T @ explained, hermitian=True)
-    (uw, vw, uv, oval) = (scale * (inverse @ (explained.T @ fit.residuals_hu[used])))[-4:]
+    (uw, vw, uv, oval) = (inverse(explained.T @ explained) @ (explained.T @ fit.residuals_hu[used]))[-4:]
     within, across = edge_variance_mm2(fit.theta), float(fit.theta[WIDTH]) ** 2 / 12.0 + LEAST_SPREAD_MM2
     axes = fit.neighbourhood.axes
     told: FloatArray = (
@@ -91,15 +92,11 @@ def _unattached(fit: BallFit) -> NDArray[np.bool_]:
     depth, blur = edge_depth(around.offsets_mm, theta)
     cells = direction_cells(around.offsets_mm - theta[CENTER])
     beyond = (depth > 3.0 * blur + BEYOND_MM[0]) & (depth < 3.0 * blur + BEYOND_MM[1])
-    outside, seen = cell_means(around.values_hu, cells, beyond)
-    if not seen.any():
+    outside_hu = cell_means(around.values_hu, cells, beyond)
+    if np.isnan(outside_hu).all():
         return fit.used
-    background = float(np.quantile(outside[seen], BACKGROUND_QUANTILE))
-    stands = seen & (outside - background > STANDS_SHARE * fit.contrast_hu)
-    inside, known = cell_means(fit.residuals_hu, cells, deep_inside(depth, blur))
-    if known.any():
-        stands |= known & (inside - np.median(inside[known]) > INSERT_SHARE * fit.contrast_hu)
-    directions = cell_directions()
-    close = directions @ directions[stands].T > np.cos(np.radians(CLEAR_DEG))
-    unattached: NDArray[np.bool_] = ~(stands | close.any(axis=1))
+    stands = outside_hu - quantile(outside_hu, BACKGROUND_QUANTILE) > STANDS_SHARE * fit.contrast_hu
+    inside_hu = cell_means(fit.residuals_hu, cells, deep_inside(depth, blur))
+    stands |= inside_hu - quantile(inside_hu, 0.5) > INSERT_SHARE * fit.contrast_hu
+    unattached = ~(stands | near_any(cell_directions(), stands, math.cos(math.radians(CLEAR_DEG))))
     return within_reach(depth, blur) & (unattached[cells] | fit.used)

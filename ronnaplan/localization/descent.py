@@ -10,7 +10,7 @@ import numpy as np
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.algebra import solve
+from ronnaplan.localization.algebra import inverse, solve
 from ronnaplan.localization.ball import Discs, discs
 from ronnaplan.localization.model import BLOCK, add_normal_equations, evaluate
 from ronnaplan.localization.neighbourhood import Neighbourhood
@@ -272,6 +272,6 @@ def influence(informed: FloatArray, prior_weight: FloatArray) -> tuple[FloatArra
 
     The first is (N, 3) in mm/HU, by the Jacobian (N, P) of the voxels that ``informed`` the fit, the second (3,).
     """
-    inverse = np.linalg.pinv(informed.T @ informed + np.diag(prior_weight), hermitian=True)
-    by_radius: FloatArray = np.asarray(inverse[CENTER, RADIUS] / inverse[RADIUS, RADIUS], dtype=np.float64)
-    return informed @ inverse[:, CENTER], by_radius
+    covariance = inverse(informed.T @ informed + np.diag(prior_weight))
+    by_radius: FloatArray = covariance[CENTER, RADIUS] / covariance[RADIUS, RADIUS]
+    return informed @ covariance[:, CENTER], by_radius

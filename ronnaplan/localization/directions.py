@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.algebra import quantile
 from ronnaplan.localization.ball import Discs, discs
 from ronnaplan.localization.cells import CELL_COUNT, cell_directions, direction_cells
 from ronnaplan.localization.model import BLOCK, evaluate, has_skin, is_beyond_scale
@@ -134,37 +135,9 @@ def judge(
     around: Neighbourhood, theta: FloatArray, layer_mm: float, ceiling_hu: float
 ) -> tuple[Verdict, NDArray[np.intp]]:
     """Judge every direction by the voxels within reach; returns the cell (N,) of each too, -1 of those beyond."""
-    contrast = theta[CONTRAST]
     voxels = around.offsets_mm, around.values_hu, around.floors_hu
     cells, sums = _survey(*voxels, theta, layer_mm, discs(theta), ceiling_hu)
-    seen = sums[SEEN] > 0
-    rms = np.sqrt(_means(sums[SQUARES], sums[SEEN]))
-    usual = _quantile(rms[seen], USUAL_QUANTILE) if seen.any() else 0.0
-    foreign = seen & (rms > OUTLIER_RATIO * max(usual, MODEL_ERROR_SHARE * contrast))
-
-    excess = _excess_outside(sums[UNEXPLAINED], sums[OUTSIDE])
-    beside = excess > min(NEIGHBOUR_SHARE * contrast, NEIGHBOUR_HU)
-    directions = cell_directions()
-    bright = (foreign | beside) & (excess > SPREAD_SHARE * contrast)
-    close = directions @ directions[bright].T > np.cos(np.radians(NEIGHBOUR_ANGLE_DEG))
-    inserts = _show_insert(sums[WITHIN], sums[INSIDE], contrast)
-    left_out = foreign | beside | close.any(axis=1) | inserts
-    state = np.where(seen, np.where(left_out, 0, 1), -1).astype(np.int8)
-
-    steepness = np.maximum(sums[STEEPNESS], 1e-12)
-    attached = excess > ATTACHED_SHARE * contrast
-    verdict = Verdict(
-        state=state,
-        off_mm=np.abs(sums[SHIFTS]) / steepness,
-        off_mm_per_hu=1.0 / np.sqrt(steepness),
-        allowed_mm=ROUND_SHARE * theta[RADIUS] + ROUND_MM,
-        attached_share=float(attached.mean()),
-        usual_rms_hu=usual,
-        beside=beside,
-        excess_hu=excess,
-        is_covered=_is_covered(excess, COVER_SHARE * contrast),
-    )
-    return verdict, cells
+    return Verdict(*_weighed(sums, theta[CONTRAST], theta[RADIUS], cell_directions())), cells
 
 
 SEEN, SQUARES, SHIFTS, STEEPNESS, OUTSIDE, UNEXPLAINED, INSIDE, WITHIN = range(8)
@@ -219,53 +192,85 @@ def _survey(
     return cells, sums
 
 
-def _means(sums: FloatArray, counts: FloatArray) -> FloatArray:
-    """Mean in each cell (cells,); 0 where there is nothing."""
-    means: FloatArray = sums / np.maximum(counts, 1.0)
-    return means
+@njit(cache=True, nogil=True)
+def _weighed(
+    sums: FloatArray, contrast: float, radius: float, directions: FloatArray
+) -> tuple[NDArray[np.int8], FloatArray, FloatArray, float, float, float, NDArray[np.bool_], FloatArray, bool]:
+    """Return the first members of `Verdict` that the ``sums`` (8, cells) tell, in their order."""
+    means = np.full((3, CELL_COUNT), np.nan)
+    rms, outside, within = means[0], means[1], means[2]
+    for cell in range(CELL_COUNT):
+        if sums[SEEN, cell] > 0.0:
+            rms[cell] = math.sqrt(sums[SQUARES, cell] / sums[SEEN, cell])
+        if sums[OUTSIDE, cell] > 0.0:
+            outside[cell] = sums[UNEXPLAINED, cell] / sums[OUTSIDE, cell]
+        if sums[INSIDE, cell] > 0.0:
+            within[cell] = sums[WITHIN, cell] / sums[INSIDE, cell]
+    seen = sums[SEEN] > 0.0
+    usual = quantile(rms, USUAL_QUANTILE) if seen.any() else 0.0
+    foreign = rms > OUTLIER_RATIO * max(usual, MODEL_ERROR_SHARE * contrast)
+    excess = outside - quantile(outside, BACKGROUND_QUANTILE)
+    excess[np.isnan(outside)] = 0.0
+    beside = excess > min(NEIGHBOUR_SHARE * contrast, NEIGHBOUR_HU)
+    bright = (foreign | beside) & (excess > SPREAD_SHARE * contrast)
+    left_out = foreign | beside | near_any(directions, bright, math.cos(math.radians(NEIGHBOUR_ANGLE_DEG)))
+    left_out |= within - quantile(within, 0.5) > INSERT_SHARE * contrast
+    state = np.empty(CELL_COUNT, np.int8)
+    for cell in range(CELL_COUNT):
+        state[cell] = (0 if left_out[cell] else 1) if seen[cell] else -1
+    steepness = np.maximum(sums[STEEPNESS], 1e-12)
+    return (
+        state,
+        np.abs(sums[SHIFTS]) / steepness,
+        1.0 / np.sqrt(steepness),
+        ROUND_SHARE * radius + ROUND_MM,
+        np.count_nonzero(excess > ATTACHED_SHARE * contrast) / CELL_COUNT,
+        usual,
+        beside,
+        excess,
+        _is_covered(excess, COVER_SHARE * contrast, directions),
+    )
 
 
-def _is_covered(excess_hu: FloatArray, bright_hu: float) -> bool:
-    bright = excess_hu > bright_hu
-    count, dark = np.count_nonzero(bright), np.count_nonzero(excess_hu < -bright_hu)
+@njit(cache=True, nogil=True)
+def near_any(directions: FloatArray, chosen: NDArray[np.bool_], cosine: float) -> NDArray[np.bool_]:
+    """Which of the ``directions`` (N, 3) are closer to one of the ``chosen`` than the angle of this ``cosine``."""
+    near = np.zeros(len(directions), np.bool_)
+    for other in np.nonzero(chosen)[0]:
+        for n in range(len(directions)):
+            along = 0.0
+            for axis in range(3):
+                along += directions[n, axis] * directions[other, axis]
+            if along > cosine:
+                near[n] = True
+    return near
+
+
+@njit(cache=True, nogil=True)
+def _is_covered(excess: FloatArray, bright: float, directions: FloatArray) -> bool:
+    count, dark, total = 0, 0, np.zeros(3)
+    for cell in range(len(excess)):
+        dark += excess[cell] < -bright
+        if excess[cell] > bright:
+            count += 1
+            for axis in range(3):
+                total[axis] += directions[cell, axis]
     if count <= max(COVERED_SHARE * CELL_COUNT, COVER_TO_DARK * dark):
         return False
-    return float(np.linalg.norm(cell_directions()[bright].mean(axis=0))) < COVERED_SPREAD
+    return math.sqrt(total[0] ** 2 + total[1] ** 2 + total[2] ** 2) / count < COVERED_SPREAD
 
 
-def _excess_outside(sums_hu: FloatArray, counts: FloatArray) -> FloatArray:
-    """How much brighter than the background each direction (cells,) is just outside the ball; 0 where unseen."""
-    means, seen = _means(sums_hu, counts), counts > 0
-    if not seen.any():
-        return np.zeros(CELL_COUNT)
-    background = _quantile(means[seen], BACKGROUND_QUANTILE)
-    return np.where(seen, means - background, 0.0)
-
-
-def _show_insert(sums_hu: FloatArray, counts: FloatArray, contrast: float) -> NDArray[np.bool_]:
-    """Directions (cells,) whose inside is brighter than the ball's usual one."""
-    means, seen = _means(sums_hu, counts), counts > 0
-    if not seen.any():
-        return seen
-    bright: NDArray[np.bool_] = seen & (means - _quantile(means[seen], 0.5) > INSERT_SHARE * contrast)
-    return bright
-
-
-def _quantile(values: FloatArray, share: float) -> float:
-    """Return what this share of ``values`` (N,) reach at most, as `numpy.quantile` does at length."""
-    ordered = np.sort(values)
-    place = share * (len(ordered) - 1)
-    below = int(place)
-    return float(ordered[below] + (place - below) * (ordered[min(below + 1, len(ordered) - 1)] - ordered[below]))
-
-
-def cell_means(
-    values: FloatArray, cells: NDArray[np.intp], chosen: NDArray[np.bool_]
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Mean of the chosen values in each cell (cells,), and which cells have any."""
-    counts = np.bincount(cells[chosen], minlength=CELL_COUNT)
-    sums = np.bincount(cells[chosen], weights=values[chosen], minlength=CELL_COUNT)
-    return sums / np.maximum(counts, 1), counts > 0
+@njit(cache=True, nogil=True)
+def cell_means(values: FloatArray, cells: NDArray[np.intp], chosen: NDArray[np.bool_]) -> FloatArray:
+    """Mean of the ``chosen`` values in each cell (cells,); NaN where there is none."""
+    sums, counts = np.zeros(CELL_COUNT), np.zeros(CELL_COUNT)
+    for n in range(len(values)):
+        if chosen[n]:
+            sums[cells[n]] += values[n]
+            counts[cells[n]] += 1.0
+    for cell in range(CELL_COUNT):
+        sums[cell] = sums[cell] / counts[cell] if counts[cell] > 0.0 else np.nan
+    return sums
 
 
 @njit(cache=True, nogil=True)

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from kernelcache import njit
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.algebra import inverse
 from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.descent import residuals_and_jacobian
 from ronnaplan.localization.model import has_layer
@@ -139,9 +140,9 @@ def _share(fit: BallFit, hardened_hu: FloatArray, before: float) -> float:
     )
     is_measured = jacobian[:, BACKGROUND] != 0.0  # where the scale has ended nothing is
     informed, rest_hu = np.column_stack([jacobian, hardened_hu * is_measured])[fit.used], residuals_hu[fit.used]
-    inverse = np.linalg.pinv(informed.T @ informed + np.diag([*fit.prior.weight, 0.0]), hermitian=True)
-    free = float((inverse @ (informed.T @ rest_hu))[-1])
-    variance = ALIKE_VOXELS * float(np.mean(rest_hu**2)) * float(inverse[-1, -1])
+    covariance = inverse(informed.T @ informed + np.diag([*fit.prior.weight, 0.0]))
+    free = float((covariance @ (informed.T @ rest_hu))[-1])
+    variance = ALIKE_VOXELS * float(np.mean(rest_hu**2)) * float(covariance[-1, -1])
     believed = 1.0 / (1.0 + variance / (HARDENED_PER_HU * fit.contrast_hu) ** 2)
     return believed * (before + free)
 

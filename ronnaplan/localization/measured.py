@@ -11,6 +11,7 @@ scan is again the one that was made.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -89,35 +90,36 @@ def measured(volume: CTVolume) -> CTVolume:
 
 def _slices(volume: CTVolume) -> list[_Measured]:
     """Find all slices that were measured, in order."""
-    voxels_hu, heights_mm = volume.voxels_hu, volume.grid.slice_positions_mm
-    count = len(heights_mm)
+    voxels_hu, gaps_mm = volume.voxels_hu, volume.grid.spacings_mm.tolist()
+    count = len(voxels_hu)
     computed, meeting = np.zeros(count, dtype=np.bool_), np.full(count, np.nan)
 
     def mark(first: int, end: int) -> None:
         for k in range(first + 1, end + 1):
-            share = (heights_mm[k] - heights_mm[k - 1]) / (heights_mm[k + 1] - heights_mm[k - 1])
+            share = gaps_mm[k - 1] / (gaps_mm[k - 1] + gaps_mm[k])
             computed[k] = _is_between(voxels_hu[k - 1], voxels_hu[k], voxels_hu[k + 1], share)
             let_go(voxels_hu)
 
     def meet(first: int, end: int) -> None:
         for k in range(first + 1, end + 1):
             if not (computed[k] or computed[k + 1]):
-                meeting[k] = _meet(voxels_hu[k - 1 : k + 3], *_ratios(heights_mm[k - 1 : k + 3]))
+                meeting[k] = _meet(voxels_hu[k - 1 : k + 3], *_ratios(gaps_mm[k - 1 : k + 2]))
                 let_go(voxels_hu)
 
     in_parts(mark, max(count - 2, 0))
     in_parts(meet, max(count - 3, 0))
     slices: list[_Measured] = []
+    meeting[np.isnan(meeting)] = 0.0
     for k in np.flatnonzero(~computed).tolist():
         if k > 0 and meeting[k - 1] > 0.0:
             continue  # both sides of the measured slice before
-        slices.append(_Measured(k, float(np.nan_to_num(meeting[k]))))
+        slices.append(_Measured(k, meeting[k]))
     return slices
 
 
-def _ratios(heights_mm: FloatArray) -> tuple[float, float]:
-    """Return the gap between the middle ones of four slices as a multiple of the one before and of the one behind."""
-    before, gap, behind = (float(gap_mm) for gap_mm in np.diff(heights_mm))
+def _ratios(gaps_mm: Sequence[float]) -> tuple[float, float]:
+    """Return the middle one of three gaps as a multiple of the one before and of the one behind."""
+    before, gap, behind = gaps_mm
     return gap / before, gap / behind
 
 
@@ -127,7 +129,7 @@ def _voxels(volume: CTVolume, one: _Measured) -> Voxels:
     here: Voxels = volume.voxels_hu[k]
     if share == 0.0:
         return here
-    before, behind = _ratios(volume.grid.slice_positions_mm[k - 1 : k + 3])
+    before, behind = _ratios(volume.grid.spacings_mm[k - 1 : k + 2].tolist())
     first, low, high, last = volume.voxels_hu[k - 1 : k + 3].astype(np.float32)
     from_below, from_above = low + share * before * (low - first), high - (1.0 - share) * behind * (last - high)
     told: FloatArray = (1.0 - share) * from_below + share * from_above

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.algebra import add_products
+from ronnaplan.localization.algebra import add_products, inverse
 from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.blur import Edge
 from ronnaplan.localization.model import BLOCK
@@ -143,9 +143,7 @@ def _movement(fit: BallFit, products: FloatArray, squares: FloatArray, sums: Flo
     """
     count = products.shape[1]
     both = products.sum(axis=0)
-    scale = 1.0 / np.maximum(np.sqrt(np.diag(both)), 1e-30)
-    inverse = np.linalg.pinv(scale[:, np.newaxis] * both[:, :count] * scale, hermitian=True)
-    shares = scale[:, np.newaxis] * (inverse @ (scale[:, np.newaxis] * both[:, count:]))
+    shares = inverse(both[:, :count].copy()) @ both[:, count:]
     left, informed_left = (
         one_squares
         - 2.0 * np.sum(shares * one[:, count:], axis=0)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.algebra import inverse
 from ronnaplan.localization.descent import Prior
 from ronnaplan.localization.neighbourhood import Neighbourhood
 from ronnaplan.localization.parameters import BACKGROUND, CENTER, CONTRAST
@@ -69,17 +70,15 @@ def shaded(
     freed, rest_hu = own.copy(), own_residuals_hu.copy()
     _free_slices(freed, rest_hu, ball_hu.take(kept), around.slices[kept], firmness)
     tilt_weight = mean_square / (SLOPE_PER_MM_HU * theta[CONTRAST]) ** 2
-    inverse = np.linalg.pinv(
-        own.T @ freed + np.diag([*prior.weight, *[tilt_weight] * tilts.shape[1]]), hermitian=True
-    )
+    covariance = inverse(own.T @ freed + np.diag([*prior.weight, *[tilt_weight] * tilts.shape[1]]))
     pull = own.T @ rest_hu
     pull[:count] -= own[:, :count].T @ own_residuals_hu  # without shading the fit is at rest
-    believed = inverse @ pull
+    believed = covariance @ pull
     moves, left_over = (
         np.zeros_like(around.offsets_mm),
         residuals_hu - jacobian @ believed[:count] - tilts @ believed[count:],
     )
-    moves[kept], left_over[kept] = freed @ inverse[:, :3], rest_hu - freed @ believed
+    moves[kept], left_over[kept] = freed @ covariance[:, :3], rest_hu - freed @ believed
     return Shading(believed[:3], moves, left_over)
 
 

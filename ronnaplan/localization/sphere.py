@@ -9,7 +9,7 @@ import numpy as np
 from kernelcache import njit
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.algebra import solve
+from ronnaplan.localization.algebra import quantile, solve
 from ronnaplan.localization.build import Build
 from ronnaplan.localization.cells import cell_directions
 from ronnaplan.localization.look import Lookup, fill_nearest, lookup_of
@@ -102,10 +102,10 @@ def _falls(
         for n in range(len(directions)):
             _go(directions[n], reach[r], places[n])
         fill_nearest(center, places, *lookup, values[r])
-        usual = _quantile(values[r], 0.5) if is_hollow else -np.inf
+        usual = quantile(values[r], 0.5) if is_hollow else -np.inf
         if usual > highest:  # what is hollow is dark within
             start, highest = r, usual
-    level = (_quantile(values[start], 0.5) + _quantile(values[-1], SURROUNDINGS_SHARE)) / 2.0
+    level = (quantile(values[start], 0.5) + quantile(values[-1], SURROUNDINGS_SHARE)) / 2.0
     count = 0
     for n in range(len(directions)):
         first = start
@@ -122,22 +122,6 @@ def _go(direction: FloatArray, far: float, place: FloatArray) -> None:
     """Fill ``place`` (3,) with what lies so far in a direction (3,)."""
     for a in range(3):
         place[a] = far * direction[a]
-
-
-@njit(cache=True, nogil=True)
-def _quantile(values: FloatArray, share: float) -> float:
-    """What this ``share`` of the known values (N,) reach at most; NaN where none is known."""
-    known, count = np.empty(len(values)), 0
-    for value in values:
-        if not math.isnan(value):
-            known[count] = value
-            count += 1
-    if count == 0:
-        return math.nan
-    known = np.sort(known[:count])
-    place = share * (count - 1)
-    below = int(place)
-    return float(known[below] + (place - below) * (known[min(below + 1, count - 1)] - known[below]))
 
 
 @njit(cache=True, nogil=True)
@@ -169,5 +153,5 @@ def _sphere_through(points: FloatArray) -> tuple[FloatArray, float, FloatArray]:
         solve(normal, solved)
         radius = math.sqrt(max(solved[3] + solved[0] ** 2 + solved[1] ** 2 + solved[2] ** 2, 1e-12))
         off = _off_sphere(points, solved, radius)
-        most = 2.0 * _quantile(off, 0.5)
+        most = 2.0 * quantile(off, 0.5)
     return solved[:3].copy(), radius, off

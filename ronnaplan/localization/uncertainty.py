@@ -25,6 +25,7 @@ from typing import Final
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.algebra import inverse
 from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.cells import direction_cells
 from ronnaplan.localization.directions import cell_means, edge_depth
@@ -241,8 +242,7 @@ def cramer_rao_bound(fit: BallFit, noise_hu: float) -> FloatArray:
     For uncorrelated noise of ``noise_hu``, and as if nothing touched the ball (S. Kay, Fundamentals of
     Statistical Signal Processing: Estimation Theory, 1993, section 3.9).
     """
-    information = fit.jacobian.T @ fit.jacobian / noise_hu**2
-    bound = np.linalg.pinv(information, hermitian=True)[:3, :3]
+    bound = inverse(fit.jacobian.T @ fit.jacobian / noise_hu**2)[:3, :3]
     axes = fit.neighbourhood.axes
     rotated: FloatArray = axes.T @ bound @ axes
     return rotated
@@ -263,11 +263,11 @@ def noise_level(fit: BallFit) -> float:
     for zone in (~is_outside, is_outside):
         if np.count_nonzero(zone) < MIN_FLAT_VOXELS:
             continue
-        means, seen = cell_means(residuals_hu, cells, zone)
+        means = cell_means(residuals_hu, cells, zone)
         left_over = (residuals_hu - means[cells])[zone]
         middle = np.median(left_over)
         spread = 1.4826 * float(np.median(left_over[left_over >= middle] - middle))
-        freedom = max(1.0 - np.count_nonzero(seen) / len(left_over), MIN_FREEDOM)
+        freedom = max(1.0 - np.count_nonzero(~np.isnan(means)) / len(left_over), MIN_FREEDOM)
         levels.append(spread / float(np.sqrt(freedom)))
     return max(min(levels, default=_rms(fit.residuals_hu[fit.used])), QUANTIZATION_NOISE_HU)
 
