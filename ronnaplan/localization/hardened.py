@@ -68,7 +68,7 @@ VACUUM_HU = -1000.0
 """Where Hounsfield's scale begins."""
 
 HEIGHTS = 0.5
-"""All else changes slowly from slice to slice: it is summed up at heights so many radii apart."""
+"""All else changes slowly from slice to slice: it is summed up at heights so many radii apart, straight in between."""
 
 CLEAR_BLURS = 1.5
 """What is nearer to the ball's edge is its own blur."""
@@ -187,10 +187,8 @@ def pictures_hu(beside: Beside, fit: BallFit) -> tuple[FloatArray, FloatArray]:
     first = first_of_each(around.slices)
     heights_mm = offsets_mm[first, W]
     chords = _chords(theta, heights_mm, across_mm)
-    nearest = np.abs(beside.heights_mm - heights_mm[:, np.newaxis]).argmin(axis=1)
-    shadows = np.stack(
-        [chords[:, np.newaxis] * faded[nearest], -_slopes(chords, step_mm)[:, np.newaxis] * slopes[nearest]]
-    )
+    faded, slopes = (_between(effect, beside.heights_mm, heights_mm, axis=0) for effect in (faded, slopes))
+    shadows = np.stack([chords[:, np.newaxis] * faded, -_slopes(chords, step_mm)[:, np.newaxis] * slopes])
     filtered = np.moveaxis(shadows @ _kernel(theta, places_mm, across_mm).T, 0, -1)
     numbers = np.searchsorted(around.slices[first], around.slices)
     pictures = _back_projected(offsets_mm, numbers, np.ascontiguousarray(filtered), places_mm)
@@ -200,11 +198,17 @@ def pictures_hu(beside: Beside, fit: BallFit) -> tuple[FloatArray, FloatArray]:
 
 def _effects(beside: Beside, across_mm: FloatArray, step_mm: float) -> tuple[FloatArray, FloatArray]:
     """How far rays (K, `VIEWS`, S) are hardened, as a share of the most, and the slopes of what they lose, 1/mm."""
-    ray = np.interp(across_mm, beside.places_mm, np.arange(len(beside.places_mm)))
-    before = np.minimum(ray.astype(np.intp), len(beside.places_mm) - 2)
-    first, second = beside.losses[..., before], beside.losses[..., before + 1]
-    lost = first + (ray - before) * (second - first)
+    lost = _between(beside.losses, beside.places_mm, across_mm, axis=2)
     return 1.0 - np.exp(-lost), _slopes(lost, step_mm)
+
+
+def _between(values: FloatArray, known: FloatArray, wanted: FloatArray, axis: int) -> FloatArray:
+    """Return ``values``, which are ``known`` at places along an axis, at the ``wanted`` ones, straight in between."""
+    at = np.interp(wanted, known, np.arange(len(known)))
+    below = at.astype(np.intp)
+    first, second = values.take(below, axis), values.take(np.minimum(below + 1, len(known) - 1), axis)
+    told: FloatArray = first + (at - below).reshape(-1, *[1] * (values.ndim - 1 - axis)) * (second - first)
+    return told
 
 
 def _chords(theta: FloatArray, heights_mm: FloatArray, across_mm: FloatArray) -> FloatArray:

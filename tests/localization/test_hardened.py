@@ -12,8 +12,9 @@ from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.examine import Scan, fit_place
-from ronnaplan.localization.hardened import APERTURE_MM2, ROW_MM2, Head, all_beside
+from ronnaplan.localization.hardened import APERTURE_MM2, ROW_MM2, Beside, Head, all_beside, pictures_hu
 from ronnaplan.localization.model import has_streaks
+from ronnaplan.localization.parameters import W
 from ronnaplan.localization.summed import WATER_PER_MM
 
 CENTER_MM, RADIUS_MM = np.array([0.13, 66.21, 0.17]), 4.0
@@ -207,3 +208,14 @@ def test_what_rays_lose_beside_a_ball_is_what_they_pass_there(by_one_energy: CTV
     middle_mm = np.stack([np.cos(angles), np.sin(angles)]).T @ CENTER_MM[:2]
     expected = in_disc(beside.places_mm + middle_mm[:, np.newaxis], HEAD_MM**2) * WATER_PER_MM
     assert beside.losses == pytest.approx(np.broadcast_to(expected, beside.losses.shape), abs=0.12)
+
+
+def test_what_is_made_good_does_not_hang_on_the_last_digit_of_where_slices_lie(by_one_energy: CTVolume) -> None:
+    fit = untouched(by_one_energy)
+    beside = all_beside(by_one_energy, fit)
+    heights_mm = np.unique(fit.neighbourhood.offsets_mm[:, W] - fit.theta[W])[::2]  # each other slice lies midway
+    growing = np.linspace(1.0, 2.0, len(heights_mm))[:, np.newaxis, np.newaxis] * beside.losses[:1]
+    low, high = (
+        pictures_hu(Beside(heights_mm + aside_mm, beside.places_mm, growing), fit) for aside_mm in (-1e-9, 1e-9)
+    )
+    np.testing.assert_allclose(low, high, atol=1e-5)
