@@ -68,21 +68,26 @@ class Points:
         return f"Points({len(self)} in {self.frame}: {printable(', '.join(self.labels), LONGEST_LABELS)})"
 
 
+def as_numbers(values: ArrayLike, name: str, expected: str) -> FloatArray:
+    """Return ``values`` as a float64 array; raises `InputError` unless they are real numbers and none is masked."""
+    if np.ma.is_masked(values):  # what is masked would count as what lies beneath
+        raise InputError(f"{name} are masked in part; leave out what is, expected {expected}")
+    try:
+        given = np.asarray(values)
+        if np.iscomplexobj(given):
+            raise InputError(f"{name} are complex numbers; expected {expected}")
+        return given.astype(np.float64, copy=False)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{name} are not numbers; expected {expected}") from error
+
+
 def as_points(values: ArrayLike, name: str = "points") -> FloatArray:
     """Return ``values`` as a finite float64 array of shape (N, 3), in mm.
 
     Raises `InputError` naming the shape or the first row that is not finite or beyond `FARTHEST_POINT_MM`, and for
     arrays that are masked in part.
     """
-    if np.ma.is_masked(values):  # what is masked would count as what lies beneath
-        raise InputError(f"{name} are masked in part; leave out the rows that are")
-    try:
-        given = np.asarray(values)
-        if np.iscomplexobj(given):
-            raise InputError(f"{name} are complex numbers; expected real coordinates in mm")
-        points = given.astype(np.float64, copy=False)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{name} are not numbers; expected an array of shape (N, 3) in mm") from error
+    points = as_numbers(values, name, "(N, 3) coordinates in mm")
     if points.size == 0:
         points = points.reshape(0, 3)
     if points.ndim != 2 or points.shape[1] != 3:

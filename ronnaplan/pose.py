@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, Frame, as_points, unit
+from ronnaplan.geometry import FloatArray, Frame, as_numbers, as_points, unit
 
 POSE_TOLERANCE = 1e-4
 """Largest entry of ``R @ R.T - 1`` accepted in a pose that is offered (trackers print rotations with 4 to 6
@@ -88,10 +88,7 @@ def as_pose(matrix: ArrayLike, name: str = "pose", *, tolerance: float = POSE_TO
     Raises `InputError` for another shape, non-finite entries, a left-handed matrix, a scaled or sheared one, or a
     bottom row other than (0, 0, 0, 1).
     """
-    try:
-        pose = np.array(matrix, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} is not a matrix of numbers; expected 4 x 4 entries in mm") from error
+    pose = as_numbers(matrix, f"the entries of {name}", "a 4 x 4 rigid transform in mm").copy()
     if pose.shape != (4, 4):
         raise InputError(f"{name} has shape {pose.shape}; expected a 4 x 4 rigid transform")
     if not (np.abs(pose) < FARTHEST_MM).all():
@@ -124,10 +121,7 @@ def as_poses(matrices: ArrayLike, name: str) -> FloatArray:
 
 def as_stack(matrices: ArrayLike, name: str) -> FloatArray:
     """Return ``matrices`` (N, ., .) as numbers, be they poses or not; `InputError` for what is no stack."""
-    try:
-        stack = np.asarray(matrices, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} are not numbers; expected (N, 4, 4)") from error
+    stack = as_numbers(matrices, name, "(N, 4, 4)")
     if stack.ndim != 3:
         raise InputError(f"{name} have shape {stack.shape}; expected (N, 4, 4)")
     return stack

@@ -14,7 +14,7 @@ from ronnaplan.bounds import LARGEST_SIGMA_MM, SMALLEST_SIGMA_MM
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.told import LEAST_PAIRS, Told
 from ronnaplan.errors import InputError, check_type
-from ronnaplan.geometry import FloatArray, as_points
+from ronnaplan.geometry import FloatArray, as_numbers, as_points
 from ronnaplan.rigid import require_millimetres
 
 MIRROR = np.array([-1.0, 1.0, 1.0])
@@ -61,12 +61,7 @@ def checked_errors(sigma_mm: ArrayLike, covariances_mm2: ArrayLike | None, count
     """Return the errors of ``count`` points from sigmas per axis (one, or one a point) or from covariances."""
     if covariances_mm2 is not None:
         return errors_from_covariances(covariances_mm2, count, name)
-    try:
-        sigma = np.asarray(sigma_mm, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"sigma of {name} is not a number; expected standard deviations per axis in mm"
-        ) from error
+    sigma = as_numbers(sigma_mm, f"the errors sigma of {name}", "standard deviations per axis in mm")
     if sigma.shape not in ((), (count,)):
         raise InputError(
             f"sigma of {name} has shape {sigma.shape}; expected one number or one for each of {count}"
@@ -82,10 +77,7 @@ def checked_errors(sigma_mm: ArrayLike, covariances_mm2: ArrayLike | None, count
 
 def errors_from_covariances(covariances_mm2: ArrayLike, count: int, name: str) -> ErrorModel:
     """Return the errors that covariances (N, 3, 3) state; raises `InputError` unless positive definite."""
-    try:
-        covariances = np.asarray(covariances_mm2, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"covariances of {name} are not numbers; expected ({count}, 3, 3) in mm^2") from error
+    covariances = as_numbers(covariances_mm2, f"covariances of {name}", f"({count}, 3, 3) in mm^2")
     if covariances.shape != (count, 3, 3):
         raise InputError(f"covariances of {name} have shape {covariances.shape}; expected ({count}, 3, 3) in mm^2")
     symmetric = np.isfinite(covariances).all() and np.allclose(covariances, covariances.transpose(0, 2, 1))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import FloatArray, as_numbers
 from ronnaplan.pose import transform_points
 from ronnaplan.rigid import corrected_points, pose_covariance
 
@@ -48,10 +48,7 @@ def as_pair(covariances: Covariances, count: int) -> tuple[FloatArray, FloatArra
 def _one_side(values: ArrayLike | None, count: int, name: str) -> FloatArray:
     if values is None:
         return np.zeros((count, 3, 3))
-    try:
-        given = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} are not numbers; expected ({count}, 3, 3) in mm^2") from error
+    given = as_numbers(values, name, f"({count}, 3, 3) in mm^2")
     if given.ndim == 0:
         raise InputError(
             f"{name} came as the number {given:g}; expected (3, 3) or ({count}, 3, 3) in mm^2: "

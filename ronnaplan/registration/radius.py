@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import FloatArray, as_numbers
 
 CHANCE = 0.95
 LEAST_SIGMAS, MOST_SIGMAS = 1.95, 2.80
@@ -45,10 +45,7 @@ def radius_95_mm(covariances_mm2: ArrayLike) -> FloatArray:
 
 def _variances_mm2(covariances_mm2: ArrayLike) -> FloatArray:
     """Return the variances (..., 3) along each covariance's own axes, in ascending order."""
-    try:
-        given = np.asarray(covariances_mm2, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError("the covariances are not numbers; expected (..., 3, 3) in mm^2") from error
+    given = as_numbers(covariances_mm2, "the covariances", "(..., 3, 3) in mm^2")
     if given.shape[-2:] != (3, 3) or not np.isfinite(given).all():
         raise InputError(f"the covariances have shape {given.shape}; expected finite numbers (..., 3, 3) in mm^2")
     variances = np.linalg.eigvalsh(given)
