@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ronnaplan.bounds import FARTHEST_POINT_MM
 from ronnaplan.errors import InputError, UsageError
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import FloatArray, as_numbers
 from ronnaplan.pose import transform_points
-from ronnaplan.registration.covariances import combined_covariances, fitted_pose_covariance
+from ronnaplan.registration.covariances import as_pair, combined_covariances, fitted_pose_covariance
 from ronnaplan.rigid import fit_closed_form, fit_likelihood, require_spread
 
 CHUNK = 2000
@@ -29,40 +30,30 @@ class RegistrationBatch:
 
 
 def register_batch(
-    moving: ArrayLike, fixed: ArrayLike, covariances: tuple[ArrayLike, ArrayLike] | None = None
+    moving: ArrayLike, fixed: ArrayLike, covariances: tuple[ArrayLike | None, ArrayLike | None] | None = None
 ) -> RegistrationBatch:
     """Register each of B point sets ``moving`` (B, N, 3) onto its ``fixed`` (B, N, 3), as `register_points` does.
 
-    ``covariances``: those of moving and fixed points, each (N, 3, 3) or (B, N, 3, 3), in mm^2.
-    Raises `InputError` as `register_points` does.
+    ``covariances``: those of moving and fixed points, each (3, 3), (N, 3, 3) or (B, N, 3, 3), in mm^2, or None for
+    exact ones. Raises `InputError` as `register_points` does, but for pairs that are given twice: a bootstrap has them.
     """
-    try:
-        moving_mm, fixed_mm = np.asarray(moving, dtype=np.float64), np.asarray(fixed, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError("the batches are not made of numbers; expected (B, N, 3) twice, in mm") from error
+    moving_mm, fixed_mm = (as_numbers(side, "the batches", "(B, N, 3) twice, in mm") for side in (moving, fixed))
     if moving_mm.ndim != 3 or len(moving_mm) == 0 or moving_mm.shape[-1] != 3 or moving_mm.shape != fixed_mm.shape:
         raise InputError(f"batches have shapes {moving_mm.shape} and {fixed_mm.shape}; expected (B, N, 3) twice")
-    if not (np.isfinite(moving_mm).all() and np.isfinite(fixed_mm).all()):
-        raise InputError("a batch holds coordinates that are not finite; leave those registrations out")
+    if not all((np.abs(side) <= FARTHEST_POINT_MM).all() for side in (moving_mm, fixed_mm)):
+        raise InputError(
+            f"a batch holds coordinates that are not finite, or beyond {FARTHEST_POINT_MM:g} mm; leave those "
+            "registrations out, or convert the coordinates to millimetres"
+        )
     require_spread(moving_mm, "moving points")
     require_spread(fixed_mm, "fixed points")
-    if covariances is None:
+    if covariances is not None and not (isinstance(covariances, tuple) and len(covariances) == 2):
+        raise UsageError("the covariances of a batch are no tuple of two; expected (moving, fixed), in mm^2")
+    sides = as_pair(covariances, moving_mm.shape[:2])
+    if sides is None:
         matrices = fit_closed_form(moving_mm, fixed_mm)
         spread, settled = None, np.ones(len(matrices), dtype=bool)
     else:
-        if not isinstance(covariances, tuple) or len(covariances) != 2:
-            raise UsageError("the covariances of a batch are no tuple of two; expected (moving, fixed), in mm^2")
-        try:
-            sides = [
-                np.broadcast_to(np.asarray(side, dtype=np.float64), (*moving_mm.shape, 3)) for side in covariances
-            ]
-        except (TypeError, ValueError) as error:
-            raise InputError(
-                f"a batch's covariances do not fit its shape {moving_mm.shape}; "
-                "expected (N, 3, 3) or (B, N, 3, 3) a side"
-            ) from error
-        if not np.isfinite(sides[0]).all() or np.linalg.eigvalsh(sides[0] + sides[1]).min() <= 0:
-            raise InputError("a batch's covariances are not positive definite; expected (N, 3, 3) in mm^2 a side")
         parts = [slice(start, start + CHUNK) for start in range(0, len(moving_mm), CHUNK)]
         fitted = [_fit(moving_mm[p], fixed_mm[p], sides[0][p], sides[1][p]) for p in parts]
         matrices, spread = (np.concatenate([part[k] for part in fitted]) for k in (0, 1))

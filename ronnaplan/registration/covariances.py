@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, as_numbers
@@ -22,10 +22,11 @@ exact, or a tuple (moving, fixed). Each is a variance per axis, in mm^2 and its 
 all points; of a standard deviation ``s`` mm along every axis it is ``s**2 * numpy.eye(3)``."""
 
 
-def as_pair(covariances: Covariances, count: int) -> tuple[FloatArray, FloatArray] | None:
-    """Return the covariances of (moving, fixed), each (count, 3, 3), or None when none were stated.
+def as_pair(covariances: Covariances, shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray] | None:
+    """Return the covariances of (moving, fixed), each (*shape, 3, 3), or None when none were stated.
 
-    Each side may be zero (an exact point) but each point's sum must be positive definite; else `InputError`.
+    ``shape`` is that of the pairs: (N,), or (B, N) of a batch. Each side may be zero (an exact point) but each point's
+    sum must be positive definite; else `InputError`.
     """
     if covariances is None:
         return None
@@ -33,40 +34,49 @@ def as_pair(covariances: Covariances, count: int) -> tuple[FloatArray, FloatArra
     if len(sides) != 2:
         raise InputError(f"covariances came as a tuple of {len(sides)}; expected (moving, fixed)")
     names = ("moving covariances", "fixed covariances") if sides is covariances else ("", "covariances")
-    moving, fixed = (_one_side(side, count, name) for side, name in zip(sides, names, strict=True))
-    smallest = np.linalg.eigvalsh(moving)[:, 0] + np.linalg.eigvalsh(fixed)[:, 0]
+    moving, fixed = (_one_side(side, shape, name) for side, name in zip(sides, names, strict=True))
+    smallest = np.linalg.eigvalsh(moving)[..., 0] + np.linalg.eigvalsh(fixed)[..., 0]
     largest = np.trace(moving, axis1=-2, axis2=-1) + np.trace(fixed, axis1=-2, axis2=-1)
-    bad = np.flatnonzero(~(smallest > 1e-12 * largest))
-    if bad.size:
+    bad = np.argwhere(~(smallest > 1e-12 * largest))
+    if len(bad):
         raise InputError(
-            f"the covariances of pair {bad[0]} are not positive definite "
-            f"(smallest eigenvalue {smallest[bad[0]]:.3g} mm^2); state an error above zero in every direction"
+            f"the covariances of pair {_last(bad[0])} are not positive definite "
+            f"(smallest eigenvalue {smallest[tuple(bad[0])]:.3g} mm^2); state an error above zero in every direction"
         )
-    return moving, fixed
+    whole = (*shape, 3, 3)
+    return np.broadcast_to(moving, whole), np.broadcast_to(fixed, whole)
 
 
-def _one_side(values: ArrayLike | None, count: int, name: str) -> FloatArray:
+def _one_side(values: ArrayLike | None, shape: tuple[int, ...], name: str) -> FloatArray:
+    """Return the covariances of one side, of the shape that they came in."""
     if values is None:
-        return np.zeros((count, 3, 3))
-    given = as_numbers(values, name, f"({count}, 3, 3) in mm^2")
+        return np.zeros((3, 3))
+    shapes = [(*shape[k:], 3, 3) for k in range(len(shape), -1, -1)]
+    expected = " or ".join(map(str, shapes)) + " in mm^2"
+    given = as_numbers(values, name, expected)
     if given.ndim == 0:
         raise InputError(
-            f"{name} came as the number {given:g}; expected (3, 3) or ({count}, 3, 3) in mm^2: "
+            f"{name} came as the number {given:g}; expected {expected}: "
             f"a standard deviation of {given:g} mm along every axis is {given:g}**2 * numpy.eye(3), "
             f"a variance of {given:g} mm^2 is {given:g} * numpy.eye(3)"
         )
-    if given.shape not in ((3, 3), (count, 3, 3)):
-        raise InputError(f"{name} have shape {given.shape}; expected (3, 3) or ({count}, 3, 3) in mm^2")
-    full = np.broadcast_to(given, (count, 3, 3))
-    if not np.isfinite(full).all():
+    if given.shape not in shapes:
+        raise InputError(f"{name} have shape {given.shape}; expected {expected}")
+    if not np.isfinite(given).all():
         raise InputError(f"{name} have entries that are not finite; expected mm^2")
-    scale = np.abs(full).max(axis=(-2, -1))
-    skew = np.abs(full - full.swapaxes(-1, -2)).max(axis=(-2, -1))
-    negative = np.linalg.eigvalsh(full)[:, 0] < -SYMMETRY_TOLERANCE * scale
-    bad = np.flatnonzero((skew > SYMMETRY_TOLERANCE * scale) | negative)
-    if bad.size:
-        raise InputError(f"{name}: that of point {bad[0]} is not symmetric and positive: {full[bad[0]].tolist()}")
-    return full
+    scale = np.abs(given).max(axis=(-2, -1))
+    skew = np.abs(given - given.swapaxes(-1, -2)).max(axis=(-2, -1))
+    negative = np.linalg.eigvalsh(given)[..., 0] < -SYMMETRY_TOLERANCE * scale
+    bad = np.argwhere((skew > SYMMETRY_TOLERANCE * scale) | negative)
+    if len(bad):
+        wrong = given[tuple(bad[0])].tolist()
+        raise InputError(f"{name}: that of point {_last(bad[0])} is not symmetric and positive: {wrong}")
+    return given
+
+
+def _last(place: NDArray[np.intp]) -> int:
+    """Return the row of a pair; the first where one covariance was stated for all."""
+    return int(place[-1]) if place.size else 0
 
 
 def estimated_variance(matrix: FloatArray, moving_mm: FloatArray, fixed_mm: FloatArray) -> float:

@@ -55,7 +55,7 @@ def planned_pose(markers_mm: ArrayLike, covariances_mm2: Covariances, *, located
     """
     markers = as_points(markers_mm, "markers")
     require_spread(markers, "markers")
-    stated = as_pair(covariances_mm2, len(markers))
+    stated = as_pair(covariances_mm2, (len(markers),))
     if stated is None:
         raise UsageError("no errors of the markers were stated; expected covariances (3, 3) or (N, 3, 3) in mm^2")
     scan, tracker = stated

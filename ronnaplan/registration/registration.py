@@ -263,7 +263,7 @@ def register_points(
     names = tuple(labels) if labels is not None else tuple(str(i + 1) for i in range(len(moving_mm)))
     if len(names) != len(moving_mm):
         raise InputError(f"{len(names)} labels were given for {len(moving_mm)} pairs; give one for each")
-    stated = as_pair(covariances, len(moving_mm))
+    stated = as_pair(covariances, (len(moving_mm),))
     if stated is None:
         matrix, settled = fit_closed_form(moving_mm, fixed_mm), True
         combined = np.broadcast_to(estimated_variance(matrix, moving_mm, fixed_mm) * np.eye(3), (len(names), 3, 3))

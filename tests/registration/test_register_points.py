@@ -273,10 +273,42 @@ def test_unusable_batches_are_named() -> None:
         register_batch(stack, np.where(stack == 95, np.inf, stack))
     with pytest.raises(InputError, match="positive definite"):
         register_batch(stack, stack, (np.zeros((3, 3)), np.zeros((3, 3))))
-    with pytest.raises(InputError, match="do not fit its shape"):
+    with pytest.raises(
+        InputError, match=r"have shape \(4, 4\); expected \(3, 3\) or \(6, 3, 3\) or \(2, 6, 3, 3\)"
+    ):
         register_batch(stack, stack, (np.eye(4), np.eye(3)))
     with pytest.raises(UsageError, match=r"no tuple of two; expected \(moving, fixed\)"):
         register_batch(stack, stack, np.tile(np.eye(3), (len(HEAD), 1, 1)))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("wrong", ["negative", "skew", "nan", "infinite", "complex", "masked"])
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_batch_refuses_the_covariances_that_a_registration_refuses(wrong: str, side: int) -> None:
+    """One side was taken with negative variances, as long as the other made up for them."""
+    errors: np.ndarray = {
+        "negative": -0.1 * np.eye(3),
+        "skew": np.eye(3) + np.triu(np.ones((3, 3)), 1),
+        "nan": np.full((3, 3), np.nan),
+        "infinite": np.inf * np.ones((3, 3)),
+        "complex": np.eye(3) + 0j,
+        "masked": np.ma.masked_less(np.eye(3), 0.5),
+    }[wrong]
+    sides = (errors, np.eye(3)) if side == 0 else (np.eye(3), errors)
+    told = []
+    for register in (
+        lambda: register_points(HEAD, HEAD, sides),
+        lambda: register_batch(HEAD[None], HEAD[None], sides),
+    ):
+        with pytest.raises(InputError) as refused:
+            register()
+        told.append(str(refused.value).partition(";")[0])
+    assert told[0] == told[1]
+
+
+def test_a_batch_refuses_coordinates_that_a_registration_refuses() -> None:
+    for moving in (1e6 + HEAD, HEAD + 1j, np.ma.masked_greater(HEAD, 90)):
+        with pytest.raises(InputError):
+            register_batch(moving[None], HEAD[None])
 
 
 def test_targets_of_another_scan_are_refused() -> None:
