@@ -17,6 +17,9 @@ from ronnaplan.text import printable
 
 FloatArray = NDArray[np.float64]
 
+SYMMETRY_TOLERANCE = 1e-6
+"""Largest asymmetry of a covariance, and largest variance below zero, relative to its largest entry."""
+
 LONGEST_LABELS = 100
 """Characters of points' labels in the line that names the points."""
 
@@ -46,7 +49,10 @@ class Frame:
 
 @dataclass(frozen=True)
 class Points:
-    """Labelled points of one frame: ``positions_mm`` (N, 3) with ``covariances_mm2`` (N, 3, 3)."""
+    """Labelled points of one frame: ``positions_mm`` (N, 3) with ``covariances_mm2`` (N, 3, 3).
+
+    Holds copies. Raises `InputError` for what `as_points` refuses, and for covariances that are none.
+    """
 
     positions_mm: FloatArray
     covariances_mm2: FloatArray
@@ -54,12 +60,17 @@ class Points:
     frame: Frame = field(default_factory=lambda: Frame("CT"))
 
     def __post_init__(self) -> None:
-        count = len(self.positions_mm)
-        if self.covariances_mm2.shape != (count, 3, 3) or len(self.labels) != count:
+        positions = as_points(self.positions_mm)
+        count = len(positions)
+        covariances = as_numbers(self.covariances_mm2, "covariances of points", f"({count}, 3, 3) in mm^2")
+        if covariances.shape != (count, 3, 3) or len(self.labels) != count:
             raise InputError(
-                f"{count} points came with covariances of shape {self.covariances_mm2.shape} and "
+                f"{count} points came with covariances of shape {covariances.shape} and "
                 f"{len(self.labels)} labels; expected ({count}, 3, 3) and {count}"
             )
+        require_covariances(covariances, "covariances of points")
+        object.__setattr__(self, "positions_mm", positions.copy())
+        object.__setattr__(self, "covariances_mm2", covariances.copy())
 
     def __len__(self) -> int:
         return len(self.positions_mm)
@@ -102,6 +113,19 @@ def as_points(values: ArrayLike, name: str = "points") -> FloatArray:
             "convert the coordinates to millimetres"
         )
     return points
+
+
+def require_covariances(covariances: FloatArray, name: str) -> None:
+    """Raise `InputError` unless ``covariances`` (..., D, D) are finite, symmetric and of no variance below zero."""
+    if not np.isfinite(covariances).all():
+        raise InputError(f"{name} have entries that are not finite; expected a covariance")
+    scale = np.abs(covariances).max(axis=(-2, -1))
+    skew = np.abs(covariances - covariances.swapaxes(-1, -2)).max(axis=(-2, -1))
+    negative = np.linalg.eigvalsh(covariances)[..., 0] < -SYMMETRY_TOLERANCE * scale
+    bad = np.argwhere((skew > SYMMETRY_TOLERANCE * scale) | negative)
+    if len(bad):
+        which = f"that of point {bad[0, -1]}" if bad.size else "this"
+        raise InputError(f"{name}: {which} is not symmetric and positive: {covariances[tuple(bad[0])].tolist()}")
 
 
 def unit(vector: Sequence[float] | FloatArray) -> FloatArray:

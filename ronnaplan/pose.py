@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, Frame, as_numbers, as_points, unit
+from ronnaplan.geometry import FloatArray, Frame, as_numbers, as_points, require_covariances, unit
 
 POSE_TOLERANCE = 1e-4
 """Largest entry of ``R @ R.T - 1`` accepted in a pose that is offered (trackers print rotations with 4 to 6
@@ -26,12 +26,29 @@ FARTHEST_MM = 1e9
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """``to_frame`` from ``from_frame``: ``matrix`` (4, 4) in mm and ``covariance`` (6, 6) in rad and mm."""
+    """``to_frame`` from ``from_frame``: ``matrix`` (4, 4) in mm and ``covariance`` (6, 6) in rad and mm.
+
+    Holds copies. Raises `InputError` for what `as_pose` refuses, and for a covariance that is none.
+    """
 
     matrix: FloatArray
     covariance: FloatArray
     to_frame: Frame
     from_frame: Frame
+
+    def __post_init__(self) -> None:
+        name = f"pose {self.to_frame} from {self.from_frame}"
+        matrix = as_numbers(self.matrix, f"the entries of {name}", "a 4 x 4 rigid transform in mm").copy()
+        if matrix.shape != (4, 4) or not _are_poses(matrix[np.newaxis])[0]:
+            as_pose(matrix, name)
+        covariance = as_numbers(self.covariance, f"the covariance of {name}", "(6, 6) in rad and mm").copy()
+        if covariance.shape != (6, 6):
+            raise InputError(
+                f"the covariance of {name} has shape {covariance.shape}; expected (6, 6) in rad and mm"
+            )
+        require_covariances(covariance, f"the covariance of {name}")
+        object.__setattr__(self, "matrix", matrix)
+        object.__setattr__(self, "covariance", covariance)
 
     @classmethod
     def exact(cls, matrix: ArrayLike, to_frame: Frame, from_frame: Frame) -> Pose:
@@ -71,12 +88,19 @@ class Pose:
     def point_covariances(self, points_mm: ArrayLike, covariances_mm2: ArrayLike | None = None) -> FloatArray:
         """Return the covariance (N, 3, 3), in ``to_frame``, of ``points_mm`` (N, 3) mapped by this pose.
 
-        ``covariances_mm2`` (N, 3, 3), in ``from_frame``, is the points' own error; without it they are exact.
+        ``covariances_mm2`` (N, 3, 3), or (3, 3) for all, in ``from_frame``, is the points' own error; without it they
+        are exact.
         """
-        jacobian = point_jacobian(self.apply(points_mm))
+        mapped_mm = self.apply(points_mm)
+        jacobian = point_jacobian(mapped_mm)
         mapped = jacobian @ self.covariance @ jacobian.swapaxes(-1, -2)
         if covariances_mm2 is not None:
-            mapped = mapped + self.rotation @ np.asarray(covariances_mm2, dtype=np.float64) @ self.rotation.T
+            expected = f"(3, 3) or ({len(mapped_mm)}, 3, 3) in mm^2"
+            own = as_numbers(covariances_mm2, "covariances of points", expected)
+            if own.shape not in ((3, 3), (len(mapped_mm), 3, 3)):
+                raise InputError(f"covariances of points have shape {own.shape}; expected {expected}")
+            require_covariances(own, "covariances of points")
+            mapped = mapped + self.rotation @ own @ self.rotation.T
         return mapped
 
 

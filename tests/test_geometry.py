@@ -8,7 +8,7 @@ import pytest
 from ronnaplan.bounds import FARTHEST_POINT_MM
 from ronnaplan.correspondence import match_points
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import as_points
+from ronnaplan.geometry import Points, as_points
 from ronnaplan.pose import as_pose
 from ronnaplan.registration import predict_tre, radius_95_mm, register_points
 from ronnaplan.robot import calibrate_pivot
@@ -52,6 +52,42 @@ def test_numbers_that_are_not_real_or_not_all_there_are_refused_wherever_they_st
     ):
         with pytest.raises(InputError, match=says):
             refuse()
+
+
+POINTS: dict[str, tuple[dict[str, Any], str]] = {
+    "not finite": ({"positions_mm": np.nan * scene.HEAD}, "row 0"),
+    "flat": ({"positions_mm": scene.HEAD[:, :2]}, r"expected \(N, 3\)"),
+    "covariances not finite": ({"covariances_mm2": np.full((5, 3, 3), np.inf)}, "not finite"),
+    "covariances below zero": ({"covariances_mm2": -np.tile(np.eye(3), (5, 1, 1))}, "not symmetric and positive"),
+    "covariances askew": ({"covariances_mm2": np.tile(np.triu(np.ones((3, 3))), (5, 1, 1))}, "not symmetric"),
+    "variances": ({"covariances_mm2": np.ones(5)}, r"shape \(5,\)"),
+    "words": ({"covariances_mm2": "small"}, "not numbers"),
+}
+
+
+@pytest.mark.parametrize("name", POINTS)
+def test_points_that_are_none_or_whose_errors_are_none_are_refused_where_they_are_made(name: str) -> None:
+    """They went through every room: a drift check ended in NumPy's error, a chain stated negative variances."""
+    wrong, says = POINTS[name]
+    whole: dict[str, Any] = {
+        "positions_mm": scene.HEAD,
+        "covariances_mm2": np.tile(np.eye(3), (len(scene.HEAD), 1, 1)),
+        "labels": tuple("abcde"),
+    }
+    with pytest.raises(InputError, match=says):
+        Points(**(whole | wrong))
+
+
+def test_points_keep_what_they_were_given() -> None:
+    """A buffer that is filled again moved the reference of a drift check along."""
+    buffer, errors = scene.HEAD.copy(), np.tile(np.eye(3), (len(scene.HEAD), 1, 1))
+    points = Points(buffer, errors, tuple("abcde"))
+    buffer += 5.0
+    errors *= 0.0
+    np.testing.assert_array_equal(points.positions_mm, scene.HEAD)
+    np.testing.assert_array_equal(points.covariances_mm2[0], np.eye(3))
+    listed: Any = scene.HEAD.tolist()
+    assert Points(listed, points.covariances_mm2, tuple("abcde")).positions_mm.shape == (5, 3)
 
 
 def test_a_registration_neither_takes_nor_predicts_at_coordinates_beyond_reason() -> None:

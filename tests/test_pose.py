@@ -1,5 +1,7 @@
 """Poses: the frames they join and the covariance they carry."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -54,6 +56,58 @@ def test_points_keep_their_own_error() -> None:
     pose = Pose.exact(np.eye(4), A, B)
     own = np.diag([0.1, 0.2, 0.3])[None]
     np.testing.assert_allclose(pose.point_covariances([[1, 2, 3]], own), own)
+
+
+def test_one_error_may_be_stated_for_all_points() -> None:
+    pose, own = random_pose(np.random.default_rng(5), A, B), np.diag([0.1, 0.2, 0.3])
+    places = np.random.default_rng(6).normal(size=(4, 3)) * 50
+    np.testing.assert_array_equal(
+        pose.point_covariances(places, own), pose.point_covariances(places, np.tile(own, (4, 1, 1)))
+    )
+
+
+@pytest.mark.parametrize(
+    ("errors", "says"),
+    [
+        (np.ones(3), r"shape \(3,\)"),  # was multiplied as one row for all
+        (np.tile(np.eye(3), (1, 1, 1)), r"shape \(1, 3, 3\); expected \(3, 3\) or \(4, 3, 3\)"),
+        (np.tile(np.eye(3), (3, 1, 1)), r"shape \(3, 3, 3\)"),
+        (-np.eye(3), "not symmetric and positive"),
+        (np.full((3, 3), np.nan), "not finite"),
+        ("small", "not numbers"),
+    ],
+)
+def test_errors_of_points_that_are_none_are_refused(errors: Any, says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        random_pose(np.random.default_rng(5), A, B).point_covariances(np.zeros((4, 3)), errors)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "covariance", "says"),
+    [
+        (np.eye(3), np.eye(6), r"shape \(3, 3\)"),
+        (2 * np.eye(4), np.eye(6), "bottom row"),
+        (np.diag([2.0, 2, 2, 1]), np.eye(6), "not rigid"),
+        (np.full((4, 4), np.nan), np.eye(6), "not finite"),
+        (np.eye(4), np.eye(3), r"shape \(3, 3\); expected \(6, 6\)"),
+        (np.eye(4), -np.eye(6), "not symmetric and positive"),
+        (np.eye(4), np.triu(np.ones((6, 6))), "not symmetric and positive"),
+        (np.eye(4), np.full((6, 6), np.inf), "not finite"),
+        (np.eye(4), np.eye(6) + 0j, "complex"),
+    ],
+)
+def test_a_pose_that_is_none_or_whose_covariance_is_none_is_refused_where_it_is_made(
+    matrix: np.ndarray, covariance: np.ndarray, says: str
+) -> None:
+    with pytest.raises(InputError, match=says):
+        Pose(matrix, covariance, A, B)
+
+
+def test_a_pose_keeps_what_it_was_given() -> None:
+    matrix, covariance = np.eye(4), np.eye(6)
+    pose = Pose(matrix, covariance, A, B)
+    matrix[0, 3], covariance[0, 0] = 5.0, 7.0
+    assert (pose.translation_mm[0], pose.covariance[0, 0]) == (0.0, 1.0)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-6, 0.3, np.pi, 5.0])

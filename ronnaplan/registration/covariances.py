@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, as_numbers
+from ronnaplan.geometry import FloatArray, as_numbers, require_covariances
 from ronnaplan.pose import transform_points
 from ronnaplan.rigid import corrected_points, pose_covariance
-
-SYMMETRY_TOLERANCE = 1e-6
-"""Largest asymmetry of a covariance, relative to its largest entry."""
 
 SMALLEST_VARIANCE_MM2 = 1e-18
 """Keeps a perfect (synthetic) fit's covariance invertible; a nanometre is no marker's error."""
@@ -39,8 +36,9 @@ def as_pair(covariances: Covariances, shape: tuple[int, ...]) -> tuple[FloatArra
     largest = np.trace(moving, axis1=-2, axis2=-1) + np.trace(fixed, axis1=-2, axis2=-1)
     bad = np.argwhere(~(smallest > 1e-12 * largest))
     if len(bad):
+        row = int(bad[0, -1]) if bad.size else 0
         raise InputError(
-            f"the covariances of pair {_last(bad[0])} are not positive definite "
+            f"the covariances of pair {row} are not positive definite "
             f"(smallest eigenvalue {smallest[tuple(bad[0])]:.3g} mm^2); state an error above zero in every direction"
         )
     whole = (*shape, 3, 3)
@@ -62,21 +60,8 @@ def _one_side(values: ArrayLike | None, shape: tuple[int, ...], name: str) -> Fl
         )
     if given.shape not in shapes:
         raise InputError(f"{name} have shape {given.shape}; expected {expected}")
-    if not np.isfinite(given).all():
-        raise InputError(f"{name} have entries that are not finite; expected mm^2")
-    scale = np.abs(given).max(axis=(-2, -1))
-    skew = np.abs(given - given.swapaxes(-1, -2)).max(axis=(-2, -1))
-    negative = np.linalg.eigvalsh(given)[..., 0] < -SYMMETRY_TOLERANCE * scale
-    bad = np.argwhere((skew > SYMMETRY_TOLERANCE * scale) | negative)
-    if len(bad):
-        wrong = given[tuple(bad[0])].tolist()
-        raise InputError(f"{name}: that of point {_last(bad[0])} is not symmetric and positive: {wrong}")
+    require_covariances(given, name)
     return given
-
-
-def _last(place: NDArray[np.intp]) -> int:
-    """Return the row of a pair; the first where one covariance was stated for all."""
-    return int(place[-1]) if place.size else 0
 
 
 def estimated_variance(matrix: FloatArray, moving_mm: FloatArray, fixed_mm: FloatArray) -> float:
