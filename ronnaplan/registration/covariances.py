@@ -61,7 +61,7 @@ def _one_side(values: ArrayLike | None, shape: tuple[int, ...], name: str) -> Fl
     if given.shape not in shapes:
         raise InputError(f"{name} have shape {given.shape}; expected {expected}")
     require_covariances(given, name)
-    return given
+    return given.copy()  # the caller's buffer may be filled again
 
 
 def estimated_variance(matrix: FloatArray, moving_mm: FloatArray, fixed_mm: FloatArray) -> float:

@@ -251,7 +251,7 @@ def register_points(
     Raises `InputError` for fewer than three pairs, sets of unequal length, a pair given twice, collinear points,
     numbers that are not finite or not in mm, and covariances that are not positive definite.
     """
-    moving_mm, fixed_mm = as_points(moving, "moving points"), as_points(fixed, "fixed points")
+    moving_mm, fixed_mm = as_points(moving, "moving points").copy(), as_points(fixed, "fixed points").copy()
     if len(moving_mm) != len(fixed_mm):
         raise InputError(f"{len(moving_mm)} moving and {len(fixed_mm)} fixed points were given; expected pairs")
     require_spread(moving_mm, "moving points")

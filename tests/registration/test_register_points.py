@@ -319,6 +319,19 @@ def test_targets_of_another_scan_are_refused() -> None:
         found.tre([[0, 0, 0]], Frame("CT", "1.2.4"))
 
 
+def test_a_registration_keeps_what_it_was_given() -> None:
+    """Residuals are computed when they are asked for: a buffer that was filled again gave those of other points."""
+    moving, fixed, errors = HEAD.copy(), mapped(pose(4), HEAD) + 0.1, np.eye(3)
+    found = register_points(moving, fixed, (errors, errors))
+    fre_mm = register_points(HEAD, fixed.copy(), (np.eye(3), np.eye(3))).fre_rms_mm
+    moving += 5.0
+    fixed *= 2.0
+    errors *= 9.0
+    assert found.fre_rms_mm == fre_mm
+    assert found.stated_mm2 is not None
+    np.testing.assert_array_equal(found.stated_mm2[0][0], np.eye(3))
+
+
 def test_labels_must_match_the_pairs() -> None:
     with pytest.raises(InputError, match="2 labels"):
         register_points(HEAD, HEAD, labels=["a", "b"])
