@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,8 +80,8 @@ def register_markers(
 
     ``sigma_ct_mm`` (see `SIGMA_CT_MM`) is added to every CT marker's own covariance. ``known_pairs`` are labels
     (CT, OTS) that a person pointed at; ``expected`` and ``at_least`` are as in `match_points`. Raises `UsageError`
-    for labels that are not there or named twice, and `InputError` for what `match_points` or `register_points` cannot
-    use.
+    for labels that are not there, named twice, or those of several markers, and `InputError` for what `match_points`
+    or `register_points` cannot use.
     """
     from ronnaplan.correspondence import match_points
 
@@ -93,6 +94,8 @@ def register_markers(
             f"the CT error is {sigma_ct_mm} mm; expected a standard deviation of zero or more, "
             f"below {LARGEST_SIGMA_MM:g} mm"
         )
+    if not all(isinstance(pair, Sequence) and len(pair) == 2 for pair in known_pairs):
+        raise UsageError(f"known pairs are {known_pairs!r}; expected pairs of (CT label, tracker label)")
     for side in zip(*known_pairs, strict=True):
         if len(set(side)) < len(side):
             raise UsageError(f"known pairs name the markers {', '.join(side)}; expected each once")
@@ -123,4 +126,6 @@ def register_markers(
 def _index(points: Points, label: str, kind: str) -> int:
     if label not in points.labels:
         raise UsageError(f"there is no {kind} marker {label}; there are {', '.join(points.labels)}")
+    if points.labels.count(label) > 1:
+        raise UsageError(f"several {kind} markers are named {label}; expected one, so name them apart")
     return points.labels.index(label)

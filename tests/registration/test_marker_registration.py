@@ -1,6 +1,7 @@
 """Markers of a scan and readings in any order become a registration, or a refusal."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -58,6 +59,21 @@ def test_unusable_requests_are_named() -> None:
     for sigma in (float("nan"), -1.0, 1e300):
         with pytest.raises(InputError, match="zero or more"):
             register_markers(scene.ct_points(), scene.readings(), sigma_ct_mm=sigma)
+
+
+def test_a_marker_that_is_pointed_at_is_the_only_one_of_its_name() -> None:
+    """The first of two was taken."""
+    ct, ots = scene.ct_points(), scene.readings()
+    twice = Points(ct.positions_mm, ct.covariances_mm2, ("F1", "F1", "F3", "F4", "F5"), ct.frame)
+    with pytest.raises(UsageError, match="several CT markers are named F1; expected one"):
+        register_markers(twice, ots, known_pairs=(("F1", "2"),))
+    assert register_markers(twice, ots, known_pairs=(("F3", "4"),)).registration is not None
+
+
+@pytest.mark.parametrize("known", [("F1", "1"), (("F1", "1"), ("F2",)), (("F1", "1", "2"),), (1,)])
+def test_known_pairs_that_are_no_pairs_are_told(known: Any) -> None:
+    with pytest.raises(UsageError, match=r"expected pairs of \(CT label, tracker label\)"):
+        register_markers(scene.ct_points(), scene.readings(), known_pairs=known)
 
 
 def test_pairs_that_are_not_certain_enough_are_named() -> None:
