@@ -128,6 +128,16 @@ def require_covariances(covariances: FloatArray, name: str) -> None:
         raise InputError(f"{name}: {which} is not symmetric and positive: {covariances[tuple(bad[0])].tolist()}")
 
 
+def as_covariances(values: ArrayLike, count: int, name: str) -> FloatArray:
+    """Return ``values``, the covariances of points, one for each or one for all, as (count, 3, 3); or `InputError`."""
+    expected = f"(3, 3) or ({count}, 3, 3) in mm^2"
+    given = as_numbers(values, name, expected)
+    if given.shape not in ((3, 3), (count, 3, 3)):
+        raise InputError(f"{name} have shape {given.shape}; expected {expected}")
+    require_covariances(given, name)
+    return np.broadcast_to(given, (count, 3, 3))
+
+
 def unit(vector: Sequence[float] | FloatArray) -> FloatArray:
     """Return ``vector`` (3,) scaled to length one; raises `InputError` for a zero vector."""
     array = np.asarray(vector, dtype=np.float64)

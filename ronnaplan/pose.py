@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, Frame, as_numbers, as_points, require_covariances, unit
+from ronnaplan.geometry import FloatArray, Frame, as_covariances, as_numbers, as_points, require_covariances, unit
 
 POSE_TOLERANCE = 1e-4
 """Largest entry of ``R @ R.T - 1`` accepted in a pose that is offered (trackers print rotations with 4 to 6
@@ -95,11 +95,7 @@ class Pose:
         jacobian = point_jacobian(mapped_mm)
         mapped = jacobian @ self.covariance @ jacobian.swapaxes(-1, -2)
         if covariances_mm2 is not None:
-            expected = f"(3, 3) or ({len(mapped_mm)}, 3, 3) in mm^2"
-            own = as_numbers(covariances_mm2, "covariances of points", expected)
-            if own.shape not in ((3, 3), (len(mapped_mm), 3, 3)):
-                raise InputError(f"covariances of points have shape {own.shape}; expected {expected}")
-            require_covariances(own, "covariances of points")
+            own = as_covariances(covariances_mm2, len(mapped_mm), "covariances of points")
             mapped = mapped + self.rotation @ own @ self.rotation.T
         return mapped
 

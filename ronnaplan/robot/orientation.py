@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, as_points, unit
+from ronnaplan.geometry import FloatArray, as_covariances, as_points, unit
 from ronnaplan.pose import Pose, cross_matrix, transform_points
 from ronnaplan.rigid import require_spread
 from ronnaplan.robot.chain import OTS, TCP, M, R
@@ -34,10 +34,7 @@ def tool_orientation(ots_mm: ArrayLike, robot_mm: ArrayLike, ots_from_m: Pose, r
     ``ots_mm`` and ``robot_mm`` (3, 3) are the same three points that the TCP visited, in the tracker's and in the
     robot's coordinates; the two poses belong to one moment. Raises `FrameMismatchError` for poses of other frames.
     """
-    OTS.require(ots_from_m.to_frame)
-    M.require(ots_from_m.from_frame)
-    R.require(robot_from_tcp.to_frame)
-    TCP.require(robot_from_tcp.from_frame)
+    _require_frames(ots_from_m, robot_from_tcp)
     temp_from_m = frame_of_three(ots_mm).T @ ots_from_m.rotation
     temp_from_tcp = frame_of_three(robot_mm).T @ robot_from_tcp.rotation
     return temp_from_m.T @ temp_from_tcp
@@ -76,13 +73,17 @@ def orientation_covariance(
 ) -> FloatArray:
     """Return the covariance (3, 3), in rad^2 and M's axes, of `tool_orientation`'s rotation, to first order.
 
-    ``ots_mm2`` and ``robot_mm2`` (3, 3, 3) are the points' covariances; the two poses add their own.
+    ``ots_mm2`` and ``robot_mm2`` (3, 3, 3), or (3, 3) for all three, are the points' covariances; the two poses add
+    their own. Raises `FrameMismatchError` for poses of other frames, `InputError` for what is no covariance.
     """
+    _require_frames(ots_from_m, robot_from_tcp)
     ots, robot = as_points(ots_mm), as_points(robot_mm)
     to_m = ots_from_m.rotation.T
     ots_from_robot = frame_of_three(ots) @ frame_of_three(robot).T
-    seen = _frame_covariance(ots, np.asarray(ots_mm2)) + ots_from_m.covariance[:3, :3]
-    driven = _frame_covariance(robot, np.asarray(robot_mm2)) + robot_from_tcp.covariance[:3, :3]
+    seen = _frame_covariance(ots, as_covariances(ots_mm2, 3, "ots_mm2")) + ots_from_m.covariance[:3, :3]
+    driven = (
+        _frame_covariance(robot, as_covariances(robot_mm2, 3, "robot_mm2")) + robot_from_tcp.covariance[:3, :3]
+    )
     return to_m @ (seen + ots_from_robot @ driven @ ots_from_robot.T) @ to_m.T
 
 
@@ -98,6 +99,13 @@ def tool_pose(pivot: PivotCalibration, rotation: FloatArray, rotation_rad2: Floa
     lever = carry @ lever @ carry.T
     lever[3:, 3:] += pivot.tip_covariance_mm2
     return Pose(matrix, lever, M, TCP)
+
+
+def _require_frames(ots_from_m: Pose, robot_from_tcp: Pose) -> None:
+    OTS.require(ots_from_m.to_frame)
+    M.require(ots_from_m.from_frame)
+    R.require(robot_from_tcp.to_frame)
+    TCP.require(robot_from_tcp.from_frame)
 
 
 def _frame_covariance(points_mm: FloatArray, covariances_mm2: FloatArray) -> FloatArray:

@@ -60,6 +60,22 @@ def test_its_covariance_is_the_scatter_of_noisy_points() -> None:
     assert np.abs(stated - scatter).max() < 0.08 * np.trace(scatter)
 
 
+def test_its_covariance_asks_for_the_frames_and_errors_that_it_needs() -> None:
+    """Poses in each other's place gave a covariance of no rotation, and one error for all NumPy's own."""
+    _, ots_from_r, ots_from_m, robot_from_tcp = scene(3)
+    seen, own = TRIANGLE @ ots_from_r[:3, :3].T + ots_from_r[:3, 3], np.diag([0.04, 0.01, 0.16])
+    each = np.tile(own, (3, 1, 1))
+    np.testing.assert_array_equal(
+        orientation_covariance(seen, TRIANGLE, own, own, ots_from_m, robot_from_tcp),
+        orientation_covariance(seen, TRIANGLE, each, each, ots_from_m, robot_from_tcp),
+    )
+    with pytest.raises(FrameMismatchError):
+        orientation_covariance(seen, TRIANGLE, own, own, robot_from_tcp, ots_from_m)
+    for wrong, says in ((np.ones(3), "shape"), (np.nan * own, "not finite"), (-own, "not symmetric and positive")):
+        with pytest.raises(InputError, match=says):
+            orientation_covariance(seen, TRIANGLE, own, wrong, ots_from_m, robot_from_tcp)
+
+
 def test_pivot_and_orientation_make_a_pose_whose_tip_has_the_pivots_error() -> None:
     poses = np.tile(np.eye(4), (60, 1, 1))
     rng = np.random.default_rng(0)
