@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ronnaplan.bounds import FARTHEST_POINT_MM
-from ronnaplan.errors import FrameMismatchError, InputError
+from ronnaplan.bounds import FARTHEST_POINT_MM, LARGEST_SIGMA_MM
+from ronnaplan.errors import FrameMismatchError, InputError, check_type
 from ronnaplan.text import printable
 
 FloatArray = NDArray[np.float64]
@@ -136,6 +137,18 @@ def as_covariances(values: ArrayLike, count: int, name: str) -> FloatArray:
         raise InputError(f"{name} have shape {given.shape}; expected {expected}")
     require_covariances(given, name)
     return np.broadcast_to(given, (count, 3, 3))
+
+
+def require_sigma(sigma_mm: float, name: str) -> None:
+    """Raise `InputError` unless ``sigma_mm`` is a standard deviation per axis: zero or more, and in mm.
+
+    Raises `UsageError` for what is no number.
+    """
+    check_type(sigma_mm, Real, name, "give one number, in mm")
+    if not 0 <= sigma_mm < LARGEST_SIGMA_MM:
+        raise InputError(
+            f"{name} is {sigma_mm} mm; expected a standard deviation of zero or more, below {LARGEST_SIGMA_MM:g} mm"
+        )
 
 
 def unit(vector: Sequence[float] | FloatArray) -> FloatArray:

@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 
 from ronnaplan.bounds import FARTHEST_POINT_MM
-from ronnaplan.correspondence import match_points
-from ronnaplan.errors import InputError
+from ronnaplan.correspondence import describe_layout, match_points
+from ronnaplan.errors import InputError, RonnaplanError
 from ronnaplan.geometry import Points, as_points
+from ronnaplan.planning import ExpectedPose
 from ronnaplan.pose import as_pose
-from ronnaplan.registration import predict_tre, radius_95_mm, register_points
-from ronnaplan.robot import calibrate_pivot
+from ronnaplan.registration import predict_tre, radius_95_mm, register_markers, register_points
+from ronnaplan.robot import calibrate_pivot, robot_pose, seen_tool
+from ronnaplan.robot.chain import M
+from ronnaplan.tracking import PointReading, Recording, ToolReading, find_markers, labelled_frames
 from tests.registration import scene
 
 
@@ -88,6 +91,28 @@ def test_points_keep_what_they_were_given() -> None:
     np.testing.assert_array_equal(points.covariances_mm2[0], np.eye(3))
     listed: Any = scene.HEAD.tolist()
     assert Points(listed, points.covariances_mm2, tuple("abcde")).positions_mm.shape == (5, 3)
+
+
+@pytest.mark.parametrize("sigma", [-0.1, float("nan"), float("inf"), 1e300, "small", np.full(5, 0.1), None])
+def test_a_standard_deviation_that_is_none_is_refused_wherever_one_is_stated(sigma: Any) -> None:
+    """Below zero it counted as its square, and what is not finite spread into the answer."""
+    markers = scene.ct_points()
+    one = Recording("test", (PointReading(0, scene.HEAD[0], "A"),))
+    geometry = Points(markers.positions_mm, markers.covariances_mm2, markers.labels, M)
+    resting = Recording("test", (), (ToolReading(0, "tool", np.eye(4) + np.eye(4, k=3) * 50),))
+    for refuse in (
+        lambda: register_markers(markers, scene.readings(), sigma_ct_mm=sigma),
+        lambda: find_markers(one, sigma_mm=sigma),
+        lambda: labelled_frames(one, scene.readings(), sigma_mm=sigma),
+        lambda: ExpectedPose.planned(markers, sigma),
+        lambda: ExpectedPose.planned(markers, 0.5, sigma),
+        lambda: describe_layout(scene.HEAD).refusal_probability(sigma),
+        lambda: seen_tool(resting, geometry, sigma_mm=sigma),
+        lambda: robot_pose(np.eye(4), sigma),
+        lambda: robot_pose(np.eye(4), 0.03, sigma),
+    ):
+        with pytest.raises(RonnaplanError, match="error"):
+            refuse()
 
 
 def test_a_registration_neither_takes_nor_predicts_at_coordinates_beyond_reason() -> None:

@@ -88,6 +88,13 @@ def errors_from_covariances(covariances_mm2: ArrayLike, count: int, name: str) -
     return ErrorModel(np.trace(covariances, axis1=1, axis2=2) / 3.0, covariances)
 
 
+def check_probability(least_probability: float) -> None:
+    """Raise `InputError` unless a pairing can be accepted at this probability, `UsageError` for what is no number."""
+    check_type(least_probability, Real, "least_probability", "give a number")
+    if not 0.5 < least_probability < 1:
+        raise InputError(f"least_probability is {least_probability}; expected a probability between 0.5 and 1")
+
+
 def checked_number(number: int | None, counts: tuple[int, int], meaning: str = "expected") -> int | None:
     """Return a number of pairs that was told; raises `InputError` when the sets cannot hold it."""
     if number is None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kernelcache import njit
+from ronnaplan.bounds import SMALLEST_SIGMA_MM
 from ronnaplan.correspondence.evidence import (
     COLLINEAR_SIGMAS,
     FEW_PAIRS,
@@ -20,10 +21,10 @@ from ronnaplan.correspondence.evidence import (
     log_misfit_at,
 )
 from ronnaplan.correspondence.exact import distances
-from ronnaplan.correspondence.inputs import checked_points
+from ronnaplan.correspondence.inputs import check_probability, checked_points
 from ronnaplan.correspondence.pairing import LEAST_PROBABILITY, IntArray
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import FloatArray, require_sigma
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 
 MOST_LAYOUT_POINTS = 32
@@ -76,9 +77,12 @@ class Layout:
         With d the rival distance over the standard deviation of a pair's difference, the rival's chi^2 lies above
         the truth's by d^2 on average, with standard deviation 2 d; the truth's own has 3 n - 6 degrees of freedom,
         and both count as the evidence counts them, the scale of the errors unknown; of few pairs, the rival also as
-        were its errors the largest.
+        were its errors the largest.  Raises `InputError` for what `match_points` cannot use.
         """
-        sigma = math.hypot(sigma_ct_mm, sigma_ots_mm)
+        require_sigma(sigma_ct_mm, "the CT error")
+        require_sigma(sigma_ots_mm, "the tracker error")
+        check_probability(least_probability)
+        sigma = max(math.hypot(sigma_ct_mm, sigma_ots_mm), SMALLEST_SIGMA_MM)
         if self.line_distance_mm < COLLINEAR_SIGMAS * sigma:
             return 1.0
         d, size = max(self.rival_distance_mm / sigma, 1e-9), len(self.rival)

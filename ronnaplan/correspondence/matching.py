@@ -9,8 +9,15 @@ from numbers import Real
 
 from numpy.typing import ArrayLike
 
+from ronnaplan.bounds import FARTHEST_POINT_MM
 from ronnaplan.correspondence.evidence import filled_volume
-from ronnaplan.correspondence.inputs import checked_errors, checked_known, checked_points, checked_told
+from ronnaplan.correspondence.inputs import (
+    check_probability,
+    checked_errors,
+    checked_known,
+    checked_points,
+    checked_told,
+)
 from ronnaplan.correspondence.large import match_large
 from ronnaplan.correspondence.pairing import LEAST_PROBABILITY, LEFT_HANDED, Pairing, no_pairs
 from ronnaplan.correspondence.problem import Problem
@@ -109,14 +116,14 @@ def _not_listed(problem: Problem) -> Pairing:
 
 
 def _check_settings(least_probability: float, field_radius_mm: float | None, spread_mm: float) -> None:
-    for name, number in (("least_probability", least_probability), ("spread_mm", spread_mm)):
-        check_type(number, Real, name, "give a number")
+    check_probability(least_probability)
+    check_type(spread_mm, Real, "spread_mm", "give a number")
     check_type(field_radius_mm, (Real, type(None)), "field_radius_mm", "give a number")
-    field_is_sound = field_radius_mm is None or 0 < field_radius_mm < math.inf
-    if not (0.5 < least_probability < 1 and field_is_sound and spread_mm > 0):
+    field_is_sound = field_radius_mm is None or 0 < field_radius_mm <= FARTHEST_POINT_MM
+    if not (field_is_sound and spread_mm > 0):
         raise InputError(
-            f"least_probability {least_probability}, field_radius_mm {field_radius_mm}, spread_mm {spread_mm}: "
-            "expected a probability between 0.5 and 1 and positive lengths"
+            f"field_radius_mm {field_radius_mm}, spread_mm {spread_mm}: expected positive lengths, the field's "
+            f"{FARTHEST_POINT_MM:g} mm at most"
         )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, Points, as_points
+from ronnaplan.geometry import FloatArray, Points, as_points, require_sigma
 from ronnaplan.planning.trajectory import Trajectory
 from ronnaplan.pose import Pose, point_jacobian, rotation_sd_deg
 from ronnaplan.registration.planned import planned_pose
@@ -56,8 +56,10 @@ class ExpectedPose:
     ) -> ExpectedPose:
         """Return the error of the registration that ``markers``, in LPS, will give.
 
-        Raises `InputError` for fewer than three markers or markers on one line.
+        Raises `InputError` for fewer than three markers, markers on one line, or errors that are none.
         """
+        require_sigma(sigma_ct_mm, "the CT error")
+        require_sigma(sigma_ots_mm, "the tracker error")
         in_ct = markers.covariances_mm2 + sigma_ct_mm**2 * np.eye(3)
         pose = planned_pose(markers.positions_mm, (in_ct, sigma_ots_mm**2 * np.eye(3)), located=True)
         return cls(pose.covariance, Basis.PLANNED, markers.labels, sigma_ct_mm, sigma_ots_mm)

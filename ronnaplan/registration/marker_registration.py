@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ronnaplan.bounds import LARGEST_SIGMA_MM
 from ronnaplan.correspondence import Pairing
-from ronnaplan.errors import InputError, UsageError, check_type
-from ronnaplan.geometry import Points
+from ronnaplan.errors import UsageError, check_type
+from ronnaplan.geometry import Points, require_sigma
 from ronnaplan.registration.registration import Registration, register_points
 from ronnaplan.sigmas import SIGMA_CT_MM
 
@@ -89,11 +88,7 @@ def register_markers(
         check_type(
             points, Points, what, "give the points of what localize, or find_markers, returned: found.points"
         )
-    if not 0 <= sigma_ct_mm < LARGEST_SIGMA_MM:
-        raise InputError(
-            f"the CT error is {sigma_ct_mm} mm; expected a standard deviation of zero or more, "
-            f"below {LARGEST_SIGMA_MM:g} mm"
-        )
+    require_sigma(sigma_ct_mm, "the CT error")
     if not all(isinstance(pair, Sequence) and len(pair) == 2 for pair in known_pairs):
         raise UsageError(f"known pairs are {known_pairs!r}; expected pairs of (CT label, tracker label)")
     for side in zip(*known_pairs, strict=True):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
+from numbers import Real
 
 import numpy as np
 
-from ronnaplan.errors import InputError, RefusedError
-from ronnaplan.geometry import FloatArray, Frame, Points
+from ronnaplan.errors import InputError, RefusedError, check_type
+from ronnaplan.geometry import FloatArray, Frame, Points, require_sigma
 from ronnaplan.pose import Pose, as_pose, point_jacobian, transform_points
 from ronnaplan.rigid import pose_covariance, require_spread
 from ronnaplan.robot.chain import OTS, TCP, M, R
@@ -121,6 +122,7 @@ def seen_tool(
     """
     M.require(geometry.frame)
     OTS.require(recording.frame)
+    require_sigma(sigma_mm, "the tracker error")
     require_spread(geometry.positions_mm, "spheres of the tool")
     if not recording.tools:
         found = locate_tool(geometry, find_markers(recording, sigma_mm=sigma_mm).points, expected=len(geometry))
@@ -136,6 +138,10 @@ def robot_pose(
     matrix: FloatArray, sigma_mm: float = SIGMA_ROBOT_MM, sigma_deg: float = SIGMA_ROBOT_DEG, to: Frame = R
 ) -> Pose:
     """Return R from TCP with the robot's own error: per axis, about the TCP."""
+    require_sigma(sigma_mm, "the robot's error")
+    check_type(sigma_deg, Real, "the robot's error of rotation", "give one number, in degrees")
+    if not 0 <= sigma_deg < 180:
+        raise InputError(f"the robot's error of rotation is {sigma_deg} degrees; expected 0 to 180")
     checked = as_pose(matrix, "robot_from_tcp")
     carry = np.eye(6)
     carry[3:] = point_jacobian(-checked[:3, 3])

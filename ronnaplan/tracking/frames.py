@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, Points
+from ronnaplan.geometry import FloatArray, Points, require_sigma
 from ronnaplan.sigmas import SIGMA_OTS_MM
 from ronnaplan.tracking.recording import PointReading, Recording
 from ronnaplan.tracking.stray import MOST_MARKERS, MOST_STRAYS
@@ -27,6 +27,7 @@ def labelled_frames(
     """
     from scipy.spatial.distance import pdist
 
+    require_sigma(sigma_mm, "the tracker error")
     reference.frame.require(recording.frame)
     if len(reference) < 2:
         raise InputError(f"{len(reference)} reference markers were given; expected the markers of a registration")

@@ -15,9 +15,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.bounds import LARGEST_SIGMA_MM
 from ronnaplan.errors import FrameMismatchError, InputError, check_type
-from ronnaplan.geometry import FloatArray, Frame, Points
+from ronnaplan.geometry import FloatArray, Frame, Points, require_sigma
 from ronnaplan.sigmas import SIGMA_OTS_MM
 from ronnaplan.text import place
 from ronnaplan.tracking.recording import PointReading, Recording
@@ -122,11 +121,7 @@ def find_markers(recording: Recording, *, sigma_mm: float = SIGMA_OTS_MM) -> Mar
     usable was read.
     """
     check_type(recording, Recording, "the recording", "read_recording returns one")
-    if not 0 <= sigma_mm < LARGEST_SIGMA_MM:
-        raise InputError(
-            f"the tracker error is {sigma_mm} mm; expected a standard deviation of zero or more, "
-            f"below {LARGEST_SIGMA_MM:g} mm"
-        )
+    require_sigma(sigma_mm, "the tracker error")
     readings = [r for r in recording.points if r.usable] or _tool_origins(recording)
     if not readings:
         raise InputError(f"{recording.source} holds no usable reading ({_reasons(recording)}); record it again")

@@ -12,7 +12,7 @@ from scipy.special import ndtri
 from ronnaplan.correspondence import describe_layout, match_points, rival_distance
 from ronnaplan.correspondence.evidence import FEW_PAIRS, MOST_ODDS_IF_LARGER, SCALE_PRIORS, SCALES
 from ronnaplan.correspondence.layout import LOWEST_SIGMAS, QUADRATURE_STEPS, Layout
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, RonnaplanError
 from tests.correspondence.scenes import HEAD, SIGMA_CT, SIGMA_OTS
 
 
@@ -52,6 +52,28 @@ def test_a_collinear_layout_is_always_refused() -> None:
     layout = describe_layout(np.outer([0.0, 30.0, 80.0, 170.0], [0, 0, 1]))
     assert layout.line_distance_mm == pytest.approx(0.0, abs=1e-6)
     assert layout.refusal_probability() == 1.0
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"sigma_ct_mm": float("nan")}, "CT error is nan mm"),
+        ({"sigma_ct_mm": -1.0, "sigma_ots_mm": -1.0}, "CT error is -1.0 mm"),  # was refused never
+        ({"sigma_ots_mm": float("inf")}, "tracker error is inf mm"),
+        ({"sigma_ots_mm": "large"}, "tracker error is of type str"),
+        ({"sigma_ots_mm": np.ones(4)}, "tracker error is of type ndarray"),
+        ({"least_probability": 2.0}, "least_probability is 2.0"),
+        ({"least_probability": 0.3}, "least_probability is 0.3"),
+    ],
+)
+def test_how_often_a_layout_is_refused_is_told_of_errors_that_matching_takes(wrong: Any, says: str) -> None:
+    with pytest.raises(RonnaplanError, match=says):
+        describe_layout(HEAD).refusal_probability(**wrong)
+
+
+def test_markers_without_errors_are_never_refused_unless_they_are_alike() -> None:
+    assert describe_layout(HEAD).refusal_probability(0.0, 0.0) == 0.0
+    assert describe_layout(np.vstack((HEAD[:4], HEAD[:1]))).refusal_probability(0.0, 0.0) > 0.99
 
 
 @settings(max_examples=30, deadline=None)

@@ -249,6 +249,7 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "sigma without end": ({"sigma_ct_mm": 1e300}, "positive"),
     "level above one": ({"least_probability": 1.5}, "probability"),
     "field without end": ({"field_radius_mm": float("inf")}, "positive lengths"),
+    "field beyond reason": ({"field_radius_mm": 1e200}, "positive lengths"),
 }
 
 
