@@ -118,7 +118,9 @@ def _segments(dataset: Any, volume: CTVolume, path: Path) -> Masks:
         number = int(groups.SegmentIdentificationSequence[0].ReferencedSegmentNumber)
         mask = masks.setdefault(names[number], np.zeros(volume.voxels_hu.shape, dtype=np.bool_))
         k, matrix = _slice_of(groups, shared, pixels.shape, volume, path)
-        _put(mask[k : k + 1], pixels[np.newaxis] > 0, (None, matrix))
+        drawn = np.zeros_like(mask[k : k + 1])
+        _put(drawn, pixels[np.newaxis] > 0, (None, matrix))
+        mask[k : k + 1] |= drawn  # several segments may have one name
     return masks
 
 

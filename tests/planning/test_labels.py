@@ -158,6 +158,18 @@ def test_a_dicom_seg_falls_on_its_voxels(volume: CTVolume, mask: NDArray[np.bool
     np.testing.assert_array_equal(regions["vein"], other)
 
 
+def test_segments_of_one_name_are_one_region(volume: CTVolume, mask: NDArray[np.bool_], tmp_path: Path) -> None:
+    """Of vessels in one slice only the last was kept clear of."""
+    other = np.roll(mask, 3, axis=2) & ~mask
+    dataset = segmentation(volume, {"vessel": mask, "another": other}, str(volume.frame.uid))
+    dataset.SegmentSequence[1].SegmentLabel = "vessel"
+    dataset.save_as(tmp_path / "seg.dcm", enforce_file_format=True)
+    assert (other.any(axis=(1, 2)) & mask.any(axis=(1, 2))).any()
+    found = read_label_map(tmp_path / "seg.dcm", volume)
+    assert list(found) == ["vessel"]
+    np.testing.assert_array_equal(found["vessel"], mask | other)
+
+
 def test_a_dicom_seg_of_another_frame_or_grid_is_refused(
     volume: CTVolume, mask: NDArray[np.bool_], tmp_path: Path
 ) -> None:
