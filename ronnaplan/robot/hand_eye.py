@@ -79,7 +79,7 @@ class HandEye:
 def calibrate_hand_eye(ots_from_m: ArrayLike, robot_from_tcp: ArrayLike) -> HandEye:
     """Return M from TCP and R from OTS from simultaneous poses of both.
 
-    ``ots_from_m`` and ``robot_from_tcp`` are (N, 4, 4) in mm. Raises `InputError` for fewer than four poses,
+    ``ots_from_m`` and ``robot_from_tcp`` are (N, 4, 4) in mm. Raises `InputError` for fewer than four different poses,
     unequal numbers, matrices that are no poses, and motions that turn about one axis only; `RefusedError` where the
     poses do not belong together.
     """
@@ -88,6 +88,11 @@ def calibrate_hand_eye(ots_from_m: ArrayLike, robot_from_tcp: ArrayLike) -> Hand
     if len(seen) != len(driven) or len(seen) < 4:
         raise InputError(
             f"{len(seen)} tracker and {len(driven)} robot poses were given; expected four or more of each"
+        )
+    different = len(np.unique(np.concatenate([seen, driven], axis=2), axis=0))
+    if different < 4:
+        raise InputError(
+            f"{len(seen)} poses were given, of which {different} differ; expected four or more that do"
         )
     if np.abs(seen - driven).max() < SAME_POSES:
         raise InputError("the poses of robot and tracker are the same; expected a recording of either")

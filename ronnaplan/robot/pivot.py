@@ -19,7 +19,7 @@ from ronnaplan.pose import as_poses, as_stack, cross_matrix
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
 
 FEWEST_POSES = 10
-"""Of fewer the scatter is not known."""
+"""Of fewer the scatter is not known, however often each is repeated."""
 SLIP_SDS = 6.0
 """A pose whose residual is longer than this many robust standard deviations (per axis) has slipped."""
 MAXWELL_MEDIAN = 1.5382
@@ -74,14 +74,16 @@ class PivotCalibration:
 def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
     """Return the tip of a tool from ``poses`` (N, 4, 4), tracker from tool in mm, in the order of recording.
 
-    Raises `InputError` for a matrix that is no pose (left-handed, scaled, not finite), for fewer than ten
+    Raises `InputError` for a matrix that is no pose (left-handed, scaled, not finite), for fewer than ten different
     poses, and for poses that turn the tool too little, or about one axis only; `RefusedError` where no tip rested, or
     it lies where no tool's is.
     """
     offered = as_stack(poses, "pivot poses")
-    if len(offered) < FEWEST_POSES:
+    different = len(np.unique(offered, axis=0))
+    if different < FEWEST_POSES:
+        once = "different " * (different < len(offered))
         raise InputError(
-            f"the pivot has {len(offered)} pose{'s' * (len(offered) != 1)}, expected {FEWEST_POSES} or more; turn the "
+            f"the pivot has {different} {once}pose{'s' * (different != 1)}, expected {FEWEST_POSES} or more; turn the "
             "tool about the divot to all sides while it is recorded"
         )
     matrices = as_poses(offered, "pivot pose")

@@ -198,6 +198,8 @@ def test_unusable_calibrations_are_named() -> None:
     seen, driven, *_ = hand_eye_poses(1, 8, 0.0, 0.0)
     with pytest.raises(InputError, match="3 tracker and 8 robot"):
         calibrate_hand_eye(seen[:3], driven)
+    with pytest.raises(InputError, match="24 poses were given, of which 3 differ; expected four or more"):
+        calibrate_hand_eye(np.tile(seen[:3], (8, 1, 1)), np.tile(driven[:3], (8, 1, 1)))
     with pytest.raises(InputError, match="robot_from_tcp 0 is left-handed"):
         calibrate_hand_eye(seen, driven * np.array([1, 1, -1, 1]))
     turning = np.tile(np.eye(4), (8, 1, 1))
