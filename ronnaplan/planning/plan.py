@@ -38,6 +38,9 @@ class Landmarks:
             raise InputError(
                 "AC, PC and the midline point lie on one line; choose a midline point well off the AC-PC line"
             )
+        points.setflags(write=False)
+        for name, point in zip(("ac_mm", "pc_mm", "midline_mm"), points, strict=True):
+            object.__setattr__(self, name, point)
 
 
 Item = Trajectory | Landmarks | Ruler

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, Frame, as_points, unit
+from ronnaplan.geometry import FloatArray, Frame, as_numbers, as_points, unit
 from ronnaplan.planning.trajectory import SHORTEST_PATH_MM
 from ronnaplan.pose import Pose, point_jacobian, rigid
 from ronnaplan.robot.chain import R
@@ -79,12 +80,13 @@ def robot_trajectory(
     ``robot_from_ct`` and `InputError` for an entry on its target or an ``x_axis`` along the trajectory.
     """
     R.require(robot_from_ct.to_frame)
-    ends = as_points([np.asarray(entry_mm, dtype=np.float64), np.asarray(target_mm, dtype=np.float64)], name)
+    both: Any = [entry_mm, target_mm]
+    ends = as_points(both, name)
     length = float(np.linalg.norm(ends[1] - ends[0]))
     if length < SHORTEST_PATH_MM:
         raise InputError(f"entry and target of {name} are {length:.2f} mm apart; expected a trajectory")
     entry, target = robot_from_ct.apply(ends, frame)
-    rotation = _tool_axes(target - entry, np.asarray(x_axis, dtype=np.float64), name)
+    rotation = _tool_axes(target - entry, as_numbers(x_axis, "the tool's x axis", "a direction (3,)"), name)
     about_tip = np.tile(np.eye(6), (2, 1, 1))
     about_tip[:, 3:] = point_jacobian(np.array([entry, target]))
     covariances = about_tip @ robot_from_ct.covariance @ about_tip.transpose(0, 2, 1)
@@ -92,6 +94,8 @@ def robot_trajectory(
 
 
 def _tool_axes(advance: FloatArray, x_axis: FloatArray, name: str) -> FloatArray:
+    if x_axis.shape != (3,):
+        raise InputError(f"the tool's x axis has shape {x_axis.shape}; expected a direction (3,)")
     z = unit(advance)
     side = unit(x_axis) - z * (unit(x_axis) @ z)
     if np.linalg.norm(side) < 1e-3:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -29,6 +31,17 @@ def test_ac_pc_angles(outward: tuple[float, ...], sagittal: float, coronal: floa
     angles = acpc_angles(SQUARE, np.array(outward) * 40.0, np.zeros(3))
     assert (angles.sagittal_deg, angles.coronal_deg) == pytest.approx((sagittal, coronal), abs=1e-9)
     assert angles.target_mm == pytest.approx((0.0, 0.0, 0.0))
+
+
+def test_landmarks_may_be_lists_and_stay_as_they_were() -> None:
+    """Lists were taken, and no angle could be computed of them."""
+    given_mm: list[Any] = [[0.0, -12.5, 0], [0, 12.5, 0], np.array([0.0, 5, 50])]
+    landmarks = Landmarks(*given_mm)
+    given_mm[2] += 9.0
+    assert acpc_angles(landmarks, np.array([0, 0, 40.0]), np.zeros(3)) == acpc_angles(
+        SQUARE, np.array([0, 0, 40.0]), np.zeros(3)
+    )
+    np.testing.assert_array_equal(landmarks.midline_mm, SQUARE.midline_mm)
 
 
 @given(st.integers(0, 2**32 - 1))

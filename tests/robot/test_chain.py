@@ -96,3 +96,9 @@ def test_a_trajectory_of_another_scan_or_without_direction_is_refused() -> None:
     along = chain.rotation @ np.array([0.0, 0, 1])
     with pytest.raises(InputError, match="along the trajectory"):
         robot_trajectory("left", [0, 0, 0], [0, 0, 9], chain, frame=CT, x_axis=along)
+    for axis, says in (((0, 1), r"shape \(2,\)"), ("x", "not numbers"), ((0, 0, 0), "no direction")):
+        with pytest.raises(InputError, match=says):
+            robot_trajectory("left", [0, 0, 0], [0, 0, 9], chain, frame=CT, x_axis=axis)
+    for entry in ("here", [[1, 2, 3]], [0, 0]):
+        with pytest.raises(InputError, match="left are not numbers"):
+            robot_trajectory("left", entry, [0, 0, 9], chain, frame=CT)
