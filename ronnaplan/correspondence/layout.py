@@ -17,12 +17,14 @@ from ronnaplan.correspondence.evidence import (
     SCALE_PRIORS,
     SCALES,
     fit,
+    fits_as_well,
     log_misfit,
     log_misfit_at,
 )
-from ronnaplan.correspondence.exact import distances
+from ronnaplan.correspondence.exact import LISTED_NATS, distances
 from ronnaplan.correspondence.inputs import check_probability, checked_points
 from ronnaplan.correspondence.pairing import LEAST_PROBABILITY, IntArray
+from ronnaplan.correspondence.rivals import LEAST_REGULAR
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, require_sigma
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
@@ -77,7 +79,8 @@ class Layout:
         With d the rival distance over the standard deviation of a pair's difference, the rival's chi^2 lies above
         the truth's by d^2 on average, with standard deviation 2 d; the truth's own has 3 n - 6 degrees of freedom,
         and both count as the evidence counts them, the scale of the errors unknown; of few pairs, the rival also as
-        were its errors the largest.  Raises `InputError` for what `match_points` cannot use.
+        were its errors the largest; and of regular layouts, whether it fits as well.  Raises `InputError` for what
+        `match_points` cannot use.
         """
         require_sigma(sigma_ct_mm, "the CT error")
         require_sigma(sigma_ots_mm, "the tracker error")
@@ -86,10 +89,12 @@ class Layout:
         if self.line_distance_mm < COLLINEAR_SIGMAS * sigma:
             return 1.0
         d, size = max(self.rival_distance_mm / sigma, 1e-9), len(self.rival)
+        agree = int((self.rival == np.arange(size)).sum())
+        regular = size >= LEAST_REGULAR and 2 * agree <= size
         needed = math.log(least_probability / (1.0 - least_probability))
         if_larger = -math.log(MOST_ODDS_IF_LARGER) if size <= FEW_PAIRS else -math.inf
         # Of errors of the largest scale that is admitted a gap tells least: where it still does, nothing is refused.
-        most_needed = max(needed, if_larger - math.log(SCALE_PRIORS[-1]))
+        most_needed = max(needed, if_larger - math.log(SCALE_PRIORS[-1]), LISTED_NATS if regular else -math.inf)
         if d * (d - 2.0 * LOWEST_SIGMAS) > 2.0 * max(SCALES) ** 2 * most_needed:
             return 0.0
         from scipy.special import gammaincinv, ndtri  # which take longer to load than most layouts to judge
@@ -97,23 +102,29 @@ class Layout:
         levels = (np.arange(QUADRATURE_STEPS) + 0.5) / QUADRATURE_STEPS
         truths = np.asarray(2.0 * gammaincinv((3 * size - 6) / 2.0, levels), dtype=np.float64)
         gaps = d * d + 2.0 * d * ndtri(levels)
-        return float(refused_share(truths, gaps, size, needed, if_larger))
+        return float(refused_share(truths, gaps, size, needed, if_larger, regular))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def refused_share(truths: FloatArray, gaps: FloatArray, size: int, needed: float, if_larger: float) -> float:
+def refused_share(
+    truths: FloatArray, gaps: FloatArray, size: int, needed: float, if_larger: float, regular: bool
+) -> float:
     """Return the share of the truth's chi^2 and the rival's excess at which neither is ``needed`` nats ahead.
 
-    Or not ``if_larger`` nats ahead of the other were its errors the largest of `SCALES`.
+    Or not ``if_larger`` nats ahead of the other were its errors the largest of `SCALES`, or, where the layout is
+    ``regular``, the other is listed and fits as well.
     """
     refused = 0
     for truth in truths:
         for gap in gaps:
             rival = max(truth + gap, 0.0)
-            best, other = log_misfit(min(truth, rival), size), max(truth, rival)
+            least, other = min(truth, rival), max(truth, rival)
+            best = log_misfit(least, size)
+            behind = best - log_misfit(other, size)
             if (
-                best - log_misfit(other, size) < needed
+                behind < needed
                 or best - log_misfit_at(other, size, SCALES[-1]) < if_larger
+                or (regular and behind < LISTED_NATS and fits_as_well(least, size, other, size))
             ):
                 refused += 1
     return refused / (len(truths) * len(gaps))
