@@ -6,6 +6,7 @@ It is the baseline of every study.  It states no probability and lists no rivals
 from __future__ import annotations
 
 import math
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,8 +15,11 @@ from kernelcache import njit
 from ronnaplan.correspondence.exact import distances
 from ronnaplan.correspondence.inputs import checked_number, checked_points
 from ronnaplan.correspondence.pairing import IntArray, Pairing, no_pairs
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray
+
+MOST_STEPS = 100_000
+"""Of the tolerance: the paper's are 50; a step that no sum of two numbers shows would never end."""
 
 TOLERANCE_ROUNDING = 1e-9
 """Added to the last tolerance so that 1.0, 1.1 ... 6.0 mm includes 6.0 despite rounding."""
@@ -44,10 +48,13 @@ def match_by_similarity(
         raise InputError(
             "no number of pairs is expected; the published algorithm needs it, so give a whole number"
         )
-    if not (0 < e_start_mm <= e_stop_mm < math.inf and e_step_mm > 0):
+    for name, number in (("e_start_mm", e_start_mm), ("e_stop_mm", e_stop_mm), ("e_step_mm", e_step_mm)):
+        check_type(number, Real, name, "give a number")
+    risen_mm = e_stop_mm - e_start_mm
+    if not (e_start_mm > 0 and 0 <= risen_mm < math.inf and e_step_mm > 0 and risen_mm <= MOST_STEPS * e_step_mm):
         raise InputError(
             f"the tolerance runs from {e_start_mm} to {e_stop_mm} mm by {e_step_mm}; "
-            "expected 0 < start <= stop and a positive step"
+            f"expected 0 < start <= stop and a positive step, {MOST_STEPS} steps at most"
         )
     partner = similarity_match(ct, ots, count, e_start_mm, e_stop_mm, e_step_mm, one_to_one)
     i = np.flatnonzero(partner >= 0)

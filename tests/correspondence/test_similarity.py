@@ -10,7 +10,7 @@ from ronnaplan.correspondence.similarity import (
     similarity_matrix,
     unique_partners,
 )
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, UsageError
 from tests.correspondence.scenes import HEAD, is_right, scene
 
 
@@ -94,7 +94,8 @@ def test_many_sets_at_once_give_the_same_answers() -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", [{"e_start_mm": 0.0}, {"e_start_mm": 7.0}, {"e_step_mm": 0.0}, {"e_stop_mm": np.inf}]
+    "arguments",
+    [{"e_start_mm": 0.0}, {"e_start_mm": 7.0}, {"e_step_mm": 0.0}, {"e_stop_mm": np.inf}, {"e_step_mm": 1e-30}],
 )
 def test_an_impossible_range_of_tolerances_is_an_error(arguments: Any) -> None:
     with pytest.raises(InputError, match="tolerance"):
@@ -104,3 +105,9 @@ def test_an_impossible_range_of_tolerances_is_an_error(arguments: Any) -> None:
 def test_without_a_number_it_is_not_run() -> None:
     with pytest.raises(InputError, match="give a whole number"):
         match_by_similarity(HEAD, HEAD, None)  # type: ignore[arg-type]
+
+
+def test_a_tolerance_that_is_no_number_is_told() -> None:
+    wrong: Any = "1"
+    with pytest.raises(UsageError, match="e_start_mm is of type str"):
+        match_by_similarity(HEAD, HEAD, len(HEAD), wrong)
