@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, Frame
+from ronnaplan.geometry import FloatArray, Frame, require_sigma
 from ronnaplan.pose import POSE_TOLERANCE, as_pose, orthonormality_excess
 from ronnaplan.text import printable
 
@@ -37,7 +37,10 @@ class StreamEnd(Enum):
 
 @dataclass(frozen=True, eq=False)
 class PointReading:
-    """One sphere in one tracker frame. ``label`` is empty for a stray (unidentified) marker."""
+    """One sphere in one tracker frame. ``label`` is empty for a stray (unidentified) marker.
+
+    Raises `InputError` for a position that has no three coordinates, and a good reading whose ``sigma_mm`` is no error.
+    """
 
     frame: int
     position_mm: FloatArray
@@ -50,6 +53,10 @@ class PointReading:
 
     def __post_init__(self) -> None:
         _make_plain(self, "label", "status")
+        if np.shape(self.position_mm) != (3,):
+            raise InputError(f"a reading's position has shape {np.shape(self.position_mm)}; expected (3,), in mm")
+        if self.status == OK and self.sigma_mm is not None:
+            require_sigma(self.sigma_mm, "a reading's error")
 
     @property
     def usable(self) -> bool:

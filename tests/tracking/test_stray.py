@@ -142,6 +142,20 @@ def test_an_impossible_tracker_error_is_refused(sigma: float) -> None:
         find_markers(Recording("test", tuple(recording(0, frames=3))), sigma_mm=sigma)
 
 
+@pytest.mark.parametrize("sigma", [-0.5, float("nan"), float("inf")])
+def test_a_good_reading_states_no_impossible_error(sigma: float) -> None:
+    """Below zero it counted as its square, and what is not finite spread into the mean's covariance."""
+    with pytest.raises(InputError, match="a reading's error is"):
+        PointReading(0, TRUTH[0], "A", sigma_mm=sigma)
+    assert not PointReading(0, TRUTH[0], "A", sigma_mm=sigma, status="sigma is wrong").usable
+
+
+@pytest.mark.parametrize("position", [np.ones((1, 3)), np.ones(2), 5.0])
+def test_a_reading_has_three_coordinates(position: np.ndarray) -> None:
+    with pytest.raises(InputError, match=r"expected \(3,\)"):
+        PointReading(0, position, "A")
+
+
 class Counted(str):
     """A label that counts how often it is compared."""
 
