@@ -58,6 +58,9 @@ HOPELESS_SOON = 0.35
 """Nor one that, after the first steps of its first descent, is not at rest and round in less than this share: of 1,600
 fits of markers, in 60 scans of all kinds, none was in less than 0.49, of all 2,000 that came to rest none in 0.42."""
 
+LOOKS_ROUND = 0.75
+"""What is round in this share of its directions at a look needs no other one: most markers are in 0.8 to 1."""
+
 SKIN_MISFIT = 1.4
 """Where a post stands between ball and skin, a fit with skin alone misfits by two thirds more at the median than one
 that leaves the skin out, and is drawn to it by 10 to 30 um, where the other is off by 2 to 5; without a post, by a
@@ -182,8 +185,9 @@ def _free_look(
 ) -> tuple[FloatArray, Judged]:
     """Free the shape, which was ``held`` when directions were ``judged``; a wrong shape leaves out too many of them.
 
-    So all voxels are looked at. Where that makes a good look worse, what stands beside the ball has led it astray, as
-    skin does beside a small one: then only those of the directions that agreed are, if that shows a ball on skin.
+    So all voxels are looked at. Where that makes a look worse, or does not show a ball yet, what stands beside one may
+    have led it astray, as skin does: then those of the directions that agreed are looked at alone, too. That is
+    believed, if it is rounder or the other was worse, where most directions had agreed or it shows a ball on skin.
     """
 
     def freed(voxels: NDArray[np.bool_]) -> tuple[FloatArray, Judged]:
@@ -193,11 +197,13 @@ def _free_look(
 
     theta, told = freed(few)
     before = judged[0].usual_rms_hu / held[CONTRAST]
-    if before > HOPELESS_MISFIT or (told is not judged and told[0].usual_rms_hu <= before * theta[CONTRAST]):
+    is_better = told is not judged and told[0].usual_rms_hu <= before * theta[CONTRAST]
+    if before > HOPELESS_MISFIT or (is_better and told[0].round_share >= LOOKS_ROUND):
         return theta, told
     other, other_told = freed(few & judged[1])
-    is_on_skin = other_told is not judged and other_told[0].ragged_share <= MAX_RAGGED
-    return (other, other_told) if is_on_skin else (theta, told)
+    is_ball = judged[0].round_share >= HOPELESS_ROUND or other_told[0].ragged_share <= MAX_RAGGED
+    is_rounder = not is_better or other_told[0].round_share > told[0].round_share
+    return (other, other_told) if other_told is not judged and is_ball and is_rounder else (theta, told)
 
 
 def _settle(

@@ -52,6 +52,23 @@ def test_a_small_plastic_ball_on_skin_is_found(diameter_mm: float, gap_mm: float
         assert error_mm @ np.linalg.solve(found.covariance_mm2, error_mm) < chi2.ppf(0.999, 3)
 
 
+@pytest.mark.parametrize(
+    ("seed", "diameter_mm", "matrix", "spacing_mm", "blur_mm", "noise_hu"),
+    [(1000, 3.0, 120, 0.6, 0.3, 8.0), (1003, 4.0, 110, 0.8, 0.6, 8.0)],
+)
+def test_a_ball_is_found_also_where_skin_leads_a_look_astray_that_is_free(
+    seed: int, diameter_mm: float, matrix: int, spacing_mm: float, blur_mm: float, noise_hu: float
+) -> None:
+    """By all voxels a free shape fits them better than a held one, and is wrong nevertheless."""
+    generator = np.random.default_rng(seed)
+    scene, center, _ = on_a_head(generator, generator.uniform(60.0, 95.0), diameter_mm)
+    stack = small_stack(matrix=matrix, spacing_mm=spacing_mm, thickness_mm=spacing_mm)
+    volume = scan(scene, stack, blur_mm=blur_mm, noise_hu=noise_hu, seed=seed - 1000)
+    found = localize(volume, diameter_mm=diameter_mm, expected=1)[0]
+    error_mm = found.center_mm - center
+    assert error_mm @ np.linalg.solve(found.covariance_mm2, error_mm) < chi2.ppf(0.999, 3)
+
+
 def test_a_ball_on_skin_is_found_in_coarse_and_noisy_voxels() -> None:
     """As PET/CT scans have them: 40 HU in pixels of 1.2 mm and slices of 3 mm."""
     generator = np.random.default_rng(5)
