@@ -40,15 +40,16 @@ def test_ctrl_c_and_the_like_end_a_recording_and_keep_it(tmp_path: Path, ends: s
             process = started(listener.getsockname()[1], tmp_path / "readings.csv")
             connection, _ = listener.accept()
             with connection:
-                connection.sendall(points())
-                time.sleep(seconds)
+                for _ in range(int(seconds / 0.5)):  # a stream that is silent for long ends by itself
+                    connection.sendall(points())
+                    time.sleep(0.5)
                 process.send_signal(getattr(signal, ends))
                 _, told = process.communicate(timeout=60)
         if process.returncode == 0:
             break
     assert process.returncode == 0, told
-    assert "stopped by hand after 1 messages" in told
-    assert len(read_recording(tmp_path / "readings.csv").points) == 2
+    assert "stopped by hand after" in told
+    assert len(read_recording(tmp_path / "readings.csv").points) >= 2
 
 
 def test_a_place_that_cannot_be_written_is_told_before_anything_is_recorded(
