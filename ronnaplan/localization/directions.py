@@ -206,8 +206,9 @@ def _weighed(
             outside[cell] = sums[UNEXPLAINED, cell] / sums[OUTSIDE, cell]
         if sums[INSIDE, cell] > 0.0:
             within[cell] = sums[WITHIN, cell] / sums[INSIDE, cell]
-    seen = sums[SEEN] > 0.0
-    usual = quantile(rms, USUAL_QUANTILE) if seen.any() else 0.0
+    usual = quantile(rms, USUAL_QUANTILE)
+    if math.isnan(usual):  # nothing of its surface is seen
+        usual = 0.0
     foreign = rms > OUTLIER_RATIO * max(usual, MODEL_ERROR_SHARE * contrast)
     excess = outside - quantile(outside, BACKGROUND_QUANTILE)
     excess[np.isnan(outside)] = 0.0
@@ -215,16 +216,18 @@ def _weighed(
     bright = (foreign | beside) & (excess > SPREAD_SHARE * contrast)
     left_out = foreign | beside | near_any(directions, bright, math.cos(math.radians(NEIGHBOUR_ANGLE_DEG)))
     left_out |= within - quantile(within, 0.5) > INSERT_SHARE * contrast
-    state = np.empty(CELL_COUNT, np.int8)
+    state, attached = np.full(CELL_COUNT, -1, np.int8), 0
     for cell in range(CELL_COUNT):
-        state[cell] = (0 if left_out[cell] else 1) if seen[cell] else -1
+        attached += excess[cell] > ATTACHED_SHARE * contrast
+        if sums[SEEN, cell] > 0.0:
+            state[cell] = 0 if left_out[cell] else 1
     steepness = np.maximum(sums[STEEPNESS], 1e-12)
     return (
         state,
         np.abs(sums[SHIFTS]) / steepness,
         1.0 / np.sqrt(steepness),
         ROUND_SHARE * radius + ROUND_MM,
-        np.count_nonzero(excess > ATTACHED_SHARE * contrast) / CELL_COUNT,
+        attached / CELL_COUNT,
         usual,
         beside,
         excess,
