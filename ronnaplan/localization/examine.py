@@ -11,10 +11,11 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ronnaplan.ct.progress import Progress, advancing
-from ronnaplan.ct.volume import CTVolume
+from ronnaplan.ct.volume import CTVolume, VolumeFlag
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.accept import MIN_COVERAGE, Evidence, Usual, failures
 from ronnaplan.localization.ball_fit import BallFit
+from ronnaplan.localization.beat import noise_beats
 from ronnaplan.localization.blur import blur_mm2
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.ceiling import scale_end_hu
@@ -115,6 +116,17 @@ class Scan:
     def gap_mm(self) -> float:
         """Widest distance between neighbouring slices."""
         return float(self.volume.grid.spacings_mm.max(initial=0.0))
+
+    @cached_property
+    def is_computed(self) -> bool:
+        """Whether its slices were computed from others, of which none is left."""
+        return noise_beats(self.volume) if self._whole is None else self._whole.is_computed
+
+    @property
+    def flags(self) -> tuple[VolumeFlag, ...]:
+        """Reasons to doubt the volume."""
+        told = [VolumeFlag.REFORMATTED] if self.is_computed or self.slant is not None else []
+        return tuple(dict.fromkeys([*self.volume.flags, *told]))
 
     @cached_property
     def ceiling_hu(self) -> float:

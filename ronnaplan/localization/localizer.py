@@ -94,7 +94,7 @@ def localize(
         diameters,
         volume.source,
         volume.voxel_sha256,
-        volume_flags=scan.volume.flags,
+        volume_flags=scan.flags,
         marker=marker,
         stated_thickness_mm=volume.grid.thickness_mm,
         distance_error_mm=departure_mm,

@@ -11,11 +11,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build
 from ronnaplan.localization.examine import Examined, Scan, Slant, distinct, examine_places
@@ -52,10 +50,7 @@ def along_the_blur(scan: Scan, examined: Sequence[Examined], build: Build) -> Sc
         return examine_places(turned, [(one.center_mm, one.stated_mm) for one in balls], build)
 
     slant = slant_seen(scan.axes, examined, refit)
-    if slant is None:
-        return scan
-    flags = tuple(dict.fromkeys([*scan.volume.flags, VolumeFlag.REFORMATTED]))
-    return Scan(replace(scan.volume, flags=flags), slant, whole=scan)
+    return scan if slant is None else Scan(scan.volume, slant, whole=scan)
 
 
 def slant_seen(

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.accept import Usual
+from ronnaplan.localization.beat import DISPLACED_SHARE
 from ronnaplan.localization.build import Build
 from ronnaplan.localization.examine import Examined, Scan, distinct, examine_place
 from ronnaplan.localization.motion import LEAST_TOGETHER, suspected
@@ -175,7 +176,7 @@ def moved(scan: Scan, markers: Sequence[Examined]) -> list[bool]:
 
 def together(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
     """Let each marker's covariance count what is usual in the scan, and doubt all where something lies on all."""
-    markers = _summed(scan, _uneven(_wrapped(markers)))
+    markers = _computed(scan, _summed(scan, _uneven(_wrapped(markers))))
     movements = [one.movement for one in markers if one.movement is not None]
     grid = scan.volume.grid
     heights_mm = np.array([one.center_mm @ grid.normal for one in markers]) if grid.is_in_cubes else None
@@ -200,6 +201,14 @@ def _summed(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
         error_mm = scan.summed.error_mm(float(one.parameters[WIDTH]), slope_per_mm)
         stated.append(replace(one, covariance_mm2=one.covariance_mm2 + error_mm**2 * along_mm2))
     return stated
+
+
+def _computed(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
+    """State what slices do that were computed from others at another distance."""
+    if not scan.is_computed:
+        return list(markers)
+    error_mm2 = (DISPLACED_SHARE * scan.gap_mm) ** 2 * np.outer(scan.axes[W], scan.axes[W])
+    return [replace(one, covariance_mm2=one.covariance_mm2 + error_mm2) for one in markers]
 
 
 def _wrapped(markers: Sequence[Examined]) -> list[Examined]:
