@@ -1,6 +1,6 @@
 """From a scan to its markers: detect, fit, accept. `localize` is the pipeline's own description.
 
-1. Slices that were computed are left out (`measured`).
+1. Slices that were computed are left out (`measured`), and a tag that says far too much of their thickness (`thick`).
 2. Each candidate is detected, fitted, with what a head does to its image made good (`hardened`), and judged by itself
    (`examine`), and again where slices are far thicker than the header says (`thick`), where rays were summed before the
    logarithm was taken (`logarithm`), or where slices blur aslant (`slant`).
@@ -34,7 +34,7 @@ from ronnaplan.localization.size import proposal, sizes_seen
 from ronnaplan.localization.slant import along_the_blur
 from ronnaplan.localization.summed import UNTOLD
 from ronnaplan.localization.template import Template, distance_error_mm, match_template
-from ronnaplan.localization.thick import as_thick
+from ronnaplan.localization.thick import as_thick, as_thin
 from ronnaplan.localization.usual import alike, by_the_usual, moved, together, usual_of, usual_profiles_mm
 
 LOG = logging.getLogger(__name__)
@@ -115,7 +115,7 @@ def _examined(
     summed before the logarithm was taken, or slices that blur in another direction than their normal, which summed rays
     can feign. Where they still do, nothing is made good of summing: what was summed did not lie as they do.
     """
-    scan = Scan(measured(volume))
+    scan = as_thin(Scan(measured(volume)))
     for diameter in diameters:
         _check_size(scan, diameter)
     examined = examine(scan, diameters, marker, progress)

@@ -26,7 +26,7 @@ from ronnaplan.localization.parameters import BACKGROUND, CONTRAST
 from ronnaplan.localization.parts import single_threaded_algebra
 from ronnaplan.localization.shading import PLATEAU_SHARE
 from ronnaplan.localization.slant import along_the_blur
-from ronnaplan.localization.thick import as_thick
+from ronnaplan.localization.thick import as_thick, as_thin
 from ronnaplan.localization.usual import OF_THE_PROFILE, judged_again, usual_of
 from ronnaplan.threads import in_threads
 
@@ -125,7 +125,7 @@ def _sizes(
     That tells which have to be fitted next, by their numbers, once some of them are.
     """
     check_type(volume, CTVolume, "the volume", "read_ct returns one")
-    scan = Scan(measured(volume))
+    scan = as_thin(Scan(measured(volume)))
     coarse = Scan(coarsen(scan.volume, COARSE_FLOOR_MM), whole=scan)
 
     def scan_for(diameter_mm: float) -> Scan:

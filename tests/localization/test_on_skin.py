@@ -10,8 +10,11 @@ from scipy.stats import chi2
 
 from phantoms.scene import Part, Scene
 from phantoms.solids import cylinder, half_space, sphere
+from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization import localize
+from ronnaplan.localization import localize, sizes_seen
+from ronnaplan.localization.examine import Scan
+from ronnaplan.localization.thick import as_thin
 from tests.scans import balls, offsets_mm, scan, small_stack
 
 
@@ -67,6 +70,40 @@ def test_a_ball_is_found_also_where_skin_leads_a_look_astray_that_is_free(
     found = localize(volume, diameter_mm=diameter_mm, expected=1)[0]
     error_mm = found.center_mm - center
     assert error_mm @ np.linalg.solve(found.covariance_mm2, error_mm) < chi2.ppf(0.999, 3)
+
+
+@pytest.mark.parametrize(
+    ("seed", "diameter_mm", "spacing_mm", "stated_mm"), [(1, 8.0, 0.8, 8.0), (4, 6.0, 0.7, 5.0)]
+)
+def test_a_ball_on_skin_is_found_where_the_tag_says_far_thicker_slices(
+    seed: int, diameter_mm: float, spacing_mm: float, stated_mm: float
+) -> None:
+    """As a reformat has it that kept the tag of what it was made of."""
+    generator = np.random.default_rng(seed)
+    scene, center, _ = on_a_head(generator, generator.uniform(60.0, 95.0), diameter_mm)
+    stack = small_stack(spacing_mm=spacing_mm, thickness_mm=spacing_mm)
+    volume = scan(scene, stack, blur_mm=0.6, noise_hu=15.0, seed=seed)
+    tagged = dataclasses.replace(volume, grid=dataclasses.replace(volume.grid, thickness_mm=stated_mm))
+    found = localize(tagged, diameter_mm=diameter_mm, expected=1)
+    assert np.linalg.norm(found.centers[0] - center) < 0.03
+    assert common_size(tagged) == pytest.approx(diameter_mm, abs=0.1)
+    assert found.resolution is not None
+    assert found.resolution.stated_mm == stated_mm
+
+
+def common_size(volume: CTVolume) -> float:
+    (size,) = sizes_seen(volume)
+    return size.diameter_mm
+
+
+def test_slices_that_overlap_are_as_thick_as_the_tag_says() -> None:
+    stack = small_stack(spacing_mm=1.0, thickness_mm=4.0)
+    scanned = Scan(scan(Scene((Part(half_space((0, 0, 30), (0, 0, 1)), "skin"),)), stack, noise_hu=15.0))
+    noisy = scanned.volume.voxels_hu.astype(np.float64)
+    mean_hu = np.stack([np.roll(noisy, shift, axis=0) for shift in range(4)]).mean(axis=0)
+    overlapping = dataclasses.replace(scanned.volume, voxels_hu=np.round(mean_hu).astype(np.int16))
+    assert as_thin(Scan(overlapping)).thickness_mm(np.zeros(3)) == 4.0
+    assert as_thin(scanned).thickness_mm(np.zeros(3)) == 1.0  # each slice has noise of its own
 
 
 def test_a_ball_on_skin_is_found_in_coarse_and_noisy_voxels() -> None:
