@@ -89,7 +89,32 @@ def quantile(values: FloatArray, share: float) -> float:
             count += 1
     if count == 0:
         return math.nan
-    known = np.sort(known[:count])
     place = share * (count - 1)
     below = int(place)
-    return float(known[below] + (place - below) * (known[min(below + 1, count - 1)] - known[below]))
+    low = ranked(known[:count], below)
+    high = low if below + 1 == count else min(known[below + 1 : count])  # what ranks higher stands behind it now
+    return float(low + (place - below) * (high - low))
+
+
+@njit(cache=True, nogil=True)
+def ranked(values: FloatArray, rank: int) -> float:
+    """Return what would have the ``rank`` of ``values`` (M,) if they were sorted; puts them in another order.
+
+    By Hoare's FIND, Comm. ACM 4:321, 1961.
+    """
+    low, high = 0, len(values) - 1
+    while low < high:
+        pivot, i, j = values[rank], low, high
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while pivot < values[j]:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i, j = i + 1, j - 1
+        if j < rank:
+            low = i
+        if rank < i:
+            high = j
+    return float(values[rank])

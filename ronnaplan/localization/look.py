@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from kernelcache import njit
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.algebra import ranked
 from ronnaplan.localization.build import Build
 from ronnaplan.localization.cells import CELL_COUNT, cell_directions
 from ronnaplan.localization.detect import MIN_CONTRAST_HU
@@ -165,11 +166,11 @@ def _share(inside: FloatArray, outside: FloatArray, known: FloatArray) -> float:
     bright = _known(inside, known)
     if bright == 0:
         return 0.0
-    high = _ranked(known[:bright], bright // 2)
+    high = ranked(known[:bright], bright // 2)
     dark = _known(outside, known)
     if dark == 0:
         return 0.0
-    low = _ranked(known[:dark], int(BACKGROUND_SHARE * (dark - 1)))
+    low = ranked(known[:dark], int(BACKGROUND_SHARE * (dark - 1)))
     if high - low < MIN_CONTRAST_HU:
         return 0.0
     middle, fallen = (high + low) / 2.0, 0
@@ -186,30 +187,6 @@ def _known(values: FloatArray, known: FloatArray) -> int:
         known[count] = value
         count += not math.isnan(value)
     return count
-
-
-@njit(cache=True, nogil=True)
-def _ranked(values: FloatArray, rank: int) -> float:
-    """Return what would have the ``rank`` of ``values`` (M,) if they were sorted; puts them in another order.
-
-    By Hoare's FIND, Comm. ACM 4:321, 1961.
-    """
-    low, high = 0, len(values) - 1
-    while low < high:
-        pivot, i, j = values[rank], low, high
-        while i <= j:
-            while values[i] < pivot:
-                i += 1
-            while pivot < values[j]:
-                j -= 1
-            if i <= j:
-                values[i], values[j] = values[j], values[i]
-                i, j = i + 1, j - 1
-        if j < rank:
-            low = i
-        if rank < i:
-            high = j
-    return float(values[rank])
 
 
 @njit(cache=True, nogil=True)

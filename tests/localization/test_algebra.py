@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ronnaplan.localization.algebra import add_products, inverse, quantile, solve
+from ronnaplan.localization.algebra import add_products, inverse, quantile, ranked, solve
 
 
 @pytest.mark.parametrize(("first", "size", "count"), [(1, 1, 1), (3, 7, 5), (14, 14, 504), (19, 44, 333)])
@@ -56,3 +56,11 @@ def test_quantiles_are_those_of_numpy_without_what_is_not_known(share: float) ->
     values[::7] = np.nan
     assert quantile(values, share) == pytest.approx(np.nanquantile(values, share), abs=1e-12)
     assert np.isnan(quantile(np.full(3, np.nan), share))
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 96])
+def test_a_value_of_any_rank_is_found_without_sorting(count: int) -> None:
+    draws = np.random.default_rng(count)
+    for values in (draws.normal(size=count), draws.integers(0, 3, count).astype(float), np.zeros(count)):
+        ordered = np.sort(values)
+        assert [ranked(values.copy(), rank) for rank in range(count)] == ordered.tolist()

@@ -3,18 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from ronnaplan.localization.detect import MIN_CONTRAST_HU
-from ronnaplan.localization.look import BACKGROUND_SHARE, _ranked, _share
-
-
-@pytest.mark.parametrize("count", [1, 2, 5, 96])
-def test_a_value_of_any_rank_is_found_without_sorting(count: int) -> None:
-    draws = np.random.default_rng(count)
-    for values in (draws.normal(size=count), draws.integers(0, 3, count).astype(float), np.zeros(count)):
-        ordered = np.sort(values)
-        assert [_ranked(values.copy(), rank) for rank in range(count)] == ordered.tolist()
+from ronnaplan.localization.look import BACKGROUND_SHARE, _share
 
 
 def test_shares_are_those_of_sorted_values_and_what_is_unknown_counts_for_neither() -> None:
