@@ -16,7 +16,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.storage import PIVOT, Storage
 from ronnaplan.planning import Trajectory
 from ronnaplan.pose import invert
-from ronnaplan.tracking.recording import Recording
+from ronnaplan.tracking.recording import Recording, require_one_system
 
 if TYPE_CHECKING:
     from ronnaplan.documents.tool import PivotDocument
@@ -57,6 +57,8 @@ class Following:
         """Why no tool is followed any more, until it is told."""
         self._thread: threading.Thread | None = None
         self._stopping = threading.Event()
+        self._changing = threading.Lock()
+        """Held while what is followed, or seen, is changed: a stream may end just as another one is begun."""
 
     @property
     def active(self) -> bool:
@@ -75,14 +77,16 @@ class Following:
         file = self.storage.plan.with_name(PIVOT)
         tip = read_pivot(file) if file.is_file() else None
         self.stop()
-        self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._follow, args=(moments, tip, self._stopping), daemon=True)
-        self._thread.start()
+        with self._changing:
+            self._stopping = threading.Event()
+            self._thread = threading.Thread(target=self._follow, args=(moments, tip, self._stopping), daemon=True)
+            self._thread.start()
 
     def stop(self) -> None:
         """Follow no longer."""
-        self._stopping.set()
-        self._thread, self.seen = None, ()
+        with self._changing:
+            self._stopping.set()
+            self._thread, self.seen = None, ()
 
     @property
     def ct_from_ots(self) -> FloatArray | None:
@@ -103,21 +107,27 @@ class Following:
     ) -> None:
         notes: tuple[str, ...] = ()
         last: dict[str, tuple[float, SeenTool]] = {}
+        ended: RonnaplanError
         try:
             for moment in moments():
-                if stopping.is_set():
-                    return
                 notes = moment.notes
                 now = time.monotonic()
                 last |= {one.name: (now, one) for one in seen_tools(moment, self._required(), tip)}
-                self.seen = tuple(one for at, one in last.values() if now - at <= HIDDEN_S)
+                require_one_system(last, moment.source)
+                with self._changing:
+                    if stopping.is_set():
+                        return
+                    self.seen = tuple(one for at, one in last.values() if now - at <= HIDDEN_S)
                 self.notify()
-            self.ended = UsageError("; ".join(notes) or "the tracker sends no more")
+            ended = UsageError("; ".join(notes) or "the tracker sends no more")
         except RonnaplanError as error:
-            self.ended = error
-        if not stopping.is_set():
-            self.stop()
-            self.notify()
+            ended = error
+        with self._changing:
+            if stopping.is_set():
+                return
+            stopping.set()
+            self._thread, self.seen, self.ended = None, (), ended
+        self.notify()
 
 
 def seen_tools(moment: Recording, ct_from_ots: FloatArray, tip: PivotDocument | None) -> tuple[SeenTool, ...]:

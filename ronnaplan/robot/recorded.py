@@ -15,6 +15,7 @@ from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.tool_frame import locate_tool
 from ronnaplan.sigmas import SIGMA_OTS_MM, SIGMA_ROBOT_DEG, SIGMA_ROBOT_MM
 from ronnaplan.tracking import Recording, find_markers
+from ronnaplan.tracking.recording import require_one_system
 
 STILL_MM, STILL_DEG = 0.5, 0.5
 """Poses of something that rests scatter less about their mean than this: a tracker's noise, no movement."""
@@ -118,12 +119,14 @@ def seen_tool(
     """Return OTS from M of a tool that rested, with the error that the tracker's reading of its spheres gives it.
 
     ``geometry`` are the spheres in M. A recording of poses gives their mean; one of single spheres is searched for
-    them. ``sigma_mm`` is the tracker's error per axis of one sphere, which averaging does not remove.
+    them. ``sigma_mm`` is the tracker's error per axis of one sphere, which averaging does not remove. Raises
+    `FrameMismatchError` where the names of the tools say that their poses are in the coordinates of several systems.
     """
     M.require(geometry.frame)
     OTS.require(recording.frame)
     require_sigma(sigma_mm, "the tracker error")
     require_spread(geometry.positions_mm, "spheres of the tool")
+    require_one_system((one.tool for one in recording.tools if one.usable), recording.source)
     if not recording.tools:
         found = locate_tool(geometry, find_markers(recording, sigma_mm=sigma_mm).points, expected=len(geometry))
         assert found.registration is not None

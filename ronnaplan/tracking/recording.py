@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import FloatArray, Frame, require_sigma
 from ronnaplan.pose import POSE_TOLERANCE, as_pose, orthonormality_excess
 from ronnaplan.text import printable
@@ -126,6 +127,19 @@ class Recording:
                 reason = reading.status if reading.status != OK else "no position"
                 counts[reason] = counts.get(reason, 0) + 1
         return counts
+
+
+def require_one_system(tools: Iterable[str], source: str) -> None:
+    """Raise `FrameMismatchError` where names of ``tools`` say, as ``XToY``, that their poses are of several systems.
+
+    One whose name tells no system counts as in that of the others.
+    """
+    systems = {name.rpartition("To")[2] for name in tools if re.fullmatch("[A-Z].*To[A-Z].*", name)}
+    if len(systems) > 1:
+        raise FrameMismatchError(
+            f"{source} holds poses in the coordinates of {', '.join(sorted(systems))}; expected one of them, so have "
+            "all tools sent in the tracker's"
+        )
 
 
 def _make_plain(reading: PointReading | ToolReading, *names: str) -> None:

@@ -7,7 +7,6 @@ gate; what fits none begins a track. Tracks seen in too few frames are rejected,
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -15,11 +14,11 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.errors import FrameMismatchError, InputError, check_type
+from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray, Frame, Points, require_sigma
 from ronnaplan.sigmas import SIGMA_OTS_MM
 from ronnaplan.text import place
-from ronnaplan.tracking.recording import PointReading, Recording
+from ronnaplan.tracking.recording import PointReading, Recording, require_one_system
 
 GATE_MM = 4.0
 """A reading further than this from a marker's recent median position is another marker's (or a reflection)."""
@@ -266,12 +265,7 @@ def _flags(track: list[PointReading], kept: FloatArray, frames: list[int]) -> tu
 
 
 def _tool_origins(recording: Recording) -> list[PointReading]:
-    usable = {r.tool for r in recording.tools if r.usable}
-    systems = {name.rpartition("To")[2] for name in usable if re.fullmatch("[A-Z].*To[A-Z].*", name)}
-    if len(systems) > 1:
-        raise FrameMismatchError(
-            f"{recording.source} holds poses in the coordinates of {', '.join(sorted(systems))}; expected one of them"
-        )
+    require_one_system((r.tool for r in recording.tools if r.usable), recording.source)
     return [
         PointReading(r.frame, r.matrix[:3, 3], r.tool, r.time_s)
         for r in recording.tools

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -136,3 +138,56 @@ def test_a_stream_that_ends_is_told_and_one_without_a_registration_not_begun(
     storage.registration.unlink()
     with pytest.raises(UsageError, match="once its markers are registered"):
         PlannerState(cases.volume(), storage).following.start(list)
+
+
+def test_tools_in_the_coordinates_of_several_systems_are_not_shown_as_if_in_the_trackers(
+    state: PlannerState,
+) -> None:
+    """As a stylus that is sent in the reference's, or a robot's own pose: one moment may tell one of them only."""
+    told_after = threading.Event()
+    state.following.notify = lambda: None if state.following.active else told_after.set()
+    names = ("StylusToTracker", "TcpToBase")
+    state.following.start(lambda: [touching(state, np.zeros(3), name) for name in names])
+    assert told_after.wait(60)
+    assert "the coordinates of Base, Tracker; expected one of them" in str(state.following.ended)
+    assert not state.following.seen
+
+
+class LateEvent(threading.Event):
+    """One that is asked at the end of a stream just as another stream is begun."""
+
+    ended: ClassVar[threading.Event] = threading.Event()
+    begin: ClassVar[threading.Thread]
+
+    def is_set(self) -> bool:
+        was = super().is_set()
+        if self.ended.is_set() and threading.current_thread() is not self.begin and not self.begin.ident:
+            self.begin.start()
+            self.begin.join(0.5)
+        return was
+
+
+def test_a_stream_that_ends_as_another_begins_does_not_stop_that(
+    state: PlannerState, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    late = SimpleNamespace(Event=LateEvent, Thread=threading.Thread, Lock=threading.Lock)
+    monkeypatch.setattr("ronnaplan.planner.following.threading", late)
+    held, notified = threading.Semaphore(0), threading.Semaphore(0)
+
+    def first() -> Iterator[Recording]:
+        LateEvent.ended.set()
+        yield from ()
+
+    def second() -> Iterator[Recording]:
+        yield touching(state, np.zeros(3))
+        held.acquire(timeout=60)
+
+    LateEvent.begin = threading.Thread(target=lambda: state.following.start(second))
+    state.following.notify = notified.release
+    state.following.start(first)
+    assert notified.acquire(timeout=60)
+    LateEvent.begin.join(60)
+    assert notified.acquire(timeout=60)
+    assert state.following.active
+    assert [one.name for one in state.following.seen] == ["pointer"]
+    held.release()

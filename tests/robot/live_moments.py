@@ -48,4 +48,5 @@ def live(room: LiveRoom, **options: object) -> LiveChain:
         seen_tool(still, tool, sigma_mm=READING_SD_MM), calibrated, robot_pose(session.told(room.robot_from_tcp))
     )
     settings: dict[str, object] = {"robot_device": "robot", "sigma_mm": READING_SD_MM, **options}
-    return LiveChain(head, registered.pose, capture, tool, "tool", **settings)  # type: ignore[arg-type]
+    settings = {"tool_device": "tool", **settings}
+    return LiveChain(head, registered.pose, capture, tool, **settings)  # type: ignore[arg-type]

@@ -127,6 +127,19 @@ def test_what_is_hidden_or_moving_is_not_judged(room: LiveRoom) -> None:
     assert chain.judge(moving).status is LiveStatus.MOVING
 
 
+def test_tools_of_several_systems_are_not_taken_for_the_trackers(room: LiveRoom) -> None:
+    """The robot's own poses are named, and may be in its own; a tool in a reference's coordinates may not."""
+    chain, names = live(room, robot_device="TcpToBase", tool_device="ToolToTracker"), {"robot": "TcpToBase"}
+    whole = recording(room)
+    for other, status in (("OtherToTracker", LiveStatus.VALID), ("OtherToReference", LiveStatus.UNSEEN)):
+        known = names | {"tool": "ToolToTracker"}
+        tools = tuple(replace(one, tool=known[one.tool]) for one in whole.tools)
+        tools += (replace(tools[0], tool=other),)
+        moment = chain.judge(replace(whole, tools=tools))
+        assert moment.status is status
+    assert "coordinates of Reference, Tracker" in moment.why
+
+
 def watched(
     room: LiveRoom, folder: Path, send: Callable[[socket.socket], None], *options: str
 ) -> tuple[int, Path]:
