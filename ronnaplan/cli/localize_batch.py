@@ -76,7 +76,7 @@ class Steps(Protocol):
 
 
 def jobs_of(paths: Sequence[str], series: str | None, all_series: bool) -> list[Job]:
-    """Return the scans below ``paths``, numbered in order; raises `InputError` for a path without a series."""
+    """Return the scans below ``paths``, numbered in order; a path that cannot be used is one of them."""
     found: list[tuple[str, str | None, str | None]] = []
     for path in paths:
         found += [(path, *one) for one in _usable(path)] if all_series else [(path, series, None)]
@@ -129,10 +129,13 @@ def _usable(path: str) -> Iterable[tuple[str | None, str | None]]:
     from ronnaplan.ct.files import given_path
     from ronnaplan.ct.images import is_image_file
 
-    given = given_path(path)
-    if is_image_file(given) and given.is_file():
+    try:
+        given = given_path(path)
+        if is_image_file(given) and given.is_file():
+            return ((None, None),)
+        usable = find_series(path, progress=True).usable
+    except RonnaplanError:
         return ((None, None),)
-    usable = find_series(path, progress=True).usable
     return [(one.key, one.first.blob.name) for one in usable] or ((None, None),)
 
 

@@ -129,3 +129,14 @@ def test_a_path_that_is_no_text_is_told_escaped(
     assert [one["path"] for one in json.loads((results / "summary.json").read_text())["scans"]] == [told] * 2
     rows = list(csv.DictReader((results / "summary.csv").read_text().splitlines()))
     assert [row["path"] for row in rows] == [told] * 2
+
+
+def test_a_path_that_is_not_there_is_one_bad_scan_also_where_all_series_are_asked_for(
+    ct_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    paths = [str(tmp_path / "none"), str(ct_folder)]
+    call = ["localize", *paths, "--all-series", "--diameter", "11.5", "-o", str(tmp_path / "results")]
+    assert run(call, capsys)[0] == 1
+    first, second = json.loads((tmp_path / "results" / "summary.json").read_text())["scans"]
+    assert (first["scan"], first["status"], second["status"]) == ("001-none", 1, 0)
+    assert "there is no file or folder" in first["message"]
