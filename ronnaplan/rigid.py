@@ -47,6 +47,11 @@ def require_millimetres(points_mm: FloatArray, name: str) -> None:
         raise InputError(
             f"{name} spread over {beyond[0]:.6g}, expected {SMALLEST_SPREAD_MM:g} to {LARGEST_SPREAD_MM:g} mm; "
             "convert the coordinates to millimetres"
+            + (
+                ", or, if they are in mm, read points at different places"
+                if beyond[0] < SMALLEST_SPREAD_MM
+                else ""
+            )
         )
 
 

@@ -257,6 +257,8 @@ def test_batch_and_single_agree() -> None:
         (HEAD, HEAD, "large", "not numbers"),
         (HEAD / 1000, HEAD / 1000, None, r"the moving points spread over 0\.\d+, expected 1 to 20000 mm"),
         (HEAD, HEAD / 1000, np.eye(3), r"the fixed points spread over 0\.\d+, expected 1 to 20000 mm"),
+        (HEAD, HEAD / 1000, None, r"convert .* to millimetres, or, if they are in mm, read points at different"),
+        (HEAD, HEAD * 1000, None, r"convert the coordinates to millimetres$"),
         (np.vstack([HEAD, HEAD[:1]]), np.vstack([HEAD, HEAD[:1]]), None, "pair 6 is given twice"),
     ],
 )
