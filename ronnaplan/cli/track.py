@@ -93,4 +93,18 @@ def movement(recording: Recording, registered: RegistrationDocument) -> str:
         last = moved[-1]
         who = f"; loose: {' or '.join(last.loose)}" if last.loose else ""
         lines.append(f"warning: lastly moved by {last.shift_mm:.2f} mm and {last.rotation_deg:.2f} degrees{who}")
-    return "\n".join(lines) or "no frame shows the registered markers"
+    return "\n".join(lines) or _nothing_seen(recording)
+
+
+def _nothing_seen(recording: Recording) -> str:
+    """Say why no frame tells whether the registered markers moved."""
+    from ronnaplan.text import printable
+
+    told = "warning: whether the head moved is not known: "
+    if not recording.tools:
+        return f"{told}no frame shows the registered markers"
+    tools = printable(", ".join(recording.tool_names))
+    return (
+        f"{told}only poses of tools came ({tools}), and no points, which the registered markers are; have the tracker "
+        "send these, too"
+    )
