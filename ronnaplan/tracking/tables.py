@@ -14,6 +14,8 @@ from ronnaplan.tracking.recording import OK
 from ronnaplan.untrusted import read_whole
 
 DELIMITERS = (",", ";", "\t")
+SEPARATOR_LINE = re.compile(r'\s*"?sep=(?P<delimiter>[^\r\n])"?[ ,;\t]*\r*(\n|$)', re.IGNORECASE)
+"""By which a first line tells a spreadsheet what stands between the columns."""
 MOST_TEXT_BYTES = 2**27
 MOST_ROWS = 500_000
 """Seven hours of a tracker's frames at 20 Hz; a file with more rows or bytes would take the memory."""
@@ -63,9 +65,17 @@ def read_rows(path: Path) -> tuple[list[str], list[list[str]], str]:
     not in mm or times not in s, stated in the header or in a column ``unit``.
     """
     text = read_text(path)
+    told = SEPARATOR_LINE.match(text)
+    if told is not None:
+        text = text[told.end() :]
+        if told["delimiter"] not in DELIMITERS:
+            raise InputError(
+                f"{path} separates its columns by '{printable(told['delimiter'])}', as its first line says; "
+                "expected a comma, ';' or a tab"
+            )
     if not text.strip():
         raise InputError(f"{path} is empty; expected a header and tracker readings")
-    delimiter = max(DELIMITERS, key=text.lstrip().partition("\n")[0].count)
+    delimiter = told["delimiter"] if told else max(DELIMITERS, key=text.lstrip().partition("\n")[0].count)
     rows = split_rows(path, text, delimiter)
     header = [column_name(cell) for cell in rows[0]]
     if any(number(cell, delimiter) is not None for cell in rows[0]):

@@ -66,9 +66,17 @@ def test_semicolons_with_decimal_commas_and_a_byte_order_mark(tmp_path: Path) ->
     np.testing.assert_array_equal(recording.points[0].position_mm, [1.5, -2.25, 3])
 
 
+@pytest.mark.parametrize("first", ["sep=;", '"sep=;"', "\ufeffSEP=;\r"])
+def test_a_first_line_that_tells_a_spreadsheet_the_delimiter_is_heard(tmp_path: Path, first: str) -> None:
+    recording = read_recording(written(tmp_path, "r.csv", f"{first}\nlabel;x;y;z\nA;1,5;-2,25;3\n"))
+    np.testing.assert_array_equal(recording.points[0].position_mm, [1.5, -2.25, 3])
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
+        ("sep=|\nx|y|z\n1|2|3\n", r"separates its columns by '\|'"),
+        ("sep=,\n", "is empty"),
         ("x,y,z,unit\n1,2,3,mm\n1,2,3,m\n", "row 2 below the header says its unit is 'm'"),
         ("x,y,z,Units\n1,2,3,inch\n", "unit is 'inch'"),
         ("x,y,z,length_unit\n1,2,3,cm\n", "unit is 'cm'"),
