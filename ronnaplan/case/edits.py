@@ -155,7 +155,9 @@ class OpenCase:
         self.change_plan(self.plan.with_landmarks(landmarks))
 
     def change_plan(self, plan: Plan) -> None:
-        """Keep a plan that is one step further."""
+        """Keep a plan that is one step further; one that changes nothing is no step."""
+        if plan is self.plan:
+            return
         self._keep_plan(sound(self.plan, plan, self.surroundings.head))
         self._steps.add(None)
 

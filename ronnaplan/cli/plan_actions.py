@@ -43,6 +43,8 @@ def run_add(arguments: argparse.Namespace) -> int:
 
 def run_edit(arguments: argparse.Namespace) -> int:
     """Change a trajectory."""
+    from ronnaplan.errors import UsageError
+
     stated: dict[str, Any] = {
         "name": arguments.rename,
         "entry_mm": arguments.entry and _lps(arguments.entry, arguments.coordinates),
@@ -52,6 +54,11 @@ def run_edit(arguments: argparse.Namespace) -> int:
         "notes": arguments.notes,
     }
     changes = {key: value for key, value in stated.items() if value is not None} | _electrode(arguments)
+    if not changes:
+        raise UsageError(
+            f"nothing is to be changed in {arguments.name}; give --entry, --target, --instrument, --electrode, "
+            "--colour, --notes or --rename"
+        )
     return _changed_in_head(arguments, lambda plan: plan.edit(arguments.name, **changes))
 
 
@@ -89,11 +96,11 @@ def run_list(arguments: argparse.Namespace) -> int:
 
 def run_import(arguments: argparse.Namespace) -> int:
     """Add trajectories from a file."""
-    from ronnaplan.documents.plan_exchange import read_line_markups, read_plan_table
+    from ronnaplan.documents.plan_exchange import ENDINGS, read_line_markups, read_plan_table
     from ronnaplan.errors import UsageError
     from ronnaplan.planning import Trajectory
 
-    is_markups = arguments.file.lower().endswith(".json")
+    is_markups = arguments.file.lower().endswith(ENDINGS["markups"])
     if arguments.first and not is_markups:
         raise UsageError("--first is of a line's points; a table names entry and target by its columns")
     plan = _plan(arguments)
@@ -115,9 +122,11 @@ def run_import(arguments: argparse.Namespace) -> int:
 
 def run_export(arguments: argparse.Namespace) -> int:
     """Write trajectories for other tools."""
-    from ronnaplan.documents.files import write_result
-    from ronnaplan.documents.plan_exchange import contacts_table, line_markups, plan_table
+    from ronnaplan.documents.files import require_ending, write_result
+    from ronnaplan.documents.plan_exchange import ENDINGS, contacts_table, line_markups, plan_table
 
+    if arguments.output is not None:
+        require_ending(arguments.output, arguments.to, ENDINGS[arguments.to])
     writer = {"markups": line_markups, "csv": plan_table, "contacts": contacts_table}[arguments.to]
     write_result(arguments.output, writer(_plan(arguments)))
     return 0

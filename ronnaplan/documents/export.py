@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ronnaplan.documents.fiducials import FiducialsDocument, Source, read_fiducials
 from ronnaplan.documents.files import read_json, require_ending, write_atomically
 from ronnaplan.documents.itk_transform import itk_transform
-from ronnaplan.documents.markups import markups
+from ronnaplan.documents.markups import MARKUPS_ENDINGS, markups
 from ronnaplan.documents.registration import FORMAT as REGISTRATION
 from ronnaplan.documents.registration import RegistrationDocument, read_registration
 from ronnaplan.documents.registration_exports import registration_csv, registration_markups
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 DICOM = "dicom"
 TRE_MAP = "tre-map"
-ENDINGS = {"itk": (".tfm", ".txt"), "markups": (".mrk.json", ".json")}
+ENDINGS = {"itk": (".tfm", ".txt"), "markups": MARKUPS_ENDINGS}
 """What files must be called where the program that reads them goes by the name: ITK takes a `.h5` for HDF5."""
 
 Exportable = FiducialsDocument | RegistrationDocument

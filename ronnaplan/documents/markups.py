@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 from ronnaplan.documents.fiducials import FiducialEntry, FiducialsDocument
 from ronnaplan.documents.reading import plain_json
@@ -11,6 +11,8 @@ SCHEMA = (
     "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/"
     "markups-schema-v1.0.3.json#"
 )
+MARKUPS_ENDINGS: Final[tuple[str, ...]] = (".mrk.json", ".json")
+"""By which Slicer, and `ronnaplan plan import`, tell a file of markups."""
 LPS_AXES = [-1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 1.0]
 """Slicer's axes (RAS) seen from LPS: the orientation that a plain point carries."""
 

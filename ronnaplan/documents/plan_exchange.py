@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ronnaplan.documents.markups import LPS_AXES, SCHEMA
+from ronnaplan.documents.markups import LPS_AXES, MARKUPS_ENDINGS, SCHEMA
 from ronnaplan.documents.reading import plain_json
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame
@@ -32,6 +32,9 @@ CONTACTS_HEADER = (
     *("name", "electrode", "contact", "x", "y", "z", "depth_mm", "coordinate_system", "frame_of_reference_uid"),
 )
 NEEDED = CSV_HEADER[:7]
+TABLE_ENDINGS = (".csv", ".txt", ".tsv")
+ENDINGS = {"markups": MARKUPS_ENDINGS, "csv": TABLE_ENDINGS, "contacts": TABLE_ENDINGS}
+"""What files must be called where the program that reads them goes by the name."""
 LOCKED = {"": False, "no": False, "false": False, "0": False, "yes": True, "true": True, "1": True}
 
 

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-from typing import Any
-
-import numpy as np
-
 from ronnaplan.errors import InputError
-from ronnaplan.planning.plan import Change, Item, Landmarks, Plan
+from ronnaplan.planning.plan import Change, Item, Landmarks, Plan, same, values_of
 from ronnaplan.planning.rulers import Ruler
 from ronnaplan.planning.trajectory import Trajectory
 
@@ -29,7 +24,8 @@ def merged(base: Plan, mine: Plan, theirs: Plan) -> Plan:
     item = change.before or change.after
     assert item is not None
     is_new = change.before is None and not isinstance(item, Landmarks)
-    if not is_new and not _same(_there(theirs, item), change.before):
+    there = _there(theirs, item)
+    if not is_new and not (there is change.before or (there and change.before and same(there, change.before))):
         raise InputError(f"{_named(item)} changed by another hand meanwhile; look again, then change it")
     return _again(theirs, change)
 
@@ -49,7 +45,7 @@ def _again(plan: Plan, change: Change) -> Plan:
     if after is None:
         return plan.remove(before.name)
     if change.action == "edit":
-        return plan.edit(before.name, **_values(after))
+        return plan.edit(before.name, **values_of(after))
     return plan.lock(before.name, after.locked)
 
 
@@ -64,14 +60,3 @@ def _named(item: Item) -> str:
     if isinstance(item, Landmarks):
         return "AC, PC and midline were"
     return f"{'measurement' if isinstance(item, Ruler) else 'trajectory'} {item.name!r} was"
-
-
-def _same(one: Item | None, other: Item | None) -> bool:
-    if one is None or other is None:
-        return one is other
-    values = _values(one)  # two of one kind: `other` was found by it
-    return all(np.array_equal(values[name], value) for name, value in _values(other).items())
-
-
-def _values(item: Item) -> dict[str, Any]:
-    return {field.name: getattr(item, field.name) for field in fields(item)}

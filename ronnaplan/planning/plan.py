@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -260,8 +260,11 @@ class Plan(Shown[Trajectory]):
         before: Item | None,
         after: Item | None,
     ) -> Plan:
+        """Return the plan with a change, itself where that changes nothing."""
         if isinstance(after, Trajectory):
             after = _coloured(after, index)
+        if before is not None and after is not None and same(before, after):
+            return self
         change = Change(datetime.now(UTC), action, index, before, after)
         return replace(self._with(change), history=(*self.history, change), undone=())
 
@@ -274,6 +277,17 @@ class Plan(Shown[Trajectory]):
         if isinstance(item, Ruler):
             return replace(self, rulers=_exchanged(self.rulers, change, Ruler), revision=revision)
         return replace(self, trajectories=_exchanged(self.trajectories, change, Trajectory), revision=revision)
+
+
+def same(one: Item, other: Item) -> bool:
+    """Tell whether two items of one kind have the same values."""
+    values = values_of(one)
+    return all(np.array_equal(values[name], value) for name, value in values_of(other).items())
+
+
+def values_of(item: Item) -> dict[str, Any]:
+    """Return the values of an item by the names of its fields."""
+    return {field.name: getattr(item, field.name) for field in fields(item)}
 
 
 def _exchanged(items: Sequence[One], change: Change, kind: type[One]) -> tuple[One, ...]:

@@ -122,6 +122,19 @@ def test_a_drag_that_moved_nothing_is_no_step(state: PlannerState) -> None:
     assert not state.case.dragging
 
 
+def test_what_changes_nothing_is_no_step_and_what_was_taken_back_can_be_made_again(state: PlannerState) -> None:
+    case = state.case
+    case.edit("left", notes="deeper")
+    case.edit("left", target_mm=T + 1)
+    case.undo()
+    before = case.plan
+    case.edit("left", notes="deeper")
+    case.lock("left", False)
+    assert case.plan is before
+    case.redo()
+    assert case.plan.trajectory("left").target_mm == pytest.approx(T + 1, abs=0)
+
+
 @pytest.mark.parametrize("place", [[0.0, 0.0, 5000.0], [120.0, 0.0, 60.0]], ids=["outside the scan", "in air"])
 @pytest.mark.parametrize("end", ["entry", "target"])
 def test_an_end_outside_the_head_is_refused_however_it_is_set(

@@ -89,6 +89,17 @@ def test_edit_lock_undo_redo_and_remove(plan: Path, ct: Path, capsys: pytest.Cap
     assert capsys.readouterr().out.splitlines()[-1].split()[2:] == ["edit", "A2"]
 
 
+def test_what_changes_nothing_is_no_change(plan: Path, ct: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    edit = ["plan", "edit", str(plan), "A", "--ct", str(ct)]
+    assert main([*edit, "--notes", "deeper"]) == 0
+    before = plan.read_bytes()
+    assert main(edit) == 2
+    assert "nothing is to be changed in A; give" in capsys.readouterr().err
+    assert main([*edit, "--notes", "deeper"]) == 0
+    assert main(["plan", "unlock", str(plan), "A"]) == 0
+    assert plan.read_bytes() == before
+
+
 def test_check_passes_then_refuses_with_a_table(
     plan: Path, ct: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -181,6 +192,15 @@ def test_export_and_import_round_trip(plan: Path, ct: Path, tmp_path: Path) -> N
         assert main(["plan", "new", str(ct), "-o", str(other)]) == 0
         assert main(["plan", "import", str(other), str(tmp_path / name), "--ct", str(ct)]) == 0
         np.testing.assert_allclose(read_plan(other).trajectory("A").entry_mm, [-20, 10, 77])
+
+
+@pytest.mark.parametrize(("to", "name"), [("markups", "x.csv"), ("csv", "x.json"), ("contacts", "x.mrk.json")])
+def test_what_is_exported_has_a_name_by_which_it_is_read_again(
+    plan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], to: str, name: str
+) -> None:
+    assert main(["plan", "export", str(plan), "--to", to, "-o", str(tmp_path / name)]) == 2
+    assert "expected a name that ends in" in capsys.readouterr().err
+    assert not (tmp_path / name).exists()
 
 
 def test_an_electrode_is_chosen_measured_exported_and_taken_back(
