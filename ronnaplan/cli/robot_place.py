@@ -91,7 +91,9 @@ def run(arguments: argparse.Namespace) -> int:
     warn(*notes)
     found = _found(arguments, job, chain)
     parked = arguments.parked is not None or chain is not None
-    document = placement_document(found, room, arm, _source(case), case.plan, parked=parked, notes=notes)
+    document = placement_document(
+        found, room, arm, _source(case), case.plan, markers=_markers(case), parked=parked, notes=notes
+    )
     print(placement_text(document), file=sys.stderr)
     write_document(arguments.output, document, read_placement)
     if document.status == "blocked":

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, FiniteFloat, SerializerFunctionWrapHandler, model_serializer, model_validator
 
-from ronnaplan.documents.fiducials import Source
+from ronnaplan.documents.agreement import SAME_CENTER_MM
+from ronnaplan.documents.fiducials import FiducialEntry, Source
 from ronnaplan.documents.fields import (
     SOFTWARE,
     DocumentModel,
@@ -27,7 +28,7 @@ from ronnaplan.documents.fields import (
 from ronnaplan.documents.reading import made, read_document
 from ronnaplan.documents.room import MOST_THINGS, BoxEntry, CapsuleEntry
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, Frame
+from ronnaplan.geometry import FloatArray, Frame, Points
 from ronnaplan.pose import as_pose, transform_points
 
 if TYPE_CHECKING:  # loading the arm's compiles its kernels
@@ -115,6 +116,22 @@ class PathEntry(DocumentModel):
         )
 
 
+class MarkerEntry(DocumentModel):
+    """A marker as it was served, LPS mm."""
+
+    label: Label
+    center: Vector
+
+    @classmethod
+    def of(cls, one: FiducialEntry) -> Self:
+        """Return the entry of a marker."""
+        return cls(label=one.label, center=one.center)
+
+    def is_at(self, center: Vector) -> bool:
+        """Whether the marker was there, but for the round-off of a written center."""
+        return bool(np.allclose(self.center, center, rtol=0.0, atol=SAME_CENTER_MM))
+
+
 class PlaceEntry(_Grown):
     """One base: R from CT and room from R, mm, and all it does."""
 
@@ -160,12 +177,13 @@ class HeldEntry(DocumentModel):
 class PlacementDocument(_Grown):
     """The whole of placement.json, version 1.
 
-    ``trajectories`` are those that were to be served, as they were then; versions up to 0.2 do not tell them. Where
+    ``trajectories`` and ``markers`` are those that were to be served, as they were then; versions up to 0.2 do not tell
+    them. Where
     joints are held, angles are those of the six ``joints`` that turn, and each of ``held`` stays at its own.
     Otherwise neither is written, and the angles are those of all joints in their order.
     """
 
-    newer = ("joints", "held", "trajectories", "notes")
+    newer = ("joints", "held", "trajectories", "markers", "notes")
 
     format: Literal["ronnaplan.placement"]
     version: Literal[1]
@@ -175,6 +193,8 @@ class PlacementDocument(_Grown):
     source: Source = Source()
     trajectories: tuple[PathEntry, ...] = ()
     """What was to be served."""
+    markers: tuple[MarkerEntry, ...] = ()
+    """Those that were to be served, too."""
     arm: Label
     joints: tuple[Label, Label, Label, Label, Label, Label] | None = None
     held: tuple[HeldEntry, ...] = Field(default=(), max_length=MOST_HELD)
@@ -217,10 +237,11 @@ def placement_document(
     source: Source,
     plan: Plan | None = None,
     *,
+    markers: Points | None = None,
     parked: bool = False,
     notes: tuple[str, ...] = (),
 ) -> PlacementDocument:
-    """Turn a placement for a ``plan`` into its document; ``parked``: the base was measured."""
+    """Turn a placement for a ``plan`` and ``markers`` into its document; ``parked``: the base was measured."""
     content: dict[str, Any] = {
         "format": FORMAT,
         "version": 1,
@@ -228,6 +249,10 @@ def placement_document(
         "status": ("parked" if parked else "placed") if found.places else "blocked",
         "source": source.model_dump(),
         "trajectories": [PathEntry.of(one).model_dump() for one in plan or ()],
+        "markers": [
+            {"label": label, "center": center.tolist()}
+            for label, center in (zip(markers.labels, markers.positions_mm, strict=True) if markers else ())
+        ],
         "arm": arm.name,
         "joints": arm.joints if arm.held else None,
         "held": [

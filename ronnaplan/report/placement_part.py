@@ -88,15 +88,30 @@ def _rests_on(found: PlacementDocument) -> str:
 def _warnings(case: Case, found: PlacementDocument, best: PlaceEntry) -> list[str]:
     """Return what the placement does not cover.
 
-    What was not looked at, tasks without a free way, what comes near on the robot itself, and trajectories that it does
-    not know as they are.
+    What was not looked at, tasks without a free way, what comes near on the robot itself, and trajectories and
+    markers that it does not know as they are.
     """
     told = [f"the robot's place: {note}" for note in found.notes]
     told += [f"the robot has no free way to {name}" for name in best.route.stuck]
     told += [f"on the robot, {sentence}" for sentence in best.near]
     known = {one.name: one for one in found.trajectories}
     new = [one.name for one in case.plan or () if known.get(one.name) != PathEntry.of(one)]
+    changed = [f"trajectory {name}" for name in new] + [
+        f"marker {label}" for label in _found_anew(case, found, best)
+    ]
     return told + [
-        f"nothing says that the robot's place serves trajectory {name} as it is now; run 'robot place' again"
-        for name in new
+        f"nothing says that the robot's place serves {what} as it is now; run 'robot place' again"
+        for what in changed
+    ]
+
+
+def _found_anew(case: Case, found: PlacementDocument, best: PlaceEntry) -> list[str]:
+    """Return the labels of markers that the placement does not know where they are; none where it serves no markers."""
+    if case.fiducials is None or all(one.kind != "marker" for one in best.tasks):
+        return []
+    known = {one.label: one for one in found.markers}
+    return [
+        one.label
+        for one in case.fiducials.fiducials
+        if one.label not in known or not known[one.label].is_at(one.center)
     ]

@@ -56,6 +56,7 @@ def test_a_place_is_found_and_checked_after_parking(
     found = read_placement(output)
     assert found.status == "placed"
     assert [(one.name, one.length_mm) for one in found.trajectories] == [("LH", 200.0)]
+    assert found.markers == ()
     pose = np.array(found.robot_from_ct[0].room_from_r)
     turn = np.degrees(np.arctan2(pose[1, 0], pose[0, 0]))
     parked = [f"{value:.3f}" for value in (*pose[:3, 3], turn)]
@@ -147,8 +148,11 @@ def test_a_registration_of_markers_that_were_found_anew_since_is_told(
     found = json.loads((tmp_path / "fiducials.json").read_text())
     found["fiducials"][0]["center"][0] += 3.0
     (tmp_path / "fiducials.json").write_text(json.dumps(found))
-    assert main(["robot", "place", "--ct", str(cases.CT), *given, *parked]) == 3
+    output = tmp_path / "placement.json"
+    assert main(["robot", "place", "--ct", str(cases.CT), *given, *parked, "-o", str(output)]) == 3
     assert told in capsys.readouterr().err
+    kept = {one.label: list(one.center) for one in read_placement(output).markers}
+    assert kept == {one["label"]: one["center"] for one in found["fiducials"]}  # that the report can tell it, too
 
 
 def test_what_is_missing_is_named(case: list[str], capsys: pytest.CaptureFixture[str]) -> None:

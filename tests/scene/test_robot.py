@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from ronnaplan.case.folder import Case
-from ronnaplan.documents.fiducials import Source
-from ronnaplan.documents.placement import HeldEntry, PlacementDocument, placement_document
+from ronnaplan.documents.fiducials import FiducialsDocument, Source
+from ronnaplan.documents.placement import HeldEntry, MarkerEntry, PlacementDocument, placement_document
 from ronnaplan.errors import FrameMismatchError
 from ronnaplan.planning import Plan
 from ronnaplan.report.overview import View
@@ -116,6 +116,32 @@ def test_a_trajectory_that_was_changed_since_is_not_said_to_be_served() -> None:
     assert told(plan.edit("left", instrument=longer), document()) == [sentence]
     assert told(plan, document(trajectories=())) == [sentence]  # as older versions wrote it
     assert told(plan.edit("left", notes="looked at twice"), document()) == []
+
+
+def test_markers_that_were_found_anew_since_are_not_said_to_be_served() -> None:
+    found = cases.fiducials()
+    served = document()
+    tasks = tuple(
+        served.robot_from_ct[0].tasks[0].model_copy(update={"name": one.label, "kind": "marker"})
+        for one in found.fiducials
+    )
+    places = tuple(one.model_copy(update={"tasks": (*one.tasks, *tasks)}) for one in served.robot_from_ct)
+    known = document(robot_from_ct=places, markers=tuple(map(MarkerEntry.of, found.fiducials)))
+
+    def told(given: FiducialsDocument, placement: PlacementDocument) -> list[str]:
+        warnings = placement_part(Case(plan=cases.plan(), fiducials=given, placement=placement)).warnings
+        return [one for one in warnings if "marker" in one]
+
+    first, *rest = found.fiducials
+    moved = first.model_copy(update={"center": tuple(value + 0.5 for value in first.center)})
+    other = found.model_copy(update={"fiducials": (moved, *rest)})
+    sentence = (
+        f"nothing says that the robot's place serves marker {first.label} as it is now; run 'robot place' again"
+    )
+    assert told(found, known) == []
+    assert told(other, known) == [sentence]
+    assert len(told(found, known.model_copy(update={"markers": ()}))) == len(found.fiducials)  # of older versions
+    assert told(other, served) == []  # no marker was to be served
 
 
 def test_a_box_has_its_sides_and_looks_outwards() -> None:
