@@ -14,7 +14,7 @@ from ronnaplan.errors import InputError
 from ronnaplan.node.arrivals import Arrivals
 from ronnaplan.node.config import Config, Peer
 from ronnaplan.node.matches import LEVELS, fitting
-from ronnaplan.node.web import web_client
+from ronnaplan.node.web import unreached, web_client
 
 if TYPE_CHECKING:
     from pynetdicom.association import Association
@@ -179,4 +179,4 @@ def _reachable(peer: Peer) -> Iterator[None]:
     try:
         yield
     except (requests.RequestException, OSError) as error:
-        raise InputError(f"{peer.name} cannot be reached by DICOMweb: {error}") from error
+        raise unreached(peer, error) from error

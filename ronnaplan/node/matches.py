@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 from fnmatch import fnmatchcase
 from typing import Final
 
@@ -17,6 +18,19 @@ LEVELS: Final = {"STUDY": "StudyInstanceUID", "SERIES": "SeriesInstanceUID", "IM
 """What can be asked for, from the whole to its parts, and what names one."""
 
 DATES: Final = re.compile(r"[0-9]{8}|[0-9]{8}-[0-9]{8}|[0-9]{8}-|-[0-9]{8}")
+
+
+def are_days(text: str) -> bool:
+    """Whether a text is a day of the calendar, YYYYMMDD, or a span of days, which may have no end."""
+    if DATES.fullmatch(text) is None:
+        return False
+    days = [day for day in text.split("-") if day]
+    try:
+        for day in days:
+            datetime.strptime(day, "%Y%m%d")
+    except ValueError:
+        return False
+    return days == sorted(days)
 
 
 def fitting(archive: str, level: str, keys: Mapping[str, str], found: Sequence[Dataset]) -> list[Dataset]:

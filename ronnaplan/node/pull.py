@@ -10,7 +10,7 @@ from ronnaplan.documents.files import make_folder
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.node.archives import open_archive
 from ronnaplan.node.config import Config, Peer
-from ronnaplan.node.matches import DATES
+from ronnaplan.node.matches import are_days
 from ronnaplan.text import printable, whole_number
 
 ADDRESS = re.compile(r"(?P<title>[^@]{1,16})@(?P<host>[^@:]+):(?P<port>[0-9]{1,5})")
@@ -31,8 +31,10 @@ class Wanted:
         keys = {keyword: value for keyword, value in given.items() if value}
         if not keys:
             raise UsageError("nothing says which study; give its UID, a patient's ID or a date")
-        if self.date and DATES.fullmatch(self.date) is None:
-            raise UsageError(f"'{printable(self.date)}' is no date; expected YYYYMMDD, or two with a - between")
+        if self.date and not are_days(self.date):
+            raise UsageError(
+                f"'{printable(self.date)}' is no date; expected YYYYMMDD, or two with a - between, the earlier first"
+            )
         return keys
 
 

@@ -38,7 +38,7 @@ from ronnaplan.node.config import Config, Peer
 from ronnaplan.node.index import Index
 from ronnaplan.node.jobs import wait_s
 from ronnaplan.node.logs import Log
-from ronnaplan.node.web import web_client
+from ronnaplan.node.web import unreached, web_client
 from ronnaplan.text import printable
 
 if TYPE_CHECKING:
@@ -287,7 +287,7 @@ class _Web:
         try:
             answer = self._client.store_instances([sent])
         except (requests.RequestException, OSError) as error:
-            raise InputError(f"{self._peer.name} cannot be reached by DICOMweb: {error}") from error
+            raise unreached(self._peer, error) from error
         for failed in answer.get("FailedSOPSequence") or []:
             raise InputError(
                 f"{self._peer.name} answered {failed.get('FailureReason', 0):04X}; expected no failure"

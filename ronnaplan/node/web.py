@@ -11,11 +11,15 @@ from ronnaplan.errors import InputError
 
 if TYPE_CHECKING:
     from requests import Response
+    from urllib3.util import Retry
 
     from ronnaplan.node.config import Peer
 
 LONGEST_END: Final = 4096
 """Bytes at the end of an answer of several parts among which its last boundary is looked for."""
+AGAIN: Final = 4
+"""So often an archive that is busy is asked again, in 15 s."""
+BUSY: Final = (408, 429, 503, 504)
 MORE: Final = "299"
 """Code of the warning that a list has more than was told (PS3.18, 8.3.4.4)."""
 
@@ -44,9 +48,52 @@ class Heard:
 def web_client(peer: Peer, silent_s: float) -> tuple[Any, Heard]:
     """Return a client of a peer's DICOMweb that waits no longer for any of it, and what the peer says beside."""
     from dicomweb_client.api import DICOMwebClient
+    from requests import Session
+    from requests.adapters import HTTPAdapter
 
-    heard = Heard()
-    return DICOMwebClient(str(peer.url), callback=heard.hear, timeout=silent_s), heard
+    heard, session = Heard(), Session()
+    for scheme in ("http://", "https://"):
+        session.mount(scheme, HTTPAdapter(max_retries=_patience()))
+    client = DICOMwebClient(str(peer.url), session=session, callback=heard.hear, timeout=silent_s)
+    client.set_http_retry_params(retry=False)  # it tries again whatever happened, also where nobody is there
+    return client, heard
+
+
+def unreached(peer: Peer, error: Exception) -> InputError:
+    """Return what there is to say of a peer whose DICOMweb raised ``error``."""
+    from requests import HTTPError, Timeout
+
+    if isinstance(error, HTTPError) and error.response is not None:
+        said = f"{error.response.status_code} {error.response.reason or ''}".strip()
+        return InputError(f"{peer.name} answered {said} by DICOMweb; check its address, or ask again later")
+    told = "it does not answer" if isinstance(error, Timeout) else _innermost(error)
+    return InputError(f"{peer.name} cannot be reached by DICOMweb: {told}; check its address")
+
+
+def _innermost(error: BaseException) -> str:
+    """Return what the system said, without what the libraries on the way have made of it."""
+    said, seen = str(error), error
+    while (cause := seen.__cause__ or seen.__context__) is not None:
+        seen = cause
+        if isinstance(seen, OSError) and seen.strerror:
+            said = f"{seen.strerror[:1].lower()}{seen.strerror[1:]}"
+    return said
+
+
+def _patience() -> Retry:
+    """Return how often an archive that is busy is asked again; what cannot be connected is told at once."""
+    from urllib3.util import Retry
+
+    return Retry(
+        AGAIN,
+        connect=0,
+        read=0,
+        status_forcelist=BUSY,
+        allowed_methods=("GET",),
+        backoff_factor=1.0,
+        respect_retry_after_header=False,
+        raise_on_status=False,
+    )
 
 
 def _whole(chunks: Callable[..., Iterator[bytes]], end: bytes, *given: Any, **named: Any) -> Iterator[bytes]:

@@ -5,6 +5,9 @@ from __future__ import annotations
 import socket
 import subprocess
 import sys
+import threading
+import time
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
@@ -102,3 +105,43 @@ def test_an_archive_that_is_not_there_is_told(tmp_path: Path) -> None:
     done = subprocess.run([*command, "-o", str(tmp_path / "x")], capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert "cannot be reached" in done.stderr
+
+
+def test_a_dicomweb_archive_that_is_not_there_is_told_at_once_and_in_a_sentence(tmp_path: Path) -> None:
+    begun, port = time.monotonic(), free_port()
+    with pytest.raises(InputError) as told:
+        pull(Config(), peer_at(f"http://127.0.0.1:{port}/dicomweb", Config()), Wanted("1.2"), tmp_path)
+    assert str(told.value) == "the archive cannot be reached by DICOMweb: connection refused; check its address"
+    assert time.monotonic() - begun < 10
+
+
+@pytest.mark.parametrize(
+    ("busy", "says"), [(1, "has no such study"), (9, "answered 503 Service Unavailable by DICOMweb")]
+)
+def test_a_dicomweb_archive_that_is_busy_is_asked_again(tmp_path: Path, busy: int, says: str) -> None:
+    asked: list[str] = []
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            asked.append(self.path)
+            self.send_response(503 if len(asked) <= busy else 204)
+            self.send_header("Content-Length", "0")
+            self.end_headers()
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        peer = peer_at(f"http://127.0.0.1:{server.server_port}", Config())
+        with pytest.raises(InputError, match=says):
+            pull(Config(), peer, Wanted("1.2"), tmp_path)
+        server.shutdown()
+    assert len(asked) == min(busy + 1, 5)
+
+
+@pytest.mark.parametrize("date", ["20260231", "00000000", "20261301-", "20260201-20260131", "2026-01-01"])
+def test_a_date_that_is_none_and_days_that_run_backwards_are_wrong_usage(date: str, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="expected YYYYMMDD, or two with a - between, the earlier first"):
+        pull(Config(), peer_at("A@127.0.0.1:1", Config()), Wanted(date=date), tmp_path)
+    assert Wanted(date="20240229-20240301").keys == {"StudyDate": "20240229-20240301"}
