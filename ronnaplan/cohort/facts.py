@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+import re
+from typing import Any, Final
 
 from ronnaplan.ct import tags
 from ronnaplan.ct.catalogue import Series
@@ -10,6 +11,8 @@ from ronnaplan.ct.header import Elements
 from ronnaplan.ct.slices import Instance
 from ronnaplan.ct.values import number_or_none, text
 from ronnaplan.ct.volume import CTVolume
+
+TIME: Final = re.compile(r"([0-9]{2})([0-9]{2})([0-9]{2}(?:\.[0-9]{1,6})?)")
 
 
 def rule_texts(instance: Instance, folder: str) -> tuple[str, ...]:
@@ -47,6 +50,7 @@ def scan_facts(series: Series) -> dict[str, Any]:
         "scanner_software": text(elements, tags.SOFTWARE_VERSIONS),
         "kernel": series.kernel,
         "acquired": _day(elements),
+        "acquired_time": _time(elements),
     }
     return {
         **{name: value or None for name, value in given.items()},
@@ -79,6 +83,13 @@ def _day(elements: Elements) -> str:
         if len(day) == 8 and day.isascii() and day.isdigit():
             return f"{day[:4]}-{day[4:6]}-{day[6:]}"
     return ""
+
+
+def _time(elements: Elements) -> str:
+    """Return the time of day of the acquisition, as 07:05:30 or 07:05:30.25; that of the study is another."""
+    at_once = text(elements, tags.ACQUISITION_DATE_TIME)[8:]
+    told = TIME.match(text(elements, tags.ACQUISITION_TIME) if elements.get(tags.ACQUISITION_DATE) else at_once)
+    return ":".join(told.groups()) if told else ""
 
 
 def _double(elements: Elements, big: bool) -> float | None:

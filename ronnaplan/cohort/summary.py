@@ -17,6 +17,8 @@ CHARTED: Final = {
     "distance_mean_mm": "mean error of distances, mm",
     "distance_rms_mm": "RMS error of distances, mm",
 }
+MOMENT: Final = ("acquired", "acquired_time")
+"""What tells when a scan was taken; an index of before has no times."""
 UNKNOWN: Final = "scanner not named"
 
 Row = dict[str, Any]
@@ -52,18 +54,19 @@ class Summary:
     @property
     def charts(self) -> list[ControlChart]:
         """Control charts of every scanner that scanned a phantom often enough; those that drift first."""
-        found = [
+        charts = [
             control_chart(
                 f"{scanner}, {phantom}",
                 quantity,
                 [row["acquired"] for row in rows],
                 [row[name] for row in rows],
             )
-            for (scanner, phantom), rows in sorted(self.phantoms.items())
+            for (scanner, phantom), found in sorted(self.phantoms.items())
+            for rows in [sorted(found, key=_moment)]
             if len(rows) >= LEAST
             for name, quantity in CHARTED.items()
         ]
-        return sorted(found, key=lambda one: not (one.drifts.any() or one.leaps.any()))
+        return sorted(charts, key=lambda one: not (one.drifts.any() or one.leaps.any()))
 
     @property
     def uncharted(self) -> list[str]:
@@ -107,7 +110,7 @@ def _add(summary: Summary, row: Row, number: int) -> None:
     if row.get("phantom") is not None:
         scanned = scanner_of(row), row["phantom"]
         if row.get("acquired"):
-            summary.phantoms[scanned].append({name: row.get(name) for name in ("acquired", "series", *CHARTED)})
+            summary.phantoms[scanned].append({name: row.get(name) for name in (*MOMENT, "series", *CHARTED)})
         else:
             summary.undated[scanned] += 1
     if row.get("sheet"):
@@ -125,6 +128,11 @@ def badness(row: Row) -> tuple[float, ...]:
         float(bool(row.get("phantom_reasons"))),
         float(row.get("misfit") or 0.0),
     )
+
+
+def _moment(row: Row) -> tuple[str, ...]:
+    """Sort scans by their days, and those of one day by their times, as far as they are told."""
+    return tuple(row[name] or "" for name in MOMENT)
 
 
 def _kind(reason: str) -> str:

@@ -28,7 +28,7 @@ _SCAN: Final = {
     **dict.fromkeys(
         ("modality", "description", "protocol", "manufacturer", "model", "serial", "station"), "string"
     ),
-    **dict.fromkeys(("scanner_software", "kernel", "acquired"), "string"),
+    **dict.fromkeys(("scanner_software", "kernel", "acquired", "acquired_time"), "string"),
     **dict.fromkeys(("kilovolts", "exposure_mas", "ctdi_vol_mgy"), "double"),
     **dict.fromkeys(("slices", "rows", "columns"), "int32"),
     **dict.fromkeys(("thickness_mm", "spacing_mm", "pixel_mm", "tilt_deg"), "double"),

@@ -103,6 +103,20 @@ def test_scans_of_a_phantom_whose_day_is_not_told_are_in_no_chart(
     assert "drifts" not in text
 
 
+def test_scans_of_one_day_are_charted_in_the_order_of_their_times(tmp_path: Path) -> None:
+    """Three a day, whose series come in the order of their UIDs."""
+    days = rows(tmp_path)[:120]
+    for number, one in enumerate(days):
+        one |= {"acquired": f"2026-01-{1 + number // 3:02d}", "acquired_time": f"{7 + number % 3:02d}:30:00"}
+    shuffled = sorted(
+        days, key=lambda one: (one["acquired"], one["acquired_time"][::-1], -one["misfit"]), reverse=True
+    )
+    alone, charts = summarize(days).charts, summarize(shuffled).charts
+    assert [one.values.tolist() for one in charts] == [one.values.tolist() for one in alone]
+    earlier = [{name: value for name, value in one.items() if name != "acquired_time"} for one in days]
+    assert summarize(earlier).charts  # what an index of before does not hold
+
+
 def test_a_cohort_without_series_has_a_page(tmp_path: Path) -> None:
     with Index(tmp_path) as index:
         write_page(index, tmp_path)

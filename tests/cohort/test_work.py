@@ -70,6 +70,7 @@ def test_a_series_gives_the_document_that_localize_gives_and_is_compared_with_it
     assert base64.b64decode(part["sheet"]).startswith(b"\x89PNG")
     assert part["scan"]["kernel"] == "FAST"
     assert part["scan"]["acquired"] == "2026-01-01"
+    assert part["scan"]["acquired_time"] == "12:00:00"
     assert part["scan"]["pixel_mm"] == pytest.approx(64 / 96)
     checked = part["checked"]
     truth = np.array(CENTERS_MM)
