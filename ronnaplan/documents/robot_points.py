@@ -35,6 +35,16 @@ LOCKED = 1e-7
 """Tool x axes nearer than this to the vertical leave A and C of a KUKA one free angle."""
 LONGEST_KRL_NAME = 24
 KRL_LIST = "ronnaplan_points"
+KRL_WORDS: Final = re.compile(
+    "AND|ANIN|ANOUT|AXIS|BOOL|BRAKE|B_AND|B_EXOR|B_NOT|B_OR|CASE|CCLOSE|CHANNEL|CHAR|CIRC|"
+    "CIRC_REL|CONFIRM|CONST|CONTINUE|COPEN|CREAD|CWRITE|C_DIS|C_ORI|C_PTP|C_SPL|C_VEL|DECL|DEF|"
+    "DEFAULT|DEFDAT|DEFFCT|DELAY|DIGIN|DISTANCE|DO|E6AXIS|E6POS|ELSE|END|ENDDAT|ENDFCT|ENDFOR|"
+    "ENDIF|ENDLOOP|ENDSPLINE|ENDSTRUC|ENDSWITCH|ENDWHILE|ENUM|EXIT|EXOR|EXT|EXTFCT|FALSE|FOR|FRAME|"
+    "GLOBAL|GOTO|HALT|IF|IMPORT|INT|INTERRUPT|IS|LIN|LIN_REL|LOOP|MAXIMUM|MINIMUM|NOT|OFF|ON|OR|"
+    "POS|PRIO|PTP|PTP_REL|PUBLIC|PULSE|REAL|REPEAT|RESUME|RETURN|SCIRC|SEC|SIGNAL|SLIN|SPLINE|"
+    "SPTP|SREAD|STEP|STRUC|SWITCH|SWRITE|SYNC|THEN|TO|TRIGGER|TRUE|UNTIL|WAIT|WHEN|WHILE|WITH"
+)
+"""What means something in the language, and names nothing else."""
 
 
 class PointEntry(DocumentModel):
@@ -231,13 +241,13 @@ def _require_told_apart(names: Sequence[str]) -> None:
 def krl_names(names: Sequence[str]) -> dict[str, str]:
     """Return the name in KRL of each trajectory: letters, digits and ``_``, no more than the controller takes.
 
-    >>> krl_names(["left STN", "left stn", "3rd"])
-    {'left STN': 'LEFT_STN', 'left stn': 'LEFT_STN_2', '3rd': 'T_3RD'}
+    >>> krl_names(["left STN", "left stn", "3rd", "frame"])
+    {'left STN': 'LEFT_STN', 'left stn': 'LEFT_STN_2', '3rd': 'T_3RD', 'frame': 'T_FRAME'}
     """
     taken: dict[str, str] = {}
     for name in names:
         plain = re.sub(r"[^A-Z0-9]+", "_", name.upper()).strip("_") or "T"
-        plain = plain if plain[0].isalpha() else f"T_{plain}"
+        plain = plain if plain[0].isalpha() and not KRL_WORDS.fullmatch(plain) else f"T_{plain}"
         longest = LONGEST_KRL_NAME - len("_APP")
         candidate, number = plain[:longest], 1
         while candidate in taken.values():

@@ -186,6 +186,17 @@ def test_trajectories_that_a_kukas_letters_do_not_tell_apart_are_refused(
     assert (f"{names[0]} and {names[1]} look alike" in told) == bool(status)
 
 
+@pytest.mark.parametrize(
+    ("name", "listed"), [("frame.dat", "T_FRAME"), ("pos.dat", "T_POS"), ("frames.dat", "FRAMES")]
+)
+def test_a_data_list_is_not_called_what_is_a_word_of_the_language(home: Path, name: str, listed: str) -> None:
+    named = ("-o", str(home / name))
+    assert main(["robot", "export", str(home / "final.json"), str(home / "plan.json"), "--to", "krl", *named]) == 0
+    lines = (home / name).read_text().splitlines()
+    assert lines[1] == f"DEFDAT {listed} PUBLIC"
+    assert f"; For the controller the file's name is {listed}.dat." in lines
+
+
 @pytest.mark.parametrize("name", ["points.txt", "points", "points.dat.json"])
 def test_a_data_list_has_the_ending_by_which_the_controller_takes_it(
     home: Path, capsys: pytest.CaptureFixture[str], name: str
