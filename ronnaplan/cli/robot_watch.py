@@ -53,7 +53,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Watch; tell every change of the verdict; 3 when the last one is not that nothing moved."""
     from ronnaplan.documents.chain import read_chain
-    from ronnaplan.documents.files import check_target, write_atomically
+    from ronnaplan.documents.files import GrowingFile
     from ronnaplan.errors import UsageError
     from ronnaplan.robot.live import LiveStatus, unseen
     from ronnaplan.tracking.openigtlink import moments
@@ -61,11 +61,10 @@ def run(arguments: argparse.Namespace) -> int:
     idle = [name for name in ("sigma_robot", "sigma_robot_deg") if name in vars(arguments).get(GIVEN, ())]
     if idle and arguments.robot_device is None:
         raise UsageError(f"--{idle[0].replace('_', '-')} is of the poses of --robot-device; name that, too")
-    if arguments.output is not None:
-        check_target(arguments.output)
+    out = None if arguments.output is None else GrowingFile(arguments.output)
     chain = read_chain(arguments.chain)
     live = _live(arguments, chain)
-    last, lines = None, []
+    last = None
     try:
         for recording in moments(
             arguments.host, arguments.port, every_s=arguments.every, seconds=arguments.seconds
@@ -78,13 +77,15 @@ def run(arguments: argparse.Namespace) -> int:
             if last is None or moment.status is not last.status:
                 tell(_sentence(moment, chain))
             last = moment
-            lines.append(json.dumps(_row(moment)))
-            if arguments.output is None:
-                print(lines.pop(), flush=True)
+            line = json.dumps(_row(moment))
+            if out is None:
+                print(line, flush=True)
+            else:
+                out.add(line)
     except KeyboardInterrupt:
         tell("ronnaplan: stopped by hand")
-    if arguments.output is not None:
-        write_atomically(arguments.output, "".join(f"{line}\n" for line in lines))
+    if out is not None:
+        out.end()
     return 0 if last is not None and last.status is LiveStatus.VALID else 3
 
 

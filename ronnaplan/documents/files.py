@@ -42,6 +42,32 @@ def write_atomically(path: str | os.PathLike[str], data: str | bytes) -> None:
         _replace(target, data.encode() if isinstance(data, str) else data)
 
 
+class GrowingFile:
+    """A file of lines, in the place of what was there from its first line on, that holds each as soon as it is told."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        """Name the file; raises `InputError` where it cannot be written."""
+        check_target(path)
+        self._path, self._begun = path, False
+
+    def add(self, line: str) -> None:
+        """Add a line; raises `InputError` where it cannot be written."""
+        if not self._begun:
+            write_atomically(self._path, f"{line}\n")
+            self._begun = True
+            return
+        try:
+            with Path(self._path).open("ab") as stream:
+                stream.write(f"{line}\n".encode())
+        except OSError as error:
+            raise _unwritten(self._path, error) from error
+
+    def end(self) -> None:
+        """Leave an empty file where no line came."""
+        if not self._begun:
+            write_atomically(self._path, "")
+
+
 def change_document(
     path: str | os.PathLike[str],
     read: Callable[[str | os.PathLike[str]], Document],
@@ -85,8 +111,12 @@ def _locked(path: str | os.PathLike[str]) -> Iterator[Path]:
             "end that program or let it finish, then try again"
         ) from error
     except OSError as error:
-        raise InputError(f"cannot write {target}: {error.strerror or error}; choose another place") from error
+        raise _unwritten(target, error) from error
     _clear_leftovers(target.parent)
+
+
+def _unwritten(path: str | os.PathLike[str], error: OSError) -> InputError:
+    return InputError(f"cannot write {os.fspath(path)}: {error.strerror or error}; choose another place")
 
 
 def _replace(target: Path, content: bytes) -> None:

@@ -7,6 +7,7 @@ import re
 import signal
 import socket
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -193,6 +194,27 @@ def test_the_command_follows_a_stream_to_its_end_which_is_no_pose(
     told = capsys.readouterr().err
     assert re.search(r"the head moved; register again; head: \d\.\d\d mm, 0\.\d\d degrees", told)
     assert re.search(r"nothing is known; the server closed the stream after \d+ messages\n$", told)
+
+
+def test_what_was_watched_is_in_the_file_at_once(room: LiveRoom, tmp_path: Path) -> None:
+    """So that it is there, too, where the computer or the program stops without a word."""
+    out, seen = tmp_path / "live.jsonl", threading.Event()
+    out.write_text("of an earlier watch\n")
+
+    def send(listener: socket.socket) -> None:
+        connection, _ = listener.accept()
+        with connection:
+            for frame in range(round(RATE_HZ)):
+                for message in room.messages(1e9 + frame / RATE_HZ):
+                    connection.sendall(message)
+            for _ in range(15):
+                if "status" in out.read_text():
+                    seen.set()
+                time.sleep(0.1)
+
+    watched(room, tmp_path, send, "--seconds=30")
+    assert seen.is_set()
+    assert statuses(out) == ["valid", "unseen"]
 
 
 def test_an_error_of_poses_that_are_not_read_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
