@@ -37,6 +37,8 @@ _READERS: Final[dict[str, Callable[[Path, BinaryIO, Limits], ImageHeader]]] = {
 }
 PERPENDICULAR_TOLERANCE: Final = 1e-4
 """Largest cosine between rows and columns that still counts as perpendicular."""
+AIR_BELOW_HU: Final = -500.0
+"""A head is scanned in air, which is lower than this in every scan, and never so in values that are offset."""
 LEAST_STACKING: Final = 0.1
 """Least cosine between the slices' normal and the step from slice to slice."""
 
@@ -83,7 +85,7 @@ def read_image(path: Path, limits: Limits) -> CTVolume:
         voxels_hu=voxels,
         grid=image.grid,
         source=SeriesSource(description=printable(path.name)),
-        flags=(VolumeFlag.NO_FRAME_OF_REFERENCE,),
+        flags=(VolumeFlag.NO_FRAME_OF_REFERENCE, *([VolumeFlag.NO_AIR] if voxels.min() > AIR_BELOW_HU else ())),
     )
 
 

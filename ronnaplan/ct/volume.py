@@ -44,6 +44,7 @@ class VolumeFlag(StrEnum):
     DERIVED = "the images were computed from others"
     REFORMATTED = "the slices were resampled from others"
     VIRTUAL_VALUES = "the values are those of a material or of a virtual energy"
+    NO_AIR = "no value is as low as air's, as if all were offset (by 1024?); expected air at -1000 HU"
 
 
 @dataclass(frozen=True)

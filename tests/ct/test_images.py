@@ -53,6 +53,15 @@ def test_each_format_is_read_in_lps_and_flagged_as_without_frame_of_reference(tm
     assert volume.frame.uid is None
 
 
+@pytest.mark.parametrize("suffix", [".nii.gz", ".nrrd", ".mha"])
+def test_values_without_air_are_flagged_as_if_they_were_offset(tmp_path: Path, suffix: str) -> None:
+    """As programs store them that know no sign: read all the same, for a crop may hold no air."""
+    volume = read_ct(write(tmp_path / f"head{suffix}", (VOXELS + 1024).astype(np.uint16)))
+    assert np.array_equal(volume.voxels_hu, VOXELS + 1024)
+    assert volume.flags == (VolumeFlag.NO_FRAME_OF_REFERENCE, VolumeFlag.NO_AIR)
+    assert "expected air at -1000 HU" in VolumeFlag.NO_AIR
+
+
 @settings(max_examples=20, deadline=None)
 @given(angles=st.tuples(*[st.floats(-180, 180)] * 3), mirrored=st.booleans())
 def test_turned_and_mirrored_images_keep_every_voxel_where_it_was(
