@@ -245,7 +245,7 @@ def _require_none_lost(path: str) -> None:
     if count:
         raise InputError(
             f"{path} holds a plan of {count} {'trajectory' if count == 1 else 'trajectories'}, which would be lost; "
-            "name another file, or take it away"
+            "go on with it ('plan add'), name another file with -o, or delete it first"
         )
 
 

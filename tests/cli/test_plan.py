@@ -65,7 +65,9 @@ def test_a_plan_with_trajectories_is_not_begun_anew(
 ) -> None:
     before = plan.read_bytes()
     assert main(["plan", "new", str(ct), "-o", str(plan)]) == 1
-    assert "holds a plan of 1 trajectory, which would be lost" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "holds a plan of 1 trajectory, which would be lost" in told
+    assert "go on with it ('plan add'), name another file with -o, or delete it first" in told
     assert plan.read_bytes() == before
     assert main(["plan", "remove", str(plan), "A"]) == 0
     assert main(["plan", "new", str(ct), "-o", str(plan)]) == 0
