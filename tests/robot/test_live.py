@@ -225,6 +225,7 @@ def test_an_error_of_poses_that_are_not_read_is_wrong_usage(capsys: pytest.Captu
 
 def test_what_ends_a_service_keeps_what_was_watched_as_ctrl_c_does(room: LiveRoom, tmp_path: Path) -> None:
     heeded = []
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # pyigtl's server, in other tests, leaves its own there
 
     def send(listener: socket.socket) -> None:
         connection, _ = listener.accept()
