@@ -178,9 +178,8 @@ class PlacementDocument(_Grown):
     """The whole of placement.json, version 1.
 
     ``trajectories`` and ``markers`` are those that were to be served, as they were then; versions up to 0.2 do not tell
-    them. Where
-    joints are held, angles are those of the six ``joints`` that turn, and each of ``held`` stays at its own.
-    Otherwise neither is written, and the angles are those of all joints in their order.
+    them. Where joints are held, angles are those of the six ``joints`` that turn, and each of ``held`` stays at its
+    own. Otherwise neither is written, and the angles are those of all joints in their order.
     """
 
     newer = ("joints", "held", "trajectories", "markers", "notes")
