@@ -31,8 +31,9 @@ from ronnaplan.localization.accept import MIN_COVERAGE
 from ronnaplan.localization.build import SOLID
 from ronnaplan.localization.coarse import coarse_voxel_mm, coarsen
 from ronnaplan.localization.detect import detect
-from ronnaplan.localization.examine import Scan, examine
+from ronnaplan.localization.examine import examine
 from ronnaplan.localization.look import surface_shares
+from ronnaplan.localization.scan import Scan
 from ronnaplan.localization.size import common_diameter
 from ronnaplan.report.tables import align
 

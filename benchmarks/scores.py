@@ -12,9 +12,10 @@ from benchmarks.ideal import ideal_center
 from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import SOLID, Build
-from ronnaplan.localization.examine import Examined, Scan, Slant, distinct, examine, examine_place
+from ronnaplan.localization.examine import Examined, distinct, examine, examine_place
 from ronnaplan.localization.logarithm import summed_seen
 from ronnaplan.localization.measured import measured
+from ronnaplan.localization.scan import Scan, Slant
 from ronnaplan.localization.slant import slant_seen
 from ronnaplan.localization.usual import alike, by_the_usual, moved, together, usual_of
 

@@ -16,8 +16,8 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build
 from ronnaplan.localization.coarse import blocks, coarse_voxel_mm, coarsen
 from ronnaplan.localization.detect import detect_in
-from ronnaplan.localization.examine import Scan
 from ronnaplan.localization.look import surface_shares
+from ronnaplan.localization.scan import Scan
 from ronnaplan.localization.sphere import LEAST_SHOWN, spheres_at
 from ronnaplan.localization.votes import cell_mm
 from ronnaplan.threads import in_threads

@@ -26,10 +26,11 @@ from ronnaplan.ct.progress import Progress
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import InputError, RefusedError, UsageError, check_type
 from ronnaplan.localization.build import SOLID, Build
-from ronnaplan.localization.examine import Examined, Scan, distinct, examine, examine_places
+from ronnaplan.localization.examine import Examined, distinct, examine, examine_places
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
 from ronnaplan.localization.logarithm import as_summed
 from ronnaplan.localization.measured import measured
+from ronnaplan.localization.scan import Scan
 from ronnaplan.localization.size import proposal, sizes_seen
 from ronnaplan.localization.slant import along_the_blur
 from ronnaplan.localization.summed import UNTOLD

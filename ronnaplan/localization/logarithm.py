@@ -15,11 +15,12 @@ import numpy as np
 
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.descent import residuals_and_jacobian
-from ronnaplan.localization.examine import Examined, Scan, distinct, fit_place
+from ronnaplan.localization.examine import Examined, distinct, fit_place
 from ronnaplan.localization.hardened import Head
 from ronnaplan.localization.motion import LEAST_TOGETHER
 from ronnaplan.localization.parameters import WIDTH
 from ronnaplan.localization.parts import single_threaded_algebra
+from ronnaplan.localization.scan import Scan
 from ronnaplan.localization.summed import ALIKE_VOXELS, Summed, what_is_lost_hu
 from ronnaplan.localization.uncertainty import robust_spread
 from ronnaplan.threads import in_threads

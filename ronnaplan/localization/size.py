@@ -20,10 +20,11 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.anysize import SEARCHED_MM, Place, round_places
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.coarse import COARSE_FLOOR_MM, coarsen
-from ronnaplan.localization.examine import Examined, Scan, distinct, examine_place
+from ronnaplan.localization.examine import Examined, distinct, examine_place
 from ronnaplan.localization.measured import measured
 from ronnaplan.localization.parameters import BACKGROUND, CONTRAST
 from ronnaplan.localization.parts import single_threaded_algebra
+from ronnaplan.localization.scan import Scan
 from ronnaplan.localization.shading import PLATEAU_SHARE
 from ronnaplan.localization.slant import along_the_blur
 from ronnaplan.localization.thick import as_thick, as_thin

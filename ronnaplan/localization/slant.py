@@ -16,9 +16,10 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build
-from ronnaplan.localization.examine import Examined, Scan, Slant, distinct, examine_places
+from ronnaplan.localization.examine import Examined, distinct, examine_places
 from ronnaplan.localization.motion import LEAST_TOGETHER
 from ronnaplan.localization.parameters import LEAST_SPREAD_MM2
+from ronnaplan.localization.scan import Scan, Slant
 from ronnaplan.localization.usual import OF_THE_PROFILE
 
 AGREE_DEG = 20.0

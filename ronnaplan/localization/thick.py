@@ -20,9 +20,10 @@ import numpy as np
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.examine import Examined, Scan, distinct
+from ronnaplan.localization.examine import Examined, distinct
 from ronnaplan.localization.motion import LEAST_TOGETHER
 from ronnaplan.localization.parameters import WIDTH
+from ronnaplan.localization.scan import Scan
 from ronnaplan.localization.usual import OF_THE_PROFILE
 
 NO_BALL = {"stayed", "contrast", "blur", "free"}

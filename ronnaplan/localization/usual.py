@@ -16,10 +16,11 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.accept import Usual
 from ronnaplan.localization.beat import DISPLACED_SHARE
 from ronnaplan.localization.build import Build
-from ronnaplan.localization.examine import Examined, Scan, distinct, examine_place
+from ronnaplan.localization.examine import Examined, distinct, examine_place
 from ronnaplan.localization.motion import LEAST_TOGETHER, suspected
 from ronnaplan.localization.parameters import BLUR, EDGE, WIDTH, W, edge_variance_mm2
 from ronnaplan.localization.parts import single_threaded_algebra
+from ronnaplan.localization.scan import Scan
 from ronnaplan.localization.smear import are_smeared
 from ronnaplan.localization.summed import slope_beside_per_mm
 from ronnaplan.localization.uncertainty import (

@@ -14,7 +14,7 @@ from ronnaplan.report.picture import CUTS, png
 
 if TYPE_CHECKING:
     from ronnaplan.localization import Build
-    from ronnaplan.localization.examine import Scan
+    from ronnaplan.localization.scan import Scan
 
 AGREEMENT_MM = 0.05
 """A marker that is found again farther than this from where its document says it is raises a warning."""
@@ -61,9 +61,9 @@ class MarkerPicture:
 def marker_pictures(volume: CTVolume, found: FiducialsDocument) -> list[MarkerPicture]:
     """Fit every marker of a document again in its scan; the pictures hold what they show, and no voxels."""
     from ronnaplan.localization import Build
-    from ronnaplan.localization.examine import Scan, Slant
     from ronnaplan.localization.measured import measured
     from ronnaplan.localization.parameters import full_width_at_half_maximum_mm
+    from ronnaplan.localization.scan import Scan, Slant
     from ronnaplan.localization.summed import UNTOLD, Summed
     from ronnaplan.localization.thick import of_thickness
 

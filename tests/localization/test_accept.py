@@ -13,9 +13,10 @@ from ronnaplan.localization.accept import TESTS, Evidence, Usual, failures
 from ronnaplan.localization.ball_fit import BallFit, fit_at
 from ronnaplan.localization.build import SOLID
 from ronnaplan.localization.directions import Verdict
-from ronnaplan.localization.examine import Scan, fit_place
+from ronnaplan.localization.examine import fit_place
 from ronnaplan.localization.look import surface_shares
 from ronnaplan.localization.parameters import BLUR, CONTRAST, RADIUS, WIDTH, U
+from ronnaplan.localization.scan import Scan
 from tests.scans import balls, scan, small_stack
 
 

@@ -14,7 +14,7 @@ from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.localization import localize
 from ronnaplan.localization.beat import DISPLACED_SHARE, noise_beats
-from ronnaplan.localization.examine import Scan
+from ronnaplan.localization.scan import Scan
 from tests.localization.test_measured import resampled
 from tests.scans import balls, scan, small_stack
 

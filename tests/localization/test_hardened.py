@@ -11,10 +11,11 @@ from scipy.ndimage import uniform_filter1d
 from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.ball_fit import BallFit
-from ronnaplan.localization.examine import Scan, fit_place
+from ronnaplan.localization.examine import fit_place
 from ronnaplan.localization.hardened import APERTURE_MM2, ROW_MM2, Beside, Head, all_beside, pictures_hu
 from ronnaplan.localization.model import has_streaks
 from ronnaplan.localization.parameters import W
+from ronnaplan.localization.scan import Scan
 from ronnaplan.localization.summed import WATER_PER_MM
 
 CENTER_MM, RADIUS_MM = np.array([0.13, 66.21, 0.17]), 4.0

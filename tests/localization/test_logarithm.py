@@ -14,8 +14,9 @@ from ronnaplan.localization import Build, Fiducials, localize, logarithm
 from ronnaplan.localization.build import SOLID
 from ronnaplan.localization.descent import residuals_and_jacobian
 from ronnaplan.localization.detect import detect
-from ronnaplan.localization.examine import Scan, examine_place
+from ronnaplan.localization.examine import examine_place
 from ronnaplan.localization.logarithm import summed_told, told_by
+from ronnaplan.localization.scan import Scan
 from ronnaplan.localization.votes import Candidates
 from ronnaplan.report.marker_cuts import marker_pictures
 from ronnaplan.report.tables import resolution_line

@@ -13,7 +13,7 @@ from phantoms.solids import cylinder, half_space, sphere
 from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import localize, sizes_seen
-from ronnaplan.localization.examine import Scan
+from ronnaplan.localization.scan import Scan
 from ronnaplan.localization.thick import as_thin
 from tests.scans import balls, offsets_mm, scan, small_stack
 

@@ -19,10 +19,11 @@ from ronnaplan.localization.descent import (
     descend,
     go_on,
 )
-from ronnaplan.localization.examine import Scan, fit_place
+from ronnaplan.localization.examine import fit_place
 from ronnaplan.localization.guess import ball_prior, first_guess
 from ronnaplan.localization.neighbourhood import gather
 from ronnaplan.localization.parameters import EDGE, RADIUS
+from ronnaplan.localization.scan import Scan
 from tests.scans import balls, scan, small_stack
 
 

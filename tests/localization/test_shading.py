@@ -11,7 +11,8 @@ from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import ball_fit
 from ronnaplan.localization.ball_fit import BallFit
-from ronnaplan.localization.examine import Scan, fit_place
+from ronnaplan.localization.examine import fit_place
+from ronnaplan.localization.scan import Scan
 from tests.scans import balls, offsets_mm, scan, small_stack
 
 CENTER = np.array([1.0, 2.0, 3.0])

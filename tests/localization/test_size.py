@@ -10,7 +10,8 @@ from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import RefusedError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import Build, Size, common_diameter, proposal, size, sizes_seen
-from ronnaplan.localization.examine import Examined, Scan
+from ronnaplan.localization.examine import Examined
+from ronnaplan.localization.scan import Scan
 from ronnaplan.localization.size import commonest
 from tests.scans import balls, scan, small_stack
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from ronnaplan.localization.cells import cell_directions
-from ronnaplan.localization.examine import Scan, fit_place
+from ronnaplan.localization.examine import fit_place
 from ronnaplan.localization.parameters import BLUR, PARAMETERS, RADIUS, WIDTH
+from ronnaplan.localization.scan import Scan
 from ronnaplan.localization.skin import is_skin, lies_on_something, share_on_skin
 from tests.scans import balls, scan, small_stack
 

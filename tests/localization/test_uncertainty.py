@@ -17,10 +17,11 @@ from ronnaplan.localization import localize, uncertainty
 from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.blur import Edge
 from ronnaplan.localization.build import Build
-from ronnaplan.localization.examine import Scan, fit_place
+from ronnaplan.localization.examine import fit_place
 from ronnaplan.localization.look import held_by
 from ronnaplan.localization.motion import movement
 from ronnaplan.localization.parameters import BLUR, RADIUS, SHAPE, WIDTH, profile_half_mm
+from ronnaplan.localization.scan import Scan
 from ronnaplan.localization.uncertainty import (
     HIDDEN_SHADING,
     LAG_MM,

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ronnaplan.localization.examine import Examined, Scan, examine
+from ronnaplan.localization.examine import Examined, examine
 from ronnaplan.localization.parameters import BLUR, EDGE, RADIUS, SHAPE, WIDTH
+from ronnaplan.localization.scan import Scan
 from ronnaplan.localization.uncertainty import LAG_MM, beyond_usual_mm
 from ronnaplan.localization.usual import BLURRED_MM2, alike, together, usual_of, usual_profiles_mm
 from tests.scans import balls, scan, small_stack
