@@ -24,12 +24,13 @@ POSIX = pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is sent to a 
 
 def started(port: int, out: Path) -> subprocess.Popen[str]:
     call = [sys.executable, "-m", "ronnaplan", "track", "--port", str(port), "--seconds", "600", "-o", str(out)]
-    # A shell that runs the tests in the background has them, and so their children, ignore Ctrl-C.
-    return subprocess.Popen(call, cwd=ROOT, text=True, stderr=subprocess.PIPE, preexec_fn=heed_ctrl_c)
+    # A shell that runs tests in the background has them, and their children, ignore Ctrl-C; nohup a lost terminal.
+    return subprocess.Popen(call, cwd=ROOT, text=True, stderr=subprocess.PIPE, preexec_fn=heed_all)
 
 
-def heed_ctrl_c() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+def heed_all() -> None:
+    for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(each, signal.SIG_DFL)
 
 
 @POSIX
