@@ -121,18 +121,17 @@ class Job:
             ends = transform_points(room_from_ct, np.array([one.entry_mm, one.target_mm]))
             told = one.instrument
             tasks.append(drill_task(one.name, ends[0], ends[1], room.tool, told.length_mm, told.diameter_mm))
-        surface = transform_points(room_from_ct, surface_ct_mm)
+        surface, places = transform_points(room_from_ct, surface_ct_mm), None
         if markers is not None:
             plan.frame.require(markers.frame)
             places = transform_points(room_from_ct, markers.positions_mm)
             tasks += [
                 view_task(name, at, center, room.camera) for name, at in zip(markers.labels, places, strict=True)
             ]
-            surface = np.concatenate([surface, places])
         tracker = None if room.tracker is None else np.array(room.tracker.position_mm)
         if ots_from_ct is not None and room.tracker is not None:
             tracker = (room_from_ct @ invert(ots_from_ct))[:3, 3]
-        return cls(arm, room, room_from_ct, tuple(tasks), world_of(room, surface, tracker), plan.frame)
+        return cls(arm, room, room_from_ct, tuple(tasks), world_of(room, surface, tracker, places), plan.frame)
 
     def problem(self, fineness: Fineness, tasks: Sequence[Task] | None = None) -> Problem:
         """Return what bases are judged by, for all tasks or some."""

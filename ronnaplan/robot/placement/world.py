@@ -23,7 +23,7 @@ class World(NamedTuple):
     boxes: FloatArray
     capsules: FloatArray
     head: FloatArray
-    """Places (H, 3) on the head's surface."""
+    """Places (H, 3) on the head's surface, and the markers on it."""
     head_ball: FloatArray
     """Middle and radius (4,) of a ball about them all, radius included."""
     head_radius: float
@@ -37,9 +37,16 @@ class World(NamedTuple):
     """Clearance (mm) and tracker's margin (rad) beyond which more counts no more (2,)."""
 
 
-def world_of(room: Room, head_mm: FloatArray, tracker_mm: FloatArray | None) -> World:
-    """Return the room with the places ``head_mm`` (H, 3) on the head, and the tracker's place (3,) in the room."""
+def world_of(
+    room: Room, head_mm: FloatArray, tracker_mm: FloatArray | None, markers_mm: FloatArray | None = None
+) -> World:
+    """Return the room with the places ``head_mm`` (H, 3) on the head, and the tracker's place (3,) in the room.
+
+    ``markers_mm`` (M, 3) belong to the head, each where it is: among the places on the scalp it would be lost.
+    """
     thinned = _thinned(head_mm)
+    if markers_mm is not None:
+        thinned = np.ascontiguousarray(np.concatenate([thinned, markers_mm]))
     middle = thinned.mean(axis=0)
     radius = HEAD_SPACING_MM / 2
     reach = float(np.linalg.norm(thinned - middle, axis=1).max()) + radius

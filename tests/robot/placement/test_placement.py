@@ -375,3 +375,17 @@ def test_a_plan_becomes_tasks_in_the_room() -> None:
     np.testing.assert_allclose(made.world.tracker, CENTER_MM + FAR_MM, atol=1e-9)
     with pytest.raises(FrameMismatchError):
         Job.of_plan(kr6_r900(), room(), plan, replace(markers, frame=Frame("CT", "1.3")), surface, center)
+
+
+def test_arm_and_tool_are_kept_from_a_marker_wherever_it_stands_on_the_scalp() -> None:
+    plan = Plan(SeriesSource(frame_of_reference_uid="1.2"), None)
+    plan = plan.add(Trajectory("LH", np.array([20.0, 10, 90]), np.array([5.0, 6, 7]), plan.frame))
+    scalp = surface(np.random.default_rng(2)) - CENTER_MM
+    out = scalp[:50] / np.linalg.norm(scalp[:50], axis=1, keepdims=True)
+    for at in scalp[:50] + 7.0 * out:  # the middle of a ball of 11.5 mm that is glued to it
+        markers = Points(at[None], np.zeros((1, 3, 3)), ("F1",), plan.frame)
+        made = Job.of_plan(kr6_r900(), room(), plan, markers, scalp, np.zeros(3))
+        placed = made.room_from_ct[:3, :3] @ at + made.room_from_ct[:3, 3]
+        assert np.linalg.norm(made.world.head - placed, axis=1).min() < 1e-9
+        middle, reach = made.world.head_ball[:3], made.world.head_ball[3]
+        assert np.linalg.norm(placed - middle) <= reach - made.world.head_radius + 1e-9
