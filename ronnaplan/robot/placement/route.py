@@ -198,10 +198,9 @@ def _in_order(
     postures = {-1: moves.reference, **{n: turned[n][at[n]] for n in members}}
     for a, b in itertools.combinations(postures, 2):
         cost[a + 1, b + 1] = cost[b + 1, a + 1] = moves.least(postures[a], postures[b])
-    costs: list[list[float]] = cost.tolist()  # read far faster than an array, element by element
     order: list[int] = []
     for group in groups:
-        order += shortest(costs, order[-1] if order else 0, [n + 1 for n in group])
+        order += shortest(cost, order[-1] if order else 0, [n + 1 for n in group])
     found = tuple(n - 1 for n in order)
     return _Tour(found, at, _through(moves, turned, found, at))
 
