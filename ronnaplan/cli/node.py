@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from ronnaplan.cli.extras import require_packages
+
 HELP = "Run the DICOM node: take scans from scanners, find their markers, send the answers to the archive."
 
 
@@ -19,7 +21,7 @@ def run(arguments: argparse.Namespace) -> int:
     import signal
     import threading
 
-    from ronnaplan.errors import InputError, UsageError
+    from ronnaplan.errors import UsageError
 
     path = Path(arguments.config)
     if arguments.init:
@@ -30,10 +32,8 @@ def run(arguments: argparse.Namespace) -> int:
             raise UsageError(f"{path} is there already; name a new file")
         write_atomically(path, EXAMPLE)
         return 0
-    try:
-        from ronnaplan.node.hub import run_node
-    except ModuleNotFoundError as error:
-        raise InputError(f"the node needs {error.name}; install ronnaplan[node]") from error
+    require_packages("the node", "node", "pynetdicom", "highdicom", "dicomweb_client")
+    from ronnaplan.node.hub import run_node
     from ronnaplan.node.logs import Log
 
     stop = threading.Event()

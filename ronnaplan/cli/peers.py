@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
+from ronnaplan.cli.extras import require_packages
+
 if TYPE_CHECKING:
     from ronnaplan.node.config import Config, Peer
 
@@ -18,13 +20,9 @@ def with_config(parser: argparse.ArgumentParser) -> None:
 
 def peer_of(arguments: argparse.Namespace) -> tuple[Config, Peer]:
     """Return the configuration and the peer that were named; raises `InputError` where they cannot be talked to."""
-    from ronnaplan.errors import InputError
+    require_packages("fetching", "node", "pynetdicom", "dicomweb_client")
+    from ronnaplan.node.config import Config, read_config
+    from ronnaplan.node.pull import peer_at
 
-    try:
-        from ronnaplan.node.archives import open_archive  # noqa: F401
-        from ronnaplan.node.config import Config, read_config
-        from ronnaplan.node.pull import peer_at
-    except ModuleNotFoundError as error:
-        raise InputError(f"fetching needs {error.name}; install ronnaplan[node]") from error
     config = read_config(arguments.config) if arguments.config else Config()
     return config, peer_at(arguments.peer, config)

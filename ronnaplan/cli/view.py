@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ronnaplan.cli.case_options import rules, with_documents, with_rules
+from ronnaplan.cli.extras import require_packages
 from ronnaplan.cli.peers import PEER, peer_of, with_config
 from ronnaplan.cli.values import whole
 from ronnaplan.text import whole_number
@@ -72,6 +73,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Open the case and serve it until stopped."""
+    require_packages("the planner", "planner", "trame", "aiohttp")
     _require_files(arguments.fiducials, arguments.registration)
     from ronnaplan.case.folder import scan_in
     from ronnaplan.planner.storage import Storage
