@@ -196,12 +196,13 @@ class Place:
         if not self.is_remote:
             return [self.blob(*one) for one in given]
         files = self._remote[0]
-        try:  # together, for each request waits
-            content = files.cat([self.path(folder, name) for folder, name, _ in given], on_error="return")
+        paths = [self.path(folder, name) for folder, name, _ in given]
+        try:  # together, for each request waits; and not by `cat`, for which a name with brackets is a pattern
+            content = files.cat_ranges(paths, None, None, on_error="return")
         except Exception as error:
             raise InputError(f"{printable(self.root)} cannot be read ({printable(error)})") from error
         found: list[Blob] = []
-        for path, value in content.items():
+        for path, value in zip(paths, content, strict=True):
             if isinstance(value, bytes):
                 found.append(Fetched(printable(path), value))
             else:

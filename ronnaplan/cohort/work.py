@@ -79,12 +79,13 @@ def _series_of(order: dict[str, Any]) -> list[Series]:
     except InputError as error:
         raise _GoneError(error) from error
     listed = catalogue_of(Path(place.archive or place.root), blobs, LIMITS, skipped)
-    for one in listed.skipped:
-        if one.is_trouble:
-            raise _GoneError(f"{one.name}: {one.reason}")
+    if listed.skipped:  # headers of all files were read when they were listed
+        raise _GoneError(f"{listed.skipped[0].name}: {listed.skipped[0].reason}")
     series = [one for one in listed.series if (one.first.series_uid or "") == order["series_uid"]]
     if not series:
         raise RefusedError("nothing of it is left (its files are of another series now)")
+    if len(blobs) < len(order["files"]) or len(series) < len(listed.series):
+        raise _GoneError("some have been removed, or are of another series, since they were listed")
     return series
 
 

@@ -20,6 +20,7 @@ from ronnaplan.cohort.listing import bring_up_to_date
 from ronnaplan.cohort.places import LIMITS, Place, kept_name
 from ronnaplan.ct import read_ct
 from ronnaplan.ct.catalogue import catalogue_of, read_instance
+from ronnaplan.ct.files import Skipped
 from ronnaplan.ct.reader import read_series
 from ronnaplan.errors import InputError
 from tests.cohort.scans import SLICES, tiny
@@ -292,6 +293,25 @@ def test_what_lies_behind_a_url_is_listed_and_read_as_if_it_lay_here(
         volume = read_series(series)
         assert np.array_equal(volume.voxels_hu, expected.voxels_hu)
         assert np.array_equal(volume.grid.origins_mm, expected.grid.origins_mm)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the system has no such names")
+@pytest.mark.parametrize("protocol", ["", "file://", "memory://"])
+def test_names_that_look_like_patterns_stand_for_themselves(index: Index, tmp_path: Path, protocol: str) -> None:
+    root = tmp_path / "in"
+    first, second, *_ = sorted(tiny(root / "head [bone]", "1").iterdir())
+    first.rename(first.with_name("[1].dcm"))
+    second.rename(second.with_name("?*.dcm"))
+    if protocol == "memory://":
+        for path in (root / "head [bone]").iterdir():
+            fsspec.filesystem("memory").pipe(str(path), path.read_bytes())
+    place = Place(f"{protocol}{root}")
+    bring_up_to_date(index, [place.root])
+    files = index.rows("SELECT folder, name, size FROM files ORDER BY name")
+    skipped: list[Skipped] = []
+    blobs = place.blobs(files, skipped)
+    assert [len(blobs), skipped] == [SLICES, []]
+    assert [blob.name.rpartition("/")[2] for blob in blobs] == [name for _, name, _ in files]
 
 
 def test_a_url_that_nothing_opens_is_told(index: Index, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,7 @@ import json
 import shutil
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -127,6 +128,44 @@ def test_files_that_cannot_be_read_now_are_a_fault_of_their_disk_and_no_answer(s
     work({**given[0], "version": "0.0.1"}, lambda event, **facts: said.append({"event": event, **facts}))
     assert said[-1]["state"] == "gone"
     assert "the command 0.0.1" in said[-1]["reason"]
+
+
+@pytest.mark.parametrize("change", ["removed", "archived", "of another", "no image"])
+def test_a_series_of_which_a_part_was_changed_since_the_listing_is_no_shorter_scan(
+    scan: Path, tmp_path: Path, change: str
+) -> None:
+    files = sorted(
+        shutil.copytree(scan, tmp_path / "in" / "a", ignore=shutil.ignore_patterns("*.json")).rglob("*.dcm")
+    )
+    other = sorted(write_series(tmp_path / "other", 3).iterdir())
+    if change == "archived":
+        shutil.make_archive(str(tmp_path / "in" / "zipped"), "zip", tmp_path / "in", "a")
+        shutil.rmtree(tmp_path / "in" / "a")
+    if change == "no image":
+        files[-1] = files[-1].rename(files[-1].with_suffix(""))
+    with Index(tmp_path) as index:
+        bring_up_to_date(index, [str(tmp_path / "in")])
+        rules = Rules(rule=(CohortRule(name="x", diameters=(11.5,), sheet=False),))
+        tasks = tasks_of(rules)
+        decide(index, rules, tasks)
+        ((_, order, _),) = orders(index, rules, tasks)
+    if change == "archived":
+        archive = tmp_path / "in" / "zipped.zip"
+        with zipfile.ZipFile(archive) as whole:
+            kept = {name: whole.read(name) for name in sorted(whole.namelist())[:-2]}
+        with zipfile.ZipFile(archive, "w") as shorter:
+            for name, content in kept.items():
+                shorter.writestr(name, content)
+    elif change == "removed":
+        files[-1].unlink()
+    elif change == "of another":
+        shutil.copy(other[0], files[-1])
+    else:
+        files[-1].write_text("notes" * 1000)
+    said: list[dict[str, Any]] = []
+    work(json.loads(json.dumps(order)), lambda event, **facts: said.append({"event": event, **facts}))
+    assert [(one["event"], one.get("state")) for one in said] == [("ended", "gone")]
+    assert said[-1]["reason"].startswith("its files cannot be read now; ")
 
 
 def test_a_series_that_takes_too_much_memory_is_a_fault_and_not_unusable(
