@@ -9,7 +9,8 @@ from html import escape
 from urllib.parse import quote
 
 STYLE = """
-body { font: 14px/1.45 system-ui, sans-serif; color: #1c2733; max-width: 62rem; margin: 2rem auto; padding: 0 1rem }
+body { font: 14px/1.45 system-ui, sans-serif; color: #1c2733; max-width: 62rem; margin: 2rem auto; padding: 0 1rem;
+  overflow-wrap: break-word }
 h1 { font-size: 1.6rem; margin-bottom: 0 } h2 { margin-top: 2rem; border-bottom: 1px solid #c8d2dc }
 h3 { margin-bottom: .3rem } h1, h2, h3 { break-after: avoid }
 table { border-collapse: collapse; margin: .6rem 0; font-variant-numeric: tabular-nums }
@@ -76,8 +77,8 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     top = f"<thead><tr>{''.join(element('th', cell) for cell in header)}</tr></thead>" if header else ""
     first = "td" if header else "th"
     body = "".join(
-        f"<tr>{element(first, row[0])}{''.join(element('td', cell, _css(cell)) for cell in row[1:])}</tr>"
-        for row in rows
+        f"<tr>{element(first, name, _broken(name))}{''.join(element('td', cell, _css(cell)) for cell in cells)}</tr>"
+        for name, *cells in rows
     )
     return f"<table>{top}{body}</table>"
 
@@ -102,6 +103,8 @@ def picture(image: bytes, caption: str, kind: str = "png") -> str:
 def _css(cell: str) -> str:
     if cell.startswith(("FAIL", "not judged")):
         return "fail"
-    if max(map(len, cell.split()), default=0) > LONGEST_WORD:
-        return "long"
-    return "text" if len(cell) > LONGEST_VALUE else ""
+    return _broken(cell) or ("text" if len(cell) > LONGEST_VALUE else "")
+
+
+def _broken(cell: str) -> str:
+    return "long" if max(map(len, cell.split()), default=0) > LONGEST_WORD else ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from html.parser import HTMLParser
 
 import hypothesis.strategies as st
+import pytest
 from hypothesis import given
 
 from ronnaplan.report.html import box, element, page, picture, section, table, unseen
@@ -77,6 +78,26 @@ def test_a_table_wider_than_its_page_is_scrolled_by_itself() -> None:
         of_page, of_table = apart(columns_hidden, width, columns)
         assert of_page <= 0
         assert least <= of_table <= most
+
+
+def beyond_the_window(width: int) -> tuple[int, int]:
+    """By how many pixels a page of names without blanks is wider than its window, and its table than its room."""
+    name = "left_anterior_hippocampus_of_the_second_plan_after_the_conference" * 2
+    with chromium() as browser:
+        shown = browser.new_page(viewport={"width": width, "height": 800})
+        body = [
+            box("warnings", name, [name]),
+            table(["trajectory", "limits"], [[name, "11 kept"], ["right", "-"]]),
+        ]
+        shown.set_content(page(name, [element("h1", name), section(name, body)]))
+        of_page = shown.evaluate("document.documentElement.scrollWidth - innerWidth")
+        return of_page, shown.locator("table").evaluate("(table) => table.scrollWidth - table.clientWidth")
+
+
+@needs_browser
+@pytest.mark.parametrize("width", [390, 1280])
+def test_a_name_without_blanks_is_broken_before_it_leaves_the_page(width: int) -> None:
+    assert apart(beyond_the_window, width) == (0, 0)
 
 
 def width_on_a_phone() -> int:
