@@ -73,6 +73,20 @@ def test_nothing_falls_off_the_screen(browser: Any, shared: Planner, width: int,
     assert page.locator("#undo").bounding_box()["x"] < width
 
 
+@pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844)])
+def test_a_name_without_blanks_takes_nothing_off_the_panel(
+    browser: Any, running: Planner, width: int, height: int
+) -> None:
+    page = opened(browser, running.url, width, height)
+    name = "left_anterior_hippocampus_of_the_second_plan_after_the_conference"
+    page.fill("#path-name", name)
+    page.press("#path-name", "Enter")
+    page.wait_for_selector(f"text={name}, LPS mm")
+    page.wait_for_function("document.getElementById('verdict')?.textContent")
+    over = "panel => panel.scrollWidth - panel.clientWidth"
+    assert page.locator(".rp-side").evaluate(over) <= 0
+
+
 def test_a_trajectory_is_added_by_two_clicks_dragged_and_undone(
     browser: Any, running: Planner, folder: Path
 ) -> None:
