@@ -5,7 +5,7 @@ Nothing is held in memory for each file: what is met goes to a table on the disk
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import islice
@@ -24,6 +24,11 @@ CHUNK: Final = 1000
 """Files whose headers are read between two commits: what a killed listing has to do again."""
 REQUESTS: Final = 32
 """Headers that are fetched at one time from behind a URL."""
+FIRST_FOLDER: Final = (
+    "(SELECT files.folder FROM files WHERE files.series = series.id"
+    " ORDER BY files.place, files.folder, files.name LIMIT 1)"
+)
+"""Where a series lies, whatever was listed when."""
 PARTLY: Final = "some of its files cannot be read"
 """What the index has of an archive of which some members are missing."""
 
@@ -61,6 +66,7 @@ def bring_up_to_date(index: Index, roots: Sequence[str], *, progress: bool = Fal
         _list_root(index, Place(root), listed, progress)
     with index.transaction():
         index.run("DELETE FROM series WHERE NOT EXISTS (SELECT 1 FROM files WHERE files.series = series.id)")
+        index.run(f"UPDATE series SET folder = {FIRST_FOLDER} WHERE folder != {FIRST_FOLDER}")
         index.run(
             "DELETE FROM places WHERE archive != '' AND NOT EXISTS (SELECT 1 FROM files WHERE archive = places.id)"
         )
@@ -221,6 +227,20 @@ def _enter(index: Index, place: int, looked: Sequence[_LookedInto], listed: List
         rows,
     )
     index.run_many("UPDATE series SET revision = revision + 1 WHERE id = ?", [(each,) for each in known.values()])
+    headers = {(one.met.folder, one.met.name): one.instance for one in looked}
+    for each in known.values():
+        _describe(index, each, headers)
+
+
+def _describe(index: Index, series: int, headers: Mapping[tuple[str, str], Instance | None]) -> None:
+    """Describe a series as its first file does, within a transaction, if that is one of those whose header was read."""
+    first = index.rows(
+        "SELECT folder, name FROM files WHERE series = ? ORDER BY place, folder, name LIMIT 1", series
+    )
+    instance = headers.get(first[0]) if first else None
+    if instance is not None:
+        values = ", ".join(f"{text} = ?" for text in TEXTS)
+        index.run(f"UPDATE series SET {values} WHERE id = ?", *rule_texts(instance, first[0][0]), series)
 
 
 def _series(index: Index, place: int, uids: tuple[str, str], instance: Instance, folder: str) -> int:

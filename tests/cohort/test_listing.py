@@ -295,6 +295,27 @@ def test_what_lies_behind_a_url_is_listed_and_read_as_if_it_lay_here(
         assert np.array_equal(volume.grid.origins_mm, expected.grid.origins_mm)
 
 
+def test_a_series_is_described_as_its_files_are_now(index: Index, tmp_path: Path) -> None:
+    def described() -> list[tuple[str, str]]:
+        bring_up_to_date(index, [str(tmp_path / "in")])
+        return index.rows("SELECT folder, description FROM series")
+
+    tiny(tmp_path / "in" / "b", "1", SeriesDescription="as sent")
+    assert described() == [("b", "as sent")]
+    (tmp_path / "in" / "b").rename(tmp_path / "in" / "phantom")
+    assert described() == [("phantom", "as sent")]
+    tiny(tmp_path / "in" / "phantom", "1", SeriesDescription="corrected")
+    assert described() == [("phantom", "corrected")]
+    first = min((tmp_path / "in" / "phantom").iterdir())
+    (tmp_path / "in" / "a").mkdir()
+    first.rename(tmp_path / "in" / "a" / first.name)
+    assert described() == [("a", "corrected")]
+    shutil.rmtree(tmp_path / "in" / "a")
+    assert described() == [("phantom", "corrected")]
+    tiny(tmp_path / "in" / "z", "1", SeriesDescription="a copy")  # as whatever was listed when
+    assert described() == [("phantom", "corrected")]
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="the system has no such names")
 @pytest.mark.parametrize("protocol", ["", "file://", "memory://"])
 def test_names_that_look_like_patterns_stand_for_themselves(index: Index, tmp_path: Path, protocol: str) -> None:
