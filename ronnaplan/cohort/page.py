@@ -19,6 +19,7 @@ from ronnaplan.text import NOTICE, printable
 PAGE: Final = "index.html"
 MOST_ROWS: Final = 15
 MOST_CHARTS: Final = 40
+UNREAD: Final = "(trouble OR (files.archive IS NOT NULL AND reason != ''))"
 STATES: Final = {
     "done": "localized, with the number of markers that was expected, where one was",
     "refused": "refused: not the expected number, or no single answer",
@@ -62,7 +63,22 @@ def _numbers(index: Index, summary: Summary) -> list[str]:
         )
         items = [f"{printable(folder)}, {uid}: {printable(reason)}" for folder, uid, reason in rows_aside]
         found.append(box("warnings", f"{summary.states[ASIDE]} series were set aside by a fault", items))
-    return found
+    return found + _unread(index)
+
+
+def _unread(index: Index) -> list[str]:
+    """Return a box of files and archives that could not be read: they are in no series, so no other row tells them."""
+    count = index.value(f"SELECT COUNT(*) FROM files WHERE {UNREAD}")
+    if not count:
+        return []
+    rows = index.rows(
+        "SELECT places.archive, folder, name, reason FROM files JOIN places ON places.id = place"
+        f" WHERE {UNREAD} ORDER BY place, folder, name LIMIT ?",
+        MOST_ROWS,
+    )
+    items = [printable(f"{'/'.join(filter(None, where))}: {reason}") for *where, reason in rows]
+    title = f"{count} file{'s' * (count > 1)} could not be read"
+    return [box("warnings", title if count <= MOST_ROWS else f"{title}, the first {MOST_ROWS} of them", items)]
 
 
 def _quality(summary: Summary) -> list[str]:

@@ -13,6 +13,7 @@ from PIL import Image
 
 from ronnaplan.cohort import page as page_module
 from ronnaplan.cohort.index import Index
+from ronnaplan.cohort.listing import bring_up_to_date
 from ronnaplan.cohort.page import write_page
 from ronnaplan.cohort.summary import WORST, summarize
 
@@ -121,3 +122,21 @@ def test_a_cohort_without_series_has_a_page(tmp_path: Path) -> None:
     with Index(tmp_path) as index:
         write_page(index, tmp_path)
     assert "Research software" in (tmp_path / "index.html").read_text()
+
+
+def test_the_page_tells_which_files_could_not_be_read(tmp_path: Path) -> None:
+    (tmp_path / "in" / "a").mkdir(parents=True)
+    (tmp_path / "in" / "a" / "x.zip").write_bytes(b"PK\x03\x04 and no more")
+    (tmp_path / "in" / "a" / "note.txt").write_text("no scan")
+    for number in range(20):
+        (tmp_path / "in" / f"{number:02d}.dcm").touch()
+    out = tmp_path / "out"
+    out.mkdir()
+    with Index(out) as index:
+        bring_up_to_date(index, [str(tmp_path / "in")])
+        write_page(index, out)
+    text = (out / "index.html").read_text()
+    assert "21 files could not be read, the first 15 of them" in text
+    assert "00.dcm: it is not a DICOM file" in text
+    assert "note.txt" not in text
+    assert "19.dcm: " not in text
