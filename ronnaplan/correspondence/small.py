@@ -185,7 +185,10 @@ def vouched(partners: IntArray, posterior: FloatArray, core: IntArray) -> float:
 
 
 def odds_of_another_body(problem: Problem, weighed: Weighed) -> float:
-    """Return the odds that the patient is not the best pairing but a body among the points that it leaves."""
+    """Return the odds that the patient is not the best pairing but a body among the points that it leaves.
+
+    A smaller one that has too few pairs to be given is none: three pairs among outliers are too easily had.
+    """
     best = weighed.partners[0]
     count, real = other_body(
         problem.ct,
@@ -195,10 +198,10 @@ def odds_of_another_body(problem: Problem, weighed: Weighed) -> float:
         problem.volume_mm3,
         best.astype(np.int16),
     )
-    if count == 0:
+    size = int((best >= 0).sum())
+    if count == 0 or (count < size and not problem.told.allows(count)):
         return 0.0
     prior = problem.told.prior(range(LEAST_PAIRS, min(problem.counts) + 1))
-    size = int((best >= 0).sum())
     return float(real * math.exp(LOG_ODDS_PER_PAIR * (count - size)) * prior[count] / prior[size])
 
 

@@ -20,7 +20,8 @@ UNUSABLE_MARKER = 0.05
 So one of five may be left out, three of eight: more are less probable than `UNEXPECTED_PRIOR`."""
 
 LEAST_OF_MORE = 4
-"""Where more than three markers are expected, no fewer than these may pair: three by chance are too easily had."""
+"""Where more than three markers are expected, no fewer than these are given: three by chance are too easily had. They
+are believed, though: of four markers one of which was knocked, three are right, and what four pair is wrong."""
 
 
 @dataclass(frozen=True)
@@ -32,9 +33,13 @@ class Told:
 
     def allows(self, size: int) -> bool:
         """Tell whether a pairing of ``size`` pairs may be given."""
+        enough = self.expected is None or size >= min(self.expected, LEAST_OF_MORE)
+        return enough and self.believes(size)
+
+    def believes(self, size: int) -> bool:
+        """Tell whether ``size`` pairs may be right, by what was told."""
         if self.expected is not None:
-            enough = min(self.expected, LEAST_OF_MORE) <= size <= self.expected
-            return enough and self._lost(size) >= UNEXPECTED_PRIOR
+            return size <= self.expected and self._lost(size) >= UNEXPECTED_PRIOR
         return size >= (self.at_least or LEAST_PAIRS)
 
     def _lost(self, size: int) -> float:
@@ -53,13 +58,13 @@ class Told:
         """
         if self.expected is None and self.at_least is None:
             return {0: 0.5} | dict.fromkeys(sizes, 0.5 / max(len(sizes), 1))
-        allowed = [size for size in sizes if self.allows(size)]
+        likely = [size for size in sizes if self.believes(size)]
         if self.expected is None:
-            share = dict.fromkeys(allowed, 1.0)
+            share = dict.fromkeys(likely, 1.0)
         else:
-            share = {size: binomial(self.expected, size, 1.0 - UNUSABLE_MARKER) for size in allowed}
+            share = {size: binomial(self.expected, size, 1.0 - UNUSABLE_MARKER) for size in likely}
         total = sum(share.values())
-        rest = UNEXPECTED_PRIOR / max(len(sizes) - len(allowed), 1)
+        rest = UNEXPECTED_PRIOR / max(len(sizes) - len(likely), 1)
         believed = {
             size: (1.0 - UNEXPECTED_PRIOR - OTHER_PATIENT) * value / total for size, value in share.items()
         }

@@ -63,6 +63,22 @@ def test_a_marker_that_moved_is_left_out_and_named(markers: int) -> None:
     assert named >= left_out
 
 
+def test_of_four_markers_one_of_which_moved_no_other_four_are_given() -> None:
+    """Three are right then, fewer than are given; when these were no rivals, 20 were given, one of them wrongly."""
+    given = 0
+    for seed in range(120):
+        rng = np.random.default_rng(seed)
+        layout = rng.normal(size=(4, 3))
+        layout *= 85 / np.linalg.norm(layout, axis=1, keepdims=True)
+        ct, ots, partner = scene(seed, markers=4, outliers=seed % 4, radius=150.0, layout=layout)
+        direction = rng.normal(size=3)
+        ots[partner[1]] += direction / np.linalg.norm(direction) * 15
+        pairing = match_points(ct, ots, expected=4)
+        assert all(partner[i] == j for i, j in pairing.pairs), seed
+        given += pairing.status == "unique"
+    assert given <= 6
+
+
 def test_at_least_so_many_is_enough_to_know_that_it_is_this_patient() -> None:
     told, untold = 0, 0
     for seed in range(60):
