@@ -60,6 +60,9 @@ WORK_PER_POINT, WORK_POWER = 24_500.0, 1.67
 PARTS = 2
 """Seeds are looked up in so many threads."""
 
+LEAST_SHARED_WORK = 2e7
+"""Few seeds are looked up in one thread where no more work is left: to start threads takes about a hundredth of it."""
+
 REFINING_WORK = 1_000
 """Work of refining a pose, for each CT point."""
 
@@ -209,7 +212,8 @@ def looked_up(
         refined_poses = [refine(search, matrix) for matrix in matrices[hits > 0]]
         return refined_poses, work + REFINING_WORK * len(problem.ct) * len(refined_poses), finished
 
-    run = pool.map if len(seeds) > LEAST_BATCH else map  # to start threads takes longer than few seeds
+    # Few seeds may be costly: among 1,000 dense points one takes 40 ms.
+    run = pool.map if len(seeds) > LEAST_BATCH or most_work > LEAST_SHARED_WORK else map
     results = list(run(of_part, np.array_split(seeds, PARTS)))
     poses = [pose for found, _, _ in results for pose in found]
     return poses, sum(work for _, work, _ in results), all(finished for *_, finished in results)
