@@ -39,6 +39,9 @@ SWAPPED = 1.5
 """The tracker's errors are least at its spheres; found larger at M than at the TCP by this, M may be the robot's."""
 SAME_POSES = 1e-6
 """Poses that nowhere differ by more, in an entry, are of one recording."""
+FEWEST_TO_SHIFT, MUCH_BETTER = 20, 0.8
+"""Of so many poses those of the robot are tried one earlier and one later. Where they move little from one to the next
+it changes nothing; where it makes the angles left smaller than this share, they are not of the same moments."""
 STARTING_SDS = (1e-3, 1.0)
 """Errors of rotation, in rad, and translation, in mm, that the first step is weighed by."""
 FINEST = (1e-9, 1e-6)
@@ -63,17 +66,25 @@ class HandEye:
     """At M's origin."""
     tcp_rms_mm: float
     """What is left at the TCP."""
+    out_of_step: bool = False
+    """Whether the poses fit far better with those of the robot one earlier, or one later."""
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What makes the calibration look as if tracker and robot had changed places."""
-        if self.translation_rms_mm <= SWAPPED * self.tcp_rms_mm:
-            return ()
-        return (
-            f"the poses of M err by {self.translation_rms_mm:.3f} mm RMS at its origin and by {self.tcp_rms_mm:.3f} mm "
-            "at the TCP, as if the TCP were what the tracker sees: check which recording is the tracker's and which "
-            "the robot's",
-        )
+        """What makes the calibration look as if tracker and robot had changed places, or were not of one moment."""
+        told = []
+        if self.translation_rms_mm > SWAPPED * self.tcp_rms_mm:
+            told.append(
+                f"the poses of M err by {self.translation_rms_mm:.3f} mm RMS at its origin and by "
+                f"{self.tcp_rms_mm:.3f} mm at the TCP, as if the TCP were what the tracker sees: check which recording "
+                "is the tracker's and which the robot's"
+            )
+        if self.out_of_step:
+            told.append(
+                "the poses of robot and tracker fit far better one apart, as if they were not of the same moments: "
+                "check how they are numbered and by how much either is late, or stand still for each"
+            )
+        return tuple(told)
 
 
 def calibrate_hand_eye(ots_from_m: ArrayLike, robot_from_tcp: ArrayLike) -> HandEye:
@@ -105,7 +116,24 @@ def calibrate_hand_eye(ots_from_m: ArrayLike, robot_from_tcp: ArrayLike) -> Hand
             f"{found.translation_rms_mm:.2f} mm RMS, expected at most {LARGEST_ROTATION_DEG:g} and "
             f"{LARGEST_TRANSLATION_MM:g}; record both at the same moments"
         )
-    return found
+    return replace(found, out_of_step=_out_of_step(seen, driven))
+
+
+def _out_of_step(seen: FloatArray, driven: FloatArray) -> bool:
+    """Tell whether poses (N, 4, 4) in the order of recording fit far better one earlier, or one later."""
+    if len(seen) < FEWEST_TO_SHIFT:
+        return False
+    together, *apart = (
+        _angle_left(a, b) for a, b in ((seen, driven), (seen[1:], driven[:-1]), (seen[:-1], driven[1:]))
+    )
+    return min(apart) < MUCH_BETTER * together
+
+
+def _angle_left(seen: FloatArray, driven: FloatArray) -> float:
+    """Return the angle, in rad RMS, that is left between poses after the closed form."""
+    left, right = _closed_form(seen, driven)
+    error = _discrepancy(invert(left) @ driven @ invert(right), seen)
+    return float(np.sqrt((error[:, :3] ** 2).sum(axis=1).mean()))
 
 
 def with_tip(found: HandEye, tip_mm: FloatArray, tip_mm2: FloatArray) -> HandEye:
