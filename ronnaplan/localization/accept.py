@@ -246,7 +246,7 @@ def _coverage(evidence: Evidence) -> str | None:
     if has_streaks(fit.theta):
         least = MIN_METAL_ROUND
     blurred = ROUND_WIDTH * max(float(fit.theta[WIDTH]) / evidence.diameter_mm - THIN_SHARE, 0.0)
-    expected = least + ROUND_MISFIT * evidence.own_misfit + blurred
+    expected = min(least + ROUND_MISFIT * evidence.own_misfit + blurred, 1.0)
     if of_seen >= expected:
         return None
     return f"only {of_seen:.0%} of what is seen of its surface is a sphere's, {expected:.0%} expected"
@@ -277,7 +277,10 @@ def _roundness(evidence: Evidence) -> str | None:
     limit = float(np.hypot(MAX_MISFIT, min(NOISE_MARGIN * evidence.noise_hu / contrast, MAX_NOISE)))
     if evidence.own_misfit <= limit:
         return None
-    found, allowed = evidence.fit.misfit, float(np.hypot(limit, evidence.excused_misfit))
+    found = evidence.fit.misfit
+    if math.isinf(found):
+        return "nothing of its surface can be used"
+    allowed = float(np.hypot(limit, evidence.excused_misfit))
     return f"its surface departs from a sphere's by {found:.1%} of its contrast, {allowed:.1%} allowed"
 
 

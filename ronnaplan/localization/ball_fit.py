@@ -27,10 +27,11 @@ class BallFit:
     marks the voxels that informed the fit, ``residuals_hu`` (N,) is data minus model, ``jacobian`` (N, P) the model's
     derivatives, ``influence_mm_per_hu`` (N, 3) how far one HU at a voxel moves the center, ``center_by_radius`` (3,)
     how far the fit would move it for each mm that the radius were held larger, ``center_by_layer`` (3, 3) how far it is
-    moved, in mm, where what is wrapped around lies aside by its whole thickness along u, v, w. ``is_shaded`` says
-    whether the shading was asked for, ``is_clipped`` whether voxels that informed the fit are at the top of the scale.
-    ``made_good_mm`` (3,) is how far the center was moved, in LPS, by what a head does to the image being made good, and
-    None where that was not done.
+    moved, in mm, where what is wrapped around, or the cavity of a shell whose shading was not asked for, lies aside by
+    the layer's whole thickness along u, v, w; shading tells otherwise how far a cavity does, ``aside_mm`` (3,).
+    ``is_shaded`` says whether the shading was asked for, ``is_clipped`` whether voxels that informed the fit are at the
+    top of the scale. ``made_good_mm`` (3,) is how far the center was moved, in LPS, by what a head does to the image
+    being made good, and None where that was not done.
     """
 
     neighbourhood: Neighbourhood
@@ -41,6 +42,7 @@ class BallFit:
     influence_mm_per_hu: FloatArray
     center_by_radius: FloatArray
     center_by_layer: FloatArray
+    aside_mm: FloatArray
     is_shaded: bool
     is_clipped: bool
     verdict: Verdict
@@ -108,16 +110,16 @@ def fit_at(
     if not converged:  # its tests ask for nothing else
         around, used = around.select(used), np.ones(np.count_nonzero(used), dtype=np.bool_)
     residuals, jacobian = residuals_and_jacobian(around, theta, prior.layer_mm, ceiling_hu)
-    moves, by_radius = np.zeros_like(around.offsets_mm), np.zeros(3)
+    moves, by_radius, aside_mm = np.zeros_like(around.offsets_mm), np.zeros(3), np.zeros(3)
     if converged:
         moves[used], by_radius = influence(jacobian[used], prior.weight)
     is_shaded = converged and ceiling_hu - theta[BACKGROUND] >= PLATEAU_SHARE * theta[CONTRAST]
     if is_shaded:
         shading = shaded(around, theta, residuals, jacobian, used, prior, slopes=slopes)
         theta = np.append(theta[CENTER] + shading.shift_mm, theta[RADIUS:])
-        residuals, moves = shading.residuals_hu, shading.influence_mm_per_hu
+        residuals, moves, aside_mm = shading.residuals_hu, shading.influence_mm_per_hu, shading.aside_mm
     by_layer = np.zeros((3, 3))
-    if converged and prior.layer_mm > 0.0:
+    if converged and (prior.layer_mm > 0.0 or (prior.layer_mm < 0.0 and not is_shaded)):
         by_layer = prior.layer_mm * moves.T @ layer_jacobian(around, theta, prior.layer_mm)
     return BallFit(
         neighbourhood=around,
@@ -128,6 +130,7 @@ def fit_at(
         influence_mm_per_hu=moves,
         center_by_radius=by_radius,
         center_by_layer=by_layer,
+        aside_mm=aside_mm,
         is_shaded=is_shaded,
         is_clipped=bool((around.values_hu[used] >= ceiling_hu).any()),
         verdict=verdict,

@@ -23,6 +23,7 @@ from ronnaplan.localization.descent import (
     MAX_WANDER,
     REST,
     Prior,
+    cavity_moved_hu,
     descend,
     go_on,
     is_no_marker,
@@ -71,6 +72,9 @@ LONG_TAILS, OVERSHOOTING, SHARP_MM = -0.3, 0.8, 1.0
 too, if the blur is no larger than the third then: softer ones do not overshoot, and what is wrapped around a ball makes
 long tails indeed."""
 
+CAVITY_ROUNDS, CAVITY_CLOSE_MM = 3, 0.001
+"""A hollow ball is fitted anew so many times at most, until its cavity is told to lie, so nearly, where it was put."""
+
 MAX_ROUNDS = 8
 """Rounds of leaving directions out and fitting again; real markers settle in two to four."""
 
@@ -114,15 +118,33 @@ def fit_ball(
     plain = _settle(around.select(near), theta, prior, ceiling_hu, (verdict, used[near]))
     plain = _of_either_kernel(plain, around)
     if plain.verdict.round_share < HOPELESS_ROUND or not lies_on_something(theta, verdict):
-        return plain
+        return _about_its_own_center(plain)
     around = around.select(near)
     on_skin = _settle_on_skin(around, *with_skin(theta, prior, verdict, around), ceiling_hu)
-    return on_skin if is_skin(on_skin.theta) and _tells_more(on_skin, plain) else plain
+    return _about_its_own_center(on_skin if is_skin(on_skin.theta) and _tells_more(on_skin, plain) else plain)
 
 
 def refit(fit: BallFit, around: Neighbourhood) -> BallFit:
     """Fit a ball anew, from where ``fit`` came to rest, to voxels to which is given back why its contrast sloped."""
     return _settle(around, fit.theta, fit.prior, fit.ceiling_hu, (fit.verdict, fit.used), slopes=False)
+
+
+def _about_its_own_center(fit: BallFit) -> BallFit:
+    """Fit a hollow ball anew, to what it would show if the cavity that its shading tells aside were about its center.
+
+    The first order leaves a tenth of how far that draws the center, and goes without directions that are the ball's.
+    """
+    seen, aside_mm = fit.neighbourhood, np.zeros(3)
+    for _ in range(CAVITY_ROUNDS):
+        if float(np.linalg.norm(fit.aside_mm)) < CAVITY_CLOSE_MM:
+            break
+        aside_mm = aside_mm + fit.aside_mm
+        moved_hu = cavity_moved_hu(seen, fit.theta, fit.prior.layer_mm, aside_mm)
+        again = _settle(seen.given_back(-moved_hu, fit.ceiling_hu), fit.theta, fit.prior, fit.ceiling_hu)
+        if not again.converged:
+            break
+        fit = again
+    return fit
 
 
 def _of_either_kernel(fit: BallFit, around: Neighbourhood) -> BallFit:

@@ -42,7 +42,7 @@ from ronnaplan.localization.parameters import (
     W,
     profile_half_mm,
 )
-from ronnaplan.localization.shading import QUANTIZATION_NOISE_HU
+from ronnaplan.localization.shading import QUANTIZATION_NOISE_HU, UNEVEN
 
 MIN_FLAT_VOXELS = 30
 """A zone with fewer voxels says nothing of the noise."""
@@ -105,10 +105,6 @@ UNUSUAL = 3.0
 ASIDE = 0.5
 """A film that thins out towards the other side displaces a fitted center by this share of what it adds to the diameter;
 one over half the ball by 0.75 of that."""
-
-
-UNEVEN = 0.15
-"""What is wrapped around a ball lies off its center by this share of its thickness, in any direction: an assumption."""
 
 
 def center_covariance(

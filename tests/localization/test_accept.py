@@ -71,6 +71,14 @@ def test_every_test_can_fail_and_gives_its_reason(name: str, fit: BallFit) -> No
     assert len(reason) > 15
 
 
+def test_a_fit_without_any_surface_is_turned_down_in_finite_words(fit: BallFit) -> None:
+    unused = replace(fit, used=np.zeros_like(fit.used), verdict=round_in(fit.verdict, 0.91))
+    assert TESTS["coverage"](evidence(unused)) == (
+        "only 91% of what is seen of its surface is a sphere's, 100% expected"
+    )
+    assert TESTS["roundness"](evidence(unused)) == "nothing of its surface can be used"
+
+
 def test_what_is_attached_to_more_than_a_post_leaves_a_round_rest(fit: BallFit) -> None:
     on_skin = replace(round_in(fit.verdict, 0.85), attached_share=0.12)
     assert TESTS["free"](evidence(replace(fit, verdict=on_skin))) is None

@@ -83,6 +83,23 @@ def test_what_lies_unevenly_around_a_ball_moves_its_center_as_far_as_is_stated()
     assert error @ np.linalg.solve(center_covariance(unaware, movement(Edge(fit))), error) > CHI2_95
 
 
+@pytest.mark.parametrize("denser", [1.0, 5.0], ids=["whole", "clipped"])
+@pytest.mark.parametrize("aside", [(0.12, -0.06, 0.0), (0.02, 0.03, -0.13), (0.0, 0.0, 0.0)])
+def test_a_cavity_that_lies_aside_is_told_or_stated(aside: tuple[float, float, float], denser: float) -> None:
+    center = np.array([1.0, 2.0, 3.0])
+    parts = [Part(sphere(center, 11.5), "acrylic"), Part(sphere(center + aside, 9.5), "air", embedded=True)]
+    seen = scan(Scene(tuple(parts)), small_stack(), noise_hu=0.0)
+    noisy = with_white_noise(replace(seen, voxels_hu=(denser * (seen.voxels_hu + 1000.0) - 1000.0)), 5.0, 1)
+    volume = replace(noisy, voxels_hu=np.minimum(noisy.voxels_hu, np.float32(3071.0)))
+    fit = fit_place(Scan(volume), center + 0.1, 11.5, Build.parse("shell:1"))
+    assert fit.converged
+    assert fit.is_shaded == (denser == 1.0)
+    error = fit.center_mm - center
+    assert error @ np.linalg.solve(center_covariance(fit, movement(Edge(fit))), error) < CHI2_95
+    if fit.is_shaded:  # one center for both surfaces would lie between theirs
+        assert float(np.linalg.norm(error)) < 0.005
+
+
 def test_the_scatter_over_noise_is_at_the_bound_and_within_the_stated_error(quiet: CTVolume) -> None:
     fits = [fit_of(with_white_noise(quiet, 80.0, seed)) for seed in range(12)]
     scatter = np.std([fit.center_mm for fit in fits], axis=0, ddof=1)
