@@ -35,6 +35,7 @@ from ronnaplan.localization.refine import refit
 from ronnaplan.localization.summed import (
     AIR_HU,
     ALIKE_VOXELS,
+    PADDING_HU,
     WATER_PER_MM,
     chord_losses,
     kernel_passed,
@@ -275,7 +276,7 @@ def _sum_up(
                 i, j = int(column + n * by_column), int(row + n * by_row)
                 if 0 <= i < columns and 0 <= j < rows:
                     value = picture[j, i]
-                    if value - air > AIR_HU - VACUUM_HU and value != padding:
+                    if value - air > AIR_HU - VACUUM_HU and value < PADDING_HU and value != padding:
                         total += value - air
             losses[view, s] = total * STEP_MM * WATER_PER_MM / 1000.0
 

@@ -18,6 +18,7 @@ import numpy as np
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.ball_fit import BallFit
+from ronnaplan.localization.descent import MAX_CONTRAST_HU
 from ronnaplan.localization.neighbourhood import Neighbourhood, first_of_each
 from ronnaplan.localization.parameters import BLUR, CONTRAST, EDGE, RADIUS, SHAPE, WIDTH, U, V, W, profile_half_mm
 
@@ -39,6 +40,9 @@ ALIKE_VOXELS = 6.0
 
 AIR_HU = -850.0
 """What is below is air: its noise and its rounding would add up over a picture."""
+
+PADDING_HU = MAX_CONTRAST_HU - 1000.0
+"""What is brighter than any scale goes is padding that no tag tells (-2000, say, that was stored without its sign)."""
 
 SPARSE_MM = 3.0
 """Pixels so far apart tell what lies beside a ball."""
@@ -176,7 +180,7 @@ def _loss(volume: CTVolume, number: int, center_mm: FloatArray, radius_mm: float
     across_mm = u_mm + np.arange(seen_hu.shape[1]) * every * grid.column_spacing_mm
     down_mm = v_mm + np.arange(seen_hu.shape[0]) * every * grid.row_spacing_mm
     distances_mm = np.hypot(across_mm, down_mm[:, np.newaxis])
-    counts = (seen_hu > AIR_HU) & (distances_mm > BESIDE * radius_mm + BESIDE_MM)
+    counts = (seen_hu > AIR_HU) & (seen_hu < PADDING_HU) & (distances_mm > BESIDE * radius_mm + BESIDE_MM)
     if volume.padding_hu is not None:
         counts &= seen_hu != volume.padding_hu
     density = (seen_hu[counts].astype(np.float64) + 1000.0) / 1000.0

@@ -203,6 +203,16 @@ def test_without_a_head_beside_it_a_ball_is_fitted_as_ever() -> None:
     assert fitted(volume).made_good_mm is None
 
 
+@pytest.mark.parametrize("padding_hu", [31744.0, 62512.0], ids=["-32768 unsigned", "-2000 unsigned"])
+def test_padding_that_no_tag_tells_is_nothing_that_rays_meet(padding_hu: float) -> None:
+    volume = scanned(ONE_ENERGY, ONE_ENERGY, 0.0, head_mm=0.0)
+    shape = volume.voxels_hu.shape[1:]
+    far = np.hypot(*(np.indices(shape) - (np.array(shape)[:, np.newaxis, np.newaxis] - 1) / 2)) > shape[0] / 2
+    padded = replace(volume, voxels_hu=np.where(far, padding_hu, volume.voxels_hu).astype(np.float32))
+    assert far.any()
+    assert fitted(padded).center_mm == pytest.approx(fitted(volume).center_mm, abs=1e-4)
+
+
 def test_what_rays_lose_beside_a_ball_is_what_they_pass_there(by_one_energy: CTVolume) -> None:
     beside = all_beside(by_one_energy, fitted(by_one_energy))
     angles = (np.arange(beside.losses.shape[1]) + 0.5) * np.pi / beside.losses.shape[1]
