@@ -24,11 +24,10 @@ CHUNK: Final = 1000
 """Files whose headers are read between two commits: what a killed listing has to do again."""
 REQUESTS: Final = 32
 """Headers that are fetched at one time from behind a URL."""
-FIRST_FOLDER: Final = (
-    "(SELECT files.folder FROM files WHERE files.series = series.id"
-    " ORDER BY files.place, files.folder, files.name LIMIT 1)"
-)
-"""Where a series lies, whatever was listed when."""
+FIRST: Final = "ORDER BY files.place, files.folder, files.name LIMIT 1"
+"""Of a series' files, the one that describes it, whatever was listed when."""
+FIRST_FOLDER: Final = f"(SELECT files.folder FROM files WHERE files.series = series.id {FIRST})"
+"""Where a series lies."""
 PARTLY: Final = "some of its files cannot be read"
 """What the index has of an archive of which some members are missing."""
 
@@ -234,9 +233,7 @@ def _enter(index: Index, place: int, looked: Sequence[_LookedInto], listed: List
 
 def _describe(index: Index, series: int, headers: Mapping[tuple[str, str], Instance | None]) -> None:
     """Describe a series as its first file does, within a transaction, if that is one of those whose header was read."""
-    first = index.rows(
-        "SELECT folder, name FROM files WHERE series = ? ORDER BY place, folder, name LIMIT 1", series
-    )
+    first = index.rows(f"SELECT folder, name FROM files WHERE series = ? {FIRST}", series)
     instance = headers.get(first[0]) if first else None
     if instance is not None:
         values = ", ".join(f"{text} = ?" for text in TEXTS)

@@ -260,24 +260,26 @@ def residuals_and_jacobian(
 
 def layer_jacobian(around: Neighbourhood, theta: FloatArray, layer_mm: float) -> FloatArray:
     """How the model changes (N, 3) with the place of the second ball alone, of a hollow or wrapped marker, HU/mm."""
-    without = theta.copy()
-    without[len(PARAMETERS)] = 0.0
-    both, first = (evaluate(around.offsets_mm, one, layer_mm, *discs(one))[1] for one in (theta, without))
-    alone: FloatArray = (both - first)[:, CENTER]
+    alone: FloatArray = _second_ball(around.offsets_mm, theta, layer_mm)[1][:, CENTER]
     return alone
 
 
 def cavity_moved_hu(around: Neighbourhood, theta: FloatArray, layer_mm: float, aside_mm: FloatArray) -> FloatArray:
     """How the model changes (N,) where the second ball alone lies ``aside_mm`` (3,) from the center, HU."""
-    without = theta.copy()
-    without[len(PARAMETERS)] = 0.0
     aside, there = (
-        evaluate(offsets_mm, theta, layer_mm, *discs(theta))[0]
-        - evaluate(offsets_mm, without, layer_mm, *discs(theta))[0]
+        _second_ball(offsets_mm, theta, layer_mm)[0]
         for offsets_mm in (around.offsets_mm - aside_mm, around.offsets_mm)
     )
     moved_hu: FloatArray = aside - there
     return moved_hu
+
+
+def _second_ball(offsets_mm: FloatArray, theta: FloatArray, layer_mm: float) -> tuple[FloatArray, FloatArray]:
+    """What the second ball of a hollow or wrapped marker adds to the model (N,), and to its derivatives (N, P)."""
+    without = theta.copy()
+    without[len(PARAMETERS)] = 0.0
+    both, first = (evaluate(offsets_mm, one, layer_mm, *discs(one)) for one in (theta, without))
+    return both[0] - first[0], both[1] - first[1]
 
 
 def influence(informed: FloatArray, prior_weight: FloatArray) -> tuple[FloatArray, FloatArray]:
