@@ -9,15 +9,18 @@ import numpy as np
 
 from ronnaplan.correspondence.chance import Chance
 from ronnaplan.correspondence.evidence import SCALES, fits_as_well, is_collinear
+from ronnaplan.correspondence.exact import search
 from ronnaplan.correspondence.lookup import point_grid
-from ronnaplan.correspondence.pairing import LEFT_HANDED, MOST_RIVALS, Pairing, Rival, no_pairs
-from ronnaplan.correspondence.poses import Found, find_poses, work_allowed
+from ronnaplan.correspondence.pairing import LEFT_HANDED, MOST_RIVALS, TWO_BODIES, Pairing, Rival, no_pairs
+from ronnaplan.correspondence.poses import SUCCESS_SIZES, Found, find_poses, work_allowed
+from ronnaplan.correspondence.priors import size_priors
 from ronnaplan.correspondence.problem import Problem, moved_pairs, pairs_of
 from ronnaplan.correspondence.refining import PAIR_SIGMAS, refined
 from ronnaplan.correspondence.rivals import LOG_ODDS_OF_MIRROR, LOG_ODDS_PER_PAIR
-from ronnaplan.correspondence.told import LEAST_PAIRS
+from ronnaplan.correspondence.told import LEAST_PAIRS, Told
 from ronnaplan.correspondence.weighing import Pose, pose_evidence
 from ronnaplan.geometry import FloatArray
+from ronnaplan.pose import transform_points
 
 MISSED_SHARE = 0.1
 """Poses are sought until an equal of the best is missed with at most this share of the doubt that is allowed."""
@@ -40,6 +43,15 @@ MIRROR_SHARE = 0.05
 MORE_IF_MIRRORED = 1.5
 """Right pairs that a mirror image has to have more. That of flat markers has as many, but for those of which noise and
 outliers decide: more than this in 8 of 769 scenes of 20 to 200 markers, half of them the densest."""
+
+
+LIKELY_PAIR, SAME_POSE_SIGMAS = 0.5, 8.0
+"""Pairs of the best pose that are more probable than not are none of a body beside it, nor is what it brings within so
+many standard deviations: the same body's, with larger errors."""
+
+BESIDE_CHI2, FEWER_BESIDE, MOST_BESIDE = 12.0, 2, 1600
+"""A body beside the best pose's is sought by distances that agree within 3.5 standard deviations, where it has at most
+so many pairs fewer (three make odds of 1 %), and there are up to so many possible pairs: 40 points of either set."""
 
 
 def match_large(problem: Problem, least_probability: float) -> Pairing:
@@ -94,8 +106,40 @@ def weighed(problem: Problem, found: Found, of_pairs: FloatArray, least_probabil
     if not problem.told.allows(len(given)):
         reason = f"{len(given)} pairs fit but {problem.told} are expected; check the expected number"
         return Pairing("unmatched", no_pairs(), probability, rivals, reason)
+    probability = 1.0 / (1.0 / probability + odds_of_body_beside(problem, best, of_pairs))
+    if probability < least_probability:
+        return Pairing("ambiguous", no_pairs(), probability, rivals, TWO_BODIES, doubtful=best.pairs)
     moved = moved_pairs(problem, best.partner)
     return Pairing("unique", given, probability, rivals[1:], doubtful=doubtful, moved=moved)
+
+
+def odds_of_body_beside(problem: Problem, best: Pose, of_pairs: FloatArray) -> float:
+    """Return the odds that the patient is not the best pose's pairs but another body, among the points that they leave.
+
+    ``of_pairs`` are the pairs' probabilities. Few triangles lead to the pose of a small thin body (a plate, a row), so
+    that it may have been missed; it is sought by its distances alone. 0 beside bodies that are large enough for the
+    search for poses to be sure of their equals, and where a pair is known: the patient holds it.
+    """
+    taken, size = best.pairs[of_pairs >= LIKELY_PAIR], float(of_pairs.sum())
+    i, j = (np.setdiff1d(np.arange(count), taken[:, axis]) for axis, count in enumerate(problem.counts))
+    least = max(round(size) - FEWER_BESIDE, LEAST_PAIRS)
+    small = size < SUCCESS_SIZES[0] and len(problem.known) == 0
+    if not small or min(len(i), len(j)) < least or len(i) * len(j) > MOST_BESIDE:
+        return 0.0
+    constants, background = size_priors((len(i), len(j)), Told())
+    constants += (np.arange(len(constants)) - 1.0) * math.log(problem.volume_mm3)
+    constants[:least] = -math.inf
+    weight, value = (pairs[np.ix_(i, j)] for pairs in problem.pair_weights())
+    met = transform_points(best.matrix, problem.ct[i])[:, None] - problem.ots[j]
+    value[(met**2).sum(axis=2) * weight <= SAME_POSE_SIGMAS**2] = -math.inf
+    log_evidence, _, partners, _ = search(
+        problem.ct[i], problem.ots[j], weight, value, constants, no_pairs(), math.inf, 1.0, background, BESIDE_CHI2
+    )
+    if len(log_evidence) == 0:
+        return 0.0
+    top = int(log_evidence.argmax())
+    real = 1.0 / (1.0 + math.exp(min(background - log_evidence[top], 700.0)))
+    return real * math.exp(LOG_ODDS_PER_PAIR * (int((partners[top] >= 0).sum()) - size))
 
 
 def rivals_of(poses: list[Pose]) -> tuple[Rival, ...]:

@@ -26,6 +26,9 @@ MOST_RIVALS = 10
 """Rivals listed in an answer."""
 
 LEFT_HANDED = "the mirror image fits far better: the coordinates of one set are left-handed; check its axes"
+TWO_BODIES = (
+    "the points hold two rigid bodies, and neither is clearly the larger; remove one, or point at a marker"
+)
 
 Status = Literal["unique", "ambiguous", "unmatched"]
 

@@ -10,7 +10,15 @@ import numpy as np
 from ronnaplan.correspondence.anisotropic import anisotropic_log_evidence
 from ronnaplan.correspondence.evidence import MOST_ODDS_IF_LARGER, SCALES, is_collinear
 from ronnaplan.correspondence.exact import LISTED_NATS, search
-from ronnaplan.correspondence.pairing import LEFT_HANDED, MOST_RIVALS, IntArray, Pairing, Rival, no_pairs
+from ronnaplan.correspondence.pairing import (
+    LEFT_HANDED,
+    MOST_RIVALS,
+    TWO_BODIES,
+    IntArray,
+    Pairing,
+    Rival,
+    no_pairs,
+)
 from ronnaplan.correspondence.priors import residual_priors, size_priors
 from ronnaplan.correspondence.problem import Problem, moved_pairs, pairs_of
 from ronnaplan.correspondence.rivals import (
@@ -113,7 +121,7 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
     if probability < least_probability:
         reason = f"the best pairing has probability {probability:.4g}, at least {least_probability:g} is required"
         if other > 1.0 - least_probability:
-            reason = "the points hold two rigid bodies, and neither is clearly the larger; remove one of them"
+            reason = TWO_BODIES
         elif regular > 1.0 - least_probability:
             reason = "the markers are laid out regularly and fit in more than one order; point at one, or move one"
         return Pairing("ambiguous", no_pairs(), probability, rivals, reason, best_touch(weighed, posterior))
@@ -187,8 +195,11 @@ def vouched(partners: IntArray, posterior: FloatArray, core: IntArray) -> float:
 def odds_of_another_body(problem: Problem, weighed: Weighed) -> float:
     """Return the odds that the patient is not the best pairing but a body among the points that it leaves.
 
-    A smaller one that has too few pairs to be given is none: three pairs among outliers are too easily had.
+    A smaller one that has too few pairs to be given is none: three pairs among outliers are too easily had. Nor is
+    there one where a pair is known: the patient holds it.
     """
+    if len(problem.known):
+        return 0.0
     best = weighed.partners[0]
     count, real = other_body(
         problem.ct,
