@@ -44,7 +44,6 @@ MORE_IF_MIRRORED = 1.5
 """Right pairs that a mirror image has to have more. That of flat markers has as many, but for those of which noise and
 outliers decide: more than this in 8 of 769 scenes of 20 to 200 markers, half of them the densest."""
 
-
 LIKELY_PAIR, SAME_POSE_SIGMAS = 0.5, 8.0
 """Pairs of the best pose that are more probable than not are none of a body beside it, nor is what it brings within so
 many standard deviations: the same body's, with larger errors."""
@@ -108,7 +107,8 @@ def weighed(problem: Problem, found: Found, of_pairs: FloatArray, least_probabil
         return Pairing("unmatched", no_pairs(), probability, rivals, reason)
     probability = 1.0 / (1.0 / probability + odds_of_body_beside(problem, best, of_pairs))
     if probability < least_probability:
-        return Pairing("ambiguous", no_pairs(), probability, rivals, TWO_BODIES, doubtful=best.pairs)
+        touch = int(given[0, 0])  # of the one or of the other
+        return Pairing("ambiguous", no_pairs(), probability, rivals, TWO_BODIES, touch, best.pairs)
     moved = moved_pairs(problem, best.partner)
     return Pairing("unique", given, probability, rivals[1:], doubtful=doubtful, moved=moved)
 

@@ -120,11 +120,12 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
         return Pairing("unmatched", no_pairs(), probability, rivals, reason)
     if probability < least_probability:
         reason = f"the best pairing has probability {probability:.4g}, at least {least_probability:g} is required"
+        touch = best_touch(weighed, posterior)
         if other > 1.0 - least_probability:
-            reason = TWO_BODIES
+            reason, touch = TWO_BODIES, int(pairs_of(weighed.partners[0])[0, 0])  # of the one or of the other
         elif regular > 1.0 - least_probability:
             reason = "the markers are laid out regularly and fit in more than one order; point at one, or move one"
-        return Pairing("ambiguous", no_pairs(), probability, rivals, reason, best_touch(weighed, posterior))
+        return Pairing("ambiguous", no_pairs(), probability, rivals, reason, touch)
     if odds_if_larger(weighed.log_evidence, weighed.chi2, weighed.partners, core) > MOST_ODDS_IF_LARGER:
         reason = (
             f"were the errors {SCALES[-1]:g} times as large as stated, another pairing might be the right one; "
