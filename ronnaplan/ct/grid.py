@@ -18,6 +18,9 @@ from ronnaplan.geometry import FloatArray, unit
 UNIFORM_SPACING_TOLERANCE_MM = 1e-3
 """Slice gaps that differ by less than this are called equal (DICOM writes positions with 3 to 6 decimals)."""
 
+TILT_TOLERANCE_DEG = 0.5
+"""Angles between slices and the line through them are told to this: several makers round the tilt tag to so much."""
+
 CUBE_TOLERANCE = 0.01
 """Voxels whose edges differ by this share at most are cubes."""
 
@@ -138,6 +141,17 @@ class SliceGrid:
             return 0.0
         direction = unit(self.origins_mm[-1] - self.origins_mm[0])
         return float(np.degrees(np.arccos(np.clip(direction @ self.normal, -1.0, 1.0))))
+
+    @property
+    def is_sheared(self) -> bool:
+        """Whether slices are shifted sideways, each against the one before, as by no tilted gantry.
+
+        A table moves along the patient's axis, so that the slices of a tilted gantry follow that.
+        """
+        if self.tilt_deg <= TILT_TOLERANCE_DEG:
+            return False
+        along = unit(self.origins_mm[-1] - self.origins_mm[0])
+        return bool(abs(along[2]) < np.cos(np.radians(TILT_TOLERANCE_DEG)))
 
     def positions_mm(self, kji: FloatArray) -> FloatArray:
         """Map voxel indices (..., 3) = (slice, row, column) to LPS mm (..., 3).

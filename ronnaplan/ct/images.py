@@ -37,8 +37,6 @@ _READERS: Final[dict[str, Callable[[Path, BinaryIO, Limits], ImageHeader]]] = {
 }
 PERPENDICULAR_TOLERANCE: Final = 1e-4
 """Largest cosine between rows and columns that still counts as perpendicular."""
-AIR_BELOW_HU: Final = -500.0
-"""A head is scanned in air, which is lower than this in every scan, and never so in values that are offset."""
 LEAST_STACKING: Final = 0.1
 """Least cosine between the slices' normal and the step from slice to slice."""
 
@@ -61,6 +59,12 @@ class ImageFile:
     def shape(self) -> tuple[int, int, int]:
         """Slices, rows and columns."""
         return self.header.shape
+
+    @property
+    def flags(self) -> tuple[VolumeFlag, ...]:
+        """Reasons to doubt where its voxels lie."""
+        sheared = (VolumeFlag.SHEARED,) if self.grid.is_sheared else ()
+        return (VolumeFlag.NO_FRAME_OF_REFERENCE, *sheared)
 
 
 def open_image(path: Path, limits: Limits = DEFAULT_LIMITS) -> ImageFile:
@@ -85,7 +89,7 @@ def read_image(path: Path, limits: Limits) -> CTVolume:
         voxels_hu=voxels,
         grid=image.grid,
         source=SeriesSource(description=printable(path.name)),
-        flags=(VolumeFlag.NO_FRAME_OF_REFERENCE, *([VolumeFlag.NO_AIR] if voxels.min() > AIR_BELOW_HU else ())),
+        flags=image.flags,
     )
 
 

@@ -17,6 +17,7 @@ from ronnaplan.ct.images import is_image_file, read_image
 from ronnaplan.ct.limits import DEFAULT_LIMITS, GIB, Limits
 from ronnaplan.ct.pixels import INT16, DoesNotFitError, Voxels, may_be_int16, read_slice
 from ronnaplan.ct.progress import Progress, advancing
+from ronnaplan.ct.scale import doubts_of_scale
 from ronnaplan.ct.scratch import Scratch, one_by_one
 from ronnaplan.ct.slices import CT_ONLY, CT_OR_MR, SliceImage
 from ronnaplan.ct.volume import CTVolume, SeriesSource, VolumeFlag
@@ -74,7 +75,7 @@ def _read(
 ) -> CTVolume:
     path = given_path(path)
     if is_image_file(path) and path.is_file():
-        return _told(_without_unmeasured(read_image(path, limits)))
+        return _told(_judged(_without_unmeasured(read_image(path, limits))))
     found = find_series(path, limits, kinds=kinds, progress=progress)
     series = found.choose(series_uid)
     troubled = any(one.is_trouble for one in found.skipped)
@@ -86,6 +87,12 @@ def _told(volume: CTVolume) -> CTVolume:
     for flag in volume.flags:
         LOG.info("the scan is to be doubted: %s", flag)
     return volume
+
+
+def _judged(volume: CTVolume) -> CTVolume:
+    """Flag values that cannot be HU of something in air."""
+    doubts = doubts_of_scale(volume.voxels_hu, volume.padding_hu)
+    return replace(volume, flags=(*volume.flags, *doubts)) if doubts else volume
 
 
 def _without_unmeasured(volume: CTVolume) -> CTVolume:
@@ -121,7 +128,8 @@ def read_series(
         kernel=slices[0].kernel,
     )
     flags = (*stack.flags, VolumeFlag.UNREADABLE_FILES) if troubled else stack.flags
-    return _told(CTVolume(voxels, stack.grid, source, padding_hu, flags))
+    volume = CTVolume(voxels, stack.grid, source, padding_hu, flags)
+    return _told(_judged(volume) if first.modality == "CT" else volume)
 
 
 def _voxels(

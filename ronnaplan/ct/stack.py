@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from ronnaplan.ct.derived import flags_of
-from ronnaplan.ct.grid import SliceGrid
+from ronnaplan.ct.grid import TILT_TOLERANCE_DEG, SliceGrid
 from ronnaplan.ct.header import DEFLATED_LITTLE
 from ronnaplan.ct.slices import SliceImage
 from ronnaplan.ct.values import Vector
@@ -33,8 +33,6 @@ SAME_PLACE_TOLERANCE_MM: Final = 0.01
 """Slices nearer than this along the normal are at the same place (positions are often rounded to 0.01 mm)."""
 MULTIPLE_TOLERANCE: Final = 0.02
 """A gap within 2 % of a whole multiple of the usual gap tells of missing slices."""
-TILT_TOLERANCE_DEG: Final = 0.5
-"""The tilt tag is rounded to 0.5 degree by several makers."""
 SIDEWAYS_TOLERANCE_MM: Final = 0.05
 """Slice origins farther than this from the straight line through the others are shifted sideways."""
 THICKNESS_TOLERANCE: Final = 0.01
@@ -249,6 +247,7 @@ def _flags(slices: tuple[SliceImage, ...], grid: SliceGrid) -> list[VolumeFlag]:
     whole = np.round(multiples)
     missing = (whole >= 2) & (np.abs(multiples - whole) <= MULTIPLE_TOLERANCE * whole)
     tags = {image.instance.tilt_tag_deg for image in slices} - {None}
+    contradict = [abs(abs(tag) - grid.tilt_deg) > TILT_TOLERANCE_DEG for tag in tags if tag is not None]
     along_line = _fraction(grid.slice_positions_mm)
     line = grid.origins_mm[0] + along_line[:, np.newaxis] * (grid.origins_mm[-1] - grid.origins_mm[0])
     makings = {(image.image_type, image.technique, image.instance.description) for image in slices}
@@ -259,9 +258,8 @@ def _flags(slices: tuple[SliceImage, ...], grid: SliceGrid) -> list[VolumeFlag]:
         VolumeFlag.UNEVEN_SPACING: not grid.is_evenly_spaced,
         VolumeFlag.MISSING_SLICE: bool(missing.any()),
         VolumeFlag.OVERLAPPING: thickest > (1.0 + THICKNESS_TOLERANCE) * float(gaps.min()),
-        VolumeFlag.TILT_CONTRADICTS: any(
-            abs(abs(tag) - grid.tilt_deg) > TILT_TOLERANCE_DEG for tag in tags if tag is not None
-        ),
+        VolumeFlag.TILT_CONTRADICTS: any(contradict),
+        VolumeFlag.SHEARED: not tags and grid.is_sheared,
         VolumeFlag.SHIFTED_SIDEWAYS: bool(
             np.linalg.norm(grid.origins_mm - line, axis=1).max() > SIDEWAYS_TOLERANCE_MM
         ),

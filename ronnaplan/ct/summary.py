@@ -10,7 +10,6 @@ from ronnaplan.ct.files import Skipped, given_path
 from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.images import is_image_file, open_image
 from ronnaplan.ct.limits import DEFAULT_LIMITS, Limits
-from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.text import printable
 
 
@@ -91,7 +90,7 @@ def _of_image(path: Path, limits: Limits) -> SeriesSummary:
         tilt_deg=image.grid.tilt_deg,
         kernel="",
         problems=(),
-        notes=(str(VolumeFlag.NO_FRAME_OF_REFERENCE),),
+        notes=tuple(str(flag) for flag in image.flags),
         patient_name="",
     )
 

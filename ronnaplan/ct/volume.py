@@ -36,6 +36,9 @@ class VolumeFlag(StrEnum):
     OVERLAPPING = "the slices overlap"
     TILT_CONTRADICTS = "the gantry tilt tag contradicts the slice positions"
     SHIFTED_SIDEWAYS = "slices are shifted sideways against each other"
+    SHEARED = (
+        "each slice lies sideways of the one before, and no tag tells of a tilted gantry; check their positions"
+    )
     UNREADABLE_FILES = "some files beside the slices could not be read"
     NO_FRAME_OF_REFERENCE = "the file names no frame of reference"
     IMAGES_LEFT_OUT = "images of the same series that do not fit the others were left out"
@@ -45,6 +48,13 @@ class VolumeFlag(StrEnum):
     REFORMATTED = "the slices were resampled from others"
     VIRTUAL_VALUES = "the values are those of a material or of a virtual energy"
     NO_AIR = "no value is as low as air's, as if all were offset (by 1024?); expected air at -1000 HU"
+    LOW_AIR = (
+        "air is far below -1000 HU, as if an offset (of -1024?) had been added twice; expected air at -1000 HU"
+    )
+    NO_TISSUE = (
+        "no value is as high as tissue's, as if the rescale slope were wrong; expected tissue at about 0 HU"
+    )
+    INVERTED = "more than half is brighter than bone, as if inverted or without its sign; expected air at -1000 HU"
 
 
 @dataclass(frozen=True)

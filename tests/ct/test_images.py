@@ -53,11 +53,21 @@ def test_each_format_is_read_in_lps_and_flagged_as_without_frame_of_reference(tm
     assert volume.frame.uid is None
 
 
+def test_slices_that_shift_sideways_as_by_no_gantry_are_flagged(tmp_path: Path) -> None:
+    fields = "type: int16\ndimension: 3\nsizes: 10 8 4\nendian: little\nencoding: raw\nspace origin: (0,0,0)\n"
+    for third, flags in (("(0,0.5,2)", (VolumeFlag.SHEARED,)), ("(0,0,2)", ())):
+        path = tmp_path / "head.nrrd"
+        steps = f"space: left-posterior-superior\nspace directions: (0.75,0,0) (0,0.5,0) {third}\n\n"
+        path.write_bytes(f"NRRD0004\n{fields}{steps}".encode() + VOXELS.tobytes())
+        assert read_ct(path).flags == (VolumeFlag.NO_FRAME_OF_REFERENCE, *flags)
+
+
 @pytest.mark.parametrize("suffix", [".nii.gz", ".nrrd", ".mha"])
 def test_values_without_air_are_flagged_as_if_they_were_offset(tmp_path: Path, suffix: str) -> None:
     """As programs store them that know no sign: read all the same, for a crop may hold no air."""
-    volume = read_ct(write(tmp_path / f"head{suffix}", (VOXELS + 1024).astype(np.uint16)))
-    assert np.array_equal(volume.voxels_hu, VOXELS + 1024)
+    stored = np.tile(VOXELS + 600, (6, 4, 4)).astype(np.uint16)
+    volume = read_ct(write(tmp_path / f"head{suffix}", stored))
+    assert np.array_equal(volume.voxels_hu, stored)
     assert volume.flags == (VolumeFlag.NO_FRAME_OF_REFERENCE, VolumeFlag.NO_AIR)
     assert "expected air at -1000 HU" in VolumeFlag.NO_AIR
 

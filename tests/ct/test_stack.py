@@ -65,6 +65,22 @@ def test_a_contradicting_tilt_tag_is_flagged_and_the_positions_win(
     assert VolumeFlag.TILT_CONTRADICTS in volume.flags
 
 
+@pytest.mark.parametrize(("along_row", "along_column"), [(0.3, 0.0), (0.0, 0.3)])
+def test_slices_that_shift_sideways_as_by_no_gantry_are_flagged(
+    tmp_path: Path, along_row: float, along_column: float
+) -> None:
+    """Axial slices, each displaced against the one before, and no tilt is told: markers in it are no balls."""
+    sheared = placed([[along_row * k, along_column * k, 2 * k] for k in range(4)])
+    assert read_ct(write_series(tmp_path, change=sheared)).flags == (VolumeFlag.SHEARED,)
+
+
+def test_a_head_that_was_turned_with_its_tilted_slices_is_not_called_sheared(tmp_path: Path) -> None:
+    """Its tag tells of the tilt, though the slices are axial now, and their line is not the table's."""
+    origins = [[0, 2 * k * np.sin(np.radians(12)), 2 * k * np.cos(np.radians(12))] for k in range(4)]
+    tilted_tag = placed([[float(x) for x in origin] for origin in origins], GantryDetectorTilt=12)
+    assert read_ct(write_series(tmp_path, change=tilted_tag)).flags == (VolumeFlag.OVERLAPPING,)
+
+
 @pytest.mark.parametrize("name", list(POSITIONS))
 def test_every_patient_position_keeps_each_voxel_where_its_slice_says(tmp_path: Path, name: str) -> None:
     directions = np.array(POSITIONS[name], dtype=float)

@@ -1,0 +1,65 @@
+"""Whether values can be Hounsfield units of something in air: what a header says wrongly of their scale shows in them.
+
+A rescale that was applied twice, or never, one with a wrong sign or factor, and a lost sign of the stored values leave
+a picture that looks the same in a window of its own, but in which markers are not found, or other things are taken for
+air. A crop, or a phantom of foam, may look so, too: it is flagged, never refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ronnaplan.ct.pixels import Voxels
+from ronnaplan.ct.scratch import one_by_one
+from ronnaplan.ct.volume import VolumeFlag
+
+AIR_BELOW_HU: Final = -500.0
+"""A head is scanned in air, which is lower than this in every scan, and never so in values that are offset."""
+AIR_ABOVE_HU: Final = -1500.0
+"""Half of an offset of 1024 below air. Cone beams whose scale is their own show air at -1200."""
+TISSUE_ABOVE_HU: Final = -300.0
+"""Tissue, bone, and markers of any material are higher than this."""
+BRIGHT_HU: Final = 500.0
+"""Not even of a head that fills the field of view is half brighter than this."""
+SEEN: Final = 32
+"""So many slices, rows and columns are looked at."""
+LEAST_SEEN: Final = 8192
+"""Fewer voxels are too few to show what a head in air looks like."""
+
+
+def doubts_of_scale(voxels_hu: Voxels, padding_hu: float | None) -> tuple[VolumeFlag, ...]:
+    """Return the reasons to doubt that values (K, J, I) are HU, other than those that are ``padding_hu``."""
+    steps = [slice(None, None, max(size // SEEN, 1)) for size in voxels_hu.shape]
+    some = voxels_hu[tuple(steps)]
+    if some.size < LEAST_SEEN:
+        return ()
+    seen = _measured(some, padding_hu)
+    if not seen.size:
+        return VolumeFlag.NO_AIR, VolumeFlag.NO_TISSUE
+    air = seen[seen < AIR_BELOW_HU]
+    air = air[air > seen.min()]  # the lowest may stand for what was not measured
+    doubts = {
+        VolumeFlag.NO_AIR: not any(low <= AIR_BELOW_HU for low, _ in _ends(seen, voxels_hu, padding_hu)),
+        VolumeFlag.LOW_AIR: air.size > 0 and float(np.median(air)) < AIR_ABOVE_HU,
+        VolumeFlag.NO_TISSUE: not any(high > TISSUE_ABOVE_HU for _, high in _ends(seen, voxels_hu, padding_hu)),
+        VolumeFlag.INVERTED: float(np.median(seen)) > BRIGHT_HU,
+    }
+    return tuple(flag for flag, holds in doubts.items() if holds)
+
+
+def _measured(voxels_hu: NDArray[Any], padding_hu: float | None) -> NDArray[Any]:
+    """Return the values that are no padding."""
+    return voxels_hu.ravel() if padding_hu is None else voxels_hu[voxels_hu != padding_hu]
+
+
+def _ends(seen: NDArray[Any], voxels_hu: Voxels, padding_hu: float | None) -> Iterator[tuple[float, float]]:
+    """Yield the lowest and the highest value of what was ``seen``, and then, as it may not tell all, of each slice."""
+    yield float(seen.min()), float(seen.max())
+    for plane in one_by_one(voxels_hu):
+        measured = _measured(plane, padding_hu)
+        if measured.size:
+            yield float(measured.min()), float(measured.max())

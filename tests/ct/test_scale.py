@@ -1,0 +1,89 @@
+"""Values that are no HU look like a scan in a window of their own: what they are doubted for, and what they are not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from pydicom.dataset import Dataset
+
+from ronnaplan.ct import VolumeFlag, read_ct
+from tests.ct.makers import write_series
+
+SIZE = 32
+PADDING = -2000
+
+
+def head_hu(rim: int = PADDING) -> NDArray[np.int16]:
+    """Return a ball of water with a core of bone in noisy air, and a ``rim`` of what the scanner did not measure."""
+    k, j, i = np.mgrid[:SIZE, :SIZE, :SIZE] - SIZE / 2
+    radius = np.sqrt(k**2 + j**2 + i**2)
+    hu = np.select([radius < 4, radius < 11, np.hypot(j, i) < 16], [900, 30, -1000], rim)
+    noise = np.random.default_rng(1).normal(0.0, 15.0, hu.shape)
+    return np.where(hu == rim, rim, np.maximum(hu + noise.round(), -1024)).astype(np.int16)
+
+
+def flags_of(
+    folder: Path, stored: NDArray[np.int16], slope: float, intercept: float, padding: int | None = None
+) -> tuple[VolumeFlag, ...]:
+    """Write ``stored`` (K, J, I) with a rescale, read it, and return the flags."""
+
+    def change(made: Dataset, k: int) -> None:
+        made.Rows = made.Columns = SIZE
+        made.PixelData = stored[k].tobytes()
+        made.RescaleSlope, made.RescaleIntercept = slope, intercept
+        if padding is not None:
+            made.add_new(0x00280120, "SS", padding)
+
+    return read_ct(write_series(folder, SIZE, change)).flags
+
+
+@pytest.mark.parametrize("rim", [PADDING, -1024, -1000])
+def test_a_head_in_air_is_not_doubted(tmp_path: Path, rim: int) -> None:
+    assert flags_of(tmp_path, head_hu(rim) + np.int16(1024), 1, -1024) == ()
+
+
+def test_a_negative_slope_that_is_meant_gives_the_same_values(tmp_path: Path) -> None:
+    hu = head_hu()
+    assert flags_of(tmp_path, np.int16(1024) - hu, -1, 1024, padding=1024 - PADDING) == ()
+    assert np.array_equal(read_ct(tmp_path).voxels_hu, hu)
+
+
+@pytest.mark.parametrize(
+    ("slope", "intercept", "flag"),
+    [
+        (1, 0, VolumeFlag.NO_AIR),  # the offset was lost
+        (1, -2048, VolumeFlag.LOW_AIR),  # or added twice
+        (-1, -1024, VolumeFlag.NO_TISSUE),
+        (0.1, -1024, VolumeFlag.NO_TISSUE),
+        (-1, 1024, VolumeFlag.INVERTED),
+    ],
+)
+def test_a_wrong_rescale_is_flagged(tmp_path: Path, slope: float, intercept: float, flag: VolumeFlag) -> None:
+    stored = head_hu() + np.int16(1024)
+    assert flags_of(tmp_path, stored, slope, intercept, padding=PADDING + 1024) == (flag,)
+
+
+def test_values_that_lost_their_sign_are_flagged(tmp_path: Path) -> None:
+    """HU stored as they are, and said to be unsigned: air comes out at 64,536."""
+    hu = head_hu(-1024)
+
+    def change(made: Dataset, k: int) -> None:
+        made.Rows = made.Columns = SIZE
+        made.PixelData, made.PixelRepresentation, made.RescaleIntercept = hu[k].tobytes(), 0, 0
+
+    assert VolumeFlag.INVERTED in read_ct(write_series(tmp_path, SIZE, change)).flags
+
+
+def test_a_range_of_padding_that_takes_air_and_tissue_is_flagged(tmp_path: Path) -> None:
+    hu = head_hu(-1024)
+
+    def change(made: Dataset, k: int) -> None:
+        made.Rows = made.Columns = SIZE
+        made.PixelData, made.RescaleIntercept = hu[k].tobytes(), 0
+        made.add_new(0x00280120, "SS", PADDING)
+        made.add_new(0x00280121, "SS", 0)
+
+    assert VolumeFlag.NO_AIR in read_ct(write_series(tmp_path, SIZE, change)).flags
