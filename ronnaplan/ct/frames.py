@@ -47,8 +47,8 @@ _PRESENTATION_STATE_PREFIX: Final = "1.2.840.10008.5.1.4.1.1.11."
 PLAIN_SYNTAXES: Final = frozenset({IMPLICIT_LITTLE, EXPLICIT_LITTLE, EXPLICIT_BIG, DEFLATED_LITTLE})
 MOST_FRAMES: Final = 20_000
 """A file of more frames than this (20 m of body at 1 mm) is taken for damage."""
-_HU_NAMES: Final = frozenset({"", "HU", "US"})
-"""Rescale types taken for Hounsfield units. ``US`` (unspecified) is the standard's default for a CT."""
+_HU_NAMES: Final = frozenset({"", "HU", "US", "HOUNSFIELD", "HOUNSFIELD UNIT", "HOUNSFIELD UNITS"})
+"""Rescale types taken for HU. ``US`` (unspecified) is the standard's default for a CT; some spell it out."""
 
 
 def why_not_scan(instance: Instance, kinds: Mapping[str, frozenset[str]] = CT_ONLY) -> str | None:

@@ -10,7 +10,7 @@ import hashlib
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -72,7 +72,7 @@ def stacks_of(images: Sequence[SliceImage]) -> list[Stack]:
     """Divide the images of one series into stacks; a refused one says why in ``problem``."""
     parts = _by_plane(images)
     if len(parts) > MOST_PARTS:
-        return [Stack(tuple(images), problem="it mixes too many orientations, sizes or frames of reference")]
+        return [Stack(tuple(images), problem=_why_so_many(images))]
     stacks = [stack for part in parts for stack in _stacks_of_plane(part)]
     if all(stack.problem is None for stack in stacks):
         return stacks
@@ -92,6 +92,21 @@ def _by_plane(images: Sequence[SliceImage]) -> list[list[SliceImage]]:
             if len(groups) > MOST_PARTS:
                 break
     return groups
+
+
+def _why_so_many(images: Sequence[SliceImage]) -> str:
+    """Say by what images fall into too many parts: programs that take names away may give each file its own."""
+    apart: dict[str, set[Any]] = {
+        "orientations": {image.orientation for image in images},
+        "sizes": {(image.pixels.rows, image.pixels.columns) for image in images},
+        "pixel spacings": {image.spacing_mm for image in images},
+        "frames of reference": {image.instance.frame_of_reference_uid for image in images},
+        "studies": {image.instance.study_uid for image in images},
+        "patients": {image.instance.patient for image in images},
+        "stacks": {image.stack_id for image in images},
+    }
+    told = " and ".join(name for name, values in apart.items() if len(values) > 1)
+    return f"it mixes too many {told} (more than {MOST_PARTS} parts of {len(images)} images); export it again"
 
 
 def _share_plane(one: SliceImage, other: SliceImage) -> bool:

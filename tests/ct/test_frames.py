@@ -179,3 +179,12 @@ def test_frames_of_several_fragments_are_found_by_the_offset_table_or_refused(tm
     made.PixelData = encapsulate(frames, fragments_per_frame=2, has_bot=False)
     with pytest.raises(InputError, match="cannot be told apart"):
         read_ct(enhanced_file(tmp_path, made, "without"))
+
+
+@pytest.mark.parametrize("unit", ["HU", "US", "Hounsfield", "hounsfield units", None])
+def test_hounsfield_units_by_any_name_are_read(tmp_path: Path, unit: str | None) -> None:
+    def named(made: Dataset, k: int) -> None:
+        if unit is not None:
+            made.RescaleType = unit
+
+    assert read_ct(write_series(tmp_path, change=named)).voxels_hu.min() == -1024

@@ -346,3 +346,14 @@ def test_two_localizers_that_do_not_say_so_are_no_volume(tmp_path: Path) -> None
 def test_a_single_slice_is_no_volume(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="one slice only"):
         read_ct(write_series(tmp_path, 1))
+
+
+@pytest.mark.parametrize(
+    ("keyword", "told"),
+    [("StudyInstanceUID", "studies"), ("FrameOfReferenceUID", "frames of reference"), ("PatientID", "patients")],
+)
+def test_what_every_file_was_given_for_itself_is_named(tmp_path: Path, keyword: str, told: str) -> None:
+    """As programs leave it that take names away, file by file."""
+    write_series(tmp_path, 40, lambda made, k: setattr(made, keyword, f"1.2.{k}"))
+    with pytest.raises(InputError, match=rf"it mixes too many {told} \(more than 32 parts of 40 images\)"):
+        read_ct(tmp_path)
