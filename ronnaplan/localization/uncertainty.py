@@ -100,11 +100,12 @@ SIZE_TOLERANCE_MM = 0.06
 """A fitted diameter that is off by no more than this is the stated one: kernels that are not Gaussian make 0.04 mm."""
 
 UNUSUAL = 3.0
-"""A diameter is unlike the others' where it is off their median by so many of their own standard deviations."""
+"""A diameter is unlike the others' where it is off their median by so many of their own standard deviations, or larger
+than the smallest third by so many standard errors: it is told about as well as a center along one axis."""
 
-ASIDE = 0.5
-"""A film that thins out towards the other side displaces a fitted center by this share of what it adds to the diameter;
-one over half the ball by 0.75 of that."""
+ASIDE, MOST_ASIDE = 0.5, 0.75
+"""A film that thins out towards the other side displaces a fitted center by the first share of what it adds to the
+diameter; one over half the ball, or a strip over one side, by the second. That is stated where no flag tells of it."""
 
 
 def center_covariance(
@@ -212,19 +213,27 @@ def by_excess(fit: BallFit) -> FloatArray:
     return aside
 
 
-def beyond_usual_mm(excesses_mm: FloatArray) -> FloatArray:
+def beyond_usual_mm(excesses_mm: FloatArray, errors_mm: FloatArray) -> FloatArray:
     """By how much each diameter (M,) is off what the scan's markers have in common; 0 where that is no more than usual.
 
     A scanner's kernel makes all of them alike, to a few micrometres in thin slices, so this tells a film that is too
-    thin to make a marker's diameter another than the stated one. What does make it so, is counted already.
+    thin to make a marker's diameter another than the stated one. What does make it so, is counted already. Films only
+    add: what is larger than the smallest third by more than ``errors_mm`` (M,) tell, the errors of the centers along
+    one axis, is not bare, however many there are of it. Where most are off the stated diameter, the others are not
+    believed either.
     """
-    beyond_mm = np.zeros(len(excesses_mm))
     plain = np.abs(excesses_mm) <= SIZE_TOLERANCE_MM
+    if len(plain) >= LEAST_TOGETHER and 2 * np.count_nonzero(plain) <= len(plain):
+        return np.where(plain, excesses_mm, 0.0)
     if np.count_nonzero(plain) < LEAST_TOGETHER:
-        return beyond_mm
-    beyond_mm[plain] = excesses_mm[plain] - np.median(excesses_mm[plain])
-    usual_mm = UNUSUAL * robust_spread(beyond_mm[plain])
-    return np.where(np.abs(beyond_mm) > min(usual_mm, SIZE_TOLERANCE_MM), beyond_mm, 0.0)
+        return np.zeros(len(plain))
+    apart_mm = np.where(plain, excesses_mm - np.median(excesses_mm[plain]), 0.0)
+    usual_mm = UNUSUAL * robust_spread(apart_mm[plain])
+    apart_mm[np.abs(apart_mm) <= min(usual_mm, SIZE_TOLERANCE_MM)] = 0.0
+    bare = max((int(plain.sum()) - 1) // 3, 1)  # not the very smallest, which noise may have made so
+    larger_mm = np.where(plain, excesses_mm - np.sort(excesses_mm[plain])[bare], 0.0)
+    larger_mm[larger_mm <= UNUSUAL * np.median(errors_mm[plain])] = 0.0
+    return np.where(apart_mm == 0.0, larger_mm, apart_mm)
 
 
 def robust_spread(values: FloatArray) -> float:

@@ -24,6 +24,8 @@ from ronnaplan.localization.scan import Scan
 from ronnaplan.localization.smear import are_smeared
 from ronnaplan.localization.summed import slope_beside_per_mm
 from ronnaplan.localization.uncertainty import (
+    ASIDE,
+    MOST_ASIDE,
     beyond_usual_mm,
     by_panel,
     robust_spread,
@@ -186,9 +188,10 @@ def together(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
         return markers
     panel = float(np.median([by_panel(one.parameters) for one in markers]))
     counted = []
-    for one, moved, usual, beyond in zip(markers, movements, usual_mm2, _beyond_usual_mm(markers), strict=True):
+    beyond_mm2 = (MOST_ASIDE / ASIDE * _beyond_usual_mm(markers)) ** 2
+    for one, moved, usual, beyond in zip(markers, movements, usual_mm2, beyond_mm2, strict=True):
         covariance_mm2 = with_usual_lag(one.covariance_mm2, one.parameters, panel, axes)
-        covariance_mm2 = with_usual(covariance_mm2, moved, usual, axes) + beyond**2 * one.by_excess
+        covariance_mm2 = with_usual(covariance_mm2, moved, usual, axes) + beyond * one.by_excess
         counted.append(replace(one, covariance_mm2=covariance_mm2))
     return counted
 
@@ -254,7 +257,8 @@ def _beyond_usual_mm(markers: Sequence[Examined]) -> FloatArray:
     beyond_mm = np.zeros(len(markers))
     stated_mm = np.array([math.nan if one.is_clipped else one.stated_mm for one in markers])
     excesses_mm = np.array([one.excess_mm for one in markers])
+    errors_mm = np.sqrt([np.trace(one.covariance_mm2) / 3.0 for one in markers])
     for diameter in set(stated_mm[np.isfinite(stated_mm)]):
         alike = stated_mm == diameter
-        beyond_mm[alike] = beyond_usual_mm(excesses_mm[alike])
+        beyond_mm[alike] = beyond_usual_mm(excesses_mm[alike], errors_mm[alike])
     return beyond_mm

@@ -95,8 +95,33 @@ def test_cloth_covers_balls_and_a_kernel_that_falls_steeply_does_not(
 
 
 def test_a_film_is_seen_beside_others_that_are_thicker() -> None:
-    beyond_mm = beyond_usual_mm(np.array([0.0, 0.001, -0.001, 0.055, 0.12, 0.42]))
+    excesses_mm = np.array([0.0, 0.001, -0.001, 0.055, 0.12, 0.42])
+    beyond_mm = beyond_usual_mm(excesses_mm, np.full(6, 0.004))
     np.testing.assert_allclose(beyond_mm, [0.0, 0.0, 0.0, 0.0545, 0.0, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("excesses_mm", "beyond_mm"),
+    [
+        (
+            [0.020, 0.034, 0.000, 0.005, -0.002],
+            [0.020, 0.034, 0.0, 0.0, 0.0],
+        ),  # two films make all seem to scatter
+        ([0.040, 0.042, 0.038, 0.002, 0.001], [0.038, 0.040, 0.036, -0.036, -0.037]),  # three: who is bare?
+        ([-0.010, 0.006, 0.000, 0.011, -0.003], [0.0] * 5),  # noise
+        (
+            [0.095, 0.081, 0.080, 0.041, 0.026],
+            [0.0, 0.0, 0.0, 0.041, 0.026],
+        ),  # films on all, of which three are flagged
+        ([0.095, 0.081], [0.0, 0.0]),
+    ],
+)
+def test_films_on_several_markers_are_told_by_what_the_diameters_errors_are(
+    excesses_mm: list[float], beyond_mm: list[float]
+) -> None:
+    """A median and its deviations say nothing where nearly half are covered, or more."""
+    told_mm = beyond_usual_mm(np.array(excesses_mm), np.full(len(excesses_mm), 0.005))
+    np.testing.assert_allclose(told_mm, beyond_mm, atol=2.5e-3)
 
 
 @pytest.mark.parametrize(
