@@ -39,6 +39,9 @@ NOISE_ENDS = 3.0
 AROUND = 6
 """What changes slowly is what differs along the head: a parabola through the slices so far to either side."""
 
+OF_A_WAVE = 3
+"""A wave has a height, a phase and a frequency: so few slices it fits, whatever their noise."""
+
 LOWEST, FREQUENCIES = 0.08, 400
 """Waves from this many to half a period for each slice are looked for."""
 
@@ -55,13 +58,25 @@ def noise_beats(volume: CTVolume) -> bool:
     left = _without_what_is_slow(np.log(noise))
     told = np.flatnonzero(np.isfinite(left))
     square = float(np.sum(left[told] ** 2))
-    if square == 0.0:
+    if len(told) <= OF_A_WAVE or square == 0.0:
         return False
-    waves = np.exp(-2j * np.pi * np.outer(np.linspace(LOWEST, 0.5, FREQUENCIES), told))
-    highest = float(np.max(np.abs(waves @ left[told])) * 2.0 / len(told))
-    share, independent = highest**2 * len(told) / (2.0 * square), len(told) / 2.0
-    is_chance = independent * max(1.0 - share, 0.0) ** (independent - 1.0) > CHANCE
+    explained = _explained(left[told], told)
+    share, highest = explained / square, float(np.sqrt(2.0 * explained / len(told)))
+    is_chance = len(told) / 2.0 * max(1.0 - share, 0.0) ** ((len(told) - OF_A_WAVE) / 2.0) > CHANCE
     return share > LEAST_SHARE and highest > LEAST_AMPLITUDE and not is_chance
+
+
+def _explained(values: FloatArray, places: NDArray[np.intp]) -> float:
+    """How much of the sum of squares of ``values`` (N,) at ``places`` (N,) the best wave makes, fitted to each."""
+    frequencies = np.linspace(LOWEST, 0.5, FREQUENCIES, endpoint=False)
+    phases = 2.0 * np.pi * np.outer(frequencies, places)
+    cos, sin = np.cos(phases), np.sin(phases)
+    by_cos, by_sin = cos @ values, sin @ values
+    cos_cos, sin_sin, cos_sin = (
+        np.sum(one * other, axis=1) for one, other in ((cos, cos), (sin, sin), (cos, sin))
+    )
+    explained = sin_sin * by_cos**2 - 2.0 * cos_sin * by_cos * by_sin + cos_cos * by_sin**2
+    return float(np.max(explained / (cos_cos * sin_sin - cos_sin**2)))
 
 
 def _without_what_is_slow(values: FloatArray) -> FloatArray:
