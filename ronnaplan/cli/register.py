@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ronnaplan.cli.case_options import with_sigmas
@@ -64,12 +65,12 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.tracking import find_markers, read_recording, readings_told
 
     fiducials = read_fiducials(arguments.fiducials)
-    known = tuple(_pair(text) for text in arguments.pair)
     targets = _targets(arguments, fiducials)
     recording = read_recording(arguments.readings)
     found = find_markers(recording, sigma_mm=arguments.sigma_ots)
     notes = readings_told(recording, found)
     warn(*fiducials.source.doubts, *fiducials.doubts, *notes)
+    known = tuple(_pair(text, fiducials.points.labels, found.points.labels) for text in arguments.pair)
     registered = register_markers(
         fiducials.points,
         found.points,
@@ -117,10 +118,16 @@ def _targets(arguments: argparse.Namespace, fiducials: FiducialsDocument) -> Poi
     return Points(places, np.zeros((len(places), 3, 3)), labels, frame)
 
 
-def _pair(text: str) -> tuple[str, str]:
+def _pair(text: str, ct: Sequence[str], readings: Sequence[str]) -> tuple[str, str]:
+    """Return the two labels of ``text``, each of which may hold an equals sign: told by the labels that there are."""
     from ronnaplan.errors import UsageError
 
-    ct, equals, reading = text.partition("=")
-    if not (ct and equals and reading):
+    splits = [
+        (text[:k], text[k + 1 :]) for k, sign in enumerate(text) if sign == "=" and text[:k] and text[k + 1 :]
+    ]
+    if not splits:
         raise UsageError(f"--pair {text} is not of the form CT=READING, such as F1=3")
-    return ct, reading
+    there = [(marker, reading) for marker, reading in splits if marker in ct and reading in readings]
+    if len(there) > 1:
+        raise UsageError(f"--pair {text} names {len(there)} pairs, as labels hold '='; rename one of the markers")
+    return (there or splits)[0]

@@ -38,6 +38,8 @@ from ronnaplan.tracking.tables import (
 LABEL_NAMES = ("label", "name", "marker", "id")
 QUATERNION_NAMES = ("q0", "qx", "qy", "qz")
 KINDS = ("point", "tool")
+NOT_STATED = MISSING - {"nan"}
+"""Cells that state no error. NaN does: what was to estimate it failed."""
 COLUMNS = (
     *("kind", "frame", "time_s", "label", "x", "y", "z", "q0", "qx", "qy", "qz"),
     *("sigma", "error_mm", "status"),
@@ -143,7 +145,7 @@ def _reading(path: Path, row: Mapping[str, str], delimiter: str, poses: Set[str]
     sigma = number(written, delimiter)
     if (
         status == OK
-        and written.lower() not in MISSING
+        and written.lower() not in NOT_STATED
         and not SMALLEST_SIGMA_MM <= (sigma or 0.0) < LARGEST_SIGMA_MM
     ):
         status = f"sigma is '{printable(written, 40)}' mm"

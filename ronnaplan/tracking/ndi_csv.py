@@ -50,6 +50,7 @@ def read_ndi(path: Path) -> Recording:
     points: list[PointReading] = []
     tools: list[ToolReading] = []
     for index, row in enumerate(rows):
+        _require_columns(path, layout, header, row, index)
         cells = _Row(header, row, delimiter, index, path)
         seen = [cells.tool(column, i) for i, column in enumerate(layout.poses)]
         tools += seen
@@ -133,6 +134,18 @@ def _owner(header: list[str], poses: list[int], start: int) -> int:
     owner = max((i for i, pose in enumerate(poses) if pose < start), default=-1)
     after = poses[owner] if owner >= 0 else 0
     return -1 if any("stray" in name for name in header[after:start]) else owner
+
+
+def _require_columns(path: Path, layout: _Layout, header: list[str], row: list[str], index: int) -> None:
+    """Raise `InputError` for cells beyond the header that are not those of markers: each begins with a state's word."""
+    beyond = [(column, cell) for column, cell in enumerate(row) if column >= len(header) and cell.strip()]
+    first = layout.markers[-1][0] + 3 if layout.markers else 0
+    states = [cell for column, cell in beyond if (column - first) % 4 == 0]
+    if beyond and (not layout.markers or any(number(state) is not None for state in states)):
+        raise InputError(
+            f"{path} row {index + 1} below the header has {len(row)} cells under {len(header)} columns, and beyond "
+            "them no markers (State, Tx, Ty, Tz); numbers with a decimal comma need ';' between the columns"
+        )
 
 
 def _markers(layout: _Layout, header: list[str], row: list[str]) -> list[tuple[int, int]]:

@@ -150,7 +150,7 @@ def find_markers(recording: Recording, *, sigma_mm: float = SIGMA_OTS_MM) -> Mar
             rejected.append(RejectedTrack(middle, len(track), reason))
             continue
         label = track[0].label or _unused_number(markers)
-        markers.append(_summarize(track, np.array([r.position_mm for r in agree]), label, frames, sigma_mm))
+        markers.append(_summarize(track, agree, label, frames, sigma_mm))
     return MarkerReadings(tuple(markers), tuple(rejected), len(frames), recording.frame)
 
 
@@ -233,11 +233,11 @@ def _contradiction(track: Sequence[PointReading]) -> str | None:
 
 
 def _summarize(
-    track: list[PointReading], kept: FloatArray, label: str, frames: list[int], sigma_mm: float
+    track: list[PointReading], agree: list[PointReading], label: str, frames: list[int], sigma_mm: float
 ) -> TrackedMarker:
-    stated = [r.sigma_mm for r in track if r.sigma_mm is not None]
-    floor = float(np.sqrt(np.mean(np.square(stated)))) if stated else sigma_mm
-    covariance = floor**2 * np.eye(3)
+    kept = np.array([r.position_mm for r in agree])
+    sigmas = [sigma_mm if r.sigma_mm is None else r.sigma_mm for r in agree]
+    covariance = float(np.mean(np.square(sigmas))) * np.eye(3)
     if len(kept) > 1:
         covariance = covariance + np.cov(kept.T) / len(kept)
     flags = _flags(track, kept, frames)

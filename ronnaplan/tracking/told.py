@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ronnaplan.tracking.recording import Recording
-from ronnaplan.tracking.stray import MOST_REASONS, MarkerFlag, MarkerReadings
+from ronnaplan.tracking.stray import GATE_MM, MOST_REASONS, MarkerFlag, MarkerReadings
 
 
 def readings_told(recording: Recording, found: MarkerReadings) -> tuple[str, ...]:
     """Return, a sentence each, what the reader met, what was left out, and what is doubtful about the markers."""
-    return (*recording.notes, *_left_out(recording), *_doubts(found), *_no_markers(found))
+    return (*recording.notes, *_left_out(recording), *_doubts(found), *_twice(found), *_no_markers(found))
 
 
 def _left_out(recording: Recording) -> list[str]:
@@ -27,6 +29,20 @@ def _doubts(found: MarkerReadings) -> list[str]:
         for marker in found.markers
         for flag in marker.flags
         if not (all_once and flag is once)
+    ]
+
+
+def _twice(found: MarkerReadings) -> list[str]:
+    """Say how many markers stand nearer to another than a marker may be from itself."""
+    from scipy.spatial import KDTree
+
+    pairs = KDTree(found.points.positions_mm).query_pairs(GATE_MM, output_type="ndarray")
+    twice = len(np.unique(pairs))
+    if not twice:
+        return []
+    return [
+        f"{twice} of {len(found.markers)} readings stand within {GATE_MM:g} mm of another, as of a marker that was "
+        "read more than once: number the frames (a column frame), and give one recording, not several in one file"
     ]
 
 

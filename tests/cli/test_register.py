@@ -10,9 +10,11 @@ import pyigtl
 import pytest
 
 from ronnaplan.cli import main
+from ronnaplan.cli.register import _pair
 from ronnaplan.ct import SeriesSource
 from ronnaplan.documents.plan import write_plan
 from ronnaplan.documents.reading import to_json
+from ronnaplan.errors import UsageError
 from ronnaplan.geometry import Frame
 from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.tracking import read_recording
@@ -107,12 +109,25 @@ def test_readings_that_do_not_fit_are_refused_with_a_document(
 
 
 @pytest.mark.parametrize(
+    ("text", "pair"), [("A=B=1", ("A=B", "1")), ("A==1", ("A", "=1")), ("F1=1", ("F1", "1")), ("A=1", ("A", "1"))]
+)
+def test_a_pair_whose_labels_hold_equals_signs_is_told_by_the_labels(text: str, pair: tuple[str, str]) -> None:
+    assert _pair(text, ("F1", "A=B", "A"), ("1", "=1")) == pair
+
+
+def test_a_pair_that_can_be_read_in_two_ways_is_refused() -> None:
+    with pytest.raises(UsageError, match="names 2 pairs"):
+        _pair("A=B=1", ("A", "A=B"), ("1", "B=1"))
+
+
+@pytest.mark.parametrize(
     ("arguments", "status", "says"),
     [
         (["absent.json", "absent.csv"], 1, "absent.json"),
         (["{markers}", "absent.csv"], 1, "absent.csv"),
         (["{markers}", "{readings}", "--pair", "F1"], 2, "CT=READING"),
         (["{markers}", "{readings}", "--pair", "F9=1"], 2, "no CT marker F9"),
+        (["{markers}", "{readings}", "--pair", "=1"], 2, "CT=READING"),
         (["{markers}", "{readings}", "--pair", "F1=1", "--pair", "F1=2"], 2, "F1, F1"),
         (["{markers}", "{readings}", "--sigma-ct", "-1"], 2, "--sigma-ct: -1"),
         (["{markers}", "{readings}", "--sigma-ct", "nan"], 2, "--sigma-ct: nan"),

@@ -46,6 +46,7 @@ def test_damaged_numbers_are_flagged_not_used(tmp_path: Path) -> None:
     [
         ("sigma", "0,1mm"),
         ("sigma", "0"),
+        ("sigma", "nan"),
         ("state", "Missing"),
         ("Valid", "false"),
         ("visible", "0"),

@@ -3,8 +3,10 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
+from ronnaplan.errors import InputError
 from ronnaplan.tracking import read_recording
 from tests.tracking.files import NDI, written
 
@@ -32,3 +34,16 @@ def test_ndi_columns_are_found_by_name_for_several_tools_and_strays(tmp_path: Pa
     np.testing.assert_array_equal(recording.poses("Port 2")[0][:3, 3], [4, 5, 6])
     assert [p.label for p in recording.points if p.usable] == [""]
     np.testing.assert_array_equal(recording.points[0].position_mm, [7, 8, 9])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Frame,State,Tx,Ty,Tz\n1,OK,12,52,-29,20,-1617,94\n",
+        "Frame,State,Tx,Ty,Tz\n1,OK,12,52,-29,20,-1617,94,OK,12,52,-29,20,-1617,94\n",
+        "Frame,State,Q0,Qx,Qy,Qz,Tx,Ty,Tz\n1,OK,1,00,0,00,0,00,0,00,12,52,-29,20,-1617,94\n",
+    ],
+)
+def test_decimal_commas_between_commas_are_refused(tmp_path: Path, text: str) -> None:
+    with pytest.raises(InputError, match=r"row 1 below the header .* decimal comma"):
+        read_recording(written(tmp_path, "commas.csv", text))

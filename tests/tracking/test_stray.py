@@ -7,7 +7,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from ronnaplan.errors import FrameMismatchError, InputError
-from ronnaplan.tracking import MarkerFlag, PointReading, Recording, ToolReading, find_markers, stray
+from ronnaplan.tracking import MarkerFlag, PointReading, Recording, ToolReading, find_markers, readings_told, stray
 from ronnaplan.tracking.stray import GATE_MM, _assigned
 
 TRUTH = np.array([[-60.0, 20, -1040], [55, 30, -1050], [5, -85, -1060], [-20, 60, -1075], [30, -10, -1095]])
@@ -86,6 +86,20 @@ def test_labels_and_stated_errors_of_the_source_are_kept() -> None:
     assert found.points.labels == tuple("ABCDE")
     np.testing.assert_allclose(found.points.covariances_mm2, np.tile(0.09 * np.eye(3), (5, 1, 1)))
     assert found.markers[0].flags == (MarkerFlag.SINGLE_READING,)
+
+
+def test_readings_that_state_no_error_are_not_as_good_as_those_that_do() -> None:
+    readings = [PointReading(k, TRUTH[0], "A", sigma_mm=0.01 if k == 0 else None) for k in range(10)]
+    covariance = find_markers(Recording("test", tuple(readings)), sigma_mm=0.2).markers[0].covariance_mm2
+    np.testing.assert_allclose(covariance, (0.01**2 + 9 * 0.2**2) / 10 * np.eye(3))
+
+
+def test_markers_where_another_stands_are_told_to_be_read_twice() -> None:
+    unnumbered = Recording("test", tuple(PointReading(0, p + 0.1 * k, "") for k in range(3) for p in TRUTH))
+    told = readings_told(unnumbered, find_markers(unnumbered))
+    assert any("15 of 15 readings stand within 4 mm of another" in note for note in told)
+    numbered = Recording("test", tuple(PointReading(k, p + 0.1 * k, "") for k in range(3) for p in TRUTH))
+    assert not readings_told(numbered, find_markers(numbered))
 
 
 def test_markers_touched_one_after_the_other_are_all_kept_by_their_labels() -> None:
