@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -16,6 +17,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray, Frame
+from ronnaplan.letters import written_out
 
 VIEWS = {"axial": (0, 1), "coronal": (0, 2), "sagittal": (1, 2)}
 """The two axes of a view, across and upwards (downwards for axial, as radiologists look)."""
@@ -38,6 +40,11 @@ class Picture(Figure):
     def __init__(self, width: float, height: float) -> None:
         super().__init__(figsize=(width, height), dpi=90, layout="constrained")
         FigureCanvasAgg(self)
+
+    def draw(self, renderer: RendererBase) -> None:
+        """Draw the picture, its names by the letter."""
+        written_out(self)
+        super().draw(renderer)
 
     def png(self) -> bytes:
         """Return the picture as a PNG."""

@@ -10,6 +10,7 @@ from ronnaplan.documents.fiducials import FiducialsDocument, Source, read_fiduci
 from ronnaplan.documents.files import read_json, require_ending, write_atomically
 from ronnaplan.documents.itk_transform import itk_transform
 from ronnaplan.documents.markups import MARKUPS_ENDINGS, markups
+from ronnaplan.documents.plan import FORMAT as PLAN
 from ronnaplan.documents.registration import FORMAT as REGISTRATION
 from ronnaplan.documents.registration import RegistrationDocument, read_registration
 from ronnaplan.documents.registration_exports import registration_csv, registration_markups
@@ -91,8 +92,14 @@ def _content(document: str | os.PathLike[str] | Exportable) -> Exportable:
         "write_fiducials and write_registration return the document of a result",
     )
     content = read_json(document)
-    if isinstance(content, dict) and content.get("format") == REGISTRATION:
+    form = content.get("format") if isinstance(content, dict) else None
+    if form == REGISTRATION:
         return read_registration(document)
+    if form == PLAN:
+        raise UsageError(
+            f"{document} is a plan; ronnaplan plan export writes its trajectories as markups or CSV, "
+            "and ronnaplan robot export in the robot's coordinates"
+        )
     return read_fiducials(document)
 
 

@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.letters import written_out
 from ronnaplan.planning.template_layout import TemplateLayout, refusal_text
 from ronnaplan.planning.template_solid import label_place, outline
 
@@ -43,6 +44,7 @@ def template_drawing(found: TemplateLayout, title: str) -> Figure:
 def drawing_file(figure: Figure, kind: str) -> bytes:
     """Return the page as ``"svg"`` or ``"pdf"``; the same page gives the same bytes."""
     dates = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
+    written_out(figure)
     stream = io.BytesIO()
     with mpl.rc_context({"svg.hashsalt": "ronnaplan", "svg.fonttype": "path"}):
         figure.savefig(stream, format=kind, metadata=dates[kind])

@@ -108,12 +108,15 @@ def _drawn(height: int, draw: Callable[[Axes], None]) -> NDArray[np.uint8]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
+    from ronnaplan.letters import written_out
+
     size = ((_WIDTH + _ROUNDING) / _DPI, (height + _ROUNDING) / _DPI)
     figure = Figure(figsize=size, dpi=_DPI, facecolor="none")
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0, _WIDTH), ylim=(height, 0))
     axes.set_axis_off()
     draw(axes)
+    written_out(figure)
     stream = io.BytesIO()
     figure.savefig(stream, format="rgba", facecolor="none")
     return np.frombuffer(stream.getbuffer(), np.uint8).reshape(height, _WIDTH, 4)

@@ -162,7 +162,7 @@ def named_figure(shades: Shades, camera: Camera, paths: Sequence[Trajectory]) ->
         axes.text(
             written["x"],
             -written["y"],
-            one["name"],
+            written["text"],
             ha="left" if written["anchor"] == "start" else "right",
             fontsize=NAME_POINTS,
             weight="bold",

@@ -129,6 +129,9 @@ def _draw_head(axes: Axes, volume: CTVolume, found: Fiducials) -> None:
 
 def png(figure: Figure) -> bytes:
     """Render a figure as a PNG."""
+    from ronnaplan.letters import written_out
+
+    written_out(figure)
     stream = io.BytesIO()
     figure.savefig(stream, format="png", facecolor=figure.get_facecolor())
     return stream.getvalue()

@@ -6,12 +6,19 @@ there, too.
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 LETTER_EM = 0.54
 """How wide a letter is on average, in heights of the letters: no more than an estimate, fonts differ."""
+
+WIDE_EM = 1.0
+"""How wide a letter of Chinese, Japanese or Korean is, in heights of the letters."""
+
+ELLIPSIS = "\u2026"
+"""What a name ends with that would take more than half of the picture's width; tables have it whole."""
 
 LINE_EM, GAP = 1.15, 0.025
 """From one line of text to the next; and from an entry to its name, in halves of the picture's shorter side."""
@@ -37,7 +44,15 @@ class Room:
 
     def length(self, name: str) -> float:
         """Return how long a name is."""
-        return self.letter_em * self.em * len(name)
+        wide = sum(unicodedata.east_asian_width(letter) in "WF" for letter in name)
+        return self.em * (self.letter_em * (len(name) - wide) + WIDE_EM * wide)
+
+    def shortened(self, name: str) -> str:
+        """Return what of a name takes half of the picture's width at most."""
+        if self.length(name) <= self.wide:
+            return name
+        kept = (name[:count].rstrip() + ELLIPSIS for count in range(len(name) - 1, 0, -1))
+        return next((one for one in kept if self.length(one) <= self.wide), ELLIPSIS)
 
     def box(self, name: str, left: float, base: float) -> Box:
         """Return what a name covers that begins at ``left`` and stands on ``base``."""
@@ -47,7 +62,7 @@ class Room:
 def write_names(
     paths: Sequence[dict[str, Any]], markers: Sequence[dict[str, Any]], room: Room
 ) -> list[dict[str, Any]]:
-    """Return the paths, each with where its name begins or ends: ``written`` = x, y and the text's anchor.
+    """Return the paths, each with where its name begins or ends: ``written`` = x, y, the text's anchor and the text.
 
     A name stands to the right of its entry, or to the left where the picture ends, lines away until it covers no other,
     nor that of a marker. That of an entry outside the picture goes with it.
@@ -57,16 +72,17 @@ def write_names(
     drawn = []
     for one in paths:
         x, y = one["entry"]
+        text = room.shortened(one["name"])
         anchor, across = "start", x + gap
         if abs(x) < room.wide and abs(y) < room.high:
-            anchor, across, left = _across(x, room.length(one["name"]), gap, room.wide)
+            anchor, across, left = _across(x, room.length(text), gap, room.wide)
             lines = [max(y - gap, room.em - room.high) + n * LINE_EM * room.em for n in LINES]
-            boxes = {down: room.box(one["name"], left, down) for down in lines}
+            boxes = {down: room.box(text, left, down) for down in lines}
             y = next(
                 (down for down, box in boxes.items() if box[1] >= -room.high and not _covers(box, taken)), lines[0]
             )
             taken.append(boxes[y])
-        drawn.append(one | {"written": {"x": across, "y": y, "anchor": anchor}})
+        drawn.append(one | {"written": {"x": across, "y": y, "anchor": anchor, "text": text}})
     return drawn
 
 

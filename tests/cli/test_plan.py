@@ -205,6 +205,13 @@ def test_what_is_exported_has_a_name_by_which_it_is_read_again(
     assert not (tmp_path / name).exists()
 
 
+def test_a_plan_that_is_exported_as_a_result_is_told_which_command_does_it(
+    plan: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["export", str(plan), "--to", "markups"]) == 2
+    assert "is a plan; ronnaplan plan export writes its trajectories" in capsys.readouterr().err
+
+
 def test_an_electrode_is_chosen_measured_exported_and_taken_back(
     plan: Path, ct: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from ronnaplan.geometry import Frame
 from ronnaplan.planning import Trajectory
 from ronnaplan.planning.trajectory import COLOURS
 from ronnaplan.report.overview import SHAPE, named_figure
+from ronnaplan.report.picture import png
 from ronnaplan.scene.camera import Camera
 
 FRAME = Frame("CT", "1.2.3")
@@ -19,6 +21,25 @@ def path(name: str, x_mm: float, z_mm: float) -> Trajectory:
     return Trajectory(
         name, np.array([x_mm, -80.0, z_mm]), np.array([x_mm / 2, 0.0, 0.0]), FRAME, colour=COLOURS[0]
     )
+
+
+@pytest.mark.parametrize("name", ["$\\frac$", "a $x^2$ b", "\u6d77\u99ac", "\U00012000"])
+def test_a_name_is_drawn_by_the_letter(
+    name: str, recwarn: pytest.WarningsRecorder, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A name is no formula, as one between dollar signs is to matplotlib, and no font is warned of."""
+    figure = named_figure(np.zeros((*SHAPE, 4), dtype=np.uint8), CAMERA, [path(name, 0, 20)])
+    assert png(figure).startswith(b"\x89PNG")
+    (text,) = figure.axes[0].texts
+    assert text.get_text() in (name, "\u25a1" * len(name))
+    assert not recwarn.list
+    assert not caplog.records
+
+
+def test_a_name_that_no_font_has_is_a_box_and_the_rest_stays() -> None:
+    figure = named_figure(np.zeros((*SHAPE, 4), dtype=np.uint8), CAMERA, [path("left \U0001e900", 0, 20)])
+    png(figure)
+    assert figure.axes[0].texts[0].get_text() == "left \u25a1"
 
 
 def test_no_name_in_the_still_covers_another_nor_leaves_it() -> None:

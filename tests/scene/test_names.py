@@ -31,9 +31,22 @@ def test_a_name_stands_to_the_right_of_its_entry_and_to_the_left_where_the_pictu
 
 
 def test_a_name_that_fits_on_neither_side_begins_within_the_picture() -> None:
+    (one,) = written(("\u6d77" * 16 + "x", 0.0, 0.0))
+    assert one["anchor"] == "start"
+    assert one["x"] + ROOM.length(one["text"]) == pytest.approx(ROOM.wide)
     (one,) = written(("a name that is longer than this picture is wide, as nobody would give it", 0.0, 0.0))
     assert one["anchor"] == "start"
-    assert one["x"] == -2.0
+    assert -ROOM.wide <= one["x"] < ROOM.wide - ROOM.length(one["text"])
+
+
+@pytest.mark.parametrize(
+    "name", ["a name that is longer than this picture is wide " * 2, "\u6d77\u99ac" * 30, "x" * 500]
+)
+def test_a_long_name_takes_half_of_the_picture_and_ends_with_an_ellipsis(name: str) -> None:
+    (one,) = written((name, 0.0, 0.0))
+    assert one["text"].endswith("\u2026")
+    assert name.startswith(one["text"][:-1])
+    assert 0.85 * ROOM.wide < ROOM.length(one["text"]) <= ROOM.wide
 
 
 def test_no_name_covers_another_nor_that_of_a_marker() -> None:
@@ -66,7 +79,7 @@ def left_and_base(names: list[tuple[str, float, float]], room: Room) -> list[tup
     lefts = []
     for one in write_names(paths, [], room):
         ends = one["written"]["anchor"] == "end"
-        left = one["written"]["x"] - (room.length(one["name"]) if ends else 0.0)
+        left = one["written"]["x"] - (room.length(one["written"]["text"]) if ends else 0.0)
         lefts.append((left + room.wide, one["written"]["y"] + room.high))
     return lefts
 
@@ -91,13 +104,13 @@ def test_the_page_of_a_scene_writes_names_where_a_picture_has_them() -> None:
     room = Room(PIXELS / 2, PIXELS / 2, LINE_PIXELS / LINE_EM)
     assert pytest.approx(GAP_PIXELS) == GAP * PIXELS / 2
     generator = np.random.default_rng(5)
-    lengths = [*generator.integers(3, 40, 60), 100, 130]  # the last two fit on neither side, and not at all
+    lengths = [*generator.integers(3, 40, 60), 100, 130]  # the last two are shortened, and fit on neither side
     places = STEP * generator.integers(6, int(PIXELS / STEP) - 1, (len(lengths), 2))
     places[-2:, 0] = PIXELS / 2
     names = [("n" * int(length), float(x), float(y)) for length, (x, y) in zip(lengths, places, strict=True)]
     pictured = left_and_base(names, room)
     written_by_page = apart(
-        by_the_page, [room.length(name) for name, _, _ in names], [(x, y) for _, x, y in names]
+        by_the_page, [room.length(room.shortened(name)) for name, _, _ in names], [(x, y) for _, x, y in names]
     )
     for (left, base), (page_left, page_top) in zip(pictured, written_by_page, strict=True):
         assert (page_left, page_top + LINE_PIXELS) == pytest.approx((left, base), abs=1e-6)

@@ -1,0 +1,60 @@
+"""Names in pictures as they are written: by fonts that have their letters, and never taken for formulas."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+
+from matplotlib.figure import Figure
+from matplotlib.font_manager import fontManager, get_font
+from matplotlib.text import Text
+
+FONT = "DejaVu Sans"
+"""The font of a picture's texts, which matplotlib brings along."""
+WEIGHT = 400
+"""Of letters that another font draws: few come in a bold one, and matplotlib would complain."""
+NO_LETTER = "\u25a1"
+"""Stands for a letter that no font here has."""
+LAST_RESORT = "Last Resort"
+"""How fonts are called whose every letter is a box."""
+
+
+def written_out(figure: Figure) -> None:
+    """Have every text of ``figure`` drawn by the letter.
+
+    Other installed fonts draw what `FONT` lacks, a box stands for what none has, and what is between two dollar signs
+    is no formula.
+    """
+    texts = [text for text in figure.findobj(Text) if isinstance(text, Text) and text.get_text()]
+    wanting = frozenset(letter for text in texts for letter in text.get_text() if letter.isprintable()) - _letters(
+        FONT
+    )
+    fonts = list(_fonts_for(wanting)) if wanting else []
+    boxes = str.maketrans(dict.fromkeys(wanting.difference(*map(_letters, fonts)), NO_LETTER))
+    for text in texts:
+        text.set_parse_math(False)
+        if wanting.intersection(text.get_text()):
+            text.set(fontfamily=[*text.get_fontfamily(), *fonts], fontweight=WEIGHT)
+            text.set_text(text.get_text().translate(boxes))
+
+
+def _fonts_for(letters: frozenset[str]) -> Iterator[str]:
+    """Yield fonts, each the one that has the most of the letters that are left, until none has any."""
+    upright = (font for font in fontManager.ttflist if font.style == "normal" and font.weight == WEIGHT)
+    names = sorted({font.name for font in upright if not font.name.startswith(LAST_RESORT)})
+    while letters and (best := max(names, key=lambda name: len(letters & _letters(name)))):
+        left = letters - _letters(best)
+        if left == letters:
+            return
+        yield best
+        letters = left
+
+
+@cache
+def _letters(name: str) -> frozenset[str]:
+    """Return the letters of a font; none of one that cannot be read."""
+    try:
+        path = next(font.fname for font in fontManager.ttflist if font.name == name)
+        return frozenset(map(chr, get_font(path).get_charmap()))
+    except (OSError, RuntimeError):
+        return frozenset()
