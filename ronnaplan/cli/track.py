@@ -6,6 +6,7 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
+from ronnaplan.cli.case_options import with_sigma_ots
 from ronnaplan.cli.output import ended_gently
 from ronnaplan.cli.values import seconds, whole
 
@@ -30,6 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--registration", metavar="FILE", help="warn when markers have moved since this registration.json"
     )
+    with_sigma_ots(parser)
     parser.add_argument("-o", "--output", metavar="FILE", help="readings CSV (default: standard output)")
 
 
@@ -58,9 +60,9 @@ def run(arguments: argparse.Namespace) -> int:
     if len(flagged) > MOST_TOLD:
         print(f"ronnaplan: readings flagged for {len(flagged) - MOST_TOLD} more reasons", file=sys.stderr)
     if registered is not None:
-        print(movement(recording, registered), file=sys.stderr)
+        print(movement(recording, registered, arguments.sigma_ots), file=sys.stderr)
     try:
-        found = find_markers(recording)
+        found = find_markers(recording, sigma_mm=arguments.sigma_ots)
     except InputError as error:
         print(f"ronnaplan: warning: {error}", file=sys.stderr)
         return 0
@@ -76,12 +78,17 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def movement(recording: Recording, registered: RegistrationDocument) -> str:
-    """Say in how many frames the registered markers rested or moved, and how they moved lastly."""
+def movement(recording: Recording, registered: RegistrationDocument, sigma_mm: float) -> str:
+    """Say in how many frames the registered markers rested or moved, and how they moved lastly.
+
+    One reading errs by ``sigma_mm`` per axis, and by no less than those that were registered, which may be means.
+    """
     from ronnaplan.registration import DriftStatus, drift_over_time
     from ronnaplan.tracking.frames import labelled_frames
 
-    frames = labelled_frames(recording, registered.readings)
+    frames = labelled_frames(
+        recording, registered.readings, sigma_mm=max(sigma_mm, registered.sigma_ots_mm or 0.0)
+    )
     every = 1 + len(frames) // MOST_JUDGED
     drifts = drift_over_time(registered.readings, [points for _, points in frames[::-1][::every][::-1]])
     counts = {status: sum(drift.status is status for drift in drifts) for status in DriftStatus}

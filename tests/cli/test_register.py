@@ -11,13 +11,17 @@ import pytest
 
 from ronnaplan.cli import main
 from ronnaplan.cli.register import _pair
+from ronnaplan.cli.track import movement
 from ronnaplan.ct import SeriesSource
 from ronnaplan.documents.plan import write_plan
 from ronnaplan.documents.reading import to_json
+from ronnaplan.documents.registration import read_registration
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import Frame
 from ronnaplan.planning import Plan, Trajectory
-from ronnaplan.tracking import read_recording
+from ronnaplan.sigmas import SIGMA_OTS_MM
+from ronnaplan.tracking import PointReading, Recording, read_recording
+from ronnaplan.tracking.csv_file import write_csv
 from tests.documents.registrations import fiducials
 from tests.registration import scene
 
@@ -231,6 +235,26 @@ def test_track_tells_that_the_patient_has_moved(
     assert "20 of 30 frames: nothing moved" in told
     assert "10 of 30 frames: all markers moved together" in told
     assert "lastly moved by 3.0" in told
+
+
+def test_a_head_that_rests_before_a_coarse_tracker_is_not_said_to_move(
+    markers: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    registration, sigma_mm = tmp_path / "registration.json", 1.0
+    generator = np.random.default_rng(112701)
+    rested = scene.HEAD / 3 @ scene.TURN.T + scene.SHIFT
+
+    def reading(frame: int) -> Recording:
+        noise = generator.normal(0.0, sigma_mm, (300, *rested.shape))
+        points = [PointReading(k, one) for k, seen in enumerate(rested + noise) for one in seen]
+        return Recording("coarse", tuple(points if frame else points[: len(rested)]))
+
+    once = tmp_path / "once.csv"
+    once.write_text(write_csv(reading(0)))
+    assert main(["register", str(markers), str(once), "--sigma-ots", f"{sigma_mm}", "-o", str(registration)]) == 0
+    assert (
+        movement(reading(1), read_registration(registration), SIGMA_OTS_MM) == "300 of 300 frames: nothing moved"
+    )
 
 
 def test_track_without_a_server_says_so(capsys: pytest.CaptureFixture[str]) -> None:
