@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import re
 from collections.abc import Iterable, Sequence
 from html import escape
 from urllib.parse import quote
@@ -32,6 +33,10 @@ figure { margin: .6rem 0 } figure img { max-width: 100% } figcaption { color: #4
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 """Told to the browser: this page loads nothing, and runs nothing but what is named after it."""
 
+LETTER = "[\u0590-\u08ff\ufb1d-\ufdff\ufe70-\ufefe\U00010800-\U00010fff\U0001e800-\U0001efff]"
+RIGHT_TO_LEFT = re.compile(f"{LETTER}+([ ]+{LETTER}+)*")
+"""A name in Hebrew or Arabic stands apart: else a browser writes the number behind it before it, and its sign last."""
+
 LONGEST_WORD = 30
 """A word that is longer (a UID, a hash) may be broken anywhere, no other: a number stays whole."""
 
@@ -58,7 +63,8 @@ def page(title: str, body: Iterable[str], *, style: str = "", script: str = "") 
 def element(tag: str, text: str, css: str = "") -> str:
     """Return one element that holds ``text``."""
     name = f' class="{escape(css)}"' if css else ""
-    return f"<{tag}{name}>{escape(text)}</{tag}>"
+    apart = RIGHT_TO_LEFT.sub(r"<bdi>\g<0></bdi>", escape(text))
+    return f"<{tag}{name}>{apart}</{tag}>"
 
 
 def section(title: str, body: Iterable[str]) -> str:

@@ -8,7 +8,7 @@ import hypothesis.strategies as st
 import pytest
 from hypothesis import given
 
-from ronnaplan.report.html import box, element, page, picture, section, table, unseen
+from ronnaplan.report.html import RIGHT_TO_LEFT, box, element, page, picture, section, table, unseen
 from tests.loops import apart
 from tests.planner.browser import chromium, needs_browser
 
@@ -40,7 +40,7 @@ def read(html: str) -> Reader:
 @given(st.text(st.characters(exclude_categories=["Cs", "Cc"])))
 def test_any_text_arrives_as_that_text(text: str) -> None:
     reader = read(element("p", text))
-    assert reader.tags == ["p"]
+    assert reader.tags == ["p", *["bdi"] * len(RIGHT_TO_LEFT.findall(text))]
     assert reader.text == text
 
 
@@ -98,6 +98,30 @@ def beyond_the_window(width: int) -> tuple[int, int]:
 @pytest.mark.parametrize("width", [390, 1280])
 def test_a_name_without_blanks_is_broken_before_it_leaves_the_page(width: int) -> None:
     assert apart(beyond_the_window, width) == (0, 0)
+
+
+def written_order(text: str) -> str:
+    """The letters of a paragraph without blanks, as they stand from left to right in a browser."""
+    with chromium() as browser:
+        shown = browser.new_page(viewport={"width": 1280, "height": 800})
+        shown.set_content(page("Report", [element("p", text)]))
+        order: str = shown.evaluate("""() => {
+            const walker = document.createTreeWalker(document.querySelector("p"), NodeFilter.SHOW_TEXT), letters = [];
+            while (walker.nextNode()) for (const n of [...walker.currentNode.data].keys()) {
+                const range = document.createRange();
+                range.setStart(walker.currentNode, n);
+                range.setEnd(walker.currentNode, n + 1);
+                letters.push([range.getBoundingClientRect().left, walker.currentNode.data[n]]);
+            }
+            return letters.sort((one, other) => one[0] - other[0]).map((one) => one[1]).join("");
+        }""")
+        return order.replace(" ", "")
+
+
+@needs_browser
+@pytest.mark.parametrize("name", ["\u05e7\u05d3\u05de\u05d9 \u05e9\u05de\u05d0\u05dc", "\u062d\u0635\u064a\u0646"])
+def test_the_number_behind_a_name_from_right_to_left_keeps_its_place_and_sign(name: str) -> None:
+    assert apart(written_order, f"distance to {name} -0.46 mm").endswith("-0.46mm")
 
 
 def width_on_a_phone() -> int:
