@@ -89,6 +89,8 @@ class Sender(threading.Thread):
         self._config, self._peer, self._log = config, peer, log
         self._audit = Audit(config.data, config.audit, config.titles[0])
         self._ending = threading.Event()
+        self._went = 0
+        """How often, one time after the other, the receiver has gone when it was asked for storage commitment."""
 
     def run(self) -> None:
         """Deliver what is due until `stop`."""
@@ -152,21 +154,34 @@ class Sender(threading.Thread):
             )
 
     def _ask(self, index: Index, channel: Channel, taken: list[Named], now: float) -> None:
-        """Ask the receiver to promise to keep what it has taken, where it offers that; sent again if it goes."""
+        """Ask the receiver to promise to keep what it has taken, where it offers that; sent again if it goes.
+
+        One that goes each time, as Orthanc does where it does not list this node, will promise nothing.
+        """
         if not channel.commits:
             return
         with index.transaction():  # the report may come at once
             transaction, request = begin_asking(index, self._peer.name, taken)
         try:
             channel.ask(request)
+            self._went = 0
         except InputError as error:
-            index.run("DELETE FROM asked WHERE transaction_uid = ?", transaction)
-            self._log.tell("no commitment", receiver=self._peer.name, reason=str(error))
+            self._went = 0
+            self._unasked(index, transaction, error)
         except (RuntimeError, ValueError, OSError) as error:  # no connection any more
+            self._went += 1
+            if self._went > self._config.jobs.attempts:
+                self._unasked(index, transaction, error)
+                return
             asked = Dataset()
             asked.TransactionUID = transaction
             note_report(index, self._peer.name, asked, now, self._config.jobs.retry_s)
             self._log.tell("no commitment", receiver=self._peer.name, reason=str(error), again=True)
+
+    def _unasked(self, index: Index, transaction: str, error: Exception) -> None:
+        """Be content with what was taken: nothing is promised."""
+        index.run("DELETE FROM asked WHERE transaction_uid = ?", transaction)
+        self._log.tell("no commitment", receiver=self._peer.name, reason=str(error))
 
     def report(self, index: Index, now: float) -> None:
         """Tell the peer what is kept of what it asked to have kept."""
@@ -257,7 +272,10 @@ class _Storage:
     def ask(self, request: Dataset) -> None:
         status, _ = self._association.send_n_action(request, ASK, COMMITMENT, WELL_KNOWN)
         if "Status" not in status:
-            raise ConnectionError(f"{self._peer.name} went before it took a request for storage commitment")
+            raise ConnectionError(
+                f"{self._peer.name} went before it took a request for storage commitment; it may have to be told of "
+                "this node (Orthanc: DicomModalities)"
+            )
         if status.Status != 0:
             raise InputError(f"{self._peer.name} takes no request for storage commitment")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import time
 from collections.abc import Iterator
 from contextlib import nullcontext
@@ -16,6 +17,7 @@ from pynetdicom import AE, build_role
 from ronnaplan.errors import InputError
 from ronnaplan.node.commitment import ALL_KEPT, COMMITMENT, WELL_KNOWN, begin_asking, note_report
 from ronnaplan.node.index import Index
+from ronnaplan.node.logs import Log
 from ronnaplan.node.sender import Sender
 from ronnaplan.node.series import SeriesWatch
 from ronnaplan.node.steps import PROCEDURE_STEP
@@ -145,22 +147,43 @@ def test_a_series_that_misses_instances_for_too_long_is_worked_on_all_the_same(
     assert configuration(tmp_path, rule=[RULE]).missing_s == 120.0
 
 
+class Going:
+    """A way to a receiver that takes what is sent, and goes when it is asked to keep it."""
+
+    commits = True
+
+    def send(self, path: Path) -> None:
+        pass
+
+    def ask(self, request: Dataset) -> None:
+        raise ConnectionError("it is gone")
+
+
 def test_a_receiver_that_goes_before_it_promises_anything_gets_the_answer_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    class Going:
-        commits = True
-
-        def send(self, path: Path) -> None:
-            pass
-
-        def ask(self, request: Dataset) -> None:
-            raise ConnectionError("it is gone")
-
     monkeypatch.setattr("ronnaplan.node.sender.open_channel", lambda *_: nullcontext(Going()))
     config = configuration(tmp_path, peer=[{"name": "archive", "port": 1}])
     config.data.mkdir()
     with Index(config.data) as index:
         waiting_answer(config, index)
         assert delivered(config, index, 1.0) == "waiting it was taken but is not kept"
+        assert index.rows("SELECT 1 FROM asked") == []
+
+
+def test_a_receiver_that_goes_whenever_it_is_asked_does_not_get_the_answer_for_ever(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As Orthanc does, which offers storage commitment to all and grants it to those alone whom it lists."""
+    monkeypatch.setattr("ronnaplan.node.sender.open_channel", lambda *_: nullcontext(Going()))
+    config = configuration(tmp_path, peer=[{"name": "archive", "port": 1}])
+    config.data.mkdir()
+    with Index(config.data) as index:
+        waiting_answer(config, index)
+        sender = Sender(config, config.peer[0], Log(io.StringIO()))
+        for number in range(config.jobs.attempts):
+            sender.deliver(index, 1e5 * (number + 1))
+            assert index.rows("SELECT state FROM deliveries") == [("waiting",)]
+        sender.deliver(index, 1e6)
+        assert index.rows("SELECT state FROM deliveries") == [("sent",)]
         assert index.rows("SELECT 1 FROM asked") == []
