@@ -12,7 +12,7 @@ from ronnaplan.tracking.matrix_csv import has_matrices, read_matrices
 from ronnaplan.tracking.ndi_csv import is_ndi, read_ndi
 from ronnaplan.tracking.recording import Recording
 from ronnaplan.tracking.sequences import read_sequence
-from ronnaplan.tracking.slicer import read_fcsv, read_markups
+from ronnaplan.tracking.slicer import has_control_points, read_control_points, read_fcsv, read_markups
 from ronnaplan.tracking.tables import read_rows
 
 
@@ -31,6 +31,8 @@ def _read_table(file: Path) -> Recording:
     header, _, _ = read_rows(file)
     if has_matrices(header):
         return read_matrices(file)
+    if has_control_points(header) and not {"x", "y", "z"} <= set(header):
+        return read_control_points(file)
     return read_ndi(file) if is_ndi(header) else read_csv(file)
 
 

@@ -1,4 +1,4 @@
-"""Readings kept as 3D Slicer markups: ``.mrk.json`` and the older ``.fcsv``."""
+"""Readings kept as 3D Slicer markups: ``.mrk.json``, the older ``.fcsv``, and tables of control points."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.tracking.recording import OK, PointReading, Recording
-from ronnaplan.tracking.tables import number, read_text, require_table, split_rows
+from ronnaplan.tracking.tables import FALSE, number, read_rows, read_text, require_table, split_rows
 from ronnaplan.untrusted import checked, parse_json, read_whole
 
 LPS_FROM_RAS = np.array([-1.0, -1.0, 1.0])
@@ -22,6 +22,8 @@ FCSV_LAST = "associatedNodeID"
 FCSV_UNNAMED = ("position status", "auto created")
 """What Slicer 5 writes behind the last column that the header of a ``.fcsv`` names."""
 FCSV_STATUS = {"0": "undefined", "1": "preview", "2": OK, "3": "missing"}
+TABLE_AXES = {"LPS": ("l", "p", "s"), "RAS": ("r", "a", "s")}
+"""The columns of a table of control points, which name its coordinates."""
 MOST_MARKUPS_BYTES = 2**26
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -117,6 +119,31 @@ def read_fcsv(path: Path) -> Recording:
         row = dict(zip(columns, cells, strict=False))
         position = np.array([number(row.get(axis, "")) for axis in "xyz"], dtype=np.float64)
         points.append(_point(sign * position, row.get("label", ""), _fcsv_status(row.get(FCSV_UNNAMED[0], ""))))
+    return Recording(str(path), tuple(points))
+
+
+def has_control_points(header: list[str]) -> bool:
+    """Return whether normalized column names are those of Slicer's table of control points."""
+    return any(set(axes) <= set(header) for axes in TABLE_AXES.values())
+
+
+def read_control_points(path: Path) -> Recording:
+    """Read a table of control points as Slicer exports it (``label,l,p,s,defined...``), in LPS; undefined are flagged.
+
+    Raises `InputError` for two columns of one name or rows longer than the header.
+    """
+    header, rows, delimiter = read_rows(path)
+    require_table(path, header, rows)
+    system = next(system for system, axes in TABLE_AXES.items() if set(axes) <= set(header))
+    sign = LPS_FROM_RAS if system == "RAS" else 1.0
+    points = []
+    for cells in rows:
+        row = dict(zip(header, cells, strict=False))
+        position = np.array(
+            [number(row.get(axis, ""), delimiter) for axis in TABLE_AXES[system]], dtype=np.float64
+        )
+        status = "undefined" if row.get("defined", "").strip().lower() in FALSE else OK
+        points.append(_point(sign * position, row.get("label", ""), status))
     return Recording(str(path), tuple(points))
 
 

@@ -83,3 +83,18 @@ def test_other_cells_beyond_the_columns_of_an_fcsv_are_refused(tmp_path: Path, e
     text = f"# CoordinateSystem = LPS\n# columns = {COLUMNS}\n1,1,2,3,0,0,0,1,1,1,0,F-1,,{ending}\n"
     with pytest.raises(InputError, match="cells under"):
         read_recording(written(tmp_path, "m.fcsv", text))
+
+
+@pytest.mark.parametrize(("axes", "sign"), [("l,p,s", 1), ("r,a,s", -1)])
+def test_a_table_of_control_points_names_its_coordinates_by_its_columns(
+    tmp_path: Path, axes: str, sign: int
+) -> None:
+    text = (
+        f"label,{axes},defined,selected,visible,locked,description\n"
+        "F-1,79.3014,17.4631,-10.2143,1,1,0,0,\n"
+        "F-2,0,0,0,0,1,1,0,\n"
+    )
+    first, second = read_recording(written(tmp_path, "points.csv", text)).points
+    assert (first.label, first.usable) == ("F-1", True)
+    np.testing.assert_allclose(first.position_mm, [sign * 79.3014, sign * 17.4631, -10.2143])
+    assert second.status == "undefined"
