@@ -11,10 +11,15 @@ from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.fields import SOFTWARE
 from ronnaplan.documents.reading import made
 from ronnaplan.documents.registration import FORMAT, RegistrationDocument, TargetEntry
+from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Points
 from ronnaplan.registration.diagnosis import doubted_marker, leave_one_out
 from ronnaplan.registration.marker_registration import MarkerRegistration
 from ronnaplan.registration.registration import Registration
+from ronnaplan.tracking.slicer import LPS_FROM_RAS
+
+SAME_PLACE_MM = 1e-3
+"""No tracker reads every marker so near to its coordinates in the scan; tables of them have three digits or more."""
 
 
 def registration_document(
@@ -22,7 +27,7 @@ def registration_document(
 ) -> RegistrationDocument:
     """Turn a registration into its document; ``targets`` are places of the same scan (`FrameMismatchError`).
 
-    ``notes`` are what was to be told of the readings.
+    ``notes`` are what was to be told of the readings. Raises `InputError` for readings that are the scan's own markers.
     """
     content: dict[str, Any] = {
         "format": FORMAT,
@@ -44,8 +49,19 @@ def registration_document(
     }
     if found.registration is None:
         return made(RegistrationDocument, content)
+    _require_read(found.registration)
     document = made(RegistrationDocument, content | _fitted(found, found.registration))
     return document if targets is None else document.model_copy(update={"targets": _targets(document, targets)})
+
+
+def _require_read(registration: Registration) -> None:
+    """Raise `InputError` where all readings are the scan's markers to the last digit, in LPS or in RAS."""
+    ct_mm, ots_mm = registration.moving_mm, registration.fixed_mm
+    if any(np.abs(ots_mm - sign * ct_mm).max() < SAME_PLACE_MM for sign in (1.0, LPS_FROM_RAS)):
+        raise InputError(
+            "the readings are the scan's own markers, in the scan's coordinates; expected those of the tracker, so "
+            "give the file that it recorded"
+        )
 
 
 def _fitted(found: MarkerRegistration, registration: Registration) -> dict[str, Any]:

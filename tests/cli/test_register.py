@@ -112,6 +112,20 @@ def test_readings_that_do_not_fit_are_refused_with_a_document(
     assert printed.err.count(json.loads(printed.out)["reason"]) == 1
 
 
+def test_the_scans_own_markers_are_no_readings(
+    markers: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As a file that was exported for Slicer, in LPS, or a table of them that another program wrote, in RAS."""
+    exported, table, registration = (tmp_path / name for name in ("f.mrk.json", "f.csv", "registration.json"))
+    assert main(["export", str(markers), "--to", "markups", "-o", str(exported)]) == 0
+    rows = [f"{-x:.3f},{-y:.3f},{z:.3f}" for x, y, z in fiducials().points.positions_mm]
+    table.write_text("\n".join(["r,a,s", *rows]))
+    for readings in (exported, table):
+        assert main(["register", str(markers), str(readings), "-o", str(registration)]) == 1
+        assert "the readings are the scan's own markers" in capsys.readouterr().err
+    assert not registration.exists()
+
+
 @pytest.mark.parametrize(
     ("text", "pair"), [("A=B=1", ("A=B", "1")), ("A==1", ("A", "=1")), ("F1=1", ("F1", "1")), ("A=1", ("A", "1"))]
 )
