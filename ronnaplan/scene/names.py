@@ -51,7 +51,8 @@ class Room:
         """Return what of a name takes half of the picture's width at most."""
         if self.length(name) <= self.wide:
             return name
-        kept = (name[:count].rstrip() + ELLIPSIS for count in range(len(name) - 1, 0, -1))
+        most = min(len(name) - 1, int(self.wide / (self.letter_em * self.em)))
+        kept = (name[:count].rstrip() + ELLIPSIS for count in range(most, 0, -1))
         return next((one for one in kept if self.length(one) <= self.wide), ELLIPSIS)
 
     def box(self, name: str, left: float, base: float) -> Box:

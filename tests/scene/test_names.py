@@ -40,7 +40,9 @@ def test_a_name_that_fits_on_neither_side_begins_within_the_picture() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["a name that is longer than this picture is wide " * 2, "\u6d77\u99ac" * 30, "x" * 500]
+    "name",
+    ["a name that is longer than this picture is wide " * 2, "\u6d77\u99ac" * 30, "x" * 1_000_000],
+    ids=["words", "Chinese", "a million letters"],
 )
 def test_a_long_name_takes_half_of_the_picture_and_ends_with_an_ellipsis(name: str) -> None:
     (one,) = written((name, 0.0, 0.0))
