@@ -151,6 +151,26 @@ def test_moments_end_where_nothing_new_comes(messages: int, why: str, monkeypatc
     assert last.notes[-1].startswith(f"the stream stopped: {why}")
 
 
+def test_moments_end_where_the_time_of_the_stream_leaps_back() -> None:
+    """What was told before would stand otherwise, until its time has come again or the watch is over."""
+    before = [points(time_s=1e9 + 0.05 * frame) for frame in range(10)]
+    with server([*before, *(points(time_s=1e9 - 0.95 + 0.05 * frame) for frame in range(10))]) as port:
+        *_, last = moments("127.0.0.1", port, every_s=0.1, seconds=1.0)
+    assert last.end is StreamEnd.STOPPED
+    assert last.notes[-1].startswith("the stream stopped: its own time leapt back by 1.4 s after")
+
+
+def test_a_device_whose_clock_lags_for_good_is_no_leap() -> None:
+    late = [
+        pyigtl.TransformMessage(matrix=np.eye(4), device_name="Robot", timestamp=1e9 - 3.0 + 0.05 * frame).pack()
+        for frame in range(10)
+    ]
+    frames = [points(time_s=1e9 + 0.05 * frame) for frame in range(10)]
+    with server([one for pair in zip(frames, late, strict=True) for one in pair]) as port:
+        *_, last = moments("127.0.0.1", port, every_s=0.1, seconds=1.0)
+    assert last.end is None
+
+
 def test_a_moment_that_had_only_begun_when_the_time_was_up_is_left_out() -> None:
     frames = [points(time_s=1e9 + 0.05 * frame) for frame in range(3)]
     with server(frames) as port:

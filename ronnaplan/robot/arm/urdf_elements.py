@@ -18,6 +18,8 @@ CONTINUOUS_RAD = 2 * np.pi
 """A joint that turns without end is given a turn either way."""
 LARGEST_LIMIT_RAD = 4 * np.pi
 """No joint of an arm turns further either way; limits beyond are in degrees."""
+SOFT = ("soft_lower_limit", "soft_upper_limit")
+"""What a ``<safety_controller>`` calls the limits that the robot's controller keeps."""
 LARGEST_TURN_RAD = 4 * np.pi
 """No description turns a frame further; rpy beyond are in degrees."""
 LARGEST_NUMBER = 1e6
@@ -150,18 +152,37 @@ def axis_of(joint: Joint) -> FloatArray:
 
 
 def limits_of(joint: Joint) -> tuple[float, float]:
-    """Return a joint's limits in rad; raises `InputError` where there are none, or they look like degrees."""
+    """Return a joint's limits in rad, the soft ones that its controller keeps where these are tighter.
+
+    Raises `InputError` where there are none, they look like degrees, or the soft ones leave nothing.
+    """
     limit = joint.element.find("limit")
-    if joint.kind == "continuous":
-        return -CONTINUOUS_RAD, CONTINUOUS_RAD
-    name = joint.name
-    if limit is None or not {"lower", "upper"} & set(limit.attrib):
-        raise InputError(f"joint {name} has no limits; state them, or call it continuous")
-    least, greatest = (plain_number(limit.attrib.get(end, "0")) for end in ("lower", "upper"))
+    least, greatest = -CONTINUOUS_RAD, CONTINUOUS_RAD
+    if joint.kind != "continuous":
+        if limit is None or not {"lower", "upper"} & set(limit.attrib):
+            raise InputError(f"joint {joint.name} has no limits; state them, or call it continuous")
+        least, greatest = _stated_limits(joint, limit, "limit", ("lower", "upper"))
+    soft = joint.element.find("safety_controller")
+    if soft is None or not set(SOFT) & set(soft.attrib):
+        return least, greatest
+    low, high = _stated_limits(joint, soft, "soft limit", SOFT)
+    if max(least, low) >= min(greatest, high):
+        raise InputError(
+            f"joint {joint.name} has the soft limits {low:g} to {high:g} rad, which leave nothing of {least:g} to "
+            f"{greatest:g}; correct the <safety_controller>, or take it out"
+        )
+    return max(least, low), min(greatest, high)
+
+
+def _stated_limits(
+    joint: Joint, element: ElementTree.Element, kind: str, ends: tuple[str, str]
+) -> tuple[float, float]:
+    """Return the limits in rad that an element states as its ``ends``; one that is left out is zero, as URDF has it."""
+    least, greatest = (plain_number(element.attrib.get(end, "0")) for end in ends)
     if least is None or greatest is None:
-        raise ValueError(f"a limit of joint {name} is no number")
+        raise ValueError(f"a {kind} of joint {joint.name} is no number")
     if max(abs(least), abs(greatest)) > LARGEST_LIMIT_RAD:
-        raise InputError(f"joint {name} has the limits {least:g} to {greatest:g} rad; are they in degrees?")
+        raise InputError(f"joint {joint.name} has the {kind}s {least:g} to {greatest:g} rad; are they in degrees?")
     return least, greatest
 
 

@@ -104,6 +104,39 @@ def test_what_slides_within_the_arm_is_refused_and_what_slides_at_its_end_is_not
         read_urdf(tmp_path / "arm.urdf", tip="jaw")
 
 
+def test_what_slides_on_the_last_link_that_turns_is_not_left_out_without_a_word(tmp_path: Path) -> None:
+    """It may be a gripper's jaw, or the last joint of the arm, as of a SCARA."""
+    bare = SEVEN.replace(
+        "</robot>",
+        '<link name="quill"/><joint name="stroke" type="prismatic"><parent link="l7"/><child link="quill"/>'
+        '<limit lower="0" upper="0.1"/></joint></robot>',
+    )
+    (tmp_path / "arm.urdf").write_text(bare)
+    with pytest.raises(
+        InputError, match=r"other links slide on the last that turns, l7: quill; name .* l7 or another"
+    ):
+        read_urdf(tmp_path / "arm.urdf")
+    assert len(read_urdf(tmp_path / "arm.urdf", tip="l7").arm) == 7
+
+
+@pytest.mark.parametrize(
+    ("soft", "expected"),
+    [
+        ('soft_lower_limit="-2.8" soft_upper_limit="2.5"', (-2.8, 2.5)),
+        ('soft_lower_limit="-2.8" soft_upper_limit="9.5"', (-2.8, 2.9670597283903604)),
+        ('soft_lower_limit="-2.8"', (-2.8, 0.0)),
+        ("", (-2.9670597283903604, 2.9670597283903604)),
+    ],
+)
+def test_the_limits_that_the_controller_keeps_count(
+    soft: str, expected: tuple[float, float], tmp_path: Path
+) -> None:
+    """A robot stops at its soft limits, so that margins from the hard ones would tell too much."""
+    text = KR6.replace('<limit lower="-2.96', f'<safety_controller k_velocity="10" {soft}/><limit lower="-2.96')
+    (tmp_path / "arm.urdf").write_text(text)
+    np.testing.assert_allclose(read_urdf(tmp_path / "arm.urdf").arm.limits_rad[0], expected)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
@@ -157,6 +190,17 @@ def test_what_slides_within_the_arm_is_refused_and_what_slides_at_its_end_is_not
             'lower="0" upper="0"',
             "joint A1 of kr6 has the limits 0 to 0 rad; .* room between them",
         ),
+        (
+            "<limit",
+            '<safety_controller k_velocity="1" soft_lower_limit="0" soft_upper_limit="0"/><limit',
+            "joint A1 has the soft limits 0 to 0 rad, which leave nothing of -2.96706 to 2.96706; correct the",
+        ),
+        (
+            "<limit",
+            '<safety_controller soft_lower_limit="-168" soft_upper_limit="168"/><limit',
+            "A1 has the soft limits -168 to 168 rad; are they in degrees",
+        ),
+        ("<limit", '<safety_controller soft_lower_limit="x"/><limit', "a soft limit of joint A1 is no number"),
         ('radius="0.06"', 'radius="nan"', "has the size nan m"),
         ('radius="0.06"', 'radius="-0.06"', "has the size -0.06 m"),
         ('<child link="l1"/>', "", "is damaged"),
