@@ -209,8 +209,29 @@ def _job(arguments: argparse.Namespace, arm: SerialArm, room: Room) -> tuple[Job
         ots_from_ct = case.registration.pose.matrix
         outdated = disagreement(case.fiducials, case.registration) if case.fiducials is not None else None
         doubts = (*([outdated] if outdated else []), *case.registration.doubts)
-    job = Job.of_plan(arm, room, case.plan, _markers(case), head.boundary_mm, head.center_mm, ots_from_ct)
-    return job, case, (*doubts, *job.doubts)
+    job = Job.of_plan(
+        arm,
+        room,
+        case.plan,
+        _markers(case),
+        head.boundary_mm,
+        head.center_mm,
+        ots_from_ct,
+        radii_mm=case.fiducials.radii_mm if case.fiducials is not None else None,
+    )
+    return job, case, (*doubts, *_untold_sizes(case), *job.doubts)
+
+
+def _untold_sizes(case: Case) -> list[str]:
+    """Say that markers are kept clear of as if of a usual size, where only the registration tells of them."""
+    from ronnaplan.robot.placement.placement import MARKER_RADIUS_MM
+
+    if case.fiducials is not None or case.registration is None:
+        return []
+    return [
+        f"the registration does not tell how large the markers are, so that they count as balls of "
+        f"{2 * MARKER_RADIUS_MM:g} mm; give --fiducials where they are larger"
+    ]
 
 
 def _source(case: Case) -> Source:

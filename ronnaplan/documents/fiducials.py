@@ -164,6 +164,12 @@ class FiducialsDocument(DocumentModel):
         )
 
     @property
+    def radii_mm(self) -> FloatArray:
+        """How far (N,) the markers reach about their centers, with what they are wrapped in."""
+        wrapped_mm = max(self.marker.layer_mm, 0.0)
+        return np.array([entry.diameter_mm / 2 + wrapped_mm for entry in self.fiducials], dtype=np.float64)
+
+    @property
     def doubts(self) -> tuple[str, ...]:
         """Why markers should be doubted, a sentence each."""
         return tuple(

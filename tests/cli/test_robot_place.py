@@ -155,6 +155,23 @@ def test_a_registration_of_markers_that_were_found_anew_since_is_told(
     assert kept == {one["label"]: one["center"] for one in found["fiducials"]}  # that the report can tell it, too
 
 
+def test_markers_of_which_no_size_is_told_are_said_to_be_of_a_usual_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The registration has their places only."""
+    cases.write_case(tmp_path)
+    (tmp_path / "room.toml").write_text(EXAMPLE)
+    given = [f"--{name}={tmp_path / name}.json" for name in ("plan", "registration")]
+    given += [f"--scene={tmp_path / 'room.toml'}", "--parked", "90000", "0", "800", "0"]
+    told = "the markers are, so that they count as balls of 12 mm; give --fiducials"
+    assert main(["robot", "place", "--ct", str(cases.CT), *given]) == 3
+    assert told in capsys.readouterr().err
+    assert (
+        main(["robot", "place", "--ct", str(cases.CT), *given, f"--fiducials={tmp_path / 'fiducials.json'}"]) == 3
+    )
+    assert told not in capsys.readouterr().err
+
+
 def test_what_is_missing_is_named(case: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["robot", "place", "--example"]) == 0
     assert capsys.readouterr().out == EXAMPLE

@@ -67,6 +67,16 @@ def test_points_survive_the_file_to_the_last_bit(document: Path) -> None:
     assert points.frame == FOUND.points.frame
 
 
+@pytest.mark.parametrize(("layer_mm", "radius_mm"), [(0.0, 5.76), (-1.0, 5.76), (1.5, 7.26)])
+def test_what_a_marker_is_wrapped_in_makes_it_larger_and_its_cavity_does_not(
+    document: Path, layer_mm: float, radius_mm: float
+) -> None:
+    content = json.loads(document.read_text())
+    content["marker"]["layer_mm"] = layer_mm
+    document.write_text(json.dumps(content))
+    np.testing.assert_allclose(read_fiducials(document).radii_mm, [radius_mm] * 2)
+
+
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [

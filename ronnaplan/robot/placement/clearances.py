@@ -24,8 +24,8 @@ def to_head(world: World, capsule: FloatArray, enough: float) -> float:
         return near
     least = np.inf
     for n in range(len(world.head)):
-        least = min(least, segment_point(capsule, world.head[n]))
-    left: float = least - capsule[6] - world.head_radius
+        least = min(least, segment_point(capsule, world.head[n]) - world.head[n, 3])
+    left: float = least - capsule[6]
     return left
 
 
@@ -164,9 +164,9 @@ def parked(world: World, trolley: FloatArray) -> bool:
                 return False
         for n in range(len(world.head)):
             place = np.empty(6)
-            place[:3] = world.head[n]
-            place[3:] = world.head[n]
-            if segment_box(place, trolley[v]) - world.head_radius < world.needs[2]:
+            place[:3] = world.head[n, :3]
+            place[3:] = world.head[n, :3]
+            if segment_box(place, trolley[v]) - world.head[n, 3] < world.needs[2]:
                 return False
     return True
 

@@ -49,6 +49,8 @@ TRACKER_APART_MM = 300.0
 """A tracker that was measured with a tape is nearer than this to where the registration puts it."""
 LARGEST_TILT_DEG = 10.0
 """Of a measured base: a trolley stands upright, and a head in its holder lies as told to within this."""
+MARKER_RADIUS_MM = 6.0
+"""Of a marker whose size nobody told."""
 BLAMED = 300
 """Bases that are asked what stands in the way."""
 
@@ -106,11 +108,14 @@ class Job:
         surface_ct_mm: FloatArray,
         head_center_ct_mm: FloatArray,
         ots_from_ct: FloatArray | None = None,
+        *,
+        radii_mm: FloatArray | None = None,
     ) -> Job:
         """Return the job of a plan and its scan's ``markers`` with the head's ``surface_ct_mm`` (N, 3), all in LPS mm.
 
-        With ``ots_from_ct`` (4, 4) the tracker stands where it was registered, otherwise where the room says. Raises
-        `InputError` for a plan without trajectories and `FrameMismatchError` for markers of another scan.
+        With ``ots_from_ct`` (4, 4) the tracker stands where it was registered, otherwise where the room says.
+        ``radii_mm`` (M,) are those of the markers, which else have `MARKER_RADIUS_MM`. Raises `InputError` for a plan
+        without trajectories and `FrameMismatchError` for markers of another scan.
         """
         if not plan.trajectories:
             raise InputError("the plan holds no trajectories; add those that the robot shall serve")
@@ -121,17 +126,19 @@ class Job:
             ends = transform_points(room_from_ct, np.array([one.entry_mm, one.target_mm]))
             told = one.instrument
             tasks.append(drill_task(one.name, ends[0], ends[1], room.tool, told.length_mm, told.diameter_mm))
-        surface, places = transform_points(room_from_ct, surface_ct_mm), None
+        surface, balls = transform_points(room_from_ct, surface_ct_mm), None
         if markers is not None:
             plan.frame.require(markers.frame)
             places = transform_points(room_from_ct, markers.positions_mm)
+            radii = np.full(len(places), MARKER_RADIUS_MM) if radii_mm is None else radii_mm
+            balls = np.column_stack([places, radii])
             tasks += [
                 view_task(name, at, center, room.camera) for name, at in zip(markers.labels, places, strict=True)
             ]
         tracker = None if room.tracker is None else np.array(room.tracker.position_mm)
         if ots_from_ct is not None and room.tracker is not None:
             tracker = (room_from_ct @ invert(ots_from_ct))[:3, 3]
-        return cls(arm, room, room_from_ct, tuple(tasks), world_of(room, surface, tracker, places), plan.frame)
+        return cls(arm, room, room_from_ct, tuple(tasks), world_of(room, surface, tracker, balls), plan.frame)
 
     def problem(self, fineness: Fineness, tasks: Sequence[Task] | None = None) -> Problem:
         """Return what bases are judged by, for all tasks or some."""
@@ -289,7 +296,7 @@ def _sentence(job: Job, problem: Problem, number: int, bases: FloatArray, where:
 def _other_entry(job: Job, task: Task, best: FloatArray) -> str:
     """Say which entry near that of a blocked trajectory the ``best`` base (1, 4) serves."""
     target = task.ends_mm[0]
-    starts, turns = blocking.turned_entries(task.starts_mm[0], target, job.world.head)
+    starts, turns = blocking.turned_entries(task.starts_mm[0], target, job.world.head[:, :3])
     for turn in np.unique(turns):
         ring = [replace(task, starts_mm=start[None]) for start in starts[turns == turn]]
         problem = job.problem(COARSE, ring)

@@ -23,10 +23,9 @@ class World(NamedTuple):
     boxes: FloatArray
     capsules: FloatArray
     head: FloatArray
-    """Places (H, 3) on the head's surface, and the markers on it."""
+    """Balls (H, 4) that cover the head's surface, middle and radius, and the markers on it last."""
     head_ball: FloatArray
-    """Middle and radius (4,) of a ball about them all, radius included."""
-    head_radius: float
+    """The same (4,) of a ball about them all."""
     tracker: FloatArray
     """Its place (3,)."""
     sight: FloatArray
@@ -42,14 +41,15 @@ def world_of(
 ) -> World:
     """Return the room with the places ``head_mm`` (H, 3) on the head, and the tracker's place (3,) in the room.
 
-    ``markers_mm`` (M, 3) belong to the head, each where it is: among the places on the scalp it would be lost.
+    ``markers_mm`` (M, 4), middles and radii, belong to the head, each where it is and as large: among the places on
+    the scalp it would be lost.
     """
     thinned = _thinned(head_mm)
+    head = np.column_stack([thinned, np.full(len(thinned), HEAD_SPACING_MM / 2)])
     if markers_mm is not None:
-        thinned = np.ascontiguousarray(np.concatenate([thinned, markers_mm]))
-    middle = thinned.mean(axis=0)
-    radius = HEAD_SPACING_MM / 2
-    reach = float(np.linalg.norm(thinned - middle, axis=1).max()) + radius
+        head = np.ascontiguousarray(np.concatenate([head, markers_mm]))
+    middle = head[:, :3].mean(axis=0)
+    reach = float((np.linalg.norm(head[:, :3] - middle, axis=1) + head[:, 3]).max())
     sight = np.zeros(5)
     if tracker_mm is not None and room.tracker is not None and room.tool.marker is not None:
         told = room.tracker
@@ -59,9 +59,8 @@ def world_of(
     return World(
         box_rows(room.boxes),
         np.array([capsule_row(one) for one in room.capsules]).reshape(-1, 7),
-        thinned,
+        head,
         np.array([*middle, reach]),
-        radius,
         np.zeros(3) if tracker_mm is None else np.array(tracker_mm, dtype=np.float64),
         sight,
         np.array(

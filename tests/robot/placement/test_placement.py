@@ -20,6 +20,7 @@ from ronnaplan.robot.arm.forward import forward
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.arm.quality import joint_margins_deg, singularity_deg
 from ronnaplan.robot.placement.blocking import turned_entries
+from ronnaplan.robot.placement.clearances import to_head
 from ronnaplan.robot.placement.machine import machine_of
 from ronnaplan.robot.placement.parking import strayed
 from ronnaplan.robot.placement.placement import COARSE, Job, Placement, check_parked, find_places
@@ -116,7 +117,7 @@ def test_what_blocks_a_held_arm_is_told_by_the_names_of_its_joints_and_links(tmp
     told = check_parked(replace(given, room=replace(given.room, arm_bodies=((7, on_last),))), base)
     assert "fist would meet" in told.blocked[0]
     tight = replace(given.room, margins=Margins(joint_deg=89.0))
-    told = check_parked(replace(given, room=tight, world=world_of(tight, given.world.head, None)), base)
+    told = check_parked(replace(given, room=tight, world=world_of(tight, given.world.head[:, :3], None)), base)
     assert "joint joint_a" in told.blocked[0]
 
 
@@ -334,13 +335,15 @@ def test_a_trolley_that_cannot_stand_there_is_named_from_a_base_that_was_measure
     base = placement.places[0].room_from_r
     cart = Box("cart", (*base[:2, 3], 200.0), (200.0, 200.0, 200.0))
     placed = replace(given.room, boxes=(*given.room.boxes, cart))
-    blocked_by = check_parked(replace(given, room=placed, world=world_of(placed, given.world.head, None)), base)
+    blocked_by = check_parked(
+        replace(given, room=placed, world=world_of(placed, given.world.head[:, :3], None)), base
+    )
     assert "the trolley would stand nearer than 20 mm" in blocked_by.blocked[0]
 
 
 def test_the_entry_that_is_proposed_lies_as_deep_beneath_the_scalp() -> None:
     target = CENTER_MM + np.array([30.0, 10, -5])
-    head = world_of(room(), surface(np.random.default_rng(1)), None).head
+    head = world_of(room(), surface(np.random.default_rng(1)), None).head[:, :3]
     starts, _ = turned_entries(CENTER_MM + np.array([0.0, 0, HEAD_MM[2] + 30]), target, head)
     away_mm = np.linalg.norm(starts - target, axis=1)
     out, inside = (starts - target) / away_mm[:, None] / HEAD_MM, (target - CENTER_MM) / HEAD_MM
@@ -386,6 +389,21 @@ def test_arm_and_tool_are_kept_from_a_marker_wherever_it_stands_on_the_scalp() -
         markers = Points(at[None], np.zeros((1, 3, 3)), ("F1",), plan.frame)
         made = Job.of_plan(kr6_r900(), room(), plan, markers, scalp, np.zeros(3))
         placed = made.room_from_ct[:3, :3] @ at + made.room_from_ct[:3, 3]
-        assert np.linalg.norm(made.world.head - placed, axis=1).min() < 1e-9
+        assert np.linalg.norm(made.world.head[:, :3] - placed, axis=1).min() < 1e-9
         middle, reach = made.world.head_ball[:3], made.world.head_ball[3]
-        assert np.linalg.norm(placed - middle) <= reach - made.world.head_radius + 1e-9
+        assert np.linalg.norm(placed - middle) <= reach - 6.0 + 1e-9
+
+
+def test_a_large_marker_is_kept_clear_of_by_its_own_radius() -> None:
+    """A ball of 40 mm on the crown: a rod beside it is as far from it as it looks."""
+    plan = Plan(SeriesSource(frame_of_reference_uid="1.2"), None)
+    plan = plan.add(Trajectory("LH", np.array([20.0, 10, 90]), np.array([5.0, 6, 7]), plan.frame))
+    scalp = surface(np.random.default_rng(2)) - CENTER_MM
+    at = np.array([0.0, 0.0, HEAD_MM[0] + 20.0])  # the crown points along +z in LPS
+    markers = Points(at[None], np.zeros((1, 3, 3)), ("F1",), plan.frame)
+    made = Job.of_plan(kr6_r900(), room(), plan, markers, scalp, np.zeros(3), radii_mm=np.array([20.0]))
+    placed = made.tasks[1].ends_mm[0]
+    out = (placed - CENTER_MM) / np.linalg.norm(placed - CENTER_MM)
+    rod = np.array([*(placed + 50.0 * out), *(placed + 90.0 * out), 5.0])
+    assert to_head(made.world, rod, np.inf) == pytest.approx(50.0 - 20.0 - 5.0)
+    assert made.world.head_ball[3] >= np.linalg.norm(placed - made.world.head_ball[:3]) + 20.0 - 1e-9

@@ -39,7 +39,9 @@ def ur5e() -> SerialArm:
 def problem(arm: SerialArm) -> Problem:
     given = job(0, 1, 0, reference_deg=tuple(REFERENCE_DEG.tolist()))
     placed = replace(given.room, boxes=())
-    return replace(given, arm=arm, room=placed, world=world_of(placed, given.world.head, None)).problem(COARSE)
+    return replace(given, arm=arm, room=placed, world=world_of(placed, given.world.head[:, :3], None)).problem(
+        COARSE
+    )
 
 
 def served(name: str, *angles_deg: float, margin_deg: float = 30.0) -> Served:
