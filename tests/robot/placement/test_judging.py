@@ -7,10 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ronnaplan.robot.placement import tasks
 from ronnaplan.robot.placement.judging import judge_base
+from ronnaplan.robot.placement.parking import probability
 from ronnaplan.robot.placement.placement import COARSE, FINE
+from ronnaplan.robot.placement.room import Box, Capsule
 from ronnaplan.robot.placement.search import base_pose, serves, worths
-from tests.robot.placement.cases import job
+from ronnaplan.robot.placement.tasks import view_task
+from tests.robot.placement.cases import CENTER_MM, job, room
 
 
 @pytest.mark.parametrize("seed", [1, 3])
@@ -38,6 +42,30 @@ def test_what_saves_time_changes_no_worth(seed: int) -> None:
     np.testing.assert_array_equal(found[least >= 0.0], least[least >= 0.0])
     assert (found[least < 0.0] < 0.0).all()
     assert (serves(problem, places) == (least >= 0.0)).all()
+
+
+def test_the_probability_that_is_told_is_no_less_for_want_of_sides_to_view_from(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A marker beside the ear, a pole and a screen: from six sides it is hardly seen where the base stands askew."""
+    given = job(
+        1,
+        1,
+        0,
+        boxes=(*room().boxes, Box("screen", (198.0, 0.0, 1300.0), (20.0, 900.0, 400.0))),
+        capsules=(*room().capsules, Capsule("pole", (-78.0, 409.0, 900.0), (-78.0, 409.0, 1700.0), 25.0)),
+    )
+    place, ear_mm = np.array([-853.0, -200.0, 900.0, 36.5]), np.array([-27.3, 87.4, 1045.1])
+
+    def told() -> float:
+        problem = given.problem(COARSE, [view_task("M", ear_mm, CENTER_MM, given.room.camera)])
+        return probability(problem, place, given.room.parking, samples=256)
+
+    found = told()
+    monkeypatch.setattr(tasks, "SIDES", 6 * 16)
+    assert found > told() - 0.02
+    monkeypatch.setattr(tasks, "SIDES", 6)
+    assert found > told() + 0.05
 
 
 def test_who_looks_closely_at_a_base_tries_the_rolls_by_which_the_search_found_it() -> None:
