@@ -114,7 +114,7 @@ def calibrate_hand_eye(ots_from_m: ArrayLike, robot_from_tcp: ArrayLike) -> Hand
         raise RefusedError(
             f"the poses of robot and tracker contradict each other by {found.rotation_rms_deg:.2f} degrees and "
             f"{found.translation_rms_mm:.2f} mm RMS, expected at most {LARGEST_ROTATION_DEG:g} and "
-            f"{LARGEST_TRANSLATION_MM:g}; record both at the same moments"
+            f"{LARGEST_TRANSLATION_MM:g}; record both at the same moments, as tracker from tool and robot from TCP"
         )
     return replace(found, out_of_step=_out_of_step(seen, driven))
 

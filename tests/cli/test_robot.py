@@ -258,6 +258,7 @@ def test_what_does_not_belong_together_is_refused(home: Path, capsys: pytest.Cap
     status, text = told("hand-eye", session / "hand_eye_tracker.csv", session / "markers_robot.csv")
     assert status in (1, 3)
     assert "contradict each other" in text
+    assert "as tracker from tool and robot from TCP" in text  # the other way round is likelier than other moments
     status, text = told("chain", "--registration", home / "registration.json", "--spheres", home / "spheres.json")
     assert status == 2
     assert "one of two ways" in text
