@@ -85,17 +85,14 @@ def locate_sphere(
         lefts, rights = pool.map(
             outlines_of, cones, (left, right), (rig.left, rig.right), (lamp_sd_deg, lamp_sd_deg)
         )
-    found = [
-        sphere
-        for one in lefts
-        for other in rights
-        if (sphere := _meet(one, other, rig, lamp_sd_deg)) is not None
-        and max(map(abs, sphere.size_errors(rig, diameter_mm))) <= SIZE_TOLERANCE
+    met = [
+        sphere for one in lefts for other in rights if (sphere := _meet(one, other, rig, lamp_sd_deg)) is not None
     ]
+    found = [one for one in met if max(map(abs, one.size_errors(rig, diameter_mm))) <= SIZE_TOLERANCE]
     if not found:
+        counts = f"{len(lefts)} outlines left, {len(rights)} right"
         raise InputError(
-            f"no sphere of {diameter_mm:g} mm is seen by both cameras ({len(lefts)} outlines left, "
-            f"{len(rights)} right); move the cameras closer and keep the sphere in both images"
+            f"no sphere of {diameter_mm:g} mm is seen by both cameras ({counts}){_other_size(met, rig, diameter_mm)}"
         )
     if len(found) > 1:
         raise RefusedError(f"{len(found)} spheres of {diameter_mm:g} mm are seen by both cameras; expected one")
@@ -106,6 +103,18 @@ def locate_sphere(
             "light the sphere evenly and brighter than what is behind it, or move the cameras closer"
         )
     return found[0]
+
+
+def _other_size(met: list[StereoSphere], rig: StereoRig, diameter_mm: float) -> str:
+    """Say of what size the sphere is that was ``met`` where one of ``diameter_mm`` was expected, and what to do."""
+    for one in met:
+        left, right = (1 + error for error in one.size_errors(rig, diameter_mm))
+        if abs(left / right - 1) <= SIZE_TOLERANCE:
+            return (
+                f", but one of {2 * diameter_mm / (left + right):.3g} mm: correct the diameter, or the size of the "
+                "squares that the cameras were calibrated with"
+            )
+    return "; move the cameras closer and keep the sphere in both images"
 
 
 def _that_may_meet(
