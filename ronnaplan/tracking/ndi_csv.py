@@ -15,7 +15,7 @@ import numpy as np
 from ronnaplan.errors import InputError
 from ronnaplan.text import BLANKS
 from ronnaplan.tracking.recording import OK, PointReading, Recording, ToolReading, quaternion_pose
-from ronnaplan.tracking.tables import frame_number, number, read_rows
+from ronnaplan.tracking.tables import STATUS_COLUMNS, frame_number, number, read_rows
 
 POSE = ("q0", "qx", "qy", "qz", "tx", "ty", "tz")
 POSITION = ("tx", "ty", "tz")
@@ -34,7 +34,7 @@ class _Layout:
 
 def is_ndi(header: list[str]) -> bool:
     """Return whether normalized column names are those of an NDI recording."""
-    return _runs(header, POSE) != [] or ("tx" in header and ("state" in header or "status" in header))
+    return _runs(header, POSE) != [] or ("tx" in header and not set(STATUS_COLUMNS).isdisjoint(header))
 
 
 def read_ndi(path: Path) -> Recording:
@@ -137,14 +137,17 @@ def _owner(header: list[str], poses: list[int], start: int) -> int:
 
 
 def _require_columns(path: Path, layout: _Layout, header: list[str], row: list[str], index: int) -> None:
-    """Raise `InputError` for cells beyond the header that are not those of markers: each begins with a state's word."""
-    beyond = [(column, cell) for column, cell in enumerate(row) if column >= len(header) and cell.strip()]
+    """Raise `InputError` where a marker's state is a number, no word, or cells beyond the header are no markers'."""
+    beyond = [column for column in range(len(header), len(row)) if row[column].strip()]
     first = layout.markers[-1][0] + 3 if layout.markers else 0
-    states = [cell for column, cell in beyond if (column - first) % 4 == 0]
-    if beyond and (not layout.markers or any(number(state) is not None for state in states)):
+    named = [start - 1 for start, _ in layout.markers if 0 < start <= len(row)]
+    states = [column for column in named if header[column] in STATUS_COLUMNS]
+    states += [column for column in beyond if (column - first) % 4 == 0]
+    if (beyond and not layout.markers) or any(number(row[column]) is not None for column in states):
         raise InputError(
-            f"{path} row {index + 1} below the header has {len(row)} cells under {len(header)} columns, and beyond "
-            "them no markers (State, Tx, Ty, Tz); numbers with a decimal comma need ';' between the columns"
+            f"{path} row {index + 1} below the header has {len(row)} cells under {len(header)} columns, and no word "
+            "where it should state how a marker is seen (State, Tx, Ty, Tz); numbers with a decimal comma need ';' "
+            "between the columns"
         )
 
 

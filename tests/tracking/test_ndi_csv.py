@@ -40,6 +40,7 @@ def test_ndi_columns_are_found_by_name_for_several_tools_and_strays(tmp_path: Pa
     "text",
     [
         "Frame,State,Tx,Ty,Tz\n1,OK,12,52,-29,20,-1617,94\n",
+        "Frame,State,Tx,Ty,Tz,State,Tx,Ty,Tz\n1,OK,12,52,-29,20,-1617,94\n",
         "Frame,State,Tx,Ty,Tz\n1,OK,12,52,-29,20,-1617,94,OK,12,52,-29,20,-1617,94\n",
         "Frame,State,Q0,Qx,Qy,Qz,Tx,Ty,Tz\n1,OK,1,00,0,00,0,00,0,00,12,52,-29,20,-1617,94\n",
     ],
