@@ -34,8 +34,9 @@ POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 """Told to the browser: this page loads nothing, and runs nothing but what is named after it."""
 
 LETTER = "[\u0590-\u08ff\ufb1d-\ufdff\ufe70-\ufefe\U00010800-\U00010fff\U0001e800-\U0001efff]"
-RIGHT_TO_LEFT = re.compile(f"{LETTER}+([ ]+{LETTER}+)*")
-"""A name in Hebrew or Arabic stands apart: else a browser writes the number behind it before it, and its sign last."""
+RIGHT_TO_LEFT = re.compile(f"{LETTER}+(?:[-_ ./'\"0-9]+{LETTER}+)*")
+"""A name in Hebrew or Arabic, its words, marks and numbers between them together, stands apart: else a browser writes
+the number behind it before it, and its sign last."""
 
 LONGEST_WORD = 30
 """A word that is longer (a UID, a hash) may be broken anywhere, no other: a number stays whole."""
@@ -63,7 +64,7 @@ def page(title: str, body: Iterable[str], *, style: str = "", script: str = "") 
 def element(tag: str, text: str, css: str = "") -> str:
     """Return one element that holds ``text``."""
     name = f' class="{escape(css)}"' if css else ""
-    apart = RIGHT_TO_LEFT.sub(r"<bdi>\g<0></bdi>", escape(text))
+    apart = RIGHT_TO_LEFT.sub(r"<bdi>\g<0></bdi>", escape(text, quote=False))
     return f"<{tag}{name}>{apart}</{tag}>"
 
 

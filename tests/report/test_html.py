@@ -124,6 +124,15 @@ def test_the_number_behind_a_name_from_right_to_left_keeps_its_place_and_sign(na
     assert apart(written_order, f"distance to {name} -0.46 mm").endswith("-0.46mm")
 
 
+@needs_browser
+@pytest.mark.parametrize("between", ["-", "/", "_", "'", '"', " 2 ", " - "])
+def test_the_words_of_a_name_from_right_to_left_keep_their_order(between: str) -> None:
+    """The first stands at the right, whatever is between it and the next."""
+    first, last = "\u05e9\u05de\u05d0\u05dc", "\u05e7\u05d3\u05de\u05d9"
+    order = apart(written_order, f"distance to {first}{between}{last} -0.46 mm")
+    assert order == f"distanceto{last[::-1]}{between.strip()}{first[::-1]}-0.46mm"
+
+
 def width_on_a_phone() -> int:
     """How many of its own pixels a page is laid out on by a browser whose screen has 390."""
     with chromium() as browser:
