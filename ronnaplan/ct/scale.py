@@ -27,17 +27,16 @@ BRIGHT_HU: Final = 500.0
 """Not even of a head that fills the field of view is half brighter than this."""
 SEEN: Final = 32
 """So many slices, rows and columns are looked at."""
-LEAST_SEEN: Final = 8192
-"""Fewer voxels are too few to show what a head in air looks like."""
+LEAST_VOXELS: Final = 128 * 128
+"""Fewer, not even one coarse slice, are too few to show what a head in air looks like."""
 
 
 def doubts_of_scale(voxels_hu: Voxels, padding_hu: float | None) -> tuple[VolumeFlag, ...]:
     """Return the reasons to doubt that values (K, J, I) are HU, other than those that are ``padding_hu``."""
-    steps = [slice(None, None, max(size // SEEN, 1)) for size in voxels_hu.shape]
-    some = voxels_hu[tuple(steps)]
-    if some.size < LEAST_SEEN:
+    if voxels_hu.size < LEAST_VOXELS:
         return ()
-    seen = _measured(some, padding_hu)
+    steps = [slice(None, None, max(size // SEEN, 1)) for size in voxels_hu.shape]
+    seen = _measured(voxels_hu[tuple(steps)], padding_hu)
     if not seen.size:
         return VolumeFlag.NO_AIR, VolumeFlag.NO_TISSUE
     air = seen[seen < AIR_BELOW_HU]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pydicom.dataset import Dataset
 
 from ronnaplan.ct import VolumeFlag, read_ct
+from ronnaplan.ct.scale import doubts_of_scale
 from tests.ct.makers import write_series
 
 SIZE = 32
@@ -64,6 +65,13 @@ def test_a_negative_slope_that_is_meant_gives_the_same_values(tmp_path: Path) ->
 def test_a_wrong_rescale_is_flagged(tmp_path: Path, slope: float, intercept: float, flag: VolumeFlag) -> None:
     stored = head_hu() + np.int16(1024)
     assert flags_of(tmp_path, stored, slope, intercept, padding=PADDING + 1024) == (flag,)
+
+
+def test_a_few_large_slices_are_asked_as_many_are() -> None:
+    """Of each of four slices of 512 x 512 no more is looked at than of each of many."""
+    hu = head_hu()[SIZE // 2 - 2 : SIZE // 2 + 2].repeat(16, axis=1).repeat(16, axis=2)
+    assert doubts_of_scale(hu, PADDING) == ()
+    assert doubts_of_scale(hu + np.int16(1024), PADDING + 1024) == (VolumeFlag.NO_AIR,)
 
 
 def test_values_that_lost_their_sign_are_flagged(tmp_path: Path) -> None:
