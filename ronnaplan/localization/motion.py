@@ -26,7 +26,9 @@ from ronnaplan.localization.algebra import add_products, inverse
 from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.blur import Edge
 from ronnaplan.localization.model import BLOCK
-from ronnaplan.localization.parameters import CENTER, RADIUS, WIDTH, U, V, W
+from ronnaplan.localization.parameters import BACKGROUND, CENTER, RADIUS, WIDTH, U, V, W
+from ronnaplan.localization.turn import ACROSS as ACROSS_SLICES
+from ronnaplan.localization.turn import FIFTH, THIRD, streaks
 
 SECTORS = 8
 """Each slice is cut into so many sectors, whose residuals are taken to be independent."""
@@ -127,7 +129,9 @@ def movement(edge: Edge) -> Movement:
     fit, used = edge.fit, edge.used
     offsets, slices = fit.neighbourhood.offsets_mm.take(used, axis=0), fit.neighbourhood.slices[used]
     first, end = (int(slices.min()), int(slices.max()) + 1) if len(slices) else (0, 0)
-    voxels = offsets - fit.theta[CENTER], slices - first, fit.residuals_hu[used], fit.used[used]
+    offsets = offsets - fit.theta[CENTER]
+    beside = streaks(fit.theta, fit.prior.layer_mm, offsets) * fit.jacobian[used, BACKGROUND, np.newaxis]
+    voxels = offsets, slices - first, fit.residuals_hu[used], fit.used[used], beside
     sizes = end - first, float(fit.theta[RADIUS])
     products, squares, sums = _products(fit.jacobian, used, edge.slanted, *voxels, *sizes)
     parameters, patterns = fit.jacobian.shape[1], np.arange(products.shape[1], products.shape[2])
@@ -217,6 +221,7 @@ def _products(
     slices: NDArray[np.intp],
     residuals: FloatArray,
     informed: NDArray[np.bool_],
+    beside: FloatArray,
     levels: int,
     radius: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -240,7 +245,7 @@ def _products(
                 n = some[column]
                 turn = math.atan2(offsets[n, 1], offsets[n, 0])
                 one[:first_more], one[first_more:count] = jacobian[used[n]], more[n]
-                _fill_patterns(one[:count], offsets[n, W] / radius, turn, slices[n] % 2 == 0, one[count:])
+                _fill_patterns(one[:count], offsets[n, W] / radius, turn, slices[n] % 2 == 0, beside[n], one[count:])
                 sector = slices[n] * SECTORS + int((turn / (2.0 * math.pi) + 0.5) * SECTORS) % SECTORS
                 for p in range(size):
                     squares[which, p] += one[count + p] ** 2
@@ -253,7 +258,7 @@ def _products(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _fill_patterns(
-    derivatives: FloatArray, height: float, turn: float, is_even: bool, patterns: FloatArray
+    derivatives: FloatArray, height: float, turn: float, is_even: bool, beside: FloatArray, patterns: FloatArray
 ) -> None:
     """Fill ``patterns`` with what each of 1 mm adds to a voxel; ``height`` is a share of the radius."""
     by_u, by_v, by_w = derivatives[U], derivatives[V], derivatives[W]
@@ -270,11 +275,12 @@ def _fill_patterns(
     for pattern in (by_u * height, by_v * height, by_u * odd, by_v * odd):
         patterns[place] = pattern
         place += 1
-    for _ in range(2):  # the third and the fifth harmonic
+    for which in (THIRD, FIFTH):
         cos, sin = cos * twice_cos - sin * twice_sin, sin * twice_cos + cos * twice_sin
-        patterns[place], patterns[place + 1] = outward * cos, outward * sin
+        patterns[place], patterns[place + 1] = (outward + beside[which]) * cos, (outward + beside[which]) * sin
         place += 2
-    patterns[place], patterns[place + 1] = by_w * twice_cos, by_w * twice_sin
+    across = by_w + beside[ACROSS_SLICES]
+    patterns[place], patterns[place + 1] = across * twice_cos, across * twice_sin
 
 
 def _largest(ratios: FloatArray) -> float:
