@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft
 
 from phantoms.fast import render
 from phantoms.scene import Part, Scene
@@ -50,3 +53,21 @@ def offsets_mm(volume: CTVolume, origin_mm: FloatArray) -> FloatArray:
     indices = np.moveaxis(np.indices(volume.voxels_hu.shape), 0, -1).reshape(-1, 3).astype(np.float64)
     offsets: FloatArray = (volume.grid.positions_mm(indices) - origin_mm).T.reshape(3, *volume.voxels_hu.shape)
     return offsets
+
+
+def bent(still: CTVolume, harmonic: str, by_mm: float) -> CTVolume:
+    """Return a scan that one turn made, each of whose views saw all displaced, by a ``harmonic`` of its direction.
+
+    Within the slices in the direction of view's normal (``third cos``, ``fifth sin``), or across them (``across cos``).
+    """
+    grid = still.grid
+    steps = (grid.typical_gap_mm, grid.row_spacing_mm, grid.column_spacing_mm)
+    across, down, along = np.meshgrid(
+        *(fft.fftfreq(size, step) for size, step in zip(still.voxels_hu.shape, steps, strict=True)), indexing="ij"
+    )
+    order, wave = harmonic.split()
+    turned = {"third": 3, "fifth": 5, "across": 2}[order] * np.arctan2(down, along)
+    far_mm = by_mm * (np.cos(turned) if wave == "cos" else np.sin(turned))
+    frequency = across if order == "across" else np.hypot(down, along)
+    spectrum = fft.fftn(still.voxels_hu.astype(np.float64)) * np.exp(-2j * np.pi * frequency * far_mm)
+    return replace(still, voxels_hu=np.asarray(fft.ifftn(spectrum).real, dtype=np.float32))

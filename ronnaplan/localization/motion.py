@@ -8,7 +8,8 @@ and its shape: all of these are even in the direction, so that the odd harmonics
 
 Each pattern is a displacement of the edges; its amplitude (mm) is fitted to the residuals beside all parameters of the
 ball, and its standard error taken from the residuals' own correlation within slices and sectors. What still scans show
-beyond that (streaks, posts, slanted rays) is counted as `PATTERN_ERRORS_MM`.
+beyond that (streaks, posts, slanted rays) is counted as `PATTERN_ERRORS_MM`. Edges that one turn displaces so have
+streaks beside them (`turn`), which tell as much as the edges do.
 """
 
 from __future__ import annotations
@@ -117,10 +118,11 @@ class Movement:
     def odd_mm2(self) -> FloatArray:
         """Mean squares (3,) of the odd harmonics: of those within the slices along u and v, of those across along w.
 
-        Harmonics that the voxels do not tell count as none.
+        Beyond what noise makes of them; harmonics that the voxels do not tell count as none.
         """
-        squares = np.nan_to_num(self.amplitudes_mm[OF_SLICES:]) ** 2
-        within, across = float(np.mean(squares[:ACROSS])), float(np.mean(squares[ACROSS:]))
+        noise_mm = self.errors_mm[OF_SLICES:] / ERROR_FACTOR
+        squares = np.nan_to_num(self.amplitudes_mm[OF_SLICES:] ** 2 - noise_mm**2)
+        within, across = max(float(np.mean(squares[:ACROSS])), 0.0), max(float(np.mean(squares[ACROSS:])), 0.0)
         return np.array([within, within, across])
 
 
@@ -196,9 +198,13 @@ def _alike(ratios: FloatArray, count: int) -> float:
 
 
 def _in_common(amplitudes: FloatArray, errors: FloatArray, still_mm: FloatArray) -> float:
-    """Return the largest median of patterns (N, P) in standard errors, beside what still scans show (P,)."""
+    """Return the largest median of patterns (N, P) in standard errors, beside what still scans show (P,).
+
+    A head that moves in a turn shows in several harmonics, whose medians count together.
+    """
     spread = MEDIAN_SPREAD * np.sqrt(np.median(np.nan_to_num(errors**2), axis=0) / len(amplitudes))
-    return _largest(_middle(amplitudes) / np.hypot(spread, still_mm / SHARED))
+    shown = _middle(amplitudes) / np.hypot(spread, still_mm / SHARED)
+    return max(_largest(shown), float(np.linalg.norm(np.nan_to_num(shown[OF_SLICES:]))))
 
 
 def _middle(amplitudes: FloatArray) -> FloatArray:
@@ -245,7 +251,9 @@ def _products(
                 n = some[column]
                 turn = math.atan2(offsets[n, 1], offsets[n, 0])
                 one[:first_more], one[first_more:count] = jacobian[used[n]], more[n]
-                _fill_patterns(one[:count], offsets[n, W] / radius, turn, slices[n] % 2 == 0, beside[n], one[count:])
+                _fill_patterns(
+                    one[:count], offsets[n, W] / radius, turn, slices[n] % 2 == 0, beside[n], one[count:]
+                )
                 sector = slices[n] * SECTORS + int((turn / (2.0 * math.pi) + 0.5) * SECTORS) % SECTORS
                 for p in range(size):
                     squares[which, p] += one[count + p] ** 2

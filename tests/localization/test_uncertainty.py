@@ -35,7 +35,7 @@ from ronnaplan.localization.uncertainty import (
     usual_odd_mm2,
     with_usual,
 )
-from tests.scans import balls, offsets_mm, scan, small_stack
+from tests.scans import balls, bent, scan, small_stack
 
 CHI2_95 = 7.81
 """What the square of an error, in its own covariance, stays below in 95 % of cases, in three dimensions."""
@@ -143,19 +143,9 @@ def on_a_post(toward: tuple[float, float, float]) -> CTVolume:
     return scan(post + balls([(1.0, 2.0, 3.0)]), small_stack(), seed=2)
 
 
-def bent(volume: CTVolume, bend_mm: float) -> CTVolume:
-    """With a ball whose edges lie farther out where they face three directions of the slices, and nearer between."""
-    x, y, z = offsets_mm(volume, np.array([1.0, 2.0, 3.0]))
-    radius = np.sqrt(x**2 + y**2 + z**2)
-    edge_hu = 1100.0 * np.exp(-0.5 * ((radius - 5.75) / 0.5) ** 2) / (0.5 * np.sqrt(2 * np.pi))
-    outward = np.hypot(x, y) / np.maximum(radius, 1e-9)
-    bends = bend_mm * edge_hu * outward * np.cos(3.0 * np.arctan2(y, x))
-    return replace(volume, voxels_hu=(volume.voxels_hu + bends).astype(np.float32))
-
-
 def test_an_outline_that_is_bent_oddly_adds_error_within_the_slices(quiet: CTVolume) -> None:
     noisy = with_white_noise(quiet, 10.0, 1)
-    fits = [fit_of(volume) for volume in (noisy, bent(noisy, 0.02))]
+    fits = [fit_of(volume) for volume in (noisy, bent(noisy, "third cos", 0.02))]
     straight, curved = (np.sqrt(np.diag(center_covariance(fit, movement(Edge(fit))))) for fit in fits)
     # The mean square of four harmonics, one of which is 20 um.
     assert np.allclose(curved[:2], 0.02 / 2 * np.sqrt(uncertainty.WEIGHTS["odd"]), rtol=0.35)
@@ -164,7 +154,7 @@ def test_an_outline_that_is_bent_oddly_adds_error_within_the_slices(quiet: CTVol
 
 def test_what_bends_the_other_markers_of_a_scan_counts_in_each_of_them(quiet: CTVolume) -> None:
     noisy = with_white_noise(quiet, 10.0, 1)
-    straight, curved = (movement(Edge(fit_of(volume))) for volume in (noisy, bent(noisy, 0.02)))
+    straight, curved = (movement(Edge(fit_of(volume))) for volume in (noisy, bent(noisy, "third cos", 0.02)))
     usual_mm2 = usual_odd_mm2([straight, curved, curved])
     assert usual_mm2 is not None
     assert usual_odd_mm2([straight, curved]) is None
@@ -177,7 +167,7 @@ def test_what_bends_the_other_markers_of_a_scan_counts_in_each_of_them(quiet: CT
 
 def test_what_bends_the_markers_of_a_cone_beam_counts_at_their_height(quiet: CTVolume) -> None:
     noisy = with_white_noise(quiet, 10.0, 1)
-    straight, curved = (movement(Edge(fit_of(volume))) for volume in (noisy, bent(noisy, 0.02)))
+    straight, curved = (movement(Edge(fit_of(volume))) for volume in (noisy, bent(noisy, "third cos", 0.02)))
     heights_mm = np.array([0.0, 100.0, 10.0, 110.0, 20.0, 120.0, 30.0, 130.0, 40.0, 140.0, 45.0, 50.0])
     movements = [*[straight, curved] * 5, straight, straight]
     usual_mm2 = usual_odd_mm2(movements, heights_mm)
