@@ -86,7 +86,7 @@ def test_a_jump_within_one_half_turn_is_told_by_the_directions_of_the_edges() ->
 
 
 def test_a_head_that_settles_as_a_cone_beam_begins_to_turn_is_told_by_all() -> None:
-    """By 0.66 mm: what is bent shows less at the edges than in the streaks beside them. Opposite views tell the same."""
+    """By 0.66 mm: what is bent shows less at the edges than beside them. Opposite views tell the same."""
     still = scan(balls([(x, y, z) for x, y, z in PLACES], 8.0), small_stack(spacing_mm=0.5), seed=2)
     steps_mm = (0.5, 0.5, 0.5)
     across, down, along = np.meshgrid(
