@@ -57,8 +57,8 @@ PROFILE_SAMPLES = 129
 """A slice's profile is correlated with itself at so many places."""
 
 WEIGHTS = {"slices": 0.64, "odd": 1.0, "pole": 1.4e-6, "least": 0.31e-6}
-"""How much of each source is error. The first would be 1 if it were the whole truth, and independent; the last is in mm^2.
-Fitted by `scripts/fit_uncertainty` to the errors on simulated patients and on balls in real scans, and tested on
+"""How much of each source is error. The first would be 1 if it were the whole truth, and independent; the last is in
+mm^2. Fitted by `scripts/fit_uncertainty` to the errors on simulated patients and on balls in real scans, and tested on
 scanners that were left out. But for ``odd``: what a head that moves along a line in a turn adds to the third harmonic
 is as much as it moves the center from its mean place."""
 
