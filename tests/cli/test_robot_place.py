@@ -16,6 +16,9 @@ from ronnaplan.cli import main
 from ronnaplan.ct import read_ct
 from ronnaplan.documents.placement import read_placement
 from ronnaplan.documents.room import EXAMPLE
+from ronnaplan.geometry import FloatArray
+from ronnaplan.robot.placement.room import Room
+from ronnaplan.robot.placement.world import World, world_of
 from tests import cases
 from tests.cli.chains import parked_chain
 from tests.documents.test_room import with_arm_body
@@ -170,6 +173,29 @@ def test_markers_of_which_no_size_is_told_are_said_to_be_of_a_usual_one(
         main(["robot", "place", "--ct", str(cases.CT), *given, f"--fiducials={tmp_path / 'fiducials.json'}"]) == 3
     )
     assert told not in capsys.readouterr().err
+
+
+def test_markers_are_kept_clear_of_by_the_sizes_that_the_fiducials_tell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    balls = []
+
+    def spied(
+        room: Room, head_mm: FloatArray, tracker_mm: FloatArray | None, markers_mm: FloatArray | None
+    ) -> World:
+        balls.append(markers_mm)
+        return world_of(room, head_mm, tracker_mm, markers_mm)
+
+    monkeypatch.setattr("ronnaplan.robot.placement.placement.world_of", spied)
+    cases.write_case(tmp_path)
+    (tmp_path / "room.toml").write_text(EXAMPLE)
+    given = [f"--{name}={tmp_path / name}.json" for name in ("plan", "fiducials", "registration")]
+    given += [f"--scene={tmp_path / 'room.toml'}", "--parked", "90000", "0", "800", "0"]
+    assert main(["robot", "place", "--ct", str(cases.CT), *given]) == 3
+    found = json.loads((tmp_path / "fiducials.json").read_text())["fiducials"]
+    (told,) = balls
+    assert told is not None
+    assert told[:, 3] == pytest.approx([one["diameter_mm"] / 2 for one in found])
 
 
 def test_what_is_missing_is_named(case: list[str], capsys: pytest.CaptureFixture[str]) -> None:
