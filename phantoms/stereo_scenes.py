@@ -17,6 +17,7 @@ from phantoms.cameras import SIZE, pixel_rays, project
 from phantoms.compiled import compiled
 from phantoms.errors import PhantomError
 from phantoms.solids import FloatArray
+from phantoms.spoilt_views import cross, glare, glints, hide, highlight
 
 DIAMETER_MM = 11.5
 SAMPLES = 5
@@ -55,6 +56,10 @@ class Scene:
     """Range of the angle (degrees) between the lines from the ball to a lamp and to the camera."""
     power: float = 1.0
     """Light of a lamp beside the camera falls off as the cosine to this power."""
+    cable: tuple[float, float] = (0.0, 0.0)
+    """Range of the width of a cable across the ball, in diameters of the ball."""
+    gloss: tuple[float, float] = (0.0, 0.0)
+    """Range of the brightness of a highlight near its middle, as a share of the ball's."""
 
 
 BASE = Scene("evenly bright")
@@ -85,6 +90,10 @@ SCENES = (
     replace(BASE, name="slightly uneven, lamp beside", verdict="either", shading="lamp", fall=(0, 0.05), beside=(0, 1)),
     replace(BASE, name="cosine to 1.5, lamp beside", verdict="either", shading="lamp", beside=(0, 10), power=1.5),
     replace(BASE, name="cosine to 2, lamp beside", verdict="either", shading="lamp", beside=(0, 10), power=2.0),
+    replace(BASE, name="cable across", cable=(0.02, 0.2)),
+    replace(BASE, name="highlight in the middle", gloss=(0.2, 1.0)),
+    replace(BASE, name="flat disc, cable across", verdict="refuse", shading="disc", cable=(0.02, 0.2)),
+    replace(BASE, name="half hidden, highlight", verdict="refuse", hidden=(0.5, 0.6), gloss=(0.2, 1.0)),
 )  # fmt: skip
 """The table's rows."""
 
@@ -165,11 +174,15 @@ def render(scene: Scene, rig: SceneRig, rng: np.random.Generator) -> View:
             _draw_solid(image, solid, scene, (bright, ambient, post, scene.power), K, d)
         at = project(seen[0] if seen else turn @ (centers[0] - place[:3, 3]), K, d)
         radius_px = K[0, 0] * scene.diameter_mm / 2 / (turn @ (centers[0] - place[:3, 3]))[2]
+        if scene.gloss[1]:
+            highlight(image, at, radius_px, rng.uniform(*scene.gloss) * bright, rng)
+        if scene.cable[1]:
+            cross(image, at, radius_px, rng.uniform(*scene.cable) * 2 * radius_px, rng)
         if scene.hidden[1] and (both_hidden or side == hidden_side):
-            _hide(image, at, radius_px, rng.uniform(*scene.hidden), rng)
+            hide(image, at, radius_px, rng.uniform(*scene.hidden), rng)
         if scene.glare[1]:
-            _glare(image, at, radius_px, rng.uniform(*scene.glare) * radius_px, rng)
-        _glints(image, at, 1.5 * radius_px, scene.glints, rng)
+            glare(image, at, radius_px, rng.uniform(*scene.glare) * radius_px, rng)
+        glints(image, at, 1.5 * radius_px, scene.glints, rng)
         images.append(_developed(image, blur_px, read_sd, rng))
     return View(images[0], images[1], centers[0])
 
@@ -288,41 +301,6 @@ def _meets_post(ray: tuple[float, float, float], solid: FloatArray, radius: floa
         return False
     far = nearest - np.sqrt((radius**2 - gap) / square)
     return bool(0 < far * down - base < POST_MM)
-
-
-def _hide(image: FloatArray, at: FloatArray, radius_px: float, share: float, rng: np.random.Generator) -> None:
-    """Put something dark or grey with a straight edge before ``share`` of the outline."""
-    angle = rng.uniform(0, 2 * np.pi)
-    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]].astype(float)
-    beyond = (columns - at[0]) * np.cos(angle) + (rows - at[1]) * np.sin(angle) - radius_px * np.cos(np.pi * share)
-    width = radius_px * rng.uniform(1.4, 3.0)
-    cover = np.clip(beyond + 0.5, 0, 1) * np.clip(width - beyond + 0.5, 0, 1)
-    image += cover * (rng.uniform(5, 60) - image)
-
-
-def _glare(image: FloatArray, at: FloatArray, radius_px: float, width_px: float, rng: np.random.Generator) -> None:
-    """Add a blob on the limb, soft or hard, as a lamp's reflection is."""
-    angle = rng.uniform(0, 2 * np.pi)
-    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]].astype(float)
-    middle = at + radius_px * rng.uniform(0.9, 1.05) * np.array([np.cos(angle), np.sin(angle)])
-    far = np.hypot(columns - middle[0], rows - middle[1])
-    if rng.uniform() < 0.5:
-        image += rng.uniform(80, 250) * np.exp(-((far / width_px) ** 2) / 2)
-    else:
-        image += np.clip(width_px - far + 0.5, 0, 1) * (240 - image)
-
-
-def _glints(image: FloatArray, at: FloatArray, clear_px: float, number: int, rng: np.random.Generator) -> None:
-    """Draw bright ellipses of all sizes, none nearer to the ball than ``clear_px``."""
-    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]].astype(float)
-    for _ in range(number):
-        middle, angle = rng.uniform((0, 0), SIZE[::-1]), rng.uniform(0, np.pi)
-        axes = np.exp(rng.uniform(np.log(2), np.log(40), 2))
-        if np.linalg.norm(middle - at) < clear_px + axes.max():
-            continue
-        x = (columns - middle[0]) * np.cos(angle) + (rows - middle[1]) * np.sin(angle)
-        y = (rows - middle[1]) * np.cos(angle) - (columns - middle[0]) * np.sin(angle)
-        image[np.hypot(x / axes[0], y / axes[1]) < 1] = rng.uniform(200, 255)
 
 
 def _developed(image: FloatArray, blur_px: float, read_sd: float, rng: np.random.Generator) -> FloatArray:

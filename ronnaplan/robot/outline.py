@@ -118,17 +118,10 @@ def outlines_of(cones: list[Cone], image: Image, camera: Camera, lamp_sd_deg: fl
 
 def _outline(grey: Image, cone: Cone, camera: Camera, lamp_sd_deg: float) -> Outline | None:
     """Return the outline near ``cone``, if it is a sphere's."""
-    found = find_shaded(grey, camera, cone.direction, cone.half_angle, cone.rays)
-    if found is None:
+    fitted = _fitted(grey, cone, camera)
+    if fitted is None:
         return None
-    told = _judge(found)
-    if told is not None and told.excess > SHADOWED:
-        again = in_own_shadow(found)
-        other = None if again is None else _judge(again)
-        if again is not None and other is not None and _is_in_shadow(again, other, told.excess):
-            found, told = again, other
-    if told is None:
-        return None
+    found, told = fitted
     turn, shifts = found.angles[told.kept], found.shifts_px[told.kept]
     outward = np.column_stack([np.cos(turn), np.sin(turn)]) @ found.across.T
     points = _shown(_toward(found, found.place), outward, found.place[2] + shifts / camera.focal_px, camera)
@@ -136,6 +129,35 @@ def _outline(grey: Image, cone: Cone, camera: Camera, lamp_sd_deg: float) -> Out
     lights = in_each_light([sight], lamp_sd_deg)
     place, _ = weighed(lights.logarithms, lights.places, lights.covariances)
     return Outline(_toward(found, place), float(place[2]), points, sight)
+
+
+def _fitted(grey: Image, cone: Cone, camera: Camera) -> tuple[ShadedSphere, _Judged] | None:
+    """Return the sphere near ``cone`` and how well its model explains it, or None where there is none.
+
+    A sphere whose light is not in the model, or that something spoils, is looked at as one in its own shadow, and then
+    by its rim alone, which a cable across it or a highlight in its middle leaves clean for the most part.
+    """
+    expected = grey, camera, cone.direction, cone.half_angle, cone.rays
+    whole = _judged(find_shaded(*expected))
+    if whole is not None and whole[1].excess > SHADOWED:
+        again = _judged(in_own_shadow(whole[0]))
+        if again is not None and _is_in_shadow(*again, whole[1].excess):
+            return again
+    if whole is not None and whole[1].excess <= SHADOWED:
+        return whole
+    rim = _judged(find_shaded(*expected, rim_only=True))
+    return rim if rim is not None and _is_clean(rim[1]) else whole
+
+
+def _judged(found: ShadedSphere | None) -> tuple[ShadedSphere, _Judged] | None:
+    """Return a sphere with how well its model explains the outline, or None where there is none."""
+    told = None if found is None else _judge(found)
+    return None if found is None or told is None else (found, told)
+
+
+def _is_clean(told: _Judged) -> bool:
+    """Tell whether a rim shows no more than noise, on so much of the outline that it is a sphere's."""
+    return told.excess < SHADOWED and float(told.kept.mean()) > SHADOW_COVERAGE
 
 
 def _sight(found: ShadedSphere, excess: float, camera: Camera) -> Sight:

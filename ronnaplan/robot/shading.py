@@ -130,16 +130,18 @@ def find_shaded(
     half_angle: float,
     seen: FloatArray,
     *,
+    rim_only: bool = False,
     starts: int = STARTS,
     strayed: _State | None = None,
 ) -> ShadedSphere | None:
     """Return the sphere near ``axis`` (3,) and ``half_angle`` (rad), or None where there is none.
 
     ``seen`` (N, 3) are rays to where its outline is known to show. Where the outline turns out to be elsewhere, it is
-    looked for anew there, with so many ``starts`` together, in the light of the one that ``strayed``.
+    looked for anew there, with so many ``starts`` together, in the light of the one that ``strayed``. With ``rim_only``
+    what lies in its middle counts for nothing.
     """
     across = np.linalg.svd(axis[None])[2][1:].T
-    pixels = pixels_near(grey, camera, axis, across, half_angle)
+    pixels = pixels_near(grey, camera, axis, across, half_angle, rim_only=rim_only)
     state = _start(pixels, half_angle, _sectors_of((seen - axis) @ across, len(pixels.starts) - 1))
     if state is None:
         return None
@@ -153,7 +155,8 @@ def find_shaded(
         found = axis + across @ place[:2]
         found /= np.linalg.norm(found)
         strayed = state if fitted.strayed else None
-        return find_shaded(grey, camera, found, float(place[2]), seen, starts=starts - 1, strayed=strayed)
+        again = grey, camera, found, float(place[2]), seen
+        return find_shaded(*again, rim_only=rim_only, starts=starts - 1, strayed=strayed)
     return _result(pixels, state, fitted, axis, across, shadows=False)
 
 

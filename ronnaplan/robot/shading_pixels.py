@@ -21,6 +21,10 @@ MOST_INSIDE = 4000
 """Of those further inside, where brightness changes slowly, about so many are taken at most: means over squares, and
 over such of the ground."""
 
+RIM_PX, RIM = 12.0, 0.25
+"""How deep a sphere's rim is, at least, and as a share of its radius: enough to tell brightness from blur, and not so
+deep that what lies across the middle, or shines there, reaches into more than few sectors."""
+
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
@@ -36,8 +40,13 @@ class Pixels:
     focal_px: float
 
 
-def pixels_near(grey: Image, camera: Camera, axis: FloatArray, across: FloatArray, half_angle: float) -> Pixels:
-    """Return the pixels where a sphere of ``half_angle`` (rad) about ``axis`` (3,) is seen, along ``across`` (3, 2)."""
+def pixels_near(
+    grey: Image, camera: Camera, axis: FloatArray, across: FloatArray, half_angle: float, *, rim_only: bool = False
+) -> Pixels:
+    """Return the pixels where a sphere of ``half_angle`` (rad) about ``axis`` (3,) is seen, along ``across`` (3, 2).
+
+    With ``rim_only`` those in its middle are left out.
+    """
     import cv2
 
     focal, radius = camera.focal_px, half_angle * camera.focal_px
@@ -52,8 +61,17 @@ def pixels_near(grey: Image, camera: Camera, axis: FloatArray, across: FloatArra
     count = int(np.clip(2 * np.pi * radius / ARC_PX, FEWEST_SECTORS, MOST_SECTORS))
     edge = min(EDGE_PX, radius)
     block = int(np.ceil((radius - edge) * np.sqrt(np.pi / MOST_INSIDE)))
-    found = gather(window, bend, middle - low, scale, radius, (OUTWARD_PX, edge), count, max(block, 1))
-    return Pixels(*found, focal)
+    found = Pixels(
+        *gather(window, bend, middle - low, scale, radius, (OUTWARD_PX, edge), count, max(block, 1)), focal
+    )
+    return _beyond(found, radius - max(RIM_PX, RIM * radius)) if rim_only else found
+
+
+def _beyond(pixels: Pixels, least_px: float) -> Pixels:
+    """Return those of the ``pixels`` that are farther from the middle than ``least_px``."""
+    taken = np.hypot(*pixels.places.T) > least_px
+    starts = np.concatenate([[0], np.cumsum(taken)])[pixels.starts]
+    return Pixels(pixels.places[taken], pixels.grey[taken], pixels.weights[taken], starts, pixels.focal_px)
 
 
 @cache

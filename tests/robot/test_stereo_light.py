@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ronnaplan.errors import RefusedError
+from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.robot.stereo import locate_sphere
 from tests.robot.stereo_views import DIAMETER, rendered
 
@@ -24,6 +24,33 @@ def test_a_ball_lit_from_aside_is_measured_as_one_in_its_own_shadow(seed: int) -
     error = found.position_mm - view.center_mm
     assert np.linalg.norm(error) < 0.01
     assert error @ np.linalg.solve(found.covariance_mm2, error) / 3 < 4
+
+
+@pytest.mark.parametrize(
+    ("name", "seed"),
+    [
+        ("cable across", 1),
+        ("cable across", 2),
+        ("cable across", 4),
+        ("highlight in the middle", 2),
+        ("highlight in the middle", 3),
+    ],
+)
+def test_what_spoils_the_middle_of_a_ball_does_not_keep_its_rim_from_being_measured(name: str, seed: int) -> None:
+    """By the whole of it no outline is found in one image at least."""
+    view, rig = rendered(name, seed)
+    found = locate_sphere(view.left, view.right, rig, diameter_mm=DIAMETER)
+    error = found.position_mm - view.center_mm
+    assert np.linalg.norm(error) < 0.01
+    assert error @ np.linalg.solve(found.covariance_mm2, error) / 3 < 4
+
+
+@pytest.mark.parametrize("name", ["flat disc, cable across", "half hidden, highlight"])
+def test_a_clean_part_of_a_rim_makes_no_ball_of_what_is_none(name: str) -> None:
+    for seed in (1, 2):
+        view, rig = rendered(name, seed)
+        with pytest.raises(InputError, match="no sphere"):
+            locate_sphere(view.left, view.right, rig, diameter_mm=DIAMETER)
 
 
 def test_an_outline_that_turns_out_to_be_well_beside_its_edges_is_looked_for_there() -> None:
