@@ -214,9 +214,14 @@ def _draw(report: str | None, volume: CTVolume, wanted: _Wanted, found: Fiducial
 
 
 def _other_sizes(volume: CTVolume, found: Fiducials) -> list[str]:
-    """Say which sizes the scan shows where it shows none of those stated, or all markers are of another."""
+    """Say which sizes the scan shows where it shows none of those stated, or all markers are of another.
+
+    Where its geometry may be wrong instead, that is said.
+    """
     from ronnaplan.localization import proposal, sizes_seen
 
+    if found.distortion is not None:
+        return [f"warning: {found.distortion}"]
     if not len(found):
         return [proposal(sizes_seen(volume, found.marker, progress=True))]
     other = found.other_diameter_mm

@@ -50,11 +50,16 @@ class Source(DocumentModel):
     voxel_sha256: Line | None = None
     flags: tuple[Line, ...] = ()
     """Reasons to doubt the scan's volume."""
+    distortion: Line | None = None
+    """How its geometry may be wrong, as candidates that are alike ellipsoids tell."""
 
     @property
     def doubts(self) -> tuple[str, ...]:
         """Why the scan should be doubted, a sentence each."""
-        return tuple(f"the scan: {flag_sentence(VolumeFlag, flag)}" for flag in self.flags)
+        wrong = () if self.distortion is None else (self.distortion,)
+        return tuple(
+            f"the scan: {why}" for why in (*(flag_sentence(VolumeFlag, flag) for flag in self.flags), *wrong)
+        )
 
 
 class Sought(DocumentModel):
@@ -221,6 +226,7 @@ def fiducials_document(found: Fiducials) -> FiducialsDocument:
                 "frame_of_reference_uid": found.source.frame_of_reference_uid,
                 "voxel_sha256": found.voxel_sha256,
                 "flags": [flag.name.lower() for flag in found.volume_flags],
+                "distortion": found.distortion,
             },
             "marker": {
                 "diameter_mm": found.diameters_mm[0],

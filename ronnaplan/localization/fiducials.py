@@ -164,6 +164,8 @@ class Fiducials(Shown[Fiducial]):
     """Unit vector (3,) in LPS along which the slices' profile blurs; None where that is their normal."""
     summed_first: bool | None = None
     """Whether rays were summed before the logarithm, which is made good; None where nothing tells."""
+    distortion: str | None = None
+    """How the scan's geometry may be wrong, as candidates that are alike ellipsoids tell; None where nothing tells."""
 
     def _items(self) -> Sequence[Fiducial]:
         return self.fiducials
@@ -175,6 +177,7 @@ class Fiducials(Shown[Fiducial]):
         other = self.other_diameter_mm
         hint = f", all measure {other:.2f} mm" if other is not None else ""
         hint += "" if len(self) else "; localization.sizes_seen(volume) tells what is there"
+        hint = hint if self.distortion is None else f"; {self.distortion}"
         return f"{len(self)} markers of {sizes} mm{flags}{hint}, {len(self.rejected)} candidates rejected"
 
     @property

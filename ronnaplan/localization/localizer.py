@@ -7,7 +7,8 @@
 3. What was turned down only for what is usual in the scan is judged again (`by_the_usual`).
 4. What is unlike the scan's other markers is turned down (`alike`).
 5. Each marker's covariance counts what is usual in the scan (`together`), and motion is suspected (`moved`).
-6. Markers are numbered from the top; another number than expected is refused.
+6. Markers are numbered from the top; another number than expected is refused. Where few are found, or all are of
+   another size, candidates that are alike ellipsoids tell that the scan's geometry may be wrong (`stretched`).
 
 `docs/localization.md` tells what each step rests on.
 """
@@ -30,9 +31,11 @@ from ronnaplan.localization.examine import Examined, distinct, examine, examine_
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
 from ronnaplan.localization.logarithm import as_summed
 from ronnaplan.localization.measured import measured
+from ronnaplan.localization.motion import LEAST_TOGETHER
 from ronnaplan.localization.scan import Scan
 from ronnaplan.localization.size import proposal, sizes_seen
 from ronnaplan.localization.slant import along_the_blur
+from ronnaplan.localization.stretched import distortion
 from ronnaplan.localization.summed import UNTOLD
 from ronnaplan.localization.template import Template, distance_error_mm, match_template
 from ronnaplan.localization.thick import as_thick, as_thin
@@ -84,9 +87,14 @@ def localize(
     markers = _from_the_top(together(scan, [one for one in judged if one.is_marker]))
     examined = [*(one for one in examined if not one.is_marker), *judged]
     fiducials, rejected = _numbered(scan, markers), _rejected(examined, markers)
-    departure_mm = None
+    departure_mm, wrong = None, _distortion(scan, examined, markers, marker)
     if template is not None:
-        fiducials, others = match_template(template, fiducials)
+        try:
+            fiducials, others = match_template(template, fiducials)
+        except RefusedError as error:
+            if wrong is None:
+                raise
+            raise RefusedError(f"{error}; {wrong}") from error
         rejected = (*others, *rejected)
         departure_mm = distance_error_mm(template, fiducials)
     result = Fiducials(
@@ -101,6 +109,7 @@ def localize(
         distance_error_mm=departure_mm,
         profile_axis=scan.profile_axis,
         summed_first=None if scan.summed == UNTOLD else scan.summed.first,
+        distortion=wrong,
     )
     _tell(result)
     require_count(result, expected, volume, progress)
@@ -131,6 +140,15 @@ def _examined(
     return (scan, examined) if turned is scan else (turned, examine(turned, diameters, marker, progress))
 
 
+def _distortion(
+    scan: Scan, examined: Sequence[Examined], markers: Sequence[Examined], marker: Build
+) -> str | None:
+    """Say how the scan's geometry may be wrong, where few markers are found or all are of another size."""
+    if len(markers) >= LEAST_TOGETHER and not all(one.is_off_size for one in markers):
+        return None
+    return distortion(scan, examined, lambda other, wanted: examine_places(other, wanted, marker))
+
+
 def _tell(found: Fiducials) -> None:
     LOG.info("found %r", found)
     for one in found:
@@ -149,7 +167,9 @@ def require_count(
     if expected is None or len(found) == expected:
         return
     told = _explain_count(found, expected)
-    if volume is not None and not len(found):
+    if found.distortion is not None:
+        told += f"; {found.distortion}"
+    elif volume is not None and not len(found):
         told += f"; {proposal(sizes_seen(volume, found.marker, progress=bool(progress)))}"
     raise RefusedError(told)
 

@@ -79,3 +79,18 @@ def test_a_symmetric_layout_is_warned_of_before_the_operation(
     write_phantom(tmp_path / "ct", scene, stack, render(scene, stack, seed=1))
     assert main(["localize", str(tmp_path / "ct"), "--diameter", "11.5", "--expected", "4"]) == 0
     assert "would be refused" in capsys.readouterr().err
+
+
+def test_slices_that_are_said_to_be_farther_apart_than_they_were_are_warned_of(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    places = [(-15.0, -13.0, 0.0), (15.0, -15.0, 3.0), (12.0, 15.0, -4.0), (-15.0, 11.0, 2.0)]
+    scene, stack = balls(places), small_stack(matrix=96)
+    images = render(scene, stack, seed=1)
+    write_phantom(tmp_path / "ct", scene, small_stack(matrix=96, start_mm=-33, stop_mm=33, spacing_mm=1.5), images)
+    status, out, err = run(["localize", str(tmp_path / "ct"), "--diameter", "11.5"], capsys)
+    assert status == 0
+    told = json.loads(out)["source"]["distortion"]
+    assert "the slices' distance in the header (1.5 mm) may be wrong" in told
+    assert f"warning: {told}" in err
+    assert "--diameter" not in err
