@@ -20,8 +20,9 @@ from ronnaplan.localization.scan import Scan
 REACH, STEP = 2.6, 0.1
 """Edges are looked for as far as so many radii, in such steps."""
 
-INNER, OUTER = 0.3, 0.6
-"""The level is what lies between so many radii: within may be an insert."""
+INNER, OUTER, LEVEL_SHARE = 0.3, 0.7, 0.25
+"""The level is what this share of what lies between so many radii reaches at most: in the middle may be an insert, and
+its blur, and of a ball that seems flat to the half little of this lies outside."""
 
 CLIPPED_SHARE = 0.7
 """Where the scale clips an ellipsoid, half of its level is at about this share of what is seen of it: balls of ceramic
@@ -93,7 +94,7 @@ def _reaches(scan: Scan, center_mm: FloatArray, radius_mm: float) -> tuple[Float
     values_hu = sampled(volume.voxels_hu, volume.grid.indices(center_mm + steps_mm), np.nan)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # beyond the scan nothing is seen
-        level_hu = np.nanmedian(values_hu[:, (along >= INNER) & (along <= OUTER)])
+        level_hu = np.nanquantile(values_hu[:, (along >= INNER) & (along <= OUTER)], LEVEL_SHARE)
         around_hu = np.nanquantile(np.nanmin(values_hu, axis=1), BACKGROUND_SHARE)
     is_clipped = bool(level_hu >= scan.ceiling_hu)
     edge_hu = around_hu + (CLIPPED_SHARE if is_clipped else 0.5) * (level_hu - around_hu)

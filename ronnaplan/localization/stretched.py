@@ -146,7 +146,11 @@ def _kinds(grid: SliceGrid) -> Iterator[Kind]:
     """Yield the ways in which a grid may be wrong."""
     slices_mm, rows_mm, columns_mm = grid.typical_gap_mm, grid.row_spacing_mm, grid.column_spacing_mm
     across = "as across"
-    yield _longer((0, 0, 1), f"along the slices' normal {across}", "the slices' distance", slices_mm)
+    table = grid.axes @ (grid.origins_mm[-1] - grid.origins_mm[0])
+    aside = (
+        table[:2] / table[2] if table[2] > 0.0 else np.zeros(2)
+    )  # a tilted gantry's table goes on along no normal
+    yield _longer((0, 0, 1), f"along the slices' normal {across}", "the slices' distance", slices_mm, aside)
     yield _longer((0, 1, 0), f"down the columns {across}", "the rows' distance", rows_mm)
     yield _longer((1, 0, 0), f"along the rows {across}", "the columns' distance", columns_mm)
     yield _longer((1, 1, 0), "within the slices as along their normal", "the pixels' distance", rows_mm)
@@ -155,16 +159,30 @@ def _kinds(grid: SliceGrid) -> Iterator[Kind]:
     yield from (_sheared(is_tilt=False), _sheared(is_tilt=True))
 
 
-def _longer(along: tuple[int, int, int], where: str, what: str, said_mm: float) -> Kind:
-    """What is wrong by one factor ``along`` some of u, v and w, which the header says to be ``said_mm``."""
+def _longer(
+    along: tuple[int, int, int],
+    where: str,
+    what: str,
+    said_mm: float,
+    aside: FloatArray | tuple[float, float] = (0, 0),
+) -> Kind:
+    """What is wrong by one factor ``along`` some of u, v and w, which the header says to be ``said_mm``.
+
+    Slices lie ``aside`` (2,) along u and v by so much of their distance.
+    """
     wrong = np.array(along, dtype=np.bool_)
+    is_one = wrong.sum() == 1
+    alone = int(np.flatnonzero(wrong if is_one else ~wrong)[0])
 
     def amount_of(shape: FloatArray) -> FloatArray:
-        axes = 0.5 * np.log(np.diag(shape))
-        return np.array([math.exp(axes[wrong].mean() - axes[~wrong].mean())])
+        # The axis that is alone is as long as the other two are not: of whatever size the ball is, and however aside.
+        longer = 0.75 * math.log(shape[alone, alone]) - 0.25 * math.log(np.linalg.det(shape))
+        return np.array([math.exp(longer if is_one else -longer)])
 
     def map_of(factor: FloatArray) -> FloatArray:
-        return np.diag(np.where(wrong, factor, 1.0))
+        mapped = np.diag(np.where(wrong, factor, 1.0))
+        mapped[:2, 2] = (factor - 1.0) * aside
+        return mapped
 
     def share_of(factor: FloatArray) -> float:
         return abs(math.log(float(factor[0])))

@@ -112,6 +112,24 @@ def test_distances_of_rows_and_columns_that_were_exchanged_are_told_as_such(soun
     )
 
 
+def test_where_a_tilted_gantrys_table_went_less_far_than_the_header_says() -> None:
+    volume = scan(balls(PLACES), small_stack(tilt_deg=15.0, stop_mm=26.0))
+    grid = volume.grid
+    said = replace(grid, origins_mm=grid.origins_mm[0] + 1.25 * (grid.origins_mm - grid.origins_mm[0]))
+    found = localize(replace(volume, grid=said), diameter_mm=11.5)
+    assert not len(found)
+    assert found.distortion is not None
+    assert re.search(r"1\.2[456] times as long along the slices' normal", found.distortion)
+
+
+def test_balls_about_an_insert_of_metal_tell_it_too() -> None:
+    inserts = (Part(cylinder(place, (0, 0, -1), 4.5, 5), "steel", embedded=True) for place in PLACES)
+    volume = as_said(scan(Scene((*balls(PLACES).parts, *inserts)), STACK), columns=1.2)
+    found = localize(volume, diameter_mm=11.5)
+    assert found.distortion is not None
+    assert re.search(r"1\.(19|2|21)0? times as long along the rows", found.distortion)
+
+
 def near(told: str) -> list[str]:
     """The words of a sentence, its numbers rounded as coarsely as they are measured."""
     words = told.replace("(", "( ").replace("?", " ?").split()
