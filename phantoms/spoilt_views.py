@@ -8,11 +8,17 @@ from phantoms.cameras import SIZE
 from phantoms.solids import FloatArray
 
 
+def _offsets_from(at: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return how far each pixel lies to the right of a place (2,) and below it."""
+    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]].astype(float)
+    return columns - at[0], rows - at[1]
+
+
 def hide(image: FloatArray, at: FloatArray, radius_px: float, share: float, rng: np.random.Generator) -> None:
     """Put something dark or grey with a straight edge before ``share`` of the outline."""
     angle = rng.uniform(0, 2 * np.pi)
-    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]].astype(float)
-    beyond = (columns - at[0]) * np.cos(angle) + (rows - at[1]) * np.sin(angle) - radius_px * np.cos(np.pi * share)
+    right, down = _offsets_from(at)
+    beyond = right * np.cos(angle) + down * np.sin(angle) - radius_px * np.cos(np.pi * share)
     width = radius_px * rng.uniform(1.4, 3.0)
     cover = np.clip(beyond + 0.5, 0, 1) * np.clip(width - beyond + 0.5, 0, 1)
     image += cover * (rng.uniform(5, 60) - image)
@@ -21,25 +27,23 @@ def hide(image: FloatArray, at: FloatArray, radius_px: float, share: float, rng:
 def cross(image: FloatArray, at: FloatArray, radius_px: float, width_px: float, rng: np.random.Generator) -> None:
     """Put a straight cable, dark or grey, across the ball."""
     angle, aside = rng.uniform(0, 2 * np.pi), radius_px * rng.uniform(0.0, 0.7)
-    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]].astype(float)
-    off = (columns - at[0]) * np.cos(angle) + (rows - at[1]) * np.sin(angle) - aside
+    right, down = _offsets_from(at)
+    off = right * np.cos(angle) + down * np.sin(angle) - aside
     image += np.clip(width_px / 2 - np.abs(off) + 0.5, 0, 1) * (rng.uniform(5, 100) - image)
 
 
 def highlight(image: FloatArray, at: FloatArray, radius_px: float, added: float, rng: np.random.Generator) -> None:
     """Add the lamp's reflection to the ball's middle, as smooth surfaces show it."""
-    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]].astype(float)
-    middle = at + radius_px * rng.uniform(-0.1, 0.1, 2)
-    far = np.hypot(columns - middle[0], rows - middle[1])
+    far = np.hypot(*_offsets_from(at + radius_px * rng.uniform(-0.1, 0.1, 2)))
     image += added * np.exp(-((far / (radius_px * rng.uniform(0.05, 0.2))) ** 2) / 2)
 
 
 def glare(image: FloatArray, at: FloatArray, radius_px: float, width_px: float, rng: np.random.Generator) -> None:
     """Add a blob on the limb, soft or hard, as a lamp's reflection is."""
     angle = rng.uniform(0, 2 * np.pi)
-    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]].astype(float)
-    middle = at + radius_px * rng.uniform(0.9, 1.05) * np.array([np.cos(angle), np.sin(angle)])
-    far = np.hypot(columns - middle[0], rows - middle[1])
+    far = np.hypot(
+        *_offsets_from(at + radius_px * rng.uniform(0.9, 1.05) * np.array([np.cos(angle), np.sin(angle)]))
+    )
     if rng.uniform() < 0.5:
         image += rng.uniform(80, 250) * np.exp(-((far / width_px) ** 2) / 2)
     else:
@@ -48,12 +52,12 @@ def glare(image: FloatArray, at: FloatArray, radius_px: float, width_px: float, 
 
 def glints(image: FloatArray, at: FloatArray, clear_px: float, number: int, rng: np.random.Generator) -> None:
     """Draw bright ellipses of all sizes, none nearer to the ball than ``clear_px``."""
-    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]].astype(float)
+    columns, rows = _offsets_from(np.zeros(2))
     for _ in range(number):
         middle, angle = rng.uniform((0, 0), SIZE[::-1]), rng.uniform(0, np.pi)
         axes = np.exp(rng.uniform(np.log(2), np.log(40), 2))
         if np.linalg.norm(middle - at) < clear_px + axes.max():
             continue
-        x = (columns - middle[0]) * np.cos(angle) + (rows - middle[1]) * np.sin(angle)
-        y = (rows - middle[1]) * np.cos(angle) - (columns - middle[0]) * np.sin(angle)
+        right, down = columns - middle[0], rows - middle[1]
+        x, y = right * np.cos(angle) + down * np.sin(angle), down * np.cos(angle) - right * np.sin(angle)
         image[np.hypot(x / axes[0], y / axes[1]) < 1] = rng.uniform(200, 255)

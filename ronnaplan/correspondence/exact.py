@@ -42,6 +42,12 @@ class Listed(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def in_volume(constants: FloatArray, volume: float) -> FloatArray:
+    """Return the constants (K,) of `size_priors` with what outliers in a volume (mm^3) add: (k - 1) ln V of k pairs."""
+    return constants + (np.arange(len(constants)) - 1.0) * math.log(volume)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def distances(points: FloatArray) -> FloatArray:
     """Return all mutual distances (Eq. 10) of points (n, 3) as (n, n)."""
     n = len(points)

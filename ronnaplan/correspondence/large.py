@@ -9,7 +9,7 @@ import numpy as np
 
 from ronnaplan.correspondence.chance import Chance
 from ronnaplan.correspondence.evidence import SCALES, fits_as_well, is_collinear
-from ronnaplan.correspondence.exact import search
+from ronnaplan.correspondence.exact import in_volume, search
 from ronnaplan.correspondence.lookup import point_grid
 from ronnaplan.correspondence.pairing import LEFT_HANDED, MOST_RIVALS, TWO_BODIES, Pairing, Rival, no_pairs
 from ronnaplan.correspondence.poses import SUCCESS_SIZES, Found, find_poses, work_allowed
@@ -20,7 +20,6 @@ from ronnaplan.correspondence.rivals import LOG_ODDS_OF_MIRROR, LOG_ODDS_PER_PAI
 from ronnaplan.correspondence.told import LEAST_PAIRS, Told
 from ronnaplan.correspondence.weighing import Pose, pose_evidence
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import transform_points
 
 MISSED_SHARE = 0.1
 """Poses are sought until an equal of the best is missed with at most this share of the doubt that is allowed."""
@@ -44,9 +43,8 @@ MORE_IF_MIRRORED = 1.5
 """Right pairs that a mirror image has to have more. That of flat markers has as many, but for those of which noise and
 outliers decide: more than this in 8 of 769 scenes of 20 to 200 markers, half of them the densest."""
 
-LIKELY_PAIR, SAME_POSE_SIGMAS = 0.5, 8.0
-"""Pairs of the best pose that are more probable than not are none of a body beside it, nor is what it brings within so
-many standard deviations: the same body's, with larger errors."""
+LIKELY_PAIR = 0.5
+"""Pairs of the best pose that are more probable than not are none of a body beside it."""
 
 BESIDE_CHI2, FEWER_BESIDE, MOST_BESIDE = 12.0, 2, 1600
 """A body beside the best pose's is sought by distances that agree within 3.5 standard deviations, where it has at most
@@ -127,11 +125,9 @@ def odds_of_body_beside(problem: Problem, best: Pose, of_pairs: FloatArray) -> f
     if not small or min(len(i), len(j)) < least or len(i) * len(j) > MOST_BESIDE:
         return 0.0
     constants, background = size_priors((len(i), len(j)), Told())
-    constants += (np.arange(len(constants)) - 1.0) * math.log(problem.volume_mm3)
+    constants = in_volume(constants, problem.volume_mm3)
     constants[:least] = -math.inf
     weight, value = (pairs[np.ix_(i, j)] for pairs in problem.pair_weights())
-    met = transform_points(best.matrix, problem.ct[i])[:, None] - problem.ots[j]
-    value[(met**2).sum(axis=2) * weight <= SAME_POSE_SIGMAS**2] = -math.inf
     log_evidence, _, partners, _ = search(
         problem.ct[i], problem.ots[j], weight, value, constants, no_pairs(), math.inf, 1.0, background, BESIDE_CHI2
     )

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.correspondence.evidence import filled_volume, is_collinear
-from ronnaplan.correspondence.exact import LISTED_NATS, best_of, search
+from ronnaplan.correspondence.exact import LISTED_NATS, best_of, in_volume, search
 from ronnaplan.correspondence.rivals import mirror_is_better, odds_if_larger, other_body, regular_odds
 from ronnaplan.geometry import FloatArray
 
@@ -38,10 +38,9 @@ def match_many(
     known = np.zeros((0, 2), np.int64)
     partners, probability, larger = np.full((tests, n), -1, np.int16), np.zeros(tests), np.zeros(tests)
     size_constants, background = sizes
-    steps = np.arange(len(size_constants)) - 1.0
     for t in range(tests):
         volume = filled_volume(ct[t], ots[t])
-        constants = size_constants + steps * math.log(volume)
+        constants = in_volume(size_constants, volume)
         log_evidence, chi2, listed, complete = search(
             ct[t], ots[t], weight, node_value, constants, known, spread, LISTED_NATS, -np.inf
         )

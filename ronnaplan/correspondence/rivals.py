@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.correspondence.evidence import FEW_PAIRS, SCALES, fits_as_well, log_misfit, log_misfit_at
-from ronnaplan.correspondence.exact import best_of, search
+from ronnaplan.correspondence.exact import best_of, in_volume, search
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.geometry import FloatArray
@@ -80,8 +80,7 @@ def other_body(
     if min(len(i), len(j)) < LEAST_PAIRS:
         return 0, 0.0
     size = len(ct) - len(i)
-    own = constants[size, : min(len(i), len(j)) + 1].copy()
-    own += (np.arange(len(own)) - 1.0) * math.log(volume)
+    own = in_volume(constants[size, : min(len(i), len(j)) + 1], volume)
     log_evidence, _, partners, _ = search(
         ct[i],
         ots[j],

@@ -9,7 +9,7 @@ import numpy as np
 
 from ronnaplan.correspondence.anisotropic import anisotropic_log_evidence
 from ronnaplan.correspondence.evidence import MOST_ODDS_IF_LARGER, SCALES, is_collinear
-from ronnaplan.correspondence.exact import LISTED_NATS, search
+from ronnaplan.correspondence.exact import LISTED_NATS, in_volume, search
 from ronnaplan.correspondence.pairing import (
     LEFT_HANDED,
     MOST_RIVALS,
@@ -77,7 +77,7 @@ def match_small(problem: Problem, least_probability: float) -> Pairing | None:
 def weigh_all(problem: Problem) -> Weighed | None:
     """Enumerate and weigh every pairing of a small problem; None when there are too many."""
     constants, background = size_priors(problem.counts, problem.told, len(problem.known))
-    constants = constants + (np.arange(len(constants)) - 1.0) * math.log(problem.volume_mm3)
+    constants = in_volume(constants, problem.volume_mm3)
     log_evidence, chi2, listed, complete = search(
         problem.ct,
         problem.ots,

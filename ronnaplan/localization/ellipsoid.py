@@ -41,7 +41,6 @@ OFF_RATIO, OFF_SHARE = 2.0, 0.02
 LEAST_SHARE, MOST_OFF = 0.6, 0.04
 """An ellipsoid is what shows its edge in this share of the directions, off by no more (RMS) than this share of it."""
 
-
 LOOSE_VOXELS, LOOSE_CLIPPED_MM = 0.3, 0.3
 """A blur of another width along each axis makes a sphere longer along one of them by less than so many squares of the
 widest voxel's share of the radius; what the scale clips by so much besides, as nobody knows where half its level is."""

@@ -147,9 +147,8 @@ def _kinds(grid: SliceGrid) -> Iterator[Kind]:
     slices_mm, rows_mm, columns_mm = grid.typical_gap_mm, grid.row_spacing_mm, grid.column_spacing_mm
     across = "as across"
     table = grid.axes @ (grid.origins_mm[-1] - grid.origins_mm[0])
-    aside = (
-        table[:2] / table[2] if table[2] > 0.0 else np.zeros(2)
-    )  # a tilted gantry's table goes on along no normal
+    # A tilted gantry's table does not go along the slices' normal.
+    aside = table[:2] / table[2] if table[2] > 0.0 else np.zeros(2)
     yield _longer((0, 0, 1), f"along the slices' normal {across}", "the slices' distance", slices_mm, aside)
     yield _longer((0, 1, 0), f"down the columns {across}", "the rows' distance", rows_mm)
     yield _longer((1, 0, 0), f"along the rows {across}", "the columns' distance", columns_mm)

@@ -164,9 +164,7 @@ class Sender(threading.Thread):
             transaction, request = begin_asking(index, self._peer.name, taken)
         try:
             channel.ask(request)
-            self._went = 0
         except InputError as error:
-            self._went = 0
             self._unasked(index, transaction, error)
         except (RuntimeError, ValueError, OSError) as error:  # no connection any more
             self._went += 1
@@ -177,6 +175,8 @@ class Sender(threading.Thread):
             asked.TransactionUID = transaction
             note_report(index, self._peer.name, asked, now, self._config.jobs.retry_s)
             self._log.tell("no commitment", receiver=self._peer.name, reason=str(error), again=True)
+            return
+        self._went = 0
 
     def _unasked(self, index: Index, transaction: str, error: Exception) -> None:
         """Be content with what was taken: nothing is promised."""

@@ -31,7 +31,7 @@ def _read_table(file: Path) -> Recording:
     header, _, _ = read_rows(file)
     if has_matrices(header):
         return read_matrices(file)
-    if has_control_points(header) and not {"x", "y", "z"} <= set(header):
+    if has_control_points(header):
         return read_control_points(file)
     return read_ndi(file) if is_ndi(header) else read_csv(file)
 

@@ -123,8 +123,8 @@ def read_fcsv(path: Path) -> Recording:
 
 
 def has_control_points(header: list[str]) -> bool:
-    """Return whether normalized column names are those of Slicer's table of control points."""
-    return any(set(axes) <= set(header) for axes in TABLE_AXES.values())
+    """Return whether normalized column names are those of Slicer's table of control points, and not x, y and z."""
+    return not {"x", "y", "z"} <= set(header) and any(set(axes) <= set(header) for axes in TABLE_AXES.values())
 
 
 def read_control_points(path: Path) -> Recording:
