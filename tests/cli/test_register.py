@@ -115,12 +115,14 @@ def test_readings_that_do_not_fit_are_refused_with_a_document(
 def test_the_scans_own_markers_are_no_readings(
     markers: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """As a file that was exported for Slicer, in LPS, or a table of them that another program wrote, in RAS."""
-    exported, table, registration = (tmp_path / name for name in ("f.mrk.json", "f.csv", "registration.json"))
+    """As a file that was exported for Slicer, in LPS, or as a table of another program in RAS, which says so or not."""
+    exported, registration = tmp_path / "f.mrk.json", tmp_path / "registration.json"
     assert main(["export", str(markers), "--to", "markups", "-o", str(exported)]) == 0
     rows = [f"{-x:.3f},{-y:.3f},{z:.3f}" for x, y, z in fiducials().points.positions_mm]
-    table.write_text("\n".join(["r,a,s", *rows]))
-    for readings in (exported, table):
+    tables = [tmp_path / "told.csv", tmp_path / "untold.csv"]
+    for table, header in zip(tables, ("r,a,s", "x,y,z"), strict=True):
+        table.write_text("\n".join([header, *rows]))
+    for readings in (exported, *tables):
         assert main(["register", str(markers), str(readings), "-o", str(registration)]) == 1
         assert "the readings are the scan's own markers" in capsys.readouterr().err
     assert not registration.exists()

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.ct import Limits, VolumeFlag, read_ct
+from ronnaplan.ct.summary import summarize
 from ronnaplan.errors import InputError
 from tests.ct.makers import pattern
 
@@ -60,6 +61,8 @@ def test_slices_that_shift_sideways_as_by_no_gantry_are_flagged(tmp_path: Path) 
         steps = f"space: left-posterior-superior\nspace directions: (0.75,0,0) (0,0.5,0) {third}\n\n"
         path.write_bytes(f"NRRD0004\n{fields}{steps}".encode() + VOXELS.tobytes())
         assert read_ct(path).flags == (VolumeFlag.NO_FRAME_OF_REFERENCE, *flags)
+        (listed,), _ = summarize(path)
+        assert listed.notes == tuple(str(flag) for flag in (VolumeFlag.NO_FRAME_OF_REFERENCE, *flags))
 
 
 @pytest.mark.parametrize("suffix", [".nii.gz", ".nrrd", ".mha"])

@@ -74,6 +74,24 @@ def test_a_few_large_slices_are_asked_as_many_are() -> None:
     assert doubts_of_scale(hu + np.int16(1024), PADDING + 1024) == (VolumeFlag.NO_AIR,)
 
 
+def test_the_lowest_value_is_not_taken_for_air() -> None:
+    """It fills what was not measured, by no tag: of a scan whose air is right it is far below, and most of all."""
+    filled = head_hu(-3000).repeat(2, axis=2)
+    filled[:, :, SIZE:] = -3000
+    assert doubts_of_scale(filled, None) == ()
+    filled[filled != -3000] -= 1024
+    assert doubts_of_scale(filled, None) == (VolumeFlag.LOW_AIR,)
+
+
+def test_what_lies_between_the_voxels_that_are_looked_at_is_found_slice_by_slice() -> None:
+    """A few voxels of air above a head that fills the field of view, and of tissue below a foam that does."""
+    for fill_hu, else_hu, flag in ((30, -1000, VolumeFlag.NO_AIR), (-1000, 30, VolumeFlag.NO_TISSUE)):
+        hu = np.full((2 * SIZE,) * 3, fill_hu, dtype=np.int16)
+        assert flag in doubts_of_scale(hu, None)
+        hu[1, 1, 1] = else_hu  # every second slice, row and column is looked at
+        assert flag not in doubts_of_scale(hu, None)
+
+
 def test_values_that_lost_their_sign_are_flagged(tmp_path: Path) -> None:
     """HU stored as they are, and said to be unsigned: air comes out at 64,536."""
     hu = head_hu(-1024)

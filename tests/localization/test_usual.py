@@ -100,6 +100,17 @@ def test_a_film_is_seen_beside_others_that_are_thicker() -> None:
     np.testing.assert_allclose(beyond_mm, [0.0, 0.0, 0.0, 0.0545, 0.0, 0.0], atol=1e-9)
 
 
+def test_a_film_that_no_flag_tells_of_may_lie_over_half_a_ball(scanned: Scan, ball: Examined) -> None:
+    """It moves the center by three quarters of what it adds to the diameter, one that thins out by a half."""
+    bare = [replace(at(ball, 20.0 * n), excess_mm=0.0) for n in range(5)]
+    filmed = replace(bare[-1], excess_mm=0.04)
+    added_mm2 = (
+        together(scanned, [*bare[:4], filmed])[-1].covariance_mm2 - together(scanned, bare)[-1].covariance_mm2
+    )
+    assert np.sqrt(np.trace(added_mm2)) == pytest.approx(0.75 * 0.04, rel=0.02)
+    assert np.sqrt(np.trace(ball.by_excess)) == pytest.approx(0.5, rel=0.02)
+
+
 @pytest.mark.parametrize(
     ("excesses_mm", "beyond_mm"),
     [

@@ -187,3 +187,32 @@ def test_a_receiver_that_goes_whenever_it_is_asked_does_not_get_the_answer_for_e
         sender.deliver(index, 1e6)
         assert index.rows("SELECT state FROM deliveries") == [("sent",)]
         assert index.rows("SELECT 1 FROM asked") == []
+
+
+class Wavering(Going):
+    """A way to a receiver that goes as often as it may, is then there, and goes again."""
+
+    def __init__(self, *answers: bool) -> None:
+        self.answers = iter(answers)
+
+    def ask(self, request: Dataset) -> None:
+        if not next(self.answers):
+            super().ask(request)
+
+
+def test_a_receiver_that_was_asked_in_between_goes_for_the_first_time_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = configuration(tmp_path, peer=[{"name": "archive", "port": 1}])
+    config.data.mkdir()
+    often = config.jobs.attempts
+    receiver = Wavering(*often * [False], True, *often * [False])
+    monkeypatch.setattr("ronnaplan.node.sender.open_channel", lambda *_: nullcontext(receiver))
+    with Index(config.data) as index:
+        waiting_answer(config, index)
+        sender = Sender(config, config.peer[0], Log(io.StringIO()))
+        for number in range(2 * often + 1):
+            index.run("UPDATE deliveries SET state = 'waiting', due = 0")
+            sender.deliver(index, 1e5 * (number + 1))
+            taken = number == often
+            assert index.rows("SELECT state FROM deliveries") == [("sent" if taken else "waiting",)]

@@ -32,6 +32,7 @@ from ronnaplan.planning.template_layout import (
 )
 from ronnaplan.planning.template_solid import outline, template_solid
 from tests.localization.test_template import markers
+from tests.names import ANY_NAME
 
 
 @pytest.fixture(scope="module")
@@ -222,6 +223,13 @@ def test_a_probability_is_told_in_percent() -> None:
         "99.8 %",
         "100 %",
     ]
+
+
+@pytest.mark.parametrize("kind", ["svg", "pdf"])
+def test_a_drawing_is_named_in_any_script_and_by_the_letter(four: TemplateLayout, kind: str) -> None:
+    drawing_file(
+        template_drawing(four, ANY_NAME), kind
+    )  # a letter without a font is a warning, a bad formula an error
 
 
 def test_the_drawing_is_to_scale_and_the_same_each_time(four: TemplateLayout) -> None:

@@ -9,8 +9,10 @@ import pytest
 from PIL import Image
 
 from ronnaplan import localize
-from ronnaplan.report.contact import NEARLY_SHOWN, TILE, Candidate, contact_sheet, cut_pair
+from ronnaplan.report.contact import NEARLY_SHOWN, TILE, Candidate, contact_sheet, cut_pair, draw_sheet
 from ronnaplan.report.picture import CUTS
+from tests.cases import ball_parameters
+from tests.names import ANY_NAME
 from tests.scans import balls, scan, small_stack
 
 CENTER = (3.0, -4.0, 2.0)
@@ -54,3 +56,11 @@ def test_the_sheet_has_each_cut_where_it_belongs_and_an_outline_on_the_edge() ->
         edge = TILE / 2 + 5.75 / reach_mm * TILE / 2
         line = tile[TILE // 2, round(edge) - 3 : round(edge) + 4]
         assert (line[:, 0] - line[:, 2]).max() > 80  # the outline is orange
+
+
+def test_a_row_is_named_in_any_script_and_by_the_letter() -> None:
+    named = Candidate(ANY_NAME, np.zeros(3), ball_parameters(), accepted=True)
+    cut = np.zeros((4, 4), dtype=np.float32)
+    assert draw_sheet(
+        [(named, [(cut, cut)] * len(CUTS))]
+    )  # a letter without a font is a warning, a bad formula an error

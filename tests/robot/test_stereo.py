@@ -121,6 +121,16 @@ def test_a_sphere_that_one_camera_does_not_see_is_not_guessed() -> None:
         locate_sphere(left, right, RIG_EXACT, diameter_mm=0.0)
 
 
+def test_a_sphere_of_another_size_is_told_of_no_size_where_the_cameras_disagree_on_it() -> None:
+    """One camera's focal length is wrong, and the sphere is on its axis: no other diameter mends that."""
+    images = seen([moved(RIGHT, np.array([0.0, 0, 340]))], np.random.default_rng(3))
+    longer = np.diag([1.3, 1.3, 1.0]) @ K[1]
+    longer[:2, 2] = K[1][:2, 2]
+    off = StereoRig(Camera(K[0], D[0], np.eye(4)), Camera(longer, D[1], RIGHT), Pose.exact(np.eye(4), TCP, RIG))
+    with pytest.raises(InputError, match=r"no sphere of 8 mm .* right\); move the cameras closer"):
+        locate_sphere(*images, off, diameter_mm=8.0)
+
+
 def test_two_spheres_are_refused() -> None:
     images = seen([np.array([-14.0, -8, 300]), np.array([14.0, 9, 300])], np.random.default_rng(4))
     with pytest.raises(RefusedError, match="2 spheres"):
