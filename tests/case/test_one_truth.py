@@ -1,4 +1,4 @@
-"""Every face of the program states the same figure for the same case: over 200 random cases, to the last digit."""
+"""Every face of the program states the same figure for the same case: over 100 random cases, to the last digit."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from ronnaplan.report.path_part import paths_part
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 from tests import cases
 
-CASES = 200
+CASES = 100
 PLACES = 25
 """Where each trajectory of a case may lie, so that surfaces are fitted so often only."""
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from html.parser import HTMLParser
+from typing import Any
 
 import hypothesis.strategies as st
 import pytest
 from hypothesis import given
 
 from ronnaplan.report.html import RIGHT_TO_LEFT, box, element, page, picture, section, table, unseen
-from tests.loops import apart
 from tests.planner.browser import chromium, needs_browser
 
 HOSTILE = '<script>alert("x")</script>&amp;'
@@ -62,85 +65,92 @@ def test_a_failed_limit_stands_out() -> None:
     assert '<td class="fail">FAIL</td>' in table(["limit", ""], [["length", "FAIL"]])
 
 
-def columns_hidden(width: int, columns: int) -> tuple[int, int]:
+@pytest.fixture(scope="module")
+def looked() -> Iterator[Callable[..., Any]]:
+    """Have functions look at pages in one browser, in the one thread that may use it."""
+    with ThreadPoolExecutor(1) as thread, ExitStack() as running:
+        browser = thread.submit(running.enter_context, chromium()).result()
+        yield lambda look, *given: thread.submit(look, browser, *given).result()
+        thread.submit(running.close).result()
+
+
+def columns_hidden(browser: Any, width: int, columns: int) -> tuple[int, int]:
     """By how many pixels a page with a table of many columns is wider than its window, and the table than its room."""
     names = [f"column {n} mm" for n in range(columns)]
-    with chromium() as browser:
-        shown = browser.new_page(viewport={"width": width, "height": 800})
-        shown.set_content(page("Report", [section("Part", [table(names, [names])])]))
-        of_page = shown.evaluate("document.documentElement.scrollWidth - innerWidth")
-        return of_page, shown.locator("table").evaluate("(table) => table.scrollWidth - table.clientWidth")
+    shown = browser.new_page(viewport={"width": width, "height": 800})
+    shown.set_content(page("Report", [section("Part", [table(names, [names])])]))
+    of_page = shown.evaluate("document.documentElement.scrollWidth - innerWidth")
+    return of_page, shown.locator("table").evaluate("(table) => table.scrollWidth - table.clientWidth")
 
 
 @needs_browser
-def test_a_table_wider_than_its_page_is_scrolled_by_itself() -> None:
+def test_a_table_wider_than_its_page_is_scrolled_by_itself(looked: Callable[..., Any]) -> None:
     for width, columns, least, most in ((390, 8, 300, 2000), (1600, 8, 0, 0), (1600, 24, 300, 4000)):
-        of_page, of_table = apart(columns_hidden, width, columns)
+        of_page, of_table = looked(columns_hidden, width, columns)
         assert of_page <= 0
         assert least <= of_table <= most
 
 
-def beyond_the_window(width: int) -> tuple[int, int]:
+def beyond_the_window(browser: Any, width: int) -> tuple[int, int]:
     """By how many pixels a page of names without blanks is wider than its window, and its table than its room."""
     name = "left_anterior_hippocampus_of_the_second_plan_after_the_conference" * 2
-    with chromium() as browser:
-        shown = browser.new_page(viewport={"width": width, "height": 800})
-        body = [
-            box("warnings", name, [name]),
-            table(["trajectory", "limits"], [[name, "11 kept"], ["right", "-"]]),
-        ]
-        shown.set_content(page(name, [element("h1", name), section(name, body)]))
-        of_page = shown.evaluate("document.documentElement.scrollWidth - innerWidth")
-        return of_page, shown.locator("table").evaluate("(table) => table.scrollWidth - table.clientWidth")
+    shown = browser.new_page(viewport={"width": width, "height": 800})
+    body = [
+        box("warnings", name, [name]),
+        table(["trajectory", "limits"], [[name, "11 kept"], ["right", "-"]]),
+    ]
+    shown.set_content(page(name, [element("h1", name), section(name, body)]))
+    of_page = shown.evaluate("document.documentElement.scrollWidth - innerWidth")
+    return of_page, shown.locator("table").evaluate("(table) => table.scrollWidth - table.clientWidth")
 
 
 @needs_browser
 @pytest.mark.parametrize("width", [390, 1280])
-def test_a_name_without_blanks_is_broken_before_it_leaves_the_page(width: int) -> None:
-    assert apart(beyond_the_window, width) == (0, 0)
+def test_a_name_without_blanks_is_broken_before_it_leaves_the_page(looked: Callable[..., Any], width: int) -> None:
+    assert looked(beyond_the_window, width) == (0, 0)
 
 
-def written_order(text: str) -> str:
+def written_order(browser: Any, text: str) -> str:
     """The letters of a paragraph without blanks, as they stand from left to right in a browser."""
-    with chromium() as browser:
-        shown = browser.new_page(viewport={"width": 1280, "height": 800})
-        shown.set_content(page("Report", [element("p", text)]))
-        order: str = shown.evaluate("""() => {
-            const walker = document.createTreeWalker(document.querySelector("p"), NodeFilter.SHOW_TEXT), letters = [];
-            while (walker.nextNode()) for (const n of [...walker.currentNode.data].keys()) {
-                const range = document.createRange();
-                range.setStart(walker.currentNode, n);
-                range.setEnd(walker.currentNode, n + 1);
-                letters.push([range.getBoundingClientRect().left, walker.currentNode.data[n]]);
-            }
-            return letters.sort((one, other) => one[0] - other[0]).map((one) => one[1]).join("");
-        }""")
-        return order.replace(" ", "")
+    shown = browser.new_page(viewport={"width": 1280, "height": 800})
+    shown.set_content(page("Report", [element("p", text)]))
+    order: str = shown.evaluate("""() => {
+        const walker = document.createTreeWalker(document.querySelector("p"), NodeFilter.SHOW_TEXT), letters = [];
+        while (walker.nextNode()) for (const n of [...walker.currentNode.data].keys()) {
+            const range = document.createRange();
+            range.setStart(walker.currentNode, n);
+            range.setEnd(walker.currentNode, n + 1);
+            letters.push([range.getBoundingClientRect().left, walker.currentNode.data[n]]);
+        }
+        return letters.sort((one, other) => one[0] - other[0]).map((one) => one[1]).join("");
+    }""")
+    return order.replace(" ", "")
 
 
 @needs_browser
 @pytest.mark.parametrize("name", ["\u05e7\u05d3\u05de\u05d9 \u05e9\u05de\u05d0\u05dc", "\u062d\u0635\u064a\u0646"])
-def test_the_number_behind_a_name_from_right_to_left_keeps_its_place_and_sign(name: str) -> None:
-    assert apart(written_order, f"distance to {name} -0.46 mm").endswith("-0.46mm")
+def test_the_number_behind_a_name_from_right_to_left_keeps_its_place_and_sign(
+    looked: Callable[..., Any], name: str
+) -> None:
+    assert looked(written_order, f"distance to {name} -0.46 mm").endswith("-0.46mm")
 
 
 @needs_browser
 @pytest.mark.parametrize("between", ["-", "/", "_", "'", '"', " 2 ", " - "])
-def test_the_words_of_a_name_from_right_to_left_keep_their_order(between: str) -> None:
+def test_the_words_of_a_name_from_right_to_left_keep_their_order(looked: Callable[..., Any], between: str) -> None:
     """The first stands at the right, whatever is between it and the next."""
     first, last = "\u05e9\u05de\u05d0\u05dc", "\u05e7\u05d3\u05de\u05d9"
-    order = apart(written_order, f"distance to {first}{between}{last} -0.46 mm")
+    order = looked(written_order, f"distance to {first}{between}{last} -0.46 mm")
     assert order == f"distanceto{last[::-1]}{between.strip()}{first[::-1]}-0.46mm"
 
 
-def width_on_a_phone() -> int:
+def width_on_a_phone(browser: Any) -> int:
     """How many of its own pixels a page is laid out on by a browser whose screen has 390."""
-    with chromium() as browser:
-        shown = browser.new_context(viewport={"width": 390, "height": 844}, is_mobile=True).new_page()
-        shown.set_content(page("Report", [element("p", "as large as on a screen")]))
-        return int(shown.evaluate("innerWidth"))
+    shown = browser.new_context(viewport={"width": 390, "height": 844}, is_mobile=True).new_page()
+    shown.set_content(page("Report", [element("p", "as large as on a screen")]))
+    return int(shown.evaluate("innerWidth"))
 
 
 @needs_browser
-def test_a_phone_shows_the_page_as_wide_as_its_screen_and_no_smaller() -> None:
-    assert apart(width_on_a_phone) == 390
+def test_a_phone_shows_the_page_as_wide_as_its_screen_and_no_smaller(looked: Callable[..., Any]) -> None:
+    assert looked(width_on_a_phone) == 390

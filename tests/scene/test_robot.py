@@ -28,6 +28,8 @@ from tests.robot.placement.cases import room
 
 BASE = np.array([-700.0, -300.0, 900.0, 30.0])
 STRETCHED = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+UNDRAWN = View([], b"", b"")
+"""Of a report of which no picture is looked at: to draw one takes two seconds."""
 NEAR = ("cameras comes within 0 mm of forearm between F6 and F2: the two are only kept from overlapping",)
 
 
@@ -89,11 +91,12 @@ def test_the_report_tells_places_margins_and_what_they_do_not_cover() -> None:
     ]
     part = placement_part(Case(plan=plan, placement=document()), View([], b"", b"beside the head"))
     assert base64.b64encode(b"beside the head").decode() in "".join(html_of(part.body))
-    part = placement_part(Case(plan=plan, placement=document(notes=("collisions of base are not looked at",))))
+    noted = document(notes=("collisions of base are not looked at",))
+    part = placement_part(Case(plan=plan, placement=noted), UNDRAWN)
     assert "the robot's place: collisions of base are not looked at" in part.warnings
     held = document(joints=tuple("abcdef"), held=(HeldEntry(joint="g", angle_deg=12.5),))
     assert "kr6r900, g held at 12.5 degrees; coordinates" in "".join(
-        html_of(placement_part(Case(plan=plan, placement=held)).body)
+        html_of(placement_part(Case(plan=plan, placement=held), UNDRAWN).body)
     )
     blocked = document(robot_from_ct=(), status="blocked", blocked=("joint 5 is beyond its limit",))
     part = placement_part(Case(plan=cases.plan(), placement=blocked))
@@ -106,9 +109,8 @@ def test_a_trajectory_that_was_changed_since_is_not_said_to_be_served() -> None:
     longer = replace(left.instrument, length_mm=left.instrument.length_mm + 1.0)
 
     def told(given: Plan, placement: PlacementDocument) -> list[str]:
-        return [
-            one for one in placement_part(Case(plan=given, placement=placement)).warnings if "trajectory" in one
-        ]
+        warnings = placement_part(Case(plan=given, placement=placement), UNDRAWN).warnings
+        return [one for one in warnings if "trajectory" in one]
 
     sentence = "nothing says that the robot's place serves trajectory left as it is now; run 'robot place' again"
     assert told(plan.edit("left", target_mm=left.target_mm * 1.001), document()) == [sentence]
@@ -129,7 +131,8 @@ def test_markers_that_were_found_anew_since_are_not_said_to_be_served() -> None:
     known = document(robot_from_ct=places, markers=tuple(map(MarkerEntry.of, found.fiducials)))
 
     def told(given: FiducialsDocument, placement: PlacementDocument) -> list[str]:
-        warnings = placement_part(Case(plan=cases.plan(), fiducials=given, placement=placement)).warnings
+        seen = Case(plan=cases.plan(), fiducials=given, placement=placement)
+        warnings = placement_part(seen, UNDRAWN).warnings
         return [one for one in warnings if "marker" in one]
 
     first, *rest = found.fiducials
