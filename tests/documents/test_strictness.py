@@ -180,9 +180,9 @@ def leaves(value: Any, place: Place = ()) -> Iterator[tuple[Place, Any]]:
 
 
 def changed(content: Any, place: Place, value: Any) -> str:
-    copied = copy.deepcopy(content)
-    parent = copied
+    parent = copied = copy.copy(content)
     for key in place[:-1]:
+        parent[key] = copy.copy(parent[key])
         parent = parent[key]
     parent[place[-1]] = value
     return json.dumps(copied)
