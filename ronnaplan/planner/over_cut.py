@@ -14,7 +14,7 @@ from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
 from ronnaplan.planning.contacts import contact_paths
 from ronnaplan.scene.cut import Cut
-from ronnaplan.scene.names import write_names
+from ronnaplan.scene.names import write_labels, write_names
 from ronnaplan.scene.things import MARKER_COLOUR, PROPOSAL_COLOURS, REJECTED_COLOUR, TOOL_COLOUR
 
 POINT_COLOUR, BEGUN_COLOUR = "#b2ff59", "#ffffff"
@@ -75,7 +75,8 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
     cut = state.look.cut(view)
     half = cut.field_mm / 2
     wide, high = (half * share for share in pane.halves)
-    markers = _markers(state, cut, show_rejected, (wide, high))
+    room = pane.room(half)
+    markers = write_labels(_markers(state, cut, show_rejected, (wide, high)), room)
     paths = [_path(one, cut, pane, one.name == state.look.selected) for one in state.case.plan.trajectories]
     return {
         "box": f"{-wide} {-high} {2 * wide} {2 * high}",
@@ -88,7 +89,7 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
         "cross": _pair(cut, state.look.crosshair_mm) if view in STANDARD_NAMES else None,
         "markers": markers,
         "points": _points(state, cut, (wide, high)),
-        "paths": write_names(paths, markers, pane.room(half)),
+        "paths": write_names(paths, markers, room),
         "regions": [
             {**one, "colour": shown.colour}
             for one in state.outlines.drawn(view, cut, pane)

@@ -9,6 +9,9 @@ from ronnaplan.scene.names import Room
 EM_PIXELS = 12.0
 """Height of the letters."""
 
+TITLE_PIXELS = 21.0
+"""Height of what a view's title stands in, at its top."""
+
 LEAST_PIXELS = 16
 """Of a side of a picture."""
 
@@ -36,7 +39,8 @@ class Pane:
     def room(self, half: float) -> Room:
         """Return the room for names, in units of which ``half`` are half the shorter side."""
         wide, high = self.halves
-        return Room(half * wide, half * high, EM_PIXELS * self.pixel(half))
+        pixel = self.pixel(half)
+        return Room(half * wide, half * high, EM_PIXELS * pixel, title=TITLE_PIXELS * pixel)
 
     def pixel(self, half: float) -> float:
         """Return how wide a pixel of the page is, in the same units."""

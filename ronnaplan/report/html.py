@@ -34,9 +34,13 @@ POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 """Told to the browser: this page loads nothing, and runs nothing but what is named after it."""
 
 LETTER = "[\u0590-\u08ff\ufb1d-\ufdff\ufe70-\ufefe\U00010800-\U00010fff\U0001e800-\U0001efff]"
-RIGHT_TO_LEFT = re.compile(f"{LETTER}+(?:[-_ ./'\"0-9]+{LETTER}+)*")
-"""A name in Hebrew or Arabic, its words, marks and numbers between them together, stands apart: else a browser writes
-the number behind it before it, and its sign last."""
+BETWEEN = "[-_ ./'\"0-9]"
+INSIDE = rf"(?:{LETTER}|{BETWEEN})"
+RIGHT_TO_LEFT = re.compile(
+    rf"(?:{LETTER}|[(\[]{LETTER}{INSIDE}*[)\]])(?:{BETWEEN}*(?:{LETTER}|[(\[]{INSIDE}+[)\]]))*"
+)
+"""A name in Hebrew or Arabic, its words, what it has in brackets, and marks and numbers between them together, stands
+apart: else a browser writes the number behind it before it, and its sign last."""
 
 LONGEST_WORD = 30
 """A word that is longer (a UID, a hash) may be broken anywhere, no other: a number stays whole."""

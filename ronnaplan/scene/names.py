@@ -14,11 +14,11 @@ from typing import Any
 LETTER_EM = 0.54
 """How wide a letter is on average, in heights of the letters: no more than an estimate, fonts differ."""
 
-WIDE_EM = 1.0
-"""How wide a letter of Chinese, Japanese or Korean is, in heights of the letters."""
-
 ELLIPSIS = "\u2026"
 """What a name ends with that would take more than half of the picture's width; tables have it whole."""
+
+WIDE_EM = 1.0
+"""How wide a letter of Chinese, Japanese or Korean, or `ELLIPSIS`, is, in heights of the letters."""
 
 LINE_EM, GAP = 1.15, 0.025
 """From one line of text to the next; and from an entry to its name, in halves of the picture's shorter side."""
@@ -34,17 +34,18 @@ Box = tuple[float, float, float, float]
 class Room:
     """A picture about the origin in its own units: half its width and height, how high its letters are, and how wide.
 
-    ``em`` is their height, ``letter_em`` their average width in heights.
+    ``em`` is their height, ``letter_em`` their average width in heights; so much at the top is the picture's title's.
     """
 
     wide: float
     high: float
     em: float
     letter_em: float = LETTER_EM
+    title: float = 0.0
 
     def length(self, name: str) -> float:
         """Return how long a name is."""
-        wide = sum(unicodedata.east_asian_width(letter) in "WF" for letter in name)
+        wide = sum(letter == ELLIPSIS or unicodedata.east_asian_width(letter) in "WF" for letter in name)
         return self.em * (self.letter_em * (len(name) - wide) + WIDE_EM * wide)
 
     def shortened(self, name: str) -> str:
@@ -55,9 +56,30 @@ class Room:
         kept = (name[:count].rstrip() + ELLIPSIS for count in range(most, 0, -1))
         return next((one for one in kept if self.length(one) <= self.wide), ELLIPSIS)
 
-    def box(self, name: str, left: float, base: float) -> Box:
-        """Return what a name covers that begins at ``left`` and stands on ``base``."""
-        return left, base - self.em, left + self.length(name), base
+    def box(self, text: str, x: float, y: float, anchor: str = "start") -> Box:
+        """Return what a text covers that begins at ``x``, or ends there by its ``anchor``, and stands on ``y``."""
+        length = self.length(text)
+        left = x - length if anchor == "end" else x
+        return left, y - self.em, left + length, y
+
+    @property
+    def highest(self) -> float:
+        """What a name stands on that is as high as one may be."""
+        return self.title + self.em - self.high
+
+
+def write_labels(markers: Sequence[dict[str, Any]], room: Room) -> list[dict[str, Any]]:
+    """Return the markers (x, y, r, label), each with where its label is ``written``, as `write_names` has it.
+
+    A label stands to the upper right of its ball, or to the left where the picture ends, and not above the picture.
+    """
+    drawn = []
+    for one in markers:
+        text = room.shortened(one["label"])
+        anchor, across, _ = _across(one["x"], room.length(text), one["r"], room.wide)
+        down = max(one["y"] - one["r"], room.highest)
+        drawn.append(one | {"written": {"x": across, "y": down, "anchor": anchor, "text": text}})
+    return drawn
 
 
 def write_names(
@@ -66,10 +88,10 @@ def write_names(
     """Return the paths, each with where its name begins or ends: ``written`` = x, y, the text's anchor and the text.
 
     A name stands to the right of its entry, or to the left where the picture ends, lines away until it covers no other,
-    nor that of a marker. That of an entry outside the picture goes with it.
+    nor that of one of the ``markers`` (of `write_labels`). That of an entry outside the picture goes with it.
     """
     gap = GAP * min(room.wide, room.high)
-    taken = [room.box(one["label"], one["x"] + one["r"], one["y"] - one["r"]) for one in markers]
+    taken = [room.box(**one["written"]) for one in markers]
     drawn = []
     for one in paths:
         x, y = one["entry"]
@@ -77,10 +99,10 @@ def write_names(
         anchor, across = "start", x + gap
         if abs(x) < room.wide and abs(y) < room.high:
             anchor, across, left = _across(x, room.length(text), gap, room.wide)
-            lines = [max(y - gap, room.em - room.high) + n * LINE_EM * room.em for n in LINES]
+            lines = [max(y - gap, room.highest) + n * LINE_EM * room.em for n in LINES]
             boxes = {down: room.box(text, left, down) for down in lines}
             y = next(
-                (down for down, box in boxes.items() if box[1] >= -room.high and not _covers(box, taken)), lines[0]
+                (down for down, box in boxes.items() if down >= room.highest and not _covers(box, taken)), lines[0]
             )
             taken.append(boxes[y])
         drawn.append(one | {"written": {"x": across, "y": y, "anchor": anchor, "text": text}})

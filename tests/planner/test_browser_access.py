@@ -204,3 +204,16 @@ def test_a_distance_is_measured_by_two_clicks(page: Any) -> None:
     )
     page.click("#rulers >> text=remove")
     page.wait_for_selector("#rulers", state="detached")
+
+
+def test_a_name_from_right_to_left_that_is_shortened_ends_at_its_left(page: Any) -> None:
+    ends_at_left = page.evaluate("""() => {
+        const text = document.createElementNS("http://www.w3.org/2000/svg", "text");
+        text.textContent = "\\u05e9\\u05de\\u05d0\\u05dc (\\u05e7\\u2026";
+        document.querySelector("svg[data-view=axial]").append(text);
+        const at = (n) => text.getExtentOfChar(n).x, last = text.textContent.length - 1;
+        const left = [...Array(last).keys()].every((n) => at(last) < at(n));
+        text.remove();
+        return left;
+    }""")
+    assert ends_at_left

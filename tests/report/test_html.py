@@ -144,6 +144,18 @@ def test_the_words_of_a_name_from_right_to_left_keep_their_order(looked: Callabl
     assert order == f"distanceto{last[::-1]}{between.strip()}{first[::-1]}-0.46mm"
 
 
+@needs_browser
+def test_a_name_from_right_to_left_is_not_torn_at_its_brackets(looked: Callable[..., Any]) -> None:
+    """Each bracket is drawn as the mirror image of itself, and keeps its place in the name."""
+    first, last = "\u05e9\u05de\u05d0\u05dc", "\u05e7\u05d3\u05de\u05d9"
+    order = looked(written_order, f"distance to {first} ({last} 2) -0.46 mm")
+    assert order == f"distanceto)2{last[::-1]}({first[::-1]}-0.46mm"
+
+
+def test_brackets_of_the_sentence_stay_outside_a_name() -> None:
+    assert element("p", "left (\u05e9\u05de, 0.4 mm)") == "<p>left (<bdi>\u05e9\u05de</bdi>, 0.4 mm)</p>"
+
+
 def width_on_a_phone(browser: Any) -> int:
     """How many of its own pixels a page is laid out on by a browser whose screen has 390."""
     shown = browser.new_context(viewport={"width": 390, "height": 844}, is_mobile=True).new_page()

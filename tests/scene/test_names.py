@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from ronnaplan.scene.files import PAGE
-from ronnaplan.scene.names import GAP, LINE_EM, Room, write_names
+from ronnaplan.scene.names import GAP, LINE_EM, Room, write_labels, write_names
 from tests.loops import apart
 from tests.planner.browser import chromium, needs_browser
 
@@ -19,7 +20,9 @@ LINE = LINE_EM * ROOM.em
 def written(*paths: tuple[str, float, float], marker: tuple[float, float] | None = None) -> list[dict[str, Any]]:
     """Where the names of paths (name and entry) are written."""
     markers = [] if marker is None else [{"label": "F1", "x": marker[0], "y": marker[1], "r": 0.0}]
-    named = write_names([{"name": name, "entry": [x, y]} for name, x, y in paths], markers, ROOM)
+    named = write_names(
+        [{"name": name, "entry": [x, y]} for name, x, y in paths], write_labels(markers, ROOM), ROOM
+    )
     return [one["written"] for one in named]
 
 
@@ -34,7 +37,7 @@ def test_a_name_that_fits_on_neither_side_begins_within_the_picture() -> None:
     (one,) = written(("\u6d77" * 16 + "x", 0.0, 0.0))
     assert one["anchor"] == "start"
     assert one["x"] + ROOM.length(one["text"]) == pytest.approx(ROOM.wide)
-    (one,) = written(("a name that is longer than this picture is wide, as nobody would give it", 0.0, 0.0))
+    (one,) = written(("a name that is rather longer than this picture is wide, as nobody would give it", 0.0, 0.0))
     assert one["anchor"] == "start"
     assert -ROOM.wide <= one["x"] < ROOM.wide - ROOM.length(one["text"])
 
@@ -62,6 +65,33 @@ def test_no_name_covers_another_nor_that_of_a_marker() -> None:
 def test_a_name_at_the_upper_edge_is_whole() -> None:
     (one,) = written(("left", 0.0, -0.99))
     assert one["y"] == pytest.approx(ROOM.em - 1.0)
+
+
+def label(text: str, x: float, y: float, room: Room = ROOM) -> dict[str, Any]:
+    """Where the label of a marker at a place is written."""
+    (one,) = write_labels([{"label": text, "x": x, "y": y, "r": 0.1}], room)
+    written: dict[str, Any] = one["written"]
+    return written
+
+
+def test_the_label_of_a_marker_is_shortened_and_stands_within_the_picture() -> None:
+    assert label("F1", 0.0, 0.0) == {"x": 0.1, "y": -0.1, "anchor": "start", "text": "F1"}
+    assert label("F1", 1.95, 0.0) == {"x": pytest.approx(1.85), "y": -0.1, "anchor": "end", "text": "F1"}
+    long = label("behind the left ear, where the skin is thin, put on again", 0.0, 0.0)
+    assert long["text"].endswith("\u2026")
+    assert ROOM.length(long["text"]) <= ROOM.wide
+
+
+def test_neither_names_nor_labels_stand_in_the_title() -> None:
+    room = replace(ROOM, title=0.2)
+    markers = write_labels([{"label": "F1", "x": 0.0, "y": -0.95, "r": 0.0}], room)
+    paths = [{"name": f"path {number}", "entry": [0.0, -0.97]} for number in range(9)]
+    written = [one["written"] for one in (*markers, *write_names(paths, markers, room))]
+    assert min(one["y"] for one in written) == pytest.approx(-room.high + room.title + room.em)
+
+
+def test_a_shortened_name_counts_its_ellipsis_as_wide_as_it_is_drawn() -> None:
+    assert ROOM.length("\u6d77\u2026") == pytest.approx(2 * ROOM.em)
 
 
 def test_the_name_of_an_entry_outside_goes_with_it() -> None:
