@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import unicodedata
 from collections.abc import Iterable
 
 NOTICE = "Research software, not a medical device."
@@ -46,6 +47,21 @@ def place(position_mm: Iterable[float]) -> str:
     '(1.0, -2.2, 0.0)'
     """
     return f"({', '.join(f'{value:.1f}' for value in position_mm)})"
+
+
+def columns(text: str) -> int:
+    """Return how many columns of a terminal a text takes: two a Chinese letter, say, and none an accent by itself.
+
+    >>> columns("STN"), columns("\u6d77\u99ac"), columns("e\u0301")
+    (3, 4, 1)
+    """
+    wide = sum(unicodedata.east_asian_width(letter) in "WF" for letter in text)
+    return len(text) + wide - sum(unicodedata.category(letter) in ("Mn", "Me") for letter in text)
+
+
+def filled(text: str, width: int) -> str:
+    """Return ``text`` with so many blanks behind it that it takes ``width`` columns of a terminal, or more."""
+    return text + " " * (width - columns(text))
 
 
 def plain_number(text: str) -> float | None:

@@ -6,6 +6,8 @@ import argparse
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from ronnaplan.text import columns, filled
+
 if TYPE_CHECKING:
     from ronnaplan.ct.files import Skipped
     from ronnaplan.ct.summary import SeriesSummary
@@ -59,9 +61,9 @@ def _document(series: Sequence[SeriesSummary], skipped: Sequence[Skipped], with_
 
 def _table(series: Sequence[SeriesSummary], skipped: Sequence[Skipped], with_patient: bool) -> str:
     rows = [HEADINGS, *(_row(one) for one in series)]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(HEADINGS))]
+    widths = [max(map(columns, column)) for column in zip(*rows, strict=True)]
     lines = [
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
+        "  ".join(filled(cell, width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
     ]
     shown = [lines[0]]
     for line, one in zip(lines[1:], series, strict=True):

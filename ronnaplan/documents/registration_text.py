@@ -7,6 +7,7 @@ import numpy as np
 from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.registration.radius import radius_95_mm
 from ronnaplan.registration.registration import MISFIT_PROBABILITY
+from ronnaplan.text import columns, filled
 
 FRE_WARNING = (
     "FRE and residuals tell how well the markers agree; they do not measure the error at a target.\n"
@@ -18,16 +19,22 @@ FIT = (
     f"{1 - MISFIT_PROBABILITY:g} is a warning"
 )
 CENTROID = "markers' centroid"
+LEAST_COLUMNS = 10
+"""Of a terminal, for the label of a marker or a reading."""
 
 
 def registration_text(document: RegistrationDocument) -> str:
     """Return the pairs, the fit and the expected errors as text; if refused, the rivals (the reason is the error's)."""
     if document.ots_from_ct is None:
         return _refusal(document)
-    lines = ["CT marker  reading    residual  left out", "                             mm        mm"]
+    ct, ots = (
+        max(LEAST_COLUMNS, *map(columns, labels))
+        for labels in zip(*((pair.ct, pair.ots) for pair in document.pairs), strict=True)
+    )
+    lines = [f"{'CT marker':<{ct}} {'reading':<{ots}} residual  left out", f"{'mm':>{ct + ots + 10}}        mm"]
     for pair in document.pairs:
         out = "       -" if pair.leave_one_out is None else f"{pair.leave_one_out:8.2f}"
-        lines.append(f"{pair.ct:<10} {pair.ots:<10} {pair.residual:8.2f}  {out}")
+        lines.append(f"{filled(pair.ct, ct)} {filled(pair.ots, ots)} {pair.residual:8.2f}  {out}")
     lines.append(f"FRE {document.fre_rms:.3f} mm RMS; pairing probability {document.probability:.6f}")
     lines += [
         f"fit probability {chance:.3g}: {FIT}" for chance in [document.fit_probability] if chance is not None
@@ -35,10 +42,10 @@ def registration_text(document: RegistrationDocument) -> str:
     lines += [f"warning: {doubt}" for doubt in document.doubts]
     lines += ["", FRE_WARNING]
     errors = _expected_errors(document)
-    width = max(len(name) for name in errors)
+    width = max(map(columns, errors))
     lines += ["", f"expected error {document.expected}"]
     lines += [f"{'place':<{width}}    mm RMS   95 % within mm"]
-    lines += [f"{name:<{width}}  {rms:8.2f}  {radius:15.2f}" for name, (rms, radius) in errors.items()]
+    lines += [f"{filled(name, width)}  {rms:8.2f}  {radius:15.2f}" for name, (rms, radius) in errors.items()]
     return "\n".join(lines)
 
 

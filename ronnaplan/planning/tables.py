@@ -13,6 +13,7 @@ from ronnaplan.planning.plan import Plan
 from ronnaplan.planning.proposals import Proposals
 from ronnaplan.planning.rows import number, value_and_limit
 from ronnaplan.planning.uncertainty import Expectation
+from ronnaplan.text import columns, filled
 
 
 def plan_list(plan: Plan) -> str:
@@ -131,9 +132,9 @@ def _place(place_mm: FloatArray) -> str:
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    widths = [max(len(str(row[n])) for row in [header, *rows]) for n in range(len(header))]
+    widths = [max(columns(str(row[n])) for row in [header, *rows]) for n in range(len(header))]
     lines = [
-        "  ".join(str(cell).ljust(width) for cell, width in zip(row, widths, strict=True))
+        "  ".join(filled(str(cell), width) for cell, width in zip(row, widths, strict=True))
         for row in [header, *rows]
     ]
     return "\n".join(line.rstrip() for line in lines)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.localization import Fiducial, Fiducials
+from ronnaplan.text import columns, filled
 
 BELL_SHAPE = 1.0
 """Slice profiles with a larger shape are called bell-shaped: a parabola has 1."""
@@ -67,10 +68,10 @@ def resolution_line(found: Fiducials) -> list[str]:
 
 def align(rows: Sequence[Sequence[str]]) -> str:
     """Lay rows of cells out in columns: the first and the last to the left, the others to the right."""
-    widths = [max(len(cell) for cell in column) for column in zip(*rows, strict=True)]
+    widths = [max(map(columns, column)) for column in zip(*rows, strict=True)]
     lines = []
     for row in rows:
-        cells = [cell.rjust(width) for cell, width in zip(row, widths, strict=True)]
-        cells[0], cells[-1] = row[0].ljust(widths[0]), row[-1]
+        cells = [" " * (width - columns(cell)) + cell for cell, width in zip(row, widths, strict=True)]
+        cells[0], cells[-1] = filled(row[0], widths[0]), row[-1]
         lines.append("  ".join(cells).rstrip())
     return "\n".join(lines)

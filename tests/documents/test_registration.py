@@ -160,6 +160,18 @@ def test_the_text_tells_residuals_targets_and_that_fre_is_not_the_target_error()
     assert "F5" in text
 
 
+def test_the_text_stands_in_columns_whatever_the_names_are() -> None:
+    """A terminal gives a Chinese letter two columns, and an accent none of its own."""
+    document = registered()
+    targets = (document.targets[0].model_copy(update={"name": "\u6d77\u99ac" * 9}), *document.targets[1:])
+    pairs = (document.pairs[0].model_copy(update={"ct": "behind the ear e\u0301"}), *document.pairs[1:])
+    lines = registration_text(document.model_copy(update={"targets": targets, "pairs": pairs})).splitlines()
+    head, _, marked, *plain = lines[: 2 + len(pairs)]
+    assert {len(marked) - 1, *map(len, plain)} == {len(head)}
+    *_, column, centroid, wide, last = lines
+    assert {len(centroid), len(wide) + 18, len(last)} == {len(column)}
+
+
 def test_without_a_target_the_text_tells_the_error_at_the_markers_centroid() -> None:
     document = registered().model_copy(update={"targets": ()})
     centroid = np.mean([pair.center for pair in document.pairs], axis=0, keepdims=True)
