@@ -108,6 +108,9 @@ class Stream:
         self.tools: list[ToolReading] = []
         self.messages = 0
         self.broken: str | None = None
+        self.leapt_s = 0.0
+        """How far the time of a device's messages leapt back at most; each counts by itself, as clocks differ."""
+        self._latest_s: dict[tuple[str, str], float] = {}
         self._left_out: Counter[str] = Counter()
         self._passed_over: Counter[str] = Counter()
         self._excesses: list[float] = []
@@ -179,6 +182,10 @@ class Stream:
             self._left_out[f"{what} cannot be read ({error}) and were left out"] += 1
             return
         self.messages += 1
+        if message.time_s > 0:  # 0 states none
+            sender = message.kind, message.device
+            self.leapt_s = max(self.leapt_s, self._latest_s.get(sender, 0.0) - message.time_s)
+            self._latest_s[sender] = message.time_s
 
     def _take_points(self, message: Message, body: bytes) -> None:
         content = message.content(body)

@@ -42,9 +42,9 @@ def moments(host: str, port: int = DEFAULT_PORT, *, every_s: float, seconds: flo
     """Yield what a server at ``host`` sends in every ``every_s`` of its own time, for up to ``seconds`` of ours.
 
     A message that states no time counts as of its arrival. The last recording says why the stream ended before the
-    time was up, if it did; a stream whose own time stands still, or leaps back, has ended. Where the time is up, a
-    moment that had only begun is left out: of its last frame there may be the points and not yet the tools. Raises
-    `InputError` if no server answers.
+    time was up, if it did; a stream whose own time stands still, or a device's leaps back by more than ``every_s``, has
+    ended. Where the time is up, a moment that had only begun is left out: of its last frame there may be the points and
+    not yet the tools. Raises `InputError` if no server answers.
     """
     stream, until = Stream(), time.monotonic() + seconds
     source, cut, told = f"openigtlink://{host}:{port}", _Moments(every_s), False
@@ -59,8 +59,8 @@ def moments(host: str, port: int = DEFAULT_PORT, *, every_s: float, seconds: flo
             for points, tools in cut.add(*stream.taken()):
                 yield Recording(source, points, tools)
                 told, told_s = True, time.monotonic()
-            if end is None and cut.leapt_s:
-                end = _stopped(f"its own time leapt back by {cut.leapt_s:.1f} s after {count} messages")
+            if end is None and stream.leapt_s > every_s:
+                end = _stopped(f"its own time leapt back by {stream.leapt_s:.1f} s after {count} messages")
             elif end is None and now - heard_s > SILENCE_S:
                 end = _silent(count)
             elif end is None and now - told_s > every_s + SILENCE_S:
@@ -77,9 +77,6 @@ class _Moments:
         self._every_s = every_s
         self._end_s: float | None = None
         self._waiting: list[tuple[float, PointReading | ToolReading]] = []
-        self._latest_s: dict[str | None, float] = {}
-        self.leapt_s = 0.0
-        """By how much the time of the points, or of a tool, has leapt back, where that is more than a moment."""
 
     def add(
         self, points: Sequence[PointReading], tools: Sequence[ToolReading]
@@ -87,10 +84,7 @@ class _Moments:
         """Take readings and yield those of each moment that is over."""
         now = time.time()
         readings: list[PointReading | ToolReading] = [*points, *tools]
-        timed = [(one.time_s if one.time_s > 0 else now, one) for one in readings]
-        self._waiting += timed
-        for at, one in timed:
-            self._follow(at, one)
+        self._waiting += [(one.time_s if one.time_s > 0 else now, one) for one in readings]
         while self._waiting:
             if self._end_s is None:
                 self._end_s = min(at for at, _ in self._waiting) + self._every_s
@@ -100,14 +94,6 @@ class _Moments:
             self._waiting = [(at, one) for at, one in self._waiting if at >= self._end_s]
             self._end_s = None
             yield _apart(before)
-
-    def _follow(self, at: float, one: PointReading | ToolReading) -> None:
-        """Note whether time leapt back; each tool's counts for itself, as another computer's clock may lag for good."""
-        of = one.tool if isinstance(one, ToolReading) else None
-        back_s = self._latest_s.get(of, at) - at
-        self._latest_s[of] = at
-        if back_s > self._every_s:
-            self.leapt_s = max(self.leapt_s, back_s)
 
     def rest(self) -> tuple[tuple[PointReading, ...], tuple[ToolReading, ...]]:
         """Return the readings of the moment that is not over."""

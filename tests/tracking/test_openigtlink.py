@@ -4,7 +4,7 @@ import socket
 import struct
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
 import numpy as np
@@ -160,11 +160,14 @@ def test_moments_end_where_the_time_of_the_stream_leaps_back() -> None:
     assert last.notes[-1].startswith("the stream stopped: its own time leapt back by 1.4 s after")
 
 
-def test_a_device_whose_clock_lags_for_good_is_no_leap() -> None:
-    late = [
-        pyigtl.TransformMessage(matrix=np.eye(4), device_name="Robot", timestamp=1e9 - 3.0 + 0.05 * frame).pack()
-        for frame in range(10)
-    ]
+def pose_of_robot(time_s: float) -> bytes:
+    packed: bytes = pyigtl.TransformMessage(matrix=np.eye(4), device_name="Robot", timestamp=time_s).pack()
+    return packed
+
+
+@pytest.mark.parametrize("message", [pose_of_robot, lambda time_s: points(device="Camera", time_s=time_s)])
+def test_a_device_whose_clock_lags_for_good_is_no_leap(message: Callable[[float], bytes]) -> None:
+    late = [message(1e9 - 3.0 + 0.05 * frame) for frame in range(10)]
     frames = [points(time_s=1e9 + 0.05 * frame) for frame in range(10)]
     with server([one for pair in zip(frames, late, strict=True) for one in pair]) as port:
         *_, last = moments("127.0.0.1", port, every_s=0.1, seconds=1.0)
