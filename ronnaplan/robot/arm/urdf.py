@@ -51,7 +51,7 @@ def read_urdf(path: str | os.PathLike[str], *, tip: str | None = None) -> UrdfAr
 
     What is fixed to the last link becomes a tool of the arm, by its name. Raises `InputError` for what is no URDF, for
     chains with joints that slide or mimic others, and where no ``tip`` is named and several links may be the flange:
-    several chains are equally long, or something is fixed to the last link or slides on it.
+    several chains are equally long, or something is fixed to the last link or moves on it.
     """
     name = os.fspath(path)
     root = parsed(read_whole(path, MOST_BYTES, expected=EXPECTED), name)
@@ -149,13 +149,14 @@ def _farthest(joints: dict[str, Joint], links: dict[str, ElementTree.Element]) -
 
 
 def _require_last(joints: dict[str, Joint], last: str) -> None:
-    """Raise `InputError` where links are fixed to the ``last`` that turns, or slide on it, as any may be the flange."""
+    """Raise `InputError` where links are fixed to the ``last`` that turns, or move on it, as any may be the flange."""
     placed = _with_fixed(joints, {last: (0, np.eye(4))})
     others = [link for link, (_, pose) in placed.items() if not np.allclose(pose, np.eye(4), atol=1e-9)]
     how = "are fixed to"
     if not others:
-        others = [link for link, joint in joints.items() if joint.parent in placed and link not in placed]
-        how = "slide on"
+        moved = {link: joint for link, joint in joints.items() if joint.parent in placed and link not in placed}
+        others = list(moved)
+        how = "slide on" if all(joint.kind == "prismatic" for joint in moved.values()) else "move on"
     if others:
         more = f" and {len(others) - MOST_NAMED} more" if len(others) > MOST_NAMED else ""
         raise InputError(

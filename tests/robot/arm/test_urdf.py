@@ -104,16 +104,19 @@ def test_what_slides_within_the_arm_is_refused_and_what_slides_at_its_end_is_not
         read_urdf(tmp_path / "arm.urdf", tip="jaw")
 
 
-def test_what_slides_on_the_last_link_that_turns_is_not_left_out_without_a_word(tmp_path: Path) -> None:
-    """It may be a gripper's jaw, or the last joint of the arm, as of a SCARA."""
+@pytest.mark.parametrize(("kind", "how"), [("prismatic", "slide"), ("floating", "move"), ("planar", "move")])
+def test_what_moves_on_the_last_link_that_turns_is_not_left_out_without_a_word(
+    tmp_path: Path, kind: str, how: str
+) -> None:
+    """It may be a gripper's jaw, or the last joint of the arm, as of a SCARA; or it is free."""
     bare = SEVEN.replace(
         "</robot>",
-        '<link name="quill"/><joint name="stroke" type="prismatic"><parent link="l7"/><child link="quill"/>'
+        f'<link name="quill"/><joint name="stroke" type="{kind}"><parent link="l7"/><child link="quill"/>'
         '<limit lower="0" upper="0.1"/></joint></robot>',
     )
     (tmp_path / "arm.urdf").write_text(bare)
     with pytest.raises(
-        InputError, match=r"other links slide on the last that turns, l7: quill; name .* l7 or another"
+        InputError, match=rf"other links {how} on the last that turns, l7: quill; name .* l7 or another"
     ):
         read_urdf(tmp_path / "arm.urdf")
     assert len(read_urdf(tmp_path / "arm.urdf", tip="l7").arm) == 7
