@@ -21,6 +21,8 @@ AIR_BELOW_HU: Final = -500.0
 """A head is scanned in air, which is lower than this in every scan, and never so in values that are offset."""
 AIR_ABOVE_HU: Final = -1500.0
 """Half of an offset of 1024 below air. Cone beams whose scale is their own show air at -1200."""
+PADDING_GAP_HU: Final = 100.0
+"""Air has noise, and leaves no such gap between its values: one that lies alone stands for what was not measured."""
 TISSUE_ABOVE_HU: Final = -300.0
 """Tissue, bone, and markers of any material are higher than this."""
 BRIGHT_HU: Final = 500.0
@@ -39,8 +41,7 @@ def doubts_of_scale(voxels_hu: Voxels, padding_hu: float | None) -> tuple[Volume
     seen = _measured(voxels_hu[tuple(steps)], padding_hu)
     if not seen.size:
         return VolumeFlag.NO_AIR, VolumeFlag.NO_TISSUE
-    air = seen[seen < AIR_BELOW_HU]
-    air = air[air > seen.min()]  # the lowest may stand for what was not measured
+    air = _without_paddings(seen[seen < AIR_BELOW_HU])
     doubts = {
         VolumeFlag.NO_AIR: not any(low <= AIR_BELOW_HU for low, _ in _ends(seen, voxels_hu, padding_hu)),
         VolumeFlag.LOW_AIR: air.size > 0 and float(np.median(air)) < AIR_ABOVE_HU,
@@ -53,6 +54,13 @@ def doubts_of_scale(voxels_hu: Voxels, padding_hu: float | None) -> tuple[Volume
 def _measured(voxels_hu: NDArray[Any], padding_hu: float | None) -> NDArray[Any]:
     """Return the values that are no padding."""
     return voxels_hu.ravel() if padding_hu is None else voxels_hu[voxels_hu != padding_hu]
+
+
+def _without_paddings(air: NDArray[Any]) -> NDArray[Any]:
+    """Return values without the lowest ones that lie alone, and the next: several paddings may be without a tag."""
+    values = np.unique(air)
+    alone = np.append(np.diff(values) > PADDING_GAP_HU, False)
+    return air[air > values[alone.argmin()]] if air.size else air
 
 
 def _ends(seen: NDArray[Any], voxels_hu: Voxels, padding_hu: float | None) -> Iterator[tuple[float, float]]:

@@ -46,6 +46,14 @@ def test_a_head_in_air_is_not_doubted(tmp_path: Path, rim: int) -> None:
     assert flags_of(tmp_path, head_hu(rim) + np.int16(1024), 1, -1024) == ()
 
 
+@pytest.mark.parametrize(("offset", "doubts"), [(0, ()), (-1024, (VolumeFlag.LOW_AIR,))])
+def test_two_paddings_that_no_tag_tells_are_no_air(offset: int, doubts: tuple[VolumeFlag, ...]) -> None:
+    """They are most of what is darker than tissue: outside of what the scanner sees, and of what was reconstructed."""
+    hu = head_hu(-2000) + np.int16(offset)
+    hu[: SIZE // 4], hu[-SIZE // 4 :] = -3024 + offset, -2000 + offset
+    assert doubts_of_scale(hu, None) == doubts
+
+
 def test_a_negative_slope_that_is_meant_gives_the_same_values(tmp_path: Path) -> None:
     hu = head_hu()
     assert flags_of(tmp_path, np.int16(1024) - hu, -1, 1024, padding=1024 - PADDING) == ()
