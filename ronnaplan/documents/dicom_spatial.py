@@ -9,6 +9,8 @@ from __future__ import annotations
 import datetime
 import io
 import re
+from collections.abc import Sequence
+from itertools import chain, count
 
 from pydicom.dataset import Dataset, FileDataset, FileMetaDataset
 from pydicom.uid import UID, ExplicitVRLittleEndian, generate_uid
@@ -26,6 +28,8 @@ IDENTITY = (1.0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 1.0)
 UID_PATTERN = r"[0-9.]{1,64}"
 LONGEST_IDENTIFIER = 16
 """Fiducial Identifier is a Short String (SH)."""
+LONGEST_DESCRIPTION = 64
+"""Fiducial Description is a Long String (LO)."""
 
 
 def spatial_fiducials(document: FiducialsDocument, patient: Dataset | None = None) -> FileDataset:
@@ -43,7 +47,10 @@ def spatial_fiducials(document: FiducialsDocument, patient: Dataset | None = Non
     dataset.ContentDescription = f"Spheres of {document.marker.diameter_mm:g} mm found by ronnaplan"
     markers = Dataset()
     markers.FrameOfReferenceUID = frame
-    markers.FiducialSequence = [_fiducial(entry) for entry in document.fiducials]
+    identifiers = _identifiers([entry.label for entry in document.fiducials])
+    markers.FiducialSequence = [
+        _fiducial(entry, identifier) for entry, identifier in zip(document.fiducials, identifiers, strict=True)
+    ]
     dataset.FiducialSetSequence = [markers]
     return dataset
 
@@ -122,11 +129,30 @@ def begin_object(
     return dataset
 
 
-def _fiducial(entry: FiducialEntry) -> Dataset:
+def _identifiers(labels: Sequence[str]) -> list[str]:
+    """Return labels as a Short String has room for them, each another than all before it."""
+    found: list[str] = []
+    for label in map(_one_value, labels):
+        numbered = (f"{label[: LONGEST_IDENTIFIER - len(end)]}{end}" for end in (f"~{n}" for n in count(2)))
+        found.append(
+            next(one for one in chain([label[:LONGEST_IDENTIFIER].rstrip()], numbered) if one not in found)
+        )
+    return found
+
+
+def _one_value(text: str) -> str:
+    """Return ``text`` without backslashes, by which DICOM parts values."""
+    return text.replace("\\", "/")
+
+
+def _fiducial(entry: FiducialEntry, identifier: str) -> Dataset:
     fiducial = Dataset()
     fiducial.ShapeType = "POINT"
-    fiducial.FiducialIdentifier = entry.label[:LONGEST_IDENTIFIER]
-    fiducial.FiducialDescription = f"sphere {entry.diameter_mm:.2f} mm"
+    fiducial.FiducialIdentifier = identifier
+    what = f"sphere {entry.diameter_mm:.2f} mm"
+    if identifier != entry.label:
+        what += f", {_one_value(entry.label)}"
+    fiducial.FiducialDescription = what[:LONGEST_DESCRIPTION]
     fiducial.ContourUncertaintyRadius = sum(entry.covariance[axis][axis] for axis in range(3)) ** 0.5
     fiducial.NumberOfContourPoints = 1
     fiducial.ContourData = [DSfloat(value, auto_format=True) for value in entry.center]

@@ -55,6 +55,24 @@ def test_the_spatial_fiducials_are_the_markers(tmp_path: Path) -> None:
     assert markers.FiducialSequence[0].ContourUncertaintyRadius == pytest.approx(np.sqrt(3e-4))
 
 
+def test_markers_with_long_names_keep_identifiers_of_their_own(tmp_path: Path) -> None:
+    """A Short String holds 16 characters, and a backslash ends a value."""
+    long = "behind the left ear, "
+    labels = [f"{long}first", f"{long}second", "a\\b", "behind the left~2", "F5"]
+    document = fiducials()
+    named = [
+        one.model_copy(update={"label": label}) for one, label in zip(document.fiducials, labels, strict=True)
+    ]
+    file = tmp_path / "fiducials.dcm"
+    file.write_bytes(dicom_bytes(spatial_fiducials(document.model_copy(update={"fiducials": tuple(named)}))))
+    (markers,) = dcmread(file).FiducialSetSequence
+    found = [item.FiducialIdentifier for item in markers.FiducialSequence]
+    assert found == ["behind the left", "behind the lef~2", "a/b", "behind the left~", "F5"]
+    described = [item.FiducialDescription for item in markers.FiducialSequence]
+    assert described[1:3] == [f"sphere 11.50 mm, {long}second", "sphere 11.50 mm, a/b"]
+    assert described[4] == "sphere 11.50 mm"
+
+
 @pytest.mark.skipif(shutil.which("dciodvfy") is None, reason="dciodvfy (dicom3tools) is not installed")
 def test_both_objects_satisfy_an_independent_validator(tmp_path: Path) -> None:
     for dataset in (spatial_registration(registered()), spatial_fiducials(fiducials())):
