@@ -101,9 +101,8 @@ def write_names(
             anchor, across, left = _across(x, room.length(text), gap, room.wide)
             lines = [max(y - gap, room.highest) + n * LINE_EM * room.em for n in LINES]
             boxes = {down: room.box(text, left, down) for down in lines}
-            y = next(
-                (down for down, box in boxes.items() if down >= room.highest and not _covers(box, taken)), lines[0]
-            )
+            free = (down for down, box in boxes.items() if not _covers(box, taken))
+            y = next((down for down in free if room.highest <= down <= room.high), lines[0])
             taken.append(boxes[y])
         drawn.append(one | {"written": {"x": across, "y": y, "anchor": anchor, "text": text}})
     return drawn

@@ -171,8 +171,8 @@ def test_markers_are_rejected_renamed_and_taken_back(browser: Any, kept: Planner
     page.click(".rp-tab >> text=Markers")
     page.click("#markers tr.rp-row >> nth=1 >> text=reject")
     eventually(page, lambda: "F2" not in labels())
-    page.fill("#markers tr.rp-row >> nth=0 >> input", "nose")
-    page.press("#markers tr.rp-row >> nth=0 >> input", "Enter")
+    page.fill("input[aria-label='rename F1']", "nose")
+    page.press("input[aria-label='rename F1']", "Enter")
     eventually(page, lambda: labels()[0] == "nose")
     page.keyboard.press("Control+z")
     eventually(page, lambda: labels()[0] == "F1")
@@ -199,7 +199,11 @@ def test_keys_are_listed_and_a_view_is_enlarged_in_this_tab_only(browser: Any, s
     eventually(page, lambda: page.locator("[data-view=coronal]").bounding_box()["width"] > 2.5 * small)
     assert other.locator("[data-view=coronal]").bounding_box()["width"] == small
     page.click(".rp-coronal [data-grow]")
+    page.set_viewport_size({"width": 390, "height": 500})
     page.keyboard.press("?")
+    assert page.locator("#keys").evaluate(
+        "(list) => list.scrollHeight > list.clientHeight && list.scrollTop === 0"
+    )
     listed = page.inner_text("#keys")
     for key in value(page, "keys"):
         assert key.split("+")[-1].replace("page", "page ").lower() in listed.lower()

@@ -94,6 +94,12 @@ def test_a_shortened_name_counts_its_ellipsis_as_wide_as_it_is_drawn() -> None:
     assert ROOM.length("\u6d77\u2026") == pytest.approx(2 * ROOM.em)
 
 
+def test_no_name_is_cut_off_at_the_lower_edge() -> None:
+    named = written(*((f"path {number}", 0.0, 0.95) for number in range(4)))
+    assert len({one["y"] for one in named}) == 4
+    assert max(one["y"] for one in named) <= ROOM.high
+
+
 def test_the_name_of_an_entry_outside_goes_with_it() -> None:
     (one,) = written(("left", 2.5, 0.0))
     assert one["x"] > 2.5

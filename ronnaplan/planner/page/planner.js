@@ -163,10 +163,14 @@
   }).observe(document.documentElement, { childList: true, subtree: true });
 
   // What only this tab shows: the list of keys, and one view enlarged, which the browser remembers.
-  const help = () => document.getElementById("keys");
+  function help() {
+    const list = document.getElementById("keys");
+    list.showModal();
+    list.scrollTop = 0; // the button that gets the focus stands at its end
+  }
   window.addEventListener("click", (event) => {
     if (!event.target.closest) return;
-    if (event.target.closest("[data-help]")) help().showModal();
+    if (event.target.closest("[data-help]")) help();
     const grown = event.target.closest("[data-grow]")?.closest(".rp-view");
     if (!grown) return;
     const large = grown.classList.toggle("grown");
@@ -209,7 +213,7 @@
       return;
     }
     if (event.key === "?") {
-      help().showModal();
+      help();
       return;
     }
     const control = event.ctrlKey || event.metaKey;

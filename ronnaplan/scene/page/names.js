@@ -8,7 +8,7 @@ window.ronnaplanNames = (canvas) => {
     if (across < 0 || across > room || down < 0 || down > canvas.clientHeight) return [right, down - APART - LINE]; // not seen
     const left = right + width <= room ? right : before >= 0 ? before : Math.max(0, room - width);
     const first = Math.max(0, down - APART - LINE);
-    const free = (top) => top >= 0 && !taken.some((one) => left < one.right && one.left < left + width && top < one.top + LINE && one.top < top + LINE);
+    const free = (top) => top >= 0 && top + LINE <= canvas.clientHeight && !taken.some((one) => left < one.right && one.left < left + width && top < one.top + LINE && one.top < top + LINE);
     const top = [0, 1, -1, 2, -2, 3, -3].map((lines) => first + lines * LINE).find(free) ?? first;
     taken.push({ left, right: left + width, top });
     return [left, top];
