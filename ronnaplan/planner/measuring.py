@@ -5,14 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.state import PlannerState
+from ronnaplan.scene.names import Room, write_labels
 
 LETTERS = {2: "D", 3: "A"}
 """How distances and angles are named, with a number."""
 
 RULER_COLOUR = "#b2ff59"
+
+BESIDE_HALVES = 1 / 45
+"""So far from a point stands its label, in halves of the view's shorter side."""
 
 
 class Measuring:
@@ -57,26 +63,31 @@ def ruler_rows(state: PlannerState) -> list[dict[str, str]]:
 
 
 def drawn_rulers(
-    state: PlannerState, on_screen: Callable[[FloatArray], FloatArray], near: Callable[[FloatArray], bool]
+    state: PlannerState,
+    on_screen: Callable[[FloatArray], FloatArray],
+    near: Callable[[FloatArray], bool],
+    room: Room,
+    half: float,
 ) -> list[dict[str, Any]]:
     """Return measurements for a view: ``on_screen`` of points (N, 3) is (N, 2), ``near`` whether all are seen fully.
 
-    What is being measured goes first, without a value.
+    The view has ``room``, and half its shorter side is ``half``. What is being measured goes first, without a value.
     """
     drawn = [
-        {
-            "name": one.name,
-            "line": _line(on_screen(one.points_mm)),
-            "at": on_screen(one.points_mm)[1].tolist(),
-            "value": one.told,
-            "near": near(one.points_mm),
-        }
+        (one.name, on_screen(one.points_mm), 1, f"{one.name} {one.told}", near(one.points_mm))
         for one in state.case.plan.rulers
     ]
     begun = [on_screen(place[None])[0] for place in state.look.measured_mm]
     if begun:
-        drawn.insert(0, {"name": "", "line": _line(begun), "at": begun[-1].tolist(), "value": "...", "near": True})
-    return [{**one, "colour": RULER_COLOUR} for one in drawn]
+        drawn.insert(0, ("", np.array(begun), -1, "...", True))
+    return write_labels(
+        [
+            {"name": name, "line": _line(points), "label": label, "near": seen, "colour": RULER_COLOUR}
+            | {"x": float(points[at, 0]), "y": float(points[at, 1]), "r": half * BESIDE_HALVES}
+            for name, points, at, label, seen in drawn
+        ],
+        room,
+    )
 
 
 def _line(points: Any) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.cuts import ACROSS
-from ronnaplan.planner.measuring import drawn_rulers
+from ronnaplan.planner.measuring import BESIDE_HALVES, drawn_rulers
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
@@ -88,7 +88,9 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
         "title": _title(state, view, cut),
         "cross": _pair(cut, state.look.crosshair_mm) if view in STANDARD_NAMES else None,
         "markers": markers,
-        "points": _points(state, cut, (wide, high)),
+        "points": write_labels(
+            [one | {"r": half * BESIDE_HALVES} for one in _points(state, cut, (wide, high))], room
+        ),
         "paths": write_names(paths, markers, room),
         "regions": [
             {**one, "colour": shown.colour}
@@ -99,6 +101,8 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
             state,
             lambda points: cut.on_screen_mm(points)[:, :2],
             lambda points: bool((np.abs(cut.on_screen_mm(points)[:, 2]) < NEAR_MM).all()),
+            room,
+            half,
         ),
     }
 

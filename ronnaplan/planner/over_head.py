@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.planner.measuring import drawn_rulers
+from ronnaplan.planner.measuring import BESIDE_HALVES, drawn_rulers
 from ronnaplan.planner.over_cut import BEGUN_COLOUR, POINT_COLOUR, balls, proposed
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
@@ -71,9 +71,11 @@ def over_head(
         **drawn,
         "title": wanting or _title(state, drawn_here=drawn_here),
         "markers": markers,
-        "points": [one for one in points if one is not None],
+        "points": write_labels([one for one in points if one is not None], room),
         "paths": write_names([_path(camera, one, state) for one in state.case.plan.trajectories], markers, room),
-        "rulers": drawn_rulers(state, lambda points: camera.on_screen(points)[:, :2], lambda _: True),
+        "rulers": drawn_rulers(
+            state, lambda points: camera.on_screen(points)[:, :2], lambda _: True, room, drawn["half"]
+        ),
     }
 
 
@@ -109,7 +111,9 @@ def _markers(state: PlannerState, camera: Camera, show_rejected: bool) -> list[d
 
 def _point(camera: Camera, name: str, place_mm: FloatArray, colour: str) -> dict[str, Any] | None:
     x, y, depth = camera.on_screen(place_mm).tolist()
-    return {"label": name, "x": x, "y": y, "colour": colour} if depth >= LEAST_DEPTH_MM else None
+    if depth < LEAST_DEPTH_MM:
+        return None
+    return {"label": name, "x": x, "y": y, "r": BESIDE_HALVES, "colour": colour}
 
 
 def _path(camera: Camera, one: Trajectory, state: PlannerState) -> dict[str, Any]:

@@ -68,18 +68,22 @@ class Room:
         return self.title + self.em - self.high
 
 
-def write_labels(markers: Sequence[dict[str, Any]], room: Room) -> list[dict[str, Any]]:
-    """Return the markers (x, y, r, label), each with where its label is ``written``, as `write_names` has it.
+def write_labels(drawn: Sequence[dict[str, Any]], room: Room) -> list[dict[str, Any]]:
+    """Return what is drawn (x, y, r, label), each with where its label is ``written``, as `write_names` has it.
 
-    A label stands to the upper right of its ball, or to the left where the picture ends, and not above the picture.
+    A label stands so far as ``r`` to the upper right, or to the left where the picture ends, and not above the picture.
+    That of a place outside goes with it.
     """
-    drawn = []
-    for one in markers:
+    labelled = []
+    for one in drawn:
+        x, y, r = one["x"], one["y"], one["r"]
         text = room.shortened(one["label"])
-        anchor, across, _ = _across(one["x"], room.length(text), one["r"], room.wide)
-        down = max(one["y"] - one["r"], room.highest)
-        drawn.append(one | {"written": {"x": across, "y": down, "anchor": anchor, "text": text}})
-    return drawn
+        anchor, across, down = "start", x + r, y - r
+        if abs(x) < room.wide and abs(y) < room.high:
+            anchor, across, _ = _across(x, room.length(text), r, room.wide)
+            down = max(down, room.highest)
+        labelled.append(one | {"written": {"x": across, "y": down, "anchor": anchor, "text": text}})
+    return labelled
 
 
 def write_names(

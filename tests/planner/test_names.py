@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ronnaplan.planner.over_cut import over_cut
-from ronnaplan.planner.panes import Pane
+from ronnaplan.planner.panes import TITLE_PIXELS, Pane
 from ronnaplan.planner.state import PlannerState
 from tests import cases
 
@@ -51,3 +51,21 @@ def test_depths_are_told_as_often_as_there_is_room(state: PlannerState) -> None:
     wide, narrow = told(state, "axial", 1000.0), told(state, "axial", 250.0)
     assert [one["label"] for one in wide] == ["10", "20", "30", "40", "50"]
     assert [one["label"] for one in narrow] == ["50"]
+
+
+def test_values_of_measurements_and_names_of_points_stand_within_the_view(state: PlannerState) -> None:
+    """At a corner of the view, where they would stand in its title, or beyond its edge."""
+    pane = Pane(400.0, 400.0)
+    cut = state.look.cut("axial")
+    half = cut.field_mm / 2
+    corner, below = (
+        cut.center_mm + half * (across * cut.right + down * cut.down)
+        for across, down in ((0.99, -0.99), (0.99, -0.5))
+    )
+    state.add_ruler("D", [below, corner])
+    state.set_landmark("AC", corner)
+    drawn = over_cut(state, "axial", False, pane)
+    for one in (*drawn["rulers"], *drawn["points"]):
+        left, top, right, _ = pane.room(half).box(**one["written"])
+        assert -drawn["wide"] <= left < right <= drawn["wide"]
+        assert top >= pane.pixel(half) * TITLE_PIXELS - drawn["high"]

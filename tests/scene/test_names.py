@@ -82,6 +82,11 @@ def test_the_label_of_a_marker_is_shortened_and_stands_within_the_picture() -> N
     assert ROOM.length(long["text"]) <= ROOM.wide
 
 
+def test_the_label_of_a_place_outside_goes_with_it() -> None:
+    assert label("F1", 2.5, 0.0)["x"] > 2.5
+    assert label("F1", 0.0, -1.5)["y"] < -1.5
+
+
 def test_neither_names_nor_labels_stand_in_the_title() -> None:
     room = replace(ROOM, title=0.2)
     markers = write_labels([{"label": "F1", "x": 0.0, "y": -0.95, "r": 0.0}], room)
