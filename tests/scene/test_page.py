@@ -72,6 +72,7 @@ def test_no_name_covers_another_nor_leaves_the_page(tmp_path: Path) -> None:
         )
         for n in range(6)
     ]
+    near[4] = replace(near[4], label="\u05e9\u05de\u05d0\u05dc (\u05e7\u05d3\u05de\u05d9) " * 9)
     file = tmp_path / "scene.html"
     file.write_bytes(html([*near, SKIN], "a case", b""))
     apart(read_names, file)
@@ -154,7 +155,10 @@ def turn_and_hide(page_file: Path) -> None:
 def read_names(page_file: Path) -> None:
     with drawn(page_file) as page:
         shown(page)
-        boxes = [name.bounding_box() for name in page.locator("#names span").all()]
+        names = page.locator("#names span")
+        boxes = [name.bounding_box() for name in names.all()]
+        ways = names.evaluate_all("(spans) => spans.map((one) => getComputedStyle(one).direction)")
+        assert ways == ["ltr"] * 4 + ["rtl", "ltr"]  # so that the end of each is cut off, not its beginning
         assert len(boxes) == 6
         assert all(one["x"] >= 0 and one["x"] + one["width"] <= 500 for one in boxes)
         for number, one in enumerate(boxes):

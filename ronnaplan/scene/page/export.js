@@ -12,6 +12,7 @@
   const named = viewer.things.filter((thing) => thing.label);
   for (const thing of named) {
     thing.written = document.getElementById("names").appendChild(document.createElement("span"));
+    thing.written.dir = "auto"; // a name from right to left is shortened at its left
     thing.written.textContent = thing.label;
   }
 
