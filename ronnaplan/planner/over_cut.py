@@ -14,7 +14,7 @@ from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
 from ronnaplan.planning.contacts import contact_paths
 from ronnaplan.scene.cut import Cut
-from ronnaplan.scene.names import write_labels, write_names
+from ronnaplan.scene.names import Room, write_labels, write_names
 from ronnaplan.scene.things import MARKER_COLOUR, PROPOSAL_COLOURS, REJECTED_COLOUR, TOOL_COLOUR
 
 POINT_COLOUR, BEGUN_COLOUR = "#b2ff59", "#ffffff"
@@ -91,7 +91,7 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
         "points": write_labels(
             [one | {"r": half * BESIDE_HALVES} for one in _points(state, cut, (wide, high))], room
         ),
-        "paths": write_names(paths, markers, room),
+        "paths": named(paths, markers, room),
         "regions": [
             {**one, "colour": shown.colour}
             for one in state.outlines.drawn(view, cut, pane)
@@ -153,6 +153,11 @@ def _markers(
                 | {"selected": selected, "ring": True}
             )
     return drawn
+
+
+def named(paths: list[dict[str, Any]], markers: list[dict[str, Any]], room: Room) -> list[dict[str, Any]]:
+    """Return paths with their names: the selected one is named first, and last, so that it is drawn over all others."""
+    return write_names(sorted(paths, key=lambda one: not one["selected"]), markers, room)[::-1]
 
 
 def _points(state: PlannerState, cut: Cut, reach_mm: tuple[float, float]) -> list[dict[str, Any]]:

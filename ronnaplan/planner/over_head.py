@@ -8,12 +8,12 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.measuring import BESIDE_HALVES, drawn_rulers
-from ronnaplan.planner.over_cut import BEGUN_COLOUR, POINT_COLOUR, balls, proposed
+from ronnaplan.planner.over_cut import BEGUN_COLOUR, POINT_COLOUR, balls, named, proposed
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
 from ronnaplan.scene.camera import Camera
-from ronnaplan.scene.names import write_labels, write_names
+from ronnaplan.scene.names import write_labels
 from ronnaplan.scene.things import PROPOSAL_COLOURS, REJECTED_COLOUR, TOOL_COLOUR, spread_factor, spread_name
 
 CROSS_COLOUR = "#4fc3f7"
@@ -72,7 +72,7 @@ def over_head(
         "title": wanting or _title(state, drawn_here=drawn_here),
         "markers": markers,
         "points": write_labels([one for one in points if one is not None], room),
-        "paths": write_names([_path(camera, one, state) for one in state.case.plan.trajectories], markers, room),
+        "paths": named([_path(camera, one, state) for one in state.case.plan.trajectories], markers, room),
         "rulers": drawn_rulers(
             state, lambda points: camera.on_screen(points)[:, :2], lambda _: True, room, drawn["half"]
         ),

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from ronnaplan.planner.over_cut import over_cut
 from ronnaplan.planner.panes import TITLE_PIXELS, Pane
@@ -18,9 +19,24 @@ def test_both_sides_of_a_plan_are_told_apart_in_a_sagittal_cut(state: PlannerSta
     state.case.add(
         replace(left, name="right", entry_mm=left.entry_mm * mirrored, target_mm=left.target_mm * mirrored)
     )
-    above, below = (one["written"] for one in over_cut(state, "sagittal", False, Pane())["paths"])
-    assert above["x"] == below["x"]
-    assert below["y"] > above["y"] + 1.0
+    drawn = {one["name"]: one["written"] for one in over_cut(state, "sagittal", False, Pane())["paths"]}
+    assert drawn["left"]["x"] == drawn["right"]["x"]
+    assert drawn["right"]["y"] > drawn["left"]["y"] + 1.0
+
+
+@pytest.mark.parametrize("selected", ["left", "beside"])
+def test_the_selected_trajectory_is_drawn_over_all_others_and_named_first(
+    state: PlannerState, selected: str
+) -> None:
+    """Its depths would be covered by other names else."""
+    left = state.case.plan.trajectory("left")
+    alone = over_cut(state, "coronal", False, Pane())["paths"][0]["written"]
+    state.case.add(replace(left, name="beside"))
+    state.look.select(selected)
+    drawn = over_cut(state, "coronal", False, Pane())["paths"]
+    assert [one["selected"] for one in drawn] == [False, True]
+    assert drawn[-1]["name"] == selected
+    assert (drawn[-1]["written"]["x"], drawn[-1]["written"]["y"]) == (alone["x"], alone["y"])
 
 
 def lie_across(state: PlannerState) -> None:
