@@ -59,11 +59,11 @@ class Painter:
         self._values: dict[str, tuple[tuple[Any, ...], NDArray[np.float32]]] = {}
         self._resting: asyncio.TimerHandle | None = None
 
-    def take_size(self, view: str, width: Pixels, height: Pixels, ratio: float) -> None:
-        """Take how large the page shows a view; it is drawn so large when all are known."""
+    def take_size(self, view: str, width: Pixels, height: Pixels, ratio: float, em: Pixels) -> None:
+        """Take how large the page shows a view, and its letters; it is drawn so large when all are known."""
         if view not in self.panes or not 0 < ratio <= GREATEST_RATIO:
             raise UsageError(f"there is no view {view} with {ratio:g} pixels to one; reload the page")
-        self.panes[view] = Pane(max(width, 1.0), max(height, 1.0), ratio)
+        self.panes[view] = Pane(max(width, 1.0), max(height, 1.0), ratio, max(em, 1.0))
         self.rest_soon()
 
     def move(self) -> None:

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from ronnaplan.scene.names import Room
 
 EM_PIXELS = 12.0
-"""Height of the letters."""
+"""Height of the letters, unless the page says otherwise, as it does on very large screens."""
 
-TITLE_PIXELS = 21.0
-"""Height of what a view's title stands in, at its top."""
+TITLE_EM = 2.0
+"""Height of what a view's title stands in, at its top, in heights of the letters."""
 
 LEAST_PIXELS = 16
 """Of a side of a picture."""
@@ -24,11 +24,12 @@ GREATEST_RATIO = 4.0
 
 @dataclass(frozen=True)
 class Pane:
-    """A view of ``width`` x ``height`` of the page's pixels, each ``ratio`` of the screen's wide."""
+    """A view of ``width`` x ``height`` pixels of the page, ``ratio`` of the screen each; letters are ``em`` high."""
 
     width: float = 448.0
     height: float = 448.0
     ratio: float = 1.0
+    em: float = EM_PIXELS
 
     @property
     def halves(self) -> tuple[float, float]:
@@ -39,8 +40,8 @@ class Pane:
     def room(self, half: float) -> Room:
         """Return the room for names, in units of which ``half`` are half the shorter side."""
         wide, high = self.halves
-        pixel = self.pixel(half)
-        return Room(half * wide, half * high, EM_PIXELS * pixel, title=TITLE_PIXELS * pixel)
+        em = self.em * self.pixel(half)
+        return Room(half * wide, half * high, em, title=TITLE_EM * em)
 
     def pixel(self, half: float) -> float:
         """Return how wide a pixel of the page is, in the same units."""

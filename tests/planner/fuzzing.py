@@ -79,7 +79,7 @@ SOUND: dict[str, tuple[Any, ...]] = {
     "rename": ("F1", "F1"),
     "readings": ("readings.csv",),
     "pick_reading": ("1",),
-    "sized": ("axial", 400.0, 400.0, 1.0),
+    "sized": ("axial", 400.0, 400.0, 1.0, 12.0),
     "hover": ("axial", 200.0, 190.0, 400.0, 400.0),
     "nudge": ("coronal", 1.0, -1.0),
     "click": ("axial", False),

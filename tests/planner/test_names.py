@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ronnaplan.planner.over_cut import over_cut
-from ronnaplan.planner.panes import TITLE_PIXELS, Pane
+from ronnaplan.planner.panes import TITLE_EM, Pane
 from ronnaplan.planner.state import PlannerState
 from tests import cases
 
@@ -84,4 +84,4 @@ def test_values_of_measurements_and_names_of_points_stand_within_the_view(state:
     for one in (*drawn["rulers"], *drawn["points"]):
         left, top, right, _ = pane.room(half).box(**one["written"])
         assert -drawn["wide"] <= left < right <= drawn["wide"]
-        assert top >= pane.pixel(half) * TITLE_PIXELS - drawn["high"]
+        assert top >= pane.room(half).em * TITLE_EM - drawn["high"]

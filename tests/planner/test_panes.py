@@ -28,6 +28,12 @@ def test_a_picture_has_the_screens_pixels_and_fewer_of_the_same_shape_where_they
     assert min(Pane(1.0, 2000.0).shape(100)) >= 16
 
 
+def test_names_have_the_room_that_the_pages_letters_leave() -> None:
+    usual, large = (Pane(900.0, 900.0, em=em).room(100.0) for em in (12.0, 17.0))
+    assert large.em / usual.em == pytest.approx(17 / 12)
+    assert len(large.shortened("n" * 99)) < len(usual.shortened("n" * 99))
+
+
 @pytest.mark.parametrize("view", ["axial", "coronal", "sagittal"])
 def test_edges_scale_and_reach_are_those_of_the_pane(state: PlannerState, view: str) -> None:
     state.look.field_mm = 200.0

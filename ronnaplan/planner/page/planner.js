@@ -149,7 +149,8 @@
     for (const { target, contentRect } of entries) {
       const side = Math.max(1, Math.min(contentRect.width, contentRect.height));
       target.style.setProperty("--halves-a-pixel", 2 / side);
-      tell("sized", [target.dataset.view, contentRect.width, contentRect.height, window.devicePixelRatio]);
+      const letters = Number(getComputedStyle(target).getPropertyValue("--letters"));
+      tell("sized", [target.dataset.view, contentRect.width, contentRect.height, window.devicePixelRatio, letters]);
     }
   });
   const watched = new WeakSet();
