@@ -51,7 +51,7 @@ class Source(DocumentModel):
     flags: tuple[Line, ...] = ()
     """Reasons to doubt the scan's volume."""
     distortion: Line | None = None
-    """How its geometry may be wrong, as candidates that are alike ellipsoids tell."""
+    """How its geometry may be wrong, as markers or candidates that are alike ellipsoids tell."""
 
     @property
     def doubts(self) -> tuple[str, ...]:

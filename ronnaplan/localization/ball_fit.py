@@ -24,11 +24,12 @@ class BallFit:
 
     ``theta`` (P,) holds the model's `PARAMETERS` (and `STREAK_PARAMETERS` where the ball is metal, `SKIN_PARAMETERS`
     where it lies on something), with the center relative to the neighbourhood's origin along u, v, w. ``used`` (N,)
-    marks the voxels that informed the fit, ``residuals_hu`` (N,) is data minus model, ``jacobian`` (N, P) the model's
-    derivatives, ``influence_mm_per_hu`` (N, 3) how far one HU at a voxel moves the center, ``center_by_radius`` (3,)
-    how far the fit would move it for each mm that the radius were held larger, ``center_by_layer`` (3, 3) how far it is
-    moved, in mm, where what is wrapped around, or the cavity of a shell whose shading was not asked for, lies aside by
-    the layer's whole thickness along u, v, w; shading tells otherwise how far a cavity does, ``aside_mm`` (3,).
+    marks the voxels that informed the fit, ``residuals_hu`` (N,) is data minus model and shading, ``unshaded_hu`` (N,)
+    data minus model alone, ``jacobian`` (N, P) the model's derivatives, ``influence_mm_per_hu`` (N, 3) how far one HU
+    at a voxel moves the center, ``center_by_radius`` (3,) how far the fit would move it for each mm that the radius
+    were held larger, ``center_by_layer`` (3, 3) how far it is moved, in mm, where what is wrapped around, or the cavity
+    of a shell whose shading was not asked for, lies aside by the layer's whole thickness along u, v, w; shading tells
+    otherwise how far a cavity does, ``aside_mm`` (3,).
     ``is_shaded`` says whether the shading was asked for, ``is_clipped`` whether voxels that informed the fit are at the
     top of the scale. ``made_good_mm`` (3,) is how far the center was moved, in LPS, by what a head does to the image
     being made good, and None where that was not done.
@@ -38,6 +39,7 @@ class BallFit:
     theta: FloatArray
     used: NDArray[np.bool_]
     residuals_hu: FloatArray
+    unshaded_hu: FloatArray
     jacobian: FloatArray
     influence_mm_per_hu: FloatArray
     center_by_radius: FloatArray
@@ -110,6 +112,7 @@ def fit_at(
     if not converged:  # its tests ask for nothing else
         around, used = around.select(used), np.ones(np.count_nonzero(used), dtype=np.bool_)
     residuals, jacobian = residuals_and_jacobian(around, theta, prior.layer_mm, ceiling_hu)
+    unshaded = residuals
     moves, by_radius, aside_mm = np.zeros_like(around.offsets_mm), np.zeros(3), np.zeros(3)
     if converged:
         moves[used], by_radius = influence(jacobian[used], prior.weight)
@@ -126,6 +129,7 @@ def fit_at(
         theta=theta,
         used=used,
         residuals_hu=residuals,
+        unshaded_hu=unshaded,
         jacobian=jacobian,
         influence_mm_per_hu=moves,
         center_by_radius=by_radius,

@@ -72,11 +72,16 @@ class Edge:
         by_u, by_v = changes
         return np.column_stack([by_u[:, W], by_v[:, W], by_u[:, V], (by_u[:, U] - by_v[:, V]) / 2.0])
 
+    @cached_property
+    def explained(self) -> FloatArray:
+        """What each of the ball's parameters (N, P), and such a blur, adds to these voxels (N, P + 4)."""
+        return np.hstack([self.fit.jacobian.take(self.used, axis=0), self.slanted])
+
 
 def blur_mm2(edge: Edge) -> FloatArray:
     """Covariance (3, 3) of a ball's blur in LPS, as the residuals of its edge show it beside what was fitted."""
     fit, used = edge.fit, edge.used
-    explained = np.hstack([fit.jacobian.take(used, axis=0), edge.slanted])
+    explained = edge.explained
     (uw, vw, uv, oval) = (inverse(explained.T @ explained) @ (explained.T @ fit.residuals_hu[used]))[-4:]
     within, across = edge_variance_mm2(fit.theta), float(fit.theta[WIDTH]) ** 2 / 12.0 + LEAST_SPREAD_MM2
     axes = fit.neighbourhood.axes

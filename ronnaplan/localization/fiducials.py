@@ -165,7 +165,7 @@ class Fiducials(Shown[Fiducial]):
     summed_first: bool | None = None
     """Whether rays were summed before the logarithm, which is made good; None where nothing tells."""
     distortion: str | None = None
-    """How the scan's geometry may be wrong, as candidates that are alike ellipsoids tell; None where nothing tells."""
+    """How the scan's geometry may be wrong, as markers or candidates that are alike ellipsoids tell; else None."""
 
     def _items(self) -> Sequence[Fiducial]:
         return self.fiducials

@@ -7,8 +7,8 @@
 3. What was turned down only for what is usual in the scan is judged again (`by_the_usual`).
 4. What is unlike the scan's other markers is turned down (`alike`).
 5. Each marker's covariance counts what is usual in the scan (`together`), and motion is suspected (`moved`).
-6. Markers are numbered from the top; another number than expected is refused. Where few are found, or all are of
-   another size, candidates that are alike ellipsoids tell that the scan's geometry may be wrong (`stretched`).
+6. Markers are numbered from the top; another number than expected is refused. Markers that are alike ellipsoids tell
+   that the scan's geometry may be wrong; where few are found, or all are of another size, candidates (`stretched`).
 
 `docs/localization.md` tells what each step rests on.
 """
@@ -35,7 +35,7 @@ from ronnaplan.localization.motion import LEAST_TOGETHER
 from ronnaplan.localization.scan import Scan
 from ronnaplan.localization.size import proposal, sizes_seen
 from ronnaplan.localization.slant import along_the_blur
-from ronnaplan.localization.stretched import distortion
+from ronnaplan.localization.stretched import distortion, markers_tell
 from ronnaplan.localization.summed import UNTOLD
 from ronnaplan.localization.template import Template, distance_error_mm, match_template
 from ronnaplan.localization.thick import as_thick, as_thin
@@ -143,7 +143,10 @@ def _examined(
 def _distortion(
     scan: Scan, examined: Sequence[Examined], markers: Sequence[Examined], marker: Build
 ) -> str | None:
-    """Say how the scan's geometry may be wrong, where few markers are found or all are of another size."""
+    """Say how the scan's geometry may be wrong: by markers, by candidates where these are few or of another size."""
+    told = markers_tell(scan, markers)
+    if told is not None:
+        return told
     if len(markers) >= LEAST_TOGETHER and not all(one.is_off_size for one in markers):
         return None
     return distortion(scan, examined, lambda other, wanted: examine_places(other, wanted, marker))

@@ -1,9 +1,12 @@
-"""Is a scan's geometry wrong? Where few markers are found, candidates that are alike ellipsoids tell.
+"""Is a scan's geometry wrong? Markers that are alike ellipsoids tell; where few are found, candidates.
 
 Slices nearer to each other than their header says, spacings of rows and columns that were exchanged, or a gantry's tilt
 that was lost make an ellipsoid of every ball, the same one. Nothing of a scan is corrected for it, and no marker is
 found by it: the reason is told. It is told only if balls of the stated size are seen once the grid is what it would be
 then, for ellipsoids that are alike may be anything.
+
+Of what is wrong by little all balls are found, and their fits tell (`strain`) to a thousandth. Eggs are out of round
+each in its own way: what one map of the grid does not make good of three quarters of the markers is theirs.
 """
 
 from __future__ import annotations
@@ -18,7 +21,8 @@ from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.ellipsoid import Ellipsoid, ellipsoid_at
 from ronnaplan.localization.examine import Examined, distinct
-from ronnaplan.localization.motion import LEAST_TOGETHER
+from ronnaplan.localization.motion import LEAST_TOGETHER, MEDIAN_SPREAD
+from ronnaplan.localization.parameters import W
 from ronnaplan.localization.scan import Scan
 
 LEAST_WRONG = 0.04
@@ -32,6 +36,17 @@ ROUND_SHARE, SIZE_SHARE = 0.06, 0.15
 """Ellipsoids are alike if what makes a ball of one makes such of all that their semi-axes differ by no more than the
 first share, and from the stated radius than the second; either beside what blur and the scale's end do."""
 
+LEAST_WITHIN, LEAST_ACROSS, VOXELS = 0.005, 0.01, 0.2
+"""Markers tell no less than the first share within the slices and of a shear, and than the second along their normal,
+beside so many squares of the voxel's share of the radius: filters, which move curved edges, make less."""
+
+STANDS_OUT, ALIKE_QUANTILE, LEFT_SHARE = 4.0, 0.75, 0.5
+"""Nor what is not so many standard errors large, or, once made good, leaves more than this share of it in more than a
+quarter of the markers."""
+
+EGG_SHARE, EGG_COUNT = 0.003, 3
+"""How far out of round balls are, by as much as so many of them would say: three that agree do so by chance, too."""
+
 Examine = Callable[[Scan, Sequence[tuple[FloatArray, float]]], list[Examined]]
 """Fits and judges a ball at each place (3,) of a scan, for the diameter in mm that is wanted there."""
 
@@ -41,13 +56,15 @@ class Kind:
     """One way to be wrong: ``told`` (amount, grid) says what of; ``map_of`` (amount) makes an ellipsoid of a ball.
 
     The map (3, 3) is along u, v and w, ``amount_of`` tells from the shape (3, 3) that it makes of a ball how much, and
-    ``share_of`` how wrong that is.
+    ``share_of`` how wrong that is. Markers tell no less than ``least``; pixels alone tell what ``is_within`` slices.
     """
 
     amount_of: Callable[[FloatArray], FloatArray]
     map_of: Callable[[FloatArray], FloatArray]
     share_of: Callable[[FloatArray], float]
     told: Callable[[FloatArray, SliceGrid], str]
+    least: float = math.inf
+    is_within: bool = False
 
 
 @dataclass(frozen=True)
@@ -58,6 +75,33 @@ class Found:
     amount: FloatArray
     alike: tuple[int, ...]
     off: float
+
+
+def markers_tell(scan: Scan, markers: Sequence[Examined]) -> str | None:
+    """Return how a scan's geometry may be wrong, by the ellipsoids that its ``markers`` are; None if nothing tells."""
+    # What lies on a ball makes it another ellipsoid.
+    balls = [one for one in markers if np.isfinite(one.shape).all() and not one.is_covered]
+    if len(balls) < LEAST_TOGETHER or scan.slant is not None:
+        return None
+    grid, shapes = scan.volume.grid, np.array([one.shape for one in balls])
+    usual = np.median(shapes, axis=0)
+    kind = min(_kinds(grid), key=lambda kind: float(sum(_axes(usual, kind.map_of(kind.amount_of(usual))))))
+    amounts = np.array([kind.amount_of(one) for one in shapes])
+    amount = np.median(amounts, axis=0)
+    share, error = kind.share_of(amount), _median_error(amounts - amount)
+    left = np.quantile(_axes(shapes, kind.map_of(amount))[0], ALIKE_QUANTILE, method="higher")
+    voxel_mm = grid.pixel_mm if kind.is_within else max(grid.pixel_mm, grid.typical_gap_mm)
+    least = kind.least + VOXELS * (2.0 * voxel_mm / min(one.stated_mm for one in balls)) ** 2
+    if share < max(least, STANDS_OUT * error) or left > LEFT_SHARE * share:
+        return None
+    return f"{len(balls)} markers are alike ellipsoids (standard error {error:.2%}), {kind.told(amount, grid)}"
+
+
+def _median_error(apart: FloatArray) -> float:
+    """Return the standard error of the medians that N markers are ``apart`` from (N, A), all A of them together."""
+    count = len(apart)
+    spread2 = count * math.pi / 2.0 * np.mean(np.abs(apart), axis=0) ** 2 + EGG_COUNT * EGG_SHARE**2
+    return MEDIAN_SPREAD * math.sqrt(float(spread2.sum()) / (count + EGG_COUNT) / count)
 
 
 def distortion(scan: Scan, examined: Sequence[Examined], examine: Examine) -> str | None:
@@ -117,12 +161,17 @@ def _off_ball(shapes: FloatArray, loose: FloatArray, mapped: FloatArray) -> tupl
 
     Their numbers are returned, too. Shapes are told to the shares ``loose`` (N,).
     """
-    back = np.linalg.inv(mapped)
-    axes = 0.5 * np.log(np.maximum(np.linalg.eigvalsh(back @ shapes @ back.T), 1e-9))
-    out_of_round, size = np.ptp(axes, axis=1), np.abs(axes.mean(axis=1))
+    out_of_round, size = _axes(shapes, mapped)
     alike = np.flatnonzero((out_of_round <= ROUND_SHARE + loose) & (size <= SIZE_SHARE + loose))
     off = float(np.median((out_of_round + size)[alike])) if alike.size else math.inf
     return off, tuple(int(n) for n in alike)
+
+
+def _axes(shapes: FloatArray, mapped: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """By which shares semi-axes of ``shapes`` (..., 3, 3) differ, and are not 1, once the map (3, 3) is made good."""
+    back = np.linalg.inv(mapped)
+    axes = 0.5 * np.log(np.maximum(np.linalg.eigvalsh(back @ shapes @ back.T), 1e-9))
+    return np.ptp(axes, axis=-1), np.abs(axes.mean(axis=-1))
 
 
 def _made_good(scan: Scan, mapped: FloatArray) -> tuple[Scan, Callable[[FloatArray], FloatArray]]:
@@ -187,12 +236,14 @@ def _longer(
         return abs(math.log(float(factor[0])))
 
     def told(factor: FloatArray, _: SliceGrid) -> str:
+        digits = 2 + (share_of(factor) < LEAST_WRONG)
         return (
-            f"{factor[0]:.2f} times as long {where}: {what} in the header ({said_mm:.3g} mm) may be wrong "
-            f"({said_mm / factor[0]:.3g}?)"
+            f"{factor[0]:.{digits}f} times as long {where}: {what} in the header ({said_mm:.{digits + 1}g} mm) may be "
+            f"wrong ({said_mm / factor[0]:.3g}?)"
         )
 
-    return Kind(amount_of, map_of, share_of, told)
+    is_within = is_one and alone != W
+    return Kind(amount_of, map_of, share_of, told, LEAST_WITHIN if is_within else LEAST_ACROSS, is_within)
 
 
 def _exchanged(ratio: float) -> Kind:
@@ -229,7 +280,7 @@ def _sheared(*, is_tilt: bool) -> Kind:
         return float(np.linalg.norm(amount)) / cosine(amount)
 
     def told(amount: FloatArray, _: SliceGrid) -> str:
-        degrees = math.degrees(math.atan(tangent(amount)))
-        return f"sheared by {degrees:.0f} degrees from slice to slice, as where a gantry's tilt was lost"
+        degrees, digits = math.degrees(math.atan(tangent(amount))), int(tangent(amount) < LEAST_WRONG)
+        return f"sheared by {degrees:.{digits}f} degrees from slice to slice, as where a gantry's tilt was lost"
 
-    return Kind(amount_of, map_of, tangent, told)
+    return Kind(amount_of, map_of, tangent, told, LEAST_WITHIN)

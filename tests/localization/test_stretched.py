@@ -14,6 +14,9 @@ from ronnaplan.ct import CTVolume
 from ronnaplan.documents.fiducials import fiducials_document
 from ronnaplan.errors import RefusedError
 from ronnaplan.localization import localize, require_count
+from ronnaplan.localization.examine import examine
+from ronnaplan.localization.scan import Scan
+from ronnaplan.localization.stretched import markers_tell
 from ronnaplan.localization.template import Template
 from tests.scans import balls, scan, small_stack
 
@@ -142,6 +145,60 @@ def test_where_all_balls_are_found_with_another_size_that_is_not_proposed(sound:
     assert found.distortion is not None
     assert re.search(r"1\.0[78] times as long along the slices' normal", found.distortion)
     assert found.distortion in repr(found)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "factor", "told"),
+    [
+        (
+            {"slices": 1.02},
+            1.02,
+            "times as long along the slices' normal as across: the slices' distance in the header (1.02 mm) may be "
+            "wrong (1?)",
+        ),
+        (
+            {"rows": 0.99},
+            0.99,
+            "times as long down the columns as across: the rows' distance in the header (0.495 mm) may be wrong (0.5?)",
+        ),
+        (
+            {"rows": 1.03, "columns": 1.03},
+            1.03,
+            "times as long within the slices as along their normal: the pixels' distance in the header (0.515 mm) may "
+            "be wrong (0.5?)",
+        ),
+        ({"sheared_deg": 1.0}, 1.0, "degrees from slice to slice, as where a gantry's tilt was lost"),
+    ],
+)
+def test_markers_tell_what_is_wrong_by_a_few_percent(
+    sound: CTVolume, wrong: dict[str, float], factor: float, told: str
+) -> None:
+    found = localize(as_said(sound, **wrong), diameter_mm=11.5)
+    assert len(found) == len(PLACES)
+    said = re.fullmatch(
+        r"4 markers are alike ellipsoids \(standard error (0\.\d+)%\), (?:sheared by )?([\d.]+) (.*)",
+        str(found.distortion),
+    )
+    assert said is not None
+    assert float(said[1]) <= 0.4
+    assert float(said[2]) == pytest.approx(factor, abs=0.003)
+    assert said[3] == told
+    assert f"the scan: {found.distortion}" in fiducials_document(found).source.doubts
+
+
+def test_markers_in_thick_slices_tell_nothing() -> None:
+    thick = scan(balls(PLACES), small_stack(stop_mm=26.0, spacing_mm=4.0))
+    found = localize(as_said(thick, columns=1.02), diameter_mm=11.5)
+    assert len(found) == len(PLACES)
+    assert found.distortion is None
+
+
+def test_eggs_of_which_most_lie_alike_by_chance_tell_nothing(sound: CTVolume) -> None:
+    egg = next(one for one in examine(Scan(sound), (11.5,)) if one.is_marker)
+    along = [np.diag([1.0, 1.0, 1.04]), np.diag([0.98, 1.02, 1.04]), np.diag([1.02, 0.98, 1.04])]
+    assert markers_tell(Scan(sound), [replace(egg, shape=along[0])] * 3) is not None
+    assert markers_tell(Scan(sound), [replace(egg, shape=shape) for shape in along]) is None
+    assert markers_tell(Scan(sound), [replace(egg, shape=along[0], is_covered=True)] * 3) is None
 
 
 def test_nothing_is_told_of_a_sound_scan(sound: CTVolume) -> None:
