@@ -57,6 +57,11 @@ ATTACHED_SHARE = 0.5
 INSERT_SHARE = 0.06
 """Something deep inside that exceeds the ball by this share of the contrast is an insert, whose blur reaches out."""
 
+VOID_SHARE = 0.2
+"""Something deep inside that is fainter than the ball by this share of the contrast is a void, as moulding leaves one,
+and takes from the ball's level. It is more than for inserts: under a kernel that overshoots, a ball is fainter by a
+tenth beside its post than elsewhere."""
+
 BACKGROUND_QUANTILE = 0.3
 """The background is what this share of the directions reach at most: a ball may lie on skin, not in it."""
 
@@ -215,7 +220,8 @@ def _weighed(
     beside = excess > min(NEIGHBOUR_SHARE * contrast, NEIGHBOUR_HU)
     bright = (foreign | beside) & (excess > SPREAD_SHARE * contrast)
     left_out = foreign | beside | near_any(directions, bright, math.cos(math.radians(NEIGHBOUR_ANGLE_DEG)))
-    left_out |= within - quantile(within, 0.5) > INSERT_SHARE * contrast
+    inside = within - quantile(within, 0.5)
+    left_out |= (inside > INSERT_SHARE * contrast) | (inside < -VOID_SHARE * contrast)
     state, attached = np.full(CELL_COUNT, -1, np.int8), 0
     for cell in range(CELL_COUNT):
         attached += excess[cell] > ATTACHED_SHARE * contrast

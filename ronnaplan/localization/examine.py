@@ -35,8 +35,8 @@ from ronnaplan.localization.uncertainty import (
 )
 from ronnaplan.threads import in_threads
 
-OF_THE_SHAPE = {"thickness", "coverage", "roundness", "certainty"}
-"""Tests that balls fail whose blur is not along the slices' axes."""
+OF_THE_SHAPE = {"thickness", "coverage", "free", "roundness", "certainty"}
+"""Tests that balls fail whose blur is not along the slices' axes; `free` where they lie on skin."""
 
 SAME_PLACE = 0.5
 """Candidates nearer to each other than this share of the diameter are the same thing."""

@@ -138,3 +138,11 @@ def frozen(prior: Prior, start: FloatArray) -> Prior:
     weight = prior.weight.copy()
     weight[RADIUS : SHAPE + 1] = FROZEN_WEIGHT
     return replace(prior, mean=np.where(weight == FROZEN_WEIGHT, start, prior.mean), weight=weight)
+
+
+def steady(prior: Prior, start: FloatArray) -> Prior:
+    """Hold the background's slope besides, which what stands on one side of the ball would be taken for."""
+    held = frozen(prior, start)
+    weight = held.weight.copy()
+    weight[SLOPES] = FROZEN_WEIGHT
+    return replace(held, weight=weight)

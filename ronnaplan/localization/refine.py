@@ -30,9 +30,9 @@ from ronnaplan.localization.descent import (
     residuals_and_jacobian,
 )
 from ronnaplan.localization.directions import MAX_RAGGED, Verdict, edge_depth, judge, within_reach
-from ronnaplan.localization.guess import ball_prior, first_guess, first_guesses, frozen, margin_mm
+from ronnaplan.localization.guess import ball_prior, first_guess, first_guesses, frozen, margin_mm, steady
 from ronnaplan.localization.neighbourhood import Neighbourhood
-from ronnaplan.localization.parameters import BACKGROUND, BLUR, CENTER, CONTRAST, EDGE, RADIUS, WIDTH
+from ronnaplan.localization.parameters import BACKGROUND, BLUR, CENTER, CONTRAST, EDGE, RADIUS, SLOPES, WIDTH
 from ronnaplan.localization.skin import is_skin, lies_on_something, with_skin
 
 FIRST_LOOK_VOXELS = 1500
@@ -47,6 +47,12 @@ ENHANCED_EDGE = 2.5
 OVERSHOOT = 1.4
 """A ball that does not look like one, but is round in this share of its directions, is looked at once more as if the
 kernel enhanced its edges strongly, so that they reach up to this many contrasts."""
+
+ASTRAY_SLOPE_PER_MM, LEAST_AGREEING = 0.03, 0.2
+"""What stands on one side of a ball, skin or a cap's electrode, looks to all voxels like a background that slopes, and
+leads a first look astray: by 0.05 to 0.1 of the contrast in each mm, streaks and cupping by 0.005. Where it slopes by
+more than the first and no ball was fitted, a look is taken that neither knows of slopes nor of what is beside, if more
+directions than the second share agree with the first guess (of balls that were led astray 0.26 and more)."""
 
 HOPELESS_MISFIT = 0.15
 """A first fit whose median direction disagrees by more than this share of the contrast is not pursued."""
@@ -99,7 +105,28 @@ def fit_ball(
         _first_look(dimmed.select(few), around, guess, prior, ceiling_hu)
         for guess in first_guesses(start, around.pixel_mm)
     ]
-    theta, (verdict, used) = min(looks, key=lambda look: look[1][0].usual_rms_hu)
+    look = min(looks, key=lambda look: look[1][0].usual_rms_hu)
+    fit = _from_look(dimmed, around, few, start, prior, ceiling_hu, look)
+    if fit.converged or np.linalg.norm(look[0][SLOPES]) <= ASTRAY_SLOPE_PER_MM * look[0][CONTRAST]:
+        return fit
+    steady_look = _steady_look(dimmed, around, few, start, prior, ceiling_hu)
+    if steady_look is None:
+        return fit
+    again = _from_look(dimmed, around, few, start, prior, ceiling_hu, steady_look)
+    return again if again.converged else fit
+
+
+def _from_look(
+    dimmed: Neighbourhood,
+    around: Neighbourhood,
+    few: NDArray[np.bool_],
+    start: FloatArray,
+    prior: Prior,
+    ceiling_hu: float,
+    look: tuple[FloatArray, Judged],
+) -> BallFit:
+    """Fit a ball to the voxels ``around`` from a first ``look`` that held its shape."""
+    theta, (verdict, used) = look
     is_poor = verdict.usual_rms_hu > HOPELESS_MISFIT * theta[CONTRAST]
     if is_poor and verdict.round_share >= ENHANCED_ROUND:
         enhanced = theta.copy()
@@ -194,6 +221,26 @@ def _first_look(
     """Let the center find its place with the shape held; ``dimmed`` are a few of ``around``, none brighter than it."""
     theta, _ = descend(dimmed, theta, frozen(prior, theta), ceiling_hu, LOOK)
     return theta, _judged(around, theta, prior.layer_mm, ceiling_hu)
+
+
+def _steady_look(
+    dimmed: Neighbourhood,
+    around: Neighbourhood,
+    few: NDArray[np.bool_],
+    start: FloatArray,
+    prior: Prior,
+    ceiling_hu: float,
+) -> tuple[FloatArray, Judged] | None:
+    """Look first by the directions alone that agree with the guess ``start``, before an even background.
+
+    Returns None where that shows no ball.
+    """
+    verdict, agreeing = _judged(around.select(few), start, prior.layer_mm, ceiling_hu)
+    if verdict.usual_rms_hu > HOPELESS_MISFIT * start[CONTRAST] or np.mean(verdict.state == 1) < LEAST_AGREEING:
+        return None
+    theta, _ = descend(dimmed.select(few).select(agreeing), start, steady(prior, start), ceiling_hu, LOOK)
+    verdict, agreeing = _judged(around, theta, prior.layer_mm, ceiling_hu)
+    return (theta, (verdict, agreeing)) if verdict.round_share >= HOPELESS_ROUND else None
 
 
 def _free_look(

@@ -13,7 +13,7 @@ from phantoms.anatomy import scalp_foot
 from phantoms.decoys import DECOYS, decoy
 from phantoms.markers import marker
 from phantoms.scene import Part, Scene
-from phantoms.solids import cylinder, ellipsoid
+from phantoms.solids import cylinder, ellipsoid, sphere
 from ronnaplan.errors import InputError, RefusedError, UsageError
 from ronnaplan.localization import FiducialFlag, localize
 from tests.scans import balls, scan, small_stack
@@ -176,6 +176,20 @@ def test_a_metal_egg_is_not_taken_for_a_ball_under_thick_slices() -> None:
     found = localize(scan(egg, small_stack(spacing_mm=1.25), blur_mm=0.5), diameter_mm=3.0)
     assert len(found) == 0
     assert "its ends are blurred over" in found.rejected[0].reason
+
+
+@pytest.mark.parametrize("seed", [0, 5, 8])
+def test_a_void_does_not_make_a_ball_larger(seed: int) -> None:
+    """As moulding leaves one off the center: with its directions the fit takes the ball for fainter."""
+    generator = np.random.default_rng(seed)
+    center, aside = generator.uniform(-0.5, 0.5, 3), generator.normal(size=3)
+    aside *= 1.36 / np.linalg.norm(aside)
+    void = Part(sphere(tuple(center + aside), 2.9), "air", "void", embedded=True)
+    volume = scan(balls([tuple(center)], 8.0) + Scene((void,)), small_stack(spacing_mm=0.8), seed=seed)
+    found = localize(volume, diameter_mm=8.0, expected=1)[0]
+    assert np.linalg.norm(found.center_mm - center) < 0.005  # 0.006 to 0.01 with them
+    assert found.diameter_mm == pytest.approx(8.0, abs=0.03)  # 8.08 to 8.1 with them
+    assert not found.flags
 
 
 def test_a_metal_insert_does_not_pull_at_the_center() -> None:

@@ -72,6 +72,26 @@ def test_a_ball_is_found_also_where_skin_leads_a_look_astray_that_is_free(
     assert error_mm @ np.linalg.solve(found.covariance_mm2, error_mm) < chi2.ppf(0.999, 3)
 
 
+@pytest.mark.parametrize("seed", [8, 13, 14])
+def test_a_small_ball_on_skin_is_found_in_slices_as_thick_as_two_thirds_of_it(seed: int) -> None:
+    """Skin reaches through their profile to a quarter of its surface, and all the rest shows a sphere."""
+    generator = np.random.default_rng(seed)
+    scene, center, _ = on_a_head(generator, generator.uniform(60.0, 95.0), 3.0)
+    stack = small_stack(matrix=108, spacing_mm=1.25, thickness_mm=1.9)
+    found = localize(scan(scene, stack, blur_mm=0.6, seed=seed), diameter_mm=3.0, expected=1)[0]
+    error_mm = found.center_mm - center
+    assert error_mm @ np.linalg.solve(found.covariance_mm2, error_mm) < chi2.ppf(0.999, 3)
+
+
+def test_a_ball_is_found_where_skin_looks_like_a_background_that_slopes() -> None:
+    """By all voxels the first look takes half of its contrast for a slope."""
+    generator = np.random.default_rng(6)
+    scene, center, _ = on_a_head(generator, generator.uniform(60.0, 95.0), 3.0)
+    stack = small_stack(matrix=110, spacing_mm=1.2, thickness_mm=1.3)
+    found = localize(scan(scene, stack, blur_mm=0.55, noise_hu=12.0, seed=6), diameter_mm=3.0, expected=1)
+    assert np.linalg.norm(found.centers[0] - center) < 0.03
+
+
 @pytest.mark.parametrize(
     ("seed", "diameter_mm", "spacing_mm", "stated_mm"), [(1, 8.0, 0.8, 8.0), (4, 6.0, 0.7, 5.0)]
 )

@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter1d, map_coordinates
 from scipy.spatial.transform import Rotation
 
 from phantoms.scene import Part, Scene
-from phantoms.solids import ellipsoid, frame_along
+from phantoms.solids import ellipsoid, frame_along, sphere
 from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.documents.fiducials import fiducials_document
@@ -59,6 +59,24 @@ def test_balls_in_oblique_slices_computed_from_thick_ones_are_found_and_the_old_
     assert found.profile_axis is not None
     assert np.degrees(np.arccos(found.profile_axis @ ALONG)) < 1.5  # the slices lie 25 degrees off
     assert VolumeFlag.REFORMATTED in found.volume_flags
+
+
+def test_balls_on_skin_are_found_in_oblique_slices_computed_from_thick_ones() -> None:
+    """Skin smeared along the old slices' normal makes their edges ragged, in the new slices and a little along it."""
+    outward = np.array([0.344, -0.918, -0.197])
+    outward /= np.linalg.norm(outward)
+    along, middle = frame_along(outward)[0], -84.0 * outward
+    rim = [80.0 * outward + s * along + t * np.cross(outward, along) for s, t in ((-8, -7), (9, -6), (0, 9))]
+    places = [tuple(middle + 85.75 * one / np.linalg.norm(one)) for one in rim]
+    scene = Scene((Part(sphere(tuple(middle), 160.0), "skin"),)) + balls(places)
+    stack = small_stack(spacing_mm=3.0, thickness_mm=3.0, start_mm=-27, stop_mm=27)
+    thick = scan(scene, stack, seed=3)
+    found = localize(
+        computed_along(thick, Rotation.from_rotvec([0.35, 0.25, 0.0]).apply(np.eye(3)), 1.0), diameter_mm=11.5
+    )
+    assert len(found) == 3
+    assert max(np.linalg.norm(found.centers - place, axis=1).min() for place in places) < 0.05
+    assert found.profile_axis == pytest.approx(ALONG, abs=0.03)
 
 
 def test_they_tell_nothing_of_how_rays_were_summed(
