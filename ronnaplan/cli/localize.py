@@ -216,7 +216,7 @@ def _draw(report: str | None, volume: CTVolume, wanted: _Wanted, found: Fiducial
 def _other_sizes(volume: CTVolume, found: Fiducials) -> list[str]:
     """Say which sizes the scan shows where it shows none of those stated, or all markers are of another.
 
-    Where its geometry may be wrong instead, that is said.
+    Where its geometry may be wrong, that is said instead, whatever was found.
     """
     from ronnaplan.localization import proposal, sizes_seen
 

@@ -131,18 +131,17 @@ def begin_object(
 
 def _identifiers(labels: Sequence[str]) -> list[str]:
     """Return labels as a Short String has room for them, each another than all before it."""
-    found: list[str] = []
+    found: dict[str, None] = {}
     for label in map(_one_value, labels):
         numbered = (f"{label[: LONGEST_IDENTIFIER - len(end)]}{end}" for end in (f"~{n}" for n in count(2)))
-        found.append(
-            next(one for one in chain([label[:LONGEST_IDENTIFIER].rstrip()], numbered) if one not in found)
-        )
-    return found
+        whole = label[:LONGEST_IDENTIFIER].rstrip()
+        found[next(one for one in chain([whole], numbered) if one not in found)] = None
+    return list(found)
 
 
 def _one_value(text: str) -> str:
-    """Return ``text`` without backslashes, by which DICOM parts values."""
-    return text.replace("\\", "/")
+    """Return ``text`` without backslashes, by which DICOM parts values, and blanks around it, which do not count."""
+    return text.replace("\\", "/").strip()
 
 
 def _fiducial(entry: FiducialEntry, identifier: str) -> Dataset:

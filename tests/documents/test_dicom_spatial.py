@@ -73,6 +73,19 @@ def test_markers_with_long_names_keep_identifiers_of_their_own(tmp_path: Path) -
     assert described[4] == "sphere 11.50 mm"
 
 
+def test_blanks_before_a_name_do_not_tell_markers_apart(tmp_path: Path) -> None:
+    """They do not count in a Short String, which sixteen of them would leave empty."""
+    document = fiducials()
+    labels = ["a", " a", f"{' ' * 16}b", "F4", "F5"]
+    named = [
+        one.model_copy(update={"label": label}) for one, label in zip(document.fiducials, labels, strict=True)
+    ]
+    file = tmp_path / "fiducials.dcm"
+    file.write_bytes(dicom_bytes(spatial_fiducials(document.model_copy(update={"fiducials": tuple(named)}))))
+    (markers,) = dcmread(file).FiducialSetSequence
+    assert [item.FiducialIdentifier for item in markers.FiducialSequence] == ["a", "a~2", "b", "F4", "F5"]
+
+
 @pytest.mark.skipif(shutil.which("dciodvfy") is None, reason="dciodvfy (dicom3tools) is not installed")
 def test_both_objects_satisfy_an_independent_validator(tmp_path: Path) -> None:
     for dataset in (spatial_registration(registered()), spatial_fiducials(fiducials())):
