@@ -47,6 +47,9 @@ quarter of the markers."""
 EGG_SHARE, EGG_COUNT = 0.003, 3
 """How far out of round balls are, by as much as so many of them would say: three that agree do so by chance, too."""
 
+LEAST_SQUARE = 1e-9
+"""Of a semi-axis, of which a logarithm is taken: medians of shapes that are unlike need not be an ellipsoid's."""
+
 Examine = Callable[[Scan, Sequence[tuple[FloatArray, float]]], list[Examined]]
 """Fits and judges a ball at each place (3,) of a scan, for the diameter in mm that is wanted there."""
 
@@ -170,7 +173,7 @@ def _off_ball(shapes: FloatArray, loose: FloatArray, mapped: FloatArray) -> tupl
 def _axes(shapes: FloatArray, mapped: FloatArray) -> tuple[FloatArray, FloatArray]:
     """By which shares semi-axes of ``shapes`` (..., 3, 3) differ, and are not 1, once the map (3, 3) is made good."""
     back = np.linalg.inv(mapped)
-    axes = 0.5 * np.log(np.maximum(np.linalg.eigvalsh(back @ shapes @ back.T), 1e-9))
+    axes = 0.5 * np.log(np.maximum(np.linalg.eigvalsh(back @ shapes @ back.T), LEAST_SQUARE))
     return np.ptp(axes, axis=-1), np.abs(axes.mean(axis=-1))
 
 
@@ -224,7 +227,7 @@ def _longer(
 
     def amount_of(shape: FloatArray) -> FloatArray:
         # The axis that is alone is as long as the other two are not: of whatever size the ball is, and however aside.
-        longer = 0.75 * math.log(shape[alone, alone]) - 0.25 * math.log(np.linalg.det(shape))
+        longer = 0.75 * math.log(shape[alone, alone]) - 0.25 * math.log(max(np.linalg.det(shape), LEAST_SQUARE))
         return np.array([math.exp(longer if is_one else -longer)])
 
     def map_of(factor: FloatArray) -> FloatArray:

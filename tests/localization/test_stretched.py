@@ -201,6 +201,14 @@ def test_eggs_of_which_most_lie_alike_by_chance_tell_nothing(sound: CTVolume) ->
     assert markers_tell(Scan(sound), [replace(egg, shape=along[0], is_covered=True)] * 3) is None
 
 
+def test_shapes_whose_medians_are_no_ellipsoid_tell_nothing(sound: CTVolume) -> None:
+    ball = next(one for one in examine(Scan(sound), (11.5,)) if one.is_marker)
+    lean = [(0.6, 0.6, 0.0), (0.6, 0.0, -0.6), (0.0, 0.6, -0.6)]
+    shapes = [np.array([[1.0, uv, uw], [uv, 1.0, vw], [uw, vw, 1.0]]) for uv, uw, vw in lean]
+    assert np.linalg.det(np.median(shapes, axis=0)) < 0.0 < min(map(np.linalg.det, shapes))
+    assert markers_tell(Scan(sound), [replace(ball, shape=shape) for shape in shapes]) is None
+
+
 def test_nothing_is_told_of_a_sound_scan(sound: CTVolume) -> None:
     for diameter_mm in (8.0, 10.0, 11.5, 13.0):
         assert localize(sound, diameter_mm=diameter_mm).distortion is None
