@@ -160,8 +160,9 @@ class _Steps:
         from ronnaplan.localization import require_count
 
         require_count(found, self.wanted.expected, volume, progress=True)
-        for line in _other_sizes(volume, found):
-            print(f"{job.name}: {line}", file=sys.stderr)
+        if found.distortion is None:  # which the scan's line tells
+            for line in _other_sizes(volume, found):
+                print(f"{job.name}: {line}", file=sys.stderr)
         name = f"{job.name}.fiducials.json"
         _write(str(self.folder / name), found)
         return name

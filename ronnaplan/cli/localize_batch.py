@@ -178,7 +178,8 @@ def _by_diameter(found: Fiducials) -> str:
 
 
 def _counted(found: Fiducials) -> str:
-    return f"{len(found)} markers of {_sizes(found)} mm; {len(found.rejected)} candidates rejected"
+    doubt = "" if found.distortion is None else f"; warning: {found.distortion}"
+    return f"{len(found)} markers of {_sizes(found)} mm; {len(found.rejected)} candidates rejected{doubt}"
 
 
 def _table(outcomes: Sequence[Outcome]) -> str:

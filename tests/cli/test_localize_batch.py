@@ -80,6 +80,20 @@ def test_the_summary_tells_what_was_found_of_each_size_and_of_a_refused_scan(
     assert scan["series"] == read_ct(ct_folder).source.series_instance_uid is not None
 
 
+def test_the_summary_tells_that_the_geometry_may_be_wrong(
+    ct_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wrong = "4 markers are alike ellipsoids"
+    monkeypatch.setattr("ronnaplan.localization.localizer._distortion", lambda *_: wrong)
+    status, _, err = run(
+        ["localize", str(ct_folder), str(ct_folder), "--diameter", "11.5", "-o", str(tmp_path)], capsys
+    )
+    assert status == 0
+    assert err.count(wrong) == 2
+    rows = csv.DictReader((tmp_path / "summary.csv").read_text().splitlines())
+    assert all(row["message"].endswith(f"; warning: {wrong}") for row in rows)
+
+
 def test_every_series_of_a_folder_is_done_when_asked_for(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
