@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from ronnaplan.text import columns, filled
+from ronnaplan.text import table
 
 if TYPE_CHECKING:
     from ronnaplan.ct.files import Skipped
@@ -61,10 +61,7 @@ def _document(series: Sequence[SeriesSummary], skipped: Sequence[Skipped], with_
 
 def _table(series: Sequence[SeriesSummary], skipped: Sequence[Skipped], with_patient: bool) -> str:
     rows = [HEADINGS, *(_row(one) for one in series)]
-    widths = [max(map(columns, column)) for column in zip(*rows, strict=True)]
-    lines = [
-        "  ".join(filled(cell, width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
-    ]
+    lines = table(rows)
     shown = [lines[0]]
     for line, one in zip(lines[1:], series, strict=True):
         shown.append(line)

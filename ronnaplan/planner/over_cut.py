@@ -157,7 +157,8 @@ def _markers(
 
 def named(paths: list[dict[str, Any]], markers: list[dict[str, Any]], room: Room) -> list[dict[str, Any]]:
     """Return paths with their names: the selected one is named first, and last, so that it is drawn over all others."""
-    return write_names(sorted(paths, key=lambda one: not one["selected"]), markers, room)[::-1]
+    written = write_names(sorted(paths, key=lambda one: not one["selected"]), markers, room)
+    return sorted(written, key=lambda one: bool(one["selected"]))
 
 
 def _points(state: PlannerState, cut: Cut, reach_mm: tuple[float, float]) -> list[dict[str, Any]]:

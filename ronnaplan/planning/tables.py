@@ -13,7 +13,7 @@ from ronnaplan.planning.plan import Plan
 from ronnaplan.planning.proposals import Proposals
 from ronnaplan.planning.rows import number, value_and_limit
 from ronnaplan.planning.uncertainty import Expectation
-from ronnaplan.text import columns, filled
+from ronnaplan.text import table
 
 
 def plan_list(plan: Plan) -> str:
@@ -132,9 +132,4 @@ def _place(place_mm: FloatArray) -> str:
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    widths = [max(columns(str(row[n])) for row in [header, *rows]) for n in range(len(header))]
-    lines = [
-        "  ".join(filled(str(cell), width) for cell, width in zip(row, widths, strict=True))
-        for row in [header, *rows]
-    ]
-    return "\n".join(line.rstrip() for line in lines)
+    return "\n".join(table([header, *(list(map(str, row)) for row in rows)]))

@@ -20,9 +20,9 @@ from ronnaplan.text import printable
 from ronnaplan.tracking.recording import (
     OK,
     PointReading,
+    Roundings,
     ToolReading,
     quaternion_pose,
-    rounding_notes,
     tool_reading,
 )
 from ronnaplan.tracking.tables import stated_status
@@ -113,7 +113,7 @@ class Stream:
         self._latest_s: dict[tuple[str, str], float] = {}
         self._left_out: Counter[str] = Counter()
         self._passed_over: Counter[str] = Counter()
-        self._excesses: list[float] = []
+        self._roundings = Roundings()
         self._buffer = bytearray()
         self._next: Message | None = None
         self._point_frames = 0
@@ -131,7 +131,7 @@ class Stream:
         others = sum(self._left_out.values()) - sum(count for _, count in self._left_out.most_common(MOST_NOTES))
         if others:
             told.append(f"{others} more messages were left out for other reasons")
-        return [*told, *rounding_notes(self._excesses)]
+        return [*told, *self._roundings.notes]
 
     @property
     def passed_over(self) -> list[str]:
@@ -208,7 +208,7 @@ class Stream:
         tool = message.device
         reading, excess = tool_reading(self._next_frame(tool), tool, matrix, message.time_s, status)
         self.tools.append(reading)
-        self._excesses.append(excess)
+        self._roundings.add(excess)
 
     def _take_positions(self, message: Message, body: bytes) -> None:
         stated = message.pose_status(body)

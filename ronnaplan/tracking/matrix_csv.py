@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ronnaplan.tracking.recording import OK, Recording, rounding_notes, tool_reading
+from ronnaplan.tracking.recording import OK, Recording, Roundings, tool_reading
 from ronnaplan.tracking.tables import NO_NUMBER, frame_number, number, read_rows, require_table, stated_status
 
 FIRSTS = (0, 1)
@@ -33,7 +33,7 @@ def read_matrices(path: Path) -> Recording:
     names = next(_names(first) for first in FIRSTS if set(_names(first)[:12]) <= set(header))
     table = [dict(zip(header, row, strict=False)) for row in rows]
     numbered = any(number(cells.get("frame", ""), delimiter) is not None for cells in table)
-    tools, excesses = [], []
+    tools, roundings = [], Roundings()
     counts: Counter[str] = Counter()
     for cells in table:
         values = [number(cells.get(name, ""), delimiter) for name in names]
@@ -49,8 +49,8 @@ def read_matrices(path: Path) -> Recording:
             reading = replace(reading, status=NO_NUMBER)
         tools.append(reading)
         counts[tool] += 1
-        excesses.append(excess)
-    return Recording(str(path), tools=tuple(tools), notes=rounding_notes(excesses), numbered=numbered)
+        roundings.add(excess)
+    return Recording(str(path), tools=tuple(tools), notes=roundings.notes, numbered=numbered)
 
 
 def _names(first: int) -> list[str]:

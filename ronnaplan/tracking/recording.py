@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -195,12 +195,26 @@ def tool_reading(
     return ToolReading(frame, tool, pose, time_s, None, status), excess
 
 
-def rounding_notes(excesses: Sequence[float]) -> tuple[str, ...]:
-    """Say in how many readings the nearest rotation was taken, where that is more than the rounding of digits."""
-    rounded = [excess for excess in excesses if excess > POSE_TOLERANCE]
-    if not rounded:
-        return ()
-    return (
-        f"{len(rounded)} of {len(excesses)} poses are rotations to within {max(rounded):.1g} only; "
-        "the nearest rotation was taken",
-    )
+@dataclass
+class Roundings:
+    """Of how many poses the nearest rotation was taken, and by how much at most; a stream has too many to keep all."""
+
+    poses: int = 0
+    rounded: int = 0
+    worst: float = 0.0
+
+    def add(self, excess: float) -> None:
+        """Count a pose whose rotation is off by ``excess``."""
+        self.poses += 1
+        self.rounded += excess > POSE_TOLERANCE
+        self.worst = max(self.worst, excess)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Where that is more than the rounding of digits, a sentence that says so."""
+        if not self.rounded:
+            return ()
+        return (
+            f"{self.rounded} of {self.poses} poses are rotations to within {self.worst:.1g} only; "
+            "the nearest rotation was taken",
+        )

@@ -16,7 +16,7 @@ import numpy as np
 
 from ronnaplan.errors import InputError
 from ronnaplan.text import BLANKS, plain_number, printable
-from ronnaplan.tracking.recording import OK, Recording, ToolReading, rounding_notes, tool_reading
+from ronnaplan.tracking.recording import OK, Recording, Roundings, ToolReading, tool_reading
 from ronnaplan.untrusted import require_file
 
 LONGEST_LINE = 1 << 16
@@ -52,8 +52,10 @@ def read_sequence(path: Path) -> Recording:
     if not transforms:
         raise InputError(f"{path} holds no {PREFIX}..Transform fields; expected a tracker sequence")
     read = [_reading(fields, frame, name) for frame, name in transforms]
-    notes = rounding_notes([excess for _, excess in read])
-    return Recording(str(path), tools=tuple(tool for tool, _ in read), notes=notes)
+    roundings = Roundings()
+    for _, excess in read:
+        roundings.add(excess)
+    return Recording(str(path), tools=tuple(tool for tool, _ in read), notes=roundings.notes)
 
 
 def _header(path: Path) -> Iterator[str]:
