@@ -149,7 +149,8 @@ def _outcome(job: Job, steps: Steps) -> Outcome:
         status, message = 0, _counted(found)
     except RonnaplanError as error:
         status, message = error.exit_status, printable(error, LONGEST_SENTENCE)
-    flags = {flag.name.lower() for one in found or () for flag in one.flags}
+    of_markers = {flag.name.lower() for one in found or () for flag in one.flags}
+    of_scan = {flag.name.lower() for flag in (found.volume_flags if found is not None else ())}
     return Outcome(
         scan=job.name,
         path=printable(job.path, LONGEST_SENTENCE),
@@ -158,7 +159,7 @@ def _outcome(job: Job, steps: Steps) -> Outcome:
         markers=None if found is None else len(found),
         rejected=None if found is None else len(found.rejected),
         diameters_mm="" if found is None else _sizes(found),
-        flags=" ".join(sorted(flags)),
+        flags=" ".join(sorted(of_markers | of_scan)),
         fiducials=file,
         message=message,
         markers_by_diameter="" if found is None else _by_diameter(found),

@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 
 import pytest
+import SimpleITK
 from pydicom import dcmread
 
 from phantoms.fast import render
@@ -92,6 +93,18 @@ def test_the_summary_tells_that_the_geometry_may_be_wrong(
     assert err.count(wrong) == 2
     rows = csv.DictReader((tmp_path / "summary.csv").read_text().splitlines())
     assert all(row["message"].endswith(f"; warning: {wrong}") for row in rows)
+
+
+def test_the_summary_tells_the_flags_of_a_scan(
+    ct_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An image file names no frame of reference, the same scan's series does."""
+    image = SimpleITK.GetImageFromArray(read_ct(ct_folder).voxels_hu)
+    SimpleITK.WriteImage(image, str(tmp_path / "scan.nrrd"))
+    call = ["localize", str(tmp_path / "scan.nrrd"), str(ct_folder), "--diameter", "11.5"]
+    assert run([*call, "-o", str(tmp_path / "results")], capsys)[0] == 0
+    scans = json.loads((tmp_path / "results" / "summary.json").read_text())["scans"]
+    assert ["no_frame_of_reference" in scan["flags"].split() for scan in scans] == [True, False]
 
 
 def test_every_series_of_a_folder_is_done_when_asked_for(
