@@ -126,6 +126,8 @@ def _localize_one(arguments: argparse.Namespace, wanted: _Wanted) -> None:
     found = _localized(volume, wanted, arguments.report)
     require_count(found, wanted.expected, volume, progress=True)
     print(_summary(found), file=sys.stderr)
+    if found.distortion is not None:
+        warn(found.distortion)
     for line in _other_sizes(volume, found):
         print(f"ronnaplan: {line}", file=sys.stderr)
     _write(arguments.output, found)
@@ -160,9 +162,8 @@ class _Steps:
         from ronnaplan.localization import require_count
 
         require_count(found, self.wanted.expected, volume, progress=True)
-        if found.distortion is None:  # which the scan's line tells
-            for line in _other_sizes(volume, found):
-                print(f"{job.name}: {line}", file=sys.stderr)
+        for line in _other_sizes(volume, found):
+            print(f"{job.name}: {line}", file=sys.stderr)
         name = f"{job.name}.fiducials.json"
         _write(str(self.folder / name), found)
         return name
@@ -217,12 +218,12 @@ def _draw(report: str | None, volume: CTVolume, wanted: _Wanted, found: Fiducial
 def _other_sizes(volume: CTVolume, found: Fiducials) -> list[str]:
     """Say which sizes the scan shows where it shows none of those stated, or all markers are of another.
 
-    Where its geometry may be wrong, that is said instead, whatever was found.
+    Nothing where its geometry may be wrong, which makes sizes wrong, too.
     """
     from ronnaplan.localization import proposal, sizes_seen
 
     if found.distortion is not None:
-        return [f"warning: {found.distortion}"]
+        return []
     if not len(found):
         return [proposal(sizes_seen(volume, found.marker, progress=True))]
     other = found.other_diameter_mm

@@ -20,12 +20,11 @@ from ronnaplan.localization.cells import cell_directions, direction_cells
 from ronnaplan.localization.descent import residuals_and_jacobian
 from ronnaplan.localization.directions import (
     BACKGROUND_QUANTILE,
-    INSERT_SHARE,
-    VOID_SHARE,
     cell_means,
     deep_inside,
     edge_depth,
     near_any,
+    unlike_inside,
     within_reach,
 )
 from ronnaplan.localization.parameters import CENTER, LEAST_SPREAD_MM2, WIDTH, U, V, W, edge_variance_mm2
@@ -103,7 +102,6 @@ def _unattached(fit: BallFit) -> NDArray[np.bool_]:
         return fit.used
     stands = outside_hu - quantile(outside_hu, BACKGROUND_QUANTILE) > STANDS_SHARE * fit.contrast_hu
     inside_hu = cell_means(fit.residuals_hu, cells, deep_inside(depth, blur))
-    unlike_hu = inside_hu - quantile(inside_hu, 0.5)
-    stands |= (unlike_hu > INSERT_SHARE * fit.contrast_hu) | (unlike_hu < -VOID_SHARE * fit.contrast_hu)
+    stands |= unlike_inside(inside_hu, fit.contrast_hu)
     unattached = ~(stands | near_any(cell_directions(), stands, math.cos(math.radians(CLEAR_DEG))))
     return within_reach(depth, blur) & (unattached[cells] | fit.used)

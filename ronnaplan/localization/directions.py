@@ -198,6 +198,13 @@ def _survey(
 
 
 @njit(cache=True, nogil=True)
+def unlike_inside(inside_hu: FloatArray, contrast_hu: float) -> NDArray[np.bool_]:
+    """In which directions (C,) what is deep inside a ball is an insert's, or a void's."""
+    unlike_hu = inside_hu - quantile(inside_hu, 0.5)
+    return (unlike_hu > INSERT_SHARE * contrast_hu) | (unlike_hu < -VOID_SHARE * contrast_hu)
+
+
+@njit(cache=True, nogil=True)
 def _weighed(
     sums: FloatArray, contrast: float, radius: float, directions: FloatArray
 ) -> tuple[NDArray[np.int8], FloatArray, FloatArray, float, float, float, NDArray[np.bool_], FloatArray, bool]:
@@ -220,8 +227,7 @@ def _weighed(
     beside = excess > min(NEIGHBOUR_SHARE * contrast, NEIGHBOUR_HU)
     bright = (foreign | beside) & (excess > SPREAD_SHARE * contrast)
     left_out = foreign | beside | near_any(directions, bright, math.cos(math.radians(NEIGHBOUR_ANGLE_DEG)))
-    inside = within - quantile(within, 0.5)
-    left_out |= (inside > INSERT_SHARE * contrast) | (inside < -VOID_SHARE * contrast)
+    left_out |= unlike_inside(within, contrast)
     state, attached = np.full(CELL_COUNT, -1, np.int8), 0
     for cell in range(CELL_COUNT):
         attached += excess[cell] > ATTACHED_SHARE * contrast

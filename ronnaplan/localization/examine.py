@@ -25,7 +25,7 @@ from ronnaplan.localization.parameters import CENTER, RADIUS, profile_fwhm_mm
 from ronnaplan.localization.parts import single_threaded_algebra
 from ronnaplan.localization.refine import fit_ball
 from ronnaplan.localization.scan import Scan
-from ronnaplan.localization.strain import UNTOLD, shape_of
+from ronnaplan.localization.strain import shape_of
 from ronnaplan.localization.summed import what_is_lost_hu
 from ronnaplan.localization.uncertainty import (
     by_excess,
@@ -216,7 +216,7 @@ def examine_place(
         fit.verdict.is_covered,
         evidence.movement if is_center_told else None,
         blur_mm2(evidence.edge) if tells_blur and {name for name, _ in failed} <= OF_THE_SHAPE else UNKNOWN,
-        shape_of(evidence.edge, diameter_mm / 2.0) if tells_blur and is_center_told else UNTOLD,
+        shape_of(evidence.edge, diameter_mm / 2.0) if tells_blur and is_center_told else UNKNOWN,
         failed,
     )
 

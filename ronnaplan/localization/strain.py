@@ -8,8 +8,6 @@ which takes part of it.
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
@@ -20,8 +18,6 @@ from ronnaplan.localization.parameters import CENTER, RADIUS, WIDTH, U, V, W
 WIDEST_SHARE = 0.5
 """A profile wider than this share of the radius hides how long a ball is across the slices, or whether it leans."""
 
-UNTOLD: Final = np.full((3, 3), np.nan)
-
 
 def shape_of(edge: Edge, radius_mm: float) -> FloatArray:
     """Return the shape (3, 3), along u, v and w, of the ellipsoid that a ball of the stated ``radius_mm`` is.
@@ -31,7 +27,7 @@ def shape_of(edge: Edge, radius_mm: float) -> FloatArray:
     """
     fit, used = edge.fit, edge.used
     if fit.is_clipped or float(fit.theta[WIDTH]) > WIDEST_SHARE * float(fit.theta[RADIUS]):
-        return UNTOLD
+        return np.full((3, 3), np.nan)
     along = fit.neighbourhood.offsets_mm.take(used, axis=0) - fit.theta[CENTER]
     by = edge.explained
     patterns = np.column_stack(
