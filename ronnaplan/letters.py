@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import cache
 
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.font_manager import fontManager, get_font
 from matplotlib.text import Text
@@ -25,7 +28,7 @@ def written_out(figure: Figure) -> None:
     Other installed fonts draw what `FONT` lacks, a box stands for what none has, and what is between two dollar signs
     is no formula.
     """
-    texts = [text for text in figure.findobj(Text) if isinstance(text, Text) and text.get_text()]
+    texts = [text for text in _texts(figure) if text.get_text()]
     wanting = frozenset(letter for text in texts for letter in text.get_text() if letter.isprintable()) - _letters(
         FONT
     )
@@ -36,6 +39,15 @@ def written_out(figure: Figure) -> None:
         if wanting.intersection(text.get_text()):
             text.set(fontfamily=[*text.get_fontfamily(), *fonts], fontweight=WEIGHT)
             text.set_text(text.get_text().translate(boxes))
+
+
+def _texts(artist: Artist) -> Iterator[Text]:
+    """Yield the texts that may be drawn: ticks of an axis that is not shown take longer to make than all else."""
+    if isinstance(artist, Text):
+        yield artist
+    for child in artist.get_children():
+        if not (isinstance(child, Axis) and isinstance(artist, Axes) and not artist.axison):
+            yield from _texts(child)
 
 
 def _fonts_for(letters: frozenset[str]) -> Iterator[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
@@ -21,6 +21,7 @@ from ronnaplan.report.picture import CUTS, OUTLINE_COLOUR, WINDOW_HU, cut_places
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from PIL.Image import Image
 
 NEARLY_SHOWN = 8
 """Rejected candidates on the sheet, nearest to acceptance first."""
@@ -42,6 +43,8 @@ _LEFTS = range(_MARGIN, _WIDTH, _PITCH_ACROSS)
 """Where the tiles of a row begin."""
 _HEADING = 48
 """Pixels of the sheet's heading, above the first row."""
+_LETTERS_PT = 14
+"""Of a row alone: on paper it is little more than half as large."""
 _ROUNDING = 0.01
 """Pixels: matplotlib cuts what is a little less than a whole number of them."""
 
@@ -83,20 +86,41 @@ def draw_sheet(gathered: list[Row]) -> bytes:
     """Draw what was `gathered`; returns a PNG."""
     from PIL import Image
 
-    rows: list[Row | None] = [*gathered] or [None]
-    sheet = Image.new("RGB", (_WIDTH, _HEADING + len(rows) * _PITCH_DOWN + _MARGIN), "white")
+    strips = [_strip(_tiles(*row), partial(_draw_over, row=row[0])) for row in gathered]
+    strips = strips or [_strip((), _write_none)]
+    sheet = Image.new("RGB", (_WIDTH, _HEADING + len(strips) * _PITCH_DOWN + _MARGIN), "white")
     heading = Image.fromarray(_drawn(_HEADING, _write_heading))
     sheet.paste(heading, mask=heading)
-    for number, row in enumerate(rows):
-        strip = Image.new("RGBA", (_WIDTH, _PITCH_DOWN), "white")
-        for column, tile in enumerate(() if row is None else _tiles(*row)):
-            strip.paste(Image.fromarray(tile), (_LEFTS[column], _MARGIN))
-        candidate = None if row is None else row[0]
-        strip.alpha_composite(Image.fromarray(_drawn(_PITCH_DOWN, partial(_draw_over, row=candidate))))
-        sheet.paste(strip.convert("RGB"), (0, _HEADING + number * _PITCH_DOWN))
+    for number, strip in enumerate(strips):
+        sheet.paste(strip, (0, _HEADING + number * _PITCH_DOWN))
+    return _png(sheet)
+
+
+def draw_row(row: Candidate, pairs: list[Pair]) -> bytes:
+    """Draw one fitted place, its cuts named in letters that can be read on paper; returns a PNG."""
+
+    def over(axes: Axes) -> None:
+        _write_columns(axes, _MARGIN / 2, _LETTERS_PT)
+        _draw_outlines(axes, row)
+
+    return _png(_strip(_tiles(row, pairs), over))
+
+
+def _png(image: Image) -> bytes:
     stream = io.BytesIO()
-    sheet.save(stream, format="png")
+    image.save(stream, format="png")
     return stream.getvalue()
+
+
+def _strip(tiles: Iterable[NDArray[np.uint8]], draw: Callable[[Axes], None]) -> Image:
+    """Return a row of tiles, and over it what ``draw`` draws."""
+    from PIL import Image
+
+    strip = Image.new("RGBA", (_WIDTH, _PITCH_DOWN), "white")
+    for left, tile in zip(_LEFTS, tiles, strict=False):
+        strip.paste(Image.fromarray(tile), (left, _MARGIN))
+    strip.alpha_composite(Image.fromarray(_drawn(_PITCH_DOWN, draw)))
+    return strip.convert("RGB")
 
 
 def _drawn(height: int, draw: Callable[[Axes], None]) -> NDArray[np.uint8]:
@@ -125,18 +149,27 @@ def _drawn(height: int, draw: Callable[[Axes], None]) -> NDArray[np.uint8]:
 def _write_heading(axes: Axes) -> None:
     """Say what the colours mean, and what is in each column."""
     axes.text(_MARGIN, _MARGIN, LEGEND, fontsize=7, va="center")
+    _write_columns(axes, _HEADING - 8, 8)
+
+
+def _write_columns(axes: Axes, middle: float, fontsize: float) -> None:
     for left, name in zip(_LEFTS, (name for cut in CUTS for name in (cut, "left over")), strict=True):
-        axes.text(left + TILE / 2, _HEADING - 8, name, fontsize=8, ha="center", va="center")
+        axes.text(left + TILE / 2, middle, name, fontsize=fontsize, ha="center", va="center")
 
 
-def _draw_over(axes: Axes, row: Candidate | None) -> None:
+def _write_none(axes: Axes) -> None:
+    axes.text(_WIDTH / 2, _PITCH_DOWN / 2, "no candidate was looked at closely", ha="center")
+
+
+def _draw_over(axes: Axes, row: Candidate) -> None:
     """Draw title and outlines of a row."""
+    axes.text(_MARGIN, _MARGIN - 6, row.title, fontsize=7, color="black" if row.accepted else "firebrick")
+    _draw_outlines(axes, row)
+
+
+def _draw_outlines(axes: Axes, row: Candidate) -> None:
     from matplotlib.collections import EllipseCollection
 
-    if row is None:
-        axes.text(_WIDTH / 2, _PITCH_DOWN / 2, "no candidate was looked at closely", ha="center")
-        return
-    axes.text(_MARGIN, _MARGIN - 6, row.title, fontsize=7, color="black" if row.accepted else "firebrick")
     sizes = np.full(len(_LEFTS), row.parameters[RADIUS] / _reach_mm(row) * TILE)
     outlines = EllipseCollection(
         *(sizes, sizes, np.zeros(len(sizes))),
@@ -192,23 +225,6 @@ def _rows(found: Fiducials) -> list[Candidate]:
         for one in found.rejected[:NEARLY_SHOWN]
     ]
     return accepted + nearly
-
-
-def draw_cut(picture: Axes, residual: Axes, row: Candidate, cut: str, pair: Pair) -> None:
-    """Draw one cut through a fitted place with its outline, and beside it the data less the model."""
-    from matplotlib.patches import Circle
-
-    reach_mm = _reach_mm(row)
-    image, left_over = pair
-    extent = (-reach_mm, reach_mm, -reach_mm, reach_mm)
-    lowest_hu, highest_hu, limit_hu = _windows(row)
-    picture.imshow(image, cmap="gray", extent=extent, origin="lower", vmin=lowest_hu, vmax=highest_hu)
-    residual.imshow(left_over, cmap="RdBu_r", extent=extent, origin="lower", vmin=-limit_hu, vmax=limit_hu)
-    for axes in (picture, residual):
-        axes.add_patch(Circle((0, 0), row.parameters[RADIUS], fill=False, color=OUTLINE_COLOUR, linewidth=0.8))
-        axes.set_axis_off()
-        if cut == "axial":
-            axes.invert_yaxis()
 
 
 def cut_pairs(volume: CTVolume, row: Candidate) -> list[Pair]:

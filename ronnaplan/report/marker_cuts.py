@@ -9,8 +9,7 @@ import numpy as np
 
 from ronnaplan.ct import CTVolume
 from ronnaplan.documents.fiducials import FiducialEntry, FiducialsDocument
-from ronnaplan.report.contact import Candidate, Pair, cut_pairs, draw_cut
-from ronnaplan.report.picture import CUTS, png
+from ronnaplan.report.contact import Candidate, Pair, cut_pairs, draw_row
 
 if TYPE_CHECKING:
     from ronnaplan.localization import Build
@@ -18,13 +17,6 @@ if TYPE_CHECKING:
 
 AGREEMENT_MM = 0.05
 """A marker that is found again farther than this from where its document says it is raises a warning."""
-
-
-LETTERS_PT = 14
-"""On paper a picture is little more than half as large."""
-
-PLACES = {"left": 0.005, "right": 0.995, "bottom": 0.02, "top": 0.85, "wspace": 0.05}
-"""Of the cuts, in shares of the picture: a layout that is worked out anew for each takes as long as the rest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,18 +36,7 @@ class MarkerPicture:
     @property
     def png(self) -> bytes:
         """The picture, drawn when it is asked for: by then its scan may be gone."""
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
-        figure = Figure(figsize=(12.0, 2.1), dpi=80)
-        FigureCanvasAgg(figure)
-        grid = figure.add_gridspec(1, 2 * len(CUTS), **PLACES)
-        for column, (cut, pair) in enumerate(zip(CUTS, self.pairs, strict=True)):
-            data, residual = (figure.add_subplot(grid[0, 2 * column + n]) for n in (0, 1))
-            draw_cut(data, residual, self.place, cut, pair)
-            data.set_title(cut, fontsize=LETTERS_PT, y=1.0)
-            residual.set_title("residual", fontsize=LETTERS_PT, y=1.0)
-        return png(figure)
+        return draw_row(self.place, self.pairs)
 
 
 def marker_pictures(volume: CTVolume, found: FiducialsDocument) -> list[MarkerPicture]:

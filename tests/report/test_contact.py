@@ -6,10 +6,11 @@ import io
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from PIL import Image
 
 from ronnaplan import localize
-from ronnaplan.report.contact import NEARLY_SHOWN, TILE, Candidate, contact_sheet, cut_pair, draw_sheet
+from ronnaplan.report.contact import NEARLY_SHOWN, TILE, Candidate, cut_pair, draw_row, draw_sheet, gathered
 from ronnaplan.report.picture import CUTS
 from tests.cases import ball_parameters
 from tests.names import ANY_NAME
@@ -34,10 +35,16 @@ def test_a_ball_that_the_model_fits_leaves_only_noise_on_every_cut(tilt_deg: flo
         assert np.abs(wrong).max() > 0.1 * found.contrast_hu
 
 
+def pixels(png: bytes) -> NDArray[np.float64]:
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"), dtype=np.float64)
+
+
 def test_the_sheet_has_each_cut_where_it_belongs_and_an_outline_on_the_edge() -> None:
     volume = scan(balls([CENTER]), small_stack(), noise_hu=5.0)
     found = localize(volume, diameter_mm=11.5, expected=1)
-    sheet = np.asarray(Image.open(io.BytesIO(contact_sheet(volume, found))).convert("RGB"), dtype=float)
+    drawn = gathered(volume, found)
+    sheet = pixels(draw_sheet(drawn))
+    alone = pixels(draw_row(*drawn[0]))
     rows = 1 + min(len(found.rejected), NEARLY_SHOWN)
     assert sheet.shape == (HEADING + rows * DOWN + MARGIN, 6 * ACROSS, 3)
     names = sheet[HEADING - 16 : HEADING]
@@ -45,6 +52,7 @@ def test_the_sheet_has_each_cut_where_it_belongs_and_an_outline_on_the_edge() ->
         names[:, MARGIN + column * ACROSS :][:, :TILE].min() < 100 for column in range(6)
     )  # each has a title
     sheet = sheet[HEADING:]
+    np.testing.assert_array_equal(alone[MARGIN:], sheet[MARGIN : len(alone)])
     reach_mm = 1.6 * 5.75 + 1.0
     for column in range(6):
         tile = sheet[MARGIN:, MARGIN + column * ACROSS :][:TILE, :TILE]
