@@ -70,12 +70,10 @@ class Examination:
         """
         return replace(self, stack=self.stack.around(center_mm, reach_mm, crop=crop))
 
-    def crops(
-        self, places_mm: Sequence[Vector] | NDArray[np.float64], reach_mm: float, *, progress: bool = False
-    ) -> list[Crop]:
+    def crops(self, places_mm: Sequence[Vector] | NDArray[np.float64], reach_mm: float) -> list[Crop]:
         """Return the surroundings of each place (N, 3), all out of one scan: the scene is measured once."""
         near = [self.around(place, reach_mm, crop=True) for place in places_mm]
-        images = self._stored(self.scanner, [one.stack for one in near], progress=progress)
+        images = self._stored(self.scanner, [one.stack for one in near])
         return [Crop(one, voxels) for one, voxels in zip(near, images, strict=True)]
 
     def images(self, *, fast: bool = False, progress: bool = False) -> NDArray[np.int16]:
@@ -84,7 +82,7 @@ class Examination:
         return self._stored(machine, [self.stack], progress=progress)[0]
 
     def _stored(
-        self, machine: Machine, stacks: Sequence[SliceStack], *, progress: bool
+        self, machine: Machine, stacks: Sequence[SliceStack], *, progress: bool = False
     ) -> list[NDArray[np.int16]]:
         sources = [self.finish.sources(stack)[0] for stack in stacks]
         images = machine.reconstruct(self.scene, sources, seed=self.seed, progress=progress)

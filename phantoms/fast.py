@@ -99,10 +99,9 @@ def render(
     blur_mm: float = 0.5,
     noise_hu: float = 10.0,
     seed: int = 0,
-    profile: Profile | None = None,
 ) -> NDArray[np.int16]:
     """Return the images of `render_hu` as they are stored: whole HU in 12 bits."""
-    images = render_hu(scene, stack, blur_mm=blur_mm, noise_hu=noise_hu, seed=seed, profile=profile)
+    images = render_hu(scene, stack, blur_mm=blur_mm, noise_hu=noise_hu, seed=seed)
     return np.round(np.clip(images, -1024.0, 3071.0)).astype(np.int16)
 
 

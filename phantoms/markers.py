@@ -219,9 +219,9 @@ def post_parts(foot: Foot, kind: MarkerKind) -> list[Part]:
     ]
 
 
-def x_frame(foot: Foot, prefix: str = "X", kind: str = "post") -> Scene:
+def x_frame(foot: Foot, prefix: str = "X") -> Scene:
     """Return the bone-implanted x-shaped frame: four spheres at unique distances, on two bars and one screw."""
-    known = marker_kind(kind)
+    known = marker_kind("post")
     side = np.cross(foot.outward, [0.0, 1.0, 0.2])
     side /= np.linalg.norm(side)
     ahead = np.cross(foot.outward, side)

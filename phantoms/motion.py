@@ -97,14 +97,14 @@ STILL = Motion()
 """Nothing moves."""
 
 
-def random_motion(generator: np.random.Generator, form: Form | None = None) -> Motion:
+def random_motion(generator: np.random.Generator) -> Motion:
     """Draw a motion: a shift of 0.2 to 1 mm in any direction and a turn of up to half a degree."""
     way = generator.standard_normal(3)
     shift = generator.uniform(0.2, 1.0) * way / np.linalg.norm(way)
     axis = generator.standard_normal(3)
     turn = generator.uniform(0.0, 0.5) * axis / np.linalg.norm(axis)
     return Motion(
-        form or FORMS[generator.integers(len(FORMS))],
+        FORMS[generator.integers(len(FORMS))],
         (float(shift[0]), float(shift[1]), float(shift[2])),
         (float(turn[0]), float(turn[1]), float(turn[2])),
         float(generator.uniform(0.2, 0.8)),

@@ -15,11 +15,12 @@ from scipy.spatial.transform import Rotation
 
 from phantoms.cameras import SIZE, pixel_rays, project
 from phantoms.compiled import compiled
-from phantoms.errors import PhantomError
 from phantoms.solids import FloatArray
 from phantoms.spoilt_views import cross, glare, glints, hide, highlight
 
 DIAMETER_MM = 11.5
+WIDTHS_PX = 60.0, 200.0
+"""How wide a ball is in an image, from and to."""
 SAMPLES = 5
 """Rays along each side of a pixel."""
 POST_MM = 18.0
@@ -119,14 +120,10 @@ class View:
     """The first ball (3,) in RIG; of no meaning if there is none."""
 
 
-def random_rig(rng: np.random.Generator, *, smallest_px: float = 60.0, largest_px: float = 200.0) -> SceneRig:
-    """Return cameras 200 to 450 mm away and 15 to 40 degrees apart that see a ball so many pixels wide."""
-    if not 0 < smallest_px <= largest_px:
-        raise PhantomError(
-            f"a ball {smallest_px:g} to {largest_px:g} px wide was asked for; expected a range above 0"
-        )
+def random_rig(rng: np.random.Generator) -> SceneRig:
+    """Return cameras 200 to 450 mm away and 15 to 40 degrees apart that see a ball `WIDTHS_PX` wide."""
     away, apart = rng.uniform(200, 450), np.radians(rng.uniform(15, 40))
-    focal = np.exp(rng.uniform(np.log(smallest_px), np.log(largest_px))) * away / DIAMETER_MM
+    focal = np.exp(rng.uniform(*np.log(WIDTHS_PX))) * away / DIAMETER_MM
     middle = np.array([0.0, 0.0, away])
     turn = Rotation.from_rotvec([0, -apart, 0]) * Rotation.from_rotvec(rng.normal(0, 0.02, 3))
     right = np.eye(4)

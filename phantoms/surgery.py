@@ -10,6 +10,7 @@ from phantoms.solids import FloatArray, Vector, box, cylinder, frame_along, sphe
 
 SKULL_DEPTHS_MM = (6.0, 13.0)
 """How deep below the scalp the skull's outer and inner surfaces lie."""
+FLAP_MM = 50.0
 
 
 def burr_hole(foot: Foot, *, covered: bool = True) -> Scene:
@@ -27,7 +28,7 @@ def burr_hole(foot: Foot, *, covered: bool = True) -> Scene:
     return scene
 
 
-def bone_flap(foot: Foot, width_mm: float = 50.0) -> Scene:
+def bone_flap(foot: Foot) -> Scene:
     """Return a square flap of bone, sawn out with gaps of 1.5 mm and held by four two-hole titanium plates."""
     outer, inner = SKULL_DEPTHS_MM
     frame = frame_along(foot.outward)
@@ -35,11 +36,11 @@ def bone_flap(foot: Foot, width_mm: float = 50.0) -> Scene:
     scene = Scene()
     for way, across in ((frame[:, 0], frame[:, 1]), (frame[:, 1], frame[:, 0])):
         for side in (-1, 1):
-            edge = middle + side * width_mm / 2 * way
+            edge = middle + side * FLAP_MM / 2 * way
             turn = np.column_stack([way, across, np.cross(way, across)])
-            scene += embedded("soft tissue", "saw cut", box(edge, (1.5, width_mm, depth), turn))
+            scene += embedded("soft tissue", "saw cut", box(edge, (1.5, FLAP_MM, depth), turn))
             scene += _plate(
-                foot.above(-outer - _sagitta(width_mm / 2)) + side * width_mm / 2 * way, way, foot.outward
+                foot.above(-outer - _sagitta(FLAP_MM / 2)) + side * FLAP_MM / 2 * way, way, foot.outward
             )
     return scene
 

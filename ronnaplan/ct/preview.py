@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ronnaplan.ct.catalogue import Series
 from ronnaplan.ct.files import DamagedError
 from ronnaplan.ct.frames import images_of
-from ronnaplan.ct.limits import DEFAULT_LIMITS, Limits
+from ronnaplan.ct.limits import DEFAULT_LIMITS
 from ronnaplan.ct.pixels import read_slice
 from ronnaplan.errors import InputError
 
@@ -24,7 +24,7 @@ SHARES: Final = (1.0, 99.5)
 """What is no CT is shown from the value that so many percent are below to the other."""
 
 
-def preview(series: Series, limits: Limits = DEFAULT_LIMITS) -> NDArray[np.uint8] | None:
+def preview(series: Series) -> NDArray[np.uint8] | None:
     """Return the middle image (J, I) of a series in grey, None where it cannot be drawn."""
     import cv2
 
@@ -33,7 +33,7 @@ def preview(series: Series, limits: Limits = DEFAULT_LIMITS) -> NDArray[np.uint8
         images = series.stack.slices if series.stack is not None else images_of(series.first)
         image = images[len(images) // 2]
         values = np.empty((image.pixels.rows, image.pixels.columns), dtype=np.float32)
-        read_slice(image, values, None, limits)
+        read_slice(image, values, None, DEFAULT_LIMITS)
         low, high = CT_WINDOW_HU if series.is_usable else np.percentile(values, SHARES)
         grey = np.clip((values - low) * (255.0 / max(high - low, 1e-6)), 0.0, 255.0).astype(np.uint8)
         share = SIDE / max(grey.shape)

@@ -55,14 +55,12 @@ def read_ct(
     return _read(path, series_uid, limits, CT_ONLY, progress, scratch)
 
 
-def read_other_image(
-    path: str | os.PathLike[str], series_uid: str | None = None, *, progress: bool = False
-) -> CTVolume:
+def read_other_image(path: str | os.PathLike[str], *, progress: bool = False) -> CTVolume:
     """Read what is looked at beside a CT: the same as `read_ct`, and series of MR images too.
 
     The values of an MR have no unit: nothing is to be measured in it. Raises `InputError`.
     """
-    return _read(path, series_uid, DEFAULT_LIMITS, CT_OR_MR, progress)
+    return _read(path, None, DEFAULT_LIMITS, CT_OR_MR, progress)
 
 
 def _read(

@@ -9,7 +9,7 @@ from ronnaplan.ct.catalogue import Series, find_series
 from ronnaplan.ct.files import Skipped, given_path
 from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.images import is_image_file, open_image
-from ronnaplan.ct.limits import DEFAULT_LIMITS, Limits
+from ronnaplan.ct.limits import DEFAULT_LIMITS
 from ronnaplan.text import printable
 
 
@@ -41,17 +41,15 @@ class SeriesSummary:
         return not self.problems
 
 
-def summarize(
-    path: str | Path, limits: Limits = DEFAULT_LIMITS, *, progress: bool = False
-) -> tuple[list[SeriesSummary], tuple[Skipped, ...]]:
+def summarize(path: str | Path, *, progress: bool = False) -> tuple[list[SeriesSummary], tuple[Skipped, ...]]:
     """Return a summary of every series below ``path``, and the files that belong to none.
 
     Raises `InputError` if there is no such path or nothing of use in it.
     """
     path = given_path(path)
     if is_image_file(path) and path.is_file():
-        return [_of_image(path, limits)], ()
-    found = find_series(path, limits, progress=progress)
+        return [_of_image(path)], ()
+    found = find_series(path, progress=progress)
     found.require_series()
     return [summary_of(series) for series in found.series], found.skipped
 
@@ -77,8 +75,8 @@ def summary_of(series: Series) -> SeriesSummary:
     )
 
 
-def _of_image(path: Path, limits: Limits) -> SeriesSummary:
-    image = open_image(path, limits)
+def _of_image(path: Path) -> SeriesSummary:
+    image = open_image(path, DEFAULT_LIMITS)
     return SeriesSummary(
         series=printable(path.name),
         modality="?",

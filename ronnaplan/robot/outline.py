@@ -88,12 +88,12 @@ class _Judged:
     """By so much their errors are larger than the noise alone makes them, squared; at least 1."""
 
 
-def find_outlines(image: Image, camera: Camera, lamp_sd_deg: float = SIGMA_LAMP_DEG) -> list[Outline]:
+def find_outlines(image: Image, camera: Camera) -> list[Outline]:
     """Return every outline in ``image`` (rows, columns; grey) that could be a bright sphere's, largest first.
 
-    A lamp about the lens is off it by ``lamp_sd_deg``, as seen from the sphere. Raises as `find_cones` does.
+    A lamp about the lens is off it by `SIGMA_LAMP_DEG`, as seen from the sphere. Raises as `find_cones` does.
     """
-    return outlines_of(find_cones(image, camera), image, camera, lamp_sd_deg)
+    return outlines_of(find_cones(image, camera), image, camera, SIGMA_LAMP_DEG)
 
 
 def find_cones(image: Image, camera: Camera) -> list[Cone]:

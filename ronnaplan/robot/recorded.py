@@ -8,7 +8,7 @@ from numbers import Real
 import numpy as np
 
 from ronnaplan.errors import InputError, RefusedError, check_type
-from ronnaplan.geometry import FloatArray, Frame, Points, require_sigma
+from ronnaplan.geometry import FloatArray, Points, require_sigma
 from ronnaplan.pose import Pose, as_pose, point_jacobian, transform_points
 from ronnaplan.rigid import pose_covariance, require_spread
 from ronnaplan.robot.chain import OTS, TCP, M, R
@@ -137,9 +137,7 @@ def seen_tool(
     return Pose(matrix, pose_covariance(spheres, own + sigma_mm**2 * np.eye(3)), OTS, M)
 
 
-def robot_pose(
-    matrix: FloatArray, sigma_mm: float = SIGMA_ROBOT_MM, sigma_deg: float = SIGMA_ROBOT_DEG, to: Frame = R
-) -> Pose:
+def robot_pose(matrix: FloatArray, sigma_mm: float = SIGMA_ROBOT_MM, sigma_deg: float = SIGMA_ROBOT_DEG) -> Pose:
     """Return R from TCP with the robot's own error: per axis, about the TCP."""
     require_sigma(sigma_mm, "the robot's error")
     check_type(sigma_deg, Real, "the robot's error of rotation", "give one number, in degrees")
@@ -149,4 +147,4 @@ def robot_pose(
     carry = np.eye(6)
     carry[3:] = point_jacobian(-checked[:3, 3])
     spread = np.diag(np.repeat([np.radians(sigma_deg) ** 2, sigma_mm**2], 3))
-    return Pose(checked, carry @ spread @ carry.T, to, TCP)
+    return Pose(checked, carry @ spread @ carry.T, R, TCP)

@@ -55,10 +55,10 @@ class Field:
         return cls(values, low, cell_mm)
 
 
-def of_mask(volume: CTVolume, mask: NDArray[np.bool_], cell_mm: float = CELL_MM) -> Field:
+def of_mask(volume: CTVolume, mask: NDArray[np.bool_]) -> Field:
     """Sample a region (K, J, I) of a scan: 1 inside, 0 outside."""
     whole = replace(volume, voxels_hu=mask.astype(np.float32))
-    found = Field.of(whole, cell_mm)
+    found = Field.of(whole)
     return replace(found, values=np.maximum(found.values, 0.0))
 
 
