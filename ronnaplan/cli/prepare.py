@@ -41,7 +41,7 @@ def place_robot() -> None:
 
     import numpy as np
 
-    from ronnaplan.documents.room import example_room
+    from ronnaplan.documents.room_example import example_room
     from ronnaplan.robot.arm.kuka import kr6_r900
     from ronnaplan.robot.placement.placement import Job, find_places
     from ronnaplan.robot.placement.tasks import drill_task, view_task

@@ -70,7 +70,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Search, or check; a placement that is blocked, or from where no way is free, is written and refused."""
-    from ronnaplan.documents.room import EXAMPLE, read_room
+    from ronnaplan.documents.room import read_room
+    from ronnaplan.documents.room_example import EXAMPLE
     from ronnaplan.errors import RefusedError, UsageError
 
     if arguments.example:
@@ -80,7 +81,8 @@ def run(arguments: argparse.Namespace) -> int:
     if missing:
         raise UsageError(f"robot place needs --{missing[0]} (see 'ronnaplan robot place --help')")
     _check_parked(arguments.parked)
-    from ronnaplan.documents.placement import placement_document, placement_text, read_placement
+    from ronnaplan.documents.placed import placement_document
+    from ronnaplan.documents.placement import placement_text, read_placement
     from ronnaplan.documents.revision import write_document
 
     room = read_room(arguments.scene)

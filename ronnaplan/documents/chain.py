@@ -10,7 +10,6 @@ from pydantic import model_validator
 
 from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.fields import (
-    SOFTWARE,
     DocumentModel,
     Label,
     LengthMm,
@@ -27,7 +26,6 @@ from ronnaplan.pose import Pose
 from ronnaplan.robot.chain import OTS, TCP, Capture, M, R, robot_from_ct
 from ronnaplan.robot.markers import RobotRegistration
 
-FORMAT = "ronnaplan.chain"
 LINKS = ("registration", "tracked tool", "tool calibration", "robot")
 
 
@@ -155,19 +153,16 @@ def stereo_chain(
 
 def read_chain(path: str | os.PathLike[str]) -> ChainDocument:
     """Read and check chain.json; raises `InputError` naming the first field that is wrong."""
-    return read_document(
-        path, ChainDocument, format_name=FORMAT, kind="chain", remedy="write it anew with 'robot chain'"
-    )
+    return read_document(path, ChainDocument, kind="chain", remedy="write it anew with 'robot chain'")
 
 
 def _document(
     content: dict[str, Any], source: Source, middle_mm: FloatArray, notes: tuple[str, ...]
 ) -> ChainDocument:
     always = {
-        **{"format": FORMAT, "version": 1, "unit": "mm", "notes": notes},
+        "notes": notes,
         "source": source.model_dump(),
         "middle": middle_mm.tolist(),
-        "software": SOFTWARE,
     }
     return made(ChainDocument, always | content)
 

@@ -10,7 +10,6 @@ from pydantic import model_validator
 
 from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.documents.fields import (
-    SOFTWARE,
     Coordinate,
     Covariance,
     Direction,
@@ -216,10 +215,6 @@ def fiducials_document(found: Fiducials) -> FiducialsDocument:
     return made(
         FiducialsDocument,
         {
-            "format": FORMAT,
-            "version": 1,
-            "coordinate_system": "LPS",
-            "unit": "mm",
             "source": {
                 "study_instance_uid": found.source.study_instance_uid,
                 "series_instance_uid": found.source.series_instance_uid,
@@ -253,7 +248,6 @@ def fiducials_document(found: Fiducials) -> FiducialsDocument:
                 {"center": one.center_mm.tolist(), "reason": one.reason, "test": one.test}
                 for one in found.rejected
             ],
-            "software": SOFTWARE,
         },
     )
 
@@ -277,7 +271,6 @@ def read_fiducials(path: str | os.PathLike[str]) -> FiducialsDocument:
     return read_document(
         path,
         FiducialsDocument,
-        format_name=FORMAT,
         kind="fiducials document",
         remedy="write it anew with localize",
     )

@@ -11,7 +11,6 @@ from ronnaplan.documents.fields import DocumentModel, LengthMm, PositiveMm
 from ronnaplan.documents.reading import read_document
 from ronnaplan.planning.limits import Limits
 
-FORMAT = "ronnaplan.limits"
 Angle = Annotated[float, Field(gt=0, le=90)]
 
 
@@ -35,7 +34,5 @@ class LimitsDocument(DocumentModel):
 
 def read_limits(path: str | os.PathLike[str]) -> Limits:
     """Read and check limits.json; raises `InputError` naming the first field that is wrong or unknown."""
-    document = read_document(
-        path, LimitsDocument, format_name=FORMAT, kind="limits document", remedy="see docs/planning.md"
-    )
+    document = read_document(path, LimitsDocument, kind="limits document", remedy="see docs/planning.md")
     return Limits(**document.model_dump(exclude={"format", "version"}))

@@ -12,7 +12,6 @@ import numpy as np
 from ronnaplan.documents.fiducials import FORMAT as FIDUCIALS
 from ronnaplan.documents.fiducials import FiducialsDocument, Resolution, Source, read_fiducials
 from ronnaplan.documents.fields import (
-    SOFTWARE,
     DocumentModel,
     Label,
     LengthMm,
@@ -29,8 +28,6 @@ from ronnaplan.localization import Fiducials
 from ronnaplan.localization.settings import Advice
 from ronnaplan.registration.phantom_check import KnownPhantom, PhantomCheck
 from ronnaplan.registration.phantom_verdict import Estimate, normalized_error, share_within
-
-FORMAT = "ronnaplan.phantom-check"
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,15 +153,11 @@ def phantom_check_document(phantom: KnownPhantom, scans: list[CheckedScan]) -> P
     return made(
         PhantomCheckDocument,
         {
-            "format": FORMAT,
-            "version": 1,
-            "unit": "mm",
             "phantom": {"name": phantom.name, "markers": len(phantom.labels), "has_hand": phantom.has_hand},
             "diameter_mm": scans[0].found.diameters_mm[0],
             "scans": [_scan(one) for one in scans],
             "normalized_error": _estimate(normalized_error([one.check.judged for one in scans])),
             "within_95": _estimate(share_within([one.check.within for one in scans])),
-            "software": SOFTWARE,
         },
     )
 

@@ -11,7 +11,6 @@ from pydantic import Field
 
 from ronnaplan.ct.volume import SeriesSource
 from ronnaplan.documents.fields import (
-    SOFTWARE,
     DocumentModel,
     Label,
     Line,
@@ -23,7 +22,7 @@ from ronnaplan.documents.fields import (
     Vector,
 )
 from ronnaplan.documents.files import change_document, write_atomically
-from ronnaplan.documents.reading import VERSION, made, read_document, to_json
+from ronnaplan.documents.reading import made, read_document, to_json
 from ronnaplan.errors import InputError, RonnaplanError
 from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.planning.electrodes import electrode_named
@@ -114,10 +113,6 @@ def plan_document(plan: Plan) -> PlanDocument:
     return made(
         PlanDocument,
         {
-            "format": FORMAT,
-            "version": VERSION,
-            "coordinate_system": "LPS",
-            "unit": "mm",
             "revision": plan.revision,
             "source": {
                 "study_instance_uid": plan.source.study_instance_uid,
@@ -130,7 +125,6 @@ def plan_document(plan: Plan) -> PlanDocument:
             "history": [_change_entry(change) for change in plan.history],
             "undone": [_change_entry(change) for change in plan.undone],
             "measurements": [_entry(one) for one in plan.rulers],
-            "software": SOFTWARE,
         },
     )
 
@@ -150,9 +144,7 @@ def change_plan(path: str | os.PathLike[str], change: Callable[[Plan], Plan]) ->
 
 def read_plan(path: str | os.PathLike[str]) -> Plan:
     """Read and check plan.json; raises `InputError` naming the first field that is wrong, or a newer version."""
-    document = read_document(
-        path, PlanDocument, format_name=FORMAT, kind="plan", remedy="correct it or start a new plan"
-    )
+    document = read_document(path, PlanDocument, kind="plan", remedy="correct it or start a new plan")
     try:
         return _plan(document)
     except RonnaplanError as error:

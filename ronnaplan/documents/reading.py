@@ -10,10 +10,11 @@ import json
 import math
 import os
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
+from ronnaplan.documents.fields import SOFTWARE
 from ronnaplan.documents.files import read_json
 from ronnaplan.errors import InputError, check_type
 from ronnaplan.text import printable
@@ -30,27 +31,22 @@ MOST_DOTS = 600
 HOME = "home"
 """Settings that name files say by this field where relative paths start from."""
 
-VERSION = 1
-"""The version of every document that this release writes and reads."""
 
-
-def read_document(
-    path: str | os.PathLike[str], model: type[Document], *, format_name: str, kind: str, remedy: str
-) -> Document:
+def read_document(path: str | os.PathLike[str], model: type[Document], *, kind: str, remedy: str) -> Document:
     """Read the document at ``path``.
 
-    Raises `InputError` when it is no ``kind`` of ``format_name``, of another version, or when a field is wrong; the
+    Raises `InputError` when it is no ``kind`` of the model's format, of another version, or when a field is wrong; the
     sentence names the first such field and ends with ``remedy``.
     """
     check_type(path, (str, os.PathLike), "the path of a document", "give the path of a file")
     name = os.fspath(path)
-    content = read_json(path)
-    if not isinstance(content, dict) or content.get("format") != format_name:
-        raise InputError(f"{name} is not a {kind}; expected the format '{format_name}'")
+    content, expected = read_json(path), _always(model)
+    if not isinstance(content, dict) or content.get("format") != expected["format"]:
+        raise InputError(f"{name} is not a {kind}; expected the format '{expected['format']}'")
     version = content.get("version")
-    if type(version) is not int or version != VERSION:
+    if type(version) is not int or version != expected["version"]:
         raise InputError(
-            f"{name} has version {printable(version)}; this ronnaplan reads version {VERSION}, "
+            f"{name} has version {printable(version)}; this ronnaplan reads version {expected['version']}, "
             "use the release that wrote it"
         )
     return validated(content, model, name, remedy)
@@ -104,11 +100,22 @@ def validated(content: Any, model: type[Document], name: str, remedy: str) -> Do
 
 
 def made(model: type[Document], content: dict[str, Any]) -> Document:
-    """Return ``content``, put together by the program, as ``model``; raises `InputError` for what no document holds."""
+    """Return ``content``, put together by the program, as ``model``; raises `InputError` for what no document holds.
+
+    What is the same in all of the kind (format, version, unit, this software) is added.
+    """
     try:
-        return model.model_validate(content)
+        return model.model_validate(_always(model) | content)
     except ValidationError as error:
         raise InputError(f"the result cannot be written: {first_fault(error)}; change it first") from error
+
+
+def _always(model: type[BaseModel]) -> dict[str, Any]:
+    """Return the fields that are the same in every document of this release."""
+    kinds = {name: field.annotation for name, field in model.model_fields.items()}
+    choices = {name: get_args(kind) for name, kind in kinds.items() if get_origin(kind) is Literal}
+    fixed: dict[str, Any] = {name: choice[0] for name, choice in choices.items() if len(choice) == 1}
+    return fixed | ({"software": SOFTWARE} if "software" in kinds else {})
 
 
 def to_json(document: BaseModel) -> str:

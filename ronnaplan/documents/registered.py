@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from ronnaplan.documents.fiducials import Source
-from ronnaplan.documents.fields import SOFTWARE
 from ronnaplan.documents.reading import made
-from ronnaplan.documents.registration import FORMAT, RegistrationDocument, TargetEntry
+from ronnaplan.documents.registration import RegistrationDocument, TargetEntry
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Points
 from ronnaplan.registration.diagnosis import doubted_marker, leave_one_out
@@ -30,9 +29,6 @@ def registration_document(
     ``notes`` are what was to be told of the readings. Raises `InputError` for readings that are the scan's own markers.
     """
     content: dict[str, Any] = {
-        "format": FORMAT,
-        "version": 1,
-        "unit": "mm",
         "status": found.pairing.status,
         "reason": found.pairing.reason,
         "source": source.model_dump(),
@@ -45,7 +41,6 @@ def registration_document(
             for rival in found.pairing.rivals
         ],
         "notes": [*notes, *found.notes],
-        "software": SOFTWARE,
     }
     if found.registration is None:
         return made(RegistrationDocument, content)

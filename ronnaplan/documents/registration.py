@@ -220,7 +220,6 @@ def read_registration(path: str | os.PathLike[str]) -> RegistrationDocument:
     return read_document(
         path,
         RegistrationDocument,
-        format_name=FORMAT,
         kind="registration document",
         remedy="write it anew with register",
     )

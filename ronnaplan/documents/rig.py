@@ -9,7 +9,6 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ronnaplan.documents.fields import (
-    SOFTWARE,
     DocumentModel,
     Label,
     LengthMm,
@@ -31,7 +30,6 @@ from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.markers import RobotMarkers
 from ronnaplan.robot.stereo_calibration import StereoCalibration, TcpCalibration
 
-RIG_FORMAT, SPHERES = "ronnaplan.rig", "ronnaplan.spheres"
 LARGEST_LENS = 1e6
 """No camera has so many pixels, and no lens such a distortion."""
 LensNumber = Annotated[float, Field(ge=-LARGEST_LENS, le=LARGEST_LENS)]
@@ -148,7 +146,7 @@ def rig_document(
     return made(
         RigDocument,
         {
-            **{"format": RIG_FORMAT, "version": 1, "unit": "mm", "notes": notes},
+            "notes": notes,
             "left": _camera(cameras.left),
             "right": _camera(cameras.right),
             "rms_px": cameras.rms_px,
@@ -157,7 +155,6 @@ def rig_document(
             "scatter": tcp.sd_mm,
             "looks": looks,
             "diameter_mm": diameter_mm,
-            "software": SOFTWARE,
         },
     )
 
@@ -167,7 +164,6 @@ def read_rig(path: str | os.PathLike[str]) -> RigDocument:
     return read_document(
         path,
         RigDocument,
-        format_name=RIG_FORMAT,
         kind="camera calibration",
         remedy="write it anew with 'robot stereo-calibrate'",
     )
@@ -178,7 +174,7 @@ def spheres_document(found: RobotMarkers, diameter_mm: float, notes: tuple[str, 
     return made(
         SpheresDocument,
         {
-            **{"format": SPHERES, "version": 1, "unit": "mm", "notes": notes},
+            "notes": notes,
             "diameter_mm": diameter_mm,
             "tcp_from_rig": pose_entry(found.tcp_from_rig),
             "spheres": [
@@ -191,7 +187,6 @@ def spheres_document(found: RobotMarkers, diameter_mm: float, notes: tuple[str, 
                 }
                 for k, label in enumerate(found.labels)
             ],
-            "software": SOFTWARE,
         },
     )
 
@@ -201,7 +196,6 @@ def read_spheres(path: str | os.PathLike[str]) -> SpheresDocument:
     return read_document(
         path,
         SpheresDocument,
-        format_name=SPHERES,
         kind="set of re-localized spheres",
         remedy="write it anew with 'robot relocate'",
     )

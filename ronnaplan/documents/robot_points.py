@@ -15,7 +15,7 @@ import numpy as np
 
 from ronnaplan.documents.chain import ChainDocument
 from ronnaplan.documents.fiducials import Source
-from ronnaplan.documents.fields import SOFTWARE, DocumentModel, Label, LengthMm, Line, Matrix4, Software, Vector
+from ronnaplan.documents.fields import DocumentModel, Label, LengthMm, Line, Matrix4, Software, Vector
 from ronnaplan.documents.poses import PoseEntry
 from ronnaplan.documents.reading import made, to_json
 from ronnaplan.documents.robot_formats import RobotFormat
@@ -25,7 +25,6 @@ from ronnaplan.pose import Pose, as_pose, point_jacobian
 from ronnaplan.robot.chain import TCP, R
 from ronnaplan.robot.trajectories import RobotTrajectory
 
-FORMAT = "ronnaplan.robot-points"
 NOTICE = "Research use only, not a medical device. Check every point before the robot moves."
 CSV_HEADER = (
     *("trajectory", "point", "x_mm", "y_mm", "z_mm", "q0", "qx", "qy", "qz"),
@@ -104,7 +103,8 @@ def _document(
     return made(
         RobotPointsDocument,
         {
-            **{"format": FORMAT, "version": 1, "unit": "mm", "frame": "R", "notice": NOTICE, "way": chain.way},
+            "notice": NOTICE,
+            "way": chain.way,
             "source": chain.source.model_dump(),
             "trajectories": [
                 {
@@ -117,7 +117,6 @@ def _document(
                 }
                 for one in trajectories
             ],
-            "software": SOFTWARE,
         },
     )
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import tomllib
 from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
@@ -20,7 +19,6 @@ from ronnaplan.documents.fields import (
 from ronnaplan.documents.reading import read_settings
 from ronnaplan.errors import InputError
 from ronnaplan.robot.placement import room as parts
-from ronnaplan.untrusted import checked
 
 MOST_THINGS = 200
 """More boxes or capsules than this make the search slow; thin a room to what is near."""
@@ -245,100 +243,3 @@ def read_room(path: str | os.PathLike[str]) -> parts.Room:
     """Read and check room.toml; raises `InputError` naming the first thing that is wrong."""
     remedy = "`robot place --example` writes one"
     return read_settings(path, RoomDocument, expected="a room", otherwise="is no room", remedy=remedy).room
-
-
-EXAMPLE = """\
-# What stands about the patient, for `ronnaplan robot place --scene room.toml`.
-# Millimetres; z points up and is 0 on the floor; x and y are yours to choose. Boxes stand upright.
-
-format = "ronnaplan.room"
-version = 1
-unit = "mm"
-reference_deg = [0, -120, 120, 0, 60, 0]    # the posture between tasks; joint 1 counts from where the tasks lie
-
-[head]                          # a patient on the back, the crown towards -x
-center = [0, 0, 1050]           # the middle of the head
-anterior = [0, 0, 1]            # where the nose points
-superior = [-1, 0, 0]           # where the crown points
-
-[base]                          # where the robot's foot may stand
-x = [-1100, 700]
-y = [-1100, 1100]
-z = [800, 1000]                 # on its trolley, which can be raised
-turn_deg = [-180, 180]          # of its forward direction about z, from x
-[[base.trolley]]                # what stands under it, in its own frame
-name = "trolley"
-center = [0, 0, -400]
-size = [500, 500, 800]
-
-[tracker]                       # with --registration it stands where it was registered
-position = [-970, 1340, 1010]
-nearest_mm = 950
-farthest_mm = 2400
-body_mm = 250                   # the last of a line of sight is the tracker itself
-beam_mm = 30                    # free radius about a line of sight
-
-[tool]                          # on the flange, whose z points out of it
-start = [0, 0, 120]             # where the instrument leaves its holder; its usable length counts from here
-direction = [0, 0, 1]
-standoff_mm = 30                # it begins so far before the entry
-[[tool.body]]
-name = "holder"
-start = [0, 0, 20]
-end = [0, 0, 95]
-radius = 25
-[[tool.body]]
-name = "cameras"
-start = [0, -70, 20]
-end = [0, 70, 20]
-radius = 35
-[tool.marker]                   # what the tracker sees; leave out where nothing is tracked
-at = [0, 90, 60]
-normal = [0, 1, -1]
-seen_deg = 75                   # how obliquely it is still seen
-
-# Of a --arm whose links are meshes; these take the place of all shapes that it has.
-# [[arm_body]]
-# link = 2                        # 0 is the foot, 6 or 7 the last; links on joints that are held count, too
-# name = "upper arm"
-# start = [0, 0, 0]               # in the link's frame
-# end = [455, 0, 0]
-# radius = 95
-
-[camera]                        # the stereo cameras' center point
-tcp = [0, 0, 280]
-direction = [0, 0, 1]
-tilt_deg = 30                   # a marker may be viewed so far from straight on
-standoff_mm = 50
-
-[[box]]
-name = "table"
-center = [900, 0, 900]
-size = [1700, 500, 120]
-turn_deg = 0
-[[box]]
-name = "patient"
-center = [850, 0, 1030]
-size = [1400, 450, 220]
-[[capsule]]
-name = "head holder"
-start = [60, -90, 960]
-end = [60, 90, 960]
-radius = 20
-
-[margins]                       # less than this is not served
-joint_deg = 5
-singularity_deg = 8
-clearance_mm = 20
-tracker_deg = 5
-
-[parking]                       # one standard deviation of where the robot comes to stand
-sigma_mm = 20
-sigma_deg = 3
-"""
-"""What ``robot place --example`` writes."""
-
-
-def example_room() -> parts.Room:
-    """Return the room of `EXAMPLE`."""
-    return checked(tomllib.loads(EXAMPLE), RoomDocument).room

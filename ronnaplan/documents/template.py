@@ -107,7 +107,6 @@ def read_template_document(path: str | os.PathLike[str]) -> TemplateDocument:
     return read_document(
         path,
         TemplateDocument,
-        format_name="ronnaplan.template",
         kind="template",
         remedy="see docs/localization.md",
     )
@@ -119,9 +118,6 @@ def printed_template_document(found: TemplateLayout, name: str) -> str:
     Raises `InputError` for a ``name`` that no document holds.
     """
     content = {
-        "format": "ronnaplan.template",
-        "version": 1,
-        "unit": "mm",
         "name": name,
         "labels": found.labels,
         "centers": found.centers_mm.round(4).tolist(),

@@ -9,7 +9,6 @@ import numpy as np
 from pydantic import Field
 
 from ronnaplan.documents.fields import (
-    SOFTWARE,
     Covariance,
     DocumentModel,
     Label,
@@ -28,7 +27,6 @@ from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.hand_eye import HandEye
 from ronnaplan.robot.pivot import PivotCalibration
 
-PIVOT, HAND_EYE = "ronnaplan.pivot", "ronnaplan.hand-eye"
 Count = Annotated[int, Field(ge=0)]
 
 
@@ -99,7 +97,8 @@ def pivot_document(found: PivotCalibration, tool: str, notes: tuple[str, ...] = 
     return made(
         PivotDocument,
         {
-            **{"format": PIVOT, "version": 1, "unit": "mm", "tool": tool, "notes": notes},
+            "tool": tool,
+            "notes": notes,
             "tip": found.tip_mm.tolist(),
             "covariance": found.tip_covariance_mm2.tolist(),
             "pivot": found.pivot_mm.tolist(),
@@ -107,7 +106,6 @@ def pivot_document(found: PivotCalibration, tool: str, notes: tuple[str, ...] = 
             "rms": found.rms_mm,
             "poses": len(found.residuals_mm),
             "slipped": found.slips,
-            "software": SOFTWARE,
         },
     )
 
@@ -117,7 +115,6 @@ def read_pivot(path: str | os.PathLike[str]) -> PivotDocument:
     return read_document(
         path,
         PivotDocument,
-        format_name=PIVOT,
         kind="pivot calibration",
         remedy="write it anew with 'robot pivot'",
     )
@@ -130,13 +127,14 @@ def hand_eye_document(
     return made(
         HandEyeDocument,
         {
-            **{"format": HAND_EYE, "version": 1, "unit": "mm", "tool": tool, "poses": poses, "pivot": pivot},
+            "tool": tool,
+            "poses": poses,
+            "pivot": pivot,
             "m_from_tcp": pose_entry(found.m_from_tcp),
             "robot_from_ots": pose_entry(found.robot_from_ots),
             "rotation_rms_deg": found.rotation_rms_deg,
             "translation_rms": found.translation_rms_mm,
             "notes": notes,
-            "software": SOFTWARE,
         },
     )
 
@@ -146,7 +144,6 @@ def read_hand_eye(path: str | os.PathLike[str]) -> HandEyeDocument:
     return read_document(
         path,
         HandEyeDocument,
-        format_name=HAND_EYE,
         kind="hand-eye calibration",
         remedy="write it anew with 'robot hand-eye'",
     )

@@ -15,7 +15,7 @@ from phantoms.stack import axial_stack
 from ronnaplan.cli import main
 from ronnaplan.ct import read_ct
 from ronnaplan.documents.placement import read_placement
-from ronnaplan.documents.room import EXAMPLE
+from ronnaplan.documents.room_example import EXAMPLE
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.placement.room import Room
 from ronnaplan.robot.placement.world import World, world_of

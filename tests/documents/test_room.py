@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ronnaplan.documents.room import EXAMPLE, read_room
+from ronnaplan.documents.room import read_room
+from ronnaplan.documents.room_example import EXAMPLE
 from ronnaplan.errors import InputError
 from ronnaplan.robot.placement.room import Parking
 

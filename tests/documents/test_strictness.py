@@ -19,7 +19,8 @@ from scipy.spatial.transform import Rotation
 from ronnaplan.documents.chain import read_chain, stereo_chain, tracked_chain
 from ronnaplan.documents.fiducials import Source, fiducials_document, read_fiducials
 from ronnaplan.documents.limits import read_limits
-from ronnaplan.documents.placement import placement_document, read_placement
+from ronnaplan.documents.placed import placement_document
+from ronnaplan.documents.placement import read_placement
 from ronnaplan.documents.plan import plan_document, read_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.documents.registered import registration_document

@@ -8,7 +8,8 @@ import pytest
 
 from ronnaplan.case.folder import Case
 from ronnaplan.documents.fiducials import FiducialsDocument, Source
-from ronnaplan.documents.placement import HeldEntry, MarkerEntry, PlacementDocument, placement_document
+from ronnaplan.documents.placed import placement_document
+from ronnaplan.documents.placement import HeldEntry, MarkerEntry, PlacementDocument
 from ronnaplan.errors import FrameMismatchError
 from ronnaplan.planning import Plan
 from ronnaplan.report.overview import View
