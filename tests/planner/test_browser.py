@@ -75,9 +75,9 @@ def test_nothing_falls_off_the_screen(browser: Any, shared: Planner, width: int,
 
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844)])
 def test_a_name_without_blanks_takes_nothing_off_the_panel(
-    browser: Any, running: Planner, width: int, height: int
+    browser: Any, kept: Planner, width: int, height: int
 ) -> None:
-    page = opened(browser, running.url, width, height)
+    page = opened(browser, kept.url, width, height)
     name = "left_anterior_hippocampus_of_the_second_plan_after_the_conference"
     page.fill("#path-name", name)
     page.press("#path-name", "Enter")
@@ -87,10 +87,8 @@ def test_a_name_without_blanks_takes_nothing_off_the_panel(
     assert page.locator(".rp-side").evaluate(over) <= 0
 
 
-def test_a_trajectory_is_added_by_two_clicks_dragged_and_undone(
-    browser: Any, running: Planner, folder: Path
-) -> None:
-    page = opened(browser, running.url)
+def test_a_trajectory_is_added_by_two_clicks_dragged_and_undone(browser: Any, kept: Planner) -> None:
+    page, folder = opened(browser, kept.url), kept.folder
     page.click("#add")
     page.mouse.click(*place(page, "axial", 0.6, 0.4))
     page.wait_for_function("document.getElementById('add').textContent.includes('target')")
