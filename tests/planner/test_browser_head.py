@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,8 +32,8 @@ def drawn(page: Any, what: str, **named: str) -> dict[str, Any]:
     return found
 
 
-def test_an_end_is_dragged_in_3d_and_the_view_does_not_move(browser: Any, running: Planner, folder: Path) -> None:
-    page = with_head(opened(browser, running.url))
+def test_an_end_is_dragged_in_3d_and_the_view_does_not_move(browser: Any, kept: Planner) -> None:
+    page, folder = with_head(opened(browser, kept.url)), kept.folder
     markers, before = value(page, "drawn_head")["markers"], fields(page, "target")
     x, y = seen_at(page, "head", drawn(page, "paths", name="left")["target"])
     page.mouse.move(x, y)
