@@ -8,24 +8,17 @@ import subprocess
 import sys
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
 
 from tests import cases
-from tests.planner.browser import Planner, environment, planner
+from tests.planner.browser import Planner, environment
 
 
-@pytest.fixture(scope="module")
-def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Planner]:
-    with planner(cases.write_case(tmp_path_factory.mktemp("case"))) as one:
-        yield one
-
-
-def test_without_the_token_or_by_another_name_nothing_is_served(running: Planner) -> None:
-    address = urlsplit(running.url)
+def test_without_the_token_or_by_another_name_nothing_is_served(shared: Planner) -> None:
+    address = urlsplit(shared.url)
     base = f"http://{address.netloc}"
     token = address.query.partition("=")[2]
     refused = [
@@ -34,11 +27,8 @@ def test_without_the_token_or_by_another_name_nothing_is_served(running: Planner
         (f"{base}/ws", {"Connection": "Upgrade", "Upgrade": "websocket"}),
         (f"{base}/index.html", {"Cookie": f"ronnaplan_{address.port}=\xff"}),
         (f"{base}/index.html?token=%ff", {}),
-        *(
-            (running.url, {"Host": host})
-            for host in ("evil.example", "127.0.0.1:99999999", "a@127.0.0.1", "[", "")
-        ),
-        *((running.url, {"Origin": origin}) for origin in ("http://evil.example", "http://[", "null", "\xff")),
+        *((shared.url, {"Host": host}) for host in ("evil.example", "127.0.0.1:99999999", "a@127.0.0.1", "[", "")),
+        *((shared.url, {"Origin": origin}) for origin in ("http://evil.example", "http://[", "null", "\xff")),
     ]
     for url, headers in refused:
         with pytest.raises(urllib.error.HTTPError) as error:
@@ -50,7 +40,7 @@ def test_without_the_token_or_by_another_name_nothing_is_served(running: Planner
             urllib.request.urlopen(f"{base}{path}?token={token}")
         assert error.value.code in (403, 404), path
         error.value.close()
-    with urllib.request.urlopen(running.url) as answer:
+    with urllib.request.urlopen(shared.url) as answer:
         assert answer.status == 200
         assert "default-src 'self'" in answer.headers["Content-Security-Policy"]
         ahead = re.findall("<(.*?)>", answer.headers["Link"])
@@ -59,8 +49,8 @@ def test_without_the_token_or_by_another_name_nothing_is_served(running: Planner
         urllib.request.urlopen(f"{base}/{path}?token={token}").close()
 
 
-def test_the_planner_listens_on_this_machine_only(running: Planner) -> None:
-    address = urlsplit(running.url)
+def test_the_planner_listens_on_this_machine_only(shared: Planner) -> None:
+    address = urlsplit(shared.url)
     assert address.hostname == "127.0.0.1"
     try:
         others = {info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)}
@@ -71,8 +61,8 @@ def test_the_planner_listens_on_this_machine_only(running: Planner) -> None:
             socket.create_connection((other, address.port), timeout=2).close()
 
 
-def test_a_port_in_use_is_told_in_a_sentence(running: Planner, tmp_path: Path) -> None:
-    port = str(urlsplit(running.url).port)
+def test_a_port_in_use_is_told_in_a_sentence(shared: Planner, tmp_path: Path) -> None:
+    port = str(urlsplit(shared.url).port)
     command = [sys.executable, "-m", "ronnaplan", "view", str(cases.CT), "--plan", str(tmp_path / "p.json")]
     ended = subprocess.run(
         [*command, "--port", port], capture_output=True, text=True, env=environment(), timeout=60

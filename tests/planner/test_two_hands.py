@@ -47,11 +47,11 @@ def test_another_hand_s_change_is_shown_by_itself_and_the_planner_s_next_one_kee
     run(act())
 
 
-def test_a_change_of_what_another_hand_changed_is_refused_and_the_page_shows_theirs(running: Planner) -> None:
-    path = running.folder / "plan.json"
+def test_a_change_of_what_another_hand_changed_is_refused_and_the_page_shows_theirs(kept: Planner) -> None:
+    path = kept.folder / "plan.json"
 
     async def act() -> None:
-        async with Page(running.url) as page:
+        async with Page(kept.url) as page:
             for number in range(20):  # until a change comes before the planner has looked
                 theirs = f"theirs {number}"
                 change_plan(path, lambda plan, theirs=theirs: plan.edit("left", notes=theirs))  # type: ignore[misc]
@@ -66,24 +66,25 @@ def test_a_change_of_what_another_hand_changed_is_refused_and_the_page_shows_the
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="another process can be forbidden to write on Linux only")
-def test_a_write_that_fails_is_said_and_taken_back_on_the_page(running: Planner) -> None:
+def test_a_write_that_fails_is_said_and_taken_back_on_the_page(kept: Planner) -> None:
     import resource
 
-    path = running.folder / "plan.json"
-    limits = resource.prlimit(running.process.pid, resource.RLIMIT_FSIZE)
+    path = kept.folder / "plan.json"
+    limits = resource.prlimit(kept.process.pid, resource.RLIMIT_FSIZE)
     written = path.read_bytes()
 
     async def act() -> None:
-        async with Page(running.url) as page:
-            resource.prlimit(running.process.pid, resource.RLIMIT_FSIZE, (100, limits[1]))
+        async with Page(kept.url) as page:
+            before = (await page.state())["chosen"]["notes"]
+            resource.prlimit(kept.process.pid, resource.RLIMIT_FSIZE, (100, limits[1]))
             await page.trigger("notes", "left", "unsaved")
             state = await page.state()
             assert "cannot write" in state["message"]
             assert state["refusals"] == 1
-            assert state["chosen"]["notes"] == ""
+            assert state["chosen"]["notes"] == before
             assert path.read_bytes() == written
-            assert [one.name for one in running.folder.glob(".ronnaplan.*")] == []
-            resource.prlimit(running.process.pid, resource.RLIMIT_FSIZE, limits)
+            assert [one.name for one in kept.folder.glob(".ronnaplan.*")] == []
+            resource.prlimit(kept.process.pid, resource.RLIMIT_FSIZE, limits)
             await page.trigger("notes", "left", "saved")
             assert (await page.state())["chosen"]["notes"] == "saved"
 
