@@ -106,7 +106,7 @@ class FloorEntry(DocumentModel):
     x: Range
     y: Range
     z: Range
-    turn_deg: tuple[Degrees, Degrees] = (-180.0, 180.0)
+    turn_deg: tuple[Degrees, Degrees] = parts.Floor.turn_deg
     trolley: tuple[BoxEntry, ...] = Field(default=(), max_length=MOST_THINGS)
 
     @model_validator(mode="after")
@@ -122,15 +122,15 @@ class ToolMarkerEntry(DocumentModel):
 
     at: Vector
     normal: Pointing
-    seen_deg: Angle = 70.0
+    seen_deg: Angle = parts.ToolMarker.seen_deg
 
 
 class ToolEntry(DocumentModel):
     """The instrument holder, in the flange's frame."""
 
-    start: Vector = (0.0, 0.0, 100.0)
-    direction: Pointing = (0.0, 0.0, 1.0)
-    standoff_mm: StandoffMm = 30.0
+    start: Vector = parts.Tool.start_mm
+    direction: Pointing = parts.Tool.direction
+    standoff_mm: StandoffMm = parts.Tool.standoff_mm
     body: tuple[CapsuleEntry, ...] = Field(default=(), max_length=MOST_THINGS)
     marker: ToolMarkerEntry | None = None
 
@@ -138,20 +138,20 @@ class ToolEntry(DocumentModel):
 class CameraEntry(DocumentModel):
     """The stereo cameras, in the flange's frame."""
 
-    tcp: Vector = (0.0, 0.0, 300.0)
-    direction: Pointing = (0.0, 0.0, 1.0)
-    tilt_deg: Angle = 30.0
-    standoff_mm: StandoffMm = 50.0
+    tcp: Vector = parts.Camera.tcp_mm
+    direction: Pointing = parts.Camera.direction
+    tilt_deg: Angle = parts.Camera.tilt_deg
+    standoff_mm: StandoffMm = parts.Camera.standoff_mm
 
 
 class TrackerEntry(DocumentModel):
     """The tracker."""
 
     position: Vector
-    nearest_mm: LengthMm = 950.0
-    farthest_mm: PositiveMm = 2400.0
-    body_mm: LengthMm = 250.0
-    beam_mm: LengthMm = 30.0
+    nearest_mm: LengthMm = parts.Tracker.nearest_mm
+    farthest_mm: PositiveMm = parts.Tracker.farthest_mm
+    body_mm: LengthMm = parts.Tracker.body_mm
+    beam_mm: LengthMm = parts.Tracker.beam_mm
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -165,17 +165,17 @@ class TrackerEntry(DocumentModel):
 class MarginsEntry(DocumentModel):
     """The least margins that count as served."""
 
-    joint_deg: Angle = 5.0
-    singularity_deg: Annotated[float, Field(ge=1, le=90)] = 8.0
-    clearance_mm: LengthMm = 20.0
-    tracker_deg: Angle = 5.0
+    joint_deg: Angle = parts.Margins.joint_deg
+    singularity_deg: Annotated[float, Field(ge=1, le=90)] = parts.Margins.singularity_deg
+    clearance_mm: LengthMm = parts.Margins.clearance_mm
+    tracker_deg: Angle = parts.Margins.tracker_deg
 
 
 class ParkingEntry(DocumentModel):
     """One standard deviation of where the robot comes to stand."""
 
-    sigma_mm: LengthMm = 20.0
-    sigma_deg: Angle = 3.0
+    sigma_mm: LengthMm = parts.Parking.sigma_mm
+    sigma_deg: Angle = parts.Parking.sigma_deg
 
 
 class RoomDocument(DocumentModel):
