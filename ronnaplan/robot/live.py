@@ -7,6 +7,7 @@ base before the tracker (or of the tool in its flange). A movement that both sha
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -22,6 +23,7 @@ from ronnaplan.robot.recorded import resting_matrix, robot_pose, seen_tool, tool
 from ronnaplan.sigmas import SIGMA_OTS_MM, SIGMA_ROBOT_DEG, SIGMA_ROBOT_MM
 from ronnaplan.tracking import Recording
 from ronnaplan.tracking.frames import labelled_frames
+from ronnaplan.tracking.recording import OK
 
 
 class LiveStatus(StrEnum):
@@ -97,7 +99,10 @@ class LiveChain:
 
     def judge(self, recording: Recording) -> Moment:
         """Return what the readings of one moment tell of head and robot."""
-        seen = self._seen_head(recording)
+        try:
+            seen = self._seen_head(recording)
+        except InputError as error:  # more readings than a tracker makes
+            return unseen(str(error))
         head = check_drift(self.head, seen) if seen is not None else None
         try:
             capture = self._capture(recording)
@@ -107,9 +112,7 @@ class LiveChain:
             return Moment(LiveStatus.UNSEEN, head, None, None, str(error))
         robot = self._movement(capture)
         if seen is None or head is None or head.status is DriftStatus.TOO_FEW:
-            return Moment(
-                LiveStatus.UNSEEN, head, robot, None, "no three of the head's markers off one line are seen"
-            )
+            return Moment(LiveStatus.UNSEEN, head, robot, None, _too_few(recording))
         status = self._status(head, robot, seen)
         valid = status is LiveStatus.VALID
         return Moment(status, head, robot, robot_from_ct(self.ots_from_ct, capture) if valid else None)
@@ -174,6 +177,13 @@ class LiveChain:
         of_head = Pose(motion.matrix, motion.covariance, OTS, OTS)
         as_one = _chance_of_rest(robot.pose @ of_head.inverse()) >= DRIFT_PROBABILITY
         return LiveStatus.TRACKER_MOVED if as_one else LiveStatus.BOTH_MOVED
+
+
+def _too_few(recording: Recording) -> str:
+    """Say that the head is not seen, and what most readings say that do not count."""
+    said = Counter(one.status for one in recording.points if one.status != OK).most_common(1)
+    why = f"; {said[0][1]} readings say '{said[0][0]}'" if said else ""
+    return f"no three of the head's markers off one line are seen{why}"
 
 
 def _vector(matrix: FloatArray) -> FloatArray:

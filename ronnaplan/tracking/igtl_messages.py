@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 import struct
+import time
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,8 @@ POSE_STATUS, POSE_VALID = "TransformStatus", "TransformValid"
 VERSIONS = (1, 2, 3)
 LARGEST_BODY = 1 << 26
 """A longer message body (64 MB) is not tracker data but a lost byte count."""
+REPEATED = "repeated: its own time stands still"
+"""Status of a good reading whose device has long sent nothing new: it is of a moment that is over."""
 MOST_READINGS = 1_000_000
 """A recording that holds more (0.8 GB of memory) is ended: half a day of one tool at 20 Hz."""
 MOST_NOTES = 20
@@ -101,9 +104,13 @@ def text(field: bytes) -> str:
 
 
 class Stream:
-    """Cuts the bytes of a connection into messages and collects their readings."""
+    """Cuts the bytes of a connection into messages and collects their readings.
 
-    def __init__(self) -> None:
+    Where a device's own time stands still for ``silence_s`` while it goes on sending, its readings are flagged.
+    """
+
+    def __init__(self, silence_s: float) -> None:
+        self._silence_s = silence_s
         self.points: list[PointReading] = []
         self.tools: list[ToolReading] = []
         self.messages = 0
@@ -111,6 +118,8 @@ class Stream:
         self.leapt_s = 0.0
         """How far the time of a device's messages leapt back at most; each counts by itself, as clocks differ."""
         self._latest_s: dict[tuple[str, str], float] = {}
+        self._renewed_s: dict[tuple[str, str], float] = {}
+        """When, by this computer's clock, the time of a device's messages last went on."""
         self._left_out: Counter[str] = Counter()
         self._passed_over: Counter[str] = Counter()
         self._roundings = Roundings()
@@ -176,16 +185,32 @@ class Stream:
         if message.checksum not in (0, CRC64(body)):
             self._left_out[f"{what} failed their checksum and were left out"] += 1
             return
+        points, tools = len(self.points), len(self.tools)
         try:
             unpack[message.kind](message, body)
         except (ValueError, struct.error) as error:
             self._left_out[f"{what} cannot be read ({error}) and were left out"] += 1
             return
         self.messages += 1
-        if message.time_s > 0:  # 0 states none
-            sender = message.kind, message.device
-            self.leapt_s = max(self.leapt_s, self._latest_s.get(sender, 0.0) - message.time_s)
-            self._latest_s[sender] = message.time_s
+        if self._is_repeated(message):
+            self.points[points:] = [
+                replace(one, status=REPEATED) if one.usable else one for one in self.points[points:]
+            ]
+            self.tools[tools:] = [
+                replace(one, status=REPEATED) if one.usable else one for one in self.tools[tools:]
+            ]
+
+    def _is_repeated(self, message: Message) -> bool:
+        """Keep the time of ``message``; return whether its device has long sent nothing new, as where it is frozen."""
+        if message.time_s <= 0:  # 0 states none
+            return False
+        sender, now = (message.kind, message.device), time.monotonic()
+        latest_s = self._latest_s.get(sender, 0.0)
+        self.leapt_s = max(self.leapt_s, latest_s - message.time_s)
+        self._latest_s[sender] = message.time_s
+        if message.time_s > latest_s:
+            self._renewed_s[sender] = now
+        return now - self._renewed_s[sender] > self._silence_s
 
     def _take_points(self, message: Message, body: bytes) -> None:
         content = message.content(body)

@@ -20,7 +20,7 @@ DEFAULT_PORT = 18944
 CONNECT_S = 5.0
 """A server that is there answers within this, its name's look-up included."""
 SILENCE_S = 2.0
-"""Without a message for this long, the stream is said to have stopped."""
+"""Without a message for this long, the stream is said to have stopped, and a device without a new one is not seen."""
 LONGEST_S = 86_400.0
 """No recording takes longer than a day."""
 POLL_S = 0.1
@@ -46,7 +46,7 @@ def moments(host: str, port: int = DEFAULT_PORT, *, every_s: float, seconds: flo
     ended. Where the time is up, a moment that had only begun is left out: of its last frame there may be the points and
     not yet the tools. Raises `InputError` if no server answers.
     """
-    stream, until = Stream(), time.monotonic() + seconds
+    stream, until = Stream(SILENCE_S), time.monotonic() + seconds
     source, cut, told = f"openigtlink://{host}:{port}", _Moments(every_s), False
     with _connected(host, port) as connection:
         connection.settimeout(POLL_S)
@@ -116,7 +116,7 @@ def record(host: str, port: int = DEFAULT_PORT, *, seconds: float = 5.0) -> Reco
     """
     if not math.isfinite(seconds) or not 0 < seconds <= LONGEST_S:
         raise InputError(f"{seconds} seconds were asked for; expected a time above zero and up to {LONGEST_S:g} s")
-    stream = Stream()
+    stream = Stream(SILENCE_S)
     with _connected(host, port) as connection:
         connection.settimeout(POLL_S)
         end = None

@@ -26,6 +26,7 @@ from ronnaplan.pose import Pose
 from ronnaplan.robot.chain import TCP, M
 from ronnaplan.robot.live import LiveStatus
 from ronnaplan.tracking import openigtlink
+from ronnaplan.tracking.recording import PointReading
 from tests.robot.live_documents import write_documents
 from tests.robot.live_moments import CASE, live, recording
 
@@ -54,6 +55,23 @@ def test_what_moved_is_told_apart(room: LiveRoom, changes: dict[str, FloatArray]
     moment = chain.judge(recording(replace(room, **changes)))  # type: ignore[arg-type]
     assert moment.status is status
     assert (moment.robot_from_ct is not None) == (status is LiveStatus.VALID)
+
+
+def test_a_moment_of_more_readings_than_a_tracker_makes_tells_nothing_and_ends_no_watch(room: LiveRoom) -> None:
+    chain, whole = live(room), recording(room)
+    crowd = tuple(PointReading(0, np.array([k, 0.0, -900.0])) for k in range(1500))
+    moment = chain.judge(replace(whole, points=(*whole.points, *crowd)))
+    assert (moment.status, moment.robot_from_ct) == (LiveStatus.UNSEEN, None)
+    assert re.fullmatch("frame 0 holds 15.. readings; expected 1200 at most", moment.why)
+    assert chain.judge(whole).status is LiveStatus.VALID
+
+
+def test_a_head_whose_readings_do_not_count_is_unseen_with_the_reason(room: LiveRoom) -> None:
+    chain, whole = live(room), recording(room)
+    frozen = tuple(replace(one, status="repeated") for one in whole.points)
+    moment = chain.judge(replace(whole, points=frozen))
+    assert moment.status is LiveStatus.UNSEEN
+    assert moment.why.endswith(f"off one line are seen; {len(frozen)} readings say 'repeated'")
 
 
 def test_what_moved_by_more_than_the_gate_in_steps_is_followed(room: LiveRoom) -> None:

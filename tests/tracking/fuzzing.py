@@ -18,6 +18,7 @@ from ronnaplan.errors import InputError
 from ronnaplan.tracking import Recording, find_markers, read_recording
 from ronnaplan.tracking.csv_file import write_csv
 from ronnaplan.tracking.igtl_messages import HEADER, Stream
+from ronnaplan.tracking.openigtlink import SILENCE_S
 from tests.fuzz.border import Border, WrongValueError
 from tests.fuzz.mutations import ANYWHERE, NUMBERS, mutate
 from tests.tracking.files import MARKUPS, NDI, as_nrrd, matrix_rows, plus, sequence, turned
@@ -187,7 +188,7 @@ class StreamBorder(Border):
 
     def feed(self, given: Any, folder: Path) -> str:
         content, step = given
-        whole, pieces = Stream(), Stream()
+        whole, pieces = Stream(SILENCE_S), Stream(SILENCE_S)
         whole.feed(content)
         for start in range(0, len(content), step):
             pieces.feed(content[start : start + step])

@@ -174,6 +174,19 @@ def test_a_device_whose_clock_lags_for_good_is_no_leap(message: Callable[[float]
     assert last.end is None
 
 
+@pytest.mark.parametrize("message", [pose_of_robot, lambda time_s: points(time_s=time_s)])
+def test_readings_of_a_device_that_repeats_its_last_message_are_flagged(message: Callable[[float], bytes]) -> None:
+    """Others go on, so that the stream's time does not stand still, and what has moved since would look at rest."""
+    stream = Stream(0.0)
+    for frame, time_s in enumerate([1e9, 1e9, 1e9, 1e9 + 0.05, 0.0, 0.0]):
+        stream.feed(message(time_s))
+        stream.feed(points(device="Other", time_s=1e9 + frame))
+        taken, tools = stream.taken()
+        of_device = tools or taken[:2]
+        assert {one.usable for one in of_device} == {frame not in (1, 2)}
+        assert all(one.usable for one in taken[-2:])
+
+
 def test_a_moment_that_had_only_begun_when_the_time_was_up_is_left_out() -> None:
     frames = [points(time_s=1e9 + 0.05 * frame) for frame in range(3)]
     with server(frames) as port:
