@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterable
 
 from ronnaplan.cli.output import warn
-from ronnaplan.cli.robot_options import RECORDED, other_tool, tell, with_output, with_tool, worth
+from ronnaplan.cli.robot_options import RECORDED, calibrated_tool, other_tool, tell, with_output, with_tool, worth
 
 HELP = "Find M from TCP (and R from OTS) from simultaneous poses of tracker and robot."
 
@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     found = calibrate_hand_eye(ots_from_m, robot_from_tcp)
     if pivot is not None:
         found = with_tip(found, pivot.tip_mm, pivot.tip_covariance_mm2)
-    tool = arguments.tool or tracker.tool_names[0]
+    tool = calibrated_tool(tracker, arguments.tool)
     notes = (*tracker.notes, *robot.notes, *_alone(seen, driven), *found.doubts)
     if pivot is not None:
         notes += (*pivot.notes, *other_tool(pivot.tool, tool))

@@ -13,7 +13,10 @@ from ronnaplan.sigmas import SIGMA_ROBOT_DEG, SIGMA_ROBOT_MM
 if TYPE_CHECKING:
     from ronnaplan.geometry import FloatArray
     from ronnaplan.robot.images import ImagePair
+    from ronnaplan.tracking import Recording
 
+UNNAMED = "tool"
+"""The tool of a recording that names none, as rows of matrices or quaternions."""
 RECORDED = "a recording of poses (rows of 4 x 4 matrices, CSV with quaternions, NDI CSV, PLUS sequence)"
 
 
@@ -77,9 +80,14 @@ def read_looks(arguments: argparse.Namespace) -> tuple[dict[int, ImagePair], Flo
     return looks, simultaneous({frame: driven[frame] for frame in looks}, driven)[1], robot.notes
 
 
+def calibrated_tool(recording: Recording, asked: str | None) -> str:
+    """Return the name of the tool in the tracker's ``recording``: the one that was asked for, else its only one."""
+    return asked or recording.tool_names[0] or UNNAMED
+
+
 def other_tool(calibrated: str, seen: str | None) -> tuple[str, ...]:
     """Say that the tool that was seen goes by another name than the one that was calibrated."""
-    if seen in (None, calibrated):
+    if not seen or seen == calibrated:
         return ()
     return (f"the calibration is of the tool '{calibrated}', the tracker's recording of '{seen}'",)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from ronnaplan.cli.output import warn
-from ronnaplan.cli.robot_options import RECORDED, tell, with_output, with_tool
+from ronnaplan.cli.robot_options import RECORDED, calibrated_tool, tell, with_output, with_tool
 
 HELP = "Find a tool's tip from poses about a divot, with its covariance."
 
@@ -29,7 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     poses = tool_poses(recording, arguments.tool)
     found = calibrate_pivot(list(poses.values()))
     warn(*recording.notes)
-    document = pivot_document(found, arguments.tool or recording.tool_names[0], recording.notes)
+    document = pivot_document(found, calibrated_tool(recording, arguments.tool), recording.notes)
     write_document(arguments.output, document, read_pivot)
     x, y, z = found.tip_mm
     errors = [found.tip_covariance_mm2[axis, axis] ** 0.5 for axis in range(3)]

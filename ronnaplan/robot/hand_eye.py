@@ -28,6 +28,7 @@ from ronnaplan.pose import (
 )
 from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
+from ronnaplan.robot.pivot import LONGEST_TOOL_MM
 
 SMALLEST_TURN_DEG = 5.0
 """RMS turn about the second axis that the poses need; below it the translation along the first is undetermined."""
@@ -92,7 +93,7 @@ def calibrate_hand_eye(ots_from_m: ArrayLike, robot_from_tcp: ArrayLike) -> Hand
 
     ``ots_from_m`` and ``robot_from_tcp`` are (N, 4, 4) in mm. Raises `InputError` for fewer than four different poses,
     unequal numbers, matrices that are no poses, and motions that turn about one axis only; `RefusedError` where the
-    poses do not belong together.
+    poses do not belong together, or the TCP lies where no tool's is.
     """
     seen = as_poses(ots_from_m, "ots_from_m")
     driven = as_poses(robot_from_tcp, "robot_from_tcp")
@@ -115,6 +116,12 @@ def calibrate_hand_eye(ots_from_m: ArrayLike, robot_from_tcp: ArrayLike) -> Hand
             f"the poses of robot and tracker contradict each other by {found.rotation_rms_deg:.2f} degrees and "
             f"{found.translation_rms_mm:.2f} mm RMS, expected at most {LARGEST_ROTATION_DEG:g} and "
             f"{LARGEST_TRANSLATION_MM:g}; record both at the same moments, as tracker from tool and robot from TCP"
+        )
+    away_mm = float(np.linalg.norm(found.m_from_tcp.translation_mm))
+    if away_mm > LONGEST_TOOL_MM:
+        raise RefusedError(
+            f"the TCP lies {away_mm:.0f} mm from M, expected at most {LONGEST_TOOL_MM:g}; check that the poses are "
+            "tracker from tool and robot from TCP, and not both the other way round"
         )
     return replace(found, out_of_step=_out_of_step(seen, driven))
 

@@ -320,6 +320,33 @@ def test_recordings_that_are_mixed_up_are_refused_or_doubted(
     assert (status, "tell the same pose" in text) == (1, True)
 
 
+def test_recordings_with_quaternions_need_no_name_of_the_tool(
+    home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    session = home / "session"
+    for name in ("pivot", "hand_eye_tracker", "hand_eye_robot", "rest_tracker"):
+        poses = read_recording(session / f"{name}.csv").poses("tool")
+        turns = Rotation.from_matrix(poses[:, :3, :3]).as_quat()
+        table = np.column_stack([np.arange(len(poses)), poses[:, :3, 3], turns])
+        header = "frame,x,y,z,qx,qy,qz,qw"
+        np.savetxt(tmp_path / f"{name}.csv", table, "%.9f", ",", header=header, comments="")
+        text = (tmp_path / f"{name}.csv").read_text().replace(".000000000,", ",")
+        (tmp_path / f"{name}.csv").write_text(text)
+    pivot, hand_eye = str(tmp_path / "pivot.json"), str(tmp_path / "hand-eye.json")
+    assert main(["robot", "pivot", str(tmp_path / "pivot.csv"), "-o", pivot]) == 0
+    np.testing.assert_allclose(read_pivot(pivot).tip_mm, read_pivot(home / "pivot.json").tip_mm, atol=1e-4)
+    both = [str(tmp_path / f"hand_eye_{who}.csv") for who in ("tracker", "robot")]
+    assert main(["robot", "hand-eye", *both, "--pivot", pivot, "-o", hand_eye]) == 0
+    found, same = read_hand_eye(hand_eye), read_hand_eye(home / "hand-eye.json")
+    assert found.tool == same.tool == "tool"
+    np.testing.assert_allclose(found.tool_pose.matrix, same.tool_pose.matrix, atol=1e-4)
+    chain = ["--registration", str(home / "registration.json"), "--geometry", str(session / "tool.json")]
+    rest = ["--tracker", str(tmp_path / "rest_tracker.csv"), "--robot", str(session / "rest_robot.csv")]
+    capsys.readouterr()
+    assert main(["robot", "chain", *chain, *rest, "--hand-eye", hand_eye, "-o", str(tmp_path / "c.json")]) == 0
+    assert "the calibration is of the tool" not in capsys.readouterr().err
+
+
 def test_images_that_were_cropped_are_refused(home: Path, tmp_path: Path) -> None:
     """Beside the lens a crop moves both lines of sight alike: spheres were found 6 mm beside where they are."""
     for side in ("left", "right"):

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from ronnaplan.errors import FrameMismatchError, InputError
+from ronnaplan.errors import FrameMismatchError, InputError, RefusedError
 from ronnaplan.pose import Pose, invert
 from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.hand_eye import calibrate_hand_eye
@@ -106,6 +106,13 @@ def test_hand_eye_of_exact_poses_is_exact() -> None:
     found = calibrate_hand_eye(seen, driven)
     np.testing.assert_allclose(found.m_from_tcp.matrix, m_from_tcp, atol=1e-6)
     np.testing.assert_allclose(found.robot_from_ots.matrix, robot_from_ots, atol=1e-6)
+
+
+def test_poses_that_are_both_the_other_way_round_are_refused() -> None:
+    """They agree as well, and tell where the robot's base is before the tracker in the place of the tool."""
+    seen, driven, _, _ = hand_eye_poses(1, 8, 0.0, 0.0)
+    with pytest.raises(RefusedError, match=r"the TCP lies [0-9]+ mm from M, .* not both the other way round"):
+        calibrate_hand_eye(invert(seen), invert(driven))
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.9])
