@@ -97,6 +97,7 @@ def _by_tracker(arguments: argparse.Namespace) -> ChainDocument:
     from ronnaplan.tracking import read_recording
 
     registration, hand_eye = read_registration(arguments.registration), read_hand_eye(arguments.hand_eye)
+    registration.require_tracker()
     geometry = read_template_document(arguments.geometry).placed(M, arguments.sigma_geometry)
     tracker = _only(read_recording(arguments.tracker), arguments.frame)
     robot = _only(read_recording(arguments.robot), arguments.frame)

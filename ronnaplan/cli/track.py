@@ -50,6 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     registered = read_registration(arguments.registration) if arguments.registration else None
     if registered is not None:
         registered.require_unique()
+        registered.require_tracker()
     recording = record(arguments.host, arguments.port, seconds=arguments.seconds)
     write_result(arguments.output, write_csv(recording))
     for note in recording.notes:

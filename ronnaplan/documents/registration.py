@@ -35,6 +35,7 @@ from ronnaplan.pose import Pose, as_pose, transform_points
 from ronnaplan.registration.maps import error_map
 from ronnaplan.registration.registration import RegistrationFlag
 from ronnaplan.sigmas import SIGMA_OTS_MM
+from ronnaplan.tracking.recording import OTS
 
 FORMAT = "ronnaplan.registration"
 SAME_ERROR = 1e-6
@@ -198,6 +199,15 @@ class RegistrationDocument(DocumentModel):
     def require_frame(self, frame: Frame) -> None:
         """Raise `FrameMismatchError` unless this registration is of the scan ``frame``."""
         self.ct_frame.require(frame)
+
+    def require_tracker(self) -> None:
+        """Raise `FrameMismatchError` unless the readings are in the tracker's own frame, as poses of its tools are."""
+        if self.frames.ots != OTS.name:
+            raise FrameMismatchError(
+                f"the registration's readings are in the frame {self.frames.ots}, and poses of tools in the tracker's "
+                f"own, {OTS}; register readings that the tracker itself has written (what Slicer saves is in LPS, "
+                "where x and y have the other sign)"
+            )
 
     def tre_map(self, volume: CTVolume) -> ScalarMap:
         """Return the expected root-mean-square TRE (mm) at every voxel of the scan that was registered.

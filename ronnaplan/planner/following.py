@@ -68,8 +68,8 @@ class Following:
     def start(self, moments: Callable[[], Moments]) -> None:
         """Show every tool that ``moments`` tell of, in the tracker's frame, until `stop` or their end.
 
-        Raises `UsageError` without a registration that says where the tracker's frame is, `InputError` for a damaged
-        ``pivot.json``.
+        Raises `UsageError` without a registration that says where the tracker's frame is, `FrameMismatchError` for one
+        of readings in another frame, `InputError` for a damaged ``pivot.json``.
         """
         from ronnaplan.documents.tool import read_pivot
 
@@ -100,6 +100,8 @@ class Following:
         pose = self.ct_from_ots
         if pose is None:
             raise UsageError("tools are shown in the scan once its markers are registered with the tracker")
+        assert self.case.registration is not None
+        self.case.registration.require_tracker()
         return pose
 
     def _follow(

@@ -10,13 +10,16 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.tracking.recording import OK, PointReading, Recording
 from ronnaplan.tracking.tables import FALSE, number, read_rows, read_text, require_table, split_rows
 from ronnaplan.untrusted import checked, parse_json, read_whole
 
 LPS_FROM_RAS = np.array([-1.0, -1.0, 1.0])
 """RAS and LPS differ in the sign of the first two axes, either way."""
+SLICER = Frame("LPS")
+"""The frame of what Slicer saves. A tracker that streams to it is taken to tell RAS, so that this is not the tracker's:
+x and y have the other sign than in the tracker's own poses."""
 FCSV_SYSTEMS = {"0": "RAS", "1": "LPS", "RAS": "RAS", "LPS": "LPS"}
 FCSV_LAST = "associatedNodeID"
 FCSV_UNNAMED = ("position status", "auto created")
@@ -90,7 +93,7 @@ def read_markups(path: Path) -> Recording:
         for markup in read_markups_file(path)
         for point, position_mm in zip(markup.controlPoints, markup.positions_mm, strict=True)
     ]
-    return Recording(str(path), tuple(points))
+    return Recording(str(path), tuple(points), frame=SLICER)
 
 
 def read_fcsv(path: Path) -> Recording:
@@ -119,7 +122,7 @@ def read_fcsv(path: Path) -> Recording:
         row = dict(zip(columns, cells, strict=False))
         position = np.array([number(row.get(axis, "")) for axis in "xyz"], dtype=np.float64)
         points.append(_point(sign * position, row.get("label", ""), _fcsv_status(row.get(FCSV_UNNAMED[0], ""))))
-    return Recording(str(path), tuple(points))
+    return Recording(str(path), tuple(points), frame=SLICER)
 
 
 def has_control_points(header: list[str]) -> bool:
@@ -144,7 +147,7 @@ def read_control_points(path: Path) -> Recording:
         )
         status = "undefined" if row.get("defined", "").strip().lower() in FALSE else OK
         points.append(_point(sign * position, row.get("label", ""), status))
-    return Recording(str(path), tuple(points))
+    return Recording(str(path), tuple(points), frame=SLICER)
 
 
 def _fcsv_status(cell: str) -> str:

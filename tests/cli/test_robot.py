@@ -318,6 +318,11 @@ def test_recordings_that_are_mixed_up_are_refused_or_doubted(
     assert "otherwise to each other" not in told(*chain, *rest, "--hand-eye", home / "hand-eye.json")[1]
     status, text = told(*chain, *rest[:3], rest[1], "--hand-eye", home / "hand-eye.json")
     assert (status, "tell the same pose" in text) == (1, True)
+    of_slicer = {**read(home / "registration.json"), "frames": {"ct": "CT", "ots": "LPS"}}
+    (tmp_path / "registration.json").write_text(json.dumps(of_slicer))
+    named = ("chain", "--registration", tmp_path / "registration.json", *chain[3:])
+    status, text = told(*named, *rest, "--hand-eye", home / "hand-eye.json")
+    assert (status, "readings are in the frame LPS, and poses of tools in the tracker's own" in text) == (1, True)
 
 
 def test_recordings_with_quaternions_need_no_name_of_the_tool(

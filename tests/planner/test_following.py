@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from ronnaplan.documents.reading import to_json
+from ronnaplan.documents.registration import Frames
 from ronnaplan.documents.tool import pivot_document, read_pivot
-from ronnaplan.errors import UsageError
+from ronnaplan.errors import FrameMismatchError, UsageError
 from ronnaplan.planner.following import Following, seen_tools, told
 from ronnaplan.planner.head_view import HeadView
 from ronnaplan.planner.over_cut import over_cut
@@ -138,6 +139,15 @@ def test_a_stream_that_ends_is_told_and_one_without_a_registration_not_begun(
     storage.registration.unlink()
     with pytest.raises(UsageError, match="once its markers are registered"):
         PlannerState(cases.volume(), storage).following.start(list)
+
+
+def test_tools_are_not_shown_by_a_registration_of_readings_in_another_frame_than_the_trackers(
+    state: PlannerState,
+) -> None:
+    file = state.storage.plan.with_name("registration.json")
+    file.write_text(to_json(cases.registration().model_copy(update={"frames": Frames(ots="LPS")})))
+    with pytest.raises(FrameMismatchError, match="readings are in the frame LPS"):
+        PlannerState(cases.volume(), state.storage).following.start(lambda: ())
 
 
 def test_tools_in_the_coordinates_of_several_systems_are_not_shown_as_if_in_the_trackers(

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from ronnaplan.errors import InputError
+from ronnaplan.geometry import Frame
 from ronnaplan.tracking import read_recording
+from ronnaplan.tracking.recording import OTS
 from tests.tracking.files import MARKUPS, written
 
 
@@ -26,6 +28,13 @@ def test_slicer_markups_are_read_in_lps(tmp_path: Path, system: str, sign: int) 
     recording = read_recording(written(tmp_path, "m.fcsv", fcsv + "1,1,2,3,0,F-1\n"))
     np.testing.assert_array_equal(recording.points[0].position_mm, [sign * 1, sign * 2, 3])
     assert recording.points[0].label == "F-1"
+
+
+def test_what_slicer_saves_is_not_in_the_trackers_own_frame(tmp_path: Path) -> None:
+    """Slicer takes what a tracker sends for RAS, so that x and y have the other sign than in the poses of its tools."""
+    fcsv = "# CoordinateSystem = LPS\n# columns = id,x,y,z,ow,label\n1,1,2,3,0,F-1\n"
+    for name, text in (("m.mrk.json", MARKUPS), ("m.fcsv", fcsv), ("m.csv", "label,r,a,s\nF,1,2,3\n")):
+        assert read_recording(written(tmp_path, name, text)).frame == Frame("LPS") != OTS
 
 
 @pytest.mark.parametrize(
