@@ -158,9 +158,9 @@ def _summary(found: TemplateLayout, fitted: Fitted | None) -> str:
     from ronnaplan.planning.template_layout import refusal_text
 
     lines = [
-        f"nearest rival {found.rival_distance_mm:.1f} mm away; refused in {refusal_text(found.refusal_probability)} "
-        f"(sigma {found.sigma_ct_mm:g} mm in CT, {found.sigma_ots_mm:g} mm at the tracker, "
-        f"{found.bridge.sigma_mm:.2f} mm of print and screws)",
+        f"nearest rival {found.rival_distance_mm:.1f} mm away, refused for it in "
+        f"{refusal_text(found.refusal_probability)} (sigma {found.sigma_ct_mm:g} mm in CT, "
+        f"{found.sigma_ots_mm:g} mm at the tracker, {found.bridge.sigma_mm:.2f} mm of print and screws)",
         f"distances in a scan are believed within {found.bridge.distance_tolerance_mm:.2f} mm; any other order of the "
         f"markers is {found.distance_gap_mm:.1f} mm off",
     ]

@@ -163,7 +163,7 @@ def _write_tables(figure: Figure, found: TemplateLayout) -> None:
         f"x and y from the middle of the plate before it is bent; printed within +-{bridge.print_tolerance_mm:g}, "
         f"markers within +-{bridge.screw_play_mm:g} of their holes' axes and heights",
         f"distances in a scan within +-{bridge.distance_tolerance_mm:.2f}; nearest rival "
-        f"{found.rival_distance_mm:.1f}; refused in {refusal_text(found.refusal_probability)}",
+        f"{found.rival_distance_mm:.1f}, refused for it in {refusal_text(found.refusal_probability)}",
         "research use only; measure the print before it is used",
     ]
     figure.text(0.06, 0.27, "\n".join([*holes, "", *distances]), fontsize=SMALL, family="monospace", va="top")

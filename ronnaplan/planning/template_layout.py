@@ -217,8 +217,9 @@ def require_unmistakable(found: TemplateLayout) -> None:
     remedy = "take a larger one, more markers, or smaller tolerances"
     if found.refusal_probability >= GREATEST_REFUSAL:
         raise RefusedError(
-            f"the best template of {len(found.holes_mm)} markers on {size} mm would be refused in "
-            f"{refusal_text(found.refusal_probability)} of cases, expected below {100 * GREATEST_REFUSAL:g} %; {remedy}"
+            f"the best template of {len(found.holes_mm)} markers on {size} mm would be refused for its nearest "
+            f"rival in {refusal_text(found.refusal_probability)} of cases, expected below "
+            f"{100 * GREATEST_REFUSAL:g} %; {remedy}"
         )
     tolerance = found.bridge.distance_tolerance_mm
     if found.distance_gap_mm <= 2 * tolerance:

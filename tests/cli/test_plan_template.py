@@ -24,7 +24,9 @@ def test_a_standard_head_gives_body_document_and_drawing(
     read = read_template_document(tmp_path / "stl.json")
     assert (read.name, read.labels) == ("T1", ("A", "B", "C"))
     assert read.tolerance == pytest.approx(4 * np.sqrt(2 * ((0.2**2 + 0.3**2) / 3 + 0.15**2)), abs=1e-3)
-    assert "0.21 mm of print and screws" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "mm away, refused for it in less than 0.001 %" in told
+    assert "0.21 mm of print and screws" in told
 
 
 @pytest.mark.parametrize(

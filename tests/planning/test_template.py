@@ -82,7 +82,7 @@ def test_print_and_screws_count_as_errors() -> None:
     loose, tight = (TemplateLayout(Bridge(screw_play_mm=play), near) for play in (2.0, 0.1))
     assert tight.refusal_probability < loose.refusal_probability
     assert loose.bridge.distance_tolerance_mm > 2 * tight.bridge.distance_tolerance_mm
-    with pytest.raises(RefusedError, match="would be refused in"):
+    with pytest.raises(RefusedError, match="would be refused for its nearest rival in"):
         require_unmistakable(loose)
 
 
