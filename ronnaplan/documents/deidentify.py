@@ -1,8 +1,8 @@
 """DICOM files for research: what names nobody is kept, everything else goes (PS3.15, Annex E, basic profile).
 
 Only attributes that are listed here are kept, so that one that nobody thought of, a private one or one of a later
-edition of the standard goes, too. UIDs are replaced, each by the same new one wherever it stands, in all files of one
-run; they cannot be turned back without its ``secret``.
+edition of the standard goes, too; of the pixels, only the bits that hold values. UIDs are replaced, each by the same
+new one wherever it stands, in all files of one run; they cannot be turned back without its ``secret``.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import warnings
 from pathlib import Path
 from typing import Final
 
+import numpy as np
 from pydicom import dcmread
 from pydicom.dataset import Dataset, FileMetaDataset
 from pydicom.uid import UID
@@ -158,6 +159,7 @@ def deidentified(given: Dataset, secret: bytes) -> Dataset:
     if given.get("BurnedInAnnotation", "NO") != "NO":
         raise InputError("its pixels are said to show annotations, which may name the patient; leave it out")
     kept = _kept(given, secret)
+    _clear_overlays(kept, given)
     for keyword in EMPTY:
         setattr(kept, keyword, None)
     for keyword in CONTENT:
@@ -194,6 +196,34 @@ def _kept(given: Dataset, secret: bytes, number: int = 1) -> Dataset:
             dummy = DUMMIES[element.keyword]
             found.add_new(element.tag, element.VR, f"{dummy}{number}" if element.VR == "SH" else dummy)
     return found
+
+
+OVERLAY_GROUPS: Final = range(0x6000, 0x6100, 2)
+BIT_POSITION: Final = 0x0102
+"""Element of an overlay's group: the bit of the pixels that holds it, 0 where it has data of its own."""
+
+
+def _clear_overlays(kept: Dataset, given: Dataset) -> None:
+    """Clear the bits of pixels that hold no values: scanners wrote overlays there, which may show a name.
+
+    Raises `InputError` for compressed pixels that are said to hold an overlay.
+    """
+    allocated, stored = kept.get("BitsAllocated", 0), kept.get("BitsStored", 0)
+    if "PixelData" not in kept or allocated not in (8, 16, 32) or not 1 <= stored < allocated:
+        return
+    if given.file_meta.TransferSyntaxUID.is_encapsulated:
+        told = [given.get((group, BIT_POSITION)) for group in OVERLAY_GROUPS]
+        if any(one is not None and one.value for one in told):
+            raise InputError("its compressed pixels hold an overlay, which may show a name; leave it out")
+        return
+    above = allocated - 1 - kept.HighBit
+    below = allocated - stored - above
+    order = "<" if given.file_meta.TransferSyntaxUID.is_little_endian else ">"
+    pixels = np.frombuffer(
+        kept.PixelData, f"{order}{'i' if kept.PixelRepresentation == 1 else 'u'}{allocated // 8}"
+    )
+    cleared = (pixels << above >> above >> below << below).astype(pixels.dtype)
+    kept.add_new(tags.PIXEL_DATA, kept["PixelData"].VR, cleared.tobytes())
 
 
 def _uid(secret: bytes, uid: str) -> UID:

@@ -121,6 +121,36 @@ def test_what_may_show_a_name_or_is_not_known_is_refused(tmp_path: Path) -> None
 
 
 @pytest.mark.skipif(shutil.which("dciodvfy") is None, reason="dciodvfy is not installed (see .ci/run)")
+@pytest.mark.parametrize("is_signed", [False, True])
+@pytest.mark.parametrize("syntax", ["1.2.840.10008.1.2.1", "1.2.840.10008.1.2.2"])
+def test_an_overlay_in_the_pixels_unused_bits_goes_with_its_group(
+    syntax: str, is_signed: bool, tmp_path: Path
+) -> None:
+    values = makers.pattern(3) - (300 if is_signed else 0)
+    made = makers.dataset(0, stored=(values & 0x0FFF | 0x5000 * (values % 3 == 0)).astype("<u2"))
+    made.BitsStored, made.HighBit, made.PixelRepresentation = 12, 11, int(is_signed)
+    made.add_new((0x6000, 0x0102), "US", 12)
+    (tmp_path / "in").mkdir()
+    makers.save(made, tmp_path / "in/file", syntax)
+    deidentify(tmp_path / "in", tmp_path / "out", SECRET)
+    left = np.frombuffer(dcmread(tmp_path / "out/00001.dcm").PixelData, ">i2" if syntax.endswith("2.2") else "<i2")
+    assert (left == values.ravel()).all()
+
+
+def test_an_overlay_in_compressed_pixels_is_refused(tmp_path: Path) -> None:
+    made = makers.dataset(0, stored=makers.pattern(3).astype("<u2"))
+    made.BitsStored, made.HighBit = 12, 11
+    made.add_new((0x6000, 0x0102), "US", 12)
+    (tmp_path / "in").mkdir()
+    made = makers.compress(made, "1.2.840.10008.1.2.5", tmp_path)
+    makers.save(made, tmp_path / "in/file")
+    with pytest.raises(InputError, match="compressed pixels hold an overlay"):
+        deidentify(tmp_path / "in", tmp_path / "out", SECRET)
+    made[0x6000, 0x0102].value = 0  # it has data of its own, which go
+    makers.save(made, tmp_path / "in/file")
+    assert deidentify(tmp_path / "in", tmp_path / "beside", SECRET) == 1
+
+
 def test_what_was_valid_stays_valid(tmp_path: Path) -> None:
     source = Source(study_instance_uid="1.2.3", series_instance_uid="1.2.4", frame_of_reference_uid="1.2.5")
     markers = fiducials_document(warm_up()[1]).model_copy(update={"source": source})
