@@ -13,11 +13,12 @@ from pathlib import Path
 from ronnaplan.cohort import children
 from ronnaplan.cohort.index import ASIDE, FILE, LEFT, WAITING, Index
 from ronnaplan.cohort.listing import Listed, bring_up_to_date, require_usable
-from ronnaplan.cohort.places import is_url, kept_name
+from ronnaplan.cohort.places import disk_name, is_url, kept_name
 from ronnaplan.cohort.planning import decide, tasks_of
 from ronnaplan.cohort.rules import Rules
 from ronnaplan.cohort.run import connected, work_off
 from ronnaplan.cohort.work import UNUSABLE
+from ronnaplan.ct.catalogue import folder_of_index
 from ronnaplan.ct.files import given_path
 from ronnaplan.documents.files import make_folder
 from ronnaplan.errors import InputError
@@ -25,6 +26,8 @@ from ronnaplan.jobs.serving import DONE, REFUSED
 from ronnaplan.text import printable
 
 LOCK = "cohort.lock"
+THIS_MACHINE = ("", "file", "local")
+"""Protocols of URLs that mean a path here; "" where there is none."""
 _ROOTS = "SELECT DISTINCT root FROM places WHERE EXISTS (SELECT 1 FROM files WHERE place = places.id)"
 
 
@@ -112,7 +115,7 @@ def _nothing_listed(out: Path) -> InputError:
 
 def _check_roots(roots: Sequence[str], out: Path) -> None:
     """Raise `InputError` for roots that cannot be listed into ``out``, which need not be there."""
-    if _whole(str(out)) in roots:
+    if _lies_at(_whole(str(out))) in map(_lies_at, roots):
         raise InputError(
             f"{printable(out)} is a root, too, so that results would lie among scans; name another OUT"
         )
@@ -122,14 +125,23 @@ def _check_roots(roots: Sequence[str], out: Path) -> None:
 
 
 def _require_apart(roots: Iterable[str]) -> None:
-    """Raise `InputError` where a root lies below another: its series would be there twice."""
-    parts = sorted(root.replace(os.sep, "/").rstrip("/").split("/") for root in roots)
-    for outer, inner in pairwise(parts):
+    """Raise `InputError` where a root lies below another, or is it by another name: its series would count twice."""
+    placed = sorted((_lies_at(root).rstrip("/").split("/"), root) for root in roots)
+    for (outer, other), (inner, one) in pairwise(placed):
         if inner[: len(outer)] == outer:
-            one, other = (printable("/".join(names)) for names in (inner, outer))
+            where = "is the same as" if inner == outer else "lies below"
             raise InputError(
-                f"{one} lies below {other}, so that its series would count twice; name one, in an OUT of its own"
+                f"{printable(one)} {where} {printable(other)}, so that its series would count twice; name one, in an "
+                "OUT of its own"
             )
+
+
+def _lies_at(root: str) -> str:
+    """Return where a root really is, by whatever links, index or URL of this machine it is named."""
+    protocol, _, path = root.rpartition("://")
+    if protocol not in THIS_MACHINE:
+        return root
+    return os.path.realpath(folder_of_index(given_path(disk_name(path)))).replace(os.sep, "/")
 
 
 @contextmanager

@@ -55,6 +55,9 @@ def test_a_root_below_another_is_refused_for_its_series_would_count_twice(tmp_pa
         (["file://{here}/in/notes.txt"], r"notes\.txt is neither a DICOM image nor a zip archive; name a folder"),
         (["in", "in/a"], "in/a lies below"),
         (["in", "out/"], "out is a root, too"),
+        (["in/a", "link/a"], "link/a is the same as .*/in/a,"),
+        (["in", "file://{here}/link/a"], "link/a lies below .*/in,"),
+        (["in/a", "link/DICOMDIR"], "in/a lies below .*/link/DICOMDIR,"),
         ([], "nothing has been listed"),
     ],
 )
@@ -63,6 +66,8 @@ def test_what_cannot_be_listed_is_refused_before_there_is_a_folder_of_results(
 ) -> None:
     tiny(tmp_path / "in" / "a", "6")
     (tmp_path / "in" / "notes.txt").write_text("no scan")
+    (tmp_path / "in" / "DICOMDIR").touch()
+    (tmp_path / "link").symlink_to("in")
     monkeypatch.chdir(tmp_path)
     given = [root.format(here=tmp_path) for root in roots]
     with pytest.raises(InputError, match=reason):
