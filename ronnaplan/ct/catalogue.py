@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from ronnaplan.ct import tags
 from ronnaplan.ct.archives import starts_as_archive
 from ronnaplan.ct.files import Blob, DamagedError, DiskFile, NotDicomError, Skipped, given_path
 from ronnaplan.ct.folders import blobs_below
@@ -19,13 +20,16 @@ from ronnaplan.ct.header import read_header
 from ronnaplan.ct.images import is_image_file
 from ronnaplan.ct.limits import DEFAULT_LIMITS, Limits
 from ronnaplan.ct.progress import advancing
-from ronnaplan.ct.slices import CT_ONLY, Instance, SliceImage, instance_from_header
+from ronnaplan.ct.slices import CT_ONLY, CT_OR_MR, Instance, SliceImage, instance_from_header
 from ronnaplan.ct.stack import Stack, stacks_of
 from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.errors import InputError
 from ronnaplan.text import printable
 
 DICOMDIR_CLASS: Final = "1.2.840.10008.1.3.10"
+_SCANS: Final = frozenset[str]().union(*CT_OR_MR.values())
+_SEEN_BYTES: Final = 132
+"""Up to where each DICOM file says that it is one."""
 
 
 class SeveralSeriesError(InputError):
@@ -185,15 +189,25 @@ def read_instance(blob: Blob, limits: Limits, skipped: list[Skipped]) -> Instanc
     try:
         instance = instance_from_header(blob, read_header(blob, limits))
     except NotDicomError as error:
-        is_trouble = blob.name.lower().endswith(".dcm")
+        is_trouble = blob.name.lower().endswith(".dcm") or _is_blank(blob)
         skipped.append(Skipped(blob.name, _why_no_dicom(blob) or str(error), is_trouble))
     except DamagedError as error:
         skipped.append(Skipped(blob.name, str(error), True))
     else:
         if instance.series_uid is not None and instance.sop_class != DICOMDIR_CLASS:
             return instance
-        skipped.append(Skipped(blob.name, "it is an index or belongs to no series", False))
+        if tags.FILE_SET_ID in instance.elements or instance.sop_class not in _SCANS:
+            skipped.append(Skipped(blob.name, "it is an index or belongs to no series", False))
+        else:
+            skipped.append(Skipped(blob.name, "it names no series, as if it were cut; copy it again", True))
     return None
+
+
+def _is_blank(blob: Blob) -> bool:
+    """Whether a file that is named as images are is empty, or begins with zeros alone, as a copy that failed does."""
+    name = Path(blob.name)
+    is_image = name.suffix.lower() in ("", ".ima") or name.suffix[1:].isdigit()
+    return is_image and not name.name.startswith(".") and not blob.read(0, _SEEN_BYTES).strip(b"\0")
 
 
 def _why_no_dicom(blob: Blob) -> str:

@@ -134,6 +134,8 @@ def _flatten(groups: list[Elements]) -> Elements:
     for group in groups:
         for tag, value in group.items():
             items = value if isinstance(value, list) else [{tag: value}]
+            if tag == tags.CT_X_RAY_DETAILS_SEQUENCE:
+                items = _shared_by(items)
             if len(items) > 1:
                 raise DamagedError(
                     f"its functional group {element_name(tag)} has {len(items)} items, expected one"
@@ -142,6 +144,12 @@ def _flatten(groups: list[Elements]) -> Elements:
                 if not isinstance(raw, list) and flat.setdefault(inner, raw) != raw:
                     raise DamagedError(f"a frame gives element {element_name(inner)} twice, with two values")
     return flat
+
+
+def _shared_by(sources: list[Elements]) -> list[Elements]:
+    """Return what holds for each of several tubes: the rays of all made one image (PS3.3, C.8.15.3.9)."""
+    first, *others = sources or [{}]
+    return [{tag: value for tag, value in first.items() if all(one.get(tag) == value for one in others)}]
 
 
 def _image(instance: Instance, pixels: PixelFormat, frame: int, facts: Elements) -> SliceImage:

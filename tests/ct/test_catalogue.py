@@ -37,6 +37,39 @@ def test_an_empty_file_with_the_name_of_an_image_is_flagged(tmp_path: Path) -> N
     assert read_ct(tmp_path).flags == (VolumeFlag.UNREADABLE_FILES,)
 
 
+def test_a_file_cut_anywhere_before_its_series_uid_is_flagged(tmp_path: Path) -> None:
+    write_series(tmp_path)
+    content = (tmp_path / "003").read_bytes()
+    for end in range(132, content.index(SERIES.encode()), 7):
+        (tmp_path / "003").write_bytes(content[:end])
+        assert [one.is_trouble for one in find_series(tmp_path).skipped] == [True], end
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "is_flagged"),
+    [
+        ("004", b"", True),
+        ("004.IMA", b"", True),
+        ("CT.1.2.3.4", bytes(500), True),
+        ("004", bytes(131) + b"1" + bytes(500), False),
+        (".lock", b"", False),
+        ("scan.raw", bytes(500), False),
+    ],
+)
+def test_what_a_failed_copy_left_of_an_image_is_flagged(
+    name: str, content: bytes, is_flagged: bool, tmp_path: Path
+) -> None:
+    write_series(tmp_path)
+    (tmp_path / name).write_bytes(content)
+    assert read_ct(tmp_path).flags == ((VolumeFlag.UNREADABLE_FILES,) if is_flagged else ())
+
+
+def test_an_index_beside_a_series_is_no_reason_to_doubt_it(tmp_path: Path) -> None:
+    write_series(tmp_path)
+    (tmp_path / "INDEX").write_bytes(DICOMDIR.read_bytes())
+    assert read_ct(tmp_path).flags == ()
+
+
 def test_a_slice_cut_off_within_its_pixels_makes_the_series_unusable(tmp_path: Path) -> None:
     write_series(tmp_path)
     content = (tmp_path / "002").read_bytes()

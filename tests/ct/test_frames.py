@@ -126,6 +126,20 @@ def test_a_rescale_given_for_all_frames_and_otherwise_for_each_is_refused(tmp_pa
         read_ct(enhanced_file(tmp_path, enhanced(4, own_rescale)))
 
 
+@pytest.mark.parametrize(("second_kv", "kept_kv"), [(140, None), (80, 80.0)])
+def test_two_tubes_may_make_one_image(second_kv: int, kept_kv: float | None, tmp_path: Path) -> None:
+    def change(groups: Dataset, k: int) -> None:
+        groups.CTXRayDetailsSequence = [Dataset(), Dataset()]
+        for details, voltage_kv in zip(groups.CTXRayDetailsSequence, (80, second_kv), strict=True):
+            details.KVP, details.FocalSpots = voltage_kv, 0.8
+
+    path = enhanced_file(tmp_path, enhanced(4, change))
+    (series,) = find_series(path).usable
+    assert series.stack is not None
+    assert {image.tube_voltage_kv for image in series.stack.slices} == {kept_kv}
+    assert read_ct(path).voxels_hu[:, 0, 0].tolist() == [100 * k - 1024 for k in range(4)]
+
+
 def test_a_functional_group_of_two_items_is_refused(tmp_path: Path) -> None:
     def change(groups: Dataset, k: int) -> None:
         other = Dataset()
