@@ -23,6 +23,8 @@ FIND = "1.2.840.10008.5.1.4.1.2.2.1"
 GET = "1.2.840.10008.5.1.4.1.2.2.3"
 MOVE = "1.2.840.10008.5.1.4.1.2.2.2"
 PENDING = (0xFF00, 0xFF01)
+RARE_CLASS = "; should it hold what is asked for seldom, try --by move or DICOMweb"
+"""What to do where C-GET fails, for which not all classes can be agreed on."""
 
 
 class Archive(Protocol):
@@ -56,14 +58,14 @@ def open_archive(config: Config, peer: Peer, by: str | None = None) -> Iterator[
     from pynetdicom import evt
 
     from ronnaplan.node.association import associated
-    from ronnaplan.node.receiver import CLASSES, SYNTAXES
+    from ronnaplan.node.companions import asked_for
 
     kept = Arrivals()
     ways = {"get": GET, "move": MOVE}
     asked = [FIND, *([ways[by]] if by else ways.values())]
-    stored = [] if by == "move" else list(CLASSES)
+    stored = [] if by == "move" else asked_for()
     handlers = [(evt.EVT_C_STORE, kept.take)]
-    with associated(config, peer, asked, stored=stored, syntaxes=SYNTAXES, handlers=handlers) as association:
+    with associated(config, peer, asked, stored=stored, handlers=handlers) as association:
         offered = {one.abstract_syntax for one in association.accepted_contexts}
         way = next((uid for uid in asked[1:] if uid in offered), None)
         if way is None or FIND not in offered:
@@ -94,14 +96,14 @@ class _Dimse:
         level = list(LEVELS)[len(uids) - 1]
         order = _query(level, dict(zip(LEVELS.values(), uids, strict=False)))
         if self._way == GET:
-            self._told(self._association.send_c_get(order, GET))
+            self._told(self._association.send_c_get(order, GET), RARE_CLASS)
         else:
             self._told(self._association.send_c_move(order, self._config.titles[0], MOVE))
         # an archive may answer C-MOVE before it has sent anything
         patience_s = 0.0 if self._way == GET else self._config.limits.silent_s
         return self._kept.all_of(self._peer.name, _instances(self, uids), patience_s)
 
-    def _told(self, answers: Any) -> list[Dataset | None]:
+    def _told(self, answers: Any, remedy: str = "") -> list[Dataset | None]:
         """Return what was told before the end, None without a dataset; raises `InputError` for an end that is none."""
         before = []
         for status, found in answers:
@@ -110,7 +112,7 @@ class _Dimse:
                 before.append(found)
             elif code != 0:
                 said = "nothing more" if code is None else f"{code:04X}"
-                raise InputError(f"{self._peer.name} answered {said}; expected all of the study")
+                raise InputError(f"{self._peer.name} answered {said}; expected all of the study{remedy}")
         return before
 
 

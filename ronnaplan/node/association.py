@@ -9,7 +9,7 @@ from typing import Any
 
 from pynetdicom import AE
 from pynetdicom.association import Association
-from pynetdicom.presentation import build_context, build_role
+from pynetdicom.presentation import PresentationContext, build_role
 
 from ronnaplan.ct.header import EXPLICIT_LITTLE, IMPLICIT_LITTLE
 from ronnaplan.errors import InputError
@@ -27,11 +27,10 @@ def associated(
     classes: Sequence[str],
     *,
     provided: Sequence[str] = (),
-    stored: Sequence[str] = (),
-    syntaxes: Sequence[str] = SYNTAXES,
+    stored: Sequence[PresentationContext] = (),
     handlers: Sequence[Any] = (),
 ) -> Iterator[Association]:
-    """Yield an association with ``peer`` for ``classes``; instances of ``stored`` may be sent back on it (C-GET).
+    """Yield an association with ``peer`` for ``classes``; instances may be sent back on it as ``stored`` (C-GET).
 
     Of the classes in ``provided`` this side is the provider.
 
@@ -44,16 +43,15 @@ def associated(
     entity.connection_timeout = entity.acse_timeout = entity.dimse_timeout = entity.network_timeout = silent_s
     for sop_class in (*classes, *provided):
         entity.add_requested_context(sop_class, list(SYNTAXES))
-    # a context for each syntax: what lies in an archive compressed is sent so
-    asked = [build_context(sop_class, syntax) for sop_class in stored for syntax in syntaxes]
+    back = {str(one.abstract_syntax) for one in stored}
     encrypted = (context(config.tls, config.home, server=False), peer.host) if peer.tls and config.tls else None
     association = entity.associate(
         peer.host,
         peer.port,
         ae_title=peer.title,
         max_pdu=LARGEST_PDU,
-        contexts=[*entity.requested_contexts, *asked],
-        ext_neg=[build_role(sop_class, scp_role=True) for sop_class in (*provided, *stored)],
+        contexts=[*entity.requested_contexts, *stored],
+        ext_neg=[build_role(sop_class, scp_role=True) for sop_class in (*provided, *back)],
         tls_args=encrypted,
         evt_handlers=list(handlers),
     )

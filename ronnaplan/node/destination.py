@@ -10,8 +10,9 @@ from typing import Any
 from pynetdicom import AE
 
 from ronnaplan.errors import InputError
+from ronnaplan.node.companions import taken
 from ronnaplan.node.config import Config, Peer
-from ronnaplan.node.receiver import CLASSES, SYNTAXES, is_at
+from ronnaplan.node.receiver import is_at
 from ronnaplan.node.store import MIB
 from ronnaplan.node.tls import context
 from ronnaplan.node.transport import LARGEST_PDU, PENDING_PER_ASSOCIATION, Server, set_up_pynetdicom
@@ -25,8 +26,7 @@ def destination(config: Config, peer: Peer, handlers: Sequence[Any]) -> Iterator
     entity.maximum_pdu_size, entity.require_called_aet = LARGEST_PDU, True
     limits = config.limits
     entity.network_timeout = entity.acse_timeout = entity.dimse_timeout = limits.silent_s
-    for sop_class in CLASSES:
-        entity.add_supported_context(sop_class, list(SYNTAXES))
+    entity.supported_contexts = taken()
     try:
         server = Server(
             entity,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import socket
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
+from pydicom.uid import Comprehensive3DSRStorage, SecondaryCaptureImageStorage, XRayRadiationDoseSRStorage
 
 from ronnaplan.cli import main
 from ronnaplan.ct import read_ct
@@ -22,6 +24,8 @@ from tests.ct import makers
 from tests.node.peers import Orthanc, free_port, needs, program, send, until
 
 STUDY = "1.2.3.500"
+BESIDE = (XRayRadiationDoseSRStorage, SecondaryCaptureImageStorage, Comprehensive3DSRStorage)
+"""What a real study holds beside its scans."""
 
 
 @pytest.fixture
@@ -31,18 +35,26 @@ def archive(orthanc: Orthanc, tmp_path: Path) -> Orthanc:
 
     for path in makers.write_series(tmp_path / "sent", change=named).iterdir():
         orthanc.post("/instances", path.read_bytes())
+    for number, sop_class in enumerate(BESIDE, start=100):
+        made, stream = makers.dataset(number), io.BytesIO()
+        named(made, number)
+        made.SOPClassUID, made.SeriesInstanceUID = sop_class, f"1.2.3.{number}"
+        makers.save(made, stream)
+        orthanc.post("/instances", stream.getvalue())
     return orthanc
 
 
-@pytest.mark.parametrize("way", ["get", "move", "web"])
+@pytest.mark.parametrize("way", ["get, as nothing is said", "move", "web"])
 def test_a_study_is_fetched_whole(way: str, archive: Orthanc, tmp_path: Path) -> None:
     port = free_port()
     archive.know("node", "RONNAPLAN", port)
     address = ["--from", f"http://127.0.0.1:{archive.http}/dicom-web"]
     if way != "web":
-        address = ["--from", f"ORTHANC@127.0.0.1:{archive.port}", "--by", way, "--port", str(port)]
+        address = ["--from", f"ORTHANC@127.0.0.1:{archive.port}", "--port", str(port)]
+        address += ["--by", way] if way == "move" else []
     out = tmp_path / "out"
     assert main(["pull", *address, "--patient", "PULLED", "-o", str(out)]) == 0
+    assert len(list(out.iterdir())) == len(list((tmp_path / "sent").iterdir())) + len(BESIDE)
     assert read_ct(out).voxel_sha256 == read_ct(tmp_path / "sent").voxel_sha256
     assert main(["pull", *address, "--study", "1.2.3.404", "-o", str(out)]) == 1
 
