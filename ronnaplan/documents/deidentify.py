@@ -20,13 +20,12 @@ from pydicom.uid import UID
 
 from ronnaplan import __version__
 from ronnaplan.ct import tags
-from ronnaplan.ct.catalogue import DICOMDIR_CLASS
-from ronnaplan.ct.files import Blob, NotDicomError, Skipped, given_path
+from ronnaplan.ct.files import Blob, DamagedError, NotDicomError, Skipped, given_path
 from ronnaplan.ct.folders import blobs_below
 from ronnaplan.ct.header import read_header
 from ronnaplan.ct.kinds import CT_IMAGE, ENHANCED_CT, LEGACY_ENHANCED_CT
 from ronnaplan.ct.limits import DEFAULT_LIMITS
-from ronnaplan.ct.values import text
+from ronnaplan.ct.slices import instance_from_header
 from ronnaplan.documents.files import make_folder, write_atomically
 from ronnaplan.errors import InputError
 from ronnaplan.text import printable
@@ -114,26 +113,45 @@ def deidentify(source: str | Path, target: str | Path, secret: bytes) -> int:
     """Write every DICOM file below ``source`` to the folder ``target``, naming nobody; return how many there were.
 
     ``secret`` makes the new UIDs: with the same one, files of two runs still belong together. Raises `InputError` for
-    a ``target`` that holds anything, a file that cannot be read whole, one of another class than `TAKEN`, and pixels
-    that are said to show a name. Files that are no DICOM are left out.
+    a ``target`` that holds anything, a file or folder that cannot be opened, a file that cannot be read whole, one of
+    another class than `TAKEN`, and pixels that are said to show a name; then nothing is left in ``target``. Files that
+    are no DICOM are left out.
     """
     folder = make_folder(target)
     if any(folder.iterdir()):
         raise InputError(f"{folder} is not empty; name a new folder, so that nothing in it is taken for made here")
     skipped: list[Skipped] = []
-    count = 0
-    for blob in sorted(blobs_below(given_path(source), DEFAULT_LIMITS, skipped), key=lambda one: one.name):
-        try:
-            header = read_header(blob, DEFAULT_LIMITS)
-        except NotDicomError:
-            continue
-        if text(header.elements, tags.SOP_CLASS_UID) in ("", DICOMDIR_CLASS):
-            continue
-        count += 1
-        write_atomically(folder / f"{count:05d}.dcm", _deidentified_bytes(blob, secret))
-    if not count:
+    blobs = sorted(blobs_below(given_path(source), DEFAULT_LIMITS, skipped), key=lambda one: one.name)
+    for one in skipped:
+        if one.is_trouble:
+            raise InputError(f"{one.name}: {one.reason}; see to it, or leave it out")
+    written: list[Path] = []
+    try:
+        for blob in blobs:
+            if _is_object(blob):
+                written.append(folder / f"{len(written) + 1:05d}.dcm")
+                write_atomically(written[-1], _deidentified_bytes(blob, secret))
+    except BaseException:  # a part would be taken for the whole
+        for path in written:
+            path.unlink(missing_ok=True)
+        raise
+    if not written:
         raise InputError(f"{printable(source)} holds no DICOM object; name a folder of CT images")
-    return count
+    return len(written)
+
+
+def _is_object(blob: Blob) -> bool:
+    """Whether a file is a DICOM object, and no index of others; raises `InputError` for a damaged one."""
+    try:
+        header = read_header(blob, DEFAULT_LIMITS)
+        pixels = instance_from_header(blob, header).pixels
+        if pixels is not None and pixels.length is not None and pixels.length < pixels.frame_bytes * pixels.frames:
+            raise DamagedError("it ends within its pixels")
+    except NotDicomError:
+        return False
+    except DamagedError as error:
+        raise InputError(f"{blob.name}: {error}; copy it again, or leave it out") from error
+    return tags.FILE_SET_ID not in header.elements
 
 
 def _deidentified_bytes(blob: Blob, secret: bytes) -> bytes:
@@ -219,11 +237,15 @@ def _clear_overlays(kept: Dataset, given: Dataset) -> None:
     above = allocated - 1 - kept.HighBit
     below = allocated - stored - above
     order = "<" if given.file_meta.TransferSyntaxUID.is_little_endian else ">"
-    pixels = np.frombuffer(
-        kept.PixelData, f"{order}{'i' if kept.PixelRepresentation == 1 else 'u'}{allocated // 8}"
-    )
-    cleared = (pixels << above >> above >> below << below).astype(pixels.dtype)
-    kept.add_new(tags.PIXEL_DATA, kept["PixelData"].VR, cleared.tobytes())
+    whole = np.dtype(f"{order}u{allocated // 8}")
+    signed = np.dtype(f"{order}i{allocated // 8}")
+    pixels = np.frombuffer(kept.PixelData, signed if kept.PixelRepresentation == 1 else whole)
+    told = [kept.get(keyword) for keyword in ("PixelPaddingValue", "PixelPaddingRangeLimit")]
+    padding = np.array([one % (1 << allocated) for one in told if one is not None], whole).view(pixels.dtype)
+    cleared = pixels << above >> above >> below << below
+    if padding.size:  # it may lie beyond the stored bits
+        cleared = np.where((pixels >= padding.min()) & (pixels <= padding.max()), pixels, cleared)
+    kept.add_new(tags.PIXEL_DATA, kept["PixelData"].VR, cleared.astype(pixels.dtype).tobytes())
 
 
 def _uid(secret: bytes, uid: str) -> UID:

@@ -7,6 +7,7 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
+import pydicom.data
 import pytest
 from dicomanonymizer.dicom_anonymization_databases import dicomfields_2026c as independent
 from pydicom import dcmread
@@ -26,6 +27,7 @@ from tests.ct import makers
 from tests.documents.test_patient import document
 
 SECRET = bytes(range(32))
+INDEX = Path(pydicom.data.__file__).parent / "test_files" / "dicomdirtests" / "DICOMDIR"
 LISTS = ("D_TAGS", "Z_TAGS", "X_TAGS", "Z_D_TAGS", "X_Z_TAGS", "X_D_TAGS", "X_Z_D_TAGS", "X_Z_U_STAR_TAGS")
 LISTED = {tuple(tag) for name in LISTS for tag in getattr(independent, name) if len(tag) == 2}
 LISTED_UIDS = {tuple(tag) for tag in independent.U_TAGS if len(tag) == 2}
@@ -129,6 +131,9 @@ def test_an_overlay_in_the_pixels_unused_bits_goes_with_its_group(
     values = makers.pattern(3) - (300 if is_signed else 0)
     made = makers.dataset(0, stored=(values & 0x0FFF | 0x5000 * (values % 3 == 0)).astype("<u2"))
     made.BitsStored, made.HighBit, made.PixelRepresentation = 12, 11, int(is_signed)
+    values[0, 0] = -2000 - 4096  # padding beyond the stored bits stays what it is
+    made.PixelData = values[0, 0].tobytes() + made.PixelData[2:]
+    made.add_new("PixelPaddingValue", "US", 65536 - 2000 - 4096)
     made.add_new((0x6000, 0x0102), "US", 12)
     (tmp_path / "in").mkdir()
     makers.save(made, tmp_path / "in/file", syntax)
@@ -149,6 +154,26 @@ def test_an_overlay_in_compressed_pixels_is_refused(tmp_path: Path) -> None:
     made[0x6000, 0x0102].value = 0  # it has data of its own, which go
     makers.save(made, tmp_path / "in/file")
     assert deidentify(tmp_path / "in", tmp_path / "beside", SECRET) == 1
+
+
+def test_what_is_refused_leaves_no_part_that_could_be_taken_for_the_whole(scan: Path, tmp_path: Path) -> None:
+    content = (scan / "003").read_bytes()
+    pixels_end = content.index(makers.pattern(3).tobytes()) + makers.pattern(3).nbytes
+    (scan / "DICOMDIR").write_bytes(INDEX.read_bytes())
+    for end, reason in (
+        (300, "its file meta information is broken"),
+        (pixels_end - 9, "it ends within its pixels"),
+    ):
+        (scan / "003").write_bytes(content[:end])
+        with pytest.raises(InputError, match=f"003: {reason}; copy it again"):
+            deidentify(scan, tmp_path / "out", SECRET)
+        assert not list((tmp_path / "out").iterdir())
+    (scan / "003").write_bytes(content)
+    (scan / "004").symlink_to(tmp_path / "not mounted")
+    with pytest.raises(InputError, match="004: it cannot be opened"):
+        deidentify(scan, tmp_path / "out", SECRET)
+    (scan / "004").unlink()
+    assert deidentify(scan, tmp_path / "out", SECRET) == 4
 
 
 def test_what_was_valid_stays_valid(tmp_path: Path) -> None:
