@@ -7,7 +7,8 @@ import tempfile
 from pathlib import Path
 
 from ronnaplan.ct import CTVolume, read_ct
-from ronnaplan.ct.catalogue import SeveralSeriesError
+from ronnaplan.ct.catalogue import SeveralSeriesError, find_series
+from ronnaplan.ct.reader import read_series
 from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.errors import UsageError
@@ -36,8 +37,15 @@ def tre_image(document: RegistrationDocument, ct: str | os.PathLike[str] | None,
 
 
 def _scan(path: str | os.PathLike[str], source: Source) -> CTVolume:
-    """Return the scan at a path; of several series there, the one whose markers were registered."""
+    """Return the scan at a path; of several series, or stacks of one, the one whose markers were registered."""
     try:
         return read_ct(path, progress=True)
     except SeveralSeriesError:
-        return read_ct(path, source.series_instance_uid, progress=True)
+        stacks = [
+            one
+            for one in find_series(os.fspath(path)).usable
+            if one.first.series_uid == source.series_instance_uid
+        ]
+        volumes = (read_series(one, progress=True) for one in stacks if len(stacks) > 1)
+        same = (one for one in volumes if one.voxel_sha256 == source.voxel_sha256)
+        return next(same, None) or read_ct(path, source.series_instance_uid, progress=True)

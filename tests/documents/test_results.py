@@ -10,14 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import SimpleITK as sitk
+from pydicom.dataset import Dataset
 
-from ronnaplan import read_registration, register_markers, write_as, write_fiducials, write_registration
+from ronnaplan import read_ct, read_registration, register_markers, write_as, write_fiducials, write_registration
 from ronnaplan.cli import main
 from ronnaplan.ct import CTVolume, SeriesSource
 from ronnaplan.documents.fiducials import read_fiducials
 from ronnaplan.errors import FrameMismatchError, RonnaplanError, UsageError
 from ronnaplan.localization import Fiducial, Fiducials
 from tests import cases
+from tests.ct import makers
 from tests.registration import scene
 
 GRID = [[0, 0, 9.0, -20], [0, 8.0, 0, -10], [12.0, 0, 0, 20], [0, 0, 0, 1.0]]
@@ -77,6 +79,21 @@ def test_a_map_of_the_error_has_the_scans_voxels_from_python_and_from_the_comman
         np.testing.assert_array_equal(sitk.GetArrayFromImage(sitk.ReadImage(out)), written.tre_map(volume).values)
     with pytest.raises(FrameMismatchError, match="their voxels differ"):
         written.tre_map(CTVolume.from_array(np.ones((3, 4, 5), np.int16), GRID))
+
+
+def test_a_map_lies_on_that_stack_of_a_series_whose_markers_were_registered(tmp_path: Path) -> None:
+    def second(made: Dataset, k: int) -> None:
+        made.AcquisitionNumber, made.ImagePositionPatient = 2, [-10, -20, 31 + 2 * k]
+        made.PixelData = (makers.pattern(k) + 7).tobytes()
+
+    makers.write_series(tmp_path / "ct")
+    makers.write_series(tmp_path / "ct", change=second, prefix="second")
+    volume = read_ct(tmp_path / "ct", f"{makers.SERIES}#2")
+    markers = replace(found(makers.FRAME), source=volume.source, voxel_sha256=volume.voxel_sha256)
+    registered = register_markers(markers.points, scene.readings(), sigma_ct_mm=0.1)
+    document = write_registration(tmp_path / "registration.json", registered, markers)
+    write_as(tmp_path / "map.nrrd", document, "tre-map", tmp_path / "ct")
+    assert sitk.ReadImage(str(tmp_path / "map.nrrd")).GetOrigin() == (-10.0, -20.0, 31.0)
 
 
 WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
