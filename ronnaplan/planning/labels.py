@@ -144,9 +144,10 @@ def _slice_of(groups: Any, shared: Any, shape: tuple[int, int], volume: CTVolume
     matrix[1:, 1] = np.rint((whole[1] - whole[0])[1:] / steps[0]).astype(int)
     matrix[1:, 2] = np.rint((whole[2] - whole[0])[1:] / steps[1]).astype(int)
     size = np.abs(matrix) @ [1, *shape]
-    if apart > GRID_TOLERANCE_MM or tuple(size[1:]) != volume.voxels_hu.shape[1:]:
+    inside = ((whole >= 0) & (whole < volume.voxels_hu.shape)).all()  # it may be shifted by whole voxels
+    if apart > GRID_TOLERANCE_MM or not inside or tuple(size[1:]) != volume.voxels_hu.shape[1:]:
         raise InputError(
-            f"{path} has a frame that lies {apart:.2g} mm off the scan's slices, or of another size; "
+            f"{path} has a frame that lies {apart:.2g} mm off the scan's slices, beside them or of another size; "
             "export the segmentation on the scan's own grid"
         )
     return k, matrix

@@ -177,12 +177,12 @@ def test_a_dicom_seg_of_another_frame_or_grid_is_refused(
     segmentation(volume, {"artery": mask}, "1.2.4").save_as(path, enforce_file_format=True)
     with pytest.raises(FrameMismatchError, match=r"1\.2\.4"):
         read_label_map(path, volume)
-    moved = replace(
-        volume, grid=replace(volume.grid, origins_mm=volume.grid.origins_mm + 0.4 * volume.grid.normal)
-    )
-    segmentation(moved, {"artery": mask}, "1.2.3").save_as(path, enforce_file_format=True)
-    with pytest.raises(InputError, match="off the scan's slices"):
-        read_label_map(path, volume)
+    grid = volume.grid
+    for step_mm in (0.4 * grid.normal, -3 * grid.column_step_mm, grid.row_step_mm):  # or around another center
+        moved = replace(volume, grid=replace(grid, origins_mm=grid.origins_mm + step_mm))
+        segmentation(moved, {"artery": mask}, "1.2.3").save_as(path, enforce_file_format=True)
+        with pytest.raises(InputError, match="off the scan's slices"):
+            read_label_map(path, volume)
 
 
 def test_what_is_no_label_map_is_refused(volume: CTVolume, tmp_path: Path) -> None:
