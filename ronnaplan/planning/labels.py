@@ -115,7 +115,7 @@ def _segments(dataset: Any, volume: CTVolume, path: Path) -> Masks:
     masks: Masks = {}
     shared = dataset.SharedFunctionalGroupsSequence[0]
     for pixels, groups in zip(frames, dataset.PerFrameFunctionalGroupsSequence, strict=True):
-        number = int(groups.SegmentIdentificationSequence[0].ReferencedSegmentNumber)
+        number = int(_group(groups, shared, "SegmentIdentificationSequence").ReferencedSegmentNumber)
         mask = masks.setdefault(names[number], np.zeros(volume.voxels_hu.shape, dtype=np.bool_))
         k, matrix = _slice_of(groups, shared, pixels.shape, volume, path)
         drawn = np.zeros_like(mask[k : k + 1])
@@ -126,7 +126,7 @@ def _segments(dataset: Any, volume: CTVolume, path: Path) -> Masks:
 
 def _slice_of(groups: Any, shared: Any, shape: tuple[int, int], volume: CTVolume, path: Path) -> Any:
     """Return the scan's slice that a frame is drawn on and how the frame's axes run in it; else `InputError`."""
-    position = groups.PlanePositionSequence[0].ImagePositionPatient
+    position = _group(groups, shared, "PlanePositionSequence").ImagePositionPatient
     orientation = _group(groups, shared, "PlaneOrientationSequence").ImageOrientationPatient
     spacing = _group(groups, shared, "PixelMeasuresSequence").PixelSpacing
     origin = np.array(position, dtype=np.float64)

@@ -158,6 +158,16 @@ def test_a_dicom_seg_falls_on_its_voxels(volume: CTVolume, mask: NDArray[np.bool
     np.testing.assert_array_equal(regions["vein"], other)
 
 
+def test_what_all_frames_share_is_said_once(volume: CTVolume, mask: NDArray[np.bool_], tmp_path: Path) -> None:
+    mask[:4], mask[5:] = False, False
+    dataset = segmentation(volume, {"artery": mask}, str(volume.frame.uid))
+    (groups,), (shared,) = dataset.PerFrameFunctionalGroupsSequence, dataset.SharedFunctionalGroupsSequence
+    shared.update(groups)
+    dataset.PerFrameFunctionalGroupsSequence = Sequence([Dataset()])
+    dataset.save_as(tmp_path / "seg.dcm", enforce_file_format=True)
+    np.testing.assert_array_equal(read_label_map(tmp_path / "seg.dcm", volume)["artery"], mask)
+
+
 def test_segments_of_one_name_are_one_region(volume: CTVolume, mask: NDArray[np.bool_], tmp_path: Path) -> None:
     """Of vessels in one slice only the last was kept clear of."""
     other = np.roll(mask, 3, axis=2) & ~mask
