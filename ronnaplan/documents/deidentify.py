@@ -174,7 +174,7 @@ def deidentified(given: Dataset, secret: bytes) -> Dataset:
         raise InputError(
             f"it is of class {printable(given.get('SOPClassUID'))}; only CT and what was found in it is taken"
         )
-    if given.get("BurnedInAnnotation", "NO") != "NO":
+    if (given.get("BurnedInAnnotation") or "NO") != "NO":
         raise InputError("its pixels are said to show annotations, which may name the patient; leave it out")
     kept = _kept(given, secret)
     _clear_overlays(kept, given)
@@ -183,7 +183,9 @@ def deidentified(given: Dataset, secret: bytes) -> Dataset:
     for keyword in CONTENT:
         if keyword in given:
             setattr(kept, keyword, None)
-    who = f"{given.get('IssuerOfPatientID', '')}|{given.get('PatientID', '')}"
+    who = "|".join(str(given.get(keyword) or "") for keyword in ("IssuerOfPatientID", "PatientID"))
+    if not given.get("PatientID"):  # else all who have none would be one person
+        who += f"|{given.get('PatientName') or ''}|{given.get('PatientBirthDate') or ''}"
     kept.PatientID = f"R{_mac(secret, who).hex()[: LONGEST_NAME - 1]}".upper()
     kept.PatientName = kept.PatientID
     kept.PatientIdentityRemoved = "YES"

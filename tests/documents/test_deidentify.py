@@ -176,6 +176,20 @@ def test_what_is_refused_leaves_no_part_that_could_be_taken_for_the_whole(scan: 
     assert deidentify(scan, tmp_path / "out", SECRET) == 4
 
 
+def test_patients_without_an_id_stay_apart_and_those_with_one_go_by_it(tmp_path: Path) -> None:
+    people = [("", "Doe^Jane"), ("", "Doe^John"), ("", "Doe^Jane"), ("1", "Doe^Jane"), ("1", "DOE^JANE")]
+    (tmp_path / "in").mkdir()
+    for k, (number, name) in enumerate(people):
+        made = makers.dataset(k)
+        made.PatientID, made.PatientName = number, name
+        made.BurnedInAnnotation = ""  # says nothing
+        makers.save(made, tmp_path / "in" / str(k))
+    deidentify(tmp_path / "in", tmp_path / "out", SECRET)
+    first, second, again, *same = [str(dcmread(path).PatientID) for path in sorted((tmp_path / "out").iterdir())]
+    assert len({first, second, same[0]}) == 3
+    assert (again, same[1]) == (first, same[0])
+
+
 def test_what_was_valid_stays_valid(tmp_path: Path) -> None:
     source = Source(study_instance_uid="1.2.3", series_instance_uid="1.2.4", frame_of_reference_uid="1.2.5")
     markers = fiducials_document(warm_up()[1]).model_copy(update={"source": source})
