@@ -60,6 +60,12 @@ def flags_of(image_type: tuple[str, ...], technique: str = "", description: str 
     return tuple(flag for flag, holds in doubts.items() if holds)
 
 
+def told_by_description(image_type: tuple[str, ...], description: str) -> tuple[str, ...]:
+    """Return the words by which the description alone tells how an image was made, as values of Image Type."""
+    heard = _words(image_type, "", description) - _words(image_type, "", "")
+    return tuple(sorted(heard & _REFORMATTED.union(_VIRTUAL, *_NEVER_SLICES.values())))
+
+
 def _is_original(image_type: tuple[str, ...]) -> bool:
     return image_type[:1] not in (("DERIVED",), ("MIXED",)) and image_type[1:2] != ("SECONDARY",)
 

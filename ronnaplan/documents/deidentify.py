@@ -20,6 +20,7 @@ from pydicom.uid import UID
 
 from ronnaplan import __version__
 from ronnaplan.ct import tags
+from ronnaplan.ct.derived import told_by_description
 from ronnaplan.ct.files import Blob, DamagedError, NotDicomError, Skipped, given_path
 from ronnaplan.ct.folders import blobs_below
 from ronnaplan.ct.header import read_header
@@ -178,6 +179,7 @@ def deidentified(given: Dataset, secret: bytes) -> Dataset:
         raise InputError("its pixels are said to show annotations, which may name the patient; leave it out")
     kept = _kept(given, secret)
     _clear_overlays(kept, given)
+    _tell_making(kept, given)
     for keyword in EMPTY:
         setattr(kept, keyword, None)
     for keyword in CONTENT:
@@ -200,6 +202,16 @@ def deidentified(given: Dataset, secret: bytes) -> Dataset:
     kept.file_meta.MediaStorageSOPClassUID = kept.SOPClassUID
     kept.file_meta.MediaStorageSOPInstanceUID = kept.SOPInstanceUID
     return kept
+
+
+def _tell_making(kept: Dataset, given: Dataset) -> None:
+    """Have Image Type say what the description alone tells of how an image was made: a projection stays one."""
+    written = kept.get("ImageType") or ()
+    image_type = (written,) if isinstance(written, str) else tuple(written)
+    if kept.SOPClassUID == CT_IMAGE:
+        told = told_by_description(image_type, str(given.get("SeriesDescription") or ""))
+        if told:
+            kept.add_new(tags.IMAGE_TYPE, "CS", [*image_type, *told])
 
 
 def _kept(given: Dataset, secret: bytes, number: int = 1) -> Dataset:

@@ -190,6 +190,18 @@ def test_patients_without_an_id_stay_apart_and_those_with_one_go_by_it(tmp_path:
     assert (again, same[1]) == (first, same[0])
 
 
+def test_a_projection_that_the_description_tells_stays_one(tmp_path: Path) -> None:
+    def projected(made: Dataset, _: int) -> None:
+        made.ImageType, made.SeriesDescription = ["DERIVED", "SECONDARY", "AXIAL"], "Doe thin MIP coronal"
+
+    source = makers.write_series(tmp_path / "in", change=projected)
+    deidentify(source, tmp_path / "out", SECRET)
+    for folder in (source, tmp_path / "out"):
+        with pytest.raises(InputError, match="intensity projection"):
+            read_ct(folder)
+    assert list(dcmread(tmp_path / "out/00001.dcm").ImageType) == ["DERIVED", "SECONDARY", "AXIAL", "MIP"]
+
+
 def test_what_was_valid_stays_valid(tmp_path: Path) -> None:
     source = Source(study_instance_uid="1.2.3", series_instance_uid="1.2.4", frame_of_reference_uid="1.2.5")
     markers = fiducials_document(warm_up()[1]).model_copy(update={"source": source})
