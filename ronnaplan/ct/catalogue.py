@@ -207,7 +207,12 @@ def _is_blank(blob: Blob) -> bool:
     """Whether a file that is named as images are is empty, or begins with zeros alone, as a copy that failed does."""
     name = Path(blob.name)
     is_image = name.suffix.lower() in ("", ".ima") or name.suffix[1:].isdigit()
-    return is_image and not name.name.startswith(".") and not blob.read(0, _SEEN_BYTES).strip(b"\0")
+    if not is_image or name.name.startswith("."):
+        return False
+    try:
+        return not blob.read(0, _SEEN_BYTES).strip(b"\0")
+    except DamagedError:  # a disk or a network that fails now
+        return True
 
 
 def _why_no_dicom(blob: Blob) -> str:

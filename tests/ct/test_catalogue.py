@@ -4,7 +4,11 @@ import pydicom.data
 import pytest
 from pydicom.dataset import Dataset
 
+from ronnaplan.cohort.places import Fetched
 from ronnaplan.ct import VolumeFlag, find_series, read_ct
+from ronnaplan.ct.catalogue import read_instance
+from ronnaplan.ct.files import DamagedError, Skipped
+from ronnaplan.ct.limits import Limits
 from ronnaplan.ct.summary import summarize
 from ronnaplan.errors import InputError
 from tests.ct.makers import SERIES, write_series
@@ -62,6 +66,20 @@ def test_what_a_failed_copy_left_of_an_image_is_flagged(
     write_series(tmp_path)
     (tmp_path / name).write_bytes(content)
     assert read_ct(tmp_path).flags == ((VolumeFlag.UNREADABLE_FILES,) if is_flagged else ())
+
+
+def test_a_file_that_can_be_read_only_once_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    blob, skipped = Fetched("004", bytes(500)), list[Skipped]()
+    contents = iter([blob.content])
+
+    def read(_: Fetched, offset: int, count: int) -> bytes:
+        for content in contents:
+            return content
+        raise DamagedError("it cannot be fetched")
+
+    monkeypatch.setattr(Fetched, "read", read)
+    assert read_instance(blob, Limits(), skipped) is None
+    assert [one.is_trouble for one in skipped] == [True]
 
 
 def test_an_index_beside_a_series_is_no_reason_to_doubt_it(tmp_path: Path) -> None:
