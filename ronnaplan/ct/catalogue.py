@@ -28,6 +28,8 @@ from ronnaplan.text import printable
 
 DICOMDIR_CLASS: Final = "1.2.840.10008.1.3.10"
 _SCANS: Final = frozenset[str]().union(*CT_OR_MR.values())
+_ENDINGS: Final = (".dcm", ".dcm.gz", ".dcm.part")
+"""How files are named that are images, were packed by themselves, or did not come whole."""
 _SEEN_BYTES: Final = 132
 """Up to where each DICOM file says that it is one."""
 
@@ -189,7 +191,7 @@ def read_instance(blob: Blob, limits: Limits, skipped: list[Skipped]) -> Instanc
     try:
         instance = instance_from_header(blob, read_header(blob, limits))
     except NotDicomError as error:
-        is_trouble = blob.name.lower().endswith(".dcm") or _is_blank(blob)
+        is_trouble = blob.name.lower().endswith(_ENDINGS) or _is_blank(blob)
         skipped.append(Skipped(blob.name, _why_no_dicom(blob) or str(error), is_trouble))
     except DamagedError as error:
         skipped.append(Skipped(blob.name, str(error), True))

@@ -55,6 +55,8 @@ def test_a_file_cut_anywhere_before_its_series_uid_is_flagged(tmp_path: Path) ->
         ("004", b"", True),
         ("004.IMA", b"", True),
         ("CT.1.2.3.4", bytes(500), True),
+        ("004.dcm.gz", b"packed", True),
+        ("004.dcm.part", b"half", True),
         ("004", bytes(131) + b"1" + bytes(500), False),
         (".lock", b"", False),
         ("scan.raw", bytes(500), False),
