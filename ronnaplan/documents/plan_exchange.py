@@ -177,7 +177,8 @@ def _from_line(
     line: Markup, frame: Frame, instrument: Instrument, system: str | None, first: str | None
 ) -> Trajectory:
     name = line.name or "line"
-    if len(line.controlPoints) != 2 or not all(point.position for point in line.controlPoints):
+    are_set = [point.position and point.positionStatus == "defined" for point in line.controlPoints]
+    if len(are_set) != 2 or not all(are_set):
         raise InputError(f"the line {name} has not two points that are set; expected its entry and its target")
     if system not in (None, line.coordinateSystem):
         raise InputError(

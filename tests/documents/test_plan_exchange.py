@@ -65,6 +65,8 @@ def test_a_line_of_slicer_s_own_says_its_system_and_needs_its_order(tmp_path: Pa
         ("[1.0, 2.0, 3.0]", "[true, 2, 3]"),
         ("[1.0, 2.0, 3.0]", "[1e308, 2, 3]"),
         ("[1.0, 2.0, 3.0]", "[]"),
+        ("[1.0, 2.0, 3.0]", '[1.0, 2.0, 3.0], "positionStatus": "preview"'),
+        ("[1.0, 2.0, 3.0]", '[1.0, 2.0, 3.0], "positionStatus": "undefined"'),
         ('"LPS"', '"LPS", "locked": "no"'),
         ('"LPS"', '"LPS", "coordinateUnits": "cmm"'),
         ('"LPS"', '"LPS", "coordinateSystem": "RAS"'),
