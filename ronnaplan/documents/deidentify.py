@@ -238,7 +238,7 @@ BIT_POSITION: Final = 0x0102
 def _clear_overlays(kept: Dataset, given: Dataset) -> None:
     """Clear the bits of pixels that hold no values: scanners wrote overlays there, which may show a name.
 
-    Raises `InputError` for compressed pixels that are said to hold an overlay.
+    Raises `InputError` for compressed pixels that are said to hold an overlay, and for values beyond their words.
     """
     allocated, stored = kept.get("BitsAllocated", 0), kept.get("BitsStored", 0)
     if "PixelData" not in kept or allocated not in (8, 16, 32) or not 1 <= stored < allocated:
@@ -250,6 +250,8 @@ def _clear_overlays(kept: Dataset, given: Dataset) -> None:
         return
     above = allocated - 1 - kept.HighBit
     below = allocated - stored - above
+    if min(above, below) < 0:
+        raise InputError(f"its values of {stored} bits cannot end at bit {kept.HighBit}; leave it out")
     order = "<" if given.file_meta.TransferSyntaxUID.is_little_endian else ">"
     whole = np.dtype(f"{order}u{allocated // 8}")
     signed = np.dtype(f"{order}i{allocated // 8}")

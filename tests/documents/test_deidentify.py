@@ -156,6 +156,15 @@ def test_an_overlay_in_compressed_pixels_is_refused(tmp_path: Path) -> None:
     assert deidentify(tmp_path / "in", tmp_path / "beside", SECRET) == 1
 
 
+def test_values_that_end_beyond_their_words_are_refused(tmp_path: Path) -> None:
+    made = makers.dataset(0, stored=makers.pattern(3).astype("<u2"))
+    made.BitsStored, made.HighBit = 12, 40
+    (tmp_path / "in").mkdir()
+    makers.save(made, tmp_path / "in/file")
+    with pytest.raises(InputError, match="12 bits cannot end at bit 40"):
+        deidentify(tmp_path / "in", tmp_path / "out", SECRET)
+
+
 def test_what_is_refused_leaves_no_part_that_could_be_taken_for_the_whole(scan: Path, tmp_path: Path) -> None:
     content = (scan / "003").read_bytes()
     pixels_end = content.index(makers.pattern(3).tobytes()) + makers.pattern(3).nbytes
