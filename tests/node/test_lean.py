@@ -16,7 +16,6 @@ from ronnaplan.node import work as work_module
 from ronnaplan.node.config import Rule
 from ronnaplan.node.work import Order, begin, finish
 from ronnaplan.report import contact, marker_cuts, pdf
-from ronnaplan.report.picture import png
 
 SCAN = Path("data/synthetic_ct")
 HEAVY = {
@@ -76,7 +75,7 @@ def test_the_voxels_are_gone_before_what_needs_none_is_made(
 
     monkeypatch.setattr(work_module, "_find", found)
     monkeypatch.setattr(contact, "draw_sheet", without_voxels(contact.draw_sheet))
-    monkeypatch.setattr(marker_cuts, "png", without_voxels(png))
+    monkeypatch.setattr(marker_cuts, "draw_row", without_voxels(marker_cuts.draw_row))
     monkeypatch.setattr(pdf, "print_pdf", without_voxels(lambda page: b"%PDF-"))
     told: list[tuple[str, Any]] = []
     rule = Rule(name="r", diameters=(11.5,), expected=6)
