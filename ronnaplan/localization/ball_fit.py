@@ -32,7 +32,9 @@ class BallFit:
     otherwise how far a cavity does, ``aside_mm`` (3,).
     ``is_shaded`` says whether the shading was asked for, ``is_clipped`` whether voxels that informed the fit are at the
     top of the scale. ``made_good_mm`` (3,) is how far the center was moved, in LPS, by what a head does to the image
-    being made good, and None where that was not done.
+    being made good, and None where that was not done. ``crossed_mm2`` (3, 3), along u, v, w, is how well the pull of a
+    screw that crosses its slices is known, which was made good (`ronnaplan.localization.crossed`), and None where none
+    does.
     """
 
     neighbourhood: Neighbourhood
@@ -52,6 +54,7 @@ class BallFit:
     prior: Prior
     ceiling_hu: float
     made_good_mm: FloatArray | None = None
+    crossed_mm2: FloatArray | None = None
 
     @property
     def center_mm(self) -> FloatArray:

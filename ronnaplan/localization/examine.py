@@ -14,6 +14,7 @@ from ronnaplan.localization.accept import MIN_COVERAGE, Evidence, Usual, failure
 from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.blur import blur_mm2
 from ronnaplan.localization.build import SOLID, Build
+from ronnaplan.localization.crossed import without_the_screw
 from ronnaplan.localization.descent import MAX_WANDER
 from ronnaplan.localization.detect import detect
 from ronnaplan.localization.guess import margin_mm
@@ -173,7 +174,9 @@ def _fit(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build, he
         fit = fit_ball(whole, diameter_mm, build, thickness_mm, scan.ceiling_hu)
         head = Head.BUT_ROWS if head is Head.MADE_GOOD else head  # all that they add up was made good here
     # Rays do not run in slices that were computed aslant.
-    return fit if scan.slant is not None else without_the_head(scan.volume, fit, head)
+    if scan.slant is not None or head is Head.LEFT:
+        return fit
+    return without_the_screw(scan.volume, without_the_head(scan.volume, fit, head))
 
 
 def examine_place(

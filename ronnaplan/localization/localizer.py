@@ -1,9 +1,9 @@
 """From a scan to its markers: detect, fit, accept. `localize` is the pipeline's own description.
 
 1. Slices that were computed are left out (`measured`), and a tag that says far too much of their thickness (`thick`).
-2. Each candidate is detected, fitted, with what a head does to its image made good (`hardened`), and judged by itself
-   (`examine`), and again where slices are far thicker than the header says (`thick`), where rays were summed before the
-   logarithm was taken (`logarithm`), or where slices blur aslant (`slant`).
+2. Each candidate is detected, fitted, with what a head (`hardened`) and a screw (`crossed`) do to its image made good,
+   and judged by itself (`examine`), and again where slices are far thicker than the header says (`thick`), where rays
+   were summed before the logarithm was taken (`logarithm`), or where slices blur aslant (`slant`).
 3. What was turned down only for what is usual in the scan is judged again (`by_the_usual`).
 4. What is unlike the scan's other markers is turned down (`alike`).
 5. Each marker's covariance counts what is usual in the scan (`together`), and motion is suspected (`moved`).

@@ -89,9 +89,25 @@ def held_by(
 ) -> tuple[FloatArray, bool]:
     """Return the unit vector (3,) in LPS towards what holds a ball, and whether there is metal in it.
 
-    It is the mean of those directions ``touching`` (N, 3) it in which metal lies beyond, or else of all of them; zero
-    where these are too few. What lies no farther than ``clear_mm`` from the center is the ball, or its blur. Where the
-    scale ends below metal, at ``ceiling_hu``, what reaches its end may be metal.
+    It is the mean of those directions ``touching`` (N, 3) it in which metal lies `beyond`, or else of all of them; zero
+    where these are too few.
+    """
+    of_metal = beyond(volume, center_mm, touching, clear_mm, ceiling_hu)[1].any(axis=1)
+    is_metal = bool(of_metal.any())
+    toward = touching[of_metal if is_metal else slice(None)].sum(axis=0)
+    length = float(np.linalg.norm(toward))
+    holds = length > 0.0 if is_metal else length > LEAST_HELD * CELL_COUNT
+    axis: FloatArray = toward / length if holds else np.zeros(3)
+    return axis, is_metal
+
+
+def beyond(
+    volume: CTVolume, center_mm: FloatArray, touching: FloatArray, clear_mm: float, ceiling_hu: float
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return places (N, M, 3) from the center, beyond what is ``touching`` (N, 3) a ball, and which (N, M) show metal.
+
+    What lies no farther than ``clear_mm`` from the center is the ball, or its blur. Where the scale ends below metal,
+    at ``ceiling_hu``, what reaches its end may be metal.
     """
     along = clear_mm + np.arange(0.0, SCREW_REACH_MM, SCREW_STEP_MM)
     beside = SCREW_MM * np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=3)))
@@ -99,14 +115,9 @@ def held_by(
     values = np.where(
         np.linalg.norm(apart, axis=1) > clear_mm, sample_nearest(volume, center_mm + apart), -math.inf
     )
-    is_bright = values.reshape(len(touching), len(along) * len(beside)) >= min(METAL_HU, ceiling_hu)
-    of_metal = is_bright.any(axis=1)
-    is_metal = bool(of_metal.any())
-    toward = touching[of_metal if is_metal else slice(None)].sum(axis=0)
-    length = float(np.linalg.norm(toward))
-    holds = length > 0.0 if is_metal else length > LEAST_HELD * CELL_COUNT
-    axis: FloatArray = toward / length if holds else np.zeros(3)
-    return axis, is_metal
+    shape = len(touching), len(along) * len(beside)
+    is_metal: NDArray[np.bool_] = values.reshape(shape) >= min(METAL_HU, ceiling_hu)
+    return apart.reshape(*shape, 3), is_metal
 
 
 Lookup = tuple[NDArray[np.int16] | NDArray[np.float32], FloatArray, FloatArray, float]

@@ -121,6 +121,8 @@ def center_covariance(
     total += hidden_shading_mm2(fit) * np.eye(3)
     total += UNEVEN**2 / 3.0 * fit.center_by_layer @ fit.center_by_layer.T
     total += LAG_MM**2 * by_panel(fit.theta) * WITHIN
+    if fit.crossed_mm2 is not None:
+        total += fit.crossed_mm2
     axes = fit.neighbourhood.axes
     rotated: FloatArray = axes.T @ total @ axes
     if is_off_size(excess_mm):
@@ -155,7 +157,7 @@ def sources(fit: BallFit, moved: Movement) -> dict[str, FloatArray]:
     """
     depth_mm = float(fit.theta[WIDTH]) ** 2 / float(fit.theta[RADIUS])
     return {
-        "slices": _slices(fit),
+        "slices": by_slices(fit),
         "odd": np.diag(moved.odd_mm2),
         "pole": np.diag([0.0, 0.0, depth_mm**2]),
         "least": np.eye(3),
@@ -278,8 +280,11 @@ def noise_level(fit: BallFit) -> float:
     return max(min(levels, default=_rms(fit.residuals_hu[fit.used])), QUANTIZATION_NOISE_HU)
 
 
-def _slices(fit: BallFit) -> FloatArray:
-    """Covariance (3, 3) from what each slice's residuals do to the center: slices of one tissue are not independent."""
+def by_slices(fit: BallFit) -> FloatArray:
+    """Covariance (3, 3) along u, v, w from what each slice's residuals do to the center.
+
+    Slices of one tissue are not independent.
+    """
     kept = np.flatnonzero(fit.used)
     first = first_of_each(fit.neighbourhood.slices[kept])
     told = fit.influence_mm_per_hu.take(kept, axis=0) * fit.residuals_hu.take(kept)[:, np.newaxis]
