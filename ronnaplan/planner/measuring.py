@@ -10,7 +10,7 @@ import numpy as np
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.state import PlannerState
-from ronnaplan.scene.names import Room, write_labels
+from ronnaplan.scene.names import Names
 
 LETTERS = {2: "D", 3: "A"}
 """How distances and angles are named, with a number."""
@@ -66,12 +66,13 @@ def drawn_rulers(
     state: PlannerState,
     on_screen: Callable[[FloatArray], FloatArray],
     near: Callable[[FloatArray], bool],
-    room: Room,
+    names: Names,
     half: float,
 ) -> list[dict[str, Any]]:
     """Return measurements for a view: ``on_screen`` of points (N, 3) is (N, 2), ``near`` whether all are seen fully.
 
-    The view has ``room``, and half its shorter side is ``half``. What is being measured goes first, without a value.
+    Values are written among the view's ``names``, of what is seen fully only; half the view's shorter side is ``half``.
+    What is being measured goes first, without a value.
     """
     drawn = [
         (one.name, on_screen(one.points_mm), 1, f"{one.name} {one.told}", near(one.points_mm))
@@ -80,13 +81,18 @@ def drawn_rulers(
     begun = [on_screen(place[None])[0] for place in state.look.measured_mm]
     if begun:
         drawn.insert(0, ("", np.array(begun), -1, "...", True))
-    return write_labels(
+    return names.of_places(
         [
-            {"name": name, "line": _line(points), "label": label, "near": seen, "colour": RULER_COLOUR}
+            {
+                "name": name,
+                "line": _line(points),
+                "label": label if seen else "",
+                "near": seen,
+                "colour": RULER_COLOUR,
+            }
             | {"x": float(points[at, 0]), "y": float(points[at, 1]), "r": half * BESIDE_HALVES}
             for name, points, at, label, seen in drawn
-        ],
-        room,
+        ]
     )
 
 

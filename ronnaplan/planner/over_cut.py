@@ -14,7 +14,7 @@ from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
 from ronnaplan.planning.contacts import contact_paths
 from ronnaplan.scene.cut import Cut
-from ronnaplan.scene.names import Room, write_labels, write_names
+from ronnaplan.scene.names import Names
 from ronnaplan.scene.things import MARKER_COLOUR, PROPOSAL_COLOURS, REJECTED_COLOUR, TOOL_COLOUR
 
 POINT_COLOUR, BEGUN_COLOUR = "#b2ff59", "#ffffff"
@@ -75,8 +75,8 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
     cut = state.look.cut(view)
     half = cut.field_mm / 2
     wide, high = (half * share for share in pane.halves)
-    room = pane.room(half)
-    markers = write_labels(_markers(state, cut, show_rejected, (wide, high)), room)
+    names = pane.names(half)  # what stands first below keeps its place
+    markers = names.of_places(_markers(state, cut, show_rejected, (wide, high)))
     paths = [_path(one, cut, pane, one.name == state.look.selected) for one in state.case.plan.trajectories]
     return {
         "box": f"{-wide} {-high} {2 * wide} {2 * high}",
@@ -88,10 +88,10 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
         "title": _title(state, view, cut),
         "cross": _pair(cut, state.look.crosshair_mm) if view in STANDARD_NAMES else None,
         "markers": markers,
-        "points": write_labels(
-            [one | {"r": half * BESIDE_HALVES} for one in _points(state, cut, (wide, high))], room
+        "paths": named(paths, names),
+        "points": names.of_places(
+            [one | {"r": half * BESIDE_HALVES} for one in _points(state, cut, (wide, high))]
         ),
-        "paths": named(paths, markers, room),
         "regions": [
             {**one, "colour": shown.colour}
             for one in state.outlines.drawn(view, cut, pane)
@@ -101,7 +101,7 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
             state,
             lambda points: cut.on_screen_mm(points)[:, :2],
             lambda points: bool((np.abs(cut.on_screen_mm(points)[:, 2]) < NEAR_MM).all()),
-            room,
+            names,
             half,
         ),
     }
@@ -155,9 +155,9 @@ def _markers(
     return drawn
 
 
-def named(paths: list[dict[str, Any]], markers: list[dict[str, Any]], room: Room) -> list[dict[str, Any]]:
+def named(paths: list[dict[str, Any]], names: Names) -> list[dict[str, Any]]:
     """Return paths with their names: the selected one is named first, and last, so that it is drawn over all others."""
-    written = write_names(sorted(paths, key=lambda one: not one["selected"]), markers, room)
+    written = names.of_paths(sorted(paths, key=lambda one: not one["selected"]))
     return sorted(written, key=lambda one: bool(one["selected"]))
 
 

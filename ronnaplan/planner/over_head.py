@@ -13,7 +13,7 @@ from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
 from ronnaplan.scene.camera import Camera
-from ronnaplan.scene.names import write_labels
+from ronnaplan.scene.names import Names
 from ronnaplan.scene.things import PROPOSAL_COLOURS, REJECTED_COLOUR, TOOL_COLOUR, spread_factor, spread_name
 
 CROSS_COLOUR = "#4fc3f7"
@@ -62,8 +62,8 @@ def over_head(
     ]
     points += [_point(camera, label, entry, PROPOSAL_COLOURS[1]) for label, entry in proposed(state)]
     points += [_point(camera, one.name, one.tip_mm, TOOL_COLOUR) for one in state.following.seen]
-    room = pane.room(1.0)
-    markers = write_labels(_markers(state, camera, show_rejected), room)
+    names = Names(pane.room(1.0))
+    markers = names.of_places(_markers(state, camera, show_rejected))
     points.append(_point(camera, "", state.look.crosshair_mm, CROSS_COLOUR))
     if state.look.begun_mm is not None:
         points.append(_point(camera, "entry", state.look.begun_mm, BEGUN_COLOUR))
@@ -71,10 +71,10 @@ def over_head(
         **drawn,
         "title": wanting or _title(state, drawn_here=drawn_here),
         "markers": markers,
-        "points": write_labels([one for one in points if one is not None], room),
-        "paths": named([_path(camera, one, state) for one in state.case.plan.trajectories], markers, room),
+        "paths": named([_path(camera, one, state) for one in state.case.plan.trajectories], names),
+        "points": names.of_places([one for one in points if one is not None]),
         "rulers": drawn_rulers(
-            state, lambda points: camera.on_screen(points)[:, :2], lambda _: True, room, drawn["half"]
+            state, lambda points: camera.on_screen(points)[:, :2], lambda _: True, names, drawn["half"]
         ),
     }
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ronnaplan.scene.names import Room
+from ronnaplan.scene.names import Names, Room
 
 EM_PIXELS = 12.0
 """Height of the letters, unless the page says otherwise, as it does on very large screens."""
 
 TITLE_EM = 2.0
 """Height of what a view's title stands in, at its top, in heights of the letters."""
+
+EDGE_EM, EDGE_HIGH_EM = 1.1, 1.4
+"""Half the width of a letter at an edge of a cut, and how high it stands, in heights of the letters."""
 
 LEAST_PIXELS = 16
 """Of a side of a picture."""
@@ -42,6 +45,18 @@ class Pane:
         wide, high = self.halves
         em = self.em * self.pixel(half)
         return Room(half * wide, half * high, em, title=TITLE_EM * em)
+
+    def names(self, half: float) -> Names:
+        """Return the writing of names over a cut, in the same units: none on the letters at its four edges."""
+        room = self.room(half)
+        wide, high = EDGE_EM * room.em, EDGE_HIGH_EM * room.em
+        top, bottom = room.title - room.high, room.high - high
+        middles = [(-wide, top, wide, top + high), (-wide, bottom, wide, room.high)]
+        sides = [
+            (-room.wide, -high / 2, 2 * wide - room.wide, high / 2),
+            (room.wide - 2 * wide, -high / 2, room.wide, high / 2),
+        ]
+        return Names(room, [*middles, *sides])
 
     def pixel(self, half: float) -> float:
         """Return how wide a pixel of the page is, in the same units."""

@@ -16,7 +16,7 @@ from ronnaplan.report.html import picture, table
 from ronnaplan.report.part import Part
 from ronnaplan.scene.camera import Camera
 from ronnaplan.scene.files import view, viewer
-from ronnaplan.scene.names import Room, write_names
+from ronnaplan.scene.names import Names, Room
 from ronnaplan.scene.picture import Shades
 from ronnaplan.scene.things import Thing
 from ronnaplan.scene.vtk import Workshop
@@ -158,7 +158,7 @@ def named_figure(shades: Shades, camera: Camera, paths: Sequence[Trajectory]) ->
         for one, place in zip(paths, at, strict=True)
         if abs(place[0]) < wide and abs(place[1]) < 1.0
     ]
-    for one in write_names(named, (), room):
+    for one in Names(room).of_paths(named):
         written = one["written"]
         axes.text(
             written["x"],

@@ -1,4 +1,4 @@
-"""Where names of trajectories are written over a picture: beside their entries, within it, and none on another.
+"""Where names are written over a picture: beside markers, points and entries, within it, and none on another.
 
 The page of an exported scene does the same by itself, in the browser (``page/names.js``): what changes here changes
 there, too.
@@ -7,7 +7,7 @@ there, too.
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -68,48 +68,46 @@ class Room:
         return self.title + self.em - self.high
 
 
-def write_labels(drawn: Sequence[dict[str, Any]], room: Room) -> list[dict[str, Any]]:
-    """Return what is drawn (x, y, r, label), each with where its label is ``written``, as `write_names` has it.
+class Names:
+    """What is written over one picture: what is asked for first keeps its place, and nothing covers another.
 
-    A label stands so far as ``r`` to the upper right, or to the left where the picture ends, and not above the picture.
-    That of a place outside goes with it.
+    Nor does anything cover what is ``taken`` beforehand. Where there is no free place near, a name stands on another.
     """
-    labelled = []
-    for one in drawn:
-        x, y, r = one["x"], one["y"], one["r"]
-        text = room.shortened(one["label"])
-        anchor, across, down = "start", x + r, y - r
-        if abs(x) < room.wide and abs(y) < room.high:
-            anchor, across, _ = _across(x, room.length(text), r, room.wide)
-            down = max(down, room.highest)
-        labelled.append(one | {"written": {"x": across, "y": down, "anchor": anchor, "text": text}})
-    return labelled
 
+    def __init__(self, room: Room, taken: Iterable[Box] = ()) -> None:
+        self.room = room
+        self._taken = list(taken)
 
-def write_names(
-    paths: Sequence[dict[str, Any]], markers: Sequence[dict[str, Any]], room: Room
-) -> list[dict[str, Any]]:
-    """Return the paths, each with where its name begins or ends: ``written`` = x, y, the text's anchor and the text.
+    def of_places(self, drawn: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+        """Return what is drawn (x, y, r, label), each with where its label is ``written``: so far as ``r`` from it."""
+        return [one | {"written": self._written(one["label"], one["x"], one["y"], one["r"])} for one in drawn]
 
-    A name stands to the right of its entry, or to the left where the picture ends, lines away until it covers no other,
-    nor that of one of the ``markers`` (of `write_labels`). That of an entry outside the picture goes with it.
-    """
-    gap = GAP * min(room.wide, room.high)
-    taken = [room.box(**one["written"]) for one in markers]
-    drawn = []
-    for one in paths:
-        x, y = one["entry"]
-        text = room.shortened(one["name"])
-        anchor, across = "start", x + gap
-        if abs(x) < room.wide and abs(y) < room.high:
-            anchor, across, left = _across(x, room.length(text), gap, room.wide)
-            lines = [max(y - gap, room.highest) + n * LINE_EM * room.em for n in LINES]
-            boxes = {down: room.box(text, left, down) for down in lines}
-            free = (down for down, box in boxes.items() if not _covers(box, taken))
-            y = next((down for down in free if room.highest <= down <= room.high), lines[0])
-            taken.append(boxes[y])
-        drawn.append(one | {"written": {"x": across, "y": y, "anchor": anchor, "text": text}})
-    return drawn
+    def of_paths(self, paths: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+        """Return the paths (name, entry), each with where its name is ``written``, beside its entry."""
+        gap = GAP * min(self.room.wide, self.room.high)
+        places = (one["entry"] for one in paths)
+        return [
+            one | {"written": self._written(one["name"], x, y, gap)}
+            for one, (x, y) in zip(paths, places, strict=True)
+        ]
+
+    def _written(self, name: str, x: float, y: float, gap: float) -> dict[str, Any]:
+        """Return where a name begins or ends, ``gap`` from its place: x, y, the text's anchor and the text.
+
+        It stands to the upper right, or to the left where the picture ends, lines away until it covers nothing. That of
+        a place outside the picture goes with it.
+        """
+        room = self.room
+        text = room.shortened(name)
+        if not (text and abs(x) < room.wide and abs(y) < room.high):
+            return {"x": x + gap, "y": y - gap, "anchor": "start", "text": text}
+        anchor, across, left = _across(x, room.length(text), gap, room.wide)
+        lines = [max(y - gap, room.highest) + n * LINE_EM * room.em for n in LINES]
+        boxes = {down: room.box(text, left, down) for down in lines if room.highest <= down <= room.high}
+        free = (down for down, box in boxes.items() if not _covers(box, self._taken))
+        down = next(free, lines[0])
+        self._taken.append(room.box(text, left, down))
+        return {"x": across, "y": down, "anchor": anchor, "text": text}
 
 
 def _across(x: float, length: float, gap: float, wide: float) -> tuple[str, float, float]:

@@ -10,7 +10,17 @@ import pytest
 
 from ronnaplan.documents.plan import change_plan, read_plan
 from ronnaplan.planning.electrodes import ELECTRODES
-from tests.planner.browser import Planner, eventually, needs_browser, opened, place, value
+from tests.planner.browser import (
+    PATIENCE_MS,
+    Planner,
+    eventually,
+    needs_browser,
+    opened,
+    place,
+    value,
+    wait_until_whole,
+    with_head,
+)
 
 pytestmark = needs_browser
 
@@ -217,3 +227,28 @@ def test_a_name_from_right_to_left_that_is_shortened_ends_at_its_left(page: Any)
         return left;
     }""")
     assert ends_at_left
+
+
+def test_a_phone_has_its_tools_in_one_line_and_sees_its_head(running_browser: Any, shared: Planner) -> None:
+    context = running_browser.new_context(viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
+    page = context.new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    page.goto(shared.url)
+    wait_until_whole(page)
+    with_head(page)
+    assert page.locator(".rp-bar").bounding_box()["height"] < 64
+    assert page.locator(".rp-notice").is_visible()
+    add, undo = (page.locator(which).bounding_box() for which in ("#add", "#undo"))
+    assert add["height"] >= 40
+    assert undo["x"] + undo["width"] < 390
+    tools = page.locator(".rp-tools")
+    page.locator(".rp-bar .rp-btn >> text=3-D").focus()  # the browser draws them along
+    assert tools.evaluate("one => one.scrollLeft") > 0
+    head, cube = (page.locator(which).bounding_box() for which in ("[data-view=head]", ".rp-cube"))
+    assert cube["width"] * cube["height"] < head["width"] * head["height"] / 25
+    assert min(cube["width"], cube["height"]) >= 24  # what a finger meets at the least, by WCAG 2.2
+    page.evaluate(AXE)
+    assert faults(page) == []
+    page.click(".rp-head [data-grow]")
+    page.wait_for_function("document.querySelector('.rp-cube').getBoundingClientRect().width > 45")
+    context.close()

@@ -85,3 +85,14 @@ def test_values_of_measurements_and_names_of_points_stand_within_the_view(state:
         left, top, right, _ = pane.room(half).box(**one["written"])
         assert -drawn["wide"] <= left < right <= drawn["wide"]
         assert top >= pane.room(half).em * TITLE_EM - drawn["high"]
+
+
+def test_no_name_stands_on_a_letter_at_an_edge(state: PlannerState) -> None:
+    """Straight below the title, in the middle, a cut tells where superior is."""
+    pane = Pane(200.0, 200.0)
+    cut = state.look.cut("coronal")
+    half, pixel = cut.field_mm / 2, pane.pixel(cut.field_mm / 2)
+    state.set_landmark("AC", cut.center_mm - 5.0 * pixel * cut.right + (40.0 * pixel - half) * cut.down)
+    (point,) = over_cut(state, "coronal", False, pane)["points"]
+    _, top, _, _ = pane.room(half).box(**point["written"])
+    assert top >= 40.0 * pixel - half

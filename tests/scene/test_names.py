@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ronnaplan.scene.files import PAGE
-from ronnaplan.scene.names import GAP, LINE_EM, Room, write_labels, write_names
+from ronnaplan.scene.names import GAP, LINE_EM, Names, Room
 from tests.loops import apart
 from tests.planner.browser import chromium, needs_browser
 
@@ -20,10 +20,9 @@ LINE = LINE_EM * ROOM.em
 def written(*paths: tuple[str, float, float], marker: tuple[float, float] | None = None) -> list[dict[str, Any]]:
     """Where the names of paths (name and entry) are written."""
     markers = [] if marker is None else [{"label": "F1", "x": marker[0], "y": marker[1], "r": 0.0}]
-    named = write_names(
-        [{"name": name, "entry": [x, y]} for name, x, y in paths], write_labels(markers, ROOM), ROOM
-    )
-    return [one["written"] for one in named]
+    names = Names(ROOM)
+    names.of_places(markers)
+    return [one["written"] for one in names.of_paths([{"name": name, "entry": [x, y]} for name, x, y in paths])]
 
 
 def test_a_name_stands_to_the_right_of_its_entry_and_to_the_left_where_the_picture_ends() -> None:
@@ -69,7 +68,7 @@ def test_a_name_at_the_upper_edge_is_whole() -> None:
 
 def label(text: str, x: float, y: float, room: Room = ROOM) -> dict[str, Any]:
     """Where the label of a marker at a place is written."""
-    (one,) = write_labels([{"label": text, "x": x, "y": y, "r": 0.1}], room)
+    (one,) = Names(room).of_places([{"label": text, "x": x, "y": y, "r": 0.1}])
     written: dict[str, Any] = one["written"]
     return written
 
@@ -87,11 +86,29 @@ def test_the_label_of_a_place_outside_goes_with_it() -> None:
     assert label("F1", 0.0, -1.5)["y"] < -1.5
 
 
+def test_labels_of_neighbouring_markers_do_not_cover_each_other() -> None:
+    """Nor those of points beside them; what is written nowhere, as a crosshair's empty label, takes no place."""
+    close = [{"label": f"F{n}", "x": 0.02 * n, "y": 0.01 * n, "r": 0.05} for n in range(5)]
+    names = Names(ROOM)
+    first, *others = names.of_places(close)
+    assert first["written"] == {"x": 0.05, "y": -0.05, "anchor": "start", "text": "F0"}
+    names.of_places([{"label": "", "x": 0.1, "y": 0.4, "r": 0.0}])
+    more = names.of_places(
+        [{"label": "AC", "x": 0.03, "y": 0.0, "r": 0.05}, {"label": "PC", "x": 0.0, "y": 0.4, "r": 0.0}]
+    )
+    boxes = [ROOM.box(**one["written"]) for one in (first, *others, *more)]
+    for n, one in enumerate(boxes):
+        for other in boxes[:n]:
+            assert one[0] >= other[2] or other[0] >= one[2] or one[1] >= other[3] or other[1] >= one[3]
+    assert more[1]["written"]["y"] == 0.4
+
+
 def test_neither_names_nor_labels_stand_in_the_title() -> None:
     room = replace(ROOM, title=0.2)
-    markers = write_labels([{"label": "F1", "x": 0.0, "y": -0.95, "r": 0.0}], room)
+    names = Names(room)
+    markers = names.of_places([{"label": "F1", "x": 0.0, "y": -0.95, "r": 0.0}])
     paths = [{"name": f"path {number}", "entry": [0.0, -0.97]} for number in range(9)]
-    written = [one["written"] for one in (*markers, *write_names(paths, markers, room))]
+    written = [one["written"] for one in (*markers, *names.of_paths(paths))]
     assert min(one["y"] for one in written) == pytest.approx(-room.high + room.title + room.em)
 
 
@@ -120,7 +137,7 @@ def left_and_base(names: list[tuple[str, float, float]], room: Room) -> list[tup
     """Where names begin and stand by `names.py`, in a page's pixels from its upper left corner."""
     paths = [{"name": name, "entry": [x - room.wide, y - room.high]} for name, x, y in names]
     lefts = []
-    for one in write_names(paths, [], room):
+    for one in Names(room).of_paths(paths):
         ends = one["written"]["anchor"] == "end"
         left = one["written"]["x"] - (room.length(one["written"]["text"]) if ends else 0.0)
         lefts.append((left + room.wide, one["written"]["y"] + room.high))
