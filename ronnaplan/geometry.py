@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from numbers import Real
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -104,16 +105,27 @@ def as_points(values: ArrayLike, name: str = "points") -> FloatArray:
         points = points.reshape(0, 3)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"{name} have shape {points.shape}; expected (N, 3) coordinates in mm")
-    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
-    if bad.size:
-        raise InputError(f"{name} row {bad[0]} is {points[bad[0]].tolist()}; expected finite coordinates in mm")
-    far = np.flatnonzero((np.abs(points) > FARTHEST_POINT_MM).any(axis=1))
-    if far.size:
-        raise InputError(
-            f"{name} row {far[0]} is {points[far[0]].tolist()}, beyond {FARTHEST_POINT_MM:g} mm; "
-            "convert the coordinates to millimetres"
-        )
+    for row in np.flatnonzero(~(np.abs(points) <= FARTHEST_POINT_MM).all(axis=1))[:1]:
+        _refuse_place(points[row], f"{name} row {row}")
     return points
+
+
+def as_point(values: ArrayLike, name: str) -> FloatArray:
+    """Return ``values`` as one finite float64 point (3,), in mm; raises `InputError` as `as_points` does."""
+    point = as_numbers(values, name, "three coordinates in mm")
+    if point.shape != (3,):
+        raise InputError(f"{name} has shape {point.shape}; expected three coordinates in mm")
+    if not (np.abs(point) <= FARTHEST_POINT_MM).all():
+        _refuse_place(point, name)
+    return point
+
+
+def _refuse_place(point: FloatArray, name: str) -> NoReturn:
+    if not np.isfinite(point).all():
+        raise InputError(f"{name} is {point.tolist()}; expected finite coordinates in mm")
+    raise InputError(
+        f"{name} is {point.tolist()}, beyond {FARTHEST_POINT_MM:g} mm; convert the coordinates to millimetres"
+    )
 
 
 def require_covariances(covariances: FloatArray, name: str) -> None:

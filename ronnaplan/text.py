@@ -25,6 +25,8 @@ LONGEST_NUMBER = 64
 BLANKS = " \t\r\n"
 """What may stand around a number. Python strips other control characters, too, each of which may be a damaged digit."""
 
+SOFT_HYPHEN = "\u00ad"
+
 PLAIN_NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]{1,3})?")
 
 
@@ -52,11 +54,14 @@ def place(position_mm: Iterable[float]) -> str:
 def columns(text: str) -> int:
     """Return how many columns of a terminal a text takes: two a Chinese letter, say, and none an accent by itself.
 
-    >>> columns("STN"), columns("\u6d77\u99ac"), columns("e\u0301")
-    (3, 4, 1)
+    Nor does a mark of format, as the one that joins emoji; a soft hyphen does, by custom.
+
+    >>> columns("STN"), columns("\u6d77\u99ac"), columns("e\u0301"), columns("a\u200d")
+    (3, 4, 1, 1)
     """
     wide = sum(unicodedata.east_asian_width(letter) in "WF" for letter in text)
-    return len(text) + wide - sum(unicodedata.category(letter) in ("Mn", "Me") for letter in text)
+    bare = text.replace(SOFT_HYPHEN, "-")
+    return len(text) + wide - sum(unicodedata.category(letter) in ("Mn", "Me", "Cf") for letter in bare)
 
 
 def table(rows: Sequence[Sequence[str]]) -> list[str]:

@@ -9,7 +9,7 @@ from ronnaplan.bounds import FARTHEST_POINT_MM
 from ronnaplan.correspondence import describe_layout, match_points
 from ronnaplan.errors import InputError, RonnaplanError
 from ronnaplan.geometry import Points, as_points
-from ronnaplan.planning import ExpectedPose
+from ronnaplan.planning import ExpectedPose, Landmarks, Trajectory
 from ronnaplan.pose import as_pose
 from ronnaplan.registration import predict_tre, radius_95_mm, register_markers, register_points
 from ronnaplan.robot import calibrate_pivot, robot_pose, seen_tool
@@ -32,6 +32,15 @@ from tests.registration import scene
 def test_what_is_no_place_in_mm_is_refused(values: object, says: str) -> None:
     with pytest.raises(InputError, match=says):
         as_points(values)  # type: ignore[arg-type]
+
+
+def test_a_place_that_is_too_far_is_called_by_its_name_alone() -> None:
+    """A person typed it: there are no rows."""
+    for far in (1e300, np.nan):
+        with pytest.raises(InputError, match=r"the target of left is \[0.0, .*, 0.0\]"):
+            Trajectory("left", np.zeros(3), np.array([0.0, far, 0.0]))
+    with pytest.raises(InputError, match="AC has shape"):
+        Landmarks(np.zeros(2), np.zeros(3), np.zeros(3))
 
 
 @pytest.mark.parametrize(

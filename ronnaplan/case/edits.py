@@ -215,7 +215,7 @@ class OpenCase:
         self.replace_markers(marker_edits.accept(self.found, index))
 
     def rename_marker(self, label: str, new: str) -> None:
-        """Give a marker another label."""
+        """Give a marker another label; a registration of the markers gets it, too."""
         self.replace_markers(marker_edits.rename(self.found, label, new))
 
     def keep_registration(self, found: RegistrationDocument) -> None:
@@ -276,7 +276,14 @@ class OpenCase:
             follow(before, plan)
 
     def _keep_fiducials(self, found: FiducialsDocument) -> None:
+        before = self.fiducials
         self.fiducials = self._kept_fiducials.write(revised(found, self._kept_fiducials.content))
+        if before is not None and self.registration is not None:
+            renamed = marker_edits.carried_over(self.registration, before, self.fiducials)
+            if renamed != self.registration:  # until it is written it is of markers that are not there: refused
+                self.registration = self._kept_registration.write(
+                    revised(renamed, self._kept_registration.content)
+                )
         self.surroundings = self.surroundings.with_documents(self.fiducials, self.registration)
 
     def _read(self, volume: CTVolume, rules: Rules, no_go: Labels) -> Case:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from ronnaplan.ct import CTVolume
 from ronnaplan.ct.progress import Progress
+from ronnaplan.documents.agreement import disagreement
 from ronnaplan.documents.fiducials import (
     FiducialEntry,
     FiducialsDocument,
     RejectedEntry,
     fiducials_document,
 )
+from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.errors import RefusedError, UsageError
 
 BY_HAND = "rejected by hand"
@@ -63,6 +65,34 @@ def rename(document: FiducialsDocument, label: str, new: str) -> FiducialsDocume
         raise UsageError(f"'{new}' cannot be the marker's name; choose one that is not empty and not in use")
     renamed = tuple(one.model_copy(update={"label": new}) if one is marker else one for one in document.fiducials)
     return document.model_copy(update={"fiducials": renamed})
+
+
+def carried_over(
+    registration: RegistrationDocument, before: FiducialsDocument, after: FiducialsDocument
+) -> RegistrationDocument:
+    """Return a registration of the markers ``before`` with the labels that the same markers have ``after``.
+
+    A label is a name and no measurement: pairs, transform and errors stay. It is returned as it is where more than
+    labels differs, where it is not of these markers, and where one of its sentences may tell of a renamed one.
+    """
+    new = dict(zip((one.label for one in before.fiducials), (one.label for one in after.fiducials), strict=False))
+    pairings = (registration.pairs, *(rival.pairs for rival in registration.rivals))
+    known = {*registration.unpaired_ct, *(pair.ct for pairs in pairings for pair in pairs)}
+    told = "\n".join((registration.reason, registration.doubt or "", *registration.notes))
+    if _unlabelled(before) != _unlabelled(after) or not known <= set(new) or disagreement(before, registration):
+        return registration
+    if any(label in told for label in known if new[label] != label):
+        return registration
+    pairs, *others = (tuple(pair.model_copy(update={"ct": new[pair.ct]}) for pair in pairs) for pairs in pairings)
+    rivals = (
+        rival.model_copy(update={"pairs": own}) for rival, own in zip(registration.rivals, others, strict=True)
+    )
+    alone = tuple(new[label] for label in registration.unpaired_ct)
+    return registration.model_copy(update={"pairs": pairs, "rivals": tuple(rivals), "unpaired_ct": alone})
+
+
+def _unlabelled(document: FiducialsDocument) -> list[FiducialEntry]:
+    return [one.model_copy(update={"label": ""}) for one in document.fiducials]
 
 
 def named(document: FiducialsDocument, label: str) -> FiducialEntry:

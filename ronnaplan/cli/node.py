@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ronnaplan.cli.extras import require_packages
+from ronnaplan.extras import require_packages
 
 HELP = "Run the DICOM node: take scans from scanners, find their markers, send the answers to the archive."
 

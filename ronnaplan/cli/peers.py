@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from ronnaplan.cli.extras import require_packages
+from ronnaplan.extras import require_packages
 
 if TYPE_CHECKING:
     from ronnaplan.node.config import Config, Peer

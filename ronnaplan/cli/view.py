@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ronnaplan.cli.case_options import rules, with_documents, with_rules
-from ronnaplan.cli.extras import require_packages
 from ronnaplan.cli.peers import PEER, peer_of, with_config
 from ronnaplan.cli.values import whole
+from ronnaplan.extras import require_packages
 from ronnaplan.text import whole_number
 
 if TYPE_CHECKING:

@@ -216,7 +216,7 @@ def _enter(index: Index, place: int, looked: Sequence[_LookedInto], listed: List
         series = None
         if one.instance is not None:
             uids = (one.instance.study_uid or "", one.instance.series_uid or "")
-            series = known.get(uids) or _series(index, place, uids, one.instance, one.met.folder)
+            series = known.get(uids) or _series(index, place, uids)
             known[uids] = series
         rows.append((place, *one.met, series, one.is_trouble, one.reason))
     listed.skipped += [one.told for one in looked if one.told]
@@ -240,11 +240,12 @@ def _describe(index: Index, series: int, headers: Mapping[tuple[str, str], Insta
         index.run(f"UPDATE series SET {values} WHERE id = ?", *rule_texts(instance, first[0][0]), series)
 
 
-def _series(index: Index, place: int, uids: tuple[str, str], instance: Instance, folder: str) -> int:
+def _series(index: Index, place: int, uids: tuple[str, str]) -> int:
+    """Return the number of a series; a new one is described once its files are entered."""
     index.run(
         f"INSERT INTO series (place, study_uid, series_uid, {', '.join(TEXTS)})"
-        f" VALUES (?, ?, ?, {', '.join('?' * len(TEXTS))}) ON CONFLICT DO NOTHING",
-        *(place, *uids, *rule_texts(instance, folder)),
+        f" VALUES (?, ?, ?, {', '.join(repr('') for _ in TEXTS)}) ON CONFLICT DO NOTHING",
+        *(place, *uids),
     )
     number: int = index.value(
         "SELECT id FROM series WHERE place = ? AND study_uid = ? AND series_uid = ?", place, *uids

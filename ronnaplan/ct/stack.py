@@ -47,6 +47,8 @@ LARGEST_GAP_MM: Final = 30.0
 """Slices farther apart (the usual gap) are no volume: localizers, or single cuts. Gaps of 20 mm are in use."""
 OUT_OF_ORDER_S: Final = 1.0
 """Neighbouring slices whose times run back by more (against the volume's direction) are of different passes."""
+MOST_MIXED: Final = 3
+"""So many of the things that are unlike in a mixed series are told."""
 MOST_PARTS: Final = 32
 """A series that falls into more parts than this is refused as a whole."""
 
@@ -105,7 +107,8 @@ def _why_so_many(images: Sequence[SliceImage]) -> str:
         "patients": {image.instance.patient for image in images},
         "stacks": {image.stack_id for image in images},
     }
-    told = " and ".join(name for name, values in apart.items() if len(values) > 1)
+    mixed = [name for name, values in apart.items() if len(values) > 1]
+    told = ", ".join(mixed[:MOST_MIXED]) if len(mixed) > MOST_MIXED else " and ".join(mixed)
     return f"it mixes too many {told} (more than {MOST_PARTS} parts of {len(images)} images); export it again"
 
 

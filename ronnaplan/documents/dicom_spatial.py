@@ -9,7 +9,9 @@ from __future__ import annotations
 import datetime
 import io
 import re
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import chain, count
 
 from pydicom.dataset import Dataset, FileDataset, FileMetaDataset
@@ -132,10 +134,14 @@ def begin_object(
 def _identifiers(labels: Sequence[str]) -> list[str]:
     """Return labels as a Short String has room for them, each another than all before it."""
     found: dict[str, None] = {}
+    numbers: defaultdict[str, Iterator[int]] = defaultdict(
+        partial(count, 2)
+    )  # of alike labels: none is tried twice
     for label in map(_one_value, labels):
-        numbered = (f"{label[: LONGEST_IDENTIFIER - len(end)]}{end}" for end in (f"~{n}" for n in count(2)))
-        whole = label[:LONGEST_IDENTIFIER].rstrip()
-        found[next(one for one in chain([whole], numbered) if one not in found)] = None
+        kept = label[:LONGEST_IDENTIFIER]
+        ends = (f"~{number}" for number in numbers[kept])
+        numbered = (f"{kept[: LONGEST_IDENTIFIER - len(end)]}{end}" for end in ends)
+        found[next(one for one in chain([kept.rstrip()], numbered) if one not in found)] = None
     return list(found)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ronnaplan.case.edits import OpenCase
 from ronnaplan.errors import RonnaplanError, UsageError
-from ronnaplan.geometry import FloatArray, as_points
+from ronnaplan.geometry import FloatArray, as_point
 from ronnaplan.planner.blend import Blend
 from ronnaplan.planner.cuts import ACROSS, PATH_VIEWS, STANDARD, WINDOWS_HU, path_axes
 from ronnaplan.planner.head_look import HeadLooking
@@ -82,7 +82,7 @@ class Looking(HeadLooking):
 
     def jump(self, place_mm: Sequence[float] | FloatArray) -> None:
         """Put the crosshair at a place (3,) in LPS, kept within the scan."""
-        place = as_points([list(place_mm)], "the crosshair")[0]
+        place = as_point(list(place_mm), "the crosshair")
         low, high = self.bounds_mm
         self.crosshair_mm = np.clip(place, low, high)
 

@@ -8,7 +8,7 @@ from functools import partial
 from ronnaplan.case import marker_edits
 from ronnaplan.case.edits import OpenCase
 from ronnaplan.case.expectation import errors_at_ends_mm
-from ronnaplan.documents.fiducials import Source
+from ronnaplan.documents.fiducials import FiducialEntry, Source
 from ronnaplan.documents.registered import registration_document
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import Points
@@ -25,8 +25,10 @@ class Registering:
         self.case, self.storage, self.start = case, storage, start
         self.readings_mm: Points | None = None
         self.notes: tuple[str, ...] = ()
-        self.known_pairs: dict[str, str] = {}
-        self.touch: str | None = None
+        self._known_pairs: dict[str, str] = {}
+        self._touch: str | None = None
+        self._paired: tuple[FiducialEntry, ...] = ()
+        """The markers that both name."""
         self.pointed_marker: str | None = None
         self.pointed_reading: str | None = None
 
@@ -58,6 +60,16 @@ class Registering:
         pairs = {ct: ots for ct, ots in self.known_pairs.items() if ots != reading} | {label: reading}
         work = partial(self._sought.in_readings, self.readings_mm, self.notes, pairs)
         self._register(f"registering with {label} as {reading}", work)
+
+    @property
+    def known_pairs(self) -> dict[str, str]:
+        """Which reading each marker is that was pointed at, until markers change: another may have its label then."""
+        return self._known_pairs if self._paired == self.case.found.fiducials else {}
+
+    @property
+    def touch(self) -> str | None:
+        """The marker that tells most when it is touched with the pointer, until markers change."""
+        return self._touch if self._paired == self.case.found.fiducials else None
 
     @property
     def pointing(self) -> bool:
@@ -108,6 +120,7 @@ class Registering:
     def _keep(self, made: Paired, source: Source) -> None:
         self.leave_pointing()
         self.case.keep_registration(registration_document(made.found, source, self.case.plan.points, made.notes))
-        self.readings_mm, self.notes, self.known_pairs = made.readings_mm, made.notes, made.known_pairs
+        self.readings_mm, self.notes, self._known_pairs = made.readings_mm, made.notes, made.known_pairs
+        self._paired = self.case.found.fiducials
         touch = made.found.pairing.touch
-        self.touch = None if touch is None else made.found.ct.labels[touch]
+        self._touch = None if touch is None else made.found.ct.labels[touch]

@@ -12,7 +12,7 @@ import numpy as np
 from ronnaplan.ct.volume import CTVolume, SeriesSource
 from ronnaplan.display import Shown, coordinates, head_in_3d
 from ronnaplan.errors import FrameMismatchError, InputError, check_type
-from ronnaplan.geometry import FloatArray, Frame, Points, as_points
+from ronnaplan.geometry import FloatArray, Frame, Points, as_point
 from ronnaplan.planning.rulers import Ruler
 from ronnaplan.planning.trajectory import Trajectory, next_colour
 
@@ -32,7 +32,8 @@ class Landmarks:
     midline_mm: FloatArray
 
     def __post_init__(self) -> None:
-        points = as_points([self.ac_mm, self.pc_mm, self.midline_mm], "AC, PC and midline point")
+        named = {"AC": self.ac_mm, "PC": self.pc_mm, "the midline point": self.midline_mm}
+        points = np.stack([as_point(value, name) for name, value in named.items()])
         area = np.linalg.norm(np.cross(points[0] - points[1], points[2] - points[1]))
         if area < 1.0 * np.linalg.norm(points[0] - points[1]) or np.linalg.norm(points[0] - points[1]) < 1.0:
             raise InputError(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, as_points
+from ronnaplan.geometry import FloatArray, as_point
 from ronnaplan.planning.angles import RAS_IN_LPS
 from ronnaplan.planning.candidates import Candidates, Field, cast, spread_directions
 from ronnaplan.planning.head import SKIN_HU, Head
@@ -84,7 +84,7 @@ def propose(
     beside ``others``, and keeps all of ``limits``; there may be none. Raises `InputError` for a target outside the scan
     or in air.
     """
-    target = as_points([target_mm], "target")[0]
+    target = as_point(target_mm, "the target")
     if not head.scan.values_hu(target[np.newaxis])[0] >= SKIN_HU:
         raise InputError(
             f"the target at LPS {np.round(target, 1).tolist()} lies outside the scan or in air; choose a place in "

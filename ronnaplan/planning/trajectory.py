@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError, check_type
-from ronnaplan.geometry import FloatArray, Frame, as_points
+from ronnaplan.geometry import FloatArray, Frame, as_point
 from ronnaplan.planning.electrodes import Electrode
 
 SHORTEST_PATH_MM = 1.0
@@ -106,10 +106,10 @@ class Trajectory:
             check_type(value, kind, what, REMEDY)
         if not self.name.strip():
             raise InputError("a trajectory has no name; give it one")
-        ends = as_points([self.entry_mm, self.target_mm], f"entry and target of {self.name}")
-        ends.setflags(write=False)
-        object.__setattr__(self, "entry_mm", ends[0])
-        object.__setattr__(self, "target_mm", ends[1])
+        for end, value in (("entry", self.entry_mm), ("target", self.target_mm)):
+            point = as_point(value, f"the {end} of {self.name}").copy()
+            point.setflags(write=False)
+            object.__setattr__(self, f"{end}_mm", point)
         if self.length_mm < SHORTEST_PATH_MM:
             raise InputError(
                 f"entry and target of {self.name} are {self.length_mm:.2f} mm apart; expected two different points"

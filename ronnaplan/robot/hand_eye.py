@@ -123,22 +123,23 @@ def calibrate_hand_eye(ots_from_m: ArrayLike, robot_from_tcp: ArrayLike) -> Hand
             f"the TCP lies {away_mm:.0f} mm from M, expected at most {LONGEST_TOOL_MM:g}; check that the poses are "
             "tracker from tool and robot from TCP, and not both the other way round"
         )
-    return replace(found, out_of_step=_out_of_step(seen, driven))
+    return replace(found, out_of_step=_out_of_step(seen, driven, left, right))
 
 
-def _out_of_step(seen: FloatArray, driven: FloatArray) -> bool:
-    """Tell whether poses (N, 4, 4) in the order of recording fit far better one earlier, or one later."""
+def _out_of_step(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> bool:
+    """Tell whether poses (N, 4, 4) in the order of recording fit far better one earlier, or one later.
+
+    ``left`` and ``right`` are their closed form as they are.
+    """
     if len(seen) < FEWEST_TO_SHIFT:
         return False
-    together, *apart = (
-        _angle_left(a, b) for a, b in ((seen, driven), (seen[1:], driven[:-1]), (seen[:-1], driven[1:]))
-    )
-    return min(apart) < MUCH_BETTER * together
+    shifted = ((seen[1:], driven[:-1]), (seen[:-1], driven[1:]))
+    apart = (_angle_left(a, b, *_closed_form(a, b)) for a, b in shifted)
+    return min(apart) < MUCH_BETTER * _angle_left(seen, driven, left, right)
 
 
-def _angle_left(seen: FloatArray, driven: FloatArray) -> float:
-    """Return the angle, in rad RMS, that is left between poses after the closed form."""
-    left, right = _closed_form(seen, driven)
+def _angle_left(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> float:
+    """Return the angle, in rad RMS, that R from OTS ``left`` and M from TCP ``right`` leave between poses."""
     error = _discrepancy(invert(left) @ driven @ invert(right), seen)
     return float(np.sqrt((error[:, :3] ** 2).sum(axis=1).mean()))
 

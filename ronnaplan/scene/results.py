@@ -9,6 +9,7 @@ import numpy as np
 
 from ronnaplan.ct import CTVolume
 from ronnaplan.errors import check_type
+from ronnaplan.extras import require_packages
 from ronnaplan.figures import DOUBT_COLOUR, MARKER_COLOUR, Head
 from ronnaplan.localization import Fiducials
 from ronnaplan.planning import Plan
@@ -16,7 +17,7 @@ from ronnaplan.scene.contents import beside, head_things
 from ronnaplan.scene.picture import picture
 from ronnaplan.scene.portrait import MOST_TRIANGLES, SHAPE, filling, head_picture
 from ronnaplan.scene.things import Thing, path, rgb, spread, spread_factor
-from ronnaplan.scene.vtk import Workshop, require_pyvista
+from ronnaplan.scene.vtk import NEEDS_PYVISTA, Workshop
 
 REACH: Final = 4.0
 """Ellipsoids reach at most so many radii of their markers from the middles, to stand out of them."""
@@ -31,7 +32,7 @@ def head_with(result: Fiducials | Plan, volume: CTVolume) -> Head:
     Raises `InputError` where pyvista is not installed or VTK cannot be loaded.
     """
     check_type(volume, CTVolume, "the volume", "read_ct returns one")
-    require_pyvista()
+    require_packages(*NEEDS_PYVISTA)
     return _with_paths(result, volume) if isinstance(result, Plan) else _with_markers(result, volume)
 
 

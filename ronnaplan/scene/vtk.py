@@ -8,13 +8,13 @@ import sys
 import tempfile
 import threading
 from contextlib import suppress
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
 
 from ronnaplan.errors import InputError
+from ronnaplan.extras import require_packages
 from ronnaplan.pipes import receive, send
 
 Arrays = dict[str, NDArray[Any]]
@@ -22,13 +22,8 @@ Arrays = dict[str, NDArray[Any]]
 LONGEST_S = 300.0
 """A task that takes longer is given up."""
 
-NEEDED = "pyvista"
-
-
-def require_pyvista() -> None:
-    """Raise `InputError` where pyvista is not installed."""
-    if find_spec(NEEDED) is None:
-        raise InputError(f"3-D surfaces need {NEEDED}; install ronnaplan[scene]")
+NEEDS_PYVISTA = ("a scene in 3-D", "scene", "pyvista")
+"""Who needs it, and which extra has it, as `require_packages` is told."""
 
 
 class NoGraphicsError(InputError):
@@ -100,7 +95,7 @@ class Workshop:
 
     def arrays(self, task: str, given: Arrays) -> Arrays:
         """Return the answer to a task that needs pyvista; raises `InputError` where that is not installed."""
-        require_pyvista()
+        require_packages(*NEEDS_PYVISTA)
         answer: Arrays = self.answer(task, given)
         return answer
 

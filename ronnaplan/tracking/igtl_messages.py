@@ -40,6 +40,8 @@ REPEATED = "repeated: its own time stands still"
 """Status of a good reading whose device has long sent nothing new: it is of a moment that is over."""
 MOST_READINGS = 1_000_000
 """A recording that holds more (0.8 GB of memory) is ended: half a day of one tool at 20 Hz."""
+MOST_NAMES = 1000
+"""No tracker has more devices or tools, and no stream more kinds of faults: each is remembered."""
 MOST_NOTES = 20
 MOST_KINDS = 5
 POINT_ITEM = np.dtype(
@@ -175,6 +177,17 @@ class Stream:
             self._take(message, body)
             if len(self.points) + len(self.tools) >= MOST_READINGS:
                 self.broken = f"{MOST_READINGS} readings came, the most that are kept; record for a shorter time"
+            elif self._names > MOST_NAMES:
+                self.broken = (
+                    f"{self._names} names of devices, tools or faults came in {self.messages} messages; expected "
+                    f"{MOST_NAMES} at most, so let the sender call each device alike in all its messages"
+                )
+
+    @property
+    def _names(self) -> int:
+        """How many names the longest table holds."""
+        tables = (self._tool_frames, self._left_out, self._passed_over)
+        return max(len(self._latest_s), *(len(table) for table in tables))
 
     def _take(self, message: Message, body: bytes) -> None:
         unpack = {"POINT": self._take_points, "TRANSFORM": self._take_transform, "POSITION": self._take_positions}

@@ -47,6 +47,24 @@ def test_changes_of_plan_and_markers_are_taken_back_in_their_order(state: Planne
         assert (labels(state)[:2], x_mm(state) - T[0]) == expected
 
 
+def test_a_renamed_marker_keeps_its_registration_there_and_back(state: PlannerState) -> None:
+    state.case.keep_registration(cases.registration())
+    before = cases.registration().expected.tre_rms_mm(T[None])
+    state.case.rename_marker("F1", "nose")
+    for other in (state, reopened(state)):
+        assert other.case.outdated is None
+        expected = other.case.surroundings.expected.registered
+        assert expected is not None
+        assert expected.markers[0] == "nose"
+        assert expected.tre_rms_mm(T[None]) == before
+    state.case.undo()
+    assert state.case.outdated is None
+    assert state.case.registration is not None
+    assert state.case.registration.revision == 2
+    state.case.redo()
+    assert state.case.registration.pairs[0].ct == "nose"
+
+
 def test_accepting_and_localizing_again_are_taken_back_too(state: PlannerState) -> None:
     before = state.case.found
     state.case.reject_marker("F2")

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
-from ronnaplan.case.marker_edits import BY_HAND, accept, named, reject, rename
+from ronnaplan.case.marker_edits import BY_HAND, accept, carried_over, named, reject, rename
+from ronnaplan.documents.agreement import disagreement
 from ronnaplan.documents.fiducials import FiducialsDocument
+from ronnaplan.documents.registration import LabelPair, RivalEntry
 from ronnaplan.errors import RefusedError, UsageError
 from tests import cases
 
@@ -38,3 +42,46 @@ def test_a_marker_is_not_taken_back_over_another_of_its_name() -> None:
     document = rename(reject(cases.fiducials(), "F2"), "F1", "F2")
     with pytest.raises(UsageError, match="another marker F2"):
         accept(document, 0)
+
+
+def test_a_registration_goes_with_markers_that_are_renamed_and_stays_as_it_is_else() -> None:
+    before = cases.fiducials()
+    rival = RivalEntry(pairs=(LabelPair(ct="F2", ots="1"), LabelPair(ct="F1", ots="2")), log_evidence_below=9.0)
+    kept = cases.registration().model_copy(update={"rivals": (rival,), "unpaired_ct": ("F6",), "notes": ()})
+    kept = kept.model_copy(update={"pairs": kept.pairs[:5]})
+    exchanged = rename(rename(rename(before, "F1", "F0"), "F2", "F1"), "F6", "nose")
+    found = carried_over(kept, before, exchanged)
+    assert disagreement(exchanged, found) is None
+    assert [pair.ct for pair in found.pairs[:3]] == ["F0", "F1", "F3"]
+    assert [pair.center for pair in found.pairs] == [pair.center for pair in kept.pairs]
+    assert [(pair.ct, pair.ots) for pair in found.rivals[0].pairs] == [("F1", "1"), ("F0", "2")]
+    assert found.unpaired_ct == ("nose",)
+    assert carried_over(found, exchanged, before) == kept
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"doubt": "F1 lies 2 mm off"}, {"notes": ("marker F1 was left out",)}, {"unpaired_ct": ("F9",)}],
+    ids=["a sentence names it", "a note does", "it knows another"],
+)
+def test_a_registration_that_may_tell_of_the_marker_by_its_name_is_to_be_made_anew(
+    changes: dict[str, Any],
+) -> None:
+    kept = cases.registration().model_copy(update={"notes": (), "doubt": None} | changes)
+    renamed = rename(cases.fiducials(), "F1", "nose")
+    assert carried_over(kept, cases.fiducials(), renamed) is kept
+    assert "F1, which is no longer there" in (disagreement(renamed, kept) or "")
+
+
+def test_a_registration_of_other_places_is_not_given_new_names() -> None:
+    before, kept = cases.fiducials(), cases.registration()
+    moved = before.model_copy(
+        update={
+            "fiducials": (
+                before.fiducials[0].model_copy(update={"center": (1.0, 2.0, 3.0)}),
+                *before.fiducials[1:],
+            )
+        }
+    )
+    assert carried_over(kept, before, rename(moved, "F1", "nose")) is kept
+    assert carried_over(kept, moved, rename(moved, "F1", "nose")) is kept

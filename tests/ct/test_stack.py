@@ -357,3 +357,13 @@ def test_what_every_file_was_given_for_itself_is_named(tmp_path: Path, keyword: 
     write_series(tmp_path, 40, lambda made, k: setattr(made, keyword, f"1.2.{k}"))
     with pytest.raises(InputError, match=rf"it mixes too many {told} \(more than 32 parts of 40 images\)"):
         read_ct(tmp_path)
+
+
+def test_of_a_series_in_which_all_is_mixed_three_things_are_named(tmp_path: Path) -> None:
+    def other(made: Dataset, k: int) -> None:
+        made.StudyInstanceUID = made.FrameOfReferenceUID = f"1.2.{k}"
+        made.PatientID, made.PixelSpacing = f"P{k}", [1.0 + k / 10, 1.0]
+
+    write_series(tmp_path, 40, other)
+    with pytest.raises(InputError, match=r"too many pixel spacings, frames of reference, studies \(more than 32"):
+        read_ct(tmp_path)

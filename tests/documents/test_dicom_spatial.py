@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pydicom import dcmread
 
-from ronnaplan.documents.dicom_spatial import dicom_bytes, spatial_fiducials, spatial_registration
+from ronnaplan.documents.dicom_spatial import _identifiers, dicom_bytes, spatial_fiducials, spatial_registration
 from ronnaplan.documents.fiducials import Source
 from ronnaplan.errors import InputError
 from tests.documents.registrations import SOURCE, fiducials, registered
@@ -71,6 +71,14 @@ def test_markers_with_long_names_keep_identifiers_of_their_own(tmp_path: Path) -
     described = [item.FiducialDescription for item in markers.FiducialSequence]
     assert described[1:3] == [f"sphere 11.50 mm, {long}second", "sphere 11.50 mm, a/b"]
     assert described[4] == "sphere 11.50 mm"
+
+
+def test_thousands_of_alike_names_are_numbered_at_once() -> None:
+    """A second each thousand, and four times as long for twice as many, were each number tried for each name."""
+    found = _identifiers(["behind the left ear, the third of the row"] * 5000)
+    assert len(set(found)) == 5000
+    assert found[:2] == ["behind the left", "behind the lef~2"]
+    assert found[-1] == "behind the ~5000"
 
 
 def test_blanks_before_a_name_do_not_tell_markers_apart(tmp_path: Path) -> None:

@@ -97,7 +97,7 @@ def test_where_the_head_cannot_be_drawn_there_are_the_three_sides(
     with monkeypatch.context() as without_vtk:
         without_vtk.setattr(Workshop, "answer", ended)
         assert len(found.plot(volume).axes) == len(plan.plot(volume).axes) == 3
-    monkeypatch.setattr("ronnaplan.scene.vtk.find_spec", lambda _: None)
+    monkeypatch.setattr("ronnaplan.extras.find_spec", lambda _: None)
     with caplog.at_level(logging.INFO, "ronnaplan.display"):
         assert len(found.plot(volume).axes) == len(plan.plot(volume).axes) == 3
     assert "ronnaplan[scene]" in caplog.text

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ronnaplan import extras
 from ronnaplan.errors import InputError
 from ronnaplan.scene import vtk
 from ronnaplan.scene.field import Field, of_mask
@@ -88,7 +89,7 @@ def test_all_that_a_head_is_drawn_from_comes_of_one_process_that_was_begun_befor
 def test_what_is_missing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     with vtk.Workshop() as workshop:
         with monkeypatch.context() as without:
-            without.setattr(vtk, "find_spec", lambda _: None)
+            without.setattr(extras, "find_spec", lambda _: None)
             with pytest.raises(InputError, match=r"install ronnaplan\[scene\]"):
                 workshop.arrays("surfaces", {})
         for task in ("what nobody knows", "surfaces"):  # a process that has ended does no more

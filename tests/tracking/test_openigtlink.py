@@ -338,6 +338,28 @@ def test_a_recording_does_not_take_the_memory(monkeypatch: pytest.MonkeyPatch) -
         record("127.0.0.1", port, seconds=5)
 
 
+@pytest.mark.parametrize(
+    "message",
+    [
+        lambda n: points(device=f"P{n}"),
+        lambda n: named("POSITION", b"P%d" % n, struct.pack(">3f", 1.0, 2.0, 3.0)),
+        lambda n: named("POINT", b"P%d" % n, b"none"),
+        lambda n: named(f"K{n}", b"P", b""),
+    ],
+    ids=["devices", "tools", "faults", "kinds"],
+)
+def test_a_sender_that_makes_up_names_ends_the_stream(
+    message: Callable[[int], bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each name would be remembered for as long as the stream lasts."""
+    monkeypatch.setattr(igtl_messages, "MOST_NAMES", 20)
+    stream = Stream()
+    stream.feed(b"".join(message(n) for n in range(20)) * 2)
+    assert stream.broken is None
+    stream.feed(b"".join(message(n) for n in range(20, 60)))
+    assert (stream.broken or "").startswith("21 names of devices, tools or faults came")
+
+
 def test_alike_faults_are_told_once() -> None:
     damaged = bytearray(points())
     damaged[-30] ^= 0xFF
