@@ -64,12 +64,17 @@ class Registering:
     @property
     def known_pairs(self) -> dict[str, str]:
         """Which reading each marker is that was pointed at, until markers change: another may have its label then."""
-        return self._known_pairs if self._paired == self.case.found.fiducials else {}
+        return self._known_pairs if self._same_markers else {}
 
     @property
     def touch(self) -> str | None:
         """The marker that tells most when it is touched with the pointer, until markers change."""
-        return self._touch if self._paired == self.case.found.fiducials else None
+        return self._touch if self._same_markers else None
+
+    @property
+    def _same_markers(self) -> bool:
+        found = self.case.fiducials
+        return found is not None and found.fiducials == self._paired
 
     @property
     def pointing(self) -> bool:

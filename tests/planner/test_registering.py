@@ -140,6 +140,17 @@ def test_what_was_clicked_before_the_question_is_no_answer_to_it(state: PlannerS
         state.registering.pick_reading("1")
 
 
+def test_what_was_pointed_at_is_forgotten_when_markers_change(ambiguous: PlannerState) -> None:
+    """Another marker may have the label then; and there may be no markers at all."""
+    ambiguous.registering.point_at("F1", "a")
+    assert pointing_panel(ambiguous)["known"] == "F1 is a"
+    ambiguous.case.rename_marker("F1", "nose")
+    ambiguous.case.rename_marker("F2", "F1")
+    assert pointing_panel(ambiguous)["known"] == ""
+    ambiguous.case.fiducials = None
+    assert pointing_panel(ambiguous)["known"] == ""
+
+
 def test_pointing_is_forgotten_when_it_is_left_or_readings_are_loaded(ambiguous: PlannerState) -> None:
     ambiguous.pick_marker("F1")
     ambiguous.registering.leave_pointing()
