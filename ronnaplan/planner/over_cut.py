@@ -65,7 +65,7 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
             "high": 1,
             "letters": [],
             "scale": None,
-            "title": "select a trajectory" if state.case.plan.trajectories else "no trajectory yet: press A",
+            "title": "select a trajectory" if state.case.plan.trajectories else "no trajectory yet: add one (A)",
             "markers": [],
             "points": [],
             "paths": [],

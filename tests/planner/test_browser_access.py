@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -17,6 +18,7 @@ from tests.planner.browser import (
     needs_browser,
     opened,
     place,
+    planner,
     value,
     wait_until_whole,
     with_head,
@@ -227,6 +229,19 @@ def test_a_name_from_right_to_left_that_is_shortened_ends_at_its_left(page: Any)
         return left;
     }""")
     assert ends_at_left
+
+
+def test_an_upright_screen_wastes_no_room_on_views_of_a_trajectory_that_is_not_there(
+    browser: Any, tmp_path: Path
+) -> None:
+    with planner(tmp_path) as bare:
+        page = opened(browser, bare.url, 390, 844)
+        assert page.locator("svg[data-view=inline]").is_hidden()
+        assert page.locator("svg[data-view=axial]").bounding_box()["height"] > 200
+        label = page.locator("svg[data-view=head]").get_attribute("aria-label")
+        assert "arrow keys turn it" in label
+        page.set_viewport_size({"width": 1280, "height": 800})
+        assert page.locator(".rp-inline >> text=no trajectory yet: add one (A)").is_visible()
 
 
 def test_a_phone_has_its_tools_in_one_line_and_sees_its_head(running_browser: Any, shared: Planner) -> None:

@@ -81,9 +81,8 @@ def drop_a_scan(page: Any, scans: Path) -> None:
     """Look through folders, then drop what is no scan, an archive, and open it as a case."""
     page.click("text=study/")
     page.click("#entries >> text=ct/")
-    page.wait_for_selector("#entries >> text=the button above shows what scans its files are")
-    page.click("text=look for series here")
-    page.wait_for_selector("#found >> text=go on")
+    page.wait_for_selector("#entries >> text=no folders in here; its scans are listed below")
+    page.wait_for_selector("#found >> text=go on")  # without a further click
     assert page.locator("#found img").count() == 1
     (scans / "notes.txt").write_text("no scan")
     page.set_input_files("#file", scans / "notes.txt")

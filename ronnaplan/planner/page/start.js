@@ -50,12 +50,17 @@
       if (entry.case) label.append(made("span", { className: "case" }, "case"));
       return made("li", {}, label);
     });
-    if (!entries.length) entries.push(made("li", {}, made("span", { className: "empty" }, "no folders in here; the button above shows what scans its files are")));
+    if (!entries.length) entries.push(made("li", {}, made("span", { className: "empty" }, "no folders in here; its scans are listed below")));
     if (listed.more) entries.push(made("li", {}, made("span", { className: "empty" }, `and ${listed.more} more`)));
     one("entries").replaceChildren(...entries);
+    if (at && !listed.entries.length) await search(at); // where else would a scan be
+  }
+  async function search(at) {
+    tell("busy", "looking for series ...");
+    show(await ask(`series?${query({ at })}`));
   }
   const go = (at) => work("opening the folder ...", () => browse(at));
-  const find = (at) => work("looking for series ...", async () => show(await ask(`series?${query({ at })}`)));
+  const find = (at) => work("looking for series ...", () => search(at));
 
   // --- what is dropped
   async function inside(entry, path, found) {
