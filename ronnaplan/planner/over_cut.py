@@ -15,7 +15,7 @@ from ronnaplan.planning import Trajectory
 from ronnaplan.planning.contacts import contact_paths
 from ronnaplan.scene.cut import Cut
 from ronnaplan.scene.names import Names
-from ronnaplan.scene.things import MARKER_COLOUR, PROPOSAL_COLOURS, REJECTED_COLOUR, TOOL_COLOUR
+from ronnaplan.scene.things import MARKER_COLOUR, PROPOSED_COLOUR, REJECTED_COLOUR, TOOL_COLOUR
 
 POINT_COLOUR, BEGUN_COLOUR = "#b2ff59", "#ffffff"
 
@@ -179,7 +179,7 @@ def _points(state: PlannerState, cut: Cut, reach_mm: tuple[float, float]) -> lis
     for label, entry_mm in proposed(state):
         x, y, away = cut.on_screen_mm(entry_mm).tolist()
         if abs(away) < NEAR_MM and abs(x) < reach_mm[0] and abs(y) < reach_mm[1]:
-            drawn.append({"label": label, "x": x, "y": y, "colour": PROPOSAL_COLOURS[1]})
+            drawn.append({"label": label, "x": x, "y": y, "colour": PROPOSED_COLOUR})
     return drawn
 
 

@@ -14,7 +14,7 @@ from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
 from ronnaplan.scene.camera import Camera
 from ronnaplan.scene.names import Names
-from ronnaplan.scene.things import PROPOSAL_COLOURS, REJECTED_COLOUR, TOOL_COLOUR, spread_factor, spread_name
+from ronnaplan.scene.things import PROPOSED_COLOUR, REJECTED_COLOUR, TOOL_COLOUR, spread_factor, spread_name
 
 CROSS_COLOUR = "#4fc3f7"
 
@@ -60,7 +60,7 @@ def over_head(
         for name, place in region_places_mm.items()
         if state.look.regions[name].opacity
     ]
-    points += [_point(camera, label, entry, PROPOSAL_COLOURS[1]) for label, entry in proposed(state)]
+    points += [_point(camera, label, entry, PROPOSED_COLOUR) for label, entry in proposed(state)]
     points += [_point(camera, one.name, one.tip_mm, TOOL_COLOUR) for one in state.following.seen]
     names = Names(pane.room(1.0))
     markers = names.of_places(_markers(state, camera, show_rejected))

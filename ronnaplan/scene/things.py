@@ -28,6 +28,9 @@ CONTACT_COLOUR: Final = "#f5f7fa"
 PROPOSAL_COLOURS: Final = ("#3a0a2e", "#c2259a")
 """From the worst to the best; nothing else on the page is magenta, to colour-blind eyes neither."""
 
+PROPOSED_COLOUR: Final = "#ffc2f0"
+"""Of the numbers of the best, which stand on the map of those colours."""
+
 CONTACT_SHARE: Final = 1.4
 """Contacts are drawn so much thicker than what they are on, to be seen."""
 

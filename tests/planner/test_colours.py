@@ -9,7 +9,7 @@ import pytest
 
 from ronnaplan.planner.over_head import CROSS_COLOUR
 from ronnaplan.planning.trajectory import COLOURS
-from ronnaplan.scene.things import MARKER_COLOUR, PROPOSAL_COLOURS
+from ronnaplan.scene.things import MARKER_COLOUR, PROPOSAL_COLOURS, PROPOSED_COLOUR
 
 EYES = {
     "most": np.eye(3),
@@ -37,10 +37,23 @@ def parsed(colour: str) -> np.ndarray:
 
 @pytest.mark.parametrize("eye", EYES.values(), ids=EYES.keys())
 def test_no_two_kinds_share_a_colour(eye: np.ndarray) -> None:
-    kinds = {"marker": [MARKER_COLOUR], "crosshair": [CROSS_COLOUR]} | {one: [one] for one in COLOURS}
+    kinds = {"marker": [MARKER_COLOUR], "crosshair": [CROSS_COLOUR], "proposed": [PROPOSED_COLOUR]} | {
+        one: [one] for one in COLOURS
+    }
     seen = {name: [lab(parsed(one), np.asarray(eye)) for one in some] for name, some in kinds.items()}
     worst, best = map(parsed, PROPOSAL_COLOURS)
     seen["proposals"] = [lab(worst + share * (best - worst), np.asarray(eye)) for share in np.linspace(0, 1, 11)]
     for one, other in combinations(seen, 2):
         nearest = min(float(np.linalg.norm(a - b)) for a in seen[one] for b in seen[other])
         assert nearest > LEAST, (one, other)
+
+
+def test_numbers_of_proposed_entries_are_read_on_the_map_of_their_scores() -> None:
+    """As WCAG asks of what is large, and of marks; letters have a dark rim besides."""
+
+    def light(colour: str) -> float:
+        linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parsed(colour).tolist()]
+        return float(XYZ[1] @ linear)
+
+    for below in PROPOSAL_COLOURS:
+        assert (light(PROPOSED_COLOUR) + 0.05) / (light(below) + 0.05) >= 3.0
