@@ -25,6 +25,9 @@ LONGEST_NUMBER = 64
 BLANKS = " \t\r\n"
 """What may stand around a number. Python strips other control characters, too, each of which may be a damaged digit."""
 
+ISOLATE, ISOLATE_END = "\u2068", "\u2069"
+"""Unicode's first strong isolate, and its end. No name in a document holds them: they are not printable."""
+
 SOFT_HYPHEN = "\u00ad"
 
 PLAIN_NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]{1,3})?")
@@ -40,6 +43,18 @@ def printable(text: object, longest: int = LONGEST_TEXT) -> str:
     if kept.isprintable():
         return kept
     return "".join(character if character.isprintable() else _escaped(character) for character in kept)
+
+
+def isolated(name: str) -> str:
+    """Return a name that is written whole in a page's text, in the direction of its own letters: between isolates.
+
+    One without letters from right to left needs none. For pages only: a terminal may draw the isolates.
+
+    >>> isolated("left (2)"), isolated("\u05e9\u05de (2)") == "\u2068\u05e9\u05de (2)\u2069"
+    ('left (2)', True)
+    """
+    turned = any(unicodedata.bidirectional(letter) in ("R", "AL") for letter in name)
+    return f"{ISOLATE}{name}{ISOLATE_END}" if turned else name
 
 
 def place(position_mm: Iterable[float]) -> str:

@@ -16,6 +16,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.storage import PIVOT, Storage
 from ronnaplan.planning import Trajectory
 from ronnaplan.pose import invert
+from ronnaplan.text import isolated
 from ronnaplan.tracking.recording import Recording, require_one_system
 
 if TYPE_CHECKING:
@@ -154,13 +155,13 @@ def told(one: SeenTool, path: Trajectory | None) -> str:
     """Return where a tip is, and beside the selected trajectory how far from its target and how far beside it."""
     x, y, z = one.tip_mm
     end = "tip" if one.calibrated else f"origin of its frame (no {PIVOT} of it)"
-    line = f"{one.name}: {end} at {x:.1f}, {y:.1f}, {z:.1f}"
+    line = f"{isolated(one.name)}: {end} at {x:.1f}, {y:.1f}, {z:.1f}"
     if path is None:
         return line
     from_target = one.tip_mm - path.target_mm
     beside = np.linalg.norm(from_target - (from_target @ path.inward) * path.inward)
     angle = np.degrees(np.arccos(np.clip(abs(one.back @ path.inward), 0.0, 1.0)))
     return (
-        f"{line}; {np.linalg.norm(from_target):.1f} mm from the target of {path.name}, "
+        f"{line}; {np.linalg.norm(from_target):.1f} mm from the target of {isolated(path.name)}, "
         f"{beside:.1f} mm beside its line, z axis of its frame {angle:.1f} deg to that"
     )

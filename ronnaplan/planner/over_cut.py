@@ -16,6 +16,7 @@ from ronnaplan.planning.contacts import contact_paths
 from ronnaplan.scene.cut import Cut
 from ronnaplan.scene.names import Names
 from ronnaplan.scene.things import MARKER_COLOUR, PROPOSED_COLOUR, REJECTED_COLOUR, TOOL_COLOUR
+from ronnaplan.text import isolated
 
 POINT_COLOUR, BEGUN_COLOUR = "#b2ff59", "#ffffff"
 
@@ -123,7 +124,7 @@ def _title(state: PlannerState, view: str, cut: Cut) -> str:
         return f"{view}  {state.look.crosshair_mm @ np.abs(cut.away):.1f} mm"
     assert state.look.chosen is not None
     depth = float((cut.center_mm - state.look.chosen.entry_mm) @ state.look.chosen.inward)
-    return TITLES[view].format(depth if view == ACROSS else state.look.chosen.name)
+    return TITLES[view].format(depth if view == ACROSS else isolated(state.look.chosen.name))
 
 
 def balls(state: PlannerState, show_rejected: bool) -> list[tuple[str, tuple[float, float, float], float, str]]:

@@ -9,6 +9,8 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from urllib.parse import quote
 
+from ronnaplan.text import ISOLATE, ISOLATE_END
+
 STYLE = """
 body { font: 14px/1.45 system-ui, sans-serif; color: #1c2733; max-width: 62rem; margin: 2rem auto; padding: 0 1rem;
   overflow-wrap: break-word }
@@ -42,6 +44,9 @@ RIGHT_TO_LEFT = re.compile(
 """A name in Hebrew or Arabic, its words, what it has in brackets, and marks and numbers between them together, stands
 apart: else a browser writes the number behind it before it, and its sign last."""
 
+ISOLATED = re.compile(f"({ISOLATE}[^{ISOLATE_END}]*{ISOLATE_END})")
+"""A name of `isolated`, which a browser keeps whole by itself, whatever is in it."""
+
 LONGEST_WORD = 30
 """A word that is longer (a UID, a hash) may be broken anywhere, no other: a number stays whole."""
 
@@ -68,7 +73,9 @@ def page(title: str, body: Iterable[str], *, style: str = "", script: str = "") 
 def element(tag: str, text: str, css: str = "") -> str:
     """Return one element that holds ``text``."""
     name = f' class="{escape(css)}"' if css else ""
-    apart = RIGHT_TO_LEFT.sub(r"<bdi>\g<0></bdi>", escape(text, quote=False))
+    parts = ISOLATED.split(escape(text, quote=False))
+    parts[::2] = [RIGHT_TO_LEFT.sub(r"<bdi>\g<0></bdi>", part) for part in parts[::2]]
+    apart = "".join(parts)
     return f"<{tag}{name}>{apart}</{tag}>"
 
 

@@ -12,6 +12,7 @@ from ronnaplan.errors import RonnaplanError
 from ronnaplan.report.html import element, picture, table
 from ronnaplan.report.marker_cuts import MarkerPicture, marker_pictures
 from ronnaplan.report.part import Part, Piece
+from ronnaplan.text import isolated
 
 STYLE = """
 .markers figure { display: grid; grid-template-columns: 3rem 1fr; align-items: center; margin: .3rem 0 }
@@ -56,7 +57,7 @@ def _drawn(pictures: list[MarkerPicture]) -> str:
 def _row(marker: FiducialEntry) -> list[str]:
     errors = 1e3 * np.sqrt(np.diag(np.array(marker.covariance)))
     return [
-        marker.label,
+        isolated(marker.label),
         *(f"{value:.3f}" for value in marker.center),
         *(f"{error:.1f}" for error in errors),
         f"{marker.diameter_mm:.3f}",

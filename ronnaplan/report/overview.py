@@ -20,6 +20,7 @@ from ronnaplan.scene.names import Names, Room
 from ronnaplan.scene.picture import Shades
 from ronnaplan.scene.things import Thing
 from ronnaplan.scene.vtk import Workshop
+from ronnaplan.text import isolated
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -104,7 +105,7 @@ def _head(seen: View, *, turns: bool) -> str:
 def _row(case: Case, judged: Judgement, name: str) -> list[str]:
     assert case.plan is not None
     length = number(case.plan.trajectory(name).length_mm, 1)
-    return [name, length, *_angles(judged.measures), *_errors(judged.measures), _verdict(judged)]
+    return [isolated(name), length, *_angles(judged.measures), *_errors(judged.measures), _verdict(judged)]
 
 
 def _verdict(judged: Judgement) -> str:

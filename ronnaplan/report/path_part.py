@@ -22,6 +22,7 @@ from ronnaplan.planning.rows import (
 from ronnaplan.report.html import element, picture, table, unseen
 from ronnaplan.report.part import Part
 from ronnaplan.report.path_cuts import path_picture
+from ronnaplan.text import isolated
 
 STYLE = """
 .beside { display: flex; flex-wrap: wrap; gap: 0 2.5rem; align-items: start } .beside p { max-width: 26rem }
@@ -53,7 +54,7 @@ def paths_part(case: Case) -> Part:
     part = Part(TITLE, pieces, list(case.surroundings.doubts))
     judgements = case.surroundings.judge_all(case.plan)
     for trajectory, judged in zip(case.plan.trajectories, judgements, strict=True):
-        body, look = [element("h3", trajectory.name)], "path"
+        body, look = [element("h3", isolated(trajectory.name))], "path"
         if judged.problem:
             part.warnings.append(f"trajectory {trajectory.name} could not be judged: {judged.problem}")
             body.append(element("p", f"could not be judged: {judged.problem}", "fail"))
@@ -90,7 +91,7 @@ def _measured(volume: CTVolume, one: Measures, verdicts: Sequence[Verdict]) -> l
 
 def _contact(one: ContactMeasures) -> list[str]:
     nearest = min(one.clearances, key=lambda near: near.at_least_mm, default=None)
-    told = "-" if nearest is None else f"{nearest.clearance_mm:.2f} to {nearest.name}"
+    told = "-" if nearest is None else f"{nearest.clearance_mm:.2f} to {isolated(nearest.name)}"
     inside = {True: "yes", False: "no", None: "-"}[one.inside]
     return [str(one.number), place(one.center_mm), f"{one.depth_mm:.2f}", inside, told]
 
@@ -109,7 +110,7 @@ def _errors(one: Measures) -> str:
 
 def _ends(trajectory: Trajectory) -> list[str]:
     return [
-        trajectory.name,
+        isolated(trajectory.name),
         place(trajectory.entry_mm),
         place(trajectory.target_mm),
         f"{trajectory.length_mm:.2f}",

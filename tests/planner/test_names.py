@@ -96,3 +96,10 @@ def test_no_name_stands_on_a_letter_at_an_edge(state: PlannerState) -> None:
     (point,) = over_cut(state, "coronal", False, pane)["points"]
     _, top, _, _ = pane.room(half).box(**point["written"])
     assert top >= 40.0 * pixel - half
+
+
+def test_the_title_keeps_a_name_from_right_to_left_whole(state: PlannerState) -> None:
+    name = "\u05e9\u05de\u05d0\u05dc (CT (2))"
+    state.case.rename("left", name)
+    state.look.select(name)
+    assert over_cut(state, "second", False, Pane())["title"] == f"in line with \u2068{name}\u2069, at right angles"

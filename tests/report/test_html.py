@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 
 from ronnaplan.report.html import RIGHT_TO_LEFT, box, element, page, picture, section, table, unseen
+from ronnaplan.text import isolated
 from tests.planner.browser import chromium, needs_browser
 
 HOSTILE = '<script>alert("x")</script>&amp;'
@@ -150,6 +151,20 @@ def test_a_name_from_right_to_left_is_not_torn_at_its_brackets(looked: Callable[
     first, last = "\u05e9\u05de\u05d0\u05dc", "\u05e7\u05d3\u05de\u05d9"
     order = looked(written_order, f"distance to {first} ({last} 2) -0.46 mm")
     assert order == f"distanceto)2{last[::-1]}({first[::-1]}-0.46mm"
+
+
+@needs_browser
+@pytest.mark.parametrize("inside", ["CT 2", "{1} (CT)", "{1} ({1} 2)", "[(2)]"])
+def test_a_name_between_isolates_is_whole_whatever_it_has_in_brackets(
+    looked: Callable[..., Any], inside: str
+) -> None:
+    first, last = "\u05e9\u05de\u05d0\u05dc", "\u05e7\u05d3\u05de\u05d9"
+    name = f"{first} ({inside.format(first, last)})"
+    order = (
+        looked(written_order, f"distance to {isolated(name)} -0.46 mm").replace("\u2068", "").replace("\u2069", "")
+    )
+    assert order.startswith("distanceto")
+    assert order.endswith(f"{first[::-1]}-0.46mm")  # its first word stands at its right
 
 
 def test_brackets_of_the_sentence_stay_outside_a_name() -> None:
