@@ -187,7 +187,7 @@ class Stream:
     def _names(self) -> int:
         """How many names the longest table holds."""
         tables = (self._tool_frames, self._left_out, self._passed_over)
-        return max(len(self._latest_s), *(len(table) for table in tables))
+        return max(len(self._latest_s), len(self._renewed_s), *(len(table) for table in tables))
 
     def _take(self, message: Message, body: bytes) -> None:
         unpack = {"POINT": self._take_points, "TRANSFORM": self._take_transform, "POSITION": self._take_positions}

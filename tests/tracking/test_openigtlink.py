@@ -353,7 +353,7 @@ def test_a_sender_that_makes_up_names_ends_the_stream(
 ) -> None:
     """Each name would be remembered for as long as the stream lasts."""
     monkeypatch.setattr(igtl_messages, "MOST_NAMES", 20)
-    stream = Stream()
+    stream = Stream(openigtlink.SILENCE_S)
     stream.feed(b"".join(message(n) for n in range(20)) * 2)
     assert stream.broken is None
     stream.feed(b"".join(message(n) for n in range(20, 60)))
