@@ -108,7 +108,7 @@ def text(field: bytes) -> str:
 class Stream:
     """Cuts the bytes of a connection into messages and collects their readings.
 
-    Where a device's own time stands still for ``silence_s`` while it goes on sending, its readings are flagged.
+    Where a device goes on sending, but the same with the same time for ``silence_s``, its readings are flagged.
     """
 
     def __init__(self, silence_s: float) -> None:
@@ -119,9 +119,8 @@ class Stream:
         self.broken: str | None = None
         self.leapt_s = 0.0
         """How far the time of a device's messages leapt back at most; each counts by itself, as clocks differ."""
-        self._latest_s: dict[tuple[str, str], float] = {}
-        self._renewed_s: dict[tuple[str, str], float] = {}
-        """When, by this computer's clock, the time of a device's messages last went on."""
+        self._latest: dict[tuple[str, str], tuple[float, int, float]] = {}
+        """Of each device: its last time, a hash of what it said, and when, by this computer's clock, that was new."""
         self._left_out: Counter[str] = Counter()
         self._passed_over: Counter[str] = Counter()
         self._roundings = Roundings()
@@ -187,7 +186,7 @@ class Stream:
     def _names(self) -> int:
         """How many names the longest table holds."""
         tables = (self._tool_frames, self._left_out, self._passed_over)
-        return max(len(self._latest_s), len(self._renewed_s), *(len(table) for table in tables))
+        return max(len(self._latest), *(len(table) for table in tables))
 
     def _take(self, message: Message, body: bytes) -> None:
         unpack = {"POINT": self._take_points, "TRANSFORM": self._take_transform, "POSITION": self._take_positions}
@@ -205,7 +204,7 @@ class Stream:
             self._left_out[f"{what} cannot be read ({error}) and were left out"] += 1
             return
         self.messages += 1
-        if self._is_repeated(message):
+        if self._is_repeated(message, body):
             self.points[points:] = [
                 replace(one, status=REPEATED) if one.usable else one for one in self.points[points:]
             ]
@@ -213,17 +212,20 @@ class Stream:
                 replace(one, status=REPEATED) if one.usable else one for one in self.tools[tools:]
             ]
 
-    def _is_repeated(self, message: Message) -> bool:
-        """Keep the time of ``message``; return whether its device has long sent nothing new, as where it is frozen."""
+    def _is_repeated(self, message: Message, body: bytes) -> bool:
+        """Keep what a device said last; return whether that has long been the same, as where it is frozen.
+
+        Places that change are new though the device's time stands still: some senders never set it again.
+        """
         if message.time_s <= 0:  # 0 states none
             return False
-        sender, now = (message.kind, message.device), time.monotonic()
-        latest_s = self._latest_s.get(sender, 0.0)
+        sender, now, said = (message.kind, message.device), time.monotonic(), hash(message.content(body))
+        latest_s, before, new_s = self._latest.get(sender, (0.0, said, now))
         self.leapt_s = max(self.leapt_s, latest_s - message.time_s)
-        self._latest_s[sender] = message.time_s
-        if message.time_s > latest_s:
-            self._renewed_s[sender] = now
-        return now - self._renewed_s[sender] > self._silence_s
+        if message.time_s > latest_s or said != before:
+            new_s = now
+        self._latest[sender] = message.time_s, said, new_s
+        return now - new_s > self._silence_s
 
     def _take_points(self, message: Message, body: bytes) -> None:
         content = message.content(body)

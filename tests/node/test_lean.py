@@ -75,7 +75,7 @@ def test_the_voxels_are_gone_before_what_needs_none_is_made(
 
     monkeypatch.setattr(work_module, "_find", found)
     monkeypatch.setattr(contact, "draw_sheet", without_voxels(contact.draw_sheet))
-    monkeypatch.setattr(marker_cuts, "draw_row", without_voxels(marker_cuts.draw_row))
+    monkeypatch.setattr(marker_cuts, "draw_row", without_voxels(contact.draw_row))
     monkeypatch.setattr(pdf, "print_pdf", without_voxels(lambda page: b"%PDF-"))
     told: list[tuple[str, Any]] = []
     rule = Rule(name="r", diameters=(11.5,), expected=6)

@@ -187,6 +187,14 @@ def test_readings_of_a_device_that_repeats_its_last_message_are_flagged(message:
         assert all(one.usable for one in taken[-2:])
 
 
+def test_a_device_that_never_sets_its_time_again_is_not_frozen_while_its_places_change() -> None:
+    stream = Stream(0.0)
+    for frame in range(3):
+        stream.feed(points(np.asarray(POINTS) + frame))
+    taken, _ = stream.taken()
+    assert all(one.usable for one in taken)
+
+
 def test_a_moment_that_had_only_begun_when_the_time_was_up_is_left_out() -> None:
     frames = [points(time_s=1e9 + 0.05 * frame) for frame in range(3)]
     with server(frames) as port:
