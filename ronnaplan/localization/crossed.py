@@ -29,13 +29,13 @@ from ronnaplan.localization.uncertainty import WEIGHTS, by_slices
 LEAST_KEPT = 0.4
 """Slices that no screw crosses tell a center if they hold so much of the diameter."""
 
-CROSSED_PULL_MM = 0.020
-"""Standard deviation of a pull along each axis: up to 56 um were seen of screws of titanium and steel, 17 um RMS by a
-soft kernel and 7 um by a sharp one (113 balls of glass and plastic)."""
+CROSSED_PULL_MM = 0.013
+"""Standard deviation of a pull along each axis: screws of titanium and steel pull by up to 56 um, 17 um RMS by a soft
+kernel and 7 um by a sharp one (113 balls of glass and plastic)."""
 
-HALF_A_BALL = 3.0
-"""A part of a ball tells its center less well than its residuals say: by 1.5 for a soft and a sharp kernel (the same
-balls). Twice that is taken, as a sharp kernel's are pulled by no more than these slices err."""
+HALF_A_BALL = 1.5
+"""A part of a ball tells its center less well than its residuals say: by so much for a soft and a sharp kernel (the same
+balls)."""
 
 STILL_CROSSED = 0.4
 """So much of a pull that is made good is stated as error: so much of it is left at the root mean square."""
