@@ -11,6 +11,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.font_manager import fontManager, get_font
 from matplotlib.text import Text
+from matplotlib.ticker import FixedFormatter, FixedLocator
 
 FONT = "DejaVu Sans"
 """The font of a picture's texts, which matplotlib brings along."""
@@ -28,7 +29,8 @@ def written_out(figure: Figure) -> None:
     Other installed fonts draw what `FONT` lacks, a box stands for what none has, and what is between two dollar signs
     is no formula.
     """
-    texts = [text for text in _texts(figure) if text.get_text()]
+    drawn = list(_drawn(figure))
+    texts = [one for one in drawn if isinstance(one, Text) and one.get_text()]
     wanting = frozenset(letter for text in texts for letter in text.get_text() if letter.isprintable()) - _letters(
         FONT
     )
@@ -39,15 +41,26 @@ def written_out(figure: Figure) -> None:
         if wanting.intersection(text.get_text()):
             text.set(fontfamily=[*text.get_fontfamily(), *fonts], fontweight=WEIGHT)
             text.set_text(text.get_text().translate(boxes))
+    for axis in drawn if boxes else ():
+        if isinstance(axis, Axis):
+            _box_ticks(axis, boxes)
 
 
-def _texts(artist: Artist) -> Iterator[Text]:
-    """Yield the texts that may be drawn: ticks of an axis that is not shown take longer to make than all else."""
-    if isinstance(artist, Text):
-        yield artist
+def _box_ticks(axis: Axis, boxes: dict[int, str]) -> None:
+    """Have an axis that names its ticks name them so: it sets their texts again where it is drawn."""
+    names = [text.get_text() for text in axis.get_majorticklabels()]
+    boxed = [name.translate(boxes) for name in names]
+    if boxed != names:
+        axis.set_major_locator(FixedLocator(axis.get_majorticklocs().tolist()))
+        axis.set_major_formatter(FixedFormatter(boxed))
+
+
+def _drawn(artist: Artist) -> Iterator[Artist]:
+    """Yield what may be drawn: ticks of an axis that is not shown take longer to make than all else."""
+    yield artist
     for child in artist.get_children():
         if not (isinstance(child, Axis) and isinstance(artist, Axes) and not artist.axison):
-            yield from _texts(child)
+            yield from _drawn(child)
 
 
 def _fonts_for(letters: frozenset[str]) -> Iterator[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from ronnaplan.geometry import Frame
 from ronnaplan.planning import Trajectory
@@ -53,3 +54,16 @@ def test_no_name_in_the_still_covers_another_nor_leaves_it() -> None:
     assert all(box.x0 >= 0 and box.x1 <= SHAPE[1] for box in boxes)
     for number, one in enumerate(boxes):
         assert not any(one.overlaps(other) for other in boxes[:number])
+
+
+def test_ticks_named_by_letters_that_no_font_has_are_boxed_where_they_are_drawn(
+    recwarn: pytest.WarningsRecorder,
+) -> None:
+    """An axis sets the texts of its ticks again at each drawing."""
+    figure = Figure()
+    axes = figure.subplots()
+    axes.set_yticks([1, 2], ["left \U0001e900", "right"])
+    png(figure)
+    assert [text.get_text() for text in axes.get_yticklabels()] == ["left \u25a1", "right"]
+    assert [text.get_text() for text in axes.get_xticklabels()][:2] == ["0.0", "0.2"]
+    assert not recwarn.list
