@@ -66,6 +66,7 @@ def started(scans: Path) -> Iterator[str]:
 def test_a_scan_is_dropped_opened_and_its_files_go_out_and_in(browser: Any, started: str, scans: Path) -> None:
     page, home = browser.new_page(viewport={"width": 1440, "height": 900}), scans.parent / "home"
     page.set_default_timeout(PATIENCE_MS)
+    open_a_root_without_folders(page, started)
     page.goto(started)
     drop_a_scan(page, scans)
     assert page.url == started
@@ -75,6 +76,16 @@ def test_a_scan_is_dropped_opened_and_its_files_go_out_and_in(browser: Any, star
     (home / "first" / "plan.json").write_bytes((scans / "plan.json").read_bytes())
     leave_and_come_back(page)
     assert page.url == started
+
+
+def open_a_root_without_folders(page: Any, url: str) -> None:
+    """Nothing is looked for before anything was pressed, and the page says what to press."""
+    page.route(
+        "**/folders?at=", lambda route: route.fulfill(json={"root": "ct", "at": "", "entries": [], "more": 0})
+    )
+    page.goto(url)
+    page.wait_for_selector("#entries >> text=no folders in here; the button above lists its scans")
+    page.unroute("**/folders?at=")
 
 
 def drop_a_scan(page: Any, scans: Path) -> None:

@@ -50,7 +50,8 @@
       if (entry.case) label.append(made("span", { className: "case" }, "case"));
       return made("li", {}, label);
     });
-    if (!entries.length) entries.push(made("li", {}, made("span", { className: "empty" }, "no folders in here; its scans are listed below")));
+    const empty = `no folders in here; ${at ? "its scans are listed below" : "the button above lists its scans"}`;
+    if (!entries.length) entries.push(made("li", {}, made("span", { className: "empty" }, empty)));
     if (listed.more) entries.push(made("li", {}, made("span", { className: "empty" }, `and ${listed.more} more`)));
     one("entries").replaceChildren(...entries);
     if (at && !listed.entries.length) await search(at); // where else would a scan be
