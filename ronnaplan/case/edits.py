@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -18,7 +19,7 @@ from ronnaplan.documents.plan import plan_text, read_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.documents.registration import RegistrationDocument, read_registration
 from ronnaplan.documents.revision import revised
-from ronnaplan.errors import RonnaplanError, UsageError
+from ronnaplan.errors import InputError, RonnaplanError, UsageError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import Head, Instrument, Landmarks, Plan, Trajectory
 from ronnaplan.planning.electrodes import electrode_chosen
@@ -280,10 +281,11 @@ class OpenCase:
         self.fiducials = self._kept_fiducials.write(revised(found, self._kept_fiducials.content))
         if before is not None and self.registration is not None:
             renamed = marker_edits.carried_over(self.registration, before, self.fiducials)
-            if renamed != self.registration:  # until it is written it is of markers that are not there: refused
-                self.registration = self._kept_registration.write(
-                    revised(renamed, self._kept_registration.content)
-                )
+            if renamed != self.registration:
+                kept = self._kept_registration
+                # Unwritten, as where another hand changed it, it is of markers that are not there, and said so.
+                with suppress(InputError):
+                    self.registration = kept.write(revised(renamed, kept.content))
         self.surroundings = self.surroundings.with_documents(self.fiducials, self.registration)
 
     def _read(self, volume: CTVolume, rules: Rules, no_go: Labels) -> Case:

@@ -65,6 +65,17 @@ def test_a_renamed_marker_keeps_its_registration_there_and_back(state: PlannerSt
     assert state.case.registration.pairs[0].ct == "nose"
 
 
+def test_a_marker_is_renamed_whole_beside_a_registration_that_another_hand_changed(state: PlannerState) -> None:
+    state.case.keep_registration(cases.registration())
+    theirs = cases.registration().model_copy(update={"revision": 7})
+    state.storage.registration.write_text(to_json(theirs), encoding="utf-8")
+    state.case.rename_marker("F1", "nose")
+    assert "F1, which is no longer there" in (state.case.outdated or "")
+    assert state.case.surroundings.fiducials is state.case.fiducials
+    state.case.undo()
+    assert (labels(state)[0], state.case.outdated) == ("F1", None)
+
+
 def test_accepting_and_localizing_again_are_taken_back_too(state: PlannerState) -> None:
     before = state.case.found
     state.case.reject_marker("F2")
