@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.scratch import one_by_one
 from ronnaplan.errors import InputError, UsageError
-from ronnaplan.geometry import FloatArray, Frame, as_points
+from ronnaplan.geometry import FloatArray, Frame, as_point, as_points
 from ronnaplan.text import place
 
 if TYPE_CHECKING:
@@ -146,7 +146,7 @@ class ScalarMap(Gridded):
         kji = np.array([(k, j, i) for k in range(slices) for j in (0, rows - 1) for i in (0, columns - 1)])
         corners_mm = self.grid.positions_mm(kji.astype(np.float64))
         low_mm, high_mm = corners_mm.min(axis=0), corners_mm.max(axis=0)
-        middle_mm = (low_mm + high_mm) / 2 if through_mm is None else as_points([[*through_mm]], "through_mm")[0]
+        middle_mm = (low_mm + high_mm) / 2 if through_mm is None else as_point(through_mm, "through_mm")
         if np.isnan(values(middle_mm[np.newaxis])[0]):
             raise InputError(f"{place(middle_mm)} mm is outside of the map; give a place within, LPS mm")
         views = ThreeViews(f"{self!r} through {place(middle_mm)} mm")

@@ -12,7 +12,7 @@ from ronnaplan.case.edits import OpenCase
 from ronnaplan.case.surroundings import Labels, Rules
 from ronnaplan.ct import CTVolume
 from ronnaplan.errors import UsageError
-from ronnaplan.geometry import FloatArray, as_points
+from ronnaplan.geometry import FloatArray, as_point
 from ronnaplan.planner.aligning import Alignment
 from ronnaplan.planner.following import Following
 from ronnaplan.planner.looking import Looking
@@ -161,7 +161,7 @@ class PlannerState:
         """
         if which not in LANDMARKS:
             raise UsageError(f"there is no point {which}; there are {', '.join(LANDMARKS)}")
-        place = as_points([list(place_mm)], which)[0]
+        place = as_point(list(place_mm), which)
         points = {**self.landmarks_mm, which: place}
         if len(points) == len(LANDMARKS):
             self.case.set_landmarks(Landmarks(*(points[name] for name in LANDMARKS)))

@@ -54,6 +54,8 @@ def test_a_maps_picture_has_the_place_the_points_and_round_figures() -> None:
     np.testing.assert_allclose(a_map().plot().axes[0].get_xlim(), (-10, 0))
     with pytest.raises(InputError, match=r"\(90\.0, 0\.0, 0\.0\) mm is outside of the map"):
         a_map().plot([90, 0, 0])
+    with pytest.raises(InputError, match=r"^through_mm has shape \(2,\)"):
+        a_map().plot([-5.0, 40.0])
 
 
 def test_a_scan_names_its_flags_in_its_line() -> None:

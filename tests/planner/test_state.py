@@ -246,6 +246,8 @@ def test_points_of_the_ac_pc_frame_are_undone_and_refused_on_one_line(state: Pla
         state.jump_to_landmark("midline")
     with pytest.raises(UsageError, match="no point XY"):
         state.set_landmark("XY", T)
+    with pytest.raises(InputError, match=r"^AC is \[2000000.0, 0.0, 0.0\], beyond"):
+        state.set_landmark("AC", np.array([2e6, 0.0, 0.0]))
 
 
 def test_a_limit_on_what_is_not_known_is_told_beside_the_measures(storage: Storage) -> None:
