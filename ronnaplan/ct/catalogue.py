@@ -191,8 +191,7 @@ def read_instance(blob: Blob, limits: Limits, skipped: list[Skipped]) -> Instanc
     try:
         instance = instance_from_header(blob, read_header(blob, limits))
     except NotDicomError as error:
-        is_trouble = blob.name.lower().endswith(_ENDINGS) or _is_blank(blob)
-        skipped.append(Skipped(blob.name, _why_no_dicom(blob) or str(error), is_trouble))
+        skipped.append(Skipped(blob.name, _why_no_dicom(blob) or str(error), is_failed_copy(blob)))
     except DamagedError as error:
         skipped.append(Skipped(blob.name, str(error), True))
     else:
@@ -203,6 +202,11 @@ def read_instance(blob: Blob, limits: Limits, skipped: list[Skipped]) -> Instanc
         else:
             skipped.append(Skipped(blob.name, "it names no series, as if it were cut; copy it again", True))
     return None
+
+
+def is_failed_copy(blob: Blob) -> bool:
+    """Whether a file that is no DICOM file seems to have been an image: by its name, or as it is blank."""
+    return blob.name.lower().endswith(_ENDINGS) or _is_blank(blob)
 
 
 def _is_blank(blob: Blob) -> bool:

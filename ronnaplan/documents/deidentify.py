@@ -20,6 +20,7 @@ from pydicom.uid import UID
 
 from ronnaplan import __version__
 from ronnaplan.ct import tags
+from ronnaplan.ct.catalogue import is_failed_copy
 from ronnaplan.ct.derived import told_by_description
 from ronnaplan.ct.files import Blob, DamagedError, NotDicomError, Skipped, given_path
 from ronnaplan.ct.folders import blobs_below
@@ -116,7 +117,7 @@ def deidentify(source: str | Path, target: str | Path, secret: bytes) -> int:
     ``secret`` makes the new UIDs: with the same one, files of two runs still belong together. Raises `InputError` for
     a ``target`` that holds anything, a file or folder that cannot be opened, a file that cannot be read whole, one of
     another class than `TAKEN`, and pixels that are said to show a name; then nothing is left in ``target``. Files that
-    are no DICOM are left out.
+    are no DICOM are left out, but for those that seem to be what a copy that failed has left.
     """
     folder = make_folder(target)
     if any(folder.iterdir()):
@@ -148,7 +149,11 @@ def _is_object(blob: Blob) -> bool:
         pixels = instance_from_header(blob, header).pixels
         if pixels is not None and pixels.length is not None and pixels.length < pixels.frame_bytes * pixels.frames:
             raise DamagedError("it ends within its pixels")
-    except NotDicomError:
+    except NotDicomError as error:
+        if is_failed_copy(blob):
+            raise InputError(
+                f"{blob.name}: {error}, though it seems to have been; copy it again, or leave it out"
+            ) from error
         return False
     except DamagedError as error:
         raise InputError(f"{blob.name}: {error}; copy it again, or leave it out") from error

@@ -177,6 +177,11 @@ def test_what_is_refused_leaves_no_part_that_could_be_taken_for_the_whole(scan: 
         with pytest.raises(InputError, match=f"003: {reason}; copy it again"):
             deidentify(scan, tmp_path / "out", SECRET)
         assert not list((tmp_path / "out").iterdir())
+    (scan / "003").write_bytes(b"")
+    with pytest.raises(
+        InputError, match="003: it is not a DICOM file, though it seems to have been; copy it again"
+    ):
+        deidentify(scan, tmp_path / "out", SECRET)
     (scan / "003").write_bytes(content)
     (scan / "004").symlink_to(tmp_path / "not mounted")
     with pytest.raises(InputError, match="004: it cannot be opened"):
