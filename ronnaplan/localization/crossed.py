@@ -34,8 +34,8 @@ CROSSED_PULL_MM = 0.013
 kernel and 7 um by a sharp one (113 balls of glass and plastic)."""
 
 HALF_A_BALL = 1.5
-"""A part of a ball tells its center less well than its residuals say: by so much for a soft and a sharp kernel (the same
-balls)."""
+"""A part of a ball tells its center less well than its residuals say: by so much for a soft and a sharp kernel (the
+same balls)."""
 
 STILL_CROSSED = 0.4
 """So much of a pull that is made good is stated as error: so much of it is left at the root mean square."""
