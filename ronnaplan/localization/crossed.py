@@ -23,11 +23,12 @@ from ronnaplan.localization.descent import descend
 from ronnaplan.localization.guess import margin_mm
 from ronnaplan.localization.look import beyond
 from ronnaplan.localization.model import has_layer
-from ronnaplan.localization.parameters import CENTER, RADIUS, WIDTH, W
-from ronnaplan.localization.uncertainty import WEIGHTS, by_slices
+from ronnaplan.localization.parameters import CENTER, RADIUS, WIDTH
+from ronnaplan.localization.uncertainty import ADAPTED_SLICES, WEIGHTS, by_slices
 
 LEAST_KEPT = 0.4
-"""Slices that no screw crosses tell a center if they hold so much of the diameter."""
+"""Slices that no screw crosses tell a center if they hold so much of the diameter, and `ADAPTED_SLICES` of a profile's
+width at least: a single slice is explained by any radius, with a center up to 140 um off."""
 
 CROSSED_PULL_MM = 0.013
 """Standard deviation of a pull along each axis: screws of titanium and steel pull by up to 56 um, 17 um RMS by a soft
@@ -41,6 +42,7 @@ STILL_CROSSED = 0.4
 """So much of a pull that is made good is stated as error: so much of it is left at the root mean square."""
 
 PRIOR: Final = CROSSED_PULL_MM**2 * np.eye(3)
+PATIENTS_AXIS: Final = np.array([0.0, 0.0, 1.0])
 
 
 def without_the_screw(volume: CTVolume, fit: BallFit) -> BallFit:
@@ -73,7 +75,10 @@ def without_the_screw(volume: CTVolume, fit: BallFit) -> BallFit:
 
 
 def _clear_of_screws(volume: CTVolume, fit: BallFit) -> NDArray[np.bool_] | None:
-    """Whether no screw crosses the slices of the voxels (N,) of a fit; None where none or too many are crossed."""
+    """Whether no screw crosses the slices of the voxels (N,) of a fit; None where none or too many are crossed.
+
+    Slices as they were measured: rays run across the patient's axis in coronal and sagittal pictures, too.
+    """
     theta, around = fit.theta, fit.neighbourhood
     radius_mm, width_mm = float(theta[RADIUS]), float(theta[WIDTH])
     touching = cell_directions()[fit.verdict.state == 0] @ around.axes
@@ -81,13 +86,15 @@ def _clear_of_screws(volume: CTVolume, fit: BallFit) -> NDArray[np.bool_] | None
     offsets_mm, is_metal = beyond(volume, fit.center_mm, touching, clear_mm, fit.ceiling_hu)
     if not is_metal.any():
         return None
-    metal_mm = offsets_mm[is_metal] @ around.axes[W]
+    across = int(np.abs(around.axes @ PATIENTS_AXIS).argmax())
+    metal_mm = offsets_mm[is_metal] @ around.axes[across]
+    slice_mm = max(width_mm, volume.grid.typical_gap_mm)
     beside_mm = (width_mm + volume.grid.typical_gap_mm) / 2.0
     low_mm, high_mm = metal_mm.min() - beside_mm, metal_mm.max() + beside_mm
     kept_mm = max(radius_mm - high_mm, low_mm + radius_mm)
-    if not LEAST_KEPT <= kept_mm / (2.0 * radius_mm) < 1.0:
+    if not max(LEAST_KEPT * 2.0 * radius_mm, ADAPTED_SLICES * slice_mm) <= kept_mm < 2.0 * radius_mm:
         return None
-    heights_mm = around.offsets_mm[:, W] - theta[W]
+    heights_mm = around.offsets_mm[:, across] - theta[CENTER][across]
     is_above = radius_mm - high_mm > low_mm + radius_mm
     is_clear: NDArray[np.bool_] = heights_mm > high_mm if is_above else heights_mm < low_mm
     return is_clear
