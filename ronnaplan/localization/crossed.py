@@ -23,7 +23,7 @@ from ronnaplan.localization.descent import descend
 from ronnaplan.localization.guess import margin_mm
 from ronnaplan.localization.look import beyond
 from ronnaplan.localization.model import has_layer
-from ronnaplan.localization.parameters import CENTER, RADIUS, WIDTH, W
+from ronnaplan.localization.parameters import CENTER, RADIUS, WIDTH
 from ronnaplan.localization.uncertainty import ADAPTED_SLICES, WEIGHTS, by_slices
 
 LEAST_KEPT = 0.4
@@ -37,10 +37,6 @@ kernel and 7 um by a sharp one (113 balls of glass and plastic)."""
 HALF_A_BALL = 1.5
 """A part of a ball tells its center less well than its residuals say: by so much for a soft and a sharp kernel (the
 same balls)."""
-
-HALF_A_POLE = 0.0075
-"""A pole that is seen by itself errs along the normal by this share of the profile's width, which no residual shows:
-what displaces both poles outwards cancels in a whole ball (65 balls of 8 to 20 mm)."""
 
 STILL_CROSSED = 0.4
 """So much of a pull that is made good is stated as error: so much of it is left at the root mean square."""
@@ -68,7 +64,6 @@ def without_the_screw(volume: CTVolume, fit: BallFit) -> BallFit:
     if not alone.converged:
         return fit
     noise_mm2 = HALF_A_BALL**2 * WEIGHTS["slices"] * by_slices(alone)
-    noise_mm2[W, W] += (HALF_A_POLE * float(fit.theta[WIDTH])) ** 2
     believed = PRIOR @ inverse(PRIOR + noise_mm2)
     moved_mm = believed @ (alone.theta[CENTER] - fit.theta[CENTER])
     left_mm = STILL_CROSSED * moved_mm
