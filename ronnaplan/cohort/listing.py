@@ -244,8 +244,8 @@ def _series(index: Index, place: int, uids: tuple[str, str]) -> int:
     """Return the number of a series; a new one is described once its files are entered."""
     index.run(
         f"INSERT INTO series (place, study_uid, series_uid, {', '.join(TEXTS)})"
-        f" VALUES (?, ?, ?, {', '.join(repr('') for _ in TEXTS)}) ON CONFLICT DO NOTHING",
-        *(place, *uids),
+        f" VALUES (?, ?, ?, {', '.join('?' * len(TEXTS))}) ON CONFLICT DO NOTHING",
+        *(place, *uids, *("" for _ in TEXTS)),
     )
     number: int = index.value(
         "SELECT id FROM series WHERE place = ? AND study_uid = ? AND series_uid = ?", place, *uids

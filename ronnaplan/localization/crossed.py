@@ -42,7 +42,6 @@ STILL_CROSSED = 0.4
 """So much of a pull that is made good is stated as error: so much of it is left at the root mean square."""
 
 PRIOR: Final = CROSSED_PULL_MM**2 * np.eye(3)
-PATIENTS_AXIS: Final = np.array([0.0, 0.0, 1.0])
 
 
 def without_the_screw(volume: CTVolume, fit: BallFit) -> BallFit:
@@ -86,15 +85,15 @@ def _clear_of_screws(volume: CTVolume, fit: BallFit) -> NDArray[np.bool_] | None
     offsets_mm, is_metal = beyond(volume, fit.center_mm, touching, clear_mm, fit.ceiling_hu)
     if not is_metal.any():
         return None
-    across = int(np.abs(around.axes @ PATIENTS_AXIS).argmax())
+    across = int(np.abs(around.axes[:, 2]).argmax())
     metal_mm = offsets_mm[is_metal] @ around.axes[across]
-    slice_mm = max(width_mm, volume.grid.typical_gap_mm)
-    beside_mm = (width_mm + volume.grid.typical_gap_mm) / 2.0
+    gap_mm = volume.grid.typical_gap_mm
+    beside_mm = (width_mm + gap_mm) / 2.0
     low_mm, high_mm = metal_mm.min() - beside_mm, metal_mm.max() + beside_mm
-    kept_mm = max(radius_mm - high_mm, low_mm + radius_mm)
-    if not max(LEAST_KEPT * 2.0 * radius_mm, ADAPTED_SLICES * slice_mm) <= kept_mm < 2.0 * radius_mm:
+    above_mm, below_mm = radius_mm - high_mm, low_mm + radius_mm
+    least_mm = max(LEAST_KEPT * 2.0 * radius_mm, ADAPTED_SLICES * max(width_mm, gap_mm))
+    if not least_mm <= max(above_mm, below_mm) < 2.0 * radius_mm:
         return None
     heights_mm = around.offsets_mm[:, across] - theta[CENTER][across]
-    is_above = radius_mm - high_mm > low_mm + radius_mm
-    is_clear: NDArray[np.bool_] = heights_mm > high_mm if is_above else heights_mm < low_mm
+    is_clear: NDArray[np.bool_] = heights_mm > high_mm if above_mm > below_mm else heights_mm < low_mm
     return is_clear
