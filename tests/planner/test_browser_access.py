@@ -264,6 +264,9 @@ def test_a_phone_has_its_tools_in_one_line_and_sees_its_head(running_browser: An
     assert min(cube["width"], cube["height"]) >= 24  # what a finger meets at the least, by WCAG 2.2
     page.evaluate(AXE)
     assert faults(page) == []
+    page.evaluate("document.querySelector('.rp-head').classList.add('rp-drawn-here')")  # whatever drew it
+    assert not page.locator(".rp-open").is_visible()
     page.click(".rp-head [data-grow]")
     page.wait_for_function("document.querySelector('.rp-cube').getBoundingClientRect().width > 45")
+    assert page.locator(".rp-open").is_visible()
     context.close()
