@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from ronnaplan.cli.output import warn
 from ronnaplan.cli.robot_options import RECORDED, calibrated_tool, other_tool, tell, with_output, with_tool, worth
 
 HELP = "Find M from TCP (and R from OTS) from simultaneous poses of tracker and robot."
+
+MOST_NAMED = 10
+"""So many frames are named, of many that are far off."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -40,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     if pivot is not None:
         found = with_tip(found, pivot.tip_mm, pivot.tip_covariance_mm2)
     tool = calibrated_tool(tracker, arguments.tool)
-    notes = (*tracker.notes, *robot.notes, *_alone(seen, driven), *found.doubts)
+    notes = (*tracker.notes, *robot.notes, *_alone(seen, driven), *_far(frames, found.far), *found.doubts)
     if pivot is not None:
         notes += (*pivot.notes, *other_tool(pivot.tool, tool))
     warn(*notes)
@@ -58,6 +61,16 @@ def run(arguments: argparse.Namespace) -> int:
         except InputError as error:  # poses about one place calibrate, but give Eq. 5 no three points
             tell(f"Eq. 5 cannot be held against it: {error}")
     return 0
+
+
+def _far(frames: Sequence[int], far: Sequence[int]) -> tuple[str, ...]:
+    if not far:
+        return ()
+    named = ", ".join(str(frames[one]) for one in far[:MOST_NAMED]) + (", ..." if len(far) > MOST_NAMED else "")
+    return (
+        f"{len(far)} of {len(frames)} poses are far off what the others say (frames {named}), and were counted as they "
+        "are: look whether the tool was hidden or moved there, and leave them out of the recording",
+    )
 
 
 def _alone(seen: Iterable[int], driven: Iterable[int]) -> tuple[str, ...]:

@@ -33,11 +33,12 @@ def run(arguments: argparse.Namespace) -> int:
     write_document(arguments.output, document, read_pivot)
     x, y, z = found.tip_mm
     errors = [found.tip_covariance_mm2[axis, axis] ** 0.5 for axis in range(3)]
-    slips = ", ".join(f"{first}-{last}" for first, last in found.slips)
+    frames = list(poses)
+    slips = ", ".join(f"{frames[first]}-{frames[last]}" for first, last in found.slips)
     kept = f"{len(poses) - found.slipped.sum()} of " if slips else ""
     tell(
         f"tip {x:.3f} {y:.3f} {z:.3f} mm, standard errors {errors[0]:.3f} {errors[1]:.3f} {errors[2]:.3f} mm",
         f"{found.rms_mm:.3f} mm RMS about the pivot over {kept}{len(poses)} poses"
-        + (f"; left out as slipped: {slips}" if slips else ""),
+        + (f"; left out as slipped: frames {slips}" if slips else ""),
     )
     return 0

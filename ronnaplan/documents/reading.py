@@ -67,7 +67,7 @@ def read_settings(
     """
     content = read_whole(path, MOST_SETTINGS_BYTES, expected=f"{expected}; {remedy}")
     try:
-        given = _parsed_toml(content.decode())
+        given = _parsed_toml(content.decode("utf-8-sig"))
         if HOME in given:
             raise ValueError(f"{HOME}: no field of this document")
         settings = checked(given, model)

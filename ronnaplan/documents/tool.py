@@ -47,7 +47,7 @@ class PivotDocument(DocumentModel):
     """RMS distance of the tip from the pivot over the poses that were used."""
     poses: Count
     slipped: tuple[tuple[Count, Count], ...] = ()
-    """First and last of each run of poses that were left out, counted from 0."""
+    """First and last of each run of poses that were left out, counted from 0 among those that could be used."""
     notes: tuple[Line, ...] = ()
     software: Software
 

@@ -28,7 +28,7 @@ from ronnaplan.pose import (
 )
 from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
-from ronnaplan.robot.pivot import LONGEST_TOOL_MM
+from ronnaplan.robot.pivot import LONGEST_TOOL_MM, MAXWELL_MEDIAN, SLIP_SDS
 
 SMALLEST_TURN_DEG = 5.0
 """RMS turn about the second axis that the poses need; below it the translation along the first is undetermined."""
@@ -67,6 +67,8 @@ class HandEye:
     """At M's origin."""
     tcp_rms_mm: float
     """What is left at the TCP."""
+    far: tuple[int, ...] = ()
+    """Which poses leave more, in angle or place, than `SLIP_SDS` robust standard deviations (per axis)."""
     out_of_step: bool = False
     """Whether the poses fit far better with those of the robot one earlier, or one later."""
 
@@ -218,7 +220,15 @@ def _refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: Float
         float(np.degrees(np.sqrt((error[:, :3] ** 2).sum(axis=1).mean()))),
         float(np.sqrt((error[:, 3:] ** 2).sum(axis=1).mean())),
         float(np.sqrt(((error @ point_jacobian(right[:3, 3]).T) ** 2).sum(axis=1).mean())),
+        _far(error),
     )
+
+
+def _far(error: FloatArray) -> tuple[int, ...]:
+    """Return which discrepancies (N, 6) are far larger than most, as a pivot's slips are told."""
+    lengths = np.linalg.norm(error.reshape(-1, 2, 3), axis=2)
+    usual = np.maximum(np.median(lengths, axis=0) / MAXWELL_MEDIAN, FINEST)
+    return tuple(map(int, np.flatnonzero((lengths > SLIP_SDS * usual).any(axis=1))))
 
 
 def _motion(twist: FloatArray) -> FloatArray:

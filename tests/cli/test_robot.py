@@ -100,13 +100,32 @@ def test_the_tutorial_brings_the_plan_to_where_it_is_in_the_robots_frame(home: P
 def test_the_scatter_of_a_pivot_is_told_of_the_poses_that_were_kept(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for slipped, told in ((0, "over 600 poses\n"), (40, "over 560 of 600 poses; left out as slipped: 100-139\n")):
+    left_out = "over 560 of 600 poses; left out as slipped: frames 1100-1139\n"
+    for slipped, told in ((0, "over 600 poses\n"), (40, left_out)):
         poses = recording(2)
         poses[100 : 100 + slipped, :3, 3] += (6.0, -4.0, 5.0)
-        header = ",".join(f"m{row}{column}" for row in range(4) for column in range(4))
-        np.savetxt(tmp_path / "poses.csv", poses.reshape(-1, 16), delimiter=",", header=header, comments="")
+        numbered = np.column_stack([np.arange(1000, 1600), poses.reshape(-1, 16)])
+        header = "frame," + ",".join(f"m{row}{column}" for row in range(4) for column in range(4))
+        formats = ["%d", *["%.18g"] * 16]
+        np.savetxt(tmp_path / "poses.csv", numbered, formats, delimiter=",", header=header, comments="")
         assert main(["robot", "pivot", str(tmp_path / "poses.csv"), "-o", str(tmp_path / "pivot.json")]) == 0
         assert told in "".join(capsys.readouterr())
+
+
+def test_poses_that_contradict_the_others_are_named_by_their_frames(
+    home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    session = home / "session"
+    header, *rows = (session / "hand_eye_tracker.csv").read_text("utf-8").splitlines()
+    column, frame = (header.split(",").index(name) for name in ("m03", "frame"))
+    cells = rows[7].split(",")
+    cells[column] = str(float(cells[column]) + 15.0)
+    tracker = tmp_path / "tracker.csv"
+    tracker.write_text("\n".join([header, *rows[:7], ",".join(cells), *rows[8:]]), "utf-8")
+    for source, named in ((session / "hand_eye_tracker.csv", False), (tracker, True)):
+        written = str(tmp_path / "hand-eye.json")
+        assert main(["robot", "hand-eye", str(source), str(session / "hand_eye_robot.csv"), "-o", written]) == 0
+        assert (f"(frames {cells[frame]})" in capsys.readouterr().err) == named
 
 
 def test_the_commands_write_what_the_functions_return(home: Path) -> None:

@@ -17,8 +17,10 @@ TABLES_IN_LISTS = "x = " + ("{" + "a." * 99 + "a = [\n") * 30 + "]}" * 30
 """Three thousand levels, of which no line shows more than a hundred."""
 
 
-def test_the_example_is_read_as_it_is_annotated(tmp_path: Path) -> None:
-    (tmp_path / "room.toml").write_text(EXAMPLE)
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+def test_the_example_is_read_as_it_is_annotated(tmp_path: Path, encoding: str) -> None:
+    """Some editors put a byte order mark before it."""
+    (tmp_path / "room.toml").write_text(EXAMPLE, encoding)
     room = read_room(tmp_path / "room.toml")
     assert [box.name for box in room.boxes] == ["table", "patient"]
     assert (room.floor.trolley[0].name, room.capsules[0].radius_mm) == ("trolley", 20)
