@@ -28,7 +28,7 @@ from ronnaplan.pose import (
 )
 from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
-from ronnaplan.robot.pivot import LONGEST_TOOL_MM, MAXWELL_MEDIAN, SLIP_SDS
+from ronnaplan.robot.pivot import FEWEST_POSES, LONGEST_TOOL_MM, MAXWELL_MEDIAN, SLIP_SDS
 
 SMALLEST_TURN_DEG = 5.0
 """RMS turn about the second axis that the poses need; below it the translation along the first is undetermined."""
@@ -225,7 +225,9 @@ def _refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: Float
 
 
 def _far(error: FloatArray) -> tuple[int, ...]:
-    """Return which discrepancies (N, 6) are far larger than most, as a pivot's slips are told."""
+    """Return which discrepancies (N, 6) are far larger than most, as a pivot's slips are told; of a few, none."""
+    if len(error) < FEWEST_POSES:
+        return ()
     lengths = np.linalg.norm(error.reshape(-1, 2, 3), axis=2)
     usual = np.maximum(np.median(lengths, axis=0) / MAXWELL_MEDIAN, FINEST)
     return tuple(map(int, np.flatnonzero((lengths > SLIP_SDS * usual).any(axis=1))))
