@@ -54,10 +54,11 @@ def without_the_screw(volume: CTVolume, fit: BallFit) -> BallFit:
     clear = _clear_of_screws(volume, fit)
     if clear is None:
         return fit
-    around, used = fit.neighbourhood, fit.used & clear
-    if np.count_nonzero(used) < 3 * len(fit.theta):
+    around = fit.neighbourhood.select(fit.used & clear)
+    used = np.ones(len(around.values_hu), dtype=np.bool_)
+    if len(used) < 3 * len(fit.theta):
         return fit
-    theta, converged = descend(around.select(used), fit.theta, fit.prior, fit.ceiling_hu)
+    theta, converged = descend(around, fit.theta, fit.prior, fit.ceiling_hu)
     slopes = fit.made_good_mm is None
     alone = fit_at(around, theta, fit.prior, fit.verdict, used, fit.ceiling_hu, converged=converged, slopes=slopes)
     if not alone.converged:

@@ -176,7 +176,8 @@ def _fit(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build, he
     # Rays do not run in slices that were computed aslant.
     if scan.slant is not None or head is Head.LEFT:
         return fit
-    return without_the_screw(scan.volume, without_the_head(scan.volume, fit, head))
+    fit = without_the_head(scan.volume, fit, head)
+    return without_the_screw(scan.volume, fit)
 
 
 def examine_place(
