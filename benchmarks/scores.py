@@ -17,7 +17,7 @@ from ronnaplan.localization.logarithm import summed_seen
 from ronnaplan.localization.measured import measured
 from ronnaplan.localization.scan import Scan, Slant
 from ronnaplan.localization.slant import slant_seen
-from ronnaplan.localization.usual import alike, by_the_usual, moved, together, usual_of
+from ronnaplan.localization.usual import alike, by_the_usual, moved, together
 
 FOUND_WITHIN_MM = 1.0
 CHI2_95 = 7.815
@@ -127,8 +127,7 @@ def markers_of(cases: Sequence[Case], build: Build = SOLID) -> list[list[Examine
     if slant is not None:
         scans = [Scan(scan.volume, slant) for scan in scans]
         seen = [examine(scan, (case.diameter_mm,), build) for case, scan in zip(cases, scans, strict=True)]
-    shown = usual_of([one for part in seen for one in part])
-    seen = [by_the_usual(scan, part, build, shown) for scan, part in zip(scans, seen, strict=True)]
+    seen = by_the_usual(list(zip(scans, seen, strict=True)), build)
     parts = [distinct(one for one in part if one.is_marker) for part in seen]
     judged = alike([one for part in parts for one in part])
     stated = iter(together(scans[0], [one for one in judged if one.is_marker]))

@@ -39,7 +39,7 @@ from ronnaplan.localization.stretched import distortion, markers_tell
 from ronnaplan.localization.summed import UNTOLD
 from ronnaplan.localization.template import Template, distance_error_mm, match_template
 from ronnaplan.localization.thick import as_thick, as_thin
-from ronnaplan.localization.usual import alike, by_the_usual, moved, together, usual_of, usual_profiles_mm
+from ronnaplan.localization.usual import alike, by_the_usual, moved, together, usual_profiles_mm
 
 LOG = logging.getLogger(__name__)
 
@@ -82,7 +82,7 @@ def localize(
         # To say which scan it is takes half as long as to find its markers.
         beside.submit(lambda: volume.voxel_sha256)
         scan, examined = _examined(volume, diameters, marker, progress)
-    examined = by_the_usual(scan, examined, marker, usual_of(examined))
+    (examined,) = by_the_usual([(scan, examined)], marker)
     judged = alike(distinct(one for one in examined if one.is_marker))
     markers = _from_the_top(together(scan, [one for one in judged if one.is_marker]))
     examined = [*(one for one in examined if not one.is_marker), *judged]

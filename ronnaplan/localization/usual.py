@@ -92,10 +92,21 @@ def usual_of(examined: Sequence[Examined]) -> Shown:
     return Shown(markers)
 
 
-def by_the_usual(scan: Scan, examined: Sequence[Examined], build: Build, shown: Shown) -> list[Examined]:
-    """Judge what was turned down for what is usual in the scan alone once more, now that this is ``shown``."""
+def by_the_usual(parts: Sequence[tuple[Scan, Sequence[Examined]]], build: Build) -> list[list[Examined]]:
+    """Judge once more what was turned down for what is usual in a scan alone, by what all ``parts`` of it show.
+
+    What is found so shows what is usual, too, where nothing was found before: a cone beam's edges are the more ragged
+    the lower a ball is. So all is asked again while more is found.
+    """
+    judged, found = [list(examined) for _, examined in parts], -1
     with single_threaded_algebra():
-        return [judged_again(scan, one, build, shown) for one in examined]
+        while (markers := sum(one.is_marker for part in judged for one in part)) > found:
+            found, shown = markers, usual_of([one for part in judged for one in part])
+            judged = [
+                [judged_again(scan, one, build, shown) for one in part]
+                for (scan, _), part in zip(parts, judged, strict=True)
+            ]
+    return judged
 
 
 def judged_again(scan: Scan, one: Examined, build: Build, shown: Shown) -> Examined:

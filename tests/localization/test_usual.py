@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ronnaplan.localization.accept import Usual
+from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import Examined, examine
 from ronnaplan.localization.parameters import BLUR, EDGE, RADIUS, SHAPE, WIDTH
 from ronnaplan.localization.scan import Scan
 from ronnaplan.localization.uncertainty import LAG_MM, beyond_usual_mm
-from ronnaplan.localization.usual import BLURRED_MM2, alike, together, usual_of, usual_profiles_mm
+from ronnaplan.localization.usual import BLURRED_MM2, alike, by_the_usual, together, usual_of, usual_profiles_mm
 from tests.scans import balls, scan, small_stack
 
 TOO_WIDE = (("thickness", "its ends are blurred"),)
@@ -62,6 +64,26 @@ def test_a_ragged_edge_is_usual_where_the_markers_nearest_in_height_show_it(ball
     two = usual_of([ball, lifted(30.0, 0.05)]).near(ball, normal)  # tell nothing
     assert two.misfit == 0.0
     assert np.isnan(two.diameter_mm)
+
+
+def test_what_is_found_by_the_usual_tells_what_is_usual_farther_from_the_plane_of_the_source(
+    scanned: Scan, ball: Examined, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 160 markers in eight cone beams three were missed: all that was found was above them, and less ragged."""
+    ragged = [
+        replace(ball, center_mm=ball.center_mm - [0.0, 0.0, 10.0 * n], misfit=0.01 * n, candidate_mm=np.full(3, n))
+        for n in range(9)
+    ]
+    failing = [one if n < 3 else replace(one, failures=(("roundness", "ragged"),)) for n, one in enumerate(ragged)]
+
+    def judged(_: Scan, place_mm: np.ndarray, stated_mm: float, build: Build, usual: Usual) -> Examined:
+        one = int(place_mm[0])
+        return ragged[one] if ragged[one].misfit < usual.misfit + 0.025 else failing[one]
+
+    monkeypatch.setattr("ronnaplan.localization.usual.examine_place", judged)
+    above, below = by_the_usual([(scanned, failing[:5]), (scanned, failing[5:])], SOLID)
+    assert all(one.is_marker for one in [*above, *below])
+    assert not any(one.is_marker for one in by_the_usual([(scanned, failing[5:])], SOLID)[0])  # nothing tells
 
 
 def test_a_marker_of_a_panels_scan_counts_lag_though_its_own_profile_looks_like_a_box(
