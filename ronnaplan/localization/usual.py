@@ -42,11 +42,11 @@ BLURRED_MM2 = 0.25
 """Nor is the variance of an edge's blur larger than theirs at the median by more than this: one kernel makes all. Of
 600 balls in 87 scans none is by 0.12, and a head that jumps by 1 mm adds so much along the jump at most."""
 
-OVAL_SHARE = 0.04
-"""Within the slices a marker's semi-axes differ by no more than this share beyond what they do in the others at the
-median: by 0.013 in 200 balls of 40 kinds of axial scans, also where the head jumped, for slices that lie aside shear
-a ball but leave each cut round; by 0.03 in 180 balls of nine cone beams, whose usual is up to 0.04. Eggs of 0.9 differ
-by 0.1, less the square of the cosine between their axis and the slices' normal."""
+OVAL_SHARE, OVALS = 0.04, 2.0
+"""Within the slices a marker's semi-axes differ by no more than the first share and so many times what they do at the
+median: by 0.013 in 200 balls of 40 kinds of axial scans, also where the head jumped, for slices that lie aside shear a
+ball but leave each cut round; by 0.06 in cone beams where 0.04 is usual. Eggs of 0.9 differ by 0.1, less the square of
+the cosine between their axis and the slices' normal."""
 
 LOWEST_CUTOFF_PER_MM = 0.6
 """No kernel passes nothing above so low a frequency: the softest of scanners end at 0.7 / mm. What is wrapped around
@@ -193,7 +193,7 @@ def _as_round(judged: Sequence[Examined]) -> list[Examined]:
         replace(
             one, failures=(("alike", f"it is oval by {oval:.1%} within the slices, the others by {usual:.1%}"),)
         )
-        if oval > usual + OVAL_SHARE
+        if oval > OVALS * usual + OVAL_SHARE
         else one
         for one, oval in zip(judged, ovals, strict=True)
     ]
