@@ -13,6 +13,7 @@ from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.blur import Edge
+from ronnaplan.localization.build import SIZE_TOLERANCE_MM
 from ronnaplan.localization.cells import cell_directions
 from ronnaplan.localization.descent import BLUR_BOUNDS_MM, MAX_CONTRAST_HU, MAX_WANDER
 from ronnaplan.localization.detect import MIN_CONTRAST_HU
@@ -23,7 +24,7 @@ from ronnaplan.localization.model import has_streaks
 from ronnaplan.localization.motion import Movement, movement
 from ronnaplan.localization.parameters import BACKGROUND, CENTER, WIDTH
 from ronnaplan.localization.skin import share_on_skin
-from ronnaplan.localization.uncertainty import SIZE_TOLERANCE_MM, center_covariance, pulled_mm2
+from ronnaplan.localization.uncertainty import center_covariance, pulled_mm2
 
 DIAMETER_TOLERANCE = 0.06
 """A marker's fitted diameter lies within this share of the stated one ..."""

@@ -1,4 +1,4 @@
-"""How the markers are made: solid balls, hollow shells, or balls wrapped in something."""
+"""How the markers are made: solid balls, hollow shells, or balls wrapped in something; and how true to size."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ from ronnaplan.text import plain_number
 
 KINDS = {"shell": -1.0, "wrapped": 1.0}
 """What may be said beside 'solid', and on which side of the surface its layer lies."""
+
+SIZE_TOLERANCE_MM = 0.06
+"""A fitted diameter that is off by no more than this is the stated one: kernels that are not Gaussian make 0.04 mm."""
 
 
 @dataclass(frozen=True)
@@ -35,3 +38,8 @@ class Build:
 
 
 SOLID = Build()
+
+
+def is_off_size(excess_mm: float) -> bool:
+    """Whether a diameter that is off by ``excess_mm`` says that something is not as stated."""
+    return abs(excess_mm) > SIZE_TOLERANCE_MM

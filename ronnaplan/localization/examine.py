@@ -13,7 +13,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.accept import MIN_COVERAGE, Evidence, Usual, failures
 from ronnaplan.localization.ball_fit import BallFit
 from ronnaplan.localization.blur import blur_mm2
-from ronnaplan.localization.build import SOLID, Build
+from ronnaplan.localization.build import SOLID, Build, is_off_size
 from ronnaplan.localization.crossed import without_the_screw
 from ronnaplan.localization.descent import MAX_WANDER
 from ronnaplan.localization.detect import detect
@@ -31,7 +31,6 @@ from ronnaplan.localization.summed import what_is_lost_hu
 from ronnaplan.localization.uncertainty import (
     by_excess,
     cramer_rao_bound,
-    is_off_size,
     noise_level,
 )
 from ronnaplan.threads import in_threads

@@ -13,7 +13,7 @@ import numpy as np
 from ronnaplan.ct.volume import CTVolume, SeriesSource, VolumeFlag
 from ronnaplan.display import Shown, coordinates, head_in_3d
 from ronnaplan.geometry import FloatArray, Frame, Points
-from ronnaplan.localization.build import SOLID, Build
+from ronnaplan.localization.build import SIZE_TOLERANCE_MM, SOLID, Build
 from ronnaplan.localization.parameters import (
     BLUR,
     CONTRAST,
@@ -26,9 +26,9 @@ from ronnaplan.text import place
 if TYPE_CHECKING:
     from ronnaplan.figures import Picture
 
-LEAST_ALIKE, ALIKE_MM = 3, 0.06
-"""So many markers that are all off the stated diameter, and within this of their middle, have another size, and
-nothing on them. It is `SIZE_TOLERANCE_MM` of `uncertainty`, beyond which one is flagged."""
+LEAST_ALIKE = 3
+"""So many markers that are all off the stated diameter, and alike to `SIZE_TOLERANCE_MM`, have another size, and nothing
+on them."""
 
 UNSEEN_MOTION_MM = 0.3
 """Standard deviation per axis of what the head is assumed to have moved between two markers' slices, of which no image
@@ -188,7 +188,7 @@ class Fiducials(Shown[Fiducial]):
         if len(self.diameters_mm) > 1 or len(self) < LEAST_ALIKE or not off:
             return None
         middle = float(np.median(measured))
-        return middle if np.abs(measured - middle).max() < ALIKE_MM else None
+        return middle if np.abs(measured - middle).max() < SIZE_TOLERANCE_MM else None
 
     def _columns(self) -> Mapping[str, Sequence[object]]:
         errors = [np.sqrt(np.diag(found.covariance_mm2)) for found in self]

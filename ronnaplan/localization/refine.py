@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.ball_fit import BallFit, fit_at
-from ronnaplan.localization.build import Build
+from ronnaplan.localization.build import Build, is_off_size
 from ronnaplan.localization.descent import (
     BEGIN,
     FIRST_DAMPING,
@@ -41,7 +41,6 @@ from ronnaplan.localization.starts import (
     is_astray,
     judge_around,
 )
-from ronnaplan.localization.uncertainty import is_off_size
 
 HOPELESS_SOON = 0.35
 """A fit is not pursued that, after the first steps of its first descent, is not at rest and round in less than this

@@ -27,6 +27,7 @@ import numpy as np
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.algebra import inverse
 from ronnaplan.localization.ball_fit import BallFit
+from ronnaplan.localization.build import SIZE_TOLERANCE_MM, is_off_size
 from ronnaplan.localization.cells import direction_cells
 from ronnaplan.localization.directions import cell_means, edge_depth
 from ronnaplan.localization.motion import LEAST_TOGETHER, Movement
@@ -96,9 +97,6 @@ HIDDEN_SHADING = 0.001
 """Standard error, as a share of the radius, where clipping hides how the ball is shaded. The head hardens the beam on
 one side of it, and the larger it is, the more its two sides differ: 4 to 6 um were seen in balls of 8 mm, nothing in
 those of 3 mm."""
-
-SIZE_TOLERANCE_MM = 0.06
-"""A fitted diameter that is off by no more than this is the stated one: kernels that are not Gaussian make 0.04 mm."""
 
 UNUSUAL = 3.0
 """A diameter is unlike the others' where it is off their median by so many of their own standard deviations, or larger
@@ -316,11 +314,6 @@ def by_panel(theta: FloatArray) -> float:
     """How much the blur is that of a flat panel, 0 to 1: no box along the slices' normal, and no wider than in them."""
     across_mm = math.sqrt(float(theta[WIDTH]) ** 2 / 12.0 + LEAST_SPREAD_MM2)
     return (min(float(theta[SHAPE]), 1.0) * min(float(theta[BLUR]) / across_mm, 1.0)) ** 4
-
-
-def is_off_size(excess_mm: float) -> bool:
-    """Whether a diameter that is off by ``excess_mm`` says that something is not as stated."""
-    return abs(excess_mm) > SIZE_TOLERANCE_MM
 
 
 def _rms(values: FloatArray) -> float:
