@@ -22,8 +22,8 @@ from benchmarks.scores import CHI2_95, FOUND_WITHIN_MM, markers_of
 from phantoms.errors import PhantomError
 from phantoms.patients import random_patient
 from ronnaplan.localization.build import SOLID, Build
-from ronnaplan.localization.scan import Scan
-from ronnaplan.localization.usual import moved
+from ronnaplan.localization.scanner.scan import Scan
+from ronnaplan.localization.scanwide.usual import moved
 from ronnaplan.report.tables import align
 
 FIRST_UNSEEN = 53000

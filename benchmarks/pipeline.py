@@ -27,13 +27,13 @@ from phantoms.scene import Scene
 from phantoms.stack import axial_stack
 from ronnaplan import CTVolume, localize, read_ct
 from ronnaplan.errors import RefusedError
-from ronnaplan.localization.accept import MIN_COVERAGE
 from ronnaplan.localization.build import SOLID
-from ronnaplan.localization.coarse import coarse_voxel_mm, coarsen
-from ronnaplan.localization.detect import detect
 from ronnaplan.localization.examine import examine
-from ronnaplan.localization.look import surface_shares
-from ronnaplan.localization.scan import Scan
+from ronnaplan.localization.judge.accept import MIN_COVERAGE
+from ronnaplan.localization.scanner.scan import Scan
+from ronnaplan.localization.search.coarse import coarse_voxel_mm, coarsen
+from ronnaplan.localization.search.detect import detect
+from ronnaplan.localization.search.look import surface_shares
 from ronnaplan.localization.size import common_diameter
 from ronnaplan.report.tables import align
 

@@ -13,11 +13,11 @@ from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import Examined, distinct, examine, examine_place
-from ronnaplan.localization.logarithm import summed_seen
-from ronnaplan.localization.measured import measured
-from ronnaplan.localization.scan import Scan, Slant
-from ronnaplan.localization.slant import slant_seen
-from ronnaplan.localization.usual import alike, by_the_usual, moved, together
+from ronnaplan.localization.scanner.measured import measured
+from ronnaplan.localization.scanner.scan import Scan, Slant
+from ronnaplan.localization.scanwide.logarithm import summed_seen
+from ronnaplan.localization.scanwide.slant import slant_seen
+from ronnaplan.localization.scanwide.usual import alike, by_the_usual, moved, together
 
 FOUND_WITHIN_MM = 1.0
 CHI2_95 = 7.815

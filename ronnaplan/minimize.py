@@ -1,7 +1,7 @@
 """Least squares and likelihoods of a few parameters: damped Gauss-Newton steps (Levenberg and Marquardt).
 
 The one such loop of the house but for the localizer's: its parameters have bounds that they may stand at, and a fit
-that wanders off its candidate is given up on the way, so it has a loop of its own (`ronnaplan.localization.descent`).
+that wanders off its candidate is given up on the way, so it has a loop of its own (`localization.fit.descent`).
 """
 
 from __future__ import annotations

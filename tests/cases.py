@@ -16,7 +16,7 @@ from ronnaplan.documents.reading import to_json
 from ronnaplan.documents.registered import registration_document
 from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.geometry import FloatArray, Frame, Points
-from ronnaplan.localization.parameters import PARAMETERS
+from ronnaplan.localization.fit.parameters import PARAMETERS
 from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.registration.marker_registration import register_markers
 

@@ -42,7 +42,7 @@ def warm_up() -> tuple[CTVolume, Fiducials]:
     from ronnaplan.ct import CTVolume, SeriesSource
     from ronnaplan.ct.grid import SliceGrid
     from ronnaplan.localization import localize
-    from ronnaplan.localization.measured import measured
+    from ronnaplan.localization.scanner.measured import measured
 
     places = np.arange(24.0)
     i, j, k = np.meshgrid(places, places, places, indexing="ij")

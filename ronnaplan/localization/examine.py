@@ -10,29 +10,29 @@ import numpy as np
 
 from ronnaplan.ct.progress import Progress, advancing
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.accept import MIN_COVERAGE, Evidence, Usual, failures
-from ronnaplan.localization.ball_fit import BallFit
-from ronnaplan.localization.blur import blur_mm2
 from ronnaplan.localization.build import SOLID, Build, is_off_size
-from ronnaplan.localization.crossed import without_the_screw
-from ronnaplan.localization.descent import MAX_WANDER
-from ronnaplan.localization.detect import detect
-from ronnaplan.localization.guess import margin_mm
-from ronnaplan.localization.hardened import Head, without_the_head
-from ronnaplan.localization.look import surface_shares, unseen_share
-from ronnaplan.localization.motion import Movement
-from ronnaplan.localization.neighbourhood import gather
-from ronnaplan.localization.parameters import CENTER, RADIUS, profile_fwhm_mm
-from ronnaplan.localization.parts import single_threaded_algebra
-from ronnaplan.localization.refine import fit_ball
-from ronnaplan.localization.scan import Scan
-from ronnaplan.localization.strain import shape_of
-from ronnaplan.localization.summed import what_is_lost_hu
-from ronnaplan.localization.uncertainty import (
+from ronnaplan.localization.fit.ball_fit import BallFit
+from ronnaplan.localization.fit.descent import MAX_WANDER
+from ronnaplan.localization.fit.guess import margin_mm
+from ronnaplan.localization.fit.neighbourhood import gather
+from ronnaplan.localization.fit.parameters import CENTER, RADIUS, profile_fwhm_mm
+from ronnaplan.localization.fit.refine import fit_ball
+from ronnaplan.localization.judge.accept import MIN_COVERAGE, Evidence, Usual, failures
+from ronnaplan.localization.judge.blur import blur_mm2
+from ronnaplan.localization.judge.crossed import without_the_screw
+from ronnaplan.localization.judge.motion import Movement
+from ronnaplan.localization.judge.strain import shape_of
+from ronnaplan.localization.judge.uncertainty import (
     by_excess,
     cramer_rao_bound,
     noise_level,
 )
+from ronnaplan.localization.parts import single_threaded_algebra
+from ronnaplan.localization.scanner.hardened import Head, without_the_head
+from ronnaplan.localization.scanner.scan import Scan
+from ronnaplan.localization.scanner.summed import what_is_lost_hu
+from ronnaplan.localization.search.detect import detect
+from ronnaplan.localization.search.look import surface_shares, unseen_share
 from ronnaplan.threads import in_threads
 
 OF_THE_SHAPE = {"thickness", "coverage", "free", "roundness", "certainty"}

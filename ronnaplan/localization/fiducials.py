@@ -14,7 +14,7 @@ from ronnaplan.ct.volume import CTVolume, SeriesSource, VolumeFlag
 from ronnaplan.display import Shown, coordinates, head_in_3d
 from ronnaplan.geometry import FloatArray, Frame, Points
 from ronnaplan.localization.build import SIZE_TOLERANCE_MM, SOLID, Build
-from ronnaplan.localization.parameters import (
+from ronnaplan.localization.fit.parameters import (
     BLUR,
     CONTRAST,
     RADIUS,
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from ronnaplan.figures import Picture
 
 LEAST_ALIKE = 3
-"""So many markers that are all off the stated diameter, and alike to `SIZE_TOLERANCE_MM`, have another size, and nothing
-on them."""
+"""So many markers that are all off the stated diameter, and alike to `SIZE_TOLERANCE_MM`, have another size, and
+nothing on them."""
 
 UNSEEN_MOTION_MM = 0.3
 """Standard deviation per axis of what the head is assumed to have moved between two markers' slices, of which no image
@@ -54,7 +54,7 @@ class Fiducial:
 
     ``bound_mm2`` (3, 3) is the Cramer-Rao bound: the covariance that a perfect fit of the whole, untouched ball
     would have under uncorrelated noise of the same strength. ``parameters`` are the model's, in the order of
-    `ronnaplan.localization.parameters.PARAMETERS` and those that may follow them. ``coverage`` is the share of the
+    `ronnaplan.localization.fit.parameters.PARAMETERS` and those that may follow them. ``coverage`` is the share of the
     surface that informed the fit, ``misfit`` the RMS residual there as a share of the contrast.
     """
 

@@ -10,6 +10,8 @@
 6. Markers are numbered from the top; another number than expected is refused. Markers that are alike ellipsoids tell
    that the scan's geometry may be wrong; where few are found, or all are of another size, candidates (`stretched`).
 
+Where balls may be is told in `search`, how one is fitted in `fit`, what slices and rays do to it in `scanner`, whether
+it is a marker and how sure its center is in `judge`, what the balls of a scan say together in `scanwide`.
 `docs/localization.md` tells what each step rests on.
 """
 
@@ -29,17 +31,17 @@ from ronnaplan.errors import InputError, RefusedError, UsageError, check_type
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import Examined, distinct, examine, examine_places
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
-from ronnaplan.localization.logarithm import as_summed
-from ronnaplan.localization.measured import measured
-from ronnaplan.localization.motion import LEAST_TOGETHER
-from ronnaplan.localization.scan import Scan
+from ronnaplan.localization.judge.motion import LEAST_TOGETHER
+from ronnaplan.localization.scanner.measured import measured
+from ronnaplan.localization.scanner.scan import Scan
+from ronnaplan.localization.scanner.summed import UNTOLD
+from ronnaplan.localization.scanwide.logarithm import as_summed
+from ronnaplan.localization.scanwide.slant import along_the_blur
+from ronnaplan.localization.scanwide.stretched import distortion, markers_tell
+from ronnaplan.localization.scanwide.thick import as_thick, as_thin
+from ronnaplan.localization.scanwide.usual import alike, by_the_usual, moved, together, usual_profiles_mm
 from ronnaplan.localization.size import proposal, sizes_seen
-from ronnaplan.localization.slant import along_the_blur
-from ronnaplan.localization.stretched import distortion, markers_tell
-from ronnaplan.localization.summed import UNTOLD
 from ronnaplan.localization.template import Template, distance_error_mm, match_template
-from ronnaplan.localization.thick import as_thick, as_thin
-from ronnaplan.localization.usual import alike, by_the_usual, moved, together, usual_profiles_mm
 
 LOG = logging.getLogger(__name__)
 

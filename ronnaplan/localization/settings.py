@@ -8,7 +8,7 @@ import numpy as np
 
 from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.localization.fiducials import FiducialFlag, Fiducials
-from ronnaplan.localization.parameters import EDGE
+from ronnaplan.localization.fit.parameters import EDGE
 
 THICK_SHARE = 0.12
 """Slice profiles up to this share of the diameter leave nothing to gain (1.25 mm for 11.5 mm); those of 2 mm and more

@@ -17,18 +17,18 @@ from ronnaplan.ct.progress import advancing
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import RefusedError, check_type
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.anysize import SEARCHED_MM, Place, round_places
 from ronnaplan.localization.build import SOLID, Build
-from ronnaplan.localization.coarse import COARSE_FLOOR_MM, coarsen
 from ronnaplan.localization.examine import Examined, distinct, examine_place
-from ronnaplan.localization.measured import measured
-from ronnaplan.localization.parameters import BACKGROUND, CONTRAST
+from ronnaplan.localization.fit.parameters import BACKGROUND, CONTRAST
+from ronnaplan.localization.fit.shading import PLATEAU_SHARE
 from ronnaplan.localization.parts import single_threaded_algebra
-from ronnaplan.localization.scan import Scan
-from ronnaplan.localization.shading import PLATEAU_SHARE
-from ronnaplan.localization.slant import along_the_blur
-from ronnaplan.localization.thick import as_thick, as_thin
-from ronnaplan.localization.usual import OF_THE_PROFILE, judged_again, usual_of
+from ronnaplan.localization.scanner.measured import measured
+from ronnaplan.localization.scanner.scan import Scan
+from ronnaplan.localization.scanwide.slant import along_the_blur
+from ronnaplan.localization.scanwide.thick import as_thick, as_thin
+from ronnaplan.localization.scanwide.usual import OF_THE_PROFILE, judged_again, usual_of
+from ronnaplan.localization.search.anysize import SEARCHED_MM, Place, round_places
+from ronnaplan.localization.search.coarse import COARSE_FLOOR_MM, coarsen
 from ronnaplan.threads import in_threads
 
 LARGE_MM = 8.0 * COARSE_FLOOR_MM

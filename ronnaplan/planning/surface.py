@@ -201,7 +201,7 @@ def _gap(volume: CTVolume, place: FloatArray) -> float:
 def _voxels_near(volume: CTVolume, center_mm: FloatArray, reach_mm: float) -> tuple[FloatArray, FloatArray]:
     """Return offsets (N, 3) in LPS and values (N,) of the measured voxels within ``reach_mm`` of a place (3,).
 
-    What `ronnaplan.localization.neighbourhood.gather` returns, without compiled code: the planner loads no compiler.
+    What `localization.fit.neighbourhood.gather` returns, without compiled code: the planner loads no compiler.
     """
     grid = volume.grid
     axes, places = grid.axes, grid.slice_positions_mm - center_mm @ grid.normal

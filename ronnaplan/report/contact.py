@@ -16,7 +16,7 @@ from ronnaplan.ct.sampling import sampled
 from ronnaplan.errors import check_type
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import Fiducials
-from ronnaplan.localization.parameters import BACKGROUND, CENTER, CONTRAST, RADIUS
+from ronnaplan.localization.fit.parameters import BACKGROUND, CENTER, CONTRAST, RADIUS
 from ronnaplan.report.picture import CUTS, OUTLINE_COLOUR, WINDOW_HU, cut_places
 
 if TYPE_CHECKING:
@@ -252,9 +252,9 @@ def _windows(row: Candidate) -> tuple[float, float, float]:
 
 def _left_over(volume: CTVolume, row: Candidate, indices: FloatArray) -> NDArray[np.float32]:
     """The voxels about ``indices`` (..., 3) less the fitted model, in HU: compared voxel by voxel, as the fit does."""
-    from ronnaplan.localization.ball import discs
-    from ronnaplan.localization.model import evaluate
-    from ronnaplan.localization.neighbourhood import axes_along
+    from ronnaplan.localization.fit.ball import discs
+    from ronnaplan.localization.fit.model import evaluate
+    from ronnaplan.localization.fit.neighbourhood import axes_along
 
     grid = volume.grid
     flat = indices.reshape(-1, 3)

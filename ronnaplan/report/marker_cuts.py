@@ -13,7 +13,7 @@ from ronnaplan.report.contact import Candidate, Pair, cut_pairs, draw_row
 
 if TYPE_CHECKING:
     from ronnaplan.localization import Build
-    from ronnaplan.localization.scan import Scan
+    from ronnaplan.localization.scanner.scan import Scan
 
 AGREEMENT_MM = 0.05
 """A marker that is found again farther than this from where its document says it is raises a warning."""
@@ -42,11 +42,11 @@ class MarkerPicture:
 def marker_pictures(volume: CTVolume, found: FiducialsDocument) -> list[MarkerPicture]:
     """Fit every marker of a document again in its scan; the pictures hold what they show, and no voxels."""
     from ronnaplan.localization import Build
-    from ronnaplan.localization.measured import measured
-    from ronnaplan.localization.parameters import full_width_at_half_maximum_mm
-    from ronnaplan.localization.scan import Scan, Slant
-    from ronnaplan.localization.summed import UNTOLD, Summed
-    from ronnaplan.localization.thick import of_thickness
+    from ronnaplan.localization.fit.parameters import full_width_at_half_maximum_mm
+    from ronnaplan.localization.scanner.measured import measured
+    from ronnaplan.localization.scanner.scan import Scan, Slant
+    from ronnaplan.localization.scanner.summed import UNTOLD, Summed
+    from ronnaplan.localization.scanwide.thick import of_thickness
 
     seen = found.resolution
     if seen is None:

@@ -17,8 +17,8 @@ from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.errors import UsageError
 from ronnaplan.localization import Build, FiducialFlag, Fiducials, localize
 from ronnaplan.localization.examine import fit_place
-from ronnaplan.localization.parameters import SHAPE, WIDTH, full_width_at_half_maximum_mm
-from ronnaplan.localization.scan import Scan
+from ronnaplan.localization.fit.parameters import SHAPE, WIDTH, full_width_at_half_maximum_mm
+from ronnaplan.localization.scanner.scan import Scan
 from tests.scans import balls, scan, small_stack
 
 CENTER = (1.2, -2.3, 0.4)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ronnaplan.ct import SeriesSource, SliceGrid
 from ronnaplan.localization import Fiducial, FiducialFlag, Fiducials
-from ronnaplan.localization.parameters import BLUR, EDGE, PARAMETERS, RADIUS, SHAPE, WIDTH
+from ronnaplan.localization.fit.parameters import BLUR, EDGE, PARAMETERS, RADIUS, SHAPE, WIDTH
 from ronnaplan.localization.settings import recommended_settings
 
 

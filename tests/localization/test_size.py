@@ -11,7 +11,7 @@ from ronnaplan.errors import RefusedError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import Build, Size, common_diameter, proposal, size, sizes_seen
 from ronnaplan.localization.examine import Examined
-from ronnaplan.localization.scan import Scan
+from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.size import commonest
 from tests.scans import balls, scan, small_stack
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ronnaplan.localization.neighbourhood import gather
+from ronnaplan.localization.fit.neighbourhood import gather
 from ronnaplan.minimize import minimize
 from ronnaplan.planning import patch, surface
 from ronnaplan.planning.crossings import find_crossings

@@ -1,0 +1,147 @@
+"""What a fit tells of a ball: its parameters, what informed them, what is left over, and what moves its center."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.fit.descent import Prior, influence, layer_jacobian, residuals_and_jacobian
+from ronnaplan.localization.fit.directions import Verdict, edge_depth, on_surface
+from ronnaplan.localization.fit.guess import METAL_HU
+from ronnaplan.localization.fit.model import has_streaks
+from ronnaplan.localization.fit.neighbourhood import Neighbourhood
+from ronnaplan.localization.fit.parameters import BACKGROUND, BLUR, CENTER, CONTRAST, RADIUS
+from ronnaplan.localization.fit.shading import PLATEAU_SHARE, shaded
+
+
+@dataclass(frozen=True)
+class BallFit:
+    """A fitted ball.
+
+    ``theta`` (P,) holds the model's `PARAMETERS` (and `STREAK_PARAMETERS` where the ball is metal, `SKIN_PARAMETERS`
+    where it lies on something), with the center relative to the neighbourhood's origin along u, v, w. ``used`` (N,)
+    marks the voxels that informed the fit, ``residuals_hu`` (N,) is data minus model and shading, ``unshaded_hu`` (N,)
+    data minus model alone, ``jacobian`` (N, P) the model's derivatives, ``influence_mm_per_hu`` (N, 3) how far one HU
+    at a voxel moves the center, ``center_by_radius`` (3,) how far the fit would move it for each mm that the radius
+    were held larger, ``center_by_layer`` (3, 3) how far it is moved, in mm, where what is wrapped around, or the cavity
+    of a shell whose shading was not asked for, lies aside by the layer's whole thickness along u, v, w; shading tells
+    otherwise how far a cavity does, ``aside_mm`` (3,).
+    ``is_shaded`` says whether the shading was asked for, ``is_clipped`` whether voxels that informed the fit are at the
+    top of the scale. ``made_good_mm`` (3,) is how far the center was moved, in LPS, by what a head does to the image
+    being made good, and None where that was not done. ``crossed_mm2`` (3, 3), along u, v, w, is how well the pull of a
+    screw that crosses its slices is known, which was made good (`judge.crossed`), and None where none
+    does.
+    """
+
+    neighbourhood: Neighbourhood
+    theta: FloatArray
+    used: NDArray[np.bool_]
+    residuals_hu: FloatArray
+    unshaded_hu: FloatArray
+    jacobian: FloatArray
+    influence_mm_per_hu: FloatArray
+    center_by_radius: FloatArray
+    center_by_layer: FloatArray
+    aside_mm: FloatArray
+    is_shaded: bool
+    is_clipped: bool
+    verdict: Verdict
+    converged: bool
+    prior: Prior
+    ceiling_hu: float
+    made_good_mm: FloatArray | None = None
+    crossed_mm2: FloatArray | None = None
+
+    @property
+    def center_mm(self) -> FloatArray:
+        """Center (3,) in LPS."""
+        center: FloatArray = self.neighbourhood.origin_mm + self.theta[CENTER] @ self.neighbourhood.axes
+        return center
+
+    @property
+    def diameter_mm(self) -> float:
+        """Fitted diameter."""
+        return float(2.0 * self.theta[RADIUS])
+
+    @property
+    def sigma_mm(self) -> float:
+        """Fitted in-plane blur (standard deviation)."""
+        return float(self.theta[BLUR])
+
+    @property
+    def contrast_hu(self) -> float:
+        """Ball above background."""
+        return float(self.theta[CONTRAST])
+
+    @property
+    def may_be_metal(self) -> bool:
+        """Whether the ball is metal, or the scale's end hides whether it is."""
+        return not self.is_shaded or (has_streaks(self.theta) and self.contrast_hu > METAL_HU)
+
+    @property
+    def coverage(self) -> float:
+        """Share that informed the fit of the ball's directions that hold voxels."""
+        return float(np.sum(self.verdict.state == 1) / max(int(np.sum(self.verdict.state >= 0)), 1))
+
+    @cached_property
+    def misfit(self) -> float:
+        """Root mean square residual on the surface that informed the fit, as a share of the contrast."""
+        near = self.used & on_surface(*edge_depth(self.neighbourhood.offsets_mm, self.theta))
+        if not near.any():
+            return float("inf")
+        return float(np.sqrt(np.mean(self.residuals_hu[near] ** 2)) / abs(self.contrast_hu))
+
+
+def fit_at(
+    around: Neighbourhood,
+    theta: FloatArray,
+    prior: Prior,
+    verdict: Verdict,
+    used: NDArray[np.bool_],
+    ceiling_hu: float,
+    *,
+    converged: bool,
+    slopes: bool = True,
+) -> BallFit:
+    """Return what a fit tells that ends at ``theta`` (P,); ``used`` (N,) marks the voxels ``around`` that informed it.
+
+    What moves the center, and its shading, are told only of a fit that has ``converged``; ``slopes`` says whether its
+    contrast may slope.
+    """
+    if not converged:  # its tests ask for nothing else
+        around, used = around.select(used), np.ones(np.count_nonzero(used), dtype=np.bool_)
+    residuals, jacobian = residuals_and_jacobian(around, theta, prior.layer_mm, ceiling_hu)
+    unshaded = residuals
+    moves, by_radius, aside_mm = np.zeros_like(around.offsets_mm), np.zeros(3), np.zeros(3)
+    if converged:
+        moves[used], by_radius = influence(jacobian[used], prior.weight)
+    is_shaded = converged and ceiling_hu - theta[BACKGROUND] >= PLATEAU_SHARE * theta[CONTRAST]
+    if is_shaded:
+        shading = shaded(around, theta, residuals, jacobian, used, prior, slopes=slopes)
+        theta = np.append(theta[CENTER] + shading.shift_mm, theta[RADIUS:])
+        residuals, moves, aside_mm = shading.residuals_hu, shading.influence_mm_per_hu, shading.aside_mm
+    by_layer = np.zeros((3, 3))
+    if converged and (prior.layer_mm > 0.0 or (prior.layer_mm < 0.0 and not is_shaded)):
+        by_layer = prior.layer_mm * moves.T @ layer_jacobian(around, theta, prior.layer_mm)
+    return BallFit(
+        neighbourhood=around,
+        theta=theta,
+        used=used,
+        residuals_hu=residuals,
+        unshaded_hu=unshaded,
+        jacobian=jacobian,
+        influence_mm_per_hu=moves,
+        center_by_radius=by_radius,
+        center_by_layer=by_layer,
+        aside_mm=aside_mm,
+        is_shaded=is_shaded,
+        is_clipped=bool((around.values_hu[used] >= ceiling_hu).any()),
+        verdict=verdict,
+        converged=converged,
+        prior=prior,
+        ceiling_hu=ceiling_hu,
+    )

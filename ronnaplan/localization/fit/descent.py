@@ -1,0 +1,292 @@
+"""The descent of least squares: from a first guess of the model's parameters to the best ones near it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from kernelcache import njit
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.fit.algebra import inverse, solve
+from ronnaplan.localization.fit.ball import Discs, discs
+from ronnaplan.localization.fit.model import BLOCK, add_normal_equations, evaluate
+from ronnaplan.localization.fit.neighbourhood import Neighbourhood
+from ronnaplan.localization.fit.parameters import (
+    BLUR,
+    CENTER,
+    CONTRAST,
+    EDGE,
+    PARAMETERS,
+    RADIUS,
+    SHAPE,
+    WIDTH,
+    U,
+    V,
+    W,
+)
+
+BLUR_BOUNDS_MM = (0.03, 2.5)
+"""In-plane blur of any CT at all, of which photon counting detectors come near 0.06 mm; a fit that ends here is no ball
+seen by a scanner."""
+
+BLUR_STEP = 1.5
+"""One step changes the blur by no more than this factor: edge enhancement and blur look alike, and from a blur of
+nearly nothing no step leads back."""
+
+EDGE_BOUNDS = (-0.45, 5.0)
+"""Edge enhancement: from tails that double the blur to an overshoot of half the contrast."""
+
+SHAPE_BOUNDS = (0.0, 5.0)
+"""A profile's shape: from a box to what no image can tell from a Gaussian."""
+
+LEAST_RADIUS_MM, LEAST_WIDTH_MM = 0.2, 0.02
+"""No ball is smaller, no slice profile narrower: a step beyond would divide by nearly nothing."""
+
+MAX_CONTRAST_HU = 32000.0
+"""No extended scale of a CT goes beyond this (16 bits with an offset): where clipping hides a ball's true contrast,
+it cannot run away."""
+
+_BOUNDED = {SHAPE: SHAPE_BOUNDS, EDGE: EDGE_BOUNDS, CONTRAST: (-math.inf, MAX_CONTRAST_HU)}
+BOUNDS = tuple(_BOUNDED.get(p, (-math.inf, math.inf)) for p in range(CONTRAST + 1))
+"""Those of the first parameters, of which some may end at one."""
+
+PRIOR_NOISE_HU = 10.0
+"""Noise at which the priors above are meant; it only sets their weight against the voxels."""
+
+MAX_STEPS = 40
+"""Steps of one descent; a ball needs five to ten, clipped metal up to thirty."""
+
+STEP_TOLERANCE_MM, REST_GAIN = 2e-5, 1e-4
+"""A descent ends with a step that moves the center by less than this and gains less than this share of the squared
+residuals: a center may be right long before blur and edge are."""
+
+LAST_STEP_MM = 1e-3
+"""Blur, edge enhancement and profile may look so alike that they never come to rest; the center is told if the last of
+all the steps moved it by less than this."""
+
+LOOK_STEPS, LOOK_GAIN = 12, 0.001
+"""A look, after which the fit goes on or is given up, ends after so many steps or with one that gains less than this
+share of the squared residuals: what is no ball never comes to rest."""
+
+
+class Effort(NamedTuple):
+    """How far a descent goes: so many steps at most, or to one that gains less than this share."""
+
+    steps: int
+    least_gain: float
+    last_step_mm: float
+    """It came to rest, too, if the last of all its steps moved the center by less than this."""
+
+
+LOOK: Final = Effort(LOOK_STEPS, LOOK_GAIN, LAST_STEP_MM)
+WHOLE: Final = Effort(MAX_STEPS, 0.0, LAST_STEP_MM)
+BEGIN: Final = Effort(LOOK_STEPS, 0.0, 0.0)
+REST: Final = Effort(MAX_STEPS - LOOK_STEPS, 0.0, LAST_STEP_MM)
+"""The first steps of the whole, with which most balls come to rest, and what is left of it then."""
+
+FIRST_DAMPING, LEAST_DAMPING = 1e-5, 1e-9
+"""Levenberg-Marquardt damping at the start of a descent, and at least, as a share of the matrix's diagonal."""
+
+MAX_WANDER = 0.5
+"""A fit that moves by more than this share of the radius has left its candidate, and is not pursued."""
+
+MAX_WIDTH_RATIO = 3.0
+MAX_WIDTH_SHARE = 0.3
+"""The fitted profile stays within this factor of the nominal thickness and this share of the diameter, which a post
+along the slices' normal needs before it is left out: no ball explains more."""
+
+HOPELESS_SIZE, HOPELESS_SIZE_MM = 0.15, 0.6
+"""A fit whose diameter is off by more than this share of the stated one, and by more than this, is not pursued: on the
+way, markers keep to 5 % of it, and are accepted within 6 % or 0.25 mm at most."""
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known before the voxels are read: ``mean`` (P,) and ``weight`` (P,) in HU^2 per parameter^2.
+
+    ``layer_mm`` says how the marker is made, as in `ronnaplan.localization.build.Build`.
+    """
+
+    mean: FloatArray
+    weight: FloatArray
+    layer_mm: float
+
+    @classmethod
+    def of(cls, mean: FloatArray, spread: FloatArray, layer_mm: float) -> Prior:
+        """Prior with standard deviations ``spread`` (P,); infinite ones know nothing."""
+        return cls(mean, (PRIOR_NOISE_HU / spread) ** 2, layer_mm)
+
+    def extended(self, more: Prior) -> Prior:
+        """Add further parameters."""
+        mean, weight = np.concatenate([self.mean, more.mean]), np.concatenate([self.weight, more.weight])
+        return replace(self, mean=mean, weight=weight)
+
+
+def descend(
+    used: Neighbourhood, theta: FloatArray, prior: Prior, ceiling_hu: float, effort: Effort = WHOLE
+) -> tuple[FloatArray, bool]:
+    """Levenberg-Marquardt from ``theta``; returns the best parameters and whether the steps came to rest."""
+    return go_on(used, theta, FIRST_DAMPING, prior, ceiling_hu, effort)[:2]
+
+
+def go_on(
+    used: Neighbourhood, theta: FloatArray, damping: float, prior: Prior, ceiling_hu: float, effort: Effort
+) -> tuple[FloatArray, bool, float]:
+    """Descend from ``theta`` with the ``damping`` of its last step; returns that of the next one as well."""
+    voxels, held = (used.offsets_mm, used.values_hu, used.floors_hu), (prior.mean, prior.weight)
+    steps, least_gain, last_step_mm = effort
+    return _descend(
+        *voxels, theta, damping, *held, prior.layer_mm, discs(theta), ceiling_hu, steps, least_gain, last_step_mm
+    )
+
+
+@njit(cache=True, nogil=True)
+def _descend(
+    offsets: FloatArray,
+    values: FloatArray,
+    floors: FloatArray,
+    theta: FloatArray,
+    damping: float,
+    mean: FloatArray,
+    weight: FloatArray,
+    layer_mm: float,
+    looked_up: Discs,
+    ceiling: float,
+    steps: int,
+    least_gain: float,
+    last_step_mm: float,
+) -> tuple[FloatArray, bool, float]:
+    moved_mm = np.inf
+    cost, slope, matrix = _equations(offsets, values, floors, theta, mean, weight, layer_mm, looked_up, ceiling)
+    for _ in range(steps):
+        trial = theta + _step(matrix, slope, damping, theta)
+        if not math.isfinite(trial[U]):  # the equations told nothing
+            return theta, False, damping
+        _bind(trial, theta)
+        moved_mm = max(abs(trial[U] - theta[U]), abs(trial[V] - theta[V]), abs(trial[W] - theta[W]))
+        is_still = moved_mm < STEP_TOLERANCE_MM
+        if math.sqrt(trial[U] ** 2 + trial[V] ** 2 + trial[W] ** 2) > 2.0 * MAX_WANDER * theta[RADIUS]:
+            return trial, False, damping
+        new = _equations(offsets, values, floors, trial, mean, weight, layer_mm, looked_up, ceiling)
+        if new[0] < cost:
+            is_at_rest = cost - new[0] < (REST_GAIN if is_still else least_gain) * cost
+            theta = trial
+            if is_no_marker(theta, mean):
+                return theta, False, damping
+            cost, slope, matrix = new
+            damping = max(damping / 10.0, LEAST_DAMPING)
+        else:
+            is_at_rest = is_still
+            damping *= 10.0
+        if is_at_rest:
+            return theta, True, damping
+    return theta, moved_mm < last_step_mm, damping
+
+
+@njit(cache=True, nogil=True)
+def is_no_marker(theta: FloatArray, stated: FloatArray) -> bool:
+    """Whether size or slice profile are farther from what is ``stated`` (P,) than a marker's are, on the way, too."""
+    diameter_mm, apart_mm = 2.0 * stated[RADIUS], 2.0 * abs(theta[RADIUS] - stated[RADIUS])
+    widest_mm = MAX_WIDTH_RATIO * stated[WIDTH] + MAX_WIDTH_SHARE * diameter_mm
+    return bool(theta[WIDTH] > widest_mm or apart_mm > max(HOPELESS_SIZE * diameter_mm, HOPELESS_SIZE_MM))
+
+
+@njit(cache=True, nogil=True)
+def _equations(
+    offsets: FloatArray,
+    values: FloatArray,
+    floors: FloatArray,
+    theta: FloatArray,
+    mean: FloatArray,
+    weight: FloatArray,
+    layer_mm: float,
+    looked_up: Discs,
+    ceiling: float,
+) -> tuple[float, FloatArray, FloatArray]:
+    """Half the squared residuals of voxels and prior, their gradient (P,) and Gauss-Newton matrix (P, P)."""
+    slope, matrix, cost = weight * (mean - theta), np.diag(weight), 0.0
+    for p in range(len(theta)):
+        cost += 0.5 * slope[p] * (mean[p] - theta[p])
+    for first in range(0, len(values), BLOCK):
+        some = slice(first, min(first + BLOCK, len(values)))
+        model, jacobian = evaluate(offsets[some], theta, layer_mm, *looked_up)
+        cost += add_normal_equations(values[some], floors[some], model, jacobian, ceiling, slope, matrix)
+    return cost, slope, matrix
+
+
+@njit(cache=True, nogil=True)
+def _step(matrix: FloatArray, slope: FloatArray, damping: float, theta: FloatArray) -> FloatArray:
+    count = len(slope)
+    damped, step = np.empty((count, count + 1)), np.empty(count)
+    damped[:, :count], damped[:, count] = matrix, slope
+    for p in range(count):
+        damped[p, p] += damping * (matrix[p, p] + 1e-9)
+        low, high = BOUNDS[p] if p < len(BOUNDS) else (-np.inf, np.inf)
+        # What is at its bound and pushes against it stands still; the others move without it.
+        if (theta[p] <= low and slope[p] < 0.0) or (theta[p] >= high and slope[p] > 0.0):
+            damped[p, :] = 0.0
+            damped[:, p] = 0.0
+            damped[p, p] = 1.0
+    solve(damped, step)
+    return step
+
+
+@njit(cache=True, nogil=True)
+def _bind(theta: FloatArray, before: FloatArray) -> None:
+    """Keep a step within what a scanner can do, and the blur within reach of what it was: it may not overshoot."""
+    blur_mm = min(max(theta[BLUR], before[BLUR] / BLUR_STEP), before[BLUR] * BLUR_STEP)
+    theta[BLUR] = min(max(blur_mm, BLUR_BOUNDS_MM[0]), BLUR_BOUNDS_MM[1])
+    theta[RADIUS] = max(theta[RADIUS], LEAST_RADIUS_MM)
+    theta[WIDTH] = max(theta[WIDTH], LEAST_WIDTH_MM)
+    for p in range(len(BOUNDS)):
+        theta[p] = min(max(theta[p], BOUNDS[p][0]), BOUNDS[p][1])
+
+
+def residuals_and_jacobian(
+    around: Neighbourhood, theta: FloatArray, layer_mm: float, ceiling_hu: float
+) -> tuple[FloatArray, FloatArray]:
+    """Data minus model (N,) and the Jacobian (N, P); both zero where clipped data agree with a model beyond."""
+    model, jacobian = evaluate(around.offsets_mm, theta, layer_mm, *discs(theta))
+    residuals = around.values_hu - model
+    clipped = (around.values_hu >= ceiling_hu) & (model >= ceiling_hu)
+    clipped |= (around.values_hu <= around.floors_hu) & (model <= around.floors_hu)
+    residuals[clipped] = 0.0
+    jacobian[clipped] = 0.0
+    return residuals, jacobian
+
+
+def layer_jacobian(around: Neighbourhood, theta: FloatArray, layer_mm: float) -> FloatArray:
+    """How the model changes (N, 3) with the place of the second ball alone, of a hollow or wrapped marker, HU/mm."""
+    alone: FloatArray = _second_ball(around.offsets_mm, theta, layer_mm)[1][:, CENTER]
+    return alone
+
+
+def cavity_moved_hu(around: Neighbourhood, theta: FloatArray, layer_mm: float, aside_mm: FloatArray) -> FloatArray:
+    """How the model changes (N,) where the second ball alone lies ``aside_mm`` (3,) from the center, HU."""
+    aside, there = (
+        _second_ball(offsets_mm, theta, layer_mm)[0]
+        for offsets_mm in (around.offsets_mm - aside_mm, around.offsets_mm)
+    )
+    moved_hu: FloatArray = aside - there
+    return moved_hu
+
+
+def _second_ball(offsets_mm: FloatArray, theta: FloatArray, layer_mm: float) -> tuple[FloatArray, FloatArray]:
+    """What the second ball of a hollow or wrapped marker adds to the model (N,), and to its derivatives (N, P)."""
+    without = theta.copy()
+    without[len(PARAMETERS)] = 0.0
+    both, first = (evaluate(offsets_mm, one, layer_mm, *discs(one)) for one in (theta, without))
+    return both[0] - first[0], both[1] - first[1]
+
+
+def influence(informed: FloatArray, prior_weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """How far one HU at each voxel moves the center, and how far it moves for each mm that the radius is held larger.
+
+    The first is (N, 3) in mm/HU, by the Jacobian (N, P) of the voxels that ``informed`` the fit, the second (3,).
+    """
+    covariance = inverse(informed.T @ informed + np.diag(prior_weight))
+    by_radius: FloatArray = covariance[CENTER, RADIUS] / covariance[RADIUS, RADIUS]
+    return informed @ covariance[:, CENTER], by_radius

@@ -1,0 +1,320 @@
+"""Which directions about a fitted ball show a ball, and what stands in the others.
+
+What touches a marker (post, screw, skin, another marker) covers some directions only. They are recognized by the
+residuals on the ball's surface and by what lies just outside it, and the fit does without them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kernelcache import njit
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.fit.algebra import quantile
+from ronnaplan.localization.fit.ball import Discs, discs
+from ronnaplan.localization.fit.cells import CELL_COUNT, cell_directions, direction_cells
+from ronnaplan.localization.fit.model import BLOCK, evaluate, has_skin, is_beyond_scale
+from ronnaplan.localization.fit.neighbourhood import Neighbourhood
+from ronnaplan.localization.fit.parameters import (
+    BLUR,
+    CENTER,
+    CONTRAST,
+    LEAST_SPREAD_MM2,
+    PARAMETERS,
+    RADIUS,
+    SKIN_PARAMETERS,
+    WIDTH,
+    U,
+    V,
+    W,
+)
+
+SURFACE_BLURS = 2.0
+"""The ball's blurred edge reaches so many times its blur to either side of the surface."""
+
+REACH_BLURS, REACH_MM = 3.0, 0.5
+"""The fit reaches so many times the blur and so much farther: beyond is what else is there, deep inside may be a metal
+insert."""
+
+OUTLIER_RATIO = 2.5
+"""A direction disagrees when its residual exceeds the usual direction's by this factor."""
+
+MODEL_ERROR_SHARE = 0.03
+"""Share of the contrast by which a clean direction may always disagree: real blur is not quite Gaussian."""
+
+NEIGHBOUR_SHARE = 0.03
+NEIGHBOUR_HU = 400.0
+"""Something just outside that exceeds the background by this share of the contrast, or by so much, is a neighbour."""
+
+ATTACHED_SHARE = 0.5
+"""Something just outside that exceeds the background by this share of the contrast is part of the same body."""
+
+INSERT_SHARE = 0.06
+"""Something deep inside that exceeds the ball by this share of the contrast is an insert, whose blur reaches out."""
+
+VOID_SHARE = 0.2
+"""Something deep inside that is fainter than the ball by this share of the contrast is a void, as moulding leaves one,
+and takes from the ball's level. It is more than for inserts: under a kernel that overshoots, a ball is fainter by a
+tenth beside its post than elsewhere."""
+
+BACKGROUND_QUANTILE = 0.3
+"""The background is what this share of the directions reach at most: a ball may lie on skin, not in it."""
+
+USUAL_QUANTILE = 0.3
+"""The usual direction is a good one: with an insert and a post, more than half of them may be disturbed."""
+
+SPREAD_SHARE = 0.15
+NEIGHBOUR_ANGLE_DEG = 26.0
+"""A neighbour brighter than this share of the contrast also spoils the directions this close to its own, for
+blur carries its light there; one that is faint beside the ball does not."""
+
+ROUND_SHARE = 0.015
+ROUND_MM = 0.06
+"""An edge that is off by no more than this share of the radius plus this is where the ball's edge should be."""
+
+NOISE_ERRORS = 2.0
+"""Nor does it tell where noise alone puts it: so many standard errors are allowed for besides."""
+
+MAX_RAGGED = 0.14
+"""A ball on skin is round wherever it does not go on into it, but for this share at most: balls of plastic show 0.11,
+pegs with round ends 0.17 to 0.30."""
+
+COVER_SHARE = 0.06
+COVER_TO_DARK = 3.0
+"""What lies on a marker is brighter just outside it by this share of the contrast, in more directions by this factor
+than are as dark: streaks are both. Haze is brighter by 0.04 to 0.06 beside a third of the markers of cone beams."""
+
+COVERED_SHARE = 0.15
+COVERED_SPREAD = 0.6
+"""What carries a marker stands on one side of it. What is bright in more than this share of the directions, and to all
+sides, so that their mean is shorter than this, lies on the marker (a post: 0.8; tape, hair: 0.3)."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the directions say.
+
+    ``state`` (cells,) is 1 where a direction informs the fit, 0 where it is left out, -1 where no voxel lies on the
+    surface. ``off_mm`` (cells,) is how far the edge is from where the ball's should be, ``off_mm_per_hu`` (cells,) what
+    noise adds to that, ``allowed_mm`` how much is allowed without noise, ``noise_hu`` the noise that is allowed for.
+    ``attached_share`` is the share of all in which a body as bright as the ball goes on outward. ``usual_rms_hu`` is a
+    good direction's residual. ``beside`` (cells,) marks those with something just outside, ``excess_hu`` (cells,) how
+    bright it is; ``is_covered`` says whether that lies to all sides instead of one.
+    """
+
+    state: NDArray[np.int8]
+    off_mm: FloatArray
+    off_mm_per_hu: FloatArray
+    allowed_mm: float
+    attached_share: float
+    usual_rms_hu: float
+    beside: NDArray[np.bool_]
+    excess_hu: FloatArray
+    is_covered: bool
+    noise_hu: float = 0.0
+
+    @cached_property
+    def round_share(self) -> float:
+        """Share of the directions seen whose edge is where the ball's should be."""
+        seen = self.state >= 0
+        allowed_mm = np.hypot(self.allowed_mm, NOISE_ERRORS * self.noise_hu * self.off_mm_per_hu)
+        return float((seen & (self.off_mm <= allowed_mm)).sum() / max(int(seen.sum()), 1))
+
+    @property
+    def ragged_share(self) -> float:
+        """Share of the directions seen in which there is neither a sphere's edge nor a body that goes on outward."""
+        seen = float(np.mean(self.state >= 0))
+        return 1.0 - self.round_share - (self.attached_share / seen if seen > 0.0 else 0.0)
+
+    def in_noise(self, noise_hu: float) -> Verdict:
+        """Return what the directions say where voxels are as noisy as this."""
+        return replace(self, noise_hu=noise_hu)
+
+
+def judge(
+    around: Neighbourhood, theta: FloatArray, layer_mm: float, ceiling_hu: float
+) -> tuple[Verdict, NDArray[np.intp]]:
+    """Judge every direction by the voxels within reach; returns the cell (N,) of each too, -1 of those beyond."""
+    voxels = around.offsets_mm, around.values_hu, around.floors_hu
+    cells, sums = _survey(*voxels, theta, layer_mm, discs(theta), ceiling_hu)
+    return Verdict(*_weighed(sums, theta[CONTRAST], theta[RADIUS], cell_directions())), cells
+
+
+SEEN, SQUARES, SHIFTS, STEEPNESS, OUTSIDE, UNEXPLAINED, INSIDE, WITHIN = range(8)
+"""What is summed in each direction. On the surface: how many voxels there are, their squared residuals, and their
+residuals times and their squares of the slope by the radius; just outside and deep inside: how many there are, and what
+the model does not explain beside the ball, or at all."""
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _survey(
+    offsets_mm: FloatArray,
+    values_hu: FloatArray,
+    floors_hu: FloatArray,
+    theta: FloatArray,
+    layer_mm: float,
+    looked_up: Discs,
+    ceiling_hu: float,
+) -> tuple[NDArray[np.intp], FloatArray]:
+    """Cell (N,) of each voxel within reach, -1 of the others, and the sums over those (8, cells)."""
+    depth, blur = edge_depth(offsets_mm, theta)
+    cells, sums = np.full(len(depth), -1, dtype=np.intp), np.zeros((8, CELL_COUNT))
+    near = np.nonzero(np.abs(depth) < REACH_BLURS * blur + REACH_MM)[0]
+    is_outside = depth > SURFACE_BLURS * blur
+    told = direction_cells(offsets_mm[near] - theta[CENTER])
+    for n in range(len(near)):
+        at, cell = near[n], told[n]
+        cells[at] = cell
+        if is_outside[at]:
+            sums[OUTSIDE, cell] += 1.0
+            sums[UNEXPLAINED, cell] += values_hu[at]
+    end = len(theta) - (len(SKIN_PARAMETERS) - 1 if has_skin(theta) else 0)
+    if end == len(PARAMETERS):  # the model explains nothing outside
+        near = near[~is_outside[near]]
+    for first in range(0, len(near), BLOCK):
+        some = near[first : first + BLOCK]
+        model, jacobian = evaluate(offsets_mm[some], theta, layer_mm, *looked_up)
+        for n in range(len(some)):
+            at, cell = some[n], cells[some[n]]
+            share = 0.0 if is_beyond_scale(values_hu[at], model[n], floors_hu[at], ceiling_hu) else 1.0
+            residual, slope = share * (values_hu[at] - model[n]), share * jacobian[n, RADIUS]
+            if is_outside[at]:
+                for p in range(len(PARAMETERS), end):  # streaks and skin
+                    sums[UNEXPLAINED, cell] -= share * jacobian[n, p] * theta[p]
+            elif depth[at] > -SURFACE_BLURS * blur[at]:
+                sums[SEEN, cell] += 1.0
+                sums[SQUARES, cell] += residual * residual
+                sums[SHIFTS, cell] += residual * slope
+                sums[STEEPNESS, cell] += slope * slope
+            else:
+                sums[INSIDE, cell] += 1.0
+                sums[WITHIN, cell] += residual
+    return cells, sums
+
+
+@njit(cache=True, nogil=True)
+def unlike_inside(inside_hu: FloatArray, contrast_hu: float) -> NDArray[np.bool_]:
+    """In which directions (C,) what is deep inside a ball is an insert's, or a void's."""
+    unlike_hu = inside_hu - quantile(inside_hu, 0.5)
+    return (unlike_hu > INSERT_SHARE * contrast_hu) | (unlike_hu < -VOID_SHARE * contrast_hu)
+
+
+@njit(cache=True, nogil=True)
+def _weighed(
+    sums: FloatArray, contrast: float, radius: float, directions: FloatArray
+) -> tuple[NDArray[np.int8], FloatArray, FloatArray, float, float, float, NDArray[np.bool_], FloatArray, bool]:
+    """Return the first members of `Verdict` that the ``sums`` (8, cells) tell, in their order."""
+    means = np.full((3, CELL_COUNT), np.nan)
+    rms, outside, within = means[0], means[1], means[2]
+    for cell in range(CELL_COUNT):
+        if sums[SEEN, cell] > 0.0:
+            rms[cell] = math.sqrt(sums[SQUARES, cell] / sums[SEEN, cell])
+        if sums[OUTSIDE, cell] > 0.0:
+            outside[cell] = sums[UNEXPLAINED, cell] / sums[OUTSIDE, cell]
+        if sums[INSIDE, cell] > 0.0:
+            within[cell] = sums[WITHIN, cell] / sums[INSIDE, cell]
+    usual = quantile(rms, USUAL_QUANTILE)
+    if math.isnan(usual):  # nothing of its surface is seen
+        usual = 0.0
+    foreign = rms > OUTLIER_RATIO * max(usual, MODEL_ERROR_SHARE * contrast)
+    excess = outside - quantile(outside, BACKGROUND_QUANTILE)
+    excess[np.isnan(outside)] = 0.0
+    beside = excess > min(NEIGHBOUR_SHARE * contrast, NEIGHBOUR_HU)
+    bright = (foreign | beside) & (excess > SPREAD_SHARE * contrast)
+    left_out = foreign | beside | near_any(directions, bright, math.cos(math.radians(NEIGHBOUR_ANGLE_DEG)))
+    left_out |= unlike_inside(within, contrast)
+    state, attached = np.full(CELL_COUNT, -1, np.int8), 0
+    for cell in range(CELL_COUNT):
+        attached += excess[cell] > ATTACHED_SHARE * contrast
+        if sums[SEEN, cell] > 0.0:
+            state[cell] = 0 if left_out[cell] else 1
+    steepness = np.maximum(sums[STEEPNESS], 1e-12)
+    return (
+        state,
+        np.abs(sums[SHIFTS]) / steepness,
+        1.0 / np.sqrt(steepness),
+        ROUND_SHARE * radius + ROUND_MM,
+        attached / CELL_COUNT,
+        usual,
+        beside,
+        excess,
+        _is_covered(excess, COVER_SHARE * contrast, directions),
+    )
+
+
+@njit(cache=True, nogil=True)
+def near_any(directions: FloatArray, chosen: NDArray[np.bool_], cosine: float) -> NDArray[np.bool_]:
+    """Which of the ``directions`` (N, 3) are closer to one of the ``chosen`` than the angle of this ``cosine``."""
+    near = np.zeros(len(directions), np.bool_)
+    for other in np.nonzero(chosen)[0]:
+        for n in range(len(directions)):
+            along = 0.0
+            for axis in range(3):
+                along += directions[n, axis] * directions[other, axis]
+            if along > cosine:
+                near[n] = True
+    return near
+
+
+@njit(cache=True, nogil=True)
+def _is_covered(excess: FloatArray, bright: float, directions: FloatArray) -> bool:
+    count, dark, total = 0, 0, np.zeros(3)
+    for cell in range(len(excess)):
+        dark += excess[cell] < -bright
+        if excess[cell] > bright:
+            count += 1
+            for axis in range(3):
+                total[axis] += directions[cell, axis]
+    if count <= max(COVERED_SHARE * CELL_COUNT, COVER_TO_DARK * dark):
+        return False
+    return math.sqrt(total[0] ** 2 + total[1] ** 2 + total[2] ** 2) / count < COVERED_SPREAD
+
+
+@njit(cache=True, nogil=True)
+def cell_means(values: FloatArray, cells: NDArray[np.intp], chosen: NDArray[np.bool_]) -> FloatArray:
+    """Mean of the ``chosen`` values in each cell (cells,); NaN where there is none."""
+    sums, counts = np.zeros(CELL_COUNT), np.zeros(CELL_COUNT)
+    for n in range(len(values)):
+        if chosen[n]:
+            sums[cells[n]] += values[n]
+            counts[cells[n]] += 1.0
+    for cell in range(CELL_COUNT):
+        sums[cell] = sums[cell] / counts[cell] if counts[cell] > 0.0 else np.nan
+    return sums
+
+
+@njit(cache=True, nogil=True)
+def edge_depth(offsets_mm: FloatArray, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Signed distance outward from the surface (N,) and the blur across the surface there (N,), both in mm."""
+    depth, blur = np.empty(len(offsets_mm)), np.empty(len(offsets_mm))
+    in_plane, along_w = theta[BLUR] ** 2, theta[WIDTH] ** 2 / 12.0
+    for n in range(len(offsets_mm)):
+        u, v, w = offsets_mm[n, U] - theta[U], offsets_mm[n, V] - theta[V], offsets_mm[n, W] - theta[W]
+        square = u * u + v * v + w * w
+        along = w * w / max(square, 1e-18)
+        depth[n] = math.sqrt(square) - theta[RADIUS]
+        blur[n] = math.sqrt(in_plane * (1.0 - along) + along_w * along + LEAST_SPREAD_MM2)
+    return depth, blur
+
+
+def on_surface(depth: FloatArray, blur: FloatArray) -> NDArray[np.bool_]:
+    """Voxels (N,) in the blurred edge of the ball, where the center is told; by what `edge_depth` returns."""
+    near: NDArray[np.bool_] = np.abs(depth) < SURFACE_BLURS * blur
+    return near
+
+
+def within_reach(depth: FloatArray, blur: FloatArray) -> NDArray[np.bool_]:
+    """Voxels (N,) near the surface: farther out is what else is there, deep inside may be a metal insert."""
+    near: NDArray[np.bool_] = np.abs(depth) < REACH_BLURS * blur + REACH_MM
+    return near
+
+
+def deep_inside(depth: FloatArray, blur: FloatArray) -> NDArray[np.bool_]:
+    """Voxels (N,) within the fit's reach, but inside the ball's blur: they show what is in the ball."""
+    near: NDArray[np.bool_] = within_reach(depth, blur) & (depth < -SURFACE_BLURS * blur)
+    return near

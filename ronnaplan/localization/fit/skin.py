@@ -1,0 +1,108 @@
+"""The skin that a ball lies on: whether there is any, and where a fit of it begins."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.fit.cells import cell_directions
+from ronnaplan.localization.fit.descent import Prior
+from ronnaplan.localization.fit.directions import REACH_BLURS, REACH_MM, SURFACE_BLURS, Verdict
+from ronnaplan.localization.fit.model import has_layer, has_streaks
+from ronnaplan.localization.fit.neighbourhood import Neighbourhood
+from ronnaplan.localization.fit.parameters import (
+    BACKGROUND,
+    BLUR,
+    CONTRAST,
+    LEAST_SPREAD_MM2,
+    PARAMETERS,
+    RADIUS,
+    SKIN_LEVEL_AT,
+    SKIN_PLACE,
+    WIDTH,
+)
+
+SKIN_PRIOR_HU = 2000.0
+SKIN_PRIOR_PLACE = 0.3
+"""Standard deviations of the skin's level, and of its distance and direction as a share of the distance."""
+
+METAL_SKIN_HOLD = 2.0
+"""Between metal and skin the image is dark, so that only touching tells where the skin is: a distance that is off by
+this fraction of itself (a half) weighs as much as one voxel that is off by the contrast."""
+
+SKIN_SHARES = (0.08, 0.65)
+"""A ball that lies on skin has neighbours in a share of its directions between these."""
+
+ONE_SIDED = 0.1
+"""Directions whose mean is shorter than this are those of things around a ball, not of one that it lies on: skin fills
+two thirds of all at most, whose mean is 0.35 long."""
+
+SKIN_LEVEL = 0.35
+"""What a ball lies on is no brighter than this share of the ball's own contrast."""
+
+SKIN_QUANTILE = 0.8
+"""The skin's level is read off the brighter of the neighbouring directions."""
+
+MIN_SKIN_HU = 250.0
+"""What a ball lies on is brighter than its background by this at least: skin was fitted with 290 HU and more beside
+metal's streaks and 700 and more elsewhere, the haze to one side of a ball in cone beams and helices as skin of -130 to
+190, which displaced balls by up to 0.1 mm."""
+
+MIN_SKIN_DEPTH = 0.7
+"""What a ball lies on is no nearer to its center than this share of its radius; a cone standing there looks sunk."""
+
+
+def lies_on_something(theta: FloatArray, verdict: Verdict) -> bool:
+    """Whether the ball has neighbours as skin would be, which is not to all sides alike."""
+    share = float(verdict.beside.mean())
+    if not SKIN_SHARES[0] <= share <= SKIN_SHARES[1] or np.linalg.norm(_toward(verdict)) < ONE_SIDED:
+        return False
+    return bool(_level_beside(verdict) < SKIN_LEVEL * theta[CONTRAST])
+
+
+def is_skin(theta: FloatArray) -> bool:
+    """Whether what was fitted as skin is dense enough for it, and lies beneath the ball instead of cutting through.
+
+    What is wrapped around a ball may lie on one side as faint skin would.
+    """
+    depth_mm = 1.0 / max(float(np.linalg.norm(theta[SKIN_PLACE])), 1e-9)
+    is_dense = has_layer(theta) or float(theta[SKIN_LEVEL_AT]) >= MIN_SKIN_HU
+    return is_dense and depth_mm >= MIN_SKIN_DEPTH * float(theta[RADIUS])
+
+
+def share_on_skin(theta: FloatArray) -> float:
+    """Share of a ball's directions in which skin that it touches, as flat as a plane, is met just outside its blur.
+
+    That is where `directions.judge` looks for what goes on outward: a ball of so much more in radius reaches as deep
+    into the plane, and half of that depth by its radius is the share of it that lies beneath.
+    """
+    blur_mm = float(np.sqrt((2.0 * theta[BLUR] ** 2 + theta[WIDTH] ** 2 / 12.0) / 3.0 + LEAST_SPREAD_MM2))
+    outside_mm = (SURFACE_BLURS + REACH_BLURS) / 2.0 * blur_mm + REACH_MM / 2.0
+    return outside_mm / (float(theta[RADIUS]) + outside_mm) / 2.0
+
+
+def with_skin(
+    theta: FloatArray, prior: Prior, verdict: Verdict, around: Neighbourhood
+) -> tuple[FloatArray, Prior]:
+    """Add skin that the ball touches, on the side where the neighbours are."""
+    toward = _toward(verdict)
+    place = toward / np.linalg.norm(toward) / theta[RADIUS]
+    spread = np.array([SKIN_PRIOR_HU, *[SKIN_PRIOR_PLACE / theta[RADIUS]] * 3])
+    skin = np.array([_level_beside(verdict), *place])
+    added = Prior.of(skin, spread, prior.layer_mm)
+    if has_streaks(theta):
+        added.weight[1:] = (METAL_SKIN_HOLD * theta[CONTRAST] * theta[RADIUS]) ** 2
+    lowest = float(np.quantile(around.values_hu, 0.05))
+    start = np.concatenate([theta[:BACKGROUND], [lowest, 0.0, 0.0, 0.0], theta[len(PARAMETERS) :], skin])
+    return start, prior.extended(added)
+
+
+def _toward(verdict: Verdict) -> FloatArray:
+    """Return the mean (3,) of the directions in which the neighbours are."""
+    toward: FloatArray = cell_directions()[verdict.beside].mean(axis=0)
+    return toward
+
+
+def _level_beside(verdict: Verdict) -> float:
+    """How bright the neighbours are, in HU over the background; partial voxels make some look fainter."""
+    return float(np.quantile(verdict.excess_hu[verdict.beside], SKIN_QUANTILE))

@@ -1,0 +1,107 @@
+"""The blur that a fitted ball shows beside what was fitted: the fit has the slices' axes, and the blur may have others.
+
+A Gaussian's covariance changes an image by its second derivatives (the equation of heat), so that the residuals tell
+what of the blur is not along the slices' axes, to first order.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.fit.algebra import inverse, quantile
+from ronnaplan.localization.fit.ball_fit import BallFit
+from ronnaplan.localization.fit.cells import cell_directions, direction_cells
+from ronnaplan.localization.fit.descent import residuals_and_jacobian
+from ronnaplan.localization.fit.directions import (
+    BACKGROUND_QUANTILE,
+    cell_means,
+    deep_inside,
+    edge_depth,
+    near_any,
+    unlike_inside,
+    within_reach,
+)
+from ronnaplan.localization.fit.parameters import CENTER, LEAST_SPREAD_MM2, WIDTH, U, V, W, edge_variance_mm2
+
+BEYOND_MM = (0.3, 1.5)
+STANDS_SHARE = 0.1
+CLEAR_DEG = 30.0
+"""Something stands in a direction that is brighter by this share of the contrast so far beyond the blurred edge, where
+the edge of a ball that moved does not reach; directions closer than this angle are left out with it."""
+
+STEP_MM = 0.05
+"""Step of the second derivatives."""
+
+
+@dataclass(frozen=True)
+class Edge:
+    """The edge of a fitted ball in all directions in which nothing stands."""
+
+    fit: BallFit
+
+    @cached_property
+    def used(self) -> NDArray[np.intp]:
+        """Which voxels (N,) of the fit's neighbourhood are of it, whether they informed the fit or not.
+
+        A fit leaves out the directions that disagree: where a ball moved, those are half of it.
+        """
+        return np.flatnonzero(_unattached(self.fit))
+
+    @cached_property
+    def slanted(self) -> FloatArray:
+        """What a blur whose axes are not those of the slices adds to these voxels, HU/mm^2 (N, 4).
+
+        Along u and w, v and w, u and v, and half the difference of those along u and along v.
+        """
+        fit = self.fit
+        changes, around = [], fit.neighbourhood.take(self.used)
+        for axis in (U, V):
+            step = np.zeros(len(fit.theta))
+            step[axis] = STEP_MM
+            sides = [
+                residuals_and_jacobian(around, fit.theta + side * step, fit.prior.layer_mm, fit.ceiling_hu)[1]
+                for side in (1.0, -1.0)
+            ]
+            changes.append((sides[0][:, CENTER] - sides[1][:, CENTER]) / (2.0 * STEP_MM))
+        by_u, by_v = changes
+        return np.column_stack([by_u[:, W], by_v[:, W], by_u[:, V], (by_u[:, U] - by_v[:, V]) / 2.0])
+
+    @cached_property
+    def explained(self) -> FloatArray:
+        """What each of the ball's parameters (N, P), and such a blur, adds to these voxels (N, P + 4)."""
+        return np.hstack([self.fit.jacobian.take(self.used, axis=0), self.slanted])
+
+
+def blur_mm2(edge: Edge) -> FloatArray:
+    """Covariance (3, 3) of a ball's blur in LPS, as the residuals of its edge show it beside what was fitted."""
+    fit, used = edge.fit, edge.used
+    explained = edge.explained
+    (uw, vw, uv, oval) = (inverse(explained.T @ explained) @ (explained.T @ fit.residuals_hu[used]))[-4:]
+    within, across = edge_variance_mm2(fit.theta), float(fit.theta[WIDTH]) ** 2 / 12.0 + LEAST_SPREAD_MM2
+    axes = fit.neighbourhood.axes
+    told: FloatArray = (
+        axes.T @ np.array([[within + oval, uv, uw], [uv, within - oval, vw], [uw, vw, across]]) @ axes
+    )
+    return told
+
+
+def _unattached(fit: BallFit) -> NDArray[np.bool_]:
+    """Which of all voxels (N,) of a fit are of its edge where nothing stands."""
+    around, theta = fit.neighbourhood, fit.theta
+    depth, blur = edge_depth(around.offsets_mm, theta)
+    cells = direction_cells(around.offsets_mm - theta[CENTER])
+    beyond = (depth > 3.0 * blur + BEYOND_MM[0]) & (depth < 3.0 * blur + BEYOND_MM[1])
+    outside_hu = cell_means(around.values_hu, cells, beyond)
+    if np.isnan(outside_hu).all():
+        return fit.used
+    stands = outside_hu - quantile(outside_hu, BACKGROUND_QUANTILE) > STANDS_SHARE * fit.contrast_hu
+    inside_hu = cell_means(fit.residuals_hu, cells, deep_inside(depth, blur))
+    stands |= unlike_inside(inside_hu, fit.contrast_hu)
+    unattached = ~(stands | near_any(cell_directions(), stands, math.cos(math.radians(CLEAR_DEG))))
+    return within_reach(depth, blur) & (unattached[cells] | fit.used)

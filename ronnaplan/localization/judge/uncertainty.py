@@ -1,0 +1,320 @@
+"""The covariance of a fitted center: what the image itself shows of noise and model error.
+
+The center is a weighted sum of voxel values (`BallFit.influence_mm_per_hu`), so what the residuals of one slice do to
+it is their weighted sum. Slices that see different tissue are measured apart, so these sums are taken as independent,
+and the sum of their squares is the cluster-robust "sandwich" estimate of the covariance (K.-Y. Liang and S. Zeger,
+Biometrika 73:13, 1986): noise enters with its correlation within the slice as it is, and so does whatever else differs
+from slice to slice, such as streaks and a blur that is not quite Gaussian. Slices whose profiles overlap share their
+noise as the profile's autocorrelation says (W. Newey and K. West, Econometrica 55:703, 1987, with a box's; D. Andrews,
+Econometrica 59:817, 1991, with others).
+
+What all slices share, no residual along them shows: a head that moves, a panel that lags, streaks, a cone of rays. But
+what displaces edges by the direction in which they face displaces the center (the first harmonic of that direction,
+which no fit tells from a ball elsewhere) about as much as it bends the outline (the odd harmonics from the third on,
+which no still ball has, see `judge.motion`). So these are stated as error, the marker's own and those
+usual in its scan. Slices that are not small beside the ball hide how its poles end. The covariance is the sum of these
+sources, each with one weight of `WEIGHTS`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.build import SIZE_TOLERANCE_MM, is_off_size
+from ronnaplan.localization.fit.algebra import inverse
+from ronnaplan.localization.fit.ball_fit import BallFit
+from ronnaplan.localization.fit.cells import direction_cells
+from ronnaplan.localization.fit.directions import cell_means, edge_depth
+from ronnaplan.localization.fit.neighbourhood import first_of_each
+from ronnaplan.localization.fit.parameters import (
+    BACKGROUND,
+    BLUR,
+    CENTER,
+    LEAST_SPREAD_MM2,
+    RADIUS,
+    SHAPE,
+    WIDTH,
+    W,
+    profile_half_mm,
+)
+from ronnaplan.localization.fit.shading import QUANTIZATION_NOISE_HU, UNEVEN
+from ronnaplan.localization.judge.motion import LEAST_TOGETHER, Movement
+
+MIN_FLAT_VOXELS = 30
+"""A zone with fewer voxels says nothing of the noise."""
+
+MIN_FREEDOM = 0.3
+"""Share of a zone's voxels that is left at least after each direction has used one for its mean."""
+
+ADAPTED_SLICES = 2.0
+"""To so many slices the fit adapts: its center along them, and the profile."""
+
+PROFILE_SAMPLES = 129
+"""A slice's profile is correlated with itself at so many places."""
+
+WEIGHTS = {"slices": 0.64, "odd": 1.0, "pole": 1.4e-6, "least": 0.31e-6}
+"""How much of each source is error. The first would be 1 if it were the whole truth, and independent; the last is in
+mm^2. Fitted by `scripts/fit_uncertainty` to the errors on simulated patients and on balls in real scans, and tested on
+scanners that were left out. But for ``odd``: what a head that moves along a line in a turn adds to the third harmonic
+is as much as it moves the center from its mean place."""
+
+MEDIAN_SHARE = 0.69
+"""Median of a mean square of few normal values, as a share of its expectation (of two: ln 2)."""
+
+NEAR = 5
+"""So many markers of a cone beam, those nearest in height, tell what is usual at their height."""
+
+SCREW_PULL_MM, SCREW_PULL_WIDTH = 0.012, 0.004
+"""Standard error along a post that a screw holds, and of a ball that is metal itself: a constant, and a share of the
+slice profile's width. A screw weakens the beam more than in proportion, so that the post seems to reach elsewhere, and
+all markers of a scan err alike; 15 um were seen in thin slices, 20 in cone beams and 25 in 5 mm slices of one
+independent simulation, next to nothing in three others and in the phantoms here. Cells and focal spots of 1.4 mm make
+so much in another one: how wide they are no image tells."""
+
+POST_PULL_MM, POST_ASIDE = 0.005, 0.35
+"""The same where what holds the ball is no metal, and the share of it across that direction, as the head pulls, too."""
+
+STILL_PULLED, STILL_HARDENED = 0.5, 0.4
+"""Where what a head does to the image is made good (`hardened`), this share of these is stated, and the second share of
+how far the center was moved by it: of 2.5 to 20 um that were made good of plastic, glass and alumina in two independent
+simulations, 0.38 and 0.44 RMS are left."""
+
+NO_PULL: Final = np.zeros((3, 3))
+WITHIN: Final = np.diag([1.0, 1.0, 0.0])
+"""The directions within the slices, of u, v, w."""
+
+LAG_MM = 0.006
+"""Standard error within the slices where the blur is a flat panel's (`by_panel`): it keeps a part of what it saw
+before, which displaces all that turns past it in one sense, and bends it little. Nine simulated panels here moved all
+markers of a scan by 3 to 7 um, two of another simulator by 3.7 and 12.7; no image tells how much a panel lags."""
+
+HIDDEN_SHADING = 0.001
+"""Standard error, as a share of the radius, where clipping hides how the ball is shaded. The head hardens the beam on
+one side of it, and the larger it is, the more its two sides differ: 4 to 6 um were seen in balls of 8 mm, nothing in
+those of 3 mm."""
+
+UNUSUAL = 3.0
+"""A diameter is unlike the others' where it is off their median by so many of their own standard deviations, or larger
+than the smallest third by so many standard errors: it is told about as well as a center along one axis."""
+
+ASIDE, MOST_ASIDE = 0.5, 0.75
+"""A film that thins out towards the other side displaces a fitted center by the first share of what it adds to the
+diameter; one over half the ball, or a strip over one side, by the second. That is stated where no flag tells of it."""
+
+
+def center_covariance(
+    fit: BallFit, moved: Movement, pull_mm2: FloatArray = NO_PULL, excess_mm: float = 0.0
+) -> FloatArray:
+    """Covariance (3, 3) of the fitted center in LPS, mm^2: noise, model error and what may cover it.
+
+    ``moved`` is what `motion.movement` finds, ``pull_mm2`` (3, 3) what `pulled_mm2` states, ``excess_mm`` the fitted
+    minus the stated diameter.
+    """
+    total = sum((WEIGHTS[name] * source for name, source in sources(fit, moved).items()), np.zeros((3, 3)))
+    total += hidden_shading_mm2(fit) * np.eye(3)
+    total += UNEVEN**2 / 3.0 * fit.center_by_layer @ fit.center_by_layer.T
+    total += LAG_MM**2 * by_panel(fit.theta) * WITHIN
+    if fit.crossed_mm2 is not None:
+        total += fit.crossed_mm2
+    axes = fit.neighbourhood.axes
+    rotated: FloatArray = axes.T @ total @ axes
+    if is_off_size(excess_mm):
+        rotated += excess_mm**2 * by_excess(fit)
+    return (rotated + rotated.T) / 2.0 + pull_mm2
+
+
+def pulled_mm2(fit: BallFit, axis: FloatArray, *, is_metal: bool) -> FloatArray:
+    """Covariance (3, 3) in LPS, mm^2, by what holds a ball in the direction ``axis`` (3,) of `look.held_by`.
+
+    ``is_metal`` says whether that is metal, or may be the ball itself.
+    """
+    along = np.outer(axis, axis)
+    if is_metal:
+        pull_mm2: FloatArray = (SCREW_PULL_MM**2 + (SCREW_PULL_WIDTH * float(fit.theta[WIDTH])) ** 2) * along
+    else:
+        across = float(axis @ axis) * np.eye(3) - along
+        pull_mm2 = POST_PULL_MM**2 * (along + POST_ASIDE**2 * across)
+    if fit.made_good_mm is None:
+        return pull_mm2
+    left_mm = STILL_HARDENED * fit.made_good_mm
+    left: FloatArray = STILL_PULLED**2 * pull_mm2 + np.outer(left_mm, left_mm)
+    return left
+
+
+def sources(fit: BallFit, moved: Movement) -> dict[str, FloatArray]:
+    """What may move the center, by the names of `WEIGHTS`: covariances (3, 3) along u, v, w, in mm^2 or without a unit.
+
+    ``slices``: what each slice's residuals do to it; ``odd``: what bends its outline oddly; ``pole``: a profile whose
+    shape the few slices of a small ball do not tell, by the depth of the ball's pole in a slice; ``least``: what stays
+    in any scan.
+    """
+    depth_mm = float(fit.theta[WIDTH]) ** 2 / float(fit.theta[RADIUS])
+    return {
+        "slices": by_slices(fit),
+        "odd": np.diag(moved.odd_mm2),
+        "pole": np.diag([0.0, 0.0, depth_mm**2]),
+        "least": np.eye(3),
+    }
+
+
+def usual_odd_mm2(movements: Sequence[Movement], heights_mm: FloatArray | None = None) -> FloatArray | None:
+    """What is usual in a scan of `Movement.odd_mm2`, (M, 3); None where there are fewer than `LEAST_TOGETHER` markers.
+
+    Cone beams bend what stands higher or lower more: where ``heights_mm`` (M,) are given and those nearest show more,
+    that is usual there.
+    """
+    if len(movements) < LEAST_TOGETHER:
+        return None
+    odd_mm2 = np.array([moved.odd_mm2 for moved in movements])
+    usual_mm2 = np.tile(np.median(odd_mm2, axis=0) / MEDIAN_SHARE, (len(movements), 1))
+    if heights_mm is None:
+        return usual_mm2
+    nearest = np.argsort(np.abs(heights_mm[:, np.newaxis] - heights_mm), axis=1)[:, :NEAR]
+    most_mm2: FloatArray = np.maximum(usual_mm2, odd_mm2[nearest].mean(axis=1))
+    return most_mm2
+
+
+def with_usual(covariance_mm2: FloatArray, moved: Movement, usual_mm2: FloatArray, axes: FloatArray) -> FloatArray:
+    """Return the covariance (3, 3) with the mean of its own odd bending and the usual (3,) in place of its own.
+
+    Two to four amplitudes a marker tell little alone. ``axes`` (3, 3) are u, v, w in LPS.
+    """
+    change = WEIGHTS["odd"] * (usual_mm2 - moved.odd_mm2) / 2.0
+    pooled: FloatArray = covariance_mm2 + axes.T @ np.diag(change) @ axes
+    return pooled
+
+
+def with_usual_lag(covariance_mm2: FloatArray, theta: FloatArray, usual: float, axes: FloatArray) -> FloatArray:
+    """Return the covariance (3, 3) with what lag adds where the scan's markers are usually blurred by a panel.
+
+    ``usual`` is the median of `by_panel`. Slices that are thin beside the blur tell little of their profile's shape.
+    """
+    more = max(usual - by_panel(theta), 0.0)
+    added: FloatArray = covariance_mm2 + LAG_MM**2 * more * axes.T @ WITHIN @ axes
+    return added
+
+
+def hidden_shading_mm2(fit: BallFit) -> float:
+    """Variance (mm^2), in every direction, of a ball whose shading is hidden; 0 of others."""
+    return 0.0 if fit.is_shaded else (HIDDEN_SHADING * float(fit.theta[RADIUS])) ** 2
+
+
+def by_excess(fit: BallFit) -> FloatArray:
+    """Covariance (3, 3) in LPS for each mm^2 by which a diameter is off: something may lie on one side of the marker.
+
+    Where that is, is not known; and where something hides a side, a wrong size moves the center along it.
+    """
+    axes, toward = fit.neighbourhood.axes, fit.center_by_radius / 2.0
+    aside: FloatArray = axes.T @ (ASIDE**2 / 3.0 * np.eye(3) + np.outer(toward, toward)) @ axes
+    return aside
+
+
+def beyond_usual_mm(excesses_mm: FloatArray, errors_mm: FloatArray) -> FloatArray:
+    """By how much each diameter (M,) is off what the scan's markers have in common; 0 where that is no more than usual.
+
+    A scanner's kernel makes all of them alike, to a few micrometres in thin slices, so this tells a film that is too
+    thin to make a marker's diameter another than the stated one. What does make it so, is counted already. Films only
+    add: what is larger than the smallest third by more than ``errors_mm`` (M,) tell, the errors of the centers along
+    one axis, is not bare, however many there are of it. Where most are off the stated diameter, the others are not
+    believed either.
+    """
+    plain = np.abs(excesses_mm) <= SIZE_TOLERANCE_MM
+    if len(plain) >= LEAST_TOGETHER and 2 * np.count_nonzero(plain) <= len(plain):
+        return np.where(plain, excesses_mm, 0.0)
+    if np.count_nonzero(plain) < LEAST_TOGETHER:
+        return np.zeros(len(plain))
+    apart_mm = np.where(plain, excesses_mm - np.median(excesses_mm[plain]), 0.0)
+    usual_mm = UNUSUAL * robust_spread(apart_mm[plain])
+    apart_mm[np.abs(apart_mm) <= min(usual_mm, SIZE_TOLERANCE_MM)] = 0.0
+    bare = max((int(plain.sum()) - 1) // 3, 1)  # not the very smallest, which noise may have made so
+    larger_mm = np.where(plain, excesses_mm - np.sort(excesses_mm[plain])[bare], 0.0)
+    larger_mm[larger_mm <= UNUSUAL * np.median(errors_mm[plain])] = 0.0
+    return np.where(apart_mm == 0.0, larger_mm, apart_mm)
+
+
+def robust_spread(values: FloatArray) -> float:
+    """Standard deviation of ``values`` (N,) by their median absolute deviation: a minority does not disturb it."""
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+
+
+def cramer_rao_bound(fit: BallFit, noise_hu: float) -> FloatArray:
+    """Least covariance (3, 3) in LPS, mm^2, of any unbiased fit of this model to the whole ball's voxels.
+
+    For uncorrelated noise of ``noise_hu``, and as if nothing touched the ball (S. Kay, Fundamentals of
+    Statistical Signal Processing: Estimation Theory, 1993, section 3.9).
+    """
+    bound = inverse(fit.jacobian.T @ fit.jacobian / noise_hu**2)[:3, :3]
+    axes = fit.neighbourhood.axes
+    rotated: FloatArray = axes.T @ bound @ axes
+    return rotated
+
+
+def noise_level(fit: BallFit) -> float:
+    """Standard deviation of the noise (HU) where the ball and its surroundings are flat.
+
+    Robust to streaks (each direction's mean is taken off) and to air at the bottom of the scale (only the upper
+    half of the values counts); the quieter of inside and outside, for what disturbs only adds.
+    """
+    depth, blur = edge_depth(fit.neighbourhood.offsets_mm, fit.theta)
+    measured = fit.jacobian[:, BACKGROUND] != 0.0  # clipped voxels have no noise
+    flat = np.flatnonzero(fit.used & measured & (np.abs(depth) > 2.0 * blur))
+    cells = direction_cells(fit.neighbourhood.offsets_mm.take(flat, axis=0) - fit.theta[CENTER])
+    residuals_hu, is_outside = fit.residuals_hu.take(flat), depth.take(flat) > 0.0
+    levels = []
+    for zone in (~is_outside, is_outside):
+        if np.count_nonzero(zone) < MIN_FLAT_VOXELS:
+            continue
+        means = cell_means(residuals_hu, cells, zone)
+        left_over = (residuals_hu - means[cells])[zone]
+        middle = np.median(left_over)
+        spread = 1.4826 * float(np.median(left_over[left_over >= middle] - middle))
+        freedom = max(1.0 - np.count_nonzero(~np.isnan(means)) / len(left_over), MIN_FREEDOM)
+        levels.append(spread / float(np.sqrt(freedom)))
+    return max(min(levels, default=_rms(fit.residuals_hu[fit.used])), QUANTIZATION_NOISE_HU)
+
+
+def by_slices(fit: BallFit) -> FloatArray:
+    """Covariance (3, 3) along u, v, w from what each slice's residuals do to the center.
+
+    Slices of one tissue are not independent.
+    """
+    kept = np.flatnonzero(fit.used)
+    first = first_of_each(fit.neighbourhood.slices[kept])
+    told = fit.influence_mm_per_hu.take(kept, axis=0) * fit.residuals_hu.take(kept)[:, np.newaxis]
+    sums = np.add.reduceat(told, first, axis=0)
+    places_mm = fit.neighbourhood.offsets_mm[kept[first], W]
+    shared = shared_noise(
+        np.abs(places_mm[:, np.newaxis] - places_mm), float(fit.theta[WIDTH]), float(fit.theta[SHAPE])
+    )
+    apart = len(first) / float(shared.sum(axis=1).max(initial=1.0))
+    freedom = apart / max(apart - ADAPTED_SLICES, 0.5)  # a few slices are fitted more closely than they are true
+    covariance: FloatArray = freedom * sums.T @ shared @ sums
+    return covariance
+
+
+def shared_noise(distances_mm: FloatArray, width_mm: float, shape: float) -> FloatArray:
+    """How far slices that are ``distances_mm`` apart share their noise: the slice profile's autocorrelation.
+
+    A box's is Bartlett's triangle.
+    """
+    along = np.linspace(-1.0, 1.0, PROFILE_SAMPLES)
+    profile = (1.0 - along**2) ** shape
+    correlated = np.correlate(profile, profile, "full")[PROFILE_SAMPLES - 1 :]
+    halves = distances_mm / profile_half_mm(width_mm, shape)
+    shared: FloatArray = np.interp(halves, along + 1.0, correlated / correlated[0], right=0.0)
+    return shared
+
+
+def by_panel(theta: FloatArray) -> float:
+    """How much the blur is that of a flat panel, 0 to 1: no box along the slices' normal, and no wider than in them."""
+    across_mm = math.sqrt(float(theta[WIDTH]) ** 2 / 12.0 + LEAST_SPREAD_MM2)
+    return (min(float(theta[SHAPE]), 1.0) * min(float(theta[BLUR]) / across_mm, 1.0)) ** 4
+
+
+def _rms(values: FloatArray) -> float:
+    return max(float(np.sqrt(np.mean(values**2))), QUANTIZATION_NOISE_HU) if values.size else 1.0

@@ -1,0 +1,304 @@
+"""What a head does to the image of a ball that stands beside it, made good: hardened rays, and cells that add up.
+
+Rays that pass the head are hardened by it, and lose less to the ball then: the more the head takes of them, up to a
+share at which nothing is left to harden. So the ball's shadow is fainter in some directions than in others, which makes
+dark sides towards the head and away from it and bright ones across (J. Barrett and N. Keat, RadioGraphics 24:1679,
+2004). To a whole ball that is the same on either side; where a post hides one of them, it displaces the center of a
+dense ball by up to 30 um towards the head. By how much the ball is fainter is told by its own image.
+
+A detector's cell adds up what it receives before the logarithm is taken: that displaces each shadow towards where all
+else takes more, by its slope over the cell times the variance of what is added up. Within the slices no image tells
+that, but scanners hardly differ in it. Across them a cell is as high as its row, which may be the whole slice: where
+the scan's balls tell that it is, this was made good before (`scanner.summed`), else for a usual row.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from kernelcache import njit
+from ronnaplan.ct.volume import CTVolume
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.fit.algebra import inverse
+from ronnaplan.localization.fit.ball_fit import BallFit
+from ronnaplan.localization.fit.descent import residuals_and_jacobian
+from ronnaplan.localization.fit.model import has_layer
+from ronnaplan.localization.fit.neighbourhood import first_of_each
+from ronnaplan.localization.fit.parameters import BACKGROUND, BLUR, CENTER, RADIUS, WIDTH, U, V, W
+from ronnaplan.localization.fit.refine import refit
+from ronnaplan.localization.scanner.summed import (
+    AIR_HU,
+    ALIKE_VOXELS,
+    PADDING_HU,
+    WATER_PER_MM,
+    chord_losses,
+    kernel_passed,
+    profile_seen,
+    what_is_lost_hu,
+)
+
+HARDENED_PER_HU = 4e-5
+"""Standard deviation of the share by which a ball is fainter in hardened rays, for each HU of its contrast: 0.01 of
+plastic, 0.1 of silicon nitride and alumina and 0.13 of glass were seen, with 1,300, 3,500, 4,100 and 3,100 HU."""
+
+APERTURE_MM2 = 0.035
+"""Variance, at the center of rotation, of the rays that one cell adds up, within the slices: cells of 0.5 to 0.65 mm
+and focal spots of 0.5 to 1 mm, which are half as wide there, make 0.025 to 0.05."""
+
+ROW_MM2 = 0.05
+"""The same across the slices, or the profile's variance, where that is less: rows of 0.5 to 1.25 mm, which are as high
+there, make 0.02 to 0.13."""
+
+ROUNDS, CLOSE = 4, 0.01
+"""So many times at most what the head does is made good and the ball fitted anew: until the share changes by less than
+this, which displaces no center by more than 2 um."""
+
+LEAST_LOSS = 1.0
+"""Where no ray through the ball loses more than this to all else, some 50 mm of water, there is no head beside it."""
+
+VIEWS, STEP_MM, APART_MM = 45, 3.0, 0.75
+"""Directions in which all else is summed up, in these steps along rays that are so far apart."""
+
+VACUUM_HU = -1000.0
+"""Where Hounsfield's scale begins."""
+
+HEIGHTS = 0.5
+"""All else changes slowly from slice to slice: it is summed up at heights so many radii apart, straight in between."""
+
+CLEAR_BLURS = 1.5
+"""What is nearer to the ball's edge is its own blur."""
+
+FREQUENCIES = 160
+"""So many tell what the kernel passes."""
+
+
+class Head(Enum):
+    """What a head does to the image of a ball beside it: made good, but for what rows add up, or left as it is."""
+
+    MADE_GOOD = "made good"
+    BUT_ROWS = "but rows"
+    LEFT = "left"
+
+
+@dataclass(frozen=True)
+class Beside:
+    """What rays lose to all but a ball, (K, `VIEWS`, S), in slices at ``heights_mm`` (K,) from its center.
+
+    The rays of each view pass the ball's center at ``places_mm`` (S,).
+    """
+
+    heights_mm: FloatArray
+    places_mm: FloatArray
+    losses: FloatArray
+
+
+def without_the_head(volume: CTVolume, fit: BallFit, head: Head) -> BallFit:
+    """Return the fit of a ball with what the ``head`` does to its image made good; as it is, where that is not known.
+
+    That is so of balls whose contrast the scale's end hides, and of metal, hollow or wrapped ones: other things bend
+    their image, too. What is clipped has been looked for as if it were metal. The contrast does not slope then
+    (`ronnaplan.localization.fit.shading`), for why it does is given back.
+    """
+    if head is Head.LEFT or fit.may_be_metal or has_layer(fit.theta):
+        return fit
+    seen, before_mm, share = fit.neighbourhood, fit.center_mm, 0.0
+    beside = all_beside(volume, fit)
+    if beside.losses.max() < LEAST_LOSS:
+        return fit
+    rows_hu = rows_lost_hu(volume, fit) if head is Head.MADE_GOOD else np.zeros(len(seen.values_hu))
+    for _ in range(ROUNDS):
+        hardened_hu, pulled_hu = pictures_hu(beside, fit)
+        before, share = share, _share(fit, hardened_hu, share)
+        whole_hu = rows_hu - share * hardened_hu - APERTURE_MM2 * pulled_hu
+        again = refit(fit, seen.given_back(whole_hu, fit.ceiling_hu))
+        if not again.converged:
+            break
+        fit = replace(again, made_good_mm=again.center_mm - before_mm)
+        if abs(share - before) < CLOSE:
+            break
+    return fit
+
+
+def rows_lost_hu(volume: CTVolume, fit: BallFit) -> FloatArray:
+    """HU (N,) by which the voxels of a ball's fit are darker as each row of the detector adds up over its height."""
+    share = min(ROW_MM2 / (float(fit.theta[WIDTH]) ** 2 / 12.0), 1.0)
+    return share * what_is_lost_hu(volume, fit)
+
+
+def _share(fit: BallFit, hardened_hu: FloatArray, before: float) -> float:
+    """Return by which share the ball is brighter in hardened rays, below zero, where ``before`` is made good.
+
+    It is a random effect: it is believed as far as it stands out from the residuals.
+    """
+    residuals_hu, jacobian = residuals_and_jacobian(
+        fit.neighbourhood, fit.theta, fit.prior.layer_mm, fit.ceiling_hu
+    )
+    is_measured = jacobian[:, BACKGROUND] != 0.0  # where the scale has ended nothing is
+    informed = np.column_stack([jacobian[fit.used], (hardened_hu * is_measured)[fit.used]])
+    rest_hu = residuals_hu[fit.used]
+    covariance = inverse(informed.T @ informed + np.diag([*fit.prior.weight, 0.0]))
+    free = float((covariance @ (informed.T @ rest_hu))[-1])
+    variance = ALIKE_VOXELS * float(np.mean(rest_hu**2)) * float(covariance[-1, -1])
+    believed = 1.0 / (1.0 + variance / (HARDENED_PER_HU * fit.contrast_hu) ** 2)
+    return believed * (before + free)
+
+
+def all_beside(volume: CTVolume, fit: BallFit) -> Beside:
+    """Sum up what rays through a ball lose to all else, in the picture, at some of the heights that show it.
+
+    What surrounds the ball is taken for air, if it is nearer to air than to water: the scales of cone beams begin
+    elsewhere.
+    """
+    grid, radius_mm = volume.grid, float(fit.theta[RADIUS])
+    above_mm = grid.slice_positions_mm - fit.center_mm @ grid.normal
+    wanted_mm = np.arange(-radius_mm, radius_mm + 1e-9, HEIGHTS * radius_mm)
+    numbers = np.unique(np.abs(above_mm - wanted_mm[:, np.newaxis]).argmin(axis=1))
+    clear_mm = radius_mm + CLEAR_BLURS * float(fit.theta[BLUR])
+    places_mm = np.arange(-radius_mm - APART_MM, radius_mm + 2.0 * APART_MM, APART_MM)
+    steps_mm = np.array([grid.column_spacing_mm, grid.row_spacing_mm])
+    padding_hu = np.nan if volume.padding_hu is None else float(volume.padding_hu)
+    around_hu = float(fit.theta[BACKGROUND])
+    air_hu = around_hu if around_hu < 0.5 * VACUUM_HU else VACUUM_HU
+    losses = np.zeros((len(numbers), VIEWS, len(places_mm)))
+    for n, number in enumerate(numbers):
+        corner_mm = grid.axes[:2] @ (grid.origins_mm[number] - fit.center_mm)
+        _sum_up(volume.voxels_hu[number], corner_mm, steps_mm, air_hu, padding_hu, clear_mm, places_mm, losses[n])
+    return Beside(above_mm[numbers], places_mm, losses)
+
+
+def pictures_hu(beside: Beside, fit: BallFit) -> tuple[FloatArray, FloatArray]:
+    """Return what the two effects do to the voxels (N,) of a fit.
+
+    The first is that of hardened rays, in HU for a share of 1, the second that of cells that add up rays, in HU for
+    each mm^2 of the variance of these.
+    """
+    theta, around = fit.theta, fit.neighbourhood
+    offsets_mm = around.offsets_mm - theta[CENTER]
+    step_mm = max(0.5 * float(theta[BLUR]), float(theta[RADIUS]) / 64.0)
+    farthest_mm = float(np.hypot(offsets_mm[:, U], offsets_mm[:, V]).max()) + step_mm
+    across_mm = np.arange(-theta[RADIUS] - step_mm, theta[RADIUS] + 2.0 * step_mm, step_mm)
+    places_mm = np.arange(-farthest_mm, farthest_mm + 2.0 * step_mm, step_mm)
+    faded, slopes = _effects(beside, across_mm, step_mm)
+
+    first = first_of_each(around.slices)
+    heights_mm = offsets_mm[first, W]
+    chords = _chords(theta, heights_mm, across_mm)
+    faded, slopes = (_between(effect, beside.heights_mm, heights_mm, axis=0) for effect in (faded, slopes))
+    shadows = np.stack([chords[:, np.newaxis] * faded, -_slopes(chords, step_mm)[:, np.newaxis] * slopes])
+    filtered = np.moveaxis(shadows @ _kernel(theta, places_mm, across_mm).T, 0, -1)
+    numbers = np.searchsorted(around.slices[first], around.slices)
+    pictures = _back_projected(offsets_mm, numbers, np.ascontiguousarray(filtered), places_mm)
+    pictures *= 1000.0 / WATER_PER_MM * math.pi / VIEWS
+    return pictures[0], pictures[1]
+
+
+def _effects(beside: Beside, across_mm: FloatArray, step_mm: float) -> tuple[FloatArray, FloatArray]:
+    """How far rays (K, `VIEWS`, S) are hardened, as a share of the most, and the slopes of what they lose, 1/mm."""
+    lost = _between(beside.losses, beside.places_mm, across_mm, axis=2)
+    return 1.0 - np.exp(-lost), _slopes(lost, step_mm)
+
+
+def _between(values: FloatArray, known: FloatArray, wanted: FloatArray, axis: int) -> FloatArray:
+    """Return ``values``, which are ``known`` at places along an axis, at the ``wanted`` ones, straight in between."""
+    at = np.interp(wanted, known, np.arange(len(known)))
+    below = at.astype(np.intp)
+    first, second = values.take(below, axis), values.take(np.minimum(below + 1, len(known) - 1), axis)
+    told: FloatArray = first + (at - below).reshape(-1, *[1] * (values.ndim - 1 - axis)) * (second - first)
+    return told
+
+
+def _chords(theta: FloatArray, heights_mm: FloatArray, across_mm: FloatArray) -> FloatArray:
+    """What rays across slices at these heights (K,) from the ball's center lose to it, (K, S)."""
+    within_mm, weights = profile_seen(theta)
+    above_mm = heights_mm[:, np.newaxis, np.newaxis] + within_mm
+    losses: FloatArray = chord_losses(theta, across_mm[:, np.newaxis], above_mm) @ weights
+    return losses
+
+
+def _kernel(theta: FloatArray, places_mm: FloatArray, across_mm: FloatArray) -> FloatArray:
+    """What filtered back-projection makes (T, S) of rays at ``across_mm`` (S,) in places (T,), 1/mm.
+
+    Both are evenly spaced alike; the blur and the edge are those that were fitted.
+    """
+    frequencies, passed = kernel_passed(theta, FREQUENCIES)
+    step_per_mm, step_mm, count = 2.0 * frequencies[0], across_mm[1] - across_mm[0], len(across_mm)
+    apart_mm = places_mm[0] - across_mm[-1] + step_mm * np.arange(len(places_mm) + count - 1)
+    told = np.cos(2.0 * np.pi * np.outer(apart_mm, frequencies)) @ (frequencies * passed) * 2.0 * step_per_mm
+    response: FloatArray = sliding_window_view(told, count)[:, ::-1] * step_mm
+    return response
+
+
+def _slopes(values: FloatArray, step_mm: float) -> FloatArray:
+    slopes: FloatArray = np.gradient(values, step_mm, axis=-1)
+    return slopes
+
+
+@njit(cache=True, nogil=True)
+def _sum_up(
+    picture: FloatArray,
+    corner: FloatArray,
+    steps: FloatArray,
+    air: float,
+    padding: float,
+    clear: float,
+    places: FloatArray,
+    losses: FloatArray,
+) -> None:
+    """Fill ``losses`` (`VIEWS`, S) with what rays lose to a slice's ``picture`` beyond ``clear`` mm from the ball.
+
+    The ``corner`` is the place of the first pixel from the ball's center, and ``steps`` are between pixels.
+    """
+    rows, columns = picture.shape
+    for view in range(VIEWS):
+        angle = (view + 0.5) * math.pi / VIEWS
+        across_u, across_v = math.cos(angle), math.sin(angle)
+        for s in range(len(places)):
+            column = (places[s] * across_u - corner[0]) / steps[0] + 0.5
+            row = (places[s] * across_v - corner[1]) / steps[1] + 0.5
+            by_column, by_row = -across_v * STEP_MM / steps[0], across_u * STEP_MM / steps[1]
+            least, most = -1e9, 1e9
+            for start, step, end in ((column, by_column, columns), (row, by_row, rows)):
+                if abs(step) < 1e-9:
+                    if start < 0.0 or start >= end:
+                        most = least
+                    continue
+                one, other = -start / step, (end - start) / step
+                least, most = max(least, min(one, other)), min(most, max(one, other))
+            total, square = 0.0, clear * clear - places[s] * places[s]
+            for n in range(math.ceil(least), math.floor(most) + 1):
+                if n * n * STEP_MM * STEP_MM <= square:
+                    continue
+                i, j = int(column + n * by_column), int(row + n * by_row)
+                if 0 <= i < columns and 0 <= j < rows:
+                    value = picture[j, i]
+                    if value - air > AIR_HU - VACUUM_HU and value < PADDING_HU and value != padding:
+                        total += value - air
+            losses[view, s] = total * STEP_MM * WATER_PER_MM / 1000.0
+
+
+@njit(cache=True, nogil=True)
+def _back_projected(
+    offsets: FloatArray, numbers: NDArray[np.intp], filtered: FloatArray, places: FloatArray
+) -> FloatArray:
+    """Sum over the views (2, N) of ``filtered`` (K, `VIEWS`, T, 2), known at ``places`` (T,), at ``offsets`` (N, 3).
+
+    Each lies in the slice of its number (N,).
+    """
+    pictures = np.zeros((2, len(offsets)))
+    per_step = 1.0 / (places[1] - places[0])
+    for view in range(VIEWS):
+        angle = (view + 0.5) * math.pi / VIEWS
+        across_u, across_v = math.cos(angle), math.sin(angle)
+        for n in range(len(offsets)):
+            at = (offsets[n, U] * across_u + offsets[n, V] * across_v - places[0]) * per_step
+            low = int(at)
+            share, of_view = at - low, filtered[numbers[n], view]
+            for b in range(2):
+                pictures[b, n] += (1.0 - share) * of_view[low, b] + share * of_view[low + 1, b]
+    return pictures

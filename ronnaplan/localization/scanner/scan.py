@@ -1,0 +1,105 @@
+"""A scan as the fits of its markers need it: a volume, and what is known of its slices and of its scale's end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from ronnaplan.ct.volume import CTVolume, VolumeFlag
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.fit.neighbourhood import axes_along
+from ronnaplan.localization.scanner.beat import noise_beats
+from ronnaplan.localization.scanner.ceiling import scale_end_hu
+from ronnaplan.localization.scanner.summed import UNTOLD, Summed
+
+BROADENING = 1.5
+"""Slice profiles are broader than nominal by up to this factor."""
+
+
+@dataclass(frozen=True)
+class Slant:
+    """The profile of slices that others were computed from obliquely.
+
+    The unit vector ``axis`` (3,) in LPS along which it blurs, and how wide it is.
+    """
+
+    axis: FloatArray
+    width_mm: float
+
+
+class Scan:
+    """A volume with the facts about it that every fit needs; what is made of a ``whole`` scan has its scale's end."""
+
+    def __init__(
+        self, volume: CTVolume, slant: Slant | None = None, whole: Scan | None = None, summed: Summed = UNTOLD
+    ) -> None:
+        self.volume = volume
+        self.slant = slant
+        self.summed = summed
+        self._whole = whole
+
+    @cached_property
+    def axes(self) -> FloatArray:
+        """Unit vectors u, v and w (3, 3) in LPS: along w the slices' profile blurs, across it the kernel."""
+        return axes_along(self.volume.grid.axes, self.profile_axis)
+
+    @property
+    def profile_axis(self) -> FloatArray | None:
+        """Unit vector (3,) in LPS along which the slices' profile blurs; None where that is their normal."""
+        return None if self.slant is None else self.slant.axis
+
+    def thickness_mm(self, centers_mm: FloatArray) -> FloatArray:
+        """Nominal thickness (...) of the slices at ``centers_mm`` (..., 3).
+
+        That is their gap, or the neighbouring gap where that is wider, or what the file says where it says more: tags
+        often hold the pixel's size instead.
+        """
+        grid = self.volume.grid
+        stated_mm = self._stated_mm
+        if not grid.spacings_mm.size:
+            return np.full(centers_mm.shape[:-1], stated_mm or grid.row_spacing_mm)
+        gaps_mm = self._wide_gaps_mm
+        above = np.searchsorted(grid.slice_positions_mm, centers_mm @ grid.normal)
+        thickness_mm: FloatArray = np.maximum(gaps_mm[np.clip(above - 1, 0, len(gaps_mm) - 1)], stated_mm)
+        return thickness_mm
+
+    @cached_property
+    def _wide_gaps_mm(self) -> FloatArray:
+        """The widest of each gap (K - 1,) and its neighbours."""
+        padded_mm = np.pad(self.volume.grid.spacings_mm, 1, mode="edge")
+        widest_mm: FloatArray = sliding_window_view(padded_mm, 3).max(axis=1)
+        return widest_mm
+
+    @property
+    def widest_mm(self) -> float:
+        """Width of the slice profile that a fit must be able to see."""
+        return BROADENING * max(self._stated_mm, self.gap_mm, self.volume.grid.row_spacing_mm)
+
+    @property
+    def _stated_mm(self) -> float:
+        """How thick the slices are said to be, or were that they were computed from; 0 where nobody knows."""
+        return max(self.volume.grid.thickness_mm or 0.0, 0.0 if self.slant is None else self.slant.width_mm)
+
+    @cached_property
+    def gap_mm(self) -> float:
+        """Widest distance between neighbouring slices."""
+        return float(self.volume.grid.spacings_mm.max(initial=0.0))
+
+    @cached_property
+    def is_computed(self) -> bool:
+        """Whether its slices were computed from others, of which none is left."""
+        return noise_beats(self.volume) if self._whole is None else self._whole.is_computed
+
+    @property
+    def flags(self) -> tuple[VolumeFlag, ...]:
+        """Reasons to doubt the volume."""
+        told = [VolumeFlag.REFORMATTED] if self.is_computed or self.slant is not None else []
+        return tuple(dict.fromkeys([*self.volume.flags, *told]))
+
+    @cached_property
+    def ceiling_hu(self) -> float:
+        """Value at which the scan clips, or infinity where its brightest voxels are not clipped."""
+        return scale_end_hu(self.volume.voxels_hu) if self._whole is None else self._whole.ceiling_hu

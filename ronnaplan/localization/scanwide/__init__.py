@@ -1,0 +1,1 @@
+"""What the balls of a scan say together of it, and of each other."""

@@ -1,0 +1,303 @@
+"""What a scan's markers say together: misfit, slice profile, bending and size that are usual in it.
+
+What all of them show is the scanner's and says nothing against one of them; what one alone shows is its own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.build import Build
+from ronnaplan.localization.examine import Examined, distinct, examine_place
+from ronnaplan.localization.fit.parameters import BLUR, EDGE, WIDTH, W, edge_variance_mm2
+from ronnaplan.localization.judge.accept import Usual
+from ronnaplan.localization.judge.motion import LEAST_TOGETHER, suspected
+from ronnaplan.localization.judge.uncertainty import (
+    ASIDE,
+    MOST_ASIDE,
+    beyond_usual_mm,
+    by_panel,
+    robust_spread,
+    usual_odd_mm2,
+    with_usual,
+    with_usual_lag,
+)
+from ronnaplan.localization.parts import single_threaded_algebra
+from ronnaplan.localization.scanner.beat import DISPLACED_SHARE
+from ronnaplan.localization.scanner.scan import Scan
+from ronnaplan.localization.scanner.summed import slope_beside_per_mm
+from ronnaplan.localization.scanwide.smear import are_smeared
+
+ALIKE_MM = 0.75
+ALIKE_SHARE = 0.6
+"""Markers of one scan show the same slice profile, to within this or this share of its width."""
+
+BLURRED_MM2 = 0.25
+"""Nor is the variance of an edge's blur larger than theirs at the median by more than this: one kernel makes all. Of
+600 balls in 87 scans none is by 0.12, and a head that jumps by 1 mm adds so much along the jump at most."""
+
+OVAL_SHARE, OVALS = 0.04, 2.0
+"""Within the slices a marker's semi-axes differ by no more than the first share and so many times what they do at the
+median: by 0.013 in 200 balls of 40 kinds of axial scans, also where the head jumped, for slices that lie aside shear a
+ball but leave each cut round; by 0.06 in cone beams where 0.04 is usual. Eggs of 0.9 differ by 0.1, less the square of
+the cosine between their axis and the slices' normal."""
+
+LOWEST_CUTOFF_PER_MM = 0.6
+"""No kernel passes nothing above so low a frequency: the softest of scanners end at 0.7 / mm. What is wrapped around
+balls, fainter than they are, makes two steps of their edges, which together pass nothing at 0.35 to 0.55 / mm."""
+
+SCATTERED_MM, SCATTERED_MM2, RAGGED = 0.03, 0.025, 0.02
+"""Bare balls of one stated size do not exceed all of these in any scan: a standard deviation of their diameters, a
+robust one of the variance of their edges' blur, and the usual misfit. Balls made to a tolerance and balls under film
+differ in size (by 0.1 mm) but not in blur (0.01 mm^2); kernels that are far from the model's are fitted now one way,
+now the other (0.04 mm^2), but closely (0.01). What lies on them in lumps does all (0.04 to 0.2 mm and mm^2, 0.03)."""
+
+OF_THE_SURFACE = {"coverage", "informed", "roundness"}
+"""Tests that streaks of metal and of few views spoil in a whole scan, as in cone beams of a short turn."""
+
+OF_THE_PROFILE = {"thickness"}
+"""The test that a scan fails whose slices were computed from thicker ones, if its header does not say so."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """The balls of a scan, which tell what is usual at any height, and how much wider than nominal profiles may be."""
+
+    balls: Sequence[Examined]
+    broadening_mm: float = 0.0
+
+    def near(self, one: Examined, normal: FloatArray) -> Usual:
+        """Return what is usual about one place: misfit and size of those that are nearest along the ``normal``.
+
+        Cone beams make edges the more ragged the farther these are from the plane of the source, metal in its slices.
+        """
+        nearest = sorted(self.balls, key=lambda ball: abs(float((ball.center_mm - one.center_mm) @ normal)))
+        nearest = nearest[:LEAST_TOGETHER]
+        return Usual(_usual_misfit(nearest), self.broadening_mm, _usual_diameter_mm(nearest, one.stated_mm))
+
+
+def usual_of(examined: Sequence[Examined]) -> Shown:
+    """Return what is usual in a scan; nothing where too few balls tell.
+
+    Balls whose slice profile alone is too wide for the header tell, too, where all balls of the scan show the same.
+    """
+    markers = [one for one in examined if one.is_marker]
+    balls = distinct(one for one in examined if one.failed <= OF_THE_PROFILE)
+    if len(balls) >= LEAST_TOGETHER and not all(one.is_marker for one in balls):
+        broadening_mm, off = _broadening_mm(balls)
+        same = [one for one, is_off in zip(balls, off, strict=True) if not is_off]
+        is_the_scans = not any(one.is_marker and is_off for one, is_off in zip(balls, off, strict=True))
+        if len(same) >= LEAST_TOGETHER and is_the_scans:
+            return Shown(same, broadening_mm + ALIKE_MM)
+    return Shown(markers)
+
+
+def by_the_usual(parts: Sequence[tuple[Scan, Sequence[Examined]]], build: Build) -> list[list[Examined]]:
+    """Judge once more what was turned down for what is usual in a scan alone, by what all ``parts`` of it show.
+
+    What is found so shows what is usual, too, where nothing was found before: a cone beam's edges are the more ragged
+    the lower a ball is. So all is asked again while more is found.
+    """
+    judged, found = [list(examined) for _, examined in parts], -1
+    with single_threaded_algebra():
+        while (markers := sum(one.is_marker for part in judged for one in part)) > found:
+            found, shown = markers, usual_of([one for part in judged for one in part])
+            judged = [
+                [judged_again(scan, one, build, shown) for one in part]
+                for (scan, _), part in zip(parts, judged, strict=True)
+            ]
+    return judged
+
+
+def judged_again(scan: Scan, one: Examined, build: Build, shown: Shown) -> Examined:
+    """Judge one place by what is usual about it, if it was turned down for nothing else."""
+    if not one.failures or not one.failed <= OF_THE_SURFACE | OF_THE_PROFILE:
+        return one
+    usual = shown.near(one, scan.volume.grid.normal)
+    excused = (OF_THE_SURFACE if usual.misfit > 0.0 else set()) | (
+        OF_THE_PROFILE if usual.broadening_mm > 0.0 else set()
+    )
+    return examine_place(scan, one.candidate_mm, one.stated_mm, build, usual) if one.failed <= excused else one
+
+
+def _usual_misfit(balls: Sequence[Examined]) -> float:
+    """Return the misfit (share of the contrast) that a scan's balls have; 0 where too few tell."""
+    return float(np.median([one.misfit for one in balls])) if len(balls) >= LEAST_TOGETHER else 0.0
+
+
+def _usual_diameter_mm(balls: Sequence[Examined], stated_mm: float) -> float:
+    """Return the diameter as which a scan's balls of the stated one are fitted; NaN where too few tell."""
+    fitted_mm = [one.diameter_mm for one in balls if one.stated_mm == stated_mm and not one.is_clipped]
+    return float(np.median(fitted_mm)) if len(fitted_mm) >= LEAST_TOGETHER else math.nan
+
+
+def _broadening_mm(balls: Sequence[Examined]) -> tuple[float, NDArray[np.bool_]]:
+    """By how much the balls' slice profiles usually are wider than nominal, and which are unlike the others' (N,)."""
+    nominal = np.array([one.thickness_mm for one in balls])  # not everywhere the same where gaps stand for it
+    broadenings = np.array([one.parameters[WIDTH] for one in balls]) - nominal
+    usual = float(np.median(broadenings))
+    return usual, np.abs(broadenings - usual) > np.maximum(ALIKE_MM, ALIKE_SHARE * (nominal + usual))
+
+
+def alike(accepted: Sequence[Examined]) -> list[Examined]:
+    """Turn down what one scanner cannot have shown: a profile, or a softer edge, than the scan's other markers have.
+
+    One alone may be anything; of two nobody knows which is right.
+    """
+    if len(accepted) < LEAST_TOGETHER:
+        return list(accepted)
+    broadening_mm, off = _broadening_mm(accepted)
+    judged = [_unlike(one, broadening_mm) if is_off else one for one, is_off in zip(accepted, off, strict=True)]
+    return _as_round(_as_sharp(judged))
+
+
+def usual_profiles_mm(markers: Sequence[Examined]) -> list[float]:
+    """Return for each marker how wide the slices' profile is (full width at half maximum).
+
+    Of one scanner that is what the markers show at the median; where too few tell, each tells for itself.
+    """
+    shown_mm = [one.profile_mm for one in markers]
+    return len(shown_mm) * [float(np.median(shown_mm))] if len(shown_mm) >= LEAST_TOGETHER else shown_mm
+
+
+def _unlike(one: Examined, broadening_mm: float) -> Examined:
+    width_mm, others_mm = one.parameters[WIDTH], one.thickness_mm + broadening_mm
+    reason = f"its ends are blurred over {width_mm:.1f} mm, the others' over {others_mm:.1f} mm"
+    return replace(one, failures=(("alike", reason),))
+
+
+def _as_sharp(judged: Sequence[Examined]) -> list[Examined]:
+    """Turn down what has a softer edge than the others; where metal is clipped, its contrast hides its blur."""
+    tells = [one.is_marker and not one.is_clipped for one in judged]
+    if sum(tells) < LEAST_TOGETHER:
+        return list(judged)
+    blurs_mm2 = np.array([edge_variance_mm2(one.parameters) for one in judged])
+    soft = tells & (blurs_mm2 > np.median(blurs_mm2[tells]) + BLURRED_MM2)
+    failed = (("alike", f"its edge is softer than the others' by more than {BLURRED_MM2:g} mm^2 of variance"),)
+    return [replace(one, failures=failed) if is_soft else one for one, is_soft in zip(judged, soft, strict=True)]
+
+
+def _as_round(judged: Sequence[Examined]) -> list[Examined]:
+    """Turn down what is more oval within the slices than the others; what lies on a ball makes it oval, too."""
+    ovals = np.array([_oval(one) if one.is_marker and not one.is_covered else math.nan for one in judged])
+    if np.isfinite(ovals).sum() < LEAST_TOGETHER:
+        return list(judged)
+    usual = float(np.nanmedian(ovals))
+    return [
+        replace(
+            one, failures=(("alike", f"it is oval by {oval:.1%} within the slices, the others by {usual:.1%}"),)
+        )
+        if oval > OVALS * usual + OVAL_SHARE
+        else one
+        for one, oval in zip(judged, ovals, strict=True)
+    ]
+
+
+def _oval(one: Examined) -> float:
+    """By which share the semi-axes of a marker differ within the slices; NaN where its shape is not told."""
+    least, most = np.linalg.eigvalsh(one.shape[:2, :2]) if np.isfinite(one.shape).all() else (math.nan, math.nan)
+    return 0.5 * math.log(most / least) if least > 0.0 else math.nan
+
+
+def moved(scan: Scan, markers: Sequence[Examined]) -> list[bool]:
+    """Whether each marker of a scan is suspected to have moved while it was made."""
+    in_cubes = scan.volume.grid.is_in_cubes
+    movements = [one.movement for one in markers if one.movement is not None]
+    smeared = in_cubes and are_smeared(
+        np.array([scan.axes @ one.center_mm for one in markers]).reshape(-1, 3),
+        np.array([scan.axes @ one.blur_mm2 @ scan.axes.T for one in markers]).reshape(-1, 3, 3),
+    )
+    return [smeared or one for one in suspected(movements, in_cubes=in_cubes)]
+
+
+def together(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
+    """Let each marker's covariance count what is usual in the scan, and doubt all where something lies on all."""
+    markers = _computed(scan, _summed(scan, _uneven(_wrapped(markers))))
+    movements = [one.movement for one in markers if one.movement is not None]
+    grid = scan.volume.grid
+    heights_mm = np.array([one.center_mm @ grid.normal for one in markers]) if grid.is_in_cubes else None
+    usual_mm2, axes = usual_odd_mm2(movements, heights_mm), scan.axes
+    if usual_mm2 is None:
+        return markers
+    panel = float(np.median([by_panel(one.parameters) for one in markers]))
+    counted = []
+    beyond_mm2 = (MOST_ASIDE / ASIDE * _beyond_usual_mm(markers)) ** 2
+    for one, moved, usual, beyond in zip(markers, movements, usual_mm2, beyond_mm2, strict=True):
+        covariance_mm2 = with_usual_lag(one.covariance_mm2, one.parameters, panel, axes)
+        covariance_mm2 = with_usual(covariance_mm2, moved, usual, axes) + beyond * one.by_excess
+        counted.append(replace(one, covariance_mm2=covariance_mm2))
+    return counted
+
+
+def _summed(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
+    """State what is left of what summing rays before the logarithm may do."""
+    along_mm2 = np.outer(scan.axes[W], scan.axes[W])
+    stated = []
+    for one in markers:
+        slope_per_mm = slope_beside_per_mm(scan.volume, one.center_mm, one.diameter_mm / 2.0)
+        error_mm = scan.summed.error_mm(float(one.parameters[WIDTH]), slope_per_mm)
+        stated.append(replace(one, covariance_mm2=one.covariance_mm2 + error_mm**2 * along_mm2))
+    return stated
+
+
+def _computed(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
+    """State what slices do that were computed from others at another distance."""
+    if not scan.is_computed:
+        return list(markers)
+    error_mm2 = (DISPLACED_SHARE * scan.gap_mm) ** 2 * np.outer(scan.axes[W], scan.axes[W])
+    return [replace(one, covariance_mm2=one.covariance_mm2 + error_mm2) for one in markers]
+
+
+def _wrapped(markers: Sequence[Examined]) -> list[Examined]:
+    """Doubt all markers of a scan whose usual edge is no kernel's."""
+    cutoffs_per_mm = [cutoff_per_mm(float(one.parameters[BLUR]), float(one.parameters[EDGE])) for one in markers]
+    is_no_kernel = bool(markers) and float(np.median(cutoffs_per_mm)) < LOWEST_CUTOFF_PER_MM
+    return [replace(one, is_covered=one.is_covered or is_no_kernel) for one in markers]
+
+
+def _uneven(markers: Sequence[Examined]) -> list[Examined]:
+    """Doubt all markers of one stated size that differ in size and in blur and are no close spheres: they are covered.
+
+    By how much that moves a center is not told by the marker's own diameter then, but by how far theirs scatter.
+    """
+    doubted = list(markers)
+    for stated_mm in {one.stated_mm for one in markers}:
+        places = [n for n, one in enumerate(markers) if one.stated_mm == stated_mm and not one.is_clipped]
+        if len(places) < LEAST_TOGETHER:
+            continue
+        scatter_mm = float(np.std([markers[n].excess_mm for n in places]))
+        scatter_mm2 = robust_spread(np.array([edge_variance_mm2(markers[n].parameters) for n in places]))
+        ragged = _usual_misfit([markers[n] for n in places])
+        if scatter_mm <= SCATTERED_MM or scatter_mm2 <= SCATTERED_MM2 or ragged <= RAGGED:
+            continue
+        for n in places:
+            covariance_mm2 = markers[n].covariance_mm2 + scatter_mm**2 * markers[n].by_excess
+            doubted[n] = replace(markers[n], is_covered=True, covariance_mm2=covariance_mm2)
+    return doubted
+
+
+def cutoff_per_mm(blur_mm: float, edge: float) -> float:
+    """Return the frequency at which a kernel's transfer function, 1 + edge (2 pi f blur)^2 of a Gaussian's, is zero.
+
+    Infinite where it never is. A kernel that falls more steeply than a Gaussian is fitted as well with an ``edge``
+    below zero as with one above, so that the edge alone says nothing.
+    """
+    return 1.0 / (2.0 * math.pi * blur_mm * math.sqrt(-edge)) if edge < 0.0 else math.inf
+
+
+def _beyond_usual_mm(markers: Sequence[Examined]) -> FloatArray:
+    """By how much each marker's diameter (M,) is off what those of its stated one have in common."""
+    beyond_mm = np.zeros(len(markers))
+    stated_mm = np.array([math.nan if one.is_clipped else one.stated_mm for one in markers])
+    excesses_mm = np.array([one.excess_mm for one in markers])
+    errors_mm = np.sqrt([np.trace(one.covariance_mm2) / 3.0 for one in markers])
+    for diameter in set(stated_mm[np.isfinite(stated_mm)]):
+        alike = stated_mm == diameter
+        beyond_mm[alike] = beyond_usual_mm(excesses_mm[alike], errors_mm[alike])
+    return beyond_mm

@@ -1,0 +1,1 @@
+"""Where balls may be: seen in coarse copies and nearest voxels, before any is fitted."""

@@ -1,0 +1,135 @@
+"""Where a ball of the given size may be: edges of a coarse copy of the scan vote for centers.
+
+A voxel on the surface of a bright ball has a gradient that points at the ball's center, one radius away. Every
+edge voxel therefore votes for the point one radius up its gradient (the spherical Hough transform by gradient
+direction, after Kimme, Ballard & Sklansky, Comm. ACM 18:120, 1975); a ball collects the votes of its whole
+surface in one place, whatever its contrast and whatever touches it. Gradients are taken between the voxels' true
+places, so tilted and uneven slices vote as straight as any.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kernelcache import njit
+from ronnaplan.ct.grid import SliceGrid
+from ronnaplan.ct.volume import CTVolume
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.parts import in_parts
+from ronnaplan.localization.search.coarse import COARSE_SHARE, averaged, blocks, coarse_grid, coarse_voxel_mm
+from ronnaplan.localization.search.votes import Ballot, Candidates, Edges
+
+MIN_CONTRAST_HU = 300.0
+"""Faintest ball that is looked for, against its surroundings (plastic in air shows about 1,100 HU)."""
+
+SLAB_SLICES = 32
+"""So many slices of the coarse copy vote at a time; there never is more of it."""
+
+ALMOST = 0.999
+"""Gradients are first taken in single precision, which tells all but those within this of the threshold."""
+
+
+def detect(volume: CTVolume, diameter_mm: float, coarse_share: float = COARSE_SHARE) -> Candidates:
+    """Find the places where the scan's edges agree on a ball of ``diameter_mm``.
+
+    They are looked for in a copy whose voxels are at most ``coarse_share`` of it, of which there is only a part at a
+    time.
+    """
+    by = blocks(volume, coarse_voxel_mm(diameter_mm, coarse_share))
+    grid = coarse_grid(volume, by)
+    return _search(grid, lambda first, end: averaged(volume, by, first, end), (diameter_mm,))[0]
+
+
+def detect_in(coarse: CTVolume, diameters_mm: Sequence[float]) -> list[Candidates]:
+    """Find, for each of ``diameters_mm``, the places where the edges of a ``coarse`` copy agree on a ball."""
+    voxels_hu = coarse.voxels_hu.astype(np.int16, copy=False)
+    return _search(coarse.grid, lambda first, end: voxels_hu[first:end], diameters_mm)
+
+
+def _search(
+    grid: SliceGrid, slab: Callable[[int, int], NDArray[np.int16]], diameters_mm: Sequence[float]
+) -> list[Candidates]:
+    """Find balls in a copy on ``grid``, of which ``slab`` gives the slices from the first to before the end.
+
+    Its edges are looked for once, and vote for each of the diameters.
+    """
+    axes = grid.axes
+    origins = grid.origins_mm @ axes.T
+    steps = np.array([grid.column_spacing_mm, grid.row_spacing_mm])
+    rows, columns = slab(0, 1).shape[1:]
+    extent = np.array([steps[0] * (columns - 1), steps[1] * (rows - 1), 0.0])
+    low, high = origins.min(axis=0), origins.max(axis=0) + extent
+    ballots = [Ballot.over(low, high, diameter_mm, float(steps.min())) for diameter_mm in diameters_mm]
+    edge_mm = float(np.mean([*steps, grid.typical_gap_mm]))
+    threshold = MIN_CONTRAST_HU / (4.0 * edge_mm)
+    for first in range(0, max(len(origins) - 2, 0), SLAB_SLICES):
+        part = slice(first, min(first + SLAB_SLICES + 2, len(origins)))
+        _let_vote(slab(part.start, part.stop), origins[part], steps, threshold, ballots)
+    voxels_per_mm2 = 2.0 * edge_mm / (steps.prod() * grid.typical_gap_mm)
+    return [ballot.counted(float(voxels_per_mm2), axes) for ballot in ballots]
+
+
+def _let_vote(
+    voxels: NDArray[np.int16], origins: FloatArray, steps: FloatArray, threshold: float, ballots: Sequence[Ballot]
+) -> None:
+    """Let the voxels of a slab whose gradient exceeds ``threshold`` (HU/mm) vote on all ``ballots``.
+
+    ``origins`` (K, 3) are those of the slices along u, v, w, ``steps`` (2,) the distances of columns and rows.
+    """
+    edges = in_parts(
+        lambda first, end: _find_edges(voxels, origins, steps, threshold, first + 1, end + 1), len(voxels) - 2
+    )
+    for ballot in ballots:
+        ballot.count(edges, origins, steps, threshold)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _find_edges(
+    voxels: NDArray[np.int16], origins: FloatArray, steps: FloatArray, threshold: float, first: int, end: int
+) -> Edges:
+    """Return the edges of the slices ``first`` to ``end``, and what may be one by the last digit."""
+    _, rows, columns = voxels.shape
+    per_u, per_v, least = 0.5 / steps[0], 0.5 / steps[1], ALMOST * threshold * threshold
+    squares = np.empty(columns, dtype=np.float32)
+    edges, count = np.empty(((end - first) * rows * columns, 6), dtype=np.int32), 0  # only what is written is held
+    for k in range(first, end):
+        slant = origins[k + 1] - origins[k - 1]
+        slant_u, slant_v, per_w = slant[0], slant[1], 1.0 / slant[2]
+        for j in range(1, rows - 1):
+            _square_gradients(voxels, k, j, per_u, per_v, per_w, slant_u, slant_v, squares)
+            for i in range(1, columns - 1):
+                if squares[i] < least:
+                    continue
+                edges[count, 0], edges[count, 1], edges[count, 2] = k, j, i
+                edges[count, 3] = np.int32(voxels[k, j, i + 1]) - np.int32(voxels[k, j, i - 1])
+                edges[count, 4] = np.int32(voxels[k, j + 1, i]) - np.int32(voxels[k, j - 1, i])
+                edges[count, 5] = np.int32(voxels[k + 1, j, i]) - np.int32(voxels[k - 1, j, i])
+                count += 1
+    return edges[:count]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
+def _square_gradients(
+    voxels: NDArray[np.int16],
+    k: int,
+    j: int,
+    per_u: float,
+    per_v: float,
+    per_w: float,
+    slant_u: float,
+    slant_v: float,
+    squares: NDArray[np.float32],
+) -> None:
+    """Fill ``squares`` with the squared gradients of a row, many at once and nearly exactly."""
+    row, above, below = voxels[k, j], voxels[k, j - 1], voxels[k, j + 1]
+    before, behind = voxels[k - 1, j], voxels[k + 1, j]
+    u, v, w = np.float32(per_u), np.float32(per_v), np.float32(per_w)
+    su, sv = np.float32(slant_u), np.float32(slant_v)
+    for i in range(1, len(row) - 1):
+        gu = u * (np.float32(row[i + 1]) - np.float32(row[i - 1]))
+        gv = v * (np.float32(below[i]) - np.float32(above[i]))
+        gw = w * ((np.float32(behind[i]) - np.float32(before[i])) - gu * su - gv * sv)
+        squares[i] = gu * gu + gv * gv + gw * gw

@@ -1,0 +1,49 @@
+"""Skin that a ball lies on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ronnaplan.localization.examine import fit_place
+from ronnaplan.localization.fit.cells import cell_directions
+from ronnaplan.localization.fit.parameters import BLUR, PARAMETERS, RADIUS, WIDTH
+from ronnaplan.localization.fit.skin import is_skin, lies_on_something, share_on_skin
+from ronnaplan.localization.scanner.scan import Scan
+from tests.scans import balls, scan, small_stack
+
+
+@pytest.mark.parametrize(
+    ("level_hu", "depth_mm", "expected"),
+    [(900.0, 5.75, True), (290.0, 5.75, True), (190.0, 5.75, False), (-130.0, 5.75, False), (900.0, 3.5, False)],
+)
+def test_skin_is_no_haze_and_lies_beneath_the_ball(level_hu: float, depth_mm: float, expected: bool) -> None:
+    theta = np.concatenate([np.zeros(len(PARAMETERS)), [level_hu, 0.0, -1.0 / depth_mm, 0.0]])
+    theta[RADIUS] = 5.75
+    assert is_skin(theta) is expected
+
+
+@pytest.mark.parametrize(("radius_mm", "blur_mm"), [(2.0, 0.6), (2.0, 0.3), (5.75, 0.5), (12.5, 0.8)])
+def test_a_plane_that_the_ball_touches_is_met_in_this_share_of_the_directions(
+    radius_mm: float, blur_mm: float
+) -> None:
+    theta = np.zeros(len(PARAMETERS))
+    theta[[RADIUS, BLUR, WIDTH]] = radius_mm, blur_mm, np.sqrt(12.0) * blur_mm
+    directions = np.random.default_rng(3).normal(size=(200_000, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, np.newaxis]
+    places = (
+        radius_mm + 2.5 * np.hypot(blur_mm, 0.1) + 0.25
+    ) * directions  # where `judge` looks, two to three blurs out
+    assert share_on_skin(theta) == pytest.approx(np.mean(places[:, 2] < -radius_mm), abs=0.004)
+
+
+def test_what_stands_on_two_sides_alike_is_no_skin() -> None:
+    fit = fit_place(Scan(scan(balls([(1.0, 2.0, 3.0)]), small_stack())), np.array([1.0, 2.0, 3.0]), 11.5)
+    heights = cell_directions()[:, 2]
+    above, below = heights > np.sort(heights)[-13], heights < np.sort(heights)[12]
+    faint_hu = np.full(len(heights), 300.0)
+    beneath = replace(fit.verdict, beside=below, excess_hu=faint_hu)
+    assert lies_on_something(fit.theta, beneath)
+    assert not lies_on_something(fit.theta, replace(beneath, beside=above | below))

@@ -1,0 +1,61 @@
+"""Balls draw the votes of their edges to their centers, in any geometry of slices."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ronnaplan.ct import CTVolume
+from ronnaplan.localization.search.coarse import coarsen
+from ronnaplan.localization.search.detect import detect
+from tests.scans import balls, scan, small_stack
+
+TURN = Rotation.from_euler("xyz", [20, -30, 50], degrees=True).as_matrix()
+
+
+@pytest.mark.parametrize(
+    "geometry",
+    [
+        {},
+        {"tilt_deg": 20.0},
+        {"orientation": TURN},
+        {"positions_mm": tuple(np.cumsum([-20, *[1.0] * 12, *[2.5] * 6, *[1.2] * 10]))},
+        {"spacing_mm": 3.0, "thickness_mm": 3.0},
+    ],
+    ids=["plain", "tilted", "oblique", "uneven", "thick"],
+)
+def test_the_strongest_candidate_is_the_ball(geometry: dict[str, object]) -> None:
+    center = (3.2, -4.1, 1.7)
+    found = detect(scan(balls([center]), small_stack(**geometry)), 11.5)
+    assert np.linalg.norm(found.centers_mm[0] - center) < 1.0
+    assert found.vote_shares[0] > 0.6
+
+
+def test_an_empty_scan_has_no_candidates() -> None:
+    empty = scan(balls([(200.0, 0.0, 0.0)]), small_stack())
+    assert len(detect(empty, 11.5).centers_mm) == 0
+
+
+def test_the_coarse_copy_keeps_every_voxel_at_its_place() -> None:
+    volume = scan(balls([(3.2, -4.1, 1.7)]), small_stack(tilt_deg=15.0), noise_hu=0.0)
+    coarse = coarsen(volume, 2.1)
+    assert coarse.voxels_hu.shape == (22, 32, 32)
+
+    def center_of_mass(which: CTVolume) -> np.ndarray:
+        weights = which.voxels_hu.astype(np.float64) + 1000
+        places = which.grid.positions_mm(np.moveaxis(np.indices(weights.shape), 0, -1).astype(np.float64))
+        found: np.ndarray = np.tensordot(weights, places, 3) / weights.sum()
+        return found
+
+    assert center_of_mass(coarse) == pytest.approx(center_of_mass(volume), abs=0.02)
+
+
+def test_the_candidates_do_not_depend_on_how_many_slices_vote_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    volume = scan(balls([(3.2, -4.1, 1.7), (-12.0, 9.0, -8.0)]), small_stack(tilt_deg=20.0))
+    at_once = detect(volume, 8.0)
+    monkeypatch.setattr("ronnaplan.localization.search.detect.SLAB_SLICES", 3)
+    found = detect(volume, 8.0)
+    assert len(found.centers_mm) > 0
+    np.testing.assert_array_equal(found.centers_mm, at_once.centers_mm)
+    np.testing.assert_array_equal(found.vote_shares, at_once.vote_shares)
