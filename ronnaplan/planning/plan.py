@@ -251,8 +251,11 @@ class Plan(Shown[Trajectory]):
 
     def _check_new(self, trajectory: Trajectory, replaced: tuple[str, ...]) -> None:
         self.frame.require(trajectory.frame)
-        if trajectory.name in {one.name for one in self.trajectories} - set(replaced):
-            raise InputError(f"the plan already has a trajectory {trajectory.name!r}; choose another name")
+        if trajectory.name in replaced:
+            return
+        for used in (one.name for one in self.trajectories if one.name not in replaced):
+            if used.split() == trajectory.name.split():  # two that differ by blanks read as one in every list
+                raise InputError(f"the plan already has a trajectory {used!r}; choose another name")
 
     def _changed(
         self,

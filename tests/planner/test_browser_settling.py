@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from ronnaplan.documents.fiducials import read_fiducials
-from ronnaplan.documents.plan import read_plan
+from ronnaplan.documents.plan import change_plan, read_plan
 from ronnaplan.documents.reading import to_json
+from ronnaplan.planning import Trajectory
 from tests import cases
 from tests.planner.browser import (
     Planner,
@@ -117,6 +118,35 @@ def test_a_trajectory_is_named_sized_and_noted_in_the_page(browser: Any, kept: P
     page.click("text=lock")
     page.wait_for_function("document.getElementById('path-name').disabled")
     assert read_plan(folder / "plan.json").trajectories[0].locked
+
+
+def test_what_is_half_typed_when_another_hand_changes_the_plan_is_entered_nowhere(
+    browser: Any, kept: Planner
+) -> None:
+    path, scan = kept.folder / "plan.json", cases.volume()
+    entry, target = np.array(cases.ENTRY_MM), np.array(cases.TARGET_MM)
+    change_plan(path, lambda plan: plan.add(Trajectory("one", entry, target, scan.frame)))
+    change_plan(path, lambda plan: plan.add(Trajectory("two", entry, target, scan.frame)))
+    page = opened(browser, kept.url)
+    page.click("#paths .rp-row button:has-text('one')")
+    page.wait_for_selector("text=one, LPS mm")
+    for typed, act in (
+        ("3", lambda plan: plan.edit("one", entry_mm=entry + np.eye(3)[0])),
+        (f"{entry[0] + 2:g}", lambda plan: plan.remove("one")),
+    ):
+        page.click("#entry-x")
+        page.keyboard.press("Control+a")
+        page.keyboard.type(typed)
+        change_plan(path, act)
+        page.wait_for_function("typed => document.getElementById('entry-x').value !== typed", arg=typed)
+        page.keyboard.press("Tab")
+    page.click("#paths .rp-row button:has-text('two')")
+    page.fill("#notes", "told after all that")
+    page.press("#notes", "Tab")
+    eventually(page, lambda: bool(read_plan(path).trajectory("two").notes))
+    assert np.array_equal(read_plan(path).trajectory("two").entry_mm, entry)
+    assert [one.action for one in read_plan(path).history[-5:]] == ["add", "add", "edit", "remove", "edit"]
+    change_plan(path, lambda plan: plan.remove("two"))
 
 
 def test_a_button_does_not_overtake_the_press_before_it(browser: Any, kept: Planner) -> None:

@@ -31,3 +31,15 @@ def test_a_measurement_that_is_not_there_is_refused_by_the_names_of_those_that_a
         with pytest.raises(InputError, match=r"no measurement 'D2'; it has D1"):
             ask("D2")
     assert plan.remove_ruler("D1").rulers == ()
+
+
+@pytest.mark.parametrize("name", ["left HC ", " left HC", "left  HC"])
+def test_a_name_that_differs_from_another_by_blanks_only_is_refused(name: str) -> None:
+    plan = Plan(SeriesSource(), None, (path("left HC"), path("B")))
+    with pytest.raises(InputError, match=r"already has a trajectory 'left HC'; choose another name"):
+        plan.add(path(name))
+    with pytest.raises(InputError, match=r"already has a trajectory 'left HC'; choose another name"):
+        plan.edit("B", name=name)
+    assert plan.edit("left HC", name=name).trajectory(name).name == name
+    kept = Plan(SeriesSource(), None, (path("left HC"), path(name)))  # of an earlier version
+    assert kept.edit(name, notes="kept").trajectory(name).notes == "kept"

@@ -6,6 +6,10 @@
   let busy = false;
   let send = null;
 
+  // A field that is taken away while somebody types in it is left by that: the browser would tell its half of a number as
+  // entered, and by then its handler works on the trajectory that is selected now.
+  window.trame.app.directive("typed", { beforeUnmount: (field) => (field.value = field.defaultValue) });
+
   // The page's own buttons and fields take their place in the queue, too: a button that overtook the press before it
   // would work on the place that was pointed at before.
   function sender() {
