@@ -102,6 +102,11 @@ class Examined:
         return is_off_size(self.excess_mm)
 
     @property
+    def shows_its_shape(self) -> bool:
+        """Whether the ellipsoid that it is was told, and nothing lies on it that makes it another one."""
+        return not self.is_covered and bool(np.isfinite(self.shape).all())
+
+    @property
     def profile_mm(self) -> float:
         """Full width at half maximum of the fitted slice profile."""
         return profile_fwhm_mm(self.parameters)

@@ -1,6 +1,6 @@
 """A blurred ball: how much of a solid sphere each voxel sees, and how that changes with the ball and the scanner.
 
-A slice through a ball is a pile of blurred discs (`ronnaplan.localization.fit.disc`), and the average over the slice's
+A slice through a ball is a pile of blurred discs (`fit.disc`), and the average over the slice's
 profile is a Gauss sum over a few of them. No voxel is resampled: each is evaluated at its true place.
 
 Slice profiles range from the box of an axial scan to the bells of helical and cone-beam ones (W. Kalender, Computed

@@ -3,7 +3,7 @@
 The scanner blurs within the slice plane by a point-spread function that is nearly Gaussian (standard deviation
 ``blur``). Kernels that overshoot at edges, or have long tails, are the next term of its expansion: ``edge`` times
 -blur dG/d(blur), so that the transfer function is the Gaussian's times 1 + edge (2 pi f blur)^2. Across the slices it
-blurs by its slice profile (`ronnaplan.localization.fit.ball`).
+blurs by its slice profile (`fit.ball`).
 
 Coordinates here are those of the slices: u along the rows, v down the columns, w along the normal, in mm.
 """

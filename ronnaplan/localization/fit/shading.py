@@ -5,7 +5,7 @@ is. And streaks are alike within a slice, not from slice to slice: each slice ha
 The cavity of a hollow ball lies aside where its wall is not of one thickness, and the fit lies between its two centers.
 All of these are random effects: each is believed only as far as it stands out from the residuals (C. Henderson,
 Biometrics 31:423, 1975), so what a scan does not show does not disturb its fit. Where what a head does to the image
-is made good (`ronnaplan.localization.scanner.hardened`), the contrast does not slope.
+is made good (`scanner.hardened`), the contrast does not slope.
 """
 
 from __future__ import annotations

@@ -103,7 +103,7 @@ def without_the_head(volume: CTVolume, fit: BallFit, head: Head) -> BallFit:
 
     That is so of balls whose contrast the scale's end hides, and of metal, hollow or wrapped ones: other things bend
     their image, too. What is clipped has been looked for as if it were metal. The contrast does not slope then
-    (`ronnaplan.localization.fit.shading`), for why it does is given back.
+    (`fit.shading`), for why it does is given back.
     """
     if head is Head.LEFT or fit.may_be_metal or has_layer(fit.theta):
         return fit

@@ -83,7 +83,7 @@ class Found:
 def markers_tell(scan: Scan, markers: Sequence[Examined]) -> str | None:
     """Return how a scan's geometry may be wrong, by the ellipsoids that its ``markers`` are; None if nothing tells."""
     # What lies on a ball makes it another ellipsoid.
-    balls = [one for one in markers if np.isfinite(one.shape).all() and not one.is_covered]
+    balls = [one for one in markers if one.shows_its_shape]
     if len(balls) < LEAST_TOGETHER or scan.slant is not None:
         return None
     grid, shapes = scan.volume.grid, np.array([one.shape for one in balls])

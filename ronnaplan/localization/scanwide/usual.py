@@ -44,9 +44,9 @@ BLURRED_MM2 = 0.25
 
 OVAL_SHARE, OVALS = 0.04, 2.0
 """Within the slices a marker's semi-axes differ by no more than the first share and so many times what they do at the
-median: by 0.013 in 200 balls of 40 kinds of axial scans, also where the head jumped, for slices that lie aside shear a
-ball but leave each cut round; by 0.06 in cone beams where 0.04 is usual. Eggs of 0.9 differ by 0.1, less the square of
-the cosine between their axis and the slices' normal."""
+median: by 0.013 in some 200 balls of 40 kinds of axial scans, also where the head jumped, for slices that lie aside
+shear a ball but leave each cut round; by 0.06 in cone beams where 0.04 is usual. Eggs of 0.9 differ by 0.1, less the
+square of the cosine between their axis and the slices' normal."""
 
 LOWEST_CUTOFF_PER_MM = 0.6
 """No kernel passes nothing above so low a frequency: the softest of scanners end at 0.7 / mm. What is wrapped around
@@ -146,14 +146,17 @@ def _broadening_mm(balls: Sequence[Examined]) -> tuple[float, NDArray[np.bool_]]
 
 
 def alike(accepted: Sequence[Examined]) -> list[Examined]:
-    """Turn down what one scanner cannot have shown: a profile, or a softer edge, than the scan's other markers have.
+    """Turn down what is unlike the scan's other markers: its profile is another, its edge softer, or it is more oval.
 
     One alone may be anything; of two nobody knows which is right.
     """
     if len(accepted) < LEAST_TOGETHER:
         return list(accepted)
     broadening_mm, off = _broadening_mm(accepted)
-    judged = [_unlike(one, broadening_mm) if is_off else one for one, is_off in zip(accepted, off, strict=True)]
+    judged = [
+        _unlike(one, _off_profile(one, broadening_mm)) if is_off else one
+        for one, is_off in zip(accepted, off, strict=True)
+    ]
     return _as_round(_as_sharp(judged))
 
 
@@ -166,10 +169,13 @@ def usual_profiles_mm(markers: Sequence[Examined]) -> list[float]:
     return len(shown_mm) * [float(np.median(shown_mm))] if len(shown_mm) >= LEAST_TOGETHER else shown_mm
 
 
-def _unlike(one: Examined, broadening_mm: float) -> Examined:
-    width_mm, others_mm = one.parameters[WIDTH], one.thickness_mm + broadening_mm
-    reason = f"its ends are blurred over {width_mm:.1f} mm, the others' over {others_mm:.1f} mm"
+def _unlike(one: Examined, reason: str) -> Examined:
     return replace(one, failures=(("alike", reason),))
+
+
+def _off_profile(one: Examined, broadening_mm: float) -> str:
+    width_mm, others_mm = one.parameters[WIDTH], one.thickness_mm + broadening_mm
+    return f"its ends are blurred over {width_mm:.1f} mm, the others' over {others_mm:.1f} mm"
 
 
 def _as_sharp(judged: Sequence[Examined]) -> list[Examined]:
@@ -179,29 +185,27 @@ def _as_sharp(judged: Sequence[Examined]) -> list[Examined]:
         return list(judged)
     blurs_mm2 = np.array([edge_variance_mm2(one.parameters) for one in judged])
     soft = tells & (blurs_mm2 > np.median(blurs_mm2[tells]) + BLURRED_MM2)
-    failed = (("alike", f"its edge is softer than the others' by more than {BLURRED_MM2:g} mm^2 of variance"),)
-    return [replace(one, failures=failed) if is_soft else one for one, is_soft in zip(judged, soft, strict=True)]
+    reason = f"its edge is softer than the others' by more than {BLURRED_MM2:g} mm^2 of variance"
+    return [_unlike(one, reason) if is_soft else one for one, is_soft in zip(judged, soft, strict=True)]
 
 
 def _as_round(judged: Sequence[Examined]) -> list[Examined]:
     """Turn down what is more oval within the slices than the others; what lies on a ball makes it oval, too."""
-    ovals = np.array([_oval(one) if one.is_marker and not one.is_covered else math.nan for one in judged])
+    ovals = np.array([_oval(one.shape) if one.is_marker and one.shows_its_shape else math.nan for one in judged])
     if np.isfinite(ovals).sum() < LEAST_TOGETHER:
         return list(judged)
     usual = float(np.nanmedian(ovals))
     return [
-        replace(
-            one, failures=(("alike", f"it is oval by {oval:.1%} within the slices, the others by {usual:.1%}"),)
-        )
+        _unlike(one, f"it is oval by {oval:.1%} within the slices, the others by {usual:.1%}")
         if oval > OVALS * usual + OVAL_SHARE
         else one
         for one, oval in zip(judged, ovals, strict=True)
     ]
 
 
-def _oval(one: Examined) -> float:
-    """By which share the semi-axes of a marker differ within the slices; NaN where its shape is not told."""
-    least, most = np.linalg.eigvalsh(one.shape[:2, :2]) if np.isfinite(one.shape).all() else (math.nan, math.nan)
+def _oval(shape: FloatArray) -> float:
+    """By which share the semi-axes of an ellipsoid of a ``shape`` (3, 3) differ within the slices; NaN of none."""
+    least, most = np.linalg.eigvalsh(shape[:2, :2])
     return 0.5 * math.log(most / least) if least > 0.0 else math.nan
 
 
