@@ -169,19 +169,29 @@ def fit_place(
 
 
 def _fit(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build, head: Head) -> BallFit:
+    # Rays do not run in slices that were computed aslant.
+    if scan.slant is not None or head is Head.LEFT:
+        return _fit_as_summed(scan, center_mm, diameter_mm, build, head)[0]
+    # Each is handed over without a name here, so that none is held until the next is made.
+    return without_the_screw(
+        scan.volume,
+        without_the_head(scan.volume, *_fit_as_summed(scan, center_mm, diameter_mm, build, head)),
+    )
+
+
+def _fit_as_summed(
+    scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build, head: Head
+) -> tuple[BallFit, Head]:
+    """Fit a ball with what rays lose that were summed first made good; return it, and what is left to make good."""
     reach_mm = 0.625 * diameter_mm + max(build.layer_mm, 0.0) + margin_mm(scan.widest_mm)
     around = gather(scan.volume, center_mm, reach_mm, scan.axes)
     thickness_mm = float(scan.thickness_mm(center_mm))
     fit = fit_ball(around, diameter_mm, build, thickness_mm, scan.ceiling_hu)
-    if scan.summed.first and fit.converged and not fit.is_clipped:
-        whole = fit.neighbourhood.given_back(what_is_lost_hu(scan.volume, fit), scan.ceiling_hu)
-        fit = fit_ball(whole, diameter_mm, build, thickness_mm, scan.ceiling_hu)
-        head = Head.BUT_ROWS if head is Head.MADE_GOOD else head  # all that they add up was made good here
-    # Rays do not run in slices that were computed aslant.
-    if scan.slant is not None or head is Head.LEFT:
-        return fit
-    fit = without_the_head(scan.volume, fit, head)
-    return without_the_screw(scan.volume, fit)
+    if not (scan.summed.first and fit.converged and not fit.is_clipped):
+        return fit, head
+    whole = fit.neighbourhood.given_back(what_is_lost_hu(scan.volume, fit), scan.ceiling_hu)
+    fit = fit_ball(whole, diameter_mm, build, thickness_mm, scan.ceiling_hu)
+    return fit, Head.BUT_ROWS if head is Head.MADE_GOOD else head  # all that rows add up was made good here
 
 
 def examine_place(

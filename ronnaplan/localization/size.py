@@ -31,7 +31,7 @@ from ronnaplan.localization.search.anysize import SEARCHED_MM, Place, round_plac
 from ronnaplan.localization.search.coarse import COARSE_FLOOR_MM, coarsen
 from ronnaplan.threads import in_threads
 
-LARGE_MM = 8.0 * COARSE_FLOOR_MM
+LARGE_MM = 5.0 * COARSE_FLOOR_MM
 """The size of a ball as large as this shows as well in a copy of voxels of `COARSE_FLOOR_MM`."""
 
 SAME_SIZE = 0.03

@@ -19,7 +19,7 @@ from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.algebra import inverse
 from ronnaplan.localization.fit.descent import Prior, layer_jacobian
-from ronnaplan.localization.fit.neighbourhood import Neighbourhood
+from ronnaplan.localization.fit.neighbourhood import Neighbourhood, first_of_each
 from ronnaplan.localization.fit.parameters import BACKGROUND, CENTER, CONTRAST
 
 SLOPE_PER_MM_HU = 1.5e-7
@@ -76,59 +76,93 @@ def shaded(
     if is_hollow:
         more = np.hstack([more, layer_jacobian(around, theta, prior.layer_mm)])
         spread += [-UNEVEN * prior.layer_mm / np.sqrt(3.0)] * 3
-    count = len(theta)
-    kept = np.flatnonzero(used)
-    own = np.hstack([jacobian.take(kept, axis=0), more.take(kept, axis=0)])
-    own_residuals_hu = residuals_hu.take(kept)
-    mean_square = max(float(np.mean(own_residuals_hu**2)), QUANTIZATION_NOISE_HU**2)
+    count, kept = len(theta), np.flatnonzero(used)
+    own = _rows(kept, jacobian, more, residuals_hu)
+    products = own.T @ own
+    at_rest = products[:count, -1].copy()  # without shading the fit is at rest
+    mean_square = max(products[-1, -1] / len(kept), QUANTIZATION_NOISE_HU**2)
     firmness = mean_square / np.array([SLICE_LEVEL_HU, SLICE_CONTRAST]) ** 2
-    freed, rest_hu = own.copy(), own_residuals_hu.copy()
-    _free_slices(freed, rest_hu, ball_hu.take(kept), around.slices[kept], firmness)
-    covariance = inverse(own.T @ freed + np.diag([*prior.weight, *(mean_square / np.square(spread))]))
-    pull = own.T @ rest_hu
-    pull[:count] -= own[:, :count].T @ own_residuals_hu  # without shading the fit is at rest
+    first, own_ball_hu = first_of_each(around.slices[kept]), ball_hu.take(kept)
+    by_slice = _free_slices(own, own_ball_hu, first, firmness, products)
+    covariance = inverse(products[:-1, :-1] + np.diag([*prior.weight, *(mean_square / np.square(spread))]))
+    pull = products[:-1, -1].copy()
+    pull[:count] -= at_rest
     believed = covariance @ pull
-    moves, left_over = (
-        np.zeros_like(around.offsets_mm),
-        residuals_hu - jacobian @ believed[:count] - more @ believed[count:],
-    )
-    moves[kept], left_over[kept] = freed @ covariance[:, :3], rest_hu - freed @ believed
+    # Of derivatives and residuals: what moves the center, and what is left over.
+    told = np.vstack([np.column_stack([covariance[:, :3], -believed]), [0.0, 0.0, 0.0, 1.0]])
+    moves = np.zeros_like(around.offsets_mm)
+    left_over = residuals_hu - jacobian @ believed[:count] - more @ believed[count:]
+    _tell(kept, own, own_ball_hu, first, by_slice @ told, told, moves, left_over)
     return Shading(believed[:3], believed[-3:] if is_hollow else np.zeros(3), moves, left_over)
+
+
+@njit(cache=True, nogil=True)
+def _rows(kept: NDArray[np.intp], jacobian: FloatArray, more: FloatArray, residuals: FloatArray) -> FloatArray:
+    """Return derivatives, more of them, and residuals of the voxels that are ``kept`` (M,), side by side (M, Q)."""
+    count, size = jacobian.shape[1], jacobian.shape[1] + more.shape[1]
+    rows = np.empty((len(kept), size + 1))
+    for m in range(len(kept)):
+        n = kept[m]
+        rows[m, :count], rows[m, count:size], rows[m, size] = jacobian[n], more[n], residuals[n]
+    return rows
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _free_slices(
-    freed: FloatArray, rest: FloatArray, ball: FloatArray, slices: NDArray[np.intp], firmness: FloatArray
-) -> None:
-    """Take from derivatives (N, Q) and residuals (N,) what level and contrast of each slice explain of them.
+    own: FloatArray, ball: FloatArray, first: NDArray[np.intp], firmness: FloatArray, products: FloatArray
+) -> FloatArray:
+    """Return what level and contrast of each slice explain (2, S, Q) of derivatives and residuals ``own`` (N, Q).
 
-    These are many and each concerns one slice only: they are eliminated slice by slice, as which the voxels come. The
-    ``ball`` (N,) is what a change of the contrast adds; level and contrast hold with ``firmness`` (2,).
+    That is taken from their ``products`` (Q, Q). These effects are many and each concerns one slice only: they are
+    eliminated slice by slice, the ``first`` (S,) voxel of each being told. The ``ball`` (N,) is what a change of the
+    contrast adds; level and contrast hold with ``firmness`` (2,).
     """
-    last, size = 0, freed.shape[1]
-    by_level, by_ball = np.empty(size + 1), np.empty(size + 1)
-    while last < len(slices):
-        first = last
-        voxels = squares = shared = 0.0
+    size = own.shape[1]
+    by_slice = np.empty((2, len(first), size))
+    by_level, by_ball = np.empty(size), np.empty(size)
+    for s in range(len(first)):
+        last = first[s + 1] if s + 1 < len(first) else len(own)
+        voxels, squares, shared = firmness[0], firmness[1], 0.0
         by_level[:], by_ball[:] = 0.0, 0.0
-        while last < len(slices) and slices[last] == slices[first]:
-            level = freed[last, BACKGROUND]  # none where the scale has ended
+        for n in range(first[s], last):
+            level = own[n, BACKGROUND]  # none where the scale has ended
             voxels += level * level
-            shared += level * ball[last]
-            squares += ball[last] * ball[last]
-            for p in range(size + 1):
-                value = freed[last, p] if p < size else rest[last]
-                by_level[p] += level * value
-                by_ball[p] += ball[last] * value
-            last += 1
-        voxels, squares = voxels + firmness[0], squares + firmness[1]
-        scale = 1.0 / (voxels * squares - shared * shared)
-        for p in range(size + 1):
-            level_share = scale * (squares * by_level[p] - shared * by_ball[p])
-            ball_share = scale * (voxels * by_ball[p] - shared * by_level[p])
-            by_level[p], by_ball[p] = level_share, ball_share
-        for n in range(first, last):
-            level = freed[n, BACKGROUND]
+            shared += level * ball[n]
+            squares += ball[n] * ball[n]
             for p in range(size):
-                freed[n, p] -= level * by_level[p] + ball[n] * by_ball[p]
-            rest[n] -= level * by_level[size] + ball[n] * by_ball[size]
+                by_level[p] += level * own[n, p]
+                by_ball[p] += ball[n] * own[n, p]
+        scale = 1.0 / (voxels * squares - shared * shared)
+        for p in range(size):
+            by_slice[0, s, p] = scale * (squares * by_level[p] - shared * by_ball[p])
+            by_slice[1, s, p] = scale * (voxels * by_ball[p] - shared * by_level[p])
+        for p in range(size):
+            for q in range(size):
+                products[p, q] -= by_level[p] * by_slice[0, s, q] + by_ball[p] * by_slice[1, s, q]
+    return by_slice
+
+
+@njit(cache=True, nogil=True)
+def _tell(
+    kept: NDArray[np.intp],
+    own: FloatArray,
+    ball: FloatArray,
+    first: NDArray[np.intp],
+    told_by_slice: FloatArray,
+    told: FloatArray,
+    moves: FloatArray,
+    left_over: FloatArray,
+) -> None:
+    """Fill ``moves`` (N, 3) and ``left_over`` (N,) of the voxels ``kept`` (M,) with ``own`` (M, Q) @ ``told``.
+
+    What level and contrast of their slices explain of that, ``told_by_slice`` (2, S, 4), is left out.
+    """
+    seen, s = np.empty(4), -1
+    for m in range(len(kept)):
+        if s + 1 < len(first) and m == first[s + 1]:
+            s += 1
+        for a in range(4):
+            seen[a] = -own[m, BACKGROUND] * told_by_slice[0, s, a] - ball[m] * told_by_slice[1, s, a]
+            for q in range(own.shape[1]):
+                seen[a] += own[m, q] * told[q, a]
+        moves[kept[m]], left_over[kept[m]] = seen[:3], seen[3]

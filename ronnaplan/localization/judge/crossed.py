@@ -24,7 +24,7 @@ from ronnaplan.localization.fit.guess import margin_mm
 from ronnaplan.localization.fit.model import has_layer
 from ronnaplan.localization.fit.parameters import CENTER, RADIUS, WIDTH
 from ronnaplan.localization.judge.uncertainty import ADAPTED_SLICES, WEIGHTS, by_slices
-from ronnaplan.localization.search.look import beyond
+from ronnaplan.localization.search.look import metal_beyond
 
 LEAST_KEPT = 0.4
 """Slices that no screw crosses tell a center if they hold so much of the diameter, and `ADAPTED_SLICES` of a profile's
@@ -83,18 +83,18 @@ def _clear_of_screws(volume: CTVolume, fit: BallFit) -> NDArray[np.bool_] | None
     radius_mm, width_mm = float(theta[RADIUS]), float(theta[WIDTH])
     touching = cell_directions()[fit.verdict.state == 0] @ around.axes
     clear_mm = radius_mm + margin_mm(width_mm, fit.sigma_mm)
-    offsets_mm, is_metal = beyond(volume, fit.center_mm, touching, clear_mm, fit.ceiling_hu)
-    if not is_metal.any():
+    metal_mm, _ = metal_beyond(volume, fit.center_mm, touching, clear_mm, fit.ceiling_hu)
+    if not len(metal_mm):
         return None
     across = int(np.abs(around.axes[:, 2]).argmax())
-    metal_mm = offsets_mm[is_metal] @ around.axes[across]
+    heights_mm = metal_mm @ around.axes[across]
     gap_mm = volume.grid.typical_gap_mm
     beside_mm = (width_mm + gap_mm) / 2.0
-    low_mm, high_mm = metal_mm.min() - beside_mm, metal_mm.max() + beside_mm
+    low_mm, high_mm = heights_mm.min() - beside_mm, heights_mm.max() + beside_mm
     above_mm, below_mm = radius_mm - high_mm, low_mm + radius_mm
     least_mm = max(LEAST_KEPT * 2.0 * radius_mm, ADAPTED_SLICES * max(width_mm, gap_mm))
     if not least_mm <= max(above_mm, below_mm) < 2.0 * radius_mm:
         return None
-    heights_mm = around.offsets_mm[:, across] - theta[CENTER][across]
-    is_clear: NDArray[np.bool_] = heights_mm > high_mm if above_mm > below_mm else heights_mm < low_mm
+    of_voxels_mm = around.offsets_mm[:, across] - theta[CENTER][across]
+    is_clear: NDArray[np.bool_] = of_voxels_mm > high_mm if above_mm > below_mm else of_voxels_mm < low_mm
     return is_clear

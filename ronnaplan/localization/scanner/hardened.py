@@ -65,6 +65,9 @@ LEAST_LOSS = 1.0
 VIEWS, STEP_MM, APART_MM = 45, 3.0, 0.75
 """Directions in which all else is summed up, in these steps along rays that are so far apart."""
 
+VIEWS_AT_ONCE = 15
+"""What is made good is summed up over so many directions at a time, whose shadows are held together."""
+
 VACUUM_HU = -1000.0
 """Where Hounsfield's scale begins."""
 
@@ -188,12 +191,17 @@ def pictures_hu(beside: Beside, fit: BallFit) -> tuple[FloatArray, FloatArray]:
 
     first = first_of_each(around.slices)
     heights_mm = offsets_mm[first, W]
-    chords = _chords(theta, heights_mm, across_mm)
-    faded, slopes = (_between(effect, beside.heights_mm, heights_mm, axis=0) for effect in (faded, slopes))
-    shadows = np.stack([chords[:, np.newaxis] * faded, -_slopes(chords, step_mm)[:, np.newaxis] * slopes])
-    filtered = np.moveaxis(shadows @ _kernel(theta, places_mm, across_mm).T, 0, -1)
+    chords = _chords(theta, heights_mm, across_mm)[:, np.newaxis]
+    rises, kernel = -_slopes(chords, step_mm), _kernel(theta, places_mm, across_mm).T
     numbers = np.searchsorted(around.slices[first], around.slices)
-    pictures = _back_projected(offsets_mm, numbers, np.ascontiguousarray(filtered), places_mm)
+    pictures = np.zeros((2, len(offsets_mm)))
+    for begin in range(0, VIEWS, VIEWS_AT_ONCE):
+        some = slice(begin, begin + VIEWS_AT_ONCE)
+        of_faded, of_slopes = (
+            _between(one[:, some], beside.heights_mm, heights_mm, axis=0) for one in (faded, slopes)
+        )
+        filtered = np.moveaxis(np.stack([chords * of_faded, rises * of_slopes]) @ kernel, 0, -1)
+        _back_project(offsets_mm, numbers, np.ascontiguousarray(filtered), places_mm, begin, pictures)
     pictures *= 1000.0 / WATER_PER_MM * math.pi / VIEWS
     return pictures[0], pictures[1]
 
@@ -283,17 +291,21 @@ def _sum_up(
 
 
 @njit(cache=True, nogil=True)
-def _back_projected(
-    offsets: FloatArray, numbers: NDArray[np.intp], filtered: FloatArray, places: FloatArray
-) -> FloatArray:
-    """Sum over the views (2, N) of ``filtered`` (K, `VIEWS`, T, 2), known at ``places`` (T,), at ``offsets`` (N, 3).
+def _back_project(
+    offsets: FloatArray,
+    numbers: NDArray[np.intp],
+    filtered: FloatArray,
+    places: FloatArray,
+    first: int,
+    pictures: FloatArray,
+) -> None:
+    """Add to ``pictures`` (2, N), at ``offsets`` (N, 3), views ``filtered`` (K, V, T, 2), known at ``places`` (T,).
 
-    Each lies in the slice of its number (N,).
+    They are those from the ``first`` on; each of the offsets lies in the slice of its number (N,).
     """
-    pictures = np.zeros((2, len(offsets)))
     per_step = 1.0 / (places[1] - places[0])
-    for view in range(VIEWS):
-        angle = (view + 0.5) * math.pi / VIEWS
+    for view in range(filtered.shape[1]):
+        angle = (first + view + 0.5) * math.pi / VIEWS
         across_u, across_v = math.cos(angle), math.sin(angle)
         for n in range(len(offsets)):
             at = (offsets[n, U] * across_u + offsets[n, V] * across_v - places[0]) * per_step
@@ -301,4 +313,3 @@ def _back_projected(
             share, of_view = at - low, filtered[numbers[n], view]
             for b in range(2):
                 pictures[b, n] += (1.0 - share) * of_view[low, b] + share * of_view[low + 1, b]
-    return pictures

@@ -9,6 +9,7 @@ places, so tilted and uneven slices vote as straight as any.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -83,30 +84,42 @@ def _let_vote(
         lambda first, end: _find_edges(voxels, origins, steps, threshold, first + 1, end + 1), len(voxels) - 2
     )
     for ballot in ballots:
-        ballot.count(edges, origins, steps, threshold)
+        ballot.count(edges)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _find_edges(
     voxels: NDArray[np.int16], origins: FloatArray, steps: FloatArray, threshold: float, first: int, end: int
 ) -> Edges:
-    """Return the edges of the slices ``first`` to ``end``, and what may be one by the last digit."""
+    """Return the edges of the slices ``first`` to ``end``."""
     _, rows, columns = voxels.shape
-    per_u, per_v, least = 0.5 / steps[0], 0.5 / steps[1], ALMOST * threshold * threshold
+    per_u, per_v, least = 0.5 / steps[0], 0.5 / steps[1], threshold * threshold
     squares = np.empty(columns, dtype=np.float32)
-    edges, count = np.empty(((end - first) * rows * columns, 6), dtype=np.int32), 0  # only what is written is held
+    edges, count = (
+        np.empty(((end - first) * rows * columns, 6), dtype=np.float32),
+        0,
+    )  # only what is written is held
     for k in range(first, end):
         slant = origins[k + 1] - origins[k - 1]
         slant_u, slant_v, per_w = slant[0], slant[1], 1.0 / slant[2]
         for j in range(1, rows - 1):
             _square_gradients(voxels, k, j, per_u, per_v, per_w, slant_u, slant_v, squares)
             for i in range(1, columns - 1):
-                if squares[i] < least:
+                if squares[i] < ALMOST * least:
                     continue
-                edges[count, 0], edges[count, 1], edges[count, 2] = k, j, i
-                edges[count, 3] = np.int32(voxels[k, j, i + 1]) - np.int32(voxels[k, j, i - 1])
-                edges[count, 4] = np.int32(voxels[k, j + 1, i]) - np.int32(voxels[k, j - 1, i])
-                edges[count, 5] = np.int32(voxels[k + 1, j, i]) - np.int32(voxels[k - 1, j, i])
+                gu = per_u * (float(voxels[k, j, i + 1]) - float(voxels[k, j, i - 1]))
+                gv = per_v * (float(voxels[k, j + 1, i]) - float(voxels[k, j - 1, i]))
+                gw = per_w * (
+                    float(voxels[k + 1, j, i]) - float(voxels[k - 1, j, i]) - gu * slant_u - gv * slant_v
+                )
+                square = gu * gu + gv * gv + gw * gw
+                if square < least:
+                    continue
+                per_rise = 1.0 / math.sqrt(square)
+                edges[count, 0] = origins[k, 0] + i * steps[0]
+                edges[count, 1] = origins[k, 1] + j * steps[1]
+                edges[count, 2] = origins[k, 2]
+                edges[count, 3], edges[count, 4], edges[count, 5] = per_rise * gu, per_rise * gv, per_rise * gw
                 count += 1
     return edges[:count]
 

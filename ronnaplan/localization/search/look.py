@@ -89,10 +89,10 @@ def held_by(
 ) -> tuple[FloatArray, bool]:
     """Return the unit vector (3,) in LPS towards what holds a ball, and whether there is metal in it.
 
-    It is the mean of those directions ``touching`` (N, 3) it in which metal lies `beyond`, or else of all of them; zero
-    where these are too few.
+    It is the mean of those directions ``touching`` (N, 3) it in which metal lies, or else of all of them; zero where
+    these are too few.
     """
-    of_metal = beyond(volume, center_mm, touching, clear_mm, ceiling_hu)[1].any(axis=1)
+    _, of_metal = metal_beyond(volume, center_mm, touching, clear_mm, ceiling_hu)
     is_metal = bool(of_metal.any())
     toward = touching[of_metal if is_metal else slice(None)].sum(axis=0)
     length = float(np.linalg.norm(toward))
@@ -101,23 +101,22 @@ def held_by(
     return axis, is_metal
 
 
-def beyond(
+def metal_beyond(
     volume: CTVolume, center_mm: FloatArray, touching: FloatArray, clear_mm: float, ceiling_hu: float
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return places (N, M, 3) from the center, beyond what is ``touching`` (N, 3) a ball, and which (N, M) show metal.
+    """Return where metal lies (K, 3), from the center, beyond what is ``touching`` (N, 3) a ball, and beyond which.
 
     What lies no farther than ``clear_mm`` from the center is the ball, or its blur. Where the scale ends below metal,
     at ``ceiling_hu``, what reaches its end may be metal.
     """
+    axes, least_hu = volume.grid.axes, min(METAL_HU, ceiling_hu)
     along = clear_mm + np.arange(0.0, SCREW_REACH_MM, SCREW_STEP_MM)
     beside = SCREW_MM * np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=3)))
-    apart = (along[:, np.newaxis, np.newaxis] * touching[:, np.newaxis, np.newaxis] + beside).reshape(-1, 3)
-    values = np.where(
-        np.linalg.norm(apart, axis=1) > clear_mm, sample_nearest(volume, center_mm + apart), -math.inf
+    towards, beside = (np.ascontiguousarray(some @ axes.T) for some in (touching, beside))
+    places, of_metal = _metal_beyond(
+        axes @ center_mm, towards, along, beside, clear_mm, least_hu, *lookup_of(volume)
     )
-    shape = len(touching), len(along) * len(beside)
-    is_metal: NDArray[np.bool_] = values.reshape(shape) >= min(METAL_HU, ceiling_hu)
-    return apart.reshape(*shape, 3), is_metal
+    return places @ axes, of_metal
 
 
 Lookup = tuple[NDArray[np.int16] | NDArray[np.float32], FloatArray, FloatArray, float]
@@ -130,6 +129,43 @@ def lookup_of(volume: CTVolume) -> Lookup:
     steps_mm = np.array([grid.column_spacing_mm, grid.row_spacing_mm])
     padding_hu = math.nan if volume.padding_hu is None else float(volume.padding_hu)
     return volume.voxels_hu, np.ascontiguousarray(grid.origins_mm @ grid.axes.T), steps_mm, padding_hu
+
+
+@njit(cache=True, nogil=True)
+def _metal_beyond(
+    place: FloatArray,
+    towards: FloatArray,
+    along: FloatArray,
+    beside: FloatArray,
+    clear: float,
+    least: float,
+    voxels: NDArray[np.int16] | NDArray[np.float32],
+    origins: FloatArray,
+    steps: FloatArray,
+    padding: float,
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return offsets (K, 3) from a place with ``least`` HU, and whether any (N,) lies ``towards`` (N, 3) it.
+
+    They are looked for ``along`` each of them, in mm, and ``beside`` (M, 3) that, farther than ``clear`` away.
+    """
+    room = len(along) * len(beside)
+    found, of_metal = np.empty((len(towards) * room, 3)), np.zeros(len(towards), dtype=np.bool_)
+    apart, values, total = np.empty((room, 3)), np.empty(room), 0
+    for n in range(len(towards)):
+        count = 0
+        for far in along:
+            for b in range(len(beside)):
+                square = 0.0
+                for a in range(3):
+                    apart[count, a] = far * towards[n, a] + beside[b, a]
+                    square += apart[count, a] ** 2
+                count += square > clear * clear
+        fill_nearest(place, apart[:count], voxels, origins, steps, padding, values[:count])
+        for m in range(count):
+            if values[m] >= least:
+                found[total], of_metal[n] = apart[m], True
+                total += 1
+    return found[:total].copy(), of_metal
 
 
 @njit(cache=True, nogil=True)

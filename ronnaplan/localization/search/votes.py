@@ -19,9 +19,9 @@ VOTE_CELLS_PER_DIAMETER = 6
 MIN_VOTE_SHARE = 0.3
 """A candidate has at least this share of the votes of a complete, isolated ball of its size."""
 
-Edges = NDArray[np.int32]
-"""Voxels (N, 6) of a slab that may lie on a surface: slice, row and column, and by how many HU the image rises from the
-voxel before to the one behind along columns, rows and slices."""
+Edges = NDArray[np.float32]
+"""Voxels (N, 6) of a slab that may lie on a surface: where along u, v, w (mm), and the direction in which the image
+rises there."""
 
 Votes = NDArray[np.uint8]
 """Votes (z, y, x) by cells."""
@@ -66,14 +66,10 @@ class Ballot:
         shape = np.ceil((high - corner) / edge_mm).astype(int) + 2
         return cls(diameter_mm, corner, edge_mm, np.zeros(shape[::-1], dtype=np.uint8))
 
-    def count(self, edges: Sequence[Edges], origins: FloatArray, steps: FloatArray, threshold: float) -> None:
-        """Count the votes of a slab's ``edges``; by one thread, for two would write to the same cells.
-
-        ``origins`` (K, 3) are those of its slices along u, v, w, ``steps`` (2,) the distances of columns and rows. Who
-        rises by less than ``threshold`` (HU/mm) has no vote.
-        """
+    def count(self, edges: Sequence[Edges]) -> None:
+        """Count the votes of a slab's ``edges``; by one thread, for two would write to the same cells."""
         for some in edges:
-            _vote(some, origins, steps, threshold, self.diameter_mm / 2.0, self.corner, self.cell_mm, self.votes)
+            _vote(some, self.diameter_mm / 2.0, self.corner, self.cell_mm, self.votes)
 
     def counted(self, voxels_per_mm2: float, axes: FloatArray) -> Candidates:
         """Return who was voted for, where a surface has so many voxels and ``axes`` (3, 3) are u, v, w in LPS."""
@@ -82,32 +78,14 @@ class Ballot:
         return Candidates((self.corner + centers * self.cell_mm) @ axes, shares)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _vote(
-    edges: Edges,
-    origins: FloatArray,
-    steps: FloatArray,
-    threshold: float,
-    radius: float,
-    corner: FloatArray,
-    cell: float,
-    votes: Votes,
-) -> None:
-    """Let each edge whose gradient exceeds ``threshold`` (HU/mm) vote one ``radius`` up its gradient."""
-    per_u, per_v, per_cell, least = 0.5 / steps[0], 0.5 / steps[1], 1.0 / cell, threshold * threshold
-    slants = origins[2:] - origins[:-2]
-    per_w = 1.0 / slants[:, 2]
+@njit(cache=True, nogil=True)
+def _vote(edges: Edges, radius: float, corner: FloatArray, cell: float, votes: Votes) -> None:
+    """Let each edge vote for what lies one ``radius`` up the image from it."""
+    per_cell = 1.0 / cell
     for n in range(len(edges)):
-        k, j, i = edges[n, 0], edges[n, 1], edges[n, 2]
-        gu, gv = per_u * edges[n, 3], per_v * edges[n, 4]
-        gw = per_w[k - 1] * (edges[n, 5] - gu * slants[k - 1, 0] - gv * slants[k - 1, 1])
-        square = gu * gu + gv * gv + gw * gw
-        if square < least:
-            continue
-        reach = radius / np.sqrt(square)
-        x = int((origins[k, 0] + i * steps[0] + reach * gu - corner[0]) * per_cell + 0.5)
-        y = int((origins[k, 1] + j * steps[1] + reach * gv - corner[1]) * per_cell + 0.5)
-        z = int((origins[k, 2] + reach * gw - corner[2]) * per_cell + 0.5)
+        x = int((edges[n, 0] + radius * edges[n, 3] - corner[0]) * per_cell + 0.5)
+        y = int((edges[n, 1] + radius * edges[n, 4] - corner[1]) * per_cell + 0.5)
+        z = int((edges[n, 2] + radius * edges[n, 5] - corner[2]) * per_cell + 0.5)
         if 0 <= z < votes.shape[0] and 0 <= y < votes.shape[1] and 0 <= x < votes.shape[2]:
             votes[z, y, x] += votes[z, y, x] < MOST_VOTES
 

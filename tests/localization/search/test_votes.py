@@ -6,15 +6,14 @@ import numpy as np
 
 from ronnaplan.localization.search.votes import MOST_VOTES, Ballot
 
-CORNER_MM, FAR_MM, STEPS_MM = np.zeros(3), np.array([20.0, 20.0, 20.0]), np.array([1.0, 1.0])
-ORIGINS_MM = np.arange(21.0)[:, np.newaxis] * [0.0, 0.0, 1.0]
+CORNER_MM, FAR_MM = np.zeros(3), np.array([20.0, 20.0, 20.0])
 
 
 def _counted(*, times: int) -> Ballot:
     """Return votes for a ball of 6 mm at (10, 8, 9) mm, so many times by the edge on either of its sides."""
     ballot = Ballot.over(CORNER_MM, FAR_MM, 6.0, 1.0)
-    edges = np.array([[9, 8, 7, 800, 0, 0], [9, 8, 13, -800, 0, 0]], dtype=np.int32)
-    ballot.count([np.repeat(edges, times, axis=0)], ORIGINS_MM, STEPS_MM, 100.0)
+    edges = np.array([[7, 8, 9, 1, 0, 0], [13, 8, 9, -1, 0, 0]], dtype=np.float32)
+    ballot.count([np.repeat(edges, times, axis=0)])
     return ballot
 
 
