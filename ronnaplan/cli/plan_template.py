@@ -155,6 +155,7 @@ def _shape(arguments: argparse.Namespace) -> tuple[Bridge, Fitted | None]:
 
 
 def _summary(found: TemplateLayout, fitted: Fitted | None) -> str:
+    from ronnaplan.correspondence.told import LEAST_PAIRS
     from ronnaplan.planning.template_layout import refusal_text
 
     lines = [
@@ -164,6 +165,11 @@ def _summary(found: TemplateLayout, fitted: Fitted | None) -> str:
         f"distances in a scan are believed within {found.bridge.distance_tolerance_mm:.2f} mm; any other order of the "
         f"markers is {found.distance_gap_mm:.1f} mm off",
     ]
+    if found.bridge.radius_mm is None and len(found.holes_mm) > LEAST_PAIRS:
+        lines.append(
+            "four and more flat markers nearly are their own mirror image: up to 0.2 % of their readings are refused as "
+            "left-handed, of those of a bent plate hardly any"
+        )
     if fitted is not None:
         from ronnaplan.planning.template_fit import ROOM_MM
 

@@ -68,3 +68,14 @@ def test_no_other_document_is_replaced_by_the_one_beside_the_body(
     assert [path.name for path in tmp_path.iterdir()] == ["plan.json"]
     beside.unlink()
     assert main(command) == main(command) == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "is_told"), [(["4", "--flat"], True), (["3", "--flat"], False), (["4"], False)]
+)
+def test_who_wants_four_flat_markers_is_told_what_their_mirror_image_costs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], is_told: bool
+) -> None:
+    assert main(["plan", "template", "--markers", *options, "-o", str(tmp_path / "t.stl")]) == 0
+    told = capsys.readouterr()
+    assert ("their own mirror image" in told.out + told.err) is is_told
