@@ -167,8 +167,8 @@ def _summary(found: TemplateLayout, fitted: Fitted | None) -> str:
     ]
     if found.bridge.radius_mm is None and len(found.holes_mm) > LEAST_PAIRS:
         lines.append(
-            "four and more flat markers nearly are their own mirror image: up to 0.2 % of their readings are refused as "
-            "left-handed, of those of a bent plate hardly any"
+            "four and more flat markers nearly are their own mirror image: up to 0.2 % of their readings are refused "
+            "as left-handed, of those of a bent plate hardly any"
         )
     if fitted is not None:
         from ronnaplan.planning.template_fit import ROOM_MM
