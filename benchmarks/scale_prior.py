@@ -19,7 +19,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.correspondence.evidence import MOST_ODDS_IF_LARGER, SCALE_PRIORS, SCALES, filled_volume, log_misfit
+from ronnaplan.correspondence.evidence import (
+    GATE_CHI2,
+    MOST_ODDS_IF_LARGER,
+    SCALE_PRIORS,
+    SCALES,
+    filled_volume,
+    log_misfit,
+)
 from ronnaplan.correspondence.exact import LISTED_NATS, search
 from ronnaplan.correspondence.pairing import LEAST_PROBABILITY
 from ronnaplan.correspondence.priors import size_priors
@@ -122,7 +129,9 @@ def weighed_tests(outliers: int, scale: float, tests: int, seed: int) -> tuple[T
         scenes = simulate_scenes(rng, layout, tests // len(HEADS_MM), MARKERS, outliers, noise=scale)
         for ct, ots, partner in zip(scenes.ct, scenes.ots, scenes.partner, strict=True):
             own = constants + (np.arange(len(constants)) - 1.0) * math.log(filled_volume(ct, ots))
-            evidence, chi2, partners, _ = search(ct, ots, weight, node, own, known, spread, LISTED_NATS, -np.inf)
+            evidence, chi2, partners, _ = search(
+                ct, ots, weight, node, own, known, spread, LISTED_NATS, -np.inf, GATE_CHI2
+            )
             sizes = (partners >= 0).sum(axis=1)
             base = evidence - [log_misfit(square, size) for square, size in zip(chi2, sizes, strict=True)]
             at = np.array(WEIGHED)

@@ -14,7 +14,8 @@ from __future__ import annotations
 import hashlib
 import pickle
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from enum import Enum, EnumMeta
 from functools import cache
 from pathlib import Path
@@ -24,8 +25,10 @@ from typing import Any, TypeVar, cast
 import numba
 import numpy as np
 from numba.core import caching
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 from numba.core.runtime.nrt import rtsys
+from numba.core.types import unliteral
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -41,11 +44,39 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Function], Functio
 
     def compiled(function: Function) -> Function:
         kernel: Any = numba.njit(**options)(function)
-        if cache and isinstance(kernel, Dispatcher):  # it is none where numba was told to compile nothing
-            kernel._cache = Copies(function)  # type: ignore[attr-defined]
+        if isinstance(kernel, Dispatcher):  # it is none where numba was told to compile nothing
+            _take_constants_as_numbers(kernel)
+            if cache:
+                kernel._cache = Copies(function)  # type: ignore[attr-defined]
+                _compile_once(kernel)
         return cast(Function, kernel)
 
     return compiled
+
+
+def _take_constants_as_numbers(kernel: Any) -> None:
+    """Have a ``kernel`` that another calls with a constant be the one that takes any number.
+
+    Numba would compile one for each constant, and one more for a count that begins at 0 and is handed on in a loop.
+    """
+    given = kernel._compiler.fold_argument_types
+
+    def numbers(arguments: Any, named: Any) -> tuple[Any, tuple[Any, ...]]:
+        signature, kinds = given(arguments, named)
+        return signature, tuple(map(unliteral, kinds))
+
+    kernel._compiler.fold_argument_types = numbers
+
+
+def _compile_once(kernel: Any) -> None:
+    """Have processes that want a ``kernel`` at once wait for the first to compile it, and take its copy."""
+    compiling = kernel.compile
+
+    def once(signature: Any) -> Any:
+        with global_compiler_lock, kernel._cache.alone(signature, kernel.targetctx):
+            return compiling(signature)
+
+    kernel.compile = once
 
 
 def _never_stale(locator: type) -> type:
@@ -138,3 +169,16 @@ class Copies(caching.FunctionCache):
         rtsys.initialize(context)  # its memory management, which every kernel is linked to
         with self._guard_against_spurious_io_errors():
             return self._load_overload(signature, context)  # type: ignore[no-untyped-call]
+
+    @contextmanager
+    def alone(self, signature: Any, context: Any) -> Iterator[None]:
+        """Keep other processes from compiling meanwhile, unless there is a copy, or nowhere to put one."""
+        with ExitStack() as stack:
+            with suppress(OSError):
+                wanted = self._index_key(signature, context.codegen())  # type: ignore[no-untyped-call]
+                if wanted not in self._cache_file._load_index():  # type: ignore[no-untyped-call]
+                    from filelock import FileLock
+
+                    self._impl.locator.ensure_cache_path()
+                    stack.enter_context(FileLock(Path(self._cache_path) / f"{self._impl.filename_base}.lock"))
+            yield

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -40,6 +41,7 @@ RUN = "import pack.aside; from pack.top import outer; print(outer(3.0), sum(oute
 
 MIXED = """
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 from kernelcache import njit
 import numpy as np
@@ -129,3 +131,32 @@ def test_an_index_that_names_a_type_of_another_version_is_no_index(pack: Path) -
     for index in pack.rglob("*.nbi"):
         index.write_bytes(index.read_bytes()[:20])
     assert told(pack.parent, "-c", run.format("Robot")) == "6.0 0"
+
+
+COUNTING = """
+from kernelcache import njit
+@njit(cache=True)
+def added(count: int, by: int) -> int:
+    return count + by
+@njit()
+def counted(n: int) -> int:
+    count = 0
+    for _ in range(n):
+        count = added(count, 1)
+    return added(count, 2)
+print(counted(3), len(added.signatures), sum(added.stats.cache_misses.values()))
+"""
+
+
+def test_a_constant_that_is_handed_on_compiles_no_kernel_of_its_own(tmp_path: Path) -> None:
+    """There were four: for a count that is 0, or any, by 1 or by 2."""
+    (tmp_path / "counting.py").write_text(COUNTING)
+    assert told(tmp_path, "counting.py") == "5 1 1"
+    assert told(tmp_path, "counting.py") == "5 1 0"
+
+
+def test_of_processes_that_want_a_kernel_at_once_one_compiles_it(tmp_path: Path) -> None:
+    (tmp_path / "counting.py").write_text(COUNTING.replace("count + by", "count + by + 0 * len([by])"))
+    with ThreadPoolExecutor() as pool:
+        found = list(pool.map(lambda _: told(tmp_path, "counting.py"), range(4)))
+    assert sorted(found) == ["5 1 0"] * 3 + ["5 1 1"]

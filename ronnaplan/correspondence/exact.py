@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
-from ronnaplan.correspondence.evidence import GATE_CHI2, fit, log_misfit
+from ronnaplan.correspondence.evidence import fit, log_misfit
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.geometry import FloatArray
@@ -241,7 +241,7 @@ def search(
     spread: float,
     nats: float,
     best: float,
-    gate_chi2: float = GATE_CHI2,
+    gate_chi2: float,
 ) -> tuple[FloatArray, FloatArray, NDArray[np.int16], bool]:
     """List every pairing within ``nats`` of the most probable one.
 

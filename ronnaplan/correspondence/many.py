@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
-from ronnaplan.correspondence.evidence import filled_volume, is_collinear
+from ronnaplan.correspondence.evidence import GATE_CHI2, filled_volume, is_collinear
 from ronnaplan.correspondence.exact import LISTED_NATS, best_of, in_volume, search
 from ronnaplan.correspondence.rivals import mirror_is_better, odds_if_larger, other_body, regular_odds
 from ronnaplan.geometry import FloatArray
@@ -42,7 +42,7 @@ def match_many(
         volume = filled_volume(ct[t], ots[t])
         constants = in_volume(size_constants, volume)
         log_evidence, chi2, listed, complete = search(
-            ct[t], ots[t], weight, node_value, constants, known, spread, LISTED_NATS, -np.inf
+            ct[t], ots[t], weight, node_value, constants, known, spread, LISTED_NATS, -np.inf, GATE_CHI2
         )
         best, p = best_of(log_evidence, background)
         if best < 0:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
-from ronnaplan.correspondence.evidence import FEW_PAIRS, SCALES, fits_as_well, log_misfit, log_misfit_at
+from ronnaplan.correspondence.evidence import FEW_PAIRS, GATE_CHI2, SCALES, fits_as_well, log_misfit, log_misfit_at
 from ronnaplan.correspondence.exact import best_of, in_volume, search
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.told import LEAST_PAIRS
@@ -52,7 +52,7 @@ def mirror_is_better(
     mirrored[:, 0] = -mirrored[:, 0]
     as_large[:size] = -np.inf
     better = log_evidence + LOG_ODDS_OF_MIRROR
-    found = search(mirrored, ots, weight, node_value, as_large, known, spread, 1.0, better)[0]
+    found = search(mirrored, ots, weight, node_value, as_large, known, spread, 1.0, better, GATE_CHI2)[0]
     return len(found) > 0 and bool(found.max() > better)
 
 

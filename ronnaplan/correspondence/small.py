@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ronnaplan.correspondence.anisotropic import anisotropic_log_evidence
-from ronnaplan.correspondence.evidence import MOST_ODDS_IF_LARGER, SCALES, is_collinear
+from ronnaplan.correspondence.evidence import GATE_CHI2, MOST_ODDS_IF_LARGER, SCALES, is_collinear
 from ronnaplan.correspondence.exact import LISTED_NATS, in_volume, search
 from ronnaplan.correspondence.pairing import (
     LEFT_HANDED,
@@ -87,6 +87,7 @@ def weigh_all(problem: Problem) -> Weighed | None:
         problem.spread_mm,
         LISTED_NATS,
         -math.inf,
+        GATE_CHI2,
     )
     if not complete:
         return None
