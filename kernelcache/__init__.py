@@ -40,7 +40,11 @@ PLAIN = (bool, int, float, complex, str, bytes, np.generic)
 
 
 def njit(*, cache: bool = False, **options: Any) -> Callable[[Function], Function]:
-    """Compile a function of numbers and arrays to machine code; the options are those of `numba.njit`."""
+    """Compile a function of numbers and arrays to machine code; the options are those of `numba.njit`.
+
+    A kernel fills slices and rows with an array by loops: where one assigns it, numba compiles, too, how an error tells
+    two shapes, which takes longer than most kernels (2 s of a processor for each number of axes).
+    """
 
     def compiled(function: Function) -> Function:
         kernel: Any = numba.njit(**options)(function)

@@ -77,7 +77,7 @@ def _measure_row(
     axis = views.middles[view] - views.sources[view]
     distance = np.sqrt(np.sum(axis * axis))
     forward = axis / distance
-    row, found = room_for(len(solids.shapes)), int(np.int64(0))  # what it calls is compiled anew for a constant
+    row, found = room_for(len(solids.shapes)), 0
     for n in range(len(solids.shapes)):
         low, high, seen = _shadow(solids, n, views, view, forward, distance, row_mm, half)
         if not seen:
@@ -94,7 +94,7 @@ def _measure_row(
         if matter.fine[n]:
             mark_between(low, high, panel.first_column_mm, panel.bin_mm, fine)
     total = np.zeros(columns)
-    _add_samples(solids, matter, panel, row, found, row_mm, distance, int(np.int64(1)), ~fine, total)
+    _add_samples(solids, matter, panel, row, found, row_mm, distance, 1, ~fine, total)
     if fine.any():
         _add_samples(solids, matter, panel, row, found, row_mm, distance, panel.fine, fine, total)
     signal[:] = total

@@ -71,7 +71,7 @@ def _measure_view(
     across = np.cos(angle) * axes[0] + np.sin(angle) * axes[1]
     forward = np.cos(angle) * axes[1] - np.sin(angle) * axes[0]
     fine = np.zeros(columns, np.bool_)
-    row, found = room_for(len(solids.shapes)), int(np.int64(0))  # what it calls is compiled anew for a constant
+    row, found = room_for(len(solids.shapes)), 0
     for n in range(len(solids.shapes)):
         radius = solids.radii_mm[n]
         height = max(0.0, abs(along(axes[2], solids.centers_mm[n], plane)) - 0.5 * detector.row_mm)

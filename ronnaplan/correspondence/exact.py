@@ -103,7 +103,8 @@ def graph_of_edges(edges: NDArray[np.int32], n: int, m: int) -> tuple[IntArray, 
         degree[edges[e, 0]] += 1
         degree[edges[e, 1]] += 1
     order = np.argsort(-degree, kind="mergesort")
-    rank[order] = np.arange(n * m)
+    for place in range(n * m):
+        rank[order[place]] = place
     adjacent = np.zeros((n * m, (n * m + 63) // 64), np.uint64)
     for e in range(len(edges)):
         a, b = rank[edges[e, 0]], rank[edges[e, 1]]
@@ -158,7 +159,8 @@ def keep_listed(listed: Listed, found: int, floor: float) -> int:
     for a in range(found):
         if listed.log_evidence[a] >= floor:
             listed.log_evidence[kept], listed.chi2[kept] = listed.log_evidence[a], listed.chi2[a]
-            listed.partners[kept] = listed.partners[a]
+            for i in range(listed.partners.shape[1]):
+                listed.partners[kept, i] = listed.partners[a, i]
             kept += 1
     return kept
 
@@ -254,7 +256,9 @@ def search(
     node_i, node_j, adjacent = consistency_graph(ct, ots, weight, gate_chi2)
     i, j = np.zeros(most + 1, np.int64), np.zeros(most + 1, np.int64)
     candidates = np.zeros((most + 2, adjacent.shape[1]), np.uint64)
-    candidates[given] = start_from_known(known, node_i, node_j, adjacent, i, j)
+    started = start_from_known(known, node_i, node_j, adjacent, i, j)
+    for word in range(len(started)):
+        candidates[given, word] = started[word]
     partners, lost = np.empty((MOST_LISTED, n), np.int16), np.full(1, -np.inf)
     listed = Listed(np.empty(MOST_LISTED), np.empty(MOST_LISTED), partners, lost)
     found, visited, seen = 0, 0, np.zeros(n, np.bool_)
@@ -271,7 +275,8 @@ def search(
             continue
         i[depth], j[depth] = node_i[node], node_j[node]
         size = depth + 1
-        candidates[size] = candidates[depth] & adjacent[node]
+        for word in range(len(started)):
+            candidates[size, word] = candidates[depth, word] & adjacent[node, word]
         reach = min(size + count_rows(candidates[size], node_i, seen), most)
         if reach < least:
             continue

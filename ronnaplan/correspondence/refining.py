@@ -44,11 +44,15 @@ def fitted(x: FloatArray, y: FloatArray) -> FloatArray:
         x0[d], y0[d] = x[:, d].mean(), y[:, d].mean()
     u, _, vt = np.linalg.svd(np.ascontiguousarray((y - y0).T) @ (x - x0))
     if np.linalg.det(np.ascontiguousarray(u) @ np.ascontiguousarray(vt)) < 0.0:
-        u[:, 2] = -u[:, 2]
+        for d in range(3):
+            u[d, 2] = -u[d, 2]
     pose = np.empty((3, 4))
     turn = np.ascontiguousarray(u) @ np.ascontiguousarray(vt)
-    pose[:, :3] = turn
-    pose[:, 3] = y0 - turn @ x0
+    moved = turn @ x0
+    for d in range(3):
+        for c in range(3):
+            pose[d, c] = turn[d, c]
+        pose[d, 3] = y0[d] - moved[d]
     return pose
 
 

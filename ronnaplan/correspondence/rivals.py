@@ -49,7 +49,8 @@ def mirror_is_better(
     Then one of the sets is left-handed, and what fits without a reflection is a flat part of it, or nearly flat.
     """
     mirrored, as_large = ct.copy(), constants.copy()
-    mirrored[:, 0] = -mirrored[:, 0]
+    for i in range(len(mirrored)):
+        mirrored[i, 0] = -mirrored[i, 0]
     as_large[:size] = -np.inf
     better = log_evidence + LOG_ODDS_OF_MIRROR
     found = search(mirrored, ots, weight, node_value, as_large, known, spread, 1.0, better, GATE_CHI2)[0]

@@ -168,8 +168,11 @@ def hand_on(
     if count > max(least - 1, hits[lowest]) or (total == 0 and least == 0):
         hits[lowest] = max(count, 1)
         rotation = np.ascontiguousarray(met[:, :3]) @ np.ascontiguousarray(frame[:, :3].T)
-        poses[lowest, :, :3] = rotation
-        poses[lowest, :, 3] = met[:, 3] - rotation @ np.ascontiguousarray(frame[:, 3])
+        moved = rotation @ np.ascontiguousarray(frame[:, 3])
+        for d in range(3):
+            for c in range(3):
+                poses[lowest, d, c] = rotation[d, c]
+            poses[lowest, d, 3] = met[d, 3] - moved[d]
     return HAND_WORK + work + POINT_WORK * len(ct)
 
 

@@ -105,7 +105,8 @@ def match_within(ct: FloatArray, ots: FloatArray, expected: int, e: float, one_t
                 found = complete_by_coordinates(ct[rows], ots[columns], found, e)  # step 4B
             if (found < 0).any():
                 return nothing
-            nothing[rows] = columns[found]
+            for a in range(len(rows)):
+                nothing[rows[a]] = columns[found[a]]
             return nothing  # step 5B
         rows, columns = rows[keep_rows], columns[keep_columns]  # step 4A
     return nothing
@@ -202,5 +203,6 @@ def frame_of(points: FloatArray) -> FloatArray:
     for column, axis in enumerate((x, y, z)):
         length = np.sqrt((axis**2).sum())
         if length > 0:
-            axes[:, column] = axis / length
+            for d in range(3):
+                axes[d, column] = axis[d] / length
     return axes

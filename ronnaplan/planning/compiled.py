@@ -218,7 +218,8 @@ def exchange(
     """Fill ``scores`` (S,) with the largest error were marker ``place`` at each site that keeps its distance."""
     markers = np.empty((len(chosen), 3))
     for n in range(len(chosen)):
-        markers[n] = centers[chosen[n]]
+        for d in range(3):
+            markers[n, d] = centers[chosen[n], d]
     for site in range(len(centers)):
         near = False
         for n in range(len(chosen)):
@@ -226,7 +227,8 @@ def exchange(
                 near = True
                 break
         if not near:
-            markers[place] = centers[site]
+            for d in range(3):
+                markers[place, d] = centers[site, d]
             scores[site] = largest(markers, targets)
 
 

@@ -109,11 +109,14 @@ def blur_one(
     derivative(smooth, step_px, slope)
     for m in range(count):  # the outline is bent, which the blur across it does not know
         smooth[m] -= blur_px**2 / 2 * slope[m] / max(radius - first_px - m * step_px, 5.0)
-    found[:, 0] = smooth
+    for m in range(count):
+        found[m, 0] = smooth[m]
     derivative(smooth, step_px, slope)
-    found[:, 1] = slope
+    for m in range(count):
+        found[m, 1] = slope[m]
     derivative(slope, step_px, smooth)
-    found[:, 2] = smooth
+    for m in range(count):
+        found[m, 2] = smooth[m]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

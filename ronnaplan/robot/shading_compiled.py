@@ -59,7 +59,7 @@ def gather(
                         continue
                     if np.hypot(at[0], at[1]) > radius + bounds[0]:
                         continue
-                    places[count] = at
+                    places[count, 0], places[count, 1] = at[0], at[1]
                     values[count] = grey[row : row + step, column : column + step].mean()
                     weights[count] = step
                     sector[count] = int((np.arctan2(at[1], at[0]) / (2 * np.pi) + 0.5) * sectors) % sectors

@@ -221,7 +221,10 @@ def _equations(
 def _step(matrix: FloatArray, slope: FloatArray, damping: float, theta: FloatArray) -> FloatArray:
     count = len(slope)
     damped, step = np.empty((count, count + 1)), np.empty(count)
-    damped[:, :count], damped[:, count] = matrix, slope
+    for p in range(count):
+        for q in range(count):
+            damped[p, q] = matrix[p, q]
+        damped[p, count] = slope[p]
     for p in range(count):
         damped[p, p] += damping * (matrix[p, p] + 1e-9)
         low, high = BOUNDS[p] if p < len(BOUNDS) else (-np.inf, np.inf)

@@ -103,7 +103,11 @@ def _rows(kept: NDArray[np.intp], jacobian: FloatArray, more: FloatArray, residu
     rows = np.empty((len(kept), size + 1))
     for m in range(len(kept)):
         n = kept[m]
-        rows[m, :count], rows[m, count:size], rows[m, size] = jacobian[n], more[n], residuals[n]
+        for p in range(count):
+            rows[m, p] = jacobian[n, p]
+        for p in range(count, size):
+            rows[m, p] = more[n, p - count]
+        rows[m, size] = residuals[n]
     return rows
 
 

@@ -254,7 +254,10 @@ def _products(
             for column in range(len(some)):
                 n = some[column]
                 turn = math.atan2(offsets[n, 1], offsets[n, 0])
-                one[:first_more], one[first_more:count] = jacobian[used[n]], more[n]
+                for p in range(first_more):
+                    one[p] = jacobian[used[n], p]
+                for p in range(first_more, count):
+                    one[p] = more[n, p - first_more]
                 _fill_patterns(
                     one[:count], offsets[n, W] / radius, turn, slices[n] % 2 == 0, beside[n], one[count:]
                 )

@@ -15,7 +15,7 @@ from ronnaplan.pose import invert
 from ronnaplan.robot.placement.clearances import HEAD, ROOM, is_high, parked, place_trolley, posture_margins
 from ronnaplan.robot.placement.distances import segment_box, segment_segment
 from ronnaplan.robot.placement.judging import follow, settle
-from ronnaplan.robot.placement.machine import APART, Machine
+from ronnaplan.robot.placement.machine import APART, Machine, frames_on
 from ronnaplan.robot.placement.search import Problem, base_pose
 from ronnaplan.robot.placement.tasks import Ways
 from ronnaplan.robot.placement.world import HEAD_SPACING_MM, World
@@ -99,8 +99,7 @@ def state(
         return UNPARKED, -np.inf, 0, 0
     stage, margin, which, other = UNREACHED, -np.inf, 0, 0
     steps = ways.steps[task]
-    frames, bodies = np.empty((len(machine.axes) + 1, 4, 4)), np.empty((len(machine.links) + 1, 7))
-    frames[0] = base
+    frames, bodies = frames_on(machine, base), np.empty((len(machine.links) + 1, 7))
     angles, margins = np.empty((steps, 8, 6)), np.empty((8, 2))
     pair = np.zeros(2, dtype=np.int64)
     for n in range(ways.firsts[task], ways.firsts[task + 1]):

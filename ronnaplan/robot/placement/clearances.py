@@ -164,8 +164,8 @@ def parked(world: World, trolley: FloatArray) -> bool:
                 return False
         for n in range(len(world.head)):
             place = np.empty(6)
-            place[:3] = world.head[n, :3]
-            place[3:] = world.head[n, :3]
+            for a in range(3):
+                place[a], place[3 + a] = world.head[n, a], world.head[n, a]
             if segment_box(place, trolley[v]) - world.head[n, 3] < world.needs[2]:
                 return False
     return True

@@ -103,8 +103,8 @@ def box_box(one: FloatArray, other: FloatArray) -> float:
     flat, edge, away = np.empty(8), np.empty(6), np.inf
     for turn in range(2):
         a, b = (one, other) if turn == 0 else (other, one)
-        flat[:] = b
-        flat[2] = 0.0
+        for n in range(8):
+            flat[n] = b[n] if n != 2 else 0.0
         for side in range(4):
             for end in range(2):
                 corner = (side + end) % 4

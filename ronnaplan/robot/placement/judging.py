@@ -16,7 +16,7 @@ from ronnaplan.robot.arm.compiled import invert_into, near_postures, nearest_tur
 from ronnaplan.robot.arm.refined import refined
 from ronnaplan.robot.arm.singular import singularity
 from ronnaplan.robot.placement.clearances import parked, place_trolley, posture_margins
-from ronnaplan.robot.placement.machine import Machine
+from ronnaplan.robot.placement.machine import Machine, frames_on
 from ronnaplan.robot.placement.tasks import Ways
 from ronnaplan.robot.placement.world import World
 
@@ -157,8 +157,7 @@ def judge_base(
     worth[:] = NOTHING
     if not parked(world, trolley):
         return -float(len(order)) - 1.0
-    frames, bodies = np.empty((len(machine.axes) + 1, 4, 4)), np.empty((len(machine.links) + 1, 7))
-    frames[0] = base
+    frames, bodies = frames_on(machine, base), np.empty((len(machine.links) + 1, 7))
     inverse = np.zeros((4, 4))
     invert_into(inverse, base)
     worst, unserved, decides = plenty, 0, 0

@@ -138,6 +138,16 @@ def moved_capsule(pose: FloatArray, capsule: FloatArray, moved: FloatArray) -> N
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def frames_on(machine: Machine, base: FloatArray) -> FloatArray:
+    """Return room for the frames (N + 1, 4, 4) of base and links, the first filled with ``base`` (4, 4)."""
+    frames = np.empty((len(machine.axes) + 1, 4, 4))
+    for a in range(4):
+        for b in range(4):
+            frames[0, a, b] = base[a, b]
+    return frames
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def place_bodies(machine: Machine, instrument: FloatArray, frames: FloatArray, bodies: FloatArray) -> None:
     """Fill ``bodies`` (K + 1, 7) with all capsules in the room, the instrument last."""
     for k in range(len(machine.links)):

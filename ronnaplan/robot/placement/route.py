@@ -16,7 +16,7 @@ import numpy as np
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.placement.clearances import place_trolley, posture_margins
-from ronnaplan.robot.placement.machine import Machine
+from ronnaplan.robot.placement.machine import Machine, frames_on
 from ronnaplan.robot.placement.order import LESS, cheapest, shortest
 from ronnaplan.robot.placement.search import Problem
 from ronnaplan.robot.placement.serving import Served
@@ -248,8 +248,7 @@ def is_free(
     machine: Machine, world: World, trolley: FloatArray, base: FloatArray, ends: FloatArray, step: float
 ) -> bool:
     """Whether the straight move between the postures ``ends`` (2, 6) in rad keeps all clearances; no instrument."""
-    frames, bodies = np.empty((len(machine.axes) + 1, 4, 4)), np.empty((len(machine.links) + 1, 7))
-    frames[0] = base
+    frames, bodies = frames_on(machine, base), np.empty((len(machine.links) + 1, 7))
     pair, instrument = np.empty(2, dtype=np.int64), np.zeros(7)
     count = int(np.ceil(np.abs(ends[1] - ends[0]).max() / step)) + 1
     for n in range(count + 1):
