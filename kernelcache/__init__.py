@@ -35,6 +35,9 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 UNREADABLE = (pickle.UnpicklingError, EOFError, AttributeError, ImportError, IndexError, TypeError, ValueError)
 """What reading an index ends in that was cut off, or names a type that another version has no more."""
 
+NO_MORE: dict[str, Any] = {"no_cfunc_wrapper": True}
+"""Nobody calls a kernel from C; numba would compile a tenth longer for that."""
+
 PLAIN = (bool, int, float, complex, str, bytes, np.generic)
 """Constants whose text tells their value."""
 
@@ -47,7 +50,7 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Function], Functio
     """
 
     def compiled(function: Function) -> Function:
-        kernel: Any = numba.njit(**options)(function)
+        kernel: Any = numba.njit(**options, **NO_MORE)(function)
         if isinstance(kernel, Dispatcher):  # it is none where numba was told to compile nothing
             _take_constants_as_numbers(kernel)
             if cache:
