@@ -10,6 +10,7 @@ from __future__ import annotations
 import socket
 import sys
 import time
+from argparse import ArgumentParser
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import pyigtl
 
-from phantoms.robot_session import READING_SD_MM, Session
+from phantoms.robot_session import READING_SD_MM, READINGS_TRUTH, Session, case_argument
 from phantoms.solids import FloatArray
 
 RATE_HZ = 20.0
@@ -95,9 +96,15 @@ def _shifted(*by_mm: float) -> FloatArray:
 
 def main(arguments: list[str]) -> None:
     """Serve the room as told on the command line."""
-    room = LiveRoom.of_case(Path(arguments[0]))
+    parser = ArgumentParser("python -m phantoms.live_room", description="Serve a session live, over OpenIGTLink.")
+    parser.add_argument(
+        "case", metavar="CASE", type=case_argument, help=f"a phantom's folder with its {READINGS_TRUTH}"
+    )
+    parser.add_argument("port", metavar="PORT", type=int, help="where the first program that connects is served")
+    told = parser.parse_args(arguments)
+    room = LiveRoom.of_case(told.case)
     nodding, rolling = replace(room, head_moved=_shifted(2.0, 0, 0)), replace(room, base_moved=_shifted(0, 3.0, 0))
-    with socket.create_server(("127.0.0.1", int(arguments[1]))) as listener:
+    with socket.create_server(("127.0.0.1", told.port)) as listener:
         serve(listener, [(room, 10.0), (nodding, 5.0), (room, 5.0), (rolling, 5.0)], in_real_time=True)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import sys
+from argparse import ArgumentParser, ArgumentTypeError
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,9 +18,9 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from phantoms.cameras import board_image, sphere_image
-from phantoms.errors import PhantomError
 from phantoms.solids import FloatArray, Vector
 
+READINGS_TRUTH = "readings_truth.json"
 SIZE = (512, 640)
 CORNERS, SQUARE_MM, DIAMETER_MM = (9, 7), 6.0, 11.5
 MATRICES = (
@@ -70,7 +71,7 @@ class Session:
     @classmethod
     def of_case(cls, case: Path, seed: int) -> Session:
         """Return the session about the phantom in ``case``."""
-        readings = json.loads((case / "readings_truth.json").read_text(encoding="utf-8"))
+        readings = json.loads((case / READINGS_TRUTH).read_text(encoding="utf-8"))
         return cls(
             np.array(readings["ots_from_ct"]),
             np.array([one["center"] for one in readings["markers"]]),
@@ -197,15 +198,30 @@ def _write_tool(path: Path) -> None:
     path.write_text(json.dumps({**tool, "centers": M_SPHERES_MM.tolist()}) + "\n", encoding="utf-8")
 
 
+def case_argument(text: str) -> Path:
+    """Return the folder of a phantom that is named on the command line."""
+    if not (Path(text) / READINGS_TRUTH).is_file():
+        raise ArgumentTypeError(f"{text} holds no {READINGS_TRUTH}; name a folder that does (data/synthetic_ct)")
+    return Path(text)
+
+
+def _new_folder(text: str) -> Path:
+    if Path(text).exists():
+        raise ArgumentTypeError(f"{text} is there already; name a new folder")
+    return Path(text)
+
+
 def main(arguments: list[str]) -> None:
     """Write a session as told on the command line."""
-    if (
-        len(arguments) != 2
-        or not (Path(arguments[0]) / "readings_truth.json").is_file()
-        or Path(arguments[1]).exists()
-    ):
-        raise PhantomError("expected a folder with a phantom's readings_truth.json and a new folder to write")
-    write_session(Path(arguments[0]), Path(arguments[1]))
+    parser = ArgumentParser(
+        "python -m phantoms.robot_session", description="Write what a robot's session records."
+    )
+    parser.add_argument(
+        "case", metavar="CASE", type=case_argument, help=f"a phantom's folder with its {READINGS_TRUTH}"
+    )
+    parser.add_argument("session", metavar="SESSION", type=_new_folder, help="the new folder to write")
+    told = parser.parse_args(arguments)
+    write_session(told.case, told.session)
 
 
 if __name__ == "__main__":

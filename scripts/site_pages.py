@@ -13,6 +13,7 @@ import io
 import os
 import re
 import tempfile
+from argparse import ArgumentParser
 from collections.abc import Iterator
 from contextlib import chdir, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
@@ -82,15 +83,20 @@ def _output(code: str, names: dict[str, Any], page: Page, stem: str) -> str:
 
 
 def commands_page() -> str:
-    """Return the help of every verb."""
-    from ronnaplan.cli import VERBS, _parser
+    """Return the help of every verb and of its actions."""
+    from ronnaplan.cli import _parser
 
     os.environ["COLUMNS"] = "100"
-    text = "# Commands\n\nAs `ronnaplan VERB --help` says it.\n"
-    verbs = next(one.choices for one in _parser()._actions if isinstance(one.choices, dict))
-    for name in VERBS:
-        text += f"\n## ronnaplan {name}\n\n```text\n{verbs[name].format_help().rstrip()}\n```\n"
-    return text
+    described = "\n".join(_described(_parser(), "##"))
+    return f"# Commands\n\nAs `ronnaplan VERB --help` and `ronnaplan VERB ACTION --help` say it.\n{described}"
+
+
+def _described(parser: ArgumentParser, heading: str) -> Iterator[str]:
+    """Yield the help of each verb of a parser, and below it of each of the verb's own."""
+    for verbs in (one.choices for one in parser._actions if isinstance(one.choices, dict)):
+        for verb in verbs.values():
+            yield f"{heading} {verb.prog}\n\n```text\n{verb.format_help().rstrip()}\n```\n"
+            yield from _described(verb, f"{heading}#")
 
 
 def schemas_page() -> str:

@@ -50,9 +50,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(option, dest=name, type=number, metavar="X", help=text)
     parser.add_argument("--extended-scale", action="store_true", help="keep values above 3071 HU")
     parser.add_argument("--padding", type=number, metavar="HU", help="value outside the circle of reconstruction")
-    parser.add_argument("--order", choices=("ascending", "descending", "shuffled"), default="ascending")
     parser.add_argument(
-        "--transfer-syntax", metavar="NAME", default="explicit", help="explicit, implicit, rle ..."
+        "--order",
+        choices=("ascending", "descending", "shuffled"),
+        default="ascending",
+        help="of the slices in the files' names (default %(default)s)",
+    )
+    parser.add_argument(
+        "--transfer-syntax",
+        metavar="NAME",
+        default="explicit",
+        help="explicit, implicit, deflated, rle, jpeg-ls or jpeg-2000 (default %(default)s)",
     )
 
 

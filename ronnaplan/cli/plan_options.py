@@ -16,6 +16,15 @@ SIDES = {
 }
 """Directions from the head to the tracker, LPS."""
 
+PLACES = {
+    "entry": "the entry",
+    "target": "the target",
+    "ac": "the anterior commissure",
+    "pc": "the posterior commissure",
+    "midline": "a point of the midsagittal plane, well off the line through both",
+}
+"""What each option with coordinates is."""
+
 VISIBLE_DEG = 80.0
 """How far a marker may lean away from the tracker unless something else is said."""
 
@@ -39,7 +48,12 @@ def _with_scan(parser: argparse.ArgumentParser) -> None:
 def _with_coordinates(parser: argparse.ArgumentParser, *names: str, required: bool) -> None:
     for name in names:
         parser.add_argument(
-            f"--{name}", nargs=3, type=number, metavar=("X", "Y", "Z"), required=required, help=f"{name}, in mm"
+            f"--{name}",
+            nargs=3,
+            type=number,
+            metavar=("X", "Y", "Z"),
+            required=required,
+            help=f"{PLACES[name]}, in mm",
         )
     parser.add_argument(
         "--coordinates", choices=("LPS", "RAS"), required=required, help="the system of the coordinates given"
@@ -164,15 +178,18 @@ def configure_markers(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--visible",
         type=number,
-        help=f"how far (degrees) a marker may lean away from it (default {VISIBLE_DEG:g})",
+        metavar="DEG",
+        help=f"how far a marker may lean away from it (default {VISIBLE_DEG:g})",
     )
     for name, default, text in (
-        ("apart", 30.0, "least distance between markers, mm"),
-        ("from-entries", 25.0, "least distance from entries, mm"),
-        ("diameter", 11.5, "diameter of a marker, mm"),
-        ("base", 8.0, "height of its base and post above the scalp, mm"),
+        ("apart", 30.0, "least distance between markers"),
+        ("from-entries", 25.0, "least distance from entries"),
+        ("diameter", 11.5, "diameter of a marker"),
+        ("base", 8.0, "height of its base and post above the scalp"),
     ):
-        parser.add_argument(f"--{name}", type=number, default=default, help=f"{text} (default %(default)s)")
+        parser.add_argument(
+            f"--{name}", type=number, default=default, metavar="MM", help=f"{text} (default %(default)s)"
+        )
     with_sigmas(parser)
     parser.add_argument("--lowest", type=number, metavar="Z", help="no marker below this z (LPS mm)")
     parser.add_argument("-o", "--output", metavar="FILE", help="also write the markers as Slicer markups")

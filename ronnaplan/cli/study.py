@@ -26,9 +26,20 @@ def configure(parser: argparse.ArgumentParser) -> None:
     studies = parser.add_subparsers(dest="study", metavar="STUDY", required=True)
     for name, study in STUDIES.items():
         sub = studies.add_parser(name, help=study.help, description=study.help, epilog=NOTICE)
-        sub.add_argument("-o", "--output", type=Path, default=Path(f"study-{name}"), metavar="FOLDER")
         sub.add_argument(
-            "--seed", type=whole(0), default=2018, help="the results depend on it and on nothing else"
+            "-o",
+            "--output",
+            type=Path,
+            default=Path(f"study-{name}"),
+            metavar="FOLDER",
+            help="results and plots; what an earlier run left there counts (default %(default)s)",
+        )
+        sub.add_argument(
+            "--seed",
+            type=whole(0),
+            default=2018,
+            metavar="N",
+            help="the results depend on it and on nothing else (default %(default)s)",
         )
         sub.add_argument("--workers", type=whole(1), metavar="N", help="threads; default: all cores")
         sub.add_argument("--scheduler", metavar="ADDRESS", help="run on this Dask cluster (ronnaplan[cluster])")
@@ -41,7 +52,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _configure_simulation(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--tests", type=whole(1), default=10_000, help="tests a cell (default %(default)s)")
+    parser.add_argument(
+        "--tests", type=whole(1), default=10_000, metavar="N", help="tests a cell (default %(default)s)"
+    )
     parser.add_argument(
         "--protocol-only", action="store_true", help="leave out the cells beyond the paper's protocol"
     )
@@ -74,7 +87,9 @@ def _run_tracking(arguments: argparse.Namespace) -> int:
 
 
 def _configure_chain(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--sessions", type=whole(1), default=400, help="sessions a scan (default %(default)s)")
+    parser.add_argument(
+        "--sessions", type=whole(1), default=400, metavar="N", help="sessions a scan (default %(default)s)"
+    )
 
 
 def _run_chain(arguments: argparse.Namespace) -> int:

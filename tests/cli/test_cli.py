@@ -28,17 +28,29 @@ def test_help_loads_nothing_heavy() -> None:
     assert "not a medical device" in done.stdout
 
 
-def test_every_help_says_what_this_is_not() -> None:
-    def parsers(one: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
-        yield one
-        for action in one._actions:
-            if isinstance(action, argparse._SubParsersAction):
-                for other in action.choices.values():
-                    yield from parsers(other)
+def parsers(one: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+    yield one
+    for action in one._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for other in action.choices.values():
+                yield from parsers(other)
 
+
+def test_every_help_says_what_this_is_not() -> None:
     found = list(parsers(_parser()))
     assert len(found) > 40
     assert {one.epilog for one in found} == {NOTICE}
+
+
+def test_every_option_says_what_it_is_and_what_stands_where_it_is_left_out() -> None:
+    options = [
+        (one.prog, option) for one in parsers(_parser()) for option in one._actions if option.option_strings
+    ]
+    assert len(options) > 200
+    for verb, option in options:
+        assert option.help, (verb, option.option_strings)
+        chosen = option.nargs != 0 and option.default not in (None, "", [])
+        assert not chosen or "default" in option.help, (verb, option.option_strings)
 
 
 def test_localizing_loads_nothing_that_takes_longer_than_the_work(ct_folder: Path) -> None:

@@ -146,6 +146,12 @@ def test_commands_and_files_are_described(maker: ModuleType) -> None:
 
     commands = maker.commands_page()
     assert all(f"## ronnaplan {verb}\n" in commands for verb in VERBS)
+    for action, option in (
+        ("plan markers", "--lowest"),
+        ("robot chain", "--hand-eye"),
+        ("study chain", "--output"),
+    ):
+        assert option in commands.partition(f"### ronnaplan {action}\n")[2].partition("\n#")[0]
     files = maker.schemas_page()
     assert all(f"## {name}.json" in files for name in ("fiducials", "registration", "plan", "limits", "template"))
     assert "`covariance`" in files
