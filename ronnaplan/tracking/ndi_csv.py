@@ -1,8 +1,9 @@
 """CSV recordings of NDI trackers (Tool Tracker and the Combined API samples), parsed by header name.
 
 A line holds one or more tools; each has a pose (Q0 Qx Qy Qz Tx Ty Tz, with a status before and an error
-behind) and its markers (State Tx Ty Tz, repeated). A header that names the marker columns once stands for as
-many as the lines hold. Markers of a tool without a pose are stray markers.
+behind) and its markers (State Tx Ty Tz, repeated). A pose by Euler angles (Rz Ry Rx Tx Ty Tz) keeps its place and
+is not used. A header that names the marker columns once stands for as many as the lines hold. Markers of a tool
+without a pose are stray markers.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from ronnaplan.text import BLANKS
 from ronnaplan.tracking.recording import OK, PointReading, Recording, ToolReading, quaternion_pose
 from ronnaplan.tracking.tables import STATUS_COLUMNS, frame_number, number, read_rows
 
-POSE = ("q0", "qx", "qy", "qz", "tx", "ty", "tz")
+QUATERNION = ("q0", "qx", "qy", "qz")
+ANGLES = frozenset({"rx", "ry", "rz"})
 POSITION = ("tx", "ty", "tz")
 FRAMES = frozenset({"frame", "frame_number"})
 FACE_STATES = frozenset({"ok", "enabled", "valid", "partially_out_of_volume"})
@@ -28,13 +30,15 @@ class _Layout:
     """Column numbers: of each tool's pose and descriptions, and of each marker with the tool it belongs to."""
 
     poses: tuple[int, ...]
+    """Columns of Tx."""
     markers: tuple[tuple[int, int], ...]
     """(column of Tx, index of its tool)."""
 
 
 def is_ndi(header: list[str]) -> bool:
     """Return whether normalized column names are those of an NDI recording."""
-    return _runs(header, POSE) != [] or ("tx" in header and not set(STATUS_COLUMNS).isdisjoint(header))
+    posed = any(_told_by_quaternion(header, tx) for tx in _runs(header, POSITION))
+    return posed or ("tx" in header and not set(STATUS_COLUMNS).isdisjoint(header))
 
 
 def read_ndi(path: Path) -> Recording:
@@ -95,11 +99,15 @@ class _Row:
     def tool(self, column: int, order: int) -> ToolReading:
         name = self.text(self.before(column, "tool", "toolinfo", "tool_id", "port", "porthandle", "toolhandle"))
         status = _status(self.text(self.before(column, "transformstatus", "state", "status")))
-        matrix = quaternion_pose(
-            np.array([self.value(column + k) for k in range(4)]),
-            np.array([self.value(column + k) for k in range(4, 7)]),
-        )
-        error = self.value(column + 7) if self.header[column + 7 : column + 8] == ["error"] else np.nan
+        matrix = None
+        if _told_by_quaternion(self.header, column):
+            matrix = quaternion_pose(
+                np.array([self.value(column + k) for k in range(-4, 0)]),
+                np.array([self.value(column + k) for k in range(3)]),
+            )
+        elif status == OK:
+            status = "a pose by Euler angles (record quaternions)"
+        error = self.value(column + 3) if self.header[column + 3 : column + 4] == ["error"] else np.nan
         if matrix is None and status == OK:
             status = "no pose"
         return ToolReading(
@@ -122,11 +130,15 @@ class _Row:
 
 
 def _layout(header: list[str]) -> _Layout:
-    poses = _runs(header, POSE)
-    of_pose = {start + 4 for start in poses}
-    markers = [start for start in _runs(header, POSITION) if start not in of_pose]
+    places = _runs(header, POSITION)
+    poses = [tx for tx in places if _told_by_quaternion(header, tx) or set(header[max(tx - 3, 0) : tx]) == ANGLES]
+    markers = [tx for tx in places if tx not in poses]
     owners = [_owner(header, poses, start) for start in markers]
     return _Layout(tuple(poses), tuple(zip(markers, owners, strict=True)))
+
+
+def _told_by_quaternion(header: list[str], tx: int) -> bool:
+    return tuple(header[max(tx - 4, 0) : tx]) == QUATERNION
 
 
 def _owner(header: list[str], poses: list[int], start: int) -> int:

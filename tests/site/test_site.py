@@ -89,6 +89,23 @@ def test_each_name_of_the_reference_is_imported_from_where_its_heading_says() ->
     assert seen > 60
 
 
+def test_every_flag_is_told_on_its_page() -> None:
+    from ronnaplan.ct import VolumeFlag
+    from ronnaplan.localization import FiducialFlag
+    from ronnaplan.registration import RegistrationFlag
+
+    small = [flag.name.lower() for flag in FiducialFlag]
+    told = {
+        "localization": small,
+        "scanners": small,
+        "reading": [flag.name for flag in VolumeFlag],
+        "registration": [flag.name for flag in RegistrationFlag],
+    }
+    for page, names in told.items():
+        text = (DOCS / f"{page}.md").read_text(encoding="utf-8")
+        assert [name for name in names if f"`{name}`" not in text] == [], page
+
+
 def test_each_page_says_at_its_foot_what_this_is_not() -> None:
     assert f"\ncopyright: {NOTICE} " in (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
 

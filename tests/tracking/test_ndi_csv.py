@@ -36,6 +36,18 @@ def test_ndi_columns_are_found_by_name_for_several_tools_and_strays(tmp_path: Pa
     np.testing.assert_array_equal(recording.points[0].position_mm, [7, 8, 9])
 
 
+def test_a_pose_by_euler_angles_keeps_its_place_and_its_markers_theirs(tmp_path: Path) -> None:
+    """Its last angle was taken for the status of a marker, and said to be why that does not count."""
+    text = (
+        "Tools,Port 1,Frame,Face,State,Rz,Ry,Rx,Tx,Ty,Tz,Error,Markers,State,Tx,Ty,Tz,State,Tx,Ty,Tz\n"
+        "1,,5,0,OK,10,20,30,1,2,3,0.1,2,OK,7,8,9,OK,4,5,6\n1,,6,0,Missing,,,,,,,,2,OK,7,8,9,OK,4,5,6\n"
+    )
+    recording = read_recording(written(tmp_path, "euler.csv", text))
+    assert [one.status for one in recording.tools] == ["a pose by Euler angles (record quaternions)", "missing"]
+    assert not any(one.usable for one in recording.tools)
+    assert [(one.label, one.status) for one in recording.points] == [("tool 1:1", "ok"), ("tool 1:2", "ok")] * 2
+
+
 @pytest.mark.parametrize(
     "text",
     [
