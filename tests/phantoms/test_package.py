@@ -36,3 +36,5 @@ def test_the_documented_scene_can_be_read(tmp_path: Path) -> None:
     examination = read_scene(tmp_path / "scene.toml")
     assert [one.label for one in examination.scene.markers] == ["C1", "X1", "X2", "X3", "X4", "M1", "M2"]
     assert [one.kind for one in examination.scene.decoys][-1] == "capsule"
+    held = [examination.stack.holds_whole(one.center_mm, one.diameter_mm) for one in examination.scene.markers]
+    assert all(held)
