@@ -89,7 +89,8 @@ def run(arguments: argparse.Namespace) -> int:
     arm, of_arm = _arm(arguments, room)
     job, case, of_case = _job(arguments, arm, room)
     chain = _chain(arguments, case)
-    notes = (*of_arm, *of_case, *(chain.notes if chain is not None else ()))
+    of_chain = chain.notes if chain is not None else ()
+    notes = tuple(dict.fromkeys((*of_arm, *of_case, *of_chain)))  # both tell of the registration's
     warn(*notes)
     found = _found(arguments, job, chain)
     parked = arguments.parked is not None or chain is not None

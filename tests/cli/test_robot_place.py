@@ -67,10 +67,12 @@ def test_a_place_is_found_and_checked_after_parking(
     again = read_placement(output)
     assert (again.status, again.revision, again.robot_from_ct[0].probability) == ("parked", 1, None)
     chain = parked_chain(found.source.model_dump(), found.robot_from_ct[0].r_from_ct)
+    chain["notes"] = ["readings without a partner: 2"] * 2  # as a registration's, which the case tells, too
     (tmp_path / "chain.json").write_text(json.dumps(chain))
     assert main([*case, "--chain", str(tmp_path / "chain.json"), "-o", str(output)]) == 0
     measured = read_placement(output)
     assert measured.status == "parked"
+    assert measured.notes == ("readings without a partner: 2",)
     np.testing.assert_allclose(measured.robot_from_ct[0].room_from_r, pose, atol=1e-6)
     turned = np.diag([1.0, -1, -1, 1]) @ np.array(found.robot_from_ct[0].r_from_ct)
     chain["robot_from_ct"]["matrix"] = turned.tolist()
