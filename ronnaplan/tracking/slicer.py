@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame
+from ronnaplan.text import printable
 from ronnaplan.tracking.recording import OK, PointReading, Recording
 from ronnaplan.tracking.tables import FALSE, number, read_rows, read_text, require_table, split_rows
 from ronnaplan.untrusted import checked, parse_json, read_whole
@@ -106,11 +107,16 @@ def read_fcsv(path: Path) -> Recording:
     comments = [",".join(row).lstrip("# ") for row in rows if row[0].startswith("#")]
     settings = [_setting(text) for text in comments if "=" in text]
     named = dict(settings)
-    system = FCSV_SYSTEMS.get(named.get("CoordinateSystem", "").upper())
+    told = named.get("CoordinateSystem", "")
+    system = FCSV_SYSTEMS.get(told.upper())
     columns = [name.strip() for name in named.get("columns", "").split(",")]
-    if system is None or not {"x", "y", "z"} <= set(columns) or len(settings) > len(named):
+    if not told or not {"x", "y", "z"} <= set(columns) or len(settings) > len(named):
         raise InputError(
             f"{path} lacks the header of a Slicer .fcsv; expected '# CoordinateSystem' and '# columns', each once"
+        )
+    if system is None:
+        raise InputError(
+            f"{path} says CoordinateSystem = {printable(told)}; expected RAS or LPS (0 or 1), so save it as one of them"
         )
     data = [row for row in rows if not row[0].startswith("#")]
     if columns[-1] == FCSV_LAST and any(len(row) == len(columns) + len(FCSV_UNNAMED) for row in data):

@@ -74,6 +74,12 @@ def test_an_fcsv_that_names_two_systems_is_refused(tmp_path: Path) -> None:
         read_recording(written(tmp_path, "m.fcsv", text))
 
 
+def test_an_fcsv_in_voxels_is_refused_by_its_system(tmp_path: Path) -> None:
+    text = "# CoordinateSystem = 2\n# columns = id,x,y,z,label\n1,1,2,3,F\n"
+    with pytest.raises(InputError, match=r"CoordinateSystem = 2; expected RAS or LPS"):
+        read_recording(written(tmp_path, "m.fcsv", text))
+
+
 COLUMNS = "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID"
 
 
