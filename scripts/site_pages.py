@@ -23,6 +23,8 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 TUTORIALS = ROOT / "docs" / "tutorials"
 LONGEST_OUTPUT = 6000
+CALLED = {"phantom_check": "phantom-check.json", "room": "room.toml"}
+"""What the files are called that are not called NAME.json."""
 OUTPUT = "``` { .text .no-copy }"
 """Opens what a cell printed; a button to copy it would cover it."""
 EQUATION = re.compile(r"^```math\n(?P<block>.*?)^```$|\$`(?P<inline>[^`]+)`\$", re.MULTILINE | re.DOTALL)
@@ -104,17 +106,17 @@ def schemas_page() -> str:
     from ronnaplan.documents.schemas import DOCUMENTS, schema
 
     text = (
-        "# Files\n\nEvery file is UTF-8 JSON, read strictly: no unknown field, no number as text. "
+        "# Files\n\nEvery file is UTF-8 JSON (room.toml: TOML), read strictly: no unknown field, no number as text. "
         "`ronnaplan schema NAME` prints the JSON Schema (draft 2020-12) of a file: what each field may be. The "
         "package holds it, too: `ronnaplan/documents/schema/NAME.schema.json`. What joins fields "
         "(a covariance is positive definite, a residual fits its transform) is checked when the file is read. "
-        "Lengths are mm, coordinates DICOM LPS.\n"
+        "Lengths are mm, coordinates DICOM LPS. What the robot's calibrations and chain hold, which have no schema, "
+        "stands in [robot](../robot.md#what-each-document-holds).\n"
     )
     for name, model in DOCUMENTS.items():
         described = schema(name)
-        text += (
-            f"\n## {name}.json\n\n{(model.__doc__ or '').strip()}\n\n| field | type | needed |\n|---|---|---|\n"
-        )
+        text += f"\n## {CALLED.get(name, f'{name}.json')}\n\n{(model.__doc__ or '').strip()}\n\n"
+        text += "| field | type | needed |\n|---|---|---|\n"
         for each, kind in described["properties"].items():
             needed = "yes" if each in described.get("required", ()) else ""
             text += f"| `{each}` | {_kind(kind)} | {needed} |\n"

@@ -11,7 +11,7 @@ HELP = (
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument("name", metavar="NAME", help="the file's name without .json")
+    parser.add_argument("name", metavar="NAME", help="one of these names")
     parser.add_argument("-o", "--output", metavar="FILE", help="where to write (default: standard output)")
 
 

@@ -171,4 +171,5 @@ def test_commands_and_files_are_described(maker: ModuleType) -> None:
         assert option in commands.partition(f"### ronnaplan {action}\n")[2].partition("\n#")[0]
     files = maker.schemas_page()
     assert all(f"## {name}.json" in files for name in ("fiducials", "registration", "plan", "limits", "template"))
+    assert all(f"\n## {name}\n" in files for name in ("room.toml", "phantom-check.json"))
     assert "`covariance`" in files
