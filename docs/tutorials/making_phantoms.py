@@ -2,7 +2,7 @@
 # # Making phantoms
 #
 # `phantoms` scans a described head and writes a DICOM series with its truth. It shares no code with `ronnaplan`, so it can
-# judge it, or any other program. Here one marker's surroundings are scanned; `ronnaplan phantom` makes whole heads.
+# judge it, or any other program. Below one marker's surroundings are scanned; `ronnaplan phantom` makes whole heads.
 
 # %%
 from phantoms.patients import random_patient
@@ -11,6 +11,12 @@ patient = random_patient(7, kind="post with insert", count=5, thickness_mm=1.25)
 marker = patient.scene.markers[0]
 print(marker.label, marker.center_mm, marker.diameter_mm, "mm of", marker.material)
 print(len(patient.scene.markers), "markers; patient.write(folder) writes the scan")
+
+# %%
+near = patient.around(marker.center_mm, 14, crop=True)  # the slices and pixels within 14 mm
+voxels_hu = near.images()  # (slice, row, column), by the full physics
+print("slices, rows, columns:", voxels_hu.shape)
+print("from", voxels_hu.min(), "to", voxels_hu.max(), "HU, where a usual scale ends")
 
 # %% [markdown]
 # On the command line:
