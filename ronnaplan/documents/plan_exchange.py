@@ -191,7 +191,8 @@ def _from_line(
         target = 0 if first == "target" else 1
     else:
         raise InputError(
-            f"the points of line {name} are not labelled entry and target; state which of them comes first"
+            f"the points of line {name} are not labelled entry and target; state which of them comes first "
+            "(--first entry, or --first target)"
         )
     shade = line.display.selectedColor
     colour = "#" + "".join(f"{round(255 * part):02x}" for part in shade) if shade else ""
@@ -205,7 +206,7 @@ def _from_row(
     stated = (row.get("coordinate_system") or system or "").upper()
     if not stated or system not in (None, stated):
         said = f"says {stated} but {system} was asked for" if stated else "does not say whether it is LPS or RAS"
-        raise InputError(f"{place} {said}; state the coordinate system")
+        raise InputError(f"{place} {said}; state the coordinate system (--coordinates LPS, or RAS)")
     uid = unescaped(row.get("frame_of_reference_uid", ""))
     if uid:
         frame.require(Frame("CT", uid))

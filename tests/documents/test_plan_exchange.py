@@ -46,7 +46,7 @@ def line(system: str, labels: tuple[str, str], path: Path) -> Path:
 
 def test_a_line_of_slicer_s_own_says_its_system_and_needs_its_order(tmp_path: Path) -> None:
     path = line("RAS", ("L-1", "L-2"), tmp_path / "l.mrk.json")
-    with pytest.raises(InputError, match="which of them comes first"):
+    with pytest.raises(InputError, match=r"which of them comes first \(--first entry, or --first target\)"):
         read_line_markups(path, CT, POINTER)
     (read,) = read_line_markups(path, CT, POINTER, first="target")
     np.testing.assert_array_equal(read.target_mm, [-1.0, -2.0, 3.0])
